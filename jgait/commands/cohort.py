@@ -127,6 +127,18 @@ def body(walk: Walk, measures: Sequence[str]) -> dict[str, Any]:
     return {name: value for name, value in known.items() if name in measures}
 
 
+def is_cohort(path: Path) -> bool:
+    """Whether a table has a column `file`; False for a file that cannot be read."""
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as stream:
+            header = stream.readline(100_000)
+    except OSError:
+        return False
+    for separator in ",;\t":
+        header = header.replace(separator, "\n")
+    return "file" in (name.strip().strip('"').lower() for name in header.splitlines())
+
+
 def source(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, gyr_unit: str | None,
     acc_unit: str | None, measures: Sequence[str],

@@ -123,6 +123,11 @@ def _each(
                 made = job.compute(read(item.file, trial=item.trial))
         except Exception as error:  # whatever a damaged file leads to must not stop the others
             reason = reason_of(error)
+            if cohorts.is_cohort(item.file):
+                reason = (
+                    "this is a table of recordings, with a column 'file', and no recording; "
+                    f"jgait evaluate {item.file} and jgait report {item.file} take it"
+                )
             errors.print(f"[bold red]{visible(item.key)}:[/] {visible(reason)}", highlight=False, soft_wrap=True)
             failures[item.key] = reason
             continue

@@ -159,6 +159,9 @@ def results_folder(
     keep_inputs([*(out / name for name in sources), json_file], inputs)
     if json_file is not None and json_file.resolve() in {(out / name).resolve() for name in sources}:
         stop(f"--json {json_file} is one of the files that this command writes; give another name")
+    for part in (out, *out.parents):
+        if os.path.exists(part) and not os.path.isdir(part):
+            stop(f"--out needs a folder; {part} is a file")
     with contextlib.ExitStack() as stack:
         try:
             if not out.exists():

@@ -81,7 +81,7 @@ def report(
         stop("--recording names a recording of a --dataset; there is none")
     if what is not None and dataset is None and simulated is None and what.is_dir():
         page, failures = _of_folder(what, command)
-    elif recording is not None or (what is not None and not (dataset or simulated) and not is_cohort(what)):
+    elif recording is not None or (what is not None and not (dataset or simulated) and not cohorts.is_cohort(what)):
         walk = _walk(what, dataset, recording, files)
         data = str(what or f"{dataset}: {recording}")
         if estimator is None and not paper and params is None:
@@ -119,18 +119,6 @@ def command_of(words: list[str]) -> str:
 def _by_name(word: str) -> str:
     option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
     return option + equals + (Path(value).name if "/" in value or "\\" in value else value)
-
-
-def is_cohort(path: Path) -> bool:
-    """Whether a table has a column `file`; False for a file that cannot be read."""
-    try:
-        with path.open(encoding="utf-8-sig", errors="replace") as stream:
-            header = stream.readline(100_000)
-    except OSError:
-        return False
-    for separator in ",;\t":
-        header = header.replace(separator, "\n")
-    return "file" in (name.strip().strip('"').lower() for name in header.splitlines())
 
 
 def _walk(file: Path | None, dataset: str | None, name: str | None, files: dict[str, Any]) -> Walk:
@@ -245,6 +233,12 @@ def _of_folder(folder: Path, command: str) -> tuple["Report", list[tuple[str, st
         return reports.of_cohort(results, title=folder.resolve().name, failures=failures, made=made), failures
     except typer.Exit:
         raise
+    except FileNotFoundError as error:
+        lacking = Path(error.filename or "recordings.csv").name
+        stop(
+            f"{folder} is no folder that jgait evaluate wrote: it has no {lacking}. Give the folder that it wrote, "
+            "or a file: one recording, or a table of recordings with a column 'file'"
+        )
     except Exception as error:
         stop(f"{folder} is no folder that jgait evaluate wrote: {reason_of(error)}")
 

@@ -100,8 +100,9 @@ def test_a_second_writer_is_refused(tmp_path, capsys):
 
 def test_an_unusable_folder_and_a_damaged_manifest(tmp_path, capsys):
     (tmp_path / "file").write_text("")
-    with refused(capsys, "cannot be used"):
-        put(tmp_path / "file", {}, "a.csv")
+    for out in (tmp_path / "file", tmp_path / "file" / "in" / "it"):
+        with refused(capsys, f"--out needs a folder; {tmp_path / 'file'} is a file"):
+            put(out, {}, "a.csv")
     for text in ("{", "[3]", "3", '{"files": 3}', '{"files": {"../b": ""}}'):
         (tmp_path / ".jgait-make.json").write_text(text)
         with refused(capsys, "cannot be used"):

@@ -93,6 +93,33 @@ def test_a_file_without_time_says_what_came(recording, tmp_path, without_estimat
         io.recording_from_arrays({"waist": {"gyr": np.ones((20, 3))}}, name="walk")
 
 
+def test_a_table_of_recordings_is_for_other_commands(tmp_path):
+    (tmp_path / "cohort.csv").write_text("file,subject\nwalk.csv,a\n")
+    code, said = run("estimate", tmp_path / "cohort.csv", "--out", tmp_path / "out")
+    assert code == 2
+    assert "cohort.csv: this is a table of recordings, with a column 'file'" in said
+    assert f"jgait evaluate {tmp_path / 'cohort.csv'} and jgait report {tmp_path / 'cohort.csv'} take it" in said
+    assert "rename" not in said
+
+
+def test_a_recording_may_have_a_column_of_that_name(recording, tmp_path, without_estimates):
+    path = io.write_csv(recording, tmp_path / "walk.csv")
+    pd.read_csv(path).assign(file="trial 1").to_csv(path, index=False)
+    code, said = run("estimate", path, "--out", tmp_path / "out")
+    assert code == 0, said
+
+
+def test_a_folder_that_is_no_evaluation_is_refused_with_what_is_needed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "walks").mkdir()
+    (tmp_path / "walks" / "walk.csv").write_text("time\n0\n")
+    code, said = run("report", "walks")
+    assert code == 2
+    assert "walks is no folder that jgait evaluate wrote: it has no recordings.csv. Give the folder" in said
+    assert "or a file: one recording, or a table of recordings with a column 'file'" in said
+    assert "Errno" not in said
+
+
 def test_a_wrong_unit_in_the_header_is_named(recording, tmp_path, without_estimates):
     path = io.write_csv(recording, tmp_path / "walk.csv")
     pd.read_csv(path).rename(columns={"time": "Time (us)"}).to_csv(path, index=False)

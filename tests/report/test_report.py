@@ -18,7 +18,7 @@ from made.command import run
 from jgait import evaluate, report
 from jgait.commands import evaluate as evaluate_command
 from jgait.commands import report as command
-from jgait.commands.cohort import Source
+from jgait.commands.cohort import Source, is_cohort
 from jgait.commands.pipeline import chosen
 from jgait.estimators import ankle_stride, leg_ekf
 from jgait.estimators.about import EstimatedRecording, EstimateFigure
@@ -466,8 +466,8 @@ def test_a_table_of_recordings_is_distinguished_from_a_recording(tmp_path):
     ):
         path = tmp_path / "table.csv"
         path.write_text(text)
-        assert command.is_cohort(path) is expected
-    assert not command.is_cohort(tmp_path / "none.csv")
+        assert is_cohort(path) is expected
+    assert not is_cohort(tmp_path / "none.csv")
 
 
 def test_a_cohort_that_is_computed_now(tmp_path, monkeypatch, evaluated):
