@@ -65,15 +65,19 @@ def check_nominal_rate(time: np.ndarray, name: str, rate_hz: float) -> None:
         raise RecordingError(f"'{name}' has a sample every {1.0 / own:.4g} s, and is said to have {rate_hz:g} Hz")
 
 
+def not_bridged(lost: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """(T,) bool, the lost samples in a row for more than `BRIDGED`: in shorter losses a signal is nearly straight."""
+    step = np.diff(time, prepend=time[0])
+    gone = np.zeros(len(time), bool)
+    for first, after in true_runs(lost):
+        gone[first:after] = step[first:after].sum() > BRIDGED
+    return gone
+
+
 def lost_between(lost: np.ndarray, time: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Time [s] that is lost after sample `begin` (n,) and up to sample `end`, by flags of lost samples (T,).
 
-    Losses that are no longer than `BRIDGED` do not count, for a signal hardly changes otherwise than linearly in them.
+    Losses that are bridged do not count.
     """
-    step = np.diff(time, prepend=time[0])
-    gone = np.zeros(len(time))
-    for first, after in true_runs(lost):
-        if step[first:after].sum() > BRIDGED:
-            gone[first:after] = step[first:after]
-    total = np.cumsum(gone)
+    total = np.cumsum(np.where(not_bridged(lost, time), np.diff(time, prepend=time[0]), 0.0))
     return np.asarray(total[end] - total[begin])

@@ -8,7 +8,7 @@ import itertools
 
 import numpy as np
 
-from jgait.estimators.checks import common_time, lost_between
+from jgait.estimators.checks import common_time, lost_between, not_bridged
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals, capacity
 from jgait.estimators.foot_ins.notes import NEVER_RESTS
 from jgait.estimators.interface import Prepared
@@ -126,7 +126,7 @@ def _foot(
     step = np.diff(time, prepend=time[0])
     nominal = float(np.median(step[1:]))
     hz = 1.0 / nominal
-    at_rest = rest(gyr, acc, mask, hz)
+    at_rest = rest(gyr, acc, ~not_bridged(~mask, time), hz)
     scale, acc_bias = errors_at_rest(at_rest, name, notes)
     acc = acc * scale
     found = events.stances(gyr - at_rest.gyr_bias, acc, hz)

@@ -268,6 +268,16 @@ def test_a_recording_in_windows_is_that_of_one_run(monkeypatch):
     assert np.all(np.diff(cut.feet_stddev.right.orientation[::300, 2]) > 0.0)
 
 
+def test_rest_is_found_between_scattered_losses(straight):
+    made, plain = straight
+    imu = made.recording.sensors["foot_right"]
+    mask = np.random.default_rng(4).random(len(imu.time)) > 0.2
+    gyr, acc = (np.where(mask[:, None], values, 0.0) for values in (imu.gyr, imu.acc))
+    found = foot_ins.estimate(STILL, worn(made.recording, gyr=gyr, acc=acc, mask=mask))
+    assert not any("never rests" in note for note in texts(found.diagnostics["notes"]))
+    assert len(found.strides.length) == len(plain.strides.length)
+
+
 def test_a_foot_that_rests_for_minutes_has_footholds_on_the_way():
     made = foot(strides=3, rest=50.0)
     inputs = foot_ins.prepared(made.recording).inputs.right
