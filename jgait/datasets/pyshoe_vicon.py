@@ -100,7 +100,7 @@ def load_one(name: str) -> Walk:
     notes = (AXES_TURNED(), VICON_MIRRORED(), *lost)
     recording = Recording({"foot_right": imu}, rate_hz, name, "pyshoe_vicon", notes)
     details: dict[str, Any] = {
-        "day": name[: len("2017-11-22")],
+        "day": "-".join(name.split("-")[:3]),
         "footprints": prints,
         "zero_velocity": zero_velocity,
         "best_detector": str(raw["best_detector"]),

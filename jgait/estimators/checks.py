@@ -8,7 +8,7 @@ from jgait.signal.windows import true_runs
 from jgait.types import Imu, Recording, RecordingError, as_float
 
 BRIDGED = 0.05
-"""[s] Longest loss that is bridged by interpolation; the fastest peaks of a walking leg's rate last 0.1 s."""
+"""[s] Longest loss that is bridged by interpolation, and does not count as lost; chosen: 5 samples at 100 Hz."""
 
 
 def common_time(recording: Recording, names: Sequence[str], caller: str, what: str, *, acc: bool = True) -> np.ndarray:

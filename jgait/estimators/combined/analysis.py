@@ -23,7 +23,7 @@ from jgait.types import SIDES, Estimate, Legs, Recording, RecordingError, as_flo
 ANGLES_DOUBTFUL = Kind(
     "angles_doubtful",
     "stop",
-    "hip and knee angles of the {sides} leg are not usable, because {sensors} is in doubt",
+    "hip and knee angles ({sides}) are not usable, because of doubts about {sensors}",
     "Wrong axes, labels or clocks of a thigh or shank sensor shift the angles or turn them upside down, the hip's too. "
     "Their stated deviations do not contain that.",
 )
@@ -57,7 +57,9 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     Where several groups of sensors measure the same stride, their lengths are combined by their variances if they are
     consistent; otherwise the more certain one is used, and a note states the contradiction. The sensors are checked
     against each other first (units, sides, segments, clocks, see `combined.crosscheck`): a sensor in a wrong unit is
-    left out, strides of sensors on a wrong side or clock are not combined with others.
+    left out, strides of sensors on a wrong side or clock are not combined with others. A sensor that a reader's note
+    names as wrong (sign, axes, scale, delay) counts only where nothing else measures, and joint angles that need it
+    are said to be not usable.
 
     Args:
         recording: the signals, placements as in `jgait.PLACEMENTS`; one sensor is enough.
@@ -111,6 +113,10 @@ CLOCKS = ("sensor_late", "clocks_drift", "sides_out_of_step")
 lengths hold."""
 
 
+PAIRS = tuple(code for code in CLOCKS if code != "sides_out_of_step")
+"""Those of them that may compare two sensors of one leg; a person who limps is out of step too."""
+
+
 def _named(recording: Recording, codes: Collection[str]) -> frozenset[str]:
     """Placements that a reader's notes of some codes name."""
     said = [
@@ -128,7 +134,7 @@ def _apart(recording: Recording, found: list[SourceEstimate]) -> frozenset[str]:
     pairs = [
         {str(note.values.get("placement")), str(note.values.get("other"))}
         for note in recording.notes
-        if note.code in ("sensor_late", "clocks_drift")
+        if note.code in PAIRS
     ]
     return frozenset(name for pair in pairs if pair <= worn for name in pair)
 

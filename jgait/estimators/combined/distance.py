@@ -40,7 +40,7 @@ ALIKE = 0.5
 
 ONE_SIDE = 0.03
 """[1] Deviation of one side's sum of stride lengths from the mean of both, over that mean: 0.02 to 0.03 on 18 walks of
-`walking5m` (root mean square), 0.01 on `tripod`."""
+`walking5m` (root mean square), 0.01 on `tripod`, 0.04 to 0.05 on the one walk of `neura_sparse`."""
 
 
 class WalkedDistance(NamedTuple):
@@ -184,13 +184,11 @@ def walked(found: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, list
     The combined distance follows the most certain source in time. Doubtful sources count if there are no others; then
     half of the difference between them is part of the deviation.
     """
-    sure = [one for one in found if not one.doubtful]
-    apart = 0.0
-    if not sure:
-        sure = list(found)
-        apart = 0.5 * float(np.ptp([one.distance[-1] for one in sure])) if sure else 0.0
-    if not sure:
+    if not found:
         return None, []
+    sure = [one for one in found if not one.doubtful]
+    apart = 0.0 if sure else 0.5 * float(np.ptp([one.distance[-1] for one in found]))
+    sure = sure or list(found)
     ends = np.array([one.distance[-1] for one in sure])
     shared = correlation([one.source for one in sure])
     value, sd, kept = combined(ends, np.array([one.stddev for one in sure]), shared)
