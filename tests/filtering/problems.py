@@ -1,5 +1,6 @@
 """Models and recordings for the tests of filters: two states, two observations; linear, bent, and on a manifold."""
 
+import functools
 from typing import Any, NamedTuple
 
 import jax
@@ -227,18 +228,38 @@ def case(name: str, samples: int = SAMPLES, masked: bool = True) -> Case:
     return Case(leg_model.MODEL, params, seen, controls, 0.2 * dt, mask(seen))
 
 
-def filtered(c: Case, execution: str = "core", method: Any = ONCE, keep: Any = FIELDS, **more: Any) -> Any:
-    return filtering.kalman_filter(
-        c.model, c.params, c.observations, controls=c.controls, dt=c.dt, mask=c.mask, method=method, keep=keep,
-        execution=execution, **more,
-    )  # fmt: skip
+@functools.cache
+def _program(function: Any, model: Model, settings: tuple[tuple[str, Any], ...]) -> Any:
+    """A compiled filter or smoother of a model; cases of one length share it."""
+
+    def run(params: Any, observations: Any, arrays: dict[str, Any]) -> Any:
+        return function(model, params, observations, **arrays, **dict(settings))
+
+    return jax.jit(run)
 
 
-def smoothed(c: Case, execution: str = "core", method: Any = ONCE, keep: Any = ("log_likelihood",), **more: Any) -> Any:
-    return filtering.kalman_smoother(
-        c.model, c.params, c.observations, controls=c.controls, dt=c.dt, mask=c.mask, method=method, keep=keep,
-        execution=execution, **more,
-    )  # fmt: skip
+def _solved(function: Any, c: Case, initial: Any, **settings: Any) -> Any:
+    arrays = {"controls": c.controls, "dt": c.dt, "mask": c.mask, "initial": initial}
+    leaves = jax.tree.leaves((c.params, c.observations, arrays))
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
+    # Where all of a mask is known beforehand, the filter leaves out what it never sees; a compiled one cannot know.
+    known = c.mask is not None and not traced and all(np.all(leaf) or not np.any(leaf) for leaf in c.mask)
+    if traced or known:
+        return function(c.model, c.params, c.observations, **arrays, **settings)
+    return _program(function, c.model, tuple(sorted(settings.items())))(c.params, c.observations, arrays)
+
+
+def filtered(c: Case, execution: str = "core", method: Any = ONCE, keep: Any = FIELDS, initial: Any = None) -> Any:
+    return _solved(filtering.kalman_filter, c, initial, execution=execution, method=method, keep=keep)
+
+
+def smoothed(
+    c: Case, execution: str = "core", method: Any = ONCE, keep: Any = ("log_likelihood",), initial: Any = None,
+    covariance: Any = True,
+) -> Any:  # fmt: skip
+    return _solved(
+        filtering.kalman_smoother, c, initial, execution=execution, method=method, keep=keep, covariance=covariance
+    )
 
 
 def same(ours: Any, theirs: Any, tolerance: float = 1e-9) -> None:

@@ -101,10 +101,12 @@ def test_stated_errors_are_the_derivatives_of_the_functions(seed):
 
 
 def filtered(model: Any, w: Walk, method: Any = ONCE) -> Any:
-    return filtering.kalman_filter(
-        model, PARAMS, w.observations, controls=w.controls, dt=DT, mask=w.mask, method=method,
-        keep=("mean", "cov"),
-    )  # fmt: skip
+    def run(w: Walk) -> Any:
+        return filtering.kalman_filter(
+            model, PARAMS, w.observations, controls=w.controls, dt=DT, mask=w.mask, method=method, keep=("mean", "cov")
+        )
+
+    return jax.jit(run)(w)
 
 
 def close(ours: Any, theirs: Any, tolerance: float) -> None:

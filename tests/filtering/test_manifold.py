@@ -192,12 +192,12 @@ def test_the_charts_of_these_tests_are_inverse_to_each_other(tumble):
     np.testing.assert_allclose(np.stack(again.q) * sign, np.stack(back.q), atol=1e-12)
 
 
-@pytest.mark.parametrize("method", [EKF(), IteratedEKF(3), UKF(), CKF()], ids=str)
+@pytest.mark.parametrize("method", [EKF(), IteratedEKF(3), UKF()], ids=str)
 def test_attitude_is_estimated_and_its_covariance_is_that_of_the_error(tumble, method):
     solve = jax.vmap(
         lambda seen, gyr: filtering.kalman_smoother(ATTITUDE, DIRECTION**2, seen, controls=gyr, dt=DT, method=method)
     )
-    out = solve(tumble.seen, tumble.gyr)
+    out = jax.jit(solve)(tumble.seen, tumble.gyr)
     assert out.cov.names == ("angle.x", "angle.y", "angle.z", "bias.x", "bias.y", "bias.z")
     np.testing.assert_allclose(np.sum(np.stack(out.mean.q) ** 2, 0), 1.0, atol=1e-12)
     filtered = error_of(out.filtered.mean, tumble.truth)
@@ -221,22 +221,17 @@ def test_the_kf_refuses_a_rotation(tumble):
         filtering.kalman_filter(ATTITUDE, 1e-2, seen, controls=gyr, dt=DT, method=KF())
 
 
-@pytest.mark.parametrize("kind", [jnp.float64, jnp.float32])
-def test_gradients_through_a_rotation(tumble, kind):
-    seen, gyr = jax.tree.map(lambda v: v[0, :10].astype(kind), (tumble.seen, tumble.gyr))
+def test_gradients_through_a_rotation(tumble):
+    seen, gyr = jax.tree.map(lambda v: v[0, :10], (tumble.seen, tumble.gyr))
 
     def value(p: Any) -> Any:
-        out = filtering.kalman_smoother(ATTITUDE, p, seen, controls=gyr, dt=jnp.asarray(DT, kind))
+        out = filtering.kalman_smoother(ATTITUDE, p, seen, controls=gyr, dt=DT)
         return jnp.sum(out.mean.q.x) + jnp.sum(out.cov["angle.x", "bias.y"]) + jnp.sum(out.filtered.log_likelihood)
 
-    value = jax.jit(value)
-    at = jnp.asarray(0.01, kind)
-    gradient = jax.grad(value)(at)
-    assert gradient.dtype == kind
-    assert bool(jnp.isfinite(gradient))
-    if kind == jnp.float64:
-        differences = (float(value(at + 1e-6)) - float(value(at - 1e-6))) / 2e-6
-        assert float(gradient) == pytest.approx(differences, rel=1e-5)
+    program = jax.jit(jax.value_and_grad(value))
+    at = jnp.asarray(0.01)
+    differences = (float(program(at + 1e-6)[0]) - float(program(at - 1e-6)[0])) / 2e-6
+    assert float(program(at)[1]) == pytest.approx(differences, rel=1e-5)
 
 
 class Place(NamedTuple):
@@ -302,6 +297,17 @@ def test_update_and_smoother_on_a_curved_line_are_as_by_hand():
     p_s = np.cosh(d) ** 2 * (p0 - p0**2 / (p1 + 1.0))
     np.testing.assert_allclose(out.mean.s, [s0 + np.sinh(d), s1], rtol=1e-12)
     np.testing.assert_allclose(out.cov["e", "e"], [p_s, f1], rtol=1e-12)
+
+
+def test_gradients_through_a_chart_stay_in_single_precision():
+    seen = Place(jnp.asarray([2.0, -1.0], jnp.float32))
+
+    def value(p: Any) -> Any:
+        out = filtering.kalman_smoother(LINE, p, seen, dt=jnp.asarray(1.0, jnp.float32))
+        return jnp.sum(out.mean.s) + jnp.sum(out.cov["e", "e"]) + jnp.sum(out.filtered.log_likelihood)
+
+    gradient = jax.jit(jax.grad(value))(jnp.asarray(3.0, jnp.float32))
+    assert gradient.dtype == jnp.float32 and bool(jnp.isfinite(gradient))
 
 
 class Size(NamedTuple):
