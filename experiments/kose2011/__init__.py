@@ -1,3 +1,3 @@
 """Heel strikes and walked distance from one sensor at the waist (Köse, Cereatti and Della Croce 2011)."""
 
-PARTS = ("ofdri", "contacts", "distances", "mobgap", "tables")
+PARTS = ("ofdri", "contacts", "distances", "mobgap", "tables", "speed")

@@ -8,23 +8,20 @@ figures of the library. Functions for the papers' figures of data:
 | Bennett | 3, 4: hip and knee angle | `joint_angles` |
 | | 5, 6: foot relative to the hip | `foot_displacement`; as a path `foot_path` |
 | | 7: displacement forward | `distance` |
-| Udaya Shankar | 5: gyroscope and Kalman filter | `filtered_rates(estimate)` |
-| | 6: with and without sleep, and the error | `filtered_rates(estimate, awake)`, `sleeping_gyroscopes` |
+| Udaya Shankar | 6: rates with sleep | `sleeping_gyroscopes` |
 | | 7: error over power savings | `error_over_saving`, `error_over_duty` |
 | Köse | 1, 2: accelerations, events, wavelet | `trunk_contacts` |
-| | 4: acceleration, velocity, displacement | `forward_speed` |
 | Potter | 6: each foot in a separate world frame | `foot_paths` of `foot_ins` |
 | | 7, 8, 9: both feet, in sections, width over time | `two_feet` |
-| Silva | 3: states of the stride detection | `swing_states` |
+
+`experiments` draws what only a paper shows: Udaya Shankar's Figures 5 and 6, Köse's Figure 4, and Silva's Figure 3.
 """
 
-from jgait.plot.ankle import swing_states
 from jgait.plot.cohort import before_after, bland_altman, per_subject
-from jgait.plot.duty import filtered_rates, sleeping_gyroscopes
+from jgait.plot.duty import sleeping_gyroscopes
 from jgait.plot.feet import foot_height, foot_paths, leg_strides, stride_series
 from jgait.plot.legs import distance, foot_displacement, foot_path, joint_angles
 from jgait.plot.power import error_over_duty, error_over_saving
-from jgait.plot.speed import forward_speed
 from jgait.plot.style import save
 from jgait.plot.tuning import correlation, profile, training
 from jgait.plot.waist import trunk_contacts
@@ -38,12 +35,10 @@ __all__ = [
     "distance",
     "error_over_duty",
     "error_over_saving",
-    "filtered_rates",
     "foot_displacement",
     "foot_height",
     "foot_path",
     "foot_paths",
-    "forward_speed",
     "joint_angles",
     "leg_strides",
     "per_subject",
@@ -53,7 +48,6 @@ __all__ = [
     "stick_figure",
     "stride_series",
     "stride_signals",
-    "swing_states",
     "training",
     "trunk_contacts",
     "two_feet",

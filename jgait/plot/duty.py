@@ -1,4 +1,4 @@
-"""Figures of a gyroscope that sleeps: measured and filled rates, angles, and errors of the rate caused by sleep."""
+"""A figure of gyroscopes that sleep: measured and filled rates, and angles."""
 
 import numpy as np
 
@@ -7,20 +7,17 @@ from jgait.plot.style import (
     BLUE,
     DEGREES,
     GROUND,
-    RED,
     Axes,
     Figure,
     Seconds,
     Style,
     band,
     blank,
-    check_overlap,
     legend,
-    over_time,
     windowed,
 )
 from jgait.signal.windows import true_runs
-from jgait.types import PLACEMENTS, SIDES, Estimate, as_float
+from jgait.types import SIDES, Estimate, as_float
 
 ASLEEP: Style = {"color": "0.9", "label": "gyroscope asleep, or sample lost", **GROUND}
 RATES: tuple[tuple[int, str, Style], ...] = (
@@ -34,11 +31,6 @@ ANGLES: tuple[tuple[str, Style], ...] = (
     ("hip", {"color": BLUE, "linewidth": 1.6}),
     ("knee", {"color": "#5b2c83", "linewidth": 1.1}),
 )
-
-READ: Style = {"color": "0.8", "linewidth": 4.0}
-AWAKE: Style = {"color": "black", "linewidth": 1.0}
-SLEPT: Style = {"color": RED, "linewidth": 1.6, "linestyle": (0, (4, 1.5))}
-ERROR: Style = {"color": RED, "linewidth": 1.0}
 
 
 def sleeping_gyroscopes(estimate: Estimate, *, seconds: Seconds = None, title: str = "") -> Figure:
@@ -74,7 +66,7 @@ def sleeping_gyroscopes(estimate: Estimate, *, seconds: Seconds = None, title: s
     return figure
 
 
-def _shade(axis: Axes, time: np.ndarray, asleep: np.ndarray) -> None:
+def shade_sleep(axis: Axes, time: np.ndarray, asleep: np.ndarray) -> None:
     """Shade the background from the first sample of each sleep to the first sample after it."""
     for start, end in true_runs(asleep):
         axis.axvspan(time[start], time[min(end, time.size - 1)], **ASLEEP)
@@ -84,7 +76,7 @@ def _rates(axis: Axes, estimate: Estimate, name: str, part: np.ndarray) -> None:
     """Draw one gyroscope's rate; each piece begins at the last sample of the piece before, so the line has no gaps."""
     time, rate = as_float(estimate.time)[part], as_float(estimate.diagnostics[f"gyro_{name}"])[part]
     how = np.asarray(estimate.diagnostics[f"how_{name}"])[part]
-    _shade(axis, time, how != MEASURED)
+    shade_sleep(axis, time, how != MEASURED)
     for kind, word, style in RATES:
         of_kind = how == kind
         if of_kind.any():
@@ -97,7 +89,7 @@ def _angles(axis: Axes, estimate: Estimate, side: str, worn: list[str], part: np
     """Draw hip and knee with bands of two standard deviations, or the angle of a single segment."""
     time, diagnostics = as_float(estimate.time)[part], estimate.diagnostics
     asleep = np.any([np.asarray(diagnostics[f"how_{name}"])[part] != MEASURED for name in worn], axis=0)
-    _shade(axis, time, asleep)
+    shade_sleep(axis, time, asleep)
     leg = getattr(estimate.legs, side)
     if leg is None:
         lines = [
@@ -118,78 +110,3 @@ def _angles(axis: Axes, estimate: Estimate, side: str, worn: list[str], part: np
             band(axis, time, angle, DEGREES * as_float(deviation)[part], label=None, color=style["color"], alpha=0.22)
         axis.plot(time, angle, label=f"{word}, ±2σ" if deviation is not None else word, **style)
     axis.grid(alpha=0.3)
-
-
-def filtered_rates(
-    estimate: Estimate,
-    awake: Estimate | None = None,
-    *,
-    placement: str | None = None,
-    seconds: Seconds = None,
-    title: str = "",
-) -> Figure:
-    """The Kalman filter's rate of each segment and the gyroscope's; or the rates with and without sleep, and the error.
-
-    Behind the estimate of `duty_cycled_gyro` the gyroscope's rate is drawn, measured or filled; or, of the same
-    recording with the gyroscopes always on, the estimate `awake`, with the difference below. A placement, such as
-    "shank_right", shows one sensor alone; `seconds` is from and to [s]. Errors are divided by the root mean square of
-    the rate without sleep, as in the paper, within the time shown.
-
-    Raises:
-        ValueError: if an estimate has no such gyroscope, or both have different times, or no sample lies in the
-            window.
-    """
-    names = [name for name in PLACEMENTS if placement in (None, name) and _told(estimate, name)]
-    if not names:
-        which = "gyroscope" if placement is None else f"gyroscope of {placement!r}"
-        raise ValueError(f"the estimate has no {which}; use an estimate of duty_cycled_gyro")
-    time = as_float(estimate.time)
-    span = (float(time[0]), float(time[-1])) if seconds is None else seconds
-    check_overlap(time, span)
-    kept = windowed(time, span)
-    if awake is not None:
-        _same(awake, names, time)
-    rows = len(names) * (1 if awake is None else 2)
-    figure, axes = blank(rows, 1, 8.8, 1.9 * rows + 1.1, sharex=True)
-    for number, name in enumerate(names):
-        axis = axes[number * rows // len(names), 0]
-        rate = as_float(estimate.diagnostics[f"rate_{name}"])[kept]
-        asleep = np.asarray(estimate.diagnostics[f"how_{name}"])[kept] != MEASURED
-        _shade(axis, time[kept], asleep)
-        if awake is None:
-            read = as_float(estimate.diagnostics[f"gyro_{name}"])[kept]
-            axis.plot(time[kept], read, label="gyroscope, measured or filled", **READ)
-            axis.plot(time[kept], rate, label="Kalman filter", **AWAKE)
-        else:
-            whole = as_float(awake.diagnostics[f"rate_{name}"])[kept]
-            axis.plot(time[kept], whole, label="Kalman filter, gyroscope always on", **AWAKE)
-            axis.plot(time[kept], rate, label="Kalman filter, gyroscope asleep at times", **SLEPT)
-            _error(axes[2 * number + 1, 0], time[kept], rate - whole, whole)
-            _shade(axes[2 * number + 1, 0], time[kept], asleep)
-        axis.set_ylabel(f"{name.replace('_', ', ')}\nrate [rad/s]")
-    axes[0, 0].set_xlim(max(span[0], float(time[0])), min(span[1], float(time[-1])))
-    over_time(axes[:, 0])
-    legend(figure, title)
-    return figure
-
-
-def _told(estimate: Estimate, name: str) -> bool:
-    return {f"rate_{name}", f"gyro_{name}", f"how_{name}"} <= estimate.diagnostics.keys()
-
-
-def _same(awake: Estimate, names: list[str], time: np.ndarray) -> None:
-    """Refuse a second estimate with other gyroscopes or other times."""
-    missing = [name for name in names if not _told(awake, name)]
-    if missing or not np.array_equal(as_float(awake.time), time):
-        what = f"does not have {missing[0]}" if missing else "has other times"
-        raise ValueError(f"both estimates must be of the same recording; the one that is awake {what}")
-
-
-def _error(axis: Axes, time: np.ndarray, error: np.ndarray, whole: np.ndarray) -> None:
-    size = float(np.sqrt(np.mean(whole**2)))
-    axis.axhline(0.0, color="0.5", linewidth=0.8)
-    axis.plot(time, error, **ERROR)
-    axis.set_ylabel("error [rad/s]")
-    if size > 0.0:
-        share = 100.0 * float(np.sqrt(np.mean(error**2))) / size
-        axis.set_title(f"root mean square {share:.0f} % of the rate's", fontsize=9, loc="right", pad=3.0)

@@ -11,7 +11,6 @@ from jgait.commands import results
 from jgait.estimators import waist
 from jgait.estimators.about import EstimatedRecording
 from jgait.estimators.waist.about import ABOUT
-from jgait.plot.speed import OURS, TRUE, UPDATED
 from jgait.plot.style import FOOTHOLD
 from jgait.plot.waist import CONTACT, KNOWN, RAW, REBUILT
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, Strides
@@ -79,19 +78,20 @@ def test_contacts_over_what_the_trunk_feels(recording, estimate, tmp_path):
     assert np.diff(usual.get_xlim())[0] == pytest.approx(4.0)
 
 
-def test_speed_with_the_velocity_update(recording, estimate):
+def test_speed_with_the_velocity_update(load_experiment, recording, estimate):
+    drawing = load_experiment("kose2011.speed")
     reference = estimate._replace(distance=0.5 * estimate.distance, valid=estimate.time < 7.0)
     alone = waist.DEFAULT._replace(smooth=False)  # as contacts are: nothing more is compiled
-    figure = plot.forward_speed(recording, estimate, reference=reference, options=alone, seconds=(2.0, 9.5))
+    figure = drawing.forward_speed(recording, estimate, reference=reference, options=alone, seconds=(2.0, 9.5))
     above, speed, way = figure.axes
     assert [axis.get_ylabel() for axis in (speed, way)] == ["speed [m/s]", "way [m]"]
-    (line,) = [m for m in speed.lines if m.get_color() == OURS["color"]]
+    (line,) = [m for m in speed.lines if m.get_color() == drawing.OURS["color"]]
     np.testing.assert_allclose(line.get_ydata(), SPEED, atol=0.02)
-    (line,) = [m for m in speed.lines if m.get_linestyle() == "--" and m.get_color() == TRUE["color"]]
+    (line,) = [m for m in speed.lines if m.get_linestyle() == "--" and m.get_color() == drawing.TRUE["color"]]
     told = line.get_ydata()[np.isfinite(line.get_ydata())]
     assert np.isnan(line.get_ydata()).any()  # nothing is said of what the reference did not see
     np.testing.assert_allclose(told, 0.5 * SPEED, atol=0.02)
-    (line,) = [m for m in speed.lines if m.get_linewidth() == UPDATED["linewidth"] and len(m.get_xdata()) > 100]
+    (line,) = [m for m in speed.lines if m.get_linewidth() == drawing.UPDATED["linewidth"] and len(m.get_xdata()) > 100]
     # the integral of the sine, whatever its mean
     assert np.ptp(line.get_ydata()[-100:]) == pytest.approx(2.0 * SURGE / (2.0 * np.pi * STEPS_HZ), rel=0.35)
     rising = [m.get_ydata() for m in way.lines if len(m.get_xdata()) > 100]
@@ -113,8 +113,9 @@ def test_the_command_line_draws_contacts(recording, estimate, tmp_path):
     assert "stood_contacts.csv" in names and "stood_contacts.png" not in names
 
 
-def test_what_is_not_there_is_refused(recording, estimate):
-    for draw in (plot.trunk_contacts, plot.forward_speed):
+def test_what_is_not_there_is_refused(load_experiment, recording, estimate):
+    forward_speed = load_experiment("kose2011.speed").forward_speed
+    for draw in (plot.trunk_contacts, forward_speed):
         with pytest.raises(ValueError, match="has no initial contacts at the trunk"):
             draw(recording, estimate._replace(diagnostics={}))
         with pytest.raises(ValueError, match="no initial contact to draw"):
@@ -122,4 +123,4 @@ def test_what_is_not_there_is_refused(recording, estimate):
         with pytest.raises(ValueError, match="seconds must overlap the recording, 0 to 9.98; got"):
             draw(recording, estimate, seconds=(20.0, 30.0))
     with pytest.raises(ValueError, match="has no distance"):
-        plot.forward_speed(recording, estimate._replace(distance=None))
+        forward_speed(recording, estimate._replace(distance=None))

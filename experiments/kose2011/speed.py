@@ -1,12 +1,13 @@
-"""A figure of the trunk's speed in a walk: its forward acceleration integrated with the velocity update.
+"""The paper's Figure 4: forward acceleration, integrated with the velocity update to speed and distance."""
 
-`jgait.plot` has the function; it returns the matplotlib figure.
-"""
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from experiments.common.row import Row
+from jgait import plot
 from jgait.estimators import waist
 from jgait.estimators.waist import velocity_update
 from jgait.estimators.waist.ofdri import Cycles
@@ -14,6 +15,7 @@ from jgait.estimators.waist.params import WaistOptions, WaistParams
 from jgait.estimators.waist.readout import bouts_begin
 from jgait.plot.style import DASHED, RED, Figure, Seconds, Style, blank, check_overlap, legend, windowed
 from jgait.plot.waist import Trunk, contacts_of, moves
+from jgait.simulate import protocols
 from jgait.types import Estimate, Recording, as_float
 
 ACCELERATION: Style = {"color": "0.35", "linewidth": 0.8}
@@ -25,6 +27,20 @@ EVERY = 5
 
 PAUSE_S = 1.5
 """[s] Longest time between two contacts of one bout; a longer time is a pause."""
+
+
+def rows(quick: bool) -> list[Row]:
+    """None: this part draws."""
+    return []
+
+
+def draw(rows: list[Row], folder: Path, quick: bool) -> None:
+    """Write the figure of a simulated person."""
+    walked = protocols.kose(jax.random.key(0))[0]
+    figure = forward_speed(walked.recording, waist.estimate(waist.WaistParams(), walked.recording),
+                           reference=walked.truth.estimate)  # fmt: skip
+    folder.mkdir(parents=True, exist_ok=True)
+    print(plot.save(figure, folder / "figure4.png"))
 
 
 def forward_speed(

@@ -1,14 +1,14 @@
-"""A figure of strides from a sensor at the ankle: the state machine over the shank's rate.
+"""The paper's Figure 3: the state machine over the rate of a shank."""
 
-Readable in grey, with units.
-"""
-
+from pathlib import Path
 from typing import NamedTuple
 
 import jax
 import numpy as np
 from jax import Array, lax
 
+from experiments.common.row import Row
+from jgait import plot
 from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride.inputs import AnkleSignals
 from jgait.estimators.ankle_stride.params import AnkleOptions
@@ -29,6 +29,7 @@ from jgait.plot.style import (
     windowed,
 )
 from jgait.signal import butterworth
+from jgait.simulate import protocols
 from jgait.types import SIDES, Recording, Scalar, as_float
 
 RAW: Style = {"color": "0.6", "linewidth": 0.9}
@@ -56,6 +57,18 @@ class Machine(NamedTuple):
     rate: np.ndarray
     state: np.ndarray
     found: ShankEvents
+
+
+def rows(quick: bool) -> list[Row]:
+    """None: this part draws."""
+    return []
+
+
+def draw(rows: list[Row], folder: Path, quick: bool) -> None:
+    """Write the figure of a simulated person, with the paper's detector."""
+    recording = protocols.silva(jax.random.key(0), route="B")[0].recording
+    folder.mkdir(parents=True, exist_ok=True)
+    print(plot.save(swing_states(recording, detector=shank_events.PAPER), folder / "figure3.png"))
 
 
 def swing_states(

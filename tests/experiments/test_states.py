@@ -6,7 +6,11 @@ from made.shank import LEAN, SWING, shank
 
 from jgait import plot
 from jgait.events import shank as shank_events
-from jgait.plot.ankle import FILTERED, RAW, STATES
+
+
+@pytest.fixture(scope="module")
+def states(load_experiment):
+    return load_experiment("silva2017.states")
 
 
 @pytest.fixture(scope="module")
@@ -14,11 +18,15 @@ def made():
     return shank(strides=3, length=[1.0, 1.2, 1.1], rises=[0.0, 0.15, 0.0])
 
 
-def test_states_events_and_thresholds(made, tmp_path):
-    figure = plot.swing_states(made.recording, seconds=(0.0, 6.0), title="made")
+def test_states_events_and_thresholds(states, made, tmp_path):
+    figure = states.swing_states(made.recording, seconds=(0.0, 6.0), title="made")
     above, below = figure.axes
-    assert "[rad/s]" in above.get_ylabel() and [t.get_text() for t in below.get_yticklabels()] == [s[1] for s in STATES]
-    (raw,) = [m for m in above.lines if m.get_color() == RAW["color"] and m.get_linewidth() == RAW["linewidth"]]
+    assert "[rad/s]" in above.get_ylabel() and [t.get_text() for t in below.get_yticklabels()] == [
+        s[1] for s in states.STATES
+    ]
+    (raw,) = [
+        m for m in above.lines if m.get_color() == states.RAW["color"] and m.get_linewidth() == states.RAW["linewidth"]
+    ]
     assert raw.get_ydata().min() == pytest.approx(-2.0 * LEAN / SWING, rel=0.05)
     level = [m.get_ydata()[0] for m in above.lines if m.get_linestyle() == "--"]
     np.testing.assert_allclose(np.abs(level), shank_events.MACHINE.threshold)
@@ -33,18 +41,18 @@ def test_states_events_and_thresholds(made, tmp_path):
     (line,) = below.lines
     state = np.asarray(line.get_ydata())
     assert np.sum((state[:-1] == shank_events.SWING) & (state[1:] == shank_events.HEEL_STRIKE)) == 3
-    (filtered,) = [m for m in above.lines if m.get_linewidth() == FILTERED["linewidth"]]
+    (filtered,) = [m for m in above.lines if m.get_linewidth() == states.FILTERED["linewidth"]]
     np.testing.assert_array_less(filtered.get_ydata()[state == shank_events.SWING][3:-3], 0.2)
     assert plot.save(figure, tmp_path / "states.png").stat().st_size > 20_000
     strict = shank_events.PAPER._replace(threshold=10.0)
-    none = plot.swing_states(made.recording, detector=strict, seconds=(0.0, 6.0)).axes[0]
+    none = states.swing_states(made.recording, detector=strict, seconds=(0.0, 6.0)).axes[0]
     assert not any(m.get_xdata().size for m in none.lines if m.get_marker() in ("^", "D", "v"))
 
 
-def test_what_is_not_there_is_refused(made):
+def test_what_is_not_there_is_refused(states, made):
     with pytest.raises(ValueError, match="the left leg was not measured; the right one was"):
-        plot.swing_states(made.recording, side="left")
+        states.swing_states(made.recording, side="left")
     with pytest.raises(ValueError, match="side must be 'right' or 'left'; got 'both'"):
-        plot.swing_states(made.recording, side="both")
+        states.swing_states(made.recording, side="both")
     with pytest.raises(ValueError, match="seconds must overlap the recording"):
-        plot.swing_states(made.recording, seconds=(50.0, 60.0))
+        states.swing_states(made.recording, seconds=(50.0, 60.0))
