@@ -93,7 +93,6 @@ def nodes(bouts: list[list[Node]], time: Values = (0.0,)) -> dict[str, np.ndarra
     """The bouts as columns of `WaistInputs`, one row per node; `time` is that of the samples [s]."""
     flat = [node for bout in bouts for node in bout]
     stood = np.array([bout[0].stands for bout in bouts for _ in bout], bool)
-    alone = np.array([sum(node.step for node in bout) for bout in bouts for _ in bout], float)
     instant = np.array([node.at for node in flat], float)
     at = np.rint(instant).astype(np.int32)
     # if two nodes share a sample, the later node moves one sample on; at the recording's end the earlier moves back
@@ -113,7 +112,7 @@ def nodes(bouts: list[list[Node]], time: Values = (0.0,)) -> dict[str, np.ndarra
     foot = side[np.flatnonzero(stride)[0]] if stride.any() else 0
     ends = np.flatnonzero(stride & (side == foot))
     return {
-        **columns, "at": at, "contact": contact, "stride": stride, "stood": stood, "alone": alone,
+        **columns, "at": at, "contact": contact, "stride": stride, "stood": stood,
         "cycle_begin": at[ends - 2], "cycle_end": at[ends],
     }  # fmt: skip
 

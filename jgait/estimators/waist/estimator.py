@@ -46,14 +46,14 @@ _EXCURSION = (
 )
 _SPEED = ("acc_bias", "acc_bias_unknown", "acc_bias_turn", "start_speed", "start_speed_sd")
 _FUSION = ("speed_noise", "acc_bias_walk", "standing_speed")
-_ALONE = (*_PENDULUM, *_EXCURSION, *_FUSION, "update_noise", "update.threshold")
+_ALONE = (*_PENDULUM, *_EXCURSION, *_FUSION, "update.threshold")
 UNUSED = {
-    "fused": ("update_noise", "update"),
-    "pendulum": (*_SPEED, *_FUSION, "update_noise", "update"),
+    "fused": ("update",),
+    "pendulum": (*_SPEED, *_FUSION, "update"),
     "update": _ALONE,
 }
 """Distance method → parameters on which neither the distance nor its standard deviation depends, so that their gradient
-is zero; "fused" is without the velocity update (`WaistOptions.updated` False)."""
+is zero."""
 
 
 @quick_while_short
@@ -73,7 +73,7 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
     seen = waist_motion.motion(p, inputs, smooth=options.smooth)
     found = waist_steps.intervals(p, inputs, seen)
     if options.distance == "fused":
-        walked = waist_distance.fused(p, inputs, seen, found, options)
+        walked = waist_distance.fused(p, inputs, found, options)
     elif options.distance == "pendulum":
         walked = waist_distance.by_pendulum(p, inputs, found)
     else:
@@ -140,10 +140,9 @@ def _strides(
 
 def estimator(options: WaistOptions = DEFAULT) -> Estimator[WaistParams, WaistInputs]:
     """This estimator as a record of functions."""
-    unused = () if options.updated else UNUSED.get(options.distance, ())
     return Estimator(
         "waist", WaistParams(), TRANSFORMS, partial(prepare, options=options), run, with_body, ABOUT, FLAGS, _finished,
-        unused=unused,
+        unused=UNUSED.get(options.distance, ()),
     )  # fmt: skip
 
 

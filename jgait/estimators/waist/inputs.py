@@ -56,7 +56,6 @@ class WaistInputs(NamedTuple):
         cycle_end: (K,) sample at which each gait cycle ends.
         cycles: number of gait cycles.
         stood: (K,) bool, the node's bout began from standing.
-        alone: (K,) number of steps of the node's bout, which share one bias of the velocity update [1].
         count: number of nodes.
     """
 
@@ -86,7 +85,6 @@ class WaistInputs(NamedTuple):
     cycle_end: PerNode
     cycles: Values
     stood: PerNode
-    alone: PerNode
     count: Counts
 
 

@@ -6,13 +6,12 @@ constant. With the integral J of the forward acceleration over the step, the int
 
     d' = v T + I − b T² / 2,    v' = v + J − b T,    D' = D + d',    e' = d + d'.
 
-Three observations are zero: d − exp(k) λ, where λ is the inverted pendulum's step length; d − T u, where u is the mean
-speed from the velocity update; and v while the person stands. Over a pause between bouts the distance, the bias and the
-constant are kept, and the speed restarts from its prior.
+Two observations are zero: d − exp(k) λ, where λ is the inverted pendulum's step length; and v while the person stands.
+Over a pause between bouts the distance, the bias and the constant are kept, and the speed restarts from its prior.
 
 Source: inverted pendulum after W. Zijlstra, A. L. Hof, "Assessment of spatio-temporal gait parameters from trunk
-accelerations during human walking", Gait and Posture 18, 2003; velocity update after A. Köse, A. Cereatti, U. Della
-Croce, 2011. Joining them in one model is this library's own.
+accelerations during human walking", Gait and Posture 18, 2003. Joining it and the integrated acceleration in one model
+is this library's own.
 """
 
 from typing import NamedTuple
@@ -44,9 +43,6 @@ class WaistControl(NamedTuple):
         turn: turn of the walk over the interval [rad].
         pendulum: λ, the inverted pendulum's step length for a constant of 1 [m].
         pendulum_variance: variance of the pendulum's step length [m²].
-        update: u, mean speed from the velocity update [m/s].
-        update_variance: variance of u [m²/s²].
-        duration: T, duration of the interval [s].
     """
 
     gained: Values
@@ -55,16 +51,12 @@ class WaistControl(NamedTuple):
     turn: Values
     pendulum: Values
     pendulum_variance: Values
-    update: Values
-    update_variance: Values
-    duration: Values
 
 
 class WaistObservation(NamedTuple):
-    """Observations at a node, all zero: step minus the pendulum's [m], step minus the update's [m], speed [m/s]."""
+    """Observations at a node, all zero: step minus the pendulum's [m], speed [m/s]."""
 
     pendulum: Values
-    update: Values
     speed: Values
 
 
@@ -103,15 +95,15 @@ def transition_noise(p: WaistModelParams, s: WaistState, u: WaistControl, dt: Va
 
 
 def observation(p: WaistModelParams, s: WaistState, u: WaistControl) -> WaistObservation:
-    """The step minus the pendulum's step, the step minus the update's step, and the speed."""
+    """The step minus the pendulum's step, and the speed."""
     del p
-    return WaistObservation(s.step - jnp.exp(s.log_constant) * u.pendulum, s.step - u.duration * u.update, s.speed)
+    return WaistObservation(s.step - jnp.exp(s.log_constant) * u.pendulum, s.speed)
 
 
 def observation_noise(p: WaistModelParams, s: WaistState, u: WaistControl) -> WaistObservation:
     """Variances of the observations, whose errors are white from step to step."""
     del s
-    return WaistObservation(u.pendulum_variance, u.duration * u.duration * u.update_variance, p.standing_variance)
+    return WaistObservation(u.pendulum_variance, p.standing_variance)
 
 
 def initial(p: WaistModelParams) -> Belief:

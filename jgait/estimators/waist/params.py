@@ -95,9 +95,6 @@ class WaistParams(NamedTuple):
     standing_speed: Annotated[Param, Parameter(
         positive, "m/s", "standard deviation of the speed while standing",
     )] = 0.03  # fmt: skip
-    update_noise: Annotated[Param, Parameter(
-        positive, "m/s", 'of the mean speed that the velocity update gives, over a whole bout; "fused" only',
-    )] = 0.3  # fmt: skip
     update: Annotated[VelocityUpdateParams, Parameter(
         None, "", "of the velocity update, see `VelocityUpdateParams`",
     )] = VelocityUpdateParams()  # fmt: skip
@@ -115,14 +112,12 @@ class WaistOptions(NamedTuple):
             "update": the paper's method (direct and reverse integration with the velocity update).
         detector: of initial contacts, see `events.trunk`: "soft", "peaks", "paper" or "literal".
         site: the placement; "auto": the first placement that the recording has.
-        updated: "fused" also observes the velocity update in bouts that began from standing, up to a turn.
         smooth: Rauch–Tung–Striebel smoothing (offline).
     """
 
     distance: str = "fused"
     detector: str = "soft"
     site: str = "auto"
-    updated: bool = False
     smooth: bool = True
 
 

@@ -123,20 +123,13 @@ def _step_variance(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Val
     return p.step_noise**2 + turned + jnp.where(edge, p.edge_noise**2, 0.0)
 
 
-def fused(p: WaistParams, inputs: WaistInputs, seen: PyTree, found: Intervals, options: WaistOptions) -> WaistWalk:
+def fused(p: WaistParams, inputs: WaistInputs, found: Intervals, options: WaistOptions) -> WaistWalk:
     """Distance by the state-space model."""
     row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
     there = row < inputs.count
     unsure = ~inputs.stood | _turned(inputs, found)
     dtype = found.gained.dtype
     zero = jnp.zeros_like(found.gained)
-    speed: Values = zero
-    variance: Values = zero + 1.0
-    heard: Values = False
-    if options.updated:
-        speed, _ = integrated_speed(p, inputs, seen, found)
-        variance = p.update_noise**2 * jnp.maximum(inputs.alone, 1.0)
-        heard = inputs.steps & ~unsure & there
     controls = WaistControl(
         gained=found.gained,
         went=found.went,
@@ -144,14 +137,11 @@ def fused(p: WaistParams, inputs: WaistInputs, seen: PyTree, found: Intervals, o
         turn=found.turn,
         pendulum=found.pendulum,
         pendulum_variance=_step_variance(p, inputs, found),
-        update=speed,
-        update_variance=variance,
-        duration=found.duration,
     )
     stops = inputs.stands & inputs.moves
     stepped = (stops | (inputs.steps & (found.pendulum > 0.0))) & there
-    mask = WaistObservation(stepped, heard, inputs.stands & there)
-    observed = WaistObservation(zero, zero, zero)
+    mask = WaistObservation(stepped, inputs.stands & there)
+    observed = WaistObservation(zero, zero)
     known = model_params(p, jnp.any(inputs.still))
     inferred = filtering.infer(
         waist_model.MODEL, known, observed, smooth=options.smooth, controls=controls, dt=found.duration, mask=mask,

@@ -32,7 +32,7 @@ def walked():
     @jax.jit
     def told(p, controls, dt, mask):
         return filtering.kalman_smoother(
-            waist_model.MODEL, p, WaistObservation(zero, zero, zero), controls=controls, dt=dt, mask=mask,
+            waist_model.MODEL, p, WaistObservation(zero, zero), controls=controls, dt=dt, mask=mask,
             initial=waist_model.initial(p),
         )  # fmt: skip
 
@@ -41,20 +41,20 @@ def walked():
 
 def control(**fields):
     zero = np.zeros(ROWS)
-    plain = WaistControl(zero, zero, zero, zero, zero, zero + 1e-8, zero, zero + 1.0, zero)
+    plain = WaistControl(zero, zero, zero, zero, zero, zero + 1e-8)
     return plain._replace(**fields)
 
 
 def there(**fields):
     no = np.zeros(ROWS, bool)
-    return WaistObservation(no, no, no)._replace(**fields)
+    return WaistObservation(no, no)._replace(**fields)
 
 
 def test_of_the_pendulum_alone_the_way_is_the_sum_of_its_steps(walked):
     walks = np.r_[0.0, np.ones(ROWS - 4), 0.0, 0.0, 0.0]  # a node from which, eight steps, and padding
     dt = STEP_S * walks
     steps = walks > 0.0
-    told = walked(MODEL, control(walks=walks, pendulum=LENGTHS / 1.3, duration=dt), dt, there(pendulum=steps))
+    told = walked(MODEL, control(walks=walks, pendulum=LENGTHS / 1.3), dt, there(pendulum=steps))
     expected = np.where(steps, LENGTHS, 0.0)
     np.testing.assert_allclose(told.mean.step, expected, atol=1e-4)
     np.testing.assert_allclose(told.mean.distance, np.cumsum(expected), atol=1e-3)
@@ -75,7 +75,7 @@ def test_standing_before_and_after_gives_the_bias_of_the_accelerometer(walked):
     walks = np.r_[0.0, np.ones(count)]
     dt = STEP_S * walks
     p = MODEL._replace(speed_density=1e-8, bias_variance=0.01)
-    read = control(walks=walks, gained=gained + bias * dt, went=went + 0.5 * bias * dt**2, duration=dt)
+    read = control(walks=walks, gained=gained + bias * dt, went=went + 0.5 * bias * dt**2)
     told = walked(p, read, dt, there(speed=np.r_[True, np.zeros(count - 1, bool), True]))
     np.testing.assert_allclose(told.mean.bias, bias, atol=1e-3)
     np.testing.assert_allclose(told.mean.speed, speed, atol=5e-3)
