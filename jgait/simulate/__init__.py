@@ -15,7 +15,6 @@ from jgait.simulate.walker import motion, plan
 from jgait.simulate.worn import (
     FOUR,
     SEVEN,
-    Load,
     Truth,
     duration,
     mount,
@@ -25,7 +24,7 @@ from jgait.simulate.worn import (
 )
 
 __all__ = [
-    "FOUR", "RECORDED", "SEVEN", "Body", "Gait", "Load", "Person", "Route", "Truth", "check_person", "circle", "cohort",
+    "FOUR", "RECORDED", "SEVEN", "Body", "Gait", "Person", "Route", "Truth", "check_person", "circle", "cohort",
     "corner", "duration", "faster", "fitted", "gait", "motion", "mount", "paced", "person_of", "plan", "population",
     "recording", "rectangle", "route", "segment_of", "signals", "straight", "strides", "trimmed", "u_turn",
     "walk", "walks",

@@ -20,8 +20,8 @@ from jgait.simulate.person import Person
 from jgait.simulate.routes import Route, padded, straight
 from jgait.simulate.sensors import IDEAL, Clock, ImuErrors
 from jgait.simulate.walker import Frames, Slack, planned
-from jgait.simulate.worn import SEVEN, Known, Sensors, Truth, duration, mount, truth, walked, worn_on
-from jgait.types import AnyArray, Imu, Recording, Values, as_float
+from jgait.simulate.worn import SEVEN, Sensors, Truth, duration, mount, truth, walked, worn_on
+from jgait.types import AnyArray, Estimate, Imu, Recording, Values, as_float
 
 
 def recording(
@@ -94,7 +94,7 @@ def _padded_sensors(person: Person, placements: Sequence[str]) -> Sensors:
 def _walk(
     key: PRNGKeyArray, person: Person, laid: Plan, time: Float[AnyArray, "time"], errors: ImuErrors,
     sensors: Sensors, clocks: tuple[Clock, ...],
-) -> tuple[Imu, Motion[Frames], Known]:  # fmt: skip
+) -> tuple[Imu, Motion[Frames], Estimate]:  # fmt: skip
     return walked(jax.random.split(key)[1], person, laid, time, errors, sensors, clocks)
 
 

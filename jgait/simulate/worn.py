@@ -20,7 +20,7 @@ from jgait.simulate.footsteps import FIRST, Plan
 from jgait.simulate.person import Body, Person
 from jgait.simulate.routes import Route
 from jgait.simulate.sensors import IDEAL, Clock, ImuErrors, measure, true_times
-from jgait.simulate.smooth import curve_at, step
+from jgait.simulate.smooth import curve_at
 from jgait.simulate.walker import SKIN, Frames, framed, moved, plan, separated, ticks
 from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, LegTrajectory, Strides, Values
 
@@ -52,37 +52,23 @@ def mount(body: Body, placement: str) -> Vector:
     return places[kind]
 
 
-class Load(NamedTuple):
-    """Share of the body weight on one foot, (T,) from 0 to 1 [1]: under the heel, and under the ball and toes."""
-
-    heel: Values
-    toe: Values
-
-
 class Truth(NamedTuple):
     """The reference of a simulated walk.
 
     Attributes:
         estimate: joint angles, foot positions, distance and strides in the type of an estimate.
         motion: motion of all segments, a `Motion` of `Segments` at the times of the estimate.
-        load_right: load of the right foot.
-        load_left: load of the left foot.
         plan: footholds and their times.
     """
 
     estimate: Estimate
     motion: Motion[Segments[Frame]]
-    load_right: Load
-    load_left: Load
     plan: Plan
 
     @property
     def strides(self) -> Strides:
         """Strides of both feet."""
         return self.estimate.strides
-
-
-type Known = tuple[Estimate, Load, Load]
 
 
 def duration(plan: Plan, person: Person) -> Values:
@@ -203,8 +189,8 @@ def walk(
 def walked(
     key: PRNGKeyArray, person: Person, laid: Plan, time: Float[AnyArray, "time"], errors: ImuErrors,
     sensors: Sensors, clocks: tuple[Clock, ...],
-) -> tuple[Imu, Motion[Frames], Known]:  # fmt: skip
-    """The readings of a planned walk (S, T, …), its motion (see `moved`), and the other parts of its truth.
+) -> tuple[Imu, Motion[Frames], Estimate]:  # fmt: skip
+    """The readings of a planned walk (S, T, …), its motion (see `moved`), and its reference.
 
     The last sensors have the clocks.
     """
@@ -221,15 +207,15 @@ def walked(
     return _readings(keys, worn, time, errors, sensors), moving, _known(person, laid, moving.pose, time, entry, r.pose)
 
 
-def truth(laid: Plan, moving: Motion[Frames], known: Known) -> Truth:
+def truth(laid: Plan, moving: Motion[Frames], known: Estimate) -> Truth:
     """The parts of the truth as records."""
-    return Truth(known[0], Motion(*map(separated, moving)), *known[1:], laid)
+    return Truth(known, Motion(*map(separated, moving)), laid)
 
 
 def _known(
     person: Person, laid: Plan, frames: Frames, time: Float[AnyArray, "time"], entry: Int[Array, "time"], r: Values
-) -> Known:
-    """Estimate and loads of a walk at times (T,) [s], from the frames of all segments (4, 3, 11, T)."""
+) -> Estimate:
+    """Estimate of a walk at times (T,) [s], from the frames of all segments (4, 3, 11, T)."""
     body = person.body
     heading, distance = curve_at(jnp.stack([laid.heading_curve, laid.distance_curve]), entry, r)
     ahead = Vector(jnp.cos(heading)[None], jnp.sin(heading)[None], jnp.zeros_like(heading)[None])
@@ -249,8 +235,7 @@ def _known(
         **{name: jnp.asarray(value, time.dtype) for name, value in lengths.items()},
     }
     by_side = Legs(*(jax.tree.map(lambda part, i=i: part[i], legs) for i in range(2)))
-    estimate = Estimate(time, by_side, None, distance, valid, diagnostics, strides(laid))
-    return estimate, *_loads(person, laid, entry, r)
+    return Estimate(time, by_side, None, distance, valid, diagnostics, strides(laid))
 
 
 def _time_at(laid: Plan, ticks: Float[Array, "foothold"]) -> Float[Array, "foothold"]:
@@ -285,19 +270,3 @@ def strides(laid: Plan) -> Strides:
         side, filled(start), filled(leaves), filled(laid.contact), filled(length), filled(jnp.abs(aside) / length),
         filled(laid.z - before(laid.z)), valid,
     )  # fmt: skip
-
-
-def _loads(person: Person, laid: Plan, entry: Int[Array, "..."], r: Values) -> tuple[Load, Load]:
-    """Loads of both feet: the weight moves onto the heel, along the sole, and off the toes."""
-    flat = 2.0 * person.gait.foot_flat
-    late = jnp.asarray((0, 1), entry.dtype)[:, None]  # the foot that landed last, and the other foot
-    at, s = entry[None] - late, r[None] + late.astype(r.dtype)
-    k, off, leave = (at - FIRST).astype(r.dtype), laid.off[at], laid.leave[at]
-    lands, leaves = k > 0.5, k < laid.end - 2.5
-    begins = jnp.stack([s / 0.2, (s - 0.5 * flat) / (0.2 + 0.5 * flat)])
-    ends = jnp.stack([(s - off) / 0.3, (s - 1.0) / (leave + LINGER - 1.0)])
-    down, up = step(jnp.stack([begins, ends]))
-    loads = jnp.where(lands[None], down, 1.0) * jnp.where(leaves[None], 1.0 - up, 1.0)  # heel and toe, both feet
-    left = laid.side[entry][None] > 0.0
-    right_foot, left_foot = jnp.where(left, loads[:, 1], loads[:, 0]), jnp.where(left, loads[:, 0], loads[:, 1])
-    return Load(*right_foot), Load(*left_foot)

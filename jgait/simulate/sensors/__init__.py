@@ -7,7 +7,7 @@ be jitted, mapped over people and differentiated.
 
 from jgait.geometry.rotation import turn
 from jgait.geometry.vectors import GRAVITY
-from jgait.simulate.sensors.clock import Clock, check_clock, true_times
+from jgait.simulate.sensors.clock import Clock, true_times
 from jgait.simulate.sensors.imu import DEGREE, ImuErrors, check_errors, measure
 from jgait.simulate.sensors.presets import FREESENSE, HC_SR04, IDEAL, IDG300, MPU6000, OPAL
 from jgait.simulate.sensors.range import Ranging, check_ranging, measure_range, nearest_point
@@ -15,6 +15,6 @@ from jgait.types import RangeReadings
 
 __all__ = [
     "DEGREE", "FREESENSE", "GRAVITY", "HC_SR04", "IDEAL", "IDG300", "MPU6000", "OPAL", "Clock", "ImuErrors",
-    "RangeReadings", "Ranging", "check_clock", "check_errors", "check_ranging", "measure", "measure_range",
+    "RangeReadings", "Ranging", "check_errors", "check_ranging", "measure", "measure_range",
     "nearest_point", "true_times", "turn",
 ]  # fmt: skip

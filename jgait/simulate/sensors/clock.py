@@ -1,9 +1,7 @@
 """Sensors with clock errors: the true times of their samples."""
 
-import math
 from typing import NamedTuple
 
-from jgait.simulate.sensors.imu import check_fields
 from jgait.types import Values
 
 
@@ -26,13 +24,3 @@ def true_times(clock: Clock, time: Values) -> Values:
     """
     # computed as a correction: in single precision the quotient loses the microseconds of a drift
     return time - (clock.offset + clock.drift * time) / (1.0 + clock.drift)
-
-
-def check_clock(clock: Clock) -> None:
-    """Check that a clock neither stands still nor runs backwards; an error names the field.
-
-    Raises:
-        TypeError: if a field is no number.
-        ValueError: if the offset is not finite, or the drift is not within ±0.5.
-    """
-    check_fields(clock, {"offset": (-math.inf, math.inf), "drift": (-0.5, 0.5)})
