@@ -56,9 +56,17 @@ def unchecked() -> Iterator[None]:
     jaxtyping.config.update("jaxtyping_disable", False)
 
 
+LONG = frozenset({"commands", "estimators", "evaluate", "experiments", "filtering", "simulate", "tune"})
+"""Folders of tests that take most of the time."""
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The tests of a file are a group, which goes to one worker; unless they name another group."""
+    """The tests of a file are a group, which goes to one worker; unless they name another group.
+
+    Folders whose tests take long come first, so that short ones are left to even out the workers.
+    """
+    items.sort(key=lambda item: LONG.isdisjoint(Path(item.location[0]).parts))
     for item in items:
         if item.get_closest_marker("xdist_group") is None:
             item.add_marker(pytest.mark.xdist_group(item.location[0]))
@@ -70,7 +78,7 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-MAPPINGS = 15_000
+MAPPINGS = 30_000
 """Memory mappings that a worker may hold. Linux allows a process 65 530, and every compiled program takes some: kept
 for the whole run, they end it with a crash in the compiler."""
 

@@ -11,7 +11,7 @@ from jgait import filtering, params
 from jgait.estimators import stride_width_ekf as sw
 from jgait.estimators.stride_width_ekf import model, readout
 from jgait.estimators.stride_width_ekf.estimator import model_params
-from jgait.filtering import CKF, EKF, UKF
+from jgait.filtering import EKF, UKF
 from jgait.simulate import protocols
 from jgait.types import Feet, FootTrajectory, RangeReadings
 
@@ -77,7 +77,7 @@ def test_the_papers_protocol_within_a_centimetre_after_smoothing(truth):
         assert np.all(estimate.diagnostics["width_valid"][np.isfinite(estimate.strides.width)])
 
 
-@pytest.mark.parametrize("method", [EKF(), UKF(), CKF()])
+@pytest.mark.parametrize("method", [EKF(), UKF()])
 def test_methods_agree_once_the_start_is_over(walk, smoothed, method):
     other = told(walk, SIDE_BY_SIDE._replace(method=method), start_heading=(0.0, np.radians(10.0)))
     late = slice(10, None)
