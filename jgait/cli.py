@@ -31,7 +31,6 @@ COMMANDS = {
 }
 """Name of a command → what it does."""
 
-
 _kept: list[Path] = []
 """The folder of compiled programs, if `main` could make it."""
 

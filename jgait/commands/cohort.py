@@ -68,7 +68,6 @@ Params = Annotated[
 AT_ENDS = 0.25
 """[s] Length of the standing at both ends of a recording, where the distance is 0 and the whole distance."""
 
-
 COLUMN_UNUSED = Kind("column_unused", "info", "column {column!r} is left out{hint}", LEFT_OUT)
 SUBJECTS_UNKNOWN = Kind(
     "subjects_unknown",

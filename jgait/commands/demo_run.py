@@ -31,15 +31,10 @@ Report = Callable[[str, int, int], None]
 
 
 class Line(NamedTuple):
-    """One line of the demonstration's table.
+    """One line of the demonstration's table: the error of a quantity with default and with tuned parameters.
 
-    Attributes:
-        walk: the walk whose errors are shown.
-        tuned_on: whether the tuning used this walk.
-        leg: "right" or "left"; "both" for the distance.
-        what: the quantity, with its unit.
-        before: error with the default parameters.
-        after: error with the tuned parameters.
+    `what` names the quantity with its unit; `leg` is "right", "left", or "both" for the distance;
+    `tuned_on`: whether the tuning used this walk.
     """
 
     walk: str
@@ -51,15 +46,7 @@ class Line(NamedTuple):
 
 
 class Demo(NamedTuple):
-    """The results of a demonstration.
-
-    Attributes:
-        title: the walk and the person.
-        lines: lines of the table.
-        tuned: name of a parameter → default and tuned value.
-        figures: files of the figures.
-        losses: loss of the fit at each step.
-    """
+    """The results of a demonstration; `tuned`: parameter → default and tuned value; `losses`: of each step."""
 
     title: str
     lines: list[Line]
@@ -169,11 +156,8 @@ def _compare(before: dict[str, float], after: dict[str, float]) -> dict[str, tup
 class RealWalk(NamedTuple):
     """A real walk by one call, beside its reference.
 
-    Attributes:
-        title: the walk and the person.
-        lines: (quantity, all sensors, each alone, motion capture), in words.
-        figures: files of the figures.
-        numbers: quantity → (all sensors, motion capture), in metres or degrees.
+    `lines` are (quantity, all sensors, each alone, motion capture) in words; `numbers`: quantity → (all sensors, motion
+    capture), in metres or degrees.
     """
 
     title: str

@@ -17,7 +17,6 @@ from jgait.io.atomic import write_text
 STAGE = ".jgait.part"
 """Folder within the folder of results in which files lie until all are written."""
 
-
 RUNS = {"tune": "fits"}
 """Command → name of its folder of intermediate results, where it is not `run`."""
 

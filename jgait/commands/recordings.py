@@ -34,7 +34,6 @@ Trial = Annotated[
     str | None, typer.Option(help="Of a Mobilise-D file with several trials, such as TimeMeasure1/Test5/Trial1.")
 ]
 
-
 OPTIONS = {
     "sampling_rate_hz": "--rate",
     "time_unit": "the unit in the name of the time column",

@@ -30,16 +30,7 @@ ENOUGH = 6
 
 
 class LearnedNumber(NamedTuple):
-    """A learned number.
-
-    Attributes:
-        unit: of the number.
-        before: its value at the start.
-        after: its learned value.
-        stderr: its standard error, or None where it is not known.
-        low: lower end of the 95 % interval, or None.
-        high: upper end of the 95 % interval, or None.
-    """
+    """A learned number before and after, in its unit; its standard error and the ends of its 95 % interval, or None."""
 
     unit: str
     before: float

@@ -43,22 +43,9 @@ def groups_of(made: Lessons) -> Groups:
 class Job(NamedTuple):
     """A tuning task: the parameters to learn, the people, and the settings of the fit.
 
-    Attributes:
-        pipeline: the estimator.
-        start: parameters to start from.
-        free: transforms, fixed for all parameters except the learned ones.
-        made: the lessons.
-        groups: what is left out in turn.
-        loss: the loss that is minimised.
-        error: the error that is reported for each person.
-        unit: unit of the error.
-        judged: name of the error.
-        optimizer: an optimiser of optax.
-        steps: number of steps of each fit.
-        starts: number of starts of each fit.
-        key: random key of starts and folds.
-        folds: number of folds; None leaves one subject out at a time.
-        run: folder of the checkpoints.
+    `free` has transforms that are fixed for all parameters except the learned ones; `groups` are left out in turn;
+    `error`, with the name `judged` and its `unit`, is reported for each person; with `folds` None one subject is left
+    out at a time; `run` is the folder of the checkpoints.
     """
 
     pipeline: Estimator[PyTree, PyTree]
@@ -79,14 +66,7 @@ class Job(NamedTuple):
 
 
 class TuningResults(NamedTuple):
-    """The results of a tuning.
-
-    Attributes:
-        validation: a `CrossValidation`, or None.
-        fit: a `Fit` to all people.
-        known: an `Identifiability`, or None.
-        left_out: steps that were left out, with the reason.
-    """
+    """A `CrossValidation` or None, a `Fit` to all people, an `Identifiability` or None, and why steps were left out."""
 
     validation: CrossValidation[PyTree] | None
     fit: Fit[PyTree]

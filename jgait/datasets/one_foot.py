@@ -10,7 +10,6 @@ from jgait.types import SIDES, AnyArray, Imu, RecordingError, Strides
 FLIP = np.array([1.0, -1.0, -1.0])
 """Half a turn about x, a proper rotation: converts readings of a sensor with z down to axes with z up."""
 
-
 SHORTEST = 0.1
 """[m] Shortest stride between two footprints; at a smaller distance the foot was put down again on the spot."""
 

@@ -47,7 +47,6 @@ ACC_SCALE = 9.80665 / 10000.0  # raw count → m/s²
 GYR_SCALE = np.pi / 180.0 / 100.0  # raw count → rad/s
 LENGTHS = {"young": (0.485, 0.446), "elderly": (0.405, 0.417)}  # [m] thigh, shank
 
-
 SENSORS_SWAPPED = Kind("sensors_swapped", "check", "{placement} and {other} seem to have changed places", WRONG_PLACE)
 COLUMN_ABSENT = Kind("column_absent", "info", "{placement} left out: no column {column}", LEFT_OUT)
 TIME_STOPPED = Kind("time_stopped", "info", "{placement} left out: its time does not run", LEFT_OUT)

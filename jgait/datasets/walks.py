@@ -14,11 +14,7 @@ class Failure(NamedTuple):
 
 
 class Walks(list[Walk]):
-    """Walks in a list; `failures` names the recordings that could not be read.
-
-    Attributes:
-        failures: (name, reason) of every recording that could not be read.
-    """
+    """Walks in a list; `failures` are (name, reason) of every recording that could not be read."""
 
     def __init__(self, walks: Iterable[Walk] = (), failures: Iterable[Failure] = ()) -> None:
         super().__init__(walks)

@@ -61,11 +61,7 @@ ACCELEROMETER = Sensor(on=2.7e-3)
 
 
 class Battery(NamedTuple):
-    """A battery.
-
-    Attributes:
-        energy: usable energy [J].
-    """
+    """A battery with its usable energy [J]."""
 
     energy: float
 

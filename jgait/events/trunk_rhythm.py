@@ -43,7 +43,6 @@ the sway of who has just stopped is compared with the walking before."""
 NEAREST, FURTHEST = 0.65, 1.6
 """[steps] Least and greatest time from a contact to a closing step; the least also from it to the next contact."""
 
-
 CUTOFF = 1.4
 """[1] Cut-off of the low-pass filter, over the step frequency.
 

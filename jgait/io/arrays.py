@@ -14,7 +14,6 @@ from jgait.types import PLACEMENTS, Imu, RangeReadings, Recording, RecordingErro
 
 GYR_UNITS = {"deg/s": np.pi / 180.0, "rad/s": 1.0}
 
-
 RANGE_EMPTY = Kind("range_empty", "check", "feet_range holds no reading", NO_RANGE)
 
 

@@ -22,7 +22,6 @@ LONG_GAP_S = 0.1
 RANGE_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 FEET_APART = (0.02, 1.5)  # [m] median distance of one leg from the other where a range between them is measured
 
-
 SAMPLES_MISSING = Kind("samples_missing", "check", "{placement}: {missing} of {samples} samples are missing", LOSSES)
 STRETCH_MISSING = Kind("stretch_missing", "check", "{placement}: {seconds:.2f} s missing from {begin_s:.2f} s", LOSSES)
 CHANNEL_CONSTANT = Kind(

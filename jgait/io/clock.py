@@ -15,7 +15,6 @@ LONGEST_GAP_S = 10.0
 MOST_INSERTED = 100  # samples for each row of a file; with more, nothing of the recording is left
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 
-
 RATE_DEDUCED = Kind("sampling_rate_deduced", "info", "sampling rate {rate_hz:.4g} Hz, from the time stamps", DEDUCED)
 TIME_UNIT_DEDUCED = Kind(
     "time_unit_deduced", "info", "time taken to be in {unit}, because its steps are {step:.4g}", DEDUCED

@@ -15,7 +15,6 @@ from jgait.types import RecordingError, reason_of
 type Tree = dict[str, Any]
 """Nested dictionaries, as libraries for JSON, MATLAB and C3D files return them."""
 
-
 MOST_COLUMNS = 4096
 """Largest number of columns of a table."""
 

@@ -32,7 +32,6 @@ TIMES = (
 NOT_RAW = ("free", "linear", "user", "filtered")
 """Words for processed signals, for example acceleration without gravity."""
 
-
 CHANNELS = tuple(f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz")
 """The columns of one sensor."""
 
@@ -44,7 +43,6 @@ WORDS = {
     "calcn": "foot",
 }  # fmt: skip
 """Words of measuring systems for placements; the longest matching word is used."""
-
 
 CODES = {
     **{side[0] + kind[0]: f"{kind}_{side}" for kind in ("foot", "shank", "thigh") for side in ("right", "left")},

@@ -117,12 +117,7 @@ class Content(NamedTuple):
 
 
 class Report:
-    """A page with its numbers; a notebook shows it in a frame.
-
-    Attributes:
-        html: the whole page, which loads nothing from other addresses.
-        numbers: the content of the page as JSON numbers.
-    """
+    """A page that loads nothing from other addresses, and its numbers; a notebook shows it in a frame."""
 
     def __init__(self, content: Content) -> None:
         """Render the content."""

@@ -17,16 +17,7 @@ from jgait.types import Flags, Values
 
 
 class Foothold(NamedTuple):
-    """Fields of the `Plan` at one foothold of each foot, (2, T).
-
-    Attributes:
-        place: (5, 2, T) `x`, `y`, `z`, `foot_yaw` and `slope` of the plan.
-        toe_up: see `Plan`; as the following fields.
-        heel_up: see `Plan`.
-        off: see `Plan`.
-        leave: see `Plan`.
-        lift: see `Plan`.
-    """
+    """Fields of the `Plan` at one foothold of each foot, (2, T); `place` (5, 2, T): x, y, z, `foot_yaw` and `slope`."""
 
     place: Values
     toe_up: Values

@@ -126,12 +126,7 @@ RECORDED = Gait(
 
 
 class Person(NamedTuple):
-    """A person: body and gait.
-
-    Attributes:
-        body: lengths of the lower body.
-        gait: parameters of the gait.
-    """
+    """A person: lengths of the lower body, and parameters of the gait."""
 
     body: Body = Body()
     gait: Gait = Gait()

@@ -251,7 +251,6 @@ SAMPLES, SHARP, CHECKED = 24, 0.0005, 32
 """[1] Instants of a step at which the legs' reach is computed; [m] width of the soft minimum over these instants; [1]
 instants of a step at which the legs' limits are checked."""
 
-
 SHAKEN = 0.24
 """[steps] Duration of the impact motion of the pelvis after a contact."""
 

@@ -45,9 +45,7 @@ Report = Callable[[Progress], None]
 class Lanes(NamedTuple):
     """The final states of several fits, on the host; every leaf has a leading axis of fits (L,).
 
-    Attributes:
-        carry: last carry of each fit.
-        trace: (L, steps) history of each fit; after a fit stopped, its last values repeat.
+    `trace` (L, steps) is the history of each fit; after a fit stopped, its last values repeat.
     """
 
     carry: Carry

@@ -32,12 +32,7 @@ class Problem(NamedTuple):
 
 
 class Items(NamedTuple):
-    """The items of a fit; every leaf has a leading axis (n,).
-
-    Attributes:
-        data: pytree of arrays.
-        subject: (n,) number of each item's subject, int32.
-    """
+    """The items of a fit, and the number of each item's subject, int32; every leaf has a leading axis (n,)."""
 
     data: PyTree
     subject: Int[AnyArray, "item"]

@@ -36,12 +36,7 @@ Force = Float[AnyArray, "time 3"]
 
 
 class Thigh(NamedTuple):
-    """Signals of a sensor on the thigh at the same samples; the sensor is always on.
-
-    Attributes:
-        rate: (T,) sagittal rate [rad/s].
-        acc: (T, 3) specific force [m/s²].
-    """
+    """A sensor on the thigh that is always on: sagittal rate (T,) [rad/s], specific force (T, 3) [m/s²]."""
 
     rate: Rate
     acc: Force

@@ -113,7 +113,6 @@ def _filled(s: Signals, p: Ridge, sampling_rate_hz: float, latency: int) -> Fill
 LATER_S = 0.4
 """[s] Latency of the variant that uses later samples."""
 
-
 _later = partial(ridge, latency_s=LATER_S)
 
 

@@ -112,7 +112,6 @@ CLOCKS = ("sensor_late", "clocks_drift", "sides_out_of_step")
 """Codes of readers' notes by which a sensor's clock is wrong: its strides do not meet those of other sensors, but their
 lengths hold."""
 
-
 PAIRS = tuple(code for code in CLOCKS if code != "sides_out_of_step")
 """Those of them that may compare two sensors of one leg; a person who limps is out of step too."""
 

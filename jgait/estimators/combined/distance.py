@@ -37,7 +37,6 @@ USUAL_SPEED, USUAL_STRIDE_S = 1.2, 1.1
 ALIKE = 0.5
 """[m] Largest difference of what the two sides did not see, with which both count in the distance."""
 
-
 ONE_SIDE = 0.03
 """[1] Deviation of one side's sum of stride lengths from the mean of both, over that mean: 0.02 to 0.03 on 18 walks of
 `walking5m` (root mean square), 0.01 on `tripod`, 0.04 to 0.05 on the one walk of `neura_sparse`."""

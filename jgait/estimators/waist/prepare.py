@@ -39,7 +39,6 @@ UNITS_OF_G = (0.8, 1.25)
 LIKE_GRAVITY = (0.6, 1.6)
 """[1] Allowed range of the specific force's median norm over gravity; outside it the unit is unknown."""
 
-
 MIRRORED = 20.0
 """[1] Threshold on the growth of the log-likelihood when the gyroscope's sign is reversed; above it the reversal is
 kept. On 13 real walks and 3 simulated ones it falls by 58 to 200 000, least in a straight walk without any lean."""

@@ -36,7 +36,6 @@ EXPECTED = "an APDM Opal HDF5 file"
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 AXES = "as printed on the Opal's case"
 
-
 NAMED_BY_CASE = Kind(
     "named_by_case",
     "info",

@@ -43,7 +43,6 @@ UNITS = {
 }  # fmt: skip
 """Type of channel → unit in the file → unit in jgait."""
 
-
 NO_GYROSCOPE = Kind("no_gyroscope", "info", "left out, for they have no gyroscope: {sensors}", LEFT_OUT)
 HEADER_SKIPPED = Kind(
     "header_skipped", "info", "the motion file has a header, which BIDS does not foresee; it was skipped", ORIGIN

@@ -42,7 +42,6 @@ BIG_ENDIAN = 86
 PARAMETERS_END = 2**19
 """[bytes] Largest possible end of the parameters: they begin within 255 blocks of 512 and have no more."""
 
-
 POINTS_NUMBERED = Kind("points_numbered", "info", "names that stand for several points got numbers: {names}", ORIGIN)
 MARKER_UNIT_DEDUCED = Kind(
     "marker_unit_deduced",

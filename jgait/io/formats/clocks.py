@@ -26,7 +26,6 @@ REPEATED = 0.01
 """[1] Share of the rows that may repeat the packet number before them; a counter that repeats more often does not count
 packets. Chosen far above the one repeat in 30 s of `ipol_gait` 11-1."""
 
-
 PACKETS_REPEATED = Kind(
     "packets_repeated", "check", "{placement}: packet numbers that occur twice are masked: {numbers}", LOSSES
 )

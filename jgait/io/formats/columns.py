@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 EXPECTED = "a table with columns <placement>_gyr_x, …, <placement>_acc_z, or gyr_x, …, acc_z of one sensor"
 ENDINGS = (".csv", ".tsv", ".txt", *PARQUET)
 
-
 DIALECT = Kind("names_of_library", "info", "{names}: m/s² and deg/s, as {library} has them", ORIGIN)
 TIME_UNIT_OF_FILE = Kind("time_unit_of_file", "info", "{file}: time taken to be in {unit}", DEDUCED)
 

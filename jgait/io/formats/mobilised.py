@@ -35,7 +35,6 @@ DEVICES = ("SU", "SU_INDIP", "SU_INDIP2")
 """Devices of a trial; if two devices have a sensor at one placement, the first is used."""
 AXES = "as the device's (worn as usual at the lower back: x up, y right, z forward)"
 
-
 SENSORS_LEFT_OUT = Kind("sensors_left_out", "info", "left out: {sensors}", LEFT_OUT)
 RECORDED_AT = Kind("recorded_at", "info", "recorded {date}", ORIGIN)
 STAMPS_DIFFER = Kind(

@@ -27,7 +27,6 @@ COUNTER, COUNTER_BITS = "PacketCounter", 16
 RATE = re.compile(r"(?:update rate|acquisition frequency)\W*([\d.]+)\s*hz", re.IGNORECASE)
 SERIAL = re.compile(r"[_-]([0-9A-F]{8})$")
 
-
 RATES_TOO_LARGE = Kind(
     "rates_too_large", "info", "{file}: Xsens' text is in rad/s by its manual, but the rates are too large", DEDUCED
 )

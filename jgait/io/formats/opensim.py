@@ -34,7 +34,6 @@ TURN = 2.0 * np.pi
 BENT, STRAIGHT = np.deg2rad(25.0), np.deg2rad(15.0)
 """[rad] In walking, the largest knee flexion is above the first, and the largest hyperextension below the second."""
 
-
 COLUMNS_NUMBERED = Kind("columns_numbered", "info", "columns of the same name got numbers: {names}", ORIGIN)
 IN_DEGREES = Kind(
     "in_degrees",

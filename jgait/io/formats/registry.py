@@ -15,7 +15,6 @@ from jgait.types import Recording, RecordingError
 HEAD = 4096
 """[bytes] Number of first bytes of a file that are read to recognise its format."""
 
-
 READ_AS = Kind("read_as", "info", "read as {format}", ORIGIN)
 
 
@@ -59,7 +58,6 @@ FORMATS: dict[str, Format] = {
     ),
 }
 """Name → format, in the order in which files are tried. A format of columns named as here comes last: `csv`."""
-
 
 SHEETS = (".xlsx", ".xls", ".ods", ".numbers")
 """Endings of spreadsheets."""

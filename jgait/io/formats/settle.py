@@ -22,7 +22,6 @@ from jgait.types import PLACEMENTS, Recording, RecordingError
 SLOW, FAST = 12.0, 30.0
 """[unit of the file] 99th percentile of a walking sensor's rate: below the first rad/s, above the second deg/s."""
 
-
 PLACED_BY_NAME = Kind("placed_by_name", "info", "the sensor {sensor!r} is taken to have sat at {placement}", DEDUCED)
 NOT_PLACED = Kind("not_placed", "info", "left out, for their placement is not known: {sensors}", LEFT_OUT)
 ACC_UNIT_DEDUCED = Kind(

@@ -29,7 +29,6 @@ FULL, OFTEN = 1.9, 1e-3
 """[g], [1] The low-noise accelerometer is at its limit where one axis is above the one in more than the other share."""
 STANDARD_GRAVITY = {"m/s^2": 9.80665, "g": 1.0, "mg": 1000.0}
 
-
 WIDE_RANGE_TAKEN = Kind(
     "wide_range_taken",
     "corrected",

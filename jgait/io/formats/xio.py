@@ -27,7 +27,6 @@ BY_DEVICE = ("inertial", "sensors")
 """Files that every device writes under the same name."""
 TIME = re.compile(r"^(?:time|timestamp)\s*\((\w+)\)$", re.IGNORECASE)
 
-
 ROWS_REPEATED = Kind(
     "rows_repeated", "check", "{file}: {rows} rows that repeat the row before are left out", LOSSES
 )  # fmt: skip

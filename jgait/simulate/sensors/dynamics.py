@@ -37,13 +37,7 @@ def low_pass(values: Float[AnyArray, "time *rest"], frequency: Values, dt: Value
 
 
 class Wobble(NamedTuple):
-    """Motion of a sensor on soft tissue relative to the bone, in the segment's axes.
-
-    Attributes:
-        displacement: (T, 3) [m].
-        velocity: (T, 3) [m/s].
-        acceleration: (T, 3) [m/s²].
-    """
+    """Motion of a sensor on soft tissue relative to the bone, in the segment's axes: (T, 3) [m], [m/s] and [m/s²]."""
 
     displacement: Values
     velocity: Values
