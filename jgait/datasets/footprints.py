@@ -19,8 +19,6 @@ Keys of `Walk.info`:
     footprints: {"samples": (n,) int, the last sample of each stance as published (the shoe's angular rate is then up
         to 1.3 rad/s), "time": (n,) [s], "position": (n, 2) [m]}, from above, the first at the origin; None
         where there are none.
-    publisher_trajectory: (T, 2) [m] the publisher's estimate, from above; None where there is none. Its strides are
-        3 cm too short, and stride 17 of recording 36 is 0.8 m too short, where the sensor agrees with the ruler.
     ruler: {"position": (n, 2) [m] in the corridor's axes, "tile" [m] edge of a floor tile}; None without the file.
     speed: [m/s] from the first footprint to the last; None where there are none.
     no_reference: why there is no reference; None where there is one.
@@ -69,7 +67,7 @@ def load_one(name: str) -> Walk:
         raise RecordingError(f"{path.name}: imu_data must be (T, 6), acceleration and rate; got {values.shape}")
     time = np.asarray(raw["timestamps"], np.float64)
     imu, rate_hz = foot_imu(path.name, time, values[:, 3:] * FLIP, values[:, :3] * FLIP)
-    details: dict[str, Any] = {"footprints": None, "publisher_trajectory": _trajectory(path), "ruler": None}
+    details: dict[str, Any] = {"footprints": None, "ruler": None}
     why = _add_ruler(details, name, files)
     if why is None:
         why = _add_footprints(details, name, time, files)
@@ -84,14 +82,6 @@ def load_one(name: str) -> Walk:
         speed = float(distance[-1] / (prints["time"][-1] - prints["time"][0]))
     recording = Recording({"foot_right": imu}, rate_hz, name, "footprints", tuple(files.notes))
     return Walk(recording, reference, {**details, "speed": speed, "no_reference": why, "verified": files.verified})
-
-
-def _trajectory(path: Path) -> np.ndarray | None:
-    try:
-        trajectory = read_mat(path, ("pyshoeTrajectory",))["pyshoeTrajectory"]
-    except RecordingError:
-        return None
-    return np.asarray(trajectory, np.float64)[:, :2] * ABOVE
 
 
 def _add_ruler(details: dict[str, Any], name: str, files: Files) -> str | None:

@@ -33,7 +33,6 @@ Keys of `Walk.info`; empty or None where unknown, for example without the .json:
         list.
     straight_parts: (2, 2) [s] from the first contact to the U-turn, from the U-turn to the trial's last contact.
     trial: (start, end) [s], upstream's: first foot off to last strike.
-    nominal_distance: [m] 20, there and back.
     test: what the person was instructed to do.
     height [m], mass [kg], age [years], gender: None where not known; upstream writes NaN for height and mass of persons
         10 and 14 and for the mass of person 2. sensor_height: None, upstream does not give it.
@@ -65,7 +64,6 @@ EVENTS = {"right": "RightFootEvents", "left": "LeftFootEvents"}
 LOST = 0.5  # [1] largest share of lost packets; with more, the column is not a packet counter
 REPEATED = 0.01  # [1] largest share of rows that repeat a packet number; with more, the column is not a counter
 EXCHANGED = -1.0  # [rad/s] right minus left roll rate late in swing; below it the sensors are exchanged
-NOMINAL_DISTANCE = 20.0  # [m]
 ACC_AS_UPSTREAM = Kind(
     "acc_as_upstream",
     "info",
@@ -139,7 +137,6 @@ def load_one(name: str) -> Walk:
         strides = strides._replace(valid=strides.valid & (strides.end <= end + 0.5 / RATE_HZ))
         reference = Estimate(time, Legs(None, None), None, None, valid, source, strides)
     details |= {
-        "nominal_distance": NOMINAL_DISTANCE,
         "test": "stand, 10 m, U-turn, 10 m, stand",
         "reference_system": None if reference is None else "checked by hand",
         "feet_exchanged": exchanged,

@@ -4,6 +4,9 @@ Sensors: Xsens, 100 Hz, m/s² and rad/s, on pelvis, thighs, shanks (upstream `Lo
 `LowLeg`, lower shank, turned by 90° about the shank's axis) and feet. Reference: Vicon joint centres and markers,
 100 Hz, mm, z up.
 
+The reference's distance is the length of the pelvis' horizontal path, smoothed so that sway does not count; on the
+straight parts it lies within 1.2 % of the net displacement.
+
 The IMU lags Vicon by two samples, so the first two IMU samples and the last two Vicon frames are dropped; all indices
 in `info` count samples of the aligned recording from 0, half-open.
 
@@ -14,9 +17,6 @@ Keys of `Walk.info`:
     heading: (T,) [rad] of the pelvis, low-passed, counter-clockwise from the laboratory's x axis.
     contact: {"right": (T,) bool, "left": …}, foot on the ground, upstream's flags; {} where there are none.
     ankle_strides: {"right": (n, 3) (stance sample, next stance sample, horizontal ankle displacement [m]), "left": …}.
-    forward_distance: (T,) [m] the sum of the pelvis' displacements along the heading; the reference's `distance` is
-        the length of the pelvis' horizontal path, smoothed so that sway does not count. On the straight parts both lie
-        within 1.2 % of the net displacement; in the U-turn the pelvis also moves sideways, which only the path counts.
     verified: whether every file's sha256 was known and agreed.
 """
 
@@ -163,13 +163,6 @@ def pelvis_heading(vicon: dict[str, np.ndarray]) -> np.ndarray:
     return low_pass_heading(np.unwrap(np.arctan2(to_right[:, 0], -to_right[:, 1])), RATE_HZ)
 
 
-def forward_path(position: np.ndarray, heading: np.ndarray) -> np.ndarray:
-    """Distance walked (T,) [m]: the sum of the displacements along the heading, so that lateral sway does not count."""
-    middle = (heading[1:] + heading[:-1]) / 2
-    step = np.diff(position, axis=0)
-    return np.concatenate([[0.0], np.cumsum(step[:, 0] * np.cos(middle) + step[:, 1] * np.sin(middle))])
-
-
 def stance_strides(contact: np.ndarray, ankle: np.ndarray) -> np.ndarray:
     """Horizontal displacement of the ankle (T, 3) [m] between the middles of successive stances.
 
@@ -225,7 +218,6 @@ def _reference(
         "heading": heading,
         "contact": contact,
         "ankle_strides": {side: stance_strides(contact[side], centres[side]["ankle"]) for side in contact},
-        "forward_distance": forward_path(pelvis, heading),
     }
 
 

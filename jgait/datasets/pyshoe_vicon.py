@@ -25,7 +25,6 @@ Keys of `Walk.info`:
     zero_velocity: {"vicon" | "shoe" | "ared" | "amvd" | "mbgtd": (T,) bool}, the publisher's detectors, each with
         the best threshold for the trial. Their output flickers: with gaps below 0.15 s closed and stances of 0.08 s at
         least, `vicon` gives 25 of the 29 stances of 2017-11-27-11-13-10; `shoe` detects stances in some swings.
-    best_detector: the detector with which the publisher's filter had the smallest error.
     speed: [m/s] path over the time from leaving the first footprint to reaching the last; None below two footprints.
     no_reference: None.
     verified: whether the file's sha256 was known and agreed.
@@ -68,7 +67,7 @@ def load_one(name: str) -> Walk:
     """One trial with the trajectory of the foot."""
     path, known = registry.file("pyshoe_vicon", f"{ROOT}/{name}.mat")
     flags = {detector: f"zv_{detector}_opt" for detector in DETECTORS}
-    raw = read_mat(path, ("ts", "imu", "gt", "best_detector", *flags.values()))
+    raw = read_mat(path, ("ts", "imu", "gt", *flags.values()))
     time, values = np.asarray(raw["ts"], np.float64), np.asarray(raw["imu"], np.float64)
     position = np.asarray(raw["gt"], np.float64)
     zero_velocity = {detector: np.asarray(raw[flag]).astype(bool) for detector, flag in flags.items()}
@@ -103,7 +102,6 @@ def load_one(name: str) -> Walk:
         "day": "-".join(name.split("-")[:3]),
         "footprints": prints,
         "zero_velocity": zero_velocity,
-        "best_detector": str(raw["best_detector"]),
         "speed": float(distance[-1] / (arrived[-1] - left[0])) if len(left) > 1 else None,
         "no_reference": None,
         "verified": known,

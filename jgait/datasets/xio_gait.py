@@ -13,7 +13,6 @@ The only reference is the closed loop.
 Keys of `Walk.info`:
     closes: whether the foot is known to end where it began.
     publisher_closure: [m] distance from start to end of the publisher's trajectory; None where it is not given.
-    publisher_path: [m] approximate length of the walk by the publisher; None where it is not given.
     no_reference: why there is no reference.
     verified: whether the file's sha256 was known and agreed.
 """
@@ -32,7 +31,7 @@ STANDARD_GRAVITY = 9.80665  # [m/s²] one g
 TIME = "Time (s)"
 GYROSCOPE = tuple(f"Gyroscope {axis} (deg/s)" for axis in "XYZ")
 ACCELEROMETER = tuple(f"Accelerometer {axis} (g)" for axis in "XYZ")
-CLOSED = {"short_walk": (0.082, 25.0), "long_walk": (0.421, 60.0)}  # publisher's closure and path [m]
+CLOSED = {"short_walk": 0.082, "long_walk": 0.421}  # publisher's closure [m]
 
 REPEATS_DROPPED = Kind("repeats_dropped", "check", "{rows} rows that repeat the row before dropped", LOSSES)
 TIME_STEPS = Kind("time_steps", "info", "time steps {least_ms:.1f} to {most_ms:.1f} ms", ORIGIN)
@@ -57,11 +56,9 @@ def load_one(name: str) -> Walk:
     steps = 1e3 * np.diff(imu.time)
     notes.append(TIME_STEPS(least_ms=steps.min(), most_ms=steps.max()))
     recording = Recording({"foot_right": imu}, rate_hz, name, "xio_gait", tuple(notes))
-    closure, length = CLOSED.get(name, (None, None))
     details = {
         "closes": name in CLOSED,
-        "publisher_closure": closure,
-        "publisher_path": length,
+        "publisher_closure": CLOSED.get(name),
         "no_reference": "known is only that the foot ends where it began" if name in CLOSED else "nothing is known",
         "verified": known,
     }

@@ -28,7 +28,7 @@ def folder(data_dir):
 def write(folder, name=NAME, **changes):
     time = 3.0 + np.arange(1200) * 0.005
     imu = np.tile([1.0, 2.0, -9.5, 0.1, 0.2, 0.3], (1200, 1))
-    variables = {"timestamps": time, "imu_data": imu, "pyshoeTrajectory": np.tile([1.0, 2.0], (1200, 1))} | changes
+    variables = {"timestamps": time, "imu_data": imu} | changes
     kept = {key: value for key, value in variables.items() if value is not None}
     savemat(folder / "LLIO_training_data" / f"{name}_LLIO.mat", kept)
     table = {"strideIndex": SAMPLES, "timestamp": time[SAMPLES], "gcpX": PLAN[:, 0], "gcpY": PLAN[:, 1]}
@@ -58,7 +58,6 @@ def test_axes_footprints_and_distance(folder):
     assert prints["samples"].tolist() == SAMPLES.tolist()
     np.testing.assert_allclose(prints["time"], SAMPLES * 0.005)
     np.testing.assert_allclose(prints["position"], [[0, 0], [0, 0.7], [0, 1.9], [1.0, 1.9]])
-    np.testing.assert_allclose(walk.info["publisher_trajectory"][3], [1, -2])
     np.testing.assert_allclose(walk.info["ruler"]["position"], prints["position"])
     assert walk.info["ruler"]["tile"] == 0.405 and walk.info["verified"] is False
     along = walk.reference.distance[[0, 400, 500, 600, 850, 1000, 1199]]
@@ -75,7 +74,7 @@ def test_axes_footprints_and_distance(folder):
 
 def test_missing_files_are_reported(folder):
     (folder / "own" / f"{NAME}.mat").unlink()
-    write(folder, "SensorConnectData_78", pyshoeTrajectory=None)
+    write(folder, "SensorConnectData_78")
     csv(folder, "SensorConnectData_78").unlink()
     walks = {walk.recording.name: walk for walk in datasets.load("footprints")}
     one = walks[NAME]
@@ -84,7 +83,6 @@ def test_missing_files_are_reported(folder):
     other = walks["SensorConnectData_78"]
     assert other.reference is None and other.info["footprints"] is None and other.info["speed"] is None
     assert "SensorConnectData_78_strideIndex" in other.info["no_reference"]
-    assert other.info["publisher_trajectory"] is None
 
 
 def test_footprints_that_the_publisher_calls_wrong_are_not_used(folder):
@@ -173,10 +171,3 @@ def test_footprints_are_the_ruler_s_turned_and_not_mirrored(walk):
     u, _, vt = np.linalg.svd(ruler.T @ prints)
     assert np.linalg.det(u @ vt) == pytest.approx(1)
     np.testing.assert_allclose(ruler @ u @ vt, prints, atol=1e-9)
-
-
-def test_the_publisher_s_trajectory_is_not_mirrored(walk):
-    there, plan = walk.info["publisher_trajectory"], walk.info["footprints"]["position"]
-    off = there[walk.info["footprints"]["samples"]] - plan * np.array([[[1, 1]], [[1, -1]]])
-    as_it_is, mirrored = np.sqrt(np.mean(np.sum(off**2, axis=2), axis=1))
-    assert as_it_is < 1.5 and mirrored > 3 * as_it_is

@@ -79,7 +79,7 @@ def test_contacts_strides_and_the_turn(folder):
     assert strides.valid.all() and np.isnan(strides.length).all()
     assert info["trial"] == (0.4, 2.6)
     np.testing.assert_array_equal(np.flatnonzero(walk.reference.valid), np.arange(40, 261))
-    assert walk.reference.distance is None and info["nominal_distance"] == 20
+    assert walk.reference.distance is None
     np.testing.assert_allclose([info["turns"]["start"], info["turns"]["end"]], [[1.4], [1.7]])
     np.testing.assert_allclose(info["straight_parts"], [[0.6, 1.4], [1.7, 2.6]])
     np.testing.assert_allclose([info["bouts"]["start"], info["bouts"]["end"]], [[0.6], [2.6]])

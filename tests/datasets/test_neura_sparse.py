@@ -123,7 +123,6 @@ def test_angles_position_distance_and_windows(written):
     np.testing.assert_allclose(walk.info["lengths"]["right"], (THIGH, SHANK), atol=1e-9)
     np.testing.assert_allclose(walk.info["heading"], np.pi, atol=1e-9)
     assert walk.reference.distance[-1] == pytest.approx(5.5, abs=1e-6)
-    np.testing.assert_allclose(walk.info["forward_distance"][-1], 5.5, atol=1e-9)
     windows = walk.info["windows"]
     assert windows["whole"] == (400, 900)
     assert windows["straight_1"] == (400, 900)

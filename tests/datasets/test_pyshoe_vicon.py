@@ -33,7 +33,7 @@ def folder(data_dir):
 def write(folder, name=NAME, **changes):
     imu = np.tile([1.0, 2.0, -9.5, 0.1, 0.2, 0.3], (SAMPLES, 1))
     flags = {f"zv_{one}_opt": np.full(SAMPLES, k % 2) for k, one in enumerate(pyshoe_vicon.DETECTORS)}
-    variables = {"ts": 7.0 + TIME, "imu": imu, "gt": foot(), "best_detector": "shoe", **flags} | changes
+    variables = {"ts": 7.0 + TIME, "imu": imu, "gt": foot(), **flags} | changes
     savemat(folder / f"{name}.mat", {key: value for key, value in variables.items() if value is not None})
 
 
@@ -72,7 +72,6 @@ def test_axes_stances_and_distance(folder):
     assert {name: of.all() for name, of in walk.info["zero_velocity"].items()} == {
         "vicon": False, "shoe": True, "ared": False, "amvd": True, "mbgtd": False,
     }  # fmt: skip
-    assert walk.info["best_detector"] == "shoe"
     assert walk.info["speed"] == pytest.approx(STRIDES * LENGTH / 4.5, rel=0.03)
 
 
