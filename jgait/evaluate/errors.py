@@ -155,17 +155,15 @@ def distance_error(estimate: Estimate, reference: Estimate, window: Window = Non
     return DistanceError(float(ours[-1]), float(theirs[-1]), error, abs(error), error / float(theirs[-1]), rmse)
 
 
-def foot_position_error(
-    estimate: Estimate, reference: Estimate, side: str, window: Window = None
-) -> PositionError | None:
+def foot_position_error(estimate: Estimate, reference: Estimate, side: str) -> PositionError | None:
     """Error of one foot's position, after the estimate is turned about the vertical and shifted onto the reference.
 
     A sensor on a foot measures neither heading nor position in the laboratory, so both are fitted. If one of the two
-    trajectories has fewer instants, both are compared at these instants, within the window of the reference. None where
-    estimate or reference does not have that foot.
+    trajectories has fewer instants, both are compared at these instants. None where estimate or reference does not have
+    that foot.
 
     Raises:
-        ValueError: if they have no time, or no sample of the window, in common.
+        ValueError: if they have no valid time in common.
     """
     if estimate.feet is None or reference.feet is None:
         return None
@@ -177,10 +175,8 @@ def foot_position_error(
     coarser = 0 if ours_every > 1.5 * theirs_every else 1
     pair = (reference, estimate) if coarser == 0 else (estimate, reference)
     common = common_samples(*pair)
-    judged = _samples(reference, window, "window")
-    common &= judged if coarser == 1 else np.interp(times[0], times[1], judged.astype(float)) > 1.0 - 1e-9
     if not common.any():
-        raise ValueError("window holds no sample where estimate and reference are both valid")
+        raise ValueError("there is no sample where estimate and reference are both valid")
     at = times[coarser][common]
     ours, theirs = (
         np.stack([np.interp(at, time, axis) for axis in as_float(way.position).T], axis=1)

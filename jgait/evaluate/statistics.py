@@ -36,7 +36,7 @@ class PairedDifference(NamedTuple):
     """Change of errors, after − before; a negative change is an improvement.
 
     Attributes:
-        estimate: statistic over subjects of their mean change, in the unit of the errors, with its interval.
+        estimate: median over subjects of their mean change, in the unit of the errors, with its interval.
         n: number of subjects; `better` and `worse`: those whose errors decreased or increased.
     """
 
@@ -107,15 +107,11 @@ def paired_difference(
     subjects: npt.ArrayLike,
     *,
     seed: int,
-    statistic: Callable[[np.ndarray], PyTree] = np.median,
-    level: float = 0.95,
-    resamples: int = 2000,
 ) -> PairedDifference:
-    """Paired change of errors, with an interval over subjects; every subject has the same weight.
+    """Median paired change of errors, with its 95 % interval over subjects; every subject has the same weight.
 
     `before` and `after` (n,) are sizes of errors of the same recordings, `subjects` (n,) the subject of each, whose
-    changes are averaged. `statistic` maps them to a scalar, `np.median` or `np.mean`; other arguments as of
-    `bootstrap_interval`.
+    changes are averaged; `seed` as of `bootstrap_interval`.
 
     Raises:
         ValueError: if the three differ in length, a value is not finite, or there are fewer than two subjects.
@@ -127,9 +123,9 @@ def paired_difference(
     if count < 2:
         raise ValueError(f"a paired difference needs at least two subjects; got {count}")
     changes = np.bincount(codes, second - first) / np.bincount(codes)
-    low, high = bootstrap_interval(changes, statistic, seed=seed, level=level, resamples=resamples)
+    low, high = bootstrap_interval(changes, seed=seed)
     better, worse = int(np.sum(changes < 0.0)), int(np.sum(changes > 0.0))
-    return PairedDifference(float(statistic(changes)), low, high, count, better, worse)
+    return PairedDifference(float(np.median(changes)), low, high, count, better, worse)
 
 
 def require_columns(table: "pd.DataFrame", names: Sequence[str]) -> None:

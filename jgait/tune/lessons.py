@@ -83,10 +83,10 @@ class Lessons(NamedTuple):
         return jax.tree.map(lambda leaf: leaf[number], self.data)
 
 
-def named_windows(look: str, standing: str = "standing") -> Callable[[Walk, Prepared[PyTree]], Windows]:
+def named_windows(look: str) -> Callable[[Walk, Prepared[PyTree]], Windows]:
     """Windows from their names in `walk.info["windows"]`, which holds them in samples of the walk's reference.
 
-    A walk without a standing window gets the standing that the estimator detected.
+    A walk without a window "standing" gets the standing that the estimator detected.
     """
 
     def windows(walk: Walk, prepared: Prepared[PyTree]) -> Windows:
@@ -96,7 +96,7 @@ def named_windows(look: str, standing: str = "standing") -> Callable[[Walk, Prep
         steps = (float(np.median(np.diff(as_float(time)))) for time in (prepared.inputs.time, walk.reference.time))
         every = round(next(steps) / next(steps))
         spans = {name: (start // every, end // every) for name, (start, end) in known.items()}
-        return Windows(spans[look], spans.get(standing, prepared.standing))
+        return Windows(spans[look], spans.get("standing", prepared.standing))
 
     return windows
 

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PyTree
 
-from jgait.types import SIDES, AnyArray, Estimate, LegTrajectory, Scalar, Strides, Values
+from jgait.types import AnyArray, Estimate, LegTrajectory, Scalar, Strides, Values
 
 _DEGREE = jnp.pi / 180.0
 _CENTIMETRE = 0.01
@@ -64,17 +64,11 @@ def _window(estimate: Estimate, reference: Estimate, window: Bool[AnyArray, "tim
     return both if window is None else both & jnp.asarray(window)
 
 
-def _pairs(
-    estimate: Estimate, reference: Estimate, sides: tuple[str, ...]
-) -> list[tuple[LegTrajectory, LegTrajectory]]:
-    """The legs among `sides` that both the estimate and the reference have."""
-    unknown = [side for side in sides if side not in SIDES]
-    if unknown:
-        raise ValueError(f"sides must be among {SIDES}; got {unknown[0]!r}")
-    legs = [(getattr(estimate.legs, side), getattr(reference.legs, side)) for side in sides]
-    pairs = [(a, b) for a, b in legs if a is not None and b is not None]
+def _pairs(estimate: Estimate, reference: Estimate) -> list[tuple[LegTrajectory, LegTrajectory]]:
+    """The legs that both the estimate and the reference have."""
+    pairs = [(a, b) for a, b in zip(estimate.legs, reference.legs, strict=True) if a is not None and b is not None]
     if not pairs:
-        raise ValueError(f"estimate and reference share none of the legs {list(sides)}")
+        raise ValueError("estimate and reference share no leg")
     return pairs
 
 
@@ -85,7 +79,6 @@ def trajectory(
     *,
     window: Bool[AnyArray, "time"] | None = None,
     relative_to: Bool[AnyArray, "time"] | None = None,
-    sides: tuple[str, ...] = SIDES,
 ) -> Float[Array, ""]:
     """Weighted mean squared error of a leg's angles and foot path.
 
@@ -97,13 +90,12 @@ def trajectory(
         weights: weights of the fields; None: an error of one degree or one centimetre has a loss of 1.
         window: (T,) bool, samples to use; None for all. Samples invalid in either input are never used.
         relative_to: (T,) bool, samples (of standing) whose mean difference is subtracted first; None: no subtraction.
-        sides: the legs to compare.
 
     Returns:
         A scalar [1].
 
     Raises:
-        ValueError: if no leg is shared, a side is unknown, or the numbers of samples differ.
+        ValueError: if no leg is shared, or the numbers of samples differ.
     """
     weights = TrajectoryWeights() if weights is None else weights
     look = _window(estimate, reference, window)
@@ -115,7 +107,7 @@ def trajectory(
         offset = masked_mean(_difference(a, b, still), still)
         return masked_mean((_difference(a, b, look) - offset) ** 2, look)
 
-    pairs = _pairs(estimate, reference, sides)
+    pairs = _pairs(estimate, reference)
     terms = [w * field(a, b) for one, other in pairs for w, a, b in zip(weights, one, other, strict=True)]
     return jax.tree.reduce(jnp.add, terms) / len(pairs)
 
