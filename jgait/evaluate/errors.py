@@ -175,8 +175,6 @@ def foot_position_error(estimate: Estimate, reference: Estimate, side: str) -> P
     coarser = 0 if ours_every > 1.5 * theirs_every else 1
     pair = (reference, estimate) if coarser == 0 else (estimate, reference)
     common = common_samples(*pair)
-    if not common.any():
-        raise ValueError("there is no sample where estimate and reference are both valid")
     at = times[coarser][common]
     ours, theirs = (
         np.stack([np.interp(at, time, axis) for axis in as_float(way.position).T], axis=1)
