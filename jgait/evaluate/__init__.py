@@ -19,7 +19,6 @@ from jgait.evaluate.statistics import (
     AGREEMENT,
     PairedDifference,
     agreement,
-    bootstrap_interval,
     paired_difference,
     with_errors,
 )
@@ -39,7 +38,6 @@ __all__ = [
     "Whiteness",
     "Window",
     "agreement",
-    "bootstrap_interval",
     "cohort",
     "distance_error",
     "foot_position_error",

@@ -4,12 +4,11 @@ Strides of one person are not independent: confidence intervals are computed by 
 variance over subjects. On the host, in NumPy and pandas; quantiles of distributions need scipy (the extra `io`).
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from jaxtyping import PyTree
 
 from jgait.evaluate.reliability import (
     check_level,
@@ -30,6 +29,10 @@ AGREEMENT = (
     "max_abs", "icc", "icc_low", "icc_high", "n_dropped",
 )  # fmt: skip
 """Columns of the table of `agreement`."""
+
+
+LEVEL, RESAMPLES = 0.95, 2000
+"""[1] Coverage probability of an interval over subjects, and number of its resamples."""
 
 
 class PairedDifference(NamedTuple):
@@ -72,35 +75,6 @@ def _ends(values: npt.ArrayLike, level: float) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def bootstrap_interval(
-    values: npt.ArrayLike,
-    statistic: Callable[[np.ndarray], PyTree] = np.median,
-    *,
-    seed: int,
-    level: float = 0.95,
-    resamples: int = 2000,
-) -> tuple[float, float]:
-    """Percentile bootstrap interval of a statistic of independent values; give one value a person, not a sample.
-
-    Args:
-        values: (n,), finite.
-        statistic: (n,) → scalar.
-        seed: seed of the resampling; the same seed gives the same interval.
-        level: coverage probability of the interval [1].
-        resamples: number of resamples.
-
-    Returns:
-        Lower and upper end of the interval, in the unit of the statistic.
-
-    Raises:
-        ValueError: if there are fewer than two values, one is not finite, or `level` is not inside (0, 1).
-    """
-    data = as_float(values)
-    if data.ndim != 1 or data.size < 2 or not np.isfinite(data).all():
-        raise ValueError(f"bootstrap needs at least two finite values in one dimension; got shape {data.shape}")
-    return _ends([statistic(data[draw]) for draw in _draws(data.size, seed, level, resamples)], level)
-
-
 def paired_difference(
     before: npt.ArrayLike,
     after: npt.ArrayLike,
@@ -111,7 +85,7 @@ def paired_difference(
     """Median paired change of errors, with its 95 % interval over subjects; every subject has the same weight.
 
     `before` and `after` (n,) are sizes of errors of the same recordings, `subjects` (n,) the subject of each, whose
-    changes are averaged; `seed` as of `bootstrap_interval`.
+    changes are averaged; the interval is the percentile bootstrap of 2000 resamples, drawn with the seed.
 
     Raises:
         ValueError: if the three differ in length, a value is not finite, or there are fewer than two subjects.
@@ -123,7 +97,7 @@ def paired_difference(
     if count < 2:
         raise ValueError(f"a paired difference needs at least two subjects; got {count}")
     changes = np.bincount(codes, second - first) / np.bincount(codes)
-    low, high = bootstrap_interval(changes, seed=seed)
+    low, high = _ends([np.median(changes[draw]) for draw in _draws(count, seed, LEVEL, RESAMPLES)], LEVEL)
     better, worse = int(np.sum(changes < 0.0)), int(np.sum(changes > 0.0))
     return PairedDifference(float(np.median(changes)), low, high, count, better, worse)
 
@@ -154,8 +128,8 @@ def agreement(
     by: str = "subject",
     quantities: Sequence[str] | None = None,
     seed: int = 0,
-    level: float = 0.95,
-    resamples: int = 2000,
+    level: float = LEVEL,
+    resamples: int = RESAMPLES,
 ) -> "pd.DataFrame":
     """Agreement of estimates with their reference, one row a quantity.
 

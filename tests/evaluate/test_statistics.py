@@ -30,19 +30,16 @@ def over_subjects(table, statistic, *, seed, resamples):
 
 
 def test_bootstrap_covers_the_median_and_repeats_with_its_seed():
-    values = np.random.default_rng(0).normal(3.0, 1.0, 200)
-    low, high = evaluate.bootstrap_interval(values, seed=1)
+    values, people = np.random.default_rng(0).normal(3.0, 1.0, 200), np.arange(200)
+
+    def interval(seed):
+        return evaluate.paired_difference(0.0 * values, values, people, seed=seed)[1:3]
+
+    low, high = interval(1)
     assert low < np.median(values) < high
-    assert high - low < 0.6
-    assert (low, high) == evaluate.bootstrap_interval(values, seed=1)
-    assert (low, high) != evaluate.bootstrap_interval(values, seed=2)
-    wide = evaluate.bootstrap_interval(values, np.mean, seed=1, level=0.99)
-    narrow = evaluate.bootstrap_interval(values, np.mean, seed=1, level=0.5)
-    assert wide[0] < narrow[0] < values.mean() < narrow[1] < wide[1]
-    # for a mean of normals the interval is mean ± 1.96 s/√n, within what 2000 resamples can tell
-    low, high = evaluate.bootstrap_interval(values, np.mean, seed=3)
-    half = 1.96 * values.std() / np.sqrt(200)
-    np.testing.assert_allclose([low, high], [values.mean() - half, values.mean() + half], atol=0.15 * half)
+    # the median of normals is known to ± 1.96 · 1.2533 s/√n, within what one draw of them can tell
+    assert high - low == pytest.approx(2.0 * 1.96 * 1.2533 * values.std() / np.sqrt(200), rel=0.35)
+    assert (low, high) == interval(1) != interval(2)
 
 
 # --- over subjects ---
@@ -240,12 +237,10 @@ def test_a_statistic_that_cannot_be_computed_is_nan():
 
 def test_refusals_state_what_was_wrong():
     table = cohort([2, 2])
-    with pytest.raises(ValueError, match="at least two finite values"):
-        evaluate.bootstrap_interval([1.0], seed=0)
     with pytest.raises(ValueError, match=r"level must lie in \(0, 1\); got 95"):
-        evaluate.bootstrap_interval([1.0, 2.0], seed=0, level=95)
+        evaluate.agreement(table, level=95)
     with pytest.raises(ValueError, match="resamples must be positive; got 0"):
-        evaluate.bootstrap_interval([1.0, 2.0], seed=0, resamples=0)
+        evaluate.agreement(table, resamples=0)
     with pytest.raises(ValueError, match=r"\['person'\] missing"):
         evaluate.agreement(table, by="person")
     with pytest.raises(ValueError, match="every row needs a subject; 1 of 4 have none"):
