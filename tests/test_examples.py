@@ -12,7 +12,6 @@ from made.process import environment
 from jgait import io, simulate
 
 ROOT = Path(__file__).parents[1]
-QUICK = ("README.md", "docs/guide/own_filter.md")
 PAGES = ["README.md", *sorted(str(page.relative_to(ROOT)) for page in (ROOT / "docs" / "guide").glob("*.md"))]
 
 
@@ -30,7 +29,7 @@ def run(code, folder):
 
 
 @pytest.mark.parametrize(
-    "page", [page if page in QUICK else pytest.param(page, marks=pytest.mark.release) for page in PAGES]
+    "page", [page if page == "README.md" else pytest.param(page, marks=pytest.mark.release) for page in PAGES]
 )
 def test_the_python_of_a_page_runs_as_written(page, tmp_path):
     code = blocks(page)

@@ -1,21 +1,16 @@
 """The command line end to end: a user's CSV, and what it says of bad ones."""
 
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import jax
 import numpy as np
 import pandas as pd
 import pytest
 from made.command import run
-from made.process import environment
 
+from experiments.__main__ import main
 from jgait import io
 from jgait.simulate import protocols
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -165,16 +160,12 @@ def test_demo_refuses_an_unknown_data_set():
     assert "auto, simulated or neura_sparse; got 'mine'" in said
 
 
-def test_the_quick_experiment_writes_its_rows(tmp_path, monkeypatch):
+def test_the_quick_experiment_writes_its_rows(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path / "none"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     result = tmp_path / "leg_ekf.json"
-    done = subprocess.run(
-        [sys.executable, "-m", "experiments", "leg_ekf", "--quick", "--json", str(result)],
-        capture_output=True, text=True, check=False, cwd=ROOT, env=environment(),
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert "left out" in done.stdout
+    main(["leg_ekf", "--quick", "--json", str(result)])
+    assert "left out" in capsys.readouterr().out
     written = json.loads(result.read_text())
     assert written["experiment"] == "leg_ekf"
     for row in written["rows"]:
