@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made.estimators import shorter
 from made.notes import texts
 from made.trunk import rotation
 
@@ -143,15 +142,6 @@ def test_shanks_that_walk_different_distances_are_noted(walk):
         assert any(note.code == "shanks_apart" for note in result.diagnostics["notes"]) == noted
         right, left = (float(result.diagnostics[f"shank_distance_{side}"]) for side in SIDES)
         assert (abs(right - left) > 1.6) == noted
-
-
-def test_a_recording_of_another_length_compiles_nothing(walk, compiled):
-    recording, truth = walk
-    p = parameters(truth)
-    leg_ekf.estimate(p, recording)
-    compiled.clear()
-    assert leg_ekf.estimate(p, shorter(recording, 77)).time.size < recording.sensors["thigh_right"].time.size
-    assert compiled == []
 
 
 def test_distance_of_a_simulated_walk_is_near_before_any_calibration(walk):
@@ -390,12 +380,6 @@ class TestRefusals:
         sensors = {k: type(v)(v.time[:2], v.gyr[:2], v.acc[:2], v.mask[:2]) for k, v in recording.sensors.items()}
         with pytest.raises(RecordingError, match="has 2 samples"):
             leg_ekf.estimate(parameters(truth), recording._replace(sensors=sensors))
-
-    def test_leg_length_in_centimetres(self, noisy):
-        recording, truth = noisy
-        p = parameters(truth)._replace(thigh_length=BySide(43.0, 43.0))
-        with pytest.raises(ValueError, match=r"thigh_length.right.* must lie in \(0.2, 0.7\); got 43"):
-            leg_ekf.estimate(p, recording)
 
     def test_rate_above_the_recordings_own(self, noisy):
         recording, truth = noisy

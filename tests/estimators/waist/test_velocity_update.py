@@ -178,16 +178,23 @@ def test_every_bout_begins_anew_where_its_velocity_is_known(name):
         return WAYS[name](P, acc, cycles, DT, start=start, known=known, **settings)
 
     walk, pause = WALK + jnp.where(jnp.arange(SAMPLES) > 50, 0.05, 0.0), 7
-    both = jnp.concatenate([walk, jnp.zeros(pause), FASTER])
+    nothing = jnp.zeros(SAMPLES + pause)
+    both = jnp.concatenate([walk, nothing[:pause], FASTER])
     second = SAMPLES + pause
     begin, end = (np.concatenate([marks, second + marks]) for marks in (MARKS[:-1], MARKS[1:]))
     start = jnp.zeros(both.size).at[second].set(0.3)
     cycles = Cycles(jnp.asarray(begin, jnp.int32), jnp.asarray(end, jnp.int32), len(begin))
     at, nowhere = jnp.arange(both.size), jnp.zeros(both.size)
     told = way(both, cycles, start, at == second)
-    alone = [way(walk, CYCLES, 0.0), way(FASTER, CYCLES, 0.3)]
+    # Each alone is in an array as long, with as many cycles, of which the first eight are valid: one program.
+    marks = (jnp.asarray(np.concatenate([own, 0 * own]), jnp.int32) for own in (MARKS[:-1], MARKS[1:]))
+    one = Cycles(*marks, len(MARKS) - 1)
+    alone = [
+        way(jnp.concatenate([acc, nothing]), one, nowhere + first, at < 0)
+        for acc, first in ((walk, 0.0), (FASTER, 0.3))
+    ]
     for k, (first, one) in enumerate(zip((0, second), alone, strict=True)):
-        np.testing.assert_allclose(told.velocity[first + 1 : first + SAMPLES], one.velocity[1:], atol=1e-11)
+        np.testing.assert_allclose(told.velocity[first + 1 : first + SAMPLES], one.velocity[1:SAMPLES], atol=1e-11)
         for field in ("start", "change", "kept", "updated", "length"):
             np.testing.assert_allclose(getattr(told, field)[8 * k : 8 * k + 8], getattr(one, field)[:8], atol=1e-11)
     # it is not that the first bout leaves no trace
