@@ -185,8 +185,10 @@ def _decided(
         row, before.before, stands, before.started, before.restart, instant, ~passed, ends, state.swung, state.landed,
         lost, state.slow >= worn.calm,
     )  # fmt: skip
+    # all rows are written: setting one would be a scatter, which XLA does not compile as a part of a loop
+    history = jnp.where(jnp.arange(rows, dtype=index.dtype)[:, None] == index % rows, newest[None], state.history)
     after = state._replace(
-        history=state.history.at[index % rows].set(newest),
+        history=history,
         before=row[:6],
         started=started,
         restart=instant.astype(newest.dtype),

@@ -117,7 +117,8 @@ def filters_of(p: AnkleParams, worn: Worn, options: AnkleOptions, dtype: DTypeLi
 
 def reading(worn: Worn, gyr: Values, acc: Values) -> Values:
     """(6,) a reading in the segment's axes."""
-    return jnp.concatenate([worn.axes @ jnp.asarray(gyr), worn.axes @ jnp.asarray(acc)])
+    # sums of products: XLA calls a library for a matrix product, and compiles a loop with such a call step by step
+    return jnp.concatenate([jnp.sum(worn.axes * jnp.asarray(values)[None], axis=1) for values in (gyr, acc)])
 
 
 def begin(p: AnkleParams, worn: Worn, gyr: Values, acc: Values, options: AnkleOptions = ONLINE) -> AnkleOnlineState:

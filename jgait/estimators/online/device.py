@@ -6,18 +6,20 @@ share one compiled program.
 """
 
 import functools
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import PyTree
 
 from jgait.filtering.compile import compiled, compiler_options
 from jgait.types import Counts, Flags, Values
 
-BLOCK = 32
+BLOCK = 16
 """[samples] Most samples of one call of the compiled program; longer blocks are divided."""
 
 
@@ -90,7 +92,7 @@ def unpacked(parts: list[PyTree], structure: Structure) -> PyTree:
     by_type = {np.dtype(part.dtype): part for part in parts}
     found = []
     for shape, kind in structure.leaves:
-        first, size = at[kind], int(np.prod(shape))
+        first, size = at[kind], math.prod(shape)
         at[kind] = first + size
         found.append(by_type[kind][first : first + size].reshape(shape))
     return jax.tree.unflatten(structure.tree, found)
@@ -116,34 +118,69 @@ def _begun(constants: PyTree, row: Values, *, device: tuple[PyTree, ...]) -> PyT
     return _strong(begin(constants, _samples(row), options))
 
 
-def _looped(
-    constants: PyTree, parts: list[PyTree], block: Values, count: Values, *, device: tuple[PyTree, ...],
-    structure: Structure, width: int,
+def _advanced(
+    constants: list[PyTree], parts: list[PyTree], block: Values, count: Values, *, device: tuple[PyTree, ...],
+    structures: tuple[Structure, Structure], width: int,
 ) -> tuple[list[PyTree], Values]:  # fmt: skip
-    _, advance, options = device
+    """The packed state after a block of samples, and the results as a matrix (`BLOCK`, width).
 
-    state = unpacked(parts, structure)
-    after, found = advance(constants, state, _samples(block), count, options)
-    rows = [jnp.asarray(leaf, block.dtype).reshape(block.shape[0], -1) for leaf in jax.tree.leaves(found)]
-    return packed(_like(after, state)), jnp.concatenate(rows, axis=1)
+    The block is the only turn of a loop: XLA compiles a small loop to one function, and a program of some 500
+    operations to as many, whose calls take longer than their arithmetic.
+    """
+    _, advance, options = device
+    fixed, moving = structures
+
+    def turn(kept: tuple[PyTree, ...]) -> tuple[PyTree, ...]:
+        # as if all depended on the number of the turn, or XLA would compute a part before the loop
+        (number, parts, _), own, samples, real = lax.optimization_barrier((kept, constants, block, count))
+        state = unpacked(parts, moving)
+        after, found = advance(unpacked(own, fixed), state, _samples(samples), real, options)
+        rows = [jnp.asarray(leaf, block.dtype).reshape(block.shape[0], -1) for leaf in jax.tree.leaves(found)]
+        return number + 1, packed(_like(after, state)), jnp.concatenate(rows, axis=1)
+
+    turns = jnp.minimum(count, 1)  # not a constant, or XLA would remove the loop
+    none = jnp.zeros((block.shape[0], width), block.dtype)
+    return lax.while_loop(lambda kept: kept[0] < turns, turn, (jnp.zeros_like(turns), parts, none))[1:]
 
 
 @functools.cache
 def _compiled(
-    device: tuple[PyTree, ...], structure: Structure, width: int
+    device: tuple[PyTree, ...], structures: tuple[Structure, Structure], width: int
 ) -> Callable[..., tuple[list[PyTree], Values]]:
-    """`_looped` for a device, compiled once for all persons."""
-    fixed = functools.partial(_looped, device=device, structure=structure, width=width)
+    """`_advanced` for a device, compiled once for all persons."""
+    fixed = functools.partial(_advanced, device=device, structures=structures, width=width)
     return jax.jit(fixed, compiler_options=compiler_options() or None)
 
 
 _begin = compiled(_begun, static_argnames=("device",))
 
 
+class Field(NamedTuple):
+    """A field of the results: columns, shape and type of each leaf of its tree."""
+
+    tree: jax.tree_util.PyTreeDef
+    leaves: tuple[tuple[slice, tuple[int, ...], np.dtype], ...]
+
+
+def _fields(found: PyTree) -> tuple[dict[str, Field], int]:
+    """The fields of results (n, …), and the number of columns of their matrix."""
+    width = 0
+    fields = {}
+    for name, value in zip(found._fields, found, strict=True):
+        leaves, tree = jax.tree.flatten(value)
+        columns = []
+        for leaf in leaves:
+            size = math.prod(leaf.shape[1:])
+            columns.append((slice(width, width + size), leaf.shape[1:], np.dtype(leaf.dtype)))
+            width += size
+        fields[name] = Field(tree, tuple(columns))
+    return fields, width
+
+
 class Results:
     """Results of n samples; each field is taken out of a matrix (n, width) when it is asked for."""
 
-    def __init__(self, matrix: np.ndarray, fields: dict[str, tuple[int, Structure]]) -> None:
+    def __init__(self, matrix: np.ndarray, fields: dict[str, Field]) -> None:
         self._matrix, self._fields = matrix, fields
 
     def __contains__(self, name: str) -> bool:
@@ -151,14 +188,10 @@ class Results:
 
     def field(self, name: str, at: PyTree = slice(None)) -> PyTree:
         """A field of the results, leaves (n, …), at all or some of the samples; None if it is None."""
-        first, structure = self._fields[name]
-        found = []
-        for shape, kind in structure.leaves:
-            size = int(np.prod(shape))
-            values = self._matrix[at, first : first + size].reshape(-1, *shape)
-            found.append(values if values.dtype == kind else values.astype(kind))
-            first += size
-        return jax.tree.unflatten(structure.tree, found)
+        tree, leaves = self._fields[name]
+        rows = self._matrix[at]
+        found = (rows[:, columns].reshape(-1, *shape).astype(kind, copy=False) for columns, shape, kind in leaves)
+        return jax.tree.unflatten(tree, found)
 
 
 class Runner:
@@ -166,11 +199,11 @@ class Runner:
 
     def __init__(self, device: Device) -> None:
         self.device = device
-        self._constants = jax.tree.map(jnp.asarray, device.constants)
+        self._constants: list[PyTree] = []
         self._dtype = jnp.zeros(()).dtype
         self._parts: list[PyTree] | None = None
         self._loop: Callable[..., tuple[list[PyTree], Values]] | None = None
-        self._fields: dict[str, tuple[int, Structure]] = {}
+        self._fields: dict[str, Field] = {}
 
     @property
     def state_bytes(self) -> int:
@@ -179,19 +212,16 @@ class Runner:
 
     def _start(self, row: np.ndarray) -> None:
         device = self.device.begin, self.device.advance, self.device.options
-        state = _begin(self._constants, row, device=device)
+        constants = jax.tree.map(jnp.asarray, self.device.constants)
+        state = _begin(constants, row, device=device)
         block = jax.ShapeDtypeStruct((BLOCK, row.size), self._dtype)
         found = jax.eval_shape(
             lambda c, s, b: self.device.advance(c, s, _samples(b), np.int32(1), self.device.options)[1],
-            self._constants, state, block,
+            constants, state, block,
         )  # fmt: skip
-        width = 0
-        for name, value in zip(found._fields, found, strict=True):
-            structure = Structure.of(jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype), value))
-            self._fields[name] = width, structure
-            width += sum(int(np.prod(shape)) for shape, _ in structure.leaves)
-        self._parts = packed(state)
-        self._loop = _compiled(device, Structure.of(state), width)
+        self._fields, width = _fields(found)
+        self._constants, self._parts = packed(constants), packed(state)
+        self._loop = _compiled(device, (Structure.of(constants), Structure.of(state)), width)
 
     def push(self, rows: np.ndarray) -> Results:
         """The results after each of n > 0 samples, (n, 1 + 8 k): dt, and gyr, acc, turned, felt of each sensor."""
