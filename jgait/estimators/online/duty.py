@@ -33,10 +33,10 @@ from jgait.types import SIDES, Counts, Flags, LegTrajectory, Recording, Values, 
 
 
 class DutyConstants(NamedTuple):
-    """Parameters of each leg, in the order right, left; mounting of the k sensors.
+    """Parameters of the legs; mounting of the k sensors.
 
     Attributes:
-        own: parameters of each leg with a sensor.
+        own: parameters of the n legs of each group, leaves (n,).
         axes: (k, 3, 3) axes of the segments in the sensors' axes [1].
         scale: (k,) factor on the accelerometer [1].
         bias: (k,) sagittal gyroscope bias at rest, positive when the distal end swings forward [rad/s].
@@ -55,9 +55,11 @@ class DutyConstants(NamedTuple):
 
 
 class DutyState(NamedTuple):
-    """Beliefs about the segments in the order of the sensors, slow samples, (k,) time without a rate [s]."""
+    """Beliefs about thigh and shank of the n legs of each group, leaves (n, …), None without a sensor; slow samples;
+    (k,) time without a rate [s].
+    """
 
-    beliefs: tuple[Belief, ...]
+    beliefs: tuple[tuple[Belief | None, ...], ...]
     slow: Counts
     lost: Values
 
@@ -76,10 +78,12 @@ class DutyNow(NamedTuple):
 
 
 class DutyDeviceOptions(NamedTuple):
-    """Options of the filters; segments with a sensor of each leg: index of the thigh's and of the shank's, or None."""
+    """Options of the filters; the legs in groups with sensors on the same segments, which one program filters together:
+    for each leg of a group the index of the thigh's and of the shank's sensor, or None.
+    """
 
     filters: DutyOptions
-    sensors: tuple[tuple[int | None, int | None], ...]
+    groups: tuple[tuple[tuple[int | None, int | None], ...], ...]
 
 
 def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Note, ...]]:
@@ -94,7 +98,7 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
     rate = 1.0 / float(np.median(np.diff(time)))
     still, (start, stop), notes = standing_of_legs([imu.gyr for imu in sensors.values()], rate, NAME)
     found: list[SegmentMounting] = []
-    own, pairs, numbers = [], [], []
+    pairs: dict[int, tuple[int | None, int | None]] = {}
     for number, side in enumerate(SIDES):
         here = [segment for segment in ("thigh", "shank") if f"{segment}_{side}" in sensors]
         if not here:
@@ -109,11 +113,15 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
             if segment in here:
                 one = segments[segment] if len(here) == 2 else segments["shank"]
                 found.append(one if len(here) == 2 else one._replace(placement=f"{segment}_{side}"))
-        own.append(one_side(p, number))
-        pairs.append((index[0], index[1]))
-        numbers.append(number)
+        pairs[number] = index[0], index[1]
+    alike: dict[tuple[bool, ...], list[int]] = {}
+    for number, pair in pairs.items():
+        alike.setdefault(tuple(k is None for k in pair), []).append(number)
     constants = DutyConstants(
-        own=tuple(own),
+        own=tuple(
+            jax.tree.map(lambda *v: np.stack([as_float(x) for x in v]), *(one_side(p, side) for side in group))
+            for group in alike.values()
+        ),
         axes=np.stack([one.axes for one in found]),
         scale=as_float([one.scale for one in found]),
         bias=as_float([-one.bias[1] for one in found]),
@@ -122,26 +130,37 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
         start_variance=as_float(0.1),
     )
     gravity = DEFAULT.filters.gravity and all(imu.acc is not None for imu in sensors.values())
-    options = DutyDeviceOptions(DEFAULT.filters._replace(gravity=gravity), tuple(pairs))
+    groups = tuple(tuple(pairs[side] for side in group) for group in alike.values())
+    options = DutyDeviceOptions(DEFAULT.filters._replace(gravity=gravity), groups)
     placements = tuple(one.placement for one in found)
-    return Device("legs", NAME, placements, constants, begin, advance, options, tuple(numbers)), tuple(notes)
+    return Device("legs", NAME, placements, constants, begin, advance, options, tuple(pairs)), tuple(notes)
 
 
 def begin(c: DutyConstants, sample: Readings, options: DutyDeviceOptions) -> DutyState:
     """The state before the first sample, see `Device`."""
     del sample
-    beliefs: dict[int, Belief] = {}
-    for number, (thigh, shank) in enumerate(options.sensors):
-        p = filter_params(c.own[number])
-        if thigh is not None:
-            own = duty_model.link_params(p, p.thigh_sensor)
-            beliefs[thigh] = duty_model.thigh_standing(own, 0.0, c.bias[thigh], c.start_variance)
-        if shank is not None:
-            own = duty_model.link_params(p, p.shank_sensor)
-            standing = duty_model.thigh_standing if thigh is None else duty_model.shin_standing
-            beliefs[shank] = standing(own, 0.0, c.bias[shank], c.start_variance)
-    none = jnp.zeros((), jnp.int32)
-    return DutyState(tuple(beliefs[k] for k in sorted(beliefs)), none, jnp.zeros_like(c.scale))
+
+    def leg(own: DutyCycledParams, biases: tuple[Values | None, ...]) -> tuple[Belief | None, ...]:
+        p = filter_params(own)
+        thigh, shank = biases
+        standing = duty_model.thigh_standing if thigh is None else duty_model.shin_standing
+        return (
+            None if thigh is None
+            else duty_model.thigh_standing(duty_model.link_params(p, p.thigh_sensor), 0.0, thigh, c.start_variance),
+            None if shank is None
+            else standing(duty_model.link_params(p, p.shank_sensor), 0.0, shank, c.start_variance),
+        )  # fmt: skip
+
+    beliefs = tuple(
+        jax.vmap(leg)(own, tuple(None if ks is None else c.bias[ks] for ks in _columns(group)))
+        for own, group in zip(c.own, options.groups, strict=True)
+    )
+    return DutyState(beliefs, jnp.zeros((), jnp.int32), jnp.zeros_like(c.scale))
+
+
+def _columns(group: tuple[tuple[int | None, int | None], ...]) -> tuple[np.ndarray | None, ...]:
+    """The sensors on the thighs and on the shanks of a group of legs, None without."""
+    return tuple(None if segment[0] is None else np.array(segment) for segment in zip(*group, strict=True))
 
 
 def _filtered(
@@ -163,14 +182,15 @@ def _filtered(
 def _leg(
     c: DutyCycledParams, beliefs: tuple[Belief | None, ...], segments: tuple[PlanarSegment | None, ...], dt: Values,
     still: Flags, count: Counts, filters: DutyOptions,
-) -> tuple[list[Belief], list[SegmentEstimate]]:  # fmt: skip
-    """Thigh and shank of one leg, those with a sensor: beliefs after the block, and estimates."""
+) -> tuple[tuple[Belief | None, ...], tuple[SegmentEstimate, ...]]:  # fmt: skip
+    """Thigh and shank of one leg: beliefs after the block, and estimates of those with a sensor."""
     p = filter_params(c)
     real = jnp.arange(dt.shape[0], dtype=jnp.int32) < count
-    after: list[Belief] = []
+    after: list[Belief | None] = []
     found: list[SegmentEstimate] = []
     for segment, before, lever in zip(segments, beliefs, (p.thigh_sensor, p.shank_sensor), strict=True):
         if segment is None or before is None:
+            after.append(None)
             continue
         own = duty_model.link_params(p, lever)
         seen: PyTree
@@ -182,7 +202,7 @@ def _leg(
         belief, estimate = _filtered(model, own, seen, before, dt, count - 1, filters)
         after.append(belief)
         found.append(estimate)
-    return after, found
+    return tuple(after), tuple(found)
 
 
 def advance(
@@ -193,30 +213,28 @@ def advance(
     acc = jnp.einsum("kij,bkj->bki", c.axes, samples.acc) * c.scale[None, :, None]
     slow, still = stood(state.slow, samples, LEGS_RATE, c.window, count)
     lost = lost_for(state.lost, samples.turned, samples.dt, count)
-    zero = jnp.zeros_like(samples.dt)
 
-    def planar(k: int | None) -> PlanarSegment | None:
-        if k is None:
+    def planar(ks: np.ndarray | None) -> PlanarSegment | None:
+        if ks is None:
             return None
-        on = samples.turned[:, k]
-        return PlanarSegment(
-            gyr[:, k], acc[:, k, 0], acc[:, k, 2], on | samples.felt[:, k], on, zero, c.bias[k], c.variance[k]
-        )
+        rate, x, z = (v[:, ks].T for v in (gyr, acc[:, :, 0], acc[:, :, 2]))
+        on, felt = samples.turned[:, ks].T, samples.felt[:, ks].T
+        return PlanarSegment(rate, x, z, on | felt, on, jnp.zeros_like(rate), c.bias[ks], c.variance[ks])
 
-    beliefs: list[Belief] = []
-    found: list[SegmentEstimate] = []
-    legs: list[tuple[LegTrajectory, LegTrajectory]] = []
-    for own, pair in zip(c.own, options.sensors, strict=True):
-        before = tuple(None if k is None else state.beliefs[k] for k in pair)
-        after, told = _leg(own, before, tuple(map(planar, pair)), samples.dt, still, count, options.filters)
-        beliefs += after
-        found += told
-        if len(told) == 2:
-            legs.append(joints(own, *told))
-    both = len(legs) == len(options.sensors)
-    leg, stddev = jax.tree.map(lambda *v: jnp.stack(v, axis=1), *legs) if both else (None, None)
-    valid = jnp.all(jnp.stack([one.valid for one in found]), axis=0) & jnp.all(lost < LOST, axis=1)
-    return DutyState(tuple(beliefs), slow, lost[count - 1]), DutyNow(
-        jnp.stack([one.angle for one in found], axis=1), jnp.stack([one.angle_stddev for one in found], axis=1),
-        leg, stddev, still, valid,
-    )  # fmt: skip
+    beliefs: list[tuple[Belief | None, ...]] = []
+    angle: dict[int, tuple[Values, Values]] = {}
+    valid = jnp.all(lost < LOST, axis=1)
+    leg: LegTrajectory | None = None
+    stddev: LegTrajectory | None = None
+    for own, before, group in zip(c.own, state.beliefs, options.groups, strict=True):
+        columns = _columns(group)
+        run = jax.vmap(lambda own, b, s: _leg(own, b, s, samples.dt, still, count, options.filters))
+        after, told = run(own, before, tuple(map(planar, columns)))
+        beliefs.append(after)
+        for ks, one in zip((ks for ks in columns if ks is not None), told, strict=True):
+            angle |= {int(k): (one.angle[n], one.angle_stddev[n]) for n, k in enumerate(ks)}
+            valid &= jnp.all(one.valid, axis=0)
+        if len(told) == 2 and len(options.groups) == 1:
+            leg, stddev = jax.tree.map(jnp.transpose, jax.vmap(joints)(own, *told))
+    angles, deviations = (jnp.stack(v, axis=1) for v in zip(*(angle[k] for k in sorted(angle)), strict=True))
+    return DutyState(tuple(beliefs), slow, lost[count - 1]), DutyNow(angles, deviations, leg, stddev, still, valid)
