@@ -149,7 +149,10 @@ def _compiled(
 ) -> Callable[..., tuple[list[PyTree], Values]]:
     """`_advanced` for a device, compiled once for all persons."""
     fixed = functools.partial(_advanced, device=device, structures=structures, width=width)
-    return jax.jit(fixed, compiler_options=compiler_options() or None)
+    options = compiler_options()
+    if options:  # a constant that is computed before the loop is one more call
+        options = options | {"xla_disable_hlo_passes": "while-loop-invariant-code-motion"}
+    return jax.jit(fixed, compiler_options=options or None)
 
 
 _begin = compiled(_begun, static_argnames=("device",))
