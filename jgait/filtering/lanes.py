@@ -134,7 +134,7 @@ def _inverse_by_halves(s: PyTree) -> tuple[PyTree, PyTree, PyTree]:
     corner = product(last, beside)
     first = first + product(transposed(beside), corner)
     rows = [jnp.concatenate([first, -transposed(corner)], axis=1), jnp.concatenate([-corner, last], axis=1)]
-    return symmetrised(jnp.concatenate(rows)), log_det + log_det_last, good & good_last
+    return held(symmetrised(jnp.concatenate(rows))), log_det + log_det_last, good & good_last
 
 
 def lifted(value: PyTree, like: PyTree) -> PyTree:
