@@ -181,6 +181,8 @@ def real_walk(out: Path, report: Report) -> RealWalk:
     found = analyse(walk.recording, datasets.body(walk))
     windows, reference = walk.info["windows"], walk.reference
     way = reference.distance[slice(*windows["whole"])]
+    # a person who stands sways, which is no way walked
+    reference = reference._replace(distance=np.clip(reference.distance, way[0], way[-1]) - way[0])
     strides = np.concatenate([walk.info["ankle_strides"][side] for side in SIDES])
     true = {"distance": float(way[-1] - way[0]), "stride_length": float(np.median(strides[strides[:, 2] > WHOLE, 2]))}
     lines, numbers = [], {}

@@ -47,6 +47,11 @@ def _turning(estimate: Estimate) -> Flags:
     return np.abs(np.nan_to_num(as_float(estimate.strides.turn))) > LARGEST_TURN
 
 
+def _stairs(estimate: Estimate) -> Flags:
+    known, doubtful = stated(estimate, "stairs"), stated(estimate, "doubtful")
+    return known if known is None or doubtful is None else known & ~doubtful
+
+
 def _half(estimate: Estimate) -> Flags:
     known, strides = stated(estimate, "half"), estimate.strides
     if known is not None or strides.start is None or strides.end is None:
@@ -91,7 +96,7 @@ TURNING = StrideFlag(
 )  # fmt: skip
 STAIRS = StrideFlag(
     "stairs", "stairs", "on stairs", "Lengths on stairs are horizontal; these strides are not in the means below.",
-    lambda estimate: stated(estimate, "stairs"), regular=False, grade="info",
+    _stairs, regular=False, grade="info",
 )  # fmt: skip
 CLIPPED = StrideFlag(
     "clipped", "clipped", "swing clipped",

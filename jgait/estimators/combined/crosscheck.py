@@ -57,7 +57,7 @@ USUAL_RATE = {"foot": 7.5, "ankle": 5.6, "shank": 5.4, "thigh": 3.2, "wrist": 3.
 UNIT_RATIO = 7.5
 """[1] Threshold on the ratio of a sensor's rate to the expected rate: the root of 180 / π, half way to another unit."""
 
-UNIT_FORCES = ((0.5, 2.0, "g"), (500.0, 2000.0, "mg"), (60.0, 150.0, "m/s², but converted from g"))
+UNIT_FORCES = ((0.5, 2.0, "g"), (500.0, 2000.0, "mg"), (60.0, 150.0, "m/s², and was converted as if in g"))
 """[m/s²], lowest and highest median specific force, and the unit that it suggests; other values are left to the
 readers' checks."""
 
@@ -176,7 +176,7 @@ def _units(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
         if rates[name] > 0.0 and not 1.0 / UNIT_RATIO < ratio < UNIT_RATIO:
             wrong.add(name)
         if name in wrong:
-            unit = "deg/s" if ratio > 1.0 else "rad/s, but converted from deg/s"
+            unit = "deg/s" if ratio > 1.0 else "rad/s, and was converted as if in deg/s"
             notes.append(GYR_UNIT(placement=name, unit=unit, rate=fast_rate(imu), expected=expected))
         if imu.acc is None:
             continue
