@@ -30,7 +30,7 @@ FROM_HEIGHT = Kind(
 )  # fmt: skip
 
 HEIGHT_ABSENT = Kind(
-    "height_absent", "check", "neither the person's height nor {measures} are given: those of a usual adult are taken",
+    "height_absent", "check", "the person's height is not given, nor {measures}: those of a usual adult are taken",
     DEFAULT_MEASURE,
 )  # fmt: skip
 
@@ -74,7 +74,8 @@ def told(body: Mapping[str, PyTree], wanted: Collection[str]) -> tuple[Note, ...
     sensor = "sensor_height" in wanted and "sensor_height" not in body
     if not (made or sensor):
         return ()
-    words = [name.replace("_", " ") for name in made] + ["height of the waist's sensor"] * sensor
+    levers = {"lever_shank": "height of the shank's sensor over the ankle"}
+    words = [levers.get(name, name.replace("_", " ")) for name in made] + ["height of the waist's sensor"] * sensor
     height = body.get("height")
     if height is None:
         return (HEIGHT_ABSENT(measures=words),)
