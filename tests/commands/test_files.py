@@ -127,7 +127,8 @@ def test_a_bad_file_is_refused_in_words_and_leaves_nothing(walk, tmp_path, spoil
 
 
 def test_a_file_that_may_not_be_read_is_named(walk, tmp_path):
-    """Root may read everything, so there the command runs as nobody."""
+    """Root may read everything, so there the command runs as nobody, who cannot load modules that root installed."""
+    run("estimate", tmp_path / "absent.csv", "--out", tmp_path / "results")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(shutil.copy(walk, folder))
         os.chmod(folder, 0o755)
