@@ -138,10 +138,9 @@ def crosscheck(recording: Recording) -> Findings:
         for note in recording.notes if note.code == SIDES_EXCHANGED.code
         for kind in str(note.values["kind"]).split(" or ") for side in SIDES
     }  # fmt: skip
-    # the reader's note of exchanged sensors explains when they swing
-    notes += [*([] if exchanged else late), *off]
-    doubtful |= of_trunk | (exchanged & set(sensors))
-    return Findings(tuple(notes), frozenset(unusable), frozenset(doubtful))
+    if exchanged:  # the reader's note, which compares all sensors, explains when they swing
+        late, doubtful = [], exchanged & set(sensors)
+    return Findings((*notes, *late, *off), frozenset(unusable), frozenset(doubtful | of_trunk))
 
 
 def kind_of(placement: str) -> str:

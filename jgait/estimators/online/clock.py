@@ -56,7 +56,9 @@ class Pushes:
         if times.ndim != 1 or not times.size or not np.isfinite(times).all():
             raise ValueError(f"time must be one finite number or (n,) of them, n > 0; got shape {np.shape(time)}")
         if set(signals) != set(self._placements):
-            raise ValueError(f"push needs the samples of {', '.join(self._placements)}; got {sorted(signals)}")
+            more = sorted(set(signals) - set(self._placements))
+            hint = f"; leave out {', '.join(more)}" if more and set(self._placements) <= set(signals) else ""
+            raise ValueError(f"push needs the samples of {', '.join(self._placements)}; got {sorted(signals)}{hint}")
         step = np.empty_like(times)
         np.subtract(times[1:], times[:-1], out=step[1:])
         step[0] = 0.0 if self._last is None else times[0] - self._last

@@ -6,6 +6,7 @@ import pytest
 
 from jgait import simulate
 from jgait.estimators.combined import crosscheck
+from jgait.mounting.leg import SIDES_EXCHANGED
 from jgait.simulate.sensors import OPAL
 
 LEGS = tuple(f"{kind}_{side}" for kind in ("thigh", "shank", "foot") for side in ("right", "left"))
@@ -62,6 +63,15 @@ def test_of_two_pairs_either_may_be_exchanged(recording):
     sensors |= {"shank_right": sensors["shank_left"], "shank_left": sensors["shank_right"]}
     (note,) = crosscheck(recording._replace(sensors=sensors)).notes
     assert "right and left shank or thigh sensors" in str(note)
+
+
+def test_the_pair_that_a_reader_names_is_the_one_in_doubt(recording):
+    sensors = {name: recording.sensors[name] for name in LEGS if not name.startswith("thigh")}
+    sensors |= {"foot_right": sensors["foot_left"], "foot_left": sensors["foot_right"]}
+    note = SIDES_EXCHANGED(kind="foot", others="shank_right, shank_left")
+    found = crosscheck(recording._replace(sensors=sensors, notes=(note,)))
+    assert found.notes == ()
+    assert found.doubtful == {"foot_right", "foot_left"}
 
 
 def test_a_thigh_sensor_on_the_shank_is_named(recording):
