@@ -31,7 +31,8 @@ _MEANING = (
 INCONSISTENT = Kind(
     "inconsistent_stances",
     "check",
-    "{placement}: stances do not fit a foot that stands (squared errors are {nis:.2f} times the expected ones, usually less than {limit:g})",
+    "{placement}: stances do not fit a foot that stands (squared errors are {nis:.2f} times the expected ones, usually "
+    "less than {limit:g})",
     _MEANING,
 )
 

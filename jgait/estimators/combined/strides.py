@@ -121,6 +121,7 @@ def _table(
     marks = {name: {flag: read(source.estimate) for flag, read in FLAGS.items()} for name, source in by_name.items()}
     told = [_told(by_name, group, trusted, doubts, marks) for group in groups]
     told.sort(key=lambda one: one.values["start"])
+    told = _alone(told)
     n = len(told)
     side = np.array([one.side for one in told], int)
     names = [name for name in Strides._fields if name not in ("side", "valid")]
@@ -170,6 +171,14 @@ class _Told(NamedTuple):
     doubtful: bool
 
 
+def _alone(told: list[_Told]) -> list[_Told]:
+    """The strides, in doubt where only sources measured them whose lengths mostly contradict those of others."""
+    shared = [one for one in told if len(one.group) > 1]
+    left = {name: [name not in one.used for one in shared if name in one.group] for one in told for name in one.group}
+    wrong = {name for name, out in left.items() if out and np.mean(out) > 0.5}
+    return [one._replace(doubtful=one.doubtful or wrong.issuperset(one.group)) for one in told]
+
+
 def _told(
     by_name: Mapping[str, SourceEstimate], group: dict[str, int], trusted: Mapping[tuple[str, str], bool],
     doubts: Mapping[str, np.ndarray], marks: Mapping[str, Mapping[str, Flags]],
@@ -186,6 +195,7 @@ def _told(
             source = next((n for n in names if np.isfinite(_of(by_name[n], field, group[n]))), first)
             values[field] = _of(by_name[source], field, group[source])
             spread[field] = _of(by_name[source], field, group[source], spread=True)
+    steps = next((n for n in names if np.isfinite(_of(by_name[n], "step_length", group[n]))), first)
     used, contradicts = frozenset([first]), False
     for field in COMBINED:
         stated = {name: (_of(by_name[name], field, group[name]), _of(by_name[name], field, group[name], spread=True))
@@ -198,6 +208,8 @@ def _told(
             if field == "length":
                 used = frozenset(name for name, keeps in zip(stated, kept, strict=True) if keeps)
                 contradicts = not kept.all()
+    if contradicts and steps not in used:  # half of a length that is not used
+        values["step_length"] = spread["step_length"] = np.nan
     own, row = by_name[first], group[first]
     length, length_sd = _of(own, "length", row), _of(own, "length", row, spread=True)
     if length > 0.0:

@@ -9,7 +9,7 @@ import jgait
 from jgait import io, simulate
 from jgait.estimators.combined.analysis import ACCUSED, CLOCKS
 from jgait.estimators.combined.compare import regular
-from jgait.estimators.combined.strides import combined
+from jgait.estimators.combined.strides import combined, joined
 from jgait.io.damage import agreement, delays, paces, samples, tilts, turns
 from jgait.notes import Kind
 from jgait.simulate.sensors import OPAL
@@ -97,6 +97,31 @@ def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
     assert (initial["side"].to_numpy()[1:] != initial["side"].to_numpy()[:-1]).all()
     assert {"feet", "ankles", "shanks", "waist", "legs", "combined"} == set(tables["sources"]["source"])
     assert "knee_angle_right_deg" in tables["samples"]
+
+
+def test_what_only_a_contradicted_source_says_is_in_doubt(analysis):
+    """The waist's lengths are 1.4 times those of the others, and it alone has the last stride of the right foot."""
+    sources = []
+    for source in analysis.sources:
+        own = source.estimate
+        if own.strides is None:
+            continue
+        if source.name == "waist":
+            strides = own.strides._replace(length=1.4 * own.strides.length, step_length=1.4 * own.strides.step_length)
+        else:
+            right = np.flatnonzero((np.asarray(own.strides.side) == 0) & np.asarray(own.strides.valid))
+            valid = np.array(own.strides.valid)
+            valid[right[np.argsort(own.strides.end[right])][-3:]] = False
+            strides = own.strides._replace(valid=valid)
+        sources.append(source._replace(estimate=own._replace(strides=strides)))
+    found = joined(sources)
+    alone = np.array([found.rows[s.name] >= 0 for s in sources]).sum(axis=0) == 1
+    by_waist = alone & (found.rows["waist"] >= 0)
+    assert by_waist.any()
+    assert found.flags["doubtful"][by_waist].all()
+    assert not found.flags["doubtful"][found.contradicts].any()
+    assert found.contradicts.sum() > 5
+    assert np.isnan(found.strides.step_length[found.contradicts]).all()
 
 
 def test_exchanged_shanks_are_named_and_not_combined(walked):
