@@ -238,7 +238,7 @@ class Runner:
             block = np.zeros((BLOCK, rows.shape[1]), self._dtype)
             block[: len(part)] = part
             self._parts, results = self._loop(self._constants, self._parts, block, np.int32(len(part)))
-            while not results.is_ready():  # it takes a third of a millisecond; a thread that sleeps wakes up late
+            while not results.is_ready():  # a third of a millisecond; to wake a sleeping thread adds up to a half of it
                 pass
             done.append(np.asarray(results)[: len(part)])
         return Results(done[0] if len(done) == 1 else np.concatenate(done), self._fields)
