@@ -7,7 +7,7 @@ A kind of fact is declared once, in the module that detects it: `LOST = Kind("sa
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, cast
 
 Severity = Literal["stop", "check", "corrected", "info"]
@@ -41,7 +41,8 @@ class Kind(NamedTuple):
     Attributes:
         code: name of the fact for programs, in snake_case; no two kinds share a code.
         severity: one of `SEVERITIES`.
-        text: the sentence, with the values in braces as in `str.format`.
+        text: the sentence, with the values in braces as in `str.format`; after a colon, two words are the singular and
+            the plural for a number: "{gaps} {gaps:gap is|gaps are} filled".
         meaning: what the fact means for the results, in one or two sentences.
     """
 
@@ -89,8 +90,7 @@ class Note:
     @property
     def text(self) -> str:
         """The fact as a sentence without its full stop."""
-        shown = {name: ", ".join(each) if isinstance(each, tuple) else each for name, each in self.values.items()}
-        return printable(self.kind.text.format(**shown), LONGEST)
+        return printable(self.kind.text.format(**{name: _shown(each) for name, each in self.values.items()}), LONGEST)
 
     def __str__(self) -> str:
         return self.text
@@ -118,6 +118,23 @@ class Note:
         return kind(**cast(Mapping[str, object], content["values"]))
 
 
+def grouped(notes: Iterable[Note]) -> list[Note]:
+    """Notes for people: notes that state the same of one sensor each become one note with the names of all of them.
+
+    Only notes whose sentence begins with the sensor and a colon: in other sentences the sensor is the subject.
+    """
+    groups: dict[object, list[Note]] = {}
+    for note in notes:
+        others = {name: value for name, value in note.values.items() if name != "placement"}
+        of_sensor = note.kind.text.startswith("{placement}: ")
+        groups.setdefault((note.code, str(others)) if of_sensor else note, []).append(note)
+    found = []
+    for same in groups.values():
+        names = tuple(dict.fromkeys(str(note.values.get("placement")) for note in same))
+        found.append(same[0] if len(names) == 1 else replace(same[0], values={**same[0].values, "placement": names}))
+    return found
+
+
 def to_json(notes: Iterable[Note]) -> str:
     """Notes as one JSON text, for a cell of a table."""
     return json.dumps([note.to_dict() for note in notes], ensure_ascii=False)
@@ -129,6 +146,21 @@ def from_json(text: str) -> tuple[Note, ...]:
         return tuple(map(Note.from_dict, json.loads(text)))
     except (TypeError, KeyError, AttributeError) as error:
         raise ValueError(f"these are no notes in JSON: {text[:60]!r}") from error
+
+
+class _Count(int):
+    """A whole number that chooses between two words, see `Kind.text`."""
+
+    def __format__(self, spec: str) -> str:
+        one, bar, many = spec.partition("|")
+        return (one if self == 1 else many) if bar else super().__format__(spec)
+
+
+def _shown(value: Value) -> object:
+    """A value as sentences have it."""
+    if isinstance(value, tuple):
+        return ", ".join(value)
+    return _Count(value) if type(value) is int else value
 
 
 def _plain(value: object) -> Value:

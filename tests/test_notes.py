@@ -13,7 +13,7 @@ import pytest
 from made.notes import kinds
 
 import jgait
-from jgait.notes import SEVERITIES, Kind, Note, from_json, to_json
+from jgait.notes import SEVERITIES, Kind, Note, from_json, grouped, to_json
 
 ROOT = Path(jgait.__file__).parent
 KINDS = kinds()
@@ -63,6 +63,24 @@ def test_a_note_is_its_sentence_and_its_values():
     assert (note.code, note.severity) == ("samples_lost", "check")
     assert note.values == {"placement": "waist", "lost": 3, "share": 1.25, "files": ("a.csv", "b.csv")}
     assert len({note, LOST(placement="waist", lost=3, share=1.25, files=("a.csv", "b.csv"))}) == 1
+
+
+def test_a_number_chooses_the_singular_or_the_plural():
+    kind = Kind(
+        "gaps", "check", "{gaps} {gaps:gap is|gaps are} filled, the longest {longest_s:.1f} s", "Data are lost."
+    )
+    assert kind(gaps=1, longest_s=1.0).text == "1 gap is filled, the longest 1.0 s"
+    assert kind(gaps=np.int64(2), longest_s=1).text == "2 gaps are filled, the longest 1.0 s"
+
+
+def test_notes_that_state_the_same_of_several_sensors_are_one_for_people():
+    same = [LOST(placement=name, lost=3, share=0.5, files="a.csv") for name in ("waist", "foot_left")]
+    other = LOST(placement="foot_right", lost=4, share=0.5, files="a.csv")
+    subject = Kind("still", "check", "{placement} never stands still", "It moves.")
+    stands = [subject(placement=name) for name in ("waist", "foot_left")]
+    assert [note.text for note in grouped([same[0], other, same[1], *stands])] == [
+        "waist, foot_left: 3 of 0.5 % are lost in a.csv", str(other), *map(str, stands)
+    ]  # fmt: skip
 
 
 def test_notes_come_back_from_json():

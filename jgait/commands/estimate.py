@@ -17,6 +17,7 @@ from jgait.commands.own_options import remarks, with_own_options
 from jgait.commands.person import PersonFile, person_in, person_of
 from jgait.commands.pipeline import chosen
 from jgait.estimators import programs
+from jgait.notes import grouped
 from jgait.types import Recording, reason_of
 
 
@@ -135,7 +136,7 @@ def _each(
             written = folder.publish(job.write(made, folder.stage, item.name))
         except OSError as error:
             stop(f"nothing more could be written to {folder.path}: {error}")
-        for line in job.notes(made):
+        for line in grouped(job.notes(made)):
             note(f"{item.label}: {line}")
         for row in job.rows(made, item.name):
             job.table.add_row(*row)

@@ -16,6 +16,7 @@ from jgait.commands.folder import keep_inputs, unfinished
 from jgait.commands.own_options import own_options, with_own_options
 from jgait.commands.person import PersonFile, person_in, person_of
 from jgait.commands.pipeline import Choice, chosen, measures_of, pipeline_of, start_of
+from jgait.notes import grouped
 from jgait.types import Estimate, Recording, Walk, reason_of
 
 if TYPE_CHECKING:
@@ -171,7 +172,7 @@ def _of_all(walk: Walk, data: str, person: dict[str, PyTree], command: str) -> "
         found = analyse(walk.recording, {**known, **person})
     except Exception as error:
         stop(f"{data}: {reason_of(error)}")
-    for line in found.notes:
+    for line in grouped(found.notes):
         note(line)
     made = reports.Made("all sensors together", file=data, command=command)
     return reports.of_analysis(found, walk.recording, reference=walk.reference, made=made)

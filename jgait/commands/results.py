@@ -40,7 +40,7 @@ def _cell(value: PyTree, column: TotalColumn) -> str:
         return value
     if isinstance(value, tuple):
         return " … ".join(_cell(end, column) for end in value)
-    return f"{column.scale * value:.{column.digits}f}"
+    return f"{column.scale * value:z.{column.digits}f}"
 
 
 def planned(about: About, name: str, ending: str = "csv") -> list[str]:

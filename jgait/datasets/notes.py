@@ -2,7 +2,9 @@
 
 from jgait.notes import LEFT_OUT, LOSSES, ORIGIN, Kind
 
-SAMPLES_MASKED = Kind("samples_masked", "check", "{placement}: {masked} of {samples} samples are masked", LOSSES)
+SAMPLES_MASKED = Kind(
+    "samples_masked", "check", "{placement}: {masked} of {samples} samples {masked:is|are} masked", LOSSES
+)
 
 FILE_ABSENT = Kind("file_absent", "info", "{dataset} lacks {file}; jgait.datasets.fetch({dataset!r}) gets it", LEFT_OUT)
 """A file of the set is not on this computer."""

@@ -55,7 +55,7 @@ SHORTEST = 0.05  # [s] shortest stance
 REACH = 0.3  # [s] a stride begins at most so long before the foot leaves, and ends so long after it arrives
 SEEN = 0.8  # [1] smallest share of valid Vicon samples between two footprints
 VICON_MIRRORED = Kind("vicon_mirrored", "info", "Vicon's axes are left-handed upstream: y changed sign", ORIGIN)
-VICON_MASKED = Kind("vicon_masked", "info", "{masked} samples of Vicon masked", LOSSES)
+VICON_MASKED = Kind("vicon_masked", "info", "{masked} {masked:sample|samples} of Vicon masked", LOSSES)
 
 
 def names() -> list[str]:

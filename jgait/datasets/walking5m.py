@@ -51,15 +51,17 @@ SENSORS_SWAPPED = Kind("sensors_swapped", "check", "{placement} and {other} seem
 COLUMN_ABSENT = Kind("column_absent", "info", "{placement} left out: no column {column}", LEFT_OUT)
 TIME_STOPPED = Kind("time_stopped", "info", "{placement} left out: its time does not run", LEFT_OUT)
 BACK_LEFT_OUT = Kind("back_left_out", "info", "back sensor left out: it is not synchronised with the others", LEFT_OUT)
-ROWS_EMPTY = Kind("rows_empty", "check", "{placement}: {rows} rows without a number dropped", LOSSES)
+ROWS_EMPTY = Kind("rows_empty", "check", "{placement}: {rows} {rows:row|rows} without a number dropped", LOSSES)
 VALUES_HELD = Kind(
     "values_held",
     "info",
     "{placement}: a new value only every {step_ms:.0f} ms; interpolated between",
     "The sensor was slower than its file; fast movements are smoothed.",
 )
-TIMES_REPEATED = Kind("times_repeated", "check", "{placement}: {rows} repeated times dropped", LOSSES)
-TIMES_BACKWARD = Kind("times_backward", "check", "{placement}: {rows} times that run backwards dropped", LOSSES)
+TIMES_REPEATED = Kind("times_repeated", "check", "{placement}: {rows} repeated {rows:time|times} dropped", LOSSES)
+TIMES_BACKWARD = Kind(
+    "times_backward", "check", "{placement}: {rows} {rows:time that runs|times that run} backwards dropped", LOSSES
+)
 
 
 def names() -> list[str]:

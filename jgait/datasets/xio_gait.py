@@ -33,7 +33,9 @@ GYROSCOPE = tuple(f"Gyroscope {axis} (deg/s)" for axis in "XYZ")
 ACCELEROMETER = tuple(f"Accelerometer {axis} (g)" for axis in "XYZ")
 CLOSED = {"short_walk": 0.082, "long_walk": 0.421}  # publisher's closure [m]
 
-REPEATS_DROPPED = Kind("repeats_dropped", "check", "{rows} rows that repeat the row before dropped", LOSSES)
+REPEATS_DROPPED = Kind(
+    "repeats_dropped", "check", "{rows} {rows:row that repeats|rows that repeat} the row before dropped", LOSSES
+)
 TIME_STEPS = Kind("time_steps", "info", "time steps {least_ms:.1f} to {most_ms:.1f} ms", ORIGIN)
 
 

@@ -32,7 +32,7 @@ CAUSES = (
 STRIDES_IMPLAUSIBLE = Kind(
     "strides_implausible",
     "check",
-    "{side}: {strides} of {of} strides are longer or faster than a person walks, up to {length:.3g} m and "
+    "{side}: {strides} of {of} strides {strides:is|are} longer or faster than a person walks, up to {length:.3g} m and "
     "{speed:.3g} m/s",
     CAUSES,
 )
@@ -48,7 +48,7 @@ KNEE_IMPLAUSIBLE = Kind(
 WIDTH_NEGATIVE = Kind(
     "width_negative",
     "check",
-    "{strides} of {of} strides have a negative width: left and right may be exchanged",
+    "{strides} of {of} strides {strides:has|have} a negative width: left and right may be exchanged",
     CAUSES,
 )
 HEIGHT_DRIFTS = Kind(
@@ -57,7 +57,12 @@ HEIGHT_DRIFTS = Kind(
     "{side}: the foot rises by {rise:.2f} m over {length:.3g} m, steeper than stairs",
     CAUSES,
 )
-NOT_FINITE = Kind("result_not_finite", "check", "{samples} valid samples of the result are not finite", CAUSES)
+NOT_FINITE = Kind(
+    "result_not_finite",
+    "check",
+    "{samples} valid {samples:sample|samples} of the result {samples:is|are} not finite",
+    CAUSES,
+)
 
 
 def implausible(estimate: Estimate) -> tuple[Note, ...]:

@@ -21,7 +21,8 @@ TIME_UNIT_DEDUCED = Kind(
 )
 GAPS_FILLED = Kind(
     "gaps_filled", "check",
-    "{gaps} gaps in time, the longest {longest_s:.3g} s after {begin_s:.2f} s; {inserted} samples inserted and masked",
+    "{gaps} {gaps:gap|gaps} in time, the longest {longest_s:.3g} s after {begin_s:.2f} s; {inserted} "
+    "{inserted:sample|samples} inserted and masked",
     LOSSES,
 )  # fmt: skip
 

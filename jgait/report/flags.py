@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from jgait.estimators.about import StrideFlag
-from jgait.notes import Note
+from jgait.notes import Note, grouped
 from jgait.report.page import GRADES, Flag, without_folders
 from jgait.types import Estimate
 
@@ -23,7 +23,7 @@ def explained(notes: Iterable[Note]) -> list[Flag]:
         notes: of readers, estimators and commands.
     """
     lines: dict[tuple[str, str], dict[str, None]] = {}
-    for note in notes:
+    for note in grouped(notes):
         sentence = _sentence(without_folders(note.text))
         lines.setdefault((note.severity, note.meaning), {})[sentence] = None
     return ordered(Flag(severity, "\n".join(texts), meaning) for (severity, meaning), texts in lines.items())
@@ -48,7 +48,7 @@ def of_strides(rows: int, marks: dict[str, np.ndarray], regular: int, flags: Ite
             raised.append(Flag(flag.grade, f"{many} of {rows} strides: {flag.label}", flag.meaning))
     if 0 < regular < FEW:
         meaning = "Means and standard deviations of few strides vary from walk to walk; a longer walk makes them firm."
-        raised.append(Flag("check", f"Only {regular} regular strides", meaning))
+        raised.append(Flag("check", f"Only {regular} regular {'stride' if regular == 1 else 'strides'}", meaning))
     return raised
 
 

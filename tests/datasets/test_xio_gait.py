@@ -37,7 +37,7 @@ def test_units_and_the_file_s_own_clock(folder):
     assert walk.recording.sampling_rate_hz == pytest.approx(400)
     np.testing.assert_allclose(imu.gyr[3], [np.pi / 2, 0, -np.pi])
     np.testing.assert_allclose(imu.acc[3], [0, 0.5 * 9.80665, 9.80665])
-    assert any("1 rows that repeat" in note for note in texts(walk.recording.notes))
+    assert any("1 row that repeats" in note for note in texts(walk.recording.notes))
     assert any("which foot" in note for note in texts(walk.recording.notes))
     assert walk.reference is None and "ends where it began" in walk.info["no_reference"]
     assert (walk.info["closes"], walk.info["publisher_closure"], walk.info["verified"]) == (True, 0.421, False)

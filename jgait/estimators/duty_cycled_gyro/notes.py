@@ -16,7 +16,8 @@ ACCELEROMETER_ABSENT = Kind(
 RATE_HELD = Kind(
     "rate_held",
     "check",
-    "{placement}: {samples} samples from {begin_s:.2f} to {end_s:.2f} s hold the last measured rate, are not used by "
-    "the filter, and their angles are not stated: too few strides were measured before for the filler",
+    "{placement}: {samples} {samples:sample|samples} from {begin_s:.2f} to {end_s:.2f} s {samples:has|have} the last "
+    "measured rate; the filter does not use it, and no angles are stated: too few strides were measured before for the "
+    "filler",
     "Angles are missing there. A longer warm-up measures more strides before the gyroscope sleeps.",
 )

@@ -2,10 +2,15 @@
 
 from jgait.notes import LOSSES, NO_RANGE, WRONG_PLACE, Kind
 
-FOOT_BRIDGED = Kind("foot_bridged", "check", "the {side} foot is not known at {samples} samples; bridged", LOSSES)
+FOOT_BRIDGED = Kind(
+    "foot_bridged", "check", "the {side} foot is not known at {samples} {samples:sample|samples}; bridged", LOSSES
+)
 
 FEW_STRIDES = Kind(
-    "few_strides", "check", "a foot has {strides} strides, and two of each are needed: no widths", NO_RANGE
+    "few_strides",
+    "check",
+    "a foot has {strides} {strides:stride|strides}, and two of each are needed: no widths",
+    NO_RANGE,
 )
 
 RANGE_ABSENT = Kind("range_absent", "check", "there is no range between the feet, and so no widths", NO_RANGE)
@@ -20,14 +25,14 @@ RANGE_UNUSED = Kind("range_unused", "check", "no range is left, and so there are
 
 _LEFT_OUT = "Distances between the feet that cannot be right, or come at the wrong moment, were not used."
 
-RANGES_LONG = Kind("ranges_long", "corrected", "left out {ranges} ranges above {longest:g} m", _LEFT_OUT)
+RANGES_LONG = Kind("ranges_long", "corrected", "left out {ranges} {ranges:range|ranges} above {longest:g} m", _LEFT_OUT)
 
-RANGES_ODD = Kind("ranges_odd", "corrected", "left out {ranges} ranges unlike those around them", _LEFT_OUT)
+RANGES_ODD = Kind("ranges_odd", "corrected", "left out {ranges} {ranges:range|ranges} unlike those around", _LEFT_OUT)
 
-RANGES_TURNING = Kind("ranges_turning", "corrected", "left out {ranges} ranges in turns", _LEFT_OUT)
+RANGES_TURNING = Kind("ranges_turning", "corrected", "left out {ranges} {ranges:range|ranges} in turns", _LEFT_OUT)
 
 RANGES_UNKNOWN = Kind(
-    "ranges_unknown", "corrected", "left out {ranges} ranges at which the feet were not known", _LEFT_OUT
+    "ranges_unknown", "corrected", "left out {ranges} {ranges:range|ranges} at which the feet were not known", _LEFT_OUT
 )
 
 RANGE_LATE = Kind(

@@ -3,7 +3,11 @@
 from jgait.notes import CORRECTED, LOSSES, NO_WALKING, Kind
 
 SAMPLES_LOST = Kind(
-    "waist_samples_lost", "check", "{samples} samples of {placement} are lost; the filter goes on without them", LOSSES
+    "waist_samples_lost",
+    "check",
+    "{samples} {samples:sample|samples} of {placement} {samples:is|are} lost; the filter goes on without "
+    "{samples:it|them}",
+    LOSSES,
 )
 
 AXES_CORRECTED = Kind(

@@ -51,7 +51,8 @@ SMALLEST = 1e-3
 ROWS_LOST = Kind(
     "rows_lost",
     "check",
-    "all sensors jump at {places} places, first at {begin_s:.2f} s: rows are missing there although time goes on, or "
+    "all sensors jump at {places} {places:place|places}, first at {begin_s:.2f} s: rows are missing there although "
+    "time goes on, or "
     "the recording was joined from parts",
     "Where rows are missing without time stamps, movements come out too fast and too small; lengths and angles after "
     "the place are wrong.",

@@ -29,11 +29,17 @@ packets. Chosen far above the one repeat in 30 s of `ipol_gait` 11-1."""
 PACKETS_REPEATED = Kind(
     "packets_repeated", "check", "{placement}: packet numbers that occur twice are masked: {numbers}", LOSSES
 )
-PACKETS_LOST = Kind("packets_lost", "check", "{placement}: {lost} packets were lost and are masked", LOSSES)
+PACKETS_LOST = Kind(
+    "packets_lost",
+    "check",
+    "{placement}: {lost} {lost:packet was lost and is|packets were lost and are} masked",
+    LOSSES,
+)
 PACKETS_AT_ENDS = Kind(
     "packets_at_ends",
     "info",
-    "{placement}: {packets} packets at the ends that other sensors do not have are left out",
+    "{placement}: {packets} {packets:packet|packets} at the ends that other sensors do not have {packets:is|are} "
+    "left out",
     ORIGIN,
 )
 CLOCKS_JOINED = Kind(

@@ -28,7 +28,8 @@ BY_DEVICE = ("inertial", "sensors")
 TIME = re.compile(r"^(?:time|timestamp)\s*\((\w+)\)$", re.IGNORECASE)
 
 ROWS_REPEATED = Kind(
-    "rows_repeated", "check", "{file}: {rows} rows that repeat the row before are left out", LOSSES
+    "rows_repeated", "check", "{file}: {rows} "
+    "{rows:row that repeats the row before is|rows that repeat the row before are} left out", LOSSES
 )  # fmt: skip
 
 

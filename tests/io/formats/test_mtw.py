@@ -89,7 +89,7 @@ def test_a_packet_number_that_occurs_twice_is_masked(tmp_path):
     recording = io.read(made_files.mtw(tmp_path / "MT_1.txt", packets=packets), placement="foot_right")
     assert list(np.flatnonzero(~made_files.check(recording))) == [29, 30]
     assert "foot_right: packet numbers that occur twice are masked: 29" in texts(recording.notes)
-    assert "foot_right: 1 packets were lost and are masked" in texts(recording.notes)
+    assert "foot_right: 1 packet was lost and is masked" in texts(recording.notes)
 
 
 def test_packets_that_run_backwards_repeat_often_or_are_long_lost(tmp_path):

@@ -40,7 +40,7 @@ def test_folders_of_devices(tmp_path):
 def test_a_row_that_repeats_the_row_before_is_left_out(tmp_path):
     recording = io.read(made_files.xio(tmp_path / "a.csv", repeat=30), placement="foot_right")
     made_files.check(recording)
-    assert "a.csv: 1 rows that repeat the row before are left out" in texts(recording.notes)
+    assert "a.csv: 1 row that repeats the row before is left out" in texts(recording.notes)
 
 
 def test_raw_numbers_and_unknown_units_are_refused(tmp_path):
