@@ -6,6 +6,8 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from jgait.io.files import check_columns, check_width
 from jgait.notes import Kind, Note
 from jgait.types import RecordingError
@@ -22,10 +24,13 @@ TAIL = 2**20
 ROWS_BEFORE = 50
 """[1] Number of rows before the last one with which its last cell is compared."""
 
+JUMP = 3.0
+"""[1] Smallest difference of half a number from the number before, over the largest difference of those before."""
+
 ROW_CUT_OFF = Kind(
     "row_cut_off", "check",
     "the file ends within a row: line {line} has {cells} of {expected} values, the last of them {value}; this row is "
-    "left out, the {rows} rows before it were read",
+    "left out, {rows} rows were read",
     "The file was not written or copied to its end. What was measured after this row is missing.",
 )  # fmt: skip
 
@@ -84,8 +89,9 @@ def _checked_breaks(file: Path, columns: int) -> int:
 def _cut_off(file: Path, separator: str, breaks: int, whole: int) -> Note | None:
     """The note about a last row that is not whole; None if it is.
 
-    It is not whole if it has fewer cells than the row before, or if no line break ends it and its last cell is shorter
-    than those of all rows before, as half a number is.
+    It is not whole if it has fewer cells than the row before, or if no line break ends it and its last cell looks like
+    half a number: it is shorter than those of all rows before, lacks the decimals that all of them have, or differs
+    from the row before by more than `JUMP` times what they differ.
 
     Args:
         file: a table in text.
@@ -105,8 +111,21 @@ def _cut_off(file: Path, separator: str, breaks: int, whole: int) -> Note | None
     if not before or len(last) > len(before[-1]):
         return None
     if len(last) == len(before[-1]):
-        lengths = [len(row[-1].strip()) for row in before if len(row) == len(last)]
-        if ended != end or len(lengths) < ROWS_BEFORE or len(last[-1].strip()) >= min(lengths):
+        cells = [row[-1].strip() for row in before if len(row) == len(last)]
+        if ended != end or len(cells) < ROWS_BEFORE or not _half(last[-1].strip(), cells):
             return None
     line = breaks - end[len(ended) :].count(b"\n") + 1
     return ROW_CUT_OFF(line=line, cells=len(last), expected=len(before[-1]), value=repr(last[-1]), rows=whole)
+
+
+def _half(cell: str, before: list[str]) -> bool:
+    """Whether a cell looks like half a number, by the cells of the rows before it."""
+    marks = [mark for mark in ".," if all(mark in other for other in before)]
+    if len(cell) < min(map(len, before)) or not all(mark in cell for mark in marks):
+        return True
+    try:
+        numbers = np.array([float(other.replace(",", ".")) for other in (*before, cell)])
+    except ValueError:  # empty cells, or words
+        return False
+    steps = np.abs(np.diff(numbers))
+    return bool(0.0 < JUMP * steps[:-1].max() < steps[-1])

@@ -46,6 +46,20 @@ def test_half_a_number_at_the_end_is_left_out(tmp_path, left):
     assert len(recording.sensors["shank_right"].time) == 599
 
 
+@pytest.mark.parametrize("before", ["-0.0123", "0.1234"])
+@pytest.mark.parametrize("left", ["-9", "12.", "8.5", "0"])
+def test_half_a_number_among_numbers_of_any_length_is_left_out(tmp_path, before, left):
+    """It lacks the decimals, or differs far more than the numbers before it."""
+    lines = text_of(table().assign(shank_right_acc_z=0.1)).splitlines()
+    cells = [line.rpartition(",")[0] for line in lines]
+    ends = [before, "0.1", "0.05"] * len(cells)
+    text = "\n".join([lines[0], *(f"{row},{end}" for row, end in zip(cells[1:-1], ends, strict=False)), cells[-1]])
+    (note,) = cut_notes(written(tmp_path, f"{text},{left}"))
+    assert f"the last of them '{left}'" in note.text
+    assert cut_notes(written(tmp_path, f"{text},0.1")) == []
+    assert cut_notes(written(tmp_path, f"{text},{left}\n")) == []
+
+
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 def test_whole_files_are_not_noted(tmp_path, separator):
     text = text_of(sep=separator)
