@@ -40,7 +40,8 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
     contact_angle_deg push_off_angle_deg`, see `jgait.types.Strides`; after each of these its standard deviation with
     `_std` before the unit (`stride_length_std_m`), where the estimate has one; `width_valid`, False for unreliable
     widths, where the estimator computes it. A quantity that the estimate lacks has no column; a value that is missing
-    in a stride is an empty cell.
+    in a stride is an empty cell. So is the duration of a first stride from standing, which has no initial contact
+    before it: its `start_s` is its toe-off, and its speed is from standing to standing.
 
     Args:
         estimate: of one recording, with `strides`.
@@ -81,7 +82,9 @@ def _measure(strides: Strides, field: str) -> np.ndarray | None:
     if field == "duration":
         if strides.start is None or strides.end is None:
             return None
-        return as_float(strides.end) - as_float(strides.start)
+        lasts = as_float(strides.end) - as_float(strides.start)
+        toe_off = np.nan if strides.final_contact is None else as_float(strides.final_contact)
+        return np.where(toe_off <= as_float(strides.start), np.nan, lasts)
     values = getattr(strides, field)
     return None if values is None else as_float(values)
 

@@ -51,6 +51,14 @@ def test_strides_are_a_table_in_order_of_time():
     np.testing.assert_allclose(found["contact_angle_std_deg"], np.rad2deg(0.1))
 
 
+def test_a_first_stride_from_standing_has_no_duration_because_it_begins_with_the_toe_off():
+    own = strides()
+    toe_off = np.where(np.arange(5) == 2, own.start, own.final_contact)
+    found = io.strides_to_dataframe(estimate(strides(final_contact=toe_off)))
+    np.testing.assert_allclose(found["stride_duration_s"], [np.nan, 1.1, 1.1, 1.1])
+    assert found["walking_speed_mps"].notna().all()
+
+
 def test_whether_to_trust_a_width_stands_beside_it():
     trusted = np.array([True, False, False, False, True])
     found = io.strides_to_dataframe(estimate()._replace(diagnostics={"width_valid": trusted}))
