@@ -16,7 +16,7 @@ LENGTHS_DIFFER = Kind(
     "lengths_differ", "check", "stride length: {source} says {length:.2f} m, {other} {other_length:.2f} m (medians of "
     "{strides} common strides), more apart than their deviations allow",
     "At least one of the two is wrong: a measure of the person, a sensor's place, its range or its label. Both are in "
-    "the table of sources; the combined table has the more certain one.",
+    "the table of sources; the combined table has the one that other sources agree with, or else the more certain one.",
 )  # fmt: skip
 FEET_OF_CONTACTS_DIFFER = Kind(
     "feet_of_contacts_differ", "check", "right and left: {source} and {other} say the opposite of {opposite} of "

@@ -20,7 +20,8 @@ DISTANCES_DIFFER = Kind(
     "distances_differ", "check", "distance: {source} says {distance:.1f} m, {other} {other_distance:.1f} m, more apart "
     "than their deviations allow",
     "At least one of the two is wrong, or some strides are missing in one of them. Both are in the table of sources. "
-    "The combined distance is from the sources that no other note puts in doubt; of these, the more certain ones.",
+    "The combined distance is from the sources that no other note puts in doubt; of these, those that most others "
+    "agree with, or else the more certain ones.",
 )  # fmt: skip
 DISTANCE_OF_ONE_SIDE = Kind(
     "distance_of_one_side", "corrected", "distance by {source}: only the {side} side counts, because the sensor of the "

@@ -231,9 +231,10 @@ def combined(
 ) -> tuple[float, float, np.ndarray]:
     """Weighted mean of measurements (k,) with the least variance, its deviation, and (k,) bool: which it uses.
 
-    Measurements that differ from the most certain one by more than `CONSISTENT` standard deviations of the difference
-    are not used; then the deviation includes half of that difference. No majority decides, because sources that share a
-    method share its errors.
+    Two measurements agree if they differ by at most `CONSISTENT` standard deviations of the difference. The mean is of
+    the measurement that the most independent ones agree with, and of those; of several such, of the most certain one.
+    Correlated measurements do not count as two, because sources that share a method share its errors. The others are
+    not used; if as many independent ones support one of them, the deviation includes half of the difference from it.
 
     Args:
         values: the measurements.
@@ -241,13 +242,22 @@ def combined(
         correlation: (k, k) of their errors; None: independent.
     """
     cov = np.outer(deviations, deviations) * (np.eye(len(values)) if correlation is None else correlation)
-    best = int(np.argmin(deviations))
-    apart = np.abs(values - values[best])
-    kept = apart <= CONSISTENT * np.sqrt(np.diag(cov) + cov[best, best] - 2.0 * cov[best])
-    kept[best] = True
+    apart = np.abs(values[:, None] - values)
+    spread = np.sqrt(np.diag(cov)[:, None] + np.diag(cov) - 2.0 * cov)
+    # of those that agree with one, only the less certain ones support it: what is uncertain agrees with everything
+    agree = (apart <= CONSISTENT * spread) & (deviations[:, None] <= deviations)
+    support = [_independent(cov[np.ix_(one, one)]) for one in agree]
+    best = min(range(len(cov)), key=lambda one: (-support[one], deviations[one]))
+    kept = agree[best]
+    rivals = [apart[best, one] for one in np.flatnonzero(~kept) if support[one] == support[best]]
     mean, variance = _mean(values[kept], cov[np.ix_(kept, kept)])
-    extra = 0.0 if kept.all() else 0.5 * float(np.min(apart[~kept]))
-    return mean, float(np.sqrt(variance + extra**2)), kept
+    return mean, float(np.hypot(np.sqrt(variance), 0.5 * min(rivals, default=0.0))), kept
+
+
+def _independent(cov: np.ndarray) -> int:
+    """Number of independent measurements that are worth as much as correlated ones, rounded down."""
+    deviations = np.sqrt(np.diag(cov))
+    return int(np.linalg.solve(cov / np.outer(deviations, deviations), np.ones(len(cov))).sum() + 1e-9)
 
 
 def _mean(values: np.ndarray, cov: np.ndarray) -> tuple[float, float]:
