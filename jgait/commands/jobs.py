@@ -138,7 +138,9 @@ def _rows(made: PyTree, name: str) -> list[list[str]]:
     for joint, pair in joint_ranges(made.estimate).items():
         if pair is not None:
             segment, side = joint.split("_")[:2]
-            rows.append([f"{segment} {side}", f"{pair[0]:.0f} … {pair[1]:.0f} °", "legs"])
+            usable = made.estimate.diagnostics[f"angles_valid_{side}"]
+            words = f"{pair[0]:z.0f} … {pair[1]:z.0f} °{'' if usable else ', not usable'}"
+            rows.append([f"{segment} {side}", words, "legs"])
     return [[visible(name) if i == 0 else "", *row] for i, row in enumerate(rows)]
 
 

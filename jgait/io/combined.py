@@ -1,5 +1,6 @@
 """The tables of an analysis of all sensors: strides, contacts, walking bouts, sources, samples."""
 
+import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,11 +23,13 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     """The tables of an analysis; a table without rows is left out.
 
     `strides`: columns of `strides_to_dataframe`, then `stance_duration_s swing_duration_s`, smallest and largest
-    `hip_flexion_…_deg knee_flexion_…_deg` in the stride where thigh and shank are measured, `wb_id` of the walking
-    bout, `source` of the times, `combined` sources of the length, and `special` flags in words.
+    `hip_flexion_…_deg knee_flexion_…_deg` in the stride where thigh and shank are measured, `angles_valid`, False if
+    these angles are not usable, `wb_id` of the walking bout, `source` of the times, `combined` sources of the length,
+    and `special` flags in words.
     `contacts`: `time_s side event source`, initial and final contacts; side "unknown" where it is not certain.
     `bouts`: `wb_id start_s end_s duration_s n_strides distance_m stride_length_m walking_speed_mps cadence_spm`; a bout
-    ends with a break of more than 3 s; lengths, speeds and cadence are medians over whole strides.
+    ends with a break of more than 3 s; lengths, speeds and cadence are medians over whole strides; `distance_m` is the
+    bout's part of the combined distance, so that the bouts add up to it.
     `sources`: `quantity unit source value std n_strides`, each quantity as each source measures it, and combined.
     `samples`: columns of `to_dataframe`, where anything is estimated for every sample.
 
@@ -40,7 +43,7 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     tables = {}
     if analysis.strides is not None:
         tables["strides"] = _strides(analysis, analysis.strides)
-        tables["bouts"] = _bouts(tables["strides"].assign(whole=regular(analysis.strides)))
+        tables["bouts"] = _bouts(tables["strides"].assign(whole=regular(analysis.strides)), analysis.estimate)
     tables["contacts"] = _contacts(analysis)
     rows = [
         {"quantity": c.quantity, "unit": UNITS[c.quantity], "source": c.source, "value": c.value, "std": c.stddev,
@@ -62,8 +65,11 @@ def _strides(analysis: "Analysis", told: "JoinedStrides") -> "pd.DataFrame":
         stance = table["final_contact_s"] - table["start_s"]
         table["stance_duration_s"] = stance.where(stance > 0.0)
         table["swing_duration_s"] = table["end_s"] - table["final_contact_s"]
-    for name, values in _extremes(estimate, table).items():
+    extremes = _extremes(estimate, table)
+    for name, values in extremes.items():
         table[name] = values
+    if extremes:
+        table["angles_valid"] = [estimate.diagnostics.get(f"angles_valid_{side}", False) for side in table["side"]]
     table["wb_id"] = bout_numbers(table["start_s"].to_numpy(), table["end_s"].to_numpy())
     table["source"] = list(told.first)
     table["combined"] = ["+".join(name for name, used in told.used.items() if used[i]) for i in range(len(table))]
@@ -100,22 +106,28 @@ def bout_numbers(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return np.concatenate([[0], np.cumsum(start[1:] - latest[:-1] > BREAK)])
 
 
-def _bouts(strides: "pd.DataFrame") -> "pd.DataFrame":
-    """One row for each walking bout; the distance is the mean over the sides of the sum of the strides."""
+def _bouts(strides: "pd.DataFrame", estimate: Estimate) -> "pd.DataFrame":
+    """One row for each walking bout; between two bouts, the combined distance is divided in the middle of the break."""
     import pandas as pd
 
+    bouts = [(number, of_bout, of_bout["start_s"].min(), of_bout["end_s"].max())
+             for number, of_bout in strides.groupby("wb_id")]  # fmt: skip
+    middles = [0.5 * (before[3] + after[2]) for before, after in itertools.pairwise(bouts)]
+    if estimate.distance is None:
+        distances = np.full(len(bouts), np.nan)
+    else:
+        way = as_float(estimate.distance)
+        distances = np.diff([0.0, *np.interp(middles, as_float(estimate.time), way), way[-1]])
     rows = []
-    for number, of_bout in strides.groupby("wb_id"):
-        start, end = float(of_bout["start_s"].min()), float(of_bout["end_s"].max())
+    for (number, of_bout, start, end), distance in zip(bouts, distances, strict=True):
         whole = of_bout[of_bout["whole"]] if of_bout["whole"].any() else of_bout
-        distance = float(of_bout.groupby("side")["stride_length_m"].sum().mean())
         rows.append({
             "wb_id": number, "start_s": start, "end_s": end, "duration_s": end - start, "n_strides": len(of_bout),
             "distance_m": distance, "stride_length_m": float(whole["stride_length_m"].median()),
             "walking_speed_mps": float(whole["walking_speed_mps"].median()),
             "cadence_spm": float(120.0 / whole["stride_duration_s"].median()),
         })  # fmt: skip
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows).dropna(axis="columns", how="all")
 
 
 def _contacts(analysis: "Analysis") -> "pd.DataFrame":

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait.estimators.checks import SENSOR_LEFT_OUT
 from jgait.estimators.combined.compare import (
     Comparison,
     comparisons,
@@ -34,8 +35,8 @@ class Analysis(NamedTuple):
 
     Attributes:
         estimate: the joined estimate: strides of both sides with standard deviations, distance, joint angles, paths of
-            the feet, as far as the sensors measure them; `diagnostics` has the flags of strides, contacts of the waist
-            and `distance_stddev` [m].
+            the feet, as far as the sensors measure them; `diagnostics` has the flags of strides, contacts of the waist,
+            `distance_stddev` [m], and `angles_valid_<side>`, False if the side's joint angles are not usable.
         sources: what each group of sensors says alone, in the order in which their times are preferred.
         strides: for each stride which sources measured it and which were combined; None without strides.
         comparisons: each quantity as each source measures it, and combined.
@@ -79,21 +80,27 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     kept = {name: imu for name, imu in recording.sensors.items() if name not in findings.unusable}
     if not kept:
         raise RecordingError("; ".join(str(note) for note in findings.notes))
-    usable = recording._replace(sensors=kept, notes=())
+    left_out = tuple(note for note in recording.notes if note.code == SENSOR_LEFT_OUT)
+    usable = recording._replace(sensors=kept, notes=left_out)
     found, notes = sources(usable, body)
     wrong = findings.doubtful | _named(recording, ACCUSED)
     strides = joined(found, wrong | _named(recording, CLOCKS), wrong)
     late = _apart(recording, found)
     ways, one_sided = distances(found, usable, body, wrong, late)
     total, differ = walked(ways)
-    differ += _angles(found, findings.doubtful | _named(recording, AXES) | late)
+    unusable = _angles(found, findings.doubtful | _named(recording, AXES) | late)
+    differ += unusable
     if strides is not None:
         differ = [*length_notes(found, strides), *differ, *side_notes(found, strides)]
     every = [*findings.notes, *differ, *recording.notes, *notes, *one_sided]
     every += [note for source in found for note in source.estimate.diagnostics["notes"]]
     order = sorted(without_repeats(every), key=lambda note: SEVERITIES.index(note.severity))
     estimate = _assembled(found, strides, total)
-    estimate = estimate._replace(diagnostics={**estimate.diagnostics, "notes": tuple(order)})
+    valid = {
+        f"angles_valid_{side}": not any(side in str(note.values["sides"]) for note in unusable)
+        for side in SIDES if getattr(estimate.legs, side) is not None
+    }  # fmt: skip
+    estimate = estimate._replace(diagnostics={**estimate.diagnostics, **valid, "notes": tuple(order)})
     rows = comparisons(found, strides, ways, total)
     return Analysis(estimate, tuple(found), strides, tuple(rows), tuple(order), body)
 

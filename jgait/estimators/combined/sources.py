@@ -7,6 +7,7 @@ from jaxtyping import PyTree
 
 from jgait.estimators import ankle_stride, foot_ins, leg_ekf, stride_width_ekf, waist
 from jgait.estimators.ankle_stride import AnkleOptions
+from jgait.estimators.checks import sensors_of
 from jgait.estimators.interface import Estimator
 from jgait.estimators.proportions import gives, told
 from jgait.notes import Kind, Note
@@ -135,6 +136,6 @@ def sources(recording: Recording, person: Mapping[str, PyTree]) -> tuple[list[So
         raise RecordingError(
             "; ".join(reasons)
             or "no estimator has its sensors: expected both or one of foot, ankle, shank, thigh with shank, or waist, "
-            f"lower_back or pelvis; the recording has {sorted(recording.sensors)}"
+            f"lower_back or pelvis; {sensors_of(recording)}"
         )
     return found, [*notes, *told(person, measures)]

@@ -7,8 +7,11 @@ import pytest
 
 import jgait
 from jgait import io, simulate
+from jgait.commands.jobs import all_sensors
 from jgait.estimators.combined.analysis import ACCUSED, CLOCKS
 from jgait.estimators.combined.compare import regular
+from jgait.estimators.combined.distance import WalkedDistance
+from jgait.estimators.combined.distance import walked as walked_together
 from jgait.estimators.combined.strides import combined, joined
 from jgait.io.damage import agreement, delays, paces, samples, tilts, turns
 from jgait.notes import Kind
@@ -91,12 +94,18 @@ def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
     np.testing.assert_allclose(whole["stance_duration_s"] + whole["swing_duration_s"], whole["stride_duration_s"])
     assert len(tables["bouts"]) == 1
     assert tables["bouts"]["n_strides"].item() == len(strides)
+    assert tables["bouts"]["distance_m"].item() == pytest.approx(analysis.estimate.distance[-1])
     contacts = tables["contacts"]
     assert (np.diff(contacts["time_s"]) >= 0.0).all()
     initial = contacts[contacts["event"] == "initial"]
     assert (initial["side"].to_numpy()[1:] != initial["side"].to_numpy()[:-1]).all()
     assert {"feet", "ankles", "shanks", "waist", "legs", "combined"} == set(tables["sources"]["source"])
     assert "knee_angle_right_deg" in tables["samples"]
+    for side in ("right", "left"):
+        assert tables["samples"][f"angles_valid_{side}"].dtype == bool
+        assert tables["samples"][f"angles_valid_{side}"].all()
+    assert strides["angles_valid"].all()
+    assert "not usable" not in str(all_sensors({}, "csv").rows(analysis, "walk"))
 
 
 def test_what_only_a_contradicted_source_says_is_in_doubt(analysis):
@@ -192,6 +201,11 @@ def test_a_sensor_that_a_reader_accuses_is_left_out_of_the_combined_distance(wal
     assert not found.strides.flags["doubtful"][right & (found.strides.rows["feet"] >= 0)].any()
     (note,) = (note for note in found.notes if note.code == "angles_doubtful")
     assert note.values == {"sides": "right", "sensors": "shank_right"}
+    tables = io.analysis_to_dataframes(found)
+    assert not tables["samples"]["angles_valid_right"].any() and tables["samples"]["angles_valid_left"].all()
+    np.testing.assert_array_equal(tables["strides"]["angles_valid"], tables["strides"]["side"] == "left")
+    printed = {row[1]: row[2] for row in all_sensors({}, "csv").rows(found, "walk")}
+    assert [name for name, words in printed.items() if words.endswith("°, not usable")] == ["hip right", "knee right"]
 
 
 def test_strides_that_only_a_wrong_sensor_measured_do_not_count_in_means(walked):
@@ -290,6 +304,40 @@ def test_the_most_certain_and_those_that_agree_are_combined():
     value, sd, kept = combined(np.array([1.0, 1.02, 2.0, 2.0]), np.array([0.02, 0.02, 0.05, 0.05]))
     np.testing.assert_allclose([value, sd], [1.01, np.sqrt(0.0002 + 0.5**2)])
     np.testing.assert_array_equal(kept, [True, True, False, False])
+
+
+def test_one_that_two_others_contradict_is_left_out():
+    value, sd, kept = combined(np.array([1.0, 1.2, 1.21]), np.array([0.01, 0.02, 0.02]))
+    np.testing.assert_allclose([value, sd], [1.205, np.sqrt(0.0002)])
+    np.testing.assert_array_equal(kept, [False, True, True])
+
+
+def test_two_with_shared_errors_do_not_outvote_a_third():
+    shared = np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    value, sd, kept = combined(np.array([1.2, 1.21, 1.0]), np.array([0.02, 0.02, 0.01]), shared)
+    np.testing.assert_allclose([value, sd], [1.0, np.hypot(0.01, 0.1)])
+    np.testing.assert_array_equal(kept, [False, False, True])
+
+
+def test_what_is_so_uncertain_that_it_agrees_with_all_decides_nothing():
+    value, sd, kept = combined(np.array([1.0, 1.2, 1.1]), np.array([0.01, 0.02, 0.3]))
+    np.testing.assert_allclose([value, sd], [1.0, np.hypot(0.01, 0.1)], rtol=1e-2)
+    np.testing.assert_array_equal(kept, [True, False, True])
+
+
+@pytest.mark.parametrize("certain", ["feet", "waist"])
+def test_a_distance_that_two_others_contradict_does_not_count_whichever_is_the_most_certain(certain):
+    time = np.array([0.0, 10.0])
+    ways = [
+        WalkedDistance(name, time, np.array([0.0, end]), 0.1 if name == certain else 0.3, False)
+        for name, end in (("feet", 20.0), ("shanks", 20.3), ("waist", 26.0))
+    ]
+    total, notes = walked_together(sorted(ways, key=lambda way: way.stddev))
+    assert total.source.split("+") == sorted(["feet", "shanks"], key=total.source.index)
+    assert 20.0 < total.distance[-1] < 20.3
+    assert total.stddev < 0.3
+    (note,) = notes
+    assert (note.values["other"], note.values["other_distance"]) == ("waist", 26.0)
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet", "json"])
