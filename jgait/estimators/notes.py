@@ -7,13 +7,17 @@ from jgait.notes import CLIPPING, FEW_RESTS, LOSSES, NO_GRAVITY, NO_WALKING, SCA
 NO_STEPS = Kind("no_walking", "stop", "{placement} does not walk", NO_WALKING)
 
 CLIPPED = Kind(
-    "signal_clipped", "check", "the {signal} of {placement} clips in {samples} samples, which count for less", CLIPPING
+    "signal_clipped",
+    "check",
+    "the {signal} of {placement} clips in {samples} {samples:sample, which counts|samples, which count} for less",
+    CLIPPING,
 )
 
 STRIDES_UNCERTAIN = Kind(
     "samples_lost",
     "check",
-    "{samples} samples of {placement} are lost; strides across them are less certain, or are missing",
+    "{samples} {samples:sample|samples} of {placement} {samples:is|are} lost, at most {longest_s:.2f} s in a row; "
+    "strides across {samples:it|them} are less certain, or are missing",
     LOSSES,
 )
 
@@ -23,7 +27,8 @@ LONGEST_LOSS = 0.25
 STRIDES_MISSING = Kind(
     "strides_missing",
     "check",
-    "{strides} strides of {placement} are left out: more than {seconds:g} s of them is lost",
+    "{strides} {strides:stride|strides} of {placement} {strides:is|are} left out: more than {seconds:g} s of "
+    "{strides:it|them} is lost",
     "So much of these strides was lost that they are missing here; totals and the distance are too small by them.",
 )
 

@@ -53,3 +53,19 @@ def test_a_foot_that_slides_in_stance_is_in_doubt(walk):
     assert not found.recording and found.strides is not None and not found.strides.all()
     assert {note.code for note in found.reasons} <= {"inconsistent_stances", "strides_doubtful", STANCES_RARE.code}
     np.testing.assert_array_equal(DOUBTFUL.read(estimate), ~found.strides)
+
+
+@pytest.mark.parametrize("slides", [False, True])
+def test_a_gap_puts_no_stances_in_doubt_but_sliding_does(slides):
+    made = foot(strides=8, roll=0.03, seed=1)
+    imu = made.recording.sensors["foot_right"]
+    time = np.asarray(imu.time)
+    lost = (time >= 4.9) & (time < 5.5)
+    shaken = 6.0 * slides * np.sin(4.0 * np.pi * time)[:, None] * np.array([1.0, 0.0, 0.0])
+    gyr, acc = (np.where(lost[:, None], 0.0, values) for values in (imu.gyr, imu.acc + shaken))
+    walk = made.recording._replace(sensors={"foot_right": imu._replace(gyr=gyr, acc=acc, mask=~lost)})
+    estimate = foot_ins.estimate(FootParams(), walk)
+    assert estimate.diagnostics["nis_right"] > 0.15
+    assert {note.code for note in trust(estimate).reasons} == ({"strides_doubtful"} if slides else set())
+    assert any("60 samples of foot_right are lost, at most 0.60 s in a row" in str(note)
+               for note in estimate.diagnostics["notes"])  # fmt: skip

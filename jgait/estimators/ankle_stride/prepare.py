@@ -11,7 +11,7 @@ import numpy as np
 from jgait.estimators.ankle_stride.inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
 from jgait.estimators.ankle_stride.notes import NEVER_STANDS, SWINGS_EVEN
 from jgait.estimators.ankle_stride.params import AnkleOptions, check_options
-from jgait.estimators.checks import check_nominal_rate, common_time, lost_between
+from jgait.estimators.checks import check_nominal_rate, common_time, longest_loss, lost_between, sensors_of
 from jgait.estimators.interface import Prepared
 from jgait.estimators.notes import CLIPPED, LONGEST_LOSS, NO_STEPS, STRIDES_MISSING, STRIDES_UNCERTAIN
 from jgait.estimators.programs import bucket, compiled
@@ -65,7 +65,7 @@ def prepare(recording: Recording, options: AnkleOptions) -> Prepared[AnkleInputs
     if not any(worn.values()):
         kinds = ("ankle", "shank") if options.site == "auto" else (options.site,)
         wanted = " or ".join(f"'{kind}_{side}'" for kind in kinds for side in SIDES)
-        raise RecordingError(f"ankle_stride needs {wanted}; the recording has {sorted(recording.sensors)}")
+        raise RecordingError(f"ankle_stride needs {wanted}; {sensors_of(recording)}")
     time = _checked(recording, [name for name in worn.values() if name])
     legs: dict[str, AnkleSignals | None] = dict.fromkeys(SIDES)
     notes: list[Note] = []
@@ -169,7 +169,7 @@ def _leg(
         if flags.any():
             notes.append(CLIPPED(signal=what, placement=name, samples=flags.sum()))
     if lost.any():
-        notes.append(STRIDES_UNCERTAIN(samples=lost.sum(), placement=name))
+        notes.append(STRIDES_UNCERTAIN(samples=lost.sum(), placement=name, longest_s=longest_loss(lost, time)))
     stands = _standing(stood, speed, rate_hz) & ~lost
     gyr, acc = (as_float(values) @ axes.rows.T for values in (whole.gyr, whole.acc))
     told = _signals(gyr, acc, time, stands, stood, rate_hz)

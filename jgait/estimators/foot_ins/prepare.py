@@ -8,7 +8,7 @@ import itertools
 
 import numpy as np
 
-from jgait.estimators.checks import common_time, lost_between, not_bridged
+from jgait.estimators.checks import common_time, longest_loss, lost_between, not_bridged, sensors_of
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals, capacity
 from jgait.estimators.foot_ins.notes import NEVER_RESTS
 from jgait.estimators.interface import Prepared
@@ -55,9 +55,7 @@ def worn_sides(recording: Recording) -> tuple[str, ...]:
     """The sides with a foot sensor. Raises RecordingError if neither foot has a sensor."""
     sides = tuple(side for side in SIDES if f"foot_{side}" in recording.sensors)
     if not sides:
-        raise RecordingError(
-            f"foot_ins needs 'foot_right' or 'foot_left'; the recording has {sorted(recording.sensors)}"
-        )
+        raise RecordingError(f"foot_ins needs 'foot_right' or 'foot_left'; {sensors_of(recording)}")
     return sides
 
 
@@ -149,7 +147,7 @@ def _foot(
     found = _more_footholds(found, hz)
     whole, known = _whole(found, lost, time)
     if lost.any():
-        notes.append(STRIDES_UNCERTAIN(samples=lost.sum(), placement=name))
+        notes.append(STRIDES_UNCERTAIN(samples=lost.sum(), placement=name, longest_s=longest_loss(lost, time)))
     if not whole.all():
         notes.append(STRIDES_MISSING(strides=np.sum(~whole), placement=name, seconds=LONGEST_LOSS))
     first = int(np.flatnonzero(stands)[0]) if stands.any() else int(found.stillest[0])

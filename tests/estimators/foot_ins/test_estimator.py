@@ -157,7 +157,7 @@ def test_a_stride_of_which_too_much_is_lost_is_left_out(straight):
     made, plain = straight
     holes, lost = with_hole(made, 0.05, 40)
     estimate = foot_ins.estimate(STILL, holes)
-    assert "1 strides of foot_right are left out" in " ".join(texts(estimate.diagnostics["notes"]))
+    assert "1 stride of foot_right is left out" in " ".join(texts(estimate.diagnostics["notes"]))
     assert len(estimate.strides.length) == 5
     np.testing.assert_allclose(estimate.strides.length, 1.2, atol=5 * MILLIMETRE)
     assert not estimate.valid[lost + 20]
