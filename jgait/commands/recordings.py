@@ -44,7 +44,6 @@ OPTIONS = {
     "placement": "--place",
     "placements": "--place",
     "trial": "--trial",
-    "columns": "other names in the file",
 }
 """Argument of a reader → the option of the same meaning."""
 

@@ -11,6 +11,16 @@ BRIDGED = 0.05
 """[s] Longest loss that is bridged by interpolation, and does not count as lost; chosen: 5 samples at 100 Hz."""
 
 
+SENSOR_LEFT_OUT = "sensor_left_out"
+"""Code of a reader's note that a sensor is left out."""
+
+
+def sensors_of(recording: Recording) -> str:
+    """Which sensors a recording has, and why readers left others out: the end of a message about missing sensors."""
+    left_out = [f"; {note}" for note in recording.notes if note.code == SENSOR_LEFT_OUT]
+    return f"the recording has {sorted(recording.sensors)}{''.join(left_out)}"
+
+
 def common_time(recording: Recording, names: Sequence[str], caller: str, what: str, *, acc: bool = True) -> np.ndarray:
     """The common time (T,) [s] of several sensors; their signals are checked as well.
 
@@ -72,6 +82,12 @@ def not_bridged(lost: np.ndarray, time: np.ndarray) -> np.ndarray:
     for first, after in true_runs(lost):
         gone[first:after] = step[first:after].sum() > BRIDGED
     return gone
+
+
+def longest_loss(lost: np.ndarray, time: np.ndarray) -> float:
+    """Longest time [s] that is lost in a row, by flags of lost samples (T,); 0 without losses."""
+    step = np.diff(time, prepend=time[0])
+    return max((float(step[first:after].sum()) for first, after in true_runs(lost)), default=0.0)
 
 
 def lost_between(lost: np.ndarray, time: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:

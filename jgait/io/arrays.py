@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jgait.io.checks import ACC_UNITS, RANGE_UNITS, check_alive, check_range, check_units, quality_notes
+from jgait.io.checks import ACC_UNITS, RANGE_UNITS, check_range, quality_notes, usable_sensors
 from jgait.io.clock import SampleTimes, make_clock
 from jgait.io.damage import damage_notes, without_damage
 from jgait.notes import NO_RANGE, Kind, Note
@@ -60,7 +60,8 @@ def recording_from_arrays(
         check_sizes: refuse units that the size of the signals contradicts.
 
     Returns:
-        The recording in SI units; its notes state deduced units, filled gaps and doubtful signals.
+        The recording in SI units; its notes state deduced units, filled gaps and doubtful signals, and sensors that
+        are left out, because their numbers cannot be right although those of the others are.
 
     Raises:
         ValueError: for an unknown unit.
@@ -75,21 +76,19 @@ def recording_from_arrays(
     for placement, signals in sensors.items():
         samples = _check_arrays(placement, signals, samples, name)
     clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name)
-    found: list[Note] = []
+    found: dict[str, tuple[Note, ...]] = {}
     imus, noted = {}, {}
     for placement, signals in sensors.items():
         read = _in_si(signals, scales)
         masked = without_damage(placement, read, scales, clock.sampling_rate_hz)
         imus[placement] = _imu(masked.signals, clock)
-        found += masked.notes
+        found[placement] = masked.notes
         damaged = np.any([np.isfinite(v) & np.isnan(masked.signals[k]) for k, v in read.items()], axis=(0, 2))
         noted[placement] = (clock.rows < 0) | damaged[clock.rows]
-    for placement, imu in imus.items():
-        check_alive(imu, placement, name)
-    if check_sizes:
-        check_units(imus, gyr_unit, acc_unit, name)
+    imus, left_out = usable_sensors(imus, gyr_unit, acc_unit, name, check_sizes=check_sizes)
     recording = Recording(imus, clock.sampling_rate_hz, name, subject, clock.notes)
-    notes = (*clock.notes, *found, *quality_notes(recording, noted), *damage_notes(recording))
+    damage = [note for placement in imus for note in found[placement]]
+    notes = (*clock.notes, *left_out, *damage, *quality_notes(recording, noted), *damage_notes(recording))
     if feet_range is None:
         return recording._replace(notes=notes)
     apart = _range(feet_range, metres, clock, int(samples or 0), name)

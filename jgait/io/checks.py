@@ -1,6 +1,7 @@
 """Checks of a recording: errors if it is unusable, notes if it is doubtful (units, dead channels, clipping)."""
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,9 +21,18 @@ CLIP_RUN = 3  # [samples] shortest run at the extreme value of a clipped channel
 CLIP_FLOOR = {"gyr": 1.0, "acc": 1.5 * GRAVITY}  # smallest clipped value; quiet channels repeat smaller values
 LONG_GAP_S = 0.1
 RANGE_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+TWICE = "; were deg/s taken for rad/s, or converted twice? Correct its columns in the file"
 FEET_APART = (0.02, 1.5)  # [m] median distance of one leg from the other where a range between them is measured
 
-SAMPLES_MISSING = Kind("samples_missing", "check", "{placement}: {missing} of {samples} samples are missing", LOSSES)
+SENSOR_LEFT_OUT = Kind(
+    "sensor_left_out",
+    "check",
+    "{placement} is left out: {reason}",
+    "The numbers of this sensor cannot be right. What the other sensors measure does not depend on it.",
+)
+SAMPLES_MISSING = Kind(
+    "samples_missing", "check", "{placement}: {missing} of {samples} samples {missing:is|are} missing", LOSSES
+)
 STRETCH_MISSING = Kind("stretch_missing", "check", "{placement}: {seconds:.2f} s missing from {begin_s:.2f} s", LOSSES)
 CHANNEL_CONSTANT = Kind(
     "channel_constant",
@@ -31,30 +41,99 @@ CHANNEL_CONSTANT = Kind(
     "One axis of a sensor gives the same value all the time: it is broken, or was not recorded.",
 )
 CHANNEL_CLIPPED = Kind(
-    "channel_clipped", "check", "{channel} is clipped at {value:.4g} {unit} in {samples} samples", CLIPPING
-)  # fmt: skip
+    "channel_clipped",
+    "check",
+    "{channel} is clipped at {value:.4g} {unit} in {samples} {samples:sample|samples}",
+    CLIPPING,
+)
 
 
-def check_units(sensors: dict[str, Imu], gyr_unit: str, acc_unit: str, name: str) -> None:
-    """Refuse stated units that contradict the sizes of the signals, which are already in SI.
+class _Fault(NamedTuple):
+    """Why the numbers of a sensor cannot be right: its part, or "" for the whole sensor, and the predicate."""
+
+    part: str
+    words: str
+
+
+def usable_sensors(
+    sensors: Mapping[str, Imu], gyr_unit: str, acc_unit: str, name: str, *, check_sizes: bool = True
+) -> tuple[dict[str, Imu], list[Note]]:
+    """The sensors without those whose numbers cannot be right, and a note about each of these.
+
+    Args:
+        sensors: placement → signals, already in SI.
+        gyr_unit: unit of the file.
+        acc_unit: unit of the file.
+        name: name of the recording in messages.
+        check_sizes: whether the sizes of the signals are checked, too, and not only that there are signals.
 
     Raises:
-        RecordingError: if in these units a limb turns impossibly fast, a moving person impossibly slowly, or the
-            accelerometer does not measure gravity.
+        RecordingError: if no sensor has signals, or the sizes of most contradict the unit of the file: a limb turns
+            impossibly fast, a moving person impossibly slowly, or the accelerometer does not measure gravity.
     """
-    rates = {p: float(np.percentile(np.linalg.norm(imu.gyr[imu.mask], axis=1), 99.0)) for p, imu in sensors.items()}
+    faults = {placement: fault for placement, imu in sensors.items() if (fault := _dead(imu))}
+    if len(faults) == len(sensors):
+        placement, (part, words) = next(iter(faults.items()))
+        raise RecordingError(f"{name}: {f'the {part} of ' if part else ''}{placement} {words}")
+    if check_sizes:
+        faults |= _too_fast(_without(sensors, faults), gyr_unit, name)
+        faults |= _without_gravity(_without(sensors, faults), acc_unit, name)
+        _check_moving(_without(sensors, faults), gyr_unit, name)
+    notes = [
+        SENSOR_LEFT_OUT(placement=placement, reason=f"{f'its {part}' if part else 'it'} {words}")
+        for placement, (part, words) in faults.items()
+    ]
+    return _without(sensors, faults), notes
+
+
+def _without(sensors: Mapping[str, Imu], faults: Mapping[str, _Fault]) -> dict[str, Imu]:
+    return {placement: imu for placement, imu in sensors.items() if placement not in faults}
+
+
+def _dead(imu: Imu) -> _Fault | None:
+    """The fault of a gyroscope without data: no sample, or all axes constant."""
+    there = np.asarray(imu.gyr)[np.asarray(imu.mask)]
+    if not len(there):
+        return _Fault("", f"has no usable sample; all {len(imu.gyr)} are missing")
+    if (np.ptp(there, axis=0) == 0.0).all():
+        reading = ", ".join(f"{value:.4g}" for value in there[0])
+        return _Fault("gyroscope", f"is constant at ({reading}) rad/s; it recorded nothing")
+    return None
+
+
+def _fast_rates(sensors: Mapping[str, Imu]) -> dict[str, float]:
+    """Placement → 99th percentile of the norm of the rate [rad/s]."""
+    return {p: float(np.percentile(np.linalg.norm(imu.gyr[imu.mask], axis=1), 99.0)) for p, imu in sensors.items()}
+
+
+def _too_fast(sensors: Mapping[str, Imu], gyr_unit: str, name: str) -> dict[str, _Fault]:
+    """The sensors that turn impossibly fast; refuses a recording in which more do so than turn as a walking person."""
+    rates = _fast_rates(sensors)
+    fast = {placement: rate for placement, rate in rates.items() if rate > FASTEST}
+    if not fast:
+        return {}
+    others = [placement for placement, rate in rates.items() if SLOWEST_WALK < rate < IN_RADIANS]
+    limit = f"nothing worn while walking exceeds {FASTEST:g} rad/s"
+    twice = {placement: TWICE if np.deg2rad(rate) < IN_RADIANS else "" for placement, rate in fast.items()}
+    if len(fast) <= len(others):
+        return {
+            placement: _Fault("gyroscope", f"reaches {rate:.4g} rad/s (99th percentile), but {limit}{twice[placement]}")
+            for placement, rate in fast.items()
+        }
+    fastest = max(fast, key=lambda placement: fast[placement])
+    degrees = gyr_unit == "rad/s"
+    raise RecordingError(
+        f"{name}: the gyroscope of {fastest} reaches {fast[fastest]:.4g} rad/s (99th percentile, given as {gyr_unit}), "
+        f"but {limit}{_advice('deg/s', others) if degrees else twice[fastest]}",
+        argument="gyr_unit" if degrees and not others else "",
+        value="deg/s",
+    )
+
+
+def _check_moving(sensors: Mapping[str, Imu], gyr_unit: str, name: str) -> None:
+    """Refuse gyroscopes that turn too slowly in deg/s while accelerometers show that the person moves."""
+    rates = _fast_rates(sensors)
     fastest = max(rates, key=lambda placement: rates[placement])
-    if rates[fastest] > FASTEST:
-        degrees = gyr_unit == "rad/s"
-        others = [placement for placement, rate in rates.items() if SLOWEST_WALK < rate < IN_RADIANS]
-        hint = _advice("deg/s", others) if degrees else ""
-        raise RecordingError(
-            f"{name}: the gyroscope of {fastest} reaches {rates[fastest]:.4g} rad/s (99th percentile, given as "
-            f"{gyr_unit}), but nothing worn while walking exceeds {FASTEST:g} rad/s{hint}",
-            argument="gyr_unit" if degrees and not others else "",
-            value="deg/s",
-        )
-    _check_gravity(sensors, acc_unit, name)
     if gyr_unit == "deg/s" and rates[fastest] < SLOWEST_WALK and _moves(sensors):
         raise RecordingError(
             f"{name}: no gyroscope exceeds {rates[fastest]:.4g} rad/s ({np.rad2deg(rates[fastest]):.4g} deg/s, 99th "
@@ -65,7 +144,7 @@ def check_units(sensors: dict[str, Imu], gyr_unit: str, acc_unit: str, name: str
         )
 
 
-def _moves(sensors: dict[str, Imu]) -> bool:
+def _moves(sensors: Mapping[str, Imu]) -> bool:
     """Whether any accelerometer shows that the person moves; True without an accelerometer."""
     spread = [float(np.linalg.norm(imu.acc[imu.mask], axis=1).std()) for imu in sensors.values() if imu.acc is not None]
     return not spread or max(spread) > MOVING_ACC
@@ -92,38 +171,52 @@ def _advice(unit: str, others: Sequence[str]) -> str:
     return f": it seems to be in {shown}, but {rest} not; convert the columns of this sensor in the file"
 
 
-def _check_gravity(sensors: Mapping[str, Imu], acc_unit: str, name: str) -> None:
-    """Refuse an accelerometer that does not measure gravity where it is calm."""
+def _without_gravity(sensors: Mapping[str, Imu], acc_unit: str, name: str) -> dict[str, _Fault]:
+    """The sensors whose accelerometer does not measure gravity where it is calm; refuses a recording of mostly such."""
     forces = {
         placement: calm_force(np.asarray(imu.acc)[np.asarray(imu.mask)], 1.0 / float(np.median(np.diff(imu.time))))
         for placement, imu in sensors.items() if imu.acc is not None
     }  # fmt: skip
     low, high = (bound * GRAVITY for bound in GRAVITY_RANGE)
     right = [placement for placement, force in forces.items() if low <= force <= high]
-    wrong = next((placement for placement in forces if placement not in right), None)
-    if wrong is None:
-        return
-    force = forces[wrong]
-    if acc_unit == "m/s^2" and GRAVITY_RANGE[0] <= force <= GRAVITY_RANGE[1]:
-        unit = "g"
-    elif acc_unit == "g" and low <= force / GRAVITY <= high:
-        unit = "m/s^2"
-    elif acc_unit != "mg" and low <= force / ACC_UNITS[acc_unit] * ACC_UNITS["mg"] <= high:
-        unit = "mg"
-    else:
-        unit = ""
-    if unit:
-        hint = _advice(unit, right)
-    elif force < 0.3 * GRAVITY:
-        hint = ": gravity seems to have been taken off; the raw specific force is needed"
-    else:
-        hint = ": check the unit"
+    wrong = {placement: force for placement, force in forces.items() if placement not in right}
+    if not wrong:
+        return {}
+    units = {placement: _unit_of(force, acc_unit) for placement, force in wrong.items()}
+    reasons = {
+        placement: f"reads {force:.4g} m/s² where it is calm (given as {acc_unit}), but gravity alone is "
+        f"{GRAVITY:.4g} m/s²{_why(force, units[placement], right)}"
+        for placement, force in wrong.items()
+    }
+    if len(wrong) <= len(right):
+        return {placement: _Fault("accelerometer", reason) for placement, reason in reasons.items()}
+    first = next(iter(wrong))
     raise RecordingError(
-        f"{name}: the accelerometer of {wrong} reads {force:.4g} m/s² where it is calm (given as {acc_unit}), "
-        f"but gravity alone is {GRAVITY:.4g} m/s²{hint}",
-        argument="acc_unit" if unit and not right else "",
-        value=unit,
+        f"{name}: the accelerometer of {first} {reasons[first]}",
+        argument="acc_unit" if units[first] and not right else "",
+        value=units[first],
     )
+
+
+def _unit_of(force: float, acc_unit: str) -> str:
+    """The unit in which a force [m/s²], converted from a stated unit, would be gravity; "" for none."""
+    low, high = (bound * GRAVITY for bound in GRAVITY_RANGE)
+    if acc_unit == "m/s^2" and GRAVITY_RANGE[0] <= force <= GRAVITY_RANGE[1]:
+        return "g"
+    if acc_unit == "g" and low <= force / GRAVITY <= high:
+        return "m/s^2"
+    if acc_unit != "mg" and low <= force / ACC_UNITS[acc_unit] * ACC_UNITS["mg"] <= high:
+        return "mg"
+    return ""
+
+
+def _why(force: float, unit: str, others: Sequence[str]) -> str:
+    """Why an accelerometer reads a force [m/s²] other than gravity, and what to do."""
+    if unit:
+        return _advice(unit, others)
+    if force < 0.3 * GRAVITY:
+        return ": gravity seems to have been taken off; the raw specific force is needed"
+    return ": check the unit"
 
 
 def check_range(distance: AnyArray, unit: str, name: str) -> None:
@@ -204,19 +297,3 @@ def _channel_notes(name: str, values: np.ndarray, mask: np.ndarray, floor: float
         if clipped:
             notes.append(CHANNEL_CLIPPED(channel=name, value=extreme, unit=unit, samples=clipped))
     return notes
-
-
-def check_alive(imu: Imu, placement: str, name: str) -> None:
-    """Refuse a gyroscope without data: no sample, or all axes constant.
-
-    Raises:
-        RecordingError: with the placement and the constant value.
-    """
-    there = np.asarray(imu.gyr)[np.asarray(imu.mask)]
-    if not len(there):
-        raise RecordingError(f"{name}: {placement} has no usable sample; all {len(imu.gyr)} are missing")
-    if (np.ptp(there, axis=0) == 0.0).all():
-        reading = ", ".join(f"{value:.4g}" for value in there[0])
-        raise RecordingError(
-            f"{name}: the gyroscope of {placement} is constant at ({reading}) rad/s; it recorded nothing"
-        )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from jgait.io.arrays import recording_from_arrays
+from jgait.io.checks import SENSOR_LEFT_OUT
 from jgait.io.files import reading
 from jgait.io.names import CHANNELS, recognised, unit_in_name
 from jgait.io.rows import read_table
@@ -22,7 +23,8 @@ COLUMNS_MATCHED = Kind("columns_matched", "info", "columns recognised by their n
 COLUMNS_LEFT_OUT = Kind("columns_left_out", "info", "columns left out: {columns}", LEFT_OUT)
 CELLS_WITHOUT_NUMBER = Kind(
     "cells_without_number", "check",
-    "{column}: {cells} cells are no numbers and count as missing, the first {value} in data row {row}", LOSSES,
+    "{column}: {cells} {cells:cell is no number and counts|cells are no numbers and count} as missing, the first "
+    "{value} in data row {row}", LOSSES,
 )  # fmt: skip
 
 
@@ -92,6 +94,7 @@ def recording_from_dataframe(
         RecordingError: if columns are missing (the message lists the expected and the given columns, and similar
             names) or contain no numbers, or if the recording is unusable.
     """
+    needs = tuple(needs)
     content = columns_of(table, columns=columns, placement=placement, needs=needs, name=name)
     if content.time is None and sampling_rate_hz is None:
         rest = f"; columns that are not of sensors: {', '.join(content.others)}" if content.others else ""
@@ -113,6 +116,9 @@ def recording_from_dataframe(
         subject=subject,
         check_sizes=check_sizes,
     )
+    lost = [note for note in recording.notes if note.code == SENSOR_LEFT_OUT.code and note.values["placement"] in needs]
+    if lost:
+        raise RecordingError(f"{name}: {lost[0]}")
     return recording._replace(notes=(*recording.notes, *about(content)))
 
 
@@ -216,10 +222,9 @@ def _lacking(lacking: list[str], expected: list[str], given: list[str], name: st
     else:
         among = every if such_as else lacking
         near = {c: difflib.get_close_matches(c, among, 1, 0.6) for c in clean.values() if c not in (*every, "time")}
-        meant = [f"{column!r} for {near[c][0]!r}" for column, c in clean.items() if near.get(c)]
-        if meant:
-            hint = f"; did you mean {', '.join(meant[:3])}? Rename them by {{argument}}"
-            argument = "columns"
+        alike = [f"{column!r} looks like {near[c][0]!r}" for column, c in clean.items() if near.get(c)]
+        if alike:
+            hint = f"; {', '.join(alike[:3])}: correct the header of the file"
     message = f"{name} lacks {', '.join(lacking)}: expected columns {such_as}{expected}, found {given}{hint}"
     return RecordingError(message, argument=argument, value=value)
 

@@ -55,7 +55,7 @@ def test_one_file_is_called_by_its_name(recording, tmp_path, without_estimates):
 @pytest.mark.parametrize(
     "kind, factor, unit", [("acc", 1.0 / 9.80665, "--acc-unit g"), ("gyr", 57.3, "--gyr-unit deg/s")]
 )
-def test_a_unit_is_advised_only_if_it_is_right_for_all_sensors(
+def test_a_unit_is_advised_if_it_is_right_for_all_sensors_and_one_sensor_is_left_out(
     recording, tmp_path, without_estimates, kind, factor, unit
 ):
     path = io.write_csv(recording, tmp_path / "walk.csv")
@@ -71,15 +71,29 @@ def test_a_unit_is_advised_only_if_it_is_right_for_all_sensors(
         changed[columns] *= factor
         changed.to_csv(path, index=False)
         code, said = run("estimate", path, *options, "--out", tmp_path / "out")
-        assert code == 2
         if columns is signals:
+            assert code == 2
             assert f"pass {unit}" in said
         else:
-            assert "--" not in said.split("walk.csv:", 1)[1].split("recordings", 1)[0]
-            assert (
-                f"it seems to be in {unit.split()[1]}, but thigh_right is not; convert the columns of this sensor"
-                in said
-            )
+            assert code == 0
+            assert "--" not in said
+            assert "walk.csv: shank_right is left out: its " in said
+            words = {
+                "acc": "it seems to be in g, but thigh_right is not; convert the columns of this sensor in the file",
+                "gyr": "were deg/s taken for rad/s, or converted twice? Correct its columns in the file",
+            }
+            assert words[kind] in said
+
+
+def test_the_same_of_several_sensors_is_one_line(recording, tmp_path, without_estimates):
+    path = io.write_csv(recording, tmp_path / "walk.csv")
+    table = pd.read_csv(path)
+    table = table.interpolate().round(4)
+    table.loc[[100, 200], [name for name in table if name != "time"]] = np.nan
+    table.to_csv(path, index=False)
+    _, said = run("estimate", path, "--out", tmp_path / "out")
+    assert f"walk.csv: thigh_right, shank_right: 2 of {len(table)} samples are missing" in said
+    assert said.count("samples are missing") == 1
 
 
 def test_a_file_without_time_says_what_came(recording, tmp_path, without_estimates):
@@ -176,7 +190,7 @@ def test_a_command_that_ends_in_a_compiled_program_points_to_the_cache(monkeypat
 
 
 def test_lost_samples_that_the_reader_noted_are_not_counted_again():
-    lost, other = (STRIDES_UNCERTAIN(samples=3, placement=f"foot_{side}") for side in ("left", "right"))
+    lost, other = (STRIDES_UNCERTAIN(samples=3, placement=f"foot_{side}", longest_s=0.03) for side in ("left", "right"))
     masked = IMPOSSIBLE(placement="foot_left", samples=3, value=1e6, unit="m/s²", begin_s=2.0)
     filled = GAPS_FILLED(gaps=1, longest_s=1.0, begin_s=2.0, inserted=3)
     assert without_repeats((lost, other)) == (lost, other)

@@ -11,6 +11,7 @@ from made.frames import NEEDED, RATE, signals, table
 from made.notes import texts
 
 from jgait import io
+from jgait.estimators import leg_ekf
 from jgait.types import Estimate, Imu, Legs, LegTrajectory, RecordingError
 
 
@@ -211,7 +212,7 @@ def later(frame, seconds):
 
 REFUSED = {
     "nothing measured": (
-        lambda t: t.assign(thigh_right_gyr_x=np.nan), {},
+        lambda t: t.assign(thigh_right_gyr_x=np.nan, shank_right_gyr_x=np.nan), {},
         "recording: thigh_right has no usable sample; all 600 are missing",
     ),
     "degrees as radians": (
@@ -229,12 +230,16 @@ REFUSED = {
         "gravity seems to have been taken off",
     ),
     "another scale": (
-        lambda t: t.assign(**{name: 2 * t[name] for name in THIGH_ACC}), {},
+        lambda t: t.assign(**{name: 2 * t[name] for name in t if "_acc_" in name}), {},
         "accelerometer of thigh_right reads 19.* check the unit",
     ),
-    "constant": (
-        lambda t: t.assign(**dict(zip(THIGH_GYR, [1.0, 2.0, 3.0], strict=True))), {},
-        r"gyroscope of thigh_right is constant at \(0.01745, 0.03491, 0.05236\) rad/s; it recorded nothing",
+    "converted twice": (
+        lambda t: t.assign(**{name: np.rad2deg(t[name]) for name in t if "_gyr_" in name}), {},
+        "given as deg/s.*, but nothing worn while walking exceeds 35 rad/s; were deg/s taken for rad/s, or converted",
+    ),
+    "needed": (
+        lambda t: t.assign(thigh_right_gyr_x=np.nan), {"needs": ["thigh_right"]},
+        "recording: thigh_right is left out: it has no usable sample",
     ),
     "time repeats": (
         lambda t: t.assign(time=t.time.where(t.index != 17, t.time[16])), {},
@@ -292,6 +297,39 @@ def test_tables_that_are_refused(name):
     fails(message, changed(table()), **options)
 
 
+LEFT_OUT = {
+    "nothing measured": (lambda t: t.assign(thigh_right_gyr_x=np.nan), "it has no usable sample; all 600 are missing"),
+    "constant": (
+        lambda t: t.assign(**dict(zip(THIGH_GYR, [1.0, 2.0, 3.0], strict=True))),
+        "its gyroscope is constant at (0.01745, 0.03491, 0.05236) rad/s; it recorded nothing",
+    ),
+    "converted twice": (
+        lambda t: t.assign(**{name: np.rad2deg(t[name]) for name in THIGH_GYR}),
+        "rad/s (99th percentile), but nothing worn while walking exceeds 35 rad/s; were deg/s taken for rad/s, or "
+        "converted twice? Correct its columns in the file",
+    ),
+    "another scale": (
+        lambda t: t.assign(**{name: 2 * t[name] for name in THIGH_ACC}),
+        "m/s² where it is calm (given as m/s^2), but gravity alone is 9.807 m/s²: check the unit",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LEFT_OUT)
+def test_one_sensor_that_cannot_be_right_does_not_cost_the_others(name):
+    changed, reason = LEFT_OUT[name]
+    recording = read(changed(table()))
+    assert list(recording.sensors) == ["shank_right"]
+    (note,) = (note for note in recording.notes if note.values.get("placement") == "thigh_right")
+    assert note.code == "sensor_left_out" and note.text.endswith(reason)
+    assert note.text.startswith("thigh_right is left out: it")
+
+
+def test_a_method_that_needs_a_sensor_that_was_left_out_says_why():
+    with pytest.raises(RecordingError, match=r"needs 'thigh_right'; the recording has .*; thigh_right is left out: it"):
+        leg_ekf.estimate(leg_ekf.LegParams(), read(table().assign(thigh_right_gyr_x=np.nan)))
+
+
 # --- columns and files ---
 
 
@@ -303,7 +341,7 @@ def test_missing_columns_list_what_was_expected_found_and_perhaps_meant():
     assert "recording lacks thigh_right_gyr_x" in message
     assert "expected columns ['thigh_right_gyr_x', 'thigh_right_gyr_y', 'thigh_right_gyr_z']" in message
     assert "found ['time', 'thigh_rigth_gyr_x'" in message
-    assert "did you mean 'thigh_rigth_gyr_x' for 'thigh_right_gyr_x'?" in message
+    assert "'thigh_rigth_gyr_x' looks like 'thigh_right_gyr_x': correct the header of the file" in message
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import numpy as np
 from jgait.duty_cycle.fillers.base import RATES
 from jgait.duty_cycle.power import Masks
 from jgait.duty_cycle.recording import SEGMENTS, acc_of, check_filler, gyroscope_masks, schedule_of
-from jgait.estimators.checks import check_nominal_rate, common_time
+from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
 from jgait.estimators.duty_cycled_gyro.notes import ACCELEROMETER_ABSENT, WORN_ALONE
 from jgait.estimators.duty_cycled_gyro.params import DutyCycledInputs, DutyCycledOptions, GapLeg, GapSegment
 from jgait.estimators.interface import Prepared
@@ -42,8 +42,7 @@ def worn(recording: Recording) -> list[str]:
     names = [name for name in names if name in recording.sensors]
     if not names:
         raise RecordingError(
-            f"{NAME} needs 'thigh_right' or 'shank_right', or those of the left leg; the recording has "
-            f"{sorted(recording.sensors)}"
+            f"{NAME} needs 'thigh_right' or 'shank_right', or those of the left leg; {sensors_of(recording)}"
         )
     return names
 

@@ -12,7 +12,7 @@ import numpy as np
 from jgait.estimators.ankle_stride.inputs import AnkleInputs
 from jgait.estimators.ankle_stride.params import AnkleOptions
 from jgait.estimators.ankle_stride.prepare import prepare as prepare_shanks
-from jgait.estimators.checks import common_time
+from jgait.estimators.checks import common_time, sensors_of
 from jgait.estimators.interface import Prepared
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
 from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED, ONE_LEG, SEGMENT_ALONE, SEGMENTS_SWAPPED
@@ -44,7 +44,7 @@ def worn_sides(recording: Recording) -> tuple[str, ...]:
         wanted = " and ".join(f"'{p}'" for p in missing)
         feet = any(p.startswith("foot_") for p in recording.sensors)
         other = "; for sensors on the feet take the estimator foot_ins" if feet else ""
-        raise RecordingError(f"leg_ekf needs {wanted}; the recording has {sorted(recording.sensors)}{other}")
+        raise RecordingError(f"leg_ekf needs {wanted}; {sensors_of(recording)}{other}")
     return sides
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from jgait.estimators import foot_ins
+from jgait.estimators.checks import sensors_of
 from jgait.estimators.foot_ins.params import FootOptions, FootParams
 from jgait.types import SIDES, AnyArray, Estimate, Feet, FootTrajectory, Recording, RecordingError, Strides
 
@@ -18,7 +19,7 @@ def feet_of(
     missing = [f"foot_{side}" for side in SIDES if f"foot_{side}" not in recording.sensors]
     if missing:
         wanted = " and ".join(repr(name) for name in missing)
-        raise RecordingError(f"stride_width_ekf needs {wanted}; the recording has {sorted(recording.sensors)}")
+        raise RecordingError(f"stride_width_ekf needs {wanted}; {sensors_of(recording)}")
     own = foot_ins.estimate(p, recording, options)
     right, left = (own.diagnostics[f"footholds_{side}"] for side in SIDES)
     return own, (right, left)

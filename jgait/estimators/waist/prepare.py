@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators.axes import pad
-from jgait.estimators.checks import check_nominal_rate, common_time
+from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
 from jgait.estimators.interface import Prepared
 from jgait.estimators.notes import FORWARD_UNSURE, NO_STEPS
 from jgait.estimators.programs import bucket, compiled, quick_while_short
@@ -56,7 +56,7 @@ def placement_of(recording: Recording, site: str = "auto") -> str:
         if name in recording.sensors:
             return name
     need = " or ".join(f"'{name}'" for name in wanted)
-    raise RecordingError(f"waist needs {need}; the recording has {sorted(recording.sensors)}")
+    raise RecordingError(f"waist needs {need}; {sensors_of(recording)}")
 
 
 def prepare(recording: Recording, options: WaistOptions) -> Prepared[WaistInputs]:

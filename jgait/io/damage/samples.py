@@ -14,7 +14,7 @@ LARGEST_ACC = 4000.0
 """[m/s²] Largest specific force of a sample; accelerometers with the widest range read 400 g."""
 
 MOST_IMPOSSIBLE = 0.01
-"""[1] Largest share of impossible samples that is masked; with more, the unit is wrong, which `check_units` reports."""
+"""[1] Largest share of impossible samples that is masked; with more, the unit is wrong, see `usable_sensors`."""
 
 SENTINELS = (-999.0, 999.0, -9999.0, 9999.0, -99999.0, 99999.0)
 """Numbers that programs write for a missing value, in the unit of the file."""
@@ -76,19 +76,22 @@ gyroscopes repeat 4 % of their readings."""
 IMPOSSIBLE = Kind(
     "samples_impossible",
     "check",
-    "{placement}: {samples} samples hold values that no sensor reads, {value:.4g} {unit} at {begin_s:.2f} s; masked",
+    "{placement}: {samples} {samples:sample holds a value|samples hold values} that no sensor reads, {value:.4g} "
+    "{unit} at {begin_s:.2f} s; masked",
     LOSSES,
 )
 PLACEHOLDERS = Kind(
     "samples_placeholder",
     "check",
-    "{placement}: {samples} samples hold {value:g} in place of a reading, first at {begin_s:.2f} s; masked",
+    "{placement}: {samples} {samples:sample holds|samples hold} {value:g} in place of a reading, first at "
+    "{begin_s:.2f} s; masked",
     LOSSES,
 )
 SPIKES = Kind(
     "samples_spike",
     "check",
-    "{placement}: {samples} samples of the {signal} jump away from their neighbours by up to {size:.4g} {unit}, "
+    "{placement}: {samples} {samples:sample|samples} of the {signal} {samples:jumps|jump} away from the neighbours "
+    "by up to {size:.4g} {unit}, "
     "first at {begin_s:.2f} s; masked",
     LOSSES,
 )
@@ -102,7 +105,7 @@ FROZEN = Kind(
 WRAPPED = Kind(
     "channel_wrapped",
     "check",
-    "{channel} jumps {times} times from one end of its range ({value:.4g} {unit}) to the other",
+    "{channel} jumps {times} {times:time|times} from one end of its range ({value:.4g} {unit}) to the other",
     "The movement was faster than the sensor's range, and its peaks come out with the wrong sign. The results of this "
     "sensor are wrong; a sensor with a larger range avoids this.",
 )
