@@ -175,7 +175,7 @@ def test_lost_samples_and_a_clock_that_drifts(root):
     walk = load()
     imu = walk.recording.sensors["lower_back"]
     assert np.flatnonzero(~imu.mask).tolist() == [7] and np.all(imu.acc[7] == 0)
-    assert "lower_back: 1 of 800 samples are masked" in texts(walk.recording.notes)
+    assert "lower_back: 1 of 800 samples is masked" in texts(walk.recording.notes)
     assert any("time stamps differ" in note for note in texts(walk.recording.notes))
 
 

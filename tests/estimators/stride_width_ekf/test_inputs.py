@@ -127,7 +127,7 @@ def test_a_passing_counts_once_and_a_late_echo_not(walk):
     distance[late] += 0.2
     after = ready(walk, read=walk.read._replace(distance=distance))
     assert np.sum(before.inputs.seen) - np.sum(after.inputs.seen) == 1
-    assert any("unlike those around them" in note for note in texts(after.notes))
+    assert any("unlike those around" in note for note in texts(after.notes))
     assert np.sum(before.inputs.seen) < len(heard)
     assert np.max(before.inputs.distance) < 0.3
     # Feet that stand side by side are heard all the time.
