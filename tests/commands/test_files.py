@@ -105,7 +105,7 @@ def gone(path):
         (in_radians, "rad/s"),
         (backwards, "time runs backwards at row 50"),
         (unknown_columns, "gyr"),
-        (misspelt, "did you mean 'tigh_right_gyr_x' for 'thigh_right_gyr_x'"),
+        (misspelt, "'tigh_right_gyr_x' looks like 'thigh_right_gyr_x': correct the header of the file"),
         (no_shank, "no estimator has its sensors"),
         (empty, "walk.csv is empty"),
         (header_alone, "has a header and no rows"),
