@@ -48,8 +48,11 @@ OPTIONS = {
 """Argument of a reader → the option of the same meaning."""
 
 
-def in_options(error: RecordingError) -> RecordingError:
-    """The error, with the name of the command's option instead of the reader's argument."""
+def in_options(error: RecordingError, name: str = "") -> RecordingError:
+    """The error, with the command's option instead of the reader's argument, and without the recording's name.
+
+    Commands print the file before the error.
+    """
     option = OPTIONS.get(error.argument, error.argument)
     if isinstance(error.value, dict):
         option += "".join(f" '{sensor}={place}'" for sensor, place in error.value.items())
@@ -57,7 +60,7 @@ def in_options(error: RecordingError) -> RecordingError:
         option += f" {error.value}"
     elif error.argument == "placements":
         option += " SENSOR=PLACE"
-    return RecordingError(error.with_argument(option))
+    return RecordingError(error.with_argument(option).removeprefix(f"{name}: "))
 
 
 def places_of(given: list[str] | None) -> tuple[str | None, dict[str, str]]:
@@ -173,4 +176,4 @@ def recording_of(
             gyr_unit=gyr_unit, acc_unit=acc_unit, **called,
         )  # fmt: skip
     except RecordingError as error:
-        raise in_options(error) from error
+        raise in_options(error, called.get("name") or file.stem) from error

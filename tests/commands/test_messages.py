@@ -74,6 +74,7 @@ def test_a_unit_is_advised_if_it_is_right_for_all_sensors_and_one_sensor_is_left
         if columns is signals:
             assert code == 2
             assert f"pass {unit}" in said
+            assert "walk.csv: the " in said  # the recording's name is that of the file
         else:
             assert code == 0
             assert "--" not in said
