@@ -1,6 +1,7 @@
 """Small products and inverses of matrices whose last axis is the batch: (row, column, B)."""
 
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import PyTree
 
@@ -47,11 +48,13 @@ def transposed(a: PyTree) -> PyTree:
 def product_transposed(a: PyTree, b: PyTree) -> PyTree:
     """Matrix products a bᵀ, (i, k, B) (j, k, B) → (i, j, B).
 
-    For one recording bᵀ is put together from columns: XLA does not vectorise a product with what it sees as transposed.
+    For one recording bᵀ is gathered: XLA does not vectorise a product with what it sees as transposed.
     """
     if max(a.shape[-1], b.shape[-1]) > 1:
         return product(a, transposed(b))
-    return product(a, held(jnp.stack([b[:, k] for k in range(b.shape[1])])))
+    rows, columns = b.shape[:2]
+    order = np.arange(rows * columns).reshape(rows, columns).T.ravel()
+    return product(a, held(b.reshape(rows * columns, 1)[order]).reshape(columns, rows, 1))
 
 
 def symmetrised(a: PyTree) -> PyTree:
