@@ -45,6 +45,7 @@ def test_the_python_of_a_page_runs_as_written(page, tmp_path):
         assert (tmp_path / "angles.png").stat().st_size > 10_000
 
 
+@pytest.mark.release
 def test_the_filter_of_the_guide_finds_the_noise_that_made_its_data(tmp_path):
     code = "\n".join([*blocks("docs/guide/own_filter.md"), *blocks("docs/guide/tuning.md")])
     printed = run(code + "print(fit.params.gyroscope / true.gyroscope)", tmp_path)

@@ -127,6 +127,7 @@ def test_demo_judges_tunes_and_draws(tmp_path):
     assert part["tuned"]["distance_scale"][0] != part["tuned"]["distance_scale"][1]
 
 
+@pytest.mark.release
 def test_the_demo_begins_with_a_real_walk_beside_its_reference(data, tmp_path):
     data("neura_sparse")
     from jgait.commands import demo_run
@@ -143,6 +144,7 @@ def test_the_demo_begins_with_a_real_walk_beside_its_reference(data, tmp_path):
     assert all(file.stat().st_size > 10_000 for file in walk.figures)
 
 
+@pytest.mark.release
 def test_the_demo_tunes_on_the_walk_out_and_halves_the_knee_s_error_of_the_walk_back(data, tmp_path):
     data("neura_sparse")
     from jgait.commands import demo_run
@@ -160,6 +162,7 @@ def test_demo_refuses_an_unknown_data_set():
     assert "auto, simulated or neura_sparse; got 'mine'" in said
 
 
+@pytest.mark.release
 def test_the_quick_experiment_writes_its_rows(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path / "none"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

@@ -11,6 +11,8 @@ from jgait import evaluate
 from jgait.estimators import leg_ekf
 from jgait.simulate import FOUR
 
+pytestmark = pytest.mark.release
+
 ROOT = Path(__file__).parents[2]
 
 

@@ -10,6 +10,8 @@ from experiments.udaya2010.oscillator import EXTRAPOLATION, FILLERS, extrapolate
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
 from jgait.params import check_params
 
+pytestmark = pytest.mark.release
+
 
 @pytest.mark.parametrize(
     ("name", "most"), [("resonate", 0.1), ("oscillate", 0.2), ("oscillate_alone", 0.3), ("extrapolate", 2.0)]

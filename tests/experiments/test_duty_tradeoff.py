@@ -15,6 +15,8 @@ from jgait.duty_cycle.fillers.base import Thigh
 from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, neighbours
 from jgait.duty_cycle.power import GYROSCOPE
 
+pytestmark = pytest.mark.release
+
 RATE_HZ = 50.0
 STRIDE = 50  # samples
 COUNT = 250

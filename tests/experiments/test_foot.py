@@ -9,6 +9,8 @@ from jgait import datasets
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import FootParams
 
+pytestmark = pytest.mark.release
+
 
 @pytest.fixture(scope="module")
 def experiment(load_experiment):

@@ -8,6 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from jgait import datasets
 
+pytestmark = pytest.mark.release
+
 RATE, PERIOD, STRIDES = 200.0, 1.2, 8
 AMPLITUDE = {"swing": 6.0, "strike": -3.0, "push": -3.5}
 SPEED, RISE, HIP, KNEE, STRIKE = 1.25, 0.04, 0.7, 1.05, 31.0

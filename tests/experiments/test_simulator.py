@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.release
+
 
 @pytest.fixture(scope="module")
 def experiment(load_experiment):

@@ -2,6 +2,8 @@
 
 import pytest
 
+pytestmark = pytest.mark.release
+
 
 @pytest.fixture(scope="module")
 def experiment(load_experiment):

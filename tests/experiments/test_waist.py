@@ -9,6 +9,8 @@ from jgait import datasets
 from jgait.estimators import waist
 from jgait.types import Imu, Recording, Strides
 
+pytestmark = pytest.mark.release
+
 
 @pytest.fixture(scope="module")
 def parts(load_experiment):

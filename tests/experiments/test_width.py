@@ -2,6 +2,10 @@
 
 import math
 
+import pytest
+
+pytestmark = pytest.mark.release
+
 
 def test_the_papers_walk_in_its_quick_form(load_experiment):
     experiment = load_experiment("potter.table1")
