@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jgait.estimators.notes import LONGEST_LOSS, STRIDES_UNCERTAIN
 from jgait.notes import Kind, Note
 from jgait.types import Counts, Estimate, Strides, Values, as_float
 
@@ -103,8 +102,6 @@ def doubtful(strides: Strides, deviations: Strides, nis: np.ndarray) -> np.ndarr
 def judged(result: Estimate, placements: dict[int, str], limit: float, nis: dict[int, float]) -> Estimate:
     """The estimate with `doubtful` (n,) in its diagnostics, and notes on sensors that are in doubt.
 
-    After a long loss the innovations of a sensor are large although its stances fit: then only its strides are judged.
-
     Args:
         result: without padding, with `stride_nis` (n,) in its diagnostics.
         placements: side (0 right, 1 left) → placement of the sensor.
@@ -114,22 +111,17 @@ def judged(result: Estimate, placements: dict[int, str], limit: float, nis: dict
     strides, deviations, diagnostics = result.strides, result.strides_stddev, result.diagnostics
     flags = doubtful(strides, deviations, as_float(diagnostics["stride_nis"]))
     notes: list[Note] = []
-    before = diagnostics.get("notes", ())
-    interrupted = {
-        note.values["placement"] for note in before
-        if note.code == STRIDES_UNCERTAIN.code and float(note.values["longest_s"]) > LONGEST_LOSS
-    }  # fmt: skip
     for side, placement in placements.items():
         own = np.asarray(strides.side) == side
         deviation = float(np.max(as_float(deviations.length)[own], initial=0.0))
         many, total = int(flags[own].sum()), int(own.sum())
         if deviation > UNCERTAIN:
             notes.append(STANCES_RARE(placement=placement, deviation_m=deviation))
-        if nis[side] > limit and placement not in interrupted:
+        if nis[side] > limit:
             notes.append(INCONSISTENT(placement=placement, nis=nis[side], limit=limit))
         elif many > DOUBTED_SHARE * total:
             notes.append(STRIDES_DOUBTFUL(placement=placement, strides=many, total=total))
-    more: dict[str, Any] = {"doubtful": flags, "notes": (*before, *notes)}
+    more: dict[str, Any] = {"doubtful": flags, "notes": (*diagnostics.get("notes", ()), *notes)}
     return result._replace(diagnostics={**diagnostics, **more})
 
 

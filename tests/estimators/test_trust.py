@@ -4,9 +4,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from made.foot import foot
+from made.shank import shank
 
+from jgait import estimators
 from jgait.estimators import foot_ins
+from jgait.estimators.checks import HELD, bridged, held_bridge, integral_error
 from jgait.estimators.foot_ins import FootParams
+from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.stride_flags import DOUBTFUL
 from jgait.estimators.trust import STANCES_RARE, doubtful, nis_between, trust
 from jgait.types import Strides
@@ -65,7 +69,47 @@ def test_a_gap_puts_no_stances_in_doubt_but_sliding_does(slides):
     gyr, acc = (np.where(lost[:, None], 0.0, values) for values in (imu.gyr, imu.acc + shaken))
     walk = made.recording._replace(sensors={"foot_right": imu._replace(gyr=gyr, acc=acc, mask=~lost)})
     estimate = foot_ins.estimate(FootParams(), walk)
-    assert estimate.diagnostics["nis_right"] > 0.15
-    assert {note.code for note in trust(estimate).reasons} == ({"strides_doubtful"} if slides else set())
+    assert (estimate.diagnostics["nis_right"] > 0.15) == slides
+    assert {note.code for note in trust(estimate).reasons} == ({"inconsistent_stances"} if slides else set())
     assert any("60 samples of foot_right are lost, at most 0.60 s in a row" in str(note)
                for note in estimate.diagnostics["notes"])  # fmt: skip
+
+
+@pytest.mark.parametrize("make", [foot, shank])
+@pytest.mark.parametrize(("begin", "seconds"), [(5.65, 0.2), (5.0, 0.4), (5.0, 0.9), (5.26, 0.9), (5.52, 1.2)])
+def test_strides_about_a_gap_err_as_stated_or_are_left_out(make, begin, seconds):
+    """Whether it takes a stance, a swing or both; strides far from it are as certain as without it."""
+    recording = make(strides=8, seed=1).recording
+    ((placement, imu),) = recording.sensors.items()
+    lost = (np.asarray(imu.time) >= begin) & (np.asarray(imu.time) < begin + seconds)
+    walk = recording._replace(sensors={placement: imu._replace(mask=~lost)})
+    estimator = estimators.get("foot_ins" if make is foot else "ankle_stride")
+    strides, deviations = (
+        getattr(estimator.estimate(estimator.params, walk), part) for part in ("strides", "strides_stddev")
+    )
+    assert len(strides.length) >= 5
+    assert np.all(np.abs(strides.length - 1.2) < 3.0 * deviations.length)
+    away = (strides.end < begin) | (strides.start > begin + seconds + 1.0)
+    assert away.sum() >= 4
+    assert np.all(deviations.length[away] < 0.04)
+
+
+def test_errors_over_a_loss_add_up_to_those_of_interpolation_and_a_long_loss_is_passed_at_rest():
+    time = 0.01 * np.arange(200)
+    step = np.full(200, 0.01)
+    lost = np.zeros(200, bool)
+    lost[20:30] = lost[100:160] = True
+    over = bridged(lost, time, step, (2.0, 0.1), (5.0, 0.001))
+    np.testing.assert_array_equal(over.dt[~lost], 0.01)
+    np.testing.assert_array_equal(over.rate[~lost] + over.force[~lost], 0.0)
+    for noise, size in ((over.rate, (2.0, 0.1)), (over.force, (5.0, 0.001))):
+        short, long = (np.sqrt(np.sum((noise * over.dt)[part] ** 2)) for part in (slice(20, 30), slice(100, 160)))
+        assert short == pytest.approx(integral_error(0.1, *size))
+        assert long == pytest.approx(HELD * integral_error(LONGEST_LOSS, *size))
+    assert over.dt[100:160].sum() < 0.1
+    some = np.zeros(50)
+    some[10:40] = 1.0
+    goes, *noises = held_bridge(jnp.asarray(some), jnp.asarray(0.01 * np.cumsum(some)), 0.01, (2.0, 0.1), (5.0, 0.001))
+    assert np.sum(~np.asarray(goes)) == 5
+    total = np.sqrt(np.sum((np.asarray(noises[0]) * 0.01) ** 2))
+    assert total == pytest.approx(HELD * integral_error(LONGEST_LOSS, 2.0, 0.1))

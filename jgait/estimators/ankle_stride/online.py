@@ -45,6 +45,7 @@ from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride.prepare import LOST_FORCE, LOST_RATE, STANDING
 from jgait.estimators.ankle_stride.readout import Heading
 from jgait.estimators.ankle_stride.worn import DETECTORS, ONLINE, Worn, check_options, worn
+from jgait.estimators.checks import held_bridge
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
@@ -89,7 +90,7 @@ class _AnkleEvent(NamedTuple):
     """What is decided at the filter's sample, before the filter runs.
 
     Attributes:
-        row: (11,) the sample, see `AnkleOnlineState.history`.
+        row: (10,) the sample, see `AnkleOnlineState.history`.
         before: (6,) the sample before it.
         stands: bool, zero velocity is observed.
         began: bool, the filter had started before the sample.
@@ -126,7 +127,7 @@ def _seen(
     measured: Flags,
     options: AnkleOptions,
 ) -> tuple[AnkleOnlineState, Values]:
-    """The state after event detection at the newest sample, and the row (11,) for the history."""
+    """The state after event detection at the newest sample, and the row (10,) for the history."""
     there = jnp.asarray(measured)
     x = jnp.where(there, reading(worn, gyr, acc), state.last[1])
     index = state.index + 1
@@ -146,7 +147,6 @@ def _seen(
     change = 0.5 * (x - state.last[0]).reshape(2, 3)
     jumps = jnp.concatenate([state.jumps[1:], jnp.sqrt(jnp.sum(change * change, axis=1))[None]])
     jump = jnp.max(jnp.where(worn.jump_looks[:, None], jumps, 0.0), axis=0)
-    doubt = jnp.where(there, 0.0, jnp.asarray([LOST_RATE, LOST_FORCE], x.dtype))
     calm = (slow >= worn.calm).astype(x.dtype)
     late = butterworth.delay(settings.cutoff_hz, worn.rate_hz)
     swung = OnlineSwing(
@@ -159,7 +159,7 @@ def _seen(
         index=index, last=jnp.stack([state.last[1], x]), low_passed=(signals, stance, sagittal), detector=detector,
         valley=valley, stood=jnp.where(lasted, valley.at, state.stood), slow=slow, jumps=jumps, swung=swung,
     )  # fmt: skip
-    return after, jnp.concatenate([smooth, jump, doubt, calm[None]])
+    return after, jnp.concatenate([smooth, jump, jnp.where(there, 0.0, 1.0)[None], calm[None]])
 
 
 def _decided(
@@ -170,7 +170,7 @@ def _decided(
     state, newest = _seen(worn, filters, state, *sample, options)
     rows, index = state.history.shape[0], state.index
     row = state.history[index % rows]
-    calm = state.history[(index + worn.shift) % rows, 10] > 0.0
+    calm = state.history[(index + worn.shift) % rows, 9] > 0.0
     full = index >= rows
     # the sample of the stance rates that was measured at the time of the filter's sample
     looked = index - rows + worn.shift
@@ -209,7 +209,9 @@ def _filtered(
     dt = jnp.where(real & event.began, 1.0 / worn.rate_hz, 0.0)
     mean = 0.5 * (event.row[:, :6] + event.before)
     jumps = (event.row[:, 6], event.row[:, 7])
-    now = _Delayed(*jumps, event.row[:, 8], event.row[:, 9], dt, event.restart, worn.rate_hz, worn.gyr_bias)
+    goes, turned, moved = held_bridge(event.row[:, 8], event.lost, 1.0 / worn.rate_hz, LOST_RATE, LOST_FORCE)
+    dt = jnp.where(goes, dt, 0.0)
+    now = _Delayed(*jumps, turned, moved, dt, event.restart, worn.rate_hz, worn.gyr_bias)
     driven = control(p, now, vector(event.row[:, :3]), vector(mean[:, :3]), vector(mean[:, 3:]))
     zero, seen = jnp.zeros_like(dt), event.stands & real
     return filtering.kalman_filter(

@@ -39,7 +39,7 @@ class AnkleOnlineState(NamedTuple):
         low_passed: low-pass states of the integrated signals (6,), the stance rates (3,) and the sagittal rate ().
         detector: state of the swing detector.
         jumps: (n, 2) changes of the last readings.
-        history: (lag, 11) ring buffer of the low-passed samples since the filter's sample.
+        history: (lag, 10) ring buffer of the low-passed samples since the filter's sample.
         valley: state of the search for the valley, see `events.shank_stance_online`.
         stood: sample of the last valley.
         slow: number of samples for which the leg has turned slowly.

@@ -50,7 +50,7 @@ class Worn(NamedTuple):
         calm: `CALM_S` in samples.
         reach: half width of the window of zero velocities around a valley, in samples.
         shift: delay of the stance rate relative to the integrated signals, in samples.
-        history: (lag, 11) zeros, one row for each sample of the filter's lag.
+        history: (lag, 10) zeros, one row for each sample of the filter's lag.
         jumps: (n, 2) zeros, one row for each stored change of the readings.
         jump_looks: (n,) bool, the rows of `jumps` around the sample that is integrated.
     """
@@ -126,7 +126,7 @@ def worn(p: AnkleParams, recording: Recording, side: str, options: AnkleOptions 
         calm=calm,
         reach=reach,
         shift=np.asarray(shift, np.int32),
-        history=np.zeros((int(hold + reach) + shift, 11)),
+        history=np.zeros((int(hold + reach) + shift, 10)),
         jumps=np.zeros((changes, 2)),
         jump_looks=np.arange(changes) <= 2 * around,
     )

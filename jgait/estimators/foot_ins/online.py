@@ -26,6 +26,7 @@ from jax import lax
 from jaxtyping import PyTree
 
 from jgait import filtering
+from jgait.estimators.checks import held_bridge
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins.estimator import controls, model_params
 from jgait.estimators.foot_ins.model import FootObservation
@@ -228,8 +229,10 @@ def _filtered(
     dt = jnp.where(real & event.began, 1.0 / worn.rate_hz, 0.0)
     mean, lost = 0.5 * (event.row + event.before), event.row[:, 6]
     rate = jnp.sqrt(jnp.sum((event.row[:, :3] - worn.gyr_bias[None]) ** 2, axis=1))
+    goes, turned, moved = held_bridge(lost, event.swing.lost, 1.0 / worn.rate_hz, LOST_RATE, LOST_FORCE)
+    dt = jnp.where(goes, dt, 0.0)
     now: PyTree = _DelayedFoot(
-        mean[:, :3], mean[:, 3:6], event.jumps[:, 0], event.jumps[:, 1], LOST_RATE * lost, LOST_FORCE * lost, rate,
+        mean[:, :3], mean[:, 3:6], event.jumps[:, 0], event.jumps[:, 1], turned, moved, rate,
         jnp.zeros_like(mean[:, :1]), event.restart, dt,
     )  # fmt: skip
     zero, seen = jnp.zeros_like(dt), event.stands & real
