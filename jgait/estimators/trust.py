@@ -108,7 +108,7 @@ def judged(result: Estimate, placements: dict[int, str], limit: float, nis: dict
     Args:
         result: without padding, with `stride_nis` (n,) in its diagnostics.
         placements: side (0 right, 1 left) → placement of the sensor.
-        limit: NIS [1] of a sensor from which on its results are in doubt, and then of each stride.
+        limit: NIS [1] of a sensor from which on its results are in doubt, and then strides with twice this NIS.
         nis: side → NIS of all observations of the sensor [1].
     """
     strides, deviations, diagnostics = result.strides, result.strides_stddev, result.diagnostics
@@ -127,7 +127,7 @@ def judged(result: Estimate, placements: dict[int, str], limit: float, nis: dict
         if deviation > UNCERTAIN:
             notes.append(STANCES_RARE(placement=placement, deviation_m=deviation))
         if nis[side] > limit and placement not in interrupted:
-            flags |= own & (each > limit)
+            flags |= own & (each > 2.0 * limit)
             notes.append(INCONSISTENT(placement=placement, nis=nis[side], limit=limit))
         elif many > DOUBTED_SHARE * total:
             notes.append(STRIDES_DOUBTFUL(placement=placement, strides=many, total=total))

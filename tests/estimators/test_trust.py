@@ -50,7 +50,7 @@ def test_of_a_foot_in_doubt_strides_with_a_large_nis_are_in_doubt():
         np.arange(3.0), Legs(None, None), None, None, np.ones(3, bool), {"stride_nis": nis}, own,
         strides_stddev=strides([0.02] * 3, [0.02] * 3),
     )  # fmt: skip
-    for mean, flagged in ((0.14, [False, False, False]), (0.4, [False, True, True])):
+    for mean, flagged in ((0.14, [False, False, False]), (0.4, [False, False, True])):
         found = judged(estimate, {0: "foot_right"}, 0.15, {0: mean})
         assert found.diagnostics["doubtful"].tolist() == flagged
         assert trust(found).recording != any(flagged)

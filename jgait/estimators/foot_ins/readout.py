@@ -24,8 +24,8 @@ STRAIGHT_FROM = 0.4
 TURN_NOISE = 0.04
 """[m/rad] Error of a stride's length over its turn: the place about which a foot turns on the ground is not known."""
 
-LEAST_NIS = 0.005
-"""[1] A smaller NIS of a stride counts as this one; only simulated strides without errors have one."""
+LEAST_NIS = 0.05
+"""[1] A smaller NIS of a stride counts as this one, which is that of good strides."""
 
 KNOWN = 0.07
 """[m] Largest deviation by the filter of the strides by which `stated` was chosen."""
@@ -162,9 +162,9 @@ def stated(variance: Values, nis: Values, turn: Values) -> Values:
     """Standard deviation of the length of strides (n,) [m]: √(v NIS + (`TURN_NOISE` · turn)²), or with √NIS below 1.
 
     The noise of the zero velocity is that of errors which stay the same over a stance. Most stances are better, so that
-    the filter's variance v is too large; NIS shows by how much: of 1024 strides of four sets, the squared error
-    over v goes as √NIS. The exponent that gives 95 % within two deviations is .52 to .56, whichever set is left out.
-    What v is above `KNOWN`², as after seconds without a stance, is not reduced.
+    the filter's variance v is too large. NIS shows by how much: of 1024 strides of four sets, the squared error over v
+    goes as √NIS, from `LEAST_NIS` to 2; exponents fitted without one of the sets are .52 to .69. What v is above
+    `KNOWN`², as after seconds without a stance, is not reduced.
 
     Args:
         variance: (n,) of the filter and `FootParams.stride_noise` [m²].
