@@ -199,7 +199,7 @@ def _told(
         stated = {name: (value, sd) for name, (value, sd) in stated.items() if np.isfinite(value) and sd > 0.0}
         if stated:
             numbers = np.array(list(stated.values()))
-            values[field], spread[field], kept = combined(*numbers.T, correlation(stated))
+            values[field], spread[field], kept = combined(numbers[:, 0], numbers[:, 1], correlation(stated))
             if field == "length":
                 used = frozenset(name for name, keeps in zip(stated, kept, strict=True) if keeps)
                 contradicts = not kept.all()
