@@ -78,10 +78,12 @@ summary: $(STAMP) ## write the table of all experiments into experiments/README.
 	@$(BIN)/python -m experiments.common.summary $(ARGS)
 
 # Notebooks are run beside their sources, for what they write, and again only when they or the library have changed.
+# One whose recordings are not on this computer is shown without outputs.
 build/notebooks/%.ipynb: notebooks/%.ipynb $(shell find jgait -name '*.py') | $(STAMP)
 	@mkdir -p $(@D)
 	@cp $< $@
-	@$(BIN)/jupyter-execute --inplace --timeout=1200 $@
+	@$(BIN)/jupyter-execute --inplace --timeout=1200 $@ 2> $@.log || \
+		grep -m1 -o "data set '[a-z0-9_]*' is not there: .*" $@.log || { cat $@.log >&2; exit 1; }
 
 docs: $(STAMP) $(NOTEBOOKS:%=build/%) ## run the notebooks, write the documentation: build/site; NOTEBOOKS= runs none
 	@$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --doctree-dir build/doctrees docs build/site $(ARGS)

@@ -171,7 +171,16 @@ def of_strides(found: list[Judged]) -> list[Row]:
             if some
             for k, name in enumerate(("missed", "false"))
         ),
+        *(covered(name, some) for name, some in sets.items()),
     ]
+
+
+def covered(group: str, some: list[Judged]) -> Row:
+    """The share of a set's strides within two stated deviations."""
+    error = np.concatenate([one.error for one in some])
+    value = 100.0 * float(np.mean(error <= 2.0))
+    row = Row(f"within_two_sigma_pct_{group.replace(', ', '_')}", value, "%", n=error.size, split="defaults")
+    return row.on("stride length, within two stated standard deviations", group, "strides")
 
 
 def of_trials(trials: list[Trial]) -> list[Row]:

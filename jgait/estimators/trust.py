@@ -105,11 +105,12 @@ def judged(result: Estimate, placements: dict[int, str], limit: float, nis: dict
     Args:
         result: without padding, with `stride_nis` (n,) in its diagnostics.
         placements: side (0 right, 1 left) → placement of the sensor.
-        limit: NIS [1] of a sensor from which on all of its results are in doubt.
+        limit: NIS [1] of a sensor from which on its results are in doubt, and then strides with twice this NIS.
         nis: side → NIS of all observations of the sensor [1].
     """
     strides, deviations, diagnostics = result.strides, result.strides_stddev, result.diagnostics
-    flags = doubtful(strides, deviations, as_float(diagnostics["stride_nis"]))
+    each = as_float(diagnostics["stride_nis"])
+    flags = doubtful(strides, deviations, each)
     notes: list[Note] = []
     for side, placement in placements.items():
         own = np.asarray(strides.side) == side
@@ -118,6 +119,7 @@ def judged(result: Estimate, placements: dict[int, str], limit: float, nis: dict
         if deviation > UNCERTAIN:
             notes.append(STANCES_RARE(placement=placement, deviation_m=deviation))
         if nis[side] > limit:
+            flags |= own & (each > 2.0 * limit)
             notes.append(INCONSISTENT(placement=placement, nis=nis[side], limit=limit))
         elif many > DOUBTED_SHARE * total:
             notes.append(STRIDES_DOUBTFUL(placement=placement, strides=many, total=total))

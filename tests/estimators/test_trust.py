@@ -12,8 +12,8 @@ from jgait.estimators.checks import HELD, bridged, held_bridge, integral_error
 from jgait.estimators.foot_ins import FootParams
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.stride_flags import DOUBTFUL
-from jgait.estimators.trust import STANCES_RARE, doubtful, nis_between, trust
-from jgait.types import Strides
+from jgait.estimators.trust import STANCES_RARE, doubtful, judged, nis_between, trust
+from jgait.types import Estimate, Legs, Strides
 
 
 def strides(height: list[float], length: list[float]) -> Strides:
@@ -46,6 +46,18 @@ def walk():
 def test_a_foot_that_stands_is_trusted(walk):
     found = trust(foot_ins.estimate(FootParams(), walk))
     assert found.recording and found.strides is not None and found.strides.all() and found.reasons == ()
+
+
+def test_of_a_foot_in_doubt_strides_with_a_large_nis_are_in_doubt():
+    own, nis = strides([0.0] * 3, [1.0] * 3), np.array([0.02, 0.2, 1.0])
+    estimate = Estimate(
+        np.arange(3.0), Legs(None, None), None, None, np.ones(3, bool), {"stride_nis": nis}, own,
+        strides_stddev=strides([0.02] * 3, [0.02] * 3),
+    )  # fmt: skip
+    for mean, flagged in ((0.14, [False, False, False]), (0.4, [False, False, True])):
+        found = judged(estimate, {0: "foot_right"}, 0.15, {0: mean})
+        assert found.diagnostics["doubtful"].tolist() == flagged
+        assert trust(found).recording != any(flagged)
 
 
 def test_a_foot_that_slides_in_stance_is_in_doubt(walk):

@@ -12,6 +12,7 @@ def test_missed_and_false_flags_are_counted(load_experiment):
     assert told["flags_missed_pct"] == pytest.approx(100.0 / 6.0)  # one of six
     assert told["flags_false_pct"] == pytest.approx(100.0 / 4.0)  # one of the four good ones
     assert told["flags_missed_pct_even"] == pytest.approx(25.0) and told["flags_missed_pct_odd"] == 0.0
+    assert told["within_two_sigma_pct_set"] == pytest.approx(100.0 * 4.0 / 6.0)
 
 
 def test_a_trial_is_off_beyond_half_a_metre_or_three_deviations(load_experiment):

@@ -26,10 +26,6 @@ BRIEF = 0.6
 SAME_END = 0.1
 """[s] Largest difference between the ends of a stride of the feet and the same stride with a width."""
 
-DEVIATION = {"feet": 0.6}
-"""Source → error of its stride lengths on recordings with a reference, over the deviation that it states [1]; for the
-weights of a combination. Feet: 0.63 on `gaitmap_example`, 0.52 on `footprints` (medians)."""
-
 SHARED = {frozenset(("ankles", "shanks")): 0.5}
 """Correlation of the errors of two sources [1]; chosen: ankle and shank are one segment, measured by one method."""
 
@@ -203,8 +199,7 @@ def _told(
         stated = {name: (value, sd) for name, (value, sd) in stated.items() if np.isfinite(value) and sd > 0.0}
         if stated:
             numbers = np.array(list(stated.values()))
-            scale = [DEVIATION.get(name, 1.0) if len(stated) > 1 else 1.0 for name in stated]
-            values[field], spread[field], kept = combined(numbers[:, 0], numbers[:, 1] * scale, correlation(stated))
+            values[field], spread[field], kept = combined(numbers[:, 0], numbers[:, 1], correlation(stated))
             if field == "length":
                 used = frozenset(name for name, keeps in zip(stated, kept, strict=True) if keeps)
                 contradicts = not kept.all()

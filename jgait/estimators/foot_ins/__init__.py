@@ -26,6 +26,7 @@ Deviations from the paper:
     3. Stances are found by a threshold that follows the stride, see `jgait.events.foot`.
     4. The filter takes the ground for level only if `level` says so.
     5. Smoothing; `smooth=False` gives the filter.
+    6. Standard deviations of stride lengths are the filter's times a factor from the innovations of the stride.
 
 Parameters without a gradient: `sway`, `gyr_bias` and `gyr_bias_tilt` enter only the belief at the start; the detection
 of stances, footholds and contacts has no gradient.

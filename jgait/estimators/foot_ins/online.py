@@ -44,7 +44,7 @@ from jgait.estimators.foot_ins.online_state import (
 )
 from jgait.estimators.foot_ins.params import FootOptions, FootParams
 from jgait.estimators.foot_ins.prepare import LOST_FORCE, LOST_RATE, REACH, REST_STEP
-from jgait.estimators.foot_ins.readout import SHORTEST, TIMING, TURN_NOISE
+from jgait.estimators.foot_ins.readout import SHORTEST, TIMING, stated
 from jgait.estimators.foot_ins.worn import FootWorn, worn
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.events import foot as events
@@ -284,7 +284,7 @@ def _strides(
     along = x * x * xx + 2.0 * x * y * xy + y * y * yy
     unknown = (p.stride_noise * length) ** 2
     nis = since[:, 1] / jnp.maximum(since[:, 2], 1.0)
-    spread = root((along + unknown) * jnp.maximum(nis, 1.0) + (TURN_NOISE * turn) ** 2)
+    spread = stated(along + unknown, nis, turn)
     nothing = jnp.full_like(length, jnp.nan)
     valid = event.foothold & event.began & swing.any & (length > SHORTEST) & (swing.lost <= LONGEST_LOSS)
     sides = jnp.full(length.shape, worn.side, jnp.int32)

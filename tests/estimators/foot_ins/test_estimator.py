@@ -1,3 +1,4 @@
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from made.foot import foot
@@ -7,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from jgait import datasets, estimators
 from jgait.estimators import foot_ins
-from jgait.estimators.foot_ins import FootOptions, FootParams
+from jgait.estimators.foot_ins import FootOptions, FootParams, readout
 from jgait.estimators.foot_ins import windows as foot_windows
 from jgait.estimators.foot_ins.params import TEXTBOOK
 from jgait.events.rest import rest
@@ -130,6 +131,17 @@ def test_options_that_are_none_are_refused():
     made = foot(strides=2)
     with pytest.raises(ValueError, match="level must be True, False or 'auto'; got 'flat'"):
         estimated(made, options=FootOptions(level="flat"))
+
+
+def test_the_stated_deviation_follows_the_innovations():
+    variance, turn = 0.02**2, jnp.zeros(5)
+    nis = jnp.array([0.0, 0.0625, 0.25, 1.0, 4.0])
+    ratio = readout.stated(variance, nis, turn) / 0.02
+    np.testing.assert_allclose(ratio, [readout.LEAST_NIS**0.25, 0.5, 0.25**0.25, 1.0, 2.0], rtol=1e-6)
+    long = readout.stated(jnp.full(5, 0.5**2), nis, turn)
+    assert np.all(long > 0.99 * 0.5 * np.sqrt(np.maximum(nis, 1.0)))
+    turned = readout.stated(variance, nis, turn + 1.0)
+    np.testing.assert_allclose(turned, np.hypot(0.02 * ratio, readout.TURN_NOISE), rtol=1e-6)
 
 
 def with_hole(made, after, samples):
