@@ -21,7 +21,7 @@ from experiments.simulator.gait import Truth, figures
 from experiments.simulator.simulated import Set, curves, names_of
 from jgait import datasets, simulate
 from jgait.geometry.segments import Segments
-from jgait.simulate import Body, Gait, Person, shapes
+from jgait.simulate import RECORDED, Body, Gait, Person, shapes
 from jgait.simulate.population import manner
 from jgait.simulate.sensors import IDEAL
 from jgait.simulate.shapes import Movement
@@ -177,9 +177,10 @@ def stride(values: Any, base: Base, given: Target) -> tuple[Any, Any]:
     """(6, POINTS) curves of a simulated stride of the right leg from its landing; (3,) knee, hip, foot there [rad]."""
     factors, feet, pelvis, skin = free(values, base)
     body = Body(*(length * given.leg / LEG for length in Body()))
-    usual = Gait(steps=8.0, quiet_before=0.5)
-    usual = usual._replace(stride_length=given.stride_length, stride_time=given.stride_time)
-    usual = usual._replace(**manner(given.stride_length / given.leg))
+    usual = RECORDED._replace(
+        steps=8.0, quiet_before=0.5, soft_tissue=1.0, stride_length=given.stride_length, stride_time=given.stride_time,
+        **manner(given.stride_length / given.leg, RECORDED),
+    )  # fmt: skip
     who = Person(body, usual._replace(**{name: getattr(usual, name) * factor for name, factor in factors.items()}))
     shape = Movement(pelvis * shapes.sizes(who), feet, skin)
     laid, _ = planned(jax.random.key(0), who, simulate.straight(30.0), 8, shape)

@@ -24,7 +24,7 @@ from experiments.people import movement
 from experiments.simulator.simulated import SETS as SIMULATED
 from jgait import datasets
 from jgait.geometry.vectors import GRAVITY
-from jgait.simulate import Body, Gait, shapes
+from jgait.simulate import RECORDED, Body, shapes
 from jgait.types import Walk
 
 FILE = Path(shapes.__file__).with_name("movement.json")
@@ -147,10 +147,10 @@ def main() -> None:
         "walking5m; derived by experiments.people.shapes"
     )
     FILE.write_text(written(source, {"pelvis": hips, "feet": feet, "skin": skin}), encoding="utf-8")
-    usual = Gait()
     for number, (name, factor) in enumerate(factors.items()):
         power = float(values[1, number]) * movement.GAIT[name] / shapes.UNIT
-        print(f"Gait.{name} = {float(getattr(usual, name) * factor):.3g}; power of the stride: {power:+.2f}")
+        new = float(getattr(RECORDED, name) * factor)
+        print(f"RECORDED.{name} = {new:.3g}; power of the stride, in addition: {power:+.2f}")
     print(FILE)
 
 

@@ -46,3 +46,22 @@ def test_the_classifier_is_judged_on_people_whom_it_did_not_see(strides):
     # What is peculiar to each person's own pair says nothing of other people.
     peculiar = random.choice([-1.0, 1.0], 40)[people] * (2.0 * labels - 1.0)
     assert strides.left_out_area(peculiar[:, None], labels, people) < 0.75
+
+
+def test_recorded_people_are_held_against_others_with_strides_like_theirs(load_experiment):
+    figures = load_experiment("people.figures")
+    gait = load_experiment("simulator.gait")
+    alone, many = figures.SETS[2], figures.SETS[4]
+
+    def strides(time, swing):
+        return gait.NONE._replace(
+            stride_time=np.full(5, time), stride_length=np.full(5, 1.2), shank_swing=swing + 0.1 * np.arange(5)
+        )
+
+    people = [(str(i), strides(1.1, 6.0 + 0.1 * i)) for i in range(9)]
+    recorded = {alone: [("one", strides(1.1, 6.4))], many: [*people, ("slow", strides(1.5, 6.4))]}
+    # Of nine people the outermost two lie outside of the others' band; the slow one is not like them.
+    assert figures.of_others(many, recorded) == (8, 10)
+    # Four of the nine lie within the strides of the one, who is not held against himself.
+    inside, count = figures.of_others(alone, recorded)
+    assert count == 9 and 3 <= inside <= 5
