@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from filtering.problems import LINE, case, filtered, same, smoothed
-from jax.flatten_util import ravel_pytree
 
 from jgait.filtering import CKF, EKF, FIELDS, UKF, Belief, Covariance, IteratedEKF
 
@@ -30,13 +29,20 @@ def arguments(c: Any) -> dict[str, Any]:
 
 def flattened(at: dict[str, Any]) -> tuple[np.ndarray, Any]:
     """As one vector; and its inverse."""
-    return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(at)]), ravel_pytree(at)[1]
+    leaves, structure = jax.tree.flatten(at)
+    ends = np.cumsum([leaf.size for leaf in leaves])[:-1]
+
+    def tree(vector: Any) -> Any:
+        parts = zip(jnp.split(vector, ends), leaves, strict=True)
+        return structure.unflatten([part.reshape(leaf.shape) for part, leaf in parts])
+
+    return np.concatenate([np.ravel(leaf) for leaf in leaves]), tree
 
 
 def weighted(tree: Any) -> Any:
     """All floats of a result, weighted at random."""
-    rng = np.random.default_rng(0)
-    return sum(jnp.sum(leaf * rng.normal(size=leaf.shape)) for leaf in jax.tree.leaves(tree))
+    flat = jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(tree)])
+    return jnp.sum(flat * np.random.default_rng(0).normal(size=flat.size))
 
 
 def loss_of(c: Any, method: Any, what: str, execution: str = "core") -> Any:
