@@ -32,16 +32,18 @@ class Told(NamedTuple):
 
 def stacked(tree: Any) -> Any:
     """A tuple of scalars or of arrays over time as (size,) or (T, size)."""
-    return jnp.stack([jnp.asarray(leaf, float) for leaf in jax.tree.leaves(tree)], axis=-1)
+    leaves = jax.tree.leaves(tree)
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
+    return jnp.stack([jnp.asarray(leaf, float) for leaf in leaves], -1) if traced else np.stack(leaves, -1, dtype=float)
 
 
 class Vectors:
     """A model's functions of vectors."""
 
-    def __init__(self, model: Model, params: Any, observation: Any) -> None:
+    def __init__(self, model: Model, params: Any, seen: Any) -> None:
         mean, cov = model.initial(params)
         self.start = np.asarray(stacked(mean)), np.asarray(cov.dense())
-        state, error, seen = (jax.tree.structure(tree) for tree in (mean, cov.variances(), observation))
+        state, error = jax.tree.structure(mean), jax.tree.structure(cov.variances())
 
         def plus(x: Any, e: Any) -> Any:
             return x + e if model.retract is None else stacked(model.retract(state.unflatten(x), error.unflatten(e)))
@@ -77,6 +79,17 @@ class Vectors:
         self.turn = jax.jit(lambda x, delta: jax.jacfwd(turned)(delta, x, delta))
 
 
+def vectors(c: Any) -> Vectors:
+    """Of a case; those of one model are compiled once, whatever it states of its errors."""
+    model = c.model._replace(error_transition=None, error_observation=None, error_shift=None)
+    return _vectors(model, tuple(np.asarray(c.params).tolist()), jax.tree.structure(c.observations))
+
+
+@functools.cache
+def _vectors(model: Model, params: tuple[float, ...], seen: Any) -> Vectors:
+    return Vectors(model, np.asarray(params), seen)
+
+
 def affine(g: Any) -> Any:
     """(method, μ, P, …) → v, A, Ω with g(e) ≈ v + A (e − μ) + N(0, Ω) over N(μ, P)."""
     value, slope = jax.jit(g), jax.jit(jax.jacfwd(g))
@@ -107,7 +120,7 @@ def affine(g: Any) -> Any:
 
 def estimated(c: Any, method: Any) -> Told:
     """What filter and smoother tell of a case: model, params, observations, controls, dt, mask."""
-    model = Vectors(c.model, c.params, c.observations)
+    model = vectors(c)
     y = np.asarray(stacked(c.observations))
     samples, m = y.shape
     mask = jax.tree.map(lambda leaf: jnp.ones(samples, bool), c.observations) if c.mask is None else c.mask

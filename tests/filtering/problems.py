@@ -26,8 +26,16 @@ class Cart(NamedTuple):
     speed: Any
 
 
+class Fault(NamedTuple):
+    """What makes the functions of `BROKEN` fail where it is large."""
+
+    transition: Any
+    observation: Any
+    noise: Any
+
+
 class Push(NamedTuple):
-    """Acceleration over the interval, and what makes a function of `BROKEN` fail where it is large."""
+    """Acceleration over the interval, and faults."""
 
     acceleration: Any
     fault: Any
@@ -82,26 +90,22 @@ BENT = Model(cart_initial, bent_transition, cart_noise, bent_observation, cart_r
 
 def broken_transition(p: Any, s: Cart, u: Push, dt: Any) -> Cart:
     after = bent_transition(p, s, u, dt)
-    return after._replace(speed=after.speed * jnp.exp(u.fault))
+    return after._replace(speed=after.speed * jnp.exp(u.fault.transition))
 
 
 def broken_observation(p: Any, s: Cart, u: Push) -> Reading:
     shown = bent_observation(p, s, u)
-    return shown._replace(near=shown.near * jnp.exp(u.fault))
+    return shown._replace(near=shown.near * jnp.exp(u.fault.observation))
 
 
 def broken_noise(p: Any, s: Cart, u: Push) -> Covariance:
     del s
-    variances = Reading(p[1] * (1.0 - u.fault), 2.0 * p[1])
+    variances = Reading(p[1] * (1.0 - u.fault.noise), 2.0 * p[1])
     return Covariance.from_variances(variances).with_entries({("near", "far"): 0.3 * p[1]})
 
 
-BROKEN = {
-    "transition": BENT._replace(transition=broken_transition),
-    "observation": BENT._replace(observation=broken_observation),
-    "noise": BENT._replace(observation_noise=broken_noise),
-}
-"""`BENT` with a function that overflows where the fault is large, or a variance that is negative there."""
+BROKEN = BENT._replace(transition=broken_transition, observation=broken_observation, observation_noise=broken_noise)
+"""`BENT` with functions that overflow where their fault is large, and a variance that is negative there."""
 
 
 class Heading(NamedTuple):
@@ -184,6 +188,54 @@ STATED = HEADING._replace(
 """The same model, which states how its errors move."""
 
 
+class Place(NamedTuple):
+    """Where on a line."""
+
+    s: Any
+
+
+class Offset(NamedTuple):
+    """Error e of a place: s ⊕ e = s + sinh e, a chart that stretches away from its origin."""
+
+    e: Any
+
+
+def line_initial(p: Any) -> Belief:
+    return Belief(Place(jnp.zeros_like(p)), Covariance.from_variances(Offset(p)))
+
+
+def line_still(p: Any, s: Place, u: Any, dt: Any) -> Place:
+    del p, u, dt
+    return s
+
+
+def line_noise(p: Any, s: Place, u: Any, dt: Any) -> Offset:
+    del p, s, u
+    return Offset(0.5 * dt)
+
+
+def line_seen(p: Any, s: Place, u: Any) -> Place:
+    del p, u
+    return s
+
+
+def line_reading(p: Any, s: Place, u: Any) -> Place:
+    del p, s, u
+    return Place(1.0)
+
+
+def line_retract(state: Place, error: Offset) -> Place:
+    return Place(state.s + jnp.sinh(error.e))
+
+
+def line_local(reference: Place, state: Place) -> Offset:
+    return Offset(jnp.arcsinh(state.s - reference.s))
+
+
+LINE = Model(line_initial, line_still, line_noise, line_seen, line_reading, line_retract, line_local)
+"""One state and one observation on a manifold; the parameter is the first variance."""
+
+
 class Case(NamedTuple):
     """A model and a recording."""
 
@@ -203,29 +255,40 @@ def case(name: str, samples: int = SAMPLES, masked: bool = True) -> Case:
     rng = np.random.default_rng(samples)
 
     def series(scale: float = 0.5) -> Any:
-        return jnp.asarray(scale * rng.normal(size=samples))
+        return scale * rng.normal(size=samples)
 
     def mask(like: Any) -> Any:
-        return jax.tree.map(lambda leaf: jnp.asarray(rng.random(samples) > 0.3), like) if masked else None
+        return jax.tree.map(lambda leaf: rng.random(samples) > 0.3, like) if masked else None
 
-    dt = jnp.asarray(rng.uniform(0.05, 0.3, samples)) if masked else 0.1
+    dt = rng.uniform(0.05, 0.3, samples) if masked else 0.1
+    here = np.ones(samples, bool)
     if name in MODELS:
         seen = Reading(series(), series())
-        return Case(MODELS[name], P, seen, Push(series(), jnp.zeros(samples)), dt, mask(seen))
+        arrays = seen, Push(series(), Fault(*(np.zeros(samples),) * 3)), dt, mask(seen)
+        return Case(MODELS[name], P, *on_device(arrays))
+    if name == "line":
+        seen = Place(series())
+        arrays = seen, Push(series(), Fault(*(np.zeros(samples),) * 3)), dt, mask(seen)
+        return Case(LINE, jnp.asarray(3.0), *on_device(arrays))
     if name == "inclination":
         up = Vector(series(0.1), series(0.1), 1.0 + series(0.1))
         seen = inclination.InclinationObservation(up, Vector(series(0.1), series(0.1), series(0.1)))
-        still = jnp.asarray(rng.random(samples) > 0.5)
+        still = rng.random(samples) > 0.5
         rate = Vector(series(), series(), series())
-        controls = inclination.InclinationControl(rate, still, jnp.ones(samples, bool))
-        return Case(inclination.MODEL, inclination.InclinationNoise(), seen, controls, 0.2 * dt, mask(seen))
+        arrays = seen, inclination.InclinationControl(rate, still, here), 0.2 * dt, mask(seen)
+        return Case(inclination.MODEL, inclination.InclinationNoise(), *on_device(arrays))
     params = leg_model.LegModelParams(0.4, 0.41, 1e-6, 1.0, 1e-8, 1e-3, 2e-3, 1e-4)
     seen = leg_model.LegObservation(*(series(0.3) for _ in range(6)))
-    controls = leg_model.LegControl(jnp.full(samples, 0.01), jnp.full(samples, 0.02))
+    controls = leg_model.LegControl(np.full(samples, 0.01), np.full(samples, 0.02))
     if name == "rates":  # as `leg_ekf.PAPER` runs it: gyroscopes alone
-        here = jnp.ones(samples, bool)
-        return Case(leg_model.MODEL, params, seen, controls, 0.02, leg_model.LegObservation(here, here, *(~here,) * 4))
-    return Case(leg_model.MODEL, params, seen, controls, 0.2 * dt, mask(seen))
+        there = leg_model.LegObservation(here, here, *(~here,) * 4)
+        return Case(leg_model.MODEL, params, *on_device((seen, controls, 0.02, there)))
+    return Case(leg_model.MODEL, params, *on_device((seen, controls, 0.2 * dt, mask(seen))))
+
+
+def on_device(tree: Any) -> Any:
+    """Arrays as JAX's own, which costs no program; numbers stay."""
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, np.ndarray) else leaf, tree)
 
 
 @functools.cache

@@ -11,14 +11,14 @@ from jgait.filtering.hidden import without_hidden
 
 SAMPLES = 30
 PARAMS = leg_model.LegModelParams(0.4, 0.41, 1e-6, 1.0, 1e-8, 1e-3, 2e-3, 1e-4)
-CONTROLS = leg_model.LegControl(jnp.full(SAMPLES, 0.01), jnp.full(SAMPLES, 0.02))
-HERE = jnp.ones(SAMPLES, bool)
+CONTROLS = leg_model.LegControl(np.full(SAMPLES, 0.01), np.full(SAMPLES, 0.02))
+HERE = np.ones(SAMPLES, bool)
 
 
 @pytest.fixture(scope="module")
 def observations():
     rng = np.random.default_rng(0)
-    return leg_model.LegObservation(*(jnp.asarray(0.3 * rng.normal(size=SAMPLES)) for _ in range(6)))
+    return leg_model.LegObservation(*(0.3 * rng.normal(size=SAMPLES) for _ in range(6)))
 
 
 def masks(gone):

@@ -50,7 +50,7 @@ def test_every_filter_is_the_kalman_filter_on_a_linear_model(problem, method):
     np.testing.assert_allclose(posterior.log_likelihood, expected.log_likelihood, rtol=0, atol=1e-10)
     np.testing.assert_allclose(posterior.nis, expected.nis, rtol=0, atol=1e-10)
     np.testing.assert_array_equal(posterior.count, np.sum(np.stack(problem.mask), axis=0))
-    assert bool(jnp.all(posterior.valid))
+    assert np.all(posterior.valid)
 
 
 @pytest.mark.parametrize("method", [KF(), EKF(), UKF(), CKF()], ids=str)
@@ -65,25 +65,27 @@ def test_smoothing_is_batch_least_squares(problem, method):
 
 def test_likelihood_is_the_joint_density_of_the_readings(problem):
     density = reference.joint_log_density(*PRIOR, samples_of(problem))
-    assert float(jnp.sum(filtered(problem).log_likelihood)) == pytest.approx(density, abs=1e-9)
+    assert np.sum(filtered(problem).log_likelihood) == pytest.approx(density, abs=1e-9)
 
 
 @pytest.mark.parametrize("execution", ["core", "fast"])
 def test_an_all_false_mask_is_prediction_only(problem, execution):
     blind = filtered(problem._replace(mask=jax.tree.map(jnp.zeros_like, problem.mask)), execution)
+    blind = jax.tree.map(np.asarray, blind)
     mean, cov = PRIOR
+    covs = np.asarray(blind.cov.dense())
     for k, sample in enumerate(samples_of(problem)):
         mean, cov = sample.f(mean), sample.F(mean) @ cov @ sample.F(mean).T + sample.Q
         np.testing.assert_allclose([leaf[k] for leaf in blind.mean], mean, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(blind.cov.dense()[k], cov, rtol=0, atol=1e-12)
-    assert float(jnp.sum(blind.log_likelihood)) == 0.0
-    assert float(jnp.sum(blind.nis)) == 0.0
+        np.testing.assert_allclose(covs[k], cov, rtol=0, atol=1e-12)
+    assert not np.any(np.asarray(blind.log_likelihood))
+    assert not np.any(np.asarray(blind.nis))
     assert not np.any(np.asarray(blind.count))
 
 
 @pytest.mark.parametrize("execution", ["core", "fast"])
 def test_what_the_mask_hides_changes_nothing(problem, execution):
-    hidden = jax.tree.map(lambda v, m: jnp.where(m, v, 1e6), problem.observations, problem.mask)
+    hidden = jax.tree.map(lambda v, m: np.where(m, v, 1e6), problem.observations, problem.mask)
     spoiled = problem._replace(observations=hidden)
     for a, b in zip(*(jax.tree.leaves(filtered(v, execution)) for v in (problem, spoiled)), strict=True):
         np.testing.assert_array_equal(np.asarray(a), np.asarray(b))
@@ -92,11 +94,11 @@ def test_what_the_mask_hides_changes_nothing(problem, execution):
 @pytest.mark.parametrize("execution", ["core", "fast"])
 def test_padding_changes_nothing(problem, execution):
     plain = filtered(problem, execution)
-    arrays = jax.tree.map(lambda v: jnp.pad(v, (0, 7), mode="edge"), problem[2:])
-    longer = Case(*problem[:2], *arrays)._replace(mask=jax.tree.map(lambda v: jnp.pad(v, (0, 7)), problem.mask))
+    arrays = jax.tree.map(lambda v: np.pad(v, (0, 7), mode="edge"), problem[2:])
+    longer = Case(*problem[:2], *arrays)._replace(mask=jax.tree.map(lambda v: np.pad(v, (0, 7)), problem.mask))
     padded = filtered(longer, execution)
-    np.testing.assert_array_equal(padded.mean.speed[:SAMPLES], plain.mean.speed)
-    assert float(jnp.sum(padded.log_likelihood)) == pytest.approx(float(jnp.sum(plain.log_likelihood)))
+    np.testing.assert_array_equal(np.asarray(padded.mean.speed)[:SAMPLES], plain.mean.speed)
+    assert np.sum(padded.log_likelihood) == pytest.approx(np.sum(plain.log_likelihood))
 
 
 @pytest.mark.parametrize("execution", ["core", "fast"])

@@ -32,8 +32,9 @@ def test_padding_changes_no_piece_of_a_route():
     at = jax.jit(simulate.routes.at)
     for one, other in zip(at(along, distance), at(wide, distance), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-14)
+    value_at = jax.jit(simulate.routes.value_at)
     for field in ("slope", "speed", "riser"):
-        values = (simulate.routes.value_at(route, getattr(route, field), distance) for route in (along, wide))
+        values = (value_at(route, getattr(route, field), distance) for route in (along, wide))
         np.testing.assert_allclose(*values, atol=1e-14)
 
 

@@ -95,12 +95,12 @@ def felt(placement, t):
     return gyr, np.einsum("atk,tk->ta", axes(t, angle), force)
 
 
-def worst(recording):
+def worst(recording, end=6.0):
     """Largest difference from the exact signals away from the ends: rad/s, m/s²."""
     gyr, acc = 0.0, 0.0
     for placement, imu in recording.sensors.items():
         true = felt(placement, imu.time)
-        keep = (imu.time > 0.6) & (imu.time < 5.4) & imu.mask
+        keep = (imu.time > 0.6) & (imu.time < end - 0.6) & imu.mask
         gyr = max(gyr, np.abs(imu.gyr - true[0])[keep].max())
         acc = max(acc, np.abs(imu.acc - true[1])[keep].max())
     return gyr, acc
@@ -138,10 +138,11 @@ def test_the_error_falls_with_the_rate():
 
 
 def test_any_rate_can_be_had():
-    recording, truth = replay.replay(centres(TIME), 333.0, placements=["shank_left"])
-    assert len(truth.time) == 1999
-    assert truth.time[1] - truth.time[0] == pytest.approx(1.0 / 333.0)
-    gyr, acc = worst(recording)
+    # As many samples as the other walks have, whose programs then serve.
+    recording, truth = replay.replay(centres(TIME[:181]), 1000.0 / 3.0, placements=["shank_left"])
+    assert len(truth.time) == 601
+    assert truth.time[1] - truth.time[0] == pytest.approx(0.003)
+    gyr, acc = worst(recording, 1.8)
     assert gyr < 1e-4
     assert acc < 1e-3
 
