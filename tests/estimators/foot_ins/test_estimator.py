@@ -159,7 +159,7 @@ def test_lost_samples_make_their_stride_less_certain_and_no_other(straight):
     estimate = foot_ins.estimate(STILL, with_hole(made, 0.2, 5)[0])
     assert "5 samples of foot_right are lost" in " ".join(texts(estimate.diagnostics["notes"]))
     ratio = estimate.strides_stddev.length / plain.strides_stddev.length
-    assert ratio[2] > 1.2
+    assert ratio[2] > 1.1
     np.testing.assert_allclose(np.delete(ratio, 2), 1.0, atol=0.05)
     error = np.abs(estimate.strides.length - made.length)
     assert error[2] < 3.0 * estimate.strides_stddev.length[2]
