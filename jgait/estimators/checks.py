@@ -1,26 +1,10 @@
 """Checks of the sensors of a recording that all estimators use; the errors name sensor and cause."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
-from jgait.estimators.notes import LONGEST_LOSS
-from jgait.signal.windows import true_runs
 from jgait.types import Imu, Recording, RecordingError, as_float
-
-BRIDGED = 0.05
-"""[s] Longest loss that is bridged by interpolation, and does not count as lost; chosen: 5 samples at 100 Hz."""
-
-FROZEN = 1e-3
-"""[s] Interval of a filter over a sample of a long loss."""
-
-HELD = 1.5
-"""[1] Integrals of a reading that is held over a loss err by this factor more than those of one that is interpolated:
-measured on feet and shanks of five data sets, losses of 0.1 to 0.9 s."""
-
 
 SENSOR_LEFT_OUT = "sensor_left_out"
 """Code of a reader's note that a sensor is left out."""
@@ -84,87 +68,3 @@ def check_nominal_rate(time: np.ndarray, name: str, rate_hz: float) -> None:
     own = 1.0 / float(np.median(np.diff(time)))
     if abs(own / rate_hz - 1.0) > 0.05:
         raise RecordingError(f"'{name}' has a sample every {1.0 / own:.4g} s, and is said to have {rate_hz:g} Hz")
-
-
-def not_bridged(lost: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """(T,) bool, the lost samples in a row for more than `BRIDGED`: in shorter losses a signal is nearly straight."""
-    step = np.diff(time, prepend=time[0])
-    gone = np.zeros(len(time), bool)
-    for first, after in true_runs(lost):
-        gone[first:after] = step[first:after].sum() > BRIDGED
-    return gone
-
-
-def longest_loss(lost: np.ndarray, time: np.ndarray) -> float:
-    """Longest time [s] that is lost in a row, by flags of lost samples (T,); 0 without losses."""
-    step = np.diff(time, prepend=time[0])
-    return max((float(step[first:after].sum()) for first, after in true_runs(lost)), default=0.0)
-
-
-def integral_error[Seconds: (float, np.ndarray, Array)](seconds: Seconds, size: float, settling: float) -> Seconds:
-    """Standard deviation of the integral of a signal that is interpolated over a loss of `seconds`.
-
-    Over a long loss the error is like a constant of `size`, over one shorter than `settling` [s] it is smaller.
-    """
-    return size * seconds * seconds / (seconds + settling)
-
-
-class Bridge(NamedTuple):
-    """How a filter passes lost samples, all (T,): intervals [s], and standard deviations of errors of single samples,
-    independent of each other, of rate [rad/s] and specific force [m/s²]; 0 where a sample is measured.
-    """
-
-    dt: np.ndarray
-    rate: np.ndarray
-    force: np.ndarray
-
-
-def bridged(
-    lost: np.ndarray, time: np.ndarray, dt: np.ndarray, rate: tuple[float, float], force: tuple[float, float]
-) -> Bridge:
-    """Over up to `LONGEST_LOSS`, interpolated readings are integrated, with errors of the size of `integral_error`.
-
-    Over a longer loss the state stays as it was, with the errors that held readings have after `LONGEST_LOSS`: a leg
-    keeps its posture better than an integral of readings that it did not have.
-    """
-    step = np.diff(time, prepend=time[0])
-    told = Bridge(dt.copy(), np.zeros(len(time)), np.zeros(len(time)))
-    for first, after in true_runs(lost):
-        run = slice(first, after)
-        seconds, own, factor = float(step[run].sum()), np.maximum(step[run], 1e-6), 1.0
-        if seconds > LONGEST_LOSS:
-            seconds, own, factor = LONGEST_LOSS, np.full(after - first, FROZEN), HELD
-            told.dt[run] = np.minimum(dt[run], FROZEN)
-        for noise, size in ((told.rate, rate), (told.force, force)):
-            noise[run] = factor * integral_error(seconds, *size) / np.sqrt(own.sum() * own)
-    return told
-
-
-def held_bridge(
-    lost: Array, seconds: Array, step: Array, rate: tuple[float, float], force: tuple[float, float]
-) -> tuple[Array, Array, Array]:
-    """As `bridged`, sample by sample with readings that are held: whether time goes on, and both deviations.
-
-    Args:
-        lost: (T,) 1 where a sample is lost, else 0.
-        seconds: (T,) time lost so far [s].
-        step: interval of the samples [s].
-        rate: see `bridged`.
-        force: see `bridged`.
-    """
-    goes = seconds <= LONGEST_LOSS
-    whole = jnp.maximum(seconds, step)
-    noises = []
-    for size in (rate, force):
-        now, before = (HELD * integral_error(v, *size) for v in (whole, whole - step))
-        noises.append(jnp.where(goes, lost * jnp.sqrt(now * now - before * before) / step, 0.0))
-    return goes | (lost == 0.0), noises[0], noises[1]
-
-
-def lost_between(lost: np.ndarray, time: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Time [s] that is lost after sample `begin` (n,) and up to sample `end`, by flags of lost samples (T,).
-
-    Losses that are bridged do not count.
-    """
-    total = np.cumsum(np.where(not_bridged(lost, time), np.diff(time, prepend=time[0]), 0.0))
-    return np.asarray(total[end] - total[begin])

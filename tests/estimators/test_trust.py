@@ -8,8 +8,8 @@ from made.shank import shank
 
 from jgait import estimators
 from jgait.estimators import foot_ins
-from jgait.estimators.checks import HELD, bridged, held_bridge, integral_error
 from jgait.estimators.foot_ins import FootParams
+from jgait.estimators.losses import HELD, bridged, held_bridge, integral_error
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.stride_flags import DOUBTFUL
 from jgait.estimators.trust import STANCES_RARE, doubtful, judged, nis_between, trust

@@ -45,7 +45,7 @@ from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride.prepare import LOST_FORCE, LOST_RATE, STANDING
 from jgait.estimators.ankle_stride.readout import Heading
 from jgait.estimators.ankle_stride.worn import DETECTORS, ONLINE, Worn, check_options, worn
-from jgait.estimators.checks import held_bridge
+from jgait.estimators.losses import held_bridge
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance

@@ -11,16 +11,9 @@ import numpy as np
 from jgait.estimators.ankle_stride.inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
 from jgait.estimators.ankle_stride.notes import NEVER_STANDS, SWINGS_EVEN
 from jgait.estimators.ankle_stride.params import AnkleOptions, check_options
-from jgait.estimators.checks import (
-    bridged,
-    check_nominal_rate,
-    common_time,
-    longest_loss,
-    lost_between,
-    not_bridged,
-    sensors_of,
-)
+from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
 from jgait.estimators.interface import Prepared
+from jgait.estimators.losses import bridged, longest_loss, lost_between, not_bridged
 from jgait.estimators.notes import CLIPPED, LONGEST_LOSS, NO_STEPS, STRIDES_MISSING, STRIDES_UNCERTAIN
 from jgait.estimators.programs import bucket, compiled
 from jgait.events import shank as shank_events
@@ -187,11 +180,10 @@ def _leg(
     if not seen.all():
         notes.append(STRIDES_MISSING(strides=(~seen).sum(), placement=name, seconds=LONGEST_LOSS))
         start, end, stood = start[seen], end[seen], shank_stance.ShankStances(*(part[seen] for part in stood))
-    over = bridged(lost, time, told.pop("dt"), LOST_RATE, LOST_FORCE)
+    over = bridged(lost, time, told["dt"], LOST_RATE, LOST_FORCE)
     rests = still if options.standing else None
     signals = AnkleSignals(
-        **told,
-        dt=over.dt,
+        **(told | {"dt": over.dt}),
         gyr_doubt=np.maximum(peaks.doubt, np.maximum(over.rate, CLIPPED_RATE * equal)),
         acc_doubt=np.maximum(over.force, CLIPPED_FORCE * forced),
         stands=stands,

@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.estimators.checks import lost_between
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import CONSISTENT, combined, correlation
 from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED
+from jgait.estimators.losses import lost_between
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, impossible
 from jgait.estimators.proportions import SHARE_SD, SHARES

@@ -26,7 +26,6 @@ from jax import lax
 from jaxtyping import PyTree
 
 from jgait import filtering
-from jgait.estimators.checks import held_bridge
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins.estimator import controls, model_params
 from jgait.estimators.foot_ins.model import FootObservation
@@ -46,6 +45,7 @@ from jgait.estimators.foot_ins.params import FootOptions, FootParams
 from jgait.estimators.foot_ins.prepare import LOST_FORCE, LOST_RATE, REACH, REST_STEP
 from jgait.estimators.foot_ins.readout import SHORTEST, TIMING, stated
 from jgait.estimators.foot_ins.worn import FootWorn, worn
+from jgait.estimators.losses import held_bridge
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.events import foot as events
 from jgait.events.shank_stance import PAUSE_S

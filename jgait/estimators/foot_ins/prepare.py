@@ -8,17 +8,11 @@ import itertools
 
 import numpy as np
 
-from jgait.estimators.checks import (
-    bridged,
-    common_time,
-    longest_loss,
-    lost_between,
-    not_bridged,
-    sensors_of,
-)
+from jgait.estimators.checks import common_time, sensors_of
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals, capacity
 from jgait.estimators.foot_ins.notes import NEVER_RESTS
 from jgait.estimators.interface import Prepared
+from jgait.estimators.losses import bridged, longest_loss, lost_between, not_bridged
 from jgait.estimators.noise import features
 from jgait.estimators.notes import CLIPPED, LONGEST_LOSS, SCALE_CORRECTED, STRIDES_MISSING, STRIDES_UNCERTAIN
 from jgait.events import foot as events
