@@ -88,8 +88,9 @@ def nis_between(nis: Values, count: Counts, begin: Counts, end: Counts) -> Value
         end: (n,) last sample.
     """
     values = jnp.where(jnp.isfinite(nis), nis, 0.0)
-    squares, many = (jnp.concatenate([jnp.zeros_like(v[:1]), jnp.cumsum(v)]) for v in (values, count.astype(nis.dtype)))
-    return (squares[end + 1] - squares[begin + 1]) / jnp.maximum(many[end + 1] - many[begin + 1], 1.0)
+    both = jnp.cumsum(jnp.stack([values, count.astype(nis.dtype)], axis=1), axis=0)
+    squares, many = (both[end] - both[begin]).T
+    return squares / jnp.maximum(many, 1.0)
 
 
 def doubtful(strides: Strides, deviations: Strides, nis: np.ndarray) -> np.ndarray:

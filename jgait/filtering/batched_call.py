@@ -105,6 +105,8 @@ def _in_blocks(function: Batched, lanes: list[PyTree], count: int) -> list[PyTre
     def folded(value: PyTree) -> PyTree:
         if missing:
             value = jnp.concatenate([value, jnp.repeat(value[..., -1:], missing, axis=-1)], axis=-1)
+        if size == 1:  # a transpose that XLA joins with the one before it
+            return jnp.moveaxis(value, -1, 0)[..., None]
         return jnp.moveaxis(value.reshape(*value.shape[:-1], -1, size), -2, 0)
 
     own = [value.shape[-1] > 1 for value in lanes]

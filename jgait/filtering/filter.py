@@ -240,6 +240,5 @@ def named_values(values: list[PyTree], structure: PyTreeDef) -> PyTree:
 
 def named_covariance(values: PyTree, structure: PyTree) -> Covariance:
     """The upper triangle as a list, or an array (..., n, n), as a `Covariance`."""
-    if isinstance(values, list):
-        return Covariance(tuple(values), structure)
-    return Covariance.from_dense(values, structure)
+    matrix = Covariance(tuple(values), structure).dense() if isinstance(values, list) else values
+    return Covariance.from_dense(matrix, structure)

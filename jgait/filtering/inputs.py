@@ -50,7 +50,7 @@ class Inputs(NamedTuple):
         return [
             *jax.tree.leaves(self.params),
             jnp.stack([jnp.asarray(value, self.dtype) for value in self.mean]),
-            jnp.stack([jnp.stack([jnp.asarray(self.cov[i][j], self.dtype) for j in range(size)]) for i in range(size)]),
+            jnp.stack([jnp.asarray(value, self.dtype) for row in self.cov for value in row]).reshape(size, size),
             jnp.stack(self.measured, axis=-1),
             *(jnp.broadcast_to(leaf, shape) for leaf in jax.tree.leaves(self.controls)),
             jnp.broadcast_to(self.dt, shape),

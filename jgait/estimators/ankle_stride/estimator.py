@@ -1,6 +1,6 @@
 """Strides of the shanks from prepared inputs."""
 
-from functools import partial, reduce
+from functools import partial
 from typing import Any
 
 import jax
@@ -27,6 +27,7 @@ from jgait.estimators.ankle_stride.prepare import prepare
 from jgait.estimators.ankle_stride.readout import FLAGS
 from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootModelParams
 from jgait.estimators.interface import Estimator, Prepared
+from jgait.estimators.sides import along, stacked
 from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion, rotated
 from jgait.geometry.vectors import Vector, cross, dot, root, subtract, vector
@@ -136,7 +137,9 @@ def _of_leg(
     p: AnkleParams, leg: AnkleSignals, side: Counts, options: AnkleOptions
 ) -> tuple[Strides, Strides | None, dict[str, Values], dict[str, Values], Values]:
     """Strides of one leg, their standard deviations, flags, diagnostics, and the samples (T,) with valid results."""
-    gyr, acc = (butterworth.low_pass_until(v, p.cutoff_hz, leg.rate_hz, leg.last) for v in (leg.gyr, leg.acc))
+    both = jnp.concatenate([leg.gyr, leg.acc], axis=1)
+    smooth = butterworth.low_pass_until(both, p.cutoff_hz, leg.rate_hz, leg.last)
+    gyr, acc = smooth[:, :3], smooth[:, 3:]
     if options.length != "filter":
         strides, flags = ankle_strides.by_method(p, leg, gyr, acc, side, options.length)
         return strides, None, flags, {}, leg.valid
@@ -167,42 +170,34 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) ->
     """
     check_options(options)
     worn = {side: leg for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None}
-    together = jax.tree.map(lambda *leaves: jnp.stack(leaves), *worn.values())
     sides = jnp.asarray(list(worn), jnp.int32)
-    every = jax.vmap(lambda leg, side: _of_leg(p, leg, side, options))(together, sides)
-    rows, ways, variances, valid = [], [], [], []
-    diagnostics: dict[str, Any] = {}
-    for number, side in enumerate(worn):
-        strides, deviations, flags, told, there = jax.tree.map(lambda leaf, number=number: leaf[number], every)
-        rows.append((strides, deviations, flags))
-        ways.append(_walked(strides, inputs.time))
-        if deviations is not None:
-            variances.append(_walked(strides._replace(length=deviations.length**2), inputs.time))
-        valid.append(there)
-        diagnostics |= {f"{name}_{SIDES[side]}": value for name, value in told.items()}
-    strides, deviations, flags = jax.tree.map(lambda *parts: jnp.concatenate(parts), *rows)
-    distance = sum(ways[1:], ways[0]) / len(ways)
-    if variances:
-        each = sum(variances[1:], variances[0]) / len(variances) ** 2
+    every, ways = jax.vmap(lambda leg, side: _walked(inputs.time, *_of_leg(p, leg, side, options)))(
+        stacked(*worn.values()), sides
+    )
+    strides, deviations, flags = jax.tree.map(lambda leaf: leaf.reshape(-1), every[:3])
+    told, there = every[3:]
+    diagnostics: dict[str, Any] = {
+        f"{name}_{SIDES[side]}": value[number] for number, side in enumerate(worn) for name, value in told.items()
+    }
+    distance = jnp.mean(ways[..., 0], axis=0)
+    if deviations is not None:
+        each = jnp.sum(ways[..., 1], axis=0) / len(worn) ** 2
         diagnostics["distance_stddev"] = root(each + (p.distance_noise * distance) ** 2)
     return Estimate(
-        inputs.time, Legs(None, None), None, distance, reduce(jnp.logical_or, valid),
+        inputs.time, Legs(None, None), None, distance, jnp.any(there, axis=0),
         {**diagnostics, **flags}, strides, strides_stddev=deviations,
     )  # fmt: skip
 
 
-def _walked(strides: Strides, time: Values) -> Values:
-    """Distance along the strides (T,) [m]; it grows by each stride's length, evenly over the stride's swing."""
-    lengths = jnp.where(strides.valid, strides.length, 0.0)
-    # rows without a stride get times after the end of the recording, in order, so that they add no distance
-    row = jnp.arange(lengths.shape[0], dtype=jnp.int32).astype(time.dtype)
+def _walked(time: Values, *found: PyTree) -> tuple[tuple[PyTree, ...], Values]:
+    """What `_of_leg` found, and the distance along the strides (T, 1) [m], or with its variance (T, 2); they grow
+    evenly over the swing of each stride.
+    """
+    strides, deviations, *_ = found
+    added = [strides.length] if deviations is None else [strides.length, deviations.length**2]
+    lengths = jnp.where(strides.valid[:, None], jnp.stack(added, axis=1), 0.0)
     real = strides.final_contact < strides.end
-    beyond = time[-1] + 1.0 + row
-    start = jnp.where(real, strides.final_contact, beyond)
-    end = jnp.where(real, strides.end, beyond + 0.5)
-    done = jnp.cumsum(lengths)
-    knots = jnp.stack([start, end], axis=1).ravel()
-    return jnp.interp(time, knots, jnp.stack([done - lengths, done], axis=1).ravel())
+    return found, along(time, strides.final_contact, strides.end, real, lengths)
 
 
 def estimator(options: AnkleOptions = DEFAULT) -> Estimator[AnkleParams, AnkleInputs]:

@@ -11,6 +11,7 @@ from jgait.estimators.ankle_stride import length as stride_length
 from jgait.estimators.ankle_stride.inputs import AnkleSignals
 from jgait.estimators.ankle_stride.model import AnkleState
 from jgait.estimators.ankle_stride.params import AnkleParams
+from jgait.estimators.sides import picked
 from jgait.filtering import Covariance
 from jgait.geometry.rotation import rotated
 from jgait.geometry.vectors import Vector, root, wrapped
@@ -37,9 +38,10 @@ def from_filter(
     p: AnkleParams, leg: AnkleSignals, state: AnkleState, cov: Covariance, side: Counts
 ) -> tuple[Strides, Strides, dict[str, Values]]:
     """Strides of one leg (0 right, 1 left) from the states of the filter, their standard deviations, and flags."""
-    way = measured(Vector(*(part[leg.end] for part in state.position)), tuple(v[leg.end] for v in across(cov)))
     yaw = heading(state, cov)
-    here, there = (Heading(*(part[at] for part in yaw)) for at in (leg.begin, leg.end))
+    x, y, z, *entries = picked(leg.end, *state.position, *across(cov))
+    way = measured(Vector(x, y, z), tuple(entries))
+    here, there = (Heading(*picked(at, *yaw)) for at in (leg.begin, leg.end))
     strides = told(leg, side, way.length, way.height, wrapped(there.angle - here.angle))
     return (
         strides,

@@ -20,11 +20,12 @@ from jgait.estimators.foot_ins.prepare import prepare
 from jgait.estimators.foot_ins.readout import Path
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.programs import compiled
+from jgait.estimators.sides import stacked
 from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion, level
 from jgait.geometry.vectors import Vector, vector
 from jgait.params import ranges
-from jgait.types import SIDES, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Values
+from jgait.types import SIDES, Counts, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Strides, Values
 
 PER_STRIDE = ("stride_nis", "doubtful")
 """Diagnostics with an entry for each stride."""
@@ -118,13 +119,16 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
     """
     _check_options(options)
     feet = {side: foot for side, foot in enumerate((inputs.right, inputs.left)) if foot is not None}
-    together = jax.tree.map(lambda *leaves: jnp.stack(leaves), *feet.values())
-    every = jax.vmap(lambda foot: _one_foot(p, foot, inputs.time, options))(together)
-    found = []
-    for number, (side, foot) in enumerate(feet.items()):
-        path, told, valid = jax.tree.map(lambda leaf, number=number: leaf[number], every)
-        found.append(_Found(side, path, told, valid, foot.count - 1))
-    return _assembled(inputs.time, found)
+    every = jax.vmap(lambda foot: _one_foot(p, foot, inputs.time, options))(stacked(*feet.values()))
+    found = [
+        _Found(side, *jax.tree.map(lambda leaf, number=number: leaf[number], every)) for number, side in enumerate(feet)
+    ]
+    path = every[0]
+    rows = path.nis.shape[1]
+    return _assembled(
+        inputs.time, found, jnp.repeat(jnp.asarray(list(feet), jnp.int32), rows),
+        *jax.tree.map(lambda leaf: leaf.reshape(-1), (path.strides, path.strides_stddev, path.nis)),
+    )  # fmt: skip
 
 
 def _check_options(options: FootOptions) -> None:
@@ -134,46 +138,41 @@ def _check_options(options: FootOptions) -> None:
 
 def _one_foot(
     p: FootParams, foot: FootSignals, time: Values, options: FootOptions
-) -> tuple[Path, dict[str, Values], Values]:
-    """Path of one foot, diagnostics of the filter, and (T,) bool of valid samples."""
+) -> tuple[Path, dict[str, Values], Values, Flags]:
+    """Path of one foot, diagnostics of the filter, distance (T,) [m], and (T,) bool of valid samples."""
     found = _foot(p, foot, options)
     path = foot_strides.path_of(p, foot, time, found, flatten=options.level == "auto")
     valid = foot.valid & foot.known & found.filtered.valid
-    return path, {"log_likelihood": found.log_likelihood, "nis": found.nis}, valid
+    way = foot_strides.walked(path.strides, foot.count - 1, time)
+    return path, {"log_likelihood": found.log_likelihood, "nis": found.nis}, way, valid
 
 
 class _Found(NamedTuple):
-    """One foot's part of the estimate; `rows` of its strides are not padding."""
+    """One foot's part of the estimate, see `_one_foot`."""
 
     side: int
     path: Path
     told: dict[str, Any]
+    way: Values
     valid: Flags
-    rows: Flags
 
 
-def _assembled(time: Values, found: list[_Found]) -> Estimate:
-    """The estimate of one or two feet."""
+def _assembled(
+    time: Values, found: list[_Found], sides: Counts, strides: Strides, deviations: Strides, nis: Values
+) -> Estimate:
+    """The estimate of one or two feet, and of the strides of all of them."""
     feet: list[FootTrajectory | None] = [None, None]
     spread: list[FootTrajectory | None] = [None, None]
-    strides, deviations, ways, consistency = [], [], [], []
-    diagnostics: dict[str, Any] = {}
-    for side, path, told, _, rows in found:
+    diagnostics: dict[str, Any] = {"stride_nis": nis}
+    for side, path, told, _, _ in found:
         feet[side], spread[side] = path.trajectory, path.stddev
-        number = jnp.full(path.strides.length.shape, side, jnp.int32)
-        strides.append(path.strides._replace(side=number))
-        deviations.append(path.strides_stddev._replace(side=number))
-        ways.append(foot_strides.walked(path.strides, rows, time))
         diagnostics |= {f"{name}_{SIDES[side]}": value for name, value in told.items()}
         diagnostics[f"pitch_{SIDES[side]}"] = path.pitch
-        consistency.append(path.nis)
-    diagnostics["stride_nis"] = jnp.concatenate(consistency)
-    together = jax.tree.map(lambda *rows: jnp.concatenate(rows), *strides)
-    certain = jax.tree.map(lambda *rows: jnp.concatenate(rows), *deviations)
+    ways = [foot.way for foot in found]
     valid = found[0].valid if len(found) == 1 else found[0].valid | found[1].valid
     return Estimate(
-        time, Legs(None, None), None, sum(ways[1:], ways[0]) / len(ways), valid, diagnostics, together, Feet(*feet),
-        Feet(*spread), certain,
+        time, Legs(None, None), None, sum(ways[1:], ways[0]) / len(ways), valid, diagnostics,
+        strides._replace(side=sides), Feet(*feet), Feet(*spread), deviations._replace(side=sides),
     )  # fmt: skip
 
 
@@ -237,10 +236,13 @@ def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Esti
             return None
 
         def one(window: FootSignals, time: Values) -> PyTree:
-            path, told, valid = compiled(_one_foot)(p, window, time, options=options)
+            path, told, _, valid = compiled(_one_foot)(p, window, time, options=options)
             return path, told["nis"], valid
 
         whole = foot_windows.joined(foot, np.asarray(inputs.time), parts, level, one)
-        rows = whole.path.strides.length.shape[0]
-        found.append(_Found(side, whole.path, {"nis": whole.nis}, whole.valid, rows))
-    return _assembled(jnp.asarray(inputs.time), found)
+        way = foot_strides.walked(whole.path.strides, whole.path.strides.length.shape[0], jnp.asarray(inputs.time))
+        found.append(_Found(side, whole.path, {"nis": whole.nis}, way, whole.valid))
+    sides = jnp.concatenate([jnp.full(len(foot.path.nis), foot.side, jnp.int32) for foot in found])
+    strides = [(foot.path.strides, foot.path.strides_stddev, foot.path.nis) for foot in found]
+    together = jax.tree.map(lambda *rows: jnp.concatenate(rows), *strides)
+    return _assembled(jnp.asarray(inputs.time), found, sides, *together)

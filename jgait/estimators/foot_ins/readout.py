@@ -8,6 +8,7 @@ from jaxtyping import PyTree
 from jgait.estimators.foot_ins.inputs import FootSignals
 from jgait.estimators.foot_ins.model import FootState
 from jgait.estimators.foot_ins.params import FootParams
+from jgait.estimators.sides import along, picked
 from jgait.estimators.trust import nis_between
 from jgait.filtering import Covariance, Inferred
 from jgait.geometry.rotation import Quaternion, conjugate, rotated
@@ -102,15 +103,10 @@ def walked(strides: Strides, rows: PyTree, time: Values) -> Values:
     """
     if not strides.length.shape[0]:
         return jnp.zeros_like(time)
+    real = jnp.arange(strides.length.shape[0], dtype=jnp.int32) < rows
+    end = jnp.maximum(strides.end, strides.final_contact + 1e-6)
     lengths = jnp.where(strides.valid, strides.length, 0.0)
-    knots = jnp.stack([strides.final_contact, jnp.maximum(strides.end, strides.final_contact + 1e-6)], axis=1).ravel()
-    done = jnp.cumsum(lengths)
-    values = jnp.stack([done - lengths, done], axis=1).ravel()
-    real = jnp.arange(lengths.shape[0], dtype=jnp.int32).repeat(2) < rows
-    # knots of padding lie after the recording, at increasing times, with the total distance
-    beyond = time[-1] + 1.0 + jnp.arange(knots.shape[0]).astype(time.dtype)
-    total = jnp.where(real, values, done[jnp.maximum(rows - 1, 0)])
-    return jnp.interp(time, jnp.where(real, knots, beyond), total)
+    return along(time, strides.final_contact, end, real, lengths[:, None])[:, 0]
 
 
 def _strides(
@@ -120,40 +116,42 @@ def _strides(
     """Strides of one foot and their standard deviations."""
     here, there = foot.foothold[:-1], foot.foothold[1:]
     final, initial = foot.final_contact[:-1], foot.initial_contact[:-1]
-    way = _at(state.position, there)
-    length = root(way.x * way.x + way.y * way.y)
-    between = {name: cov[f"position.{name[0]}", f"position.{name[1]}"][there] for name in ("xx", "xy", "yy", "zz")}
-    x, y = way.x / jnp.maximum(length, 1e-6), way.y / jnp.maximum(length, 1e-6)
-    along = x * x * between["xx"] + 2.0 * x * y * between["xy"] + y * y * between["yy"]
-    unknown = (p.stride_noise * length) ** 2
+    entries = [cov[f"position.{name[0]}", f"position.{name[1]}"] for name in ("xx", "xy", "yy", "zz")]
     spread = _spread(forward, state.attitude.w)
     axis = rotated(state.attitude, spread)
-    standing_pitch = jnp.arcsin(jnp.clip(axis.z, -1.0, 1.0))
-    yaw = jnp.arctan2(axis.y, axis.x)
-    turn = wrapped(yaw[there] - yaw[here])
-    yaw_variance = cov["attitude.z", "attitude.z"]
-    pitch_deviation = root(_across(cov, axis))
+    pitch, yaw = jnp.arcsin(jnp.clip(axis.z, -1.0, 1.0)), jnp.arctan2(axis.y, axis.x)
+    signals = (pitch, yaw, cov["attitude.z", "attitude.z"], root(_across(cov, axis)), time)
+    standing_pitch, yaw_here, variance_here, *_ = picked(here, *signals)
+    x, y, rise, *between, next_pitch, yaw_there, variance_there, _, _ = picked(
+        there, *state.position, *entries, *signals
+    )
+    push_off, _, _, push_off_sd, leaves = picked(final, *signals)
+    contact, _, _, contact_sd, touches = picked(initial, *signals)
+    length = root(x * x + y * y)
+    x, y = x / jnp.maximum(length, 1e-6), y / jnp.maximum(length, 1e-6)
+    along_way = x * x * between[0] + 2.0 * x * y * between[1] + y * y * between[2]
+    unknown = (p.stride_noise * length) ** 2
+    turn = wrapped(yaw_there - yaw_here)
     departs, lands = time[foot.leaves[:-1]], time[foot.arrives[1:]]
     # a stride starts at the initial contact that ends the stride before it; a first stride starts at final contact
-    start = jnp.concatenate([time[final[:1]], time[initial[:-1]]])
     began = jnp.concatenate([jnp.zeros_like(valid[:1]), valid[:-1]])
-    start = jnp.where(began, start, time[final])
-    duration = jnp.maximum(jnp.where(began, time[initial] - start, lands - departs), 1e-3)
+    start = jnp.where(began, jnp.concatenate([leaves[:1], touches[:-1]]), leaves)
+    duration = jnp.maximum(jnp.where(began, touches - start, lands - departs), 1e-3)
     nothing = jnp.full_like(length, jnp.nan)
     numbers = jnp.full(length.shape, side, jnp.int32)
     strides = Strides(
-        side=numbers, start=start, final_contact=time[final], end=time[initial], length=length, width=nothing,
-        height=way.z, valid=valid, standing=departs, standing_end=lands, speed=length / duration, turn=turn,
-        lift=_lift(state.position.z, foot, way.z), contact_angle=standing_pitch[initial] - standing_pitch[there],
-        push_off_angle=standing_pitch[final] - standing_pitch[here], step_length=nothing,
+        side=numbers, start=start, final_contact=leaves, end=touches, length=length, width=nothing,
+        height=rise, valid=valid, standing=departs, standing_end=lands, speed=length / duration, turn=turn,
+        lift=_lift(state.position.z, foot, rise), contact_angle=contact - next_pitch,
+        push_off_angle=push_off - standing_pitch, step_length=nothing,
     )  # fmt: skip
-    length_stddev = stated(along + unknown, nis, turn)
+    length_stddev = stated(along_way + unknown, nis, turn)
     speed_stddev = root((length_stddev / duration) ** 2 + (length / duration**2 * TIMING) ** 2)
     deviations = Strides(
         side=numbers, start=None, final_contact=None, end=None, length=length_stddev, width=nothing,
-        height=root(between["zz"] + unknown), valid=valid, speed=speed_stddev,
-        turn=root(jnp.abs(yaw_variance[there] - yaw_variance[here])), contact_angle=pitch_deviation[initial],
-        push_off_angle=pitch_deviation[final], step_length=nothing,
+        height=root(between[3] + unknown), valid=valid, speed=speed_stddev,
+        turn=root(jnp.abs(variance_there - variance_here)), contact_angle=contact_sd,
+        push_off_angle=push_off_sd, step_length=nothing,
     )  # fmt: skip
     return strides, deviations
 
@@ -209,13 +207,9 @@ def _forward(attitude: Quaternion, way: Vector, length: Values, here: PyTree, st
 
 def _accumulated(position: Vector, foot: FootSignals) -> Vector:
     """Positions from the start of the recording."""
-    again = foot.restart[1:] > 0.5
-
-    def whole(part: PyTree) -> PyTree:
-        steps = jnp.where(again, part[:-1], jnp.zeros_like(part[:-1]))
-        return part + jnp.concatenate([jnp.zeros_like(part[:1]), jnp.cumsum(steps)])
-
-    return Vector(*(whole(part) for part in position))
+    ended = jnp.where(foot.restart[1:, None] > 0.5, jnp.stack(position, axis=1)[:-1], 0.0)
+    begun = jnp.pad(jnp.cumsum(ended, axis=0), ((1, 0), (0, 0)))
+    return Vector(*(part + begun[:, axis] for axis, part in enumerate(position)))
 
 
 def _turned(v: Vector, heading: Values) -> Vector:
@@ -246,7 +240,7 @@ def _across(cov: Covariance, axis: Vector) -> Values:
 
 
 def _at(values: PyTree, index: PyTree) -> PyTree:
-    return type(values)(*(part[index] for part in values))
+    return type(values)(*picked(index, *values))
 
 
 def _spread(v: Vector, like: Values) -> Vector:

@@ -13,17 +13,15 @@ from jgait.estimators.leg_ekf import inclination
 from jgait.estimators.leg_ekf import model as leg_model
 from jgait.estimators.leg_ekf import readout as leg_distance
 from jgait.estimators.leg_ekf.about import ABOUT
-from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment, has_gravity
+from jgait.estimators.leg_ekf.inputs import SHORT_GAP, LegInputs, LegSignals, Segment, has_gravity
 from jgait.estimators.leg_ekf.model import STANDING, LegControl, LegModelParams, LegObservation, LegState
 from jgait.estimators.leg_ekf.notes import SHANKS_APART
 from jgait.estimators.leg_ekf.params import DEFAULT, TRANSFORMS, LegOptions, LegParams, one_side, with_body
 from jgait.estimators.leg_ekf.prepare import SHANKS, prepare
+from jgait.estimators.sides import stacked
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.vectors import vector
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values
-
-SHORT_GAP = 0.1
-"""[s] Longest gap that the leg's filter bridges by its own prediction of the rates; a swing lasts 0.4 s."""
 
 STEPS_APART, APART = 1.6, 0.1
 """[m], [1] Difference of the distances of both shanks beyond which one of them is wrong: a long stride, a share."""
@@ -46,28 +44,11 @@ def model_params(p: LegParams, leg: LegSignals) -> LegModelParams:
     )
 
 
-def rates_between(segment: Segment, time: Values) -> Values:
-    """Angular rates (T, 3) [rad/s]; samples lost for up to `SHORT_GAP` are interpolated, those of longer gaps are 0."""
-    row = jnp.arange(time.shape[0], dtype=jnp.int32)
-    before = jax.lax.cummax(jnp.where(segment.measured, row, 0))
-    after = jax.lax.cummin(jnp.where(segment.measured, row, row[-1]), reverse=True)
-    first, last = time[before], time[after]
-    share = (time - first) / jnp.where(last > first, last - first, 1.0)
-    rates = _zero_where_lost(segment)
-    between = rates[before] + share[:, None] * (rates[after] - rates[before])
-    short = segment.measured[before] & segment.measured[after] & (last - first < SHORT_GAP)
-    return jnp.where(short[:, None], between, rates)
-
-
-def _zero_where_lost(segment: Segment) -> Values:
-    return jnp.where(segment.measured[:, None], segment.gyr, 0.0)
-
-
 def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOptions) -> inclination.Inclination:
     """Inclination of one segment, from gravity or from the sagittal gyroscope alone."""
     return inclination.run(
         p.inclination,
-        vector(rates_between(segment, inputs.time) if options.smooth else _zero_where_lost(segment)),
+        vector(segment.gyr),
         vector(segment.acc),
         inputs.still,
         segment.measured,
@@ -236,9 +217,8 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
         each leg.
     """
     worn = [(side, leg) for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None]
-    own = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *(one_side(p, side) for side, _ in worn))
-    signals = jax.tree.map(lambda *v: jnp.stack(v), *(leg for _, leg in worn))
-    results = jax.vmap(lambda one: _one_leg(one, inputs, options, model))((own, signals))
+    both = stacked(*((one_side(p, side), leg) for side, leg in worn))
+    results = jax.vmap(lambda one: _one_leg(one, inputs, options, model))(both)
     trajectories: list[LegTrajectory | None] = [None, None]
     deviations: list[LegTrajectory | None] = [None, None]
     diagnostics = {}
@@ -291,7 +271,7 @@ def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:
     def ready(recording: Recording) -> Prepared[LegInputs]:
         found = prepare(
             recording, rate_hz=options.rate_hz, median=options.median, perpendicular=options.perpendicular_axis,
-            strapdown=options.distance == "strapdown",
+            strapdown=options.distance == "strapdown", smooth=options.smooth,
         )  # fmt: skip
         gravity = options.gravity and has_gravity(found.inputs)
         return found._replace(options=options._replace(gravity=gravity))

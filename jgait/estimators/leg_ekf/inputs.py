@@ -8,6 +8,9 @@ from jgait.estimators.ankle_stride.inputs import AnkleInputs
 from jgait.estimators.axes import Axis, Sampled, Times
 from jgait.types import Values
 
+SHORT_GAP = 0.1
+"""[s] Longest gap that the leg's filter bridges by its own prediction of the rates; a swing lasts 0.4 s."""
+
 
 class Segment(NamedTuple):
     """Signals of one sensor in the axes of its segment (forward, left, up).

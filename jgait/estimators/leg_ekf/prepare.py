@@ -14,7 +14,7 @@ from jgait.estimators.ankle_stride.params import AnkleOptions
 from jgait.estimators.ankle_stride.prepare import prepare as prepare_shanks
 from jgait.estimators.checks import common_time, sensors_of
 from jgait.estimators.interface import Prepared
-from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
+from jgait.estimators.leg_ekf.inputs import SHORT_GAP, LegInputs, LegSignals, Segment
 from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED, ONE_LEG, SEGMENT_ALONE, SEGMENTS_SWAPPED
 from jgait.estimators.notes import NO_ACCELEROMETER, NO_FIRST_STANDING
 from jgait.events.rest import standing_of_legs
@@ -180,6 +180,16 @@ def orient(
     return LegSignals(segments["thigh"], segments["shank"]), notes
 
 
+def rates_between(segment: Segment, time: np.ndarray) -> Segment:
+    """A segment whose rates are interpolated over losses of up to `SHORT_GAP`; over longer ones they are 0."""
+    gyr = np.where(segment.measured[:, None], segment.gyr, 0.0)
+    for first, after in true_runs(~segment.measured):
+        if first > 0 and after < time.size and time[after] - time[first - 1] < SHORT_GAP:
+            share = (time[first:after] - time[first - 1]) / (time[after] - time[first - 1])
+            gyr[first:after] = gyr[first - 1] + share[:, None] * (gyr[after] - gyr[first - 1])
+    return segment._replace(gyr=gyr)
+
+
 def lost_time(time: np.ndarray, measured: np.ndarray) -> np.ndarray:
     """(T,) [s] time since the last measured sample, at least one interval; 0 where a sample is measured."""
     last = np.maximum.accumulate(np.where(measured, np.arange(time.size), -1))
@@ -220,13 +230,14 @@ def prepare(
     median: int = 1,
     perpendicular: bool = True,
     strapdown: bool = False,
+    smooth: bool = False,
 ) -> Prepared[LegInputs]:
     """Check a recording with at least one leg, which stands still at some time; turn it into the inputs of
     `leg_ekf.run`.
 
     The gyroscopes are resampled to `rate_hz` [Hz] and filtered by a median over `median` samples; `perpendicular` makes
-    the sagittal axis perpendicular to gravity. `standing` is the calibrating stance. With `strapdown` the inputs have
-    `shanks`, unless the recording is resampled.
+    the sagittal axis perpendicular to gravity. With `smooth` the rates are interpolated over short losses.
+    `standing` is the calibrating stance. With `strapdown` the inputs have `shanks`, unless the recording is resampled.
 
     Raises:
         RecordingError: missing placement, clocks that differ, no standing, no walking.
@@ -243,6 +254,8 @@ def prepare(
     for side in sides:
         legs[side], more = orient(sensors, side, slice(start, stop), still, rate, perpendicular=perpendicular)
         notes += more
+        if smooth:
+            legs[side] = LegSignals(*(rates_between(segment, time) for segment in legs[side]))
     if any(sensors[k].acc is None for k in sensors):
         notes.append(NO_ACCELEROMETER())
     if not still[0]:

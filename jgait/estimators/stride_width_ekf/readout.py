@@ -17,18 +17,20 @@ SHORTEST_LINE = 0.15
 """[m] Shortest stride with a width; the direction of shorter ones is too uncertain as a reference line."""
 
 
-def with_stddev(read: Callable[[WidthState], Values], states: WidthState, cov: Covariance) -> tuple[Values, Values]:
-    """A scalar function of the state at every moment (N,), and its standard deviation by linearisation."""
+def with_stddev(read: Callable[[WidthState], Values], states: WidthState, cov: Values) -> tuple[Values, Values]:
+    """A scalar function of the state at every moment (N,), and its standard deviation by linearisation, for covariances
+    (N, 10, 10).
+    """
     value, slope = jax.vmap(jax.value_and_grad(read))(states)
     g = jnp.stack(jax.tree.leaves(slope), axis=-1)
-    variance = jnp.sum(g[:, :, None] * cov.dense() * g[:, None, :], axis=(1, 2))
+    variance = jnp.sum(g[:, :, None] * cov * g[:, None, :], axis=(1, 2))
     return value, root(variance)
 
 
 def distances(p: WidthParams, states: WidthState, cov: Covariance) -> dict[str, Any]:
     """The paper's z₁ and z₂ at every moment [m], and standard deviations; at double support, base of support."""
-    z1, z1_stddev = with_stddev(lambda state: between(state).across, states, cov)
-    z2, z2_stddev = with_stddev(lambda state: between(state).along, states, cov)
+    z1, z1_stddev = with_stddev(lambda state: between(state).across, states, cov.dense())
+    z2, z2_stddev = with_stddev(lambda state: between(state).along, states, cov.dense())
     return {
         "z1": z1,
         "z2": z2,
@@ -46,14 +48,11 @@ def strides(p: WidthParams, rows: StrideRows, states: WidthState, cov: Covarianc
     between.
     """
     at, left = rows.moment, rows.side == 1
-    ends = jax.tree.map(lambda v: v[at], (states, cov))
-    own = jax.tree.map(lambda b, a: jnp.where(left, b, a), _ordered(ends[0], left=True), _ordered(ends[0], left=False))
-
-    def dense(side: bool) -> Values:
-        order = jnp.asarray(_ORDER[side])
-        return ends[1].dense()[:, order][:, :, order]
-
-    turned = Covariance.from_dense(jnp.where(left[:, None, None], dense(True), dense(False)), own)
+    ends = jnp.stack(states, axis=1)[at]
+    order = jnp.asarray(_EXCHANGED)
+    own = WidthState(*jnp.where(left[:, None], ends[:, order], ends).T)
+    dense = cov.dense()[at]
+    turned = jnp.where(left[:, None, None], dense[:, order][:, :, order], dense)
     length, length_stddev = with_stddev(_length, own, turned)
     line = rows.valid & rows.passed & (length >= SHORTEST_LINE)
     width, width_stddev = with_stddev(_width, own, turned)
@@ -80,17 +79,10 @@ def _like(value: Values, array: Values) -> Values:
 
 
 _PLACES = {field: number for number, field in enumerate(WidthState._fields)}
-_ORDER = (
-    tuple(range(10)),
-    tuple(
-        _PLACES[f.replace("right", "left") if "right" in f else f.replace("left", "right")] for f in WidthState._fields
-    ),
+_EXCHANGED = tuple(
+    _PLACES[f.replace("right", "left") if "right" in f else f.replace("left", "right")] for f in WidthState._fields
 )
-
-
-def _ordered(state: WidthState, *, left: bool) -> WidthState:
-    """The state with right and left foot exchanged for a left stride, so that the striding foot is the right one."""
-    return WidthState(*(state[k] for k in _ORDER[left]))
+"""Places of the components with right and left foot exchanged, so that the striding foot is the right one."""
 
 
 def _line(state: WidthState) -> tuple[Values, Values, Values, Values, Values]:
