@@ -24,7 +24,7 @@ from jgait.filtering.hidden import without_hidden
 from jgait.filtering.inputs import inputs
 from jgait.filtering.methods import EKF, Method
 from jgait.filtering.model import Belief, Model
-from jgait.types import Maybe, Values
+from jgait.types import Counts, Maybe, Values
 
 
 class Updated(NamedTuple):
@@ -87,6 +87,10 @@ class Posterior(NamedTuple):
     nis: Maybe[Float[Array, "*batch time"]] = None
     count: PyTree = None
     valid: Maybe[Bool[Array, "*batch time"]] = None
+
+    def belief(self, at: Counts) -> Belief:
+        """The belief after sample `at`."""
+        return Belief(*jax.tree.map(lambda leaf: leaf[at], (self.mean, self.cov)))
 
 
 FIELDS = Posterior._fields

@@ -18,6 +18,10 @@ class Belief(NamedTuple):
     mean: PyTree
     cov: Covariance
 
+    def joined(self) -> "Belief":
+        """The same belief in the structure of a filter's results, for loops that begin with it."""
+        return Belief(self.mean, Covariance.from_dense(self.cov.dense(), self.cov.structure))
+
 
 class Model(NamedTuple):
     """A state-space model; functions at module level, so that the model is hashable and compiles once.

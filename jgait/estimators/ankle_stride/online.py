@@ -50,7 +50,6 @@ from jgait.estimators.notes import LONGEST_LOSS
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.events import shank_stance_online as shank_valley
-from jgait.filtering import Belief
 from jgait.filtering.compile import compiled
 from jgait.geometry.vectors import Vector, vector, wrapped
 from jgait.signal import butterworth
@@ -296,7 +295,7 @@ def over(
     number = state.count + jnp.cumsum(stride, dtype=jnp.int32)
     distance = state.distance + jnp.cumsum(jnp.where(stride, strides.length, 0.0))
     after = after._replace(
-        belief=jax.tree.map(lambda leaf: leaf[newest], Belief(told.mean, told.cov)),
+        belief=told.belief(newest),
         heading=last,
         count=number[-1],
         distance=distance[-1],

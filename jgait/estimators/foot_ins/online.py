@@ -49,7 +49,6 @@ from jgait.estimators.losses import held_bridge
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.events import foot as events
 from jgait.events.shank_stance import PAUSE_S
-from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion, as_array
 from jgait.geometry.vectors import Vector, root, wrapped
 from jgait.signal.loop import scanned
@@ -343,7 +342,7 @@ def over(
     number = state.count + jnp.cumsum(stride, dtype=jnp.int32)
     distance = state.distance + jnp.cumsum(jnp.where(stride, strides.length, 0.0))
     after = after._replace(
-        belief=jax.tree.map(lambda leaf: leaf[newest], Belief(told.mean, told.cov)),
+        belief=told.belief(newest),
         heading=all_[at[-1]],
         since=since,
         count=number[-1],

@@ -191,4 +191,4 @@ def level_prior(p: FootParams, worn: FootWorn, force: Values) -> Belief:
     zero, one = jnp.zeros_like(up[0]), jnp.ones_like(up[0])
     attitude = as_array(between(vector(up), Vector(zero, zero, one)))
     foot: PyTree = _Start(force, attitude, worn.gyr_bias, worn.acc_bias * up, up, worn.still_time)
-    return prior_of(p, foot)
+    return prior_of(p, foot).joined()

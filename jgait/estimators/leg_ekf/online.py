@@ -53,9 +53,10 @@ def start(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOpt
         start_variance: variance of the pose at the first sample [rad²].
         options: as of `leg_ekf`; `smooth` has no effect.
     """
-    beliefs = [inclination.prior(vector(segment.bias), start_variance) for segment in leg]
+    thigh, shank = (inclination.prior(vector(segment.bias), start_variance).joined() for segment in leg)
+    own = prior_of(p, leg, start_variance, options).joined()
     rates = tuple(vector(segment.gyr[0]) for segment in leg)
-    return LegOnlineState(beliefs[0], beliefs[1], prior_of(p, leg, start_variance, options), (rates[0], rates[1]))
+    return LegOnlineState(thigh, shank, own, (rates[0], rates[1]))
 
 
 def _incline(
@@ -73,11 +74,7 @@ def _incline(
         controls=inclination.InclinationControl(mean, still, measured, segment.lost), dt=inputs.dt, mask=mask,
         initial=belief, keep=("mean", "cov"),
     )  # fmt: skip
-    return _belief(found, newest), inclination.read_out(found.mean, found.cov, rate)
-
-
-def _belief(found: filtering.Posterior, at: Counts) -> Belief:
-    return jax.tree.map(lambda leaf: leaf[at], Belief(found.mean, found.cov))
+    return found.belief(newest), inclination.read_out(found.mean, found.cov, rate)
 
 
 def over(
@@ -115,4 +112,4 @@ def over(
     )  # fmt: skip
     rates = (vector(leg.thigh.gyr[newest]), vector(leg.shank.gyr[newest]))
     now = LegNow(trajectory_of(told.mean), deviation_of(p, told.mean, told.cov), told.valid)
-    return LegOnlineState(thigh, shank, _belief(told, newest), rates), now
+    return LegOnlineState(thigh, shank, told.belief(newest), rates), now

@@ -144,12 +144,11 @@ def begin(c: DutyConstants, sample: Readings, options: DutyDeviceOptions) -> Dut
         p = filter_params(own)
         thigh, shank = biases
         standing = duty_model.thigh_standing if thigh is None else duty_model.shin_standing
-        return (
-            None if thigh is None
-            else duty_model.thigh_standing(duty_model.link_params(p, p.thigh_sensor), 0.0, thigh, c.start_variance),
-            None if shank is None
-            else standing(duty_model.link_params(p, p.shank_sensor), 0.0, shank, c.start_variance),
-        )  # fmt: skip
+        worn = ((duty_model.thigh_standing, p.thigh_sensor, thigh), (standing, p.shank_sensor, shank))
+        return tuple(
+            None if bias is None else prior(duty_model.link_params(p, lever), 0.0, bias, c.start_variance).joined()
+            for prior, lever, bias in worn
+        )
 
     beliefs = tuple(
         jax.vmap(leg)(own, tuple(None if ks is None else c.bias[ks] for ks in _columns(group)))
@@ -173,7 +172,7 @@ def _filtered(
     )  # fmt: skip
     mean, deviation = told.mean, told.cov.stddev()
     gyro = mean.rate - mean.velocity_bias / params.lever
-    return jax.tree.map(lambda leaf: leaf[newest], Belief(told.mean, told.cov)), SegmentEstimate(
+    return told.belief(newest), SegmentEstimate(
         mean.angle, mean.rate, deviation.angle, deviation.rate, gyro, told.nis, told.count, told.log_likelihood,
         told.valid,
     )  # fmt: skip

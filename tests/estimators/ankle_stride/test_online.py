@@ -87,7 +87,7 @@ def test_sample_by_sample_as_over_the_recording_in_constant_memory(calibrated, s
         state, one = ankle_online.step(P, calibrated, state, gyr, acc, np.bool_(True))
         told.append(one)
     assert [(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(state)] == sizes
-    assert sum(leaf.nbytes for leaf in jax.tree.leaves(state)) < 5000
+    assert sum(leaf.nbytes for leaf in jax.tree.leaves(state)) < 6000
     online = jax.tree.map(lambda *leaves: np.stack(leaves), *told)
     assert int(state.count) == 4
     for name in ("stride", "count", "stands", "valid"):
