@@ -1,3 +1,3 @@
 """Damaged input and interrupted commands: signals, files, and folders of results after a kill."""
 
-PARTS = ("signals", "undamaged", "coverage", "fuzz", "killed")
+PARTS = ("signals", "undamaged", "gaps", "coverage", "fuzz", "killed")

@@ -171,13 +171,18 @@ HIDDEN = {"measured": ("gyr", "acc"), "seen": ("distance",), "on": ("gyr",)}
 """Field of the inputs that is a mask → fields that have no value where the mask is False."""
 
 
+def bridged(record: Any) -> bool:
+    """Whether the inputs have rates that stand for the lost ones, so that only the specific force is hidden."""
+    return "lost" in record._fields and "gyr" in record._fields
+
+
 def with_values(record: Any, where: np.ndarray | None, value: float) -> Any:
     """Inputs with another value of every signal where a flag is True; None: where its own mask hides it."""
     changed = {}
     for mask, hidden in HIDDEN.items():
         if mask in record._fields:
             there = where if where is not None else ~np.asarray(getattr(record, mask))
-            for field in hidden:
+            for field in hidden[bridged(record) :]:
                 values = np.asarray(getattr(record, field))
                 changed[field] = np.where(there.reshape(-1, *(1,) * (values.ndim - 1)), value, values)
     if not changed and where is not None and "gyr" in record._fields:

@@ -35,8 +35,9 @@ SCALE_SPREAD, BIAS_SPREAD = 0.005, 0.1
 
 LOST_RATE, LOST_FORCE = (0.3, 1e-3), (3.3, 1e-3)
 """([rad/s], [s]), ([m/s²], [s]) Error of linear interpolation over lost samples, see `bridged`; less than on feet
-of five data sets (2.3 rad/s, 6.5 m/s²). With those, the filter explains by a tilt that a runner's foot does not stand:
-strides after a loss of 0.2 s were wrong by a metre, without a large innovation."""
+of five data sets (experiment `damage.gaps`: 1.4 rad/s and 5.5 m/s² over 0.2 s). With those, the filter explains by a
+tilt that a runner's foot does not stand: strides after a loss of 0.2 s were wrong by a metre, without a large
+innovation."""
 
 CLIPPED_RATE, CLIPPED_FORCE = 3.0, 30.0
 """[rad/s], [m/s²] Standard deviation of a clipped sample that is not restored."""

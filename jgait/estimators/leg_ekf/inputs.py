@@ -16,7 +16,7 @@ class Segment(NamedTuple):
     """Signals of one sensor in the axes of its segment (forward, left, up).
 
     Attributes:
-        gyr: (T, 3) [rad/s].
+        gyr: (T, 3) [rad/s]; where samples are lost, what bridges the loss, see `rates_between`.
         acc: (T, 3) [m/s²], scaled to standard gravity in standing; zeros without an accelerometer.
         measured: (T,) bool.
         bias: (3,) gyroscope bias at rest [rad/s].
