@@ -77,9 +77,16 @@ def step(s: FilterSection, before: SectionState, sample: Values) -> tuple[Sectio
 def _filtered(
     s: FilterSection, values: Float[Array, "time *rest"], *, reverse: bool = False
 ) -> Float[Array, "time *rest"]:
-    typed = FilterSection(*(jnp.asarray(c, values.dtype) for c in s))
-    start = at_rest(typed, values[-1] if reverse else values[0])
-    return lax.scan(lambda state, x: step(typed, state, x), start, values, reverse=reverse)[1]
+    # one array each for the coefficients and for the state: every array of a loop is a function more to compile
+    numbers = jnp.stack([jnp.asarray(c, values.dtype) for c in s])
+    typed = FilterSection(numbers[0], numbers[1], numbers[2])
+
+    def one(state: Array, x: Array) -> tuple[Array, Array]:
+        after, gone = step(typed, SectionState(state[0], state[1]), x)
+        return jnp.stack(after), gone
+
+    start = jnp.stack(at_rest(typed, values[-1] if reverse else values[0]))
+    return lax.scan(one, start, values, reverse=reverse)[1]
 
 
 def _samples(x: AnyArray, least: int) -> Float[Array, "time *rest"]:

@@ -2,6 +2,7 @@
 
 from functools import partial
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
@@ -87,7 +88,7 @@ def stated(inputs: WaistInputs, found: Intervals, walked: WaistWalk) -> Estimate
     """The estimate that `run` returns, from the intervals between nodes and the distances over them."""
     row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
     there = row < inputs.count
-    distance, spread = (_along(inputs, values, there) for values in (walked.distance, walked.distance_sd))
+    distance, spread = _along(inputs, jnp.stack([walked.distance, walked.distance_sd], axis=1), there).T
     strides, deviations, flags = _strides(inputs, found, walked, there)
     diagnostics = {
         **walked.told,
@@ -105,12 +106,13 @@ def stated(inputs: WaistInputs, found: Intervals, walked: WaistWalk) -> Estimate
 
 
 def _along(inputs: WaistInputs, values: Values, there: PyTree) -> Values:
-    """(T,) values at nodes, interpolated linearly in time between nodes."""
+    """(T, m) values at nodes (n, m), interpolated linearly in time between nodes."""
     row = jnp.arange(values.shape[0], dtype=jnp.int32).astype(values.dtype)
-    final = values[jnp.maximum(inputs.count - 1, 0)]
+    final = jnp.where(inputs.count > 0, values[jnp.maximum(inputs.count - 1, 0)], 0.0)
     beyond = inputs.time[-1] + 1.0 + row
     when = jnp.where(there, inputs.time[inputs.at], beyond)
-    return jnp.interp(inputs.time, when, jnp.where(there, values, jnp.where(inputs.count > 0, final, 0.0)))
+    known = jnp.where(there[:, None], values, final)
+    return jax.vmap(lambda column: jnp.interp(inputs.time, when, column), 1, 1)(known)
 
 
 def _strides(

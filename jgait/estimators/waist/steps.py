@@ -49,17 +49,17 @@ def intervals(p: WaistParams, inputs: WaistInputs, seen: TrunkMotion) -> Interva
     rate, last = inputs.rate_hz, inputs.last
     steps = inputs.dt
 
-    def fast(x: Values, cutoff_hz: Values) -> Values:
-        return x - butterworth.low_pass_until(x, cutoff_hz, rate, last)
+    def fast(x: Values) -> Values:
+        return x - butterworth.low_pass_until(x, p.excursion_hz, rate, last)
 
     def integral(x: Values) -> Values:
-        return jnp.cumsum(0.5 * steps * (x + jnp.concatenate([x[:1], x[:-1]])))
+        return jnp.cumsum(0.5 * steps[:, None] * (x + jnp.concatenate([x[:1], x[:-1]])), axis=0)
 
     upward = jnp.where(inputs.valid, seen.upward, 0.0)
     forward = jnp.where(inputs.valid, seen.forward, 0.0)
-    height = fast(integral(fast(integral(fast(upward, p.excursion_hz)), p.excursion_hz)), p.excursion_hz)
     gentle = butterworth.low_pass_until(forward, SURGE_HZ, rate, last)
-    speed = fast(integral(fast(gentle, p.excursion_hz)), p.excursion_hz)
+    velocity = fast(integral(fast(jnp.stack([upward, gentle], axis=1))))
+    height, speed = fast(integral(velocity[:, :1]))[:, 0], velocity[:, 1]
     node = jnp.zeros_like(inputs.valid).at[inputs.at].set(True)
     after = jnp.concatenate([jnp.ones_like(node[:1]), node[:-1]])
 
