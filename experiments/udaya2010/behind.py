@@ -78,7 +78,7 @@ def _filtered(one: Walked, filler: str, literal: bool, on: Mapping[str, np.ndarr
             told = way.fill(np.where(usable, rate, 0.0), usable, shank.acc, rate_hz, way.params, thigh=above)
             rate, excess = np.asarray(told.rate), np.where(usable, 0.0, usual.filled_noise**2 * rate_hz)
         segments = [
-            PlanarSegment(values, part.acc[:, 0], part.acc[:, 1], always, always, more, part.bias, part.variance)
+            PlanarSegment(values, part.acc[:, 0], part.acc[:, 2], always, always, more, part.bias, part.variance)
             for part, values, more in ((thigh, thigh.gyr, zero), (shank, rate + shank.bias, excess))
         ]
         told = DutyInputs(*segments, inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance)
