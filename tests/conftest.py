@@ -1,11 +1,13 @@
 """How the tests run JAX: float64, no silent change of rank or type, compiled programs kept between runs."""
 
+import functools
 import gc
 import importlib
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 # Read when JAX first compiles, here and in the processes that tests start. Compiling takes most of a run and what is
 # compiled runs for milliseconds: without LLVM's optimisations a run needs about half the time. Without the library
@@ -16,6 +18,7 @@ import jax
 import jaxtyping
 import pytest
 import typechecker
+from xdist.scheduler import LoadScopeScheduling
 
 # Functions check the shapes and types in their annotations at each call or trace.
 jaxtyping.install_import_hook(typechecker.MODULES, "typechecker.check")
@@ -62,14 +65,22 @@ LONG = frozenset({"commands", "estimators", "evaluate", "experiments", "filterin
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The tests of a file are a group, which goes to one worker; unless they name another group.
-
-    Folders whose tests take long come first, so that short ones are left to even out the workers.
-    """
+    """Folders whose tests take long come first, so that short ones are left to even out the workers."""
     items.sort(key=lambda item: LONG.isdisjoint(Path(item.location[0]).parts))
-    for item in items:
-        if item.get_closest_marker("xdist_group") is None:
-            item.add_marker(pytest.mark.xdist_group(item.location[0]))
+
+
+class _Files(LoadScopeScheduling):
+    """The tests of a file go to one worker, and make once what they share; of the contract, those of an estimator."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        file, _, test = nodeid.partition("::")
+        return test.rpartition("[")[2] if file.endswith("test_contract.py") else file
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeScheduling:
+    """Groups by the tests' names: pytest 9.2 drops the marker's group, which pytest-xdist 3.8 adds to them."""
+    return _Files(config, log)
 
 
 def pytest_collection_finish() -> None:
@@ -101,12 +112,14 @@ def _programs_let_go() -> Iterator[None]:
 def data() -> Callable[..., datasets.Walks]:
     """`data("neura_sparse")`: the walks of a public data set, or those named after it; a skip if they are not there."""
 
+    loaded = functools.cache(datasets.load)
+
     def load(name: str, *chosen: str) -> datasets.Walks:
         if not datasets.available(name):
             pytest.skip(datasets.unavailable_reason(name))
         if lacking := set(chosen) - set(datasets.names(name)):
             pytest.skip(f"{name} lacks {', '.join(lacking)}")
-        return datasets.load(name, chosen or None)
+        return loaded(name, chosen or None)
 
     return load
 

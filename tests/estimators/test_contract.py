@@ -24,9 +24,7 @@ from jgait.estimators.run import trimmed
 from jgait.tune import LOSSES, Lesson
 
 ANGLE = ".diagnostics['angle_"
-every_estimator = pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.xdist_group(name)) for name in estimators.names()]
-)
+every_estimator = pytest.mark.parametrize("name", estimators.names())
 
 
 # --- what the laws share ---
