@@ -110,12 +110,10 @@ def test_angles_with_sleeping_gyroscopes_are_those_of_the_filter_that_holds(walk
     np.testing.assert_allclose(mine, offline.diagnostics["angle_shank_right"], rtol=0.0, atol=1e-6)
 
 
-def test_strides_of_feet_are_those_of_the_filter(walked):
+def test_strides_of_feet_are_those_of_the_filter(walked, feet):
     """The filter over the whole walk, at the stances and footholds that were detected sample by sample."""
-    recording, truth = walked
-    live = jgait.online(recording, PERSON, "foot_ins")
-    time, signals = signals_of(recording, live.placements)
-    news = pushed(live, time, signals)
+    (recording, truth), news = walked, feet[1]
+    time, signals = signals_of(recording, ("foot_right", "foot_left"))
     own, mounting = FootParams(), foot_online.worn(recording, "right")
     gyr, acc = signals["foot_right"]
     start = foot_online.begin(own, mounting, gyr[0], acc[0])

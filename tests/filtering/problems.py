@@ -165,9 +165,14 @@ HEADING = Model(
 )  # fmt: skip
 
 
-def heading_error_transition(p: Any, s: Heading, e: Turn, u: Push, dt: Any) -> Turn:
+def heading_error_turned(p: Any, s: Heading, e: Turn, u: Push, dt: Any) -> Turn:
+    del p, s, u
+    return Turn(e.angle + dt * e.rate, e.rate)
+
+
+def heading_error_slowed(p: Any, s: Heading, e: Turn, u: Push, dt: Any) -> Turn:
     del s, u
-    return Turn(e.angle + dt * e.rate, (1.0 - p[2] * dt) * e.rate)
+    return Turn(e.angle, (1.0 - p[2] * dt) * e.rate)
 
 
 def heading_error_observation(p: Any, s: Heading, e: Turn, u: Push) -> Reading:
@@ -181,11 +186,11 @@ def heading_error_shift(s: Heading, delta: Turn, e: Turn) -> Turn:
 
 
 STATED = HEADING._replace(
-    error_transition=heading_error_transition,
+    error_transition=(heading_error_turned, heading_error_slowed),
     error_observation=heading_error_observation,
     error_shift=heading_error_shift,
 )
-"""The same model, which states how its errors move."""
+"""The same model, which states how its errors move, in two steps."""
 
 
 class Place(NamedTuple):

@@ -217,7 +217,7 @@ ZERO_VELOCITY = Model(
 @pytest.mark.parametrize("standing", [75, 150], ids=["half of every second and a half", "always"])
 def test_a_tight_zero_velocity_problem_in_float32(standing):
     """Position, velocity and bias of an accelerometer for minutes; standing feet are known to a millimetre a second."""
-    samples = 50_000
+    samples = 15_000
     rng = np.random.default_rng(0)
     velocity, force = (scale * rng.normal(size=samples) for scale in (1e-3, 1e-2))
     c = Case(ZERO_VELOCITY, 1e-6, Still(velocity), Push(force, None), 0.01, np.arange(samples) % 150 < standing)

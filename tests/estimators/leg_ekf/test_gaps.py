@@ -33,10 +33,15 @@ def estimate(recording):
     return leg_ekf.estimate(leg_ekf.LegParams(), recording)
 
 
+@pytest.fixture(scope="module")
+def whole(walk):
+    return estimate(walk)
+
+
 @pytest.mark.parametrize("placement", ["thigh_right", "shank_right"])
 @pytest.mark.parametrize("samples", [50, 100, 300])
-def test_angles_after_a_gap_are_those_without_it(walk, placement, samples):
-    whole, gap = estimate(walk), estimate(without(walk, placement, samples))
+def test_angles_after_a_gap_are_those_without_it(walk, whole, placement, samples):
+    gap = estimate(without(walk, placement, samples))
     np.testing.assert_array_equal(np.flatnonzero(~gap.valid), np.arange(BEGIN, BEGIN + samples))
     for angle in ("hip_angle", "knee_angle"):
         before, after = (np.rad2deg(getattr(one.legs.right, angle)) for one in (whole, gap))
@@ -63,13 +68,12 @@ def test_a_rate_that_is_too_low_is_refused(walk):
         estimate(walk._replace(sensors=slow, sampling_rate_hz=25.0))
 
 
-def test_half_the_rate_and_single_lost_samples_bend_no_knee(walk):
+def test_half_the_rate_and_single_lost_samples_bend_no_knee(walk, whole):
     half = {p: Imu(*(part[::2] for part in imu)) for p, imu in walk.sensors.items()}
     lost = {}
     for number, (placement, imu) in enumerate(half.items()):
         mask = np.asarray(imu.mask) & (np.random.default_rng(number).random(imu.time.size) > 0.01)
         lost[placement] = imu._replace(gyr=np.where(mask[:, None], imu.gyr, 0.0), mask=mask)
-    whole = estimate(walk)
     knee = np.rad2deg(whole.legs.right.knee_angle)[::2]
     for sensors, least in ((half, 1.0), (lost, 1.5)):
         slow = estimate(walk._replace(sensors=sensors, sampling_rate_hz=50.0))
