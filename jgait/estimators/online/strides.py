@@ -41,24 +41,19 @@ def device(source: str, p: AnkleParams | FootParams, recording: Recording) -> De
         for number in sides
     ]
     constants = StridesConstants(p, jax.tree.map(lambda *leaves: np.stack(leaves), *mounting))
-    name = "foot_ins" if source == "feet" else "ankle_stride"
-    return Device(source, name, names, constants, begin, advance, _online(p).ONLINE, sides)
+    return Device(source, names, constants, begin, advance, None, sides)
 
 
-def begin(c: StridesConstants, sample: Readings, options: PyTree) -> PyTree:
+def begin(c: StridesConstants, sample: Readings, _: None) -> PyTree:
     """The state before the first sample, see `Device`."""
-    return jax.vmap(lambda worn, gyr, acc: _online(c.p).begin(c.p, worn, gyr, acc, options))(
-        c.worn, sample.gyr, sample.acc
-    )
+    return jax.vmap(lambda worn, gyr, acc: _online(c.p).begin(c.p, worn, gyr, acc))(c.worn, sample.gyr, sample.acc)
 
 
-def advance(
-    c: StridesConstants, state: PyTree, samples: Readings, count: Counts, options: PyTree
-) -> tuple[PyTree, PyTree]:
+def advance(c: StridesConstants, state: PyTree, samples: Readings, count: Counts, _: None) -> tuple[PyTree, PyTree]:
     """A block of samples, see `Device`."""
     measured = samples.turned & samples.felt
     return jax.vmap(
-        lambda worn, before, gyr, acc, there: _online(c.p).over(c.p, worn, before, gyr, acc, there, options, count),
+        lambda worn, before, gyr, acc, there: _online(c.p).over(c.p, worn, before, gyr, acc, there, count),
         in_axes=(0, 0, 1, 1, 1),
         out_axes=(0, 1),
     )(c.worn, state, samples.gyr, samples.acc, measured)

@@ -9,7 +9,6 @@ from made.shank import REST, shank
 from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride import online as ankle_online
-from jgait.estimators.ankle_stride.online import ONLINE
 from jgait.events import shank_stance_online as shank_valley
 from jgait.types import Imu, Recording, RecordingError
 
@@ -152,20 +151,6 @@ def test_the_valley_is_the_first_minimum_that_lasts():
     assert found(4, 8) == [(10, 14)]  # one that is not asked to last is taken in by the dip
     assert found(20, 12) == [(10, 30)]  # and so is one that thinks that the foot is down before it is
     assert found(60, 20) == [(45, 105)]  # what comes after push-off does not count
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (AnkleOptions(), r"smooth=False; got length='filter', smooth=True"),
-        (ONLINE._replace(length="sl1"), "got length='sl1'"),
-        (ONLINE._replace(detector="feliz"), "must be one of machine, paper, swings; got 'feliz'"),
-    ],
-    ids=["smooth", "method", "detector"],
-)
-def test_what_cannot_be_had_online_is_refused(calibrated, options, message):
-    with pytest.raises(ValueError, match=message):
-        ankle_online.begin(P, calibrated, np.zeros(3), np.array([0.0, 0.0, 9.8]), options)
 
 
 def test_a_recording_without_a_walk_of_that_leg_is_refused():
