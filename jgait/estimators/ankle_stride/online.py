@@ -23,7 +23,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
 from jgait import filtering
@@ -50,7 +49,6 @@ from jgait.estimators.notes import LONGEST_LOSS
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.events import shank_stance_online as shank_valley
-from jgait.filtering.compile import compiled
 from jgait.geometry.vectors import Vector, vector, wrapped
 from jgait.signal import butterworth
 from jgait.signal.loop import scanned
@@ -62,11 +60,7 @@ __all__ = [
     "Now",
     "Worn",
     "begin",
-    "one",
     "over",
-    "step",
-    "table",
-    "walk",
     "worn",
 ]
 
@@ -253,7 +247,7 @@ def over(
     p: AnkleParams, worn: Worn, state: AnkleOnlineState, gyr: Values, acc: Values, measured: Flags | None = None,
     count: Counts | None = None,
 ) -> tuple[AnkleOnlineState, Now]:  # fmt: skip
-    """The same as `step` over many samples, not compiled, for use in another compiled program.
+    """The samples (T,) that follow; not compiled, for use in a compiled program.
 
     First a scan decides on swings and stances, then the filter runs over the samples, then the strides are read: the
     filter does not influence the decisions.
@@ -289,37 +283,3 @@ def over(
         distance=distance[-1],
     )
     return after, Now(stride, strides, stddev, flags, number, distance, event.still, told.valid)
-
-
-def one(
-    p: AnkleParams, worn: Worn, state: AnkleOnlineState, gyr: Values, acc: Values, measured: Flags = True
-) -> tuple[AnkleOnlineState, Now]:
-    """`step`, not compiled, for use in another compiled program."""
-    rate, force, there = (jnp.asarray(values)[None] for values in (gyr, acc, measured))
-    after, now = over(p, worn, state, rate, force, there)
-    return after, jax.tree.map(lambda leaf: leaf[0], now)
-
-
-step = compiled(one)
-_over = compiled(over)
-
-
-def walk(p: AnkleParams, worn: Worn, gyr: Values, acc: Values, measured: Flags | None = None) -> Now:
-    """A recording processed as by the device: `begin`, then `over`, compiled; arguments as of these functions.
-
-    Returns:
-        The results after each sample, (T,); `table` gives the strides alone.
-    """
-    state = begin(p, worn, jnp.asarray(gyr)[0], jnp.asarray(acc)[0])
-    return _over(p, worn, state, gyr, acc, measured)[1]
-
-
-def table(now: Now) -> tuple[Strides, Strides, dict[str, Values]]:
-    """The strides of `over` or `walk` alone, in the order in which they became known; on the host.
-
-    Returns:
-        Strides (n,), their standard deviations, and their flags with `known`, the sample at which each became known.
-    """
-    at = np.flatnonzero(np.asarray(now.stride))
-    parts = jax.tree.map(lambda leaf: np.asarray(leaf)[at], (now.strides, now.stddev, now.flags))
-    return parts[0], parts[1], {**parts[2], "known": at}
