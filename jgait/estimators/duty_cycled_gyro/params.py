@@ -56,8 +56,7 @@ class DutyCycledOptions(NamedTuple):
         filler: name of the method that fills gaps, see `duty_cycle.fillers.fillers`; all but "ridge_later" are causal.
             The default has the smallest error on a treadmill and for a shank sensor alone; over ground with the
             thigh's sensor "blend" has a smaller error.
-        schedule: hides samples while the gyroscope is off, a `power.Schedule` or a duty cycle [1]; None: masks only.
-        asleep: segments whose gyroscopes follow the schedule, "shank", "thigh" or both.
+        schedule: hides samples of shanks while the gyroscope is off, a `power.Schedule` or duty cycle [1]; None: none.
         warm_up: time for which gyroscopes are on before the schedule, which starts with an off-time [s]; fillers need
             two measured strides, and rates are only held before.
         above: use the signals of the thigh in the filler of the shank, if the thigh has a sensor.
@@ -72,7 +71,6 @@ class DutyCycledOptions(NamedTuple):
 
     filler: str = "neighbours"
     schedule: Schedule | float | None = None
-    asleep: tuple[str, ...] = ("shank",)
     warm_up: float = 0.0
     above: bool = True
     filters: DutyOptions = duty_params.DEFAULT

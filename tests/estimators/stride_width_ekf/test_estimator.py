@@ -100,14 +100,6 @@ def test_the_filter_knows_less_than_the_smoother(truth, walk, smoothed):
     assert later[0][1] < first[0][1]  # as the paper's first section
 
 
-def test_every_sample_gives_the_same_strides(walk, smoothed):
-    every = told(walk, SIDE_BY_SIDE._replace(every_sample=True), start_heading=(0.0, np.radians(10.0)))
-    assert every.time.size > walk.time.size > 10 * smoothed.time.size
-    # The way a foot moves is longer sample by sample than as the crow flies, and with it the noise.
-    np.testing.assert_allclose(every.strides.width, smoothed.strides.width, atol=1e-3)
-    np.testing.assert_allclose(every.strides_stddev.width, smoothed.strides_stddev.width, rtol=0.02)
-
-
 def test_a_foots_own_world_does_not_matter(truth, smoothed):
     other = told(drifting(truth, 1)._replace(places=tuple(p[:, [1, 0, 2]] * [-1.0, 1.0, 1.0] + 7.0
                                                           for p in drifting(truth, 1).places)),
