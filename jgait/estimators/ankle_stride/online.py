@@ -29,7 +29,6 @@ from jgait import filtering
 from jgait.estimators.ankle_stride import model as ankle_model
 from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.estimator import control, model_params
-from jgait.estimators.ankle_stride.model import AnkleObservation
 from jgait.estimators.ankle_stride.online_state import (
     AnkleOnlineState,
     Filters,
@@ -202,10 +201,10 @@ def _filtered(
     return filtering.kalman_filter(
         ankle_model.MODEL,
         model_params(p),
-        AnkleObservation(Vector(zero, zero, zero), zero),
+        Vector(zero, zero, zero),
         controls=driven,
         dt=dt,
-        mask=AnkleObservation(Vector(seen, seen, seen), False),
+        mask=Vector(seen, seen, seen),
         initial=initial,
         keep=("mean", "cov", "valid"),
     )
