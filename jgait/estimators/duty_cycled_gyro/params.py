@@ -2,8 +2,6 @@
 
 from typing import Annotated, Any, NamedTuple
 
-import jax
-
 from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS
 from jgait.duty_cycle.power import ACCELEROMETER, GYROSCOPE, Battery, Schedule, Sensor
 from jgait.duty_cycle.recording import check_filler
@@ -82,9 +80,6 @@ class DutyCycledOptions(NamedTuple):
     felt: bool = True
 
 
-ENDLESS = 1e9
-"""[s] Stands for an infinite time constant in a parameter that must be finite."""
-
 DEFAULT = DutyCycledOptions()
 """Corrected filters with the filler "neighbours"."""
 
@@ -93,9 +88,8 @@ PAPER = DutyCycledOptions(filler="replicate", above=False)
 
 
 def params_of(options: DutyCycledOptions) -> DutyCycledParams:
-    """The default parameters, with those of the options' filler; infinite time constants become `ENDLESS`."""
-    usual = check_filler(options.filler).params
-    return DutyCycledParams(filler=jax.tree.map(lambda value: min(value, ENDLESS), usual))
+    """The default parameters, with those of the options' filler."""
+    return DutyCycledParams(filler=check_filler(options.filler).params)
 
 
 def transforms_of(options: DutyCycledOptions) -> DutyCycledParams:
