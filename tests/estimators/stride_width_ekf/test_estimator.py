@@ -22,7 +22,8 @@ SIDE_BY_SIDE = sw.DEFAULT._replace(check_swap=False)
 
 def told(walk, options=SIDE_BY_SIDE, p=KNOWN, **changes):
     read = changes.pop("read", walk.read)
-    return sw.estimate_from_feet(p, walk.time, walk.feet, walk.mids, read, options, **changes)
+    made = sw.prepare_from_feet(walk.time, walk.feet, walk.mids, read, options, **changes)
+    return sw.estimator(options).solve(p, made)
 
 
 def errors(truth, estimate):
@@ -255,7 +256,7 @@ def test_a_simulated_person_with_a_real_range_sensor():
     mids = [middles(time, ankle) for ankle in ankles]
     p = sw.WidthParams(range_offset=walked.extra["offset"])
     feet = Feet(*(FootTrajectory(ankle, None, None) for ankle in ankles))
-    estimate = sw.estimate_from_feet(p, time, feet, tuple(mids), walked.extra["range"])
+    estimate = sw.estimator().solve(p, sw.prepare_from_feet(time, feet, tuple(mids), walked.extra["range"]))
     width = np.asarray(estimate.strides.width)
     there = np.isfinite(width) & np.asarray(estimate.diagnostics["width_valid"])
     assert np.sum(there) > 15
