@@ -85,7 +85,7 @@ def prepare(recording: Recording, options: WaistOptions) -> Prepared[WaistInputs
         axes = TrunkAxes(_any_axes(up / np.linalg.norm(up)), 0.0, 0.0)
         nobody = _assembled(whole, axes, time, mask, rate, TrunkRest.none(len(time)), NO_NODES)
         return Prepared(nobody, options, (*notes, NO_STEPS(placement=name)), None)
-    notes.append(AXES_CORRECTED(placement=name, **trunk_axes.worn(axes)._asdict()))
+    notes.append(AXES_CORRECTED(placement=name, **trunk_axes.worn(axes)))
     if not axes.sure:
         notes.append(FORWARD_UNSURE(placement=name))
     whole, rested, seen = _motion(whole, axes, time, mask, rate, options, notes)
