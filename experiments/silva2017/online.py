@@ -54,14 +54,29 @@ def compiled(function: Callable[..., Any], **options: Any) -> Any:
     return jax.jit(function, compiler_options=compiler_options() or None, **options)
 
 
+over = compiled(ankle_online.over)
+
+
+def walk(p: AnkleParams, worn: Any, gyr: Any, acc: Any, measured: Any = None) -> ankle_online.Now:
+    """The results after each sample (T,) of a recording, by the device's `begin` and `over`; arguments as of these."""
+    return over(p, worn, ankle_online.begin(p, worn, gyr[0], acc[0]), gyr, acc, measured)[1]
+
+
+def table(now: ankle_online.Now) -> tuple[Strides, Strides, dict[str, Any]]:
+    """Strides (n,) among the results, their standard deviations, and flags with `known`, the sample at which each
+    became known."""
+    at = np.flatnonzero(np.asarray(now.stride))
+    strides, stddev, flags = jax.tree.map(lambda leaf: np.asarray(leaf)[at], (now.strides, now.stddev, now.flags))
+    return strides, stddev, {**flags, "known": at}
+
+
 def scan_us(p: AnkleParams, worn: Any, state: Any, gyr: Any, acc: Any, repeats: int) -> float:
     """Median microseconds a sample in a scan, strides written out."""
-    run = compiled(ankle_online.over)
-    jax.block_until_ready(run(p, worn, state, gyr, acc))
+    jax.block_until_ready(over(p, worn, state, gyr, acc))
     took = []
     for _ in range(repeats):
         begin = time.perf_counter()
-        jax.block_until_ready(run(p, worn, state, gyr, acc))
+        jax.block_until_ready(over(p, worn, state, gyr, acc))
         took.append(time.perf_counter() - begin)
     return 1e6 * float(np.median(took)) / len(gyr)
 
@@ -90,8 +105,8 @@ def calls_us(p: AnkleParams, worn: Any, state: Any, gyr: Any, acc: Any, calls: i
     """What calls of one step from Python take."""
 
     def plain(state: Any, gyr: Any, acc: Any) -> Any:
-        state, now = ankle_online.one(p, worn, state, gyr, acc)
-        return state, (now.stride, now.distance, now.strides.length)
+        state, now = ankle_online.over(p, worn, state, gyr[None], acc[None])
+        return state, (now.stride[0], now.distance[0], now.strides.length[0])
 
     structure = Structure.of(state)
 
@@ -153,8 +168,8 @@ def device_walk(leg: Leg, p: AnkleParams) -> tuple[Strides, Strides]:
     count = len(leg.imu.time)
     padded = 1024 * 2 ** int(np.ceil(np.log2(max(count, 1024) / 1024)))
     index = np.minimum(np.arange(padded), count - 1)
-    now = ankle_online.walk(p, worn, np.asarray(leg.imu.gyr)[index], np.asarray(leg.imu.acc)[index])
-    strides, _, flags = ankle_online.table(now)
+    now = walk(p, worn, np.asarray(leg.imu.gyr)[index], np.asarray(leg.imu.acc)[index])
+    strides, _, flags = table(now)
     mine = jax.tree.map(lambda column: column[flags["known"] < count], strides)
     start = float(np.asarray(leg.imu.time)[0])
     mine = mine._replace(**{name: getattr(mine, name) + start for name in ("start", "final_contact", "end")})

@@ -34,7 +34,7 @@ from jax.typing import ArrayLike
 
 from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers import neighbours as gap_neighbours
-from jgait.duty_cycle.fillers.base import PERIODS, Filled, Signals, Thigh, check_signals, finished, in_type
+from jgait.duty_cycle.fillers.base import PERIODS, Filled, Signals, Thigh, check_signals, finished, in_type, pushed
 from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, Neighbours
 from jgait.duty_cycle.power import GYROSCOPE, Masks, Sensor
 from jgait.params import fixed, interval, positive, real
@@ -120,10 +120,21 @@ class _Sums(NamedTuple):
     risk: Any  # and what ρ had them
 
 
+class _Memory(NamedTuple):
+    """The neighbours, newest first."""
+
+    signals: Any  # (n, k) scaled
+    rate: Any  # (n,) sagittal [rad/s]
+    usable: Any  # (n,) whether each rate was measured
+    there: Any  # (n,) False before the first sample
+    distance: Any  # (n,) d of each lag
+    weight: Any  # (n,) n of each lag
+
+
 class _State(NamedTuple):
     """From one sample to the next."""
 
-    filler: gap_neighbours.NeighboursState
+    filler: _Memory
     on: Any  # whether the next sample is powered
     age: Any  # for how many samples it has been
     stride: _Stride
@@ -187,7 +198,7 @@ def _run(
         age = jnp.where(powered, c.age + 1.0, 0.0)
         usable = age > lead
         rate = jnp.where(usable, rate, 0.0)
-        after, told = gap_neighbours.step(neighbours, dt, c.filler, signals, rate, usable)
+        after, told = _remembered(neighbours, dt, c.filler, signals, rate, usable)
         doubt = _disagreement(c.filler, told, neighbours, dt, signals)
         filled, new = jnp.where(usable, rate, told), (rate - told) ** 2
         sums = _counted(c.sums, p, dt, rate, new, doubt, usable)
@@ -212,8 +223,10 @@ def _run(
         after_all = _State(after, on, age, stride, sums, risk, shadow, tokens)
         return after_all, (told, powered, usable, jnp.sqrt(errors.mean()))
 
+    none, no = jnp.zeros(size, s.rate.dtype), jnp.zeros(size, bool)
     begin = _State(
-        gap_neighbours.begin(size, compared.shape[1], s.rate.dtype), jnp.asarray(True), nought + lead,
+        _Memory(jnp.zeros((size, compared.shape[1]), s.rate.dtype), none, no, no, none, none), jnp.asarray(True),
+        nought + lead,
         _Stride(jnp.asarray(False), nought, nought + 1.1 / dt, nought), _Sums(*(nought,) * 6), nought, nought,
         p.bucket + nought,
     )  # fmt: skip
@@ -285,7 +298,24 @@ def _planned(errors: Array, price: Array, lead: int, prices: Array) -> tuple[Arr
     return first[0][0], first[1][0]
 
 
-def _disagreement(before: gap_neighbours.NeighboursState, told: Array, p: Neighbours, dt: Any, signals: Array) -> Array:
+def _remembered(
+    p: Neighbours, dt: Any, s: _Memory, signals: Array, rate: Array, usable: Array
+) -> tuple[_Memory, Array]:  # fmt: skip
+    """The memory with one more sample, and the weighted mean of the neighbours' rates [rad/s], 0 without any."""
+    keep = jnp.exp(-dt / p.history_s)
+    there = s.there.astype(s.rate.dtype)
+    distance = there * ((signals[None] - s.signals) ** 2).sum(axis=1) + keep * s.distance
+    weight = there + keep * s.weight
+    alike = distance / jnp.where(s.there, weight, 1.0) + p.short * (1.0 - (1.0 - keep) * weight)
+    told = gap_neighbours.mean_rate(p, alike, gap_neighbours.nearest(alike, s.usable), s.rate, s.usable)
+    after = _Memory(
+        pushed(s.signals, signals), pushed(s.rate, rate), pushed(s.usable, usable),
+        pushed(s.there, jnp.ones_like(usable)), distance, weight,
+    )  # fmt: skip
+    return after, told
+
+
+def _disagreement(before: _Memory, told: Array, p: Neighbours, dt: Any, signals: Array) -> Array:
     """Weighted variance of the neighbours' rates [rad²/s²]."""
     spread = before._replace(rate=(before.rate - told) ** 2)
-    return gap_neighbours.step(p, dt, spread, signals, jnp.zeros_like(told), jnp.asarray(False))[1]
+    return _remembered(p, dt, spread, signals, jnp.zeros_like(told), jnp.asarray(False))[1]

@@ -48,17 +48,15 @@ def schedule_of(given: Schedule | float | None, sensor: Sensor = GYROSCOPE) -> S
 
 def gyroscope_masks(
     recording: Recording, names: Collection[str], *, schedule: Schedule | float | None = None,
-    gyro_on: Mapping[str, On] | None = None, asleep: Collection[str] = ("shank",), warm_up: float = 0.0,
-    sensor: Sensor = GYROSCOPE,
+    gyro_on: Mapping[str, On] | None = None, warm_up: float = 0.0, sensor: Sensor = GYROSCOPE,
 ) -> dict[str, Masks]:  # fmt: skip
     """Masks of the gyroscopes: when each was powered, and when its samples were usable.
 
     Args:
         recording: with its sensors.
         names: placements whose masks are computed.
-        schedule: hides samples, wake-up time included; or a duty cycle [1]; or None.
+        schedule: hides samples of the shanks' gyroscopes, wake-up time included; or a duty cycle [1]; or None.
         gyro_on: placement → (T,) bool, when its gyroscope was on and awake; None, or no entry: always.
-        asleep: the segments of `SEGMENTS` that follow the schedule.
         warm_up: time for which their gyroscopes are on before the schedule, which then begins with the off-time [s];
             0: the schedule begins at the first sample, with the on-time.
         sensor: the gyroscope.
@@ -67,15 +65,12 @@ def gyroscope_masks(
         Placement → masks (T,). A gyroscope that is off in a mask was switched off, and woken before the next sample.
 
     Raises:
-        ValueError: if the gyroscope cannot follow the schedule, a mask has the wrong shape or names no sensor, `asleep`
-            names no segment, or the warm-up is negative.
+        ValueError: if the gyroscope cannot follow the schedule, a mask has the wrong shape or names no sensor, or
+            the warm-up is negative.
     """
     plan = schedule_of(schedule, sensor)
     if not (math.isfinite(warm_up) and warm_up >= 0.0):
         raise ValueError(f"warm_up must be a number of seconds, not negative; got {warm_up!r}")
-    wrong = [segment for segment in asleep if segment not in SEGMENTS]
-    if wrong:
-        raise ValueError(f"asleep names segments of {SEGMENTS}; got {wrong[0]!r}")
     given = {} if gyro_on is None else dict(gyro_on)
     unknown = [name for name in given if name not in recording.sensors]
     if unknown:
@@ -88,7 +83,7 @@ def gyroscope_masks(
         if usable.shape != (count,) or usable.dtype != bool:
             raise ValueError(f"gyro_on of {name!r} must be ({count},) bool; got {usable.shape} {usable.dtype}")
         powered = usable if usable.all() else np.asarray(power.powered_for(usable, rate_hz, sensor))
-        if plan is not None and name.split("_")[0] in asleep:
+        if plan is not None and name.startswith("shank"):
             followed = _followed(plan, count, rate_hz, warm_up, sensor)
             powered, usable = powered & followed.powered, usable & followed.usable
         # A lost sample also costs energy.

@@ -117,24 +117,12 @@ def _walking(acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
     return np.asarray(spread > LEAST**2)
 
 
-class WornTrunk(NamedTuple):
-    """How a sensor on the trunk is worn.
+def worn(axes: TrunkAxes) -> dict[str, str | float]:
+    """How the sensor is worn: the sensor axes `up` and `forward` that point there, such as "z" or "−x", and angles [°].
 
-    Attributes:
-        up: the sensor axis that points up, such as "z" or "−x".
-        forward: the sensor axis that points forward.
-        lean_deg: angle of `up` from the vertical [°].
-        turned_deg: angle of `forward` from the direction of walking, in the horizontal plane [°].
+    `lean_deg` is that of `up` from the vertical, `turned_deg` that of `forward` from the direction of walking, in the
+    horizontal plane.
     """
-
-    up: str
-    forward: str
-    lean_deg: float
-    turned_deg: float
-
-
-def worn(axes: TrunkAxes) -> WornTrunk:
-    """How the sensor is worn: the sensor axes that point up and forward, and their angles from the trunk's axes."""
     names, nearest = [], np.zeros((3, 3))
     for number in (2, 0):
         row = np.where(np.abs(nearest).sum(axis=0) > 0.0, 0.0, axes.rows[number])
@@ -147,4 +135,4 @@ def worn(axes: TrunkAxes) -> WornTrunk:
     lean = np.rad2deg(np.arccos(np.clip(axes.rows[2] @ nearest[2], -1.0, 1.0)))
     forward = nearest[0] - (nearest[0] @ axes.rows[2]) * axes.rows[2]
     turned = np.rad2deg(np.arctan2(forward @ axes.rows[1], forward @ axes.rows[0]))
-    return WornTrunk(names[0], names[1], float(lean), float(abs(turned)))
+    return {"up": names[0], "forward": names[1], "lean_deg": float(lean), "turned_deg": float(abs(turned))}

@@ -66,7 +66,10 @@ def window_sum(
 def window_maximum(values: Float[AnyArray, "time"], size: int) -> np.ndarray:
     """(T,) maximum over a centred window of an odd `size` [samples]; the first and the last sample are repeated."""
     padded = np.pad(np.asarray(values, np.float64), size // 2, mode="edge")
-    return np.lib.stride_tricks.sliding_window_view(padded, size).max(axis=1)
+    largest = padded[: len(values)]
+    for shift in range(1, size):
+        largest = np.maximum(largest, padded[shift : shift + len(values)])
+    return largest
 
 
 def held_mean(values: Float[AnyArray, "time *rest"], size: int) -> np.ndarray:

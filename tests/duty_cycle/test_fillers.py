@@ -11,7 +11,7 @@ from made.gaps import COUNT, RATE_HZ, STRIDE, schedule, walk
 
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Thigh, check_signals
 from jgait.duty_cycle.fillers.pace import pace
-from jgait.duty_cycle.fillers.plain import Hold, Replicate, hold, replicate
+from jgait.duty_cycle.fillers.plain import Replicate, hold, replicate
 from jgait.duty_cycle.fillers.registry import fillers
 from jgait.mounting import shank as shank_axes
 from jgait.params import check_params
@@ -65,8 +65,6 @@ class TestInterface:
 
     def test_default_parameters_lie_in_their_ranges(self, name):
         one = fillers()[name]
-        if name == "hold":
-            one = one._replace(params=one.params._replace(decay_s=1.0))  # infinite, the default, is its limit
         check_params(one.params, one.transforms)
 
     def test_the_accelerometer_is_asked_for_where_it_is_needed(self, name):
@@ -109,12 +107,9 @@ def test_replicate_repeats_an_even_walk_exactly():
     np.testing.assert_allclose(found.rate[60:-1], rate[60:-1], atol=0.05)  # the last is a one-sided difference
 
 
-def test_hold_decays_from_the_last_measured_value():
+def test_hold_keeps_the_last_measured_value():
     rate, acc = walk()
-    on = schedule()
-    found = hold(rate, on, None, RATE_HZ, Hold(decay_s=0.2))
-    np.testing.assert_allclose(found.rate[130:135], rate[129] * np.exp(-np.arange(1, 6) / 10.0), rtol=1e-12)
-    np.testing.assert_array_equal(hold(rate, on, acc, RATE_HZ).rate[130:135], rate[129])
+    np.testing.assert_array_equal(hold(rate, schedule(), acc, RATE_HZ).rate[130:135], rate[129])
 
 
 @pytest.mark.parametrize("felt", [True, False])

@@ -7,6 +7,7 @@ import pytest
 from made.notes import texts
 
 import jgait
+from experiments.silva2017.online import table, walk
 from jgait import simulate
 from jgait.estimators import duty_cycled_gyro, leg_ekf
 from jgait.estimators.ankle_stride import AnkleParams
@@ -175,10 +176,10 @@ def test_strides_of_shanks_are_those_of_the_whole_walk(walked):
     own = live_params(AnkleParams())
     for number, side in enumerate(("right", "left")):
         mounting = ankle_online.worn(own, recording, side)
-        whole = ankle_online.walk(own, mounting, *signals[f"shank_{side}"])
+        whole = walk(own, mounting, *signals[f"shank_{side}"])
         sides = np.concatenate([one.strides["shanks"].strides.side for one in news])
         np.testing.assert_allclose(
-            lengths(news, "shanks")[sides == number], ankle_online.table(whole)[0].length, rtol=0.0, atol=1e-6
+            lengths(news, "shanks")[sides == number], table(whole)[0].length, rtol=0.0, atol=1e-6
         )
     assert_near_the_truth(news, "shanks", truth, 0.05)
     assert news[-1].distance["shanks"] == pytest.approx(float(truth.estimate.distance[-1]), rel=0.05)

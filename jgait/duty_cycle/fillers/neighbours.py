@@ -20,7 +20,6 @@ from typing import Annotated, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Shaped
 
 from jgait.duty_cycle.fillers.base import (
@@ -32,7 +31,6 @@ from jgait.duty_cycle.fillers.base import (
     Signals,
     Thigh,
     past,
-    pushed,
     reversed_behind,
     started,
 )
@@ -66,70 +64,12 @@ NEIGHBOURS = Neighbours()
 TRANSFORMS = ranges(NEIGHBOURS)
 
 
-class NeighboursState(NamedTuple):
-    """The memory, passed from one sample to the next, newest first.
-
-    Attributes:
-        signals: (n, k) scaled signals of the past samples.
-        rate: (n,) sagittal rates of the past samples [rad/s].
-        usable: (n,) bool, whether each rate was measured.
-        there: (n,) bool, False before the first sample of the recording.
-        distance, weight: (n,) d and n of each lag.
-    """
-
-    signals: Float[Array, "memory channel"]
-    rate: Float[Array, "memory"]
-    usable: Bool[Array, "memory"]
-    there: Bool[Array, "memory"]
-    distance: Float[Array, "memory"]
-    weight: Float[Array, "memory"]
-
-
-def begin(size: int, channels: int, dtype: DTypeLike) -> NeighboursState:
-    """The state before the first sample, for a memory of `size` samples and a number of compared signals."""
-    none, no = jnp.zeros(size, dtype), jnp.zeros(size, bool)
-    return NeighboursState(jnp.zeros((size, channels), dtype), none, no, no, none, none)
-
-
-def step(
-    p: Neighbours, dt: Scalar, s: NeighboursState, signals: Float[Array, "channel"], rate: Float[Array, ""],
-    usable: Bool[Array, ""],
-) -> tuple[NeighboursState, Float[Array, ""]]:  # fmt: skip
-    """One sample: the state after it, and the predicted rate, the weighted mean of the neighbours [rad/s]; 0 without
-    any.
-
-    `signals` (k,) are those of the sensors that are always on, scaled; `rate` is the sagittal rate [rad/s], finite
-    where the gyroscope is off; `usable`: the rate was measured.
-    """
-    keep = jnp.exp(-dt / p.history_s)
-    there = s.there.astype(s.rate.dtype)
-    distance = there * ((signals[None] - s.signals) ** 2).sum(axis=1) + keep * s.distance
-    weight = there + keep * s.weight
-    predicted = _mean_rate(p, *distances(p, keep, s, distance, weight), s.rate, s.usable)
-    after = NeighboursState(
-        pushed(s.signals, signals), pushed(s.rate, rate), pushed(s.usable, usable),
-        pushed(s.there, jnp.ones_like(usable)), distance, weight,
-    )  # fmt: skip
-    return after, predicted
-
-
-def distances(
-    p: Neighbours, keep: Scalar, s: NeighboursState, distance: Float[Array, "memory"], weight: Float[Array, "memory"]
-) -> tuple[Float[Array, "memory"], Float[Array, ""]]:
-    """Distance (n,) of each lag's history from the latest history, and the least, 1 if no lag has a measured rate.
-
-    `keep` is the factor by which a history fades from one sample to the next [1]; `distance` and `weight` (n,) are the
-    sums of weighted square differences and of the weights, with the present sample.
-    """
-    alike = distance / jnp.where(s.there, weight, 1.0) + p.short * (1.0 - (1.0 - keep) * weight)
-    return alike, _nearest(alike, s.usable)
-
-
-def _nearest(alike: Float[Array, "memory"], usable: Bool[Array, "memory"]) -> Float[Array, ""]:
+def nearest(alike: Float[Array, "memory"], usable: Bool[Array, "memory"]) -> Float[Array, ""]:
+    """The least distance of a lag with a measured rate, 1 if there is none."""
     return jnp.where(usable.any(), jnp.min(jnp.where(usable, alike, jnp.inf)), 1.0)
 
 
-def _mean_rate(
+def mean_rate(
     p: Neighbours, alike: Float[Array, "memory"], nearest: Scalar, rate: Float[Array, "memory"],
     usable: Bool[Array, "memory"],
 ) -> Float[Array, ""]:  # fmt: skip
@@ -166,7 +106,7 @@ def _filled(s: Signals, p: Neighbours, sampling_rate_hz: float) -> Filled:
 
 
 def _predicted(s: Signals, p: Neighbours, sampling_rate_hz: float) -> Float[Array, "time"]:
-    """As `step` from the first sample on, where the gyroscope is off; elsewhere 0.
+    """The weighted mean of the neighbours [rad/s] where the gyroscope is off, 0 without any; elsewhere 0.
 
     The memory is not moved by each sample: it is a slice of the recording in reverse. Without a gap in what follows,
     distances are not computed.
@@ -195,7 +135,7 @@ def _predicted(s: Signals, p: Neighbours, sampling_rate_hz: float) -> Float[Arra
         def filled(distance: Array) -> Array:
             rate, usable, weight, added = map(before, known)
             alike = distance / jnp.where(lags < number, weight, 1.0) + added
-            return _mean_rate(p, alike, _nearest(alike, usable), rate, usable)
+            return mean_rate(p, alike, nearest(alike, usable), rate, usable)
 
         distance = lax.cond(any_later, further, lambda d: d, distance)
         return distance, lax.cond(off, filled, lambda d: jnp.zeros_like(d[0]), distance)

@@ -17,40 +17,26 @@ from jaxtyping import Array
 
 from jgait.duty_cycle.fillers.base import PERIODS, Filled, Filler, Force, On, Rate, Thigh, finished, pushed, started
 from jgait.duty_cycle.fillers.pace import measured_enough, pace
-from jgait.params import Param, Parameter, documented, fixed, interval, positive, ranges
+from jgait.params import Param, Parameter, documented, fixed, interval, ranges
 
 
-@documented
 class Hold(NamedTuple):
-    """Parameters of `hold`."""
-
-    decay_s: Annotated[Param, Parameter(
-        positive, "s", "time constant with which a held value decays to zero; infinite: it stays",
-    )] = np.inf  # fmt: skip
+    """Parameters of `hold`: none."""
 
 
 HOLD = Hold()
-HOLD_TRANSFORMS = ranges(HOLD)
 
 
 def hold(
     rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: float, params: Hold = HOLD, *,
     thigh: Thigh | None = None,
 ) -> Filled:  # fmt: skip
-    """The last measured value, which decays to zero with a time constant; a baseline for the other fillers.
+    """The last measured value; a baseline for the other fillers.
 
     Every filled sample is flagged `HELD`. Arguments and errors: see `base`.
     """
-    s, p = started(rate, usable, acc, sampling_rate_hz, params, thigh)
-    lost = 1.0 / (p.decay_s * sampling_rate_hz)
-
-    def step(age: Array, on: Array) -> tuple[Array, Array]:
-        age = jnp.where(on, 0.0, age + 1.0).astype(s.rate.dtype)
-        return age, age
-
-    age = lax.scan(step, jnp.zeros_like(s.rate[0]), s.usable)[1]
-    kept = finished(s, s.rate, jnp.zeros_like(s.usable))
-    return kept._replace(rate=jnp.where(s.usable, s.rate, kept.rate * jnp.exp(-age * lost)))
+    s, _ = started(rate, usable, acc, sampling_rate_hz, params, thigh)
+    return finished(s, s.rate, jnp.zeros_like(s.usable))
 
 
 @documented
@@ -99,6 +85,6 @@ def replicate(
 
 
 FILLERS = {
-    "hold": Filler(hold, HOLD, HOLD_TRANSFORMS),
+    "hold": Filler(hold, HOLD, HOLD),
     "replicate": Filler(replicate, REPLICATE, REPLICATE_TRANSFORMS),
 }

@@ -33,10 +33,9 @@ instead of 2 cm strides err by 2.5 instead of 2.7 cm.
 
 Parameters whose gradient is zero by construction:
     those that a method does not use (`UNUSED`): the pendulum's in the filter, the filter's in the pendulum; the lever
-    of a placement without a sensor; `height_noise` without `level`; `gyr_bias` and `sway` if no leg ever stood still,
-    `gyr_bias_unknown` if all legs did. Decisions (axes, swings, stances, flags) have none. Gravity enters "3d" only as
-    a constant that cancels in the length; `stride_noise` and `distance_noise` enter standard
-    deviations alone.
+    of a placement without a sensor; `gyr_bias` and `sway` if no leg ever stood still, `gyr_bias_unknown` if all legs
+    did. Decisions (axes, swings, stances, flags) have none. Gravity enters "3d" only as a constant that cancels in the
+    length; `stride_noise` and `distance_noise` enter standard deviations alone.
 """
 
 from jgait.estimators.ankle_stride.estimator import UNUSED, estimate, estimator, prepared, run

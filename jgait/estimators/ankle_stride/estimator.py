@@ -14,7 +14,7 @@ from jgait.estimators.ankle_stride import model as ankle_model
 from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.about import ABOUT
 from jgait.estimators.ankle_stride.inputs import AnkleInputs, AnkleSignals
-from jgait.estimators.ankle_stride.model import AnkleControl, AnkleError, AnkleObservation
+from jgait.estimators.ankle_stride.model import AnkleControl, AnkleError
 from jgait.estimators.ankle_stride.params import (
     DEFAULT,
     TRANSFORMS,
@@ -48,7 +48,7 @@ _PENDULUM = ("leg_length", "angle_gain", "time_gain")
 _STATED = ("stride_noise", "lever_turn_sd", "distance_noise")
 _FILTER = tuple(n for n in AnkleParams._fields if n not in (*_LEVER, *_PENDULUM, *_STATED, "cutoff_hz"))
 UNUSED = {
-    "filter": (*_PENDULUM, "height_noise"),
+    "filter": _PENDULUM,
     "3d": (*_FILTER, *_PENDULUM, *_STATED),
     "sl1": (*_FILTER, *_LEVER, *_STATED, "cutoff_hz", "angle_gain", "time_gain"),
     "sl2": (*_FILTER, *_LEVER, *_STATED, "cutoff_hz"),
@@ -57,8 +57,8 @@ UNUSED = {
 
 
 def model_params(p: AnkleParams) -> FootModelParams:
-    """The model's parameters; the pivot of the foot's model is zero, because the lever is a state."""
-    return FootModelParams(0.0, p.gyr_bias_walk**2, p.acc_bias_walk**2, p.height_noise**2)
+    """The model's parameters; the foot's pivot is zero, because the lever is a state, and no height is observed."""
+    return FootModelParams(0.0, p.gyr_bias_walk**2, p.acc_bias_walk**2, 0.0)
 
 
 def _mean_over_interval(values: Values) -> Values:
@@ -126,10 +126,10 @@ def _filtered(p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values, optio
     zero = jnp.zeros_like(leg.dt)
     stands = leg.stands & leg.valid
     return filtering.infer(
-        ankle_model.MODEL, model_params(p), AnkleObservation(Vector(zero, zero, zero), zero), smooth=options.smooth,
+        ankle_model.MODEL, model_params(p), Vector(zero, zero, zero), smooth=options.smooth,
         controls=controls(p, leg, gyr, acc), dt=leg.dt,
-        mask=AnkleObservation(Vector(stands, stands, stands), stands if options.level else False),
-        method=options.method, initial=prior_of(p, leg, gyr), covariance=("position", "attitude.z", "lever"),
+        mask=Vector(stands, stands, stands), method=options.method, initial=prior_of(p, leg, gyr),
+        covariance=("position", "attitude.z", "lever"),
     )  # fmt: skip
 
 

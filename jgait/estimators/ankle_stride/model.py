@@ -57,13 +57,6 @@ class AnkleControl(NamedTuple):
     rate: Vector
 
 
-class AnkleObservation(NamedTuple):
-    """Observations while the ankle stands, both zero: its velocity [m/s], its height over the last stance [m]."""
-
-    velocity: Vector
-    height: Values
-
-
 def transition(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Values) -> AnkleState:
     """Strapdown of the sensor over one interval, and the displacement of the ankle."""
     moved = foot_model.transition(p, _sensor(s), u.over, dt)
@@ -101,27 +94,26 @@ def transition_noise(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Val
 _STILL = 1e-18
 
 
-def observation(p: FootModelParams, s: AnkleState, u: AnkleControl) -> AnkleObservation:
-    """Velocity of the ankle, and height of the ankle over the stance from which positions count."""
+def observation(p: FootModelParams, s: AnkleState, u: AnkleControl) -> Vector:
+    """Velocity of the ankle [m/s], zero while it stands."""
     del p
     through = rotated(s.attitude, cross(subtract(u.rate, s.gyr_bias), s.lever))
-    return AnkleObservation(subtract(s.velocity, through), s.position.z)
+    return subtract(s.velocity, through)
 
 
-def error_observation(p: FootModelParams, s: AnkleState, e: AnkleError, u: AnkleControl) -> AnkleObservation:
+def error_observation(p: FootModelParams, s: AnkleState, e: AnkleError, u: AnkleControl) -> Vector:
     """Change of the observation by an error: δ_v − δ_θ × R (ω × r) − R (ω × δ_r − δ_bg × r)."""
     del p
     rate = subtract(u.rate, s.gyr_bias)
     through = rotated(s.attitude, cross(rate, s.lever))
     own = rotated(s.attitude, subtract(cross(rate, e.lever), cross(e.gyr_bias, s.lever)))
-    return AnkleObservation(subtract(subtract(e.velocity, cross(e.attitude, through)), own), e.position.z)
+    return subtract(subtract(e.velocity, cross(e.attitude, through)), own)
 
 
-def observation_noise(p: FootModelParams, s: AnkleState, u: AnkleControl) -> AnkleObservation:
-    """Variances of the zero velocity, for each sample from the control, and of the level ground."""
-    del s
-    v = u.over.velocity_variance
-    return AnkleObservation(Vector(v, v, v), p.height_variance)
+def observation_noise(p: FootModelParams, s: AnkleState, u: AnkleControl) -> Vector:
+    """Variance of the zero velocity, for each sample from the control."""
+    del p, s
+    return Vector(*(u.over.velocity_variance,) * 3)
 
 
 def retract(s: AnkleState, e: AnkleError) -> AnkleState:

@@ -11,7 +11,7 @@ The host decides beforehand on axes, gyroscope bias at rest, placement and sampl
 
 Deviations from `ankle_stride` without smoothing, which integrates signals filtered both ways and knows the whole walk:
     1. Signals are filtered causally, at the same cut-off; times have the delay removed.
-    2. Swings by the lobes of a causally filtered rate, or by the paper's state machine.
+    2. Swings by the lobes of a causally filtered rate.
     3. The valley is the first minimum that lasts, not the least rate in a part of the time between two swings.
     4. Standing is a leg that has hardly turned for `CALM_S`.
     5. A stride is read where the window of zero velocities around its valley ends, not in its middle.
@@ -23,14 +23,12 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
 from jgait import filtering
 from jgait.estimators.ankle_stride import model as ankle_model
 from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.estimator import control, model_params
-from jgait.estimators.ankle_stride.model import AnkleObservation
 from jgait.estimators.ankle_stride.online_state import (
     AnkleOnlineState,
     Filters,
@@ -41,16 +39,15 @@ from jgait.estimators.ankle_stride.online_state import (
     level_prior,
     reading,
 )
-from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
+from jgait.estimators.ankle_stride.params import AnkleParams
 from jgait.estimators.ankle_stride.prepare import LOST_FORCE, LOST_RATE, STANDING
 from jgait.estimators.ankle_stride.readout import Heading
-from jgait.estimators.ankle_stride.worn import DETECTORS, ONLINE, Worn, check_options, worn
+from jgait.estimators.ankle_stride.worn import ONLINE, Worn, worn
 from jgait.estimators.losses import held_bridge
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.events import shank_stance_online as shank_valley
-from jgait.filtering.compile import compiled
 from jgait.geometry.vectors import Vector, vector, wrapped
 from jgait.signal import butterworth
 from jgait.signal.loop import scanned
@@ -62,12 +59,7 @@ __all__ = [
     "Now",
     "Worn",
     "begin",
-    "check_options",
-    "one",
     "over",
-    "step",
-    "table",
-    "walk",
     "worn",
 ]
 
@@ -118,26 +110,19 @@ class _AnkleEvent(NamedTuple):
 
 
 def _seen(
-    worn: Worn,
-    filters: Filters,
-    state: AnkleOnlineState,
-    gyr: Values,
-    acc: Values,
-    measured: Flags,
-    options: AnkleOptions,
+    worn: Worn, filters: Filters, state: AnkleOnlineState, gyr: Values, acc: Values, measured: Flags
 ) -> tuple[AnkleOnlineState, Values]:
     """The state after event detection at the newest sample, and the row (10,) for the history."""
     there = jnp.asarray(measured)
     x = jnp.where(there, reading(worn, gyr, acc), state.last[1])
     index = state.index + 1
-    advance, settings = DETECTORS[options.detector]
     rates = x[:3] - worn.gyr_bias
     (signals, smooth), (stance, slowly), (sagittal, rate) = (
         butterworth.step(cascade, before, values)
         for cascade, before, values in zip(filters, state.low_passed, (x, rates, rates[1]), strict=True)
     )
     time = index.astype(x.dtype) / worn.rate_hz
-    detector, found = advance(settings, state.detector, rate, time)
+    detector, found = shank_events.swing_step(shank_events.LOBES, state.detector, rate, time)
     leaves = (detector.phase == shank_events.TOE_OFF) | (detector.phase == shank_events.SWING)
     phase = shank_valley.Phase(found.stride, leaves)
     valley, lasted = shank_valley.step(state.valley, index, slowly[1], phase, worn.hold, worn.landing)
@@ -147,7 +132,7 @@ def _seen(
     jumps = jnp.concatenate([state.jumps[1:], jnp.sqrt(jnp.sum(change * change, axis=1))[None]])
     jump = jnp.max(jnp.where(worn.jump_looks[:, None], jumps, 0.0), axis=0)
     calm = (slow >= worn.calm).astype(x.dtype)
-    late = butterworth.delay(settings.cutoff_hz, worn.rate_hz)
+    late = butterworth.delay(shank_events.LOBES.cutoff_hz, worn.rate_hz)
     swung = OnlineSwing(
         leaves=jnp.where(found.stride & ~state.swung.any, found.start - late, state.swung.leaves),
         lands=jnp.where(found.stride, found.end - late, state.swung.lands),
@@ -162,11 +147,11 @@ def _seen(
 
 
 def _decided(
-    worn: Worn, filters: Filters, options: AnkleOptions, state: AnkleOnlineState, sample: tuple[Values, Values, Values]
+    worn: Worn, filters: Filters, state: AnkleOnlineState, sample: tuple[Values, Values, Values]
 ) -> tuple[AnkleOnlineState, _AnkleEvent]:
     """One sample: detection of swing and stance at the newest sample, and what follows for the filter's sample."""
     before = state
-    state, newest = _seen(worn, filters, state, *sample, options)
+    state, newest = _seen(worn, filters, state, *sample)
     rows, index = state.history.shape[0], state.index
     row = state.history[index % rows]
     calm = state.history[(index + worn.shift) % rows, 9] > 0.0
@@ -199,7 +184,7 @@ def _decided(
 
 
 def _filtered(
-    p: AnkleParams, worn: Worn, state: AnkleOnlineState, event: _AnkleEvent, real: Flags, options: AnkleOptions
+    p: AnkleParams, worn: Worn, state: AnkleOnlineState, event: _AnkleEvent, real: Flags
 ) -> filtering.Posterior:
     """The filter over the samples of events (T,), those with `real` alone."""
     begins = real & ~event.began & event.stands
@@ -216,11 +201,10 @@ def _filtered(
     return filtering.kalman_filter(
         ankle_model.MODEL,
         model_params(p),
-        AnkleObservation(Vector(zero, zero, zero), zero),
+        Vector(zero, zero, zero),
         controls=driven,
         dt=dt,
-        mask=AnkleObservation(Vector(seen, seen, seen), seen if options.level else False),
-        method=options.method,
+        mask=Vector(seen, seen, seen),
         initial=initial,
         keep=("mean", "cov", "valid"),
     )
@@ -260,9 +244,9 @@ def _latest(first: Heading, there: Heading, instant: Flags) -> tuple[Heading, He
 
 def over(
     p: AnkleParams, worn: Worn, state: AnkleOnlineState, gyr: Values, acc: Values, measured: Flags | None = None,
-    options: AnkleOptions = ONLINE, count: Counts | None = None,
+    count: Counts | None = None,
 ) -> tuple[AnkleOnlineState, Now]:  # fmt: skip
-    """The same as `step` over many samples, not compiled, for use in another compiled program.
+    """The samples (T,) that follow; not compiled, for use in a compiled program.
 
     First a scan decides on swings and stances, then the filter runs over the samples, then the strides are read: the
     filter does not influence the decisions.
@@ -274,21 +258,18 @@ def over(
         gyr: (T, 3) in the sensor's axes [rad/s].
         acc: (T, 3) [m/s²].
         measured: (T,) False where a sample was lost; None: all are measured.
-        options: as of `step`.
         count: number of samples; later ones are ignored. None: T.
 
     Returns:
         The state after the last sample, and the results after each sample.
     """
-    check_options(options)
-    filters = filters_of(p, worn, options, state.last.dtype)
+    filters = filters_of(p, worn, state.last.dtype)
     samples = gyr.shape[0]
     there = jnp.ones(samples, bool) if measured is None else measured
     newest = samples - 1 if count is None else count - 1
     real = jnp.arange(samples, dtype=jnp.int32) <= newest
-    decide = partial(_decided, worn, filters, options)
-    after, event = scanned(decide, state, (gyr, acc, there), count)
-    told = _filtered(p, worn, state, event, real, options)
+    after, event = scanned(partial(_decided, worn, filters), state, (gyr, acc, there), count)
+    told = _filtered(p, worn, state, event, real)
     here, last = _latest(state.heading, ankle_strides.heading(told.mean, told.cov), event.instant & real)
     strides, stddev, flags = _strides(p, worn, event, told, here)
     stride = strides.valid
@@ -301,40 +282,3 @@ def over(
         distance=distance[-1],
     )
     return after, Now(stride, strides, stddev, flags, number, distance, event.still, told.valid)
-
-
-def one(
-    p: AnkleParams, worn: Worn, state: AnkleOnlineState, gyr: Values, acc: Values, measured: Flags = True,
-    options: AnkleOptions = ONLINE,
-) -> tuple[AnkleOnlineState, Now]:  # fmt: skip
-    """`step`, not compiled, for use in another compiled program."""
-    rate, force, there = (jnp.asarray(values)[None] for values in (gyr, acc, measured))
-    after, now = over(p, worn, state, rate, force, there, options)
-    return after, jax.tree.map(lambda leaf: leaf[0], now)
-
-
-step = compiled(one, static_argnames=("options",))
-_over = compiled(over, static_argnames=("options",))
-
-
-def walk(
-    p: AnkleParams, worn: Worn, gyr: Values, acc: Values, measured: Flags | None = None, options: AnkleOptions = ONLINE
-) -> Now:  # fmt: skip
-    """A recording processed as by the device: `begin`, then `over`, compiled; arguments as of these functions.
-
-    Returns:
-        The results after each sample, (T,); `table` gives the strides alone.
-    """
-    state = begin(p, worn, jnp.asarray(gyr)[0], jnp.asarray(acc)[0], options)
-    return _over(p, worn, state, gyr, acc, measured, options)[1]
-
-
-def table(now: Now) -> tuple[Strides, Strides, dict[str, Values]]:
-    """The strides of `over` or `walk` alone, in the order in which they became known; on the host.
-
-    Returns:
-        Strides (n,), their standard deviations, and their flags with `known`, the sample at which each became known.
-    """
-    at = np.flatnonzero(np.asarray(now.stride))
-    parts = jax.tree.map(lambda leaf: np.asarray(leaf)[at], (now.strides, now.stddev, now.flags))
-    return parts[0], parts[1], {**parts[2], "known": at}

@@ -8,9 +8,9 @@ from jax.typing import DTypeLike
 from jaxtyping import PyTree
 
 from jgait.estimators.ankle_stride.estimator import standing_prior
-from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
+from jgait.estimators.ankle_stride.params import AnkleParams
 from jgait.estimators.ankle_stride.readout import Heading
-from jgait.estimators.ankle_stride.worn import DETECTORS, ONLINE, Worn, check_options
+from jgait.estimators.ankle_stride.worn import Worn
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.events import shank_stance_online as shank_valley
@@ -108,9 +108,9 @@ class Filters(NamedTuple):
     sagittal: PyTree
 
 
-def filters_of(p: AnkleParams, worn: Worn, options: AnkleOptions, dtype: DTypeLike) -> Filters:
+def filters_of(p: AnkleParams, worn: Worn, dtype: DTypeLike) -> Filters:
     """The low-passes of the online estimator."""
-    cutoffs = (p.cutoff_hz, shank_stance.CUTOFF_HZ, DETECTORS[options.detector][1].cutoff_hz)
+    cutoffs = (p.cutoff_hz, shank_stance.CUTOFF_HZ, shank_events.LOBES.cutoff_hz)
     cascades = (butterworth.section(jnp.asarray(hz, dtype), worn.rate_hz) for hz in cutoffs)
     return Filters(*cascades)
 
@@ -121,11 +121,10 @@ def reading(worn: Worn, gyr: Values, acc: Values) -> Values:
     return jnp.concatenate([jnp.sum(worn.axes * jnp.asarray(values)[None], axis=1) for values in (gyr, acc)])
 
 
-def begin(p: AnkleParams, worn: Worn, gyr: Values, acc: Values, options: AnkleOptions = ONLINE) -> AnkleOnlineState:
+def begin(p: AnkleParams, worn: Worn, gyr: Values, acc: Values) -> AnkleOnlineState:
     """The state after a long time in which each reading equals the first, (3,) in the sensor's axes [rad/s, m/s²]."""
-    check_options(options)
     x = reading(worn, gyr, acc)
-    cascades = filters_of(p, worn, options, x.dtype)
+    cascades = filters_of(p, worn, x.dtype)
     rates = x[:3] - worn.gyr_bias
     zero, none, no = jnp.zeros_like(x[0]), jnp.zeros((), jnp.int32), jnp.zeros((), bool)
     return AnkleOnlineState(

@@ -57,9 +57,6 @@ class AnkleParams(NamedTuple):
         positive, "rad", "by how much a leg turns unseen while it is taken to stand still",
     )] = 1.5e-3  # fmt: skip
     tilt: Annotated[Param, Parameter(positive, "rad", "of the attitude at the first stance")] = 0.05
-    height_noise: Annotated[Param, Parameter(
-        positive, "m", "of level ground from one stance to the next; where `AnkleOptions.level` says it is level",
-    )] = 0.02  # fmt: skip
     stride_noise: Annotated[Param, Parameter(
         positive, "m", "error of a stride that the model knows nothing of; enters the stated deviations only",
     )] = 0.012  # fmt: skip
@@ -89,7 +86,6 @@ class AnkleOptions(NamedTuple):
             foot that stops; "paper": the machine as printed.
         site: "ankle", "shank", or "auto": the ankle's sensor where there is one, else the shank's.
         smooth: Rauch–Tung–Striebel smoothing (offline).
-        level: the ground is level: the filter observes equal heights of successive stances.
         standing: the gyroscope's bias is measured while the leg stands still; False: the filter alone estimates it.
         method: how the filter linearises, see `jgait.filtering`.
     """
@@ -98,7 +94,6 @@ class AnkleOptions(NamedTuple):
     detector: str = "swings"
     site: str = "auto"
     smooth: bool = True
-    level: bool = False
     standing: bool = True
     method: filtering.Method = filtering.EKF()
 

@@ -11,6 +11,7 @@ import numpy as np
 from jgait.estimators.ankle_stride.inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
 from jgait.estimators.ankle_stride.notes import NEVER_STANDS, SWINGS_EVEN
 from jgait.estimators.ankle_stride.params import AnkleOptions, check_options
+from jgait.estimators.axes import Axis
 from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
 from jgait.estimators.interface import Prepared
 from jgait.estimators.losses import bridged, longest_loss, lost_between, not_bridged
@@ -19,10 +20,12 @@ from jgait.estimators.programs import bucket, compiled
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.events.rest import longest_still
+from jgait.geometry.rotation import level
 from jgait.mounting import shank as shank_axes
 from jgait.mounting.shank import Axes
 from jgait.notes import Note
 from jgait.signal import butterworth, clipping
+from jgait.signal.windows import window_maximum
 from jgait.types import SIDES, Imu, Recording, RecordingError, Values, as_float
 
 WINDOW_S = 0.03
@@ -102,8 +105,7 @@ def _checked(recording: Recording, names: list[str]) -> np.ndarray:
 
 
 def _padded(values: np.ndarray) -> np.ndarray:
-    """The samples with the last repeated, see `bucket`."""
-    return np.concatenate([values, np.repeat(values[-1:], bucket(len(values)) - len(values), axis=0)])
+    return Axis("hold").padded(values, bucket(len(values)) - len(values))
 
 
 def _gentle(values: Values, rate_hz: float) -> np.ndarray:
@@ -223,7 +225,7 @@ def _signals(
 ) -> dict[str, Any]:
     """Signals, the sample at which the filter starts, and its first attitude."""
     size = max(3, 2 * round(0.0075 * rate_hz) + 1)
-    jumps = [_largest(np.linalg.norm(np.gradient(values, axis=0), axis=1), size) for values in (gyr, acc)]
+    jumps = [window_maximum(np.linalg.norm(np.gradient(values, axis=0), axis=1), size) for values in (gyr, acc)]
     first = int(np.argmax(stands)) if stands.any() else len(time)
     restart = np.zeros(len(time) + 1)
     restart[stood.begin + 1] = 1.0
@@ -238,7 +240,7 @@ def _signals(
         "dt": np.where(index > first, np.diff(time, prepend=time[0]), 0.0),
         "valid": index >= first,
         "last": np.asarray(len(time) - 1, np.int32),
-        "attitude": _level(up),
+        "attitude": level(up),
     }
 
 
@@ -255,18 +257,3 @@ def _strides(
         np.interp(end, index, time), stood.standing.any(axis=1), clipped, follows,
     )  # fmt: skip
     return {name: np.pad(values, (0, rows - len(values))) for name, values in zip(PER_STRIDE, told, strict=True)}
-
-
-def _largest(values: np.ndarray, size: int) -> np.ndarray:
-    """The largest value in a centred window of an odd number of samples."""
-    padded = np.pad(values, size // 2, mode="edge")
-    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, size).max(axis=1))
-
-
-def _level(up: np.ndarray) -> np.ndarray:
-    """(4,) the shortest rotation q_ws that takes a direction in the segment's axes to the world's z."""
-    x, y, z = up / np.linalg.norm(up)
-    if z < -0.999999:
-        return np.array([0.0, 1.0, 0.0, 0.0])
-    q = np.array([1.0 + z, y, -x, 0.0])
-    return np.asarray(q / np.linalg.norm(q))

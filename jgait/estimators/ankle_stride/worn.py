@@ -7,7 +7,6 @@ from jaxtyping import PyTree
 
 from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride.prepare import WINDOW_S, prepare
-from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.signal import butterworth
 from jgait.types import SIDES, Counts, Recording, RecordingError, Values
@@ -24,15 +23,8 @@ CALM_S = 0.5
 JUMP_S = 0.0075
 """[s] Half width of the window whose largest change of the readings gives a reading's noise."""
 
-ONLINE = AnkleOptions(detector="swings", smooth=False)
-"""The options of the online estimator; lobes of a causally filtered rate detect slow and impaired gait too."""
-
-DETECTORS = {
-    "machine": (shank_events.phase_step, shank_events.MACHINE),
-    "paper": (shank_events.phase_step, shank_events.PAPER),
-    "swings": (shank_events.swing_step, shank_events.LOBES),
-}
-"""Swing detectors that process one sample at a time, and their settings."""
+ONLINE = AnkleOptions(smooth=False)
+"""Options of the estimator over the whole recording to which the online estimator corresponds."""
 
 
 class Worn(NamedTuple):
@@ -71,39 +63,22 @@ class Worn(NamedTuple):
     jump_looks: PyTree
 
 
-def check_options(options: AnkleOptions) -> None:
-    """Raise an error for options that the online estimator does not support.
-
-    Raises:
-        ValueError: naming what there is and what came.
-    """
-    if options.length != "filter" or options.smooth:
-        raise ValueError(
-            "online there is the filter without smoothing, length='filter' and smooth=False; got "
-            f"length={options.length!r}, smooth={options.smooth}"
-        )
-    if options.detector not in DETECTORS:
-        raise ValueError(f"the detector online must be one of {', '.join(DETECTORS)}; got {options.detector!r}")
-
-
-def worn(p: AnkleParams, recording: Recording, side: str, options: AnkleOptions = ONLINE) -> Worn:
+def worn(p: AnkleParams, recording: Recording, side: str) -> Worn:
     """Mounting and settings of the sensor of one side, from a recording of standing and walking; on the host.
 
     Args:
         p: parameters; the cut-off gives the delay of the low-passed signals.
         recording: as of `ankle_stride.estimate`; a few strides, and half a second of standing for the gyroscope bias.
         side: "right" or "left".
-        options: as of `step`.
 
     Raises:
         RecordingError: as `ankle_stride.prepare.prepare`; no sensor on that side, or one that does not walk.
-        ValueError: options that cannot be had online.
+        ValueError: another side.
     """
-    check_options(options)
     if side not in SIDES:
         raise ValueError(f"side must be 'right' or 'left'; got {side!r}")
     number = SIDES.index(side)
-    leg = prepare(recording, options).inputs[1 + number]
+    leg = prepare(recording, ONLINE).inputs[1 + number]
     if leg is None or int(leg.count) == 0:
         what = "has no sensor there" if leg is None else "does not walk there"
         raise RecordingError(f"a recording of walking is needed to know how the {side} sensor is worn; this one {what}")

@@ -10,6 +10,7 @@ from jgait.estimators.ankle_stride import AnkleOptions
 from jgait.estimators.checks import sensors_of
 from jgait.estimators.interface import Estimator
 from jgait.estimators.proportions import gives, told
+from jgait.estimators.waist.params import SITES
 from jgait.notes import Kind, Note
 from jgait.types import SIDES, Estimate, Recording, RecordingError
 
@@ -17,9 +18,6 @@ NOT_USED = Kind(
     "source_not_used", "check", "{source}: no estimate, because {reason}",
     "These sensors could not be used. What the other sensors measure does not depend on them.",
 )  # fmt: skip
-
-TRUNK = ("waist", "lower_back", "pelvis")
-"""Placements of which the waist's estimator uses the first that it finds."""
 
 MEASURES = {
     "leg_ekf": ("thigh_length", "shank_length"),
@@ -74,7 +72,7 @@ def _legs(recording: Recording) -> tuple[str, ...]:
 
 
 def _trunk(recording: Recording) -> tuple[str, ...]:
-    return tuple(name for name in TRUNK if name in recording.sensors)[:1]
+    return tuple(name for name in SITES if name in recording.sensors)[:1]
 
 
 def _ranged(recording: Recording) -> tuple[str, ...]:

@@ -2,8 +2,6 @@
 
 from typing import Annotated, Any, NamedTuple
 
-import jax
-
 from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS
 from jgait.duty_cycle.power import ACCELEROMETER, GYROSCOPE, Battery, Schedule, Sensor
 from jgait.duty_cycle.recording import check_filler
@@ -56,8 +54,7 @@ class DutyCycledOptions(NamedTuple):
         filler: name of the method that fills gaps, see `duty_cycle.fillers.fillers`; all but "ridge_later" are causal.
             The default has the smallest error on a treadmill and for a shank sensor alone; over ground with the
             thigh's sensor "blend" has a smaller error.
-        schedule: hides samples while the gyroscope is off, a `power.Schedule` or a duty cycle [1]; None: masks only.
-        asleep: segments whose gyroscopes follow the schedule, "shank", "thigh" or both.
+        schedule: hides samples of shanks while the gyroscope is off, a `power.Schedule` or duty cycle [1]; None: none.
         warm_up: time for which gyroscopes are on before the schedule, which starts with an off-time [s]; fillers need
             two measured strides, and rates are only held before.
         above: use the signals of the thigh in the filler of the shank, if the thigh has a sensor.
@@ -72,7 +69,6 @@ class DutyCycledOptions(NamedTuple):
 
     filler: str = "neighbours"
     schedule: Schedule | float | None = None
-    asleep: tuple[str, ...] = ("shank",)
     warm_up: float = 0.0
     above: bool = True
     filters: DutyOptions = duty_params.DEFAULT
@@ -84,9 +80,6 @@ class DutyCycledOptions(NamedTuple):
     felt: bool = True
 
 
-ENDLESS = 1e9
-"""[s] Stands for an infinite time constant in a parameter that must be finite."""
-
 DEFAULT = DutyCycledOptions()
 """Corrected filters with the filler "neighbours"."""
 
@@ -95,9 +88,8 @@ PAPER = DutyCycledOptions(filler="replicate", above=False)
 
 
 def params_of(options: DutyCycledOptions) -> DutyCycledParams:
-    """The default parameters, with those of the options' filler; infinite time constants become `ENDLESS`."""
-    usual = check_filler(options.filler).params
-    return DutyCycledParams(filler=jax.tree.map(lambda value: min(value, ENDLESS), usual))
+    """The default parameters, with those of the options' filler."""
+    return DutyCycledParams(filler=check_filler(options.filler).params)
 
 
 def transforms_of(options: DutyCycledOptions) -> DutyCycledParams:

@@ -162,7 +162,7 @@ def prepare(
     names = worn(recording)
     time = checked(recording, names, options)
     used = gyroscope_masks(
-        recording, names, schedule=options.schedule, gyro_on=gyro_on, asleep=options.asleep, warm_up=options.warm_up,
+        recording, names, schedule=options.schedule, gyro_on=gyro_on, warm_up=options.warm_up,
         sensor=options.gyroscope,
     )  # fmt: skip
     sensors = {name: recording.sensors[name] for name in names}

@@ -36,12 +36,11 @@ from jgait.estimators.foot_ins.online_state import (
     FootSwing,
     StanceThreshold,
     begin,
-    check_options,
     lag,
     level_prior,
     reading,
 )
-from jgait.estimators.foot_ins.params import FootOptions, FootParams
+from jgait.estimators.foot_ins.params import FootParams
 from jgait.estimators.foot_ins.prepare import LOST_FORCE, LOST_RATE, REACH, REST_STEP
 from jgait.estimators.foot_ins.readout import SHORTEST, TIMING, stated
 from jgait.estimators.foot_ins.worn import FootWorn, worn
@@ -54,7 +53,7 @@ from jgait.geometry.vectors import Vector, root, wrapped
 from jgait.signal.loop import scanned
 from jgait.types import Counts, Flags, Strides, Values
 
-__all__ = ["ONLINE", "FootNow", "FootOnlineState", "FootWorn", "begin", "check_options", "lag", "over", "worn"]
+__all__ = ["ONLINE", "FootNow", "FootOnlineState", "FootWorn", "begin", "lag", "over", "worn"]
 
 
 class _DelayedFoot(NamedTuple):
@@ -219,7 +218,7 @@ def _landing(swing: FootSwing, time: Values) -> Values:
 
 
 def _filtered(
-    p: FootParams, worn: FootWorn, state: FootOnlineState, event: _FootEvent, real: Flags, options: FootOptions
+    p: FootParams, worn: FootWorn, state: FootOnlineState, event: _FootEvent, real: Flags
 ) -> filtering.Posterior:
     """The filter over the samples of events (T,), those with `real` alone."""
     begins = real & ~event.began & event.stands
@@ -237,9 +236,9 @@ def _filtered(
     zero, seen = jnp.zeros_like(dt), event.stands & real
     return filtering.kalman_filter(
         foot_model.MODEL, model_params(p), FootObservation(Vector(zero, zero, zero), zero),
-        controls=controls(p, now, options), dt=dt,
-        mask=FootObservation(Vector(seen, seen, seen), seen if options.level is True else False),
-        method=options.method, initial=initial, keep=("mean", "cov", "nis", "count", "valid"),
+        controls=controls(p, now), dt=dt,
+        mask=FootObservation(Vector(seen, seen, seen), False), initial=initial,
+        keep=("mean", "cov", "nis", "count", "valid"),
     )  # fmt: skip
 
 
@@ -302,7 +301,7 @@ def _strides(
 
 def over(
     p: FootParams, worn: FootWorn, state: FootOnlineState, gyr: Values, acc: Values, measured: Flags | None = None,
-    options: FootOptions = ONLINE, count: Counts | None = None,
+    count: Counts | None = None,
 ) -> tuple[FootOnlineState, FootNow]:  # fmt: skip
     """The samples (T,) that follow; not compiled, for use in a compiled program.
 
@@ -316,19 +315,17 @@ def over(
         gyr: (T, 3) in the sensor's axes [rad/s].
         acc: (T, 3) [m/s²].
         measured: (T,) False where a sample was lost; None: all are measured.
-        options: `ONLINE`.
         count: number of samples; later ones are ignored. None: T.
 
     Returns:
         The state after the last sample, and the results after each sample.
     """
-    check_options(options)
     samples = gyr.shape[0]
     there = jnp.ones(samples, bool) if measured is None else measured
     newest = samples - 1 if count is None else count - 1
     real = jnp.arange(samples, dtype=jnp.int32) <= newest
     after, event = scanned(partial(_decided, worn), state, (gyr, acc, there), count)
-    told = _filtered(p, worn, state, event, real, options)
+    told = _filtered(p, worn, state, event, real)
     foothold = event.foothold & real
     q: Quaternion = told.mean.attitude
     yaw = jnp.arctan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))

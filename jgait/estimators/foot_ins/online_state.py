@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import PyTree
 
 from jgait.estimators.foot_ins.estimator import prior_of
-from jgait.estimators.foot_ins.params import DEFAULT, FootOptions, FootParams
+from jgait.estimators.foot_ins.params import DEFAULT, FootParams
 from jgait.estimators.foot_ins.worn import FootWorn
 from jgait.events import foot as events
 from jgait.filtering import Belief
@@ -16,7 +16,7 @@ from jgait.geometry.vectors import Vector, vector
 from jgait.types import Counts, Flags, Strides, Values
 
 ONLINE = DEFAULT._replace(smooth=False)
-"""The options of the online estimator."""
+"""Options of the estimator over the whole recording to which the online estimator corresponds."""
 
 
 class StanceThreshold(NamedTuple):
@@ -135,25 +135,14 @@ class _Start(NamedTuple):
     still_time: Values
 
 
-def check_options(options: FootOptions) -> None:
-    """Raise an error for options that the online estimator does not support.
-
-    Raises:
-        ValueError: naming what there is and what came.
-    """
-    if options.smooth or options.soft or options.detector != DEFAULT.detector or options.noise != DEFAULT.noise:
-        raise ValueError(f"online there is foot_ins with smooth=False and otherwise default options; got {options}")
-
-
 def lag(worn: FootWorn) -> int:
     """Number of samples by which the filter is behind the newest sample."""
     half = worn.window.shape[-1] // 2
     return half + worn.quiet.shape[-1] - worn.after_start.shape[-1] - 1
 
 
-def begin(p: FootParams, worn: FootWorn, gyr: Values, acc: Values, options: FootOptions = ONLINE) -> FootOnlineState:
+def begin(p: FootParams, worn: FootWorn, gyr: Values, acc: Values) -> FootOnlineState:
     """The state after a long time in which each reading equals the first, (3,) in the sensor's axes [rad/s, m/s²]."""
-    check_options(options)
     row = reading(worn, gyr, acc, jnp.ones((), bool))
     zero, none, no = jnp.zeros_like(row[0]), jnp.zeros((), jnp.int32), jnp.zeros((), bool)
     rate = jnp.sqrt(jnp.sum((row[:3] - worn.gyr_bias) ** 2))

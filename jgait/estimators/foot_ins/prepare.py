@@ -22,6 +22,7 @@ from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
 from jgait.notes import Note
 from jgait.signal import clipping
+from jgait.signal.windows import window_maximum
 from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
 
 SLOWEST_HZ = 45.0
@@ -103,15 +104,6 @@ def filled(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(index, there, column[there]) for column in values.T], axis=1)
 
 
-def _largest(values: np.ndarray, size: int) -> np.ndarray:
-    """The maximum over a centred window of `size` samples, an odd number."""
-    padded = np.pad(values, size // 2, mode="edge")
-    largest = padded[: len(values)]
-    for shift in range(1, size):
-        largest = np.maximum(largest, padded[shift : shift + len(values)])
-    return largest
-
-
 def _mean_over_interval(values: np.ndarray) -> np.ndarray:
     return np.concatenate([values[:1], 0.5 * (values[1:] + values[:-1])])
 
@@ -158,7 +150,7 @@ def _foot(
     until = min(max(found.end[0], first + 1), first + int(hz))
     up = acc[first:until].mean(axis=0)
     size = max(3, 2 * round(0.0075 * hz) + 1)
-    jumps = [_largest(np.linalg.norm(np.gradient(values, axis=0), axis=1), size) for values in (gyr, acc)]
+    jumps = [window_maximum(np.linalg.norm(np.gradient(values, axis=0), axis=1), size) for values in (gyr, acc)]
     dt = np.where(np.arange(len(time)) > first, step, 0.0)
     over = bridged(lost, time, dt, LOST_RATE, LOST_FORCE)
     restart = np.zeros(len(time) + 1)

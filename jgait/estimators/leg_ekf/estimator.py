@@ -45,20 +45,13 @@ def model_params(p: LegParams, leg: LegSignals) -> LegModelParams:
 
 
 def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOptions) -> inclination.Inclination:
-    """Inclination of one segment, from gravity or from the sagittal gyroscope alone."""
-    return inclination.run(
-        p.inclination,
-        vector(segment.gyr),
-        vector(segment.acc),
-        inputs.still,
-        segment.measured,
-        inputs.dt,
-        vector(segment.bias),
-        inputs.start_variance,
-        segment.lost,
-        smooth=options.smooth,
-        standing=options.standing,
-    )
+    """Inclination of one segment."""
+    seen, controls, mask = inclination.observed(segment, vector(segment.gyr[0]), inputs, options.standing)
+    found = filtering.infer(
+        inclination.MODEL, p.inclination, seen, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
+        initial=inclination.prior(vector(segment.bias), inputs.start_variance),
+    )  # fmt: skip
+    return inclination.read_out(found.mean, found.cov, seen.gyr)
 
 
 def observe(

@@ -17,11 +17,10 @@ Sensors 11(2), doi 10.3390/s110201489.
 from typing import Annotated, NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import PyTree
 
-from jgait import filtering
+from jgait.estimators.leg_ekf.inputs import LegInputs, Segment
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.vectors import GRAVITY, Vector, cross, dot, scale
+from jgait.geometry.vectors import GRAVITY, Vector, cross, dot, scale, vector
 from jgait.params import Param, Parameter, documented, positive
 from jgait.types import Flags, Maybe, Values
 
@@ -127,13 +126,11 @@ class Inclination(NamedTuple):
         angle: (T,) [rad], 0 in the calibration pose, positive when the distal end is forward.
         rate: (T,) [rad/s], derivative of the angle, gyroscope bias removed.
         variance: (T,) [rad²] of `angle`.
-        bias: (T,) gyroscope bias about the sagittal axis [rad/s].
     """
 
     angle: Values
     rate: Values
     variance: Values
-    bias: Values
 
 
 def read_out(state: InclinationState, cov: Covariance, rate: Vector) -> Inclination:
@@ -149,52 +146,7 @@ def read_out(state: InclinationState, cov: Covariance, rate: Vector) -> Inclinat
     slope = u.y * (u.z * w.z + u.x * w.x) / square - w.y
     dx, dz = u.z / square, -u.x / square
     variance = dx * dx * cov["up.x", "up.x"] + dz * dz * cov["up.z", "up.z"] + 2.0 * dx * dz * cov["up.x", "up.z"]
-    return Inclination(angle, slope, variance, -state.bias.y)
-
-
-def run(
-    params: InclinationNoise,
-    gyr: Vector,
-    acc: Vector,
-    still: Flags,
-    measured: Flags,
-    dt: Values,
-    bias: Vector,
-    start_variance: Values,
-    lost: Maybe[Values] = None,
-    *,
-    smooth: bool = True,
-    standing: bool = True,
-) -> Inclination:
-    """Filter, and smooth, one segment's inclination over a recording, from signals in segment axes.
-
-    Args:
-        params: noise, see `InclinationNoise`.
-        gyr: (T,) components [rad/s].
-        acc: (T,) components [m/s²].
-        still: (T,) bool, the person stands.
-        measured: (T,) bool, False for a lost sample.
-        dt: (T,) time since the previous sample [s]; 0 at the first.
-        bias: gyroscope bias at the start [rad/s].
-        start_variance: variance of the direction at the first sample [rad²].
-        lost: (T,) time since the last measured sample where a sample is lost [s]; None: single samples.
-        smooth: Rauch–Tung–Striebel smoothing after the filter.
-        standing: correct direction and bias at the still samples.
-    """
-    mean = Vector(*(0.5 * (c + jnp.concatenate([c[:1], c[:-1]])) for c in gyr))
-    observations, mask = observe(gyr, acc, still if standing else None, measured)
-    known = still if standing else jnp.zeros_like(still)
-    belief = filtering.infer(
-        MODEL,
-        params,
-        observations,
-        smooth=smooth,
-        controls=InclinationControl(mean, known, measured, lost),
-        dt=dt,
-        mask=mask,
-        initial=prior(bias, start_variance),
-    )
-    return read_out(belief.mean, belief.cov, gyr)
+    return Inclination(angle, slope, variance)
 
 
 def prior(bias: Vector, start_variance: Values) -> Belief:
@@ -205,11 +157,17 @@ def prior(bias: Vector, start_variance: Values) -> Belief:
     return Belief(mean, Covariance.from_variances(InclinationState(spread, Vector(*(zero + 1e-5,) * 3))))
 
 
-def observe(gyr: Vector, acc: Vector, still: Flags | None, measured: Flags) -> tuple[InclinationObservation, PyTree]:
-    """Observation and mask, for a whole recording or one sample: gravity always, the bias only while standing.
+def observed(
+    segment: Segment, before: Vector, inputs: LegInputs, standing: bool
+) -> tuple[InclinationObservation, InclinationControl, InclinationObservation]:
+    """Observation, control and mask of samples (T,) of a segment: gravity always, the bias in standing if `standing`.
 
-    If `still` is None, the bias is never observed.
+    `before` is the rate at the sample before the first [rad/s].
     """
-    at_rest = False if still is None else still & measured
+    rate, measured = vector(segment.gyr), segment.measured
+    mean = Vector(*(0.5 * (b + jnp.concatenate([a[None], b[:-1]])) for a, b in zip(before, rate, strict=True)))
+    still = inputs.still if standing else jnp.zeros_like(inputs.still)
+    at_rest = still & measured if standing else False
     mask = InclinationObservation(Vector(measured, measured, measured), Vector(at_rest, at_rest, at_rest))
-    return InclinationObservation(scale(1.0 / GRAVITY, acc), gyr), mask
+    control = InclinationControl(mean, still, measured, segment.lost)
+    return InclinationObservation(scale(1.0 / GRAVITY, vector(segment.acc)), rate), control, mask

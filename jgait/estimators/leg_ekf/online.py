@@ -64,17 +64,12 @@ def _incline(
     newest: Counts,
 ) -> tuple[Belief, inclination.Inclination]:  # fmt: skip
     """Belief after the newest sample, and the inclination of one segment at all."""
-    rate = vector(segment.gyr)
-    measured = segment.measured
-    still = inputs.still if options.standing else jnp.zeros_like(inputs.still)
-    mean = Vector(*(0.5 * (b + jnp.concatenate([a[None], b[:-1]])) for a, b in zip(before, rate, strict=True)))
-    observations, mask = inclination.observe(rate, vector(segment.acc), still if options.standing else None, measured)
+    seen, controls, mask = inclination.observed(segment, before, inputs, options.standing)
     found = filtering.kalman_filter(
-        inclination.MODEL, p.inclination, observations,
-        controls=inclination.InclinationControl(mean, still, measured, segment.lost), dt=inputs.dt, mask=mask,
-        initial=belief, keep=("mean", "cov"),
+        inclination.MODEL, p.inclination, seen, controls=controls, dt=inputs.dt, mask=mask, initial=belief,
+        keep=("mean", "cov"),
     )  # fmt: skip
-    return found.belief(newest), inclination.read_out(found.mean, found.cov, rate)
+    return found.belief(newest), inclination.read_out(found.mean, found.cov, seen.gyr)
 
 
 def over(

@@ -46,7 +46,6 @@ class Device(NamedTuple):
 
     Attributes:
         source: "legs", "feet", "ankles" or "shanks", as in `jgait.analyse`.
-        estimator: name of the estimator.
         placements: placements of its sensors, in the order of the rows of a sample.
         constants: parameters, mounting and sensor errors; arrays.
         begin: (constants, first sample, options) → state before it; a function of a module.
@@ -57,7 +56,6 @@ class Device(NamedTuple):
     """
 
     source: str
-    estimator: str
     placements: tuple[str, ...]
     constants: PyTree
     begin: Callable[[PyTree, Readings, PyTree], PyTree]

@@ -133,7 +133,7 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
     groups = tuple(tuple(pairs[side] for side in group) for group in alike.values())
     options = DutyDeviceOptions(DEFAULT.filters._replace(gravity=gravity), groups)
     placements = tuple(one.placement for one in found)
-    return Device("legs", NAME, placements, constants, begin, advance, options, tuple(pairs)), tuple(notes)
+    return Device("legs", placements, constants, begin, advance, options, tuple(pairs)), tuple(notes)
 
 
 def begin(c: DutyConstants, sample: Readings, options: DutyDeviceOptions) -> DutyState:

@@ -116,7 +116,7 @@ def device(p: LegParams, recording: Recording) -> tuple[Device, tuple[Note, ...]
     gravity = KINEMATICS.gravity and all(imu.acc is not None for imu in sensors.values())
     options = KINEMATICS._replace(gravity=gravity)
     placements = tuple(one.placement for one in worn)
-    return Device("legs", "leg_ekf", placements, constants, begin, advance, options, numbers), tuple(notes)
+    return Device("legs", placements, constants, begin, advance, options, numbers), tuple(notes)
 
 
 def _signals(c: LegsConstants, samples: Readings, lost: Values) -> LegSignals:

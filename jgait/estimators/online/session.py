@@ -9,7 +9,7 @@ from jaxtyping import PyTree
 
 from jgait.estimators import get
 from jgait.estimators.combined.sources import MEASURES
-from jgait.estimators.online import ankles, duty, feet, legs
+from jgait.estimators.online import duty, legs, strides
 from jgait.estimators.online.clock import Pushes
 from jgait.estimators.online.device import Device, Results, Runner
 from jgait.estimators.proportions import gives
@@ -279,9 +279,7 @@ def online(
         if source == "legs":
             device, more = (legs if name == "leg_ekf" else duty).device(p, calibration)
             notes += more
-        elif source == "feet":
-            device = feet.device(p, calibration)
         else:
-            device = ankles.device(p, calibration, source.removesuffix("s"))
+            device = strides.device(source, p, calibration)
         devices.append(device)
     return Online(devices, calibration.sampling_rate_hz, tuple(dict.fromkeys(notes)))

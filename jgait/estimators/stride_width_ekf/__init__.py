@@ -10,8 +10,8 @@ trajectory estimates". The model is in `stride_width_ekf.model`, the selection o
 
 Sensors:
     `foot_right` and `foot_left`, as of `foot_ins`, or trajectories of both feet with the middles of their stances from
-    another zero-velocity method (`estimate_from_feet`); and the distance from the inner side of the left ankle to the
-    right leg, measured at least every few strides (`Recording.feet_range`).
+    another zero-velocity method (`prepare_from_feet`, `estimator().solve`); and the distance from the inner side of the
+    left ankle to the right leg, measured at least every few strides (`Recording.feet_range`).
 
 Outputs:
     Strides of both feet with width, step length and length [m] and their standard deviations; z₁ and z₂ at stances,
@@ -47,7 +47,7 @@ Deviations from the paper:
        accelerometers.
 """
 
-from jgait.estimators.stride_width_ekf.estimator import estimate, estimate_from_feet, estimator, run, with_body
+from jgait.estimators.stride_width_ekf.estimator import estimate, estimator, run, with_body
 from jgait.estimators.stride_width_ekf.inputs import WidthInputs
 from jgait.estimators.stride_width_ekf.params import DEFAULT, PAPER, TRANSFORMS, WidthOptions, WidthParams
 from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
@@ -60,7 +60,6 @@ __all__ = [
     "WidthOptions",
     "WidthParams",
     "estimate",
-    "estimate_from_feet",
     "estimator",
     "prepare_from_feet",
     "run",

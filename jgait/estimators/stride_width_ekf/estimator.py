@@ -4,9 +4,8 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy.typing as npt
 
-from jgait import filtering, params
+from jgait import filtering
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins.params import FootOptions, FootParams
 from jgait.estimators.interface import Estimator, Prepared, with_measures
@@ -20,7 +19,7 @@ from jgait.estimators.stride_width_ekf.notes import FEET_SEEM_EXCHANGED
 from jgait.estimators.stride_width_ekf.params import DEFAULT, TRANSFORMS, WidthOptions, WidthParams
 from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
 from jgait.filtering import Belief, Model
-from jgait.types import Estimate, Feet, FootTrajectory, Legs, RangeReadings, Recording, Values
+from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, Values
 
 SWAP = 6.0
 """[nat] Below minus this value of `swap_evidence` a note states that the feet seem to be exchanged."""
@@ -156,28 +155,6 @@ def estimate(
         ValueError: a parameter outside its range.
     """
     return estimator(options, foot_params, foot_options, start_heading).estimate(p, recording)
-
-
-def estimate_from_feet(
-    p: WidthParams,
-    time: Values,
-    feet: Feet,
-    stances: tuple[npt.ArrayLike, npt.ArrayLike],
-    feet_range: RangeReadings | None,
-    options: WidthOptions = DEFAULT,
-    *,
-    start_heading: tuple[float, float] | None = None,
-) -> Estimate:
-    """Stride widths of one recording, given both feet's trajectories; arguments and errors as `prepare_from_feet`.
-
-    At least the range's offset of the parameters should be measured on the person.
-
-    Returns:
-        As `run`, strides without padding; `diagnostics["notes"]` lists the decisions made in `prepare_from_feet`.
-    """
-    params.check_params(p, TRANSFORMS)
-    made = prepare_from_feet(time, feet, stances, feet_range, options, start_heading=start_heading)
-    return estimator(options).solve(p, made)
 
 
 def _finished(result: Estimate, made: Prepared[WidthInputs]) -> Estimate:

@@ -70,7 +70,6 @@ class WidthOptions(NamedTuple):
         outlier: ranges that differ more than this from the median of the nine around them are left out [m].
         align_range: estimate the delay of the range's clock, and remove it.
         check_swap: run the filter a second time with the feet exchanged, to detect exchanged sensors.
-        every_sample: estimate at every sample too, not only at stances, ranges and double support.
         widest_stddev: widths with a larger standard deviation are flagged [m].
     """
 
@@ -81,7 +80,6 @@ class WidthOptions(NamedTuple):
     outlier: float = 0.1
     align_range: bool = True
     check_swap: bool = True
-    every_sample: bool = False
     widest_stddev: float = 0.05
 
 

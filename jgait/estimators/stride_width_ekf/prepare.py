@@ -213,10 +213,9 @@ def _inputs(
     pair: Pair, turning: list[list[tuple[float, float]]], ranges: Ranges, options: WidthOptions,
     start_heading: tuple[float, float] | None, walks: bool,
 ) -> WidthInputs:  # fmt: skip
-    """Sort stances, ranges, double supports and samples by time, and make the inputs."""
+    """Sort stances, ranges, double supports, first and last sample by time, and make the inputs."""
     both = _double_supports(pair) if walks else np.zeros(0)
-    samples = pair.right.time if options.every_sample else pair.right.time[[0, -1]]
-    kinds = [pair.right.mids, pair.left.mids, ranges.time, both, samples]
+    kinds = [pair.right.mids, pair.left.mids, ranges.time, both, pair.right.time[[0, -1]]]
     time = np.concatenate(kinds)
     kind = np.repeat(np.arange(len(kinds)), [len(times) for times in kinds])
     order = np.lexsort((kind, time))

@@ -15,7 +15,8 @@ from jgait.types import Values
 
 DISTANCES = ("fused", "pendulum", "update")
 DETECTORS = {"soft": Soft(), "peaks": Peaks(), "paper": PaperRule(), "literal": LITERAL}
-SITES = ("auto", "waist", "lower_back", "pelvis")
+SITES = ("waist", "lower_back", "pelvis")
+"""Placements; the first that the recording has is used."""
 
 
 @documented
@@ -111,13 +112,11 @@ class WaistOptions(NamedTuple):
         distance: "fused": the state-space model over speed, bias and pendulum; "pendulum": the pendulum's steps alone;
             "update": the paper's method (direct and reverse integration with the velocity update).
         detector: of initial contacts, see `events.trunk`: "soft", "peaks", "paper" or "literal".
-        site: the placement; "auto": the first placement that the recording has.
         smooth: Rauch–Tung–Striebel smoothing (offline).
     """
 
     distance: str = "fused"
     detector: str = "soft"
-    site: str = "auto"
     smooth: bool = True
 
 
@@ -130,7 +129,7 @@ PAPER = WaistOptions(distance="update", detector="paper")
 
 def check_options(options: WaistOptions) -> None:
     """Raise ValueError for unknown options, naming what there is and what came."""
-    for name, known in (("distance", DISTANCES), ("detector", tuple(DETECTORS)), ("site", SITES)):
+    for name, known in (("distance", DISTANCES), ("detector", tuple(DETECTORS))):
         if getattr(options, name) not in known:
             raise ValueError(f"{name} must be one of {', '.join(known)}; got {getattr(options, name)!r}")
 

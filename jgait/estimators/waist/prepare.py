@@ -49,13 +49,12 @@ SILENCE = 10.0
 NO_NODES = waist_bouts.nodes([])
 
 
-def placement_of(recording: Recording, site: str = "auto") -> str:
+def placement_of(recording: Recording) -> str:
     """The placement whose sensor is used. Raises RecordingError if the recording has none."""
-    wanted = SITES[1:] if site == "auto" else (site,)
-    for name in wanted:
+    for name in SITES:
         if name in recording.sensors:
             return name
-    need = " or ".join(f"'{name}'" for name in wanted)
+    need = " or ".join(f"'{name}'" for name in SITES)
     raise RecordingError(f"waist needs {need}; {sensors_of(recording)}")
 
 
@@ -67,7 +66,7 @@ def prepare(recording: Recording, options: WaistOptions) -> Prepared[WaistInputs
             backwards, or a sampling rate that is not supported.
     """
     check_options(options)
-    name = placement_of(recording, options.site)
+    name = placement_of(recording)
     imu = recording.sensors[name]
     time = _checked(recording, name)
     rate = recording.sampling_rate_hz
@@ -86,7 +85,7 @@ def prepare(recording: Recording, options: WaistOptions) -> Prepared[WaistInputs
         axes = TrunkAxes(_any_axes(up / np.linalg.norm(up)), 0.0, 0.0)
         nobody = _assembled(whole, axes, time, mask, rate, TrunkRest.none(len(time)), NO_NODES)
         return Prepared(nobody, options, (*notes, NO_STEPS(placement=name)), None)
-    notes.append(AXES_CORRECTED(placement=name, **trunk_axes.worn(axes)._asdict()))
+    notes.append(AXES_CORRECTED(placement=name, **trunk_axes.worn(axes)))
     if not axes.sure:
         notes.append(FORWARD_UNSURE(placement=name))
     whole, rested, seen = _motion(whole, axes, time, mask, rate, options, notes)

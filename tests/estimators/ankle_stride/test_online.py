@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from made.shank import REST, shank
 
+from experiments.silva2017.online import over, table, walk
 from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride import online as ankle_online
-from jgait.estimators.ankle_stride.online import ONLINE
 from jgait.events import shank_stance_online as shank_valley
 from jgait.types import Imu, Recording, RecordingError
 
@@ -24,7 +24,7 @@ def walked(made, worn, measured=None):
     imu = made.recording.sensors["shank_right"]
     index = np.minimum(np.arange(SAMPLES), len(imu.time) - 1)
     measured = np.ones(SAMPLES, bool) if measured is None else measured
-    return ankle_online.walk(P, worn, imu.gyr[index], imu.acc[index], measured)
+    return walk(P, worn, imu.gyr[index], imu.acc[index], measured)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def straight(calibrated):
 
 def test_every_stride_is_known_soon_and_is_as_long_as_it_was(straight):
     made, now = straight
-    strides, stddev, flags = ankle_online.table(now)
+    strides, stddev, flags = table(now)
     np.testing.assert_allclose(strides.length, made.length, atol=8 * MILLIMETRE)
     np.testing.assert_allclose(strides.height, 0.0, atol=25 * MILLIMETRE)
     np.testing.assert_allclose(strides.turn, 0.0, atol=0.01)
@@ -65,7 +65,7 @@ def test_every_stride_is_known_soon_and_is_as_long_as_it_was(straight):
 @pytest.mark.parametrize("smooth", [False, True])
 def test_near_what_knows_the_whole_walk(straight, smooth):
     made, now = straight
-    strides, stddev, _ = ankle_online.table(now)
+    strides, stddev, _ = table(now)
     whole = ankle_stride.estimate(P, made.recording, AnkleOptions(smooth=smooth))
     assert len(strides.length) == len(whole.strides.length) == 4
     # measured: 1.4 mm (not smoothed), 3.4 mm (smoothed) at most
@@ -84,22 +84,22 @@ def test_sample_by_sample_as_over_the_recording_in_constant_memory(calibrated, s
     sizes = [(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(state)]
     told = []
     for gyr, acc in zip(imu.gyr, imu.acc, strict=True):
-        state, one = ankle_online.step(P, calibrated, state, gyr, acc, np.bool_(True))
+        state, one = over(P, calibrated, state, gyr[None], acc[None])
         told.append(one)
     assert [(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(state)] == sizes
     assert sum(leaf.nbytes for leaf in jax.tree.leaves(state)) < 6000
-    online = jax.tree.map(lambda *leaves: np.stack(leaves), *told)
+    online = jax.tree.map(lambda *leaves: np.concatenate(leaves), *told)
     assert int(state.count) == 4
     for name in ("stride", "count", "stands", "valid"):
         np.testing.assert_array_equal(getattr(online, name), getattr(now, name)[: len(told)])
-    for mine, scanned in zip(ankle_online.table(online), ankle_online.table(now), strict=True):
+    for mine, scanned in zip(table(online), table(now), strict=True):
         jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9), mine, scanned)
 
 
 def test_turns_and_stairs(calibrated):
-    for walk, flag in (({"turns": 0.5}, "turning"), ({"rises": [0.17, 0.17, -0.17, -0.17]}, "stairs")):
-        made = shank(strides=4, mount=MOUNT, bias=(0.01, -0.02, 0.01), **walk)
-        strides, _, flags = ankle_online.table(walked(made, calibrated))
+    for route, flag in (({"turns": 0.5}, "turning"), ({"rises": [0.17, 0.17, -0.17, -0.17]}, "stairs")):
+        made = shank(strides=4, mount=MOUNT, bias=(0.01, -0.02, 0.01), **route)
+        strides, _, flags = table(walked(made, calibrated))
         np.testing.assert_allclose(strides.length, made.length, atol=10 * MILLIMETRE)
         np.testing.assert_allclose(strides.height, made.rise, atol=20 * MILLIMETRE)
         np.testing.assert_allclose(strides.turn, made.turn, atol=0.01)
@@ -114,13 +114,13 @@ def test_lost_samples_are_not_looked_at_and_cost_certainty(calibrated, straight)
     measured[270:274] = False
     garbled = [np.where(measured[: len(imu.time), None], values, 99.0) for values in (imu.gyr, imu.acc)]
     worse = made._replace(recording=Recording({"shank_right": imu._replace(gyr=garbled[0], acc=garbled[1])}, 100.0))
-    strides, stddev, _ = ankle_online.table(walked(worse, calibrated, measured))
-    _, plain, _ = ankle_online.table(now)
+    strides, stddev, _ = table(walked(worse, calibrated, measured))
+    _, plain, _ = table(now)
     np.testing.assert_allclose(strides.length, made.length, atol=0.2)
     assert stddev.length[1] > 1.05 * plain.length[1]
     at = round(float(made.lift_off[1]) * 100.0)
     measured[at + 5 : at + 35] = False  # most of the second swing
-    assert len(ankle_online.table(walked(worse, calibrated, measured))[0].length) == len(made.length) - 1
+    assert len(table(walked(worse, calibrated, measured))[0].length) == len(made.length) - 1
 
 
 def test_who_stands_makes_no_strides(calibrated):
@@ -152,20 +152,6 @@ def test_the_valley_is_the_first_minimum_that_lasts():
     assert found(4, 8) == [(10, 14)]  # one that is not asked to last is taken in by the dip
     assert found(20, 12) == [(10, 30)]  # and so is one that thinks that the foot is down before it is
     assert found(60, 20) == [(45, 105)]  # what comes after push-off does not count
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (AnkleOptions(), r"smooth=False; got length='filter', smooth=True"),
-        (ONLINE._replace(length="sl1"), "got length='sl1'"),
-        (ONLINE._replace(detector="feliz"), "must be one of machine, paper, swings; got 'feliz'"),
-    ],
-    ids=["smooth", "method", "detector"],
-)
-def test_what_cannot_be_had_online_is_refused(calibrated, options, message):
-    with pytest.raises(ValueError, match=message):
-        ankle_online.begin(P, calibrated, np.zeros(3), np.array([0.0, 0.0, 9.8]), options)
 
 
 def test_a_recording_without_a_walk_of_that_leg_is_refused():

@@ -233,7 +233,6 @@ def test_a_filled_recording_is_taken_by_others(walk):
         ({"schedule": Schedule(1, 9, 0.1)}, "takes 0.2 s to wake up, longer than its on-time of 0.1 s"),
         ({"warm_up": -1.0, "schedule": 0.5}, "warm_up must be a number of seconds, not negative; got -1.0"),
         ({"filler": "guess"}, "filler must be one of hold, replicate.*got 'guess'"),
-        ({"asleep": ("foot",)}, "asleep names segments of .*got 'foot'"),
     ],
 )
 def test_what_no_gyroscope_can_follow_is_refused(walk, options, message):

@@ -107,10 +107,7 @@ def test_the_muscle_that_the_knee_moves_is_taken_off_the_thigh_s_sensor(walk):
     sensor = (thigh + pull * (thigh - shank)) / gain
     plain = one_side(LegParams(), 0)
     p = plain._replace(thigh_gain=gain, thigh_pull=pull, standing_hip=0.1, standing_knee=0.2)
-    seen = [
-        Inclination(angle, np.gradient(angle, time), np.full_like(time, 1e-4), np.zeros_like(time))
-        for angle in (sensor, shank)
-    ]
+    seen = [Inclination(angle, np.gradient(angle, time), np.full_like(time, 1e-4)) for angle in (sensor, shank)]
     observed, control, _ = observe(p, inputs.right, tuple(seen), inputs, DEFAULT)
     np.testing.assert_allclose(observed.thigh_inclination, leg_model.STANDING + 0.1 + thigh, atol=1e-12)
     np.testing.assert_allclose(observed.shin_inclination, leg_model.STANDING - 0.1 + shank, atol=1e-12)

@@ -22,7 +22,8 @@ SIDE_BY_SIDE = sw.DEFAULT._replace(check_swap=False)
 
 def told(walk, options=SIDE_BY_SIDE, p=KNOWN, **changes):
     read = changes.pop("read", walk.read)
-    return sw.estimate_from_feet(p, walk.time, walk.feet, walk.mids, read, options, **changes)
+    made = sw.prepare_from_feet(walk.time, walk.feet, walk.mids, read, options, **changes)
+    return sw.estimator(options).solve(p, made)
 
 
 def errors(truth, estimate):
@@ -98,14 +99,6 @@ def test_the_filter_knows_less_than_the_smoother(truth, walk, smoothed):
     assert np.mean(filtered.strides_stddev.width[both]) > 1.1 * np.mean(smoothed.strides_stddev.width[both])
     first, later = sections(truth, filtered)[:2]
     assert later[0][1] < first[0][1]  # as the paper's first section
-
-
-def test_every_sample_gives_the_same_strides(walk, smoothed):
-    every = told(walk, SIDE_BY_SIDE._replace(every_sample=True), start_heading=(0.0, np.radians(10.0)))
-    assert every.time.size > walk.time.size > 10 * smoothed.time.size
-    # The way a foot moves is longer sample by sample than as the crow flies, and with it the noise.
-    np.testing.assert_allclose(every.strides.width, smoothed.strides.width, atol=1e-3)
-    np.testing.assert_allclose(every.strides_stddev.width, smoothed.strides_stddev.width, rtol=0.02)
 
 
 def test_a_foots_own_world_does_not_matter(truth, smoothed):
@@ -264,7 +257,7 @@ def test_a_simulated_person_with_a_real_range_sensor():
     mids = [middles(time, ankle) for ankle in ankles]
     p = sw.WidthParams(range_offset=walked.extra["offset"])
     feet = Feet(*(FootTrajectory(ankle, None, None) for ankle in ankles))
-    estimate = sw.estimate_from_feet(p, time, feet, tuple(mids), walked.extra["range"])
+    estimate = sw.estimator().solve(p, sw.prepare_from_feet(time, feet, tuple(mids), walked.extra["range"]))
     width = np.asarray(estimate.strides.width)
     there = np.isfinite(width) & np.asarray(estimate.diagnostics["width_valid"])
     assert np.sum(there) > 15

@@ -30,6 +30,10 @@ def ready(walk, **changes):
     return sw.prepare_from_feet(given.time, given.feet, given.mids, given.read, options)
 
 
+def solved(made):
+    return sw.estimator().solve(sw.WidthParams(), made)
+
+
 def rotated(angle, dx, dy):
     return np.array([np.cos(angle) * dx - np.sin(angle) * dy, np.sin(angle) * dx + np.cos(angle) * dy])
 
@@ -151,7 +155,7 @@ def test_ranges_in_turns_are_left_out(walk):
 
 def test_fewer_than_two_strides_are_an_empty_table(walk):
     for mids in ((walk.mids[0][:2], walk.mids[1]), (walk.mids[0], walk.mids[1][:0])):
-        estimate = sw.estimate_from_feet(sw.WidthParams(), walk.time, walk.feet, mids, walk.read)
+        estimate = solved(ready(walk, mids=mids))
         assert estimate.strides.width.shape == estimate.strides_stddev.width.shape == (0,)
         assert not np.any(estimate.valid)
         assert any("two of each are needed" in note for note in texts(estimate.diagnostics["notes"]))
@@ -170,9 +174,7 @@ def test_lost_samples_are_bridged_and_their_ranges_left_out(walk):
         np.round(prepared.inputs.time[prepared.inputs.seen], 6)
     )
     assert all(walk.time[first] - 0.02 <= t <= walk.time[first + 40] for t in lost)
-    estimate = sw.estimate_from_feet(
-        sw.WidthParams(), walk.time, walk._replace(places=(hole, walk.places[1])).feet, walk.mids, read
-    )
+    estimate = solved(prepared)
     assert np.all(np.isfinite(np.asarray(estimate.diagnostics["z1"])))
 
 
@@ -196,8 +198,6 @@ def test_what_cannot_be_used_is_refused(walk):
     refused("must be samples, whole numbers", mids=(walk.mids[0] + 0.5, walk.mids[1]))
     refused("stances must be given for the right and the left foot; got 1", mids=(walk.mids[0],))
     refused("times, distances and mask of one length", read=walk.read._replace(distance=np.zeros(3)))
-    with pytest.raises(ValueError, match="parameter 'range_noise' must lie in"):
-        sw.estimate_from_feet(sw.WidthParams(range_noise=-1.0), walk.time, walk.feet, walk.mids, walk.read)
     with pytest.raises(ValueError, match="takes range_offset and passing_offset of a person; got 'thigh_length'"):
         sw.with_body(sw.WidthParams(), {"thigh_length": 0.4})
     assert sw.with_body(sw.WidthParams(), {"range_offset": 0.1}).range_offset == 0.1
@@ -207,11 +207,12 @@ def test_a_foot_that_shifts_on_the_spot_keeps_its_heading():
     walk = footsteps(before=9, turn=2, after=5)
     mids = walk.mids[0]
     shuffled = np.concatenate([[mids[0] - 30], mids])  # stood there before, and moved nothing
-    inputs = ready(walk, mids=(shuffled, walk.mids[1])).inputs
+    made = ready(walk, mids=(shuffled, walk.mids[1]))
+    inputs = made.inputs
     rows = inputs.strides.valid & (inputs.strides.side == 0)
     assert np.sum(rows) == len(mids)
     assert np.abs(inputs.strides.turn[rows][:5]).max() < 0.05
-    estimate = sw.estimate_from_feet(sw.WidthParams(), walk.time, walk.feet, (shuffled, walk.mids[1]), walk.read)
+    estimate = solved(made)
     own = np.flatnonzero(np.asarray(estimate.strides.side) == 0)
     assert float(estimate.strides.length[own[0]]) < 0.15
     assert np.isnan(float(estimate.strides.width[own[0]]))

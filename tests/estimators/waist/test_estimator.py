@@ -205,8 +205,6 @@ def test_options_parameters_and_measures_that_are_none_are_refused(straight):
         estimated(recording, options=WaistOptions(distance="far"))
     with pytest.raises(ValueError, match="detector must be one of soft.*; got 'eye'"):
         estimated(recording, options=WaistOptions(detector="eye"))
-    with pytest.raises(RecordingError, match="needs 'pelvis'"):
-        estimated(recording, options=WaistOptions(site="pelvis"))
     with pytest.raises(ValueError, match="takes sensor_height, .* of a person; got 'mass'"):
         waist.with_body(WaistParams(), {"mass": 70.0})
     with pytest.raises(ValueError, match="finite and positive; got nan: leave out what is unknown"):
