@@ -13,7 +13,7 @@ from jgait.simulate import RECORDED, Gait, Person
 from jgait.simulate.feet import LINGER, TOES_RISE
 from jgait.simulate.footsteps import FIRST
 from jgait.simulate.recorded import limits
-from jgait.simulate.sensors import IDEAL, Clock, ImuErrors
+from jgait.simulate.sensors import IDEAL, ImuErrors
 from jgait.simulate.walker import clock, motion, plan, pose
 
 RATE = 100.0
@@ -36,10 +36,9 @@ def stacked(vector):
 STRAIGHT = simulate.route({"length": 2.0}, {"length": 2.0}, {"length": 8.0})
 
 
-def simulated(seed, who, along=STRAIGHT, errors=IDEAL, rate=RATE, offset=0.0):
-    """All walks of this file are one program: seven sensors, one of them with a clock, a route of three pieces."""
-    clocks = {"foot_left": Clock(offset=offset)}
-    return simulate.recording(jax.random.key(seed), who, along, errors, rate, clock_of=clocks)
+def simulated(seed, who, along=STRAIGHT, errors=IDEAL, rate=RATE):
+    """All walks of this file are one program: seven sensors, a route of three pieces."""
+    return simulate.recording(jax.random.key(seed), who, along, errors, rate)
 
 
 @pytest.fixture(scope="module", params=[Gait(), RECORDED, STYLED], ids=["rules", "recorded", "styled"])
@@ -237,14 +236,6 @@ def test_equal_keys_give_equal_walks_and_other_keys_others():
     a, b, c = (walk[0].sensors["shank_left"].gyr for walk in walks)
     assert np.array_equal(a, b)
     assert a.shape != c.shape or not np.array_equal(a, c)
-
-
-def test_a_wrong_clock_shifts_its_own_sensor_alone():
-    who = person()
-    plain, _ = simulated(0, who)
-    wrong, _ = simulated(0, who, offset=0.02)
-    np.testing.assert_allclose(wrong.sensors["shank_left"].gyr, plain.sensors["shank_left"].gyr, atol=1e-12)
-    np.testing.assert_allclose(wrong.sensors["foot_left"].gyr[2:], plain.sensors["foot_left"].gyr[:-2], atol=1e-9)
 
 
 @pytest.mark.parametrize(
