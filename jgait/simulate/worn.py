@@ -105,28 +105,6 @@ def sensors_at(mounts: Mapping[str, Vector], dtype: Any = float) -> Sensors:
     return Sensors(segment, jnp.stack(point), left)
 
 
-def signals(
-    key: PRNGKeyArray,
-    moving: Motion[Segments[Frame]],
-    time: Float[AnyArray, "time"],
-    errors: ImuErrors,
-    mounts: Mapping[str, Vector],
-) -> dict[str, Imu]:
-    """The readings of sensors fixed to the bones of a body that moves, at nominal times (T,) [s]: placement → readings.
-
-    `mounts` has the position of each placement on its segment [m].
-    """
-    if not mounts:
-        return {}
-    arrays = (
-        jnp.stack([jnp.stack([jnp.stack(axis) for axis in frame]) for frame in order], axis=2) for order in moving
-    )
-    sensors = sensors_at(mounts, time.dtype)
-    sensors = sensors._replace(segment=np.array([SEVEN.index(segment_of(placement)) for placement in mounts]))
-    worn = _of_sensors(Motion(*arrays), sensors)
-    return named(_readings(_numbered(key, len(mounts)), worn, time, errors, sensors), time, mounts)
-
-
 def named(read: Imu, time: Float[AnyArray, "time"], placements: Iterable[str]) -> dict[str, Imu]:
     """Placement → readings, from the readings of all sensors along the first axis of each array."""
     return {name: Imu(time, *(part[i] for part in read[1:])) for i, name in enumerate(placements)}
