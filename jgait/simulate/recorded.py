@@ -80,8 +80,7 @@ def _padded_sensors(person: Person, placements: Sequence[str]) -> Sensors:
     """On the host, as `sensors_at`; a placement may occur more than once."""
     points = np.array([[float(part) for part in mount(person.body, name)] for name in placements])
     segment = np.array([worn_on(name) for name in placements])
-    left = np.array([float(name.endswith("left")) for name in placements])
-    return Sensors(segment, jnp.asarray(points), jnp.asarray(left))
+    return Sensors(segment, jnp.asarray(points))
 
 
 def _walk(

@@ -83,12 +83,10 @@ class Sensors(NamedTuple):
     Attributes:
         segment: (S,) index of what the sensor is worn on, in the frames of `walker.with_skin`.
         point: (S, 3) position in the segment's axes [m], see `mount`.
-        left: (S,) 1 on the left leg, 0 elsewhere.
     """
 
     segment: Int[AnyArray, "sensor"]
     point: Float[AnyArray, "sensor 3"]
-    left: Float[AnyArray, "sensor"]
 
 
 def worn_on(placement: str) -> int:
@@ -100,9 +98,8 @@ def worn_on(placement: str) -> int:
 def sensors_at(mounts: Mapping[str, Vector], dtype: Any = float) -> Sensors:
     """The sensors at placements, from the position of each on its segment [m]."""
     segment = np.array([worn_on(placement) for placement in mounts], int)
-    left = np.array([placement.endswith("left") for placement in mounts], dtype)
     point = [jnp.stack([jnp.asarray(part, dtype) for part in mount]) for mount in mounts.values()]
-    return Sensors(segment, jnp.stack(point), left)
+    return Sensors(segment, jnp.stack(point))
 
 
 def named(read: Imu, time: Float[AnyArray, "time"], placements: Iterable[str]) -> dict[str, Imu]:
@@ -130,9 +127,8 @@ def _readings(
     points = Vector(*(sensors.point[:, i, None] for i in range(3)))
     read = inertial(Motion(*map(framed, moving)), points)
     gyr, acc = (jnp.stack(vector, axis=-1) for vector in read)
-    flipped = sensors.left * jnp.asarray(errors.left_flipped, time.dtype)
-    reads = jax.vmap(lambda key, gyr, acc, flipped: measure(key, time, gyr, acc, errors, flipped)[1:])
-    return Imu(time, *reads(keys, gyr, acc, flipped))
+    reads = jax.vmap(lambda key, gyr, acc: measure(key, time, gyr, acc, errors)[1:])
+    return Imu(time, *reads(keys, gyr, acc))
 
 
 def walk(
@@ -167,7 +163,7 @@ def walked(
     """The readings of a planned walk (S, T, …), its motion (see `moved`), and its reference."""
     entry, r = ticks(laid, time)
     moving = kept(moved(person, laid, entry, r))
-    read = _readings(_numbered(key, sensors.left.shape[0]), _of_sensors(moving, sensors), time, errors, sensors)
+    read = _readings(_numbered(key, sensors.point.shape[0]), _of_sensors(moving, sensors), time, errors, sensors)
     return read, moving, _known(person, laid, moving.pose, time, entry, r.pose)
 
 
