@@ -186,7 +186,7 @@ def stride(values: Any, base: Base, given: Target) -> tuple[Any, Any]:
     laid, _ = planned(jax.random.key(0), who, simulate.straight(30.0), 8, shape)
     time = laid.contact[4] + given.stride_time * jnp.arange(POINTS) / POINTS
     places = {name: simulate.mount(body, name) for name in ("shank_right", "thigh_right", "foot_right")}
-    read, moving, _ = walked(jax.random.key(0), who, laid, time, IDEAL, sensors_at(places), ())
+    read, moving, _ = walked(jax.random.key(0), who, laid, time, IDEAL, sensors_at(places))
     rates = -read.gyr[..., 1]
     thigh, shank = (moving.pose[3, :, Segments._fields.index(name), 0] for name in ("thigh_right", "shank_right"))
     hip, tilt = (jnp.arctan2(-up[0], up[2]) for up in (thigh, shank))

@@ -20,7 +20,7 @@ from jgait.simulate import SEVEN, Body, Gait, Person, Truth
 from jgait.simulate.feet import LINGER, TOES_RISE
 from jgait.simulate.footsteps import FIRST
 from jgait.simulate.sensors import IDEAL, MPU6000
-from jgait.simulate.walker import clock
+from jgait.simulate.walker import ticks
 from jgait.types import SIDES, Recording
 from tests import strapdown
 
@@ -93,7 +93,8 @@ class Stance(NamedTuple):
 def stance_motion(truth: Truth, person: Person) -> float:
     """Largest way [m] of a point of the sole while it is what the foot stands on, in any stance of the walk."""
     body, gait = person
-    entry, r = (np.asarray(part) for part in clock(truth.plan, jnp.asarray(truth.estimate.time)))
+    entry, moving = ticks(truth.plan, jnp.asarray(truth.estimate.time))
+    entry, r = np.asarray(entry), np.asarray(moving.pose)
     k, steps = entry - FIRST, float(person.gait.steps)
     flat, off, leave = (2.0 * share for share in (gait.foot_flat, gait.heel_off, gait.stance_fraction))
     leave -= LINGER

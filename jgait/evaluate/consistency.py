@@ -14,8 +14,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from jgait.evaluate.reliability import check_level
+from jgait.evaluate.reliability import LEVEL
 from jgait.types import as_float
+
+LAGS = 20
+"""[samples] Largest lag of an autocorrelation of innovations."""
 
 
 class Consistency(NamedTuple):
@@ -23,9 +26,9 @@ class Consistency(NamedTuple):
 
     Attributes:
         mean: sum of squares over degrees of freedom [1]; expected 1.
-        low: lower end of the band that contains `mean` with probability `level`, if the filter is right [1].
+        low: lower end of the band that contains `mean` with probability `LEVEL`, if the filter is right [1].
         high: upper end of that band.
-        share_inside: share of steps whose normalised square lies in the step's chi-square band [1]; expected `level`.
+        share_inside: share of steps whose normalised square lies in the step's chi-square band [1]; expected `LEVEL`.
         n: number of steps used.
         freedom: degrees of freedom of these steps, summed.
         consistent: whether `mean` lies between `low` and `high`.
@@ -44,13 +47,13 @@ class Whiteness(NamedTuple):
     """Autocorrelation of innovations against that of white noise.
 
     Attributes:
-        autocorrelation: (lags, m) of each component at lag 1, 2, … [1]; NaN where no pair of samples has that lag.
-        band: (lags, m) half-width z/√pairs of the band of the autocorrelation of white noise [1].
-        share_inside: share of the autocorrelations inside the band [1]; expected `level`.
+        autocorrelation: (LAGS, m) of each component at lag 1, 2, … [1]; NaN where no pair of samples has that lag.
+        band: (LAGS, m) half-width z/√pairs of the band of the autocorrelation of white noise [1].
+        share_inside: share of the autocorrelations inside the band [1]; expected `LEVEL`.
         statistic: statistic of Ljung and Box, summed over components.
         p_value: probability that white noise has a statistic as large or larger.
         n: (m,) number of samples of each component.
-        consistent: whether `p_value` is at least 1 − level.
+        consistent: whether `p_value` is at least 1 − `LEVEL`.
     """
 
     autocorrelation: np.ndarray
@@ -62,13 +65,12 @@ class Whiteness(NamedTuple):
     consistent: bool
 
 
-def nis_consistency(nis: npt.ArrayLike, count: npt.ArrayLike, *, level: float = 0.95) -> Consistency:
+def nis_consistency(nis: npt.ArrayLike, count: npt.ArrayLike) -> Consistency:
     """Chi-square test of the innovations ν against the filter's covariance S: the sum of ν'S⁻¹ν is chi-square.
 
     Args:
         nis: (T,) normalised innovation squared, as in the posterior of `jgait.filtering`.
         count: (T,) or a number: number of components that were observed in each step.
-        level: probability that a consistent filter lies inside each band [1].
 
     Steps with count 0 or a NaN are left out.
 
@@ -80,7 +82,7 @@ def nis_consistency(nis: npt.ArrayLike, count: npt.ArrayLike, *, level: float = 
         raise ValueError(f"nis must be (T,) and count (T,) or a number; got {squares.shape} and {np.shape(count)}")
     freedom = np.broadcast_to(as_float(count), squares.shape)
     used = np.isfinite(squares) & (freedom > 0)
-    return _chi_square(squares[used], freedom[used], level, "nis")
+    return _chi_square(squares[used], freedom[used], "nis")
 
 
 def nees_consistency(
@@ -88,18 +90,16 @@ def nees_consistency(
     *,
     covariance: npt.ArrayLike | None = None,
     stddev: npt.ArrayLike | None = None,
-    level: float = 0.95,
 ) -> Consistency:
     """Chi-square test of the estimation errors e against the filter's covariance P: the sum of e'P⁻¹e is chi-square.
 
     The band is for independent rows: the same instant of many runs or people. Errors of successive samples of one run
-    are correlated, and their mean leaves the band more often than 1 − level, even if the filter is right.
+    are correlated, and their mean leaves the band more often than 1 − `LEVEL`, even if the filter is right.
 
     Args:
         error: (N, n) estimate − truth, or (N,) of one state; rows with a NaN are left out.
         covariance: (N, n, n) the filter's covariance; give either `covariance` or `stddev`.
         stddev: (N, n), or (N,), the filter's standard deviations; errors of the states are then assumed independent.
-        level: probability that a consistent filter lies inside each band [1].
 
     Raises:
         ValueError: if not exactly one of `covariance` and `stddev` is given, shapes do not fit, a covariance is not
@@ -131,16 +131,15 @@ def nees_consistency(
         except np.linalg.LinAlgError as broken:
             raise ValueError("covariance must be positive definite in every row that counts") from broken
         squares = np.sum(np.linalg.solve(factors, errors[used][..., None]) ** 2, axis=(1, 2))
-    return _chi_square(squares, np.full(squares.shape, float(size)), level, "error")
+    return _chi_square(squares, np.full(squares.shape, float(size)), "error")
 
 
-def _chi_square(squares: np.ndarray, freedom: np.ndarray, level: float, name: str) -> Consistency:
+def _chi_square(squares: np.ndarray, freedom: np.ndarray, name: str) -> Consistency:
     from scipy import stats
 
-    check_level(level)
     if not squares.size:
         raise ValueError(f"no step of {name} counts: all are masked, not finite or without an observation")
-    tails = np.array([0.5 - level / 2.0, 0.5 + level / 2.0])
+    tails = np.array([0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0])
     total = float(freedom.sum())
     low, high = stats.chi2.ppf(tails, total) / total
     each = stats.chi2.ppf(tails[:, None], freedom)
@@ -149,8 +148,8 @@ def _chi_square(squares: np.ndarray, freedom: np.ndarray, level: float, name: st
     return Consistency(mean, float(low), float(high), share, squares.size, round(total), bool(low <= mean <= high))
 
 
-def whiteness(innovations: npt.ArrayLike, *, lags: int = 20, level: float = 0.95) -> Whiteness:
-    """Whiteness of innovations: autocorrelations up to a lag, and Ljung and Box's test of all of them.
+def whiteness(innovations: npt.ArrayLike) -> Whiteness:
+    """Whiteness of innovations: autocorrelations up to `LAGS`, and Ljung and Box's test of all of them.
 
     r_k = (Σ ν_t ν_{t+k} / n_k) / (Σ ν_t² / n), Q = (n + 2)/n Σ n_k r_k², with n_k the number of pairs of observed
     samples k apart; without gaps this is Ljung and Box's n (n + 2) Σ r_k²/(n − k). The mean is not subtracted: the
@@ -160,19 +159,16 @@ def whiteness(innovations: npt.ArrayLike, *, lags: int = 20, level: float = 0.95
         innovations: (T, m) or (T,), evenly spaced, NaN where there was no observation; divide them by their standard
             deviations where these change. Components are tested as if independent: whiten components that are
             correlated within a step.
-        lags: number of lags.
-        level: probability that white noise passes the test [1].
 
     Raises:
         ValueError: if shapes do not fit, a component has no more samples than lags, or is 0 throughout.
     """
     from scipy import stats
 
-    check_level(level)
     values = as_float(innovations)
     finite = np.isfinite(values)
-    if values.ndim not in (1, 2) or not 0 < lags < len(values):
-        raise ValueError(f"innovations must be (T, m) or (T,) with T > lags > 0; got {values.shape} and {lags} lags")
+    if values.ndim not in (1, 2) or len(values) <= LAGS:
+        raise ValueError(f"innovations must be (T, m) or (T,) with T > {LAGS}; got {values.shape}")
     values, finite = values.reshape(len(values), -1), finite.reshape(len(values), -1)
     values = np.where(finite, values, 0.0)
     count, power = finite.sum(axis=0), np.sum(values**2, axis=0)
@@ -180,15 +176,15 @@ def whiteness(innovations: npt.ArrayLike, *, lags: int = 20, level: float = 0.95
         raise ValueError(
             f"every component needs samples other than 0; {np.flatnonzero(power <= 0.0).tolist()} has none"
         )
-    pairs = np.stack([np.sum(finite[k:] & finite[:-k], axis=0) for k in range(1, lags + 1)])
-    sums = np.stack([np.sum(values[k:] * values[:-k], axis=0) for k in range(1, lags + 1)])
+    pairs = np.stack([np.sum(finite[k:] & finite[:-k], axis=0) for k in range(1, LAGS + 1)])
+    sums = np.stack([np.sum(values[k:] * values[:-k], axis=0) for k in range(1, LAGS + 1)])
     there = pairs > 0
     if not there.any():
-        raise ValueError(f"no two samples are 1 to {lags} apart: nothing to correlate")
+        raise ValueError(f"no two samples are 1 to {LAGS} apart: nothing to correlate")
     known = np.where(there, pairs, 1)
     correlation = np.where(there, sums / known / (power / count), np.nan)
-    band = np.where(there, stats.norm.ppf(0.5 + level / 2.0) / np.sqrt(known), np.nan)
+    band = np.where(there, stats.norm.ppf(0.5 + LEVEL / 2.0) / np.sqrt(known), np.nan)
     statistic = float(np.sum((count + 2.0) / count * np.nansum(pairs * correlation**2, axis=0)))
     p_value = float(stats.chi2.sf(statistic, int(there.sum())))
     inside = float(np.mean(np.abs(correlation[there]) <= band[there]))
-    return Whiteness(correlation, band, inside, statistic, p_value, count, p_value >= 1.0 - level)
+    return Whiteness(correlation, band, inside, statistic, p_value, count, p_value >= 1.0 - LEVEL)

@@ -17,6 +17,9 @@ import numpy.typing as npt
 
 from jgait.types import Values, as_float
 
+LEVEL = 0.95
+"""[1] Coverage probability of every interval, and share of differences between the limits of agreement."""
+
 
 class Icc(NamedTuple):
     """Intraclass correlation of n targets [1], with its confidence interval; NaN where all targets are equal."""
@@ -53,14 +56,14 @@ class Limits(NamedTuple):
     n_subjects: int
 
 
-def icc21(ratings: npt.ArrayLike, *, level: float = 0.95) -> Icc:
+def icc21(ratings: npt.ArrayLike) -> Icc:
     """Intraclass correlation ICC(2,1): two-way random effects, absolute agreement, single measurement.
 
     ICC = (MSR − MSE) / (MSR + (k − 1) MSE + k (MSC − MSE) / n), with the mean squares of rows, columns and residual.
+    The interval is that of `LEVEL`, and assumes independent targets.
 
     Args:
         ratings: (n, k), one row a target, one column a rater; finite.
-        level: coverage probability of the interval [1], which assumes independent targets.
 
     Raises:
         ValueError: if there are not at least two targets and two raters, or a rating is not finite.
@@ -68,7 +71,6 @@ def icc21(ratings: npt.ArrayLike, *, level: float = 0.95) -> Icc:
     Source:
         Shrout and Fleiss 1979, table 4 and its interval; McGraw and Wong 1996, table 7, case 2, ICC(A,1).
     """
-    check_level(level)
     table = as_float(ratings)
     if table.ndim != 2 or min(table.shape) < 2 or not np.isfinite(table).all():
         raise ValueError(f"ratings must be finite and (n, k) with n, k >= 2; got shape {table.shape}")
@@ -79,7 +81,7 @@ def icc21(ratings: npt.ArrayLike, *, level: float = 0.95) -> Icc:
     raters = n * np.sum(columns**2) / (k - 1)
     rest = np.sum((table - rows[:, None] - columns) ** 2) / ((n - 1) * (k - 1))
     value = float(icc_of_squares(between, raters, rest, n, k))
-    return Icc(value, *_icc_interval(value, between, raters, rest, n, k, level), n)
+    return Icc(value, *_icc_interval(value, between, raters, rest, n, k), n)
 
 
 def icc_of_squares(between: Values, raters: Values, rest: Values, n: Values, k: int) -> np.ndarray:
@@ -88,9 +90,7 @@ def icc_of_squares(between: Values, raters: Values, rest: Values, n: Values, k: 
     return np.divide(between - rest, total, out=np.full_like(total, np.nan), where=total > 0.0)
 
 
-def _icc_interval(
-    value: float, between: float, raters: float, rest: float, n: int, k: int, level: float
-) -> tuple[float, float]:
+def _icc_interval(value: float, between: float, raters: float, rest: float, n: int, k: int) -> tuple[float, float]:
     """McGraw and Wong's interval; NaN where Satterthwaite's degrees of freedom are 0, possible if ICC < 0."""
     from scipy import stats
 
@@ -98,7 +98,7 @@ def _icc_interval(
         return value, value
     a = k * value / (n * (1.0 - value))
     parts = np.array([a * raters, (1.0 + a * (n - 1)) * rest])
-    top = 0.5 + level / 2.0
+    top = 0.5 + LEVEL / 2.0
     with np.errstate(all="ignore"):
         freedom = parts.sum() ** 2 / np.sum(parts**2 / np.array([k - 1.0, (n - 1.0) * (k - 1.0)]))
         down, up = stats.f.ppf(top, n - 1, freedom), stats.f.ppf(top, freedom, n - 1)
@@ -109,9 +109,9 @@ def _icc_interval(
 
 
 def limits_of_agreement(
-    estimate: npt.ArrayLike, reference: npt.ArrayLike, *, subjects: npt.ArrayLike | None = None, level: float = 0.95
+    estimate: npt.ArrayLike, reference: npt.ArrayLike, *, subjects: npt.ArrayLike | None = None
 ) -> Limits:
-    """Bland and Altman's limits, which contain the share `level` of the differences estimate − reference.
+    """Bland and Altman's limits, which contain the share `LEVEL` of the differences estimate − reference.
 
     limits = bias ± z √(σ_B² + σ_W²). An unbalanced one-way analysis of variance gives σ_W² within subjects and
     σ_B² = (MSB − MSW) (n − 1) Σm / ((Σm)² − Σm²) between subjects, m the rows of each of n subjects, and not below 0.
@@ -122,7 +122,6 @@ def limits_of_agreement(
         estimate: (N,), finite.
         reference: (N,), finite.
         subjects: (N,) the subject of each row; None where each row is of another subject.
-        level: share of differences between the limits, and coverage probability of each interval [1].
 
     Raises:
         ValueError: if lengths differ, a value is not finite, or there are fewer than two subjects.
@@ -132,7 +131,6 @@ def limits_of_agreement(
     """
     from scipy import stats
 
-    check_level(level)
     ours, theirs = finite_pair(estimate, reference, "estimate", "reference")
     difference = ours - theirs
     if subjects is not None and np.shape(subjects) != difference.shape:
@@ -142,7 +140,7 @@ def limits_of_agreement(
         raise ValueError(f"limits of agreement need at least two subjects; got {count}")
     bias = float(difference.mean())
     variance, of_bias, of_sd = _variances(difference, np.bincount(codes), codes)
-    sd, top = float(np.sqrt(variance)), 0.5 + level / 2.0
+    sd, top = float(np.sqrt(variance)), 0.5 + LEVEL / 2.0
     z, t = float(stats.norm.ppf(top)), float(stats.t.ppf(top, count - 1))
     half, wide = float(t * np.sqrt(of_bias)), float(t * np.sqrt(of_bias + z**2 * of_sd))
     lower, upper = bias - z * sd, bias + z * sd
@@ -168,12 +166,6 @@ def _variances(difference: np.ndarray, sizes: np.ndarray, codes: np.ndarray) -> 
         return variance, of_bias, variance / (2.0 * (total - n))
     spread = 2.0 * ((share * between) ** 2 / (n - 1) + ((1.0 - share) * within) ** 2 / (total - n))
     return variance, of_bias, spread / (4.0 * variance)
-
-
-def check_level(level: float) -> None:
-    """Refuse a level outside (0, 1), such as 95."""
-    if not 0.0 < level < 1.0:
-        raise ValueError(f"level must lie in (0, 1); got {level!r}")
 
 
 def number_subjects(labels: npt.ArrayLike) -> tuple[np.ndarray, int]:

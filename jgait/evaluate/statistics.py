@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from jgait.evaluate.reliability import (
-    check_level,
+    LEVEL,
     finite_pair,
     icc21,
     icc_of_squares,
@@ -31,8 +31,8 @@ AGREEMENT = (
 """Columns of the table of `agreement`."""
 
 
-LEVEL, RESAMPLES = 0.95, 2000
-"""[1] Coverage probability of an interval over subjects, and number of its resamples."""
+RESAMPLES = 2000
+"""Number of resamples of an interval over subjects."""
 
 
 class PairedDifference(NamedTuple):
@@ -56,22 +56,21 @@ class PairedDifference(NamedTuple):
         return self.low > 0.0
 
 
-def _draws(count: int, seed: int, level: float, resamples: int) -> Iterator[np.ndarray]:
+def _draws(count: int, seed: int, resamples: int) -> Iterator[np.ndarray]:
     """Yields the indices (count,) of each bootstrap resample."""
-    check_level(level)
     if resamples < 1:
         raise ValueError(f"resamples must be positive; got {resamples!r}")
     rng = np.random.default_rng(seed)
     return (rng.integers(0, count, count) for _ in range(resamples))
 
 
-def _ends(values: npt.ArrayLike, level: float) -> tuple[float, float]:
-    """Lower and upper quantile that enclose the central share `level` of the finite values."""
+def _ends(values: npt.ArrayLike) -> tuple[float, float]:
+    """Lower and upper quantile that enclose the central share `LEVEL` of the finite values."""
     values = as_float(values)
     values = values[np.isfinite(values)]
     if not values.size:
         return np.nan, np.nan
-    low, high = np.quantile(values, [0.5 - level / 2.0, 0.5 + level / 2.0])
+    low, high = np.quantile(values, [0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0])
     return float(low), float(high)
 
 
@@ -97,7 +96,7 @@ def paired_difference(
     if count < 2:
         raise ValueError(f"a paired difference needs at least two subjects; got {count}")
     changes = np.bincount(codes, second - first) / np.bincount(codes)
-    low, high = _ends([np.median(changes[draw]) for draw in _draws(count, seed, LEVEL, RESAMPLES)], LEVEL)
+    low, high = _ends([np.median(changes[draw]) for draw in _draws(count, seed, RESAMPLES)])
     better, worse = int(np.sum(changes < 0.0)), int(np.sum(changes > 0.0))
     return PairedDifference(float(np.median(changes)), low, high, count, better, worse)
 
@@ -122,27 +121,16 @@ def with_errors(table: "pd.DataFrame") -> "pd.DataFrame":
     return table.assign(error=error, abs_error=np.abs(error), rel_error=relative)
 
 
-def agreement(
-    table: "pd.DataFrame",
-    *,
-    by: str = "subject",
-    quantities: Sequence[str] | None = None,
-    seed: int = 0,
-    level: float = LEVEL,
-    resamples: int = RESAMPLES,
-) -> "pd.DataFrame":
-    """Agreement of estimates with their reference, one row a quantity.
+def agreement(table: "pd.DataFrame", *, seed: int = 0, resamples: int = RESAMPLES) -> "pd.DataFrame":
+    """Agreement of estimates with their reference, one row a quantity, in order of appearance.
 
     Bias and limits are those of `limits_of_agreement` with the rows' subjects; the interval of the mean absolute error
     is bootstrapped over subjects. The interval of ICC(2,1) is bootstrapped if a subject has several rows, because the
     F-based interval assumes independent rows. Values that cannot be computed (one subject, one row) are NaN.
 
     Args:
-        table: long, with columns `quantity`, `estimate`, `reference` and `by`.
-        by: column that names the subject.
-        quantities: names of the quantities, in this order; None for all in order of appearance.
+        table: long, with columns `quantity`, `estimate`, `reference` and `subject`.
         seed: seed of the resampling of subjects.
-        level: share of differences between the limits, and coverage probability of each interval [1].
         resamples: number of resamples.
 
     Returns:
@@ -150,32 +138,24 @@ def agreement(
         in `n_dropped`.
 
     Raises:
-        ValueError: if a column or a quantity is missing.
+        ValueError: if a column is missing.
     """
     import pandas as pd
 
-    require_columns(table, (by, "quantity", "estimate", "reference"))
-    present = list(table["quantity"].unique())
-    wanted = present if quantities is None else list(quantities)
-    if not set(wanted) <= set(present):
-        raise ValueError(f"quantities must be among {present}; got {wanted}")
+    require_columns(table, ("subject", "quantity", "estimate", "reference"))
     rows = {}
-    for name in wanted:
+    for name in table["quantity"].unique():
         chosen = table[table["quantity"] == name]
         pairs = chosen[["estimate", "reference"]].to_numpy(dtype=float)
         finite = np.isfinite(pairs).all(axis=1)
-        row = _agreement(
-            pairs[finite], *number_subjects(chosen[by][finite]), seed=seed, level=level, resamples=resamples
-        )
+        row = _agreement(pairs[finite], *number_subjects(chosen["subject"][finite]), seed=seed, resamples=resamples)
         rows[name] = row | {"n_dropped": int(np.sum(~finite))}
     whole = {"n": int, "n_subjects": int, "n_dropped": int}
     made = pd.DataFrame.from_dict(rows, orient="index").reindex(columns=list(AGREEMENT))  # also with no rows
     return made.rename_axis("quantity").astype(whole)
 
 
-def _agreement(
-    pairs: np.ndarray, codes: np.ndarray, count: int, *, seed: int, level: float, resamples: int
-) -> dict[str, float]:
+def _agreement(pairs: np.ndarray, codes: np.ndarray, count: int, *, seed: int, resamples: int) -> dict[str, float]:
     """One row of the table of agreement, from finite pairs (estimate, reference) (n, 2)."""
     nan = float("nan")
     n, error = len(pairs), pairs[:, 0] - pairs[:, 1]
@@ -188,7 +168,7 @@ def _agreement(
         row |= {"icc": icc21(pairs).value}
     if count < 2:
         return row
-    limits = limits_of_agreement(*pairs.T, subjects=codes, level=level)
+    limits = limits_of_agreement(*pairs.T, subjects=codes)
     row |= {
         "bias_low": limits.bias_low,
         "bias_high": limits.bias_high,
@@ -196,9 +176,9 @@ def _agreement(
         "loa_high": limits.upper,
     }
     sums = _moments(pairs, codes)
-    drawn = np.array([sums[draw].sum(axis=0) for draw in _draws(count, seed, level, resamples)])
-    row["mae_low"], row["mae_high"] = _ends(drawn[:, 1] / drawn[:, 0], level)
-    interval = _ends(_icc_of_moments(drawn), level) if n > count else icc21(pairs, level=level)[1:3]
+    drawn = np.array([sums[draw].sum(axis=0) for draw in _draws(count, seed, resamples)])
+    row["mae_low"], row["mae_high"] = _ends(drawn[:, 1] / drawn[:, 0])
+    interval = _ends(_icc_of_moments(drawn)) if n > count else icc21(pairs)[1:3]
     row["icc_low"], row["icc_high"] = interval
     return row
 

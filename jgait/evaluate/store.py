@@ -79,7 +79,7 @@ class Cohort(NamedTuple):
         """Bias, limits of agreement and ICC of every quantity that has a reference.
 
         Args:
-            settings: as of `jgait.evaluate.agreement`.
+            settings: `seed` and `resamples`, as of `jgait.evaluate.agreement`.
         """
         from jgait.evaluate.statistics import agreement
 

@@ -113,51 +113,36 @@ def rest(gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, sampling_rate_hz: f
     return Rest(windows, weights @ biases / weights.sum(), force, float(np.sqrt(weights.sum())))
 
 
-def still_mask(
-    gyr: AnyArray,
-    sampling_rate_hz: float,
-    *,
-    mask: AnyArray | None = None,
-    threshold: float = STILL_RATE,
-    window_s: float = STILL_WINDOW_S,
-) -> np.ndarray:
-    """Where the gyroscope's root mean square over a centred window is below a threshold.
-
-    √(Σ m |ω|² / Σ m) < threshold, m the mask; the ends of the recording are reflected.
-
-    Args:
-        gyr: (T, 3) angular rate [rad/s], finite.
-        sampling_rate_hz: sampling rate [Hz].
-        mask: (T,) bool, False where a sample is ignored; None: every sample counts.
-        threshold: on the root mean square rate [rad/s].
-        window_s: window [s], rounded up to an odd number of samples.
-
-    Returns:
-        (T,) bool; False where no sample of the window counts.
-    """
-    power = (as_float(gyr) ** 2).sum(axis=-1)
-    counts = np.ones_like(power) if mask is None else np.asarray(mask, np.float64)
-    size = window_size(window_s, sampling_rate_hz)
-    weight, mean = (window_sum(values, size, "reflect") / size for values in (counts, power * counts))
-    return np.asarray((mean < threshold**2 * weight) & (weight > 0.0))
-
-
 def longest_still(
     gyr: AnyArray,
     sampling_rate_hz: float,
     *,
     mask: AnyArray | None = None,
     threshold: float = STILL_RATE,
-    window_s: float = STILL_WINDOW_S,
     at_least_s: float = 0.0,
 ) -> tuple[int, int] | None:
-    """The longest stretch (start, end) [samples], half-open, in which a segment stands still by `still_mask`.
+    """The longest stretch (start, end) [samples], half-open, in which a segment stands still.
 
-    None if no stretch lasts `at_least_s` [s], or the recording is shorter than a window.
+    It does where the gyroscope's root mean square over a centred window is low, √(Σ m |ω|² / Σ m) < threshold, m the
+    mask; the ends of the recording are reflected.
+
+    Args:
+        gyr: (T, 3) angular rate [rad/s], finite.
+        sampling_rate_hz: sampling rate [Hz].
+        mask: (T,) bool, False where a sample is ignored; None: every sample counts.
+        threshold: on the root mean square rate [rad/s].
+        at_least_s: shortest stretch that counts [s].
+
+    Returns:
+        The stretch; None if no stretch is long enough, or the recording is shorter than a window.
     """
-    if len(gyr) < window_size(window_s, sampling_rate_hz):
+    size = window_size(STILL_WINDOW_S, sampling_rate_hz)
+    if len(gyr) < size:
         return None
-    still = still_mask(gyr, sampling_rate_hz, mask=mask, threshold=threshold, window_s=window_s)
+    power = (as_float(gyr) ** 2).sum(axis=-1)
+    counts = np.ones_like(power) if mask is None else np.asarray(mask, np.float64)
+    weight, mean = (window_sum(values, size, "reflect") / size for values in (counts, power * counts))
+    still = np.asarray((mean < threshold**2 * weight) & (weight > 0.0))
     runs = [run for run in true_runs(still) if run[1] - run[0] >= max(1.0, at_least_s * sampling_rate_hz)]
     return max(runs, key=lambda run: run[1] - run[0], default=None)
 

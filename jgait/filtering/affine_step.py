@@ -66,7 +66,7 @@ class _Lanes:
         local, shape = self.local, self.local.shape
 
         def one(params: list[PyTree], *values: PyTree) -> PyTree:
-            cm = component_model(shape.model, shape.params.unflatten(params), shape, shape.dtype)
+            cm = component_model(shape, shape.params.unflatten(params))
             return function(cm, *values)
 
         wide = jax.tree.map(lambda v: jnp.broadcast_to(v, (*v.shape[:-1], local.lanes)), arguments)

@@ -146,12 +146,6 @@ def interval(dt: Values, length: int, dtype: DTypeLike) -> PyTree:
     return jnp.asarray(dt, dtype)
 
 
-def seen(mask: PyTree, observation: PyTree, shape: tuple[int, ...]) -> PyTree:
-    """The mask as one array of booleans (..., m); raises like `mask_leaves`."""
-    leaves = mask_leaves(mask, observation, shape)
-    return jnp.stack([jnp.broadcast_to(jnp.asarray(leaf), shape) for leaf in leaves], axis=-1)
-
-
 def mask_leaves(mask: PyTree, observation: PyTree, shape: tuple[int, ...]) -> list[PyTree]:
     """The mask of each component of the observation: an array of bools, or True if there is no mask.
 

@@ -5,8 +5,9 @@ difference unless the model defines other functions. The checks run while tracin
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +18,31 @@ from jgait.filtering.components import Matrix, from_upper, symmetric
 from jgait.filtering.covariance import Covariance, names_of, structure_names
 from jgait.filtering.model import Model
 from jgait.types import Values
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What a filter knows before it is compiled.
+
+    Attributes:
+        model: state-space model.
+        params, controls: tree structures of the parameters and of the controls.
+        state, error, observed: tree structures of the model's tuples.
+        dtype: dtype of all floats.
+    """
+
+    model: Model
+    params: Any
+    controls: Any
+    state: Any
+    error: Any
+    observed: Any
+    dtype: Any
+
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """Numbers of components of state, error and observation."""
+        return self.state.num_leaves, self.error.num_leaves, self.observed.num_leaves
 
 
 class ComponentModel(NamedTuple):
@@ -90,22 +116,6 @@ def _scalar(value: PyTree, dtype: DTypeLike) -> PyTree:
     return float(value) if isinstance(value, int | float) else jnp.asarray(value, dtype)
 
 
-class Structures(Protocol):
-    """The tree structures of a model's tuples."""
-
-    @property
-    def state(self) -> Any:
-        """Of the state."""
-
-    @property
-    def error(self) -> Any:
-        """Of the error."""
-
-    @property
-    def observed(self) -> Any:
-        """Of the observation."""
-
-
 def error_structure(model: Model, state: PyTree, dtype: DTypeLike) -> PyTree:
     """The tree structure of the error tuple: that of the state, or that of the result of `local`.
 
@@ -121,19 +131,17 @@ def error_structure(model: Model, state: PyTree, dtype: DTypeLike) -> PyTree:
     return jax.tree.structure(jax.eval_shape(model.local, like, like))
 
 
-def component_model(model: Model, params: PyTree, structures: Structures, dtype: DTypeLike) -> ComponentModel:
+def component_model(shape: Shape, params: PyTree) -> ComponentModel:
     """Convert a model to functions on lists of scalars.
 
     Args:
-        model: model on named tuples.
+        shape: the model on named tuples, and their structures.
         params: passed on to its functions.
-        structures: tree structures of its tuples.
-        dtype: dtype of all components.
 
     Raises:
         ValueError: while tracing, if the result of a function of the model has the wrong type.
     """
-    state, error, observed = structures.state, structures.error, structures.observed
+    model, state, error, observed, dtype = shape.model, shape.state, shape.error, shape.observed, shape.dtype
     names = {field: _named(field, getattr(model, field)) for field in ("transition", "observation")}
 
     def transition(x: Sequence[PyTree], control: PyTree, dt: Values) -> list[PyTree]:

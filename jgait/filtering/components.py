@@ -123,15 +123,6 @@ def where(condition: PyTree, value: PyTree, otherwise: PyTree) -> PyTree:
     return jnp.where(condition, value, otherwise)
 
 
-def both(a: PyTree, b: PyTree) -> PyTree:
-    """A and b, for Python bools or arrays."""
-    if isinstance(a, bool):
-        return b if a else False
-    if isinstance(b, bool):
-        return a if b else False
-    return a & b
-
-
 def barred(*trees: PyTree) -> PyTree:
     """The same values behind an `optimization_barrier`; known values stay Python floats."""
     leaves, structure = jax.tree.flatten(trees)

@@ -20,6 +20,7 @@ from jax.typing import DTypeLike
 from jaxtyping import PyTree
 
 from jgait.filtering.affine_step import affine_step
+from jgait.filtering.component_model import Shape
 from jgait.filtering.lanes import (
     applied,
     diagonal,
@@ -34,7 +35,7 @@ from jgait.filtering.lanes import (
     transposed,
     where,
 )
-from jgait.filtering.local_model import Linearised, LocalModel, Shape
+from jgait.filtering.local_model import Linearised, LocalModel
 from jgait.filtering.methods import EKF, KF, IteratedSmoother, Method
 from jgait.filtering.padding import scanned
 from jgait.filtering.sharing import OFTEN, shared

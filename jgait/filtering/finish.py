@@ -6,8 +6,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import PyTree
 
+from jgait.filtering.component_model import Shape
 from jgait.filtering.lanes import held, product, product_transposed
-from jgait.filtering.local_model import LocalModel, Shape
+from jgait.filtering.local_model import LocalModel
 from jgait.filtering.methods import reached
 
 

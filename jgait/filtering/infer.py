@@ -1,43 +1,16 @@
 """Filter or smoother, selected by an argument, with the same type of result."""
 
-from typing import NamedTuple
-
-import jax.numpy as jnp
 from jaxtyping import PyTree
 
 from jgait.filtering.execution import Execution
-from jgait.filtering.filter import Posterior, kalman_filter
+from jgait.filtering.filter import kalman_filter
 from jgait.filtering.methods import EKF, Method
 from jgait.filtering.model import Belief, Model
-from jgait.filtering.smoother import kalman_smoother
+from jgait.filtering.smoother import Inferred, kalman_smoother
 from jgait.types import Values
 
 SUMMARY = ("log_likelihood", "nis", "count", "valid")
 """Fields of the filter's posterior that measure how well the model fits."""
-
-
-class Inferred(NamedTuple):
-    """A filtered or smoothed recording.
-
-    Attributes:
-        mean: mean in the state's type, time axis in front; smoothed if `smooth` is True.
-        cov: covariance of `mean`.
-        filtered: the filter's posterior, with the fields in `keep`.
-    """
-
-    mean: PyTree
-    cov: PyTree
-    filtered: Posterior
-
-    @property
-    def log_likelihood(self) -> PyTree:
-        """Log-likelihood of all observations, each given the past [nat]."""
-        return jnp.sum(self.filtered.log_likelihood)
-
-    @property
-    def nis(self) -> PyTree:
-        """Mean normalised innovation squared: 1 if the model's noise is equal to the noise of the observations."""
-        return jnp.sum(self.filtered.nis) / jnp.maximum(jnp.sum(self.filtered.count), 1.0)
 
 
 def infer(
@@ -69,11 +42,10 @@ def infer(
         ValueError: see `kalman_filter`.
     """
     if smooth:
-        smoothed = kalman_smoother(
+        return kalman_smoother(
             model, params, observations, controls=controls, dt=dt, mask=mask, method=method, initial=initial, keep=keep,
             covariance=covariance, execution=execution,
         )  # fmt: skip
-        return Inferred(smoothed.mean, smoothed.cov, smoothed.filtered)
     posterior = kalman_filter(
         model, params, observations, controls=controls, dt=dt, mask=mask, method=method, initial=initial,
         keep=("mean", "cov", *(name for name in keep if name not in ("mean", "cov"))), execution=execution,

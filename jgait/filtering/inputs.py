@@ -8,9 +8,15 @@ from jax.typing import DTypeLike
 from jaxtyping import PyTree
 
 from jgait.filtering import checks
-from jgait.filtering.component_model import ComponentModel, component_model, error_structure, noise_matrix, scalars
+from jgait.filtering.component_model import (
+    ComponentModel,
+    Shape,
+    component_model,
+    error_structure,
+    noise_matrix,
+    scalars,
+)
 from jgait.filtering.components import Matrix
-from jgait.filtering.local_model import Shape
 from jgait.filtering.model import Belief, Model
 from jgait.types import Values
 
@@ -81,7 +87,7 @@ def inputs(
         model, jax.tree.structure(params), jax.tree.structure(controls), state, error_structure(model, state, dtype),
         jax.tree.structure(observations), jnp.dtype(dtype),
     )  # fmt: skip
-    cm = component_model(model, params, shape, dtype)
+    cm = component_model(shape, params)
     return Inputs(
         shape,
         params,

@@ -1,7 +1,6 @@
 """A model and its Jacobians at one sample of a batch: arrays with the batch as last axis."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -11,35 +10,9 @@ import numpy as np
 from jax import lax
 from jaxtyping import PyTree
 
-from jgait.filtering.component_model import ComponentModel, component_model
+from jgait.filtering.component_model import ComponentModel, Shape, component_model
 from jgait.filtering.components import known
 from jgait.filtering.lanes import held, where
-from jgait.filtering.model import Model
-
-
-@dataclass(frozen=True)
-class Shape:
-    """What a filter knows before it is compiled.
-
-    Attributes:
-        model: state-space model.
-        params, controls: tree structures of the parameters and of the controls.
-        state, error, observed: tree structures of the model's tuples.
-        dtype: dtype of all floats.
-    """
-
-    model: Model
-    params: Any
-    controls: Any
-    state: Any
-    error: Any
-    observed: Any
-    dtype: Any
-
-    @property
-    def sizes(self) -> tuple[int, int, int]:
-        """Numbers of components of state, error and observation."""
-        return self.state.num_leaves, self.error.num_leaves, self.observed.num_leaves
 
 
 class Linearised(NamedTuple):
@@ -107,7 +80,7 @@ class LocalModel:
         shape = self.shape
 
         def one(params: list[PyTree], values: Sequence[PyTree], column: PyTree) -> PyTree:
-            cm = component_model(shape.model, shape.params.unflatten(params), shape, shape.dtype)
+            cm = component_model(shape, shape.params.unflatten(params))
             outputs = function(cm, *values, *(() if columns is None else (column,)))
             return [jnp.asarray(o, shape.dtype) for o in outputs]
 

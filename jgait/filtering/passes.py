@@ -21,11 +21,12 @@ from jaxtyping import PyTree
 
 from jgait.filtering.backward import Backward
 from jgait.filtering.batched_call import Plain, call
+from jgait.filtering.component_model import Shape
 from jgait.filtering.core import block_of
 from jgait.filtering.finish import closure, covariances, selected, states
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.lanes import applied, held, product, product_transposed, summed, where
-from jgait.filtering.local_model import LocalModel, Shape
+from jgait.filtering.local_model import LocalModel
 from jgait.filtering.methods import EKF
 from jgait.filtering.recorded import Recorded
 from jgait.filtering.update import joseph, updated

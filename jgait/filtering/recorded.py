@@ -9,9 +9,9 @@ from jaxtyping import PyTree
 
 from jgait.filtering.backward import Backward
 from jgait.filtering.batched_call import Reverse
+from jgait.filtering.component_model import Shape
 from jgait.filtering.core import FOR_GRADIENT, FOR_SMOOTHER, OUTPUTS, Filter, block_of, linearises_once
 from jgait.filtering.finish import covariances, selected, states
-from jgait.filtering.local_model import Shape
 from jgait.filtering.methods import Method
 from jgait.filtering.padding import added_up, held_on, samples_of
 from jgait.filtering.sharing import OFTEN, shared

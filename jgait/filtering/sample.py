@@ -7,9 +7,8 @@ from jax.typing import DTypeLike
 from jaxtyping import PRNGKeyArray, PyTree
 
 from jgait.filtering import checks
-from jgait.filtering.component_model import component_model, error_structure, scalars
+from jgait.filtering.component_model import Shape, component_model, error_structure, scalars
 from jgait.filtering.components import Matrix
-from jgait.filtering.local_model import Shape
 from jgait.filtering.model import Model
 from jgait.types import Values
 
@@ -41,7 +40,7 @@ def draw(
     reading = model.observation(params, belief.mean, first)
     state: PyTree = jax.tree.structure(belief.mean)
     shape = Shape(model, None, None, state, error_structure(model, state, dtype), jax.tree.structure(reading), dtype)
-    cm = component_model(model, params, shape, dtype)
+    cm = component_model(shape, params)
     begin, process, sensing = jax.random.split(key, 3)
     _, size, observed = shape.sizes
     start = scalars(belief.mean, state, dtype, "the mean of a belief")

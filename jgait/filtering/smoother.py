@@ -13,6 +13,7 @@ F. Tung, C. Striebel (1965), AIAA Journal 3(8).
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 from jaxtyping import PyTree
 
 from jgait.filtering import checks
@@ -27,18 +28,28 @@ from jgait.filtering.model import Belief, Model
 from jgait.types import Values
 
 
-class Smoothed(NamedTuple):
-    """A smoothed recording.
+class Inferred(NamedTuple):
+    """A filtered or smoothed recording.
 
     Attributes:
-        mean: smoothed mean in the state's type, time axis in front.
+        mean: mean in the state's type, time axis in front.
         cov: covariance of `mean`, or None if `covariance` is False.
-        filtered: the filter's `Posterior`.
+        filtered: the filter's `Posterior`, with the fields in `keep`.
     """
 
     mean: PyTree
     cov: PyTree
     filtered: Posterior
+
+    @property
+    def log_likelihood(self) -> PyTree:
+        """Log-likelihood of all observations, each given the past [nat]."""
+        return jnp.sum(self.filtered.log_likelihood)
+
+    @property
+    def nis(self) -> PyTree:
+        """Mean normalised innovation squared: 1 if the model's noise is equal to the noise of the observations."""
+        return jnp.sum(self.filtered.nis) / jnp.maximum(jnp.sum(self.filtered.count), 1.0)
 
 
 def kalman_smoother(
@@ -54,7 +65,7 @@ def kalman_smoother(
     keep: tuple[str, ...] = KEEP,
     covariance: bool | tuple[str, ...] = True,
     execution: Execution = "auto",
-) -> Smoothed:
+) -> Inferred:
     """Filter forward, then smooth backward: every sample's estimate uses the whole recording.
 
     Args:
@@ -102,11 +113,11 @@ def _smoothed(
     keep: tuple[str, ...],
     covariance: bool | tuple[str, ...],
     execution: Execution,
-) -> Smoothed:
+) -> Inferred:
     given = inputs(model, params, observations, controls, dt, mask, initial)
     chosen = _components(covariance, given.cm.error)
     mean, cov, kept = smoothed(given, method, keep, execution, chosen)
-    return Smoothed(
+    return Inferred(
         named_values(mean, given.cm.state),
         named_covariance(cov, _part(chosen, given.cm.error)) if chosen else None,
         posterior(given.cm, kept),

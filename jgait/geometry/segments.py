@@ -62,11 +62,6 @@ def segment_of(placement: str) -> str:
     return f"{segments[kind]}_{side}"
 
 
-def separated(frames: Frame) -> Segments[Frame]:
-    """A frame of each segment from the frames of all segments, the first axis of each array: (7, …)."""
-    return Segments(*(jax.tree.map(lambda part, i=i: part[i], frames) for i in range(len(Segments._fields))))
-
-
 class Motion[P](NamedTuple):
     """A pose of any type and its first and second derivative with respect to time, of the same type."""
 

@@ -11,21 +11,20 @@ from jgait.simulate.person import RECORDED, Body, Gait, Person
 from jgait.simulate.population import fitted, gait, paced, person_of, population
 from jgait.simulate.recorded import recording, trimmed
 from jgait.simulate.routes import Route, circle, corner, faster, rectangle, route, straight, u_turn
-from jgait.simulate.walker import motion, plan
+from jgait.simulate.walker import plan
 from jgait.simulate.worn import (
     FOUR,
     SEVEN,
     Truth,
     duration,
     mount,
-    signals,
     strides,
     walk,
 )
 
 __all__ = [
     "FOUR", "RECORDED", "SEVEN", "Body", "Gait", "Person", "Route", "Truth", "check_person", "circle", "cohort",
-    "corner", "duration", "faster", "fitted", "gait", "motion", "mount", "paced", "person_of", "plan", "population",
-    "recording", "rectangle", "route", "segment_of", "signals", "straight", "strides", "trimmed", "u_turn",
+    "corner", "duration", "faster", "fitted", "gait", "mount", "paced", "person_of", "plan", "population",
+    "recording", "rectangle", "route", "segment_of", "straight", "strides", "trimmed", "u_turn",
     "walk", "walks",
 ]  # fmt: skip

@@ -28,7 +28,7 @@ class Foothold(NamedTuple):
 
 
 class FootPair(NamedTuple):
-    """Right and left foot: frames (4, 3, 2, T) whose origin is the ankle (see `walker.segments`), yaw (2, T) [rad]."""
+    """Right and left foot: frames (4, 3, 2, T) whose origin is the ankle (see `walker.with_skin`), yaw (2, T) [rad]."""
 
     frame: Jet
     yaw: Jet

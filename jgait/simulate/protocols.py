@@ -239,7 +239,7 @@ def _ranged(key: PRNGKeyArray, truth: Truth, ranging: Ranging) -> dict[str, Any]
     away = jnp.sqrt(jnp.sum(towards * towards, axis=1, keepdims=True))
     receiver = bone + SKIN / away * towards
     time = jnp.asarray(truth.estimate.time)
-    read = _range(key, time, sender, receiver, looks, -looks, ranging)
+    read = _range(key, time, sender, receiver, looks, ranging)
     out = {"range": read, "range_distance": away[:, 0] - SKIN, "sender": sender, "receiver": receiver}
     return {**jax.tree.map(np.asarray, out), "offset": 2.0 * SKIN}
 

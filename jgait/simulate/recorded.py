@@ -5,7 +5,7 @@ samples and sensors are padded to lengths that walks share.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -18,16 +18,15 @@ from jgait.simulate.check import check_sensors, check_slack, check_values
 from jgait.simulate.footsteps import Plan
 from jgait.simulate.person import Person
 from jgait.simulate.routes import Route, padded, straight
-from jgait.simulate.sensors import IDEAL, Clock, ImuErrors
+from jgait.simulate.sensors import IDEAL, ImuErrors
 from jgait.simulate.walker import Frames, Slack, planned
-from jgait.simulate.worn import SEVEN, Sensors, Truth, duration, mount, truth, walked, worn_on
+from jgait.simulate.worn import SEVEN, Sensors, Truth, duration, mount, named, truth, walked, worn_on
 from jgait.types import AnyArray, Estimate, Imu, Recording, Values, as_float
 
 
 def recording(
     key: PRNGKeyArray, person: Person | None = None, along: Route | None = None, errors: ImuErrors = IDEAL,
-    rate: float = 100.0, *, placements: Sequence[str] = SEVEN, clock_of: Mapping[str, Clock] | None = None,
-    name: str = "simulated", subject: str = "simulated",
+    rate: float = 100.0, *, placements: Sequence[str] = SEVEN, name: str = "simulated", subject: str = "simulated",
 ) -> tuple[Recording, Truth]:  # fmt: skip
     """Simulate one walk and return records of the library.
 
@@ -38,7 +37,6 @@ def recording(
         errors: errors and mounting of the sensors.
         rate: sampling rate [Hz].
         placements: where sensors are worn, see `jgait.PLACEMENTS`.
-        clock_of: placement → a clock with errors.
         name: name of the recording in tables and figures.
         subject: name of the subject.
 
@@ -56,13 +54,13 @@ def recording(
     along = straight(max(1.0, steps * float(person.gait.stride_length))) if along is None else along
     laid, last, left = limits(key, person, along)
     check_slack(person, left, "on this route")
-    worn, true = simulated(key, person, laid, last, errors, rate, placements, clock_of)
+    worn, true = simulated(key, person, laid, last, errors, rate, placements)
     return Recording(worn, rate, name, subject), true
 
 
 def simulated(
     key: PRNGKeyArray, person: Person, laid: Plan, last: float, errors: ImuErrors, rate: float,
-    placements: Sequence[str], clock_of: Mapping[str, Clock] | None = None,
+    placements: Sequence[str],
 ) -> tuple[dict[str, Imu], Truth]:  # fmt: skip
     """One planned walk of `last` seconds, in NumPy arrays.
 
@@ -70,32 +68,26 @@ def simulated(
     """
     samples = samples_in(last, rate)
     time = jnp.asarray(np.arange(bucket(samples)) / rate)
-    clocks = {name: wrong for name, wrong in (clock_of or {}).items() if name in placements}
-    right = [name for name in placements if name not in clocks]
-    spare = max(0, len(SEVEN) - len(right))
-    sensors = _padded_sensors(person, [*right, *("pelvis",) * spare, *clocks])
-    given = jax.tree.map(float, (person, errors, tuple(clocks.values())))
+    sensors = _padded_sensors(person, [*placements, *("pelvis",) * (len(SEVEN) - len(placements))])
+    own, erring = jax.tree.map(float, (person, errors))
     program = compiled(_walk, quick=True)
-    read, moving, known = jax.tree.map(np.asarray, program(key, given[0], laid, time, given[1], sensors, given[2]))
-    rows = {name: i if i < len(right) else i + spare for i, name in enumerate([*right, *clocks])}
-    named = {name: Imu(read.time, *(part[rows[name]] for part in read[1:])) for name in placements}
-    named, true = trimmed(named, truth(laid, moving, known), samples)
-    return {name: named[name] for name in placements}, true
+    read, moving, known = jax.tree.map(np.asarray, program(key, own, laid, time, erring, sensors))
+    worn, true = trimmed(named(read, read.time, placements), truth(laid, moving, known), samples)
+    return {name: worn[name] for name in placements}, true
 
 
 def _padded_sensors(person: Person, placements: Sequence[str]) -> Sensors:
     """On the host, as `sensors_at`; a placement may occur more than once."""
     points = np.array([[float(part) for part in mount(person.body, name)] for name in placements])
     segment = np.array([worn_on(name) for name in placements])
-    left = np.array([float(name.endswith("left")) for name in placements])
-    return Sensors(segment, jnp.asarray(points), jnp.asarray(left))
+    return Sensors(segment, jnp.asarray(points))
 
 
 def _walk(
     key: PRNGKeyArray, person: Person, laid: Plan, time: Float[AnyArray, "time"], errors: ImuErrors,
-    sensors: Sensors, clocks: tuple[Clock, ...],
+    sensors: Sensors,
 ) -> tuple[Imu, Motion[Frames], Estimate]:  # fmt: skip
-    return walked(jax.random.split(key)[1], person, laid, time, errors, sensors, clocks)
+    return walked(jax.random.split(key)[1], person, laid, time, errors, sensors)
 
 
 def _limits(key: PRNGKeyArray, person: Person, along: Route, *, capacity: int) -> tuple[Plan, Values, Slack]:

@@ -24,21 +24,15 @@ from jgait.simulate.smooth import coefficients, pieces, polynomial, smooth_bump,
 from jgait.types import AnyArray, Values
 
 type Frames = Float[Array, "row component segment time"]
-"""Frames of segments, or their derivatives: origin and axes, by components and segments; see `segments`."""
+"""Frames of segments, or their derivatives: origin and axes, by components and segments; see `with_skin`."""
 
 
-def clock(plan: Plan, time: Float[AnyArray, "*shape"]) -> tuple[Int[Array, "*shape"], Float[Array, "*shape"]]:
-    """The entry of the last foothold (T,) int, and the share of the current step that has passed (T,) [1].
+def ticks(plan: Plan, time: Float[AnyArray, "*shape"]) -> tuple[Int[Array, "*shape"], Motion[Float[Array, "*shape"]]]:
+    """The entry of the last foothold (T,), and the share of its step that has passed (T,) [1], as a `Motion` in time.
 
     The curve of time over the clock is inverted by Newton's method; two steps that are differentiated make the first
     three derivatives exact.
     """
-    entry, moving = ticks(plan, time)
-    return entry, moving.pose
-
-
-def ticks(plan: Plan, time: Float[AnyArray, "*shape"]) -> tuple[Int[Array, "*shape"], Motion[Float[Array, "*shape"]]]:
-    """As `clock`, the share with its first and second derivative with respect to time."""
     last = plan.end.astype(jnp.int32) - 1 + FIRST
     entry = jnp.searchsorted(plan.contact, time, side="right", method="compare_all") - 1
     entry = jnp.clip(entry, FIRST, last)
@@ -260,15 +254,6 @@ def _dip(r: Jet) -> Jet:
     return smooth_bump(r, 5)
 
 
-def segments(person: Person, plan: Plan, entry: Int[Array, "*shape"], r: Jet) -> Jet:
-    """The frames of all segments at the share r of a step after the contact of foothold `entry`: (4, 3, 7, *shape).
-
-    The first axis is the origin and the axes of a `Frame`, the second their components, the third the segments in the
-    order of `Segments`.
-    """
-    return _together(_bones(person, carried(person, plan, entry, r)))
-
-
 def _bones(person: Person, now: Carried) -> list[Jet]:
     """Frames (4, 3, …) of the pelvis, of both thighs, shanks and feet."""
     foot = now.feet.frame
@@ -281,7 +266,11 @@ def _together(frames: list[Jet]) -> Jet:
 
 
 def with_skin(person: Person, plan: Plan, entry: Int[Array, "*shape"], r: Jet) -> Jet:
-    """As `segments`, and after them what sensors are worn on at right and left thigh, right and left shank (`SKIN`)."""
+    """The frames of all segments at the share r of a step after the contact of foothold `entry`: (4, 3, 11, *shape).
+
+    The first axis is the origin and the axes of a `Frame`, the second their components, the third the segments in the
+    order of `Segments`, and after them what sensors are worn on at right and left thigh, right and left shank (`SKIN`).
+    """
     now, body = carried(person, plan, entry, r), person.body
     bones = _bones(person, now)
     lengths = jnp.stack([jnp.asarray(one, plan.x.dtype) for one in (body.thigh_length, body.shank_length)])
@@ -294,7 +283,7 @@ SKIN = {name: len(Segments._fields) + i for i, name in enumerate(Segments._field
 
 
 def framed(frames: Values) -> Frame:
-    """The `Frame` of arrays (4, 3, …) as `segments` has them; on the host or in JAX."""
+    """The `Frame` of arrays (4, 3, …) as `with_skin` has them; on the host or in JAX."""
     return Frame(*(Vector(*row) for row in frames))
 
 
@@ -303,20 +292,9 @@ def separated(frames: Values) -> Segments[Frame]:
     return Segments(*(framed(frames[:, :, i]) for i in range(len(Segments._fields))))
 
 
-def pose(person: Person, plan: Plan, time: Float[AnyArray, "time"]) -> Segments[Frame]:
-    """A `Frame` of each segment at times (T,) [s]; the origins of the feet are the ankles."""
-    entry, r = clock(plan, time)
-    return separated(segments(person, plan, entry, Jet(r[None])).value)
-
-
 def moved(person: Person, plan: Plan, entry: Int[Array, "time"], r: Motion[Float[Array, "time"]]) -> Motion[Frames]:
-    """As `motion`, from `ticks`, as arrays (4, 3, 11, T); see `with_skin`.
+    """The body, its rates and its accelerations, exact, from `ticks`, as arrays (4, 3, 11, T); see `with_skin`.
 
     All depends on time by the share of a step, which is a jet.
     """
     return Motion(*with_skin(person, plan, entry, Jet(jnp.stack(r))).orders)
-
-
-def motion(person: Person, plan: Plan, time: Float[AnyArray, "time"]) -> Motion[Segments[Frame]]:
-    """The body at times (T,) [s], its rates and its accelerations: a `Motion` of `Segments`, exact."""
-    return Motion(*map(separated, moved(person, plan, *ticks(plan, time))))

@@ -19,7 +19,7 @@ from jgait.simulate.feet import LINGER
 from jgait.simulate.footsteps import FIRST, Plan
 from jgait.simulate.person import Body, Person
 from jgait.simulate.routes import Route
-from jgait.simulate.sensors import IDEAL, Clock, ImuErrors, measure, true_times
+from jgait.simulate.sensors import IDEAL, ImuErrors, measure
 from jgait.simulate.smooth import curve_at
 from jgait.simulate.walker import SKIN, Frames, framed, moved, plan, separated, ticks
 from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, LegTrajectory, Strides, Values
@@ -83,12 +83,10 @@ class Sensors(NamedTuple):
     Attributes:
         segment: (S,) index of what the sensor is worn on, in the frames of `walker.with_skin`.
         point: (S, 3) position in the segment's axes [m], see `mount`.
-        left: (S,) 1 on the left leg, 0 elsewhere.
     """
 
     segment: Int[AnyArray, "sensor"]
     point: Float[AnyArray, "sensor 3"]
-    left: Float[AnyArray, "sensor"]
 
 
 def worn_on(placement: str) -> int:
@@ -100,34 +98,11 @@ def worn_on(placement: str) -> int:
 def sensors_at(mounts: Mapping[str, Vector], dtype: Any = float) -> Sensors:
     """The sensors at placements, from the position of each on its segment [m]."""
     segment = np.array([worn_on(placement) for placement in mounts], int)
-    left = np.array([placement.endswith("left") for placement in mounts], dtype)
     point = [jnp.stack([jnp.asarray(part, dtype) for part in mount]) for mount in mounts.values()]
-    return Sensors(segment, jnp.stack(point), left)
+    return Sensors(segment, jnp.stack(point))
 
 
-def signals(
-    key: PRNGKeyArray,
-    moving: Motion[Segments[Frame]],
-    time: Float[AnyArray, "time"],
-    errors: ImuErrors,
-    mounts: Mapping[str, Vector],
-) -> dict[str, Imu]:
-    """The readings of sensors fixed to the bones of a body that moves, at nominal times (T,) [s]: placement → readings.
-
-    `mounts` has the position of each placement on its segment [m].
-    """
-    if not mounts:
-        return {}
-    arrays = (
-        jnp.stack([jnp.stack([jnp.stack(axis) for axis in frame]) for frame in order], axis=2) for order in moving
-    )
-    sensors = sensors_at(mounts, time.dtype)
-    sensors = sensors._replace(segment=np.array([SEVEN.index(segment_of(placement)) for placement in mounts]))
-    worn = _of_sensors(Motion(*arrays), sensors)
-    return _named(_readings(_numbered(key, len(mounts)), worn, time, errors, sensors), time, mounts)
-
-
-def _named(read: Imu, time: Float[AnyArray, "time"], placements: Iterable[str]) -> dict[str, Imu]:
+def named(read: Imu, time: Float[AnyArray, "time"], placements: Iterable[str]) -> dict[str, Imu]:
     """Placement → readings, from the readings of all sensors along the first axis of each array."""
     return {name: Imu(time, *(part[i] for part in read[1:])) for i, name in enumerate(placements)}
 
@@ -152,14 +127,13 @@ def _readings(
     points = Vector(*(sensors.point[:, i, None] for i in range(3)))
     read = inertial(Motion(*map(framed, moving)), points)
     gyr, acc = (jnp.stack(vector, axis=-1) for vector in read)
-    flipped = sensors.left * jnp.asarray(errors.left_flipped, time.dtype)
-    reads = jax.vmap(lambda key, gyr, acc, flipped: measure(key, time, gyr, acc, errors, flipped)[1:])
-    return Imu(time, *reads(keys, gyr, acc, flipped))
+    reads = jax.vmap(lambda key, gyr, acc: measure(key, time, gyr, acc, errors)[1:])
+    return Imu(time, *reads(keys, gyr, acc))
 
 
 def walk(
     key: PRNGKeyArray, person: Person, along: Route, time: Float[AnyArray, "time"], errors: ImuErrors = IDEAL, *,
-    capacity: int, placements: Sequence[str] = SEVEN, clock_of: Mapping[str, Clock] | None = None,
+    capacity: int, placements: Sequence[str] = SEVEN,
 ) -> tuple[dict[str, Imu], Truth]:  # fmt: skip
     """Simulate one walk; pure, so that it can be jitted, mapped over people and differentiated.
 
@@ -171,40 +145,26 @@ def walk(
         errors: errors and mounting of the sensors.
         capacity: largest number of steps that the arrays hold; at least `person.gait.steps`. Static.
         placements: where sensors are worn, see `jgait.PLACEMENTS`. Static.
-        clock_of: placement → a clock with errors; the sensor samples at times that differ from its time stamps.
 
     Returns:
         The readings of each sensor, and the truth.
     """
     walks, reads = jax.random.split(key)
     laid = plan(walks, person, along, capacity)
-    clocks = {name: wrong for name, wrong in (clock_of or {}).items() if name in placements}
-    order = [*(name for name in placements if name not in clocks), *clocks]
-    sensors = sensors_at({name: mount(person.body, name) for name in order}, time.dtype)
-    read, moving, known = walked(reads, person, laid, time, errors, sensors, tuple(clocks.values()))
-    named = _named(read, time, order)
-    return {name: named[name] for name in placements}, truth(laid, moving, known)
+    sensors = sensors_at({name: mount(person.body, name) for name in placements}, time.dtype)
+    read, moving, known = walked(reads, person, laid, time, errors, sensors)
+    return named(read, time, placements), truth(laid, moving, known)
 
 
 def walked(
     key: PRNGKeyArray, person: Person, laid: Plan, time: Float[AnyArray, "time"], errors: ImuErrors,
-    sensors: Sensors, clocks: tuple[Clock, ...],
+    sensors: Sensors,
 ) -> tuple[Imu, Motion[Frames], Estimate]:  # fmt: skip
-    """The readings of a planned walk (S, T, …), its motion (see `moved`), and its reference.
-
-    The last sensors have the clocks.
-    """
+    """The readings of a planned walk (S, T, …), its motion (see `moved`), and its reference."""
     entry, r = ticks(laid, time)
     moving = kept(moved(person, laid, entry, r))
-    right = sensors.left.shape[0] - len(clocks)
-    worn = _of_sensors(moving, sensors._replace(segment=sensors.segment[:right]))
-    keys = _numbered(key, right)
-    for number, wrong in enumerate(clocks):
-        own = sensors._replace(segment=sensors.segment[right + number][None])
-        late = _of_sensors(kept(moved(person, laid, *ticks(laid, true_times(wrong, time)))), own)
-        worn = Motion(*(jnp.concatenate(pair, axis=2) for pair in zip(worn, late, strict=True)))
-        keys = jnp.concatenate([keys, _numbered(jax.random.fold_in(key, 1000 + number), 1)])
-    return _readings(keys, worn, time, errors, sensors), moving, _known(person, laid, moving.pose, time, entry, r.pose)
+    read = _readings(_numbered(key, sensors.point.shape[0]), _of_sensors(moving, sensors), time, errors, sensors)
+    return read, moving, _known(person, laid, moving.pose, time, entry, r.pose)
 
 
 def truth(laid: Plan, moving: Motion[Frames], known: Estimate) -> Truth:

@@ -1,7 +1,7 @@
 """Gradient-based estimation of parameters from data: fit, cross-validation, identifiability."""
 
 from jgait.tune.cross_validate import CrossValidation, check_split, cross_validate
-from jgait.tune.fit import Fit, Starts, fit
+from jgait.tune.fit import Fit, fit
 from jgait.tune.gradient import FORWARD_UP_TO, GRADIENTS, value_and_grad
 from jgait.tune.identifiability import INFORMATION, Identifiability, identifiability
 from jgait.tune.lanes import Progress, Report
@@ -27,7 +27,6 @@ __all__ = [
     "Profile",
     "Progress",
     "Report",
-    "Starts",
     "Windows",
     "by_subject",
     "check_split",

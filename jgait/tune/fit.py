@@ -23,52 +23,32 @@ from jgait.tune.problem import Context, Items, Problem, of_subject, place
 from jgait.types import AnyArray, Maybe
 
 
-class Starts[P](NamedTuple):
-    """The results of all starts; free leaves of `params` have a leading axis (K,).
-
-    Attributes:
-        params: the best parameters of each start.
-        scores: (K,) loss of `params`, on the validation items if there are any; infinite where no loss was finite.
-    """
-
-    params: P
-    scores: np.ndarray
-
-
 class Fit[P](NamedTuple):
     """A finished fit.
 
     Attributes:
         params: the parameters of the step with the lowest loss, natural units; on the validation items if there are
             any, else on the training items. A fixed parameter is the same object as in the argument.
-        last: the parameters after the last step.
         free: `params` in unconstrained coordinates; None where fixed.
         losses: (steps,) loss at the start of each step, over the minibatch if there is one; always finite.
         gradient_norms: (steps,) norm of the gradient in unconstrained coordinates at the start of each step.
         accepted: (steps,) bool; False where the step led to a loss or gradient that is not finite and was undone.
-        rejected: number of undone steps.
         best_loss: the loss that selected `params`.
-        last_loss: loss at `last`.
         validation: (steps,) loss on the validation items after each step, or on all items if there are minibatches;
             NaN where that loss was not computed.
         left_out: numbers of the items left out, because their loss or gradient was not finite at the start.
         subjects: labels of the subjects, in the order of the leading axis of parameters per subject.
-        starts: the results of all starts; this fit is the best start.
     """
 
     params: P
-    last: P
     free: P
     losses: np.ndarray
     gradient_norms: np.ndarray
     accepted: np.ndarray
-    rejected: int
     best_loss: float
-    last_loss: float
     validation: np.ndarray
     left_out: tuple[int, ...]
     subjects: tuple[Hashable, ...]
-    starts: Starts[P]
 
 
 def scattered(key: Maybe[PRNGKeyArray], free: PyTree, count: int, spread: float) -> PyTree:
@@ -307,7 +287,6 @@ def _result[P](
             stacklevel=3,
         )
     return Fit(
-        constrain(own.best, transforms, params), constrain(own.free, transforms, params), own.best, losses, norms,
-        accepted, int(accepted.size - accepted.sum()), float(own.best_score), float(own.loss), scores, left_out, labels,
-        Starts(constrain(carry.best, transforms, params), carry.best_score),
+        constrain(own.best, transforms, params), own.best, losses, norms, accepted, float(own.best_score), scores,
+        left_out, labels,
     )  # fmt: skip

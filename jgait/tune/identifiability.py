@@ -45,8 +45,6 @@ class Identifiability(NamedTuple):
         decrement: gᵀ B⁻¹ g over the determined directions, B the covariance of the gradient: squared length of the
             step to the optimum in standard errors. Well below 1 at an optimum.
         information: (p, p) in free coordinates: second derivatives of the loss; outer products for "scores".
-        eigenvalues: (p,) of the information, ascending.
-        eigenvectors: (p, p), one eigenvector in each column.
         covariance: (p, p) in free coordinates; directions without information have a huge but finite variance.
         correlation: (p, p); ±1 for exactly singular pairs.
         stderr_free: (p,) standard errors in free coordinates; infinite without information.
@@ -69,8 +67,6 @@ class Identifiability(NamedTuple):
     gradient: np.ndarray
     decrement: float
     information: np.ndarray
-    eigenvalues: np.ndarray
-    eigenvectors: np.ndarray
     covariance: np.ndarray
     correlation: np.ndarray
     stderr_free: np.ndarray
@@ -83,11 +79,6 @@ class Identifiability(NamedTuple):
     undetermined: list[str]
     sentences: list[str]
     level: float
-
-    @property
-    def gradient_norm(self) -> float:
-        """Norm of the gradient of the total loss in free coordinates."""
-        return float(np.linalg.norm(self.gradient))
 
     def table(self) -> "pd.DataFrame":
         """One row for each number (index `name`); columns `value stderr low high stderr_free determined moves_with`."""
@@ -281,7 +272,7 @@ def _statement(
     infinite = np.isinf(stderr_free)
     stderr = np.where(infinite, np.inf, np.abs(slopes) * np.where(infinite, 0.0, stderr_free))
     low, high = _ends(at, free, NormalDist().inv_cdf(0.5 + level / 2.0) * stderr_free)
-    eigenvalues, eigenvectors = np.linalg.eigh(usable)
+    _, eigenvectors = np.linalg.eigh(usable)
     known, unknown = (np.einsum("ik,ij,jk->k", eigenvectors, part, eigenvectors) for part in spread[:2])
     deviations = np.where(unknown > known, np.inf, np.sqrt(np.maximum(known, 0.0)))
     loose = tuple(
@@ -292,7 +283,7 @@ def _statement(
     determined = stderr_free <= limit
     result = Identifiability(
         at.names, tuple(t.name for t in at.transforms), values, free, total, slope, spread.decrement,
-        information, eigenvalues, eigenvectors, covariance, correlation, stderr_free, stderr, low, high,
+        information, covariance, correlation, stderr_free, stderr, low, high,
         determined, loose, finite and not len(spread.falling),
         [name for name, known in zip(at.names, determined, strict=True) if not known], [], level,
     )  # fmt: skip

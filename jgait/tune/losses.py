@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PyTree
+from jaxtyping import Array, Bool, Float
 
 from jgait.types import AnyArray, Estimate, LegTrajectory, Scalar, Strides, Values
 
@@ -110,27 +110,6 @@ def trajectory(
     pairs = _pairs(estimate, reference)
     terms = [w * field(a, b) for one, other in pairs for w, a, b in zip(weights, one, other, strict=True)]
     return jax.tree.reduce(jnp.add, terms) / len(pairs)
-
-
-def _last(values: Float[AnyArray, "time"], valid: Bool[Array, "time"]) -> Float[Array, ""]:
-    """The last valid value of (T,) values; the last value if none is valid."""
-    from_end = jnp.argmax(jnp.flip(valid))
-    return jnp.asarray(values)[valid.shape[0] - 1 - from_end]
-
-
-def distance(estimate: Estimate, reference: Estimate) -> Float[Array, ""]:
-    """Squared relative error of the distance walked, ((d − d_ref) / d_ref)² [1] at the last sample where both are
-    valid.
-
-    Raises:
-        ValueError: if the estimate or the reference has no distance.
-    """
-    for name, one in (("estimate", estimate), ("reference", reference)):
-        if one.distance is None:
-            raise ValueError(f"the {name} has no distance to compare")
-    valid = _window(estimate, reference, None)
-    ours, theirs = _last(estimate.distance, valid), _last(reference.distance, valid)
-    return ((ours - theirs) / theirs) ** 2
 
 
 def _span(strides: Strides, standing: bool) -> tuple[Array, Array]:
@@ -296,22 +275,3 @@ def _normal(values: Values, true: Values, stddev: Values, valid: Array, unit: fl
     error = _difference(values, true, use)
     spread = jnp.where(use, stddev, unit)
     return masked_mean(0.5 * (error / spread) ** 2 + jnp.log(spread / unit), use)
-
-
-def negative_log_likelihood(posterior: PyTree, valid: Bool[AnyArray, "time"] | None = None) -> Float[Array, ""]:
-    """Mean negative log-likelihood of the measurements [nat per component], from the filter's innovations.
-
-    −Σ log p(y_k | y_1…y_{k−1}) / number of measured components; 0 if nothing was measured. `valid` (T,) selects
-    samples; those that the filter marks as invalid are never used.
-
-    Raises:
-        ValueError: if the posterior has no likelihood or no count.
-    """
-    missing = [name for name in ("log_likelihood", "count", "valid") if getattr(posterior, name) is None]
-    if missing:
-        raise ValueError(f"the posterior must keep {missing[0]!r}; add it to the filter's keep=(...)")
-    use = posterior.valid if valid is None else posterior.valid & valid
-    terms = posterior.log_likelihood
-    total = jnp.sum(jnp.where(use, terms, jnp.zeros_like(terms)))
-    count = jnp.sum(jnp.where(use, posterior.count, jnp.zeros_like(posterior.count)), dtype=terms.dtype)
-    return -total / jnp.maximum(count, 1.0)

@@ -100,22 +100,6 @@ class Profile(NamedTuple):
         order = np.arange(len(self.values))
         return end(order[self.free < centre][::-1]), end(order[self.free > centre])
 
-    def sentence(self, level: float = 0.95) -> str:
-        """The profile in plain words."""
-        low, high = self.interval(level)
-        if low is not None and high is not None:
-            return f"{self.name} lies between {low:.4g} and {high:.4g} ({100 * level:g} %)"
-        if low is None and high is None:
-            rise = float(np.max(self.rises[np.isfinite(self.rises)]))
-            need = NormalDist().inv_cdf(0.5 + level / 2.0) ** 2 / 2.0
-            return (
-                f"{self.name} is not determined by these data: the loss rises by {rise:.2g} nat at most between "
-                f"{self.values[0]:.4g} and {self.values[-1]:.4g}, and {need:.3g} nat would tell ({100 * level:g} %)"
-            )
-        bound = f"above {low:.4g}" if low is not None else f"below {high:.4g}"
-        end = f"{self.values[-1]:.4g}" if low is not None else f"{self.values[0]:.4g}"
-        return f"{self.name} lies {bound} ({100 * level:g} %); the profile, to {end}, shows no other end"
-
 
 def _free(transform: Transform, values: npt.ArrayLike) -> np.ndarray:
     to_free: Any = transform.to_free

@@ -17,9 +17,9 @@ def _walk(rate_hz=100.0):
 
 
 def test_still_where_standing_and_nowhere_in_walking():
-    still = np.asarray(rest.still_mask(_walk(), 100.0))
-    assert still[:165].all() and still[535:].all()
-    assert not still[200:500].any()
+    start, end = rest.longest_still(_walk()[:500], 100.0)
+    assert start == 0 and 165 <= end <= 200
+    assert rest.longest_still(_walk()[200:500], 100.0) is None
 
 
 def test_longest_still_is_the_longer_end():
@@ -41,6 +41,8 @@ def test_masked_samples_do_not_count():
     spoilt[50:60] = 1e3
     mask = np.ones(len(gyr), bool)
     mask[50:60] = False
-    assert np.asarray(rest.still_mask(spoilt, 100.0, mask=mask))[:165].all()
-    assert not np.asarray(rest.still_mask(spoilt, 100.0))[30:80].any()
-    assert not np.asarray(rest.still_mask(np.zeros((200, 3)), 100.0, mask=np.zeros(200, bool))).any()
+    start, end = rest.longest_still(spoilt[:300], 100.0, mask=mask[:300])
+    assert start == 0 and end >= 165
+    start, end = rest.longest_still(spoilt[:300], 100.0)
+    assert end <= 30 or start >= 80
+    assert rest.longest_still(np.zeros((200, 3)), 100.0, mask=np.zeros(200, bool)) is None

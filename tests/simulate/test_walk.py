@@ -13,8 +13,8 @@ from jgait.simulate import RECORDED, Gait, Person
 from jgait.simulate.feet import LINGER, TOES_RISE
 from jgait.simulate.footsteps import FIRST
 from jgait.simulate.recorded import limits
-from jgait.simulate.sensors import IDEAL, Clock, ImuErrors
-from jgait.simulate.walker import clock, motion, plan, pose
+from jgait.simulate.sensors import IDEAL, ImuErrors
+from jgait.simulate.walker import moved, plan, separated, ticks
 
 RATE = 100.0
 VARIED = {"length_variability": 0.03, "time_variability": 0.03, "width_variability": 0.01, "length_asymmetry": 0.03}
@@ -36,10 +36,9 @@ def stacked(vector):
 STRAIGHT = simulate.route({"length": 2.0}, {"length": 2.0}, {"length": 8.0})
 
 
-def simulated(seed, who, along=STRAIGHT, errors=IDEAL, rate=RATE, offset=0.0):
-    """All walks of this file are one program: seven sensors, one of them with a clock, a route of three pieces."""
-    clocks = {"foot_left": Clock(offset=offset)}
-    return simulate.recording(jax.random.key(seed), who, along, errors, rate, clock_of=clocks)
+def simulated(seed, who, along=STRAIGHT, errors=IDEAL, rate=RATE):
+    """All walks of this file are one program: seven sensors, a route of three pieces."""
+    return simulate.recording(jax.random.key(seed), who, along, errors, rate)
 
 
 @pytest.fixture(scope="module", params=[Gait(), RECORDED, STYLED], ids=["rules", "recorded", "styled"])
@@ -79,7 +78,8 @@ def test_feet_that_stand_are_at_rest(walked):
     """Flat: heel and ball; before that the heel about which it lands, after it the ball over which it rolls off."""
     who, recording, truth = walked
     gait = who.gait
-    entry, r = (np.asarray(part) for part in clock(truth.plan, jnp.asarray(truth.estimate.time)))
+    entry, moving = ticks(truth.plan, jnp.asarray(truth.estimate.time))
+    entry, r = np.asarray(entry), np.asarray(moving.pose)
     flat_from, off = 2.0 * gait.foot_flat, 2.0 * gait.heel_off
     rolls = 2.0 * gait.stance_fraction - LINGER - TOES_RISE
     checked = 0
@@ -189,11 +189,9 @@ def test_gradients_of_a_signal_loss_equal_finite_differences():
 
     def loss(values):
         who = base._replace(gait=base.gait._replace(**{name: values[i] for i, name in enumerate(FREE)}))
-        laid = plan(jax.random.key(0), who, simulate.straight(20.0), 8)
-        read = simulate.signals(
-            jax.random.key(0), motion(who, laid, time), time, ImuErrors(),
-            {name: simulate.mount(who.body, name) for name in ("shank_right", "pelvis")},
-        )  # fmt: skip
+        read, _ = simulate.walk(
+            jax.random.key(0), who, simulate.straight(20.0), time, capacity=8, placements=("shank_right", "pelvis")
+        )
         return sum(jnp.mean(jnp.sin(imu.gyr)) + 0.1 * jnp.mean(jnp.sin(imu.acc)) for imu in read.values())
 
     start = np.asarray([float(getattr(base.gait, name)) for name in FREE])
@@ -215,7 +213,7 @@ def test_mapping_over_people_equals_a_loop_and_single_precision_is_close():
 
     def of(who, t):
         laid = plan(jax.random.key(3), who, simulate.straight(20.0), 8)
-        return pose(who, laid, t)
+        return separated(moved(who, laid, *ticks(laid, t)).pose)
 
     each = [jax.jit(of)(who, time) for who in people]
     together = jax.jit(jax.vmap(of, in_axes=(0, None)))(jax.tree.map(lambda *v: np.stack(v), *people), time)
@@ -237,14 +235,6 @@ def test_equal_keys_give_equal_walks_and_other_keys_others():
     a, b, c = (walk[0].sensors["shank_left"].gyr for walk in walks)
     assert np.array_equal(a, b)
     assert a.shape != c.shape or not np.array_equal(a, c)
-
-
-def test_a_wrong_clock_shifts_its_own_sensor_alone():
-    who = person()
-    plain, _ = simulated(0, who)
-    wrong, _ = simulated(0, who, offset=0.02)
-    np.testing.assert_allclose(wrong.sensors["shank_left"].gyr, plain.sensors["shank_left"].gyr, atol=1e-12)
-    np.testing.assert_allclose(wrong.sensors["foot_left"].gyr[2:], plain.sensors["foot_left"].gyr[:-2], atol=1e-9)
 
 
 @pytest.mark.parametrize(

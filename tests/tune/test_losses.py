@@ -1,6 +1,6 @@
 """Losses are what their formulas say, ignore what is masked, and have finite gradients."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -105,42 +105,12 @@ def test_trajectory_gradients_equal_finite_differences_under_jit_and_mask():
     assert gradient[5] == 0.0
 
 
-def test_distance_is_compared_at_the_last_sample_that_both_call_valid():
-    ours = jnp.asarray([0.0, 1.0, 2.0, 3.3, 9.0, 9.0])
-    theirs = jnp.asarray([0.0, 1.0, 2.0, 3.0, 3.0, 7.0])
-    a = estimate(distance=ours, valid=[True, True, True, True, False, True])
-    b = estimate(distance=theirs, valid=[True, True, True, True, True, False])
-    assert float(losses.distance(a, b)) == pytest.approx(0.01)
-    gradient = jax.grad(lambda d: losses.distance(a._replace(distance=d), b))(ours)
-    np.testing.assert_allclose(gradient, [0.0, 0.0, 0.0, 2.0 * 0.1 / 3.0, 0.0, 0.0], rtol=1e-12)
-
-
-class Kept(NamedTuple):
-    log_likelihood: Any
-    count: Any
-    valid: Any
-
-
-def test_likelihood_is_per_measured_component_and_ignores_steps_that_broke_down():
-    terms = jnp.asarray([-1.0, -3.0, jnp.nan, -8.0])
-    posterior = Kept(terms, jnp.asarray([2, 1, 2, 2]), jnp.asarray([True, True, False, True]))
-    assert float(losses.negative_log_likelihood(posterior)) == pytest.approx(12.0 / 5.0)
-    window = jnp.asarray([True, True, True, False])
-    assert float(losses.negative_log_likelihood(posterior, window)) == pytest.approx(4.0 / 3.0)
-    gradient = jax.grad(lambda t: losses.negative_log_likelihood(posterior._replace(log_likelihood=t)))(terms)
-    np.testing.assert_allclose(gradient, [-0.2, -0.2, 0.0, -0.2])
-
-
 def test_misuse_is_refused_by_name():
     a = estimate(leg(0), None)
     with pytest.raises(ValueError, match="share no leg"):
         losses.trajectory(a, estimate(None, leg(1)))
     with pytest.raises(ValueError, match=r"same shape; got \(6,\) and \(5,\)"):
         losses.mean_squared(jnp.ones(6), jnp.ones(5))
-    with pytest.raises(ValueError, match="the reference has no distance"):
-        losses.distance(estimate(distance=jnp.ones(T)), a)
-    with pytest.raises(ValueError, match="must keep 'count'"):
-        losses.negative_log_likelihood(Kept(jnp.ones(2), None, jnp.ones(2, bool)))
 
 
 def rows(start, end, length, valid):

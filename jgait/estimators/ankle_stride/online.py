@@ -48,9 +48,9 @@ from jgait.estimators.notes import LONGEST_LOSS
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.events import shank_stance_online as shank_valley
+from jgait.filtering.padding import scanned
 from jgait.geometry.vectors import Vector, vector, wrapped
 from jgait.signal import butterworth
-from jgait.signal.loop import scanned
 from jgait.types import Counts, Flags, Strides, Values
 
 __all__ = [

@@ -48,9 +48,9 @@ from jgait.estimators.losses import held_bridge
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.events import foot as events
 from jgait.events.shank_stance import PAUSE_S
+from jgait.filtering.padding import scanned
 from jgait.geometry.rotation import Quaternion, as_array
 from jgait.geometry.vectors import Vector, root, wrapped
-from jgait.signal.loop import scanned
 from jgait.types import Counts, Flags, Strides, Values
 
 __all__ = ["ONLINE", "FootNow", "FootOnlineState", "FootWorn", "begin", "lag", "over", "worn"]

@@ -6,12 +6,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, PRNGKeyArray, PyTree
+from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 
 from jgait.geometry.rotation import rotation, turn
 from jgait.geometry.vectors import kept
 from jgait.simulate.sensors.dynamics import low_pass, soft_tissue
-from jgait.types import AnyArray, Flags, Imu, Values
+from jgait.types import AnyArray, Imu, Values
 
 DEGREE = math.pi / 180.0
 
@@ -39,13 +39,9 @@ class ImuErrors(NamedTuple):
         mounting_y: second component of that rotation vector [rad].
         mounting_z: third component of that rotation vector [rad].
         packet_loss: probability that a single sample is lost [1].
-        burst_loss: probability that at any one sample a burst of losses begins [1].
-        burst_length: mean length of a burst [samples], at least 1.
         soft_tissue_frequency: natural frequency of the sensor on soft tissue [Hz]; inf: it is fixed to the bone.
         soft_tissue_damping: damping ratio of that motion [1].
         soft_tissue_tilt: tilt of the sensor per displacement [rad/m].
-        left_flipped: 1 if sensors of the left leg are worn turned half round the segment (x and y change sign); for
-            functions that simulate a whole person: `measure` has the argument `flipped`.
     """
 
     gyr_noise: Values = 0.0
@@ -67,20 +63,16 @@ class ImuErrors(NamedTuple):
     mounting_y: Values = 0.0
     mounting_z: Values = 0.0
     packet_loss: Values = 0.0
-    burst_loss: Values = 0.0
-    burst_length: Values = 1.0
     soft_tissue_frequency: Values = math.inf
     soft_tissue_damping: Values = 0.2
     soft_tissue_tilt: Values = 0.0
-    left_flipped: Values = 0.0
 
 
 _UNBOUNDED = ("gyr_bandwidth", "gyr_range", "acc_bandwidth", "acc_range", "soft_tissue_frequency")
 _RANGES = {
     **dict.fromkeys(_UNBOUNDED, (0.0, math.inf)),
     **dict.fromkeys(("mounting_x", "mounting_y", "mounting_z", "soft_tissue_tilt"), (-math.inf, math.inf)),
-    **dict.fromkeys(("packet_loss", "burst_loss", "left_flipped"), (0.0, 1.0)),
-    "burst_length": (1.0, math.inf),
+    "packet_loss": (0.0, 1.0),
     "soft_tissue_damping": (0.0, 5.0),
 }
 """Closed ranges of the fields; other fields must not be negative. Fields without an upper bound must not be zero."""
@@ -142,44 +134,21 @@ def _quantise(value: Values, resolution: Values) -> Values:
     return jnp.where(resolution > 0.0, step * jnp.round(value / step), value)
 
 
-def _drifted(
-    steps: Float[Array, "time 6"], draws: Float[Array, "time 2"], errors: ImuErrors
-) -> tuple[Float[Array, "time 6"], Bool[Array, "time"]]:
-    """Sums of random steps (T, 6), and mask of the samples that arrive (T,), from two uniform draws for each (T, 2).
-
-    A burst is a Markov chain of two states. One draw decides: below `burst_loss` the state becomes lost, above
-    1 − 1/`burst_length` it becomes kept, between these limits it does not change.
-    """
-    begins = draws[:, 1] < errors.burst_loss
-    lasts = draws[:, 1] <= 1.0 - 1.0 / jnp.asarray(errors.burst_length, draws.dtype)
-
-    def onward(
-        now: tuple[Values, Flags], new: tuple[Values, Flags, Flags]
-    ) -> tuple[tuple[Values, Flags], tuple[Values, Flags]]:
-        after = now[0] + new[0], new[1] | (now[1] & new[2])
-        return after, after
-
-    start = jnp.zeros_like(steps[0]), jnp.zeros_like(begins[0])
-    _, (sums, lost) = jax.lax.scan(onward, start, (steps, begins, lasts))
-    return sums, (draws[:, 0] >= errors.packet_loss) & ~lost
-
-
 def measure(
     key: PRNGKeyArray,
     time: Float[AnyArray, "time"],
     gyr: Float[AnyArray, "time 3"],
     acc: Float[AnyArray, "time 3"],
     errors: ImuErrors,
-    flipped: Values = 0.0,
 ) -> Imu:
     """Simulate the readings of one sensor for an exact motion.
 
     read = clip(quantise(lowpass((1 + scale) Rᵀ(segment)) + noise + bias + drift)), on soft tissue before Rᵀ.
 
     White noise fills the bandwidth up to half the sampling rate and is not low-passed again: a density in a data sheet
-    holds after the sensor's filter, and sampling folds higher frequencies. Gradients flow to every field except the
-    probabilities and `burst_length`, which act through decisions; rounding to a resolution stops the gradients of all
-    preceding operations.
+    holds after the sensor's filter, and sampling folds higher frequencies. Gradients flow to every field except
+    `packet_loss`, which acts through decisions; rounding to a resolution stops the gradients of all preceding
+    operations.
 
     Args:
         key: PRNG key of one sensor on one trial.
@@ -187,7 +156,6 @@ def measure(
         gyr: (T, 3) exact angular rate in the segment's axes [rad/s].
         acc: (T, 3) exact specific force in the segment's axes, at the position of the sensor [m/s²].
         errors: errors of the sensor.
-        flipped: 1 if the sensor is worn turned half round the segment's long axis (x and y change sign).
 
     Returns:
         The readings in the sensor's axes; lost samples are 0 and masked.
@@ -195,8 +163,9 @@ def measure(
     dtype, n, e = gyr.dtype, time.shape[0], errors
     dt = time[1] - time[0]
     # One draw, because each costs compiling; a key for each row, so that padding does not change the noise.
-    draws = kept(jax.vmap(lambda row: jax.random.normal(row, (n + 2,), dtype))(jax.random.split(key, 14)))
-    white, steps, losses = draws[:6, 2:].T, draws[6:12, 2:].T, draws[12:, 2:].T
+    # Keys are split in 14, as ever: another number would change the noise.
+    draws = kept(jax.vmap(lambda row: jax.random.normal(row, (n + 2,), dtype))(jax.random.split(key, 14)[:13]))
+    white, steps = draws[:6, 2:].T, draws[6:12, 2:].T
     bias, scale, mount = draws[:6, 0], draws[6:12, 0], draws[:6, 1]
 
     def channels(of_gyr: Values, of_acc: Values) -> Float[Array, "channel"]:
@@ -204,18 +173,17 @@ def measure(
 
     gyr, acc = _leaning(gyr, acc, e, dt)
     fixed = jnp.stack([jnp.asarray(part, dtype) for part in (e.mounting_x, e.mounting_y, e.mounting_z)])
-    across = jnp.where(jnp.asarray(flipped, dtype) > 0.5, -jnp.ones((), dtype), jnp.ones((), dtype))
-    half_turn = jnp.stack([across, across, jnp.ones_like(across)])[None, :]
     # columns are the sensor's axes in the segment's axes; the random rotation comes last, in the intended sensor axes
     axes = _turned_back(rotation(fixed), turn(mount[:3], mount[3] * e.mounting)[None])[None]
-    read = jnp.concatenate([_turned_back(part * half_turn, axes) for part in (gyr, acc)], axis=1)
+    read = jnp.concatenate([_turned_back(part, axes) for part in (gyr, acc)], axis=1)
     read = read * (1.0 + scale * channels(e.gyr_scale, e.acc_scale))[None, :]
     read = low_pass(read, channels(e.gyr_bandwidth, e.acc_bandwidth), dt)
     read = read + white * channels(e.gyr_noise, e.acc_noise)[None, :] / jnp.sqrt(2.0 * dt)
     read = read + (bias * channels(e.gyr_bias, e.acc_bias))[None, :]
-    drift, mask = _drifted(steps, jax.scipy.special.ndtr(losses), e)
+    _, drift = jax.lax.scan(lambda now, new: (now + new,) * 2, jnp.zeros_like(steps[0]), steps)
     read = read + drift * channels(e.gyr_drift, e.acc_drift)[None, :] * jnp.sqrt(dt)
     limit = channels(e.gyr_range, e.acc_range)[None, :]
     read = jnp.clip(_quantise(read, channels(e.gyr_resolution, e.acc_resolution)[None, :]), -limit, limit)
+    mask = jax.scipy.special.ndtr(draws[12, 2:]) >= e.packet_loss
     read = kept(jnp.where(mask[:, None], read, jnp.zeros_like(read)))
     return Imu(time, read[:, :3], read[:, 3:], mask)

@@ -26,9 +26,9 @@ compiled = jax.jit(measure)
 read_many = jax.jit(jax.vmap(measure, in_axes=(0, None, None, None, None)))
 
 
-def read(key, time, gyr, acc, errors, flipped=0.0):
+def read(key, time, gyr, acc, errors):
     """One trial; all errors as arrays, so that every test finds it compiled."""
-    imu = compiled(key, time, gyr, acc, jax.tree.map(lambda leaf: np.asarray(leaf, time.dtype), errors), flipped)
+    imu = compiled(key, time, gyr, acc, jax.tree.map(lambda leaf: np.asarray(leaf, time.dtype), errors))
     return jax.tree.map(np.asarray, imu)
 
 
@@ -96,10 +96,9 @@ def test_a_fixed_mounting_is_the_rotation_vector_from_segment_to_sensor():
     vector = np.array([0.3, -0.8, 1.1])
     errors = ImuErrors(mounting_x=vector[0], mounting_y=vector[1], mounting_z=vector[2])
     turned = Rotation.from_rotvec(vector).inv()
-    for flipped, sign in ((0.0, np.ones(3)), (1.0, np.array([-1.0, -1.0, 1.0]))):
-        imu = read(KEY, TIME, GYR, ACC, errors, flipped)
-        np.testing.assert_allclose(imu.gyr, turned.apply(np.asarray(GYR) * sign), rtol=0, atol=1e-12)
-        np.testing.assert_allclose(imu.acc, turned.apply(np.asarray(ACC) * sign), rtol=0, atol=1e-12)
+    imu = read(KEY, TIME, GYR, ACC, errors)
+    np.testing.assert_allclose(imu.gyr, turned.apply(np.asarray(GYR)), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(imu.acc, turned.apply(np.asarray(ACC)), rtol=0, atol=1e-12)
     axis = np.array([0.0, 2.0, -1.0])
     exact = Rotation.from_rotvec(0.7 * axis / np.linalg.norm(axis)).as_matrix()
     np.testing.assert_allclose(jax.jit(turn)(axis, 0.7), exact, rtol=0, atol=1e-12)
@@ -124,23 +123,6 @@ def test_single_samples_are_lost_as_often_as_stated():
     assert lost.mean() == pytest.approx(0.2, abs=6.0 * np.sqrt(0.16 / T))
     assert np.all(np.asarray(imu.gyr)[lost] == 0.0) and np.all(np.asarray(imu.acc)[lost] == 0.0)
     np.testing.assert_allclose(np.asarray(imu.acc)[~lost], np.asarray(ACC)[~lost], rtol=0, atol=1e-12)
-
-
-def test_bursts_begin_and_last_as_stated():
-    keys = jax.random.split(KEY, 20)
-    masks = np.asarray(read_many(keys, TIME, GYR, ACC, ImuErrors(burst_loss=0.02, burst_length=6.0)).mask)
-    begun = masks[:, :-1] & ~masks[:, 1:]
-    rate = begun.sum() / masks[:, :-1].sum()
-    assert rate == pytest.approx(0.02, rel=6.0 * np.sqrt((1 - 0.02) / begun.sum()))
-    lengths = []
-    for mask in masks:
-        padded = np.concatenate([[True], mask, [True]])
-        starts, ends = np.flatnonzero(padded[:-1] & ~padded[1:]), np.flatnonzero(~padded[:-1] & padded[1:])
-        lengths.extend((ends - starts)[ends < T])  # those cut short by the end do not count
-    # geometric, of mean 6 and standard deviation √30
-    assert np.mean(lengths) == pytest.approx(6.0, abs=6.0 * np.sqrt(30.0 / len(lengths)))
-    alone = np.asarray(read_many(keys, TIME, GYR, ACC, ImuErrors(burst_loss=0.02)).mask)
-    assert 1.0 - alone.mean() == pytest.approx(0.02, rel=6.0 * np.sqrt(0.98 / 0.02 / alone.size))
 
 
 # --- filters ---
@@ -292,7 +274,6 @@ def test_single_precision_stays_close_to_double():
         ({"gyr_bandwidth": np.nan}, r"ImuErrors\.gyr_bandwidth must be above 0; got nan"),
         ({"mounting_y": np.nan}, r"ImuErrors\.mounting_y must be finite"),
         ({"packet_loss": 1.5}, r"ImuErrors\.packet_loss must be finite and in \[0, 1\]; got 1\.5"),
-        ({"burst_length": 0.5}, r"ImuErrors\.burst_length must be finite and in \[1, inf\]; got 0\.5"),
         ({"soft_tissue_frequency": -4.0}, r"ImuErrors\.soft_tissue_frequency must be above 0; got -4"),
         ({"gyr_bias": np.array([0.1, -0.2])}, r"ImuErrors\.gyr_bias must .*; got -0\.2"),
     ],
