@@ -70,7 +70,6 @@ def read_mobilised(
     trial: str | None = None,
     name: str | None = None,
     subject: str | None = None,
-    check_sizes: bool = True,
 ) -> Recording:
     """One trial of a Mobilise-D file (`data.mat`).
 
@@ -80,7 +79,6 @@ def read_mobilised(
             has one only.
         name: name of the recording in tables and figures; None: the file's folder and the trial.
         subject: name of the person; None: the folder in which the file lies.
-        check_sizes: refuse units that the size of the signals contradicts.
 
     Returns:
         The recording in SI units, the device's axes kept.
@@ -91,7 +89,7 @@ def read_mobilised(
     """
     with reading(Path(path), EXPECTED):
         content = _measured(Path(path), trial)
-        return settle(content, name=name, subject=subject, check_sizes=check_sizes)
+        return settle(content, name=name, subject=subject)
 
 
 def read_all_mobilised(path: str | os.PathLike[str]) -> dict[str, Recording]:
