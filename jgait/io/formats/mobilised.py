@@ -92,20 +92,13 @@ def read_mobilised(
         return settle(content, name=name, subject=subject)
 
 
-def read_all_mobilised(path: str | os.PathLike[str]) -> dict[str, Recording]:
-    """Every trial of a Mobilise-D file, read once: trial → recording; errors as `read_mobilised`."""
-    file = Path(path)
-    with reading(file, EXPECTED):
-        return {trial: settle(_of_trial(file, trial, tree)) for trial, tree in _trials(file).items()}
-
-
 def _measured(path: Path, trial: str | None) -> Measured:
     every = _trials(path)
     if trial is None:
         if len(every) > 1:
             raise RecordingError(
                 f"{path.name} has {len(every)} trials; read one by jgait.io.read_mobilised with "
-                f"{{argument}}, or all by jgait.io.read_all_mobilised: {', '.join(every)}",
+                f"{{argument}}: {', '.join(every)}",
                 argument="trial",
                 value=next(iter(every)),
             )
