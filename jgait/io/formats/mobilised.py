@@ -21,7 +21,7 @@ from jaxtyping import PyTree
 from numpy.typing import ArrayLike
 
 from jgait.io.apart import apart
-from jgait.io.files import Tree, check_file, library, reading, three_columns
+from jgait.io.files import Tree, check_file, library, positive, reading, three_columns
 from jgait.io.formats.clocks import CLOCKS_APART
 from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.settle import settle
@@ -219,12 +219,9 @@ def _part(place: str, sensor: Tree, where: str, notes: list[Note]) -> tuple[Part
 
 
 def _rate(value: PyTree, where: str) -> float:
-    try:
-        rate = float(value)
-    except (TypeError, ValueError) as error:
-        raise RecordingError(f"{where}.Fs must be numbers: {error}") from error
-    if not (np.isfinite(rate) and rate > 0.0):
-        raise RecordingError(f"{where}.Fs must be positive; it is {rate}")
+    rate = positive(value)
+    if rate is None:
+        raise RecordingError(f"{where}.Fs must be positive; it is {value}")
     return rate
 
 
