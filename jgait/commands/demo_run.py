@@ -64,14 +64,15 @@ def _run(p: LegParams, item: tune.Lesson, options: LegOptions) -> Estimate:
     return leg_ekf.run(leg_ekf.with_body(p, item.own), item.inputs, options)
 
 
-def _values(p: LegParams, names: tuple[str, ...]) -> dict[str, float]:
-    out: dict[str, float] = {}
+def _tuned(names: tuple[str, ...], before: LegParams, after: LegParams) -> dict[str, tuple[float, float]]:
+    """Parameter, with its side if it has one → default and tuned value."""
+    out: dict[str, tuple[float, float]] = {}
     for name in names:
-        value = getattr(p, name)
-        if isinstance(value, BySide):
-            out |= {f"{name}, {side}": float(v) for side, v in zip(SIDES, value, strict=True)}
+        pair = getattr(before, name), getattr(after, name)
+        if isinstance(pair[0], BySide):
+            out |= {f"{name}, {side}": (float(a), float(b)) for side, a, b in zip(SIDES, *pair, strict=True)}
         else:
-            out[name] = float(value)
+            out[name] = float(pair[0]), float(pair[1])
     return out
 
 
@@ -119,7 +120,7 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 15, 
     lines = _medians([_lines(f"median of {subjects - half} people", False, a[0], b[0]) for (a, b), _ in judged])
     (_, (_, estimate)), reference = judged[0]
     figures = _figures(out, "simulated", estimate, reference, "a simulated walk left out of the tuning", None, None)
-    tuned = _compare(_values(start, names), _values(fit.params, names))
+    tuned = _tuned(names, start, fit.params)
     return Demo(f"Simulated: {subjects} people, tuned on {half}", lines, tuned, figures, [float(v) for v in fit.losses])
 
 
@@ -147,10 +148,6 @@ def _medians(tables: list[list[Line]]) -> list[Line]:
         )
         for rows in zip(*tables, strict=True)
     ]
-
-
-def _compare(before: dict[str, float], after: dict[str, float]) -> dict[str, tuple[float, float]]:
-    return {name: (before[name], after[name]) for name in before}
 
 
 class RealWalk(NamedTuple):
@@ -259,7 +256,7 @@ def neura_sparse(out: Path, report: Report, *, steps: int = 30) -> Demo:
         out, "neura_sparse", after, reference, "walk back, left out of the tuning", seconds,
         {"default parameters": before},
     )  # fmt: skip
-    tuned = _compare(_values(start, names), _values(fit.params, names))
+    tuned = _tuned(names, start, fit.params)
     title = "neura_sparse: one person, motion capture; tuned on the walk out, judged on the walk back"
     return Demo(title, lines, tuned, figures, [float(v) for v in fit.losses])
 

@@ -16,8 +16,9 @@ from jgait.commands.folder import results_folder
 from jgait.commands.lessons import lessons_of, losses_of
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 from jgait.commands.warnings import say_warnings
-from jgait.report.cohort import DRAWN
-from jgait.report.recording import CURVES, readable
+from jgait.report.cohort import DRAWN, drawn
+from jgait.report.page import plain, significant
+from jgait.report.recording import CURVES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -107,7 +108,10 @@ def evaluate(
             files = folder.publish(written)
         except OSError as error:
             stop(f"nothing more could be written: {error}")
-    _write_json(json_file, pipeline.name, results, agreement, failures, files)
+    write_json(json_file, plain({
+        "estimator": pipeline.name, "recordings": len(results.recordings), "failures": dict(failures),
+        "agreement": agreement.astype(object).to_dict("index"), "files": list(map(str, files)),
+    }))  # fmt: skip
     _show(f"{pipeline.name}{', the paper’s pipeline' if paper else ''} on {source.title}", results, agreement)
     if judged is not None:
         _show_losses(judged, names)
@@ -144,7 +148,7 @@ def _show_losses(judged: "pd.DataFrame", names: list[str]) -> None:
         shown.add_column(column, justify="left" if column in ("loss", "error") else "right")
     for name in names:
         column, known = judged[name], KNOWN[name]
-        numbers = (number(v) for v in (column.median(), column.mean(), column.max()))
+        numbers = (significant(v) for v in (column.median(), column.mean(), column.max()))
         shown.add_row(name, visible(f"{known.words} [{known.unit}]"), *numbers)
     console.print(shown)
 
@@ -164,42 +168,11 @@ def _write(out: Path, results: "Cohort", agreement: "pd.DataFrame", failures: li
     for name, rows in tables.items():
         files.append(out / f"{name}.csv")
         rows.to_csv(files[-1], index=False)
-    paired = results.paired()
-    for name in DRAWN:
-        rows = paired[(paired["quantity"] == name) & paired["estimate"].notna()]
-        if rows["subject"].nunique() < 2:
-            continue
+    for name, rows, words, unit in drawn(results.paired()):
         what = name.rpartition("_")[0]
-        words, unit = readable(name)
-        rows = rows.assign(quantity=words)
         files.append(plot.save(plot_cohort.bland_altman(rows, words, unit=unit), out / f"{what}_agreement.png"))
         files.append(plot.save(plot_cohort.per_subject(rows, words, unit=unit), out / f"{what}_per_subject.png"))
     return files
-
-
-def _plain(value: object) -> object:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _write_json(
-    path: Path | None,
-    name: str,
-    results: "Cohort",
-    agreement: "pd.DataFrame",
-    failures: list[tuple[str, str]],
-    files: list[Path],
-) -> None:
-    rows = {q: {k: _plain(v) for k, v in row.items()} for q, row in agreement.astype(object).to_dict("index").items()}
-    whole = {
-        "estimator": name, "recordings": len(results.recordings), "failures": dict(failures), "agreement": rows,
-        "files": list(map(str, files)),
-    }  # fmt: skip
-    write_json(path, whole)
-
-
-def number(value: float, digits: int = 3) -> str:
-    """A number as text for tables."""
-    return "–" if not math.isfinite(value) else f"{value:.{digits}g}".replace("-", "−")
 
 
 def _label(name: str) -> str:
@@ -208,7 +181,7 @@ def _label(name: str) -> str:
 
 
 def _span(low: float, high: float) -> str:
-    return "–" if not math.isfinite(low) else f"{number(low)} … {number(high)}"
+    return "–" if not math.isfinite(low) else f"{significant(low)} … {significant(high)}"
 
 
 def _show(title: str, results: "Cohort", agreement: "pd.DataFrame") -> None:
@@ -229,9 +202,9 @@ def _show(title: str, results: "Cohort", agreement: "pd.DataFrame") -> None:
         for name in compared:
             row = agreement.loc[name]
             shown.add_row(
-                _label(name), f"{row['n']:.0f} / {row['n_subjects']:.0f}", number(row["bias"]),
-                _span(row["loa_low"], row["loa_high"]), number(row["mae"]), number(row["max_abs"]),
-                number(row["icc"]),
+                _label(name), f"{row['n']:.0f} / {row['n_subjects']:.0f}", significant(row["bias"]),
+                _span(row["loa_low"], row["loa_high"]), significant(row["mae"]), significant(row["max_abs"]),
+                significant(row["icc"]),
             )  # fmt: skip
         console.print(shown)
     rows = results.paired()
@@ -260,6 +233,6 @@ def _show_shapes(rows: "pd.DataFrame", names: list[str]) -> None:
         part, _, unit, side = name.rsplit("_", 3)
         errors = rows.loc[rows["quantity"] == name, "estimate"].dropna()
         word = CURVES.get(part, part)
-        numbers = (number(v) for v in (errors.median(), errors.mean(), errors.max()))
+        numbers = (significant(v) for v in (errors.median(), errors.mean(), errors.max()))
         shown.add_row(visible(f"{word}, {side} [{units[unit]}]"), str(len(errors)), *numbers)
     console.print(shown)

@@ -115,15 +115,10 @@ def _written(made: PyTree, out: Path, name: str, *, ending: str) -> list[Path]:
     return files
 
 
-QUANTITIES = {
-    "strides": ("strides", "", 0), "distance": ("distance", "m", 2), "stride_length": ("stride length", "m", 3),
-    "walking_speed": ("walking speed", "m/s", 2),
-}  # fmt: skip
-"""Quantity → its words, unit and digits."""
-
-
 def _rows(made: PyTree, name: str) -> list[list[str]]:
     """A row for each quantity: the combined value with its standard deviation, and the value of each source."""
+    from jgait.report.analysis import QUANTITIES
+
     rows = []
     for quantity, (words, unit, digits) in QUANTITIES.items():
         told = [c for c in made.comparisons if c.quantity == quantity]

@@ -3,7 +3,7 @@
 from rich.table import Table
 
 from jgait.commands.console import console, visible
-from jgait.commands.evaluate import number
+from jgait.report.page import significant
 
 
 def presets() -> None:
@@ -23,5 +23,5 @@ def presets() -> None:
         held = made["held_out"]
         what = f"{held['error']} [{held['unit']}], median of {held['n']}"
         cells = (name, estimator, made["loss"], made["cohort"], what)
-        shown.add_row(*map(visible, cells), number(held["before"]), number(held["after"]))
+        shown.add_row(*map(visible, cells), significant(held["before"]), significant(held["after"]))
     console.print(shown)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import jax
 import numpy as np
@@ -12,24 +12,13 @@ from rich.table import Table
 
 from jgait.commands.console import Bar, console, count, progress, stop, visible, write_json
 from jgait.commands.folder import results_folder
-from jgait.types import Recording
 
 if TYPE_CHECKING:
-    from jgait.simulate.person import Person
+    from jgait.simulate.protocols import Walked
     from jgait.simulate.routes import Route
-    from jgait.simulate.worn import Truth
 
 ROUTES = {"straight": (1, "length"), "u_turn": (1, "length"), "rectangle": (2, "a,b"), "circle": (1, "radius")}
 """Name → the number of lengths [m] of the route, and their names."""
-
-
-class SimulatedWalk(NamedTuple):
-    """A walk of a simulated person, with the distance [m] along its route."""
-
-    recording: Recording
-    truth: "Truth"
-    person: "Person"
-    distance: float
 
 
 PROTOCOLS = ("bennett", "udaya_shankar", "silva", "potter", "kose")
@@ -120,7 +109,7 @@ def _options(sensors: str | None, rate: float | None, worn: tuple[str, ...] | No
 
 def _walks(
     people: int, route: str, protocol: str | None, options: dict[str, Any], seed: int
-) -> Callable[[], Iterator[SimulatedWalk]]:
+) -> Callable[[], Iterator["Walked"]]:
     """A function that simulates the walks one after another; exits with code 2 for an unknown protocol or route."""
     from jgait.simulate import protocols
 
@@ -129,22 +118,16 @@ def _walks(
         if protocol not in PROTOCOLS:
             stop(f"--protocol must be one of {', '.join(PROTOCOLS)}; got {protocol!r}")
         simulated = getattr(protocols, protocol)
-
-        def of_paper() -> Iterator[SimulatedWalk]:
-            for walked in simulated(key, people, **options):
-                yield SimulatedWalk(
-                    walked.recording, walked.truth, walked.extra["person"], float(walked.extra["distance"])
-                )
-
-        return of_paper
+        return lambda: iter(simulated(key, people, **options))
     along = _route(route)
     return lambda: _drawn(key, people, along, options)
 
 
-def _drawn(key: PRNGKeyArray, people: int, along: "Route", options: dict[str, Any]) -> Iterator[SimulatedWalk]:
+def _drawn(key: PRNGKeyArray, people: int, along: "Route", options: dict[str, Any]) -> Iterator["Walked"]:
     """People drawn from the norms on one route."""
     from jgait import simulate as simulation
     from jgait.simulate import sensors
+    from jgait.simulate.protocols import Walked
 
     who, how = jax.random.split(key)
     drawn = simulation.population(who, people)
@@ -154,7 +137,7 @@ def _drawn(key: PRNGKeyArray, people: int, along: "Route", options: dict[str, An
     walks = simulation.walks(keys, fit, [along] * people, **asked)
     distance = float(np.sum(along.length))
     for (recording, truth), person in zip(walks, fit, strict=True):
-        yield SimulatedWalk(recording, truth, person, distance)
+        yield Walked(recording, truth, {"person": person, "distance": distance})
 
 
 def _route(text: str) -> "Route":
@@ -174,11 +157,12 @@ def _route(text: str) -> "Route":
     return getattr(simulation, name)(*metres)
 
 
-def _written(walk: SimulatedWalk, out: Path, files: list[Path]) -> dict[str, Any]:
+def _written(walk: "Walked", out: Path, files: list[Path]) -> dict[str, Any]:
     """Write the files of a walk, and add them to the list; returns the numbers of the walk."""
     from jgait import io
 
-    recording, truth, person, distance = walk
+    recording, truth, extra = walk
+    body = extra["person"].body
     name = recording.name
     files += [
         io.write_csv(recording, out / f"{name}.csv"),
@@ -189,9 +173,9 @@ def _written(walk: SimulatedWalk, out: Path, files: list[Path]) -> dict[str, Any
     return {
         "file": f"{name}.csv",
         "subject": recording.subject,
-        "thigh_length_m": float(person.body.thigh_length),
-        "shank_length_m": float(person.body.shank_length),
-        "distance_m": distance,
+        "thigh_length_m": float(body.thigh_length),
+        "shank_length_m": float(body.shank_length),
+        "distance_m": float(extra["distance"]),
         "sampling_rate_hz": float(recording.sampling_rate_hz),
         "duration_s": float(time[-1]),
         "strides": int(np.count_nonzero(truth.strides.valid)),

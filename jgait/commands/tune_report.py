@@ -3,15 +3,14 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import jax
 import numpy as np
-from jaxtyping import PyTree
 from rich.table import Table
 
 from jgait.commands.console import console, count, note, visible, write_json, wrote
-from jgait.commands.evaluate import number
 from jgait.commands.folder import ResultsFolder
 from jgait.commands.tune_run import Job, TuningResults
+from jgait.report.made import flat
+from jgait.report.page import significant
 from jgait.tune.words import OFF
 
 if TYPE_CHECKING:
@@ -117,15 +116,7 @@ def _values(job: Job, results: TuningResults) -> dict[str, LearnedNumber]:
     from jgait import io
 
     units = io.units(job.start)
-    free = {_name(path) for path, _ in jax.tree_util.tree_flatten_with_path(results.fit.free)[0]}
-    before, after = (
-        {
-            _name(path): float(value)
-            for path, value in jax.tree_util.tree_flatten_with_path(params)[0]
-            if not np.ndim(value)
-        }
-        for params in (job.start, results.fit.params)
-    )
+    free, before, after = (flat(params) for params in (results.fit.free, job.start, results.fit.params))
     rows = {name: LearnedNumber(units[name], before[name], after[name]) for name in after if name in free}
     if results.known is not None:
         for i, name in enumerate(results.known.names):
@@ -134,10 +125,6 @@ def _values(job: Job, results: TuningResults) -> dict[str, LearnedNumber]:
             if np.isfinite([stderr, low, high]).all():
                 rows[name] = rows[name]._replace(stderr=stderr, low=low, high=high)
     return rows
-
-
-def _name(path: tuple[PyTree, ...]) -> str:
-    return jax.tree_util.keystr(path).lstrip(".")
 
 
 def _show_held_out(table: "pd.DataFrame", job: Job, change: "PairedDifference") -> None:
@@ -150,21 +137,21 @@ def _show_held_out(table: "pd.DataFrame", job: Job, change: "PairedDifference") 
         shown.add_column(visible(name), justify="left" if name == one else "right")
     ordered = table.sort_values("error_after", ascending=False, kind="stable")
     for subject, row in ordered.head(MOST).iterrows():
-        numbers = (number(row[name]) for name in ("error_before", "error_after", "change"))
+        numbers = (significant(row[name]) for name in ("error_before", "error_after", "change"))
         shown.add_row(visible(str(subject)), f"{row['n']:.0f}", *numbers)
     if len(table) > MOST:
         shown.add_row(f"… and {len(table) - MOST} more", "", "", "", "")
     shown.add_section()
     for name, of in (("median", np.median), ("worst", np.max)):
-        shown.add_row(name, "", number(of(table["error_before"])), number(of(table["error_after"])), "")
+        shown.add_row(name, "", significant(of(table["error_before"])), significant(of(table["error_after"])), "")
     console.print(shown)
-    change_words = f"median change {number(change.estimate)} {'points' if job.unit == '%' else job.unit}"
+    change_words = f"median change {significant(change.estimate)} {'points' if job.unit == '%' else job.unit}"
     sides = f"{change.better} better, {change.worse} worse"
     if change.n < ENOUGH:
         console.print(f"{change_words}; {sides} (a verdict needs {ENOUGH} {many})", highlight=False)
         return
     verdict = "better" if change.high < 0.0 else "worse" if change.low > 0.0 else "no clear change"
-    ends = f"95 %: {number(change.low)} to {number(change.high)}, bootstrap over {many}"
+    ends = f"95 %: {significant(change.low)} to {significant(change.high)}, bootstrap over {many}"
     console.print(f"{verdict}: {change_words} ({ends}); {sides}", highlight=False)
 
 
@@ -175,7 +162,7 @@ def _show_values(values: dict[str, LearnedNumber]) -> None:
     for name in ("parameter", "unit", "before", "after", "standard error", "95 % interval"):
         shown.add_column(visible(name), justify="left" if name in ("parameter", "unit") else "right")
     for name, row in values.items():
-        spread = "–" if row.stderr is None else number(row.stderr, 2)
-        ends = "–" if row.low is None or row.high is None else f"{number(row.low)} … {number(row.high)}"
-        shown.add_row(name, row.unit, number(row.before), number(row.after, 4), spread, ends)
+        spread = "–" if row.stderr is None else significant(row.stderr, 2)
+        ends = "–" if row.low is None or row.high is None else f"{significant(row.low)} … {significant(row.high)}"
+        shown.add_row(name, row.unit, significant(row.before), significant(row.after, 4), spread, ends)
     console.print(shown)

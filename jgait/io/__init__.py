@@ -12,7 +12,7 @@ from jgait.io.formats.c3d import read_c3d
 from jgait.io.formats.c3d_axes import joint_centres
 from jgait.io.formats.capture import Capture, CaptureEvent
 from jgait.io.formats.dialects import recording_from_gaitmap, recording_from_mobgap
-from jgait.io.formats.mobilised import mobilised_trials, read_all_mobilised, read_mobilised
+from jgait.io.formats.mobilised import mobilised_trials, read_mobilised
 from jgait.io.formats.opensim import OpenSimMotion, opensim_reference, read_opensim
 from jgait.io.formats.registry import FORMATS, format_of, read
 from jgait.io.params import PRESETS, made_of, params_file, preset_names, read_params, write_params
@@ -38,7 +38,6 @@ __all__ = [
     "preset_names",
     "quality_notes",
     "read",
-    "read_all_mobilised",
     "read_c3d",
     "read_csv",
     "read_mobilised",

@@ -38,7 +38,6 @@ def recording_from_arrays(
     range_unit: str = "m",
     name: str = "recording",
     subject: str = "subject",
-    check_sizes: bool = True,
 ) -> Recording:
     """A recording from arrays, all sensors on one clock.
 
@@ -57,7 +56,6 @@ def recording_from_arrays(
         range_unit: 'm', 'cm' or 'mm'.
         name: name of the recording in tables and figures.
         subject: name of the person.
-        check_sizes: refuse units that the size of the signals contradicts.
 
     Returns:
         The recording in SI units; its notes state deduced units, filled gaps and doubtful signals, and sensors that
@@ -85,15 +83,14 @@ def recording_from_arrays(
         found[placement] = masked.notes
         damaged = np.any([np.isfinite(v) & np.isnan(masked.signals[k]) for k, v in read.items()], axis=(0, 2))
         noted[placement] = (clock.rows < 0) | damaged[clock.rows]
-    imus, left_out = usable_sensors(imus, gyr_unit, acc_unit, name, check_sizes=check_sizes)
+    imus, left_out = usable_sensors(imus, gyr_unit, acc_unit, name)
     recording = Recording(imus, clock.sampling_rate_hz, name, subject, clock.notes)
     damage = [note for placement in imus for note in found[placement]]
     notes = (*clock.notes, *left_out, *damage, *quality_notes(recording, noted), *damage_notes(recording))
     if feet_range is None:
         return recording._replace(notes=notes)
     apart = _range(feet_range, metres, clock, int(samples or 0), name)
-    if check_sizes:
-        check_range(apart.distance[apart.mask], range_unit, name)
+    check_range(apart.distance[apart.mask], range_unit, name)
     if not apart.mask.any():
         notes = (*notes, RANGE_EMPTY())
     return recording._replace(notes=notes, feet_range=apart)

@@ -56,7 +56,7 @@ class _Fault(NamedTuple):
 
 
 def usable_sensors(
-    sensors: Mapping[str, Imu], gyr_unit: str, acc_unit: str, name: str, *, check_sizes: bool = True
+    sensors: Mapping[str, Imu], gyr_unit: str, acc_unit: str, name: str
 ) -> tuple[dict[str, Imu], list[Note]]:
     """The sensors without those whose numbers cannot be right, and a note about each of these.
 
@@ -65,7 +65,6 @@ def usable_sensors(
         gyr_unit: unit of the file.
         acc_unit: unit of the file.
         name: name of the recording in messages.
-        check_sizes: whether the sizes of the signals are checked, too, and not only that there are signals.
 
     Raises:
         RecordingError: if no sensor has signals, or the sizes of most contradict the unit of the file: a limb turns
@@ -75,10 +74,9 @@ def usable_sensors(
     if len(faults) == len(sensors):
         placement, (part, words) = next(iter(faults.items()))
         raise RecordingError(f"{name}: {f'the {part} of ' if part else ''}{placement} {words}")
-    if check_sizes:
-        faults |= _too_fast(_without(sensors, faults), gyr_unit, name)
-        faults |= _without_gravity(_without(sensors, faults), acc_unit, name)
-        _check_moving(_without(sensors, faults), gyr_unit, name)
+    faults |= _too_fast(_without(sensors, faults), gyr_unit, name)
+    faults |= _without_gravity(_without(sensors, faults), acc_unit, name)
+    _check_moving(_without(sensors, faults), gyr_unit, name)
     notes = [
         SENSOR_LEFT_OUT(placement=placement, reason=f"{f'its {part}' if part else 'it'} {words}")
         for placement, (part, words) in faults.items()

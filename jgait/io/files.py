@@ -104,6 +104,18 @@ def plain(value: object) -> str:
     return str(value).replace("\0", " ").strip()
 
 
+def positive(*candidates: ArrayLike | None) -> float | None:
+    """The first candidate that is a positive finite number, or an array of one; None if there is none."""
+    for value in candidates:
+        try:
+            number = float(np.asarray(value, np.float64).item())
+        except (TypeError, ValueError):
+            continue
+        if np.isfinite(number) and number > 0.0:
+            return number
+    return None
+
+
 def three_columns(values: ArrayLike, what: str, rows: int | None = None) -> np.ndarray:
     """(T, 3) finite-or-NaN numbers of a file, with a required number of rows; messages name file and signal.
 

@@ -2,14 +2,13 @@
 
 import difflib
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from jgait.io.arrays import recording_from_arrays
-from jgait.io.checks import SENSOR_LEFT_OUT
 from jgait.io.files import reading
 from jgait.io.names import CHANNELS, recognised, unit_in_name
 from jgait.io.rows import read_table
@@ -53,9 +52,7 @@ class Columns(NamedTuple):
 def recording_from_dataframe(
     table: "pd.DataFrame",
     *,
-    columns: Mapping[str, str] | None = None,
     placement: str | None = None,
-    needs: Iterable[str] = (),
     sampling_rate_hz: float | None = None,
     time_unit: str | None = None,
     gyr_unit: str = "deg/s",
@@ -63,7 +60,6 @@ def recording_from_dataframe(
     range_unit: str = "m",
     name: str = "recording",
     subject: str = "subject",
-    check_sizes: bool = True,
 ) -> Recording:
     """A recording from a table with columns `<placement>_gyr_x` … `<placement>_acc_z`, perhaps `time` and `feet_range`.
 
@@ -74,9 +70,7 @@ def recording_from_dataframe(
 
     Args:
         table: one row a sample.
-        columns: the table's name → the expected name, for example {"Gx R": "thigh_right_gyr_x"}.
         placement: placement of the sensor, for a table of one sensor with columns `gyr_x` … `acc_z`.
-        needs: required placements.
         sampling_rate_hz: as `recording_from_arrays`.
         time_unit: as `recording_from_arrays`.
         gyr_unit: as `recording_from_arrays`.
@@ -84,7 +78,6 @@ def recording_from_dataframe(
         range_unit: as `recording_from_arrays`.
         name: name of the recording in tables and figures.
         subject: name of the person.
-        check_sizes: as `recording_from_arrays`.
 
     Returns:
         The recording in SI units.
@@ -94,8 +87,7 @@ def recording_from_dataframe(
         RecordingError: if columns are missing (the message lists the expected and the given columns, and similar
             names) or contain no numbers, or if the recording is unusable.
     """
-    needs = tuple(needs)
-    content = columns_of(table, columns=columns, placement=placement, needs=needs, name=name)
+    content = columns_of(table, placement=placement, name=name)
     if content.time is None and sampling_rate_hz is None:
         rest = f"; columns that are not of sensors: {', '.join(content.others)}" if content.others else ""
         raise RecordingError(
@@ -114,20 +106,14 @@ def recording_from_dataframe(
         range_unit=range_unit,
         name=name,
         subject=subject,
-        check_sizes=check_sizes,
     )
-    lost = [note for note in recording.notes if note.code == SENSOR_LEFT_OUT.code and note.values["placement"] in needs]
-    if lost:
-        raise RecordingError(f"{name}: {lost[0]}")
     return recording._replace(notes=(*recording.notes, *about(content)))
 
 
 def columns_of(
     table: "pd.DataFrame",
     *,
-    columns: Mapping[str, str] | None = None,
     placement: str | None = None,
-    needs: Iterable[str] = (),
     name: str = "recording",
 ) -> Columns:
     """The signals in a table, in its units, identified by the names of its columns; see `recording_from_dataframe`.
@@ -136,11 +122,13 @@ def columns_of(
         RecordingError: if columns are missing or contain no numbers.
     """
     given = [str(column) for column in table.columns]
-    renamed = _renamed(given, columns or {}, placement, name)
+    renamed = [column.strip().lower() for column in given]
+    if placement is not None:
+        renamed = [f"{placement}_{column}" if column in CHANNELS else column for column in renamed]
     ours = recognised(given, renamed, placement)
     renamed = [ours.get(index, column) for index, column in enumerate(renamed)]
     position = {column: index for index, column in reversed(list(enumerate(renamed)))}
-    placements_found = _placements(position, given, tuple(needs), name)
+    placements_found = _placements(position, given, name)
     sensors: dict[str, dict[str, np.ndarray]] = {}
     used = {position["time"]} if "time" in position else set()
     for where, kinds in placements_found.items():
@@ -171,29 +159,14 @@ def about(content: Columns) -> tuple[Note, ...]:
     return tuple(notes)
 
 
-def _renamed(given: list[str], columns: Mapping[str, str], placement: str | None, name: str) -> list[str]:
-    """The names of the table's columns, converted to jgait's names."""
-    absent = [column for column in columns if column not in given]
-    if absent:
-        near = difflib.get_close_matches(absent[0], given, 1, 0.5)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise RecordingError(f"{name} has no column {absent[0]!r} (named in columns); it has {given}{hint}")
-    renamed = [columns.get(column, column).strip().lower() for column in given]
-    if placement is not None:
-        renamed = [f"{placement}_{column}" if column in CHANNELS else column for column in renamed]
-    return renamed
-
-
-def _placements(
-    position: Mapping[str, int], given: list[str], needs: tuple[str, ...], name: str
-) -> dict[str, list[str]]:
+def _placements(position: Mapping[str, int], given: list[str], name: str) -> dict[str, list[str]]:
     """Placement → kinds of signal for which all three axes are present."""
     placements: dict[str, list[str]] = {}
     for placement in PLACEMENTS:
         for kind in ("gyr", "acc"):
             expected = [f"{placement}_{kind}_{axis}" for axis in "xyz"]
             lacking = [column for column in expected if column not in position]
-            if len(lacking) == 3 and (kind == "acc" or placement not in needs):
+            if len(lacking) == 3:
                 continue
             if lacking:
                 raise _lacking(lacking, expected, given, name)
@@ -255,9 +228,7 @@ def _numbers(column: "pd.Series", label: str, name: str) -> np.ndarray:
 def read_csv(
     path: str | os.PathLike[str],
     *,
-    columns: Mapping[str, str] | None = None,
     placement: str | None = None,
-    needs: Iterable[str] = (),
     sampling_rate_hz: float | None = None,
     time_unit: str | None = None,
     gyr_unit: str = "deg/s",
@@ -265,7 +236,6 @@ def read_csv(
     range_unit: str = "m",
     name: str | None = None,
     subject: str = "subject",
-    check_sizes: bool = True,
 ) -> Recording:
     """A recording from a CSV file with a header; comma, semicolon or tab, decimal point or comma.
 
@@ -282,9 +252,7 @@ def read_csv(
         table, notes = read_table(file)
         recording = recording_from_dataframe(
             table,
-            columns=columns,
             placement=placement,
-            needs=needs,
             sampling_rate_hz=sampling_rate_hz,
             time_unit=time_unit,
             gyr_unit=gyr_unit,
@@ -292,6 +260,5 @@ def read_csv(
             range_unit=range_unit,
             name=file.stem if name is None else name,
             subject=subject,
-            check_sizes=check_sizes,
         )
         return recording._replace(notes=(*notes, *recording.notes))

@@ -56,31 +56,29 @@ def places_at(estimate: Estimate, foot: FootTrajectory, times: np.ndarray) -> np
     return np.stack([np.interp(times, time, axis) for axis in as_float(foot.position).T], axis=1)
 
 
-def shown(estimate: Estimate, foot: FootTrajectory, seconds: Seconds) -> np.ndarray:
+def shown(estimate: Estimate, foot: FootTrajectory, seconds: Seconds = None) -> np.ndarray:
     """Positions (T, 3) [m], NaN outside the window and where the estimate is not valid."""
     visible = np.asarray(estimate.valid, bool) & windowed(estimate.time, seconds)
     return np.where(visible[:, None], as_float(foot.position), np.nan)
 
 
-def foot_paths(
-    estimate: Estimate, reference: Estimate | None = None, *, seconds: Seconds = None, title: str = ""
-) -> Figure:
+def foot_paths(estimate: Estimate, reference: Estimate | None = None, *, title: str = "") -> Figure:
     """Both feet from above, footholds marked; axes equal.
 
     Each foot of `foot_ins` has a separate world frame, with the origin at the foot's start and x along its first
     stride. Feet of the reference, right dashed, left dotted, are turned about the vertical and shifted to fit the
-    estimate. The window `seconds` is from and to [s].
+    estimate.
 
     Raises:
         ValueError: if the estimate has no feet.
     """
     feet = feet_of(estimate)
-    ways = {side: shown(estimate, foot, seconds) for side, foot in feet.items()}
+    ways = {side: shown(estimate, foot) for side, foot in feet.items()}
     figure, axes = blank(1, 1, 8.6, 1.3 + height_of(ways, 7.6))
     axis = axes[0, 0]
     for side, way in ways.items():
         axis.plot(way[:, 0], way[:, 1], label=f"{side} foot", **FOOT[side])
-        holds = places_at(estimate, feet[side], footholds(estimate, side, seconds))
+        holds = places_at(estimate, feet[side], footholds(estimate, side))
         axis.plot(holds[:, 0], holds[:, 1], **FOOTHOLD[side])
     for side in feet:
         known = None if reference is None else _fitted(reference, estimate, side)
@@ -119,7 +117,7 @@ def plan_of(axis: Axes) -> None:
     axis.grid(alpha=0.3)
 
 
-def foot_height(estimate: Estimate, *, seconds: Seconds = None, title: str = "") -> Figure:
+def foot_height(estimate: Estimate, *, title: str = "") -> Figure:
     """Each foot from the side: its height along its way, footholds marked; heights are drawn larger than lengths.
 
     Raises:
@@ -128,11 +126,11 @@ def foot_height(estimate: Estimate, *, seconds: Seconds = None, title: str = "")
     feet = feet_of(estimate)
     figure, axes = blank(len(feet), 1, 8.6, 2.1 * len(feet) + 0.9, sharex=True)
     for axis, (side, foot) in zip(axes[:, 0], feet.items(), strict=True):
-        way = shown(estimate, foot, seconds)
+        way = shown(estimate, foot)
         steps = np.nan_to_num(np.linalg.norm(np.diff(way[:, :2], axis=0), axis=1))
         along = np.concatenate([[0.0], np.cumsum(steps)])
         axis.plot(along, 100.0 * way[:, 2], label=f"{side} foot", **FOOT[side])
-        times = footholds(estimate, side, seconds)
+        times = footholds(estimate, side)
         heights = 100.0 * places_at(estimate, foot, times)[:, 2]
         axis.plot(np.interp(times, as_float(estimate.time), along), heights, **FOOTHOLD[side])
         axis.set_ylabel("height [cm]")

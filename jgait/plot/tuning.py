@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 REJECTED: Style = {"marker": "x", "color": "black", "markersize": 6.0, "markeredgewidth": 1.4, "linestyle": "none"}
 VALIDATION: Style = {"color": "black", "marker": "o", "markersize": 3.5, "linewidth": 1.0, "linestyle": DASHED}
+LEVEL = 0.95
+"""[1] Coverage probability of the line and the interval of a profile."""
+
 MANY = 14
 """Smallest number of parameters for which the squares have no numbers."""
 
@@ -68,21 +71,18 @@ def correlation(identifiability: "Identifiability", *, title: str = "") -> Figur
     return figure
 
 
-def profile(profile: "Profile", *, level: float = 0.95, unit: str = "", title: str = "") -> Figure:
-    """Increase of the loss when one parameter is fixed at other values than the best, and the ends of the interval.
-
-    `level` is the coverage probability of the line and the interval [1], `unit` that of the parameter.
-    """
+def profile(profile: "Profile", *, title: str = "") -> Figure:
+    """Increase of the loss with one parameter fixed at other values than the best, and ends of the 95 % interval."""
     figure, axes = blank(1, 1, 6.0, 3.8)
     axis = axes[0, 0]
-    need = NormalDist().inv_cdf(0.5 + level / 2.0) ** 2 / 2.0
+    need = NormalDist().inv_cdf(0.5 + LEVEL / 2.0) ** 2 / 2.0
     finite = np.isfinite(profile.rises)
     rises = profile.rises[finite]
     axis.plot(*profile.curve(), **ESTIMATE)
     axis.plot(profile.values[finite], rises, "o", color=RED, markersize=4.5)
-    line = {**REFERENCE, "label": f"{100 * level:g} %: {need:.3g} nat"}
+    line = {**REFERENCE, "label": f"{100 * LEVEL:g} %: {need:.3g} nat"}
     axis.axhline(need, **line)
-    low, high = profile.interval(level)
+    low, high = profile.interval(LEVEL)
     for end, words in ((low, "from"), (high, "to")):
         if end is not None:
             axis.plot([end, end], [0.0, need], label=f"{words} {end:.4g}", color="0.35", linewidth=1.0,
@@ -94,7 +94,7 @@ def profile(profile: "Profile", *, level: float = 0.95, unit: str = "", title: s
         axis.set_xscale("log")
         _plain(axis.xaxis)
     axis.set_ylim(-0.06 * need, 1.05 * min(max(float(rises.max()), 1.35 * need), 5.0 * need))
-    axis.set_xlabel(f"{profile.name} [{unit}]" if unit else profile.name)
+    axis.set_xlabel(profile.name)
     axis.set_ylabel("loss above its minimum [nat]")
     axis.grid(alpha=0.3, which="both")
     axis.legend(loc="upper center" if low is not None and high is not None else "best", fontsize=8, framealpha=0.9)
@@ -103,8 +103,8 @@ def profile(profile: "Profile", *, level: float = 0.95, unit: str = "", title: s
     return figure
 
 
-def training(fit: "Fit[PyTree]", *, unit: str = "", title: str = "") -> Figure:
-    """Loss [unit] and gradient of each step; crosses are undone steps (loss or gradient not finite)."""
+def training(fit: "Fit[PyTree]", *, title: str = "") -> Figure:
+    """Loss and gradient of each step; crosses are undone steps (loss or gradient not finite)."""
     figure, axes = blank(2, 1, 6.4, 5.2, sharex=True)
     steps = np.arange(len(fit.losses))
     rejected = ~np.asarray(fit.accepted, bool)
@@ -120,7 +120,7 @@ def training(fit: "Fit[PyTree]", *, unit: str = "", title: str = "") -> Figure:
     # The validation loss is computed after each step. Without validation items it equals the loss and is not drawn.
     if looked.any() and not np.array_equal(validation[:-1], np.asarray(fit.losses, float)[1:]):
         axes[0, 0].plot(steps[looked] + 1, validation[looked], label="validation", **VALIDATION)
-    axes[0, 0].set_ylabel(f"loss [{unit}]" if unit else "loss")
+    axes[0, 0].set_ylabel("loss")
     axes[1, 0].set_ylabel("gradient norm\nin free coordinates")
     if np.nanmax(norms, initial=0.0) > 8.0 * np.nanmin(norms, initial=np.inf):
         axes[1, 0].set_yscale("log")

@@ -19,16 +19,12 @@ from jgait.estimators.waist.prepare import SILENCE
 from jgait.events.trunk import PAPER_RATE, PaperRule, Peaks, details, initial_contacts
 from jgait.plot.style import (
     BLUE,
-    DOTTED,
     FOOTHOLD,
     GROUND,
-    RED,
     Axes,
     Figure,
-    Seconds,
     Style,
     blank,
-    check_overlap,
     legend,
     over_time,
     windowed,
@@ -42,10 +38,9 @@ CONTACT: dict[str, Style] = {
     "right": {"color": "black", "linewidth": 1.0, "zorder": 1.5},
     "left": {"color": BLUE, "linewidth": 1.5, "linestyle": (0, (5, 1.5)), "zorder": 1.5},
 }
-KNOWN: Style = {"color": RED, "linewidth": 1.6, "linestyle": DOTTED, "zorder": 1.6}
 RULE = PaperRule()
 SHOWN_S = 4.0
-"""[s] Length of the default window, about the middle contact."""
+"""[s] Length of the window that is drawn, about the middle contact."""
 
 TICK_S = 0.2
 """[s] Distance of the ticks of a short time axis."""
@@ -84,28 +79,24 @@ def trunk_contacts(
     recording: Recording,
     estimate: Estimate,
     *,
-    reference: Estimate | None = None,
     p: "WaistParams | None" = None,
     options: "WaistOptions | None" = None,
-    seconds: Seconds = None,
     wavelet: bool = True,
     title: str = "",
 ) -> Figure:
     """The trunk's accelerations forward, up and left, their reconstruction from wavelet details, and the contacts of
     both feet.
 
-    The estimate is of `waist` for this recording, with these parameters and options; contacts of a reference are
-    dotted. Grey background marks the interval of interest, in which the paper searches the largest forward
-    acceleration; wavelet and interval are the paper's, and left out without `wavelet`. The window `seconds`, from and
-    to [s], is by default four seconds about the middle contact.
+    The estimate is of `waist` for this recording, with these parameters and options. Grey background
+    marks the interval of interest, in which the paper searches the largest forward acceleration; wavelet and interval
+    are the paper's, and left out without `wavelet`. Four seconds about the middle contact are drawn.
 
     Raises:
-        ValueError: if the estimate has no contacts, or no sample lies in the window.
+        ValueError: if the estimate has no contacts.
         RecordingError: as `waist.estimate`.
     """
     contacts = contacts_of(estimate)
-    first, last = _window(as_float(estimate.time), np.concatenate(list(contacts.values())), seconds)
-    check_overlap(estimate.time, (first, last))
+    first, last = _window(as_float(estimate.time), np.concatenate(list(contacts.values())))
     p, options = waist.WaistParams() if p is None else p, waist.DEFAULT if options is None else options
     trunk = moves(recording, p, options, smooth=False)
     at, rebuilt = _rebuilt(trunk, recording.sampling_rate_hz) if wavelet else (np.zeros(0), {})
@@ -119,12 +110,11 @@ def trunk_contacts(
         axis.plot(trunk.time[kept], raw[kept], label="acceleration", **RAW)
         if wavelet:
             axis.plot(at[fine], rebuilt[field][fine], label="its wavelet details", **REBUILT)
-        _drawn(axis, trunk.time, raw, contacts, reference, (first, last))
+        _drawn(axis, trunk.time, raw, contacts, (first, last))
         axis.set_ylabel(unit)
         axis.set_xlim(first, last)
-        if last - first <= 2.0 * SHOWN_S:
-            axis.set_xticks(np.arange(np.ceil(first / TICK_S), np.floor(last / TICK_S) + 1.0) * TICK_S, minor=True)
-            axis.grid(alpha=0.18, which="minor", axis="x")
+        axis.set_xticks(np.arange(np.ceil(first / TICK_S), np.floor(last / TICK_S) + 1.0) * TICK_S, minor=True)
+        axis.grid(alpha=0.18, which="minor", axis="x")
     over_time(axes[:, 0])
     legend(figure, title)
     return figure
@@ -142,10 +132,8 @@ def contacts_of(estimate: Estimate) -> dict[str, np.ndarray]:
     return {name: when[there & (side == number)] for number, name in enumerate(SIDES)}
 
 
-def _window(time: np.ndarray, contacts: np.ndarray, seconds: Seconds) -> tuple[float, float]:
-    """From and to [s]."""
-    if seconds is not None:
-        return seconds
+def _window(time: np.ndarray, contacts: np.ndarray) -> tuple[float, float]:
+    """From and to [s]: four seconds about the middle contact."""
     middle = float(np.sort(contacts)[contacts.size // 2])
     return max(float(time[0]), middle - 0.5 * SHOWN_S), min(float(time[-1]), middle + 0.5 * SHOWN_S)
 
@@ -178,19 +166,12 @@ def _peaks(trunk: Trunk, rate: float) -> np.ndarray:
 
 
 def _drawn(
-    axis: Axes, time: np.ndarray, raw: np.ndarray, contacts: dict[str, np.ndarray], reference: Estimate | None,
-    span: tuple[float, float],
-) -> None:  # fmt: skip
-    """Draw contacts of both feet as vertical lines and as marks on the acceleration; reference contacts are dotted."""
-    for number, (side, times) in enumerate(contacts.items()):
+    axis: Axes, time: np.ndarray, raw: np.ndarray, contacts: dict[str, np.ndarray], span: tuple[float, float]
+) -> None:
+    """Draw contacts of both feet as vertical lines and as marks on the acceleration."""
+    for side, times in contacts.items():
         of_side = times[windowed(times, span)]
         for when in of_side:
             axis.axvline(when, **CONTACT[side])
         axis.plot(of_side, np.interp(of_side, time, raw), label=f"{side} contact", zorder=3.0,
                   **{**FOOTHOLD[side], "markersize": 6.0})  # fmt: skip
-        if reference is None or reference.strides is None:
-            continue
-        rows = np.asarray(reference.strides.valid, bool) & (np.asarray(reference.strides.side) == number)
-        known = np.unique([*as_float(reference.strides.start)[rows], *as_float(reference.strides.end)[rows]])
-        for when in known[windowed(known, span)]:
-            axis.axvline(when, label="reference contact", **KNOWN)

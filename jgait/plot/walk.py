@@ -12,7 +12,7 @@ from jaxtyping import PyTree
 from jgait.geometry.segments import in_world
 from jgait.geometry.vectors import Vector
 from jgait.io.atomic import replaced
-from jgait.plot.style import AXES, Axes, Figure, Seconds, Style, blank, legend
+from jgait.plot.style import AXES, Axes, Figure, Style, blank, legend
 from jgait.types import PLACEMENTS, SIDES, Recording, Strides
 
 if TYPE_CHECKING:
@@ -23,19 +23,14 @@ if TYPE_CHECKING:
 LEG: dict[str, Style] = {"right": {"color": "black", "linewidth": 2.6}, "left": {"color": "0.62", "linewidth": 2.6}}
 PELVIS = {"color": "0.3", "linewidth": 2.6}
 
+FRAMES_HZ = 25.0
+"""[Hz] Frames of the animation per second."""
+
 CONTACTS = (("initial contact", "-"), ("final contact", (0, (1, 1.5))))
 SIGNALS = (("gyr", "angular rate [rad/s]"), ("acc", "specific force [m/s²]"))
 
 
-def stick_figure(
-    truth: "Truth",
-    path: str | Path | None = None,
-    *,
-    body: "Body | None" = None,
-    seconds: Seconds = None,
-    frames_per_second: float = 25.0,
-    title: str = "",
-) -> "FuncAnimation":
+def stick_figure(truth: "Truth", path: str | Path | None = None) -> "FuncAnimation":
     """Animation of the walking body from the side and from the front; the view follows the pelvis.
 
     The right leg is black, the left leg grey. The toes are bent where the sole would be below the ground.
@@ -43,33 +38,20 @@ def stick_figure(
     Args:
         truth: of a simulated walk.
         path: file for an animated GIF; None writes no file.
-        body: body with the dimensions of the feet; None for the default body.
-        seconds: from and to [s]; None shows everything.
-        frames_per_second: of the animation [Hz].
-        title: above the figure.
 
     Returns:
         A `matplotlib.animation.FuncAnimation`; in a notebook, `HTML(animation.to_jshtml())` shows it.
-
-    Raises:
-        ValueError: if no sample lies between the given times.
     """
     from matplotlib.animation import FuncAnimation, PillowWriter
 
-    if not frames_per_second > 0.0:
-        raise ValueError(f"frames_per_second must be positive; got {frames_per_second!r}")
-    time = np.asarray(truth.estimate.time)
-    first, last = (time[0], time[-1]) if seconds is None else seconds
-    wanted = np.arange(first, last + 1e-9, 1.0 / frames_per_second)
-    wanted = wanted[(wanted >= time[0]) & (wanted <= time[-1] + 1e-9)]
-    if not wanted.size:
-        raise ValueError(f"seconds must overlap [{time[0]:g}, {time[-1]:g}] of the walk; got {seconds}")
-    chosen = np.unique(np.clip(np.searchsorted(time, wanted), 0, time.size - 1))
     from jgait.simulate import Body
 
-    lines, ground = _lines(truth, Body() if body is None else body, chosen)
+    time = np.asarray(truth.estimate.time)
+    wanted = np.arange(time[0], time[-1] + 1e-9, 1.0 / FRAMES_HZ)
+    chosen = np.unique(np.clip(np.searchsorted(time, wanted), 0, time.size - 1))
+    lines, ground = _lines(truth, Body(), chosen)
     figure, axes = blank(1, 2, 6.2, 4.4, width_ratios=(2.3, 1.0))
-    drawn, label = _stage(axes[0], lines, ground, title)
+    drawn, label = _stage(axes[0], lines)
 
     def show(number: int) -> list[PyTree]:
         for (view, name), artist in drawn.items():
@@ -80,17 +62,15 @@ def stick_figure(
 
     show(0)
     animation = FuncAnimation(
-        figure, show, frames=len(chosen), interval=1000.0 / frames_per_second, blit=False, cache_frame_data=False
+        figure, show, frames=len(chosen), interval=1000.0 / FRAMES_HZ, blit=False, cache_frame_data=False
     )
     if path is not None:
         with replaced(path) as part:
-            animation.save(part, writer=PillowWriter(fps=round(frames_per_second)), dpi=80)
+            animation.save(part, writer=PillowWriter(fps=round(FRAMES_HZ)), dpi=80)
     return animation
 
 
-def _stage(
-    axes: np.ndarray, lines: dict[str, np.ndarray], ground: np.ndarray, title: str
-) -> tuple[dict[tuple[int, str], PyTree], PyTree]:
+def _stage(axes: np.ndarray, lines: dict[str, np.ndarray]) -> tuple[dict[tuple[int, str], PyTree], PyTree]:
     """Both views with an empty line for each part of the body; and the text for the time."""
     everything = np.concatenate([points.reshape(-1, 3) for points in lines.values()])
     low, high = everything.min(axis=0) - 0.12, everything.max(axis=0) + 0.12
@@ -108,7 +88,7 @@ def _stage(
         axis.set_xlabel(name)
         axis.grid(alpha=0.25)
     axes[0].set_ylabel("height [m]")
-    axes[0].set_title("from the right" + (f": {title}" if title else ""), fontsize=10)
+    axes[0].set_title("from the right", fontsize=10)
     axes[1].set_title("from the front", fontsize=10)
     axes[1].tick_params(labelleft=False)
     for side in SIDES:
@@ -175,21 +155,17 @@ def _seen(points: np.ndarray, middle: np.ndarray, heading: np.ndarray) -> np.nda
     return np.stack([c * away[..., 0] + s * away[..., 1], -s * away[..., 0] + c * away[..., 1], away[..., 2]], axis=-1)
 
 
-def stride_signals(recording: Recording, truth: "Truth", *, stride: int | None = None, title: str = "") -> Figure:
-    """All sensor signals of one stride of a simulated walk, with the contacts of both feet.
-
-    `stride` is a row of `truth.strides`; None: the middle row.
+def stride_signals(recording: Recording, truth: "Truth") -> Figure:
+    """All sensor signals of the middle stride of a simulated walk, with the contacts of both feet.
 
     Raises:
-        ValueError: if there is no such stride.
+        ValueError: if the walk has no stride.
     """
     strides = truth.strides
     rows = np.flatnonzero(np.asarray(strides.valid))
     if not rows.size:
         raise ValueError("the walk has no stride to show")
-    stride = int(rows[len(rows) // 2]) if stride is None else stride
-    if stride not in rows:
-        raise ValueError(f"stride must be one of the valid rows of truth.strides, {rows.tolist()}; got {stride}")
+    stride = int(rows[len(rows) // 2])
     start, end = float(strides.start[stride]), float(strides.end[stride])
     worn = sorted(recording.sensors.items(), key=lambda placed: PLACEMENTS.index(placed[0]))
     figure, axes = blank(len(worn), 2, 8.6, 1.35 * len(worn) + 1.3)
@@ -216,7 +192,7 @@ def stride_signals(recording: Recording, truth: "Truth", *, stride: int | None =
     for column, (_, unit) in enumerate(SIGNALS):
         axes[0, column].set_title(unit, fontsize=10)
         axes[-1, column].set_xlabel(f"stride of the {side} foot [%]")
-    legend(figure, title or f"{recording.name}: {end - start:.2f} s, {float(strides.length[stride]):.2f} m")
+    legend(figure, f"{recording.name}: {end - start:.2f} s, {float(strides.length[stride]):.2f} m")
     return figure
 
 

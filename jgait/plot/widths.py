@@ -1,7 +1,6 @@
 """A figure of two feet in one world frame: stride widths from above, in sections, and over time."""
 
 import itertools
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -20,12 +19,12 @@ MOVING = 10
 """Number of strides in the moving standard deviation of the width."""
 
 
-def two_feet(estimate: Estimate, *, sections: Sequence[tuple[float, float]] | None = None, title: str = "") -> Figure:
+def two_feet(estimate: Estimate, *, title: str = "") -> Figure:
     """Both feet in one world frame with the widths of their strides: from above, in sections, and over time.
 
     A width is the line from a foothold to the line between the two footholds of the other foot. In the sections the
-    walking direction points to the right, and lateral distances are drawn at a larger scale; their times from and to
-    [s] are by default up to three of the longest straight parts. The width over time has bars of two standard
+    walking direction points to the right, and lateral distances are drawn at a larger scale; they are up to three
+    of the longest straight parts. The width over time has bars of two standard
     deviations; below it is its standard deviation over the last ten strides.
 
     Raises:
@@ -38,8 +37,8 @@ def two_feet(estimate: Estimate, *, sections: Sequence[tuple[float, float]] | No
     if not has(estimate, "width", rows):
         raise ValueError("no stride of the estimate has a width; stride_width_ekf gives them")
     widths = _width_lines(estimate, rows)
-    sections = _straight(estimate, rows) if sections is None else sections
-    ways = {side: shown(estimate, foot, None) for side, foot in feet.items()}
+    sections = _straight(estimate, rows)
+    ways = {side: shown(estimate, foot) for side, foot in feet.items()}
     heights = (height_of(ways, 8.2), 2.1, 1.9, 1.1)
     figure, _ = blank(1, 1, 9.2, sum(heights) + 2.6)
     figure.clear()

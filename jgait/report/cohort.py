@@ -1,7 +1,7 @@
 """The page of a cohort."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -215,16 +215,20 @@ def _interval(row: PyTree, name: str) -> Cell:
     return Cell(significant(row[name]) + (f"\n({inside})" if inside != "–" else ""), float(row[name]))
 
 
+def drawn(paired: "pd.DataFrame") -> Iterator[tuple[str, "pd.DataFrame", str, str]]:
+    """Name, comparisons, words and unit of the quantities of `DRAWN` that two people or more have."""
+    for name in DRAWN:
+        rows = paired[(paired["quantity"] == name) & paired["estimate"].notna()]
+        if rows["subject"].nunique() > 1:
+            words, unit = readable(name)
+            yield name, rows.assign(quantity=words), words, unit
+
+
 def _figures(paired: "pd.DataFrame") -> list[Picture]:
     from jgait.plot import cohort as plot_cohort
 
     made = []
-    for name in DRAWN:
-        rows = paired[(paired["quantity"] == name) & paired["estimate"].notna()]
-        if rows["subject"].nunique() < 2:
-            continue
-        words, unit = readable(name)
-        rows = rows.assign(quantity=words)
+    for _, rows, words, unit in drawn(paired):
         alt = f"Bland–Altman plot of {words}, {len(rows)} comparisons of {rows['subject'].nunique()} people"
         caption = f"Bland–Altman plot of {words}."
         made.append(picture(plot_cohort.bland_altman(rows, words, unit=unit), alt, caption))

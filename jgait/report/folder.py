@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
-from jaxtyping import PyTree
 
 from jgait.evaluate.store import COLUMNS, Cohort, frame
 from jgait.notes import from_json
@@ -79,7 +78,9 @@ def made(folder: Path) -> Made:
     name = str(about["estimator"])
     default = estimators.get(name).params if name in estimators.names() else None
     values = values_of(str(about.get("params", "")))
-    params = None if default is None else _filled(default, values)
+    params = jax.tree_util.tree_map_with_path(
+        lambda where, old: values.get(jax.tree_util.keystr(where).lstrip("."), old), default
+    )
     return Made(name, params, default, file=folder.resolve().name, version=str(about.get("jgait", "")))
 
 
@@ -104,10 +105,3 @@ def values_of(text: str) -> dict[str, float]:
     except SyntaxError:
         return {}
     return values
-
-
-def _filled(default: PyTree, values: dict[str, float]) -> PyTree:
-    """The default parameters, with the values that are given."""
-    leaves, structure = jax.tree_util.tree_flatten_with_path(default)
-    names = [jax.tree_util.keystr(where).lstrip(".") for where, _ in leaves]
-    return jax.tree.unflatten(structure, [values.get(n, old) for n, (_, old) in zip(names, leaves, strict=True)])

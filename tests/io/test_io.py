@@ -31,7 +31,7 @@ def test_csv_in_the_dialect(tmp_path):
     path = tmp_path / "anna_walk.csv"
     frame = table()
     frame.to_csv(path, index=False)
-    recording = io.read_csv(path, subject="anna", needs=NEEDED)
+    recording = io.read_csv(path, subject="anna")
     assert recording.name == "anna_walk" and recording.subject == "anna"
     assert list(recording.sensors) == list(NEEDED)
     assert recording.sampling_rate_hz == pytest.approx(100.0)
@@ -92,9 +92,9 @@ def test_a_wide_table_of_one_sensor():
     assert list(read(waist(None), placement="waist").sensors) == ["waist"]
 
 
-def test_own_column_names_and_blanks():
-    frame = table().rename(columns={"thigh_right_gyr_x": "Gx R", "shank_right_acc_z": " Shank_Right_Acc_Z "})
-    assert list(read(frame, columns={"Gx R": "thigh_right_gyr_x"}).sensors) == list(NEEDED)
+def test_capitals_and_blanks():
+    frame = table().rename(columns={"shank_right_acc_z": " Shank_Right_Acc_Z "})
+    assert list(read(frame).sensors) == list(NEEDED)
 
 
 def test_other_columns_are_left_out_and_noted():
@@ -157,7 +157,6 @@ def test_radians_passed_as_degrees():
     fails("too slow for walking: the gyroscopes seem to be in rad/s; pass gyr_unit='rad/s'", frame)
     without_acc = frame.loc[:, [name for name in frame if "_acc_" not in name]]
     fails("seem to be in rad/s", without_acc)
-    assert read(without_acc, check_sizes=False).sampling_rate_hz == pytest.approx(100)
 
 
 def test_standing_still_is_no_wrong_unit():
@@ -237,10 +236,6 @@ REFUSED = {
         lambda t: t.assign(**{name: np.rad2deg(t[name]) for name in t if "_gyr_" in name}), {},
         "given as deg/s.*, but nothing worn while walking exceeds 35 rad/s; were deg/s taken for rad/s, or converted",
     ),
-    "needed": (
-        lambda t: t.assign(thigh_right_gyr_x=np.nan), {"needs": ["thigh_right"]},
-        "recording: thigh_right is left out: it has no usable sample",
-    ),
     "time repeats": (
         lambda t: t.assign(time=t.time.where(t.index != 17, t.time[16])), {},
         r"time repeats at row 17 \(the first row is 0\): 0.16 follows 0.16; 1 such rows in all",
@@ -270,10 +265,6 @@ REFUSED = {
         "samples are 1e-05 s apart, faster than 10 kHz; it seems to be in s: correct time_unit",
     ),
     "short": (lambda t: t.iloc[:2], {}, "recording has 2 samples; at least 10 are needed"),
-    "placement": (
-        lambda t: t, {"needs": ["thigh_left"]},
-        "recording lacks thigh_left_gyr_x, thigh_left_gyr_y, thigh_left_gyr_z: expected",
-    ),
     "no known column": (
         lambda t: pd.DataFrame({"a": [1.0], "b": [2.0]}), {},
         r"expected columns such as \['thigh_right_gyr_x', .*\], found \['a', 'b'\]",
@@ -287,7 +278,6 @@ REFUSED = {
         lambda t: t.assign(shank_right_gyr_y="fast"), {},
         "column 'shank_right_gyr_y' holds no numbers; its first value is 'fast'",
     ),
-    "mapped": (lambda t: t, {"columns": {"Gx": "thigh_right_gyr_x"}}, "no column 'Gx' .named in columns."),
 }  # fmt: skip
 
 

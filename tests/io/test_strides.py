@@ -197,9 +197,9 @@ def test_a_range_that_was_never_heard_and_one_of_another_length():
     assert io.recording_from_dataframe(frame.drop(columns="feet_range")).feet_range is None
     with pytest.raises(ValueError, match="range_unit must be one of 'm', 'cm', 'mm'; got 'inch'"):
         io.recording_from_dataframe(frame, range_unit="inch")
-    one = {"thigh_right": {"gyr": np.random.default_rng(0).normal(size=(600, 3))}}
+    one = {"thigh_right": {"gyr": 100.0 * np.random.default_rng(0).normal(size=(600, 3))}}
     with pytest.raises(RecordingError, match=r"feet_range must have one value a sample, \(600,\); got \(9,\)"):
-        io.recording_from_arrays(one, sampling_rate_hz=100.0, feet_range=np.ones(9), check_sizes=False)
+        io.recording_from_arrays(one, sampling_rate_hz=100.0, feet_range=np.ones(9))
 
 
 def test_a_range_on_a_gap_and_one_that_comes_oftener_than_samples():

@@ -18,7 +18,10 @@ SLOWEST_HZ = 10.0
 
 
 def damage_notes(recording: Recording) -> tuple[Note, ...]:
-    """Notes about sensors that contradict themselves or each other: scale, sign, axes, delays, rows without stamps."""
+    """Notes about sensors that contradict themselves or each other: scale, sign, axes, delays, rows without stamps.
+
+    The functions that it calls take the sensors by placement, short gaps of the gyroscope bridged, and the rate [Hz].
+    """
     rate_hz = recording.sampling_rate_hz
     if rate_hz < SLOWEST_HZ:
         return ()

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.geometry.rotation import Quaternion, conjugate, product
 from jgait.io.damage.gaps import in_long_gaps
 from jgait.notes import Kind, Note
 from jgait.types import SIDES, Imu
@@ -109,13 +110,15 @@ class Averaged(NamedTuple):
     step: float
 
 
-def averaged(imu: Imu, rate_hz: float) -> Averaged | None:
-    """Means of a few samples each; None without an accelerometer, or in a recording shorter than two windows."""
+def averaged(
+    imu: Imu, rate_hz: float, least_hz: float = RATE_HZ, shortest_s: float = 2.0 * WINDOW_S
+) -> Averaged | None:
+    """Means of a few samples each, at a least rate; None without an accelerometer, or in a shorter recording."""
     if imu.acc is None:
         return None
-    count = max(int(rate_hz / RATE_HZ), 1)
+    count = max(int(rate_hz / least_hz), 1)
     length = min(len(imu.time), int(LONGEST_S * rate_hz)) // count
-    if length < 2.0 * WINDOW_S * rate_hz / count:
+    if length < shortest_s * rate_hz / count:
         return None
     cut = slice(0, length * count)
     gyr, acc = (np.asarray(part)[cut].reshape(length, count, 3).mean(axis=1) for part in (imu.gyr, imu.acc))
@@ -123,14 +126,26 @@ def averaged(imu: Imu, rate_hz: float) -> Averaged | None:
     return Averaged(gyr, acc, lost, count / rate_hz)
 
 
-def product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """The product of quaternions (4, …), scalar first."""
-    a, b, c, d = first
-    e, f, g, h = second
-    return np.stack(
-        [a * e - b * f - c * g - d * h, a * f + b * e + c * h - d * g,
-         a * g - b * h + c * e + d * f, a * h + b * g - c * f + d * e]
-    )  # fmt: skip
+def moving_means(values: np.ndarray, samples: int) -> np.ndarray:
+    """Means (T − samples + 1, n) of values (T, n) over windows of some samples."""
+    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    return np.asarray((sums[samples:] - sums[:-samples]) / samples)
+
+
+def turned(rates: np.ndarray, forces: np.ndarray, step: float) -> np.ndarray:
+    """Forces (…, n, 3), each turned by the rates before it to the axes at the beginning; (3, …, n)."""
+    half = 0.5 * step * rates
+    angle = np.sqrt(np.sum(half * half, axis=-1))
+    q = np.concatenate([np.cos(angle)[None], np.moveaxis(half, -1, 0) * np.sinc(angle / np.pi)])
+    q[..., 1:] = q[..., :-1].copy()
+    q[..., 0] = np.array([1.0, 0.0, 0.0, 0.0]).reshape(4, *[1] * (angle.ndim - 1))
+    width = 1
+    while width < q.shape[-1]:  # products of neighbours, of pairs, of fours …
+        q[..., width:] = product(Quaternion(*q[..., :-width]), Quaternion(*q[..., width:]))
+        width *= 2
+    whole, zero = Quaternion(*q), np.zeros(angle.shape)
+    still = Quaternion(zero, *np.broadcast_to(np.moveaxis(forces, -1, 0), (3, *angle.shape)))
+    return np.stack(product(product(whole, still), conjugate(whole))[1:])
 
 
 def turned_mean(one: Averaged, factors: np.ndarray) -> np.ndarray:
@@ -140,22 +155,10 @@ def turned_mean(one: Averaged, factors: np.ndarray) -> np.ndarray:
     """
     samples = round(WINDOW_S / one.step)
     rows = np.arange(0, len(one.gyr) - samples + 1, samples // 2)[:, None] + np.arange(samples)
-    half = 0.5 * one.step * one.gyr[rows] * factors[:, None, None, :]  # (trials, windows, samples, 3)
-    angle = np.sqrt(np.sum(half * half, axis=-1))
-    q = np.concatenate([np.cos(angle)[None], np.moveaxis(half, -1, 0) * np.sinc(angle / np.pi)])
-    q[..., 1:] = q[..., :-1].copy()
-    q[..., 0] = np.array([1.0, 0.0, 0.0, 0.0])[:, None, None]
-    width = 1
-    while width < samples:  # products of neighbours, of pairs, of fours …
-        q[..., width:] = product(q[..., :-width], q[..., width:])
-        width *= 2
-    force = np.moveaxis(one.acc[rows], -1, 0)[:, None]
-    zero = np.zeros_like(q[0])
-    still = np.concatenate([zero[None], np.broadcast_to(force, (3, *zero.shape))])
-    back = q * np.array([1.0, -1.0, -1.0, -1.0])[:, None, None, None]
     weight = np.hanning(samples + 2)[1:-1]
-    mean = product(product(q, still), back)[1:] @ (weight / weight.sum())
-    return np.sqrt(np.sum(mean * mean, axis=0))
+    # (axis, trials, windows, samples)
+    mean = turned(one.gyr[rows] * factors[:, None, None, :], one.acc[rows][None], one.step) @ (weight / weight.sum())
+    return np.asarray(np.sqrt(np.sum(mean * mean, axis=0)))
 
 
 def walking_windows(one: Averaged, fastest: float = FASTEST_WINDOW) -> np.ndarray:
@@ -182,12 +185,7 @@ def _gravity_note(placement: str, one: Averaged) -> Note | None:
 
 
 def agreement_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
-    """Notes about sensors of the legs whose gyroscope disagrees with the accelerometer, or with the other sensors.
-
-    Args:
-        sensors: placement → sensor; short gaps of the gyroscope are bridged.
-        rate_hz: sampling rate [Hz].
-    """
+    """Notes about sensors of the legs whose gyroscope disagrees with the accelerometer, or with the other sensors."""
     notes: list[Note] = []
     rates: dict[str, float] = {}
     for placement, imu in sensors.items():

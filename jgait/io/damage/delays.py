@@ -8,6 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from jgait.io.damage.agreement import moving_means
 from jgait.mounting.leg import SIDES_EXCHANGED
 from jgait.notes import Kind, Note
 from jgait.types import SIDES, Imu
@@ -84,11 +85,8 @@ def _changes(values: np.ndarray, step: int) -> np.ndarray:
 def _mean(values: np.ndarray, samples: int) -> np.ndarray:
     """Centred moving mean of values (T, n); the ends are repeated."""
     before = samples // 2
-    held = np.concatenate(
-        [np.repeat(values[:1], before + 1, 0), values, np.repeat(values[-1:], samples - before - 1, 0)]
-    )
-    total = np.cumsum(held, axis=0)
-    return (total[samples:] - total[:-samples]) / samples
+    held = [np.repeat(values[:1], before, 0), values, np.repeat(values[-1:], samples - before - 1, 0)]
+    return moving_means(np.concatenate(held), samples)
 
 
 def _shaking(values: np.ndarray, samples: int) -> np.ndarray:
@@ -111,12 +109,7 @@ def _late(first: np.ndarray, second: np.ndarray, rate_hz: float) -> tuple[float,
 
 
 def delay_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
-    """Notes about delays within and between the sensors of each leg.
-
-    Args:
-        sensors: placement → sensor; short gaps of the gyroscope are bridged.
-        rate_hz: sampling rate [Hz].
-    """
+    """Notes about delays within and between the sensors of each leg."""
     notes: list[Note] = []
     long = {name: imu for name, imu in sensors.items() if imu.acc is not None and len(imu.time) > SHORTEST_S * rate_hz}
     step, longest = max(round(STEP_S * rate_hz), 1), int(LONGEST_S * rate_hz)

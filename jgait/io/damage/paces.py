@@ -138,12 +138,7 @@ def _cause(seconds: float, angle: float, shaking: float) -> str:
 
 
 def pace_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
-    """Notes about legs that do not move as in walking, and about feet that are not half a stride apart.
-
-    Args:
-        sensors: placement → sensor; short gaps of the gyroscope are bridged.
-        rate_hz: sampling rate [Hz].
-    """
+    """Notes about legs that do not move as in walking, and about feet that are not half a stride apart."""
     paces = {}
     for placement, imu in sensors.items():
         segment = placement.partition("_")[0]

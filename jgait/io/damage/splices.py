@@ -65,12 +65,7 @@ def _shifted(values: np.ndarray, by: int) -> np.ndarray:
 
 
 def splice_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
-    """A note if all sensors jump at the same time, more than around it, or often turn by two steps in one.
-
-    Args:
-        sensors: placement → sensor, on one clock; short gaps of the gyroscope are bridged.
-        rate_hz: sampling rate [Hz].
-    """
+    """A note if all sensors jump at the same time, more than around it, or often turn by two steps in one."""
     masks = [np.asarray(imu.mask) for imu in sensors.values()]
     if len({len(mask) for mask in masks}) != 1 or len(masks[0]) < 10 * AROUND or not all(m.any() for m in masks):
         return ()

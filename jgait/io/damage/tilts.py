@@ -9,8 +9,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from jgait.io.damage.agreement import product
-from jgait.io.damage.gaps import in_long_gaps
+from jgait.io.damage.agreement import Averaged, averaged, moving_means, turned
 from jgait.notes import Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import Imu
@@ -32,9 +31,6 @@ STILL = 0.05, 1.0
 
 BESIDE_S = 5.0
 """[s] Time before and after standing that is examined; later, errors of the gyroscope weigh more."""
-
-LONGEST_S = 60.0
-"""[s] Part of a recording that is examined."""
 
 MOST_STANDINGS = 8
 """[1] Number of times of standing that are examined, the longest ones."""
@@ -64,12 +60,7 @@ TILTS_APART = Kind(
 
 
 def tilt_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
-    """Notes about sensors whose gyroscope and accelerometer disagree on the tilt between standing and walking.
-
-    Args:
-        sensors: placement → sensor; short gaps of the gyroscope are bridged.
-        rate_hz: sampling rate [Hz].
-    """
+    """Notes about sensors whose gyroscope and accelerometer disagree on the tilt between standing and walking."""
     notes: list[Note] = []
     for placement, imu in sensors.items() if rate_hz >= SLOWEST_HZ else ():
         segment = placement.partition("_")[0]
@@ -89,18 +80,15 @@ def tilts(imu: Imu, rate_hz: float, moving: float) -> list[float]:
         rate_hz: sampling rate [Hz].
         moving: least root mean square rate of a window of walking [rad/s].
     """
-    count = max(int(rate_hz / RATE_HZ), 1)
-    length = min(len(imu.time), int(LONGEST_S * rate_hz)) // count
-    step = count / rate_hz
-    window, stand = round(WINDOW_S / step), round(STANDING_S / step)
-    if length < window + stand:
+    one = averaged(imu, rate_hz, RATE_HZ, WINDOW_S)
+    if one is None:
         return []
-    cut = slice(0, length * count)
-    lost = in_long_gaps(imu, rate_hz)[cut].reshape(length, count).any(axis=1)
-    gyr, acc = (np.asarray(part)[cut].reshape(length, count, 3).mean(axis=1) for part in (imu.gyr, imu.acc))
+    window, stand = round(WINDOW_S / one.step), round(STANDING_S / one.step)
+    if len(one.gyr) < window + stand:
+        return []
     weight = np.hanning(window + 2)[1:-1]
     found = []
-    for bias, down, rates, forces in _beside_standing(gyr, acc, lost, stand, round(BESIDE_S / step)):
+    for bias, down, rates, forces in _beside_standing(one, stand, round(BESIDE_S / one.step)):
         if len(rates) < window:
             continue
         rows = np.arange(0, len(rates) - window + 1, window // 2)[:, None] + np.arange(window)
@@ -108,7 +96,7 @@ def tilts(imu: Imu, rate_hz: float, moving: float) -> list[float]:
         walks = np.flatnonzero(square > max(ACTIVE * square.max(), moving**2))[:FIRST]
         if not walks.size:
             continue
-        back = _turned_back(rates - bias, forces, step)
+        back = turned(rates - bias, forces, one.step).T
         mean = np.einsum("w,kwi->ki", weight, back[rows[walks]])
         cosine = mean @ down / (np.linalg.norm(mean, axis=1) * np.linalg.norm(down))
         found.append(float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))).mean()))
@@ -116,9 +104,10 @@ def tilts(imu: Imu, rate_hz: float, moving: float) -> list[float]:
 
 
 def _beside_standing(
-    gyr: np.ndarray, acc: np.ndarray, lost: np.ndarray, stand: int, beside: int
+    one: Averaged, stand: int, beside: int
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
     """Bias and mean force in standing, and rates and forces after it; those before it backwards in time."""
+    gyr, acc, lost, _ = one
     spread = [np.sqrt(np.maximum(_variance(part, stand), 0.0)) for part in (gyr, acc)]
     broken = np.convolve(lost, np.ones(stand), "valid") > 0
     runs = true_runs((spread[0] < STILL[0]) & (spread[1] < STILL[1]) & ~broken)
@@ -136,20 +125,5 @@ def _beside_standing(
 def _variance(values: np.ndarray, samples: int) -> np.ndarray:
     """Sum over the axes of the variance in each window (T − samples + 1,)."""
     values = values - values.mean(axis=0)
-    sums = [np.concatenate([np.zeros((1, 3)), np.cumsum(power, axis=0)]) for power in (values, values * values)]
-    mean, square = ((total[samples:] - total[:-samples]) / samples for total in sums)
+    mean, square = (moving_means(power, samples) for power in (values, values * values))
     return np.asarray(np.sum(square - mean * mean, axis=1))
-
-
-def _turned_back(rates: np.ndarray, forces: np.ndarray, step: float) -> np.ndarray:
-    """Forces (n, 3), each turned by the rates before it to the axes at the beginning."""
-    half = 0.5 * step * rates
-    angle = np.sqrt(np.sum(half * half, axis=1))
-    q = np.concatenate([np.cos(angle)[None], half.T * np.sinc(angle / np.pi)])
-    q = np.concatenate([[[1.0], [0.0], [0.0], [0.0]], q[:, :-1]], axis=1)
-    width = 1
-    while width < q.shape[1]:  # products of neighbours, of pairs, of fours …
-        q[:, width:] = product(q[:, :-width], q[:, width:])
-        width *= 2
-    force = np.concatenate([np.zeros((1, len(forces))), forces.T])
-    return np.asarray(product(product(q, force), q * np.array([[1.0], [-1.0], [-1.0], [-1.0]]))[1:].T)

@@ -9,6 +9,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
+from jgait.io.damage.agreement import moving_means
 from jgait.io.damage.gaps import in_long_gaps
 from jgait.notes import Kind, Note
 from jgait.types import Imu, as_float
@@ -56,23 +57,17 @@ def turns_of(imu: Imu, rate_hz: float) -> np.ndarray:
     """
     samples = round(WINDOW_S * rate_hz)
     every = max(samples // 8, 1)
-    gyr, acc = (_means(as_float(part), samples)[::every] for part in (imu.gyr, imu.acc))
-    lost = _means(in_long_gaps(imu, rate_hz).astype(float)[:, None], samples)[::every, 0]
+    gyr, acc = (moving_means(as_float(part), samples)[::every] for part in (imu.gyr, imu.acc))
+    lost = moving_means(in_long_gaps(imu, rate_hz).astype(float)[:, None], samples)[::every, 0]
     up = acc / np.maximum(np.linalg.norm(acc, axis=1, keepdims=True), 1e-9)
     return np.where(lost > 0.5 / samples, np.nan, np.sum(gyr * up, axis=1) * WINDOW_S)
-
-
-def _means(values: np.ndarray, samples: int) -> np.ndarray:
-    """Moving means (T − samples + 1, n) over windows of some samples."""
-    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
-    return np.asarray((sums[samples:] - sums[:-samples]) / samples)
 
 
 def turn_notes(sensors: Mapping[str, Imu], rate_hz: float, suspects: Collection[str] = ()) -> tuple[Note, ...]:
     """Notes about sensors that turn otherwise than the person does.
 
     Args:
-        sensors: placement → sensor; short gaps of the gyroscope are bridged.
+        sensors: as in `jgait.io.damage.damage_notes`.
         rate_hz: sampling rate [Hz].
         suspects: placements of sensors that contradict themselves; of two sensors without a third, the one among them
             is named.

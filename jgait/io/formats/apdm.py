@@ -20,11 +20,10 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import PyTree
 from numpy.typing import ArrayLike
 
 from jgait.io.apart import apart, largest
-from jgait.io.files import check_file, library, plain, three_columns
+from jgait.io.files import check_file, library, plain, positive, three_columns
 from jgait.io.formats.part import Measured, Part
 from jgait.notes import DEDUCED, Kind, Note
 from jgait.types import RecordingError
@@ -169,16 +168,7 @@ def _sensor(
         if stamps.shape != (len(gyr),):
             raise RecordingError(f"{where}: Time must have shape ({len(gyr)},); it has {stamps.shape}")
     part = Part(label, gyr, acc, gyr_unit="rad/s", acc_unit="m/s^2", axes=AXES)
-    return part, stamps if stamps is not None and len(stamps) else None, _rate(rate)
-
-
-def _rate(value: PyTree) -> float | None:
-    """The attribute as a number; None where it is absent or no number."""
-    try:
-        rate = float(np.asarray(value, np.float64).ravel()[0])
-    except (TypeError, ValueError, IndexError):
-        return None
-    return rate if np.isfinite(rate) and rate > 0.0 else None
+    return part, stamps if stamps is not None and len(stamps) else None, positive(rate)
 
 
 def _on_clock(

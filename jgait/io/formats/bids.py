@@ -17,10 +17,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from jgait.io.apart import apart
-from jgait.io.files import Tree, check_columns, check_file, library
+from jgait.io.files import Tree, check_columns, check_file, library, positive
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
 from jgait.notes import LEFT_OUT, ORIGIN, Kind, Note
@@ -72,7 +71,7 @@ def measured(path: Path) -> Measured:
     about = _about(path, stem)
     notes: list[Note] = []
     values = _values(path, list(channels["name"]), notes)
-    rate = _positive(about.get("SamplingFrequency"), about.get("SamplingFrequencyEffective"))
+    rate = positive(about.get("SamplingFrequency"), about.get("SamplingFrequencyEffective"))
     time = _latency(path, channels, values)
     frames = _frames(path, stem)
     parts, left_out = list[Part](), list[str]()
@@ -180,18 +179,6 @@ def _json(file: Path) -> Tree:
     return content
 
 
-def _positive(*candidates: ArrayLike | None) -> float | None:
-    """The first candidate that is a positive number."""
-    for value in candidates:
-        try:
-            number = float(np.asarray(value, np.float64))
-            if np.isfinite(number) and number > 0.0:
-                return number
-        except (TypeError, ValueError):
-            continue
-    return None
-
-
 def _values(path: Path, names: list[str], notes: list[Note]) -> np.ndarray:
     """(T, channels) numbers, NaN for n/a."""
     first = _table(path, header=None, nrows=1, dtype=str)
@@ -285,7 +272,7 @@ def _part(
         bad = list(used["name"][used["status"].str.lower() == "bad"])
         notes.append(CHANNELS_BAD(sensor=point, channels=bad))
     if "sampling_frequency" in rows:
-        rate = _positive(rate, *used["sampling_frequency"])
+        rate = positive(rate, *used["sampling_frequency"])
     frame = next((text for text in used["reference_frame"] if text), "") if "reference_frame" in rows else ""
     axes = f"in the reference frame {frame!r}{frames.get(frame, '')}" if frame else ""
     return Part(point, gyr, acc, time, rate, gyr_unit, acc_unit, place, axes)

@@ -21,7 +21,7 @@ from jaxtyping import PyTree
 from numpy.typing import ArrayLike
 
 from jgait.io.apart import apart
-from jgait.io.files import Tree, check_file, library, reading, three_columns
+from jgait.io.files import Tree, check_file, library, positive, reading, three_columns
 from jgait.io.formats.clocks import CLOCKS_APART
 from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.settle import settle
@@ -70,7 +70,6 @@ def read_mobilised(
     trial: str | None = None,
     name: str | None = None,
     subject: str | None = None,
-    check_sizes: bool = True,
 ) -> Recording:
     """One trial of a Mobilise-D file (`data.mat`).
 
@@ -80,7 +79,6 @@ def read_mobilised(
             has one only.
         name: name of the recording in tables and figures; None: the file's folder and the trial.
         subject: name of the person; None: the folder in which the file lies.
-        check_sizes: refuse units that the size of the signals contradicts.
 
     Returns:
         The recording in SI units, the device's axes kept.
@@ -91,14 +89,7 @@ def read_mobilised(
     """
     with reading(Path(path), EXPECTED):
         content = _measured(Path(path), trial)
-        return settle(content, name=name, subject=subject, check_sizes=check_sizes)
-
-
-def read_all_mobilised(path: str | os.PathLike[str]) -> dict[str, Recording]:
-    """Every trial of a Mobilise-D file, read once: trial → recording; errors as `read_mobilised`."""
-    file = Path(path)
-    with reading(file, EXPECTED):
-        return {trial: settle(_of_trial(file, trial, tree)) for trial, tree in _trials(file).items()}
+        return settle(content, name=name, subject=subject)
 
 
 def _measured(path: Path, trial: str | None) -> Measured:
@@ -107,7 +98,7 @@ def _measured(path: Path, trial: str | None) -> Measured:
         if len(every) > 1:
             raise RecordingError(
                 f"{path.name} has {len(every)} trials; read one by jgait.io.read_mobilised with "
-                f"{{argument}}, or all by jgait.io.read_all_mobilised: {', '.join(every)}",
+                f"{{argument}}: {', '.join(every)}",
                 argument="trial",
                 value=next(iter(every)),
             )
@@ -228,12 +219,9 @@ def _part(place: str, sensor: Tree, where: str, notes: list[Note]) -> tuple[Part
 
 
 def _rate(value: PyTree, where: str) -> float:
-    try:
-        rate = float(value)
-    except (TypeError, ValueError) as error:
-        raise RecordingError(f"{where}.Fs must be numbers: {error}") from error
-    if not (np.isfinite(rate) and rate > 0.0):
-        raise RecordingError(f"{where}.Fs must be positive; it is {rate}")
+    rate = positive(value)
+    if rate is None:
+        raise RecordingError(f"{where}.Fs must be positive; it is {value}")
     return rate
 
 

@@ -102,7 +102,6 @@ def read(
     sampling_rate_hz: float | None = None,
     name: str | None = None,
     subject: str | None = None,
-    check_sizes: bool = True,
 ) -> Recording:
     """A recording from a file of a measuring system, or from several files of one sensor each.
 
@@ -119,7 +118,6 @@ def read(
         sampling_rate_hz: [Hz] for files that do not state it.
         name: name of the recording in tables and figures; None: the file's.
         subject: name of the person; None: the file's, or "subject".
-        check_sizes: refuse units that the size of the signals contradicts.
 
     Returns:
         The recording in SI units; `notes` states what was deduced and from what.
@@ -147,7 +145,6 @@ def read(
             sampling_rate_hz=sampling_rate_hz,
             name=name,
             subject=subject,
-            check_sizes=check_sizes,
         )
 
 

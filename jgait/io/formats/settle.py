@@ -57,7 +57,6 @@ def settle(
     sampling_rate_hz: float | None = None,
     name: str | None = None,
     subject: str | None = None,
-    check_sizes: bool = True,
 ) -> Recording:
     """A recording in SI units, on one clock, with every placement and unit given, stated or deduced from the signals.
 
@@ -70,7 +69,6 @@ def settle(
         sampling_rate_hz: [Hz] for files that do not state it.
         name: name of the recording in tables and figures; None: as `measured`.
         subject: name of the person; None: as `measured`.
-        check_sizes: refuse units that the size of the signals contradicts.
 
     Returns:
         The recording; its notes state what was read, deduced and left out.
@@ -106,7 +104,6 @@ def settle(
         acc_unit="m/s^2",
         name=called,
         subject=measured.subject if subject is None else subject,
-        check_sizes=check_sizes,
     )
     return recording._replace(notes=(*notes, *recording.notes))
 
