@@ -120,7 +120,7 @@ class _Sums(NamedTuple):
     risk: Any  # and what ρ had them
 
 
-class _Memory(NamedTuple):
+class Memory(NamedTuple):
     """The neighbours, newest first."""
 
     signals: Any  # (n, k) scaled
@@ -134,7 +134,7 @@ class _Memory(NamedTuple):
 class _State(NamedTuple):
     """From one sample to the next."""
 
-    filler: _Memory
+    filler: Memory
     on: Any  # whether the next sample is powered
     age: Any  # for how many samples it has been
     stride: _Stride
@@ -198,7 +198,7 @@ def _run(
         age = jnp.where(powered, c.age + 1.0, 0.0)
         usable = age > lead
         rate = jnp.where(usable, rate, 0.0)
-        after, told = _remembered(neighbours, dt, c.filler, signals, rate, usable)
+        after, told = remembered(neighbours, dt, c.filler, signals, rate, usable)
         doubt = _disagreement(c.filler, told, neighbours, dt, signals)
         filled, new = jnp.where(usable, rate, told), (rate - told) ** 2
         sums = _counted(c.sums, p, dt, rate, new, doubt, usable)
@@ -225,7 +225,7 @@ def _run(
 
     none, no = jnp.zeros(size, s.rate.dtype), jnp.zeros(size, bool)
     begin = _State(
-        _Memory(jnp.zeros((size, compared.shape[1]), s.rate.dtype), none, no, no, none, none), jnp.asarray(True),
+        Memory(jnp.zeros((size, compared.shape[1]), s.rate.dtype), none, no, no, none, none), jnp.asarray(True),
         nought + lead,
         _Stride(jnp.asarray(False), nought, nought + 1.1 / dt, nought), _Sums(*(nought,) * 6), nought, nought,
         p.bucket + nought,
@@ -298,9 +298,9 @@ def _planned(errors: Array, price: Array, lead: int, prices: Array) -> tuple[Arr
     return first[0][0], first[1][0]
 
 
-def _remembered(
-    p: Neighbours, dt: Any, s: _Memory, signals: Array, rate: Array, usable: Array
-) -> tuple[_Memory, Array]:  # fmt: skip
+def remembered(
+    p: Neighbours, dt: Any, s: Memory, signals: Array, rate: Array, usable: Array
+) -> tuple[Memory, Array]:  # fmt: skip
     """The memory with one more sample, and the weighted mean of the neighbours' rates [rad/s], 0 without any."""
     keep = jnp.exp(-dt / p.history_s)
     there = s.there.astype(s.rate.dtype)
@@ -308,14 +308,14 @@ def _remembered(
     weight = there + keep * s.weight
     alike = distance / jnp.where(s.there, weight, 1.0) + p.short * (1.0 - (1.0 - keep) * weight)
     told = gap_neighbours.mean_rate(p, alike, gap_neighbours.nearest(alike, s.usable), s.rate, s.usable)
-    after = _Memory(
+    after = Memory(
         pushed(s.signals, signals), pushed(s.rate, rate), pushed(s.usable, usable),
         pushed(s.there, jnp.ones_like(usable)), distance, weight,
     )  # fmt: skip
     return after, told
 
 
-def _disagreement(before: _Memory, told: Array, p: Neighbours, dt: Any, signals: Array) -> Array:
+def _disagreement(before: Memory, told: Array, p: Neighbours, dt: Any, signals: Array) -> Array:
     """Weighted variance of the neighbours' rates [rad²/s²]."""
     spread = before._replace(rate=(before.rate - told) ** 2)
-    return _remembered(p, dt, spread, signals, jnp.zeros_like(told), jnp.asarray(False))[1]
+    return remembered(p, dt, spread, signals, jnp.zeros_like(told), jnp.asarray(False))[1]

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from made.gaps import COUNT, RATE_HZ, schedule, walk
 
-from jgait.duty_cycle.fillers import neighbours as one_by_one
+from experiments.udaya2010.trigger import Memory, remembered
 from jgait.duty_cycle.fillers.base import FILLED, Thigh, check_signals
-from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, neighbours
+from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, neighbours, scaled
 from jgait.duty_cycle.fillers.ridge import BLEND, RIDGE, blend, ridge
 
 
@@ -38,12 +38,13 @@ def test_neighbours_sample_by_sample_are_those_over_the_recording():
     rate, acc = walk(200, 54.3, seed=5)
     on = schedule(200)
     s = check_signals(rate, on, acc, RATE_HZ, None)
-    compared = one_by_one.scaled(s, NEIGHBOURS)
+    compared = scaled(s, NEIGHBOURS)
 
     def step(state, sample):
-        return one_by_one.step(NEIGHBOURS, 1.0 / RATE_HZ, state, *sample)
+        return remembered(NEIGHBOURS, 1.0 / RATE_HZ, state, *sample)
 
-    start = one_by_one.begin(200, compared.shape[1], compared.dtype)
+    none, no = np.zeros(200), np.zeros(200, bool)
+    start = Memory(np.zeros((200, compared.shape[1])), none, no, no, none, none)
     told = np.asarray(jax.lax.scan(step, start, (compared, s.rate, s.usable))[1])
     found = neighbours(rate, on, acc, RATE_HZ)
     filled = np.asarray(found.how) == FILLED
