@@ -43,7 +43,6 @@ class FootPath(NamedTuple):
         length: (n,) [m] horizontal displacement.
         rise: (n,) [m] vertical displacement; it is 0 on level ground, so its size indicates the error of `length`.
         distance: (T,) [m] path since the first sample, constant while the foot stands.
-        tilt: (n,) [rad] attitude drift removed from each stride.
         standing: (T,) bool, whether the foot stands.
     """
 
@@ -52,7 +51,6 @@ class FootPath(NamedTuple):
     length: np.ndarray
     rise: np.ndarray
     distance: np.ndarray
-    tilt: np.ndarray
     standing: np.ndarray
 
 
@@ -130,11 +128,11 @@ def foot_path(imu: Imu, rate_hz: float) -> FootPath:
             continue
         distance[stride.first : stride.last + 1] += stride.forward
         distance[stride.last + 1 :] += stride.length
-        rows.append((stride.first, stride.last, stride.length, stride.rise, stride.tilt))
+        rows.append((stride.first, stride.last, stride.length, stride.rise))
     if not rows:
         raise ValueError(f"the foot stands {len(standing)} times and never strides between")
-    start, end, length, rise, tilt = (np.array(column) for column in zip(*rows, strict=True))
-    return FootPath(start, end, length, rise, distance, tilt, _covered(standing, len(gyr)))
+    start, end, length, rise = (np.array(column) for column in zip(*rows, strict=True))
+    return FootPath(start, end, length, rise, distance, _covered(standing, len(gyr)))
 
 
 def select(path: FootPath, keep: np.ndarray) -> FootPath:
@@ -142,7 +140,7 @@ def select(path: FootPath, keep: np.ndarray) -> FootPath:
     step = np.diff(path.distance, prepend=0.0)
     for start, end in zip(path.start[~keep], path.end[~keep], strict=True):
         step[start : end + 1] = 0.0
-    kept = {name: getattr(path, name)[keep] for name in ("start", "end", "length", "rise", "tilt")}
+    kept = {name: getattr(path, name)[keep] for name in ("start", "end", "length", "rise")}
     return path._replace(distance=np.cumsum(step), **kept)
 
 

@@ -33,6 +33,7 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import reading, registry
+from jgait.datasets.one_foot import foot_imu
 from jgait.datasets.reading import Files
 from jgait.geometry.sagittal import path_walked
 from jgait.notes import LEFT_OUT, Kind
@@ -109,12 +110,8 @@ def _read_sensors(path: Path, rate_hz: float) -> dict[str, Imu]:
         if lacking:
             raise RecordingError(f"{path.name} has no {lacking[0]} of the {side} foot; needed are {', '.join(SIGNALS)}")
         values = columns[list(SIGNALS)].to_numpy(np.float64)
-        if len(values) < 2:
-            raise RecordingError(f"{path.name} has {len(values)} samples; at least 2 are needed")
-        mask = np.isfinite(values).all(axis=1)
-        values = np.where(mask[:, None], values, 0.0)
         time = np.arange(len(values)) / rate_hz
-        sensors[f"foot_{side}"] = Imu(time, np.deg2rad(values[:, :3]), values[:, 3:], mask)
+        sensors[f"foot_{side}"], _ = foot_imu(path.name, time, np.deg2rad(values[:, :3]), values[:, 3:])
     return sensors
 
 

@@ -109,12 +109,12 @@ def _trials() -> tuple[dict[str, tuple[int, int]], bool]:
 
 
 def _sensor_paths(name: str) -> dict[str, str]:
-    listed = {placement: _listed(f"{name}-*_{serial}.txt") for placement, serial in SERIALS.items()}
+    folder = f"{ROOT}/rawimu"
+    listed = {
+        placement: registry.listing("neura_sparse", folder, f"{name}-*_{serial}.txt")
+        for placement, serial in SERIALS.items()
+    }
     return {placement: paths[0] for placement, paths in listed.items() if paths}
-
-
-def _listed(pattern: str) -> list[str]:
-    return registry.listing("neura_sparse", f"{ROOT}/rawimu", pattern)
 
 
 def _read_sensor(path: Path) -> np.ndarray:

@@ -31,7 +31,6 @@ Keys of `Walk.info`:
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import PyTree
 
 from jgait.datasets import registry
 from jgait.datasets.foot_reference import FootPath, foot_path, walking_strides
@@ -155,6 +154,7 @@ def distance_reference(sensors: dict[str, Imu]) -> tuple[Estimate | None, dict[s
 
 def _read_table(path: Path) -> dict[str, np.ndarray]:
     """Column → (n,) values; cells without a number become NaN."""
+    import pandas as pd
     from python_calamine import CalamineWorkbook
 
     rows = CalamineWorkbook.from_path(path).get_sheet_by_index(0).to_python()
@@ -162,22 +162,10 @@ def _read_table(path: Path) -> dict[str, np.ndarray]:
         raise RecordingError(f"{path.name} has {max(len(rows) - 1, 0)} rows of data; at least 2 are needed")
     header = [str(cell).strip() for cell in rows[0]]
     columns = zip(*(row for row in rows[1:]), strict=True)
-    return {name: _numbers(cells) for name, cells in zip(header, columns, strict=True) if name}
-
-
-def _numbers(cells: PyTree) -> np.ndarray:
-    """Cells as floats; some are text such as ' 0.140000', some empty."""
-    try:
-        return np.array(cells, np.float64)
-    except ValueError:
-        return np.array([_number(cell) for cell in cells])
-
-
-def _number(cell: PyTree) -> float:
-    try:
-        return float(cell)
-    except (TypeError, ValueError):
-        return np.nan
+    return {
+        name: pd.to_numeric(pd.Series(cells, dtype=object), errors="coerce").to_numpy(np.float64)  # some are text
+        for name, cells in zip(header, columns, strict=True) if name
+    }  # fmt: skip
 
 
 def _columns(number: int) -> list[str]:

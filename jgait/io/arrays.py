@@ -78,10 +78,9 @@ def recording_from_arrays(
     imus, noted = {}, {}
     for placement, signals in sensors.items():
         read = _in_si(signals, scales)
-        masked = without_damage(placement, read, scales, clock.sampling_rate_hz)
-        imus[placement] = _imu(masked.signals, clock)
-        found[placement] = masked.notes
-        damaged = np.any([np.isfinite(v) & np.isnan(masked.signals[k]) for k, v in read.items()], axis=(0, 2))
+        masked, found[placement] = without_damage(placement, read, scales, clock.sampling_rate_hz)
+        imus[placement] = _imu(masked, clock)
+        damaged = np.any([np.isfinite(v) & np.isnan(masked[k]) for k, v in read.items()], axis=(0, 2))
         noted[placement] = (clock.rows < 0) | damaged[clock.rows]
     imus, left_out = usable_sensors(imus, gyr_unit, acc_unit, name)
     recording = Recording(imus, clock.sampling_rate_hz, name, subject, clock.notes)

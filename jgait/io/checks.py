@@ -1,7 +1,6 @@
 """Checks of a recording: errors if it is unusable, notes if it is doubtful (units, dead channels, clipping)."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -48,11 +47,8 @@ CHANNEL_CLIPPED = Kind(
 )
 
 
-class _Fault(NamedTuple):
-    """Why the numbers of a sensor cannot be right: its part, or "" for the whole sensor, and the predicate."""
-
-    part: str
-    words: str
+type _Fault = tuple[str, str]
+"""Why the numbers of a sensor cannot be right: its part, or "" for the whole sensor, and the predicate."""
 
 
 def usable_sensors(
@@ -92,10 +88,10 @@ def _dead(imu: Imu) -> _Fault | None:
     """The fault of a gyroscope without data: no sample, or all axes constant."""
     there = np.asarray(imu.gyr)[np.asarray(imu.mask)]
     if not len(there):
-        return _Fault("", f"has no usable sample; all {len(imu.gyr)} are missing")
+        return "", f"has no usable sample; all {len(imu.gyr)} are missing"
     if (np.ptp(there, axis=0) == 0.0).all():
         reading = ", ".join(f"{value:.4g}" for value in there[0])
-        return _Fault("gyroscope", f"is constant at ({reading}) rad/s; it recorded nothing")
+        return "gyroscope", f"is constant at ({reading}) rad/s; it recorded nothing"
     return None
 
 
@@ -115,7 +111,7 @@ def _too_fast(sensors: Mapping[str, Imu], gyr_unit: str, name: str) -> dict[str,
     twice = {placement: TWICE if np.deg2rad(rate) < IN_RADIANS else "" for placement, rate in fast.items()}
     if len(fast) <= len(others):
         return {
-            placement: _Fault("gyroscope", f"reaches {rate:.4g} rad/s (99th percentile), but {limit}{twice[placement]}")
+            placement: ("gyroscope", f"reaches {rate:.4g} rad/s (99th percentile), but {limit}{twice[placement]}")
             for placement, rate in fast.items()
         }
     fastest = max(fast, key=lambda placement: fast[placement])
@@ -187,7 +183,7 @@ def _without_gravity(sensors: Mapping[str, Imu], acc_unit: str, name: str) -> di
         for placement, force in wrong.items()
     }
     if len(wrong) <= len(right):
-        return {placement: _Fault("accelerometer", reason) for placement, reason in reasons.items()}
+        return {placement: ("accelerometer", reason) for placement, reason in reasons.items()}
     first = next(iter(wrong))
     raise RecordingError(
         f"{name}: the accelerometer of {first} {reasons[first]}",

@@ -157,8 +157,6 @@ def write_csv(
         FileNotFoundError: if the folder does not exist.
     """
     target = Path(path)
-    if not target.parent.is_dir():
-        raise FileNotFoundError(f"the folder {target.parent} does not exist; write_csv makes no folders")
     _put(_table(what), target, "csv")
     return target
 

@@ -442,7 +442,7 @@ def test_csv_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
 
 
 def test_csv_into_a_folder_that_is_not_there(tmp_path):
-    with pytest.raises(FileNotFoundError, match="none does not exist; write_csv makes no folders"):
+    with pytest.raises(FileNotFoundError, match="none does not exist"):
         io.write_csv(estimate(), tmp_path / "none" / "out.csv")
 
 

@@ -83,10 +83,9 @@ CAUSES = {
 
 
 class Stepping(NamedTuple):
-    """Of a sensor in walking: duration of a stride [s], its autocorrelation, and angle and shaking over the usual."""
+    """Of a sensor in walking: duration of a stride [s], and angle and shaking over the usual."""
 
     seconds: float
-    alike: float
     angle: float
     shaking: float
 
@@ -124,7 +123,7 @@ def pace_of(imu: Imu, rate_hz: float, segment: str) -> Stepping | None:
     if FEWEST_STRIDES * stride > walks.sum():
         return None
     turn, size = USUAL[segment]
-    return Stepping(seconds, float(alike[stride]), moves * seconds / turn, shakes * seconds**2 / size)
+    return Stepping(seconds, moves * seconds / turn, shakes * seconds**2 / size)
 
 
 def _cause(seconds: float, angle: float, shaking: float) -> str:

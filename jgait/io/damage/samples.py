@@ -1,7 +1,5 @@
 """Samples that no sensor can have measured: they are found in the rows of a file and masked, each with a note."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from jgait.notes import LOSSES, Kind, Note
@@ -119,15 +117,10 @@ SLOWER = Kind(
 SIGNALS = {"gyr": ("gyroscope", "rad/s"), "acc": ("accelerometer", "m/s²")}
 
 
-class Masked(NamedTuple):
-    """Signals of one sensor, NaN where they are masked, and the notes about it."""
-
-    signals: dict[str, np.ndarray]
-    notes: tuple[Note, ...]
-
-
-def without_damage(placement: str, signals: dict[str, np.ndarray], scales: dict[str, float], rate_hz: float) -> Masked:
-    """One sensor's signals with samples masked that cannot have been measured.
+def without_damage(
+    placement: str, signals: dict[str, np.ndarray], scales: dict[str, float], rate_hz: float
+) -> tuple[dict[str, np.ndarray], tuple[Note, ...]]:
+    """One sensor's signals, NaN where samples cannot have been measured, and the notes about it.
 
     Args:
         placement: placement of the sensor.
@@ -154,7 +147,7 @@ def without_damage(placement: str, signals: dict[str, np.ndarray], scales: dict[
             words = " and ".join(f"the {SIGNALS[kind][0]}" for kind in kinds)
             seconds = (end - start + 1) / rate_hz
             notes.append(FROZEN(placement=placement, signals=words, seconds=seconds, begin_s=start / rate_hz))
-    return Masked(signals, tuple(notes))
+    return signals, tuple(notes)
 
 
 def _impossible(placement: str, signals: dict[str, np.ndarray], rate: float, notes: list[Note]) -> None:

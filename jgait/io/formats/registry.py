@@ -9,11 +9,9 @@ from typing import NamedTuple
 from jgait.io.files import reading
 from jgait.io.formats.part import Measured, joined
 from jgait.io.formats.settle import settle
+from jgait.io.formats.text import HEAD
 from jgait.notes import ORIGIN, Kind
 from jgait.types import Recording, RecordingError
-
-HEAD = 4096
-"""[bytes] Number of first bytes of a file that are read to recognise its format."""
 
 READ_AS = Kind("read_as", "info", "read as {format}", ORIGIN)
 

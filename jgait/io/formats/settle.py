@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jgait.io.arrays import GYR_UNITS, recording_from_arrays
+from jgait.io.arrays import GYR_UNITS, recording_from_arrays, unit_scale
 from jgait.io.checks import ACC_UNITS, FASTEST, FEET_APART, GRAVITY_RANGE, RANGE_UNITS
 from jgait.io.formats.clocks import on_one_counter, one_clock
 from jgait.io.formats.part import Measured, Part
@@ -229,12 +229,8 @@ def _which_way_up(part: Part, where: str) -> list[Note]:
 
 
 def _in_si(part: Part, gyr_unit: str, acc_unit: str) -> dict[str, np.ndarray]:
-    for unit, units, what in ((gyr_unit, GYR_UNITS, "gyr_unit"), (acc_unit, ACC_UNITS, "acc_unit")):
-        if unit not in units:
-            raise RecordingError(
-                f"{{argument}} must be one of {', '.join(map(repr, units))}; got {unit!r}", argument=what
-            )
-    signals = {"gyr": np.asarray(part.gyr, np.float64) * GYR_UNITS[gyr_unit]}
+    signals = {"gyr": np.asarray(part.gyr, np.float64) * unit_scale(gyr_unit, GYR_UNITS, "gyr_unit")}
+    force = unit_scale(acc_unit, ACC_UNITS, "acc_unit")
     if part.acc is not None:
-        signals["acc"] = np.asarray(part.acc, np.float64) * ACC_UNITS[acc_unit]
+        signals["acc"] = np.asarray(part.acc, np.float64) * force
     return signals

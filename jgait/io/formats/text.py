@@ -19,7 +19,7 @@ HEADER_WITHIN = 60
 """[lines] Number of first lines that are searched for a header."""
 
 HEAD = 4096
-"""[bytes] Number of first bytes of each file of a folder that are read to recognise it."""
+"""[bytes] Number of first bytes of a file that are read to recognise its format."""
 
 UNITS = {
     "deg/s": "deg/s", "°/s": "deg/s", "dps": "deg/s", "rad/s": "rad/s", "m/s^2": "m/s^2", "m/(s^2)": "m/s^2",
