@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from experiments.common.recordings import available
@@ -16,11 +17,12 @@ from experiments.common.row import Row, show
 from experiments.udaya2010 import literal as printed_filters
 from experiments.udaya2010.fillers import fillers
 from experiments.udaya2010.walked import Walked, neura, people
-from jgait.duty_cycle.fillers.base import Thigh
+from jgait.duty_cycle.fillers.base import HELD, Thigh
 from jgait.estimators import duty_cycled_gyro
 from jgait.estimators.axes import pad
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro import model_params as duty_params
+from jgait.estimators.duty_cycled_gyro import turns
 from jgait.estimators.duty_cycled_gyro.model_params import DutyInputs, PlanarSegment
 from jgait.estimators.duty_cycled_gyro.params import filter_params, one_side
 from jgait.types import SIDES, as_float, leg_of
@@ -70,17 +72,25 @@ def _filtered(one: Walked, filler: str, literal: bool, on: Mapping[str, np.ndarr
             continue
         thigh, shank = leg
         zero, always = np.zeros_like(inputs.time), np.ones(len(inputs.time), bool)
-        rate, excess = shank.gyr - shank.bias, zero
+        measured = always if on is None else np.asarray(shank.on & on[f"shank_{side}"])
+        known, rates = jnp.stack([always, measured]), jnp.stack([thigh.turn, shank.turn])
+        turning = turns.turning(rates, known, inputs.dt, turns.no_turn(rates))[1]
+        rate, filled, seen = shank.gyr - shank.bias, zero, always
         if on is not None:
-            usable = shank.on & on[f"shank_{side}"]
             above = Thigh(thigh.gyr - thigh.bias, thigh.acc)
             way = fillers()[filler]
-            told = way.fill(np.where(usable, rate, 0.0), usable, shank.acc, rate_hz, way.params, thigh=above)
-            rate, excess = np.asarray(told.rate), np.where(usable, 0.0, usual.filled_noise**2 * rate_hz)
+            told = way.fill(np.where(measured, rate, 0.0), measured, shank.acc, rate_hz, way.params, thigh=above)
+            rate, seen = np.asarray(told.rate), np.asarray(told.how) != HELD
+            filled = np.where(measured, 0.0, usual.filled_noise**2 * np.asarray(told.unlike))
         segments = [
-            PlanarSegment(values, part.acc[:, 0], part.acc[:, 2], always, always, more, part.bias, part.variance)
-            for part, values, more in ((thigh, thigh.gyr, zero), (shank, rate + shank.bias, excess))
-        ]
+            PlanarSegment(
+                values, part.acc[:, 0], part.acc[:, 2], always, there,
+                turns.excess(usual.turn_tilt, turning, inputs.dt, more), part.bias, part.variance,
+            )
+            for part, values, there, more in (
+                (thigh, thigh.gyr, always, zero), (shank, rate + shank.bias, seen, filled)
+            )
+        ]  # fmt: skip
         told = DutyInputs(*segments, inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance)
         padded = pad(told, 1024 * (1 + len(inputs.time) // 1024))
         p = filter_params(one_side(usual, number))

@@ -27,7 +27,7 @@ SLEEP_FILLED = Kind(
     "sleep_filled",
     "check",
     "{placement}: of the gyroscope's samples {filled:.0%} are filled ({filler}), {held:.0%} masked, since too little "
-    "was measured before them",
+    "or nothing alike was measured before them",
     "Filled samples were computed by the filler and not measured; results there are less certain.",
 )
 

@@ -2,13 +2,14 @@
 
 Every filler has the same arguments and the same result,
 
-    fill(rate, usable, acc, sampling_rate_hz, params, *, thigh=None) → Filled(rate, how, latency).
+    fill(rate, usable, acc, sampling_rate_hz, params, *, thigh=None) → Filled(rate, how, latency, unlike).
 
 `rate` (T,) [rad/s] and `acc` (T, 3) [m/s²] are signals of the shank, `usable` (T,) is True where the gyroscope was on
 and awake, `thigh` has the signals of a sensor on the thigh. A filler is causal, or reports its latency in samples. It
 is a `lax.scan` over the samples with fixed shapes, so it works under `jit` and `vmap`, and it is differentiable in its
 parameters. Measured samples are passed on unchanged. As long as fewer than `least_strides` strides were measured, the
-last measured value is held and `how` is `HELD`. `check_signals` and `started` list the errors.
+last measured value is held and `how` is `HELD`; `HELD`, too, is a sample for which `neighbours` has measured nothing
+alike, as in a turn or when a person stops. `check_signals` and `started` list the errors.
 """
 
 from collections.abc import Callable
@@ -22,7 +23,7 @@ from jaxtyping import Array, Bool, Float, Int, PyTree, Shaped
 from jgait.types import AnyArray, Maybe
 
 MEASURED, FILLED, HELD = 0, 1, 2
-"""Origin of a sample: the gyroscope; the filler; the last measured value, since too little was measured before."""
+"""Origin of a sample: the gyroscope; the filler; neither, since too little or nothing alike was measured before."""
 
 RATES = (25.0, 400.0)
 """[Hz] Least and greatest sampling rate that the fillers support."""
@@ -49,11 +50,14 @@ class Filled(NamedTuple):
         rate: (T,) sagittal rate [rad/s].
         how: (T,) int, `MEASURED`, `FILLED` or `HELD`.
         latency: number of samples after which a value is known [samples]; 0: causal.
+        unlike: (T,) how unlike the earlier samples are that a sample was filled from [1]: a factor on the variance of
+            its error; 1: not known.
     """
 
     rate: Float[AnyArray, "*batch time"]
     how: Int[AnyArray, "*batch time"]
     latency: Int[AnyArray, "*batch"]
+    unlike: Float[AnyArray, "*batch time"] | float = 1.0
 
 
 class Filler(NamedTuple):

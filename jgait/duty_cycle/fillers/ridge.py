@@ -141,7 +141,9 @@ def blend(
     line = ridge(rate, usable, acc, sampling_rate_hz, params.ridge, thigh=thigh)
     near = neighbours(rate, usable, acc, sampling_rate_hz, params.neighbours, thigh=thigh)
     share = jnp.asarray(params.share).astype(line.rate.dtype)
-    return Filled(near.rate + share * (line.rate - near.rate), jnp.maximum(line.how, near.how), line.latency)
+    return Filled(
+        near.rate + share * (line.rate - near.rate), jnp.maximum(line.how, near.how), line.latency, near.unlike
+    )
 
 
 FILLERS = {

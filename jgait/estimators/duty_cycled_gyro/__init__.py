@@ -2,9 +2,9 @@ r"""Leg angles from thigh and shank sensors whose gyroscopes are switched off mo
 
 While a gyroscope is off, its sagittal rate is filled from earlier measured strides (`duty_cycle.fillers`). The Kalman
 filters of thigh and shin (`duty_cycled_gyro.model`) use measured and filled rates; filled rates have a larger variance,
-by `filled_noise`. If too few strides were measured before a gap, the last rate is held and flagged. The filters do not
-use held rates, which would rotate the segment over the whole gap: they use gravity, the rigid link and a weak
-observation of the vertical. `power` computes the energy that is saved.
+by `filled_noise` and by how unlike the earlier strides were. If too few strides, or none alike, were measured before a
+gap, its rates are flagged and not used: the filters use gravity, the rigid link and a weak observation of the vertical,
+and no angle is stated. `power` computes the energy that is saved.
 
 Source: P. S. Udaya Shankar, N. Raveendranathan, N. R. Gans, R. Jafari, "Towards power optimized Kalman filter for
 gait assessment using wearable sensors", Wireless Health 2010; tests/estimators/duty_cycled_gyro/test_estimator.py.
@@ -26,9 +26,9 @@ Deviations from the paper:
     13. The paper replicates the cycle 1.4 s before; here neighbours on the accelerometer's history fill the gaps, and
         "replicate" looks a stride period back. On `tripod` after the paper's protocol their errors at duty 40 and 10 %
         are 0.06 and 0.09 of the signal, those printed 0.27 and 0.30 (`experiments/udaya2010`).
-    14. The paper judges the gyroscope's rate; here angles come out as well. One axis of the gyroscope knows no turns,
-        see `duty_cycled_gyro.model`; for angles on walks with turns fill the recording (`duty_cycle.recording`) and
-        take `leg_ekf`.
+    14. The paper judges the gyroscope's rate; here angles come out as well. One axis of the gyroscope does not measure
+        turns, so that in a turn its rate counts for less, see `duty_cycled_gyro.turns`. For the most accurate angles on
+        walks with turns fill the recording (`duty_cycle.recording`) and take `leg_ekf`.
 """
 
 from jgait.estimators.duty_cycled_gyro import model as duty_model

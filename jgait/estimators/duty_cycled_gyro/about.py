@@ -149,9 +149,9 @@ ABOUT = About(
         TotalColumn("gyroscope_energy_saved", "saved", "%", 0, 100.0), TotalColumn("life", "life", "×"), *JOINT_COLUMNS,
     ),
     caption=(
-        "gaps filled by {options.filler}; held: too few samples were measured before to fill from; saved: of the "
-        "energy of the gyroscopes; life: of a battery that feeds all sensors, over always on; angles: smallest … "
-        "largest flexion"
+        "gaps filled by {options.filler}; held: too few samples, or none alike, were measured before to fill from; "
+        "saved: of the energy of the gyroscopes; life: of a battery that feeds all sensors, over always on; angles: "
+        "smallest … largest flexion"
     ),
     tables=(EstimateTable("segments", segments), EstimateTable("legs", "samples", when=has_legs)),
     figures=(

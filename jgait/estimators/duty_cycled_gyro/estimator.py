@@ -14,6 +14,7 @@ from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filled, Thigh
 from jgait.duty_cycle.fillers.registry import fillers
 from jgait.duty_cycle.recording import SEGMENTS, schedule_of
 from jgait.estimators.duty_cycled_gyro import model as duty_model
+from jgait.estimators.duty_cycled_gyro import turns
 from jgait.estimators.duty_cycled_gyro.about import ABOUT
 from jgait.estimators.duty_cycled_gyro.model_params import DutyInputs, PlanarSegment, SegmentEstimate
 from jgait.estimators.duty_cycled_gyro.notes import RATE_HELD
@@ -67,17 +68,29 @@ def _fill(
     )  # fmt: skip
 
 
-def _planar(p: DutyCycledParams, one: GapSegment, filled: Filled, dt: Values) -> PlanarSegment:
+def _planar(p: DutyCycledParams, one: GapSegment, filled: Filled, turning: Values, dt: Values) -> PlanarSegment:
     """Inputs of the filter of one segment: filled rates have a larger variance, held rates are masked."""
-    acc, persists = jnp.asarray(one.acc), 1.0 / jnp.maximum(jnp.asarray(dt), 1e-3)
-    excess = jnp.where(filled.how == FILLED, p.filled_noise**2 * persists, 0.0).astype(filled.rate.dtype)
-    told = filled.how != HELD
+    acc, told = jnp.asarray(one.acc), filled.how != HELD
+    more = jnp.where(filled.how == FILLED, p.filled_noise**2 * filled.unlike, 0.0)
+    excess = turns.excess(p.turn_tilt, turning, dt, more).astype(filled.rate.dtype)
     return PlanarSegment(
         filled.rate + one.bias, acc[:, 0], acc[:, 2], jnp.ones_like(told), told, excess, one.bias, one.variance
     )
 
 
-def _leg(p: DutyCycledParams, leg: GapLeg, inputs: DutyCycledInputs, options: DutyCycledOptions) -> _DutyLegResult:
+def _turning(inputs: DutyCycledInputs) -> Values:
+    """(T,) how fast the person turns [rad/s], from all segments."""
+    worn = [one for leg in (inputs.right, inputs.left) if leg is not None for one in leg if one is not None]
+    rates, on = (
+        jnp.stack([jnp.asarray(v) for v in values])
+        for values in zip(*((one.turn, one.on) for one in worn), strict=True)
+    )
+    return turns.turning(rates, on, inputs.dt, turns.no_turn(rates))[1]
+
+
+def _leg(
+    p: DutyCycledParams, leg: GapLeg, inputs: DutyCycledInputs, turning: Values, options: DutyCycledOptions
+) -> _DutyLegResult:
     """Fill the gaps and filter one leg, with the parameters of its side."""
     rates = dict[str, Filled]()
     above = None
@@ -87,7 +100,7 @@ def _leg(p: DutyCycledParams, leg: GapLeg, inputs: DutyCycledInputs, options: Du
             if segment == "thigh" and options.above and options.felt:
                 above = Thigh(rates[segment].rate, jnp.asarray(one.acc))
     planar = {
-        segment: None if one is None else _planar(p, one, rates[segment], inputs.dt)
+        segment: None if one is None else _planar(p, one, rates[segment], turning, inputs.dt)
         for segment, one in zip(SEGMENTS, leg, strict=True)
     }
     told = DutyInputs(
@@ -120,11 +133,12 @@ def _legs(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOpti
     """Results of both legs; one program if both legs have the same sensors."""
     both = [None if leg is None else (one_side(p, side), leg) for side, leg in enumerate((inputs.right, inputs.left))]
     worn = [None if leg is None else [one is None for one in leg] for leg in (inputs.right, inputs.left)]
+    turning = _turning(inputs)
     if None in worn or worn[0] != worn[1]:
-        return [None if one is None else _leg(one[0], one[1], inputs, options) for one in both]
+        return [None if one is None else _leg(one[0], one[1], inputs, turning, options) for one in both]
     stacked = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *both)
     # one after the other: a leg without gaps at a sample does not compute what would fill them
-    result = lax.map(lambda one: _leg(one[0], one[1], inputs, options), stacked)
+    result = lax.map(lambda one: _leg(one[0], one[1], inputs, turning, options), stacked)
     return [jax.tree.map(lambda v, side=side: v[side], result) for side in range(2)]
 
 

@@ -14,9 +14,10 @@ While the gyroscope is off, its observation is masked; gravity, the rigid link a
 correct rate and angle. Rates filled from earlier strides (`duty_cycle.fillers`) give more accurate angles. While the
 person stands, accelerations are observed as 0.
 
-One gyroscope axis does not measure turns: on the straight part of `neura_sparse` the shank is within 1.4° (left) and
-2.8° (right) of motion capture, over the whole walk with its U-turn within 14° and 8° (integration alone 21° and 14°).
-`leg_ekf`, which takes all three axes, has 1.2° and 1.4° there (causal, standard deviation).
+One gyroscope axis does not measure turns. Where the person turns, the rate counts for less (`turns`), and gravity
+corrects the angle: on `neura_sparse` with its U-turn thigh and shank are within 5.5° and 2.7° (left), 2.9° and 1.8°
+(right) of motion capture (standard deviation); `leg_ekf`, which takes all three axes, within 4.7° and 1.5°, 2.2° and
+1.2°.
 
 Deviations from the paper:
     Its matrices are in `experiments/udaya2010/literal.py` as they are printed. Angles are errors of the printed

@@ -43,6 +43,10 @@ class DutyParams(NamedTuple):
         "how far the segment swings from the vertical, as white noise; used while its gyroscope is off, so "
         "that no gap turns it over",
     )] = 0.13  # fmt: skip
+    turn_tilt: Annotated[Param, Parameter(
+        positive, "rad", "tilt of the segment to the side while the person turns: the part of the turn that the one "
+        "axis measures",
+    )] = 0.2  # fmt: skip
 
 
 class DutyOptions(NamedTuple):
@@ -198,7 +202,7 @@ class PlanarSegment(NamedTuple):
         acc_up: (T,) specific force along the segment to the proximal end, +g in standing [m/s²].
         measured: (T,) bool, the sample arrived.
         gyro_on: (T,) bool, the gyroscope was on and awake, or its sample has been filled.
-        excess: (T,) variance of the rate in addition to the gyroscope's [rad²/s²]; 0 where the rate was measured.
+        excess: (T,) variance of the rate in addition to the gyroscope's [rad²/s²], see `excess`.
         bias: gyroscope bias at rest [rad/s].
         variance: gyroscope variance at rest [rad²/s²].
     """

@@ -37,9 +37,11 @@ class DutyCycledParams(NamedTuple):
     position_closure: Annotated[Param, _OF_FILTERS["position_closure"]] = _USUAL.position_closure
     velocity_closure: Annotated[Param, _OF_FILTERS["velocity_closure"]] = _USUAL.velocity_closure
     swing_noise: Annotated[Param, _OF_FILTERS["swing_noise"]] = _USUAL.swing_noise
+    turn_tilt: Annotated[Param, _OF_FILTERS["turn_tilt"]] = _USUAL.turn_tilt
     filled_noise: Annotated[Param, Parameter(
-        positive, "rad/√s", "of a filled rate beyond the gyroscope's own, as white noise",
-    )] = 0.1  # fmt: skip
+        positive, "rad/√s",
+        "of a filled rate beyond the gyroscope's own, as white noise, where nothing nearer than 1 was measured",
+    )] = 0.5  # fmt: skip
     filler: Annotated[Values, Parameter(None, "", "parameters of the filler, see there for their units")] = NEIGHBOURS
 
 
@@ -56,7 +58,7 @@ class DutyCycledOptions(NamedTuple):
             thigh's sensor "blend" has a smaller error.
         schedule: hides samples of shanks while the gyroscope is off, a `power.Schedule` or duty cycle [1]; None: none.
         warm_up: time for which gyroscopes are on before the schedule, which starts with an off-time [s]; fillers need
-            two measured strides, and rates are only held before.
+            two measured strides, and rates are not used before.
         above: use the signals of the thigh in the filler of the shank, if the thigh has a sensor.
         filters: options of the Kalman filters.
         gyroscope: power and wake-up time of a gyroscope.
@@ -119,6 +121,7 @@ class GapSegment(NamedTuple):
 
     Attributes:
         gyr: (T,) sagittal rate, positive when the distal end swings forward [rad/s]; 0 while the gyroscope is off.
+        turn: (T,) rate about the segment's long axis, without bias [rad/s]; 0 while the gyroscope is off.
         acc: (T, 3) specific force [m/s²]; zeros without an accelerometer.
         on: (T,) bool, the gyroscope was on and awake, and its sample arrived.
         bias: gyroscope bias at rest [rad/s].
@@ -126,6 +129,7 @@ class GapSegment(NamedTuple):
     """
 
     gyr: Sampled
+    turn: Sampled
     acc: Held
     on: Sampled
     bias: Values

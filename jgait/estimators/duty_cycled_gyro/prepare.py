@@ -132,7 +132,8 @@ def _leg(
 
     def segment_of(one: Segment) -> GapSegment:
         gyr = np.where(one.measured, -one.gyr[:, 1], 0.0)
-        return GapSegment(gyr, one.acc, one.measured, -one.bias[1], one.variance)
+        turn = np.where(one.measured, one.gyr[:, 2] - one.bias[2], 0.0)
+        return GapSegment(gyr, turn, one.acc, one.measured, -one.bias[1], one.variance)
 
     if alone is not None:
         if "thigh" in own:

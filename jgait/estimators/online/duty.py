@@ -14,6 +14,7 @@ from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.estimators.duty_cycled_gyro import model as duty_model
+from jgait.estimators.duty_cycled_gyro import turns
 from jgait.estimators.duty_cycled_gyro.estimator import joints
 from jgait.estimators.duty_cycled_gyro.model_params import (
     DutyOptions,
@@ -40,6 +41,7 @@ class DutyConstants(NamedTuple):
         axes: (k, 3, 3) axes of the segments in the sensors' axes [1].
         scale: (k,) factor on the accelerometer [1].
         bias: (k,) sagittal gyroscope bias at rest, positive when the distal end swings forward [rad/s].
+        turn_bias: (k,) gyroscope bias at rest about the segment's long axis [rad/s].
         variance: (k,) sagittal gyroscope variance at rest [rad²/s²].
         window: samples for which all gyroscopes must be slow in standing.
         start_variance: variance of the angles at the first sample [rad²].
@@ -49,6 +51,7 @@ class DutyConstants(NamedTuple):
     axes: Values
     scale: Values
     bias: Values
+    turn_bias: Values
     variance: Values
     window: Counts
     start_variance: Values
@@ -56,12 +59,13 @@ class DutyConstants(NamedTuple):
 
 class DutyState(NamedTuple):
     """Beliefs about thigh and shank of the n legs of each group, leaves (n, …), None without a sensor; slow samples;
-    (k,) time without a rate [s].
+    (k,) time without a rate [s]; how fast the person turns.
     """
 
     beliefs: tuple[tuple[Belief | None, ...], ...]
     slow: Counts
     lost: Values
+    turn: turns.Turn
 
 
 class DutyNow(NamedTuple):
@@ -125,6 +129,7 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
         axes=np.stack([one.axes for one in found]),
         scale=as_float([one.scale for one in found]),
         bias=as_float([-one.bias[1] for one in found]),
+        turn_bias=as_float([one.bias[2] for one in found]),
         variance=as_float([one.variance for one in found]),
         window=standing_samples(rate),
         start_variance=as_float(0.1),
@@ -154,7 +159,7 @@ def begin(c: DutyConstants, sample: Readings, options: DutyDeviceOptions) -> Dut
         jax.vmap(leg)(own, tuple(None if ks is None else c.bias[ks] for ks in _columns(group)))
         for own, group in zip(c.own, options.groups, strict=True)
     )
-    return DutyState(beliefs, jnp.zeros((), jnp.int32), jnp.zeros_like(c.scale))
+    return DutyState(beliefs, jnp.zeros((), jnp.int32), jnp.zeros_like(c.scale), turns.no_turn(c.axes[0]))
 
 
 def _columns(group: tuple[tuple[int | None, int | None], ...]) -> tuple[np.ndarray | None, ...]:
@@ -179,8 +184,8 @@ def _filtered(
 
 
 def _leg(
-    c: DutyCycledParams, beliefs: tuple[Belief | None, ...], segments: tuple[PlanarSegment | None, ...], dt: Values,
-    still: Flags, count: Counts, filters: DutyOptions,
+    c: DutyCycledParams, beliefs: tuple[Belief | None, ...], segments: tuple[PlanarSegment | None, ...],
+    turning: Values, dt: Values, still: Flags, count: Counts, filters: DutyOptions,
 ) -> tuple[tuple[Belief | None, ...], tuple[SegmentEstimate, ...]]:  # fmt: skip
     """Thigh and shank of one leg: beliefs after the block, and estimates of those with a sensor."""
     p = filter_params(c)
@@ -192,6 +197,7 @@ def _leg(
             after.append(None)
             continue
         own = duty_model.link_params(p, lever)
+        segment = segment._replace(excess=turns.excess(c.turn_tilt, turning, dt, segment.excess))
         seen: PyTree
         if found:
             seen = duty_model.observe_shin(p, segment, found[0], dt, still, real, filters)
@@ -208,10 +214,15 @@ def advance(
     c: DutyConstants, state: DutyState, samples: Readings, count: Counts, options: DutyDeviceOptions
 ) -> tuple[DutyState, DutyNow]:
     """A block of samples, see `Device`."""
-    gyr = -jnp.einsum("kij,bkj->bki", c.axes, samples.gyr)[:, :, 1]
+    about = jnp.einsum("kij,bkj->bki", c.axes, samples.gyr)
+    gyr = -about[:, :, 1]
     acc = jnp.einsum("kij,bkj->bki", c.axes, samples.acc) * c.scale[None, :, None]
     slow, still = stood(state.slow, samples, LEGS_RATE, c.window, count)
     lost = lost_for(state.lost, samples.turned, samples.dt, count)
+
+    real = jnp.arange(samples.dt.shape[0], dtype=jnp.int32) < count
+    on = (samples.turned & real[:, None]).T
+    turn, turning = turns.turning(about[:, :, 2].T - c.turn_bias[:, None], on, samples.dt, state.turn)
 
     def planar(ks: np.ndarray | None) -> PlanarSegment | None:
         if ks is None:
@@ -227,7 +238,7 @@ def advance(
     stddev: LegTrajectory | None = None
     for own, before, group in zip(c.own, state.beliefs, options.groups, strict=True):
         columns = _columns(group)
-        run = jax.vmap(lambda own, b, s: _leg(own, b, s, samples.dt, still, count, options.filters))
+        run = jax.vmap(lambda own, b, s: _leg(own, b, s, turning, samples.dt, still, count, options.filters))
         after, told = run(own, before, tuple(map(planar, columns)))
         beliefs.append(after)
         for ks, one in zip((ks for ks in columns if ks is not None), told, strict=True):
@@ -236,4 +247,5 @@ def advance(
         if len(told) == 2 and len(options.groups) == 1:
             leg, stddev = jax.tree.map(jnp.transpose, jax.vmap(joints)(own, *told))
     angles, deviations = (jnp.stack(v, axis=1) for v in zip(*(angle[k] for k in sorted(angle)), strict=True))
-    return DutyState(tuple(beliefs), slow, lost[count - 1]), DutyNow(angles, deviations, leg, stddev, still, valid)
+    state = DutyState(tuple(beliefs), slow, lost[count - 1], turn)
+    return state, DutyNow(angles, deviations, leg, stddev, still, valid)
