@@ -13,6 +13,7 @@ import numpy.typing as npt
 from jaxtyping import Float, Int
 
 from jgait.events.rest import longest_still
+from jgait.mounting.leg import SWAPPED
 from jgait.notes import WRONG_PLACE, Kind, Note
 from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError, as_float
 
@@ -172,7 +173,8 @@ LABELS_EXCHANGED = Kind(
 def worn_on_shank(recording: Recording, side: str) -> tuple[str, Note | None]:
     """The placement whose sensor swings as a shank does, and a note if this is not `shank_<side>`.
 
-    In walking the shank turns faster than the thigh, by half or more; so exchanged labels are detected.
+    In walking the shank swings faster than the thigh, by half or more; on stairs the thigh may be 1.1 times as fast. So
+    a thigh's sensor that swings faster by `SWAPPED` is on the shank.
 
     Raises:
         RecordingError: if there is no sensor on that shank.
@@ -189,6 +191,6 @@ def worn_on_shank(recording: Recording, side: str) -> tuple[str, Note | None]:
         axes = functional_axes(recording.sensors[placement])
         rate = 0.0 if axes is None else as_float(recording.sensors[placement].gyr) @ axes.rows[1]
         swing[placement] = -float(np.percentile(rate, 1.0))
-    if swing[thigh] > swing[shank]:
+    if swing[thigh] > SWAPPED * swing[shank]:
         return thigh, LABELS_EXCHANGED(thigh=thigh, shank=shank)
     return shank, None

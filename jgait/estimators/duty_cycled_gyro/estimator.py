@@ -116,16 +116,20 @@ def _leg(
 
 
 def joints(p: DutyCycledParams, thigh: SegmentEstimate, shank: SegmentEstimate) -> tuple[LegTrajectory, LegTrajectory]:
-    """Hip and knee angle and ankle position, with standard deviations for independent errors of both segments."""
+    """Hip and knee angle and ankle position, with standard deviations for independent errors of both segments and the
+    unknown pose in standing.
+    """
     sin1, cos1, sin2, cos2 = jnp.sin(thigh.angle), jnp.cos(thigh.angle), jnp.sin(shank.angle), jnp.cos(shank.angle)
     a1, a2 = p.thigh_length, p.shank_length
     var1, var2 = thigh.angle_stddev**2, shank.angle_stddev**2
+    hip, knee = p.standing_hip_sd**2, p.standing_knee_sd**2
     place = LegTrajectory(thigh.angle, thigh.angle - shank.angle, a1 * sin1 + a2 * sin2, -a1 * cos1 - a2 * cos2)
     return place, LegTrajectory(
-        thigh.angle_stddev,
-        jnp.sqrt(var1 + var2),
-        jnp.sqrt((a1 * cos1) ** 2 * var1 + (a2 * cos2) ** 2 * var2),
-        jnp.sqrt((a1 * sin1) ** 2 * var1 + (a2 * sin2) ** 2 * var2),
+        jnp.sqrt(var1 + hip),
+        jnp.sqrt(var1 + var2 + knee),
+        # an error of the standing hip turns the whole leg, one of the standing knee the shank
+        jnp.sqrt((a1 * cos1) ** 2 * var1 + (a2 * cos2) ** 2 * (var2 + knee) + (a1 * cos1 + a2 * cos2) ** 2 * hip),
+        jnp.sqrt((a1 * sin1) ** 2 * var1 + (a2 * sin2) ** 2 * (var2 + knee) + (a1 * sin1 + a2 * sin2) ** 2 * hip),
     )
 
 

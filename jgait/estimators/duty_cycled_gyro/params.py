@@ -42,6 +42,12 @@ class DutyCycledParams(NamedTuple):
         positive, "rad/√s",
         "of a filled rate beyond the gyroscope's own, as white noise, where nothing nearer than 1 was measured",
     )] = 0.5  # fmt: skip
+    standing_hip_sd: Annotated[Param, Parameter(
+        positive, "rad", "standard deviation of the hip's angle in standing, which counts as 0; stated errors only",
+    )] = leg_params.LegParams().standing_hip_sd  # fmt: skip
+    standing_knee_sd: Annotated[Param, Parameter(
+        positive, "rad", "standard deviation of the knee's angle in standing; stated errors only",
+    )] = leg_params.LegParams().standing_knee_sd  # fmt: skip
     filler: Annotated[Values, Parameter(None, "", "parameters of the filler, see there for their units")] = NEIGHBOURS
 
 
