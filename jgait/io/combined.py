@@ -134,6 +134,7 @@ def _contacts(analysis: "Analysis") -> "pd.DataFrame":
     """Initial and final contacts of the strides; of the waist's contacts those of which no other source has strides."""
     import pandas as pd
 
+    from jgait.estimators.combined.strides import SAME_CONTACT
     from jgait.estimators.waist import SIDE_KNOWN
 
     rows: list[tuple[float, str, str, str]] = []
@@ -157,7 +158,9 @@ def _contacts(analysis: "Analysis") -> "pd.DataFrame":
                 rows.append((float(final[i]), side, "final", source))
             if not np.isfinite(final[i]) or start < final[i]:
                 rows.append((start, side, "initial", source))
-    once: dict[tuple[int, str, str], tuple[float, str, str, str]] = {}
-    for row in sorted(rows):
-        once.setdefault((round(row[0] * 100.0), row[1], row[2]), row)
-    return pd.DataFrame(list(once.values()), columns=["time_s", "side", "event", "source"])
+    order = [source.name for source in analysis.sources]
+    once: list[tuple[float, str, str, str]] = []
+    for row in sorted(rows, key=lambda row: (order.index(row[3]), row[0])):
+        if not any(abs(row[0] - other[0]) < SAME_CONTACT and row[1:3] == other[1:3] for other in once):
+            once.append(row)
+    return pd.DataFrame(sorted(once), columns=["time_s", "side", "event", "source"])

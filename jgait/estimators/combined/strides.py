@@ -14,6 +14,9 @@ from jgait.types import SIDES, Flags, Strides, as_float
 SAME = 0.5
 """[1] Two strides of a side are the same if the time they share is more than this part of the time they cover."""
 
+SAME_CONTACT = 0.2
+"""[s] Two initial contacts of a side that are nearer are the same; so are two strides that end with them."""
+
 ALONE = 0.3
 """[1] A stride that is not in the first sources is added if it overlaps their strides by less than this part of it."""
 
@@ -101,7 +104,10 @@ def _add(groups: list[tuple[float, float, dict[str, int]]], source: SourceEstima
             continue
         start, end = float(strides.start[row]), float(strides.end[row])
         shared = [max(0.0, min(end, b) - max(start, a)) for a, b, _ in before]
-        alike = [share / (max(end, b) - min(start, a)) for share, (a, b, _) in zip(shared, before, strict=True)]
+        alike = [
+            1.0 if abs(end - b) < SAME_CONTACT else share / (max(end, b) - min(start, a))
+            for share, (a, b, _) in zip(shared, before, strict=True)
+        ]
         best = int(np.argmax(alike)) if alike else -1
         if best >= 0 and alike[best] > SAME and source.name not in before[best][2]:
             before[best][2][source.name] = int(row)

@@ -196,40 +196,35 @@ class Results:
 
 
 class Runner:
-    """A device and its state, which has a fixed size."""
+    """A device and its state, which has a fixed size; its programs are compiled here, before the first sample."""
 
     def __init__(self, device: Device) -> None:
         self.device = device
-        self._constants: list[PyTree] = []
         self._dtype = jnp.zeros(()).dtype
         self._parts: list[PyTree] | None = None
-        self._loop: Callable[..., tuple[list[PyTree], Values]] | None = None
-        self._fields: dict[str, Field] = {}
+        functions = device.begin, device.advance, device.options
+        constants = jax.tree.map(jnp.asarray, device.constants)
+        self._begun = functools.partial(_begin, constants, device=functions)
+        empty = np.zeros((BLOCK, 1 + 8 * len(device.placements)), self._dtype)
+        state = self._begun(empty[0])
+        found = jax.eval_shape(
+            lambda c, s, b: device.advance(c, s, _samples(b), np.int32(1), device.options)[1], constants, state, empty
+        )
+        self._fields, width = _fields(found)
+        self._constants = packed(constants)
+        self._loop = _compiled(functions, (Structure.of(constants), Structure.of(state)), width)
+        self._loop(self._constants, packed(state), empty, np.int32(0))
 
     @property
     def state_bytes(self) -> int:
         """Memory of the state [bytes]; 0 before the first sample."""
         return sum(part.nbytes for part in self._parts or [])
 
-    def _start(self, row: np.ndarray) -> None:
-        device = self.device.begin, self.device.advance, self.device.options
-        constants = jax.tree.map(jnp.asarray, self.device.constants)
-        state = _begin(constants, row, device=device)
-        block = jax.ShapeDtypeStruct((BLOCK, row.size), self._dtype)
-        found = jax.eval_shape(
-            lambda c, s, b: self.device.advance(c, s, _samples(b), np.int32(1), self.device.options)[1],
-            constants, state, block,
-        )  # fmt: skip
-        self._fields, width = _fields(found)
-        self._constants, self._parts = packed(constants), packed(state)
-        self._loop = _compiled(device, (Structure.of(constants), Structure.of(state)), width)
-
     def push(self, rows: np.ndarray) -> Results:
         """The results after each of n > 0 samples, (n, 1 + 8 k): dt, and gyr, acc, turned, felt of each sensor."""
         rows = rows.astype(self._dtype, copy=False)
-        if self._loop is None:
-            self._start(rows[0])
-        assert self._loop is not None
+        if self._parts is None:
+            self._parts = packed(self._begun(rows[0]))
         done = []
         for first in range(0, len(rows), BLOCK):
             part = rows[first : first + BLOCK]

@@ -250,7 +250,7 @@ def online(
 
     Each is the filter of its estimator without smoothing; events are detected causally. Axes, signs and errors of the
     sensors come from a recording of the same person with the same sensors, in which they stand still for a second and
-    then walk a few strides.
+    then walk a few strides. The filters are compiled here, which takes seconds, so that the first `push` does not wait.
 
     Args:
         calibration: that recording; estimators whose sensors it has are run, at its sampling rate.

@@ -133,6 +133,23 @@ def test_what_only_a_contradicted_source_says_is_in_doubt(analysis):
     assert np.isnan(found.strides.step_length[found.contradicts]).all()
 
 
+def test_what_two_sources_see_of_one_contact_is_there_once(analysis):
+    """The feet see a stride begin 0.9 s late, as where its first half is lost; and one contact 0.05 s late."""
+    sources = []
+    for source in analysis.sources:
+        if source.name == "feet":
+            start = np.array(source.estimate.strides.start)
+            start[5] = source.estimate.strides.end[5] - 0.3
+            own = source.estimate._replace(strides=source.estimate.strides._replace(start=start))
+            source = source._replace(estimate=own)
+        sources.append(source)
+    assert len(joined(sources).first) == len(analysis.strides.first)
+    strides = analysis.estimate.strides
+    late = analysis.estimate._replace(strides=strides._replace(start=np.asarray(strides.start) + 0.05))
+    usual, moved = (io.analysis_to_dataframes(a)["contacts"] for a in (analysis, analysis._replace(estimate=late)))
+    assert len(moved) == len(usual)
+
+
 def test_exchanged_shanks_are_named_and_not_combined(walked):
     recording, truth = walked
     sensors = recording.sensors
