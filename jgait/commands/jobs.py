@@ -15,9 +15,9 @@ from jgait.commands.console import visible
 from jgait.commands.pipeline import Choice
 from jgait.estimators.about import EstimatedRecording
 from jgait.estimators.notes import without_repeats
-from jgait.estimators.totals import joint_ranges
+from jgait.estimators.totals import joint_ranges, median
 from jgait.notes import Note
-from jgait.types import Recording
+from jgait.types import Recording, as_float
 
 ENDINGS = ("csv", "parquet", "json")
 """Formats of tables."""
@@ -80,8 +80,9 @@ def all_sensors(person: Mapping[str, PyTree], ending: str) -> EstimateJob:
         table.add_column(heading, justify="left")
     return EstimateJob(
         "all", table,
-        "± one standard deviation, of one stride or of the distance; length, speed, steps and stance: medians over "
-        "whole strides; angles: smallest … largest flexion; whole tables in the files",
+        "± one standard deviation, of one stride or of the distance; length, speed, cadence and stance: medians over "
+        "regular strides (no turns, stairs, half-steps, clipped or doubtful ones), stance of those that a foot's "
+        "sensor saw; angles: smallest … largest flexion; whole tables in the files",
         _planned_of(ending), partial(analyse, person=person), lambda made: made.notes,
         partial(_written, ending=ending), _rows, _numbers,
     )  # fmt: skip
@@ -117,8 +118,10 @@ def _written(made: PyTree, out: Path, name: str, *, ending: str) -> list[Path]:
 
 def _rows(made: PyTree, name: str) -> list[list[str]]:
     """A row for each quantity: the combined value with its standard deviation, and the value of each source."""
+    from jgait.estimators.combined.compare import regular
     from jgait.report.analysis import QUANTITIES
 
+    usual = np.zeros(0, bool) if made.strides is None else regular(made.strides)
     rows = []
     for quantity, (words, unit, digits) in QUANTITIES.items():
         told = [c for c in made.comparisons if c.quantity == quantity]
@@ -126,10 +129,14 @@ def _rows(made: PyTree, name: str) -> list[list[str]]:
         for c in told:
             if c.source == "combined":
                 deviation = "" if c.stddev is None else f" ± {c.stddev:.{digits}f}"
-                rows.append([words, f"{c.value:.{digits}f}{deviation} {unit}".rstrip(), alone])
-    steps, stance = _timing(made)
-    rows += [] if steps is None else [["steps", f"{steps:.0f} 1/min", ""]]
-    rows += [] if stance is None else [["stance", f"{100.0 * stance:.0f} % of the stride", ""]]
+                many = f", {usual.sum()} regular" if quantity == "strides" else ""
+                rows.append([words, f"{c.value:.{digits}f}{deviation} {unit}".rstrip() + many, alone])
+        if not told and usual.size and quantity != "distance":
+            rows.append([words, "–", ""])
+    if usual.size:
+        cadence, stance = _timing(made, usual)
+        rows.append(["cadence", "–" if cadence is None else f"{cadence:.0f} steps/min", ""])
+        rows.append(["stance", "–" if stance is None else f"{100.0 * stance:.0f} % of the stride", ""])
     for joint, pair in joint_ranges(made.estimate).items():
         if pair is not None:
             segment, side = joint.split("_")[:2]
@@ -139,21 +146,17 @@ def _rows(made: PyTree, name: str) -> list[list[str]]:
     return [[visible(name) if i == 0 else "", *row] for i, row in enumerate(rows)]
 
 
-def _timing(made: PyTree) -> tuple[float | None, float | None]:
-    """Steps a minute, and share of the stance in the stride; medians over whole strides, None if not known."""
-    from jgait.estimators.combined.compare import regular
+def _timing(made: PyTree, usual: np.ndarray) -> tuple[float | None, float | None]:
+    """Steps a minute, and share of the stance in the stride; medians over strides (n,) bool, None if not known.
 
+    The stance is of strides that a foot's sensor saw: a shank's shows the final contact too late.
+    """
     strides = made.estimate.strides
-    if made.strides is None or not len(made.strides.first):
-        return None, None
-    whole = regular(made.strides)
-    lasts = (np.asarray(strides.end) - np.asarray(strides.start))[whole]
-    steps = float(120.0 / np.median(lasts))
-    if strides.final_contact is None:
-        return steps, None
-    stance = (np.asarray(strides.final_contact) - np.asarray(strides.start))[whole] / lasts
-    stance = stance[np.isfinite(stance) & (stance > 0.0)]
-    return steps, float(np.median(stance)) if stance.size else None
+    lasts = as_float(strides.end) - as_float(strides.start)
+    duration = median(lasts, usual)
+    seen = usual & (np.array(made.strides.first) == "feet")
+    toe_off = np.full(lasts.size, np.nan) if strides.final_contact is None else as_float(strides.final_contact)
+    return None if duration is None else 120.0 / duration, median((toe_off - as_float(strides.start)) / lasts, seen)
 
 
 def _numbers(made: PyTree, files: list[Path]) -> dict[str, PyTree]:

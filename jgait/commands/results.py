@@ -10,7 +10,7 @@ from rich.table import Table
 
 from jgait.commands.console import visible
 from jgait.estimators.about import About, EstimatedRecording, EstimateTable, TotalColumn
-from jgait.estimators.stride_flags import marks
+from jgait.estimators.stride_flags import marks, regular
 from jgait.types import Estimate
 
 if TYPE_CHECKING:
@@ -76,7 +76,8 @@ def rows_of(table: EstimateTable, estimate: Estimate, about: About) -> "pd.DataF
         return io.to_dataframe(estimate)
     if table.rows == "strides":
         strides = io.strides_to_dataframe(estimate)
-        return strides.assign(special=["; ".join(words) for words in special(estimate, about)])
+        words = ["; ".join(words) for words in special(estimate, about)]
+        return strides.assign(special=words, regular=regular(estimate, about.flags))
     return pd.DataFrame(table.rows(estimate))
 
 

@@ -40,6 +40,23 @@ def marks(estimate: Estimate, flags: tuple[StrideFlag, ...]) -> dict[str, np.nda
     return {name: np.asarray(values, bool)[order] for name, values in read.items() if values is not None}
 
 
+def regular(estimate: Estimate, flags: tuple[StrideFlag, ...]) -> np.ndarray:
+    """(rows,) bool, strides that count in means, for the rows of the table of strides: without flags that do not."""
+    marked = marks(estimate, tuple(flag for flag in flags if not flag.regular))
+    return ~np.logical_or.reduce([np.zeros(in_order(estimate).size, bool), *marked.values()])
+
+
+def durations(strides: Strides) -> np.ndarray:
+    """(strides,) [s] from contact to contact; NaN for a first stride from standing, which has no contact before it.
+
+    The strides have starts and ends.
+    """
+    lasts = as_float(strides.end) - as_float(strides.start)
+    if strides.final_contact is None:
+        return lasts
+    return np.where(as_float(strides.final_contact) <= as_float(strides.start), np.nan, lasts)
+
+
 def _turning(estimate: Estimate) -> Flags:
     known = stated(estimate, "turning")
     if known is not None or estimate.strides.turn is None:

@@ -25,11 +25,12 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     `strides`: columns of `strides_to_dataframe`, then `stance_duration_s swing_duration_s`, smallest and largest
     `hip_flexion_…_deg knee_flexion_…_deg` in the stride where thigh and shank are measured, `angles_valid`, False if
     these angles are not usable, `wb_id` of the walking bout, `source` of the times, `combined` sources of the length,
-    and `special` flags in words.
+    `special` flags in words, and `regular`, True if the stride counts in medians: not in a turn, on stairs, from or to
+    standing, clipped, or in doubt. A regular stride can have other flags, such as "sources contradict".
     `contacts`: `time_s side event source`, initial and final contacts; side "unknown" where it is not certain.
     `bouts`: `wb_id start_s end_s duration_s n_strides distance_m stride_length_m walking_speed_mps cadence_spm`; a bout
-    ends with a break of more than 3 s; lengths, speeds and cadence are medians over whole strides; `distance_m` is the
-    bout's part of the combined distance, so that the bouts add up to it.
+    ends with a break of more than 3 s; lengths, speeds and cadence are medians over regular strides; `distance_m` is
+    the bout's part of the combined distance, so that the bouts add up to it.
     `sources`: `quantity unit source value std n_strides`, each quantity as each source measures it, and combined.
     `samples`: columns of `to_dataframe`, where anything is estimated for every sample.
 
@@ -38,12 +39,10 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     """
     import pandas as pd
 
-    from jgait.estimators.combined.compare import regular
-
     tables = {}
     if analysis.strides is not None:
         tables["strides"] = _strides(analysis, analysis.strides)
-        tables["bouts"] = _bouts(tables["strides"].assign(whole=regular(analysis.strides)), analysis.estimate)
+        tables["bouts"] = _bouts(tables["strides"], analysis.estimate)
     tables["contacts"] = _contacts(analysis)
     rows = [
         {"quantity": c.quantity, "unit": UNITS[c.quantity], "source": c.source, "value": c.value, "std": c.stddev,
@@ -56,6 +55,7 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
 
 
 def _strides(analysis: "Analysis", told: "JoinedStrides") -> "pd.DataFrame":
+    from jgait.estimators.combined.compare import regular
     from jgait.estimators.stride_flags import STRIDE_FLAGS, marks
 
     estimate = analysis.estimate
@@ -77,6 +77,7 @@ def _strides(analysis: "Analysis", told: "JoinedStrides") -> "pd.DataFrame":
     flagged = {words[name]: values for name, values in marks(estimate, STRIDE_FLAGS).items()}
     flagged["sources contradict"] = told.contradicts
     table["special"] = ["; ".join(w for w, values in flagged.items() if values[i]) for i in range(len(table))]
+    table["regular"] = regular(told)
     return table.dropna(axis="columns", how="all")
 
 
@@ -120,7 +121,7 @@ def _bouts(strides: "pd.DataFrame", estimate: Estimate) -> "pd.DataFrame":
         distances = np.diff([0.0, *np.interp(middles, as_float(estimate.time), way), way[-1]])
     rows = []
     for (number, of_bout, start, end), distance in zip(bouts, distances, strict=True):
-        whole = of_bout[of_bout["whole"]] if of_bout["whole"].any() else of_bout
+        whole = of_bout[of_bout["regular"]]
         rows.append({
             "wb_id": number, "start_s": start, "end_s": end, "duration_s": end - start, "n_strides": len(of_bout),
             "distance_m": distance, "stride_length_m": float(whole["stride_length_m"].median()),

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jgait.estimators.stride_flags import durations
 from jgait.types import SIDES, Estimate, Strides, as_float
 
 if TYPE_CHECKING:
@@ -82,9 +83,7 @@ def _measure(strides: Strides, field: str) -> np.ndarray | None:
     if field == "duration":
         if strides.start is None or strides.end is None:
             return None
-        lasts = as_float(strides.end) - as_float(strides.start)
-        toe_off = np.nan if strides.final_contact is None else as_float(strides.final_contact)
-        return np.where(toe_off <= as_float(strides.start), np.nan, lasts)
+        return durations(strides)
     values = getattr(strides, field)
     return None if values is None else as_float(values)
 

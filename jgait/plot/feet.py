@@ -170,9 +170,11 @@ def _series(
 
 
 def values_of(estimate: Estimate, field: str) -> np.ndarray:
-    """(strides,) a field of `Strides`, or the duration; NaN where the estimate lacks the value."""
+    """(strides,) a field of `Strides`, or the duration as in the table; NaN where the estimate lacks the value."""
     strides = estimate.strides
-    values = strides.end - strides.start if field == "duration" else getattr(strides, field)
+    if field == "duration" and strides.start is not None and strides.end is not None:
+        return stride_flags.durations(strides)
+    values = getattr(strides, field, None)
     return np.full(np.shape(strides.side), np.nan) if values is None else as_float(values)
 
 

@@ -12,6 +12,9 @@ FIELDS = (
     ("y", "ankle above hip [cm]", 100.0),
 )
 
+TINY = 1e-6
+"""[m] Least distance by which the band of a distance is scaled, so that it is none if nobody walks."""
+
 
 def _worn(estimate: Estimate) -> list[tuple[str, LegTrajectory, LegTrajectory | None]]:
     spreads = estimate.stddev or (None, None)
@@ -128,7 +131,8 @@ def distance(
 ) -> Figure:
     """Walked distance over time, from the start of the window, over the reference, dashed, and `others`, in grey.
 
-    The band of two standard deviations is drawn if the diagnostics have `distance_stddev` and no window is given.
+    The band of two standard deviations is drawn if the diagnostics have `distance_stddev` and no window is given. A
+    deviation of the whole distance alone is drawn in proportion to the distance so far.
     """
     figure, axes = blank(1, 1, 6.4, 3.8)
     axis = axes[0, 0]
@@ -147,7 +151,11 @@ def distance(
         draw(reference, "reference", REFERENCE)
     spread = estimate.diagnostics.get("distance_stddev")
     if spread is not None and seconds is None:
-        band(axis, np.asarray(estimate.time), estimate.distance, spread, color="0.85")
+        way = np.asarray(estimate.distance, float)
+        if np.size(spread) == 1:  # of the whole walk
+            gained = way - way[0]
+            spread = spread * gained / max(np.nanmax(gained), TINY)
+        band(axis, np.asarray(estimate.time), way, spread, color="0.85")
     draw(estimate, "jgait", ESTIMATE)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("distance walked [m]")

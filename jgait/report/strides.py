@@ -100,8 +100,7 @@ def strides_of(estimate: Estimate, flags: tuple[StrideFlag, ...] = STRIDE_FLAGS)
     if "stride_duration_s" in table:
         duration = table["stride_duration_s"].where(~marks.get("half", np.zeros(len(table), bool)))
         table = table.assign(cadence_spm=120.0 / duration)
-    special = [marks[flag.name] for flag in flags if flag.name in marks and not flag.regular]
-    regular = ~np.logical_or.reduce(special) if special else np.ones(len(table), bool)
+    regular = np.ones(len(table), bool) if cycles else stride_flags.regular(estimate, flags)
     return ReportStrides(table, marks, flags, regular, cycles)
 
 

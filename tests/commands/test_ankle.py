@@ -64,6 +64,7 @@ def test_strides_totals_flags_and_figures_of_a_leg(csv, tmp_path, words):
     strides = strides_of(tmp_path)
     np.testing.assert_allclose(strides["stride_length_m"], LENGTHS, atol=0.02)
     assert list(strides["special"]) == ["half-step", "", "turning", "stairs", "", "half-step"]
+    assert list(strides["regular"]) == [False, True, False, False, True, False]
     (leg,) = pd.read_csv(tmp_path / "out" / "walk_totals.csv").to_dict("records")
     assert leg["side"] == "right" and leg["strides"] == 6 and leg["half"] == 2 and leg["clipped"] == 0
     assert leg["distance_m"] == pytest.approx(LENGTHS.sum(), abs=0.06)

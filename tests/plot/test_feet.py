@@ -88,6 +88,17 @@ def test_strides_over_time_with_their_deviations():
     assert [axis.get_ylabel() for axis in bare.axes] == ["length [m]", "rise [cm]"]
 
 
+def test_a_first_stride_from_standing_has_no_time_but_a_length():
+    estimate = walked()
+    toe_off = np.array(estimate.strides.final_contact)
+    toe_off[0] = estimate.strides.start[0]
+    first = estimate._replace(strides=estimate.strides._replace(final_contact=toe_off))
+    length, duration, *_ = plot.leg_strides(first).axes
+    for axis, gone in ((length, 0), (duration, 1)):
+        right = lines_of(axis, FOOT["right"])[-1]
+        assert np.isnan(right.get_ydata()).sum() == gone
+
+
 def test_widths_are_drawn_as_long_as_they_are():
     figure = plot.two_feet(walked(turn_at=6))
     above, *rest = figure.axes

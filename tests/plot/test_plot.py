@@ -28,3 +28,14 @@ def test_padding_is_not_drawn(padded, draw):
             assert np.abs(y[drawn]).max() < 20.0
         figure.canvas.draw()
         assert np.abs(axis.get_ylim()).max() < 60.0
+
+
+def test_the_band_of_a_distance_with_one_deviation_grows_with_the_way():
+    t = np.arange(100) / 10.0
+    way = np.clip(t - 2.0, 0.0, 5.0)
+    walk = Estimate(t, Legs(None, None), None, way, t >= 0.0, {"distance_stddev": np.array([0.5])})
+    (band,) = plot.distance(walk).axes[0].collections
+    corners = band.get_paths()[0].vertices
+    for at, spread in ((1.0, 0.0), (4.5, 0.5), (9.0, 1.0)):
+        y = corners[np.isclose(corners[:, 0], at), 1]
+        np.testing.assert_allclose([y.min(), y.max()], np.interp(at, t, way) + [-spread, spread])

@@ -18,7 +18,7 @@ from jgait.estimators.combined.distance import WalkedDistance, distances, walked
 from jgait.estimators.combined.sources import SourceEstimate, sources
 from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.notes import without_repeats
-from jgait.notes import SEVERITIES, Kind, Note
+from jgait.notes import NO_WALKING, SEVERITIES, Kind, Note
 from jgait.types import SIDES, Estimate, Legs, Recording, RecordingError, as_float
 
 ANGLES_DOUBTFUL = Kind(
@@ -28,6 +28,7 @@ ANGLES_DOUBTFUL = Kind(
     "Wrong axes, labels or clocks of a thigh or shank sensor shift the angles or turn them upside down, the hip's too. "
     "Their stated deviations do not contain that.",
 )
+NO_STRIDES = Kind("no_strides", "stop", "no walking was found: no sensor measured a stride", NO_WALKING)
 
 
 class Analysis(NamedTuple):
@@ -92,6 +93,8 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     differ += unusable
     if strides is not None:
         differ = [*length_notes(found, strides), *differ, *side_notes(found, strides)]
+    elif any(source.estimate.strides is not None for source in found):
+        differ = [NO_STRIDES(), *differ]
     every = [*findings.notes, *differ, *recording.notes, *notes, *one_sided]
     every += [note for source in found for note in source.estimate.diagnostics["notes"]]
     order = sorted(without_repeats(every), key=lambda note: SEVERITIES.index(note.severity))

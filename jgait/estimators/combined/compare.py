@@ -9,6 +9,7 @@ import numpy as np
 from jgait.estimators.combined.distance import WalkedDistance
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import CONSISTENT, JoinedStrides
+from jgait.estimators.stride_flags import STRIDE_FLAGS
 from jgait.notes import WRONG_PLACE, Kind, Note
 from jgait.types import SIDES, as_float
 
@@ -41,7 +42,7 @@ class Comparison(NamedTuple):
     Attributes:
         quantity: "stride_length" [m], "distance" [m], "walking_speed" [m/s] or "strides" [1].
         source: name of the source, or "combined".
-        value: the value; of strides the median over the strides that are not half ones or turns.
+        value: the value; of strides the median over the regular ones, see `regular`.
         stddev: its standard deviation, or None where none is stated.
         strides: number of strides that the value is from; 0 for a distance.
     """
@@ -81,11 +82,12 @@ def comparisons(
 
 
 def regular(strides: JoinedStrides) -> np.ndarray:
-    """(n,) bool, strides that count in medians: no turns, stairs, half or doubtful ones; all if none is left."""
+    """(n,) bool, strides that count in medians, as in reports: no turns, stairs, half, clipped or doubtful ones."""
     usual = np.ones(len(strides.first), bool)
-    for name in ("turning", "stairs", "half", "doubtful"):
-        usual &= ~strides.flags.get(name, np.zeros(len(usual), bool))
-    return usual if usual.any() else np.ones(len(usual), bool)
+    for flag in STRIDE_FLAGS:
+        if flag.name in strides.flags and not flag.regular:
+            usual &= ~strides.flags[flag.name]
+    return usual
 
 
 def _median(
@@ -116,6 +118,7 @@ def length_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> l
             told[source.name] = (values, spread)
     notes = []
     usual = regular(strides)
+    usual = usual if usual.any() else ~usual
     order = sorted(
         told, key=lambda name: float(np.nanmedian(told[name][1])) if np.isfinite(told[name][1]).any() else 9.0
     )

@@ -64,7 +64,7 @@ class JoinedStrides(NamedTuple):
 def joined(
     sources: Sequence[SourceEstimate], doubtful: frozenset[str] = frozenset(), wrong: frozenset[str] = frozenset()
 ) -> JoinedStrides | None:
-    """The strides of all sources as one table; None if no source has a table of strides.
+    """The strides of all sources as one table; None if no source has a stride.
 
     Args:
         sources: in the order in which times are preferred.
@@ -85,6 +85,8 @@ def joined(
             if trusted[source.name, side] or alone or not of_side:
                 _add(of_side, source, number)
         groups += [group for *_, group in of_side]
+    if not groups:
+        return None
     doubts = {source.name: _doubted(source, wrong) for source in having}
     return _table(having, groups, trusted, doubts, next((s for s in sources if s.name == "width"), None))
 

@@ -86,7 +86,7 @@ ABOUT = About(
     totals=totals,
     columns=(
         TotalColumn("contacts", "contacts", digits=0), TotalColumn("strides", "strides", digits=0), DISTANCE,
-        TotalColumn("distance_std_m", "±", "m"), *MEDIANS, TotalColumn("cadence_spm", "steps", "1/min", 0),
+        TotalColumn("distance_std_m", "±", "m"), *MEDIANS, TotalColumn("cadence_spm", "cadence", "steps/min", 0),
     ),
     caption="distance with its standard deviation; length and speed: medians over strides; whole tables in the files",
     tables=(EstimateTable("contacts", contacts, json="contacts"), EstimateTable("strides", "strides", json="strides")),

@@ -9,12 +9,13 @@ import jgait
 from jgait import io, simulate
 from jgait.commands.jobs import all_sensors
 from jgait.estimators.combined.analysis import ACCUSED, CLOCKS
-from jgait.estimators.combined.compare import regular
+from jgait.estimators.combined.compare import comparisons, regular
 from jgait.estimators.combined.distance import WalkedDistance
 from jgait.estimators.combined.distance import walked as walked_together
 from jgait.estimators.combined.strides import combined, joined
 from jgait.io.damage import agreement, delays, paces, samples, tilts, turns
 from jgait.notes import Kind
+from jgait.report import of_analysis
 from jgait.simulate.sensors import OPAL
 from jgait.types import RecordingError
 
@@ -89,7 +90,8 @@ def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
     for name in ("stance_duration_s", "knee_flexion_max_deg", "stride_length_std_m", "source", "combined", "special"):
         assert name in strides
     assert strides["knee_flexion_max_deg"].between(40, 90).all()
-    whole = strides[strides["special"] == ""]
+    whole = strides.query("regular")
+    assert (whole["special"] == "").all() and (strides[~strides["regular"]]["special"] != "").all()
     assert len(whole) > 10
     np.testing.assert_allclose(whole["stance_duration_s"] + whole["swing_duration_s"], whole["stride_duration_s"])
     assert len(tables["bouts"]) == 1
@@ -271,6 +273,50 @@ def test_a_source_without_any_stride_does_not_stop_the_others(walked):
     sensors = {name: recording.sensors[name] for name in ("foot_right", "foot_left")}
     found = jgait.analyse(recording._replace(sensors={**sensors, "pelvis": still}), PERSON)
     assert len(found.strides.first) > 10
+
+
+def standing(recording, seconds=4.0):
+    """The same sensors while the person stands: what they read in the first half second, again and again."""
+    sensors = {}
+    for name, imu in recording.sensors.items():
+        rows = np.arange(int(seconds * recording.sampling_rate_hz)) % int(0.5 * recording.sampling_rate_hz)
+        sensors[name] = imu._replace(
+            time=imu.time[: rows.size], gyr=imu.gyr[rows], acc=imu.acc[rows], mask=imu.mask[: rows.size]
+        )
+    return recording._replace(sensors=sensors)
+
+
+def test_a_person_who_only_stands_has_tables_and_a_note_but_no_strides(walked):
+    found = jgait.analyse(standing(walked[0]), PERSON)
+    assert found.strides is None and found.estimate.strides is None
+    assert found.notes[0].code == "no_strides"
+    assert "strides" not in io.analysis_to_dataframes(found)
+    job = all_sensors({}, "csv")
+    assert not {"cadence", "stance"} & {row[1] for row in job.rows(found, "walk")}
+    assert job.numbers(found, [])["notes"][0]["code"] == "no_strides"
+    assert "No strides were found" in of_analysis(found, walked[0]).html
+
+
+def test_without_a_regular_stride_no_means_are_stated(analysis):
+    half = {**analysis.strides.flags, "half": np.ones(len(analysis.strides.first), bool)}
+    strides = analysis.strides._replace(flags=half)
+    rows = comparisons(analysis.sources, strides, [], None)
+    assert {c.quantity for c in rows} == {"strides"}
+    printed = all_sensors({}, "csv").rows(analysis._replace(strides=strides, comparisons=rows), "walk")
+    said = {row[1]: row[2] for row in printed}
+    assert said["strides"].endswith(", 0 regular")
+    assert {said[name] for name in ("stride length", "walking speed", "cadence", "stance")} == {"–"}
+
+
+def test_the_stance_is_stated_of_strides_that_a_foot_saw(walked, analysis):
+    whole = io.analysis_to_dataframes(analysis)["strides"].query("regular")
+    share = (whole["stance_duration_s"] / whole["stride_duration_s"]).median()
+    said = {row[1]: row[2] for row in all_sensors({}, "csv").rows(analysis, "walk")}
+    assert said["stance"] == f"{100.0 * share:.0f} % of the stride"
+    shanks = {name: walked[0].sensors[name] for name in ("shank_right", "shank_left")}
+    found = jgait.analyse(walked[0]._replace(sensors=shanks), PERSON)
+    said = {row[1]: row[2] for row in all_sensors({}, "csv").rows(found, "walk")}
+    assert said["stance"] == "–" and said["cadence"].endswith("steps/min")
 
 
 def test_every_code_by_which_a_sensor_is_accused_is_that_of_a_check():
