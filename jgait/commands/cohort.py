@@ -3,9 +3,9 @@
 import csv
 import difflib
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import jax
 import numpy as np
@@ -18,6 +18,9 @@ from jgait.commands.recordings import recording_of
 from jgait.estimators.about import BodyMeasure
 from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note
 from jgait.types import Estimate, Legs, Recording, RecordingError, Walk, reason_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def _measures() -> dict[str, BodyMeasure]:
@@ -94,6 +97,7 @@ class Source(NamedTuple):
         failures: (name, reason) of rows that cannot be items.
         notes: notes for the user.
         files: files of the user that are read.
+        subjects: name → subject, as far as known before the recordings are read.
     """
 
     title: str
@@ -103,6 +107,16 @@ class Source(NamedTuple):
     failures: list[tuple[str, str]]
     notes: list[Note]
     files: Sequence[Path] = ()
+    subjects: Mapping[str, str] = {}
+
+    def failed(self, failures: "pd.DataFrame") -> "pd.DataFrame":
+        """All `recording subject reason` of rows and recordings without a result, from those of `evaluate.cohort`."""
+        import pandas as pd
+
+        rows = pd.DataFrame(self.failures, columns=["recording", "reason"])
+        every = pd.concat([rows, failures], ignore_index=True)
+        subjects = every["recording"].map(dict(self.subjects)).fillna(every["subject"]).fillna("")
+        return every.assign(subject=subjects)[["recording", "subject", "reason"]]
 
     def walks(self, failures: list[tuple[str, str]], report: Callable[[int], None]) -> Iterable[Walk]:
         """Yields the walks one by one; walks that cannot be read are added to the failures."""
@@ -202,7 +216,8 @@ class _Files:
         self.folder, self.rows, self.gyr_unit, self.acc_unit = folder, rows, gyr_unit, acc_unit
 
     def __repr__(self) -> str:
-        return f"files in {self.gyr_unit or 'their own units'} and {self.acc_unit or 'their own units'}"
+        given = {"angular rates": self.gyr_unit, "accelerations": self.acc_unit}
+        return ", ".join(f"{what} in {unit or 'the unit of the file'}" for what, unit in given.items())
 
     def __call__(self, file: str) -> Walk:
         row = self.rows[file]
@@ -288,7 +303,8 @@ def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: 
     notes = _notes(names, rows, measures)
     marks = {file: _mark(path.parent / file, row) for file, row in rows.items()}
     return Source(path.name, list(rows), _Files(path.parent, rows, gyr_unit, acc_unit), marks, failures, notes,
-                  [path.parent / file for file in rows])  # fmt: skip
+                  [path.parent / file for file in rows],
+                  {file: row["subject"] for file, row in rows.items() if row.get("subject")})  # fmt: skip
 
 
 def _notes(names: list[str], rows: dict[str, dict[str, str]], measures: Sequence[str]) -> list[Note]:

@@ -77,10 +77,7 @@ def evaluate(
     with results_folder(
         out, "evaluate", source.marks, planned=PLANNED, inputs=read, json_file=json_file, fresh=fresh
     ) as folder:
-        if any(folder.run.glob("part-*-*")):
-            console.print(
-                f"continuing an earlier run in {out}; its finished recordings are not computed again", highlight=False
-            )
+        continued = any(folder.run.glob("part-*-*"))
         with progress() as bars:
             bar, total = Bar(bars), len(source.items)
             bar("reading and computing", 0, total)
@@ -90,18 +87,25 @@ def evaluate(
                     progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
                 )  # fmt: skip
             except OtherEvaluationError as error:
-                stop(f"{error}; --fresh starts anew")
+                stop(f"{error}, as --fresh does")
             except (ValueError, OSError) as error:
                 stop(str(error))
+        if continued:
+            console.print(
+                f"continuing an earlier run in {out}; its finished recordings were not computed again", highlight=False
+            )
+        if not len(results.recordings):
+            folder.forget()
         results = evaluation.Cohort(*(rows[rows["recording"].isin(source.marks)] for rows in results))
-        failures = source.failures + list(zip(results.failures["recording"], results.failures["reason"], strict=True))
+        failed = source.failed(results.failures)
+        failures = list(zip(failed["recording"], failed["reason"], strict=True))
         say_failures(failures)
         if not len(results.recordings):
             stop(f"none of the {len(failures)} recordings of {source.title} could be used")
         agreement = results.agreement()
         judged = _judged(pipeline, source, start, names) if names else None
         try:
-            written = _write(folder.stage, results, agreement, failures)
+            written = _write(folder.stage, results._replace(failures=failed), agreement)
             if judged is not None:
                 written.append(folder.stage / LOSSES)
                 judged.to_csv(written[-1], index=False)
@@ -153,16 +157,14 @@ def _show_losses(judged: "pd.DataFrame", names: list[str]) -> None:
     console.print(shown)
 
 
-def _write(out: Path, results: "Cohort", agreement: "pd.DataFrame", failures: list[tuple[str, str]]) -> list[Path]:
+def _write(out: Path, results: "Cohort", agreement: "pd.DataFrame") -> list[Path]:
     """Write tables and figures; returns their files."""
-    import pandas as pd
-
     from jgait import plot
     from jgait.plot import cohort as plot_cohort
 
     tables = {
         "recordings": results.recordings, "quantities": results.quantities, "strides": results.strides,
-        "agreement": agreement.reset_index(), "failures": pd.DataFrame(failures, columns=["recording", "reason"]),
+        "agreement": agreement.reset_index(), "failures": results.failures,
     }  # fmt: skip
     files = []
     for name, rows in tables.items():

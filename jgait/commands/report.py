@@ -210,7 +210,8 @@ def _of_cohort(
             )  # fmt: skip
         except (ValueError, OSError) as error:
             stop(str(error))
-    failures = source.failures + list(zip(results.failures["recording"], results.failures["reason"], strict=True))
+    results = results._replace(failures=source.failed(results.failures))
+    failures = list(zip(results.failures["recording"], results.failures["reason"], strict=True))
     say_failures(failures)
     if not len(results.recordings):
         stop(f"none of the {len(failures)} recordings of {source.title} could be used")

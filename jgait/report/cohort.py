@@ -68,6 +68,8 @@ def of_cohort(
     made = Made() if made is None else made
     if failures is None:
         failures = list(zip(cohort.failures["recording"], cohort.failures["reason"], strict=True))
+    whose = dict(zip(cohort.failures["recording"], cohort.failures["subject"], strict=True))
+    lost = Counter(str(whose.get(name, "")) for name, _ in failures)
     failures = [(without_folders(str(name)), without_folders(str(reason))) for name, reason in failures]
     if not len(cohort.recordings) and not failures:
         raise ValueError("a report needs recordings; the cohort has none, not even one that failed")
@@ -82,7 +84,7 @@ def of_cohort(
     ]  # fmt: skip
     sections = [
         _agreement(agreement), Section("Bland–Altman", _how(), _figures(paired)) if len(paired) else None,
-        _people(cohort, paired, failures), _recordings(cohort), _failures(failures), _parameters(made),
+        _people(cohort, paired, lost), _recordings(cohort), _failures(failures), _parameters(made),
     ]  # fmt: skip
     about = about_of(made.estimator).title
     lead = f"{about}, compared with an independent measurement." if len(paired) else f"{about}; no reference is known."
@@ -238,10 +240,8 @@ def _figures(paired: "pd.DataFrame") -> list[Picture]:
     return made
 
 
-def _people(cohort: "Cohort", paired: "pd.DataFrame", failures: Sequence[tuple[str, str]]) -> Section:
-    """One row for each person: recordings used and failed, and mean errors."""
-    whose = dict(zip(cohort.failures["recording"], cohort.failures["subject"], strict=True))
-    lost = Counter(str(whose.get(name, "")) for name, _ in failures)
+def _people(cohort: "Cohort", paired: "pd.DataFrame", lost: Counter[str]) -> Section:
+    """One row for each person: recordings used and failed, and mean errors; `lost` counts failures by subject."""
     used = cohort.recordings.groupby("subject")["recording"].count()
     quantities = [name for name in BY_SUBJECT if paired.loc[paired["quantity"] == name, "error"].notna().any()]
     errors = {
@@ -261,8 +261,8 @@ def _people(cohort: "Cohort", paired: "pd.DataFrame", failures: Sequence[tuple[s
         heads += [f"{words}: mean error [{unit}]", f"mean |error| [{unit}]"]
     caption = "Estimate − reference, mean over each person's recordings or strides. A click on a heading sorts."
     unknown = lost.get("", 0)
-    failed = f"{unknown} of the recordings that failed" if unknown > 1 else "One recording that failed"
-    text = f"{failed} could not be read far enough to find out to whom it belongs." if unknown else ""
+    failed = f"{unknown} recordings that failed belong" if unknown > 1 else "One recording that failed belongs"
+    text = f"{failed} to nobody who is known." if unknown else ""
     return Section("People", text, [Table(caption, ("person", "used", "failed", *heads), rows, True)])
 
 

@@ -28,11 +28,9 @@ def read(folder: Path) -> tuple[Cohort, list[tuple[str, str]]]:
     tables = {name: _table(folder / f"{name}.csv", name) for name in ("recordings", "quantities", "strides")}
     for text in tables["recordings"]["notes"]:
         from_json(text)
-    failed = _strings(folder / "failures.csv", ("recording", "reason"))
+    failed = _strings(folder / "failures.csv", COLUMNS["failures"])
     failures = list(zip(failed["recording"], failed["reason"], strict=True))
-    whose = _whose(folder / "run")
-    rows = {**failed, "subject": [whose.get(name, "") for name in failed["recording"]]}
-    return Cohort(**tables, failures=frame("failures", rows)), failures
+    return Cohort(**tables, failures=frame("failures", failed)), failures
 
 
 def _strings(path: Path, columns: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -52,15 +50,6 @@ def _table(path: Path, name: str) -> "pd.DataFrame":
         column: values if column in TEXT else [float(value) if value else float("nan") for value in values]
         for column, values in columns.items()
     })  # fmt: skip
-
-
-def _whose(run: Path) -> dict[str, str]:
-    """Failed recording → its subject, from the batches in the folder `run`."""
-    subjects: dict[str, str] = {}
-    for part in sorted(run.glob("part-*-*/failures.csv")):
-        rows = _strings(part, ("recording", "subject"))
-        subjects |= dict(zip(rows["recording"], rows["subject"], strict=True))
-    return subjects
 
 
 def made(folder: Path) -> Made:

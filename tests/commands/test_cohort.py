@@ -71,7 +71,8 @@ def test_bad_rows_are_named_and_the_others_evaluated(evaluated):
         "4 recordings of 2 people",
     ):  # fmt: skip
         assert words in said, said
-    assert len(pd.read_csv(out / "failures.csv")) == 5
+    failures = pd.read_csv(out / "failures.csv").set_index("recording")["subject"]
+    assert len(failures) == 5 and failures["empty.csv"] == failures["nowhere.csv"] == "p8"
     assert sorted(pd.read_csv(out / "recordings.csv")["subject"]) == ["p0", "p0", "p1", "p1"]
     assert (out / "distance_agreement.png").exists() and (out / "distance_per_subject.png").exists()
 
@@ -108,13 +109,19 @@ def test_a_run_goes_on_and_refuses_changed_rows(evaluated):
     assert "walk2.csv was" in said and "--fresh" in said
     code, said = run("evaluate", table, "--out", out)
     assert code == 2
-    assert "another evaluation" in said and "--fresh" in said
-
-
-def test_a_cohort_in_which_nothing_can_be_used(table, tmp_path):
-    code, said = run("evaluate", table(lambda f: f.assign(file=[f"no{i}.csv" for i in range(4)])), "--out", tmp_path)
+    assert "another evaluation, which differs in the estimator's options;" in said and "--fresh" in said
+    code, said = run("evaluate", table, "--paper", "--out", out, "--acc-unit", "g")
     assert code == 2
-    assert "none of the 4 recordings" in said
+    assert "accelerations in the unit of the file; now " in said and "continuing" not in said
+
+
+def test_a_cohort_in_which_nothing_can_be_used_leaves_nothing(table, tmp_path):
+    cohort = table(lambda f: f.assign(file=[f"no{i}.csv" for i in range(4)]), "none.csv")
+    for unit in ((), ("--acc-unit", "g")):
+        code, said = run("evaluate", cohort, "--out", tmp_path / "out", *unit)
+        assert code == 2
+        assert "none of the 4 recordings" in said and "continuing" not in said
+        assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

@@ -355,7 +355,7 @@ def test_names_that_look_like_something_else_survive(tmp_path):
 def test_a_folder_of_something_else_is_refused(tmp_path):
     evaluate.cohort(FAKE, [walk(0)], out=tmp_path / "a")
     assert json.loads((tmp_path / "a" / "cohort.json").read_text())["estimator"] == "fake"
-    with pytest.raises(ValueError, match=r"another evaluation \(params: Params\(scale=1.1.*scale=2.0"):
+    with pytest.raises(ValueError, match=r"differs in the parameters \(Params\(scale=1.1.*scale=2.0"):
         evaluate.cohort(FAKE, [walk(0)], Params(2.0), out=tmp_path / "a")
     with pytest.raises(ValueError, match=r"another evaluation \(score: .*lambda"):
         evaluate.cohort(FAKE, [walk(0)], score=lambda e, w: scores.score(e, w), out=tmp_path / "a")
