@@ -15,6 +15,7 @@ from jaxtyping import PyTree
 from jgait import estimators
 from jgait.commands.console import stop
 from jgait.commands.recordings import recording_of
+from jgait.estimators import proportions
 from jgait.estimators.about import BodyMeasure
 from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note
 from jgait.types import Estimate, Legs, Recording, RecordingError, Walk, reason_of
@@ -29,7 +30,7 @@ def _measures() -> dict[str, BodyMeasure]:
     for name in estimators.names():
         estimator = estimators.get(name)
         for measure in estimator.about.measures:
-            if measure.name in getattr(estimator.params, "_fields", ()):
+            if {measure.name, measure.parameter} & set(getattr(estimator.params, "_fields", ())):
                 measures.setdefault(f"{measure.name}_{measure.unit}", measure)
     return measures
 
@@ -133,10 +134,11 @@ class Source(NamedTuple):
 
 
 def body(walk: Walk, measures: Sequence[str]) -> dict[str, Any]:
-    """The known measures of a person that are parameters of the estimator."""
+    """The known measures of a person that the estimator takes; a height in the table gives those that it lacks."""
     from jgait import datasets
 
-    known = dict(walk.info["body"]) if "body" in walk.info else datasets.body(walk)
+    stated = walk.info.get("body")
+    known = datasets.body(walk) if stated is None else proportions.with_proportions(stated, measures)
     return {name: value for name, value in known.items() if name in measures}
 
 
@@ -316,10 +318,11 @@ def _notes(names: list[str], rows: dict[str, dict[str, str]], measures: Sequence
         notes.append(COLUMN_UNUSED(column=name, hint=f"; did you mean {near[0]!r}?" if near else ""))
     if not any(row.get("subject") for row in rows.values()):
         notes.append(SUBJECTS_UNKNOWN())
-    for name in measures:
-        without = sum(not row.get(f"{name}_m") for row in rows.values())
-        if without and name in ASKED_FOR:
-            notes.append(MEASURE_OF_SOME(without=without, recordings=len(rows), column=f"{name}_m"))
+    for name in [name for name in measures if name in ASKED_FOR and name != "height"]:
+        columns = (f"{name}_m", "height_m") if name in (*proportions.SHARES, "sensor_height") else (f"{name}_m",)
+        without = sum(not any(row.get(column) for column in columns) for row in rows.values())
+        if without:
+            notes.append(MEASURE_OF_SOME(without=without, recordings=len(rows), column=" nor ".join(columns)))
     return notes
 
 

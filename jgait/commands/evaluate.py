@@ -14,8 +14,9 @@ from jgait.commands import recordings
 from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop, visible, write_json, wrote
 from jgait.commands.folder import results_folder
 from jgait.commands.lessons import lessons_of, losses_of
-from jgait.commands.pipeline import measures_of, pipeline_of, start_of
+from jgait.commands.pipeline import measures_of, not_held_out, pipeline_of, start_of
 from jgait.commands.warnings import say_warnings
+from jgait.notes import to_json
 from jgait.report.cohort import DRAWN, drawn
 from jgait.report.page import plain, significant
 from jgait.report.recording import CURVES
@@ -29,8 +30,10 @@ if TYPE_CHECKING:
 TABLES = ("recordings", "quantities", "strides", "agreement", "failures")
 FIGURES = ("agreement", "per_subject")
 LOSSES = "losses.csv"
+NOTES = "notes.json"
 PLANNED = (
     LOSSES,
+    NOTES,
     *(f"{name}.csv" for name in TABLES),
     *(f"{quantity.rpartition('_')[0]}_{figure}.png" for quantity in DRAWN for figure in FIGURES),
 )
@@ -59,8 +62,9 @@ def evaluate(
 ) -> None:
     """Run an estimator on a whole cohort, and compare it with the reference where there is one.
 
-    Writes recordings.csv, quantities.csv, strides.csv, agreement.csv, failures.csv and figures. A recording that
-    cannot be used stops no other. Exit code 0: all recordings were used; 1: some could not be used; 2: none.
+    Writes recordings.csv, quantities.csv, strides.csv, agreement.csv, failures.csv, notes.json and figures. A
+    recording that cannot be used stops no other. Exit code 0: all recordings were used; 1: some could not be used; 2:
+    none.
     """
     from jgait import evaluate as evaluation
     from jgait.evaluate.store import OtherEvaluationError
@@ -106,6 +110,8 @@ def evaluate(
         judged = _judged(pipeline, source, start, names) if names else None
         try:
             written = _write(folder.stage, results._replace(failures=failed), agreement)
+            written.append(folder.stage / NOTES)
+            written[-1].write_text(to_json([*source.notes, *not_held_out(params)]), encoding="utf-8")
             if judged is not None:
                 written.append(folder.stage / LOSSES)
                 judged.to_csv(written[-1], index=False)
@@ -209,6 +215,9 @@ def _show(title: str, results: "Cohort", agreement: "pd.DataFrame") -> None:
                 significant(row["icc"]),
             )  # fmt: skip
         console.print(shown)
+        alike = agreement.loc[compared]
+        if (alike["icc"].isna() & (alike["n"] > 1)).any():
+            note("ICC – : the reference does not vary, so that differences between people cannot be judged")
     rows = results.paired()
     relative = 100.0 * rows.loc[rows["quantity"] == "distance_m", "rel_error"].abs().dropna()
     if len(relative):

@@ -83,7 +83,7 @@ def of_cohort(
         *_headline(paired, agreement),
     ]  # fmt: skip
     sections = [
-        _agreement(agreement), Section("Bland–Altman", _how(), _figures(paired)) if len(paired) else None,
+        _agreement(agreement, made), Section("Bland–Altman", _how(), _figures(paired)) if len(paired) else None,
         _people(cohort, paired, lost), _recordings(cohort), _failures(failures), _parameters(made),
     ]  # fmt: skip
     about = about_of(made.estimator).title
@@ -174,8 +174,8 @@ def _how() -> str:
     )
 
 
-def _agreement(agreement: "pd.DataFrame") -> Section | None:
-    """Bias, limits and ICC of every quantity, and errors of whole curves."""
+def _agreement(agreement: "pd.DataFrame", made: Made) -> Section | None:
+    """Bias, limits and ICC of every quantity, and errors of whole curves; and whether parameters were tuned on them."""
     rows, curves = [], []
     for name, row in agreement.iterrows():
         if not row["n"]:
@@ -194,14 +194,15 @@ def _agreement(agreement: "pd.DataFrame") -> Section | None:
     if rows:
         caption = (
             "Estimate − reference, each quantity in its own unit; in brackets 95 % intervals, over people. ICC(2,1) "
-            "compares with how much the people differ: 1 is perfect."
+            "compares with how much the people differ: 1 is perfect, and – where the reference does not vary."
         )
         columns = ("quantity", "n / people", "bias", "95 % limits", "mean |error|", "worst |error|", "ICC(2,1)")
         parts.append(Table(caption, columns, rows))
     if curves:
         caption = "Root mean square difference of whole curves, over recordings."
         parts.append(Table(caption, ("curve", "n / people", "mean", "worst"), curves))
-    return Section("Agreement with the reference", "", parts) if parts else None
+    tuned = " ".join(f"{note.text[:1].upper()}{note.text[1:]}." for note in made.notes if note.code == "not_held_out")
+    return Section("Agreement with the reference", tuned, parts) if parts else None
 
 
 def _significant(value: float) -> Cell:

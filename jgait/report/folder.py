@@ -70,7 +70,8 @@ def made(folder: Path) -> Made:
     params = jax.tree_util.tree_map_with_path(
         lambda where, old: values.get(jax.tree_util.keystr(where).lstrip("."), old), default
     )
-    return Made(name, params, default, file=folder.resolve().name, version=str(about.get("jgait", "")))
+    notes = from_json((folder / "notes.json").read_text(encoding="utf-8"))
+    return Made(name, params, default, file=folder.resolve().name, notes=notes, version=str(about.get("jgait", "")))
 
 
 def values_of(text: str) -> dict[str, float]:

@@ -166,6 +166,24 @@ def test_what_may_not_have_been_meant_is_noted(table, tmp_path):
         assert words in said
 
 
+def test_the_height_of_a_person_gives_lengths_that_were_not_measured(table, tmp_path):
+    def by_height(frame):
+        return frame.assign(height_m=1.8, shank_length_m=[0.4, *[""] * 3]).drop(columns="thigh_length_m")
+
+    def by_length(frame):
+        return frame.assign(thigh_length_m=0.245 * 1.8, shank_length_m=[0.4, *[0.246 * 1.8] * 3])
+
+    ways = []
+    for change in (by_height, by_length):
+        code, said = run(
+            "evaluate", table(change, f"{change.__name__}.csv"), "--paper", "--out", tmp_path / change.__name__
+        )
+        assert code == 0, said
+        assert "left out" not in said and "have no" not in said
+        ways.append(pd.read_csv(tmp_path / change.__name__ / "quantities.csv")["estimate"])
+    pd.testing.assert_series_equal(*ways)
+
+
 @pytest.fixture(scope="module")
 def tuned(evaluated, tmp_path_factory):
     """A tuning on the same rows: exit code, output, folder, the words of the command."""
@@ -228,6 +246,11 @@ def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walk
         for folder in (evaluated[2], tmp_path / "out")
     )
     np.testing.assert_allclose(after, scale * before, rtol=1e-9)
+    code, said = run("report", tmp_path / "out", "--out", tmp_path / "out.html", "--json", tmp_path / "page.json")
+    assert code == 1, said
+    flag = next(f for f in json.loads((tmp_path / "page.json").read_text())["flags"] if "not held out" in f["text"])
+    assert flag["grade"] == "check" and "left out in turn, the median |error of the distance| was" in flag["text"]
+    assert (tmp_path / "out.html").read_text().count("in tuned.json were tuned on bad.csv") >= 2
     walk = walks[0] / walks[1][0]["file"]
     ways = []
     for more in ((), ("--params", file), ("--params", file, "--scale", 1.0)):
