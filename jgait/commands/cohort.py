@@ -3,9 +3,9 @@
 import csv
 import difflib
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import jax
 import numpy as np
@@ -15,9 +15,13 @@ from jaxtyping import PyTree
 from jgait import estimators
 from jgait.commands.console import stop
 from jgait.commands.recordings import recording_of
+from jgait.estimators import proportions
 from jgait.estimators.about import BodyMeasure
 from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note
 from jgait.types import Estimate, Legs, Recording, RecordingError, Walk, reason_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def _measures() -> dict[str, BodyMeasure]:
@@ -26,7 +30,7 @@ def _measures() -> dict[str, BodyMeasure]:
     for name in estimators.names():
         estimator = estimators.get(name)
         for measure in estimator.about.measures:
-            if measure.name in getattr(estimator.params, "_fields", ()):
+            if {measure.name, measure.parameter} & set(getattr(estimator.params, "_fields", ())):
                 measures.setdefault(f"{measure.name}_{measure.unit}", measure)
     return measures
 
@@ -94,6 +98,7 @@ class Source(NamedTuple):
         failures: (name, reason) of rows that cannot be items.
         notes: notes for the user.
         files: files of the user that are read.
+        subjects: name → subject, as far as known before the recordings are read.
     """
 
     title: str
@@ -103,6 +108,16 @@ class Source(NamedTuple):
     failures: list[tuple[str, str]]
     notes: list[Note]
     files: Sequence[Path] = ()
+    subjects: Mapping[str, str] = {}
+
+    def failed(self, failures: "pd.DataFrame") -> "pd.DataFrame":
+        """All `recording subject reason` of rows and recordings without a result, from those of `evaluate.cohort`."""
+        import pandas as pd
+
+        rows = pd.DataFrame(self.failures, columns=["recording", "reason"])
+        every = pd.concat([rows, failures], ignore_index=True)
+        subjects = every["recording"].map(dict(self.subjects)).fillna(every["subject"]).fillna("")
+        return every.assign(subject=subjects)[["recording", "subject", "reason"]]
 
     def walks(self, failures: list[tuple[str, str]], report: Callable[[int], None]) -> Iterable[Walk]:
         """Yields the walks one by one; walks that cannot be read are added to the failures."""
@@ -119,10 +134,11 @@ class Source(NamedTuple):
 
 
 def body(walk: Walk, measures: Sequence[str]) -> dict[str, Any]:
-    """The known measures of a person that are parameters of the estimator."""
+    """The known measures of a person that the estimator takes; a height in the table gives those that it lacks."""
     from jgait import datasets
 
-    known = dict(walk.info["body"]) if "body" in walk.info else datasets.body(walk)
+    stated = walk.info.get("body")
+    known = datasets.body(walk) if stated is None else proportions.with_proportions(stated, measures)
     return {name: value for name, value in known.items() if name in measures}
 
 
@@ -202,7 +218,8 @@ class _Files:
         self.folder, self.rows, self.gyr_unit, self.acc_unit = folder, rows, gyr_unit, acc_unit
 
     def __repr__(self) -> str:
-        return f"files in {self.gyr_unit or 'their own units'} and {self.acc_unit or 'their own units'}"
+        given = {"angular rates": self.gyr_unit, "accelerations": self.acc_unit}
+        return ", ".join(f"{what} in {unit or 'the unit of the file'}" for what, unit in given.items())
 
     def __call__(self, file: str) -> Walk:
         row = self.rows[file]
@@ -288,7 +305,8 @@ def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: 
     notes = _notes(names, rows, measures)
     marks = {file: _mark(path.parent / file, row) for file, row in rows.items()}
     return Source(path.name, list(rows), _Files(path.parent, rows, gyr_unit, acc_unit), marks, failures, notes,
-                  [path.parent / file for file in rows])  # fmt: skip
+                  [path.parent / file for file in rows],
+                  {file: row["subject"] for file, row in rows.items() if row.get("subject")})  # fmt: skip
 
 
 def _notes(names: list[str], rows: dict[str, dict[str, str]], measures: Sequence[str]) -> list[Note]:
@@ -300,10 +318,11 @@ def _notes(names: list[str], rows: dict[str, dict[str, str]], measures: Sequence
         notes.append(COLUMN_UNUSED(column=name, hint=f"; did you mean {near[0]!r}?" if near else ""))
     if not any(row.get("subject") for row in rows.values()):
         notes.append(SUBJECTS_UNKNOWN())
-    for name in measures:
-        without = sum(not row.get(f"{name}_m") for row in rows.values())
-        if without and name in ASKED_FOR:
-            notes.append(MEASURE_OF_SOME(without=without, recordings=len(rows), column=f"{name}_m"))
+    for name in [name for name in measures if name in ASKED_FOR and name != "height"]:
+        columns = (f"{name}_m", "height_m") if name in (*proportions.SHARES, "sensor_height") else (f"{name}_m",)
+        without = sum(not any(row.get(column) for column in columns) for row in rows.values())
+        if without:
+            notes.append(MEASURE_OF_SOME(without=without, recordings=len(rows), column=" nor ".join(columns)))
     return notes
 
 

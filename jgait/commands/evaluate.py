@@ -14,8 +14,9 @@ from jgait.commands import recordings
 from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop, visible, write_json, wrote
 from jgait.commands.folder import results_folder
 from jgait.commands.lessons import lessons_of, losses_of
-from jgait.commands.pipeline import measures_of, pipeline_of, start_of
+from jgait.commands.pipeline import measures_of, not_held_out, pipeline_of, start_of
 from jgait.commands.warnings import say_warnings
+from jgait.notes import to_json
 from jgait.report.cohort import DRAWN, drawn
 from jgait.report.page import plain, significant
 from jgait.report.recording import CURVES
@@ -29,8 +30,10 @@ if TYPE_CHECKING:
 TABLES = ("recordings", "quantities", "strides", "agreement", "failures")
 FIGURES = ("agreement", "per_subject")
 LOSSES = "losses.csv"
+NOTES = "notes.json"
 PLANNED = (
     LOSSES,
+    NOTES,
     *(f"{name}.csv" for name in TABLES),
     *(f"{quantity.rpartition('_')[0]}_{figure}.png" for quantity in DRAWN for figure in FIGURES),
 )
@@ -59,8 +62,9 @@ def evaluate(
 ) -> None:
     """Run an estimator on a whole cohort, and compare it with the reference where there is one.
 
-    Writes recordings.csv, quantities.csv, strides.csv, agreement.csv, failures.csv and figures. A recording that
-    cannot be used stops no other. Exit code 0: all recordings were used; 1: some could not be used; 2: none.
+    Writes recordings.csv, quantities.csv, strides.csv, agreement.csv, failures.csv, notes.json and figures. A
+    recording that cannot be used stops no other. Exit code 0: all recordings were used; 1: some could not be used; 2:
+    none.
     """
     from jgait import evaluate as evaluation
     from jgait.evaluate.store import OtherEvaluationError
@@ -77,10 +81,7 @@ def evaluate(
     with results_folder(
         out, "evaluate", source.marks, planned=PLANNED, inputs=read, json_file=json_file, fresh=fresh
     ) as folder:
-        if any(folder.run.glob("part-*-*")):
-            console.print(
-                f"continuing an earlier run in {out}; its finished recordings are not computed again", highlight=False
-            )
+        continued = any(folder.run.glob("part-*-*"))
         with progress() as bars:
             bar, total = Bar(bars), len(source.items)
             bar("reading and computing", 0, total)
@@ -90,18 +91,27 @@ def evaluate(
                     progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
                 )  # fmt: skip
             except OtherEvaluationError as error:
-                stop(f"{error}; --fresh starts anew")
+                stop(f"{error}, as --fresh does")
             except (ValueError, OSError) as error:
                 stop(str(error))
+        if continued:
+            console.print(
+                f"continuing an earlier run in {out}; its finished recordings were not computed again", highlight=False
+            )
+        if not len(results.recordings):
+            folder.forget()
         results = evaluation.Cohort(*(rows[rows["recording"].isin(source.marks)] for rows in results))
-        failures = source.failures + list(zip(results.failures["recording"], results.failures["reason"], strict=True))
+        failed = source.failed(results.failures)
+        failures = list(zip(failed["recording"], failed["reason"], strict=True))
         say_failures(failures)
         if not len(results.recordings):
             stop(f"none of the {len(failures)} recordings of {source.title} could be used")
         agreement = results.agreement()
         judged = _judged(pipeline, source, start, names) if names else None
         try:
-            written = _write(folder.stage, results, agreement, failures)
+            written = _write(folder.stage, results._replace(failures=failed), agreement)
+            written.append(folder.stage / NOTES)
+            written[-1].write_text(to_json([*source.notes, *not_held_out(params)]), encoding="utf-8")
             if judged is not None:
                 written.append(folder.stage / LOSSES)
                 judged.to_csv(written[-1], index=False)
@@ -153,16 +163,14 @@ def _show_losses(judged: "pd.DataFrame", names: list[str]) -> None:
     console.print(shown)
 
 
-def _write(out: Path, results: "Cohort", agreement: "pd.DataFrame", failures: list[tuple[str, str]]) -> list[Path]:
+def _write(out: Path, results: "Cohort", agreement: "pd.DataFrame") -> list[Path]:
     """Write tables and figures; returns their files."""
-    import pandas as pd
-
     from jgait import plot
     from jgait.plot import cohort as plot_cohort
 
     tables = {
         "recordings": results.recordings, "quantities": results.quantities, "strides": results.strides,
-        "agreement": agreement.reset_index(), "failures": pd.DataFrame(failures, columns=["recording", "reason"]),
+        "agreement": agreement.reset_index(), "failures": results.failures,
     }  # fmt: skip
     files = []
     for name, rows in tables.items():
@@ -207,6 +215,9 @@ def _show(title: str, results: "Cohort", agreement: "pd.DataFrame") -> None:
                 significant(row["icc"]),
             )  # fmt: skip
         console.print(shown)
+        alike = agreement.loc[compared]
+        if (alike["icc"].isna() & (alike["n"] > 1)).any():
+            note("ICC – : the reference does not vary, so that differences between people cannot be judged")
     rows = results.paired()
     relative = 100.0 * rows.loc[rows["quantity"] == "distance_m", "rel_error"].abs().dropna()
     if len(relative):

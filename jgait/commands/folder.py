@@ -108,6 +108,12 @@ class ResultsFolder:
         self._write(True)
         return [self.path / file.name for file in files]
 
+    def forget(self) -> None:
+        """Delete the intermediate results; without files of an earlier run, any arguments can use the folder next."""
+        shutil.rmtree(self.run, ignore_errors=True)
+        if not self._files:
+            self._manifest.unlink(missing_ok=True)
+
     def _check(self, planned: Mapping[str, str]) -> None:
         """Exit with code 2 if a file exists that this command did not write, or wrote for another recording."""
         for name, source in planned.items():

@@ -9,6 +9,7 @@ from jgait.commands import cohort as cohorts
 from jgait.commands.console import Bar, note, progress, say_failures, stop
 from jgait.commands.pipeline import measures_of
 from jgait.estimators import Estimator
+from jgait.estimators.proportions import SENSOR_SHARE
 from jgait.types import Walk
 
 if TYPE_CHECKING:
@@ -34,7 +35,9 @@ def lessons_of(
     from jgait.params import check_params
 
     learned = {name.split(".")[0] for name in names}
-    measures = measures_of(pipeline)
+    parameters = {m.name: m.parameter or m.name for m in pipeline.about.measures if m.name in measures_of(pipeline)}
+    learned |= {name for name, parameter in parameters.items() if parameter in learned}
+    measures = tuple(parameters)
     if learned & set(measures):
         note(
             f"{', '.join(sorted(learned & set(measures)))}: a single value is learned for all people, not one for each "
@@ -43,11 +46,16 @@ def lessons_of(
 
     def body_of(walk: Walk) -> dict[str, np.ndarray]:
         # All lessons must have the same measures, so unknown measures get their default.
-        known = {name: getattr(start, name) for name in measures} | cohorts.body(walk, measures)
+        body = cohorts.body(walk, measures)
+        if "height" in body:  # of the waist's estimator, to which it says how high the sensor is
+            body = {"sensor_height": SENSOR_SHARE * body.pop("height"), **body}
+        default = {name: getattr(start, parameter) for name, parameter in parameters.items() if name != "height"}
+        known = default | body
         known = {name: tuple(value) if np.ndim(value) else value for name, value in known.items()}
         check_params(pipeline.own(start, known), pipeline.transforms)
         both = {name: np.asarray(value, float) for name, value in known.items()}
-        both |= {name: np.broadcast_to(both[name], 2) for name in both if isinstance(getattr(start, name), tuple)}
+        of_legs = [name for name in both if isinstance(getattr(start, parameters[name]), tuple)]
+        both |= {name: np.broadcast_to(both[name], 2) for name in of_legs}
         return {name: value for name, value in both.items() if name not in learned}
 
     with progress() as bars:

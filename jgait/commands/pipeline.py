@@ -15,6 +15,12 @@ from jgait.estimators.about import Settings
 from jgait.notes import DEFAULT_MEASURE, Kind, Note
 from jgait.types import Estimate, Recording
 
+NOT_HELD_OUT = Kind(
+    "not_held_out", "check",
+    "the parameters in {file} were tuned on {cohort}: errors on people of that cohort are not held out{others}",
+    "Parameters fit the people on whom they were tuned better than others. Errors on other people are in held_out.csv, "
+    "which jgait tune wrote beside the parameters.",
+)  # fmt: skip
 MEASURES_ABSENT = Kind("measures_absent", "check", "{options}: {consequence}", DEFAULT_MEASURE)
 
 
@@ -140,9 +146,9 @@ def pipeline_of(
 
 
 def measures_of(estimator: Estimator[PyTree, PyTree]) -> tuple[str, ...]:
-    """The body measures that are parameters of the estimator."""
-    fields = getattr(estimator.params, "_fields", ())
-    return tuple(measure.name for measure in estimator.about.measures if measure.name in fields)
+    """The body measures that set parameters of the estimator."""
+    fields = set(getattr(estimator.params, "_fields", ()))
+    return tuple(measure.name for measure in estimator.about.measures if {measure.name, measure.parameter} & fields)
 
 
 def start_of(estimator: Estimator[PyTree, PyTree], file: Path | None, paper: bool) -> PyTree:
@@ -160,12 +166,26 @@ def start_of(estimator: Estimator[PyTree, PyTree], file: Path | None, paper: boo
     tuned_for = made.get("pipeline")
     if tuned_for not in (None, _name(paper)):
         note(f"{file} was tuned for the pipeline {tuned_for!r}; this one is {_name(paper)!r}")
-    if made.get("cohort"):
-        note(
-            f"{file} was tuned on {made['cohort']}: errors on people of that cohort are not held out; "
-            "those that jgait tune printed are"
-        )
+    for line in not_held_out(file):
+        note(line)
     return params
+
+
+def not_held_out(file: Path | None) -> tuple[Note, ...]:
+    """The note that a file of parameters was tuned on a cohort, with the errors held out; empty if it was not."""
+    from jgait import io
+
+    made = {} if file is None else io.made_of(file)[1]
+    if file is None or not made.get("cohort"):
+        return ()
+    judged: Any = made.get("held_out")
+    others = ""
+    if judged:
+        others = (
+            f"; with {made.get('left_out', 'people')} left out in turn, the median {judged['error']} was "
+            f"{judged['before']:.3g} {judged['unit']} before and {judged['after']:.3g} {judged['unit']} after"
+        )
+    return (NOT_HELD_OUT(file=file.name, cohort=Path(str(made["cohort"])).name, others=others),)
 
 
 def _name(paper: bool) -> str:

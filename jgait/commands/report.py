@@ -15,7 +15,7 @@ from jgait.commands.console import Bar, console, count, note, progress, say_fail
 from jgait.commands.folder import keep_inputs, unfinished
 from jgait.commands.own_options import own_options, with_own_options
 from jgait.commands.person import PersonFile, person_in, person_of
-from jgait.commands.pipeline import Choice, chosen, measures_of, pipeline_of, start_of
+from jgait.commands.pipeline import Choice, chosen, measures_of, not_held_out, pipeline_of, start_of
 from jgait.notes import grouped
 from jgait.types import Estimate, Recording, Walk, reason_of
 
@@ -210,13 +210,14 @@ def _of_cohort(
             )  # fmt: skip
         except (ValueError, OSError) as error:
             stop(str(error))
-    failures = source.failures + list(zip(results.failures["recording"], results.failures["reason"], strict=True))
+    results = results._replace(failures=source.failed(results.failures))
+    failures = list(zip(results.failures["recording"], results.failures["reason"], strict=True))
     say_failures(failures)
     if not len(results.recordings):
         stop(f"none of the {len(failures)} recordings of {source.title} could be used")
     made = reports.Made(
         pipeline.name, start, pipeline.params, "the paper's" if paper else "", source.title, command,
-        tuple(source.notes),
+        (*source.notes, *not_held_out(params)),
     )  # fmt: skip
     return reports.of_cohort(results, title=source.title, failures=failures, made=made), failures
 

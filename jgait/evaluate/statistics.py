@@ -126,7 +126,8 @@ def agreement(table: "pd.DataFrame", *, seed: int = 0, resamples: int = RESAMPLE
 
     Bias and limits are those of `limits_of_agreement` with the rows' subjects; the interval of the mean absolute error
     is bootstrapped over subjects. The interval of ICC(2,1) is bootstrapped if a subject has several rows, because the
-    F-based interval assumes independent rows. Values that cannot be computed (one subject, one row) are NaN.
+    F-based interval assumes independent rows. Values that cannot be computed (one subject, one row; the ICC of a
+    reference that does not vary) are NaN.
 
     Args:
         table: long, with columns `quantity`, `estimate`, `reference` and `subject`.
@@ -164,7 +165,8 @@ def _agreement(pairs: np.ndarray, codes: np.ndarray, count: int, *, seed: int, r
         return row
     size = np.abs(error)
     row |= {"bias": error.mean(), "rmse": np.sqrt(np.mean(error**2)), "mae": size.mean(), "max_abs": size.max()}
-    if n > 1:
+    varies = np.ptp(pairs[:, 1]) > 0.0
+    if n > 1 and varies:
         row |= {"icc": icc21(pairs).value}
     if count < 2:
         return row
@@ -178,8 +180,8 @@ def _agreement(pairs: np.ndarray, codes: np.ndarray, count: int, *, seed: int, r
     sums = _moments(pairs, codes)
     drawn = np.array([sums[draw].sum(axis=0) for draw in _draws(count, seed, resamples)])
     row["mae_low"], row["mae_high"] = _ends(drawn[:, 1] / drawn[:, 0])
-    interval = _ends(_icc_of_moments(drawn)) if n > count else icc21(pairs)[1:3]
-    row["icc_low"], row["icc_high"] = interval
+    if varies:
+        row["icc_low"], row["icc_high"] = _ends(_icc_of_moments(drawn)) if n > count else icc21(pairs)[1:3]
     return row
 
 

@@ -36,6 +36,14 @@ COLUMNS: dict[str, tuple[str, ...]] = {
 _TEXT = ("recording", "subject", "quantity", "side", "notes", "reason")
 _WHOLE = ("n_samples", "s_id")
 _DESCRIPTION = "cohort.json"
+_PARTS = {
+    "jgait": "the version of jgait", "estimator": "the estimator", "functions": "the estimator's options",
+    "params": "the parameters", "own": "the measures of a person", "own_function": "the measures of a person",
+    "read": "how files are read", "score": "the comparison with the reference", "precision": "the precision",
+}  # fmt: skip
+"""Part of the description of an evaluation → its meaning."""
+_SHORT = 100
+"""[characters] Longest value that an error message shows."""
 
 
 class OtherEvaluationError(ValueError):
@@ -147,13 +155,10 @@ class Folder:
             _write(hidden, json.dumps(description, indent=1, sort_keys=True, ensure_ascii=False))
             hidden.replace(known)
         before = json.loads(known.read_text(encoding="utf-8"))
-        differ = [name for name in sorted({*before, *description}) if before.get(name) != description.get(name)]
-        if differ:
-            differences = "; ".join(
-                f"{k}: {before.get(k, 'none')} there, {description.get(k, 'none')} here" for k in differ
-            )
+        if differences := _differences(before, description):
             raise OtherEvaluationError(
-                f"{self._path} holds results of another evaluation ({differences}); give another folder as out"
+                f"{self._path} holds results of another evaluation, which differs in {differences}; give another "
+                "folder as out, or delete this one"
             )
         for left in self._path.glob(f".{rank}-part-*"):
             shutil.rmtree(left)
@@ -183,6 +188,17 @@ class Folder:
     def tables(self) -> Cohort:
         """All rows so far, those of other processes included."""
         return joined(Cohort(*(_read(part, table) for table in Cohort._fields)) for part in self._parts())
+
+
+def _differences(there: dict[str, str], here: dict[str, str]) -> str:
+    """What differs between two descriptions, in words; "" if nothing does. Another estimator differs in all else."""
+    differ = [name for name in sorted({*there, *here}) if there.get(name) != here.get(name)]
+    words = []
+    for name in ["estimator"] if "estimator" in differ else differ:
+        both = there.get(name, "none"), here.get(name, "none")
+        shown = f" ({both[0]}; now {both[1]})" if max(map(len, both)) <= _SHORT else ""
+        words.append(_PARTS.get(name, name) + shown)
+    return ", ".join(dict.fromkeys(words))
 
 
 def _write(path: Path, text: str) -> None:

@@ -13,12 +13,19 @@ LONGEST_STEP_S = 0.5  # [s] longest sample time: longer steps in s are in fact m
 SHORTEST_STEP_S = 1e-4  # [s] shortest sample time: shorter steps are in the other unit
 LONGEST_GAP_S = 10.0
 MOST_INSERTED = 100  # samples for each row of a file; with more, nothing of the recording is left
+REPEATED = 0.01  # [1] largest share of rows that repeat the time before and are left out; a single one always is
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 
 RATE_DEDUCED = Kind("sampling_rate_deduced", "info", "sampling rate {rate_hz:.4g} Hz, from the time stamps", DEDUCED)
 TIME_UNIT_DEDUCED = Kind(
     "time_unit_deduced", "info", "time taken to be in {unit}, because its steps are {step:.4g}", DEDUCED
 )
+STAMPS_REPEATED = Kind(
+    "stamps_repeated", "check",
+    "{rows} {rows:row that repeats|rows that repeat} the time before {rows:is|are} left out, the first in row {row} "
+    "(the first row is 0) at {time}",
+    LOSSES,
+)  # fmt: skip
 GAPS_FILLED = Kind(
     "gaps_filled", "check",
     "{gaps} {gaps:gap|gaps} in time, the longest {longest_s:.3g} s after {begin_s:.2f} s; {inserted} "
@@ -49,10 +56,11 @@ def make_clock(
     """The clock of so many rows from their time stamps (samples,), a nominal rate [Hz], or both.
 
     Missing samples are inserted where time increases by more than one and a half sample times; they have no row. A unit
-    that is not stated ('s', 'ms' or 'us') is deduced from the size of the steps, and noted.
+    that is not stated ('s', 'ms' or 'us') is deduced from the size of the steps, and noted. Of the few rows of one time
+    the first is taken.
 
     Raises:
-        RecordingError: if there are too few samples, no clock, or time stamps that are missing, repeat, decrease,
+        RecordingError: if there are too few samples, no clock, or time stamps that are missing, repeat often, decrease,
             are in none of these units, or contradict the sampling rate.
     """
     if samples < MIN_SAMPLES:
@@ -72,8 +80,15 @@ def make_clock(
     if stamps.shape != (samples,):
         raise RecordingError(f"{name}: time must have one value a sample, ({samples},); got shape {stamps.shape}")
     check_order(stamps, name)
+    fresh = np.flatnonzero(np.concatenate([[True], np.diff(stamps) > 0]))
+    notes: list[Note] = []
+    if len(fresh) < samples:
+        row = int(np.flatnonzero(np.diff(stamps) == 0)[0]) + 1
+        notes.append(STAMPS_REPEATED(rows=samples - len(fresh), row=row, time=f"{stamps[row]:.15g}"))
+        stamps = stamps[fresh]
     unit = unit_of_time(stamps, time_unit, name)
-    notes = [] if time_unit else [TIME_UNIT_DEDUCED(unit=unit, step=float(np.median(np.diff(stamps))))]
+    if not time_unit:
+        notes.append(TIME_UNIT_DEDUCED(unit=unit, step=float(np.median(np.diff(stamps)))))
     seconds = (stamps - stamps[0]) * TIME_UNITS[unit]
     step = float(np.median(np.diff(seconds)))
     # If time stamps are rounded to milliseconds, the mean of the regular steps is more precise than their median.
@@ -89,6 +104,7 @@ def make_clock(
             argument="sampling_rate_hz",
         )
     filled, rows = _fill_gaps(seconds, 1.0 / rate, name, notes)
+    rows = np.where(rows < 0, -1, fresh[rows])
     return SampleTimes(filled, rows, float(sampling_rate_hz or rate), tuple(notes))
 
 
@@ -105,7 +121,7 @@ def check_inserted(samples: int, rows: int, name: str) -> None:
 
 
 def check_order(stamps: np.ndarray, name: str) -> None:
-    """Refuse time stamps that are missing or do not increase.
+    """Refuse time stamps that are missing, decrease, or repeat the one before in more than the share `REPEATED`.
 
     Raises:
         RecordingError: with the number of the first such row.
@@ -116,13 +132,17 @@ def check_order(stamps: np.ndarray, name: str) -> None:
             f"{name}: time is missing in {len(lost)} rows, first in row {lost[0]} (the first row is 0)"
         )
     step = np.diff(stamps)
-    wrong = np.flatnonzero(step <= 0)
+    few = np.sum(step == 0) <= max(REPEATED * len(stamps), 1)
+    wrong = np.flatnonzero(step < 0 if few else step <= 0)
     if len(wrong):
         row = int(wrong[0]) + 1
-        what = "repeats" if step[row - 1] == 0 else "runs backwards"
+        what, advice = "runs backwards", "sort the rows, or split the recording there"
+        if step[row - 1] == 0:
+            what = "repeats"
+            advice = f"at most {100 * REPEATED:g} % are left out; drop them, such as with pandas' drop_duplicates"
         raise RecordingError(
             f"{name}: time {what} at row {row} (the first row is 0): {stamps[row]:.15g} follows "
-            f"{stamps[row - 1]:.15g}; {len(wrong)} such rows in all"
+            f"{stamps[row - 1]:.15g}; {len(wrong)} such rows in all: {advice}"
         )
 
 

@@ -68,6 +68,8 @@ def of_cohort(
     made = Made() if made is None else made
     if failures is None:
         failures = list(zip(cohort.failures["recording"], cohort.failures["reason"], strict=True))
+    whose = dict(zip(cohort.failures["recording"], cohort.failures["subject"], strict=True))
+    lost = Counter(str(whose.get(name, "")) for name, _ in failures)
     failures = [(without_folders(str(name)), without_folders(str(reason))) for name, reason in failures]
     if not len(cohort.recordings) and not failures:
         raise ValueError("a report needs recordings; the cohort has none, not even one that failed")
@@ -81,8 +83,8 @@ def of_cohort(
         *_headline(paired, agreement),
     ]  # fmt: skip
     sections = [
-        _agreement(agreement), Section("Bland–Altman", _how(), _figures(paired)) if len(paired) else None,
-        _people(cohort, paired, failures), _recordings(cohort), _failures(failures), _parameters(made),
+        _agreement(agreement, made), Section("Bland–Altman", _how(), _figures(paired)) if len(paired) else None,
+        _people(cohort, paired, lost), _recordings(cohort), _failures(failures), _parameters(made),
     ]  # fmt: skip
     about = about_of(made.estimator).title
     lead = f"{about}, compared with an independent measurement." if len(paired) else f"{about}; no reference is known."
@@ -172,8 +174,8 @@ def _how() -> str:
     )
 
 
-def _agreement(agreement: "pd.DataFrame") -> Section | None:
-    """Bias, limits and ICC of every quantity, and errors of whole curves."""
+def _agreement(agreement: "pd.DataFrame", made: Made) -> Section | None:
+    """Bias, limits and ICC of every quantity, and errors of whole curves; and whether parameters were tuned on them."""
     rows, curves = [], []
     for name, row in agreement.iterrows():
         if not row["n"]:
@@ -192,14 +194,15 @@ def _agreement(agreement: "pd.DataFrame") -> Section | None:
     if rows:
         caption = (
             "Estimate − reference, each quantity in its own unit; in brackets 95 % intervals, over people. ICC(2,1) "
-            "compares with how much the people differ: 1 is perfect."
+            "compares with how much the people differ: 1 is perfect, and – where the reference does not vary."
         )
         columns = ("quantity", "n / people", "bias", "95 % limits", "mean |error|", "worst |error|", "ICC(2,1)")
         parts.append(Table(caption, columns, rows))
     if curves:
         caption = "Root mean square difference of whole curves, over recordings."
         parts.append(Table(caption, ("curve", "n / people", "mean", "worst"), curves))
-    return Section("Agreement with the reference", "", parts) if parts else None
+    tuned = " ".join(f"{note.text[:1].upper()}{note.text[1:]}." for note in made.notes if note.code == "not_held_out")
+    return Section("Agreement with the reference", tuned, parts) if parts else None
 
 
 def _significant(value: float) -> Cell:
@@ -238,10 +241,8 @@ def _figures(paired: "pd.DataFrame") -> list[Picture]:
     return made
 
 
-def _people(cohort: "Cohort", paired: "pd.DataFrame", failures: Sequence[tuple[str, str]]) -> Section:
-    """One row for each person: recordings used and failed, and mean errors."""
-    whose = dict(zip(cohort.failures["recording"], cohort.failures["subject"], strict=True))
-    lost = Counter(str(whose.get(name, "")) for name, _ in failures)
+def _people(cohort: "Cohort", paired: "pd.DataFrame", lost: Counter[str]) -> Section:
+    """One row for each person: recordings used and failed, and mean errors; `lost` counts failures by subject."""
     used = cohort.recordings.groupby("subject")["recording"].count()
     quantities = [name for name in BY_SUBJECT if paired.loc[paired["quantity"] == name, "error"].notna().any()]
     errors = {
@@ -261,8 +262,8 @@ def _people(cohort: "Cohort", paired: "pd.DataFrame", failures: Sequence[tuple[s
         heads += [f"{words}: mean error [{unit}]", f"mean |error| [{unit}]"]
     caption = "Estimate − reference, mean over each person's recordings or strides. A click on a heading sorts."
     unknown = lost.get("", 0)
-    failed = f"{unknown} of the recordings that failed" if unknown > 1 else "One recording that failed"
-    text = f"{failed} could not be read far enough to find out to whom it belongs." if unknown else ""
+    failed = f"{unknown} recordings that failed belong" if unknown > 1 else "One recording that failed belongs"
+    text = f"{failed} to nobody who is known." if unknown else ""
     return Section("People", text, [Table(caption, ("person", "used", "failed", *heads), rows, True)])
 
 

@@ -28,11 +28,9 @@ def read(folder: Path) -> tuple[Cohort, list[tuple[str, str]]]:
     tables = {name: _table(folder / f"{name}.csv", name) for name in ("recordings", "quantities", "strides")}
     for text in tables["recordings"]["notes"]:
         from_json(text)
-    failed = _strings(folder / "failures.csv", ("recording", "reason"))
+    failed = _strings(folder / "failures.csv", COLUMNS["failures"])
     failures = list(zip(failed["recording"], failed["reason"], strict=True))
-    whose = _whose(folder / "run")
-    rows = {**failed, "subject": [whose.get(name, "") for name in failed["recording"]]}
-    return Cohort(**tables, failures=frame("failures", rows)), failures
+    return Cohort(**tables, failures=frame("failures", failed)), failures
 
 
 def _strings(path: Path, columns: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -54,15 +52,6 @@ def _table(path: Path, name: str) -> "pd.DataFrame":
     })  # fmt: skip
 
 
-def _whose(run: Path) -> dict[str, str]:
-    """Failed recording → its subject, from the batches in the folder `run`."""
-    subjects: dict[str, str] = {}
-    for part in sorted(run.glob("part-*-*/failures.csv")):
-        rows = _strings(part, ("recording", "subject"))
-        subjects |= dict(zip(rows["recording"], rows["subject"], strict=True))
-    return subjects
-
-
 def made(folder: Path) -> Made:
     """The settings of an evaluation, read from the folder that `jgait evaluate` wrote.
 
@@ -81,7 +70,8 @@ def made(folder: Path) -> Made:
     params = jax.tree_util.tree_map_with_path(
         lambda where, old: values.get(jax.tree_util.keystr(where).lstrip("."), old), default
     )
-    return Made(name, params, default, file=folder.resolve().name, version=str(about.get("jgait", "")))
+    notes = from_json((folder / "notes.json").read_text(encoding="utf-8"))
+    return Made(name, params, default, file=folder.resolve().name, notes=notes, version=str(about.get("jgait", "")))
 
 
 def values_of(text: str) -> dict[str, float]:

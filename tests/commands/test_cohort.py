@@ -71,7 +71,8 @@ def test_bad_rows_are_named_and_the_others_evaluated(evaluated):
         "4 recordings of 2 people",
     ):  # fmt: skip
         assert words in said, said
-    assert len(pd.read_csv(out / "failures.csv")) == 5
+    failures = pd.read_csv(out / "failures.csv").set_index("recording")["subject"]
+    assert len(failures) == 5 and failures["empty.csv"] == failures["nowhere.csv"] == "p8"
     assert sorted(pd.read_csv(out / "recordings.csv")["subject"]) == ["p0", "p0", "p1", "p1"]
     assert (out / "distance_agreement.png").exists() and (out / "distance_per_subject.png").exists()
 
@@ -108,13 +109,19 @@ def test_a_run_goes_on_and_refuses_changed_rows(evaluated):
     assert "walk2.csv was" in said and "--fresh" in said
     code, said = run("evaluate", table, "--out", out)
     assert code == 2
-    assert "another evaluation" in said and "--fresh" in said
-
-
-def test_a_cohort_in_which_nothing_can_be_used(table, tmp_path):
-    code, said = run("evaluate", table(lambda f: f.assign(file=[f"no{i}.csv" for i in range(4)])), "--out", tmp_path)
+    assert "another evaluation, which differs in the estimator's options;" in said and "--fresh" in said
+    code, said = run("evaluate", table, "--paper", "--out", out, "--acc-unit", "g")
     assert code == 2
-    assert "none of the 4 recordings" in said
+    assert "accelerations in the unit of the file; now " in said and "continuing" not in said
+
+
+def test_a_cohort_in_which_nothing_can_be_used_leaves_nothing(table, tmp_path):
+    cohort = table(lambda f: f.assign(file=[f"no{i}.csv" for i in range(4)]), "none.csv")
+    for unit in ((), ("--acc-unit", "g")):
+        code, said = run("evaluate", cohort, "--out", tmp_path / "out", *unit)
+        assert code == 2
+        assert "none of the 4 recordings" in said and "continuing" not in said
+        assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -157,6 +164,24 @@ def test_what_may_not_have_been_meant_is_noted(table, tmp_path):
         "4 of 4 recordings have no thigh_length_m", "4 of 4 recordings have no reference",
     ):  # fmt: skip
         assert words in said
+
+
+def test_the_height_of_a_person_gives_lengths_that_were_not_measured(table, tmp_path):
+    def by_height(frame):
+        return frame.assign(height_m=1.8, shank_length_m=[0.4, *[""] * 3]).drop(columns="thigh_length_m")
+
+    def by_length(frame):
+        return frame.assign(thigh_length_m=0.245 * 1.8, shank_length_m=[0.4, *[0.246 * 1.8] * 3])
+
+    ways = []
+    for change in (by_height, by_length):
+        code, said = run(
+            "evaluate", table(change, f"{change.__name__}.csv"), "--paper", "--out", tmp_path / change.__name__
+        )
+        assert code == 0, said
+        assert "left out" not in said and "have no" not in said
+        ways.append(pd.read_csv(tmp_path / change.__name__ / "quantities.csv")["estimate"])
+    pd.testing.assert_series_equal(*ways)
 
 
 @pytest.fixture(scope="module")
@@ -221,6 +246,11 @@ def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walk
         for folder in (evaluated[2], tmp_path / "out")
     )
     np.testing.assert_allclose(after, scale * before, rtol=1e-9)
+    code, said = run("report", tmp_path / "out", "--out", tmp_path / "out.html", "--json", tmp_path / "page.json")
+    assert code == 1, said
+    flag = next(f for f in json.loads((tmp_path / "page.json").read_text())["flags"] if "not held out" in f["text"])
+    assert flag["grade"] == "check" and "left out in turn, the median |error of the distance| was" in flag["text"]
+    assert (tmp_path / "out.html").read_text().count("in tuned.json were tuned on bad.csv") >= 2
     walk = walks[0] / walks[1][0]["file"]
     ways = []
     for more in ((), ("--params", file), ("--params", file, "--scale", 1.0)):

@@ -355,9 +355,9 @@ def test_names_that_look_like_something_else_survive(tmp_path):
 def test_a_folder_of_something_else_is_refused(tmp_path):
     evaluate.cohort(FAKE, [walk(0)], out=tmp_path / "a")
     assert json.loads((tmp_path / "a" / "cohort.json").read_text())["estimator"] == "fake"
-    with pytest.raises(ValueError, match=r"another evaluation \(params: Params\(scale=1.1.*scale=2.0"):
+    with pytest.raises(ValueError, match=r"differs in the parameters \(Params\(scale=1.1.*scale=2.0"):
         evaluate.cohort(FAKE, [walk(0)], Params(2.0), out=tmp_path / "a")
-    with pytest.raises(ValueError, match=r"another evaluation \(score: .*lambda"):
+    with pytest.raises(ValueError, match=r"differs in the comparison with the reference"):
         evaluate.cohort(FAKE, [walk(0)], score=lambda e, w: scores.score(e, w), out=tmp_path / "a")
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "data.csv").write_text("mine")

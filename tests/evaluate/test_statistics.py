@@ -235,6 +235,11 @@ def test_a_statistic_that_cannot_be_computed_is_nan():
     assert none[["bias", "mae", "icc", "max_abs"]].isna().all()
 
 
+def test_a_reference_that_does_not_vary_has_no_icc():
+    same = evaluate.agreement(cohort([1] * 6).assign(reference=5.0)).iloc[0]
+    assert same[["icc", "icc_low", "icc_high"]].isna().all() and np.isfinite(same["loa_high"])
+
+
 def test_refusals_state_what_was_wrong():
     table = cohort([2, 2])
     with pytest.raises(ValueError, match="resamples must be positive; got 0"):

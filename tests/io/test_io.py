@@ -152,6 +152,20 @@ def test_gaps_in_time_are_filled_and_masked():
 # --- units told by size ---
 
 
+def test_a_few_repeated_times_are_left_out():
+    frame = table()
+    last = pd.concat([frame, frame.iloc[-1:]], ignore_index=True)
+    recording = read(last)
+    assert "1 row that repeats the time before is left out, the first in row 600 (the first row is 0) at 5.99" in texts(
+        recording.notes
+    )
+    np.testing.assert_array_equal(recording.sensors[NEEDED[0]].gyr, read(frame).sensors[NEEDED[0]].gyr)
+    lost = read(frame.assign(time=frame.time.where(~frame.index.isin([17, 300]), frame.time.shift())))
+    mask = lost.sensors[NEEDED[0]].mask  # another sample with the time before: its own time is a gap
+    assert len(mask) == 600 and list(np.flatnonzero(~mask)) == [17, 300]
+    assert any(note.startswith("2 rows that repeat the time before are left out") for note in texts(lost.notes))
+
+
 def test_radians_passed_as_degrees():
     frame = io.recording_to_dataframe(read(table()), gyr_unit="rad/s")
     fails("too slow for walking: the gyroscopes seem to be in rad/s; pass gyr_unit='rad/s'", frame)
@@ -237,8 +251,8 @@ REFUSED = {
         "given as deg/s.*, but nothing worn while walking exceeds 35 rad/s; were deg/s taken for rad/s, or converted",
     ),
     "time repeats": (
-        lambda t: t.assign(time=t.time.where(t.index != 17, t.time[16])), {},
-        r"time repeats at row 17 \(the first row is 0\): 0.16 follows 0.16; 1 such rows in all",
+        lambda t: t.assign(time=t.time.where(t.index % 17 != 0, t.time.shift(fill_value=-0.01))), {},
+        r"time repeats at row 17 \(the first row is 0\): 0.16 follows 0.16; 35 such rows in all: at most 1 %",
     ),
     "time backwards": (
         lambda t: later(t, -1.0), {}, r"time runs backwards at row 300 \(the first row is 0\): 2 follows 2.99",
