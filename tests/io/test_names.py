@@ -20,6 +20,12 @@ from jgait.types import RecordingError
         ("LFoot.Gyro.X", "foot_left_gyr_x"),
         ("lowerback accx", "lower_back_acc_x"),
         ("thighRightGyrX", "thigh_right_gyr_x"),
+        ("L5 Gyr_X", "lower_back_gyr_x"),
+        ("L5_Acc_Z", "lower_back_acc_z"),
+        ("l4AccY", "lower_back_acc_y"),
+        ("Lumbar Gyro X", "lower_back_gyr_x"),
+        ("sacrum_acc_z", "pelvis_acc_z"),
+        ("foot_L_5_gyr_x", "foot_left_gyr_x"),
         ("Acc_X", "acc_x"),
         ("gyrX", "gyr_x"),
         ("Time (ms)", "time"),
@@ -33,7 +39,7 @@ def test_words_of_a_column_give_its_placement(name, known):
 
 @pytest.mark.parametrize(
     ("name", "placement"),
-    [("LF", "foot_left"), ("RS", "shank_right"), ("SA", "pelvis"), ("1-1_lb", "lower_back"), ("12_rf", "foot_right"),
+    [("LF", "foot_left"), ("RS", "shank_right"), ("SA", "pelvis"), ("1-1_lb", "lower_back"), ("12_rf", "foot_right"), ("walk_L5", "lower_back"), ("trial5", None),
      ("00B40C48", None), ("data", None), ("elf", None)],
 )  # fmt: skip
 def test_codes_of_two_letters_give_a_placement(name, placement):
