@@ -164,7 +164,7 @@ def about(content: Columns) -> tuple[Note, ...]:
         every = [f"{theirs!r} as {name}" for theirs, name in content.matched]
         sensors = [text for text, (_, name) in zip(every, content.matched, strict=True) if name != "time"]
         examples = " and ".join((sensors or every)[:2])
-        notes.append(COLUMNS_MATCHED(number=len(every), examples=examples, columns=every))
+        notes.append(COLUMNS_MATCHED(number=len(every), examples=examples))
     if content.others:
         notes.append(COLUMNS_LEFT_OUT(columns=content.others))
     return tuple(notes)
