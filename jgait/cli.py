@@ -1,6 +1,7 @@
 """The command line, `jgait --help`; each command is a file of `jgait.commands`."""
 
 import contextlib
+import difflib
 import gc
 import importlib
 import os
@@ -44,10 +45,10 @@ class Commands(TyperGroup):
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """A command by name, or None."""
-        del ctx
+        """A command by name, or None; a misspelt name is refused with the nearest one."""
         if cmd_name not in COMMANDS:
-            return None
+            near = difflib.get_close_matches(cmd_name, COMMANDS, 1)
+            return ctx.fail(f"No such command {cmd_name!r}; did you mean {near[0]!r}?") if near else None
         if _kept:
             from jgait.estimators import programs
 

@@ -99,6 +99,11 @@ class Recording(NamedTuple):
     notes: tuple[Note, ...] = ()
     feet_range: RangeReadings | None = None
 
+    def __repr__(self) -> str:
+        parts = [f"{len(imu.time)} samples" for imu in list(self.sensors.values())[:1]]
+        parts += [f"{self.sampling_rate_hz:g} Hz", "sensors " + ", ".join(self.sensors), f"{len(self.notes)} notes"]
+        return f"Recording({self.name!r}: {'; '.join(parts)})"
+
 
 class LegTrajectory(NamedTuple):
     """One leg in its sagittal plane, seen with forward to the right; the hip is the origin.

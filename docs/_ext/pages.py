@@ -174,11 +174,17 @@ Notebooks of `notebooks/`, each run by the tests. Open one with Jupyter, or read
 ::::{container} cards"""
 
 
+NOT_RUN = "*This page has no outputs: the notebook was not run here, or its recordings are not on this computer.*"
+
+
 def newest(path: Path, executed: Path) -> nbformat.NotebookNode:
-    """A notebook with outputs if there is an executed copy with the same cells, else as it is."""
+    """A notebook with outputs if there is an executed copy with the same cells, else as it is, with a remark."""
     own = nbformat.read(path, as_version=4)
     other = nbformat.read(executed / path.name, as_version=4) if (executed / path.name).exists() else own
-    return other if [cell.source for cell in other.cells] == [cell.source for cell in own.cells] else own
+    newer = other if [cell.source for cell in other.cells] == [cell.source for cell in own.cells] else own
+    if not any(cell.get("outputs") for cell in newer.cells):
+        newer.cells.insert(1, nbformat.v4.new_markdown_cell(NOT_RUN))
+    return newer
 
 
 def card(name: str, notebook: nbformat.NotebookNode) -> tuple[str, bytes]:

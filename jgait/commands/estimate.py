@@ -137,7 +137,7 @@ def _each(
         except OSError as error:
             stop(f"nothing more could be written to {folder.path}: {error}")
         for line in grouped(job.notes(made)):
-            note(f"{item.label}: {line}")
+            note(f"{item.label}: {str(line).removeprefix(f'{item.file.name}: ')}")
         for row in job.rows(made, item.name):
             job.table.add_row(*row)
         numbers[item.key] = job.numbers(made, written)

@@ -90,12 +90,24 @@ def _parameter(known: OwnOption) -> inspect.Parameter:
     text = f"{', '.join(known.estimators)}: {known.option.help}"
     if low is not None and high is not None and "[m]" in known.option.help:
         text += f" From {low:g} to {high:g}."
-        declared = typer.Option(known.option.name, callback=_in_metres(known.variable, low, high), help=text)
+        declared = typer.Option(
+            known.option.name, callback=_in_metres(known.variable, low, high), help=text,
+            parser=_number if kind is float else None, metavar="FLOAT" if kind is float else None,
+        )  # fmt: skip
     else:
         declared = typer.Option(known.option.name, min=low, max=high, help=text)
     return inspect.Parameter(
         known.variable, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind | None, declared]
     )
+
+
+def _number(text: str) -> float:
+    """The number of an option; the message about a decimal comma says what to write instead."""
+    try:
+        return float(text)
+    except ValueError:
+        hint = f"; write a decimal point, {text.replace(',', '.')}" if text.count(",") == 1 else ""
+        raise typer.BadParameter(f"{text!r} is no number{hint}") from None
 
 
 def _in_metres(variable: str, low: float, high: float) -> Callable[[float | None], float | None]:

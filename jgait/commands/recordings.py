@@ -48,8 +48,8 @@ OPTIONS = {
 """Argument of a reader → the option of the same meaning."""
 
 
-def in_options(error: RecordingError, name: str = "") -> RecordingError:
-    """The error, with the command's option instead of the reader's argument, and without the recording's name.
+def in_options(error: RecordingError, *names: str) -> RecordingError:
+    """The error, with the command's option instead of the reader's argument, and without the recording's names.
 
     Commands print the file before the error.
     """
@@ -60,7 +60,10 @@ def in_options(error: RecordingError, name: str = "") -> RecordingError:
         option += f" {error.value}"
     elif error.argument == "placements":
         option += " SENSOR=PLACE"
-    return RecordingError(error.with_argument(option).removeprefix(f"{name}: "))
+    text = error.with_argument(option)
+    for name in names:
+        text = text.removeprefix(f"{name}: ")
+    return RecordingError(text)
 
 
 def places_of(given: list[str] | None) -> tuple[str | None, dict[str, str]]:
@@ -143,7 +146,7 @@ def recording_of(
     Args:
         file: the file or folder.
         rate: sampling rate [Hz], for files that do not state it.
-        gyr_unit: unit by the user; None for the unit in the file, or deg/s for tables with jgait's columns.
+        gyr_unit: unit by the user, in any case; None for the file's unit, or deg/s for tables with jgait's columns.
         acc_unit: as gyr_unit; m/s^2 for tables.
         range_unit: unit of the column feet_range.
         format: one of `jgait.io.FORMATS`; None: detected from the file.
@@ -159,6 +162,7 @@ def recording_of(
     from jgait import io
     from jgait.io.formats import columns
 
+    gyr_unit, acc_unit = (unit and unit.lower() for unit in (gyr_unit, acc_unit))
     try:
         kind = format or (io.format_of(file) if file.exists() else "csv")
         if trial is not None:
@@ -176,4 +180,4 @@ def recording_of(
             gyr_unit=gyr_unit, acc_unit=acc_unit, **called,
         )  # fmt: skip
     except RecordingError as error:
-        raise in_options(error, called.get("name") or file.stem) from error
+        raise in_options(error, called.get("name") or file.stem, file.name) from error

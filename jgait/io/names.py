@@ -51,6 +51,13 @@ CODES = {
 """Codes of two letters at the end of a name ("LF" for the left foot, "walk_lb" for the lower back) → placement."""
 
 
+WORD = r"(?<![A-Za-z])[Ll][45](?!\d)|[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+"
+"""The words of a column's name; the vertebrae are one word, other numbers words of their own."""
+
+VERTEBRAE = ("l4", "l5")
+"""Vertebrae by which the lower back is named ("L5 Gyr_X"), as whole words: "trial5" is none."""
+
+
 def placement_of(label: str) -> str | None:
     """The placement of a sensor from its name, such as "LowerBack" or "tibia_r_imu"; None where the name has none."""
     plain = label.strip().lower().replace("-", "_").replace(" ", "_")
@@ -66,6 +73,8 @@ def placement_of(label: str) -> str | None:
     words = sorted((word for word in WORDS if word in joined), key=len, reverse=True)
     if not words and tokens and tokens[-1] in CODES:
         return CODES[tokens[-1]]
+    if not words and any(token in VERTEBRAE for token in tokens):
+        return "lower_back"
     if not words or len(sides) > 1:
         return None
     place = WORDS[words[0]]
@@ -80,7 +89,7 @@ def column_of(name: str) -> str | None:
     `time`, or <placement>_<gyr or acc>_<x, y or z>, or for a single sensor <gyr or acc>_<x, y or z>.
     """
     plain = re.sub(r"[(\[{].*?[)\]}]", " ", name)
-    words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", plain)]
+    words = [word.lower() for word in re.findall(WORD, plain)]
     if "".join(words) in TIMES:
         return "time"
     if not words or any(word in NOT_RAW for word in words):

@@ -18,13 +18,21 @@ from jgait.types import PLACEMENTS, Recording, RecordingError
 if TYPE_CHECKING:
     import pandas as pd
 
-COLUMNS_MATCHED = Kind("columns_matched", "info", "columns recognised by their names: {columns}", DEDUCED)
+COLUMNS_MATCHED = Kind(
+    "columns_matched", "info", "{number} columns recognised by their names, such as {examples}", DEDUCED
+)
 COLUMNS_LEFT_OUT = Kind("columns_left_out", "info", "columns left out: {columns}", LEFT_OUT)
 CELLS_WITHOUT_NUMBER = Kind(
     "cells_without_number", "check",
     "{column}: {cells} {cells:cell is no number and counts|cells are no numbers and count} as missing, the first "
     "{value} in data row {row}", LOSSES,
 )  # fmt: skip
+
+ALMOST = 0.8
+"""[1] Least share of equal characters of a name that is taken for another one misspelt."""
+
+FEW = 4
+"""[1] Largest number of columns that a message lists."""
 
 
 class Columns(NamedTuple):
@@ -153,7 +161,10 @@ def about(content: Columns) -> tuple[Note, ...]:
     """Notes about columns whose names were recognised, and about columns that are not used."""
     notes = [*content.odd]
     if content.matched:
-        notes.append(COLUMNS_MATCHED(columns=[f"{theirs!r} as {name}" for theirs, name in content.matched]))
+        every = [f"{theirs!r} as {name}" for theirs, name in content.matched]
+        sensors = [text for text, (_, name) in zip(every, content.matched, strict=True) if name != "time"]
+        examples = " and ".join((sensors or every)[:2])
+        notes.append(COLUMNS_MATCHED(number=len(every), examples=examples))
     if content.others:
         notes.append(COLUMNS_LEFT_OUT(columns=content.others))
     return tuple(notes)
@@ -169,7 +180,7 @@ def _placements(position: Mapping[str, int], given: list[str], name: str) -> dic
             if len(lacking) == 3:
                 continue
             if lacking:
-                raise _lacking(lacking, expected, given, name)
+                raise _lacking(lacking, expected, position, given, name)
             if kind == "acc" and placement not in placements:
                 raise RecordingError(
                     f"{name} has {placement}_acc_x, _y, _z but no {placement}_gyr_x, _y, _z; "
@@ -177,29 +188,68 @@ def _placements(position: Mapping[str, int], given: list[str], name: str) -> dic
                 )
             placements.setdefault(placement, []).append(kind)
     if not placements:
-        expected = [f"thigh_right_gyr_{axis}" for axis in "xyz"]
-        raise _lacking(expected, expected, given, name, "such as ")
+        raise _no_sensor(position, given, name)
     return placements
 
 
-def _lacking(lacking: list[str], expected: list[str], given: list[str], name: str, such_as: str = "") -> RecordingError:
-    every = [f"{placement}_{channel}" for placement in PLACEMENTS for channel in CHANNELS]
-    clean = {column: column.strip().lower() for column in given}
-    hint, argument, value = "", "", ""
-    if any(column in CHANNELS for column in clean.values()):
-        hint, argument, value = (
-            "; for one sensor with bare names give its place, such as {argument}",
-            "placement",
-            "waist",
+def _lacking(
+    lacking: list[str], expected: list[str], position: Mapping[str, int], given: list[str], name: str
+) -> RecordingError:
+    """The error about a sensor without some of its columns; it names unrecognised columns that may be meant."""
+    unknown = _unrecognised(position, given)
+    meant = []
+    for column in lacking:
+        likely = [column]
+        for sibling in (other for other in expected if other in position):  # the lab's own spelling of this axis
+            spelt = given[position[sibling]].lower()
+            last = spelt.rfind(sibling[-1])
+            likely.append(f"{spelt[:last]}{column[-1]}{spelt[last + 1 :]}")
+        near = _nearest(likely, unknown)
+        meant += [f"{near!r} looks like {column!r}"] if near else []
+    hint = f"; {', '.join(meant)}: correct the header of the file" if meant else ""
+    rest = f"; columns not recognised: {_few(unknown)}" if unknown else ""
+    return RecordingError(f"{name} lacks {', '.join(lacking)}{hint}; expected columns {expected}{rest}")
+
+
+def _no_sensor(position: Mapping[str, int], given: list[str], name: str) -> RecordingError:
+    """The error about a table in which no column is recognised as a sensor's; it says how columns are named."""
+    if any(column.strip().lower() in CHANNELS for column in given):
+        return RecordingError(
+            f"{name} lacks the place of its sensor: found {_few(given)}; for one sensor with bare names give its "
+            "place, such as {argument}",
+            argument="placement",
+            value="waist",
         )
-    else:
-        among = every if such_as else lacking
-        near = {c: difflib.get_close_matches(c, among, 1, 0.6) for c in clean.values() if c not in (*every, "time")}
-        alike = [f"{column!r} looks like {near[c][0]!r}" for column, c in clean.items() if near.get(c)]
-        if alike:
-            hint = f"; {', '.join(alike[:3])}: correct the header of the file"
-    message = f"{name} lacks {', '.join(lacking)}: expected columns {such_as}{expected}, found {given}{hint}"
-    return RecordingError(message, argument=argument, value=value)
+    every = [f"{placement}_{channel}" for placement in PLACEMENTS for channel in CHANNELS]
+    near = {column: _nearest([column.strip().lower()], every) for column in _unrecognised(position, given)}
+    meant = [f"{column!r} looks like {known!r}" for column, known in near.items() if known]
+    hint = f"; {', '.join(meant[:3])}: correct the header of the file" if meant else ""
+    return RecordingError(
+        f"{name} has no column that is recognised as a sensor's: found {_few(given)}{hint}; columns are named "
+        "<placement>_gyr_x to <placement>_acc_z, such as foot_left_gyr_x; {argument} needs such columns",
+        argument="placements",
+    )
+
+
+def _unrecognised(position: Mapping[str, int], given: list[str]) -> list[str]:
+    every = {f"{placement}_{channel}" for placement in PLACEMENTS for channel in CHANNELS} | {"time", "feet_range"}
+    known = {index for column, index in position.items() if column in every}
+    return [column for index, column in enumerate(given) if index not in known]
+
+
+def _nearest(likely: list[str], among: list[str]) -> str | None:
+    """The name among some that is spelt almost as one of the likely names (lower case); None if there is none."""
+    alike = {
+        name: max(difflib.SequenceMatcher(None, one, name.strip().lower()).ratio() for one in likely) for name in among
+    }
+    best = max(alike, key=lambda name: alike[name], default=None)
+    return best if best is not None and alike[best] > ALMOST else None
+
+
+def _few(names: list[str]) -> str:
+    """The first few of some names, and how many more there are."""
+    more = f" and {len(names) - FEW} more" if len(names) > FEW else ""
+    return ", ".join(map(repr, names[:FEW])) + more
 
 
 def _no_number(column: "pd.Series", label: str) -> Note | None:

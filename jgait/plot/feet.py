@@ -200,7 +200,7 @@ def series_of(
         of_side = rows[np.asarray(strides.side)[rows] == SIDES.index(side)]
         if not of_side.size:
             continue
-        good, bad = of_side[trusted[of_side]], of_side[~trusted[of_side]]
+        good, bad = of_side[trusted[of_side]], of_side[~trusted[of_side] & np.isfinite(values[of_side])]
         style = {**FOOTHOLD[side], "elinewidth": 1.0, "ecolor": FOOT[side]["color"]}
         axis.errorbar(when[good], values[good], yerr=bars[good] if bars.any() else None,
                       label=f"{side} {part}{', ±2σ' if bars.any() else ''}" if labelled else None, **style)  # fmt: skip

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 REJECTED: Style = {"marker": "x", "color": "black", "markersize": 6.0, "markeredgewidth": 1.4, "linestyle": "none"}
 VALIDATION: Style = {"color": "black", "marker": "o", "markersize": 3.5, "linewidth": 1.0, "linestyle": DASHED}
+BEST: Style = {"marker": "D", "color": RED, "markersize": 5.0, "linestyle": "none"}
 LEVEL = 0.95
 """[1] Coverage probability of the line and the interval of a profile."""
 
@@ -32,7 +33,8 @@ def _plain(axis: "Axis") -> None:
     """Label a logarithmic axis with numbers instead of powers of ten."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    low, high = axis.get_data_interval()
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 1e3 * low else (1.0,)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
@@ -104,7 +106,7 @@ def profile(profile: "Profile", *, title: str = "") -> Figure:
 
 
 def training(fit: "Fit[PyTree]", *, title: str = "") -> Figure:
-    """Loss and gradient of each step; crosses are undone steps (loss or gradient not finite)."""
+    """Loss and gradient of each step, and the best step; crosses are undone steps (loss or gradient not finite)."""
     figure, axes = blank(2, 1, 6.4, 5.2, sharex=True)
     steps = np.arange(len(fit.losses))
     rejected = ~np.asarray(fit.accepted, bool)
@@ -120,10 +122,14 @@ def training(fit: "Fit[PyTree]", *, title: str = "") -> Figure:
     # The validation loss is computed after each step. Without validation items it equals the loss and is not drawn.
     if looked.any() and not np.array_equal(validation[:-1], np.asarray(fit.losses, float)[1:]):
         axes[0, 0].plot(steps[looked] + 1, validation[looked], label="validation", **VALIDATION)
+    judged = np.append(fit.losses[0], validation) if looked.any() else np.append(fit.losses, fit.best_loss)
+    best = int(np.nanargmin(np.abs(judged - fit.best_loss)))
+    axes[0, 0].plot([best], [fit.best_loss], label=f"best: step {best}", **BEST)
     axes[0, 0].set_ylabel("loss")
     axes[1, 0].set_ylabel("gradient norm\nin free coordinates")
     if np.nanmax(norms, initial=0.0) > 8.0 * np.nanmin(norms, initial=np.inf):
         axes[1, 0].set_yscale("log")
+        _plain(axes[1, 0].yaxis)
     axes[1, 0].set_xlabel("step")
     axes[0, 0].legend(loc="upper right", fontsize=8, framealpha=0.9)
     if title:

@@ -70,7 +70,8 @@ def made(folder: Path) -> Made:
     params = jax.tree_util.tree_map_with_path(
         lambda where, old: values.get(jax.tree_util.keystr(where).lstrip("."), old), default
     )
-    notes = from_json((folder / "notes.json").read_text(encoding="utf-8"))
+    stated = folder / "notes.json"
+    notes = from_json(stated.read_text(encoding="utf-8")) if stated.is_file() else ()
     return Made(name, params, default, file=folder.resolve().name, notes=notes, version=str(about.get("jgait", "")))
 
 

@@ -126,6 +126,14 @@ def test_a_bad_file_is_refused_in_words_and_leaves_nothing(walk, tmp_path, spoil
     assert not (tmp_path / "results").exists()
 
 
+def test_columns_of_unknown_names_are_listed_and_place_does_not_help_them(walk):
+    walk.write_text(walk.read_text().replace("shank_right", "Wade_re").replace("thigh_right", "Bein_re"))
+    code, said = run("estimate", walk, "--place", "Wade_re=shank_right")
+    assert code == 2
+    assert "found 'time', 'Bein_re_gyr_x'" in said
+    assert "such as foot_left_gyr_x; --place SENSOR=PLACE needs such columns" in said
+
+
 def test_a_file_that_may_not_be_read_is_named(walk, tmp_path):
     """Root may read everything, so there the command runs as nobody, who cannot load modules that root installed."""
     run("estimate", tmp_path / "absent.csv", "--out", tmp_path / "results")
@@ -271,7 +279,7 @@ def test_a_labs_own_words_radians_and_milliseconds_give_angles_in_one_command(re
     code, said = run("estimate", tmp_path / "lab.csv", "--gyr-unit", "rad/s", "--out", tmp_path / "results")
     assert code == 0, said
     assert "'Gyro Thigh R X [rad/s]' as thigh_right_gyr_x" in said
-    assert "'Time (ms)' as time" in said
+    assert "7 columns recognised by their names" in said
     angles = pd.read_csv(tmp_path / "results" / "lab_samples.csv")
     assert angles["knee_angle_right_deg"].max() > 40.0
     assert (tmp_path / "results" / "lab_angles.png").stat().st_size > 10_000

@@ -20,6 +20,12 @@ from jgait.types import RecordingError
         ("LFoot.Gyro.X", "foot_left_gyr_x"),
         ("lowerback accx", "lower_back_acc_x"),
         ("thighRightGyrX", "thigh_right_gyr_x"),
+        ("L5 Gyr_X", "lower_back_gyr_x"),
+        ("L5_Acc_Z", "lower_back_acc_z"),
+        ("l4AccY", "lower_back_acc_y"),
+        ("Lumbar Gyro X", "lower_back_gyr_x"),
+        ("sacrum_acc_z", "pelvis_acc_z"),
+        ("foot_L_5_gyr_x", "foot_left_gyr_x"),
         ("Acc_X", "acc_x"),
         ("gyrX", "gyr_x"),
         ("Time (ms)", "time"),
@@ -34,6 +40,7 @@ def test_words_of_a_column_give_its_placement(name, known):
 @pytest.mark.parametrize(
     ("name", "placement"),
     [("LF", "foot_left"), ("RS", "shank_right"), ("SA", "pelvis"), ("1-1_lb", "lower_back"), ("12_rf", "foot_right"),
+     ("walk_L5", "lower_back"), ("trial5", None),
      ("00B40C48", None), ("data", None), ("elf", None)],
 )  # fmt: skip
 def test_codes_of_two_letters_give_a_placement(name, placement):
@@ -66,3 +73,17 @@ def test_placements_taken_from_names_are_noted():
 def test_two_columns_with_the_same_words_have_no_placement():
     with pytest.raises(RecordingError, match="lacks shank_right_gyr_x"):
         io.recording_from_dataframe(walking(["Gyro Shank R X", "Gyr Shank R X", "Gyro Shank R Y", "Gyro Shank R Z"]))
+
+
+def test_a_misspelt_column_is_named_and_never_one_that_is_recognised():
+    names = [f"RShank_{kind}_{axis}" for kind in ("Gyro", "Accel") for axis in "XYZ"]
+    with pytest.raises(RecordingError) as caught:
+        io.recording_from_dataframe(walking([name.replace("RShank_Gyro_Y", "RShnak_Gyro_Y") for name in names]))
+    assert "lacks shank_right_gyr_y; 'RShnak_Gyro_Y' looks like 'shank_right_gyr_y'" in str(caught.value)
+    assert "'RShank_Gyro" not in str(caught.value)
+
+
+def test_a_column_that_is_not_there_at_all_is_not_taken_from_another():
+    with pytest.raises(RecordingError, match="lacks shank_right_gyr_y") as caught:
+        io.recording_from_dataframe(walking(["RShank_Gyro_X", "RShank_Gyro_Z", "Quat_W"]))
+    assert "looks like" not in str(caught.value)

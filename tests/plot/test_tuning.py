@@ -109,12 +109,24 @@ def test_a_training_shows_loss_gradient_and_what_was_taken_back(lengths, tmp_pat
     above, below = figure.axes
     assert above.get_ylabel() == "loss" and below.get_xlabel() == "step"
     for axis, values in ((above, fit.losses), (below, fit.gradient_norms)):
-        line, crosses = axis.lines
+        line, crosses = axis.lines[:2]
         np.testing.assert_array_equal(line.get_ydata(), values)
         np.testing.assert_array_equal(crosses.get_xdata(), np.flatnonzero(~fit.accepted))
         np.testing.assert_array_equal(crosses.get_ydata(), values[~fit.accepted])
-    assert [text.get_text() for text in above.get_legend().texts] == ["loss", f"taken back ({rejected})"]
+    best = int(above.lines[2].get_xdata()[0])
+    labels = ["loss", f"taken back ({rejected})", f"best: step {best}"]
+    assert [text.get_text() for text in above.get_legend().texts] == labels
+    assert np.append(fit.losses, fit.best_loss)[best] == fit.best_loss
     plot.save(figure, tmp_path / "training.png")
+
+
+def test_a_logarithmic_axis_of_a_training_has_plain_numbers(lengths, tmp_path):
+    fit = tune.fit(total_length, AT._replace(a1=0.2), Leg(real, fixed, fixed), lengths, optax.sgd(1e-4), steps=10)
+    figure = plot_tuning.training(fit._replace(gradient_norms=np.geomspace(1e-3, 1e5, 10)))
+    plot.save(figure, tmp_path / "training.png")
+    labels = [text.get_text() for text in figure.axes[1].get_yticklabels(which="both")]
+    assert "1000" in labels
+    assert not any("$" in text for text in labels)
 
 
 def test_a_training_judged_on_other_items_shows_their_loss_where_it_was_looked_at(lengths, tmp_path):
@@ -122,7 +134,7 @@ def test_a_training_judged_on_other_items_shows_their_loss_where_it_was_looked_a
     fit = tune.fit(total_length, AT._replace(a1=0.2), free, lengths, optax.sgd(1e-4), steps=10,
                    validation=np.arange(50) >= 40, every=5)  # fmt: skip
     figure = plot_tuning.training(fit)
-    line, judged = figure.axes[0].lines
+    line, judged, _ = figure.axes[0].lines
     assert len(line.get_xdata()) == 10
     assert list(judged.get_xdata()) == [5, 10]
     np.testing.assert_array_equal(judged.get_ydata(), fit.validation[[4, 9]])

@@ -18,6 +18,7 @@ from jgait.estimators.combined.distance import WalkedDistance, distances, walked
 from jgait.estimators.combined.sources import SourceEstimate, sources
 from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.notes import without_repeats
+from jgait.mounting.leg import SIDES_EXCHANGED
 from jgait.notes import NO_WALKING, SEVERITIES, Kind, Note
 from jgait.types import SIDES, Estimate, Legs, Recording, RecordingError, as_float
 
@@ -52,6 +53,15 @@ class Analysis(NamedTuple):
     notes: tuple[Note, ...]
     person: dict[str, float]
 
+    def __repr__(self) -> str:
+        parts = [f"{np.ptp(as_float(self.estimate.time)):.1f} s"]
+        if self.estimate.distance is not None:
+            metres, stddev = self.estimate.distance, self.estimate.diagnostics["distance_stddev"]
+            parts.append(f"distance {as_float(metres)[-1]:.2f} ± {as_float(stddev)[-1]:.2f} m")
+        parts.append(f"{0 if self.strides is None else len(self.strides.first)} strides")
+        parts.append("sources " + ", ".join(source.name for source in self.sources))
+        return f"Analysis({'; '.join(parts)}; {len(self.notes)} notes)"
+
 
 def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) -> Analysis:
     """Everything that the sensors of a recording allow: every estimator that has its sensors, joined and cross-checked.
@@ -84,6 +94,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     left_out = tuple(note for note in recording.notes if note.code == SENSOR_LEFT_OUT)
     usable = recording._replace(sensors=kept, notes=left_out)
     found, notes = sources(usable, body)
+    recording = recording._replace(notes=_without_exchanged(recording.notes, findings.notes))
     wrong = findings.doubtful | _named(recording, ACCUSED)
     strides = joined(found, wrong | _named(recording, CLOCKS), wrong)
     late = _apart(recording, found)
@@ -124,6 +135,19 @@ lengths hold."""
 
 PAIRS = tuple(code for code in CLOCKS if code != "sides_out_of_step")
 """Those of them that may compare two sensors of one leg; a person who limps is out of step too."""
+
+
+def _without_exchanged(notes: tuple[Note, ...], found: tuple[Note, ...]) -> tuple[Note, ...]:
+    """Readers' notes without late clocks of sensors that are found exchanged: those swing at the other leg's times."""
+    exchanged = {
+        f"{kind}_{side}"
+        for note in found if note.code == SIDES_EXCHANGED.code
+        for kind in str(note.values["kind"]).split(" or ") for side in SIDES
+    }  # fmt: skip
+    return tuple(
+        note for note in notes
+        if note.code not in PAIRS or not exchanged & {note.values.get("placement"), note.values.get("other")}
+    )  # fmt: skip
 
 
 def _named(recording: Recording, codes: Collection[str]) -> frozenset[str]:

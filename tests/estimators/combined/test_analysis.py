@@ -74,6 +74,14 @@ def test_every_stride_is_there_once_and_better_than_a_source_taken_at_random(wal
     assert np.mean((together / analysis.estimate.strides_stddev.length) ** 2) < 2.0
 
 
+def test_an_analysis_and_a_recording_are_printed_in_one_line(walked, analysis):
+    shown = repr(analysis)
+    assert f"{len(analysis.strides.first)} strides; sources {analysis.sources[0].name}" in shown
+    assert f"distance {analysis.estimate.distance[-1]:.2f} ± " in shown
+    assert shown.endswith(f"; {len(analysis.notes)} notes)")
+    assert max(len(shown), len(repr(walked[0]))) < 250
+
+
 def test_the_distance_is_combined_too(walked, analysis):
     told = {c.source: c for c in analysis.comparisons if c.quantity == "distance"}
     alone = [c.stddev for name, c in told.items() if name != "combined"]
@@ -156,7 +164,9 @@ def test_exchanged_shanks_are_named_and_not_combined(walked):
     recording, truth = walked
     sensors = recording.sensors
     exchanged = {"shank_right": sensors["shank_left"], "shank_left": sensors["shank_right"]}
-    found = jgait.analyse(recording._replace(sensors={**sensors, **exchanged}), PERSON)
+    late = delays.SENSOR_LATE(placement="shank_right", milliseconds=170.0, other="thigh_right")
+    found = jgait.analyse(recording._replace(sensors={**sensors, **exchanged}, notes=(late,)), PERSON)
+    assert late not in found.notes
     (note,) = (note for note in found.notes if note.code == "sides_exchanged")
     assert "the right and left shank sensors seem exchanged" in str(note)
     (note,) = (note for note in found.notes if note.code == "angles_doubtful")
