@@ -116,7 +116,8 @@ class Source(NamedTuple):
 
         rows = pd.DataFrame(self.failures, columns=["recording", "reason"])
         every = pd.concat([rows, failures], ignore_index=True)
-        subjects = every["recording"].map(dict(self.subjects)).fillna(every["subject"]).fillna("")
+        known = zip(every["recording"], every["subject"].astype(object).fillna(""), strict=True)
+        subjects = [self.subjects.get(name) or subject for name, subject in known]
         return every.assign(subject=subjects)[["recording", "subject", "reason"]]
 
     def walks(self, failures: list[tuple[str, str]], report: Callable[[int], None]) -> Iterable[Walk]:

@@ -308,8 +308,7 @@ def evaluated(tmp_path_factory):
     """An evaluation of twelve walks, one of which cannot be read, as `jgait evaluate` leaves it, and in memory."""
     out = tmp_path_factory.mktemp("cohort") / "out"
     found = evaluate.cohort(made_cohort.FAKE, range(5, 17), read=made_cohort.read, own=own, out=out / "run")
-    failures = list(zip(found.failures["recording"], found.failures["reason"], strict=True))
-    evaluate_command._write(out, found, found.agreement(), failures)
+    evaluate_command._write(out, found, found.agreement())
     return out, found
 
 
