@@ -89,7 +89,14 @@ def _duty_cycled_gyro() -> Case:
         walks,
         640,
         options=options,
-        idle=("thigh_length", "thigh_place", "shank_length.left", "standing_hip_sd", "standing_knee_sd", "filler.thigh"),
+        idle=(
+            "thigh_length",
+            "thigh_place",
+            "shank_length.left",
+            "standing_hip_sd",
+            "standing_knee_sd",
+            "filler.thigh",
+        ),
         rounding=9e-3,
     )
 
