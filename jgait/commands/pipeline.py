@@ -185,7 +185,7 @@ def not_held_out(file: Path | None) -> tuple[Note, ...]:
             f"; with {made.get('left_out', 'people')} left out in turn, the median {judged['error']} was "
             f"{judged['before']:.3g} {judged['unit']} before and {judged['after']:.3g} {judged['unit']} after"
         )
-    return (NOT_HELD_OUT(file=file.name, cohort=Path(str(made["cohort"])).name, others=others),)
+    return (NOT_HELD_OUT(file=Path(file).name, cohort=Path(str(made["cohort"])).name, others=others),)
 
 
 def _name(paper: bool) -> str:

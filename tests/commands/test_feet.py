@@ -170,5 +170,5 @@ def test_a_table_may_tell_the_pivot_and_the_offset_of_each_person(tmp_path):
     assert cohort.body(walk, ("pivot_height", "range_offset")) == {"pivot_height": 0.09, "range_offset": -0.05}
     legs = cohort.source(tmp_path / "cohort.csv", None, None, 0, "deg/s", "m/s^2", LEGS)
     assert [(note.code, note.values["column"], note.values["without"]) for note in legs.notes] == [
-        ("measure_of_some", "thigh_length_m", 1), ("measure_of_some", "shank_length_m", 1)
+        ("measure_of_some", "thigh_length_m nor height_m", 1), ("measure_of_some", "shank_length_m nor height_m", 1)
     ]  # fmt: skip
