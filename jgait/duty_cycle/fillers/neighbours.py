@@ -42,8 +42,9 @@ from jgait.types import Scalar
 
 FURTHEST = 1.0
 """[1] Greatest distance of the nearest history, over the number of compared signals; a sample without a nearer one is
-`HELD`. On walks with a U-turn, of `neura_sparse` and simulated, rates of shanks that are filled at distances of 0.1,
-0.2, 0.5 and 2 and more have errors of 0.3, 0.5, 0.8 and 2.2 rad/s (RMS); the last is as large as the rate itself."""
+`HELD`. On walks of `neura_sparse` and simulated ones with U-turns and a sensor on the thigh, rates of shanks that are
+filled at distances of 0.1, 0.2, 0.5 and above 1.3 have errors of 0.2, 0.4, 0.8 and 2.2 rad/s (RMS); the last is as
+large as the rate itself."""
 
 MEMORY_S = 90.0
 """[s] Longest time before a sample in which the filler searches neighbours."""
