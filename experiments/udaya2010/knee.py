@@ -1,4 +1,7 @@
-"""The knee's angle of `leg_ekf` on `neura_sparse`, both shin gyroscopes off part of the time."""
+"""The knee's angle of `leg_ekf` on `neura_sparse`, both shin gyroscopes off part of the time.
+
+`FURTHEST` of the filler was chosen in view of this walk; nothing else was.
+"""
 
 from typing import Any, NamedTuple
 
@@ -50,7 +53,7 @@ def rows(quick: bool) -> list[Row]:
     for end, (part, words) in starts.items():
         before = _knees(part, always, always)
         lines.append([f"always on, {words}", *map(float, np.concatenate(before))])
-        split = f"neura_sparse, {words}, untuned; mean of legs and of places where the schedule begins"
+        split = f"neura_sparse, {words}, FURTHEST chosen on it; mean of legs and of places where the schedule begins"
         usual = float(before.truth.mean())
         rows.append(Row(f"joint_knee_deg_always_on{end}", usual, "°", None, 2, f"neura_sparse, {words}, untuned"))
         for duty, filler in cases:

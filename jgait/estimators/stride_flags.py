@@ -1,5 +1,7 @@
 """Flags of strides, for all estimators: turns, stairs, clipped swings, half strides, uncertain numbers."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from jgait.estimators.about import StrideFlag
@@ -42,8 +44,13 @@ def marks(estimate: Estimate, flags: tuple[StrideFlag, ...]) -> dict[str, np.nda
 
 def regular(estimate: Estimate, flags: tuple[StrideFlag, ...]) -> np.ndarray:
     """(rows,) bool, strides that count in means, for the rows of the table of strides: without flags that do not."""
-    marked = marks(estimate, tuple(flag for flag in flags if not flag.regular))
-    return ~np.logical_or.reduce([np.zeros(in_order(estimate).size, bool), *marked.values()])
+    return without(marks(estimate, flags), flags, in_order(estimate).size)
+
+
+def without(marked: Mapping[str, np.ndarray], flags: tuple[StrideFlag, ...], count: int) -> np.ndarray:
+    """(count,) bool, strides without flags that keep a stride out of means."""
+    special = [marked[flag.name] for flag in flags if flag.name in marked and not flag.regular]
+    return ~np.logical_or.reduce([np.zeros(count, bool), *special])
 
 
 def durations(strides: Strides) -> np.ndarray:

@@ -40,10 +40,13 @@ from jgait.duty_cycle.fillers.pace import filled_once_enough
 from jgait.params import Param, Parameter, documented, fixed, positive, ranges
 from jgait.types import Scalar
 
+WITH_THIGH = 3
+"""Compared signals with a thigh's sensor: the shank's accelerometer, the thigh's gyroscope and accelerometer."""
+
 FURTHEST = 1.0
 """[1] Greatest distance of the nearest history, over the number of compared signals; a sample without a nearer one is
 `HELD`. On walks of `neura_sparse` and simulated ones with U-turns and a sensor on the thigh, rates of shanks that are
-filled at distances of 0.1, 0.2, 0.5 and above 1.3 have errors of 0.2, 0.4, 0.8 and 2.2 rad/s (RMS); the last is as
+filled at distances of 0.1, 0.2, 0.5 and above 1 have errors of 0.2, 0.4, 0.7 and 2.1 rad/s (RMS); the last is as
 large as the rate itself."""
 
 MEMORY_S = 90.0
@@ -111,7 +114,7 @@ def neighbours(
 @partial(jax.jit, static_argnames="sampling_rate_hz")
 def _filled(s: Signals, p: Neighbours, sampling_rate_hz: float) -> Filled:
     rate, distance = _predicted(s, p, sampling_rate_hz)
-    unlike = distance / (1.0 if s.thigh is None else 3.0)
+    unlike = distance / (1 if s.thigh is None else WITH_THIGH)
     filled = filled_once_enough(s, rate, sampling_rate_hz, p.least_strides)._replace(unlike=unlike)
     nothing_alike = (filled.how == FILLED) & (unlike > FURTHEST)
     return filled._replace(how=jnp.where(nothing_alike, HELD, filled.how))

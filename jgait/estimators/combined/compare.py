@@ -8,8 +8,8 @@ import numpy as np
 
 from jgait.estimators.combined.distance import WalkedDistance
 from jgait.estimators.combined.sources import SourceEstimate
-from jgait.estimators.combined.strides import CONSISTENT, JoinedStrides
-from jgait.estimators.stride_flags import STRIDE_FLAGS
+from jgait.estimators.combined.strides import CONSISTENT, SAME_CONTACT, JoinedStrides
+from jgait.estimators.stride_flags import STRIDE_FLAGS, without
 from jgait.notes import WRONG_PLACE, Kind, Note
 from jgait.types import SIDES, as_float
 
@@ -25,9 +25,6 @@ FEET_OF_CONTACTS_DIFFER = Kind(
     "the other way",
     WRONG_PLACE,
 )  # fmt: skip
-
-SAME_CONTACT = 0.25
-"""[s] Largest difference of the times of one contact in two sources."""
 
 FEWEST = 4
 """[1] Least number of common strides or contacts for a comparison."""
@@ -83,11 +80,7 @@ def comparisons(
 
 def regular(strides: JoinedStrides) -> np.ndarray:
     """(n,) bool, strides that count in medians, as in reports: no turns, stairs, half, clipped or doubtful ones."""
-    usual = np.ones(len(strides.first), bool)
-    for flag in STRIDE_FLAGS:
-        if flag.name in strides.flags and not flag.regular:
-            usual &= ~strides.flags[flag.name]
-    return usual
+    return without(strides.flags, STRIDE_FLAGS, len(strides.first))
 
 
 def _median(

@@ -14,8 +14,8 @@ from jgait.types import SIDES, Flags, Strides, as_float
 SAME = 0.5
 """[1] Two strides of a side are the same if the time they share is more than this part of the time they cover."""
 
-SAME_CONTACT = 0.2
-"""[s] Two initial contacts of a side that are nearer are the same; so are two strides that end with them."""
+SAME_CONTACT = 0.25
+"""[s] Two contacts of a side from two sensors that are nearer are the same; so are two strides that end with them."""
 
 ALONE = 0.3
 """[1] A stride that is not in the first sources is added if it overlaps their strides by less than this part of it."""
@@ -25,9 +25,6 @@ CONSISTENT = 3.0
 
 BRIEF = 0.6
 """[1] A stride that lasts less than this part of the median stride, and is not from or to standing, is wrong."""
-
-SAME_END = 0.1
-"""[s] Largest difference between the ends of a stride of the feet and the same stride with a width."""
 
 SHARED = {frozenset(("ankles", "shanks")): 0.5}
 """Correlation of the errors of two sources [1]; chosen: ankle and shank are one segment, measured by one method."""
@@ -279,7 +276,7 @@ def _widths(
     valid = np.zeros(len(side), bool)
     trusted = width.estimate.diagnostics.get("width_valid")
     for i in range(len(side)):
-        near = np.abs(as_float(theirs.end) - values["end"][i]) < SAME_END
+        near = np.abs(as_float(theirs.end) - values["end"][i]) < SAME_CONTACT
         same = np.flatnonzero(near & (np.asarray(theirs.side) == side[i]))
         if same.size:
             for field in ("width", "step_length"):

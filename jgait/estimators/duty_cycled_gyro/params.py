@@ -40,7 +40,7 @@ class DutyCycledParams(NamedTuple):
     turn_tilt: Annotated[Param, _OF_FILTERS["turn_tilt"]] = _USUAL.turn_tilt
     filled_noise: Annotated[Param, Parameter(
         positive, "rad/√s",
-        "of a filled rate beyond the gyroscope's own, as white noise, where nothing nearer than 1 was measured",
+        "white noise of a filled rate, beyond the gyroscope's own, at distance 1; the variance grows with the distance",
     )] = 0.5  # fmt: skip
     standing_hip_sd: Annotated[Param, Parameter(
         positive, "rad", "standard deviation of the hip's angle in standing, which counts as 0; stated errors only",
