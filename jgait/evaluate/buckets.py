@@ -15,6 +15,7 @@ from jaxtyping import PyTree
 
 from jgait.estimators.interface import Estimator
 from jgait.estimators.plausible import implausible
+from jgait.estimators.programs import BUCKET, bucket
 from jgait.evaluate.devices import sharded
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.store import COLUMNS, Cohort, frame
@@ -22,9 +23,6 @@ from jgait.filtering.compile import compiled
 from jgait.notes import Note, to_json
 from jgait.params import check_params
 from jgait.types import Estimate, RecordingError, Walk, reason_of
-
-SHORTEST = 512
-"""Shortest padded length [samples]."""
 
 WAITING = 3
 """Recordings that may wait in unfilled buckets [batches]; with more, the fullest bucket runs unfilled."""
@@ -76,11 +74,12 @@ class Ready(NamedTuple):
 
 
 def padded_length(samples: int) -> int:
-    """The smallest padded length that holds the samples: 2ᵏ times 1, 1.25, 1.5 or 1.75, and 512 at least."""
-    if samples <= SHORTEST:
-        return SHORTEST
-    quarter = 1 << (samples - 1).bit_length() - 3
-    return -(-samples // quarter) * quarter
+    """The smallest padded length that holds the samples: `BUCKET` times a power of two, or times 1.5 and such a power.
+
+    A program costs as much as some thousand recordings, so there are few.
+    """
+    above = bucket(samples)
+    return above * 3 // 4 if above > BUCKET and samples <= above * 3 // 4 else above
 
 
 def prepared(job: CohortJob, name: str, item: PyTree) -> Ready | Failed:
