@@ -10,11 +10,12 @@ from experiments.common.row import Row
 from jgait import plot
 from jgait.estimators import waist
 from jgait.estimators.waist import velocity_update
+from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.ofdri import Cycles
 from jgait.estimators.waist.params import WaistOptions, WaistParams
 from jgait.estimators.waist.readout import bouts_begin
 from jgait.plot.style import DASHED, RED, Figure, Seconds, Style, blank, check_overlap, legend, windowed
-from jgait.plot.waist import Trunk, contacts_of, moves
+from jgait.plot.waist import contacts_of
 from jgait.simulate import protocols
 from jgait.types import Estimate, Recording, as_float
 
@@ -69,21 +70,22 @@ def forward_speed(
     first, last = (float(estimate.time[0]), float(estimate.time[-1])) if seconds is None else seconds
     check_overlap(estimate.time, (first, last))
     p, options = waist.WaistParams() if p is None else p, waist.DEFAULT if options is None else options
-    trunk = moves(recording, p, options, smooth=options.smooth)
-    velocity, gone = _covered(trunk, p)
-    kept = windowed(trunk.time, (first, last))
+    time, forward = as_float(estimate.time), as_float(estimate.diagnostics["trunk_acceleration"])[:, 0]
+    inputs = waist.prepared(recording, options).inputs
+    velocity, gone = _covered(p, inputs, forward)
+    kept = windowed(time, (first, last))
     figure, axes = blank(3, 1, 8.8, 7.6, sharex=True, height_ratios=(1.0, 1.5, 1.3))
     above, speed, way = axes[:, 0]
-    above.plot(trunk.time[kept], trunk.forward[kept], **ACCELERATION)
-    speed.plot(trunk.time[kept], velocity[kept], **UPDATED)
-    way.plot(trunk.time[kept], gone[kept] - gone[kept][0], **UPDATED)
+    above.plot(time[kept], forward[kept], **ACCELERATION)
+    speed.plot(time[kept], velocity[kept], **UPDATED)
+    way.plot(time[kept], gone[kept] - gone[kept][0], **UPDATED)
     for one, name, style in ((estimate, "estimate", OURS), (reference, "reference", TRUE)):
         if one is not None and one.distance is not None:
             speed.plot(*_steps(one, contacts), label=f"{name}, contact to contact", **style)
             way.plot(*_gone(one, (first, last)), **style)
-    begins = np.asarray(trunk.inputs.cycle_begin)[: int(trunk.inputs.cycles) : EVERY]
+    begins = np.asarray(inputs.cycle_begin)[: int(inputs.cycles) : EVERY]
     for axis, unit in ((above, "forward accel-\neration [m/s²]"), (speed, "speed [m/s]"), (way, "way [m]")):
-        for begin in trunk.time[begins]:
+        for begin in time[begins]:
             axis.axvline(begin, color="0.8", linewidth=0.9, zorder=0.5, label=f"every {EVERY} cycles")
         axis.set_ylabel(unit)
         axis.grid(alpha=0.3, axis="y")
@@ -96,15 +98,12 @@ def forward_speed(
 _updated = jax.jit(velocity_update.updated)
 
 
-def _covered(trunk: Trunk, p: "WaistParams") -> tuple[np.ndarray, np.ndarray]:
+def _covered(p: "WaistParams", inputs: "WaistInputs", forward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Velocity [m/s] and distance [m] (T,) with the velocity update."""
-    inputs, count = trunk.inputs, len(trunk.time)
-    forward = np.zeros(np.size(inputs.time))
-    forward[:count] = trunk.forward
     known, start = bouts_begin(p, jax.tree.map(jnp.asarray, inputs), jnp.asarray(forward))
     cycles = Cycles(inputs.cycle_begin, inputs.cycle_end, inputs.cycles)
     found = _updated(p.update, forward, cycles, inputs.dt, start, mask=inputs.valid, known=known)
-    return as_float(found.velocity)[:count], as_float(found.displacement)[:count]
+    return as_float(found.velocity), as_float(found.displacement)
 
 
 def _steps(estimate: Estimate, contacts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

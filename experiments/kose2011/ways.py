@@ -67,4 +67,4 @@ def run(p: WaistParams, inputs: Any, kind: str) -> Estimate:
     known = inputs.stood & (kind != "frozen")
     held = jnp.ones_like(held) if kind == "frozen" else jnp.zeros_like(held)
     start_sd = p.start_speed_sd * jnp.where(known, 0.0, 1.0)
-    return stated(inputs, found, readout.by_integration(p, inputs, found, speed, held, start_sd))
+    return stated(inputs, seen, found, readout.by_integration(p, inputs, found, speed, held, start_sd))

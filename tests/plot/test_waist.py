@@ -3,6 +3,8 @@
 Accelerations are sines, so that they are known; the estimate is made by hand: contacts at the forward maxima.
 """
 
+from functools import partial
+
 import jax
 import numpy as np
 import pytest
@@ -45,7 +47,12 @@ def estimate(recording):
     n = contact.size - 2
     nothing = np.full(n, np.nan)
     strides = Strides(side[2:], contact[:-2], nothing, contact[2:], np.full(n, 1.3), nothing, nothing, np.ones(n, bool))
-    told |= {"distance_stddev": 0.02 * way, "turning": np.zeros(n, bool), "unsure": np.zeros(n, bool)}
+    told |= {
+        "trunk_acceleration": recording.sensors["waist"].acc - [0.0, 0.0, 9.80665],
+        "distance_stddev": 0.02 * way,
+        "turning": np.zeros(n, bool),
+        "unsure": np.zeros(n, bool),
+    }
     return Estimate(time, Legs(None, None), None, way, np.ones(time.size, bool), told, strides)
 
 
@@ -54,7 +61,7 @@ def lines_of(axis, style):
 
 
 def test_contacts_over_what_the_trunk_feels(recording, estimate, tmp_path):
-    figure = plot.trunk_contacts(recording, estimate, title="sines")
+    figure = plot.trunk_contacts(estimate, title="sines")
     assert [axis.get_ylabel() for axis in figure.axes] == ["forward [m/s²]", "upward [m/s²]", "to the left [m/s²]"]
     when, side = (estimate.diagnostics[name] for name in ("initial_contact", "initial_contact_side"))
     first, last = figure.axes[0].get_xlim()
@@ -81,8 +88,7 @@ def test_contacts_over_what_the_trunk_feels(recording, estimate, tmp_path):
 def test_speed_with_the_velocity_update(load_experiment, recording, estimate):
     drawing = load_experiment("kose2011.speed")
     reference = estimate._replace(distance=0.5 * estimate.distance, valid=estimate.time < 7.0)
-    alone = waist.DEFAULT._replace(smooth=False)  # as contacts are: nothing more is compiled
-    figure = drawing.forward_speed(recording, estimate, reference=reference, options=alone, seconds=(2.0, 9.5))
+    figure = drawing.forward_speed(recording, estimate, reference=reference, seconds=(2.0, 9.5))
     above, speed, way = figure.axes
     assert [axis.get_ylabel() for axis in (speed, way)] == ["speed [m/s]", "way [m]"]
     (line,) = [m for m in speed.lines if m.get_color() == drawing.OURS["color"]]
@@ -114,11 +120,11 @@ def test_the_command_line_draws_contacts(recording, estimate, tmp_path):
 
 def test_what_is_not_there_is_refused(load_experiment, recording, estimate):
     forward_speed = load_experiment("kose2011.speed").forward_speed
-    for draw in (plot.trunk_contacts, forward_speed):
+    for draw in (plot.trunk_contacts, partial(forward_speed, recording)):
         with pytest.raises(ValueError, match="has no initial contacts at the trunk"):
-            draw(recording, estimate._replace(diagnostics={}))
+            draw(estimate._replace(diagnostics={}))
         with pytest.raises(ValueError, match="no initial contact to draw"):
-            draw(recording, estimate._replace(diagnostics={"initial_contact": [], "initial_contact_side": []}))
+            draw(estimate._replace(diagnostics={"initial_contact": [], "initial_contact_side": []}))
     with pytest.raises(ValueError, match="seconds must overlap the recording, 0 to 9.98; got"):
         forward_speed(recording, estimate, seconds=(20.0, 30.0))
     with pytest.raises(ValueError, match="has no distance"):

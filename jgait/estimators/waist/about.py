@@ -56,10 +56,8 @@ def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
 
 
 def _drawn(made: EstimatedRecording) -> tuple[tuple[PyTree, ...], dict[str, PyTree]]:
-    # the figure draws contacts over accelerations, which the recording contains and the estimate does not
-    options = made.settings["options"]
-    wavelet = isinstance(DETECTORS[options.detector], PaperRule)  # which other detectors do not use
-    return (made.recording, made.estimate), {"p": made.params, "options": options, "wavelet": wavelet}
+    wavelet = isinstance(DETECTORS[made.settings["options"].detector], PaperRule)  # which other detectors do not use
+    return (made.estimate,), {"wavelet": wavelet}
 
 
 ABOUT = About(

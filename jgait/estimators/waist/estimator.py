@@ -14,6 +14,7 @@ from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
 from jgait.estimators.waist.about import ABOUT, SIDE_KNOWN
 from jgait.estimators.waist.inputs import WaistInputs
+from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL
 from jgait.estimators.waist.params import (
     DEFAULT,
@@ -62,10 +63,11 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
     """Estimate from prepared inputs: pure, for jit, vmap and grad, with static options.
 
     Returns:
-        `strides`, `strides_stddev` and `distance`; `diagnostics` holds `distance_stddev` (T,) [m], `FLAGS` for each
-        stride, contacts `initial_contact` (K,) [s] with `initial_contact_side`, `initial_contact_side_probability` and
-        `initial_contact_valid`, and, if
-        "fused", the pendulum's constant, the accelerometer's bias, log-likelihood and mean normalised innovation.
+        `strides`, `strides_stddev` and `distance`; `diagnostics` holds `distance_stddev` (T,) [m],
+        `trunk_acceleration` (T, 3) forward, to the left and up without gravity [m/s²], `FLAGS` for each stride,
+        contacts `initial_contact` (K,) [s] with `initial_contact_side`, `initial_contact_side_probability` and
+        `initial_contact_valid`, and, if "fused", the pendulum's constant, the accelerometer's bias, log-likelihood and
+        mean normalised innovation.
 
     Raises:
         ValueError: options that are none.
@@ -81,11 +83,11 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
         speed, held = waist_distance.integrated_speed(p, inputs, seen, found)
         start_sd = p.start_speed_sd * jnp.where(inputs.stood, 0.0, 1.0)
         walked = waist_distance.by_integration(p, inputs, found, speed, held, start_sd)
-    return stated(inputs, found, walked)
+    return stated(inputs, seen, found, walked)
 
 
-def stated(inputs: WaistInputs, found: Intervals, walked: WaistWalk) -> Estimate:
-    """The estimate that `run` returns, from the intervals between nodes and the distances over them."""
+def stated(inputs: WaistInputs, seen: TrunkMotion, found: Intervals, walked: WaistWalk) -> Estimate:
+    """The estimate that `run` returns: motion of the trunk, intervals between nodes and distances over them."""
     row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
     there = row < inputs.count
     distance, spread = _along(inputs, jnp.stack([walked.distance, walked.distance_sd], axis=1), there).T
@@ -94,6 +96,7 @@ def stated(inputs: WaistInputs, found: Intervals, walked: WaistWalk) -> Estimate
         **walked.told,
         **flags,
         "distance_stddev": spread,
+        "trunk_acceleration": jnp.stack([seen.forward, seen.left, seen.upward], axis=1),
         "initial_contact": inputs.contact,
         "initial_contact_side": inputs.side,
         "initial_contact_side_probability": inputs.likely,
