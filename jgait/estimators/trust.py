@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jgait.notes import Kind, Note
-from jgait.types import Counts, Estimate, Strides, Values, as_float
+from jgait.types import Counts, Estimate, Flags, Strides, Values, as_float
 
 LARGEST_NIS = 4.0
 """[1] NIS above which a stride is in doubt. Chosen, as `RISES_FROM`, on 1602 strides of feet and shanks."""
@@ -93,11 +93,10 @@ def nis_between(nis: Values, count: Counts, begin: Counts, end: Counts) -> Value
     return squares / jnp.maximum(many, 1.0)
 
 
-def doubtful(strides: Strides, deviations: Strides, nis: np.ndarray) -> np.ndarray:
+def doubtful(strides: Strides, deviations: Strides, nis: Values) -> Flags:
     """(n,) bool, the strides that are in doubt, from their rises [m], standard deviations and NIS (n,) [1]."""
-    rise = np.abs(as_float(strides.height)) > RISE * as_float(deviations.height)
-    unknown = as_float(deviations.length) > UNCERTAIN
-    return np.asarray((nis > LARGEST_NIS) | (rise & (nis > RISES_FROM)) | unknown)
+    rises = strides.height**2 > (RISE * deviations.height) ** 2
+    return (nis > LARGEST_NIS) | (rises & (nis > RISES_FROM)) | (deviations.length > UNCERTAIN)
 
 
 def judged(result: Estimate, placements: dict[int, str], limit: float, nis: dict[int, float]) -> Estimate:

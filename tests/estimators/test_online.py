@@ -185,6 +185,24 @@ def test_strides_of_shanks_are_those_of_the_whole_walk(walked):
     assert news[-1].distance["shanks"] == pytest.approx(float(truth.estimate.distance[-1]), rel=0.05)
 
 
+@pytest.mark.parametrize(
+    ("estimator", "source", "worn"), [("ankle_stride", "shanks", "shank"), ("foot_ins", "feet", "foot")]
+)
+def test_strides_that_contradict_a_leg_that_stands_are_in_doubt(walked, estimator, source, worn):
+    live = jgait.online(walked[0], PERSON, estimator)
+    time, signals = signals_of(walked[0], live.placements)
+    loose = time > np.median(time)
+    signals[f"{worn}_right"][1][loose, 0] += 4.0 * np.sign(np.sin(9.0 * time[loose]))  # m/s²: the sensor shakes
+    news = pushed(live, time, signals)
+    side, end, doubtful = (
+        np.concatenate([read(one.strides[source]) for one in news])
+        for read in (lambda s: s.strides.side, lambda s: s.strides.end, lambda s: s.flags["doubtful"])
+    )
+    shakes = (side == 0) & (end > time[loose][0])
+    assert shakes.sum() > 2 and doubtful[shakes].mean() > 0.6
+    assert not doubtful[side == 1].any() and not doubtful[~shakes].any()
+
+
 def live_params(p):
     return jgait.estimators.get("ankle_stride").own(p, {"height": PERSON["height"]})
 

@@ -24,8 +24,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import PyTree
 
 from jgait import filtering
+from jgait.estimators import trust
 from jgait.estimators.ankle_stride import model as ankle_model
 from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.estimator import control, model_params
@@ -206,15 +208,24 @@ def _filtered(
         dt=dt,
         mask=Vector(seen, seen, seen),
         initial=initial,
-        keep=("mean", "cov", "valid"),
+        keep=("mean", "cov", "nis", "count", "valid"),
     )
 
 
+def _summed(state: AnkleOnlineState, told: filtering.Posterior, stands: Flags) -> Values:
+    """(T, 2) sums of the normalised innovations squared and of the observed components since the last instant before
+    the samples.
+    """
+    used = stands & jnp.isfinite(told.nis)
+    rows = jnp.stack([told.nis, told.count.astype(told.nis.dtype)], axis=1)
+    return state.since[None] + jnp.cumsum(jnp.where(used[:, None], rows, 0.0), axis=0)
+
+
 def _strides(
-    p: AnkleParams, worn: Worn, event: _AnkleEvent, told: filtering.Posterior, here: Heading
+    p: AnkleParams, worn: Worn, event: _AnkleEvent, told: filtering.Posterior, here: Heading, nis: Values
 ) -> tuple[Strides, Strides, dict[str, Values]]:
     """The strides that would end at each of the filter's samples (T,), standard deviations, flags; `here` is the
-    heading at which each begins.
+    heading at which each begins, `nis` the mean normalised innovation squared since then.
     """
     way = ankle_strides.measured(told.mean.position, ankle_strides.across(told.cov))
     there = ankle_strides.heading(told.mean, told.cov)
@@ -227,19 +238,21 @@ def _strides(
     ends = event.ends & event.began & (event.lost <= LONGEST_LOSS)
     strides = ankle_strides.table(worn.side, times, duration, way.length, way.height, turn, ends)
     stddev = ankle_strides.deviations(p, strides, way, here, there, duration)
-    return strides, stddev, ankle_strides.flags(strides, half=~follows | event.half)
+    doubt = trust.doubtful(strides, stddev, nis)
+    return strides, stddev, ankle_strides.flags(strides, half=~follows | event.half, doubtful=doubt)
 
 
-def _latest(first: Heading, there: Heading, instant: Flags) -> tuple[Heading, Heading]:
-    """The heading at the last instant before each sample (T,), and the heading at the last instant of all.
+def _latest[T: PyTree](first: T, there: T, instant: Flags) -> tuple[T, T]:
+    """Values at the last instant before each sample (T,), and at the last instant of all.
 
-    `first` is the heading at the last instant before the samples, `there` the headings at them.
+    `first` holds the values at the last instant before the samples, `there` those at them.
     """
     count = instant.shape[0]
     number = lax.cummax(jnp.where(instant, jnp.arange(1, count + 1, dtype=jnp.int32), 0))
-    all_ = [jnp.concatenate([old[None], new]) for old, new in zip(first, there, strict=True)]
     before = jnp.concatenate([jnp.zeros_like(number[:1]), number[:-1]])
-    return Heading(*(values[before] for values in all_)), Heading(*(values[number[-1]] for values in all_))
+    all_ = jax.tree.map(lambda old, new: jnp.concatenate([old[None], new]), first, there)
+    before_each, last = (jax.tree.map(lambda values, at=at: values[at], all_) for at in (before, number[-1]))
+    return before_each, last
 
 
 def over(
@@ -270,14 +283,18 @@ def over(
     real = jnp.arange(samples, dtype=jnp.int32) <= newest
     after, event = scanned(partial(_decided, worn, filters), state, (gyr, acc, there), count)
     told = _filtered(p, worn, state, event, real)
-    here, last = _latest(state.heading, ankle_strides.heading(told.mean, told.cov), event.instant & real)
-    strides, stddev, flags = _strides(p, worn, event, told, here)
+    now = (ankle_strides.heading(told.mean, told.cov), _summed(state, told, event.stands & real))
+    begins, last = _latest((state.heading, jnp.zeros_like(state.since)), now, event.instant & real)
+    since = now[1] - begins[1]
+    nis = since[:, 0] / jnp.maximum(since[:, 1], 1.0)
+    strides, stddev, flags = _strides(p, worn, event, told, begins[0], nis)
     stride = strides.valid
     number = state.count + jnp.cumsum(stride, dtype=jnp.int32)
     distance = state.distance + jnp.cumsum(jnp.where(stride, strides.length, 0.0))
     after = after._replace(
         belief=told.belief(newest),
-        heading=last,
+        heading=last[0],
+        since=now[1][-1] - last[1],
         count=number[-1],
         distance=distance[-1],
     )

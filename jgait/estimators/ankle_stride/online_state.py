@@ -49,6 +49,7 @@ class AnkleOnlineState(NamedTuple):
         restart: 1 if positions count from the filter's sample, else 0.
         started: whether the leg has stood, so that the filter has started.
         heading: heading at which the stride begins.
+        since: (2,) normalised innovations squared since the stride began, summed, and their number.
         landed: end of the last stride's swing [s]; −∞ before the first stride.
         lost: time without samples since the stride began [s].
         count: number of strides so far.
@@ -70,6 +71,7 @@ class AnkleOnlineState(NamedTuple):
     restart: Flags
     started: Flags
     heading: Heading
+    since: Values
     landed: Flags
     lost: Values
     count: Counts
@@ -83,7 +85,7 @@ class Now(NamedTuple):
         stride: bool, a stride has become known; `strides`, `stddev` and `flags` have a meaning only if True.
         strides: the stride, its fields scalars; times count from the first sample [s].
         stddev: standard deviations of the stride.
-        flags: the flags of `ankle_stride.readout.FLAGS`, without "clipped".
+        flags: the flags of `ankle_stride.readout.FLAGS` without "clipped", and "doubtful", see `trust.doubtful`.
         count: number of strides so far.
         distance: sum of their lengths [m].
         stands: bool, the person stands still.
@@ -143,6 +145,7 @@ def begin(p: AnkleParams, worn: Worn, gyr: Values, acc: Values) -> AnkleOnlineSt
         restart=zero,
         started=no,
         heading=Heading(zero, zero),
+        since=jnp.zeros_like(x[:2]),
         landed=zero - jnp.inf,
         lost=zero,
         count=none,

@@ -26,6 +26,7 @@ from jax import lax
 from jaxtyping import PyTree
 
 from jgait import filtering
+from jgait.estimators import trust
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins.estimator import controls, model_params
 from jgait.estimators.foot_ins.model import FootObservation
@@ -264,8 +265,8 @@ def _strides(
     since: Values,
     turn: Values,
     yaw: Values,
-) -> tuple[Strides, Strides]:
-    """The strides that would end at each of the filter's samples (T,), and their standard deviations.
+) -> tuple[Strides, Strides, Flags]:
+    """The strides that would end at each of the filter's samples (T,), standard deviations, and which are in doubt.
 
     `turn` is the change of the heading since the last foothold [rad], `yaw` that of its variance [rad²].
     """
@@ -296,7 +297,7 @@ def _strides(
         valid=valid, speed=root((spread / duration) ** 2 + (length / duration**2 * TIMING) ** 2),
         turn=root(jnp.abs(yaw)),
     )  # fmt: skip
-    return strides, stddev
+    return strides, stddev, trust.doubtful(strides, stddev, nis) & valid
 
 
 def over(
@@ -334,7 +335,7 @@ def over(
     at = lax.cummax(jnp.where(foothold, jnp.arange(1, samples + 1, dtype=jnp.int32), 0))
     all_ = jnp.concatenate([state.heading[None], headings])
     change = headings - all_[jnp.concatenate([jnp.zeros_like(at[:1]), at[:-1]])]
-    strides, stddev = _strides(p, worn, event, told, before, wrapped(change[:, 0]), change[:, 1])
+    strides, stddev, doubtful = _strides(p, worn, event, told, before, wrapped(change[:, 0]), change[:, 1])
     stride = strides.valid & real
     number = state.count + jnp.cumsum(stride, dtype=jnp.int32)
     distance = state.distance + jnp.cumsum(jnp.where(stride, strides.length, 0.0))
@@ -347,6 +348,6 @@ def over(
     )
     position, velocity = (jnp.stack(list(v), axis=1) for v in (told.mean.position, told.mean.velocity))
     return after, FootNow(
-        stride, strides, stddev, number, distance, event.stands, foothold, event.began | event.stands, position,
-        velocity, as_array(q), told.valid,
+        stride, strides, stddev, {"doubtful": doubtful}, number, distance, event.stands, foothold,
+        event.began | event.stands, position, velocity, as_array(q), told.valid,
     )  # fmt: skip

@@ -96,9 +96,10 @@ class FootNow(NamedTuple):
     """Results after a sample; those of the filter are `lag` samples behind.
 
     Attributes:
-        stride: bool, a stride has become known; `strides` and `stddev` have a meaning only if True.
+        stride: bool, a stride has become known; `strides`, `stddev` and `flags` have a meaning only if True.
         strides: the stride, its fields scalars; times count from the first sample [s].
         stddev: standard deviations of the stride.
+        flags: "doubtful", see `trust.doubtful`.
         count: number of strides so far.
         distance: sum of their lengths [m].
         stands: bool, zero velocity was observed.
@@ -113,6 +114,7 @@ class FootNow(NamedTuple):
     stride: Flags
     strides: Strides
     stddev: Strides
+    flags: dict[str, Values]
     count: Counts
     distance: Values
     stands: Flags

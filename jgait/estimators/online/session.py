@@ -192,7 +192,7 @@ def _strides(now: Results, offset: float) -> NewStrides:
 
     strides, stddev = (rows(now.field(name, samples)) for name in ("strides", "stddev"))
     moved = {name: getattr(strides, name) + offset for name in _TIMES if getattr(strides, name) is not None}
-    flags = rows(now.field("flags", samples)) if "flags" in now else {}
+    flags = rows(now.field("flags", samples))
     return NewStrides(strides._replace(**moved), stddev, flags)
 
 
