@@ -1,5 +1,7 @@
 """Both sides of a person as one: their records with a first axis of sides, and the distance along their strides."""
 
+import math
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import PyTree
@@ -28,6 +30,17 @@ def stacked[Record](*records: Record) -> Record:
 def picked(index: Counts, *values: Values) -> tuple[Values, ...]:
     """The samples `index` (n,) of each of some signals (T,), by one function."""
     return tuple(jnp.stack(values, axis=1)[index].T)
+
+
+def of_turns(length: Values, turn: Values) -> tuple[Values, Values]:
+    """Way of the person over strides that turn, and its standard deviation [m].
+
+    Length (n,) is the chord from foothold to foothold [m], turn (n,) that of the foot [rad]. On a curve the person
+    walks the arc; who turns on the spot walks the chord or less. The way is the mean of both, its deviation that of a
+    uniform distribution between them.
+    """
+    arc = length / jnp.sinc(jnp.clip(turn / (2.0 * jnp.pi), -0.5, 0.5))
+    return 0.5 * (length + arc), (arc - length) / math.sqrt(12.0)
 
 
 def along(time: Values, start: Values, end: Values, real: Flags, lengths: Values) -> Values:

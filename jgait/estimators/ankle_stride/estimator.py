@@ -27,7 +27,7 @@ from jgait.estimators.ankle_stride.prepare import prepare
 from jgait.estimators.ankle_stride.readout import FLAGS
 from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootModelParams
 from jgait.estimators.interface import Estimator, Prepared
-from jgait.estimators.sides import along, stacked
+from jgait.estimators.sides import along, of_turns, stacked
 from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion, rotated
 from jgait.geometry.vectors import Vector, cross, dot, root, subtract, vector
@@ -181,8 +181,8 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) ->
     }
     distance = jnp.mean(ways[..., 0], axis=0)
     if deviations is not None:
-        each = jnp.sum(ways[..., 1], axis=0) / len(worn) ** 2
-        diagnostics["distance_stddev"] = root(each + (p.distance_noise * distance) ** 2)
+        each, turned = jnp.sum(ways[..., 1], axis=0) / len(worn) ** 2, jnp.mean(ways[..., 2], axis=0)
+        diagnostics["distance_stddev"] = root(each + turned**2 + (p.distance_noise * distance) ** 2)
     return Estimate(
         inputs.time, Legs(None, None), None, distance, jnp.any(there, axis=0),
         {**diagnostics, **flags}, strides, strides_stddev=deviations,
@@ -190,11 +190,14 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) ->
 
 
 def _walked(time: Values, *found: PyTree) -> tuple[tuple[PyTree, ...], Values]:
-    """What `_of_leg` found, and the distance along the strides (T, 1) [m], or with its variance (T, 2); they grow
-    evenly over the swing of each stride.
+    """What `_of_leg` found, and the distance along the strides (T, 1) [m], or with its variance and the deviation by
+    turns (T, 3); they grow evenly over the swing of each stride.
     """
     strides, deviations, *_ = found
-    added = [strides.length] if deviations is None else [strides.length, deviations.length**2]
+    added = [strides.length]
+    if deviations is not None:
+        way, turned = of_turns(strides.length, strides.turn)
+        added = [way, deviations.length**2, turned]
     lengths = jnp.where(strides.valid[:, None], jnp.stack(added, axis=1), 0.0)
     real = strides.final_contact < strides.end
     return found, along(time, strides.final_contact, strides.end, real, lengths)

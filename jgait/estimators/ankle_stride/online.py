@@ -47,6 +47,7 @@ from jgait.estimators.ankle_stride.readout import Heading
 from jgait.estimators.ankle_stride.worn import ONLINE, Worn, worn
 from jgait.estimators.losses import held_bridge
 from jgait.estimators.notes import LONGEST_LOSS
+from jgait.estimators.sides import of_turns
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.events import shank_stance_online as shank_valley
@@ -290,7 +291,7 @@ def over(
     strides, stddev, flags = _strides(p, worn, event, told, begins[0], nis)
     stride = strides.valid
     number = state.count + jnp.cumsum(stride, dtype=jnp.int32)
-    distance = state.distance + jnp.cumsum(jnp.where(stride, strides.length, 0.0))
+    distance = state.distance + jnp.cumsum(jnp.where(stride, of_turns(strides.length, strides.turn)[0], 0.0))
     after = after._replace(
         belief=told.belief(newest),
         heading=last[0],

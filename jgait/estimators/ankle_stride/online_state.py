@@ -53,7 +53,7 @@ class AnkleOnlineState(NamedTuple):
         landed: end of the last stride's swing [s]; −∞ before the first stride.
         lost: time without samples since the stride began [s].
         count: number of strides so far.
-        distance: sum of their lengths [m].
+        distance: way along them [m], see `sides.of_turns`.
     """
 
     index: Counts
@@ -87,7 +87,7 @@ class Now(NamedTuple):
         stddev: standard deviations of the stride.
         flags: the flags of `ankle_stride.readout.FLAGS` without "clipped", and "doubtful", see `trust.doubtful`.
         count: number of strides so far.
-        distance: sum of their lengths [m].
+        distance: way along them [m], see `sides.of_turns`.
         stands: bool, the person stands still.
         valid: False if the filter's update failed numerically and the filter kept its prediction.
     """

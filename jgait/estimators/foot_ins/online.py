@@ -47,6 +47,7 @@ from jgait.estimators.foot_ins.readout import SHORTEST, TIMING, stated
 from jgait.estimators.foot_ins.worn import FootWorn, worn
 from jgait.estimators.losses import held_bridge
 from jgait.estimators.notes import LONGEST_LOSS
+from jgait.estimators.sides import of_turns
 from jgait.events import foot as events
 from jgait.events.shank_stance import PAUSE_S
 from jgait.filtering.padding import scanned
@@ -338,7 +339,7 @@ def over(
     strides, stddev, doubtful = _strides(p, worn, event, told, before, wrapped(change[:, 0]), change[:, 1])
     stride = strides.valid & real
     number = state.count + jnp.cumsum(stride, dtype=jnp.int32)
-    distance = state.distance + jnp.cumsum(jnp.where(stride, strides.length, 0.0))
+    distance = state.distance + jnp.cumsum(jnp.where(stride, of_turns(strides.length, strides.turn)[0], 0.0))
     after = after._replace(
         belief=told.belief(newest),
         heading=all_[at[-1]],

@@ -72,7 +72,7 @@ class FootOnlineState(NamedTuple):
             number of observations.
         landed: initial contact of the last stride [s]; −∞ before the first.
         count: number of strides so far.
-        distance: sum of their lengths [m].
+        distance: way along them [m], see `sides.of_turns`.
     """
 
     index: Counts
@@ -101,7 +101,7 @@ class FootNow(NamedTuple):
         stddev: standard deviations of the stride.
         flags: "doubtful", see `trust.doubtful`.
         count: number of strides so far.
-        distance: sum of their lengths [m].
+        distance: way along them [m], see `sides.of_turns`.
         stands: bool, zero velocity was observed.
         foothold: bool, positions count from this sample on.
         started: bool, the filter runs.

@@ -8,7 +8,7 @@ from jaxtyping import PyTree
 from jgait.estimators.foot_ins.inputs import FootSignals
 from jgait.estimators.foot_ins.model import FootState
 from jgait.estimators.foot_ins.params import FootParams
-from jgait.estimators.sides import along, picked
+from jgait.estimators.sides import along, of_turns, picked
 from jgait.estimators.trust import nis_between
 from jgait.filtering import Covariance, Inferred
 from jgait.geometry.rotation import Quaternion, conjugate, rotated
@@ -97,7 +97,7 @@ def path_of(p: FootParams, foot: FootSignals, time: Values, found: Inferred, sid
 
 
 def walked(strides: Strides, rows: PyTree, time: Values) -> Values:
-    """Distance along the footholds of a foot (T,) [m]; it increases linearly over the swing of each stride.
+    """Distance along the footholds of a foot (T,) [m], in turns by `of_turns`; it grows evenly over each swing.
 
     `rows` is the number of strides that are not padding.
     """
@@ -105,7 +105,7 @@ def walked(strides: Strides, rows: PyTree, time: Values) -> Values:
         return jnp.zeros_like(time)
     real = jnp.arange(strides.length.shape[0], dtype=jnp.int32) < rows
     end = jnp.maximum(strides.end, strides.final_contact + 1e-6)
-    lengths = jnp.where(strides.valid, strides.length, 0.0)
+    lengths = jnp.where(strides.valid, of_turns(strides.length, strides.turn)[0], 0.0)
     return along(time, strides.final_contact, end, real, lengths[:, None])[:, 0]
 
 
