@@ -6,7 +6,7 @@ import pytest
 
 from jgait import simulate
 from jgait.estimators import leg_ekf
-from jgait.estimators.leg_ekf.prepare import lost_time
+from jgait.estimators.leg_ekf.prepare import common_clock, lost_time
 from jgait.simulate.sensors import OPAL
 from jgait.types import Imu, RecordingError
 
@@ -66,6 +66,11 @@ def test_a_rate_that_is_too_low_is_refused(walk):
     slow = {p: Imu(*(part[::4] for part in imu)) for p, imu in walk.sensors.items()}
     with pytest.raises(RecordingError, match="needs 40 Hz or more; the recording has 25 Hz"):
         estimate(walk._replace(sensors=slow, sampling_rate_hz=25.0))
+
+
+def test_a_clock_a_little_slower_than_the_least_rate_is_taken(walk):
+    sensors = {p: imu._replace(time=np.arange(len(imu.time)) * 0.02505) for p, imu in walk.sensors.items()}
+    assert common_clock(walk._replace(sensors=sensors, sampling_rate_hz=39.92), ("right",))[1].size
 
 
 def test_half_the_rate_and_single_lost_samples_bend_no_knee(walk, whole):
