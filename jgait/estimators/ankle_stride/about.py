@@ -6,6 +6,7 @@ from jaxtyping import PyTree
 from jgait.estimators.about import About, BodyMeasure, CommandOption, EstimateTable, MissingMeasure, TotalColumn
 from jgait.estimators.ankle_stride.params import DEFAULT, AnkleParams
 from jgait.estimators.ankle_stride.sensor_axes import axes_of, worn_otherwise
+from jgait.estimators.sides import of_turns
 from jgait.estimators.stride_flags import CLIPPED, DOUBTFUL, HALF, STAIRS, TURNING
 from jgait.estimators.totals import DISTANCE, HEIGHT, LEG_STRIDES, MEDIANS, WAY, has_strides, median
 from jgait.types import SIDES, Estimate, as_float
@@ -21,6 +22,7 @@ def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
     strides, rows = estimate.strides, []
     side, half = np.asarray(strides.side), np.asarray(estimate.diagnostics["half"], bool)
     lasts = as_float(strides.end) - as_float(strides.start)
+    way = as_float(of_turns(strides.length, strides.turn)[0])
     for number, name in enumerate(SIDES):
         if f"instants_{name}" not in estimate.diagnostics:
             continue
@@ -30,7 +32,7 @@ def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
         rows.append({
             "side": name,
             "strides": int(of_leg.sum()),
-            "distance_m": float(as_float(strides.length)[of_leg].sum()),
+            "distance_m": float(way[of_leg].sum()),
             "stride_length_m": median(strides.length, whole),
             "stride_duration_s": median(lasts, whole),
             "walking_speed_mps": median(strides.speed, whole),
