@@ -86,7 +86,7 @@ class FootOptions(NamedTuple):
     Attributes:
         smooth: Rauch–Tung–Striebel smoothing (offline).
         level: True: the filter assumes level ground; False: it assumes nothing about the ground; "auto": as False, but
-            if strides rise by less than 1.5 cm on average and 8 cm each, as errors do on level ground, all footholds
+            if strides rise by less than 3 cm on average and 8 cm each, as errors do on level ground, all footholds
             of the trajectory get one height. Strides keep their measured heights.
         detector: "adaptive": a threshold that adapts to each stride, see `jgait.events.foot`; or the name of a detector
             of `jgait.events.zero_velocity`, with its default threshold and the footholds of the adaptive detector.

@@ -55,8 +55,14 @@ class Path(NamedTuple):
     nis: Values
 
 
-FLAT_RISE, FLAT_STEP = 0.015, 0.08
-"""[m] Ground counts as level if strides rise by less than `FLAT_RISE` on average and `FLAT_STEP` each."""
+FLAT_RISE, FLAT_STEP = 0.03, 0.08
+"""[m] Ground counts as level if strides rise by less than `FLAT_RISE` on average and `FLAT_STEP` each.
+
+A standing foot that rolls moves its sensor up or down by the distance from the sensor to the point below which it
+rolls: 5 cm forward change the rise of every stride by 2 cm. So strides rise by an error that is the same in a whole
+walk. In the level corridor of `ipol_gait` it is 1.2 cm (median of 72 feet of 12 people), below `FLAT_RISE` in 97 % of
+them. No other set was used for the choice.
+"""
 
 
 def path_of(p: FootParams, foot: FootSignals, time: Values, found: Inferred, side: int = 0, *, flatten: bool) -> Path:
