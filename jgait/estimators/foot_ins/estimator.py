@@ -9,6 +9,7 @@ from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.estimators import noise, trust
+from jgait.estimators.foot_ins import headings
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins import readout as foot_strides
 from jgait.estimators.foot_ins import windows as foot_windows
@@ -211,10 +212,10 @@ def estimate(p: FootParams, recording: Recording, options: FootOptions = DEFAULT
 
 
 def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
-    """The estimate with the footholds of each foot, and with doubts about strides and feet."""
+    """The estimate with footholds, without a drift between the headings of two feet, and with doubts."""
     feet = zip(SIDES, (made.inputs.right, made.inputs.left), strict=True)
     footholds = {f"footholds_{side}": foot.foothold[: int(foot.count)] for side, foot in feet if foot is not None}
-    result = result._replace(diagnostics={**result.diagnostics, **footholds})
+    result = headings.together(result._replace(diagnostics={**result.diagnostics, **footholds}))
     if made.options.soft:  # its noise is tuned, and limits for it are not known
         return result
     worn = {side: f"foot_{name}" for side, name in enumerate(SIDES) if made.inputs[side + 1] is not None}

@@ -139,18 +139,18 @@ def _together(results: list[PyTree], parts: list[Window]) -> Joined:
         turn, shift, known, unsure = 0.0, np.zeros(3), 0.0, 0.0
         if join is not None:
             turn = _turn_between(join.orientation, orientation[here])
-            shift = join.position - _turned(position[here], turn)
+            shift = join.position - turned(position[here], turn)
             known, unsure = of_heading[here], join.unsure
         own = slice(here, end)
         spread = np.array(path.stddev.orientation[own])
         spread[:, 2] = np.sqrt(np.maximum(of_heading[own] - known, 0.0) + unsure**2)
         pieces.append([
-            _turned(position[own], turn) + shift, _turned(velocity[own], turn), _yawed(orientation[own], turn),
+            turned(position[own], turn) + shift, turned(velocity[own], turn), yawed(orientation[own], turn),
             path.stddev.position[own], path.stddev.velocity[own], spread,
         ])  # fmt: skip
         last = min(end, len(position) - 1)
         angle = float(np.sqrt(max(of_heading[last] - known, 0.0) + unsure**2))
-        join = _Pose(_turned(position[last], turn) + shift, _yawed(orientation[last], turn), angle)
+        join = _Pose(turned(position[last], turn) + shift, yawed(orientation[last], turn), angle)
         low = window.join - window.holds[0]
         high = len(window.holds) - 1 if number + 1 == len(parts) else parts[number + 1].join - window.holds[0]
         tables.append(jax.tree.map(lambda v, a=low, b=high: v[a:b], path.strides))
@@ -174,12 +174,14 @@ def _turn_between(wanted: np.ndarray, q: np.ndarray) -> float:
     return float(2.0 * np.arctan2(z, w))
 
 
-def _turned(v: np.ndarray, angle: float) -> np.ndarray:
+def turned(v: np.ndarray, angle: float | np.ndarray) -> np.ndarray:
+    """Vectors (…, 2 or 3) turned about the vertical, by one angle or one each [rad]."""
     c, s = np.cos(angle), np.sin(angle)
-    return np.stack([c * v[..., 0] - s * v[..., 1], s * v[..., 0] + c * v[..., 1], v[..., 2]], axis=-1)
+    return np.stack([c * v[..., 0] - s * v[..., 1], s * v[..., 0] + c * v[..., 1], *np.moveaxis(v, -1, 0)[2:]], axis=-1)
 
 
-def _yawed(q: np.ndarray, angle: float) -> np.ndarray:
+def yawed(q: np.ndarray, angle: float | np.ndarray) -> np.ndarray:
+    """Attitudes (…, 4) turned about the vertical, by one angle or one each [rad]."""
     c, s = np.cos(0.5 * angle), np.sin(0.5 * angle)
     w, x, y, z = np.moveaxis(q, -1, 0)
     return np.stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w], axis=-1)

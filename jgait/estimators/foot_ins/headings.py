@@ -1,0 +1,164 @@
+r"""Headings of two feet of one person: both feet go the same way, so that their headings must not drift apart.
+
+A foot by itself does not observe its heading. The errors of its gyroscope turn its way at a nearly constant rate b,
+1 to 3 mrad/s: from the bias, which is measured in seconds of standing, and from errors of scale and axes while the foot
+moves. Two feet of one person show the difference of their rates. With prior deviations $\sigma_r$, $\sigma_l$, the
+rates are
+
+    b_r = σ_r² / (σ_r² + σ_l²) δ,    b_l = −σ_l² / (σ_r² + σ_l²) δ,    δ = b_r − b_l.
+
+δ comes from least squares: the way of the left foot, turned by δ t, by a constant angle and shifted, is that of the
+right foot, but for the width between them and an error of `APART` at each foothold. What both feet have in common stays
+unknown.
+
+Source: this library. Two feet of one person as a bound on drift: J.-O. Nilsson, D. Zachariah, I. Skog, P. Händel,
+"Cooperative localization by dual foot-mounted inertial sensors", EURASIP J. Adv. Signal Process. 2013:164, with the
+distance between the feet; here only the rate of the heading is estimated.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from jgait.estimators.foot_ins.windows import turned, yawed
+from jgait.types import SIDES, Estimate, Feet, FootTrajectory
+
+DRIFT = 1.2e-3
+"""[rad/s] Standard deviation of b beside the filter's; the likeliest for 20 walks of `pyshoe_vicon`, `footprints` and
+`neura_sparse` (running, fast walking and creeping left out)."""
+
+APART = 0.2
+"""[m] By how much a foothold is off the way of the other foot, width excepted; errors of neighbours are alike."""
+
+WIDTH = 0.2
+"""[m] Standard deviation of the width between the feet."""
+
+LEAST = 6
+"""Fewest footholds of a foot."""
+
+ITERATIONS = 4
+"""Gauss–Newton steps; the angle δ t is small."""
+
+ALLOWED = 3.0
+"""[1] Deviations by which δ may differ from 0; beyond, a foot's way is wrong in another manner, and nothing is done."""
+
+UNKNOWN = 0.3
+"""[rad] Largest stated deviation of a heading at the end; beyond, one rate for the whole recording is not enough."""
+
+
+class Rates(NamedTuple):
+    """Rates of the errors of both headings [rad/s], and the variance of their difference over its prior variance."""
+
+    right: float
+    left: float
+    remaining: float
+
+
+def rates(
+    time: np.ndarray, ways: Sequence[np.ndarray], steps: Sequence[np.ndarray], sd: Sequence[float]
+) -> Rates | None:
+    """The rates of the errors of both headings; None if a foot has fewer than `LEAST` footholds while the other one
+    walks, or if the ways contradict each other.
+
+    Args:
+        time: (T,) [s].
+        ways: (T, 2) horizontal position of the right and of the left foot [m], each in a frame of its own.
+        steps: samples of the footholds of each, in order.
+        sd: prior standard deviations of both rates [rad/s].
+    """
+    since, until = (pick(steps[0][end], steps[1][end]) for pick, end in ((max, 0), (min, -1)))
+    at = np.unique(np.concatenate(steps))
+    at = at[(at >= since) & (at <= until)]
+    if min(np.sum((own >= since) & (own <= until)) for own in steps) < LEAST:
+        return None
+    t = time[at] - time[at[0]]
+    right, left = (
+        np.stack([np.interp(time[at], time[own], way[own, k]) for k in (0, 1)], axis=1)
+        for own, way in zip(steps, ways, strict=True)
+    )
+    ahead = np.gradient(right, axis=0)
+    ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 0.1)
+    beside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+    prior = sd[0] ** 2 + sd[1] ** 2
+    unknown, weight = np.zeros(2), np.diag([1.0 / prior, 1.0, 0.0, 0.0, 1.0 / WIDTH**2])
+    # the constant angle first, in closed form: it may be any; the steps after it are damped by 1 rad
+    centred = [way - way.mean(axis=0) for way in (right, left)]
+    unknown[1] = np.angle(np.sum((centred[0] @ (1.0, 1.0j)) * np.conj(centred[1] @ (1.0, 1.0j))))
+    for _ in range(ITERATIONS):
+        here = turned_way(left, unknown[0] * t + unknown[1])
+        slope = turned_way(left, unknown[0] * t + unknown[1] + 0.5 * np.pi)
+        later = np.concatenate(
+            [np.zeros((1, 2)), np.cumsum(0.5 * (t[1:] + t[:-1])[:, None] * np.diff(slope, axis=0), 0)]
+        )
+        ones = np.ones_like(t)
+        columns = np.stack([
+            later.T.ravel(), (slope - slope[0]).T.ravel(), np.concatenate([ones, 0.0 * t]),
+            np.concatenate([0.0 * t, ones]), -beside.T.ravel(),
+        ], axis=1)  # fmt: skip
+        information = columns.T @ columns / APART**2 + weight
+        right_side = columns.T @ (right - here).T.ravel() / APART**2
+        right_side[0] -= unknown[0] / prior
+        step = np.linalg.solve(information, right_side)
+        unknown = unknown + step[:2]
+    remaining = float(np.linalg.inv(information)[0, 0]) / prior
+    if abs(unknown[0]) > ALLOWED * np.sqrt(prior):
+        return None
+    share = sd[0] ** 2 / prior
+    return Rates(share * unknown[0], (share - 1.0) * unknown[0], remaining)
+
+
+def turned_way(way: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """A way (T, 2 or 3) from its start, each part of it turned about the vertical by an angle (T,) [rad]."""
+    parts = turned(np.diff(way, axis=0), 0.5 * (angle[1:] + angle[:-1]))
+    return np.concatenate([np.zeros_like(parts[:1]), np.cumsum(parts, axis=0)])
+
+
+def together(result: Estimate) -> Estimate:
+    """The estimate of two feet whose headings do not drift apart; lengths and heights stay as they are.
+
+    Ways, velocities, attitudes and turns change by the rates of `rates`, and so do deviations of the headings.
+    """
+    feet, spread = _both(result.feet), _both(result.feet_stddev)
+    strides = result.strides
+    if feet is None or spread is None or strides is None:
+        return result
+    time = np.asarray(result.time, np.float64)
+    steps = [np.asarray(result.diagnostics[f"footholds_{side}"]) for side in SIDES]
+    if min(len(own) for own in steps) < LEAST:
+        return result
+    ends = [float(foot.orientation[own[-1], 2]) for foot, own in zip(spread, steps, strict=True)]
+    if not max(ends) <= UNKNOWN or not all(np.isfinite(foot.position).all() for foot in feet):
+        return result
+    sd = [np.hypot(end / (time[own[-1]] - time[own[0]]), DRIFT) for end, own in zip(ends, steps, strict=True)]
+    found = rates(time, [np.asarray(foot.position)[:, :2] for foot in feet], steps, sd)
+    if found is None:
+        return result
+    moved, known, turn = [], [], np.array(strides.turn, np.float64)
+    for side, (foot, deviation, own) in enumerate(zip(feet, spread, steps, strict=True)):
+        since = np.maximum(time - time[own[0]], 0.0)
+        moved.append(_without(foot, found[side] * since))
+        less = 1.0 - sd[side] ** 2 / (sd[0] ** 2 + sd[1] ** 2) * (1.0 - found.remaining)
+        known.append(deviation._replace(orientation=deviation.orientation * [1.0, 1.0, np.sqrt(less)]))
+        rows = np.asarray(strides.side) == side
+        turn[rows] -= (found[side] * (np.asarray(strides.standing_end) - np.asarray(strides.standing)))[rows]
+    changed = (Feet(*moved), Feet(*known), strides._replace(turn=turn))
+    old = (result.feet, result.feet_stddev, strides)
+    feet_now, spread_now, strides_now = jax.tree.map(lambda new, was: np.asarray(new, was.dtype), changed, old)
+    return result._replace(feet=feet_now, feet_stddev=spread_now, strides=strides_now)
+
+
+def _both(feet: Feet | None) -> list[FootTrajectory] | None:
+    """Right and left, as NumPy arrays in double precision; None if one is absent."""
+    if feet is None or feet.right is None or feet.left is None:
+        return None
+    return [FootTrajectory(*(np.asarray(part, np.float64) for part in foot)) for foot in (feet.right, feet.left)]
+
+
+def _without(foot: FootTrajectory, angle: np.ndarray) -> FootTrajectory:
+    """A trajectory from its start, turned back by an angle (T,) [rad]."""
+    position, velocity, orientation = (np.asarray(part) for part in foot)
+    return FootTrajectory(
+        position[:1] + turned_way(position, -angle), turned(velocity, -angle), yawed(orientation, -angle)
+    )

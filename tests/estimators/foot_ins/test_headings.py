@@ -1,0 +1,122 @@
+"""Headings of two feet that must not drift apart."""
+
+import numpy as np
+import pytest
+
+from jgait import datasets
+from jgait.estimators import foot_ins
+from jgait.estimators.foot_ins import FootParams, headings
+from jgait.types import Recording
+
+STRIDES, HZ = 24, 50.0
+
+
+def walked(drifts=(0.0, 0.0), angle=0.0, width=0.15, turn_at=STRIDES // 2, noise=0.0):
+    """Times, ways and footholds of feet that go out and back; a foot's heading drifts by `drifts` [rad/s]."""
+    time = np.arange(int(HZ * 1.1 * (STRIDES + 1))) / HZ
+    rng = np.random.default_rng(3)
+    ways, steps = [], []
+    for side, drift in enumerate(drifts):
+        at = ((np.arange(STRIDES) + 0.5 * side) * 1.1 * HZ).astype(int)
+        along = np.where(np.arange(STRIDES) < turn_at, np.arange(STRIDES), 2 * turn_at - np.arange(STRIDES))
+        outward = np.where(np.arange(STRIDES) < turn_at, 1.0, -1.0)
+        place = np.stack([1.3 * (along + 0.5 * side * outward), 0.5 * width * (2 * side - 1) * outward], axis=1)
+        place += noise * rng.standard_normal(place.shape)
+        way = np.stack([np.interp(time, time[at], column) for column in place.T], axis=1)
+        ways.append(headings.turned_way(way, drift * (time - time[at[0]]) + angle * side))
+        steps.append(at)
+    return time, ways, steps
+
+
+@pytest.mark.parametrize("angle", [0.0, 2.5])
+def test_the_difference_of_the_rates_is_found_and_divided_by_the_variances(angle):
+    time, ways, steps = walked((-3e-3, 2e-3), angle, noise=0.02)
+    found = headings.rates(time, ways, steps, (4e-3, 2e-3))
+    assert found.right - found.left == pytest.approx(-5e-3, abs=5e-4)
+    assert found.right == pytest.approx(0.8 * (found.right - found.left))
+    assert found.remaining < 0.2
+
+
+def test_feet_that_go_together_stay_as_they_are():
+    time, ways, steps = walked()
+    found = headings.rates(time, ways, steps, (2e-3, 2e-3))
+    assert abs(found.right - found.left) < 3e-4
+
+
+def test_a_common_drift_is_not_seen():
+    time, ways, steps = walked((4e-3, 4e-3))
+    found = headings.rates(time, ways, steps, (3e-3, 3e-3))
+    assert abs(found.right - found.left) < 4e-4
+
+
+def test_a_straight_walk_of_few_strides_says_little_and_changes_little():
+    time, ways, steps = walked((-3e-3, 2e-3), turn_at=STRIDES)
+    short = [own[:7] for own in steps]
+    found = headings.rates(time, ways, short, (2e-3, 2e-3))
+    assert found.remaining > 0.8
+    assert abs(found.right) < 1e-3
+
+
+def test_feet_that_never_leave_the_place_change_nothing():
+    time, ways, steps = walked()
+    found = headings.rates(time, [0.0 * way for way in ways], steps, (2e-3, 2e-3))
+    assert found.right == found.left == 0.0
+    assert found.remaining == pytest.approx(1.0)
+
+
+def test_ways_that_contradict_each_other_are_left_alone():
+    time, ways, steps = walked((0.0, 0.04))
+    assert headings.rates(time, ways, steps, (2e-3, 2e-3)) is None
+
+
+def test_too_few_footholds():
+    time, ways, steps = walked()
+    assert headings.rates(time, ways, [steps[0][:5], steps[1]], (2e-3, 2e-3)) is None
+
+
+@pytest.fixture(scope="module")
+def real():
+    if not datasets.available("gaitmap_example"):
+        pytest.skip(datasets.unavailable_reason("gaitmap_example"))
+    recording = datasets.load("gaitmap_example", ["imu_sample"])[0].recording
+    alone = {
+        side: foot_ins.estimate(
+            FootParams(), Recording({f"foot_{side}": recording.sensors[f"foot_{side}"]}, recording.sampling_rate_hz)
+        )
+        for side in ("right", "left")
+    }
+    return foot_ins.estimate(FootParams(), recording), alone
+
+
+def test_of_a_real_walk_headings_and_turns_change_and_lengths_do_not(real):
+    both, alone = real
+    for side, number in (("right", 0), ("left", 1)):
+        rows, own = both.strides.side == number, alone[side]
+        np.testing.assert_allclose(both.strides.length[rows], own.strides.length, atol=1e-9)
+        before, after = (getattr(e.feet, side).position for e in (own, both))
+        np.testing.assert_allclose(after[:, 2], before[:, 2], atol=1e-9)
+        lengths = [np.linalg.norm(np.diff(way, axis=0), axis=1) for way in (before, after)]
+        np.testing.assert_allclose(*lengths, atol=1e-9)
+        turned = both.strides.turn[rows] - own.strides.turn
+        duration = own.strides.standing_end - own.strides.standing
+        np.testing.assert_allclose(turned / duration, turned[0] / duration[0], atol=1e-9)
+        assert 5e-4 < abs(turned[0] / duration[0]) < 5e-3
+        known, unknown = (getattr(e.feet_stddev, side).orientation[-1, 2] for e in (both, own))
+        assert 0.5 * unknown < known < 0.9 * unknown
+
+
+def test_velocities_and_attitudes_of_a_real_walk_follow_its_way(real):
+    both, alone = real
+    hz = 204.8
+    for side in ("right", "left"):
+        own, foot = getattr(alone[side].feet, side), getattr(both.feet, side)
+        gaps = [np.abs(hz * np.diff(f.position[:, :2], axis=0) - f.velocity[1:, :2]) for f in (own, foot)]
+        assert gaps[1].mean() < 1.01 * gaps[0].mean() + 1e-3
+        w, _, _, z = np.moveaxis(foot.orientation, -1, 0)
+        w0, _, _, z0 = np.moveaxis(own.orientation, -1, 0)
+        np.testing.assert_allclose(np.linalg.norm(foot.orientation, axis=1), 1.0, atol=1e-9)
+        turned = np.unwrap(2.0 * (np.arctan2(z, w) - np.arctan2(z0, w0)))
+        way = [np.unwrap(np.arctan2(f.velocity[:, 1], f.velocity[:, 0]) % (2 * np.pi)) for f in (own, foot)]
+        fast = np.linalg.norm(own.velocity[:, :2], axis=1) > 1.0
+        change = (way[1] - way[0] + np.pi) % (2 * np.pi) - np.pi
+        np.testing.assert_allclose(change[fast], turned[fast], atol=1e-6)
