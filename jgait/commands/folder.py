@@ -89,9 +89,6 @@ class ResultsFolder:
 
         Args:
             files: in `stage`.
-
-        Returns:
-            The files in the folder, in the same order.
         """
         new = {file.name: self._planned.get(file.name, "") for file in files}
         self._check(new)

@@ -33,9 +33,6 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     the bout's part of the combined distance, so that the bouts add up to it.
     `sources`: `quantity unit source value std n_strides`, each quantity as each source measures it, and combined.
     `samples`: columns of `to_dataframe`, where anything is estimated for every sample.
-
-    Returns:
-        Name of the table → the table, in metres and degrees.
     """
     import pandas as pd
 

@@ -38,9 +38,6 @@ ROW_CUT_OFF = Kind(
 def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
     """A table from a text file with a header; comma, semicolon or tab, decimal point or comma.
 
-    Returns:
-        The table without its last row if the file ends within it, and the note about that.
-
     Raises:
         FileNotFoundError: if there is no such file.
         RecordingError: if the file is empty, no text, has no rows, or rows that are longer than the header.

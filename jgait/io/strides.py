@@ -47,9 +47,6 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
     Args:
         estimate: of one recording, with `strides`.
 
-    Returns:
-        The table, in metres and degrees; without rows if there are no strides.
-
     Raises:
         ValueError: if the estimate has no strides.
     """

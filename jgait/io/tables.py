@@ -87,9 +87,6 @@ def recording_from_dataframe(
         name: name of the recording in tables and figures.
         subject: name of the person.
 
-    Returns:
-        The recording in SI units.
-
     Raises:
         ValueError: for an unknown unit.
         RecordingError: if columns are missing (the message lists the expected and the given columns, and similar

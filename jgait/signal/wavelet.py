@@ -209,9 +209,6 @@ def from_details(
         hard: whether thresholds are hard; static.
         mask: (T,) bool, False where a sample does not count for the magnitudes; None: all count.
 
-    Returns:
-        The same shape and unit.
-
     Raises:
         ValueError: as `transform` and `magnitude`.
     """

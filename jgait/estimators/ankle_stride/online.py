@@ -273,9 +273,6 @@ def over(
         acc: (T, 3) [m/s²].
         measured: (T,) False where a sample was lost; None: all are measured.
         count: number of samples; later ones are ignored. None: T.
-
-    Returns:
-        The state after the last sample, and the results after each sample.
     """
     filters = filters_of(p, worn, state.last.dtype)
     samples = gyr.shape[0]

@@ -119,9 +119,6 @@ def updated(
         known: (T,) bool, a bout begins with the velocity `start`. Samples in a cycle, its end included, are ignored.
             None: only the first sample.
 
-    Returns:
-        Velocity, displacement and cycles.
-
     Raises:
         ValueError: if shapes do not fit.
     """

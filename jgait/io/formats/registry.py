@@ -117,9 +117,6 @@ def read(
         name: name of the recording in tables and figures; None: the file's.
         subject: name of the person; None: the file's, or "subject".
 
-    Returns:
-        The recording in SI units; `notes` states what was deduced and from what.
-
     Raises:
         OSError: if the file does not exist, or may not be read.
         ValueError: for an unknown format or unit.
