@@ -10,6 +10,7 @@ not stated; a sensor is called by its file. *Axes*: the sensor's, printed on its
 """
 
 import re
+
 from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.text import AXES, Rows, TextFormat
 

@@ -114,9 +114,8 @@ class Rows(NamedTuple):
             return values, None
         if len(stated) > 1 or not stated <= UNITS.keys():
             raw = ": raw numbers, for which the calibration is lacking; export calibrated data" if RAW in stated else ""
-            raise RecordingError(
-                f"{self.name}: {columns[0]} … is in {', '.join(sorted(stated))}; expected one of {', '.join(UNITS)}{raw}"
-            )
+            found = ", ".join(sorted(stated))
+            raise RecordingError(f"{self.name}: {columns[0]} … is in {found}; expected one of {', '.join(UNITS)}{raw}")
         return values, UNITS[stated.pop()]
 
     def unit(self, column: int) -> str:

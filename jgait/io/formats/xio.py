@@ -12,6 +12,7 @@ printed on its case.
 """
 
 import re
+
 import numpy as np
 
 from jgait.io.formats.part import Measured, Part
