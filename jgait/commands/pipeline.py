@@ -42,11 +42,7 @@ class Choice(NamedTuple):
     paper: bool = False
 
     def personal(self, known: Mapping[str, Any]) -> tuple[PyTree, list[Note]]:
-        """The parameters of one person, and notes about measures for which the default is used.
-
-        Args:
-            known: measures of the person that do not come from options.
-        """
+        """The parameters of one person, and notes about measures for which the default is used."""
         about = self.estimator.about
         measured = {m.name: self.given[m.option] for m in about.measures if m.option in self.given}
         names = [measure.name for measure in about.measures]

@@ -1,4 +1,4 @@
-"""The `About` record of an estimator: measures of a person, options, totals, tables, figures, flags.
+"""The `About` record of an estimator: measures of a person, options, tables, figures, flags.
 
 Commands, reports and the documentation read this record, so that none of them lists the estimators by name. The
 package of each estimator has its record in `about.py`.
@@ -80,26 +80,6 @@ class CommandOption(NamedTuple):
     params: Callable[[PyTree, PyTree], PyTree] | None = None
     notes: Callable[[Recording, PyTree], tuple[Note, ...]] | None = None
     remark: Callable[[PyTree], str] | None = None
-
-
-class TotalColumn(NamedTuple):
-    """A column of the table that `jgait estimate` prints.
-
-    Attributes:
-        name: key of the totals.
-        heading: heading of the column.
-        unit: unit of the printed number, or "".
-        digits: digits after the decimal point.
-        scale: factor from the total to the printed number.
-        left: True for a column of text, aligned left.
-    """
-
-    name: str
-    heading: str
-    unit: str = ""
-    digits: int = 2
-    scale: float = 1.0
-    left: bool = False
 
 
 def always(_: Estimate) -> bool:
@@ -198,9 +178,8 @@ class About(NamedTuple):
         measures: measures of a person.
         missing: notes for missing measures.
         options: command-line options in addition to those of the measures.
-        totals: estimate → rows of numbers of the whole recording, one row or one for each leg.
-        columns: columns of the totals that `jgait estimate` prints.
-        caption: text below the printed table; a `str.format` template over the settings.
+        facts: estimate → (words, value) of numbers that `jgait estimate` prints in addition to `totals.totals`.
+        caption: text below these; a `str.format` template over the settings.
         tables: tables that are written to files.
         figures: figures that are drawn.
         flags: flags of strides.
@@ -216,8 +195,7 @@ class About(NamedTuple):
     measures: tuple[BodyMeasure, ...] = ()
     missing: tuple[MissingMeasure, ...] = ()
     options: tuple[CommandOption, ...] = ()
-    totals: Callable[[Estimate], list[dict[str, PyTree]]] = lambda _: [{}]
-    columns: tuple[TotalColumn, ...] = ()
+    facts: Callable[[Estimate], list[tuple[str, str]]] = lambda _: []
     caption: str = ""
     tables: tuple[EstimateTable, ...] = (EstimateTable("samples", "samples"),)
     figures: tuple[EstimateFigure, ...] = ()

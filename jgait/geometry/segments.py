@@ -102,10 +102,6 @@ def inertial(motion: Motion[Frame], point: Vector) -> tuple[Vector, Vector]:
 
     gyr = (ẏ·z, ż·x, ẋ·y),  acc = (p̈·x, p̈·y, p̈·z) + g (z component of the axes), with p the position of the sensor.
 
-    Args:
-        motion: of one segment's `Frame`.
-        point: position of the sensor in the segment's axes [m].
-
     Returns:
         Angular rate [rad/s] and specific force [m/s²].
     """

@@ -89,12 +89,6 @@ def _cut_off(file: Path, separator: str, breaks: int, whole: int) -> Note | None
     It is not whole if it has fewer cells than the row before, or if no line break ends it and its last cell looks like
     half a number: it is shorter than those of all rows before, lacks the decimals that all of them have, or differs
     from the row before by more than `JUMP` times what they differ.
-
-    Args:
-        file: a table in text.
-        separator: what separates cells.
-        breaks: number of line breaks in the file.
-        whole: number of rows before the last one.
     """
     with file.open("rb") as stream:
         stream.seek(max(file.stat().st_size - TAIL, 0))

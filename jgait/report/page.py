@@ -217,11 +217,7 @@ def cell(value: Values, digits: int, spread: Values | None = None) -> Cell:
 
 
 def without_folders(text: str) -> str:
-    """A text with file names without folders, because folders contain names of people and machines.
-
-    Args:
-        text: such as a reason for a failure.
-    """
+    """A text with file names without folders, because folders contain names of people and machines."""
     return FOLDERS.sub("", text)
 
 

@@ -196,13 +196,6 @@ def estimator(
     )  # fmt: skip
 
 
-def prepared(
-    recording: Recording, options: DutyCycledOptions = DEFAULT, gyro_on: Mapping[str, Values] | None = None
-) -> Prepared[DutyCycledInputs]:
-    """The inputs and options of `run` for a recording; arguments and errors as of `prepare`."""
-    return prepare(recording, options, gyro_on)
-
-
 def energy(preparation: Prepared[DutyCycledInputs], options: DutyCycledOptions) -> dict[str, Any]:
     """Power of the sensors over a prepared recording, and battery life, under the options that prepared it.
 

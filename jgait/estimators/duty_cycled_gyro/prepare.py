@@ -13,7 +13,7 @@ from jgait.duty_cycle.power import Masks
 from jgait.duty_cycle.recording import SEGMENTS, acc_of, check_filler, gyroscope_masks, schedule_of
 from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
 from jgait.estimators.duty_cycled_gyro.notes import ACCELEROMETER_ABSENT, WORN_ALONE
-from jgait.estimators.duty_cycled_gyro.params import DutyCycledInputs, DutyCycledOptions, GapLeg, GapSegment
+from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledInputs, DutyCycledOptions, GapLeg, GapSegment
 from jgait.estimators.interface import Prepared
 from jgait.estimators.leg_ekf.inputs import Segment
 from jgait.estimators.leg_ekf.prepare import LOWEST_RATE_HZ, orient
@@ -144,7 +144,7 @@ def _leg(
 
 
 def prepare(
-    recording: Recording, options: DutyCycledOptions, gyro_on: Mapping[str, Values] | None = None
+    recording: Recording, options: DutyCycledOptions = DEFAULT, gyro_on: Mapping[str, Values] | None = None
 ) -> Prepared[DutyCycledInputs]:
     """Check a recording and turn it into the inputs of `duty_cycled_gyro.run`.
 
