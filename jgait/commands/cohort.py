@@ -92,27 +92,17 @@ MEASURE_OF_SOME = Kind(
 
 
 class Source(NamedTuple):
-    """A cohort before its recordings are read.
+    """A cohort before its recordings are read."""
 
-    Attributes:
-        title: name of the cohort.
-        items: walks, or names for `read`.
-        read: name → walk; raises for a walk that cannot be read. None where the items are walks.
-        marks: name → the inputs of its result, so that a run that continues detects changed inputs.
-        failures: (name, reason) of rows that cannot be items.
-        notes: notes for the user.
-        files: files of the user that are read.
-        subjects: name → subject, as far as known before the recordings are read.
-    """
-
-    title: str
-    items: list[PyTree]
+    title: str  #: name of the cohort.
+    items: list[PyTree]  #: walks, or names for `read`.
+    #: name → walk; raises for a walk that cannot be read. None where the items are walks.
     read: Callable[[PyTree], Walk] | None
-    marks: dict[str, str]
-    failures: list[tuple[str, str]]
-    notes: list[Note]
-    files: Sequence[Path] = ()
-    subjects: Mapping[str, str] = {}
+    marks: dict[str, str]  #: name → the inputs of its result, so that a run that continues detects changed inputs.
+    failures: list[tuple[str, str]]  #: (name, reason) of rows that cannot be items.
+    notes: list[Note]  #: notes for the user.
+    files: Sequence[Path] = ()  #: files of the user that are read.
+    subjects: Mapping[str, str] = {}  #: name → subject, as far as known before the recordings are read.
 
     def failed(self, failures: "pd.DataFrame") -> "pd.DataFrame":
         """All `recording subject reason` of rows and recordings without a result, from those of `evaluate.cohort`."""

@@ -28,29 +28,17 @@ FIGURES = ("strides", "angles", "foot_path", "distance")
 
 
 class EstimateJob(NamedTuple):
-    """The work on one recording after another.
+    """The work on one recording after another."""
 
-    Attributes:
-        name: name of the estimator, or "all".
-        table: table that is printed, without rows.
-        caption: text below the table.
-        planned: first part of the names of files → the files that may be written.
-        compute: recording → result.
-        notes: result → notes.
-        write: (result, folder, first part of the names) → files written.
-        rows: result → rows of the printed table, without the recording.
-        numbers: (result, files) → numbers for the JSON file.
-    """
-
-    name: str
-    table: Table
-    caption: str
-    planned: Callable[[str], list[str]]
-    compute: Callable[[Recording], PyTree]
-    notes: Callable[[PyTree], tuple[Note, ...]]
-    write: Callable[[PyTree, Path, str], list[Path]]
-    rows: Callable[[PyTree], list[list[str]]]
-    numbers: Callable[[PyTree, list[Path]], dict[str, PyTree]]
+    name: str  #: name of the estimator, or "all".
+    table: Table  #: table that is printed, without rows.
+    caption: str  #: text below the table.
+    planned: Callable[[str], list[str]]  #: first part of the names of files → the files that may be written.
+    compute: Callable[[Recording], PyTree]  #: recording → result.
+    notes: Callable[[PyTree], tuple[Note, ...]]  #: result → notes.
+    write: Callable[[PyTree, Path, str], list[Path]]  #: (result, folder, first part of the names) → files written.
+    rows: Callable[[PyTree], list[list[str]]]  #: result → rows of the printed table, without the recording.
+    numbers: Callable[[PyTree, list[Path]], dict[str, PyTree]]  #: (result, files) → numbers for the JSON file.
 
 
 def one_estimator(choice: Choice, p: PyTree, title: str, ending: str) -> EstimateJob:

@@ -53,23 +53,15 @@ from jgait.types import Scalar, Values
 
 
 class StrideLengthParams(NamedTuple):
-    """Parameters of all methods, in natural units.
+    """Parameters of all methods, in natural units."""
 
-    Attributes:
-        leg_length: L, length of the pendulum [m].
-        angle_gain: c, gain of the swing's angle [1].
-        time_gain: e, gain of the angle over the swing's duration [s].
-        lever: from the point at the ankle that stands to the sensor, forward, left and up in the segment's axes [m].
-        gyr_bias: gyroscope bias, in the segment's axes [rad/s].
-        acc_bias: accelerometer bias, in the segment's axes [m/s²].
-    """
-
-    leg_length: Values = 0.85
-    angle_gain: Values = 1.0
-    time_gain: Values = 0.0
+    leg_length: Values = 0.85  #: L, length of the pendulum [m].
+    angle_gain: Values = 1.0  #: c, gain of the swing's angle [1].
+    time_gain: Values = 0.0  #: e, gain of the angle over the swing's duration [s].
+    #: from the point at the ankle that stands to the sensor, forward, left and up in the segment's axes [m].
     lever: Vector = Vector(0.0, 0.0, 0.0)
-    gyr_bias: Vector = Vector(0.0, 0.0, 0.0)
-    acc_bias: Vector = Vector(0.0, 0.0, 0.0)
+    gyr_bias: Vector = Vector(0.0, 0.0, 0.0)  #: gyroscope bias, in the segment's axes [rad/s].
+    acc_bias: Vector = Vector(0.0, 0.0, 0.0)  #: accelerometer bias, in the segment's axes [m/s²].
 
 
 class Swung(NamedTuple):
@@ -177,27 +169,16 @@ def _vector(signal: ArrayLike, flags: Marks) -> Vector:
 
 
 class StrideState(NamedTuple):
-    """Integrals since the stride began, in the axes of its first sample.
+    """Integrals since the stride began, in the axes of its first sample."""
 
-    Attributes:
-        attitude: from the axes of this sample to those of the first.
-        velocity: ∫ R f dt, with gravity included [m/s].
-        way: ∫ of `velocity` [m].
-        duration: time since the stride began [s].
-        start: velocity ω × r at the first sample [m/s].
-        sampled: specific force at the first sample [m/s²].
-        gyr: rate of the sample before [rad/s].
-        force: specific force of the sample before, in the first axes [m/s²].
-    """
-
-    attitude: Quaternion
-    velocity: Vector
-    way: Vector
-    duration: Values
-    start: Vector
-    sampled: Vector
-    gyr: Vector
-    force: Vector
+    attitude: Quaternion  #: from the axes of this sample to those of the first.
+    velocity: Vector  #: ∫ R f dt, with gravity included [m/s].
+    way: Vector  #: ∫ of `velocity` [m].
+    duration: Values  #: time since the stride began [s].
+    start: Vector  #: velocity ω × r at the first sample [m/s].
+    sampled: Vector  #: specific force at the first sample [m/s²].
+    gyr: Vector  #: rate of the sample before [rad/s].
+    force: Vector  #: specific force of the sample before, in the first axes [m/s²].
 
 
 def _begun(p: StrideLengthParams, w: Vector, f: Vector) -> StrideState:

@@ -123,23 +123,15 @@ def filter_params(p: DutyCycledParams) -> DutyParams:
 
 
 class GapSegment(NamedTuple):
-    """One sensor's signals in its segment's axes (forward, left, up).
+    """One sensor's signals in its segment's axes (forward, left, up)."""
 
-    Attributes:
-        gyr: (T,) sagittal rate, positive when the distal end swings forward [rad/s]; 0 while the gyroscope is off.
-        turn: (T,) rate about the segment's long axis, without bias [rad/s]; 0 while the gyroscope is off.
-        acc: (T, 3) specific force [m/s²]; zeros without an accelerometer.
-        on: (T,) bool, the gyroscope was on and awake, and its sample arrived.
-        bias: gyroscope bias at rest [rad/s].
-        variance: gyroscope variance at rest [rad²/s²].
-    """
-
+    #: (T,) sagittal rate, positive when the distal end swings forward [rad/s]; 0 while the gyroscope is off.
     gyr: Sampled
-    turn: Sampled
-    acc: Held
-    on: Sampled
-    bias: Values
-    variance: Values
+    turn: Sampled  #: (T,) rate about the segment's long axis, without bias [rad/s]; 0 while the gyroscope is off.
+    acc: Held  #: (T, 3) specific force [m/s²]; zeros without an accelerometer.
+    on: Sampled  #: (T,) bool, the gyroscope was on and awake, and its sample arrived.
+    bias: Values  #: gyroscope bias at rest [rad/s].
+    variance: Values  #: gyroscope variance at rest [rad²/s²].
 
 
 class GapLeg(NamedTuple):

@@ -34,27 +34,16 @@ from jgait.types import SIDES, Counts, Flags, LegTrajectory, Recording, Values, 
 
 
 class DutyConstants(NamedTuple):
-    """Parameters of the legs; mounting of the k sensors.
+    """Parameters of the legs; mounting of the k sensors."""
 
-    Attributes:
-        own: parameters of the n legs of each group, leaves (n,).
-        axes: (k, 3, 3) axes of the segments in the sensors' axes [1].
-        scale: (k,) factor on the accelerometer [1].
-        bias: (k,) sagittal gyroscope bias at rest, positive when the distal end swings forward [rad/s].
-        turn_bias: (k,) gyroscope bias at rest about the segment's long axis [rad/s].
-        variance: (k,) sagittal gyroscope variance at rest [rad²/s²].
-        window: samples for which all gyroscopes must be slow in standing.
-        start_variance: variance of the angles at the first sample [rad²].
-    """
-
-    own: tuple[DutyCycledParams, ...]
-    axes: Values
-    scale: Values
-    bias: Values
-    turn_bias: Values
-    variance: Values
-    window: Counts
-    start_variance: Values
+    own: tuple[DutyCycledParams, ...]  #: parameters of the n legs of each group, leaves (n,).
+    axes: Values  #: (k, 3, 3) axes of the segments in the sensors' axes [1].
+    scale: Values  #: (k,) factor on the accelerometer [1].
+    bias: Values  #: (k,) sagittal gyroscope bias at rest, positive when the distal end swings forward [rad/s].
+    turn_bias: Values  #: (k,) gyroscope bias at rest about the segment's long axis [rad/s].
+    variance: Values  #: (k,) sagittal gyroscope variance at rest [rad²/s²].
+    window: Counts  #: samples for which all gyroscopes must be slow in standing.
+    start_variance: Values  #: variance of the angles at the first sample [rad²].
 
 
 class DutyState(NamedTuple):

@@ -38,23 +38,15 @@ AXES = "as printed on the sensor's case"
 
 
 class Rows(NamedTuple):
-    """A table in a text file.
+    """A table in a text file."""
 
-    Attributes:
-        path: the file.
-        before: lines above the header.
-        header: names of the columns, without blanks, quotes, and units in parentheses where the format has them there.
-        first_line: number of the first row's line in the file, from 1.
-        units: unit of each column as the file states it, "" where it states none; or ().
-        cells: (rows, columns) pandas table, columns by position.
-    """
-
-    path: Path
-    before: tuple[str, ...]
+    path: Path  #: the file.
+    before: tuple[str, ...]  #: lines above the header.
+    #: names of the columns, without blanks, quotes, and units in parentheses where the format has them there.
     header: tuple[str, ...]
-    first_line: int
-    units: tuple[str, ...]
-    cells: np.ndarray
+    first_line: int  #: number of the first row's line in the file, from 1.
+    units: tuple[str, ...]  #: unit of each column as the file states it, "" where it states none; or ().
+    cells: np.ndarray  #: (rows, columns) pandas table, columns by position.
 
     @property
     def name(self) -> str:
@@ -125,25 +117,16 @@ class Rows(NamedTuple):
 
 
 class TextFormat(NamedTuple):
-    """A format of text files of one or more sensors each; a folder of such files is one recording.
+    """A format of text files of one or more sensors each; a folder of such files is one recording."""
 
-    Attributes:
-        expected: description of the file with its header, for messages.
-        endings: endings of the files' names in a folder.
-        is_header: whether a line's cells are the header.
-        content: the sensors of one file.
-        units: where the file states units: in a "row" without numbers below the header, in the "header", or nowhere.
-        below: whether the files of a folder may lie one folder further down.
-        accepts: what else a file's name and first bytes must be.
-    """
-
-    expected: str
-    endings: tuple[str, ...]
-    is_header: Callable[[tuple[str, ...]], bool]
-    content: Callable[[Rows], Measured]
+    expected: str  #: description of the file with its header, for messages.
+    endings: tuple[str, ...]  #: endings of the files' names in a folder.
+    is_header: Callable[[tuple[str, ...]], bool]  #: whether a line's cells are the header.
+    content: Callable[[Rows], Measured]  #: the sensors of one file.
+    #: where the file states units: in a "row" without numbers below the header, in the "header", or nowhere.
     units: str = ""
-    below: bool = False
-    accepts: Callable[[Path, bytes], bool] = lambda path, head: True
+    below: bool = False  #: whether the files of a folder may lie one folder further down.
+    accepts: Callable[[Path, bytes], bool] = lambda path, head: True  #: what else a file's name and first bytes must be
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Whether it is such a file, by its header, or a folder of them."""
