@@ -106,7 +106,7 @@ def _leg(
     told = DutyInputs(
         planar["thigh"], planar["shank"], inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance
     )
-    found = duty_model.run(filter_params(p), told, options.filters)
+    found = duty_model.run(filter_params(p), told, felt=options.felt)
     thigh, shank = (
         None if one is None else _Seen(rates[segment], one) for segment, one in zip(SEGMENTS, found, strict=True)
     )

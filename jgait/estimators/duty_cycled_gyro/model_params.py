@@ -1,8 +1,7 @@
-"""Parameters, options, inputs, states and estimates of the duty-cycled filters."""
+"""Parameters, inputs, states and estimates of the duty-cycled filters."""
 
 from typing import Annotated, NamedTuple
 
-from jgait import filtering
 from jgait.estimators.axes import Held, Sampled, Times
 from jgait.geometry.vectors import GRAVITY
 from jgait.params import Param, Parameter, documented, interval, positive
@@ -47,24 +46,6 @@ class DutyParams(NamedTuple):
         positive, "rad", "tilt of the segment to the side while the person turns: the part of the turn that the one "
         "axis measures",
     )] = 0.2  # fmt: skip
-
-
-class DutyOptions(NamedTuple):
-    """Options of the filters.
-
-    Attributes:
-        gravity: use the accelerometers; without them angles come from the gyroscopes alone and drift.
-        smooth: Rauch–Tung–Striebel smoothing (offline).
-        method: how the filters linearise, see `jgait.filtering`.
-    """
-
-    gravity: bool = True
-    smooth: bool = False
-    method: filtering.Method = filtering.EKF()
-
-
-DEFAULT = DutyOptions()
-"""Causal filters with accelerometers."""
 
 
 class ThighState(NamedTuple):

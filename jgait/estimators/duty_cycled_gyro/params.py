@@ -6,8 +6,7 @@ from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS
 from jgait.duty_cycle.power import ACCELEROMETER, GYROSCOPE, Battery, Schedule, Sensor
 from jgait.duty_cycle.recording import check_filler
 from jgait.estimators.axes import Held, Sampled, Times
-from jgait.estimators.duty_cycled_gyro import model_params as duty_params
-from jgait.estimators.duty_cycled_gyro.model_params import DutyOptions, DutyParams
+from jgait.estimators.duty_cycled_gyro.model_params import DutyParams
 from jgait.estimators.interface import with_measures
 from jgait.estimators.leg_ekf import params as leg_params
 from jgait.estimators.leg_ekf.params import BySide
@@ -66,20 +65,18 @@ class DutyCycledOptions(NamedTuple):
         warm_up: time for which gyroscopes are on before the schedule, which starts with an off-time [s]; fillers need
             two measured strides, and rates are not used before.
         above: use the signals of the thigh in the filler of the shank, if the thigh has a sensor.
-        filters: options of the Kalman filters.
         gyroscope: power and wake-up time of a gyroscope.
         accelerometer: power of an accelerometer, which is always on.
         battery: supplies all sensors; one watt-hour, so that battery life is given per watt-hour.
         sampling_rate_hz: sampling rate [Hz]; set by `prepared`, as are `gaps` and `felt`.
         gaps: whether any gyroscope sample is missing.
-        felt: whether every sensor has an accelerometer.
+        felt: whether every sensor has an accelerometer; without, angles come from the gyroscopes alone and drift.
     """
 
     filler: str = "neighbours"
     schedule: Schedule | float | None = None
     warm_up: float = 0.0
     above: bool = True
-    filters: DutyOptions = duty_params.DEFAULT
     gyroscope: Sensor = GYROSCOPE
     accelerometer: Sensor = ACCELEROMETER
     battery: Battery = Battery.from_watt_hours(1.0)

@@ -189,10 +189,9 @@ def prepare(
         legs.get("right"), legs.get("left"), time, dt, still, np.ones(time.size, bool),
         np.asarray(1e-4 if still[0] else 0.1),
     )  # fmt: skip
-    filters = options.filters._replace(gravity=options.filters.gravity and not bare)
     # Options that only masks and energies depend on are left out, so that they do not cause a new compilation.
     told = DutyCycledOptions(
-        filler=options.filler, above=options.above, filters=filters,
-        sampling_rate_hz=float(recording.sampling_rate_hz), gaps=gaps, felt=not bare,
+        filler=options.filler, above=options.above, sampling_rate_hz=float(recording.sampling_rate_hz), gaps=gaps,
+        felt=not bare,
     )  # fmt: skip
     return Prepared(inputs, told, tuple(notes), (start, stop), used)
