@@ -23,7 +23,7 @@ from jgait.estimators.axes import pad
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro import turns
 from jgait.estimators.duty_cycled_gyro.model_params import DutyInputs, PlanarSegment
-from jgait.estimators.duty_cycled_gyro.params import filter_params, one_side
+from jgait.estimators.duty_cycled_gyro.params import one_side
 from jgait.types import SIDES, as_float, leg_of
 
 DUTIES = (50, 10)
@@ -92,7 +92,7 @@ def _filtered(one: Walked, filler: str, literal: bool, on: Mapping[str, np.ndarr
         ]  # fmt: skip
         told = DutyInputs(*segments, inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance)
         padded = pad(told, 1024 * (1 + len(inputs.time) // 1024))
-        p = filter_params(one_side(usual, number))
+        p = one_side(usual, number)
         got = (_PRINTED if literal else _RUN)(p, padded).shank
         part = slice(0, len(inputs.time))
         found[side] = _Shin(np.asarray(got.angle)[part], np.asarray(got.rate)[part], prepared.standing)

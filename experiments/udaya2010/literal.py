@@ -14,12 +14,12 @@ from jgait import filtering
 from jgait.estimators.duty_cycled_gyro.model_params import (
     DutyEstimate,
     DutyInputs,
-    DutyParams,
     PlanarSegment,
     SegmentEstimate,
     ShinState,
     ThighState,
 )
+from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams, levers
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.vectors import GRAVITY
 
@@ -216,7 +216,8 @@ def _measured(segment: PlanarSegment, angle: Any, down: Any, forward: Any, valid
 
 
 def _filtered(
-    model: Model, p: DutyParams, segment: PlanarSegment, lever: Any, told: tuple[Any, Any, Any], inputs: DutyInputs,
+    model: Model, p: DutyCycledParams, segment: PlanarSegment, lever: Any, told: tuple[Any, Any, Any],
+    inputs: DutyInputs,
 ) -> SegmentEstimate:  # fmt: skip
     observations, controls, mask = told
     gyro = p.gyro_noise * segment.variance
@@ -231,7 +232,7 @@ def _filtered(
     )  # fmt: skip
 
 
-def run(p: DutyParams, inputs: DutyInputs) -> DutyEstimate:
+def run(p: DutyCycledParams, inputs: DutyInputs) -> DutyEstimate:
     """The printed filters over a recording; arguments and returns as of `duty_cycled_gyro.model.run`.
 
     The shin's needs both sensors; a shank worn alone is filtered as a thigh.
@@ -241,14 +242,14 @@ def run(p: DutyParams, inputs: DutyInputs) -> DutyEstimate:
     if inputs.thigh is not None:
         rate1 = _rate(inputs.thigh)
         theta1 = strapdown_angle(rate1, inputs.dt)
-        thigh = _single(p, inputs.thigh, theta1, rate1, p.thigh_sensor, inputs)
+        thigh = _single(p, inputs.thigh, theta1, rate1, levers(p)[0], inputs)
     if inputs.shank is not None:
         rate2 = _rate(inputs.shank)
         theta2 = strapdown_angle(rate2, inputs.dt)
         if theta1 is None or rate1 is None:
-            shank = _single(p, inputs.shank, theta2, rate2, p.shank_sensor, inputs)
+            shank = _single(p, inputs.shank, theta2, rate2, levers(p)[1], inputs)
         else:
-            d1, d2 = p.thigh_sensor, p.shank_sensor
+            d1, d2 = levers(p)
             c = LiteralControl(-d1 * jnp.sin(theta1), -d2 * jnp.sin(theta2), d1 * jnp.cos(theta1), d2 * jnp.cos(theta2))
             down, forward = c.a1 * rate1 + c.b1 * rate2, c.a2 * rate1 + c.b2 * rate2
             observations, mask = _measured(inputs.shank, theta2, down, forward, inputs.valid)
@@ -257,7 +258,7 @@ def run(p: DutyParams, inputs: DutyInputs) -> DutyEstimate:
 
 
 def _single(
-    p: DutyParams, segment: PlanarSegment, angle: Any, rate: Any, lever: Any, inputs: DutyInputs
+    p: DutyCycledParams, segment: PlanarSegment, angle: Any, rate: Any, lever: Any, inputs: DutyInputs
 ) -> SegmentEstimate:
     down, forward = -lever * jnp.sin(angle) * rate, lever * jnp.cos(angle) * rate
     observations, mask = _measured(segment, angle, down, forward, inputs.valid)

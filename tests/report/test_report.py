@@ -368,7 +368,7 @@ def walk_file(tmp_path, monkeypatch):
 
     told = {}
 
-    def estimated(choice, p, walked):
+    def estimated(choice, p, recording):
         told.update(name=choice.estimator.name, p=p, paper=choice.paper)
         return walking_ankles()
 
@@ -378,7 +378,7 @@ def walk_file(tmp_path, monkeypatch):
         time, rng.normal(0.0, 1.0, (time.size, 3)), rng.normal(0.0, 1.0, (time.size, 3)) + [0, 0, 9.8], time > -1.0
     )
     file = io.write_csv(Recording({"ankle_right": imu}, 100.0), tmp_path / "walk.csv")
-    monkeypatch.setattr(command, "_estimated", estimated)
+    monkeypatch.setattr("jgait.commands.pipeline.Choice.estimate", estimated)
     return file, told
 
 

@@ -25,7 +25,6 @@ from jgait.estimators.duty_cycled_gyro.params import (
     DutyCycledParams,
     GapLeg,
     GapSegment,
-    filter_params,
     one_side,
     params_of,
     transforms_of,
@@ -106,7 +105,7 @@ def _leg(
     told = DutyInputs(
         planar["thigh"], planar["shank"], inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance
     )
-    found = duty_model.run(filter_params(p), told, felt=options.felt)
+    found = duty_model.run(p, told, felt=options.felt)
     thigh, shank = (
         None if one is None else _Seen(rates[segment], one) for segment, one in zip(SEGMENTS, found, strict=True)
     )

@@ -64,7 +64,6 @@ from jgait.estimators.duty_cycled_gyro.model_params import (
     DutyControl,
     DutyEstimate,
     DutyInputs,
-    DutyParams,
     LinkParams,
     PlanarSegment,
     SegmentEstimate,
@@ -73,6 +72,7 @@ from jgait.estimators.duty_cycled_gyro.model_params import (
     ThighObservation,
     ThighState,
 )
+from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams, levers
 from jgait.filtering import Belief, Covariance, Model, Posterior
 from jgait.geometry.vectors import GRAVITY
 from jgait.types import Flags, Values
@@ -196,17 +196,14 @@ def thigh_standing(params: LinkParams, angle: Values, bias: Values, angle_varian
     return Belief(mean, Covariance.from_variances(variances))
 
 
-def shin_standing(
-    params: LinkParams, angle: Values, bias: Values, angle_variance: Values, thigh_angle: Values = 0.0
-) -> Belief:
+def shin_standing(params: LinkParams, angle: Values, bias: Values, angle_variance: Values) -> Belief:
     """The belief of the shin's filter before the first sample, as `thigh_standing`; the thigh is at rest."""
     own, a = thigh_standing(params, angle, bias, angle_variance), params.thigh_length
     m, v = own.mean, own.cov.variances()
     zero = jnp.zeros_like(m.angle)
-    moved = m._replace(down=m.down + a * jnp.cos(thigh_angle), forward=m.forward + a * jnp.sin(thigh_angle))
     wider = v._replace(down=v.down + a * a * angle_variance, forward=v.forward + a * a * angle_variance)
     variances = _behind(wider, v.angle, v.rate)
-    return Belief(_behind(moved, zero + thigh_angle, zero), Covariance.from_variances(variances))
+    return Belief(_behind(m._replace(down=m.down + a), zero, zero), Covariance.from_variances(variances))
 
 
 def _thigh_initial(params: LinkParams) -> Belief:
@@ -224,7 +221,7 @@ SHIN = Model(_shin_initial, shin_transition, shin_transition_noise, shin_observa
 """Eleven states: the shank, with angle and rate of the thigh."""
 
 
-def link_params(p: DutyParams, lever: PyTree) -> LinkParams:
+def link_params(p: DutyCycledParams, lever: PyTree) -> LinkParams:
     """The model's parameters for a sensor at distance `lever` from its joint [m]."""
     return LinkParams(
         p.thigh_length, lever, p.angle_noise, p.acceleration_noise, p.bias_noise,
@@ -233,7 +230,7 @@ def link_params(p: DutyParams, lever: PyTree) -> LinkParams:
 
 
 def observe(
-    p: DutyParams, segment: PlanarSegment, dt: Values, still: Flags, valid: Flags, *, felt: bool = True
+    p: DutyCycledParams, segment: PlanarSegment, dt: Values, still: Flags, valid: Flags, *, felt: bool = True
 ) -> tuple[ThighObservation, DutyControl, ThighObservation]:
     """Observation, control and mask of the filter of one segment, for a recording or for one sample; `felt`: with the
     accelerometer.
@@ -267,25 +264,26 @@ def _below(
     return ShinObservation(*seen, thigh.angle, thigh.rate), control, ShinObservation(*mask, valid, valid)
 
 
-def standing(p: DutyParams, biases: tuple[Values | None, ...], angle_variance: Values) -> tuple[Belief | None, ...]:
+def standing(
+    p: DutyCycledParams, biases: tuple[Values | None, ...], angle_variance: Values
+) -> tuple[Belief | None, ...]:
     """The beliefs about thigh and shank of a leg that hangs straight down, from the gyroscopes' biases [rad/s]; None
     for a segment without a sensor.
     """
-    thigh, shank = biases
-    prior = thigh_standing if thigh is None else shin_standing
-    return (
-        None if thigh is None else thigh_standing(link_params(p, p.thigh_sensor), 0.0, thigh, angle_variance),
-        None if shank is None else prior(link_params(p, p.shank_sensor), 0.0, shank, angle_variance),
+    priors = thigh_standing, thigh_standing if biases[0] is None else shin_standing
+    return tuple(
+        None if bias is None else prior(link_params(p, lever), 0.0, bias, angle_variance)
+        for prior, lever, bias in zip(priors, levers(p), biases, strict=True)
     )
 
 
 def over(
-    p: DutyParams, segments: tuple[PlanarSegment | None, ...],
+    p: DutyCycledParams, segments: tuple[PlanarSegment | None, ...],
     beliefs: tuple[Belief | None, ...], dt: Values, still: Flags, valid: Flags, *, felt: bool = True,
 ) -> tuple[DutyEstimate, tuple[Posterior | None, ...]]:  # fmt: skip
     """Estimates of a leg's thigh and shank over samples, from the beliefs before them, and the filters' results."""
     every, posteriors = list[SegmentEstimate | None](), list[Posterior | None]()
-    for segment, before, lever in zip(segments, beliefs, (p.thigh_sensor, p.shank_sensor), strict=True):
+    for segment, before, lever in zip(segments, beliefs, levers(p), strict=True):
         if segment is None or before is None:
             every.append(None)
             posteriors.append(None)
@@ -305,7 +303,7 @@ def over(
     return DutyEstimate(*every), tuple(posteriors)
 
 
-def run(p: DutyParams, inputs: DutyInputs, *, felt: bool = True) -> DutyEstimate:
+def run(p: DutyCycledParams, inputs: DutyInputs, *, felt: bool = True) -> DutyEstimate:
     """Angle and rate of one leg's segments under a gyroscope mask: pure, for jit, vmap and grad.
 
     A shank without a thigh sensor has the model of the thigh: one segment that hangs from a fixed joint.

@@ -1,51 +1,9 @@
-"""Parameters, inputs, states and estimates of the duty-cycled filters."""
+"""Inputs, states and estimates of the duty-cycled filters."""
 
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 from jgait.estimators.axes import Held, Sampled, Times
-from jgait.geometry.vectors import GRAVITY
-from jgait.params import Param, Parameter, documented, interval, positive
 from jgait.types import Counts, Values
-
-
-@documented
-class DutyParams(NamedTuple):
-    """Parameters of the thigh's and the shin's filter, in natural units."""
-
-    thigh_length: Annotated[Param, Parameter(interval(0.2, 0.7), "m", "hip to knee")] = 0.43
-    thigh_sensor: Annotated[Param, Parameter(interval(0.02, 0.7), "m", "d_s1, hip to the thigh's sensor")] = 0.215
-    shank_sensor: Annotated[Param, Parameter(interval(0.02, 0.7), "m", "d_s2, knee to the shin's sensor")] = 0.215
-    angle_noise: Annotated[Param, Parameter(
-        positive, "rad²/s³", "σ of the angles, spectral density of the angular acceleration",
-    )] = 100.0  # fmt: skip
-    acceleration_noise: Annotated[Param, Parameter(
-        positive, "m²/s⁵", "σ of the positions, spectral density of the jerk",
-    )] = 1e5  # fmt: skip
-    bias_noise: Annotated[Param, Parameter(
-        positive, "m²/s³", "σ of the velocity bias, spectral density of its random walk",
-    )] = 1e-10  # fmt: skip
-    gyro_noise: Annotated[Param, Parameter(
-        positive, "1", "multiplies R, the gyroscope's variance while standing",
-    )] = 1.0  # fmt: skip
-    joint_acceleration: Annotated[Param, Parameter(
-        positive, "m/s²", "standard deviation of the joint's own acceleration, which the model leaves out",
-    )] = GRAVITY  # fmt: skip
-    standing_acceleration: Annotated[Param, Parameter(
-        positive, "m/s²", "standard deviation of accelerations about 0 while standing",
-    )] = 0.1  # fmt: skip
-    position_closure: Annotated[Param, Parameter(
-        positive, "m", "standard deviation of the sensor's position about the rigid link's",
-    )] = 0.03  # fmt: skip
-    velocity_closure: Annotated[Param, Parameter(positive, "m/s", "the same of its velocity")] = 0.03
-    swing_noise: Annotated[Param, Parameter(
-        positive, "rad √s",
-        "how far the segment swings from the vertical, as white noise; used while its gyroscope is off, so "
-        "that no gap turns it over",
-    )] = 0.13  # fmt: skip
-    turn_tilt: Annotated[Param, Parameter(
-        positive, "rad", "tilt of the segment to the side while the person turns: the part of the turn that the one "
-        "axis measures",
-    )] = 0.2  # fmt: skip
 
 
 class ThighState(NamedTuple):
@@ -84,7 +42,7 @@ class ShinState(NamedTuple):
 
 
 class LinkParams(NamedTuple):
-    """Parameters of the model of one filter, see `DutyParams`."""
+    """Parameters of the model of one filter, see `DutyCycledParams`."""
 
     thigh_length: Values  #: a₁ [m]; the shin's filter only.
     lever: Values  #: d, from the segment's joint to its sensor [m].

@@ -15,7 +15,7 @@ from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro import turns
 from jgait.estimators.duty_cycled_gyro.estimator import joints
 from jgait.estimators.duty_cycled_gyro.model_params import PlanarSegment, SegmentEstimate
-from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledParams, filter_params, one_side
+from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledParams, one_side
 from jgait.estimators.duty_cycled_gyro.prepare import LOST, NAME, checked, worn
 from jgait.estimators.leg_ekf.prepare import SegmentMounting, mounted
 from jgait.estimators.online.device import Device, Readings
@@ -129,7 +129,7 @@ def begin(c: DutyConstants, sample: Readings, options: DutyDeviceOptions) -> Dut
     del sample
 
     def leg(own: DutyCycledParams, biases: tuple[Values | None, ...]) -> tuple[Belief | None, ...]:
-        beliefs = duty_model.standing(filter_params(own), biases, c.start_variance)
+        beliefs = duty_model.standing(own, biases, c.start_variance)
         return tuple(None if belief is None else belief.joined() for belief in beliefs)
 
     beliefs = tuple(
@@ -154,7 +154,7 @@ def _leg(
         None if one is None else one._replace(excess=turns.excess(c.turn_tilt, turning, dt, one.excess))
         for one in segments
     )
-    found, after = duty_model.over(filter_params(c), turned, beliefs, dt, still, real, felt=felt)
+    found, after = duty_model.over(c, turned, beliefs, dt, still, real, felt=felt)
     return (
         tuple(None if one is None else one.belief(count - 1) for one in after),
         tuple(one for one in found if one is not None),

@@ -115,7 +115,7 @@ def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
         assert tables["samples"][f"angles_valid_{side}"].dtype == bool
         assert tables["samples"][f"angles_valid_{side}"].all()
     assert strides["angles_valid"].all()
-    assert "not usable" not in str(all_sensors({}, "csv").rows(analysis, "walk"))
+    assert "not usable" not in str(all_sensors({}, "csv").rows(analysis))
 
 
 def test_what_only_a_contradicted_source_says_is_in_doubt(analysis):
@@ -233,7 +233,7 @@ def test_a_sensor_that_a_reader_accuses_is_left_out_of_the_combined_distance(wal
     tables = io.analysis_to_dataframes(found)
     assert not tables["samples"]["angles_valid_right"].any() and tables["samples"]["angles_valid_left"].all()
     np.testing.assert_array_equal(tables["strides"]["angles_valid"], tables["strides"]["side"] == "left")
-    printed = {row[1]: row[2] for row in all_sensors({}, "csv").rows(found, "walk")}
+    printed = {row[0]: row[1] for row in all_sensors({}, "csv").rows(found)}
     assert [name for name, words in printed.items() if words.endswith("°, not usable")] == ["hip right", "knee right"]
 
 
@@ -302,7 +302,7 @@ def test_a_person_who_only_stands_has_tables_and_a_note_but_no_strides(walked):
     assert found.notes[0].code == "no_strides"
     assert "strides" not in io.analysis_to_dataframes(found)
     job = all_sensors({}, "csv")
-    assert not {"cadence", "stance"} & {row[1] for row in job.rows(found, "walk")}
+    assert not {"cadence", "stance"} & {row[0] for row in job.rows(found)}
     assert job.numbers(found, [])["notes"][0]["code"] == "no_strides"
     assert "No strides were found" in of_analysis(found, walked[0]).html
 
@@ -312,8 +312,9 @@ def test_without_a_regular_stride_no_means_are_stated(analysis):
     strides = analysis.strides._replace(flags=half)
     rows = comparisons(analysis.sources, strides, [], None)
     assert {c.quantity for c in rows} == {"strides"}
-    printed = all_sensors({}, "csv").rows(analysis._replace(strides=strides, comparisons=rows), "walk")
-    said = {row[1]: row[2] for row in printed}
+    estimate = analysis.estimate._replace(diagnostics={**analysis.estimate.diagnostics, **half})
+    changed = analysis._replace(estimate=estimate, strides=strides, comparisons=rows)
+    said = {row[0]: row[1] for row in all_sensors({}, "csv").rows(changed)}
     assert said["strides"].endswith(", 0 regular")
     assert {said[name] for name in ("stride length", "walking speed", "cadence", "stance")} == {"–"}
 
@@ -321,11 +322,11 @@ def test_without_a_regular_stride_no_means_are_stated(analysis):
 def test_the_stance_is_stated_of_strides_that_a_foot_saw(walked, analysis):
     whole = io.analysis_to_dataframes(analysis)["strides"].query("regular")
     share = (whole["stance_duration_s"] / whole["stride_duration_s"]).median()
-    said = {row[1]: row[2] for row in all_sensors({}, "csv").rows(analysis, "walk")}
+    said = {row[0]: row[1] for row in all_sensors({}, "csv").rows(analysis)}
     assert said["stance"] == f"{100.0 * share:.0f} % of the stride"
     shanks = {name: walked[0].sensors[name] for name in ("shank_right", "shank_left")}
     found = jgait.analyse(walked[0]._replace(sensors=shanks), PERSON)
-    said = {row[1]: row[2] for row in all_sensors({}, "csv").rows(found, "walk")}
+    said = {row[0]: row[1] for row in all_sensors({}, "csv").rows(found)}
     assert said["stance"] == "–" and said["cadence"].endswith("steps/min")
 
 

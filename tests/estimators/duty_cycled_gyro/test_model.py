@@ -14,7 +14,6 @@ from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro.model_params import (
     DutyControl,
     DutyInputs,
-    DutyParams,
     LinkParams,
     PlanarSegment,
     ShinObservation,
@@ -22,6 +21,7 @@ from jgait.estimators.duty_cycled_gyro.model_params import (
     ThighObservation,
     ThighState,
 )
+from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams, levers
 from jgait.geometry.vectors import GRAVITY
 from jgait.simulate import protocols
 from jgait.simulate.sensors import IDEAL
@@ -44,7 +44,7 @@ def walk():
     walked, _ = protocols.udaya_shankar(jax.random.key(0), 2, 5.0, placements=simulate.FOUR, errors=IDEAL)
     found = walked.truth.estimate.diagnostics
     thigh, shank = float(found["thigh_length"]), float(found["shank_length"])
-    p = DutyParams(thigh_length=thigh, thigh_sensor=0.5 * thigh, shank_sensor=0.5 * shank)
+    p = DutyCycledParams(thigh_length=thigh, shank_length=shank)
     return leg_ekf.prepared(walked.recording).inputs, p
 
 
@@ -207,7 +207,7 @@ def test_samples_that_are_less_sure_weigh_less(walk, gaps):
 def test_sample_by_sample_is_the_same(walk, gaps):
     _, p = walk
     _, inputs, found = gaps
-    link = duty_model.link_params(p, p.thigh_sensor)
+    link = duty_model.link_params(p, levers(p)[0])
     belief = duty_model.thigh_standing(link, 0.0, inputs.thigh.bias, inputs.start_variance)
 
     @jax.jit
