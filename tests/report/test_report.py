@@ -473,7 +473,7 @@ def test_a_cohort_that_is_computed_now(tmp_path, monkeypatch, evaluated):
     """Of walks of a few numbers, so that nothing is simulated and little compiled."""
     items = [str(number) for number in range(5, 17)]
     source = Source("walks", items, made_cohort.read, dict.fromkeys(items, ""), [("line 3", "it names no file")], [])
-    monkeypatch.setattr(command, "pipeline_of", lambda name, paper, params: made_cohort.FAKE)
+    monkeypatch.setattr(command.cohorts, "pipeline_of", lambda name, paper, params: made_cohort.FAKE)
     monkeypatch.setattr(command.cohorts, "source", lambda *words: source)
     monkeypatch.setattr(command.cohorts, "body", lambda walk, measures: own(walk))
     page, numbers = tmp_path / "page.html", tmp_path / "numbers.json"
