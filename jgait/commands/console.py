@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
 
 from jgait.notes import printable
 
@@ -85,3 +86,11 @@ def note(message: object) -> None:
 def count(number: int, one: str, many: str) -> str:
     """A number with a noun in the singular or plural."""
     return f"{number} {one if number == 1 else many}"
+
+
+def table_of(*headings: str, left: int = 1, title: str | None = None) -> Table:
+    """An empty table, its first columns aligned left, the others right."""
+    table = Table(title=title, title_justify="left")
+    for number, heading in enumerate(headings):
+        table.add_column(escape(heading), justify="left" if number < left else "right")
+    return table

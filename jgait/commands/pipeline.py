@@ -25,28 +25,16 @@ MEASURES_ABSENT = Kind("measures_absent", "check", "{options}: {consequence}", D
 
 
 class Choice(NamedTuple):
-    """The estimator that the options of the command line select.
+    """The estimator that the options of the command line select."""
 
-    Attributes:
-        estimator: the estimator with its settings.
-        settings: arguments of the estimator, see `jgait.estimators.about.Settings`.
-        params: parameters to start from.
-        given: option → value, of the options that only some estimators have.
-        paper: whether this is the paper's pipeline.
-    """
-
-    estimator: Estimator[PyTree, PyTree]
-    settings: Settings
-    params: PyTree
-    given: dict[str, Any]
-    paper: bool = False
+    estimator: Estimator[PyTree, PyTree]  #: the estimator with its settings.
+    settings: Settings  #: arguments of the estimator, see `jgait.estimators.about.Settings`.
+    params: PyTree  #: parameters to start from.
+    given: dict[str, Any]  #: option → value, of the options that only some estimators have.
+    paper: bool = False  #: whether this is the paper's pipeline.
 
     def personal(self, known: Mapping[str, Any]) -> tuple[PyTree, list[Note]]:
-        """The parameters of one person, and notes about measures for which the default is used.
-
-        Args:
-            known: measures of the person that do not come from options.
-        """
+        """The parameters of one person, and notes about measures for which the default is used."""
         about = self.estimator.about
         measured = {m.name: self.given[m.option] for m in about.measures if m.option in self.given}
         names = [measure.name for measure in about.measures]

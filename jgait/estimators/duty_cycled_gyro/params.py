@@ -6,8 +6,7 @@ from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS
 from jgait.duty_cycle.power import ACCELEROMETER, GYROSCOPE, Battery, Schedule, Sensor
 from jgait.duty_cycle.recording import check_filler
 from jgait.estimators.axes import Held, Sampled, Times
-from jgait.estimators.duty_cycled_gyro import model_params as duty_params
-from jgait.estimators.duty_cycled_gyro.model_params import DutyOptions, DutyParams
+from jgait.estimators.duty_cycled_gyro.model_params import DutyParams
 from jgait.estimators.interface import with_measures
 from jgait.estimators.leg_ekf import params as leg_params
 from jgait.estimators.leg_ekf.params import BySide
@@ -66,20 +65,18 @@ class DutyCycledOptions(NamedTuple):
         warm_up: time for which gyroscopes are on before the schedule, which starts with an off-time [s]; fillers need
             two measured strides, and rates are not used before.
         above: use the signals of the thigh in the filler of the shank, if the thigh has a sensor.
-        filters: options of the Kalman filters.
         gyroscope: power and wake-up time of a gyroscope.
         accelerometer: power of an accelerometer, which is always on.
         battery: supplies all sensors; one watt-hour, so that battery life is given per watt-hour.
         sampling_rate_hz: sampling rate [Hz]; set by `prepared`, as are `gaps` and `felt`.
         gaps: whether any gyroscope sample is missing.
-        felt: whether every sensor has an accelerometer.
+        felt: whether every sensor has an accelerometer; without, angles come from the gyroscopes alone and drift.
     """
 
     filler: str = "neighbours"
     schedule: Schedule | float | None = None
     warm_up: float = 0.0
     above: bool = True
-    filters: DutyOptions = duty_params.DEFAULT
     gyroscope: Sensor = GYROSCOPE
     accelerometer: Sensor = ACCELEROMETER
     battery: Battery = Battery.from_watt_hours(1.0)
@@ -123,23 +120,15 @@ def filter_params(p: DutyCycledParams) -> DutyParams:
 
 
 class GapSegment(NamedTuple):
-    """One sensor's signals in its segment's axes (forward, left, up).
+    """One sensor's signals in its segment's axes (forward, left, up)."""
 
-    Attributes:
-        gyr: (T,) sagittal rate, positive when the distal end swings forward [rad/s]; 0 while the gyroscope is off.
-        turn: (T,) rate about the segment's long axis, without bias [rad/s]; 0 while the gyroscope is off.
-        acc: (T, 3) specific force [m/s²]; zeros without an accelerometer.
-        on: (T,) bool, the gyroscope was on and awake, and its sample arrived.
-        bias: gyroscope bias at rest [rad/s].
-        variance: gyroscope variance at rest [rad²/s²].
-    """
-
+    #: (T,) sagittal rate, positive when the distal end swings forward [rad/s]; 0 while the gyroscope is off.
     gyr: Sampled
-    turn: Sampled
-    acc: Held
-    on: Sampled
-    bias: Values
-    variance: Values
+    turn: Sampled  #: (T,) rate about the segment's long axis, without bias [rad/s]; 0 while the gyroscope is off.
+    acc: Held  #: (T, 3) specific force [m/s²]; zeros without an accelerometer.
+    on: Sampled  #: (T,) bool, the gyroscope was on and awake, and its sample arrived.
+    bias: Values  #: gyroscope bias at rest [rad/s].
+    variance: Values  #: gyroscope variance at rest [rad²/s²].
 
 
 class GapLeg(NamedTuple):

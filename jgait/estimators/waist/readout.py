@@ -32,25 +32,15 @@ that are stopping."""
 
 
 class WaistWalk(NamedTuple):
-    """Distance up to each node, and lengths of the step and the stride that end at the node; (K,) each.
+    """Distance up to each node, and lengths of the step and the stride that end at the node; (K,) each."""
 
-    Attributes:
-        distance: distance walked up to the node [m].
-        distance_sd: its standard deviation [m].
-        step: length of the step [m].
-        stride: length of the stride [m].
-        stride_sd: its standard deviation [m].
-        unsure: bool, integration is unreliable at the node.
-        told: name → scalar, diagnostics of the whole recording.
-    """
-
-    distance: Values
-    distance_sd: Values
-    step: Values
-    stride: Values
-    stride_sd: Values
-    unsure: Flags
-    told: dict[str, Any]
+    distance: Values  #: distance walked up to the node [m].
+    distance_sd: Values  #: its standard deviation [m].
+    step: Values  #: length of the step [m].
+    stride: Values  #: length of the stride [m].
+    stride_sd: Values  #: its standard deviation [m].
+    unsure: Flags  #: bool, integration is unreliable at the node.
+    told: dict[str, Any]  #: name → scalar, diagnostics of the whole recording.
 
 
 def earlier(values: AnyArray, rows: int) -> Array:

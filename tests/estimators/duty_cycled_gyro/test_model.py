@@ -12,7 +12,6 @@ from jgait.duty_cycle import power
 from jgait.estimators import leg_ekf
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro.model_params import (
-    DEFAULT,
     DutyControl,
     DutyInputs,
     DutyParams,
@@ -31,7 +30,7 @@ RATE = 50.0
 T = 1.0 / RATE
 LINK = LinkParams(0.4, 0.2, 2.0, 3.0, 0.1, 1e-4, 1e-4)
 CONTROL = DutyControl(1.0, 1.0, 1.0)
-RUN = jax.jit(duty_model.run, static_argnames=("options",))
+RUN = jax.jit(duty_model.run)
 BOTH = (
     (duty_model.THIGH, ThighState(0.2, 0.1, 0.3, 0.05, 0.4, 2.0, 0.01, 0.3, 2.0)),
     (duty_model.SHIN, ShinState(0.6, 0.1, 0.3, 0.05, 0.4, 2.0, 0.01, 0.2, 1.0, -0.3, 2.0)),
@@ -227,4 +226,4 @@ def test_sample_by_sample_is_the_same(walk, gaps):
 def test_bad_input_is_refused_with_the_reason(walk):
     prepared, p = walk
     with pytest.raises(ValueError, match="need a thigh or a shank sensor; got neither"):
-        duty_model.run(p, inputs_of(prepared)._replace(thigh=None, shank=None), DEFAULT)
+        duty_model.run(p, inputs_of(prepared)._replace(thigh=None, shank=None))

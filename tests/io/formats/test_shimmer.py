@@ -58,7 +58,7 @@ def test_unknown_units_are_refused(tmp_path):
     with pytest.raises(RecordingError, match=r"a.csv: Shimmer_8665_Gyro_X_CAL … is in rpm; expected one of deg/s"):
         io.read(path, placement="foot_right")
     path.write_text(text.replace("ms\t", "ticks\t"))
-    with pytest.raises(RecordingError, match="Shimmer_8665_Timestamp_Unix_CAL is in ticks; expected one of s, ms, us"):
+    with pytest.raises(RecordingError, match="Timestamp_Unix_CAL is in 'ticks'; expected one of s, ms, us"):
         io.read(path, placement="foot_right")
 
 
