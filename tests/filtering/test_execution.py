@@ -168,14 +168,6 @@ def test_a_bare_array_is_refused_with_what_is_expected():
         filtered(c._replace(observations=c.observations.near, mask=None))
 
 
-def test_some_components_are_those_of_all():
-    c = case("cart")
-    every, some = smoothed(c, "core"), smoothed(c, "core", covariance=("speed",))
-    assert some.cov.names == ("speed",)
-    same(some.cov["speed", "speed"], every.cov["speed", "speed"])
-    same(some.mean, every.mean)
-
-
 @pytest.mark.parametrize(
     ("more", "message"),
     [
