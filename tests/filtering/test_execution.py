@@ -17,7 +17,7 @@ from jgait.filtering.inputs import inputs
 from jgait.filtering.tracing import Expansion
 
 EVERY = [("cart", KF(), True), ("cart", EKF(), False), ("bent", EKF(), True), ("leg", EKF(), True),
-         ("leg", EKF(), False), ("rates", EKF(), False)]  # fmt: skip
+         ("rates", EKF(), False)]  # fmt: skip
 
 
 @functools.cache
