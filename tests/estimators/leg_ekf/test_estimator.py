@@ -15,7 +15,7 @@ from jgait.estimators.leg_ekf import online as leg_online
 from jgait.estimators.leg_ekf.estimator import observe, walked
 from jgait.estimators.leg_ekf.inclination import Inclination
 from jgait.estimators.leg_ekf.inputs import LegInputs
-from jgait.filtering import UKF, IteratedEKF
+from jgait.filtering import UKF
 from jgait.simulate import protocols
 from jgait.simulate.sensors import IDEAL
 from jgait.tune import losses
@@ -289,14 +289,13 @@ def test_gradients_of_a_loss_are_finite_in_float32(noisy):
     assert bool(np.all(np.isfinite(gradient)))
 
 
-@pytest.mark.parametrize(("method", "most"), [(IteratedEKF(3), 3.0), (UKF(), 0.5)], ids=["iterated", "ukf"])
-def test_every_method_gives_nearly_the_same_leg(noisy, method, most):
-    # Iterating the update moves the knee by 1.3° to 2.1° at worst (six people), sigma points by less than 0.1°.
+def test_sigma_points_give_nearly_the_same_leg(noisy):
+    # They move the knee by less than 0.1° (six people); iterating the update by 1.3° to 2.1° at worst.
     recording, truth = noisy
     p, inputs = parameters(truth), prepared(right_leg(recording))
     base = run(p, inputs, FILTER)
-    other = run(p, inputs, FILTER._replace(method=method))
-    assert np.degrees(np.max(np.abs(base.legs.right.knee_angle - other.legs.right.knee_angle))) < most
+    other = run(p, inputs, FILTER._replace(method=UKF()))
+    assert np.degrees(np.max(np.abs(base.legs.right.knee_angle - other.legs.right.knee_angle))) < 0.5
     assert np.max(np.abs(base.legs.right.x - other.legs.right.x)) < 0.005
 
 

@@ -16,7 +16,6 @@ from jgait.simulate import protocols
 from jgait.types import Feet, FootTrajectory, RangeReadings
 
 KNOWN = sw.WidthParams(range_offset=OFFSET)
-RUN = jax.jit(sw.run, static_argnames=("options",))
 SIDE_BY_SIDE = sw.DEFAULT._replace(check_swap=False)
 
 
