@@ -79,7 +79,7 @@ def fit(
     options: FootOptions = DEFAULT, loss: str | Term = "position_log", *, steps: int = STEPS,
     names: tuple[str, ...] = (), priors: bool = True,
 ) -> Learned:  # fmt: skip
-    """Fit the parameters `names`, or all of `FREE`, to the trials with a weight above 0; priors as declared, or none."""
+    """Fit the parameters `names`, or all of `FREE`, to trials with a weight above 0; priors as declared, or none."""
     transforms, program = _programs(options, loss)
     start = _single(start)
     declared, count = params.priors(foot_ins.estimator(options).params), float(np.sum(weights))
