@@ -24,8 +24,8 @@ FREE = (
 )  # fmt: skip
 """What is learned; the rest keeps its default. The place of the reference's marker is solved apart, see `marker`."""
 
-STEPS, RATE = 20, 0.2
-"""Steps of Adam and the rate of the first, which falls to 0: up to 2 units of a logarithm in all."""
+STEPS, RATE = 14, 0.25
+"""Steps of Adam and the rate of the first, which falls to 0: up to 1.75 units of a logarithm in all."""
 
 
 class Learned(NamedTuple):

@@ -65,15 +65,17 @@ def _mean_squares(place: Any, found: Paths) -> Any:
 @jax.value_and_grad
 def _loss(place: Any, found: Paths, weights: Any) -> Any:
     """As the loss `position_log` and the priors of `FootParams.tracked_point`."""
-    prior = sum((one.penalty(place[i]) for i, one in enumerate(PRIORS)), jnp.zeros(()))
+    prior = sum((one.penalty(place[i]) for i, one in enumerate(PRIORS)), jnp.zeros_like(place[0]))
     return jnp.sum(weights * 0.5 * jnp.log1p(1e4 * _mean_squares(place, found))) + prior
 
 
 def solved(found: Paths, weights: np.ndarray) -> np.ndarray:
     """(3,) place of the marker in the sensor's axes [m] that suits the trials with a weight above 0."""
 
+    kind = found.sensor.dtype
+
     def of(place: np.ndarray) -> tuple[float, np.ndarray]:
-        value, slope = _loss(jnp.asarray(place, jnp.float32), found, jnp.asarray(weights, jnp.float32))
+        value, slope = _loss(jnp.asarray(place, kind), found, jnp.asarray(weights, kind))
         return float(value), np.asarray(slope, float)
 
     return np.asarray(optimize.minimize(of, np.zeros(3), jac=True, method="BFGS", options={"gtol": 1e-3}).x)
@@ -81,7 +83,7 @@ def solved(found: Paths, weights: np.ndarray) -> np.ndarray:
 
 def errors(found: Paths, place: np.ndarray) -> np.ndarray:
     """(n,) 3-D error of the path of a point [m]."""
-    return np.sqrt(np.asarray(_mean_squares(jnp.asarray(place, jnp.float32), found), float))
+    return np.sqrt(np.asarray(_mean_squares(jnp.asarray(place, found.sensor.dtype), found), float))
 
 
 def held_out(found: Paths, away: np.ndarray) -> np.ndarray:

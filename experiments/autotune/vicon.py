@@ -17,7 +17,7 @@ from jgait.estimators.foot_ins import DEFAULT, TEXTBOOK, FootOptions, FootParams
 from jgait.tune import Lesson
 from jgait.types import Estimate
 
-NOISES = ("constant", "log_linear")
+NOISES = ("log_linear",)
 """Noise models that are tuned, the simplest first."""
 
 BY_HAND = ("constant", 0.0)
@@ -97,11 +97,10 @@ def candidates(quick: bool) -> dict[tuple[str, float], np.ndarray]:
     """(noise model, share) → error of every trial by the tuning without its day [m]; the simplest first."""
     found, _, _ = ready("constant", quick)
     result = {}
-    for noise in NOISES:
-        for share in (0.0, *SHARES) if noise == BY_HAND[0] else SHARES:
-            result[noise, share] = error = np.zeros(found.days.size)
-            for day in np.unique(found.days):
-                error[found.days == day] = fold(day, noise, quick).errors[share]
+    for noise, share in (BY_HAND, *((noise, share) for noise in NOISES for share in SHARES)):
+        result[noise, share] = error = np.zeros(found.days.size)
+        for day in np.unique(found.days):
+            error[found.days == day] = fold(day, noise if share else NOISES[0], quick).errors[share]
     return result
 
 
