@@ -10,7 +10,7 @@ import numpy as np
 from experiments.common.recordings import available, names, walks
 from jgait import tune
 from jgait.estimators import foot_ins
-from jgait.estimators.foot_ins import FootOptions
+from jgait.estimators.foot_ins import DEFAULT, FootOptions
 from jgait.tune import Lessons
 from jgait.types import Walk
 
@@ -39,14 +39,14 @@ class Trials(NamedTuple):
 
 
 @cache
-def trials(noise: str, quick: bool) -> Trials | None:
-    """The trials that are here, prepared for a noise model; None if the set is not here."""
+def trials(quick: bool) -> Trials | None:
+    """The trials that are here, prepared for the default options; None if the set is not here."""
     if not available(SET):
         return None
     found = list(walks(SET, names(SET)[::9] if quick else None))
     return Trials(
         found, np.array([kind(walk.info["speed"]) for walk in found]),
-        np.array([walk.recording.name[:10] for walk in found]), groups(found, options_of(noise)),
+        np.array([walk.recording.name[:10] for walk in found]), groups(found, DEFAULT),
     )  # fmt: skip
 
 

@@ -18,11 +18,14 @@ from jgait.simulate.sensors import MPU6000
 # --- many people ---
 
 
-def cohort(people: int, seconds: float, rate_hz: float, batch: int) -> None:
-    """Simulate people in batches; print seconds to compile, seconds to run after a warm-up, and peak memory [GB]."""
+def cohort(people: int, seconds: float, rate_hz: float, batch: int, recorded: bool) -> None:
+    """Simulate people in batches, by rules or as recorded people walk.
+
+    Prints seconds to compile, seconds to run after a warm-up, and peak memory [GB].
+    """
     samples = round(seconds * rate_hz)
     moving = jnp.asarray(np.arange(samples) / rate_hz)
-    drawn = simulate.population(jax.random.key(3), people)
+    drawn = simulate.population(jax.random.key(3), people, recorded)
     quiet = drawn.gait.quiet_before + drawn.gait.quiet_after
     steps = jnp.clip(jnp.floor((seconds - quiet) / (0.5 * drawn.gait.stride_time)) - 1.0, 1.0, CAPACITY)
     drawn = Person(drawn.body, drawn.gait._replace(steps=steps))
@@ -52,10 +55,18 @@ CAPACITY = 144
 """Steps: room for a minute of the quickest."""
 
 
+def measured(people: int, batch: int, recorded: bool = False) -> tuple[float, float, float]:
+    """Seconds to compile and to run, and peak memory [GB], in a process of its own, in float32 as JAX comes."""
+    ((compiling, seconds, memory),) = answers(
+        started("experiments.simulator.cohort", [people, batch, int(recorded)])
+    )  # fmt: skip
+    return compiling, seconds, memory
+
+
 def rows(quick: bool) -> list[Row]:
-    """The cohort in a process of its own, in float32 as JAX comes."""
+    """The cohort by rules."""
     people, batch, suffix = (32, 16, "_quick") if quick else (1000, 20, "")
-    ((compiling, seconds, memory),) = answers(started("experiments.simulator.cohort", [people, batch]))
+    compiling, seconds, memory = measured(people, batch)
     split = f"{people} people × 60 s × 7 sensors, 100 Hz, float32, in batches of {batch}"
     name = f"cohort_{people}x60s_seconds{suffix}"
     return [
@@ -66,4 +77,4 @@ def rows(quick: bool) -> list[Row]:
 
 
 if __name__ == "__main__":
-    cohort(int(sys.argv[1]), 60.0, 100.0, int(sys.argv[2]))
+    cohort(int(sys.argv[1]), 60.0, 100.0, int(sys.argv[2]), sys.argv[3] == "1")

@@ -116,9 +116,11 @@ def settings_of(about: About, paper: bool, file: Path | None = None) -> Settings
 
 
 def pipeline_of(
-    name: str, paper: bool, file: Path | None = None, noise: str | None = None
+    name: str, paper: bool, file: Path | None = None, noise: str | None = None, soft: bool = False
 ) -> Estimator[PyTree, PyTree]:
-    """The estimator of this name; exits with code 2 if there is none, or no pipeline of a paper."""
+    """The estimator of this name, with a noise model and soft stances if asked for; exits with code 2 if there is none,
+    or no pipeline of a paper.
+    """
     if paper and name in estimators.names() and estimators.about_of(name).paper is None:
         refuse("--paper", tuple(n for n in estimators.names() if estimators.about_of(n).paper is not None), name)
     try:
@@ -127,7 +129,9 @@ def pipeline_of(
             options: Any = settings.get("options")
             if "noise" not in getattr(options, "_fields", ()):
                 raise ValueError(f"{name} has no noise models to choose from")
-            settings = {"options": options._replace(noise=noise, soft=True)}
+            settings = {"options": options._replace(noise=noise)}
+        if soft and "soft" in getattr(settings.get("options"), "_fields", ()):
+            settings = {"options": settings["options"]._replace(soft=True)}
         return estimators.get(name, **settings)
     except ValueError as error:
         stop(str(error))

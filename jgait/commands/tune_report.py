@@ -90,6 +90,12 @@ def report(
         console.print(visible(f"· {line}"), highlight=False)
     if results.known is not None and results.known.decrement > OFF:
         note("more --steps, or another --learning-rate, may reach the optimum more closely")
+    undone = int(np.count_nonzero(~np.asarray(results.fit.accepted, bool)))
+    if undone:
+        note(
+            f"{count(undone, 'step', 'steps')} of {how['steps']} led to a loss or a gradient that is not finite and "
+            "were undone; a smaller --learning-rate avoids them"
+        )
     for line in results.left_out:
         note(line)
     wrote(files)

@@ -108,6 +108,13 @@ def instants(
     instants [s] and step frequencies [Hz] are (n,).
     """
     score = cues(forward, upward, sampling_rate_hz, settings.cutoff_hz, mask)
+    return located(score, sampling_rate_hz, coarse, step_frequency, settings)
+
+
+def located(
+    score: Array, sampling_rate_hz: float, coarse: ArrayLike, step_frequency: ArrayLike, settings: Soft = SOFT
+) -> Array:
+    """`instants` from `cues` (T, 3), whose cut-off has been applied."""
     about, last = jnp.asarray(coarse, score.dtype), score.shape[0] - 1
     later = jnp.asarray(GRID * np.arange(-round(REACH / GRID), round(REACH / GRID) + 1), score.dtype)
     place = (about[:, None] + later[None, :]) * sampling_rate_hz

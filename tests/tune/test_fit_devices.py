@@ -27,10 +27,10 @@ from jgait import tune
 mesh = jax.make_mesh((jax.device_count(),), ("items",), axis_types=(jax.sharding.AxisType.Auto,))
 """
 FIT = """
-fit = tune.fit(likelihood, START, OWN, READINGS, optax.adam(0.1), steps=40, subjects=PEOPLE, mesh=mesh)
+fit = tune.fit(likelihood, START, OWN, READINGS, optax.adam(0.1), steps=15, subjects=PEOPLE, mesh=mesh)
 hold = np.arange(6) >= 2
 more = tune.fit(
-    likelihood, START, OWN, READINGS, optax.adam(0.1), steps=30, subjects=PEOPLE, mesh=mesh, starts=2,
+    likelihood, START, OWN, READINGS, optax.adam(0.1), steps=10, subjects=PEOPLE, mesh=mesh, starts=2,
     validation=hold, minibatch=2, key=jax.random.key(0), checkpoint_file=sys.argv[1] + ".fit"
 ) if jax.device_count() in (1, 2) else fit
 if jax.process_index() == 0:
@@ -40,7 +40,7 @@ print(jax.device_count())
 
 
 def alone(**more):
-    return tune.fit(likelihood, START, OWN, READINGS, optax.adam(0.1), steps=40, subjects=PEOPLE, **more)
+    return tune.fit(likelihood, START, OWN, READINGS, optax.adam(0.1), steps=15, subjects=PEOPLE, **more)
 
 
 def close(file, fits):
@@ -51,7 +51,7 @@ def close(file, fits):
 
 def batches():
     return tune.fit(
-        likelihood, START, OWN, READINGS, optax.adam(0.1), steps=30, subjects=PEOPLE, starts=2,
+        likelihood, START, OWN, READINGS, optax.adam(0.1), steps=10, subjects=PEOPLE, starts=2,
         validation=np.arange(6) >= 2, minibatch=2, key=jax.random.key(0),
     )  # fmt: skip
 

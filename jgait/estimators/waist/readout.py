@@ -27,7 +27,8 @@ TURNED = 1.0
 """[rad] Threshold on the turn since the bout began; above it the bias has turned and integration is unreliable."""
 
 EDGE_STEPS = 2
-"""[intervals] Number of intervals after standing that are gait initiation, and before standing that are stopping."""
+"""[intervals] Number of intervals after standing that are gait initiation, and before standing or the end of a bout
+that are stopping."""
 
 
 class WaistWalk(NamedTuple):
@@ -104,8 +105,13 @@ def integrated_speed(
 
 
 def _step_variance(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Values:
-    """(K,) variance of the pendulum's steps [m²]; larger in turns, in gait initiation and in stopping."""
-    edge = inputs.stands
+    """(K,) variance of the pendulum's steps [m²]; larger in turns, in gait initiation and in stopping.
+
+    A bout ends in stopping also where no standing is detected after it: the person shuffles or sways there.
+    """
+    row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
+    ends = jnp.concatenate([inputs.fresh[1:], jnp.zeros_like(inputs.fresh[:1])]) | (row == inputs.count - 1)
+    edge = inputs.stands | (ends & inputs.moves)
     for _ in range(EDGE_STEPS):
         none = jnp.zeros_like(edge[:1])
         edge = edge | jnp.concatenate([none, edge[:-1]]) | jnp.concatenate([edge[1:], none])

@@ -355,48 +355,33 @@ def test_what_cannot_be_done_is_said(walked):
         jgait.analyse(recording, {"height": 175.0})
 
 
-def test_measurements_are_combined_by_their_variances():
-    value, sd, kept = combined(np.array([1.0, 1.3]), np.array([0.1, 0.2]))
-    np.testing.assert_allclose([value, sd], [(1.0 * 4 + 1.3) / 5, np.sqrt(0.04 / 5)])
-    assert kept.all()
+HALF, PAIR = np.array([[1.0, 0.5], [0.5, 1.0]]), np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]])
+COMBINED = {  # values, deviations, correlations → value, deviation, which are kept
+    "by their variances": ([1.0, 1.3], [0.1, 0.2], None, [5.3 / 5, np.sqrt(0.04 / 5)], [True, True]),
+    "shared errors count once": ([1.0, 1.1], [0.1, 0.1], HALF, [1.05, 0.1 * np.sqrt(0.75)], [True, True]),
+    "two that contradict": ([1.0, 2.0], [0.02, 0.1], None, [1.0, np.hypot(0.02, 0.5)], [True, False]),
+    "the most certain and those that agree": (
+        [1.0, 1.02, 2.0, 2.0], [0.02, 0.02, 0.05, 0.05], None, [1.01, np.sqrt(0.0002 + 0.5**2)],
+        [True, True, False, False],
+    ),
+    "one that two others contradict": (
+        [1.0, 1.2, 1.21], [0.01, 0.02, 0.02], None, [1.205, np.sqrt(0.0002)], [False, True, True]
+    ),
+    "two with shared errors do not outvote a third": (
+        [1.2, 1.21, 1.0], [0.02, 0.02, 0.01], PAIR, [1.0, np.hypot(0.01, 0.1)], [False, False, True]
+    ),
+    "so uncertain that it agrees with all": (
+        [1.0, 1.2, 1.1], [0.01, 0.02, 0.3], None, [1.0, np.hypot(0.01, 0.1)], [True, False, True]
+    ),
+}  # fmt: skip
 
 
-def test_shared_errors_count_once():
-    values, deviations = np.array([1.0, 1.1]), np.array([0.1, 0.1])
-    value, sd, _ = combined(values, deviations, np.array([[1.0, 0.5], [0.5, 1.0]]))
-    np.testing.assert_allclose([value, sd], [1.05, 0.1 * np.sqrt(0.75)])
-
-
-def test_two_that_contradict_are_not_averaged():
-    value, sd, kept = combined(np.array([1.0, 2.0]), np.array([0.02, 0.1]))
-    assert value == 1.0
-    assert sd > 0.5
-    np.testing.assert_array_equal(kept, [True, False])
-
-
-def test_the_most_certain_and_those_that_agree_are_combined():
-    value, sd, kept = combined(np.array([1.0, 1.02, 2.0, 2.0]), np.array([0.02, 0.02, 0.05, 0.05]))
-    np.testing.assert_allclose([value, sd], [1.01, np.sqrt(0.0002 + 0.5**2)])
-    np.testing.assert_array_equal(kept, [True, True, False, False])
-
-
-def test_one_that_two_others_contradict_is_left_out():
-    value, sd, kept = combined(np.array([1.0, 1.2, 1.21]), np.array([0.01, 0.02, 0.02]))
-    np.testing.assert_allclose([value, sd], [1.205, np.sqrt(0.0002)])
-    np.testing.assert_array_equal(kept, [False, True, True])
-
-
-def test_two_with_shared_errors_do_not_outvote_a_third():
-    shared = np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    value, sd, kept = combined(np.array([1.2, 1.21, 1.0]), np.array([0.02, 0.02, 0.01]), shared)
-    np.testing.assert_allclose([value, sd], [1.0, np.hypot(0.01, 0.1)])
-    np.testing.assert_array_equal(kept, [False, False, True])
-
-
-def test_what_is_so_uncertain_that_it_agrees_with_all_decides_nothing():
-    value, sd, kept = combined(np.array([1.0, 1.2, 1.1]), np.array([0.01, 0.02, 0.3]))
-    np.testing.assert_allclose([value, sd], [1.0, np.hypot(0.01, 0.1)], rtol=1e-2)
-    np.testing.assert_array_equal(kept, [True, False, True])
+@pytest.mark.parametrize("name", COMBINED)
+def test_measurements_are_combined_unless_they_contradict(name):
+    values, deviations, shared, expected, which = COMBINED[name]
+    value, sd, kept = combined(np.array(values), np.array(deviations), *([] if shared is None else [shared]))
+    np.testing.assert_allclose([value, sd], expected, rtol=1e-2 if name.startswith("so uncertain") else 1e-7)
+    assert kept.tolist() == which
 
 
 @pytest.mark.parametrize("certain", ["feet", "waist"])
