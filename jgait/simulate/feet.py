@@ -88,21 +88,13 @@ def instants(gait: Gait) -> Instants:
 
 
 class Phases(NamedTuple):
-    """Shares [1] of the motions of a foot, (2, T).
+    """Shares [1] of the motions of a foot, (2, T)."""
 
-    Attributes:
-        rise: pitch of the heel, over its largest pitch.
-        toes: pitch of the toes, over their largest pitch.
-        down: pitch of the foot before and after landing, over its pitch at landing.
-        way: share of the way from foothold to foothold.
-        lift: lift in swing, over the early lift.
-    """
-
-    rise: Jet
-    toes: Jet
-    down: Jet
-    way: Jet
-    lift: Jet
+    rise: Jet  #: pitch of the heel, over its largest pitch.
+    toes: Jet  #: pitch of the toes, over their largest pitch.
+    down: Jet  #: pitch of the foot before and after landing, over its pitch at landing.
+    way: Jet  #: share of the way from foothold to foothold.
+    lift: Jet  #: lift in swing, over the early lift.
 
 
 def phases(gait: Gait, shape: Movement, off: Values, leave: Values, lands: Values, s: Jet) -> Phases:
