@@ -85,6 +85,30 @@ def test_another_format_has_no_such_header(vendors, tmp_path):
     refuse((vendors[0], other), "has no such header: expected .* it begins with 'a,b,c'")
 
 
+@pytest.mark.parametrize(("write", "acc_unit"), [(made_files.physilog, "; g,"), (made_files.shimmer, "m/s^2")])
+def test_without_a_row_of_units_they_are_told_from_the_signals(tmp_path, write, acc_unit):
+    recording = io.read(write(tmp_path / "a.csv", units=False), placement="foot_right")
+    made_files.check(recording)
+    told = [note for note in texts(recording.notes) if "the file states no unit" in note]
+    assert len(told) == 2 and "deg/s" in told[0] and acc_unit in told[1]
+
+
+@pytest.mark.parametrize(
+    ("write", "unit", "wrong", "message"),
+    [
+        (made_files.physilog, "[s]", "[h]", "a.csv: Time is in 'h'; expected one of s, ms, us"),
+        (made_files.shimmer, "deg/s", "rpm", "a.csv: Shimmer_8665_Gyro_X_CAL … is in rpm; expected one of deg/s"),
+        (made_files.shimmer, "ms\t", "ticks\t", "Timestamp_Unix_CAL is in 'ticks'; expected one of s, ms, us"),
+        (made_files.xio, "Timestamp (us)", "Time (h)", "Time is in 'h'; expected one of s, ms, us"),
+    ],
+)
+def test_unknown_units_are_refused(tmp_path, write, unit, wrong, message):
+    path = write(tmp_path / "a.csv")
+    path.write_text(path.read_text().replace(unit, wrong))
+    with pytest.raises(RecordingError, match=message):
+        io.read(path, placement="foot_right")
+
+
 def test_no_file_and_a_folder_of_nothing(tmp_path):
     with pytest.raises(FileNotFoundError):
         io.read(tmp_path / "none.csv")
