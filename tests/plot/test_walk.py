@@ -42,7 +42,8 @@ def test_the_body_is_drawn_with_its_lengths_and_the_feet_on_the_ground(walked):
 def test_a_gif_is_as_long_as_the_walk(walked, tmp_path):
     from PIL import Image
 
-    truth = walked[2]
+    samples = len(walked[2].estimate.time)
+    truth = jax.tree.map(lambda v: v[:40] if np.ndim(v) and len(v) == samples else v, walked[2])  # the first 0.8 s
     plot.stick_figure(truth, tmp_path / "walk.gif")
     assert [one.name for one in tmp_path.iterdir()] == ["walk.gif"]
     with Image.open(tmp_path / "walk.gif") as image:
