@@ -47,16 +47,28 @@ def singles(tree: Any) -> Any:
     return jax.tree.map(lambda v: v.astype(jnp.float32) if v.dtype == jnp.float64 else v, doubles(tree))
 
 
-def estimated(name: str, inputs: Any, *, light: bool = False) -> Any:
+def estimated(name: str, inputs: Any) -> Any:
     """The estimate by the program that users run, padded as it pads."""
     case = case_of(name)
     padded = pad(inputs, programs.bucket(inputs.time.size))
-    return programs.compiled(run_of(name))(case.params, padded, options=case.light if light else case.options)
+    return programs.compiled(run_of(name))(case.params, padded, options=case.options)
 
 
 @functools.cache
 def estimates(name: str) -> tuple[Any, ...]:
     return tuple(estimated(name, inputs) for inputs in case_of(name).inputs)
+
+
+@functools.cache
+def batch(name: str) -> Any:
+    """The estimates of both walks side by side, with less padding behind them."""
+    case, run = case_of(name), run_of(name)
+    if case.light == case.options:  # the program of the derivatives computes them beside
+        _, values, _ = parameters(name)
+        rows = np.tile(values, (2, 1))
+        return derivatives(name, rows, 0.0 * rows, np.arange(2))[2]
+    stacked = jax.tree.map(lambda *v: np.stack(v), *case.inputs)
+    return jax.jit(jax.vmap(lambda inputs: run(case.params, inputs, case.options)))(stacked)
 
 
 def bare(name: str, number: int, result: Any) -> dict[str, np.ndarray]:
@@ -146,11 +158,8 @@ def test_a_recording_of_another_length_compiles_nothing(name, compiled):
 
 @every_estimator
 def test_vmap_equals_a_loop_and_more_padding_changes_nothing(name):
-    """By the program of the derivatives, which computes estimates beside; batches of the smoother: tests/filtering."""
-    rows = np.tile(parameters(name)[1], (2, 1))
-    both = derivatives(name, rows, 0.0 * rows, np.arange(2))[2]
-    for number, inputs in enumerate(case_of(name).inputs):
-        alone, row = estimated(name, inputs, light=True), jax.tree.map(lambda v, number=number: v[number], both)
+    for number, alone in enumerate(estimates(name)):
+        row = jax.tree.map(lambda v, number=number: v[number], batch(name))
         assert_close(bare(name, number, row), bare(name, number, alone), 1e-8)
 
 
@@ -357,12 +366,12 @@ def test_every_option_is_documented(name):
 
 
 @every_estimator
-def test_an_estimator_states_its_title_needs_and_tables(name):
+def test_an_estimator_states_its_title_needs_totals_and_columns(name):
     record = estimators.get(name)
     about = record.about
     assert record.name == name
     assert estimators.about_of(name) == about
-    assert about.title and about.needs and about.tables
+    assert about.title and about.needs and about.columns and about.tables
     assert about.default is not None and (about.paper is None or type(about.paper) is type(about.default))
     assert all(measure.unit and measure.meaning and measure.low < measure.high for measure in about.measures)
     assert all(option.help and option.name.startswith("--") for option in about.options)
