@@ -74,7 +74,9 @@ class Tuning:
         def lengths(at: Any) -> Any:
             return ankle_stride.run(self.params(at), leg).strides.length
 
-        values, slopes = jax.vmap(lambda direction: jax.jvp(lengths, (free,), (direction,)))(jnp.eye(free.size))
+        values, slopes = jax.vmap(lambda direction: jax.jvp(lengths, (free,), (direction,)))(
+            jnp.eye(free.size, dtype=free.dtype)
+        )
         return values[0], slopes
 
     def errors(self, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
