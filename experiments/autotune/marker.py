@@ -5,7 +5,6 @@ once, and the marker of each set of trials follows without it.
 """
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -15,7 +14,7 @@ from scipy import optimize
 
 from jgait import filtering, params
 from jgait.estimators import foot_ins
-from jgait.estimators.foot_ins import FootOptions, FootParams
+from jgait.estimators.foot_ins import FootParams
 from jgait.geometry.rotation import Quaternion, rotated
 from jgait.geometry.vectors import Vector
 from jgait.tune import Lessons, losses
@@ -33,20 +32,20 @@ class Paths(NamedTuple):
     look: Any
 
 
-@partial(filtering.compiled, static_argnames="options")
-def _paths(p: FootParams, data: Any, options: FootOptions) -> Any:
+@filtering.compiled
+def _paths(p: FootParams, data: Any) -> Any:
     def one(lesson: Any) -> Paths:
-        found = foot_ins.run(p, lesson.inputs, options)
+        found = foot_ins.run(p, lesson.inputs)
         foot, look = found.feet.right, lesson.look & found.valid & lesson.reference.valid
         return Paths(foot.position, foot.orientation, lesson.reference.feet.right.position, look)
 
     return jax.lax.map(one, data)
 
 
-def paths(p: FootParams, groups: Sequence[tuple[np.ndarray, Lessons]], options: FootOptions) -> Paths:
+def paths(p: FootParams, groups: Sequence[tuple[np.ndarray, Lessons]]) -> Paths:
     """The paths of all trials, in the order of the trials, of the sensor itself."""
     single = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), p._replace(tracked_point=Vector(0.0, 0.0, 0.0)))
-    parts = [jax.tree.map(np.asarray, _paths(single, made.data, options)) for _, made in groups]
+    parts = [jax.tree.map(np.asarray, _paths(single, made.data)) for _, made in groups]
     back = np.argsort(np.concatenate([rows for rows, _ in groups]))
     return Paths(*(np.concatenate(leaves)[back] for leaves in zip(*parts, strict=True)))
 
