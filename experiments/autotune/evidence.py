@@ -1,27 +1,14 @@
-"""How much of a tuning is taken: as much as data left out of it support.
-
-A tuning moves parameters from θ₀ to θ. Of the candidates θ₀ + s (θ − θ₀), in free coordinates, 0 ≤ s ≤ 1, and of
-several models, the simplest is taken whose error on data left out is within one standard error of the best. Source of
-the rule: L. Breiman et al., "Classification and Regression Trees", 1984, section 3.4.3.
-"""
+"""What data left out say of a tuning: which of several is taken, and how many independent errors there are."""
 
 from collections.abc import Hashable, Mapping, Sequence
-from typing import Any
 
-import jax
 import numpy as np
-
-SHARES = (0.25, 0.5, 1.0)
-"""Shares s of a tuning that are tried beside 0."""
-
-
-def between(start: Any, end: Any, share: float) -> Any:
-    """The free values at a share of the way."""
-    return jax.tree.map(lambda a, b: a + share * (b - a), start, end)
 
 
 def simplest[Name: Hashable](losses: Mapping[Name, np.ndarray], groups: Sequence[Hashable] | np.ndarray) -> Name:
     """The first candidate whose mean loss is at most one standard error above the best one's.
+
+    Source: L. Breiman et al., "Classification and Regression Trees", 1984, section 3.4.3.
 
     Args:
         losses: candidate → loss of every item left out; candidates from the simplest on.
@@ -38,18 +25,6 @@ def simplest[Name: Hashable](losses: Mapping[Name, np.ndarray], groups: Sequence
         if name == best or more.mean() <= spread:
             return name
     return best
-
-
-def taken[Name: Hashable](losses: Mapping[Name, np.ndarray], groups: np.ndarray) -> dict[Hashable, Name]:
-    """Group → the candidate that the other groups' losses support.
-
-    Each loss is that of an item by a tuning without the item's group. The tunings that are compared for a group have
-    seen it; only the choice between them has not.
-    """
-    return {
-        group: simplest({name: loss[groups != group] for name, loss in losses.items()}, groups[groups != group])
-        for group in dict.fromkeys(groups.tolist())
-    }
 
 
 def independent(errors: np.ndarray, groups: np.ndarray) -> float:

@@ -1,4 +1,4 @@
-"""A preset of the foot: as much of the tuning on all trials as days left out support, if any. `make presets`."""
+"""A preset of the foot: the tuning on all trials, if it is better on days left out. `make presets`."""
 
 import hashlib
 from pathlib import Path
@@ -7,19 +7,17 @@ import jax
 import numpy as np
 
 from experiments.autotune import learn, vicon
-from experiments.autotune.walks import KINDS, SET, options_of, trials
+from experiments.autotune.evidence import simplest
+from experiments.autotune.walks import KINDS, SET, trials
 from jgait import io
 from jgait.datasets import pyshoe_vicon, registry
 from jgait.estimators.foot_ins import FootParams
 
+NAME = "foot_positions"
 
-def write(
-    p: FootParams, taken: tuple[str, float], before: np.ndarray, after: np.ndarray, kinds: np.ndarray,
-    folder: Path = io.PRESETS,
-) -> Path:  # fmt: skip
-    """Write the parameters of the noise model and the share of `taken`; `before` and `after` are errors of trials left
-    out [m], `kinds` their gait."""
-    noise, share = taken
+
+def write(p: FootParams, before: np.ndarray, after: np.ndarray, kinds: np.ndarray, folder: Path = io.PRESETS) -> Path:
+    """Write the parameters; `before` and `after` are errors of trials left out [m], `kinds` their gait."""
     files = [registry.file(SET, f"{pyshoe_vicon.ROOT}/{name}.mat")[0] for name in pyshoe_vicon.names()]
     held = {
         "error": "3-D error of the foot's path", "unit": "m", "n": before.size, "split": vicon.SPLIT,
@@ -30,12 +28,12 @@ def write(
         },
     }  # fmt: skip
     made = {
-        "loss": "position_log=1", "cohort": SET, "free": learn.FREE, "steps": learn.STEPS, "share": share,
-        "held_out": held, "options": {"noise": options_of(noise).noise}, "recordings": len(files),
+        "loss": "position_log=1", "cohort": SET, "free": learn.FREE, "steps": learn.STEPS, "held_out": held,
+        "recordings": len(files),
         "data": {file.name: f"sha256:{hashlib.sha256(file.read_bytes()).hexdigest()}" for file in files},
     }  # fmt: skip
     rounded = jax.tree.map(lambda v: float(f"{float(v):.5g}"), p)
-    return io.write_params(folder / f"foot_{noise}.json", rounded, estimator="foot_ins", made=made)
+    return io.write_params(folder / f"{NAME}.json", rounded, estimator="foot_ins", made=made)
 
 
 def _median(errors: np.ndarray) -> float:
@@ -47,10 +45,11 @@ def main() -> None:
     found = trials(False)
     if found is None:
         raise SystemExit(1)
-    taken, p = vicon.all_days()
-    if taken == vicon.BY_HAND:
-        raise SystemExit("days left out support no change of the defaults: no preset")
-    print(write(p, taken, vicon.candidates(False)[vicon.BY_HAND], vicon.chosen(False), found.kinds))
+    errors = vicon.ways(False)
+    losses = {name: np.log(errors[way]) for name, way in (("defaults", "marker"), ("tuned", ""))}
+    if simplest(losses, found.days) != "tuned":
+        raise SystemExit("on days left out the tuning is not better by a standard error: no preset")
+    print(write(vicon.fit("", "position_log", False).params, errors["marker"], errors[""], found.kinds))
 
 
 if __name__ == "__main__":

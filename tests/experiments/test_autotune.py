@@ -36,14 +36,6 @@ def test_the_simplest_candidate_within_a_standard_error_of_the_best_is_taken():
     assert evidence.simplest(chance, days) == "by hand"
 
 
-def test_a_group_has_no_say_in_what_is_taken_for_it():
-    groups = np.array(["a", "a", "b", "b", "c", "c"])
-    good_for_a = {"by hand": np.zeros(6), "full": np.array([-9.0, -9.0, 1.0, 1.0, 1.0, 1.0])}
-    assert evidence.taken(good_for_a, groups)["a"] == "by hand"
-    better = {"by hand": np.zeros(6), "full": np.array([5.0, 5.0, -1.0, -1.0, -1.1, -1.1])}
-    assert evidence.taken(better, groups)["a"] == "full"
-
-
 def test_errors_that_people_share_count_less():
     rng = np.random.default_rng(1)
     people = np.repeat(np.arange(200), 10)
