@@ -5,4 +5,4 @@ Every recorded person has a simulated one who walks at the same stride time and 
 as on recorded ones, and what simulated people cost.
 """
 
-PARTS = ("figures", "strides", "prediction", "cost")
+PARTS = ("figures", "strides", "prediction", "fitted", "cost")

@@ -53,7 +53,7 @@ def walked(people: int, metres: float) -> list[Walked]:
 
     def one(i: int) -> Walked:
         key = jax.random.fold_in(jax.random.key(32), i)
-        person = simulate.fitted(key, simulate.person_of(drawn, i), along)
+        person = simulate.covering(key, simulate.person_of(drawn, i), along)
         return Walked(person, *simulate.recording(key, person, along, OPAL, RATE_HZ, placements=PLACEMENTS))
 
     found = (attempt(f"simulated person {i + 1}, {metres:g} m", lambda i=i: one(i)) for i in range(people))

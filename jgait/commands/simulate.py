@@ -132,7 +132,7 @@ def _drawn(key: PRNGKeyArray, people: int, along: "Route", options: dict[str, An
     who, how = jax.random.split(key)
     drawn = simulation.population(who, people)
     keys = [jax.random.fold_in(how, i) for i in range(people)]
-    fit = [simulation.fitted(k, simulation.person_of(drawn, i), along) for i, k in enumerate(keys)]
+    fit = [simulation.covering(k, simulation.person_of(drawn, i), along) for i, k in enumerate(keys)]
     asked = {"errors": sensors.MPU6000, "rate": 100.0, "placements": simulation.SEVEN, **options}
     walks = simulation.walks(keys, fit, [along] * people, **asked)
     distance = float(np.sum(along.length))

@@ -1,7 +1,7 @@
-"""Many people: adults drawn from published norms, each fitted to a route.
+"""Many people: adults drawn from published norms, each made to cover a route.
 
-`population` draws people, `gait` computes the parameters of a gait from figures printed in papers, `fitted` scales the
-stride length so that a whole number of steps covers a route.
+`population` draws people, `gait` computes the parameters of a gait from figures printed in papers, `covering` scales
+the stride length so that a whole number of steps covers a route.
 """
 
 import math
@@ -210,7 +210,7 @@ def person_of(people: Person, i: int) -> Person:
     return jax.tree.map(lambda leaf: float(np.asarray(leaf)[i]), people)
 
 
-def fitted(key: PRNGKeyArray, person: Person, along: Route) -> Person:
+def covering(key: PRNGKeyArray, person: Person, along: Route) -> Person:
     """The person with a whole number of steps that covers the route exactly, with the least change of stride length.
 
     Args:
@@ -235,11 +235,11 @@ def fitted(key: PRNGKeyArray, person: Person, along: Route) -> Person:
     grown = compiled(_stretched, quick=True)(key, jax.tree.map(float, person), padded(along), capacity=room(steps))
     # The step time of the person does not change.
     stretched = grown.gait._replace(stride_time=person.gait.stride_time)
-    return _able(key, jax.tree.map(float, Person(person.body, stretched)), along)
+    return able(key, jax.tree.map(float, Person(person.body, stretched)), along)
 
 
-def _able(key: PRNGKeyArray, person: Person, along: Route) -> Person:
-    """The person with knees bent just enough that no leg is overstretched; see `fitted`."""
+def able(key: PRNGKeyArray, person: Person, along: Route) -> Person:
+    """The person with knees bent just enough that no leg is overstretched; see `covering`."""
     knee, able = person.gait.knee_stance, person
     for _ in range(4):
         *_, left = limits(key, able, along)
