@@ -1,8 +1,8 @@
 """Walkers fitted to recordings (`simulate.fitted`): what do sensors read that the fit did not see?
 
 Sensors on thighs and shanks are fitted; those on ankles and feet are predicted, and compared with what was recorded in
-the same strides, in the first harmonics of the stride. Beside the fitted walker stands the usual one at the same stride:
-it has the mean manner of recorded people. A share that is not explained is a root mean square difference over the root
+the same strides, in the first harmonics of the stride. Beside the fitted walker stands the usual one at this stride: it
+has the mean manner of recorded people. A share that is not explained is a root mean square difference over the root
 mean square variation of the signal in the stride.
 """
 

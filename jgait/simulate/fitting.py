@@ -26,7 +26,7 @@ from jgait.estimators.programs import compiled
 from jgait.geometry.vectors import Vector
 from jgait.notes import Kind, Note
 from jgait.simulate.person import RECORDED, Body, Gait, Person
-from jgait.simulate.population import able, gait, manner
+from jgait.simulate.population import PELVIS_SPREAD, able, gait, manner
 from jgait.simulate.routes import straight
 from jgait.simulate.sensors import IDEAL
 from jgait.simulate.shapes import STYLES
@@ -37,14 +37,12 @@ from jgait.types import SIDES, Recording, Values, as_float
 SPREAD: dict[str, float] = {
     "thigh_length": 0.05, "shank_length": 0.05, "stride_length": 0.04, "stance_fraction": 0.03, "toe_up": 0.25,
     "heel_up": 0.1, "foot_flat": 0.25, "heel_off": 0.12, "swing_lift": 0.5, "landing_speed": 0.4, "hip_ahead": 0.6,
-    "knee_stance": 0.2, "pelvis_rise": 0.12, "pelvis_surge": 0.22, "pelvis_sway": 0.3, "pelvis_rotation": 0.65,
-    "pelvis_drop": 0.5, "pelvis_nod": 0.5, "soft_tissue": 0.3,
+    "knee_stance": 0.2, "soft_tissue": 0.3, **PELVIS_SPREAD,
 }  # fmt: skip
 """[1] Standard deviation between people of the logarithm of each parameter, at one stride.
 
-Of the pelvis: that of the first harmonic of the lower backs of 12 people of `ipol_gait`, after a power of the length of
-the stride was taken off. Chosen: all others, about as wide as `experiments.people.movement` lets people differ at one
-stride; that of the length of the stride is the error of estimators."""
+Chosen, but those of the pelvis: about as wide as `experiments.people.movement` lets people differ at one stride; that
+of the length of the stride is the error of estimators."""
 
 FREE = (*SPREAD, *STYLES)
 POINTS, HARMONICS, MOST = 100, 8, len(SEVEN)
