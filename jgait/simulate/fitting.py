@@ -144,7 +144,12 @@ def stride_of(person: Person, sensors: Sensors, phase: Values = 0.0) -> Signals:
         phase: share of the stride by which it begins after the contact [1].
     """
     even = person.gait._replace(
-        steps=8.0, quiet_before=0.5, length_variability=0.0, time_variability=0.0, width_variability=0.0
+        steps=8.0,
+        quiet_before=0.5,
+        length_variability=0.0,
+        time_variability=0.0,
+        width_variability=0.0,
+        pitch_variability=0.0,
     )
     who = Person(person.body, even)
     laid, _ = planned(jax.random.key(0), who, straight(30.0), 8)

@@ -72,6 +72,8 @@ class Gait(NamedTuple):
         length_variability: standard deviation of the step length over its mean [1].
         time_variability: standard deviation of the step time over its mean [1].
         width_variability: standard deviation of the sideways position of footholds [m].
+        pitch_variability: standard deviation of the foot's pitch at landing and at toe-off over its mean [1].
+        persistence: correlation of the lengths of one step and the next, and of their times [1].
         steps: number of steps before the closing step of the other foot; a whole number.
         right_first: 1 if the right foot takes the first step, 0 if the left.
         quiet_before: duration of quiet standing before the walk [s].
@@ -111,6 +113,8 @@ class Gait(NamedTuple):
     length_variability: Values = 0.0
     time_variability: Values = 0.0
     width_variability: Values = 0.0
+    pitch_variability: Values = 0.0
+    persistence: Values = 0.0
     steps: Values = 6.0
     right_first: Values = 1.0
     quiet_before: Values = 3.0
