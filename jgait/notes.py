@@ -36,20 +36,14 @@ def printable(text: str, most: int | None = None) -> str:
 
 
 class Kind(NamedTuple):
-    """A kind of fact; calling it with the values of one recording gives a `Note`.
+    """A kind of fact; calling it with the values of one recording gives a `Note`."""
 
-    Attributes:
-        code: name of the fact for programs, in snake_case; no two kinds share a code.
-        severity: one of `SEVERITIES`.
-        text: the sentence, with the values in braces as in `str.format`; after a colon, two words are the singular and
-            the plural for a number: "{gaps} {gaps:gap is|gaps are} filled".
-        meaning: what the fact means for the results, in one or two sentences.
-    """
-
-    code: str
-    severity: Severity
+    code: str  #: name of the fact for programs, in snake_case; no two kinds share a code.
+    severity: Severity  #: one of `SEVERITIES`.
+    #: the sentence, with the values in braces as in `str.format`; after a colon, two words are the singular and the
+    #: plural for a number: "{gaps} {gaps:gap is|gaps are} filled".
     text: str
-    meaning: str
+    meaning: str  #: what the fact means for the results, in one or two sentences.
 
     def __call__(self, **values: object) -> "Note":
         """The fact about one recording.

@@ -21,23 +21,15 @@ type Param = Scalar | Any
 
 
 class Transform(NamedTuple):
-    """A smooth bijection between a parameter's range and the real line.
+    """A smooth bijection between a parameter's range and the real line."""
 
-    Attributes:
-        name: the name of the transform in tables, for example "positive".
-        to_free: natural value → free value on the real line; None when the parameter is fixed.
-        to_natural: free value → natural value; None when the parameter is fixed.
-        low: lower end of the open range.
-        high: upper end of the open range.
-        own: whether each subject has a separate value, see `per_subject`.
-    """
-
-    name: str
+    name: str  #: the name of the transform in tables, for example "positive".
+    #: natural value → free value on the real line; None when the parameter is fixed.
     to_free: Callable[[Values], Values] | None
-    to_natural: Callable[[Values], Values] | None
-    low: float = -math.inf
-    high: float = math.inf
-    own: bool = False
+    to_natural: Callable[[Values], Values] | None  #: free value → natural value; None when the parameter is fixed.
+    low: float = -math.inf  #: lower end of the open range.
+    high: float = math.inf  #: upper end of the open range.
+    own: bool = False  #: whether each subject has a separate value, see `per_subject`.
 
 
 def _identity(value: Values) -> Values:
@@ -78,19 +70,13 @@ def per_subject(transform: Transform) -> Transform:
 
 
 class Parameter(NamedTuple):
-    """The declaration of a field of a parameter tuple, with its default: `Annotated[Values, Parameter(…)] = 0.1`.
+    """The declaration of a field of a parameter tuple, with its default: `Annotated[Values, Parameter(…)] = 0.1`."""
 
-    Attributes:
-        transform: the range; None where the field is a tuple of parameters with declarations of its fields.
-        unit: unit of the value; "1" where the value has no unit.
-        meaning: what the parameter is, in words.
-        prior: the density of the value before any data are used; None where there is none.
-    """
-
+    #: the range; None where the field is a tuple of parameters with declarations of its fields.
     transform: Transform | None
-    unit: str
-    meaning: str
-    prior: "Prior | None" = None
+    unit: str  #: unit of the value; "1" where the value has no unit.
+    meaning: str  #: what the parameter is, in words.
+    prior: "Prior | None" = None  #: the density of the value before any data are used; None where there is none.
 
 
 def declared(of: type[Any]) -> dict[str, Parameter]:
@@ -160,14 +146,10 @@ def units(p: Any) -> dict[str, str]:
 
 
 class Prior(NamedTuple):
-    """The probability density of a parameter before any data are used.
+    """The probability density of a parameter before any data are used."""
 
-    Attributes:
-        name: the name of the prior in tables, for example "normal(0.43, 0.02)".
-        penalty: natural value → minus the logarithm of the prior density, up to a constant [nat]; pure JAX.
-    """
-
-    name: str
+    name: str  #: the name of the prior in tables, for example "normal(0.43, 0.02)".
+    #: natural value → minus the logarithm of the prior density, up to a constant [nat]; pure JAX.
     penalty: Callable[[Values], Values]
 
 

@@ -15,6 +15,7 @@ import nbformat
 import pytest
 
 from jgait import estimators
+from jgait.duty_cycle import power
 from jgait.estimators.leg_ekf import params as leg_params
 
 ROOT = Path(__file__).parents[1]
@@ -194,6 +195,12 @@ def test_sections_of_a_docstring_get_titles_and_their_fields_become_lists(extens
     lists = "**Args**\n\n- `p`: it, and\n    more.\n- `q, r`: others.\n"
     titled = f"**Sensors**\n\nOne\nor two.\n\n\n**Deviations from the paper**\n\n{put}\n\n{lists}\n\nThe end.\n"
     assert docstrings.markdown(text) == f"{equation}\n\n{source}\n\n{titled}"
+
+
+def test_fields_of_a_tuple_that_are_described_where_they_stand_are_listed(extension):
+    lines = ["The power of a sensor.", ""]
+    extension("pages").docstring(None, "class", "Sensor", power.Sensor, None, lines)
+    assert "- `off`: power while the sensor is off [W]." in "\n".join(lines)
 
 
 def test_a_part_of_a_docstring_is_its_beginning_or_a_section(extension):

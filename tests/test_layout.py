@@ -22,20 +22,14 @@ def test_the_order_names_every_file_and_folder_of_the_library():
     assert len(names) + 2 <= 22  # __init__.py and py.typed
 
 
-def test_no_import_goes_up(edges):
+def test_no_import_goes_up_or_in_a_circle(edges):
     assert layering.upward(edges) == []
-
-
-def test_nothing_imports_in_a_circle(edges):
     assert layering.circles(edges) == []
 
 
-def test_no_file_is_long():
+def test_no_file_is_long_and_no_class_name_is_used_twice():
     long = [p for p in layering.modules(ROOT).values() if len(p.read_text(encoding="utf-8").splitlines()) > LONGEST]
     assert long == []
-
-
-def test_no_class_name_is_used_twice():
     assert layering.repeated_classes(ROOT) == {}
 
 

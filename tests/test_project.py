@@ -38,14 +38,14 @@ def python(code: str) -> str:
 # --- the package ---
 
 
-def test_version_is_that_of_the_metadata():
+def test_the_version_the_names_and_the_command_are_those_promised():
     assert jgait.__version__ == importlib.metadata.version("jgait")
     assert re.fullmatch(r"\d+\.\d+\.\d+", jgait.__version__)
-
-
-def test_every_public_name_is_there():
     assert sorted(jgait.__all__) == sorted(set(jgait.__all__))
     assert all(hasattr(jgait, name) for name in jgait.__all__)
+    (entry,) = [e for e in importlib.metadata.entry_points(group="console_scripts") if e.name == "jgait"]
+    assert entry.value == "jgait.cli:main"
+    assert callable(entry.load())
 
 
 def test_importing_the_library_sets_nothing_and_brings_nothing_heavy():
@@ -76,12 +76,6 @@ def test_the_wheel_holds_the_package_its_types_and_its_licence(tmp_path):
     assert {"jgait/__init__.py", "jgait/py.typed", "jgait/datasets/tripod.json"} <= names
     assert {f"{info}/licenses/LICENSE", f"{info}/entry_points.txt"} <= names
     assert {name.split("/")[0] for name in names} == {"jgait", info}
-
-
-def test_the_command_is_installed():
-    (entry,) = [e for e in importlib.metadata.entry_points(group="console_scripts") if e.name == "jgait"]
-    assert entry.value == "jgait.cli:main"
-    assert callable(entry.load())
 
 
 # --- the checkout ---
@@ -197,23 +191,17 @@ def refused(done: subprocess.CompletedProcess[str], message: str) -> None:
     assert done.stderr.splitlines()[0] == message
 
 
-def test_pythons_that_are_too_old_are_listed_with_what_to_install(machine):
+def test_without_a_python_that_is_new_enough_it_is_said_what_was_found_and_what_to_install(machine):
+    refused(machine.set_up(), "jgait needs Python >= 3.12; found: no Python at all.")
+    (machine.bin / "python3").write_text("#!/bin/sh\nexit 127\n")  # a shim without its Python
+    (machine.bin / "python3").chmod(0o755)
+    refused(machine.set_up(), "jgait needs Python >= 3.12; found: python3 (does not run).")
     machine.has("python3", "3.9.2")
     machine.has("python", "2.7.18")
     done = machine.set_up()
     refused(done, "jgait needs Python >= 3.12; found: python3 (3.9.2), python (2.7.18).")
     assert all(word in done.stderr for word in ("apt install", "brew install", "pyenv install", "uv python install"))
     assert not (machine.checkout / ".venv").exists()
-
-
-def test_a_machine_without_python(machine):
-    refused(machine.set_up(), "jgait needs Python >= 3.12; found: no Python at all.")
-
-
-def test_a_shim_without_its_python_is_passed_over(machine):
-    (machine.bin / "python3").write_text("#!/bin/sh\nexit 127\n")
-    (machine.bin / "python3").chmod(0o755)
-    refused(machine.set_up(), "jgait needs Python >= 3.12; found: python3 (does not run).")
 
 
 @pytest.mark.parametrize("version", ["3.12.0", "3.13.1", "3.14.0", "4.0.0"])

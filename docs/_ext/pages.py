@@ -122,7 +122,13 @@ class Markdown(SphinxDirective):
 
 
 def docstring(app: Sphinx, what: str, name: str, value: object, options: object, lines: list[str]) -> None:
-    """Hand a docstring on as Markdown."""
+    """Hand a docstring on as Markdown; fields of a tuple that are described where they stand follow as a list."""
+    own = getattr(value, "_fields", ())
+    described = ModuleAnalyzer.for_module(value.__module__).find_attr_docs() if what == "class" and own else {}
+    fields = [
+        f"    {field}: {' '.join(text).strip()}" for (of, field), text in described.items() if of == value.__name__
+    ]
+    lines += ["Attributes:", *fields, ""] if fields else []
     if any(lines):
         lines[:] = [".. markdown::", "", *(f"   {line}" for line in markdown("\n".join(lines)).splitlines()), ""]
 

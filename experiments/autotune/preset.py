@@ -1,4 +1,4 @@
-"""A preset of the foot: what the tuning on all trials found, if it is better on days left out. `make presets`."""
+"""A preset of the foot: the tuning on all trials, if it is better on days left out. `make presets`."""
 
 import hashlib
 from pathlib import Path
@@ -7,18 +7,17 @@ import jax
 import numpy as np
 
 from experiments.autotune import learn, vicon
-from experiments.autotune.walks import KINDS, SET, options_of, trials
+from experiments.autotune.evidence import simplest
+from experiments.autotune.walks import KINDS, SET, trials
 from jgait import io
 from jgait.datasets import pyshoe_vicon, registry
 from jgait.estimators.foot_ins import FootParams
 
-NAME, WORTH = "foot_log_linear", 0.9
-"""Name; largest median error of the days left out over that of the defaults with which a preset is written [1]."""
+NAME = "foot_positions"
 
 
 def write(p: FootParams, before: np.ndarray, after: np.ndarray, kinds: np.ndarray, folder: Path = io.PRESETS) -> Path:
-    """Write the parameters; `before` and `after` are the errors of the trials [m], `kinds` their gait."""
-    options = options_of(vicon.NOISE)
+    """Write the parameters; `before` and `after` are errors of trials left out [m], `kinds` their gait."""
     files = [registry.file(SET, f"{pyshoe_vicon.ROOT}/{name}.mat")[0] for name in pyshoe_vicon.names()]
     held = {
         "error": "3-D error of the foot's path", "unit": "m", "n": before.size, "split": vicon.SPLIT,
@@ -28,10 +27,9 @@ def write(p: FootParams, before: np.ndarray, after: np.ndarray, kinds: np.ndarra
             for name in KINDS if (kinds == name).any()
         },
     }  # fmt: skip
-    free = [name for name in learn.FREE if name not in learn.MARKER]
     made = {
-        "loss": "position_log=1", "cohort": SET, "free": free, "steps": learn.STEPS, "held_out": held,
-        "options": {"soft": options.soft, "noise": options.noise}, "recordings": len(files),
+        "loss": "position_log=1", "cohort": SET, "free": learn.FREE, "steps": learn.STEPS, "held_out": held,
+        "recordings": len(files),
         "data": {file.name: f"sha256:{hashlib.sha256(file.read_bytes()).hexdigest()}" for file in files},
     }  # fmt: skip
     rounded = jax.tree.map(lambda v: float(f"{float(v):.5g}"), p)
@@ -44,14 +42,14 @@ def _median(errors: np.ndarray) -> float:
 
 def main() -> None:
     """Tune on the days left out and on all days, and write the preset."""
-    found = trials(vicon.NOISE, False)
+    found = trials(False)
     if found is None:
         raise SystemExit(1)
-    before, after = (one(vicon.NOISE, False).error for one in (vicon.marked, vicon.tuned))
-    if np.median(after) > WORTH * np.median(before):
-        raise SystemExit(f"median error {np.median(before):.3f} m before, {np.median(after):.3f} m after: no preset")
-    own = vicon.all_days(vicon.NOISE)._replace(tracked_point=FootParams().tracked_point)  # of the sensor itself
-    print(write(own, before, after, found.kinds))
+    errors = vicon.ways(False)
+    losses = {name: np.log(errors[way]) for name, way in (("defaults", "marker"), ("tuned", ""))}
+    if simplest(losses, found.days) != "tuned":
+        raise SystemExit("on days left out the tuning is not better by a standard error: no preset")
+    print(write(vicon.fit("", "position_log", False).params, errors["marker"], errors[""], found.kinds))
 
 
 if __name__ == "__main__":

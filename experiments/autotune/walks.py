@@ -10,13 +10,16 @@ import numpy as np
 from experiments.common.recordings import available, names, walks
 from jgait import tune
 from jgait.estimators import foot_ins
-from jgait.estimators.foot_ins import FootOptions
 from jgait.tune import Lessons
 from jgait.types import Walk
 
 SET = "pyshoe_vicon"
 
 KINDS = ("walking", "fast", "creeping")
+
+EVERY = 20
+"""[samples] Of a stance one is used for the likelihood, .1 s at 200 Hz: what a standing foot moves is much alike over
+some ten samples, and a filter that takes every sample for news believes that feet do not move at all."""
 
 
 def kind(speed: float | None) -> str:
@@ -39,28 +42,23 @@ class Trials(NamedTuple):
 
 
 @cache
-def trials(noise: str, quick: bool) -> Trials | None:
-    """The trials that are here, prepared for a noise model; None if the set is not here."""
+def trials(quick: bool) -> Trials | None:
+    """The trials that are here, prepared for the default options; None if the set is not here."""
     if not available(SET):
         return None
     found = list(walks(SET, names(SET)[::9] if quick else None))
     return Trials(
         found, np.array([kind(walk.info["speed"]) for walk in found]),
-        np.array([walk.recording.name[:10] for walk in found]), groups(found, options_of(noise)),
+        np.array([walk.recording.name[:10] for walk in found]), groups(found),
     )  # fmt: skip
 
 
-def options_of(noise: str) -> FootOptions:
-    """The options of a tuned model: a noise model in the stances of the default."""
-    return FootOptions(noise=noise)
-
-
-def groups(found: Sequence[Walk], options: FootOptions) -> list[tuple[np.ndarray, Lessons]]:
+def groups(found: Sequence[Walk]) -> list[tuple[np.ndarray, Lessons]]:
     """Rows of the walks and their lessons, in halves of equal work; raises if a walk cannot be used.
 
     The lessons have one length and the halves one number of walks, so that they share a program.
     """
-    estimator = foot_ins.estimator(options)
+    estimator = foot_ins.estimator()
     samples = np.array([len(next(iter(walk.recording.sensors.values())).time) for walk in found])
     order = np.argsort(samples, kind="stable")
     made = tune.lessons(estimator, found)
@@ -69,6 +67,18 @@ def groups(found: Sequence[Walk], options: FootOptions) -> list[tuple[np.ndarray
     data = jax.tree.map(_single, made.data)
     halves = (order[0::2], order[1::2]) if len(order) % 2 == 0 else (order,)
     return [(rows, made._replace(data=jax.tree.map(lambda leaf, rows=rows: leaf[rows], data))) for rows in halves]
+
+
+def thinned(lessons: Sequence[tuple[np.ndarray, Lessons]]) -> list[tuple[np.ndarray, Lessons]]:
+    """The lessons with zero velocity at every `EVERY`-th sample of stances alone."""
+
+    def of(made: Lessons) -> Lessons:
+        inputs = made.data.inputs
+        seen = np.arange(inputs.right.stands.shape[1]) % EVERY == 0
+        foot = inputs.right._replace(stands=inputs.right.stands & seen[None, :])
+        return made._replace(data=made.data._replace(inputs=inputs._replace(right=foot)))
+
+    return [(rows, of(made)) for rows, made in lessons]
 
 
 def _single(values: Any) -> np.ndarray:

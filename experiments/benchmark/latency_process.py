@@ -41,7 +41,7 @@ def walks(folder: str, *lengths: str) -> float:
 
     who, how = jax.random.split(jax.random.key(0))
     route, person = simulate.straight(30.0), simulate.person_of(simulate.population(who, 1), 0)
-    fit = simulate.fitted(how, person, route)
+    fit = simulate.covering(how, person, route)
     seven, _ = simulate.recording(how, fit, route, errors=MPU6000, rate=100.0, placements=simulate.SEVEN)
     made = {"seven": seven, "range": next(iter(protocols.potter(who, 1))).recording}
     for kind, recording in made.items():

@@ -70,7 +70,7 @@ def walkers(seed: int, first: int, last: int, seconds: tuple[float, float]) -> I
         along = _way(kind, number, 0.5 * steps * person.gait.stride_length)
         name = f"{number:05d}_{kind}"
         try:
-            fit = simulate.fitted(keys[number], person, along)
+            fit = simulate.covering(keys[number], person, along)
             simulate.check_person(fit)
             _, lasts, left = limits(keys[number], fit, along)
             check_slack(fit, left, f"on the way of {name}")

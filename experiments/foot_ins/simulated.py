@@ -90,7 +90,7 @@ def feet_of(key: Any, people: int, along: Route, errors: Any, what: str) -> list
         person = simulate.person_of(simulate.population(key, people), i)
 
         def one(own: Any = own, person: Any = person) -> list[Compared]:
-            fit = simulate.fitted(own, person, along)
+            fit = simulate.covering(own, person, along)
             walk = simulate.recording(own, fit, along, errors, RATE, placements=FEET)
             return [compared(*walk, side) for side in range(len(SIDES))]
 

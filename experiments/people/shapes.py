@@ -14,12 +14,13 @@ was multiplied by 1.11. The other people,
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import jax
 import numpy as np
 
+from experiments.kose2011.walks import of_set
 from experiments.people import movement
 from experiments.simulator.simulated import SETS as SIMULATED
 from jgait import datasets
@@ -90,18 +91,45 @@ LARGEST = 3.0
 """[1] Largest size of a harmonic over that of the mean stride of all people."""
 
 
+MOTIONS = {"pelvis_rise": (2, 1), "pelvis_surge": (0, 1), "pelvis_sway": (1, 0), "pelvis_rotation": (3, 0),
+           "pelvis_drop": (5, 0), "pelvis_nod": (4, 1)}  # fmt: skip
+"""Motion of the pelvis → its row in `harmonics`, and its first harmonic."""
+
+
+def spreads() -> dict[str, float]:
+    """Standard deviations between the people of `ipol_gait` of the logarithm of each motion, after a power of the
+    length of the stride was taken off; from the median absolute deviation, since one person hardly turns the pelvis."""
+    lengths: dict[str, list[float]] = {}
+    for walk in of_set("ipol_gait"):
+        lengths.setdefault(f"ipol_gait {walk.subject}", []).append(float(np.median(walk.pieces.length)))
+    strides = {name: np.array(one) for name, one in lower_backs(("ipol_gait",)).items() if one and name in lengths}
+    long = np.log([np.median(lengths[name]) for name in strides])
+    design = np.column_stack([np.ones_like(long), long])
+    found = {}
+    for motion, (row, harmonic) in MOTIONS.items():
+        size = np.log([np.abs(one.mean(axis=0)[row, harmonic]) for one in strides.values()])
+        rest = size - design @ np.linalg.lstsq(design, size, rcond=None)[0]
+        found[motion] = 1.4826 * float(np.median(np.abs(rest - np.median(rest))))
+    return found
+
+
+def lower_backs(names: Sequence[str] = tuple(SETS)) -> dict[str, list[np.ndarray]]:
+    """Person → harmonics of every stride."""
+    people: dict[str, list[np.ndarray]] = {}
+    for name in names:
+        for walk in datasets.load(name):
+            if len(walk.info.get("straight_parts", ())):
+                people.setdefault(f"{name} {walk.recording.subject}", []).extend(harmonics(walk, SETS[name]))
+    return people
+
+
 def pelvis() -> tuple[np.ndarray, np.ndarray, int, int]:
     """(6, 2 HARMONICS) the table of the pelvis, the deviations between people (6, HARMONICS), and the number of people
     and of strides."""
-    people: dict[str, list[np.ndarray]] = {}
-    for name, forward in SETS.items():
-        for walk in datasets.load(name):
-            if len(walk.info.get("straight_parts", ())):
-                people.setdefault(f"{name} {walk.recording.subject}", []).extend(harmonics(walk, forward))
-    strides = [np.array(one) for one in people.values() if one]
+    strides = [np.array(one) for one in lower_backs().values() if one]
     means = np.array([one.mean(axis=0) for one in strides])
     single = np.sqrt(np.array([(np.abs(one) ** 2).mean(axis=0) for one in strides]))
-    tables, spreads = [], []
+    tables, deviations = [], []
     for rows, which in (([0, 2, 4], slice(1, None, 2)), ([1, 3, 5], slice(0, None, 2))):
         own, size = means[:, rows, which], single[:, rows, which]
         mean = own.mean(axis=0)
@@ -110,8 +138,8 @@ def pelvis() -> tuple[np.ndarray, np.ndarray, int, int]:
         factor = np.sqrt(usual / np.sum(np.abs(mean) ** 2 * LEVER**2, axis=0))
         waves = 2.0 * mean * np.minimum(factor, LARGEST)
         tables.append(np.concatenate([waves.real, -waves.imag], axis=1))
-        spreads.append(2.0 * own.std(axis=0))
-    return np.concatenate(tables), np.concatenate(spreads), len(strides), sum(map(len, strides))
+        deviations.append(2.0 * own.std(axis=0))
+    return np.concatenate(tables), np.concatenate(deviations), len(strides), sum(map(len, strides))
 
 
 def written(source: str, tables: dict[str, np.ndarray]) -> str:
@@ -151,6 +179,7 @@ def main() -> None:
         power = float(values[1, number]) * movement.GAIT[name] / shapes.UNIT
         new = float(getattr(RECORDED, name) * factor)
         print(f"RECORDED.{name} = {new:.3g}; power of the stride, in addition: {power:+.2f}")
+    print("PELVIS_SPREAD", {name: round(deviation, 2) for name, deviation in spreads().items()})
     print(FILE)
 
 

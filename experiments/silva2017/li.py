@@ -5,18 +5,19 @@ The paper compares its own method with this one.
 Source: Q. Li, M. Young, V. Naing, J. M. Donelan, J. Biomech. 43 (2010) 1640.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 
 from jgait.estimators.ankle_stride.length import StrideLengthParams, Travelled, scanned
-from jgait.geometry.vectors import Vector, subtract
+from jgait.geometry.vectors import Vector
 from jgait.signal.marks import Marks
 
 
 class PlanarState(NamedTuple):
-    """As `length_steps.StrideState`, in the sagittal plane: angle [rad], forward velocity and way, the last sample."""
+    """As `length.StrideState`, in the sagittal plane: angle [rad], forward velocity and way, the last sample."""
 
     angle: Any
     velocity: Any
@@ -27,11 +28,11 @@ class PlanarState(NamedTuple):
     force: Any
 
 
-def planar_step(
-    p: StrideLengthParams, s: PlanarState, gyr: Vector, acc: Vector, mark: Marks, dt: Any
+def _step(
+    p: StrideLengthParams, s: PlanarState, sample: tuple[Vector, Vector, Marks], *, dt: Any
 ) -> tuple[PlanarState, Travelled]:
-    """One sample of the 2-D method; arguments and result as of `length_steps.stride_step`, without rise and turn."""
-    w, f = subtract(gyr, p.gyr_bias), subtract(acc, p.acc_bias)
+    """One sample of the 2-D method; arguments and result as of a step of `length.scanned`, without rise and turn."""
+    w, f, _ = sample
     angle = s.angle + 0.5 * dt * (s.rate + w.y)
     force = f.x * jnp.cos(angle) + f.z * jnp.sin(angle)
     velocity = s.velocity + 0.5 * dt * (s.force + force)
@@ -41,22 +42,14 @@ def planar_step(
     length = jnp.abs(way - 0.5 * duration * velocity + 0.5 * duration * (s.start + stop))
     nothing = jnp.zeros_like(length)
     found = Travelled(length, length, nothing, nothing, duration)
-    found = Travelled(*(jnp.where(mark.end, value, 0.0) for value in found))
-    going = PlanarState(angle, velocity, way, duration, s.start, w.y, force)
-    fresh = _planar_from(p, w, f)
-    return PlanarState(*(jnp.where(mark.begin, a, b) for a, b in zip(fresh, going, strict=True))), found
+    return PlanarState(angle, velocity, way, duration, s.start, w.y, force), found
 
 
-def _planar_from(p: StrideLengthParams, w: Vector, f: Vector) -> PlanarState:
+def _begun(p: StrideLengthParams, w: Vector, f: Vector) -> PlanarState:
     nothing = jnp.zeros_like(w.y)
     return PlanarState(nothing, nothing, nothing, nothing, w.y * p.lever.z + nothing, w.y, f.x)
 
 
-def planar_begin(p: StrideLengthParams, gyr: Vector, acc: Vector) -> PlanarState:
-    """The state at the first sample."""
-    return _planar_from(p, subtract(gyr, p.gyr_bias), subtract(acc, p.acc_bias))
-
-
 def planar(p: StrideLengthParams, gyr: ArrayLike, acc: ArrayLike, strides: Marks, dt: ArrayLike) -> Travelled:
     """Length of each stride by Li's 2-D method; arguments and result as of `length.inertial`, without rise and turn."""
-    return scanned(lambda s, x: planar_step(p, s, x[0], x[1], x[2], dt), planar_begin, p, gyr, acc, strides)
+    return scanned(partial(_step, p, dt=dt), partial(_begun, p), p, gyr, acc, strides)

@@ -33,9 +33,9 @@ DISCRETE = ("steps", "right_first", "quiet_before", "quiet_after")
 # --- one long walk ---
 
 
-def long_walk(seconds: float) -> tuple[Person, Recording, Truth]:
+def long_walk(seconds: float, usual: Gait = Gait()) -> tuple[Person, Recording, Truth]:  # noqa: B008
     """A walk round a rectangle with perfect sensors that lasts at least so long, and is cut there."""
-    gait = Gait(**UNEVEN)
+    gait = usual._replace(**UNEVEN)
     steps = float(np.ceil((seconds - gait.quiet_before - gait.quiet_after) / (0.5 * gait.stride_time)) + 1.0)
     person = Person(gait=gait._replace(steps=steps))
     laps = int(np.ceil(0.5 * steps * gait.stride_length / 28.0))

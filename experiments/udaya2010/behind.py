@@ -21,10 +21,9 @@ from jgait.duty_cycle.fillers.base import HELD, Thigh
 from jgait.estimators import duty_cycled_gyro
 from jgait.estimators.axes import pad
 from jgait.estimators.duty_cycled_gyro import model as duty_model
-from jgait.estimators.duty_cycled_gyro import model_params as duty_params
 from jgait.estimators.duty_cycled_gyro import turns
 from jgait.estimators.duty_cycled_gyro.model_params import DutyInputs, PlanarSegment
-from jgait.estimators.duty_cycled_gyro.params import filter_params, one_side
+from jgait.estimators.duty_cycled_gyro.params import one_side
 from jgait.types import SIDES, as_float, leg_of
 
 DUTIES = (50, 10)
@@ -48,8 +47,8 @@ def _true_angle(one: Walked, side: str) -> np.ndarray:
     return np.interp(time, as_float(one.truth.time), angle - angle[slice(*one.standing)].mean())
 
 
-_RUN = jax.jit(duty_model.run, static_argnames="options")
-_PRINTED = jax.jit(printed_filters.run, static_argnames="options")
+_RUN = jax.jit(duty_model.run)
+_PRINTED = jax.jit(printed_filters.run)
 
 
 class _Shin(NamedTuple):
@@ -93,8 +92,8 @@ def _filtered(one: Walked, filler: str, literal: bool, on: Mapping[str, np.ndarr
         ]  # fmt: skip
         told = DutyInputs(*segments, inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance)
         padded = pad(told, 1024 * (1 + len(inputs.time) // 1024))
-        p = filter_params(one_side(usual, number))
-        got = (_PRINTED if literal else _RUN)(p, padded, options=duty_params.DEFAULT).shank
+        p = one_side(usual, number)
+        got = (_PRINTED if literal else _RUN)(p, padded).shank
         part = slice(0, len(inputs.time))
         found[side] = _Shin(np.asarray(got.angle)[part], np.asarray(got.rate)[part], prepared.standing)
     return found

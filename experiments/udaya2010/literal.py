@@ -14,13 +14,12 @@ from jgait import filtering
 from jgait.estimators.duty_cycled_gyro.model_params import (
     DutyEstimate,
     DutyInputs,
-    DutyOptions,
-    DutyParams,
     PlanarSegment,
     SegmentEstimate,
     ShinState,
     ThighState,
 )
+from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams, levers
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.vectors import GRAVITY
 
@@ -217,14 +216,14 @@ def _measured(segment: PlanarSegment, angle: Any, down: Any, forward: Any, valid
 
 
 def _filtered(
-    model: Model, p: DutyParams, segment: PlanarSegment, lever: Any, told: tuple[Any, Any, Any], inputs: DutyInputs,
-    options: DutyOptions,
+    model: Model, p: DutyCycledParams, segment: PlanarSegment, lever: Any, told: tuple[Any, Any, Any],
+    inputs: DutyInputs,
 ) -> SegmentEstimate:  # fmt: skip
     observations, controls, mask = told
     gyro = p.gyro_noise * segment.variance
     params = LiteralParams(p.angle_noise, lever**2 * gyro, p.standing_acceleration**2, gyro, inputs.start_variance)
     found = filtering.kalman_filter(
-        model, params, observations, controls=controls, dt=inputs.dt, mask=mask, method=options.method,
+        model, params, observations, controls=controls, dt=inputs.dt, mask=mask,
     )  # fmt: skip
     deviation = found.cov.stddev()
     return SegmentEstimate(
@@ -233,7 +232,7 @@ def _filtered(
     )  # fmt: skip
 
 
-def run(p: DutyParams, inputs: DutyInputs, options: DutyOptions) -> DutyEstimate:
+def run(p: DutyCycledParams, inputs: DutyInputs) -> DutyEstimate:
     """The printed filters over a recording; arguments and returns as of `duty_cycled_gyro.model.run`.
 
     The shin's needs both sensors; a shank worn alone is filtered as a thigh.
@@ -243,24 +242,24 @@ def run(p: DutyParams, inputs: DutyInputs, options: DutyOptions) -> DutyEstimate
     if inputs.thigh is not None:
         rate1 = _rate(inputs.thigh)
         theta1 = strapdown_angle(rate1, inputs.dt)
-        thigh = _single(p, inputs.thigh, theta1, rate1, p.thigh_sensor, inputs, options)
+        thigh = _single(p, inputs.thigh, theta1, rate1, levers(p)[0], inputs)
     if inputs.shank is not None:
         rate2 = _rate(inputs.shank)
         theta2 = strapdown_angle(rate2, inputs.dt)
         if theta1 is None or rate1 is None:
-            shank = _single(p, inputs.shank, theta2, rate2, p.shank_sensor, inputs, options)
+            shank = _single(p, inputs.shank, theta2, rate2, levers(p)[1], inputs)
         else:
-            d1, d2 = p.thigh_sensor, p.shank_sensor
+            d1, d2 = levers(p)
             c = LiteralControl(-d1 * jnp.sin(theta1), -d2 * jnp.sin(theta2), d1 * jnp.cos(theta1), d2 * jnp.cos(theta2))
             down, forward = c.a1 * rate1 + c.b1 * rate2, c.a2 * rate1 + c.b2 * rate2
             observations, mask = _measured(inputs.shank, theta2, down, forward, inputs.valid)
-            shank = _filtered(SHIN, p, inputs.shank, d2, (observations, c, mask), inputs, options)
+            shank = _filtered(SHIN, p, inputs.shank, d2, (observations, c, mask), inputs)
     return DutyEstimate(thigh, shank)
 
 
 def _single(
-    p: DutyParams, segment: PlanarSegment, angle: Any, rate: Any, lever: Any, inputs: DutyInputs, options: DutyOptions
+    p: DutyCycledParams, segment: PlanarSegment, angle: Any, rate: Any, lever: Any, inputs: DutyInputs
 ) -> SegmentEstimate:
     down, forward = -lever * jnp.sin(angle) * rate, lever * jnp.cos(angle) * rate
     observations, mask = _measured(segment, angle, down, forward, inputs.valid)
-    return _filtered(THIGH, p, segment, lever, (observations, None, mask), inputs, options)
+    return _filtered(THIGH, p, segment, lever, (observations, None, mask), inputs)

@@ -2,6 +2,7 @@
 
 import csv
 import difflib
+import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -13,15 +14,18 @@ import typer
 from jaxtyping import PyTree
 
 from jgait import estimators
-from jgait.commands.console import stop
+from jgait.commands.console import Bar, note, progress, stop
+from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 from jgait.commands.recordings import recording_of
-from jgait.estimators import proportions
+from jgait.estimators import Estimator, proportions
 from jgait.estimators.about import BodyMeasure
 from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note
 from jgait.types import Estimate, Legs, Recording, RecordingError, Walk, reason_of
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from jgait.evaluate import Cohort
 
 
 def _measures() -> dict[str, BodyMeasure]:
@@ -88,27 +92,17 @@ MEASURE_OF_SOME = Kind(
 
 
 class Source(NamedTuple):
-    """A cohort before its recordings are read.
+    """A cohort before its recordings are read."""
 
-    Attributes:
-        title: name of the cohort.
-        items: walks, or names for `read`.
-        read: name → walk; raises for a walk that cannot be read. None where the items are walks.
-        marks: name → the inputs of its result, so that a run that continues detects changed inputs.
-        failures: (name, reason) of rows that cannot be items.
-        notes: notes for the user.
-        files: files of the user that are read.
-        subjects: name → subject, as far as known before the recordings are read.
-    """
-
-    title: str
-    items: list[PyTree]
+    title: str  #: name of the cohort.
+    items: list[PyTree]  #: walks, or names for `read`.
+    #: name → walk; raises for a walk that cannot be read. None where the items are walks.
     read: Callable[[PyTree], Walk] | None
-    marks: dict[str, str]
-    failures: list[tuple[str, str]]
-    notes: list[Note]
-    files: Sequence[Path] = ()
-    subjects: Mapping[str, str] = {}
+    marks: dict[str, str]  #: name → the inputs of its result, so that a run that continues detects changed inputs.
+    failures: list[tuple[str, str]]  #: (name, reason) of rows that cannot be items.
+    notes: list[Note]  #: notes for the user.
+    files: Sequence[Path] = ()  #: files of the user that are read.
+    subjects: Mapping[str, str] = {}  #: name → subject, as far as known before the recordings are read.
 
     def failed(self, failures: "pd.DataFrame") -> "pd.DataFrame":
         """All `recording subject reason` of rows and recordings without a result, from those of `evaluate.cohort`."""
@@ -333,3 +327,44 @@ def _mark(file: Path, row: dict[str, str]) -> str:
     stamp = "missing" if state is None else f"{state.st_size} bytes of {state.st_mtime_ns}"
     cells = ", ".join(f"{name} {row[name]}" for name in COLUMNS if row.get(name) and name != "file")
     return f"{cells} ({stamp})"
+
+
+class Opened(NamedTuple):
+    """A cohort, the estimator and its parameters, as the options select them."""
+
+    pipeline: Estimator[PyTree, PyTree]
+    start: PyTree
+    source: Source
+
+    def evaluated(self, **settings: Any) -> "Cohort":
+        """The results of `evaluate.cohort` with further settings; exits with code 2 if there can be none."""
+        from jgait import evaluate as evaluation
+        from jgait.evaluate.store import OtherEvaluationError
+
+        body_of = functools.partial(body, measures=measures_of(self.pipeline))
+        with progress() as bars:
+            bar, total = Bar(bars), len(self.source.items)
+            bar("reading and computing", 0, total)
+            try:
+                return evaluation.cohort(
+                    self.pipeline, self.source.items, self.start, own=body_of, read=self.source.read,
+                    progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
+                    **settings,
+                )  # fmt: skip
+            except OtherEvaluationError as error:
+                stop(f"{error}, as --fresh does")
+            except (ValueError, OSError) as error:
+                stop(str(error))
+
+
+def opened(
+    table: Path | None, dataset: str | None, simulated: int | None, seed: int, estimator: str, paper: bool,
+    params: Path | None, gyr_unit: str | None, acc_unit: str | None,
+) -> Opened:  # fmt: skip
+    """The cohort that the options of a command select, its notes printed; exits with code 2 if there is none."""
+    pipeline = pipeline_of(estimator, paper, params)
+    start = start_of(pipeline, params, paper)
+    found = source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures_of(pipeline))
+    for line in found.notes:
+        note(line)
+    return Opened(pipeline, start, found)

@@ -1,14 +1,18 @@
 """Output of the commands: messages, JSON files, progress bars, and exit with an error message."""
 
 import json
+import math
 from collections.abc import Iterable
+from datetime import timedelta
 from pathlib import Path
 from typing import NoReturn
 
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
 
 from jgait.notes import printable
 
@@ -58,15 +62,26 @@ class Bar:
         self.task = progress.add_task("starting", total=None)
 
     def __call__(self, what: str, done: int, total: int | None) -> None:
-        """Show the name of the task, and the finished part of the total."""
+        """Show the name of the task, and the finished part of the total; with 0 finished the clock starts anew."""
+        if not done:
+            self.progress.reset(self.task, total=total)
         self.progress.update(self.task, description=visible(what), completed=done, total=total)
+
+
+class _Left(ProgressColumn):
+    """The time left, once two reports have shown the speed; the first contains the time of compiling."""
+
+    def render(self, task: Task) -> Text:
+        seconds = task.time_remaining
+        return Text("" if seconds is None or task.finished else f"{timedelta(seconds=math.ceil(seconds))} left")
 
 
 def progress() -> Progress:
     """Progress bars that disappear at the end of the `with` block."""
     return Progress(
-        TextColumn("{task.description}"), BarColumn(bar_width=30), TimeElapsedColumn(), console=errors, transient=True
-    )
+        TextColumn("{task.description}"), BarColumn(bar_width=30), TimeElapsedColumn(), _Left(), console=errors,
+        transient=True,
+    )  # fmt: skip
 
 
 def say_failures(failures: list[tuple[str, str]], most: int = 20) -> None:
@@ -85,3 +100,11 @@ def note(message: object) -> None:
 def count(number: int, one: str, many: str) -> str:
     """A number with a noun in the singular or plural."""
     return f"{number} {one if number == 1 else many}"
+
+
+def table_of(*headings: str, left: int = 1, title: str | None = None) -> Table:
+    """An empty table, its first columns aligned left, the others right."""
+    table = Table(title=title, title_justify="left")
+    for number, heading in enumerate(headings):
+        table.add_column(escape(heading), justify="left" if number < left else "right")
+    return table

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
-from jgait.commands.console import Bar, console, progress, stop, write_json, wrote
+from jgait.commands.console import Bar, console, progress, stop, table_of, write_json, wrote
 from jgait.commands.folder import results_folder
 
 if TYPE_CHECKING:
@@ -17,11 +16,7 @@ if TYPE_CHECKING:
 
 def _show(result: "Demo") -> None:
     """Print the errors and the tuned parameters of a demonstration."""
-    table = Table(title=result.title, title_justify="left", caption_justify="left")
-    for name in ("walk", "leg", "error"):
-        table.add_column(escape(name))
-    for name in ("default", "tuned"):
-        table.add_column(escape(name), justify="right")
+    table = table_of("walk", "leg", "error", "default", "tuned", left=3, title=result.title)
     last = None
     for line in result.lines:
         walk = f"{line.walk} ({'tuned on' if line.tuned_on else 'not tuned on'})"
@@ -37,9 +32,7 @@ def _show(result: "Demo") -> None:
 
 def _show_walk(walk: "RealWalk") -> None:
     """Print a real walk beside its reference."""
-    table = Table(title=walk.title, title_justify="left")
-    for name in ("quantity", "all sensors", "each alone", "motion capture"):
-        table.add_column(escape(name))
+    table = table_of("quantity", "all sensors", "each alone", "motion capture", left=4, title=walk.title)
     for line in walk.lines:
         table.add_row(*(escape(cell) for cell in line))
     console.print(table)

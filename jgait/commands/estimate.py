@@ -138,8 +138,8 @@ def _each(
             stop(f"nothing more could be written to {folder.path}: {error}")
         for line in grouped(job.notes(made)):
             note(f"{item.label}: {str(line).removeprefix(f'{item.file.name}: ')}")
-        for row in job.rows(made, item.name):
-            job.table.add_row(*row)
+        for number, row in enumerate(job.rows(made)):
+            job.table.add_row("" if number else visible(item.name), *row)
         numbers[item.key] = job.numbers(made, written)
         wrote(written)
     return numbers, failures

@@ -1,20 +1,18 @@
 """`jgait evaluate`: an estimator on a whole cohort, compared with its reference."""
 
-import functools
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from jaxtyping import PyTree
-from rich.table import Table
 
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
-from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop, visible, write_json, wrote
+from jgait.commands.console import console, count, note, say_failures, stop, table_of, visible, write_json, wrote
 from jgait.commands.folder import results_folder
 from jgait.commands.lessons import lessons_of, losses_of
-from jgait.commands.pipeline import measures_of, not_held_out, pipeline_of, start_of
+from jgait.commands.pipeline import not_held_out
 from jgait.commands.warnings import say_warnings
 from jgait.notes import to_json
 from jgait.report.cohort import DRAWN, drawn
@@ -67,33 +65,16 @@ def evaluate(
     none.
     """
     from jgait import evaluate as evaluation
-    from jgait.evaluate.store import OtherEvaluationError
 
-    pipeline = pipeline_of(estimator, paper, params)
-    start = start_of(pipeline, params, paper)
-    measures = measures_of(pipeline)
-    source = cohorts.source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures)
-    body_of = functools.partial(cohorts.body, measures=measures)
-    for line in source.notes:
-        note(line)
+    cohort = cohorts.opened(table, dataset, simulated, seed, estimator, paper, params, gyr_unit, acc_unit)
+    pipeline, start, source = cohort
     names = [] if loss is None else list(losses_of("--loss", loss))
     read = [table, params, *source.files]
     with results_folder(
         out, "evaluate", source.marks, planned=PLANNED, inputs=read, json_file=json_file, fresh=fresh
     ) as folder:
         continued = any(folder.run.glob("part-*-*"))
-        with progress() as bars:
-            bar, total = Bar(bars), len(source.items)
-            bar("reading and computing", 0, total)
-            try:
-                results = evaluation.cohort(
-                    pipeline, source.items, start, own=body_of, read=source.read, out=folder.run, batch=batch,
-                    progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
-                )  # fmt: skip
-            except OtherEvaluationError as error:
-                stop(f"{error}, as --fresh does")
-            except (ValueError, OSError) as error:
-                stop(str(error))
+        results = cohort.evaluated(out=folder.run, batch=batch)
         if continued:
             console.print(
                 f"continuing an earlier run in {out}; its finished recordings were not computed again", highlight=False
@@ -153,9 +134,7 @@ def _show_losses(judged: "pd.DataFrame", names: list[str]) -> None:
     from jgait.tune import LOSSES as KNOWN
 
     console.print("\nlosses, over the recordings", style="italic")
-    shown = Table()
-    for column in ("loss", "error", "median", "mean", "worst"):
-        shown.add_column(column, justify="left" if column in ("loss", "error") else "right")
+    shown = table_of("loss", "error", "median", "mean", "worst", left=2)
     for name in names:
         column, known = judged[name], KNOWN[name]
         numbers = (significant(v) for v in (column.median(), column.mean(), column.max()))
@@ -204,9 +183,7 @@ def _show(title: str, results: "Cohort", agreement: "pd.DataFrame") -> None:
     shapes = [name for name in agreement.index if "_rmse_" in name and agreement["n"][name]]
     if compared:
         console.print("\nagreement with the reference", style="italic")
-        shown = Table()
-        for name in ("quantity", "n / people", "bias", "95 % limits", "mean |error|", "worst", "ICC(2,1)"):
-            shown.add_column(name, justify="left" if name == "quantity" else "right")
+        shown = table_of("quantity", "n / people", "bias", "95 % limits", "mean |error|", "worst", "ICC(2,1)")
         for name in compared:
             row = agreement.loc[name]
             shown.add_row(
@@ -236,9 +213,7 @@ def _show_shapes(rows: "pd.DataFrame", names: list[str]) -> None:
     """Print the root mean square errors of whole recordings."""
     meaning = "feet turned and shifted to fit" if names[0].startswith("foot") else "offsets while standing included"
     console.print(f"\nroot mean square error of whole recordings, {meaning}", style="italic")
-    shown = Table()
-    for name in ("quantity", "recordings", "median", "mean", "worst"):
-        shown.add_column(name, justify="left" if name == "quantity" else "right")
+    shown = table_of("quantity", "recordings", "median", "mean", "worst")
     units = {"deg": "°", "cm": "cm"}
     for name in names:
         part, _, unit, side = name.rsplit("_", 3)

@@ -36,14 +36,7 @@ class ResultsFolder:
     def __init__(
         self, path: Path, command: str, arguments: Mapping[str, Any] | None, planned: Mapping[str, str]
     ) -> None:
-        """Read the manifest.
-
-        Args:
-            path: the folder, which exists.
-            command: name of the command.
-            arguments: as of `results_folder`.
-            planned: as of `results_folder`.
-        """
+        """Read the manifest."""
         self.path, self.stage, self.run = path, path / STAGE, path / RUNS.get(command, "run")
         self._manifest = path / f".jgait-{command}.json"
         self._planned = planned
@@ -86,12 +79,6 @@ class ResultsFolder:
         """Move files from `stage` into the folder; of a bound folder, all that this command wrote before goes.
 
         A file that is there already with the same content stays as it is.
-
-        Args:
-            files: in `stage`.
-
-        Returns:
-            The files in the folder, in the same order.
         """
         new = {file.name: self._planned.get(file.name, "") for file in files}
         self._check(new)
@@ -188,12 +175,7 @@ def _remove_empty(folder: Path) -> None:
 
 
 def keep_inputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None]) -> None:
-    """Exit with code 2 if an output would overwrite an input.
-
-    Args:
-        outputs: files to be written; None is left out.
-        inputs: files to be read; None is left out.
-    """
+    """Exit with code 2 if an output would overwrite an input."""
     read = [path for path in inputs if path is not None and os.path.isfile(path)]
     for output in outputs:
         if output is not None and os.path.isfile(output) and any(output.samefile(path) for path in read):

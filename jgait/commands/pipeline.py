@@ -25,28 +25,16 @@ MEASURES_ABSENT = Kind("measures_absent", "check", "{options}: {consequence}", D
 
 
 class Choice(NamedTuple):
-    """The estimator that the options of the command line select.
+    """The estimator that the options of the command line select."""
 
-    Attributes:
-        estimator: the estimator with its settings.
-        settings: arguments of the estimator, see `jgait.estimators.about.Settings`.
-        params: parameters to start from.
-        given: option → value, of the options that only some estimators have.
-        paper: whether this is the paper's pipeline.
-    """
-
-    estimator: Estimator[PyTree, PyTree]
-    settings: Settings
-    params: PyTree
-    given: dict[str, Any]
-    paper: bool = False
+    estimator: Estimator[PyTree, PyTree]  #: the estimator with its settings.
+    settings: Settings  #: arguments of the estimator, see `jgait.estimators.about.Settings`.
+    params: PyTree  #: parameters to start from.
+    given: dict[str, Any]  #: option → value, of the options that only some estimators have.
+    paper: bool = False  #: whether this is the paper's pipeline.
 
     def personal(self, known: Mapping[str, Any]) -> tuple[PyTree, list[Note]]:
-        """The parameters of one person, and notes about measures for which the default is used.
-
-        Args:
-            known: measures of the person that do not come from options.
-        """
+        """The parameters of one person, and notes about measures for which the default is used."""
         about = self.estimator.about
         measured = {m.name: self.given[m.option] for m in about.measures if m.option in self.given}
         names = [measure.name for measure in about.measures]
@@ -128,9 +116,11 @@ def settings_of(about: About, paper: bool, file: Path | None = None) -> Settings
 
 
 def pipeline_of(
-    name: str, paper: bool, file: Path | None = None, noise: str | None = None
+    name: str, paper: bool, file: Path | None = None, noise: str | None = None, soft: bool = False
 ) -> Estimator[PyTree, PyTree]:
-    """The estimator of this name; exits with code 2 if there is none, or no pipeline of a paper."""
+    """The estimator of this name, with a noise model and soft stances if asked for; exits with code 2 if there is none,
+    or no pipeline of a paper.
+    """
     if paper and name in estimators.names() and estimators.about_of(name).paper is None:
         refuse("--paper", tuple(n for n in estimators.names() if estimators.about_of(n).paper is not None), name)
     try:
@@ -139,7 +129,9 @@ def pipeline_of(
             options: Any = settings.get("options")
             if "noise" not in getattr(options, "_fields", ()):
                 raise ValueError(f"{name} has no noise models to choose from")
-            settings = {"options": options._replace(noise=noise, soft=True)}
+            settings = {"options": options._replace(noise=noise)}
+        if soft and "soft" in getattr(settings.get("options"), "_fields", ()):
+            settings = {"options": settings["options"]._replace(soft=True)}
         return estimators.get(name, **settings)
     except ValueError as error:
         stop(str(error))

@@ -1,8 +1,6 @@
 """`jgait presets`: the tuned parameters that come with jgait."""
 
-from rich.table import Table
-
-from jgait.commands.console import console, visible
+from jgait.commands.console import console, table_of, visible
 from jgait.report.page import significant
 
 
@@ -15,9 +13,7 @@ def presets() -> None:
             "none come with this version: no tuned parameters were better than the defaults on walks left out"
         )
         return
-    shown = Table()
-    for column in ("preset", "estimator", "loss", "tuned on", "error of data left out", "before", "after"):
-        shown.add_column(column, justify="right" if column in ("before", "after") else "left")
+    shown = table_of("preset", "estimator", "loss", "tuned on", "error of data left out", "before", "after", left=5)
     for name in io.preset_names():
         estimator, made = io.made_of(f"preset:{name}")
         held = made["held_out"]

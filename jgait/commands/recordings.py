@@ -88,19 +88,13 @@ def places_of(given: list[str] | None) -> tuple[str | None, dict[str, str]]:
 
 
 class Item(NamedTuple):
-    """One recording of a file.
+    """One recording of a file."""
 
-    Attributes:
-        file: the file or folder.
-        name: first part of the names of its results.
-        trial: name of the trial in a file with several; None: the file is one recording, or the reader decides.
-        folder: name of the file's folder, if another file has the same name; else empty.
-    """
-
-    file: Path
-    name: str
+    file: Path  #: the file or folder.
+    name: str  #: first part of the names of its results.
+    #: name of the trial in a file with several; None: the file is one recording, or the reader decides.
     trial: str | None = None
-    folder: str = ""
+    folder: str = ""  #: name of the file's folder, if another file has the same name; else empty.
 
     @property
     def key(self) -> str:

@@ -11,13 +11,13 @@ from jaxtyping import PyTree
 
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
-from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop, wrote
+from jgait.commands.console import console, count, note, say_failures, stop, wrote
 from jgait.commands.folder import keep_inputs, unfinished
 from jgait.commands.own_options import own_options, with_own_options
 from jgait.commands.person import PersonFile, person_in, person_of
-from jgait.commands.pipeline import Choice, chosen, measures_of, not_held_out, pipeline_of, start_of
+from jgait.commands.pipeline import Choice, chosen, measures_of, not_held_out
 from jgait.notes import grouped
-from jgait.types import Estimate, Recording, Walk, reason_of
+from jgait.types import Walk, reason_of
 
 if TYPE_CHECKING:
     from jgait.report import Report
@@ -108,11 +108,7 @@ def report(
 
 
 def command_of(words: list[str]) -> str:
-    """A command line with file names without folders.
-
-    Args:
-        words: words of the command line, beginning with the program.
-    """
+    """A command line with file names without folders."""
     shown = ["jgait", *(_by_name(word) for word in words[1:] if word != "--open")]
     return shlex.join(shown)
 
@@ -152,7 +148,7 @@ def _of_one(walk: Walk, data: str, choice: Choice, person: dict[str, PyTree], co
         note(line)
     try:
         check_params(p, estimator.transforms)
-        result = _estimated(choice, p, walk.recording)
+        result = choice.estimate(p, walk.recording)
     except Exception as error:
         stop(f"{data}: {reason_of(error)}")
     for line in result.diagnostics["notes"]:
@@ -178,38 +174,19 @@ def _of_all(walk: Walk, data: str, person: dict[str, PyTree], command: str) -> "
     return reports.of_analysis(found, walk.recording, reference=walk.reference, made=made)
 
 
-def _estimated(choice: Choice, p: PyTree, walked: Recording) -> Estimate:
-    return choice.estimate(p, walked)
-
-
 def _of_cohort(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, estimator: str, paper: bool,
     params: Path | None, files: dict[str, Any], command: str, outputs: tuple[Path | None, ...],
 ) -> tuple["Report", list[tuple[str, str]]]:  # fmt: skip
     """The page of a cohort whose results are computed now."""
-    import functools
-
-    from jgait import evaluate as evaluation
     from jgait import report as reports
 
-    pipeline = pipeline_of(estimator, paper, params)
-    start = start_of(pipeline, params, paper)
-    measures = measures_of(pipeline)
-    source = cohorts.source(table, dataset, simulated, seed, files["gyr_unit"], files["acc_unit"], measures)
+    cohort = cohorts.opened(
+        table, dataset, simulated, seed, estimator, paper, params, files["gyr_unit"], files["acc_unit"]
+    )
+    pipeline, start, source = cohort
     keep_inputs(outputs, source.files)
-    for line in source.notes:
-        note(line)
-    body_of = functools.partial(cohorts.body, measures=measures)
-    with progress() as bars:
-        bar, total = Bar(bars), len(source.items)
-        bar("reading and computing", 0, total)
-        try:
-            results = evaluation.cohort(
-                pipeline, source.items, start, own=body_of, read=source.read,
-                progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
-            )  # fmt: skip
-        except (ValueError, OSError) as error:
-            stop(str(error))
+    results = cohort.evaluated()
     results = results._replace(failures=source.failed(results.failures))
     failures = list(zip(results.failures["recording"], results.failures["reason"], strict=True))
     say_failures(failures)

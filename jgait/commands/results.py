@@ -5,42 +5,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxtyping import PyTree
-from rich.markup import escape
-from rich.table import Table
 
-from jgait.commands.console import visible
-from jgait.estimators.about import About, EstimatedRecording, EstimateTable, TotalColumn
+from jgait.estimators.about import About, EstimatedRecording, EstimateTable
 from jgait.estimators.stride_flags import marks, regular
 from jgait.types import Estimate
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-def printed_table(title: str, about: About) -> Table:
-    """An empty table with a column for the recording and one for each total that is printed."""
-    table = Table(title=title, title_justify="left")
-    table.add_column("recording", justify="left")
-    for column in about.columns:
-        unit = f"\n[{column.unit}]" if column.unit else ""
-        table.add_column(escape(column.heading + unit), justify="left" if column.left else "right")
-    return table
-
-
-def printed_rows(estimate: Estimate, about: About, name: str) -> list[list[str]]:
-    """The rows of one recording in the printed table."""
-    return [[visible(name), *(_cell(row.get(c.name), c) for c in about.columns)] for row in about.totals(estimate)]
-
-
-def _cell(value: PyTree, column: TotalColumn) -> str:
-    """A total as text: a range, a number, or a word."""
-    if value is None:
-        return "–"
-    if isinstance(value, str):
-        return value
-    if isinstance(value, tuple):
-        return " … ".join(_cell(end, column) for end in value)
-    return f"{column.scale * value:z.{column.digits}f}"
 
 
 def planned(about: About, name: str, ending: str = "csv") -> list[str]:

@@ -8,9 +8,8 @@ import jax
 import numpy as np
 import typer
 from jaxtyping import PRNGKeyArray
-from rich.table import Table
 
-from jgait.commands.console import Bar, console, count, progress, stop, visible, write_json
+from jgait.commands.console import Bar, console, count, progress, stop, table_of, visible, write_json
 from jgait.commands.folder import results_folder
 
 if TYPE_CHECKING:
@@ -132,7 +131,7 @@ def _drawn(key: PRNGKeyArray, people: int, along: "Route", options: dict[str, An
     who, how = jax.random.split(key)
     drawn = simulation.population(who, people)
     keys = [jax.random.fold_in(how, i) for i in range(people)]
-    fit = [simulation.fitted(k, simulation.person_of(drawn, i), along) for i, k in enumerate(keys)]
+    fit = [simulation.covering(k, simulation.person_of(drawn, i), along) for i, k in enumerate(keys)]
     asked = {"errors": sensors.MPU6000, "rate": 100.0, "placements": simulation.SEVEN, **options}
     walks = simulation.walks(keys, fit, [along] * people, **asked)
     distance = float(np.sum(along.length))
@@ -194,9 +193,7 @@ def _cohort(file: Path, written: dict[str, Any]) -> Path:
 
 
 def _show(written: dict[str, Any], most: int = 20) -> None:
-    table = Table(title="simulated walks", title_justify="left")
-    for name in ("recording", "duration [s]", "distance [m]", "strides", "sensors"):
-        table.add_column(name, justify="left" if name in ("recording", "sensors") else "right")
+    table = table_of("recording", "duration [s]", "distance [m]", "strides", "sensors", title="simulated walks")
     for name, row in list(written.items())[:most]:
         cells = (f"{row['duration_s']:.1f}", f"{row['distance_m']:.2f}", str(row["strides"]), str(len(row["sensors"])))
         table.add_row(visible(name), *cells)

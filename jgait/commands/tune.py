@@ -15,6 +15,9 @@ from jgait.commands.lessons import lessons_of, losses_of
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 from jgait.estimators import Estimator
 
+SOFT = frozenset({"softness", "threshold_factor"})
+"""Parameters of soft stances: who frees one of them gets soft stances, for the hard decision has no gradient."""
+
 
 def tune(
     free: Annotated[str, typer.Option(help="What is learned, for example distance_scale,angle_noise.")],
@@ -34,7 +37,7 @@ def tune(
     cross: Annotated[bool, typer.Option("--cross-validation/--no-cross-validation", help="Judge on others.")] = True,
     estimator: cohorts.EstimatorName = "leg_ekf",
     noise: Annotated[
-        str | None, typer.Option(help="Noise model, with soft stances: constant, log_linear or network.")
+        str | None, typer.Option(help="Noise model of the zero velocity: constant, log_linear or network.")
     ] = None,
     paper: cohorts.Paper = False,
     params: cohorts.Params = None,
@@ -60,9 +63,9 @@ def tune(
 
     weights = losses_of("--loss", loss)
     judged = next(iter(weights if judge is None else losses_of("--judge", judge)))
-    pipeline = pipeline_of(estimator, paper, params, noise)
-    start = start_of(pipeline, params, paper)
     names = [name.strip() for name in free.split(",") if name.strip()]
+    pipeline = pipeline_of(estimator, paper, params, noise, soft=not SOFT.isdisjoint(names))
+    start = start_of(pipeline, params, paper)
     freed = _freed(pipeline, names)
     for name in names:
         if any(name == other or name.startswith(f"{other}.") for other in pipeline.unused):

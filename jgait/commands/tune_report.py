@@ -4,9 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from rich.table import Table
 
-from jgait.commands.console import console, count, note, visible, write_json, wrote
+from jgait.commands.console import console, count, note, table_of, visible, write_json, wrote
 from jgait.commands.folder import ResultsFolder
 from jgait.commands.tune_run import Job, TuningResults
 from jgait.report.made import flat
@@ -43,17 +42,7 @@ def report(
     title: str, job: Job, results: TuningResults, how: dict[str, Any], folder: ResultsFolder,
     failures: list[tuple[str, str]], json_file: Path | None,
 ) -> None:  # fmt: skip
-    """Write and print everything.
-
-    Args:
-        title: title of the tables.
-        job: the task, a `jgait.commands.tune_run.Job`.
-        results: results of the tuning.
-        how: the settings, for the file of parameters.
-        folder: folder of the results.
-        failures: recordings that could not be used.
-        json_file: file for the numbers, or None.
-    """
+    """Write and print everything."""
     from jgait import evaluate, io, plot
     from jgait.plot import cohort as plot_cohort
     from jgait.plot import tuning as plot_tuning
@@ -101,6 +90,12 @@ def report(
         console.print(visible(f"· {line}"), highlight=False)
     if results.known is not None and results.known.decrement > OFF:
         note("more --steps, or another --learning-rate, may reach the optimum more closely")
+    undone = int(np.count_nonzero(~np.asarray(results.fit.accepted, bool)))
+    if undone:
+        note(
+            f"{count(undone, 'step', 'steps')} of {how['steps']} led to a loss or a gradient that is not finite and "
+            "were undone; a smaller --learning-rate avoids them"
+        )
     for line in results.left_out:
         note(line)
     wrote(files)
@@ -132,9 +127,7 @@ def _show_held_out(table: "pd.DataFrame", job: Job, change: "PairedDifference") 
     one, many = job.groups.one, job.groups.many
     title = f"\n{job.judged} [{job.unit}] of {many} left out of the tuning, worst first"
     console.print(visible(title), style="italic")
-    shown = Table()
-    for name in (one, "recordings", "before", "after", "change"):
-        shown.add_column(visible(name), justify="left" if name == one else "right")
+    shown = table_of(one, "recordings", "before", "after", "change")
     ordered = table.sort_values("error_after", ascending=False, kind="stable")
     for subject, row in ordered.head(MOST).iterrows():
         numbers = (significant(row[name]) for name in ("error_before", "error_after", "change"))
@@ -158,9 +151,7 @@ def _show_held_out(table: "pd.DataFrame", job: Job, change: "PairedDifference") 
 def _show_values(values: dict[str, LearnedNumber]) -> None:
     """Print every learned number before and after, with its standard error."""
     console.print("\nlearned from all people", style="italic")
-    shown = Table()
-    for name in ("parameter", "unit", "before", "after", "standard error", "95 % interval"):
-        shown.add_column(visible(name), justify="left" if name in ("parameter", "unit") else "right")
+    shown = table_of("parameter", "unit", "before", "after", "standard error", "95 % interval", left=2)
     for name, row in values.items():
         spread = "–" if row.stderr is None else significant(row.stderr, 2)
         ends = "–" if row.low is None or row.high is None else f"{significant(row.low)} … {significant(row.high)}"

@@ -35,23 +35,15 @@ BOUT_LENGTH = 1.0  # [m] shortest path of a walking bout; a shorter bout is step
 
 
 class FootPath(NamedTuple):
-    """Strides of one foot.
+    """Strides of one foot."""
 
-    Attributes:
-        start: (n,) sample of the quiet instant before each stride.
-        end: (n,) sample of the quiet instant after each stride.
-        length: (n,) [m] horizontal displacement.
-        rise: (n,) [m] vertical displacement; it is 0 on level ground, so its size indicates the error of `length`.
-        distance: (T,) [m] path since the first sample, constant while the foot stands.
-        standing: (T,) bool, whether the foot stands.
-    """
-
-    start: np.ndarray
-    end: np.ndarray
-    length: np.ndarray
+    start: np.ndarray  #: (n,) sample of the quiet instant before each stride.
+    end: np.ndarray  #: (n,) sample of the quiet instant after each stride.
+    length: np.ndarray  #: (n,) [m] horizontal displacement.
+    #: (n,) [m] vertical displacement; it is 0 on level ground, so its size indicates the error of `length`.
     rise: np.ndarray
-    distance: np.ndarray
-    standing: np.ndarray
+    distance: np.ndarray  #: (T,) [m] path since the first sample, constant while the foot stands.
+    standing: np.ndarray  #: (T,) bool, whether the foot stands.
 
 
 def level(acc: np.ndarray) -> "Rotation":

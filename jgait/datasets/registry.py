@@ -174,9 +174,6 @@ def fetch(name: str, files: Iterable[str] | None = None, *, progress: bool = Fal
         files: upstream paths; None: every listed file that is missing.
         progress: show a progress bar (needs tqdm).
 
-    Returns:
-        The download cache of the set.
-
     Raises:
         ValueError: if the data set, or a file of it, is not known.
         ChecksumError: if a downloaded file does not have the listed sha256.

@@ -33,19 +33,12 @@ MOST_UNITS = 10
 
 
 class Sensor(NamedTuple):
-    """The power of a sensor.
+    """The power of a sensor."""
 
-    Attributes:
-        on: power while the sensor measures [W].
-        off: power while the sensor is off [W].
-        wake: power while the sensor wakes up [W]; None: the same as while it measures.
-        wake_up: time from power on to the first usable sample [s].
-    """
-
-    on: float
-    off: float = 0.0
-    wake: float | None = None
-    wake_up: float = 0.0
+    on: float  #: power while the sensor measures [W].
+    off: float = 0.0  #: power while the sensor is off [W].
+    wake: float | None = None  #: power while the sensor wakes up [W]; None: the same as while it measures.
+    wake_up: float = 0.0  #: time from power on to the first usable sample [s].
 
     @property
     def waking(self) -> float:
@@ -76,17 +69,11 @@ class Battery(NamedTuple):
 
 
 class Schedule(NamedTuple):
-    """A periodic schedule: an on-time, all of it measured, followed by an off-time, at whose end the sensor wakes up.
+    """A periodic schedule: an on-time, all of it measured, and an off-time, at whose end the sensor wakes up."""
 
-    Attributes:
-        on: units on in each period [1].
-        off: units off in each period [1]; 0: the sensor is always on.
-        unit: length of a unit [s].
-    """
-
-    on: int
-    off: int
-    unit: float = PAPER_UNIT
+    on: int  #: units on in each period [1].
+    off: int  #: units off in each period [1]; 0: the sensor is always on.
+    unit: float = PAPER_UNIT  #: length of a unit [s].
 
     @property
     def period(self) -> float:
@@ -100,15 +87,10 @@ class Schedule(NamedTuple):
 
 
 class Masks(NamedTuple):
-    """The state of a sensor at each sample.
+    """The state of a sensor at each sample."""
 
-    Attributes:
-        powered: (T,) True where the sensor draws power, measuring or waking up.
-        usable: (T,) True where the sample can be used.
-    """
-
-    powered: Shaped[AnyArray, "*batch time"]
-    usable: Shaped[AnyArray, "*batch time"]
+    powered: Shaped[AnyArray, "*batch time"]  #: (T,) True where the sensor draws power, measuring or waking up.
+    usable: Shaped[AnyArray, "*batch time"]  #: (T,) True where the sample can be used.
 
 
 def check_duty(duty: float) -> None:

@@ -1,4 +1,4 @@
-"""The `About` record of an estimator: measures of a person, options, totals, tables, figures, flags.
+"""The `About` record of an estimator: measures of a person, options, tables, figures, flags.
 
 Commands, reports and the documentation read this record, so that none of them lists the estimators by name. The
 package of each estimator has its record in `about.py`.
@@ -17,89 +17,43 @@ Settings = dict[str, Any]
 
 
 class BodyMeasure(NamedTuple):
-    """A measure of a person, or of the position of a sensor on the person, that `with_body` accepts.
+    """A measure of a person, or of the position of a sensor on the person, that `with_body` accepts."""
 
-    Attributes:
-        name: name in `with_body`.
-        unit: unit of the value.
-        low: smallest value that is accepted.
-        high: largest value that is accepted.
-        meaning: description of the measure.
-        option: command-line option of the measure, or "".
-        default: value that is used if the measure is missing, or None if stating it would be misleading.
-        parameter: parameter that the measure sets; "" for the parameter of the same name.
-    """
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    meaning: str
-    option: str = ""
+    name: str  #: name in `with_body`.
+    unit: str  #: unit of the value.
+    low: float  #: smallest value that is accepted.
+    high: float  #: largest value that is accepted.
+    meaning: str  #: description of the measure.
+    option: str = ""  #: command-line option of the measure, or "".
+    #: value that is used if the measure is missing, or None if stating it would be misleading.
     default: float | None = None
-    parameter: str = ""
+    parameter: str = ""  #: parameter that the measure sets; "" for the parameter of the same name.
 
 
 class MissingMeasure(NamedTuple):
-    """The note for missing measures, which are replaced by defaults.
+    """The note for missing measures, which are replaced by defaults."""
 
-    Attributes:
-        measures: names of the measures.
-        text: consequence of the missing measure; a `str.format` template over the parameters `p`.
-        any_one: True if one of the measures is enough.
-    """
-
-    measures: tuple[str, ...]
-    text: str
-    any_one: bool = False
+    measures: tuple[str, ...]  #: names of the measures.
+    text: str  #: consequence of the missing measure; a `str.format` template over the parameters `p`.
+    any_one: bool = False  #: True if one of the measures is enough.
 
 
 class CommandOption(NamedTuple):
-    """A command-line option that only some estimators have.
+    """A command-line option that only some estimators have."""
 
-    Attributes:
-        name: name of the option, such as "--level".
-        help: description of the option.
-        kind: type of the value on the command line.
-        low: smallest value, or None.
-        high: largest value, or None.
-        parse: value of the command line → value that is used; raises ValueError for an invalid value.
-        settings: (settings, value) → settings.
-        params: (parameters, value) → parameters.
-        notes: (recording, value) → notes about the recording.
-        remark: value, or None if the option is not given → text of a note before the computation, or "".
-    """
-
-    name: str
-    help: str
-    kind: type = float
-    low: float | None = None
-    high: float | None = None
+    name: str  #: name of the option, such as "--level".
+    help: str  #: description of the option.
+    kind: type = float  #: type of the value on the command line.
+    low: float | None = None  #: smallest value, or None.
+    high: float | None = None  #: largest value, or None.
+    #: value of the command line → value that is used; raises ValueError for an invalid value.
     parse: Callable[[PyTree], PyTree] | None = None
-    settings: Callable[[Settings, PyTree], Settings] | None = None
-    params: Callable[[PyTree, PyTree], PyTree] | None = None
+    settings: Callable[[Settings, PyTree], Settings] | None = None  #: (settings, value) → settings.
+    params: Callable[[PyTree, PyTree], PyTree] | None = None  #: (parameters, value) → parameters.
+    #: (recording, value) → notes about the recording.
     notes: Callable[[Recording, PyTree], tuple[Note, ...]] | None = None
+    #: value, or None if the option is not given → text of a note before the computation, or "".
     remark: Callable[[PyTree], str] | None = None
-
-
-class TotalColumn(NamedTuple):
-    """A column of the table that `jgait estimate` prints.
-
-    Attributes:
-        name: key of the totals.
-        heading: heading of the column.
-        unit: unit of the printed number, or "".
-        digits: digits after the decimal point.
-        scale: factor from the total to the printed number.
-        left: True for a column of text, aligned left.
-    """
-
-    name: str
-    heading: str
-    unit: str = ""
-    digits: int = 2
-    scale: float = 1.0
-    left: bool = False
 
 
 def always(_: Estimate) -> bool:
@@ -108,21 +62,15 @@ def always(_: Estimate) -> bool:
 
 
 class EstimateTable(NamedTuple):
-    """A table that is written to a file for a recording.
+    """A table that is written to a file for a recording."""
 
-    Attributes:
-        name: end of the file name.
-        rows: "samples": one row for each sample, see `jgait.io.to_dataframe`; "strides": one row for each stride, see
-            `jgait.io.strides_to_dataframe`, with a column `special` for the flags; or a function that returns
-            the columns or the rows. Names of columns end with their unit.
-        json: key of the rows in the JSON file, or "" if the file does not contain them.
-        when: True for estimates that have the table.
-    """
-
-    name: str
+    name: str  #: end of the file name.
+    #: "samples": one row for each sample, see `jgait.io.to_dataframe`; "strides": one row for each stride, see
+    #: `jgait.io.strides_to_dataframe`, with a column `special` for the flags; or a function that returns the columns or
+    #: the rows. Names of columns end with their unit.
     rows: Literal["samples", "strides"] | Callable[[Estimate], PyTree]
-    json: str = ""
-    when: Callable[[Estimate], bool] = always
+    json: str = ""  #: key of the rows in the JSON file, or "" if the file does not contain them.
+    when: Callable[[Estimate], bool] = always  #: True for estimates that have the table.
 
 
 class EstimatedRecording(NamedTuple):
@@ -140,45 +88,27 @@ def of_estimate(made: EstimatedRecording) -> tuple[tuple[PyTree, ...], dict[str,
 
 
 class EstimateFigure(NamedTuple):
-    """A figure that is drawn for a recording.
+    """A figure that is drawn for a recording."""
 
-    Attributes:
-        plot: name of the function in `jgait.plot`.
-        file: end of the file name.
-        when: True for estimates that have the figure.
-        arguments: positional and keyword arguments of the function; the title is added.
-        caption: caption in a report; a report contains only figures with a caption, and those of all estimates.
-    """
-
-    plot: str
-    file: str
-    when: Callable[[Estimate], bool] = always
+    plot: str  #: name of the function in `jgait.plot`.
+    file: str  #: end of the file name.
+    when: Callable[[Estimate], bool] = always  #: True for estimates that have the figure.
+    #: positional and keyword arguments of the function; the title is added.
     arguments: Callable[[EstimatedRecording], tuple[tuple[PyTree, ...], dict[str, PyTree]]] = of_estimate
-    caption: str = ""
+    caption: str = ""  #: caption in a report; a report contains only figures with a caption, and those of all estimates
 
 
 class StrideFlag(NamedTuple):
-    """A property of strides that are marked in tables, figures and reports.
+    """A property of strides that are marked in tables, figures and reports."""
 
-    Attributes:
-        name: name in `Estimate.diagnostics`.
-        word: text of the flag in table files.
-        label: text of the flag in figures and reports.
-        meaning: effect of the property on the numbers, in a sentence.
-        read: estimate → (strides,) bool, or None if the estimate does not contain the flag.
-        regular: True if flagged strides count in means.
-        leaves_out: columns of the table of strides in which flagged strides do not count in means.
-        grade: severity, see `jgait.report.page.GRADES`.
-    """
-
-    name: str
-    word: str
-    label: str
-    meaning: str
-    read: Callable[[Estimate], PyTree]
-    regular: bool = True
-    leaves_out: tuple[str, ...] = ()
-    grade: str = "check"
+    name: str  #: name in `Estimate.diagnostics`.
+    word: str  #: text of the flag in table files.
+    label: str  #: text of the flag in figures and reports.
+    meaning: str  #: effect of the property on the numbers, in a sentence.
+    read: Callable[[Estimate], PyTree]  #: estimate → (strides,) bool, or None if the estimate does not contain the flag
+    regular: bool = True  #: True if flagged strides count in means.
+    leaves_out: tuple[str, ...] = ()  #: columns of the table of strides in which flagged strides do not count in means.
+    grade: str = "check"  #: severity, see `jgait.report.page.GRADES`.
 
 
 def no_numbers(_: Estimate) -> Mapping[str, PyTree]:
@@ -198,9 +128,8 @@ class About(NamedTuple):
         measures: measures of a person.
         missing: notes for missing measures.
         options: command-line options in addition to those of the measures.
-        totals: estimate → rows of numbers of the whole recording, one row or one for each leg.
-        columns: columns of the totals that `jgait estimate` prints.
-        caption: text below the printed table; a `str.format` template over the settings.
+        facts: estimate → (words, value) of numbers that `jgait estimate` prints in addition to `totals.totals`.
+        caption: text below these; a `str.format` template over the settings.
         tables: tables that are written to files.
         figures: figures that are drawn.
         flags: flags of strides.
@@ -216,8 +145,7 @@ class About(NamedTuple):
     measures: tuple[BodyMeasure, ...] = ()
     missing: tuple[MissingMeasure, ...] = ()
     options: tuple[CommandOption, ...] = ()
-    totals: Callable[[Estimate], list[dict[str, PyTree]]] = lambda _: [{}]
-    columns: tuple[TotalColumn, ...] = ()
+    facts: Callable[[Estimate], list[tuple[str, str]]] = lambda _: []
     caption: str = ""
     tables: tuple[EstimateTable, ...] = (EstimateTable("samples", "samples"),)
     figures: tuple[EstimateFigure, ...] = ()

@@ -21,16 +21,12 @@ def one_each(samples: int) -> int:
 
 
 class Axis(NamedTuple):
-    """The first axis of a field.
+    """The first axis of a field."""
 
-    Attributes:
-        fill: values of the padding: "zero" (False), "one" (True), "hold" (the last entry repeated), or "onwards"
-            (even steps from the last entry).
-        length: number of samples → length of the axis.
-    """
-
+    #: values of the padding: "zero" (False), "one" (True), "hold" (the last entry repeated), or "onwards" (even steps
+    #: from the last entry).
     fill: Literal["zero", "one", "hold", "onwards"] = "zero"
-    length: Callable[[int], int] = one_each
+    length: Callable[[int], int] = one_each  #: number of samples → length of the axis.
 
     def padded(self, values: np.ndarray, more: int) -> np.ndarray:
         """The array with `more` entries of padding."""

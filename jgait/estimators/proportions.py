@@ -64,12 +64,7 @@ def with_proportions(body: Mapping[str, PyTree], wanted: Collection[str]) -> dic
 
 
 def told(body: Mapping[str, PyTree], wanted: Collection[str]) -> tuple[Note, ...]:
-    """The note about measures that follow from the height, or about a height that is missing; empty if none is needed.
-
-    Args:
-        body: name → value, perhaps "height" [m].
-        wanted: names of the measures that estimators take.
-    """
+    """The note about measures that follow from the height, or about a missing height; empty if none is needed."""
     made = [name for name in SHARES if name in wanted and name not in body]
     sensor = "sensor_height" in wanted and "sensor_height" not in body
     if not (made or sensor):

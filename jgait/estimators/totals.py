@@ -1,10 +1,13 @@
 """Measures, totals and figures that several estimators share in their `about`."""
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 from jaxtyping import PyTree
 
-from jgait.estimators.about import BodyMeasure, CommandOption, EstimateFigure, MissingMeasure, TotalColumn
+from jgait.estimators.about import BodyMeasure, CommandOption, EstimateFigure, MissingMeasure, StrideFlag
+from jgait.estimators.stride_flags import durations, in_order, marks, regular
 from jgait.types import SIDES, Estimate, as_float
 
 THIGH = BodyMeasure("thigh_length", "m", 0.2, 0.7, "thigh length, hip to knee", "--thigh", 0.43)
@@ -35,12 +38,6 @@ LEVEL = CommandOption(
 )  # fmt: skip
 """The option without `settings`, which each estimator adds."""
 
-DURATION = TotalColumn("duration_s", "duration", "s", 1)
-DISTANCE = TotalColumn("distance_m", "distance", "m")
-JOINT_COLUMNS = tuple(TotalColumn(f"{joint}_{side}_deg", f"{joint} {side}", "°", 0)
-                      for side in SIDES for joint in ("hip", "knee"))  # fmt: skip
-MEDIANS = (TotalColumn("stride_length_m", "length", "m"), TotalColumn("walking_speed_mps", "speed", "m/s"))
-
 
 def has_strides(estimate: Estimate) -> bool:
     """True if any stride is valid."""
@@ -58,27 +55,96 @@ WAY = EstimateFigure("distance", "distance")
 LEG_STRIDES = EstimateFigure("leg_strides", "strides", has_strides)
 
 
-def duration(estimate: Estimate) -> float:
-    """Time from the first to the last sample [s]."""
-    return float(estimate.time[-1] - estimate.time[0])
+class Total(NamedTuple):
+    """A number of a whole recording: what it is in words, the number as text, and its `Comparison.quantity` or ""."""
+
+    words: str
+    text: str
+    quantity: str = ""
 
 
-def distance(estimate: Estimate) -> float | None:
-    """Distance walked [m]; None if it is not estimated."""
-    return None if estimate.distance is None else float(estimate.distance[-1])
+MEDIANS = (
+    ("length", "stride length", "m", 3, 1.0, "stride_length"),
+    ("speed", "walking speed", "m/s", 2, 1.0, "walking_speed"),
+    ("width", "stride width", "cm", 1, 100.0, ""),
+)
+"""Field of `Strides`, its words, unit, digits, factor to the unit, and quantity."""
+
+CAPTION = (
+    "± one standard deviation, of one stride or of the distance; medians over regular strides (no turns, stairs, "
+    "half-steps, clipped or doubtful ones), stance of those that a foot's sensor saw; angles: smallest … largest "
+    "flexion; whole tables in the files"
+)
+"""Text below the numbers of `totals`."""
+
+
+def totals(estimate: Estimate, flags: tuple[StrideFlag, ...], seen: np.ndarray | None = None) -> list[Total]:
+    """The numbers of a whole recording, for people: strides, distance, medians over regular strides, ranges of angles.
+
+    Args:
+        estimate: of one recording.
+        flags: flags of its strides.
+        seen: (strides,) bool, whether a foot's sensor saw the stride; a shank's shows the final contact too late. None:
+            all, if the estimate has feet.
+    """
+    rows: list[Total] = []
+    strides, spread = estimate.strides, estimate.strides_stddev
+    order = np.zeros(0, int) if strides is None else in_order(estimate)
+    usual = order[regular(estimate, flags)] if strides is not None else order
+    if strides is not None:
+        rows.append(Total("strides", f"{order.size}, {usual.size} regular", "strides"))
+        words = {flag.name: flag.word for flag in flags}
+        counts = {words[name]: int(flagged.sum()) for name, flagged in marks(estimate, flags).items()}
+        special = ", ".join(f"{count} {word}" for word, count in counts.items() if count)
+        rows += [Total("special strides", special)] if special else []
+    if estimate.distance is not None:
+        stated = estimate.diagnostics.get("distance_stddev")
+        deviation = None if stated is None else float(np.ravel(stated)[-1])
+        rows.append(Total("distance", _text(float(estimate.distance[-1]), deviation, 2, "m"), "distance"))
+    for field, name, unit, digits, scale, quantity in MEDIANS if order.size else ():
+        values, stated = (None if table is None else getattr(table, field) for table in (strides, spread))
+        there = usual
+        if field == "width":
+            trusted = np.asarray(estimate.diagnostics.get("width_valid", np.ones(np.size(strides.side))), bool)
+            there = usual[trusted[usual]]
+            if values is None or not np.isfinite(as_float(values)).any():
+                continue
+        middle, deviation = median(values, there), median(stated, there)
+        text = _text(middle and scale * middle, deviation and scale * deviation, digits, unit)
+        rows.append(Total(name, text, quantity))
+    if order.size and strides.start is not None and strides.end is not None:
+        lasts = durations(strides)
+        lasted = median(lasts, usual)
+        rows.append(Total("cadence", "–" if lasted is None else f"{120.0 / lasted:.0f} steps/min"))
+        feet = np.full(lasts.size, estimate.feet is not None) if seen is None else seen
+        toe_off = np.full(lasts.size, np.nan) if strides.final_contact is None else as_float(strides.final_contact)
+        stance = median((toe_off - as_float(strides.start)) / lasts, usual[feet[usual]])
+        rows.append(Total("stance", "–" if stance is None else f"{100.0 * stance:.0f} % of the stride"))
+    for joint, pair in joint_ranges(estimate).items():
+        if pair is not None:
+            usable = estimate.diagnostics.get(f"angles_valid_{joint.split()[1]}", True)
+            rows.append(Total(joint, f"{pair[0]:z.0f} … {pair[1]:z.0f} °{'' if usable else ', not usable'}"))
+    return rows
+
+
+def _text(value: float | None, deviation: float | None, digits: int, unit: str) -> str:
+    if value is None:
+        return "–"
+    spread = f" ± {deviation:.{digits}f}" if deviation and np.isfinite(deviation) else ""
+    return f"{value:z.{digits}f}{spread} {unit}"
 
 
 def joint_ranges(estimate: Estimate) -> dict[str, tuple[float, float] | None]:
-    """Smallest and largest flexion [°] of each joint; None for a leg without sensors."""
+    """Joint and side → smallest and largest flexion [°]; None for a leg without sensors."""
     found: dict[str, tuple[float, float] | None] = {}
     for side, leg in zip(SIDES, estimate.legs, strict=True):
         for joint in ("hip", "knee"):
             angle = None if leg is None else np.degrees(as_float(getattr(leg, f"{joint}_angle")))
-            found[f"{joint}_{side}_deg"] = None if angle is None else (float(np.min(angle)), float(np.max(angle)))
+            found[f"{joint} {side}"] = None if angle is None else (float(np.min(angle)), float(np.max(angle)))
     return found
 
 
-def median(values: npt.ArrayLike, rows: PyTree = slice(None)) -> float | None:
+def median(values: npt.ArrayLike | None, rows: PyTree = slice(None)) -> float | None:
     """Median of the finite values; None if there are none."""
     if values is None:
         return None

@@ -57,17 +57,12 @@ DOUBTS = (INCONSISTENT.code, STRIDES_DOUBTFUL.code, STANCES_RARE.code)
 
 
 class Trust(NamedTuple):
-    """Whether an estimate can be trusted as far as its stated deviations say.
+    """Whether an estimate can be trusted as far as its stated deviations say."""
 
-    Attributes:
-        strides: (n,) bool, in the order of `Estimate.strides`; None if the estimator does not judge strides.
-        recording: False if the whole recording is in doubt.
-        reasons: the notes that put it in doubt.
-    """
-
+    #: (n,) bool, in the order of `Estimate.strides`; None if the estimator does not judge strides.
     strides: np.ndarray | None
-    recording: bool
-    reasons: tuple[Note, ...]
+    recording: bool  #: False if the whole recording is in doubt.
+    reasons: tuple[Note, ...]  #: the notes that put it in doubt.
 
 
 def trust(estimate: Estimate) -> Trust:

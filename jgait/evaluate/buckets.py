@@ -50,27 +50,16 @@ class Failed(NamedTuple):
 
 
 class Ready(NamedTuple):
-    """A prepared recording that waits for its batch.
+    """A prepared recording that waits for its batch."""
 
-    Attributes:
-        name: the recording's name in the tables.
-        walk: the walk; its recording has no sensor data, so that many recordings fit in memory.
-        time: (T,) [s] in float64.
-        inputs: the estimator's inputs, padded, in the precision of the computation.
-        params: the estimator's parameters, as arrays in the same precision.
-        options: the estimator's options; each set of options is compiled separately.
-        notes: notes of the recording and of its preparation.
-        bucket: recordings with equal `bucket` can be stacked in one batch.
-    """
-
-    name: str
-    walk: Walk
-    time: np.ndarray
-    inputs: PyTree
-    params: PyTree
-    options: PyTree
-    notes: tuple[Note, ...]
-    bucket: Hashable
+    name: str  #: the recording's name in the tables.
+    walk: Walk  #: the walk; its recording has no sensor data, so that many recordings fit in memory.
+    time: np.ndarray  #: (T,) [s] in float64.
+    inputs: PyTree  #: the estimator's inputs, padded, in the precision of the computation.
+    params: PyTree  #: the estimator's parameters, as arrays in the same precision.
+    options: PyTree  #: the estimator's options; each set of options is compiled separately.
+    notes: tuple[Note, ...]  #: notes of the recording and of its preparation.
+    bucket: Hashable  #: recordings with equal `bucket` can be stacked in one batch.
 
 
 def padded_length(samples: int) -> int:

@@ -84,9 +84,6 @@ def cohort(
             cloudpickle.
         progress: called after every batch.
 
-    Returns:
-        Tables, see `Cohort`.
-
     Raises:
         ValueError: if two items have one name, a parameter is outside its range, `out` holds results of another
             evaluation, several processes have no `out`, or arguments contradict each other.

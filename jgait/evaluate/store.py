@@ -172,7 +172,10 @@ class Folder:
         """Recordings that are finished, those that failed included."""
         parts = self._parts()
         return frozenset(
-            name for part in parts for table in ("recordings", "failures") for name in _read(part, table)["recording"]
+            name
+            for part in parts
+            for table in ("recordings", "failures")
+            for name in read_table(part / f"{table}.csv", table)["recording"]
         )
 
     def append(self, part: Cohort) -> None:
@@ -187,7 +190,9 @@ class Folder:
 
     def tables(self) -> Cohort:
         """All rows so far, those of other processes included."""
-        return joined(Cohort(*(_read(part, table) for table in Cohort._fields)) for part in self._parts())
+        return joined(
+            Cohort(*(read_table(part / f"{table}.csv", table) for table in Cohort._fields)) for part in self._parts()
+        )
 
 
 def _differences(there: dict[str, str], here: dict[str, str]) -> str:
@@ -208,13 +213,25 @@ def _write(path: Path, text: str) -> None:
         os.fsync(file.fileno())
 
 
-def _read(part: Path, table: str) -> "pd.DataFrame":
+def read_table(path: Path, table: str) -> "pd.DataFrame":
+    """One of the tables of a `Cohort` from a CSV file; empty cells of numbers are NaN.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if the table lacks a column, or has text instead of numbers.
+    """
     import pandas as pd
 
     # Cells are read as text and converted by Python: exact in every version of pandas, and a subject may be named NA.
-    text = pd.read_csv(part / f"{table}.csv", dtype=str, keep_default_na=False, encoding="utf-8")
-    plain = {name: text[name].to_numpy(dtype=object) for name in COLUMNS[table]}
-    return frame(table, {n: v if n in _TEXT else v.astype("i8" if n in _WHOLE else "f8") for n, v in plain.items()})
+    text = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
+    lacking = [name for name in COLUMNS[table] if name not in text]
+    if lacking:
+        raise ValueError(f"{path.name} has no column {lacking[0]!r}")
+    plain = {
+        name: text[name].to_numpy(dtype=object) if name in _TEXT else [float(v) if v else np.nan for v in text[name]]
+        for name in COLUMNS[table]
+    }
+    return frame(table, plain)
 
 
 def described(value: object) -> str:

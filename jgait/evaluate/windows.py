@@ -9,16 +9,12 @@ from jgait.types import SIDES, Estimate, as_float
 
 
 class Judged(NamedTuple):
-    """Errors over one window.
+    """Errors over one window."""
 
-    Attributes:
-        rmse: side → column → root mean square error, relative to standing.
-        distance_error_pct: signed error of the distance walked within the window; None where either has no distance.
-        within_two_sigma: share of the angle samples with errors inside two standard deviations; None without angles.
-    """
-
-    rmse: dict[str, dict[str, float]]
+    rmse: dict[str, dict[str, float]]  #: side → column → root mean square error, relative to standing.
+    #: signed error of the distance walked within the window; None where either has no distance.
     distance_error_pct: float | None
+    #: share of the angle samples with errors inside two standard deviations; None without angles.
     within_two_sigma: float | None
 
 

@@ -70,19 +70,12 @@ EROSION = (0.06, 0.02)
 
 
 class Stances(NamedTuple):
-    """Stances of one foot, in order; every field is (n,).
+    """Stances of one foot, in order; every field is (n,)."""
 
-    Attributes:
-        start: first sample of the stance [samples].
-        end: one past the last sample of the stance [samples].
-        stillest: sample of least `unrest` [samples].
-        rate: root mean square rate at that sample [rad/s].
-    """
-
-    start: np.ndarray
-    end: np.ndarray
-    stillest: np.ndarray
-    rate: np.ndarray
+    start: np.ndarray  #: first sample of the stance [samples].
+    end: np.ndarray  #: one past the last sample of the stance [samples].
+    stillest: np.ndarray  #: sample of least `unrest` [samples].
+    rate: np.ndarray  #: root mean square rate at that sample [rad/s].
 
 
 def moving_rate(gyr: Float[AnyArray, "time 3"], sampling_rate_hz: float) -> np.ndarray:

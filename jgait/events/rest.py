@@ -56,19 +56,12 @@ BRIDGED_S = 0.1
 
 
 class Rest(NamedTuple):
-    """A sensor at rest.
+    """A sensor at rest."""
 
-    Attributes:
-        windows: half-open ranges of samples in which the sensor rests; empty if it never rests.
-        gyr_bias: (3,) gyroscope bias [rad/s].
-        force: length of the mean specific force [m/s²]; 0 if the sensor never rests.
-        time: duration of rest, √Σ t² of the windows [s].
-    """
-
-    windows: list[tuple[int, int]]
-    gyr_bias: np.ndarray
-    force: float
-    time: float
+    windows: list[tuple[int, int]]  #: half-open ranges of samples in which the sensor rests; empty if it never rests.
+    gyr_bias: np.ndarray  #: (3,) gyroscope bias [rad/s].
+    force: float  #: length of the mean specific force [m/s²]; 0 if the sensor never rests.
+    time: float  #: duration of rest, √Σ t² of the windows [s].
 
 
 STANDING_MOVES = Kind("standing_moves", "check", "the quietest standing still moves at up to {rate:g} rad/s", FEW_RESTS)
@@ -179,23 +172,15 @@ def standing_of_legs(
 
 
 class TrunkRest(NamedTuple):
-    """Standing still of a person with a sensor on the trunk, and the sensor's errors computed from it.
+    """Standing still of a person with a sensor on the trunk, and the sensor's errors computed from it."""
 
-    Attributes:
-        still: (T,) bool, True where the person stands still.
-        gyr_bias: (3,) gyroscope bias [rad/s].
-        scale: factor on the accelerometer, so that its reading at rest is gravity [1].
-        time: duration of the rests from which the bias is computed, if the recording begins with a rest; else 0 [s].
-        first: (3,) upward vertical in the trunk's axes, at the rest that begins in the first second [1].
-        notes: notes on the rests.
-    """
-
-    still: np.ndarray
-    gyr_bias: np.ndarray
-    scale: float
+    still: np.ndarray  #: (T,) bool, True where the person stands still.
+    gyr_bias: np.ndarray  #: (3,) gyroscope bias [rad/s].
+    scale: float  #: factor on the accelerometer, so that its reading at rest is gravity [1].
+    #: duration of the rests from which the bias is computed, if the recording begins with a rest; else 0 [s].
     time: float
-    first: np.ndarray
-    notes: tuple[Note, ...]
+    first: np.ndarray  #: (3,) upward vertical in the trunk's axes, at the rest that begins in the first second [1].
+    notes: tuple[Note, ...]  #: notes on the rests.
 
     @classmethod
     def none(cls, samples: int) -> "TrunkRest":

@@ -42,21 +42,13 @@ RATES = (25.0, 400.0)
 
 
 class Detector(NamedTuple):
-    """Settings of both detectors.
+    """Settings of both detectors."""
 
-    Attributes:
-        cutoff_hz: cut-off of the low-pass filter [Hz]; causal for `phases`, both ways for `swings`.
-        threshold: least peak rate of a push-off (`phases` only) and of a swing [rad/s].
-        least_angle: least angle of a swing [rad]; `swings` only.
-        rest_share: share of a swing's peak rate below which the shank may be at rest [1]; 0: never.
-        rest_s: time for which the rate must stay below that share [s].
-    """
-
-    cutoff_hz: Values
-    threshold: Values
-    least_angle: Values = 0.0
-    rest_share: Values = 0.0
-    rest_s: Values = 0.15
+    cutoff_hz: Values  #: cut-off of the low-pass filter [Hz]; causal for `phases`, both ways for `swings`.
+    threshold: Values  #: least peak rate of a push-off (`phases` only) and of a swing [rad/s].
+    least_angle: Values = 0.0  #: least angle of a swing [rad]; `swings` only.
+    rest_share: Values = 0.0  #: share of a swing's peak rate below which the shank may be at rest [1]; 0: never.
+    rest_s: Values = 0.15  #: time for which the rate must stay below that share [s].
 
 
 PAPER = Detector(cutoff_hz=4.0, threshold=np.deg2rad(50.0))
@@ -70,23 +62,15 @@ LOBES = Detector(cutoff_hz=6.0, threshold=np.deg2rad(70.0), least_angle=np.deg2r
 
 
 class ShankEvents(NamedTuple):
-    """Output of a detector at every sample, (T,) or, online, a scalar.
+    """Output of a detector at every sample, (T,) or, online, a scalar."""
 
-    Attributes:
-        stride: bool, a stride is detected at this sample.
-        push_off: time of the last maximum of the rate before the swing [s]; from `swings`, the start of the swing.
-        start: time at which the forward swing of the shank begins [s].
-        end: time at which the forward swing ends [s], about the initial contact.
-        peak: greatest rate of the swing [rad/s], positive.
-        angle: angle of the swing [rad], positive; integral of the filtered rate.
-    """
-
-    stride: Flags
+    stride: Flags  #: bool, a stride is detected at this sample.
+    #: time of the last maximum of the rate before the swing [s]; from `swings`, the start of the swing.
     push_off: Values
-    start: Values
-    end: Values
-    peak: Values
-    angle: Values
+    start: Values  #: time at which the forward swing of the shank begins [s].
+    end: Values  #: time at which the forward swing ends [s], about the initial contact.
+    peak: Values  #: greatest rate of the swing [rad/s], positive.
+    angle: Values  #: angle of the swing [rad], positive; integral of the filtered rate.
 
 
 class ShankState(NamedTuple):

@@ -33,17 +33,11 @@ CUTOFF_HZ = 4.0
 
 
 class ShankStances(NamedTuple):
-    """The instants around each swing.
+    """The instants around each swing."""
 
-    Attributes:
-        begin: (n,) sample at which the stride of each swing begins.
-        end: (n,) sample at which the stride ends; except at pauses, the start of the next stride.
-        standing: (n, 2) bool, True where the start or the end lies in standing, False where it is a valley.
-    """
-
-    begin: np.ndarray
-    end: np.ndarray
-    standing: np.ndarray
+    begin: np.ndarray  #: (n,) sample at which the stride of each swing begins.
+    end: np.ndarray  #: (n,) sample at which the stride ends; except at pauses, the start of the next stride.
+    standing: np.ndarray  #: (n, 2) bool, True where the start or the end lies in standing, False where it is a valley.
 
 
 def stances(

@@ -16,33 +16,20 @@ from jgait.types import Flags, Values
 
 
 class StanceSearch(NamedTuple):
-    """State of the search, passed from one sample to the next.
+    """State of the search, passed from one sample to the next."""
 
-    Attributes:
-        seeks: bool, the valley of this stance is not detected yet.
-        since: sample at which the end of the swing was detected.
-        most: greatest rate since that sample while the foot came down [rad/s].
-        least: least rate since the greatest rate [rad/s].
-        at: sample of the least rate.
-    """
-
-    seeks: PyTree
-    since: Values
-    most: Values
-    least: Values
-    at: Values
+    seeks: PyTree  #: bool, the valley of this stance is not detected yet.
+    since: Values  #: sample at which the end of the swing was detected.
+    most: Values  #: greatest rate since that sample while the foot came down [rad/s].
+    least: Values  #: least rate since the greatest rate [rad/s].
+    at: Values  #: sample of the least rate.
 
 
 class Phase(NamedTuple):
-    """Output of a detector of `events.shank` at the sample.
+    """Output of a detector of `events.shank` at the sample."""
 
-    Attributes:
-        over: bool, the end of a swing is detected.
-        leaves: bool, the foot pushes off or swings.
-    """
-
-    over: Flags
-    leaves: Flags
+    over: Flags  #: bool, the end of a swing is detected.
+    leaves: Flags  #: bool, the foot pushes off or swings.
 
 
 def begin(rate: ArrayLike) -> StanceSearch:

@@ -82,33 +82,21 @@ LITERAL = PaperRule(relative_to="max", hard=True)
 
 
 class Peaks(NamedTuple):
-    """Setting of the baseline.
+    """Setting of the baseline."""
 
-    Attributes:
-        offset: time subtracted from the peak; negative, because the contact comes later than the peak [s].
-    """
-
+    #: time subtracted from the peak; negative, because the contact comes later than the peak [s].
     offset: Values = -0.105
 
 
 class Contacts(NamedTuple):
-    """Initial contacts in order; every field is (capacity,), 0 where a row is not valid.
+    """Initial contacts in order; every field is (capacity,), 0 where a row is not valid."""
 
-    Attributes:
-        time: time of the contact [s].
-        side: 0 right, 1 left; the order of `SIDES`.
-        valid: bool; False for a row without a contact.
-        coarse: the coarse instant near which the contact was computed [s].
-        step_frequency: step frequency at the contact [Hz].
-        certainty: probability of the side minus that of the other side, 0 … 1 [1].
-    """
-
-    time: Values
-    side: Int[AnyArray, "..."]
-    valid: Flags
-    coarse: Values
-    step_frequency: Values
-    certainty: Values
+    time: Values  #: time of the contact [s].
+    side: Int[AnyArray, "..."]  #: 0 right, 1 left; the order of `SIDES`.
+    valid: Flags  #: bool; False for a row without a contact.
+    coarse: Values  #: the coarse instant near which the contact was computed [s].
+    step_frequency: Values  #: step frequency at the contact [Hz].
+    certainty: Values  #: probability of the side minus that of the other side, 0 … 1 [1].
 
 
 def _near(

@@ -62,19 +62,12 @@ IN_A_ROW, APART = 4, 2.5
 
 
 class Rhythm(NamedTuple):
-    """Coarse instants, their step frequencies, and the low-passed forward acceleration.
+    """Coarse instants, their step frequencies, and the low-passed forward acceleration."""
 
-    Attributes:
-        valid: (capacity,) bool; False for a row without a contact.
-        time: (capacity,) instants in order, from the first sample on [s].
-        frequency: (capacity,) step frequency at the instant [Hz].
-        forward: (T,) forward acceleration, low-passed near the step frequency [m/s²].
-    """
-
-    valid: Flags
-    time: Values
-    frequency: Values
-    forward: Values
+    valid: Flags  #: (capacity,) bool; False for a row without a contact.
+    time: Values  #: (capacity,) instants in order, from the first sample on [s].
+    frequency: Values  #: (capacity,) step frequency at the instant [Hz].
+    forward: Values  #: (T,) forward acceleration, low-passed near the step frequency [m/s²].
 
 
 def step_frequency(bank: ArrayLike, sampling_rate_hz: float) -> Array:

@@ -44,29 +44,17 @@ BLOW_HZ = 10.0
 
 
 class Soft(NamedTuple):
-    """Settings of the soft detector; all can be learned by gradient.
+    """Settings of the soft detector; all can be learned by gradient."""
 
-    Attributes:
-        forward: weight of the fall of the forward acceleration, w_a [1].
-        upward: weight of the rise of the upward acceleration, w_v [1].
-        blow: weight of the envelope of the fast accelerations, w_b [1].
-        temperature: τ [1]; with a smaller τ the soft argmax is nearer to the maximum.
-        centre: centre of the search, after the coarse instant, c [s].
-        width: standard deviation of the search about its centre, σ [s].
-        offset: delay of the score, which is subtracted, δ [s].
-        loading: delay as a share of the step time, which is subtracted too, λ [1].
-        cutoff_hz: cut-off of the low-pass filter [Hz].
-    """
-
-    forward: Values = 1.0
-    upward: Values = 1.0
-    blow: Values = 1.0
-    temperature: Values = 0.6
-    centre: Values = -0.035
-    width: Values = 0.03
-    offset: Values = -0.032
-    loading: Values = 0.095
-    cutoff_hz: Values = 12.0
+    forward: Values = 1.0  #: weight of the fall of the forward acceleration, w_a [1].
+    upward: Values = 1.0  #: weight of the rise of the upward acceleration, w_v [1].
+    blow: Values = 1.0  #: weight of the envelope of the fast accelerations, w_b [1].
+    temperature: Values = 0.6  #: τ [1]; with a smaller τ the soft argmax is nearer to the maximum.
+    centre: Values = -0.035  #: centre of the search, after the coarse instant, c [s].
+    width: Values = 0.03  #: standard deviation of the search about its centre, σ [s].
+    offset: Values = -0.032  #: delay of the score, which is subtracted, δ [s].
+    loading: Values = 0.095  #: delay as a share of the step time, which is subtracted too, λ [1].
+    cutoff_hz: Values = 12.0  #: cut-off of the low-pass filter [Hz].
 
 
 SOFT = Soft()
@@ -108,6 +96,13 @@ def instants(
     instants [s] and step frequencies [Hz] are (n,).
     """
     score = cues(forward, upward, sampling_rate_hz, settings.cutoff_hz, mask)
+    return located(score, sampling_rate_hz, coarse, step_frequency, settings)
+
+
+def located(
+    score: Array, sampling_rate_hz: float, coarse: ArrayLike, step_frequency: ArrayLike, settings: Soft = SOFT
+) -> Array:
+    """`instants` from `cues` (T, 3), whose cut-off has been applied."""
     about, last = jnp.asarray(coarse, score.dtype), score.shape[0] - 1
     later = jnp.asarray(GRID * np.arange(-round(REACH / GRID), round(REACH / GRID) + 1), score.dtype)
     place = (about[:, None] + later[None, :]) * sampling_rate_hz

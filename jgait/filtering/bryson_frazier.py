@@ -51,21 +51,13 @@ from jgait.filtering.structured import Components
 
 
 class Pieces(NamedTuple):
-    """The quantities of one sample that the backward pass needs.
+    """The quantities of one sample that the backward pass needs."""
 
-    Attributes:
-        after: the filtered belief.
-        gain: K (n × m), zero where masked.
-        matrix: H (m × n).
-        pull: S⁻¹ e (m), zero where masked.
-        transition: A.
-    """
-
-    after: Components
-    gain: Matrix
-    matrix: Matrix
-    pull: list[PyTree]
-    transition: Matrix
+    after: Components  #: the filtered belief.
+    gain: Matrix  #: K (n × m), zero where masked.
+    matrix: Matrix  #: H (m × n).
+    pull: list[PyTree]  #: S⁻¹ e (m), zero where masked.
+    transition: Matrix  #: A.
 
 
 class Parcel:

@@ -46,27 +46,14 @@ class Shape:
 
 
 class ComponentModel(NamedTuple):
-    """The functions of a model, with its parameters, on lists of scalars; see `Model` for the meaning of each.
+    """The functions of a model, with its parameters, on lists of scalars; see `Model` for the meaning of each."""
 
-    Attributes:
-        state: tree structure of the state tuple (k leaves).
-        error: tree structure of the error tuple (n leaves).
-        observed: tree structure of the observation tuple (m leaves).
-        curved: whether the model defines `retract` and `local`.
-        wrapped: whether the model defines `residual`.
-        names: names of the model's functions in messages.
-        error_transition: the functions that propagate an error one after another, each (x, delta, control, dt) →
-            delta; empty if the model defines none.
-        error_observation: (x, delta, control) → observation, or None.
-        error_shift: (x, delta, error) → error, or None.
-    """
-
-    state: PyTree
-    error: PyTree
-    observed: PyTree
-    curved: bool
-    wrapped: bool
-    names: PyTree
+    state: PyTree  #: tree structure of the state tuple (k leaves).
+    error: PyTree  #: tree structure of the error tuple (n leaves).
+    observed: PyTree  #: tree structure of the observation tuple (m leaves).
+    curved: bool  #: whether the model defines `retract` and `local`.
+    wrapped: bool  #: whether the model defines `residual`.
+    names: PyTree  #: names of the model's functions in messages.
     transition: Callable[[Sequence[PyTree], PyTree, PyTree], list[PyTree]]
     transition_noise: Callable[[Sequence[PyTree], PyTree, PyTree], Matrix]
     observation: Callable[[Sequence[PyTree], PyTree], list[PyTree]]
@@ -74,8 +61,12 @@ class ComponentModel(NamedTuple):
     retract: Callable[[Sequence[PyTree], Sequence[PyTree]], list[PyTree]]
     local: Callable[[Sequence[PyTree], Sequence[PyTree]], list[PyTree]]
     residual: Callable[[Sequence[PyTree], Sequence[PyTree]], list[PyTree]]
+    #: the functions that propagate an error one after another, each (x, delta, control, dt) → delta; empty if the model
+    #: defines none.
     error_transition: tuple[Callable[[Sequence[PyTree], Sequence[PyTree], PyTree, PyTree], list[PyTree]], ...]
+    #: (x, delta, control) → observation, or None.
     error_observation: Callable[[Sequence[PyTree], Sequence[PyTree], PyTree], list[PyTree]] | None
+    #: (x, delta, error) → error, or None.
     error_shift: Callable[[Sequence[PyTree], Sequence[PyTree], Sequence[PyTree]], list[PyTree]] | None
 
 

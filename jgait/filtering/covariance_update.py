@@ -32,33 +32,19 @@ from jgait.filtering.components import (
 
 
 class Gains(NamedTuple):
-    """The terms of an update, whitened by the innovation's factor L, S = L Lᵀ; zero where masked or not finite.
+    """The terms of an update, whitened by the innovation's factor L, S = L Lᵀ; zero where masked or not finite."""
 
-    Attributes:
-        matrix: H without the mask (m × n).
-        noise: R (m × m).
-        cross: H P⁻ without the mask (m × n).
-        inverse: L⁻¹, lower triangle.
-        white_cross: L⁻¹ H P⁻ (m × n).
-        white: L⁻¹ (y − ŷ) (m).
-        innovation: y − ŷ (m), 0 where masked.
-        spread: S (m × m), 1 on the diagonal where masked.
-        log_det: logarithm of the determinant of S.
-        factor_health: finite where S could be factored; elsewhere the update leaves the belief unchanged.
-        health: finite where all numbers are finite and S could be factored.
-    """
-
-    matrix: Matrix
-    noise: Matrix
-    cross: Matrix
-    inverse: Matrix
-    white_cross: Matrix
-    white: list[PyTree]
-    innovation: list[PyTree]
-    spread: Matrix
-    log_det: PyTree
-    factor_health: PyTree
-    health: PyTree
+    matrix: Matrix  #: H without the mask (m × n).
+    noise: Matrix  #: R (m × m).
+    cross: Matrix  #: H P⁻ without the mask (m × n).
+    inverse: Matrix  #: L⁻¹, lower triangle.
+    white_cross: Matrix  #: L⁻¹ H P⁻ (m × n).
+    white: list[PyTree]  #: L⁻¹ (y − ŷ) (m).
+    innovation: list[PyTree]  #: y − ŷ (m), 0 where masked.
+    spread: Matrix  #: S (m × m), 1 on the diagonal where masked.
+    log_det: PyTree  #: logarithm of the determinant of S.
+    factor_health: PyTree  #: finite where S could be factored; elsewhere the update leaves the belief unchanged.
+    health: PyTree  #: finite where all numbers are finite and S could be factored.
 
 
 def updated_covariance(cov: Matrix, g: Gains, seen: list[PyTree]) -> Matrix:

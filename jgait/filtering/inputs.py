@@ -22,33 +22,19 @@ from jgait.types import Values
 
 
 class Inputs(NamedTuple):
-    """A filter's arguments, component by component.
+    """A filter's arguments, component by component."""
 
-    Attributes:
-        shape: the model, and the tree structures of its tuples.
-        params: its parameters.
-        cm: the model on lists of scalars.
-        mean: initial mean (k scalars; known scalars are Python floats).
-        cov: initial covariance (n × n scalars).
-        measured: observation (m arrays (T,)).
-        controls: control tuple of (T,) arrays, or None.
-        dt: intervals, () or (T,).
-        seen: the mask (m arrays (T,) of bools, or True if every sample of the component is measured).
-        dtype: dtype of all floats.
-        length: T, number of samples.
-    """
-
-    shape: Shape
-    params: PyTree
-    cm: ComponentModel
-    mean: list[PyTree]
-    cov: Matrix
-    measured: list[PyTree]
-    controls: PyTree
-    dt: Values
-    seen: list[PyTree]
-    dtype: DTypeLike
-    length: int
+    shape: Shape  #: the model, and the tree structures of its tuples.
+    params: PyTree  #: its parameters.
+    cm: ComponentModel  #: the model on lists of scalars.
+    mean: list[PyTree]  #: initial mean (k scalars; known scalars are Python floats).
+    cov: Matrix  #: initial covariance (n × n scalars).
+    measured: list[PyTree]  #: observation (m arrays (T,)).
+    controls: PyTree  #: control tuple of (T,) arrays, or None.
+    dt: Values  #: intervals, () or (T,).
+    seen: list[PyTree]  #: the mask (m arrays (T,) of bools, or True if every sample of the component is measured).
+    dtype: DTypeLike  #: dtype of all floats.
+    length: int  #: T, number of samples.
 
     def arrays(self) -> list[PyTree]:
         """The arguments of `core.Filter`, without a batch axis."""

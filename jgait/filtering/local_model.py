@@ -16,23 +16,14 @@ from jgait.filtering.lanes import held, where
 
 
 class Linearised(NamedTuple):
-    """The model about the belief before an interval, and about the prediction.
+    """The model about the belief before an interval, and about the prediction."""
 
-    Attributes:
-        matrix: A (n, n, B), from errors about `before` to errors about `predicted`.
-        noise: Q (n, n, B).
-        predicted: the state after the interval (k, B).
-        observation: H (m, n, B).
-        innovation: measured − expected (m, B).
-        observation_noise: R (m, m, B).
-    """
-
-    matrix: PyTree
-    noise: PyTree
-    predicted: PyTree
-    observation: PyTree
-    innovation: PyTree
-    observation_noise: PyTree
+    matrix: PyTree  #: A (n, n, B), from errors about `before` to errors about `predicted`.
+    noise: PyTree  #: Q (n, n, B).
+    predicted: PyTree  #: the state after the interval (k, B).
+    observation: PyTree  #: H (m, n, B).
+    innovation: PyTree  #: measured − expected (m, B).
+    observation_noise: PyTree  #: R (m, m, B).
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))

@@ -48,19 +48,12 @@ class Components(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """One sample.
+    """One sample."""
 
-    Attributes:
-        measured: observation (m scalars).
-        control: control tuple, or None.
-        dt: interval [s].
-        seen: which components are measured (m bools; True without a mask).
-    """
-
-    measured: list[PyTree]
-    control: PyTree
-    dt: Values
-    seen: list[PyTree]
+    measured: list[PyTree]  #: observation (m scalars).
+    control: PyTree  #: control tuple, or None.
+    dt: Values  #: interval [s].
+    seen: list[PyTree]  #: which components are measured (m bools; True without a mask).
 
 
 class Noise(NamedTuple):
@@ -71,19 +64,12 @@ class Noise(NamedTuple):
 
 
 class Transition(NamedTuple):
-    """A linearised transition.
+    """A linearised transition."""
 
-    Attributes:
-        mean: the predicted state.
-        matrix: A.
-        noise: Q.
-        health: finite where the transition was finite.
-    """
-
-    mean: list[PyTree]
-    matrix: Matrix
-    noise: Matrix
-    health: PyTree
+    mean: list[PyTree]  #: the predicted state.
+    matrix: Matrix  #: A.
+    noise: Matrix  #: Q.
+    health: PyTree  #: finite where the transition was finite.
 
 
 class Told(NamedTuple):

@@ -16,13 +16,9 @@ from jgait.types import Values
 
 
 class Jet(NamedTuple):
-    """Numbers that depend on time.
+    """Numbers that depend on time."""
 
-    Attributes:
-        orders: (3, …) value, first and second derivative with respect to time; or (1, …), the value alone.
-    """
-
-    orders: Values
+    orders: Values  #: (3, …) value, first and second derivative with respect to time; or (1, …), the value alone.
 
     @property
     def value(self) -> PyTree:

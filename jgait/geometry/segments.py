@@ -17,19 +17,12 @@ from jgait.types import SIDES, AnyArray
 
 
 class Frame(NamedTuple):
-    """Position and orientation of a segment, or their first or second derivative.
+    """Position and orientation of a segment, or their first or second derivative."""
 
-    Attributes:
-        origin: the segment's proximal joint in the world [m]; the middle of the hips for the pelvis.
-        x: the segment's forward axis in the world [1].
-        y: its axis to the left [1].
-        z: its long axis, towards the proximal end [1].
-    """
-
-    origin: Vector
-    x: Vector
-    y: Vector
-    z: Vector
+    origin: Vector  #: the segment's proximal joint in the world [m]; the middle of the hips for the pelvis.
+    x: Vector  #: the segment's forward axis in the world [1].
+    y: Vector  #: its axis to the left [1].
+    z: Vector  #: its long axis, towards the proximal end [1].
 
 
 class Segments[S](NamedTuple):
@@ -101,10 +94,6 @@ def inertial(motion: Motion[Frame], point: Vector) -> tuple[Vector, Vector]:
     """The readings of a perfect inertial sensor on a segment, in the segment's axes.
 
     gyr = (ẏ·z, ż·x, ẋ·y),  acc = (p̈·x, p̈·y, p̈·z) + g (z component of the axes), with p the position of the sensor.
-
-    Args:
-        motion: of one segment's `Frame`.
-        point: position of the sensor in the segment's axes [m].
 
     Returns:
         Angular rate [rad/s] and specific force [m/s²].

@@ -17,9 +17,6 @@ def replaced(path: str | os.PathLike[str]) -> Iterator[Path]:
     file is removed. The next writer removes the temporary file of a killed process. The new file has the permissions of
     the user's umask.
 
-    Args:
-        path: of the file; its folder must exist.
-
     Yields:
         Path of an empty file in the same folder, with the same ending.
 

@@ -56,12 +56,6 @@ def usable_sensors(
 ) -> tuple[dict[str, Imu], list[Note]]:
     """The sensors without those whose numbers cannot be right, and a note about each of these.
 
-    Args:
-        sensors: placement → signals, already in SI.
-        gyr_unit: unit of the file.
-        acc_unit: unit of the file.
-        name: name of the recording in messages.
-
     Raises:
         RecordingError: if no sensor has signals, or the sizes of most contradict the unit of the file: a limb turns
             impossibly fast, a moving person impossibly slowly, or the accelerometer does not measure gravity.

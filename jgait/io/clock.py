@@ -35,19 +35,12 @@ GAPS_FILLED = Kind(
 
 
 class SampleTimes(NamedTuple):
-    """The time of each sample.
+    """The time of each sample."""
 
-    Attributes:
-        time: (T,) [s] from 0, strictly increasing; steps are one sample time, except for jitter.
-        rows: (T,) row of each sample in the input, -1 where a sample was inserted into a gap.
-        sampling_rate_hz: [Hz].
-        notes: notes about the deduced unit and inserted samples.
-    """
-
-    time: np.ndarray
-    rows: np.ndarray
-    sampling_rate_hz: float
-    notes: tuple[Note, ...]
+    time: np.ndarray  #: (T,) [s] from 0, strictly increasing; steps are one sample time, except for jitter.
+    rows: np.ndarray  #: (T,) row of each sample in the input, -1 where a sample was inserted into a gap.
+    sampling_rate_hz: float  #: [Hz].
+    notes: tuple[Note, ...]  #: notes about the deduced unit and inserted samples.
 
 
 def make_clock(

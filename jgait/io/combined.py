@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jgait.io.exports import BREAK
-from jgait.io.strides import DEGREES, strides_to_dataframe
+from jgait.io.strides import DEGREES, bout_numbers, strides_to_dataframe
 from jgait.io.write import to_dataframe
 from jgait.types import SIDES, Estimate, as_float
 
@@ -33,9 +32,6 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     the bout's part of the combined distance, so that the bouts add up to it.
     `sources`: `quantity unit source value std n_strides`, each quantity as each source measures it, and combined.
     `samples`: columns of `to_dataframe`, where anything is estimated for every sample.
-
-    Returns:
-        Name of the table → the table, in metres and degrees.
     """
     import pandas as pd
 
@@ -97,14 +93,6 @@ def _extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.ndarray
                     column = found.setdefault(f"{joint}_flexion_{word}_deg", np.full(len(table), np.nan))
                     column[row] = of(angle) if angle.size else np.nan
     return found
-
-
-def bout_numbers(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """(n,) number of the walking bout of each stride, from 0, for strides in the order of their starts [s]."""
-    if not len(start):
-        return np.zeros(0, int)
-    latest = np.maximum.accumulate(end)
-    return np.concatenate([[0], np.cumsum(start[1:] - latest[:-1] > BREAK)])
 
 
 def _bouts(strides: "pd.DataFrame", estimate: Estimate) -> "pd.DataFrame":

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from jgait.io.strides import strides_to_dataframe, to_gaitmap
+from jgait.io.strides import bout_numbers, strides_to_dataframe, to_gaitmap
 from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:
@@ -15,9 +15,6 @@ GAITMAP_PARAMETERS = (
     "swing_time", "stance_time",
 )  # fmt: skip
 """Names of the parameters in gaitmap, in its order."""
-
-BREAK = 3.0
-"""[s] Longest break between two strides of one walking bout, mobgap's default."""
 
 
 class MobgapTables(NamedTuple):
@@ -138,10 +135,8 @@ def _strides(table: "pd.DataFrame", rate: float) -> "pd.DataFrame":
     begin, end = table["start_s"].to_numpy(np.float64), table["end_s"].to_numpy(np.float64)
     order = np.argsort(begin, kind="stable")
     begin, end, table = begin[order], end[order], table.iloc[order]
-    fresh = np.concatenate([[True], begin[1:] - np.maximum.accumulate(end)[:-1] > BREAK])[: len(begin)]
-    bouts = np.cumsum(fresh)
     columns = pd.DataFrame({
-        "wb_id": bouts - 1, "s_id": table["s_id"].to_numpy(), "start": _samples(begin, rate),
+        "wb_id": bout_numbers(begin, end), "s_id": table["s_id"].to_numpy(), "start": _samples(begin, rate),
         "end": _samples(end, rate), "lr_label": _sides(table["side"].to_numpy(dtype=object)),
         "stride_duration_s": end - begin, "cadence_spm": 120.0 / (end - begin),
     })  # fmt: skip

@@ -26,10 +26,6 @@ LONGEST_NAME = 300
 def reading(path: Path, expected: str) -> Iterator[None]:
     """Errors of a library in the block become a `RecordingError` with file, expected content and reason.
 
-    Args:
-        path: the file.
-        expected: description of the expected file.
-
     Raises:
         RecordingError: for any error but those of a file that does not exist or may not be read, and of a library that
             is not installed.

@@ -62,9 +62,6 @@ def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -
         params: NamedTuple of single numbers; a parameter that is not in the file keeps its value.
         estimator: name of the expected estimator.
 
-    Returns:
-        The parameters, and how they were computed.
-
     Raises:
         FileNotFoundError: if there is no such file.
         RecordingError: if the file has no parameters, is of another estimator, or has an unknown parameter.

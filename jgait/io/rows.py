@@ -38,9 +38,6 @@ ROW_CUT_OFF = Kind(
 def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
     """A table from a text file with a header; comma, semicolon or tab, decimal point or comma.
 
-    Returns:
-        The table without its last row if the file ends within it, and the note about that.
-
     Raises:
         FileNotFoundError: if there is no such file.
         RecordingError: if the file is empty, no text, has no rows, or rows that are longer than the header.
@@ -92,12 +89,6 @@ def _cut_off(file: Path, separator: str, breaks: int, whole: int) -> Note | None
     It is not whole if it has fewer cells than the row before, or if no line break ends it and its last cell looks like
     half a number: it is shorter than those of all rows before, lacks the decimals that all of them have, or differs
     from the row before by more than `JUMP` times what they differ.
-
-    Args:
-        file: a table in text.
-        separator: what separates cells.
-        breaks: number of line breaks in the file.
-        whole: number of rows before the last one.
     """
     with file.open("rb") as stream:
         stream.seek(max(file.stat().st_size - TAIL, 0))

@@ -28,6 +28,9 @@ MEASURES = (
 """Field of `Strides` (the duration is end − start), name and unit of its column, and the factor from SI to the
 column's unit."""
 
+BREAK = 3.0
+"""[s] Longest break between two strides of one walking bout, mobgap's default."""
+
 GAITMAP_SENSORS = ("right_sensor", "left_sensor")
 GAITMAP_COLUMNS = ("start", "end", "min_vel", "pre_ic", "tc", "ic")
 GAITMAP_ORDER = ("pre_ic", "min_vel", "tc", "ic")
@@ -46,9 +49,6 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
 
     Args:
         estimate: of one recording, with `strides`.
-
-    Returns:
-        The table, in metres and degrees; without rows if there are no strides.
 
     Raises:
         ValueError: if the estimate has no strides.
@@ -77,6 +77,14 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
     if trusted is not None and np.shape(trusted) == np.shape(strides.side):
         columns["width_valid"] = np.asarray(trusted, bool)[rows]
     return pd.DataFrame(columns)
+
+
+def bout_numbers(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(n,) number of the walking bout of each stride, from 0, for strides in the order of their starts [s]."""
+    if not len(start):
+        return np.zeros(0, int)
+    latest = np.maximum.accumulate(end)
+    return np.concatenate([[0], np.cumsum(start[1:] - latest[:-1] > BREAK)])
 
 
 def _measure(strides: Strides, field: str) -> np.ndarray | None:

@@ -36,24 +36,15 @@ FEW = 4
 
 
 class Columns(NamedTuple):
-    """The signals in the columns of a table, in the table's units.
+    """The signals in the columns of a table, in the table's units."""
 
-    Attributes:
-        sensors: placement → {"gyr": (T, 3), "acc": (T, 3) or absent}.
-        time: (T,) or None.
-        feet_range: (T,) or None.
-        others: names of columns that are not used.
-        matched: the table's name and jgait's name of each column with a lab's name.
-        odd: notes about cells without a number.
-        time_unit: unit that the name of the time column states, "ms" or "us"; None: it states none of them.
-    """
-
-    sensors: dict[str, dict[str, np.ndarray]]
-    time: np.ndarray | None
-    feet_range: np.ndarray | None
-    others: tuple[str, ...]
-    matched: tuple[tuple[str, str], ...] = ()
-    odd: tuple[Note, ...] = ()
+    sensors: dict[str, dict[str, np.ndarray]]  #: placement → {"gyr": (T, 3), "acc": (T, 3) or absent}.
+    time: np.ndarray | None  #: (T,) or None.
+    feet_range: np.ndarray | None  #: (T,) or None.
+    others: tuple[str, ...]  #: names of columns that are not used.
+    matched: tuple[tuple[str, str], ...] = ()  #: the table's name and jgait's name of each column with a lab's name.
+    odd: tuple[Note, ...] = ()  #: notes about cells without a number.
+    #: unit that the name of the time column states, "ms" or "us"; None: it states none of them.
     time_unit: str | None = None
 
 
@@ -86,9 +77,6 @@ def recording_from_dataframe(
         range_unit: as `recording_from_arrays`.
         name: name of the recording in tables and figures.
         subject: name of the person.
-
-    Returns:
-        The recording in SI units.
 
     Raises:
         ValueError: for an unknown unit.

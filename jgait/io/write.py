@@ -35,9 +35,6 @@ def to_dataframe(estimate: Estimate) -> "pd.DataFrame":
 
     Args:
         estimate: of one recording, arrays of (T,).
-
-    Returns:
-        The table, in degrees and metres.
     """
     import pandas as pd
 
@@ -95,9 +92,6 @@ def recording_to_dataframe(recording: Recording, *, gyr_unit: str = "deg/s", acc
         gyr_unit: 'deg/s' or 'rad/s'.
         acc_unit: 'm/s^2' or 'g'.
 
-    Returns:
-        The table.
-
     Raises:
         ValueError: for an unknown unit, sensors of different lengths, or ranges that are not at their samples.
     """
@@ -149,9 +143,6 @@ def write_csv(
         what: an estimate of one recording; a recording; a table, as `strides_to_dataframe` makes it; or tables by
             sensor, as `to_gaitmap` makes them, which are joined to one table with a first column `sensor`.
         path: the file; its folder must exist.
-
-    Returns:
-        The path written.
 
     Raises:
         FileNotFoundError: if the folder does not exist.

@@ -32,19 +32,14 @@ SIDES_EXCHANGED = Kind(
 
 
 class LegMounting(NamedTuple):
-    """Orientation of the sensors of one leg.
+    """Orientation of the sensors of one leg."""
 
-    Attributes:
-        placements: segment ("thigh", "shank") → placement whose sensor is on it; exchanged if the sensors are swapped.
-        rows: segment → (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ rows.T` is in the segment's axes.
-        gyr_bias: segment → (3,) mean rate at standing, in the sensor's axes [rad/s].
-        swapped: whether the thigh's sensor turns faster than the shank's by `SWAPPED`.
-    """
-
+    #: segment ("thigh", "shank") → placement whose sensor is on it; exchanged if the sensors are swapped.
     placements: dict[str, str]
+    #: segment → (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ rows.T` is in the segment's axes.
     rows: dict[str, np.ndarray]
-    gyr_bias: dict[str, np.ndarray]
-    swapped: bool
+    gyr_bias: dict[str, np.ndarray]  #: segment → (3,) mean rate at standing, in the sensor's axes [rad/s].
+    swapped: bool  #: whether the thigh's sensor turns faster than the shank's by `SWAPPED`.
 
 
 class _Turning(NamedTuple):

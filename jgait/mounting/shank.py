@@ -31,15 +31,10 @@ LEAST_SWING = 1.0
 
 
 class Axes(NamedTuple):
-    """Orientation of a sensor on its segment.
+    """Orientation of a sensor on its segment."""
 
-    Attributes:
-        rows: (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ rows.T` is in the segment's axes.
-        asymmetry: skewness of the sagittal rate [1], negative: the forward swing is faster than backward rotation.
-    """
-
-    rows: np.ndarray
-    asymmetry: float
+    rows: np.ndarray  #: (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ rows.T` is in the segment's axes.
+    asymmetry: float  #: skewness of the sagittal rate [1], negative: the forward swing is faster than backward rotation
 
 
 def functional_axes(imu: Imu) -> Axes | None:

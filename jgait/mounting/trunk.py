@@ -34,16 +34,11 @@ NAMES = ("x", "y", "z")
 
 
 class TrunkAxes(NamedTuple):
-    """Orientation of a sensor on the trunk.
+    """Orientation of a sensor on the trunk."""
 
-    Attributes:
-        rows: (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ rows.T` is in the trunk's axes.
-        step_frequency: step frequency of the whole recording [Hz].
-        phase: phase lead of the forward over the upward acceleration at that frequency [rad]; walking has about π/2.
-    """
-
-    rows: np.ndarray
-    step_frequency: float
+    rows: np.ndarray  #: (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ rows.T` is in the trunk's axes.
+    step_frequency: float  #: step frequency of the whole recording [Hz].
+    #: phase lead of the forward over the upward acceleration at that frequency [rad]; walking has about π/2.
     phase: float
 
     @property

@@ -21,17 +21,11 @@ TICKS = (0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0)
 
 
 class Series(NamedTuple):
-    """One line of a figure.
+    """One line of a figure."""
 
-    Attributes:
-        x: (n,) duty cycle, or share of the energy saved [1].
-        error: (n,) root mean square error over the root mean square of the signal [1].
-        role: "filler", "paper", "found" (schedules found by gradient) or "policy" (single points).
-    """
-
-    x: ArrayLike
-    error: ArrayLike
-    role: str = "filler"
+    x: ArrayLike  #: (n,) duty cycle, or share of the energy saved [1].
+    error: ArrayLike  #: (n,) root mean square error over the root mean square of the signal [1].
+    role: str = "filler"  #: "filler", "paper", "found" (schedules found by gradient) or "policy" (single points).
 
 
 def _style(series: Series, number: int) -> Style:

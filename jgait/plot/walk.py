@@ -61,6 +61,9 @@ def stick_figure(truth: "Truth", path: str | Path | None = None) -> "FuncAnimati
         return [*drawn.values(), label]
 
     show(0)
+    if (layout := figure.get_layout_engine()) is not None:
+        layout.execute(figure)
+    figure.set_layout_engine("none")  # every frame has the layout of the first
     animation = FuncAnimation(
         figure, show, frames=len(chosen), interval=1000.0 / FRAMES_HZ, blit=False, cache_frame_data=False
     )

@@ -17,11 +17,7 @@ MOSTLY = 0.95
 
 
 def explained(notes: Iterable[Note]) -> list[Flag]:
-    """Notes as flags: each note once, notes of the same meaning together, the most serious first, without folders.
-
-    Args:
-        notes: of readers, estimators and commands.
-    """
+    """Notes as flags: each note once, notes of the same meaning together, the most serious first, without folders."""
     lines: dict[tuple[str, str], dict[str, None]] = {}
     for note in grouped(notes):
         sentence = _sentence(without_folders(note.text))

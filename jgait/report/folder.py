@@ -3,19 +3,12 @@
 import ast
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import jax
-import numpy as np
 
-from jgait.evaluate.store import COLUMNS, Cohort, frame
+from jgait.evaluate.store import Cohort, read_table
 from jgait.notes import from_json
 from jgait.report.made import Made
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-TEXT = ("recording", "subject", "quantity", "side", "notes", "reason")
 
 
 def read(folder: Path) -> tuple[Cohort, list[tuple[str, str]]]:
@@ -25,31 +18,10 @@ def read(folder: Path) -> tuple[Cohort, list[tuple[str, str]]]:
         FileNotFoundError: if recordings.csv, quantities.csv, strides.csv or failures.csv is missing.
         ValueError: if a table lacks a column, or has text instead of numbers.
     """
-    tables = {name: _table(folder / f"{name}.csv", name) for name in ("recordings", "quantities", "strides")}
-    for text in tables["recordings"]["notes"]:
+    cohort = Cohort(*(read_table(folder / f"{name}.csv", name) for name in Cohort._fields))
+    for text in cohort.recordings["notes"]:
         from_json(text)
-    failed = _strings(folder / "failures.csv", COLUMNS["failures"])
-    failures = list(zip(failed["recording"], failed["reason"], strict=True))
-    return Cohort(**tables, failures=frame("failures", failed)), failures
-
-
-def _strings(path: Path, columns: tuple[str, ...]) -> dict[str, np.ndarray]:
-    import pandas as pd
-
-    # as text: NA can be the name of a subject
-    text = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
-    lacking = [name for name in columns if name not in text]
-    if lacking:
-        raise ValueError(f"{path.name} has no column {lacking[0]!r}")
-    return {name: text[name].to_numpy(dtype=object) for name in columns}
-
-
-def _table(path: Path, name: str) -> "pd.DataFrame":
-    columns = _strings(path, COLUMNS[name])
-    return frame(name, {
-        column: values if column in TEXT else [float(value) if value else float("nan") for value in values]
-        for column, values in columns.items()
-    })  # fmt: skip
+    return cohort, list(zip(cohort.failures["recording"], cohort.failures["reason"], strict=True))
 
 
 def made(folder: Path) -> Made:

@@ -55,21 +55,13 @@ class Cell(NamedTuple):
 
 
 class Table(NamedTuple):
-    """A table.
+    """A table."""
 
-    Attributes:
-        caption: the content of the table, and how to read it.
-        columns: headings, with units.
-        rows: of cells; the first of each names the row.
-        sortable: whether a click on a heading sorts it.
-        words: number of last columns with words, which are aligned left.
-    """
-
-    caption: str
-    columns: Sequence[str]
-    rows: Sequence[Sequence[Cell]]
-    sortable: bool = False
-    words: int = 0
+    caption: str  #: the content of the table, and how to read it.
+    columns: Sequence[str]  #: headings, with units.
+    rows: Sequence[Sequence[Cell]]  #: of cells; the first of each names the row.
+    sortable: bool = False  #: whether a click on a heading sorts it.
+    words: int = 0  #: number of last columns with words, which are aligned left.
 
 
 class Picture(NamedTuple):
@@ -89,31 +81,18 @@ class Section(NamedTuple):
 
 
 class Content(NamedTuple):
-    """A whole page.
+    """A whole page."""
 
-    Attributes:
-        title: name of the recording or the cohort.
-        kind: kind of the page, above the title.
-        lead: a sentence that states how the results were computed.
-        facts: (name, value with its unit, explanation) of the most important numbers.
-        verdict: a sentence that sums up the flags.
-        flags: flags, the most serious first.
-        sections: the other parts of the page, in order.
-        settings: settings of the computation, name → value.
-        command: command that makes the page again, "" where it is not known.
-        numbers: the content for programs, as JSON numbers.
-    """
-
-    title: str
-    kind: str
-    lead: str
-    facts: Sequence[tuple[str, str, str]]
-    verdict: str
-    flags: Sequence[Flag]
-    sections: Sequence[Section]
-    settings: Sequence[tuple[str, str]]
-    command: str
-    numbers: dict[str, Any]
+    title: str  #: name of the recording or the cohort.
+    kind: str  #: kind of the page, above the title.
+    lead: str  #: a sentence that states how the results were computed.
+    facts: Sequence[tuple[str, str, str]]  #: (name, value with its unit, explanation) of the most important numbers.
+    verdict: str  #: a sentence that sums up the flags.
+    flags: Sequence[Flag]  #: flags, the most serious first.
+    sections: Sequence[Section]  #: the other parts of the page, in order.
+    settings: Sequence[tuple[str, str]]  #: settings of the computation, name → value.
+    command: str  #: command that makes the page again, "" where it is not known.
+    numbers: dict[str, Any]  #: the content for programs, as JSON numbers.
 
 
 class Report:
@@ -217,11 +196,7 @@ def cell(value: Values, digits: int, spread: Values | None = None) -> Cell:
 
 
 def without_folders(text: str) -> str:
-    """A text with file names without folders, because folders contain names of people and machines.
-
-    Args:
-        text: such as a reason for a failure.
-    """
+    """A text with file names without folders, because folders contain names of people and machines."""
     return FOLDERS.sub("", text)
 
 

@@ -70,21 +70,14 @@ NOT_BY_STRIDE = ("cadence_spm",)
 
 
 class ReportStrides(NamedTuple):
-    """The strides of an estimate.
+    """The strides of an estimate."""
 
-    Attributes:
-        table: a row a stride, in the order in which they start; `io.strides_to_dataframe` with `cadence_spm`.
-        marks: flag → (rows,) bool.
-        flags: meanings of the flags.
-        regular: (rows,) bool; the strides in the means.
-        cycles: whether these are cycles of leg angles instead of strides between contacts.
-    """
-
+    #: a row a stride, in the order in which they start; `io.strides_to_dataframe` with `cadence_spm`.
     table: "pd.DataFrame"
-    marks: dict[str, np.ndarray]
-    flags: tuple[StrideFlag, ...]
-    regular: np.ndarray
-    cycles: bool
+    marks: dict[str, np.ndarray]  #: flag → (rows,) bool.
+    flags: tuple[StrideFlag, ...]  #: meanings of the flags.
+    regular: np.ndarray  #: (rows,) bool; the strides in the means.
+    cycles: bool  #: whether these are cycles of leg angles instead of strides between contacts.
 
 
 def strides_of(estimate: Estimate, flags: tuple[StrideFlag, ...] = STRIDE_FLAGS) -> ReportStrides:

@@ -72,18 +72,13 @@ def cut_short(values: Float[AnyArray, "time axis"], above: float) -> Bool[np.nda
 
 
 class Restored(NamedTuple):
-    """A gyroscope with restored peaks.
+    """A gyroscope with restored peaks."""
 
-    Attributes:
-        gyr: (T, 3) angular rate, peaks that were cut off restored [rad/s].
-        doubt: (T,) standard deviation of the restored samples [rad/s], else 0. As white noise it has the deviation of
-            the angle over a peak, whose samples share one error.
-        clipped: (T,) bool, restored samples.
-    """
-
-    gyr: Float[np.ndarray, "time axis"]
+    gyr: Float[np.ndarray, "time axis"]  #: (T, 3) angular rate, peaks that were cut off restored [rad/s].
+    #: (T,) standard deviation of the restored samples [rad/s], else 0. As white noise it has the deviation of the angle
+    #: over a peak, whose samples share one error.
     doubt: Float[np.ndarray, "time"]
-    clipped: Bool[np.ndarray, "time"]
+    clipped: Bool[np.ndarray, "time"]  #: (T,) bool, restored samples.
 
 
 def restored(gyr: Float[AnyArray, "time axis"]) -> Restored:

@@ -9,15 +9,10 @@ from jgait.types import AnyArray, Flags
 
 
 class Marks(NamedTuple):
-    """Flags of the start and the end of strides at each sample, (T,) or, online, a scalar.
+    """Flags of the start and the end of strides at each sample, (T,) or, online, a scalar."""
 
-    Attributes:
-        begin: bool, a stride begins at this sample.
-        end: bool, a stride ends at this sample; the next stride may begin at the same sample.
-    """
-
-    begin: Flags
-    end: Flags
+    begin: Flags  #: bool, a stride begins at this sample.
+    end: Flags  #: bool, a stride ends at this sample; the next stride may begin at the same sample.
 
 
 def marks(

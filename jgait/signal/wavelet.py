@@ -36,15 +36,10 @@ MULTIPLE = 1024
 
 
 class Decomposition(NamedTuple):
-    """A signal over several scales; every field has the signal's shape and unit.
+    """A signal over several scales; every field has the signal's shape and unit."""
 
-    Attributes:
-        approximation: (T, ...) approximation at the coarsest level.
-        details: one (T, ...) for each level, the finest (level 1) first.
-    """
-
-    approximation: Float[AnyArray, "time *rest"]
-    details: tuple[Float[AnyArray, "time *rest"], ...]
+    approximation: Float[AnyArray, "time *rest"]  #: (T, ...) approximation at the coarsest level.
+    details: tuple[Float[AnyArray, "time *rest"], ...]  #: one (T, ...) for each level, the finest (level 1) first.
 
 
 class Taps(NamedTuple):
@@ -208,9 +203,6 @@ def from_details(
         relative_to: one of `MAGNITUDES`; static.
         hard: whether thresholds are hard; static.
         mask: (T,) bool, False where a sample does not count for the magnitudes; None: all count.
-
-    Returns:
-        The same shape and unit.
 
     Raises:
         ValueError: as `transform` and `magnitude`.

@@ -6,9 +6,10 @@ records of the library; `walk` is the same in pure JAX, to be jitted, mapped ove
 
 from jgait.geometry.segments import segment_of
 from jgait.simulate.check import check_person
+from jgait.simulate.fitting import PersonFit, fitted
 from jgait.simulate.people import cohort, walks
 from jgait.simulate.person import RECORDED, Body, Gait, Person
-from jgait.simulate.population import fitted, gait, paced, person_of, population
+from jgait.simulate.population import covering, gait, paced, person_of, population
 from jgait.simulate.recorded import recording, trimmed
 from jgait.simulate.routes import Route, circle, corner, faster, rectangle, route, straight, u_turn
 from jgait.simulate.walker import plan
@@ -23,8 +24,8 @@ from jgait.simulate.worn import (
 )
 
 __all__ = [
-    "FOUR", "RECORDED", "SEVEN", "Body", "Gait", "Person", "Route", "Truth", "check_person", "circle", "cohort",
-    "corner", "duration", "faster", "fitted", "gait", "mount", "paced", "person_of", "plan", "population",
-    "recording", "rectangle", "route", "segment_of", "straight", "strides", "trimmed", "u_turn",
-    "walk", "walks",
+    "FOUR", "RECORDED", "SEVEN", "Body", "Gait", "Person", "PersonFit", "Route", "Truth", "check_person", "circle",
+    "cohort", "corner", "covering", "duration", "faster", "fitted", "gait", "mount", "paced", "person_of", "plan",
+    "population", "recording", "rectangle", "route", "segment_of", "straight", "strides", "trimmed", "u_turn", "walk",
+    "walks",
 ]  # fmt: skip

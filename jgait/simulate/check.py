@@ -24,7 +24,8 @@ _RANGES: dict[str, tuple[float, float]] = {
     "standing_hip": (-30.0 * DEGREE, 30.0 * DEGREE), "standing_knee": (0.5 * DEGREE, 60.0 * DEGREE),
     "hip_ahead": (-0.3, 0.3), "length_asymmetry": _HALF, "time_asymmetry": _HALF, "steps": (1.0, 2000.0),
     **dict.fromkeys(STYLES, (-4.0, 4.0)), "recorded": (0.0, 1.0),
-    "length_variability": (0.0, 0.15), "time_variability": (0.0, 0.15), "right_first": (0.0, 1.0),
+    **dict.fromkeys(("length_variability", "time_variability", "pitch_variability"), (0.0, 0.15)),
+    "persistence": (0.0, 0.95), "right_first": (0.0, 1.0),
 }  # fmt: skip
 """Closed ranges of the fields, in their units; fields not listed must not be negative."""
 
@@ -32,7 +33,9 @@ _RANGES: dict[str, tuple[float, float]] = {
 @jax.jit
 def _slack(person: Person) -> Slack:
     """Distance of the legs from their limits over four even steps."""
-    gait = person.gait._replace(steps=4.0, length_variability=0.0, time_variability=0.0, width_variability=0.0)
+    gait = person.gait._replace(
+        steps=4.0, length_variability=0.0, time_variability=0.0, width_variability=0.0, pitch_variability=0.0
+    )
     steady = Person(person.body, gait)
     return planned(jax.random.key(0), steady, straight(10.0), 4)[1]
 

@@ -75,9 +75,10 @@ class Instants(NamedTuple):
 
 RECORDED = Instants(
     heel_early=0.058, heel_rises=0.238, heel_after=0.229, heel_down=0.114, heel_share=0.8, toes_rise=0.092, toes=0.89,
-    toes_up=0.504, toes_turn=0.148, gather=0.344, late_lift=0.352, lowers=0.809, hard=0.179, soft=0.381,
+    toes_up=0.504, toes_turn=0.148, gather=0.344, late_lift=0.352, lowers=0.74, hard=0.179, soft=0.381,
 )  # fmt: skip
-"""Those of recorded people, around which `shapes.added` was fitted."""
+"""Those of recorded people, around which `shapes.added` was fitted; `lowers` was 0.81 in the fit, see
+`person.RECORDED`."""
 
 
 def instants(gait: Gait) -> Instants:
@@ -87,21 +88,13 @@ def instants(gait: Gait) -> Instants:
 
 
 class Phases(NamedTuple):
-    """Shares [1] of the motions of a foot, (2, T).
+    """Shares [1] of the motions of a foot, (2, T)."""
 
-    Attributes:
-        rise: pitch of the heel, over its largest pitch.
-        toes: pitch of the toes, over their largest pitch.
-        down: pitch of the foot before and after landing, over its pitch at landing.
-        way: share of the way from foothold to foothold.
-        lift: lift in swing, over the early lift.
-    """
-
-    rise: Jet
-    toes: Jet
-    down: Jet
-    way: Jet
-    lift: Jet
+    rise: Jet  #: pitch of the heel, over its largest pitch.
+    toes: Jet  #: pitch of the toes, over their largest pitch.
+    down: Jet  #: pitch of the foot before and after landing, over its pitch at landing.
+    way: Jet  #: share of the way from foothold to foothold.
+    lift: Jet  #: lift in swing, over the early lift.
 
 
 def phases(gait: Gait, shape: Movement, off: Values, leave: Values, lands: Values, s: Jet) -> Phases:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 
 from jgait.simulate import routes
 from jgait.simulate.feet import HEEL_RISES, LINGER
@@ -96,16 +96,19 @@ def _lengths(
     """Of each foothold: distance along the route (K,), step time (K,), sideways error (K,), and speed (K,)."""
     walks = (k > 0.5) & (k < gait.steps + 0.5)
     draws = jnp.clip(jax.random.normal(key, (k.shape[0], 3), k.dtype), -2.5, 2.5)
-    relative = 1.0 - gait.length_asymmetry * side + gait.length_variability * draws[:, 0]
+    keeps = jnp.asarray(gait.persistence, k.dtype)
 
-    def onward(distance: Values, now: tuple[Values, Flags]) -> tuple[Values, tuple[Values, Values]]:
-        share, moves = now
+    def onward(now: tuple[Values, Values], step: tuple[Values, Values, Flags]) -> PyTree:
+        (distance, usual), (draw, side, moves) = now, step
+        usual = keeps * usual + jnp.sqrt(1.0 - keeps * keeps) * draw  # of length and time
+        share = 1.0 - gait.length_asymmetry * side + gait.length_variability * usual[0]
         speed = routes.value_at(along, along.speed, distance[None])[0]
         distance = distance + jnp.where(moves, 0.5 * gait.stride_length * share * jnp.sqrt(speed), 0.0)
-        return distance, (distance, speed)
+        return (distance, usual), (distance, speed, usual[1])
 
-    _, (distance, speed) = lax.scan(onward, jnp.zeros_like(k[0]), (relative, walks))
-    times = 0.5 * gait.stride_time * (1.0 - gait.time_asymmetry * side + gait.time_variability * draws[:, 1])
+    start = jnp.zeros_like(k[0]), draws[-1, :2]
+    _, (distance, speed, late) = lax.scan(onward, start, (draws[:, :2], side, walks))
+    times = 0.5 * gait.stride_time * (1.0 - gait.time_asymmetry * side + gait.time_variability * late)
     times = times / jnp.sqrt(speed)
     times = jnp.where(jnp.abs(k - 1.0) < 0.5, START * times, jnp.where(k > gait.steps + 0.5, CLOSE * times, times))
     return distance, times, jnp.where(walks, gait.width_variability * draws[:, 2], 0.0), speed
@@ -126,6 +129,8 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
     riser = routes.value_at(along, along.riser, distance)
     ground = place.z + jnp.cumsum(jnp.where(takes, riser, 0.0))
     whole_foot = 1.0 / (1.0 + (riser / 0.05) ** 2)  # on stairs the foot lands flat
+    draws = jnp.clip(jax.random.normal(jax.random.fold_in(key, 1), (2, k.shape[0]), k.dtype), -2.5, 2.5)
+    lands, leaves = 1.0 + gait.pitch_variability * draws
     # At the start both feet stand: the first heel rises when the walk's clock starts, and less than in other steps.
     starts = k < -0.5
     contact = gait.quiet_before + jnp.cumsum(jnp.where(k > 0.5, times, 0.0))
@@ -141,8 +146,10 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
         foot_yaw=place.heading + side * gait.toe_out,
         slope=jnp.arctan(routes.value_at(along, along.slope, distance)),
         side=side,
-        toe_up=jnp.where(takes, gait.toe_up * whole_foot * jnp.sqrt(speed), 0.0),
-        heel_up=jnp.where(k < n - 0.5, gait.heel_up * jnp.where(starts, 0.6, 1.0) * (0.5 + 0.5 * whole_foot), 0.0),
+        toe_up=jnp.where(takes, gait.toe_up * lands * whole_foot * jnp.sqrt(speed), 0.0),
+        heel_up=jnp.where(
+            k < n - 0.5, gait.heel_up * leaves * jnp.where(starts, 0.6, 1.0) * (0.5 + 0.5 * whole_foot), 0.0
+        ),
         off=jnp.where(starts, 1.0, 2.0 * gait.heel_off),
         leave=jnp.where(starts, 1.0 + HEEL_RISES, 2.0 * gait.stance_fraction - LINGER),
         lift=jnp.where(k < n - 0.5, gait.swing_lift + jnp.maximum(riser, 0.0), 0.0),

@@ -7,7 +7,7 @@ from jaxtyping import PRNGKeyArray
 
 from jgait.simulate.check import check_sensors, check_slack, check_values
 from jgait.simulate.person import Person
-from jgait.simulate.population import fitted, person_of, population
+from jgait.simulate.population import covering, person_of, population
 from jgait.simulate.recorded import limits, simulated
 from jgait.simulate.routes import Route, straight
 from jgait.simulate.sensors import IDEAL, ImuErrors
@@ -22,7 +22,7 @@ def walks(
     """Simulate a walk of each of several people, one by one, all by one compiled program.
 
     Args:
-        keys: one PRNG key for each person, the same as for `fitted`.
+        keys: one PRNG key for each person, the same as for `covering`.
         people: persons whose fields are floats.
         along: the route of each person.
         errors: errors and mounting of the sensors.
@@ -83,5 +83,5 @@ def cohort(
     who, how = jax.random.split(key)
     people = population(who, n)
     keys = [jax.random.fold_in(how, i) for i in range(n)]
-    fit = [fitted(one, person_of(people, i), along) for i, one in enumerate(keys)]
+    fit = [covering(one, person_of(people, i), along) for i, one in enumerate(keys)]
     return list(walks(keys, fit, [along] * n, errors, rate, placements))

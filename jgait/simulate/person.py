@@ -72,6 +72,8 @@ class Gait(NamedTuple):
         length_variability: standard deviation of the step length over its mean [1].
         time_variability: standard deviation of the step time over its mean [1].
         width_variability: standard deviation of the sideways position of footholds [m].
+        pitch_variability: standard deviation of the foot's pitch at landing and at toe-off over its mean [1].
+        persistence: correlation of the lengths of one step and the next, and of their times [1].
         steps: number of steps before the closing step of the other foot; a whole number.
         right_first: 1 if the right foot takes the first step, 0 if the left.
         quiet_before: duration of quiet standing before the walk [s].
@@ -111,6 +113,8 @@ class Gait(NamedTuple):
     length_variability: Values = 0.0
     time_variability: Values = 0.0
     width_variability: Values = 0.0
+    pitch_variability: Values = 0.0
+    persistence: Values = 0.0
     steps: Values = 6.0
     right_first: Values = 1.0
     quiet_before: Values = 3.0
@@ -118,11 +122,16 @@ class Gait(NamedTuple):
 
 
 RECORDED = Gait(
-    toe_up=20.5 * DEGREE, heel_up=80.0 * DEGREE, foot_flat=0.064, heel_off=0.37, swing_lift=0.0163, landing_speed=0.36,
+    toe_up=20.5 * DEGREE, heel_up=80.0 * DEGREE, foot_flat=0.064, heel_off=0.37, swing_lift=0.014, landing_speed=0.36,
     pelvis_rise=0.0323, pelvis_sway=0.028, pelvis_surge=0.011, pelvis_rotation=3.2 * DEGREE, pelvis_drop=2.5 * DEGREE,
-    pelvis_nod=0.35 * DEGREE, pelvis_shock=0.0, knee_stance=6.0 * DEGREE, recorded=1.0, hip_ahead=0.0103,
+    pelvis_nod=0.35 * DEGREE, pelvis_shock=0.0, knee_stance=7.5 * DEGREE, recorded=1.0, hip_ahead=0.0103,
 )  # fmt: skip
-"""The mean gait of recorded people, by `experiments.people.shapes`."""
+"""The mean gait of recorded people, by `experiments.people.shapes`.
+
+After the fit, `knee_stance` was raised from 6° and `swing_lift` lowered from 16 mm, and the foot falls earlier
+(`feet.RECORDED.lowers`), until a knee that is nearly straight at landing no longer turns faster than a perfect sensor
+at 200 Hz can follow within a millimetre a minute.
+"""
 
 
 class Person(NamedTuple):

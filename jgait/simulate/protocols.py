@@ -49,7 +49,7 @@ def _walked(
     placements: Sequence[str], name: str,
 ) -> list[Walked]:  # fmt: skip
     """Fit each person to the route, and simulate the walks."""
-    fit = [simulate.fitted(*one) for one in zip(keys, people, along, strict=True)]
+    fit = [simulate.covering(*one) for one in zip(keys, people, along, strict=True)]
     names = [f"{name}_{i + 1:04d}" for i in range(len(fit))]
     found = simulate.walks(keys, fit, along, errors, rate, placements, names=names)
     lengths = [float(np.sum(route.length)) for route in along]

@@ -42,18 +42,14 @@ UNIT, MOST = 0.12, 3.0
 
 
 class Movement(NamedTuple):
-    """Shapes of a person's movement, see `shape_of`.
+    """Shapes of a person's movement, see `shape_of`."""
 
-    Attributes:
-        pelvis: (6, 2 HARMONICS) cosines, then sines, of the motion of the pelvis forward, up [m] and of its pitch [rad]
-            at the even harmonics of the stride, and of its motion left [m], its yaw and roll [rad] at the odd ones.
-        feet: (4, terms) what is added to the phases of a foot, see `added`.
-        skin: (6, 4 HARMONICS) cosines, then sines, of the pitch [rad] and the motion forward and up [m] of what sensors
-            are worn on, over the bone of the thigh and of the shank, in the stride of their leg.
-    """
-
+    #: (6, 2 HARMONICS) cosines, then sines, of the motion of the pelvis forward, up [m] and of its pitch [rad] at the
+    #: even harmonics of the stride, and of its motion left [m], its yaw and roll [rad] at the odd ones.
     pelvis: Values
-    feet: Values
+    feet: Values  #: (4, terms) what is added to the phases of a foot, see `added`.
+    #: (6, 4 HARMONICS) cosines, then sines, of the pitch [rad] and the motion forward and up [m] of what sensors are
+    #: worn on, over the bone of the thigh and of the shank, in the stride of their leg.
     skin: Values
 
 

@@ -107,21 +107,13 @@ def _legs(body: Body, hip: Jet, ankle: Jet, yaw: Jet) -> tuple[Jet, Jet]:
 
 
 class Carried(NamedTuple):
-    """Feet, pelvis and hips.
+    """Feet, pelvis and hips."""
 
-    Attributes:
-        feet: both feet.
-        pelvis: (4, 3, T) frame of the pelvis, from the middle of the hips.
-        hips: (3, 2, T) both hips, right and left.
-        turn: (T,) yaw of the plane of the legs.
-        soft: (3, 4, T) motion of sensors on thighs and shanks, see `shapes.softness`.
-    """
-
-    feet: FootPair
-    pelvis: Jet
-    hips: Jet
-    turn: Jet
-    soft: Jet
+    feet: FootPair  #: both feet.
+    pelvis: Jet  #: (4, 3, T) frame of the pelvis, from the middle of the hips.
+    hips: Jet  #: (3, 2, T) both hips, right and left.
+    turn: Jet  #: (T,) yaw of the plane of the legs.
+    soft: Jet  #: (3, 4, T) motion of sensors on thighs and shanks, see `shapes.softness`.
 
 
 PLACE = ("x", "y", "z", "foot_yaw", "slope")
@@ -157,14 +149,10 @@ def carried(person: Person, plan: Plan, entry: Int[Array, "..."], r: Jet) -> Car
 
 
 class Slack(NamedTuple):
-    """Distance of the legs from their limits, the least over a walk.
+    """Distance of the legs from their limits, the least over a walk."""
 
-    Attributes:
-        aside: largest horizontal distance between hip and ankle, over the length of the leg [1].
-        stretched: least ratio of leg length to the distance from hip to ankle, minus 1 [1]; negative: leg too short.
-    """
-
-    aside: Values
+    aside: Values  #: largest horizontal distance between hip and ankle, over the length of the leg [1].
+    #: least ratio of leg length to the distance from hip to ankle, minus 1 [1]; negative: leg too short.
     stretched: Values
 
 

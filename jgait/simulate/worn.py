@@ -78,15 +78,10 @@ def duration(plan: Plan, person: Person) -> Values:
 
 
 class Sensors(NamedTuple):
-    """Where sensors are worn; each field has one row for a sensor.
+    """Where sensors are worn; each field has one row for a sensor."""
 
-    Attributes:
-        segment: (S,) index of what the sensor is worn on, in the frames of `walker.with_skin`.
-        point: (S, 3) position in the segment's axes [m], see `mount`.
-    """
-
-    segment: Int[AnyArray, "sensor"]
-    point: Float[AnyArray, "sensor 3"]
+    segment: Int[AnyArray, "sensor"]  #: (S,) index of what the sensor is worn on, in the frames of `walker.with_skin`.
+    point: Float[AnyArray, "sensor 3"]  #: (S, 3) position in the segment's axes [m], see `mount`.
 
 
 def worn_on(placement: str) -> int:

@@ -15,17 +15,11 @@ from jgait.types import AnyArray
 
 
 class Coordinates(NamedTuple):
-    """The free numbers of a parameter set, in the order of the leaves.
+    """The free numbers of a parameter set, in the order of the leaves."""
 
-    Attributes:
-        names: name of each number: "thigh_length.right", "angle_noise", or "level[0]" in an array.
-        transforms: transform of each number.
-        tree: free values as `jgait.params.unconstrain` returns them; `vector`: the same as one vector (p,).
-    """
-
-    names: tuple[str, ...]
-    transforms: tuple[Transform, ...]
-    tree: PyTree
+    names: tuple[str, ...]  #: name of each number: "thigh_length.right", "angle_noise", or "level[0]" in an array.
+    transforms: tuple[Transform, ...]  #: transform of each number.
+    tree: PyTree  #: free values as `jgait.params.unconstrain` returns them; `vector`: the same as one vector (p,).
     vector: Float[AnyArray, "free"]
 
 

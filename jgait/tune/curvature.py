@@ -19,18 +19,12 @@ Function = Callable[..., PyTree]
 
 
 class Curvature(NamedTuple):
-    """Values and derivatives of a loss at one point, in free coordinates.
+    """Values and derivatives of a loss at one point, in free coordinates."""
 
-    Attributes:
-        losses: (items,) loss of each item.
-        scores: (items, p) gradient of each item's loss.
-        hessian: (p, p) second derivatives of the sum of the losses; None if `second` is False.
-        prior: value, gradient (p,) and second derivatives (p, p) of the negative log-prior; zeros without one.
-    """
-
-    losses: Float[AnyArray, "item"]
-    scores: Float[AnyArray, "item free"]
-    hessian: PyTree
+    losses: Float[AnyArray, "item"]  #: (items,) loss of each item.
+    scores: Float[AnyArray, "item free"]  #: (items, p) gradient of each item's loss.
+    hessian: PyTree  #: (p, p) second derivatives of the sum of the losses; None if `second` is False.
+    #: value, gradient (p,) and second derivatives (p, p) of the negative log-prior; zeros without one.
     prior: tuple[Array, Array, Array]
 
 

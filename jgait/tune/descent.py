@@ -23,33 +23,20 @@ class Settings(NamedTuple):
 
 
 class Carry(NamedTuple):
-    """The state of one fit between two steps; `free` always has a finite loss and gradient.
+    """The state of one fit between two steps; `free` always has a finite loss and gradient."""
 
-    Attributes:
-        free: current free coordinates.
-        optimizer: state of the optimiser.
-        weights: (n,) of the items; 0 for items without a finite loss or gradient at the start.
-        loss: at `free`, over the training items of the next step.
-        gradient: gradient of that loss at `free`.
-        scale: fraction of the optimiser's update that the next step applies.
-        best: free coordinates with the lowest score so far.
-        best_score: score of `best`: its loss on the validation items if there are any, else on all items.
-        best_step: number of the step that led to `best`.
-        stopped: bool, True after `patience` scores without improvement.
-        taken: number of steps done.
-    """
-
-    free: PyTree
-    optimizer: PyTree
+    free: PyTree  #: current free coordinates.
+    optimizer: PyTree  #: state of the optimiser.
+    #: (n,) of the items; 0 for items without a finite loss or gradient at the start.
     weights: Float[Array, "*lane item"]
-    loss: Float[Array, "*lane"]
-    gradient: PyTree
-    scale: Float[Array, "*lane"]
-    best: PyTree
-    best_score: Values
-    best_step: Int[Array, "*lane"]
-    stopped: Bool[Array, "*lane"]
-    taken: Int[Array, "*lane"]
+    loss: Float[Array, "*lane"]  #: at `free`, over the training items of the next step.
+    gradient: PyTree  #: gradient of that loss at `free`.
+    scale: Float[Array, "*lane"]  #: fraction of the optimiser's update that the next step applies.
+    best: PyTree  #: free coordinates with the lowest score so far.
+    best_score: Values  #: score of `best`: its loss on the validation items if there are any, else on all items.
+    best_step: Int[Array, "*lane"]  #: number of the step that led to `best`.
+    stopped: Bool[Array, "*lane"]  #: bool, True after `patience` scores without improvement.
+    taken: Int[Array, "*lane"]  #: number of steps done.
 
 
 class Trace(NamedTuple):

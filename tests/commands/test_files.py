@@ -139,6 +139,7 @@ def test_a_file_that_may_not_be_read_is_named(walk, tmp_path):
     run("estimate", tmp_path / "absent.csv", "--out", tmp_path / "results")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(shutil.copy(walk, folder))
+        io.read(file)  # what reads it is loaded
         os.chmod(folder, 0o755)
         file.chmod(0)
         user = os.geteuid()

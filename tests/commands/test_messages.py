@@ -28,7 +28,7 @@ def without_estimates(monkeypatch):
     def replaced(compute=lambda recording: recording):
         job = jobs.EstimateJob(
             "all", Table(), "", lambda name: [f"{name}.csv"], compute, lambda made: made.notes,
-            lambda made, out, name: [], lambda made, name: [], lambda made, files: {},
+            lambda made, out, name: [], lambda made: [], lambda made, files: {},
         )  # fmt: skip
         monkeypatch.setattr(jobs, "all_sensors", lambda person, ending: job)
 

@@ -9,7 +9,7 @@ from made.command import run
 from jgait import io
 from jgait.commands.pipeline import pipeline_of, start_of
 from jgait.estimators import noise
-from jgait.estimators.foot_ins import FootOptions, FootParams
+from jgait.estimators.foot_ins import FootParams
 from jgait.io import params as files
 from jgait.types import RecordingError
 
@@ -59,7 +59,12 @@ def test_files_that_do_not_fit(tmp_path):
         assert code == 2 and expected in said, said
     code, said = run("tune", "--simulated", 2, "--free", "distance_scale", "--noise", "log_linear")
     assert code == 2 and "leg_ekf has no noise models" in said
-    code, said = run("tune", "--simulated", 2, "--estimator", "foot_ins", "--free", "pivot_height,softness")
-    assert code == 2 and "no number of foot_ins depends on softness with these options" in said
+    code, said = run("tune", "--simulated", 2, "--estimator", "foot_ins", "--free", "pivot_height,height_noise")
+    assert code == 2 and "no number of foot_ins depends on height_noise with these options" in said
+
+
+def test_a_noise_model_keeps_hard_stances_and_who_frees_their_softness_gets_soft_ones():
     tuned = pipeline_of("foot_ins", False, None, "log_linear")
-    assert "noise.rate" in str(io.units(tuned.params)) and FootOptions().soft is False
+    assert "noise.rate" in str(io.units(tuned.params)) and "softness" in tuned.unused
+    assert "softness" not in pipeline_of("foot_ins", False, soft=True).unused
+    assert pipeline_of("leg_ekf", False, soft=True).name == "leg_ekf"

@@ -59,7 +59,7 @@ def test_a_damaged_walk_of_a_cohort_is_named(tmp_path):
             walk[[name for name in walk if name.startswith("thigh_right_gyr")]] *= 2.0
         walk.to_csv(tmp_path / f"walk{number}.csv")
     pd.DataFrame({"file": ["walk0.csv", "walk1.csv"]}).to_csv(tmp_path / "cohort.csv", index=False)
-    code, printed = run("evaluate", tmp_path / "cohort.csv", "--out", tmp_path / "out")
+    code, printed = run("evaluate", tmp_path / "cohort.csv", "--paper", "--out", tmp_path / "out")
     assert code == 0, printed
     assert "of 2 recordings have warnings" in printed
     assert "check, 1 recording, such as walk1.csv: thigh_right turns" in printed

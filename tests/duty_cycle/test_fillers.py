@@ -38,42 +38,29 @@ def told(name):
 
 
 @pytest.mark.parametrize("name", list(fillers()))
-class TestInterface:
-    def test_measured_samples_are_passed_on_and_every_sample_is_flagged(self, name):
-        t = told(name)
-        on = np.asarray(t.masks[0])
-        np.testing.assert_array_equal(t.rate[0][on], np.asarray(t.rates[0])[on])
-        assert np.isfinite(t.rate).all()
-        np.testing.assert_array_equal(t.how[0], np.where(on, MEASURED, HELD if name == "hold" else FILLED))
+def test_every_filler_keeps_the_interface(name):
+    t, one = told(name), fillers()[name]
+    check_params(one.params, one.transforms)
+    on = np.asarray(t.masks[0])  # measured samples are passed on, and every sample is flagged
+    np.testing.assert_array_equal(t.rate[0][on], np.asarray(t.rates[0])[on])
+    assert np.isfinite(t.rate).all()
+    np.testing.assert_array_equal(t.how[0], np.where(on, MEASURED, HELD if name == "hold" else FILLED))
+    for part in (t.rate, t.how):  # what is off is inert
+        np.testing.assert_array_equal(part[1], part[0])
+    until = CHANGED - t.latency  # the future beyond the latency changes nothing
+    np.testing.assert_array_equal(t.rate[2][:until], t.rate[0][:until])
+    assert not np.allclose(t.rate[2], t.rate[0])
+    off = ~np.asarray(t.masks[3])  # less than two strides measured: held and flagged
+    assert (t.how[3][off] == HELD).all()
+    np.testing.assert_array_equal(t.rate[3][off], np.asarray(t.rates[3])[STRIDE - 1])
 
-    def test_what_is_off_is_inert(self, name):
-        t = told(name)
-        np.testing.assert_array_equal(t.rate[1], t.rate[0])
-        np.testing.assert_array_equal(t.how[1], t.how[0])
 
-    def test_the_future_beyond_the_latency_changes_nothing(self, name):
-        t = told(name)
-        until = CHANGED - t.latency
-        np.testing.assert_array_equal(t.rate[2][:until], t.rate[0][:until])
-        assert not np.allclose(t.rate[2], t.rate[0])
-
-    def test_less_than_two_strides_measured_is_held_and_flagged(self, name):
-        t = told(name)
-        off = ~np.asarray(t.masks[3])
-        assert (t.how[3][off] == HELD).all()
-        np.testing.assert_array_equal(t.rate[3][off], np.asarray(t.rates[3])[STRIDE - 1])
-
-    def test_default_parameters_lie_in_their_ranges(self, name):
-        one = fillers()[name]
-        check_params(one.params, one.transforms)
-
-    def test_the_accelerometer_is_asked_for_where_it_is_needed(self, name):
-        one = fillers()[name]
-        rate, _ = walk(120)
-        if name in ("neighbours", "ridge", "ridge_later", "blend"):
-            assert one.needs_acc
-            with pytest.raises(ValueError, match="acc is None"):
-                one.fill(rate, schedule(120), None, RATE_HZ, one.params)
+@pytest.mark.parametrize("name", ["neighbours", "ridge", "ridge_later", "blend"])
+def test_the_accelerometer_is_asked_for_where_it_is_needed(name):
+    one = fillers()[name]
+    assert one.needs_acc
+    with pytest.raises(ValueError, match="acc is None"):
+        one.fill(walk(120)[0], schedule(120), None, RATE_HZ, one.params)
 
 
 @pytest.mark.parametrize("name", ["replicate", "ridge", "neighbours"])
@@ -100,16 +87,13 @@ def test_gradients_agree_with_finite_differences(name):
         assert getattr(slopes, field) != 0.0
 
 
-def test_replicate_repeats_an_even_walk_exactly():
+def test_hold_keeps_the_last_measured_value_and_replicate_repeats_an_even_walk_exactly():
+    rate, acc = walk()
+    np.testing.assert_array_equal(hold(rate, schedule(), acc, RATE_HZ).rate[130:135], rate[129])
     rate, acc = walk(COUNT)
     found = replicate(rate, schedule(), acc, RATE_HZ)
     # The period's estimate is a parabola's vertex: off by some thousandths of a sample.
     np.testing.assert_allclose(found.rate[60:-1], rate[60:-1], atol=0.05)  # the last is a one-sided difference
-
-
-def test_hold_keeps_the_last_measured_value():
-    rate, acc = walk()
-    np.testing.assert_array_equal(hold(rate, schedule(), acc, RATE_HZ).rate[130:135], rate[129])
 
 
 @pytest.mark.parametrize("felt", [True, False])

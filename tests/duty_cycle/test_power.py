@@ -23,14 +23,11 @@ def test_the_paper_s_savings_to_the_last_digit(duty, printed):
     assert schedule.duty == pytest.approx(duty / 100)
 
 
-def test_a_sensor_that_never_sleeps_saves_nothing():
+def test_a_schedule_of_any_sensor_by_hand_and_one_that_never_sleeps():
     schedule = power.schedule_of_duty(1.0)
     assert power.saving(schedule) == 0.0
     assert power.mean_power(schedule, ACCELEROMETER) == ACCELEROMETER.on
     assert power.masks(schedule, 20, RATE).usable.all()
-
-
-def test_a_schedule_of_any_sensor_by_hand():
     sensor = Sensor(on=10e-3, off=1e-3, wake=20e-3, wake_up=0.5)
     # 2 s on, 3 s off of which half a second wakes: (20 + 10 + 2.5) mJ in 5 s.
     assert power.mean_power(Schedule(2, 3, 1.0), sensor) == pytest.approx(32.5e-3 / 5.0)
@@ -46,15 +43,12 @@ def test_battery_life_of_two_sensors():
     assert battery.life(slept, ACCELEROMETER.on) == pytest.approx(360.0 / (0.1142857142857e0 * 30e-3 + 2.7e-3))
 
 
-def test_switching_at_will_agrees_with_the_schedule():
+def test_switching_at_will_agrees_with_the_schedule_and_with_a_loop():
     schedule = Schedule(1, 2, 0.6)
     used = power.masks(schedule, 400, RATE)
     # The wake-up for an on-time behind the end is in the schedule, and cannot be known from the samples wanted.
     inside = slice(0, 360)
     np.testing.assert_array_equal(power.powered_for(used.usable, RATE)[inside], used.powered[inside])
-
-
-def test_powered_samples_by_a_loop():
     rng = np.random.default_rng(5)
     powered = np.repeat(rng.random(40) < 0.6, rng.integers(1, 25, 40))
     lead = 10
@@ -69,23 +63,27 @@ def test_a_duty_cycle_outside_its_range_is_refused(duty):
         power.schedule_of_duty(duty)
 
 
-def test_what_a_sensor_cannot_follow_is_refused_with_the_reason():
-    with pytest.raises(ValueError, match=r"longer than its on-time of 0\.1 s"):
-        power.schedule_of_duty(0.1, unit=0.1)
-    with pytest.raises(ValueError, match=r"longer than its off-time of 0\.15 s: it would never be off"):
-        power.mean_power(Schedule(9, 1, 0.15))
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: power.schedule_of_duty(0.1, unit=0.1), r"longer than its on-time of 0\.1 s"),
+        (
+            lambda: power.mean_power(Schedule(9, 1, 0.15)),
+            r"longer than its off-time of 0\.15 s: it would never be off",
+        ),
+        (lambda: power.schedule_of_duty(0.33), "at most 10 units has a duty cycle of 0.33; the nearest is 1/3"),
+        (lambda: power.saving(Schedule(1, -1)), "off must be a whole number of units"),
+        (lambda: power.saving(Schedule(0, 1)), "on must be a whole number of units from 1 up"),
+        (lambda: power.saving(Schedule(1, 1, 0.0)), "unit must be a positive number"),
+        (
+            lambda: power.saving(Schedule(1, 1), Sensor(on=-1.0)),
+            r"on of a sensor must be finite and not negative \[W\]",
+        ),
+        (lambda: power.masks(Schedule(1, 1), 10, 0.0), "rate_hz must be positive"),
+        (lambda: power.mask_energy(Masks(np.ones(3, bool), np.ones(2, bool)), RATE), "masks must have one shape"),
+    ],
+)
+def test_what_a_sensor_cannot_follow_is_refused_with_the_reason(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
     assert power.mean_power(Schedule(1, 5, 0.2)) == pytest.approx(GYROSCOPE.on / 3.0)
-    with pytest.raises(ValueError, match="at most 10 units has a duty cycle of 0.33; the nearest is 1/3"):
-        power.schedule_of_duty(0.33)
-    with pytest.raises(ValueError, match="off must be a whole number of units"):
-        power.saving(Schedule(1, -1))
-    with pytest.raises(ValueError, match="on must be a whole number of units from 1 up"):
-        power.saving(Schedule(0, 1))
-    with pytest.raises(ValueError, match="unit must be a positive number"):
-        power.saving(Schedule(1, 1, 0.0))
-    with pytest.raises(ValueError, match=r"on of a sensor must be finite and not negative \[W\]"):
-        power.saving(Schedule(1, 1), Sensor(on=-1.0))
-    with pytest.raises(ValueError, match="rate_hz must be positive"):
-        power.masks(Schedule(1, 1), 10, 0.0)
-    with pytest.raises(ValueError, match="masks must have one shape"):
-        power.mask_energy(Masks(np.ones(3, bool), np.ones(2, bool)), RATE)

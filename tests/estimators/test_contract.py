@@ -366,12 +366,12 @@ def test_every_option_is_documented(name):
 
 
 @every_estimator
-def test_an_estimator_states_its_title_needs_totals_and_columns(name):
+def test_an_estimator_states_its_title_needs_and_tables(name):
     record = estimators.get(name)
     about = record.about
     assert record.name == name
     assert estimators.about_of(name) == about
-    assert about.title and about.needs and about.columns and about.tables
+    assert about.title and about.needs and about.tables
     assert about.default is not None and (about.paper is None or type(about.paper) is type(about.default))
     assert all(measure.unit and measure.meaning and measure.low < measure.high for measure in about.measures)
     assert all(option.help and option.name.startswith("--") for option in about.options)

@@ -424,7 +424,7 @@ def test_refusals_state_what_was_wrong():
 
 
 def test_the_leg_estimator_on_simulated_walks_is_itself():
-    walked = protocols.bennett(jax.random.key(5), 3)
+    walked = protocols.bennett(jax.random.key(5), 3, placements=("thigh_right", "shank_right"))
     items = [Walk(one.recording, one.truth.estimate, {}) for one in walked]
     spoiled = items[1].recording._replace(
         name="one leg", sensors={"thigh_right": walked[1].recording.sensors["thigh_right"]}
@@ -442,8 +442,8 @@ def test_the_leg_estimator_on_simulated_walks_is_itself():
     error = evaluate.distance_error(one, item.reference)
     assert table.loc["distance_m", "error"] == pytest.approx(error.error, abs=1e-9)
     rms = evaluate.trajectory_errors(one, item.reference)
-    assert table.loc["knee_rmse_deg_left", "estimate"] == pytest.approx(rms.loc["left", "knee_deg"], abs=1e-9)
-    assert table.loc["nis_left", "estimate"] == pytest.approx(float(one.diagnostics["nis_left"]), rel=1e-9)
+    assert table.loc["knee_rmse_deg_right", "estimate"] == pytest.approx(rms.loc["right", "knee_deg"], abs=1e-9)
+    assert table.loc["nis_right", "estimate"] == pytest.approx(float(one.diagnostics["nis_right"]), rel=1e-9)
     strides = result.strides[result.strides["recording"] == item.recording.name]
     assert len(strides) == int(np.sum(item.reference.strides.valid))
     # The paper's read-out counts how far the foot goes forward: strides come out near their length.

@@ -135,15 +135,11 @@ def test_the_predicted_error_has_gradients():
         assert np.isfinite(leaves).all() and (leaves != 0.0).all(), name
 
 
-def test_an_infinite_threshold_never_wakes_it_again(told):
-    t = told["never"]
-    assert t.powered[:WARM].all() and not t.powered[WARM:].any()
-
-
-def test_a_threshold_of_zero_leaves_it_on(told):
-    t = told["always"]
-    assert t.powered.all() and t.usable.all()
-    np.testing.assert_array_equal(t.rate, t.true)
+def test_an_infinite_threshold_never_wakes_it_again_and_one_of_zero_leaves_it_on(told):
+    never, always = told["never"], told["always"]
+    assert never.powered[:WARM].all() and not never.powered[WARM:].any()
+    assert always.powered.all() and always.usable.all()
+    np.testing.assert_array_equal(always.rate, always.true)
 
 
 def test_the_budget_is_kept_at_every_sample(told):
@@ -154,15 +150,11 @@ def test_the_budget_is_kept_at_every_sample(told):
     assert spent[-1] > 0.6 * allowed[-1]  # and used: the threshold of zero wants all of it
 
 
-def test_energy_is_that_of_the_masks(told):
+def test_it_sees_nothing_of_the_gaps_and_its_energy_is_that_of_the_masks(told):
     t = told["usual"]
     energy = float(power.mask_energy(t.used, RATE_HZ))
     assert energy == pytest.approx(GYROSCOPE.on * t.powered.sum() / RATE_HZ)
     assert energy < 0.95 * GYROSCOPE.on * COUNT / RATE_HZ
-
-
-def test_it_sees_nothing_of_the_gaps(told):
-    t = told["usual"]
     rate, acc = walk()
     hidden = jnp.asarray(np.where(t.usable, rate, 1e3))
     p = TRIGGER._replace(wake=WAKE, bucket=BUCKET)

@@ -15,11 +15,21 @@ def test_missed_and_false_flags_are_counted(load_experiment):
     assert told["within_two_sigma_pct_set"] == pytest.approx(100.0 * 4.0 / 6.0)
 
 
-def test_a_trial_is_off_beyond_half_a_metre_or_three_deviations(load_experiment):
+def test_the_reliability_of_a_set_is_drawn_over_the_normal_distribution(load_experiment, tmp_path, capsys):
     flags = load_experiment("unseen.flags")
+    rows = flags.covered("foot_ins, set", [flags.Judged("", "a", np.array([0.2, 0.9, 1.5, 2.5]), np.zeros(4, bool))])
+    assert [row.value for row in rows[1:]] == [25.0, 50.0, 75.0, 100.0]
+    flags.draw(rows, tmp_path, False)
+    assert (tmp_path / "reliability.png").exists() and "reliability.png" in capsys.readouterr().out
+    flags.draw(rows[:1], tmp_path / "none", False)  # a row without a band
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_trial_is_off_beyond_half_a_metre_or_three_deviations(load_experiment):
+    trials_part = load_experiment("unseen.trials")
     trials = [
-        flags.Trial("far", 0.6, 1.0, True), flags.Trial("unsure", 0.4, 0.1, False),
-        flags.Trial("good", 0.2, 0.1, False), flags.Trial("best", 0.1, 0.1, True),
+        trials_part.Trial("far", 0.6, 1.0, True), trials_part.Trial("unsure", 0.4, 0.1, False),
+        trials_part.Trial("good", 0.2, 0.1, False), trials_part.Trial("best", 0.1, 0.1, True),
     ]  # fmt: skip
-    told = {row.metric: row.value for row in flags.of_trials(trials)}
+    told = {row.metric: row.value for row in trials_part.of_trials(trials)}
     assert told["trials_missed"] == 1.0 and told["trials_false"] == 1.0

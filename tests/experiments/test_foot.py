@@ -34,7 +34,7 @@ def walk(experiment):
     from jgait.simulate import sensors
 
     key, along = jax.random.key(1), simulate.straight(10.0)
-    person = simulate.fitted(key, simulate.Person(), along)
+    person = simulate.covering(key, simulate.Person(), along)
     recording, truth = simulate.recording(key, person, along, sensors.OPAL, 200.0, placements=("foot_right",))
     strides = jax.tree.map(np.asarray, truth.strides)
     own = strides.valid & (strides.side == 0)

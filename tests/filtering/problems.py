@@ -291,6 +291,22 @@ def case(name: str, samples: int = SAMPLES, masked: bool = True) -> Case:
     return Case(leg_model.MODEL, params, *on_device((seen, controls, 0.2 * dt, mask(seen))))
 
 
+MORE = 7
+
+
+def padded(c: Case) -> Case:
+    """The recording with samples in which no time passes and nothing is measured."""
+
+    def longer(leaf: Any, value: float) -> Any:
+        return np.concatenate([leaf, np.full(MORE, value, leaf.dtype)])
+
+    return c._replace(
+        observations=jax.tree.map(lambda v: longer(v, 1.0), c.observations),
+        controls=jax.tree.map(lambda v: longer(v, 0.5), c.controls), dt=longer(c.dt, 0.0),
+        mask=jax.tree.map(lambda v: longer(v, 0.0), c.mask),
+    )  # fmt: skip
+
+
 def on_device(tree: Any) -> Any:
     """Arrays as JAX's own, which costs no program; numbers stay."""
     return jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, np.ndarray) else leaf, tree)

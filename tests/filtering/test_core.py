@@ -24,7 +24,8 @@ def close(found: Any, expected: Any, name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "method", "masked"),
     [
-        ("cart", KF(), True), ("cart", CKF(), False), ("bent", EKF(), False), ("bent", IteratedEKF(3), True),
+        ("cart", KF(), True), ("cart", CKF(), False), ("cart", IteratedEKF(5), True), ("cart", UKF(iterations=3), True),
+        ("bent", EKF(), False), ("bent", IteratedEKF(3), True),
         ("bent", UKF(0.8, 1.5, 0.5), True), ("bent", CKF(2), True), ("heading", EKF(), True), ("heading", UKF(), True),
         ("stated", EKF(), False), ("stated", IteratedEKF(2), True), ("stated", CKF(), True),
     ],

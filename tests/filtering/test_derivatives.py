@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from filtering.problems import LINE, case, filtered, same, smoothed
+from filtering.problems import LINE, case, filtered, padded, same, smoothed
 
 from jgait.filtering import CKF, EKF, FIELDS, UKF, Belief, Covariance, IteratedEKF
 
@@ -152,8 +152,8 @@ def test_gradients_of_batches_are_the_single_gradients():
     ("name", "what", "mode"), [("bent", "covariances", forward), ("stated", "likelihood", reverse)]
 )
 def test_second_derivatives_are_differences_of_the_gradient(name, what, mode):
-    """Either mode over the gradient in reverse mode, which is that of the loss by differences."""
-    c = case(name, 3)
+    """Either mode over the gradient in reverse mode, that of the loss by differences; of a padded recording."""
+    c = padded(case(name, 3))
     at = arguments(c)
     loss = loss_of(c, EKF(), what)
     point, tree = flattened({"p": at["p"], "mean": at["mean"]})

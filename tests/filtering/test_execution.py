@@ -17,7 +17,7 @@ from jgait.filtering.inputs import inputs
 from jgait.filtering.tracing import Expansion
 
 EVERY = [("cart", KF(), True), ("cart", EKF(), False), ("bent", EKF(), True), ("leg", EKF(), True),
-         ("leg", EKF(), False), ("rates", EKF(), False)]  # fmt: skip
+         ("rates", EKF(), False)]  # fmt: skip
 
 
 @functools.cache
@@ -166,14 +166,6 @@ def test_a_bare_array_is_refused_with_what_is_expected():
         ValueError, match=r"observes a Reading of \(near, far\); got a bare array; pass Reading\(near=…"
     ):
         filtered(c._replace(observations=c.observations.near, mask=None))
-
-
-def test_some_components_are_those_of_all():
-    c = case("cart")
-    every, some = smoothed(c, "core"), smoothed(c, "core", covariance=("speed",))
-    assert some.cov.names == ("speed",)
-    same(some.cov["speed", "speed"], every.cov["speed", "speed"])
-    same(some.mean, every.mean)
 
 
 @pytest.mark.parametrize(

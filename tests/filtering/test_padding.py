@@ -6,25 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from filtering.problems import SAMPLES, Case, case, filtered, same, smoothed
+from filtering.problems import MORE, SAMPLES, Case, case, filtered, padded, same, smoothed
 
 from jgait.filtering import FIELDS, UKF, IteratedEKF
 from jgait.filtering.padding import samples_of
-
-MORE = 7
-
-
-def padded(c: Case) -> Case:
-    """The recording with samples in which no time passes and nothing is measured."""
-
-    def longer(leaf: Any, value: float) -> Any:
-        return np.concatenate([leaf, np.full(MORE, value, leaf.dtype)])
-
-    return c._replace(
-        observations=jax.tree.map(lambda v: longer(v, 1.0), c.observations),
-        controls=jax.tree.map(lambda v: longer(v, 0.5), c.controls), dt=longer(c.dt, 0.0),
-        mask=jax.tree.map(lambda v: longer(v, 0.0), c.mask),
-    )  # fmt: skip
 
 
 def result(c: Case) -> Any:
@@ -68,28 +53,18 @@ def test_methods_without_a_closed_form_stop_there_too(method):
     same(*(slope(c.params) for slope in slopes), 1e-11)
 
 
-@pytest.mark.parametrize(("name", "mode"), [("bent", "forward"), ("stated", "reverse")])
-def test_gradients_of_padded_recordings_agree_in_both_modes_and_of_second_order(name, mode):
-    """Either mode over the gradient in reverse mode, against its differences."""
+@pytest.mark.parametrize("name", ["bent", "stated"])
+def test_gradients_of_padded_recordings_agree_in_both_modes(name):
     c = case(name)
     long = padded(c)
     whole = np.cos(np.arange(SAMPLES + MORE))
     direction = np.arange(1.0, 5.0)
-    slope = jax.grad(lambda p, weight: loss(long, p, weight))
-    compiled = jax.jit(slope)
+    compiled = jax.jit(jax.grad(lambda p, weight: loss(long, p, weight)))
     short = jax.jit(jax.grad(lambda p: loss(c, p, whole[:SAMPLES])))(c.params)
     same(compiled(c.params, np.where(np.arange(SAMPLES + MORE) < SAMPLES, whole, 0.0)), short, 1e-12)
     # A loss on the padding, too: what happens there depends on the last sample.
     along = jax.jit(lambda p: jax.jvp(lambda p: loss(long, p, whole), (p,), (direction,))[1])(c.params)
     np.testing.assert_allclose(np.asarray(compiled(c.params, whole)) @ direction, along, rtol=1e-10)
-    if mode == "forward":
-        second = jax.jit(lambda p: jax.jvp(lambda p: slope(p, whole), (p,), (direction,))[1])(c.params)
-    else:
-        second = jax.jit(jax.grad(lambda p: slope(p, whole) @ direction))(c.params)
-    p, step = np.asarray(c.params), 1e-6
-    ahead, behind = (np.asarray(compiled(p + sign * step * direction, whole)) for sign in (1.0, -1.0))
-    differences = (ahead - behind) / (2.0 * step)
-    np.testing.assert_allclose(second, differences, rtol=1e-5, atol=1e-5 * np.max(np.abs(differences)))
 
 
 def test_recordings_of_a_batch_have_paddings_of_their_own():

@@ -21,10 +21,10 @@ from jgait.notes import printable
 
 
 def refuse(path, match, read=io.read):
-    begin = time.perf_counter()
+    begin = time.process_time()
     with pytest.raises(RecordingError, match=match) as told:
         read(path)
-    assert time.perf_counter() - begin < 20.0  # some seconds of processor time, on a machine that does other things
+    assert time.process_time() - begin < 20.0  # of this process; those that read binary files are limited by themselves
     assert path.name.partition(".")[0] in str(told.value)
     assert len(str(told.value)) <= RecordingError.LONGEST
 

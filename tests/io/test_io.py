@@ -14,6 +14,8 @@ from jgait import io
 from jgait.estimators import leg_ekf
 from jgait.types import Estimate, Imu, Legs, LegTrajectory, RecordingError
 
+THIGH_GYR, THIGH_ACC = ([f"thigh_right_{kind}_{axis}" for axis in "xyz"] for kind in ("gyr", "acc"))
+
 
 def read(frame, **options):
     return io.recording_from_dataframe(frame, **options)
@@ -44,16 +46,11 @@ def test_csv_in_the_dialect(tmp_path):
 
 
 @pytest.mark.parametrize("separator, decimal", [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ",")])
-def test_separators_and_decimal_commas(tmp_path, separator, decimal):
+@pytest.mark.parametrize("before", ["", "\n\n"], ids=["", "blank lines"])
+def test_separators_decimal_commas_and_blank_lines_before_the_header(tmp_path, before, separator, decimal):
     path = tmp_path / "walk.csv"
-    table().to_csv(path, index=False, sep=separator, decimal=decimal, encoding="utf-8-sig")
+    path.write_text(before + table().to_csv(index=False, sep=separator, decimal=decimal), encoding="utf-8-sig")
     np.testing.assert_allclose(io.read_csv(path).sensors["shank_right"].acc, signals(seed=1)["acc"], atol=1e-12)
-
-
-def test_blank_lines_before_the_header(tmp_path):
-    path = tmp_path / "walk.csv"
-    path.write_text("\n\n" + table().to_csv(index=False))
-    assert list(io.read_csv(path).sensors) == list(NEEDED)
 
 
 def test_milliseconds_are_recognised_by_their_size():
@@ -65,46 +62,30 @@ def test_milliseconds_are_recognised_by_their_size():
     assert any("sampling rate 100 Hz, from the time stamps" in note for note in texts(recording.notes))
 
 
-def test_rate_from_rounded_stamps_is_their_mean():
-    frame = table()
-    frame["time"] = np.round(np.arange(600) * 1000 / 128)
-    assert read(frame).sampling_rate_hz == pytest.approx(128.0, rel=1e-3)
-
-
-def test_sampling_rate_instead_of_time():
+def test_the_rate_of_rounded_stamps_is_their_mean_and_may_stand_for_them():
+    stamps = np.round(np.arange(600) * 1000 / 128)
+    assert read(table().assign(time=stamps)).sampling_rate_hz == pytest.approx(128.0, rel=1e-3)
     recording = read(table(time=False), sampling_rate_hz=50.0)
     np.testing.assert_allclose(recording.sensors["thigh_right"].time, np.arange(600) / 50)
 
 
 @pytest.mark.parametrize("gyr_unit", ["deg/s", "rad/s"])
 @pytest.mark.parametrize("acc_unit", ["m/s^2", "g"])
-def test_what_is_written_is_read_back(gyr_unit, acc_unit):
-    recording = read(table())
-    again = read(
-        io.recording_to_dataframe(recording, gyr_unit=gyr_unit, acc_unit=acc_unit), gyr_unit=gyr_unit, acc_unit=acc_unit
-    )
+def test_what_is_written_is_read_back(tmp_path, gyr_unit, acc_unit):
+    recording, units = read(table()), {"gyr_unit": gyr_unit, "acc_unit": acc_unit}
+    again = read(io.recording_to_dataframe(recording, **units), **units)
+    from_file = io.read_csv(io.write_csv(recording, tmp_path / "walk.csv"))
     for placement, imu in recording.sensors.items():
-        for one, other in zip(imu, again.sensors[placement], strict=True):
+        for one, other, filed in zip(imu, again.sensors[placement], from_file.sensors[placement], strict=True):
             np.testing.assert_allclose(one, other, atol=1e-12)
+            np.testing.assert_allclose(one, filed, rtol=1e-7, atol=1e-9)
 
 
-def test_a_wide_table_of_one_sensor():
+def test_names_of_columns():
     assert list(read(waist(None), placement="waist").sensors) == ["waist"]
-
-
-def test_capitals_and_blanks():
-    frame = table().rename(columns={"shank_right_acc_z": " Shank_Right_Acc_Z "})
-    assert list(read(frame).sensors) == list(NEEDED)
-
-
-def test_other_columns_are_left_out_and_noted():
-    frame = table().assign(button=0, mag_x=1.0)
-    assert "columns left out: button, mag_x" in texts(read(frame).notes)
-
-
-def test_without_accelerometers():
-    frame = table()[["time", *(f"thigh_right_gyr_{axis}" for axis in "xyz")]]
-    assert read(frame).sensors["thigh_right"].acc is None
+    assert list(read(table().rename(columns={"shank_right_acc_z": " Shank_Right_Acc_Z "})).sensors) == list(NEEDED)
+    assert "columns left out: button, mag_x" in texts(read(table().assign(button=0, mag_x=1.0)).notes)
+    assert read(table()[["time", *THIGH_GYR]]).sensors["thigh_right"].acc is None
 
 
 # --- missing samples become the mask ---
@@ -124,16 +105,13 @@ def test_nan_becomes_the_mask_and_never_a_number_elsewhere():
     assert "thigh_right: 5 of 600 samples are missing" in texts(recording.notes)
 
 
-def test_long_nan_stretches_are_named():
-    frame = table()
-    frame.loc[250:329, "thigh_right_gyr_x"] = np.nan
-    assert "thigh_right: 0.80 s missing from 2.50 s" in texts(read(frame).notes)
-
-
-def test_text_in_a_number_column_is_missing():
+def test_long_nan_stretches_are_named_and_text_in_a_number_column_is_missing():
     frame = table().astype({"thigh_right_gyr_x": object})
+    frame.loc[250:329, "thigh_right_gyr_x"] = np.nan
     frame.loc[7, "thigh_right_gyr_x"] = "n/a"
-    assert np.flatnonzero(~read(frame).sensors["thigh_right"].mask).tolist() == [7]
+    recording = read(frame)
+    assert "thigh_right: 0.80 s missing from 2.50 s" in texts(recording.notes)
+    assert np.flatnonzero(~recording.sensors["thigh_right"].mask).tolist() == [7, *range(250, 330)]
 
 
 def test_gaps_in_time_are_filled_and_masked():
@@ -166,16 +144,12 @@ def test_a_few_repeated_times_are_left_out():
     assert any(note.startswith("2 rows that repeat the time before are left out") for note in texts(lost.notes))
 
 
-def test_radians_passed_as_degrees():
+def test_radians_passed_as_degrees_but_not_standing_still():
+    assert np.abs(read(table().iloc[:190]).sensors["thigh_right"].gyr).max() < 0.1
     frame = io.recording_to_dataframe(read(table()), gyr_unit="rad/s")
     fails("too slow for walking: the gyroscopes seem to be in rad/s; pass gyr_unit='rad/s'", frame)
     without_acc = frame.loc[:, [name for name in frame if "_acc_" not in name]]
     fails("seem to be in rad/s", without_acc)
-
-
-def test_standing_still_is_no_wrong_unit():
-    frame = table().iloc[:190]
-    assert np.abs(read(frame).sensors["thigh_right"].gyr).max() < 0.1
 
 
 @pytest.mark.parametrize(
@@ -191,27 +165,17 @@ def test_unknown_units(option, message):
         read(table(), **option)
 
 
-# --- dead and clipped channels ---
-
-
-def test_one_constant_channel_is_a_note():
-    frame = table()
-    frame["shank_right_gyr_x"] = 0.0
-    assert "shank_right gyr_x is constant at 0 rad/s" in texts(read(frame).notes)
-
-
-def test_clipping_is_a_note():
-    frame = table()
+def test_constant_and_clipped_channels_are_notes():
+    frame = table().assign(shank_right_gyr_x=0.0)
     frame["thigh_right_gyr_z"] = frame["thigh_right_gyr_z"].clip(-150, 150)
     notes = texts(read(frame).notes)
+    assert "shank_right gyr_x is constant at 0 rad/s" in notes
     assert any("thigh_right gyr_z is clipped at 2.618 rad/s in" in note for note in notes)
     assert any("thigh_right gyr_z is clipped at -2.618 rad/s in" in note for note in notes)
     assert not any("clipped" in note for note in texts(read(table()).notes))
 
 
 # --- tables that are refused ---
-
-THIGH_GYR, THIGH_ACC = ([f"thigh_right_{kind}_{axis}" for axis in "xyz"] for kind in ("gyr", "acc"))
 
 
 def waist(_):
@@ -366,9 +330,11 @@ def test_files_that_are_no_recording(tmp_path, content, message):
         io.read_csv(path)
 
 
-def test_a_file_that_is_not_there(tmp_path):
+def test_a_file_or_a_folder_that_is_not_there(tmp_path):
     with pytest.raises(FileNotFoundError, match="nowhere.csv"):
         io.read_csv(tmp_path / "nowhere.csv")
+    with pytest.raises(FileNotFoundError, match="none does not exist"):
+        io.write_csv(estimate(), tmp_path / "none" / "out.csv")
 
 
 # --- arrays ---
@@ -427,13 +393,8 @@ def test_table_in_degrees_with_nan_where_invalid():
     assert np.isnan(frame["hip_angle_right_deg"][0]) and not frame["valid"][0]
     assert frame["time_s"].tolist() == [0.0, 0.01]
 
-
-def test_table_of_distance_alone():
     only = estimate()._replace(legs=Legs(None, None), stddev=None)
     assert list(io.to_dataframe(only)) == ["time_s", "distance_m", "valid"]
-
-
-def test_table_takes_one_recording():
     with pytest.raises(ValueError, match=r"one recording, time of shape \(T,\); got shape \(2, 2\)"):
         io.to_dataframe(estimate()._replace(time=jnp.zeros((2, 2))))
 
@@ -455,11 +416,6 @@ def test_csv_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
     assert [entry.name for entry in tmp_path.iterdir()] == ["out.csv"]
 
 
-def test_csv_into_a_folder_that_is_not_there(tmp_path):
-    with pytest.raises(FileNotFoundError, match="none does not exist"):
-        io.write_csv(estimate(), tmp_path / "none" / "out.csv")
-
-
 def test_heavy_packages_wait_until_they_are_needed():
     code = (
         "import sys, jgait.io, jgait.datasets;"
@@ -467,11 +423,3 @@ def test_heavy_packages_wait_until_they_are_needed():
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "[]"
-
-
-def test_a_recording_is_written_and_read_again(tmp_path):
-    recording = io.recording_from_dataframe(table(), acc_unit="m/s^2")
-    again = io.read_csv(io.write_csv(recording, tmp_path / "walk.csv"))
-    for placement, imu in recording.sensors.items():
-        np.testing.assert_allclose(again.sensors[placement].gyr, imu.gyr, rtol=1e-7, atol=1e-9)
-        np.testing.assert_allclose(again.sensors[placement].acc, imu.acc, rtol=1e-7, atol=1e-9)

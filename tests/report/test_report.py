@@ -368,7 +368,7 @@ def walk_file(tmp_path, monkeypatch):
 
     told = {}
 
-    def estimated(choice, p, walked):
+    def estimated(choice, p, recording):
         told.update(name=choice.estimator.name, p=p, paper=choice.paper)
         return walking_ankles()
 
@@ -378,7 +378,7 @@ def walk_file(tmp_path, monkeypatch):
         time, rng.normal(0.0, 1.0, (time.size, 3)), rng.normal(0.0, 1.0, (time.size, 3)) + [0, 0, 9.8], time > -1.0
     )
     file = io.write_csv(Recording({"ankle_right": imu}, 100.0), tmp_path / "walk.csv")
-    monkeypatch.setattr(command, "_estimated", estimated)
+    monkeypatch.setattr("jgait.commands.pipeline.Choice.estimate", estimated)
     return file, told
 
 
@@ -473,7 +473,7 @@ def test_a_cohort_that_is_computed_now(tmp_path, monkeypatch, evaluated):
     """Of walks of a few numbers, so that nothing is simulated and little compiled."""
     items = [str(number) for number in range(5, 17)]
     source = Source("walks", items, made_cohort.read, dict.fromkeys(items, ""), [("line 3", "it names no file")], [])
-    monkeypatch.setattr(command, "pipeline_of", lambda name, paper, params: made_cohort.FAKE)
+    monkeypatch.setattr(command.cohorts, "pipeline_of", lambda name, paper, params: made_cohort.FAKE)
     monkeypatch.setattr(command.cohorts, "source", lambda *words: source)
     monkeypatch.setattr(command.cohorts, "body", lambda walk, measures: own(walk))
     page, numbers = tmp_path / "page.html", tmp_path / "numbers.json"

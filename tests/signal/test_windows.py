@@ -9,13 +9,10 @@ from jgait.signal import windows as signal
 RNG = np.random.default_rng(0)
 
 
-@pytest.mark.parametrize("size", [0, -3, 4])
-def test_size_must_be_odd_and_positive(size):
-    with pytest.raises(ValueError, match=f"size must be odd and positive.*got {size}"):
-        signal.moving_mean(np.zeros(20), size)
-
-
-def test_too_short_for_the_window():
+def test_a_size_must_be_odd_and_positive_and_the_signal_not_too_short():
+    for size in (0, -3, 4):
+        with pytest.raises(ValueError, match=f"size must be odd and positive.*got {size}"):
+            signal.moving_mean(np.zeros(20), size)
     with pytest.raises(ValueError, match=r"a window of 9 samples needs more than 4 samples; got shape \(4,\)"):
         signal.moving_mean(np.zeros(4), 9)
     assert signal.moving_mean(np.zeros(5), 9).shape == (5,)
@@ -30,13 +27,8 @@ def test_moving_mean_equals_a_loop(size):
     np.testing.assert_allclose(signal.moving_mean(x, size), windows.mean(axis=1), rtol=1e-12)
 
 
-def test_window_size_is_odd():
-    assert signal.window_size(0.5, 100.0) == 51
-    assert signal.window_size(0.05, 100.0) == 7
-    assert signal.window_size(0.0, 100.0) == 1
-
-
-def test_true_runs():
+def test_the_size_of_a_window_is_odd_and_runs_are_of_true():
+    assert [signal.window_size(seconds, 100.0) for seconds in (0.5, 0.05, 0.0)] == [51, 7, 1]
     assert signal.true_runs([True, False, True, True]) == [(0, 1), (2, 4)]
     assert signal.true_runs([]) == []
     assert signal.true_runs([False, False]) == []

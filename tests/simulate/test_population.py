@@ -129,7 +129,7 @@ def test_pacing_keeps_the_walk_ratio_and_squares_the_speed(people):
 )
 def test_whole_steps_cover_a_route_exactly(people, along):
     key, person = jax.random.key(5), simulate.person_of(people, 3)
-    found = simulate.fitted(key, person, along)
+    found = simulate.covering(key, person, along)
     total = float(np.sum(along.length))
     assert found.gait.steps == round(found.gait.steps)
     assert abs(found.gait.stride_length / person.gait.stride_length - 1.0) < 0.15
@@ -146,7 +146,7 @@ def test_whole_steps_cover_a_route_exactly(people, along):
 
 def test_a_route_shorter_than_half_a_step_is_refused(people):
     with pytest.raises(ValueError, match="a route of 0.2 m is shorter than half a step of"):
-        simulate.fitted(jax.random.key(0), simulate.person_of(people, 0), simulate.straight(0.2))
+        simulate.covering(jax.random.key(0), simulate.person_of(people, 0), simulate.straight(0.2))
 
 
 def test_a_cohort_walks_the_route_and_its_truth_states_it(cohort):
@@ -167,7 +167,7 @@ def test_a_cohort_walks_the_route_and_its_truth_states_it(cohort):
 def test_who_else_walks_changes_nothing(cohort):
     who, how = jax.random.split(jax.random.key(1))
     drawn, key, along = simulate.population(who, 3), jax.random.fold_in(how, 2), simulate.straight(5.0)
-    person = simulate.fitted(key, simulate.person_of(drawn, 2), along)
+    person = simulate.covering(key, simulate.person_of(drawn, 2), along)
     alone = simulate.walks([key] * 2, [person] * 2, [along] * 2, rate=50.0, placements=simulate.FOUR)
     for one in alone:
         for a, b in zip(jax.tree.leaves(one[1].estimate), jax.tree.leaves(cohort[2][1].estimate), strict=True):
@@ -178,10 +178,10 @@ def test_who_else_walks_changes_nothing(cohort):
 
 def test_knees_bend_more_for_a_long_step_and_only_then(people):
     key, person, along = jax.random.key(5), simulate.person_of(people, 3), simulate.straight(7.0)
-    found = simulate.fitted(key, person, along)
+    found = simulate.covering(key, person, along)
     assert found.gait.knee_stance == person.gait.knee_stance
     straight = person._replace(gait=person.gait._replace(knee_stance=np.deg2rad(1.0)))
-    eased = simulate.fitted(key, straight, along)
+    eased = simulate.covering(key, straight, along)
     assert np.deg2rad(1.5) < eased.gait.knee_stance < np.deg2rad(5.0)
     as_asked = eased._replace(gait=eased.gait._replace(knee_stance=straight.gait.knee_stance))
     before, after = (limits(key, who, along)[2].stretched for who in (as_asked, eased))
@@ -192,7 +192,7 @@ def test_a_route_that_overstretches_a_leg_is_refused_by_the_name_of_who_walks():
     keys = [jax.random.key(0)] * 2
     wall = simulate.route({"length": 1.0}, {"length": 4.0, "riser": 0.9}, {"length": 1.0})
     level = simulate.route({"length": 1.0}, {"length": 4.0}, {"length": 1.0})
-    assert simulate.fitted(keys[0], Person(), wall).gait.knee_stance == Person().gait.knee_stance  # too much to mend
+    assert simulate.covering(keys[0], Person(), wall).gait.knee_stance == Person().gait.knee_stance  # too much to mend
     words = r"a leg of 0\.859 m would be overstretched by .* mm on the route of second; raise knee_stance"
     with pytest.raises(ValueError, match=words):
         simulate.walks(keys, [Person()] * 2, [level, wall], names=["first", "second"])

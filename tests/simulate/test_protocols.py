@@ -142,7 +142,7 @@ def test_potter_steps_on_marks_and_hears_the_other_leg():
 def test_potters_whole_route_takes_steps_of_61_cm():
     (person,) = [simulate.person_of(simulate.population(jax.random.key(0), 1), 0)]
     person = jax.tree.map(float, simulate.paced(person, 1.22 / person.gait.stride_length))
-    found = simulate.fitted(jax.random.key(0), person, simulate.corner(50.0, 0.5 * math.pi, 25.0, 0.8))
+    found = simulate.covering(jax.random.key(0), person, simulate.corner(50.0, 0.5 * math.pi, 25.0, 0.8))
     assert found.gait.steps == 125
     assert 0.5 * found.gait.stride_length == pytest.approx(0.61, abs=0.01)
 

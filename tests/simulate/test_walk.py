@@ -180,12 +180,15 @@ FREE = (
     "pelvis_rotation", "pelvis_drop", "pelvis_nod", "pelvis_shock", "recorded", "style_1", "style_4",
     "hip_ahead", "standing_hip", "standing_knee",
     "length_asymmetry", "time_asymmetry", "length_variability", "time_variability", "width_variability",
+    "pitch_variability", "persistence",
 )  # fmt: skip
 
 
 def test_gradients_of_a_signal_loss_equal_finite_differences():
     time = jnp.asarray(np.arange(3.0, 7.0, 0.08))
-    base = person(**VARIED, time_asymmetry=0.01, recorded=0.5, style_1=0.5)  # between rules and recorded people
+    base = person(
+        **VARIED, time_asymmetry=0.01, recorded=0.5, style_1=0.5, persistence=0.3
+    )  # between rules and recorded people
 
     def loss(values):
         who = base._replace(gait=base.gait._replace(**{name: values[i] for i, name in enumerate(FREE)}))
@@ -198,7 +201,7 @@ def test_gradients_of_a_signal_loss_equal_finite_differences():
     # One program gives the value and its slope in a direction.
     sloped = jax.jit(lambda values, along: jax.jvp(loss, (values,), (along,)))
     gradient = [sloped(start, along)[1] for along in np.eye(len(FREE))]
-    h = 1e-6
+    h = 3e-7
     scale = float(np.abs(np.asarray(gradient)).max())
     for i, name in enumerate(FREE):
         ahead, behind = (float(sloped(start + k * h * np.eye(len(FREE))[i], 0.0 * start)[0]) for k in (1, -1))
@@ -340,3 +343,19 @@ def test_recorded_people_land_with_a_knee_nearly_straight():
         knee = np.rad2deg(truth.estimate.legs.right.knee_angle)
         landing.append(np.interp(lands, truth.estimate.time, knee).mean())
     assert 3.0 < landing[1] < landing[0] - 3.0
+
+
+def test_steps_resemble_the_ones_before_and_feet_pitch_differently_from_stride_to_stride():
+    """The first draws are the same; lengths of 400 steps correlate as asked, and their spread stays what it was."""
+    long = {"steps": 400.0, "length_variability": 0.03, "time_variability": 0.03}
+    for persistence in (0.0, 0.4):
+        who = person(**long, persistence=persistence, pitch_variability=0.05)
+        laid = jax.jit(plan, static_argnums=3)(jax.random.key(0), who, simulate.straight(400.0), 400)
+        length, time = np.diff(np.asarray(laid.x)[2:-3]), np.diff(np.asarray(laid.contact)[3:-3])
+        for steps, mean in ((length, 0.5 * who.gait.stride_length), (time, 0.5 * who.gait.stride_time)):
+            assert np.corrcoef(steps[:-1], steps[1:])[0, 1] == pytest.approx(persistence, abs=0.12)
+            assert steps.std() == pytest.approx(0.03 * mean, rel=0.15)
+        for pitch, usual in ((laid.toe_up, who.gait.toe_up), (laid.heel_up, who.gait.heel_up)):
+            taken = np.asarray(pitch)[3:-6]
+            assert taken.std() == pytest.approx(0.05 * usual, rel=0.15)
+            assert taken.mean() == pytest.approx(usual, rel=0.02)

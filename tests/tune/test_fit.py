@@ -97,24 +97,22 @@ def test_bounds_hold_even_when_the_optimum_lies_outside():
     assert 0.95 < float(fit.params.share) < 1.0
 
 
-@pytest.mark.parametrize("chunk", [1, 7, 40, 100])
-def test_reporting_progress_in_chunks_changes_no_bit(chunk):
-    seen: list[tune.Progress] = []
-    plain = tune.fit(bowl, START, FREE, TARGETS, optax.adam(0.1), steps=40)
-    chunked = tune.fit(bowl, START, FREE, TARGETS, optax.adam(0.1), steps=40, chunk=chunk, progress=seen.append)
-    for a, b in zip(jax.tree.leaves(plain), jax.tree.leaves(chunked), strict=True):
-        assert np.array_equal(np.asarray(a), np.asarray(b), equal_nan=True)
-    size = min(max(chunk, 2), 41)
-    # The start is evaluated like a step, before the first.
-    assert [now.done for now in seen] == [min(d, 41) - 1 for d in range(size, 41 + size, size)]
-    assert (seen[-1].done, seen[-1].total) == (40, 40)
-    assert seen[-1].score == plain.best_loss
-
-
-def test_progress_reports_about_twenty_times_by_default():
-    seen: list[int] = []
-    tune.fit(bowl, START, FREE, TARGETS, optax.sgd(0.01), steps=100, progress=lambda now: seen.append(now.done))
-    assert seen == [*range(4, 100, 5), 100]
+def test_reporting_progress_in_chunks_changes_no_bit():
+    adam = optax.adam(0.1)
+    plain = tune.fit(bowl, START, FREE, TARGETS, adam, steps=40)
+    for chunk in (1, 7, 40, 100):
+        seen: list[tune.Progress] = []
+        chunked = tune.fit(bowl, START, FREE, TARGETS, adam, steps=40, chunk=chunk, progress=seen.append)
+        for a, b in zip(jax.tree.leaves(plain), jax.tree.leaves(chunked), strict=True):
+            assert np.array_equal(np.asarray(a), np.asarray(b), equal_nan=True)
+        size = min(max(chunk, 2), 41)
+        # The start is evaluated like a step, before the first.
+        assert [now.done for now in seen] == [min(d, 41) - 1 for d in range(size, 41 + size, size)]
+        assert (seen[-1].done, seen[-1].total) == (40, 40)
+        assert seen[-1].score == plain.best_loss
+    seen.clear()  # by default some twenty times
+    tune.fit(bowl, START, FREE, TARGETS, optax.sgd(0.01), steps=100, progress=seen.append)
+    assert [now.done for now in seen] == [*range(4, 100, 5), 100]
 
 
 def cliff(params, item):

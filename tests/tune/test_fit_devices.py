@@ -27,33 +27,28 @@ from jgait import tune
 mesh = jax.make_mesh((jax.device_count(),), ("items",), axis_types=(jax.sharding.AxisType.Auto,))
 """
 FIT = """
-fit = tune.fit(likelihood, START, OWN, READINGS, optax.adam(0.1), steps=40, subjects=PEOPLE, mesh=mesh)
-hold = np.arange(6) >= 2
-more = tune.fit(
-    likelihood, START, OWN, READINGS, optax.adam(0.1), steps=30, subjects=PEOPLE, mesh=mesh, starts=2,
-    validation=hold, minibatch=2, key=jax.random.key(0), checkpoint_file=sys.argv[1] + ".fit"
-) if jax.device_count() in (1, 2) else fit
+if jax.device_count() == 4:
+    more = {}
+else:
+    more = dict(starts=2, validation=np.arange(6) >= 2, minibatch=2, key=jax.random.key(0),
+                checkpoint_file=sys.argv[1] + ".fit")
+fit = tune.fit(
+    likelihood, START, OWN, READINGS, optax.adam(0.1), steps=15, subjects=PEOPLE, mesh=mesh, **more
+)
 if jax.process_index() == 0:
-    np.savez(sys.argv[1], *map(np.asarray, jax.tree.leaves(tuple(f[:8] for f in (fit, more)))))
+    np.savez(sys.argv[1], *map(np.asarray, jax.tree.leaves(tuple(fit[:8]))))
 print(jax.device_count())
 """
 
 
 def alone(**more):
-    return tune.fit(likelihood, START, OWN, READINGS, optax.adam(0.1), steps=40, subjects=PEOPLE, **more)
+    return tune.fit(likelihood, START, OWN, READINGS, optax.adam(0.1), steps=15, subjects=PEOPLE, **more)
 
 
-def close(file, fits):
+def close(file, fit):
     with np.load(file) as found:
-        for name, leaf in zip(found.files, jax.tree.leaves(tuple(f[:8] for f in fits)), strict=True):
+        for name, leaf in zip(found.files, jax.tree.leaves(tuple(fit[:8])), strict=True):
             np.testing.assert_allclose(found[name], np.asarray(leaf), rtol=1e-9, atol=1e-12)
-
-
-def batches():
-    return tune.fit(
-        likelihood, START, OWN, READINGS, optax.adam(0.1), steps=30, subjects=PEOPLE, starts=2,
-        validation=np.arange(6) >= 2, minibatch=2, key=jax.random.key(0),
-    )  # fmt: skip
 
 
 def test_a_mesh_of_one_device_changes_nothing():
@@ -69,8 +64,7 @@ def test_four_devices_share_six_items(tmp_path):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["4"]
-    fit = alone()
-    close(tmp_path / "four.npz", (fit, fit))
+    close(tmp_path / "four.npz", alone())
 
 
 def test_two_processes_share_the_items_and_both_get_the_result(tmp_path):
@@ -86,7 +80,8 @@ def test_two_processes_share_the_items_and_both_get_the_result(tmp_path):
     ]  # fmt: skip
     said = [process.communicate(timeout=120)[0] for process in running]
     assert [process.returncode for process in running] == [0, 0], said
-    close(tmp_path / "two.npz", (alone(), batches()))
+    batches = alone(starts=2, validation=np.arange(6) >= 2, minibatch=2, key=jax.random.key(0))
+    close(tmp_path / "two.npz", batches)
 
 
 @pytest.mark.usefixtures("unchecked")

@@ -44,19 +44,13 @@ class Thigh(NamedTuple):
 
 
 class Filled(NamedTuple):
-    """A rate without gaps.
+    """A rate without gaps."""
 
-    Attributes:
-        rate: (T,) sagittal rate [rad/s].
-        how: (T,) int, `MEASURED`, `FILLED` or `HELD`.
-        latency: number of samples after which a value is known [samples]; 0: causal.
-        unlike: (T,) how unlike the earlier samples are that a sample was filled from [1]: a factor on the variance of
-            its error; 1: not known.
-    """
-
-    rate: Float[AnyArray, "*batch time"]
-    how: Int[AnyArray, "*batch time"]
-    latency: Int[AnyArray, "*batch"]
+    rate: Float[AnyArray, "*batch time"]  #: (T,) sagittal rate [rad/s].
+    how: Int[AnyArray, "*batch time"]  #: (T,) int, `MEASURED`, `FILLED` or `HELD`.
+    latency: Int[AnyArray, "*batch"]  #: number of samples after which a value is known [samples]; 0: causal.
+    #: (T,) how unlike the earlier samples are that a sample was filled from [1]: a factor on the variance of its error;
+    #: 1: not known.
     unlike: Float[AnyArray, "*batch time"] | float = 1.0
 
 
@@ -70,19 +64,12 @@ class Filler(NamedTuple):
 
 
 class Signals(NamedTuple):
-    """The arguments of a filler, checked and of one floating type.
+    """The arguments of a filler, checked and of one floating type."""
 
-    Attributes:
-        rate: (T,) sagittal rate of the shank [rad/s]; 0 where the gyroscope was off.
-        usable: (T,) bool, where the gyroscope was on and awake.
-        acc: (T, 3) specific force of the shank [m/s²], or None.
-        thigh: signals of the thigh, or None.
-    """
-
-    rate: Float[Array, "time"]
-    usable: Bool[Array, "time"]
-    acc: Maybe[Float[Array, "time 3"]]
-    thigh: Maybe[Thigh]
+    rate: Float[Array, "time"]  #: (T,) sagittal rate of the shank [rad/s]; 0 where the gyroscope was off.
+    usable: Bool[Array, "time"]  #: (T,) bool, where the gyroscope was on and awake.
+    acc: Maybe[Float[Array, "time 3"]]  #: (T, 3) specific force of the shank [m/s²], or None.
+    thigh: Maybe[Thigh]  #: signals of the thigh, or None.
 
 
 def check_signals(rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: float, thigh: Thigh | None) -> Signals:

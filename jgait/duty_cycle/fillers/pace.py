@@ -28,17 +28,11 @@ MOVING = 0.5
 
 
 class Pace(NamedTuple):
-    """Stride period and number of strides at each sample, from this sample and earlier samples.
+    """Stride period and number of strides at each sample, from this sample and earlier samples."""
 
-    Attributes:
-        period: (T,) stride period [s].
-        strides: (T,) number of strides that the gyroscope has measured in walking.
-        known: (T,) bool, False as long as the signals are too short for a stride period.
-    """
-
-    period: Float[Array, "time"]
-    strides: Float[Array, "time"]
-    known: Bool[Array, "time"]
+    period: Float[Array, "time"]  #: (T,) stride period [s].
+    strides: Float[Array, "time"]  #: (T,) number of strides that the gyroscope has measured in walking.
+    known: Bool[Array, "time"]  #: (T,) bool, False as long as the signals are too short for a stride period.
 
 
 type _Carry = tuple[_Differences, Array, Array]

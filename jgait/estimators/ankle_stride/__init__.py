@@ -38,8 +38,9 @@ Parameters whose gradient is zero by construction:
     length; `stride_noise` and `distance_noise` enter standard deviations alone.
 """
 
-from jgait.estimators.ankle_stride.estimator import UNUSED, estimate, estimator, prepared, run
+from jgait.estimators.ankle_stride.estimator import UNUSED, estimate, estimator, run
 from jgait.estimators.ankle_stride.params import DEFAULT, TRANSFORMS, AnkleOptions, AnkleParams, with_body
+from jgait.estimators.ankle_stride.prepare import prepare as prepared
 from jgait.estimators.ankle_stride.readout import FLAGS
 
 __all__ = [

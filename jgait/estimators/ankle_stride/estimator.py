@@ -211,11 +211,6 @@ def estimator(options: AnkleOptions = DEFAULT) -> Estimator[AnkleParams, AnkleIn
     )  # fmt: skip
 
 
-def prepared(recording: Recording, options: AnkleOptions = DEFAULT) -> Prepared[AnkleInputs]:
-    """The inputs of `run` for a recording; raises `RecordingError` as `prepare`."""
-    return prepare(recording, options)
-
-
 def estimate(p: AnkleParams, recording: Recording, options: AnkleOptions = DEFAULT) -> Estimate:
     """Strides of the legs of one recording, with a sensor at one or both ankles, or on one or both shanks.
 

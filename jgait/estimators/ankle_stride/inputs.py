@@ -21,65 +21,35 @@ type PerStride = Annotated[Values, Axis("zero", capacity)]
 
 
 class AnkleSignals(NamedTuple):
-    """Signals of one leg's sensor in the segment's axes (forward, left, up), and the decisions of `prepare`.
+    """Signals of one leg's sensor in the segment's axes (forward, left, up), and the decisions of `prepare`."""
 
-    Attributes:
-        gyr: (T, 3) angular rate at each sample [rad/s], not filtered.
-        acc: (T, 3) specific force [m/s²], not filtered.
-        gyr_jump: (T,) largest change of the rate from sample to sample in a window around the sample [rad/s].
-        acc_jump: (T,) the same of the specific force [m/s²].
-        gyr_doubt: (T,) standard deviation of the rate where it was lost or clipped, else 0 [rad/s].
-        acc_doubt: (T,) the same of the specific force [m/s²].
-        stands: (T,) bool, the ankle stands: around valleys, and while the person stands.
-        restart: (T,) 1 at the sample after the begin of a stride, else 0; in floats.
-        dt: (T,) time since the sample before [s]; 0 up to the first stance, where the filter starts.
-        valid: (T,) bool; False before the first stance and in padding.
-        last: index of the last sample before the padding.
-        rate_hz: sampling rate.
-        attitude: (4,) q_ws at the first stance, w first, its heading arbitrary.
-        gyr_bias: (3,) gyroscope bias while standing [rad/s].
-        still_time: duration of the standing from which that bias was measured [s]; 0: the leg never stood still.
-        mid_shank: 1 if the sensor is at mid shank, 0 at the ankle.
-        axes: (3, 3) forward, left and up in the sensor's axes.
-        begin: (K,) sample at which each stride begins; after the last stride, 0.
-        end: (K,) sample at which each stride ends.
-        swing_begin: (K,) sample at which the shank's forward swing begins.
-        swing_end: (K,) sample at which the shank's forward swing ends.
-        leaves: (K,) time at which the swing begins, between samples [s].
-        lands: (K,) time at which the swing ends, between samples [s].
-        half: (K,) bool, the stride begins or ends with standing.
-        clips: (K,) bool, the stride's swing reaches the gyroscope's range.
-        follows: (K,) bool, the stride begins where the stride before ended.
-        count: number of strides.
-    """
-
-    gyr: Held
-    acc: Held
-    gyr_jump: Sampled
-    acc_jump: Sampled
-    gyr_doubt: Sampled
-    acc_doubt: Sampled
-    stands: Sampled
-    restart: Sampled
-    dt: Sampled
-    valid: Sampled
-    last: Counts
-    rate_hz: Values
-    attitude: PyTree
-    gyr_bias: Values
-    still_time: Values
-    mid_shank: Values
-    axes: Values
-    begin: PerStride
-    end: PerStride
-    swing_begin: PerStride
-    swing_end: PerStride
-    leaves: PerStride
-    lands: PerStride
-    half: PerStride
-    clips: PerStride
-    follows: PerStride
-    count: Counts
+    gyr: Held  #: (T, 3) angular rate at each sample [rad/s], not filtered.
+    acc: Held  #: (T, 3) specific force [m/s²], not filtered.
+    gyr_jump: Sampled  #: (T,) largest change of the rate from sample to sample in a window around the sample [rad/s].
+    acc_jump: Sampled  #: (T,) the same of the specific force [m/s²].
+    gyr_doubt: Sampled  #: (T,) standard deviation of the rate where it was lost or clipped, else 0 [rad/s].
+    acc_doubt: Sampled  #: (T,) the same of the specific force [m/s²].
+    stands: Sampled  #: (T,) bool, the ankle stands: around valleys, and while the person stands.
+    restart: Sampled  #: (T,) 1 at the sample after the begin of a stride, else 0; in floats.
+    dt: Sampled  #: (T,) time since the sample before [s]; 0 up to the first stance, where the filter starts.
+    valid: Sampled  #: (T,) bool; False before the first stance and in padding.
+    last: Counts  #: index of the last sample before the padding.
+    rate_hz: Values  #: sampling rate.
+    attitude: PyTree  #: (4,) q_ws at the first stance, w first, its heading arbitrary.
+    gyr_bias: Values  #: (3,) gyroscope bias while standing [rad/s].
+    still_time: Values  #: duration of the standing from which that bias was measured [s]; 0: the leg never stood still.
+    mid_shank: Values  #: 1 if the sensor is at mid shank, 0 at the ankle.
+    axes: Values  #: (3, 3) forward, left and up in the sensor's axes.
+    begin: PerStride  #: (K,) sample at which each stride begins; after the last stride, 0.
+    end: PerStride  #: (K,) sample at which each stride ends.
+    swing_begin: PerStride  #: (K,) sample at which the shank's forward swing begins.
+    swing_end: PerStride  #: (K,) sample at which the shank's forward swing ends.
+    leaves: PerStride  #: (K,) time at which the swing begins, between samples [s].
+    lands: PerStride  #: (K,) time at which the swing ends, between samples [s].
+    half: PerStride  #: (K,) bool, the stride begins or ends with standing.
+    clips: PerStride  #: (K,) bool, the stride's swing reaches the gyroscope's range.
+    follows: PerStride  #: (K,) bool, the stride begins where the stride before ended.
+    count: Counts  #: number of strides.
 
 
 class AnkleInputs(NamedTuple):

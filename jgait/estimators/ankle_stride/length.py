@@ -1,6 +1,6 @@
 r"""Stride lengths from one sensor at the ankle or on the shank, given the gait events.
 
-Each method is a `lax.scan` from event to event in constant memory, and differentiable in leg length, gains, lever,
+Each method is differentiable in leg length, gains, lever,
 sensor biases and cut-off; the events are inputs, and carry no gradient. Signals are in the axes of the segment
 (forward x, left y, up z, see `mounting.shank`), so that the rate about y is negative in the forward swing.
 
@@ -36,6 +36,8 @@ Deviations from the paper:
 """
 
 from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -43,21 +45,46 @@ from jax import Array, lax
 from jax.typing import ArrayLike
 from jaxtyping import PyTree
 
-from jgait.estimators.ankle_stride.length_steps import (
-    StrideLengthParams,
-    Swung,
-    Travelled,
-    stride_begin,
-    stride_step,
-    swing_begin,
-    swing_step,
-)
-from jgait.geometry.vectors import Vector
+from jgait.geometry.rotation import Quaternion, exponential, product, rotated
+from jgait.geometry.vectors import Vector, add, cross, dot, root, scale, subtract
 from jgait.signal import butterworth
-from jgait.signal.marks import Marks, marks
+from jgait.signal.marks import Marks
 from jgait.types import Scalar, Values
 
-__all__ = ["Marks", "StrideLengthParams", "Swung", "Travelled", "inertial", "marks", "pendulum", "scanned", "smoothed"]
+
+class StrideLengthParams(NamedTuple):
+    """Parameters of all methods, in natural units."""
+
+    leg_length: Values = 0.85  #: L, length of the pendulum [m].
+    angle_gain: Values = 1.0  #: c, gain of the swing's angle [1].
+    time_gain: Values = 0.0  #: e, gain of the angle over the swing's duration [s].
+    #: from the point at the ankle that stands to the sensor, forward, left and up in the segment's axes [m].
+    lever: Vector = Vector(0.0, 0.0, 0.0)
+    gyr_bias: Vector = Vector(0.0, 0.0, 0.0)  #: gyroscope bias, in the segment's axes [rad/s].
+    acc_bias: Vector = Vector(0.0, 0.0, 0.0)  #: accelerometer bias, in the segment's axes [m/s²].
+
+
+class Swung(NamedTuple):
+    """A swing, at the sample at which it ends; 0 elsewhere: SL₁, SL₂ [m], angle θ [rad], duration T_swing [s]."""
+
+    chord: Values
+    arc: Values
+    angle: Values
+    duration: Values
+
+
+class Travelled(NamedTuple):
+    """A stride, at the sample at which it ends; 0 elsewhere: |s|, its horizontal part and its rise [m], turn, duration
+    [s].
+
+    The turn about up from begin to end is positive to the left [rad].
+    """
+
+    length: Values
+    level: Values
+    rise: Values
+    turn: Values
+    duration: Values
 
 
 def smoothed(signal: ArrayLike, cutoff_hz: Scalar | None, sampling_rate_hz: float) -> Array:
@@ -75,14 +102,18 @@ def pendulum(p: StrideLengthParams, gyr: ArrayLike, swings: Marks, dt: ArrayLike
     Raises:
         ValueError: if the shapes do not fit.
     """
-    rate = _vector(gyr, swings)
-    state = swing_begin(Vector(*(v[0] for v in rate)))
-
-    def one(s: PyTree, x: PyTree) -> PyTree:
-        return swing_step(p, s, x[0], x[1], dt, all_axes=all_axes)
-
-    found: Swung = lax.scan(one, _typed(one, state, (rate, swings)), (rate, swings))[1]
-    return found
+    w = subtract(_vector(gyr, swings), p.gyr_bias)
+    rate = root(dot(w, w)) if all_axes else -w.y
+    index = jnp.arange(rate.shape[0], dtype=jnp.int32)
+    since = lax.cummax(jnp.where(swings.begin, index, -1))
+    since = jnp.concatenate([jnp.full_like(since[:1], -1), since[:-1]])  # the last begin before each sample
+    turned = jnp.cumsum(0.5 * dt * (rate + jnp.concatenate([jnp.zeros_like(rate[:1]), rate[:-1]])))
+    angle = turned - jnp.where(since < 0, 0.0, turned[since])
+    duration = dt * (index - since).astype(rate.dtype)
+    long = jnp.where(swings.end, duration, 1.0)
+    arc = p.leg_length * (p.angle_gain * angle + p.time_gain * angle / long)
+    found = (2.0 * p.leg_length * jnp.sin(0.5 * angle), arc, angle, duration)
+    return Swung(*(jnp.where(swings.end, value, 0.0) for value in found))
 
 
 def inertial(
@@ -98,30 +129,37 @@ def inertial(
     Raises:
         ValueError: if the shapes do not fit.
     """
-
-    def one(s: PyTree, x: PyTree) -> PyTree:
-        return stride_step(p, s, x[0], x[1], x[2], dt, euler=euler, sample_up=sample_up)
-
-    return scanned(one, stride_begin, p, gyr, acc, strides)
+    one = partial(_step, p, dt=dt, euler=euler, sample_up=sample_up)
+    return scanned(one, partial(_begun, p), p, gyr, acc, strides)
 
 
 def scanned(
-    one: Callable[[Values, Values], Values],
-    begin: PyTree,
-    p: StrideLengthParams,
-    gyr: Values,
-    acc: Values,
-    strides: Marks,
-) -> Travelled:
-    """A scan of a method's step `one` over the samples, from the state of `begin`; other arguments as of `inertial`."""
-    rate, force = _vector(gyr, strides), _vector(acc, strides)
-    state = begin(p, Vector(*(v[0] for v in rate)), Vector(*(v[0] for v in force)))
+    one: Callable[[PyTree, PyTree], tuple[PyTree, Travelled]], begun: Callable[[Vector, Vector], PyTree],
+    p: StrideLengthParams, gyr: ArrayLike, acc: ArrayLike, strides: Marks,
+) -> Travelled:  # fmt: skip
+    """A scan of a method's step over the samples: (state, (rate, force, marks)) → state and stride.
+
+    `begun` gives the state at the begin of a stride from rate and force; biases are taken off before. Other arguments
+    as of `inertial`.
+    """
+    rate = subtract(_vector(gyr, strides), p.gyr_bias)
+    force = subtract(_vector(acc, strides), p.acc_bias)
     samples = (rate, force, strides)
-    found: Travelled = lax.scan(one, _typed(one, state, samples), samples)[1]
-    return found
+
+    def step(state: PyTree, sample: PyTree) -> tuple[PyTree, Travelled]:
+        going, found = one(state, sample)
+        found = Travelled(*(jnp.where(sample[2].end, value, 0.0) for value in found))
+        return jax.tree.map(lambda a, b: jnp.where(sample[2].begin, a, b), begun(*sample[:2]), going), found
+
+    first = jax.tree.map(lambda v: v[0], samples)
+    state = begun(*first[:2])
+    # in the dtypes that a step returns, because parameters and signals may differ in precision
+    after = jax.eval_shape(lambda s, x: step(s, x)[0], state, first)
+    state = jax.tree.map(lambda value, like: jnp.asarray(value, like.dtype), state, after)
+    return lax.scan(step, state, samples)[1]
 
 
-def _vector(signal: Values, flags: Marks) -> Vector:
+def _vector(signal: ArrayLike, flags: Marks) -> Vector:
     values = jnp.asarray(signal)
     if values.ndim != 2 or values.shape[1] != 3 or values.shape[0] < 1:
         raise ValueError(f"signals must be (T, 3) with T >= 1; got shape {values.shape}")
@@ -130,7 +168,62 @@ def _vector(signal: Values, flags: Marks) -> Vector:
     return Vector(*values.T)
 
 
-def _typed(one: Callable[[Values, Values], Values], state: PyTree, samples: PyTree) -> PyTree:
-    """The first state in the dtypes that a step returns, because parameters and signals may differ in precision."""
-    after = jax.eval_shape(lambda s, x: one(s, x)[0], state, jax.tree.map(lambda v: v[0], samples))
-    return jax.tree.map(lambda value, like: jnp.asarray(value, like.dtype), state, after)
+class StrideState(NamedTuple):
+    """Integrals since the stride began, in the axes of its first sample."""
+
+    attitude: Quaternion  #: from the axes of this sample to those of the first.
+    velocity: Vector  #: ∫ R f dt, with gravity included [m/s].
+    way: Vector  #: ∫ of `velocity` [m].
+    duration: Values  #: time since the stride began [s].
+    start: Vector  #: velocity ω × r at the first sample [m/s].
+    sampled: Vector  #: specific force at the first sample [m/s²].
+    gyr: Vector  #: rate of the sample before [rad/s].
+    force: Vector  #: specific force of the sample before, in the first axes [m/s²].
+
+
+def _begun(p: StrideLengthParams, w: Vector, f: Vector) -> StrideState:
+    nothing = jnp.zeros_like(w.x)
+    none = Vector(nothing, nothing, nothing)
+    level = Quaternion(jnp.ones_like(nothing), nothing, nothing, nothing)
+    return StrideState(level, none, none, nothing, cross(w, p.lever), f, w, f)
+
+
+def _trapezoid(total: Vector, dt: Values, before: Vector, now: Vector) -> Vector:
+    return add(total, scale(0.5 * dt, add(before, now)))
+
+
+def _step(
+    p: StrideLengthParams, s: StrideState, sample: tuple[Vector, Vector, Marks], *, dt: Values, euler: bool,
+    sample_up: bool,
+) -> tuple[StrideState, Travelled]:  # fmt: skip
+    """One sample of the 3-D method: the state after it, and the stride from its begin to here."""
+    w, f, _ = sample
+    if euler:
+        small = product(s.attitude, Quaternion(0.0, *scale(0.5 * dt, w)))
+        attitude = Quaternion(*(a + b for a, b in zip(s.attitude, small, strict=True)))
+    else:
+        attitude = product(s.attitude, exponential(scale(0.5 * dt, add(s.gyr, w))))
+    force = rotated(attitude, f)
+    velocity = _trapezoid(s.velocity, dt, s.force, force)
+    way = _trapezoid(s.way, dt, s.velocity, velocity)
+    duration = s.duration + dt
+    going = StrideState(attitude, velocity, way, duration, s.start, s.sampled, w, force)
+    return going, _read(p, going, sample_up=sample_up)
+
+
+def _read(p: StrideLengthParams, s: StrideState, *, sample_up: bool) -> Travelled:
+    # A stride of zero duration has zero length; dividing by 1 s keeps the gradient finite.
+    long = jnp.where(s.duration > 0.0, s.duration, 1.0)
+    stop = rotated(s.attitude, cross(s.gyr, p.lever))
+    drift = scale(-0.5 * s.duration, s.velocity)
+    sensor = add(add(s.way, drift), scale(0.5 * s.duration, add(s.start, stop)))
+    # The displacement of the ankle, from that of the sensor.
+    moved = subtract(sensor, subtract(rotated(s.attitude, p.lever), p.lever))
+    up = s.sampled if sample_up else scale(1.0 / long, subtract(s.velocity, subtract(stop, s.start)))
+    norm = root(dot(up, up))
+    up = scale(1.0 / jnp.where(norm > 0.0, norm, 1.0), up)
+    rise = dot(moved, up)
+    flat = subtract(moved, scale(rise, up))
+    about = s.attitude.x * up.x + s.attitude.y * up.y + s.attitude.z * up.z
+    turn = 2.0 * jnp.arctan2(about, s.attitude.w)
+    return Travelled(root(dot(moved, moved)), root(dot(flat, flat)), rise, turn, s.duration)

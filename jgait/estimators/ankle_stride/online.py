@@ -81,35 +81,20 @@ class _Delayed(NamedTuple):
 
 
 class _AnkleEvent(NamedTuple):
-    """What is decided at the filter's sample, before the filter runs.
+    """What is decided at the filter's sample, before the filter runs."""
 
-    Attributes:
-        row: (10,) the sample, see `AnkleOnlineState.history`.
-        before: (6,) the sample before it.
-        stands: bool, zero velocity is observed.
-        began: bool, the filter had started before the sample.
-        restart: 1 if positions count from the sample before, else 0.
-        instant: bool, the middle of a stance or standing: positions count from here.
-        half: bool, an instant of standing, not of a valley.
-        ends: bool, a swing ends here.
-        swung: the swings since the last instant.
-        landed: end of the swing before them [s].
-        lost: time without samples since the last instant [s].
-        still: bool, the person stands at the newest sample.
-    """
-
-    row: Values
-    before: Values
-    stands: Flags
-    began: Flags
-    restart: Values
-    instant: Flags
-    half: Flags
-    ends: Flags
-    swung: OnlineSwing
-    landed: Values
-    lost: Values
-    still: Flags
+    row: Values  #: (10,) the sample, see `AnkleOnlineState.history`.
+    before: Values  #: (6,) the sample before it.
+    stands: Flags  #: bool, zero velocity is observed.
+    began: Flags  #: bool, the filter had started before the sample.
+    restart: Values  #: 1 if positions count from the sample before, else 0.
+    instant: Flags  #: bool, the middle of a stance or standing: positions count from here.
+    half: Flags  #: bool, an instant of standing, not of a valley.
+    ends: Flags  #: bool, a swing ends here.
+    swung: OnlineSwing  #: the swings since the last instant.
+    landed: Values  #: end of the swing before them [s].
+    lost: Values  #: time without samples since the last instant [s].
+    still: Flags  #: bool, the person stands at the newest sample.
 
 
 def _seen(
@@ -273,9 +258,6 @@ def over(
         acc: (T, 3) [m/s²].
         measured: (T,) False where a sample was lost; None: all are measured.
         count: number of samples; later ones are ignored. None: T.
-
-    Returns:
-        The state after the last sample, and the results after each sample.
     """
     filters = filters_of(p, worn, state.last.dtype)
     samples = gyr.shape[0]

@@ -31,75 +31,43 @@ class OnlineSwing(NamedTuple):
 
 
 class AnkleOnlineState(NamedTuple):
-    """State between samples; every field has a fixed size.
+    """State between samples; every field has a fixed size."""
 
-    Attributes:
-        index: index of the newest sample.
-        last: (2, 6) the two newest readings, angular rate and specific force in the segment's axes.
-        low_passed: low-pass states of the integrated signals (6,), the stance rates (3,) and the sagittal rate ().
-        detector: state of the swing detector.
-        jumps: (n, 2) changes of the last readings.
-        history: (lag, 10) ring buffer of the low-passed samples since the filter's sample.
-        valley: state of the search for the valley, see `events.shank_stance_online`.
-        stood: sample of the last valley.
-        slow: number of samples for which the leg has turned slowly.
-        swung: swings since the last stride, see `OnlineSwing`.
-        before: (6,) the last integrated sample.
-        belief: belief of the filter.
-        restart: 1 if positions count from the filter's sample, else 0.
-        started: whether the leg has stood, so that the filter has started.
-        heading: heading at which the stride begins.
-        since: (2,) normalised innovations squared since the stride began, summed, and their number.
-        landed: end of the last stride's swing [s]; −∞ before the first stride.
-        lost: time without samples since the stride began [s].
-        count: number of strides so far.
-        distance: way along them [m], see `sides.of_turns`.
-    """
-
-    index: Counts
-    last: Counts
+    index: Counts  #: index of the newest sample.
+    last: Counts  #: (2, 6) the two newest readings, angular rate and specific force in the segment's axes.
+    #: low-pass states of the integrated signals (6,), the stance rates (3,) and the sagittal rate ().
     low_passed: PyTree
-    detector: PyTree
-    jumps: PyTree
-    history: PyTree
-    valley: shank_valley.StanceSearch
-    stood: PyTree
-    slow: PyTree
-    swung: OnlineSwing
-    before: PyTree
-    belief: Belief
-    restart: Flags
-    started: Flags
-    heading: Heading
-    since: Values
-    landed: Flags
-    lost: Values
-    count: Counts
-    distance: Values
+    detector: PyTree  #: state of the swing detector.
+    jumps: PyTree  #: (n, 2) changes of the last readings.
+    history: PyTree  #: (lag, 10) ring buffer of the low-passed samples since the filter's sample.
+    valley: shank_valley.StanceSearch  #: state of the search for the valley, see `events.shank_stance_online`.
+    stood: PyTree  #: sample of the last valley.
+    slow: PyTree  #: number of samples for which the leg has turned slowly.
+    swung: OnlineSwing  #: swings since the last stride, see `OnlineSwing`.
+    before: PyTree  #: (6,) the last integrated sample.
+    belief: Belief  #: belief of the filter.
+    restart: Flags  #: 1 if positions count from the filter's sample, else 0.
+    started: Flags  #: whether the leg has stood, so that the filter has started.
+    heading: Heading  #: heading at which the stride begins.
+    since: Values  #: (2,) normalised innovations squared since the stride began, summed, and their number.
+    landed: Flags  #: end of the last stride's swing [s]; −∞ before the first stride.
+    lost: Values  #: time without samples since the stride began [s].
+    count: Counts  #: number of strides so far.
+    distance: Values  #: way along them [m], see `sides.of_turns`.
 
 
 class Now(NamedTuple):
-    """Results after a sample.
+    """Results after a sample."""
 
-    Attributes:
-        stride: bool, a stride has become known; `strides`, `stddev` and `flags` have a meaning only if True.
-        strides: the stride, its fields scalars; times count from the first sample [s].
-        stddev: standard deviations of the stride.
-        flags: the flags of `ankle_stride.readout.FLAGS` without "clipped", and "doubtful", see `trust.doubtful`.
-        count: number of strides so far.
-        distance: way along them [m], see `sides.of_turns`.
-        stands: bool, the person stands still.
-        valid: False if the filter's update failed numerically and the filter kept its prediction.
-    """
-
-    stride: PyTree
-    strides: Strides
-    stddev: Strides
+    stride: PyTree  #: bool, a stride has become known; `strides`, `stddev` and `flags` have a meaning only if True.
+    strides: Strides  #: the stride, its fields scalars; times count from the first sample [s].
+    stddev: Strides  #: standard deviations of the stride.
+    #: the flags of `ankle_stride.readout.FLAGS` without "clipped", and "doubtful", see `trust.doubtful`.
     flags: dict[str, Any]
-    count: Counts
-    distance: Values
-    stands: Flags
-    valid: Flags
+    count: Counts  #: number of strides so far.
+    distance: Values  #: way along them [m], see `sides.of_turns`.
+    stands: Flags  #: bool, the person stands still.
+    valid: Flags  #: False if the filter's update failed numerically and the filter kept its prediction.
 
 
 class Filters(NamedTuple):

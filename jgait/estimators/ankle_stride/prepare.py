@@ -10,7 +10,7 @@ import numpy as np
 
 from jgait.estimators.ankle_stride.inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
 from jgait.estimators.ankle_stride.notes import NEVER_STANDS, SWINGS_EVEN
-from jgait.estimators.ankle_stride.params import AnkleOptions, check_options
+from jgait.estimators.ankle_stride.params import DEFAULT, AnkleOptions, check_options
 from jgait.estimators.axes import Axis
 from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
 from jgait.estimators.interface import Prepared
@@ -59,7 +59,7 @@ def placement_of(recording: Recording, side: str, site: str = "auto") -> str | N
     return None
 
 
-def prepare(recording: Recording, options: AnkleOptions) -> Prepared[AnkleInputs]:
+def prepare(recording: Recording, options: AnkleOptions = DEFAULT) -> Prepared[AnkleInputs]:
     """The inputs of `ankle_stride.run` for a recording with one or two sensors at ankles or on shanks, on one clock.
 
     Raises:

@@ -28,39 +28,22 @@ ONLINE = AnkleOptions(smooth=False)
 
 
 class Worn(NamedTuple):
-    """Mounting and settings of a sensor, from a recording; every leaf is an array.
+    """Mounting and settings of a sensor, from a recording; every leaf is an array."""
 
-    Attributes:
-        axes: (3, 3) forward, left and up in the sensor's axes.
-        gyr_bias: (3,) gyroscope bias while standing, in the segment's axes [rad/s].
-        still_time: duration of the standing from which that bias was measured [s]; 0: the leg never stood still.
-        mid_shank: 1 if the sensor is at mid shank, 0 at the ankle.
-        rate_hz: sampling rate.
-        side: 0 right, 1 left.
-        hold: `HOLD_S` in samples.
-        landing: `LANDING_S` in samples.
-        calm: `CALM_S` in samples.
-        reach: half width of the window of zero velocities around a valley, in samples.
-        shift: delay of the stance rate relative to the integrated signals, in samples.
-        history: (lag, 10) zeros, one row for each sample of the filter's lag.
-        jumps: (n, 2) zeros, one row for each stored change of the readings.
-        jump_looks: (n,) bool, the rows of `jumps` around the sample that is integrated.
-    """
-
-    axes: Values
-    gyr_bias: Values
-    still_time: Values
-    mid_shank: Values
-    rate_hz: Values
-    side: Counts
-    hold: Values
-    landing: Values
-    calm: Values
-    reach: Values
-    shift: Values
-    history: PyTree
-    jumps: PyTree
-    jump_looks: PyTree
+    axes: Values  #: (3, 3) forward, left and up in the sensor's axes.
+    gyr_bias: Values  #: (3,) gyroscope bias while standing, in the segment's axes [rad/s].
+    still_time: Values  #: duration of the standing from which that bias was measured [s]; 0: the leg never stood still.
+    mid_shank: Values  #: 1 if the sensor is at mid shank, 0 at the ankle.
+    rate_hz: Values  #: sampling rate.
+    side: Counts  #: 0 right, 1 left.
+    hold: Values  #: `HOLD_S` in samples.
+    landing: Values  #: `LANDING_S` in samples.
+    calm: Values  #: `CALM_S` in samples.
+    reach: Values  #: half width of the window of zero velocities around a valley, in samples.
+    shift: Values  #: delay of the stance rate relative to the integrated signals, in samples.
+    history: PyTree  #: (lag, 10) zeros, one row for each sample of the filter's lag.
+    jumps: PyTree  #: (n, 2) zeros, one row for each stored change of the readings.
+    jump_looks: PyTree  #: (n,) bool, the rows of `jumps` around the sample that is integrated.
 
 
 def worn(p: AnkleParams, recording: Recording, side: str) -> Worn:

@@ -79,9 +79,6 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
             "thigh_length", "shank_length", "sensor_height" (of the waist's sensor), "lever_ankle", "lever_shank",
             "pivot_height", "range_offset". Values are numbers or (right, left).
 
-    Returns:
-        An `Analysis` of NumPy arrays.
-
     Raises:
         RecordingError: if no estimator has its sensors, or none can use them.
         ValueError: a measure of the person that is unknown or outside its range.

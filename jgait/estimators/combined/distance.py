@@ -45,21 +45,13 @@ ONE_SIDE = 0.03
 
 
 class WalkedDistance(NamedTuple):
-    """Distance of a whole walk.
+    """Distance of a whole walk."""
 
-    Attributes:
-        source: name of the source, or of the sources that are combined.
-        time: (T,) [s].
-        distance: (T,) [m].
-        stddev: standard deviation at the end [m].
-        doubtful: whether its sensors are in doubt, so that it counts only if there is no other.
-    """
-
-    source: str
-    time: np.ndarray
-    distance: np.ndarray
-    stddev: float
-    doubtful: bool
+    source: str  #: name of the source, or of the sources that are combined.
+    time: np.ndarray  #: (T,) [s].
+    distance: np.ndarray  #: (T,) [m].
+    stddev: float  #: standard deviation at the end [m].
+    doubtful: bool  #: whether its sensors are in doubt, so that it counts only if there is no other.
 
 
 class _Side(NamedTuple):

@@ -97,10 +97,6 @@ WAYS = (
 def sources(recording: Recording, person: Mapping[str, PyTree]) -> tuple[list[SourceEstimate], list[Note]]:
     """Every source that the sensors allow, and notes about measures from the height and sources without an estimate.
 
-    Args:
-        recording: the signals.
-        person: name of a measure → value, as `jgait.analyse` takes it.
-
     Raises:
         ValueError: a measure that no estimator takes, or outside its range.
         RecordingError: no sensors of any estimator, or none of them can be used; the message has each reason.

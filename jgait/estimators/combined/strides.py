@@ -235,11 +235,7 @@ def combined(
     the measurement that the most independent ones agree with, and of those; of several such, of the most certain one.
     Correlated measurements do not count as two, because sources that share a method share its errors. The others are
     not used; if as many independent ones support one of them, the deviation includes half of the difference from it.
-
-    Args:
-        values: the measurements.
-        deviations: their standard deviations.
-        correlation: (k, k) of their errors; None: independent.
+    `correlation` (k, k) is that of the errors; None: independent.
     """
     cov = np.outer(deviations, deviations) * (np.eye(len(values)) if correlation is None else correlation)
     apart = np.abs(values[:, None] - values)

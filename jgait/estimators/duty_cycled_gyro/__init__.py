@@ -32,7 +32,7 @@ Deviations from the paper:
 """
 
 from jgait.estimators.duty_cycled_gyro import model as duty_model
-from jgait.estimators.duty_cycled_gyro.estimator import estimate, estimator, prepared, run
+from jgait.estimators.duty_cycled_gyro.estimator import estimate, estimator, run
 from jgait.estimators.duty_cycled_gyro.params import (
     DEFAULT,
     PAPER,
@@ -43,6 +43,7 @@ from jgait.estimators.duty_cycled_gyro.params import (
     transforms_of,
     with_body,
 )
+from jgait.estimators.duty_cycled_gyro.prepare import prepare as prepared
 
 __all__ = [
     "DEFAULT",

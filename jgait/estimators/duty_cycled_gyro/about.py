@@ -16,10 +16,9 @@ from jgait.estimators.about import (
     EstimateFigure,
     EstimateTable,
     Settings,
-    TotalColumn,
 )
 from jgait.estimators.duty_cycled_gyro.params import DEFAULT, PAPER
-from jgait.estimators.totals import HEIGHT, JOINT_COLUMNS, NO_LENGTHS, SHANK, THIGH, has_legs, joint_ranges
+from jgait.estimators.totals import HEIGHT, NO_LENGTHS, SHANK, THIGH, has_legs
 from jgait.types import SIDES, Estimate, as_float
 
 WORDS = {MEASURED: "measured", FILLED: "filled", HELD: "held"}
@@ -68,11 +67,14 @@ def numbers(estimate: Estimate) -> dict[str, Any]:
     }
 
 
-def _totals(estimate: Estimate) -> list[dict[str, PyTree]]:
+def _facts(estimate: Estimate) -> list[tuple[str, str]]:
     known = numbers(estimate)
-    held = [kinds["held"] / sum(kinds.values()) for kinds in known["samples"].values()]
+    held = float(np.mean([kinds["held"] / sum(kinds.values()) for kinds in known["samples"].values()]))
+    shares = {
+        "measured": known["gyroscope_measured"], "held": held, "energy saved": known["gyroscope_energy_saved"]
+    }  # fmt: skip
     life = known["battery_h_per_wh"] / known["battery_always_on_h_per_wh"]
-    return [{**known, "held": float(np.mean(held)), "life": life, **joint_ranges(estimate)}]
+    return [*((words, f"{100.0 * share:.0f} %") for words, share in shares.items()), ("battery life", f"× {life:.2f}")]
 
 
 def shown(estimate: Estimate) -> tuple[float, float] | None:
@@ -143,15 +145,10 @@ ABOUT = About(
             settings=lambda settings, value: _option(settings, warm_up=value),
         ),
     ),
-    totals=_totals,
-    columns=(
-        TotalColumn("gyroscope_measured", "measured", "%", 0, 100.0), TotalColumn("held", "held", "%", 0, 100.0),
-        TotalColumn("gyroscope_energy_saved", "saved", "%", 0, 100.0), TotalColumn("life", "life", "×"), *JOINT_COLUMNS,
-    ),
+    facts=_facts,
     caption=(
         "gaps filled by {options.filler}; held: too few samples, or none alike, were measured before to fill from; "
-        "saved: of the energy of the gyroscopes; life: of a battery that feeds all sensors, over always on; angles: "
-        "smallest … largest flexion"
+        "energy saved: of the gyroscopes; battery life: of one that feeds all sensors, over always on"
     ),
     tables=(EstimateTable("segments", segments), EstimateTable("legs", "samples", when=has_legs)),
     figures=(

@@ -25,7 +25,6 @@ from jgait.estimators.duty_cycled_gyro.params import (
     DutyCycledParams,
     GapLeg,
     GapSegment,
-    filter_params,
     one_side,
     params_of,
     transforms_of,
@@ -106,7 +105,7 @@ def _leg(
     told = DutyInputs(
         planar["thigh"], planar["shank"], inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance
     )
-    found = duty_model.run(filter_params(p), told, options.filters)
+    found = duty_model.run(p, told, felt=options.felt)
     thigh, shank = (
         None if one is None else _Seen(rates[segment], one) for segment, one in zip(SEGMENTS, found, strict=True)
     )
@@ -194,13 +193,6 @@ def estimator(
         partial(prepare, options=options, gyro_on=gyro_on), run, with_body, ABOUT, finish=partial(_finished, options),
         unused=("filler.least_strides",),
     )  # fmt: skip
-
-
-def prepared(
-    recording: Recording, options: DutyCycledOptions = DEFAULT, gyro_on: Mapping[str, Values] | None = None
-) -> Prepared[DutyCycledInputs]:
-    """The inputs and options of `run` for a recording; arguments and errors as of `prepare`."""
-    return prepare(recording, options, gyro_on)
 
 
 def energy(preparation: Prepared[DutyCycledInputs], options: DutyCycledOptions) -> dict[str, Any]:

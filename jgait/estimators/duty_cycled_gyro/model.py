@@ -61,12 +61,9 @@ from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.estimators.duty_cycled_gyro.model_params import (
-    DEFAULT,
     DutyControl,
     DutyEstimate,
     DutyInputs,
-    DutyOptions,
-    DutyParams,
     LinkParams,
     PlanarSegment,
     SegmentEstimate,
@@ -75,7 +72,8 @@ from jgait.estimators.duty_cycled_gyro.model_params import (
     ThighObservation,
     ThighState,
 )
-from jgait.filtering import Belief, Covariance, Model
+from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams, levers
+from jgait.filtering import Belief, Covariance, Model, Posterior
 from jgait.geometry.vectors import GRAVITY
 from jgait.types import Flags, Values
 
@@ -198,17 +196,14 @@ def thigh_standing(params: LinkParams, angle: Values, bias: Values, angle_varian
     return Belief(mean, Covariance.from_variances(variances))
 
 
-def shin_standing(
-    params: LinkParams, angle: Values, bias: Values, angle_variance: Values, thigh_angle: Values = 0.0
-) -> Belief:
+def shin_standing(params: LinkParams, angle: Values, bias: Values, angle_variance: Values) -> Belief:
     """The belief of the shin's filter before the first sample, as `thigh_standing`; the thigh is at rest."""
     own, a = thigh_standing(params, angle, bias, angle_variance), params.thigh_length
     m, v = own.mean, own.cov.variances()
     zero = jnp.zeros_like(m.angle)
-    moved = m._replace(down=m.down + a * jnp.cos(thigh_angle), forward=m.forward + a * jnp.sin(thigh_angle))
     wider = v._replace(down=v.down + a * a * angle_variance, forward=v.forward + a * a * angle_variance)
     variances = _behind(wider, v.angle, v.rate)
-    return Belief(_behind(moved, zero + thigh_angle, zero), Covariance.from_variances(variances))
+    return Belief(_behind(m._replace(down=m.down + a), zero, zero), Covariance.from_variances(variances))
 
 
 def _thigh_initial(params: LinkParams) -> Belief:
@@ -226,7 +221,7 @@ SHIN = Model(_shin_initial, shin_transition, shin_transition_noise, shin_observa
 """Eleven states: the shank, with angle and rate of the thigh."""
 
 
-def link_params(p: DutyParams, lever: PyTree) -> LinkParams:
+def link_params(p: DutyCycledParams, lever: PyTree) -> LinkParams:
     """The model's parameters for a sensor at distance `lever` from its joint [m]."""
     return LinkParams(
         p.thigh_length, lever, p.angle_noise, p.acceleration_noise, p.bias_noise,
@@ -235,9 +230,11 @@ def link_params(p: DutyParams, lever: PyTree) -> LinkParams:
 
 
 def observe(
-    p: DutyParams, segment: PlanarSegment, dt: Values, still: Flags, valid: Flags, options: DutyOptions = DEFAULT
+    p: DutyCycledParams, segment: PlanarSegment, dt: Values, still: Flags, valid: Flags, *, felt: bool = True
 ) -> tuple[ThighObservation, DutyControl, ThighObservation]:
-    """Observation, control and mask of the filter of one segment, for a recording or for one sample."""
+    """Observation, control and mask of the filter of one segment, for a recording or for one sample; `felt`: with the
+    accelerometer.
+    """
     zero = jnp.zeros_like(segment.gyr)
     rest = p.standing_acceleration**2
     acc = rest + jnp.where(still, 0.0, p.joint_acceleration**2)
@@ -247,68 +244,81 @@ def observe(
         zero + 1.0, zero + 1.0,
     )  # fmt: skip
     arrived = segment.measured & valid
-    felt = arrived if options.gravity else False
+    feels = arrived if felt else False
     turned = arrived & segment.gyro_on
     unknown, at_rest = valid & ~turned, valid & still
     told = ThighObservation(segment.acc_up, segment.acc_forward, segment.gyr, *(zero,) * 7)
-    return told, control, ThighObservation(felt, felt, turned, *(valid,) * 4, at_rest, at_rest, unknown)
+    return told, control, ThighObservation(feels, feels, turned, *(valid,) * 4, at_rest, at_rest, unknown)
 
 
-def observe_shin(
-    p: DutyParams, segment: PlanarSegment, thigh: SegmentEstimate, dt: Values, still: Flags, valid: Flags,
-    options: DutyOptions = DEFAULT,
-) -> tuple[ShinObservation, DutyControl, ShinObservation]:  # fmt: skip
-    """As `observe` for the shin's filter, with the thigh's estimate at the same samples."""
-    told, control, mask = observe(p, segment, dt, still, valid, options)
+def _below(
+    told: tuple[ThighObservation, DutyControl, ThighObservation], thigh: SegmentEstimate, dt: Values, valid: Flags
+) -> tuple[ShinObservation, DutyControl, ShinObservation]:
+    """What `observe` tells of a shank, with the thigh's estimate at the same samples."""
+    seen, control, mask = told
     # Errors of the thigh's angle persist for about 1 s; equivalent white noise has the variance times 1 s / dt.
     spread = 1.0 / jnp.maximum(dt, 1e-3)
     control = control._replace(
         thigh_angle_variance=thigh.angle_stddev**2 * spread, thigh_rate_variance=thigh.rate_stddev**2
     )
-    return ShinObservation(*told, thigh.angle, thigh.rate), control, ShinObservation(*mask, valid, valid)
+    return ShinObservation(*seen, thigh.angle, thigh.rate), control, ShinObservation(*mask, valid, valid)
 
 
-def _filtered(
-    model: Model, params: LinkParams, told: PyTree, initial: Belief, inputs: DutyInputs, options: DutyOptions
-) -> SegmentEstimate:
-    """Angle and rate of the segment, filtered or smoothed."""
-    observations, controls, mask = told
-    found = filtering.infer(
-        model, params, observations, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
-        method=options.method, initial=initial,
-    )  # fmt: skip
-    mean, posterior, deviation = found.mean, found.filtered, found.cov.stddev()
-    return SegmentEstimate(
-        mean.angle, mean.rate, deviation.angle, deviation.rate, mean.rate - mean.velocity_bias / params.lever,
-        posterior.nis, posterior.count, posterior.log_likelihood, posterior.valid,
-    )  # fmt: skip
+def standing(
+    p: DutyCycledParams, biases: tuple[Values | None, ...], angle_variance: Values
+) -> tuple[Belief | None, ...]:
+    """The beliefs about thigh and shank of a leg that hangs straight down, from the gyroscopes' biases [rad/s]; None
+    for a segment without a sensor.
+    """
+    priors = thigh_standing, thigh_standing if biases[0] is None else shin_standing
+    return tuple(
+        None if bias is None else prior(link_params(p, lever), 0.0, bias, angle_variance)
+        for prior, lever, bias in zip(priors, levers(p), biases, strict=True)
+    )
 
 
-def run(p: DutyParams, inputs: DutyInputs, options: DutyOptions = DEFAULT) -> DutyEstimate:
-    """Angle and rate of one leg's segments under a gyroscope mask: pure, for jit, vmap and grad, with static options.
+def over(
+    p: DutyCycledParams, segments: tuple[PlanarSegment | None, ...],
+    beliefs: tuple[Belief | None, ...], dt: Values, still: Flags, valid: Flags, *, felt: bool = True,
+) -> tuple[DutyEstimate, tuple[Posterior | None, ...]]:  # fmt: skip
+    """Estimates of a leg's thigh and shank over samples, from the beliefs before them, and the filters' results."""
+    every, posteriors = list[SegmentEstimate | None](), list[Posterior | None]()
+    for segment, before, lever in zip(segments, beliefs, levers(p), strict=True):
+        if segment is None or before is None:
+            every.append(None)
+            posteriors.append(None)
+            continue
+        thigh, params = every[0] if every else None, link_params(p, lever)
+        told: PyTree = observe(p, segment, dt, still, valid, felt=felt)
+        observations, controls, mask = told if thigh is None else _below(told, thigh, dt, valid)
+        found = filtering.kalman_filter(
+            THIGH if thigh is None else SHIN, params, observations, controls=controls, dt=dt, mask=mask, initial=before
+        )
+        mean, deviation = found.mean, found.cov.stddev()
+        every.append(SegmentEstimate(
+            mean.angle, mean.rate, deviation.angle, deviation.rate, mean.rate - mean.velocity_bias / lever,
+            found.nis, found.count, found.log_likelihood, found.valid,
+        ))  # fmt: skip
+        posteriors.append(found)
+    return DutyEstimate(*every), tuple(posteriors)
+
+
+def run(p: DutyCycledParams, inputs: DutyInputs, *, felt: bool = True) -> DutyEstimate:
+    """Angle and rate of one leg's segments under a gyroscope mask: pure, for jit, vmap and grad.
 
     A shank without a thigh sensor has the model of the thigh: one segment that hangs from a fixed joint.
+
+    Args:
+        p: parameters.
+        inputs: the leg's signals.
+        felt: whether the accelerometers are used; without, angles come from the gyroscopes alone and drift; static.
 
     Raises:
         ValueError: if no segment has a sensor.
     """
-    if inputs.thigh is None and inputs.shank is None:
+    thigh, shank = inputs.thigh, inputs.shank
+    if thigh is None and shank is None:
         raise ValueError("the duty-cycled filters need a thigh or a shank sensor; got neither")
-    start = inputs.start_variance
-    thigh = shank = None
-    if inputs.thigh is not None:
-        own = link_params(p, p.thigh_sensor)
-        prior = thigh_standing(own, 0.0, inputs.thigh.bias, start)
-        told = observe(p, inputs.thigh, inputs.dt, inputs.still, inputs.valid, options)
-        thigh = _filtered(THIGH, own, told, prior, inputs, options)
-    if inputs.shank is not None:
-        own = link_params(p, p.shank_sensor)
-        if thigh is None:
-            prior = thigh_standing(own, 0.0, inputs.shank.bias, start)
-            told = observe(p, inputs.shank, inputs.dt, inputs.still, inputs.valid, options)
-            shank = _filtered(THIGH, own, told, prior, inputs, options)
-        else:
-            prior = shin_standing(own, 0.0, inputs.shank.bias, start)
-            seen = observe_shin(p, inputs.shank, thigh, inputs.dt, inputs.still, inputs.valid, options)
-            shank = _filtered(SHIN, own, seen, prior, inputs, options)
-    return DutyEstimate(thigh, shank)
+    biases = None if thigh is None else thigh.bias, None if shank is None else shank.bias
+    beliefs = standing(p, biases, inputs.start_variance)
+    return over(p, (thigh, shank), beliefs, inputs.dt, inputs.still, inputs.valid, felt=felt)[0]

@@ -1,70 +1,9 @@
-"""Parameters, options, inputs, states and estimates of the duty-cycled filters."""
+"""Inputs, states and estimates of the duty-cycled filters."""
 
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
-from jgait import filtering
 from jgait.estimators.axes import Held, Sampled, Times
-from jgait.geometry.vectors import GRAVITY
-from jgait.params import Param, Parameter, documented, interval, positive
 from jgait.types import Counts, Values
-
-
-@documented
-class DutyParams(NamedTuple):
-    """Parameters of the thigh's and the shin's filter, in natural units."""
-
-    thigh_length: Annotated[Param, Parameter(interval(0.2, 0.7), "m", "hip to knee")] = 0.43
-    thigh_sensor: Annotated[Param, Parameter(interval(0.02, 0.7), "m", "d_s1, hip to the thigh's sensor")] = 0.215
-    shank_sensor: Annotated[Param, Parameter(interval(0.02, 0.7), "m", "d_s2, knee to the shin's sensor")] = 0.215
-    angle_noise: Annotated[Param, Parameter(
-        positive, "rad²/s³", "σ of the angles, spectral density of the angular acceleration",
-    )] = 100.0  # fmt: skip
-    acceleration_noise: Annotated[Param, Parameter(
-        positive, "m²/s⁵", "σ of the positions, spectral density of the jerk",
-    )] = 1e5  # fmt: skip
-    bias_noise: Annotated[Param, Parameter(
-        positive, "m²/s³", "σ of the velocity bias, spectral density of its random walk",
-    )] = 1e-10  # fmt: skip
-    gyro_noise: Annotated[Param, Parameter(
-        positive, "1", "multiplies R, the gyroscope's variance while standing",
-    )] = 1.0  # fmt: skip
-    joint_acceleration: Annotated[Param, Parameter(
-        positive, "m/s²", "standard deviation of the joint's own acceleration, which the model leaves out",
-    )] = GRAVITY  # fmt: skip
-    standing_acceleration: Annotated[Param, Parameter(
-        positive, "m/s²", "standard deviation of accelerations about 0 while standing",
-    )] = 0.1  # fmt: skip
-    position_closure: Annotated[Param, Parameter(
-        positive, "m", "standard deviation of the sensor's position about the rigid link's",
-    )] = 0.03  # fmt: skip
-    velocity_closure: Annotated[Param, Parameter(positive, "m/s", "the same of its velocity")] = 0.03
-    swing_noise: Annotated[Param, Parameter(
-        positive, "rad √s",
-        "how far the segment swings from the vertical, as white noise; used while its gyroscope is off, so "
-        "that no gap turns it over",
-    )] = 0.13  # fmt: skip
-    turn_tilt: Annotated[Param, Parameter(
-        positive, "rad", "tilt of the segment to the side while the person turns: the part of the turn that the one "
-        "axis measures",
-    )] = 0.2  # fmt: skip
-
-
-class DutyOptions(NamedTuple):
-    """Options of the filters.
-
-    Attributes:
-        gravity: use the accelerometers; without them angles come from the gyroscopes alone and drift.
-        smooth: Rauch–Tung–Striebel smoothing (offline).
-        method: how the filters linearise, see `jgait.filtering`.
-    """
-
-    gravity: bool = True
-    smooth: bool = False
-    method: filtering.Method = filtering.EKF()
-
-
-DEFAULT = DutyOptions()
-"""Causal filters with accelerometers."""
 
 
 class ThighState(NamedTuple):
@@ -87,14 +26,7 @@ class ThighState(NamedTuple):
 
 
 class ShinState(NamedTuple):
-    """The paper's eleven states: as `ThighState` for the shin's sensor, relative to the hip, with both angles.
-
-    Attributes:
-        thigh_angle: θ₁ [rad].
-        thigh_rate: ω₁ [rad/s].
-        angle: θ₂, of the shank from hanging straight down, positive forward [rad].
-        rate: ω₂ [rad/s].
-    """
+    """The paper's eleven states: as `ThighState` for the shin's sensor, relative to the hip, with both angles."""
 
     down: Values
     down_velocity: Values
@@ -103,65 +35,41 @@ class ShinState(NamedTuple):
     forward_velocity: Values
     forward_acceleration: Values
     velocity_bias: Values
-    thigh_angle: Values
-    thigh_rate: Values
-    angle: Values
-    rate: Values
+    thigh_angle: Values  #: θ₁ [rad].
+    thigh_rate: Values  #: ω₁ [rad/s].
+    angle: Values  #: θ₂, of the shank from hanging straight down, positive forward [rad].
+    rate: Values  #: ω₂ [rad/s].
 
 
 class LinkParams(NamedTuple):
-    """Parameters of the model of one filter, see `DutyParams`.
+    """Parameters of the model of one filter, see `DutyCycledParams`."""
 
-    Attributes:
-        thigh_length: a₁ [m]; the shin's filter only.
-        lever: d, from the segment's joint to its sensor [m].
-        angle_noise: spectral density of the angular acceleration [rad²/s³].
-        acceleration_noise: spectral density of the jerk [m²/s⁵].
-        bias_noise: spectral density of the random walk of the velocity bias [m²/s³].
-        position_variance: variance of the sensor's position about the rigid link [m²].
-        velocity_variance: variance of the sensor's velocity about the rigid link [m²/s²].
-    """
-
-    thigh_length: Values
-    lever: Values
-    angle_noise: Values
-    acceleration_noise: Values
-    bias_noise: Values
-    position_variance: Values
-    velocity_variance: Values
+    thigh_length: Values  #: a₁ [m]; the shin's filter only.
+    lever: Values  #: d, from the segment's joint to its sensor [m].
+    angle_noise: Values  #: spectral density of the angular acceleration [rad²/s³].
+    acceleration_noise: Values  #: spectral density of the jerk [m²/s⁵].
+    bias_noise: Values  #: spectral density of the random walk of the velocity bias [m²/s³].
+    position_variance: Values  #: variance of the sensor's position about the rigid link [m²].
+    velocity_variance: Values  #: variance of the sensor's velocity about the rigid link [m²/s²].
 
 
 class ThighObservation(NamedTuple):
-    """Observations of a filter of one segment.
+    """Observations of a filter of one segment."""
 
-    Attributes:
-        acc_up: specific force along the segment, to its joint [m/s²].
-        acc_forward: specific force across the segment, forward [m/s²].
-        gyro: sagittal rate of the gyroscope [rad/s].
-        link_down: x minus that of the rigid link, observed as 0 [m]; the next three: z, ẋ and ż likewise.
-        rest_down: ẍ, observed as 0 while the person stands [m/s²]; `rest_forward`: z̈ likewise.
-        swing: the angle, observed as 0 while the gyroscope is off [rad].
-    """
-
-    acc_up: Values
-    acc_forward: Values
-    gyro: Values
-    link_down: Values
+    acc_up: Values  #: specific force along the segment, to its joint [m/s²].
+    acc_forward: Values  #: specific force across the segment, forward [m/s²].
+    gyro: Values  #: sagittal rate of the gyroscope [rad/s].
+    link_down: Values  #: x minus that of the rigid link, observed as 0 [m]; the next three: z, ẋ and ż likewise.
     link_forward: Values
     link_down_velocity: Values
     link_forward_velocity: Values
-    rest_down: Values
+    rest_down: Values  #: ẍ, observed as 0 while the person stands [m/s²]; `rest_forward`: z̈ likewise.
     rest_forward: Values
-    swing: Values
+    swing: Values  #: the angle, observed as 0 while the gyroscope is off [rad].
 
 
 class ShinObservation(NamedTuple):
-    """Observations of the shin's filter: as `ThighObservation`, and the thigh's angle and rate.
-
-    Attributes:
-        thigh_angle: θ₁, estimate of the thigh's filter [rad].
-        thigh_rate: ω₁, estimate of the thigh's filter [rad/s].
-    """
+    """Observations of the shin's filter: as `ThighObservation`, and the thigh's angle and rate."""
 
     acc_up: Values
     acc_forward: Values
@@ -173,8 +81,8 @@ class ShinObservation(NamedTuple):
     rest_down: Values
     rest_forward: Values
     swing: Values
-    thigh_angle: Values
-    thigh_rate: Values
+    thigh_angle: Values  #: θ₁, estimate of the thigh's filter [rad].
+    thigh_rate: Values  #: ω₁, estimate of the thigh's filter [rad/s].
 
 
 class DutyControl(NamedTuple):
@@ -193,28 +101,17 @@ class DutyControl(NamedTuple):
 
 
 class PlanarSegment(NamedTuple):
-    """One sensor's signals in the sagittal plane of its segment.
+    """One sensor's signals in the sagittal plane of its segment."""
 
-    Attributes:
-        gyr: (T,) rate, positive when the distal end swings forward [rad/s]; any finite number where the gyroscope
-            is off.
-        acc_forward: (T,) specific force along the segment's forward axis [m/s²].
-        acc_up: (T,) specific force along the segment to the proximal end, +g in standing [m/s²].
-        measured: (T,) bool, the sample arrived.
-        gyro_on: (T,) bool, the gyroscope was on and awake, or its sample has been filled.
-        excess: (T,) variance of the rate in addition to the gyroscope's [rad²/s²], see `excess`.
-        bias: gyroscope bias at rest [rad/s].
-        variance: gyroscope variance at rest [rad²/s²].
-    """
-
+    #: (T,) rate, positive when the distal end swings forward [rad/s]; any finite number where the gyroscope is off.
     gyr: Sampled
-    acc_forward: Sampled
-    acc_up: Sampled
-    measured: Sampled
-    gyro_on: Sampled
-    excess: Sampled
-    bias: Values
-    variance: Values
+    acc_forward: Sampled  #: (T,) specific force along the segment's forward axis [m/s²].
+    acc_up: Sampled  #: (T,) specific force along the segment to the proximal end, +g in standing [m/s²].
+    measured: Sampled  #: (T,) bool, the sample arrived.
+    gyro_on: Sampled  #: (T,) bool, the gyroscope was on and awake, or its sample has been filled.
+    excess: Sampled  #: (T,) variance of the rate in addition to the gyroscope's [rad²/s²], see `excess`.
+    bias: Values  #: gyroscope bias at rest [rad/s].
+    variance: Values  #: gyroscope variance at rest [rad²/s²].
 
 
 class DutyInputs(NamedTuple):
@@ -230,29 +127,17 @@ class DutyInputs(NamedTuple):
 
 
 class SegmentEstimate(NamedTuple):
-    """Estimates of one segment over time.
+    """Estimates of one segment over time."""
 
-    Attributes:
-        angle: (T,) from hanging straight down, positive when the distal end is forward [rad].
-        rate: (T,) rate of the angle, without gyroscope bias [rad/s].
-        angle_stddev: (T,) standard deviation of the angle [rad].
-        rate_stddev: (T,) standard deviation of the rate [rad/s].
-        gyro: (T,) predicted gyroscope signal, bias included [rad/s].
-        nis: (T,) normalised innovation squared.
-        count: (T,) observations used.
-        log_likelihood: (T,) [nat].
-        valid: (T,) bool, False where an update was not finite and the prediction was kept.
-    """
-
-    angle: Values
-    rate: Values
-    angle_stddev: Values
-    rate_stddev: Values
-    gyro: Values
-    nis: Values
-    count: Counts
-    log_likelihood: Values
-    valid: Sampled
+    angle: Values  #: (T,) from hanging straight down, positive when the distal end is forward [rad].
+    rate: Values  #: (T,) rate of the angle, without gyroscope bias [rad/s].
+    angle_stddev: Values  #: (T,) standard deviation of the angle [rad].
+    rate_stddev: Values  #: (T,) standard deviation of the rate [rad/s].
+    gyro: Values  #: (T,) predicted gyroscope signal, bias included [rad/s].
+    nis: Values  #: (T,) normalised innovation squared.
+    count: Counts  #: (T,) observations used.
+    log_likelihood: Values  #: (T,) [nat].
+    valid: Sampled  #: (T,) bool, False where an update was not finite and the prediction was kept.
 
 
 class DutyEstimate(NamedTuple):

@@ -6,16 +6,12 @@ from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS
 from jgait.duty_cycle.power import ACCELEROMETER, GYROSCOPE, Battery, Schedule, Sensor
 from jgait.duty_cycle.recording import check_filler
 from jgait.estimators.axes import Held, Sampled, Times
-from jgait.estimators.duty_cycled_gyro import model_params as duty_params
-from jgait.estimators.duty_cycled_gyro.model_params import DutyOptions, DutyParams
 from jgait.estimators.interface import with_measures
 from jgait.estimators.leg_ekf import params as leg_params
 from jgait.estimators.leg_ekf.params import BySide
-from jgait.params import Param, Parameter, declared, documented, interval, positive, ranges
+from jgait.geometry.vectors import GRAVITY
+from jgait.params import Param, Parameter, documented, interval, positive, ranges
 from jgait.types import Values
-
-_USUAL = DutyParams()
-_OF_FILTERS = declared(DutyParams)
 
 
 @documented
@@ -28,16 +24,37 @@ class DutyCycledParams(NamedTuple):
     shank_place: Annotated[Param, Parameter(
         interval(0.05, 1.0), "1", "of the shank's sensor, from knee to ankle",
     )] = 0.5  # fmt: skip
-    angle_noise: Annotated[Param, _OF_FILTERS["angle_noise"]] = _USUAL.angle_noise
-    acceleration_noise: Annotated[Param, _OF_FILTERS["acceleration_noise"]] = _USUAL.acceleration_noise
-    bias_noise: Annotated[Param, _OF_FILTERS["bias_noise"]] = _USUAL.bias_noise
-    gyro_noise: Annotated[Param, _OF_FILTERS["gyro_noise"]] = _USUAL.gyro_noise
-    joint_acceleration: Annotated[Param, _OF_FILTERS["joint_acceleration"]] = _USUAL.joint_acceleration
-    standing_acceleration: Annotated[Param, _OF_FILTERS["standing_acceleration"]] = _USUAL.standing_acceleration
-    position_closure: Annotated[Param, _OF_FILTERS["position_closure"]] = _USUAL.position_closure
-    velocity_closure: Annotated[Param, _OF_FILTERS["velocity_closure"]] = _USUAL.velocity_closure
-    swing_noise: Annotated[Param, _OF_FILTERS["swing_noise"]] = _USUAL.swing_noise
-    turn_tilt: Annotated[Param, _OF_FILTERS["turn_tilt"]] = _USUAL.turn_tilt
+    angle_noise: Annotated[Param, Parameter(
+        positive, "rad²/s³", "σ of the angles, spectral density of the angular acceleration",
+    )] = 100.0  # fmt: skip
+    acceleration_noise: Annotated[Param, Parameter(
+        positive, "m²/s⁵", "σ of the positions, spectral density of the jerk",
+    )] = 1e5  # fmt: skip
+    bias_noise: Annotated[Param, Parameter(
+        positive, "m²/s³", "σ of the velocity bias, spectral density of its random walk",
+    )] = 1e-10  # fmt: skip
+    gyro_noise: Annotated[Param, Parameter(
+        positive, "1", "multiplies R, the gyroscope's variance while standing",
+    )] = 1.0  # fmt: skip
+    joint_acceleration: Annotated[Param, Parameter(
+        positive, "m/s²", "standard deviation of the joint's own acceleration, which the model leaves out",
+    )] = GRAVITY  # fmt: skip
+    standing_acceleration: Annotated[Param, Parameter(
+        positive, "m/s²", "standard deviation of accelerations about 0 while standing",
+    )] = 0.1  # fmt: skip
+    position_closure: Annotated[Param, Parameter(
+        positive, "m", "standard deviation of the sensor's position about the rigid link's",
+    )] = 0.03  # fmt: skip
+    velocity_closure: Annotated[Param, Parameter(positive, "m/s", "the same of its velocity")] = 0.03
+    swing_noise: Annotated[Param, Parameter(
+        positive, "rad √s",
+        "how far the segment swings from the vertical, as white noise; used while its gyroscope is off, so "
+        "that no gap turns it over",
+    )] = 0.13  # fmt: skip
+    turn_tilt: Annotated[Param, Parameter(
+        positive, "rad", "tilt of the segment to the side while the person turns: the part of the turn that the one "
+        "axis measures",
+    )] = 0.2  # fmt: skip
     filled_noise: Annotated[Param, Parameter(
         positive, "rad/√s",
         "white noise of a filled rate, beyond the gyroscope's own, at distance 1; the variance grows with the distance",
@@ -66,20 +83,18 @@ class DutyCycledOptions(NamedTuple):
         warm_up: time for which gyroscopes are on before the schedule, which starts with an off-time [s]; fillers need
             two measured strides, and rates are not used before.
         above: use the signals of the thigh in the filler of the shank, if the thigh has a sensor.
-        filters: options of the Kalman filters.
         gyroscope: power and wake-up time of a gyroscope.
         accelerometer: power of an accelerometer, which is always on.
         battery: supplies all sensors; one watt-hour, so that battery life is given per watt-hour.
         sampling_rate_hz: sampling rate [Hz]; set by `prepared`, as are `gaps` and `felt`.
         gaps: whether any gyroscope sample is missing.
-        felt: whether every sensor has an accelerometer.
+        felt: whether every sensor has an accelerometer; without, angles come from the gyroscopes alone and drift.
     """
 
     filler: str = "neighbours"
     schedule: Schedule | float | None = None
     warm_up: float = 0.0
     above: bool = True
-    filters: DutyOptions = duty_params.DEFAULT
     gyroscope: Sensor = GYROSCOPE
     accelerometer: Sensor = ACCELEROMETER
     battery: Battery = Battery.from_watt_hours(1.0)
@@ -115,31 +130,21 @@ def with_body(p: DutyCycledParams, body: dict[str, Any]) -> DutyCycledParams:
     return with_measures("the estimator for sleeping gyroscopes", leg_params.MEASURES, p, body)
 
 
-def filter_params(p: DutyCycledParams) -> DutyParams:
-    """The parameters of the Kalman filters, of one side."""
-    same = {name: getattr(p, name) for name in DutyParams._fields if name in DutyCycledParams._fields}
-    places = {"thigh_sensor": p.thigh_place * p.thigh_length, "shank_sensor": p.shank_place * p.shank_length}
-    return DutyParams(**same, **places)
+def levers(p: DutyCycledParams) -> tuple[Values, Values]:
+    """The distances of the thigh's sensor from the hip and of the shank's from the knee, d_s1 and d_s2 [m]."""
+    return p.thigh_place * p.thigh_length, p.shank_place * p.shank_length
 
 
 class GapSegment(NamedTuple):
-    """One sensor's signals in its segment's axes (forward, left, up).
+    """One sensor's signals in its segment's axes (forward, left, up)."""
 
-    Attributes:
-        gyr: (T,) sagittal rate, positive when the distal end swings forward [rad/s]; 0 while the gyroscope is off.
-        turn: (T,) rate about the segment's long axis, without bias [rad/s]; 0 while the gyroscope is off.
-        acc: (T, 3) specific force [m/s²]; zeros without an accelerometer.
-        on: (T,) bool, the gyroscope was on and awake, and its sample arrived.
-        bias: gyroscope bias at rest [rad/s].
-        variance: gyroscope variance at rest [rad²/s²].
-    """
-
+    #: (T,) sagittal rate, positive when the distal end swings forward [rad/s]; 0 while the gyroscope is off.
     gyr: Sampled
-    turn: Sampled
-    acc: Held
-    on: Sampled
-    bias: Values
-    variance: Values
+    turn: Sampled  #: (T,) rate about the segment's long axis, without bias [rad/s]; 0 while the gyroscope is off.
+    acc: Held  #: (T, 3) specific force [m/s²]; zeros without an accelerometer.
+    on: Sampled  #: (T,) bool, the gyroscope was on and awake, and its sample arrived.
+    bias: Values  #: gyroscope bias at rest [rad/s].
+    variance: Values  #: gyroscope variance at rest [rad²/s²].
 
 
 class GapLeg(NamedTuple):

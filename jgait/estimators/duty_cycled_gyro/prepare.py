@@ -13,7 +13,7 @@ from jgait.duty_cycle.power import Masks
 from jgait.duty_cycle.recording import SEGMENTS, acc_of, check_filler, gyroscope_masks, schedule_of
 from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
 from jgait.estimators.duty_cycled_gyro.notes import ACCELEROMETER_ABSENT, WORN_ALONE
-from jgait.estimators.duty_cycled_gyro.params import DutyCycledInputs, DutyCycledOptions, GapLeg, GapSegment
+from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledInputs, DutyCycledOptions, GapLeg, GapSegment
 from jgait.estimators.interface import Prepared
 from jgait.estimators.leg_ekf.inputs import Segment
 from jgait.estimators.leg_ekf.prepare import LOWEST_RATE_HZ, orient
@@ -144,7 +144,7 @@ def _leg(
 
 
 def prepare(
-    recording: Recording, options: DutyCycledOptions, gyro_on: Mapping[str, Values] | None = None
+    recording: Recording, options: DutyCycledOptions = DEFAULT, gyro_on: Mapping[str, Values] | None = None
 ) -> Prepared[DutyCycledInputs]:
     """Check a recording and turn it into the inputs of `duty_cycled_gyro.run`.
 
@@ -189,10 +189,9 @@ def prepare(
         legs.get("right"), legs.get("left"), time, dt, still, np.ones(time.size, bool),
         np.asarray(1e-4 if still[0] else 0.1),
     )  # fmt: skip
-    filters = options.filters._replace(gravity=options.filters.gravity and not bare)
     # Options that only masks and energies depend on are left out, so that they do not cause a new compilation.
     told = DutyCycledOptions(
-        filler=options.filler, above=options.above, filters=filters,
-        sampling_rate_hz=float(recording.sampling_rate_hz), gaps=gaps, felt=not bare,
+        filler=options.filler, above=options.above, sampling_rate_hz=float(recording.sampling_rate_hz), gaps=gaps,
+        felt=not bare,
     )  # fmt: skip
     return Prepared(inputs, told, tuple(notes), (start, stop), used)

@@ -1,24 +1,9 @@
 """The `About` record of the foot estimator."""
 
-import numpy as np
-from jaxtyping import PyTree
-
-from jgait.estimators.about import About, EstimateFigure, EstimateTable, TotalColumn
+from jgait.estimators.about import About, EstimateFigure, EstimateTable
 from jgait.estimators.foot_ins.params import DEFAULT
 from jgait.estimators.stride_flags import DOUBTFUL, HALF, TURNING
-from jgait.estimators.totals import DISTANCE, DURATION, LEVEL, MEDIANS, PIVOT, distance, duration, has_strides, median
-from jgait.types import Estimate
-
-
-def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
-    """Totals of a recording, with medians over the valid strides."""
-    rows = np.flatnonzero(np.asarray(estimate.strides.valid, bool))
-    return [{
-        "duration_s": duration(estimate), "distance_m": distance(estimate), "strides": str(rows.size),
-        "stride_length_m": median(estimate.strides.length, rows),
-        "walking_speed_mps": median(estimate.strides.speed, rows),
-    }]  # fmt: skip
-
+from jgait.estimators.totals import LEVEL, PIVOT, has_strides
 
 ABOUT = About(
     title="Paths and strides of the feet from sensors on the shoes",
@@ -31,9 +16,6 @@ ABOUT = About(
             settings=lambda settings, value: {**settings, "options": settings["options"]._replace(level=value)}
         ),
     ),
-    totals=totals,
-    columns=(DURATION, DISTANCE, TotalColumn("strides", "strides"), *MEDIANS),
-    caption="length and speed: medians over the strides",
     tables=(EstimateTable("feet", "samples"), EstimateTable("strides", "strides")),
     figures=(
         EstimateFigure("foot_paths", "paths"),

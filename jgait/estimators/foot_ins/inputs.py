@@ -21,63 +21,36 @@ type PerFoothold = Annotated[Values, Axis("hold", capacity)]
 
 
 class FootSignals(NamedTuple):
-    """Signals of one foot's sensor, with its stances and footholds.
+    """Signals of one foot's sensor, with its stances and footholds."""
 
-    Attributes:
-        gyr: (T, 3) mean angular rate over the interval that ends at each sample [rad/s].
-        acc: (T, 3) mean specific force over it, scaled to gravity at rest [m/s²].
-        gyr_jump: (T,) change of the rate from sample to sample, the largest over a short window [rad/s].
-        acc_jump: (T,) change of the specific force from sample to sample, likewise [m/s²].
-        gyr_doubt: (T,) standard deviation of the rate where it was lost or clipped, else 0 [rad/s].
-        acc_doubt: (T,) standard deviation of the specific force, likewise [m/s²].
-        rate: (T,) magnitude of the rate, without bias [rad/s].
-        stands: (T,) bool, True in stance.
-        margin: (T,) logarithm of the detector's threshold over its statistic, above 0 exactly where `stands`.
-        features: (T, F) features of noise models, see `jgait.estimators.noise.features`.
-        restart: (T,) float, 1 at the sample after each foothold, else 0.
-        dt: (T,) time since the previous sample [s]; 0 up to the first stance, where the filter starts.
-        valid: (T,) bool; False before the first stance and in padding.
-        attitude: (4,) q_ws at the first stance, w first, its heading arbitrary.
-        gyr_bias: (3,) gyroscope bias at rest [rad/s].
-        acc_bias: (3,) accelerometer bias along the vertical, measured from gravity at rest [m/s²].
-        up: (3,) the vertical at the first stance, in the sensor's axes [1].
-        still_time: duration of rest over which the gyroscope bias was measured [s].
-        foothold: (K,) samples of the footholds, in order; padding repeats the last.
-        leaves: (K,) sample at or before the end of the stance, at which the timing of the next stride starts.
-        arrives: (K,) sample at or after the start of the stance, at which the timing of the last stride ends.
-        final_contact: (K,) sample of the final contact after the foothold.
-        initial_contact: (K,) sample of the next initial contact.
-        whole: (K,) bool; False where too many samples are lost up to the next foothold to estimate a stride.
-        known: (T,) bool; False in the strides that `whole` excludes.
-        count: number of footholds.
-    """
-
-    gyr: Held
-    acc: Held
-    gyr_jump: Sampled
-    acc_jump: Sampled
-    gyr_doubt: Sampled
-    acc_doubt: Sampled
-    rate: Sampled
-    stands: Sampled
-    margin: Sampled
-    features: Held
-    restart: Sampled
-    dt: Sampled
-    valid: Sampled
-    attitude: PyTree
-    gyr_bias: Values
-    acc_bias: Values
-    up: Values
-    still_time: Values
-    foothold: PerFoothold
+    gyr: Held  #: (T, 3) mean angular rate over the interval that ends at each sample [rad/s].
+    acc: Held  #: (T, 3) mean specific force over it, scaled to gravity at rest [m/s²].
+    gyr_jump: Sampled  #: (T,) change of the rate from sample to sample, the largest over a short window [rad/s].
+    acc_jump: Sampled  #: (T,) change of the specific force from sample to sample, likewise [m/s²].
+    gyr_doubt: Sampled  #: (T,) standard deviation of the rate where it was lost or clipped, else 0 [rad/s].
+    acc_doubt: Sampled  #: (T,) standard deviation of the specific force, likewise [m/s²].
+    rate: Sampled  #: (T,) magnitude of the rate, without bias [rad/s].
+    stands: Sampled  #: (T,) bool, True in stance.
+    margin: Sampled  #: (T,) logarithm of the detector's threshold over its statistic, above 0 exactly where `stands`.
+    features: Held  #: (T, F) features of noise models, see `jgait.estimators.noise.features`.
+    restart: Sampled  #: (T,) float, 1 at the sample after each foothold, else 0.
+    dt: Sampled  #: (T,) time since the previous sample [s]; 0 up to the first stance, where the filter starts.
+    valid: Sampled  #: (T,) bool; False before the first stance and in padding.
+    attitude: PyTree  #: (4,) q_ws at the first stance, w first, its heading arbitrary.
+    gyr_bias: Values  #: (3,) gyroscope bias at rest [rad/s].
+    acc_bias: Values  #: (3,) accelerometer bias along the vertical, measured from gravity at rest [m/s²].
+    up: Values  #: (3,) the vertical at the first stance, in the sensor's axes [1].
+    still_time: Values  #: duration of rest over which the gyroscope bias was measured [s].
+    foothold: PerFoothold  #: (K,) samples of the footholds, in order; padding repeats the last.
+    #: (K,) sample at or before the end of the stance, at which the timing of the next stride starts.
     leaves: PerFoothold
+    #: (K,) sample at or after the start of the stance, at which the timing of the last stride ends.
     arrives: PerFoothold
-    final_contact: PerFoothold
-    initial_contact: PerFoothold
-    whole: PerFoothold
-    known: Sampled
-    count: Counts
+    final_contact: PerFoothold  #: (K,) sample of the final contact after the foothold.
+    initial_contact: PerFoothold  #: (K,) sample of the next initial contact.
+    whole: PerFoothold  #: (K,) bool; False where too many samples are lost up to the next foothold to estimate a stride
+    known: Sampled  #: (T,) bool; False in the strides that `whole` excludes.
+    count: Counts  #: number of footholds.
 
 
 class FootInputs(NamedTuple):

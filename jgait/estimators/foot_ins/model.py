@@ -49,23 +49,14 @@ class FootError(NamedTuple):
 
 
 class FootControl(NamedTuple):
-    """Signals of the sensor over one interval, and the variances of their errors.
+    """Signals of the sensor over one interval, and the variances of their errors."""
 
-    Attributes:
-        gyr: mean angular rate [rad/s].
-        acc: mean specific force [m/s²].
-        gyr_density: spectral density of the rate's error [rad²/s].
-        acc_density: spectral density of the force's error [m²/s³].
-        velocity_variance: of the zero-velocity observation at this sample [m²/s²].
-        restart: 1 where the interval begins at a foothold, at which the position is set to zero; else 0.
-    """
-
-    gyr: Vector
-    acc: Vector
-    gyr_density: Values
-    acc_density: Values
-    velocity_variance: Values
-    restart: Flags
+    gyr: Vector  #: mean angular rate [rad/s].
+    acc: Vector  #: mean specific force [m/s²].
+    gyr_density: Values  #: spectral density of the rate's error [rad²/s].
+    acc_density: Values  #: spectral density of the force's error [m²/s³].
+    velocity_variance: Values  #: of the zero-velocity observation at this sample [m²/s²].
+    restart: Flags  #: 1 where the interval begins at a foothold, at which the position is set to zero; else 0.
 
 
 class FootObservation(NamedTuple):
@@ -76,19 +67,12 @@ class FootObservation(NamedTuple):
 
 
 class FootModelParams(NamedTuple):
-    """Parameters of the model.
+    """Parameters of the model."""
 
-    Attributes:
-        pivot_height: r, height of the sensor above the point that the foot rotates about in stance [m].
-        gyr_bias_walk: spectral density of the random walk of the gyroscope bias [rad²/s³].
-        acc_bias_walk: spectral density of the random walk of the accelerometer bias [m²/s⁵].
-        height_variance: variance of the height of level ground from one foothold to the next [m²].
-    """
-
-    pivot_height: Values
-    gyr_bias_walk: Values
-    acc_bias_walk: Values
-    height_variance: Values
+    pivot_height: Values  #: r, height of the sensor above the point that the foot rotates about in stance [m].
+    gyr_bias_walk: Values  #: spectral density of the random walk of the gyroscope bias [rad²/s³].
+    acc_bias_walk: Values  #: spectral density of the random walk of the accelerometer bias [m²/s⁵].
+    height_variance: Values  #: variance of the height of level ground from one foothold to the next [m²].
 
 
 AGAIN = 1e-12

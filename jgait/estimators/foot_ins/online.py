@@ -74,35 +74,20 @@ class _DelayedFoot(NamedTuple):
 
 
 class _FootEvent(NamedTuple):
-    """What is decided at the filter's sample, before the filter runs.
+    """What is decided at the filter's sample, before the filter runs."""
 
-    Attributes:
-        time: of the sample [s].
-        row: (7,) the sample, see `FootWorn.samples`.
-        before: (7,) the sample before it.
-        jumps: (2,) largest changes of rate [rad/s] and force [m/s²] about it.
-        force: (3,) mean specific force of the stored samples [m/s²].
-        stands: bool, zero velocity is observed.
-        began: bool, the filter had started before the sample.
-        restart: 1 if positions count from the sample before, else 0.
-        foothold: bool, positions count from here.
-        last: time of the foothold before [s].
-        swing: what happened since then.
-        landed: initial contact before [s].
-    """
-
-    time: Values
-    row: Values
-    before: Values
-    jumps: Values
-    force: Values
-    stands: Flags
-    began: Flags
-    restart: Values
-    foothold: Flags
-    last: Values
-    swing: FootSwing
-    landed: Values
+    time: Values  #: of the sample [s].
+    row: Values  #: (7,) the sample, see `FootWorn.samples`.
+    before: Values  #: (7,) the sample before it.
+    jumps: Values  #: (2,) largest changes of rate [rad/s] and force [m/s²] about it.
+    force: Values  #: (3,) mean specific force of the stored samples [m/s²].
+    stands: Flags  #: bool, zero velocity is observed.
+    began: Flags  #: bool, the filter had started before the sample.
+    restart: Values  #: 1 if positions count from the sample before, else 0.
+    foothold: Flags  #: bool, positions count from here.
+    last: Values  #: time of the foothold before [s].
+    swing: FootSwing  #: what happened since then.
+    landed: Values  #: initial contact before [s].
 
 
 def _pushed(register: Values, value: Values) -> Values:

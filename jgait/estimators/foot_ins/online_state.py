@@ -28,102 +28,57 @@ class StanceThreshold(NamedTuple):
 
 
 class FootSwing(NamedTuple):
-    """What happened since the last foothold; times [s].
+    """What happened since the last foothold; times [s]."""
 
-    Attributes:
-        any: bool, the foot swung.
-        pitch: pitch since the foot was still, toes up positive [rad].
-        lowest: least pitch, at the final contact.
-        final: its time.
-        highest: largest pitch since then.
-        initial: time at which the pitch has fallen by `events.foot.LANDED` from it.
-        stood: time of the last sample of the stance before the swing.
-        stands: time of the first sample of the stance after it.
-        lost: duration of lost samples.
-    """
-
-    any: Flags
-    pitch: Values
-    lowest: Values
-    final: Values
-    highest: Values
-    initial: Values
-    stood: Values
-    stands: Values
-    lost: Values
+    any: Flags  #: bool, the foot swung.
+    pitch: Values  #: pitch since the foot was still, toes up positive [rad].
+    lowest: Values  #: least pitch, at the final contact.
+    final: Values  #: its time.
+    highest: Values  #: largest pitch since then.
+    initial: Values  #: time at which the pitch has fallen by `events.foot.LANDED` from it.
+    stood: Values  #: time of the last sample of the stance before the swing.
+    stands: Values  #: time of the first sample of the stance after it.
+    lost: Values  #: duration of lost samples.
 
 
 class FootOnlineState(NamedTuple):
-    """State between samples; every field has a fixed size.
+    """State between samples; every field has a fixed size."""
 
-    Attributes:
-        index: index of the newest sample.
-        samples: (n, 7) the newest samples, see `FootWorn`.
-        quiet: (m,) margin of the newest samples of the detector [rad/s], below 0 in a stance.
-        unrest: (m,) the detector's statistic [rad/s].
-        threshold: search for the valleys of the statistic.
-        started: whether the foot has stood, so that the filter has started.
-        restart: 1 if positions count from the filter's sample, else 0.
-        belief: belief of the filter.
-        foothold: time of the last foothold [s].
-        heading: heading there [rad], and variance [rad²].
-        swing: what happened since then.
-        since: of the filter since then: largest height of the sensor [m], sum of the normalised innovations squared,
-            number of observations.
-        landed: initial contact of the last stride [s]; −∞ before the first.
-        count: number of strides so far.
-        distance: way along them [m], see `sides.of_turns`.
-    """
-
-    index: Counts
-    samples: PyTree
-    quiet: PyTree
-    unrest: PyTree
-    threshold: StanceThreshold
-    started: Flags
-    restart: Values
-    belief: Belief
-    foothold: Values
-    heading: Values
-    swing: FootSwing
+    index: Counts  #: index of the newest sample.
+    samples: PyTree  #: (n, 7) the newest samples, see `FootWorn`.
+    quiet: PyTree  #: (m,) margin of the newest samples of the detector [rad/s], below 0 in a stance.
+    unrest: PyTree  #: (m,) the detector's statistic [rad/s].
+    threshold: StanceThreshold  #: search for the valleys of the statistic.
+    started: Flags  #: whether the foot has stood, so that the filter has started.
+    restart: Values  #: 1 if positions count from the filter's sample, else 0.
+    belief: Belief  #: belief of the filter.
+    foothold: Values  #: time of the last foothold [s].
+    heading: Values  #: heading there [rad], and variance [rad²].
+    swing: FootSwing  #: what happened since then.
+    #: of the filter since then: largest height of the sensor [m], sum of the normalised innovations squared, number of
+    #: observations.
     since: Values
-    landed: Values
-    count: Counts
-    distance: Values
+    landed: Values  #: initial contact of the last stride [s]; −∞ before the first.
+    count: Counts  #: number of strides so far.
+    distance: Values  #: way along them [m], see `sides.of_turns`.
 
 
 class FootNow(NamedTuple):
-    """Results after a sample; those of the filter are `lag` samples behind.
+    """Results after a sample; those of the filter are `lag` samples behind."""
 
-    Attributes:
-        stride: bool, a stride has become known; `strides`, `stddev` and `flags` have a meaning only if True.
-        strides: the stride, its fields scalars; times count from the first sample [s].
-        stddev: standard deviations of the stride.
-        flags: "doubtful", see `trust.doubtful`.
-        count: number of strides so far.
-        distance: way along them [m], see `sides.of_turns`.
-        stands: bool, zero velocity was observed.
-        foothold: bool, positions count from this sample on.
-        started: bool, the filter runs.
-        position: (3,) since the last foothold [m].
-        velocity: (3,) [m/s].
-        attitude: (4,) q_ws, w first, its heading arbitrary.
-        valid: False if the filter's update failed numerically and the filter kept its prediction.
-    """
-
-    stride: Flags
-    strides: Strides
-    stddev: Strides
-    flags: dict[str, Values]
-    count: Counts
-    distance: Values
-    stands: Flags
-    foothold: Flags
-    started: Flags
-    position: Values
-    velocity: Values
-    attitude: Values
-    valid: Flags
+    stride: Flags  #: bool, a stride has become known; `strides`, `stddev` and `flags` have a meaning only if True.
+    strides: Strides  #: the stride, its fields scalars; times count from the first sample [s].
+    stddev: Strides  #: standard deviations of the stride.
+    flags: dict[str, Values]  #: "doubtful", see `trust.doubtful`.
+    count: Counts  #: number of strides so far.
+    distance: Values  #: way along them [m], see `sides.of_turns`.
+    stands: Flags  #: bool, zero velocity was observed.
+    foothold: Flags  #: bool, positions count from this sample on.
+    started: Flags  #: bool, the filter runs.
+    position: Values  #: (3,) since the last foothold [m].
+    velocity: Values  #: (3,) [m/s].
+    attitude: Values  #: (4,) q_ws, w first, its heading arbitrary.
+    valid: Flags  #: False if the filter's update failed numerically and the filter kept its prediction.
 
 
 class _Start(NamedTuple):

@@ -18,37 +18,21 @@ JUMP_S = 0.0075
 
 
 class FootWorn(NamedTuple):
-    """Mounting and settings of a foot's sensor, from a recording; every leaf is an array.
+    """Mounting and settings of a foot's sensor, from a recording; every leaf is an array."""
 
-    Attributes:
-        scale: factor on the accelerometer [1].
-        gyr_bias: (3,) gyroscope bias at rest [rad/s].
-        acc_bias: accelerometer bias along the vertical, from gravity at rest [m/s²].
-        still_time: duration of rest over which the gyroscope bias was measured [s].
-        axis: (3,) axis about which the foot turns, toes up positive, in the sensor's axes [1].
-        rate_hz: sampling rate.
-        side: 0 right, 1 left.
-        samples: (n, 7) zeros, one row for each stored sample: rate, specific force, whether it is lost.
-        quiet: (m,) zeros, one row for each stored sample of the detector.
-        window: (w,) zeros, as many as samples in the detector's window.
-        jumps: (j,) zeros, as many as samples in the window of the largest change.
-        after_start: (a,) zeros, as many as samples removed from the start of a stance.
-        before_end: (b,) zeros, as many as samples removed from its end.
-    """
-
-    scale: Values
-    gyr_bias: Values
-    acc_bias: Values
-    still_time: Values
-    axis: Values
-    rate_hz: Values
-    side: Counts
-    samples: PyTree
-    quiet: PyTree
-    window: PyTree
-    jumps: PyTree
-    after_start: PyTree
-    before_end: PyTree
+    scale: Values  #: factor on the accelerometer [1].
+    gyr_bias: Values  #: (3,) gyroscope bias at rest [rad/s].
+    acc_bias: Values  #: accelerometer bias along the vertical, from gravity at rest [m/s²].
+    still_time: Values  #: duration of rest over which the gyroscope bias was measured [s].
+    axis: Values  #: (3,) axis about which the foot turns, toes up positive, in the sensor's axes [1].
+    rate_hz: Values  #: sampling rate.
+    side: Counts  #: 0 right, 1 left.
+    samples: PyTree  #: (n, 7) zeros, one row for each stored sample: rate, specific force, whether it is lost.
+    quiet: PyTree  #: (m,) zeros, one row for each stored sample of the detector.
+    window: PyTree  #: (w,) zeros, as many as samples in the detector's window.
+    jumps: PyTree  #: (j,) zeros, as many as samples in the window of the largest change.
+    after_start: PyTree  #: (a,) zeros, as many as samples removed from the start of a stance.
+    before_end: PyTree  #: (b,) zeros, as many as samples removed from its end.
 
 
 def worn(recording: Recording, side: str) -> FootWorn:

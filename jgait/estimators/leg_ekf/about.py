@@ -1,32 +1,8 @@
 """The `About` record of the leg estimator."""
 
-from jaxtyping import PyTree
-
-from jgait.estimators.about import About, CommandOption, EstimateTable, TotalColumn
+from jgait.estimators.about import About, CommandOption, EstimateTable
 from jgait.estimators.leg_ekf.params import DEFAULT, PAPER
-from jgait.estimators.totals import (
-    DISTANCE,
-    DURATION,
-    FOOT_PATH,
-    HEIGHT,
-    JOINT_ANGLES,
-    JOINT_COLUMNS,
-    NO_LENGTHS,
-    SHANK,
-    THIGH,
-    WAY,
-    distance,
-    duration,
-    joint_ranges,
-)
-from jgait.types import Estimate
-
-
-def _totals(estimate: Estimate) -> list[dict[str, PyTree]]:
-    spread = float(estimate.diagnostics["distance_stddev"][-1])
-    way = {"distance_m": distance(estimate), "distance_std_m": spread}
-    return [{"duration_s": duration(estimate), **way, **joint_ranges(estimate)}]
-
+from jgait.estimators.totals import FOOT_PATH, HEIGHT, JOINT_ANGLES, NO_LENGTHS, SHANK, THIGH, WAY
 
 ABOUT = About(
     title="Hip and knee angles and distance from sensors on thigh and shank",
@@ -45,9 +21,6 @@ ABOUT = About(
             params=lambda p, value: p._replace(distance_scale=value),
         ),
     ),
-    totals=_totals,
-    columns=(DURATION, DISTANCE, TotalColumn("distance_std_m", "±", "m"), *JOINT_COLUMNS),
-    caption="angles: smallest … largest flexion",
     tables=(EstimateTable("legs", "samples"),),
     figures=(JOINT_ANGLES, FOOT_PATH, WAY),
     losses=("distance", "trajectory", "joint_angles", "foot_path", "stride_length", "likelihood", "calibration"),

@@ -120,17 +120,11 @@ MODEL = Model(_initial, _transition, _transition_noise, _observation, _observati
 
 
 class Inclination(NamedTuple):
-    """A segment's inclination in its sagittal plane.
+    """A segment's inclination in its sagittal plane."""
 
-    Attributes:
-        angle: (T,) [rad], 0 in the calibration pose, positive when the distal end is forward.
-        rate: (T,) [rad/s], derivative of the angle, gyroscope bias removed.
-        variance: (T,) [rad²] of `angle`.
-    """
-
-    angle: Values
-    rate: Values
-    variance: Values
+    angle: Values  #: (T,) [rad], 0 in the calibration pose, positive when the distal end is forward.
+    rate: Values  #: (T,) [rad/s], derivative of the angle, gyroscope bias removed.
+    variance: Values  #: (T,) [rad²] of `angle`.
 
 
 def read_out(state: InclinationState, cov: Covariance, rate: Vector) -> Inclination:

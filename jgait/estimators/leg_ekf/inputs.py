@@ -13,23 +13,14 @@ SHORT_GAP = 0.1
 
 
 class Segment(NamedTuple):
-    """Signals of one sensor in the axes of its segment (forward, left, up).
+    """Signals of one sensor in the axes of its segment (forward, left, up)."""
 
-    Attributes:
-        gyr: (T, 3) [rad/s]; where samples are lost, what bridges the loss, see `rates_between`.
-        acc: (T, 3) [m/s²], scaled to standard gravity in standing; zeros without an accelerometer.
-        measured: (T,) bool.
-        bias: (3,) gyroscope bias at rest [rad/s].
-        variance: sagittal gyroscope variance at rest [rad²/s²].
-        lost: (T,) time since the last measured sample [s]; 0 where a sample is measured.
-    """
-
-    gyr: Sampled
-    acc: Sampled
-    measured: Sampled
-    bias: np.ndarray
-    variance: np.ndarray
-    lost: Sampled
+    gyr: Sampled  #: (T, 3) [rad/s]; where samples are lost, what bridges the loss, see `rates_between`.
+    acc: Sampled  #: (T, 3) [m/s²], scaled to standard gravity in standing; zeros without an accelerometer.
+    measured: Sampled  #: (T,) bool.
+    bias: np.ndarray  #: (3,) gyroscope bias at rest [rad/s].
+    variance: np.ndarray  #: sagittal gyroscope variance at rest [rad²/s²].
+    lost: Sampled  #: (T,) time since the last measured sample [s]; 0 where a sample is measured.
 
 
 class LegSignals(NamedTuple):
@@ -40,26 +31,17 @@ class LegSignals(NamedTuple):
 
 
 class LegInputs(NamedTuple):
-    """Inputs of `leg_ekf.run`; every leaf is an array, so that inputs can be padded, stacked and mapped.
+    """Inputs of `leg_ekf.run`; every leaf is an array, so that inputs can be padded, stacked and mapped."""
 
-    Attributes:
-        right: right leg, or None.
-        left: left leg, or None.
-        time: (T,) [s].
-        dt: (T,) time since the previous sample [s]; 0 at the first and in padding.
-        still: (T,) bool, the person stands.
-        valid: (T,) bool, False for padding and for long gaps in the signals of a leg.
-        start_variance: variance of the pose at the first sample [rad²]; small if the recording starts standing.
-        shanks: inputs of the strapdown of the shanks' sensors; None without their accelerometers.
-    """
-
-    right: LegSignals | None
-    left: LegSignals | None
-    time: Times
-    dt: Sampled
-    still: Annotated[Values, Axis("one")]
-    valid: Sampled
+    right: LegSignals | None  #: right leg, or None.
+    left: LegSignals | None  #: left leg, or None.
+    time: Times  #: (T,) [s].
+    dt: Sampled  #: (T,) time since the previous sample [s]; 0 at the first and in padding.
+    still: Annotated[Values, Axis("one")]  #: (T,) bool, the person stands.
+    valid: Sampled  #: (T,) bool, False for padding and for long gaps in the signals of a leg.
+    #: variance of the pose at the first sample [rad²]; small if the recording starts standing.
     start_variance: np.ndarray
+    #: inputs of the strapdown of the shanks' sensors; None without their accelerometers.
     shanks: AnkleInputs | None = None
 
 

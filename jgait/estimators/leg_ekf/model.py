@@ -45,47 +45,27 @@ class LegState(NamedTuple):
 
 
 class LegObservation(NamedTuple):
-    """Observations of the leg filter.
+    """Observations of the leg filter."""
 
-    Attributes:
-        thigh_gyro: sagittal rate of the thigh [rad/s], ω₁ + β₁.
-        shin_gyro: sagittal rate of the shin [rad/s], ω₁ + ω₂ + β₂.
-        closure_x: x minus the forward kinematics [m], observed as 0.
-        closure_y: y minus the forward kinematics [m], observed as 0.
-        thigh_inclination: θ₁ from gravity [rad].
-        shin_inclination: θ₁ + θ₂ from gravity [rad].
-    """
-
-    thigh_gyro: Values
-    shin_gyro: Values
-    closure_x: Values
-    closure_y: Values
-    thigh_inclination: Values
-    shin_inclination: Values
+    thigh_gyro: Values  #: sagittal rate of the thigh [rad/s], ω₁ + β₁.
+    shin_gyro: Values  #: sagittal rate of the shin [rad/s], ω₁ + ω₂ + β₂.
+    closure_x: Values  #: x minus the forward kinematics [m], observed as 0.
+    closure_y: Values  #: y minus the forward kinematics [m], observed as 0.
+    thigh_inclination: Values  #: θ₁ from gravity [rad].
+    shin_inclination: Values  #: θ₁ + θ₂ from gravity [rad].
 
 
 class LegModelParams(NamedTuple):
-    """Parameters of one leg's model.
+    """Parameters of one leg's model."""
 
-    Attributes:
-        thigh_length: a₁ [m].
-        shank_length: a₂ [m].
-        position_noise: σ_xy, variance added to x and y each sample [m²].
-        angle_noise: σ_θ, spectral density of the angular acceleration [rad²/s³].
-        bias_noise: σ_β, variance added to the biases each sample [rad²/s²].
-        gyro_variance_thigh: R of the thigh's gyroscope [rad²/s²].
-        gyro_variance_shin: R of the shin's gyroscope [rad²/s²].
-        closure_noise: variance of the kinematic closure [m²].
-    """
-
-    thigh_length: Values
-    shank_length: Values
-    position_noise: Values
-    angle_noise: Values
-    bias_noise: Values
-    gyro_variance_thigh: Values
-    gyro_variance_shin: Values
-    closure_noise: Values
+    thigh_length: Values  #: a₁ [m].
+    shank_length: Values  #: a₂ [m].
+    position_noise: Values  #: σ_xy, variance added to x and y each sample [m²].
+    angle_noise: Values  #: σ_θ, spectral density of the angular acceleration [rad²/s³].
+    bias_noise: Values  #: σ_β, variance added to the biases each sample [rad²/s²].
+    gyro_variance_thigh: Values  #: R of the thigh's gyroscope [rad²/s²].
+    gyro_variance_shin: Values  #: R of the shin's gyroscope [rad²/s²].
+    closure_noise: Values  #: variance of the kinematic closure [m²].
 
 
 class LegControl(NamedTuple):

@@ -21,19 +21,12 @@ from jgait.types import Counts, Flags, LegTrajectory, Values
 
 
 class LegOnlineState(NamedTuple):
-    """State of the online estimator between two samples.
+    """State of the online estimator between two samples."""
 
-    Attributes:
-        thigh: belief about the thigh's inclination.
-        shank: belief about the shank's inclination.
-        leg: belief about the leg.
-        rates: the last rates of thigh and shank [rad/s], for the mean over the interval.
-    """
-
-    thigh: Belief
-    shank: Belief
-    leg: Belief
-    rates: tuple[Vector, Vector]
+    thigh: Belief  #: belief about the thigh's inclination.
+    shank: Belief  #: belief about the shank's inclination.
+    leg: Belief  #: belief about the leg.
+    rates: tuple[Vector, Vector]  #: the last rates of thigh and shank [rad/s], for the mean over the interval.
 
 
 class LegNow(NamedTuple):

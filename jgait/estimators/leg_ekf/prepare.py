@@ -113,21 +113,13 @@ def _median(values: AnyArray, size: int) -> np.ndarray:
 
 
 class SegmentMounting(NamedTuple):
-    """Mounting and errors of the sensor of one segment, from a recording.
+    """Mounting and errors of the sensor of one segment, from a recording."""
 
-    Attributes:
-        placement: placement of the sensor; that of the other segment if the sensors are swapped.
-        axes: (3, 3) forward, left and up in the sensor's axes [1].
-        scale: factor on the accelerometer, so that it reads standard gravity in standing [1]; 0 without one.
-        bias: (3,) gyroscope bias at rest, in the segment's axes [rad/s].
-        variance: sagittal gyroscope variance at rest [rad²/s²].
-    """
-
-    placement: str
-    axes: np.ndarray
-    scale: float
-    bias: np.ndarray
-    variance: np.ndarray
+    placement: str  #: placement of the sensor; that of the other segment if the sensors are swapped.
+    axes: np.ndarray  #: (3, 3) forward, left and up in the sensor's axes [1].
+    scale: float  #: factor on the accelerometer, so that it reads standard gravity in standing [1]; 0 without one.
+    bias: np.ndarray  #: (3,) gyroscope bias at rest, in the segment's axes [rad/s].
+    variance: np.ndarray  #: sagittal gyroscope variance at rest [rad²/s²].
 
 
 def mounted(

@@ -50,8 +50,8 @@ def stance_carried(legs: Legs, rollover_radius: Values, still: Flags) -> Values:
         return jnp.cumsum(jnp.where(still, 0.0, jnp.maximum(jnp.maximum(ways[0], ways[1]), 0.0)))
     back = jnp.where(still, 0.0, jnp.maximum(ways[0], 0.0))
     moving = ~still & (jnp.abs(ways[0]) > MOVES_M)
-    count = jnp.maximum(jnp.sum(jnp.where(moving, 1.0, 0.0)), 1.0)
-    share = jnp.sum(jnp.where(moving & (ways[0] > 0.0), 1.0, 0.0)) / count
+    count = jnp.maximum(jnp.sum(moving.astype(back.dtype)), 1.0)
+    share = jnp.sum((moving & (ways[0] > 0.0)).astype(back.dtype)) / count
     return jnp.cumsum(back) / jnp.maximum(share, LEAST_SHARE)
 
 

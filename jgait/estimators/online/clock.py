@@ -18,22 +18,15 @@ RATE_OFF = 1.25
 
 
 class Block(NamedTuple):
-    """A block of pushed samples.
+    """A block of pushed samples."""
 
-    Attributes:
-        time: (n,) of the pushed samples [s].
-        rows: (m, 1 + 8 k) for the devices: time since the previous sample [s], and for each sensor rate, force,
-            whether the rate and whether the force was measured; m > n if samples are missing.
-        kept: rows of the pushed samples, as an index.
-        samples: number of samples since the first one, at the end of the block.
-        offset: time of the newest sample less that which the devices count [s].
-    """
-
-    time: np.ndarray
+    time: np.ndarray  #: (n,) of the pushed samples [s].
+    #: (m, 1 + 8 k) for the devices: time since the previous sample [s], and for each sensor rate, force, whether the
+    #: rate and whether the force was measured; m > n if samples are missing.
     rows: np.ndarray
-    kept: np.ndarray | slice
-    samples: int
-    offset: float
+    kept: np.ndarray | slice  #: rows of the pushed samples, as an index.
+    samples: int  #: number of samples since the first one, at the end of the block.
+    offset: float  #: time of the newest sample less that which the devices count [s].
 
 
 class Pushes:

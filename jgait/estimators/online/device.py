@@ -24,21 +24,13 @@ BLOCK = 16
 
 
 class Readings(NamedTuple):
-    """One sample of k sensors, or n samples with an axis in front.
+    """One sample of k sensors, or n samples with an axis in front."""
 
-    Attributes:
-        dt: time since the previous sample [s]; 0 at the first.
-        gyr: (k, 3) angular rate [rad/s]; 0 where it is lost.
-        acc: (k, 3) specific force [m/s²]; 0 where it is lost.
-        turned: (k,) bool, the angular rate was measured.
-        felt: (k,) bool, the specific force was measured.
-    """
-
-    dt: Values
-    gyr: Values
-    acc: Values
-    turned: Flags
-    felt: Flags
+    dt: Values  #: time since the previous sample [s]; 0 at the first.
+    gyr: Values  #: (k, 3) angular rate [rad/s]; 0 where it is lost.
+    acc: Values  #: (k, 3) specific force [m/s²]; 0 where it is lost.
+    turned: Flags  #: (k,) bool, the angular rate was measured.
+    felt: Flags  #: (k,) bool, the specific force was measured.
 
 
 class Device(NamedTuple):

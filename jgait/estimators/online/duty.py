@@ -10,51 +10,33 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import PyTree
 
-from jgait import filtering
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro import turns
 from jgait.estimators.duty_cycled_gyro.estimator import joints
-from jgait.estimators.duty_cycled_gyro.model_params import (
-    DutyOptions,
-    LinkParams,
-    PlanarSegment,
-    SegmentEstimate,
-)
-from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledParams, filter_params, one_side
+from jgait.estimators.duty_cycled_gyro.model_params import PlanarSegment, SegmentEstimate
+from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledParams, one_side
 from jgait.estimators.duty_cycled_gyro.prepare import LOST, NAME, checked, worn
 from jgait.estimators.leg_ekf.prepare import SegmentMounting, mounted
 from jgait.estimators.online.device import Device, Readings
 from jgait.estimators.online.standing import lost_for, standing_samples, stood
 from jgait.events.rest import LEGS_RATE, standing_of_legs
-from jgait.filtering import Belief, Model
+from jgait.filtering import Belief
 from jgait.notes import Note
 from jgait.types import SIDES, Counts, Flags, LegTrajectory, Recording, Values, as_float
 
 
 class DutyConstants(NamedTuple):
-    """Parameters of the legs; mounting of the k sensors.
+    """Parameters of the legs; mounting of the k sensors."""
 
-    Attributes:
-        own: parameters of the n legs of each group, leaves (n,).
-        axes: (k, 3, 3) axes of the segments in the sensors' axes [1].
-        scale: (k,) factor on the accelerometer [1].
-        bias: (k,) sagittal gyroscope bias at rest, positive when the distal end swings forward [rad/s].
-        turn_bias: (k,) gyroscope bias at rest about the segment's long axis [rad/s].
-        variance: (k,) sagittal gyroscope variance at rest [rad²/s²].
-        window: samples for which all gyroscopes must be slow in standing.
-        start_variance: variance of the angles at the first sample [rad²].
-    """
-
-    own: tuple[DutyCycledParams, ...]
-    axes: Values
-    scale: Values
-    bias: Values
-    turn_bias: Values
-    variance: Values
-    window: Counts
-    start_variance: Values
+    own: tuple[DutyCycledParams, ...]  #: parameters of the n legs of each group, leaves (n,).
+    axes: Values  #: (k, 3, 3) axes of the segments in the sensors' axes [1].
+    scale: Values  #: (k,) factor on the accelerometer [1].
+    bias: Values  #: (k,) sagittal gyroscope bias at rest, positive when the distal end swings forward [rad/s].
+    turn_bias: Values  #: (k,) gyroscope bias at rest about the segment's long axis [rad/s].
+    variance: Values  #: (k,) sagittal gyroscope variance at rest [rad²/s²].
+    window: Counts  #: samples for which all gyroscopes must be slow in standing.
+    start_variance: Values  #: variance of the angles at the first sample [rad²].
 
 
 class DutyState(NamedTuple):
@@ -82,11 +64,11 @@ class DutyNow(NamedTuple):
 
 
 class DutyDeviceOptions(NamedTuple):
-    """Options of the filters; the legs in groups with sensors on the same segments, which one program filters together:
-    for each leg of a group the index of the thigh's and of the shank's sensor, or None.
-    """
+    """What is fixed when the program is made."""
 
-    filters: DutyOptions
+    felt: bool  #: whether every sensor has an accelerometer.
+    #: the legs in groups with sensors on the same segments, which one program filters together: for each leg of a group
+    #: the index of the thigh's and of the shank's sensor, or None.
     groups: tuple[tuple[tuple[int | None, int | None], ...], ...]
 
 
@@ -134,9 +116,10 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
         window=standing_samples(rate),
         start_variance=as_float(0.1),
     )
-    gravity = DEFAULT.filters.gravity and all(imu.acc is not None for imu in sensors.values())
-    groups = tuple(tuple(pairs[side] for side in group) for group in alike.values())
-    options = DutyDeviceOptions(DEFAULT.filters._replace(gravity=gravity), groups)
+    options = DutyDeviceOptions(
+        all(imu.acc is not None for imu in sensors.values()),
+        tuple(tuple(pairs[side] for side in group) for group in alike.values()),
+    )
     placements = tuple(one.placement for one in found)
     return Device("legs", placements, constants, begin, advance, options, tuple(pairs)), tuple(notes)
 
@@ -146,14 +129,8 @@ def begin(c: DutyConstants, sample: Readings, options: DutyDeviceOptions) -> Dut
     del sample
 
     def leg(own: DutyCycledParams, biases: tuple[Values | None, ...]) -> tuple[Belief | None, ...]:
-        p = filter_params(own)
-        thigh, shank = biases
-        standing = duty_model.thigh_standing if thigh is None else duty_model.shin_standing
-        worn = ((duty_model.thigh_standing, p.thigh_sensor, thigh), (standing, p.shank_sensor, shank))
-        return tuple(
-            None if bias is None else prior(duty_model.link_params(p, lever), 0.0, bias, c.start_variance).joined()
-            for prior, lever, bias in worn
-        )
+        beliefs = duty_model.standing(own, biases, c.start_variance)
+        return tuple(None if belief is None else belief.joined() for belief in beliefs)
 
     beliefs = tuple(
         jax.vmap(leg)(own, tuple(None if ks is None else c.bias[ks] for ks in _columns(group)))
@@ -167,47 +144,21 @@ def _columns(group: tuple[tuple[int | None, int | None], ...]) -> tuple[np.ndarr
     return tuple(None if segment[0] is None else np.array(segment) for segment in zip(*group, strict=True))
 
 
-def _filtered(
-    model: Model, params: LinkParams, seen: PyTree, belief: Belief, dt: Values, newest: Counts, options: DutyOptions
-) -> tuple[Belief, SegmentEstimate]:
-    """The filter over a block of samples: belief after the newest, and the segment's angle and rate."""
-    observations, controls, mask = seen
-    told = filtering.kalman_filter(
-        model, params, observations, controls=controls, dt=dt, mask=mask, method=options.method, initial=belief
-    )  # fmt: skip
-    mean, deviation = told.mean, told.cov.stddev()
-    gyro = mean.rate - mean.velocity_bias / params.lever
-    return told.belief(newest), SegmentEstimate(
-        mean.angle, mean.rate, deviation.angle, deviation.rate, gyro, told.nis, told.count, told.log_likelihood,
-        told.valid,
-    )  # fmt: skip
-
-
 def _leg(
     c: DutyCycledParams, beliefs: tuple[Belief | None, ...], segments: tuple[PlanarSegment | None, ...],
-    turning: Values, dt: Values, still: Flags, count: Counts, filters: DutyOptions,
+    turning: Values, dt: Values, still: Flags, count: Counts, *, felt: bool,
 ) -> tuple[tuple[Belief | None, ...], tuple[SegmentEstimate, ...]]:  # fmt: skip
     """Thigh and shank of one leg: beliefs after the block, and estimates of those with a sensor."""
-    p = filter_params(c)
     real = jnp.arange(dt.shape[0], dtype=jnp.int32) < count
-    after: list[Belief | None] = []
-    found: list[SegmentEstimate] = []
-    for segment, before, lever in zip(segments, beliefs, (p.thigh_sensor, p.shank_sensor), strict=True):
-        if segment is None or before is None:
-            after.append(None)
-            continue
-        own = duty_model.link_params(p, lever)
-        segment = segment._replace(excess=turns.excess(c.turn_tilt, turning, dt, segment.excess))
-        seen: PyTree
-        if found:
-            seen = duty_model.observe_shin(p, segment, found[0], dt, still, real, filters)
-        else:
-            seen = duty_model.observe(p, segment, dt, still, real, filters)
-        model = duty_model.SHIN if found else duty_model.THIGH
-        belief, estimate = _filtered(model, own, seen, before, dt, count - 1, filters)
-        after.append(belief)
-        found.append(estimate)
-    return tuple(after), tuple(found)
+    turned = tuple(
+        None if one is None else one._replace(excess=turns.excess(c.turn_tilt, turning, dt, one.excess))
+        for one in segments
+    )
+    found, after = duty_model.over(c, turned, beliefs, dt, still, real, felt=felt)
+    return (
+        tuple(None if one is None else one.belief(count - 1) for one in after),
+        tuple(one for one in found if one is not None),
+    )
 
 
 def advance(
@@ -238,7 +189,7 @@ def advance(
     stddev: LegTrajectory | None = None
     for own, before, group in zip(c.own, state.beliefs, options.groups, strict=True):
         columns = _columns(group)
-        run = jax.vmap(lambda own, b, s: _leg(own, b, s, turning, samples.dt, still, count, options.filters))
+        run = jax.vmap(lambda own, b, s: _leg(own, b, s, turning, samples.dt, still, count, felt=options.felt))
         after, told = run(own, before, tuple(map(planar, columns)))
         beliefs.append(after)
         for ks, one in zip((ks for ks in columns if ks is not None), told, strict=True):

@@ -28,51 +28,29 @@ KINEMATICS = DEFAULT._replace(smooth=False, distance="stance")
 
 
 class LegsConstants(NamedTuple):
-    """Parameters and mounting of n legs.
+    """Parameters and mounting of n legs."""
 
-    Attributes:
-        p: parameters of the person.
-        own: parameters of each leg, leaves (n,).
-        axes: (n, 2, 3, 3) axes of thigh and shank in their sensors' axes [1].
-        scale: (n, 2) factor on the accelerometer [1].
-        bias: (n, 2, 3) gyroscope bias at rest, in the segment's axes [rad/s].
-        variance: (n, 2) sagittal gyroscope variance at rest [rad²/s²].
-        window: samples for which all gyroscopes must be slow in standing.
-        start_variance: variance of the pose at the first sample [rad²].
-    """
-
-    p: LegParams
-    own: LegParams
-    axes: Values
-    scale: Values
-    bias: Values
-    variance: Values
-    window: Counts
-    start_variance: Values
+    p: LegParams  #: parameters of the person.
+    own: LegParams  #: parameters of each leg, leaves (n,).
+    axes: Values  #: (n, 2, 3, 3) axes of thigh and shank in their sensors' axes [1].
+    scale: Values  #: (n, 2) factor on the accelerometer [1].
+    bias: Values  #: (n, 2, 3) gyroscope bias at rest, in the segment's axes [rad/s].
+    variance: Values  #: (n, 2) sagittal gyroscope variance at rest [rad²/s²].
+    window: Counts  #: samples for which all gyroscopes must be slow in standing.
+    start_variance: Values  #: variance of the pose at the first sample [rad²].
 
 
 class LegsState(NamedTuple):
-    """State between samples.
+    """State between samples."""
 
-    Attributes:
-        legs: states of the filters, leaves (n, …).
-        lost: (n, 2) time since the last measured sample of thigh and shank [s]; 0: the newest is measured.
-        slow: samples for which all gyroscopes have been slow.
-        before: trajectories at the last sample, leaves (n,).
-        begun: whether there was a sample.
-        way: displacement of the hip by the feet in stance [m].
-        back: number of samples in which the foot of a single leg moved backward.
-        moving: number of samples in which it moved.
-    """
-
-    legs: leg_online.LegOnlineState
-    lost: Values
-    slow: Counts
-    before: LegTrajectory
-    begun: Flags
-    way: Values
-    back: Values
-    moving: Values
+    legs: leg_online.LegOnlineState  #: states of the filters, leaves (n, …).
+    lost: Values  #: (n, 2) time since the last measured sample of thigh and shank [s]; 0: the newest is measured.
+    slow: Counts  #: samples for which all gyroscopes have been slow.
+    before: LegTrajectory  #: trajectories at the last sample, leaves (n,).
+    begun: Flags  #: whether there was a sample.
+    way: Values  #: displacement of the hip by the feet in stance [m].
+    back: Values  #: number of samples in which the foot of a single leg moved backward.
+    moving: Values  #: number of samples in which it moved.
 
 
 class LegsNow(NamedTuple):

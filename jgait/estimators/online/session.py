@@ -259,9 +259,6 @@ def online(
             default) and "duty_cycled_gyro" (instead of "leg_ekf", for gyroscopes that are off at times: push NaN).
         params: name of an estimator → its parameters, for example tuned ones; default: the usual ones.
 
-    Returns:
-        An `Online`; its `push` takes the samples.
-
     Raises:
         RecordingError: no sensors of these estimators, or a recording that does not show how they are worn.
         ValueError: an estimator without such a form, or a parameter outside its range.

@@ -1,25 +1,14 @@
 """The `About` record of the stride width estimator."""
 
 import numpy as np
-from jaxtyping import PyTree
 
 from jgait.estimators import foot_ins
-from jgait.estimators.about import BodyMeasure, CommandOption, EstimateFigure, MissingMeasure, Settings, TotalColumn
+from jgait.estimators.about import BodyMeasure, CommandOption, EstimateFigure, MissingMeasure, Settings
 from jgait.estimators.foot_ins.about import ABOUT as FOOT
 from jgait.estimators.stride_flags import WIDTH
 from jgait.estimators.stride_width_ekf.params import DEFAULT, PAPER
-from jgait.estimators.totals import LEVEL, PIVOT, median
-from jgait.types import Estimate, as_float
-
-
-def _totals(estimate: Estimate) -> list[dict[str, PyTree]]:
-    """Totals of `foot_ins`, with the median of the valid stride widths and their number."""
-    width = 100.0 * as_float(estimate.strides.width)
-    good = np.isfinite(width) & np.asarray(estimate.strides.valid, bool)
-    good &= np.asarray(estimate.diagnostics.get("width_valid", good), bool)
-    middle = median(width, good)
-    cell = f"{'–' if middle is None else f'{middle:.1f}'} ({int(good.sum())})"
-    return [{**row, "stride_width_cm": cell} for row in FOOT.totals(estimate)]
+from jgait.estimators.totals import LEVEL, PIVOT
+from jgait.types import as_float
 
 
 def _level(settings: Settings, value: bool | str) -> Settings:
@@ -56,9 +45,6 @@ ABOUT = FOOT._replace(
         CommandOption("--pivot", f"{PIVOT.meaning} [m]; 0.08.", low=PIVOT.low, high=PIVOT.high, settings=_pivot),
         LEVEL._replace(settings=_level),
     ),
-    totals=_totals,
-    columns=(*FOOT.columns, TotalColumn("stride_width_cm", "stride width", "cm")),
-    caption="medians over the strides; widths over those that can be trusted, whose number is in brackets",
     figures=(
         *FOOT.figures,
         EstimateFigure("two_feet", "widths", lambda made: bool(np.isfinite(as_float(made.strides.width)).any())),

@@ -9,33 +9,19 @@ from jgait.estimators.stride_width_ekf.model import PathControl
 
 
 class StrideRows(NamedTuple):
-    """Strides of both feet as indices of moments in `WidthInputs`; every field is (N,), with padding at the end.
+    """Strides of both feet as indices of moments in `WidthInputs`; every field is (N,), with padding at the end."""
 
-    Attributes:
-        side: 0 right, 1 left.
-        moment: index of the moment at the end of the stride, the middle of its second stance.
-        start: initial contact at the start of the stride [s].
-        final_contact: final contact [s].
-        end: initial contact at the end of the stride [s].
-        standing: middle of the first stance [s].
-        standing_end: middle of the second stance [s].
-        height: rise from stance to stance [m].
-        turn: change of heading from the previous stride [rad].
-        passed: True if the other foot has exactly one stance in between.
-        valid: False for padding.
-    """
-
-    side: np.ndarray
-    moment: np.ndarray
-    start: np.ndarray
-    final_contact: np.ndarray
-    end: np.ndarray
-    standing: np.ndarray
-    standing_end: np.ndarray
-    height: np.ndarray
-    turn: np.ndarray
-    passed: np.ndarray
-    valid: np.ndarray
+    side: np.ndarray  #: 0 right, 1 left.
+    moment: np.ndarray  #: index of the moment at the end of the stride, the middle of its second stance.
+    start: np.ndarray  #: initial contact at the start of the stride [s].
+    final_contact: np.ndarray  #: final contact [s].
+    end: np.ndarray  #: initial contact at the end of the stride [s].
+    standing: np.ndarray  #: middle of the first stance [s].
+    standing_end: np.ndarray  #: middle of the second stance [s].
+    height: np.ndarray  #: rise from stance to stance [m].
+    turn: np.ndarray  #: change of heading from the previous stride [rad].
+    passed: np.ndarray  #: True if the other foot has exactly one stance in between.
+    valid: np.ndarray  #: False for padding.
 
 
 class WidthInputs(NamedTuple):

@@ -38,21 +38,13 @@ class WidthState(NamedTuple):
 
 
 class PathControl(NamedTuple):
-    """Movement of one foot over an interval within one of its strides; equation 2.
+    """Movement of one foot over an interval within one of its strides; equation 2."""
 
-    Attributes:
-        dx: displacement along the stride [m].
-        dy: displacement to the left of the stride [m].
-        turn: change of heading at the start of the interval [rad]; not 0 only after a stance.
-        way: length of the path [m].
-        leaves: 1 where the interval begins at the middle of a stance, else 0.
-    """
-
-    dx: Values
-    dy: Values
-    turn: Values
-    way: Values
-    leaves: Flags
+    dx: Values  #: displacement along the stride [m].
+    dy: Values  #: displacement to the left of the stride [m].
+    turn: Values  #: change of heading at the start of the interval [rad]; not 0 only after a stance.
+    way: Values  #: length of the path [m].
+    leaves: Flags  #: 1 where the interval begins at the middle of a stance, else 0.
 
 
 class WidthControl(NamedTuple):

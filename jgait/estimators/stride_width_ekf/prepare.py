@@ -29,19 +29,12 @@ FEWEST_PAIRS = 6  # least number of pairs of passings for an estimate of the del
 
 
 class Ranges(NamedTuple):
-    """Usable ranges, one for each passing of the feet.
+    """Usable ranges, one for each passing of the feet."""
 
-    Attributes:
-        time: (n,) [s], on the feet's clock.
-        distance: (n,) [m].
-        delay: delay of the range's clock, which is removed from `time` [s].
-        notes: notes on ranges that are left out.
-    """
-
-    time: np.ndarray
-    distance: np.ndarray
-    delay: float
-    notes: tuple[Note, ...]
+    time: np.ndarray  #: (n,) [s], on the feet's clock.
+    distance: np.ndarray  #: (n,) [m].
+    delay: float  #: delay of the range's clock, which is removed from `time` [s].
+    notes: tuple[Note, ...]  #: notes on ranges that are left out.
 
 
 def prepare_from_feet(

@@ -17,21 +17,14 @@ STILL_SHARE = 0.15  # 1; a foot below this share of its largest speed in the str
 
 
 class FootTrack(NamedTuple):
-    """One foot's trajectory.
+    """One foot's trajectory."""
 
-    Attributes:
-        time: (T,) [s].
-        position: (T, 3) [m] in a world whose x axis is the first stride; interpolated over gaps.
-        mids: (n,) middles of the stances [s].
-        heading: (n − 1,) headings of the strides [rad], 0 for the first, without jumps; (1,), 0, without strides.
-        gaps: start and end of each gap in the positions [s].
-    """
-
-    time: np.ndarray
-    position: np.ndarray
-    mids: np.ndarray
+    time: np.ndarray  #: (T,) [s].
+    position: np.ndarray  #: (T, 3) [m] in a world whose x axis is the first stride; interpolated over gaps.
+    mids: np.ndarray  #: (n,) middles of the stances [s].
+    #: (n − 1,) headings of the strides [rad], 0 for the first, without jumps; (1,), 0, without strides.
     heading: np.ndarray
-    gaps: tuple[tuple[float, float], ...]
+    gaps: tuple[tuple[float, float], ...]  #: start and end of each gap in the positions [s].
 
     def place(self, times: np.ndarray) -> np.ndarray:
         """(k, 2) horizontal position at given times [m]."""

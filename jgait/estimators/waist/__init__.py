@@ -32,8 +32,9 @@ Parameters whose gradient is zero by construction:
 """
 
 from jgait.estimators.waist.about import SIDE_KNOWN
-from jgait.estimators.waist.estimator import FLAGS, UNUSED, estimate, estimator, papers_estimator, prepared, run
+from jgait.estimators.waist.estimator import FLAGS, UNUSED, estimate, estimator, papers_estimator, run
 from jgait.estimators.waist.params import DEFAULT, PAPER, TRANSFORMS, WaistOptions, WaistParams, with_body
+from jgait.estimators.waist.prepare import prepare as prepared
 
 __all__ = [
     "DEFAULT",

@@ -12,19 +12,15 @@ from jgait.estimators.about import (
     EstimateFigure,
     EstimateTable,
     MissingMeasure,
-    TotalColumn,
 )
 from jgait.estimators.stride_flags import SIDE_UNKNOWN, TURNING, UNSURE
-from jgait.estimators.totals import DISTANCE, LEG_STRIDES, MEDIANS, WAY, has_strides, median
+from jgait.estimators.totals import LEG_STRIDES, WAY, has_strides
 from jgait.estimators.waist.params import DEFAULT, DETECTORS, PAPER
 from jgait.events.trunk import PaperRule
 from jgait.types import SIDES, Estimate, as_float
 
 SIDE_KNOWN = 0.9
 """[1] Least probability with which the side of a contact counts as known."""
-
-LONGEST_STEP = 1.5
-"""[s] Upper limit on the time between two contacts that counts as a step in the cadence."""
 
 
 def contacts(estimate: Estimate) -> dict[str, Any]:
@@ -34,25 +30,6 @@ def contacts(estimate: Estimate) -> dict[str, Any]:
     both = zip(told["initial_contact_side"], likely, strict=True)
     sides = [SIDES[int(side)] if p >= SIDE_KNOWN else "unknown" for side, p in both]
     return {"time_s": as_float(told["initial_contact"]), "side": sides, "side_probability": likely}
-
-
-def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
-    """Totals of the whole recording."""
-    strides, diagnostics = estimate.strides, estimate.diagnostics
-    times = as_float(diagnostics["initial_contact"])
-    steps = np.diff(times)
-    steps = steps[steps < LONGEST_STEP]
-    flags = {flag.name: flag.read(estimate) for flag in (TURNING, UNSURE, SIDE_UNKNOWN)}
-    return [{
-        "contacts": int(times.size),
-        "strides": int(np.size(strides.side)),
-        "distance_m": float(estimate.distance[-1]),
-        "distance_std_m": float(diagnostics["distance_stddev"][-1]),
-        "stride_length_m": median(strides.length),
-        "walking_speed_mps": median(strides.speed),
-        "cadence_spm": float(60.0 / np.median(steps)) if steps.size else None,
-        **{name: int(np.sum(values)) for name, values in flags.items() if values is not None},
-    }]  # fmt: skip
 
 
 def _drawn(made: EstimatedRecording) -> tuple[tuple[PyTree, ...], dict[str, PyTree]]:
@@ -81,12 +58,7 @@ ABOUT = About(
             any_one=True,
         ),
     ),
-    totals=totals,
-    columns=(
-        TotalColumn("contacts", "contacts", digits=0), TotalColumn("strides", "strides", digits=0), DISTANCE,
-        TotalColumn("distance_std_m", "±", "m"), *MEDIANS, TotalColumn("cadence_spm", "cadence", "steps/min", 0),
-    ),
-    caption="distance with its standard deviation; length and speed: medians over strides; whole tables in the files",
+    facts=lambda estimate: [("contacts", str(np.size(estimate.diagnostics["initial_contact"])))],
     tables=(EstimateTable("contacts", contacts, json="contacts"), EstimateTable("strides", "strides", json="strides")),
     figures=(
         LEG_STRIDES,
@@ -97,7 +69,6 @@ ABOUT = About(
         ),
     ),
     flags=(TURNING, UNSURE, SIDE_UNKNOWN),
-    numbers=lambda estimate: {"totals": totals(estimate)[0]},
     losses=(
         "distance", "stride_length", "stride_time", "contact_times", "likelihood", "calibration",
     ),

@@ -25,27 +25,16 @@ UNCLOSED = 2.0
 
 
 class Node(NamedTuple):
-    """One node, see `WaistInputs`.
+    """One node, see `WaistInputs`."""
 
-    Attributes:
-        at: instant of the node [samples, and parts of them].
-        contact: the node is an initial contact.
-        side: foot of the contact, 0 right, 1 left; 0 if the node is no contact.
-        likely: probability of that side; 0 if the node is no contact.
-        moves: the person walks from the node before to this node.
-        step: the interval from the node before is a step, from contact to contact.
-        stands: the person stands still at the node.
-        fresh: a bout begins at the node.
-    """
-
-    at: float
-    contact: bool
-    side: int
-    likely: float
-    moves: bool
-    step: bool
-    stands: bool
-    fresh: bool
+    at: float  #: instant of the node [samples, and parts of them].
+    contact: bool  #: the node is an initial contact.
+    side: int  #: foot of the contact, 0 right, 1 left; 0 if the node is no contact.
+    likely: float  #: probability of that side; 0 if the node is no contact.
+    moves: bool  #: the person walks from the node before to this node.
+    step: bool  #: the interval from the node before is a step, from contact to contact.
+    stands: bool  #: the person stands still at the node.
+    fresh: bool  #: a bout begins at the node.
 
 
 def bouts(contacts: trunk_events.Contacts, still: list[tuple[int, int]], rate: float) -> list[list[Node]]:

@@ -158,11 +158,6 @@ def papers_estimator(options: WaistOptions = PAPER) -> Estimator[WaistParams, Wa
     return estimator(options)._replace(name="waist_ofdri", about=about)
 
 
-def prepared(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[WaistInputs]:
-    """The inputs of `run` for a recording; raises `RecordingError` as `prepare`."""
-    return prepare(recording, options)
-
-
 def estimate(p: WaistParams, recording: Recording, options: WaistOptions = DEFAULT) -> Estimate:
     """Contacts, strides and distance of one recording with a sensor at the waist, on the lower back or on the pelvis.
 

@@ -34,23 +34,14 @@ class WaistState(NamedTuple):
 
 
 class WaistControl(NamedTuple):
-    """Inputs of the model for one interval between nodes.
+    """Inputs of the model for one interval between nodes."""
 
-    Attributes:
-        gained: J, change of speed from the accelerometer [m/s].
-        went: I, distance from the accelerometer, without the speed at the start [m].
-        walks: 1 where the person walks over the interval, 0 in a pause, at the start and in padding.
-        turn: turn of the walk over the interval [rad].
-        pendulum: λ, the inverted pendulum's step length for a constant of 1 [m].
-        pendulum_variance: variance of the pendulum's step length [m²].
-    """
-
-    gained: Values
-    went: Values
-    walks: Values
-    turn: Values
-    pendulum: Values
-    pendulum_variance: Values
+    gained: Values  #: J, change of speed from the accelerometer [m/s].
+    went: Values  #: I, distance from the accelerometer, without the speed at the start [m].
+    walks: Values  #: 1 where the person walks over the interval, 0 in a pause, at the start and in padding.
+    turn: Values  #: turn of the walk over the interval [rad].
+    pendulum: Values  #: λ, the inverted pendulum's step length for a constant of 1 [m].
+    pendulum_variance: Values  #: variance of the pendulum's step length [m²].
 
 
 class WaistObservation(NamedTuple):

@@ -30,23 +30,14 @@ LOST_RATE = 0.5
 
 
 class TrunkMotion(NamedTuple):
-    """Motion of the trunk; (T,) each.
+    """Motion of the trunk; (T,) each."""
 
-    Attributes:
-        forward: acceleration along the walking direction [m/s²].
-        left: acceleration to the left of the walking direction [m/s²].
-        upward: vertical acceleration without gravity [m/s²].
-        yaw_rate: angular rate about the vertical, a turn to the left positive [rad/s].
-        heading: heading of the walk, from about 0 at the first sample [rad].
-        roll_rate: angular rate about the walking direction, the left side rising positive [rad/s].
-    """
-
-    forward: Values
-    left: PyTree
-    upward: Values
-    yaw_rate: Values
-    heading: Values
-    roll_rate: PyTree
+    forward: Values  #: acceleration along the walking direction [m/s²].
+    left: PyTree  #: acceleration to the left of the walking direction [m/s²].
+    upward: Values  #: vertical acceleration without gravity [m/s²].
+    yaw_rate: Values  #: angular rate about the vertical, a turn to the left positive [rad/s].
+    heading: Values  #: heading of the walk, from about 0 at the first sample [rad].
+    roll_rate: PyTree  #: angular rate about the walking direction, the left side rising positive [rad/s].
 
 
 def motion(p: WaistParams, inputs: WaistInputs, *, smooth: bool = True) -> TrunkMotion:

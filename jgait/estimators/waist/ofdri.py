@@ -35,49 +35,29 @@ from jgait.types import Counts, Flags, Values
 
 
 class Cycles(NamedTuple):
-    """Gait cycles of a recording, in order of time and without overlap; room for K cycles.
+    """Gait cycles of a recording, in order of time and without overlap; room for K cycles."""
 
-    Attributes:
-        begin: (K,) sample at which each cycle begins; after the last cycle, 0.
-        end: (K,) sample at which each cycle ends; the next cycle may begin at the same sample.
-        count: number of cycles.
-    """
-
-    begin: PyTree
-    end: Values
-    count: Counts
+    begin: PyTree  #: (K,) sample at which each cycle begins; after the last cycle, 0.
+    end: Values  #: (K,) sample at which each cycle ends; the next cycle may begin at the same sample.
+    count: Counts  #: number of cycles.
 
 
 class Since(NamedTuple):
-    """Integrals at each sample since the mark before it (at a mark, since the previous mark).
+    """Integrals at each sample since the mark before it (at a mark, since the previous mark)."""
 
-    Attributes:
-        change: J, the integral of the filtered signal [m/s].
-        time: time since the mark [s].
-        filtered: y, the high-passed signal [m/s²].
-    """
-
-    change: Values
-    time: Values
-    filtered: Values
+    change: Values  #: J, the integral of the filtered signal [m/s].
+    time: Values  #: time since the mark [s].
+    filtered: Values  #: y, the high-passed signal [m/s²].
 
 
 class Placed(NamedTuple):
-    """The cycle of each sample; a cycle contains the samples after its begin, up to and including its end.
+    """The cycle of each sample; a cycle contains the samples after its begin, up to and including its end."""
 
-    Attributes:
-        inside: (T,) bool, the sample is in a cycle.
-        number: (T,) index of the sample's cycle; 0 outside cycles.
-        ended: (T,) number of cycles that ended before the sample.
-        restart: (T,) bool, a cycle begins or ends at the sample.
-        valid: (K,) bool, the row holds a cycle.
-    """
-
-    inside: Values
-    number: Values
-    ended: Values
-    restart: Flags
-    valid: Flags
+    inside: Values  #: (T,) bool, the sample is in a cycle.
+    number: Values  #: (T,) index of the sample's cycle; 0 outside cycles.
+    ended: Values  #: (T,) number of cycles that ended before the sample.
+    restart: Flags  #: (T,) bool, a cycle begins or ends at the sample.
+    valid: Flags  #: (K,) bool, the row holds a cycle.
 
 
 def weight(part: ArrayLike, beta: ArrayLike = 0.1) -> Array:

@@ -44,19 +44,12 @@ class TrunkError(NamedTuple):
 
 
 class TrunkControl(NamedTuple):
-    """Readings of the sensor and variances of their errors.
+    """Readings of the sensor and variances of their errors."""
 
-    Attributes:
-        gyr: mean angular rate over the interval [rad/s].
-        acc: specific force at the sample [m/s²].
-        gyr_density: spectral density of the rate's error [rad²/s].
-        acc_variance: variance of the trunk's acceleration, taken as white from sample to sample [m²/s⁴].
-    """
-
-    gyr: Vector
-    acc: Vector
-    gyr_density: Values
-    acc_variance: Values
+    gyr: Vector  #: mean angular rate over the interval [rad/s].
+    acc: Vector  #: specific force at the sample [m/s²].
+    gyr_density: Values  #: spectral density of the rate's error [rad²/s].
+    acc_variance: Values  #: variance of the trunk's acceleration, taken as white from sample to sample [m²/s⁴].
 
 
 class TrunkObservation(NamedTuple):
@@ -66,15 +59,10 @@ class TrunkObservation(NamedTuple):
 
 
 class TrunkNoise(NamedTuple):
-    """Parameters of the model.
+    """Parameters of the model."""
 
-    Attributes:
-        gyr_bias_walk: spectral density of the gyroscope bias's random walk [rad²/s³].
-        acc_bias_walk: the same for the accelerometer bias [m²/s⁵].
-    """
-
-    gyr_bias_walk: Values
-    acc_bias_walk: Values
+    gyr_bias_walk: Values  #: spectral density of the gyroscope bias's random walk [rad²/s³].
+    acc_bias_walk: Values  #: the same for the accelerometer bias [m²/s⁵].
 
 
 def transition(p: TrunkNoise, s: TrunkState, u: TrunkControl, dt: Values) -> TrunkState:

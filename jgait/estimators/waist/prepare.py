@@ -17,7 +17,7 @@ from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist.inputs import PER_NODE, WaistInputs, capacity
 from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.notes import AXES_CORRECTED, GYROSCOPE_REVERSED, SAMPLES_LOST
-from jgait.estimators.waist.params import DETECTORS, SITES, WaistOptions, WaistParams, check_options
+from jgait.estimators.waist.params import DEFAULT, DETECTORS, SITES, WaistOptions, WaistParams, check_options
 from jgait.events import shank as shank_events
 from jgait.events import trunk as trunk_events
 from jgait.events.rest import BRIDGED_S, TrunkRest, trunk_rest
@@ -59,7 +59,7 @@ def placement_of(recording: Recording) -> str:
     raise RecordingError(f"waist needs {need}; {sensors_of(recording)}")
 
 
-def prepare(recording: Recording, options: WaistOptions) -> Prepared[WaistInputs]:
+def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[WaistInputs]:
     """The inputs of `waist.run` for a recording with a sensor at the waist, on the lower back or on the pelvis.
 
     Raises:

@@ -27,29 +27,20 @@ TURNED = 1.0
 """[rad] Threshold on the turn since the bout began; above it the bias has turned and integration is unreliable."""
 
 EDGE_STEPS = 2
-"""[intervals] Number of intervals after standing that are gait initiation, and before standing that are stopping."""
+"""[intervals] Number of intervals after standing that are gait initiation, and before standing or the end of a bout
+that are stopping."""
 
 
 class WaistWalk(NamedTuple):
-    """Distance up to each node, and lengths of the step and the stride that end at the node; (K,) each.
+    """Distance up to each node, and lengths of the step and the stride that end at the node; (K,) each."""
 
-    Attributes:
-        distance: distance walked up to the node [m].
-        distance_sd: its standard deviation [m].
-        step: length of the step [m].
-        stride: length of the stride [m].
-        stride_sd: its standard deviation [m].
-        unsure: bool, integration is unreliable at the node.
-        told: name → scalar, diagnostics of the whole recording.
-    """
-
-    distance: Values
-    distance_sd: Values
-    step: Values
-    stride: Values
-    stride_sd: Values
-    unsure: Flags
-    told: dict[str, Any]
+    distance: Values  #: distance walked up to the node [m].
+    distance_sd: Values  #: its standard deviation [m].
+    step: Values  #: length of the step [m].
+    stride: Values  #: length of the stride [m].
+    stride_sd: Values  #: its standard deviation [m].
+    unsure: Flags  #: bool, integration is unreliable at the node.
+    told: dict[str, Any]  #: name → scalar, diagnostics of the whole recording.
 
 
 def earlier(values: AnyArray, rows: int) -> Array:
@@ -114,8 +105,13 @@ def integrated_speed(
 
 
 def _step_variance(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Values:
-    """(K,) variance of the pendulum's steps [m²]; larger in turns, in gait initiation and in stopping."""
-    edge = inputs.stands
+    """(K,) variance of the pendulum's steps [m²]; larger in turns, in gait initiation and in stopping.
+
+    A bout ends in stopping also where no standing is detected after it: the person shuffles or sways there.
+    """
+    row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
+    ends = jnp.concatenate([inputs.fresh[1:], jnp.zeros_like(inputs.fresh[:1])]) | (row == inputs.count - 1)
+    edge = inputs.stands | (ends & inputs.moves)
     for _ in range(EDGE_STEPS):
         none = jnp.zeros_like(edge[:1])
         edge = edge | jnp.concatenate([none, edge[:-1]]) | jnp.concatenate([edge[1:], none])

@@ -27,21 +27,13 @@ SURGE_HZ = 6.0
 
 
 class Intervals(NamedTuple):
-    """Values over the interval that ends at each node; (K,) each, 0 at the first node and in padding.
+    """Values over the interval that ends at each node; (K,) each, 0 at the first node and in padding."""
 
-    Attributes:
-        duration: duration of the interval [s].
-        gained: integral of the forward acceleration [m/s].
-        went: integral of `gained` over the interval [m].
-        pendulum: λ, step length of the pendulum, shorter in turns [m].
-        turn: turn of the walk [rad].
-    """
-
-    duration: Values
-    gained: Values
-    went: Values
-    pendulum: Values
-    turn: Values
+    duration: Values  #: duration of the interval [s].
+    gained: Values  #: integral of the forward acceleration [m/s].
+    went: Values  #: integral of `gained` over the interval [m].
+    pendulum: Values  #: λ, step length of the pendulum, shorter in turns [m].
+    turn: Values  #: turn of the walk [rad].
 
 
 def intervals(p: WaistParams, inputs: WaistInputs, seen: TrunkMotion) -> Intervals:

@@ -58,27 +58,16 @@ INITIAL = 3
 
 
 class Covered(NamedTuple):
-    """Velocity and displacement over a recording and its cycles; rows without a cycle hold 0.
+    """Velocity and displacement over a recording and its cycles; rows without a cycle hold 0."""
 
-    Attributes:
-        velocity: (T,) forward velocity [m/s].
-        displacement: (T,) displacement since the first sample [m].
-        start: (K,) v_i, velocity at which each cycle begins [m/s].
-        change: (K,) v_f − v_i by OFI over the cycle alone [m/s].
-        kept: (K,) G, weight of OFDRI in the cycle [1].
-        updated: (K,) bool, OFI has more weight than OFDRI: the next cycle begins with OFI's velocity.
-        length: (K,) displacement over the cycle [m].
-        valid: (K,) bool, the row holds a cycle.
-    """
-
-    velocity: Values
-    displacement: Values
-    start: Values
-    change: Values
-    kept: Values
-    updated: Values
-    length: Values
-    valid: Flags
+    velocity: Values  #: (T,) forward velocity [m/s].
+    displacement: Values  #: (T,) displacement since the first sample [m].
+    start: Values  #: (K,) v_i, velocity at which each cycle begins [m/s].
+    change: Values  #: (K,) v_f − v_i by OFI over the cycle alone [m/s].
+    kept: Values  #: (K,) G, weight of OFDRI in the cycle [1].
+    updated: Values  #: (K,) bool, OFI has more weight than OFDRI: the next cycle begins with OFI's velocity.
+    length: Values  #: (K,) displacement over the cycle [m].
+    valid: Flags  #: (K,) bool, the row holds a cycle.
 
 
 class Sampled(NamedTuple):
@@ -118,9 +107,6 @@ def updated(
         mask: (T,) bool, False in the padding behind the last sample; None: no padding.
         known: (T,) bool, a bout begins with the velocity `start`. Samples in a cycle, its end included, are ignored.
             None: only the first sample.
-
-    Returns:
-        Velocity, displacement and cycles.
 
     Raises:
         ValueError: if shapes do not fit.

@@ -95,19 +95,12 @@ NEAR = 0.06
 
 
 class Averaged(NamedTuple):
-    """Means of a sensor's samples, windows of which are turned.
+    """Means of a sensor's samples, windows of which are turned."""
 
-    Attributes:
-        gyr: (n, 3) [rad/s].
-        acc: (n, 3) [m/s²].
-        lost: (n,) bool, means of samples in a long gap.
-        step: time between them [s].
-    """
-
-    gyr: np.ndarray
-    acc: np.ndarray
-    lost: np.ndarray
-    step: float
+    gyr: np.ndarray  #: (n, 3) [rad/s].
+    acc: np.ndarray  #: (n, 3) [m/s²].
+    lost: np.ndarray  #: (n,) bool, means of samples in a long gap.
+    step: float  #: time between them [s].
 
 
 def averaged(

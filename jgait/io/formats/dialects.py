@@ -57,9 +57,6 @@ def recording_from_gaitmap(
         name: name of the recording in tables and figures.
         subject: name of the person.
 
-    Returns:
-        The recording in SI units.
-
     Raises:
         ValueError: for an unknown frame.
         RecordingError: if columns are missing, sensors cannot be placed, or the recording is unusable.

@@ -13,15 +13,12 @@ name. *Axes*: the sensor's, printed on its case.
 import re
 from pathlib import Path
 
-from jgait.io.formats.mtw import COUNTER, counted, is_header, signals
-from jgait.io.formats.mtw import recognises as is_mtw
+from jgait.io.formats.mtw import COUNTER, counted, is_header, signals, starts
 from jgait.io.formats.part import Measured, Part, joined
-from jgait.io.formats.text import AXES, Rows, files_in, header_in, read_rows
+from jgait.io.formats.text import AXES, Rows, TextFormat
 from jgait.notes import DEDUCED, Kind
 from jgait.types import RecordingError
 
-EXPECTED = "Movella DOT CSV with a header PacketCounter, SampleTimeFine, …, Acc_X, …, Gyr_X, …"
-ENDINGS = (".csv",)
 TIME, TIME_BITS, MICROSECONDS = "SampleTimeFine", 32, 1e-6
 FACT = re.compile(r'^"?([A-Za-z ]+?)\s*:?\s*[:,;\t]\s*(.*?)["\s,;]*$')
 ONE_CLOCK_ASSUMED = Kind(
@@ -32,26 +29,20 @@ ONE_CLOCK_ASSUMED = Kind(
 UNSYNCED = re.compile(r"^(un|not)[\s_-]*sync", re.IGNORECASE)
 
 
-def recognises(path: Path, head: bytes) -> bool:
-    """Whether it is such a file, by its header, or a folder of them."""
-    if path.is_dir():
-        return bool(files_in(path, ENDINGS, recognises))
-    return header_in(head, is_header) and not is_mtw(path, head)
-
-
 def measured(path: Path) -> Measured:
-    """One sensor, or all of a folder. Raises RecordingError without raw signals or without synchronised sensors."""
+    """One sensor, or all of a folder; errors as of `TextFormat.measured`, and for sensors that are not synchronised."""
     if not path.is_dir():
-        return _one(path)[0]
-    files = {file.name: _one(file) for file in files_in(path, ENDINGS, recognises)}
-    apart = [name for name, (_, state) in files.items() if UNSYNCED.match(state)]
+        return FORMAT.measured(path)
+    files = {file.name: FORMAT.read(file) for file in FORMAT.files(path)}
+    states = {name: _facts(rows).get("syncstatus", "") for name, rows in files.items()}
+    apart = [name for name, state in states.items() if UNSYNCED.match(state)]
     if len(files) > 1 and apart:
         raise RecordingError(
             f"{path.name}: the clock of {apart[0]} was not synchronised with the others' (SyncStatus "
-            f"{files[apart[0]][1]!r}); sensors of one recording need one clock"
+            f"{states[apart[0]]!r}); sensors of one recording need one clock"
         )
-    whole = joined([sensor for sensor, _ in files.values()], path.name)
-    if len(files) > 1 and not all(state for _, state in files.values()):
+    whole = joined([_content(rows) for rows in files.values()], path.name)
+    if len(files) > 1 and not all(states.values()):
         whole = whole._replace(notes=(*whole.notes, ONE_CLOCK_ASSUMED()))
     return whole
 
@@ -62,19 +53,24 @@ def _facts(rows: Rows) -> dict[str, str]:
     return {fact.group(1).replace(" ", "").lower(): fact.group(2) for fact in matches if fact}
 
 
-def _one(path: Path) -> tuple[Measured, str]:
-    """One sensor, and the clock that its file states."""
-    rows = read_rows(path, EXPECTED, is_header)
+def _content(rows: Rows) -> Measured:
     facts = _facts(rows)
     gyr, acc = signals(rows)
     stamps = counted(rows, TIME, TIME_BITS)
     stated = re.match(r"[\d.]+", facts.get("outputrate", ""))
     rate = float(stated.group()) if stated else None
     part = Part(
-        facts.get("devicetag") or path.stem, gyr, acc,
+        facts.get("devicetag") or rows.path.stem, gyr, acc,
         time=None if stamps is None else MICROSECONDS * stamps,
         sampling_rate_hz=rate if stamps is None else None,
         gyr_unit="deg/s", acc_unit="m/s^2", axes=AXES,
         packets=counted(rows, COUNTER, TIME_BITS) if stamps is None else None,
     )  # fmt: skip
-    return Measured([part], path.stem), facts.get("syncstatus", "")
+    return Measured([part], rows.path.stem)
+
+
+FORMAT = TextFormat(
+    "Movella DOT CSV with a header PacketCounter, SampleTimeFine, …, Acc_X, …, Gyr_X, …", (".csv",), is_header,
+    _content, accepts=lambda path, head: not starts(path, head),
+)  # fmt: skip
+recognises = FORMAT.recognises

@@ -80,9 +80,6 @@ def read_mobilised(
         name: name of the recording in tables and figures; None: the file's folder and the trial.
         subject: name of the person; None: the folder in which the file lies.
 
-    Returns:
-        The recording in SI units, the device's axes kept.
-
     Raises:
         OSError: if the file does not exist, or may not be read.
         RecordingError: if the file is not in this format, lacks the trial or has many, or holds no usable recording.

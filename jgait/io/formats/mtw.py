@@ -15,14 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from jgait.io.formats.part import Measured, Part, joined
+from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.settle import SLOW
-from jgait.io.formats.text import AXES, Rows, files_in, header_in, read_rows
+from jgait.io.formats.text import AXES, Rows, TextFormat
 from jgait.notes import DEDUCED, Kind
 from jgait.types import RecordingError
 
-EXPECTED = "Xsens MTw text with a header PacketCounter, Acc_X, …, Gyr_X, …"
-ENDINGS = (".txt", ".csv")
 COUNTER, COUNTER_BITS = "PacketCounter", 16
 RATE = re.compile(r"(?:update rate|acquisition frequency)\W*([\d.]+)\s*hz", re.IGNORECASE)
 SERIAL = re.compile(r"[_-]([0-9A-F]{8})$")
@@ -32,24 +30,20 @@ RATES_TOO_LARGE = Kind(
 )
 
 
-def recognises(path: Path, head: bytes) -> bool:
-    """Whether it is such a file, by its header and what stands above it, or a folder of them."""
-    if path.is_dir():
-        return bool(files_in(path, ENDINGS, recognises))
-    return header_in(head, is_header) and (path.suffix.lower() == ".txt" or head.lstrip(b"\xef\xbb\xbf ")[:2] == b"//")
-
-
 def is_header(cells: tuple[str, ...]) -> bool:
     """Whether cells are the header of an Xsens sensor's file."""
     plain = [cell.lower() for cell in cells]
     return COUNTER.lower() in plain and len(plain) > 3
 
 
+def starts(path: Path, head: bytes) -> bool:
+    """Whether it is an MTw's file by its ending, or by what stands above the header."""
+    return path.suffix.lower() == ".txt" or head.lstrip(b"\xef\xbb\xbf ")[:2] == b"//"
+
+
 def measured(path: Path) -> Measured:
-    """One sensor, or all of a folder. Raises RecordingError for another format, or without raw signals."""
-    if not path.is_dir():
-        return _one(path)
-    whole = joined([_one(file) for file in files_in(path, ENDINGS, recognises)], path.name)
+    """One sensor, or all of a folder; errors as of `TextFormat.measured`."""
+    whole = FORMAT.measured(path)
     if all(part.gyr_unit for part in whole.parts):
         return whole
     # One export, one unit: where one sensor's is in doubt, all are.
@@ -94,24 +88,31 @@ def counted(rows: Rows, column: str, bits: int) -> np.ndarray | None:
     return np.unwrap(values, period=2**bits)
 
 
-def _one(path: Path) -> Measured:
-    rows = read_rows(path, EXPECTED, is_header)
+def _content(rows: Rows) -> Measured:
+    stem = rows.path.stem
     gyr, acc = signals(rows)
     packets = counted(rows, COUNTER, COUNTER_BITS)
     stated = RATE.search("\n".join(rows.before))
-    serial = SERIAL.search(path.stem)
+    serial = SERIAL.search(stem)
     size = np.linalg.norm(gyr, axis=1)
     size = size[np.isfinite(size)]
     likely = not len(size) or float(np.percentile(size, 99.0)) < SLOW
     return Measured(
         [
             Part(
-                serial.group(1) if serial else path.stem, gyr, acc,
+                serial.group(1) if serial else stem, gyr, acc,
                 sampling_rate_hz=float(stated.group(1)) if stated else None,
                 gyr_unit="rad/s" if likely else None, acc_unit="m/s^2", axes=AXES,
                 packets=packets, packets_wrap=2**COUNTER_BITS,
             )
         ],
-        path.stem,
-        notes=() if likely else (RATES_TOO_LARGE(file=path.stem),),
+        stem,
+        notes=() if likely else (RATES_TOO_LARGE(file=stem),),
     )  # fmt: skip
+
+
+FORMAT = TextFormat(
+    "Xsens MTw text with a header PacketCounter, Acc_X, …, Gyr_X, …", (".txt", ".csv"), is_header, _content,
+    accepts=starts,
+)  # fmt: skip
+recognises = FORMAT.recognises

@@ -72,9 +72,6 @@ def read_opensim(path: str | os.PathLike[str], *, degrees: bool | None = None) -
         path: the file.
         degrees: whether angles are in degrees, overrules the file.
 
-    Returns:
-        The motion.
-
     Raises:
         OSError: if the file does not exist, or may not be read.
         RecordingError: if it is no motion of OpenSim's, is truncated, holds orientations, or neither states whether

@@ -9,52 +9,33 @@ from jgait.notes import Note
 
 
 class Part(NamedTuple):
-    """One sensor, as its file describes it.
+    """One sensor, as its file describes it."""
 
-    Attributes:
-        label: name of the sensor in the file.
-        gyr: (T, 3) angular rate, NaN where lost.
-        acc: (T, 3) specific force, NaN where lost; or None.
-        time: (T,) [s] on a clock that all parts of the file share, or None.
-        sampling_rate_hz: [Hz], or None to take it from `time`.
-        gyr_unit: what file or specification state, a key of `jgait.io.arrays.GYR_UNITS`; None: neither does.
-        acc_unit: a key of `jgait.io.arrays.ACC_UNITS`; None: neither does.
-        placement: the placement, if the file states it beyond doubt; see `jgait.types.PLACEMENTS`.
-        axes: what is known of the sensor's axes, in words; empty: nothing.
-        packets: (T,) whole numbers of the samples, increasing, by which all parts of the file count; or None. What was
-            lost on the way has none. Parts that have them need no `time`.
-        packets_wrap: what the sensors' counter counts to before it begins again; None: it does not.
-    """
-
-    label: str
-    gyr: np.ndarray
-    acc: np.ndarray | None = None
-    time: np.ndarray | None = None
-    sampling_rate_hz: float | None = None
+    label: str  #: name of the sensor in the file.
+    gyr: np.ndarray  #: (T, 3) angular rate, NaN where lost.
+    acc: np.ndarray | None = None  #: (T, 3) specific force, NaN where lost; or None.
+    time: np.ndarray | None = None  #: (T,) [s] on a clock that all parts of the file share, or None.
+    sampling_rate_hz: float | None = None  #: [Hz], or None to take it from `time`.
+    #: what file or specification state, a key of `jgait.io.arrays.GYR_UNITS`; None: neither does.
     gyr_unit: str | None = None
-    acc_unit: str | None = None
-    placement: str | None = None
-    axes: str = ""
+    acc_unit: str | None = None  #: a key of `jgait.io.arrays.ACC_UNITS`; None: neither does.
+    placement: str | None = None  #: the placement, if the file states it beyond doubt; see `jgait.types.PLACEMENTS`.
+    axes: str = ""  #: what is known of the sensor's axes, in words; empty: nothing.
+    #: (T,) whole numbers of the samples, increasing, by which all parts of the file count; or None. What was lost on
+    #: the way has none. Parts that have them need no `time`.
     packets: np.ndarray | None = None
-    packets_wrap: int | None = None
+    packets_wrap: int | None = None  #: what the sensors' counter counts to before it begins again; None: it does not.
 
 
 class Measured(NamedTuple):
-    """All sensors of a file, or of the files that belong together.
+    """All sensors of a file, or of the files that belong together."""
 
-    Attributes:
-        parts: one a sensor.
-        name: of the recording.
-        subject: name of the person.
-        notes: notes of the reader.
-        feet_range: (T,) distance of the left ankle from the right leg at the samples of the sensors, which must be on
-            one clock, NaN where nothing was measured; or None. Its unit, one of `jgait.io.checks.RANGE_UNITS`, is told.
-    """
-
-    parts: Sequence[Part]
-    name: str
-    subject: str = "subject"
-    notes: tuple[Note, ...] = ()
+    parts: Sequence[Part]  #: one a sensor.
+    name: str  #: of the recording.
+    subject: str = "subject"  #: name of the person.
+    notes: tuple[Note, ...] = ()  #: notes of the reader.
+    #: (T,) distance of the left ankle from the right leg at the samples of the sensors, which must be on one clock, NaN
+    #: where nothing was measured; or None. Its unit, one of `jgait.io.checks.RANGE_UNITS`, is told.
     feet_range: np.ndarray | None = None
 
 

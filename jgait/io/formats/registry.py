@@ -21,18 +21,12 @@ class Format(NamedTuple):
 
     A module `jgait.io.formats.MODULE` has `recognises(path, head) -> bool`, which looks at the name and the first
     bytes only, and `measured(path) -> Measured`, which parses and raises `RecordingError` for what it cannot read.
-
-    Attributes:
-        module: its name in this package.
-        title: name of the format for users.
-        files: what is given to `read`: endings, or words.
-        states: which units, placements and clocks file or specification state.
     """
 
-    module: str
-    title: str
-    files: str
-    states: str
+    module: str  #: its name in this package.
+    title: str  #: name of the format for users.
+    files: str  #: what is given to `read`: endings, or words.
+    states: str  #: which units, placements and clocks file or specification state.
 
 
 FORMATS: dict[str, Format] = {
@@ -116,9 +110,6 @@ def read(
         sampling_rate_hz: [Hz] for files that do not state it.
         name: name of the recording in tables and figures; None: the file's.
         subject: name of the person; None: the file's, or "subject".
-
-    Returns:
-        The recording in SI units; `notes` states what was deduced and from what.
 
     Raises:
         OSError: if the file does not exist, or may not be read.

@@ -70,9 +70,6 @@ def settle(
         name: name of the recording in tables and figures; None: as `measured`.
         subject: name of the person; None: as `measured`.
 
-    Returns:
-        The recording; its notes state what was read, deduced and left out.
-
     Raises:
         RecordingError: if no sensor can be placed, two have one place, a unit cannot be told, clocks do not overlap,
             or the signals make no usable recording.

@@ -11,17 +11,14 @@ a device by it. *Axes*: the sensor's, printed on its case.
 """
 
 import re
-from pathlib import Path
 
 import numpy as np
 
-from jgait.io.formats.part import Measured, Part, joined
-from jgait.io.formats.text import AXES, SECONDS, Rows, files_in, header_in, read_rows
+from jgait.io.formats.part import Measured, Part
+from jgait.io.formats.text import AXES, Rows, TextFormat
 from jgait.notes import ORIGIN, Kind, Note
 from jgait.types import RecordingError
 
-EXPECTED = "Shimmer Consensys CSV with a header <device>_Timestamp_Unix_CAL, …_Accel_LN_X_CAL, …, …_Gyro_X_CAL, …"
-ENDINGS = (".csv", ".txt", ".tsv")
 SIGNAL = re.compile(r"^(?P<device>.+?)_(?P<signal>Accel_LN|Accel_WR|Gyro)_(?P<axis>[XYZ])_(?P<kind>CAL|RAW|UNCAL)$")
 ACCELEROMETERS = ("Accel_LN", "Accel_WR")
 STAMP = re.compile(r"^(?P<device>.+?)_Timestamp(?:Sync)?_(?P<how>FormattedUnix|Unix|Shimmer|RC)?_?CAL$")
@@ -38,22 +35,12 @@ WIDE_RANGE_TAKEN = Kind(
 SIGNAL_TAKEN = Kind("signal_taken", "info", "{sensor}: {signal} taken", ORIGIN)
 
 
-def recognises(path: Path, head: bytes) -> bool:
-    """Whether it is such a file, by its header, or a folder of them."""
-    if path.is_dir():
-        return bool(files_in(path, ENDINGS, recognises))
-    return header_in(head, _is_header)
-
-
 def _is_header(cells: tuple[str, ...]) -> bool:
     return any(SIGNAL.match(cell) or STAMP.match(cell) for cell in cells)
 
 
-def measured(path: Path) -> Measured:
-    """All devices of a file or folder. Raises RecordingError without calibrated signals or known units."""
-    if path.is_dir():
-        return joined([measured(file) for file in files_in(path, ENDINGS, recognises)], path.name)
-    rows = read_rows(path, EXPECTED, _is_header, units_below=True)
+def _content(rows: Rows) -> Measured:
+    """All devices of a file."""
     signals_of: dict[str, dict[str, set[str]]] = {}
     for cell in rows.header:
         if match := SIGNAL.match(cell):
@@ -62,9 +49,9 @@ def measured(path: Path) -> Measured:
     parts = [_part(rows, device, kinds, notes) for device, kinds in signals_of.items() if "Gyro" in kinds]
     if not parts:
         raise RecordingError(
-            f"{path.name} holds no gyroscope; expected {EXPECTED}; it has {', '.join(filter(None, rows.header))}"
+            f"{rows.name} holds no gyroscope; expected {FORMAT.expected}; it has {', '.join(filter(None, rows.header))}"
         )
-    return Measured(parts, path.stem, notes=tuple(notes))
+    return Measured(parts, rows.path.stem, notes=tuple(notes))
 
 
 def _part(rows: Rows, device: str, kinds: dict[str, set[str]], notes: list[Note]) -> Part:
@@ -120,8 +107,12 @@ def _time(rows: Rows, device: str) -> np.ndarray | None:
                 raise RecordingError(f"{rows.name}: column {cells[how]!r} must hold times of day; found {wrong_cell!r}")
             since = (times - pd.Timestamp(0)) / pd.Timedelta(seconds=1)
             return since.to_numpy(np.float64, na_value=np.nan)
-        unit = rows.unit(column)
-        if unit not in (*SECONDS, ""):
-            raise RecordingError(f"{rows.name}: {cells[how]} is in {unit}; expected one of {', '.join(SECONDS)}")
-        return SECONDS[unit or "ms"] * rows.numbers(column)
+        return rows.seconds(column, "ms")
     return None
+
+
+FORMAT = TextFormat(
+    "Shimmer Consensys CSV with a header <device>_Timestamp_Unix_CAL, …_Accel_LN_X_CAL, …, …_Gyro_X_CAL, …",
+    (".csv", ".txt", ".tsv"), _is_header, _content, units="row",
+)  # fmt: skip
+recognises, measured = FORMAT.recognises, FORMAT.measured

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.io.files import LONGEST_NAME, check_columns, check_file
+from jgait.io.formats.part import Measured, joined
 from jgait.types import RecordingError
 
 SEPARATORS = (",", ";", "\t")
@@ -30,27 +31,27 @@ UNITS = {
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 """Unit of time as written in files → seconds."""
 
+RAW = "lsb"
+"""Unit of numbers that are not calibrated."""
+
 AXES = "as printed on the sensor's case"
 
 
 class Rows(NamedTuple):
-    """A table in a text file.
+    """A table in a text file."""
 
-    Attributes:
-        name: of the file.
-        before: lines above the header.
-        header: names of the columns, blanks and quotes taken off.
-        first_line: number of the first row's line in the file, from 1.
-        units: cells of the row of units below the header, or ().
-        cells: (rows, columns) pandas table, columns by position.
-    """
-
-    name: str
-    before: tuple[str, ...]
+    path: Path  #: the file.
+    before: tuple[str, ...]  #: lines above the header.
+    #: names of the columns, without blanks, quotes, and units in parentheses where the format has them there.
     header: tuple[str, ...]
-    first_line: int
-    units: tuple[str, ...]
-    cells: np.ndarray
+    first_line: int  #: number of the first row's line in the file, from 1.
+    units: tuple[str, ...]  #: unit of each column as the file states it, "" where it states none; or ().
+    cells: np.ndarray  #: (rows, columns) pandas table, columns by position.
+
+    @property
+    def name(self) -> str:
+        """Name of the file."""
+        return self.path.name
 
     def where(self, column: str) -> int | None:
         """Position of a column, without regard to case; None if there is none."""
@@ -71,16 +72,30 @@ class Rows(NamedTuple):
             )
         return values
 
+    def seconds(self, column: int, default: str) -> np.ndarray:
+        """(T,) a column of times in seconds; in the default unit where the file states none.
+
+        Raises:
+            RecordingError: for a unit other than those of `SECONDS`.
+        """
+        unit = self.unit(column) or default
+        if unit not in SECONDS:
+            raise RecordingError(
+                f"{self.name}: {self.header[column]} is in {unit!r}; expected one of {', '.join(SECONDS)}"
+            )
+        return SECONDS[unit] * self.numbers(column)
+
     def three(self, columns: Sequence[str]) -> np.ndarray:
         """(T, 3) of three columns. Raises RecordingError if one is not there, naming it and those that are."""
         places = [self.where(column) for column in columns]
-        for column, position in zip(columns, places, strict=True):
-            if position is None:
-                raise self.lacks(column)
+        if None in places:
+            lacking = columns[places.index(None)]
+            there = ", ".join(filter(None, self.header))
+            raise RecordingError(f"{self.name} lacks the column {lacking!r}; it has {there}")
         return np.stack([self.numbers(position) for position in places if position is not None], axis=1)
 
     def in_units(self, columns: Sequence[str]) -> tuple[np.ndarray, str | None]:
-        """(T, 3) of three columns, and the unit that the row of units states; None if it states none.
+        """(T, 3) of three columns, and the unit that the file states; None if it states none.
 
         Raises:
             RecordingError: if a column is not there, or the unit is none that is known.
@@ -89,79 +104,105 @@ class Rows(NamedTuple):
         stated = {self.unit(self.where(column) or 0) for column in columns}
         if stated <= {""}:
             return values, None
-        if len(stated) > 1 or next(iter(stated)) not in UNITS:
-            raise RecordingError(
-                f"{self.name}: {columns[0]} … is in {', '.join(sorted(stated))}; expected one of {', '.join(UNITS)}"
-            )
-        return values, UNITS[next(iter(stated))]
-
-    def lacks(self, column: str) -> RecordingError:
-        """The error for a missing column."""
-        return RecordingError(f"{self.name} lacks the column {column!r}; it has {', '.join(filter(None, self.header))}")
+        if len(stated) > 1 or not stated <= UNITS.keys():
+            raw = ": raw numbers, for which the calibration is lacking; export calibrated data" if RAW in stated else ""
+            found = ", ".join(sorted(stated))
+            raise RecordingError(f"{self.name}: {columns[0]} … is in {found}; expected one of {', '.join(UNITS)}{raw}")
+        return values, UNITS[stated.pop()]
 
     def unit(self, column: int) -> str:
-        """What the row of units states of a column, plain; "" where it states nothing."""
+        """What the file states of a column's unit, plain; "" where it states nothing."""
         stated = self.units[column].strip() if column < len(self.units) else ""
         return stated[1:-1].strip() if stated[:1] + stated[-1:] in ("[]", "()") else stated
+
+
+class TextFormat(NamedTuple):
+    """A format of text files of one or more sensors each; a folder of such files is one recording."""
+
+    expected: str  #: description of the file with its header, for messages.
+    endings: tuple[str, ...]  #: endings of the files' names in a folder.
+    is_header: Callable[[tuple[str, ...]], bool]  #: whether a line's cells are the header.
+    content: Callable[[Rows], Measured]  #: the sensors of one file.
+    #: where the file states units: in a "row" without numbers below the header, in the "header", or nowhere.
+    units: str = ""
+    below: bool = False  #: whether the files of a folder may lie one folder further down.
+    accepts: Callable[[Path, bytes], bool] = lambda path, head: True  #: what else a file's name and first bytes must be
+
+    def recognises(self, path: Path, head: bytes) -> bool:
+        """Whether it is such a file, by its header, or a folder of them."""
+        if path.is_dir():
+            return bool(self.files(path))
+        lines = head.decode("utf-8-sig", errors="replace").splitlines()  # the last may be cut off
+        return b"\0" not in head and _header(lines, self.is_header) is not None and self.accepts(path, head)
+
+    def files(self, folder: Path) -> list[Path]:
+        """The files of this format in a folder, by name."""
+        found = []
+        for pattern in ("*", "*/*") if self.below else ("*",):
+            for file in sorted(folder.glob(pattern)):
+                if file.suffix.lower() in self.endings and not file.name.startswith(".") and file.is_file():
+                    with file.open("rb") as stream:
+                        found += [file] if self.recognises(file, stream.read(HEAD)) else []
+        return found
+
+    def measured(self, path: Path) -> Measured:
+        """All sensors of a file or folder.
+
+        Raises:
+            OSError: if the file does not exist, or may not be read.
+            RecordingError: for another format, without raw calibrated signals, or for units that are not known.
+        """
+        if path.is_dir():
+            return joined([self.measured(file) for file in self.files(path)], path.name)
+        return self.content(self.read(path))
+
+    def read(self, path: Path) -> Rows:
+        """The table of a file, its cells unread.
+
+        Raises:
+            OSError: if the file does not exist, or may not be read.
+            RecordingError: if it is empty, no text, has no such header or no rows, or a row has another length.
+        """
+        import pandas as pd
+
+        check_file(path, self.expected)
+        lines = _lines(path, self.expected)
+        header_at = _header(lines, self.is_header)
+        if header_at is None:
+            begins = next((line for line in lines if line.strip()), "").strip()[:80]
+            raise RecordingError(f"{path.name} has no such header: expected {self.expected}; it begins with {begins!r}")
+        row, separator = header_at
+        header = split(lines[row], separator)
+        check_columns(header, path.name)
+        units: tuple[str, ...] = ()
+        if self.units == "header":
+            pairs = [cell.partition(" (") for cell in header]
+            header, units = tuple(name for name, _, _ in pairs), tuple(unit.removesuffix(")") for _, _, unit in pairs)
+        first = row + 1
+        while first < len(lines) and not lines[first].strip():
+            first += 1
+        if self.units == "row" and first < len(lines) and not _any_number(split(lines[first], separator)):
+            units = split(lines[first], separator)
+            first += 1
+        body = lines[first:]
+        while body and not body[-1].strip():
+            body.pop()
+        if not body:
+            there = ", ".join(filter(None, header))
+            raise RecordingError(f"{path.name} has a header and no rows; its columns are {there}")
+        check_lengths(body, separator, len(header), first + 1, path.name)
+        decimal = "," if separator != "," and "," in body[-1] else "."
+        cells = pd.read_csv(
+            io.StringIO("\n".join(body)), sep=separator, decimal=decimal, header=None, index_col=False,
+            skipinitialspace=True, skip_blank_lines=False, low_memory=False,
+        )  # fmt: skip
+        before = tuple(line[:LONGEST_NAME] for line in lines[:row])
+        return Rows(path, before, header, first + 1, units, cells)
 
 
 def split(line: str, separator: str) -> tuple[str, ...]:
     """Cells of a line without blanks and quotes."""
     return tuple(cell.strip().strip('"').strip() for cell in line.rstrip("\r\n").split(separator))
-
-
-def header_in(head: bytes, is_header: Callable[[tuple[str, ...]], bool]) -> bool:
-    """Whether the first bytes of a file hold a header; the last line may be cut off there."""
-    lines = head.decode("utf-8-sig", errors="replace").splitlines()
-    return "\0" not in head.decode("latin-1") and _header(lines, is_header) is not None
-
-
-def read_rows(
-    path: Path, expected: str, is_header: Callable[[tuple[str, ...]], bool], *, units_below: bool = False
-) -> Rows:
-    """The table of a text file, its cells unread.
-
-    Args:
-        path: the file.
-        expected: what it should be and hold, for messages: "an Xsens MTw text file with a header PacketCounter, …".
-        is_header: whether a line's cells are the header.
-        units_below: whether a row without numbers below the header holds the units.
-
-    Raises:
-        OSError: if the file does not exist, or may not be read.
-        RecordingError: if it is empty, no text, has no such header or no rows, or a row has another length.
-    """
-    import pandas as pd
-
-    check_file(path, expected)
-    lines = _lines(path, expected)
-    header_at = _header(lines, is_header)
-    if header_at is None:
-        begins = next((line for line in lines if line.strip()), "").strip()[:80]
-        raise RecordingError(f"{path.name} has no such header: expected {expected}; it begins with {begins!r}")
-    row, separator = header_at
-    header = split(lines[row], separator)
-    check_columns(header, path.name)
-    units: tuple[str, ...] = ()
-    first = row + 1
-    while first < len(lines) and not lines[first].strip():
-        first += 1
-    if units_below and first < len(lines) and not _any_number(split(lines[first], separator)):
-        units = split(lines[first], separator)
-        first += 1
-    body = lines[first:]
-    while body and not body[-1].strip():
-        body.pop()
-    if not body:
-        raise RecordingError(f"{path.name} has a header and no rows; its columns are {', '.join(filter(None, header))}")
-    check_lengths(body, separator, len(header), first + 1, path.name)
-    decimal = "," if separator != "," and "," in body[-1] else "."
-    cells = pd.read_csv(
-        io.StringIO("\n".join(body)), sep=separator, decimal=decimal, header=None, index_col=False,
-        skipinitialspace=True, skip_blank_lines=False, low_memory=False,
-    )  # fmt: skip
-    before = tuple(line[:LONGEST_NAME] for line in lines[:row])
-    return Rows(path.name, before, header, first + 1, units, cells)
 
 
 def _lines(path: Path, expected: str) -> list[str]:
@@ -212,17 +253,3 @@ def check_lengths(body: Sequence[str], separator: str, columns: int, first_line:
             f"{name}, line {first_line + wrong[0]}: the row {what}: expected {counts[0]} values, "
             f"found {counts[wrong[0]]}"
         )
-
-
-def files_in(
-    path: Path, endings: Sequence[str], recognises: Callable[[Path, bytes], bool], *, below: bool = False
-) -> list[Path]:
-    """The files of a format in a folder, by name; with `below`, also in its folders."""
-    files = []
-    for pattern in ("*", "*/*") if below else ("*",):
-        for file in sorted(path.glob(pattern)):
-            if file.suffix.lower() in endings and not file.name.startswith(".") and file.is_file():
-                with file.open("rb") as stream:
-                    if recognises(file, stream.read(HEAD)):
-                        files.append(file)
-    return files

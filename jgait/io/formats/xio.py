@@ -12,20 +12,15 @@ printed on its case.
 """
 
 import re
-from pathlib import Path
 
 import numpy as np
 
-from jgait.io.formats.part import Measured, Part, joined
-from jgait.io.formats.text import AXES, SECONDS, UNITS, Rows, files_in, header_in, read_rows
+from jgait.io.formats.part import Measured, Part
+from jgait.io.formats.text import AXES, Rows, TextFormat
 from jgait.notes import LOSSES, Kind
-from jgait.types import RecordingError
 
-EXPECTED = "x-io CSV with a header Timestamp (us) or Time (s), Gyroscope X (deg/s), …, Accelerometer X (g), …"
-ENDINGS = (".csv",)
 BY_DEVICE = ("inertial", "sensors")
 """Files that every device writes under the same name."""
-TIME = re.compile(r"^(?:time|timestamp)\s*\((\w+)\)$", re.IGNORECASE)
 
 ROWS_REPEATED = Kind(
     "rows_repeated", "check", "{file}: {rows} "
@@ -33,67 +28,29 @@ ROWS_REPEATED = Kind(
 )  # fmt: skip
 
 
-def recognises(path: Path, head: bytes) -> bool:
-    """Whether it is such a file, by its header, or a folder of them or of devices' folders."""
-    if path.is_dir():
-        return bool(_files(path))
-    return header_in(head, _is_header)
-
-
-def _files(folder: Path) -> list[Path]:
-    return files_in(folder, ENDINGS, recognises, below=True)
-
-
 def _is_header(cells: tuple[str, ...]) -> bool:
     return any(re.match(r"gyroscope x \(", cell, re.IGNORECASE) for cell in cells)
 
 
-def measured(path: Path) -> Measured:
-    """One sensor, or all of a folder. Raises RecordingError for another format, or units that are not known."""
-    if path.is_dir():
-        return joined([_one(file) for file in _files(path)], path.name)
-    return _one(path)
-
-
-def _one(path: Path) -> Measured:
-    rows = read_rows(path, EXPECTED, _is_header)
-    gyr, gyr_unit = _signal(rows, "Gyroscope")
-    acc, acc_unit = _signal(rows, "Accelerometer")
-    time = _time(rows)
-    notes = []
+def _content(rows: Rows) -> Measured:
+    gyr, gyr_unit = rows.in_units([f"Gyroscope {axis}" for axis in "XYZ"])
+    acc, acc_unit = rows.in_units([f"Accelerometer {axis}" for axis in "XYZ"])
+    clock = next((place for word in ("Time", "Timestamp") if (place := rows.where(word)) is not None), None)
+    time, notes = None if clock is None else rows.seconds(clock, ""), []
     if time is not None:
         whole = np.column_stack([time, gyr, acc])
         fresh = np.concatenate([[True], np.any(whole[1:] != whole[:-1], axis=1)])
         if not fresh.all():
-            notes.append(ROWS_REPEATED(file=path.name, rows=(~fresh).sum()))
+            notes.append(ROWS_REPEATED(file=rows.name, rows=(~fresh).sum()))
         time, gyr, acc = time[fresh], gyr[fresh], acc[fresh]
-    called = path.parent.resolve().name if path.stem.lower() in BY_DEVICE else path.stem
+    stem = rows.path.stem
+    called = rows.path.parent.resolve().name if stem.lower() in BY_DEVICE else stem
     part = Part(called, gyr, acc, time=time, gyr_unit=gyr_unit, acc_unit=acc_unit, axes=AXES)
     return Measured([part], called, notes=tuple(notes))
 
 
-def _signal(rows: Rows, what: str) -> tuple[np.ndarray, str]:
-    """(T, 3) of one quantity, and its unit from the header."""
-    columns, units = [], set()
-    for axis in "XYZ":
-        named = re.compile(rf"^{what} {axis} \((.+)\)$", re.IGNORECASE)
-        match_of_axis = next((match for column in rows.header if (match := named.match(column))), None)
-        if match_of_axis is None:
-            raise rows.lacks(f"{what} {axis} (…)")
-        columns.append(match_of_axis.group())
-        units.add(match_of_axis.group(1))
-    unit = units.pop()
-    if units or unit not in UNITS:
-        hint = ": raw numbers, for which the calibration is lacking; export calibrated data" if unit == "lsb" else ""
-        raise RecordingError(f"{rows.name}: {what} is in {unit!r}; expected one of {', '.join(UNITS)}{hint}")
-    return rows.three(columns), UNITS[unit]
-
-
-def _time(rows: Rows) -> np.ndarray | None:
-    """(T,) [s], or None where the file counts packets only."""
-    for position, column in enumerate(rows.header):
-        if match := TIME.match(column):
-            if match.group(1) not in SECONDS:
-                raise RecordingError(f"{rows.name}: time is in {match.group(1)!r}; expected {', '.join(SECONDS)}")
-            return SECONDS[match.group(1)] * rows.numbers(position)
-    return None
+FORMAT = TextFormat(
+    "x-io CSV with a header Timestamp (us) or Time (s), Gyroscope X (deg/s), …, Accelerometer X (g), …", (".csv",),
+    _is_header, _content, units="header", below=True,
+)  # fmt: skip
+recognises, measured = FORMAT.recognises, FORMAT.measured

@@ -8,24 +8,22 @@ from made.notes import texts
 from made.shank import shank
 from made.trunk import rotation
 
-from jgait import estimators
-from jgait.estimators import ankle_stride
-from jgait.estimators.ankle_stride import FLAGS, TRANSFORMS, UNUSED, AnkleOptions, AnkleParams
+from jgait.estimators import ankle_stride, programs
+from jgait.estimators.ankle_stride import UNUSED, AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride import prepare as ankle_calibration
-from jgait.estimators.ankle_stride.inputs import capacity
 from jgait.estimators.axes import pad
 from jgait.types import Imu, Recording, RecordingError
 
 MILLIMETRE = 1e-3
 P = AnkleParams()
-RUN = jax.jit(ankle_stride.run, static_argnames=("options",))
+RUN = programs.compiled(ankle_stride.run)
 
 
 def estimated(made, p=P, options=ankle_stride.DEFAULT):
     return ankle_stride.estimate(p, made.recording, options)
 
 
-def ready(made, samples=1024, options=ankle_stride.DEFAULT):
+def ready(made, samples=programs.BUCKET, options=ankle_stride.DEFAULT):
     return pad(ankle_stride.prepared(made.recording, options).inputs, samples)
 
 
@@ -86,7 +84,8 @@ def test_a_lever_that_is_not_as_believed_is_looked_for_within_its_spread():
 
 def test_a_sensor_at_the_ankle_has_a_lever_of_its_own():
     made = shank(lever=(0.0, 0.0, 0.03), placement="ankle_left")
-    strides = RUN(AnkleParams(), ready(made)._replace(right=ready(made).left, left=None)).strides
+    inputs = ready(made)._replace(right=ready(made).left, left=None)
+    strides = RUN(AnkleParams(), inputs, options=ankle_stride.DEFAULT).strides
     np.testing.assert_allclose(strides.length[:4], made.length, atol=MILLIMETRE)
 
 
@@ -94,7 +93,7 @@ def test_a_bias_that_was_not_measured_at_rest_is_estimated():
     made = shank(bias=(0.02, 0.02, 0.0), strides=4)
     unread = ready(made, options=AnkleOptions(standing=False))
     assert unread.right.still_time == 0.0
-    strides = RUN(AnkleParams(), unread).strides
+    strides = RUN(AnkleParams(), unread, options=ankle_stride.DEFAULT).strides
     np.testing.assert_allclose(strides.length[:4], made.length, rtol=0.01)
 
 
@@ -165,11 +164,11 @@ METHODS = {"3d": 0.02, "sl1": 0.7, "sl2": 0.7}
 def test_the_papers_methods_measure_and_move_with_their_parameters_alone(method):
     made = shank()
     options = AnkleOptions(length=method)
-    told = RUN(AnkleParams(), ready(made), options)
+    told = RUN(AnkleParams(), ready(made), options=options)
     np.testing.assert_allclose(told.strides.length[:4], made.length, atol=METHODS[method])
     assert told.strides_stddev is None
     unused = silent(method)
-    slope = along(ready(shank(seed=4, turns=0.1)), options, np.eye(unused.size))[0]
+    slope = along(ready(shank(seed=4, turns=0.1), 1024), options, np.eye(unused.size))[0]
     np.testing.assert_array_equal(np.any(slope != 0.0, axis=1), ~unused)
     assert np.all(np.isfinite(slope))
 
@@ -237,12 +236,3 @@ def test_options_parameters_and_measures_that_are_none_are_refused():
     with pytest.raises(ValueError, match=r"takes lever_ankle, .* of a person; got 'mass'"):
         ankle_stride.with_body(AnkleParams(), {"mass": 70.0})
     assert ankle_stride.with_body(AnkleParams(), {"leg_length": (0.8, 0.9)}).leg_length == pytest.approx(0.85)
-
-
-def test_the_registry_and_the_documents_know_it():
-    found = estimators.get("ankle_stride")
-    assert found.name == "ankle_stride"
-    assert found.params == AnkleParams()
-    assert found.transforms == TRANSFORMS
-    assert capacity(1000) == 102
-    assert set(FLAGS) == {"turning", "stairs", "clipped", "half"}

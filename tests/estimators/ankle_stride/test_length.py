@@ -7,7 +7,6 @@ import pytest
 
 from jgait.estimators.ankle_stride import length as stride_length
 from jgait.estimators.ankle_stride.length import StrideLengthParams
-from jgait.estimators.ankle_stride.length_steps import stride_begin, stride_step
 from jgait.geometry.rotation import turn
 from jgait.geometry.vectors import GRAVITY, Vector
 from jgait.signal.marks import marks
@@ -104,20 +103,6 @@ def test_a_length_does_not_need_to_know_where_up_is():
 def test_equation_3_is_longer():
     printed = inertial(P, GYR, ACC, AT, 1.0 / RATE, euler=True).length[END]
     assert np.all(printed - np.hypot(LENGTH, RISE) > 2e-3)
-
-
-def test_sample_by_sample_as_over_the_recording():
-    told = inertial(P, GYR, ACC, AT, 1.0 / RATE)
-    one = jax.jit(stride_step)
-    gyr, acc = Vector(*GYR.T), Vector(*ACC.T)
-
-    def sample(k):
-        return jax.tree.map(lambda v: v[k], (gyr, acc, AT))
-
-    state = stride_begin(P, *sample(0)[:2])
-    for k in range(int(END[0]) + 2):
-        state, found = one(P, state, *sample(k), 1.0 / RATE)
-        np.testing.assert_allclose(found.length, told.length[k], rtol=1e-11, atol=1e-12)
 
 
 def test_gradients_are_those_of_differences():

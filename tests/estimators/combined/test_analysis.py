@@ -115,7 +115,7 @@ def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
         assert tables["samples"][f"angles_valid_{side}"].dtype == bool
         assert tables["samples"][f"angles_valid_{side}"].all()
     assert strides["angles_valid"].all()
-    assert "not usable" not in str(all_sensors({}, "csv").rows(analysis, "walk"))
+    assert "not usable" not in str(all_sensors({}, "csv").rows(analysis))
 
 
 def test_what_only_a_contradicted_source_says_is_in_doubt(analysis):
@@ -233,7 +233,7 @@ def test_a_sensor_that_a_reader_accuses_is_left_out_of_the_combined_distance(wal
     tables = io.analysis_to_dataframes(found)
     assert not tables["samples"]["angles_valid_right"].any() and tables["samples"]["angles_valid_left"].all()
     np.testing.assert_array_equal(tables["strides"]["angles_valid"], tables["strides"]["side"] == "left")
-    printed = {row[1]: row[2] for row in all_sensors({}, "csv").rows(found, "walk")}
+    printed = {row[0]: row[1] for row in all_sensors({}, "csv").rows(found)}
     assert [name for name, words in printed.items() if words.endswith("°, not usable")] == ["hip right", "knee right"]
 
 
@@ -302,7 +302,7 @@ def test_a_person_who_only_stands_has_tables_and_a_note_but_no_strides(walked):
     assert found.notes[0].code == "no_strides"
     assert "strides" not in io.analysis_to_dataframes(found)
     job = all_sensors({}, "csv")
-    assert not {"cadence", "stance"} & {row[1] for row in job.rows(found, "walk")}
+    assert not {"cadence", "stance"} & {row[0] for row in job.rows(found)}
     assert job.numbers(found, [])["notes"][0]["code"] == "no_strides"
     assert "No strides were found" in of_analysis(found, walked[0]).html
 
@@ -312,8 +312,9 @@ def test_without_a_regular_stride_no_means_are_stated(analysis):
     strides = analysis.strides._replace(flags=half)
     rows = comparisons(analysis.sources, strides, [], None)
     assert {c.quantity for c in rows} == {"strides"}
-    printed = all_sensors({}, "csv").rows(analysis._replace(strides=strides, comparisons=rows), "walk")
-    said = {row[1]: row[2] for row in printed}
+    estimate = analysis.estimate._replace(diagnostics={**analysis.estimate.diagnostics, **half})
+    changed = analysis._replace(estimate=estimate, strides=strides, comparisons=rows)
+    said = {row[0]: row[1] for row in all_sensors({}, "csv").rows(changed)}
     assert said["strides"].endswith(", 0 regular")
     assert {said[name] for name in ("stride length", "walking speed", "cadence", "stance")} == {"–"}
 
@@ -321,11 +322,11 @@ def test_without_a_regular_stride_no_means_are_stated(analysis):
 def test_the_stance_is_stated_of_strides_that_a_foot_saw(walked, analysis):
     whole = io.analysis_to_dataframes(analysis)["strides"].query("regular")
     share = (whole["stance_duration_s"] / whole["stride_duration_s"]).median()
-    said = {row[1]: row[2] for row in all_sensors({}, "csv").rows(analysis, "walk")}
+    said = {row[0]: row[1] for row in all_sensors({}, "csv").rows(analysis)}
     assert said["stance"] == f"{100.0 * share:.0f} % of the stride"
     shanks = {name: walked[0].sensors[name] for name in ("shank_right", "shank_left")}
     found = jgait.analyse(walked[0]._replace(sensors=shanks), PERSON)
-    said = {row[1]: row[2] for row in all_sensors({}, "csv").rows(found, "walk")}
+    said = {row[0]: row[1] for row in all_sensors({}, "csv").rows(found)}
     assert said["stance"] == "–" and said["cadence"].endswith("steps/min")
 
 
@@ -354,48 +355,33 @@ def test_what_cannot_be_done_is_said(walked):
         jgait.analyse(recording, {"height": 175.0})
 
 
-def test_measurements_are_combined_by_their_variances():
-    value, sd, kept = combined(np.array([1.0, 1.3]), np.array([0.1, 0.2]))
-    np.testing.assert_allclose([value, sd], [(1.0 * 4 + 1.3) / 5, np.sqrt(0.04 / 5)])
-    assert kept.all()
+HALF, PAIR = np.array([[1.0, 0.5], [0.5, 1.0]]), np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]])
+COMBINED = {  # values, deviations, correlations → value, deviation, which are kept
+    "by their variances": ([1.0, 1.3], [0.1, 0.2], None, [5.3 / 5, np.sqrt(0.04 / 5)], [True, True]),
+    "shared errors count once": ([1.0, 1.1], [0.1, 0.1], HALF, [1.05, 0.1 * np.sqrt(0.75)], [True, True]),
+    "two that contradict": ([1.0, 2.0], [0.02, 0.1], None, [1.0, np.hypot(0.02, 0.5)], [True, False]),
+    "the most certain and those that agree": (
+        [1.0, 1.02, 2.0, 2.0], [0.02, 0.02, 0.05, 0.05], None, [1.01, np.sqrt(0.0002 + 0.5**2)],
+        [True, True, False, False],
+    ),
+    "one that two others contradict": (
+        [1.0, 1.2, 1.21], [0.01, 0.02, 0.02], None, [1.205, np.sqrt(0.0002)], [False, True, True]
+    ),
+    "two with shared errors do not outvote a third": (
+        [1.2, 1.21, 1.0], [0.02, 0.02, 0.01], PAIR, [1.0, np.hypot(0.01, 0.1)], [False, False, True]
+    ),
+    "so uncertain that it agrees with all": (
+        [1.0, 1.2, 1.1], [0.01, 0.02, 0.3], None, [1.0, np.hypot(0.01, 0.1)], [True, False, True]
+    ),
+}  # fmt: skip
 
 
-def test_shared_errors_count_once():
-    values, deviations = np.array([1.0, 1.1]), np.array([0.1, 0.1])
-    value, sd, _ = combined(values, deviations, np.array([[1.0, 0.5], [0.5, 1.0]]))
-    np.testing.assert_allclose([value, sd], [1.05, 0.1 * np.sqrt(0.75)])
-
-
-def test_two_that_contradict_are_not_averaged():
-    value, sd, kept = combined(np.array([1.0, 2.0]), np.array([0.02, 0.1]))
-    assert value == 1.0
-    assert sd > 0.5
-    np.testing.assert_array_equal(kept, [True, False])
-
-
-def test_the_most_certain_and_those_that_agree_are_combined():
-    value, sd, kept = combined(np.array([1.0, 1.02, 2.0, 2.0]), np.array([0.02, 0.02, 0.05, 0.05]))
-    np.testing.assert_allclose([value, sd], [1.01, np.sqrt(0.0002 + 0.5**2)])
-    np.testing.assert_array_equal(kept, [True, True, False, False])
-
-
-def test_one_that_two_others_contradict_is_left_out():
-    value, sd, kept = combined(np.array([1.0, 1.2, 1.21]), np.array([0.01, 0.02, 0.02]))
-    np.testing.assert_allclose([value, sd], [1.205, np.sqrt(0.0002)])
-    np.testing.assert_array_equal(kept, [False, True, True])
-
-
-def test_two_with_shared_errors_do_not_outvote_a_third():
-    shared = np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    value, sd, kept = combined(np.array([1.2, 1.21, 1.0]), np.array([0.02, 0.02, 0.01]), shared)
-    np.testing.assert_allclose([value, sd], [1.0, np.hypot(0.01, 0.1)])
-    np.testing.assert_array_equal(kept, [False, False, True])
-
-
-def test_what_is_so_uncertain_that_it_agrees_with_all_decides_nothing():
-    value, sd, kept = combined(np.array([1.0, 1.2, 1.1]), np.array([0.01, 0.02, 0.3]))
-    np.testing.assert_allclose([value, sd], [1.0, np.hypot(0.01, 0.1)], rtol=1e-2)
-    np.testing.assert_array_equal(kept, [True, False, True])
+@pytest.mark.parametrize("name", COMBINED)
+def test_measurements_are_combined_unless_they_contradict(name):
+    values, deviations, shared, expected, which = COMBINED[name]
+    value, sd, kept = combined(np.array(values), np.array(deviations), *([] if shared is None else [shared]))
+    np.testing.assert_allclose([value, sd], expected, rtol=1e-2 if name.startswith("so uncertain") else 1e-7)
+    assert kept.tolist() == which
 
 
 @pytest.mark.parametrize("certain", ["feet", "waist"])

@@ -278,7 +278,7 @@ def test_the_papers_pipeline_is_an_option(walk, monkeypatch):
     assert made.options.filler == "replicate"
     given = {}
 
-    def spy(p, inputs, options):
+    def spy(p, inputs, felt):
         given.update(inputs=inputs)
         raise StopIteration
 

@@ -12,10 +12,8 @@ from jgait.duty_cycle import power
 from jgait.estimators import leg_ekf
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro.model_params import (
-    DEFAULT,
     DutyControl,
     DutyInputs,
-    DutyParams,
     LinkParams,
     PlanarSegment,
     ShinObservation,
@@ -23,6 +21,7 @@ from jgait.estimators.duty_cycled_gyro.model_params import (
     ThighObservation,
     ThighState,
 )
+from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams, levers
 from jgait.geometry.vectors import GRAVITY
 from jgait.simulate import protocols
 from jgait.simulate.sensors import IDEAL
@@ -31,7 +30,7 @@ RATE = 50.0
 T = 1.0 / RATE
 LINK = LinkParams(0.4, 0.2, 2.0, 3.0, 0.1, 1e-4, 1e-4)
 CONTROL = DutyControl(1.0, 1.0, 1.0)
-RUN = jax.jit(duty_model.run, static_argnames=("options",))
+RUN = jax.jit(duty_model.run)
 BOTH = (
     (duty_model.THIGH, ThighState(0.2, 0.1, 0.3, 0.05, 0.4, 2.0, 0.01, 0.3, 2.0)),
     (duty_model.SHIN, ShinState(0.6, 0.1, 0.3, 0.05, 0.4, 2.0, 0.01, 0.2, 1.0, -0.3, 2.0)),
@@ -45,7 +44,7 @@ def walk():
     walked, _ = protocols.udaya_shankar(jax.random.key(0), 2, 5.0, placements=simulate.FOUR, errors=IDEAL)
     found = walked.truth.estimate.diagnostics
     thigh, shank = float(found["thigh_length"]), float(found["shank_length"])
-    p = DutyParams(thigh_length=thigh, thigh_sensor=0.5 * thigh, shank_sensor=0.5 * shank)
+    p = DutyCycledParams(thigh_length=thigh, shank_length=shank)
     return leg_ekf.prepared(walked.recording).inputs, p
 
 
@@ -208,7 +207,7 @@ def test_samples_that_are_less_sure_weigh_less(walk, gaps):
 def test_sample_by_sample_is_the_same(walk, gaps):
     _, p = walk
     _, inputs, found = gaps
-    link = duty_model.link_params(p, p.thigh_sensor)
+    link = duty_model.link_params(p, levers(p)[0])
     belief = duty_model.thigh_standing(link, 0.0, inputs.thigh.bias, inputs.start_variance)
 
     @jax.jit
@@ -227,4 +226,4 @@ def test_sample_by_sample_is_the_same(walk, gaps):
 def test_bad_input_is_refused_with_the_reason(walk):
     prepared, p = walk
     with pytest.raises(ValueError, match="need a thigh or a shank sensor; got neither"):
-        duty_model.run(p, inputs_of(prepared)._replace(thigh=None, shank=None), DEFAULT)
+        duty_model.run(p, inputs_of(prepared)._replace(thigh=None, shank=None))

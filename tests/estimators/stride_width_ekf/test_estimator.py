@@ -11,12 +11,11 @@ from jgait import filtering, params
 from jgait.estimators import stride_width_ekf as sw
 from jgait.estimators.stride_width_ekf import model, readout
 from jgait.estimators.stride_width_ekf.estimator import model_params
-from jgait.filtering import EKF, UKF
+from jgait.filtering import EKF
 from jgait.simulate import protocols
 from jgait.types import Feet, FootTrajectory, RangeReadings
 
 KNOWN = sw.WidthParams(range_offset=OFFSET)
-RUN = jax.jit(sw.run, static_argnames=("options",))
 SIDE_BY_SIDE = sw.DEFAULT._replace(check_swap=False)
 
 
@@ -78,9 +77,8 @@ def test_the_papers_protocol_within_a_centimetre_after_smoothing(truth):
         assert np.all(estimate.diagnostics["width_valid"][np.isfinite(estimate.strides.width)])
 
 
-@pytest.mark.parametrize("method", [EKF(), UKF()])
-def test_methods_agree_once_the_start_is_over(walk, smoothed, method):
-    other = told(walk, SIDE_BY_SIDE._replace(method=method), start_heading=(0.0, np.radians(10.0)))
+def test_methods_agree_once_the_start_is_over(walk, smoothed):
+    other = told(walk, SIDE_BY_SIDE._replace(method=EKF()), start_heading=(0.0, np.radians(10.0)))
     late = slice(10, None)
     np.testing.assert_allclose(other.strides.width[late], smoothed.strides.width[late], atol=0.006)
     np.testing.assert_allclose(other.strides_stddev.width[late], smoothed.strides_stddev.width[late], atol=0.004)
@@ -173,6 +171,7 @@ def test_feet_on_different_clocks_change_steps_and_not_widths(walk, smoothed):
 
 
 def test_the_offset_shifts_the_width_by_as_much(walk, smoothed):
+    assert params.unconstrain(KNOWN, sw.TRANSFORMS).passing_noise is None  # made up, so never learned
     shifted = told(walk, p=KNOWN._replace(range_offset=OFFSET + 0.03), start_heading=(0.0, np.radians(10.0)))
     away = outside(smoothed.strides)
     np.testing.assert_allclose(np.asarray(shifted.strides.width - smoothed.strides.width)[away], 0.03, atol=2e-3)
@@ -222,31 +221,6 @@ def narrow(p):
     """Little is unknown at the start: there linearisation is no part of the question."""
     del p
     return model.start_belief(0.0, 0.0, 0.3, 0.05, 0.05, 0.05)
-
-
-def test_gradients_are_those_of_finite_differences():
-    short = drifting(footsteps(3, before=9, turn=2, after=5), 4)
-    inputs = jax.tree.map(jnp.asarray, sw.prepare_from_feet(short.time, short.feet, short.mids, short.read).inputs)
-    free = params.unconstrain(KNOWN, sw.TRANSFORMS)
-    assert free.passing_noise is None  # made up, so never learned
-
-    def loss(free):
-        # gradients of the smoother: tests/estimators/test_contract.py
-        options = SIDE_BY_SIDE._replace(method=EKF(), smooth=False)
-        estimate = sw.run(params.constrain(free, sw.TRANSFORMS, KNOWN), inputs, options)
-        there = jnp.isfinite(estimate.strides.width)
-        width = jnp.where(there, estimate.strides.width, 0.0)
-        return jnp.sum((width - WIDTH) ** 2 * there.astype(width.dtype)) + jnp.sum(estimate.strides_stddev.width)
-
-    both = jax.jit(lambda at, way: jax.jvp(loss, (at,), (way,)))
-    still = jax.tree.map(jnp.zeros_like, free)
-    step = 1e-5
-    for name, value in free._asdict().items():
-        if value is None:
-            continue
-        way = still._replace(**{name: jnp.ones_like(value)})
-        up, down = (both(free._replace(**{name: value + s}), way)[0] for s in (step, -step))
-        np.testing.assert_allclose(both(free, way)[1], (up - down) / (2 * step), rtol=1e-4, atol=1e-8, err_msg=name)
 
 
 def test_a_simulated_person_with_a_real_range_sensor():

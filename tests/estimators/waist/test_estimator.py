@@ -5,11 +5,9 @@ import pytest
 from made.notes import texts
 from made.trunk import about_vertical, cut, imu_of, joined, rotation, turned, walk, worn
 
-from jgait import estimators
 from jgait.estimators import waist
 from jgait.estimators.axes import pad
-from jgait.estimators.waist import FLAGS, TRANSFORMS, UNUSED, WaistOptions, WaistParams
-from jgait.estimators.waist.inputs import capacity
+from jgait.estimators.waist import FLAGS, WaistOptions, WaistParams
 from jgait.types import Imu, Recording, RecordingError
 
 SAMPLES = 1024  # of everything that the compiled programs see
@@ -211,16 +209,6 @@ def test_options_parameters_and_measures_that_are_none_are_refused(straight):
         waist.with_body(WaistParams(), {"height": float("nan")})
     assert waist.with_body(WaistParams(), {"height": 1.8}).pendulum_length == pytest.approx(1.08)
     assert waist.with_body(WaistParams(), {"height": 1.8, "sensor_height": 1.0}).pendulum_length == 1.0
-
-
-def test_the_registry_and_the_documents_know_it():
-    found, paper = estimators.get("waist"), estimators.get("waist_ofdri")
-    assert (found.name, paper.name) == ("waist", "waist_ofdri")
-    assert (found.about.default, paper.about.default) == (waist.DEFAULT, waist.PAPER)
-    assert found.params == WaistParams()
-    assert found.transforms == TRANSFORMS
-    assert capacity(1000) == 204
-    assert set(UNUSED) == {"fused", "pendulum", "update"}
 
 
 @pytest.mark.parametrize("name", ["3-3", "14-3", "18-2"])

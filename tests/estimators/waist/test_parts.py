@@ -1,5 +1,7 @@
 """The parts of the waist's estimator on problems whose answer is known."""
 
+from types import SimpleNamespace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 from jgait import filtering
 from jgait.estimators.waist import model as waist_model
 from jgait.estimators.waist import orientation as waist_orientation
+from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
 from jgait.estimators.waist.model import WaistControl, WaistModelParams, WaistObservation
 from jgait.estimators.waist.orientation import TrunkControl, TrunkError, TrunkNoise, TrunkObservation
@@ -195,3 +198,19 @@ def test_stated_errors_of_the_attitude_are_the_derivatives_of_the_functions(seed
     )
     for ours, theirs in zip(stated, found, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9)
+
+
+def test_steps_beside_standing_and_at_the_end_of_a_bout_are_less_certain():
+    p, no = WaistParams(), np.zeros(ROWS, bool)
+    fresh, stands = no.copy(), no.copy()
+    fresh[[0, 6]] = True  # two bouts of six nodes; the person stands before the first alone
+    stands[0] = True
+    inputs = SimpleNamespace(
+        at=jnp.arange(ROWS), fresh=jnp.asarray(fresh), stands=jnp.asarray(stands), moves=jnp.asarray(~fresh),
+        count=jnp.int32(ROWS),
+    )  # fmt: skip
+    turn = np.zeros(ROWS)
+    variance = waist_distance._step_variance(p, inputs, SimpleNamespace(turn=jnp.asarray(turn)))
+    wide = [0, 1, 2, 3, 4, 5, 6, 7, 9, 10, 11]  # two intervals about the standing and about each bout's last node
+    np.testing.assert_array_equal(np.flatnonzero(np.asarray(variance) > 2.0 * p.step_noise**2), wide)
+    np.testing.assert_allclose(variance[8], p.step_noise**2, rtol=1e-6)

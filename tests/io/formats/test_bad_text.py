@@ -49,36 +49,23 @@ def test_the_format_of_a_good_file_is_told_by_its_head(one):
     assert f"read as {io.FORMATS[one[0]].title}" in texts(recording.notes)
 
 
-def test_empty(one):
+def test_what_is_cut_off_empty_or_binary_is_named(one):
+    text, header = one[1].read_text(), re.escape(one[2].removesuffix(" (deg/s)"))
+    lines = text.splitlines()
+    first = next(k for k, line in enumerate(lines) if one[2] in line)
+    one[1].write_text(text[: len(text) - len(lines[-1]) // 2])
+    refuse(one, rf"line {len(lines)}: the row is cut off: expected \d+ values, found \d+")
+    one[1].write_text(text.replace(one[2], "something"))
+    refuse(one, f"lacks (the column )?'?{header}")
+    one[1].write_text("\n".join(lines[: first + 1]))
+    refuse(one, "has a header and no rows")
     one[1].write_bytes(b"")
     refuse(one, "is empty; expected")
-
-
-def test_binary(one):
     one[1].write_bytes(b"\x89PNG\r\n\xff\xfe\x00\x01" * 50)
     refuse(one, "is no text file")
     if one[1].suffix == ".csv":
         with pytest.raises(RecordingError, match="is in no format that jgait reads"):
             io.read(one[1])
-
-
-def test_a_row_that_is_cut_off_is_named(one):
-    text = one[1].read_text()
-    lines = text.splitlines()
-    one[1].write_text(text[: len(text) - len(lines[-1]) // 2])
-    refuse(one, rf"line {len(lines)}: the row is cut off: expected \d+ values, found \d+")
-
-
-def test_a_column_that_is_not_there_is_named(one):
-    one[1].write_text(one[1].read_text().replace(one[2], "something"))
-    refuse(one, "lacks (the column )?'?" + re.escape(one[2].removesuffix(" (deg/s)")))
-
-
-def test_no_rows(one):
-    lines = one[1].read_text().splitlines()
-    header = next(k for k, line in enumerate(lines) if one[2] in line)
-    one[1].write_text("\n".join(lines[: header + 1]))
-    refuse(one, "has a header and no rows")
 
 
 def test_a_cell_that_holds_no_number(vendors):
@@ -96,6 +83,30 @@ def test_a_cell_that_holds_no_number(vendors):
 def test_another_format_has_no_such_header(vendors, tmp_path):
     other = made_files.put(tmp_path / "other.csv", ["a,b,c", "1,2,3"])
     refuse((vendors[0], other), "has no such header: expected .* it begins with 'a,b,c'")
+
+
+@pytest.mark.parametrize(("write", "acc_unit"), [(made_files.physilog, "; g,"), (made_files.shimmer, "m/s^2")])
+def test_without_a_row_of_units_they_are_told_from_the_signals(tmp_path, write, acc_unit):
+    recording = io.read(write(tmp_path / "a.csv", units=False), placement="foot_right")
+    made_files.check(recording)
+    told = [note for note in texts(recording.notes) if "the file states no unit" in note]
+    assert len(told) == 2 and "deg/s" in told[0] and acc_unit in told[1]
+
+
+@pytest.mark.parametrize(
+    ("write", "unit", "wrong", "message"),
+    [
+        (made_files.physilog, "[s]", "[h]", "a.csv: Time is in 'h'; expected one of s, ms, us"),
+        (made_files.shimmer, "deg/s", "rpm", "a.csv: Shimmer_8665_Gyro_X_CAL … is in rpm; expected one of deg/s"),
+        (made_files.shimmer, "ms\t", "ticks\t", "Timestamp_Unix_CAL is in 'ticks'; expected one of s, ms, us"),
+        (made_files.xio, "Timestamp (us)", "Time (h)", "Time is in 'h'; expected one of s, ms, us"),
+    ],
+)
+def test_unknown_units_are_refused(tmp_path, write, unit, wrong, message):
+    path = write(tmp_path / "a.csv")
+    path.write_text(path.read_text().replace(unit, wrong))
+    with pytest.raises(RecordingError, match=message):
+        io.read(path, placement="foot_right")
 
 
 def test_no_file_and_a_folder_of_nothing(tmp_path):

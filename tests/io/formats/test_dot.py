@@ -17,17 +17,17 @@ def test_a_written_file_is_the_known_walk_and_its_tag_the_placement(tmp_path):
     assert recording.sampling_rate_hz == pytest.approx(100.0)
 
 
-def test_without_time_stamps_the_stated_rate_counts(tmp_path):
-    recording = io.read(made_files.dot(tmp_path / "a.csv", stamps=False))
+def test_without_time_stamps_without_facts_above_the_header_and_in_windows_own_code(tmp_path):
+    path = made_files.dot(tmp_path / "a.csv", stamps=False)
+    recording = io.read(path)
     made_files.check(recording)
-    assert recording.sampling_rate_hz == 100.0
-
-
-def test_without_facts_above_the_header(tmp_path):
-    path = made_files.dot(tmp_path / "a.csv")
-    lines = path.read_text().splitlines()
+    assert recording.sampling_rate_hz == 100.0  # as stated
+    lines = made_files.dot(path).read_text().splitlines()
     made_files.put(path, lines[next(k for k, line in enumerate(lines) if line.startswith("PacketCounter")) :])
     made_files.check(io.read(path, placement="foot_right"))
+    made_files.dot(path)
+    path.write_bytes(path.read_text(encoding="utf-8").encode("cp1252"))
+    made_files.check(io.read(path))
 
 
 def test_a_folder_of_sensors_on_one_clock(tmp_path):
@@ -50,12 +50,6 @@ def test_sensors_with_the_same_tag_are_called_by_their_files(tmp_path):
         io.read(tmp_path)
 
 
-def test_a_file_in_windows_own_code(tmp_path):
-    path = made_files.dot(tmp_path / "a.csv")
-    path.write_bytes(path.read_text(encoding="utf-8").encode("cp1252"))
-    made_files.check(io.read(path))
-
-
 def test_clocks_that_were_not_synchronised_are_not_joined(tmp_path):
     made_files.dot(tmp_path / "1.csv")
     made_files.dot(tmp_path / "2.csv", tag="Left foot", synced="Unsynced")
@@ -64,12 +58,9 @@ def test_clocks_that_were_not_synchronised_are_not_joined(tmp_path):
     made_files.check(io.read(tmp_path / "2.csv"), "foot_left")
 
 
-def test_acceleration_without_gravity_is_refused(tmp_path):
+def test_acceleration_without_gravity_and_increments_are_refused(tmp_path):
     with pytest.raises(RecordingError, match="a.csv holds only acceleration from which gravity was taken off"):
         io.read(made_files.dot(tmp_path / "a.csv", free_only=True))
-
-
-def test_increments_are_refused(tmp_path):
     path = made_files.put(tmp_path / "a.csv", ["PacketCounter,SampleTimeFine,dq_W,dq_X,dq_Y,dq_Z,dv[1],dv[2],dv[3]",
                                                "1,2,1,0,0,0,0,0,0"])  # fmt: skip
     with pytest.raises(RecordingError, match="holds increments"):

@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from made import files as made_files
-from made.notes import texts
 
 from jgait import datasets, io
 from jgait.types import RecordingError
@@ -17,13 +16,6 @@ def test_a_written_file_is_the_known_walk(tmp_path, separator):
     recording = io.read(made_files.physilog(tmp_path / "RF.csv", separator=separator), placement="foot_right")
     assert made_files.check(recording).all()
     assert recording.sampling_rate_hz == 100.0
-
-
-def test_without_a_row_of_units_they_are_told_from_the_signals(tmp_path):
-    recording = io.read(made_files.physilog(tmp_path / "RF.csv", units=False), placement="foot_right")
-    made_files.check(recording)
-    told = [note for note in texts(recording.notes) if "the file states no unit" in note]
-    assert len(told) == 2 and "deg/s" in told[0] and "; g," in told[1]
 
 
 def test_a_folder_of_sensors(tmp_path):
@@ -38,13 +30,6 @@ def test_the_rate_contradicts_the_time_stamps(tmp_path):
     path = made_files.physilog(tmp_path / "RF.csv")
     path.write_text(path.read_text().replace("Gyro [100 hz]", "Gyro [256 hz]"))
     with pytest.raises(RecordingError, match="time stamps run at 100 Hz, but sampling_rate_hz is 256"):
-        io.read(path, placement="foot_right")
-
-
-def test_unknown_units_are_refused(tmp_path):
-    path = made_files.physilog(tmp_path / "RF.csv")
-    path.write_text(path.read_text().replace("[s]", "[h]"))
-    with pytest.raises(RecordingError, match="RF.csv: Time is in 'h'; expected one of s, ms, us"):
         io.read(path, placement="foot_right")
 
 

@@ -44,24 +44,6 @@ def test_the_wide_range_accelerometer_where_the_other_is_at_its_limit(tmp_path):
     np.testing.assert_allclose(alone, np.clip(acc, -2 * made_files.G, 2 * made_files.G), atol=1e-9)
 
 
-def test_without_a_row_of_units_they_are_told_from_the_signals(tmp_path):
-    recording = io.read(made_files.shimmer(tmp_path / "a.csv", units=False), placement="foot_right")
-    made_files.check(recording)
-    told = [note for note in texts(recording.notes) if "the file states no unit" in note]
-    assert len(told) == 2 and "deg/s" in told[0] and "m/s^2" in told[1]
-
-
-def test_unknown_units_are_refused(tmp_path):
-    path = made_files.shimmer(tmp_path / "a.csv")
-    text = path.read_text()
-    path.write_text(text.replace("deg/s", "rpm"))
-    with pytest.raises(RecordingError, match=r"a.csv: Shimmer_8665_Gyro_X_CAL … is in rpm; expected one of deg/s"):
-        io.read(path, placement="foot_right")
-    path.write_text(text.replace("ms\t", "ticks\t"))
-    with pytest.raises(RecordingError, match="Shimmer_8665_Timestamp_Unix_CAL is in ticks; expected one of s, ms, us"):
-        io.read(path, placement="foot_right")
-
-
 def test_uncalibrated_signals_are_refused(tmp_path):
     with pytest.raises(RecordingError, match=r"gyroscope of Shimmer_8665 is not calibrated \(found RAW, expected CAL"):
         io.read(made_files.shimmer(tmp_path / "a.csv", kind="RAW"), placement="foot_right")

@@ -1,0 +1,336 @@
+"""The walker whose virtual sensors are closest to a recording, so that other sensors can be put on this person.
+
+Compared is the mean stride of one foot, from contact to contact: rates and specific forces of all sensors, in the first
+`HARMONICS` harmonics of the stride; above them strides of one person differ in phase, and a mean blurs them. Sensors
+may sit in any orientation: the rotation that fits best is computed for each sensor at every step (Kabsch), so that the
+loss depends on it only through its least value. What is fitted is most probable:
+
+    Σ over sensors COUNT (unexplained / EXPECTED)² + Σ z²
+
+with z the parameters less their usual values at this stride, in standard deviations between people.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from jax import lax
+from jaxtyping import Array, Float, PyTree
+
+from jgait.estimators.combined import Analysis, analyse
+from jgait.estimators.combined.compare import regular
+from jgait.estimators.programs import compiled
+from jgait.geometry.vectors import Vector
+from jgait.notes import Kind, Note
+from jgait.simulate.person import RECORDED, Body, Gait, Person
+from jgait.simulate.population import PELVIS_SPREAD, able, gait, manner
+from jgait.simulate.routes import straight
+from jgait.simulate.sensors import IDEAL
+from jgait.simulate.shapes import STYLES
+from jgait.simulate.walker import planned
+from jgait.simulate.worn import SEVEN, Sensors, mount, walked, worn_on
+from jgait.types import SIDES, Recording, Values, as_float
+
+SPREAD: dict[str, float] = {
+    "thigh_length": 0.05, "shank_length": 0.05, "stride_length": 0.04, "stance_fraction": 0.03, "toe_up": 0.25,
+    "heel_up": 0.1, "foot_flat": 0.25, "heel_off": 0.12, "swing_lift": 0.5, "landing_speed": 0.4, "hip_ahead": 0.6,
+    "knee_stance": 0.2, "soft_tissue": 0.3, **PELVIS_SPREAD,
+}  # fmt: skip
+"""[1] Standard deviation between people of the logarithm of each parameter, at one stride.
+
+Chosen, but those of the pelvis: about as wide as `experiments.people.movement` lets people differ at one stride; that
+of the length of the stride is the error of estimators."""
+
+FREE = (*SPREAD, *STYLES)
+POINTS, HARMONICS, MOST = 100, 8, len(SEVEN)
+"""[1] Points of the mean stride, harmonics that count, sensors that take part."""
+LOW = np.fft.irfft(np.fft.rfft(np.eye(POINTS), axis=0)[: HARMONICS + 1], n=POINTS, axis=0)
+"""(POINTS, POINTS) takes the other harmonics off a stride."""
+COUNT, EXPECTED = 2.0 * HARMONICS, (0.3, 0.5)
+"""[1] Independent points of a signal; unexplained shares of rates and of specific forces that weigh as a standard
+deviation. Chosen, twice as large for forces, of which the usual walker explains less."""
+STEPS, RATE = 200, 0.1
+"""Steps of Adam, and its first rate [standard deviations]."""
+PLACE, PHASE = 0.03, 0.04
+"""[m] [1] Standard deviations of the place of a sensor on its segment, and of the contacts, in shares of the stride."""
+BEGINS = np.linspace(-2.0, 2.0, 17)
+"""[standard deviations] Contacts with which the fit may begin; the best of them is taken."""
+
+POOR = Kind(
+    "walker_fits_poorly", "check", "{placement}: {share:.0f} % of the fitted walker's signal is not as recorded",
+    "What other sensors of this walker read is as uncertain; check where the sensor sat.",
+)  # fmt: skip
+LARGEST = 0.6
+"""[1] Unexplained share of a sensor's rate above which a note says so."""
+
+
+class Signals(NamedTuple):
+    """Mean strides of sensors: angular rate [rad/s] and specific force [m/s²], each (S, POINTS, 3)."""
+
+    gyr: Values
+    acc: Values
+
+
+class Unexplained(NamedTuple):
+    """Root mean square difference of a signal over its root mean square variation in the stride [1]; 1: nothing fits.
+
+    Attributes:
+        gyr: of the angular rate.
+        acc: of the specific force.
+    """
+
+    gyr: float
+    acc: float
+
+
+class PersonFit(NamedTuple):
+    """A walker fitted to a recording, see `fitted`.
+
+    Attributes:
+        person: the walker; for `recording`, `walk` and `covering`.
+        unexplained: sensor → what of its mean stride the walker does not explain.
+        usual: the same of the usual person at this stride, with which the fit begins.
+        axes: sensor → (3, 3) its axes on the segment, in columns.
+        place: sensor → its position on the segment [m], see `mount`.
+        strides: (n, 2) start and end of the strides in the mean [s].
+        late: how much later the measured contacts are than the walker's [s].
+        notes: what is in doubt.
+    """
+
+    person: Person
+    unexplained: dict[str, Unexplained]
+    usual: dict[str, Unexplained]
+    axes: dict[str, np.ndarray]
+    place: dict[str, Vector]
+    strides: Float[np.ndarray, "stride 2"]
+    late: float
+    notes: tuple[Note, ...]
+
+
+class _Numbers(NamedTuple):
+    """What is fitted, in standard deviations: (FREE,), (MOST, 3) and ()."""
+
+    person: Values
+    place: Values
+    phase: Values
+
+
+def mean_strides(recording: Recording, windows: Float[np.ndarray, "stride 2"]) -> dict[str, Signals]:
+    """Sensor → mean of its signals over strides between two times (n, 2) [s], (POINTS, 3) each.
+
+    Strides in which samples are missing do not count; a sensor without two others is left out.
+    """
+    share, found = np.arange(POINTS) / POINTS, {}
+    for name, imu in recording.sensors.items():
+        time, mask = as_float(imu.time), np.asarray(imu.mask)
+        good = [mask[slice(*np.searchsorted(time, window))].all() for window in windows]
+        at = windows[good, :1] + np.diff(windows[good], axis=1) * share
+        if len(at) > 1:
+            both = (np.stack([np.interp(at, time, row).mean(axis=0) for row in as_float(part).T], axis=1)
+                    for part in (imu.gyr, imu.acc))  # fmt: skip
+            found[name] = Signals(*both)
+    return found
+
+
+def stride_of(person: Person, sensors: Sensors, phase: Values = 0.0) -> Signals:
+    """What sensors read in a stride of the leg that takes the first step, walking evenly; pure JAX.
+
+    Args:
+        person: the person; the number of steps and the variability do not count.
+        sensors: the sensors.
+        phase: share of the stride by which it begins after the contact [1].
+    """
+    even = person.gait._replace(
+        steps=8.0,
+        quiet_before=0.5,
+        length_variability=0.0,
+        time_variability=0.0,
+        width_variability=0.0,
+        pitch_variability=0.0,
+    )
+    who = Person(person.body, even)
+    laid, _ = planned(jax.random.key(0), who, straight(30.0), 8)
+    time = laid.contact[4] + even.stride_time * (jnp.arange(POINTS) / POINTS + phase)
+    read, _, _ = walked(jax.random.key(0), who, laid, time, IDEAL, sensors)
+    return Signals(read.gyr, read.acc)
+
+
+def virtual(person: Person, placements: tuple[str, ...], phase: float = 0.0) -> dict[str, Signals]:
+    """Sensor → what it reads in a stride, in the axes of its segment; see `stride_of`. At most `MOST` sensors."""
+    read = compiled(stride_of, quick=True)(jax.tree.map(float, person), _sensors(person.body, placements), phase)
+    return {name: Signals(*(np.asarray(part)[i] for part in read)) for i, name in enumerate(placements)}
+
+
+def _sensors(body: Body, placements: tuple[str, ...]) -> Sensors:
+    """On the host; the last is repeated until there are `MOST`."""
+    if not 0 < len(placements) <= MOST:
+        raise ValueError(f"a walker is compared with 1 to {MOST} sensors; got {len(placements)}")
+    names = (*placements, *placements[-1:] * (MOST - len(placements)))
+    points = np.array([[float(part) for part in mount(body, name)] for name in names])
+    return Sensors(np.array([worn_on(name) for name in names]), jnp.asarray(points))
+
+
+def turned(made: Signals, seen: Signals) -> Float[Array, "sensor 3 3"]:
+    """Rotations (S, 3, 3) that bring the signals of virtual sensors closest to recorded ones.
+
+    Source: W. Kabsch, *Acta Crystallographica A* 32 (1976) 922.
+    """
+    both = zip(made, seen, _sizes(seen), strict=True)
+    # Gravity, which all forces contain, is not to decide alone.
+    product = sum(jnp.einsum("spi,spj->sij", b, a) / size[:, None, None] ** 2 for a, b, size in both)
+    u, _, v = jnp.linalg.svd(product)
+    proper = jnp.linalg.det(u @ v)
+    return u @ (v * jnp.stack([jnp.ones_like(proper), jnp.ones_like(proper), proper], axis=-1)[..., None])
+
+
+def _sizes(seen: Signals) -> list[Values]:
+    """Root mean square variation of each signal in the stride (S,)."""
+    return [jnp.sqrt(jnp.mean(jnp.sum((part - part.mean(axis=1, keepdims=True)) ** 2, axis=-1), axis=1))
+            for part in seen]  # fmt: skip
+
+
+def unexplained(made: Signals, seen: Signals) -> tuple[Float[Array, "2 sensor"], Float[Array, "sensor 3 3"]]:
+    """Squared unexplained shares of rates and forces (2, S), and the rotations of the sensors (S, 3, 3).
+
+    The constant part of a rate is a bias and does not count.
+    """
+    made, seen = (
+        Signals(smooth.gyr - smooth.gyr.mean(axis=1, keepdims=True), smooth.acc)
+        for smooth in (Signals(*(jnp.einsum("pq,sqi->spi", LOW, part) for part in own)) for own in (made, seen))
+    )
+    turn = lax.stop_gradient(turned(made, seen))
+    apart = [
+        jnp.mean(jnp.sum((jnp.einsum("sij,spj->spi", turn, a) - b) ** 2, axis=-1), axis=1) / size**2
+        for a, b, size in zip(made, seen, _sizes(seen), strict=True)
+    ]
+    return jnp.stack(apart), turn
+
+
+def _person(numbers: Values, usual: Person, spread: Values) -> Person:
+    """The person at numbers (FREE,) of standard deviations."""
+    moved = {name: number * wide for name, number, wide in zip(FREE, numbers, spread, strict=True)}
+
+    def grown(part: Body | Gait) -> dict[str, Values]:
+        return {name: getattr(part, name) * jnp.exp(moved[name]) for name in SPREAD if name in part._fields}
+
+    styles = {name: moved[name] for name in STYLES}
+    return Person(usual.body._replace(**grown(usual.body)), usual.gait._replace(**grown(usual.gait), **styles))
+
+
+def _compared(
+    numbers: _Numbers, usual: Person, spread: Values, sensors: Sensors, seen: Signals
+) -> tuple[Float[Array, "2 sensor"], Float[Array, "sensor 3 3"]]:
+    who = _person(numbers.person, usual, spread)
+    worn = sensors._replace(point=sensors.point + PLACE * numbers.place)
+    return unexplained(stride_of(who, worn, PHASE * numbers.phase), seen)
+
+
+def _loss(numbers: _Numbers, usual: Person, spread: Values, sensors: Sensors, seen: Signals, weights: Values) -> Values:
+    apart, _ = _compared(numbers, usual, spread, sensors, seen)
+    data = COUNT * jnp.sum(weights[None] * apart / jnp.square(jnp.asarray(EXPECTED, apart.dtype))[:, None])
+    return data + sum(jnp.sum(jnp.square(part)) for part in numbers)
+
+
+def _nearer(numbers: _Numbers, state: PyTree, rate: Values, *given: PyTree) -> tuple[_Numbers, PyTree, Values]:
+    """One step of Adam, and the loss before it."""
+    loss, slope = jax.value_and_grad(_loss)(numbers, *given)
+    slope = jax.tree.map(lambda one: jnp.where(jnp.isfinite(one), one, 0.0), slope)
+    with jax.numpy_dtype_promotion("standard"):  # optax counts steps in integers
+        change, state = optax.scale_by_adam().update(slope, state)
+    return jax.tree.map(lambda number, by: number - rate * by, numbers, change), state, loss
+
+
+def fitted(recording: Recording, person: Mapping[str, PyTree] | None = None) -> PersonFit:
+    """The walker whose virtual sensors are closest to a recording.
+
+    `jgait.analyse` gives contacts, stride time and length; the manner of walking, lengths of legs that are not given,
+    and how the sensors sit on their segments are fitted to the mean stride by gradient (Adam).
+
+    Args:
+        recording: of a person who walks; up to seven sensors take part.
+        person: measures of the person [m], as far as known, see `jgait.analyse`: "height", "thigh_length" …
+
+    Returns:
+        The walker, and what of each sensor's stride it does not explain. `simulate.recording(key, fit.person,
+        placements=…)` is what other sensors would have seen.
+
+    Raises:
+        ValueError: if fewer than two regular strides of one foot were measured by all estimators, or no sensor was read
+            in two of them.
+    """
+    measures = dict(person or {})
+    analysis = analyse(recording, measures)
+    windows, usual, known = _start(analysis, measures)
+    signals = mean_strides(recording, windows)
+    names = tuple(list(signals)[:MOST])
+    if not names:
+        raise ValueError("no sensor was read throughout two regular strides")
+    padded = (*names, *names[-1:] * (MOST - len(names)))
+    seen = Signals(*(np.stack([getattr(signals[name], kind) for name in padded]) for kind in Signals._fields))
+    spread = np.array([0.0 if name in known else SPREAD.get(name, 1.0) for name in FREE])
+    sensors = _sensors(usual.body, names)
+    weights = (np.arange(MOST) < len(names)).astype(float)
+    given = (jax.tree.map(float, usual), spread, sensors, seen)
+    begins = [_Numbers(np.zeros(len(FREE)), np.zeros((MOST, 3)), phase) for phase in BEGINS]
+    loss = compiled(_loss, quick=True)
+    begin = min(begins, key=lambda one: float(loss(one, *given, weights)))
+    numbers = _descended(begin, *given, weights)
+    shares, turns = zip(*(compiled(_compared, quick=True)(at, *given) for at in (begin, numbers)), strict=True)
+    before, after = ({name: Unexplained(*map(float, np.sqrt(part[:, i]))) for i, name in enumerate(names)}
+                     for part in map(np.asarray, shares))  # fmt: skip
+    who = jax.tree.map(float, _person(numbers.person, usual, spread))
+    who = able(jax.random.key(0), who, straight(30.0))
+    points = np.asarray(sensors.point) + PLACE * np.asarray(numbers.place)
+    notes = tuple(POOR(placement=name, share=100.0 * share.gyr) for name, share in after.items() if share.gyr > LARGEST)
+    return PersonFit(
+        who, after, before, {name: np.asarray(turns[1])[i].T for i, name in enumerate(names)},
+        {name: Vector(*map(float, points[i])) for i, name in enumerate(names)}, windows,
+        PHASE * float(numbers.phase) * float(who.gait.stride_time), notes,
+    )  # fmt: skip
+
+
+def _descended(numbers: _Numbers, *given: PyTree) -> _Numbers:
+    """The numbers with the least loss on the way of Adam; its rate falls to 0 by a cosine."""
+    program = compiled(_nearer, quick=True)
+    rates = RATE * np.cos(0.5 * np.pi * np.arange(STEPS) / STEPS) ** 2
+    state, least, best = optax.scale_by_adam().init(numbers), np.inf, numbers
+    for step in range(STEPS):
+        now = numbers
+        numbers, state, loss = program(now, state, rates[step], *given)
+        if float(loss) < least:
+            least, best = float(loss), now
+    return best
+
+
+def _start(
+    analysis: Analysis, measures: Mapping[str, PyTree]
+) -> tuple[Float[np.ndarray, "stride 2"], Person, frozenset[str]]:
+    """Times of the strides that count, the usual person at this stride, and the lengths that are known."""
+    told = analysis.strides
+    use = np.zeros(0, bool) if told is None else regular(told)
+    counts = [0, 0] if told is None else [int(np.sum(use & (np.asarray(told.strides.side) == i))) for i in range(2)]
+    side = int(np.argmax(counts))
+    if told is None or counts[side] < 2:
+        raise ValueError(
+            f"a walker is fitted to two or more regular strides of one foot; there are {counts[0]} of the right and "
+            f"{counts[1]} of the left"
+        )
+    rows = use & (np.asarray(told.strides.side) == side)
+    start, end, length = (as_float(getattr(told.strides, name))[rows] for name in ("start", "end", "length"))
+    windows = np.stack([start, end], axis=1)
+    times = end - start
+    height = float(measures.get("height", 1.75))
+    lengths = {name: float(np.mean(measures[name])) for name in ("thigh_length", "shank_length") if name in measures}
+    body = Body(*(value * height / 1.75 for value in Body()))._replace(**lengths)
+    stride = float(np.median(length))
+    usual = gait(stride_length=stride, cadence=120.0 / float(np.median(times)), stature=height, usual=RECORDED)
+    grows = manner(stride / (body.thigh_length + body.shank_length), RECORDED)
+    follows = {name: float(value) for name, value in grows.items()}
+    irregular = float(np.sqrt(2.0) * np.std(times) / np.mean(times))
+    own = usual._replace(
+        **follows, soft_tissue=1.0, right_first=float(SIDES[side] == "right"), time_variability=min(irregular, 0.15),
+    )  # fmt: skip
+    return windows, Person(body, own), frozenset(lengths)

@@ -1,0 +1,121 @@
+"""A walker is fitted to a recording: it moves as the person did, and other sensors on it read what they would have."""
+
+import jax
+import numpy as np
+import pytest
+
+from jgait import datasets, simulate
+from jgait.simulate import Person
+from jgait.simulate.fitting import POINTS, Signals, mean_strides, turned, unexplained, virtual
+from jgait.simulate.sensors import OPAL
+from jgait.types import Imu, Recording
+
+OTHERS = ("ankle_right", "ankle_left", "foot_right", "foot_left")
+
+
+def lengths(body):
+    return {"thigh_length": float(body.thigh_length), "shank_length": float(body.shank_length)}
+
+
+def shares(person, seen, late=0.0):
+    """Mean unexplained share of rates and of forces of other sensors, in a stride that begins late [s]."""
+    made = virtual(person, tuple(seen), late / float(person.gait.stride_time))
+    both = (Signals(*(np.stack([getattr(one[name], kind) for name in seen]) for kind in Signals._fields))
+            for one in (made, seen))  # fmt: skip
+    return np.sqrt(np.asarray(unexplained(*both)[0])).mean(axis=1)
+
+
+def usual(fit):
+    """A walker with the mean manner of recorded people at the fitted person's stride."""
+    gait = fit.person.gait
+    same = {name: getattr(gait, name) for name in ("stride_length", "stride_time", "right_first")}
+    return Person(fit.person.body, simulate.RECORDED._replace(**same, soft_tissue=1.0))
+
+
+@pytest.fixture(scope="module")
+def someone():
+    """A simulated person with a style of their own, worn legs in unknown orientations, and the fit."""
+    drawn = simulate.person_of(simulate.population(jax.random.key(40), 1, recorded=True), 0)
+    along, key = simulate.straight(12.0), jax.random.key(3)
+    who = simulate.covering(key, drawn, along)
+    recording, _ = simulate.recording(key, who, along, OPAL, placements=simulate.FOUR)
+    return who, simulate.fitted(recording, lengths(who.body))
+
+
+def test_a_walker_is_recovered_from_sensors_on_the_legs(someone):
+    who, fit = someone
+    own, found = who.gait, fit.person.gait
+    assert fit.person.body[:2] == pytest.approx(who.body[:2])
+    assert found.stride_time == pytest.approx(own.stride_time, rel=0.02)
+    assert found.stride_length == pytest.approx(own.stride_length, rel=0.03)
+    assert found.toe_up == pytest.approx(own.toe_up, rel=0.15)
+    assert found.heel_up == pytest.approx(own.heel_up, rel=0.08)
+    styles = [[getattr(gait, f"style_{i}") for i in range(1, 5)] for gait in (own, found)]
+    assert np.corrcoef(*styles)[0, 1] > 0.8
+    assert not fit.notes
+    for name in simulate.FOUR:
+        assert fit.unexplained[name].gyr < 0.7 * fit.usual[name].gyr
+        assert fit.unexplained[name].acc < 0.6 * fit.usual[name].acc
+        assert np.linalg.det(fit.axes[name]) == pytest.approx(1.0)
+
+
+def test_other_sensors_of_the_fitted_walker_read_what_they_would_have(someone):
+    who, fit = someone
+    seen = virtual(who, OTHERS)
+    ours, theirs = shares(fit.person, seen), shares(usual(fit), seen)
+    assert np.all(ours < 0.15)
+    assert np.all(ours < 0.7 * theirs)
+    read, _ = simulate.recording(jax.random.key(0), fit.person, placements=OTHERS)
+    assert all(np.isfinite(imu.acc).all() for imu in read.sensors.values())
+
+
+def test_the_rotation_of_a_sensor_is_found_and_the_bias_of_its_gyroscope_does_not_count():
+    random = np.random.default_rng(0)
+    made = Signals(random.normal(size=(2, POINTS, 3)), random.normal(size=(2, POINTS, 3)) + [0.0, 0.0, 9.8])
+    turn = np.linalg.qr(random.normal(size=(2, 3, 3)))[0]
+    turn *= np.linalg.det(turn)[:, None, None]
+    seen = Signals(*(np.einsum("sij,spj->spi", turn, part) for part in made))
+    np.testing.assert_allclose(turned(made, seen), turn, atol=1e-12)
+    share, found = unexplained(made, seen._replace(gyr=seen.gyr + 0.1))
+    np.testing.assert_allclose(share, 0.0, atol=1e-24)
+    np.testing.assert_allclose(found, turn, atol=1e-12)
+
+
+def test_a_stride_with_lost_samples_does_not_count():
+    time = np.arange(500) * 0.01
+    wave = np.stack([np.sin(2.0 * np.pi * time)] * 3, axis=1)
+    broken = np.where(time[:, None] < 1.0, 99.0, wave)
+    mask = np.ones(500, bool)
+    mask[50] = False
+    windows = np.stack([np.arange(4.0), np.arange(4.0) + 1.0], axis=1)
+    recording = Recording(
+        {"waist": Imu(time, broken, wave, mask), "foot_left": Imu(time, wave, wave, mask)}, 100.0, "", ""
+    )
+    found = mean_strides(recording, windows)
+    np.testing.assert_allclose(found["waist"].gyr[:, 0], np.sin(2.0 * np.pi * np.arange(POINTS) / POINTS), atol=1e-9)
+    assert list(mean_strides(recording, windows[:2])) == []
+
+
+def test_standing_cannot_be_fitted():
+    recording, _ = simulate.recording(jax.random.key(0), placements=simulate.FOUR)
+    still = recording._replace(
+        sensors={name: Imu(*(part[:250] for part in imu)) for name, imu in recording.sensors.items()}
+    )
+    with pytest.raises(ValueError, match="two or more regular strides of one foot; there are 0 of the right"):
+        simulate.fitted(still)
+
+
+def test_ankles_of_a_recorded_person_are_predicted_from_thighs_and_shanks():
+    """Forces better than by the usual walker of this stride, rates as well; errors are large, and a note says so."""
+    if not datasets.available("neura_sparse"):
+        pytest.skip(datasets.unavailable_reason("neura_sparse"))
+    (walk,) = datasets.load("neura_sparse")
+    sensors, body = walk.recording.sensors, np.mean(list(walk.info["lengths"].values()), axis=0)
+    legs = walk.recording._replace(sensors={name: sensors[name] for name in simulate.FOUR})
+    fit = simulate.fitted(legs, dict(zip(("thigh_length", "shank_length"), body, strict=True)))
+    ankles = walk.recording._replace(sensors={name: sensors[name] for name in OTHERS[:2]})
+    seen = mean_strides(ankles, fit.strides)
+    (rate, force), (rate_usual, force_usual) = (shares(one, seen, fit.late) for one in (fit.person, usual(fit)))
+    assert rate < min(0.5, rate_usual + 0.05)
+    assert force < 0.9 * force_usual
+    assert {note.code for note in fit.notes} == {"walker_fits_poorly"}
