@@ -248,4 +248,7 @@ def rows(quick: bool) -> list[Row]:
         for metric, part, what in (("spectra_db", "worst band", np.max), ("spectra_mean_db", "worst signal", np.mean)):
             value = max(float(what(one)) for one in apart.values())
             found.append(Row(metric, value, "dB", None, count, split).on(line, part, "people"))
+        for name, one in apart.items():
+            row = Row(f"spectra_db_{name.replace(' ', '_')}", float(one.max()), "dB", None, count, split)
+            found.append(row.on(f"{line}, worst band", name, "people"))
     return found

@@ -65,3 +65,24 @@ def test_recorded_people_are_held_against_others_with_strides_like_theirs(load_e
     # Four of the nine lie within the strides of the one, who is not held against himself.
     inside, count = figures.of_others(alone, recorded)
     assert count == 9 and 3 <= inside <= 5
+
+
+def test_a_number_of_simulated_people_is_within_its_deviation_or_not(load_experiment):
+    prediction = load_experiment("people.prediction")
+    found = prediction.Compared(np.array([0.5, -1.9, 2.1, -5.0]), np.ones(4))
+    assert prediction.within(found) == 50.0
+
+
+def test_a_person_predicts_own_sensors_in_any_orientation_and_other_people_less(load_experiment):
+    fitted = load_experiment("people.fitted")
+    one, other = (
+        fitted.simulate.Person(gait=fitted.simulate.RECORDED._replace(soft_tissue=1.0, style_1=style))
+        for style in (0.0, 1.5)
+    )
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    turn *= np.linalg.det(turn)
+    seen = {name: fitted.Signals(*(part @ turn for part in own)) for name, own in
+            fitted.virtual(one, ("ankle_right", "foot_right")).items()}  # fmt: skip
+    for same, differs in zip(*(fitted.predicted(who, 0.0, seen).values() for who in (one, other)), strict=True):
+        assert same.gyr < 1e-9 and same.acc < 1e-9 and same.correlation > 1.0 - 1e-12
+        assert differs.gyr > 0.01 and differs.acc > 0.01
