@@ -5,7 +5,7 @@ Nothing is learned for the feet. The lever of `tripod`'s sensors is learned at t
 
 import numpy as np
 
-from experiments.common.recordings import attempt, available, walks
+from experiments.common.recordings import attempt, available, names, walks
 from experiments.common.row import Row, show
 from experiments.common.shanks import legs
 from experiments.foot_ins import feet as real
@@ -34,16 +34,26 @@ def closures() -> list[Row]:
 
 
 def positions() -> list[Row]:
-    """Horizontal position of both feet of `gaitmap_example` after a turn and a shift, root mean square."""
+    """Horizontal position of both feet of `gaitmap_example` after a turn and a shift, root mean square.
+
+    Both feet estimated together, whose headings then do not drift apart; and each foot by itself.
+    """
     if not available("gaitmap_example"):
         return []
-    each = [
-        real.matched(foot, foot_ins.estimate(foot_ins.FootParams(), foot.recording)).rmse
-        for foot in real.feet("gaitmap_example")
-    ]
-    value = float(np.sqrt(np.mean(np.square(each))))
-    row = Row("gaitmap_position_m", value, "m", n=len(each), split="nothing learned")
-    return [row.on("foot_ins, `gaitmap_example`, position: root mean square error", of="feet")]
+    feet = real.feet("gaitmap_example")
+    (walk,) = walks("gaitmap_example", names("gaitmap_example"))
+    recordings = {"": [walk.recording] * len(feet), "_alone": [foot.recording for foot in feet]}
+    rows = []
+    for end, chosen in recordings.items():
+        each = [
+            real.matched(foot, foot_ins.estimate(foot_ins.FootParams(), recording)).rmse
+            for foot, recording in zip(feet, chosen, strict=True)
+        ]
+        value = float(np.sqrt(np.mean(np.square(each))))
+        row = Row(f"gaitmap_position_m{end}", value, "m", n=len(each), split="nothing learned")
+        part = "each foot alone" if end else "both feet"
+        rows.append(row.on("foot_ins, `gaitmap_example`, position: root mean square error", part, "feet"))
+    return rows
 
 
 def shanks() -> list[Row]:

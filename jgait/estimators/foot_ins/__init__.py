@@ -27,6 +27,8 @@ Deviations from the paper:
     4. The filter takes the ground for level only if `level` says so.
     5. Smoothing; `smooth=False` gives the filter.
     6. Standard deviations of stride lengths are the filter's times a factor from the innovations of the stride.
+    7. With smoothing, the headings of two feet are kept from drifting apart, see `jgait.estimators.foot_ins.headings`;
+       the estimate of one recording only: in cohorts and in tuning each foot is estimated by itself.
 
 Parameters without a gradient: `sway`, `gyr_bias` and `gyr_bias_tilt` enter only the belief at the start; the detection
 of stances, footholds and contacts has no gradient.

@@ -215,7 +215,8 @@ def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
     """The estimate with footholds, without a drift between the headings of two feet, and with doubts."""
     feet = zip(SIDES, (made.inputs.right, made.inputs.left), strict=True)
     footholds = {f"footholds_{side}": foot.foothold[: int(foot.count)] for side, foot in feet if foot is not None}
-    result = headings.together(result._replace(diagnostics={**result.diagnostics, **footholds}))
+    result = result._replace(diagnostics={**result.diagnostics, **footholds})
+    result = headings.together(result) if made.options.smooth else result
     if made.options.soft:  # its noise is tuned, and limits for it are not known
         return result
     worn = {side: f"foot_{name}" for side, name in enumerate(SIDES) if made.inputs[side + 1] is not None}
