@@ -10,41 +10,40 @@ from typing import Any
 import numpy as np
 from jax import lax
 
-from jgait.types import AnyArray
 
-
-def _divided(x: AnyArray, y: AnyArray) -> AnyArray:
+def _divided(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.true_divide(x, y) if np.issubdtype(x.dtype, np.inexact) else (x - np.fmod(x, y)) // y
 
 
-def _converted(x: AnyArray, *, new_dtype: Any) -> AnyArray:
+def _converted(x: np.ndarray, *, new_dtype: Any) -> np.ndarray:
     if np.issubdtype(new_dtype, np.integer) and np.issubdtype(x.dtype, np.inexact):  # what fits, and 0 for NaN
         limits = np.iinfo(new_dtype)
-        x = np.clip(np.nan_to_num(x), limits.min, limits.max)
+        inside = np.clip(np.nan_to_num(x), limits.min, limits.max).astype(new_dtype)
+        return np.where(x >= limits.max, np.asarray(limits.max, new_dtype), inside)
     return np.asarray(x).astype(new_dtype)
 
 
-def _chosen(which: AnyArray, *cases: AnyArray) -> AnyArray:
+def _chosen(which: np.ndarray, *cases: np.ndarray) -> np.ndarray:
     return np.where(which, cases[1], cases[0]) if which.dtype == bool else np.choose(which, cases)
 
 
-def _power(x: AnyArray, *, y: int) -> AnyArray:
+def _power(x: np.ndarray, *, y: int) -> np.ndarray:
     return np.power(x, y) if y >= 0 else 1 / np.power(x, -y)
 
 
-def _rounded(x: AnyArray, *, rounding_method: Any) -> AnyArray:
+def _rounded(x: np.ndarray, *, rounding_method: Any) -> np.ndarray:
     even = rounding_method == lax.RoundingMethod.TO_NEAREST_EVEN
     return np.rint(x) if even else np.copysign(np.floor(np.abs(x) + 0.5), x)
 
 
-def _polynomial(x: AnyArray, *coefficients: AnyArray) -> AnyArray:
+def _polynomial(x: np.ndarray, *coefficients: np.ndarray) -> np.ndarray:
     total = coefficients[-1]
     for one in coefficients[-2::-1]:
         total = total * x + one
     return total
 
 
-def _broadcast(x: AnyArray, *, shape: tuple[int, ...], broadcast_dimensions: tuple[int, ...]) -> AnyArray:
+def _broadcast(x: np.ndarray, *, shape: tuple[int, ...], broadcast_dimensions: tuple[int, ...]) -> np.ndarray:
     own = [1] * len(shape)
     for place, size in zip(broadcast_dimensions, np.shape(x), strict=True):
         own[place] = size
@@ -52,31 +51,37 @@ def _broadcast(x: AnyArray, *, shape: tuple[int, ...], broadcast_dimensions: tup
 
 
 def _slice(
-    x: AnyArray, *, start_indices: tuple[int, ...], limit_indices: tuple[int, ...], strides: tuple[int, ...] | None
-) -> AnyArray:
+    x: np.ndarray, *, start_indices: tuple[int, ...], limit_indices: tuple[int, ...], strides: tuple[int, ...] | None
+) -> np.ndarray:
     steps = strides or (1,) * x.ndim
     return x[tuple(slice(*one) for one in zip(start_indices, limit_indices, steps, strict=True))]
 
 
-def _dynamic_slice(x: AnyArray, *starts: AnyArray, slice_sizes: tuple[int, ...]) -> AnyArray:
+def _dynamic_slice(x: np.ndarray, *starts: np.ndarray, slice_sizes: tuple[int, ...]) -> np.ndarray:
     first = [min(max(int(s), 0), n - size) for s, n, size in zip(starts, x.shape, slice_sizes, strict=True)]
     return x[tuple(slice(s, s + size) for s, size in zip(first, slice_sizes, strict=True))]
 
 
-def _unstacked(x: AnyArray, *, axis: int) -> list[AnyArray]:
+def _unstacked(x: np.ndarray, *, axis: int) -> list[np.ndarray]:
     return list(np.moveaxis(x, axis, 0))
 
 
 def _gathered(
-    x: AnyArray, index: AnyArray, *, dimension_numbers: Any, slice_sizes: tuple[int, ...], mode: Any, fill_value: Any
-) -> AnyArray:
+    x: np.ndarray,
+    index: np.ndarray,
+    *,
+    dimension_numbers: Any,
+    slice_sizes: tuple[int, ...],
+    mode: Any,
+    fill_value: Any,
+) -> np.ndarray:
     """Slices of x that begin at `index` (…, k), which count what the dimension numbers name."""
     d = dimension_numbers
     batch, rank = index.shape[:-1], x.ndim
     window = [i for i in range(rank) if i not in d.collapsed_slice_dims and i not in d.operand_batching_dims]
     inside, places = np.ones(batch, bool), []
     for i in range(rank):
-        start = np.zeros(batch, np.int64)
+        start: Any = np.zeros(batch, np.int64)
         if i in d.start_index_map:
             start = index[..., d.start_index_map.index(i)].astype(np.int64)
             inside &= (start >= 0) & (start <= x.shape[i] - slice_sizes[i])
@@ -98,50 +103,52 @@ def _gathered(
     return np.moveaxis(found, range(len(batch), found.ndim), d.offset_dims)
 
 
-def _along(operation: Callable[..., AnyArray], neutral: Any = None) -> Callable[..., AnyArray]:
+def _along(function: np.ufunc) -> Callable[..., np.ndarray]:
     """A cumulative operation, which adds float32 in float64."""
 
-    def of(x: AnyArray, *, axis: int, reverse: bool) -> AnyArray:
+    def of(x: np.ndarray, *, axis: int, reverse: bool) -> np.ndarray:
         turned = np.flip(x, axis) if reverse else x
-        wide = np.float64 if operation is np.add.accumulate and x.dtype == np.float32 else x.dtype
-        result = operation(turned, axis=axis, dtype=wide).astype(x.dtype)
+        wide = np.float64 if x.dtype == np.float32 else x.dtype
+        result = function.accumulate(turned, axis=axis, dtype=wide).astype(x.dtype)
         return np.flip(result, axis) if reverse else result
 
     return of
 
 
-def _over(operation: Callable[..., AnyArray]) -> Callable[..., AnyArray]:
+def _over(function: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
     """A reduction over axes."""
-    return lambda x, *, axes: operation(x, axis=tuple(axes))
+    return lambda x, *, axes: function(x, axis=tuple(axes))
 
 
-def _first(operation: Callable[..., AnyArray]) -> Callable[..., AnyArray]:
-    return lambda x, *, axes, index_dtype: operation(x, axis=axes[0]).astype(index_dtype)
+def _first(function: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
+    return lambda x, *, axes, index_dtype: function(x, axis=axes[0]).astype(index_dtype)
 
 
-def _same(*values: AnyArray) -> Any:
+def _same(*values: np.ndarray) -> Any:
     return values[0] if len(values) == 1 else list(values)
 
 
 OPERATIONS: dict[str, Callable[..., Any]] = {
     "add": np.add, "add_any": np.add, "sub": np.subtract, "mul": np.multiply, "div": _divided, "rem": np.fmod,
-    "neg": np.negative, "abs": np.abs, "sign": np.sign, "round": _rounded, "floor": np.floor, "ceil": np.ceil, "max": np.maximum,
-    "min": np.minimum, "clamp": lambda low, x, high: np.minimum(np.maximum(x, low), high), "pow": np.power,
-    "integer_pow": _power, "square": np.square, "sqrt": np.sqrt, "rsqrt": lambda x: 1 / np.sqrt(x), "exp": np.exp,
-    "log": np.log, "log1p": np.log1p, "expm1": np.expm1, "sin": np.sin, "cos": np.cos, "tan": np.tan, "asin": np.arcsin,
+    "neg": np.negative, "abs": np.abs, "sign": np.sign, "round": _rounded, "floor": np.floor, "ceil": np.ceil,
+    "max": np.maximum, "min": np.minimum, "clamp": lambda low, x, high: np.minimum(np.maximum(x, low), high),
+    "pow": np.power, "integer_pow": _power, "square": np.square, "sqrt": np.sqrt, "rsqrt": lambda x: 1 / np.sqrt(x),
+    "exp": np.exp, "log": np.log, "log1p": np.log1p, "expm1": np.expm1, "sin": np.sin, "cos": np.cos, "tan": np.tan, "asin": np.arcsin,
     "acos": np.arccos, "atan": np.arctan, "atan2": np.arctan2, "tanh": np.tanh, "polynomial": _polynomial,
     "is_finite": np.isfinite, "eq": np.equal, "ne": np.not_equal, "lt": np.less, "le": np.less_equal,
     "gt": np.greater, "ge": np.greater_equal, "and": np.bitwise_and, "or": np.bitwise_or, "xor": np.bitwise_xor,
     "not": np.invert, "select_n": _chosen, "convert_element_type": _converted, "copy": _same, "stop_gradient": _same,
     "optimization_barrier": _same, "broadcast_in_dim": _broadcast, "slice": _slice, "dynamic_slice": _dynamic_slice,
-    "reshape": lambda x, *, new_sizes: np.reshape(x, new_sizes), "squeeze": lambda x, *, dimensions: np.squeeze(x, dimensions),
+    "reshape": lambda x, *, new_sizes: np.reshape(x, new_sizes),
+    "squeeze": lambda x, *, dimensions: np.squeeze(x, dimensions),
     "expand_dims": lambda x, *, dimensions: np.expand_dims(x, dimensions),
-    "transpose": lambda x, *, permutation: np.transpose(x, permutation), "rev": lambda x, *, dimensions: np.flip(x, dimensions),
+    "transpose": lambda x, *, permutation: np.transpose(x, permutation),
+    "rev": lambda x, *, dimensions: np.flip(x, dimensions),
     "concatenate": lambda *x, dimension: np.concatenate(x, dimension), "stack": lambda *x, axis: np.stack(x, axis),
     "unstack": _unstacked, "iota": lambda *, dtype, shape, dimension: _broadcast(
         np.arange(shape[dimension], dtype=dtype), shape=shape, broadcast_dimensions=(dimension,)),
-    "gather": _gathered, "cumsum": _along(np.add.accumulate), "cummax": _along(np.maximum.accumulate),
-    "cummin": _along(np.minimum.accumulate), "reduce_sum": _over(np.sum), "reduce_max": _over(np.max),
+    "gather": _gathered, "cumsum": _along(np.add), "cummax": _along(np.maximum),
+    "cummin": _along(np.minimum), "reduce_sum": _over(np.sum), "reduce_max": _over(np.max),
     "reduce_min": _over(np.min), "reduce_and": _over(np.all), "reduce_or": _over(np.any), "argmax": _first(np.argmax),
     "argmin": _first(np.argmin),
 }  # fmt: skip

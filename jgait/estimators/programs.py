@@ -102,18 +102,17 @@ class Program:
             return kept
         if _Store.compiling is not None:
             _Store.compiling()
-        hits = _hits()
+        options, hits = compiler_options() | self.options or None, _hits()
         with contextlib.nullcontext() if file is None else _unshared():
-            program = self._compiled(arrays, static)
+            program = self._compiled(arrays, static, options)
         # XLA loses functions of a program that is read from JAX's own cache and written again: such a program ends in
         # an error. It stays in that cache alone.
         if file is not None and _hits() == hits:
             _write(file, program)
         return program
 
-    def _compiled(self, arrays: PyTree, static: dict[str, Any]) -> Callable[..., PyTree]:
-        """The function of a short recording as steps; else, or to compile quickly, one program."""
-        options = compiler_options() | self.options or None
+    def _compiled(self, arrays: PyTree, static: dict[str, Any], options: PyTree) -> Callable[..., PyTree]:
+        """The function of a short recording as steps; of a long one, or if it compiles quickly, one program."""
         short = max((max(np.shape(leaf), default=1) for leaf in jax.tree.leaves(arrays)), default=1) <= BUCKET
         if self.options or not short or jax.default_backend() != "cpu":
             whole: Callable[..., PyTree] = self._jit(tuple(static), options).lower(*arrays, **static).compile()
@@ -209,14 +208,15 @@ def _read(file: Path, structure: Any) -> Callable[..., PyTree] | None:
     return program
 
 
-def _write(file: Path, program: Any) -> None:
+def _write(file: Path, program: PyTree) -> None:
     """Put a program into the folder, whole or not at all; nothing happens if that is impossible."""
     from jax.experimental.serialize_executable import serialize
 
     with contextlib.suppress(Exception):
-        plan = program.plan if isinstance(program, Staged) else None
+        programs: Sequence[Any]
+        plan, programs = (program.plan, program.programs) if isinstance(program, Staged) else (None, (program,))
         kept = []
-        for one in program.programs if isinstance(program, Staged) else [program]:
+        for one in programs:
             payload, arguments, result = serialize(one)
             kept.append((payload, arguments.num_leaves, jax.tree.unflatten(result, range(result.num_leaves))))
         content = pickle.dumps((plan, kept))

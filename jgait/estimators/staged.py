@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, jaxpr_as_fun
+from jax.extend.core import Jaxpr, Literal
 from jax.interpreters import partial_eval
 from jaxtyping import PyTree
 
@@ -56,10 +56,12 @@ class Staged:
         kept = {*plan.results, *plan.constants}
         self._calls = []
         for number, step in enumerate(plan.steps):
-            ready = isinstance(step.name, int)
-            call = programs[step.name] if ready else functools.partial(OPERATIONS[step.name], **step.params)
+            if isinstance(step.name, int):
+                call, several = programs[step.name], True
+            else:
+                call, several = functools.partial(OPERATIONS[step.name], **step.params), len(step.results) > 1
             over = tuple({i for i in (*step.results, *step.arguments) if last[i] == number} - kept)
-            self._calls.append((call, step.arguments, step.results, ready or len(step.results) > 1, over))
+            self._calls.append((call, step.arguments, step.results, several, over))
 
     def __call__(self, *arrays: PyTree) -> PyTree:
         """The result of the function, in NumPy arrays."""
@@ -108,11 +110,13 @@ class _Planner:
         places = dict(zip(jaxpr.constvars, map(self.constant, consts), strict=True))
         places |= dict(zip(jaxpr.invars, arguments, strict=True))
 
-        def read(atom: Any) -> int:
-            return self.constant(np.asarray(atom.val, atom.aval.dtype)) if isinstance(atom, Literal) else places[atom]
+        def read(atom: PyTree) -> int:
+            known = isinstance(atom, Literal)
+            return self.constant(np.asarray(atom.val, atom.aval.dtype)) if known else places[atom]
 
         for equation in jaxpr.eqns:
             name, params = equation.primitive.name, equation.params
+            found: Sequence[int]
             if name in INLINED:
                 inner = params[INLINED[name]]
                 found = self.run(inner.jaxpr, inner.consts, [read(v) for v in equation.invars])
@@ -126,9 +130,15 @@ class _Planner:
     def _program(self, equation: Any, read: Callable[[Any], int]) -> Sequence[int]:
         inputs = list({v: None for v in equation.invars if not isinstance(v, Literal)})
         if id(equation) not in self._known:
-            trace = ClosedJaxpr(Jaxpr((), inputs, equation.outvars, [equation]), ())
+
+            def alone(*values: Any) -> Any:
+                given = dict(zip(inputs, values, strict=True))
+                own = [v.val if isinstance(v, Literal) else given[v] for v in equation.invars]
+                found = equation.primitive.bind(*own, **equation.primitive.get_bind_params(equation.params))
+                return found if equation.primitive.multiple_results else [found]
+
             shapes = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in inputs]
-            self.programs.append(self.compiled(jaxpr_as_fun(trace), shapes))
+            self.programs.append(self.compiled(alone, shapes))
             self._known[id(equation)] = equation, len(self.programs) - 1
         return self.step(self._known[id(equation)][1], [read(v) for v in inputs], len(equation.outvars))
 

@@ -14,14 +14,20 @@ X = np.array([[-1.75, 0.0, 0.5, 2.5], [np.inf, np.nan, -np.inf, 1e12], [-0.0, 3.
 N = np.array([[-7, 0, 3, 5], [2, -3, 9, -1], [4, 4, -5, 1]], np.int32)
 Y = np.array([[0.5, -2.0, 3.0, 2.0], [1.0, 2.0, 0.0, -0.5], [4.0, 1.5, -1.0, 0.125]])
 FLAGS = X > 0.0
+ONE = (
+    "abs", "sign", "floor", "ceil", "exp", "log", "log1p", "expm1", "sin", "cos", "tan", "arcsin", "arccos", "arctan",
+    "tanh", "sqrt", "square", "isfinite", "negative",
+)  # fmt: skip
+TWO = (
+    "add", "subtract", "multiply", "divide", "maximum", "minimum", "arctan2", "equal", "not_equal", "less",
+    "less_equal", "greater", "greater_equal",
+)  # fmt: skip
 
 
 def primitives() -> dict[str, Any]:
     """Functions whose traces have the primitives, and arguments."""
-    one = {name: (getattr(jnp, name), (X,)) for name in ("abs", "sign", "floor", "ceil", "exp", "log", "log1p", "expm1",
-           "sin", "cos", "tan", "arcsin", "arccos", "arctan", "tanh", "sqrt", "square", "isfinite", "negative")}  # fmt: skip
-    two = {name: (getattr(jnp, name), (X, Y)) for name in ("add", "subtract", "multiply", "divide", "maximum", "minimum",
-           "arctan2", "equal", "not_equal", "less", "less_equal", "greater", "greater_equal")}  # fmt: skip
+    one = {name: (getattr(jnp, name), (X,)) for name in ONE}
+    two = {name: (getattr(jnp, name), (X, Y)) for name in TWO}
     more = {
         "power": (lax.pow, (np.abs(X), Y)),
         "rsqrt": (lax.rsqrt, (np.abs(Y),)),
@@ -41,6 +47,7 @@ def primitives() -> dict[str, Any]:
         "choice": (jnp.where, (FLAGS, X, Y)),
         "choice of three": (lambda n, a: lax.select_n(n, a, a + 1.0, a + 2.0), (np.abs(N) % 3, Y)),
         "conversion": (lambda a: a.astype(jnp.int32), (X,)),
+        "conversion to long": (lambda a: a.astype(jnp.int64), (X * 1e9,)),
         "conversion of flags": (lambda a: a.astype(jnp.float32), (FLAGS,)),
         "conversion to flags": (lambda a: a.astype(bool), (Y,)),
         "broadcast": (lambda a: jnp.broadcast_to(a[:, None], (3, 2, 4)), (X,)),
