@@ -213,10 +213,10 @@ def _write(file: Path, program: PyTree) -> None:
     from jax.experimental.serialize_executable import serialize
 
     with contextlib.suppress(Exception):
-        programs: Sequence[Any]
-        plan, programs = (program.plan, program.programs) if isinstance(program, Staged) else (None, (program,))
+        plan = program.plan if isinstance(program, Staged) else None
+        every: Sequence[Any] = [program] if plan is None else program.programs
         kept = []
-        for one in programs:
+        for one in every:
             payload, arguments, result = serialize(one)
             kept.append((payload, arguments.num_leaves, jax.tree.unflatten(result, range(result.num_leaves))))
         content = pickle.dumps((plan, kept))

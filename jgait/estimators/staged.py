@@ -33,6 +33,7 @@ class Plan(NamedTuple):
     """Steps on values with places 0, 1, …: first those of the arguments.
 
     Attributes:
+        types: of the arguments.
         steps: in order.
         constants: values that are known, by place.
         places: number of places.
@@ -40,6 +41,7 @@ class Plan(NamedTuple):
         structure: of the result, with 0, 1, … as its leaves.
     """
 
+    types: list[np.dtype[Any]]
     steps: list[Step]
     constants: dict[int, Any]
     places: int
@@ -68,8 +70,8 @@ class Staged:
         values: list[Any] = [None] * self.plan.places
         for place, value in self.plan.constants.items():
             values[place] = value
-        for place, leaf in enumerate(jax.tree.leaves(arrays)):
-            values[place] = np.asarray(leaf)
+        for place, (leaf, dtype) in enumerate(zip(jax.tree.leaves(arrays), self.plan.types, strict=True)):
+            values[place] = np.asarray(leaf, dtype)
         with np.errstate(all="ignore"):
             for call, arguments, results, several, over in self._calls:
                 found = call(*[values[i] for i in arguments])
@@ -157,9 +159,10 @@ def staged(
     leaves, structure = jax.tree.flatten(shape)
     jaxpr = partial_eval.dce_jaxpr(trace.jaxpr, [True] * len(leaves), instantiate=True)[0]
     planner = _Planner(compiled)
-    arguments = [planner.place() for _ in jaxpr.invars]
+    inputs: PyTree = jaxpr.invars
+    arguments = [planner.place() for _ in inputs]
     results = planner.run(jaxpr, trace.consts, arguments)
-    plan = Plan(
-        planner.steps, planner.constants, planner.places, results, jax.tree.unflatten(structure, range(len(leaves)))
-    )
+    types = [np.dtype(v.aval.dtype) for v in inputs]
+    tree = jax.tree.unflatten(structure, range(len(leaves)))
+    plan = Plan(types, planner.steps, planner.constants, planner.places, results, tree)
     return Staged(plan, planner.programs)

@@ -105,6 +105,13 @@ def test_a_short_recording_is_steps_and_a_long_one_one_program_with_the_same_res
         jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-13), found, want)
 
 
+def test_steps_compute_in_the_float_type_of_jax():
+    with jax.enable_x64(False):
+        found = programs.Program(looped)(np.arange(4.0), gain=2.0)
+    assert found["path"].dtype == np.float32
+    np.testing.assert_allclose(found["path"], programs.Program(looped)(np.arange(4.0), gain=2.0)["path"], rtol=1e-6)
+
+
 def test_a_loop_that_stands_twice_in_a_function_is_compiled_once():
     compiled = []
 
