@@ -20,7 +20,7 @@ INLINED = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom
 """Calls of functions, and the parameter that holds the function: its operations become steps of their own."""
 
 
-class Step(NamedTuple):
+class PlanStep(NamedTuple):
     """An operation: its name, or the number of a compiled program; the places of its arguments and results."""
 
     name: str | int
@@ -29,7 +29,7 @@ class Step(NamedTuple):
     params: dict[str, Any]
 
 
-class Plan(NamedTuple):
+class StagePlan(NamedTuple):
     """Steps on values with places 0, 1, …: first those of the arguments.
 
     Attributes:
@@ -42,7 +42,7 @@ class Plan(NamedTuple):
     """
 
     types: list[np.dtype[Any]]
-    steps: list[Step]
+    steps: list[PlanStep]
     constants: dict[int, Any]
     places: int
     results: list[int]
@@ -52,7 +52,7 @@ class Plan(NamedTuple):
 class Staged:
     """A plan with its programs, as a function of arrays."""
 
-    def __init__(self, plan: Plan, programs: Sequence[Callable[..., Any]]) -> None:
+    def __init__(self, plan: StagePlan, programs: Sequence[Callable[..., Any]]) -> None:
         self.plan, self.programs = plan, programs
         last = {place: number for number, step in enumerate(plan.steps) for place in (*step.results, *step.arguments)}
         kept = {*plan.results, *plan.constants}
@@ -87,7 +87,7 @@ class _Planner:
 
     def __init__(self, compiled: Callable[[Callable[..., Any], Sequence[Any]], Any]) -> None:
         self.compiled = compiled
-        self.steps: list[Step] = []
+        self.steps: list[PlanStep] = []
         self.constants: dict[int, Any] = {}
         self.places = 0
         self.programs: list[Any] = []
@@ -104,7 +104,7 @@ class _Planner:
 
     def step(self, name: str | int, arguments: Sequence[int], count: int = 1, **params: Any) -> tuple[int, ...]:
         results = tuple(self.place() for _ in range(count))
-        self.steps.append(Step(name, tuple(arguments), results, params))
+        self.steps.append(PlanStep(name, tuple(arguments), results, params))
         return results
 
     def run(self, jaxpr: Jaxpr, consts: Sequence[Any], arguments: Sequence[int]) -> list[int]:
@@ -164,5 +164,5 @@ def staged(
     results = planner.run(jaxpr, trace.consts, arguments)
     types = [np.dtype(v.aval.dtype) for v in inputs]
     tree = jax.tree.unflatten(structure, range(len(leaves)))
-    plan = Plan(types, planner.steps, planner.constants, planner.places, results, tree)
+    plan = StagePlan(types, planner.steps, planner.constants, planner.places, results, tree)
     return Staged(plan, planner.programs)
