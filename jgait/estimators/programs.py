@@ -14,7 +14,7 @@ import pickle
 import platform
 import tempfile
 import threading
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait.estimators.staged import Staged, staged
 from jgait.filtering.compile import compiler_options, processor
 
 LIMIT = 1_000_000_000
@@ -61,12 +62,6 @@ QUICK = {"xla_backend_optimization_level": 0}
 two to three times as long."""
 
 
-def quick_while_short[F: Callable[..., Any]](function: F) -> F:
-    """Mark a function that runs for milliseconds: its program for up to `BUCKET` samples is compiled as `QUICK`."""
-    function.quick_while_short = True  # type: ignore[attr-defined]
-    return function
-
-
 @functools.cache
 def compiled(function: Callable[..., PyTree], *, quick: bool = False) -> "Program":
     """The function as a compiled program, `quick` to compile instead of to run; see `Program`."""
@@ -102,34 +97,36 @@ class Program:
 
     def _made(self, key: Hashable, arrays: PyTree, static: dict[str, Any]) -> Callable[..., PyTree]:
         """The program from the folder, or compiled and put there."""
-        options = self._options(arrays)
-        file = self._file(key, options)
-        structure = jax.tree.structure((arrays, {}))
-        if file is not None and (kept := _read(file, structure)) is not None:
+        file = self._file(key)
+        if file is not None and (kept := _read(file, jax.tree.structure((arrays, {})))) is not None:
             return kept
         if _Store.compiling is not None:
             _Store.compiling()
-        lowered, hits = self._jit(tuple(static), compiler_options() | options or None).lower(*arrays, **static), _hits()
+        options, hits = compiler_options() | self.options or None, _hits()
         with contextlib.nullcontext() if file is None else _unshared():
-            program = lowered.compile()
+            program = self._compiled(arrays, static, options)
         # XLA loses functions of a program that is read from JAX's own cache and written again: such a program ends in
         # an error. It stays in that cache alone.
         if file is not None and _hits() == hits:
             _write(file, program)
-        made: Callable[..., PyTree] = program
-        return made
+        return program
 
-    def _options(self, arrays: PyTree) -> dict[str, Any]:
-        """Compiler options beside those of all programs, for arguments of these sizes."""
-        if getattr(self.function, "quick_while_short", False):
-            short = max((max(np.shape(leaf), default=1) for leaf in jax.tree.leaves(arrays)), default=1) <= BUCKET
-            return self.options | (QUICK if short else {})
-        return self.options
+    def _compiled(self, arrays: PyTree, static: dict[str, Any], options: PyTree) -> Callable[..., PyTree]:
+        """The function of a short recording as steps; of a long one, or if it compiles quickly, one program."""
+        short = max((max(np.shape(leaf), default=1) for leaf in jax.tree.leaves(arrays)), default=1) <= BUCKET
+        if self.options or not short or jax.default_backend() != "cpu":
+            whole: Callable[..., PyTree] = self._jit(tuple(static), options).lower(*arrays, **static).compile()
+            return whole
 
-    def _file(self, key: Hashable, options: dict[str, Any]) -> Path | None:
+        def compiled(function: Callable[..., PyTree], shapes: Sequence[PyTree]) -> Any:
+            return jax.jit(function, compiler_options=options).lower(*shapes).compile()
+
+        return staged(functools.partial(self.function, **static), arrays, compiled)
+
+    def _file(self, key: Hashable) -> Path | None:
         """The file of a program; None where none is kept, or where nothing names the function or its arguments."""
         name = f"{self.function.__module__}.{getattr(self.function, '__qualname__', '<none>')}"
-        whole = f"{name} {key!r} {options}"
+        whole = f"{name} {key!r} {self.options}"
         if _Store.folder is None or "<" in name or " at 0x" in whole or jax.default_backend() != "cpu":
             return None
         digest = hashlib.sha256(f"{whole} {_surroundings()}".encode()).hexdigest()
@@ -195,21 +192,34 @@ def _read(file: Path, structure: Any) -> Callable[..., PyTree] | None:
         content = file.read_bytes()
         if hashlib.sha256(content[32:]).digest() != content[:32]:
             return None
-        payload, result = pickle.loads(content[32:])
-        program: Callable[..., PyTree] = deserialize_and_load(payload, structure, jax.tree.structure(result))
+        plan, kept = pickle.loads(content[32:])
+        programs = [
+            deserialize_and_load(
+                payload,
+                structure if plan is None else jax.tree.structure(((0,) * count, {})),
+                jax.tree.structure(result),
+            )
+            for payload, count, result in kept
+        ]
         os.utime(file)
+        program: Callable[..., PyTree] = programs[0] if plan is None else Staged(plan, programs)
     except Exception:  # whatever another version wrote there
         return None
     return program
 
 
-def _write(file: Path, program: Any) -> None:
+def _write(file: Path, program: PyTree) -> None:
     """Put a program into the folder, whole or not at all; nothing happens if that is impossible."""
     from jax.experimental.serialize_executable import serialize
 
     with contextlib.suppress(Exception):
-        payload, _, structure = serialize(program)
-        content = pickle.dumps((payload, jax.tree.unflatten(structure, range(structure.num_leaves))))
+        plan = program.plan if isinstance(program, Staged) else None
+        every: Sequence[Any] = [program] if plan is None else program.programs
+        kept = []
+        for one in every:
+            payload, arguments, result = serialize(one)
+            kept.append((payload, arguments.num_leaves, jax.tree.unflatten(result, range(result.num_leaves))))
+        content = pickle.dumps((plan, kept))
         with tempfile.NamedTemporaryFile(dir=file.parent, delete=False) as part:
             part.write(hashlib.sha256(content).digest() + content)
         os.replace(part.name, file)

@@ -3,16 +3,19 @@
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import lax
 
 from jgait.estimators import programs
+from jgait.estimators.staged import staged
 
 announced: list[str] = []
 
 
 def times(x: Any, *, options: float) -> Any:
-    return options * np.pi * x
+    return lax.map(lambda value: options * np.pi * value, x)  # a loop, which is compiled
 
 
 @pytest.fixture
@@ -82,15 +85,44 @@ def test_a_program_of_the_folder_is_not_in_jax_s_own_cache_as_well(folder):
     assert jax.config.jax_persistent_cache_min_compile_time_secs == 0.0
 
 
-def test_a_program_that_runs_for_milliseconds_is_compiled_quickly_unless_the_recording_is_long():
-    @programs.quick_while_short
-    def light(x: Any) -> Any:
-        return x
+def looped(x: Any, *, gain: float) -> Any:
+    """Operations before and behind a loop, and a pair of results of which one is an argument."""
+    level = jnp.cumsum(jnp.where(x > 0.0, gain * x, 0.0))
+    last, path = lax.scan(lambda c, v: (0.5 * c + v, c), 0.0 * x[0], level)
+    return {"path": jnp.sqrt(path + 1.0), "pair": (last, x)}
 
-    for function, size, options in (
-        (light, programs.BUCKET, programs.QUICK), (light, programs.BUCKET + 1, {}), (times, programs.BUCKET, {})
-    ):  # fmt: skip
-        assert programs.Program(function)._options((np.zeros(size), 1.0)) == options
+
+def test_a_short_recording_is_steps_and_a_long_one_one_program_with_the_same_results(folder):
+    x = np.sin(np.arange(300.0))
+    padded = np.concatenate([x, np.zeros(programs.BUCKET + 1 - 300)])
+    short, long = (programs.Program(looped)(v, gain=2.0) for v in (x, padded))
+    assert isinstance(short["path"], np.ndarray) and isinstance(long["path"], jax.Array)
+    np.testing.assert_allclose(short["path"], long["path"][:300], rtol=1e-13)
+    want = jax.jit(looped, static_argnames="gain")(x, gain=2.0)
+    again = programs.Program(looped)(x, gain=2.0)  # from the folder
+    for found in (short, again):
+        assert jax.tree.structure(found) == jax.tree.structure(want)
+        jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-13), found, want)
+
+
+def test_steps_compute_in_the_float_type_of_jax():
+    with jax.enable_x64(False):
+        found = programs.Program(looped)(np.arange(4.0), gain=2.0)
+    assert found["path"].dtype == np.float32
+    np.testing.assert_allclose(found["path"], programs.Program(looped)(np.arange(4.0), gain=2.0)["path"], rtol=1e-6)
+
+
+def test_a_loop_that_stands_twice_in_a_function_is_compiled_once():
+    compiled = []
+
+    def compile(function: Any, shapes: Any) -> Any:
+        compiled.append(shapes)
+        return jax.jit(function).lower(*shapes).compile()
+
+    inner = jax.jit(lambda x: lax.scan(lambda c, v: (c + v, c), 0.0, x)[1])
+    found = staged(lambda x: inner(x) + inner(2.0 * x), (np.ones(3),), compile)(np.ones(3))
+    assert len(compiled) == 1
+    np.testing.assert_allclose(found, [0.0, 3.0, 6.0])
 
 
 def test_a_folder_that_cannot_be_written_costs_nothing_but_the_keeping(folder):

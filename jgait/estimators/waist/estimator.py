@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators.interface import Estimator, Prepared
-from jgait.estimators.programs import quick_while_short
 from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
@@ -58,7 +57,6 @@ UNUSED = {
 is zero."""
 
 
-@quick_while_short
 def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) -> Estimate:
     """Estimate from prepared inputs: pure, for jit, vmap and grad, with static options.
 

@@ -15,7 +15,6 @@ import jax.numpy as jnp
 from jaxtyping import PyTree
 
 from jgait import filtering
-from jgait.estimators.programs import quick_while_short
 from jgait.estimators.waist import orientation as waist_orientation
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.orientation import TrunkControl, TrunkError, TrunkNoise, TrunkObservation, TrunkState
@@ -45,7 +44,6 @@ def motion(p: WaistParams, inputs: WaistInputs, *, smooth: bool = True) -> Trunk
     return _seen(p, inputs, _attitude(p, inputs, smooth=smooth).mean)
 
 
-@quick_while_short
 def motion_and_likelihood(p: WaistParams, inputs: WaistInputs) -> tuple[TrunkMotion, Values]:
     """Motion of the trunk by the filter alone, and the log-likelihood of the accelerometer's readings.
 

@@ -11,7 +11,7 @@ from jgait.estimators.axes import pad
 from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
 from jgait.estimators.interface import Prepared
 from jgait.estimators.notes import FORWARD_UNSURE, NO_STEPS
-from jgait.estimators.programs import bucket, compiled, quick_while_short
+from jgait.estimators.programs import bucket, compiled
 from jgait.estimators.waist import bouts as waist_bouts
 from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist.inputs import PER_NODE, WaistInputs, capacity
@@ -161,7 +161,6 @@ def _contacts(seen: TrunkMotion, mask: np.ndarray, rate: float, options: WaistOp
     return trunk_events.Contacts(*(field[rows] for field in told))
 
 
-@quick_while_short
 def _initial_contacts(seen: TrunkMotion, measured: np.ndarray, rate: float, settings: PyTree) -> trunk_events.Contacts:
     return trunk_events.initial_contacts(
         seen.forward, seen.upward, seen.yaw_rate, rate, settings, mask=measured, leftward=seen.left,

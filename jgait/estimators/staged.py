@@ -1,0 +1,168 @@
+"""A function of arrays as steps on the host: array operations by NumPy, and loops, each a compiled program.
+
+Of a short recording, all that is beside the loops takes NumPy some milliseconds, and a compiler seconds.
+"""
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jax.extend.core import Jaxpr, Literal
+from jax.interpreters import partial_eval
+from jaxtyping import PyTree
+
+from jgait.estimators.operations import OPERATIONS, operation
+
+INLINED = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr",
+           "custom_vjp_call": "call_jaxpr"}  # fmt: skip
+"""Calls of functions, and the parameter that holds the function: its operations become steps of their own."""
+
+
+class PlanStep(NamedTuple):
+    """An operation: its name, or the number of a compiled program; the places of its arguments and results."""
+
+    name: str | int
+    arguments: tuple[int, ...]
+    results: tuple[int, ...]
+    params: dict[str, Any]
+
+
+class StagePlan(NamedTuple):
+    """Steps on values with places 0, 1, …: first those of the arguments.
+
+    Attributes:
+        types: of the arguments.
+        steps: in order.
+        constants: values that are known, by place.
+        places: number of places.
+        results: places of the results.
+        structure: of the result, with 0, 1, … as its leaves.
+    """
+
+    types: list[np.dtype[Any]]
+    steps: list[PlanStep]
+    constants: dict[int, Any]
+    places: int
+    results: list[int]
+    structure: PyTree
+
+
+class Staged:
+    """A plan with its programs, as a function of arrays."""
+
+    def __init__(self, plan: StagePlan, programs: Sequence[Callable[..., Any]]) -> None:
+        self.plan, self.programs = plan, programs
+        last = {place: number for number, step in enumerate(plan.steps) for place in (*step.results, *step.arguments)}
+        kept = {*plan.results, *plan.constants}
+        self._calls = []
+        for number, step in enumerate(plan.steps):
+            if isinstance(step.name, int):
+                call, several = programs[step.name], True
+            else:
+                call, several = functools.partial(OPERATIONS[step.name], **step.params), len(step.results) > 1
+            over = tuple({i for i in (*step.results, *step.arguments) if last[i] == number} - kept)
+            self._calls.append((call, step.arguments, step.results, several, over))
+
+    def __call__(self, *arrays: PyTree) -> PyTree:
+        """The result of the function, in NumPy arrays."""
+        values: list[Any] = [None] * self.plan.places
+        for place, value in self.plan.constants.items():
+            values[place] = value
+        for place, (leaf, dtype) in enumerate(zip(jax.tree.leaves(arrays), self.plan.types, strict=True)):
+            values[place] = np.asarray(leaf, dtype)
+        with np.errstate(all="ignore"):
+            for call, arguments, results, several, over in self._calls:
+                found = call(*[values[i] for i in arguments])
+                for place, value in zip(results, found if several else (found,), strict=True):
+                    values[place] = np.asarray(value)
+                for place in over:  # its memory serves the next results
+                    values[place] = None
+        return jax.tree.map(lambda i: values[self.plan.results[i]], self.plan.structure)
+
+
+class _Planner:
+    """Builds the steps of a plan, and compiles its programs."""
+
+    def __init__(self, compiled: Callable[[Callable[..., Any], Sequence[Any]], Any]) -> None:
+        self.compiled = compiled
+        self.steps: list[PlanStep] = []
+        self.constants: dict[int, Any] = {}
+        self.places = 0
+        self.programs: list[Any] = []
+        self._known: dict[int, tuple[Any, int]] = {}
+
+    def place(self) -> int:
+        self.places += 1
+        return self.places - 1
+
+    def constant(self, value: Any) -> int:
+        place = self.place()
+        self.constants[place] = np.asarray(value)
+        return place
+
+    def step(self, name: str | int, arguments: Sequence[int], count: int = 1, **params: Any) -> tuple[int, ...]:
+        results = tuple(self.place() for _ in range(count))
+        self.steps.append(PlanStep(name, tuple(arguments), results, params))
+        return results
+
+    def run(self, jaxpr: Jaxpr, consts: Sequence[Any], arguments: Sequence[int]) -> list[int]:
+        """Add the steps of a trace; the places of its results."""
+        places = dict(zip(jaxpr.constvars, map(self.constant, consts), strict=True))
+        places |= dict(zip(jaxpr.invars, arguments, strict=True))
+
+        def read(atom: PyTree) -> int:
+            known = isinstance(atom, Literal)
+            return self.constant(np.asarray(atom.val, atom.aval.dtype)) if known else places[atom]
+
+        for equation in jaxpr.eqns:
+            name, params = equation.primitive.name, equation.params
+            found: Sequence[int]
+            if name in INLINED:
+                inner = params[INLINED[name]]
+                found = self.run(inner.jaxpr, inner.consts, [read(v) for v in equation.invars])
+            elif (own := operation(name, params)) is not None:
+                found = self.step(name, [read(v) for v in equation.invars], len(equation.outvars), **own[1])
+            else:
+                found = self._program(equation, read)
+            places |= dict(zip(equation.outvars, found, strict=True))
+        return [read(v) for v in jaxpr.outvars]
+
+    def _program(self, equation: Any, read: Callable[[Any], int]) -> Sequence[int]:
+        inputs = list({v: None for v in equation.invars if not isinstance(v, Literal)})
+        if id(equation) not in self._known:
+
+            def alone(*values: Any) -> Any:
+                given = dict(zip(inputs, values, strict=True))
+                own = [v.val if isinstance(v, Literal) else given[v] for v in equation.invars]
+                found = equation.primitive.bind(*own, **equation.primitive.get_bind_params(equation.params))
+                return found if equation.primitive.multiple_results else [found]
+
+            shapes = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in inputs]
+            self.programs.append(self.compiled(alone, shapes))
+            self._known[id(equation)] = equation, len(self.programs) - 1
+        return self.step(self._known[id(equation)][1], [read(v) for v in inputs], len(equation.outvars))
+
+
+def staged(
+    function: Callable[..., PyTree], arrays: PyTree, compiled: Callable[[Callable[..., Any], Sequence[Any]], Any]
+) -> Staged:
+    """The function for arguments of these shapes and types as steps.
+
+    Args:
+        function: of arrays, traced by JAX.
+        arrays: its arguments.
+        compiled: (function of arrays → list, their shapes and types) → program.
+    """
+    trace, shape = jax.make_jaxpr(function, return_shape=True)(*arrays)
+    leaves, structure = jax.tree.flatten(shape)
+    jaxpr = partial_eval.dce_jaxpr(trace.jaxpr, [True] * len(leaves), instantiate=True)[0]
+    planner = _Planner(compiled)
+    inputs: PyTree = jaxpr.invars
+    arguments = [planner.place() for _ in inputs]
+    results = planner.run(jaxpr, trace.consts, arguments)
+    types = [np.dtype(v.aval.dtype) for v in inputs]
+    tree = jax.tree.unflatten(structure, range(len(leaves)))
+    plan = StagePlan(types, planner.steps, planner.constants, planner.places, results, tree)
+    return Staged(plan, planner.programs)
