@@ -122,11 +122,11 @@ def grouped(notes: Iterable[Note]) -> list[Note]:
         others = {name: value for name, value in note.values.items() if name != "placement"}
         of_sensor = note.kind.text.startswith("{placement}: ")
         groups.setdefault((note.code, str(others)) if of_sensor else note, []).append(note)
-    found = []
+    lines = []
     for same in groups.values():
         names = tuple(dict.fromkeys(str(note.values.get("placement")) for note in same))
-        found.append(same[0] if len(names) == 1 else replace(same[0], values={**same[0].values, "placement": names}))
-    return found
+        lines.append(same[0] if len(names) == 1 else replace(same[0], values={**same[0].values, "placement": names}))
+    return lines
 
 
 def to_json(notes: Iterable[Note]) -> str:
@@ -146,8 +146,8 @@ class _Count(int):
     """A whole number that chooses between two words, see `Kind.text`."""
 
     def __format__(self, spec: str) -> str:
-        one, bar, many = spec.partition("|")
-        return (one if self == 1 else many) if bar else super().__format__(spec)
+        singular, bar, plural = spec.partition("|")
+        return (singular if self == 1 else plural) if bar else super().__format__(spec)
 
 
 def _shown(value: Value) -> object:

@@ -82,16 +82,16 @@ class Parameter(NamedTuple):
 def declared(of: type[Any]) -> dict[str, Parameter]:
     """The declarations of a NamedTuple of parameters, by field."""
     hints = get_type_hints(of, include_extras=True)
-    found = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
-    return {name: mark for name, marks in found.items() for mark in marks if isinstance(mark, Parameter)}
+    hints_of = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
+    return {name: mark for name, marks in hints_of.items() for mark in marks if isinstance(mark, Parameter)}
 
 
 def documented[C](of: type[C]) -> type[C]:
     """A decorator that adds the declared parameters, their units and ranges to the docstring of a class."""
     lines = [
-        f"    {name}: {one.meaning}" + (f" [{one.unit}]" if one.unit else "")
-        + (f"; {one.transform.name}." if one.transform else ".")
-        for name, one in declared(of).items()
+        f"    {name}: {parameter.meaning}" + (f" [{parameter.unit}]" if parameter.unit else "")
+        + (f"; {parameter.transform.name}." if parameter.transform else ".")
+        for name, parameter in declared(of).items()
     ]  # fmt: skip
     of.__doc__ = "\n".join([of.__doc__ or "", "", "Attributes:", *lines])
     return of
@@ -106,43 +106,43 @@ def ranges[P](p: P) -> P:
     """
     tuple_of: Any = type(p)
 
-    def of_field(name: str, one: Parameter) -> Any:
+    def of_field(name: str, parameter: Parameter) -> Any:
         value = getattr(p, name)
-        if one.transform is None:
+        if parameter.transform is None:
             return ranges(value)
-        return type(value)(*[one.transform] * len(value)) if isinstance(value, tuple) else one.transform
+        return type(value)(*[parameter.transform] * len(value)) if isinstance(value, tuple) else parameter.transform
 
-    found: P = tuple_of(**{name: of_field(name, one) for name, one in declared(tuple_of).items()})
-    return found
+    transforms: P = tuple_of(**{name: of_field(name, parameter) for name, parameter in declared(tuple_of).items()})
+    return transforms
 
 
 def priors[P](p: P) -> P:
     """The declared priors of parameters, in the same type, for `tune.fit`; None where a parameter has none."""
     tuple_of: Any = type(p)
 
-    def of_field(name: str, one: Parameter) -> Any:
+    def of_field(name: str, parameter: Parameter) -> Any:
         value = getattr(p, name)
-        if one.transform is None:
+        if parameter.transform is None:
             return priors(value)
-        every: list[Any] = [one.prior] * (len(value) if isinstance(value, tuple) else 1)
-        return type(value)(*every) if isinstance(value, tuple) else one.prior
+        every: list[Any] = [parameter.prior] * (len(value) if isinstance(value, tuple) else 1)
+        return type(value)(*every) if isinstance(value, tuple) else parameter.prior
 
-    found: P = tuple_of(**{name: of_field(name, one) for name, one in declared(tuple_of).items()})
-    return found
+    of_parameters: P = tuple_of(**{name: of_field(name, parameter) for name, parameter in declared(tuple_of).items()})
+    return of_parameters
 
 
 def units(p: Any) -> dict[str, str]:
     """The declared unit of every parameter, by the parameter's name, such as "thigh_length.right"."""
-    found: dict[str, str] = {}
-    for name, one in declared(type(p)).items():
+    by_name: dict[str, str] = {}
+    for name, parameter in declared(type(p)).items():
         value = getattr(p, name)
-        if one.transform is None:
-            found |= {f"{name}.{inner}": unit for inner, unit in units(value).items()}
+        if parameter.transform is None:
+            by_name |= {f"{name}.{inner}": unit for inner, unit in units(value).items()}
         elif isinstance(value, tuple):
-            found |= {f"{name}.{inner}": one.unit for inner in value._fields}  # type: ignore[attr-defined]
+            by_name |= {f"{name}.{inner}": parameter.unit for inner in value._fields}  # type: ignore[attr-defined]
         else:
-            found[name] = one.unit
-    return found
+            by_name[name] = parameter.unit
+    return by_name
 
 
 class Prior(NamedTuple):

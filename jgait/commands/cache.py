@@ -22,7 +22,7 @@ def cache(clear: Annotated[bool, typer.Option("--clear", help="Remove the progra
     """
     files = [path for path in folder().glob("*") if path.is_file()]
     size = sum(path.stat().st_size for path in files) / 1e6
-    said = f"{count(len(files), 'program', 'programs')}, {size:.1f} MB, in {visible(folder())}"
+    summary = f"{count(len(files), 'program', 'programs')}, {size:.1f} MB, in {visible(folder())}"
     if clear:
         try:
             shutil.rmtree(folder())
@@ -30,5 +30,5 @@ def cache(clear: Annotated[bool, typer.Option("--clear", help="Remove the progra
             pass
         except OSError as error:
             stop(f"not all programs could be removed: {error}")
-        said = f"removed {said}"
-    console.print(said, soft_wrap=True, highlight=False)
+        summary = f"removed {summary}"
+    console.print(summary, soft_wrap=True, highlight=False)

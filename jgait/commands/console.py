@@ -97,9 +97,9 @@ def note(message: object) -> None:
     errors.print(visible(message), highlight=False, style="yellow", soft_wrap=True)
 
 
-def count(number: int, one: str, many: str) -> str:
+def count(number: int, singular: str, plural: str) -> str:
     """A number with a noun in the singular or plural."""
-    return f"{number} {one if number == 1 else many}"
+    return f"{number} {singular if number == 1 else plural}"
 
 
 def table_of(*headings: str, left: int = 1, title: str | None = None) -> Table:

@@ -175,7 +175,7 @@ def real_walk(out: Path, report: Report) -> RealWalk:
     walk = datasets.load("neura_sparse")[0]
     if walk.reference is None:
         raise datasets.DatasetUnavailable("the recording of neura_sparse lacks its reference")
-    found = analyse(walk.recording, datasets.body(walk))
+    analysis = analyse(walk.recording, datasets.body(walk))
     windows, reference = walk.info["windows"], walk.reference
     way = reference.distance[slice(*windows["whole"])]
     # a person who stands sways, which is no way walked
@@ -184,15 +184,15 @@ def real_walk(out: Path, report: Report) -> RealWalk:
     true = {"distance": float(way[-1] - way[0]), "stride_length": float(np.median(strides[strides[:, 2] > WHOLE, 2]))}
     lines, numbers = [], {}
     for quantity, value in true.items():
-        told = {c.source: c for c in found.comparisons if c.quantity == quantity}
-        alone = ", ".join(f"{name} {c.value:.2f}" for name, c in told.items() if name != "combined")
-        all_of_them = told["combined"]
+        by_source = {c.source: c for c in analysis.comparisons if c.quantity == quantity}
+        alone = ", ".join(f"{name} {c.value:.2f}" for name, c in by_source.items() if name != "combined")
+        all_of_them = by_source["combined"]
         lines.append((
             f"{quantity.replace('_', ' ')} [m]", f"{all_of_them.value:.2f} ± {all_of_them.stddev:.2f}", alone,
             f"{value:.2f}",
         ))  # fmt: skip
         numbers[quantity] = (all_of_them.value, value)
-    spread = _joint_ranges(found.estimate, reference, windows["whole"])
+    spread = _joint_ranges(analysis.estimate, reference, windows["whole"])
     for joint, (ours, theirs) in spread.items():
         lines.append((f"{joint}, range [°]", f"{ours:.0f}", "", f"{theirs:.0f}"))
         numbers[joint] = (ours, theirs)
@@ -200,10 +200,10 @@ def real_walk(out: Path, report: Report) -> RealWalk:
     title = "a real walk: angles by one call, motion capture dashed"
     with _DRAWING:
         out.mkdir(parents=True, exist_ok=True)
-        angles = plot.joint_angles(found.estimate, reference, seconds=(seconds[0], seconds[1]), title=title)
+        angles = plot.joint_angles(analysis.estimate, reference, seconds=(seconds[0], seconds[1]), title=title)
         figures = [plot.save(angles, out / "real_walk_angles.png")]
         made = reports.Made("all sensors together", file="neura_sparse")
-        page = reports.of_analysis(found, walk.recording, reference=reference, made=made)
+        page = reports.of_analysis(analysis, walk.recording, reference=reference, made=made)
         figures.append(page.save(out / "real_walk.html"))
     return RealWalk("neura_sparse: one person, nine sensors, one call", lines, figures, numbers)
 
@@ -214,12 +214,12 @@ WHOLE = 1.3
 
 def _joint_ranges(estimate: Estimate, reference: Estimate, window: tuple[int, int]) -> dict[str, tuple[float, float]]:
     """Joint and side → range of the flexion in a window of samples [°], of an estimate and of its reference."""
-    found = {}
+    ranges = {}
     for side, ours, theirs in zip(SIDES, estimate.legs, reference.legs, strict=True):
         for joint in ("hip", "knee"):
             pair = [np.rad2deg(getattr(leg, f"{joint}_angle")[slice(*window)]) for leg in (ours, theirs)]
-            found[f"{joint} {side}"] = (float(np.ptp(pair[0])), float(np.ptp(pair[1])))
-    return found
+            ranges[f"{joint} {side}"] = (float(np.ptp(pair[0])), float(np.ptp(pair[1])))
+    return ranges
 
 
 def neura_sparse(out: Path, report: Report, *, steps: int = 30) -> Demo:

@@ -122,7 +122,7 @@ def _judged(
 
     failures: list[tuple[str, str]] = []
     lessons = lessons_of(pipeline, source, start, [], failures, any(KNOWN[name].needs for name in names))
-    say_failures([one for one in failures if one not in source.failures])
+    say_failures([failure for failure in failures if failure not in source.failures])
     try:
         return evaluation.judged(pipeline, start, lessons, names)
     except ValueError as error:

@@ -123,8 +123,8 @@ def _numbers(made: PyTree, files: list[Path]) -> dict[str, PyTree]:
         name: json.loads(table.to_json(orient="records", double_precision=6))
         for name, table in tables.items() if name != "samples"
     }  # fmt: skip
-    told = {c.quantity: c for c in made.comparisons if c.source == "combined"}
-    distance = told.get("distance")
+    combined = {c.quantity: c for c in made.comparisons if c.source == "combined"}
+    distance = combined.get("distance")
     return {
         "duration_s": float(made.estimate.time[-1] - made.estimate.time[0]),
         "distance_m": None if distance is None else distance.value,

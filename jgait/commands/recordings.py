@@ -119,7 +119,7 @@ def trials_of(file: Path, name: str, format: str | None, trial: str | None) -> l
         trials = ()
     if len(trials) < 2:
         return [Item(file, name, trial)]
-    return [Item(file, f"{name}_{one.replace('/', '_')}", one) for one in trials]
+    return [Item(file, f"{name}_{of_trial.replace('/', '_')}", of_trial) for of_trial in trials]
 
 
 def recording_of(

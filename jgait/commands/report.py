@@ -165,13 +165,13 @@ def _of_all(walk: Walk, data: str, person: dict[str, PyTree], command: str) -> "
 
     known = cohorts.body(walk, tuple({name for names in MEASURES.values() for name in names}))
     try:
-        found = analyse(walk.recording, {**known, **person})
+        analysis = analyse(walk.recording, {**known, **person})
     except Exception as error:
         stop(f"{data}: {reason_of(error)}")
-    for line in grouped(found.notes):
+    for line in grouped(analysis.notes):
         note(line)
     made = reports.Made("all sensors together", file=data, command=command)
-    return reports.of_analysis(found, walk.recording, reference=walk.reference, made=made)
+    return reports.of_analysis(analysis, walk.recording, reference=walk.reference, made=made)
 
 
 def _of_cohort(

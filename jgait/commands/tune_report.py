@@ -124,10 +124,10 @@ def _values(job: Job, results: TuningResults) -> dict[str, LearnedNumber]:
 
 def _show_held_out(table: "pd.DataFrame", job: Job, change: "PairedDifference") -> None:
     """Print the error of each person or day before and after learning from the others, and the verdict."""
-    one, many = job.groups.one, job.groups.many
-    title = f"\n{job.judged} [{job.unit}] of {many} left out of the tuning, worst first"
+    singular, plural = job.groups.one, job.groups.many
+    title = f"\n{job.judged} [{job.unit}] of {plural} left out of the tuning, worst first"
     console.print(visible(title), style="italic")
-    shown = table_of(one, "recordings", "before", "after", "change")
+    shown = table_of(singular, "recordings", "before", "after", "change")
     ordered = table.sort_values("error_after", ascending=False, kind="stable")
     for subject, row in ordered.head(MOST).iterrows():
         numbers = (significant(row[name]) for name in ("error_before", "error_after", "change"))
@@ -141,10 +141,10 @@ def _show_held_out(table: "pd.DataFrame", job: Job, change: "PairedDifference") 
     change_words = f"median change {significant(change.estimate)} {'points' if job.unit == '%' else job.unit}"
     sides = f"{change.better} better, {change.worse} worse"
     if change.n < ENOUGH:
-        console.print(f"{change_words}; {sides} (a verdict needs {ENOUGH} {many})", highlight=False)
+        console.print(f"{change_words}; {sides} (a verdict needs {ENOUGH} {plural})", highlight=False)
         return
     verdict = "better" if change.high < 0.0 else "worse" if change.low > 0.0 else "no clear change"
-    ends = f"95 %: {significant(change.low)} to {significant(change.high)}, bootstrap over {many}"
+    ends = f"95 %: {significant(change.low)} to {significant(change.high)}, bootstrap over {plural}"
     console.print(f"{verdict}: {change_words} ({ends}); {sides}", highlight=False)
 
 

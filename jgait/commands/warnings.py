@@ -33,7 +33,11 @@ def say_warnings(recordings: Iterable[tuple[str, str]], folder: Path) -> None:
     example: dict[tuple[str, str], tuple[str, Note]] = {}
     doubted = unusable = whole = 0
     for name, text in recordings:
-        grave = {(one.severity, one.code): (name, one) for one in from_json(text) if one.severity in ADVICE}
+        grave = {
+            (warning.severity, warning.code): (name, warning)
+            for warning in from_json(text)
+            if warning.severity in ADVICE
+        }
         kinds.update(grave.keys())
         example = grave | example
         whole += 1
@@ -43,17 +47,19 @@ def say_warnings(recordings: Iterable[tuple[str, str]], folder: Path) -> None:
         return
 
     def rank(kind: tuple[str, str]) -> tuple[int, bool, int]:
-        _, one = example[kind]
-        return SEVERITIES.index(one.severity), one.meaning in USUAL, -kinds[kind]
+        _, warning = example[kind]
+        return SEVERITIES.index(warning.severity), warning.meaning in USUAL, -kinds[kind]
 
     more = f"; the results of {unusable} should not be used" if unusable else ""
     verb = "has" if doubted == 1 else "have"
     note(f"\n{doubted} of {count(whole, 'recording', 'recordings')} {verb} warnings{more}:")
     ordered = sorted(kinds, key=rank)
     for kind in ordered[:MOST_KINDS]:
-        name, one = example[kind]
-        sentence = printable(" ".join(one.text.split()), LONGEST_EXAMPLE)
-        note(f"  {ADVICE[one.severity]}, {count(kinds[kind], 'recording', 'recordings')}, such as {name}: {sentence}")
+        name, warning = example[kind]
+        sentence = printable(" ".join(warning.text.split()), LONGEST_EXAMPLE)
+        note(
+            f"  {ADVICE[warning.severity]}, {count(kinds[kind], 'recording', 'recordings')}, such as {name}: {sentence}"
+        )
     left = len(ordered) - MOST_KINDS
     rest = f"{count(left, 'more kind', 'more kinds')}, and all sentences" if left > 0 else "all sentences"
     note(f"{rest}: column notes of {folder / 'recordings.csv'}, or jgait report {folder}")

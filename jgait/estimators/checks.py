@@ -65,6 +65,8 @@ def check_nominal_rate(time: np.ndarray, name: str, rate_hz: float) -> None:
     Raises:
         RecordingError: if the rates differ by more than a twentieth.
     """
-    own = 1.0 / float(np.median(np.diff(time)))
-    if abs(own / rate_hz - 1.0) > 0.05:
-        raise RecordingError(f"'{name}' has a sample every {1.0 / own:.4g} s, and is said to have {rate_hz:g} Hz")
+    measured_hz = 1.0 / float(np.median(np.diff(time)))
+    if abs(measured_hz / rate_hz - 1.0) > 0.05:
+        raise RecordingError(
+            f"'{name}' has a sample every {1.0 / measured_hz:.4g} s, and is said to have {rate_hz:g} Hz"
+        )

@@ -134,9 +134,9 @@ def with_measures[P](estimator: str, measures: tuple[str, ...], p: P, body: dict
         both = tuple(value) if isinstance(value, tuple | list) or np.ndim(value) else (value, value)
         if len(both) != 2:
             raise ValueError(f"{name} must be one number or (right, left); got {len(both)} numbers")
-        own = getattr(p, name)
-        if isinstance(own, tuple):
-            return type(own)(*map(number, both))
+        current = getattr(p, name)
+        if isinstance(current, tuple):
+            return type(current)(*map(number, both))
         return number(both[0]) if both[0] is both[1] else 0.5 * (number(both[0]) + number(both[1]))
 
     return p._replace(**{name: put(name, value) for name, value in body.items()})  # type: ignore[attr-defined]

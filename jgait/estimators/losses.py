@@ -62,16 +62,16 @@ def bridged(
     keeps its posture better than an integral of readings that it did not have.
     """
     step = np.diff(time, prepend=time[0])
-    told = Bridge(dt.copy(), np.zeros(len(time)), np.zeros(len(time)))
+    bridge = Bridge(dt.copy(), np.zeros(len(time)), np.zeros(len(time)))
     for first, after in true_runs(lost):
         run = slice(first, after)
-        seconds, own, factor = float(step[run].sum()), np.maximum(step[run], 1e-6), 1.0
+        seconds, steps, factor = float(step[run].sum()), np.maximum(step[run], 1e-6), 1.0
         if seconds > LONGEST_LOSS:
-            seconds, own, factor = LONGEST_LOSS, np.full(after - first, FROZEN), HELD
-            told.dt[run] = np.minimum(dt[run], FROZEN)
-        for noise, size in ((told.rate, rate), (told.force, force)):
-            noise[run] = factor * integral_error(seconds, *size) / np.sqrt(own.sum() * own)
-    return told
+            seconds, steps, factor = LONGEST_LOSS, np.full(after - first, FROZEN), HELD
+            bridge.dt[run] = np.minimum(dt[run], FROZEN)
+        for noise, size in ((bridge.rate, rate), (bridge.force, force)):
+            noise[run] = factor * integral_error(seconds, *size) / np.sqrt(steps.sum() * steps)
+    return bridge
 
 
 def held_bridge(

@@ -59,9 +59,9 @@ LOSSES_AGAIN = (STRIDES_UNCERTAIN.code, "waist_samples_lost")
 def without_repeats(notes: Iterable[Note]) -> tuple[Note, ...]:
     """Notes, each once, and without an estimator's number of lost samples where the reader's notes state the losses."""
     once = dict.fromkeys(notes)
-    told = [note for note in once if note.meaning == LOSSES and note.code not in LOSSES_AGAIN]
-    everywhere = any(note.code == "gaps_filled" for note in told)
-    placements = {note.values.get("placement") for note in told}
+    losses = [note for note in once if note.meaning == LOSSES and note.code not in LOSSES_AGAIN]
+    everywhere = any(note.code == "gaps_filled" for note in losses)
+    placements = {note.values.get("placement") for note in losses}
     return tuple(
         note for note in once
         if note.code not in LOSSES_AGAIN or not (everywhere or note.values["placement"] in placements)

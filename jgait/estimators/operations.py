@@ -157,11 +157,14 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
 
 
 def operation(name: str, params: dict[str, Any]) -> tuple[Callable[..., Any], dict[str, Any]] | None:
-    """The function of a primitive, and those of its parameters that the function takes; None without a function."""
+    """The function of a primitive, and those of its parameters that the function takes.
+
+    None if there is no function, or if the primitive of this version of JAX lacks one of these parameters.
+    """
     function = OPERATIONS.get(name)
     if function is None:
         return None
     if isinstance(function, np.ufunc):
         return function, {}
     names = [p.name for p in inspect.signature(function).parameters.values() if p.kind is p.KEYWORD_ONLY]
-    return function, {name: params[name] for name in names}
+    return (function, {name: params[name] for name in names}) if params.keys() >= set(names) else None

@@ -117,15 +117,16 @@ def _strides(strides: Strides) -> list[Note]:
     length, _, speed = _paces(strides)
     height, width = as_float(strides.height), as_float(strides.width)
     for number, side in enumerate(SIDES):
-        own = used & (np.asarray(strides.side) == number)
-        if (own & wrong).any():
+        of_side = used & (np.asarray(strides.side) == number)
+        implausible = of_side & wrong
+        if implausible.any():
             notes.append(
                 STRIDES_IMPLAUSIBLE(
-                    side=side, strides=(own & wrong).sum(), of=own.sum(), length=np.nanmax(length[own & wrong]),
-                    speed=np.nanmax(np.nan_to_num(speed[own & wrong])),
+                    side=side, strides=implausible.sum(), of=of_side.sum(), length=np.nanmax(length[implausible]),
+                    speed=np.nanmax(np.nan_to_num(speed[implausible])),
                 )
             )  # fmt: skip
-        rise, gone = float(np.nansum(height[own])), float(np.nansum(length[own]))
+        rise, gone = float(np.nansum(height[of_side])), float(np.nansum(length[of_side]))
         if abs(rise) > max(LEAST_RISE, STEEPEST * gone):
             notes.append(HEIGHT_DRIFTS(side=side, rise=rise, length=gone))
     negative = used & (width < 0.0)

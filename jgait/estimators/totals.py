@@ -136,12 +136,12 @@ def _text(value: float | None, deviation: float | None, digits: int, unit: str) 
 
 def joint_ranges(estimate: Estimate) -> dict[str, tuple[float, float] | None]:
     """Joint and side → smallest and largest flexion [°]; None for a leg without sensors."""
-    found: dict[str, tuple[float, float] | None] = {}
+    ranges: dict[str, tuple[float, float] | None] = {}
     for side, leg in zip(SIDES, estimate.legs, strict=True):
         for joint in ("hip", "knee"):
             angle = None if leg is None else np.degrees(as_float(getattr(leg, f"{joint}_angle")))
-            found[f"{joint} {side}"] = None if angle is None else (float(np.min(angle)), float(np.max(angle)))
-    return found
+            ranges[f"{joint} {side}"] = None if angle is None else (float(np.min(angle)), float(np.max(angle)))
+    return ranges
 
 
 def median(values: npt.ArrayLike | None, rows: PyTree = slice(None)) -> float | None:

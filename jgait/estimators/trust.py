@@ -108,13 +108,13 @@ def judged(result: Estimate, placements: dict[int, str], limit: float, nis: dict
     flags = doubtful(strides, deviations, each)
     notes: list[Note] = []
     for side, placement in placements.items():
-        own = np.asarray(strides.side) == side
-        deviation = float(np.max(as_float(deviations.length)[own], initial=0.0))
-        many, total = int(flags[own].sum()), int(own.sum())
+        of_side = np.asarray(strides.side) == side
+        deviation = float(np.max(as_float(deviations.length)[of_side], initial=0.0))
+        many, total = int(flags[of_side].sum()), int(of_side.sum())
         if deviation > UNCERTAIN:
             notes.append(STANCES_RARE(placement=placement, deviation_m=deviation))
         if nis[side] > limit:
-            flags |= own & (each > 2.0 * limit)
+            flags |= of_side & (each > 2.0 * limit)
             notes.append(INCONSISTENT(placement=placement, nis=nis[side], limit=limit))
         elif many > DOUBTED_SHARE * total:
             notes.append(STRIDES_DOUBTFUL(placement=placement, strides=many, total=total))

@@ -134,12 +134,12 @@ def _slow(restless: np.ndarray, stretch: tuple[int, int], sampling_rate_hz: floa
     first, end = stretch
     if end - first <= SLOW * sampling_rate_hz:
         return []
-    own, rows, edge = restless[first:end], [], round(SLOW_EDGE * sampling_rate_hz)
-    found = np.array(_turning_points(own.tolist(), SLOW_SWING), int)
-    found = found[(found < len(own)) & (own[np.minimum(found, len(own) - 1)] < SLOW_STILL)]
-    borders = np.concatenate([[-1], found, [len(own)]])
-    for before, at, after in zip(borders[:-2], found, borders[2:], strict=True):
-        begins, last = _around(own, at, (before + 1, after), SLOW_STILL)
+    part, rows, edge = restless[first:end], [], round(SLOW_EDGE * sampling_rate_hz)
+    valleys = np.array(_turning_points(part.tolist(), SLOW_SWING), int)
+    valleys = valleys[(valleys < len(part)) & (part[np.minimum(valleys, len(part) - 1)] < SLOW_STILL)]
+    borders = np.concatenate([[-1], valleys, [len(part)]])
+    for before, at, after in zip(borders[:-2], valleys, borders[2:], strict=True):
+        begins, last = _around(part, at, (before + 1, after), SLOW_STILL)
         if last - begins < SLOW_REST * sampling_rate_hz:
             continue
         start = first + begins + (edge if first + begins > 0 else 0)
@@ -158,28 +158,28 @@ def _around(values: np.ndarray, at: int, within: tuple[int, int], limit: float) 
 
 def _valleys(rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Samples and depths of the valleys between swings."""
-    found = np.array(_turning_points(rate.tolist(), SWING), int)
-    found = found[(found < len(rate)) & (rate[np.minimum(found, len(rate) - 1)] < STANCE)]
-    return found.astype(int), rate[found]
+    valleys = np.array(_turning_points(rate.tolist(), SWING), int)
+    valleys = valleys[(valleys < len(rate)) & (rate[np.minimum(valleys, len(rate) - 1)] < STANCE)]
+    return valleys.astype(int), rate[valleys]
 
 
 def _turning_points(rate: list[float], swing: float) -> list[int]:
     """The samples of the valleys: a rise to a swing ends a valley, a fall of the rate ends a swing, and the recording's
     end both.
     """
-    found, seeking, extreme, at = list[int](), True, np.inf, 0
+    points, seeking, extreme, at = list[int](), True, np.inf, 0
     for index, value in enumerate(rate):
         if seeking:
             if value < extreme:
                 extreme, at = value, index
             elif value > max(RATIO * extreme, swing):
-                found.append(at)
+                points.append(at)
                 seeking, extreme = False, value
         elif value > extreme:
             extreme = value
         elif value < extreme / RATIO:
             seeking, extreme, at = True, value, index
-    return [*found, at] if seeking else found
+    return [*points, at] if seeking else points
 
 
 def _suppressed(valleys: np.ndarray, rate: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
@@ -206,26 +206,26 @@ def _suppressed(valleys: np.ndarray, rate: np.ndarray, sampling_rate_hz: float) 
     return np.array(kept, int)
 
 
-def inside(found: Stances, samples: int) -> np.ndarray:
+def inside(stances: Stances, samples: int) -> np.ndarray:
     """(T,) bool, True in a stance."""
     change = np.zeros(samples + 1, int)
-    np.add.at(change, found.start, 1)
-    np.add.at(change, found.end, -1)
+    np.add.at(change, stances.start, 1)
+    np.add.at(change, stances.end, -1)
     return np.cumsum(change[:-1]) > 0
 
 
 def margin(
-    gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], found: Stances, sampling_rate_hz: float
+    gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], stances: Stances, sampling_rate_hz: float
 ) -> np.ndarray:
     """(T,) logarithm of the threshold of the nearest stance over `unrest`; large while a foot is still.
 
     It is near 0, above or below as `inside` decides, where the statistic alone would decide otherwise.
     """
     restless = unrest(gyr, acc, sampling_rate_hz)
-    middles = 0.5 * (found.stillest[1:] + found.stillest[:-1])
-    limits = np.maximum(STILL, ABOVE * restless[found.stillest])
+    middles = 0.5 * (stances.stillest[1:] + stances.stillest[:-1])
+    limits = np.maximum(STILL, ABOVE * restless[stances.stillest])
     limit = limits[np.searchsorted(middles, np.arange(len(gyr)))]
-    return signed(np.log(limit / np.maximum(restless, STILLEST)), inside(found, len(gyr)))
+    return signed(np.log(limit / np.maximum(restless, STILLEST)), inside(stances, len(gyr)))
 
 
 def signed(margins: np.ndarray, stands: np.ndarray) -> np.ndarray:
@@ -233,7 +233,9 @@ def signed(margins: np.ndarray, stands: np.ndarray) -> np.ndarray:
     return np.where(stands, np.maximum(margins, UNDECIDED), np.minimum(margins, -UNDECIDED))
 
 
-def contacts(gyr: Float[AnyArray, "time 3"], found: Stances, sampling_rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
+def contacts(
+    gyr: Float[AnyArray, "time 3"], stances: Stances, sampling_rate_hz: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Samples of the final and the initial contact of every stride, (n − 1,) each, between one of n stances and the
     next.
 
@@ -243,17 +245,17 @@ def contacts(gyr: Float[AnyArray, "time 3"], found: Stances, sampling_rate_hz: f
     [rad/s] about the main axis of rotation of the foot, so the sensor may be mounted in any orientation.
     """
     gyr = np.asarray(gyr, np.float64)
-    count = max(len(found.stillest) - 1, 0)
+    count = max(len(stances.stillest) - 1, 0)
     final, initial = np.zeros(count, int), np.zeros(count, int)
     if not count:
         return final, initial
-    swinging = ~inside(found, len(gyr))
+    swinging = ~inside(stances, len(gyr))
     axis = np.linalg.eigh(gyr[swinging].T @ gyr[swinging])[1][:, -1]
     about = gyr @ axis
     reach = int(REACH * sampling_rate_hz)
     for k in range(count):
-        a = max(found.stillest[k], found.end[k] - reach)
-        b = min(found.stillest[k + 1], found.start[k + 1] + reach)
+        a = max(stances.stillest[k], stances.end[k] - reach)
+        b = min(stances.stillest[k + 1], stances.start[k + 1] + reach)
         pitch = np.cumsum(about[a:b]) / sampling_rate_hz
         pitch -= np.linspace(0.0, pitch[-1], b - a)
         down, up = sorted((int(np.argmax(pitch)), int(np.argmin(pitch))))

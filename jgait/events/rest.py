@@ -194,8 +194,8 @@ def trunk_rest(imu: Imu, rows: np.ndarray, mask: np.ndarray, rate: float) -> Tru
     `rows` (3, 3) are these axes in the sensor's; lost samples are interpolated, with `mask` (T,) False.
     """
     gyr, acc = (as_float(v) @ rows.T for v in (imu.gyr, imu.acc))
-    found = rest(gyr, acc, mask, rate)
-    reads = found.gyr_bias if np.linalg.norm(found.gyr_bias) < BIAS_KNOWN else np.zeros(3)
+    rests = rest(gyr, acc, mask, rate)
+    reads = rests.gyr_bias if np.linalg.norm(rests.gyr_bias) < BIAS_KNOWN else np.zeros(3)
     size = window_size(TRUNK_WINDOW_S, rate)
     still = held_spread(gyr, size) < TRUNK_RATE
     still &= held_spread(acc, size) < TRUNK_FORCE
@@ -236,7 +236,7 @@ def _without_sway(
     The mean rate of each rest, minus the turn of the trunk that gravity shows from the rest's start to its end; zero
     without a rest of `LEAST_REST_S`.
     """
-    told, weights = [], []
+    rates, weights = [], []
     edge = max(1, int(0.25 * rate))
     for a, b in runs:
         if b - a < LEAST_REST_S * rate:
@@ -245,8 +245,8 @@ def _without_sway(
         before, after = before / np.linalg.norm(before), after / np.linalg.norm(after)
         seconds = (b - a - edge) / rate
         # in the trunk's axes the direction of gravity turns opposite to the trunk
-        told.append(gyr[a:b].mean(axis=0) + np.cross(before, after) / seconds)
+        rates.append(gyr[a:b].mean(axis=0) + np.cross(before, after) / seconds)
         weights.append(seconds**2)
-    if not told:
+    if not rates:
         return np.zeros(3), 0.0
-    return np.average(told, axis=0, weights=weights), float(np.sqrt(np.sum(weights)))
+    return np.average(rates, axis=0, weights=weights), float(np.sqrt(np.sum(weights)))

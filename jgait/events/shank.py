@@ -152,39 +152,41 @@ def phase_step(d: Detector, s: ShankState, rate: ArrayLike, time: ArrayLike) -> 
     The rate is the filtered sagittal rate, the forward swing negative [rad/s], the time that of the sample [s].
     """
     x, t = jnp.asarray(rate), jnp.asarray(time)
-    seen = _look(s, x, t)
+    extremum = _look(s, x, t)
     swung, resting = _swing_on(d, s, x, t)
     flat, toe_off, swing, heel = (s.phase == p for p in (FLAT, TOE_OFF, SWING, HEEL_STRIKE))
-    leaves = flat & seen.maximum & (s.rate > d.threshold)
-    swings_now = (leaves | toe_off) & seen.crossing
-    over = swing & (seen.crossing | resting)
+    leaves = flat & extremum.maximum & (s.rate > d.threshold)
+    swings_now = (leaves | toe_off) & extremum.crossing
+    over = swing & (extremum.crossing | resting)
     stride = over & (swung.peak > d.threshold)
-    end = jnp.where(seen.crossing, seen.zero, swung.slack)
+    end = jnp.where(extremum.crossing, extremum.zero, swung.slack)
     phase = jnp.where(leaves, TOE_OFF, s.phase)
-    phase = jnp.where(toe_off & seen.minimum & ~seen.crossing, FLAT, phase)
+    phase = jnp.where(toe_off & extremum.minimum & ~extremum.crossing, FLAT, phase)
     phase = jnp.where(swings_now, SWING, phase)
     phase = jnp.where(over, jnp.where(stride, HEEL_STRIKE, FLAT), phase)
-    phase = jnp.where(heel & seen.maximum, FLAT, phase).astype(jnp.int32)
+    phase = jnp.where(heel & extremum.maximum, FLAT, phase).astype(jnp.int32)
     after = ShankState(*(jnp.where(swing, new, old) for new, old in zip(swung, s, strict=True)))
-    push_off = jnp.where(leaves | (toe_off & seen.maximum), s.time, s.push_off)
-    after = after._replace(phase=phase, rising=seen.rising, rate=x, time=t, push_off=push_off)
-    return _fresh(after, swings_now, seen.zero), ShankEvents(stride, s.push_off, s.start, end, swung.peak, swung.angle)
+    push_off = jnp.where(leaves | (toe_off & extremum.maximum), s.time, s.push_off)
+    after = after._replace(phase=phase, rising=extremum.rising, rate=x, time=t, push_off=push_off)
+    return _fresh(after, swings_now, extremum.zero), ShankEvents(
+        stride, s.push_off, s.start, end, swung.peak, swung.angle
+    )
 
 
 def swing_step(d: Detector, s: ShankState, rate: ArrayLike, time: ArrayLike) -> tuple[ShankState, ShankEvents]:
     """One sample of the detector of swings; arguments and result as in `phase_step`."""
     x, t = jnp.asarray(rate), jnp.asarray(time)
-    seen = _look(s, x, t)
+    extremum = _look(s, x, t)
     swung, resting = _swing_on(d, s, x, t)
     swing = s.phase == SWING
-    starts = (x < 0.0) & ~swing & seen.crossing
+    starts = (x < 0.0) & ~swing & extremum.crossing
     over = swing & ((x >= 0.0) | resting)
     stride = over & (swung.peak > d.threshold) & (swung.angle > d.least_angle)
-    end = jnp.where(seen.crossing, seen.zero, swung.slack)
+    end = jnp.where(extremum.crossing, extremum.zero, swung.slack)
     phase = jnp.where(starts, SWING, jnp.where(over, FLAT, s.phase)).astype(jnp.int32)
     after = ShankState(*(jnp.where(swing, new, old) for new, old in zip(swung, s, strict=True)))
-    after = after._replace(phase=phase, rising=seen.rising, rate=x, time=t)
-    return _fresh(after, starts, seen.zero), ShankEvents(stride, s.start, s.start, end, swung.peak, swung.angle)
+    after = after._replace(phase=phase, rising=extremum.rising, rate=x, time=t)
+    return _fresh(after, starts, extremum.zero), ShankEvents(stride, s.start, s.start, end, swung.peak, swung.angle)
 
 
 def check_rate(sampling_rate_hz: float) -> None:
@@ -216,12 +218,12 @@ def phases(rate: ArrayLike, sampling_rate_hz: float, d: Detector = MACHINE) -> S
     def one(carried: PyTree, sample: PyTree) -> PyTree:
         filtered, state = carried
         filtered, x = butterworth.step(cascade, filtered, sample[0])
-        state, found = phase_step(d, state, x, sample[1])
-        return (filtered, state), found
+        state, events = phase_step(d, state, x, sample[1])
+        return (filtered, state), events
 
     first = (butterworth.at_rest(cascade, values[0]), begin(values[0], time[0]))
-    found: ShankEvents = lax.scan(one, first, (values, time))[1]
-    return found._replace(push_off=found.push_off - late, start=found.start - late, end=found.end - late)
+    events: ShankEvents = lax.scan(one, first, (values, time))[1]
+    return events._replace(push_off=events.push_off - late, start=events.start - late, end=events.end - late)
 
 
 def swings(rate: ArrayLike, sampling_rate_hz: float, d: Detector = LOBES) -> ShankEvents:

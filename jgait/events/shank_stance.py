@@ -96,5 +96,5 @@ def _still(norm: np.ndarray, swing: int, way: int, rate_hz: float, limit: int | 
     index = index[index <= edge] if way > 0 else index[index >= edge]
     if len(index) == 0:
         return edge
-    seen = norm[index]
-    return int(index[np.argmax(seen < max(STILL, 1.2 * float(seen.min())))])
+    rates = norm[index]
+    return int(index[np.argmax(rates < max(STILL, 1.2 * float(rates.min())))])

@@ -59,5 +59,5 @@ def step(
     most = jnp.where(rises, x, s.most)
     lower = rises | ((x < s.least) & ~phase.leaves)
     least, at = jnp.where(lower, x, s.least), jnp.where(lower, now, s.at)
-    found = s.seeks & ~lands & (now - at >= hold)
-    return StanceSearch((s.seeks | phase.over) & ~found, since, most, least, at), found
+    valley = s.seeks & ~lands & (now - at >= hold)
+    return StanceSearch((s.seeks | phase.over) & ~valley, since, most, least, at), valley

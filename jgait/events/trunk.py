@@ -122,10 +122,10 @@ def _greatest(
     return (place.astype(x.dtype) + vertex(*three)) / rate
 
 
-def _peaks(seen: Rhythm, rate: float) -> Array:
+def _peaks(rhythm: Rhythm, rate: float) -> Array:
     """The time of the peak of the low-passed forward acceleration before each coarse instant [s]."""
-    step = 1.0 / seen.frequency
-    return _greatest(seen.forward, seen.time, 0.6 * step, 0.05 * step, (0.6 / SLOWEST, 0.05 / SLOWEST), rate)
+    step = 1.0 / rhythm.frequency
+    return _greatest(rhythm.forward, rhythm.time, 0.6 * step, 0.05 * step, (0.6 / SLOWEST, 0.05 / SLOWEST), rate)
 
 
 def details(accelerations: ArrayLike, mask: ArrayLike, sampling_rate_hz: float, p: PaperRule) -> Array:
@@ -145,11 +145,11 @@ def details(accelerations: ArrayLike, mask: ArrayLike, sampling_rate_hz: float, 
     return wavelet.from_details(sampled, p.shares, relative_to=p.relative_to, hard=p.hard, mask=counts)
 
 
-def _paper(forward: Array, upward: Array, mask: Array, seen: Rhythm, rate: float, p: PaperRule) -> Array:
+def _paper(forward: Array, upward: Array, mask: Array, rhythm: Rhythm, rate: float, p: PaperRule) -> Array:
     """The middle between the maximum of the forward and the next minimum of the upward acceleration [s]."""
     kept = details(jnp.stack([forward, upward], axis=1), mask, rate, p)
     count = kept.shape[0]
-    greatest = _greatest(kept[:, 0], _peaks(seen, rate), p.before, p.after, (p.before, p.after), PAPER_RATE)
+    greatest = _greatest(kept[:, 0], _peaks(rhythm, rate), p.before, p.after, (p.before, p.after), PAPER_RATE)
     index, values, inside = _near(kept[:, 1], greatest, 0.0, p.minimum, (0.0, p.minimum), PAPER_RATE)
     before, after = (kept[jnp.clip(index + k, 0, count - 1), 1] for k in (-1, 1))
     low = inside & (values < 0.0) & (values <= before) & (values < after)
@@ -282,15 +282,15 @@ def initial_contacts(
     counts = jnp.ones_like(signals[0], dtype=bool) if mask is None else jnp.asarray(mask)
     ahead, up, turn, sideways, roll = (jnp.where(counts, x, 0.0) for x in signals)
     rate = float(sampling_rate_hz)
-    seen = jax.tree.map(lax.stop_gradient, contacts_nearby(ahead, up, rate, int(ROWS * ahead.shape[0] / rate) + 2))
+    rhythm = jax.tree.map(lax.stop_gradient, contacts_nearby(ahead, up, rate, int(ROWS * ahead.shape[0] / rate) + 2))
     if isinstance(settings, PaperRule):
-        time = _paper(ahead, up, counts, seen, rate, settings)
+        time = _paper(ahead, up, counts, rhythm, rate, settings)
     elif isinstance(settings, Peaks):
-        time = _peaks(seen, rate) - settings.offset
+        time = _peaks(rhythm, rate) - settings.offset
     else:
-        time = instants(ahead, up, rate, seen.time, seen.frequency, settings, counts)
+        time = instants(ahead, up, rate, rhythm.time, rhythm.frequency, settings, counts)
     across, drop = None if leftward is None else sideways, None if roll_rate is None else roll
-    odds = lax.stop_gradient(sides(seen.time, seen.frequency, seen.valid, rate, turn, across, drop))
+    odds = lax.stop_gradient(sides(rhythm.time, rhythm.frequency, rhythm.valid, rate, turn, across, drop))
     side, certainty = (odds > 0.0).astype(jnp.int32), jnp.tanh(0.5 * jnp.abs(odds))
-    found = Contacts(time, side, seen.valid, seen.time, seen.frequency, certainty)
-    return Contacts(*(jnp.where(seen.valid, field, jnp.zeros_like(field)) for field in found))
+    contacts = Contacts(time, side, rhythm.valid, rhythm.time, rhythm.frequency, certainty)
+    return Contacts(*(jnp.where(rhythm.valid, field, jnp.zeros_like(field)) for field in contacts))

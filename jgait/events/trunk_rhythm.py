@@ -141,8 +141,8 @@ def maxima(x: ArrayLike, enough: ArrayLike) -> tuple[Array, Array]:
 
     indices = jnp.arange(values.shape[0])
     start = (jnp.asarray(False), values[0], indices[0])
-    found: tuple[Array, Array] = lax.scan(step, start, (indices, values, jnp.asarray(enough)))[1]
-    return found
+    peaks: tuple[Array, Array] = lax.scan(step, start, (indices, values, jnp.asarray(enough)))[1]
+    return peaks
 
 
 def _kept(time: Array, frequency: Array, tall: Array, there: Array) -> Array:

@@ -77,13 +77,13 @@ def cues(
     slope: PyTree = jnp.gradient(slow, axis=0)
     fast = both - blunt
     blow = butterworth.low_pass_both_ways(jnp.sqrt((fast * fast).sum(axis=1, keepdims=True) + 1e-6), cutoff_hz, rate)
-    found: Array = jnp.concatenate([slope * rate, blow], axis=1)
-    size = min(signal.window_size(WINDOW, rate), 2 * (found.shape[0] // 2) - 1)
-    counts = jnp.ones_like(found[:, 0]) if mask is None else jnp.asarray(mask).astype(found.dtype)
-    counts = counts[:, None] * jnp.ones_like(found)
+    columns: Array = jnp.concatenate([slope * rate, blow], axis=1)
+    size = min(signal.window_size(WINDOW, rate), 2 * (columns.shape[0] // 2) - 1)
+    counts = jnp.ones_like(columns[:, 0]) if mask is None else jnp.asarray(mask).astype(columns.dtype)
+    counts = counts[:, None] * jnp.ones_like(columns)
     weight = signal.moving_mean(counts, size)
-    power = signal.moving_mean(found * found * counts, size) / jnp.maximum(weight, 1.0 / size)
-    return found / jnp.sqrt(power + LEAST**2)
+    power = signal.moving_mean(columns * columns * counts, size) / jnp.maximum(weight, 1.0 / size)
+    return columns / jnp.sqrt(power + LEAST**2)
 
 
 def instants(

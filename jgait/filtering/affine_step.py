@@ -29,7 +29,7 @@ def affine_step(
         sample: measured (m, B), controls, dt (B,), seen (m, B).
     """
     before, delta, x, cov = carry
-    measured, controls, dt, seen = sample
+    measured, controls, dt, observed = sample
     x = jnp.stack(x)
     turn = jnp.stack(local.turned(list(before), list(delta), local.identity()))
     around = local.covariance_turned(list(before), list(delta), cov)
@@ -38,22 +38,22 @@ def affine_step(
     prior = product_transposed(product(matrix, cov), matrix) + noise
     at = jnp.zeros_like(delta)
     spread_of = local.observation_noise(list(predicted), controls)
-    unit = jnp.eye(seen.shape[0], dtype=prior.dtype)[:, :, None]
-    told: list[tuple[PyTree, Update]] = []
+    unit = jnp.eye(observed.shape[0], dtype=prior.dtype)[:, :, None]
+    updates: list[tuple[PyTree, Update]] = []
     near = prior
     for _ in range(method.iterations):
-        residual, rows, spread = _Lanes(method, local).observation(predicted, at, near, controls, measured, seen)
-        innovation = jnp.where(seen, residual, 0.0)
-        rows = jnp.where(seen[:, None], rows, 0.0)
-        spread = jnp.where(seen[:, None] & seen[None], spread_of + spread, unit)
+        residual, rows, spread = _Lanes(method, local).observation(predicted, at, near, controls, measured, observed)
+        innovation = jnp.where(observed, residual, 0.0)
+        rows = jnp.where(observed[:, None], rows, 0.0)
+        spread = jnp.where(observed[:, None] & observed[None], spread_of + spread, unit)
         error = innovation + applied(rows, at)
         update = updated(prior, rows, error, spread)
-        told.append((innovation, update))
+        updates.append((innovation, update))
         at = applied(update.gain, error)
         near = prior - product(update.gain, update.cross)
-    good = functools.reduce(jnp.logical_and, [one.good for _, one in told])
-    last = kept(told[-1][1], good)
-    return Linearised(matrix, noise, predicted, rows, error, spread), prior, last, *told[0]
+    good = functools.reduce(jnp.logical_and, [one.good for _, one in updates])
+    last = kept(updates[-1][1], good)
+    return Linearised(matrix, noise, predicted, rows, error, spread), prior, last, *updates[0]
 
 
 class _Lanes:
@@ -95,7 +95,7 @@ class _Lanes:
         return matrix, predicted, spread + self.local.transition_noise(list(x), controls, dt)
 
     def observation(
-        self, x: PyTree, at: PyTree, near: PyTree, controls: PyTree, measured: PyTree, seen: PyTree
+        self, x: PyTree, at: PyTree, near: PyTree, controls: PyTree, measured: PyTree, observed: PyTree
     ) -> tuple[PyTree, PyTree, PyTree]:
         """The innovation, H and Ω of the observation about the error `at` with the covariance `near`."""
         method, shape = self.method, self.local.shape
@@ -112,7 +112,7 @@ class _Lanes:
             shown = [jnp.where(f, v, e) for f, v, e in zip(s, y, expected, strict=True)]
             return _stack(cm.residual(shown, expected), near) - affine.value, affine.matrix, affine.spread
 
-        return self._mapped(one, x, at, near, controls, measured, seen)
+        return self._mapped(one, x, at, near, controls, measured, observed)
 
 
 def _stack(values: list[PyTree], like: PyTree) -> PyTree:

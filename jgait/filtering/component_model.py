@@ -76,8 +76,8 @@ def scalars(tree: PyTree, structure: PyTree, dtype: DTypeLike, what: str) -> lis
     Raises:
         ValueError: if the tuple is of another type than expected, or a leaf is not a scalar.
     """
-    leaves, found = jax.tree.flatten(tree)
-    if found != structure:
+    leaves, treedef = jax.tree.flatten(tree)
+    if treedef != structure:
         expected = jax.tree.unflatten(structure, range(structure.num_leaves))
         raise ValueError(
             f"{what} must be a {type(expected).__name__} of ({', '.join(structure_names(structure))}); "

@@ -47,10 +47,10 @@ class Gains(NamedTuple):
     health: PyTree  #: finite where all numbers are finite and S could be factored.
 
 
-def updated_covariance(cov: Matrix, g: Gains, seen: list[PyTree]) -> Matrix:
-    """The covariance after the update, of errors about the predicted state; `seen` (m bools): components measured."""
+def updated_covariance(cov: Matrix, g: Gains, observed: list[PyTree]) -> Matrix:
+    """The covariance after the update, of errors about the predicted state; `observed`: m bools."""
     plan = pivots(g.matrix)
-    return _joseph(cov, g) if plan is None else _in_measured_coordinates(cov, g, seen, plan)
+    return _joseph(cov, g) if plan is None else _in_measured_coordinates(cov, g, observed, plan)
 
 
 def _joseph(cov: Matrix, g: Gains) -> Matrix:
@@ -90,13 +90,13 @@ def pivots(matrix: Matrix) -> list[tuple[int, int]] | None:
     return taken[::-1]
 
 
-def _in_measured_coordinates(cov: Matrix, g: Gains, seen: list[PyTree], plan: list[tuple[int, int]]) -> Matrix:
+def _in_measured_coordinates(cov: Matrix, g: Gains, observed: list[PyTree], plan: list[tuple[int, int]]) -> Matrix:
     """The covariance after the update, from the covariance of the unmeasured components and z = H x."""
-    size, count = len(cov), len(seen)
+    size, count = len(cov), len(observed)
     solved = {column for _, column in plan}
     free = [j for j in range(size) if j not in solved]
     before = [[row[j] for j in free] + [dot(row, h) for h in g.matrix] for row in g.cross]  # [G E]
-    masked = [[where(s, e, 0.0) for e in row] for s, row in zip(seen, before, strict=True)]
+    masked = [[where(s, e, 0.0) for e in row] for s, row in zip(observed, before, strict=True)]
     white = [
         [g.white_cross[a][j] for j in free] + row[len(free) :]
         for a, row in enumerate(product(g.inverse, masked))
@@ -107,9 +107,9 @@ def _in_measured_coordinates(cov: Matrix, g: Gains, seen: list[PyTree], plan: li
 
     def of_z(a: int, c: int) -> PyTree:
         unseen = before[a][c]
-        if not isinstance(seen[a], bool):
+        if not isinstance(observed[a], bool):
             unseen = minus(unseen, dot(columns[len(free) + a], columns[c]))
-            return where(seen[a] & good, measured[a][c], unseen)
+            return where(observed[a] & good, measured[a][c], unseen)
         return where(good, measured[a][c], unseen)
 
     def entry(i: int, j: int) -> PyTree:

@@ -199,8 +199,8 @@ def series(given: Inputs) -> PyTree:
 
 def sample_of(leaves: PyTree, given: Inputs) -> Sample:
     """One sample from the leaves of `series`."""
-    measured, control, dt, seen = leaves
-    rest = iter(seen)
+    measured, control, dt, observed = leaves
+    rest = iter(observed)
     flags = [leaf if isinstance(leaf, bool) else next(rest) for leaf in given.seen]
     return Sample(measured, control, given.dt if dt is None else dt, flags)
 

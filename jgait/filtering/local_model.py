@@ -210,12 +210,12 @@ class LocalModel:
         )
 
     def linearised(
-        self, before: PyTree, delta: PyTree, x: PyTree, controls: PyTree, dt: PyTree, measured: PyTree, seen: PyTree
+        self, before: PyTree, delta: PyTree, x: PyTree, controls: PyTree, dt: PyTree, measured: PyTree, observed: PyTree
     ) -> Linearised:
-        """The model about x = before ⊕ delta, and its observation about the prediction; `seen` (m, B)."""
+        """The model about x = before ⊕ delta, and its observation about the prediction; `observed` (m, B)."""
         matrix, noise, predicted = self.linearised_transition(before, delta, x, controls, dt)
         return Linearised(
-            matrix, noise, predicted, *self.linearised_observation(list(predicted), controls, measured, seen)
+            matrix, noise, predicted, *self.linearised_observation(list(predicted), controls, measured, observed)
         )
 
     def linearised_transition(
@@ -227,16 +227,16 @@ class LocalModel:
         return jnp.stack(matrix), self.transition_noise(x, controls, dt), jnp.stack(self.moved(x, controls, dt))
 
     def linearised_observation(
-        self, predicted: PyTree, controls: PyTree, measured: PyTree, seen: PyTree
+        self, predicted: PyTree, controls: PyTree, measured: PyTree, observed: PyTree
     ) -> tuple[PyTree, PyTree, PyTree]:
         """H, the innovation and R about the prediction; zero and one where nothing was measured."""
         expected = self.observed(predicted, controls)
-        shown = [jnp.where(s, y, e) for s, y, e in zip(seen, measured, expected, strict=True)]
+        shown = [jnp.where(s, y, e) for s, y, e in zip(observed, measured, expected, strict=True)]
         residual = self.residual(shown, expected)
         observation = self.error_observed(predicted, controls, self.identity())
         unit = jnp.eye(len(expected), dtype=self.shape.dtype)[:, :, None]
         return (
-            jnp.stack([where(s, row, 0.0) for s, row in zip(seen, observation, strict=True)]),
-            jnp.stack([jnp.where(s, r, 0.0) for s, r in zip(seen, residual, strict=True)]),
-            jnp.where(seen[:, None] & seen[None], self.observation_noise(predicted, controls), unit),
+            jnp.stack([where(s, row, 0.0) for s, row in zip(observed, observation, strict=True)]),
+            jnp.stack([jnp.where(s, r, 0.0) for s, r in zip(observed, residual, strict=True)]),
+            jnp.where(observed[:, None] & observed[None], self.observation_noise(predicted, controls), unit),
         )

@@ -13,9 +13,9 @@ from jax import lax
 from jaxtyping import PyTree
 
 
-def samples_of(dt: PyTree, seen: PyTree) -> PyTree:
+def samples_of(dt: PyTree, observed: PyTree) -> PyTree:
     """The number of samples up to the first of the padding, over all recordings; dt (T, B), seen (T, m, B)."""
-    active = jnp.any(dt != 0.0, axis=-1) | jnp.any(seen, axis=(1, 2))
+    active = jnp.any(dt != 0.0, axis=-1) | jnp.any(observed, axis=(1, 2))
     length = active.shape[0]
     last = length - 1 - jnp.argmax(active[::-1])
     return jnp.where(jnp.any(active), jnp.minimum(last + 2, length), 1)

@@ -128,25 +128,25 @@ def corrected(
     cm: ComponentModel, prior: Components, sample: Sample, noise: Noise | None
 ) -> tuple[Components, Gains, Told]:
     """The belief after a sample, the gains, and the update's statistics."""
-    found = gains(cm, prior, sample, noise)
-    delta = _delta(found)
+    gained = gains(cm, prior, sample, noise)
+    delta = _delta(gained)
     after = Components(
-        [plus(a, d) for a, d in zip(prior.mean, delta, strict=True)], updated_covariance(prior.cov, found, sample.seen)
+        [plus(a, d) for a, d in zip(prior.mean, delta, strict=True)], updated_covariance(prior.cov, gained, sample.seen)
     )
-    return after, found, _told(found, sample.seen, found.health)
+    return after, gained, _told(gained, sample.seen, gained.health)
 
 
 def _delta(g: Gains) -> list[PyTree]:
     return [dot(column, g.white) for column in zip(*g.white_cross, strict=True)]
 
 
-def _told(g: Gains, seen: list[PyTree], health: PyTree) -> Told:
+def _told(g: Gains, observed: list[PyTree], health: PyTree) -> Told:
     good = sound(health)
-    count = total(where(s, 1.0, 0.0) for s in seen)
+    count = total(where(s, 1.0, 0.0) for s in observed)
     nis = dot(g.white, g.white)
     return Told(
         [where(good, e, 0.0) for e in g.innovation],
-        [where(good, lax.sqrt(g.spread[a][a]), 0.0) for a in range(len(seen))],
+        [where(good, lax.sqrt(g.spread[a][a]), 0.0) for a in range(len(observed))],
         where(good, -0.5 * (nis + g.log_det + count * LOG_2PI), 0.0),
         where(good, nis, 0.0),
         where(good, count, 0.0),
@@ -157,7 +157,7 @@ def _told(g: Gains, seen: list[PyTree], health: PyTree) -> Told:
 def gains(cm: ComponentModel, prior: Components, sample: Sample, noise: Noise | None) -> Gains:
     """Linearise the observation at the prediction, and factor the innovation's covariance."""
     x, cov = prior
-    seen, count = sample.seen, len(sample.measured)
+    observed, count = sample.seen, len(sample.measured)
     expected, matrix, innovation = _linearised(cm, prior, sample)
     if noise is None:
         trace = Expansion(dtype_of(prior))
@@ -172,20 +172,20 @@ def gains(cm: ComponentModel, prior: Components, sample: Sample, noise: Noise | 
         usable = sound(summary)
         matrix = [[e if known(e) else where(usable, e, 0.0) for e in row] for row in matrix]
         variance = symmetric(count, lambda a, b: where(usable, noise.matrix[a][b], 1.0 if a == b else 0.0))
-    innovation = [where(s, e, 0.0) for s, e in zip(seen, innovation, strict=True)]
+    innovation = [where(s, e, 0.0) for s, e in zip(observed, innovation, strict=True)]
     cross = barred(product(matrix, cov))[0]
 
     def spread_entry(a: int, b: int) -> PyTree:
         entry = plus(dot(cross[a], matrix[b]), variance[a][b])
         if a == b:
-            return where(seen[a], entry, 1.0)
-        return where(seen[a], where(seen[b], entry, 0.0), 0.0)
+            return where(observed[a], entry, 1.0)
+        return where(observed[a], where(observed[b], entry, 0.0), 0.0)
 
     innovation, spread = barred(innovation, symmetric(count, spread_entry))
     inverse, log_det, factor_health = inverse_factor(spread, summary)
     error = [where(sound(e), e, 0.0) for e in innovation]
     inverse, error = barred(inverse, error)
-    masked = [[where(s, e, 0.0) for e in row] for s, row in zip(seen, cross, strict=True)]
+    masked = [[where(s, e, 0.0) for e in row] for s, row in zip(observed, cross, strict=True)]
     white_cross, white = barred(product(inverse, masked), [dot(row, error) for row in inverse])
     health = plus(factor_health, total(innovation))
     return Gains(

@@ -38,8 +38,8 @@ def updated(cov: PyTree, observation: PyTree, innovation: PyTree, spread: PyTree
     information, log_det, positive = inverse(total)
     gain, weighted = product(transposed(cross), information), applied(information, innovation)
     good = positive & jnp.isfinite(summed(gain) + summed(weighted) + log_det)
-    found = Update(gain, information, weighted, cross, total, log_det, good)
-    return kept(found, good)
+    update = Update(gain, information, weighted, cross, total, log_det, good)
+    return kept(update, good)
 
 
 def joseph(cov: PyTree, gain: PyTree, observation: PyTree, spread: PyTree) -> PyTree:

@@ -74,17 +74,17 @@ def recording_from_arrays(
     for placement, signals in sensors.items():
         samples = _check_arrays(placement, signals, samples, name)
     clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name)
-    found: dict[str, tuple[Note, ...]] = {}
+    notes_of: dict[str, tuple[Note, ...]] = {}
     imus, noted = {}, {}
     for placement, signals in sensors.items():
         read = _in_si(signals, scales)
-        masked, found[placement] = without_damage(placement, read, scales, clock.sampling_rate_hz)
+        masked, notes_of[placement] = without_damage(placement, read, scales, clock.sampling_rate_hz)
         imus[placement] = _imu(masked, clock)
         damaged = np.any([np.isfinite(v) & np.isnan(masked[k]) for k, v in read.items()], axis=(0, 2))
         noted[placement] = (clock.rows < 0) | damaged[clock.rows]
     imus, left_out = usable_sensors(imus, gyr_unit, acc_unit, name)
     recording = Recording(imus, clock.sampling_rate_hz, name, subject, clock.notes)
-    damage = [note for placement in imus for note in found[placement]]
+    damage = [note for placement in imus for note in notes_of[placement]]
     notes = (*clock.notes, *left_out, *damage, *quality_notes(recording, noted), *damage_notes(recording))
     if feet_range is None:
         return recording._replace(notes=notes)

@@ -50,7 +50,7 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     return {name: table for name, table in tables.items() if len(table) and len(table.columns)}
 
 
-def _strides(analysis: "Analysis", told: "JoinedStrides") -> "pd.DataFrame":
+def _strides(analysis: "Analysis", joined: "JoinedStrides") -> "pd.DataFrame":
     from jgait.estimators.combined.compare import regular
     from jgait.estimators.stride_flags import STRIDE_FLAGS, marks
 
@@ -67,19 +67,19 @@ def _strides(analysis: "Analysis", told: "JoinedStrides") -> "pd.DataFrame":
     if extremes:
         table["angles_valid"] = [estimate.diagnostics.get(f"angles_valid_{side}", False) for side in table["side"]]
     table["wb_id"] = bout_numbers(table["start_s"].to_numpy(), table["end_s"].to_numpy())
-    table["source"] = list(told.first)
-    table["combined"] = ["+".join(name for name, used in told.used.items() if used[i]) for i in range(len(table))]
+    table["source"] = list(joined.first)
+    table["combined"] = ["+".join(name for name, used in joined.used.items() if used[i]) for i in range(len(table))]
     words = {flag.name: flag.word for flag in STRIDE_FLAGS}
     flagged = {words[name]: values for name, values in marks(estimate, STRIDE_FLAGS).items()}
-    flagged["sources contradict"] = told.contradicts
+    flagged["sources contradict"] = joined.contradicts
     table["special"] = ["; ".join(w for w, values in flagged.items() if values[i]) for i in range(len(table))]
-    table["regular"] = regular(told)
+    table["regular"] = regular(joined)
     return table.dropna(axis="columns", how="all")
 
 
 def _extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.ndarray]:
     """Smallest and largest flexion of hip and knee [°] in each stride, of the stride's own leg."""
-    found: dict[str, np.ndarray] = {}
+    extremes: dict[str, np.ndarray] = {}
     time = as_float(estimate.time)
     for side, leg in zip(SIDES, estimate.legs, strict=True):
         if leg is None:
@@ -90,9 +90,9 @@ def _extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.ndarray
             for joint in ("hip", "knee"):
                 angle = DEGREES * as_float(getattr(leg, f"{joint}_angle"))[there]
                 for word, of in (("min", np.min), ("max", np.max)):
-                    column = found.setdefault(f"{joint}_flexion_{word}_deg", np.full(len(table), np.nan))
+                    column = extremes.setdefault(f"{joint}_flexion_{word}_deg", np.full(len(table), np.nan))
                     column[row] = of(angle) if angle.size else np.nan
-    return found
+    return extremes
 
 
 def _bouts(strides: "pd.DataFrame", estimate: Estimate) -> "pd.DataFrame":
@@ -127,20 +127,20 @@ def _contacts(analysis: "Analysis") -> "pd.DataFrame":
     from jgait.estimators.waist import SIDE_KNOWN
 
     rows: list[tuple[float, str, str, str]] = []
-    strides, told = analysis.estimate.strides, analysis.strides
+    strides, joined = analysis.estimate.strides, analysis.strides
     diagnostics = analysis.estimate.diagnostics
-    alone = told is None or set(told.first) <= {"waist"}
+    alone = joined is None or set(joined.first) <= {"waist"}
     if "initial_contact" in diagnostics and alone:
         likely = as_float(diagnostics["initial_contact_side_probability"])
         for time, side, p in zip(
             diagnostics["initial_contact"], diagnostics["initial_contact_side"], likely, strict=True
         ):
             rows.append((float(time), SIDES[int(side)] if p >= SIDE_KNOWN else "unknown", "initial", "waist"))
-    elif told is not None:
+    elif joined is not None:
         final = (
-            as_float(strides.final_contact) if strides.final_contact is not None else np.full(len(told.first), np.nan)
+            as_float(strides.final_contact) if strides.final_contact is not None else np.full(len(joined.first), np.nan)
         )
-        for i, source in enumerate(told.first):
+        for i, source in enumerate(joined.first):
             side, start, end = SIDES[int(strides.side[i])], float(strides.start[i]), float(strides.end[i])
             rows.append((end, side, "initial", source))
             if np.isfinite(final[i]):

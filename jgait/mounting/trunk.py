@@ -72,16 +72,16 @@ def functional_axes(imu: Imu, sampling_rate_hz: float) -> TrunkAxes | None:
     upward = amplitude[band] @ up
     if np.sqrt(2.0 * np.sum(np.abs(upward) ** 2) / size / walking.sum()) < LEAST:
         return None
-    one = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
-    one = one / np.linalg.norm(one)
-    two = np.cross(up, one)
-    level = amplitude[band] @ np.stack([one, two], axis=1)
+    side = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
+    side = side / np.linalg.norm(side)
+    two = np.cross(up, side)
+    level = amplitude[band] @ np.stack([side, two], axis=1)
     gain = np.sum(level * upward.conj()[:, None], axis=0) / np.sum(np.abs(upward) ** 2)
     axis = np.linalg.eigh(np.real(np.outer(gain, gain.conj())))[1][:, -1]
     along = gain @ axis
     if along.imag < 0.0:
         axis, along = -axis, -along
-    forward = axis[0] * one + axis[1] * two
+    forward = axis[0] * side + axis[1] * two
     return TrunkAxes(np.stack([forward, np.cross(up, forward), up]), float(steps), float(np.angle(along)))
 
 

@@ -36,12 +36,13 @@ def of_analysis(
 def _sources(analysis: Analysis) -> Section:
     """Every quantity as each group of sensors measures it, and combined."""
     rows = []
-    for one in analysis.comparisons:
-        words, unit, digits = QUANTITIES[one.quantity]
-        spread = "–" if one.stddev is None else number(one.stddev, digits)
-        many = str(one.strides) if one.strides and one.quantity != "strides" else "–"
+    for comparison in analysis.comparisons:
+        words, unit, digits = QUANTITIES[comparison.quantity]
+        spread = "–" if comparison.stddev is None else number(comparison.stddev, digits)
+        many = str(comparison.strides) if comparison.strides and comparison.quantity != "strides" else "–"
         rows.append([
-            Cell(words), Cell(one.source), Cell(number(one.value, digits)), Cell(spread), Cell(many), Cell(unit),
+            Cell(words), Cell(comparison.source), Cell(number(comparison.value, digits)), Cell(spread), Cell(many),
+            Cell(unit),
         ])  # fmt: skip
     used = ", ".join(f"{source.name} by {source.estimator}" for source in analysis.sources)
     caption = (

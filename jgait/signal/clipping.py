@@ -67,8 +67,8 @@ def cut_short(values: Float[AnyArray, "time axis"], above: float) -> Bool[np.nda
         return np.zeros(len(signal), bool)
     edge = np.zeros((1, signal.shape[1]))
     steep = np.maximum(np.vstack([edge, steps]), np.vstack([steps, edge])) > STEEP * top
-    found = (size >= top - 1e-9) & steep
-    return np.asarray(found.any(axis=1) & (found.sum() >= AGAIN))
+    clipped = (size >= top - 1e-9) & steep
+    return np.asarray(clipped.any(axis=1) & (clipped.sum() >= AGAIN))
 
 
 class Restored(NamedTuple):
@@ -99,15 +99,15 @@ def restored(gyr: Float[AnyArray, "time axis"]) -> Restored:
         for axis, sign, first, missing in peaks:
             here = slice(first, first + len(missing))
             rate[here, axis] += sign * missing
-            one = UNSURE * np.sqrt(np.mean(missing**2) * len(missing))
-            doubt[here] = np.maximum(doubt[here], one)
+            deviation = UNSURE * np.sqrt(np.mean(missing**2) * len(missing))
+            doubt[here] = np.maximum(doubt[here], deviation)
     return Restored(rate, doubt, doubt > 0.0)
 
 
 def _cut_off(values: np.ndarray, least: float) -> list[tuple[int, np.ndarray]]:
     """The first sample of each flat peak, and what is missing of its samples."""
     top = float(values.max(initial=0.0))
-    found = []
+    runs = []
     for first, last in true_runs(values >= NEAR * top) if top > least else []:
         if last - first < FLAT or first < 2 or last + 2 > len(values):
             continue
@@ -115,5 +115,5 @@ def _cut_off(values: np.ndarray, least: float) -> list[tuple[int, np.ndarray]]:
         inside = np.arange(first, last)
         cubic = np.polynomial.Polynomial.fit(flanks, values[flanks], 3)(inside)
         if cubic.max() - values[inside].max() > CUT_OFF * top:
-            found.append((first, np.clip(cubic - values[inside], 0.0, top)))
-    return found
+            runs.append((first, np.clip(cubic - values[inside], 0.0, top)))
+    return runs

@@ -210,9 +210,9 @@ def from_details(
     whole, before = padded(x)
     within = slice(before, before + np.shape(x)[0])
     parts = [jnp.asarray(share, whole.dtype) for share in shares]
-    found = transform(whole, WAVELET, len(parts))
+    details = transform(whole, WAVELET, len(parts))
     kept = tuple(
         threshold(d, share * magnitude(d[within], relative_to, mask)[None], hard=hard)
-        for d, share in zip(found.details, parts, strict=True)
+        for d, share in zip(details.details, parts, strict=True)
     )
-    return inverse(Decomposition(jnp.zeros_like(found.approximation), kept), WAVELET)[within]
+    return inverse(Decomposition(jnp.zeros_like(details.approximation), kept), WAVELET)[within]

@@ -83,7 +83,7 @@ RECORDED = Instants(
 
 def instants(gait: Gait) -> Instants:
     """Those of a gait, between the rules and recorded people."""
-    mixed = (rule + gait.recorded * (own - rule) for rule, own in zip(Instants(), RECORDED, strict=True))
+    mixed = (rule + gait.recorded * (recorded - rule) for rule, recorded in zip(Instants(), RECORDED, strict=True))
     return Instants(*mixed)
 
 
@@ -114,15 +114,15 @@ def phases(gait: Gait, shape: Movement, off: Values, leave: Values, lands: Value
     """
     # Heel up, toes up, both back; toes up before landing, down after it; on the way, stopped by the ground or the leg;
     # and the times in which recorded feet move besides.
-    own, flat = instants(gait), 2.0 * gait.foot_flat
+    when, flat = instants(gait), 2.0 * gait.foot_flat
     begins = (
-        leave - own.heel_rises, leave - own.toes_rise, leave, lands - own.toes_up, lands - own.toes_turn, leave, leave,
-        off, lands - own.toes_up, leave, leave,
+        leave - when.heel_rises, leave - when.toes_rise, leave, lands - when.toes_up, lands - when.toes_turn, leave,
+        leave, off, lands - when.toes_up, leave, leave,
     )  # fmt: skip
     lasts = (
-        own.heel_rises + own.heel_after, own.toes_rise + own.heel_after, 2.0 - leave - own.heel_down,
-        own.toes_up - own.toes_turn + 0.1, own.toes_turn + flat, 2.0 - leave, 2.0 - leave,
-        2.0 - off - own.heel_down, own.toes_up + flat, 2.0 - leave, 2.0 - leave,
+        when.heel_rises + when.heel_after, when.toes_rise + when.heel_after, 2.0 - leave - when.heel_down,
+        when.toes_up - when.toes_turn + 0.1, when.toes_turn + flat, 2.0 - leave, 2.0 - leave,
+        2.0 - off - when.heel_down, when.toes_up + flat, 2.0 - leave, 2.0 - leave,
     )  # fmt: skip
     over = 1.0 / jnp.stack([jnp.broadcast_to(last, leave.shape) for last in lasts])
     u = (part(s, None) - jnp.stack(begins)) * over
@@ -130,20 +130,20 @@ def phases(gait: Gait, shape: Movement, off: Values, leave: Values, lands: Value
     def column(*values: Values) -> Values:
         return jnp.stack([jnp.asarray(value, leave.dtype) for value in values]).reshape((-1,) + (1,) * leave.ndim)
 
-    gather = column(0.6, 0.5, 0.5, 0.5, 0.5, own.gather, own.gather)
-    lose = column(0.4, 0.5, 0.5, 0.5, 0.5, own.hard, own.soft)
+    gather = column(0.6, 0.5, 0.5, 0.5, 0.5, when.gather, when.gather)
+    lose = column(0.4, 0.5, 0.5, 0.5, 0.5, when.hard, when.soft)
     fast, toes, back, up, turn, hard, soft = parts(glide(part(u, slice(0, 7)), gather, lose))
     tau = part(u, -1)
     more_rise, more_down, more_way, more_lift = parts(added(shape, part(u, slice(7, None))))
-    steps = ((s - off) / (leave - off), (tau - 0.1) / 0.5, (tau - own.lowers) / (1.0 - own.lowers))
+    steps = ((s - off) / (leave - off), (tau - 0.1) / 0.5, (tau - when.lowers) / (1.0 - when.lowers))
     slow, late, lowers = parts(smooth_step(stacked(steps)))
-    rise = slow * own.heel_early + fast * (1.0 - own.heel_early) - back
+    rise = slow * when.heel_early + fast * (1.0 - when.heel_early) - back
     return Phases(
-        rise=rise * own.heel_share + more_rise,
+        rise=rise * when.heel_share + more_rise,
         toes=toes - back,
         down=up - turn + more_down,
         way=hard * gait.landing_speed + soft * (1.0 - gait.landing_speed) + more_way,
-        lift=smooth_bump(tau / 0.5) + (late - lowers) * own.late_lift + more_lift,
+        lift=smooth_bump(tau / 0.5) + (late - lowers) * when.late_lift + more_lift,
     )
 
 

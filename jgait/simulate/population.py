@@ -126,8 +126,8 @@ def gait(
     length = known["stride_length"] if "stride_length" in known else 120.0 * known["speed"] / beat
     body = Body()
     leg = (body.thigh_length + body.shank_length) * height / 1.75
-    own = {name: float(value) for name, value in manner(length / leg, usual).items()}
-    return usual._replace(**{"stride_length": length, "stride_time": 120.0 / beat, **own, **others})
+    manners = {name: float(value) for name, value in manner(length / leg, usual).items()}
+    return usual._replace(**{"stride_length": length, "stride_time": 120.0 / beat, **manners, **others})
 
 
 def paced(person: Person, factor: Values) -> Person:
@@ -135,16 +135,16 @@ def paced(person: Person, factor: Values) -> Person:
 
     The walk ratio stays the same; the foot's pitch and the pelvis' motion change with the stride.
     """
-    body, own = person.body, person.gait
+    body, gait = person.body, person.gait
     leg = body.thigh_length + body.shank_length
     follows: dict[str, Values] = {}
-    for usual, share in ((_USUAL, 1.0 - own.recorded), (RECORDED, own.recorded)):
-        before, after = (manner(own.stride_length * longer / leg, usual) for longer in (1.0, factor))
+    for usual, share in ((_USUAL, 1.0 - gait.recorded), (RECORDED, gait.recorded)):
+        before, after = (manner(gait.stride_length * longer / leg, usual) for longer in (1.0, factor))
         for name in after:
-            grown = follows.get(name, getattr(own, name))
+            grown = follows.get(name, getattr(gait, name))
             follows[name] = grown * (1.0 + share * (after[name] / before[name] - 1.0))
-    faster = {"stride_length": own.stride_length * factor, "stride_time": own.stride_time / factor}
-    return Person(body, own._replace(**faster, **follows))
+    faster = {"stride_length": gait.stride_length * factor, "stride_time": gait.stride_time / factor}
+    return Person(body, gait._replace(**faster, **follows))
 
 
 def _adult(key: PRNGKeyArray, recorded: bool) -> Person:
@@ -175,7 +175,7 @@ def _adult(key: PRNGKeyArray, recorded: bool) -> Person:
 
     spread = {name: varied(name, 0.10) for name in _FREE}
     follows = {name: value * varied(name, 0.04) for name, value in manner(stride / leg, usual).items()}
-    own = usual._replace(
+    gait = usual._replace(
         stride_length=stride, stride_time=120.0 / cadence,
         stance_fraction=around(usual.stance_fraction, 0.008) - 0.02 * (speed - 1.3),
         heel_off=around(usual.heel_off, 0.015), step_width=around(0.10, 0.025),
@@ -187,13 +187,13 @@ def _adult(key: PRNGKeyArray, recorded: bool) -> Person:
         right_first=jnp.where(next(even) < 0.5, 1.0, 0.0), quiet_after=1.0 + next(even),
         **{name: value * getattr(usual, name) for name, value in spread.items()},
     )  # fmt: skip
-    own = own._replace(**follows)
+    gait = gait._replace(**follows)
     if recorded:
-        own = own._replace(
+        gait = gait._replace(
             **{name: around(0.0, 1.0) for name in STYLES}, soft_tissue=around(1.0, 0.1), persistence=PERSISTENCE,
             pitch_variability=PITCH_VARIABILITY,
         )  # fmt: skip
-    return Person(Body(**lengths), own)
+    return Person(Body(**lengths), gait)
 
 
 def _adults(key: PRNGKeyArray, *, n: int, recorded: bool) -> Person:
@@ -297,5 +297,5 @@ def _stretched(key: PRNGKeyArray, person: Person, along: Route, *, capacity: int
         return jnp.sum(laid.distance_curve[laid.end.astype(int) - 1 + FIRST])
 
     # The distance is nearly proportional to the stride; where speed changes, each iteration divides the error by ten.
-    own = jnp.asarray(person.gait.stride_length)
-    return paced(person, jax.lax.fori_loop(0, 16, lambda _, stride: stride * total / covered(stride), own) / own)
+    usual = jnp.asarray(person.gait.stride_length)
+    return paced(person, jax.lax.fori_loop(0, 16, lambda _, stride: stride * total / covered(stride), usual) / usual)

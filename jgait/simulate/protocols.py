@@ -51,11 +51,11 @@ def _walked(
     """Fit each person to the route, and simulate the walks."""
     fit = [simulate.covering(*one) for one in zip(keys, people, along, strict=True)]
     names = [f"{name}_{i + 1:04d}" for i in range(len(fit))]
-    found = simulate.walks(keys, fit, along, errors, rate, placements, names=names)
+    walked = simulate.walks(keys, fit, along, errors, rate, placements, names=names)
     lengths = [float(np.sum(route.length)) for route in along]
     return [
         Walked(recording, truth, {"distance": length, "steps": round(person.gait.steps), "person": person})
-        for (recording, truth), length, person in zip(found, lengths, fit, strict=True)
+        for (recording, truth), length, person in zip(walked, lengths, fit, strict=True)
     ]
 
 
@@ -214,14 +214,15 @@ def potter(
         onto = {"step_width": 0.30, "length_variability": 0.005 / 0.61, "width_variability": 0.005,
                 "length_asymmetry": 0.0}  # fmt: skip
         marked.append(Person(paced.body, paced.gait._replace(**onto)))
-    found = _walked(walks, marked, [along] * people, errors, rate, placements, "potter")
+    walked = _walked(walks, marked, [along] * people, errors, rate, placements, "potter")
     corner = (straight, straight + float(along.length[1]))
-    told = [_ranged(other, one.truth, ranging) for other, one in zip(others, found, strict=True)]
+    ranged = [_ranged(other, walk.truth, ranging) for other, walk in zip(others, walked, strict=True)]
     return [
-        one._replace(
-            recording=one.recording._replace(feet_range=said["range"]), extra={**one.extra, **said, "corner": corner}
+        walk._replace(
+            recording=walk.recording._replace(feet_range=readings["range"]),
+            extra={**walk.extra, **readings, "corner": corner},
         )
-        for one, said in zip(found, told, strict=True)
+        for walk, readings in zip(walked, ranged, strict=True)
     ]
 
 

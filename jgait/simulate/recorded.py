@@ -69,9 +69,9 @@ def simulated(
     samples = samples_in(last, rate)
     time = jnp.asarray(np.arange(bucket(samples)) / rate)
     sensors = _padded_sensors(person, [*placements, *("pelvis",) * (len(SEVEN) - len(placements))])
-    own, erring = jax.tree.map(float, (person, errors))
+    walker, erring = jax.tree.map(float, (person, errors))
     program = compiled(_walk, quick=True)
-    read, moving, known = jax.tree.map(np.asarray, program(key, own, laid, time, erring, sensors))
+    read, moving, known = jax.tree.map(np.asarray, program(key, walker, laid, time, erring, sensors))
     worn, true = trimmed(named(read, read.time, placements), truth(laid, moving, known), samples)
     return {name: worn[name] for name in placements}, true
 

@@ -88,7 +88,7 @@ def ruled(gait: Gait) -> Values:
     for row, pair in enumerate(zip(cosines, sines, strict=True)):
         for half, values in enumerate(pair):
             shape[row, half, : len(values)] = values
-    size = jnp.stack([jnp.asarray(one) for one in (*amplitudes, gait.pelvis_drop)])
+    size = jnp.stack([jnp.asarray(amplitude) for amplitude in (*amplitudes, gait.pelvis_drop)])
     return jnp.asarray(shape.reshape(6, -1), size.dtype) * size[:, None]
 
 
@@ -101,9 +101,9 @@ def shape_of(person: Person) -> Movement:
         jnp.tensordot(weights, jnp.asarray(table, weights.dtype), 1, precision=lax.Precision.HIGHEST)
         for table in (PELVIS, FEET, SKIN)
     )
-    own = gait.recorded
-    mixed = ruled(gait) * (1.0 - own) + pelvis * sizes(person) * own
-    return Movement(mixed, feet * own, skin * gait.soft_tissue)
+    recorded = gait.recorded
+    mixed = ruled(gait) * (1.0 - recorded) + pelvis * sizes(person) * recorded
+    return Movement(mixed, feet * recorded, skin * gait.soft_tissue)
 
 
 def waves(r: Jet) -> Jet:

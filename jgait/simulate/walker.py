@@ -250,7 +250,7 @@ def _bones(person: Person, now: Carried) -> list[Jet]:
 
 
 def _together(frames: list[Jet]) -> Jet:
-    return Jet(jnp.concatenate([one.orders for one in frames], axis=3))
+    return Jet(jnp.concatenate([frame.orders for frame in frames], axis=3))
 
 
 def with_skin(person: Person, plan: Plan, entry: Int[Array, "*shape"], r: Jet) -> Jet:
@@ -261,7 +261,7 @@ def with_skin(person: Person, plan: Plan, entry: Int[Array, "*shape"], r: Jet) -
     """
     now, body = carried(person, plan, entry, r), person.body
     bones = _bones(person, now)
-    lengths = jnp.stack([jnp.asarray(one, plan.x.dtype) for one in (body.thigh_length, body.shank_length)])
+    lengths = jnp.stack([jnp.asarray(length, plan.x.dtype) for length in (body.thigh_length, body.shank_length)])
     half = jnp.repeat(0.5 * lengths, 2).reshape((1, 4) + (1,) * entry.ndim)
     return _together([*bones, worn(_together(bones[1:3]), now.soft, half)])
 

@@ -21,18 +21,18 @@ def fingerprint(**parts: object) -> dict[str, str]:
 
 
 def _digest(part: object) -> str:
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     leaves, structure = jax.tree.flatten(part)
-    found.update(_text(structure).encode())
+    digest.update(_text(structure).encode())
     for leaf in leaves:
         if hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
             leaf = jax.random.key_data(leaf)
         if hasattr(leaf, "dtype") or isinstance(leaf, int | float | bool):
             array = np.ascontiguousarray(leaf)
-            found.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
+            digest.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
         else:
-            found.update(_text(leaf).encode())
-    return found.hexdigest()[:32]
+            digest.update(_text(leaf).encode())
+    return digest.hexdigest()[:32]
 
 
 def _text(part: object) -> str:

@@ -61,9 +61,11 @@ def check_split(subjects: Sequence[Hashable], folds: Sequence[Hashable]) -> None
     of: dict[Hashable, set[Hashable]] = {}
     for subject, fold in zip(subjects, folds, strict=True):
         of.setdefault(subject, set()).add(fold)
-    torn = {subject: sorted(map(str, found)) for subject, found in of.items() if len(found) > 1}
+    torn = {subject: sorted(map(str, their_folds)) for subject, their_folds in of.items() if len(their_folds) > 1}
     if torn:
-        shown = "; ".join(f"{subject} is in folds {', '.join(found)}" for subject, found in list(torn.items())[:5])
+        shown = "; ".join(
+            f"{subject} is in folds {', '.join(their_folds)}" for subject, their_folds in list(torn.items())[:5]
+        )
         raise ValueError(f"the split leaks {len(torn)} of {len(of)} subjects: {shown}")
     if len(set(folds)) < 2:
         raise ValueError("cross-validation needs at least two folds; got one")
@@ -72,12 +74,12 @@ def check_split(subjects: Sequence[Hashable], folds: Sequence[Hashable]) -> None
 def _check_twins(data: PyTree, subjects: Sequence[Hashable]) -> None:
     """Raise if the same recording has two different subjects."""
     leaves = [np.ascontiguousarray(leaf) for leaf in jax.tree.leaves(data)]
-    seen: dict[bytes, int] = {}
+    first_of: dict[bytes, int] = {}
     for item, subject in enumerate(subjects):
         digest = hashlib.sha256()
         for leaf in leaves:
             digest.update(leaf[item].tobytes())
-        other = seen.setdefault(digest.digest(), item)
+        other = first_of.setdefault(digest.digest(), item)
         if subjects[other] != subject:
             raise ValueError(
                 f"the split leaks: items {other} and {item} are the same recording, of subjects {subjects[other]} and "

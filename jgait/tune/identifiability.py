@@ -150,10 +150,10 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
 
 def _ends(at: Coordinates, vector: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Natural values at `reach` below and above the free values; the bound where `reach` is infinite."""
-    one, other = (natural_numbers(at, vector + sign * reach)[0] for sign in (-1.0, 1.0))
+    low_end, high_end = (natural_numbers(at, vector + sign * reach)[0] for sign in (-1.0, 1.0))
     low, high = (np.array([getattr(t, end) for t in at.transforms]) for end in ("low", "high"))
-    one, other = np.where(np.isnan(one), low, one), np.where(np.isnan(other), high, other)
-    return np.minimum(one, other), np.maximum(one, other)
+    low_end, high_end = np.where(np.isnan(low_end), low, low_end), np.where(np.isnan(high_end), high, high_end)
+    return np.minimum(low_end, high_end), np.maximum(low_end, high_end)
 
 
 def _beside(transforms: PyTree, priors: PyTree) -> tuple[PyTree, PyTree, PyTree]:
@@ -172,10 +172,10 @@ def _beside(transforms: PyTree, priors: PyTree) -> tuple[PyTree, PyTree, PyTree]
     return told, tuple(leaves), structure
 
 
-def _information(found: Curvature, kind: str, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _information(curvature: Curvature, kind: str, count: int) -> tuple[np.ndarray, np.ndarray]:
     """The information, and the covariance of the gradient."""
-    bent = np.asarray(found.prior[2], float)
-    scores = np.asarray(found.scores, float)
+    bent = np.asarray(curvature.prior[2], float)
+    scores = np.asarray(curvature.scores, float)
     size = scores.shape[1]
     if kind != "hessian" and count <= size:
         raise ValueError(
@@ -185,7 +185,7 @@ def _information(found: Curvature, kind: str, count: int) -> tuple[np.ndarray, n
     outer = scores.T @ scores
     if kind == "scores":
         return outer + bent, outer + bent
-    whole = np.asarray(found.hessian, float) + bent
+    whole = np.asarray(curvature.hessian, float) + bent
     return whole, outer if kind == "sandwich" else whole
 
 
@@ -246,12 +246,12 @@ def identifiability(
     data, count = check_data(data, batched)
     check_loss(loss, params, jax.tree.map(lambda leaf: leaf[0], data))
     run = program(loss, *_beside(transforms, priors), gradient, information != "scores")
-    found = run(at.tree, params, data)
-    total = float(np.sum(np.asarray(found.losses, float))) + float(found.prior[0])
+    curvature = run(at.tree, params, data)
+    total = float(np.sum(np.asarray(curvature.losses, float))) + float(curvature.prior[0])
     if not math.isfinite(total):
         raise ValueError(f"the loss is not finite at these parameters (total {total})")
-    whole, noise = _information(found, information, count)
-    slope = np.sum(np.asarray(found.scores, float), axis=0) + np.asarray(found.prior[1], float)
+    whole, noise = _information(curvature, information, count)
+    slope = np.sum(np.asarray(curvature.scores, float), axis=0) + np.asarray(curvature.prior[1], float)
     rounding = ROUNDINGS * len(slope) * float(np.finfo(at.vector.dtype).eps)
     return _statement(at, total, slope, whole, noise, rounding, level, limit)
 

@@ -305,8 +305,8 @@ def lessons(
         except Exception as error:  # an error in one walk must not stop the others
             failures.append((walk.recording.name, reason_of(error)))
     if not items:
-        told = "; ".join(f"{name}: {reason}" for name, reason in failures[:5]) or "there are none"
-        raise ValueError(f"no walk to learn from: {told}")
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in failures[:5]) or "there are none"
+        raise ValueError(f"no walk to learn from: {reasons}")
     kinds = [_kind(item) for item in items]
     usual = kinds.index(Counter(kinds).most_common(1)[0][0])
     kept = [item for item, kind in zip(items, kinds, strict=True) if kind == kinds[usual]]

@@ -163,17 +163,17 @@ def stride(estimate: Estimate, reference: Estimate, field: str) -> Float[Array, 
         return mean_squared(after - before, theirs.length, theirs.valid)
     if ours is None:
         raise ValueError(f"the estimate has no strides, so no {field} of strides to compare")
-    row, found = _matched(ours, theirs)
+    row, matched = _matched(ours, theirs)
     if field == "duration":
         standing = theirs.start is None
         values, true = _duration(ours, standing), _duration(theirs, standing)
     else:
-        for name, one in (("estimate", ours), ("reference", theirs)):
-            if getattr(one, field) is None:
+        for name, strides in (("estimate", ours), ("reference", theirs)):
+            if getattr(strides, field) is None:
                 raise ValueError(f"the strides of the {name} have no {field}")
         values, true = jnp.asarray(getattr(ours, field)), jnp.asarray(getattr(theirs, field))
     values = values[row]
-    return mean_squared(values, true, _finite(true, _finite(values, found)))
+    return mean_squared(values, true, _finite(true, _finite(values, matched)))
 
 
 def contact_times(estimate: Estimate, reference: Estimate) -> Float[Array, ""]:
@@ -184,15 +184,15 @@ def contact_times(estimate: Estimate, reference: Estimate) -> Float[Array, ""]:
         ValueError: if the estimate or the reference has no contacts.
     """
     theirs, ours = reference.strides, estimate.strides
-    for name, one in (("estimate", ours), ("reference", theirs)):
-        if one is None or one.end is None:
+    for name, strides in (("estimate", ours), ("reference", theirs)):
+        if strides is None or strides.end is None:
             raise ValueError(f"the {name} has no contacts to compare")
-    row, found = _matched(ours, theirs)
+    row, matched = _matched(ours, theirs)
     fields = [f for f in ("end", "final_contact") if getattr(ours, f) is not None and getattr(theirs, f) is not None]
     terms = []
     for field in fields:
         values, true = jnp.asarray(getattr(ours, field))[row], jnp.asarray(getattr(theirs, field))
-        terms.append(mean_squared(values, true, _finite(true, _finite(values, found))))
+        terms.append(mean_squared(values, true, _finite(true, _finite(values, matched))))
     return jax.tree.reduce(jnp.add, terms) / len(terms)
 
 
@@ -251,9 +251,9 @@ def calibration(
     """
     terms = []
     if reference.strides is not None and estimate.strides_stddev is not None and estimate.strides is not None:
-        row, found = _matched(estimate.strides, reference.strides)
+        row, matched = _matched(estimate.strides, reference.strides)
         values, spread = (jnp.asarray(one.length)[row] for one in (estimate.strides, estimate.strides_stddev))
-        terms.append(_normal(values, reference.strides.length, spread, found, _CENTIMETRE))
+        terms.append(_normal(values, reference.strides.length, spread, matched, _CENTIMETRE))
     if estimate.stddev is not None:
         look = _window(estimate, reference, window)
         still = None if relative_to is None else _window(estimate, reference, relative_to)

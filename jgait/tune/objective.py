@@ -23,7 +23,7 @@ def _percent(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
     """Signed error of the distance walked from the lesson's first to its last sample [%]."""
     if estimate.distance is None or lesson.reference is None or lesson.reference.distance is None:
         raise ValueError("a distance error needs a distance of the estimator and of the reference")
-    ours, theirs = (jnp.asarray(one.distance) for one in (estimate, lesson.reference))
+    ours, theirs = (jnp.asarray(record.distance) for record in (estimate, lesson.reference))
     walked, true = (way[lesson.last] - way[lesson.first] for way in (ours, theirs))
     return 100.0 * (walked / true - 1.0)
 
@@ -112,10 +112,10 @@ def _root(of: Term) -> Term:
 def likelihood(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
     """Negative log-likelihood of all measurements, summed over the legs [nat]; needs no reference."""
     del lesson
-    found = [value for name, value in estimate.diagnostics.items() if name.startswith("log_likelihood")]
-    if not found:
+    likelihoods = [value for name, value in estimate.diagnostics.items() if name.startswith("log_likelihood")]
+    if not likelihoods:
         raise ValueError(f"the estimator tells no log-likelihood; its diagnostics are {sorted(estimate.diagnostics)}")
-    return -jax.tree.reduce(jnp.add, [jnp.sum(value) for value in found])
+    return -jax.tree.reduce(jnp.add, [jnp.sum(value) for value in likelihoods])
 
 
 class Loss(NamedTuple):

@@ -142,14 +142,14 @@ def total(
     axes = [jnp.isfinite(s).reshape((s.shape[0], -1)).all(axis=1) for s in jax.tree.leaves(slopes)]
     sound = jax.tree.reduce(jnp.logical_and, axes, jnp.isfinite(losses))
     used = jnp.where(forgiving & ~sound, jnp.zeros_like(weights), weights)
-    found = value_of(losses, used)
+    loss = value_of(losses, used)
     gradient = gradient_of(problem, free, slopes, items, used)
     if problem.priors is not None:
         share = 1.0 / jnp.maximum(count - jnp.sum(weights - used), 1.0)
         more, slope = jax.value_and_grad(lambda f: penalty(problem, f, params))(free)
-        found = found + (share * more).astype(found.dtype)
+        loss = loss + (share * more).astype(loss.dtype)
         gradient = jax.tree.map(lambda g, s: g + (share * s).astype(g.dtype), gradient, slope)
-    return found, gradient, sound
+    return loss, gradient, sound
 
 
 @partial(jax.custom_vjp, nondiff_argnums=(0,))
@@ -158,17 +158,17 @@ def value(
 ) -> Float[Array, ""]:
     """The value of `total` alone, for line searches; its derivative is computed as in `total`."""
     losses = item_losses(problem, free, params, items)
-    found = value_of(losses, weights)
+    loss = value_of(losses, weights)
     if problem.priors is not None:
-        found = found + (penalty(problem, free, params) / jnp.maximum(count, 1.0)).astype(found.dtype)
-    return found
+        loss = loss + (penalty(problem, free, params) / jnp.maximum(count, 1.0)).astype(loss.dtype)
+    return loss
 
 
 def _value_forward(
     problem: Problem, free: PyTree, params: PyTree, items: Items, weights: Float[Array, "item"], count: Scalar
 ) -> tuple[Float[Array, ""], PyTree]:
-    found, gradient, _ = total(problem, free, params, items, weights, count, jnp.zeros((), bool))
-    return found, gradient
+    loss, gradient, _ = total(problem, free, params, items, weights, count, jnp.zeros((), bool))
+    return loss, gradient
 
 
 def _value_backward(

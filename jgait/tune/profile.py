@@ -64,9 +64,9 @@ class Profile(NamedTuple):
     def curve(self, points: int = 200) -> tuple[np.ndarray, np.ndarray]:
         """The profile between its finite values, as `interval` uses it: values (points,) and rises (points,) [nat]."""
         centre, lowest = self._minimum()
-        seen = np.isfinite(self.losses)
-        free = self.free[seen]
-        signed = np.sign(free - centre) * np.sqrt(np.maximum(self.losses[seen] - lowest, 0.0))
+        finite = np.isfinite(self.losses)
+        free = self.free[finite]
+        signed = np.sign(free - centre) * np.sqrt(np.maximum(self.losses[finite] - lowest, 0.0))
         nodes = np.append(free, centre)
         order = np.argsort(nodes, kind="stable")
         dense = np.linspace(free[0], free[-1], points)
@@ -152,8 +152,8 @@ def _refit(
         moved = state._replace(others=others, optimizer=_choose(moves, after, state.optimizer))
         state = _choose(good, moved._replace(loss=loss, gradient=slope), state)
         scale = jnp.where(good, jnp.minimum(2.0 * state.scale, 1.0), 0.5 * state.scale).astype(state.scale.dtype)
-        found = (others, loss, norm(slope))
-        best, best_loss, best_norm = _choose(good & (loss < state.best_loss), found, state[5:])
+        following = (others, loss, norm(slope))
+        best, best_loss, best_norm = _choose(good & (loss < state.best_loss), following, state[5:])
         return _State(*state[:4], scale, best, best_loss, best_norm), None
 
     infinite = jnp.full((), jnp.inf, jax.eval_shape(objective, start).dtype)

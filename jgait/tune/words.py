@@ -54,15 +54,15 @@ def is_positive(transform: Transform) -> bool:
 
 def unknown(name: str, transform: Transform, stderr: float, low: float, high: float, level: float) -> str:
     """A sentence stating that a parameter is not determined, with its standard error or interval."""
-    said = f"{name} is not determined by these data: "
+    sentence = f"{name} is not determined by these data: "
     if math.isinf(stderr):
-        return said + "its standard error is infinite"
+        return sentence + "its standard error is infinite"
     if is_interval(transform):
-        return said + f"its {100 * level:g} % interval is {low:.3g} to {high:.3g} of {transform.name}"
+        return sentence + f"its {100 * level:g} % interval is {low:.3g} to {high:.3g} of {transform.name}"
     if is_positive(transform):
         factor = f"a factor of {math.exp(stderr):.3g}" if stderr < 14.0 else "more than a factor of a million"
-        return said + f"its standard error is {factor}"
-    return said + f"its standard error is {stderr:.3g}"
+        return sentence + f"its standard error is {factor}"
+    return sentence + f"its standard error is {stderr:.3g}"
 
 
 def known(name: str, transform: Transform, value: float, stderr_free: float, stderr: float) -> str:
@@ -75,7 +75,7 @@ def known(name: str, transform: Transform, value: float, stderr_free: float, std
 
 
 def sentences(
-    found: PyTree,
+    result: PyTree,
     transforms: tuple[Transform, ...],
     together: list[tuple[int, int]],
     falling: list[Direction],
@@ -87,29 +87,30 @@ def sentences(
     `together` has the pairs that are correlated, `falling` the directions along which the loss curves downwards;
     `finite`: all derivatives are.
     """
-    said: list[str] = []
+    lines: list[str] = []
     if not finite:
-        said.append("nothing can be said: the derivatives of the loss are not finite at these parameters")
-    for one in falling:
-        said.append(f"the point is no minimum: the loss curves downwards along {one.words}")
-    if not found.decrement <= OFF:
-        said.append(
-            f"the point is no optimum: the gradient asks for a step of {math.sqrt(found.decrement):.2g} standard errors"
+        lines.append("nothing can be said: the derivatives of the loss are not finite at these parameters")
+    for direction in falling:
+        lines.append(f"the point is no minimum: the loss curves downwards along {direction.words}")
+    if not result.decrement <= OFF:
+        lines.append(
+            "the point is no optimum: the gradient asks for a step of "
+            f"{math.sqrt(result.decrement):.2g} standard errors"
         )
-    rows = list(zip(found.names, transforms, found.determined, strict=True))
+    rows = list(zip(result.names, transforms, result.determined, strict=True))
     for i, (name, transform, good) in enumerate(rows):
         if not good:
-            said.append(unknown(name, transform, found.stderr_free[i], found.low[i], found.high[i], found.level))
-    for one in found.directions:
-        if len(one.names) > 1 and finite:
-            spread = "infinite" if math.isinf(one.stddev) else f"{one.stddev:.3g}, above {limit:g}"
-            said.append(f"the combination {one.words} is not determined: its standard deviation is {spread}")
+            lines.append(unknown(name, transform, result.stderr_free[i], result.low[i], result.high[i], result.level))
+    for direction in result.directions:
+        if len(direction.names) > 1 and finite:
+            spread = "infinite" if math.isinf(direction.stddev) else f"{direction.stddev:.3g}, above {limit:g}"
+            lines.append(f"the combination {direction.words} is not determined: its standard deviation is {spread}")
     for i, j in together:
-        value = found.correlation[i, j]
+        value = result.correlation[i, j]
         verb = "move together" if value > 0.0 else "move against each other"
         number = f"{value:.2f}".replace("-", "−")
-        said.append(f"{found.names[i]} and {found.names[j]} {verb}, correlation {number}")
+        lines.append(f"{result.names[i]} and {result.names[j]} {verb}, correlation {number}")
     for i, (name, transform, good) in enumerate(rows):
         if good:
-            said.append(known(name, transform, found.values[i], found.stderr_free[i], found.stderr[i]))
-    return said
+            lines.append(known(name, transform, result.values[i], result.stderr_free[i], result.stderr[i]))
+    return lines

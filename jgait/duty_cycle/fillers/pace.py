@@ -107,18 +107,18 @@ def pace(s: Signals, sampling_rate_hz: float) -> Pace:
         at, shift = _valley(score)
         period = ((lags[0] + at).astype(dtype) + shift) * dt
         walked = walked + jnp.where(on & (power > MOVING**2), dt, 0.0)
-        seen = jnp.maximum(d.rate_weight[at], d.acc_weight[at])
-        return (d, power, walked), Pace(period, walked / period, seen > 0.2 * sampling_rate_hz)
+        weight = jnp.maximum(d.rate_weight[at], d.acc_weight[at])
+        return (d, power, walked), Pace(period, walked / period, weight > 0.2 * sampling_rate_hz)
 
     start = (_Differences(blank, blank, blank, blank), jnp.zeros((), dtype), jnp.zeros((), dtype))
     samples = (jnp.arange(count, dtype=jnp.int32), s.rate, s.usable, force)
-    found = lax.scan(step, start, samples)[1]
-    return jax.tree.map(lax.stop_gradient, found)
+    paces = lax.scan(step, start, samples)[1]
+    return jax.tree.map(lax.stop_gradient, paces)
 
 
-def measured_enough(found: Pace, least_strides: Param) -> Bool[Array, "time"]:
+def measured_enough(paces: Pace, least_strides: Param) -> Bool[Array, "time"]:
     """True from the sample on at which `least_strides` strides, rounded to a whole number, were measured."""
-    measured = found.known & (found.strides >= jnp.asarray(least_strides, found.strides.dtype) - 0.5)
+    measured = paces.known & (paces.strides >= jnp.asarray(least_strides, paces.strides.dtype) - 0.5)
     return lax.cummax(measured.astype(jnp.int32)) > 0
 
 

@@ -143,18 +143,18 @@ def _of_leg(
     if options.length != "filter":
         strides, flags = ankle_strides.by_method(p, leg, gyr, acc, side, options.length)
         return strides, None, flags, {}, leg.valid
-    found = _filtered(p, leg, gyr, acc, options)
-    strides, deviations, flags = ankle_strides.from_filter(p, leg, found.mean, found.cov, side)
-    flags["stride_nis"] = trust.nis_between(found.filtered.nis, found.filtered.count, leg.begin, leg.end)
-    last, spread = leg.last, found.cov.stddev()
-    told = {
-        "log_likelihood": found.log_likelihood,
-        "nis": found.nis,
-        "lever": jnp.stack([part[last] for part in found.mean.lever]),
+    inferred = _filtered(p, leg, gyr, acc, options)
+    strides, deviations, flags = ankle_strides.from_filter(p, leg, inferred.mean, inferred.cov, side)
+    flags["stride_nis"] = trust.nis_between(inferred.filtered.nis, inferred.filtered.count, leg.begin, leg.end)
+    last, spread = leg.last, inferred.cov.stddev()
+    diagnostics = {
+        "log_likelihood": inferred.log_likelihood,
+        "nis": inferred.nis,
+        "lever": jnp.stack([part[last] for part in inferred.mean.lever]),
         "lever_stddev": jnp.stack([part[last] for part in spread.lever]),
-        "gyr_bias": jnp.stack([part[last] for part in found.mean.gyr_bias]),
+        "gyr_bias": jnp.stack([part[last] for part in inferred.mean.gyr_bias]),
     }
-    return strides, deviations, flags, told, leg.valid & found.filtered.valid
+    return strides, deviations, flags, diagnostics, leg.valid & inferred.filtered.valid
 
 
 def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) -> Estimate:
@@ -175,9 +175,9 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) ->
         stacked(*worn.values()), sides
     )
     strides, deviations, flags = jax.tree.map(lambda leaf: leaf.reshape(-1), every[:3])
-    told, there = every[3:]
+    paths, there = every[3:]
     diagnostics: dict[str, Any] = {
-        f"{name}_{SIDES[side]}": value[number] for number, side in enumerate(worn) for name, value in told.items()
+        f"{name}_{SIDES[side]}": value[number] for number, side in enumerate(worn) for name, value in paths.items()
     }
     distance = jnp.mean(ways[..., 0], axis=0)
     if deviations is not None:
@@ -189,18 +189,18 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) ->
     )  # fmt: skip
 
 
-def _walked(time: Values, *found: PyTree) -> tuple[tuple[PyTree, ...], Values]:
+def _walked(time: Values, *leg_results: PyTree) -> tuple[tuple[PyTree, ...], Values]:
     """What `_of_leg` found, and the distance along the strides (T, 1) [m], or with its variance and the deviation by
     turns (T, 3); they grow evenly over the swing of each stride.
     """
-    strides, deviations, *_ = found
+    strides, deviations, *_ = leg_results
     added = [strides.length]
     if deviations is not None:
         way, turned = of_turns(strides.length, strides.turn)
         added = [way, deviations.length**2, turned]
     lengths = jnp.where(strides.valid[:, None], jnp.stack(added, axis=1), 0.0)
     real = strides.final_contact < strides.end
-    return found, along(time, strides.final_contact, strides.end, real, lengths)
+    return leg_results, along(time, strides.final_contact, strides.end, real, lengths)
 
 
 def estimator(options: AnkleOptions = DEFAULT) -> Estimator[AnkleParams, AnkleInputs]:

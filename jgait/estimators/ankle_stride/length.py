@@ -112,8 +112,8 @@ def pendulum(p: StrideLengthParams, gyr: ArrayLike, swings: Marks, dt: ArrayLike
     duration = dt * (index - since).astype(rate.dtype)
     long = jnp.where(swings.end, duration, 1.0)
     arc = p.leg_length * (p.angle_gain * angle + p.time_gain * angle / long)
-    found = (2.0 * p.leg_length * jnp.sin(0.5 * angle), arc, angle, duration)
-    return Swung(*(jnp.where(swings.end, value, 0.0) for value in found))
+    swung = (2.0 * p.leg_length * jnp.sin(0.5 * angle), arc, angle, duration)
+    return Swung(*(jnp.where(swings.end, value, 0.0) for value in swung))
 
 
 def inertial(
@@ -134,7 +134,7 @@ def inertial(
 
 
 def scanned(
-    one: Callable[[PyTree, PyTree], tuple[PyTree, Travelled]], begun: Callable[[Vector, Vector], PyTree],
+    step_function: Callable[[PyTree, PyTree], tuple[PyTree, Travelled]], begun: Callable[[Vector, Vector], PyTree],
     p: StrideLengthParams, gyr: ArrayLike, acc: ArrayLike, strides: Marks,
 ) -> Travelled:  # fmt: skip
     """A scan of a method's step over the samples: (state, (rate, force, marks)) → state and stride.
@@ -147,9 +147,9 @@ def scanned(
     samples = (rate, force, strides)
 
     def step(state: PyTree, sample: PyTree) -> tuple[PyTree, Travelled]:
-        going, found = one(state, sample)
-        found = Travelled(*(jnp.where(sample[2].end, value, 0.0) for value in found))
-        return jax.tree.map(lambda a, b: jnp.where(sample[2].begin, a, b), begun(*sample[:2]), going), found
+        going, travelled = step_function(state, sample)
+        travelled = Travelled(*(jnp.where(sample[2].end, value, 0.0) for value in travelled))
+        return jax.tree.map(lambda a, b: jnp.where(sample[2].begin, a, b), begun(*sample[:2]), going), travelled
 
     first = jax.tree.map(lambda v: v[0], samples)
     state = begun(*first[:2])

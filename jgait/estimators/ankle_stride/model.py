@@ -68,15 +68,17 @@ def error_transition(p: FootModelParams, s: AnkleState, e: AnkleError, u: AnkleC
     """The sensor's error as of the foot; the ankle's is less by that of R' r − R r, δ(R r) = δ_θ × R r + R δ_r."""
     sensor = _sensor(s)
     moved = foot_model.transition(p, sensor, u.over, dt)
-    own = FootError(e.position, e.velocity, e.attitude, e.gyr_bias, e.acc_bias)
+    foot_error = FootError(e.position, e.velocity, e.attitude, e.gyr_bias, e.acc_bias)
     for change in (foot_model.turn_error, foot_model.move_error):
-        own = change(p, sensor, own, u.over, dt)
+        foot_error = change(p, sensor, foot_error, u.over, dt)
     after, before = (
         add(cross(turned, rotated(q, s.lever)), rotated(q, e.lever))
-        for turned, q in ((own.attitude, moved.attitude), (e.attitude, s.attitude))
+        for turned, q in ((foot_error.attitude, moved.attitude), (e.attitude, s.attitude))
     )
-    position = subtract(own.position, subtract(after, before))
-    return AnkleError(position, own.velocity, own.attitude, own.gyr_bias, own.acc_bias, e.lever)
+    position = subtract(foot_error.position, subtract(after, before))
+    return AnkleError(
+        position, foot_error.velocity, foot_error.attitude, foot_error.gyr_bias, foot_error.acc_bias, e.lever
+    )
 
 
 def transition_noise(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Values) -> Covariance:
@@ -84,10 +86,12 @@ def transition_noise(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Val
 
     The ankle's displacement from noise of the rate times the lever is left out: a fifth of a millimetre a stride.
     """
-    own = foot_model.transition_noise(p, _sensor(s), u.over, dt)
-    v = own.variances()
+    foot_noise = foot_model.transition_noise(p, _sensor(s), u.over, dt)
+    v = foot_noise.variances()
     every = AnkleError(v.position, v.velocity, v.attitude, v.gyr_bias, v.acc_bias, Vector(_STILL, _STILL, _STILL))
-    crossed = {(f"position.{axis}", f"velocity.{axis}"): own[f"position.{axis}", f"velocity.{axis}"] for axis in "xyz"}
+    crossed = {
+        (f"position.{axis}", f"velocity.{axis}"): foot_noise[f"position.{axis}", f"velocity.{axis}"] for axis in "xyz"
+    }
     return Covariance.from_variances(every).with_entries(crossed)
 
 
@@ -106,8 +110,8 @@ def error_observation(p: FootModelParams, s: AnkleState, e: AnkleError, u: Ankle
     del p
     rate = subtract(u.rate, s.gyr_bias)
     through = rotated(s.attitude, cross(rate, s.lever))
-    own = rotated(s.attitude, subtract(cross(rate, e.lever), cross(e.gyr_bias, s.lever)))
-    return subtract(subtract(e.velocity, cross(e.attitude, through)), own)
+    velocity_error = rotated(s.attitude, subtract(cross(rate, e.lever), cross(e.gyr_bias, s.lever)))
+    return subtract(subtract(e.velocity, cross(e.attitude, through)), velocity_error)
 
 
 def observation_noise(p: FootModelParams, s: AnkleState, u: AnkleControl) -> Vector:

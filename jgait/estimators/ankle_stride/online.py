@@ -110,9 +110,9 @@ def _seen(
         for cascade, before, values in zip(filters, state.low_passed, (x, rates, rates[1]), strict=True)
     )
     time = index.astype(x.dtype) / worn.rate_hz
-    detector, found = shank_events.swing_step(shank_events.LOBES, state.detector, rate, time)
+    detector, swing_events = shank_events.swing_step(shank_events.LOBES, state.detector, rate, time)
     leaves = (detector.phase == shank_events.TOE_OFF) | (detector.phase == shank_events.SWING)
-    phase = shank_valley.Phase(found.stride, leaves)
+    phase = shank_valley.Phase(swing_events.stride, leaves)
     valley, lasted = shank_valley.step(state.valley, index, slowly[1], phase, worn.hold, worn.landing)
     turns_slowly = jnp.sum(slowly * slowly) < STANDING**2
     slow = jnp.where(turns_slowly, jnp.minimum(state.slow, worn.calm) + 1, 0).astype(jnp.int32)
@@ -122,10 +122,10 @@ def _seen(
     calm = (slow >= worn.calm).astype(x.dtype)
     late = butterworth.delay(shank_events.LOBES.cutoff_hz, worn.rate_hz)
     swung = OnlineSwing(
-        leaves=jnp.where(found.stride & ~state.swung.any, found.start - late, state.swung.leaves),
-        lands=jnp.where(found.stride, found.end - late, state.swung.lands),
-        known=jnp.where(found.stride, index, state.swung.known),
-        any=state.swung.any | found.stride,
+        leaves=jnp.where(swing_events.stride & ~state.swung.any, swing_events.start - late, state.swung.leaves),
+        lands=jnp.where(swing_events.stride, swing_events.end - late, state.swung.lands),
+        known=jnp.where(swing_events.stride, index, state.swung.known),
+        any=state.swung.any | swing_events.stride,
     )
     after = state._replace(
         index=index, last=jnp.stack([state.last[1], x]), low_passed=(signals, stance, sagittal), detector=detector,
@@ -176,8 +176,8 @@ def _filtered(
 ) -> filtering.Posterior:
     """The filter over the samples of events (T,), those with `real` alone."""
     begins = real & ~event.began & event.stands
-    own = level_prior(p, worn, event.row[jnp.argmax(begins), :6])
-    initial = jax.tree.map(lambda a, b: jnp.where(state.started, a, b), state.belief, own)
+    prior = level_prior(p, worn, event.row[jnp.argmax(begins), :6])
+    initial = jax.tree.map(lambda a, b: jnp.where(state.started, a, b), state.belief, prior)
     dt = jnp.where(real & event.began, 1.0 / worn.rate_hz, 0.0)
     mean = 0.5 * (event.row[:, :6] + event.before)
     jumps = (event.row[:, 6], event.row[:, 7])
@@ -185,36 +185,36 @@ def _filtered(
     dt = jnp.where(goes, dt, 0.0)
     now = _Delayed(*jumps, turned, moved, dt, event.restart, worn.rate_hz, worn.gyr_bias)
     driven = control(p, now, vector(event.row[:, :3]), vector(mean[:, :3]), vector(mean[:, 3:]))
-    zero, seen = jnp.zeros_like(dt), event.stands & real
+    zero, observed = jnp.zeros_like(dt), event.stands & real
     return filtering.kalman_filter(
         ankle_model.MODEL,
         model_params(p),
         Vector(zero, zero, zero),
         controls=driven,
         dt=dt,
-        mask=Vector(seen, seen, seen),
+        mask=Vector(observed, observed, observed),
         initial=initial,
         keep=("mean", "cov", "nis", "count", "valid"),
     )
 
 
-def _summed(state: AnkleOnlineState, told: filtering.Posterior, stands: Flags) -> Values:
+def _summed(state: AnkleOnlineState, posterior: filtering.Posterior, stands: Flags) -> Values:
     """(T, 2) sums of the normalised innovations squared and of the observed components since the last instant before
     the samples.
     """
-    used = stands & jnp.isfinite(told.nis)
-    rows = jnp.stack([told.nis, told.count.astype(told.nis.dtype)], axis=1)
+    used = stands & jnp.isfinite(posterior.nis)
+    rows = jnp.stack([posterior.nis, posterior.count.astype(posterior.nis.dtype)], axis=1)
     return state.since[None] + jnp.cumsum(jnp.where(used[:, None], rows, 0.0), axis=0)
 
 
 def _strides(
-    p: AnkleParams, worn: Worn, event: _AnkleEvent, told: filtering.Posterior, here: Heading, nis: Values
+    p: AnkleParams, worn: Worn, event: _AnkleEvent, posterior: filtering.Posterior, here: Heading, nis: Values
 ) -> tuple[Strides, Strides, dict[str, Values]]:
     """The strides that would end at each of the filter's samples (T,), standard deviations, flags; `here` is the
     heading at which each begins, `nis` the mean normalised innovation squared since then.
     """
-    way = ankle_strides.measured(told.mean.position, ankle_strides.across(told.cov))
-    there = ankle_strides.heading(told.mean, told.cov)
+    way = ankle_strides.measured(posterior.mean.position, ankle_strides.across(posterior.cov))
+    there = ankle_strides.heading(posterior.mean, posterior.cov)
     swung = event.swung
     follows = swung.leaves - event.landed <= shank_stance.PAUSE_S
     start = jnp.where(follows, event.landed, swung.leaves)
@@ -265,20 +265,20 @@ def over(
     newest = samples - 1 if count is None else count - 1
     real = jnp.arange(samples, dtype=jnp.int32) <= newest
     after, event = scanned(partial(_decided, worn, filters), state, (gyr, acc, there), count)
-    told = _filtered(p, worn, state, event, real)
-    now = (ankle_strides.heading(told.mean, told.cov), _summed(state, told, event.stands & real))
+    posterior = _filtered(p, worn, state, event, real)
+    now = (ankle_strides.heading(posterior.mean, posterior.cov), _summed(state, posterior, event.stands & real))
     begins, last = _latest((state.heading, jnp.zeros_like(state.since)), now, event.instant & real)
     since = now[1] - begins[1]
     nis = since[:, 0] / jnp.maximum(since[:, 1], 1.0)
-    strides, stddev, flags = _strides(p, worn, event, told, begins[0], nis)
+    strides, stddev, flags = _strides(p, worn, event, posterior, begins[0], nis)
     stride = strides.valid
     number = state.count + jnp.cumsum(stride, dtype=jnp.int32)
     distance = state.distance + jnp.cumsum(jnp.where(stride, of_turns(strides.length, strides.turn)[0], 0.0))
     after = after._replace(
-        belief=told.belief(newest),
+        belief=posterior.belief(newest),
         heading=last[0],
         since=now[1][-1] - last[1],
         count=number[-1],
         distance=distance[-1],
     )
-    return after, Now(stride, strides, stddev, flags, number, distance, event.still, told.valid)
+    return after, Now(stride, strides, stddev, flags, number, distance, event.still, posterior.valid)

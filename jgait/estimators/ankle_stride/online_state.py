@@ -123,6 +123,6 @@ def begin(p: AnkleParams, worn: Worn, gyr: Values, acc: Values) -> AnkleOnlineSt
 
 def level_prior(p: AnkleParams, worn: Worn, x: Values) -> Belief:
     """The belief of a leg that stands, with the tilt from the specific force."""
-    one, none = jnp.ones_like(x[0]), jnp.zeros_like(x[0])
-    attitude = between(vector(x[3:]), Vector(none, none, one))
+    ones, zeros = jnp.ones_like(x[0]), jnp.zeros_like(x[0])
+    attitude = between(vector(x[3:]), Vector(zeros, zeros, ones))
     return standing_prior(p, worn, attitude, vector(x[:3])).joined()

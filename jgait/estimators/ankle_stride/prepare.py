@@ -84,8 +84,10 @@ def prepare(recording: Recording, options: AnkleOptions = DEFAULT) -> Prepared[A
             placement, note = shank_axes.worn_on_shank(recording, side)
             # if labels are exchanged, the other leg's sensor is not checked yet
             _checked(recording, [name, placement])
-        legs[side], said, still = _leg(recording.sensors[placement], time, recording.sampling_rate_hz, name, options)
-        notes += ([note] if note else []) + said
+        legs[side], leg_notes, still = _leg(
+            recording.sensors[placement], time, recording.sampling_rate_hz, name, options
+        )
+        notes += ([note] if note else []) + leg_notes
         standing = still if standing is None else standing
     return Prepared(AnkleInputs(time, legs["right"], legs["left"]), options, tuple(notes), standing)
 
@@ -120,11 +122,13 @@ def swings_of(imu: Imu, axes: Axes, rate_hz: float, detector: str) -> tuple[np.n
     rate, count = as_float(imu.gyr) @ axes.rows[1], len(imu.time)
     settings = {"machine": shank_events.MACHINE, "paper": shank_events.PAPER}
     if detector == "swings":
-        found = compiled(shank_events.swings)(_padded(rate), sampling_rate_hz=rate_hz)
+        swing_events = compiled(shank_events.swings)(_padded(rate), sampling_rate_hz=rate_hz)
     else:
-        found = compiled(shank_events.phases)(_padded(rate), sampling_rate_hz=rate_hz, d=settings[detector])
-    there = np.flatnonzero(np.asarray(found.stride)[:count])
-    start, end = (np.clip(np.asarray(v)[there] * rate_hz, 0.0, count - 1.0) for v in (found.start, found.end))
+        swing_events = compiled(shank_events.phases)(_padded(rate), sampling_rate_hz=rate_hz, d=settings[detector])
+    there = np.flatnonzero(np.asarray(swing_events.stride)[:count])
+    start, end = (
+        np.clip(np.asarray(v)[there] * rate_hz, 0.0, count - 1.0) for v in (swing_events.start, swing_events.end)
+    )
     start = np.maximum(start, np.concatenate([[0.0], end[:-1] + 1.0])[: len(end)])
     kept = np.rint(end) > np.rint(start)
     return start[kept], end[kept]
@@ -177,16 +181,22 @@ def _leg(
         notes.append(STRIDES_UNCERTAIN(samples=lost.sum(), placement=name, longest_s=longest_loss(lost, time)))
     stands = _standing(stood, speed, rate_hz) & ~lost
     gyr, acc = (as_float(values) @ axes.rows.T for values in (whole.gyr, whole.acc))
-    told = _signals(gyr, acc, time, stands, stood, rate_hz)
+    leg_signals = _signals(gyr, acc, time, stands, stood, rate_hz)
     gone = not_bridged(lost, time)
-    seen = (lost_between(lost, time, stood.begin, stood.end) <= LONGEST_LOSS) & ~gone[stood.begin] & ~gone[stood.end]
-    if not seen.all():
-        notes.append(STRIDES_MISSING(strides=(~seen).sum(), placement=name, seconds=LONGEST_LOSS))
-        start, end, stood = start[seen], end[seen], shank_stance.ShankStances(*(part[seen] for part in stood))
-    over = bridged(lost, time, told["dt"], LOST_RATE, LOST_FORCE)
+    measured = (
+        (lost_between(lost, time, stood.begin, stood.end) <= LONGEST_LOSS) & ~gone[stood.begin] & ~gone[stood.end]
+    )
+    if not measured.all():
+        notes.append(STRIDES_MISSING(strides=(~measured).sum(), placement=name, seconds=LONGEST_LOSS))
+        start, end, stood = (
+            start[measured],
+            end[measured],
+            shank_stance.ShankStances(*(part[measured] for part in stood)),
+        )
+    over = bridged(lost, time, leg_signals["dt"], LOST_RATE, LOST_FORCE)
     rests = still if options.standing else None
     signals = AnkleSignals(
-        **(told | {"dt": over.dt}),
+        **(leg_signals | {"dt": over.dt}),
         gyr_doubt=np.maximum(peaks.doubt, np.maximum(over.rate, CLIPPED_RATE * equal)),
         acc_doubt=np.maximum(over.force, CLIPPED_FORCE * forced),
         stands=stands,

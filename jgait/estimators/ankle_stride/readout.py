@@ -82,8 +82,8 @@ def measured(way: Vector, entries: tuple[Values, Values, Values, Values]) -> Way
 
 def heading(state: AnkleState, cov: Covariance) -> Heading:
     """The heading of states."""
-    one, none = jnp.ones_like(state.attitude.w), jnp.zeros_like(state.attitude.w)
-    forward = rotated(state.attitude, Vector(one, none, none))
+    ones, zeros = jnp.ones_like(state.attitude.w), jnp.zeros_like(state.attitude.w)
+    forward = rotated(state.attitude, Vector(ones, zeros, zeros))
     return Heading(jnp.arctan2(forward.y, forward.x), cov["attitude.z", "attitude.z"])
 
 
@@ -170,5 +170,5 @@ def table(
 
 def flags(strides: Strides, **decided: PyTree) -> dict[str, Any]:
     """Flags of each stride, those of `decided` included; True only if the stride is valid."""
-    found = {"turning": jnp.abs(strides.turn) > TURNING, "stairs": jnp.abs(strides.height) > STAIRS, **decided}
-    return {name: flag & strides.valid for name, flag in found.items()}
+    flagged = {"turning": jnp.abs(strides.turn) > TURNING, "stairs": jnp.abs(strides.height) > STAIRS, **decided}
+    return {name: flag & strides.valid for name, flag in flagged.items()}

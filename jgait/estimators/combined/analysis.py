@@ -90,30 +90,30 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         raise RecordingError("; ".join(str(note) for note in findings.notes))
     left_out = tuple(note for note in recording.notes if note.code == SENSOR_LEFT_OUT)
     usable = recording._replace(sensors=kept, notes=left_out)
-    found, notes = sources(usable, body)
+    estimates, notes = sources(usable, body)
     recording = recording._replace(notes=_without_exchanged(recording.notes, findings.notes))
     wrong = findings.doubtful | _named(recording, ACCUSED)
-    strides = joined(found, wrong | _named(recording, CLOCKS), wrong)
-    late = _apart(recording, found)
-    ways, one_sided = distances(found, usable, body, wrong, late)
+    strides = joined(estimates, wrong | _named(recording, CLOCKS), wrong)
+    late = _apart(recording, estimates)
+    ways, one_sided = distances(estimates, usable, body, wrong, late)
     total, differ = walked(ways)
-    unusable = _angles(found, findings.doubtful | _named(recording, AXES) | late)
+    unusable = _angles(estimates, findings.doubtful | _named(recording, AXES) | late)
     differ += unusable
     if strides is not None:
-        differ = [*length_notes(found, strides), *differ, *side_notes(found, strides)]
-    elif any(source.estimate.strides is not None for source in found):
+        differ = [*length_notes(estimates, strides), *differ, *side_notes(estimates, strides)]
+    elif any(source.estimate.strides is not None for source in estimates):
         differ = [NO_STRIDES(), *differ]
     every = [*findings.notes, *differ, *recording.notes, *notes, *one_sided]
-    every += [note for source in found for note in source.estimate.diagnostics["notes"]]
+    every += [note for source in estimates for note in source.estimate.diagnostics["notes"]]
     order = sorted(without_repeats(every), key=lambda note: SEVERITIES.index(note.severity))
-    estimate = _assembled(found, strides, total)
+    estimate = _assembled(estimates, strides, total)
     valid = {
         f"angles_valid_{side}": not any(side in str(note.values["sides"]) for note in unusable)
         for side in SIDES if getattr(estimate.legs, side) is not None
     }  # fmt: skip
     estimate = estimate._replace(diagnostics={**estimate.diagnostics, **valid, "notes": tuple(order)})
-    rows = comparisons(found, strides, ways, total)
-    return Analysis(estimate, tuple(found), strides, tuple(rows), tuple(order), body)
+    rows = comparisons(estimates, strides, ways, total)
+    return Analysis(estimate, tuple(estimates), strides, tuple(rows), tuple(order), body)
 
 
 ACCUSED = (
@@ -134,11 +134,11 @@ PAIRS = tuple(code for code in CLOCKS if code != "sides_out_of_step")
 """Those of them that may compare two sensors of one leg; a person who limps is out of step too."""
 
 
-def _without_exchanged(notes: tuple[Note, ...], found: tuple[Note, ...]) -> tuple[Note, ...]:
+def _without_exchanged(notes: tuple[Note, ...], sensor_notes: tuple[Note, ...]) -> tuple[Note, ...]:
     """Readers' notes without late clocks of sensors that are found exchanged: those swing at the other leg's times."""
     exchanged = {
         f"{kind}_{side}"
-        for note in found if note.code == SIDES_EXCHANGED.code
+        for note in sensor_notes if note.code == SIDES_EXCHANGED.code
         for kind in str(note.values["kind"]).split(" or ") for side in SIDES
     }  # fmt: skip
     return tuple(
@@ -149,18 +149,18 @@ def _without_exchanged(notes: tuple[Note, ...], found: tuple[Note, ...]) -> tupl
 
 def _named(recording: Recording, codes: Collection[str]) -> frozenset[str]:
     """Placements that a reader's notes of some codes name."""
-    said = [
+    named = [
         str(note.values.get(name, ""))
         for note in recording.notes
         if note.code in codes
         for name in ("placement", "other", "channel")
     ]
-    return frozenset(name for name in recording.sensors if any(f"{word}_".startswith(f"{name}_") for word in said))
+    return frozenset(name for name in recording.sensors if any(f"{word}_".startswith(f"{name}_") for word in named))
 
 
-def _apart(recording: Recording, found: list[SourceEstimate]) -> frozenset[str]:
+def _apart(recording: Recording, estimates: list[SourceEstimate]) -> frozenset[str]:
     """Sensors of thighs and shanks whose clocks differ from one another by a reader's notes."""
-    worn = {name for source in found if source.name == "legs" for name in source.placements}
+    worn = {name for source in estimates if source.name == "legs" for name in source.placements}
     pairs = [
         {str(note.values.get("placement")), str(note.values.get("other"))}
         for note in recording.notes
@@ -169,17 +169,19 @@ def _apart(recording: Recording, found: list[SourceEstimate]) -> frozenset[str]:
     return frozenset(name for pair in pairs if pair <= worn for name in pair)
 
 
-def _angles(found: list[SourceEstimate], wrong: frozenset[str]) -> list[Note]:
+def _angles(estimates: list[SourceEstimate], wrong: frozenset[str]) -> list[Note]:
     """A note if a sensor from which joint angles are computed is in doubt."""
-    names = [name for source in found if source.name == "legs" for name in source.placements if name in wrong]
+    names = [name for source in estimates if source.name == "legs" for name in source.placements if name in wrong]
     sides = [side for side in SIDES if any(name.endswith(side) for name in names)]
     return [ANGLES_DOUBTFUL(sides=" and ".join(sides), sensors=", ".join(names))] if names else []
 
 
-def _assembled(found: list[SourceEstimate], strides: JoinedStrides | None, total: WalkedDistance | None) -> Estimate:
+def _assembled(
+    estimates: list[SourceEstimate], strides: JoinedStrides | None, total: WalkedDistance | None
+) -> Estimate:
     """The joined estimate, at the times of the first source; parts at other times are only in their source."""
-    by_name = {source.name: source.estimate for source in found}
-    base = found[0].estimate
+    by_name = {source.name: source.estimate for source in estimates}
+    base = estimates[0].estimate
     time = as_float(base.time)
 
     def at_times(estimate: Estimate | None) -> Estimate | None:
@@ -189,7 +191,7 @@ def _assembled(found: list[SourceEstimate], strides: JoinedStrides | None, total
 
     legs, feet, waist = (at_times(by_name.get(name)) for name in ("legs", "feet", "waist"))
     diagnostics: dict[str, PyTree] = {"standing": base.diagnostics.get("standing")}
-    for source in found:
+    for source in estimates:
         diagnostics |= {k: v for k, v in source.estimate.diagnostics.items() if k.startswith("initial_contact")}
     if strides is not None:
         diagnostics |= {**strides.flags, "contradicts": strides.contradicts}

@@ -52,7 +52,7 @@ class Comparison(NamedTuple):
 
 
 def comparisons(
-    sources: Sequence[SourceEstimate], strides: JoinedStrides | None, found: Sequence[WalkedDistance],
+    sources: Sequence[SourceEstimate], strides: JoinedStrides | None, walked: Sequence[WalkedDistance],
     total: WalkedDistance | None,
 ) -> list[Comparison]:  # fmt: skip
     """Every quantity that a source measures, and the combined value."""
@@ -63,16 +63,16 @@ def comparisons(
             for source in sources:
                 if source.name in strides.rows:
                     at = strides.rows[source.name]
-                    own = at[(at >= 0) & usual]
+                    rows_of = at[(at >= 0) & usual]
                     tables = source.estimate.strides, source.estimate.strides_stddev
-                    rows += _median(quantity, source.name, field, own, *tables)
+                    rows += _median(quantity, source.name, field, rows_of, *tables)
             rows += _median(quantity, "combined", field, np.flatnonzero(usual), strides.strides, strides.stddev)
         for source in sources:
             if source.name in strides.rows:
                 count = int((strides.rows[source.name] >= 0).sum())
                 rows.append(Comparison("strides", source.name, float(count), None, count))
         rows.append(Comparison("strides", "combined", float(len(usual)), None, len(usual)))
-    rows += [Comparison("distance", one.source, float(one.distance[-1]), one.stddev, 0) for one in found]
+    rows += [Comparison("distance", one.source, float(one.distance[-1]), one.stddev, 0) for one in walked]
     if total is not None:
         rows.append(Comparison("distance", "combined", float(total.distance[-1]), total.stddev, 0))
     return rows
@@ -134,11 +134,13 @@ def side_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> lis
         return []
     ours = np.array([name != "waist" for name in strides.first])
     times, sides = as_float(strides.strides.end)[ours], np.asarray(strides.strides.side)[ours]
-    told = waist.estimate.diagnostics
-    sure = as_float(told["initial_contact_side_probability"]) > 0.9
+    diagnostics = waist.estimate.diagnostics
+    sure = as_float(diagnostics["initial_contact_side_probability"]) > 0.9
     opposite = contacts = 0
     for time, side in zip(
-        as_float(told["initial_contact"])[sure], np.asarray(told["initial_contact_side"])[sure], strict=True
+        as_float(diagnostics["initial_contact"])[sure],
+        np.asarray(diagnostics["initial_contact_side"])[sure],
+        strict=True,
     ):
         near = np.abs(times - time)
         if near.size and near.min() < SAME_CONTACT:

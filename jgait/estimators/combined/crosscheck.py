@@ -301,9 +301,9 @@ def _phases(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
     phases = {}
     for name in legs:
         side = 0.5 * SIDES.index(name.rpartition("_")[2])
-        found = _phase(sensors[name], begins, ends, OFFSETS[kind_of(name)] + side)
-        if found.coherence > LEAST_COHERENCE and found.share > LEAST_SHARE:
-            phases[name] = found.phase
+        phase = _phase(sensors[name], begins, ends, OFFSETS[kind_of(name)] + side)
+        if phase.coherence > LEAST_COHERENCE and phase.share > LEAST_SHARE:
+            phases[name] = phase.phase
     return _named(phases, stride)
 
 
@@ -394,6 +394,8 @@ def _delay(level: np.ndarray, other: np.ndarray, most: int) -> tuple[int, float,
     if np.ptp(level) == 0.0 or np.ptp(other) == 0.0:
         return 0, 0.0, 0.0
     padded = np.pad(level, most, mode="edge")
-    found = [float(np.corrcoef(padded[most + d : most + d + len(level)], other)[0, 1]) for d in range(-most, most + 1)]
-    best = int(np.argmax(found))
-    return best - most, found[best], found[best] - found[most]
+    correlations = [
+        float(np.corrcoef(padded[most + d : most + d + len(level)], other)[0, 1]) for d in range(-most, most + 1)
+    ]
+    best = int(np.argmax(correlations))
+    return best - most, correlations[best], correlations[best] - correlations[most]

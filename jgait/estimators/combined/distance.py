@@ -80,15 +80,15 @@ def distances(
         wrong: placements whose signals, label or unit are in doubt.
         late: placements whose clock is; the strides of a single sensor hold nevertheless.
     """
-    found, notes = [], []
+    walked_distances, notes = [], []
     for source in sources:
         estimate = source.estimate
         if estimate.distance is None or source.name == "width":
             continue
         total = float(estimate.distance[-1])
-        told = estimate.diagnostics.get("distance_stddev")
-        if told is not None and source.name != "legs":
-            sd = float(np.ravel(told)[-1])
+        stated = estimate.diagnostics.get("distance_stddev")
+        if stated is not None and source.name != "legs":
+            sd = float(np.ravel(stated)[-1])
         elif estimate.strides is not None and estimate.strides_stddev is not None:
             lengths = float(np.nansum(as_float(estimate.strides.length)))
             sd = total * float(np.nansum(as_float(estimate.strides_stddev.length))) / max(lengths, 1e-6)
@@ -112,8 +112,8 @@ def distances(
         if total > 0.0 and sd > 0.0:
             way = scale * as_float(estimate.distance)
             spread = float(np.hypot(scale * sd, unknown))
-            found.append(WalkedDistance(source.name, as_float(estimate.time), way, spread, doubtful))
-    return sorted(found, key=lambda one: one.stddev), notes
+            walked_distances.append(WalkedDistance(source.name, as_float(estimate.time), way, spread, doubtful))
+    return sorted(walked_distances, key=lambda one: one.stddev), notes
 
 
 def _stopped(source: SourceEstimate) -> frozenset[str]:
@@ -128,27 +128,27 @@ def _too_fast(source: SourceEstimate) -> bool:
 
 def _best(sides: list[_Side]) -> list[_Side]:
     """The sides that are not in doubt, if there are any; of these, those that saw the most of the walk."""
-    sound = [one for one in sides if not one.doubtful] or sides
-    least = min((one.unknown for one in sound), default=0.0)
-    return [one for one in sound if one.unknown <= least + ALIKE]
+    sound = [side for side in sides if not side.doubtful] or sides
+    least = min((side.unknown for side in sound), default=0.0)
+    return [side for side in sound if side.unknown <= least + ALIKE]
 
 
 def _sides(source: SourceEstimate, recording: Recording, doubted: frozenset[str]) -> list[_Side]:
     """The sides of a source whose strides are measured by one sensor each; none of other sources."""
     strides = source.estimate.strides
-    found: list[_Side] = []
+    sides: list[_Side] = []
     if strides is None:
-        return found
+        return sides
     length, beyond = as_float(strides.length), impossible(strides)
     for number, side in enumerate(SIDES):
-        own = (np.asarray(strides.side) == number) & np.asarray(strides.valid, bool)
+        of_side = (np.asarray(strides.side) == number) & np.asarray(strides.valid, bool)
         for name in source.placements:
             if name.endswith(side):
-                start, end = (as_float(part)[own & ~beyond] for part in (strides.start, strides.end))
+                start, end = (as_float(part)[of_side & ~beyond] for part in (strides.start, strides.end))
                 unknown = USUAL_SPEED * _not_seen(recording.sensors[name], start, end)
-                unknown += float(np.nansum(length[own & beyond]))
-                found.append(_Side(side, float(np.nansum(length[own])), unknown, name in doubted))
-    return found
+                unknown += float(np.nansum(length[of_side & beyond]))
+                sides.append(_Side(side, float(np.nansum(length[of_side])), unknown, name in doubted))
+    return sides
 
 
 def _not_measured(source: SourceEstimate, recording: Recording) -> float:
@@ -174,27 +174,29 @@ def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray) -> float:
     return total
 
 
-def walked(found: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, list[Note]]:
+def walked(distances: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, list[Note]]:
     """The distances of several sources combined by their variances, and a note for each that contradicts the first.
 
     The combined distance follows the most certain source in time. Doubtful sources count if there are no others; then
     half of the difference between them is part of the deviation.
     """
-    if not found:
+    if not distances:
         return None, []
-    sure = [one for one in found if not one.doubtful]
-    apart = 0.0 if sure else 0.5 * float(np.ptp([one.distance[-1] for one in found]))
-    sure = sure or list(found)
-    ends = np.array([one.distance[-1] for one in sure])
-    shared = correlation([one.source for one in sure])
-    value, sd, kept = combined(ends, np.array([one.stddev for one in sure]), shared)
-    best = next(one for one, keeps in zip(sure, kept, strict=True) if keeps)
-    own = best.distance[-1]
+    sure = [distance for distance in distances if not distance.doubtful]
+    apart = 0.0 if sure else 0.5 * float(np.ptp([distance.distance[-1] for distance in distances]))
+    sure = sure or list(distances)
+    ends = np.array([distance.distance[-1] for distance in sure])
+    shared = correlation([distance.source for distance in sure])
+    value, sd, kept = combined(ends, np.array([distance.stddev for distance in sure]), shared)
+    best = next(distance for distance, keeps in zip(sure, kept, strict=True) if keeps)
+    total = best.distance[-1]
     notes = [
-        DISTANCES_DIFFER(source=best.source, distance=own, other=one.source, other_distance=one.distance[-1])
-        for one in found
-        if abs(one.distance[-1] - best.distance[-1]) > CONSISTENT * float(np.hypot(one.stddev, best.stddev))
+        DISTANCES_DIFFER(
+            source=best.source, distance=total, other=distance.source, other_distance=distance.distance[-1]
+        )
+        for distance in distances
+        if abs(distance.distance[-1] - best.distance[-1]) > CONSISTENT * float(np.hypot(distance.stddev, best.stddev))
     ]  # fmt: skip
-    used = "+".join(one.source for one, keeps in zip(sure, kept, strict=True) if keeps)
+    used = "+".join(distance.source for distance, keeps in zip(sure, kept, strict=True) if keeps)
     way = best.distance * value / best.distance[-1]
     return WalkedDistance(used, best.time, way, float(np.hypot(sd, apart)), best.doubtful), notes

@@ -105,7 +105,7 @@ def sources(recording: Recording, person: Mapping[str, PyTree]) -> tuple[list[So
     unknown = [name for name in person if name not in known]
     if unknown:
         raise ValueError(f"a person has {', '.join(sorted(known))}; got {unknown[0]!r}")
-    found: list[SourceEstimate] = []
+    estimates: list[SourceEstimate] = []
     notes: list[Note] = []
     reasons: list[str] = []
     measures: set[str] = set()
@@ -125,11 +125,11 @@ def sources(recording: Recording, person: Mapping[str, PyTree]) -> tuple[list[So
             reasons.append(f"{way.name}: {error}")
             notes.append(NOT_USED(source=way.name, reason=str(error)))
             continue
-        found.append(SourceEstimate(way.name, estimator.name, placements, result, p))
-    if not found:
+        estimates.append(SourceEstimate(way.name, estimator.name, placements, result, p))
+    if not estimates:
         raise RecordingError(
             "; ".join(reasons)
             or "no estimator has its sensors: expected both or one of foot, ankle, shank, thigh with shank, or waist, "
             f"lower_back or pelvis; {sensors_of(recording)}"
         )
-    return found, [*notes, *told(person, measures)]
+    return estimates, [*notes, *told(person, measures)]

@@ -89,8 +89,8 @@ def joined(
 
 
 def _trusted(source: SourceEstimate, side: str, doubtful: frozenset[str]) -> bool:
-    own = [name for name in source.placements if name.endswith(side) or not name.endswith(SIDES)]
-    return not doubtful.intersection(own)
+    placements = [name for name in source.placements if name.endswith(side) or not name.endswith(SIDES)]
+    return not doubtful.intersection(placements)
 
 
 def _add(groups: list[tuple[float, float, dict[str, int]]], source: SourceEstimate, side: int) -> None:
@@ -145,17 +145,19 @@ def _table(
 def _doubted(source: SourceEstimate, wrong: frozenset[str]) -> np.ndarray:
     """(n,) bool, strides that contradict the source's model, that nobody walks, or of a sensor that is wrong."""
     strides = source.estimate.strides
-    found = impossible(strides)
+    doubted = impossible(strides)
     stated = source.estimate.diagnostics.get("doubtful")
     if stated is not None:
-        found = found | np.asarray(stated, bool)
-    if strides.start is not None and strides.end is not None and len(found):
+        doubted = doubted | np.asarray(stated, bool)
+    if strides.start is not None and strides.end is not None and len(doubted):
         lasts = as_float(strides.end) - as_float(strides.start)
         half = HALF.read(source.estimate)
-        found = found | ((lasts < BRIEF * np.median(lasts)) & ~(np.zeros(len(found), bool) if half is None else half))
+        doubted = doubted | (
+            (lasts < BRIEF * np.median(lasts)) & ~(np.zeros(len(doubted), bool) if half is None else half)
+        )
     for number, side in enumerate(SIDES):
-        found = found | ((np.asarray(strides.side) == number) & (not _trusted(source, side, wrong)))
-    return np.asarray(found)
+        doubted = doubted | ((np.asarray(strides.side) == number) & (not _trusted(source, side, wrong)))
+    return np.asarray(doubted)
 
 
 class _Told(NamedTuple):
@@ -172,12 +174,16 @@ class _Told(NamedTuple):
     doubtful: bool
 
 
-def _alone(told: list[_Told]) -> list[_Told]:
+def _alone(joined: list[_Told]) -> list[_Told]:
     """The strides, in doubt where only sources measured them whose lengths mostly contradict those of others."""
-    shared = [one for one in told if len(one.group) > 1]
-    left = {name: [name not in one.used for one in shared if name in one.group] for one in told for name in one.group}
+    shared = [stride for stride in joined if len(stride.group) > 1]
+    left = {
+        name: [name not in stride.used for stride in shared if name in stride.group]
+        for stride in joined
+        for name in stride.group
+    }
     wrong = {name for name, out in left.items() if out and np.mean(out) > 0.5}
-    return [one._replace(doubtful=one.doubtful or wrong.issuperset(one.group)) for one in told]
+    return [stride._replace(doubtful=stride.doubtful or wrong.issuperset(stride.group)) for stride in joined]
 
 
 def _told(
@@ -210,12 +216,12 @@ def _told(
                 contradicts = not kept.all()
     if contradicts and steps not in used:  # half of a length that is not used
         values["step_length"] = spread["step_length"] = np.nan
-    own, row = by_name[first], group[first]
-    length, length_sd = _of(own, "length", row), _of(own, "length", row, spread=True)
+    measured, row = by_name[first], group[first]
+    length, length_sd = _of(measured, "length", row), _of(measured, "length", row, spread=True)
     if length > 0.0:
-        values["speed"] = _of(own, "speed", row) * values["length"] / length
+        values["speed"] = _of(measured, "speed", row) * values["length"] / length
     if length_sd > 0.0:
-        spread["speed"] = _of(own, "speed", row, spread=True) * spread["length"] / length_sd
+        spread["speed"] = _of(measured, "speed", row, spread=True) * spread["length"] / length_sd
     flags = {flag: any(marks[n][flag] is not None and bool(marks[n][flag][group[n]]) for n in names) for flag in FLAGS}
     return _Told(first, side, group, values, spread, flags, used, contradicts, bool(doubts[first][group[first]]))
 

@@ -54,35 +54,42 @@ class _DutyLegResult(NamedTuple):
 
 
 def _fill(
-    p: DutyCycledParams, one: GapSegment, thigh: Thigh | None, valid: Values, options: DutyCycledOptions
+    p: DutyCycledParams, segment: GapSegment, thigh: Thigh | None, valid: Values, options: DutyCycledOptions
 ) -> Filled:
     """The rate of one segment without its bias and without gaps; padding is no gap."""
-    rate = jnp.where(valid, jnp.asarray(one.gyr), 0.0) - one.bias
+    rate = jnp.where(valid, jnp.asarray(segment.gyr), 0.0) - segment.bias
     if not options.gaps:
         none = jnp.zeros(rate.shape, jnp.int32)
         return Filled(rate, none + MEASURED, none[0])
-    acc = jnp.asarray(one.acc) if options.felt else None
+    acc = jnp.asarray(segment.acc) if options.felt else None
     return fillers()[options.filler].fill(
-        rate, jnp.asarray(one.on) | ~jnp.asarray(valid), acc, options.sampling_rate_hz, p.filler, thigh=thigh
+        rate, jnp.asarray(segment.on) | ~jnp.asarray(valid), acc, options.sampling_rate_hz, p.filler, thigh=thigh
     )  # fmt: skip
 
 
-def _planar(p: DutyCycledParams, one: GapSegment, filled: Filled, turning: Values, dt: Values) -> PlanarSegment:
+def _planar(p: DutyCycledParams, segment: GapSegment, filled: Filled, turning: Values, dt: Values) -> PlanarSegment:
     """Inputs of the filter of one segment: filled rates have a larger variance, held rates are masked."""
-    acc, told = jnp.asarray(one.acc), filled.how != HELD
+    acc, measured = jnp.asarray(segment.acc), filled.how != HELD
     more = jnp.where(filled.how == FILLED, p.filled_noise**2 * filled.unlike, 0.0)
     excess = turns.excess(p.turn_tilt, turning, dt, more).astype(filled.rate.dtype)
     return PlanarSegment(
-        filled.rate + one.bias, acc[:, 0], acc[:, 2], jnp.ones_like(told), told, excess, one.bias, one.variance
+        filled.rate + segment.bias,
+        acc[:, 0],
+        acc[:, 2],
+        jnp.ones_like(measured),
+        measured,
+        excess,
+        segment.bias,
+        segment.variance,
     )
 
 
 def _turning(inputs: DutyCycledInputs) -> Values:
     """(T,) how fast the person turns [rad/s], from all segments."""
-    worn = [one for leg in (inputs.right, inputs.left) if leg is not None for one in leg if one is not None]
+    worn = [sensor for leg in (inputs.right, inputs.left) if leg is not None for sensor in leg if sensor is not None]
     rates, on = (
         jnp.stack([jnp.asarray(v) for v in values])
-        for values in zip(*((one.turn, one.on) for one in worn), strict=True)
+        for values in zip(*((sensor.turn, sensor.on) for sensor in worn), strict=True)
     )
     return turns.turning(rates, on, inputs.dt, turns.no_turn(rates))[1]
 
@@ -102,16 +109,16 @@ def _leg(
         segment: None if one is None else _planar(p, one, rates[segment], turning, inputs.dt)
         for segment, one in zip(SEGMENTS, leg, strict=True)
     }
-    told = DutyInputs(
+    inputs_of_leg = DutyInputs(
         planar["thigh"], planar["shank"], inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance
     )
-    found = duty_model.run(p, told, felt=options.felt)
+    result = duty_model.run(p, inputs_of_leg, felt=options.felt)
     thigh, shank = (
-        None if one is None else _Seen(rates[segment], one) for segment, one in zip(SEGMENTS, found, strict=True)
+        None if one is None else _Seen(rates[segment], one) for segment, one in zip(SEGMENTS, result, strict=True)
     )
-    if found.thigh is None or found.shank is None:
+    if result.thigh is None or result.shank is None:
         return _DutyLegResult(thigh, shank, None, None)
-    return _DutyLegResult(thigh, shank, *joints(p, found.thigh, found.shank))
+    return _DutyLegResult(thigh, shank, *joints(p, result.thigh, result.shank))
 
 
 def joints(p: DutyCycledParams, thigh: SegmentEstimate, shank: SegmentEstimate) -> tuple[LegTrajectory, LegTrajectory]:
@@ -156,19 +163,19 @@ def run(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOption
     valid: Flags = jnp.asarray(inputs.valid)
     diagnostics: dict[str, Any] = {}
     for side, leg in zip(SIDES, results, strict=True):
-        for segment, seen in () if leg is None else (("thigh", leg.thigh), ("shank", leg.shank)):
-            if seen is None:
+        for segment, filtered in () if leg is None else (("thigh", leg.thigh), ("shank", leg.shank)):
+            if filtered is None:
                 continue
-            name, one = f"{segment}_{side}", seen.found
+            name, one = f"{segment}_{side}", filtered.found
             diagnostics |= {
                 f"angle_{name}": one.angle,
                 f"angle_stddev_{name}": one.angle_stddev,
                 f"rate_{name}": one.rate,
-                f"gyro_{name}": seen.filled.rate,
-                f"how_{name}": seen.filled.how,
+                f"gyro_{name}": filtered.filled.rate,
+                f"how_{name}": filtered.filled.how,
                 f"log_likelihood_{name}": jnp.sum(one.log_likelihood),
                 f"nis_{name}": jnp.sum(one.nis) / jnp.maximum(jnp.sum(one.count), 1.0),
-                "latency": seen.filled.latency.astype(one.angle.dtype) / options.sampling_rate_hz,
+                "latency": filtered.filled.latency.astype(one.angle.dtype) / options.sampling_rate_hz,
             }
             valid = valid & one.valid
     legs = Legs(*(None if leg is None else leg.trajectory for leg in results))
@@ -208,7 +215,7 @@ def energy(preparation: Prepared[DutyCycledInputs], options: DutyCycledOptions) 
     drawn = sum(float(power.mask_energy(masks, rate_hz, gyro)) for masks in used.values())
     always = gyro.on * seconds * len(used)
     felt = options.accelerometer.on * len(used) if preparation.options.felt else 0.0
-    told: dict[str, Any] = {
+    numbers: dict[str, Any] = {
         "gyro_energy_saved": 1.0 - drawn / always,
         "mean_power": drawn / seconds + felt,
         "battery_life": float(options.battery.life(drawn / seconds, felt)),
@@ -216,7 +223,7 @@ def energy(preparation: Prepared[DutyCycledInputs], options: DutyCycledOptions) 
         "usable_share": float(np.mean([np.mean(masks.usable) for masks in used.values()])),
     }
     schedule = schedule_of(options.schedule, gyro)
-    return told if schedule is None else told | {"schedule_saving": power.saving(schedule, gyro)}
+    return numbers if schedule is None else numbers | {"schedule_saving": power.saving(schedule, gyro)}
 
 
 def _held_long(result: Estimate, name: str, rate_hz: float) -> np.ndarray:

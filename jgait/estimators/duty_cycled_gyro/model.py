@@ -101,9 +101,9 @@ def _own(state: ShinState) -> ThighState:
     return ThighState(*state[:7], state.angle, state.rate)
 
 
-def _behind(own: ThighState, thigh_angle: Values, thigh_rate: Values) -> ShinState:
+def _behind(state: ThighState, thigh_angle: Values, thigh_rate: Values) -> ShinState:
     """The shin's state from the state of its segment and the thigh's angle and rate."""
-    return ShinState(*own[:7], thigh_angle, thigh_rate, *own[7:])
+    return ShinState(*state[:7], thigh_angle, thigh_rate, *state[7:])
 
 
 def _noise(params: LinkParams, pairs: tuple[tuple[str, str], ...], like: Values, dt: Values) -> Covariance:
@@ -181,8 +181,8 @@ def thigh_observation_noise(params: LinkParams, state: ThighState, control: Duty
 
 def shin_observation_noise(params: LinkParams, state: ShinState, control: DutyControl) -> ShinObservation:
     """R of the shin's filter: as of the thigh, with the variances of the thigh's angle and rate."""
-    own = thigh_observation_noise(params, _own(state), control)
-    return ShinObservation(*own, control.thigh_angle_variance, control.thigh_rate_variance)
+    noise = thigh_observation_noise(params, _own(state), control)
+    return ShinObservation(*noise, control.thigh_angle_variance, control.thigh_rate_variance)
 
 
 def thigh_standing(params: LinkParams, angle: Values, bias: Values, angle_variance: Values) -> Belief:
@@ -198,8 +198,8 @@ def thigh_standing(params: LinkParams, angle: Values, bias: Values, angle_varian
 
 def shin_standing(params: LinkParams, angle: Values, bias: Values, angle_variance: Values) -> Belief:
     """The belief of the shin's filter before the first sample, as `thigh_standing`; the thigh is at rest."""
-    own, a = thigh_standing(params, angle, bias, angle_variance), params.thigh_length
-    m, v = own.mean, own.cov.variances()
+    standing, a = thigh_standing(params, angle, bias, angle_variance), params.thigh_length
+    m, v = standing.mean, standing.cov.variances()
     zero = jnp.zeros_like(m.angle)
     wider = v._replace(down=v.down + a * a * angle_variance, forward=v.forward + a * a * angle_variance)
     variances = _behind(wider, v.angle, v.rate)
@@ -247,8 +247,8 @@ def observe(
     feels = arrived if felt else False
     turned = arrived & segment.gyro_on
     unknown, at_rest = valid & ~turned, valid & still
-    told = ThighObservation(segment.acc_up, segment.acc_forward, segment.gyr, *(zero,) * 7)
-    return told, control, ThighObservation(feels, feels, turned, *(valid,) * 4, at_rest, at_rest, unknown)
+    observed = ThighObservation(segment.acc_up, segment.acc_forward, segment.gyr, *(zero,) * 7)
+    return observed, control, ThighObservation(feels, feels, turned, *(valid,) * 4, at_rest, at_rest, unknown)
 
 
 def _below(

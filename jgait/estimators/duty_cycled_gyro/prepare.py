@@ -113,8 +113,8 @@ def _leg(
     gyro_on: Mapping[str, Values],
 ) -> tuple[GapLeg, list[Note]]:
     """One leg's signals in segment axes; the faster swing of a single segment is forward."""
-    own = {segment: f"{segment}_{side}" for segment in SEGMENTS if f"{segment}_{side}" in used}
-    asleep = ~np.all([used[name].usable for name in own.values()], axis=0)
+    placements = {segment: f"{segment}_{side}" for segment in SEGMENTS if f"{segment}_{side}" in used}
+    asleep = ~np.all([used[name].usable for name in placements.values()], axis=0)
 
     def awake(name: str) -> Imu:
         imu, on = recording.sensors[name], used[name].usable
@@ -125,22 +125,22 @@ def _leg(
         )
 
     # A sensor worn alone is used as thigh and as shank: the sign of the shank's axis follows from its swing alone.
-    alone = next(iter(own.values())) if len(own) == 1 else None
-    both = {f"{segment}_{side}": awake(alone or own[segment]) for segment in SEGMENTS}
+    alone = next(iter(placements.values())) if len(placements) == 1 else None
+    both = {f"{segment}_{side}": awake(alone or placements[segment]) for segment in SEGMENTS}
     rate_hz = recording.sampling_rate_hz
-    found, notes = orient(both, side, standing, still | asleep, rate_hz, estimator=NAME)
+    mounted, notes = orient(both, side, standing, still | asleep, rate_hz, estimator=NAME)
 
-    def segment_of(one: Segment) -> GapSegment:
-        gyr = np.where(one.measured, -one.gyr[:, 1], 0.0)
-        turn = np.where(one.measured, one.gyr[:, 2] - one.bias[2], 0.0)
-        return GapSegment(gyr, turn, one.acc, one.measured, -one.bias[1], one.variance)
+    def segment_of(segment: Segment) -> GapSegment:
+        gyr = np.where(segment.measured, -segment.gyr[:, 1], 0.0)
+        turn = np.where(segment.measured, segment.gyr[:, 2] - segment.bias[2], 0.0)
+        return GapSegment(gyr, turn, segment.acc, segment.measured, -segment.bias[1], segment.variance)
 
     if alone is not None:
-        if "thigh" in own:
+        if "thigh" in placements:
             notes = [*notes, WORN_ALONE(placement=alone)]
-        alone_is = segment_of(found.shank)
-        return GapLeg(**{segment: alone_is if segment in own else None for segment in SEGMENTS}), notes
-    return GapLeg(segment_of(found.thigh), segment_of(found.shank)), notes
+        alone_is = segment_of(mounted.shank)
+        return GapLeg(**{segment: alone_is if segment in placements else None for segment in SEGMENTS}), notes
+    return GapLeg(segment_of(mounted.thigh), segment_of(mounted.shank)), notes
 
 
 def prepare(
@@ -190,8 +190,8 @@ def prepare(
         np.asarray(1e-4 if still[0] else 0.1),
     )  # fmt: skip
     # Options that only masks and energies depend on are left out, so that they do not cause a new compilation.
-    told = DutyCycledOptions(
+    resolved = DutyCycledOptions(
         filler=options.filler, above=options.above, sampling_rate_hz=float(recording.sampling_rate_hz), gaps=gaps,
         felt=not bare,
     )  # fmt: skip
-    return Prepared(inputs, told, tuple(notes), (start, stop), used)
+    return Prepared(inputs, resolved, tuple(notes), (start, stop), used)

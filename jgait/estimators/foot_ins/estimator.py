@@ -121,13 +121,13 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
     _check_options(options)
     feet = {side: foot for side, foot in enumerate((inputs.right, inputs.left)) if foot is not None}
     every = jax.vmap(lambda foot: _one_foot(p, foot, inputs.time, options))(stacked(*feet.values()))
-    found = [
+    results = [
         _Found(side, *jax.tree.map(lambda leaf, number=number: leaf[number], every)) for number, side in enumerate(feet)
     ]
     path = every[0]
     rows = path.nis.shape[1]
     return _assembled(
-        inputs.time, found, jnp.repeat(jnp.asarray(list(feet), jnp.int32), rows),
+        inputs.time, results, jnp.repeat(jnp.asarray(list(feet), jnp.int32), rows),
         *jax.tree.map(lambda leaf: leaf.reshape(-1), (path.strides, path.strides_stddev, path.nis)),
     )  # fmt: skip
 
@@ -141,11 +141,11 @@ def _one_foot(
     p: FootParams, foot: FootSignals, time: Values, options: FootOptions
 ) -> tuple[Path, dict[str, Values], Values, Flags]:
     """Path of one foot, diagnostics of the filter, distance (T,) [m], and (T,) bool of valid samples."""
-    found = _foot(p, foot, options)
-    path = foot_strides.path_of(p, foot, time, found, flatten=options.level == "auto")
-    valid = foot.valid & foot.known & found.filtered.valid
+    result = _foot(p, foot, options)
+    path = foot_strides.path_of(p, foot, time, result, flatten=options.level == "auto")
+    valid = foot.valid & foot.known & result.filtered.valid
     way = foot_strides.walked(path.strides, foot.count - 1, time)
-    return path, {"log_likelihood": found.log_likelihood, "nis": found.nis}, way, valid
+    return path, {"log_likelihood": result.log_likelihood, "nis": result.nis}, way, valid
 
 
 class _Found(NamedTuple):
@@ -159,18 +159,18 @@ class _Found(NamedTuple):
 
 
 def _assembled(
-    time: Values, found: list[_Found], sides: Counts, strides: Strides, deviations: Strides, nis: Values
+    time: Values, results: list[_Found], sides: Counts, strides: Strides, deviations: Strides, nis: Values
 ) -> Estimate:
     """The estimate of one or two feet, and of the strides of all of them."""
     feet: list[FootTrajectory | None] = [None, None]
     spread: list[FootTrajectory | None] = [None, None]
     diagnostics: dict[str, Any] = {"stride_nis": nis}
-    for side, path, told, _, _ in found:
+    for side, path, told, _, _ in results:
         feet[side], spread[side] = path.trajectory, path.stddev
         diagnostics |= {f"{name}_{SIDES[side]}": value for name, value in told.items()}
         diagnostics[f"pitch_{SIDES[side]}"] = path.pitch
-    ways = [foot.way for foot in found]
-    valid = found[0].valid if len(found) == 1 else found[0].valid | found[1].valid
+    ways = [foot.way for foot in results]
+    valid = results[0].valid if len(results) == 1 else results[0].valid | results[1].valid
     return Estimate(
         time, Legs(None, None), None, sum(ways[1:], ways[0]) / len(ways), valid, diagnostics,
         strides._replace(side=sides), Feet(*feet), Feet(*spread), deviations._replace(side=sides),
@@ -229,7 +229,7 @@ def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Esti
     _check_options(options)
     if inputs.time.size <= 1.5 * foot_windows.WINDOW or not options.smooth:
         return None
-    found = []
+    results = []
     for side, foot in enumerate((inputs.right, inputs.left)):
         parts = None if foot is None else foot_windows.windows(foot, inputs.time.size)
         if foot is None:
@@ -243,8 +243,8 @@ def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Esti
 
         whole = foot_windows.joined(foot, np.asarray(inputs.time), parts, level, one)
         way = foot_strides.walked(whole.path.strides, whole.path.strides.length.shape[0], jnp.asarray(inputs.time))
-        found.append(_Found(side, whole.path, {"nis": whole.nis}, way, whole.valid))
-    sides = jnp.concatenate([jnp.full(len(foot.path.nis), foot.side, jnp.int32) for foot in found])
-    strides = [(foot.path.strides, foot.path.strides_stddev, foot.path.nis) for foot in found]
+        results.append(_Found(side, whole.path, {"nis": whole.nis}, way, whole.valid))
+    sides = jnp.concatenate([jnp.full(len(foot.path.nis), foot.side, jnp.int32) for foot in results])
+    strides = [(foot.path.strides, foot.path.strides_stddev, foot.path.nis) for foot in results]
     together = jax.tree.map(lambda *rows: jnp.concatenate(rows), *strides)
-    return _assembled(jnp.asarray(inputs.time), found, sides, *together)
+    return _assembled(jnp.asarray(inputs.time), results, sides, *together)

@@ -209,8 +209,8 @@ def _filtered(
 ) -> filtering.Posterior:
     """The filter over the samples of events (T,), those with `real` alone."""
     begins = real & ~event.began & event.stands
-    own = level_prior(p, worn, event.force[jnp.argmax(begins)])
-    initial = jax.tree.map(lambda a, b: jnp.where(state.started, a, b), state.belief, own)
+    prior = level_prior(p, worn, event.force[jnp.argmax(begins)])
+    initial = jax.tree.map(lambda a, b: jnp.where(state.started, a, b), state.belief, prior)
     dt = jnp.where(real & event.began, 1.0 / worn.rate_hz, 0.0)
     mean, lost = 0.5 * (event.row + event.before), event.row[:, 6]
     rate = jnp.sqrt(jnp.sum((event.row[:, :3] - worn.gyr_bias[None]) ** 2, axis=1))
@@ -220,19 +220,21 @@ def _filtered(
         mean[:, :3], mean[:, 3:6], event.jumps[:, 0], event.jumps[:, 1], turned, moved, rate,
         jnp.zeros_like(mean[:, :1]), event.restart, dt,
     )  # fmt: skip
-    zero, seen = jnp.zeros_like(dt), event.stands & real
+    zero, observed = jnp.zeros_like(dt), event.stands & real
     return filtering.kalman_filter(
         foot_model.MODEL, model_params(p), FootObservation(Vector(zero, zero, zero), zero),
         controls=controls(p, now), dt=dt,
-        mask=FootObservation(Vector(seen, seen, seen), False), initial=initial,
+        mask=FootObservation(Vector(observed, observed, observed), False), initial=initial,
         keep=("mean", "cov", "nis", "count", "valid"),
     )  # fmt: skip
 
 
-def _summed(since: Values, told: filtering.Posterior, event: _FootEvent, count: Counts | None) -> tuple[Values, Values]:
+def _summed(
+    since: Values, posterior: filtering.Posterior, event: _FootEvent, count: Counts | None
+) -> tuple[Values, Values]:
     """`FootOnlineState.since` after the last sample, and (T, 3) before each foothold is reset."""
     used = event.began | event.stands
-    columns = (told.mean.position.z, told.nis, told.count.astype(told.nis.dtype))
+    columns = (posterior.mean.position.z, posterior.nis, posterior.count.astype(posterior.nis.dtype))
     rows = jnp.stack([jnp.where(used, column, 0.0) for column in columns], axis=1)
 
     def add(total: Values, sample: tuple[Values, Flags]) -> tuple[Values, Values]:
@@ -247,7 +249,7 @@ def _strides(
     p: FootParams,
     worn: FootWorn,
     event: _FootEvent,
-    told: filtering.Posterior,
+    posterior: filtering.Posterior,
     since: Values,
     turn: Values,
     yaw: Values,
@@ -256,7 +258,7 @@ def _strides(
 
     `turn` is the change of the heading since the last foothold [rad], `yaw` that of its variance [rad²].
     """
-    way, cov, swing = told.mean.position, told.cov, event.swing
+    way, cov, swing = posterior.mean.position, posterior.cov, event.swing
     length = root(way.x * way.x + way.y * way.y)
     initial = _landing(swing, event.time)
     follows = swing.final - event.landed <= PAUSE_S
@@ -312,28 +314,28 @@ def over(
     newest = samples - 1 if count is None else count - 1
     real = jnp.arange(samples, dtype=jnp.int32) <= newest
     after, event = scanned(partial(_decided, worn), state, (gyr, acc, there), count)
-    told = _filtered(p, worn, state, event, real)
+    posterior = _filtered(p, worn, state, event, real)
     foothold = event.foothold & real
-    q: Quaternion = told.mean.attitude
+    q: Quaternion = posterior.mean.attitude
     yaw = jnp.arctan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
-    headings = jnp.stack([yaw, told.cov["attitude.z", "attitude.z"]], axis=1)
-    since, before = _summed(state.since, told, event, count)
+    headings = jnp.stack([yaw, posterior.cov["attitude.z", "attitude.z"]], axis=1)
+    since, before = _summed(state.since, posterior, event, count)
     at = lax.cummax(jnp.where(foothold, jnp.arange(1, samples + 1, dtype=jnp.int32), 0))
     all_ = jnp.concatenate([state.heading[None], headings])
     change = headings - all_[jnp.concatenate([jnp.zeros_like(at[:1]), at[:-1]])]
-    strides, stddev, doubtful = _strides(p, worn, event, told, before, wrapped(change[:, 0]), change[:, 1])
+    strides, stddev, doubtful = _strides(p, worn, event, posterior, before, wrapped(change[:, 0]), change[:, 1])
     stride = strides.valid & real
     number = state.count + jnp.cumsum(stride, dtype=jnp.int32)
     distance = state.distance + jnp.cumsum(jnp.where(stride, of_turns(strides.length, strides.turn)[0], 0.0))
     after = after._replace(
-        belief=told.belief(newest),
+        belief=posterior.belief(newest),
         heading=all_[at[-1]],
         since=since,
         count=number[-1],
         distance=distance[-1],
     )
-    position, velocity = (jnp.stack(list(v), axis=1) for v in (told.mean.position, told.mean.velocity))
+    position, velocity = (jnp.stack(list(v), axis=1) for v in (posterior.mean.position, posterior.mean.velocity))
     return after, FootNow(
         stride, strides, stddev, {"doubtful": doubtful}, number, distance, event.stands, foothold,
-        event.began | event.stands, position, velocity, as_array(q), told.valid,
+        event.began | event.stands, position, velocity, as_array(q), posterior.valid,
     )  # fmt: skip

@@ -134,7 +134,7 @@ def reading(worn: FootWorn, gyr: Values, acc: Values, measured: Flags) -> Values
 def level_prior(p: FootParams, worn: FootWorn, force: Values) -> Belief:
     """The belief of a foot that stands, with the tilt from the mean specific force (3,)."""
     up = force / jnp.sqrt(jnp.sum(force * force))
-    zero, one = jnp.zeros_like(up[0]), jnp.ones_like(up[0])
-    attitude = as_array(between(vector(up), Vector(zero, zero, one)))
+    zeros, ones = jnp.zeros_like(up[0]), jnp.ones_like(up[0])
+    attitude = as_array(between(vector(up), Vector(zeros, zeros, ones)))
     foot: PyTree = _Start(force, attitude, worn.gyr_bias, worn.acc_bias * up, up, worn.still_time)
     return prior_of(p, foot).joined()

@@ -77,8 +77,8 @@ def prepare(recording: Recording, detector: str = "adaptive") -> Prepared[FootIn
     notes: list[Note] = []
     standing = None
     for side in sides:
-        feet[side], said, rests = _foot(recording.sensors[f"foot_{side}"], time, f"foot_{side}", detector)
-        notes += said
+        feet[side], foot_notes, rests = _foot(recording.sensors[f"foot_{side}"], time, f"foot_{side}", detector)
+        notes += foot_notes
         standing = rests if standing is None else standing
     return Prepared(FootInputs(time, feet["right"], feet["left"]), None, tuple(notes), standing)
 
@@ -123,15 +123,15 @@ def _foot(
     at_rest = rest(gyr, acc, ~not_bridged(~mask, time), hz)
     scale, acc_bias = errors_at_rest(at_rest, name, notes)
     acc = acc * scale
-    found = events.stances(gyr - at_rest.gyr_bias, acc, hz)
-    if not len(found.start):
+    stances = events.stances(gyr - at_rest.gyr_bias, acc, hz)
+    if not len(stances.start):
         lowest = float(events.moving_rate(gyr - at_rest.gyr_bias, hz).min())
         raise RecordingError(
             f"'{name}' never stands: a foot on the ground turns at less than {events.STANCE:g} rad/s between two "
             f"swings; its lowest rate is {lowest:.2f} rad/s"
         )
     lost = ~mask | (step > 1.5 * nominal)
-    stands, margin = _standing(gyr - at_rest.gyr_bias, acc, mask, found, hz, detector)
+    stands, margin = _standing(gyr - at_rest.gyr_bias, acc, mask, stances, hz, detector)
     stands, margin = stands & ~lost, np.where(lost, NEVER, np.clip(margin, NEVER, -NEVER))
     read_gyr, read_acc = (np.where(mask[:, None], np.asarray(v, np.float64), 0.0) for v in (imu.gyr, imu.acc))
     clips = clipping.at_limit(read_acc, CLIPS_ABOVE_FORCE)
@@ -140,21 +140,21 @@ def _foot(
     for what, flags in (("accelerometer", clips), ("gyroscope", turned)):
         if flags.any():
             notes.append(CLIPPED(signal=what, placement=name, samples=flags.sum()))
-    found = _measured(_more_footholds(found, hz), not_bridged(lost, time))
-    whole, known = _whole(found, lost, time)
+    stances = _measured(_more_footholds(stances, hz), not_bridged(lost, time))
+    whole, known = _whole(stances, lost, time)
     if lost.any():
         notes.append(STRIDES_UNCERTAIN(samples=lost.sum(), placement=name, longest_s=longest_loss(lost, time)))
     if not whole.all():
         notes.append(STRIDES_MISSING(strides=np.sum(~whole), placement=name, seconds=LONGEST_LOSS))
-    first = int(np.flatnonzero(stands)[0]) if stands.any() else int(found.stillest[0])
-    until = min(max(found.end[0], first + 1), first + int(hz))
+    first = int(np.flatnonzero(stands)[0]) if stands.any() else int(stances.stillest[0])
+    until = min(max(stances.end[0], first + 1), first + int(hz))
     up = acc[first:until].mean(axis=0)
     size = max(3, 2 * round(0.0075 * hz) + 1)
     jumps = [window_maximum(np.linalg.norm(np.gradient(values, axis=0), axis=1), size) for values in (gyr, acc)]
     dt = np.where(np.arange(len(time)) > first, step, 0.0)
     over = bridged(lost, time, dt, LOST_RATE, LOST_FORCE)
     restart = np.zeros(len(time) + 1)
-    restart[found.stillest + 1] = 1.0
+    restart[stances.stillest + 1] = 1.0
     signals = FootSignals(
         gyr=_mean_over_interval(gyr),
         acc=_mean_over_interval(acc),
@@ -176,7 +176,7 @@ def _foot(
         still_time=np.asarray(max(at_rest.time, 0.05)),
         whole=np.pad(whole, (0, capacity(len(time)) - len(whole))),
         known=known,
-        **_footholds(gyr - at_rest.gyr_bias, found, hz, len(time)),
+        **_footholds(gyr - at_rest.gyr_bias, stances, hz, len(time)),
     )
     longest = max(at_rest.windows, key=lambda window: window[1] - window[0], default=None)
     return signals, notes, longest
@@ -204,22 +204,22 @@ def errors_at_rest(at_rest: Rest, name: str, notes: list[Note]) -> tuple[float, 
 
 
 def _standing(
-    gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, found: events.Stances, hz: float, detector: str
+    gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, stances: events.Stances, hz: float, detector: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """(T,) bool: samples with a zero-velocity update; and (T,) `FootSignals.margin`."""
     if detector == "adaptive":
-        return events.inside(found, len(gyr)), events.margin(gyr, acc, found, hz)
+        return events.inside(stances, len(gyr)), events.margin(gyr, acc, stances, hz)
     stands = zero_velocity.zero_velocity(gyr, acc, hz, mask, detector)
     value = zero_velocity.statistic(detector, gyr, acc, hz, mask)
     limit = zero_velocity.DETECTORS[detector].threshold
     return stands, events.signed(np.log(limit / np.maximum(value, events.STILLEST)), stands)
 
 
-def _more_footholds(found: events.Stances, hz: float) -> events.Stances:
+def _more_footholds(stances: events.Stances, hz: float) -> events.Stances:
     """Add a foothold every `REST_STEP` to a long stance; their strides have no length and are invalid."""
     step = int(REST_STEP * hz)
     rows = []
-    for start, end, stillest, rate in zip(*found, strict=True):
+    for start, end, stillest, rate in zip(*stances, strict=True):
         more = [k for k in range(start + step, end - step, step) if abs(k - stillest) >= step]
         places = sorted({int(stillest), *more})
         cuts = [start, *(int(0.5 * (a + b)) for a, b in itertools.pairwise(places)), end]
@@ -228,44 +228,44 @@ def _more_footholds(found: events.Stances, hz: float) -> events.Stances:
     return events.Stances(*columns)
 
 
-def _measured(found: events.Stances, gone: np.ndarray) -> events.Stances:
+def _measured(stances: events.Stances, gone: np.ndarray) -> events.Stances:
     """The stances with their footholds at measured samples, where they have any; `gone` (T,) are not."""
-    stillest = found.stillest.copy()
+    stillest = stances.stillest.copy()
     for row in np.flatnonzero(gone[stillest]):
-        there = found.start[row] + np.flatnonzero(~gone[found.start[row] : found.end[row]])
+        there = stances.start[row] + np.flatnonzero(~gone[stances.start[row] : stances.end[row]])
         if there.size:
             stillest[row] = there[np.argmin(np.abs(there - stillest[row]))]
-    return found._replace(stillest=stillest)
+    return stances._replace(stillest=stillest)
 
 
-def _whole(found: events.Stances, lost: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _whole(stances: events.Stances, lost: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Footholds (n,) whose next stride can be estimated, and samples (T,) outside the strides that cannot be.
 
     A stride is estimated between two measured footholds, with little lost between them.
     """
-    ends = np.append(found.stillest[1:], len(lost) - 1)
-    unseen = np.append(not_bridged(lost, time)[found.stillest], False)
-    whole = (lost_between(lost, time, found.stillest, ends) <= LONGEST_LOSS) & ~unseen[:-1] & ~unseen[1:]
+    ends = np.append(stances.stillest[1:], len(lost) - 1)
+    unseen = np.append(not_bridged(lost, time)[stances.stillest], False)
+    whole = (lost_between(lost, time, stances.stillest, ends) <= LONGEST_LOSS) & ~unseen[:-1] & ~unseen[1:]
     known = np.ones(len(lost), bool)
-    for at, end in zip(found.stillest[~whole], ends[~whole], strict=True):
+    for at, end in zip(stances.stillest[~whole], ends[~whole], strict=True):
         known[at + 1 : end] = False
     return whole, known
 
 
-def _footholds(gyr: np.ndarray, found: events.Stances, hz: float, samples: int) -> dict[str, np.ndarray]:
+def _footholds(gyr: np.ndarray, stances: events.Stances, hz: float, samples: int) -> dict[str, np.ndarray]:
     """Samples of footholds and contacts, padded to `capacity` with the last."""
     rows, reach = capacity(samples), int(REACH * hz)
-    final, initial = events.contacts(gyr, found, hz)
-    last = found.end - 1
+    final, initial = events.contacts(gyr, stances, hz)
+    last = stances.end - 1
 
     def filled(values: np.ndarray) -> np.ndarray:
         return np.pad(values.astype(np.int32), (0, rows - len(values)), mode="edge")
 
     return {
-        "foothold": filled(found.stillest),
-        "leaves": filled(np.maximum(found.stillest, last - reach)),
-        "arrives": filled(np.minimum(found.stillest, found.start + reach)),
+        "foothold": filled(stances.stillest),
+        "leaves": filled(np.maximum(stances.stillest, last - reach)),
+        "arrives": filled(np.minimum(stances.stillest, stances.start + reach)),
         "final_contact": filled(np.append(final, samples - 1)),
         "initial_contact": filled(np.append(initial, samples - 1)),
-        "count": np.asarray(len(found.stillest), np.int32),
+        "count": np.asarray(len(stances.stillest), np.int32),
     }

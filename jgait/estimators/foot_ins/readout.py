@@ -65,13 +65,15 @@ them. No other set was used for the choice.
 """
 
 
-def path_of(p: FootParams, foot: FootSignals, time: Values, found: Inferred, side: int = 0, *, flatten: bool) -> Path:
+def path_of(
+    p: FootParams, foot: FootSignals, time: Values, inferred: Inferred, side: int = 0, *, flatten: bool
+) -> Path:
     """Trajectory and strides of one foot (0 right, 1 left) from states whose positions are those since the last
     foothold.
 
     `flatten` gives all footholds of the trajectory one height where the ground counts as level.
     """
-    state, cov = found.mean, found.cov
+    state, cov = inferred.mean, inferred.cov
     here, there = foot.foothold[:-1], foot.foothold[1:]
     real = jnp.arange(here.shape[0], dtype=jnp.int32) < foot.count - 1
     way = _at(state.position, there)
@@ -79,7 +81,7 @@ def path_of(p: FootParams, foot: FootSignals, time: Values, found: Inferred, sid
     valid = real & (length > SHORTEST) & foot.whole[:-1]
     forward = _forward(state.attitude, way, length, here, valid & (length > STRAIGHT_FROM))
     heading = jnp.arctan2(_first(way.y, valid), _first(way.x, valid))
-    nis = nis_between(found.filtered.nis, found.filtered.count, here, there)
+    nis = nis_between(inferred.filtered.nis, inferred.filtered.count, here, there)
     strides, deviations = _strides(p, foot, time, state, cov, side, forward, valid, nis)
     tilted = rotated(state.attitude, _spread(forward, state.attitude.w))
     way_since = _accumulated(state.position, foot)
@@ -176,8 +178,8 @@ def stated(variance: Values, nis: Values, turn: Values) -> Values:
         turn: (n,) [rad].
     """
     less = 1.0 - jnp.sqrt(jnp.clip(nis, LEAST_NIS, 1.0))
-    own = variance * jnp.maximum(nis, 1.0) - jnp.minimum(variance, KNOWN**2) * less
-    return root(own + (TURN_NOISE * turn) ** 2)
+    corrected = variance * jnp.maximum(nis, 1.0) - jnp.minimum(variance, KNOWN**2) * less
+    return root(corrected + (TURN_NOISE * turn) ** 2)
 
 
 def _flattened(height: Values, foot: FootSignals, time: Values, rise: Values, valid: Flags) -> Values:
@@ -204,9 +206,9 @@ def _forward(attitude: Quaternion, way: Vector, length: Values, here: PyTree, st
     """Forward direction of the foot in sensor axes: mean direction of its strides, at the stance before each stride."""
     unit = jnp.maximum(length, SHORTEST)
     ahead = Vector(way.x / unit, way.y / unit, jnp.zeros_like(way.x))
-    own = rotated(conjugate(_at(attitude, here)), ahead)
+    forward = rotated(conjugate(_at(attitude, here)), ahead)
     weight = straight.astype(length.dtype)
-    mean = Vector(*(jnp.sum(weight * part) for part in own))
+    mean = Vector(*(jnp.sum(weight * part) for part in forward))
     norm = jnp.sqrt(mean.x**2 + mean.y**2 + mean.z**2 + 1e-12)
     return Vector(mean.x / norm, mean.y / norm, mean.z / norm)
 

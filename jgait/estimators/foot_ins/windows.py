@@ -48,20 +48,20 @@ def windows(foot: FootSignals, samples: int) -> list[Window] | None:
     """The windows of inputs of T samples, on the host; None if a window has too few footholds for a join."""
     count = int(foot.count)
     holds = np.asarray(foot.foothold)[:count]
-    found: list[Window] = []
+    cuts: list[Window] = []
     begin, first, joins = 0, 0, 0
     while True:
         start = int(holds[begin]) if begin else 0
         if samples - start <= WINDOW:
-            found.append(Window(start, samples, first, samples, np.arange(begin, count), joins))
-            return found
+            cuts.append(Window(start, samples, first, samples, np.arange(begin, count), joins))
+            return cuts
         end = int(np.searchsorted(holds, start + WINDOW - 1))
         join = int(np.searchsorted(holds, holds[end - 1] - OVERLAP // 2)) if end else 0
         after = int(np.searchsorted(holds, holds[join] - OVERLAP // 2)) if join else 0
         if join <= begin or after <= begin or join >= end:
             return None
         last = int(holds[join])
-        found.append(Window(start, start + WINDOW, first, last, np.arange(begin, end), joins))
+        cuts.append(Window(start, start + WINDOW, first, last, np.arange(begin, end), joins))
         begin, first, joins = after, last, join
 
 
@@ -76,10 +76,10 @@ def cut(foot: FootSignals, window: Window, level: Callable[[np.ndarray], np.ndar
         if axis is None:
             fields[name] = values
         elif axis.length is capacity:
-            own = values[window.holds]
+            inside = values[window.holds]
             if name != "whole":
-                own = np.clip(own - window.start, 0, WINDOW - 1).astype(np.int32)
-            fields[name] = axis.padded(own, rows - len(own))
+                inside = np.clip(inside - window.start, 0, WINDOW - 1).astype(np.int32)
+            fields[name] = axis.padded(inside, rows - len(inside))
         else:
             fields[name] = axis.padded(values[part], missing)
     fields["count"] = np.asarray(len(window.holds), np.int32)
@@ -109,8 +109,8 @@ def joined(
     """
 
     def one(window: Window) -> PyTree:
-        own = time[window.start : window.stop] - time[window.start]
-        path, nis, valid = estimate(cut(foot, window, level), Axis("onwards").padded(own, WINDOW - own.size))
+        seconds = time[window.start : window.stop] - time[window.start]
+        path, nis, valid = estimate(cut(foot, window, level), Axis("onwards").padded(seconds, WINDOW - seconds.size))
         path, nis, valid = jax.tree.map(np.asarray, (path, nis, valid))
         later = {name: getattr(path.strides, name) + time[window.start] for name in _TIMES}
         return path._replace(strides=path.strides._replace(**later)), nis, valid
@@ -141,12 +141,12 @@ def _together(results: list[PyTree], parts: list[Window]) -> Joined:
             turn = _turn_between(join.orientation, orientation[here])
             shift = join.position - turned(position[here], turn)
             known, unsure = of_heading[here], join.unsure
-        own = slice(here, end)
-        spread = np.array(path.stddev.orientation[own])
-        spread[:, 2] = np.sqrt(np.maximum(of_heading[own] - known, 0.0) + unsure**2)
+        rows = slice(here, end)
+        spread = np.array(path.stddev.orientation[rows])
+        spread[:, 2] = np.sqrt(np.maximum(of_heading[rows] - known, 0.0) + unsure**2)
         pieces.append([
-            turned(position[own], turn) + shift, turned(velocity[own], turn), yawed(orientation[own], turn),
-            path.stddev.position[own], path.stddev.velocity[own], spread,
+            turned(position[rows], turn) + shift, turned(velocity[rows], turn), yawed(orientation[rows], turn),
+            path.stddev.position[rows], path.stddev.velocity[rows], spread,
         ])  # fmt: skip
         last = min(end, len(position) - 1)
         angle = float(np.sqrt(max(of_heading[last] - known, 0.0) + unsure**2))
@@ -155,9 +155,9 @@ def _together(results: list[PyTree], parts: list[Window]) -> Joined:
         high = len(window.holds) - 1 if number + 1 == len(parts) else parts[number + 1].join - window.holds[0]
         tables.append(jax.tree.map(lambda v, a=low, b=high: v[a:b], path.strides))
         spreads.append(jax.tree.map(lambda v, a=low, b=high: v[a:b], path.strides_stddev))
-        pitches.append(path.pitch[own])
+        pitches.append(path.pitch[rows])
         doubts.append(path.nis[low:high])
-        flags.append(valid[own])
+        flags.append(valid[rows])
     whole = [np.concatenate(columns) for columns in zip(*pieces, strict=True)]
     strides, deviations = (jax.tree.map(lambda *v: np.concatenate(v), *many) for many in (tables, spreads))
     path = Path(

@@ -50,10 +50,10 @@ def worn(recording: Recording, side: str) -> FootWorn:
     at_rest = rest(gyr, acc, mask, hz)
     scale, acc_bias = errors_at_rest(at_rest, name, [])
     free = gyr - at_rest.gyr_bias
-    found = events.stances(free, acc * scale, hz)
-    if len(found.start) < 3:
+    stances = events.stances(free, acc * scale, hz)
+    if len(stances.start) < 3:
         raise RecordingError(
-            f"a recording of walking is needed to know how '{name}' is worn; this one has {len(found.start)} stances"
+            f"a recording of walking is needed to know how '{name}' is worn; this one has {len(stances.start)} stances"
         )
     half, hold = len_of(events.WINDOW / 2, hz), len_of(HOLD_S, hz)
     around = len_of(JUMP_S, hz)
@@ -63,7 +63,7 @@ def worn(recording: Recording, side: str) -> FootWorn:
         gyr_bias=at_rest.gyr_bias,
         acc_bias=np.asarray(acc_bias),
         still_time=np.asarray(max(at_rest.time, 0.05)),
-        axis=_toes_up(free, found, hz),
+        axis=_toes_up(free, stances, hz),
         rate_hz=np.asarray(hz),
         side=np.asarray(SIDES.index(side), np.int32),
         samples=np.zeros((max(2 * half + 1, half + hold + around + 3), 7)),
@@ -80,12 +80,12 @@ def len_of(seconds: float, hz: float) -> int:
     return max(1, round(seconds * hz))
 
 
-def _toes_up(gyr: np.ndarray, found: events.Stances, hz: float) -> np.ndarray:
+def _toes_up(gyr: np.ndarray, stances: events.Stances, hz: float) -> np.ndarray:
     """(3,) main axis of the rotation in swing; with its sign the heel rises before the toes in most strides."""
-    swinging = ~events.inside(found, len(gyr))
+    swinging = ~events.inside(stances, len(gyr))
     axis = np.linalg.eigh(gyr[swinging].T @ gyr[swinging])[1][:, -1]
     votes = 0
-    for a, b in zip(found.stillest[:-1], found.stillest[1:], strict=True):
+    for a, b in zip(stances.stillest[:-1], stances.stillest[1:], strict=True):
         pitch = np.cumsum(gyr[a:b] @ axis) / hz
         pitch -= np.linspace(0.0, pitch[-1], b - a)
         votes += 1 if np.argmax(pitch) > np.argmin(pitch) else -1

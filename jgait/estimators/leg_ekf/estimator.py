@@ -46,12 +46,12 @@ def model_params(p: LegParams, leg: LegSignals) -> LegModelParams:
 
 def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOptions) -> inclination.Inclination:
     """Inclination of one segment."""
-    seen, controls, mask = inclination.observed(segment, vector(segment.gyr[0]), inputs, options.standing)
-    found = filtering.infer(
-        inclination.MODEL, p.inclination, seen, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
+    observed, controls, mask = inclination.observed(segment, vector(segment.gyr[0]), inputs, options.standing)
+    inferred = filtering.infer(
+        inclination.MODEL, p.inclination, observed, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
         initial=inclination.prior(vector(segment.bias), inputs.start_variance),
     )  # fmt: skip
-    return inclination.read_out(found.mean, found.cov, seen.gyr)
+    return inclination.read_out(inferred.mean, inferred.cov, observed.gyr)
 
 
 def observe(
@@ -76,11 +76,11 @@ def observe(
         lost = jnp.maximum(leg.thigh.lost, leg.shank.lost)
         spread = jnp.where(lost > SHORT_GAP, 1.0, spread)
         # gain · sensor = thigh + pull · (thigh − shank), all from standing
-        own, pulled = gain / (1.0 + p.thigh_pull), p.thigh_pull / (1.0 + p.thigh_pull)
-        uncertain = own**2 * thigh.variance + pulled**2 * shank.variance
+        share, pulled = gain / (1.0 + p.thigh_pull), p.thigh_pull / (1.0 + p.thigh_pull)
+        uncertain = share**2 * thigh.variance + pulled**2 * shank.variance
         control = LegControl(uncertain * spread, shank.variance * spread)
-        angles = (STANDING + hip + own * thigh.angle + pulled * shank.angle, STANDING + hip - knee + shank.angle)
-        rates = (own * thigh.rate + pulled * shank.rate, shank.rate)
+        angles = (STANDING + hip + share * thigh.angle + pulled * shank.angle, STANDING + hip - knee + shank.angle)
+        rates = (share * thigh.rate + pulled * shank.rate, shank.rate)
         # In gaps both inclinations are known too: badly in their middle, well at their ends.
         tilted: Values = there
     else:
@@ -128,11 +128,11 @@ def trajectory_of(state: LegState) -> LegTrajectory:
 
 def _variance(name: str, cov: Covariance, filtered: Covariance | None) -> Values:
     """Variance of one component; the filtered variance replaces one that is negative or larger by rounding."""
-    own = cov[name, name]
+    variance = cov[name, name]
     if filtered is None:
-        return own
+        return variance
     most = filtered[name, name]
-    return jnp.where((own >= 0.0) & (own <= most), own, most)
+    return jnp.where((variance >= 0.0) & (variance <= most), variance, most)
 
 
 def deviation_of(p: LegParams, state: LegState, cov: Covariance, filtered: Covariance | None = None) -> LegTrajectory:
@@ -189,8 +189,8 @@ def walked(p: LegParams, legs: Legs, inputs: LegInputs, options: LegOptions) -> 
         way = sum(ways[1:], ways[0]) / len(ways)
     spread = p.kinematic_noise * way
     if options.distance == "strapdown" and inputs.shanks is not None:
-        own = ankle_stride.AnkleParams(lever_shank=p.lever_shank, distance_noise=p.distance_noise)
-        shanks = ankle_stride.run(own, inputs.shanks, SHANKS._replace(smooth=options.smooth))
+        shank_params = ankle_stride.AnkleParams(lever_shank=p.lever_shank, distance_noise=p.distance_noise)
+        shanks = ankle_stride.run(shank_params, inputs.shanks, SHANKS._replace(smooth=options.smooth))
         strides = reduce(jnp.logical_and, [leg.count > 0 for leg in inputs.shanks[1:] if leg is not None])
         way = jnp.where(strides, leg_distance.rescaled(way, shanks.distance[-1]), way)
         spread = jnp.where(strides, shanks.diagnostics["distance_stddev"], spread)
@@ -211,7 +211,7 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
     """
     worn = [(side, leg) for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None]
     both = stacked(*((one_side(p, side), leg) for side, leg in worn))
-    results = jax.vmap(lambda one: _one_leg(one, inputs, options, model))(both)
+    results = jax.vmap(lambda one_leg: _one_leg(one_leg, inputs, options, model))(both)
     trajectories: list[LegTrajectory | None] = [None, None]
     deviations: list[LegTrajectory | None] = [None, None]
     diagnostics = {}
@@ -239,11 +239,11 @@ class _LegResult(NamedTuple):
 
 def _one_leg(worn: tuple[LegParams, LegSignals], inputs: LegInputs, options: LegOptions, model: Model) -> _LegResult:
     p, leg = worn
-    found = _leg(p, leg, inputs, options, model)
-    filtered = found.filtered.cov if options.smooth else None
+    result = _leg(p, leg, inputs, options, model)
+    filtered = result.filtered.cov if options.smooth else None
     return _LegResult(
-        trajectory_of(found.mean), deviation_of(p, found.mean, found.cov, filtered), found.log_likelihood, found.nis,
-        found.filtered.valid,
+        trajectory_of(result.mean), deviation_of(p, result.mean, result.cov, filtered), result.log_likelihood,
+        result.nis, result.filtered.valid,
     )  # fmt: skip
 
 
@@ -262,12 +262,12 @@ def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:
     """This estimator as a record of functions; without accelerometers it does not use gravity."""
 
     def ready(recording: Recording) -> Prepared[LegInputs]:
-        found = prepare(
+        prepared = prepare(
             recording, rate_hz=options.rate_hz, median=options.median, perpendicular=options.perpendicular_axis,
             strapdown=options.distance == "strapdown", smooth=options.smooth,
         )  # fmt: skip
-        gravity = options.gravity and has_gravity(found.inputs)
-        return found._replace(options=options._replace(gravity=gravity))
+        gravity = options.gravity and has_gravity(prepared.inputs)
+        return prepared._replace(options=options._replace(gravity=gravity))
 
     return Estimator("leg_ekf", LegParams(), TRANSFORMS, ready, run, with_body, ABOUT, finish=_finished)
 

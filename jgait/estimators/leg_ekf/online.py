@@ -47,9 +47,9 @@ def start(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOpt
         options: as of `leg_ekf`; `smooth` has no effect.
     """
     thigh, shank = (inclination.prior(vector(segment.bias), start_variance).joined() for segment in leg)
-    own = prior_of(p, leg, start_variance, options).joined()
+    belief = prior_of(p, leg, start_variance, options).joined()
     rates = tuple(vector(segment.gyr[0]) for segment in leg)
-    return LegOnlineState(thigh, shank, own, (rates[0], rates[1]))
+    return LegOnlineState(thigh, shank, belief, (rates[0], rates[1]))
 
 
 def _incline(
@@ -57,12 +57,12 @@ def _incline(
     newest: Counts,
 ) -> tuple[Belief, inclination.Inclination]:  # fmt: skip
     """Belief after the newest sample, and the inclination of one segment at all."""
-    seen, controls, mask = inclination.observed(segment, before, inputs, options.standing)
-    found = filtering.kalman_filter(
-        inclination.MODEL, p.inclination, seen, controls=controls, dt=inputs.dt, mask=mask, initial=belief,
+    observed, controls, mask = inclination.observed(segment, before, inputs, options.standing)
+    posterior = filtering.kalman_filter(
+        inclination.MODEL, p.inclination, observed, controls=controls, dt=inputs.dt, mask=mask, initial=belief,
         keep=("mean", "cov"),
     )  # fmt: skip
-    return found.belief(newest), inclination.read_out(found.mean, found.cov, seen.gyr)
+    return posterior.belief(newest), inclination.read_out(posterior.mean, posterior.cov, observed.gyr)
 
 
 def over(
@@ -88,16 +88,16 @@ def over(
         beliefs, before, segments = (
             jax.tree.map(lambda *both: jnp.stack(both), *pair) for pair in ((thigh, shank), state.rates, tuple(leg))
         )
-        after, found = jax.vmap(
+        after, angles = jax.vmap(
             lambda belief, rate, segment: _incline(p, belief, rate, segment, inputs, options, newest)
         )(beliefs, before, segments)
         thigh, shank = (jax.tree.map(lambda v, k=k: v[k], after) for k in range(2))
-        inclinations = tuple(jax.tree.map(lambda v, k=k: v[k], found) for k in range(2))
+        inclinations = tuple(jax.tree.map(lambda v, k=k: v[k], angles) for k in range(2))
     observations, controls, mask = observe(p, leg, inclinations, inputs, options)
-    told = filtering.kalman_filter(
+    posterior = filtering.kalman_filter(
         leg_model.MODEL, model_params(p, leg), observations, controls=controls, dt=inputs.dt, mask=mask,
         method=options.method, initial=state.leg, keep=("mean", "cov", "valid"),
     )  # fmt: skip
     rates = (vector(leg.thigh.gyr[newest]), vector(leg.shank.gyr[newest]))
-    now = LegNow(trajectory_of(told.mean), deviation_of(p, told.mean, told.cov), told.valid)
-    return LegOnlineState(thigh, shank, told.belief(newest), rates), now
+    now = LegNow(trajectory_of(posterior.mean), deviation_of(p, posterior.mean, posterior.cov), posterior.valid)
+    return LegOnlineState(thigh, shank, posterior.belief(newest), rates), now

@@ -162,13 +162,13 @@ def orient(
     """One leg's signals in segment axes, and notes. Raises RecordingError as `mounted`."""
     worn, notes = mounted(sensors, side, standing, still, rate, perpendicular=perpendicular, estimator=estimator)
     segments = {}
-    for segment, one in worn.items():
-        imu = sensors[one.placement]
-        gyr = as_float(imu.gyr) @ one.axes.T
-        acc = np.zeros_like(gyr) if imu.acc is None else as_float(imu.acc) @ one.axes.T * one.scale
+    for segment, sensor in worn.items():
+        imu = sensors[sensor.placement]
+        gyr = as_float(imu.gyr) @ sensor.axes.T
+        acc = np.zeros_like(gyr) if imu.acc is None else as_float(imu.acc) @ sensor.axes.T * sensor.scale
         measured = np.asarray(imu.mask, bool)
         lost = lost_time(np.asarray(imu.time), measured)
-        segments[segment] = Segment(gyr, acc, measured, one.bias, one.variance, lost)
+        segments[segment] = Segment(gyr, acc, measured, sensor.bias, sensor.variance, lost)
     return LegSignals(segments["thigh"], segments["shank"]), notes
 
 
@@ -208,9 +208,9 @@ SHANKS = AnkleOptions(site="shank")
 def shanks_of(recording: Recording, sides: tuple[str, ...]) -> AnkleInputs | None:
     """The inputs of the strapdown; None without accelerometers, or if the sampling rate does not suit."""
     placements = [f"{segment}_{side}" for segment in ("thigh", "shank") for side in sides]
-    own = recording._replace(sensors={name: recording.sensors[name] for name in placements})
+    shanks = recording._replace(sensors={name: recording.sensors[name] for name in placements})
     try:
-        return prepare_shanks(own, SHANKS).inputs
+        return prepare_shanks(shanks, SHANKS).inputs
     except RecordingError:
         return None
 

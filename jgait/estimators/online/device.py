@@ -80,12 +80,12 @@ def unpacked(parts: list[PyTree], structure: Structure) -> PyTree:
     """Inverse of `packed`."""
     at = {np.dtype(part.dtype): 0 for part in parts}
     by_type = {np.dtype(part.dtype): part for part in parts}
-    found = []
+    arrays = []
     for shape, kind in structure.leaves:
         first, size = at[kind], math.prod(shape)
         at[kind] = first + size
-        found.append(by_type[kind][first : first + size].reshape(shape))
-    return jax.tree.unflatten(structure.tree, found)
+        arrays.append(by_type[kind][first : first + size].reshape(shape))
+    return jax.tree.unflatten(structure.tree, arrays)
 
 
 def _samples(rows: Values) -> Readings:
@@ -122,10 +122,10 @@ def _advanced(
 
     def turn(kept: tuple[PyTree, ...]) -> tuple[PyTree, ...]:
         # as if all depended on the number of the turn, or XLA would compute a part before the loop
-        (number, parts, _), own, samples, real = lax.optimization_barrier((kept, constants, block, count))
+        (number, parts, _), columns, samples, real = lax.optimization_barrier((kept, constants, block, count))
         state = unpacked(parts, moving)
-        after, found = advance(unpacked(own, fixed), state, _samples(samples), real, options)
-        rows = [jnp.asarray(leaf, block.dtype).reshape(block.shape[0], -1) for leaf in jax.tree.leaves(found)]
+        after, outputs = advance(unpacked(columns, fixed), state, _samples(samples), real, options)
+        rows = [jnp.asarray(leaf, block.dtype).reshape(block.shape[0], -1) for leaf in jax.tree.leaves(outputs)]
         return number + 1, packed(_like(after, state)), jnp.concatenate(rows, axis=1)
 
     turns = jnp.minimum(count, 1)  # not a constant, or XLA would remove the loop
@@ -155,11 +155,11 @@ class Field(NamedTuple):
     leaves: tuple[tuple[slice, tuple[int, ...], np.dtype], ...]
 
 
-def _fields(found: PyTree) -> tuple[dict[str, Field], int]:
+def _fields(outputs: PyTree) -> tuple[dict[str, Field], int]:
     """The fields of results (n, …), and the number of columns of their matrix."""
     width = 0
     fields = {}
-    for name, value in zip(found._fields, found, strict=True):
+    for name, value in zip(outputs._fields, outputs, strict=True):
         leaves, tree = jax.tree.flatten(value)
         columns = []
         for leaf in leaves:
@@ -183,8 +183,8 @@ class Results:
         """A field of the results, leaves (n, …), at all or some of the samples; None if it is None."""
         tree, leaves = self._fields[name]
         rows = self._matrix[at]
-        found = (rows[:, columns].reshape(-1, *shape).astype(kind, copy=False) for columns, shape, kind in leaves)
-        return jax.tree.unflatten(tree, found)
+        parts = (rows[:, columns].reshape(-1, *shape).astype(kind, copy=False) for columns, shape, kind in leaves)
+        return jax.tree.unflatten(tree, parts)
 
 
 class Runner:
@@ -199,10 +199,10 @@ class Runner:
         self._begun = functools.partial(_begin, constants, device=functions)
         empty = np.zeros((BLOCK, 1 + 8 * len(device.placements)), self._dtype)
         state = self._begun(empty[0])
-        found = jax.eval_shape(
+        shapes = jax.eval_shape(
             lambda c, s, b: device.advance(c, s, _samples(b), np.int32(1), device.options)[1], constants, state, empty
         )
-        self._fields, width = _fields(found)
+        self._fields, width = _fields(shapes)
         self._constants = packed(constants)
         self._loop = _compiled(functions, (Structure.of(constants), Structure.of(state)), width)
         self._loop(self._constants, packed(state), empty, np.int32(0))

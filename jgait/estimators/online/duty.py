@@ -83,7 +83,7 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
     sensors = {name: recording.sensors[name] for name in names}
     rate = 1.0 / float(np.median(np.diff(time)))
     still, (start, stop), notes = standing_of_legs([imu.gyr for imu in sensors.values()], rate, NAME)
-    found: list[SegmentMounting] = []
+    mountings: list[SegmentMounting] = []
     pairs: dict[int, tuple[int | None, int | None]] = {}
     for number, side in enumerate(SIDES):
         here = [segment for segment in ("thigh", "shank") if f"{segment}_{side}" in sensors]
@@ -95,10 +95,10 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
         notes += more if len(here) == 2 else []
         index: list[int | None] = []
         for segment in ("thigh", "shank"):
-            index.append(len(found) if segment in here else None)
+            index.append(len(mountings) if segment in here else None)
             if segment in here:
-                one = segments[segment] if len(here) == 2 else segments["shank"]
-                found.append(one if len(here) == 2 else one._replace(placement=f"{segment}_{side}"))
+                mounting = segments[segment] if len(here) == 2 else segments["shank"]
+                mountings.append(mounting if len(here) == 2 else mounting._replace(placement=f"{segment}_{side}"))
         pairs[number] = index[0], index[1]
     alike: dict[tuple[bool, ...], list[int]] = {}
     for number, pair in pairs.items():
@@ -108,11 +108,11 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
             jax.tree.map(lambda *v: np.stack([as_float(x) for x in v]), *(one_side(p, side) for side in group))
             for group in alike.values()
         ),
-        axes=np.stack([one.axes for one in found]),
-        scale=as_float([one.scale for one in found]),
-        bias=as_float([-one.bias[1] for one in found]),
-        turn_bias=as_float([one.bias[2] for one in found]),
-        variance=as_float([one.variance for one in found]),
+        axes=np.stack([mounting.axes for mounting in mountings]),
+        scale=as_float([mounting.scale for mounting in mountings]),
+        bias=as_float([-mounting.bias[1] for mounting in mountings]),
+        turn_bias=as_float([mounting.bias[2] for mounting in mountings]),
+        variance=as_float([mounting.variance for mounting in mountings]),
         window=standing_samples(rate),
         start_variance=as_float(0.1),
     )
@@ -120,7 +120,7 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
         all(imu.acc is not None for imu in sensors.values()),
         tuple(tuple(pairs[side] for side in group) for group in alike.values()),
     )
-    placements = tuple(one.placement for one in found)
+    placements = tuple(mounting.placement for mounting in mountings)
     return Device("legs", placements, constants, begin, advance, options, tuple(pairs)), tuple(notes)
 
 
@@ -128,8 +128,8 @@ def begin(c: DutyConstants, sample: Readings, options: DutyDeviceOptions) -> Dut
     """The state before the first sample, see `Device`."""
     del sample
 
-    def leg(own: DutyCycledParams, biases: tuple[Values | None, ...]) -> tuple[Belief | None, ...]:
-        beliefs = duty_model.standing(own, biases, c.start_variance)
+    def leg(link: DutyCycledParams, biases: tuple[Values | None, ...]) -> tuple[Belief | None, ...]:
+        beliefs = duty_model.standing(link, biases, c.start_variance)
         return tuple(None if belief is None else belief.joined() for belief in beliefs)
 
     beliefs = tuple(
@@ -154,10 +154,10 @@ def _leg(
         None if one is None else one._replace(excess=turns.excess(c.turn_tilt, turning, dt, one.excess))
         for one in segments
     )
-    found, after = duty_model.over(c, turned, beliefs, dt, still, real, felt=felt)
+    estimates, after = duty_model.over(c, turned, beliefs, dt, still, real, felt=felt)
     return (
         tuple(None if one is None else one.belief(count - 1) for one in after),
-        tuple(one for one in found if one is not None),
+        tuple(one for one in estimates if one is not None),
     )
 
 
@@ -190,13 +190,13 @@ def advance(
     for own, before, group in zip(c.own, state.beliefs, options.groups, strict=True):
         columns = _columns(group)
         run = jax.vmap(lambda own, b, s: _leg(own, b, s, turning, samples.dt, still, count, felt=options.felt))
-        after, told = run(own, before, tuple(map(planar, columns)))
+        after, results = run(own, before, tuple(map(planar, columns)))
         beliefs.append(after)
-        for ks, one in zip((ks for ks in columns if ks is not None), told, strict=True):
+        for ks, one in zip((ks for ks in columns if ks is not None), results, strict=True):
             angle |= {int(k): (one.angle[n], one.angle_stddev[n]) for n, k in enumerate(ks)}
             valid &= jnp.all(one.valid, axis=0)
-        if len(told) == 2 and len(options.groups) == 1:
-            leg, stddev = jax.tree.map(jnp.transpose, jax.vmap(joints)(own, *told))
+        if len(results) == 2 and len(options.groups) == 1:
+            leg, stddev = jax.tree.map(jnp.transpose, jax.vmap(joints)(own, *results))
     angles, deviations = (jnp.stack(v, axis=1) for v in zip(*(angle[k] for k in sorted(angle)), strict=True))
     state = DutyState(tuple(beliefs), slow, lost[count - 1], turn)
     return state, DutyNow(angles, deviations, leg, stddev, still, valid)

@@ -84,16 +84,16 @@ def device(p: LegParams, recording: Recording) -> tuple[Device, tuple[Note, ...]
     constants = LegsConstants(
         p=p,
         own=jax.tree.map(lambda *v: np.stack([as_float(x) for x in v]), *(one_side(p, number) for number in numbers)),
-        axes=np.stack([one.axes for one in worn]).reshape(legs, 2, 3, 3),
-        scale=as_float([one.scale for one in worn]).reshape(legs, 2),
-        bias=np.stack([one.bias for one in worn]).reshape(legs, 2, 3),
-        variance=as_float([one.variance for one in worn]).reshape(legs, 2),
+        axes=np.stack([mounting.axes for mounting in worn]).reshape(legs, 2, 3, 3),
+        scale=as_float([mounting.scale for mounting in worn]).reshape(legs, 2),
+        bias=np.stack([mounting.bias for mounting in worn]).reshape(legs, 2, 3),
+        variance=as_float([mounting.variance for mounting in worn]).reshape(legs, 2),
         window=standing_samples(rate),
         start_variance=as_float(0.1),
     )
     gravity = KINEMATICS.gravity and all(imu.acc is not None for imu in sensors.values())
     options = KINEMATICS._replace(gravity=gravity)
-    placements = tuple(one.placement for one in worn)
+    placements = tuple(mounting.placement for mounting in worn)
     return Device("legs", placements, constants, begin, advance, options, numbers), tuple(notes)
 
 
@@ -112,7 +112,7 @@ def begin(c: LegsConstants, sample: Readings, options: LegOptions) -> LegsState:
     """The state before the first sample, see `Device`."""
     zero, each = jnp.zeros_like(c.start_variance), jnp.zeros_like(c.scale[:, 0])
     first = _signals(c, jax.tree.map(lambda v: v[None], sample), jnp.zeros_like(c.scale)[None])
-    start = jax.vmap(lambda own, leg: leg_online.start(own, leg, c.start_variance, options))
+    start = jax.vmap(lambda params, leg: leg_online.start(params, leg, c.start_variance, options))
     return LegsState(
         start(c.own, first), jnp.zeros_like(c.scale), jnp.zeros((), jnp.int32), LegTrajectory(each, each, each, each),
         jnp.zeros((), bool), zero, zero, zero,
@@ -128,8 +128,8 @@ def advance(
     slow, still = stood(state.slow, samples, LEGS_RATE, c.window, count)
     inputs = LegInputs(None, None, samples.dt, samples.dt, still, real, c.start_variance)
     run = jax.vmap(lambda own, leg, one: leg_online.over(own, leg, one, inputs, options, count), out_axes=(0, 1))
-    legs, found = run(c.own, state.legs, _signals(c, samples, lost))
-    leg = found.leg
+    legs, results = run(c.own, state.legs, _signals(c, samples, lost))
+    leg = results.leg
     before = jax.tree.map(
         lambda old, new: jnp.concatenate([jnp.where(state.begun, old, new[0])[None], new[:-1]]), state.before, leg
     )
@@ -145,5 +145,5 @@ def advance(
     last = jax.tree.map(lambda v: v[at], leg)
     after = LegsState(legs, lost[at], slow, last, jnp.ones((), bool), way[at], back[at], moving[at])
     distance = c.p.distance_scale * way / jnp.maximum(share, LEAST_SHARE)
-    valid = jnp.all(found.valid, axis=1) & jnp.all(lost < LONG_GAP, axis=(1, 2))
-    return after, LegsNow(leg, found.stddev, distance, still, valid)
+    valid = jnp.all(results.valid, axis=1) & jnp.all(lost < LONG_GAP, axis=(1, 2))
+    return after, LegsNow(leg, results.stddev, distance, still, valid)

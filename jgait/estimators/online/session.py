@@ -135,7 +135,7 @@ class Online:
                 then as before the call.
         """
         block = self._clock.block(time, signals)
-        found = [
+        results = [
             runner.push(block.rows[:, columns]) for runner, columns in zip(self._runners, self._columns, strict=True)
         ]
         self._clock.accept(block)
@@ -145,7 +145,7 @@ class Online:
         }  # fmt: skip
         strides: dict[str, NewStrides] = {}
         distance: dict[str, float] = {}
-        for runner, now in zip(self._runners, found, strict=True):
+        for runner, now in zip(self._runners, results, strict=True):
             device = runner.device
             if device.source != "legs":
                 strides[device.source] = self._strides(device.source, now, block.offset)
@@ -166,10 +166,10 @@ class Online:
         """The strides in a block of results; the same empty table wherever there are none."""
         if source in self._none and not now.field("stride").any():
             return self._none[source]
-        found = _strides(now, offset)
-        if not len(found.strides.end):
-            self._none[source] = found
-        return found
+        strides = _strides(now, offset)
+        if not len(strides.strides.end):
+            self._none[source] = strides
+        return strides
 
 
 def _legs(part: LegTrajectory, sides: tuple[int, ...], kept: np.ndarray | slice) -> Legs:
@@ -231,13 +231,13 @@ def _chosen(names: str | Sequence[str] | None, recording: Recording) -> list[tup
     if asked is not None and {"leg_ekf", "duty_cycled_gyro"} <= set(asked):
         raise ValueError("leg_ekf and duty_cycled_gyro give the same angles: take one of them")
     usual = ("foot_ins", "ankle_stride", "leg_ekf")
-    found = [(name, source) for name in (usual if asked is None else asked) for source in there[name]]
-    if not found:
+    chosen = [(name, source) for name in (usual if asked is None else asked) for source in there[name]]
+    if not chosen:
         raise RecordingError(
             "online there are feet, ankles, shanks, and thighs with shanks; the recording has "
             f"{sorted(recording.sensors)}"
         )
-    return found
+    return chosen
 
 
 def online(
@@ -263,15 +263,15 @@ def online(
         RecordingError: no sensors of these estimators, or a recording that does not show how they are worn.
         ValueError: an estimator without such a form, or a parameter outside its range.
     """
-    body, own = dict(person or {}), dict(params or {})
+    body, settings = dict(person or {}), dict(params or {})
     devices: list[Device] = []
     notes: list[Note] = []
     for name, source in _chosen(estimators, calibration):
         record = get(name)
         wanted = MEASURES.get(name, ("thigh_length", "shank_length"))
         takes = (*wanted, "height") if gives(wanted) else wanted
-        p = record.own(own.get(name, record.params), {k: value for k, value in body.items() if k in takes})
-        if name != "duty_cycled_gyro" or name in own:
+        p = record.own(settings.get(name, record.params), {k: value for k, value in body.items() if k in takes})
+        if name != "duty_cycled_gyro" or name in settings:
             check_params(p, record.transforms)
         if source == "legs":
             device, more = (legs if name == "leg_ekf" else duty).device(p, calibration)

@@ -35,9 +35,11 @@ def device(source: str, p: AnkleParams | FootParams, recording: Recording) -> De
     site = "foot" if source == "feet" else source.removesuffix("s")
     sides = tuple(number for number, side in enumerate(SIDES) if f"{site}_{side}" in recording.sensors)
     names = tuple(f"{site}_{SIDES[number]}" for number in sides)
-    own = recording._replace(sensors={name: recording.sensors[name] for name in names})
+    alone = recording._replace(sensors={name: recording.sensors[name] for name in names})
     mounting = [
-        foot_online.worn(own, SIDES[number]) if isinstance(p, FootParams) else ankle_online.worn(p, own, SIDES[number])
+        foot_online.worn(alone, SIDES[number])
+        if isinstance(p, FootParams)
+        else ankle_online.worn(p, alone, SIDES[number])
         for number in sides
     ]
     constants = StridesConstants(p, jax.tree.map(lambda *leaves: np.stack(leaves), *mounting))

@@ -49,13 +49,13 @@ def _filtered(
     )  # fmt: skip
 
 
-def _evidence(found: filtering.Inferred, other: filtering.Inferred) -> Values:
+def _evidence(inferred: filtering.Inferred, other: filtering.Inferred) -> Values:
     """Log-likelihood of the ranges with the feet as labelled, minus that with the feet exchanged [nat].
 
     It is divided by the smaller mean normalised innovation squared of both, if that is above 1.
     """
-    gained = found.log_likelihood - other.log_likelihood
-    return gained / jnp.maximum(jnp.minimum(found.nis, other.nis), 1.0)
+    gained = inferred.log_likelihood - other.log_likelihood
+    return gained / jnp.maximum(jnp.minimum(inferred.nis, other.nis), 1.0)
 
 
 def run(
@@ -72,9 +72,9 @@ def run(
     """
     ways = (inputs, exchanged(inputs)) if options.check_swap else (inputs,)
     together = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves]), *ways)
-    every = jax.vmap(lambda one: _filtered(p, one, options, model, smooth=options.smooth))(together)
-    found, *others = (jax.tree.map(lambda leaf, row=row: leaf[row], every) for row in range(len(ways)))
-    mean, cov = found.mean, found.cov
+    every = jax.vmap(lambda start: _filtered(p, start, options, model, smooth=options.smooth))(together)
+    inferred, *others = (jax.tree.map(lambda leaf, row=row: leaf[row], every) for row in range(len(ways)))
+    mean, cov = inferred.mean, inferred.cov
     values, spread = stride_width_readout.strides(p, inputs.strides, mean, cov)
     diagnostics = {
         **stride_width_readout.distances(p, mean, cov),
@@ -82,15 +82,15 @@ def run(
         "turning": inputs.turning,
         "width_valid": jnp.isfinite(values.width) & (spread.width <= options.widest_stddev),
         "ranges": jnp.sum(inputs.seen & inputs.valid),
-        "log_likelihood": found.log_likelihood,
-        "nis": found.nis,
+        "log_likelihood": inferred.log_likelihood,
+        "nis": inferred.nis,
     }
     if others:
-        diagnostics["swap_evidence"] = _evidence(found, *others)
+        diagnostics["swap_evidence"] = _evidence(inferred, *others)
     deviation = cov.stddev()
     heights = (inputs.height_right, inputs.height_left)
     feet, stddev = _feet(mean, heights), _feet(deviation, (jnp.zeros_like(heights[0]),) * 2)
-    valid = inputs.valid & found.filtered.valid
+    valid = inputs.valid & inferred.filtered.valid
     return Estimate(
         inputs.time, Legs(None, None), None, None, valid, diagnostics, values, feet, stddev, spread
     )  # fmt: skip
@@ -119,13 +119,13 @@ def estimator(
     """This estimator as a record of functions; `prepare` estimates the feet's trajectories. Arguments as `estimate`."""
 
     def ready(recording: Recording) -> Prepared[WidthInputs]:
-        own, stances = feet_of(recording._replace(notes=()), foot_params, foot_options)
-        assert own.feet is not None
-        found = prepare_from_feet(
-            own.time, own.feet, stances, recording.feet_range, options, start_heading=start_heading
+        feet, stances = feet_of(recording._replace(notes=()), foot_params, foot_options)
+        assert feet.feet is not None
+        prepared = prepare_from_feet(
+            feet.time, feet.feet, stances, recording.feet_range, options, start_heading=start_heading
         )
-        notes = (*own.diagnostics["notes"], *found.notes)
-        return found._replace(notes=notes, standing=own.diagnostics["standing"], extra=(own, stances))
+        notes = (*feet.diagnostics["notes"], *prepared.notes)
+        return prepared._replace(notes=notes, standing=feet.diagnostics["standing"], extra=(feet, stances))
 
     return Estimator(
         "stride_width_ekf", WidthParams(), TRANSFORMS, ready, run, with_body, ABOUT, ("width_valid",), _finished
@@ -165,5 +165,5 @@ def _finished(result: Estimate, made: Prepared[WidthInputs]) -> Estimate:
         result.diagnostics["notes"] = (*result.diagnostics["notes"], note)
     if made.extra is None:
         return result
-    own, stances = made.extra
-    return merged(own, stances, result)
+    feet, stances = made.extra
+    return merged(feet, stances, result)

@@ -20,43 +20,43 @@ def feet_of(
     if missing:
         wanted = " and ".join(repr(name) for name in missing)
         raise RecordingError(f"stride_width_ekf needs {wanted}; {sensors_of(recording)}")
-    own = foot_ins.estimate(p, recording, options)
-    right, left = (own.diagnostics[f"footholds_{side}"] for side in SIDES)
-    return own, (right, left)
+    feet = foot_ins.estimate(p, recording, options)
+    right, left = (feet.diagnostics[f"footholds_{side}"] for side in SIDES)
+    return feet, (right, left)
 
 
-def merged(own: Estimate, stances: tuple[np.ndarray, np.ndarray], together: Estimate) -> Estimate:
+def merged(alone: Estimate, stances: tuple[np.ndarray, np.ndarray], together: Estimate) -> Estimate:
     """The `foot_ins` estimate with both feet in one world frame, and with stride widths.
 
-    The trajectories of `own`, whose footholds are the samples `stances`, are moved to the footholds of `together`,
+    The trajectories of `alone`, whose footholds are the samples `stances`, are moved to the footholds of `together`,
     stride by stride; its strides get width and step length, its diagnostics are joined.
     """
     feet = Feet(*(
-        _placed(own, side, stances[number], together) for number, side in enumerate(SIDES)
+        _placed(alone, side, stances[number], together) for number, side in enumerate(SIDES)
     ))  # fmt: skip
-    strides, spread, found = _strides(own, stances, together)
-    known = found >= 0
-    trusted = np.zeros(len(found), bool)
-    trusted[known] = np.asarray(together.diagnostics["width_valid"])[found[known]]
+    strides, spread, matches = _strides(alone, stances, together)
+    known = matches >= 0
+    trusted = np.zeros(len(matches), bool)
+    trusted[known] = np.asarray(together.diagnostics["width_valid"])[matches[known]]
     by_moment = ("z1", "z2", "z1_stddev", "z2_stddev", "double_support", "turning")
     moments = {name: together.diagnostics[name] for name in by_moment}
     rest = {name: value for name, value in together.diagnostics.items() if name not in by_moment}
     diagnostics = {
-        **own.diagnostics,
+        **alone.diagnostics,
         **rest,
         **moments,
         "moment_time": np.asarray(together.time),
         "width_valid": trusted,
     }
-    return own._replace(feet=feet, strides=strides, strides_stddev=spread, diagnostics=diagnostics)
+    return alone._replace(feet=feet, strides=strides, strides_stddev=spread, diagnostics=diagnostics)
 
 
-def _placed(own: Estimate, side: str, mids: np.ndarray, together: Estimate) -> FootTrajectory:
+def _placed(alone: Estimate, side: str, mids: np.ndarray, together: Estimate) -> FootTrajectory:
     """One foot's trajectory; each stride is rotated and scaled to start and end at the footholds of `together`."""
-    assert own.feet is not None
+    assert alone.feet is not None
     assert together.feet is not None
-    trajectory, common = getattr(own.feet, side), getattr(together.feet, side).position
-    time, position = own.time, np.array(trajectory.position, np.float64)
+    trajectory, common = getattr(alone.feet, side), getattr(together.feet, side).position
+    time, position = alone.time, np.array(trajectory.position, np.float64)
     velocity, orientation = (np.array(part, np.float64) for part in (trajectory.velocity, trajectory.orientation))
     place = np.stack([np.interp(time[mids], together.time, common[:, axis]) for axis in (0, 1)], axis=1)
     here = position[mids, 0] + 1j * position[mids, 1]
@@ -81,11 +81,11 @@ def _placed(own: Estimate, side: str, mids: np.ndarray, together: Estimate) -> F
 
 
 def _strides(
-    own: Estimate, stances: tuple[np.ndarray, np.ndarray], together: Estimate
+    alone: Estimate, stances: tuple[np.ndarray, np.ndarray], together: Estimate
 ) -> tuple[Strides, Strides, np.ndarray]:
     """Strides with the filter's width and step length, standard deviations, and rows of the filter, −1 for none."""
-    ours, theirs, certain = own.strides, together.strides, together.strides_stddev
-    found = np.full(len(ours.side), -1)
+    ours, theirs, certain = alone.strides, together.strides, together.strides_stddev
+    matches = np.full(len(ours.side), -1)
     for number in range(2):
         rows = np.flatnonzero(ours.side == number)
         index = np.flatnonzero((np.asarray(theirs.side) == number) & np.asarray(theirs.valid))
@@ -96,17 +96,17 @@ def _strides(
         inside = (ours.standing[rows] + 1e-6 >= starts[place]) & (
             ours.standing_end[rows] - 1e-6 <= np.asarray(theirs.standing_end)[index][place]
         )
-        found[rows] = np.where(inside, index[place], -1)
-    known = found >= 0
+        matches[rows] = np.where(inside, index[place], -1)
+    known = matches >= 0
 
     def taken(values: AnyArray, otherwise: AnyArray) -> np.ndarray:
-        result = np.array(np.broadcast_to(otherwise, found.shape), np.float64)
-        result[known] = np.asarray(values)[found[known]]
+        result = np.array(np.broadcast_to(otherwise, matches.shape), np.float64)
+        result[known] = np.asarray(values)[matches[known]]
         return result
 
-    nothing = np.full(found.shape, np.nan)
+    nothing = np.full(matches.shape, np.nan)
     strides = ours._replace(width=taken(theirs.width, nothing), step_length=taken(theirs.step_length, nothing))
-    spread = own.strides_stddev._replace(
+    spread = alone.strides_stddev._replace(
         width=taken(certain.width, nothing), step_length=taken(certain.step_length, nothing)
     )
-    return strides, spread, found
+    return strides, spread, matches

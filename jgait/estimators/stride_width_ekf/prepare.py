@@ -78,10 +78,10 @@ def _turns(foot: FootTrack, limit: float) -> list[tuple[float, float]]:
 
 
 def _inside(times: np.ndarray, spans: list[tuple[float, float]]) -> np.ndarray:
-    found = np.zeros(times.shape, bool)
+    inside = np.zeros(times.shape, bool)
     for start, end in spans:
-        found |= (times >= start) & (times <= end)
-    return found
+        inside |= (times >= start) & (times <= end)
+    return inside
 
 
 def _usable(
@@ -137,8 +137,8 @@ def _passings(times: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.
     order = np.argsort(times, kind="stable")
     times, distances = times[order], distances[order]
     groups = np.split(np.arange(times.size), np.flatnonzero(np.diff(times) > TOGETHER) + 1)
-    found = [one for g in groups for one in _nearest(times[g], distances[g])]
-    return np.array([time for time, _ in found]), np.array([distance for _, distance in found])
+    passings = [passing for g in groups for passing in _nearest(times[g], distances[g])]
+    return np.array([time for time, _ in passings]), np.array([distance for _, distance in passings])
 
 
 def _nearest(times: np.ndarray, distances: np.ndarray) -> list[tuple[float, float]]:
@@ -146,7 +146,7 @@ def _nearest(times: np.ndarray, distances: np.ndarray) -> list[tuple[float, floa
     median = (0.5 * (times[0] + times[-1]), float(np.median(distances)))
     if np.ptp(distances) < COMES_AND_GOES:
         return [median]
-    found = []
+    nearest = []
     left = np.ones(distances.size, bool)
     while left.any():
         lowest = np.flatnonzero(left)[np.argmin(distances[left])]
@@ -159,11 +159,11 @@ def _nearest(times: np.ndarray, distances: np.ndarray) -> list[tuple[float, floa
             at = -0.5 * slope / curve if curve > 0.0 else 0.0
             square = level + 0.5 * slope * at
             if curve > 0.0 and abs(at) < HALF_PASSING and square > 0.0:
-                found.append((float(times[lowest] + at), float(np.sqrt(square))))
+                nearest.append((float(times[lowest] + at), float(np.sqrt(square))))
         # another passing is at least a quarter of a stride away
         left &= np.abs(times - times[lowest]) > 2.0 * HALF_PASSING
         left &= distances <= distances[lowest] + 2.0 * NEARLY
-    return found
+    return nearest
 
 
 def _outliers(distances: np.ndarray, limit: float) -> np.ndarray:
@@ -182,10 +182,10 @@ def _delay(pair: Pair, turning: list[list[tuple[float, float]]], times: np.ndarr
     τ the distance along at the reading, v τ, alternates in sign; the constant offset of the trajectories cancels.
     """
     spans = [span for of in turning for span in of]
-    found = 0.0
+    delay = 0.0
     stddev = np.inf
     for _ in range(3):
-        at = times - found
+        at = times - delay
         ahead, speed = (right - left for right, left in zip(*(foot.forward(at) for foot in pair), strict=True))
         alternate = np.abs(np.diff(speed)) > 2.0
         near = (np.diff(at) < 2.0) & ~(_inside(at, spans)[1:] | _inside(at, spans)[:-1])
@@ -196,10 +196,10 @@ def _delay(pair: Pair, turning: list[list[tuple[float, float]]], times: np.ndarr
         middle = float(np.median(lags))
         # Neighbouring pairs share a passing, so the median of n pairs is as accurate as that of n / 2 independent ones.
         stddev = float(1.4826 * np.median(np.abs(lags - middle)) * 1.2533 / np.sqrt(0.5 * lags.size))
-        found += middle
-        if abs(found) > LATEST:
+        delay += middle
+        if abs(delay) > LATEST:
             return 0.0, np.inf
-    return found, stddev
+    return delay, stddev
 
 
 def _inputs(
@@ -259,12 +259,12 @@ def _double_supports(pair: Pair) -> np.ndarray:
     mids, side = mids[order], side[order]
     time = pair.right.time
     speed = np.maximum(*(foot.speed() for foot in pair))
-    found = []
+    supports = []
     for k in np.flatnonzero(np.diff(side) != 0):
         first, last = np.searchsorted(time, [mids[k], mids[k + 1]])
         if last - first > 2:
-            found.append(time[first + 1 + int(np.argmin(speed[first + 1 : last]))])
-    return np.array(found)
+            supports.append(time[first + 1 + int(np.argmin(speed[first + 1 : last]))])
+    return np.array(supports)
 
 
 def _no_rows(count: int) -> StrideRows:

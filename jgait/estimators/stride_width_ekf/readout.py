@@ -50,13 +50,13 @@ def strides(p: WidthParams, rows: StrideRows, states: WidthState, cov: Covarianc
     at, left = rows.moment, rows.side == 1
     ends = jnp.stack(states, axis=1)[at]
     order = jnp.asarray(_EXCHANGED)
-    own = WidthState(*jnp.where(left[:, None], ends[:, order], ends).T)
+    of_foot = WidthState(*jnp.where(left[:, None], ends[:, order], ends).T)
     dense = cov.dense()[at]
     turned = jnp.where(left[:, None, None], dense[:, order][:, :, order], dense)
-    length, length_stddev = with_stddev(_length, own, turned)
+    length, length_stddev = with_stddev(_length, of_foot, turned)
     line = rows.valid & rows.passed & (length >= SHORTEST_LINE)
-    width, width_stddev = with_stddev(_width, own, turned)
-    step, step_stddev = with_stddev(_step, own, turned)
+    width, width_stddev = with_stddev(_width, of_foot, turned)
+    step, step_stddev = with_stddev(_step, of_foot, turned)
     side = jnp.where(left, -1.0, 1.0).astype(width.dtype)
     nothing = jnp.nan
     zero = jnp.zeros_like(width)

@@ -71,13 +71,13 @@ def checked_feet(
         raise RecordingError(f"time must increase; got {time[row - 1]:g} s, then {time[row]:g} s at sample {row}")
     if len(stances) != 2:
         raise RecordingError(f"stances must be given for the right and the left foot; got {len(stances)} of them")
-    found: list[FootTrack] = []
+    tracks: list[FootTrack] = []
     notes: list[Note] = []
     for side, foot, mids in zip(SIDES, feet, stances, strict=True):
-        one, more = _checked(side, time, foot, np.asarray(mids))
-        found.append(one)
+        track, more = _checked(side, time, foot, np.asarray(mids))
+        tracks.append(track)
         notes += more
-    return Pair(*found), notes
+    return Pair(*tracks), notes
 
 
 def _checked(

@@ -25,11 +25,11 @@ SIDE_KNOWN = 0.9
 
 def contacts(estimate: Estimate) -> dict[str, Any]:
     """The initial contacts: time [s], side ("unknown" below `SIDE_KNOWN`) and its probability."""
-    told = estimate.diagnostics
-    likely = as_float(told["initial_contact_side_probability"])
-    both = zip(told["initial_contact_side"], likely, strict=True)
+    diagnostics = estimate.diagnostics
+    likely = as_float(diagnostics["initial_contact_side_probability"])
+    both = zip(diagnostics["initial_contact_side"], likely, strict=True)
     sides = [SIDES[int(side)] if p >= SIDE_KNOWN else "unknown" for side, p in both]
-    return {"time_s": as_float(told["initial_contact"]), "side": sides, "side_probability": likely}
+    return {"time_s": as_float(diagnostics["initial_contact"]), "side": sides, "side_probability": likely}
 
 
 def _drawn(made: EstimatedRecording) -> tuple[tuple[PyTree, ...], dict[str, PyTree]]:

@@ -48,7 +48,7 @@ def bouts(contacts: trunk_events.Contacts, still: list[tuple[int, int]], rate: f
         return []
     pause = np.maximum(PAUSE_STEPS / np.maximum(as_float(contacts.step_frequency), 0.5), PAUSE_S) * rate
     cut = np.flatnonzero(np.diff(at) > pause[1:]) + 1
-    found: list[list[Node]] = []
+    of_bouts: list[list[Node]] = []
     stood = -1.0
     for rows in np.split(np.arange(len(at)), cut):
         first, last = at[rows[0]], at[rows[-1]]
@@ -74,8 +74,8 @@ def bouts(contacts: trunk_events.Contacts, still: list[tuple[int, int]], rate: f
             stood = behind
         else:
             stood = last
-        found.append(nodes)
-    return found
+        of_bouts.append(nodes)
+    return of_bouts
 
 
 def nodes(bouts: list[list[Node]], time: Values = (0.0,)) -> dict[str, np.ndarray]:

@@ -71,30 +71,30 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
         ValueError: options that are none.
     """
     check_options(options)
-    seen = waist_motion.motion(p, inputs, smooth=options.smooth)
-    found = waist_steps.intervals(p, inputs, seen)
+    motion = waist_motion.motion(p, inputs, smooth=options.smooth)
+    intervals = waist_steps.intervals(p, inputs, motion)
     if options.distance == "fused":
-        walked = waist_distance.fused(p, inputs, found, options)
+        walked = waist_distance.fused(p, inputs, intervals, options)
     elif options.distance == "pendulum":
-        walked = waist_distance.by_pendulum(p, inputs, found)
+        walked = waist_distance.by_pendulum(p, inputs, intervals)
     else:
-        speed, held = waist_distance.integrated_speed(p, inputs, seen, found)
+        speed, held = waist_distance.integrated_speed(p, inputs, motion, intervals)
         start_sd = p.start_speed_sd * jnp.where(inputs.stood, 0.0, 1.0)
-        walked = waist_distance.by_integration(p, inputs, found, speed, held, start_sd)
-    return stated(inputs, seen, found, walked)
+        walked = waist_distance.by_integration(p, inputs, intervals, speed, held, start_sd)
+    return stated(inputs, motion, intervals, walked)
 
 
-def stated(inputs: WaistInputs, seen: TrunkMotion, found: Intervals, walked: WaistWalk) -> Estimate:
+def stated(inputs: WaistInputs, motion: TrunkMotion, intervals: Intervals, walked: WaistWalk) -> Estimate:
     """The estimate that `run` returns: motion of the trunk, intervals between nodes and distances over them."""
     row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
     there = row < inputs.count
     distance, spread = _along(inputs, jnp.stack([walked.distance, walked.distance_sd], axis=1), there).T
-    strides, deviations, flags = _strides(inputs, found, walked, there)
+    strides, deviations, flags = _strides(inputs, intervals, walked, there)
     diagnostics = {
         **walked.told,
         **flags,
         "distance_stddev": spread,
-        "trunk_acceleration": jnp.stack([seen.forward, seen.left, seen.upward], axis=1),
+        "trunk_acceleration": jnp.stack([motion.forward, motion.left, motion.upward], axis=1),
         "initial_contact": inputs.contact,
         "initial_contact_side": inputs.side,
         "initial_contact_side_probability": inputs.likely,
@@ -117,13 +117,13 @@ def _along(inputs: WaistInputs, values: Values, there: PyTree) -> Values:
 
 
 def _strides(
-    inputs: WaistInputs, found: Intervals, walked: WaistWalk, there: PyTree
+    inputs: WaistInputs, intervals: Intervals, walked: WaistWalk, there: PyTree
 ) -> tuple[Strides, Strides, Values]:
     """Strides of both feet, their standard deviations and flags; one row per node."""
     valid = inputs.stride & there
     start, end = earlier(inputs.contact, 2), inputs.contact
     duration = jnp.maximum(end - start, 1e-3)
-    turn = found.turn + earlier(found.turn, 1)
+    turn = intervals.turn + earlier(intervals.turn, 1)
     nothing = jnp.full_like(end, jnp.nan)
     strides = Strides(
         side=inputs.side, start=start, final_contact=nothing, end=end, length=walked.stride, width=nothing,

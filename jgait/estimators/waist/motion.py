@@ -55,10 +55,10 @@ def motion_and_likelihood(p: WaistParams, inputs: WaistInputs) -> tuple[TrunkMot
 
 def _seen(p: WaistParams, inputs: WaistInputs, state: TrunkState) -> TrunkMotion:
     """Motion of the trunk from an attitude and the readings of gyroscope and accelerometer."""
-    one, none = jnp.ones_like(inputs.dt), jnp.zeros_like(inputs.dt)
+    ones, zeros = jnp.ones_like(inputs.dt), jnp.zeros_like(inputs.dt)
     force = rotated(state.attitude, subtract(vector(inputs.acc), state.acc_bias))
     rate = rotated(state.attitude, subtract(vector(inputs.gyr), state.gyr_bias))
-    ahead = rotated(state.attitude, Vector(one, none, none))
+    ahead = rotated(state.attitude, Vector(ones, zeros, zeros))
     counts = inputs.measured
     x, y, z = (jnp.where(counts, part, 0.0) for part in (force.x, force.y, force.z - GRAVITY))
     roll, pitch, yaw_rate = (jnp.where(counts, part, 0.0) for part in rate)

@@ -84,10 +84,10 @@ def direct_reverse_cycles(
     values, steps = signal_and_steps(acc, dt, mask)
     at = placed(cycles, values.shape[0])
     begun, ended = (jnp.broadcast_to(jnp.asarray(v, values.dtype), at.valid.shape) for v in (start, end))
-    found = since(values, steps, per_sample(cutoff_hz, at, values.dtype), at.restart)
-    going = begun[at.number] + found.change
-    missed = begun + found.change[cycles.end] - ended
-    return jnp.where(at.inside, going - reverse_share(found, cycles, at, beta) * missed[at.number], 0.0)
+    integrals = since(values, steps, per_sample(cutoff_hz, at, values.dtype), at.restart)
+    going = begun[at.number] + integrals.change
+    missed = begun + integrals.change[cycles.end] - ended
+    return jnp.where(at.inside, going - reverse_share(integrals, cycles, at, beta) * missed[at.number], 0.0)
 
 
 def placed(cycles: Cycles, samples: int) -> Placed:
@@ -119,18 +119,18 @@ def since(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | N
         low, change, time, before = state
         now, share, step, mark = sample
         low = low + share * (now - low)
-        found = Since(change + 0.5 * step * (before + now - low), time + step, now - low)
+        integrals = Since(change + 0.5 * step * (before + now - low), time + step, now - low)
         kept = jnp.where(mark, 0.0, 1.0).astype(now.dtype)
-        return (kept * low, kept * found.change, kept * found.time, now - kept * low), found
+        return (kept * low, kept * integrals.change, kept * integrals.time, now - kept * low), integrals
 
     nothing = jnp.zeros_like(acc[0])
     samples = (acc, shares, steps, anew)
     return lax.scan(one, (nothing, nothing, nothing, acc[0]), samples)[1]
 
 
-def reverse_share(found: Since, cycles: Cycles, at: Placed, beta: ArrayLike) -> Array:
+def reverse_share(integrals: Since, cycles: Cycles, at: Placed, beta: ArrayLike) -> Array:
     """The weight w (T,) in the cycle of each sample; without meaning outside cycles."""
-    return weight(_part(found.time, found.time[cycles.end][at.number]), beta)
+    return weight(_part(integrals.time, integrals.time[cycles.end][at.number]), beta)
 
 
 def per_sample(values: ArrayLike, at: Placed, dtype: DTypeLike) -> Array:

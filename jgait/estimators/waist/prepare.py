@@ -89,9 +89,9 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
     notes.append(AXES_CORRECTED(placement=name, **trunk_axes.worn(axes)))
     if not axes.sure:
         notes.append(FORWARD_UNSURE(placement=name))
-    whole, rested, seen = _motion(whole, axes, time, mask, rate, options, notes)
+    whole, rested, motion = _motion(whole, axes, time, mask, rate, options, notes)
     notes += rested.notes
-    contacts = _contacts(seen, mask, rate, options)
+    contacts = _contacts(motion, mask, rate, options)
     still = [(int(a), int(b)) for a, b in true_runs(rested.still)]
     nodes = waist_bouts.nodes(waist_bouts.bouts(contacts, still, rate), time)
     notes += waist_bouts.notes_of(nodes, len(contacts.time))
@@ -135,36 +135,38 @@ def _motion(
 
     The motion is by the filter alone: smoothing moves contacts by a millisecond, and takes twice as long to compile.
     """
-    found = []
+    candidates = []
     for sign in (1.0, -1.0):
-        one = imu._replace(gyr=sign * as_float(imu.gyr))
-        rested = trunk_rest(one, axes.rows, mask, rate)
+        turned = imu._replace(gyr=sign * as_float(imu.gyr))
+        rested = trunk_rest(turned, axes.rows, mask, rate)
         inputs = pad(
-            _assembled(one, axes, time, mask, rate, rested, NO_NODES), bucket(len(time) + round(SILENCE * rate))
+            _assembled(turned, axes, time, mask, rate, rested, NO_NODES), bucket(len(time) + round(SILENCE * rate))
         )
-        found.append((one, rested, *compiled(waist_motion.motion_and_likelihood)(WaistParams(), inputs)))
-    if not float(found[1][3]) > float(found[0][3]) + MIRRORED * np.sum(mask):
-        return found[0][:3]
+        candidates.append((turned, rested, *compiled(waist_motion.motion_and_likelihood)(WaistParams(), inputs)))
+    if not float(candidates[1][3]) > float(candidates[0][3]) + MIRRORED * np.sum(mask):
+        return candidates[0][:3]
     notes.append(GYROSCOPE_REVERSED())
-    return found[1][:3]
+    return candidates[1][:3]
 
 
-def _contacts(seen: TrunkMotion, mask: np.ndarray, rate: float, options: WaistOptions) -> trunk_events.Contacts:
+def _contacts(motion: TrunkMotion, mask: np.ndarray, rate: float, options: WaistOptions) -> trunk_events.Contacts:
     """Contacts in order of time, on the host; contacts before the first or after the last sample are left out."""
     settings, samples = DETECTORS[options.detector], len(mask)
-    measured = np.pad(mask, (0, seen.forward.size - samples))
-    told = compiled(_initial_contacts)(seen, measured, rate=float(rate), settings=settings)
-    told = trunk_events.Contacts(*(np.asarray(field) for field in told))
-    there = np.asarray(told.valid) & (told.time >= 0.0) & (told.time <= (samples - 1) / rate)
+    measured = np.pad(mask, (0, motion.forward.size - samples))
+    contacts = compiled(_initial_contacts)(motion, measured, rate=float(rate), settings=settings)
+    contacts = trunk_events.Contacts(*(np.asarray(field) for field in contacts))
+    there = np.asarray(contacts.valid) & (contacts.time >= 0.0) & (contacts.time <= (samples - 1) / rate)
     rows = np.flatnonzero(there)
-    rows = rows[np.argsort(told.time[rows], kind="stable")]
-    return trunk_events.Contacts(*(field[rows] for field in told))
+    rows = rows[np.argsort(contacts.time[rows], kind="stable")]
+    return trunk_events.Contacts(*(field[rows] for field in contacts))
 
 
-def _initial_contacts(seen: TrunkMotion, measured: np.ndarray, rate: float, settings: PyTree) -> trunk_events.Contacts:
+def _initial_contacts(
+    motion: TrunkMotion, measured: np.ndarray, rate: float, settings: PyTree
+) -> trunk_events.Contacts:
     return trunk_events.initial_contacts(
-        seen.forward, seen.upward, seen.yaw_rate, rate, settings, mask=measured, leftward=seen.left,
-        roll_rate=seen.roll_rate,
+        motion.forward, motion.upward, motion.yaw_rate, rate, settings, mask=measured, leftward=motion.left,
+        roll_rate=motion.roll_rate,
     )  # fmt: skip
 
 

@@ -69,9 +69,9 @@ def begun(inputs: WaistInputs) -> Values:
     return lax.cummax(jnp.where(inputs.fresh, row, 0))
 
 
-def _turned(inputs: WaistInputs, found: Intervals) -> Values:
+def _turned(inputs: WaistInputs, intervals: Intervals) -> Values:
     """(K,) bool: the walk has turned by more than `TURNED` since the bout began."""
-    heading, first = jnp.cumsum(found.turn), begun(inputs)
+    heading, first = jnp.cumsum(intervals.turn), begun(inputs)
     row = jnp.arange(first.shape[0], dtype=jnp.int32)
     away = jnp.abs(heading - heading[first]) > TURNED
     return lax.cummax(jnp.where(away, row, -1)) >= first
@@ -89,22 +89,22 @@ def bouts_begin(p: WaistParams, inputs: WaistInputs, like: Values) -> tuple[Valu
 
 
 def integrated_speed(
-    p: WaistParams, inputs: WaistInputs, seen: TrunkMotion, found: Intervals,
+    p: WaistParams, inputs: WaistInputs, motion: TrunkMotion, intervals: Intervals,
     way: Callable[..., velocity_update.Covered] = velocity_update.updated,
 ) -> tuple[Values, Values]:  # fmt: skip
     """Mean speed over each interval by integration (K,) [m/s], and whether OFDRI was used over the interval."""
-    known, start = bouts_begin(p, inputs, seen.forward)
+    known, start = bouts_begin(p, inputs, motion.forward)
     cycles = Cycles(inputs.cycle_begin, inputs.cycle_end, inputs.cycles)
-    told = way(p.update, seen.forward, cycles, inputs.dt, start, mask=inputs.valid, known=known)
-    here = told.displacement[inputs.at]
-    duration = jnp.where(found.duration > 0.0, found.duration, 1.0)
-    ends = jnp.zeros_like(inputs.valid).at[inputs.cycle_end].max(told.kept > 0.5)
+    covered = way(p.update, motion.forward, cycles, inputs.dt, start, mask=inputs.valid, known=known)
+    here = covered.displacement[inputs.at]
+    duration = jnp.where(intervals.duration > 0.0, intervals.duration, 1.0)
+    ends = jnp.zeros_like(inputs.valid).at[inputs.cycle_end].max(covered.kept > 0.5)
     ended = ends[inputs.at]
     held = ended | jnp.concatenate([ended[1:], jnp.zeros_like(ended[:1])])
     return (here - earlier(here, 1)) / duration, held & inputs.steps
 
 
-def _step_variance(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Values:
+def _step_variance(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> Values:
     """(K,) variance of the pendulum's steps [m²]; larger in turns, in gait initiation and in stopping.
 
     A bout ends in stopping also where no standing is detected after it: the person shuffles or sways there.
@@ -115,53 +115,53 @@ def _step_variance(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Val
     for _ in range(EDGE_STEPS):
         none = jnp.zeros_like(edge[:1])
         edge = edge | jnp.concatenate([none, edge[:-1]]) | jnp.concatenate([edge[1:], none])
-    turned = (p.turn_noise * found.turn) ** 2
+    turned = (p.turn_noise * intervals.turn) ** 2
     return p.step_noise**2 + turned + jnp.where(edge, p.edge_noise**2, 0.0)
 
 
-def fused(p: WaistParams, inputs: WaistInputs, found: Intervals, options: WaistOptions) -> WaistWalk:
+def fused(p: WaistParams, inputs: WaistInputs, intervals: Intervals, options: WaistOptions) -> WaistWalk:
     """Distance by the state-space model."""
     row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
     there = row < inputs.count
-    unsure = ~inputs.stood | _turned(inputs, found)
-    dtype = found.gained.dtype
-    zero = jnp.zeros_like(found.gained)
+    unsure = ~inputs.stood | _turned(inputs, intervals)
+    dtype = intervals.gained.dtype
+    zero = jnp.zeros_like(intervals.gained)
     controls = WaistControl(
-        gained=found.gained,
-        went=found.went,
+        gained=intervals.gained,
+        went=intervals.went,
         walks=(inputs.moves & there).astype(dtype),
-        turn=found.turn,
-        pendulum=found.pendulum,
-        pendulum_variance=_step_variance(p, inputs, found),
+        turn=intervals.turn,
+        pendulum=intervals.pendulum,
+        pendulum_variance=_step_variance(p, inputs, intervals),
     )
     stops = inputs.stands & inputs.moves
-    stepped = (stops | (inputs.steps & (found.pendulum > 0.0))) & there
+    stepped = (stops | (inputs.steps & (intervals.pendulum > 0.0))) & there
     mask = WaistObservation(stepped, inputs.stands & there)
     observed = WaistObservation(zero, zero)
     known = model_params(p, jnp.any(inputs.still))
     inferred = filtering.infer(
-        waist_model.MODEL, known, observed, smooth=options.smooth, controls=controls, dt=found.duration, mask=mask,
+        waist_model.MODEL, known, observed, smooth=options.smooth, controls=controls, dt=intervals.duration, mask=mask,
         initial=waist_model.initial(known),
     )  # fmt: skip
     mean, deviation = inferred.mean, inferred.cov.stddev()
     last = jnp.maximum(inputs.count - 1, 0)
-    told = {
+    diagnostics = {
         "pendulum_constant": jnp.exp(mean.log_constant[last]),
         "pendulum_constant_stddev": jnp.exp(mean.log_constant[last]) * deviation.log_constant[last],
         "acc_bias": mean.bias[last],
         "log_likelihood": inferred.log_likelihood,
         "nis": inferred.nis,
     }
-    return WaistWalk(mean.distance, deviation.distance, mean.step, mean.stride, deviation.stride, unsure, told)
+    return WaistWalk(mean.distance, deviation.distance, mean.step, mean.stride, deviation.stride, unsure, diagnostics)
 
 
-def by_pendulum(p: WaistParams, inputs: WaistInputs, found: Intervals) -> WaistWalk:
+def by_pendulum(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> WaistWalk:
     """Distance by the pendulum's steps alone; an interval from standing is half of the step after it."""
-    own = jnp.where(inputs.steps, p.pendulum_constant * found.pendulum, 0.0)
-    beside = jnp.maximum(jnp.concatenate([own[1:], own[:1]]), jnp.concatenate([own[:1], own[:-1]]))
+    lengths = jnp.where(inputs.steps, p.pendulum_constant * intervals.pendulum, 0.0)
+    beside = jnp.maximum(jnp.concatenate([lengths[1:], lengths[:1]]), jnp.concatenate([lengths[:1], lengths[:-1]]))
     begins = inputs.moves & ~inputs.steps & ~inputs.stands
-    step = jnp.where(begins, 0.5 * beside, own)
-    variance = jnp.where(inputs.moves, _step_variance(p, inputs, found), 0.0)
+    step = jnp.where(begins, 0.5 * beside, lengths)
+    variance = jnp.where(inputs.moves, _step_variance(p, inputs, intervals), 0.0)
     distance, share = jnp.cumsum(step), root(constant_variance(p))
     stride, white = step + earlier(step, 1), variance + earlier(variance, 1)
     return WaistWalk(
@@ -176,7 +176,7 @@ def by_pendulum(p: WaistParams, inputs: WaistInputs, found: Intervals) -> WaistW
 
 
 def by_integration(
-    p: WaistParams, inputs: WaistInputs, found: Intervals, speed: Values, held: Flags, start_sd: Values
+    p: WaistParams, inputs: WaistInputs, intervals: Intervals, speed: Values, held: Flags, start_sd: Values
 ) -> WaistWalk:
     """Distance by the paper's method, and its standard deviation.
 
@@ -185,14 +185,14 @@ def by_integration(
     unknown, with the standard deviation `start_sd` (K,) [m/s]. Errors of bouts are taken to add up, because all bouts
     have the same bias. `speed` (K,) is the mean over each interval [m/s]; `held`: OFDRI holds it there.
     """
-    step = jnp.where(inputs.moves, found.duration * speed, 0.0)
+    step = jnp.where(inputs.moves, intervals.duration * speed, 0.0)
     distance = jnp.cumsum(step)
-    turned = _turned(inputs, found)
+    turned = _turned(inputs, intervals)
     known = jnp.where(jnp.any(inputs.still), p.acc_bias, p.acc_bias_unknown)
-    free = jnp.where(inputs.moves & (~held | ~inputs.stood), found.duration, 0.0)
+    free = jnp.where(inputs.moves & (~held | ~inputs.stood), intervals.duration, 0.0)
     bias = known + jnp.where(turned, p.acc_bias_turn, 0.0)
     drifted = jnp.cumsum(bias * free)
     wrong = start_sd + drifted - drifted[begun(inputs)]
-    off = jnp.cumsum(jnp.where(inputs.moves, wrong * found.duration, 0.0))
-    stride, two = step + earlier(step, 1), found.duration + earlier(found.duration, 1)
+    off = jnp.cumsum(jnp.where(inputs.moves, wrong * intervals.duration, 0.0))
+    stride, two = step + earlier(step, 1), intervals.duration + earlier(intervals.duration, 1)
     return WaistWalk(distance, off, step, stride, wrong * two, ~inputs.stood | turned, {})

@@ -36,8 +36,8 @@ class Intervals(NamedTuple):
     turn: Values  #: turn of the walk [rad].
 
 
-def intervals(p: WaistParams, inputs: WaistInputs, seen: TrunkMotion) -> Intervals:
-    """Values over each interval, from the accelerometer, for the motion of the trunk `seen`."""
+def intervals(p: WaistParams, inputs: WaistInputs, motion: TrunkMotion) -> Intervals:
+    """Values over each interval, from the accelerometer, for the motion of the trunk."""
     rate, last = inputs.rate_hz, inputs.last
     steps = inputs.dt
 
@@ -47,8 +47,8 @@ def intervals(p: WaistParams, inputs: WaistInputs, seen: TrunkMotion) -> Interva
     def integral(x: Values) -> Values:
         return jnp.cumsum(0.5 * steps[:, None] * (x + jnp.concatenate([x[:1], x[:-1]])), axis=0)
 
-    upward = jnp.where(inputs.valid, seen.upward, 0.0)
-    forward = jnp.where(inputs.valid, seen.forward, 0.0)
+    upward = jnp.where(inputs.valid, motion.upward, 0.0)
+    forward = jnp.where(inputs.valid, motion.forward, 0.0)
     gentle = butterworth.low_pass_until(forward, SURGE_HZ, rate, last)
     velocity = fast(integral(fast(jnp.stack([upward, gentle], axis=1))))
     height, speed = fast(integral(velocity[:, :1]))[:, 0], velocity[:, 1]
@@ -72,13 +72,13 @@ def intervals(p: WaistParams, inputs: WaistInputs, seen: TrunkMotion) -> Interva
 
     zero = jnp.zeros_like(forward[0])
     first = (zero, zero, height[0], height[0], speed[0], speed[0], (forward[0], height[0], speed[0]))
-    found = lax.scan(one, first, (after, steps, forward, height, speed))[1]
+    ranges_of = lax.scan(one, first, (after, steps, forward, height, speed))[1]
     row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
     there = (row > 0) & (row < inputs.count)
     before = inputs.at[jnp.maximum(row - 1, 0)]
-    gained, went, excursion, surge = (jnp.where(there, values[inputs.at], 0.0) for values in found)
+    gained, went, excursion, surge = (jnp.where(there, values[inputs.at], 0.0) for values in ranges_of)
     duration = jnp.where(there, (inputs.at - before).astype(forward.dtype) / rate, 0.0)
-    turn = jnp.where(there, seen.heading[inputs.at] - seen.heading[before], 0.0)
+    turn = jnp.where(there, motion.heading[inputs.at] - motion.heading[before], 0.0)
     steps_of = jnp.exp(-p.turn_shortening * jnp.abs(turn)) * pendulum(p, excursion, surge)
     # the closing step brings the trunk above the foot that went before: half of the step before, and nothing after it
     stops = inputs.stands & inputs.moves

@@ -111,10 +111,10 @@ def updated(
     Raises:
         ValueError: if shapes do not fit.
     """
-    seen = sampled(p, acc, cycles, dt, start, mask, known)
-    change, before, there = changes(seen)
+    samples = sampled(p, acc, cycles, dt, start, mask, known)
+    change, before, there = changes(samples)
     number = jnp.arange(there.shape[0])
-    first = number - lax.cummax(jnp.where(seen.anew, number, 0)) < INITIAL - 1
+    first = number - lax.cummax(jnp.where(samples.anew, number, 0)) < INITIAL - 1
 
     def one(v: Values, cycle: Values) -> PyTree:
         anew, begin, gap, gain, gated = cycle
@@ -122,9 +122,9 @@ def updated(
         begun = jnp.where(anew, begin, v) + gap
         return begun + (1.0 - kept) * gain, (begun, kept)
 
-    rows = (seen.anew, seen.begin, before, change, there & ~first)
-    begun, kept = lax.scan(one, jnp.zeros_like(seen.acc[0]), rows)[1]
-    return covered(p, seen, begun, kept, optimum=optimum)
+    rows = (samples.anew, samples.begin, before, change, there & ~first)
+    begun, kept = lax.scan(one, jnp.zeros_like(samples.acc[0]), rows)[1]
+    return covered(p, samples, begun, kept, optimum=optimum)
 
 
 def sampled(
@@ -163,41 +163,41 @@ def sampled(
     )  # fmt: skip
 
 
-def changes(seen: Sampled) -> tuple[Array, Array, Array]:
+def changes(samples: Sampled) -> tuple[Array, Array, Array]:
     """J over each cycle, J over the gap between the cycle before and this one, and whether the row holds a cycle."""
-    begin, there = seen.cycles.begin, seen.at.valid
+    begin, there = samples.cycles.begin, samples.at.valid
     # there is no gap if a cycle begins where the cycle before ends, or where the velocity is known
-    gap = ~seen.at.inside[begin] & ~seen.given[begin]
-    over = jnp.where(there, seen.change[seen.cycles.end], 0.0)
-    return over, jnp.where(there & gap, seen.change[begin], 0.0), there
+    gap = ~samples.at.inside[begin] & ~samples.given[begin]
+    over = jnp.where(there, samples.change[samples.cycles.end], 0.0)
+    return over, jnp.where(there & gap, samples.change[begin], 0.0), there
 
 
-def covered(p: VelocityUpdateParams, seen: Sampled, begun: Array, kept: Array, *, optimum: bool) -> Covered:
+def covered(p: VelocityUpdateParams, samples: Sampled, begun: Array, kept: Array, *, optimum: bool) -> Covered:
     """Velocity at all samples, from the initial velocity of each cycle and the weight of OFDRI in it."""
-    cycles, at = seen.cycles, seen.at
-    change = changes(seen)[0]
-    cutoff = optimum_cutoffs(seen.acc, cycles, 0.0, seen.steps, p.highest_hz) if optimum else p.cutoff_hz
+    cycles, at = samples.cycles, samples.at
+    change = changes(samples)[0]
+    cutoff = optimum_cutoffs(samples.acc, cycles, 0.0, samples.steps, p.highest_hz) if optimum else p.cutoff_hz
     stop = begun + (1.0 - kept) * change
-    behind = jnp.where(seen.behind, seen.start, stop[jnp.maximum(at.ended - 1, 0)])
+    behind = jnp.where(samples.behind, samples.start, stop[jnp.maximum(at.ended - 1, 0)])
     base = jnp.where(at.inside, begun[at.number], behind)
-    direct = base + seen.change
-    both = direct_reverse_cycles(seen.acc, cycles, begun, begun, seen.steps, cutoff, p.beta)
+    direct = base + samples.change
+    both = direct_reverse_cycles(samples.acc, cycles, begun, begun, samples.steps, cutoff, p.beta)
     velocity = direct + jnp.where(at.inside, kept[at.number], 0.0) * (both - direct)
     # At a mark the velocity may jump: the interval after the mark begins with the velocity after the jump.
-    left = jnp.where(seen.restart[:-1], base[1:], velocity[:-1])
-    way = way_of(jnp.concatenate([left, velocity[-1:]]), velocity, seen)
-    return listed(seen, velocity, way, begun, change, kept)
+    left = jnp.where(samples.restart[:-1], base[1:], velocity[:-1])
+    way = way_of(jnp.concatenate([left, velocity[-1:]]), velocity, samples)
+    return listed(samples, velocity, way, begun, change, kept)
 
 
-def way_of(left: Array, velocity: Array, seen: Sampled) -> Array:
+def way_of(left: Array, velocity: Array, samples: Sampled) -> Array:
     """The displacement (T,), from the velocity at the begin and the end of the interval after each sample."""
-    each = 0.5 * seen.steps[1:] * (left[:-1] + velocity[1:])
+    each = 0.5 * samples.steps[1:] * (left[:-1] + velocity[1:])
     return jnp.concatenate([jnp.zeros_like(velocity[:1]), jnp.cumsum(each)])
 
 
-def listed(seen: Sampled, velocity: Array, way: Array, begun: Array, change: Array, kept: Array) -> Covered:
+def listed(samples: Sampled, velocity: Array, way: Array, begun: Array, change: Array, kept: Array) -> Covered:
     """Velocity and displacement (T,), with the initial velocity, change and weight of OFDRI of the cycles (K,)."""
-    there = seen.at.valid
+    there = samples.at.valid
     begun, change, kept = (jnp.where(there, v, 0.0) for v in (begun, change, kept))
-    length = jnp.where(there, way[seen.cycles.end] - way[seen.cycles.begin], 0.0)
+    length = jnp.where(there, way[samples.cycles.end] - way[samples.cycles.begin], 0.0)
     return Covered(velocity, way, begun, change, kept, there & (kept < 0.5), length, there)

@@ -141,38 +141,40 @@ def turned(rates: np.ndarray, forces: np.ndarray, step: float) -> np.ndarray:
     return np.stack(product(product(whole, still), conjugate(whole))[1:])
 
 
-def turned_mean(one: Averaged, factors: np.ndarray) -> np.ndarray:
+def turned_mean(sensor: Averaged, factors: np.ndarray) -> np.ndarray:
     """(trials, windows) size of the mean acceleration, turned by the gyroscope times factors (trials, 3) [m/s²].
 
     The windows are half a window apart; a raised cosine over a window leaves out what repeats every stride.
     """
-    samples = round(WINDOW_S / one.step)
-    rows = np.arange(0, len(one.gyr) - samples + 1, samples // 2)[:, None] + np.arange(samples)
+    samples = round(WINDOW_S / sensor.step)
+    rows = np.arange(0, len(sensor.gyr) - samples + 1, samples // 2)[:, None] + np.arange(samples)
     weight = np.hanning(samples + 2)[1:-1]
     # (axis, trials, windows, samples)
-    mean = turned(one.gyr[rows] * factors[:, None, None, :], one.acc[rows][None], one.step) @ (weight / weight.sum())
+    mean = turned(sensor.gyr[rows] * factors[:, None, None, :], sensor.acc[rows][None], sensor.step) @ (
+        weight / weight.sum()
+    )
     return np.asarray(np.sqrt(np.sum(mean * mean, axis=0)))
 
 
-def walking_windows(one: Averaged, fastest: float = FASTEST_WINDOW) -> np.ndarray:
+def walking_windows(sensor: Averaged, fastest: float = FASTEST_WINDOW) -> np.ndarray:
     """(windows,) bool, those without a long gap in which the sensor turns fast enough, beyond a rate [rad/s]."""
-    samples = round(WINDOW_S / one.step)
-    rows = np.arange(0, len(one.gyr) - samples + 1, samples // 2)[:, None] + np.arange(samples)
-    square = np.where(one.lost[rows].any(axis=1), 0.0, np.sum(one.gyr[rows] ** 2, axis=2).mean(axis=1))
+    samples = round(WINDOW_S / sensor.step)
+    rows = np.arange(0, len(sensor.gyr) - samples + 1, samples // 2)[:, None] + np.arange(samples)
+    square = np.where(sensor.lost[rows].any(axis=1), 0.0, np.sum(sensor.gyr[rows] ** 2, axis=2).mean(axis=1))
     return (square > ACTIVE * square.max()) & (square > fastest**2)
 
 
-def _gravity_note(placement: str, one: Averaged) -> Note | None:
+def _gravity_note(placement: str, sensor: Averaged) -> Note | None:
     segment = placement.partition("_")[0]
-    walks = walking_windows(one, 0.0 if segment in TRUNK else FASTEST_WINDOW)
+    walks = walking_windows(sensor, 0.0 if segment in TRUNK else FASTEST_WINDOW)
     if segment not in AGREEING or not walks.any():
         return None
     more = FEW_WINDOWS / float(np.sqrt(walks.sum()))
     low, high = AGREEING[segment][0] - more, AGREEING[segment][1] + more
-    ratio = float(np.median(turned_mean(one, np.ones((1, 3)))[0, walks])) / GRAVITY
+    ratio = float(np.median(turned_mean(sensor, np.ones((1, 3)))[0, walks])) / GRAVITY
     if low <= ratio <= high:
         return None
-    trials = np.median(turned_mean(one, np.array(list(TRIALS.values())))[:, walks], axis=1) / GRAVITY
+    trials = np.median(turned_mean(sensor, np.array(list(TRIALS.values())))[:, walks], axis=1) / GRAVITY
     fits = [cause for cause, value in zip(TRIALS, trials, strict=True) if abs(value - 1.0) < NEAR]
     return GYROSCOPE_DISAGREES(placement=placement, ratio=ratio, causes=", or ".join(fits[:3]) or UNCLEAR)
 
@@ -189,15 +191,15 @@ def agreement_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, .
         size = np.sqrt(np.sum(gyr * gyr, axis=1))
         if len(imu.time) < 2.0 * WINDOW_S * rate_hz:
             continue
-        one = averaged(imu, rate_hz)
+        sensor = averaged(imu, rate_hz)
         fast = float(np.percentile(size, 99.0))
-        if one is not None and segment not in TRUNK and fast < SLOWEST:
+        if sensor is not None and segment not in TRUNK and fast < SLOWEST:
             shaken = float(np.sqrt(np.sum(np.asarray(imu.acc)[np.asarray(imu.mask)] ** 2, axis=1)).std())
             if shaken > SHAKEN:
                 notes.append(GYROSCOPE_SLOW(placement=placement, rate=fast))
                 continue
         rates[placement] = float(np.sqrt(np.mean(size * size)))
-        note = None if one is None else _gravity_note(placement, one)
+        note = None if sensor is None else _gravity_note(placement, sensor)
         if note is not None:
             notes.append(note)
     for segment in AGREEING:

@@ -152,11 +152,11 @@ def _crossed(shaken: Mapping[str, np.ndarray], pair: tuple[str, str], farthest: 
     """Whether the sensors of a segment are shaken like those of another segment on the other leg; None if unclear."""
     if not all(f"{segment}_{side}" in shaken for segment in pair for side in SIDES):
         return None
-    own, other = (
+    here, other = (
         [_late(shaken[f"{pair[0]}_{a}"], shaken[f"{pair[1]}_{b}"], rate_hz) for a, b in zip(SIDES, sides, strict=True)]
         for sides in (SIDES, SIDES[::-1])
     )
-    for answer, like, unlike in ((True, other, own), (False, own, other)):
+    for answer, like, unlike in ((True, other, here), (False, here, other)):
         least = max(LEAST_ALIKE, *(alike + MORE_ALIKE for _, alike in unlike))
         if all(abs(delay) <= farthest and alike > least for delay, alike in like):
             return answer
@@ -166,7 +166,7 @@ def _crossed(shaken: Mapping[str, np.ndarray], pair: tuple[str, str], farthest: 
 def _exchanged(crossed: Mapping[tuple[str, str], bool | None]) -> list[Note]:
     """Notes about exchanged sensors: of the segments that contradict each other, the fewer ones."""
     away, here = (
-        {segment for pair, found in crossed.items() if found is answer for segment in pair if segment != SHARED}
+        {segment for pair, answers in crossed.items() if answers is answer for segment in pair if segment != SHARED}
         for answer in (True, False)
     )
     if not away:

@@ -169,7 +169,7 @@ def _placeholders(
     placement: str, signals: dict[str, np.ndarray], scales: dict[str, float], rate: float, notes: list[Note]
 ) -> None:
     """Mask samples that hold the number of a missing value, and samples that are zero in all axes."""
-    found: dict[float, np.ndarray] = {}
+    placeholders: dict[float, np.ndarray] = {}
     zero = np.ones(len(signals["gyr"]), bool)
     for kind, values in signals.items():
         zero &= ~values.any(axis=1)  # NaN counts as not zero
@@ -181,10 +181,10 @@ def _placeholders(
             jump = np.abs(np.diff(values, axis=0, prepend=values[:1])) > 0.5 * abs(number) * scales[kind]
             wrong = same.all(axis=1) | (same & jump).any(axis=1)
             if wrong.any():
-                found[number] = found.get(number, False) | wrong
+                placeholders[number] = placeholders.get(number, False) | wrong
     if "acc" in signals and zero.any() and zero.mean() < MOST_ZEROS:
-        found[0.0] = zero
-    for number, wrong in found.items():
+        placeholders[0.0] = zero
+    for number, wrong in placeholders.items():
         notes.append(
             PLACEHOLDERS(placement=placement, samples=wrong.sum(), value=number, begin_s=np.argmax(wrong) / rate)
         )
@@ -267,7 +267,7 @@ def _frozen(
         notes.append(SLOWER(placement=placement, signal=signal, percent=100.0 * share))
     if not runs:
         return []
-    found = []
+    frozen = []
     steps = np.abs(change)
     steps[~(steps > 0.0)] = np.inf
     resolution = steps.min(axis=0)
@@ -283,5 +283,5 @@ def _frozen(
         rates = np.abs(gyr[start : end + 1])
         turning = kind == "gyr" or np.isnan(rates).all() or np.nanmean(rates) >= TURNING
         if turning and any(jump.any() for jump in moved):
-            found.append((start, end))
-    return found
+            frozen.append((start, end))
+    return frozen

@@ -80,15 +80,15 @@ def tilts(imu: Imu, rate_hz: float, moving: float) -> list[float]:
         rate_hz: sampling rate [Hz].
         moving: least root mean square rate of a window of walking [rad/s].
     """
-    one = averaged(imu, rate_hz, RATE_HZ, WINDOW_S)
-    if one is None:
+    sensor = averaged(imu, rate_hz, RATE_HZ, WINDOW_S)
+    if sensor is None:
         return []
-    window, stand = round(WINDOW_S / one.step), round(STANDING_S / one.step)
-    if len(one.gyr) < window + stand:
+    window, stand = round(WINDOW_S / sensor.step), round(STANDING_S / sensor.step)
+    if len(sensor.gyr) < window + stand:
         return []
     weight = np.hanning(window + 2)[1:-1]
-    found = []
-    for bias, down, rates, forces in _beside_standing(one, stand, round(BESIDE_S / one.step)):
+    windows = []
+    for bias, down, rates, forces in _beside_standing(sensor, stand, round(BESIDE_S / sensor.step)):
         if len(rates) < window:
             continue
         rows = np.arange(0, len(rates) - window + 1, window // 2)[:, None] + np.arange(window)
@@ -96,18 +96,18 @@ def tilts(imu: Imu, rate_hz: float, moving: float) -> list[float]:
         walks = np.flatnonzero(square > max(ACTIVE * square.max(), moving**2))[:FIRST]
         if not walks.size:
             continue
-        back = turned(rates - bias, forces, one.step).T
+        back = turned(rates - bias, forces, sensor.step).T
         mean = np.einsum("w,kwi->ki", weight, back[rows[walks]])
         cosine = mean @ down / (np.linalg.norm(mean, axis=1) * np.linalg.norm(down))
-        found.append(float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))).mean()))
-    return found
+        windows.append(float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))).mean()))
+    return windows
 
 
 def _beside_standing(
-    one: Averaged, stand: int, beside: int
+    sensor: Averaged, stand: int, beside: int
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
     """Bias and mean force in standing, and rates and forces after it; those before it backwards in time."""
-    gyr, acc, lost, _ = one
+    gyr, acc, lost, _ = sensor
     spread = [np.sqrt(np.maximum(_variance(part, stand), 0.0)) for part in (gyr, acc)]
     broken = np.convolve(lost, np.ones(stand), "valid") > 0
     runs = true_runs((spread[0] < STILL[0]) & (spread[1] < STILL[1]) & ~broken)

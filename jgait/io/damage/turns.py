@@ -84,8 +84,8 @@ def turn_notes(sensors: Mapping[str, Imu], rate_hz: float, suspects: Collection[
     person = np.full(every.shape[1], np.nan)
     person[known] = np.nanmedian(every[:, known], axis=0)  # the person's turn even if one sensor is wrong
     notes = []
-    for placement, own in turns.items():
-        largest, ratio, whole = _compared(own, person)
+    for placement, rates in turns.items():
+        largest, ratio, whole = _compared(rates, person)
         low, high = TOGETHER["" if whole and not placement.startswith("foot") else "foot"]
         if largest >= LEAST_TURN and not low <= ratio <= high:
             notes.append(
@@ -112,13 +112,13 @@ def _of_two(turns: Mapping[str, np.ndarray], suspects: Collection[str]) -> tuple
     return ()
 
 
-def _compared(own: np.ndarray, person: np.ndarray) -> tuple[float, float, bool]:
+def _compared(sensor: np.ndarray, person: np.ndarray) -> tuple[float, float, bool]:
     """Largest turn of the person [rad], a sensor's turn over it, and whether it lies within the recording."""
-    both = np.flatnonzero(np.isfinite(own) & np.isfinite(person))
+    both = np.flatnonzero(np.isfinite(sensor) & np.isfinite(person))
     size = np.abs(person[both])
     if not size.size or not size.max() > 0.0:
         return 0.0, 1.0, True
     looked = both[size > 0.5 * size.max()]
-    ratio = float(own[looked] @ person[looked] / (person[looked] @ person[looked]))
+    ratio = float(sensor[looked] @ person[looked] / (person[looked] @ person[looked]))
     at = int(both[np.argmax(size)])
     return float(size.max()), ratio, CUT_OFF <= at < len(person) - CUT_OFF

@@ -177,7 +177,7 @@ def body_motion(
     Raises:
         ValueError: if shapes are wrong, no leg was measured, the forward direction is unknown, or a time lies outside.
     """
-    seen, time = _named(points), as_float(time)
+    markers, time = _named(points), as_float(time)
     start, end = as_float(points.time)[[0, -1]]
     if time.ndim != 1 or not (start <= time.min() and time.max() <= end):
         raise ValueError(f"time must be (T,) within [{start:g}, {end:g}] s; got {time.shape}")
@@ -186,7 +186,7 @@ def body_motion(
         name: smooth(
             points.time, values, cutoff_hz=cutoff_hz, noise=None if name == "facing" else noise, max_gap=max_gap
         )
-        for name, values in seen.items()
+        for name, values in markers.items()
     }
     moving = {name: evaluate(spline, time) for name, spline in splines.items()}
     known = {name: covered(spline, time) for name, spline in splines.items()}
@@ -216,20 +216,20 @@ def _named(points: JointCentres) -> dict[str, np.ndarray]:
     parts = [(getattr(points, side), "", f"_{side}") for side in SIDES] + [(points.pelvis, "pelvis_", "")]
     if parts[0][0] is None and parts[1][0] is None:
         raise ValueError("JointCentres needs at least one leg; both are None")
-    found = {}
+    markers = {}
     for part, before, after in parts:
         for field, values in part._asdict().items() if part is not None else ():
             if values is not None:
-                found[before + field + after] = as_float(values)
-    for name, values in found.items():
+                markers[before + field + after] = as_float(values)
+    for name, values in markers.items():
         if values.shape != (*shape, 3):
             raise ValueError(f"{name} must be {(*shape, 3)} like time {shape}; got {values.shape}")
     if points.heading is not None:
         heading = as_float(points.heading)
         if heading.shape != shape:
             raise ValueError(f"heading must be {shape}; got {heading.shape}")
-        found["facing"] = np.stack([-np.sin(heading), np.cos(heading), np.zeros(shape)], axis=1)
-    return found
+        markers["facing"] = np.stack([-np.sin(heading), np.cos(heading), np.zeros(shape)], axis=1)
+    return markers
 
 
 def _lateral(names: Set[str]) -> dict[str, float]:

@@ -68,23 +68,23 @@ def smooth(
     time, values = checked_time(time), as_float(values)
     if values.shape != (*time.shape, 3):
         raise ValueError(f"values must be {(*time.shape, 3)} like time {time.shape}; got {values.shape}")
-    seen = np.isfinite(values).all(axis=1)
-    if seen.sum() < 6:
-        raise ValueError(f"a spline needs 6 finite rows; there are {seen.sum()}")
+    visible = np.isfinite(values).all(axis=1)
+    if visible.sum() < 6:
+        raise ValueError(f"a spline needs 6 finite rows; there are {visible.sum()}")
     step = (time[-1] - time[0]) / (len(time) - 1)
     lowest, highest = 1.0 / (200.0 * step), 0.5 / step
     if noise is None and not lowest <= cutoff_hz <= highest:
         raise ValueError(f"cutoff_hz must lie in [{lowest:g}, {highest:g}] at {1 / step:g} Hz; got {cutoff_hz:g}")
     if noise is not None and not noise > 0.0:
         raise ValueError(f"noise must be positive; got {noise:g}")
-    gaps = _gaps(time, seen, max_gap)
-    filled = np.stack([np.interp(time, time[seen], column[seen]) for column in values.T], axis=1)
-    weights = np.where(seen, 1.0, np.where(_inside(time, gaps), _FILLED, 0.0))
+    gaps = _gaps(time, visible, max_gap)
+    filled = np.stack([np.interp(time, time[visible], column[visible]) for column in values.T], axis=1)
+    weights = np.where(visible, 1.0, np.where(_inside(time, gaps), _FILLED, 0.0))
     fit = _fitter((time - time[0]) / step, filled, weights)
 
     def fitted(cutoff: float) -> tuple[PyTree, float]:
         spline, residuals = fit((2.0 * math.pi * cutoff * step) ** -6)
-        return spline, float(np.sqrt(np.mean(residuals[seen] ** 2)))
+        return spline, float(np.sqrt(np.mean(residuals[visible] ** 2)))
 
     if noise is not None:  # the residual falls as the cut-off rises
         low, high = math.log(lowest), math.log(highest)
@@ -107,9 +107,9 @@ def checked_time(time: npt.ArrayLike) -> np.ndarray:
     return time
 
 
-def _gaps(time: np.ndarray, seen: np.ndarray, max_gap: float) -> np.ndarray:
+def _gaps(time: np.ndarray, visible: np.ndarray, max_gap: float) -> np.ndarray:
     """Open intervals without data longer than `max_gap`; missing data at either end is a gap of any length."""
-    at = time[seen]
+    at = time[visible]
     long = np.flatnonzero(np.diff(at) > max_gap * (1.0 + 1e-9))
     inner = [(at[i], at[i + 1]) for i in long]
     ends = [(-math.inf, at[0])] * bool(time[0] < at[0]) + [(at[-1], math.inf)] * bool(at[-1] < time[-1])
