@@ -120,7 +120,9 @@ def rows(quick: bool) -> list[Row]:
         Row("position_gain_likelihood", gains["likelihood"], "1", n=n, split=SPLIT).on(
             line, "tuned by likelihood", "trials"
         ),
-        Row("likelihood_gain_share", gains["likelihood"] / gains[""], "1", n=n, split=SPLIT),
+        Row("likelihood_gain_share", gains["likelihood"] / gains[""], "1", n=n, split=SPLIT).on(
+            line, "likelihood's share of the position loss's", "trials"
+        ),
         Row("position_m_worst", float(each[""].max()), "m", n=n, split=SPLIT),
         Row("step_s", float(seconds), "s", n=n, split=size).on(cost, "by the clock", "trials"),
         Row("step_cpu_s", float(cpu), "s", n=n, split=size).on(cost, "of the processors", "trials"),
@@ -183,9 +185,10 @@ def other_sets(quick: bool) -> list[Row]:
     columns = ["", "MAE cm", "bias cm", "median", "worst", "within 2σ %"]
     show("stride length of sets that the tuning did not use", columns, lines)
     split, line = "tuned on pyshoe_vicon", "stride length of other sets, error after tuning over before, worst set"
+    many = f"strides within two stated deviations after tuning, other sets of {MANY} strides or more"
     return [
         *result,
         Row("other_sets_worst_ratio", max(ratios), "ratio", n=len(ratios), split=split).on(line, "", "sets"),
-        Row("within_two_sigma_pct_lowest", min(within), "%", n=len(within), split=split),
-        Row("within_two_sigma_pct_highest", max(within), "%", n=len(within), split=split),
+        Row("within_two_sigma_pct_lowest", min(within), "%", n=len(within), split=split).on(many, "lowest", "sets"),
+        Row("within_two_sigma_pct_highest", max(within), "%", n=len(within), split=split).on(many, "highest", "sets"),
     ]
