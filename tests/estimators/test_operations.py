@@ -127,3 +127,9 @@ def test_a_running_sum_of_single_numbers_does_not_lose_digits():
 
 def test_what_is_not_known_has_no_function():
     assert operation("scan", {}) is None
+
+
+def test_a_primitive_with_other_parameters_is_left_to_the_compiler():
+    assert operation("slice", {"start_indices": (0,), "limit_indices": (1,)}) is None
+    assert operation("a primitive of another version", {}) is None
+    assert operation("add", {}) == (np.add, {})
