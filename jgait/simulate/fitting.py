@@ -67,7 +67,7 @@ LARGEST = 0.6
 """[1] Unexplained share of a sensor's rate above which a note says so."""
 
 
-class Signals(NamedTuple):
+class StrideSignals(NamedTuple):
     """Mean strides of sensors: angular rate [rad/s] and specific force [m/s²], each (S, POINTS, 3)."""
 
     gyr: Values
@@ -118,7 +118,7 @@ class _Numbers(NamedTuple):
     phase: Values
 
 
-def mean_strides(recording: Recording, windows: Float[np.ndarray, "stride 2"]) -> dict[str, Signals]:
+def mean_strides(recording: Recording, windows: Float[np.ndarray, "stride 2"]) -> dict[str, StrideSignals]:
     """Sensor → mean of its signals over strides between two times (n, 2) [s], (POINTS, 3) each.
 
     Strides in which samples are missing do not count; a sensor without two others is left out.
@@ -131,11 +131,11 @@ def mean_strides(recording: Recording, windows: Float[np.ndarray, "stride 2"]) -
         if len(at) > 1:
             both = (np.stack([np.interp(at, time, row).mean(axis=0) for row in as_float(part).T], axis=1)
                     for part in (imu.gyr, imu.acc))  # fmt: skip
-            found[name] = Signals(*both)
+            found[name] = StrideSignals(*both)
     return found
 
 
-def stride_of(person: Person, sensors: Sensors, phase: Values = 0.0) -> Signals:
+def stride_of(person: Person, sensors: Sensors, phase: Values = 0.0) -> StrideSignals:
     """What sensors read in a stride of the leg that takes the first step, walking evenly; pure JAX.
 
     Args:
@@ -155,13 +155,13 @@ def stride_of(person: Person, sensors: Sensors, phase: Values = 0.0) -> Signals:
     laid, _ = planned(jax.random.key(0), who, straight(30.0), 8)
     time = laid.contact[4] + even.stride_time * (jnp.arange(POINTS) / POINTS + phase)
     read, _, _ = walked(jax.random.key(0), who, laid, time, IDEAL, sensors)
-    return Signals(read.gyr, read.acc)
+    return StrideSignals(read.gyr, read.acc)
 
 
-def virtual(person: Person, placements: tuple[str, ...], phase: float = 0.0) -> dict[str, Signals]:
+def virtual(person: Person, placements: tuple[str, ...], phase: float = 0.0) -> dict[str, StrideSignals]:
     """Sensor → what it reads in a stride, in the axes of its segment; see `stride_of`. At most `MOST` sensors."""
     read = compiled(stride_of, quick=True)(jax.tree.map(float, person), _sensors(person.body, placements), phase)
-    return {name: Signals(*(np.asarray(part)[i] for part in read)) for i, name in enumerate(placements)}
+    return {name: StrideSignals(*(np.asarray(part)[i] for part in read)) for i, name in enumerate(placements)}
 
 
 def _sensors(body: Body, placements: tuple[str, ...]) -> Sensors:
@@ -173,7 +173,7 @@ def _sensors(body: Body, placements: tuple[str, ...]) -> Sensors:
     return Sensors(np.array([worn_on(name) for name in names]), jnp.asarray(points))
 
 
-def turned(made: Signals, seen: Signals) -> Float[Array, "sensor 3 3"]:
+def turned(made: StrideSignals, seen: StrideSignals) -> Float[Array, "sensor 3 3"]:
     """Rotations (S, 3, 3) that bring the signals of virtual sensors closest to recorded ones.
 
     Source: W. Kabsch, *Acta Crystallographica A* 32 (1976) 922.
@@ -186,20 +186,22 @@ def turned(made: Signals, seen: Signals) -> Float[Array, "sensor 3 3"]:
     return u @ (v * jnp.stack([jnp.ones_like(proper), jnp.ones_like(proper), proper], axis=-1)[..., None])
 
 
-def _sizes(seen: Signals) -> list[Values]:
+def _sizes(seen: StrideSignals) -> list[Values]:
     """Root mean square variation of each signal in the stride (S,)."""
     return [jnp.sqrt(jnp.mean(jnp.sum((part - part.mean(axis=1, keepdims=True)) ** 2, axis=-1), axis=1))
             for part in seen]  # fmt: skip
 
 
-def unexplained(made: Signals, seen: Signals) -> tuple[Float[Array, "2 sensor"], Float[Array, "sensor 3 3"]]:
+def unexplained(
+    made: StrideSignals, seen: StrideSignals
+) -> tuple[Float[Array, "2 sensor"], Float[Array, "sensor 3 3"]]:
     """Squared unexplained shares of rates and forces (2, S), and the rotations of the sensors (S, 3, 3).
 
     The constant part of a rate is a bias and does not count.
     """
     made, seen = (
-        Signals(smooth.gyr - smooth.gyr.mean(axis=1, keepdims=True), smooth.acc)
-        for smooth in (Signals(*(jnp.einsum("pq,sqi->spi", LOW, part) for part in own)) for own in (made, seen))
+        StrideSignals(smooth.gyr - smooth.gyr.mean(axis=1, keepdims=True), smooth.acc)
+        for smooth in (StrideSignals(*(jnp.einsum("pq,sqi->spi", LOW, part) for part in own)) for own in (made, seen))
     )
     turn = lax.stop_gradient(turned(made, seen))
     apart = [
@@ -221,14 +223,16 @@ def _person(numbers: Values, usual: Person, spread: Values) -> Person:
 
 
 def _compared(
-    numbers: _Numbers, usual: Person, spread: Values, sensors: Sensors, seen: Signals
+    numbers: _Numbers, usual: Person, spread: Values, sensors: Sensors, seen: StrideSignals
 ) -> tuple[Float[Array, "2 sensor"], Float[Array, "sensor 3 3"]]:
     who = _person(numbers.person, usual, spread)
     worn = sensors._replace(point=sensors.point + PLACE * numbers.place)
     return unexplained(stride_of(who, worn, PHASE * numbers.phase), seen)
 
 
-def _loss(numbers: _Numbers, usual: Person, spread: Values, sensors: Sensors, seen: Signals, weights: Values) -> Values:
+def _loss(
+    numbers: _Numbers, usual: Person, spread: Values, sensors: Sensors, seen: StrideSignals, weights: Values
+) -> Values:
     apart, _ = _compared(numbers, usual, spread, sensors, seen)
     data = COUNT * jnp.sum(weights[None] * apart / jnp.square(jnp.asarray(EXPECTED, apart.dtype))[:, None])
     return data + sum(jnp.sum(jnp.square(part)) for part in numbers)
@@ -269,7 +273,9 @@ def fitted(recording: Recording, person: Mapping[str, PyTree] | None = None) -> 
     if not names:
         raise ValueError("no sensor was read throughout two regular strides")
     padded = (*names, *names[-1:] * (MOST - len(names)))
-    seen = Signals(*(np.stack([getattr(signals[name], kind) for name in padded]) for kind in Signals._fields))
+    seen = StrideSignals(
+        *(np.stack([getattr(signals[name], kind) for name in padded]) for kind in StrideSignals._fields)
+    )
     spread = np.array([0.0 if name in known else SPREAD.get(name, 1.0) for name in FREE])
     sensors = _sensors(usual.body, names)
     weights = (np.arange(MOST) < len(names)).astype(float)

@@ -6,7 +6,7 @@ import pytest
 
 from jgait import datasets, simulate
 from jgait.simulate import Person
-from jgait.simulate.fitting import POINTS, Signals, mean_strides, turned, unexplained, virtual
+from jgait.simulate.fitting import POINTS, StrideSignals, mean_strides, turned, unexplained, virtual
 from jgait.simulate.sensors import OPAL
 from jgait.types import Imu, Recording
 
@@ -20,7 +20,7 @@ def lengths(body):
 def shares(person, seen, late=0.0):
     """Mean unexplained share of rates and of forces of other sensors, in a stride that begins late [s]."""
     made = virtual(person, tuple(seen), late / float(person.gait.stride_time))
-    both = (Signals(*(np.stack([getattr(one[name], kind) for name in seen]) for kind in Signals._fields))
+    both = (StrideSignals(*(np.stack([getattr(one[name], kind) for name in seen]) for kind in StrideSignals._fields))
             for one in (made, seen))  # fmt: skip
     return np.sqrt(np.asarray(unexplained(*both)[0])).mean(axis=1)
 
@@ -71,10 +71,10 @@ def test_other_sensors_of_the_fitted_walker_read_what_they_would_have(someone):
 
 def test_the_rotation_of_a_sensor_is_found_and_the_bias_of_its_gyroscope_does_not_count():
     random = np.random.default_rng(0)
-    made = Signals(random.normal(size=(2, POINTS, 3)), random.normal(size=(2, POINTS, 3)) + [0.0, 0.0, 9.8])
+    made = StrideSignals(random.normal(size=(2, POINTS, 3)), random.normal(size=(2, POINTS, 3)) + [0.0, 0.0, 9.8])
     turn = np.linalg.qr(random.normal(size=(2, 3, 3)))[0]
     turn *= np.linalg.det(turn)[:, None, None]
-    seen = Signals(*(np.einsum("sij,spj->spi", turn, part) for part in made))
+    seen = StrideSignals(*(np.einsum("sij,spj->spi", turn, part) for part in made))
     np.testing.assert_allclose(turned(made, seen), turn, atol=1e-12)
     share, found = unexplained(made, seen._replace(gyr=seen.gyr + 0.1))
     np.testing.assert_allclose(share, 0.0, atol=1e-24)
