@@ -5,17 +5,17 @@ Each function takes arrays and, as keywords, those parameters of the primitive t
 
 import inspect
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from jax import lax
+from jaxtyping import PyTree
 
 
 def _divided(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.true_divide(x, y) if np.issubdtype(x.dtype, np.inexact) else (x - np.fmod(x, y)) // y
 
 
-def _converted(x: np.ndarray, *, new_dtype: Any) -> np.ndarray:
+def _converted(x: np.ndarray, *, new_dtype: PyTree) -> np.ndarray:
     if np.issubdtype(new_dtype, np.integer) and np.issubdtype(x.dtype, np.inexact):  # what fits, and 0 for NaN
         limits = np.iinfo(new_dtype)
         inside = np.clip(np.nan_to_num(x), limits.min, limits.max).astype(new_dtype)
@@ -31,7 +31,7 @@ def _power(x: np.ndarray, *, y: int) -> np.ndarray:
     return np.power(x, y) if y >= 0 else 1 / np.power(x, -y)
 
 
-def _rounded(x: np.ndarray, *, rounding_method: Any) -> np.ndarray:
+def _rounded(x: np.ndarray, *, rounding_method: PyTree) -> np.ndarray:
     even = rounding_method == lax.RoundingMethod.TO_NEAREST_EVEN
     return np.rint(x) if even else np.copysign(np.floor(np.abs(x) + 0.5), x)
 
@@ -70,10 +70,10 @@ def _gathered(
     x: np.ndarray,
     index: np.ndarray,
     *,
-    dimension_numbers: Any,
+    dimension_numbers: PyTree,
     slice_sizes: tuple[int, ...],
-    mode: Any,
-    fill_value: Any,
+    mode: PyTree,
+    fill_value: PyTree,
 ) -> np.ndarray:
     """Slices of x that begin at `index` (…, k), which count what the dimension numbers name."""
     d = dimension_numbers
@@ -81,7 +81,7 @@ def _gathered(
     window = [i for i in range(rank) if i not in d.collapsed_slice_dims and i not in d.operand_batching_dims]
     inside, places = np.ones(batch, bool), []
     for i in range(rank):
-        start: Any = np.zeros(batch, np.int64)
+        start: PyTree = np.zeros(batch, np.int64)
         if i in d.start_index_map:
             start = index[..., d.start_index_map.index(i)].astype(np.int64)
             inside &= (start >= 0) & (start <= x.shape[i] - slice_sizes[i])
@@ -124,11 +124,11 @@ def _first(function: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
     return lambda x, *, axes, index_dtype: function(x, axis=axes[0]).astype(index_dtype)
 
 
-def _same(*values: np.ndarray) -> Any:
+def _same(*values: np.ndarray) -> PyTree:
     return values[0] if len(values) == 1 else list(values)
 
 
-OPERATIONS: dict[str, Callable[..., Any]] = {
+OPERATIONS: dict[str, Callable[..., PyTree]] = {
     "add": np.add, "add_any": np.add, "sub": np.subtract, "mul": np.multiply, "div": _divided, "rem": np.fmod,
     "neg": np.negative, "abs": np.abs, "sign": np.sign, "round": _rounded, "floor": np.floor, "ceil": np.ceil,
     "max": np.maximum, "min": np.minimum, "clamp": lambda low, x, high: np.minimum(np.maximum(x, low), high),
@@ -156,7 +156,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
 """Primitive → function of arrays."""
 
 
-def operation(name: str, params: dict[str, Any]) -> tuple[Callable[..., Any], dict[str, Any]] | None:
+def operation(name: str, params: dict[str, PyTree]) -> tuple[Callable[..., PyTree], dict[str, PyTree]] | None:
     """The function of a primitive, and those of its parameters that the function takes.
 
     None if there is no function, or if the primitive of this version of JAX lacks one of these parameters.

@@ -5,7 +5,7 @@ Of a short recording, all that is beside the loops takes NumPy some milliseconds
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -26,7 +26,7 @@ class PlanStep(NamedTuple):
     name: str | int
     arguments: tuple[int, ...]
     results: tuple[int, ...]
-    params: dict[str, Any]
+    params: dict[str, PyTree]
 
 
 class StagePlan(NamedTuple):
@@ -41,9 +41,9 @@ class StagePlan(NamedTuple):
         structure: of the result, with 0, 1, … as its leaves.
     """
 
-    types: list[np.dtype[Any]]
+    types: list[np.dtype[np.generic]]
     steps: list[PlanStep]
-    constants: dict[int, Any]
+    constants: dict[int, PyTree]
     places: int
     results: list[int]
     structure: PyTree
@@ -52,7 +52,7 @@ class StagePlan(NamedTuple):
 class Staged:
     """A plan with its programs, as a function of arrays."""
 
-    def __init__(self, plan: StagePlan, programs: Sequence[Callable[..., Any]]) -> None:
+    def __init__(self, plan: StagePlan, programs: Sequence[Callable[..., PyTree]]) -> None:
         self.plan, self.programs = plan, programs
         last = {place: number for number, step in enumerate(plan.steps) for place in (*step.results, *step.arguments)}
         kept = {*plan.results, *plan.constants}
@@ -67,7 +67,7 @@ class Staged:
 
     def __call__(self, *arrays: PyTree) -> PyTree:
         """The result of the function, in NumPy arrays."""
-        values: list[Any] = [None] * self.plan.places
+        values: list[PyTree] = [None] * self.plan.places
         for place, value in self.plan.constants.items():
             values[place] = value
         for place, (leaf, dtype) in enumerate(zip(jax.tree.leaves(arrays), self.plan.types, strict=True)):
@@ -85,29 +85,29 @@ class Staged:
 class _Planner:
     """Builds the steps of a plan, and compiles its programs."""
 
-    def __init__(self, compiled: Callable[[Callable[..., Any], Sequence[Any]], Any]) -> None:
+    def __init__(self, compiled: Callable[[Callable[..., PyTree], Sequence[PyTree]], PyTree]) -> None:
         self.compiled = compiled
         self.steps: list[PlanStep] = []
-        self.constants: dict[int, Any] = {}
+        self.constants: dict[int, PyTree] = {}
         self.places = 0
-        self.programs: list[Any] = []
-        self._known: dict[int, tuple[Any, int]] = {}
+        self.programs: list[PyTree] = []
+        self._known: dict[int, tuple[PyTree, int]] = {}
 
     def place(self) -> int:
         self.places += 1
         return self.places - 1
 
-    def constant(self, value: Any) -> int:
+    def constant(self, value: PyTree) -> int:
         place = self.place()
         self.constants[place] = np.asarray(value)
         return place
 
-    def step(self, name: str | int, arguments: Sequence[int], count: int = 1, **params: Any) -> tuple[int, ...]:
+    def step(self, name: str | int, arguments: Sequence[int], count: int = 1, **params: PyTree) -> tuple[int, ...]:
         results = tuple(self.place() for _ in range(count))
         self.steps.append(PlanStep(name, tuple(arguments), results, params))
         return results
 
-    def run(self, jaxpr: Jaxpr, consts: Sequence[Any], arguments: Sequence[int]) -> list[int]:
+    def run(self, jaxpr: Jaxpr, consts: Sequence[PyTree], arguments: Sequence[int]) -> list[int]:
         """Add the steps of a trace; the places of its results."""
         places = dict(zip(jaxpr.constvars, map(self.constant, consts), strict=True))
         places |= dict(zip(jaxpr.invars, arguments, strict=True))
@@ -129,11 +129,11 @@ class _Planner:
             places |= dict(zip(equation.outvars, found, strict=True))
         return [read(v) for v in jaxpr.outvars]
 
-    def _program(self, equation: Any, read: Callable[[Any], int]) -> Sequence[int]:
+    def _program(self, equation: PyTree, read: Callable[[PyTree], int]) -> Sequence[int]:
         inputs = list({v: None for v in equation.invars if not isinstance(v, Literal)})
         if id(equation) not in self._known:
 
-            def alone(*values: Any) -> Any:
+            def alone(*values: PyTree) -> PyTree:
                 given = dict(zip(inputs, values, strict=True))
                 own = [v.val if isinstance(v, Literal) else given[v] for v in equation.invars]
                 found = equation.primitive.bind(*own, **equation.primitive.get_bind_params(equation.params))
@@ -146,7 +146,9 @@ class _Planner:
 
 
 def staged(
-    function: Callable[..., PyTree], arrays: PyTree, compiled: Callable[[Callable[..., Any], Sequence[Any]], Any]
+    function: Callable[..., PyTree],
+    arrays: PyTree,
+    compiled: Callable[[Callable[..., PyTree], Sequence[PyTree]], PyTree],
 ) -> Staged:
     """The function for arguments of these shapes and types as steps.
 

@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.estimators.losses import lost_between
+from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.waist.notes import BOUT_WITHOUT_STANDING, NO_CONTACTS
 from jgait.events import trunk as trunk_events
 from jgait.notes import Note
@@ -104,6 +106,18 @@ def nodes(bouts: list[list[Node]], time: Values = (0.0,)) -> dict[str, np.ndarra
         **columns, "at": at, "contact": contact, "stride": stride, "stood": stood,
         "cycle_begin": at[ends - 2], "cycle_end": at[ends],
     }  # fmt: skip
+
+
+def leave_out(nodes: dict[str, np.ndarray], lost: np.ndarray, time: np.ndarray) -> int:
+    """Take strides out of `nodes` that begin or end in a loss, or lose more than `LONGEST_LOSS`; returns their number.
+
+    `lost` (T,) bool is True at lost samples.
+    """
+    rows = np.flatnonzero(nodes["stride"])
+    begin, end = nodes["at"][rows - 2], nodes["at"][rows]
+    gone = lost[begin] | lost[end] | (lost_between(lost, time, begin, end) > LONGEST_LOSS)
+    nodes["stride"][rows[gone]] = False
+    return int(gone.sum())
 
 
 def notes_of(nodes: dict[str, np.ndarray], contacts: int) -> list[Note]:

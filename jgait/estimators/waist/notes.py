@@ -10,6 +10,15 @@ SAMPLES_LOST = Kind(
     LOSSES,
 )
 
+STRIDES_IN_LOSS = Kind(
+    "waist_strides_missing",
+    "check",
+    "{strides} {strides:stride|strides} of {placement} {strides:is|are} left out: more than {seconds:g} s of "
+    "{strides:it|them} is lost",
+    "So much of these strides was lost that their lengths are not known. The distance goes on over the loss, and is "
+    "less certain.",
+)
+
 AXES_CORRECTED = Kind(
     "axes_corrected",
     "corrected",

@@ -10,13 +10,13 @@ from jaxtyping import PyTree
 from jgait.estimators.axes import pad
 from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
 from jgait.estimators.interface import Prepared
-from jgait.estimators.notes import FORWARD_UNSURE, NO_STEPS
+from jgait.estimators.notes import FORWARD_UNSURE, LONGEST_LOSS, NO_STEPS
 from jgait.estimators.programs import bucket, compiled
 from jgait.estimators.waist import bouts as waist_bouts
 from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist.inputs import PER_NODE, WaistInputs, capacity
 from jgait.estimators.waist.motion import TrunkMotion
-from jgait.estimators.waist.notes import AXES_CORRECTED, GYROSCOPE_REVERSED, SAMPLES_LOST
+from jgait.estimators.waist.notes import AXES_CORRECTED, GYROSCOPE_REVERSED, SAMPLES_LOST, STRIDES_IN_LOSS
 from jgait.estimators.waist.params import DEFAULT, DETECTORS, SITES, WaistOptions, WaistParams, check_options
 from jgait.events import shank as shank_events
 from jgait.events import trunk as trunk_events
@@ -95,6 +95,8 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
     still = [(int(a), int(b)) for a, b in true_runs(rested.still)]
     nodes = waist_bouts.nodes(waist_bouts.bouts(contacts, still, rate), time)
     notes += waist_bouts.notes_of(nodes, len(contacts.time))
+    if left_out := waist_bouts.leave_out(nodes, ~mask, time):
+        notes.append(STRIDES_IN_LOSS(strides=left_out, placement=name, seconds=LONGEST_LOSS))
     standing = max(still, key=lambda run: run[1] - run[0], default=None)
     return Prepared(_assembled(whole, axes, time, mask, rate, rested, nodes), options, tuple(notes), standing)
 

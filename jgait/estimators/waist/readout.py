@@ -12,6 +12,7 @@ from jax import lax
 from jaxtyping import Array, PyTree
 
 from jgait import filtering
+from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.waist import model as waist_model
 from jgait.estimators.waist import velocity_update
 from jgait.estimators.waist.inputs import WaistInputs
@@ -105,7 +106,7 @@ def integrated_speed(
 
 
 def _step_variance(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> Values:
-    """(K,) variance of the pendulum's steps [m²]; larger in turns, in gait initiation and in stopping.
+    """(K,) variance of the pendulum's steps [m²]; larger in turns, at both ends of a bout, and over lost samples.
 
     A bout ends in stopping also where no standing is detected after it: the person shuffles or sways there.
     """
@@ -115,6 +116,8 @@ def _step_variance(p: WaistParams, inputs: WaistInputs, intervals: Intervals) ->
     for _ in range(EDGE_STEPS):
         none = jnp.zeros_like(edge[:1])
         edge = edge | jnp.concatenate([none, edge[:-1]]) | jnp.concatenate([edge[1:], none])
+    lost = jnp.cumsum(jnp.where(inputs.measured, 0.0, inputs.dt))[inputs.at]
+    edge = edge | (lost - earlier(lost, 1) > LONGEST_LOSS)
     turned = (p.turn_noise * intervals.turn) ** 2
     return p.step_noise**2 + turned + jnp.where(edge, p.edge_noise**2, 0.0)
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from jgait.estimators.waist import WaistParams, with_body
-from jgait.estimators.waist.bouts import CLOSING, bouts
+from jgait.estimators.waist.bouts import CLOSING, bouts, leave_out
+from jgait.estimators.waist.bouts import nodes as columns_of
 from jgait.estimators.waist.readout import constant_variance
 from jgait.events.trunk import Contacts
 
@@ -47,3 +48,20 @@ def test_an_unknown_height_is_a_wider_deviation():
         constant_variance(with_body(WaistParams(), body)) for body in ({}, {"height": 1.6}, {"sensor_height": 0.96})
     )
     assert unknown > person > sensor > WaistParams().pendulum_constant_sd ** 2
+
+
+@pytest.mark.parametrize("lost_s, left", [(0.2, 2), (0.4, 0)])
+def test_strides_that_lose_too_much_are_left_out(lost_s, left):
+    time = np.arange(0.0, 7.0, 1.0 / RATE)
+    columns = columns_of([nodes([0, 1, 2, 3], 4.4)], time)
+    assert columns["stride"].sum() == 2
+    lost = (time > 2.6) & (time < 2.6 + lost_s)  # within both strides
+    assert leave_out(columns, lost, time) == 2 - left
+    assert columns["stride"].sum() == left
+
+
+def test_a_stride_that_begins_in_a_loss_is_left_out():
+    time = np.arange(0.0, 7.0, 1.0 / RATE)
+    columns = columns_of([nodes([0, 1, 2, 3], 4.4)], time)
+    assert leave_out(columns, np.abs(time - 2.0) < 0.05, time) == 1
+    assert list(np.flatnonzero(columns["stride"])) == [4]

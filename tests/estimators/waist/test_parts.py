@@ -207,10 +207,12 @@ def test_steps_beside_standing_and_at_the_end_of_a_bout_are_less_certain():
     stands[0] = True
     inputs = SimpleNamespace(
         at=jnp.arange(ROWS), fresh=jnp.asarray(fresh), stands=jnp.asarray(stands), moves=jnp.asarray(~fresh),
-        count=jnp.int32(ROWS),
+        count=jnp.int32(ROWS), measured=jnp.ones(ROWS, bool), dt=jnp.full(ROWS, STEP_S),
     )  # fmt: skip
-    turn = np.zeros(ROWS)
-    variance = waist_distance._step_variance(p, inputs, SimpleNamespace(turn=jnp.asarray(turn)))
+    found = SimpleNamespace(turn=jnp.zeros(ROWS))
+    variance = waist_distance._step_variance(p, inputs, found)
     wide = [0, 1, 2, 3, 4, 5, 6, 7, 9, 10, 11]  # two intervals about the standing and about each bout's last node
     np.testing.assert_array_equal(np.flatnonzero(np.asarray(variance) > 2.0 * p.step_noise**2), wide)
     np.testing.assert_allclose(variance[8], p.step_noise**2, rtol=1e-6)
+    inputs.measured = inputs.measured.at[8].set(False)  # half a second is lost
+    assert waist_distance._step_variance(p, inputs, found)[8] > 2.0 * p.step_noise**2
