@@ -16,7 +16,7 @@ from experiments.common.recordings import attempt, available, walks
 from experiments.common.row import Row, show
 from jgait import simulate
 from jgait.simulate import Person, PersonFit
-from jgait.simulate.fitting import LOW, Signals, mean_strides, unexplained, virtual
+from jgait.simulate.fitting import LOW, StrideSignals, mean_strides, unexplained, virtual
 from jgait.simulate.sensors import OPAL
 from jgait.types import Recording
 
@@ -40,12 +40,12 @@ def usual(fit: PersonFit) -> Person:
     return Person(fit.person.body, simulate.RECORDED._replace(**same, soft_tissue=1.0))
 
 
-def predicted(person: Person, late: float, seen: dict[str, Signals]) -> dict[str, Predicted]:
+def predicted(person: Person, late: float, seen: dict[str, StrideSignals]) -> dict[str, Predicted]:
     """Sensor → how well a person's stride, which begins late [s], predicts the recorded one."""
     made = virtual(person, tuple(seen), late / float(person.gait.stride_time))
     found = {}
     for name, own in seen.items():
-        ours, theirs = (Signals(*(np.asarray(part)[None] for part in one)) for one in (made[name], own))
+        ours, theirs = (StrideSignals(*(np.asarray(part)[None] for part in one)) for one in (made[name], own))
         shares, turn = (np.asarray(part) for part in unexplained(ours, theirs))
         rates = [(LOW @ part[0]) - part[0].mean(axis=0) for part in (ours.gyr @ turn[0].T, theirs.gyr)]
         found[name] = Predicted(*map(float, np.sqrt(shares[:, 0])), float(np.corrcoef(*map(np.ravel, rates))[0, 1]))

@@ -81,7 +81,7 @@ def test_a_person_predicts_own_sensors_in_any_orientation_and_other_people_less(
     )
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     turn *= np.linalg.det(turn)
-    seen = {name: fitted.Signals(*(part @ turn for part in own)) for name, own in
+    seen = {name: fitted.StrideSignals(*(part @ turn for part in own)) for name, own in
             fitted.virtual(one, ("ankle_right", "foot_right")).items()}  # fmt: skip
     for same, differs in zip(*(fitted.predicted(who, 0.0, seen).values() for who in (one, other)), strict=True):
         assert same.gyr < 1e-9 and same.acc < 1e-9 and same.correlation > 1.0 - 1e-12
