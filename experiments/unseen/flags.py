@@ -6,6 +6,7 @@ see how much they depend on the choice.
 """
 
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from experiments.common.row import Row, show
 from experiments.unseen.judged import Judged, judged
 from jgait import plot
-from jgait.plot.style import BLUE, RED, REFERENCE, blank
+from jgait.plot.style import BLUE, RED, REFERENCE, Figure, blank
 
 ALLOWED = 3.0
 """[1] Stated deviations by which a good stride may be off."""
@@ -30,7 +31,13 @@ MARKS, COLOURS = "os^D", (RED, "black", BLUE, "0.5")
 
 def rows(quick: bool) -> list[Row]:
     """Of the sets that are here."""
-    return of_strides([one for one in judged(quick) if one.error.size])
+    return of_strides(measured(quick))
+
+
+@cache
+def measured(quick: bool) -> list[Judged]:
+    """The strides of all sets, measured once for the table and the diagram."""
+    return [one for one in judged(quick) if one.error.size]
 
 
 def shares(found: list[Judged]) -> tuple[float, float, int]:
@@ -53,9 +60,7 @@ def of_strides(found: list[Judged]) -> list[Row]:
     parts = zip(("every other recording", "the others"), halves, strict=True)
     for name, some in [*sets.items(), *(part for part in parts if part[1]), ("all", found)]:
         missed, false, n = shares(some)
-        error = np.concatenate([one.error for one in some])
-        inside = [f"{100.0 * float(np.mean(error <= band)):.1f}" for band in BANDS]
-        lines.append([name, n, missed, false, *inside])
+        lines.append([name, n, missed, false, *(f"{share:.1f}" for share in inside(some))])
     columns = ["", "strides", "missed [%]", "false [%]", *(f"within {band:g} sd [%]" for band in BANDS)]
     show(
         "Flags of strides, and reliability of the stated deviations", columns, [*lines, ["normal", "", "", "", *NORMAL]]
@@ -75,42 +80,45 @@ def of_strides(found: list[Judged]) -> list[Row]:
             if some
             for k, name in enumerate(("missed", "false"))
         ),
-        *(row for name, some in sets.items() for row in covered(name, some)),
+        *(covered(name, some) for name, some in sets.items()),
     ]
 
 
-def covered(group: str, some: list[Judged]) -> list[Row]:
-    """The share of a set's strides within two stated deviations, and within each of `BANDS`."""
+def inside(some: Sequence[Judged]) -> list[float]:
+    """Share of the strides within each of `BANDS` [%]."""
     error = np.concatenate([one.error for one in some])
-    inside = {band: 100.0 * float(np.mean(error <= band)) for band in BANDS}
-    key, n = group.replace(", ", "_"), error.size
-    row = Row(f"within_two_sigma_pct_{key}", inside[2.0], "%", n=n, split="defaults")
-    line = "stride length, within two stated standard deviations"
-    return [
-        row.on(line, group, "strides"),
-        *(Row(f"within_{band:g}_sd_pct {group}", share, "%", n=n, split="defaults") for band, share in inside.items()),
-    ]
+    return [100.0 * float(np.mean(error <= band)) for band in BANDS]
 
 
-def draw(rows: Sequence[Row], folder: Path, quick: bool) -> None:
+def covered(group: str, some: list[Judged]) -> Row:
+    """The share of a set's strides within two stated deviations."""
+    value, n = inside(some)[BANDS.index(2.0)], sum(one.error.size for one in some)
+    row = Row(f"within_two_sigma_pct_{group.replace(', ', '_')}", value, "%", n=n, split="defaults")
+    return row.on("stride length, within two stated standard deviations", group, "strides")
+
+
+def draw(_: list[Row], folder: Path, quick: bool) -> None:
     """Reliability diagram: a panel for each estimator, the share of strides within k stated deviations over k."""
-    shares: dict[str, dict[str, dict[float, float]]] = {}
-    for row in rows:
-        metric, _, group = row.metric.partition(" ")
-        if group:
-            estimator, _, name = group.partition(", ")
-            of_set = shares.setdefault(estimator, {}).setdefault(f"{name} ({row.n})", {})
-            of_set[float(metric.split("_")[1])] = row.value
-    if not shares:
-        return
-    figure, axes = blank(1, len(shares), 3.6 * len(shares), 3.8, sharey=True)
-    for axis, (estimator, sets) in zip(axes[0], shares.items(), strict=True):
+    found = measured(quick)
+    if found:
+        folder.mkdir(parents=True, exist_ok=True)
+        print(plot.save(reliability(found), folder / "reliability.png"))
+
+
+def reliability(found: Sequence[Judged]) -> Figure:
+    """The diagram of the strides of several sets, a line each."""
+    sets: dict[str, dict[str, list[Judged]]] = {}
+    for one in found:
+        estimator, _, name = one.group.partition(", ")
+        sets.setdefault(estimator, {}).setdefault(name, []).append(one)
+    figure, axes = blank(1, len(sets), 3.6 * len(sets), 3.8, sharey=True)
+    for axis, (estimator, of) in zip(axes[0], sets.items(), strict=True):
         axis.plot([0.0, *BANDS], [0.0, *NORMAL], label="normal distribution", **REFERENCE)
-        for number, (name, of_set) in enumerate(sets.items()):
-            axis.plot([0.0, *of_set], [0.0, *of_set.values()], f"{MARKS[number]}-", label=name, color=COLOURS[number])
+        for number, (name, some) in enumerate(of.items()):
+            label = f"{name} ({sum(one.error.size for one in some)})"
+            axis.plot([0.0, *BANDS], [0.0, *inside(some)], f"{MARKS[number]}-", label=label, color=COLOURS[number])
         axis.set(title=estimator, xlabel="stated standard deviations")
         axis.grid(alpha=0.3)
         axis.legend(fontsize=7, loc="lower right", frameon=False)
     axes[0, 0].set_ylabel("strides within [%]")
-    folder.mkdir(parents=True, exist_ok=True)
-    print(plot.save(figure, folder / "reliability.png"))
+    return figure

@@ -7,15 +7,18 @@ import inspect
 from collections.abc import Callable
 
 import numpy as np
+import numpy.typing as npt
 from jax import lax
-from jaxtyping import PyTree
+
+type Operation = Callable[..., np.ndarray | list[np.ndarray]]
+"""Arrays, and parameters as keywords → an array, or a list of them."""
 
 
 def _divided(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.true_divide(x, y) if np.issubdtype(x.dtype, np.inexact) else (x - np.fmod(x, y)) // y
 
 
-def _converted(x: np.ndarray, *, new_dtype: PyTree) -> np.ndarray:
+def _converted(x: np.ndarray, *, new_dtype: npt.DTypeLike) -> np.ndarray:
     if np.issubdtype(new_dtype, np.integer) and np.issubdtype(x.dtype, np.inexact):  # what fits, and 0 for NaN
         limits = np.iinfo(new_dtype)
         inside = np.clip(np.nan_to_num(x), limits.min, limits.max).astype(new_dtype)
@@ -31,7 +34,7 @@ def _power(x: np.ndarray, *, y: int) -> np.ndarray:
     return np.power(x, y) if y >= 0 else 1 / np.power(x, -y)
 
 
-def _rounded(x: np.ndarray, *, rounding_method: PyTree) -> np.ndarray:
+def _rounded(x: np.ndarray, *, rounding_method: lax.RoundingMethod) -> np.ndarray:
     even = rounding_method == lax.RoundingMethod.TO_NEAREST_EVEN
     return np.rint(x) if even else np.copysign(np.floor(np.abs(x) + 0.5), x)
 
@@ -70,10 +73,10 @@ def _gathered(
     x: np.ndarray,
     index: np.ndarray,
     *,
-    dimension_numbers: PyTree,
+    dimension_numbers: lax.GatherDimensionNumbers,
     slice_sizes: tuple[int, ...],
-    mode: PyTree,
-    fill_value: PyTree,
+    mode: lax.GatherScatterMode | None,
+    fill_value: complex | None,
 ) -> np.ndarray:
     """Slices of x that begin at `index` (…, k), which count what the dimension numbers name."""
     d = dimension_numbers
@@ -81,7 +84,7 @@ def _gathered(
     window = [i for i in range(rank) if i not in d.collapsed_slice_dims and i not in d.operand_batching_dims]
     inside, places = np.ones(batch, bool), []
     for i in range(rank):
-        start: PyTree = np.zeros(batch, np.int64)
+        start: np.ndarray = np.zeros(batch, np.int64)
         if i in d.start_index_map:
             start = index[..., d.start_index_map.index(i)].astype(np.int64)
             inside &= (start >= 0) & (start <= x.shape[i] - slice_sizes[i])
@@ -124,11 +127,11 @@ def _first(function: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
     return lambda x, *, axes, index_dtype: function(x, axis=axes[0]).astype(index_dtype)
 
 
-def _same(*values: np.ndarray) -> PyTree:
+def _same(*values: np.ndarray) -> np.ndarray | list[np.ndarray]:
     return values[0] if len(values) == 1 else list(values)
 
 
-OPERATIONS: dict[str, Callable[..., PyTree]] = {
+OPERATIONS: dict[str, Operation] = {
     "add": np.add, "add_any": np.add, "sub": np.subtract, "mul": np.multiply, "div": _divided, "rem": np.fmod,
     "neg": np.negative, "abs": np.abs, "sign": np.sign, "round": _rounded, "floor": np.floor, "ceil": np.ceil,
     "max": np.maximum, "min": np.minimum, "clamp": lambda low, x, high: np.minimum(np.maximum(x, low), high),
@@ -156,7 +159,7 @@ OPERATIONS: dict[str, Callable[..., PyTree]] = {
 """Primitive → function of arrays."""
 
 
-def operation(name: str, params: dict[str, PyTree]) -> tuple[Callable[..., PyTree], dict[str, PyTree]] | None:
+def operation(name: str, params: dict[str, object]) -> tuple[Operation, dict[str, object]] | None:
     """The function of a primitive, and those of its parameters that the function takes.
 
     None if there is no function, or if the primitive of this version of JAX lacks one of these parameters.

@@ -9,11 +9,15 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jax.extend.core import Jaxpr, Literal
+from jax.extend.core import Jaxpr, JaxprEqn, Literal
 from jax.interpreters import partial_eval
-from jaxtyping import PyTree
+from jax.stages import Compiled
+from jaxtyping import ArrayLike, PyTree
 
 from jgait.estimators.operations import OPERATIONS, operation
+
+type Compiler = Callable[[Callable[..., list[jax.Array]], Sequence[jax.ShapeDtypeStruct]], Compiled]
+"""Function of arrays, their shapes and types → program."""
 
 INLINED = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr",
            "custom_vjp_call": "call_jaxpr"}  # fmt: skip
@@ -26,7 +30,7 @@ class PlanStep(NamedTuple):
     name: str | int
     arguments: tuple[int, ...]
     results: tuple[int, ...]
-    params: dict[str, PyTree]
+    params: dict[str, object]
 
 
 class StagePlan(NamedTuple):
@@ -43,7 +47,7 @@ class StagePlan(NamedTuple):
 
     types: list[np.dtype[np.generic]]
     steps: list[PlanStep]
-    constants: dict[int, PyTree]
+    constants: dict[int, np.ndarray]
     places: int
     results: list[int]
     structure: PyTree
@@ -52,12 +56,13 @@ class StagePlan(NamedTuple):
 class Staged:
     """A plan with its programs, as a function of arrays."""
 
-    def __init__(self, plan: StagePlan, programs: Sequence[Callable[..., PyTree]]) -> None:
+    def __init__(self, plan: StagePlan, programs: Sequence[Compiled]) -> None:
         self.plan, self.programs = plan, programs
         last = {place: number for number, step in enumerate(plan.steps) for place in (*step.results, *step.arguments)}
         kept = {*plan.results, *plan.constants}
         self._calls = []
         for number, step in enumerate(plan.steps):
+            call: Callable[..., PyTree]
             if isinstance(step.name, int):
                 call, several = programs[step.name], True
             else:
@@ -67,7 +72,7 @@ class Staged:
 
     def __call__(self, *arrays: PyTree) -> PyTree:
         """The result of the function, in NumPy arrays."""
-        values: list[PyTree] = [None] * self.plan.places
+        values: list[np.ndarray | None] = [None] * self.plan.places
         for place, value in self.plan.constants.items():
             values[place] = value
         for place, (leaf, dtype) in enumerate(zip(jax.tree.leaves(arrays), self.plan.types, strict=True)):
@@ -85,59 +90,59 @@ class Staged:
 class _Planner:
     """Builds the steps of a plan, and compiles its programs."""
 
-    def __init__(self, compiled: Callable[[Callable[..., PyTree], Sequence[PyTree]], PyTree]) -> None:
+    def __init__(self, compiled: Compiler) -> None:
         self.compiled = compiled
         self.steps: list[PlanStep] = []
-        self.constants: dict[int, PyTree] = {}
+        self.constants: dict[int, np.ndarray] = {}
         self.places = 0
-        self.programs: list[PyTree] = []
-        self._known: dict[int, tuple[PyTree, int]] = {}
+        self.programs: list[Compiled] = []
+        self._known: dict[int, tuple[JaxprEqn, int]] = {}
 
     def place(self) -> int:
         self.places += 1
         return self.places - 1
 
-    def constant(self, value: PyTree) -> int:
+    def constant(self, value: ArrayLike) -> int:
         place = self.place()
         self.constants[place] = np.asarray(value)
         return place
 
-    def step(self, name: str | int, arguments: Sequence[int], count: int = 1, **params: PyTree) -> tuple[int, ...]:
+    def step(self, name: str | int, arguments: Sequence[int], count: int = 1, **params: object) -> tuple[int, ...]:
         results = tuple(self.place() for _ in range(count))
         self.steps.append(PlanStep(name, tuple(arguments), results, params))
         return results
 
-    def run(self, jaxpr: Jaxpr, consts: Sequence[PyTree], arguments: Sequence[int]) -> list[int]:
+    def run(self, jaxpr: Jaxpr, consts: Sequence[ArrayLike], arguments: Sequence[int]) -> list[int]:
         """Add the steps of a trace; the places of its results."""
         places = dict(zip(jaxpr.constvars, map(self.constant, consts), strict=True))
         places |= dict(zip(jaxpr.invars, arguments, strict=True))
 
-        def read(atom: PyTree) -> int:
-            known = isinstance(atom, Literal)
-            return self.constant(np.asarray(atom.val, atom.aval.dtype)) if known else places[atom]
+        def read(atom: PyTree) -> int:  # a variable or a literal of JAX, which have no types
+            literal = isinstance(atom, Literal)
+            return self.constant(np.asarray(atom.val, atom.aval.dtype)) if literal else places[atom]
 
         for equation in jaxpr.eqns:
             name, params = equation.primitive.name, equation.params
-            found: Sequence[int]
+            results: Sequence[int]
             if name in INLINED:
                 inner = params[INLINED[name]]
-                found = self.run(inner.jaxpr, inner.consts, [read(v) for v in equation.invars])
-            elif (own := operation(name, params)) is not None:
-                found = self.step(name, [read(v) for v in equation.invars], len(equation.outvars), **own[1])
+                results = self.run(inner.jaxpr, inner.consts, [read(v) for v in equation.invars])
+            elif (known := operation(name, params)) is not None:
+                results = self.step(name, [read(v) for v in equation.invars], len(equation.outvars), **known[1])
             else:
-                found = self._program(equation, read)
-            places |= dict(zip(equation.outvars, found, strict=True))
+                results = self._program(equation, read)
+            places |= dict(zip(equation.outvars, results, strict=True))
         return [read(v) for v in jaxpr.outvars]
 
-    def _program(self, equation: PyTree, read: Callable[[PyTree], int]) -> Sequence[int]:
-        inputs = list({v: None for v in equation.invars if not isinstance(v, Literal)})
+    def _program(self, equation: JaxprEqn, read: Callable[[PyTree], int]) -> Sequence[int]:
+        inputs: PyTree = list({v: None for v in equation.invars if not isinstance(v, Literal)})
         if id(equation) not in self._known:
 
-            def alone(*values: PyTree) -> PyTree:
+            def alone(*values: jax.Array) -> list[jax.Array]:
                 given = dict(zip(inputs, values, strict=True))
-                own = [v.val if isinstance(v, Literal) else given[v] for v in equation.invars]
-                found = equation.primitive.bind(*own, **equation.primitive.get_bind_params(equation.params))
-                return found if equation.primitive.multiple_results else [found]
+                arguments = [v.val if isinstance(v, Literal) else given[v] for v in equation.invars]
+                results = equation.primitive.bind(*arguments, **equation.primitive.get_bind_params(equation.params))
+                return results if equation.primitive.multiple_results else [results]
 
             shapes = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in inputs]
             self.programs.append(self.compiled(alone, shapes))
@@ -145,11 +150,7 @@ class _Planner:
         return self.step(self._known[id(equation)][1], [read(v) for v in inputs], len(equation.outvars))
 
 
-def staged(
-    function: Callable[..., PyTree],
-    arrays: PyTree,
-    compiled: Callable[[Callable[..., PyTree], Sequence[PyTree]], PyTree],
-) -> Staged:
+def staged(function: Callable[..., PyTree], arrays: PyTree, compiled: Compiler) -> Staged:
     """The function for arguments of these shapes and types as steps.
 
     Args:

@@ -88,6 +88,7 @@ def _legs(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
 
 def _feet(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
     from jgait import plot
+    from jgait.plot.feet import has, rows_of
 
     worn = _worn(estimate.feet)
     shown = reference if reference is not None and reference.feet is not None else None
@@ -99,10 +100,11 @@ def _feet(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
     made.append(picture(plot.foot_height(estimate), f"Height of the {worn} foot along its way", caption))
     if estimate.strides is None or not np.any(estimate.strides.valid):
         return made
-    caption = "Length, width and rise of every stride. Bars are ± two standard deviations."
+    has_width = has(estimate, "width", rows_of(estimate))
+    caption = f"Length{', width' if has_width else ''} and rise of every stride. Bars are ± two standard deviations."
     alt = f"Measures of {int(np.sum(estimate.strides.valid))} strides over time"
     made.append(picture(plot.stride_series(estimate), alt, caption))
-    if estimate.feet is not None and None not in estimate.feet and np.isfinite(as_float(estimate.strides.width)).any():
+    if estimate.feet is not None and None not in estimate.feet and has_width:
         caption = (
             "Both feet in one world, with stride widths as lines between the footholds: from above, in straight "
             "parts, and over time. Hollow marks are unreliable."

@@ -123,7 +123,7 @@ def mean_strides(recording: Recording, windows: Float[np.ndarray, "stride 2"]) -
 
     Strides in which samples are missing do not count; a sensor without two others is left out.
     """
-    share, found = np.arange(POINTS) / POINTS, {}
+    share, means = np.arange(POINTS) / POINTS, {}
     for name, imu in recording.sensors.items():
         time, mask = as_float(imu.time), np.asarray(imu.mask)
         good = [mask[slice(*np.searchsorted(time, window))].all() for window in windows]
@@ -131,8 +131,8 @@ def mean_strides(recording: Recording, windows: Float[np.ndarray, "stride 2"]) -
         if len(at) > 1:
             both = (np.stack([np.interp(at, time, row).mean(axis=0) for row in as_float(part).T], axis=1)
                     for part in (imu.gyr, imu.acc))  # fmt: skip
-            found[name] = StrideSignals(*both)
-    return found
+            means[name] = StrideSignals(*both)
+    return means
 
 
 def stride_of(person: Person, sensors: Sensors, phase: Values = 0.0) -> StrideSignals:
@@ -173,12 +173,12 @@ def _sensors(body: Body, placements: tuple[str, ...]) -> Sensors:
     return Sensors(np.array([worn_on(name) for name in names]), jnp.asarray(points))
 
 
-def turned(made: StrideSignals, seen: StrideSignals) -> Float[Array, "sensor 3 3"]:
+def turned(made: StrideSignals, recorded: StrideSignals) -> Float[Array, "sensor 3 3"]:
     """Rotations (S, 3, 3) that bring the signals of virtual sensors closest to recorded ones.
 
     Source: W. Kabsch, *Acta Crystallographica A* 32 (1976) 922.
     """
-    both = zip(made, seen, _sizes(seen), strict=True)
+    both = zip(made, recorded, _sizes(recorded), strict=True)
     # Gravity, which all forces contain, is not to decide alone.
     product = sum(jnp.einsum("spi,spj->sij", b, a) / size[:, None, None] ** 2 for a, b, size in both)
     u, _, v = jnp.linalg.svd(product)
@@ -186,27 +186,29 @@ def turned(made: StrideSignals, seen: StrideSignals) -> Float[Array, "sensor 3 3
     return u @ (v * jnp.stack([jnp.ones_like(proper), jnp.ones_like(proper), proper], axis=-1)[..., None])
 
 
-def _sizes(seen: StrideSignals) -> list[Values]:
+def _sizes(recorded: StrideSignals) -> list[Values]:
     """Root mean square variation of each signal in the stride (S,)."""
     return [jnp.sqrt(jnp.mean(jnp.sum((part - part.mean(axis=1, keepdims=True)) ** 2, axis=-1), axis=1))
-            for part in seen]  # fmt: skip
+            for part in recorded]  # fmt: skip
 
 
 def unexplained(
-    made: StrideSignals, seen: StrideSignals
+    made: StrideSignals, recorded: StrideSignals
 ) -> tuple[Float[Array, "2 sensor"], Float[Array, "sensor 3 3"]]:
     """Squared unexplained shares of rates and forces (2, S), and the rotations of the sensors (S, 3, 3).
 
     The constant part of a rate is a bias and does not count.
     """
-    made, seen = (
+    made, recorded = (
         StrideSignals(smooth.gyr - smooth.gyr.mean(axis=1, keepdims=True), smooth.acc)
-        for smooth in (StrideSignals(*(jnp.einsum("pq,sqi->spi", LOW, part) for part in own)) for own in (made, seen))
+        for smooth in (
+            StrideSignals(*(jnp.einsum("pq,sqi->spi", LOW, part) for part in signals)) for signals in (made, recorded)
+        )
     )
-    turn = lax.stop_gradient(turned(made, seen))
+    turn = lax.stop_gradient(turned(made, recorded))
     apart = [
         jnp.mean(jnp.sum((jnp.einsum("sij,spj->spi", turn, a) - b) ** 2, axis=-1), axis=1) / size**2
-        for a, b, size in zip(made, seen, _sizes(seen), strict=True)
+        for a, b, size in zip(made, recorded, _sizes(recorded), strict=True)
     ]
     return jnp.stack(apart), turn
 
@@ -223,17 +225,17 @@ def _person(numbers: Values, usual: Person, spread: Values) -> Person:
 
 
 def _compared(
-    numbers: _Numbers, usual: Person, spread: Values, sensors: Sensors, seen: StrideSignals
+    numbers: _Numbers, usual: Person, spread: Values, sensors: Sensors, recorded: StrideSignals
 ) -> tuple[Float[Array, "2 sensor"], Float[Array, "sensor 3 3"]]:
     who = _person(numbers.person, usual, spread)
     worn = sensors._replace(point=sensors.point + PLACE * numbers.place)
-    return unexplained(stride_of(who, worn, PHASE * numbers.phase), seen)
+    return unexplained(stride_of(who, worn, PHASE * numbers.phase), recorded)
 
 
 def _loss(
-    numbers: _Numbers, usual: Person, spread: Values, sensors: Sensors, seen: StrideSignals, weights: Values
+    numbers: _Numbers, usual: Person, spread: Values, sensors: Sensors, recorded: StrideSignals, weights: Values
 ) -> Values:
-    apart, _ = _compared(numbers, usual, spread, sensors, seen)
+    apart, _ = _compared(numbers, usual, spread, sensors, recorded)
     data = COUNT * jnp.sum(weights[None] * apart / jnp.square(jnp.asarray(EXPECTED, apart.dtype))[:, None])
     return data + sum(jnp.sum(jnp.square(part)) for part in numbers)
 
@@ -241,7 +243,7 @@ def _loss(
 def _nearer(numbers: _Numbers, state: PyTree, rate: Values, *given: PyTree) -> tuple[_Numbers, PyTree, Values]:
     """One step of Adam, and the loss before it."""
     loss, slope = jax.value_and_grad(_loss)(numbers, *given)
-    slope = jax.tree.map(lambda one: jnp.where(jnp.isfinite(one), one, 0.0), slope)
+    slope = jax.tree.map(lambda part: jnp.where(jnp.isfinite(part), part, 0.0), slope)
     with jax.numpy_dtype_promotion("standard"):  # optax counts steps in integers
         change, state = optax.scale_by_adam().update(slope, state)
     return jax.tree.map(lambda number, by: number - rate * by, numbers, change), state, loss
@@ -259,11 +261,11 @@ def fitted(recording: Recording, person: Mapping[str, PyTree] | None = None) -> 
 
     Returns:
         The walker, and what of each sensor's stride it does not explain. `simulate.recording(key, fit.person,
-        placements=…)` is what other sensors would have seen.
+        placements=…)` is what other sensors would have recorded.
 
     Raises:
-        ValueError: if fewer than two regular strides of one foot were measured by all estimators, or no sensor was read
-            in two of them.
+        ValueError: if the recording has fewer than two regular strides of one foot, or if every sensor lost samples in
+            all but one of them.
     """
     measures = dict(person or {})
     analysis = analyse(recording, measures)
@@ -273,16 +275,16 @@ def fitted(recording: Recording, person: Mapping[str, PyTree] | None = None) -> 
     if not names:
         raise ValueError("no sensor was read throughout two regular strides")
     padded = (*names, *names[-1:] * (MOST - len(names)))
-    seen = StrideSignals(
+    recorded = StrideSignals(
         *(np.stack([getattr(signals[name], kind) for name in padded]) for kind in StrideSignals._fields)
     )
     spread = np.array([0.0 if name in known else SPREAD.get(name, 1.0) for name in FREE])
     sensors = _sensors(usual.body, names)
     weights = (np.arange(MOST) < len(names)).astype(float)
-    given = (jax.tree.map(float, usual), spread, sensors, seen)
+    given = (jax.tree.map(float, usual), spread, sensors, recorded)
     begins = [_Numbers(np.zeros(len(FREE)), np.zeros((MOST, 3)), phase) for phase in BEGINS]
     loss = compiled(_loss, quick=True)
-    begin = min(begins, key=lambda one: float(loss(one, *given, weights)))
+    begin = min(begins, key=lambda start: float(loss(start, *given, weights)))
     numbers = _descended(begin, *given, weights)
     shares, turns = zip(*(compiled(_compared, quick=True)(at, *given) for at in (begin, numbers)), strict=True)
     before, after = ({name: Unexplained(*map(float, np.sqrt(part[:, i]))) for i, name in enumerate(names)}
@@ -315,17 +317,17 @@ def _start(
     analysis: Analysis, measures: Mapping[str, PyTree]
 ) -> tuple[Float[np.ndarray, "stride 2"], Person, frozenset[str]]:
     """Times of the strides that count, the usual person at this stride, and the lengths that are known."""
-    told = analysis.strides
-    use = np.zeros(0, bool) if told is None else regular(told)
-    counts = [0, 0] if told is None else [int(np.sum(use & (np.asarray(told.strides.side) == i))) for i in range(2)]
+    joined = analysis.strides
+    use = np.zeros(0, bool) if joined is None else regular(joined)
+    counts = [0, 0] if joined is None else [int(np.sum(use & (np.asarray(joined.strides.side) == i))) for i in range(2)]
     side = int(np.argmax(counts))
-    if told is None or counts[side] < 2:
+    if joined is None or counts[side] < 2:
         raise ValueError(
             f"a walker is fitted to two or more regular strides of one foot; there are {counts[0]} of the right and "
             f"{counts[1]} of the left"
         )
-    rows = use & (np.asarray(told.strides.side) == side)
-    start, end, length = (as_float(getattr(told.strides, name))[rows] for name in ("start", "end", "length"))
+    rows = use & (np.asarray(joined.strides.side) == side)
+    start, end, length = (as_float(getattr(joined.strides, name))[rows] for name in ("start", "end", "length"))
     windows = np.stack([start, end], axis=1)
     times = end - start
     height = float(measures.get("height", 1.75))
@@ -336,7 +338,7 @@ def _start(
     grows = manner(stride / (body.thigh_length + body.shank_length), RECORDED)
     follows = {name: float(value) for name, value in grows.items()}
     irregular = float(np.sqrt(2.0) * np.std(times) / np.mean(times))
-    own = usual._replace(
+    walker = usual._replace(
         **follows, soft_tissue=1.0, right_first=float(SIDES[side] == "right"), time_variability=min(irregular, 0.15),
     )  # fmt: skip
-    return windows, Person(body, own), frozenset(lengths)
+    return windows, Person(body, walker), frozenset(lengths)

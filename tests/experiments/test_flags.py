@@ -15,14 +15,14 @@ def test_missed_and_false_flags_are_counted(load_experiment):
     assert told["within_two_sigma_pct_set"] == pytest.approx(100.0 * 4.0 / 6.0)
 
 
-def test_the_reliability_of_a_set_is_drawn_over_the_normal_distribution(load_experiment, tmp_path, capsys):
+def test_the_reliability_of_a_set_is_drawn_over_the_normal_distribution(load_experiment):
     flags = load_experiment("unseen.flags")
-    rows = flags.covered("foot_ins, set", [flags.Judged("", "a", np.array([0.2, 0.9, 1.5, 2.5]), np.zeros(4, bool))])
-    assert [row.value for row in rows[1:]] == [25.0, 50.0, 75.0, 100.0]
-    flags.draw(rows, tmp_path, False)
-    assert (tmp_path / "reliability.png").exists() and "reliability.png" in capsys.readouterr().out
-    flags.draw(rows[:1], tmp_path / "none", False)  # a row without a band
-    assert not (tmp_path / "none").exists()
+    some = [flags.Judged("foot_ins, set", "a", np.array([0.2, 0.9, 1.5, 2.5]), np.zeros(4, bool))]
+    assert flags.covered("foot_ins, set", some).value == 75.0
+    normal, line = flags.reliability(some).axes[0].get_lines()
+    np.testing.assert_array_equal(line.get_ydata(), [0.0, 25.0, 50.0, 75.0, 100.0])
+    np.testing.assert_array_equal(normal.get_ydata(), [0.0, *flags.NORMAL])
+    assert line.get_label() == "set (4)"
 
 
 def test_a_trial_is_off_beyond_half_a_metre_or_three_deviations(load_experiment):

@@ -9,7 +9,8 @@ rates are
 
 δ comes from least squares: the way of the left foot, turned by δ t, by a constant angle and shifted, is that of the
 right foot, but for the width between them and an error of `APART` at each foothold. What both feet have in common stays
-unknown.
+unknown. `estimate` does this once the filters are done; `run`, cohorts and live filters, which know less than a whole
+recording or have no host code, do not.
 
 Source: this library. A bound on the distance between both feet is used by I. Skog, J.-O. Nilsson, D. Zachariah and
 P. Händel, "Fusing the information from two navigation systems using an upper bound on their maximum spatial
@@ -41,7 +42,7 @@ LEAST = 6
 """Fewest footholds of a foot."""
 
 ITERATIONS = 4
-"""Gauss–Newton steps; the angle δ t is small."""
+"""Gauss–Newton steps; the angle δ t is small. An optimiser of SciPy takes longer to import than a walk to estimate."""
 
 ALLOWED = 3.0
 """[1] Deviations by which δ may differ from 0; beyond, a foot's way is wrong in another manner, and nothing is done."""
@@ -73,12 +74,12 @@ def rates(
     since, until = (pick(steps[0][end], steps[1][end]) for pick, end in ((max, 0), (min, -1)))
     at = np.unique(np.concatenate(steps))
     at = at[(at >= since) & (at <= until)]
-    if min(np.sum((own >= since) & (own <= until)) for own in steps) < LEAST:
+    if min(np.sum((stands >= since) & (stands <= until)) for stands in steps) < LEAST:
         return None
     t = time[at] - time[at[0]]
     right, left = (
-        np.stack([np.interp(time[at], time[own], way[own, k]) for k in (0, 1)], axis=1)
-        for own, way in zip(steps, ways, strict=True)
+        np.stack([np.interp(time[at], time[stands], way[stands, k]) for k in (0, 1)], axis=1)
+        for stands, way in zip(steps, ways, strict=True)
     )
     ahead = np.gradient(right, axis=0)
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 0.1)
@@ -128,23 +129,23 @@ def together(result: Estimate) -> Estimate:
         return result
     time = np.asarray(result.time, np.float64)
     steps = [np.asarray(result.diagnostics[f"footholds_{side}"]) for side in SIDES]
-    if min(len(own) for own in steps) < LEAST:
+    if min(len(stands) for stands in steps) < LEAST:
         return result
-    ends = [float(foot.orientation[own[-1], 2]) for foot, own in zip(spread, steps, strict=True)]
+    ends = [float(foot.orientation[stands[-1], 2]) for foot, stands in zip(spread, steps, strict=True)]
     if not max(ends) <= UNKNOWN or not all(np.isfinite(foot.position).all() for foot in feet):
         return result
-    sd = [np.hypot(end / (time[own[-1]] - time[own[0]]), DRIFT) for end, own in zip(ends, steps, strict=True)]
-    found = rates(time, [np.asarray(foot.position)[:, :2] for foot in feet], steps, sd)
-    if found is None:
+    sd = [np.hypot(end / (time[stands[-1]] - time[stands[0]]), DRIFT) for end, stands in zip(ends, steps, strict=True)]
+    drift = rates(time, [np.asarray(foot.position)[:, :2] for foot in feet], steps, sd)
+    if drift is None:
         return result
     moved, known, turn = [], [], np.array(strides.turn, np.float64)
-    for side, (foot, deviation, own) in enumerate(zip(feet, spread, steps, strict=True)):
-        since = np.maximum(time - time[own[0]], 0.0)
-        moved.append(_without(foot, found[side] * since))
-        less = 1.0 - sd[side] ** 2 / (sd[0] ** 2 + sd[1] ** 2) * (1.0 - found.remaining)
+    for side, (foot, deviation, stands) in enumerate(zip(feet, spread, steps, strict=True)):
+        since = np.maximum(time - time[stands[0]], 0.0)
+        moved.append(_without(foot, drift[side] * since))
+        less = 1.0 - sd[side] ** 2 / (sd[0] ** 2 + sd[1] ** 2) * (1.0 - drift.remaining)
         known.append(deviation._replace(orientation=deviation.orientation * [1.0, 1.0, np.sqrt(less)]))
         rows = np.asarray(strides.side) == side
-        turn[rows] -= (found[side] * (np.asarray(strides.standing_end) - np.asarray(strides.standing)))[rows]
+        turn[rows] -= (drift[side] * (np.asarray(strides.standing_end) - np.asarray(strides.standing)))[rows]
     changed = (Feet(*moved), Feet(*known), strides._replace(turn=turn))
     old = (result.feet, result.feet_stddev, strides)
     feet_now, spread_now, strides_now = jax.tree.map(lambda new, was: np.asarray(new, was.dtype), changed, old)

@@ -29,7 +29,8 @@ TURNED = 1.0
 
 EDGE_STEPS = 2
 """[intervals] Number of intervals after standing that are gait initiation, and before standing or the end of a bout
-that are stopping."""
+that are stopping. That the end of a bout counts without standing, too, was decided with `ipol_gait` and `mobgap_lab` in
+view."""
 
 
 class WaistWalk(NamedTuple):
