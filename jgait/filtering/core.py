@@ -141,7 +141,9 @@ class Filter:
         measured, controls, dt, seen = sample
         x = local.retracted(list(before), list(delta))
         if linearises_once(self.method):
-            lin = local.linearised(list(before), list(delta), x, controls, dt, list(measured), seen)
+            # One recording's program is half as long if values are stored; several recordings' is not.
+            linearised = shared(local.linearised, OFTEN) if local.lanes == 1 else local.linearised
+            lin = linearised(list(before), list(delta), list(x), controls, dt, list(measured), seen)
             lin = Linearised(*held(*lin))
             prior = held(product_transposed(product(lin.matrix, cov), lin.matrix) + lin.noise)
             update = updated(prior, lin.observation, lin.innovation, lin.observation_noise)
@@ -235,7 +237,7 @@ class Filter:
         seen_model, pull_seen = jax.vjp(shared(observation, OFTEN), moved_model[2], wide, flat)
         lin = Linearised(*held(*moved_model, *seen_model))
         a, h, e = lin.matrix, lin.observation, lin.innovation
-        moved, prior = held(product(a, cov)), known["predicted_cov"]
+        prior = known["predicted_cov"]
         g, z = known["information"], known["weighted"]
         finite = jnp.isfinite(summed(lin.predicted) + summed(a) + summed(diagonal(lin.noise)))
         valid = finite & (g[0, 0] > 0.0)
@@ -280,11 +282,13 @@ class Filter:
         if "predicted_cov" in ct:
             prior_ct = prior_ct + symmetrised(ct["predicted_cov"])
         prior_ct = held(prior_ct)
-        a_ct = a_ct + 2.0 * product(prior_ct, moved)
+        # P⁻ = A P Aᵀ + Q
+        half = held(product(prior_ct, a))
+        a_ct = a_ct + 2.0 * product(half, cov)
         on_x, *seen_ct = shared(pull_seen, OFTEN)(held(*(where(valid, v, 0.0) for v in (h_ct, e_ct, total_ct))))
         pulled_x = x_ct + where(valid, on_x, 0.0)
         x_back, delta_back, *moved_ct = shared(pull, OFTEN)(held(a_ct, prior_ct, pulled_x))
-        state = jnp.stack(x_back), jnp.stack(delta_back), product(product(transposed(a), prior_ct), a)
+        state = jnp.stack(x_back), jnp.stack(delta_back), product(transposed(a), half)
         # What was not finite did not change the belief, and says nothing of the parameters.
         back = tuple(where(finite, f, p) for f, p in zip(state, (x_ct, delta_ct, cov_ct), strict=True))
         own, each = jax.tree.map(

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import PyTree
 
 from jgait.filtering.backward import Backward
@@ -56,9 +57,11 @@ class Recorded:
 
     @property
     def block(self) -> int:
-        """Recordings computed at once; one for most gradients: half the program, and some a fifth slower."""
-        block = block_of(self.shape.sizes[1], self.shape.dtype)
-        return 1 if self.all and (self.smooth or block < 16) else block
+        """Recordings computed at once; one for a smoother's gradient: half the program, and some a fifth slower.
+
+        A filter's gradient, where a step is mostly the model, takes twice as long with fewer than 16.
+        """
+        return block_of(self.shape.sizes[1], self.shape.dtype) if not self.all else 1 if self.smooth else 16
 
     @property
     def whole(self) -> "Recorded":
@@ -195,16 +198,21 @@ class Recorded:
         fixed = {name: value for name, value in told.items() if value.dtype == jnp.bool_}
         real = {name: value for name, value in told.items() if name not in fixed and name in self._used()}
 
-        def fields(real: dict[str, PyTree], back: dict[str, PyTree]) -> list[PyTree]:
-            found = self._fields(real | fixed, back, arguments[-1])
-            return [found[i] for i in given]
+        def pulled(item: PyTree) -> PyTree:
+            """The cotangents of the scans' outputs at one sample; a loop is a shorter program than whole arrays."""
+            real, back, fixed, flags, own = jax.tree.map(lambda v: v[None], item)
 
-        shown, pull = jax.vjp(
-            shared(fields, OFTEN), real, {name: back[name] for name in ("move", "cov") if name in back}
-        )
-        told_ct, back_ct = shared(pull, OFTEN)(
-            [jnp.broadcast_to(cotangents[i], v.shape) for i, v in zip(given, shown, strict=True)]
-        )
+            def fields(real: dict[str, PyTree], back: dict[str, PyTree]) -> list[PyTree]:
+                found = self._fields(real | fixed, back, flags)
+                return [found[i] for i in given]
+
+            shown, pull = jax.vjp(shared(fields, OFTEN), real, back)
+            wide = [jnp.broadcast_to(v, f.shape) for v, f in zip(own, shown, strict=True)]
+            return jax.tree.map(lambda v: v[0], shared(pull, OFTEN)(wide))
+
+        parts = {name: back[name] for name in ("move", "cov") if name in back}
+        own = [cotangents[i] for i in given]
+        told_ct, back_ct = lax.map(pulled, (real, parts, fixed, arguments[-1], own))
         told_ct, back_ct = self._lasting(told_ct, back_ct, lambda v: added_up(v, count))
         _add(told_ct, names, cotangents[first:middle])
         if self.smooth:

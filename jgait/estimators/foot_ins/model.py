@@ -23,7 +23,7 @@ the source of their foot trajectories. The pivot and the noise that grows with t
 from typing import NamedTuple
 
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.rotation import Quaternion, conjugate, exponential, jacobian_product, logarithm, product, rotated
+from jgait.geometry.rotation import Quaternion, conjugate, jacobian_product, logarithm, product, rotated
 from jgait.geometry.vectors import GRAVITY, Vector, add, cross, scale, subtract
 from jgait.types import Flags, Values
 
@@ -189,7 +189,7 @@ def retract(s: FootState, e: FootError) -> FootState:
     return FootState(
         add(s.position, e.position),
         add(s.velocity, e.velocity),
-        _near_unit(product(exponential(e.attitude), s.attitude)),
+        _near_unit(product(_small_turn(e.attitude), s.attitude)),
         add(s.gyr_bias, e.gyr_bias),
         add(s.acc_bias, e.acc_bias),
     )
