@@ -184,24 +184,22 @@ class Filter:
         told = dict(zip(self.keep, outputs, strict=True))
         given = {name: value for name, value in zip(self.keep, cotangents, strict=True) if value is not None}
         first = [jnp.broadcast_to(v, (*v.shape[:-1], lanes)) for v in (mean, jnp.zeros_like(told["delta"][0]), cov)]
-        befores = [
-            jnp.concatenate([a[None], b[:-1]])
-            for a, b in zip(first, (told["predicted"], told["delta"], told["cov"]), strict=True)
-        ]
         behind, controls = len(params), len(samples[1])
         slots = _Slots(frozenset(moving), behind, controls)
 
         def body(carry: PyTree, item: PyTree) -> tuple[PyTree, PyTree]:
             back, total = carry
-            at, sample, known, ct = item
+            at, (sample, known, ct) = item
             found, own, each = self._adjoint(params, slots, lanes, at, sample, known, back, ct)
             return (found, [a + b for a, b in zip(total, own, strict=True)]), each
 
         zero = tuple(jnp.zeros_like(v) for v in first)
         none = [jnp.zeros((*params[i].shape[:-1], lanes), params[i].dtype) for i in slots.params]
         known = {name: told[name] for name in ("predicted_cov", "information", "weighted")}
-        items = (befores, samples, known, given)
-        (start, sums), each = scanned(body, (zero, none), items, count, reverse=True)
+        beliefs = [told[name] for name in ("predicted", "delta", "cov")]
+        (start, sums), each = scanned(
+            body, (zero, none), (samples, known, given), count, reverse=True, before=(first, beliefs)
+        )
         found = dict(zip(slots.params, sums, strict=True)) | {behind: start[0], behind + 1: start[2]}
         found |= dict(zip(slots.samples, each, strict=True))
         return [found[i] for i in moving]

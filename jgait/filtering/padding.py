@@ -27,18 +27,30 @@ def scanned(
     samples: PyTree,
     count: PyTree,
     reverse: bool = False,
+    before: tuple[PyTree, PyTree] | None = None,
 ) -> tuple[PyTree, PyTree]:
     """`lax.scan` over the first `count` samples, and zeros beyond; over all of them if `count` is None.
 
-    JAX cannot differentiate a loop whose length is not constant in reverse mode.
+    With `before`, (values, arrays), the body gets two values of a sample: that of the arrays at the sample before, or
+    `values` at the first, and that of `samples`. JAX cannot differentiate a loop whose length is not constant in
+    reverse mode.
     """
     if count is None:
+        if before is not None:
+            samples = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b[:-1]]), *before), samples
         return lax.scan(body, start, samples, reverse=reverse)
     length = jax.tree.leaves(samples)[0].shape[0]
     body = jax.jit(body, inline=True)  # traced once, for the shapes and for the loop
 
+    def at(i: PyTree, arrays: PyTree) -> PyTree:
+        return jax.tree.map(lambda v: lax.dynamic_index_in_dim(v, i, keepdims=False), arrays)
+
     def sample(i: PyTree) -> PyTree:
-        return jax.tree.map(lambda v: lax.dynamic_index_in_dim(v, i, keepdims=False), samples)
+        if before is None:
+            return at(i, samples)
+        values, arrays = before
+        last = jax.tree.map(lambda a, b: jnp.where(i > 0, b, a), values, at(jnp.maximum(i - 1, 0), arrays))
+        return last, at(i, samples)
 
     def step(number: PyTree, kept: tuple[PyTree, PyTree]) -> tuple[PyTree, PyTree]:
         carry, outputs = kept

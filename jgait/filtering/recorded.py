@@ -210,9 +210,9 @@ class Recorded:
             wide = [jnp.broadcast_to(v, f.shape) for v, f in zip(own, shown, strict=True)]
             return jax.tree.map(lambda v: v[0], shared(pull, OFTEN)(wide))
 
-        parts = {name: back[name] for name in ("move", "cov") if name in back}
+        smoothed = {name: back[name] for name in ("move", "cov") if name in back}
         own = [cotangents[i] for i in given]
-        told_ct, back_ct = lax.map(pulled, (real, parts, fixed, arguments[-1], own))
+        told_ct, back_ct = lax.map(pulled, (real, smoothed, fixed, arguments[-1], own))
         told_ct, back_ct = self._lasting(told_ct, back_ct, lambda v: added_up(v, count))
         _add(told_ct, names, cotangents[first:middle])
         if self.smooth:
