@@ -13,7 +13,7 @@ from jgait.estimators.plausible import implausible
 from jgait.estimators.programs import bucket, compiled
 from jgait.estimators.proportions import gives, with_proportions
 from jgait.notes import Note
-from jgait.params import check_params
+from jgait.params import check_params, ranges
 from jgait.types import Estimate, Recording, Values
 
 
@@ -41,8 +41,7 @@ class Estimator[P, I](NamedTuple):
 
     Attributes:
         name: name in `jgait.estimators`.
-        params: default parameters, natural units.
-        transforms: ranges of the parameters, in the same type.
+        params: default parameters, natural units, with declared ranges.
         prepare: recording → `Prepared`, on the host; raises `RecordingError` for an unusable recording.
         run: (params, inputs, options) → `Estimate`; pure, for jit, vmap and grad, `options` static.
         own: (params, body) → parameters with the measures of a person; `body` maps a name, as in the diagnostics of a
@@ -58,7 +57,6 @@ class Estimator[P, I](NamedTuple):
 
     name: str
     params: P
-    transforms: P
     prepare: Callable[[Recording], Prepared[I]]
     run: Callable[[P, I, PyTree], Estimate]
     own: Callable[[P, dict[str, PyTree]], P]
@@ -67,6 +65,11 @@ class Estimator[P, I](NamedTuple):
     finish: Callable[[Estimate, Prepared[I]], Estimate] | None = None
     in_parts: Callable[[P, I, PyTree], Estimate | None] | None = None
     unused: tuple[str, ...] = ()
+
+    @property
+    def transforms(self) -> P:
+        """The declared ranges of the parameters, in the same type."""
+        return ranges(self.params)
 
     def pad(self, inputs: I, samples: int) -> I:
         """The inputs with invalid samples at the end, which do not change the estimate; see `axes.pad`."""
