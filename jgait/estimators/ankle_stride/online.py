@@ -23,7 +23,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 from jax.typing import DTypeLike
 from jaxtyping import PyTree
 
@@ -47,6 +46,7 @@ from jgait.filtering.padding import scanned
 from jgait.geometry.rotation import between
 from jgait.geometry.vectors import Vector, vector, wrapped
 from jgait.signal import butterworth
+from jgait.signal.marks import latest
 from jgait.types import Counts, Flags, Strides, Values
 
 __all__ = ["ONLINE", "AnkleOnlineState", "Now", "Worn", "begin", "over", "worn"]
@@ -320,19 +320,6 @@ def _strides(
     return strides, stddev, ankle_strides.flags(strides, half=~follows | event.half, doubtful=doubt)
 
 
-def _latest[T: PyTree](first: T, there: T, instant: Flags) -> tuple[T, T]:
-    """Values at the last instant before each sample (T,), and at the last instant of all.
-
-    `first` holds the values at the last instant before the samples, `there` those at them.
-    """
-    count = instant.shape[0]
-    number = lax.cummax(jnp.where(instant, jnp.arange(1, count + 1, dtype=jnp.int32), 0))
-    before = jnp.concatenate([jnp.zeros_like(number[:1]), number[:-1]])
-    all_ = jax.tree.map(lambda old, new: jnp.concatenate([old[None], new]), first, there)
-    before_each, last = (jax.tree.map(lambda values, at=at: values[at], all_) for at in (before, number[-1]))
-    return before_each, last
-
-
 def over(
     p: AnkleParams, worn: Worn, state: AnkleOnlineState, gyr: Values, acc: Values, measured: Flags | None = None,
     count: Counts | None = None,
@@ -359,7 +346,7 @@ def over(
     after, event = scanned(partial(_decided, worn, filters), state, (gyr, acc, there), count)
     posterior = _filtered(p, worn, state, event, real)
     now = (ankle_strides.heading(posterior.mean, posterior.cov), _summed(state, posterior, event.stands & real))
-    begins, last = _latest((state.heading, jnp.zeros_like(state.since)), now, event.instant & real)
+    begins, last = latest((state.heading, jnp.zeros_like(state.since)), now, event.instant & real)
     since = now[1] - begins[1]
     nis = since[:, 0] / jnp.maximum(since[:, 1], 1.0)
     strides, stddev, flags = _strides(p, worn, event, posterior, begins[0], nis)
