@@ -9,7 +9,7 @@ from typing import Literal
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Num
 
 from jgait.types import AnyArray, Values, as_float
 
@@ -96,7 +96,7 @@ def true_runs(flags: Bool[AnyArray, "time"] | Sequence[bool]) -> list[tuple[int,
 
 
 def over_losses(
-    time: Float[AnyArray, "time"], values: Float[AnyArray, "time axis"], measured: Bool[AnyArray, "time"]
+    time: Num[AnyArray, "time"], values: Float[AnyArray, "time axis"], measured: Bool[AnyArray, "time"]
 ) -> np.ndarray:
     """The signal with lines in `time` over the rows that were not measured, constant at the ends; one must be."""
     if np.all(measured):
