@@ -104,31 +104,26 @@ def ranges[P](p: P) -> P:
         p: NamedTuple of parameters, as a rule the default parameters. An inner tuple of parameters declares the ranges
             of its fields; a tuple without declarations, such as a value for each leg, has the range of its field.
     """
-    tuple_of: Any = type(p)
-
-    def of_field(name: str, parameter: Parameter) -> Any:
-        value = getattr(p, name)
-        if parameter.transform is None:
-            return ranges(value)
-        return type(value)(*[parameter.transform] * len(value)) if isinstance(value, tuple) else parameter.transform
-
-    transforms: P = tuple_of(**{name: of_field(name, parameter) for name, parameter in declared(tuple_of).items()})
-    return transforms
+    return _declarations(p, lambda parameter: parameter.transform)
 
 
 def priors[P](p: P) -> P:
     """The declared priors of parameters, in the same type, for `tune.fit`; None where a parameter has none."""
+    return _declarations(p, lambda parameter: parameter.prior)
+
+
+def _declarations[P](p: P, part: Callable[[Parameter], Any]) -> P:
+    """A part of the declaration of every parameter, in the type of the parameters."""
     tuple_of: Any = type(p)
 
     def of_field(name: str, parameter: Parameter) -> Any:
         value = getattr(p, name)
         if parameter.transform is None:
-            return priors(value)
-        every: list[Any] = [parameter.prior] * (len(value) if isinstance(value, tuple) else 1)
-        return type(value)(*every) if isinstance(value, tuple) else parameter.prior
+            return _declarations(value, part)
+        return type(value)(*[part(parameter)] * len(value)) if isinstance(value, tuple) else part(parameter)
 
-    of_parameters: P = tuple_of(**{name: of_field(name, parameter) for name, parameter in declared(tuple_of).items()})
-    return of_parameters
+    parts: P = tuple_of(**{name: of_field(name, parameter) for name, parameter in declared(tuple_of).items()})
+    return parts
 
 
 def units(p: Any) -> dict[str, str]:

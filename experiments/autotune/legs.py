@@ -48,8 +48,8 @@ def rows(quick: bool) -> list[Row]:
     lines = [["default", *before, None, None]]
     for name, free in VARIANTS.items() if not quick else [*VARIANTS.items()][:1]:
         fit = tune.fit(
-            loss, start, params.freed(leg_ekf.TRANSFORMS, *free), learned, optax.adam(0.03), steps=2 if quick else 60,
-            batched=False,
+            loss, start, params.freed(leg_ekf.estimator().transforms, *free), learned, optax.adam(0.03),
+            steps=2 if quick else 60, batched=False,
         )  # fmt: skip
         after = judged(fit.params)
         ratios.append(after / before)

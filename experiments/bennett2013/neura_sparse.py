@@ -139,7 +139,7 @@ def held_out(walk: datasets.Walk, p: LegParams) -> list[Row]:
     loss = tune.Objective(leg_ekf.run, leg_ekf.with_body, options, (("trajectory", 1.0), ("distance", 1.0)))
     fit = tune.fit(
         loss, p,
-        params.freed(leg_ekf.TRANSFORMS, "standing_hip", "standing_knee", "thigh_gain", "distance_scale"),
+        params.freed(leg_ekf.estimator().transforms, "standing_hip", "standing_knee", "thigh_gain", "distance_scale"),
         item, optax.adam(0.03), steps=80, batched=False,
     )  # fmt: skip
     inputs = jax.tree.map(jax.numpy.asarray, unseen.inputs)

@@ -20,10 +20,10 @@ from experiments.foot_ins.run import QUICK, Ready, rows_of, score, sets, solved
 from jgait import params, tune
 from jgait.estimators import foot_ins
 from jgait.estimators.axes import pad
-from jgait.estimators.foot_ins import DEFAULT, TRANSFORMS, FootParams
+from jgait.estimators.foot_ins import DEFAULT, FootParams
 from jgait.estimators.foot_ins.inputs import capacity
 
-FREE = params.freed(TRANSFORMS, "pivot_height")
+FREE = params.freed(params.ranges(FootParams()), "pivot_height")
 PIECE, MOST = 16384, 4
 """[samples] From the start of each walk that are learned from, and of how many walks."""
 

@@ -106,7 +106,7 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 15, 
     data = jax.tree.map(lambda leaf: leaf[:half], made.data)
     fit = tune.fit(
         # The start is within a few percent of the optimum: larger steps would go past the minimum of the loss.
-        _loss, start, params.freed(leg_ekf.TRANSFORMS, *names), data, optax.adam(0.01), steps=steps,
+        _loss, start, params.freed(leg_ekf.estimator().transforms, *names), data, optax.adam(0.01), steps=steps,
         progress=lambda p: report(f"tuning on {half} simulated people, loss {p.loss:.1f}", p.done, p.total),
     )  # fmt: skip
     judged = []
@@ -243,8 +243,8 @@ def neura_sparse(out: Path, report: Report, *, steps: int = 30) -> Demo:
     )
     reference = item.reference
     fit = tune.fit(
-        _loss, start, params.freed(leg_ekf.TRANSFORMS, *names), item, optax.adam(0.1), steps=steps, batched=False,
-        progress=lambda p: report(f"tuning on the walk out, loss {p.loss:.1f}", p.done, p.total),
+        _loss, start, params.freed(leg_ekf.estimator().transforms, *names), item, optax.adam(0.1), steps=steps,
+        batched=False, progress=lambda p: report(f"tuning on the walk out, loss {p.loss:.1f}", p.done, p.total),
     )  # fmt: skip
     report("judging on the walk back", 0, 1)
     before, after = _estimate(start, item), _estimate(fit.params, item)

@@ -89,17 +89,14 @@ def job_of(
     error = dataclasses.replace(error, terms=((judging.error, 1.0),))
     optimizer = optax.adam(optax.cosine_decay_schedule(rate, steps))
     settings = json.dumps([loss, repr(freed), repr(start), repr(made.options), steps, rate, starts, folds, seed])
-    digest = hashlib.sha256(_without_addresses(settings).encode())
+    without_addresses = re.sub(r" at 0x[0-9a-f]+", "", settings)
+    digest = hashlib.sha256(without_addresses.encode())
     for leaf in jax.tree.leaves(made.data):
         digest.update(np.ascontiguousarray(leaf).tobytes())
     return Job(
         pipeline, start, freed, made, groups_of(made), objective, error, judging.unit, judging.words, optimizer, steps,
         starts, jax.random.key(seed), folds, run / digest.hexdigest()[:12],
     )  # fmt: skip
-
-
-def _without_addresses(text: str) -> str:
-    return re.sub(r" at 0x[0-9a-f]+", "", text)
 
 
 def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningResults:

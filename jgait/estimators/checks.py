@@ -22,10 +22,12 @@ def common_time(recording: Recording, names: Sequence[str], caller: str, what: s
     `caller` is the estimator in error messages, `what` describes the sensors in them, such as "both feet".
 
     Raises:
-        RecordingError: clocks that run backwards or differ, signals of the wrong shape, NaN, all samples
-            masked, no accelerometer.
+        RecordingError: fewer than three samples, clocks that run backwards or differ, signals of the wrong shape, NaN,
+            all samples masked, no accelerometer.
     """
     time = as_float(recording.sensors[names[0]].time)
+    if time.size < 3:
+        raise RecordingError(f"{caller} needs a walk; '{names[0]}' has {time.size} samples")
     step = np.diff(time)
     if not np.all(step > 0):
         row = int(np.argmin(step > 0)) + 1

@@ -12,9 +12,8 @@ from jgait.estimators.axes import pad
 from jgait.estimators.plausible import implausible
 from jgait.estimators.programs import bucket, compiled
 from jgait.estimators.proportions import gives, with_proportions
-from jgait.estimators.run import trimmed
 from jgait.notes import Note
-from jgait.params import check_params
+from jgait.params import check_params, ranges
 from jgait.types import Estimate, Recording, Values
 
 
@@ -42,8 +41,7 @@ class Estimator[P, I](NamedTuple):
 
     Attributes:
         name: name in `jgait.estimators`.
-        params: default parameters, natural units.
-        transforms: ranges of the parameters, in the same type.
+        params: default parameters, natural units, with declared ranges.
         prepare: recording → `Prepared`, on the host; raises `RecordingError` for an unusable recording.
         run: (params, inputs, options) → `Estimate`; pure, for jit, vmap and grad, `options` static.
         own: (params, body) → parameters with the measures of a person; `body` maps a name, as in the diagnostics of a
@@ -59,7 +57,6 @@ class Estimator[P, I](NamedTuple):
 
     name: str
     params: P
-    transforms: P
     prepare: Callable[[Recording], Prepared[I]]
     run: Callable[[P, I, PyTree], Estimate]
     own: Callable[[P, dict[str, PyTree]], P]
@@ -68,6 +65,11 @@ class Estimator[P, I](NamedTuple):
     finish: Callable[[Estimate, Prepared[I]], Estimate] | None = None
     in_parts: Callable[[P, I, PyTree], Estimate | None] | None = None
     unused: tuple[str, ...] = ()
+
+    @property
+    def transforms(self) -> P:
+        """The declared ranges of the parameters, in the same type."""
+        return ranges(self.params)
 
     def pad(self, inputs: I, samples: int) -> I:
         """The inputs with invalid samples at the end, which do not change the estimate; see `axes.pad`."""
@@ -105,6 +107,28 @@ class Estimator[P, I](NamedTuple):
         result = result if self.finish is None else self.finish(result, prepared)
         notes = (*result.diagnostics["notes"], *implausible(result))
         return result._replace(diagnostics={**result.diagnostics, "notes": notes})
+
+
+def trimmed(result: Estimate, samples: int, per_stride: tuple[str, ...]) -> Estimate:
+    """An estimate without padding, as NumPy arrays; strides, and diagnostics `per_stride`, in order of their ends."""
+    result = jax.tree.map(np.asarray, result)
+    padded = np.size(result.time)
+
+    def shorter(leaf: PyTree) -> PyTree:
+        return leaf[:samples] if np.ndim(leaf) and leaf.shape[0] == padded else leaf
+
+    by_stride = {name: result.diagnostics[name] for name in per_stride if name in result.diagnostics}
+    rest = {name: value for name, value in result.diagnostics.items() if name not in by_stride}
+    tables = (result.strides, result.strides_stddev, by_stride)
+    if result.strides is not None:
+        rows = np.flatnonzero(result.strides.valid)
+        rows = rows[np.argsort(result.strides.end[rows], kind="stable")]
+        tables = jax.tree.map(lambda column: column[rows], tables)
+    bare = result._replace(strides=None, strides_stddev=None, diagnostics=rest)
+    short = jax.tree.map(shorter, bare)
+    return short._replace(
+        strides=tables[0], strides_stddev=tables[1], diagnostics={**short.diagnostics, **tables[2]}
+    )  # fmt: skip
 
 
 def with_measures[P](estimator: str, measures: tuple[str, ...], p: P, body: dict[str, Any]) -> P:

@@ -53,6 +53,22 @@ def without(marked: Mapping[str, np.ndarray], flags: tuple[StrideFlag, ...], cou
     return ~np.logical_or.reduce([np.zeros(count, bool), *special])
 
 
+STRIDE_COLUMNS: dict[str, tuple[str, float]] = {
+    "stride_length_m": ("length", 1.0),
+    "stride_width_m": ("width", 1.0),
+    "step_length_m": ("step_length", 1.0),
+    "stride_duration_s": ("", 1.0),
+    "walking_speed_mps": ("speed", 1.0),
+    "stride_height_m": ("height", 1.0),
+    "lift_m": ("lift", 1.0),
+    "turn_deg": ("turn", 180.0 / np.pi),
+    "contact_angle_deg": ("contact_angle", 180.0 / np.pi),
+    "push_off_angle_deg": ("push_off_angle", 180.0 / np.pi),
+}
+"""Column of a stride in tables → field of `Strides` ("" for the duration), and the factor from its SI unit to the unit
+of the column."""
+
+
 def durations(strides: Strides) -> np.ndarray:
     """(strides,) [s] from contact to contact; NaN for a first stride from standing, which has no contact before it.
 

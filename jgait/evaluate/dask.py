@@ -42,7 +42,8 @@ def on_dask(job: CohortJob, items: Iterable[tuple[str, PyTree]], client: "Client
         sent[future] = group
         return future
 
-    finished = as_completed([send(group) for group in islice(groups, QUEUED * _threads(client))])
+    threads = max(1, sum(client.nthreads().values()))
+    finished = as_completed([send(group) for group in islice(groups, QUEUED * threads)])
     alone: list[tuple[str, PyTree]] = []
     for future in finished:
         group = sent.pop(future)
@@ -58,15 +59,12 @@ def on_dask(job: CohortJob, items: Iterable[tuple[str, PyTree]], client: "Client
         future = send([item])
         part = _result(future)
         sent.pop(future)
-        yield _killed(item[0]) if part is None else part
+        killed = Failed(item[0], "", "its worker process died, time and again")
+        yield tables([], [killed]) if part is None else part
 
 
 def _same(job: CohortJob) -> CohortJob:
     return job
-
-
-def _threads(client: "Client") -> int:
-    return max(1, sum(client.nthreads().values()))
 
 
 def _result(future: "Future[Cohort]") -> Cohort | None:
@@ -77,7 +75,3 @@ def _result(future: "Future[Cohort]") -> Cohort | None:
         return future.result()
     except KilledWorker:
         return None
-
-
-def _killed(name: str) -> Cohort:
-    return tables([], [Failed(name, "", "its worker process died, time and again")])

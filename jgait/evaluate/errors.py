@@ -1,5 +1,6 @@
 """Errors of an estimate against a reference, in the units that papers print; on the host, in NumPy and pandas."""
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -89,6 +90,17 @@ def _samples(reference: Estimate, window: Window, name: str) -> np.ndarray:
     return mask
 
 
+def leg_errors(estimate: Estimate, reference: Estimate) -> Iterator[tuple[str, str, np.ndarray]]:
+    """Side, column of `FIELDS` and error (T,) at the reference's times, of each leg that both have."""
+    for side in SIDES:
+        ours, theirs = getattr(estimate.legs, side), getattr(reference.legs, side)
+        if ours is None or theirs is None:
+            continue
+        for column, (field, unit) in FIELDS.items():
+            values = np.interp(as_float(reference.time), as_float(estimate.time), as_float(getattr(ours, field)))
+            yield side, column, (values - as_float(getattr(theirs, field))) * unit
+
+
 def trajectory_errors(
     estimate: Estimate, reference: Estimate, window: Window = None, relative_to: Window = None
 ) -> "pd.DataFrame":
@@ -115,17 +127,9 @@ def trajectory_errors(
         if mask is not None and not mask.any():
             raise ValueError(f"{name} holds no sample where estimate and reference are both valid")
     rows: dict[str, dict[str, float]] = {}
-    for side in SIDES:
-        ours, theirs = getattr(estimate.legs, side), getattr(reference.legs, side)
-        if ours is None or theirs is None:
-            continue
-        rows[side] = {}
-        for column, (field, unit) in FIELDS.items():
-            values = np.interp(as_float(reference.time), as_float(estimate.time), as_float(getattr(ours, field)))
-            difference = (values - as_float(getattr(theirs, field))) * unit
-            if still is not None:
-                difference = difference - difference[still].mean()
-            rows[side][column] = float(np.sqrt(np.mean(difference[look] ** 2)))
+    for side, column, error in leg_errors(estimate, reference):
+        relative = error if still is None else error - error[still].mean()
+        rows.setdefault(side, {})[column] = float(np.sqrt(np.mean(relative[look] ** 2)))
     if not rows:
         raise ValueError("estimate and reference share no leg")
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("side")

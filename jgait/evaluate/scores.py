@@ -5,24 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from jgait.evaluate.errors import FIELDS, common_samples, foot_position_error
+from jgait.estimators.stride_flags import STRIDE_COLUMNS
+from jgait.evaluate.errors import common_samples, foot_position_error, leg_errors
 from jgait.types import SIDES, Estimate, Strides, Walk, as_float
-
-DEGREES = 180.0 / np.pi
-STRIDE_QUANTITIES: dict[str, tuple[str, float]] = {
-    "stride_length_m": ("length", 1.0),
-    "stride_duration_s": ("", 1.0),
-    "stride_width_m": ("width", 1.0),
-    "step_length_m": ("step_length", 1.0),
-    "stride_height_m": ("height", 1.0),
-    "walking_speed_mps": ("speed", 1.0),
-    "turn_deg": ("turn", DEGREES),
-    "lift_m": ("lift", 1.0),
-    "contact_angle_deg": ("contact_angle", DEGREES),
-    "push_off_angle_deg": ("push_off_angle", DEGREES),
-}
-"""Quantity of a stride → field of `Strides`, and the factor from its SI unit to the quantity's unit; the duration is
-end − start. The length is also computed from `distance`, see `stride_rows`."""
 
 WITHIN = 100.0 * 0.9544997361
 """Share of a normal distribution within two standard deviations [%]."""
@@ -87,17 +72,11 @@ def _is_number(value: npt.ArrayLike | None) -> bool:
     return value is not None and np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiub"
 
 
-def _on(reference: Estimate, estimate: Estimate, values: npt.ArrayLike) -> np.ndarray:
-    """Values of an estimate (T,) interpolated at the times of the reference."""
-    theirs, ours = as_float(reference.time), as_float(estimate.time)
-    return as_float(values) if np.array_equal(theirs, ours) else np.interp(theirs, ours, as_float(values))
-
-
 def _distance(estimate: Estimate, reference: Estimate, common: np.ndarray) -> dict[str, tuple[float, float]]:
     if estimate.distance is None:
         return {}
     first, last = np.flatnonzero(common)[[0, -1]]
-    ours = _on(reference, estimate, estimate.distance)
+    ours = np.interp(as_float(reference.time), as_float(estimate.time), as_float(estimate.distance))
     if reference.distance is None:
         return {"distance_m": (float(ours[last] - ours[first]), NAN)}
     theirs = as_float(reference.distance)
@@ -106,15 +85,9 @@ def _distance(estimate: Estimate, reference: Estimate, common: np.ndarray) -> di
 
 def _trajectories(estimate: Estimate, reference: Estimate, common: np.ndarray) -> dict[str, tuple[float, float]]:
     quantities = {}
-    for side in SIDES:
-        ours, theirs = getattr(estimate.legs, side), getattr(reference.legs, side)
-        if ours is None or theirs is None:
-            continue
-        for column, (field, unit) in FIELDS.items():
-            difference = (_on(reference, estimate, getattr(ours, field)) - as_float(getattr(theirs, field)))[common]
-            part, suffix = column.split("_")
-            rms = float(np.sqrt(np.mean(difference * difference))) * unit
-            quantities[f"{part}_rmse_{suffix}_{side}"] = (rms, 0.0)
+    for side, column, error in leg_errors(estimate, reference):
+        part, suffix = column.split("_")
+        quantities[f"{part}_rmse_{suffix}_{side}"] = (float(np.sqrt(np.mean(error[common] ** 2))), 0.0)
     return quantities
 
 
@@ -151,7 +124,7 @@ def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, Any]:
     if estimate.strides is not None:
         ours = _ordered(estimate.strides)
         match = matched(ours, theirs)
-        for name in STRIDE_QUANTITIES:
+        for name in STRIDE_COLUMNS:
             values, truth = values_of(ours, name), values_of(theirs, name)
             if values is None or truth is None:
                 continue
@@ -181,7 +154,7 @@ def within_two_sd(estimate: Estimate, reference: Estimate) -> dict[str, tuple[fl
     stated = _ordered(estimate.strides_stddev._replace(valid=estimate.strides.valid), like=estimate.strides)
     match = matched(ours, theirs)
     quantities = {}
-    for name, (field, _) in STRIDE_QUANTITIES.items():
+    for name, (field, _) in STRIDE_COLUMNS.items():
         values, truth = values_of(ours, name), values_of(theirs, name)
         spread = values_of(stated, name) if field else None
         if values is None or truth is None or spread is None:
@@ -197,7 +170,7 @@ def within_two_sd(estimate: Estimate, reference: Estimate) -> dict[str, tuple[fl
 
 def values_of(strides: Strides, quantity: str) -> np.ndarray | None:
     """A quantity of every stride, in the unit at the end of its name; None where `strides` lacks the quantity."""
-    field, scale = STRIDE_QUANTITIES[quantity]
+    field, scale = STRIDE_COLUMNS[quantity]
     if field:
         values = getattr(strides, field)
         return None if values is None else scale * as_float(values)

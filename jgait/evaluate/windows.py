@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.evaluate.errors import distance_error, trajectory_errors
-from jgait.types import SIDES, Estimate, as_float
+from jgait.evaluate.errors import FIELDS, distance_error, leg_errors, trajectory_errors
+from jgait.types import Estimate, as_float
 
 
 class Judged(NamedTuple):
@@ -45,17 +45,12 @@ def _share_within(estimate: Estimate, reference: Estimate, look: np.ndarray, sti
     if estimate.stddev is None:
         return None
     inside = []
-    for side in SIDES:
-        legs = [getattr(record, side) for record in (estimate.legs, estimate.stddev, reference.legs)]
-        if any(leg is None for leg in legs):
+    for side, column, error in leg_errors(estimate, reference):
+        field, unit = FIELDS[column]
+        stddev = getattr(estimate.stddev, side)
+        if stddev is None or not column.endswith("_deg"):
             continue
-        for field in ("hip_angle", "knee_angle"):
-            ours, spread = (
-                np.interp(as_float(reference.time), as_float(estimate.time), as_float(getattr(leg, field)))
-                for leg in legs[:2]
-            )
-            error = ours - as_float(getattr(legs[2], field))
-            if still is not None:
-                error = error - error[still].mean()
-            inside.append(np.abs(error[look]) <= 2.0 * spread[look])
+        relative = error if still is None else error - error[still].mean()
+        spread = unit * np.interp(as_float(reference.time), as_float(estimate.time), as_float(getattr(stddev, field)))
+        inside.append(np.abs(relative[look]) <= 2.0 * spread[look])
     return float(np.mean(np.concatenate(inside)))

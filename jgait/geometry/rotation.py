@@ -95,6 +95,14 @@ def exponential(v: Vector) -> Quaternion:
     return normalised(Quaternion(cosine, half * v.x, half * v.y, half * v.z))
 
 
+def small_turn(v: Vector) -> Quaternion:
+    """`exponential` for less than a radian, to 1e-10 of it; the caller normalises the quaternion."""
+    a = 0.25 * (v.x * v.x + v.y * v.y + v.z * v.z)
+    half = 0.5 + a * (-1.0 / 12.0 + a * (1.0 / 240.0 - a * (1.0 / 10080.0)))
+    w = 1.0 + a * (-1.0 / 2.0 + a * (1.0 / 24.0 + a * (-1.0 / 720.0 + a * (1.0 / 40320.0))))
+    return Quaternion(w, half * v.x, half * v.y, half * v.z)
+
+
 def jacobian_product(v: Vector, e: Vector) -> Vector:
     """J e with J = I + (1 − cos θ)/θ² v× + (θ − sin θ)/θ³ v×², θ = |v|: exp(v + e) = exp(J e) exp(v) for small e.
 

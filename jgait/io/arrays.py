@@ -10,6 +10,7 @@ from jgait.io.checks import ACC_UNITS, RANGE_UNITS, check_range, quality_notes, 
 from jgait.io.clock import SampleTimes, make_clock
 from jgait.io.damage import damage_notes, without_damage
 from jgait.notes import NO_RANGE, Kind, Note
+from jgait.signal.windows import over_losses
 from jgait.types import PLACEMENTS, Imu, RangeReadings, Recording, RecordingError, as_float
 
 GYR_UNITS = {"deg/s": np.pi / 180.0, "rad/s": 1.0}
@@ -140,14 +141,5 @@ def _imu(signals: Mapping[str, np.ndarray], clock: SampleTimes) -> Imu:
         return Imu(clock.time, gyr, None, mask)
     # While the gyroscope sleeps, the accelerometer's samples are kept.
     measured = (clock.rows >= 0) & np.isfinite(force).all(axis=1)[clock.rows]
-    acc = _interpolated(clock.time, force[clock.rows], measured)
+    acc = over_losses(clock.time, force[clock.rows], measured) if measured.any() else np.zeros_like(gyr)
     return Imu(clock.time, gyr, acc, mask)
-
-
-def _interpolated(time: np.ndarray, values: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Masked samples interpolated linearly in time, constant at the ends; zeros if all samples are masked."""
-    if mask.all():
-        return values
-    if not mask.any():
-        return np.zeros_like(values)
-    return np.stack([np.interp(time, time[mask], column[mask]) for column in values.T], axis=1)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jgait.io.strides import DEGREES, bout_numbers, strides_to_dataframe
+from jgait.io.strides import bout_numbers, strides_to_dataframe
 from jgait.io.write import to_dataframe
 from jgait.types import SIDES, Estimate, as_float
 
@@ -88,7 +88,7 @@ def _extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.ndarray
             there = (time >= table["start_s"].iloc[row]) & (time <= table["end_s"].iloc[row])
             there &= np.asarray(estimate.valid, bool)
             for joint in ("hip", "knee"):
-                angle = DEGREES * as_float(getattr(leg, f"{joint}_angle"))[there]
+                angle = np.rad2deg(as_float(getattr(leg, f"{joint}_angle")))[there]
                 for word, of in (("min", np.min), ("max", np.max)):
                     column = extremes.setdefault(f"{joint}_flexion_{word}_deg", np.full(len(table), np.nan))
                     column[row] = of(angle) if angle.size else np.nan

@@ -5,28 +5,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jgait.estimators.stride_flags import durations
+from jgait.estimators.stride_flags import STRIDE_COLUMNS, durations
 from jgait.types import SIDES, Estimate, Strides, as_float
 
 if TYPE_CHECKING:
     import pandas as pd
 
-DEGREES = 180.0 / np.pi
 TIMES = ("start", "final_contact", "end", "standing", "standing_end")
-MEASURES = (
-    ("length", "stride_length", "m", 1.0),
-    ("width", "stride_width", "m", 1.0),
-    ("step_length", "step_length", "m", 1.0),
-    ("duration", "stride_duration", "s", 1.0),
-    ("speed", "walking_speed", "mps", 1.0),
-    ("height", "stride_height", "m", 1.0),
-    ("lift", "lift", "m", 1.0),
-    ("turn", "turn", "deg", DEGREES),
-    ("contact_angle", "contact_angle", "deg", DEGREES),
-    ("push_off_angle", "push_off_angle", "deg", DEGREES),
-)
-"""Field of `Strides` (the duration is end − start), name and unit of its column, and the factor from SI to the
-column's unit."""
 
 BREAK = 3.0
 """[s] Longest break between two strides of one walking bout, mobgap's default."""
@@ -64,13 +49,14 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
     for name in TIMES:
         if getattr(strides, name) is not None:
             columns[f"{name}_s"] = as_float(getattr(strides, name))[rows]
-    for field, name, unit, scale in MEASURES:
+    for column, (field, scale) in STRIDE_COLUMNS.items():
         values = _measure(strides, field)
         if values is None:
             continue
-        columns[f"{name}_{unit}"] = scale * values[rows]
-        spread = None if stated is None or field == "duration" else getattr(stated, field)
+        columns[column] = scale * values[rows]
+        spread = None if stated is None or not field else getattr(stated, field)
         if spread is not None:
+            name, _, unit = column.rpartition("_")
             deviation = scale * as_float(spread)[rows]
             columns[f"{name}_std_{unit}"] = np.where(deviation > 0.0, deviation, np.nan)
     trusted = estimate.diagnostics.get("width_valid")
@@ -88,7 +74,7 @@ def bout_numbers(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 
 def _measure(strides: Strides, field: str) -> np.ndarray | None:
-    if field == "duration":
+    if not field:
         if strides.start is None or strides.end is None:
             return None
         return durations(strides)

@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 from jgait.events.rest import longest_still
 from jgait.mounting.leg import SWAPPED
 from jgait.notes import WRONG_PLACE, Kind, Note
+from jgait.signal.windows import over_losses
 from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError, as_float
 
 MOVING = 1.0
@@ -97,11 +98,8 @@ def filled(imu: Imu) -> Imu:
     if kept.all():
         return imu
     time = as_float(imu.time)
-
-    def between(values: AnyArray) -> np.ndarray:
-        return np.stack([np.interp(time, time[kept], column[kept]) for column in as_float(values).T], axis=1)
-
-    return imu._replace(gyr=between(imu.gyr), acc=None if imu.acc is None else between(imu.acc))
+    acc = None if imu.acc is None else over_losses(time, imu.acc, kept)
+    return imu._replace(gyr=over_losses(time, imu.gyr, kept), acc=acc)
 
 
 def asymmetry(rate: Float[AnyArray, "time"]) -> float:

@@ -57,7 +57,11 @@ def of_estimate(
     settings = {"options": about.paper if made.pipeline else about.default}
     sources = None if params is None else EstimatedRecording(recording, estimate, params, settings)
     drawn = pictures(estimate, reference, about.figures, sources)
-    sections = [*_strides(of, rows), *([Section("Figures", "", drawn)] if drawn else []), *_all_strides(of)]
+    sections = _strides(of, rows)
+    if drawn:
+        sections.append(Section("Figures", "", drawn))
+    if len(of.table):
+        sections.append(Section("Stride by stride", "", [strides.stride_table(of)]))
     sections[1:1] = more
     if reference is not None:
         sections.insert(1, _against(estimate, recording, reference))
@@ -118,10 +122,6 @@ def _strides(of: strides.ReportStrides, rows: list[dict[str, PyTree]]) -> list[S
     if len(of.table):
         return [Section("Gait at a glance", "No stride is regular, so that there are no means.")]
     return [Section("Gait at a glance", "No strides were found in this recording.")]
-
-
-def _all_strides(of: strides.ReportStrides) -> list[Section]:
-    return [Section("Stride by stride", "", [strides.stride_table(of)])] if len(of.table) else []
 
 
 def _against(estimate: Estimate, recording: Recording, reference: Estimate) -> Section:

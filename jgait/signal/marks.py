@@ -1,9 +1,11 @@
-"""Flags at the samples where intervals of a recording begin and end."""
+"""Samples at which intervals of a recording begin and end: flags, and values at the last of them."""
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Int
+from jax import lax
+from jaxtyping import Bool, Int, PyTree
 
 from jgait.types import AnyArray, Flags
 
@@ -31,3 +33,16 @@ def marks(
         at = jnp.where(there, jnp.asarray(index), samples)
         flags.append(jnp.zeros(samples, bool).at[at].set(True, mode="drop"))
     return Marks(*flags)
+
+
+def latest[T: PyTree](first: T, there: T, instant: Flags) -> tuple[T, T]:
+    """Values at the last instant before each sample (T,), and at the last instant of all.
+
+    `first` holds the values at the last instant before the samples, `there` those at them.
+    """
+    count = instant.shape[0]
+    number = lax.cummax(jnp.where(instant, jnp.arange(1, count + 1, dtype=jnp.int32), 0))
+    before = jnp.concatenate([jnp.zeros_like(number[:1]), number[:-1]])
+    all_ = jax.tree.map(lambda old, new: jnp.concatenate([old[None], new]), first, there)
+    before_each, last = (jax.tree.map(lambda values, at=at: values[at], all_) for at in (before, number[-1]))
+    return before_each, last

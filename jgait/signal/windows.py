@@ -9,9 +9,9 @@ from typing import Literal
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Num
 
-from jgait.types import AnyArray, Values
+from jgait.types import AnyArray, Values, as_float
 
 
 def _reflected(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "padded *rest"]:
@@ -93,6 +93,16 @@ def true_runs(flags: Bool[AnyArray, "time"] | Sequence[bool]) -> list[tuple[int,
     edges = np.diff(np.concatenate([[0], np.asarray(flags, bool).astype(np.int8), [0]]))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     return [(int(start), int(end)) for start, end in zip(starts, ends, strict=True)]
+
+
+def over_losses(
+    time: Num[AnyArray, "time"], values: Float[AnyArray, "time axis"], measured: Bool[AnyArray, "time"]
+) -> np.ndarray:
+    """The signal with lines in `time` over the rows that were not measured, constant at the ends; one must be."""
+    if np.all(measured):
+        return as_float(values)
+    known = np.asarray(time)[measured]
+    return np.stack([np.interp(time, known, column[measured]) for column in as_float(values).T], axis=1)
 
 
 def vertex(before: Values, here: Values, after: Values) -> Values:

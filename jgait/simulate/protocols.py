@@ -16,8 +16,8 @@ from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 from jgait import simulate
 from jgait.geometry.vectors import GRAVITY
 from jgait.simulate import Person, Route, Truth
-from jgait.simulate.sensors import FREESENSE, HC_SR04, IDG300, MPU6000, OPAL, ImuErrors, Ranging
-from jgait.simulate.sensors.range import check_ranging, measure_range, nearest_point
+from jgait.simulate.sensors import FREESENSE, HC_SR04, IDG300, MPU6000, OPAL, ImuErrors
+from jgait.simulate.sensors.range import measure_range, nearest_point
 from jgait.types import Recording
 
 
@@ -59,9 +59,13 @@ def _walked(
     ]
 
 
+SHORTEST, LONGEST = 3.1, 4.0
+"""[m] Distances of Bennett's walks are uniform between these; chosen, with the mean of the paper."""
+
+
 def bennett(
-    key: PRNGKeyArray, people: int = 1, *, errors: ImuErrors = IDG300, rate: float = 50.0, shortest: float = 3.1,
-    longest: float = 4.0, placements: Sequence[str] = simulate.FOUR,
+    key: PRNGKeyArray, people: int = 1, *, errors: ImuErrors = IDG300, rate: float = 50.0,
+    placements: Sequence[str] = simulate.FOUR,
 ) -> list[Walked]:  # fmt: skip
     """A straight walk of 3 to 4 m with quiet standing, feet parallel, at both ends; thigh and shank at 50 Hz.
 
@@ -70,8 +74,6 @@ def bennett(
         people: number of people.
         errors: errors of the sensors.
         rate: sampling rate [Hz].
-        shortest: least distance [m].
-        longest: greatest distance [m]; the distance of each person is drawn uniformly between the two.
         placements: where sensors are worn.
 
     Returns:
@@ -79,10 +81,10 @@ def bennett(
 
     Source: Bennett, Jafari and Gans, "An extended Kalman filter to estimate human gait parameters and walking
     distance": section IV-A (gyroscopes, 50 Hz), IV-B (thigh and shin; only the right leg, here both), V (between 3 and
-    4 m, 3.55 m on average; standing with feet parallel). Chosen: distances even in 3.1 to 4.0 m, which has that mean.
+    4 m, 3.55 m on average; standing with feet parallel).
     """
     persons, walks, others = _keys(key, people)
-    drawn = [float(jax.random.uniform(other, minval=shortest, maxval=longest)) for other in others]
+    drawn = [float(jax.random.uniform(other, minval=SHORTEST, maxval=LONGEST)) for other in others]
     return _walked(walks, persons, [simulate.straight(d) for d in drawn], errors, rate, placements, "bennett")
 
 
@@ -186,14 +188,13 @@ SKIN = 0.04
 
 
 def potter(
-    key: PRNGKeyArray, people: int = 1, *, errors: ImuErrors = OPAL, ranging: Ranging = HC_SR04, rate: float = 128.0,
+    key: PRNGKeyArray, people: int = 1, *, errors: ImuErrors = OPAL, rate: float = 128.0,
     placements: Sequence[str] = ("foot_right", "foot_left"), straight: float = 50.0, after: float = 25.0,
-    turn: float = 0.5 * math.pi,
 ) -> list[Walked]:  # fmt: skip
     """50 m, a corner of 90°, 25 m, on marks 0.30 m apart sideways and 0.61 m forward; both feet, and a range.
 
     The range sensor sits on the inner side of the left ankle and points at the right leg. Distances `straight` and
-    `after` the corner are in m, `turn` is its angle, left positive [rad]; other arguments as `bennett`.
+    `after` the corner are in m; other arguments as `bennett`.
 
     Returns:
         The walks, with `feet_range` in their recordings; `extra` as in `bennett`, and `range` (equal to `feet_range`),
@@ -205,9 +206,8 @@ def potter(
     Hz), III-B (50 m, 90°, 25 m; tiles that make a width of 0.30 m and steps of 0.61 m). Chosen: the radius of the
     corner (0.8 m) and its side, 5 mm of variability, cadence by each person's own walk ratio.
     """
-    check_ranging(ranging)
     persons, walks, others = _keys(key, people)
-    along = simulate.corner(straight, turn, after, 0.8)
+    along = simulate.corner(straight, 0.5 * math.pi, after)
     marked = []
     for drawn in persons:
         paced = jax.tree.map(float, simulate.paced(drawn, 1.22 / drawn.gait.stride_length))
@@ -216,7 +216,7 @@ def potter(
         marked.append(Person(paced.body, paced.gait._replace(**onto)))
     walked = _walked(walks, marked, [along] * people, errors, rate, placements, "potter")
     corner = (straight, straight + float(along.length[1]))
-    ranged = [_ranged(other, walk.truth, ranging) for other, walk in zip(others, walked, strict=True)]
+    ranged = [_ranged(other, walk.truth) for other, walk in zip(others, walked, strict=True)]
     return [
         walk._replace(
             recording=walk.recording._replace(feet_range=readings["range"]),
@@ -226,7 +226,7 @@ def potter(
     ]
 
 
-def _ranged(key: PRNGKeyArray, truth: Truth, ranging: Ranging) -> dict[str, Any]:
+def _ranged(key: PRNGKeyArray, truth: Truth) -> dict[str, Any]:
     """True distance from the inner side of the left ankle to the right leg, and the readings of the range sensor."""
     segments = truth.motion.pose
 
@@ -240,7 +240,7 @@ def _ranged(key: PRNGKeyArray, truth: Truth, ranging: Ranging) -> dict[str, Any]
     away = jnp.sqrt(jnp.sum(towards * towards, axis=1, keepdims=True))
     receiver = bone + SKIN / away * towards
     time = jnp.asarray(truth.estimate.time)
-    read = _range(key, time, sender, receiver, looks, ranging)
+    read = _range(key, time, sender, receiver, looks, HC_SR04)
     out = {"range": read, "range_distance": away[:, 0] - SKIN, "sender": sender, "receiver": receiver}
     return {**jax.tree.map(np.asarray, out), "offset": 2.0 * SKIN}
 

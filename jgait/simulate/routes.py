@@ -59,9 +59,9 @@ def corner(before: float, turn: float, after: float, radius: float = 0.8) -> Rou
     return route({"length": before}, {"length": abs(turn) * radius, "turn": turn}, {"length": after})
 
 
-def u_turn(length: float, radius: float = 0.4, *, left: bool = True) -> Route:
-    """A straight piece, half a circle, a straight piece back; `length` [m] each way."""
-    return corner(length, math.pi if left else -math.pi, length, radius)
+def u_turn(length: float, radius: float = 0.4) -> Route:
+    """A straight piece, half a circle to the left, a straight piece back; `length` [m] each way."""
+    return corner(length, math.pi, length, radius)
 
 
 def rectangle(a: float, b: float, laps: int = 1, radius: float = 0.8) -> Route:

@@ -106,11 +106,6 @@ def _numbered(key: PRNGKeyArray, count: int) -> Shaped[Array, "sensor ..."]:
     return jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(count))
 
 
-def _of_sensors(moving: Motion[Frames], sensors: Sensors) -> Motion[Frames]:
-    """The motion of what each sensor is worn on (4, 3, S, T), from that of all segments (4, 3, 11, T)."""
-    return Motion(*(part[:, :, sensors.segment] for part in moving))
-
-
 def _readings(
     keys: Shaped[Array, "sensor ..."],
     moving: Motion[Frames],
@@ -158,7 +153,8 @@ def walked(
     """The readings of a planned walk (S, T, …), its motion (see `moved`), and its reference."""
     entry, r = ticks(laid, time)
     moving = kept(moved(person, laid, entry, r))
-    read = _readings(_numbered(key, sensors.point.shape[0]), _of_sensors(moving, sensors), time, errors, sensors)
+    worn_on = Motion(*(part[:, :, sensors.segment] for part in moving))  # (4, 3, S, T), of the segments (4, 3, 11, T)
+    read = _readings(_numbered(key, sensors.point.shape[0]), worn_on, time, errors, sensors)
     return read, moving, _known(person, laid, moving.pose, time, entry, r.pose)
 
 

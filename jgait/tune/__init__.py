@@ -1,21 +1,17 @@
 """Gradient-based estimation of parameters from data: fit, cross-validation, identifiability."""
 
-from jgait.tune.cross_validate import CrossValidation, check_split, cross_validate
+from jgait.tune.cross_validate import CrossValidation, cross_validate
 from jgait.tune.fit import Fit, fit
-from jgait.tune.gradient import FORWARD_UP_TO, GRADIENTS, value_and_grad
-from jgait.tune.identifiability import INFORMATION, Identifiability, identifiability
+from jgait.tune.gradient import value_and_grad
+from jgait.tune.identifiability import Identifiability, identifiability
 from jgait.tune.lanes import Progress, Report
 from jgait.tune.lessons import Lesson, Lessons, Windows, lessons, named_windows
-from jgait.tune.objective import LOSSES, TERMS, Loss, Objective, by_subject, lacking, objective, parsed
+from jgait.tune.objective import LOSSES, Loss, Objective, by_subject, lacking, objective, parsed
 from jgait.tune.profile import Profile, profile
 from jgait.tune.words import Direction
 
 __all__ = [
-    "FORWARD_UP_TO",
-    "GRADIENTS",
-    "INFORMATION",
     "LOSSES",
-    "TERMS",
     "CrossValidation",
     "Direction",
     "Fit",
@@ -29,7 +25,6 @@ __all__ = [
     "Report",
     "Windows",
     "by_subject",
-    "check_split",
     "cross_validate",
     "fit",
     "identifiability",

@@ -57,7 +57,8 @@ def _finite(tree: PyTree) -> Bool[Array, ""]:
     return jax.tree.reduce(jnp.logical_and, [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)])
 
 
-def _choose(condition: Bool[Array, ""], yes: PyTree, no: PyTree) -> PyTree:
+def choose(condition: Bool[Array, ""], yes: PyTree, no: PyTree) -> PyTree:
+    """The leaves of one of two trees."""
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
@@ -138,19 +139,19 @@ def runner(
             starting = step < 0
             update, state = updates(c, step)
             free = jax.tree.map(lambda f, u: jnp.where(starting, f, f + (c.scale * u).astype(f.dtype)), c.free, update)
-            state = _choose(starting, c.optimizer, state)
+            state = choose(starting, c.optimizer, state)
             loss, gradient, sound = evaluate(free, c.weights, step + 1, starting)
             if settings.minibatch is not None:  # weights are computed over all items
                 sound = jax.lax.cond(starting, finite_items, lambda _: c.weights > -1.0, free)
             c = c._replace(weights=jnp.where(starting & ~sound, jnp.zeros_like(c.weights), c.weights))
             good = _finite((free, loss, gradient)) & (jnp.sum(c.weights) > 0.0)
-            kept = _choose(good, c._replace(free=free, optimizer=state, loss=loss, gradient=gradient), c)
+            kept = choose(good, c._replace(free=free, optimizer=state, loss=loss, gradient=gradient), c)
             return _keep_best(c, kept, good, step, look, settings)
 
         def body(c: Carry, step: PyTree) -> tuple[Carry, Trace]:
             unknown = jnp.full_like(c.loss, jnp.nan)
             resting = (c, Trace(c.loss, norm(c.gradient), jnp.ones((), bool), unknown))
-            return _choose((step < settings.steps) & ~c.stopped, move(c, step), resting)
+            return choose((step < settings.steps) & ~c.stopped, move(c, step), resting)
 
         return jax.lax.scan(body, carry, begin + jnp.arange(size, dtype=jnp.int32))
 
@@ -173,7 +174,7 @@ def _keep_best(
         due = ((step + 1) % settings.every == 0) | (step + 1 == settings.steps)
         score = jax.lax.cond(due, lambda k: look(k.free, k.weights), lambda k: unknown, kept)
     better = good & due & (score < c.best_score)
-    best, best_score = _choose(better, (kept.free, score), (c.best, c.best_score))
+    best, best_score = choose(better, (kept.free, score), (c.best, c.best_score))
     best_step = jnp.where(better, step + 1, c.best_step)
     stopped = c.stopped
     if settings.patience is not None:

@@ -210,7 +210,8 @@ def fit[P](
         raise ValueError(f"on {mesh.size} devices minibatch must be a multiple of it; got {minibatch}")
     learn, weights = _filled(learn, mesh)
     judge = None if judge is None else _whole(judge, mesh)
-    settings = Settings(steps, minibatch, every or _every(minibatch, weights.size), patience)
+    epoch = 1 if minibatch is None else -(-weights.size // minibatch)
+    settings = Settings(steps, minibatch, every or epoch, patience)
     optimizer = supported(optimizer)
     mark = {} if checkpoint_file is None else checkpoint.fingerprint(
         data=items, params=params, transforms=transforms, priors=priors, settings=settings, validation=validation,
@@ -230,10 +231,6 @@ def fit[P](
 def name_of(loss: object) -> str:
     """The text that identifies a loss in a checkpoint: the name of a function, the printed form of anything else."""
     return str(getattr(loss, "__qualname__", None) or repr(loss))
-
-
-def _every(minibatch: int | None, n: int) -> int:
-    return 1 if minibatch is None else -(-n // minibatch)
 
 
 def _whole(items: Items, mesh: Mesh | None) -> Items:

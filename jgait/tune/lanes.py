@@ -88,7 +88,8 @@ def descend(
     chunk = max(2, settings.steps // 20) if chunk is None and (report or file) else chunk
     # XLA unrolls a scan of one step, which then rounds differently; so a chunk has at least two steps.
     size = total if chunk is None else min(total, max(2, chunk))
-    run = _in_groups(_program(problem, optimizer, settings, size), _group(settings, weights), problem.mesh is None)
+    group = max(1, AT_ONCE // (settings.minibatch or np.shape(weights)[1]))
+    run = _in_groups(_program(problem, optimizer, settings, size), group, problem.mesh is None)
     carry = jax.vmap(lambda f, w: first(f, optimizer, w, dtype))(free, jnp.asarray(weights, dtype))
     begin, history = 0, [_empty(carry)]
     saved = None if file is None else checkpoint.load(file, mark, (0, carry, history[0]))
@@ -116,12 +117,8 @@ def _program(
 
 
 AT_ONCE = 128
-"""Largest number of items times fits in one program: with more, the numbers do not fit the processor's cache."""
-
-
-def _group(settings: Settings, weights: Float[AnyArray, "lane item"] | Bool[AnyArray, "lane item"]) -> int:
-    """The number of fits that run together in one program."""
-    return max(1, AT_ONCE // (settings.minibatch or np.shape(weights)[1]))
+"""Largest number of items times fits that run together in one program: with more, the numbers do not fit the
+processor's cache."""
 
 
 def _in_groups(run: Callable[..., PyTree], group: int, threads: bool) -> Callable[..., PyTree]:

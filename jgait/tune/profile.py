@@ -10,11 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 import optax
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, Float, Int, PyTree
 
 from jgait.params import Transform
 from jgait.tune.checks import check_data, check_loss
 from jgait.tune.coordinates import Coordinates, coordinates, natural
+from jgait.tune.descent import choose, norm
 from jgait.tune.fit import supported
 from jgait.tune.gradient import value_and_grad
 
@@ -124,10 +125,6 @@ class _State(NamedTuple):
     best_norm: Float[Array, ""]
 
 
-def _choose(condition: Bool[Array, ""], yes: PyTree, no: PyTree) -> PyTree:
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
-
-
 def _refit(
     objective: Callable[[Float[Array, "others"]], Float[Array, ""]],
     start: Float[Array, "others"],
@@ -138,9 +135,6 @@ def _refit(
     """The point with the lowest loss in a scan of steps. A step to a non-finite loss is undone, the next one halved."""
     differentiate = value_and_grad(objective, gradient)
 
-    def norm(vector: Float[Array, "others"]) -> Float[Array, ""]:
-        return jnp.sqrt(jnp.sum(vector * vector))
-
     def body(state: _State, number: Int[Array, ""]) -> tuple[_State, None]:
         extra = {"value": state.loss, "grad": state.gradient, "value_fn": objective}
         with jax.numpy_dtype_promotion("standard"):  # optax counts steps in integers
@@ -149,11 +143,11 @@ def _refit(
         others = jnp.where(moves, state.others + (state.scale * updates).astype(start.dtype), state.others)
         loss, slope = differentiate(others)
         good = jnp.isfinite(loss) & jnp.all(jnp.isfinite(slope)) & jnp.all(jnp.isfinite(others))
-        moved = state._replace(others=others, optimizer=_choose(moves, after, state.optimizer))
-        state = _choose(good, moved._replace(loss=loss, gradient=slope), state)
+        moved = state._replace(others=others, optimizer=choose(moves, after, state.optimizer))
+        state = choose(good, moved._replace(loss=loss, gradient=slope), state)
         scale = jnp.where(good, jnp.minimum(2.0 * state.scale, 1.0), 0.5 * state.scale).astype(state.scale.dtype)
         following = (others, loss, norm(slope))
-        best, best_loss, best_norm = _choose(good & (loss < state.best_loss), following, state[5:])
+        best, best_loss, best_norm = choose(good & (loss < state.best_loss), following, state[5:])
         return _State(*state[:4], scale, best, best_loss, best_norm), None
 
     infinite = jnp.full((), jnp.inf, jax.eval_shape(objective, start).dtype)

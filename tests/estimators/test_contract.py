@@ -19,8 +19,8 @@ from jgait import estimators, params
 from jgait.estimators import programs
 from jgait.estimators.ankle_stride.inputs import AnkleSignals, capacity
 from jgait.estimators.axes import axes_of, pad
+from jgait.estimators.interface import trimmed
 from jgait.estimators.leg_ekf.inputs import LegInputs
-from jgait.estimators.run import trimmed
 from jgait.tune import LOSSES, Lesson
 
 ANGLE = ".diagnostics['angle_"

@@ -4,7 +4,7 @@ import contextlib
 import os
 import signal
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -23,11 +23,10 @@ class Inputs(NamedTuple):
 
 
 class Params(NamedTuple):
-    scale: Any = 1.1
-    offset: Any = 0.25
+    scale: Annotated[Any, params.Parameter(params.positive, "1", "of the distance")] = 1.1
+    offset: Annotated[Any, params.Parameter(params.real, "rad", "of the angle")] = 0.25
 
 
-TRANSFORMS = Params(params.positive, params.real)
 TRACED: list[tuple[int, Any]] = []
 """Length and options each time the estimator is traced."""
 
@@ -54,7 +53,7 @@ def own(p: Params, body: dict[str, Any]) -> Params:
     return p._replace(offset=body["offset"])
 
 
-FAKE = Estimator("fake", Params(), TRANSFORMS, prepare, run, own)
+FAKE = Estimator("fake", Params(), prepare, run, own)
 
 
 def walk(i: int, bad: str = "") -> Walk:

@@ -186,7 +186,7 @@ def test_equal_objectives_are_one_to_what_keeps_programs():
 def test_a_fit_finds_the_scale_of_the_lessons(made):
     import optax
 
-    free = params.freed(made_cohort.TRANSFORMS, "scale")
+    free = params.freed(made_cohort.FAKE.transforms, "scale")
     loss = tune.objective(made_cohort.FAKE, made.options, "distance")
     fit = tune.fit(loss, made_cohort.Params(), free, made.data, optax.adam(0.05), steps=60, subjects=made.subjects)
     assert fit.best_loss < 0.05 * fit.losses[0]
@@ -196,14 +196,14 @@ def test_a_fit_finds_the_scale_of_the_lessons(made):
 def test_names_that_are_free():
     from jgait.estimators import leg_ekf
 
-    free = params.freed(leg_ekf.TRANSFORMS, "thigh_length", "inclination.gyro_noise", "angle_noise")
+    free = params.freed(leg_ekf.estimator().transforms, "thigh_length", "inclination.gyro_noise", "angle_noise")
     moved = [
         n for n, t in zip(params.names(free), jax.tree.leaves(free, is_leaf=_is_transform), strict=True)
         if t.to_free is not None
     ]  # fmt: skip
     assert moved == ["thigh_length.right", "thigh_length.left", "angle_noise", "inclination.gyro_noise"]
     with pytest.raises(ValueError, match=r"no parameter 'thigh'; there are thigh_length\.right, "):
-        params.freed(leg_ekf.TRANSFORMS, "thigh")
+        params.freed(leg_ekf.estimator().transforms, "thigh")
 
 
 def _is_transform(node):

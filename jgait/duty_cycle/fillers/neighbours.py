@@ -20,7 +20,7 @@ from typing import Annotated, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float, Shaped
+from jaxtyping import Array, Bool, Float, PyTree, Shaped
 
 from jgait.duty_cycle.fillers.base import (
     FILLED,
@@ -91,8 +91,8 @@ def mean_rate(
     return (kernel * rate).sum() / jnp.where(total > 0.0, total, 1.0)
 
 
-def scaled(s: Signals, p: Neighbours) -> Float[Array, "time channel"]:
-    """The compared signals over their scales [1]."""
+def scaled(s: Signals, p: PyTree) -> Float[Array, "time channel"]:
+    """The signals of all sensors over their scales [1]; `p` has the scales, as `Neighbours`."""
     parts = [s.acc / p.acc_scale]
     if s.thigh is not None:
         parts += [s.thigh.rate[:, None] / p.thigh_rate_scale, s.thigh.acc / p.thigh_acc_scale]

@@ -52,7 +52,6 @@ class Replicate(NamedTuple):
 
 
 REPLICATE = Replicate()
-REPLICATE_TRANSFORMS = ranges(REPLICATE)
 
 
 def replicate(
@@ -86,5 +85,5 @@ def replicate(
 
 FILLERS = {
     "hold": Filler(hold, HOLD, HOLD),
-    "replicate": Filler(replicate, REPLICATE, REPLICATE_TRANSFORMS),
+    "replicate": Filler(replicate, REPLICATE, ranges(REPLICATE)),
 }

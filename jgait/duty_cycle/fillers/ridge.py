@@ -20,7 +20,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
 from jgait.duty_cycle.fillers.base import Filled, Filler, Force, On, Rate, Signals, Thigh, started
-from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, Neighbours, neighbours
+from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, Neighbours, neighbours, scaled
 from jgait.duty_cycle.fillers.pace import filled_once_enough
 from jgait.params import Param, Parameter, documented, fixed, interval, positive, ranges
 
@@ -45,7 +45,6 @@ class Ridge(NamedTuple):
 
 
 RIDGE = Ridge()
-TRANSFORMS = ranges(RIDGE)
 
 
 class RidgeState(NamedTuple):
@@ -76,10 +75,7 @@ def step(
 
 def features(s: Signals, p: Ridge, sampling_rate_hz: float, latency: int) -> Float[Array, "time feature"]:
     """Scaled samples from `HISTORY_S` before each sample to `latency` samples after it, and a 1; edges repeat."""
-    parts = [s.acc / p.acc_scale]
-    if s.thigh is not None:
-        parts += [s.thigh.rate[:, None] / p.thigh_rate_scale, s.thigh.acc / p.thigh_acc_scale]
-    signals = jnp.concatenate(parts, axis=1)
+    signals = scaled(s, p)
     count = len(signals)
     apart = max(round(SPACING_S * sampling_rate_hz), 1)
     lags = np.arange(-(latency // apart) * apart, round(HISTORY_S * sampling_rate_hz) + 1, apart)
@@ -126,7 +122,6 @@ class Blend(NamedTuple):
 
 
 BLEND = Blend()
-BLEND_TRANSFORMS = ranges(BLEND)
 
 
 def blend(
@@ -147,7 +142,7 @@ def blend(
 
 
 FILLERS = {
-    "ridge": Filler(ridge, RIDGE, TRANSFORMS, needs_acc=True),
-    "ridge_later": Filler(_later, RIDGE, TRANSFORMS, needs_acc=True),
-    "blend": Filler(blend, BLEND, BLEND_TRANSFORMS, needs_acc=True),
+    "ridge": Filler(ridge, RIDGE, ranges(RIDGE), needs_acc=True),
+    "ridge_later": Filler(_later, RIDGE, ranges(RIDGE), needs_acc=True),
+    "blend": Filler(blend, BLEND, ranges(BLEND), needs_acc=True),
 }

@@ -39,14 +39,13 @@ Parameters whose gradient is zero by construction:
 """
 
 from jgait.estimators.ankle_stride.estimator import UNUSED, estimate, estimator, run
-from jgait.estimators.ankle_stride.params import DEFAULT, TRANSFORMS, AnkleOptions, AnkleParams, with_body
+from jgait.estimators.ankle_stride.params import DEFAULT, AnkleOptions, AnkleParams, with_body
 from jgait.estimators.ankle_stride.prepare import prepare as prepared
 from jgait.estimators.ankle_stride.readout import FLAGS
 
 __all__ = [
     "DEFAULT",
     "FLAGS",
-    "TRANSFORMS",
     "UNUSED",
     "AnkleOptions",
     "AnkleParams",

@@ -17,7 +17,6 @@ from jgait.estimators.ankle_stride.inputs import AnkleInputs, AnkleSignals
 from jgait.estimators.ankle_stride.model import AnkleControl, AnkleError
 from jgait.estimators.ankle_stride.params import (
     DEFAULT,
-    TRANSFORMS,
     AnkleOptions,
     AnkleParams,
     check_options,
@@ -206,7 +205,7 @@ def _walked(time: Values, *leg_results: PyTree) -> tuple[tuple[PyTree, ...], Val
 def estimator(options: AnkleOptions = DEFAULT) -> Estimator[AnkleParams, AnkleInputs]:
     """This estimator as a record of functions."""
     return Estimator(
-        "ankle_stride", AnkleParams(), TRANSFORMS, partial(prepare, options=options), run, with_body, ABOUT, PER_STRIDE,
+        "ankle_stride", AnkleParams(), partial(prepare, options=options), run, with_body, ABOUT, PER_STRIDE,
         _finished, unused=UNUSED.get(options.length, ()),
     )  # fmt: skip
 

@@ -20,6 +20,7 @@ E. Foxlin, "Pedestrian tracking with shoe-mounted inertial sensors", IEEE CG&A 2
 
 from typing import NamedTuple
 
+from jgait.estimators.error_state import differences, error_shift, retract
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootError, FootModelParams, FootState
 from jgait.filtering import Belief, Covariance, Model
@@ -120,14 +121,9 @@ def observation_noise(p: FootModelParams, s: AnkleState, u: AnkleControl) -> Vec
     return Vector(*(u.over.velocity_variance,) * 3)
 
 
-def retract(s: AnkleState, e: AnkleError) -> AnkleState:
-    """The state `s` changed by the error `e`."""
-    return AnkleState(*foot_model.retract(_sensor(s), FootError(*e[:5])), add(s.lever, e.lever))
-
-
 def local(reference: AnkleState, s: AnkleState) -> AnkleError:
     """The error of the state `s` relative to `reference`."""
-    return AnkleError(*foot_model.local(_sensor(reference), _sensor(s)), subtract(s.lever, reference.lever))
+    return AnkleError(*differences(reference, s))
 
 
 def initial(p: FootModelParams) -> Belief:
@@ -156,6 +152,6 @@ def _sensor(s: AnkleState) -> FootState:
 
 MODEL = Model(
     initial, transition, transition_noise, observation, observation_noise, retract, local, None,
-    error_transition, error_observation, foot_model.error_shift,
+    error_transition, error_observation, error_shift,
 )  # fmt: skip
 """The model of one ankle."""

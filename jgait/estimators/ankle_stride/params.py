@@ -4,7 +4,7 @@ from typing import Annotated, Any, NamedTuple
 
 from jgait import filtering
 from jgait.estimators.interface import with_measures
-from jgait.params import Param, Parameter, documented, interval, positive, ranges, real
+from jgait.params import Param, Parameter, documented, interval, positive, real
 
 LENGTHS = ("filter", "3d", "sl1", "sl2")
 DETECTORS = ("swings", "machine", "paper")
@@ -70,10 +70,6 @@ class AnkleParams(NamedTuple):
     leg_length: Annotated[Param, Parameter(positive, "m", "of the pendulum; sl1 and sl2 only")] = 0.85
     angle_gain: Annotated[Param, Parameter(positive, "1", "of the swing's angle; sl2 only")] = 1.0
     time_gain: Annotated[Param, Parameter(real, "s", "of the angle over the swing's time; sl2 only")] = 0.0
-
-
-TRANSFORMS = ranges(AnkleParams())
-"""The range of every parameter."""
 
 
 class AnkleOptions(NamedTuple):

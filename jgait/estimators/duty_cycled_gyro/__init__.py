@@ -36,11 +36,9 @@ from jgait.estimators.duty_cycled_gyro.estimator import estimate, estimator, run
 from jgait.estimators.duty_cycled_gyro.params import (
     DEFAULT,
     PAPER,
-    TRANSFORMS,
     DutyCycledOptions,
     DutyCycledParams,
     params_of,
-    transforms_of,
     with_body,
 )
 from jgait.estimators.duty_cycled_gyro.prepare import prepare as prepared
@@ -48,7 +46,6 @@ from jgait.estimators.duty_cycled_gyro.prepare import prepare as prepared
 __all__ = [
     "DEFAULT",
     "PAPER",
-    "TRANSFORMS",
     "DutyCycledOptions",
     "DutyCycledParams",
     "duty_model",
@@ -57,6 +54,5 @@ __all__ = [
     "params_of",
     "prepared",
     "run",
-    "transforms_of",
     "with_body",
 ]

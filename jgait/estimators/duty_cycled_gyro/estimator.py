@@ -27,7 +27,6 @@ from jgait.estimators.duty_cycled_gyro.params import (
     GapSegment,
     one_side,
     params_of,
-    transforms_of,
     with_body,
 )
 from jgait.estimators.duty_cycled_gyro.prepare import LOST, prepare
@@ -196,7 +195,7 @@ def estimator(
         ValueError: an unknown filler.
     """
     return Estimator(
-        "duty_cycled_gyro", params_of(options), transforms_of(options),
+        "duty_cycled_gyro", params_of(options),
         partial(prepare, options=options, gyro_on=gyro_on), run, with_body, ABOUT, finish=partial(_finished, options),
         unused=("filler.least_strides",),
     )  # fmt: skip
@@ -266,13 +265,14 @@ def estimate(
         ValueError: a parameter outside its range, parameters of another filler, a duty cycle outside (0, 1], a wake-up
             longer than the on-time, a mask of the wrong shape.
     """
-    ranges = transforms_of(options)
-    if type(p.filler) is not type(ranges.filler):
+    of_options = estimator(options, gyro_on)
+    wanted = type(of_options.params.filler)
+    if type(p.filler) is not wanted:
         raise ValueError(
-            f"the filler {options.filler!r} takes parameters of type {type(ranges.filler).__name__}, see params_of; "
+            f"the filler {options.filler!r} takes parameters of type {wanted.__name__}, see params_of; "
             f"got {type(p.filler).__name__}"
         )
-    return estimator(options, gyro_on).estimate(p, recording)
+    return of_options.estimate(p, recording)
 
 
 def _finished(options: DutyCycledOptions, result: Estimate, made: Prepared[DutyCycledInputs]) -> Estimate:

@@ -10,7 +10,7 @@ from jgait.estimators.interface import with_measures
 from jgait.estimators.leg_ekf import params as leg_params
 from jgait.estimators.leg_ekf.params import BySide
 from jgait.geometry.vectors import GRAVITY
-from jgait.params import Param, Parameter, documented, interval, positive, ranges
+from jgait.params import Param, Parameter, documented, interval, positive
 from jgait.types import Values
 
 
@@ -68,10 +68,6 @@ class DutyCycledParams(NamedTuple):
     filler: Annotated[Values, Parameter(None, "", "parameters of the filler, see there for their units")] = NEIGHBOURS
 
 
-TRANSFORMS = ranges(DutyCycledParams())
-"""The range of every parameter, for the default filler; `transforms_of` gives those for another filler."""
-
-
 class DutyCycledOptions(NamedTuple):
     """Which parts of the method are used.
 
@@ -113,11 +109,6 @@ PAPER = DutyCycledOptions(filler="replicate", above=False)
 def params_of(options: DutyCycledOptions) -> DutyCycledParams:
     """The default parameters, with those of the options' filler."""
     return DutyCycledParams(filler=check_filler(options.filler).params)
-
-
-def transforms_of(options: DutyCycledOptions) -> DutyCycledParams:
-    """The ranges of the parameters, with those of the options' filler."""
-    return TRANSFORMS._replace(filler=check_filler(options.filler).transforms)
 
 
 def one_side(p: DutyCycledParams, side: int) -> DutyCycledParams:

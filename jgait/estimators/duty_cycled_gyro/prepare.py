@@ -51,9 +51,6 @@ def checked(recording: Recording, names: list[str], options: DutyCycledOptions) 
     """The common time of the sensors; arrays and options are checked as well."""
     schedule_of(options.schedule, options.gyroscope)
     check_filler(options.filler)
-    time = as_float(recording.sensors[names[0]].time)
-    if time.size < 3:
-        raise RecordingError(f"{NAME} needs a walk; '{names[0]}' has {time.size} samples")
     time = common_time(recording, names, NAME, "the legs' sensors", acc=False)
     check_nominal_rate(time, names[0], recording.sampling_rate_hz)
     if not LOWEST_RATE_HZ <= recording.sampling_rate_hz <= RATES[1]:

@@ -34,21 +34,17 @@ Parameters without a gradient: `sway`, `gyr_bias` and `gyr_bias_tilt` enter only
 of stances, footholds and contacts has no gradient.
 """
 
-from jgait.estimators.foot_ins.estimator import controls, estimate, estimator, model_params, prepared, prior_of, run
-from jgait.estimators.foot_ins.params import DEFAULT, TEXTBOOK, TRANSFORMS, FootOptions, FootParams, with_body
+from jgait.estimators.foot_ins.estimator import estimate, estimator, prepared, run
+from jgait.estimators.foot_ins.params import DEFAULT, TEXTBOOK, FootOptions, FootParams, with_body
 
 __all__ = [
     "DEFAULT",
     "TEXTBOOK",
-    "TRANSFORMS",
     "FootOptions",
     "FootParams",
-    "controls",
     "estimate",
     "estimator",
-    "model_params",
     "prepared",
-    "prior_of",
     "run",
     "with_body",
 ]

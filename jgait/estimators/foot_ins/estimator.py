@@ -25,7 +25,6 @@ from jgait.estimators.sides import stacked
 from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion, level
 from jgait.geometry.vectors import Vector, vector
-from jgait.params import ranges
 from jgait.types import SIDES, Counts, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Strides, Values
 
 PER_STRIDE = ("stride_nis", "doubtful")
@@ -187,7 +186,7 @@ def estimator(options: FootOptions = DEFAULT) -> Estimator[FootParams, FootInput
     start = FootParams(noise=noise.model_of(options.noise).start)
     used = {"height_noise": options.level is True, "softness": options.soft, "threshold_factor": options.soft}
     return Estimator(
-        "foot_ins", start, ranges(start), ready, run, with_body, ABOUT, PER_STRIDE, _finished, _in_windows,
+        "foot_ins", start, ready, run, with_body, ABOUT, PER_STRIDE, _finished, _in_windows,
         unused=tuple(name for name, of_use in used.items() if not of_use),
     )  # fmt: skip
 

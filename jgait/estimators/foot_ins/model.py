@@ -22,8 +22,9 @@ the source of their foot trajectories. The pivot and the noise that grows with t
 
 from typing import NamedTuple
 
+from jgait.estimators.error_state import differences, error_shift, near_unit, retract
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.rotation import Quaternion, conjugate, jacobian_product, logarithm, product, rotated
+from jgait.geometry.rotation import Quaternion, product, rotated, small_turn
 from jgait.geometry.vectors import GRAVITY, Vector, add, cross, scale, subtract
 from jgait.types import Flags, Values
 
@@ -89,7 +90,7 @@ def transition(p: FootModelParams, s: FootState, u: FootControl, dt: Values) -> 
     return FootState(
         position=add(since, went),
         velocity=add(s.velocity, scale(dt, acceleration)),
-        attitude=_near_unit(product(middle, half)),
+        attitude=near_unit(product(middle, half)),
         gyr_bias=s.gyr_bias,
         acc_bias=s.acc_bias,
     )
@@ -97,23 +98,9 @@ def transition(p: FootModelParams, s: FootState, u: FootControl, dt: Values) -> 
 
 def _midway(s: FootState, u: FootControl, dt: Values) -> tuple[Quaternion, Quaternion, Vector]:
     """The rotation of half an interval, and at mid-interval the attitude and the specific force in the world."""
-    half = _small_turn(scale(0.5 * dt, subtract(u.gyr, s.gyr_bias)))
+    half = small_turn(scale(0.5 * dt, subtract(u.gyr, s.gyr_bias)))
     middle = product(s.attitude, half)
     return half, middle, rotated(middle, subtract(u.acc, s.acc_bias))
-
-
-def _small_turn(v: Vector) -> Quaternion:
-    """`rotation.exponential` for less than a radian, exact to 1e-10 of it; the caller normalises the quaternion."""
-    a = 0.25 * (v.x * v.x + v.y * v.y + v.z * v.z)
-    half = 0.5 + a * (-1.0 / 12.0 + a * (1.0 / 240.0 - a * (1.0 / 10080.0)))
-    w = 1.0 + a * (-1.0 / 2.0 + a * (1.0 / 24.0 + a * (-1.0 / 720.0 + a * (1.0 / 40320.0))))
-    return Quaternion(w, half * v.x, half * v.y, half * v.z)
-
-
-def _near_unit(q: Quaternion) -> Quaternion:
-    """Normalise a quaternion of nearly unit length by one Newton step for 1/√, without root and division."""
-    factor = 1.5 - 0.5 * (q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z)
-    return Quaternion(factor * q.w, factor * q.x, factor * q.y, factor * q.z)
 
 
 def turn_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, dt: Values) -> FootError:
@@ -184,32 +171,9 @@ def observation_noise(p: FootModelParams, s: FootState, u: FootControl) -> FootO
     return FootObservation(_three(u.velocity_variance), p.height_variance)
 
 
-def retract(s: FootState, e: FootError) -> FootState:
-    """The state that differs from `s` by the error `e`."""
-    return FootState(
-        add(s.position, e.position),
-        add(s.velocity, e.velocity),
-        _near_unit(product(_small_turn(e.attitude), s.attitude)),
-        add(s.gyr_bias, e.gyr_bias),
-        add(s.acc_bias, e.acc_bias),
-    )
-
-
 def local(reference: FootState, s: FootState) -> FootError:
     """The error of the state `s` relative to `reference`."""
-    return FootError(
-        subtract(s.position, reference.position),
-        subtract(s.velocity, reference.velocity),
-        logarithm(product(s.attitude, conjugate(reference.attitude))),
-        subtract(s.gyr_bias, reference.gyr_bias),
-        subtract(s.acc_bias, reference.acc_bias),
-    )
-
-
-def error_shift(reference: FootState, delta: FootError, e: FootError) -> FootError:
-    """The error `e` on top of the error `delta`: rotation vectors do not add, exp(δ + e) = exp(J e) exp(δ)."""
-    del reference
-    return e._replace(attitude=jacobian_product(delta.attitude, e.attitude))
+    return FootError(*differences(reference, s))
 
 
 def initial(p: FootModelParams) -> Belief:

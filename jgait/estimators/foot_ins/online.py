@@ -22,7 +22,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 from jaxtyping import PyTree
 
 from jgait import filtering
@@ -53,6 +52,7 @@ from jgait.events.shank_stance import PAUSE_S
 from jgait.filtering.padding import scanned
 from jgait.geometry.rotation import Quaternion, as_array
 from jgait.geometry.vectors import Vector, root, wrapped
+from jgait.signal.marks import latest
 from jgait.types import Counts, Flags, Strides, Values
 
 __all__ = ["ONLINE", "FootNow", "FootOnlineState", "FootWorn", "begin", "lag", "over", "worn"]
@@ -320,16 +320,15 @@ def over(
     yaw = jnp.arctan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
     headings = jnp.stack([yaw, posterior.cov["attitude.z", "attitude.z"]], axis=1)
     since, before = _summed(state.since, posterior, event, count)
-    at = lax.cummax(jnp.where(foothold, jnp.arange(1, samples + 1, dtype=jnp.int32), 0))
-    all_ = jnp.concatenate([state.heading[None], headings])
-    change = headings - all_[jnp.concatenate([jnp.zeros_like(at[:1]), at[:-1]])]
+    before_each, heading = latest(state.heading, headings, foothold)
+    change = headings - before_each
     strides, stddev, doubtful = _strides(p, worn, event, posterior, before, wrapped(change[:, 0]), change[:, 1])
     stride = strides.valid & real
     number = state.count + jnp.cumsum(stride, dtype=jnp.int32)
     distance = state.distance + jnp.cumsum(jnp.where(stride, of_turns(strides.length, strides.turn)[0], 0.0))
     after = after._replace(
         belief=posterior.belief(newest),
-        heading=all_[at[-1]],
+        heading=heading,
         since=since,
         count=number[-1],
         distance=distance[-1],

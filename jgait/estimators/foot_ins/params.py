@@ -6,7 +6,7 @@ from jgait import filtering
 from jgait.estimators.interface import with_measures
 from jgait.estimators.noise import Constant
 from jgait.geometry.vectors import Vector
-from jgait.params import Param, Parameter, documented, interval, lognormal, normal, positive, ranges
+from jgait.params import Param, Parameter, documented, interval, lognormal, normal, positive
 
 
 @documented
@@ -74,10 +74,6 @@ class FootParams(NamedTuple):
     noise: Annotated[Param, Parameter(
         None, "", "noise model of the zero velocity, see `jgait.estimators.noise`",
     )] = Constant()  # fmt: skip
-
-
-TRANSFORMS = ranges(FootParams())
-"""The range of every parameter."""
 
 
 class FootOptions(NamedTuple):

@@ -22,8 +22,8 @@ from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
 from jgait.notes import Note
 from jgait.signal import clipping
-from jgait.signal.windows import window_maximum
-from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
+from jgait.signal.windows import over_losses, window_maximum
+from jgait.types import SIDES, Imu, Recording, RecordingError
 
 SLOWEST_HZ = 45.0
 """[Hz] Lowest sampling rate; a lower rate does not sample the jolt of a heel strike, which lasts some 30 ms."""
@@ -85,23 +85,11 @@ def prepare(recording: Recording, detector: str = "adaptive") -> Prepared[FootIn
 
 def checked_clock(recording: Recording, sides: tuple[str, ...]) -> np.ndarray:
     """The common time of all feet; the signals are checked as well."""
-    time = as_float(recording.sensors[f"foot_{sides[0]}"].time)
-    if time.size < 3:
-        raise RecordingError(f"foot_ins needs a walk; 'foot_{sides[0]}' has {time.size} samples")
-    names = [f"foot_{side}" for side in sides]
-    common_time(recording, names, "foot_ins", "both feet")
+    time = common_time(recording, [f"foot_{side}" for side in sides], "foot_ins", "both feet")
     rate = 1.0 / float(np.median(np.diff(time)))
     if rate < 0.99 * SLOWEST_HZ:  # a clock is a little off its nominal rate
         raise RecordingError(f"foot_ins needs {SLOWEST_HZ:g} Hz or more; the recording has {rate:.1f} Hz")
     return time
-
-
-def filled(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """The signals, with lost samples interpolated linearly."""
-    if mask.all():
-        return values
-    index, there = np.arange(len(values)), np.flatnonzero(mask)
-    return np.stack([np.interp(index, there, column[there]) for column in values.T], axis=1)
 
 
 def _mean_over_interval(values: np.ndarray) -> np.ndarray:
@@ -114,7 +102,7 @@ def _foot(
     """Inputs of one foot, notes, and the longest rest as a half-open range of samples."""
     notes: list[Note] = []
     mask = np.asarray(imu.mask, bool)
-    gyr, acc = (filled(np.asarray(values, np.float64), mask) for values in (imu.gyr, imu.acc))
+    gyr, acc = (over_losses(np.arange(len(time)), values, mask) for values in (imu.gyr, imu.acc))
     peaks = clipping.restored(gyr)
     gyr = peaks.gyr
     step = np.diff(time, prepend=time[0])

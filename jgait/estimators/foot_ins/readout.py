@@ -65,11 +65,8 @@ them. No other set was used for the choice.
 """
 
 
-def path_of(
-    p: FootParams, foot: FootSignals, time: Values, inferred: Inferred, side: int = 0, *, flatten: bool
-) -> Path:
-    """Trajectory and strides of one foot (0 right, 1 left) from states whose positions are those since the last
-    foothold.
+def path_of(p: FootParams, foot: FootSignals, time: Values, inferred: Inferred, *, flatten: bool) -> Path:
+    """Trajectory and strides, of side 0, of one foot from states whose positions are those since the last foothold.
 
     `flatten` gives all footholds of the trajectory one height where the ground counts as level.
     """
@@ -82,7 +79,7 @@ def path_of(
     forward = _forward(state.attitude, way, length, here, valid & (length > STRAIGHT_FROM))
     heading = jnp.arctan2(_first(way.y, valid), _first(way.x, valid))
     nis = nis_between(inferred.filtered.nis, inferred.filtered.count, here, there)
-    strides, deviations = _strides(p, foot, time, state, cov, side, forward, valid, nis)
+    strides, deviations = _strides(p, foot, time, state, cov, forward, valid, nis)
     tilted = rotated(state.attitude, _spread(forward, state.attitude.w))
     way_since = _accumulated(state.position, foot)
     if flatten:
@@ -118,7 +115,7 @@ def walked(strides: Strides, rows: PyTree, time: Values) -> Values:
 
 
 def _strides(
-    p: FootParams, foot: FootSignals, time: Values, state: FootState, cov: Covariance, side: int, forward: Vector,
+    p: FootParams, foot: FootSignals, time: Values, state: FootState, cov: Covariance, forward: Vector,
     valid: Flags, nis: Values,
 ) -> tuple[Strides, Strides]:  # fmt: skip
     """Strides of one foot and their standard deviations."""
@@ -146,7 +143,7 @@ def _strides(
     start = jnp.where(began, jnp.concatenate([leaves[:1], touches[:-1]]), leaves)
     duration = jnp.maximum(jnp.where(began, touches - start, lands - departs), 1e-3)
     nothing = jnp.full_like(length, jnp.nan)
-    numbers = jnp.full(length.shape, side, jnp.int32)
+    numbers = jnp.zeros(length.shape, jnp.int32)
     strides = Strides(
         side=numbers, start=start, final_contact=leaves, end=touches, length=length, width=nothing,
         height=rise, valid=valid, standing=departs, standing_end=lands, speed=length / duration, turn=turn,

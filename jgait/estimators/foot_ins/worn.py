@@ -5,9 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.estimators.foot_ins.prepare import checked_clock, errors_at_rest, filled
+from jgait.estimators.foot_ins.prepare import checked_clock, errors_at_rest
 from jgait.events import foot as events
 from jgait.events.rest import rest
+from jgait.signal.windows import over_losses
 from jgait.types import SIDES, Counts, Recording, RecordingError, Values
 
 HOLD_S = 0.1
@@ -45,7 +46,7 @@ def worn(recording: Recording, side: str) -> FootWorn:
     time = checked_clock(recording, (side,))
     imu = recording.sensors[name]
     mask = np.asarray(imu.mask, bool)
-    gyr, acc = (filled(np.asarray(values, np.float64), mask) for values in (imu.gyr, imu.acc))
+    gyr, acc = (over_losses(np.arange(len(time)), values, mask) for values in (imu.gyr, imu.acc))
     hz = 1.0 / float(np.median(np.diff(time)))
     at_rest = rest(gyr, acc, mask, hz)
     scale, acc_bias = errors_at_rest(at_rest, name, [])

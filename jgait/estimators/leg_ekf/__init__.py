@@ -35,7 +35,6 @@ from jgait.estimators.leg_ekf.estimator import estimate, estimator, prepared, ru
 from jgait.estimators.leg_ekf.params import (
     DEFAULT,
     PAPER,
-    TRANSFORMS,
     BySide,
     LegOptions,
     LegParams,
@@ -46,7 +45,6 @@ from jgait.estimators.leg_ekf.params import (
 __all__ = [
     "DEFAULT",
     "PAPER",
-    "TRANSFORMS",
     "BySide",
     "LegOptions",
     "LegParams",

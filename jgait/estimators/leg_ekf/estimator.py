@@ -16,7 +16,7 @@ from jgait.estimators.leg_ekf.about import ABOUT
 from jgait.estimators.leg_ekf.inputs import SHORT_GAP, LegInputs, LegSignals, Segment, has_gravity
 from jgait.estimators.leg_ekf.model import STANDING, LegControl, LegModelParams, LegObservation, LegState
 from jgait.estimators.leg_ekf.notes import SHANKS_APART
-from jgait.estimators.leg_ekf.params import DEFAULT, TRANSFORMS, LegOptions, LegParams, one_side, with_body
+from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_side, with_body
 from jgait.estimators.leg_ekf.prepare import SHANKS, prepare
 from jgait.estimators.sides import stacked
 from jgait.filtering import Belief, Covariance, Model
@@ -269,7 +269,7 @@ def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:
         gravity = options.gravity and has_gravity(prepared.inputs)
         return prepared._replace(options=options._replace(gravity=gravity))
 
-    return Estimator("leg_ekf", LegParams(), TRANSFORMS, ready, run, with_body, ABOUT, finish=_finished)
+    return Estimator("leg_ekf", LegParams(), ready, run, with_body, ABOUT, finish=_finished)
 
 
 def prepared(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[LegInputs]:

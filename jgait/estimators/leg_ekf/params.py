@@ -5,7 +5,7 @@ from typing import Annotated, Any, NamedTuple
 from jgait import filtering
 from jgait.estimators.interface import with_measures
 from jgait.estimators.leg_ekf.inclination import InclinationNoise
-from jgait.params import Param, Parameter, documented, interval, positive, ranges
+from jgait.params import Param, Parameter, documented, interval, positive
 from jgait.types import Values
 
 
@@ -75,10 +75,6 @@ class LegParams(NamedTuple):
     kinematic_noise: Annotated[Param, Parameter(
         positive, "1", "error of the distance by the leg's kinematics, over the distance; stated deviation only",
     )] = 0.12  # fmt: skip
-
-
-TRANSFORMS = ranges(LegParams())
-"""The range of every parameter."""
 
 
 class LegOptions(NamedTuple):

@@ -51,11 +51,7 @@ def worn_sides(recording: Recording) -> tuple[str, ...]:
 def common_clock(recording: Recording, sides: tuple[str, ...]) -> tuple[dict[str, Imu], np.ndarray]:
     """The sensors of the measured legs and their common time, checked."""
     sensors = {f"{part}_{s}": recording.sensors[f"{part}_{s}"] for s in sides for part in ("thigh", "shank")}
-    first = next(iter(sensors))
-    time = np.asarray(sensors[first].time, np.float64)
-    if time.size < 3:
-        raise RecordingError(f"leg_ekf needs a walk; '{first}' has {time.size} samples")
-    common_time(recording, list(sensors), "leg_ekf", "thigh and shank", acc=False)
+    time = common_time(recording, list(sensors), "leg_ekf", "thigh and shank", acc=False)
     rate = 1.0 / float(np.median(np.diff(time)))
     if rate < 0.99 * LOWEST_RATE_HZ:  # a clock is a little off its nominal rate
         raise RecordingError(

@@ -49,13 +49,12 @@ Deviations from the paper:
 
 from jgait.estimators.stride_width_ekf.estimator import estimate, estimator, run, with_body
 from jgait.estimators.stride_width_ekf.inputs import WidthInputs
-from jgait.estimators.stride_width_ekf.params import DEFAULT, PAPER, TRANSFORMS, WidthOptions, WidthParams
+from jgait.estimators.stride_width_ekf.params import DEFAULT, PAPER, WidthOptions, WidthParams
 from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
 
 __all__ = [
     "DEFAULT",
     "PAPER",
-    "TRANSFORMS",
     "WidthInputs",
     "WidthOptions",
     "WidthParams",

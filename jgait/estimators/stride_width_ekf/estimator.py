@@ -16,7 +16,7 @@ from jgait.estimators.stride_width_ekf.from_sensors import feet_of, merged
 from jgait.estimators.stride_width_ekf.inputs import WidthInputs, exchanged
 from jgait.estimators.stride_width_ekf.model import WidthControl, WidthModelParams, WidthObservation, WidthState
 from jgait.estimators.stride_width_ekf.notes import FEET_SEEM_EXCHANGED
-from jgait.estimators.stride_width_ekf.params import DEFAULT, TRANSFORMS, WidthOptions, WidthParams
+from jgait.estimators.stride_width_ekf.params import DEFAULT, WidthOptions, WidthParams
 from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
 from jgait.filtering import Belief, Model
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, Values
@@ -127,9 +127,7 @@ def estimator(
         notes = (*feet.diagnostics["notes"], *prepared.notes)
         return prepared._replace(notes=notes, standing=feet.diagnostics["standing"], extra=(feet, stances))
 
-    return Estimator(
-        "stride_width_ekf", WidthParams(), TRANSFORMS, ready, run, with_body, ABOUT, ("width_valid",), _finished
-    )
+    return Estimator("stride_width_ekf", WidthParams(), ready, run, with_body, ABOUT, ("width_valid",), _finished)
 
 
 def estimate(

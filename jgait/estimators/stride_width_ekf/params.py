@@ -4,7 +4,7 @@ import math
 from typing import Annotated, NamedTuple
 
 from jgait import filtering
-from jgait.params import Param, Parameter, documented, fixed, interval, positive, ranges
+from jgait.params import Param, Parameter, documented, fixed, interval, positive
 
 
 @documented
@@ -53,10 +53,6 @@ class WidthParams(NamedTuple):
     start_heading: Annotated[Param, Parameter(
         fixed, "rad", "standard deviation of the angle between both feet's first strides, 0 expected",
     )] = 0.2  # fmt: skip
-
-
-TRANSFORMS = ranges(WidthParams())
-"""The range of every parameter; parameters that no recording can identify are fixed."""
 
 
 class WidthOptions(NamedTuple):

@@ -33,7 +33,7 @@ Parameters whose gradient is zero by construction:
 
 from jgait.estimators.waist.about import SIDE_KNOWN
 from jgait.estimators.waist.estimator import FLAGS, UNUSED, estimate, estimator, papers_estimator, run
-from jgait.estimators.waist.params import DEFAULT, PAPER, TRANSFORMS, WaistOptions, WaistParams, with_body
+from jgait.estimators.waist.params import DEFAULT, PAPER, WaistOptions, WaistParams, with_body
 from jgait.estimators.waist.prepare import prepare as prepared
 
 __all__ = [
@@ -41,7 +41,6 @@ __all__ = [
     "FLAGS",
     "PAPER",
     "SIDE_KNOWN",
-    "TRANSFORMS",
     "UNUSED",
     "WaistOptions",
     "WaistParams",

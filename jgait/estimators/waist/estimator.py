@@ -18,7 +18,6 @@ from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL
 from jgait.estimators.waist.params import (
     DEFAULT,
     PAPER,
-    TRANSFORMS,
     WaistOptions,
     WaistParams,
     check_options,
@@ -144,7 +143,7 @@ def _strides(
 def estimator(options: WaistOptions = DEFAULT) -> Estimator[WaistParams, WaistInputs]:
     """This estimator as a record of functions."""
     return Estimator(
-        "waist", WaistParams(), TRANSFORMS, partial(prepare, options=options), run, with_body, ABOUT, FLAGS, _finished,
+        "waist", WaistParams(), partial(prepare, options=options), run, with_body, ABOUT, FLAGS, _finished,
         unused=UNUSED.get(options.distance, ()),
     )  # fmt: skip
 

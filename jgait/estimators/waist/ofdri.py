@@ -71,7 +71,7 @@ def weight(part: ArrayLike, beta: ArrayLike = 0.1) -> Array:
 
 def direct_reverse_cycles(
     acc: ArrayLike, cycles: Cycles, start: ArrayLike, end: ArrayLike, dt: ArrayLike, cutoff_hz: ArrayLike = 0.0,
-    beta: ArrayLike = 0.1, mask: ArrayLike | None = None,
+    beta: ArrayLike = 0.1,
 ) -> Array:  # fmt: skip
     """OFDRI of every cycle of a recording; `start`, `end` and `cutoff_hz` are one value or (K,).
 
@@ -79,9 +79,9 @@ def direct_reverse_cycles(
         (T,) velocity [m/s] after the begin of each cycle, up to and including its end; 0 elsewhere.
 
     Raises:
-        ValueError: if the signal is empty or not floating point, or dt, mask or cycles do not fit.
+        ValueError: if the signal is empty or not floating point, or dt or cycles do not fit.
     """
-    values, steps = signal_and_steps(acc, dt, mask)
+    values, steps = signal_and_steps(acc, dt)
     at = placed(cycles, values.shape[0])
     begun, ended = (jnp.broadcast_to(jnp.asarray(v, values.dtype), at.valid.shape) for v in (start, end))
     integrals = since(values, steps, per_sample(cutoff_hz, at, values.dtype), at.restart)
@@ -150,7 +150,7 @@ def _part(time: Values, whole: Values) -> Values:
     return time / jnp.where(whole > 0.0, whole, 1.0)
 
 
-def signal_and_steps(acc: ArrayLike, dt: ArrayLike, mask: ArrayLike | None) -> tuple[Array, Array]:
+def signal_and_steps(acc: ArrayLike, dt: ArrayLike, mask: ArrayLike | None = None) -> tuple[Array, Array]:
     """The samples, and the time from the sample before each; both are 0 in padding."""
     values = jnp.asarray(acc)
     if values.ndim != 1 or values.shape[0] < 1 or not jnp.issubdtype(values.dtype, jnp.floating):

@@ -27,9 +27,8 @@ GRID, REFINED = 16, 6
 
 
 def optimum_cutoffs(
-    acc: ArrayLike, cycles: Cycles, change: ArrayLike, dt: ArrayLike, highest_hz: ArrayLike = HIGHEST,
-    mask: ArrayLike | None = None,
-) -> Array:  # fmt: skip
+    acc: ArrayLike, cycles: Cycles, change: ArrayLike, dt: ArrayLike, highest_hz: ArrayLike = HIGHEST
+) -> Array:
     """The cut-off f_c (K,) [Hz] by the optimum rule, of every cycle of a recording; 0 where there is no cycle.
 
     `change` is v_f − v_i, one or (K,) [m/s]; the search ends at `highest_hz`, other arguments as of
@@ -38,7 +37,7 @@ def optimum_cutoffs(
     Raises:
         ValueError: as `direct_reverse_cycles`.
     """
-    values, steps = signal_and_steps(acc, dt, mask)
+    values, steps = signal_and_steps(acc, dt)
     at = placed(cycles, values.shape[0])
     wanted = jnp.where(at.valid, jnp.asarray(change, values.dtype), 0.0)
 

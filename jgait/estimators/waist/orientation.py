@@ -21,9 +21,10 @@ and parameters are not printed.
 
 from typing import NamedTuple
 
+from jgait.estimators.error_state import differences, error_shift, retract
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.rotation import Quaternion, conjugate, exponential, jacobian_product, logarithm, product, rotated
-from jgait.geometry.vectors import GRAVITY, Vector, add, cross, scale, subtract
+from jgait.geometry.rotation import Quaternion, exponential, jacobian_product, product, rotated
+from jgait.geometry.vectors import GRAVITY, Vector, cross, scale, subtract
 from jgait.types import Values
 
 
@@ -106,25 +107,9 @@ def observation_noise(p: TrunkNoise, s: TrunkState, u: TrunkControl) -> TrunkObs
     return TrunkObservation(Vector(u.acc_variance, u.acc_variance, u.acc_variance))
 
 
-def retract(s: TrunkState, e: TrunkError) -> TrunkState:
-    """The state `s` changed by the error `e`."""
-    return TrunkState(product(exponential(e.attitude), s.attitude), add(s.gyr_bias, e.gyr_bias),
-                      add(s.acc_bias, e.acc_bias))  # fmt: skip
-
-
 def local(reference: TrunkState, s: TrunkState) -> TrunkError:
     """The error of the state `s` relative to `reference`."""
-    return TrunkError(
-        logarithm(product(s.attitude, conjugate(reference.attitude))),
-        subtract(s.gyr_bias, reference.gyr_bias),
-        subtract(s.acc_bias, reference.acc_bias),
-    )
-
-
-def error_shift(reference: TrunkState, delta: TrunkError, e: TrunkError) -> TrunkError:
-    """The error `e` on top of the error `delta`: exp(δ + e) = exp(J(δ) e) exp(δ)."""
-    del reference
-    return e._replace(attitude=jacobian_product(delta.attitude, e.attitude))
+    return TrunkError(*differences(reference, s))
 
 
 def initial(p: TrunkNoise) -> Belief:

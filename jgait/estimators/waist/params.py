@@ -10,7 +10,7 @@ from jgait.estimators.proportions import SENSOR_SD, SENSOR_SHARE
 from jgait.estimators.waist.velocity_update import VelocityUpdateParams
 from jgait.events.trunk import LITERAL, PaperRule, Peaks
 from jgait.events.trunk_soft import Soft
-from jgait.params import Param, Parameter, documented, interval, positive, ranges
+from jgait.params import Param, Parameter, documented, interval, positive
 from jgait.types import Values
 
 DISTANCES = ("fused", "pendulum", "update")
@@ -99,10 +99,6 @@ class WaistParams(NamedTuple):
     update: Annotated[VelocityUpdateParams, Parameter(
         None, "", "of the velocity update, see `VelocityUpdateParams`",
     )] = VelocityUpdateParams()  # fmt: skip
-
-
-TRANSFORMS = ranges(WaistParams())
-"""The range of every parameter."""
 
 
 class WaistOptions(NamedTuple):

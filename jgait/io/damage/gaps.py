@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from jgait.signal.windows import true_runs
-from jgait.types import Imu, as_float
+from jgait.signal.windows import over_losses, true_runs
+from jgait.types import Imu
 
 LONG_GAP_S = 0.1
 """[s] Shortest gap whose samples do not count."""
@@ -14,8 +14,7 @@ def bridged(imu: Imu, rate_hz: float) -> Imu:
     mask = np.asarray(imu.mask)
     if mask.all() or not mask.any():
         return imu
-    rows, known = np.arange(len(mask)), np.flatnonzero(mask)
-    gyr = np.stack([np.interp(rows, known, column[known]) for column in as_float(imu.gyr).T], axis=1)
+    gyr = over_losses(np.arange(len(mask)), imu.gyr, mask)
     return imu._replace(gyr=np.where(in_long_gaps(imu, rate_hz)[:, None], 0.0, gyr))
 
 

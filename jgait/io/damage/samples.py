@@ -192,15 +192,11 @@ def _placeholders(
             values[wrong] = np.nan
 
 
-def _segment(placement: str) -> str:
-    return "foot" if placement.startswith("foot") else ""
-
-
 def _spikes(
     placement: str, kind: str, values: np.ndarray, change: np.ndarray, gyr: np.ndarray, rate: float, notes: list[Note]
 ) -> np.ndarray:
     """(T,) bool, one or two samples far away from the median around them, where the signal is calm otherwise."""
-    part = _segment(placement)
+    part = "foot" if placement.startswith("foot") else ""
     spikes = np.zeros(len(values), bool)
     least = (SPIKE_GYR if kind == "gyr" else SPIKE_ACC)[part]
     if not np.nanmax(np.abs(change), initial=0.0) > least:

@@ -12,7 +12,7 @@ from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
 from jgait.duty_cycle.power import Schedule
 from jgait.duty_cycle.recording import fill_recording, gyroscope_masks
 from jgait.estimators import duty_cycled_gyro, leg_ekf
-from jgait.estimators.duty_cycled_gyro import DEFAULT, PAPER, TRANSFORMS, DutyCycledOptions, DutyCycledParams
+from jgait.estimators.duty_cycled_gyro import DEFAULT, PAPER, DutyCycledOptions, DutyCycledParams
 from jgait.estimators.duty_cycled_gyro.estimator import _fill, _planar
 from jgait.params import names
 from jgait.simulate import protocols
@@ -189,7 +189,8 @@ def test_filled_rates_and_their_variance_have_the_same_derivative_forward_and_in
 
 
 def test_parameters_have_units_ranges_and_a_persons_own_lengths():
-    assert {name.split(".")[0] for name in names(TRANSFORMS)} == set(DutyCycledParams._fields)
+    ranges = estimators.get("duty_cycled_gyro").transforms
+    assert {name.split(".")[0] for name in names(ranges)} == set(DutyCycledParams._fields)
     found = estimators.get("duty_cycled_gyro", DEFAULT._replace(filler="ridge"))
     assert found.name == "duty_cycled_gyro" and found.params.filler._fields == found.transforms.filler._fields
     own = found.own(found.params, {"thigh_length": (0.4, 0.41), "shank_length": 0.45})

@@ -171,7 +171,7 @@ def test_feet_on_different_clocks_change_steps_and_not_widths(walk, smoothed):
 
 
 def test_the_offset_shifts_the_width_by_as_much(walk, smoothed):
-    assert params.unconstrain(KNOWN, sw.TRANSFORMS).passing_noise is None  # made up, so never learned
+    assert params.unconstrain(KNOWN, sw.estimator().transforms).passing_noise is None  # made up, so never learned
     shifted = told(walk, p=KNOWN._replace(range_offset=OFFSET + 0.03), start_heading=(0.0, np.radians(10.0)))
     away = outside(smoothed.strides)
     np.testing.assert_allclose(np.asarray(shifted.strides.width - smoothed.strides.width)[away], 0.03, atol=2e-3)

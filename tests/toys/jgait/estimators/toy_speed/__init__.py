@@ -11,7 +11,7 @@ Outputs:
 """
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -23,14 +23,11 @@ from jgait.estimators.interface import Estimator, Prepared, with_measures
 from jgait.types import Estimate, Legs, Recording, RecordingError
 
 
+@params.documented
 class ToyParams(NamedTuple):
-    """Parameters of the toy.
+    """Parameters of the toy."""
 
-    Attributes:
-        toy_speed: of walking [m/s].
-    """
-
-    toy_speed: Any = 1.2
+    toy_speed: Annotated[Any, params.Parameter(params.positive, "m/s", "of walking")] = 1.2
 
 
 class ToyInputs(NamedTuple):
@@ -45,9 +42,6 @@ class ToyInputs(NamedTuple):
     time: Times
     dt: Sampled
     valid: Sampled
-
-
-TRANSFORMS = ToyParams(params.positive)
 
 
 def prepare(recording: Recording) -> Prepared[ToyInputs]:
@@ -66,4 +60,4 @@ def run(p: ToyParams, inputs: ToyInputs, options: None = None) -> Estimate:
 def estimator() -> Estimator[ToyParams, ToyInputs]:
     """The toy as a record of functions."""
     own = partial(with_measures, "toy_speed", ("toy_speed",))
-    return Estimator("toy_speed", ToyParams(), TRANSFORMS, prepare, run, own, ABOUT)
+    return Estimator("toy_speed", ToyParams(), prepare, run, own, ABOUT)
