@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from made.estimators import shorter
 
 from jgait import datasets
 from jgait.estimators import foot_ins
@@ -78,7 +79,7 @@ def test_too_few_footholds():
 def real():
     if not datasets.available("gaitmap_example"):
         pytest.skip(datasets.unavailable_reason("gaitmap_example"))
-    recording = datasets.load("gaitmap_example", ["imu_sample"])[0].recording
+    recording = shorter(datasets.load("gaitmap_example", ["imu_sample"])[0].recording, 3832)
     alone = {
         side: foot_ins.estimate(
             FootParams(), Recording({f"foot_{side}": recording.sensors[f"foot_{side}"]}, recording.sampling_rate_hz)
