@@ -201,7 +201,6 @@ class Still(NamedTuple):
 
 
 def walker_transition(p: Any, s: Walker, u: Push, dt: Any) -> Walker:
-    del p
     a = u.acceleration - s.bias
     return Walker(s.position + dt * s.velocity + 0.5 * dt * dt * a, s.velocity + dt * a, s.bias)
 

@@ -103,32 +103,13 @@ class Shadow(NamedTuple):
     x: Any
 
 
-def pendulum_initial(p: Any) -> Belief:
-    del p
-    return Belief(Pendulum(0.8, 0.0), Covariance.from_variances(Pendulum(0.2, 0.1)))
-
-
-def pendulum_transition(p: Any, s: Pendulum, u: Any, dt: Any) -> Pendulum:
-    del u
-    return Pendulum(s.angle + dt * s.rate, s.rate - dt * p * jnp.sin(s.angle))
-
-
-def pendulum_noise(p: Any, s: Pendulum, u: Any, dt: Any) -> Pendulum:
-    del p, s, u
-    return Pendulum(1e-4 * dt, 1e-2 * dt)
-
-
-def pendulum_shadow(p: Any, s: Pendulum, u: Any) -> Shadow:
-    del p, u
-    return Shadow(jnp.sin(s.angle))
-
-
-def shadow_noise(p: Any, s: Pendulum, u: Any) -> Shadow:
-    del p, s, u
-    return Shadow(0.01)
-
-
-PENDULUM = Model(pendulum_initial, pendulum_transition, pendulum_noise, pendulum_shadow, shadow_noise)
+PENDULUM = Model(
+    lambda p: Belief(Pendulum(0.8, 0.0), Covariance.from_variances(Pendulum(0.2, 0.1))),
+    lambda p, s, u, dt: Pendulum(s.angle + dt * s.rate, s.rate - dt * p * jnp.sin(s.angle)),
+    lambda p, s, u, dt: Pendulum(1e-4 * dt, 1e-2 * dt),
+    lambda p, s, u: Shadow(jnp.sin(s.angle)),
+    lambda p, s, u: Shadow(0.01),
+)
 
 
 def swing(seed: int, samples: int = 200, dt: float = 0.05):

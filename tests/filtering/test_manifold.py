@@ -52,32 +52,27 @@ def attitude_local(reference: Attitude, state: Attitude) -> AttitudeError:
 
 
 def attitude_initial(p: Any) -> Belief:
-    del p
     mean = Attitude(Quaternion(1.0, 0.0, 0.0, 0.0), Vector(0.0, 0.0, 0.0))
     variances = AttitudeError(Vector(0.5**2, 0.5**2, 0.5**2), Vector(0.1**2, 0.1**2, 0.1**2))
     return Belief(mean, Covariance.from_variances(variances))
 
 
 def attitude_transition(p: Any, s: Attitude, gyr: Vector, dt: Any) -> Attitude:
-    del p
     return Attitude(
         product(s.q, exponential(Vector(*((g - b) * dt for g, b in zip(gyr, s.bias, strict=True))))), s.bias
     )
 
 
 def attitude_noise(p: Any, s: Attitude, gyr: Vector, dt: Any) -> AttitudeError:
-    del p, s, gyr
     angle, walk = GYRO**2 * dt, BIAS_WALK**2 * dt
     return AttitudeError(Vector(angle, angle, angle), Vector(walk, walk, walk))
 
 
 def attitude_observation(p: Any, s: Attitude, gyr: Vector) -> Directions:
-    del p, gyr
     return Directions(rotated(conjugate(s.q), Vector(0.0, 0.0, 1.0)), rotated(conjugate(s.q), Vector(1.0, 0.0, 0.0)))
 
 
 def direction_noise(p: Any, s: Attitude, gyr: Vector) -> Directions:
-    del s, gyr
     return Directions(Vector(p, p, p), Vector(p, p, p))
 
 
