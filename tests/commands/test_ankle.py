@@ -126,8 +126,6 @@ def test_no_walking_is_an_empty_table(csv, tmp_path, words):
     [
         (("--axes", "x,y"), "--axes names the axes that look forward, left and up"),
         (("--axes", "x,y,-z"), "right-handed, such as x,y,z or -z,y,x; got 'x,y,-z'"),
-        (("--thigh", 0.4), "--thigh is an option of leg_ekf and duty_cycled_gyro; got"),
-        (("--paper",), "--paper is an option of leg_ekf and stride_width_ekf"),
     ],
 )
 def test_what_cannot_be_used_is_refused_in_words(csv, tmp_path, words, more, message):

@@ -32,91 +32,50 @@ def walk(recording, tmp_path):
     return io.write_csv(recording, tmp_path / "walk.csv")
 
 
-def lines_of(path: Path) -> list[str]:
-    return path.read_text().splitlines(keepends=True)
+def of_table(change):
+    """What makes a table of a file another one."""
+    return lambda path: change(pd.read_csv(path)).to_csv(path, index=False)
 
 
-def scaled(path, kind, factor):
-    table = pd.read_csv(path)
-    table[[name for name in table.columns if kind in name]] *= factor
-    table.to_csv(path, index=False)
+def of_text(change):
+    return lambda path: path.write_text(change(path.read_text()))
 
 
-def in_g(path):
-    scaled(path, "_acc_", 1.0 / 9.81)
+def of_lines(change):
+    return lambda path: path.write_text(change(path.read_text().splitlines(keepends=True)))
 
 
-def in_radians(path):
-    scaled(path, "_gyr_", np.pi / 180.0)
+def scaled(kind, factor):
+    return of_table(lambda table: table.assign(**{n: table[n] * factor for n in table.columns if kind in n}))
 
 
-def backwards(path):
-    table = pd.read_csv(path)
-    table.loc[50, "time"] = table.loc[48, "time"]
-    table.to_csv(path, index=False)
+SPOILT = {
+    "in g": (scaled("_acc_", 1.0 / 9.81), "it seems to be in g; pass --acc-unit g"),
+    "in radians": (scaled("_gyr_", np.pi / 180.0), "rad/s"),
+    "backwards": (
+        of_table(lambda table: table.assign(time=table["time"].where(table.index != 50, table["time"][48]))),
+        "time runs backwards at row 50",
+    ),
+    "unknown columns": (of_text(lambda text: text.replace("gyr", "omega")), "gyr"),
+    "misspelt": (
+        of_text(lambda text: text.replace("thigh_right_gyr_x", "tigh_right_gyr_x", 1)),
+        "'tigh_right_gyr_x' looks like 'thigh_right_gyr_x': correct the header of the file",
+    ),
+    "no shank": (of_text(lambda text: text.replace("shank_right", "wrist_right")), "no estimator has its sensors"),
+    "empty": (of_text(lambda _: ""), "walk.csv is empty"),
+    "header alone": (of_lines(lambda lines: lines[0]), "has a header and no rows"),
+    "torn": (
+        of_lines(lambda lines: "".join(lines[:5]) + lines[5].strip() + ",1,2,3\n"),
+        "Expected 13 fields in line 6, saw 16",
+    ),
+    "cut off": (of_lines(lambda lines: "".join(lines[:8])[:-40]), "6 samples; at least 10 are needed"),
+    "binary": (lambda path: path.write_bytes(bytes(range(256)) * 8), "walk.csv is in no format that jgait reads"),
+    "a folder": (lambda path: (path.unlink(), path.mkdir()), "walk.csv is in no format that jgait reads"),
+    "gone": (Path.unlink, "No such file"),
+}
 
 
-def unknown_columns(path):
-    path.write_text(path.read_text().replace("gyr", "omega"))
-
-
-def misspelt(path):
-    path.write_text(path.read_text().replace("thigh_right_gyr_x", "tigh_right_gyr_x", 1))
-
-
-def no_shank(path):
-    path.write_text(path.read_text().replace("shank_right", "wrist_right"))
-
-
-def empty(path):
-    path.write_text("")
-
-
-def header_alone(path):
-    path.write_text(lines_of(path)[0])
-
-
-def torn(path):
-    lines = lines_of(path)
-    path.write_text("".join(lines[:5]) + lines[5].strip() + ",1,2,3\n")
-
-
-def cut_off(path):
-    path.write_text("".join(lines_of(path)[:8])[:-40])
-
-
-def binary(path):
-    path.write_bytes(bytes(range(256)) * 8)
-
-
-def a_folder(path):
-    path.unlink()
-    path.mkdir()
-
-
-def gone(path):
-    path.unlink()
-
-
-@pytest.mark.parametrize(
-    ("spoil", "words"),
-    [
-        (in_g, "it seems to be in g; pass --acc-unit g"),
-        (in_radians, "rad/s"),
-        (backwards, "time runs backwards at row 50"),
-        (unknown_columns, "gyr"),
-        (misspelt, "'tigh_right_gyr_x' looks like 'thigh_right_gyr_x': correct the header of the file"),
-        (no_shank, "no estimator has its sensors"),
-        (empty, "walk.csv is empty"),
-        (header_alone, "has a header and no rows"),
-        (torn, "Expected 13 fields in line 6, saw 16"),
-        (cut_off, "6 samples; at least 10 are needed"),
-        (binary, "walk.csv is in no format that jgait reads"),
-        (a_folder, "walk.csv is in no format that jgait reads"),
-        (gone, "No such file"),
-    ],
-    ids=lambda value: getattr(value, "__name__", None),
-)
+@pytest.mark.parametrize(("spoil", "words"), SPOILT.values(), ids=SPOILT)
 def test_a_bad_file_is_refused_in_words_and_leaves_nothing(walk, tmp_path, spoil, words):
     spoil(walk)
     code, said = run("estimate", walk, "--out", tmp_path / "results")

@@ -49,7 +49,6 @@ class Reading(NamedTuple):
 
 
 def cart_initial(p: Any) -> Belief:
-    del p
     return Belief(Cart(0.5, -0.2), Covariance.from_variances(Cart(2.0, 1.0)).with_entries({("speed", "position"): 0.3}))
 
 
@@ -58,7 +57,6 @@ def cart_transition(p: Any, s: Cart, u: Push, dt: Any) -> Cart:
 
 
 def cart_noise(p: Any, s: Cart, u: Push, dt: Any) -> Covariance:
-    del s, u
     variances = Cart(p[0] * dt**3 / 3.0, p[0] * dt)
     return Covariance.from_variances(variances).with_entries({("position", "speed"): p[0] * dt**2 / 2.0})
 
@@ -68,7 +66,6 @@ def cart_observation(p: Any, s: Cart, u: Push) -> Reading:
 
 
 def cart_reading_noise(p: Any, s: Cart, u: Push) -> Covariance:
-    del s, u
     return Covariance.from_variances(Reading(p[1], 2.0 * p[1])).with_entries({("near", "far"): 0.3 * p[1]})
 
 
@@ -80,7 +77,6 @@ def bent_transition(p: Any, s: Cart, u: Push, dt: Any) -> Cart:
 
 
 def bent_observation(p: Any, s: Cart, u: Push) -> Reading:
-    del u
     return Reading(jnp.sin(s.position), jnp.exp(0.3 * s.speed + p[3]))
 
 
@@ -99,7 +95,6 @@ def broken_observation(p: Any, s: Cart, u: Push) -> Reading:
 
 
 def broken_noise(p: Any, s: Cart, u: Push) -> Covariance:
-    del s
     variances = Reading(p[1] * (1.0 - u.fault.noise), 2.0 * p[1])
     return Covariance.from_variances(variances).with_entries({("near", "far"): 0.3 * p[1]})
 
@@ -133,25 +128,10 @@ def heading_local(r: Heading, s: Heading) -> Turn:
     return Turn(angle, s.rate - r.rate - 0.5 * angle**2)
 
 
-def heading_initial(p: Any) -> Belief:
-    del p
-    return Belief(Heading(1.0, 0.0, 0.3), Covariance.from_variances(Turn(0.5, 0.2)))
-
-
 def heading_transition(p: Any, s: Heading, u: Push, dt: Any) -> Heading:
     c, d = jnp.cos(dt * s.rate), jnp.sin(dt * s.rate)
     rate = (1.0 - p[2] * dt) * s.rate + dt * u.acceleration
     return Heading(c * s.east - d * s.north, d * s.east + c * s.north, rate)
-
-
-def heading_noise(p: Any, s: Heading, u: Push, dt: Any) -> Turn:
-    del s, u
-    return Turn(0.1 * p[0] * dt, p[0] * dt)
-
-
-def heading_observation(p: Any, s: Heading, u: Push) -> Reading:
-    del u
-    return Reading(jnp.arctan2(s.north, s.east), (1.0 + p[3]) * s.rate)
 
 
 def heading_residual(a: Reading, b: Reading) -> Reading:
@@ -160,35 +140,24 @@ def heading_residual(a: Reading, b: Reading) -> Reading:
 
 
 HEADING = Model(
-    heading_initial, heading_transition, heading_noise, heading_observation, cart_reading_noise, heading_retract,
-    heading_local, heading_residual,
-)  # fmt: skip
-
-
-def heading_error_turned(p: Any, s: Heading, e: Turn, u: Push, dt: Any) -> Turn:
-    del p, s, u
-    return Turn(e.angle + dt * e.rate, e.rate)
-
-
-def heading_error_slowed(p: Any, s: Heading, e: Turn, u: Push, dt: Any) -> Turn:
-    del s, u
-    return Turn(e.angle, (1.0 - p[2] * dt) * e.rate)
-
-
-def heading_error_observation(p: Any, s: Heading, e: Turn, u: Push) -> Reading:
-    del s, u
-    return Reading(e.angle, (1.0 + p[3]) * e.rate)
-
-
-def heading_error_shift(s: Heading, delta: Turn, e: Turn) -> Turn:
-    del s
-    return Turn(e.angle, e.rate + delta.angle * e.angle)
+    lambda p: Belief(Heading(1.0, 0.0, 0.3), Covariance.from_variances(Turn(0.5, 0.2))),
+    heading_transition,
+    lambda p, s, u, dt: Turn(0.1 * p[0] * dt, p[0] * dt),
+    lambda p, s, u: Reading(jnp.arctan2(s.north, s.east), (1.0 + p[3]) * s.rate),
+    cart_reading_noise,
+    heading_retract,
+    heading_local,
+    heading_residual,
+)
 
 
 STATED = HEADING._replace(
-    error_transition=(heading_error_turned, heading_error_slowed),
-    error_observation=heading_error_observation,
-    error_shift=heading_error_shift,
+    error_transition=(
+        lambda p, s, e, u, dt: Turn(e.angle + dt * e.rate, e.rate),
+        lambda p, s, e, u, dt: Turn(e.angle, (1.0 - p[2] * dt) * e.rate),
+    ),
+    error_observation=lambda p, s, e, u: Reading(e.angle, (1.0 + p[3]) * e.rate),
+    error_shift=lambda s, delta, e: Turn(e.angle, e.rate + delta.angle * e.angle),
 )
 """The same model, which states how its errors move, in two steps."""
 
@@ -205,39 +174,15 @@ class Offset(NamedTuple):
     e: Any
 
 
-def line_initial(p: Any) -> Belief:
-    return Belief(Place(jnp.zeros_like(p)), Covariance.from_variances(Offset(p)))
-
-
-def line_still(p: Any, s: Place, u: Any, dt: Any) -> Place:
-    del p, u, dt
-    return s
-
-
-def line_noise(p: Any, s: Place, u: Any, dt: Any) -> Offset:
-    del p, s, u
-    return Offset(0.5 * dt)
-
-
-def line_seen(p: Any, s: Place, u: Any) -> Place:
-    del p, u
-    return s
-
-
-def line_reading(p: Any, s: Place, u: Any) -> Place:
-    del p, s, u
-    return Place(1.0)
-
-
-def line_retract(state: Place, error: Offset) -> Place:
-    return Place(state.s + jnp.sinh(error.e))
-
-
-def line_local(reference: Place, state: Place) -> Offset:
-    return Offset(jnp.arcsinh(state.s - reference.s))
-
-
-LINE = Model(line_initial, line_still, line_noise, line_seen, line_reading, line_retract, line_local)
+LINE = Model(
+    lambda p: Belief(Place(jnp.zeros_like(p)), Covariance.from_variances(Offset(p))),
+    lambda p, s, u, dt: s,
+    lambda p, s, u, dt: Offset(0.5 * dt),
+    lambda p, s, u: s,
+    lambda p, s, u: Place(1.0),
+    lambda state, error: Place(state.s + jnp.sinh(error.e)),
+    lambda reference, state: Offset(jnp.arcsinh(state.s - reference.s)),
+)
 """One state and one observation on a manifold; the parameter is the first variance."""
 
 

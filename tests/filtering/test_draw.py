@@ -26,29 +26,16 @@ class Noise(NamedTuple):
     sensor: Any
 
 
-def _initial(p):
-    return Belief(Cart(1.0, -1.0), Covariance.from_variances(Cart(0.25, 0.04)))
-
-
-def _transition(p, state, control, dt):
-    return Cart(state.position + dt * state.speed, 0.9 * state.speed)
-
-
-def _transition_noise(p, state, control, dt):  # singular: the position has none of its own
-    return Covariance.from_variances(Cart(dt**2 * p.process, p.process)).with_entries(
+CART = Model(
+    lambda p: Belief(Cart(1.0, -1.0), Covariance.from_variances(Cart(0.25, 0.04))),
+    lambda p, s, u, dt: Cart(s.position + dt * s.speed, 0.9 * s.speed),
+    # singular: the position has no noise of its own
+    lambda p, s, u, dt: Covariance.from_variances(Cart(dt**2 * p.process, p.process)).with_entries(
         {("position", "speed"): dt * p.process}
-    )
-
-
-def _observation(p, state, control):
-    return Seen(state.position)
-
-
-def _observation_noise(p, state, control):
-    return Seen(p.sensor)
-
-
-CART = Model(_initial, _transition, _transition_noise, _observation, _observation_noise)
+    ),
+    lambda p, s, u: Seen(s.position),
+    lambda p, s, u: Seen(p.sensor),
+)
 P = Noise(0.3, 0.5)
 KEYS = jax.random.split(jax.random.key(0), 20_000)
 

@@ -1,4 +1,4 @@
-"""What a model states of its errors is the derivative of its functions, and both executions use it alike."""
+"""What a model states of its errors is the derivative of its functions."""
 
 from typing import Any
 
@@ -9,15 +9,12 @@ import pytest
 from filtering import problems
 
 from jgait.estimators.foot_ins import model as fm
-from jgait.filtering import IteratedEKF
 from jgait.geometry.rotation import Quaternion
 from jgait.geometry.vectors import Vector
 
 DT = 0.01
 PARAMS = fm.FootModelParams(0.08, 1e-8, 1e-6, 1e-4)
 STATED = fm.MODEL
-FOUND = STATED._replace(error_transition=None, error_observation=None, error_shift=None)
-"""The same model, whose errors move as `retract` and `local` say."""
 
 
 def vector(tree: Any) -> Any:
@@ -60,12 +57,6 @@ def test_stated_errors_are_the_derivatives_of_the_functions(seed):
     shifted = jax.jacfwd(lambda e: vector(fm.error_shift(state, delta, like.unflatten(e))))(zero)
     truth = jax.jacfwd(lambda d: vector(fm.local(beside, fm.retract(state, like.unflatten(d)))))(vector(delta))
     np.testing.assert_allclose(shifted, truth, rtol=0, atol=1e-6)
-
-
-def test_iterated_updates_take_the_statement_where_it_holds():
-    """Away from the prediction, where the second linearisation is, a heading's errors move otherwise than stated."""
-    stated, found = (problems.filtered(problems.case(name), method=IteratedEKF(2)) for name in ("stated", "heading"))
-    problems.same(stated, found)
 
 
 def test_a_flat_model_states_nothing_of_its_errors():

@@ -1,6 +1,5 @@
 """States that are no vectors: attitudes as unit quaternions, and a curved line whose results follow by hand."""
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -10,7 +9,7 @@ import pytest
 from filtering.problems import LINE, Place
 
 from jgait import filtering
-from jgait.filtering import CKF, EKF, KF, UKF, Belief, Covariance, IteratedEKF, Model
+from jgait.filtering import KF, Belief, Covariance, Model
 from jgait.geometry.rotation import Quaternion, conjugate, exponential, logarithm, product, rotated
 from jgait.geometry.vectors import Vector
 
@@ -53,32 +52,27 @@ def attitude_local(reference: Attitude, state: Attitude) -> AttitudeError:
 
 
 def attitude_initial(p: Any) -> Belief:
-    del p
     mean = Attitude(Quaternion(1.0, 0.0, 0.0, 0.0), Vector(0.0, 0.0, 0.0))
     variances = AttitudeError(Vector(0.5**2, 0.5**2, 0.5**2), Vector(0.1**2, 0.1**2, 0.1**2))
     return Belief(mean, Covariance.from_variances(variances))
 
 
 def attitude_transition(p: Any, s: Attitude, gyr: Vector, dt: Any) -> Attitude:
-    del p
     return Attitude(
         product(s.q, exponential(Vector(*((g - b) * dt for g, b in zip(gyr, s.bias, strict=True))))), s.bias
     )
 
 
 def attitude_noise(p: Any, s: Attitude, gyr: Vector, dt: Any) -> AttitudeError:
-    del p, s, gyr
     angle, walk = GYRO**2 * dt, BIAS_WALK**2 * dt
     return AttitudeError(Vector(angle, angle, angle), Vector(walk, walk, walk))
 
 
 def attitude_observation(p: Any, s: Attitude, gyr: Vector) -> Directions:
-    del p, gyr
     return Directions(rotated(conjugate(s.q), Vector(0.0, 0.0, 1.0)), rotated(conjugate(s.q), Vector(1.0, 0.0, 0.0)))
 
 
 def direction_noise(p: Any, s: Attitude, gyr: Vector) -> Directions:
-    del s, gyr
     return Directions(Vector(p, p, p), Vector(p, p, p))
 
 
@@ -196,66 +190,3 @@ def test_gradients_through_a_chart_stay_in_single_precision():
 
     gradient = jax.jit(jax.grad(value))(jnp.asarray(3.0, jnp.float32))
     assert gradient.dtype == jnp.float32 and bool(jnp.isfinite(gradient))
-
-
-class Size(NamedTuple):
-    """A positive size."""
-
-    size: Any
-
-
-class Ratio(NamedTuple):
-    """Logarithm of a ratio of sizes, or of a reading."""
-
-    log: Any
-
-
-def size_initial(p: Any, *, logs: bool) -> Belief:
-    mean = jnp.asarray(0.3)
-    return Belief(Ratio(mean) if logs else Size(jnp.exp(mean)), Covariance.from_variances(Ratio(p)))
-
-
-def size_decay(p: Any, s: Any, u: Any, dt: Any, *, logs: bool) -> Any:
-    del p, u
-    return Ratio(s.log * (1.0 - 0.2 * dt)) if logs else Size(s.size ** (1.0 - 0.2 * dt))
-
-
-def size_noise(p: Any, s: Any, u: Any, dt: Any) -> Ratio:
-    del s, u
-    return Ratio(p * dt)
-
-
-def size_seen(p: Any, s: Any, u: Any, *, logs: bool) -> Ratio:
-    del p, u
-    return Ratio(2.0 * s.log if logs else 2.0 * jnp.log(s.size))
-
-
-def size_reading(p: Any, s: Any, u: Any) -> Ratio:
-    del p, s, u
-    return Ratio(0.4)
-
-
-def size_retract(state: Size, error: Ratio) -> Size:
-    return Size(state.size * jnp.exp(error.log))
-
-
-def size_local(reference: Size, state: Size) -> Ratio:
-    return Ratio(jnp.log(state.size / reference.size))
-
-
-def sized(*, logs: bool) -> Model:
-    """The same model with the size or its logarithm as the state."""
-    functions = [partial(f, logs=logs) for f in (size_initial, size_decay, size_seen)]
-    charts = (None, None) if logs else (size_retract, size_local)
-    return Model(functions[0], functions[1], size_noise, functions[2], size_reading, *charts)
-
-
-@pytest.mark.parametrize("method", [EKF(), IteratedEKF(3), UKF(), CKF(iterations=2)], ids=str)
-def test_a_flat_chart_gives_the_linear_result(method):
-    seen = Ratio(jnp.asarray(np.random.default_rng(2).normal(size=12)))
-    plain, charted = (
-        filtering.kalman_smoother(sized(logs=logs), 0.3, seen, dt=0.3, method=method) for logs in (True, False)
-    )
-    np.testing.assert_allclose(jnp.log(charted.mean.size), plain.mean.log, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(charted.cov["log", "log"], plain.cov["log", "log"], rtol=0, atol=1e-10)
-    np.testing.assert_allclose(charted.filtered.log_likelihood, plain.filtered.log_likelihood, rtol=0, atol=1e-10)

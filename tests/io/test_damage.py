@@ -90,7 +90,6 @@ def test_a_wrapped_gyroscope_is_named(rows):
         ("gyroscope's sign", "foot_right", "gyroscope_disagrees"),
         ("gyroscope's y turned round", "shank_left", "gyroscope_disagrees"),
         ("left-handed axes", "shank_right", "gyroscope_disagrees"),
-        ("gyroscope by 2", "foot_left", "gyroscope_disagrees"),
         ("gyroscope by 0.5", "thigh_right", "sides_differ"),
         ("gyroscope in rad/s", "shank_right", "gyroscope_slow"),
         ("rate of 50 Hz stated for 100", "foot_right", "gyroscope_disagrees"),
@@ -102,8 +101,6 @@ def test_a_wrapped_gyroscope_is_named(rows):
         ("5 % of rows missing, without stamps", "", "rows_lost"),
         ("rows of 0.5 s missing, without stamps", "", "rows_lost"),
         ("left-handed axes", "shank_right", "tilts_apart"),
-        ("all gyroscopes by 0.5", "", "pace_unusual"),
-        ("rate of 200 Hz stated for 100", "", "pace_unusual"),
         ("sensor 0.3 s late", "foot_left", "sides_out_of_step"),
         ("every second row repeated", "shank_right", "samples_repeated"),
     ],
@@ -228,23 +225,23 @@ def test_a_time_column_states_its_unit(name, stated):
     assert unit_in_name(name) == stated
 
 
+def table_of(rows, name, step):
+    """The right foot's rows with a column of time."""
+    signals = {f"foot_right_{kind}_{axis}": values for kind in ("gyr", "acc")
+               for axis, values in zip("xyz", rows.sensors["foot_right"][kind].T, strict=True)}  # fmt: skip
+    return pd.DataFrame({name: step * np.arange(len(rows.time)), **signals})
+
+
 def test_a_fast_recording_whose_header_states_ms_is_not_taken_for_a_slow_one(rows):
     """At 2500 Hz the steps are 0.4 ms, which would also be steps of 0.4 s."""
-    sensor = rows.sensors["foot_right"]
-    table = pd.DataFrame({"Time (ms)": 0.4 * np.arange(len(rows.time))})
-    for kind in ("gyr", "acc"):
-        for axis, values in zip("xyz", sensor[kind].T, strict=True):
-            table[f"foot_right_{kind}_{axis}"] = values
+    table = table_of(rows, "Time (ms)", 0.4)
     assert io.recording_from_dataframe(table).sampling_rate_hz == pytest.approx(2500.0)
     assert io.recording_from_dataframe(table.rename(columns={"Time (ms)": "time"})).sampling_rate_hz < 3.0
 
 
 @pytest.mark.parametrize("read", [io.read_csv, lambda path: io.read(path, placement="foot_right")])
 def test_a_header_in_microseconds_is_taken_at_its_word(rows, tmp_path, read):
-    table = pd.DataFrame({"Time (us)": 1e4 * np.arange(len(rows.time))})
-    for kind in ("gyr", "acc"):
-        for axis, values in zip("xyz", rows.sensors["foot_right"][kind].T, strict=True):
-            table[f"foot_right_{kind}_{axis}"] = values
+    table = table_of(rows, "Time (us)", 1e4)
     path = tmp_path / "walk.csv"
     table.to_csv(path, index=False)
     assert read(path).sampling_rate_hz == pytest.approx(100.0)

@@ -226,7 +226,7 @@ np.savez({out!r}, *[np.asarray(leaf) for leaf in jax.tree.leaves(fit)])
 
 @pytest.mark.skipif(sys.platform == "win32", reason="kills a process by signal")
 def test_killed_by_force_it_ends_with_the_same_bits(tmp_path):
-    """The process is killed after every few lines that it prints, wherever it then is."""
+    """The process is killed after some lines that it prints, wherever it then is."""
     file, out = tmp_path / "fit.npz", tmp_path / "out.npz"
     script = textwrap.dedent(SCRIPT).format(
         folder=str(Path(__file__).parents[1]), test=__file__, file=str(file), out=str(out)
@@ -235,7 +235,7 @@ def test_killed_by_force_it_ends_with_the_same_bits(tmp_path):
     while not out.exists():
         command = [sys.executable, "-c", script]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment()) as process:
-            left = int(draw.integers(50, 250)) if kills < 2 else 10**9
+            left = int(draw.integers(50, 250)) if kills < 1 else 10**9
             for _ in process.stdout:
                 left -= 1
                 if left == 0:
@@ -243,7 +243,7 @@ def test_killed_by_force_it_ends_with_the_same_bits(tmp_path):
                     kills += 1
                     break
         assert process.returncode in (0, -signal.SIGKILL)
-    assert kills == 2
+    assert kills == 1
     whole = _fit(steps=4000)
     with np.load(out) as found:
         for name, leaf in zip(found.files, jax.tree.leaves(whole), strict=True):

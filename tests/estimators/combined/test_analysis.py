@@ -207,16 +207,16 @@ def read_again(recording, placement, change):
     return io.recording_from_arrays(sensors, time=np.asarray(recording.sensors[placement].time))
 
 
+def turned(sensor):
+    sensor["gyr"] *= -1.0
+
+
 def of_distance(found):
     return {c.source: c for c in found.comparisons if c.quantity == "distance"}
 
 
 def test_a_sensor_that_a_reader_accuses_is_left_out_of_the_combined_distance(walked):
     recording, truth = walked
-
-    def turned(sensor):
-        sensor["gyr"] *= -1.0
-
     found = jgait.analyse(read_again(recording, "shank_right", turned), PERSON)
     true, told = float(truth.estimate.distance[-1]), of_distance(found)
     alone = next(source for source in found.sources if source.name == "shanks").estimate
@@ -239,10 +239,6 @@ def test_a_sensor_that_a_reader_accuses_is_left_out_of_the_combined_distance(wal
 
 def test_strides_that_only_a_wrong_sensor_measured_do_not_count_in_means(walked):
     recording, _ = walked
-
-    def turned(sensor):
-        sensor["gyr"] *= -1.0
-
     walk = read_again(recording, "foot_right", turned)
     feet = {name: walk.sensors[name] for name in ("foot_right", "foot_left")}
     found = jgait.analyse(walk._replace(sensors=feet), PERSON)

@@ -219,7 +219,6 @@ def test_deviations_are_honest_on_what_the_model_draws(walk):
 
 def narrow(p):
     """Little is unknown at the start: there linearisation is no part of the question."""
-    del p
     return model.start_belief(0.0, 0.0, 0.3, 0.05, 0.05, 0.05)
 
 

@@ -218,7 +218,7 @@ def test_sides_of_people_whose_pelvis_turns_the_other_way(data, name):
     if walk is None:
         pytest.skip(f"{name} is not here")
     back = walk.recording._replace(sensors={"lower_back": walk.recording.sensors["lower_back"]})
-    found = waist.estimate(WaistParams(), back).diagnostics
+    found = waist.estimate(WaistParams(), cut(back, 0.0, 40.9)).diagnostics  # the longest trial ends after 30 s
     walked = walk.info["initial_contacts"] <= walk.info["trial"][1]
     contacts, sides = walk.info["initial_contacts"][walked], walk.info["initial_contact_sides"][walked]
     apart = np.abs(np.asarray(found["initial_contact"])[:, None] - contacts)
