@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
+from jax.extend.core import Jaxpr, JaxprEqn, Literal
 from jax.interpreters import partial_eval
 from jax.stages import Compiled
 from jaxtyping import ArrayLike, PyTree
 
-from jgait.filtering.batched_call import _evaluated
 from jgait.estimators.operations import OPERATIONS, operation
+from jgait.filtering.batched_call import evaluated
 
 type Compiler = Callable[[Callable[..., list[jax.Array]], Sequence[jax.ShapeDtypeStruct]], Compiled]
 """Function of arrays, their shapes and types → program."""
@@ -25,12 +25,22 @@ INLINED = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom
 """Calls of functions, and the parameter that holds the function: its operations become steps of their own."""
 
 
-FEW = 4
 FILLING = ("broadcast_in_dim", "iota")
+"""Operations on numbers that fill an array: a program that begins with such an array makes it itself."""
+
+FEW = 4
+"""Turns of a loop that are steps of their own, if there are loops in it [1]: both sides, or two sensors of each."""
 
 
-def _has_loops(jaxpr):
-    return any(e.primitive.name in ("while","scan","batched_call") or e.primitive.name in INLINED and _has_loops(e.params[INLINED[e.primitive.name]].jaxpr) for e in jaxpr.eqns)
+def _has_loops(jaxpr: Jaxpr) -> bool:
+    """Whether a trace has loops, also in the functions that it calls."""
+
+    def is_loop(equation: JaxprEqn) -> bool:
+        name = equation.primitive.name
+        inner = equation.params[INLINED[name]].jaxpr if name in INLINED else None
+        return name in ("while", "scan", "batched_call") or (inner is not None and _has_loops(inner))
+
+    return any(map(is_loop, jaxpr.eqns))
 
 
 class PlanStep(NamedTuple):
@@ -83,11 +93,11 @@ class Staged:
     def __call__(self, *arrays: PyTree) -> PyTree:
         """The result of the function, in NumPy arrays."""
         values: list[np.ndarray | None] = [None] * self.plan.places
+        told: dict[int, jax.Array] = {}  # the same values as programs gave them: the next program needs no copy
         for place, value in self.plan.constants.items():
             values[place] = value
         for place, (leaf, dtype) in enumerate(zip(jax.tree.leaves(arrays), self.plan.types, strict=True)):
             values[place] = np.asarray(leaf, dtype)
-        told: dict[int, jax.Array] = {}
         with np.errstate(all="ignore"):
             for call, arguments, results, several, over, compiled in self._calls:
                 if compiled:
@@ -115,7 +125,7 @@ class _Planner:
         self.places = 0
         self.programs: list[Compiled] = []
         self._known: dict[int, tuple[JaxprEqn, int]] = {}
-        self._traces: dict[int, tuple[JaxprEqn, ClosedJaxpr]] = {}
+        self._traces: dict[int, tuple[JaxprEqn, PyTree]] = {}
 
     def place(self) -> int:
         self.places += 1
@@ -135,12 +145,12 @@ class _Planner:
         """Add the steps of a trace; the places of its results."""
         places = dict(zip(jaxpr.constvars, map(self.constant, consts), strict=True))
         places |= dict(zip(jaxpr.invars, arguments, strict=True))
-
         filled: PyTree = {}  # variable → the operation that makes it of literals alone
 
         def read(atom: PyTree) -> int:  # a variable or a literal of JAX, which have no types
+            like: PyTree = atom.aval
             if isinstance(atom, Literal):
-                return self.constant(np.asarray(atom.val, atom.aval.dtype))
+                return self.constant(np.asarray(atom.val, like.dtype))
             if atom not in places:
                 places[atom] = self._operation(filled[atom], [read(v) for v in filled[atom].invars])[0]
             return places[atom]
@@ -148,7 +158,7 @@ class _Planner:
         for equation in jaxpr.eqns:
             name, params = equation.primitive.name, equation.params
             results: Sequence[int]
-            if name in FILLING and all(isinstance(v, Literal) for v in equation.invars):
+            if name in FILLING and operation(name, params) and all(isinstance(v, Literal) for v in equation.invars):
                 filled[equation.outvars[0]] = equation
                 continue
             if name in INLINED:
@@ -167,23 +177,29 @@ class _Planner:
         return [read(v) for v in jaxpr.outvars]
 
     def _operation(self, equation: JaxprEqn, arguments: Sequence[int]) -> tuple[int, ...]:
-        _, params = operation(equation.primitive.name, equation.params)
-        return self.step(equation.primitive.name, arguments, len(equation.outvars), **params)
+        name, known = equation.primitive.name, operation(equation.primitive.name, equation.params)
+        return self.step(name, arguments, len(equation.outvars), **(known[1] if known is not None else {}))
 
-    def _opened(self, equation: JaxprEqn) -> ClosedJaxpr:
+    def _opened(self, equation: JaxprEqn) -> PyTree:
         """The trace of a batched call, once for all of its uses."""
         if id(equation) not in self._traces:
-            shapes = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in equation.invars]
-            self._traces[id(equation)] = equation, jax.make_jaxpr(functools.partial(_evaluated, **equation.params))(*shapes)
+            inputs: PyTree = equation.invars
+            shapes = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in inputs]
+            trace = jax.make_jaxpr(functools.partial(evaluated, **equation.params))(*shapes)
+            self._traces[id(equation)] = equation, trace
         return self._traces[id(equation)][1]
 
     def _unrolled(self, equation: JaxprEqn, arguments: Sequence[int]) -> list[int]:
         """The turns of a short loop one after another, which share the programs of the loops in it."""
         inner, length = equation.params["jaxpr"], equation.params["length"]
-        of_all = [o.aval.shape == i.aval.shape for o, i in zip(equation.invars, inner.jaxpr.invars, strict=True)]
-        carried = [o.aval.shape == i.aval.shape for o, i in zip(equation.outvars, inner.jaxpr.outvars, strict=True)]
-        first = sum(of_all)
-        fixed, carry = arguments[: first - sum(carried)], list(arguments[first - sum(carried) : first])
+
+        def same(outer: PyTree, own: PyTree) -> int:
+            """The number of values that all turns share or hand on: the others have one item for each turn."""
+            return sum(o.aval.shape == i.aval.shape for o, i in zip(outer, own, strict=True))
+
+        first = same(equation.invars, inner.jaxpr.invars)
+        begin = first - same(equation.outvars, inner.jaxpr.outvars)
+        fixed, carry = arguments[:begin], list(arguments[begin:first])
         parts = [self.step("unstack", [place], length, axis=0) for place in arguments[first:]]
         turns: list[Sequence[int]] = [()] * length
         for i in reversed(range(length)) if equation.params["reverse"] else range(length):
