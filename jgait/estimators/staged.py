@@ -15,6 +15,7 @@ from jax.stages import Compiled
 from jaxtyping import ArrayLike, PyTree
 
 from jgait.estimators.operations import OPERATIONS, operation
+from jgait.filtering.batched_call import evaluated
 
 type Compiler = Callable[[Callable[..., list[jax.Array]], Sequence[jax.ShapeDtypeStruct]], Compiled]
 """Function of arrays, their shapes and types → program."""
@@ -22,6 +23,24 @@ type Compiler = Callable[[Callable[..., list[jax.Array]], Sequence[jax.ShapeDtyp
 INLINED = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr",
            "custom_vjp_call": "call_jaxpr"}  # fmt: skip
 """Calls of functions, and the parameter that holds the function: its operations become steps of their own."""
+
+
+FILLING = ("broadcast_in_dim", "iota")
+"""Operations on numbers that fill an array: a program that begins with such an array makes it itself."""
+
+FEW = 4
+"""Turns of a loop that are steps of their own, if there are loops in it [1]: both sides, or two sensors of each."""
+
+
+def _has_loops(jaxpr: Jaxpr) -> bool:
+    """Whether a trace has loops, also in the functions that it calls."""
+
+    def is_loop(equation: JaxprEqn) -> bool:
+        name = equation.primitive.name
+        inner = equation.params[INLINED[name]].jaxpr if name in INLINED else None
+        return name in ("while", "scan", "batched_call") or (inner is not None and _has_loops(inner))
+
+    return any(map(is_loop, jaxpr.eqns))
 
 
 class PlanStep(NamedTuple):
@@ -63,27 +82,36 @@ class Staged:
         self._calls = []
         for number, step in enumerate(plan.steps):
             call: Callable[..., PyTree]
+            compiled = isinstance(step.name, int)
             if isinstance(step.name, int):
                 call, several = programs[step.name], True
             else:
                 call, several = functools.partial(OPERATIONS[step.name], **step.params), len(step.results) > 1
             over = tuple({i for i in (*step.results, *step.arguments) if last[i] == number} - kept)
-            self._calls.append((call, step.arguments, step.results, several, over))
+            self._calls.append((call, step.arguments, step.results, several, over, compiled))
 
     def __call__(self, *arrays: PyTree) -> PyTree:
         """The result of the function, in NumPy arrays."""
         values: list[np.ndarray | None] = [None] * self.plan.places
+        told: dict[int, jax.Array] = {}  # the same values as programs gave them: the next program needs no copy
         for place, value in self.plan.constants.items():
             values[place] = value
         for place, (leaf, dtype) in enumerate(zip(jax.tree.leaves(arrays), self.plan.types, strict=True)):
             values[place] = np.asarray(leaf, dtype)
         with np.errstate(all="ignore"):
-            for call, arguments, results, several, over in self._calls:
-                found = call(*[values[i] for i in arguments])
-                for place, value in zip(results, found if several else (found,), strict=True):
-                    values[place] = np.asarray(value)
+            for call, arguments, results, several, over, compiled in self._calls:
+                if compiled:
+                    found = call(*[told.get(i, values[i]) for i in arguments])
+                    for place, value in zip(results, found, strict=True):
+                        told[place] = value
+                        values[place] = np.asarray(value)
+                else:
+                    found = call(*[values[i] for i in arguments])
+                    for place, value in zip(results, found if several else (found,), strict=True):
+                        values[place] = np.asarray(value)
                 for place in over:  # its memory serves the next results
                     values[place] = None
+                    told.pop(place, None)
         return jax.tree.map(lambda i: values[self.plan.results[i]], self.plan.structure)
 
 
@@ -97,6 +125,7 @@ class _Planner:
         self.places = 0
         self.programs: list[Compiled] = []
         self._known: dict[int, tuple[JaxprEqn, int]] = {}
+        self._traces: dict[int, tuple[JaxprEqn, PyTree]] = {}
 
     def place(self) -> int:
         self.places += 1
@@ -116,38 +145,91 @@ class _Planner:
         """Add the steps of a trace; the places of its results."""
         places = dict(zip(jaxpr.constvars, map(self.constant, consts), strict=True))
         places |= dict(zip(jaxpr.invars, arguments, strict=True))
+        filled: PyTree = {}  # variable → the operation that makes it of literals alone
 
         def read(atom: PyTree) -> int:  # a variable or a literal of JAX, which have no types
-            literal = isinstance(atom, Literal)
-            return self.constant(np.asarray(atom.val, atom.aval.dtype)) if literal else places[atom]
+            like: PyTree = atom.aval
+            if isinstance(atom, Literal):
+                return self.constant(np.asarray(atom.val, like.dtype))
+            if atom not in places:
+                places[atom] = self._operation(filled[atom], [read(v) for v in filled[atom].invars])[0]
+            return places[atom]
 
         for equation in jaxpr.eqns:
             name, params = equation.primitive.name, equation.params
             results: Sequence[int]
+            if name in FILLING and operation(name, params) and all(isinstance(v, Literal) for v in equation.invars):
+                filled[equation.outvars[0]] = equation
+                continue
             if name in INLINED:
                 inner = params[INLINED[name]]
                 results = self.run(inner.jaxpr, inner.consts, [read(v) for v in equation.invars])
-            elif (known := operation(name, params)) is not None:
-                results = self.step(name, [read(v) for v in equation.invars], len(equation.outvars), **known[1])
+            elif name == "batched_call":
+                inner = self._opened(equation)
+                results = self.run(inner.jaxpr, inner.consts, [read(v) for v in equation.invars])
+            elif name == "scan" and params["length"] <= FEW and _has_loops(params["jaxpr"].jaxpr):
+                results = self._unrolled(equation, [read(v) for v in equation.invars])
+            elif operation(name, params) is not None:
+                results = self._operation(equation, [read(v) for v in equation.invars])
             else:
-                results = self._program(equation, read)
+                results = self._program(equation, read, filled)
             places |= dict(zip(equation.outvars, results, strict=True))
         return [read(v) for v in jaxpr.outvars]
 
-    def _program(self, equation: JaxprEqn, read: Callable[[PyTree], int]) -> Sequence[int]:
-        inputs: PyTree = list({v: None for v in equation.invars if not isinstance(v, Literal)})
+    def _operation(self, equation: JaxprEqn, arguments: Sequence[int]) -> tuple[int, ...]:
+        name, known = equation.primitive.name, operation(equation.primitive.name, equation.params)
+        return self.step(name, arguments, len(equation.outvars), **(known[1] if known is not None else {}))
+
+    def _opened(self, equation: JaxprEqn) -> PyTree:
+        """The trace of a batched call, once for all of its uses."""
+        if id(equation) not in self._traces:
+            inputs: PyTree = equation.invars
+            shapes = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in inputs]
+            trace = jax.make_jaxpr(functools.partial(evaluated, **equation.params))(*shapes)
+            self._traces[id(equation)] = equation, trace
+        return self._traces[id(equation)][1]
+
+    def _unrolled(self, equation: JaxprEqn, arguments: Sequence[int]) -> list[int]:
+        """The turns of a short loop one after another, which share the programs of the loops in it."""
+        inner, length = equation.params["jaxpr"], equation.params["length"]
+
+        def same(outer: PyTree, own: PyTree) -> int:
+            """The number of values that all turns share or hand on: the others have one item for each turn."""
+            return sum(o.aval.shape == i.aval.shape for o, i in zip(outer, own, strict=True))
+
+        first = same(equation.invars, inner.jaxpr.invars)
+        begin = first - same(equation.outvars, inner.jaxpr.outvars)
+        fixed, carry = arguments[:begin], list(arguments[begin:first])
+        parts = [self.step("unstack", [place], length, axis=0) for place in arguments[first:]]
+        turns: list[Sequence[int]] = [()] * length
+        for i in reversed(range(length)) if equation.params["reverse"] else range(length):
+            found = self.run(inner.jaxpr, inner.consts, [*fixed, *carry, *(part[i] for part in parts)])
+            carry, turns[i] = found[: len(carry)], found[len(carry) :]
+        return [*carry, *(self.step("stack", one, axis=0)[0] for one in zip(*turns, strict=True))]
+
+    def _program(self, equation: JaxprEqn, read: Callable[[PyTree], int], filled: PyTree) -> Sequence[int]:
+        """A step of an operation that is compiled, with the arrays of a single number that it begins with."""
+        inputs: PyTree = list({v: None for v in equation.invars if not isinstance(v, Literal) and v not in filled})
         if id(equation) not in self._known:
 
             def alone(*values: jax.Array) -> list[jax.Array]:
                 given = dict(zip(inputs, values, strict=True))
-                arguments = [v.val if isinstance(v, Literal) else given[v] for v in equation.invars]
-                results = equation.primitive.bind(*arguments, **equation.primitive.get_bind_params(equation.params))
-                return results if equation.primitive.multiple_results else [results]
+                for v in equation.invars:
+                    if not isinstance(v, Literal) and v in filled:
+                        (given[v],) = _bound(filled[v], filled[v].invars, given)
+                return _bound(equation, equation.invars, given)
 
             shapes = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in inputs]
             self.programs.append(self.compiled(alone, shapes))
             self._known[id(equation)] = equation, len(self.programs) - 1
         return self.step(self._known[id(equation)][1], [read(v) for v in inputs], len(equation.outvars))
+
+
+def _bound(equation: JaxprEqn, atoms: PyTree, given: PyTree) -> list[jax.Array]:
+    """The results of an equation, traced."""
+    arguments = [v.val if isinstance(v, Literal) else given[v] for v in atoms]
+    results = equation.primitive.bind(*arguments, **equation.primitive.get_bind_params(equation.params))
+    return list(results) if equation.primitive.multiple_results else [results]
 
 
 def staged(function: Callable[..., PyTree], arrays: PyTree, compiled: Compiler) -> Staged:

@@ -86,7 +86,8 @@ def _lanes(value: PyTree, rank: int, sizes: tuple[int, ...]) -> PyTree:
     return jnp.broadcast_to(value, own + sizes).reshape(*own, math.prod(sizes))
 
 
-def _evaluated(*arguments: PyTree, function: Batched, ranks: tuple[int, ...]) -> list[PyTree]:
+def evaluated(*arguments: PyTree, function: Batched, ranks: tuple[int, ...]) -> list[PyTree]:
+    """The outputs of a call with its batch axes behind, by operations of JAX; `ranks`: the arguments' own axes."""
     sizes = _sizes(arguments, ranks)
     count = math.prod(sizes)
     lanes = [_lanes(value, rank, sizes) for value, rank in zip(arguments, ranks, strict=True)]
@@ -329,9 +330,9 @@ def _summed(value: PyTree, shape: tuple[int, ...]) -> PyTree:
     return jnp.sum(value, axis=axes, keepdims=True) if axes else value
 
 
-_call.def_impl(_evaluated)
+_call.def_impl(evaluated)
 _call.def_abstract_eval(_abstract)
-mlir.register_lowering(_call, mlir.lower_fun(_evaluated, multiple_results=True))
+mlir.register_lowering(_call, mlir.lower_fun(evaluated, multiple_results=True))
 batching.primitive_batchers[_call] = _mapped
 ad.primitive_jvps[_call] = _jvp
 ad.primitive_transposes[_call] = _transposed

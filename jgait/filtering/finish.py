@@ -1,13 +1,16 @@
 """States and covariances that a filter or smoother returns, from what the core computes about the predictions."""
 
+import functools
 from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
 from jaxtyping import PyTree
 
 from jgait.filtering.component_model import Shape
-from jgait.filtering.lanes import held, product, product_transposed
+from jgait.filtering.lanes import held
 from jgait.filtering.local_model import LocalModel
 from jgait.filtering.methods import reached
 
@@ -29,13 +32,34 @@ def covariances(
     if shape.model.local is None:
         return cov
     flat, around, about, *others = _together(x, delta, cov, *(() if move is None else (move,)))
-    local = LocalModel(_alone(shape), [], flat.shape[-1])
-    columns = [row[jnp.asarray(chosen)] for row in local.identity()]
+    local, pattern = LocalModel(_alone(shape), [], flat.shape[-1]), _influences(shape)
+    pattern = (pattern if move is None else pattern @ pattern)[np.ix_(chosen, chosen)]
+    groups = _apart_in_rows(pattern)
+    seeds = np.zeros((shape.sizes[1], max(groups) + 1))
+    seeds[list(chosen), groups] = 1.0
+    columns = [jnp.broadcast_to(jnp.asarray(row[:, None], shape.dtype), (len(row), flat.shape[-1])) for row in seeds]
     turned = local.turned(list(flat), list(around), columns)
     if move is not None:
         turned = local.turned(*_updated(local, flat, around, *others), turned)
     turn = held(jnp.stack([turned[i] for i in chosen]))
-    return _apart(product_transposed(product(turn, about), turn), x)
+
+    def half(matrix: PyTree) -> PyTree:
+        """The turning matrix times another one, by its entries that are not zero."""
+        rows = [sum(turn[i, groups[j]][None] * matrix[j] for j in np.flatnonzero(row)) for i, row in enumerate(pattern)]
+        return held(jnp.stack(rows))
+
+    return _apart(half(jnp.swapaxes(half(about), 0, 1)), x)
+
+
+def _apart_in_rows(pattern: npt.NDArray[np.bool_]) -> list[int]:
+    """A group of each column, so that no row has entries in two columns of a group: they are computed together."""
+    taken: list[npt.NDArray[np.bool_]] = []
+    groups = []
+    for column in pattern.T:
+        group = next((i for i, rows in enumerate(taken) if not (rows & column).any()), len(taken))
+        taken[group:] = [column | taken[group] if group < len(taken) else column, *taken[group + 1 :]]
+        groups.append(group)
+    return groups
 
 
 def selected(cov: PyTree, inner: tuple[int, ...], components: tuple[int, ...]) -> PyTree:
@@ -68,6 +92,15 @@ def closure(shape: Shape, components: tuple[int, ...]) -> tuple[int, ...]:
     """The components of the error that influence the covariances of `components` about another state."""
     if shape.model.local is None or not components:
         return components
+    pattern, needed = _influences(shape), {*components}
+    while (more := {*np.flatnonzero(pattern[sorted(needed)].any(axis=0)).tolist()} | needed) != needed:
+        needed = more
+    return tuple(sorted(needed))
+
+
+@functools.cache
+def _influences(shape: Shape) -> npt.NDArray[np.bool_]:
+    """(n, n): whether a component of an error about x (column) influences one about another state (row)."""
     k, n, _ = shape.sizes
     local = LocalModel(_alone(shape), [], 1)
 
@@ -76,13 +109,7 @@ def closure(shape: Shape, components: tuple[int, ...]) -> tuple[int, ...]:
 
     like = (jnp.ones((k, 1), shape.dtype), jnp.ones((n, 1), shape.dtype), [jnp.ones(1, shape.dtype)] * n)
     jaxpr = jax.make_jaxpr(turned)(*like).jaxpr
-    columns = jaxpr.invars[2:]
-    needed = set(components)
-    for j, variable in enumerate(columns):
-        touched = reached(jaxpr, {variable})
-        if any(touched[i] for i in components):
-            needed.add(j)
-    return tuple(sorted(needed)) if needed == set(components) else closure(shape, tuple(sorted(needed)))
+    return np.array([reached(jaxpr, {variable}) for variable in jaxpr.invars[2:]]).T
 
 
 def _alone(shape: Shape) -> Shape:

@@ -68,9 +68,8 @@ def held_on(values: PyTree, count: PyTree) -> PyTree:
     if count is None:
         return values
     last = lax.dynamic_index_in_dim(values, count - 1, keepdims=False)
-    return lax.fori_loop(
-        count, values.shape[0], lambda i, kept: lax.dynamic_update_index_in_dim(kept, last, i, 0), values
-    )
+    own = jnp.arange(values.shape[0]) < count
+    return jnp.where(own.reshape(-1, *(1,) * (values.ndim - 1)), values, last)
 
 
 def added_up(cotangents: PyTree, count: PyTree) -> PyTree:
