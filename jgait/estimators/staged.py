@@ -24,6 +24,10 @@ INLINED = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom
 """Calls of functions, and the parameter that holds the function: its operations become steps of their own."""
 
 
+FOLDED = 64
+"""Largest number of values that are computed once for all, as constants of a plan: larger ones would fill files."""
+
+
 class PlanStep(NamedTuple):
     """An operation: its name, or the number of a compiled program; the places of its arguments and results."""
 
@@ -97,20 +101,38 @@ class _Planner:
         self.places = 0
         self.programs: list[Compiled] = []
         self._known: dict[int, tuple[JaxprEqn, int]] = {}
+        self._made: dict[tuple[str | int, tuple[int, ...], str], tuple[int, ...]] = {}
 
     def place(self) -> int:
         self.places += 1
         return self.places - 1
 
     def constant(self, value: ArrayLike) -> int:
-        place = self.place()
-        self.constants[place] = np.asarray(value)
-        return place
+        array = np.asarray(value)
+        key = "", (), f"{array.dtype} {array.shape} {array.tobytes()!r}"
+        if key not in self._made:
+            self._made[key] = (self.place(),)
+            self.constants[self._made[key][0]] = array
+        return self._made[key][0]
 
     def step(self, name: str | int, arguments: Sequence[int], count: int = 1, **params: object) -> tuple[int, ...]:
-        results = tuple(self.place() for _ in range(count))
-        self.steps.append(PlanStep(name, tuple(arguments), results, params))
-        return results
+        key = name, tuple(arguments), repr(params)
+        if key not in self._made:
+            results = tuple(self.place() for _ in range(count))
+            self._made[key] = self._known_now(PlanStep(name, tuple(arguments), results, params))
+        return self._made[key]
+
+    def _known_now(self, step: PlanStep) -> tuple[int, ...]:
+        """Add a step; if its arguments are constants and its results small, these are computed now."""
+        if isinstance(step.name, str) and all(i in self.constants for i in step.arguments):
+            with np.errstate(all="ignore"):
+                found = OPERATIONS[step.name](*[self.constants[i] for i in step.arguments], **step.params)
+            values = [np.asarray(v) for v in (found if len(step.results) > 1 else [found])]
+            if sum(v.size for v in values) <= FOLDED:
+                self.constants |= dict(zip(step.results, values, strict=True))
+                return step.results
+        self.steps.append(step)
+        return step.results
 
     def run(self, jaxpr: Jaxpr, consts: Sequence[ArrayLike], arguments: Sequence[int]) -> list[int]:
         """Add the steps of a trace; the places of its results."""

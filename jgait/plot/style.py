@@ -150,6 +150,6 @@ def save(figure: Figure, path: str | Path, *, dpi: int = 130) -> Path:
     """
     with ready(figure), replaced(path) as part:
         # The files are a tenth larger than with zlib's own choice, in two thirds of the time.
-        fast = {"pil_kwargs": {"compress_level": 3}} if part.suffix.lower() == ".png" else {}
+        fast: Style = {"pil_kwargs": {"compress_level": 3}} if part.suffix.lower() == ".png" else {}
         figure.savefig(part, dpi=dpi, **fast)
     return Path(path)

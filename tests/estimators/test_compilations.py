@@ -1,5 +1,6 @@
 """Programs are kept between processes."""
 
+import threading
 from typing import Any
 
 import jax
@@ -83,6 +84,16 @@ def test_a_program_of_the_folder_is_not_in_jax_s_own_cache_as_well(folder):
         (file,) = folder.iterdir()  # compiled and written, the second time too
         file.unlink()
     assert jax.config.jax_persistent_cache_min_compile_time_secs == 0.0
+
+
+def test_other_threads_keep_their_programs_in_jax_s_own_cache_meanwhile(folder):
+    seen = []
+    with programs._unshared():
+        other = threading.Thread(target=lambda: seen.append(jax.config.jax_persistent_cache_min_compile_time_secs))
+        other.start()
+        other.join()
+        seen.append(jax.config.jax_persistent_cache_min_compile_time_secs)
+    assert seen == [0.0, np.inf]
 
 
 def looped(x: Any, *, gain: float) -> Any:

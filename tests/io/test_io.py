@@ -432,6 +432,6 @@ def test_tables_of_numbers_are_written_as_pandas_writes_them(tmp_path):
         "time_s": np.arange(50) / 100, 'a,"b': missing, "n": rng.integers(-5, 5, 50), "valid": missing > 0.0,
         "single": missing.astype(np.float32), "none": np.full(50, np.nan), "inf": np.full(50, -np.inf),
     })  # fmt: skip
-    for table in (whole, whole[["none"]], whole.iloc[:0], whole.assign(word="nan"), whole.assign(n=None)):
-        written = io.write_table(table, tmp_path / "table.csv").read_bytes()
-        assert written == table.to_csv(index=False, float_format="%.9g").encode()
+    for given in (whole, whole[["none"]], whole.iloc[:0], whole.assign(word="nan"), whole.assign(n=None)):
+        written = io.write_table(given, tmp_path / "table.csv").read_bytes()
+        assert written == given.to_csv(index=False, float_format="%.9g").encode()
