@@ -136,6 +136,17 @@ def test_a_loop_that_stands_twice_in_a_function_is_compiled_once():
     np.testing.assert_allclose(found, [0.0, 3.0, 6.0])
 
 
+def test_a_plan_has_no_step_twice_and_none_of_constants():
+    def function(x: Any) -> Any:
+        rate = jnp.sin(jnp.float64(2.0)) * jnp.arange(3.0)
+        return jnp.sin(x) * rate + jnp.sin(x), jnp.sin(jnp.float64(2.0)) * jnp.ones(3)
+
+    plan = staged(function, (np.ones(3),), lambda *_: pytest.fail("nothing to compile"))
+    assert [step.name for step in plan.plan.steps] == ["sin", "mul", "add"]
+    for found, want in zip(plan(np.full(3, 0.3)), jax.jit(function)(np.full(3, 0.3)), strict=True):
+        np.testing.assert_allclose(found, want, rtol=1e-14)
+
+
 def test_a_folder_that_cannot_be_written_costs_nothing_but_the_keeping(folder):
     programs.keep(folder / "absent")
     np.testing.assert_array_equal(made(np.ones(2)), 2.0 * np.pi * np.ones(2))
