@@ -1,13 +1,11 @@
 """What `jgait demo` runs: estimate, compare with a reference, tune by gradient, judge on other walks."""
 
-import functools
 from collections.abc import Callable
 from pathlib import Path
 from threading import Lock
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import optax
 from jaxtyping import PyTree
@@ -16,7 +14,8 @@ from jgait import datasets, params, plot, tune
 from jgait import report as reports
 from jgait.estimators import Prepared, leg_ekf
 from jgait.estimators.combined import analyse
-from jgait.estimators.leg_ekf import BySide, LegOptions, LegParams
+from jgait.estimators.leg_ekf import BySide, LegParams
+from jgait.estimators.programs import compiled
 from jgait.evaluate import FIELDS
 from jgait.evaluate.windows import Judged, judge
 from jgait.simulate import protocols
@@ -56,12 +55,9 @@ class Demo(NamedTuple):
 
 
 def _estimate(p: LegParams, item: tune.Lesson) -> Estimate:
-    return _run(p, jax.tree.map(jnp.asarray, item), OPTIONS)
-
-
-@functools.partial(jax.jit, static_argnames=("options",))
-def _run(p: LegParams, item: tune.Lesson, options: LegOptions) -> Estimate:
-    return leg_ekf.run(leg_ekf.with_body(p, item.own), item.inputs, options)
+    own = jax.tree.map(np.asarray, leg_ekf.with_body(p, item.own))
+    estimate: Estimate = compiled(leg_ekf.run)(own, jax.tree.map(np.asarray, item.inputs), options=OPTIONS)
+    return estimate
 
 
 def _tuned(names: tuple[str, ...], before: LegParams, after: LegParams) -> dict[str, tuple[float, float]]:

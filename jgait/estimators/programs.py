@@ -14,7 +14,7 @@ import pickle
 import platform
 import tempfile
 import threading
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -133,16 +133,14 @@ class Program:
         return _Store.folder / f"{digest}{ENDING}"
 
 
-@contextlib.contextmanager
-def _unshared() -> Iterator[None]:
-    """JAX's own cache takes no program meanwhile: it would be a second copy, which cannot be written again."""
-    name = "jax_persistent_cache_min_compile_time_secs"
-    least = getattr(jax.config, name)
-    jax.config.update(name, math.inf)
-    try:
-        yield
-    finally:
-        jax.config.update(name, least)
+def _unshared() -> contextlib.AbstractContextManager[None]:
+    """JAX's own cache takes no program of this thread meanwhile: it would be a second copy, which cannot be written
+    again. Other threads go on: JAX has no public setting of one thread.
+    """
+    from jax._src import config
+
+    one_thread: contextlib.AbstractContextManager[None] = config.persistent_cache_min_compile_time_secs(math.inf)
+    return one_thread
 
 
 _heard = threading.local()

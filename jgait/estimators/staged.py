@@ -32,6 +32,10 @@ FEW = 4
 """Turns of a loop that are steps of their own, if there are loops in it [1]: both sides, or two sensors of each."""
 
 
+FOLDED = 64
+"""Largest number of values that are computed once for all, as constants of a plan: larger ones would fill files."""
+
+
 def _has_loops(jaxpr: Jaxpr) -> bool:
     """Whether a trace has loops, also in the functions that it calls."""
 
@@ -126,20 +130,38 @@ class _Planner:
         self.programs: list[Compiled] = []
         self._known: dict[int, tuple[JaxprEqn, int]] = {}
         self._traces: dict[int, tuple[JaxprEqn, PyTree]] = {}
+        self._made: dict[tuple[str | int, tuple[int, ...], str], tuple[int, ...]] = {}
 
     def place(self) -> int:
         self.places += 1
         return self.places - 1
 
     def constant(self, value: ArrayLike) -> int:
-        place = self.place()
-        self.constants[place] = np.asarray(value)
-        return place
+        array = np.asarray(value)
+        key = "", (), f"{array.dtype} {array.shape} {array.tobytes()!r}"
+        if key not in self._made:
+            self._made[key] = (self.place(),)
+            self.constants[self._made[key][0]] = array
+        return self._made[key][0]
 
     def step(self, name: str | int, arguments: Sequence[int], count: int = 1, **params: object) -> tuple[int, ...]:
-        results = tuple(self.place() for _ in range(count))
-        self.steps.append(PlanStep(name, tuple(arguments), results, params))
-        return results
+        key = name, tuple(arguments), repr(params)
+        if key not in self._made:
+            results = tuple(self.place() for _ in range(count))
+            self._made[key] = self._known_now(PlanStep(name, tuple(arguments), results, params))
+        return self._made[key]
+
+    def _known_now(self, step: PlanStep) -> tuple[int, ...]:
+        """Add a step; if its arguments are constants and its results small, these are computed now."""
+        if isinstance(step.name, str) and all(i in self.constants for i in step.arguments):
+            with np.errstate(all="ignore"):
+                found = OPERATIONS[step.name](*[self.constants[i] for i in step.arguments], **step.params)
+            values = [np.asarray(v) for v in (found if len(step.results) > 1 else [found])]
+            if sum(v.size for v in values) <= FOLDED:
+                self.constants |= dict(zip(step.results, values, strict=True))
+                return step.results
+        self.steps.append(step)
+        return step.results
 
     def run(self, jaxpr: Jaxpr, consts: Sequence[ArrayLike], arguments: Sequence[int]) -> list[int]:
         """Add the steps of a trace; the places of its results."""

@@ -244,6 +244,8 @@ def _no_number(column: "pd.Series", label: str) -> Note | None:
     """The note about cells of a column that are no numbers; None if all cells are numbers."""
     import pandas as pd
 
+    if isinstance(column.dtype, np.dtype) and column.dtype.kind in "fiub":
+        return None
     odd = column[pd.to_numeric(column, errors="coerce").isna() & column.notna()]
     if not len(odd) or len(odd) == len(column):
         return None

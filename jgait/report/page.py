@@ -17,7 +17,7 @@ from jaxtyping import PyTree
 
 from jgait.io.atomic import write_text
 from jgait.notes import printable
-from jgait.plot.style import literal
+from jgait.plot.style import ready
 from jgait.types import Values
 
 if TYPE_CHECKING:
@@ -154,12 +154,12 @@ def picture(figure: "Figure", alt: str, caption: str) -> Picture:
     import matplotlib
 
     stream = io.BytesIO()
-    with literal(figure), matplotlib.rc_context({"svg.hashsalt": "jgait"}):  # the same figure gives the same bytes
+    with ready(figure), matplotlib.rc_context({"svg.hashsalt": "jgait"}):  # the same figure gives the same bytes
         figure.savefig(stream, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     kind, data = "svg+xml", stream.getvalue()
     if len(data) > LARGEST_SVG:
         stream = io.BytesIO()
-        with literal(figure):
+        with ready(figure):
             figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
         kind, data = "png", _few_colours(stream)
     return Picture(f"data:image/{kind};base64,{base64.b64encode(data).decode()}", alt, caption)

@@ -1,5 +1,6 @@
 """Programs are kept between processes."""
 
+import threading
 from typing import Any
 
 import jax
@@ -85,6 +86,16 @@ def test_a_program_of_the_folder_is_not_in_jax_s_own_cache_as_well(folder):
     assert jax.config.jax_persistent_cache_min_compile_time_secs == 0.0
 
 
+def test_other_threads_keep_their_programs_in_jax_s_own_cache_meanwhile(folder):
+    seen = []
+    with programs._unshared():
+        other = threading.Thread(target=lambda: seen.append(jax.config.jax_persistent_cache_min_compile_time_secs))
+        other.start()
+        other.join()
+        seen.append(jax.config.jax_persistent_cache_min_compile_time_secs)
+    assert seen == [0.0, np.inf]
+
+
 def looped(x: Any, *, gain: float) -> Any:
     """Operations before and behind a loop, and a pair of results of which one is an argument."""
     level = jnp.cumsum(jnp.where(x > 0.0, gain * x, 0.0))
@@ -123,6 +134,17 @@ def test_a_loop_that_stands_twice_in_a_function_is_compiled_once():
     found = staged(lambda x: inner(x) + inner(2.0 * x), (np.ones(3),), compile)(np.ones(3))
     assert len(compiled) == 1
     np.testing.assert_allclose(found, [0.0, 3.0, 6.0])
+
+
+def test_a_plan_has_no_step_twice_and_none_of_constants():
+    def function(x: Any) -> Any:
+        rate = jnp.sin(jnp.float64(2.0)) * jnp.arange(3.0)
+        return jnp.sin(x) * rate + jnp.sin(x), jnp.sin(jnp.float64(2.0)) * jnp.ones(3)
+
+    plan = staged(function, (np.ones(3),), lambda *_: pytest.fail("nothing to compile"))
+    assert [step.name for step in plan.plan.steps] == ["sin", "mul", "add"]
+    for found, want in zip(plan(np.full(3, 0.3)), jax.jit(function)(np.full(3, 0.3)), strict=True):
+        np.testing.assert_allclose(found, want, rtol=1e-14)
 
 
 def test_a_folder_that_cannot_be_written_costs_nothing_but_the_keeping(folder):
