@@ -24,13 +24,11 @@ INLINED = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom
            "custom_vjp_call": "call_jaxpr"}  # fmt: skip
 """Calls of functions, and the parameter that holds the function: its operations become steps of their own."""
 
-
 FILLING = ("broadcast_in_dim", "iota")
 """Operations on numbers that fill an array: a program that begins with such an array makes it itself."""
 
 FEW = 4
 """Turns of a loop that are steps of their own, if there are loops in it [1]: both sides, or two sensors of each."""
-
 
 FOLDED = 64
 """Largest number of values that are computed once for all, as constants of a plan: larger ones would fill files."""
