@@ -134,8 +134,16 @@ class Recorded:
             outputs = self.backward.value(*(told[name] for name in FOR_SMOOTHER), count=count)
             back = dict(zip(self.backward.names, outputs, strict=True))
         told, back = self._lasting(told, back, lambda v: held_on(v, count))
-        fields = self._fields(told, back, arguments[-1])
-        return [*fields, *told.values(), *back.values()] if self.all else fields
+        if not self.all:
+            return self._fields(told, back, arguments[-1])
+
+        def one(item: PyTree) -> list[PyTree]:
+            """The outputs at one sample; in a program with a gradient, a loop is shorter than whole arrays."""
+            return [v[0] for v in self._fields(*jax.tree.map(lambda v: v[None], item))]
+
+        used = {name: told[name] for name in self._used()}
+        fields = lax.map(one, (used, back, arguments[-1]))
+        return [*fields, *told.values(), *back.values()]
 
     def _count(self, arguments: Sequence[PyTree]) -> PyTree:
         """The number of samples that the scans compute; None for all."""

@@ -79,6 +79,18 @@ def rotated(q: Quaternion, v: Vector) -> Vector:
     return Vector(v.x + q.w * t.x + s.x, v.y + q.w * t.y + s.y, v.z + q.w * t.z + s.z)
 
 
+def rows(q: Quaternion) -> tuple[Vector, Vector, Vector]:
+    """The rows of the rotation matrix: `rotated(q, v)` is their scalar products with v."""
+    x, y, z = scale(2.0, Vector(q.x, q.y, q.z))
+    xx, xy, xz, yy, yz, zz = x * q.x, x * q.y, x * q.z, y * q.y, y * q.z, z * q.z
+    wx, wy, wz = q.w * x, q.w * y, q.w * z
+    return (
+        Vector(1.0 - (yy + zz), xy - wz, xz + wy),
+        Vector(xy + wz, 1.0 - (xx + zz), yz - wx),
+        Vector(xz - wy, yz + wx, 1.0 - (xx + yy)),
+    )
+
+
 _SINE = (1.0, -1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362880.0, -1.0 / 39916800.0, 1.0 / 6227020800.0)
 _COSINE = (1.0, -1.0 / 2.0, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40320.0, -1.0 / 3628800.0, 1.0 / 479001600.0)
 
