@@ -108,7 +108,7 @@ def exponential(v: Vector) -> Quaternion:
 
 
 def small_turn(v: Vector) -> Quaternion:
-    """`exponential` for less than a radian, to 1e-10 of it; the caller normalises the quaternion."""
+    """`exponential` by fewer terms, to 1e-10 up to half a radian and 1e-8 up to 1 rad; the caller normalises it."""
     a = 0.25 * (v.x * v.x + v.y * v.y + v.z * v.z)
     half = 0.5 + a * (-1.0 / 12.0 + a * (1.0 / 240.0 - a * (1.0 / 10080.0)))
     w = 1.0 + a * (-1.0 / 2.0 + a * (1.0 / 24.0 + a * (-1.0 / 720.0 + a * (1.0 / 40320.0))))

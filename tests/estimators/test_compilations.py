@@ -136,6 +136,29 @@ def test_a_loop_that_stands_twice_in_a_function_is_compiled_once():
     np.testing.assert_allclose(found, [0.0, 3.0, 6.0])
 
 
+@pytest.mark.parametrize("reverse", [False, True])
+def test_turns_of_a_short_loop_share_the_programs_of_its_loops(reverse):
+    compiled = []
+
+    def compile(function: Any, shapes: Any) -> Any:
+        compiled.append(shapes)
+        return jax.jit(function).lower(*shapes).compile()
+
+    def side(total: Any, values: Any) -> tuple[Any, Any]:
+        start = jnp.zeros(2)  # an array of one number: the program makes it, it is no argument
+        last, path = lax.scan(lambda c, v: (c + v, c[0]), start, values)
+        return total * 2.0 + last[0], path + total
+
+    def function(x: Any) -> Any:
+        return lax.scan(side, 1.0, x, reverse=reverse)
+
+    x = np.arange(10.0).reshape(2, 5)
+    found = staged(function, (x,), compile)(x)
+    assert [[shape.shape for shape in shapes] for shapes in compiled] == [[(5,)]]
+    for got, want in zip(found, jax.jit(function)(x), strict=True):
+        np.testing.assert_allclose(got, want, rtol=1e-14)
+
+
 def test_a_plan_has_no_step_twice_and_none_of_constants():
     def function(x: Any) -> Any:
         rate = jnp.sin(jnp.float64(2.0)) * jnp.arange(3.0)

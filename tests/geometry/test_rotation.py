@@ -18,6 +18,8 @@ from jgait.geometry.rotation import (
     product,
     rotated,
     rotation,
+    rows,
+    small_turn,
     turn,
 )
 from jgait.geometry.vectors import Vector
@@ -95,6 +97,7 @@ def test_products_turn_as_products_of_matrices_the_right_one_first():
     close(joined(rotated(product(a, b), split(v))), joined(rotated(a, rotated(b, split(v)))))
     close(joined(rotated(a, split(v))), scipys(a).apply(v))
     close(joined(rotated(conjugate(a), rotated(a, split(v)))), v)
+    close(np.stack([joined(row) for row in rows(a)], axis=-2), scipys(a).as_matrix())
 
 
 def test_a_quarter_turn_to_the_left_worked_by_hand():
@@ -117,6 +120,12 @@ def test_arrays_have_w_first():
 
 
 # --- exponential and logarithm ---
+
+
+@pytest.mark.parametrize(("angle", "tolerance"), [(0.0, 1e-15), (0.5, 1e-10), (1.0, 1e-8)])
+def test_small_turn_is_the_exponential_as_exact_as_stated(angle, tolerance):
+    v = vectors(angle)
+    close(joined(normalised(small_turn(split(v)))), joined(exponential(split(v))), tolerance)
 
 
 @pytest.mark.parametrize(
