@@ -16,7 +16,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from experiments.benchmark.timing import Program, interleaved
+from experiments.benchmark.candidates import candidates
+from experiments.benchmark.leg import LOG_NOISE, recordings
+from experiments.benchmark.timing import Program, compiled, data_of, interleaved
 from experiments.common.row import Row, show
 from jgait import filtering
 from jgait.estimators.foot_ins import model as foot_model
@@ -259,12 +261,28 @@ def gradient_error(make: Callable[..., Problem]) -> float:
     return float(max(abs(found - slopes) / np.maximum(abs(found), 1e-4 * largest)))
 
 
+def over_dynamax(quick: bool) -> list[Row]:
+    """How much faster than dynamax the components of the 8-state leg are; no row where dynamax is absent."""
+    every, absent = candidates()
+    named = {candidate.name: candidate for candidate in every}
+    if "dynamax" not in named:
+        print("; ".join(absent))
+        return []
+    samples = 200 if quick else 3000
+    data = data_of(*recordings(64, samples), 64, np.dtype(np.float32), LOG_NOISE)
+    programs = {name: compiled(named[name], "filter", data, "reverse", False) for name in ("fast", "dynamax")}
+    seconds = interleaved(programs, 3 if quick else 9)
+    ratio = seconds["dynamax"] / seconds["fast"]
+    return [Row("fast_over_dynamax_b64", ratio, "ratio", None, 64, f"8 states, {samples} samples, float32")]
+
+
 def rows(quick: bool) -> list[Row]:
     """All of it; `quick` takes fewer sizes and repeats."""
     jax.config.update("jax_enable_compilation_cache", False)
     jax.config.update("jax_cpu_enable_async_dispatch", False)  # else two threads compute one after the other
     with jax.default_device(jax.devices("cpu")[0]), jax.enable_x64(False):
         found = [*measured("foot", foot, quick), *measured("leg", leg, quick)]
+        found += over_dynamax(quick)
     error = max(gradient_error(foot), gradient_error(leg))
     found.append(Row("gradient_relative_error", error, "1", None, None, "against central differences, float64"))
     ratio = max(row.value for row in found if row.metric.endswith("likelihood_gradient_over_filter"))

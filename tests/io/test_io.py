@@ -423,15 +423,3 @@ def test_heavy_packages_wait_until_they_are_needed():
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "[]"
-
-
-def test_tables_of_numbers_are_written_as_pandas_writes_them(tmp_path):
-    rng = np.random.default_rng(0)
-    missing = np.where(rng.random(50) < 0.3, np.nan, rng.normal(size=50) * 10.0 ** rng.integers(-12, 12, 50))
-    whole = pd.DataFrame({
-        "time_s": np.arange(50) / 100, 'a,"b': missing, "n": rng.integers(-5, 5, 50), "valid": missing > 0.0,
-        "single": missing.astype(np.float32), "none": np.full(50, np.nan), "inf": np.full(50, -np.inf),
-    })  # fmt: skip
-    for given in (whole, whole[["none"]], whole.iloc[:0], whole.assign(word="nan"), whole.assign(n=None)):
-        written = io.write_table(given, tmp_path / "table.csv").read_bytes()
-        assert written == given.to_csv(index=False, float_format="%.9g").encode()
