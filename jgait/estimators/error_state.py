@@ -17,7 +17,7 @@ def near_unit(q: Quaternion) -> Quaternion:
 
 
 def retract(s: PyTree, e: PyTree) -> PyTree:
-    """The state `s` changed by the error `e`."""
+    """The state `s` changed by the error `e`, whose rotation is below a radian, see `rotation.small_turn`."""
     return type(s)(*(
         near_unit(product(small_turn(error), value)) if isinstance(value, Quaternion) else add(value, error)
         for value, error in zip(s, e, strict=True)

@@ -135,11 +135,13 @@ class Program:
 
 def _unshared() -> contextlib.AbstractContextManager[None]:
     """JAX's own cache takes no program of this thread meanwhile: it would be a second copy, which cannot be written
-    again. Other threads go on: JAX has no public setting of one thread.
+    again. Other threads go on: JAX has no public setting of one thread. Without its own one, the copy is a waste only.
     """
-    from jax._src import config
-
-    one_thread: contextlib.AbstractContextManager[None] = config.persistent_cache_min_compile_time_secs(math.inf)
+    try:
+        from jax._src.config import persistent_cache_min_compile_time_secs as least
+    except ImportError:
+        return contextlib.nullcontext()
+    one_thread: contextlib.AbstractContextManager[None] = least(math.inf)
     return one_thread
 
 

@@ -95,7 +95,7 @@ class Staged:
     def __call__(self, *arrays: PyTree) -> PyTree:
         """The result of the function, in NumPy arrays."""
         values: list[np.ndarray | None] = [None] * self.plan.places
-        told: dict[int, jax.Array] = {}  # the same values as programs gave them: the next program needs no copy
+        of_programs: dict[int, jax.Array] = {}  # as programs gave them: the next program needs no copy
         for place, value in self.plan.constants.items():
             values[place] = value
         for place, (leaf, dtype) in enumerate(zip(jax.tree.leaves(arrays), self.plan.types, strict=True)):
@@ -103,9 +103,9 @@ class Staged:
         with np.errstate(all="ignore"):
             for call, arguments, results, several, over, compiled in self._calls:
                 if compiled:
-                    found = call(*[told.get(i, values[i]) for i in arguments])
+                    found = call(*[of_programs.get(i, values[i]) for i in arguments])
                     for place, value in zip(results, found, strict=True):
-                        told[place] = value
+                        of_programs[place] = value
                         values[place] = np.asarray(value)
                 else:
                     found = call(*[values[i] for i in arguments])
@@ -113,7 +113,7 @@ class Staged:
                         values[place] = np.asarray(value)
                 for place in over:  # its memory serves the next results
                     values[place] = None
-                    told.pop(place, None)
+                    of_programs.pop(place, None)
         return jax.tree.map(lambda i: values[self.plan.results[i]], self.plan.structure)
 
 

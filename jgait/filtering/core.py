@@ -141,7 +141,7 @@ class Filter:
         measured, controls, dt, seen = sample
         x = local.retracted(list(before), list(delta))
         if linearises_once(self.method):
-            # One recording's program is half as long if values are stored; several recordings' is not.
+            # Stored values make the program of one recording shorter, that of several longer.
             linearised = shared(local.linearised, OFTEN) if local.lanes == 1 else local.linearised
             lin = linearised(list(before), list(delta), list(x), controls, dt, list(measured), seen)
             lin = Linearised(*held(*lin))

@@ -57,9 +57,9 @@ class Recorded:
 
     @property
     def block(self) -> int:
-        """Recordings computed at once; one for a smoother's gradient: half the program, and some a fifth slower.
+        """Recordings computed at once; one for a smoother's gradient, whose program is then half as long.
 
-        A filter's gradient, where a step is mostly the model, takes twice as long with fewer than 16.
+        The gradient of a filter takes less time by 16 at once, at the cost of a longer program.
         """
         return block_of(self.shape.sizes[1], self.shape.dtype) if not self.all else 1 if self.smooth else 16
 

@@ -80,7 +80,7 @@ def rotated(q: Quaternion, v: Vector) -> Vector:
 
 
 def rows(q: Quaternion) -> tuple[Vector, Vector, Vector]:
-    """The rows of the rotation matrix: `rotated(q, v)` is their scalar products with v."""
+    """The rows of the rotation matrix, for `vectors.dots`: fewer operations than `rotated` for many vectors."""
     x, y, z = scale(2.0, Vector(q.x, q.y, q.z))
     xx, xy, xz, yy, yz, zz = x * q.x, x * q.y, x * q.z, y * q.y, y * q.z, z * q.z
     wx, wy, wz = q.w * x, q.w * y, q.w * z

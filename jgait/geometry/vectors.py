@@ -50,6 +50,11 @@ def dot(a: Vector, b: Vector) -> Values:
     return a.x * b.x + a.y * b.y + a.z * b.z
 
 
+def dots(rows: tuple[Vector, Vector, Vector], a: Vector) -> Vector:
+    """The product of a matrix, given by its rows, with a vector."""
+    return Vector(*(dot(row, a) for row in rows))
+
+
 def cross(a: Vector, b: Vector) -> Vector:
     """The vector product a × b, right-handed."""
     return Vector(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)

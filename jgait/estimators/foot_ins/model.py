@@ -25,7 +25,7 @@ from typing import NamedTuple
 from jgait.estimators.error_state import differences, error_shift, near_unit, retract
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.rotation import Quaternion, product, rotated, rows, small_turn
-from jgait.geometry.vectors import GRAVITY, Vector, add, cross, dot, scale, subtract
+from jgait.geometry.vectors import GRAVITY, Vector, add, cross, dots, scale, subtract
 from jgait.types import Flags, Values
 
 
@@ -111,15 +111,16 @@ def turn_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, d
     del p
     _, middle, force = _midway(s, u, dt)
     phi = scale(dt, subtract(u.gyr, s.gyr_bias))
-    turned = rows(middle)
+    turning = rows(middle)
 
-    def half(row: Vector) -> Vector:
-        """A row of R (1/2 − φ×/8 + φ×²/48)."""
+    def half_way(row: Vector) -> Vector:
+        """The row of R (1/2 − φ×/8 + φ×²/48) from that of R."""
         once = cross(row, phi)
         return add(scale(0.5, row), subtract(scale(1.0 / 48.0, cross(once, phi)), scale(0.125, once)))
 
-    attitude = subtract(e.attitude, scale(dt, Vector(*(dot(half(row), e.gyr_bias) for row in turned))))
-    acceleration = subtract(cross(attitude, force), Vector(*(dot(row, e.acc_bias) for row in turned)))
+    x, y, z = map(half_way, turning)
+    attitude = subtract(e.attitude, scale(dt, dots((x, y, z), e.gyr_bias)))
+    acceleration = subtract(cross(attitude, force), dots(turning, e.acc_bias))
     since = scale(1.0 - u.restart, e.position)
     return e._replace(
         position=add(since, scale(0.5 * dt, e.velocity)), velocity=add(e.velocity, scale(dt, acceleration))
@@ -131,10 +132,10 @@ def move_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, d
     del p
     _, middle, _ = _midway(s, u, dt)
     phi = scale(dt, subtract(u.gyr, s.gyr_bias))
-    whole = (add(row, scale(1.0 / 24.0, cross(cross(row, phi), phi))) for row in rows(middle))
+    x, y, z = (add(row, scale(1.0 / 24.0, cross(cross(row, phi), phi))) for row in rows(middle))
     return e._replace(
         position=add(e.position, scale(0.5 * dt, e.velocity)),
-        attitude=subtract(e.attitude, scale(dt, Vector(*(dot(row, e.gyr_bias) for row in whole)))),
+        attitude=subtract(e.attitude, scale(dt, dots((x, y, z), e.gyr_bias))),
     )
 
 
@@ -164,7 +165,7 @@ def observation(p: FootModelParams, s: FootState, u: FootControl) -> FootObserva
 def error_observation(p: FootModelParams, s: FootState, e: FootError, u: FootControl) -> FootObservation:
     """Change of the observation by an error: δ_ω = δ_θ × R (ω − b_g) − R δ_bg changes the velocity of the pivot."""
     rate = rotated(s.attitude, subtract(u.gyr, s.gyr_bias))
-    change = subtract(cross(e.attitude, rate), Vector(*(dot(row, e.gyr_bias) for row in rows(s.attitude))))
+    change = subtract(cross(e.attitude, rate), dots(rows(s.attitude), e.gyr_bias))
     r = p.pivot_height
     v = e.velocity
     return FootObservation(Vector(v.x - r * change.y, v.y + r * change.x, v.z), e.position.z)
