@@ -44,9 +44,8 @@ def updated(cov: PyTree, observation: PyTree, innovation: PyTree, spread: PyTree
 
 def joseph(cov: PyTree, gain: PyTree, observation: PyTree, spread: PyTree) -> PyTree:
     """P after the update, in Joseph's form: a variance that the observation makes far smaller keeps its digits."""
-    left = held(diagonal_matrix(jnp.ones_like(cov[0])) - product(gain, observation))
-    noise = product_transposed(product(gain, spread), gain)
-    return product_transposed(product(left, cov), left) + noise
+    left = held(cov - product(gain, product(observation, cov)))
+    return left - product_transposed(product_transposed(left, observation) - product(gain, spread), gain)
 
 
 def kept(update: Update, good: PyTree) -> Update:
