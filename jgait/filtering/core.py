@@ -13,9 +13,11 @@ closed-form expressions", IEEE TAC 68(12), 2023 (arXiv 2303.16846), for the form
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jax.typing import DTypeLike
 from jaxtyping import PyTree
 
@@ -39,7 +41,7 @@ from jgait.filtering.local_model import Linearised, LocalModel
 from jgait.filtering.methods import EKF, KF, IteratedSmoother, Method
 from jgait.filtering.padding import scanned
 from jgait.filtering.sharing import OFTEN, shared
-from jgait.filtering.update import joseph, updated
+from jgait.filtering.update import Update, joseph, updated
 
 OUTPUTS = (
     "predicted", "delta", "cov", "predicted_cov", "innovation", "variance", "nis", "log_det", "valid", "closed", "seen",
@@ -136,24 +138,35 @@ class Filter:
         body = body if linearises_once(self.method) else jax.checkpoint(body, prevent_cse=False)
         return scanned(body, start, samples, count)[1]
 
-    def _priors(self, local: LocalModel, before: PyTree, delta: PyTree, cov: PyTree, sample: PyTree) -> PyTree:
-        """The linearised model, P⁻ and the update, and the innovation and the update of the first iteration."""
-        measured, controls, dt, seen = sample
-        x = local.retracted(list(before), list(delta))
-        if linearises_once(self.method):
-            # Stored values make the program of one recording shorter, that of several longer.
-            linearised = shared(local.linearised, OFTEN) if local.lanes == 1 else local.linearised
-            lin = linearised(list(before), list(delta), list(x), controls, dt, list(measured), seen)
-            lin = Linearised(*held(*lin))
-            prior = held(product_transposed(product(lin.matrix, cov), lin.matrix) + lin.noise)
-            update = updated(prior, lin.observation, lin.innovation, lin.observation_noise)
-            return lin, prior, update, lin.innovation, update
-        return affine_step(self.method, local, (before, delta, x, cov), sample)
-
     def step(self, local: LocalModel, carry: PyTree, sample: PyTree) -> dict[str, PyTree]:
         """One predict and update: all outputs at a sample, from (x⁻, δ, P) at the sample before."""
         before, delta, cov = carry
-        lin, prior, update, innovation, first = self._priors(local, before, delta, cov, sample)
+        measured, controls, dt, seen = sample
+        x = local.retracted(list(before), list(delta))
+        if not linearises_once(self.method):
+            return self._updated(carry, *affine_step(self.method, local, (before, delta, x, cov), sample))
+        # Stored values make the program of one recording shorter, that of several longer.
+        stored = partial(shared, uses=OFTEN) if local.lanes == 1 else lambda function: function
+        moved = stored(local.linearised_transition)(list(before), list(delta), list(x), controls, dt)
+        matrix, noise, predicted = held(*moved)
+        prior = held(product_transposed(product(matrix, cov), matrix) + noise)
+
+        def observed() -> dict[str, PyTree]:
+            shown = stored(local.linearised_observation)(list(predicted), controls, list(measured), seen)
+            lin = Linearised(matrix, noise, predicted, *held(*shown))
+            update = updated(prior, lin.observation, lin.innovation, lin.observation_noise)
+            return self._updated(carry, lin, prior, update, lin.innovation, update)
+
+        if local.lanes > 1:
+            return observed()
+        # A single recording need not compute an update where nothing is measured.
+        return lax.cond(jnp.any(seen), observed, lambda: self._predicted(carry, matrix, predicted, prior))
+
+    def _updated(
+        self, carry: PyTree, lin: Linearised, prior: PyTree, update: Update, innovation: PyTree, first: Update
+    ) -> dict[str, PyTree]:
+        """The outputs from an update, and from the innovation and the update of the first iteration."""
+        before, delta, cov = carry
         finite = jnp.isfinite(summed(lin.predicted) + summed(diagonal(prior)))
         gain = held(update.gain)
         rows, spread = (where(update.good, v, 0.0) for v in (lin.observation, lin.observation_noise))
@@ -169,7 +182,25 @@ class Filter:
             rows, unit = product(rows, lin.matrix), diagonal_matrix(jnp.ones_like(delta))
             told["seen"] = where(valid, rows, 0.0)
             told["closed"] = where(finite, lin.matrix - product(gain, told["seen"]), unit)
-        return told
+        return self._used(told)
+
+    def _predicted(self, carry: PyTree, matrix: PyTree, predicted: PyTree, prior: PyTree) -> dict[str, PyTree]:
+        """The outputs where nothing is measured, as from an update with H = 0, e = 0 and R = 1."""
+        before, delta, cov = carry
+        finite = jnp.isfinite(summed(predicted) + summed(diagonal(prior)))
+        (_, n, m), after = self.shape.sizes, where(finite, prior, cov)
+        none, zero = jnp.zeros((m, 1), cov.dtype), jnp.zeros(1, cov.dtype)
+        return self._used({
+            "predicted": where(finite, predicted, before), "delta": where(~finite, delta, 0.0), "cov": after,
+            "predicted_cov": after, "innovation": none, "variance": none + 1.0, "nis": zero, "log_det": zero,
+            "information": diagonal_matrix(none + 1.0), "weighted": none, "valid": finite,
+            "seen": jnp.zeros((m, n, 1), cov.dtype),
+            "closed": where(finite, matrix, diagonal_matrix(jnp.ones_like(delta))),
+        })  # fmt: skip
+
+    def _used(self, told: dict[str, PyTree]) -> dict[str, PyTree]:
+        """The outputs that are kept, and the belief."""
+        return {name: value for name, value in told.items() if name in (*self.keep, "predicted", "delta", "cov")}
 
     def closed(
         self,
