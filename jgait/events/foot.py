@@ -90,7 +90,11 @@ def _window(sampling_rate_hz: float) -> int:
 
 def unrest(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], sampling_rate_hz: float) -> np.ndarray:
     """√(ω² + (σ_f / `JOLT`)²) (T,) [rad/s]: the rate, and the spread of the specific force, over a centred window."""
-    return np.hypot(moving_rate(gyr, sampling_rate_hz), held_spread(acc, _window(sampling_rate_hz)) / JOLT)
+    return _with_spread(moving_rate(gyr, sampling_rate_hz), acc, sampling_rate_hz)
+
+
+def _with_spread(rate: np.ndarray, acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
+    return np.hypot(rate, held_spread(acc, _window(sampling_rate_hz)) / JOLT)
 
 
 def stances(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], sampling_rate_hz: float) -> Stances:
@@ -104,7 +108,8 @@ def stances(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], samp
         acc: (T, 3) specific force [m/s²], finite; it shows a foot that comes down without turning.
         sampling_rate_hz: rate of the samples [Hz].
     """
-    rate, restless = moving_rate(gyr, sampling_rate_hz), unrest(gyr, acc, sampling_rate_hz)
+    rate = moving_rate(gyr, sampling_rate_hz)
+    restless = _with_spread(rate, acc, sampling_rate_hz)
     valleys = _suppressed(*_valleys(rate), sampling_rate_hz)
     after_start, before_end = (round(seconds * sampling_rate_hz) for seconds in EROSION)
     rows = []
@@ -172,7 +177,7 @@ def _turning_points(rate: list[float], swing: float) -> list[int]:
         if seeking:
             if value < extreme:
                 extreme, at = value, index
-            elif value > max(RATIO * extreme, swing):
+            elif value > swing and value > RATIO * extreme:
                 points.append(at)
                 seeking, extreme = False, value
         elif value > extreme:
