@@ -8,7 +8,6 @@ from jaxtyping import PyTree
 
 from jgait.filtering.lanes import (
     applied,
-    diagonal_matrix,
     held,
     inverse,
     product,
