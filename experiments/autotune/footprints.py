@@ -34,14 +34,15 @@ def rows(quick: bool) -> list[Row]:
     lines, before, after = [], [], []
     for row, name in enumerate(walk.recording.name for walk in found):
         others = (np.arange(len(found)) != row).astype(float)
-        tuned = jax.tree.map(float, learn.fit(lessons, others, length_log, 2 if quick else learn.STEPS).params)
+        fit = learn.fit(lessons, others, length_log, 2 if quick else learn.STEPS, learn.ALL_NOISES)
+        tuned = jax.tree.map(float, fit.params)
         pair = solved(FootParams(), feet[name]), solved(tuned, feet[name])
         if pair[0] is None or pair[1] is None:
             continue
         before.append(pair[0])
         after.append(pair[1])
         lines.append([name, *(v for one in pair for v in (score([one]).mae, score([one]).worst, score([one]).within))])
-        print(lines[-1], {name: float(f"{getattr(tuned, name):.3g}") for name in learn.FREE}, flush=True)
+        print(lines[-1], {name: float(f"{getattr(tuned, name):.3g}") for name in learn.ALL_NOISES.names}, flush=True)
     show("stride length [cm], walks left out", ["", "before", "worst", "in 2σ %", "after", "worst", "in 2σ %"], lines)
     first, last = score(before), score(after)
     return [

@@ -48,9 +48,10 @@ def fit(day: str, loss: Any, quick: bool) -> learn.Learned:
     """The tuning on all days but one; "" leaves none out."""
     here = found(quick)
     lessons = thinned(here.groups) if loss is likelihood else here.groups
-    told = learn.fit(lessons, (here.days != day).astype(float), loss, 2 if quick else learn.STEPS)
+    free = learn.ALL_NOISES if loss is likelihood else learn.POSITIONS
+    told = learn.fit(lessons, (here.days != day).astype(float), loss, 2 if quick else learn.STEPS, free)
     print(f"without {day or 'none'}: loss {told.losses[0]:.3f} to {told.losses[-1]:.3f};",
-          {name: float(f"{float(getattr(told.params, name)):.3g}") for name in learn.FREE}, flush=True)  # fmt: skip
+          {name: float(f"{float(getattr(told.params, name)):.3g}") for name in free.names}, flush=True)  # fmt: skip
     return told
 
 
