@@ -93,7 +93,7 @@ def unrest(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], sampl
     return _with_spread(moving_rate(gyr, sampling_rate_hz), acc, sampling_rate_hz)
 
 
-def _with_spread(rate: np.ndarray, acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
+def _with_spread(rate: np.ndarray, acc: AnyArray, sampling_rate_hz: float) -> np.ndarray:
     return np.hypot(rate, held_spread(acc, _window(sampling_rate_hz)) / JOLT)
 
 
