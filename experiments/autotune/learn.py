@@ -22,8 +22,7 @@ START = TEXTBOOK._replace(pivot_height=0.02, rate_noise=0.003)
 
 FREE = ("pivot_height", "velocity_noise", "rate_noise", "acc_noise", "gyr_noise")
 """What is learned from positions. The noises that grow with changes of the signals stay as good as 0, as in the
-textbook; with them, the median of creeping trials of other days is 0.082 m instead of 0.073 m. The place of the
-reference's marker is solved apart, see `marker`."""
+textbook. The place of the reference's marker is solved apart, see `marker`."""
 
 STEPS, RATE = 50, 0.15
 """Steps of Adam and the rate of the first, which falls to 0: up to 3.75 units of a logarithm in all. The loss of all
@@ -42,8 +41,7 @@ POSITIONS = Free()
 JUMPS = ("acc_jump_noise", "gyr_jump_noise")
 ALL_NOISES = Free((*FREE, *JUMPS), START._replace(**dict.fromkeys(JUMPS, 0.02)))
 """What is learned from the likelihood alone and from stride lengths. Without the noises that grow with changes of the
-signals the likelihood finds process noises so small, once it has converged, that fast trials are off by 0.3 m in the
-median, and the strides of a runner whom the tuning did not see are off by up to 60 cm (with them 46 cm)."""
+signals the likelihood converges to process noises that are too small for fast trials."""
 
 
 class Learned(NamedTuple):

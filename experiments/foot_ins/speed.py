@@ -11,11 +11,12 @@ import numpy as np
 from experiments.common.recordings import attempt
 from experiments.common.row import Row, show
 from experiments.foot_ins import gaitmap
-from experiments.foot_ins.run import QUICK, bucket, run_one
+from experiments.foot_ins.run import QUICK, bucket, estimated, run_one, sets
 from jgait import filtering, simulate
 from jgait.estimators import foot_ins
 from jgait.estimators.axes import pad
 from jgait.estimators.foot_ins import DEFAULT, FootOptions, FootParams
+from jgait.estimators.foot_ins.windows import single
 from jgait.simulate import sensors
 from jgait.types import Imu, Recording
 
@@ -46,11 +47,6 @@ def timed(call: Callable[[], Any], repeats: int) -> tuple[float, float]:
         jax.block_until_ready(call())
         seconds.append(time.perf_counter() - before)
     return seconds[0], min(seconds[1:])
-
-
-def single(inputs: Any) -> Any:
-    """Inputs in float32."""
-    return jax.tree.map(lambda leaf: leaf.astype(np.float32) if leaf.dtype == np.float64 else leaf, inputs)
 
 
 @cache
@@ -84,7 +80,12 @@ def repeated(recording: Recording, samples: int) -> Recording:
 def rows(quick: bool) -> list[Row]:
     """What float32 costs, one foot for an hour, and many subjects at once."""
     walk = one_foot(walked(*QUICK_WALK) if quick else walked(60.0))
-    return [*precision(quick), *hour(walk, QUICK if quick else HOUR, quick), *subjects(quick)]
+    return [
+        *precision(quick),
+        *recorded_precision(quick),
+        *hour(walk, QUICK if quick else HOUR, quick),
+        *subjects(quick),
+    ]
 
 
 def hour(walk: Recording, samples: int, quick: bool) -> list[Row]:
@@ -171,3 +172,20 @@ def precision(quick: bool) -> list[Row]:
         Row("float32_position_mm", worst, "mm", split=split),
         Row("float32_stride_mm", stride, "mm", n=int(rows.sum()), split=split),
     ]
+
+
+def recorded_precision(quick: bool) -> list[Row]:
+    """float32 against float64 on the strides of recorded feet."""
+    errors, feet = [], [item.inputs for items in sets(quick).values() for item in items]
+    for inputs in feet:
+        exact, rough = (estimated(FootParams(), given).strides for given in (inputs, single(inputs)))
+        if len(exact.length) != len(rough.length):
+            raise ValueError(f"float32 gave {len(rough.length)} strides, float64 {len(exact.length)}")
+        errors.append(1e3 * np.abs(np.asarray(exact.length) - np.asarray(rough.length, np.float64)))
+    if not errors:
+        return []
+    strides = np.concatenate(errors)
+    show("float32 against float64 on recorded feet", ["feet", "strides", "median mm", "largest mm"],
+         [[len(feet), strides.size, float(np.median(strides)), float(strides.max())]])  # fmt: skip
+    split = f"{len(feet)} recorded feet"
+    return [Row("float32_recorded_stride_mm", float(strides.max()), "mm", n=strides.size, split=split)]

@@ -42,7 +42,10 @@ def updated(cov: PyTree, observation: PyTree, innovation: PyTree, spread: PyTree
 
 
 def joseph(cov: PyTree, gain: PyTree, observation: PyTree, spread: PyTree) -> PyTree:
-    """P after the update, in Joseph's form: a variance that the observation makes far smaller keeps its digits."""
+    """P after the update in Joseph's form, (I − K H) P (I − K H)ᵀ + K R Kᵀ, by products with H and K alone.
+
+    A variance that the observation makes far smaller keeps its digits.
+    """
     left = held(cov - product(gain, product(observation, cov)))
     return left - product_transposed(product_transposed(left, observation) - product(gain, spread), gain)
 
