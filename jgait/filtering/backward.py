@@ -18,7 +18,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import PyTree
 
-from jgait.filtering.lanes import applied, outer, product, product_transposed, summed, symmetrised, transposed, where
+from jgait.filtering.lanes import (
+    applied,
+    held,
+    outer,
+    product,
+    product_transposed,
+    summed,
+    symmetrised,
+    transposed,
+    where,
+)
 from jgait.filtering.padding import scanned
 
 OUTPUTS = ("move", "cov", "vector", "matrix")
@@ -57,15 +67,15 @@ class Backward:
             vector, matrix = carry
             cov, closed, rows, information, weighted = sample
             told = {"move": -applied(cov, vector), "vector": vector, "matrix": matrix}
-            fine = jnp.isfinite(summed(told["move"]))
+            fine = held(jnp.isfinite(summed(told["move"])))
             if self.chosen:
                 part = _taken(cov, self.chosen)
                 known = _taken(transposed(part), self.chosen)
-                smoothed = known - product_transposed(product(part, matrix), part)
-                fine = fine & jnp.isfinite(summed(smoothed))
+                smoothed = held(product_transposed(-product(part, matrix), part, known))
+                fine = held(fine & jnp.isfinite(summed(smoothed)))
                 told["cov"] = where(fine, smoothed, known)
                 half = product(information, rows)
-                matrix = product(product(transposed(closed), matrix), closed) + product(transposed(rows), half)
+                matrix = product(product(transposed(closed), matrix), closed, product(transposed(rows), half))
             told["move"] = where(fine, told["move"], 0.0)
             vector = applied(transposed(closed), vector) - applied(transposed(rows), weighted)
             return (vector, matrix), [told[name] for name in names]

@@ -35,13 +35,15 @@ from jgait.filtering.lanes import (
     summed,
     symmetrised,
     transposed,
+    unheld_product,
+    unheld_product_transposed,
     where,
 )
 from jgait.filtering.local_model import Linearised, LocalModel
 from jgait.filtering.methods import EKF, KF, IteratedSmoother, Method
 from jgait.filtering.padding import scanned
 from jgait.filtering.sharing import OFTEN, shared
-from jgait.filtering.update import Update, joseph, updated
+from jgait.filtering.update import Update, joseph, kept, updated
 
 OUTPUTS = (
     "predicted", "delta", "cov", "predicted_cov", "innovation", "variance", "nis", "log_det", "valid", "closed", "seen",
@@ -144,55 +146,64 @@ class Filter:
         measured, controls, dt, seen = sample
         x = local.retracted(list(before), list(delta))
         if not linearises_once(self.method):
-            return self._updated(carry, *affine_step(self.method, local, (before, delta, x, cov), sample))
+            lin, prior, update, innovation, first = affine_step(self.method, local, (before, delta, x, cov), sample)
+            finite = held(jnp.isfinite(summed(lin.predicted) + summed(diagonal(prior))))
+            prior, update = where(finite, prior, cov), kept(update, finite)
+            return self._updated(carry, lin, finite, prior, update, innovation, first)
         # Stored values make the program of one recording shorter, that of several longer.
         stored = partial(shared, uses=OFTEN) if local.lanes == 1 else lambda function: function
         moved = stored(local.linearised_transition)(list(before), list(delta), list(x), controls, dt)
         matrix, noise, predicted = held(*moved)
-        prior = held(product_transposed(product(matrix, cov), matrix) + noise)
+        half = held(product(matrix, cov))
+        finite = held(jnp.isfinite(summed(predicted) + summed(half[:, 0]) + summed(diagonal(noise))))
+        # Selected in the loop of the product: a loop of its own takes longer than a product.
+        prior = held(where(finite, unheld_product_transposed(half, matrix, noise), cov))
 
         def observed() -> dict[str, PyTree]:
             shown = stored(local.linearised_observation)(list(predicted), controls, list(measured), seen)
             lin = Linearised(matrix, noise, predicted, *held(*shown))
-            update = updated(prior, lin.observation, lin.innovation, lin.observation_noise)
-            return self._updated(carry, lin, prior, update, lin.innovation, update)
+            update = updated(prior, lin.observation, lin.innovation, lin.observation_noise, finite)
+            return self._updated(carry, lin, finite, prior, update, lin.innovation, update)
 
         if local.lanes > 1:
             return observed()
         # A single recording need not compute an update where nothing is measured.
-        return lax.cond(jnp.any(seen), observed, lambda: self._predicted(carry, matrix, predicted, prior))
+        return lax.cond(jnp.any(seen), observed, lambda: self._predicted(carry, matrix, finite, predicted, prior))
 
     def _updated(
-        self, carry: PyTree, lin: Linearised, prior: PyTree, update: Update, innovation: PyTree, first: Update
-    ) -> dict[str, PyTree]:
-        """The outputs from an update, and from the innovation and the update of the first iteration."""
-        before, delta, cov = carry
-        finite = jnp.isfinite(summed(lin.predicted) + summed(diagonal(prior)))
+        self, carry: PyTree, lin: Linearised, finite: PyTree, prior: PyTree, update: Update, innovation: PyTree,
+        first: Update,
+    ) -> dict[str, PyTree]:  # fmt: skip
+        """The outputs from an update, and from the innovation and the update of the first iteration.
+
+        Where the prediction is not `finite` (B,), `prior` is the covariance before, and nothing is updated.
+        """
+        before, delta, _ = carry
         gain = held(update.gain)
         rows, spread = (where(update.good, v, 0.0) for v in (lin.observation, lin.observation_noise))
-        after = joseph(prior, gain, rows, spread)
-        valid = finite & update.good
+        valid = held(finite & update.good)
         move = applied(gain, where(update.good, lin.innovation, 0.0))
         told = {"predicted": where(finite, lin.predicted, before), "delta": where(finite, move, delta),
-                "cov": held(where(finite, after, cov)), "predicted_cov": where(finite, prior, cov),
+                "cov": held(joseph(prior, gain, rows, spread)), "predicted_cov": prior,
                 "innovation": where(valid, innovation, 0.0), "variance": diagonal(first.total),
                 "nis": where(valid, summed(innovation * first.weighted), 0.0), "log_det": first.log_det,
                 "information": update.information, "weighted": update.weighted, "valid": valid}  # fmt: skip
         if set(FOR_SMOOTHER) & set(self.keep):
             rows, unit = product(rows, lin.matrix), diagonal_matrix(jnp.ones_like(delta))
             told["seen"] = where(valid, rows, 0.0)
-            told["closed"] = where(finite, lin.matrix - product(gain, told["seen"]), unit)
+            told["closed"] = where(finite, unheld_product(-gain, told["seen"], lin.matrix), unit)
         return self._used(told)
 
-    def _predicted(self, carry: PyTree, matrix: PyTree, predicted: PyTree, prior: PyTree) -> dict[str, PyTree]:
+    def _predicted(
+        self, carry: PyTree, matrix: PyTree, finite: PyTree, predicted: PyTree, prior: PyTree
+    ) -> dict[str, PyTree]:
         """The outputs where nothing is measured, as from an update with H = 0, e = 0 and R = 1."""
         before, delta, cov = carry
-        finite = jnp.isfinite(summed(predicted) + summed(diagonal(prior)))
-        (_, n, m), after = self.shape.sizes, where(finite, prior, cov)
+        _, n, m = self.shape.sizes
         none, zero = jnp.zeros((m, 1), cov.dtype), jnp.zeros(1, cov.dtype)
         return self._used({
-            "predicted": where(finite, predicted, before), "delta": where(~finite, delta, 0.0), "cov": after,
-            "predicted_cov": after, "innovation": none, "variance": none + 1.0, "nis": zero, "log_det": zero,
+            "predicted": where(finite, predicted, before), "delta": where(~finite, delta, 0.0), "cov": prior,
+            "predicted_cov": prior, "innovation": none, "variance": none + 1.0, "nis": zero, "log_det": zero,
             "information": diagonal_matrix(none + 1.0), "weighted": none, "valid": finite,
             "seen": jnp.zeros((m, n, 1), cov.dtype),
             "closed": where(finite, matrix, diagonal_matrix(jnp.ones_like(delta))),
@@ -268,8 +279,8 @@ class Filter:
         a, h, e = lin.matrix, lin.observation, lin.innovation
         prior = known["predicted_cov"]
         g, z = known["information"], known["weighted"]
-        finite = jnp.isfinite(summed(lin.predicted) + summed(a) + summed(diagonal(lin.noise)))
-        valid = finite & (g[0, 0] > 0.0)
+        finite = held(jnp.isfinite(summed(lin.predicted) + summed(a) + summed(diagonal(lin.noise))))
+        valid = held(finite & (g[0, 0] > 0.0))
         h, e = where(valid, h, 0.0), where(valid, e, 0.0)
         cross = held(product(h, prior))
         gain = held(product(transposed(cross), g))

@@ -5,18 +5,33 @@ import numpy as np
 from jax import lax
 from jaxtyping import PyTree
 
+REDUCED = 16
+"""Terms of the longest sum of products of one recording that XLA's reductions vectorise."""
 
-def product(a: PyTree, b: PyTree) -> PyTree:
-    """Matrix products (i, k, B) (k, j, B) → (i, j, B).
 
-    For one recording XLA vectorises a reduction; for several, sums of products over the batch.
+def product(a: PyTree, b: PyTree, to: PyTree = None) -> PyTree:
+    """Matrix products (i, k, B) (k, j, B) → (i, j, B), added to the matrices `to`, if there are any."""
+    result = unheld_product(a, b, to)
+    return result if _reduced(a, b) else held(result)
+
+
+def unheld_product(a: PyTree, b: PyTree, to: PyTree = None) -> PyTree:
+    """As `product`, for one use alone, with which XLA computes it in one loop.
+
+    For one recording XLA vectorises a reduction that is not long; else sums of products written out.
     """
-    if max(a.shape[-1], b.shape[-1]) == 1:
-        return jnp.sum(a[:, :, None] * b[None], axis=1)
+    if _reduced(a, b):
+        result = jnp.sum(a[:, :, None] * b[None], axis=1)
+        return result if to is None else to + result
     result = a[:, 0, None] * b[None, 0]
+    result = result if to is None else to + result
     for k in range(1, a.shape[1]):
         result = result + a[:, k, None] * b[None, k]
-    return held(result)
+    return result
+
+
+def _reduced(a: PyTree, b: PyTree) -> bool:
+    return max(a.shape[-1], b.shape[-1]) == 1 and a.shape[1] <= REDUCED
 
 
 def applied(a: PyTree, x: PyTree) -> PyTree:
@@ -45,16 +60,23 @@ def transposed(a: PyTree) -> PyTree:
     return jnp.swapaxes(a, 0, 1)
 
 
-def product_transposed(a: PyTree, b: PyTree) -> PyTree:
-    """Matrix products a bᵀ, (i, k, B) (j, k, B) → (i, j, B).
+def product_transposed(a: PyTree, b: PyTree, to: PyTree = None) -> PyTree:
+    """Matrix products a bᵀ, (i, k, B) (j, k, B) → (i, j, B), added to `to`."""
+    return product(a, _turned(a, b), to)
 
-    For one recording bᵀ is gathered: XLA does not vectorise a product with what it sees as transposed.
-    """
+
+def unheld_product_transposed(a: PyTree, b: PyTree, to: PyTree = None) -> PyTree:
+    """As `product_transposed` and `unheld_product`."""
+    return unheld_product(a, _turned(a, b), to)
+
+
+def _turned(a: PyTree, b: PyTree) -> PyTree:
+    """The matrices bᵀ; for one recording gathered: XLA does not vectorise a product with what it sees as transposed."""
     if max(a.shape[-1], b.shape[-1]) > 1:
-        return product(a, transposed(b))
+        return transposed(b)
     rows, columns = b.shape[:2]
     order = np.arange(rows * columns).reshape(rows, columns).T.ravel()
-    return product(a, held(b.reshape(rows * columns, 1)[order]).reshape(columns, rows, 1))
+    return held(b.reshape(rows * columns, 1)[order]).reshape(columns, rows, 1)
 
 
 def symmetrised(a: PyTree) -> PyTree:

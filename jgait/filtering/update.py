@@ -14,6 +14,7 @@ from jgait.filtering.lanes import (
     product_transposed,
     summed,
     transposed,
+    unheld_product_transposed,
     where,
 )
 
@@ -30,24 +31,28 @@ class Update(NamedTuple):
     good: PyTree
 
 
-def updated(cov: PyTree, observation: PyTree, innovation: PyTree, spread: PyTree) -> Update:
-    """The update of a covariance P⁻ by an observation with H, e and R; nothing is updated where it is not finite."""
+def updated(cov: PyTree, observation: PyTree, innovation: PyTree, spread: PyTree, finite: PyTree = True) -> Update:
+    """The update of a covariance P⁻ by an observation with H, e and R; nothing is updated where it is not finite, or
+    where `finite` (B,) is False.
+    """
     cross = product(observation, cov)
     total = product_transposed(cross, observation) + spread
     information, log_det, positive = inverse(total)
     gain, weighted = product(transposed(cross), information), applied(information, innovation)
-    good = positive & jnp.isfinite(summed(gain) + summed(weighted) + log_det)
+    # Held: XLA would otherwise compute it again for each entry of each matrix that it selects.
+    good = held(finite & positive & jnp.isfinite(summed(gain) + summed(weighted) + log_det))
     update = Update(gain, information, weighted, cross, total, log_det, good)
     return kept(update, good)
 
 
 def joseph(cov: PyTree, gain: PyTree, observation: PyTree, spread: PyTree) -> PyTree:
-    """P after the update in Joseph's form, (I − K H) P (I − K H)ᵀ + K R Kᵀ, by products with H and K alone.
+    """P after the update in Joseph's form, (I − K H) P (I − K H)ᵀ + K R Kᵀ, by products with H and K alone; not held.
 
     A variance that the observation makes far smaller keeps its digits.
     """
-    left = held(cov - product(gain, product(observation, cov)))
-    return left - product_transposed(product_transposed(left, observation) - product(gain, spread), gain)
+    left = held(product(-gain, product(observation, cov), cov))
+    right = product_transposed(left, observation, -product(gain, spread))
+    return unheld_product_transposed(-right, gain, left)
 
 
 def kept(update: Update, good: PyTree) -> Update:
