@@ -154,7 +154,7 @@ class Filter:
         stored = partial(shared, uses=OFTEN) if local.lanes == 1 else lambda function: function
         moved = stored(local.linearised_transition)(list(before), list(delta), list(x), controls, dt)
         matrix, noise, predicted = held(*moved)
-        half = held(product(matrix, cov))
+        half = product(matrix, cov)
         finite = held(jnp.isfinite(summed(predicted) + summed(half[:, 0]) + summed(diagonal(noise))))
         # Selected in the loop of the product: a loop of its own takes longer than a product.
         prior = held(where(finite, unheld_product_transposed(half, matrix, noise), cov))
@@ -293,7 +293,7 @@ class Filter:
         cov_ct = symmetrised(back[2] + ct["cov"]) if "cov" in ct else back[2]
         # δ = K e and P = P⁻ − K H P⁻
         gain_ct, e_ct = outer(delta_ct, e), applied(transposed(gain), delta_ct)
-        a_ct, h_ct = 0.0, 0.0
+        a_ct, h_ct = None, 0.0
         if "closed" in ct or "seen" in ct:  # J = H A, M = A − K J
             rows = product(h, a)
             closed, rows_ct = given("closed", a), given("seen", rows)
@@ -316,19 +316,21 @@ class Filter:
             total_ct = total_ct + lifted(ct["log_det"], g) * g
         if "variance" in ct:
             total_ct = total_ct + diagonal_matrix(ct["variance"])
-        cross_ct = cross_ct + product(total_ct, h)
-        h_ct = h_ct + product(cross_ct, prior) + product(total_ct, cross)
-        prior_ct = cov_ct + symmetrised(where(valid, product(transposed(h), cross_ct), 0.0))
+        cross_ct = where(valid, cross_ct + product(total_ct, h), 0.0)
+        h_ct = product(cross_ct, prior, h_ct + product(total_ct, cross))
+        # The symmetric part of Hᵀ (H P⁻)_ct, as one product
+        left, right = jnp.concatenate([h, cross_ct]), jnp.concatenate([cross_ct, h])
+        prior_ct = product(transposed(left), 0.5 * right, cov_ct)
         if "predicted_cov" in ct:
             prior_ct = prior_ct + symmetrised(ct["predicted_cov"])
         prior_ct = held(prior_ct)
         # P⁻ = A P Aᵀ + Q
         half = held(product(prior_ct, a))
-        a_ct = a_ct + 2.0 * product(half, cov)
+        a_ct = product(2.0 * half, cov, a_ct)
         on_x, *seen_ct = shared(pull_seen, OFTEN)(held(*(where(valid, v, 0.0) for v in (h_ct, e_ct, total_ct))))
         pulled_x = x_ct + where(valid, on_x, 0.0)
         x_back, delta_back, *moved_ct = shared(pull, OFTEN)(held(a_ct, prior_ct, pulled_x))
-        state = jnp.stack(x_back), jnp.stack(delta_back), product(transposed(a), half)
+        state = jnp.stack(x_back), jnp.stack(delta_back), unheld_product(transposed(a), half)
         # What was not finite did not change the belief, and says nothing of the parameters.
         back = tuple(where(finite, f, p) for f, p in zip(state, (x_ct, delta_ct, cov_ct), strict=True))
         own, each = jax.tree.map(
