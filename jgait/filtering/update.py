@@ -39,7 +39,7 @@ def updated(cov: PyTree, observation: PyTree, innovation: PyTree, spread: PyTree
     total = product_transposed(cross, observation) + spread
     information, log_det, positive = inverse(total)
     gain, weighted = product(transposed(cross), information), applied(information, innovation)
-    # Held: XLA would otherwise compute it again for each entry of each matrix that it selects.
+    # Without `held`, XLA computes the flag again for each entry of each matrix that the flag selects.
     good = held(finite & positive & jnp.isfinite(summed(gain) + summed(weighted) + log_det))
     update = Update(gain, information, weighted, cross, total, log_det, good)
     return kept(update, good)
