@@ -18,7 +18,8 @@ from jgait.filtering.lanes import held, where
 class Linearised(NamedTuple):
     """The model about the belief before an interval, and about the prediction."""
 
-    matrix: PyTree  #: A (n, n, B), from errors about `before` to errors about `predicted`.
+    #: A, from errors about `before` to errors about `predicted`: its first rows (t, n, B); see `partly_identity`.
+    matrix: PyTree
     noise: PyTree  #: Q (n, n, B).
     predicted: PyTree  #: the state after the interval (k, B).
     observation: PyTree  #: H (m, n, B).
@@ -56,11 +57,12 @@ def _placed_derivative(size: int, places: PyTree, primals: PyTree, tangents: PyT
 class LocalModel:
     """The functions of a model with parameters (..., B) or (..., 1), on lists of arrays (B,), one for each component.
 
-    Columns of errors are lists of arrays (j, B).
+    Columns of errors are lists of arrays (j, B). Matrices have `width` ≥ n rows and columns of errors, of which those
+    behind the model's own are zero, but for ones on the diagonal of A.
     """
 
-    def __init__(self, shape: Shape, params: Sequence[PyTree], lanes: int) -> None:
-        self.shape, self.lanes = shape, lanes
+    def __init__(self, shape: Shape, params: Sequence[PyTree], lanes: int, width: int | None = None) -> None:
+        self.shape, self.lanes, self.width = shape, lanes, width or shape.sizes[1]
         shared = [leaf.shape[-1] == 1 for leaf in params]
         self.params = [leaf[..., 0] if same else leaf for leaf, same in zip(params, shared, strict=True)]
         self.axes = [None if same else -1 for same in shared]
@@ -81,11 +83,25 @@ class LocalModel:
             return mapped(self.params, values, [])
         return jax.vmap(mapped, in_axes=(None, None, 0))(self.params, values, columns)
 
+    def _propagated(self, function: Callable[..., PyTree], *rows: PyTree, columns: PyTree) -> tuple[list[PyTree], int]:
+        """As `_call` with columns, and the number of first components of the columns that change."""
+        changed = 0
+
+        def noted(cm: ComponentModel, *values: PyTree) -> list[PyTree]:
+            nonlocal changed
+            after = function(cm, *values)
+            changed = max(
+                (i + 1 for i, (a, b) in enumerate(zip(values[-1], after, strict=True)) if a is not b), default=0
+            )
+            return after
+
+        return self._call(noted, *rows, columns=columns), changed
+
     def identity(self) -> PyTree:
         """The identity on errors, as columns."""
         n = self.shape.sizes[1]
-        eye = jnp.eye(n, dtype=self.shape.dtype)
-        return [jnp.broadcast_to(eye[i][:, None], (n, self.lanes)) for i in range(n)]
+        eye = jnp.eye(n, self.width, dtype=self.shape.dtype)
+        return [jnp.broadcast_to(row[:, None], (self.width, self.lanes)) for row in eye]
 
     def retracted(self, x: PyTree, delta: PyTree) -> PyTree:
         """The states x ⊕ δ."""
@@ -104,13 +120,7 @@ class LocalModel:
         if not self.curved:
             return columns
 
-        def shifted(cm: ComponentModel, x: list[PyTree], d: list[PyTree], e: list[PyTree]) -> list[PyTree]:
-            if cm.error_shift is not None:
-                return cm.error_shift(x, d, e)
-            at = cm.retract(x, d)
-            return jax.jvp(lambda d: cm.local(at, cm.retract(x, d)), (d,), (e,))[1]
-
-        return self._call(shifted, x, delta, columns=columns)
+        return self._call(_turned, x, delta, columns=columns)
 
     def carried(self, x: PyTree, delta: PyTree, columns: PyTree) -> PyTree:
         """Errors about x ⊕ δ of the states (x ⊕ e) ⊕ δ, for columns e near zero."""
@@ -136,20 +146,21 @@ class LocalModel:
 
     def error_moved(self, x: PyTree, controls: PyTree, dt: PyTree, columns: PyTree) -> PyTree:
         """Errors after the interval, of columns before it."""
+        return self._call(self._error_moved, x, controls, [dt], columns=columns)
 
-        def moved(cm: ComponentModel, x: list[PyTree], u: list[PyTree], dt: list[PyTree], e: PyTree) -> list[PyTree]:
-            control = self._controls(u)
-            if cm.error_transition:
-                for step in cm.error_transition:
-                    e = step(x, e, control, dt[0])
-                return e
-            if not cm.curved:
-                return jax.jvp(lambda x: cm.transition(x, control, dt[0]), (x,), (e,))[1]
-            mean = cm.transition(x, control, dt[0])
-            zero = [jnp.zeros_like(v) for v in e]
-            return jax.jvp(lambda d: cm.local(mean, cm.transition(cm.retract(x, d), control, dt[0])), (zero,), (e,))[1]
-
-        return self._call(moved, x, controls, [dt], columns=columns)
+    def _error_moved(
+        self, cm: ComponentModel, x: list[PyTree], controls: list[PyTree], dt: list[PyTree], e: PyTree
+    ) -> list[PyTree]:
+        control = self._controls(controls)
+        if cm.error_transition:
+            for step in cm.error_transition:
+                e = step(x, e, control, dt[0])
+            return e
+        if not cm.curved:
+            return jax.jvp(lambda x: cm.transition(x, control, dt[0]), (x,), (e,))[1]
+        mean = cm.transition(x, control, dt[0])
+        zero = [jnp.zeros_like(v) for v in e]
+        return jax.jvp(lambda d: cm.local(mean, cm.transition(cm.retract(x, d), control, dt[0])), (zero,), (e,))[1]
 
     def transition_noise(self, x: PyTree, controls: PyTree, dt: PyTree) -> PyTree:
         """Q (n, n, B)."""
@@ -221,10 +232,16 @@ class LocalModel:
     def linearised_transition(
         self, before: PyTree, delta: PyTree, x: PyTree, controls: PyTree, dt: PyTree
     ) -> tuple[PyTree, PyTree, PyTree]:
-        """A, Q and the prediction."""
-        x = list(held(*x))
-        matrix = self.error_moved(x, controls, dt, self.turned(before, delta, self.identity()))
-        return jnp.stack(matrix), self.transition_noise(x, controls, dt), jnp.stack(self.moved(x, controls, dt))
+        """The rows of A that are not the identity's, Q, and the prediction."""
+        x, columns, turned = list(held(*x)), self.identity(), 0
+        if self.curved:
+            columns, turned = self._propagated(_turned, before, delta, columns=columns)
+        matrix, moved = self._propagated(self._error_moved, x, controls, [dt], columns=columns)
+        if self.lanes > 1:
+            matrix = matrix[: max(turned, moved, 1)]
+        noise, more = self.transition_noise(x, controls, dt), self.width - self.shape.sizes[1]
+        noise = jnp.pad(noise, ((0, more), (0, more), (0, 0))) if more else noise
+        return jnp.stack(matrix), noise, jnp.stack(self.moved(x, controls, dt))
 
     def linearised_observation(
         self, predicted: PyTree, controls: PyTree, measured: PyTree, observed: PyTree
@@ -240,3 +257,10 @@ class LocalModel:
             jnp.stack([jnp.where(s, r, 0.0) for s, r in zip(observed, residual, strict=True)]),
             jnp.where(observed[:, None] & observed[None], self.observation_noise(predicted, controls), unit),
         )
+
+
+def _turned(cm: ComponentModel, x: list[PyTree], delta: list[PyTree], e: list[PyTree]) -> list[PyTree]:
+    if cm.error_shift is not None:
+        return cm.error_shift(x, delta, e)
+    at = cm.retract(x, delta)
+    return jax.jvp(lambda d: cm.local(at, cm.retract(x, d)), (delta,), (e,))[1]

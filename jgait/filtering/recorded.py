@@ -11,7 +11,7 @@ from jaxtyping import PyTree
 from jgait.filtering.backward import Backward
 from jgait.filtering.batched_call import Reverse
 from jgait.filtering.component_model import Shape
-from jgait.filtering.core import FOR_GRADIENT, FOR_SMOOTHER, OUTPUTS, Filter, block_of, linearises_once
+from jgait.filtering.core import FOR_GRADIENT, FOR_SMOOTHER, OUTPUTS, Filter, block_of, linearises_once, width_of
 from jgait.filtering.finish import covariances, selected, states
 from jgait.filtering.methods import Method
 from jgait.filtering.padding import added_up, held_on, samples_of
@@ -127,12 +127,19 @@ class Recorded:
     def value(self, *arguments: PyTree) -> list[PyTree]:
         """The outputs, time axis in front and batch behind."""
         count = self._count(arguments)
-        found = self.filter.value(*arguments, count=count)
+        size = self.shape.sizes[1]
+        width = size if self.all else width_of(size, max(v.shape[-1] for v in arguments))
+        found = self.filter.value(*arguments, count=count, width=width)
         told = dict(zip(self.filter.keep, found, strict=True))
         back: dict[str, PyTree] = {}
         if self.smooth:
             outputs = self.backward.value(*(told[name] for name in FOR_SMOOTHER), count=count)
             back = dict(zip(self.backward.names, outputs, strict=True))
+        if width > size:
+            cut = {"delta": 1, "cov": 2, "predicted_cov": 2, "move": 1}
+            told, back = (
+                {name: v[:, *[slice(size)] * cut.get(name, 0)] for name, v in part.items()} for part in (told, back)
+            )
         told, back = self._lasting(told, back, lambda v: held_on(v, count))
         if not self.all:
             return self._fields(told, back, arguments[-1])
