@@ -61,21 +61,22 @@ def adjoint(
         ct: cotangents of outputs of the sample, by name.
     """
     before, delta, cov = at
+    size, width = shape.sizes[1], len(delta)
     flat = [jnp.broadcast_to(v, (*v.shape[:-1], lanes)) for v in slots.values(sample)]
 
     def transition(before: list[PyTree], delta: list[PyTree], own: list[PyTree], each: list[PyTree]) -> PyTree:
-        local = LocalModel(shape, slots.with_params(params, own), lanes)
+        local = LocalModel(shape, slots.with_params(params, own), lanes, width)
         _, controls, dt, _ = slots.with_values(sample, each)
         return local.linearised_transition(before, delta, local.retracted(before, delta), controls, dt)
 
     def observation(predicted: PyTree, own: list[PyTree], each: list[PyTree]) -> PyTree:
-        local = LocalModel(shape, slots.with_params(params, own), lanes)
+        local = LocalModel(shape, slots.with_params(params, own), lanes, width)
         measured, controls, _, seen = slots.with_values(sample, each)
         return local.linearised_observation(list(predicted), controls, list(measured), seen)
 
     # Two parts, so that an observation that is not finite does not spoil the derivatives of its prediction.
     wide = [jnp.broadcast_to(params[i], (*params[i].shape[:-1], lanes)) for i in slots.params]
-    moved_model, pull = jax.vjp(shared(transition, OFTEN), list(before), list(delta), wide, flat)
+    moved_model, pull = jax.vjp(shared(transition, OFTEN), list(before), list(delta[:size]), wide, flat)
     seen_model, pull_seen = jax.vjp(shared(observation, OFTEN), moved_model[2], wide, flat)
     lin = Linearised(*held(*moved_model, *seen_model))
     a, prior, g = lin.matrix, known["predicted_cov"], known["information"]
@@ -94,6 +95,7 @@ def adjoint(
     on_x, *seen_ct = shared(pull_seen, OFTEN)(held(*(where(valid, v, 0.0) for v in (h_ct, e_ct, total_ct))))
     pulled_x = x_ct + where(valid, on_x, 0.0)
     x_back, delta_back, *moved_ct = shared(pull, OFTEN)(held(a_ct, prior_ct, pulled_x))
+    delta_back += [jnp.zeros_like(delta_back[0])] * (width - size)
     state = jnp.stack(x_back), jnp.stack(delta_back), left_product(a, half)
     # What was not finite did not change the belief, and says nothing of the parameters.
     back = tuple(where(finite, f, p) for f, p in zip(state, (x_ct, delta_ct, cov_ct), strict=True))

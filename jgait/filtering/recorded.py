@@ -11,7 +11,7 @@ from jaxtyping import PyTree
 from jgait.filtering.backward import Backward
 from jgait.filtering.batched_call import Reverse
 from jgait.filtering.component_model import Shape
-from jgait.filtering.core import FOR_GRADIENT, FOR_SMOOTHER, OUTPUTS, Filter, block_of, linearises_once, width_of
+from jgait.filtering.core import FOR_GRADIENT, FOR_SMOOTHER, OUTPUTS, Filter, block_of, cut, linearises_once, width_of
 from jgait.filtering.finish import covariances, selected, states
 from jgait.filtering.methods import Method
 from jgait.filtering.padding import added_up, held_on, samples_of
@@ -84,13 +84,16 @@ class Recorded:
             return self, kept
         return replace(self, components=(), inner=()), [i not in own for i in range(len(used))]
 
-    @property
-    def filter(self) -> Filter:
-        """The filter with the outputs that the fields, the smoother and the gradient need."""
+    def filter(self, lanes: int) -> Filter:
+        """The filter of recordings with the outputs that the fields, the smoother and the gradient need."""
         names = {name for field in self.keep for name in NEEDS[field]}
         names |= {"predicted", "delta", *FOR_SMOOTHER} if self.smooth else set()
         names |= set(FOR_GRADIENT) if self.all and self.reverse else set()
-        return Filter(self.shape, self.method, tuple(name for name in OUTPUTS if name in names))
+        size = self.shape.sizes[1]
+        # The outputs of the scans have the same sizes for all recordings: those of one, where each is computed alone.
+        alone = linearises_once(self.method) and (self.block == 1 or not self.all)
+        width = width_of(size, 1 if self.all else lanes) if alone else size
+        return Filter(self.shape, self.method, tuple(name for name in OUTPUTS if name in names), width)
 
     @property
     def backward(self) -> Backward:
@@ -118,28 +121,22 @@ class Recorded:
         ]
         if not self.all:
             return told
-        scans = self.filter.shapes(*arguments)
+        own_filter = self.filter(1)
+        scans = own_filter.shapes(*arguments)
         if self.smooth:
-            like = [jax.ShapeDtypeStruct((length, n, n), self.shape.dtype)]
+            like = [jax.ShapeDtypeStruct((length, *[own_filter.width] * 2), self.shape.dtype)]
             scans += self.backward.shapes(*like)
         return told + scans
 
     def value(self, *arguments: PyTree) -> list[PyTree]:
         """The outputs, time axis in front and batch behind."""
         count = self._count(arguments)
-        size = self.shape.sizes[1]
-        width = size if self.all else width_of(size, max(v.shape[-1] for v in arguments))
-        found = self.filter.value(*arguments, count=count, width=width)
-        told = dict(zip(self.filter.keep, found, strict=True))
+        scan = self.filter(max(v.shape[-1] for v in arguments))
+        told = dict(zip(scan.keep, scan.value(*arguments, count=count), strict=True))
         back: dict[str, PyTree] = {}
         if self.smooth:
             outputs = self.backward.value(*(told[name] for name in FOR_SMOOTHER), count=count)
             back = dict(zip(self.backward.names, outputs, strict=True))
-        if width > size:
-            cut = {"delta": 1, "cov": 2, "predicted_cov": 2, "move": 1}
-            told, back = (
-                {name: v[:, *[slice(size)] * cut.get(name, 0)] for name, v in part.items()} for part in (told, back)
-            )
         told, back = self._lasting(told, back, lambda v: held_on(v, count))
         if not self.all:
             return self._fields(told, back, arguments[-1])
@@ -164,6 +161,7 @@ class Recorded:
 
     def _fields(self, told: dict[str, PyTree], back: dict[str, PyTree], flags: PyTree) -> list[PyTree]:
         """The outputs from those of the scans; `flags` (T, m, B): what is measured."""
+        told, back = (cut(part, self.shape.sizes[1]) for part in (told, back))
         x, delta = told.get("predicted"), told.get("delta")
         every = tuple(range(self.shape.sizes[1]))
         seen = jnp.sum(jnp.where(flags, 1.0, 0.0), axis=1, dtype=self.shape.dtype)
@@ -205,7 +203,8 @@ class Recorded:
         self, moving: tuple[int, ...], arguments: list[PyTree], outputs: list[PyTree], cotangents: list[PyTree]
     ) -> list[PyTree]:
         """Cotangents of the arguments `moving`: back through the fields, the smoother's scan, and the filter's."""
-        first, names, count = self._told(), self.filter.keep, self._count(arguments)
+        scan = self.filter(max(v.shape[-1] for v in arguments))
+        first, names, count = self._told(), scan.keep, self._count(arguments)
         middle = first + len(names)
         told = dict(zip(names, outputs[first:middle], strict=True))
         back = dict(zip(self.backward.names, outputs[middle:], strict=True)) if self.smooth else {}
@@ -236,7 +235,7 @@ class Recorded:
             every = [back_ct.get(name) for name in self.backward.names]
             into = tuple(range(len(parts)))
             _add(told_ct, FOR_SMOOTHER, self.backward.closed(into, parts, list(back.values()), every, count))
-        return self.filter.closed(moving, arguments, list(told.values()), [told_ct.get(name) for name in names], count)
+        return scan.closed(moving, arguments, list(told.values()), [told_ct.get(name) for name in names], count)
 
     def _used(self) -> set[str]:
         """The outputs of the filter's scan that the fields are computed from."""
