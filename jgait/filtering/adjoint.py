@@ -29,10 +29,10 @@ from jgait.filtering.lanes import (
     summed,
     symmetrised,
     transposed,
+    unheld_product,
     where,
 )
 from jgait.filtering.local_model import Linearised, LocalModel
-from jgait.filtering.partly_identity import left_product, right_product, whole
 from jgait.filtering.sharing import OFTEN, shared
 
 
@@ -90,13 +90,13 @@ def adjoint(
     cov_ct = symmetrised(cov_ct + ct["cov"]) if "cov" in ct else cov_ct
     model_ct, prior_ct = _updated(ct, h, prior, g, known["weighted"], gain, a, delta_ct, cov_ct, valid)
     closed_ct, h_ct, e_ct, total_ct = model_ct
-    half = held(right_product(prior_ct, a))
-    a_ct = product(2.0 * half[: len(a)], cov, closed_ct)
+    half = product(prior_ct, a)
+    a_ct = product(2.0 * half, cov, closed_ct)
     on_x, *seen_ct = shared(pull_seen, OFTEN)(held(*(where(valid, v, 0.0) for v in (h_ct, e_ct, total_ct))))
     pulled_x = x_ct + where(valid, on_x, 0.0)
     x_back, delta_back, *moved_ct = shared(pull, OFTEN)(held(a_ct, prior_ct, pulled_x))
     delta_back += [jnp.zeros_like(delta_back[0])] * (width - size)
-    state = jnp.stack(x_back), jnp.stack(delta_back), left_product(a, half)
+    state = jnp.stack(x_back), jnp.stack(delta_back), unheld_product(transposed(a), half)
     # What was not finite did not change the belief, and says nothing of the parameters.
     back = tuple(where(finite, f, p) for f, p in zip(state, (x_ct, delta_ct, cov_ct), strict=True))
     own, each = jax.tree.map(lambda m, s: where(finite, m, 0.0) + where(valid, s, 0.0), tuple(moved_ct), tuple(seen_ct))
@@ -113,13 +113,13 @@ def _updated(
     cross_ct, from_gain = outer(z, delta_ct) - 2.0 * spread, spread
     closed_ct, h_ct = None, 0.0
     if "closed" in ct or "seen" in ct:  # J = H A, M = A − K J
-        rows = right_product(h, a)
+        rows = product(h, a)
         closed, rows_ct = ct.get("closed", jnp.zeros_like(cov_ct)), ct.get("seen", jnp.zeros_like(h))
         whitened = -product_transposed(g, product_transposed(closed, rows))
         cross_ct, from_gain = cross_ct + whitened, spread - whitened
         rows_ct = rows_ct - product(transposed(gain), closed)
-        h_ct = product_transposed(rows_ct, whole(a))
-        closed_ct = product(transposed(h[:, : len(a)]), rows_ct, closed[: len(a)])
+        h_ct = product_transposed(rows_ct, a)
+        closed_ct = product(transposed(h), rows_ct, closed)
     along = e_ct
     if "weighted" in ct:
         pulled = applied(g, ct["weighted"])

@@ -4,13 +4,12 @@ The linearised model then depends on the covariance, so these methods have no gr
 """
 
 import functools
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import PyTree
 
-from jgait.filtering.component_model import ComponentModel, component_model
+from jgait.filtering.component_model import ComponentModel
 from jgait.filtering.lanes import applied, product, product_transposed
 from jgait.filtering.local_model import Linearised, LocalModel
 from jgait.filtering.methods import CKF, UKF, Affine, Method, linearise
@@ -33,7 +32,7 @@ def affine_step(
     x = jnp.stack(x)
     turn = jnp.stack(local.turned(list(before), list(delta), local.identity()))
     around = local.covariance_turned(list(before), list(delta), cov)
-    matrix, predicted, noise = _Lanes(method, local).transition(x, around, controls, dt)
+    matrix, predicted, noise = _transition(method, local, x, around, controls, dt)
     matrix = product(matrix, turn)
     prior = product_transposed(product(matrix, cov), matrix) + noise
     at = jnp.zeros_like(delta)
@@ -42,7 +41,7 @@ def affine_step(
     updates: list[tuple[PyTree, Update]] = []
     near = prior
     for _ in range(method.iterations):
-        residual, rows, spread = _Lanes(method, local).observation(predicted, at, near, controls, measured, observed)
+        residual, rows, spread = _observation(method, local, predicted, at, near, controls, measured, observed)
         innovation = jnp.where(observed, residual, 0.0)
         rows = jnp.where(observed[:, None], rows, 0.0)
         spread = jnp.where(observed[:, None] & observed[None], spread_of + spread, unit)
@@ -56,63 +55,48 @@ def affine_step(
     return Linearised(matrix, noise, predicted, rows, error, spread), prior, last, *updates[0]
 
 
-class _Lanes:
-    """`methods.linearise` of a model's functions, for each recording of a batch."""
+def _transition(
+    method: Method, local: LocalModel, x: PyTree, cov: PyTree, controls: PyTree, dt: PyTree
+) -> tuple[PyTree, PyTree, PyTree]:
+    """A, x⁻ and Ω + Q; errors are about x⁻, which the mean of the sigma points moves."""
 
-    def __init__(self, method: Method, local: LocalModel) -> None:
-        self.method, self.local = method, local
+    def one(cm: ComponentModel, x: PyTree, cov: PyTree, u: PyTree, dt: PyTree) -> tuple[PyTree, PyTree, PyTree]:
+        control = local.shape.controls.unflatten(u)
+        moved = cm.transition(list(x), control, dt)
 
-    def _mapped(self, function: Any, *arguments: PyTree) -> Any:
-        local, shape = self.local, self.local.shape
+        def g(delta: PyTree) -> PyTree:
+            return _stack(cm.local(moved, cm.transition(cm.retract(list(x), list(delta)), control, dt)), cov)
 
-        def one(params: list[PyTree], *values: PyTree) -> PyTree:
-            cm = component_model(shape, shape.params.unflatten(params))
-            return function(cm, *values)
+        affine = linearise(method, g, jnp.zeros_like(cov[0]), cov)
+        matrix, spread = affine.matrix, affine.spread
+        if cm.curved and isinstance(method, UKF | CKF):
+            turn = _turn(cm, moved, affine.value)
+            matrix, spread = turn @ matrix, turn @ spread @ turn.T
+        return matrix, _stack(cm.retract(moved, list(affine.value)), cov), spread
 
-        wide = jax.tree.map(lambda v: jnp.broadcast_to(v, (*v.shape[:-1], local.lanes)), arguments)
-        axes = (local.axes, *(-1 for _ in arguments))
-        return jax.vmap(one, in_axes=axes, out_axes=-1, axis_size=local.lanes)(local.params, *wide)
+    matrix, predicted, spread = local.call(one, x, cov, controls, dt)
+    return matrix, predicted, spread + local.transition_noise(list(x), controls, dt)
 
-    def transition(self, x: PyTree, cov: PyTree, controls: PyTree, dt: PyTree) -> tuple[PyTree, PyTree, PyTree]:
-        """A, x⁻ and Ω + Q; errors are about x⁻, which the mean of the sigma points moves."""
-        method, shape = self.method, self.local.shape
 
-        def one(cm: ComponentModel, x: PyTree, cov: PyTree, u: PyTree, dt: PyTree) -> tuple[PyTree, PyTree, PyTree]:
-            control = shape.controls.unflatten(u)
-            moved = cm.transition(list(x), control, dt)
+def _observation(
+    method: Method, local: LocalModel, x: PyTree, at: PyTree, near: PyTree, controls: PyTree, measured: PyTree,
+    observed: PyTree,
+) -> tuple[PyTree, PyTree, PyTree]:  # fmt: skip
+    """The innovation, H and Ω of the observation about the error `at` with the covariance `near`."""
 
-            def g(delta: PyTree) -> PyTree:
-                return _stack(cm.local(moved, cm.transition(cm.retract(list(x), list(delta)), control, dt)), cov)
+    def one(cm: ComponentModel, x: PyTree, at: PyTree, near: PyTree, u: PyTree, y: PyTree, s: PyTree) -> PyTree:
+        control = local.shape.controls.unflatten(u)
+        expected = cm.observation(cm.retract(list(x), list(at)), control)
 
-            affine = linearise(method, g, jnp.zeros_like(cov[0]), cov, cm.names["transition"])
-            matrix, spread = affine.matrix, affine.spread
-            if cm.curved and isinstance(method, UKF | CKF):
-                turn = _turn(cm, moved, affine.value)
-                matrix, spread = turn @ matrix, turn @ spread @ turn.T
-            return matrix, _stack(cm.retract(moved, list(affine.value)), cov), spread
+        def g(delta: PyTree) -> PyTree:
+            # The difference from the prediction at `at` keeps wrapped angles small.
+            return _stack(cm.residual(cm.observation(cm.retract(list(x), list(delta)), control), expected), near)
 
-        matrix, predicted, spread = self._mapped(one, x, cov, controls, dt)
-        return matrix, predicted, spread + self.local.transition_noise(list(x), controls, dt)
+        affine: Affine = linearise(method, g, at, near)
+        shown = [jnp.where(f, v, e) for f, v, e in zip(s, y, expected, strict=True)]
+        return _stack(cm.residual(shown, expected), near) - affine.value, affine.matrix, affine.spread
 
-    def observation(
-        self, x: PyTree, at: PyTree, near: PyTree, controls: PyTree, measured: PyTree, observed: PyTree
-    ) -> tuple[PyTree, PyTree, PyTree]:
-        """The innovation, H and Ω of the observation about the error `at` with the covariance `near`."""
-        method, shape = self.method, self.local.shape
-
-        def one(cm: ComponentModel, x: PyTree, at: PyTree, near: PyTree, u: PyTree, y: PyTree, s: PyTree) -> PyTree:
-            control = shape.controls.unflatten(u)
-            expected = cm.observation(cm.retract(list(x), list(at)), control)
-
-            def g(delta: PyTree) -> PyTree:
-                # The difference from the prediction at `at` keeps wrapped angles small.
-                return _stack(cm.residual(cm.observation(cm.retract(list(x), list(delta)), control), expected), near)
-
-            affine: Affine = linearise(method, g, at, near, cm.names["observation"])
-            shown = [jnp.where(f, v, e) for f, v, e in zip(s, y, expected, strict=True)]
-            return _stack(cm.residual(shown, expected), near) - affine.value, affine.matrix, affine.spread
-
-        return self._mapped(one, x, at, near, controls, measured, observed)
+    return local.call(one, x, at, near, controls, measured, observed)
 
 
 def _stack(values: list[PyTree], like: PyTree) -> PyTree:

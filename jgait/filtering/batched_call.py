@@ -164,12 +164,24 @@ class Plain:
 
 
 @dataclass(frozen=True)
-class _Tangent(Plain):
-    """The derivative of a function: (arguments, outputs of `whole`, tangents of `moving`) → tangents of the outputs."""
+class _Derived(Plain):
+    """A function that computes with another one, of `count` arguments of which those in `moving` vary."""
 
     function: Any
     moving: tuple[int, ...]
     count: int
+
+    @property
+    def constant(self) -> Any:
+        return replace(self, function=self.function.constant)
+
+    @property
+    def block(self) -> int:
+        return int(self.function.block)
+
+
+class _Tangent(_Derived):
+    """The derivative of a function: (arguments, outputs of `whole`, tangents of `moving`) → tangents of the outputs."""
 
     def value(self, *arguments: PyTree) -> list[PyTree]:
         primals, tangents = arguments[: self.count], arguments[len(arguments) - len(self.moving) :]
@@ -189,26 +201,15 @@ class _Tangent(Plain):
         moved = jax.jvp(of, tuple(p for p, _ in pairs), tuple(t for _, t in pairs))[1]
         return list(moved)
 
-    @property
-    def constant(self) -> "_Tangent":
-        return replace(self, function=self.function.constant)
-
     def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
         return [o for o in self.function.shapes(*arguments[: self.count]) if _real(o)]
 
-    @property
-    def block(self) -> int:
-        return int(self.function.block)
-
 
 @dataclass(frozen=True)
-class _Reverse(Plain):
+class _Reverse(_Derived):
     """The transpose of a derivative: (arguments, outputs, cotangents of the outputs `given`) → cotangents."""
 
-    function: Any
-    moving: tuple[int, ...]
     given: tuple[int, ...]
-    count: int
 
     def value(self, *arguments: PyTree) -> list[PyTree]:
         primals = list(arguments[: self.count])
@@ -222,16 +223,8 @@ class _Reverse(Plain):
         found = own(self.moving, primals, outputs, cotangents)
         return [jnp.broadcast_to(f, (*f.shape[:-1], lanes)) for f in found]
 
-    @property
-    def constant(self) -> "_Reverse":
-        return replace(self, function=self.function.constant)
-
     def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
         return [arguments[i] for i in self.moving]
-
-    @property
-    def block(self) -> int:
-        return int(self.function.block)
 
 
 def _plain(function: Batched) -> Reverse:
@@ -288,7 +281,7 @@ def _transposed(
     if not given:
         return [None] * first + [ad.Zero(v.aval) if ad.is_undefined_primal(v) else None for v in linear]
     depth = known[0].ndim - ranks[0]
-    reverse = _Reverse(function.function, function.moving, tuple(i for i, _ in given), function.count)
+    reverse = _Reverse(function.function, function.moving, function.count, tuple(i for i, _ in given))
     every = (*ranks[:first], *(c.ndim - depth for _, c in given))
     found = _call.bind(*known, *(c for _, c in given), function=reverse, ranks=every)
     return [None] * first + [

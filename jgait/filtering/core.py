@@ -28,12 +28,12 @@ from jgait.filtering.lanes import (
     product,
     summed,
     unheld_product,
+    unheld_product_transposed,
     where,
 )
 from jgait.filtering.local_model import Linearised, LocalModel
 from jgait.filtering.methods import EKF, KF, IteratedSmoother, Method
 from jgait.filtering.padding import scanned
-from jgait.filtering.partly_identity import congruence, right_product, whole
 from jgait.filtering.sharing import OFTEN, shared
 from jgait.filtering.update import Update, joseph, kept, updated
 
@@ -173,7 +173,8 @@ class Filter:
         matrix, noise, predicted = held(*moved)
         half = product(matrix, cov)
         finite = held(jnp.isfinite(summed(predicted) + summed(half[:, 0]) + summed(diagonal(noise))))
-        prior = held(congruence(matrix, half, cov, noise, finite))
+        # Selected in the loop of the product: a loop of its own takes longer than a product.
+        prior = held(where(finite, unheld_product_transposed(half, matrix, noise), cov))
 
         def observed() -> dict[str, PyTree]:
             shown = stored(local.linearised_observation)(list(predicted), controls, list(measured), seen)
@@ -205,9 +206,9 @@ class Filter:
                 "nis": where(valid, summed(innovation * first.weighted), 0.0), "log_det": first.log_det,
                 "information": update.information, "weighted": update.weighted, "valid": valid}  # fmt: skip
         if set(FOR_SMOOTHER) & set(self.keep):
-            rows, unit = right_product(rows, lin.matrix), diagonal_matrix(jnp.ones_like(delta))
-            told["seen"] = where(valid, rows, 0.0)
-            told["closed"] = where(finite, unheld_product(-gain, told["seen"], whole(lin.matrix)), unit)
+            unit = diagonal_matrix(jnp.ones_like(delta))
+            told["seen"] = where(valid, product(rows, lin.matrix), 0.0)
+            told["closed"] = where(finite, unheld_product(-gain, told["seen"], lin.matrix), unit)
         return self._used(told)
 
     def _predicted(
@@ -222,7 +223,7 @@ class Filter:
             "predicted_cov": prior, "innovation": none, "variance": none + 1.0, "nis": zero, "log_det": zero,
             "information": diagonal_matrix(none + 1.0), "weighted": none, "valid": finite,
             "seen": jnp.zeros((m, n, 1), cov.dtype),
-            "closed": where(finite, whole(matrix), diagonal_matrix(jnp.ones_like(delta))),
+            "closed": where(finite, matrix, diagonal_matrix(jnp.ones_like(delta))),
         })  # fmt: skip
 
     def _used(self, told: dict[str, PyTree]) -> dict[str, PyTree]:

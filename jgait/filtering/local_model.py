@@ -18,8 +18,7 @@ from jgait.filtering.lanes import held, where
 class Linearised(NamedTuple):
     """The model about the belief before an interval, and about the prediction."""
 
-    #: A, from errors about `before` to errors about `predicted`: its first rows (t, n, B); see `partly_identity`.
-    matrix: PyTree
+    matrix: PyTree  #: A (n, n, B), from errors about `before` to errors about `predicted`.
     noise: PyTree  #: Q (n, n, B).
     predicted: PyTree  #: the state after the interval (k, B).
     observation: PyTree  #: H (m, n, B).
@@ -57,8 +56,8 @@ def _placed_derivative(size: int, places: PyTree, primals: PyTree, tangents: PyT
 class LocalModel:
     """The functions of a model with parameters (..., B) or (..., 1), on lists of arrays (B,), one for each component.
 
-    Columns of errors are lists of arrays (j, B). Matrices have `width` ≥ n rows and columns of errors, of which those
-    behind the model's own are zero, but for ones on the diagonal of A.
+    Columns of errors are lists of arrays (j, B). Matrices have `width` ≥ n rows and columns of errors; those behind the
+    model's own are zero.
     """
 
     def __init__(self, shape: Shape, params: Sequence[PyTree], lanes: int, width: int | None = None) -> None:
@@ -68,8 +67,11 @@ class LocalModel:
         self.axes = [None if same else -1 for same in shared]
         self.curved = shape.model.local is not None
 
-    def _call(self, function: Callable[..., PyTree], *rows: PyTree, columns: PyTree = None) -> PyTree:
-        """Outputs of a function of (model, lists of scalars…) for each recording, and for each column, if given."""
+    def call(self, function: Callable[..., PyTree], *rows: PyTree, columns: PyTree = None) -> PyTree:
+        """Outputs of a function of (model, values of one recording…) for each recording, and for each column, if given.
+
+        The values have the batch as last axis; the function gives arrays or scalars.
+        """
         shape = self.shape
 
         def one(params: list[PyTree], values: Sequence[PyTree], column: PyTree) -> PyTree:
@@ -77,25 +79,11 @@ class LocalModel:
             outputs = function(cm, *values, *(() if columns is None else (column,)))
             return [jnp.asarray(o, shape.dtype) for o in outputs]
 
-        values = [[jnp.broadcast_to(v, (self.lanes,)) for v in row] for row in rows]
+        values = jax.tree.map(lambda v: jnp.broadcast_to(v, (*v.shape[:-1], self.lanes)), list(rows))
         mapped = jax.vmap(one, in_axes=(self.axes, -1, -1), out_axes=-1, axis_size=self.lanes)
         if columns is None:
             return mapped(self.params, values, [])
         return jax.vmap(mapped, in_axes=(None, None, 0))(self.params, values, columns)
-
-    def _propagated(self, function: Callable[..., PyTree], *rows: PyTree, columns: PyTree) -> tuple[list[PyTree], int]:
-        """As `_call` with columns, and the number of first components of the columns that change."""
-        changed = 0
-
-        def noted(cm: ComponentModel, *values: PyTree) -> list[PyTree]:
-            nonlocal changed
-            after = function(cm, *values)
-            changed = max(
-                (i + 1 for i, (a, b) in enumerate(zip(values[-1], after, strict=True)) if a is not b), default=0
-            )
-            return after
-
-        return self._call(noted, *rows, columns=columns), changed
 
     def identity(self) -> PyTree:
         """The identity on errors, as columns."""
@@ -107,20 +95,26 @@ class LocalModel:
         """The states x ⊕ δ."""
         if not self.curved:
             return [a + b for a, b in zip(x, delta, strict=True)]
-        return self._call(lambda cm, x, d: cm.retract(x, d), x, delta)
+        return self.call(lambda cm, x, d: cm.retract(x, d), x, delta)
 
     def between(self, x: PyTree, y: PyTree) -> PyTree:
         """The errors y ⊖ x."""
         if not self.curved:
             return [b - a for a, b in zip(x, y, strict=True)]
-        return self._call(lambda cm, x, y: cm.local(x, y), x, y)
+        return self.call(lambda cm, x, y: cm.local(x, y), x, y)
 
     def turned(self, x: PyTree, delta: PyTree, columns: PyTree) -> PyTree:
         """Errors about x ⊕ δ of the states x ⊕ (δ + e), for columns e near zero."""
         if not self.curved:
             return columns
 
-        return self._call(_turned, x, delta, columns=columns)
+        def shifted(cm: ComponentModel, x: list[PyTree], d: list[PyTree], e: list[PyTree]) -> list[PyTree]:
+            if cm.error_shift is not None:
+                return cm.error_shift(x, d, e)
+            at = cm.retract(x, d)
+            return jax.jvp(lambda d: cm.local(at, cm.retract(x, d)), (d,), (e,))[1]
+
+        return self.call(shifted, x, delta, columns=columns)
 
     def carried(self, x: PyTree, delta: PyTree, columns: PyTree) -> PyTree:
         """Errors about x ⊕ δ of the states (x ⊕ e) ⊕ δ, for columns e near zero."""
@@ -131,7 +125,7 @@ class LocalModel:
             at, zero = cm.retract(x, d), [jnp.zeros_like(v) for v in e]
             return jax.jvp(lambda e: cm.local(at, cm.retract(cm.retract(x, e), d)), (zero,), (e,))[1]
 
-        return self._call(shifted, x, delta, columns=columns)
+        return self.call(shifted, x, delta, columns=columns)
 
     def covariance_turned(self, x: PyTree, delta: PyTree, cov: PyTree) -> PyTree:
         """The covariance (n, n, B) of errors δ + e about x, mapped to errors about x ⊕ δ."""
@@ -142,25 +136,24 @@ class LocalModel:
 
     def moved(self, x: PyTree, controls: PyTree, dt: PyTree) -> PyTree:
         """The states after the interval."""
-        return self._call(lambda cm, x, u, dt: cm.transition(x, self._controls(u), dt[0]), x, controls, [dt])
+        return self.call(lambda cm, x, u, dt: cm.transition(x, self._controls(u), dt[0]), x, controls, [dt])
 
     def error_moved(self, x: PyTree, controls: PyTree, dt: PyTree, columns: PyTree) -> PyTree:
         """Errors after the interval, of columns before it."""
-        return self._call(self._error_moved, x, controls, [dt], columns=columns)
 
-    def _error_moved(
-        self, cm: ComponentModel, x: list[PyTree], controls: list[PyTree], dt: list[PyTree], e: PyTree
-    ) -> list[PyTree]:
-        control = self._controls(controls)
-        if cm.error_transition:
-            for step in cm.error_transition:
-                e = step(x, e, control, dt[0])
-            return e
-        if not cm.curved:
-            return jax.jvp(lambda x: cm.transition(x, control, dt[0]), (x,), (e,))[1]
-        mean = cm.transition(x, control, dt[0])
-        zero = [jnp.zeros_like(v) for v in e]
-        return jax.jvp(lambda d: cm.local(mean, cm.transition(cm.retract(x, d), control, dt[0])), (zero,), (e,))[1]
+        def moved(cm: ComponentModel, x: list[PyTree], u: list[PyTree], dt: list[PyTree], e: PyTree) -> list[PyTree]:
+            control = self._controls(u)
+            if cm.error_transition:
+                for step in cm.error_transition:
+                    e = step(x, e, control, dt[0])
+                return e
+            if not cm.curved:
+                return jax.jvp(lambda x: cm.transition(x, control, dt[0]), (x,), (e,))[1]
+            mean = cm.transition(x, control, dt[0])
+            zero = [jnp.zeros_like(v) for v in e]
+            return jax.jvp(lambda d: cm.local(mean, cm.transition(cm.retract(x, d), control, dt[0])), (zero,), (e,))[1]
+
+        return self.call(moved, x, controls, [dt], columns=columns)
 
     def transition_noise(self, x: PyTree, controls: PyTree, dt: PyTree) -> PyTree:
         """Q (n, n, B)."""
@@ -168,7 +161,7 @@ class LocalModel:
 
     def observed(self, x: PyTree, controls: PyTree) -> PyTree:
         """The expected observation."""
-        return self._call(lambda cm, x, u: cm.observation(x, self._controls(u)), x, controls)
+        return self.call(lambda cm, x, u: cm.observation(x, self._controls(u)), x, controls)
 
     def error_observed(self, x: PyTree, controls: PyTree, columns: PyTree) -> PyTree:
         """Changes of the observation by columns of errors."""
@@ -181,13 +174,13 @@ class LocalModel:
             expected = cm.observation(x, control)
             return jax.jvp(lambda d: cm.residual(cm.observation(cm.retract(x, d), control), expected), (zero,), (e,))[1]
 
-        return self._call(seen, x, controls, columns=columns)
+        return self.call(seen, x, controls, columns=columns)
 
     def residual(self, measured: PyTree, expected: PyTree) -> PyTree:
         """Measured − expected."""
         if self.shape.model.residual is None:
             return [a - b for a, b in zip(measured, expected, strict=True)]
-        return self._call(lambda cm, a, b: cm.residual(a, b), measured, expected)
+        return self.call(lambda cm, a, b: cm.residual(a, b), measured, expected)
 
     def observation_noise(self, x: PyTree, controls: PyTree) -> PyTree:
         """R (m, m, B)."""
@@ -212,7 +205,7 @@ class LocalModel:
             places[:] = [tuple(where) for _, where in found.values()]
             return [entry for entry, _ in found.values()]
 
-        entries = self._call(distinct, *rows)
+        entries = self.call(distinct, *rows)
         fixed = jnp.asarray(constant, self.shape.dtype)[:, :, None]
         return (
             placed(len(constant), tuple(places), entries) + fixed
@@ -220,28 +213,16 @@ class LocalModel:
             else jnp.broadcast_to(fixed, (*constant.shape, self.lanes))
         )
 
-    def linearised(
-        self, before: PyTree, delta: PyTree, x: PyTree, controls: PyTree, dt: PyTree, measured: PyTree, observed: PyTree
-    ) -> Linearised:
-        """The model about x = before ⊕ delta, and its observation about the prediction; `observed` (m, B)."""
-        matrix, noise, predicted = self.linearised_transition(before, delta, x, controls, dt)
-        return Linearised(
-            matrix, noise, predicted, *self.linearised_observation(list(predicted), controls, measured, observed)
-        )
-
     def linearised_transition(
         self, before: PyTree, delta: PyTree, x: PyTree, controls: PyTree, dt: PyTree
     ) -> tuple[PyTree, PyTree, PyTree]:
-        """The rows of A that are not the identity's, Q, and the prediction."""
-        x, columns, turned = list(held(*x)), self.identity(), 0
-        if self.curved:
-            columns, turned = self._propagated(_turned, before, delta, columns=columns)
-        matrix, moved = self._propagated(self._error_moved, x, controls, [dt], columns=columns)
-        if self.lanes > 1:
-            matrix = matrix[: max(turned, moved, 1)]
-        noise, more = self.transition_noise(x, controls, dt), self.width - self.shape.sizes[1]
-        noise = jnp.pad(noise, ((0, more), (0, more), (0, 0))) if more else noise
-        return jnp.stack(matrix), noise, jnp.stack(self.moved(x, controls, dt))
+        """A, Q and the prediction."""
+        x = list(held(*x))
+        matrix = jnp.stack(self.error_moved(x, controls, dt, self.turned(before, delta, self.identity())))
+        noise, more = self.transition_noise(x, controls, dt), (0, self.width - self.shape.sizes[1])
+        if any(more):
+            matrix, noise = jnp.pad(matrix, (more, (0, 0), (0, 0))), jnp.pad(noise, (more, more, (0, 0)))
+        return matrix, noise, jnp.stack(self.moved(x, controls, dt))
 
     def linearised_observation(
         self, predicted: PyTree, controls: PyTree, measured: PyTree, observed: PyTree
@@ -257,10 +238,3 @@ class LocalModel:
             jnp.stack([jnp.where(s, r, 0.0) for s, r in zip(observed, residual, strict=True)]),
             jnp.where(observed[:, None] & observed[None], self.observation_noise(predicted, controls), unit),
         )
-
-
-def _turned(cm: ComponentModel, x: list[PyTree], delta: list[PyTree], e: list[PyTree]) -> list[PyTree]:
-    if cm.error_shift is not None:
-        return cm.error_shift(x, delta, e)
-    at = cm.retract(x, delta)
-    return jax.jvp(lambda d: cm.local(at, cm.retract(x, d)), (delta,), (e,))[1]

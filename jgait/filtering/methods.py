@@ -137,25 +137,17 @@ def check_method(method: PyTree) -> None:
         raise ValueError(f"method must be KF(), EKF(), IteratedEKF(k), UKF() or CKF(); got {method!r}")
 
 
-def linearise(method: Method, g: Callable[[PyTree], PyTree], mean: PyTree, cov: PyTree, what: str) -> Affine:
+def linearise(method: Method, g: Callable[[PyTree], PyTree], mean: PyTree, cov: PyTree) -> Affine:
     """Replace g near the mean (n,) by an affine function, as the method defines.
 
     Args:
-        method: KF, EKF, UKF or CKF.
+        method: EKF, UKF or CKF.
         g: error vector (n,) → vector (m,).
         mean: (n,) error at which g is linearised.
-        cov: (n, n) covariance of the error; KF and EKF do not use it.
-        what: name of the function, for messages.
-
-    Raises:
-        ValueError: if the method is `KF` and the Jacobian of g depends on the error.
+        cov: (n, n) covariance of the error; the EKF does not use it.
     """
     if isinstance(method, UKF | CKF):
         return _regression(method, g, mean, cov)
-    if isinstance(method, KF) and depends_on_place(g, mean):
-        raise ValueError(
-            f"the KF needs a linear model, but the Jacobian of {what} depends on the state; use EKF(), UKF() or CKF()"
-        )
     value, pushforward = jax.linearize(g, mean)
     matrix = jax.vmap(pushforward, out_axes=1)(jnp.eye(mean.shape[0], dtype=mean.dtype))
     return Affine(value, matrix, jnp.zeros((value.shape[0],) * 2, value.dtype))

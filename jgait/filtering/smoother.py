@@ -1,14 +1,4 @@
-r"""Smoothing: a backward scan of the information of later samples, the modified Bryson–Frazier form.
-
-    λ ← Cᵀ Fᵀ λ − Hᵀ S⁻¹ (y − ŷ),   Λ ← Cᵀ Fᵀ Λ F C + Hᵀ S⁻¹ H,   C = I − K H
-    m_s = m ⊕ (−P λ),   P_s = P − P Λ P,   λ and Λ of the samples after this one
-
-This is the Rauch–Tung–Striebel smoother without an inverse of a covariance: the same on flat states, equal to first
-order in the smoother's corrections on manifolds, where C maps to errors about m, and P_s is mapped to those about m_s.
-
-Source: G. J. Bierman, "Fixed interval smoothing with discrete measurements", Int. J. Control 18(1), 1973; H. Rauch,
-F. Tung, C. Striebel (1965), AIAA Journal 3(8).
-"""
+"""Smoothing: a filter, then a scan back over the samples, see `jgait.filtering.backward` for the equations."""
 
 from typing import NamedTuple
 

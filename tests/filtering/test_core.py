@@ -10,9 +10,10 @@ import pytest
 from filtering.oracle import estimated, stacked
 from filtering.problems import BROKEN, SAMPLES, Cart, Case, Push, Reading, case, filtered, same, smoothed
 
+from experiments.benchmark.core import foot, smoother
 from jgait import filtering
 from jgait.filtering import CKF, EKF, FIELDS, KF, UKF, Belief, Covariance, IteratedEKF, Model
-from jgait.filtering.core import block_of
+from jgait.filtering.core import block_of, width_of
 from jgait.filtering.inputs import inputs
 
 
@@ -51,6 +52,20 @@ def test_selected_covariances_are_those_of_all(name, component):
     same(some.cov[component, component], every.cov[component, component])
     for found in (some, none):
         same(found.mean, every.mean)
+
+
+def test_matrices_with_more_rows_than_errors_give_the_same():
+    """A foot alone has matrices of 16 rows, in a batch of 15."""
+    assert (width_of(15, 1), width_of(15, 8), width_of(18, 1)) == (16, 15, 18)
+    count = block_of(15, jnp.float64) + 1
+    problem = foot(count, 12, jnp.float64)
+
+    def found(batch: Any) -> Any:
+        return smoother(problem, batch, problem.logs)
+
+    together = jax.jit(found)(problem.batch)
+    alone = jax.jit(found)(jax.tree.map(lambda leaf: leaf[:1], problem.batch))
+    same(alone, jax.tree.map(lambda leaf: leaf[:1], together))
 
 
 def solved(c: Any, p: Any, observations: Any) -> Any:
