@@ -2,9 +2,7 @@
 
 import gzip
 import json
-import os
 import pickle
-import signal
 import time
 import zlib
 
@@ -13,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made import files as made_files
+from made.misbehaving import content, crash, fail, gone, sleep, swallow
 from scipy.io import savemat
 
 from jgait import RecordingError, io
@@ -136,34 +135,8 @@ def test_names_in_files_change_no_terminal(tmp_path):
 # --- the process that reads binary files ---
 
 
-def crash(path):
-    os.kill(os.getpid(), signal.SIGSEGV)
-
-
-def sleep(path):
-    while True:
-        pass
-
-
-def swallow(path):
-    return bytearray(b"1") * 3_000_000_000
-
-
-def content(path):
-    return path.read_bytes()
-
-
-def fail(path):
-    raise KeyError(path.name)
-
-
-def gone(path):
-    return (path / "no").read_bytes()
-
-
 @pytest.fixture
-def file(tmp_path, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", os.path.dirname(__file__))
+def file(tmp_path):
     (tmp_path / "file.bin").write_bytes(b"abc")
     return tmp_path / "file.bin"
 
