@@ -35,7 +35,7 @@ def rows(quick: bool) -> list[Row]:
     split = (
         f"{seconds:g} s round a rectangle, worst of {len(read.sensors)} ideal sensors, {checks.RATE_HZ:g} Hz, float64"
     )
-    people, batch = (32, 16) if quick else (1000, 20)
+    people, batch = (32, 16) if quick else (1000, 10)
     *_, busy = cohort.measured(people, batch, recorded=True)
     times = [answers(started("experiments.people.cost", []))[0] for _ in range(1 if quick else PROCESSES)]
     about = "people who walk as recorded ones"

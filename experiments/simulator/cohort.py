@@ -11,7 +11,7 @@ import numpy as np
 
 from experiments.common.process import answers, peak_rss, started
 from experiments.common.row import Row
-from jgait import simulate
+from jgait import filtering, simulate
 from jgait.simulate import SEVEN, Person
 from jgait.simulate.sensors import MPU6000
 
@@ -36,7 +36,7 @@ def cohort(people: int, seconds: float, rate_hz: float, batch: int, recorded: bo
         read, truth = simulate.walk(key, person, along, moving, errors, capacity=CAPACITY, placements=SEVEN)
         return read, truth.estimate, truth.strides
 
-    run = jax.jit(jax.vmap(one, in_axes=(0, 0, None)))
+    run = filtering.compiled(jax.vmap(one, in_axes=(0, 0, None)))
     parts = [
         jax.tree.map(lambda leaf, s=start: leaf[s : s + batch], (keys, drawn)) for start in range(0, people, batch)
     ]
@@ -65,7 +65,7 @@ def measured(people: int, batch: int, recorded: bool = False) -> tuple[float, fl
 
 def rows(quick: bool) -> list[Row]:
     """The cohort by rules."""
-    people, batch, suffix = (32, 16, "_quick") if quick else (1000, 20, "")
+    people, batch, suffix = (32, 16, "_quick") if quick else (1000, 10, "")
     compiling, seconds, memory, _ = measured(people, batch)
     split = f"{people} people × 60 s × 7 sensors, 100 Hz, float32, in batches of {batch}"
     name = f"cohort_{people}x60s_seconds{suffix}"
