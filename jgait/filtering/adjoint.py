@@ -64,15 +64,15 @@ def adjoint(
     size, width = shape.sizes[1], len(delta)
     flat = [jnp.broadcast_to(v, (*v.shape[:-1], lanes)) for v in slots.values(sample)]
 
-    def transition(before: list[PyTree], delta: list[PyTree], own: list[PyTree], each: list[PyTree]) -> PyTree:
-        local = LocalModel(shape, slots.with_params(params, own), lanes, width)
-        _, controls, dt, _ = slots.with_values(sample, each)
+    def transition(before: list[PyTree], delta: list[PyTree], moving: list[PyTree], parts: list[PyTree]) -> PyTree:
+        local = LocalModel(shape, slots.with_params(params, moving), lanes, width)
+        _, controls, dt, _ = slots.with_values(sample, parts)
         return local.linearised_transition(before, delta, local.retracted(before, delta), controls, dt)
 
-    def observation(predicted: PyTree, own: list[PyTree], each: list[PyTree]) -> PyTree:
-        local = LocalModel(shape, slots.with_params(params, own), lanes, width)
-        measured, controls, _, seen = slots.with_values(sample, each)
-        return local.linearised_observation(list(predicted), controls, list(measured), seen)
+    def observation(predicted: PyTree, moving: list[PyTree], parts: list[PyTree]) -> PyTree:
+        local = LocalModel(shape, slots.with_params(params, moving), lanes, width)
+        measured, controls, _, visible = slots.with_values(sample, parts)
+        return local.linearised_observation(list(predicted), controls, list(measured), visible)
 
     # Two parts, so that an observation that is not finite does not spoil the derivatives of its prediction.
     wide = [jnp.broadcast_to(params[i], (*params[i].shape[:-1], lanes)) for i in slots.params]
@@ -99,8 +99,8 @@ def adjoint(
     state = jnp.stack(x_back), jnp.stack(delta_back), unheld_product(transposed(a), half)
     # What was not finite did not change the belief, and says nothing of the parameters.
     back = tuple(where(finite, f, p) for f, p in zip(state, (x_ct, delta_ct, cov_ct), strict=True))
-    own, each = jax.tree.map(lambda m, s: where(finite, m, 0.0) + where(valid, s, 0.0), tuple(moved_ct), tuple(seen_ct))
-    return back, own, each
+    both = tuple(moved_ct), tuple(seen_ct)
+    return back, *jax.tree.map(lambda m, s: where(finite, m, 0.0) + where(valid, s, 0.0), *both)
 
 
 def _updated(
@@ -136,9 +136,9 @@ def _updated(
         total_ct = total_ct + lifted(ct["log_det"], g) * g
     if "variance" in ct:
         total_ct = total_ct + diagonal_matrix(ct["variance"])
-    seen = product(held(total_ct), h)
-    cross_ct = held(where(valid, cross_ct + seen, 0.0))
-    h_ct = product(cross_ct + seen, prior, h_ct)
+    rows_of_total = product(held(total_ct), h)
+    cross_ct = held(where(valid, cross_ct + rows_of_total, 0.0))
+    h_ct = product(cross_ct + rows_of_total, prior, h_ct)
     # The symmetric part of Hᵀ (H P⁻)_ct, as one product
     left, right = jnp.concatenate([h, cross_ct]), jnp.concatenate([cross_ct, h])
     prior_ct = product(transposed(left), 0.5 * right, cov_ct)
@@ -155,10 +155,10 @@ class Slots:
         self.params = [i for i in range(count) if i in moving]
         self.samples = [i for i in range(count + 2, count + 4 + controls) if i in moving]
 
-    def with_params(self, params: list[PyTree], own: list[PyTree]) -> list[PyTree]:
+    def with_params(self, params: list[PyTree], moving: list[PyTree]) -> list[PyTree]:
         """The parameters, the moving ones replaced."""
         every = list(params)
-        for i, value in zip(self.params, own, strict=True):
+        for i, value in zip(self.params, moving, strict=True):
             every[i] = value
         return every
 

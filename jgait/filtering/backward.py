@@ -56,8 +56,8 @@ class Backward:
     def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
         """The shapes of the outputs without the batch axis."""
         length, n, _ = arguments[0].shape
-        own = {"move": (n,), "vector": (n,), "cov": (len(self.chosen),) * 2, "matrix": (n, n)}
-        return [jax.ShapeDtypeStruct((length, *own[name]), arguments[0].dtype) for name in self.names]
+        shapes = {"move": (n,), "vector": (n,), "cov": (len(self.chosen),) * 2, "matrix": (n, n)}
+        return [jax.ShapeDtypeStruct((length, *shapes[name]), arguments[0].dtype) for name in self.names]
 
     def value(self, *arguments: PyTree, count: PyTree = None) -> list[PyTree]:
         """The outputs of the first `count` samples, or of all, time axis in front and batch behind."""
@@ -66,19 +66,19 @@ class Backward:
         def body(carry: PyTree, sample: PyTree) -> tuple[PyTree, list[PyTree]]:
             vector, matrix = carry
             cov, closed, rows, information, weighted = sample
-            told = {"move": -applied(cov, vector), "vector": vector, "matrix": matrix}
-            fine = held(jnp.isfinite(summed(told["move"])))
+            outputs = {"move": -applied(cov, vector), "vector": vector, "matrix": matrix}
+            fine = held(jnp.isfinite(summed(outputs["move"])))
             if self.chosen:
                 part = _taken(cov, self.chosen)
                 known = _taken(transposed(part), self.chosen)
                 smoothed = held(product_transposed(-product(part, matrix), part, known))
                 fine = held(fine & jnp.isfinite(summed(smoothed)))
-                told["cov"] = where(fine, smoothed, known)
+                outputs["cov"] = where(fine, smoothed, known)
                 half = product(information, rows)
                 matrix = product(product(transposed(closed), matrix), closed, product(transposed(rows), half))
-            told["move"] = where(fine, told["move"], 0.0)
+            outputs["move"] = where(fine, outputs["move"], 0.0)
             vector = applied(transposed(closed), vector) - applied(transposed(rows), weighted)
-            return (vector, matrix), [told[name] for name in names]
+            return (vector, matrix), [outputs[name] for name in names]
 
         lanes = max(v.shape[-1] for v in arguments)
         n, dtype = arguments[0].shape[1], arguments[0].dtype
@@ -95,15 +95,15 @@ class Backward:
     ) -> list[PyTree]:
         """The closed form: cotangents of the arguments `moving`, by a scan forward over the first `count` samples."""
         names = self.names
-        told = dict(zip(names, outputs, strict=True))
+        named = dict(zip(names, outputs, strict=True))
         given = {name: value for name, value in zip(names, cotangents, strict=True) if value is not None}
         second = bool(self.chosen) and ("cov" in given or "matrix" in given)
         lanes = max(v.shape[-1] for v in (*arguments, *outputs))
 
         def body(carry: PyTree, item: PyTree) -> tuple[PyTree, list[PyTree]]:
             l_ct, m_ct = carry  # cotangents of λ and Λ before this sample
-            (cov, closed, rows, g, z), own, ct = item
-            vector, matrix = own["vector"], own.get("matrix")
+            (cov, closed, rows, g, z), sums, ct = item
+            vector, matrix = sums["vector"], sums.get("matrix")
             closed_ct, rows_ct = outer(vector, l_ct), -outer(z, l_ct)
             z_ct, g_ct = -applied(rows, l_ct), jnp.zeros_like(g)
             vector_ct, cov_ct = applied(closed, l_ct), jnp.zeros_like(cov)
@@ -133,7 +133,7 @@ class Backward:
 
         n, dtype = arguments[0].shape[1], arguments[0].dtype
         none = jnp.zeros((n, lanes), dtype), (jnp.zeros((n, n, lanes), dtype) if second else 0.0)
-        needed = {name: value for name, value in told.items() if name == "vector" or (name == "matrix" and second)}
+        needed = {name: value for name, value in named.items() if name == "vector" or (name == "matrix" and second)}
         return scanned(body, none, (arguments, needed, given), count)[1]
 
 

@@ -264,8 +264,8 @@ def _jvp(
     tangent = _Tangent(whole, moving, len(primals))
     every = (*ranks, *(o.ndim - depth for o in outputs), *(ranks[i] for i in moving))
     moved = iter(_call.bind(*primals, *outputs, *(tangents[i] for i in moving), function=tangent, ranks=every))
-    told = [next(moved) if _real(o) else ad.Zero(jax.typeof(o).to_tangent_aval()) for o in outputs]
-    return function.part(outputs), function.part(told)
+    changes = [next(moved) if _real(o) else ad.Zero(jax.typeof(o).to_tangent_aval()) for o in outputs]
+    return function.part(outputs), function.part(changes)
 
 
 def _transposed(

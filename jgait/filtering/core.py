@@ -100,7 +100,7 @@ class Filter:
     """The filter as a function of a batch: parameters, start, recording → the outputs `keep` over samples.
 
     Arguments, each with the batch behind: leaves of the parameters, mean (k,), covariance (n, n), measured (T, m),
-    leaves (T,) of the controls, dt (T,), seen (T, m).
+    leaves (T,) of the controls, dt (T,), visible (T, m): the mask.
 
     Attributes:
         shape: the model.
@@ -117,13 +117,13 @@ class Filter:
     def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
         """The shapes of the outputs without the batch axis."""
         (k, _, m), n, length = self.shape.sizes, self.width, arguments[-1].shape[0]
-        own = {
+        shapes = {
             "predicted": (k,), "delta": (n,), "cov": (n, n), "predicted_cov": (n, n), "innovation": (m,),
             "variance": (m,), "nis": (), "log_det": (), "valid": (), "closed": (n, n), "seen": (m, n),
             "information": (m, m), "weighted": (m,),
         }  # fmt: skip
         return [
-            jax.ShapeDtypeStruct((length, *own[name]), jnp.bool_ if name == "valid" else self.shape.dtype)
+            jax.ShapeDtypeStruct((length, *shapes[name]), jnp.bool_ if name == "valid" else self.shape.dtype)
             for name in self.keep
         ]
 
@@ -131,9 +131,9 @@ class Filter:
         count = self.shape.params.num_leaves
         params = list(arguments[:count])
         mean, cov, measured = arguments[count : count + 3]
-        *controls, dt, seen = arguments[count + 3 :]
+        *controls, dt, visible = arguments[count + 3 :]
         lanes = max(v.shape[-1] for v in arguments)
-        return params, (mean, cov), (measured, controls, dt, seen), lanes
+        return params, (mean, cov), (measured, controls, dt, visible), lanes
 
     def value(self, *arguments: PyTree, count: PyTree = None) -> list[PyTree]:
         """The outputs of the first `count` samples, or of all, time axis in front and batch behind."""
@@ -141,8 +141,8 @@ class Filter:
         local, start = LocalModel(self.shape, params, lanes, self.width), self._start(*belief, lanes)
 
         def body(carry: PyTree, sample: PyTree) -> tuple[PyTree, list[PyTree]]:
-            told = self.step(local, carry, sample)
-            return (told["predicted"], told["delta"], told["cov"]), [told[name] for name in self.keep]
+            outputs = self.step(local, carry, sample)
+            return (outputs["predicted"], outputs["delta"], outputs["cov"]), [outputs[name] for name in self.keep]
 
         # Methods without a closed form are differentiated through the scan, which then stores the beliefs alone.
         body = body if linearises_once(self.method) else jax.checkpoint(body, prevent_cse=False)
@@ -159,9 +159,9 @@ class Filter:
     def step(self, local: LocalModel, carry: PyTree, sample: PyTree) -> dict[str, PyTree]:
         """One predict and update: all outputs at a sample, from (x⁻, δ, P) at the sample before."""
         before, delta, cov = carry
-        measured, controls, dt, seen = sample
-        own = list(delta[: self.shape.sizes[1]])
-        x = local.retracted(list(before), own)
+        measured, controls, dt, visible = sample
+        error = list(delta[: self.shape.sizes[1]])
+        x = local.retracted(list(before), error)
         if not linearises_once(self.method):
             lin, prior, update, innovation, first = affine_step(self.method, local, (before, delta, x, cov), sample)
             finite = held(jnp.isfinite(summed(lin.predicted) + summed(diagonal(prior))))
@@ -169,7 +169,7 @@ class Filter:
             return self._updated(carry, lin, finite, prior, update, innovation, first)
         # Stored values make the program of one recording shorter, that of several longer.
         stored = partial(shared, uses=OFTEN) if local.lanes == 1 else lambda function: function
-        moved = stored(local.linearised_transition)(list(before), own, list(x), controls, dt)
+        moved = stored(local.linearised_transition)(list(before), error, list(x), controls, dt)
         matrix, noise, predicted = held(*moved)
         half = product(matrix, cov)
         finite = held(jnp.isfinite(summed(predicted) + summed(half[:, 0]) + summed(diagonal(noise))))
@@ -177,7 +177,7 @@ class Filter:
         prior = held(where(finite, unheld_product_transposed(half, matrix, noise), cov))
 
         def observed() -> dict[str, PyTree]:
-            shown = stored(local.linearised_observation)(list(predicted), controls, list(measured), seen)
+            shown = stored(local.linearised_observation)(list(predicted), controls, list(measured), visible)
             lin = Linearised(matrix, noise, predicted, *held(*shown))
             update = updated(prior, lin.observation, lin.innovation, lin.observation_noise, finite)
             return self._updated(carry, lin, finite, prior, update, lin.innovation, update)
@@ -185,7 +185,7 @@ class Filter:
         if local.lanes > 1:
             return observed()
         # A single recording need not compute an update where nothing is measured.
-        return lax.cond(jnp.any(seen), observed, lambda: self._predicted(carry, matrix, finite, predicted, prior))
+        return lax.cond(jnp.any(visible), observed, lambda: self._predicted(carry, matrix, finite, predicted, prior))
 
     def _updated(
         self, carry: PyTree, lin: Linearised, finite: PyTree, prior: PyTree, update: Update, innovation: PyTree,
@@ -200,16 +200,16 @@ class Filter:
         rows, spread = (where(update.good, v, 0.0) for v in (lin.observation, lin.observation_noise))
         valid = held(finite & update.good)
         move = applied(gain, where(update.good, lin.innovation, 0.0))
-        told = {"predicted": where(finite, lin.predicted, before), "delta": where(finite, move, delta),
-                "cov": held(joseph(prior, gain, rows, spread)), "predicted_cov": prior,
-                "innovation": where(valid, innovation, 0.0), "variance": diagonal(first.total),
-                "nis": where(valid, summed(innovation * first.weighted), 0.0), "log_det": first.log_det,
-                "information": update.information, "weighted": update.weighted, "valid": valid}  # fmt: skip
+        outputs = {"predicted": where(finite, lin.predicted, before), "delta": where(finite, move, delta),
+                   "cov": held(joseph(prior, gain, rows, spread)), "predicted_cov": prior,
+                   "innovation": where(valid, innovation, 0.0), "variance": diagonal(first.total),
+                   "nis": where(valid, summed(innovation * first.weighted), 0.0), "log_det": first.log_det,
+                   "information": update.information, "weighted": update.weighted, "valid": valid}  # fmt: skip
         if set(FOR_SMOOTHER) & set(self.keep):
             unit = diagonal_matrix(jnp.ones_like(delta))
-            told["seen"] = where(valid, product(rows, lin.matrix), 0.0)
-            told["closed"] = where(finite, unheld_product(-gain, told["seen"], lin.matrix), unit)
-        return self._used(told)
+            outputs["seen"] = where(valid, product(rows, lin.matrix), 0.0)
+            outputs["closed"] = where(finite, unheld_product(-gain, outputs["seen"], lin.matrix), unit)
+        return self._used(outputs)
 
     def _predicted(
         self, carry: PyTree, matrix: PyTree, finite: PyTree, predicted: PyTree, prior: PyTree
@@ -226,9 +226,9 @@ class Filter:
             "closed": where(finite, matrix, diagonal_matrix(jnp.ones_like(delta))),
         })  # fmt: skip
 
-    def _used(self, told: dict[str, PyTree]) -> dict[str, PyTree]:
+    def _used(self, outputs: dict[str, PyTree]) -> dict[str, PyTree]:
         """The outputs that are kept, and the belief."""
-        return {name: value for name, value in told.items() if name in (*self.keep, "predicted", "delta", "cov")}
+        return {name: value for name, value in outputs.items() if name in (*self.keep, "predicted", "delta", "cov")}
 
     def closed(
         self,
@@ -240,7 +240,7 @@ class Filter:
     ) -> list[PyTree]:
         """The closed form: cotangents of the arguments `moving`, by a scan back over the first `count` samples."""
         params, belief, samples, lanes = self._split(tuple(arguments))
-        told = dict(zip(self.keep, outputs, strict=True))
+        named = dict(zip(self.keep, outputs, strict=True))
         given = {name: value for name, value in zip(self.keep, cotangents, strict=True) if value is not None}
         first = self._start(*belief, lanes)
         behind, controls = len(params), len(samples[1])
@@ -249,17 +249,17 @@ class Filter:
         def body(carry: PyTree, item: PyTree) -> tuple[PyTree, PyTree]:
             back, total = carry
             at, (sample, known, ct) = item
-            found, own, each = adjoint(self.shape, params, slots, lanes, at, sample, known, back, ct)
-            return (found, [a + b for a, b in zip(total, own, strict=True)]), each
+            cotangents, params_ct, sample_ct = adjoint(self.shape, params, slots, lanes, at, sample, known, back, ct)
+            return (cotangents, [a + b for a, b in zip(total, params_ct, strict=True)]), sample_ct
 
         zero = tuple(jnp.zeros_like(v) for v in first)
         none = [jnp.zeros((*params[i].shape[:-1], lanes), params[i].dtype) for i in slots.params]
-        known = {name: told[name] for name in ("predicted_cov", "information", "weighted")}
-        beliefs = [told[name] for name in ("predicted", "delta", "cov")]
-        (start, sums), each = scanned(
+        known = {name: named[name] for name in ("predicted_cov", "information", "weighted")}
+        beliefs = [named[name] for name in ("predicted", "delta", "cov")]
+        (start, sums), samples_ct = scanned(
             body, (zero, none), (samples, known, given), count, reverse=True, before=(list(first), beliefs)
         )
         n = self.shape.sizes[1]
-        found = dict(zip(slots.params, sums, strict=True)) | {behind: start[0], behind + 1: start[2][:n, :n]}
-        found |= dict(zip(slots.samples, each, strict=True))
-        return [found[i] for i in moving]
+        gradients = dict(zip(slots.params, sums, strict=True)) | {behind: start[0], behind + 1: start[2][:n, :n]}
+        gradients |= dict(zip(slots.samples, samples_ct, strict=True))
+        return [gradients[i] for i in moving]

@@ -71,13 +71,13 @@ def smoothed(
         return list(mean.T), cov, _named(keep, first)
     fast.check_linear(given, method)
     if chosen(given, method, execution, bool(components)) == "fast":
-        mean, told = bryson_frazier.bryson_frazier(given, keep)
-        return mean, None, told
+        mean, fields = bryson_frazier.bryson_frazier(given, keep)
+        return mean, None, fields
     inner = closure(given.shape, components)
     outputs = call(Recorded(given.shape, method, keep, True, components, inner), *given.arrays())
-    told = _named(keep, outputs[: len(keep)])
+    fields = _named(keep, outputs[: len(keep)])
     mean, *cov = outputs[len(keep) :]
-    return list(mean.T), cov[0] if components else None, told
+    return list(mean.T), cov[0] if components else None, fields
 
 
 def _named(keep: tuple[str, ...], outputs: list[PyTree]) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from jgait.filtering.structured import (
     Components,
     Noise,
     Sample,
-    Told,
+    Statistics,
     Transition,
     affine_transition,
     corrected,
@@ -47,13 +47,13 @@ class Noises(NamedTuple):
 
 
 class Advanced(NamedTuple):
-    """One predict and update; `gains`, `after` and `told` as in `structured.corrected`."""
+    """One predict and update; `gains`, `after` and `statistics` as in `structured.corrected`."""
 
     transition: Transition
     predicted: Components
     gains: Gains
     after: Components
-    told: Told
+    statistics: Statistics
     seen: list[PyTree]
 
 
@@ -82,9 +82,9 @@ def advanced(given: Inputs, noises: Noises, before: Components, sample: Sample) 
     """Predict, then update, over components."""
     transition = affine_transition(given.cm, before, sample, noises.transition)
     prior = predicted(transition, before.cov)
-    after, gains, told = corrected(given.cm, prior, sample, noises.observation)
-    told = told._replace(health=plus(told.health, transition.health))
-    return Advanced(transition, prior, gains, after, told, sample.seen)
+    after, gains, statistics = corrected(given.cm, prior, sample, noises.observation)
+    statistics = statistics._replace(health=plus(statistics.health, transition.health))
+    return Advanced(transition, prior, gains, after, statistics, sample.seen)
 
 
 def scanned(given: Inputs, keep: tuple[str, ...], *, segments: bool) -> dict[str, Any]:
@@ -112,20 +112,20 @@ def scanned(given: Inputs, keep: tuple[str, ...], *, segments: bool) -> dict[str
 
 def field(step: Advanced, name: str, dtype: DTypeLike) -> PyTree:
     """One field of `Posterior` at one sample, as arrays."""
-    told = step.told
+    statistics = step.statistics
     match name:
         case "mean" | "predicted_mean":
             return arrays((step.after if name == "mean" else step.predicted).mean, dtype)
         case "cov" | "predicted_cov":
             return arrays(upper((step.after if name == "cov" else step.predicted).cov), dtype)
         case "innovation":
-            return arrays(told.innovation, dtype)
+            return arrays(statistics.innovation, dtype)
         case "innovation_stddev":
-            return arrays(told.stddev, dtype)
+            return arrays(statistics.stddev, dtype)
         case "valid":
-            return jnp.asarray(sound(told.health))
+            return jnp.asarray(sound(statistics.health))
         case _:
-            return jnp.asarray(getattr(told, name), dtype)
+            return jnp.asarray(getattr(statistics, name), dtype)
 
 
 def with_gradient_of(function: Callable[..., PyTree], twin: Callable[..., PyTree]) -> Callable[..., PyTree]:

@@ -142,13 +142,13 @@ def _stepped(
         return jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], tree)
 
     given = inputs(model, params, alone(observation), alone(control), dt, alone(mask), belief)
-    told = posterior(given.cm, filtered(given, method, FIELDS, "core", segments=False))
-    told = jax.tree.map(lambda leaf: leaf[0], told)
+    sample = posterior(given.cm, filtered(given, method, FIELDS, "core", segments=False))
+    sample = jax.tree.map(lambda leaf: leaf[0], sample)
     updated = Updated(
-        Belief(told.mean, told.cov), told.innovation, told.innovation_stddev, told.log_likelihood, told.nis,
-        told.count, told.valid,
+        Belief(sample.mean, sample.cov), sample.innovation, sample.innovation_stddev, sample.log_likelihood, sample.nis,
+        sample.count, sample.valid,
     )  # fmt: skip
-    return Step(Belief(told.predicted_mean, told.predicted_cov), updated)
+    return Step(Belief(sample.predicted_mean, sample.predicted_cov), updated)
 
 
 _step = compiled(_stepped, static_argnames=("model", "method"))

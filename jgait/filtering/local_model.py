@@ -197,13 +197,13 @@ class LocalModel:
             nonlocal constant
             matrix = function(cm, *values)
             constant = np.asarray([[entry if known(entry) else 0.0 for entry in row] for row in matrix])
-            found: dict[int, tuple[PyTree, list[tuple[int, int]]]] = {}
+            by_entry: dict[int, tuple[PyTree, list[tuple[int, int]]]] = {}
             for i, row in enumerate(matrix):
                 for j, entry in enumerate(row):
                     if not known(entry):
-                        found.setdefault(id(entry), (entry, []))[1].append((i, j))
-            places[:] = [tuple(where) for _, where in found.values()]
-            return [entry for entry, _ in found.values()]
+                        by_entry.setdefault(id(entry), (entry, []))[1].append((i, j))
+            places[:] = [tuple(where) for _, where in by_entry.values()]
+            return [entry for entry, _ in by_entry.values()]
 
         entries = self.call(distinct, *rows)
         fixed = jnp.asarray(constant, self.shape.dtype)[:, :, None]

@@ -67,14 +67,14 @@ class LinearSmoother(Plain):
             rows, spread = (where(update.good, v, 0.0) for v in (rows, spread))
             gain = held(update.gain)
             mean, cov = mean + applied(gain, innovation), joseph(prior, gain, rows, spread)
-            seen = product(rows, matrix)
-            told = cov, matrix - product(gain, seen), seen, update.information, update.weighted
-            return (mean, cov), (mean, *told)
+            observed = product(rows, matrix)
+            pieces = cov, matrix - product(gain, observed), observed, update.information, update.weighted
+            return (mean, cov), (mean, *pieces)
 
         none = [jnp.zeros((*v.shape[1:-1], lanes), self.dtype) for v in arguments[1:3]]
         wide = [jnp.broadcast_to(v, (*v.shape[:-1], lanes)) for v in arguments]
-        mean, *told = lax.scan(body, tuple(none), wide)[1]
-        move, *cov = Backward(self.chosen).value(*told)
+        mean, *pieces = lax.scan(body, tuple(none), wide)[1]
+        move, *cov = Backward(self.chosen).value(*pieces)
         return [mean + move, *cov]
 
 
@@ -83,18 +83,18 @@ def iterated(
 ) -> tuple[PyTree, PyTree, list[PyTree]]:
     """Smoothed mean (T, k) and covariance of the components, and the fields `keep` of the first pass, the EKF's."""
     shape, arrays = given.shape, given.arrays()
-    *told, points = call(Recorded(shape, EKF(), keep, True), *arrays)
+    *fields, points = call(Recorded(shape, EKF(), keep, True), *arrays)
     params, others = arrays[: shape.params.num_leaves], arrays[shape.params.num_leaves :]
-    start, cov, measured, *controls, dt, seen = others
+    start, cov, measured, *controls, dt, visible = others
     local = LocalModel(shape, [leaf[..., None] for leaf in params], given.length + 1)
     # The initial belief is the first sample: nothing moves into it, and nothing is measured.
     lengthened = [jnp.concatenate([v[:1], v]) for v in (measured, dt, *controls)]
     samples = [list(jnp.moveaxis(v, 0, -1)) if v.ndim > 1 else v for v in lengthened]
-    flags = jnp.concatenate([jnp.zeros_like(seen[:1]), seen]).T
+    flags = jnp.concatenate([jnp.zeros_like(visible[:1]), visible]).T
     size, length, inner = shape.sizes[1], given.length + 1, closure(shape, components)
     smoother = LinearSmoother(size, inner, shape.dtype)
 
-    def one(carry: PyTree, _: None) -> tuple[PyTree, None]:
+    def smoothed_again(carry: PyTree, _: None) -> tuple[PyTree, None]:
         at = _moved(shape, *carry[:2])
         elements = _linear(local, at, (start, cov), (samples[0], samples[2:], samples[1], flags))
         return (at, *call(smoother, *elements)), None
@@ -104,12 +104,12 @@ def iterated(
         *[jnp.zeros((length, *(len(inner),) * 2), shape.dtype)] * bool(inner),
     ]
     at = jnp.concatenate([start[None], points])
-    at, delta, *found = (v[1:] for v in lax.scan(one, (at, *zeros), length=count - 1)[0])
+    at, delta, *covs = (v[1:] for v in lax.scan(smoothed_again, (at, *zeros), length=count - 1)[0])
     taken: PyTree = None
     if components:
-        turned = covariances(shape, inner, *(v[..., None] for v in (at, delta, *found)))
+        turned = covariances(shape, inner, *(v[..., None] for v in (at, delta, *covs)))
         taken = selected(turned, inner, components)[..., 0]
-    return _moved(shape, at, delta), taken, told
+    return _moved(shape, at, delta), taken, fields
 
 
 def _moved(shape: Shape, at: PyTree, delta: PyTree) -> PyTree:
@@ -119,7 +119,7 @@ def _moved(shape: Shape, at: PyTree, delta: PyTree) -> PyTree:
 
 def _linear(local: LocalModel, at: PyTree, start: PyTree, samples: PyTree) -> list[PyTree]:
     """A, c, Q, H, e and R of all samples, time in front; `start`: initial mean and covariance."""
-    measured, controls, dt, seen = samples
+    measured, controls, dt, visible = samples
     x = list(at.T)
     before = [jnp.concatenate([v[:1], v[:-1]]) for v in x]
     columns = local.error_moved(before, controls, dt, local.identity())
@@ -134,7 +134,7 @@ def _linear(local: LocalModel, at: PyTree, start: PyTree, samples: PyTree) -> li
     arrived = list(where(first, start[0][:, None], where(finite, came, jnp.stack(before))))
     gap = local.between(arrived, x)
     turned = held(jnp.stack(local.turned(arrived, gap, local.identity())))
-    rows, innovation, spread = local.linearised_observation(x, controls, measured, seen)
+    rows, innovation, spread = local.linearised_observation(x, controls, measured, visible)
     elements = (
         jnp.stack(local.carried(arrived, gap, list(matrix))), -applied(turned, jnp.stack(gap)),
         product_transposed(product(turned, noise), turned), rows, innovation, spread,

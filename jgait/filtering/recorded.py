@@ -76,13 +76,13 @@ class Recorded:
     def lesser(self, used: Sequence[bool]) -> "tuple[Recorded, list[bool]]":
         """The same without the covariances of the smoother, which are half of its work, if these are not used."""
         kept = [True] * len(used)
-        own = {self._told() - 1} if self.components else set()
-        if self.all and own:
+        covs = {self._field_count() - 1} if self.components else set()
+        if self.all and covs:
             first = len(used) - len(self.backward.names)
-            own |= {first + i for i, name in enumerate(self.backward.names) if name in ("cov", "matrix")}
-        if not own or any(used[i] for i in own):
+            covs |= {first + i for i, name in enumerate(self.backward.names) if name in ("cov", "matrix")}
+        if not covs or any(used[i] for i in covs):
             return self, kept
-        return replace(self, components=(), inner=()), [i not in own for i in range(len(used))]
+        return replace(self, components=(), inner=()), [i not in covs for i in range(len(used))]
 
     def filter(self, lanes: int) -> Filter:
         """The filter of recordings with the outputs that the fields, the smoother and the gradient need."""
@@ -100,99 +100,99 @@ class Recorded:
         """The smoother's scan."""
         return Backward(self.inner, self.all)
 
-    def _told(self) -> int:
+    def _field_count(self) -> int:
         return len(self.keep) + self.smooth + bool(self.components)
 
     def part(self, outputs: list[PyTree]) -> list[PyTree]:
         """The outputs without those of the scans."""
-        return outputs if self.all else outputs[: self._told()]
+        return outputs if self.all else outputs[: self._field_count()]
 
     def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
         """The shapes of the outputs without the batch axis."""
         (k, n, m), length = self.shape.sizes, arguments[-1].shape[0]
-        own = {"mean": (k,), "predicted_mean": (k,), "cov": (n, n), "predicted_cov": (n, n), "innovation": (m,),
-               "innovation_stddev": (m,)}  # fmt: skip
-        shapes = [own.get(name, ()) for name in self.keep]
+        sizes = {"mean": (k,), "predicted_mean": (k,), "cov": (n, n), "predicted_cov": (n, n), "innovation": (m,),
+                 "innovation_stddev": (m,)}  # fmt: skip
+        shapes = [sizes.get(name, ()) for name in self.keep]
         shapes += [(k,)] * self.smooth + [(len(self.components),) * 2] * bool(self.components)
         flags = [name == "valid" for name in self.keep] + [False] * (len(shapes) - len(self.keep))
-        told = [
+        outputs = [
             jax.ShapeDtypeStruct((length, *shape), jnp.bool_ if flag else self.shape.dtype)
             for shape, flag in zip(shapes, flags, strict=True)
         ]
         if not self.all:
-            return told
+            return outputs
         own_filter = self.filter(1)
         scans = own_filter.shapes(*arguments)
         if self.smooth:
             like = [jax.ShapeDtypeStruct((length, *[own_filter.width] * 2), self.shape.dtype)]
             scans += self.backward.shapes(*like)
-        return told + scans
+        return outputs + scans
 
     def value(self, *arguments: PyTree) -> list[PyTree]:
         """The outputs, time axis in front and batch behind."""
         count = self._count(arguments)
         scan = self.filter(max(v.shape[-1] for v in arguments))
-        told = dict(zip(scan.keep, scan.value(*arguments, count=count), strict=True))
+        ahead = dict(zip(scan.keep, scan.value(*arguments, count=count), strict=True))
         back: dict[str, PyTree] = {}
         if self.smooth:
-            outputs = self.backward.value(*(told[name] for name in FOR_SMOOTHER), count=count)
+            outputs = self.backward.value(*(ahead[name] for name in FOR_SMOOTHER), count=count)
             back = dict(zip(self.backward.names, outputs, strict=True))
-        told, back = self._lasting(told, back, lambda v: held_on(v, count))
+        ahead, back = self._lasting(ahead, back, lambda v: held_on(v, count))
         if not self.all:
-            return self._fields(told, back, arguments[-1])
+            return self._fields(ahead, back, arguments[-1])
 
-        def one(item: PyTree) -> list[PyTree]:
+        def at_sample(item: PyTree) -> list[PyTree]:
             """The outputs at one sample; in a program with a gradient, a loop is shorter than whole arrays."""
             return [v[0] for v in self._fields(*jax.tree.map(lambda v: v[None], item))]
 
-        used = {name: told[name] for name in self._used()}
-        fields = lax.map(one, (used, back, arguments[-1]))
-        return [*fields, *told.values(), *back.values()]
+        used = {name: ahead[name] for name in self._used()}
+        fields = lax.map(at_sample, (used, back, arguments[-1]))
+        return [*fields, *ahead.values(), *back.values()]
 
     def _count(self, arguments: Sequence[PyTree]) -> PyTree:
         """The number of samples that the scans compute; None for all."""
         return None if self.even else samples_of(*arguments[-2:])
 
-    def _lasting(self, told: dict[str, PyTree], back: dict[str, PyTree], change: Callable[[PyTree], PyTree]) -> PyTree:
+    def _lasting(self, ahead: dict[str, PyTree], back: dict[str, PyTree], change: Callable[[PyTree], PyTree]) -> PyTree:
         """The outputs of the scans, those that are returned and not zero in padding changed."""
         changed = {*LASTING} if self.all else {*LASTING} & self._used()
-        told = {name: change(value) if name in changed else value for name, value in told.items()}
-        return told, {name: change(value) if name == "cov" else value for name, value in back.items()}
+        ahead = {name: change(value) if name in changed else value for name, value in ahead.items()}
+        return ahead, {name: change(value) if name == "cov" else value for name, value in back.items()}
 
-    def _fields(self, told: dict[str, PyTree], back: dict[str, PyTree], flags: PyTree) -> list[PyTree]:
+    def _fields(self, ahead: dict[str, PyTree], back: dict[str, PyTree], flags: PyTree) -> list[PyTree]:
         """The outputs from those of the scans; `flags` (T, m, B): what is measured."""
-        told, back = (cut(part, self.shape.sizes[1]) for part in (told, back))
-        x, delta = told.get("predicted"), told.get("delta")
+        ahead, back = (cut(part, self.shape.sizes[1]) for part in (ahead, back))
+        x, delta = ahead.get("predicted"), ahead.get("delta")
         every = tuple(range(self.shape.sizes[1]))
-        seen = jnp.sum(jnp.where(flags, 1.0, 0.0), axis=1, dtype=self.shape.dtype)
-        found: list[PyTree] = []
+        count = jnp.sum(jnp.where(flags, 1.0, 0.0), axis=1, dtype=self.shape.dtype)
+        fields: list[PyTree] = []
         for name in self.keep:
             match name:
                 case "mean" | "predicted_mean":
                     value = states(self.shape, x, delta)
                     if name == "predicted_mean":  # where nothing was updated, the belief
-                        value = jnp.where(told["valid"][:, None], told["predicted"], value)
+                        value = jnp.where(ahead["valid"][:, None], ahead["predicted"], value)
                 case "cov" | "predicted_cov":
-                    value = covariances(self.shape, every, x, delta, told["cov"])
+                    value = covariances(self.shape, every, x, delta, ahead["cov"])
                     if name == "predicted_cov":
-                        value = jnp.where(told["valid"][:, None, None], told[name], value)
+                        value = jnp.where(ahead["valid"][:, None, None], ahead[name], value)
                 case "innovation_stddev":
-                    positive = told["variance"] > 0.0
-                    value = jnp.where(positive, jnp.sqrt(jnp.where(positive, told["variance"], 1.0)), 0.0)
+                    positive = ahead["variance"] > 0.0
+                    value = jnp.where(positive, jnp.sqrt(jnp.where(positive, ahead["variance"], 1.0)), 0.0)
                 case "count":
-                    value = jnp.where(told["valid"], seen, 0.0)
+                    value = jnp.where(ahead["valid"], count, 0.0)
                 case "log_likelihood":
-                    terms = told["nis"] + told["log_det"] + seen * LOG_2PI
-                    value = jnp.where(told["valid"], -0.5 * terms, 0.0)
+                    terms = ahead["nis"] + ahead["log_det"] + count * LOG_2PI
+                    value = jnp.where(ahead["valid"], -0.5 * terms, 0.0)
                 case _:
-                    value = told[name]
-            found.append(value)
+                    value = ahead[name]
+            fields.append(value)
         if self.smooth:
-            found.append(states(self.shape, x, delta, back["move"]))
+            fields.append(states(self.shape, x, delta, back["move"]))
         if self.components:
             value = covariances(self.shape, self.inner, x, delta, back["cov"], back["move"])
-            found.append(selected(value, self.inner, self.components))
-        return found
+            fields.append(selected(value, self.inner, self.components))
+        return fields
 
     @property
     def reverse(self) -> Reverse | None:
@@ -204,38 +204,38 @@ class Recorded:
     ) -> list[PyTree]:
         """Cotangents of the arguments `moving`: back through the fields, the smoother's scan, and the filter's."""
         scan = self.filter(max(v.shape[-1] for v in arguments))
-        first, names, count = self._told(), scan.keep, self._count(arguments)
+        first, names, count = self._field_count(), scan.keep, self._count(arguments)
         middle = first + len(names)
-        told = dict(zip(names, outputs[first:middle], strict=True))
+        ahead = dict(zip(names, outputs[first:middle], strict=True))
         back = dict(zip(self.backward.names, outputs[middle:], strict=True)) if self.smooth else {}
         given = [i for i in range(first) if cotangents[i] is not None]
-        fixed = {name: value for name, value in told.items() if value.dtype == jnp.bool_}
-        real = {name: value for name, value in told.items() if name not in fixed and name in self._used()}
+        fixed = {name: value for name, value in ahead.items() if value.dtype == jnp.bool_}
+        real = {name: value for name, value in ahead.items() if name not in fixed and name in self._used()}
 
         def pulled(item: PyTree) -> PyTree:
             """The cotangents of the scans' outputs at one sample; a loop is a shorter program than whole arrays."""
-            real, back, fixed, flags, own = jax.tree.map(lambda v: v[None], item)
+            real, back, fixed, flags, fields_ct = jax.tree.map(lambda v: v[None], item)
 
             def fields(real: dict[str, PyTree], back: dict[str, PyTree]) -> list[PyTree]:
-                found = self._fields(real | fixed, back, flags)
-                return [found[i] for i in given]
+                computed = self._fields(real | fixed, back, flags)
+                return [computed[i] for i in given]
 
             shown, pull = jax.vjp(shared(fields, OFTEN), real, back)
-            wide = [jnp.broadcast_to(v, f.shape) for v, f in zip(own, shown, strict=True)]
+            wide = [jnp.broadcast_to(v, f.shape) for v, f in zip(fields_ct, shown, strict=True)]
             return jax.tree.map(lambda v: v[0], shared(pull, OFTEN)(wide))
 
         smoothed = {name: back[name] for name in ("move", "cov") if name in back}
-        own = [cotangents[i] for i in given]
-        told_ct, back_ct = lax.map(pulled, (real, smoothed, fixed, arguments[-1], own))
-        told_ct, back_ct = self._lasting(told_ct, back_ct, lambda v: added_up(v, count))
-        _add(told_ct, names, cotangents[first:middle])
+        fields_ct = [cotangents[i] for i in given]
+        ahead_ct, back_ct = lax.map(pulled, (real, smoothed, fixed, arguments[-1], fields_ct))
+        ahead_ct, back_ct = self._lasting(ahead_ct, back_ct, lambda v: added_up(v, count))
+        _add(ahead_ct, names, cotangents[first:middle])
         if self.smooth:
             _add(back_ct, self.backward.names, cotangents[middle:])
-            parts = [told[name] for name in FOR_SMOOTHER]
+            parts = [ahead[name] for name in FOR_SMOOTHER]
             every = [back_ct.get(name) for name in self.backward.names]
             into = tuple(range(len(parts)))
-            _add(told_ct, FOR_SMOOTHER, self.backward.closed(into, parts, list(back.values()), every, count))
-        return scan.closed(moving, arguments, list(told.values()), [told_ct.get(name) for name in names], count)
+            _add(ahead_ct, FOR_SMOOTHER, self.backward.closed(into, parts, list(back.values()), every, count))
+        return scan.closed(moving, arguments, list(ahead.values()), [ahead_ct.get(name) for name in names], count)
 
     def _used(self) -> set[str]:
         """The outputs of the filter's scan that the fields are computed from."""
@@ -244,8 +244,8 @@ class Recorded:
         )
 
 
-def _add(found: dict[str, PyTree], names: tuple[str, ...], values: list[PyTree]) -> None:
+def _add(sums: dict[str, PyTree], names: tuple[str, ...], values: list[PyTree]) -> None:
     """Add cotangents by name; None is zero."""
     for name, value in zip(names, values, strict=True):
         if value is not None:
-            found[name] = found[name] + value if name in found else value
+            sums[name] = sums[name] + value if name in sums else value

@@ -1,4 +1,4 @@
-r"""Predict and update over components: the computation of `dense` without superfluous operations.
+r"""Predict and update over components, without superfluous operations.
 
 Barriers keep XLA from repeating operations in each loop that uses their results. The field `health` is a float that
 is finite if all numbers are finite: a comparison costs almost nothing, while stored bools would split XLA's vector
@@ -72,7 +72,7 @@ class Transition(NamedTuple):
     health: PyTree  #: finite where the transition was finite.
 
 
-class Told(NamedTuple):
+class Statistics(NamedTuple):
     """Statistics of an update; see `jgait.filtering.Updated`."""
 
     innovation: list[PyTree]
@@ -126,25 +126,25 @@ def predicted(transition: Transition, cov: Matrix) -> Components:
 
 def corrected(
     cm: ComponentModel, prior: Components, sample: Sample, noise: Noise | None
-) -> tuple[Components, Gains, Told]:
+) -> tuple[Components, Gains, Statistics]:
     """The belief after a sample, the gains, and the update's statistics."""
     gained = gains(cm, prior, sample, noise)
     delta = _delta(gained)
     after = Components(
         [plus(a, d) for a, d in zip(prior.mean, delta, strict=True)], updated_covariance(prior.cov, gained, sample.seen)
     )
-    return after, gained, _told(gained, sample.seen, gained.health)
+    return after, gained, _statistics(gained, sample.seen, gained.health)
 
 
 def _delta(g: Gains) -> list[PyTree]:
     return [dot(column, g.white) for column in zip(*g.white_cross, strict=True)]
 
 
-def _told(g: Gains, observed: list[PyTree], health: PyTree) -> Told:
+def _statistics(g: Gains, observed: list[PyTree], health: PyTree) -> Statistics:
     good = sound(health)
     count = total(where(s, 1.0, 0.0) for s in observed)
     nis = dot(g.white, g.white)
-    return Told(
+    return Statistics(
         [where(good, e, 0.0) for e in g.innovation],
         [where(good, lax.sqrt(g.spread[a][a]), 0.0) for a in range(len(observed))],
         where(good, -0.5 * (nis + g.log_det + count * LOG_2PI), 0.0),
