@@ -102,8 +102,8 @@ class Backward:
 
         def body(carry: PyTree, item: PyTree) -> tuple[PyTree, list[PyTree]]:
             l_ct, m_ct = carry  # cotangents of λ and Λ before this sample
-            (cov, closed, rows, g, z), sums, ct = item
-            vector, matrix = sums["vector"], sums.get("matrix")
+            (cov, closed, rows, g, z), later, ct = item
+            vector, matrix = later["vector"], later.get("matrix")
             closed_ct, rows_ct = outer(vector, l_ct), -outer(z, l_ct)
             z_ct, g_ct = -applied(rows, l_ct), jnp.zeros_like(g)
             vector_ct, cov_ct = applied(closed, l_ct), jnp.zeros_like(cov)

@@ -68,10 +68,7 @@ class LocalModel:
         self.curved = shape.model.local is not None
 
     def call(self, function: Callable[..., PyTree], *rows: PyTree, columns: PyTree = None) -> PyTree:
-        """Outputs of a function of (model, values of one recording…) for each recording, and for each column, if given.
-
-        The values have the batch as last axis; the function gives arrays or scalars.
-        """
+        """Outputs of a function of (model, values of one recording…) for each recording, and each column, if given."""
         shape = self.shape
 
         def one(params: list[PyTree], values: Sequence[PyTree], column: PyTree) -> PyTree:

@@ -1,4 +1,7 @@
-"""Smoothing: a filter, then a scan back over the samples, see `jgait.filtering.backward` for the equations."""
+"""Smoothing: a filter, then a scan back over the samples, with the equations and sources in `jgait.filtering.backward`.
+
+On manifolds it equals the Rauch–Tung–Striebel smoother to first order in the smoother's corrections, else exactly.
+"""
 
 from typing import NamedTuple
 

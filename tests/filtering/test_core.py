@@ -68,6 +68,19 @@ def test_matrices_with_more_rows_than_errors_give_the_same():
     same(alone, jax.tree.map(lambda leaf: leaf[:1], together))
 
 
+def test_a_gradient_with_more_rows_than_errors_is_that_of_forward_mode():
+    problem = foot(1, 60, jnp.float64)
+
+    def loss(logs: Any) -> Any:
+        leaves = jax.tree.leaves(smoother(problem, problem.batch, logs))  # means and variances
+        return sum(jnp.sum(jnp.cos(jnp.arange(leaf.size)) * leaf.ravel()) for leaf in leaves)
+
+    gradient = np.asarray(jax.jit(jax.grad(loss))(problem.logs))
+    along = jax.jit(jax.vmap(lambda way: jax.jvp(loss, (problem.logs,), (way,))[1]))(np.eye(gradient.size))
+    np.testing.assert_allclose(gradient, along, rtol=1e-8)
+    assert np.all(gradient[:3] != 0.0)  # the fourth is that of the ground, whose height is not observed here
+
+
 def solved(c: Any, p: Any, observations: Any) -> Any:
     found = smoothed(c._replace(params=p, observations=observations), keep=("mean", "cov", "log_likelihood"))
     return found.mean, found.cov.dense(), found.filtered.mean, found.filtered.log_likelihood
