@@ -119,14 +119,15 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
     """
     _check_options(options)
     feet = {side: foot for side, foot in enumerate((inputs.right, inputs.left)) if foot is not None}
-    every = jax.vmap(lambda foot: _one_foot(p, foot, inputs.time, options))(stacked(*feet.values()))
+    time = jnp.asarray(inputs.time)
+    every = jax.vmap(lambda foot: _one_foot(p, foot, time, options))(stacked(*feet.values()))
     results = [
         _Found(side, *jax.tree.map(lambda leaf, number=number: leaf[number], every)) for number, side in enumerate(feet)
     ]
     path = every[0]
     rows = path.nis.shape[1]
     return _assembled(
-        inputs.time, results, jnp.repeat(jnp.asarray(list(feet), jnp.int32), rows),
+        time, results, jnp.repeat(jnp.asarray(list(feet), jnp.int32), rows),
         *jax.tree.map(lambda leaf: leaf.reshape(-1), (path.strides, path.strides_stddev, path.nis)),
     )  # fmt: skip
 

@@ -19,7 +19,7 @@ SHORTEST = 0.1
 """[m] Smallest length of a stride; a shorter one is a foot that is lifted and set down in place."""
 
 STRAIGHT_FROM = 0.4
-"""[m] Strides of this length and more are used to estimate the forward direction of the foot."""
+"""[m] Strides of this length and more show the forward direction of the foot; all do, if none is as long."""
 
 
 TURN_NOISE = 0.04
@@ -76,7 +76,7 @@ def path_of(p: FootParams, foot: FootSignals, time: Values, inferred: Inferred, 
     way = _at(state.position, there)
     length = root(way.x * way.x + way.y * way.y)
     valid = real & (length > SHORTEST) & foot.whole[:-1]
-    forward = _forward(state.attitude, way, length, here, valid & (length > STRAIGHT_FROM))
+    forward = _forward(state.attitude, way, length, here, valid)
     heading = jnp.arctan2(_first(way.y, valid), _first(way.x, valid))
     nis = nis_between(inferred.filtered.nis, inferred.filtered.count, here, there)
     strides, deviations = _strides(p, foot, time, state, cov, forward, valid, nis)
@@ -199,13 +199,18 @@ def _lift(height: Values, foot: FootSignals, rise: Values) -> Values:
     return highest[1:rows] - jnp.maximum(rise, 0.0)
 
 
-def _forward(attitude: Quaternion, way: Vector, length: Values, here: PyTree, straight: Values) -> Vector:
-    """Forward direction of the foot in sensor axes: mean direction of its strides, at the stance before each stride."""
+def _forward(attitude: Quaternion, way: Vector, length: Values, here: PyTree, valid: Flags) -> Vector:
+    """Forward direction of the foot in sensor axes: mean direction of its strides, at the stance before each stride.
+
+    Without a valid stride it is the sensor's x axis.
+    """
     unit = jnp.maximum(length, SHORTEST)
     ahead = Vector(way.x / unit, way.y / unit, jnp.zeros_like(way.x))
     forward = rotated(conjugate(_at(attitude, here)), ahead)
-    weight = straight.astype(length.dtype)
-    mean = Vector(*(jnp.sum(weight * part) for part in forward))
+    straight = valid & (length > STRAIGHT_FROM)
+    used = jnp.where(jnp.any(straight), straight, valid)
+    mean = Vector(*(jnp.sum(jnp.where(used, part, 0.0)) for part in forward))
+    mean = mean._replace(x=jnp.where(jnp.any(used), mean.x, 1.0))
     norm = jnp.sqrt(mean.x**2 + mean.y**2 + mean.z**2 + 1e-12)
     return Vector(mean.x / norm, mean.y / norm, mean.z / norm)
 

@@ -1,3 +1,4 @@
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -7,14 +8,14 @@ from made.notes import texts
 from made.trunk import rotation, worn
 from scipy.spatial.transform import Rotation
 
-from jgait import estimators
+from jgait import estimators, tune
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import FootOptions, FootParams, readout
 from jgait.estimators.foot_ins import windows as foot_windows
 from jgait.estimators.foot_ins.params import TEXTBOOK
 from jgait.events.rest import rest
 from jgait.geometry.vectors import Vector
-from jgait.types import Imu, Recording, RecordingError
+from jgait.types import Imu, Recording, RecordingError, Walk
 
 STILL = FootParams(pivot_height=0.0, stride_noise=1e-4)
 """For feet that are made to stand quite still, and of which the model knows everything."""
@@ -234,6 +235,27 @@ def test_standing_alone_is_an_empty_table():
     estimate = foot_ins.estimate(STILL, changed(gyr=0.0 * IMU.gyr, acc=np.tile([0.0, 0.0, 9.81], (len(IMU.time), 1))))
     assert estimate.strides.length.size == 0
     np.testing.assert_allclose(estimate.distance, 0.0)
+
+
+def test_strides_of_a_shuffling_foot_have_turns_and_angles():
+    """No stride is long enough to say alone where forward is; they say it together."""
+    long, short = (estimated(foot(strides=6, length=length, turns=0.2)).strides for length in (1.2, 0.25))
+    np.testing.assert_allclose(short.turn, long.turn, atol=0.02)
+    np.testing.assert_allclose(short.contact_angle, long.contact_angle, atol=0.03)
+    assert np.all(long.turn > 0.18)
+    assert np.all(long.contact_angle > 0.05)
+
+
+def test_a_foot_that_only_steps_in_place_has_finite_gradients():
+    walk = Walk(foot(strides=4, length=0.03, mount=rotation()).recording, None, {})
+    lesson = tune.lessons(estimators.get("foot_ins"), [walk], reference=False).one(0)
+    assert not np.any(foot_ins.run(STILL, lesson.inputs).strides.valid)
+
+    def total(p):
+        estimate = foot_ins.run(p, lesson.inputs)
+        return jnp.sum(estimate.strides.length + estimate.strides_stddev.length) + jnp.nansum(estimate.strides.turn)
+
+    assert np.all(np.isfinite(jax.tree.leaves(jax.grad(total)(STILL))))
 
 
 def test_rest_weighs_windows_by_their_length():
