@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from jgait import simulate
-from jgait.simulate import Person
+from jgait.simulate import Gait, Person
 from jgait.types import Imu, Recording
 
 RATE = 50.0
@@ -25,10 +25,12 @@ class Made(NamedTuple):
     length: np.ndarray
 
 
-def walk(turn: float = 0.0, steps: int = 16, quiet: float = 3.0, placement: str = "waist") -> Made:
-    """Standing [s], steps and the one that closes up, standing; after 5 m the walk turns [rad]."""
-    person = Person()
-    person = person._replace(gait=person.gait._replace(steps=float(steps), quiet_before=quiet))
+def walk(
+    turn: float = 0.0, steps: int = 16, quiet: float = 3.0, placement: str = "waist", speed: float | None = None
+) -> Made:
+    """Standing [s], steps and the one that closes up, standing; after 5 m the walk turns [rad]; None: a usual speed."""
+    gait = Gait() if speed is None else simulate.gait(speed=speed, stature=1.75)
+    person = Person(gait=gait._replace(steps=float(steps), quiet_before=quiet))
     along = simulate.route({"length": 5.0}, {"length": 1.5, "turn": turn}, {"length": 20.0})
     recording, truth = simulate.recording(jax.random.key(1), person, along, rate=RATE, placements=(placement,))
     strides = truth.strides

@@ -14,7 +14,7 @@ from jgait.estimators.waist import steps as waist_steps
 from jgait.estimators.waist.about import ABOUT, SIDE_KNOWN
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.motion import TrunkMotion
-from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL
+from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, SLOWER_THAN_TRIED
 from jgait.estimators.waist.params import (
     DEFAULT,
     PAPER,
@@ -174,13 +174,24 @@ DOUBTFUL = 0.25
 """[1] Threshold on the distance's standard deviation over the distance; above it a note reports a useless distance."""
 
 
+TRIED = 0.85
+"""[m/s] Slowest walk of the set on which the lengths were learned, by its median stride (36 walks of `ipol_gait`)."""
+
+
 def _doubts(result: Estimate, options: WaistOptions) -> tuple[Note, ...]:
-    """A note if the distance is unreliable (see `DOUBTFUL`)."""
-    way, spread = float(result.distance[-1]), float(result.diagnostics["distance_stddev"][-1])
-    if not np.any(result.strides.valid) or (spread <= DOUBTFUL * abs(way) and way > 0.0):
+    """Notes if the distance is unreliable (see `DOUBTFUL`), or the walk slower than those of the reference."""
+    strides = result.strides
+    if not np.any(strides.valid):
         return ()
-    of = "" if options.distance == "fused" else f' (distance="{options.distance}")'
-    return (DISTANCE_DOUBTFUL(option=of, distance_m=way, within_m=2.0 * spread),)
+    notes: list[Note] = []
+    way, spread = float(result.distance[-1]), float(result.diagnostics["distance_stddev"][-1])
+    if not spread <= DOUBTFUL * abs(way) or way <= 0.0:
+        of = "" if options.distance == "fused" else f' (distance="{options.distance}")'
+        notes.append(DISTANCE_DOUBTFUL(option=of, distance_m=way, within_m=2.0 * spread))
+    speed = float(np.median(np.asarray(strides.speed)[np.asarray(strides.valid)]))
+    if 0.0 < speed < TRIED:
+        notes.append(SLOWER_THAN_TRIED(speed=speed, tried=TRIED))
+    return tuple(notes)
 
 
 def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:

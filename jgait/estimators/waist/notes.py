@@ -45,6 +45,21 @@ BOUT_WITHOUT_STANDING = Kind(
     "The speed at its beginning is not known. Contacts are detected all the same.",
 )
 
+NO_TRUNK_STEPS = Kind(
+    "no_trunk_steps",
+    "stop",
+    "no steps were found: {placement} does not walk, or too slowly for a sensor on the trunk",
+    f"{NO_WALKING} Below some 0.5 m/s the trunk moves too little; sensors on feet or shanks see slow steps.",
+)
+
+SLOWER_THAN_TRIED = Kind(
+    "slower_than_tried",
+    "check",
+    "a speed of {speed:.2f} m/s is below those with which lengths and distance were tried, {tried:.2f} m/s and more",
+    "Slow walks with a reference were not at hand. Lengths and distance may be too long by much more than their "
+    "deviations say.",
+)
+
 DISTANCE_DOUBTFUL = Kind(
     "distance_doubtful",
     "stop",

@@ -10,13 +10,19 @@ from jaxtyping import PyTree
 from jgait.estimators.axes import pad
 from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
 from jgait.estimators.interface import Prepared
-from jgait.estimators.notes import FORWARD_UNSURE, LONGEST_LOSS, NO_STEPS
+from jgait.estimators.notes import FORWARD_UNSURE, LONGEST_LOSS
 from jgait.estimators.programs import bucket, compiled
 from jgait.estimators.waist import bouts as waist_bouts
 from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist.inputs import PER_NODE, WaistInputs, capacity
 from jgait.estimators.waist.motion import TrunkMotion
-from jgait.estimators.waist.notes import AXES_CORRECTED, GYROSCOPE_REVERSED, SAMPLES_LOST, STRIDES_IN_LOSS
+from jgait.estimators.waist.notes import (
+    AXES_CORRECTED,
+    GYROSCOPE_REVERSED,
+    NO_TRUNK_STEPS,
+    SAMPLES_LOST,
+    STRIDES_IN_LOSS,
+)
 from jgait.estimators.waist.params import DEFAULT, DETECTORS, SITES, WaistOptions, WaistParams, check_options
 from jgait.events import shank as shank_events
 from jgait.events import trunk as trunk_events
@@ -85,7 +91,7 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
         up = as_float(whole.acc).mean(axis=0)
         axes = TrunkAxes(_any_axes(up / np.linalg.norm(up)), 0.0, 0.0)
         nobody = _assembled(whole, axes, time, mask, rate, TrunkRest.none(len(time)), NO_NODES)
-        return Prepared(nobody, options, (*notes, NO_STEPS(placement=name)), None)
+        return Prepared(nobody, options, (*notes, NO_TRUNK_STEPS(placement=name)), None)
     notes.append(AXES_CORRECTED(placement=name, **trunk_axes.worn(axes)))
     if not axes.sure:
         notes.append(FORWARD_UNSURE(placement=name))

@@ -155,7 +155,15 @@ def test_who_does_not_walk_has_an_empty_table():
     assert estimate.strides.length.size == estimate.strides_stddev.length.size == 0
     assert estimate.diagnostics["initial_contact"].size == 0
     np.testing.assert_array_equal(estimate.distance, 0.0)
-    assert "waist does not walk" in notes(estimate)
+    assert "no steps were found: waist does not walk, or too slowly" in notes(estimate)
+
+
+def test_a_walk_slower_than_those_of_the_reference_is_noted(straight):
+    made = walk(speed=0.5)
+    slow = estimated(made.recording)
+    assert slow.distance[-1] > 1.1 * made.distance
+    assert "is below those with which lengths and distance were tried, 0.85 m/s and more" in notes(slow)
+    assert "were tried" not in notes(straight[1])
 
 
 def test_lost_samples_are_noted_and_hardly_change_the_distance(straight):
