@@ -2,6 +2,14 @@
 
 from jgait.notes import LEFT_OUT, LOSSES, WRONG_PLACE, Kind
 
+THIGH_UNSURE = Kind(
+    "thigh_forward_unsure",
+    "check",
+    "{placement}: it is not sure which way is forward: it does not swing before the shank as in walking",
+    "If the thigh's forward is taken for backward, the angles of hip and knee are wrong. A longer straight walk with "
+    "whole strides settles it.",
+)
+
 SEGMENTS_SWAPPED = Kind(
     "segments_swapped",
     "check",

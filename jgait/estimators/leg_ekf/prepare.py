@@ -15,7 +15,7 @@ from jgait.estimators.ankle_stride.prepare import prepare as prepare_shanks
 from jgait.estimators.checks import common_time, sensors_of
 from jgait.estimators.interface import Prepared
 from jgait.estimators.leg_ekf.inputs import SHORT_GAP, LegInputs, LegSignals, Segment
-from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED, ONE_LEG, SEGMENT_ALONE, SEGMENTS_SWAPPED
+from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED, ONE_LEG, SEGMENT_ALONE, SEGMENTS_SWAPPED, THIGH_UNSURE
 from jgait.estimators.notes import NO_ACCELEROMETER, NO_FIRST_STANDING
 from jgait.events.rest import standing_of_legs
 from jgait.geometry.vectors import GRAVITY
@@ -142,7 +142,8 @@ def mounted(
         variance = np.maximum(np.var((as_float(imu.gyr) @ axes.T)[standing, 1]), SMALLEST_VARIANCE)
         bias = axes @ worn.gyr_bias[segment]
         segments[segment] = SegmentMounting(worn.placements[segment], axes, scale, bias, variance)
-    return segments, [SEGMENTS_SWAPPED(side=side)] if worn.swapped else []
+    notes = [SEGMENTS_SWAPPED(side=side)] if worn.swapped else []
+    return segments, notes if worn.sure else [*notes, THIGH_UNSURE(placement=worn.placements["thigh"])]
 
 
 def orient(
