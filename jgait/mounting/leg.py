@@ -24,7 +24,7 @@ SWAPPED = 1.25
 THIGH_LEAD = 0.145
 """[1] Share of a stride by which the forward swing of the thigh precedes that of the shank: with it, the correlation of
 the rates is .3 to .9 on all 36 legs of `walking5m`, and .4 to .7 in simulated walks of 0.2 to 1.7 m/s. With a lead in
-seconds the sign turns in slow walks."""
+seconds alone the sign turns in slow walks."""
 
 LEAST_CORRELATION = 0.15
 """[1] Correlation of both rates below which it is not certain which way is forward for the thigh."""
@@ -82,6 +82,12 @@ def stride_time(rate: np.ndarray, sampling_rate_hz: float) -> float:
     return float(first + top[0]) / sampling_rate_hz if top.size else USUAL_STRIDE_TIME
 
 
+def _correlation(values: np.ndarray, later: np.ndarray, lag: int) -> float:
+    """Correlation about zero of values (T,) with others (T,) that come `lag` samples later."""
+    a, b = values[: values.size - lag], later[lag:]
+    return float(np.sum(a * b)) / max(float(np.sum(a**2) * np.sum(b**2)), 1e-12) ** 0.5
+
+
 def sagittal_axis(
     gyr: np.ndarray, up: np.ndarray | None, still: np.ndarray, sampling_rate_hz: float, *, perpendicular: bool
 ) -> np.ndarray:
@@ -137,7 +143,8 @@ def leg_mounting(
     """The axes of thigh and shank in the axes of their sensors; swapped sensors are exchanged.
 
     The forward swing of a shank is faster than its backward rotation, which gives the sign of its sagittal axis; the
-    thigh swings forward `THIGH_LEAD` of a stride before the shank, which gives the sign for the thigh.
+    thigh swings forward `THIGH_LEAD` of a stride before the shank, which gives the sign for the thigh: the correlation
+    at the lead of this stride time or of a usual one, the stronger of the two.
 
     Args:
         sensors: with `thigh_SIDE` and `shank_SIDE`.
@@ -171,10 +178,10 @@ def leg_mounting(
         turning = {"thigh": turning["shank"], "shank": turning["thigh"]}
     shank, thigh = turning["shank"], turning["thigh"]
     sign = float(np.sign(np.sum(shank.swing**3)) or 1.0)
-    lead = round(THIGH_LEAD * stride_time(shank.swing, sampling_rate_hz) * sampling_rate_hz)
-    before, after = thigh.swing[: len(still) - lead], shank.swing[lead:]
-    power = float(np.sum(before**2) * np.sum(after**2))
-    together = float(np.sum(before * after)) * sign / max(power, 1e-12) ** 0.5
+    # a gyroscope that sleeps half of the time shows every second or third stride alone: then the usual time fits better
+    times = (USUAL_STRIDE_TIME, stride_time(shank.swing, sampling_rate_hz))
+    leads = [round(THIGH_LEAD * time * sampling_rate_hz) for time in times]
+    together = sign * max((_correlation(thigh.swing, shank.swing, lead) for lead in leads), key=abs)
     signs = {"shank": sign, "thigh": float(np.sign(together) or 1.0)}
     rows = {segment: segment_axes(signs[segment] * each.axis, each.up) for segment, each in turning.items()}
     bias = {segment: each.bias for segment, each in turning.items()}

@@ -14,7 +14,7 @@ from jgait.estimators.waist import steps as waist_steps
 from jgait.estimators.waist.about import ABOUT, SIDE_KNOWN
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.motion import TrunkMotion
-from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, SLOWER_THAN_TRIED
+from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, OUTSIDE_TRIED
 from jgait.estimators.waist.params import (
     DEFAULT,
     PAPER,
@@ -174,12 +174,12 @@ DOUBTFUL = 0.25
 """[1] Threshold on the distance's standard deviation over the distance; above it a note reports a useless distance."""
 
 
-TRIED = 0.85
-"""[m/s] Slowest walk of the set on which the lengths were learned, by its median stride (36 walks of `ipol_gait`)."""
+SHORTEST, SLOWEST = 1.05, 0.85
+"""[m], [m/s] Least median length and speed of strides on which the pendulum was learned (36 walks of `ipol_gait`)."""
 
 
 def _doubts(result: Estimate, options: WaistOptions) -> tuple[Note, ...]:
-    """Notes if the distance is unreliable (see `DOUBTFUL`), or the walk slower than those of the reference."""
+    """Notes if the distance is unreliable (see `DOUBTFUL`), or the strides unlike those of the reference."""
     strides = result.strides
     if not np.any(strides.valid):
         return ()
@@ -188,9 +188,10 @@ def _doubts(result: Estimate, options: WaistOptions) -> tuple[Note, ...]:
     if not spread <= DOUBTFUL * abs(way) or way <= 0.0:
         of = "" if options.distance == "fused" else f' (distance="{options.distance}")'
         notes.append(DISTANCE_DOUBTFUL(option=of, distance_m=way, within_m=2.0 * spread))
-    speed = float(np.median(np.asarray(strides.speed)[np.asarray(strides.valid)]))
-    if 0.0 < speed < TRIED:
-        notes.append(SLOWER_THAN_TRIED(speed=speed, tried=TRIED))
+    kept = np.asarray(strides.valid)
+    length, speed = (float(np.median(np.asarray(values)[kept])) for values in (strides.length, strides.speed))
+    if options.distance in ("fused", "pendulum") and (length < SHORTEST or speed < SLOWEST):
+        notes.append(OUTSIDE_TRIED(length_m=length, speed=speed, least_m=SHORTEST, slowest=SLOWEST))
     return tuple(notes)
 
 

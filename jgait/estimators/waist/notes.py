@@ -52,12 +52,13 @@ NO_TRUNK_STEPS = Kind(
     f"{NO_WALKING} Below some 0.5 m/s the trunk moves too little; sensors on feet or shanks see slow steps.",
 )
 
-SLOWER_THAN_TRIED = Kind(
-    "slower_than_tried",
+OUTSIDE_TRIED = Kind(
+    "outside_tried",
     "check",
-    "a speed of {speed:.2f} m/s is below those with which lengths and distance were tried, {tried:.2f} m/s and more",
-    "Slow walks with a reference were not at hand. Lengths and distance may be too long by much more than their "
-    "deviations say.",
+    "strides of {length_m:.2f} m at {speed:.2f} m/s are shorter or slower than all on which lengths and distance were "
+    "tried, {least_m:.2f} m and {slowest:.2f} m/s and more",
+    "Shuffling and slow walks with a reference were not at hand. Lengths and distance may be too long by much more "
+    "than their deviations say.",
 )
 
 DISTANCE_DOUBTFUL = Kind(
