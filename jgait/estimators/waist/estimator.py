@@ -14,7 +14,7 @@ from jgait.estimators.waist import steps as waist_steps
 from jgait.estimators.waist.about import ABOUT, SIDE_KNOWN
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.motion import TrunkMotion
-from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, OUTSIDE_TRIED
+from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, SHORT_OR_SLOW
 from jgait.estimators.waist.params import (
     DEFAULT,
     PAPER,
@@ -175,11 +175,12 @@ DOUBTFUL = 0.25
 
 
 SHORTEST, SLOWEST = 1.05, 0.85
-"""[m], [m/s] Least median length and speed of strides on which the pendulum was learned (36 walks of `ipol_gait`)."""
+"""[m], [m/s] Limits below the strides from which the pendulum was learned: the medians of 36 walks of `ipol_gait`, as
+this estimator gives them, are 1.06 to 1.59 m and 0.87 to 1.57 m/s."""
 
 
 def _doubts(result: Estimate, options: WaistOptions) -> tuple[Note, ...]:
-    """Notes if the distance is unreliable (see `DOUBTFUL`), or the strides unlike those of the reference."""
+    """Notes if the distance is unreliable (see `DOUBTFUL`), or strides are below `SHORTEST` or `SLOWEST`."""
     strides = result.strides
     if not np.any(strides.valid):
         return ()
@@ -191,7 +192,7 @@ def _doubts(result: Estimate, options: WaistOptions) -> tuple[Note, ...]:
     kept = np.asarray(strides.valid)
     length, speed = (float(np.median(np.asarray(values)[kept])) for values in (strides.length, strides.speed))
     if options.distance in ("fused", "pendulum") and (length < SHORTEST or speed < SLOWEST):
-        notes.append(OUTSIDE_TRIED(length_m=length, speed=speed, least_m=SHORTEST, slowest=SLOWEST))
+        notes.append(SHORT_OR_SLOW(length_m=length, speed=speed, least_m=SHORTEST, slowest=SLOWEST))
     return tuple(notes)
 
 

@@ -52,13 +52,13 @@ NO_TRUNK_STEPS = Kind(
     f"{NO_WALKING} Below some 0.5 m/s the trunk moves too little; sensors on feet or shanks see slow steps.",
 )
 
-OUTSIDE_TRIED = Kind(
-    "outside_tried",
+SHORT_OR_SLOW = Kind(
+    "short_or_slow_strides",
     "check",
-    "strides of {length_m:.2f} m at {speed:.2f} m/s are shorter or slower than all on which lengths and distance were "
-    "tried, {least_m:.2f} m and {slowest:.2f} m/s and more",
-    "Shuffling and slow walks with a reference were not at hand. Lengths and distance may be too long by much more "
-    "than their deviations say.",
+    "strides of {length_m:.2f} m at {speed:.2f} m/s are shorter or slower than those from which step lengths were "
+    "learned, {least_m:.2f} m and {slowest:.2f} m/s and more",
+    "Step lengths were learned from usual walking. In shuffling, slow or limping walks, lengths and distance may be "
+    "wrong by much more than their deviations say.",
 )
 
 DISTANCE_DOUBTFUL = Kind(

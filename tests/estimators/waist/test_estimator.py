@@ -158,11 +158,11 @@ def test_who_does_not_walk_has_an_empty_table():
     assert "no steps were found: waist does not walk, or too slowly" in notes(estimate)
 
 
-def test_a_walk_slower_than_those_of_the_reference_is_noted(straight):
+def test_a_walk_slower_than_those_learned_from_is_noted(straight):
     slow = estimated(walk(speed=0.5).recording)
     assert slow.strides.valid.sum() >= 14
-    assert "are shorter or slower than all on which lengths and distance were tried, 1.05 m and 0.85 m/s" in notes(slow)
-    assert "were tried" not in notes(straight[1])
+    assert "are shorter or slower than those from which step lengths were learned, 1.05 m and 0.85 m/s" in notes(slow)
+    assert "were learned" not in notes(straight[1])
 
 
 def test_lost_samples_are_noted_and_hardly_change_the_distance(straight):
