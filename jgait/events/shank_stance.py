@@ -10,13 +10,18 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Shaped
 
+from jgait.signal.windows import true_runs
 from jgait.types import AnyArray, as_float
 
 EARLIEST, LATEST = 0.12, 0.85
 """[1] Limits of the valley, as shares of the time between two swings: between the peaks of landing and push-off."""
 
 PAUSE_S = 1.5
-"""[s] A longer time between two swings is a pause."""
+"""[s] A longer time between two swings is a pause, if the shank rests in it."""
+
+RESTS_S, RESTS_BELOW = 0.5, 0.1
+"""[s], [rad/s] Shortest time for which a shank rests in a pause, and the rate below which it rests; over the foot of a
+very slow step it keeps turning."""
 
 NEAR_S, FAR_S = 0.1, 0.9
 """[s] Shortest and longest time between a swing and the still sample of standing."""
@@ -69,7 +74,7 @@ def stances(
     for k in range(n + 1):
         low = last[k - 1] if k > 0 else None
         high = first[k] if k < n else None
-        if low is not None and high is not None and high - low <= PAUSE_S * sampling_rate_hz:
+        if low is not None and high is not None and not _pauses(norm[low:high], sampling_rate_hz):
             span = high - low
             a, b = low + int(EARLIEST * span), high - int((1.0 - LATEST) * span)
             after[k - 1] = before[k] = _valley(x, norm, a, max(b, a + 1))
@@ -83,9 +88,19 @@ def stances(
     return ShankStances(before, after, standing)
 
 
+def _pauses(norm: np.ndarray, rate_hz: float) -> bool:
+    """Whether the time between two swings, with this norm of the rate, is a pause."""
+    if len(norm) <= PAUSE_S * rate_hz:
+        return False
+    return any(stop - start >= RESTS_S * rate_hz for start, stop in true_runs(norm < RESTS_BELOW))
+
+
 def _valley(x: np.ndarray, norm: np.ndarray, first: int, last: int) -> int:
     """The sample of the valley of the sagittal rate, or of the norm of the rate in a turn that hides the valley."""
     at = first + int(np.argmin(x[first:last]))
+    if at == first:  # the shank still swings down: the valley comes after the peak of landing
+        first += int(np.argmax(x[first : first + max(1, (last - first) // 2)]))
+        at = first + int(np.argmin(x[first:last]))
     return at if norm[at] <= RESTS else first + int(np.argmin(norm[first:last]))
 
 

@@ -183,6 +183,25 @@ def test_a_swing_in_which_the_sagittal_rate_is_least_is_no_stance():
     assert stood.end[0] == stood.begin[1] == at[0]
 
 
+def test_the_valley_comes_after_the_peak_of_landing():
+    time = np.arange(0.0, 3.0, 1.0 / RATE)
+    rate = 2.0 - np.abs(time - 1.15) - 1.5 * np.exp(-(((time - 1.45) / 0.08) ** 2))
+    rate[time < 1.1] -= 2.0  # still swings down
+    start, end = (np.rint(RATE * np.array(at)).astype(int) for at in ([0.6, 1.9], [0.9, 2.2]))
+    stood = shank_stance.stances(rate, np.abs(rate), start, end, RATE)
+    assert stood.end[0] == stood.begin[1] == pytest.approx(1.45 * RATE, abs=2)
+
+
+@pytest.mark.parametrize(("turns", "pauses"), [(0.2, False), (0.02, True)])
+def test_a_pause_is_a_long_stance_in_which_the_shank_rests(turns, pauses):
+    time = np.arange(0.0, 5.0, 1.0 / RATE)
+    rate = turns + 0.1 * np.abs(time - 1.8)  # [rad/s]
+    start, end = (np.rint(RATE * np.array(at)).astype(int) for at in ([0.6, 3.2], [1.0, 3.6]))
+    stood = shank_stance.stances(rate, np.abs(rate), start, end, RATE)
+    assert stood.standing[0, 1] == stood.standing[1, 0] == pauses
+    assert (stood.end[0] < stood.begin[1]) == pauses
+
+
 def test_stances_lie_between_swings_and_in_standing():
     told = swings(sagittal(TIME), RATE)
     start, end = (np.rint(np.asarray(v)[np.asarray(told.stride)] * RATE) for v in (told.start, told.end))

@@ -15,3 +15,12 @@ NEVER_STANDS = Kind(
     "{placement} never stands still for half a second: its gyroscope's bias is left to the filter",
     FEW_RESTS,
 )
+
+SWINGS_SMALL = Kind(
+    "swings_too_small",
+    "check",
+    "{placement}: {swings} {swings:swing is|swings are} too slow or too small to be counted, beside {strides} "
+    "{strides:stride|strides}",
+    "Strides and distance lack steps if the person took very short or very slow steps there. A sensor on the foot "
+    "measures such steps.",
+)

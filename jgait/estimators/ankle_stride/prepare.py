@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from jgait.estimators.ankle_stride.inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
-from jgait.estimators.ankle_stride.notes import NEVER_STANDS, SWINGS_EVEN
+from jgait.estimators.ankle_stride.notes import NEVER_STANDS, SWINGS_EVEN, SWINGS_SMALL
 from jgait.estimators.ankle_stride.params import DEFAULT, AnkleOptions, check_options
 from jgait.estimators.axes import Axis
 from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
@@ -49,6 +49,13 @@ CLIPS_FOR = 3
 """[samples] Lower limit on the number of equal largest readings in a row that count as clipped."""
 
 LEAST_SECONDS = 1.0
+
+SMALL = shank_events.LOBES._replace(threshold=np.deg2rad(20.0), least_angle=np.deg2rad(10.0))
+"""Slower and smaller swings than those of strides. Of 42 legs of `walking5m`, `tripod` and `neura_sparse` none has more
+than one that is not counted as a stride; wiggles in very slow stances turn the shank by less."""
+
+MANY_SMALL = 0.1
+"""[1] Number of small swings over that of strides above which a note names them, if there is more than one."""
 
 
 def placement_of(recording: Recording, side: str, site: str = "auto") -> str | None:
@@ -117,21 +124,29 @@ def _gentle(values: Values, rate_hz: float) -> np.ndarray:
     return np.asarray(slow)[: len(values)]
 
 
-def swings_of(imu: Imu, axes: Axes, rate_hz: float, detector: str) -> tuple[np.ndarray, np.ndarray]:
-    """Begin and end of each swing, in samples and parts of them; each swing ends before the next swing begins."""
+def swings_of(imu: Imu, axes: Axes, rate_hz: float, detector: str) -> tuple[np.ndarray, np.ndarray, int]:
+    """Begin and end of each swing, in samples and parts of them, and the number of swings too small to be strides.
+
+    Each swing ends before the next swing begins.
+    """
     rate, count = as_float(imu.gyr) @ axes.rows[1], len(imu.time)
     settings = {"machine": shank_events.MACHINE, "paper": shank_events.PAPER}
     if detector == "swings":
-        swing_events = compiled(shank_events.swings)(_padded(rate), sampling_rate_hz=rate_hz)
+        swing_events = compiled(shank_events.swings)(_padded(rate), sampling_rate_hz=rate_hz, d=SMALL)
     else:
         swing_events = compiled(shank_events.phases)(_padded(rate), sampling_rate_hz=rate_hz, d=settings[detector])
     there = np.flatnonzero(np.asarray(swing_events.stride)[:count])
+    small = np.zeros(len(there), bool)
+    if detector == "swings":
+        peak, angle = (np.asarray(v)[there] for v in (swing_events.peak, swing_events.angle))
+        small = ~((peak > shank_events.LOBES.threshold) & (angle > shank_events.LOBES.least_angle))
+    there = there[~small]
     start, end = (
         np.clip(np.asarray(v)[there] * rate_hz, 0.0, count - 1.0) for v in (swing_events.start, swing_events.end)
     )
     start = np.maximum(start, np.concatenate([[0.0], end[:-1] + 1.0])[: len(end)])
     kept = np.rint(end) > np.rint(start)
-    return start[kept], end[kept]
+    return start[kept], end[kept], int(small.sum())
 
 
 def _leg(
@@ -161,7 +176,9 @@ def _leg(
         notes.append(NO_STEPS(placement=name))
         axes = Axes(np.eye(3), 0.0)
     else:
-        start, end = swings_of(at_rest, axes, rate_hz, options.detector)
+        start, end, small = swings_of(at_rest, axes, rate_hz, options.detector)
+        if small > max(1, MANY_SMALL * len(start)):
+            notes.append(SWINGS_SMALL(placement=name, swings=small, strides=len(start)))
         if abs(axes.asymmetry) < shank_axes.LEAST_ASYMMETRY:
             notes.append(SWINGS_EVEN(placement=name))
     slow = _gentle(at_rest.gyr, rate_hz)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.estimators.ankle_stride.notes import SWINGS_SMALL
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import CONSISTENT, combined, correlation
 from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED
@@ -13,6 +14,7 @@ from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, impossible
 from jgait.estimators.proportions import SHARE_SD, SHARES
 from jgait.estimators.sides import of_turns
+from jgait.estimators.waist.notes import SHORT_OR_SLOW
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, Recording, as_float
@@ -28,6 +30,9 @@ DISTANCE_OF_ONE_SIDE = Kind(
     "distance_of_one_side", "corrected", "distance by {source}: only the {side} side counts, because the sensor of the "
     "other side is in doubt or lost samples", LEFT_OUT,
 )  # fmt: skip
+
+LACKING = (SPEED_IMPLAUSIBLE.code, SWINGS_SMALL.code, SHORT_OR_SLOW.code)
+"""Codes of an estimator's notes by which its distance is in doubt."""
 
 LEG_DISTANCE_SD = 0.06
 """[1] Standard deviation of the distance of `leg_ekf` over the distance, with measured segments and without a scale
@@ -108,7 +113,7 @@ def distances(
         else:
             scale = 1.0
             unknown = float(np.mean([one.unknown for one in sides])) if sides else _not_measured(source, recording)
-            doubtful = bool(doubted.intersection(source.placements)) or _too_fast(source)
+            doubtful = bool(doubted.intersection(source.placements)) or _lacking(source)
         if total > 0.0 and sd > 0.0:
             way = scale * as_float(estimate.distance)
             spread = float(np.hypot(scale * sd, unknown))
@@ -122,8 +127,9 @@ def _stopped(source: SourceEstimate) -> frozenset[str]:
     return frozenset(name for note in stops for name in source.placements if note.values.get("placement", name) == name)
 
 
-def _too_fast(source: SourceEstimate) -> bool:
-    return any(note.code == SPEED_IMPLAUSIBLE.code for note in source.estimate.diagnostics["notes"])
+def _lacking(source: SourceEstimate) -> bool:
+    """Whether a source's own notes say that steps are missing, or measured beyond what it can measure."""
+    return any(note.code in LACKING for note in source.estimate.diagnostics["notes"])
 
 
 def _best(sides: list[_Side]) -> list[_Side]:

@@ -19,6 +19,7 @@ from jgait.estimators.leg_ekf.notes import SHANKS_APART
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_side, with_body
 from jgait.estimators.leg_ekf.prepare import SHANKS, prepare
 from jgait.estimators.sides import stacked
+from jgait.estimators.trust import INCONSISTENT
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.vectors import vector
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values
@@ -197,6 +198,8 @@ def walked(p: LegParams, legs: Legs, inputs: LegInputs, options: LegOptions) -> 
         lengths = jnp.where(shanks.strides.valid, shanks.strides.length, 0.0)
         for side, name in enumerate(SIDES):
             diagnostics[f"shank_distance_{name}"] = jnp.sum(jnp.where(shanks.strides.side == side, lengths, 0.0))
+            if f"nis_{name}" in shanks.diagnostics:
+                diagnostics[f"shank_nis_{name}"] = shanks.diagnostics[f"nis_{name}"]
     return p.distance_scale * way, {"distance_stddev": p.distance_scale * spread, **diagnostics}
 
 
@@ -206,8 +209,8 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
 
     Returns:
         Angles, foot position and distance with standard deviations; `diagnostics` holds the distance's, (T,)
-        `distance_stddev` [m], and the log-likelihood of the innovations and the mean normalised innovation squared of
-        each leg.
+        `distance_stddev` [m], the log-likelihood of the innovations and the mean normalised innovation squared of each
+        leg, and of each shank's strapdown the latter and the sum of its strides [m].
     """
     worn = [(side, leg) for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None]
     both = stacked(*((one_side(p, side), leg) for side, leg in worn))
@@ -248,14 +251,17 @@ def _one_leg(worn: tuple[LegParams, LegSignals], inputs: LegInputs, options: Leg
 
 
 def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:
-    """The estimate with a note if both shanks walk different distances."""
-    if made.inputs.right is None or made.inputs.left is None or "shank_distance_right" not in result.diagnostics:
-        return result
-    right, left = (float(result.diagnostics[f"shank_distance_{side}"]) for side in SIDES)
-    if abs(right - left) <= max(STEPS_APART, APART * max(right, left)):
-        return result
-    notes = (*result.diagnostics.get("notes", ()), SHANKS_APART(right=right, left=left))
-    return result._replace(diagnostics={**result.diagnostics, "notes": notes})
+    """The estimate with notes if the stances of a shank, or the distances of both shanks, contradict each other."""
+    found, limit = result.diagnostics, ankle_stride.LARGEST_MEAN_NIS
+    notes = [
+        INCONSISTENT(placement=f"shank_{side}", nis=found[f"shank_nis_{side}"], limit=limit)
+        for side in SIDES if float(found.get(f"shank_nis_{side}", 0.0)) > limit
+    ]  # fmt: skip
+    if made.inputs.right is not None and made.inputs.left is not None and "shank_distance_right" in found:
+        right, left = (float(found[f"shank_distance_{side}"]) for side in SIDES)
+        if abs(right - left) > max(STEPS_APART, APART * max(right, left)):
+            notes.append(SHANKS_APART(right=right, left=left))
+    return result._replace(diagnostics={**found, "notes": (*found.get("notes", ()), *notes)}) if notes else result
 
 
 def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.estimators.ankle_stride.inputs import AnkleInputs
+from jgait.estimators.ankle_stride.notes import SWINGS_SMALL
 from jgait.estimators.ankle_stride.params import AnkleOptions
 from jgait.estimators.ankle_stride.prepare import prepare as prepare_shanks
 from jgait.estimators.checks import common_time, sensors_of
@@ -202,14 +203,17 @@ SHANKS = AnkleOptions(site="shank")
 """Options of the strapdown of the shanks' sensors."""
 
 
-def shanks_of(recording: Recording, sides: tuple[str, ...]) -> AnkleInputs | None:
-    """The inputs of the strapdown; None without accelerometers, or if the sampling rate does not suit."""
+def shanks_of(recording: Recording, sides: tuple[str, ...]) -> tuple[AnkleInputs | None, list[Note]]:
+    """The inputs of the strapdown, and notes about steps that it lacks; None without accelerometers, or if the sampling
+    rate does not suit.
+    """
     placements = [f"{segment}_{side}" for segment in ("thigh", "shank") for side in sides]
     shanks = recording._replace(sensors={name: recording.sensors[name] for name in placements})
     try:
-        return prepare_shanks(shanks, SHANKS).inputs
+        made = prepare_shanks(shanks, SHANKS)
     except RecordingError:
-        return None
+        return None, []
+    return made.inputs, [note for note in made.notes if note.kind is SWINGS_SMALL]
 
 
 def prepare(
@@ -254,7 +258,8 @@ def prepare(
         for side in SIDES for segment, other in (("thigh", "shank"), ("shank", "thigh"))
         if side not in sides and f"{segment}_{side}" in recording.sensors
     ]  # fmt: skip
-    shanks = shanks_of(recording, sides) if strapdown and rate_hz is None else None
+    shanks, more = shanks_of(recording, sides) if strapdown and rate_hz is None else (None, [])
+    notes += more
     if len(sides) == 1 and shanks is None:
         notes.append(ONE_LEG(side=sides[0]))
     heard, more = _told(legs, time)

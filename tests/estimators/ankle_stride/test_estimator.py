@@ -118,6 +118,18 @@ def test_a_stride_of_which_much_is_lost_is_left_out():
     assert "more than 0.25 s of it is lost" in " ".join(texts(estimate.diagnostics["notes"]))
 
 
+def test_swings_too_small_to_be_strides_are_noted():
+    made = shank(strides=6)
+    time = np.asarray(made.recording.sensors["shank_right"].time)
+    small = np.where(time > made.lift_off[3] - 0.1, 0.25, 1.0)[:, None]
+    slow = {name: imu._replace(gyr=imu.gyr * small) for name, imu in made.recording.sensors.items()}
+    for recording, noted in ((made.recording, []), (made.recording._replace(sensors=slow), [(3, 3)])):
+        notes = ankle_stride.prepared(recording).notes
+        assert [
+            (note.values["swings"], note.values["strides"]) for note in notes if note.code == "swings_too_small"
+        ] == noted
+
+
 def test_scattered_losses_are_bridged():
     made = shank(strides=5)
     imu = made.recording.sensors["shank_right"]

@@ -7,7 +7,8 @@ import pytest
 from made.notes import texts
 from made.trunk import rotation
 
-from jgait.estimators import leg_ekf, programs
+from jgait import simulate
+from jgait.estimators import ankle_stride, leg_ekf, programs
 from jgait.estimators.axes import pad
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegParams, one_side
 from jgait.estimators.leg_ekf import model as leg_model
@@ -139,6 +140,29 @@ def test_shanks_that_walk_different_distances_are_noted(walk):
         assert any(note.code == "shanks_apart" for note in result.diagnostics["notes"]) == noted
         right, left = (float(result.diagnostics[f"shank_distance_{side}"]) for side in SIDES)
         assert (abs(right - left) > 1.6) == noted
+
+
+def test_very_slow_steps_within_a_walk_count(walk):
+    way, key = simulate.faster(5.0, 1.0, 0.2), jax.random.key(0)
+    person = simulate.covering(key, simulate.Person(), way)
+    recording, truth = simulate.recording(key, person, way, rate=50.0, placements=simulate.FOUR)
+    result = leg_ekf.estimate(parameters(truth.estimate), recording)
+    ankles = ankle_stride.estimate(ankle_stride.AnkleParams(), recording)
+    true = float(truth.estimate.distance[-1])
+    assert [float(one.distance[-1]) for one in (result, ankles)] == pytest.approx([true, true], rel=0.03)
+    assert len(ankles.strides.length) == int(np.sum(truth.strides.valid))
+
+
+def test_shanks_whose_stances_contradict_each_other_are_noted(walk):
+    recording, truth = walk
+    shaken = {
+        name: imu._replace(acc=imu.acc * np.where(np.arange(len(imu.time)) // 20 % 2, 1.5, 0.6)[:, None])
+        if name == "shank_left" else imu
+        for name, imu in recording.sensors.items()
+    }  # fmt: skip
+    for sensors, noted in ((recording.sensors, []), (shaken, ["shank_left"])):
+        notes = leg_ekf.estimate(parameters(truth), recording._replace(sensors=sensors)).diagnostics["notes"]
+        assert [note.values["placement"] for note in notes if note.code == "inconsistent_stances"] == noted
 
 
 def test_distance_of_a_simulated_walk_is_near_before_any_calibration(walk):
