@@ -2,7 +2,7 @@
 
 Every recorded person has a simulated one who walks at the same stride time and length with a manner drawn from
 `simulate.population`. Nothing of the simulator is tuned here. Further parts: whether estimators err on simulated people
-as on recorded ones, and what simulated people cost.
+as on recorded ones, what they measure in gaits that are not the usual one, and what simulated people cost.
 """
 
-PARTS = ("figures", "strides", "prediction", "fitted", "cost")
+PARTS = ("figures", "strides", "prediction", "fitted", "gaits", "cost")

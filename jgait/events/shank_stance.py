@@ -98,9 +98,6 @@ def _pauses(norm: np.ndarray, rate_hz: float) -> bool:
 def _valley(x: np.ndarray, norm: np.ndarray, first: int, last: int) -> int:
     """The sample of the valley of the sagittal rate, or of the norm of the rate in a turn that hides the valley."""
     at = first + int(np.argmin(x[first:last]))
-    if at == first:  # the shank still swings down: the valley comes after the peak of landing
-        first += int(np.argmax(x[first : first + max(1, (last - first) // 2)]))
-        at = first + int(np.argmin(x[first:last]))
     return at if norm[at] <= RESTS else first + int(np.argmin(norm[first:last]))
 
 

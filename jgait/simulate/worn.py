@@ -85,9 +85,10 @@ class Sensors(NamedTuple):
 
 
 def worn_on(placement: str) -> int:
-    """Index of what a sensor is worn on, in the frames of `walker.with_skin`."""
+    """Index of what a sensor is worn on, in the frames of `walker.with_skin`; an ankle has hardly any soft tissue."""
     segment = segment_of(placement)
-    return SKIN.get(segment, SEVEN.index(segment))
+    bone = SEVEN.index(segment)
+    return bone if placement.startswith("ankle") else SKIN.get(segment, bone)
 
 
 def sensors_at(mounts: Mapping[str, Vector], dtype: Any = float) -> Sensors:

@@ -183,15 +183,6 @@ def test_a_swing_in_which_the_sagittal_rate_is_least_is_no_stance():
     assert stood.end[0] == stood.begin[1] == at[0]
 
 
-def test_the_valley_comes_after_the_peak_of_landing():
-    time = np.arange(0.0, 3.0, 1.0 / RATE)
-    rate = 2.0 - np.abs(time - 1.15) - 1.5 * np.exp(-(((time - 1.45) / 0.08) ** 2))
-    rate[time < 1.1] -= 2.0  # still swings down
-    start, end = (np.rint(RATE * np.array(at)).astype(int) for at in ([0.6, 1.9], [0.9, 2.2]))
-    stood = shank_stance.stances(rate, np.abs(rate), start, end, RATE)
-    assert stood.end[0] == stood.begin[1] == pytest.approx(1.45 * RATE, abs=2)
-
-
 @pytest.mark.parametrize(("turns", "pauses"), [(0.2, False), (0.02, True)])
 def test_a_pause_is_a_long_stance_in_which_the_shank_rests(turns, pauses):
     time = np.arange(0.0, 5.0, 1.0 / RATE)

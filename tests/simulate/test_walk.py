@@ -324,6 +324,16 @@ def test_soft_tissue_moves_sensors_over_bones_that_stay_as_they_are():
         assert np.abs(np.asarray(path.axes)[-1] - axes[-1]).max() < 1e-5
 
 
+def test_an_ankle_has_no_soft_tissue():
+    gaits = (RECORDED._replace(steps=3.0, soft_tissue=size) for size in (0.0, 1.0))
+    rigid, soft = (
+        simulate.recording(jax.random.key(1), Person(gait=gait), placements=("ankle_left", "shank_left"))[0].sensors
+        for gait in gaits
+    )
+    np.testing.assert_array_equal(soft["ankle_left"].acc, rigid["ankle_left"].acc)
+    assert np.abs(soft["shank_left"].acc - rigid["shank_left"].acc).max() > 1.0
+
+
 def test_styles_change_how_a_person_moves_and_not_where_the_feet_stand():
     plain, other = (simulated(0, person(RECORDED, style_1=size))[1] for size in (0.0, 2.0))
     np.testing.assert_allclose(other.strides.length, plain.strides.length, atol=1e-12)

@@ -1,0 +1,170 @@
+"""Gaits that are not the usual one: which sensors measure them, and whether wrong results come with a note.
+
+Three people of different stature walk in each gait, with MPU-6000 sensors. They move as recorded people do
+(`simulate.RECORDED`), with strides, times and angles changed as `GAITS` says; the values are chosen, not those of
+patients. Lengths of the legs and the height of the waist's sensor are known. A result is wrong if it is more than a
+tenth and more than three stated deviations off.
+"""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from experiments.common.recordings import attempt
+from experiments.common.row import Row, show
+from experiments.people.prediction import sensor_height
+from jgait import estimators, simulate
+from jgait.estimators.about import About
+from jgait.simulate import Body, Person, Route
+from jgait.simulate.person import DEGREE
+from jgait.simulate.sensors import MPU6000
+from jgait.types import Estimate, as_float
+
+STATURES = (1.60, 1.75, 1.85)
+STEPS = 24
+ESTIMATORS = ("foot_ins", "ankle_stride", "leg_ekf", "waist")
+PLACEMENTS = (*simulate.SEVEN, "ankle_right", "ankle_left")
+WRONG, DEVIATIONS = 0.1, 3.0
+CLIPPED = ("signal_clipped", "waist_samples_lost")
+VARIED = {
+    "length_variability": 0.03, "time_variability": 0.025, "width_variability": 0.015, "pitch_variability": 0.04,
+    "persistence": 0.4,
+}  # fmt: skip
+STAIRS = {"stride_length": 0.62, "stride_time": 1.2, "knee_stance": 12.0 * DEGREE}
+SHUFFLING = {
+    "stride_length": 0.5, "stride_time": 1.1, "toe_up": 2.0 * DEGREE, "heel_up": 20.0 * DEGREE, "swing_lift": 0.008,
+    "pelvis_rise": 0.006, "stance_fraction": 0.72, "foot_flat": 0.05, "heel_off": 0.5,
+}  # fmt: skip
+
+
+class Kind(NamedTuple):
+    """A gait: walking speed [m/s], changed fields of `Gait`, and the route; None for straight ahead."""
+
+    speed: float
+    changes: dict[str, float]
+    along: Route | None = None
+
+
+def stairs(riser: float) -> Route:
+    """Level, stairs with steps of a height [m] for four metres, level."""
+    return simulate.route({"length": 2.0}, {"length": 4.0, "riser": riser}, {"length": 3.0})
+
+
+GAITS = {
+    "usual": Kind(1.3, {}),
+    "fast": Kind(1.8, {}),
+    "slow": Kind(0.5, {}),
+    "very slow": Kind(0.25, {}),
+    "very slow for a while": Kind(1.2, {}, simulate.faster(6.0, 1.0, 0.15, 1.0)),
+    "shuffling": Kind(0.5, SHUFFLING),
+    "limping": Kind(0.8, {"length_asymmetry": 0.2, "time_asymmetry": 0.15}),
+    "limping strongly": Kind(0.8, {"length_asymmetry": 0.3, "time_asymmetry": 0.25}),
+    "unsteady, wide": Kind(0.9, {"step_width": 0.25, "length_variability": 0.08, "time_variability": 0.06}),
+    "knees bent": Kind(0.9, {"knee_stance": 30.0 * DEGREE}),
+    "toes out": Kind(1.1, {"toe_out": 25.0 * DEGREE}),
+    "uphill 10 %": Kind(1.2, {}, simulate.route({"length": 20.0, "slope": 0.1})),
+    "downhill 10 %": Kind(1.2, {}, simulate.route({"length": 20.0, "slope": -0.1})),
+    "stairs up": Kind(0.6, STAIRS, stairs(0.17)),
+    "stairs down": Kind(0.6, STAIRS, stairs(-0.17)),
+    "back and forth": Kind(1.2, {}, simulate.u_turn(8.0, 0.3)),
+    "in a circle of 1 m": Kind(1.0, {}, simulate.circle(1.0, 3.0)),
+}
+
+
+class Walked(NamedTuple):
+    """Distance by one estimator in one walk: error and stated deviation over the true one [1], and codes of doubts."""
+
+    error: float
+    stated: float
+    notes: tuple[str, ...]
+
+    @property
+    def wrong(self) -> bool:
+        """Whether it is off by more than `WRONG` and by more than `DEVIATIONS`."""
+        return not abs(self.error) <= max(WRONG, DEVIATIONS * self.stated)
+
+
+def person(kind: Kind, stature: float, key: Any) -> Person:
+    """A person of a stature [m] in a gait."""
+    gait = simulate.gait(kind.speed, stature=stature, usual=simulate.RECORDED)
+    gait = gait._replace(**{**VARIED, "steps": float(STEPS), **kind.changes})
+    who = Person(Body(*(length * stature / 1.75 for length in Body())), gait)
+    return who if kind.along is None else simulate.covering(key, who, kind.along)
+
+
+def measures(body: Body, about: About) -> dict[str, float]:
+    """What a lab measures of a person, as far as an estimator takes it [m]."""
+    known = {name: float(getattr(body, name)) for name in ("thigh_length", "shank_length")}
+    taken = {measure.name for measure in about.measures}
+    return {name: value for name, value in {**known, "sensor_height": sensor_height(body)}.items() if name in taken}
+
+
+def stated(estimate: Estimate) -> float:
+    """Standard deviation of the distance [m]; of feet, as if the errors of all strides had one cause."""
+    if "distance_stddev" in estimate.diagnostics:
+        return float(np.ravel(estimate.diagnostics["distance_stddev"])[-1])
+    return 0.5 * float(np.sum(as_float(estimate.strides_stddev.length)[np.asarray(estimate.strides.valid, bool)]))
+
+
+def doubts(notes: Any) -> tuple[str, ...]:
+    """Codes of the notes that put a result in doubt, without those on clipped signals, which usual gaits have too."""
+    return tuple(note.code for note in notes if note.severity in ("stop", "check") and note.code not in CLIPPED)
+
+
+def walks(names: list[str], statures: tuple[float, ...]) -> Iterator[tuple[str, str, Walked]]:
+    """Gait, estimator and error of every walk."""
+    for name in names:
+        kind = GAITS[name]
+        for number, stature in enumerate(statures):
+            key = jax.random.fold_in(jax.random.key(50), number)
+            who = person(kind, stature, key)
+            along = simulate.straight(60.0) if kind.along is None else kind.along
+            made = attempt(
+                f"{name}, {stature:g} m",
+                lambda key=key, who=who, along=along: simulate.recording(
+                    key, who, along, MPU6000, placements=PLACEMENTS
+                ),
+            )
+            if made is None:
+                continue
+            recording, truth = made
+            true = float(truth.estimate.distance[-1])
+            for one in ESTIMATORS:
+                estimator = estimators.get(one)
+                p = estimator.own(estimator.params, measures(who.body, estimator.about))
+                found = attempt(f"{one}, {name}", lambda e=estimator, p=p, r=recording: e.estimate(p, r))
+                if found is not None:
+                    error = float(found.distance[-1]) / true - 1.0
+                    yield name, one, Walked(error, stated(found) / true, doubts(found.diagnostics["notes"]))
+
+
+def rows(quick: bool) -> list[Row]:
+    """Of every gait."""
+    names = list(GAITS)[:2] if quick else list(GAITS)
+    found: dict[tuple[str, str], list[Walked]] = {}
+    for name, one, walked in walks(names, STATURES[:1] if quick else STATURES):
+        found.setdefault((name, one), []).append(walked)
+    lines, every = [], [walked for each in found.values() for walked in each]
+    for name in names:
+        line = [name]
+        for one in ESTIMATORS:
+            of = found.get((name, one), [])
+            worst = max(of, key=lambda walked: abs(walked.error), default=None)
+            mark = "" if worst is None or not worst.wrong else " noted" if worst.notes else " SILENT"
+            line.append("refused" if worst is None else f"{100.0 * worst.error:+.0f}{mark}")
+        lines.append(line)
+    show("Worst error of the distance of three people (%)", ["gait", *ESTIMATORS], lines)
+    silent, wrong = (
+        100.0 * float(np.mean([walked.wrong and not (quiet and walked.notes) for walked in every]))
+        for quiet in (True, False)
+    )
+    split = f"more than {100.0 * WRONG:g} % and {DEVIATIONS:g} stated deviations off; {len(names)} gaits"
+    line = "distances of unusual gaits that are wrong"
+    return [
+        Row("gaits_wrong_pct", wrong, "%", None, len(every), split).on(line, "", "distances", simulated=True),
+        Row("gaits_silent_pct", silent, "%", None, len(every), split).on(
+            line, "without a note", "distances", simulated=True
+        ),
+    ]
