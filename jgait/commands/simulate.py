@@ -20,6 +20,7 @@ ROUTES = {"straight": (1, "length"), "u_turn": (1, "length"), "rectangle": (2, "
 """Name → the number of lengths [m] of the route, and their names."""
 
 
+GAITS = ("slow", "fast", "shuffling", "limping", "unsteady", "crouched", "toes_out")
 PROTOCOLS = ("bennett", "udaya_shankar", "silva", "potter", "kose")
 HIGHEST_RATE_HZ = 1000.0
 
@@ -29,6 +30,7 @@ def simulate(
     route: Annotated[
         str, typer.Option(help="straight:20, u_turn:8, rectangle:10,5 or circle:4; lengths in metres.")
     ] = "straight:20",
+    gait: Annotated[str | None, typer.Option(help=f"A gait that is not the usual one: {', '.join(GAITS)}.")] = None,
     protocol: Annotated[
         str | None,
         typer.Option(help=f"The protocol of a paper instead of a route: {', '.join(PROTOCOLS)}."),
@@ -58,10 +60,10 @@ def simulate(
     """
     worn = None if placements is None else tuple(name.strip() for name in placements.split(",") if name.strip())
     asked: dict[str, Any] = {
-        "people": people, "route": None if protocol else route, "protocol": protocol, "sensors": sensors,
-        "rate": rate, "placements": worn and list(worn), "seed": seed,
+        "people": people, "route": None if protocol else route, "gait": gait, "protocol": protocol,
+        "sensors": sensors, "rate": rate, "placements": worn and list(worn), "seed": seed,
     }  # fmt: skip
-    walks = _walks(people, route, protocol, _options(sensors, rate, worn), seed)
+    walks = _walks(people, route, gait, protocol, _options(sensors, rate, worn), seed)
     written: dict[str, Any] = {}
     with (
         results_folder(out, "simulate", asked, planned=["cohort.csv"], json_file=json_file, fresh=fresh) as folder,
@@ -107,23 +109,27 @@ def _options(sensors: str | None, rate: float | None, worn: tuple[str, ...] | No
 
 
 def _walks(
-    people: int, route: str, protocol: str | None, options: dict[str, Any], seed: int
+    people: int, route: str, gait: str | None, protocol: str | None, options: dict[str, Any], seed: int
 ) -> Callable[[], Iterator["Walked"]]:
-    """A function that simulates the walks one after another; exits with code 2 for an unknown protocol or route."""
+    """A function that simulates the walks one after another; exits with code 2 for unknown words."""
     from jgait.simulate import protocols
 
     key = jax.random.key(seed)
+    if gait is not None and (gait not in GAITS or protocol is not None):
+        stop(f"--gait must be one of {', '.join(GAITS)}, without --protocol; got {gait!r}")
     if protocol is not None:
         if protocol not in PROTOCOLS:
             stop(f"--protocol must be one of {', '.join(PROTOCOLS)}; got {protocol!r}")
         simulated = getattr(protocols, protocol)
         return lambda: iter(simulated(key, people, **options))
     along = _route(route)
-    return lambda: _drawn(key, people, along, options)
+    return lambda: _drawn(key, people, along, gait, options)
 
 
-def _drawn(key: PRNGKeyArray, people: int, along: "Route", options: dict[str, Any]) -> Iterator["Walked"]:
-    """People drawn from the norms on one route."""
+def _drawn(
+    key: PRNGKeyArray, people: int, along: "Route", gait: str | None, options: dict[str, Any]
+) -> Iterator["Walked"]:
+    """People drawn from the norms on one route, in a gait that is not the usual one if it is given."""
     from jgait import simulate as simulation
     from jgait.simulate import sensors
     from jgait.simulate.protocols import Walked
@@ -131,7 +137,10 @@ def _drawn(key: PRNGKeyArray, people: int, along: "Route", options: dict[str, An
     who, how = jax.random.split(key)
     drawn = simulation.population(who, people)
     keys = [jax.random.fold_in(how, i) for i in range(people)]
-    fit = [simulation.covering(k, simulation.person_of(drawn, i), along) for i, k in enumerate(keys)]
+    who_walk = [simulation.person_of(drawn, i) for i in range(people)]
+    if gait is not None:
+        who_walk = [simulation.walking(person, gait) for person in who_walk]
+    fit = [simulation.covering(k, person, along) for k, person in zip(keys, who_walk, strict=True)]
     asked = {"errors": sensors.MPU6000, "rate": 100.0, "placements": simulation.SEVEN, **options}
     walks = simulation.walks(keys, fit, [along] * people, **asked)
     distance = float(np.sum(along.length))

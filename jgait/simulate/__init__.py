@@ -7,6 +7,7 @@ records of the library; `walk` is the same in pure JAX, to be jitted, mapped ove
 from jgait.geometry.segments import segment_of
 from jgait.simulate.check import check_person
 from jgait.simulate.fitting import PersonFit, fitted
+from jgait.simulate.gaits import GAITS, walking
 from jgait.simulate.people import cohort, walks
 from jgait.simulate.person import RECORDED, Body, Gait, Person
 from jgait.simulate.population import covering, gait, paced, person_of, population
@@ -24,8 +25,8 @@ from jgait.simulate.worn import (
 )
 
 __all__ = [
-    "FOUR", "RECORDED", "SEVEN", "Body", "Gait", "Person", "PersonFit", "Route", "Truth", "check_person", "circle",
-    "cohort", "corner", "covering", "duration", "faster", "fitted", "gait", "mount", "paced", "person_of", "plan",
-    "population", "recording", "rectangle", "route", "segment_of", "straight", "strides", "trimmed", "u_turn", "walk",
-    "walks",
+    "FOUR", "GAITS", "RECORDED", "SEVEN", "Body", "Gait", "Person", "PersonFit", "Route", "Truth", "check_person",
+    "circle", "cohort", "corner", "covering", "duration", "faster", "fitted", "gait", "mount", "paced", "person_of",
+    "plan", "population", "recording", "rectangle", "route", "segment_of", "straight", "strides", "trimmed", "u_turn",
+    "walk", "walking", "walks",
 ]  # fmt: skip

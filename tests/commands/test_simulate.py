@@ -7,8 +7,9 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from jgait import io
+from jgait import io, simulate
 from jgait.cli import app
+from jgait.commands.simulate import GAITS
 
 SMALL = [
     "simulate",
@@ -60,6 +61,18 @@ def test_the_same_again_writes_nothing_anew_and_another_simulation_is_refused(ma
     assert "seed was “0”, now “1”" in " ".join(result.output.split())
 
 
+def test_people_walk_in_the_gait_that_is_asked_for(made, tmp_path):
+    assert run(*SMALL, "--gait", "shuffling", "--out", tmp_path).exit_code == 0
+    usual, shuffled = (
+        pd.read_csv(folder / "subject_0001_strides.csv")["stride_length_m"].median() for folder in (made[1], tmp_path)
+    )
+    assert shuffled < 0.5 * usual
+
+
+def test_every_gait_can_be_asked_for():
+    assert tuple(simulate.GAITS) == GAITS
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -67,6 +80,8 @@ def test_the_same_again_writes_nothing_anew_and_another_simulation_is_refused(ma
         (["--route", "rectangle:3"], "--route is straight:LENGTH"),
         (["--route", "straight:0"], "from 1 to 1000 m"),
         (["--protocol", "smith"], "--protocol must be one of bennett"),
+        (["--gait", "sneaking"], "--gait must be one of slow, fast"),
+        (["--gait", "slow", "--protocol", "kose"], "without --protocol; got 'slow'"),
         (["--sensors", "wii"], "--sensors must be one of"),
         (["--rate", "2"], "--rate must be between 10 and 1000 Hz"),
         (["--placements", "knee"], "there is no 'knee'"),

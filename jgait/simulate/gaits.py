@@ -1,0 +1,58 @@
+"""Gaits that are not the usual one, as changes of a person's gait.
+
+They change footholds, times and pitch of the feet; legs and pelvis follow. A leg that swings in another way than the
+other, such as a stiff one, is not described.
+"""
+
+from typing import NamedTuple
+
+from jgait.simulate.person import DEGREE, Person
+from jgait.simulate.population import paced
+
+
+class OtherGait(NamedTuple):
+    """How a gait differs from the usual one."""
+
+    length: float  #: length of the stride over that of the person's usual stride [1].
+    time: float  #: duration of the stride over that of the usual one [1].
+    fields: dict[str, float]  #: other fields of `Gait` → value in their units.
+    basis: str  #: what it is based on.
+
+
+GAITS = {
+    "slow": OtherGait(0.6, 1.45, {}, "feet and pelvis move as with any stride, see `population.manner`"),
+    "fast": OtherGait(1.15, 0.87, {}, "as slow"),
+    "shuffling": OtherGait(
+        0.38, 1.05,
+        {"toe_up": 2.0 * DEGREE, "heel_up": 20.0 * DEGREE, "swing_lift": 0.008, "pelvis_rise": 0.006,
+         "stance_fraction": 0.72, "foot_flat": 0.05, "heel_off": 0.5},
+        "in Parkinson's disease strides are short for their cadence (Egerton and others, BMC Neurology 12 (2012) 116); "
+        "the sizes are chosen",
+    ),
+    "limping": OtherGait(
+        0.7, 1.15, {"length_asymmetry": 0.2, "time_asymmetry": 0.15},
+        "after a stroke steps differ in length and time (Wonsetler and Bowden, Top Stroke Rehabil 24 (2017) 435); the "
+        "sizes are chosen",
+    ),
+    "unsteady": OtherGait(
+        0.75, 1.15,
+        {"step_width": 0.25, "length_variability": 0.08, "time_variability": 0.06, "width_variability": 0.04},
+        "chosen",
+    ),
+    "crouched": OtherGait(0.75, 1.1, {"knee_stance": 30.0 * DEGREE}, "chosen"),
+    "toes_out": OtherGait(0.9, 1.0, {"toe_out": 25.0 * DEGREE}, "chosen"),
+}  # fmt: skip
+"""Gaits by name."""
+
+
+def walking(person: Person, gait: str) -> Person:
+    """The same person in another gait.
+
+    Raises:
+        ValueError: if `GAITS` has no such gait.
+    """
+    if gait not in GAITS:
+        raise ValueError(f"a gait is one of {', '.join(GAITS)}; got {gait!r}")
+    other = GAITS[gait]
+    body, follows = paced(person, other.length)
+    return Person(body, follows._replace(stride_time=person.gait.stride_time * other.time, **other.fields))
