@@ -91,6 +91,22 @@ def test_the_distance_is_combined_too(walked, analysis):
     np.testing.assert_allclose(analysis.estimate.distance[-1], told["combined"].value)
 
 
+def test_a_waist_with_too_short_strides_does_not_pull_what_feet_measure():
+    person = simulate.walking(simulate.Person()._replace(gait=simulate.Gait(steps=16.0)), "shuffling")
+    recording, truth = simulate.recording(
+        jax.random.key(2), person, errors=OPAL, placements=("foot_right", "foot_left", "pelvis")
+    )
+    made = jgait.analyse(recording, {"height": 1.75})
+    strides = made.estimate.strides
+    assert {c.source for c in made.comparisons if c.quantity == "stride_length"} == {"feet", "waist", "combined"}
+    np.testing.assert_allclose(np.median(strides.length), person.gait.stride_length, rtol=0.05)
+    assert np.median(made.estimate.strides_stddev.length) < 0.03
+    true = float(truth.estimate.distance[-1])
+    np.testing.assert_allclose(made.estimate.distance[-1], true, rtol=0.05)
+    waist = recording._replace(sensors={"pelvis": recording.sensors["pelvis"]})
+    assert np.median(jgait.analyse(waist, {"height": 1.75}).estimate.strides.length) > 1.2 * np.median(strides.length)
+
+
 def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
     tables = io.analysis_to_dataframes(analysis)
     assert list(tables) == ["strides", "bouts", "contacts", "sources", "samples"]
