@@ -111,7 +111,7 @@ def _options(sensors: str | None, rate: float | None, worn: tuple[str, ...] | No
 def _walks(
     people: int, route: str, gait: str | None, protocol: str | None, options: dict[str, Any], seed: int
 ) -> Callable[[], Iterator["Walked"]]:
-    """A function that simulates the walks one after another; exits with code 2 for unknown words."""
+    """A function that simulates walks one by one; exits with code 2 for an unknown route, gait or protocol."""
     from jgait.simulate import protocols
 
     key = jax.random.key(seed)

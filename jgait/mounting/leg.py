@@ -170,7 +170,7 @@ def leg_mounting(
     if max(moving.values()) < WALKING_RATE:
         raise RecordingError(
             f"{estimator} found no walking: the {side} shank turns at {moving['shank']:.2f} rad/s RMS outside standing "
-            f"(a walking shank exceeds {WALKING_RATE:g}); is the gyroscope in rad/s? Walks below 0.2 m/s are too slow"
+            f"(a walking shank exceeds {WALKING_RATE:g}); is the gyroscope in rad/s, or the walk very slow?"
         )
     swapped = moving["thigh"] > SWAPPED * moving["shank"]
     if swapped:

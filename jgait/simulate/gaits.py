@@ -21,7 +21,7 @@ class OtherGait(NamedTuple):
 
 GAITS = {
     "slow": OtherGait(0.6, 1.45, {}, "feet and pelvis move as with any stride, see `population.manner`"),
-    "fast": OtherGait(1.15, 0.87, {}, "as slow"),
+    "fast": OtherGait(1.15, 0.87, {}, "as the slow one"),
     "shuffling": OtherGait(
         0.38, 1.05,
         {"toe_up": 2.0 * DEGREE, "heel_up": 20.0 * DEGREE, "swing_lift": 0.008, "pelvis_rise": 0.006,
@@ -46,7 +46,7 @@ GAITS = {
 
 
 def walking(person: Person, gait: str) -> Person:
-    """The same person in another gait.
+    """The same person in another gait; how soft tissue moves in it is not known, so sensors are fixed to bones.
 
     Raises:
         ValueError: if `GAITS` has no such gait.
@@ -55,4 +55,5 @@ def walking(person: Person, gait: str) -> Person:
         raise ValueError(f"a gait is one of {', '.join(GAITS)}; got {gait!r}")
     other = GAITS[gait]
     body, follows = paced(person, other.length)
-    return Person(body, follows._replace(stride_time=person.gait.stride_time * other.time, **other.fields))
+    seconds = person.gait.stride_time * other.time
+    return Person(body, follows._replace(stride_time=seconds, soft_tissue=0.0, **other.fields))

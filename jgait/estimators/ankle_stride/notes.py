@@ -21,6 +21,5 @@ SWINGS_SMALL = Kind(
     "check",
     "{placement}: {swings} {swings:swing is|swings are} too slow or too small to be counted, beside {strides} "
     "{strides:stride|strides}",
-    "Strides and distance lack steps if the person took very short or very slow steps there. A sensor on the foot "
-    "measures such steps.",
+    "Strides and distance lack steps if the person took very short or very slow steps there.",
 )
