@@ -12,8 +12,8 @@ from jgait.plot.style import (
     Seconds,
     Style,
     band,
-    blank,
     legend,
+    panels,
     windowed,
 )
 from jgait.signal.windows import true_runs
@@ -48,7 +48,7 @@ def sleeping_gyroscopes(estimate: Estimate, *, seconds: Seconds = None, title: s
         raise ValueError("the estimate has no gyroscope that may sleep; use an estimate of duty_cycled_gyro")
     sides = [side for side in SIDES if any(name.endswith(side) for name in names)]
     rows = 1 + max(sum(name.endswith(side) for name in names) for side in sides)
-    figure, axes = blank(rows, len(sides), 6.2 * len(sides) + 1.4, 2.0 * rows + 1.0, sharex=True, sharey="row")
+    figure, axes = panels(rows, len(sides), 6.2 * len(sides) + 1.4, 2.0 * rows + 1.0, sharex=True, sharey="row")
     time = as_float(estimate.time)
     part = windowed(time, seconds)
     for column, side in enumerate(sides):

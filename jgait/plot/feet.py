@@ -10,7 +10,7 @@ import numpy as np
 
 from jgait.estimators import stride_flags
 from jgait.evaluate.errors import common_samples, yaw_aligned
-from jgait.plot.style import DEGREES, FOOT, FOOTHOLD, RED, Axes, Figure, Seconds, Style, blank, legend, windowed
+from jgait.plot.style import DEGREES, FOOT, FOOTHOLD, RED, Axes, Figure, Seconds, Style, legend, panels, windowed
 from jgait.types import SIDES, Estimate, FootTrajectory, as_float
 
 REFERENCE: dict[str, Style] = {
@@ -74,7 +74,7 @@ def foot_paths(estimate: Estimate, reference: Estimate | None = None, *, title: 
     """
     feet = feet_of(estimate)
     ways = {side: shown(estimate, foot) for side, foot in feet.items()}
-    figure, axes = blank(1, 1, 8.6, 1.3 + height_of(ways, 7.6))
+    figure, axes = panels(1, 1, 8.6, 1.3 + height_of(ways, 7.6))
     axis = axes[0, 0]
     for side, way in ways.items():
         axis.plot(way[:, 0], way[:, 1], label=f"{side} foot", **FOOT[side])
@@ -124,7 +124,7 @@ def foot_height(estimate: Estimate, *, title: str = "") -> Figure:
         ValueError: if the estimate has no feet.
     """
     feet = feet_of(estimate)
-    figure, axes = blank(len(feet), 1, 8.6, 2.1 * len(feet) + 0.9, sharex=True)
+    figure, axes = panels(len(feet), 1, 8.6, 2.1 * len(feet) + 0.9, sharex=True)
     for axis, (side, foot) in zip(axes[:, 0], feet.items(), strict=True):
         way = shown(estimate, foot)
         steps = np.nan_to_num(np.linalg.norm(np.diff(way[:, :2], axis=0), axis=1))
@@ -160,13 +160,13 @@ def _series(
     rows = rows_of(estimate)
     if not rows.size:
         raise ValueError("no stride is valid: there is nothing to draw")
-    panels = [panel for panel in quantities if has(estimate, panel[0], rows)]
-    figure, axes = blank(len(panels), 1, 8.6, 1.9 * len(panels) + 1.0, sharex=True)
-    for number, (axis, (field, unit, scale)) in enumerate(zip(axes[:, 0], panels, strict=True)):
+    rowwise = [one for one in quantities if has(estimate, one[0], rows)]
+    figure, axes = panels(len(rowwise), 1, 8.6, 1.9 * len(rowwise) + 1.0, sharex=True)
+    for number, (axis, (field, unit, scale)) in enumerate(zip(axes[:, 0], rowwise, strict=True)):
         series_of(axis, estimate, rows, field, scale, labelled=number == 0, part=part)
         axis.set_ylabel(unit)
     axes[-1, 0].set_xlabel("time [s]")
-    return figure, [(axis, field, scale) for axis, (field, _, scale) in zip(axes[:, 0], panels, strict=True)]
+    return figure, [(axis, field, scale) for axis, (field, _, scale) in zip(axes[:, 0], rowwise, strict=True)]
 
 
 def values_of(estimate: Estimate, field: str) -> np.ndarray:
@@ -235,9 +235,9 @@ def leg_strides(estimate: Estimate, *, title: str = "") -> Figure:
     Raises:
         ValueError: if the estimate has no strides, or none of them is valid.
     """
-    figure, panels = _series(estimate, PANELS, "leg")
+    figure, drawn = _series(estimate, PANELS, "leg")
     rows = rows_of(estimate)
-    for axis, field, scale in panels:
+    for axis, field, scale in drawn:
         if field in ("height", "turn"):
             axis.axhline(0.0, color="0.6", linewidth=0.8)
         _joined(axis, estimate, rows, field, scale)

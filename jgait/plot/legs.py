@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jgait.plot.style import DEGREES, ESTIMATE, REFERENCE, Axes, Figure, Seconds, Style, band, blank, windowed
+from jgait.plot.style import DEGREES, ESTIMATE, REFERENCE, Axes, Figure, Seconds, Style, band, panels, titled, windowed
 from jgait.types import SIDES, AnyArray, Estimate, Legs, LegTrajectory
 
 FIELDS = (
@@ -65,7 +65,7 @@ def _over_time(
     """A figure with a row for each field of the legs' trajectories and a column for each leg."""
     estimate, reference = _shown(estimate), None if reference is None else _shown(reference)
     worn = _worn(estimate)
-    figure, axes = blank(len(fields), len(worn), 5.2 * len(worn) + 0.6, 5.6)
+    figure, axes = panels(len(fields), len(worn), 5.2 * len(worn) + 0.6, 5.6)
     part = windowed(estimate.time, seconds)
     time = np.asarray(estimate.time)[part]
     for column, (side, leg, spread) in enumerate(worn):
@@ -84,8 +84,7 @@ def _over_time(
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
     axes[0, 0].legend(loc="upper right", fontsize=8, framealpha=0.9)
-    if title:
-        figure.suptitle(title)
+    titled(figure, title)
     return figure
 
 
@@ -101,7 +100,7 @@ def foot_path(
     """Path of the ankle relative to the hip, in the sagittal plane; as `joint_angles`."""
     estimate, reference = _shown(estimate), None if reference is None else _shown(reference)
     worn = _worn(estimate)
-    figure, axes = blank(1, len(worn), 4.8 * len(worn) + 0.6, 3.6)
+    figure, axes = panels(1, len(worn), 4.8 * len(worn) + 0.6, 3.6)
     part = windowed(estimate.time, seconds)
     for column, (side, leg, _) in enumerate(worn):
         axis = axes[0, column]
@@ -116,8 +115,7 @@ def foot_path(
         axis.grid(alpha=0.3)
     axes[0, 0].set_ylabel("ankle above hip [cm]")
     axes[0, 0].legend(loc="upper center", fontsize=8, framealpha=0.9)
-    if title:
-        figure.suptitle(title)
+    titled(figure, title)
     return figure
 
 
@@ -134,7 +132,7 @@ def distance(
     The band of two standard deviations is drawn if the diagnostics have `distance_stddev` and no window is given. A
     deviation of the whole distance alone is drawn in proportion to the distance so far.
     """
-    figure, axes = blank(1, 1, 6.4, 3.8)
+    figure, axes = panels(1, 1, 6.4, 3.8)
     axis = axes[0, 0]
 
     def draw(what: Estimate, name: str, style: Style) -> None:

@@ -49,18 +49,58 @@ FOOTHOLD: dict[str, Style] = {
 }
 """Side → mark of an event of this foot; the marks differ in lightness and shape, also in grey."""
 
+LEFT, RIGHT, BOTTOM, TOP = 0.85, 0.15, 0.55, 0.3
+"""Margins of `panels` [inch]."""
+
+BESIDE, BELOW, CLOSE = 0.85, 0.65, 0.15
+"""Spaces beside axes, below them, and below those that share the x axis of the next [inch]."""
+
+TITLE, LINE = 0.25, 0.18
+"""Heights of a title and of a line of a legend [inch]."""
+
 GROUND: Style = {"linewidth": 0.0, "zorder": 0.0}
 """Style of a time interval that is shaded behind the lines."""
 
 
 def blank(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
     """A figure of width and height [inch] that needs no display, and its axes (rows, columns)."""
+    figure = _figure(width, height, "constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
+def panels(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
+    """As `blank`, with margins of fixed sizes: a layout that measures the texts takes half of the time of a figure.
+
+    There is room for labels of the axes, numbers of six characters, and titles of the axes.
+    """
+    figure = _figure(width, height, None)
+    below = CLOSE if options.get("sharex") else BELOW
+    # Margins are shares of the figure, and spaces between axes are shares of the mean size of the axes.
+    wide = (width - LEFT - RIGHT - BESIDE * (columns - 1)) / columns
+    tall = (height - TOP - BOTTOM - below * (rows - 1)) / rows
+    figure.subplots_adjust(LEFT / width, BOTTOM / height, 1.0 - RIGHT / width, 1.0 - TOP / height,
+                           BESIDE / wide, below / tall)  # fmt: skip
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
+def _figure(width: float, height: float, layout: str | None) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, height), layout=layout)  # type: ignore[arg-type]
     FigureCanvasAgg(figure)
-    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+    return figure
+
+
+def titled(figure: Figure, title: str, **style: Any) -> None:
+    """Add a title above all axes; a figure of `panels` gets the room for it."""
+    if not title:
+        return
+    figure.suptitle(title, **style)
+    if figure.get_layout_engine() is None:
+        height = figure.get_figheight()
+        figure.suptitle(title, y=1.0 - 0.08 / height, va="top", **style)
+        figure.subplots_adjust(top=figure.subplotpars.top - TITLE / height)
 
 
 def windowed(time: AnyArray, seconds: Seconds) -> np.ndarray:
@@ -96,10 +136,21 @@ def legend(figure: Figure, title: str, *, columns: int = 4) -> None:
     for axis in figure.axes:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
-    figure.legend(entries.values(), entries, loc="outside lower center", ncols=columns, fontsize=8, frameon=False)
+    fixed = figure.get_layout_engine() is None
+    figure.legend(
+        entries.values(),
+        entries,
+        loc="lower center" if fixed else "outside lower center",
+        ncols=columns,
+        fontsize=8,
+        frameon=False,
+    )
+    if fixed:
+        lines = -(-len(entries) // columns)
+        room = (lines * LINE + 0.1) / figure.get_figheight()
+        figure.subplots_adjust(bottom=figure.subplotpars.bottom + room)
     figure.align_ylabels()
-    if title:
-        figure.suptitle(title, fontsize=11)
+    titled(figure, title, fontsize=11)
 
 
 def over_time(axes: Iterable[Axes]) -> None:

@@ -16,9 +16,9 @@ from jgait.plot.style import (
     Axes,
     Figure,
     Style,
-    blank,
     legend,
     over_time,
+    panels,
     windowed,
 )
 from jgait.types import SIDES, Estimate, as_float
@@ -56,7 +56,7 @@ def trunk_contacts(estimate: Estimate, *, wavelet: bool = True, title: str = "")
     first, last = _window(time, np.concatenate(list(contacts.values())))
     at, rebuilt, peaks = _wavelet(time, trunk) if wavelet else (np.zeros(0), trunk[:0], np.zeros(0))
     kept, fine = (windowed(t, (first, last)) for t in (time, at))
-    figure, axes = blank(len(ROWS), 1, 8.8, 6.8, sharex=True)
+    figure, axes = panels(len(ROWS), 1, 8.8, 6.8, sharex=True)
     for peak in peaks:
         axes[0, 0].axvspan(peak - RULE.before, peak + RULE.after, **INTEREST)
     for axis, (column, unit) in zip(axes[:, 0], ROWS, strict=True):

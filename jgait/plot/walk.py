@@ -12,7 +12,7 @@ from jaxtyping import PyTree
 from jgait.geometry.segments import in_world
 from jgait.geometry.vectors import Vector
 from jgait.io.atomic import replaced
-from jgait.plot.style import AXES, Axes, Figure, Style, blank, legend
+from jgait.plot.style import AXES, Axes, Figure, Style, blank, legend, panels
 from jgait.types import PLACEMENTS, SIDES, Recording, Strides
 
 if TYPE_CHECKING:
@@ -171,7 +171,7 @@ def stride_signals(recording: Recording, truth: "Truth") -> Figure:
     stride = int(rows[len(rows) // 2])
     start, end = float(strides.start[stride]), float(strides.end[stride])
     worn = sorted(recording.sensors.items(), key=lambda placed: PLACEMENTS.index(placed[0]))
-    figure, axes = blank(len(worn), 2, 8.6, 1.35 * len(worn) + 1.3)
+    figure, axes = panels(len(worn), 2, 8.6, 1.35 * len(worn) + 1.3)
     for row, (placement, imu) in enumerate(worn):
         time = np.asarray(imu.time)
         part = slice(*np.searchsorted(time, [start - 1e-9, end + 1e-9]))
