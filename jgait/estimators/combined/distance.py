@@ -109,7 +109,8 @@ def distances(
         if used and len(used) < len(sides):
             scale = float(np.mean([one.length for one in used]) / max(np.mean([one.length for one in sides]), 1e-6))
             notes.append(DISTANCE_OF_ONE_SIDE(source=source.name, side=used[0].name))
-            unknown, doubtful = float(np.hypot(used[0].unknown, ONE_SIDE * scale * total)), used[0].doubtful
+            unknown = float(np.hypot(used[0].unknown, ONE_SIDE * scale * total))
+            doubtful = used[0].doubtful or _lacking(source, used[0].name)
         else:
             scale = 1.0
             unknown = float(np.mean([one.unknown for one in sides])) if sides else _not_measured(source, recording)
@@ -127,9 +128,12 @@ def _stopped(source: SourceEstimate) -> frozenset[str]:
     return frozenset(name for note in stops for name in source.placements if note.values.get("placement", name) == name)
 
 
-def _lacking(source: SourceEstimate) -> bool:
-    """Whether a source's own notes say that steps are missing, or measured beyond what it can measure."""
-    return any(note.code in LACKING for note in source.estimate.diagnostics["notes"])
+def _lacking(source: SourceEstimate, side: str = "") -> bool:
+    """Whether a source's own notes, of a side only those that concern it, say that steps are missing, or measured
+    beyond what the source can measure.
+    """
+    notes = (note for note in source.estimate.diagnostics["notes"] if note.code in LACKING)
+    return any(str(note.values.get("placement", side)).endswith(side) for note in notes)
 
 
 def _best(sides: list[_Side]) -> list[_Side]:

@@ -8,9 +8,10 @@ import pytest
 import jgait
 from jgait import io, simulate
 from jgait.commands.jobs import all_sensors
+from jgait.estimators.ankle_stride.notes import SWINGS_SMALL
 from jgait.estimators.combined.analysis import ACCUSED, CLOCKS
 from jgait.estimators.combined.compare import comparisons, regular
-from jgait.estimators.combined.distance import WalkedDistance
+from jgait.estimators.combined.distance import WalkedDistance, distances
 from jgait.estimators.combined.distance import walked as walked_together
 from jgait.estimators.combined.strides import combined, joined
 from jgait.io.damage import agreement, delays, paces, samples, tilts, turns
@@ -251,6 +252,18 @@ def test_a_sensor_that_a_reader_accuses_is_left_out_of_the_combined_distance(wal
     np.testing.assert_array_equal(tables["strides"]["angles_valid"], tables["strides"]["side"] == "left")
     printed = {row[0]: row[1] for row in all_sensors({}, "csv").rows(found)}
     assert [name for name, words in printed.items() if words.endswith("°, not usable")] == ["hip right", "knee right"]
+
+
+@pytest.mark.parametrize(("lacks", "doubtful"), [("shank_left", True), ("shank_right", False)])
+def test_a_side_that_lacks_steps_is_in_doubt_if_it_alone_counts(walked, analysis, lacks, doubtful):
+    shanks = next(source for source in analysis.sources if source.name == "shanks")
+    notes = (*shanks.estimate.diagnostics["notes"], SWINGS_SMALL(placement=lacks, swings=4, strides=12))
+    told = shanks.estimate._replace(diagnostics={**shanks.estimate.diagnostics, "notes": notes})
+    (distance,), found = distances(
+        [shanks._replace(estimate=told)], walked[0], PERSON, frozenset({"shank_right"}), frozenset()
+    )
+    assert [note.values["side"] for note in found] == ["left"]
+    assert distance.doubtful == doubtful
 
 
 def test_strides_that_only_a_wrong_sensor_measured_do_not_count_in_means(walked):
