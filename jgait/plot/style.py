@@ -52,7 +52,7 @@ FOOTHOLD: dict[str, Style] = {
 LEFT, RIGHT, BOTTOM, TOP = 0.85, 0.15, 0.55, 0.3
 """Margins of `panels` [inch]."""
 
-BESIDE, BELOW, CLOSE = 0.85, 0.65, 0.15
+BESIDE, BELOW, CLOSE = 0.85, 0.75, 0.15
 """Spaces beside axes, below them, and below those that share the x axis of the next [inch]."""
 
 TITLE, LINE = 0.25, 0.18

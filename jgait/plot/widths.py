@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from jgait.plot.feet import feet_of, footholds, has, height_of, places_at, plan_of, rows_of, series_of, shown
-from jgait.plot.style import FOOT, FOOTHOLD, RED, Axes, Figure, Seconds, Style, blank, legend
+from jgait.plot.style import FOOT, FOOTHOLD, RED, Axes, Figure, Seconds, Style, legend, panels
 from jgait.types import SIDES, Estimate, as_float
 
 ACROSS: Style = {"color": RED, "linewidth": 0.9}
@@ -40,15 +40,15 @@ def two_feet(estimate: Estimate, *, title: str = "") -> Figure:
     sections = _straight(estimate, rows)
     ways = {side: shown(estimate, foot) for side, foot in feet.items()}
     heights = (height_of(ways, 8.2), 2.1, 1.9, 1.1)
-    figure, _ = blank(1, 1, 9.2, sum(heights) + 2.6)
-    figure.clear()
-    grid = figure.add_gridspec(4, len(sections), height_ratios=heights)
-    above, over_time = figure.add_subplot(grid[0, :]), figure.add_subplot(grid[2, :])
-    moving = figure.add_subplot(grid[3, :], sharex=over_time)
+    figure, axes = panels(4, 1, 9.2, sum(heights) + 2.9, height_ratios=heights)
+    above, whole, over_time, moving = axes[:, 0]
+    grid = whole.get_subplotspec().subgridspec(1, len(sections))
+    whole.remove()
+    moving.sharex(over_time)
     _draw(above, estimate, widths, None)
     plan_of(above)
     for number, part in enumerate(sections):
-        axis = figure.add_subplot(grid[1, number])
+        axis = figure.add_subplot(grid[number])
         _draw(axis, estimate, widths, part)
         axis.set_title(f"{part[0]:.0f} to {part[1]:.0f} s", fontsize=9)
         axis.set_xlabel("along [m]")
