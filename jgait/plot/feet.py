@@ -160,13 +160,13 @@ def _series(
     rows = rows_of(estimate)
     if not rows.size:
         raise ValueError("no stride is valid: there is nothing to draw")
-    rowwise = [one for one in quantities if has(estimate, one[0], rows)]
-    figure, axes = panels(len(rowwise), 1, 8.6, 1.9 * len(rowwise) + 1.0, sharex=True)
-    for number, (axis, (field, unit, scale)) in enumerate(zip(axes[:, 0], rowwise, strict=True)):
+    present = [one for one in quantities if has(estimate, one[0], rows)]
+    figure, axes = panels(len(present), 1, 8.6, 1.9 * len(present) + 1.0, sharex=True)
+    for number, (axis, (field, unit, scale)) in enumerate(zip(axes[:, 0], present, strict=True)):
         series_of(axis, estimate, rows, field, scale, labelled=number == 0, part=part)
         axis.set_ylabel(unit)
     axes[-1, 0].set_xlabel("time [s]")
-    return figure, [(axis, field, scale) for axis, (field, _, scale) in zip(axes[:, 0], rowwise, strict=True)]
+    return figure, [(axis, field, scale) for axis, (field, _, scale) in zip(axes[:, 0], present, strict=True)]
 
 
 def values_of(estimate: Estimate, field: str) -> np.ndarray:

@@ -7,7 +7,7 @@ figure is drawn, and needs no display.
 import contextlib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -49,10 +49,10 @@ FOOTHOLD: dict[str, Style] = {
 }
 """Side → mark of an event of this foot; the marks differ in lightness and shape, also in grey."""
 
-LEFT, RIGHT, BOTTOM, TOP = 0.85, 0.15, 0.55, 0.3
+LEFT, RIGHT, BOTTOM, TOP = 1.05, 0.15, 0.55, 0.3
 """Margins of `panels` [inch]."""
 
-BESIDE, BELOW, CLOSE = 0.85, 0.75, 0.15
+BESIDE, BELOW, CLOSE = 1.05, 0.75, 0.15
 """Spaces beside axes, below them, and below those that share the x axis of the next [inch]."""
 
 TITLE, LINE = 0.25, 0.18
@@ -69,9 +69,9 @@ def blank(rows: int, columns: int, width: float, height: float, **options: Any) 
 
 
 def panels(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
-    """As `blank`, with margins of fixed sizes: a layout that measures the texts takes half of the time of a figure.
+    """As `blank`, with margins of fixed sizes, so that no text is measured before the figure is drawn.
 
-    There is room for labels of the axes, numbers of six characters, and titles of the axes.
+    There is room for labels of the axes of two lines, numbers of six characters, and titles of the axes.
     """
     figure = _figure(width, height, None)
     below = CLOSE if options.get("sharex") else BELOW
@@ -83,11 +83,11 @@ def panels(rows: int, columns: int, width: float, height: float, **options: Any)
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def _figure(width: float, height: float, layout: str | None) -> Figure:
+def _figure(width: float, height: float, layout: Literal["constrained"] | None) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), layout=layout)  # type: ignore[arg-type]
+    figure = Figure(figsize=(width, height), layout=layout)
     FigureCanvasAgg(figure)
     return figure
 
@@ -96,11 +96,11 @@ def titled(figure: Figure, title: str, **style: Any) -> None:
     """Add a title above all axes; a figure of `panels` gets the room for it."""
     if not title:
         return
-    figure.suptitle(title, **style)
     if figure.get_layout_engine() is None:
         height = figure.get_figheight()
-        figure.suptitle(title, y=1.0 - 0.08 / height, va="top", **style)
+        style |= {"y": 1.0 - 0.08 / height, "va": "top"}
         figure.subplots_adjust(top=figure.subplotpars.top - TITLE / height)
+    figure.suptitle(title, **style)
 
 
 def windowed(time: AnyArray, seconds: Seconds) -> np.ndarray:

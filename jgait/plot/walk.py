@@ -171,7 +171,7 @@ def stride_signals(recording: Recording, truth: "Truth") -> Figure:
     stride = int(rows[len(rows) // 2])
     start, end = float(strides.start[stride]), float(strides.end[stride])
     worn = sorted(recording.sensors.items(), key=lambda placed: PLACEMENTS.index(placed[0]))
-    figure, axes = panels(len(worn), 2, 8.6, 1.35 * len(worn) + 1.3)
+    figure, axes = panels(len(worn), 2, 8.6, 1.35 * len(worn) + 1.3, sharex=True)
     for row, (placement, imu) in enumerate(worn):
         time = np.asarray(imu.time)
         part = slice(*np.searchsorted(time, [start - 1e-9, end + 1e-9]))
@@ -188,8 +188,6 @@ def stride_signals(recording: Recording, truth: "Truth") -> Figure:
             axis.set_xlim(-1.5, 101.5)
             axis.grid(alpha=0.3)
             axis.margins(y=0.08)
-            if row < len(worn) - 1:
-                axis.tick_params(labelbottom=False)
         axes[row, 0].set_ylabel(placement.replace("_", "\n"))
     side = SIDES[int(strides.side[stride])]
     for column, (_, unit) in enumerate(SIGNALS):
