@@ -170,7 +170,9 @@ def free(values: Any, base: Base) -> tuple[dict[str, Any], Any, Any, Any]:
     one = np.stack([SKIN[0] / turn, SKIN[1] / turn**2, SKIN[2] / turn**2])
     skin = of_skin.reshape(2, 3, 2, -1) * one[:, None]
     whole = jnp.pad(skin, ((0, 0), (0, 0), (0, 0), (FIRST - 1, 2 * shapes.HARMONICS - LAST)))
-    return factors, feet, pelvis, whole.reshape(6, -1)
+    table = jnp.asarray(shapes.SKIN[0]).reshape(3, len(shapes.WORN), -1)
+    table = table.at[:2, : len(SKIN)].set(whole.reshape(2, len(SKIN), -1))
+    return factors, feet, pelvis, table.reshape(shapes.SKIN[0].shape)
 
 
 def stride(values: Any, base: Base, given: Target) -> tuple[Any, Any]:

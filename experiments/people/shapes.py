@@ -6,7 +6,7 @@ that the tilt turns into it, the displacements. Phases, and the shares of the mo
 mean over people. Its size is the median over people, between that of the mean stride (which jitter blurs) and that of
 single strides (which includes noise).
 
-Feet, skin and styles: `movement` fits them to every second person of `walking5m`, around these and the present values.
+Feet, skin in the plane of the leg and styles: `movement` fits them to every second person of `walking5m`, around these and the present values.
 The fit starts from the present values, so that another run moves them a little further. The numbers in the package are
 not the output of one run: after the fit four of the six motions of the pelvis were set back to those recorded, and one
 was multiplied by 1.11; the first harmonic of its pitch, in whose phase people differ, was raised to the median size of
@@ -171,10 +171,12 @@ def main() -> None:
     ]
     feet, hips, skin = (np.array([np.asarray(block[i]) for block in blocks]) for i in range(3))
     hips[:, 1] *= float(factors["pelvis_rise"])
+    aside = np.arange(skin.shape[1]) % len(shapes.WORN) >= len(movement.SKIN)  # see `out_of_plane`
+    skin[:, aside] = shapes.SKIN[:, aside]
     source = (
         f"means, slopes and principal directions; pelvis: lower backs of {backs} people ({turns} strides) of ipol_gait "
         f"and mobgap_lab; feet and skin: legs of {len(known)} people ({sum(one.strides for one in known)} strides) of "
-        "walking5m; derived by experiments.people.shapes"
+        "walking5m; derived by experiments.people.shapes and out_of_plane"
     )
     FILE.write_text(written(source, {"pelvis": hips, "feet": feet, "skin": skin}), encoding="utf-8")
     for number, (name, factor) in enumerate(factors.items()):

@@ -48,13 +48,14 @@ FOLDS, RIDGE = 5, 1.0
 
 
 class Leg(NamedTuple):
-    """One leg in a walk: sensors → gyroscope and accelerometer, where it walks evenly [samples], and which samples are
-    good."""
+    """One leg in a walk: sensors → gyroscope and accelerometer, where it walks evenly [samples], which samples are
+    good, and the side."""
 
     sensors: dict[str, tuple[Any, Any]]
     windows: list[tuple[int, int]]
     trim: int
     good: np.ndarray | None
+    side: str
 
 
 class Pair(NamedTuple):
@@ -79,7 +80,7 @@ def legs_of(walk: Walk, given: Set) -> Iterator[Leg]:
     for side in SIDES if windows else ():
         if f"shank_{side}" in walk.recording.sensors and f"shank_{side}" not in crossed:
             sensors, good = real._leg(walk, side)
-            yield from (Leg(part, windows, trim, good) for part in together(sensors, given))
+            yield from (Leg(part, windows, trim, good, side) for part in together(sensors, given))
 
 
 def drawn(name: str, stride_time: float, stride_length: float) -> Person:
@@ -117,8 +118,8 @@ def pairs(given: Set, most: int | None) -> list[Pair]:
     for (name, legs), one in zip(recorded, made, strict=True):
         if all(np.isfinite(values).all() for values in one.gyr.values()):
             own = [
-                Leg(part, [window(one, given.rate_hz)], 0, None)
-                for number in range(2)
+                Leg(part, [window(one, given.rate_hz)], 0, None, side)
+                for number, side in enumerate(SIDES)
                 for part in together(leg_of_simulated(one, given, number)[0], given)
             ]
             found_pairs.append(Pair(name, legs, own))

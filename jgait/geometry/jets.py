@@ -130,3 +130,22 @@ def summed(jet: Jet) -> Jet:
     """The sum over the first axis."""
     first, *rest = parts(jet)
     return sum(rest, first)
+
+
+def heads(yaw: Jet, pitch: Jet, roll: Jet) -> Jet:
+    """Forward, left and up axis (3, 3, …), turned by yaw, then pitched (forward end up), then rolled [rad]."""
+    sines, cosines = sin_cos(stacked([yaw, pitch, roll]))
+    (sy, sp, sr), (cy, cp, cr) = parts(sines), parts(cosines)
+    # Without the yaw, the three axes have these components.
+    (ss, sc), (cs, cc) = map(parts, parts(outer(stacked([sp, cp]), stacked([sr, cr]))))
+    ahead, aside, up = (stacked(row) for row in ((cp, -ss, -sc), (cr * 0.0, cr, -sr), (sp, cs, cc)))
+    return turned(stacked([cy, sy]), stacked([ahead, aside]), up)
+
+
+def turned(cosine_sine: Jet, level: Jet, up: Jet) -> Jet:
+    """Vectors (n, 3, …), turned about the vertical by an angle with a cosine and sine (2, …).
+
+    They have components forward and left, `level` (2, n, …), and `up` (n, …).
+    """
+    by_cosine, by_sine = map(parts, parts(kept(part(cosine_sine, slice(None), None, None) * part(level, None))))
+    return stacked([by_cosine[0] - by_sine[1], by_sine[0] + by_cosine[1], up], axis=1)

@@ -28,10 +28,11 @@ class Foothold(NamedTuple):
 
 
 class FootPair(NamedTuple):
-    """Right and left foot: frames (4, 3, 2, T) whose origin is the ankle (see `walker.with_skin`), yaw (2, T) [rad]."""
+    """Right and left foot."""
 
-    frame: Jet
-    yaw: Jet
+    frame: Jet  #: (4, 3, 2, T) frames whose origin is the ankle, see `walker.with_skin`.
+    yaw: Jet  #: (2, T) [rad].
+    free: Jet  #: (2, T) 0 while the sole is on the ground, 1 in swing [1].
 
 
 HEEL_EARLY, HEEL_RISES, HEEL_AFTER, HEEL_DOWN = 0.08, 0.34, 0.24, 0.16
@@ -95,6 +96,7 @@ class Phases(NamedTuple):
     down: Jet  #: pitch of the foot before and after landing, over its pitch at landing.
     way: Jet  #: share of the way from foothold to foothold.
     lift: Jet  #: lift in swing, over the early lift.
+    free: Jet  #: 0 while the sole is on the ground, 1 in swing.
 
 
 def phases(gait: Gait, shape: Movement, off: Values, leave: Values, lands: Values, s: Jet) -> Phases:
@@ -135,8 +137,8 @@ def phases(gait: Gait, shape: Movement, off: Values, leave: Values, lands: Value
     fast, toes, back, up, turn, hard, soft = parts(glide(part(u, slice(0, 7)), gather, lose))
     tau = part(u, -1)
     more_rise, more_down, more_way, more_lift = parts(added(shape, part(u, slice(7, None))))
-    steps = ((s - off) / (leave - off), (tau - 0.1) / 0.5, (tau - when.lowers) / (1.0 - when.lowers))
-    slow, late, lowers = parts(smooth_step(stacked(steps)))
+    steps = ((s - off) / (leave - off), (tau - 0.1) / 0.5, (tau - when.lowers) / (1.0 - when.lowers), s / flat)
+    slow, late, lowers, lies = parts(smooth_step(stacked(steps)))
     rise = slow * when.heel_early + fast * (1.0 - when.heel_early) - back
     return Phases(
         rise=rise * when.heel_share + more_rise,
@@ -144,6 +146,7 @@ def phases(gait: Gait, shape: Movement, off: Values, leave: Values, lands: Value
         down=up - turn + more_down,
         way=hard * gait.landing_speed + soft * (1.0 - gait.landing_speed) + more_way,
         lift=smooth_bump(tau / 0.5) + (late - lowers) * when.late_lift + more_lift,
+        free=slow - lies + 1.0,
     )
 
 
@@ -180,4 +183,4 @@ def feet(body: Body, gait: Gait, shape: Movement, origin: Foothold, target: Foot
     by_cosine, by_sine = map(parts, parts(outer(stacked([cy, sy]), stacked([level, cp, sp]))))
     ankle = part(place, slice(0, 3)) + stacked([by_cosine[0], by_sine[0], rises])
     axes = (by_cosine[1], by_sine[1], sp), (-sy, cy, cy * 0.0), (-by_cosine[2], -by_sine[2], cp)
-    return FootPair(kept(stacked([ankle, *map(stacked, axes)])), yaw)
+    return FootPair(kept(stacked([ankle, *map(stacked, axes)])), yaw, share.free)

@@ -63,7 +63,8 @@ class Gait(NamedTuple):
         style_2: the same on the second direction; as the following two.
         style_3: the same on the third direction.
         style_4: the same on the fourth direction.
-        soft_tissue: motion of sensors on thighs and shanks over the bone, over that of recorded people; 0: none [1].
+        soft_tissue: motion of sensors on thighs, shanks and feet over the bone, and their turns out of the plane of the
+            leg, over those of recorded people; 0: none [1].
         hip_ahead: distance of the hips ahead of the middle of the feet at initial contact [m].
         standing_hip: hip flexion in standing [rad].
         standing_knee: knee flexion in standing [rad].

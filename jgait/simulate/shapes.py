@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jgait.geometry.jets import Jet, chained, part, parts, sin_cos, stacked
+from jgait.geometry.jets import Jet, chained, heads, part, parts, sin_cos, stacked
 from jgait.geometry.vectors import kept
 from jgait.simulate.person import RECORDED, Body, Gait, Person
 from jgait.simulate.smooth import polynomial, smooth_bump
@@ -40,6 +40,11 @@ USUAL_STRIDE = RECORDED.stride_length / (Body().thigh_length + Body().shank_leng
 UNIT, MOST = 0.12, 3.0
 """[1] Relative change of a stride's length or rate that counts as one in the tables, and largest count."""
 
+WORN = ("pitch", "ahead", "along", "roll", "yaw", "aside")
+"""Motions of what sensors are worn on: pitch, its forward end down [rad], forward and up along the segment [m]; and
+out of the leg's plane, outwards positive: roll, its upper end outwards, yaw, its forward end outwards [rad], and to the
+side [m]."""
+
 
 class Movement(NamedTuple):
     """Shapes of a person's movement, see `shape_of`."""
@@ -48,8 +53,8 @@ class Movement(NamedTuple):
     #: even harmonics of the stride, and of its motion left [m], its yaw and roll [rad] at the odd ones.
     pelvis: Values
     feet: Values  #: (4, terms) what is added to the phases of a foot, see `added`.
-    #: (6, 4 HARMONICS) cosines, then sines, of the pitch [rad] and the motion forward and up [m] of what sensors are
-    #: worn on, over the bone of the thigh and of the shank, in the stride of their leg.
+    #: (18, 4 HARMONICS) cosines, then sines, of how what sensors are worn on moves over the bone of the thigh, of the
+    #: shank and of the foot, in the stride of their leg; six rows each, see `WORN`.
     skin: Values
 
 
@@ -114,19 +119,19 @@ def waves(r: Jet) -> Jet:
     return Jet(jnp.concatenate([cosines.orders, sines.orders], axis=1))
 
 
-EVEN = np.tile([0.0, 1.0], 2 * HARMONICS)
-"""1 for the columns of even harmonics of a table with all harmonics."""
-
-
 def swings(shape: Movement, waves: Jet) -> Jet:
-    """Sums of waves (18, T): of the rows of the pelvis, and of those of the skin in even, then in odd harmonics."""
-    none = jnp.zeros_like(shape.pelvis[:3])
-    even, odd = jnp.stack([none, shape.pelvis[:3]], axis=-1), jnp.stack([shape.pelvis[3:], none], axis=-1)
-    pelvis = jnp.concatenate([even, odd]).reshape(6, -1)
-    even_ones = jnp.asarray(EVEN, shape.skin.dtype)[None]
-    table = jnp.concatenate([pelvis, shape.skin * even_ones, shape.skin * (1.0 - even_ones)])
+    """Sums of waves (2, 21, T), of odd harmonics, then of even ones: three rows of the pelvis, then those of the skin.
+
+    Of the pelvis, odd harmonics move it left, yaw and roll it; even ones move it forward and up and pitch it.
+    """
+    odd, even = (jnp.concatenate([shape.pelvis[rows], skin]) for rows, skin in (
+        (slice(3, 6), shape.skin[:, 0::2]), (slice(0, 3), shape.skin[:, 1::2])
+    ))  # fmt: skip
+    by_parity = waves.orders.reshape(waves.orders.shape[0], -1, 2, *waves.orders.shape[2:])
     # One product for all: each takes the compiler its time.
-    return kept(Jet(jnp.einsum("ch,oh...->oc...", table, waves.orders, precision=lax.Precision.HIGHEST)))
+    return kept(
+        Jet(jnp.einsum("pch,ohp...->opc...", jnp.stack([odd, even]), by_parity, precision=lax.Precision.HIGHEST))
+    )
 
 
 def oscillation(swings: Jet, side: Values, shock: Jet) -> Jet:
@@ -137,39 +142,53 @@ def oscillation(swings: Jet, side: Values, shock: Jet) -> Jet:
         side: (T,) 1 where the left foot landed last, −1 where the right foot did.
         shock: (T,) additional motion downwards [m].
     """
-    ahead, up, pitch = parts(part(swings, slice(0, 3)))
-    left, yaw, roll = parts(part(swings, slice(3, 6)) * side[None])
+    left, yaw, roll = parts(part(swings, 0, slice(0, 3)) * side[None])
+    ahead, up, pitch = parts(part(swings, 1, slice(0, 3)))
     return stacked([ahead, left, up - shock, yaw, pitch, roll])
 
 
-def softness(swings: Jet, moves: Flags) -> Jet:
-    """How sensors move on thighs and shanks: pitch [rad], forward and up along the segment [m], (3, 4, T).
+def softness(swings: Jet, moves: Flags, free: Jet) -> Jet:
+    """How sensors move on thighs, shanks and feet (6, 6, T): the rows of `WORN`, outwards replaced by left.
 
-    The second axis is the right and the left thigh, the right and the left shank.
+    The second axis is the right and the left thigh, the right and the left shank, the right and the left foot.
 
     Args:
         swings: see `swings`.
         moves: (2, T) whether a foot is the one that did not land last: its leg is half a stride ahead.
+        free: (2, T) share of its motion that a sensor on a foot has, see `feet.Phases`.
     """
-    even, odd = part(swings, slice(6, 12), None), part(swings, slice(12, 18), None)
-    orders = (odd * jnp.where(moves, -1.0, 1.0)[None] + even).orders
-    return Jet(jnp.concatenate([orders[:, :3], orders[:, 3:]], axis=2))
+    odd, even = (part(swings, i, slice(3, None), None) for i in (0, 1))
+    both = odd * jnp.where(moves, -1.0, 1.0)[None] + even
+    rows = Jet(both.orders.reshape(-1, 3, len(WORN), *both.orders.shape[2:]))
+    signs = np.stack([OUTWARDS["right"], OUTWARDS["left"]], axis=1)
+    rows = kept(rows * signs.reshape((1, *signs.shape) + (1,) * (moves.ndim - 1)).astype(both.orders.dtype))
+    thighs, shanks, foot = parts(rows)
+    return Jet(jnp.concatenate([thighs.orders, shanks.orders, (foot * part(free, None)).orders], axis=2))
+
+
+OUTWARDS = {"right": np.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0]), "left": np.array([1.0, 1.0, 1.0, -1.0, 1.0, 1.0])}
+"""Sign of each of `WORN` on each side as motion to the left, and turns about the forward and the upward axis."""
 
 
 def worn(legs: Jet, soft: Jet, half: Values) -> Jet:
-    """Frames (4, 3, 4, T) of what sensors are worn on, from those of the bones of thighs and shanks.
+    """Frames (4, 3, 6, T) of what sensors are worn on, from those of the bones of thighs, shanks and feet.
 
     Args:
-        legs: (4, 3, 4, T) frames of right and left thigh, right and left shank.
-        soft: (3, 4, T) see `softness`.
-        half: (1, 4, 1) half the length of each, the distance of the middle, about which they pitch, from the joint [m].
+        legs: (4, 3, 6, T) frames of right and left thigh, right and left shank, right and left foot.
+        soft: (6, 6, T) see `softness`.
+        half: (1, 6, 1) distance of the point about which each turns from its joint [m]: half the length of thigh and
+            shank, 0 of the foot.
     """
-    origin, x, y, z = parts(legs)
-    pitch, ahead, along = parts(soft)
-    s, c = sin_cos(pitch)
-    nods, turned = x * part(c, None) - z * part(s, None), z * part(c, None) + x * part(s, None)
-    place = origin + x * part(ahead, None) + z * part(along, None) + (turned - z) * half
-    return kept(stacked([place, nods, y, turned]))
+    origin, *bone = parts(legs)
+    pitch, ahead, along, roll, yaw, aside = parts(soft)
+    turns = kept(heads(yaw, -pitch, roll))
+    # Component j of a turned axis is along axis j of the bone.
+    first, second, third = (part(turns, slice(None), j, None) * part(axis, None) for j, axis in enumerate(bone))
+    axes = kept(first + second + third)
+    x, y, z = bone
+    place = origin + x * part(ahead, None) + y * part(aside, None) + z * part(along, None)
+    place = place + (part(axes, 2) - z) * half
+    return kept(Jet(jnp.concatenate([part(place, None).orders, axes.orders], axis=1)))
 
 
 def added(shape: Movement, u: Jet) -> Jet:

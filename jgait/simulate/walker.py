@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from jgait.geometry.jets import Jet, outer, part, parts, reciprocal, root, sin_cos, stacked, summed
+from jgait.geometry.jets import Jet, heads, outer, part, parts, reciprocal, root, sin_cos, stacked, summed, turned
 from jgait.geometry.segments import Frame, Motion, Segments
 from jgait.geometry.vectors import Vector, kept
 from jgait.simulate.feet import Foothold, FootPair, feet
@@ -55,25 +55,6 @@ def ticks(plan: Plan, time: Float[AnyArray, "*shape"]) -> tuple[Int[Array, "*sha
     return entry, Motion(r, rate, -bend * rate * rate * rate)
 
 
-def _pelvis_axes(yaw: Jet, pitch: Jet, roll: Jet) -> Jet:
-    """Forward, left and up axis (3, 3, T) of a pelvis turned by yaw, then pitched (forward end up), then rolled."""
-    sines, cosines = sin_cos(stacked([yaw, pitch, roll]))
-    (sy, sp, sr), (cy, cp, cr) = parts(sines), parts(cosines)
-    # Without the yaw, the three axes have these components.
-    (ss, sc), (cs, cc) = map(parts, parts(outer(stacked([sp, cp]), stacked([sr, cr]))))
-    ahead, aside, up = (stacked(row) for row in ((cp, -ss, -sc), (cr * 0.0, cr, -sr), (sp, cs, cc)))
-    return _turned(stacked([cy, sy]), stacked([ahead, aside]), up)
-
-
-def _turned(cosine_sine: Jet, level: Jet, up: Jet) -> Jet:
-    """Vectors (n, 3, T), turned about the vertical by an angle with a cosine and sine (2, T).
-
-    They have components forward and left, `level` (2, n, T), and `up` (n, T).
-    """
-    by_cosine, by_sine = map(parts, parts(kept(part(cosine_sine, slice(None), None, None) * part(level, None))))
-    return stacked([by_cosine[0] - by_sine[1], by_sine[0] + by_cosine[1], up], axis=1)
-
-
 def _legs(body: Body, hip: Jet, ankle: Jet, yaw: Jet) -> tuple[Jet, Jet]:
     """Frames (4, 3, 2, T) of thighs and shanks.
 
@@ -113,7 +94,7 @@ class Carried(NamedTuple):
     pelvis: Jet  #: (4, 3, T) frame of the pelvis, from the middle of the hips.
     hips: Jet  #: (3, 2, T) both hips, right and left.
     turn: Jet  #: (T,) yaw of the plane of the legs.
-    soft: Jet  #: (3, 4, T) motion of sensors on thighs and shanks, see `shapes.softness`.
+    soft: Jet  #: (6, 6, T) motion of sensors on thighs, shanks and feet, see `shapes.softness`.
 
 
 PLACE = ("x", "y", "z", "foot_yaw", "slope")
@@ -136,12 +117,12 @@ def carried(person: Person, plan: Plan, entry: Int[Array, "..."], r: Jet) -> Car
     x, y, z, heading, walking = parts(smooth_curve(curves, entry, r))
     shock = smooth_bump(r / SHAKEN) * gait.pelvis_shock
     ahead, aside, up, yaw, pitch, roll = parts(kept(part(walking, None) * oscillation(swing, side, shock)))
-    soft = kept(part(walking, None, None) * softness(swing, moves))
+    soft = kept(part(walking, None, None) * softness(swing, moves, both.free))
     s, c = sin_cos(heading)
     height = z - _dip(r) * plan.dip[entry] + up
-    sways = _turned(stacked([c, s]), stacked([part(ahead, None), part(aside, None)]), part(height, None))
+    sways = turned(stacked([c, s]), stacked([part(ahead, None), part(aside, None)]), part(height, None))
     place = sways + part(stacked([x, y, x * 0.0]), None)
-    axes = _pelvis_axes(heading + yaw, pitch, roll)
+    axes = heads(heading + yaw, pitch, roll)
     pelvis = kept(Jet(jnp.concatenate([place.orders, axes.orders], axis=1)))
     apart = 0.5 * body.hip_width * sides
     hips = kept(part(pelvis, 0, slice(None), None) + part(pelvis, 2, slice(None), None) * apart[None])
@@ -254,19 +235,19 @@ def _together(frames: list[Jet]) -> Jet:
 
 
 def with_skin(person: Person, plan: Plan, entry: Int[Array, "*shape"], r: Jet) -> Jet:
-    """The frames of all segments at the share r of a step after the contact of foothold `entry`: (4, 3, 11, *shape).
+    """The frames of all segments at the share r of a step after the contact of foothold `entry`: (4, 3, 13, *shape).
 
     The first axis is the origin and the axes of a `Frame`, the second their components, the third the segments in the
-    order of `Segments`, and after them what sensors are worn on at right and left thigh, right and left shank (`SKIN`).
+    order of `Segments`, and after them what sensors are worn on at thighs, shanks and feet, right before left (`SKIN`).
     """
     now, body = carried(person, plan, entry, r), person.body
     bones = _bones(person, now)
     lengths = jnp.stack([jnp.asarray(length, plan.x.dtype) for length in (body.thigh_length, body.shank_length)])
-    half = jnp.repeat(0.5 * lengths, 2).reshape((1, 4) + (1,) * entry.ndim)
-    return _together([*bones, worn(_together(bones[1:3]), now.soft, half)])
+    half = jnp.repeat(jnp.append(0.5 * lengths, 0.0), 2).reshape((1, 6) + (1,) * entry.ndim)
+    return _together([*bones, worn(_together(bones[1:]), now.soft, half)])
 
 
-SKIN = {name: len(Segments._fields) + i for i, name in enumerate(Segments._fields[1:5])}
+SKIN = {name: len(Segments._fields) + i for i, name in enumerate(Segments._fields[1:])}
 """Segment → index of what its sensors are worn on, in the frames of `with_skin`."""
 
 
@@ -281,7 +262,7 @@ def separated(frames: Values) -> Segments[Frame]:
 
 
 def moved(person: Person, plan: Plan, entry: Int[Array, "time"], r: Motion[Float[Array, "time"]]) -> Motion[Frames]:
-    """The body, its rates and its accelerations, exact, from `ticks`, as arrays (4, 3, 11, T); see `with_skin`.
+    """The body, its rates and its accelerations, exact, from `ticks`, as arrays (4, 3, 13, T); see `with_skin`.
 
     All depends on time by the share of a step, which is a jet.
     """

@@ -154,7 +154,7 @@ def walked(
     """The readings of a planned walk (S, T, …), its motion (see `moved`), and its reference."""
     entry, r = ticks(laid, time)
     moving = kept(moved(person, laid, entry, r))
-    worn_on = Motion(*(part[:, :, sensors.segment] for part in moving))  # (4, 3, S, T), of the segments (4, 3, 11, T)
+    worn_on = Motion(*(part[:, :, sensors.segment] for part in moving))  # (4, 3, S, T), of the segments (4, 3, 13, T)
     read = _readings(_numbered(key, sensors.point.shape[0]), worn_on, time, errors, sensors)
     return read, moving, _known(person, laid, moving.pose, time, entry, r.pose)
 
@@ -167,7 +167,7 @@ def truth(laid: Plan, moving: Motion[Frames], known: Estimate) -> Truth:
 def _known(
     person: Person, laid: Plan, frames: Frames, time: Float[AnyArray, "time"], entry: Int[Array, "time"], r: Values
 ) -> Estimate:
-    """Estimate of a walk at times (T,) [s], from the frames of all segments (4, 3, 11, T)."""
+    """Estimate of a walk at times (T,) [s], from the frames of all segments (4, 3, 13, T)."""
     body = person.body
     heading, distance = curve_at(jnp.stack([laid.heading_curve, laid.distance_curve]), entry, r)
     ahead = Vector(jnp.cos(heading)[None], jnp.sin(heading)[None], jnp.zeros_like(heading)[None])

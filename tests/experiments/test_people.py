@@ -13,7 +13,7 @@ def test_power_is_found_in_the_band_of_its_frequency_and_does_not_depend_on_axes
     time = np.arange(0.0, 20.0, 0.01)
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     signal = np.column_stack([np.sin(2.0 * np.pi * 3.0 * time), np.zeros_like(time), np.full_like(time, 9.8)])
-    leg = strides.Leg({"foot": (signal, 2.0 * signal @ turn)}, [(0, len(time))], 0, None)
+    leg = strides.Leg({"foot": (signal, 2.0 * signal @ turn)}, [(0, len(time))], 0, None, "right")
     found = strides.spectra([leg], 100.0)
     band = int(np.searchsorted(strides.BANDS, 3.0)) - 1
     assert found["foot gyr"].argmax() == band
@@ -24,7 +24,7 @@ def test_power_is_found_in_the_band_of_its_frequency_and_does_not_depend_on_axes
 def test_pieces_with_lost_samples_are_left_out(strides):
     good = np.ones(2000, bool)
     good[700] = False
-    leg = strides.Leg({"foot": (np.ones((2000, 3)), np.ones((2000, 3)))}, [(0, 1000)], 0, good)
+    leg = strides.Leg({"foot": (np.ones((2000, 3)), np.ones((2000, 3)))}, [(0, 1000)], 0, good, "right")
     assert strides.spectra([leg], 100.0) == {}
 
 
