@@ -6,7 +6,8 @@ that the tilt turns into it, the displacements. Phases, and the shares of the mo
 mean over people. Its size is the median over people, between that of the mean stride (which jitter blurs) and that of
 single strides (which includes noise).
 
-Feet, skin in the plane of the leg and styles: `movement` fits them to every second person of `walking5m`, around these and the present values.
+Feet, skin in the plane of the leg and styles: `movement` fits them to every second person of `walking5m`, around these
+and the present values.
 The fit starts from the present values, so that another run moves them a little further. The numbers in the package are
 not the output of one run: after the fit four of the six motions of the pelvis were set back to those recorded, and one
 was multiplied by 1.11; the first harmonic of its pitch, in whose phase people differ, was raised to the median size of
