@@ -112,11 +112,12 @@ def shape_of(person: Person) -> Movement:
 
 
 def waves(r: Jet) -> Jet:
-    """Cosines, then sines, of all harmonics of the stride (4 HARMONICS, T) at the share r (T,) of the step."""
-    numbers = np.arange(1, 2 * HARMONICS + 1) * np.pi
-    angles = part(r, None) * numbers.reshape((-1,) + (1,) * (r.orders.ndim - 1)).astype(r.orders.dtype)
+    """Cosines, then sines, of the odd and of the even harmonics of the stride (2, 2 HARMONICS, T) at the share r (T,) of
+    the step."""
+    numbers = np.arange(1, 2 * HARMONICS + 1).reshape(-1, 2).T * np.pi
+    angles = part(r, None, None) * numbers.reshape(numbers.shape + (1,) * (r.orders.ndim - 1)).astype(r.orders.dtype)
     sines, cosines = sin_cos(angles)
-    return Jet(jnp.concatenate([cosines.orders, sines.orders], axis=1))
+    return Jet(jnp.concatenate([cosines.orders, sines.orders], axis=2))
 
 
 def swings(shape: Movement, waves: Jet) -> Jet:
@@ -124,14 +125,11 @@ def swings(shape: Movement, waves: Jet) -> Jet:
 
     Of the pelvis, odd harmonics move it left, yaw and roll it; even ones move it forward and up and pitch it.
     """
-    odd, even = (jnp.concatenate([shape.pelvis[rows], skin]) for rows, skin in (
-        (slice(3, 6), shape.skin[:, 0::2]), (slice(0, 3), shape.skin[:, 1::2])
-    ))  # fmt: skip
-    by_parity = waves.orders.reshape(waves.orders.shape[0], -1, 2, *waves.orders.shape[2:])
+    odd = jnp.concatenate([shape.pelvis[3:], shape.skin[:, 0::2]])
+    even = jnp.concatenate([shape.pelvis[:3], shape.skin[:, 1::2]])
     # One product for all: each takes the compiler its time.
-    return kept(
-        Jet(jnp.einsum("pch,ohp...->opc...", jnp.stack([odd, even]), by_parity, precision=lax.Precision.HIGHEST))
-    )
+    orders = jnp.einsum("pch,oph...->opc...", jnp.stack([odd, even]), waves.orders, precision=lax.Precision.HIGHEST)
+    return kept(Jet(orders))
 
 
 def oscillation(swings: Jet, side: Values, shock: Jet) -> Jet:
