@@ -4,6 +4,7 @@ The learning starts at settings that know nothing of these people, and its prior
 delay, a search about the coarse instant. Only the cut-off keeps its default, by which errors hardly change.
 """
 
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -68,7 +69,7 @@ class Contacts(NamedTuple):
     known: Any
 
 
-def ready(walks: list[Walk]) -> Contacts:
+def ready(walks: Sequence[Walk]) -> Contacts:
     """The contacts of straight walking of each walk that the detector finds, padded to one length and stacked."""
     inputs = [waist.prepared(walk.recording).inputs for walk in walks]
     samples = max(len(one.time) for one in inputs)
@@ -114,6 +115,16 @@ def absolute(settings: Soft, item: Contacts) -> Any:
     return 1e3 * jnp.sum(jnp.abs(late(settings, item))) / jnp.maximum(jnp.sum(item.known), 1)
 
 
+def loss_of(weight: float) -> Callable[[Soft, Contacts], Any]:
+    """The loss of a walk, where a contact counts as `weight` independent ones."""
+
+    def loss(settings: Soft, item: Contacts) -> Any:
+        """Sum over the walk's contacts; nearly the absolute error in units of `WRONG`."""
+        return weight * jnp.sum(jnp.sqrt(1.0 + (late(settings, item) / WRONG) ** 2) - 1.0)
+
+    return loss
+
+
 def floors(errors: np.ndarray, people: np.ndarray) -> tuple[float, float]:
     """Mean absolute error [ms] with the median of all people taken off, and with everybody's own: what no setting that
     is the same for all people can fall below by far."""
@@ -136,14 +147,11 @@ def rows(quick: bool) -> list[Row]:
     weight = independent(errors["start"], people)
     print(f"a contact counts as {weight:.3f} independent ones")
 
-    def loss(settings: Soft, item: Contacts) -> Any:
-        """Sum over the walk's contacts; nearly the absolute error in units of `WRONG`."""
-        return weight * jnp.sum(jnp.sqrt(1.0 + (late(settings, item) / WRONG) ** 2) - 1.0)
-
     for name, free in VARIANTS.items():
         found = tune.cross_validate(
-            loss, START, params.freed(RANGES, *free), data, optax.adam(optax.cosine_decay_schedule(STEP, STEPS)),
-            subjects=subjects, error=absolute, priors=PRIORS, steps=STEPS, gradient="reverse",
+            loss_of(weight), START, params.freed(RANGES, *free), data,
+            optax.adam(optax.cosine_decay_schedule(STEP, STEPS)), subjects=subjects, error=absolute,
+            priors=PRIORS, steps=STEPS, gradient="reverse",
         )  # fmt: skip
         tables.append(found)
         after = np.average(found.items["error_after"], weights=count)

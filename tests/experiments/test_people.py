@@ -86,3 +86,19 @@ def test_a_person_predicts_own_sensors_in_any_orientation_and_other_people_less(
     for same, differs in zip(*(fitted.predicted(who, 0.0, seen).values() for who in (one, other)), strict=True):
         assert same.gyr < 1e-9 and same.acc < 1e-9 and same.correlation > 1.0 - 1e-12
         assert differs.gyr > 0.01 and differs.acc > 0.01
+
+
+def test_simulated_walks_to_learn_from_have_the_path_of_the_sensor_and_contacts(load_experiment):
+    transfer = load_experiment("people.transfer")
+    (walk,), (known,) = transfer.foot(1), transfer.waists(1)
+    path = np.asarray(walk.reference.feet.right.position)
+    assert list(walk.recording.sensors) == ["foot_right"] and len(path) == len(
+        walk.recording.sensors["foot_right"].time
+    )
+    # Round the rectangle and back, where it ends beside the start.
+    assert 2.5 < np.ptp(path[:, 0]) < 6.5 and 1.5 < np.ptp(path[:, 1]) < 4.5
+    assert np.linalg.norm(path[-1] - path[0]) < 1.0 and np.abs(path[-1, 2] - path[0, 2]) < 1e-6
+    assert list(known.recording.sensors) == ["lower_back"]
+    ((begin, end),) = known.straight.looked
+    inside = known.contacts[(known.contacts > begin) & (known.contacts < end)]
+    assert len(inside) == len(known.contacts) - 2 and 0.4 < np.diff(inside).min() <= np.diff(inside).max() < 0.8
