@@ -112,7 +112,7 @@ def shape_of(person: Person) -> Movement:
 
 
 def waves(r: Jet) -> Jet:
-    """Cosines, then sines, of odd and of even harmonics (2, 2 HARMONICS, T) of a stride, at a share of the step (T,)."""
+    """Cosines, then sines, of odd and of even harmonics of a stride (2, 2 HARMONICS, T) at a share of the step."""
     numbers = np.arange(1, 2 * HARMONICS + 1).reshape(-1, 2).T * np.pi
     angles = part(r, None, None) * numbers.reshape(numbers.shape + (1,) * (r.orders.ndim - 1)).astype(r.orders.dtype)
     sines, cosines = sin_cos(angles)
