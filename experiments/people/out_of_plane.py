@@ -45,21 +45,19 @@ FORCE = 5.0
 
 
 class Waves(NamedTuple):
-    """Mean and size of the strides of a leg, in harmonics: (segments, signals, harmonics); its stride time [s]; by how
-    much later than the landing a stride begins [rad]."""
+    """Mean and size of the strides of a leg, in harmonics: (segments, signals, harmonics); its stride time [s]."""
 
     mean: np.ndarray
     size: np.ndarray
     stride_time: float
-    late: float = 0.0
 
 
 def axes(gyr: np.ndarray, acc: np.ndarray, rate: np.ndarray, windows: Any) -> np.ndarray:
     """(3, 3) forward, left and up axis of a sensor as columns, from its rate in swing (T,), forward positive."""
-    walked = np.concatenate([np.arange(*one) for one in windows])
-    left = -gyr[walked].T @ rate[walked]
+    even = np.concatenate([np.arange(*one) for one in windows])
+    left = -gyr[even].T @ rate[even]
     left = left / np.linalg.norm(left)
-    up = acc[walked].mean(axis=0)
+    up = acc[even].mean(axis=0)
     up = up - left * (up @ left)
     up = up / np.linalg.norm(up)
     return np.stack([np.cross(left, up), left, up], axis=1)
@@ -73,13 +71,13 @@ def mean_stride(leg: Leg, rate_hz: float) -> Waves | None:
     strides = find_strides(lead, rate_hz, windows, leg.trim, leg.good)
     if not len(strides.start):
         return None
-    walked = np.concatenate([np.arange(*one) for one in windows])
+    even = np.concatenate([np.arange(*one) for one in windows])
     each = []
     for segment in SEGMENTS:
         gyr, acc = map(np.asarray, sensors[segment])
         rate = principal_rate(gyr, rate_hz, windows)
-        later = np.minimum(walked + round((THIGH_LEAD if segment == "thigh" else 0.0) * rate_hz), len(lead) - 1)
-        each.append(signals(gyr, acc, rate * np.sign(rate[walked] @ lead[later]), windows, leg.side))
+        later = np.minimum(even + round((THIGH_LEAD if segment == "thigh" else 0.0) * rate_hz), len(lead) - 1)
+        each.append(signals(gyr, acc, rate * np.sign(rate[even] @ lead[later]), windows, leg.side))
     index, series = np.arange(len(lead)), np.concatenate(each)
     cut = np.array([
         [np.interp(np.linspace(a, b, POINTS, endpoint=False), index, row) for row in series]
@@ -132,11 +130,9 @@ def made(table: np.ndarray, who: Person) -> np.ndarray:
 
 def late(recorded: np.ndarray, simulated: np.ndarray) -> float:
     """By how much later a recorded stride begins [rad]: where the rates of the shanks are most alike."""
-    grid, (ours, theirs) = (
-        np.linspace(-np.pi, np.pi, 400),
-        (one[SEGMENTS.index("shank"), 0] for one in (simulated, recorded)),
-    )
-    return float(grid[np.argmax((np.exp(1j * grid[:, None] * HARMONICS) @ (ours * np.conj(theirs))).real)])
+    grid, shank = np.linspace(-np.pi, np.pi, 400), (SEGMENTS.index("shank"), WORN.index("pitch"))
+    alike = np.exp(1j * grid[:, None] * HARMONICS) @ (simulated[shank] * np.conj(recorded[shank]))
+    return float(grid[np.argmax(alike.real)])
 
 
 def recorded() -> tuple[list[Waves], list[Person]]:
@@ -153,7 +149,7 @@ def recorded() -> tuple[list[Waves], list[Person]]:
 
 
 def amounts(waves: np.ndarray) -> np.ndarray:
-    """Half the cosines, then sines, of the table's rows (…, segments × 6, 4 HARMONICS) from complex harmonics."""
+    """Rows of the table, cosines, then sines (…, segments × 6, 4 HARMONICS), from `harmonics`."""
     flat = waves.reshape(*waves.shape[:-3], len(SEGMENTS) * len(WORN), len(HARMONICS))
     return 2.0 * np.concatenate([flat.real, -flat.imag], axis=-1)
 

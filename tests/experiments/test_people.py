@@ -102,3 +102,17 @@ def test_simulated_walks_to_learn_from_have_the_path_of_the_sensor_and_contacts(
     ((begin, end),) = known.straight.looked
     inside = known.contacts[(known.contacts > begin) & (known.contacts < end)]
     assert len(inside) == len(known.contacts) - 2 and 0.4 < np.diff(inside).min() <= np.diff(inside).max() < 0.8
+
+
+def test_rows_of_the_table_are_the_waves_of_a_stride_and_its_beginning_is_found(load_experiment):
+    derived = load_experiment("people.out_of_plane")
+    turn = 2.0 * np.pi * np.arange(derived.POINTS) / derived.POINTS
+    rng, count = np.random.default_rng(3), len(derived.HARMONICS)
+    table = rng.standard_normal((18, 2 * count))
+    angles = derived.HARMONICS[:, None] * turn
+    series = table @ np.concatenate([np.cos(angles), np.sin(angles)])
+    waves = derived.harmonics(series).reshape(3, 6, count)
+    np.testing.assert_allclose(derived.amounts(waves), table, atol=1e-12)
+    # A stride that is read from a tenth of its turn on begins so much later.
+    later = derived.harmonics(np.roll(series, -10, axis=1)).reshape(3, 6, count)
+    assert abs(derived.late(later, waves) - 0.2 * np.pi) < 0.01
