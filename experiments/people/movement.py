@@ -18,16 +18,16 @@ from numpy.polynomial import chebyshev
 
 from experiments.people.strides import legs_of
 from experiments.simulator.gait import Truth, figures
-from experiments.simulator.simulated import Set, curves, names_of
+from experiments.simulator.simulated import SETS, Set, curves, names_of
 from jgait import datasets, simulate
-from jgait.geometry.segments import Segments
+from jgait.geometry.segments import Motion, Segments
 from jgait.simulate import RECORDED, Body, Gait, Person, shapes
 from jgait.simulate.population import manner
 from jgait.simulate.sensors import IDEAL
 from jgait.simulate.shapes import Movement
-from jgait.simulate.walker import planned
+from jgait.simulate.walker import Frames, planned
 from jgait.simulate.worn import sensors_at, walked
-from jgait.types import SIDES
+from jgait.types import SIDES, Imu, Values
 
 GAIT = {
     "toe_up": 0.25, "heel_up": 0.2, "foot_flat": 0.25, "heel_off": 0.12, "swing_lift": 0.5, "landing_speed": 0.4,
@@ -122,6 +122,13 @@ def recorded(given: Set) -> dict[str, Recorded]:
     return found
 
 
+def known() -> dict[str, tuple[Recorded, Set]]:
+    """Walk → what it has, and its set: of every second person of `walking5m`, to whom the tables are fitted."""
+    sets = [given for given in SETS if given.name == "walking5m"]
+    every = {name: (one, given) for given in sets for name, one in recorded(given).items()}
+    return {name: every[name] for name in list(every)[::2]}
+
+
 def targets(people: list[Recorded]) -> list[Target]:
     """What the fit compares; weights are one over the deviation between people."""
     weights, peak_weights = {}, {}
@@ -175,20 +182,30 @@ def free(values: Any, base: Base) -> tuple[dict[str, Any], Any, Any, Any]:
     return factors, feet, pelvis, table.reshape(shapes.SKIN[0].shape)
 
 
+def usual(leg: Values, stride_time: Values, stride_length: Values) -> Person:
+    """The usual person with a length of the leg [m] at a stride [s], [m]."""
+    gait = RECORDED._replace(
+        steps=8.0, quiet_before=0.5, soft_tissue=1.0, stride_length=stride_length, stride_time=stride_time,
+        **manner(stride_length / leg, RECORDED),
+    )  # fmt: skip
+    return Person(Body(*(length * leg / LEG for length in Body())), gait)
+
+
+def walked_stride(who: Person, shape: Movement) -> tuple[Imu, Motion[Frames]]:
+    """Readings of perfect sensors on shank, thigh and foot, and the motion, in a stride of the right leg."""
+    laid, _ = planned(jax.random.key(0), who, simulate.straight(30.0), 8, shape)
+    time = laid.contact[4] + who.gait.stride_time * jnp.arange(POINTS) / POINTS
+    places = {name: simulate.mount(who.body, name) for name in ("shank_right", "thigh_right", "foot_right")}
+    read, moving, _ = walked(jax.random.key(0), who, laid, time, IDEAL, sensors_at(places))
+    return read, moving
+
+
 def stride(values: Any, base: Base, given: Target) -> tuple[Any, Any]:
     """(6, POINTS) curves of a simulated stride of the right leg from its landing; (3,) knee, hip, foot there [rad]."""
     factors, feet, pelvis, skin = free(values, base)
-    body = Body(*(length * given.leg / LEG for length in Body()))
-    usual = RECORDED._replace(
-        steps=8.0, quiet_before=0.5, soft_tissue=1.0, stride_length=given.stride_length, stride_time=given.stride_time,
-        **manner(given.stride_length / given.leg, RECORDED),
-    )  # fmt: skip
-    who = Person(body, usual._replace(**{name: getattr(usual, name) * factor for name, factor in factors.items()}))
-    shape = Movement(pelvis * shapes.sizes(who), feet, skin)
-    laid, _ = planned(jax.random.key(0), who, simulate.straight(30.0), 8, shape)
-    time = laid.contact[4] + given.stride_time * jnp.arange(POINTS) / POINTS
-    places = {name: simulate.mount(body, name) for name in ("shank_right", "thigh_right", "foot_right")}
-    read, moving, _ = walked(jax.random.key(0), who, laid, time, IDEAL, sensors_at(places))
+    body, gait = usual(given.leg, given.stride_time, given.stride_length)
+    who = Person(body, gait._replace(**{name: getattr(gait, name) * factor for name, factor in factors.items()}))
+    read, moving = walked_stride(who, Movement(pelvis * shapes.sizes(who), feet, skin))
     rates = -read.gyr[..., 1]
     thigh, shank = (moving.pose[3, :, Segments._fields.index(name), 0] for name in ("thigh_right", "shank_right"))
     hip, tilt = (jnp.arctan2(-up[0], up[2]) for up in (thigh, shank))

@@ -18,17 +18,12 @@ import numpy as np
 from experiments.people import movement
 from experiments.people.shapes import FILE, written
 from experiments.people.strides import Leg, legs_of
-from experiments.simulator.gait import THIGH_LEAD, find_strides, principal_rate, swing_sign
-from experiments.simulator.simulated import SETS
-from jgait import datasets, simulate
-from jgait.simulate import RECORDED, Body, Person, shapes
-from jgait.simulate.population import manner
-from jgait.simulate.sensors import IDEAL
+from experiments.simulator.gait import find_strides, sagittal_rates
+from jgait import datasets
+from jgait.simulate import Person, shapes
 from jgait.simulate.shapes import OUTWARDS, WORN, shape_of
-from jgait.simulate.walker import planned
-from jgait.simulate.worn import sensors_at, walked
 
-SEGMENTS, POINTS = ("thigh", "shank", "foot"), 100
+SEGMENTS, POINTS = ("thigh", "shank", "foot"), movement.POINTS
 HARMONICS = np.arange(1, 2 * shapes.HARMONICS + 1)
 LARGEST = 3.0
 """[1] Largest size of a harmonic over that of the mean of all legs."""
@@ -65,20 +60,13 @@ def axes(gyr: np.ndarray, acc: np.ndarray, rate: np.ndarray, windows: Any) -> np
 
 def mean_stride(leg: Leg, rate_hz: float) -> Waves | None:
     """Of a recorded leg, in strides from one swing to the next; None without strides."""
-    sensors, windows = leg.sensors, leg.windows
-    lead = principal_rate(np.asarray(sensors["shank"][0]), rate_hz, windows)
-    lead = lead * swing_sign("shank", lead, rate_hz, windows)
-    strides = find_strides(lead, rate_hz, windows, leg.trim, leg.good)
+    leader, rates = sagittal_rates(leg.sensors, rate_hz, leg.windows)
+    strides = find_strides(rates[leader], rate_hz, leg.windows, leg.trim, leg.good)
     if not len(strides.start):
         return None
-    even = np.concatenate([np.arange(*one) for one in windows])
-    each = []
-    for segment in SEGMENTS:
-        gyr, acc = map(np.asarray, sensors[segment])
-        rate = principal_rate(gyr, rate_hz, windows)
-        later = np.minimum(even + round((THIGH_LEAD if segment == "thigh" else 0.0) * rate_hz), len(lead) - 1)
-        each.append(signals(gyr, acc, rate * np.sign(rate[even] @ lead[later]), windows, leg.side))
-    index, series = np.arange(len(lead)), np.concatenate(each)
+    of = ((*map(np.asarray, leg.sensors[segment]), rates[segment]) for segment in SEGMENTS)
+    series = np.concatenate([signals(*each, leg.windows, leg.side) for each in of])
+    index = np.arange(series.shape[1])
     cut = np.array([
         [np.interp(np.linspace(a, b, POINTS, endpoint=False), index, row) for row in series]
         for a, b in zip(strides.start, strides.end, strict=True)
@@ -101,30 +89,17 @@ def harmonics(series: np.ndarray) -> np.ndarray:
 
 
 @jax.jit
-def _stride(skin: Any, who: Person) -> tuple[Any, Any]:
-    """(segments, POINTS, 3) rates and specific forces of the right leg in a stride from its landing."""
-    laid, _ = planned(jax.random.key(0), who, simulate.straight(30.0), 8, shape_of(who)._replace(skin=skin))
-    time = laid.contact[4] + who.gait.stride_time * jnp.arange(POINTS) / POINTS
-    places = {f"{segment}_right": simulate.mount(who.body, f"{segment}_right") for segment in SEGMENTS}
-    read, *_ = walked(jax.random.key(0), who, laid, time, IDEAL, sensors_at(places))
-    return read.gyr, read.acc
-
-
-def person(target: movement.Recorded) -> Person:
-    """The usual person at the stride of a recorded one."""
-    time, length = (target.medians[name] for name in ("stride_time", "stride_length"))
-    gait = RECORDED._replace(
-        steps=8.0, quiet_before=0.5, soft_tissue=1.0, stride_time=time, stride_length=length,
-        **manner(length / target.leg, RECORDED),
-    )  # fmt: skip
-    return jax.tree.map(float, Person(Body(*(part * target.leg / movement.LEG for part in Body())), gait))
+def _stride(table: Any, who: Person) -> tuple[Any, Any]:
+    """(segments, POINTS, 3) rates and specific forces of a simulated stride."""
+    shape = shape_of(who)._replace(skin=jnp.tensordot(shapes.weights(who), table, 1))
+    read, _ = movement.walked_stride(who, shape)
+    order = np.array([1, 0, 2])  # from shank, thigh, foot
+    return read.gyr[order], read.acc[order]
 
 
 def made(table: np.ndarray, who: Person) -> np.ndarray:
     """(segments, 6, harmonics) of a simulated stride."""
-    weights = [1.0, *map(float, shapes.pace(who)), *(getattr(who.gait, name) for name in shapes.STYLES)]
-    gyr, acc = map(np.asarray, _stride(jnp.asarray(np.tensordot(weights, table, 1)), who))
-    both = zip(gyr, acc, strict=True)
+    both = zip(*map(np.asarray, _stride(table, who)), strict=True)
     return np.stack([harmonics(signals(g, a, -g[:, 1], [(0, POINTS)], "right")) for g, a in both])
 
 
@@ -137,14 +112,14 @@ def late(recorded: np.ndarray, simulated: np.ndarray) -> float:
 
 def recorded() -> tuple[list[Waves], list[Person]]:
     """Every leg, and the usual person at its stride, of every second person of `walking5m`."""
-    legs, people = [], []
-    known = {name: (one, given) for given in SETS if given.name == "walking5m"
-             for name, one in movement.recorded(given).items()}  # fmt: skip
-    for walk in datasets.load("walking5m", list(known)[::2]):
+    legs, people, known = [], [], movement.known()
+    for walk in datasets.load("walking5m", list(known)):
         target, given = known[walk.recording.name]
-        found = [mean_stride(part, given.rate_hz) for part in legs_of(walk, given)]
-        legs += [one for one in found if one is not None]
-        people += [person(target) for one in found if one is not None]
+        at = (target.medians[name] for name in ("stride_time", "stride_length"))
+        who = jax.tree.map(float, movement.usual(target.leg, *at))
+        found = [one for part in legs_of(walk, given) if (one := mean_stride(part, given.rate_hz)) is not None]
+        legs += found
+        people += [who] * len(found)
     return legs, people
 
 

@@ -25,7 +25,6 @@ import numpy as np
 
 from experiments.kose2011.walks import of_set
 from experiments.people import movement
-from experiments.simulator.simulated import SETS as SIMULATED
 from jgait import datasets
 from jgait.geometry.vectors import GRAVITY
 from jgait.simulate import RECORDED, Body, shapes
@@ -161,7 +160,7 @@ def main() -> None:
     """Derive the tables, write the file, and print the other numbers of the fit, which stand in the code."""
     table, spread, backs, turns = pelvis()
     base = movement.Base(shapes.FEET[0], table, spread)
-    known = [one for given in SIMULATED if given.name == "walking5m" for one in movement.recorded(given).values()][::2]
+    known = [one for one, _ in movement.known().values()]
     people = movement.targets(known)
     values = movement.fit(people, base)
     directions = movement.styles(people, base, values, len(shapes.STYLES))

@@ -128,6 +128,28 @@ def swing_sign(segment: str, rate: np.ndarray, rate_hz: float, windows: Sequence
     return 1.0 if np.mean(early or [True]) >= 0.5 else -1.0
 
 
+def sagittal_rates(
+    sensors: Mapping[str, tuple[Any, Any]], rate_hz: float, windows: Sequence[tuple[int, int]]
+) -> tuple[str, dict[str, np.ndarray]]:
+    """The segment that strides are found by, shank or foot, and the rate of each segment but the pelvis (T,) [rad/s]:
+    see `principal_rate`, positive in swing.
+
+    Raises:
+        ValueError: if there is neither a shank nor a foot.
+    """
+    leader = next((segment for segment in ("shank", "foot") if segment in sensors), None)
+    if leader is None:
+        raise ValueError(f"strides need 'shank' or 'foot'; got {sorted(sensors)}")
+    rates = {s: principal_rate(np.asarray(sensors[s][0]), rate_hz, windows) for s in sensors if s != "pelvis"}
+    lead = rates[leader] = rates[leader] * swing_sign(leader, rates[leader], rate_hz, windows)
+    walked = np.concatenate([np.arange(start, end) for start, end in windows])
+    for segment, seconds in (("thigh", THIGH_LEAD), ("foot", 0.0)):
+        if segment in rates and segment != leader:
+            later = np.minimum(walked + round(seconds * rate_hz), len(lead) - 1)
+            rates[segment] = rates[segment] * np.sign(rates[segment][walked] @ lead[later])
+    return leader, rates
+
+
 def find_strides(
     rate: np.ndarray, rate_hz: float, windows: Sequence[tuple[int, int]], trim: int = 0, good: np.ndarray | None = None
 ) -> Strides:
@@ -195,16 +217,9 @@ def figures(
     Raises:
         ValueError: if there is neither a shank nor a foot.
     """
-    leader = next((segment for segment in ("shank", "foot") if segment in sensors), None)
-    if leader is None:
-        raise ValueError(f"figures needs 'shank' or 'foot'; got {sorted(sensors)}")
-    rates = {s: principal_rate(np.asarray(sensors[s][0]), rate_hz, windows) for s in sensors if s != "pelvis"}
-    lead = rates[leader] = rates[leader] * swing_sign(leader, rates[leader], rate_hz, windows)
+    leader, rates = sagittal_rates(sensors, rate_hz, windows)
+    lead = rates[leader]
     walked = np.concatenate([np.arange(start, end) for start, end in windows])
-    for segment, seconds in (("thigh", THIGH_LEAD), ("foot", 0.0)):
-        if segment in rates and segment != leader:
-            later = np.minimum(walked + round(seconds * rate_hz), len(lead) - 1)
-            rates[segment] = rates[segment] * np.sign(rates[segment][walked] @ lead[later])
     strides = find_strides(lead, rate_hz, windows, trim, good)
     found = _of_truth(truth or Truth(), strides, rate_hz)
     time = strides.end - strides.start

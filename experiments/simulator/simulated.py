@@ -14,14 +14,12 @@ import numpy as np
 
 from experiments.simulator import real
 from experiments.simulator.gait import (
-    THIGH_LEAD,
     Figures,
     Truth,
     figures,
     find_strides,
     pool,
-    principal_rate,
-    swing_sign,
+    sagittal_rates,
 )
 from experiments.simulator.real import RESTING, Spread
 from jgait import datasets
@@ -179,15 +177,8 @@ def curves(
 
     Arguments as those of `gait.figures`; height is from its mean over the stride.
     """
-    lead = next(segment for segment in ("shank", "foot") if segment in sensors)
-    rates = {s: principal_rate(np.asarray(sensors[s][0]), rate_hz, windows) for s in sensors if s != "pelvis"}
-    rates[lead] = rates[lead] * swing_sign(lead, rates[lead], rate_hz, windows)
+    lead, rates = sagittal_rates(sensors, rate_hz, windows)
     strides = find_strides(rates[lead], rate_hz, windows, trim, good)
-    walked = np.concatenate([np.arange(start, end) for start, end in windows])
-    for segment, seconds in (("thigh", THIGH_LEAD), ("foot", 0.0)):
-        if segment in rates and segment != lead:
-            later = np.minimum(walked + round(seconds * rate_hz), len(rates[lead]) - 1)
-            rates[segment] = rates[segment] * np.sign(rates[segment][walked] @ rates[lead][later])
     series = dict(rates)
     series |= {f"{s}_acc": np.linalg.norm(np.asarray(sensors[s][1]), axis=1) for s in rates}
     series |= {name: np.degrees(v) for name, v in (("hip", known.hip), ("knee", known.knee)) if v is not None}

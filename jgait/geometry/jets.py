@@ -132,7 +132,7 @@ def summed(jet: Jet) -> Jet:
     return sum(rest, first)
 
 
-def heads(yaw: Jet, pitch: Jet, roll: Jet) -> Jet:
+def turned_axes(yaw: Jet, pitch: Jet, roll: Jet) -> Jet:
     """Forward, left and up axis (3, 3, …), turned by yaw, then pitched (forward end up), then rolled [rad]."""
     sines, cosines = sin_cos(stacked([yaw, pitch, roll]))
     (sy, sp, sr), (cy, cp, cr) = parts(sines), parts(cosines)

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jgait.geometry.jets import Jet, chained, heads, part, parts, sin_cos, stacked
+from jgait.geometry.jets import Jet, chained, part, parts, sin_cos, stacked, turned_axes
 from jgait.geometry.vectors import kept
 from jgait.simulate.person import RECORDED, Body, Gait, Person
 from jgait.simulate.smooth import polynomial, smooth_bump
@@ -97,13 +97,17 @@ def ruled(gait: Gait) -> Values:
     return jnp.asarray(shape.reshape(6, -1), size.dtype) * size[:, None]
 
 
+def weights(person: Person) -> Values:
+    """(1 + 2 + styles,) what each block of a table counts: usual stride, slopes over length and rate, styles."""
+    long, quick = pace(person)
+    return jnp.stack([jnp.ones_like(long), long, quick, *(jnp.asarray(getattr(person.gait, name)) for name in STYLES)])
+
+
 def shape_of(person: Person) -> Movement:
     """The shapes of a person's movement."""
-    gait = person.gait
-    long, quick = pace(person)
-    weights = jnp.stack([jnp.ones_like(long), long, quick, *(jnp.asarray(getattr(gait, name)) for name in STYLES)])
+    gait, counts = person.gait, weights(person)
     pelvis, feet, skin = (
-        jnp.tensordot(weights, jnp.asarray(table, weights.dtype), 1, precision=lax.Precision.HIGHEST)
+        jnp.tensordot(counts, jnp.asarray(table, counts.dtype), 1, precision=lax.Precision.HIGHEST)
         for table in (PELVIS, FEET, SKIN)
     )
     recorded = gait.recorded
@@ -178,7 +182,7 @@ def worn(legs: Jet, soft: Jet, half: Values) -> Jet:
     """
     origin, *bone = parts(legs)
     pitch, ahead, along, roll, yaw, aside = parts(soft)
-    turns = kept(heads(yaw, -pitch, roll))
+    turns = kept(turned_axes(yaw, -pitch, roll))
     # Component j of a turned axis is along axis j of the bone.
     first, second, third = (part(turns, slice(None), j, None) * part(axis, None) for j, axis in enumerate(bone))
     axes = kept(first + second + third)

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from jgait.geometry.jets import Jet, heads, outer, part, parts, reciprocal, root, sin_cos, stacked, summed, turned
+from jgait.geometry.jets import Jet, outer, part, parts, reciprocal, root, sin_cos, stacked, summed, turned, turned_axes
 from jgait.geometry.segments import Frame, Motion, Segments
 from jgait.geometry.vectors import Vector, kept
 from jgait.simulate.feet import Foothold, FootPair, feet
@@ -122,7 +122,7 @@ def carried(person: Person, plan: Plan, entry: Int[Array, "..."], r: Jet) -> Car
     height = z - _dip(r) * plan.dip[entry] + up
     sways = turned(stacked([c, s]), stacked([part(ahead, None), part(aside, None)]), part(height, None))
     place = sways + part(stacked([x, y, x * 0.0]), None)
-    axes = heads(heading + yaw, pitch, roll)
+    axes = turned_axes(heading + yaw, pitch, roll)
     pelvis = kept(Jet(jnp.concatenate([place.orders, axes.orders], axis=1)))
     apart = 0.5 * body.hip_width * sides
     hips = kept(part(pelvis, 0, slice(None), None) + part(pelvis, 2, slice(None), None) * apart[None])
