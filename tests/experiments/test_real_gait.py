@@ -96,7 +96,7 @@ def test_a_foot_alone(gait):
         np.testing.assert_allclose(found.foot_swing, 5.0, rtol=0.05)
         np.testing.assert_allclose(found.stride_time, PERIOD, atol=0.011)
         assert len(found.shank_swing) == len(found.speed) == len(found.stance) == 0
-    with pytest.raises(ValueError, match=r"figures needs 'shank' or 'foot'; got \['pelvis'\]"):
+    with pytest.raises(ValueError, match=r"strides need 'shank' or 'foot'; got \['pelvis'\]"):
         gait.figures({"pelvis": signals["pelvis"]}, RATE, windows)
 
 
