@@ -111,15 +111,25 @@ def judged(result: Estimate, placements: dict[int, str], limit: float, nis: dict
         of_side = np.asarray(strides.side) == side
         deviation = float(np.max(as_float(deviations.length)[of_side], initial=0.0))
         many, total = int(flags[of_side].sum()), int(of_side.sum())
-        if deviation > UNCERTAIN:
-            notes.append(STANCES_RARE(placement=placement, deviation_m=deviation))
+        notes += doubts_of(placement, limit, nis[side], deviation, many, total)
         if nis[side] > limit:
             flags |= of_side & (each > 2.0 * limit)
-            notes.append(INCONSISTENT(placement=placement, nis=nis[side], limit=limit))
-        elif many > DOUBTED_SHARE * total:
-            notes.append(STRIDES_DOUBTFUL(placement=placement, strides=many, total=total))
     more: dict[str, Any] = {"doubtful": flags, "notes": (*diagnostics.get("notes", ()), *notes)}
     return result._replace(diagnostics={**diagnostics, **more})
+
+
+def doubts_of(placement: str, limit: float, nis: float, deviation: float, many: int, total: int) -> list[Note]:
+    """Notes on a sensor: `limit` and `nis` as of `judged`; the largest deviation of its strides' lengths [m]; how many
+    of its strides are in doubt, and how many there are.
+    """
+    notes = []
+    if deviation > UNCERTAIN:
+        notes.append(STANCES_RARE(placement=placement, deviation_m=deviation))
+    if nis > limit:
+        notes.append(INCONSISTENT(placement=placement, nis=nis, limit=limit))
+    elif many > DOUBTED_SHARE * total:
+        notes.append(STRIDES_DOUBTFUL(placement=placement, strides=many, total=total))
+    return notes
 
 
 DOUBTED_SHARE = 0.2

@@ -17,10 +17,11 @@ _HALF = (-0.5, 0.5)
 _RANGES: dict[str, tuple[float, float]] = {
     **dict.fromkeys(("thigh_length", "shank_length"), (0.1, 0.8)),
     "hip_width": (0.02, 0.6), "ankle_height": (0.01, 0.2), "ball_length": (0.02, 0.4), "heel_length": (0.0, 0.2),
-    "toe_length": (0.0, 0.2), "stride_length": (0.1, 3.0), "stride_time": (0.4, 5.0), "stance_fraction": (0.52, 0.8),
+    "toe_length": (0.0, 0.2), "stride_length": (0.1, 3.0), "stride_time": (0.4, 5.0), "stance_fraction": (0.25, 0.8),
     "step_width": (0.0, 0.6), "toe_out": (-45.0 * DEGREE, 45.0 * DEGREE), "toe_up": (0.0, 60.0 * DEGREE),
     "heel_up": (0.0, 120.0 * DEGREE), "foot_flat": (0.02, 0.2), "heel_off": (0.1, 0.5), "swing_lift": (0.0, 0.3),
-    "landing_speed": (0.0, 1.0), "knee_stance": (1.0 * DEGREE, 60.0 * DEGREE), "pelvis_rise": (0.0, 0.15),
+    "landing_speed": (0.0, 1.0), "knee_stance": (1.0 * DEGREE, 60.0 * DEGREE),
+    "pelvis_rise": (-0.15, 0.15), "pelvis_lag": (-0.5, 0.5),
     "standing_hip": (-30.0 * DEGREE, 30.0 * DEGREE), "standing_knee": (0.5 * DEGREE, 60.0 * DEGREE),
     "hip_ahead": (-0.3, 0.3), "length_asymmetry": _HALF, "time_asymmetry": _HALF, "steps": (1.0, 2000.0),
     **dict.fromkeys(STYLES, (-4.0, 4.0)), "recorded": (0.0, 1.0),

@@ -1,7 +1,8 @@
 """Both feet: stance on a foothold, roll over heel, sole, ball and toes, and swing to the next foothold.
 
-Time is counted in steps since the foot landed: in the first step it is the foot that landed last, in the second step it
-pushes off and swings. Rotations about heel, ball and toes move the ankle; the centre of rotation on the foot rests.
+Time is counted in steps since the foot landed: in the first step it is the foot that landed last; in the second step it
+swings. In walking it pushes off in the second step, in running in the first. Rotations about heel, ball and toes move
+the ankle; the centre of rotation on the foot rests.
 """
 
 from typing import NamedTuple
@@ -117,12 +118,13 @@ def phases(gait: Gait, shape: Movement, off: Values, leave: Values, lands: Value
     # Heel up, toes up, both back; toes up before landing, down after it; on the way, stopped by the ground or the leg;
     # and the times in which recorded feet move besides.
     when, flat = instants(gait), 2.0 * gait.foot_flat
+    rises = jnp.maximum(leave - when.heel_rises, off)
     begins = (
-        leave - when.heel_rises, leave - when.toes_rise, leave, lands - when.toes_up, lands - when.toes_turn, leave,
+        rises, leave - when.toes_rise, leave, lands - when.toes_up, lands - when.toes_turn, leave,
         leave, off, lands - when.toes_up, leave, leave,
     )  # fmt: skip
     lasts = (
-        when.heel_rises + when.heel_after, when.toes_rise + when.heel_after, 2.0 - leave - when.heel_down,
+        leave + when.heel_after - rises, when.toes_rise + when.heel_after, 2.0 - leave - when.heel_down,
         when.toes_up - when.toes_turn + 0.1, when.toes_turn + flat, 2.0 - leave, 2.0 - leave,
         2.0 - off - when.heel_down, when.toes_up + flat, 2.0 - leave, 2.0 - leave,
     )  # fmt: skip
@@ -158,14 +160,14 @@ def feet(body: Body, gait: Gait, shape: Movement, origin: Foothold, target: Foot
         gait: the gait.
         shape: shapes of the movement.
         origin: the foothold that each foot took last.
-        target: the foothold that a foot takes next; of the foot that landed last, again its last foothold.
-        moves: (2, T) whether the foot pushes off and swings; False for the foot that landed last.
+        target: the foothold that a foot takes next.
+        moves: (2, T) False for the foot that landed last.
         s: (2, T) steps since the last landing, in [0, 1] for the foot that landed last, in [1, 2] for the other foot.
     """
     share = kept(phases(gait, shape, origin.off, origin.leave, jnp.where(moves, 2.0, 0.0).astype(origin.off.dtype), s))
     place = part(share.way, None) * (target.place - origin.place) + origin.place
     yaw, incline = part(place, 3), part(place, 4)
-    down, rise = share.down * target.toe_up, share.rise * origin.heel_up
+    down, rise = share.down * jnp.where(moves, target.toe_up, origin.toe_up), share.rise * origin.heel_up
     angles = kept(
         stacked([down, rise, share.toes * (origin.heel_up * instants(gait).toes), incline, yaw, incline + down - rise])
     )
@@ -177,7 +179,7 @@ def feet(body: Body, gait: Gait, shape: Movement, origin: Foothold, target: Foot
     heel, ball, toe, high = body.heel_length, body.ball_length, body.toe_length, body.ankle_height
     ahead = c_down * heel - s_down * high - c_rise * ball + s_rise * high - c_toes * toe
     up = s_down * heel + c_down * high + s_rise * ball + c_rise * high + s_toes * toe
-    height = up + high + share.lift * jnp.where(moves, origin.lift, 0.0)
+    height = up + high + share.lift * origin.lift
     by_ahead, by_height = map(parts, parts(outer(stacked([ahead, height]), stacked([c_slope, s_slope]))))
     level, rises = kept((by_ahead[0] - by_height[1], by_ahead[1] + by_height[0]))
     by_cosine, by_sine = map(parts, parts(outer(stacked([cy, sy]), stacked([level, cp, sp]))))

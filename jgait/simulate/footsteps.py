@@ -151,7 +151,7 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
             k < n - 0.5, gait.heel_up * leaves * jnp.where(starts, 0.6, 1.0) * (0.5 + 0.5 * whole_foot), 0.0
         ),
         off=jnp.where(starts, 1.0, 2.0 * gait.heel_off),
-        leave=jnp.where(starts, 1.0 + HEEL_RISES, 2.0 * gait.stance_fraction - LINGER),
+        leave=jnp.where(starts | (k > n + 0.5), 1.0 + HEEL_RISES, 2.0 * gait.stance_fraction - LINGER),
         lift=jnp.where(k < n - 0.5, gait.swing_lift + jnp.maximum(riser, 0.0), 0.0),
         contact=contact,
         time_curve=time_curve,

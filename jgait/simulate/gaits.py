@@ -40,6 +40,13 @@ GAITS = {
         "chosen",
     ),
     "crouched": OtherGait(0.75, 1.1, {"knee_stance": 30.0 * DEGREE}, "chosen"),
+    "running": OtherGait(
+        1.25, 0.68,
+        {"stance_fraction": 0.39, "foot_flat": 0.04, "heel_off": 0.17, "toe_up": 15.0 * DEGREE,
+         "heel_up": 85.0 * DEGREE, "swing_lift": 0.12, "knee_stance": 16.0 * DEGREE, "hip_ahead": 0.26,
+         "pelvis_rise": -0.06, "pelvis_surge": 0.01, "pelvis_lag": -0.15, "step_width": 0.04, "recorded": 0.0},
+        "a foot leaves the ground after 39 % of the stride (Novacheck, Gait Posture 7 (1998) 77); the sizes are chosen",
+    ),
     "toes_out": OtherGait(0.9, 1.0, {"toe_out": 25.0 * DEGREE}, "chosen"),
 }  # fmt: skip
 """Gaits by name."""

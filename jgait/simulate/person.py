@@ -40,7 +40,7 @@ class Gait(NamedTuple):
         stride_length: distance from one foothold of a foot to the next foothold of the same foot [m].
         stride_time: time from one initial contact of a foot to the next of the same foot [s].
         stance_fraction: share of the stride in which a foot is on the ground; the tip of its toes begins to lift 5 % of
-            a stride (`feet.LINGER`) before the end of stance, by a few millimetres [1].
+            a stride (`feet.LINGER`) before the end of stance, by a few millimetres; below a half: running [1].
         step_width: distance between the lines on which the two feet walk [m].
         toe_out: angle by which the feet point outwards [rad].
         toe_up: pitch of the foot at initial contact [rad].
@@ -50,13 +50,16 @@ class Gait(NamedTuple):
         swing_lift: lift of the foot in mid swing, in addition to the effect of its pitch [m].
         landing_speed: share of its speed that the foot keeps until the ground stops it [1].
         knee_stance: least knee flexion [rad]; it limits the height of the pelvis.
-        pelvis_rise: from the lowest to the highest position of the pelvis [m].
+        pelvis_rise: from the lowest to the highest position of the pelvis, in mid stance [m]; negative: in mid stance
+            it is lowest, as in running.
         pelvis_sway: amplitude of the pelvis' motion to the side of the stance leg [m].
         pelvis_surge: amplitude of the pelvis' forward motion about constant speed [m].
         pelvis_rotation: amplitude of the pelvis' yaw with the leading leg [rad].
         pelvis_drop: amplitude of the pelvis' drop on the side of the swing leg [rad].
         pelvis_nod: amplitude of the pelvis' forward and backward tilt, twice a stride [rad].
         pelvis_shock: downward motion of the pelvis from the impact at landing [m].
+        pelvis_lag: time by which the pelvis rises, surges and nods later than by the rules of walking [steps]; counts
+            where `recorded` is 0.
         recorded: 0: feet and pelvis move by simple rules; 1: as those of recorded people do, see `RECORDED` [1].
         style_1: coordinate of the person's style of movement on the first of the directions in which recorded people
             differ most, in standard deviations (see `shapes`); 0: their mean; counts where `recorded` is 1 [1].
@@ -100,6 +103,7 @@ class Gait(NamedTuple):
     pelvis_drop: Values = 4.0 * DEGREE
     pelvis_nod: Values = 1.5 * DEGREE
     pelvis_shock: Values = 0.0015
+    pelvis_lag: Values = 0.0
     recorded: Values = 0.0
     style_1: Values = 0.0
     style_2: Values = 0.0

@@ -84,17 +84,25 @@ def ruled(gait: Gait) -> Values:
     """The table of the pelvis by the rules (6, 2 HARMONICS).
 
     Once a stride the pelvis sways to the stance leg, turns with the leading leg and drops on the side of the swing leg;
-    twice a stride it rises and falls, moves forward and back relative to constant speed, and tilts forward and back.
+    twice a stride it rises and falls, moves forward and back relative to constant speed, and tilts forward and back,
+    later by `pelvis_lag`.
     """
     amplitudes = (gait.pelvis_surge, gait.pelvis_rise, gait.pelvis_nod, gait.pelvis_sway, gait.pelvis_rotation)
     cosines = ((SURGE[1],), (RISE[0], RISE[2]), (1.0,), (0.0,), (-1.0,), (0.588,))
     sines = ((SURGE[0],), (RISE[1], RISE[3]), (0.0,), (1.0,), (0.0,), (0.809,))  # drops a fifth of a half turn earlier
-    shape = np.zeros((6, 2, HARMONICS))
+    shape = np.zeros((2, 6, HARMONICS))
     for row, pair in enumerate(zip(cosines, sines, strict=True)):
         for half, values in enumerate(pair):
-            shape[row, half, : len(values)] = values
+            shape[half, row, : len(values)] = values
     size = jnp.stack([jnp.asarray(amplitude) for amplitude in (*amplitudes, gait.pelvis_drop)])
-    return jnp.asarray(shape.reshape(6, -1), size.dtype) * size[:, None]
+    cosine, sine = jnp.asarray(shape, size.dtype)
+    # The wave of a pelvis that is lowest in mid stance is as flat above as below: in flight the body falls freely.
+    running = (np.arange(6)[:, None] == 1) & (np.arange(HARMONICS) > 0) & (size[1] < 0.0)
+    cosine, sine = jnp.where(running, 0.0, cosine), jnp.where(running, 0.0, sine)
+    late = 2.0 * np.pi * gait.pelvis_lag * jnp.arange(1.0, HARMONICS + 1, dtype=size.dtype)
+    late = jnp.where(np.arange(6)[:, None] < 3, late, 0.0)
+    c, s = jnp.cos(late), jnp.sin(late)
+    return jnp.concatenate([cosine * c - sine * s, cosine * s + sine * c], axis=1) * size[:, None]
 
 
 def weights(person: Person) -> Values:

@@ -109,7 +109,8 @@ def carried(person: Person, plan: Plan, entry: Int[Array, "..."], r: Jet) -> Car
     moves = sides * side[None] < 0.0
     before = moves.astype(entry.dtype)
     table = jnp.stack([getattr(plan, field) for field in (*PLACE, *Foothold._fields[1:])])
-    ends = (kept(table[:, at]) for at in (entry[None] - before, entry[None] + before))
+    last = entry[None] - before  # the foothold that each foot took last
+    ends = (kept(table[:, at]) for at in (last, jnp.minimum(last + 2, table.shape[1] - 1)))
     origin, target = (Foothold(end[: len(PLACE)], *end[len(PLACE) :]) for end in ends)
     both = feet(body, gait, plan.shape, origin, target, moves, part(r, None) + before.astype(dtype))
     swing = swings(plan.shape, waves(r))

@@ -35,3 +35,23 @@ def test_steps_of_a_limp_differ():
 def test_a_gait_that_is_none_is_refused():
     with pytest.raises(ValueError, match="a gait is one of slow, fast, .*; got 'sneaking'"):
         simulate.walking(simulate.Person(), "sneaking")
+
+
+def test_runners_fly_and_bend_their_knees_in_stance(people):
+    """In flight a body falls freely, and the pelvis is highest; in mid stance it is lowest."""
+    for person in people[:2]:
+        gait = person.gait._replace(steps=10.0, quiet_before=0.5, quiet_after=0.5, pelvis_shock=0.0)
+        runner = simulate.walking(simulate.Person(person.body, gait), "running")
+        recording, truth = simulate.recording(jax.random.key(0), runner, rate=200.0, placements=("pelvis",))
+        time, strides = np.asarray(truth.estimate.time), truth.strides
+        contact, leaves = (np.asarray(v)[np.asarray(strides.valid)] for v in (strides.end, strides.final_contact))
+        height = np.asarray(truth.motion.pose.pelvis.origin.z)
+        force = np.linalg.norm(recording.sensors["pelvis"].acc, axis=1)
+        for landed in range(3, 8):
+            left = leaves[landed + 2]  # of the foot that lands: its next stride
+            flight, stance = (time > left) & (time < contact[landed + 1]), (time > contact[landed]) & (time < left)
+            assert 0.05 < contact[landed + 1] - left < 0.12
+            assert force[flight].mean() < 4.5
+            assert height[flight].min() > height[stance].mean()
+            assert np.ptp(height[stance]) > 0.04
+            assert force[stance].max() > 1.5 * 9.81

@@ -14,7 +14,7 @@ from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, impossible
 from jgait.estimators.proportions import SHARE_SD, SHARES
 from jgait.estimators.sides import of_turns
-from jgait.estimators.waist.notes import SHORT_OR_SLOW
+from jgait.estimators.waist.notes import UNLEARNED
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, Recording, as_float
@@ -31,7 +31,7 @@ DISTANCE_OF_ONE_SIDE = Kind(
     "other side is in doubt or lost samples", LEFT_OUT,
 )  # fmt: skip
 
-LACKING = (SPEED_IMPLAUSIBLE.code, SWINGS_SMALL.code, SHORT_OR_SLOW.code)
+LACKING = (SPEED_IMPLAUSIBLE.code, SWINGS_SMALL.code, *UNLEARNED)
 """Codes of an estimator's notes by which its distance is in doubt."""
 
 LEG_DISTANCE_SD = 0.06

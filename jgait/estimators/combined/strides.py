@@ -9,7 +9,7 @@ from jaxtyping import PyTree
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.plausible import impossible
 from jgait.estimators.stride_flags import CLIPPED, DOUBTFUL, HALF, SIDE_UNKNOWN, STAIRS, TURNING, UNSURE
-from jgait.estimators.waist.notes import SHORT_OR_SLOW
+from jgait.estimators.waist.notes import UNLEARNED
 from jgait.types import SIDES, Flags, Strides, as_float
 
 SAME = 0.5
@@ -86,9 +86,9 @@ def joined(
     if not groups:
         return None
     doubts = {source.name: _doubted(source, wrong) for source in having}
-    short = [s.name for s in having if any(note.code == SHORT_OR_SLOW.code for note in s.estimate.diagnostics["notes"])]
-    if len(short) < len(having):
-        doubts |= {name: np.ones_like(doubts[name]) for name in short}
+    unlike = [s.name for s in having if any(note.code in UNLEARNED for note in s.estimate.diagnostics["notes"])]
+    if len(unlike) < len(having):
+        doubts |= {name: np.ones_like(doubts[name]) for name in unlike}
     return _table(having, groups, trusted, doubts, next((s for s in sources if s.name == "width"), None))
 
 

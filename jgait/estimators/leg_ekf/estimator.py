@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jgait import filtering
-from jgait.estimators import ankle_stride
+from jgait.estimators import ankle_stride, trust
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.leg_ekf import inclination
 from jgait.estimators.leg_ekf import model as leg_model
@@ -19,9 +19,9 @@ from jgait.estimators.leg_ekf.notes import SHANKS_APART
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_side, with_body
 from jgait.estimators.leg_ekf.prepare import SHANKS, prepare
 from jgait.estimators.sides import stacked
-from jgait.estimators.trust import INCONSISTENT
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.vectors import vector
+from jgait.notes import Note
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values
 
 STEPS_APART, APART = 1.6, 0.1
@@ -195,11 +195,15 @@ def walked(p: LegParams, legs: Legs, inputs: LegInputs, options: LegOptions) -> 
         strides = reduce(jnp.logical_and, [leg.count > 0 for leg in inputs.shanks[1:] if leg is not None])
         way = jnp.where(strides, leg_distance.rescaled(way, shanks.distance[-1]), way)
         spread = jnp.where(strides, shanks.diagnostics["distance_stddev"], spread)
-        lengths = jnp.where(shanks.strides.valid, shanks.strides.length, 0.0)
+        spreads = shanks.strides_stddev
+        doubtful = trust.doubtful(shanks.strides, spreads, shanks.diagnostics["stride_nis"])
         for side, name in enumerate(SIDES):
-            diagnostics[f"shank_distance_{name}"] = jnp.sum(jnp.where(shanks.strides.side == side, lengths, 0.0))
+            own = shanks.strides.valid & (shanks.strides.side == side)
+            diagnostics[f"shank_distance_{name}"] = jnp.sum(jnp.where(own, shanks.strides.length, 0.0))
             if f"nis_{name}" in shanks.diagnostics:
                 diagnostics[f"shank_nis_{name}"] = shanks.diagnostics[f"nis_{name}"]
+                diagnostics[f"shank_stride_stddev_{name}"] = jnp.max(jnp.where(own, spreads.length, 0.0))
+                diagnostics[f"shank_doubtful_{name}"] = jnp.sum(own & doubtful)
     return p.distance_scale * way, {"distance_stddev": p.distance_scale * spread, **diagnostics}
 
 
@@ -210,7 +214,8 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
     Returns:
         Angles, foot position and distance with standard deviations; `diagnostics` holds the distance's, (T,)
         `distance_stddev` [m], the log-likelihood of the innovations and the mean normalised innovation squared of each
-        leg, and of each shank's strapdown the latter and the sum of its strides [m].
+        leg, and of each shank's strapdown the latter, the sum of its strides [m], the largest of their deviations [m],
+        and the number of those in doubt.
     """
     worn = [(side, leg) for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None]
     both = stacked(*((one_side(p, side), leg) for side, leg in worn))
@@ -251,12 +256,15 @@ def _one_leg(worn: tuple[LegParams, LegSignals], inputs: LegInputs, options: Leg
 
 
 def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:
-    """The estimate with notes if the stances of a shank, or the distances of both shanks, contradict each other."""
-    found, limit = result.diagnostics, ankle_stride.LARGEST_MEAN_NIS
-    notes = [
-        INCONSISTENT(placement=f"shank_{side}", nis=found[f"shank_nis_{side}"], limit=limit)
-        for side in SIDES if float(found.get(f"shank_nis_{side}", 0.0)) > limit
-    ]  # fmt: skip
+    """The estimate with notes if strides of a shank are in doubt, or the distances of both shanks differ too much."""
+    found, shanks = result.diagnostics, made.inputs.shanks
+    notes: list[Note] = []
+    for side in SIDES:
+        if shanks is not None and f"shank_nis_{side}" in found:
+            keys = ("nis", "stride_stddev", "doubtful")
+            nis, deviation, many = (float(found[f"shank_{key}_{side}"]) for key in keys)
+            total, limit = int(getattr(shanks, side).count), ankle_stride.LARGEST_MEAN_NIS
+            notes += trust.doubts_of(f"shank_{side}", limit, nis, deviation, round(many), total)
     if made.inputs.right is not None and made.inputs.left is not None and "shank_distance_right" in found:
         right, left = (float(found[f"shank_distance_{side}"]) for side in SIDES)
         if abs(right - left) > max(STEPS_APART, APART * max(right, left)):

@@ -17,7 +17,7 @@ from jgait.estimators.checks import common_time, sensors_of
 from jgait.estimators.interface import Prepared
 from jgait.estimators.leg_ekf.inputs import SHORT_GAP, LegInputs, LegSignals, Segment
 from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED, ONE_LEG, SEGMENT_ALONE, SEGMENTS_SWAPPED, THIGH_UNSURE
-from jgait.estimators.notes import NO_ACCELEROMETER, NO_FIRST_STANDING
+from jgait.estimators.notes import CLIPPED, NO_ACCELEROMETER, NO_FIRST_STANDING
 from jgait.events.rest import standing_of_legs
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.leg import leg_mounting
@@ -204,8 +204,8 @@ SHANKS = AnkleOptions(site="shank")
 
 
 def shanks_of(recording: Recording, sides: tuple[str, ...]) -> tuple[AnkleInputs | None, list[Note]]:
-    """The inputs of the strapdown, and notes about steps that it lacks; None without accelerometers, or if the sampling
-    rate does not suit.
+    """The inputs of the strapdown, and notes about steps that it lacks and signals that clip; None without
+    accelerometers, or if the sampling rate does not suit.
     """
     placements = [f"{segment}_{side}" for segment in ("thigh", "shank") for side in sides]
     shanks = recording._replace(sensors={name: recording.sensors[name] for name in placements})
@@ -213,7 +213,7 @@ def shanks_of(recording: Recording, sides: tuple[str, ...]) -> tuple[AnkleInputs
         made = prepare_shanks(shanks, SHANKS)
     except RecordingError:
         return None, []
-    return made.inputs, [note for note in made.notes if note.kind is SWINGS_SMALL]
+    return made.inputs, [note for note in made.notes if note.kind in (SWINGS_SMALL, CLIPPED)]
 
 
 def prepare(

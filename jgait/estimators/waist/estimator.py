@@ -1,5 +1,6 @@
 """Contacts, strides and distance of the waist from prepared inputs."""
 
+import itertools
 from functools import partial
 
 import jax
@@ -14,7 +15,7 @@ from jgait.estimators.waist import steps as waist_steps
 from jgait.estimators.waist.about import ABOUT, SIDE_KNOWN
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.motion import TrunkMotion
-from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, SHORT_OR_SLOW
+from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, FALLS_FREELY, SHORT_OR_SLOW
 from jgait.estimators.waist.params import (
     DEFAULT,
     PAPER,
@@ -26,8 +27,9 @@ from jgait.estimators.waist.params import (
 from jgait.estimators.waist.prepare import prepare
 from jgait.estimators.waist.readout import WaistWalk, earlier
 from jgait.estimators.waist.steps import Intervals
+from jgait.geometry.vectors import GRAVITY
 from jgait.notes import Note
-from jgait.types import Estimate, Legs, Recording, Strides, Values
+from jgait.types import Estimate, Legs, Recording, Strides, Values, as_float
 
 TURNING = 0.35
 """[rad] Threshold on the turn of the walk over a stride (20°); a stride above it is flagged as part of a turn."""
@@ -179,8 +181,26 @@ SHORTEST, SLOWEST = 1.05, 0.85
 this estimator gives them, are 1.06 to 1.59 m and 0.87 to 1.57 m/s."""
 
 
-def _doubts(result: Estimate, options: WaistOptions) -> tuple[Note, ...]:
-    """Notes if the distance is unreliable (see `DOUBTFUL`), or strides are below `SHORTEST` or `SLOWEST`."""
+FREE, OVER_S = 0.25, 0.05
+"""[1] Specific force over gravity, as a mean over `OVER_S` [s], below which the trunk falls freely. Of 39 walks of
+`ipol_gait` and `mobgap_lab` the median over the steps of the least one is 0.50 and more; of simulated running 0.18 and
+less."""
+
+
+def least_felt(result: Estimate, contacts: np.ndarray) -> float:
+    """The least upward specific force in a step over gravity, as the median over the steps between contacts [s]."""
+    up, time = as_float(result.diagnostics["trunk_acceleration"])[:, 2], as_float(result.time)
+    width = max(1, round(OVER_S / float(np.median(np.diff(time)))))
+    mean = np.convolve(np.nan_to_num(up), np.full(width, 1.0 / width), mode="same")
+    steps = np.searchsorted(time, contacts)
+    least = [mean[a:b].min() for a, b in itertools.pairwise(steps) if (b - a) > width]
+    return 1.0 + float(np.median(least)) / GRAVITY if least else 1.0
+
+
+def _doubts(result: Estimate, contacts: np.ndarray, options: WaistOptions) -> tuple[Note, ...]:
+    """Notes if the distance is unreliable (see `DOUBTFUL`), strides are below `SHORTEST` or `SLOWEST`, or the person
+    runs (see `FREE`).
+    """
     strides = result.strides
     if not np.any(strides.valid):
         return ()
@@ -193,6 +213,8 @@ def _doubts(result: Estimate, options: WaistOptions) -> tuple[Note, ...]:
     length, speed = (float(np.median(np.asarray(values)[kept])) for values in (strides.length, strides.speed))
     if options.distance in ("fused", "pendulum") and (length < SHORTEST or speed < SLOWEST):
         notes.append(SHORT_OR_SLOW(length_m=length, speed=speed, least_m=SHORTEST, slowest=SLOWEST))
+    if (felt := least_felt(result, contacts)) < FREE:
+        notes.append(FALLS_FREELY(share_pct=100.0 * max(felt, 0.0)))
     return tuple(notes)
 
 
@@ -202,5 +224,5 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
     contacts = np.flatnonzero(diagnostics.pop("initial_contact_valid"))
     for name in ("initial_contact", "initial_contact_side", "initial_contact_side_probability"):
         diagnostics[name] = diagnostics[name][contacts]
-    diagnostics["notes"] = (*diagnostics["notes"], *_doubts(result, made.options))
+    diagnostics["notes"] = (*diagnostics["notes"], *_doubts(result, diagnostics["initial_contact"], made.options))
     return result._replace(diagnostics=diagnostics)

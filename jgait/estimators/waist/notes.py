@@ -61,6 +61,18 @@ SHORT_OR_SLOW = Kind(
     "wrong by much more than their deviations say.",
 )
 
+FALLS_FREELY = Kind(
+    "trunk_falls_freely",
+    "check",
+    "in every step {share_pct:.0f} % of gravity or less is felt: running, or faster than the walks from which step "
+    "lengths were learned",
+    "Step lengths were learned from usual walking, in which a foot is always on the ground. In running, lengths and "
+    "distance may be wrong by much more than their deviations say.",
+)
+
+UNLEARNED = (SHORT_OR_SLOW.code, FALLS_FREELY.code)
+"""Codes of notes that a walk is unlike those from which step lengths were learned."""
+
 DISTANCE_DOUBTFUL = Kind(
     "distance_doubtful",
     "stop",

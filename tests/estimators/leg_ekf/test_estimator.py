@@ -165,6 +165,17 @@ def test_shanks_whose_stances_contradict_each_other_are_noted(walk):
         assert [note.values["placement"] for note in notes if note.code == "inconsistent_stances"] == noted
 
 
+def test_a_shank_whose_gyroscope_clips_is_noted(walk):
+    recording, truth = walk
+    for limit, noted in ((50.0, []), (4.4, ["shank_left"])):
+        clipped = {
+            name: imu._replace(gyr=np.clip(imu.gyr, -limit, limit)) if name == "shank_left" else imu
+            for name, imu in recording.sensors.items()
+        }
+        notes = leg_ekf.estimate(parameters(truth), recording._replace(sensors=clipped)).diagnostics["notes"]
+        assert [note.values["placement"] for note in notes if note.code == "signal_clipped"] == noted
+
+
 def test_distance_of_a_simulated_walk_is_near_before_any_calibration(walk):
     recording, truth = walk
     result = leg_ekf.estimate(parameters(truth), recording)

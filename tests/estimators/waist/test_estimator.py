@@ -1,10 +1,12 @@
 """Contacts, strides and distance of simulated waists of which they are known, and what every estimator owes."""
 
+import jax
 import numpy as np
 import pytest
 from made.notes import texts
 from made.trunk import about_vertical, cut, imu_of, joined, rotation, turned, walk, worn
 
+from jgait import simulate
 from jgait.estimators import waist
 from jgait.estimators.axes import pad
 from jgait.estimators.waist import FLAGS, WaistOptions, WaistParams
@@ -156,6 +158,13 @@ def test_who_does_not_walk_has_an_empty_table():
     assert estimate.diagnostics["initial_contact"].size == 0
     np.testing.assert_array_equal(estimate.distance, 0.0)
     assert "no steps were found: waist does not walk, or too slowly" in notes(estimate)
+
+
+def test_running_is_noted():
+    runner = simulate.walking(simulate.Person(gait=simulate.Gait(steps=16.0)), "running")
+    for who, noted in ((runner, True), (simulate.Person(gait=simulate.Gait(steps=16.0)), False)):
+        recording, _ = simulate.recording(jax.random.key(0), who, placements=("lower_back",))
+        assert ("running, or faster than the walks" in notes(estimated(recording))) == noted
 
 
 def test_a_walk_slower_than_those_learned_from_is_noted(straight):
