@@ -28,6 +28,8 @@ from jgait.types import Feet, FootTrajectory, Legs, Recording, Walk, as_float
 
 FACTORS = (0.65, 1.2)
 """[1] Smallest and largest length of the stride over the person's usual one; speed changes by the square."""
+RUNS = 4
+"""One in so many people runs."""
 AROUND, AHEAD = simulate.rectangle(5.0, 3.0), simulate.straight(20.0)
 FOOT_HZ = 200.0
 
@@ -57,7 +59,8 @@ def foot(people: int) -> list[Walk]:
     """Walks at rising speeds with the right foot's path."""
     found = []
     for i, (person, factor) in enumerate(zip(drawn(people), np.linspace(*FACTORS, people), strict=True)):
-        recording, truth = walked(i, paced(person, float(factor)), AROUND, FOOT_HZ, "foot_right")
+        who = simulate.walking(person, "running") if i % RUNS == RUNS - 1 else paced(person, float(factor))
+        recording, truth = walked(i, who, AROUND, FOOT_HZ, "foot_right")
         place = in_world(truth.motion.pose.foot_right, simulate.mount(person.body, "foot_right"))
         path = FootTrajectory(np.stack([as_float(part) for part in place], axis=1), None, None)
         found.append(Walk(recording, truth.estimate._replace(legs=Legs(None, None), feet=Feet(path, None)), {}))

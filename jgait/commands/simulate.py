@@ -20,7 +20,9 @@ ROUTES = {"straight": (1, "length"), "u_turn": (1, "length"), "rectangle": (2, "
 """Name → the number of lengths [m] of the route, and their names."""
 
 
-GAITS = ("slow", "fast", "shuffling", "limping", "unsteady", "crouched", "running", "toes_out")
+GAITS = (
+    "slow", "fast", "shuffling", "limping", "stiff_leg", "hemiparetic", "unsteady", "crouched", "running", "toes_out",
+)  # fmt: skip
 PROTOCOLS = ("bennett", "udaya_shankar", "silva", "potter", "kose")
 HIGHEST_RATE_HZ = 1000.0
 

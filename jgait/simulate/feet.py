@@ -26,6 +26,7 @@ class Foothold(NamedTuple):
     off: Values
     leave: Values
     lift: Values
+    out: Values
 
 
 class FootPair(NamedTuple):
@@ -183,6 +184,7 @@ def feet(body: Body, gait: Gait, shape: Movement, origin: Foothold, target: Foot
     by_ahead, by_height = map(parts, parts(outer(stacked([ahead, height]), stacked([c_slope, s_slope]))))
     level, rises = kept((by_ahead[0] - by_height[1], by_ahead[1] + by_height[0]))
     by_cosine, by_sine = map(parts, parts(outer(stacked([cy, sy]), stacked([level, cp, sp]))))
-    ankle = part(place, slice(0, 3)) + stacked([by_cosine[0], by_sine[0], rises])
+    aside = share.lift * origin.out
+    ankle = part(place, slice(0, 3)) + stacked([by_cosine[0] - sy * aside, by_sine[0] + cy * aside, rises])
     axes = (by_cosine[1], by_sine[1], sp), (-sy, cy, cy * 0.0), (-by_cosine[2], -by_sine[2], cp)
     return FootPair(kept(stacked([ankle, *map(stacked, axes)])), yaw, share.free)

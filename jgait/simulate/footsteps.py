@@ -23,6 +23,9 @@ from jgait.types import Flags, Values
 FIRST = 1
 """Foothold k is entry k + FIRST of every array."""
 
+OUTWARDS = 0.07
+"""[m] How far a leg that does not bend swings outwards, about."""
+
 START, CLOSE = 1.5, 1.2
 """[1] Duration of the first and of the last step, over that of the other steps."""
 
@@ -42,6 +45,7 @@ class Plan(NamedTuple):
         off: steps after landing at which the heel begins to rise [1].
         leave: steps after landing at which the toes begin to leave [1]; they are off `feet.LINGER` later.
         lift: lift of the foot in the swing to the next but one foothold [m].
+        out: motion of the foot to the left in that swing [m].
         contact: time of landing [s].
         time_curve: time [s] over the clock.
         x_curve: x of the pelvis [m].
@@ -66,6 +70,7 @@ class Plan(NamedTuple):
     off: Values
     leave: Values
     lift: Values
+    out: Values
     contact: Values
     time_curve: Values
     x_curve: Values
@@ -139,6 +144,7 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
     knots = jnp.stack([contact, takes.astype(k.dtype), *paths])
     moving = jnp.stack([jnp.ones_like(k), jnp.zeros_like(k), *[moving] * len(paths)])
     time_curve, walking_curve, x_curve, y_curve, heading_curve, distance_curve = pieces(knots, moving)
+    stiff = jnp.maximum(-side * gait.stiff, 0.0)
     return Plan(
         x=x,
         y=y,
@@ -146,13 +152,16 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
         foot_yaw=place.heading + side * gait.toe_out,
         slope=jnp.arctan(routes.value_at(along, along.slope, distance)),
         side=side,
-        toe_up=jnp.where(takes, gait.toe_up * lands * whole_foot * jnp.sqrt(speed), 0.0),
+        toe_up=jnp.where(takes, gait.toe_up * lands * whole_foot * jnp.sqrt(speed) * (1.0 - stiff), 0.0),
         heel_up=jnp.where(
-            k < n - 0.5, gait.heel_up * leaves * jnp.where(starts, 0.6, 1.0) * (0.5 + 0.5 * whole_foot), 0.0
+            k < n - 0.5,
+            gait.heel_up * leaves * jnp.where(starts, 0.6, 1.0) * (0.5 + 0.5 * whole_foot) * (1.0 - 0.5 * stiff),
+            0.0,
         ),
         off=jnp.where(starts, 1.0, 2.0 * gait.heel_off),
         leave=jnp.where(starts | (k > n + 0.5), 1.0 + HEEL_RISES, 2.0 * gait.stance_fraction - LINGER),
-        lift=jnp.where(k < n - 0.5, gait.swing_lift + jnp.maximum(riser, 0.0), 0.0),
+        lift=jnp.where(k < n - 0.5, gait.swing_lift * (1.0 - 0.5 * stiff) + jnp.maximum(riser, 0.0), 0.0),
+        out=jnp.where(k < n - 0.5, side * OUTWARDS * stiff, 0.0),
         contact=contact,
         time_curve=time_curve,
         x_curve=x_curve,

@@ -1,7 +1,6 @@
 """Gaits that are not the usual one, as changes of a person's gait.
 
-They change footholds, times and pitch of the feet; legs and pelvis follow. A leg that swings in another way than the
-other, such as a stiff one, is not described.
+They change footholds, times and paths of the feet, and the motion of the pelvis; legs follow.
 """
 
 from typing import NamedTuple
@@ -33,6 +32,14 @@ GAITS = {
         0.7, 1.15, {"length_asymmetry": 0.2, "time_asymmetry": 0.15},
         "after a stroke steps differ in length and time (Wonsetler and Bowden, Top Stroke Rehabil 24 (2017) 435); the "
         "sizes are chosen",
+    ),
+    "stiff_leg": OtherGait(
+        0.8, 1.15, {"stiff": 0.9, "recorded": 0.0},
+        "the right knee bends less in swing, and the leg swings outwards instead; the sizes are chosen",
+    ),
+    "hemiparetic": OtherGait(
+        0.55, 1.3, {"stiff": 0.6, "recorded": 0.0, "length_asymmetry": 0.15, "time_asymmetry": 0.2, "step_width": 0.16},
+        "a stiff leg with steps as in limping; the sizes are chosen",
     ),
     "unsteady": OtherGait(
         0.75, 1.15,

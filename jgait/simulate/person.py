@@ -73,6 +73,8 @@ class Gait(NamedTuple):
         standing_knee: knee flexion in standing [rad].
         length_asymmetry: (right − left) / (right + left) of the step lengths [1].
         time_asymmetry: (right − left) / (right + left) of the step times [1].
+        stiff: share by which the right leg bends less in swing; negative: the left leg. Its heel rises less, its toes
+            are less up at landing, and it swings outwards by up to `footsteps.OUTWARDS` [1].
         length_variability: standard deviation of the step length over its mean [1].
         time_variability: standard deviation of the step time over its mean [1].
         width_variability: standard deviation of the sideways position of footholds [m].
@@ -115,6 +117,7 @@ class Gait(NamedTuple):
     standing_knee: Values = 4.0 * DEGREE
     length_asymmetry: Values = 0.0
     time_asymmetry: Values = 0.0
+    stiff: Values = 0.0
     length_variability: Values = 0.0
     time_variability: Values = 0.0
     width_variability: Values = 0.0

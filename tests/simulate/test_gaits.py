@@ -55,3 +55,17 @@ def test_runners_fly_and_bend_their_knees_in_stance(people):
             assert height[flight].min() > height[stance].mean()
             assert np.ptp(height[stance]) > 0.04
             assert force[stance].max() > 1.5 * 9.81
+
+
+@pytest.mark.parametrize(("stiff", "side"), [(0.9, "right"), (-0.9, "left")])
+def test_a_stiff_leg_bends_less_and_swings_outwards(stiff, side):
+    who = simulate.walking(simulate.Person(), "stiff_leg")
+    gait = who.gait._replace(steps=8.0, quiet_before=0.5, quiet_after=0.5, stiff=stiff)
+    _, truth = simulate.recording(jax.random.key(0), simulate.Person(who.body, gait), placements=("foot_right",))
+    knees = {name: np.asarray(getattr(truth.estimate.legs, name).knee_angle).max() for name in ("right", "left")}
+    foot = getattr(truth.motion.pose, f"foot_{side}").origin
+    swings = np.abs(np.asarray(foot.y)).max() - 0.5 * gait.step_width
+    other = {"right": "left", "left": "right"}[side]
+    assert knees[side] < knees[other] - np.radians(15.0)
+    assert 0.02 < swings < 0.08
+    assert np.ptp(np.asarray(getattr(truth.motion.pose, f"foot_{other}").origin.y)) < 0.5 * swings
