@@ -155,7 +155,7 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
         toe_up=jnp.where(takes, gait.toe_up * lands * whole_foot * jnp.sqrt(speed) * (1.0 - stiff), 0.0),
         heel_up=jnp.where(
             k < n - 0.5,
-            gait.heel_up * leaves * jnp.where(starts, 0.6, 1.0) * (0.5 + 0.5 * whole_foot) * (1.0 - 0.5 * stiff),
+            gait.heel_up * leaves * jnp.where(starts, 0.6, 1.0) * (0.5 + 0.5 * whole_foot) * (1.0 - 0.6 * stiff),
             0.0,
         ),
         off=jnp.where(starts, 1.0, 2.0 * gait.heel_off),

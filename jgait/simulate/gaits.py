@@ -34,11 +34,13 @@ GAITS = {
         "sizes are chosen",
     ),
     "stiff_leg": OtherGait(
-        0.8, 1.15, {"stiff": 0.9, "recorded": 0.0},
+        0.8, 1.15, {"stiff": 0.9, "recorded": 0.0, "knee_stance": 9.0 * DEGREE},
         "the right knee bends less in swing, and the leg swings outwards instead; the sizes are chosen",
     ),
     "hemiparetic": OtherGait(
-        0.55, 1.3, {"stiff": 0.6, "recorded": 0.0, "length_asymmetry": 0.15, "time_asymmetry": 0.2, "step_width": 0.16},
+        0.55, 1.3,
+        {"stiff": 0.6, "recorded": 0.0, "knee_stance": 9.0 * DEGREE, "length_asymmetry": 0.15, "time_asymmetry": 0.2,
+         "step_width": 0.16},
         "a stiff leg with steps as in limping; the sizes are chosen",
     ),
     "unsteady": OtherGait(
