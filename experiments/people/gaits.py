@@ -17,10 +17,10 @@ from experiments.common.row import Row, show
 from experiments.people.prediction import sensor_height
 from jgait import estimators, simulate
 from jgait.estimators.about import About
-from jgait.simulate import Body, Person, Route
+from jgait.simulate import Body, Person, Route, Truth
 from jgait.simulate.person import DEGREE
 from jgait.simulate.sensors import MPU6000
-from jgait.types import Estimate, as_float
+from jgait.types import Estimate, Recording, as_float
 
 PEOPLE, METRES = 3, 16.0
 ESTIMATORS = ("foot_ins", "ankle_stride", "leg_ekf", "waist")
@@ -30,11 +30,14 @@ CLIMBING = (("stride_length", 0.62), ("stride_time", 1.2), ("knee_stance", 12.0 
 
 
 class Kind(NamedTuple):
-    """A gait of `simulate.GAITS`, if it is not the usual one; the route, and changed fields of `Gait`."""
+    """A gait of `simulate.GAITS`, if it is not the usual one; the route, changed fields of `Gait`, and the breaks [s]
+    after which the route is walked again.
+    """
 
     gait: str | None = None
     along: Route = simulate.straight(METRES)
     changes: tuple[tuple[str, float], ...] = ()
+    breaks: tuple[float, ...] = ()
 
 
 def stairs(riser: float) -> Route:
@@ -54,6 +57,7 @@ GAITS = {
     "stairs down": Kind(along=stairs(-0.17), changes=CLIMBING),
     "back and forth": Kind(along=simulate.u_turn(8.0, 0.3)),
     "in a circle of 1 m": Kind(along=simulate.circle(1.0, 3.0)),
+    "with breaks": Kind(along=simulate.straight(5.0), breaks=(2.0, 8.0)),
 }
 
 
@@ -76,6 +80,14 @@ def person(kind: Kind, drawn: Person, key: Any) -> Person:
     return simulate.covering(
         key, Person(who.body, who.gait._replace(**{"soft_tissue": 0.0, **dict(kind.changes)})), kind.along
     )
+
+
+def simulated(kind: Kind, who: Person, key: Any) -> tuple[Recording, Truth]:
+    """One walk."""
+    if kind.breaks:
+        ways = [kind.along] * (len(kind.breaks) + 1)
+        return simulate.with_breaks(key, who, ways, kind.breaks, MPU6000, placements=PLACEMENTS)
+    return simulate.recording(key, who, kind.along, MPU6000, placements=PLACEMENTS)
 
 
 def measures(body: Body, about: About) -> dict[str, float]:
@@ -107,9 +119,7 @@ def walks(names: list[str], people: int) -> Iterator[tuple[str, str, Walked]]:
             who = person(kind, simulate.person_of(drawn, number), key)
             made = attempt(
                 f"{name}, person {number + 1}",
-                lambda key=key, who=who, along=kind.along: simulate.recording(
-                    key, who, along, MPU6000, placements=PLACEMENTS
-                ),
+                lambda key=key, who=who, kind=kind: simulated(kind, who, key),
             )
             if made is None:
                 continue

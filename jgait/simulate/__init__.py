@@ -5,6 +5,7 @@ records of the library; `walk` is the same in pure JAX, to be jitted, mapped ove
 """
 
 from jgait.geometry.segments import segment_of
+from jgait.simulate.breaks import with_breaks
 from jgait.simulate.check import check_person
 from jgait.simulate.fitting import PersonFit, fitted
 from jgait.simulate.gaits import GAITS, walking
@@ -28,5 +29,5 @@ __all__ = [
     "FOUR", "GAITS", "RECORDED", "SEVEN", "Body", "Gait", "Person", "PersonFit", "Route", "Truth", "check_person",
     "circle", "cohort", "corner", "covering", "duration", "faster", "fitted", "gait", "mount", "paced", "person_of",
     "plan", "population", "recording", "rectangle", "route", "segment_of", "straight", "strides", "trimmed", "u_turn",
-    "walk", "walking", "walks",
+    "walk", "walking", "walks", "with_breaks",
 ]  # fmt: skip

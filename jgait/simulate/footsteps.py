@@ -46,6 +46,7 @@ class Plan(NamedTuple):
         leave: steps after landing at which the toes begin to leave [1]; they are off `feet.LINGER` later.
         lift: lift of the foot in the swing to the next but one foothold [m].
         out: motion of the foot to the left in that swing [m].
+        stood: 1 for the footholds on which the feet stand at the start, else 0.
         contact: time of landing [s].
         time_curve: time [s] over the clock.
         x_curve: x of the pelvis [m].
@@ -71,6 +72,7 @@ class Plan(NamedTuple):
     leave: Values
     lift: Values
     out: Values
+    stood: Values
     contact: Values
     time_curve: Values
     x_curve: Values
@@ -162,6 +164,7 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
         leave=jnp.where(starts | (k > n + 0.5), 1.0 + HEEL_RISES, 2.0 * gait.stance_fraction - LINGER),
         lift=jnp.where(k < n - 0.5, gait.swing_lift * (1.0 - 0.5 * stiff) + jnp.maximum(riser, 0.0), 0.0),
         out=jnp.where(k < n - 0.5, side * OUTWARDS * stiff, 0.0),
+        stood=(k < 0.5).astype(k.dtype),
         contact=contact,
         time_curve=time_curve,
         x_curve=x_curve,

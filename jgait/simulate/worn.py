@@ -200,7 +200,7 @@ def _time_at(laid: Plan, ticks: Float[Array, "foothold"]) -> Float[Array, "footh
 def strides(laid: Plan) -> Strides:
     """The strides of a walk, one for each foothold that is taken (K,), in the order in which they end."""
     k = jnp.arange(-1, laid.x.shape[0] - 1, dtype=laid.x.dtype)
-    valid = (k > 0.5) & (k < laid.end - 0.5)
+    valid = (laid.stood < 0.5) & (k < laid.end - 0.5)
 
     def before(values: Float[Array, "foothold"]) -> Float[Array, "foothold"]:
         return jnp.roll(values, 2)
@@ -212,7 +212,7 @@ def strides(laid: Plan) -> Strides:
     length = jnp.sqrt(jnp.where(valid, dx * dx + dy * dy, 1.0))
     aside = dx * (other(laid.y) - laid.y) - dy * (other(laid.x) - laid.x)
     leaves = _time_at(laid, jnp.maximum(k - 2.0 + before(laid.leave) + LINGER, -1.0))
-    start = jnp.where(k < 2.5, leaves, before(laid.contact))
+    start = jnp.where(before(laid.stood) > 0.5, leaves, before(laid.contact))
 
     def filled(values: Float[Array, "foothold"]) -> Float[Array, "foothold"]:
         return jnp.where(valid, values, 0.0)
