@@ -68,7 +68,7 @@ def demo(
     real = dataset != "simulated" and datasets.available("neura_sparse")
     # Most of the time goes into compiling, which two threads do side by side.
     with (
-        results_folder(out, "demo", None, json_file=json_file) as folder,
+        results_folder(out, "demo", {}, json_file=json_file) as folder,
         progress() as bars,
         ThreadPoolExecutor(2) as pool,
     ):

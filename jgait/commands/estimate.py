@@ -65,7 +65,7 @@ def estimate(
         item._replace(folder=file.resolve().parent.name if called[file.name] > 1 else "")
         for file, name in names.items() for item in recordings.trials_of(file, name, format, trial)
     ]  # fmt: skip
-    planned = {output: str(item.file.resolve()) for item in items for output in job.planned(item.name)}
+    planned = {output: _source(item) for item in items for output in job.planned(item.name)}
     if len(planned) < len(items) * len(job.planned("")):
         stop("two of these files have results of the same names; give them different --out")
     inputs = [*files, params, person]
@@ -94,6 +94,12 @@ def _job(
     for line in (*remarks(estimator, own), *lacking):
         note(line)
     return jobs.one_estimator(choice, p, estimator + (", the paper's pipeline" if paper else ""), ending)
+
+
+def _source(item: recordings.Item) -> str:
+    """The recording, wherever the command is called."""
+    file = str(item.file.resolve())
+    return f"{file}: {item.trial}" if item.trial else file
 
 
 def _names(files: list[Path]) -> dict[Path, str]:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jgait.commands.console import stop
+from jgait.commands.console import count, note, stop
 from jgait.io.atomic import write_text
 
 STAGE = ".jgait.part"
@@ -76,13 +76,15 @@ class ResultsFolder:
         self.stage.mkdir()
 
     def publish(self, files: Sequence[Path]) -> list[Path]:
-        """Move files from `stage` into the folder; of a bound folder, all that this command wrote before goes.
+        """Move files from `stage` into the folder; of a bound folder, all that this command wrote before goes, of
+        another one, what it wrote before of the same recordings.
 
         A file that is there already with the same content stays as it is.
         """
         new = {file.name: self._planned.get(file.name, "") for file in files}
         self._check(new)
-        gone = sorted(self._files.keys() - new.keys()) if self._bound else []
+        again = set(new.values()) - {""}
+        gone = sorted(name for name in self._files.keys() - new.keys() if self._bound or self._files[name] in again)
         self._files = {**self._files, **new}
         self._write(False)
         for file in files:
@@ -92,6 +94,9 @@ class ResultsFolder:
         for name in gone:
             (self.path / name).unlink(missing_ok=True)
             del self._files[name]
+        if gone and not self._bound:
+            files_are = count(len(gone), "file is", "files are")
+            note(f"{self.path}: {files_are} gone, which an earlier command wrote for this recording: {', '.join(gone)}")
         self._write(True)
         return [self.path / file.name for file in files]
 

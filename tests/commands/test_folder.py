@@ -66,6 +66,17 @@ def test_what_was_not_written_again_goes_and_what_is_equal_stays(tmp_path):
     assert (tmp_path / "a.csv").read_text() == "other"
 
 
+def test_what_another_command_wrote_for_the_same_recording_goes(tmp_path, capsys):
+    one, two = "/a/one.csv", "/a/two.csv"
+    put(tmp_path, None, "one_angles.csv", "one_strides.csv", planned={"one_angles.csv": one, "one_strides.csv": one})
+    put(tmp_path, None, "two_strides.csv", planned={"two_strides.csv": two})
+    assert capsys.readouterr().err == ""
+    put(tmp_path, None, "one_strides.csv", planned={"one_strides.csv": one})
+    assert names_in(tmp_path) == [".jgait-make.json", "one_strides.csv", "two_strides.csv"]
+    said = " ".join(capsys.readouterr().err.split())
+    assert "1 file is gone, which an earlier command wrote for this recording: one_angles.csv" in said
+
+
 def test_files_of_the_user_and_of_other_commands_are_kept(tmp_path, capsys):
     (tmp_path / "a.csv").write_text("mine")
     with refused(capsys, "a.csv is there", "did not write it"):
