@@ -24,7 +24,9 @@ def person_in(file: Path | None) -> dict[str, PyTree]:
         return {}
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except ValueError as error:
+        stop(f'--person {file} is no JSON file with measures, such as {{"height": 1.75}}: {error}')
+    except OSError as error:
         stop(f"--person {file}: {error}")
     known = _measures()
     if not isinstance(content, dict) or not content:

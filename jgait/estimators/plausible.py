@@ -70,7 +70,7 @@ def implausible(estimate: Estimate) -> tuple[Note, ...]:
     notes: list[Note] = []
     valid = np.asarray(estimate.valid, bool)
     if estimate.strides is not None:
-        notes += _strides(estimate.strides)
+        notes += _strides(estimate.strides, estimate.strides_stddev)
     for side, leg in zip(SIDES, estimate.legs, strict=True):
         if leg is None:
             continue
@@ -110,8 +110,8 @@ def _paces(strides: Strides) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return length, last, speed
 
 
-def _strides(strides: Strides) -> list[Note]:
-    """Notes about the strides of both feet."""
+def _strides(strides: Strides, stddev: Strides | None) -> list[Note]:
+    """Notes about the strides of both feet; a width is negative if it is so by two of its deviations."""
     notes = []
     used, wrong = np.asarray(strides.valid, bool), impossible(strides)
     length, _, speed = _paces(strides)
@@ -129,7 +129,8 @@ def _strides(strides: Strides) -> list[Note]:
         rise, gone = float(np.nansum(height[of_side])), float(np.nansum(length[of_side]))
         if abs(rise) > max(LEAST_RISE, STEEPEST * gone):
             notes.append(HEIGHT_DRIFTS(side=side, rise=rise, length=gone))
-    negative = used & (width < 0.0)
+    spread = np.zeros_like(width) if stddev is None or stddev.width is None else as_float(stddev.width)
+    negative = used & (width < -2.0 * np.nan_to_num(spread))
     if negative.any():
         notes.append(WIDTH_NEGATIVE(strides=negative.sum(), of=used.sum()))
     return notes

@@ -19,7 +19,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 COLUMNS_MATCHED = Kind(
-    "columns_matched", "info", "{number} columns recognised by their names, such as {examples}", DEDUCED
+    "columns_matched",
+    "info",
+    "{number} {number:column|columns} recognised by {number:its name|their names}, such as {examples}",
+    DEDUCED,
 )
 COLUMNS_LEFT_OUT = Kind("columns_left_out", "info", "columns left out: {columns}", LEFT_OUT)
 CELLS_WITHOUT_NUMBER = Kind(

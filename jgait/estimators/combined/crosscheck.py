@@ -51,12 +51,10 @@ LEAST_COHERENCE, LEAST_SHARE = 0.6, 0.08
 """[1] Least coherence of a sensor's phase from stride to stride, and least share of the stride frequency in its
 movement; a sensor with less does not take part in the comparison of phases."""
 
-LEAST_SHARE_THIGH = 0.3
-"""[1] As `LEAST_SHARE`, for thighs: below it the phase of a limping leg's thigh may be that of its backward swing. Half
-of the thighs of `walking5m` have more than 0.38."""
-
-SURE = 0.8
-"""[1] Least coherence of a phase that names a wrong clock; of most real sensors it is above 0.9."""
+SURE, SURE_THIGH = 0.8, 0.3
+"""[1] Least coherence of a phase that names a wrong clock; of most real sensors it is above 0.9. [1] Least share of a
+thigh's phase that does: below it the phase of a limping leg may be that of the backward swing. Half of the thighs of
+`walking5m` have more than 0.38."""
 
 EXCHANGED_FROM = 0.36
 """[strides] Least phase of both sensors of a pair that are exchanged. In running feet swing by 0.3 of a stride earlier
@@ -286,10 +284,10 @@ def _phases(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
     for name in legs:
         side = 0.5 * SIDES.index(name.rpartition("_")[2])
         phase = _phase(sensors[name], begins, ends, OFFSETS[kind_of(name)] + side)
-        least = LEAST_SHARE_THIGH if kind_of(name) == "thigh" else LEAST_SHARE
-        if phase.coherence > LEAST_COHERENCE and phase.share > least:
+        if phase.coherence > LEAST_COHERENCE and phase.share > LEAST_SHARE:
             phases[name] = phase.phase
-            unsure |= {name} if phase.coherence < SURE else set()
+            if phase.coherence < SURE or (kind_of(name) == "thigh" and phase.share < SURE_THIGH):
+                unsure.add(name)
     return _named(phases, stride, unsure)
 
 
@@ -302,10 +300,12 @@ def _named(phases: dict[str, float], stride: float, unsure: set[str]) -> tuple[l
     def away(common: float) -> list[str]:
         return [name for name in names if abs(_wrapped(phases[name] - common)) > APART]
 
+    sure = [name for name in names if name not in unsure] or names
     common = min(
-        phases.values(), key=lambda value: (len(away(value)), sum(abs(_wrapped(p - value)) for p in phases.values()))
+        (phases[name] for name in sure),
+        key=lambda value: (len(away(value)), sum(abs(_wrapped(p - value)) for p in phases.values())),
     )
-    near = [phases[name] for name in names if name not in away(common)]
+    near = [phases[name] for name in sure if name not in away(common)]
     common += float(np.median([_wrapped(value - common) for value in near]))
     wrong = away(common)
     if not wrong:

@@ -9,14 +9,19 @@ from jgait.estimators import ankle_stride, foot_ins, leg_ekf, stride_width_ekf, 
 from jgait.estimators.ankle_stride import AnkleOptions
 from jgait.estimators.checks import sensors_of
 from jgait.estimators.interface import Estimator
+from jgait.estimators.leg_ekf.notes import SEGMENT_ALONE
 from jgait.estimators.proportions import gives, told
 from jgait.estimators.waist.params import SITES
-from jgait.notes import Kind, Note
+from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.types import SIDES, Estimate, Recording, RecordingError
 
 NOT_USED = Kind(
     "source_not_used", "check", "{source}: no estimate, because {reason}",
     "These sensors could not be used. What the other sensors measure does not depend on them.",
+)  # fmt: skip
+
+SENSOR_NOT_USED = Kind(
+    "sensor_not_used", "info", "{placement} is not used: {reason}", LEFT_OUT,
 )  # fmt: skip
 
 MEASURES = {
@@ -132,4 +137,20 @@ def sources(recording: Recording, person: Mapping[str, PyTree]) -> tuple[list[So
             or "no estimator has its sensors: expected both or one of foot, ankle, shank, thigh with shank, or waist, "
             f"lower_back or pelvis; {sensors_of(recording)}"
         )
-    return estimates, [*notes, *told(person, measures)]
+    return estimates, [*notes, *_unused(recording, estimates), *told(person, measures)]
+
+
+def _unused(recording: Recording, estimates: list[SourceEstimate]) -> list[Note]:
+    """Notes about sensors that no estimator takes, if no estimator says so itself."""
+    taken = {name for way in WAYS for name in way.uses(recording)}
+    said = {note.values.get("placement") for one in estimates for note in one.estimate.diagnostics["notes"]}
+    notes = []
+    for placement in sorted(set(recording.sensors) - taken - said):
+        kind = placement.partition("_")[0]
+        if kind == "thigh":
+            notes.append(SEGMENT_ALONE(placement=placement, other="shank"))
+        elif placement in SITES:
+            notes.append(SENSOR_NOT_USED(placement=placement, reason=f"{_trunk(recording)[0]} serves as well"))
+        else:
+            notes.append(SENSOR_NOT_USED(placement=placement, reason="no estimator takes a sensor there"))
+    return notes

@@ -369,6 +369,16 @@ def test_a_missing_height_is_said_only_where_it_matters(walked):
     assert "height_absent" in {note.code for note in waist.notes}
 
 
+def test_sensors_that_no_estimator_takes_are_named(walked):
+    recording, _ = walked
+    kept = {name: recording.sensors[name] for name in ("shank_left", "thigh_right", "pelvis")}
+    more = {"waist": kept["pelvis"], "wrist_left": kept["shank_left"]}
+    notes = jgait.analyse(recording._replace(sensors=kept | more)).notes
+    assert {note.values["placement"] for note in notes if note.code == "segment_alone"} == {"thigh_right"}
+    unused = {note.values["placement"]: note.values["reason"] for note in notes if note.code == "sensor_not_used"}
+    assert unused == {"pelvis": "waist serves as well", "wrist_left": "no estimator takes a sensor there"}
+
+
 def test_what_cannot_be_done_is_said(walked):
     recording, _ = walked
     thigh = recording._replace(sensors={"thigh_right": recording.sensors["thigh_right"]})
