@@ -14,13 +14,14 @@ from jgait.estimators.combined.compare import comparisons, regular
 from jgait.estimators.combined.distance import WalkedDistance, distances
 from jgait.estimators.combined.distance import walked as walked_together
 from jgait.estimators.combined.strides import combined, joined
-from jgait.io.damage import agreement, delays, paces, samples, tilts, turns
+from jgait.io.damage import agreement, damage_notes, delays, paces, samples, tilts, turns
 from jgait.notes import Kind
 from jgait.report import of_analysis
 from jgait.simulate.sensors import OPAL
 from jgait.types import RecordingError
 
 PLACEMENTS = (*simulate.SEVEN, "ankle_right", "ankle_left")
+FEET = ("foot_right", "foot_left")
 PERSON = {"height": 1.75, "pendulum_constant": 1.05}  # the constant of simulated people
 CONTRADICTIONS = {
     "lengths_differ",
@@ -367,6 +368,24 @@ def test_a_missing_height_is_said_only_where_it_matters(walked):
     assert "height_absent" not in {note.code for note in jgait.analyse(recording._replace(sensors=feet)).notes}
     waist = jgait.analyse(recording._replace(sensors={"pelvis": recording.sensors["pelvis"]}))
     assert "height_absent" in {note.code for note in waist.notes}
+
+
+def test_a_stiff_leg_turns_less_and_counts_and_a_wrong_unit_does_not():
+    usual = simulate.person_of(simulate.population(jax.random.key(0), 1), 0)
+    way, key = simulate.straight(16.0), jax.random.key(1)
+    person = simulate.covering(key, simulate.walking(usual, "stiff_leg"), way)
+    recording, _ = simulate.recording(key, person, way, placements=(*FEET, "shank_right", "shank_left"))
+    foot = recording.sensors["foot_right"]
+    for factor, counts in ((1.0, True), (0.4, False)):
+        sensors = recording.sensors | {"foot_right": foot._replace(gyr=factor * foot.gyr)}
+        changed = recording._replace(sensors=sensors)
+        notes = tuple(note for note in damage_notes(changed) if note.code == "sides_differ")
+        assert len(notes) == 1
+        noted, plain = (
+            float(jgait.analyse(changed._replace(notes=said)).estimate.diagnostics["distance_stddev"][-1])
+            for said in (notes, ())
+        )
+        assert (noted == plain) == counts
 
 
 def test_sensors_that_no_estimator_takes_are_named(walked):
