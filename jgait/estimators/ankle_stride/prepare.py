@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from jgait.estimators.ankle_stride.inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
-from jgait.estimators.ankle_stride.notes import NEVER_STANDS, SWINGS_EVEN, SWINGS_SMALL
+from jgait.estimators.ankle_stride.notes import NEVER_STANDS, STRIDES_QUICK, SWINGS_EVEN, SWINGS_SMALL
 from jgait.estimators.ankle_stride.params import DEFAULT, AnkleOptions, check_options
 from jgait.estimators.axes import Axis
 from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
@@ -53,6 +53,9 @@ LEAST_SECONDS = 1.0
 SMALL = shank_events.LOBES._replace(threshold=np.deg2rad(20.0), least_angle=np.deg2rad(10.0))
 """Slower and smaller swings than those of strides. Of 42 legs of `walking5m`, `tripod` and `neura_sparse` none has more
 than one that is not counted as a stride; wiggles in very slow stances turn the shank by less."""
+
+QUICK_S = 0.75
+"""[s] Median duration of strides below which a person runs; 160 steps a minute."""
 
 MANY_SMALL = 0.1
 """[1] Number of small swings over that of strides above which a note names them, if there is more than one."""
@@ -210,6 +213,8 @@ def _leg(
             end[measured],
             shank_stance.ShankStances(*(part[measured] for part in stood)),
         )
+    if len(start) and (last := float(np.median(time[stood.end] - time[stood.begin]))) < QUICK_S:
+        notes.append(STRIDES_QUICK(placement=name, seconds=last))
     over = bridged(lost, time, leg_signals["dt"], LOST_RATE, LOST_FORCE)
     rests = still if options.standing else None
     signals = AnkleSignals(

@@ -7,14 +7,13 @@ import numpy as np
 
 from jgait.estimators.ankle_stride.notes import SWINGS_SMALL
 from jgait.estimators.combined.sources import SourceEstimate
-from jgait.estimators.combined.strides import CONSISTENT, combined, correlation
+from jgait.estimators.combined.strides import CONSISTENT, UNLIKE, combined, correlation
 from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED
 from jgait.estimators.losses import lost_between
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, impossible
 from jgait.estimators.proportions import SHARE_SD, SHARES
 from jgait.estimators.sides import of_turns
-from jgait.estimators.waist.notes import UNLEARNED
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, Recording, as_float
@@ -31,7 +30,7 @@ DISTANCE_OF_ONE_SIDE = Kind(
     "other side is in doubt or lost samples", LEFT_OUT,
 )  # fmt: skip
 
-LACKING = (SPEED_IMPLAUSIBLE.code, SWINGS_SMALL.code, *UNLEARNED)
+LACKING = (SPEED_IMPLAUSIBLE.code, SWINGS_SMALL.code, *UNLIKE)
 """Codes of an estimator's notes by which its distance is in doubt."""
 
 LEG_DISTANCE_SD = 0.06

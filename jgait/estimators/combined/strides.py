@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait.estimators.ankle_stride.notes import STRIDES_QUICK
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.plausible import impossible
 from jgait.estimators.stride_flags import CLIPPED, DOUBTFUL, HALF, SIDE_UNKNOWN, STAIRS, TURNING, UNSURE
@@ -35,6 +36,10 @@ COMBINED = ("length", "height", "turn")
 
 FLAGS = {flag.name: flag.read for flag in (TURNING, STAIRS, HALF, CLIPPED, UNSURE, SIDE_UNKNOWN)}
 """Flag of strides → how a source's estimate states it, (strides,) bool, or None."""
+
+
+UNLIKE = (*UNLEARNED, STRIDES_QUICK.code)
+"""Codes of an estimator's notes that a walk is unlike those that it is made for."""
 
 
 class JoinedStrides(NamedTuple):
@@ -86,7 +91,7 @@ def joined(
     if not groups:
         return None
     doubts = {source.name: _doubted(source, wrong) for source in having}
-    unlike = [s.name for s in having if any(note.code in UNLEARNED for note in s.estimate.diagnostics["notes"])]
+    unlike = [s.name for s in having if any(note.code in UNLIKE for note in s.estimate.diagnostics["notes"])]
     if len(unlike) < len(having):
         doubts |= {name: np.ones_like(doubts[name]) for name in unlike}
     return _table(having, groups, trusted, doubts, next((s for s in sources if s.name == "width"), None))

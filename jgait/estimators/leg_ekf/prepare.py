@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.estimators.ankle_stride.inputs import AnkleInputs
-from jgait.estimators.ankle_stride.notes import SWINGS_SMALL
+from jgait.estimators.ankle_stride.notes import STRIDES_QUICK, SWINGS_SMALL
 from jgait.estimators.ankle_stride.params import AnkleOptions
 from jgait.estimators.ankle_stride.prepare import prepare as prepare_shanks
 from jgait.estimators.checks import common_time, sensors_of
@@ -204,7 +204,7 @@ SHANKS = AnkleOptions(site="shank")
 
 
 def shanks_of(recording: Recording, sides: tuple[str, ...]) -> tuple[AnkleInputs | None, list[Note]]:
-    """The inputs of the strapdown, and notes about steps that it lacks and signals that clip; None without
+    """The inputs of the strapdown, and notes about steps that it lacks, running and signals that clip; None without
     accelerometers, or if the sampling rate does not suit.
     """
     placements = [f"{segment}_{side}" for segment in ("thigh", "shank") for side in sides]
@@ -213,7 +213,7 @@ def shanks_of(recording: Recording, sides: tuple[str, ...]) -> tuple[AnkleInputs
         made = prepare_shanks(shanks, SHANKS)
     except RecordingError:
         return None, []
-    return made.inputs, [note for note in made.notes if note.kind in (SWINGS_SMALL, CLIPPED)]
+    return made.inputs, [note for note in made.notes if note.kind in (SWINGS_SMALL, STRIDES_QUICK, CLIPPED)]
 
 
 def prepare(

@@ -109,6 +109,20 @@ def test_a_waist_with_too_short_strides_does_not_pull_what_feet_measure():
     assert np.median(jgait.analyse(waist, {"height": 1.75}).estimate.strides.length) > 1.2 * np.median(strides.length)
 
 
+def test_in_running_feet_alone_count():
+    way, key = simulate.straight(16.0), jax.random.key(1)
+    person = simulate.covering(key, simulate.walking(simulate.Person(), "running"), way)
+    recording, truth = simulate.recording(key, person, way, placements=PLACEMENTS)
+    found = jgait.analyse(recording)
+    codes = {note.code for note in found.notes}
+    assert {"strides_quick", "trunk_falls_freely"} <= codes
+    assert not {"sides_exchanged", "clock_off"} & codes
+    true = float(truth.estimate.distance[-1])
+    off = {s.name: abs(float(s.estimate.distance[-1]) / true - 1.0) for s in found.sources}
+    assert off["shanks"] > 0.04 and off["waist"] > 0.1
+    assert float(found.estimate.distance[-1]) == pytest.approx(true, rel=0.02)
+
+
 def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
     tables = io.analysis_to_dataframes(analysis)
     assert list(tables) == ["strides", "bouts", "contacts", "sources", "samples"]
