@@ -65,7 +65,7 @@ def _over_time(
     """A figure with a row for each field of the legs' trajectories and a column for each leg."""
     estimate, reference = _shown(estimate), None if reference is None else _shown(reference)
     worn = _worn(estimate)
-    figure, axes = panels(len(fields), len(worn), 5.2 * len(worn) + 0.6, 5.6)
+    figure, axes = panels(len(fields), len(worn), 5.2 * len(worn) + 0.6, 5.6, sharey="row")
     part = windowed(estimate.time, seconds)
     time = np.asarray(estimate.time)[part]
     for column, (side, leg, spread) in enumerate(worn):
@@ -78,12 +78,14 @@ def _over_time(
                 _reference(axis, reference, side, field, scale, seconds)
             axis.plot(time, value, label="jgait", **ESTIMATE)
             axis.set_ylabel(unit)
+            axis.tick_params(labelleft=True)
             axis.grid(alpha=0.3)
             if row == 0:
-                axis.set_title(f"{side} leg")
+                axis.set_title(f"{side} leg", loc="left")
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
-    axes[0, 0].legend(loc="upper right", fontsize=8, framealpha=0.9)
+    above = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": 3, "frameon": False}
+    axes[0, -1].legend(fontsize=8, borderaxespad=0.1, columnspacing=1.0, handlelength=1.6, **above)
     titled(figure, title)
     return figure
 
