@@ -30,6 +30,9 @@ ANGLES_DOUBTFUL = Kind(
     "Their stated deviations do not contain that.",
 )
 NO_STRIDES = Kind("no_strides", "stop", "no walking was found: no sensor measured a stride", NO_WALKING)
+ONE_LEG_SEEN = Kind(
+    "one_leg_seen", "info", "strides of the {side} leg alone are measured", "All numbers of strides are of this leg."
+)
 
 
 class Analysis(NamedTuple):
@@ -102,6 +105,8 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     differ += unusable
     if strides is not None:
         differ = [*length_notes(estimates, strides), *differ, *side_notes(estimates, strides)]
+        seen = set(np.asarray(strides.strides.side).tolist())
+        differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in seen if len(seen) == 1]
     elif any(source.estimate.strides is not None for source in estimates):
         differ = [NO_STRIDES(), *differ]
     every = [*findings.notes, *differ, *recording.notes, *notes, *one_sided]

@@ -408,6 +408,9 @@ def test_sensors_that_no_estimator_takes_are_named(walked):
     more = {"waist": kept["pelvis"], "wrist_left": kept["shank_left"]}
     notes = jgait.analyse(recording._replace(sensors=kept | more)).notes
     assert {note.values["placement"] for note in notes if note.code == "segment_alone"} == {"thigh_right"}
+    assert "one_leg_seen" not in {note.code for note in notes}
+    alone = jgait.analyse(recording._replace(sensors={"shank_left": kept["shank_left"]})).notes
+    assert [note.values["side"] for note in alone if note.code == "one_leg_seen"] == ["left"]
     unused = {note.values["placement"]: note.values["reason"] for note in notes if note.code == "sensor_not_used"}
     assert unused == {"pelvis": "waist serves as well", "wrist_left": "no estimator takes a sensor there"}
 
