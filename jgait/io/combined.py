@@ -61,7 +61,7 @@ def _strides(analysis: "Analysis", joined: "JoinedStrides") -> "pd.DataFrame":
         stance = table["final_contact_s"] - table["start_s"]
         table["stance_duration_s"] = stance.where(stance > 0.0)
         table["swing_duration_s"] = table["end_s"] - table["final_contact_s"]
-    extremes = _extremes(estimate, table)
+    extremes = joint_extremes(estimate, table)
     for name, values in extremes.items():
         table[name] = values
     if extremes:
@@ -77,7 +77,7 @@ def _strides(analysis: "Analysis", joined: "JoinedStrides") -> "pd.DataFrame":
     return table.dropna(axis="columns", how="all")
 
 
-def _extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.ndarray]:
+def joint_extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.ndarray]:
     """Smallest and largest flexion of hip and knee [°] in each stride, of the stride's own leg."""
     extremes: dict[str, np.ndarray] = {}
     time = as_float(estimate.time)

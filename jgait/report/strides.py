@@ -65,6 +65,12 @@ CYCLES = (
     "grows meanwhile."
 )
 
+EXTREMES = {
+    "hip_flexion_max_deg": "hip_flexion_deg", "hip_flexion_min_deg": "hip_extension_deg",
+    "knee_flexion_max_deg": "knee_flexion_deg", "knee_flexion_min_deg": "knee_stance_deg",
+}  # fmt: skip
+"""Column of `joint_extremes` → column of the table of strides."""
+
 NOT_AVERAGED = ("turn_deg", "stride_height_m")
 NOT_BY_STRIDE = ("cadence_spm",)
 
@@ -86,6 +92,7 @@ def strides_of(estimate: Estimate, flags: tuple[StrideFlag, ...] = STRIDE_FLAGS)
     The length of a cycle is the gain of the distance in its time.
     """
     from jgait import io
+    from jgait.io.combined import joint_extremes
 
     cycles = estimate.strides is None
     table = leg_cycles(estimate) if cycles else io.strides_to_dataframe(estimate)
@@ -93,6 +100,10 @@ def strides_of(estimate: Estimate, flags: tuple[StrideFlag, ...] = STRIDE_FLAGS)
     if "stride_duration_s" in table:
         duration = table["stride_duration_s"].where(~marks.get("half", np.zeros(len(table), bool)))
         table = table.assign(cadence_spm=120.0 / duration)
+    if not cycles:
+        for name, values in joint_extremes(estimate, table).items():
+            sound = [bool(estimate.diagnostics.get(f"angles_valid_{side}", True)) for side in table["side"]]
+            table[EXTREMES[name]] = np.where(sound, values, np.nan)
     regular = np.ones(len(table), bool) if cycles else stride_flags.regular(estimate, flags)
     return ReportStrides(table, marks, flags, regular, cycles)
 

@@ -13,7 +13,7 @@ from jgait.simulate.sensors import OPAL
 @pytest.fixture(scope="module")
 def analysed():
     """A simulated walk with sensors on both feet and shanks, and all of them together."""
-    placements = ("foot_right", "foot_left", "shank_right", "shank_left")
+    placements = ("foot_right", "foot_left", *simulate.FOUR)
     key, route = jax.random.key(3), simulate.straight(6.0)
     ((recording, _),) = simulate.cohort(key, 1, route, OPAL, 100.0, placements)
     return recording, jgait.analyse(recording, {"height": 1.75})
@@ -35,6 +35,10 @@ def test_a_page_of_all_sensors_compares_them(analysed):
         if one.quantity == "distance":
             assert f">{one.value:.2f}<" in text
     assert page.numbers["strides"] == len(analysis.strides.first)
+    means = {row["name"]: row["all"]["mean"] for row in page.numbers["means"]}
+    table = io.analysis_to_dataframes(analysis)["strides"].query("regular")
+    for name, column in (("knee_flexion_deg", "knee_flexion_max_deg"), ("hip_extension_deg", "hip_flexion_min_deg")):
+        assert means[name] == pytest.approx(table[column].mean(), abs=1.0)
 
 
 def test_a_page_of_all_sensors_from_the_command_line(analysed, tmp_path):
