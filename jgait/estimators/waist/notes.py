@@ -64,8 +64,8 @@ SHORT_OR_SLOW = Kind(
 FALLS_FREELY = Kind(
     "trunk_falls_freely",
     "check",
-    "in every step {share_pct:.0f} % of gravity or less is felt: running, or faster than the walks from which step "
-    "lengths were learned",
+    "in half of the steps {share_pct:.0f} % of gravity or less is felt: running, or faster than the walks from which "
+    "step lengths were learned",
     "Step lengths were learned from usual walking, in which a foot is always on the ground. In running, lengths and "
     "distance may be wrong by much more than their deviations say.",
 )
