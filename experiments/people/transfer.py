@@ -2,8 +2,8 @@
 
 Both tunings begin where those on recorded people begin (`autotune.vicon`, `autotune.contacts`) and are judged on the
 same walks. Simulated people move as recorded ones do, with Opal sensors: at speeds from a slow step to a fast walk
-round a rectangle, where a quarter of them runs, and on a straight way. A share is the gain over that which tuning on other recorded people has, of
-the table of all experiments.
+round a rectangle, where a quarter of them runs, and on a straight way. A share is the gain over that which tuning on
+other recorded people has, of the table of all experiments.
 """
 
 from typing import NamedTuple
