@@ -29,7 +29,7 @@ from jgait.types import Feet, FootTrajectory, Legs, Recording, Walk, as_float
 FACTORS = (0.65, 1.2)
 """[1] Smallest and largest length of the stride over the person's usual one; speed changes by the square."""
 RUNS = 4
-"""One in so many people runs."""
+"""[1] Of so many people one runs."""
 AROUND, AHEAD = simulate.rectangle(5.0, 3.0), simulate.straight(20.0)
 FOOT_HZ = 200.0
 

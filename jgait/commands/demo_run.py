@@ -193,7 +193,7 @@ def real_walk(out: Path, report: Report) -> RealWalk:
         lines.append((f"{joint}, range [°]", f"{ours:.0f}", "", f"{theirs:.0f}"))
         numbers[joint] = (ours, theirs)
     seconds = tuple(float(reference.time[row]) for row in (windows["whole"][0], windows["whole"][1] - 1))
-    title = "a real walk: angles by one call, motion capture dashed (each from its own zero)"
+    title = "a real walk: angles by one call, motion capture dashed (their zero angles differ)"
     with _DRAWING:
         out.mkdir(parents=True, exist_ok=True)
         angles = plot.joint_angles(analysis.estimate, reference, seconds=(seconds[0], seconds[1]), title=title)

@@ -39,7 +39,12 @@ def estimate(
     paper: cohorts.Paper = False,
     person: PersonFile = None,
     table_format: Annotated[str, typer.Option(help="Of the tables: csv, parquet or json.")] = "csv",
-    out: Annotated[Path, typer.Option(help="Folder for tables and figures.")] = Path("jgait-results"),
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Folder for tables and figures; earlier ones of the same recording are replaced.",
+        ),
+    ] = Path("jgait-results"),
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
     **own: Any,
 ) -> None:
@@ -65,7 +70,9 @@ def estimate(
         item._replace(folder=file.resolve().parent.name if called[file.name] > 1 else "")
         for file, name in names.items() for item in recordings.trials_of(file, name, format, trial)
     ]  # fmt: skip
-    planned = {output: _source(item) for item in items for output in job.planned(item.name)}
+    planned = {
+        output: item._replace(file=item.file.resolve()).key for item in items for output in job.planned(item.name)
+    }
     if len(planned) < len(items) * len(job.planned("")):
         stop("two of these files have results of the same names; give them different --out")
     inputs = [*files, params, person]
@@ -94,12 +101,6 @@ def _job(
     for line in (*remarks(estimator, own), *lacking):
         note(line)
     return jobs.one_estimator(choice, p, estimator + (", the paper's pipeline" if paper else ""), ending)
-
-
-def _source(item: recordings.Item) -> str:
-    """The recording, wherever the command is called."""
-    file = str(item.file.resolve())
-    return f"{file}: {item.trial}" if item.trial else file
 
 
 def _names(files: list[Path]) -> dict[Path, str]:

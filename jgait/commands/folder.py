@@ -95,8 +95,8 @@ class ResultsFolder:
             (self.path / name).unlink(missing_ok=True)
             del self._files[name]
         if gone and not self._bound:
-            files_are = count(len(gone), "file is", "files are")
-            note(f"{self.path}: {files_are} gone, which an earlier command wrote for this recording: {', '.join(gone)}")
+            many = count(len(gone), "file", "files")
+            note(f"{self.path}: removed {many} that an earlier command wrote for this recording: {', '.join(gone)}")
         self._write(True)
         return [self.path / file.name for file in files]
 

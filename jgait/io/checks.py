@@ -6,7 +6,7 @@ import numpy as np
 
 from jgait.notes import CLIPPING, LOSSES, Kind, Note
 from jgait.signal.windows import true_runs
-from jgait.types import AnyArray, Imu, Recording, RecordingError
+from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError
 
 GRAVITY = 9.80665
 FASTEST = 35.0  # [rad/s] largest rate of a walking person's limb: 2000 deg/s, the range of common gyroscopes
@@ -168,7 +168,7 @@ def _without_gravity(sensors: Mapping[str, Imu], acc_unit: str, name: str) -> di
             continue
         acc = np.asarray(imu.acc)[np.asarray(imu.mask)]
         forces[placement] = calm_force(acc, 1.0 / float(np.median(np.diff(imu.time))))
-        if "_right" not in placement and "_left" not in placement:
+        if not placement.endswith(SIDES):
             # A trunk that never rests is calm in mid stance, where it feels less than gravity; its median is near it.
             usual = float(np.median(np.linalg.norm(acc, axis=1)))
             forces[placement] = usual if low <= usual <= high else forces[placement]

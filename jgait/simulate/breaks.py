@@ -20,16 +20,16 @@ from jgait.simulate.sensors import IDEAL, ImuErrors
 from jgait.simulate.worn import SEVEN, Truth
 from jgait.types import Recording, as_float
 
-FOOTHOLDS = ("x", "y", "z", "foot_yaw", "slope", "side", "toe_up", "heel_up", "off", "leave", "lift", "out", "stood",
-             "contact", "dip")  # fmt: skip
-"""Fields of a plan with an entry for each foothold, or, the last, for each interval."""
+CURVES = tuple(name for name in Plan._fields if name.endswith("_curve"))
+"""Fields of a plan with coefficients for each interval."""
 
-CURVES = ("time_curve", "x_curve", "y_curve", "z_curve", "heading_curve", "distance_curve", "walking_curve")
+NUMBERS = tuple(name for name in Plan._fields if name not in (*CURVES, "end", "shape"))
+"""Fields of a plan with a number for each foothold; `dip` has one for each interval."""
 
 
 def with_breaks(
     key: PRNGKeyArray, person: Person, along: Sequence[Route], breaks: Sequence[float], errors: ImuErrors = IDEAL,
-    rate: float = 100.0, *, placements: Sequence[str] = SEVEN, name: str = "simulated", subject: str = "simulated",
+    rate: float = 100.0, *, placements: Sequence[str] = SEVEN,
 ) -> tuple[Recording, Truth]:  # fmt: skip
     """Simulate a walk in bouts with standing breaks between them, and return records of the library.
 
@@ -41,8 +41,6 @@ def with_breaks(
         errors: errors and mounting of the sensors.
         rate: sampling rate [Hz].
         placements: where sensors are worn, see `jgait.PLACEMENTS`.
-        name: name of the recording in tables and figures.
-        subject: name of the subject.
 
     Returns:
         The recording, and the truth at the same times, in NumPy arrays; the first stride of a bout begins when its foot
@@ -78,7 +76,7 @@ def with_breaks(
         last += lasts if number == 0 else lasts - float(gait.quiet_before + gait.quiet_after) + breaks[number - 1]
     assert laid is not None
     worn, true = simulated(key, person, padded(laid), last, errors, rate, placements)
-    return Recording(worn, rate, name, subject), true
+    return Recording(worn, rate, "simulated", "simulated"), true
 
 
 def joined(first: Plan, then: Plan, seconds: float) -> Plan:
@@ -93,7 +91,7 @@ def joined(first: Plan, then: Plan, seconds: float) -> Plan:
     begins = {name: float(getattr(two, name)[FIRST, 0]) for name in CURVES}
     turn = ends["heading_curve"] - begins["heading_curve"]
     c, s = np.cos(turn), np.sin(turn)
-    moved = {name: getattr(two, name).copy() for name in (*FOOTHOLDS, *CURVES)}
+    moved = {name: getattr(two, name).copy() for name in (*NUMBERS, *CURVES)}
     for x, y in (("x", "y"), ("x_curve", "y_curve")):
         moved[x], moved[y] = c * moved[x] - s * moved[y], s * moved[x] + c * moved[y]
     at = {"x": c * begins["x_curve"] - s * begins["y_curve"], "y": s * begins["x_curve"] + c * begins["y_curve"]}
@@ -102,9 +100,8 @@ def joined(first: Plan, then: Plan, seconds: float) -> Plan:
     offsets["time_curve"] = ends["time_curve"] + seconds - begins["time_curve"]
     for name, offset in offsets.items():
         moved[name][:, 0] += offset
-        held = moved[name][FIRST, 0]
         moved[name][0] = 0.0
-        moved[name][0, 0] = held
+        moved[name][0, 0] = moved[name][FIRST, 0]  # held in the break
     moved["walking_curve"][0] = 0.0
     moved["time_curve"][0, :2] = ends["time_curve"], seconds
     for name, curve in (("x", "x_curve"), ("y", "y_curve"), ("z", "z_curve"), ("foot_yaw", "heading_curve")):
@@ -118,7 +115,7 @@ def joined(first: Plan, then: Plan, seconds: float) -> Plan:
 def padded(laid: Plan) -> Plan:
     """The plan with as many footholds as plans of single walks have, so that both use the same programs."""
     more = room(len(laid.x) - 4) + 4 - len(laid.x)
-    arrays: dict[str, PyTree] = {name: np.pad(getattr(laid, name), (0, more), mode="edge") for name in FOOTHOLDS}
+    arrays: dict[str, PyTree] = {name: np.pad(getattr(laid, name), (0, more), mode="edge") for name in NUMBERS}
     arrays["contact"] = arrays["contact"] + np.maximum(np.arange(len(laid.x) + more) - len(laid.x) + 1.0, 0.0)
     arrays |= {name: np.pad(getattr(laid, name), ((0, more), (0, 0)), mode="edge") for name in CURVES}
     return jax.tree.map(jnp.asarray, laid._replace(**arrays))

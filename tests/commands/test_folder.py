@@ -74,7 +74,7 @@ def test_what_another_command_wrote_for_the_same_recording_goes(tmp_path, capsys
     put(tmp_path, None, "one_strides.csv", planned={"one_strides.csv": one})
     assert names_in(tmp_path) == [".jgait-make.json", "one_strides.csv", "two_strides.csv"]
     said = " ".join(capsys.readouterr().err.split())
-    assert "1 file is gone, which an earlier command wrote for this recording: one_angles.csv" in said
+    assert "removed 1 file that an earlier command wrote for this recording: one_angles.csv" in said
 
 
 def test_files_of_the_user_and_of_other_commands_are_kept(tmp_path, capsys):

@@ -165,8 +165,8 @@ def _named(recording: Recording, codes: Collection[str]) -> frozenset[str]:
 
 
 SPARED = 0.05
-"""[1] Largest difference of the strides of both sides with which sensors that turn unlike each other are not wrong.
-With the rates of one foot times 0.6, strides of `walking5m` and `gaitmap_example` differ by 7 to 26 %."""
+"""[1] Largest difference of the strides of both sides with which sensors that turn unlike each other are not wrong. A
+foot whose rates are too small by the least ratio that is noted measures strides that differ by more."""
 
 
 def _spared(recording: Recording, estimates: list[SourceEstimate]) -> frozenset[str]:

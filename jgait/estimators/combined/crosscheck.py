@@ -52,13 +52,12 @@ LEAST_COHERENCE, LEAST_SHARE = 0.6, 0.08
 movement; a sensor with less does not take part in the comparison of phases."""
 
 SURE, SURE_THIGH = 0.8, 0.3
-"""[1] Least coherence of a phase that names a wrong clock; of most real sensors it is above 0.9. [1] Least share of a
-thigh's phase that does: below it the phase of a limping leg may be that of the backward swing. Half of the thighs of
-`walking5m` have more than 0.38."""
+"""[1] Least coherence of a phase that names a wrong clock. [1] Least share of a thigh's phase that does: below it the
+phase of a limping leg may be that of the backward swing."""
 
 EXCHANGED_FROM = 0.36
-"""[strides] Least phase of both sensors of a pair that are exchanged. In running feet swing by 0.3 of a stride earlier
-beside the shanks than in walking: such a pair is neither exchanged nor off."""
+"""[strides] Least phase of both sensors of a pair that are exchanged. In running both feet swing earlier beside the
+shanks than in walking, by more than `APART`: such a pair is neither exchanged nor off."""
 
 FEWEST_STRIDES = 3
 """[1] Least number of strides for a comparison of phases."""
