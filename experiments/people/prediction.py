@@ -1,9 +1,9 @@
 """Whether errors on simulated people predict those on recorded ones: foot, ankle, shank, waist and legs.
 
-Simulated people move as recorded ones do (`simulate.population(recorded=True)`) with Opal sensors, on a straight way as
-long as that of the recorded walks. The same measures are taken of them as stand in the table of all experiments for the
-recordings. Where a reference has an error of its own, the simulated one errs as much. A factor is the larger of both
-numbers over the smaller.
+Simulated people move as recorded ones do (`simulate.population(recorded=True)`) with Opal sensors, on shoes those of
+`ON_SHOE`, on a straight way as long as that of the recorded walks. The same measures are taken of them as stand in the
+table of all experiments for the recordings. Where a reference has an error of its own, the simulated one errs as much.
+A factor is the larger of both numbers over the smaller.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,10 +22,11 @@ from jgait import simulate
 from jgait.estimators import ankle_stride, foot_ins, leg_ekf, waist
 from jgait.evaluate.windows import judge
 from jgait.simulate import Body, Person, Truth
-from jgait.simulate.sensors import OPAL
+from jgait.simulate.sensors import ON_SHOE, OPAL
 from jgait.types import SIDES, Estimate, Recording, as_float
 
-PLACEMENTS = (*simulate.SEVEN[1:], "ankle_right", "ankle_left", "lower_back")
+SHOES = ("foot_right", "foot_left")
+PLACEMENTS = ("thigh_right", "thigh_left", "shank_right", "shank_left", "ankle_right", "ankle_left", "lower_back")
 RATE_HZ, LONG, SHORT = 100.0, 20.0, 5.0
 """[Hz] Of most sets; [m] ways of most sets and of `walking5m`."""
 SAME_S, SHORTEST = 0.3, 0.5
@@ -54,7 +55,9 @@ def walked(people: int, metres: float) -> list[Walked]:
     def one(i: int) -> Walked:
         key = jax.random.fold_in(jax.random.key(32), i)
         person = simulate.covering(key, simulate.person_of(drawn, i), along)
-        return Walked(person, *simulate.recording(key, person, along, OPAL, RATE_HZ, placements=PLACEMENTS))
+        recording, truth = simulate.recording(key, person, along, OPAL, RATE_HZ, placements=PLACEMENTS)
+        shoes, _ = simulate.recording(key, person, along, ON_SHOE, RATE_HZ, placements=SHOES)
+        return Walked(person, recording._replace(sensors=recording.sensors | shoes.sensors), truth)
 
     found = (attempt(f"simulated person {i + 1}, {metres:g} m", lambda i=i: one(i)) for i in range(people))
     return [walk for walk in found if walk is not None]

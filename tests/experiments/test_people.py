@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from jgait.simulate.sensors import IDEAL, ON_SHOE
+
 
 @pytest.fixture(scope="module")
 def strides(load_experiment):
@@ -90,7 +92,7 @@ def test_a_person_predicts_own_sensors_in_any_orientation_and_other_people_less(
 
 def test_simulated_walks_to_learn_from_have_the_path_of_the_sensor_and_contacts(load_experiment):
     transfer = load_experiment("people.transfer")
-    (walk,), (known,) = transfer.foot(1), transfer.waists(1)
+    (walk,), (known,) = transfer.walkers(1), transfer.waists(1)
     path = np.asarray(walk.reference.feet.right.position)
     assert list(walk.recording.sensors) == ["foot_right"] and len(path) == len(
         walk.recording.sensors["foot_right"].time
@@ -102,6 +104,16 @@ def test_simulated_walks_to_learn_from_have_the_path_of_the_sensor_and_contacts(
     ((begin, end),) = known.straight.looked
     inside = known.contacts[(known.contacts > begin) & (known.contacts < end)]
     assert len(inside) == len(known.contacts) - 2 and 0.4 < np.diff(inside).min() <= np.diff(inside).max() < 0.8
+
+
+def test_a_shoe_on_which_a_sensor_sways_rests_less_and_its_landings_shake_it(load_experiment):
+    shoes, transfer = load_experiment("people.shoes"), load_experiment("people.transfer")
+    perfect, worn = (
+        shoes.medians(list(walk.recording.sensors.values()) for walk in transfer.walkers(1, errors))
+        for errors in (IDEAL, ON_SHOE)
+    )
+    assert perfect[1] == worn[1] == 1
+    assert perfect[0].rest < 0.01 < worn[0].rest < 0.1 and 1.5 < worn[0].shakes / perfect[0].shakes < 20.0
 
 
 def test_rows_of_the_table_are_the_waves_of_a_stride_and_its_beginning_is_found(load_experiment):

@@ -37,7 +37,7 @@ def low_pass(values: Float[AnyArray, "time *rest"], frequency: Values, dt: Value
 
 
 class Wobble(NamedTuple):
-    """Motion of a sensor on soft tissue relative to the bone, in the segment's axes: (T, 3) [m], [m/s] and [m/s²]."""
+    """Motion of a sensor on soft tissue relative to the bone, in the segment's axes: (T, C) [m], [m/s] and [m/s²]."""
 
     displacement: Values
     velocity: Values
@@ -54,14 +54,15 @@ def soft_tissue(force: Float[AnyArray, "time *rest"], frequency: Values, damping
     neglected: for displacements of millimetres its effect is smaller than the error of the model.
 
     Args:
-        force: (T, 3) specific force in the segment's axes [m/s²].
-        frequency: natural frequency [Hz]; inf: the sensor is fixed to the bone.
-        damping: damping ratio ζ [1]; 1 is critical.
+        force: (T, C) specific force in the segment's axes [m/s²].
+        frequency: natural frequency [Hz], one or one for each column; inf: the sensor is fixed to the bone.
+        damping: damping ratio ζ [1], likewise; 1 is critical.
         dt: sampling interval [s].
 
     Returns:
         The motion at the times of the samples; zero if `frequency` is inf.
     """
+    frequency, damping = (jnp.broadcast_to(jnp.asarray(v, force.dtype), force.shape[1:]) for v in (frequency, damping))
     on = jnp.isfinite(frequency)
     omega = 2.0 * math.pi * jnp.where(on, frequency, jnp.ones_like(frequency))
     push = force[:1] - force
@@ -86,8 +87,8 @@ def soft_tissue(force: Float[AnyArray, "time *rest"], frequency: Values, damping
     zero = jnp.zeros_like(push[0])
     _, (d, v) = jax.lax.scan(step, (zero, zero), (push[:-1], push[1:]))
     d, v = (jnp.concatenate([zero[None, :], part]) for part in (d, v))
-    motion = Wobble(d, v, push - 2.0 * damping * omega * v - omega**2 * d)
-    return Wobble(*(jnp.where(on, part, jnp.zeros_like(part)) for part in motion))
+    motion = Wobble(d, v, push - (2.0 * damping * omega)[None] * v - (omega**2)[None] * d)
+    return Wobble(*(jnp.where(on[None], part, jnp.zeros_like(part)) for part in motion))
 
 
 def _oscillation(x: Values) -> tuple[Values, Values]:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 
 from jgait.geometry.rotation import rotation, turn
 from jgait.geometry.vectors import kept
-from jgait.simulate.sensors.dynamics import low_pass, soft_tissue
+from jgait.simulate.sensors.dynamics import Wobble, low_pass, soft_tissue
 from jgait.types import AnyArray, Imu, Values
 
 DEGREE = math.pi / 180.0
@@ -42,6 +42,12 @@ class ImuErrors(NamedTuple):
         soft_tissue_frequency: natural frequency of the sensor on soft tissue [Hz]; inf: it is fixed to the bone.
         soft_tissue_damping: damping ratio of that motion [1].
         soft_tissue_tilt: tilt of the sensor per displacement [rad/m].
+        sway: slow random turns of the sensor with the shoe or strap that it is on: standard deviation of their rate
+            over that of the segment's own rate in the last half second [1].
+        sway_arm: height of the sensor above the point about which it sways [m].
+        acc_jolt: vibration of the sensor in jolts, as when a heel lands: standard deviation of its acceleration over
+            the change of the specific force within `JOLT_S` [1]; readings at 200 Hz show two thirds of it, slower ones
+            less.
     """
 
     gyr_noise: Values = 0.0
@@ -66,12 +72,15 @@ class ImuErrors(NamedTuple):
     soft_tissue_frequency: Values = math.inf
     soft_tissue_damping: Values = 0.2
     soft_tissue_tilt: Values = 0.0
+    sway: Values = 0.0
+    sway_arm: Values = 0.0
+    acc_jolt: Values = 0.0
 
 
 _UNBOUNDED = ("gyr_bandwidth", "gyr_range", "acc_bandwidth", "acc_range", "soft_tissue_frequency")
 _RANGES = {
     **dict.fromkeys(_UNBOUNDED, (0.0, math.inf)),
-    **dict.fromkeys(("mounting_x", "mounting_y", "mounting_z", "soft_tissue_tilt"), (-math.inf, math.inf)),
+    **dict.fromkeys(("mounting_x", "mounting_y", "mounting_z", "soft_tissue_tilt", "sway_arm"), (-math.inf, math.inf)),
     "packet_loss": (0.0, 1.0),
     "soft_tissue_damping": (0.0, 5.0),
 }
@@ -115,18 +124,82 @@ def _turned_back(values: Float[AnyArray, "time 3"], matrix: Float[Array, "*time 
     return jnp.sum(values[:, :, None] * matrix, axis=1)
 
 
+JOLT_S, JOLT_HZ = 0.005, 8.0
+"""[s] Time within which a change of the specific force counts as a jolt. [Hz] How fast the vibrations of a jolt fade:
+the frequency of a low-pass of its square."""
+
+SHAKES_HZ = 30.0
+"""[Hz] The frequency about which a jolt makes the sensor vibrate."""
+
+MOVES_HZ = 1.0
+"""[Hz] The frequency of the low-pass of the squared rate, by which a sensor that moves is told from one that rests."""
+
+SWAY_HZ, SWAY_DRIVEN_HZ, SWAY_DAMPING = 2.0, 4.0, 0.7
+"""[Hz] Natural frequency of a sensor's sway, and of the low-pass of the noise that drives it. [1] Its damping ratio."""
+
+SWAY_DRIVE = 8.1
+"""[rad/s/√s] Density of the driving noise, before its low-pass, for a rate of 1 rad/s."""
+
+
+class Disturbed(NamedTuple):
+    """What moves a sensor on its segment (T, 3): the drive of its sway [rad/s²], and its vibration [m/s²]."""
+
+    drive: Values
+    jolts: Values
+
+
+def disturbed(
+    white: Float[AnyArray, "time 6"], gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"],
+    errors: ImuErrors, dt: Values,
+) -> Disturbed:  # fmt: skip
+    """Noise that grows with the motion: zero at rest.
+
+    Args:
+        white: white noise of variance 1; the first three columns drive the sway.
+        gyr: exact angular rate [rad/s].
+        acc: exact specific force [m/s²].
+        errors: errors of the sensor.
+        dt: sampling interval [s].
+    """
+    change = jnp.diff(acc, axis=0, prepend=acc[:1]) * (JOLT_S / dt)
+    squares = jnp.stack([jnp.sum(part * part, axis=1) for part in (gyr - gyr[:1], change)], axis=1)
+    # before the recording the sensor rests: the low-pass takes the first sample for all that was before
+    smooth = low_pass(
+        jnp.concatenate([squares, white], axis=1),
+        jnp.asarray([MOVES_HZ, JOLT_HZ, *[SWAY_DRIVEN_HZ] * 3, *[SHAKES_HZ] * 3], acc.dtype), dt,
+    )  # fmt: skip
+    moves, jolts = (jnp.sqrt(jnp.maximum(smooth[:, i], 1e-12))[:, None] for i in range(2))
+    # A vibration goes back and forth: its velocity does not grow with time. The derivative of white noise after a
+    # low-pass at ω has the variance S ω³ / √8 for the density S.
+    size = (8.0**0.25 / (2.0 * math.pi * SHAKES_HZ) ** 1.5) / jnp.sqrt(dt)
+    velocity = size * errors.acc_jolt * jolts * smooth[:, 5:]
+    drive = SWAY_DRIVE / jnp.sqrt(dt) * errors.sway * moves * smooth[:, 2:5]
+    return Disturbed(drive, jnp.diff(velocity, axis=0, prepend=velocity[:1]) / dt)
+
+
 def _leaning(
-    gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], errors: ImuErrors, dt: Values
-) -> tuple[Float[Array, "time 3"], Float[Array, "time 3"]]:
-    """The readings of a sensor on soft tissue, which tilts towards its displacement: forward about y, left about x."""
+    gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], drive: Float[AnyArray, "time 3"],
+    errors: ImuErrors, dt: Values,
+) -> tuple[Float[Array, "time 3"], Float[Array, "time 3"]]:  # fmt: skip
+    """The readings of a sensor on soft tissue, which tilts towards its displacement: forward about y, left about x; and
+    which sways about a point under it, driven by noise.
+    """
     frequency, damping = (jnp.asarray(v, acc.dtype) for v in (errors.soft_tissue_frequency, errors.soft_tissue_damping))
-    wobble = soft_tissue(acc, frequency, damping, dt)
+    each = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) > 0.0
+    wobble = soft_tissue(
+        jnp.concatenate([acc, drive], axis=1), jnp.where(each, frequency, SWAY_HZ).astype(acc.dtype),
+        jnp.where(each, damping, SWAY_DAMPING).astype(acc.dtype), dt,
+    )  # fmt: skip
+    tissue, sway = (Wobble(*(part[:, rows] for part in wobble)) for rows in (slice(0, 3), slice(3, 6)))
 
     def lean(d: Values) -> Values:
         return errors.soft_tissue_tilt * jnp.stack([-d[:, 1], d[:, 0], jnp.zeros_like(d[:, 0])], axis=1)
 
-    matrix = rotation(lean(wobble.displacement))
-    return _turned_back(gyr, matrix) + lean(wobble.velocity), _turned_back(acc + wobble.acceleration, matrix)
+    turned = sway.acceleration
+    swayed = errors.sway_arm * jnp.stack([turned[:, 1], -turned[:, 0], jnp.zeros_like(turned[:, 0])], axis=1)
+    matrix = rotation(lean(tissue.displacement) + sway.displacement)
+    rate = _turned_back(gyr, matrix) + lean(tissue.velocity) + sway.velocity
+    return rate, _turned_back(acc + tissue.acceleration + swayed, matrix)
 
 
 def _quantise(value: Values, resolution: Values) -> Values:
@@ -143,7 +216,8 @@ def measure(
 ) -> Imu:
     """Simulate the readings of one sensor for an exact motion.
 
-    read = clip(quantise(lowpass((1 + scale) Rᵀ(segment)) + noise + bias + drift)), on soft tissue before Rᵀ.
+    read = clip(quantise(lowpass((1 + scale) Rᵀ(segment)) + noise + bias + drift)), on soft tissue, with sway and jolts,
+    before Rᵀ.
 
     White noise fills the bandwidth up to half the sampling rate and is not low-passed again: a density in a data sheet
     holds after the sensor's filter, and sampling folds higher frequencies. Gradients flow to every field except
@@ -164,18 +238,20 @@ def measure(
     dt = time[1] - time[0]
     # One draw, because each costs compiling; a key for each row, so that padding does not change the noise.
     # Keys are split in 14, as ever: another number would change the noise.
-    draws = kept(jax.vmap(lambda row: jax.random.normal(row, (n + 2,), dtype))(jax.random.split(key, 14)[:13]))
+    keys = jnp.concatenate([jax.random.split(key, 14)[:13], jax.random.split(jax.random.fold_in(key, 1), 6)])
+    draws = kept(jax.vmap(lambda row: jax.random.normal(row, (n + 2,), dtype))(keys))
     white, steps = draws[:6, 2:].T, draws[6:12, 2:].T
     bias, scale, mount = draws[:6, 0], draws[6:12, 0], draws[:6, 1]
 
     def channels(of_gyr: Values, of_acc: Values) -> Float[Array, "channel"]:
         return jnp.repeat(jnp.stack([jnp.asarray(of_gyr, dtype), jnp.asarray(of_acc, dtype)]), 3)
 
-    gyr, acc = _leaning(gyr, acc, e, dt)
+    drive, jolts = disturbed(draws[13:, 2:].T, gyr, acc, e, dt)
+    gyr, acc = _leaning(gyr, acc, drive, e, dt)
     fixed = jnp.stack([jnp.asarray(part, dtype) for part in (e.mounting_x, e.mounting_y, e.mounting_z)])
     # columns are the sensor's axes in the segment's axes; the random rotation comes last, in the intended sensor axes
     axes = _turned_back(rotation(fixed), turn(mount[:3], mount[3] * e.mounting)[None])[None]
-    read = jnp.concatenate([_turned_back(part, axes) for part in (gyr, acc)], axis=1)
+    read = jnp.concatenate([_turned_back(part, axes) for part in (gyr, acc + jolts)], axis=1)
     read = read * (1.0 + scale * channels(e.gyr_scale, e.acc_scale))[None, :]
     read = low_pass(read, channels(e.gyr_bandwidth, e.acc_bandwidth), dt)
     read = read + white * channels(e.gyr_noise, e.acc_noise)[None, :] / jnp.sqrt(2.0 * dt)

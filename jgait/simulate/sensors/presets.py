@@ -55,6 +55,24 @@ deviation; biases as a calibration at rest leaves them (before it the data sheet
 z); drift, mounting, loss; no low-pass (it can be set between 5 and 256 Hz, and the paper does not state it).
 """
 
+ON_SHOE = MPU6000._replace(
+    gyr_range=2000.0 * DEGREE,
+    gyr_resolution=4000.0 / 2**16 * DEGREE,
+    acc_range=16.0 * GRAVITY,
+    acc_resolution=32.0 / 2**16 * GRAVITY,
+    packet_loss=0.0,
+    sway=0.05,
+    sway_arm=0.06,
+    acc_jolt=1.0,
+)
+"""An MPU-6000 with its widest ranges, on a shoe: in stance the shoe is not quite at rest, and landings shake it.
+
+Data sheet: the ranges, in 16 bits. `sway` and `acc_jolt` were chosen so that a simulated shoe turns as much in stance,
+and is shaken as much from 20 to 45 Hz, as recorded shoes of `walking5m`, `gaitmap_example`, `footprints` and
+`neura_sparse` (`experiments/people/shoes.py` prints both). Chosen: the height above the point about which it sways. No
+samples are lost, because such sensors store them.
+"""
+
 OPAL = ImuErrors(
     gyr_noise=0.01 * DEGREE,
     gyr_bias=0.2 * DEGREE,

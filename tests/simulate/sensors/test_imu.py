@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import interp1d
-from scipy.signal import butter, lfilter, lfilter_zi
+from scipy.signal import butter, lfilter, lfilter_zi, sawtooth
 from scipy.spatial.transform import Rotation
 
 from jgait.geometry.vectors import GRAVITY
@@ -198,12 +198,57 @@ def test_soft_tissue_moves_and_tilts_the_sensor():
     assert float(pushed.acc[-1, 0]) == pytest.approx(-2.0 - GRAVITY * 6.0 * 2.0 / (2 * np.pi * 8.0) ** 2, rel=1e-3)
 
 
+def shaken(rate, errors, seconds=120.0):
+    """Readings of a sensor that rests for two seconds, then turns by 2 rad/s and is pushed, less the motion."""
+    time = np.arange(seconds * rate) / rate
+    moves = (time >= 2.0)[:, None]
+    gyr = moves * 2.0 * np.sqrt(2.0) * np.sin(2.0 * np.pi * 5.0 * time)[:, None] * [0.0, 1.0, 0.0]
+    acc = [0.0, 0.0, GRAVITY] + moves * 3.0 * sawtooth(2.0 * np.pi * (time - 2.0), 0.5)[:, None] * [1.0, 0.0, 0.0]
+    imu = compiled(KEY, time, gyr, acc, jax.tree.map(np.asarray, errors))
+    late = time >= 4.0
+    jolt = np.sqrt(np.mean((np.diff(acc[late], axis=0) * rate * 0.005) ** 2) * 3.0)
+    return time, gyr, acc, imu, late, jolt
+
+
+@pytest.mark.parametrize("rate", [100.0, 200.0])
+def test_a_sensor_sways_in_proportion_to_the_motion_and_rests_with_it(rate):
+    time, gyr, acc, imu, late, _ = shaken(rate, ImuErrors(sway=0.1, sway_arm=0.07))
+    swayed = np.asarray(imu.gyr) - gyr
+    np.testing.assert_allclose(swayed[late].std(axis=0), 0.2, rtol=0.1)
+    assert np.abs(swayed[time < 2.0]).max() < 1e-6
+    # the turns follow from the rates, and from them what the sensor's place and gravity do to the accelerometer
+    turns = np.zeros_like(gyr)
+    for i in range(1, len(time)):
+        turns[i] = turns[i - 1] + (swayed[i] + np.cross(turns[i - 1], gyr[i])) / rate
+    x, y, _ = np.gradient(np.gradient(turns, axis=0), axis=0).T * rate**2
+    expected = Rotation.from_rotvec(turns).inv().apply(acc + 0.07 * np.stack([y, -x, 0.0 * x], axis=1))
+    wrong, change = np.asarray(imu.acc) - expected, expected - acc
+    np.testing.assert_array_less(wrong[late].std(axis=0), 0.15 * np.linalg.norm(change[late].std(axis=0)))
+
+
+@pytest.mark.parametrize("rate", [100.0, 200.0])
+def test_jolts_make_a_sensor_vibrate_about_its_place_and_not_at_rest(rate):
+    time, gyr, acc, imu, late, jolt = shaken(rate, ImuErrors(acc_jolt=1.3))
+    np.testing.assert_allclose(imu.gyr, gyr, rtol=0, atol=1e-9)
+    wrong = np.asarray(imu.acc) - acc
+    # the derivative of white noise after a low-pass at 30 Hz, less what the sampling rate does not show
+    answer = lfilter(*butter(2, 30.0, fs=rate), np.arange(400) == 0)
+    shown = np.sqrt(np.sum(np.diff(answer, prepend=0.0) ** 2) * rate**3 * np.sqrt(8.0) / (2.0 * np.pi * 30.0) ** 3)
+    assert 0.3 < shown < 0.8
+    np.testing.assert_allclose(wrong[late].std(axis=0), 1.3 * jolt * shown, rtol=0.05)
+    assert np.abs(wrong[time < 2.0]).max() < 1e-4
+    # a vibration goes back and forth: over a minute it adds no more to the velocity than over a second
+    velocity = np.cumsum(wrong[late], axis=0) / rate
+    second = velocity[: int(rate)].std(axis=0)
+    np.testing.assert_array_less(velocity.std(axis=0), 2.0 * second)
+
+
 # --- what JAX asks ---
 
 SMOOTH = ImuErrors(
     gyr_noise=0.01, gyr_bias=0.05, gyr_drift=0.01, gyr_scale=0.02, gyr_bandwidth=20.0, acc_noise=0.02, acc_bias=0.1,
     acc_drift=0.03, acc_scale=0.02, acc_bandwidth=15.0, mounting=0.1, mounting_x=0.2, mounting_y=-0.4, mounting_z=0.3,
-    soft_tissue_frequency=9.0, soft_tissue_damping=0.3, soft_tissue_tilt=5.0,
+    soft_tissue_frequency=9.0, soft_tissue_damping=0.3, soft_tissue_tilt=5.0, sway=0.05, sway_arm=0.06, acc_jolt=0.5,
 )  # fmt: skip
 
 
@@ -257,7 +302,7 @@ def test_equal_keys_give_equal_errors_and_others_do_not():
 def test_single_precision_stays_close_to_double():
     # the draws differ in the two precisions: what can be compared is what draws nothing
     errors = SMOOTH._replace(**{f"{s}_{e}": 0.0 for s in ("gyr", "acc") for e in ("noise", "bias", "drift", "scale")})
-    errors = errors._replace(mounting=0.0)
+    errors = errors._replace(mounting=0.0, sway=0.0, acc_jolt=0.0)
     double = read(KEY, TIME, GYR, ACC, errors)
     single = read(KEY, *(a.astype(np.float32) for a in (TIME, GYR, ACC)), errors)
     assert single.gyr.dtype == single.acc.dtype == jnp.float32

@@ -1,0 +1,101 @@
+"""How still a shoe is in stance, and how much landings shake it: recorded shoes beside simulated ones.
+
+A stance is the quietest moment of a stride. Simulated people move as recorded ones do; their sensors are perfect, or
+as `sensors.ON_SHOE`, whose sway and jolts were chosen by these numbers. Recordings of `pyshoe_vicon`, on which
+`transfer` is judged, were not looked at.
+"""
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import welch
+
+from experiments.common.recordings import available
+from experiments.common.row import Row, show
+from experiments.people.transfer import FOOT_HZ, walkers
+from jgait import datasets
+from jgait.simulate.sensors import IDEAL, ON_SHOE
+from jgait.types import Imu, as_float
+
+SETS = ("walking5m", "gaitmap_example", "footprints", "neura_sparse")
+QUIET_S, STRIDE_S, SWINGS = 0.15, 1.0, 2.0
+"""[s] Length of the quietest moment of a stride; least time between two. [rad/s] RMS rate that a swing has at least."""
+BAND = (20.0, 45.0)
+"""[Hz] Vibrations: people move more slowly, and all sets are sampled fast enough."""
+PIECE_S = 1.28
+"""[s] Length of the pieces whose spectra are averaged."""
+
+
+class Shoe(NamedTuple):
+    """RMS rate of a shoe in stance over that of walking [1], and density of its vibrations [(m/s²)²/Hz]."""
+
+    rest: float
+    shakes: float
+
+
+def shoe_of(sensor: Imu) -> Shoe | None:
+    """Of one sensor; None where there is no walk."""
+    gyr, acc, dt = np.nan_to_num(as_float(sensor.gyr)), np.nan_to_num(as_float(sensor.acc)), np.diff(sensor.time)
+    step = float(np.median(dt))
+    square = np.sum(gyr**2, axis=1)
+    long, half = max(round(QUIET_S / step), 3), round(0.5 * STRIDE_S / step)
+    mean = np.convolve(square, np.ones(long) / long, "same")
+    around = np.lib.stride_tricks.sliding_window_view(mean, 2 * half + 1)
+    middle = mean[half : half + len(around)]
+    quiet = middle[(middle <= around.min(axis=1)) & (around.max(axis=1) > SWINGS**2)]
+    walks = np.convolve(square > SWINGS**2, np.ones(round(STRIDE_S / step)), "same") > 0.0
+    if len(quiet) < 2 or walks.sum() < PIECE_S / step:
+        return None
+    frequency, density = welch(acc[walks], 1.0 / step, nperseg=round(PIECE_S / step), axis=0)
+    band = (frequency >= BAND[0]) & (frequency < BAND[1])
+    rest = float(np.median(np.sqrt(quiet)) / np.sqrt(square[walks].mean()))
+    return Shoe(rest, float(density.sum(axis=1)[band].mean()))
+
+
+def recorded(name: str, most: int | None) -> Iterator[list[Imu]]:
+    """Shoes of each person of a set, or of each walk where people have no names."""
+    people: dict[str, list[Imu]] = {}
+    for walk in datasets.load(name, None):
+        who = walk.recording.subject or walk.recording.name
+        own = [imu for place, imu in walk.recording.sensors.items() if place.startswith("foot")]
+        people.setdefault(who, []).extend(own)
+        if most is not None and len(people) >= most:
+            break
+    yield from people.values()
+
+
+def medians(people: Iterable[list[Imu]]) -> tuple[Shoe, int] | None:
+    """Medians over people, each of whom is the mean of the own shoes; and how many people."""
+    each = []
+    for own in people:
+        found = [shoe for sensor in own if (shoe := shoe_of(sensor)) is not None]
+        if found:
+            each.append(np.mean(found, axis=0))
+    return (Shoe(*map(float, np.median(each, axis=0))), len(each)) if each else None
+
+
+def rows(quick: bool) -> list[Row]:
+    """Shares of stance and vibrations of all sets and of simulated people."""
+    lines, result = [], []
+    groups = {name: recorded(name, 2 if quick else None) for name in SETS if available(name)}
+    for way, errors in (("perfect", IDEAL), ("on_shoe", ON_SHOE)):
+        walks = walkers(2 if quick else 12, errors)
+        groups[f"simulated_{way}"] = (list(walk.recording.sensors.values()) for walk in walks)
+    lines_of = {
+        "rest_pct": ("%", "shoe in stance, RMS rate over that of walking"),
+        "shakes_db": ("dB", f"vibrations of a shoe, {BAND[0]:g} to {BAND[1]:g} Hz, over 1 m²/s⁴/Hz"),
+    }
+    for name, people in groups.items():
+        found = medians(people)
+        if found is None:
+            continue
+        shoe, count = found
+        lines.append([name, count, 100.0 * shoe.rest, float(10.0 * np.log10(shoe.shakes))])
+        made = name.startswith("simulated")
+        part = name.removeprefix("simulated_") if made else name
+        for (metric, (unit, line)), value in zip(lines_of.items(), lines[-1][2:], strict=True):
+            row = Row(f"shoe_{metric}_{name}", value, unit, None, count, f"{name}, median of people")
+            result.append(row._replace(line=line, part=part, data="simulation" if made else "recordings", of="people"))
+    show(f"Shoes in stance and at landing, {FOOT_HZ:g} Hz simulated", ["", "people", "rate %", "vibrations dB"], lines)
+    return result
