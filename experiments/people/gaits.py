@@ -56,6 +56,7 @@ GAITS = {
     "stairs up": Kind(along=stairs(0.17), changes=CLIMBING),
     "stairs down": Kind(along=stairs(-0.17), changes=CLIMBING),
     "back and forth": Kind(along=simulate.u_turn(8.0, 0.3)),
+    "turn on the spot": Kind(along=simulate.about_turn(8.0)),
     "in a circle of 1 m": Kind(along=simulate.circle(1.0, 3.0)),
     "with breaks": Kind(along=simulate.straight(5.0), breaks=(2.0, 8.0)),
 }

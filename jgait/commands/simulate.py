@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from jgait.simulate.protocols import Walked
     from jgait.simulate.routes import Route
 
-ROUTES = {"straight": (1, "length"), "u_turn": (1, "length"), "rectangle": (2, "a,b"), "circle": (1, "radius")}
+ROUTES = {
+    "straight": (1, "length"), "u_turn": (1, "length"), "about_turn": (1, "length"), "rectangle": (2, "a,b"),
+    "circle": (1, "radius"),
+}  # fmt: skip
 """Name → the number of lengths [m] of the route, and their names."""
 
 
@@ -30,7 +33,10 @@ HIGHEST_RATE_HZ = 1000.0
 def simulate(
     people: Annotated[int, typer.Option(min=1, help="Number of people, drawn from published norms.")] = 1,
     route: Annotated[
-        str, typer.Option(help="straight:20, u_turn:8, rectangle:10,5 or circle:4; lengths in metres.")
+        str,
+        typer.Option(
+            help="straight:20, u_turn:8 (a half circle), about_turn:8 (on the spot), rectangle:10,5 or circle:4; metres."
+        ),
     ] = "straight:20",
     gait: Annotated[str | None, typer.Option(help=f"A gait that is not the usual one: {', '.join(GAITS)}.")] = None,
     protocol: Annotated[
@@ -156,7 +162,7 @@ def _route(text: str) -> "Route":
     from jgait import simulate as simulation
 
     name, _, lengths = text.partition(":")
-    expected = "--route is straight:LENGTH, u_turn:LENGTH, rectangle:A,B or circle:RADIUS in metres"
+    expected = "--route is straight:LENGTH, u_turn:LENGTH, about_turn:LENGTH, rectangle:A,B or circle:RADIUS in metres"
     if name not in ROUTES:
         stop(f"{expected}; got {text!r}")
     try:

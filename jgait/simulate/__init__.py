@@ -13,7 +13,7 @@ from jgait.simulate.people import cohort, walks
 from jgait.simulate.person import RECORDED, Body, Gait, Person
 from jgait.simulate.population import covering, gait, paced, person_of, population
 from jgait.simulate.recorded import recording, trimmed
-from jgait.simulate.routes import Route, circle, corner, faster, rectangle, route, straight, u_turn
+from jgait.simulate.routes import Route, about_turn, circle, corner, faster, rectangle, route, straight, u_turn
 from jgait.simulate.walker import plan
 from jgait.simulate.worn import (
     FOUR,
@@ -26,8 +26,8 @@ from jgait.simulate.worn import (
 )
 
 __all__ = [
-    "FOUR", "GAITS", "RECORDED", "SEVEN", "Body", "Gait", "Person", "PersonFit", "Route", "Truth", "check_person",
-    "circle", "cohort", "corner", "covering", "duration", "faster", "fitted", "gait", "mount", "paced", "person_of",
+    "FOUR", "GAITS", "RECORDED", "SEVEN", "Body", "Gait", "Person", "PersonFit", "Route", "Truth", "about_turn",
+    "check_person", "circle", "cohort", "corner", "covering", "duration", "faster", "fitted", "gait", "mount", "paced", "person_of",
     "plan", "population", "recording", "rectangle", "route", "segment_of", "straight", "strides", "trimmed", "u_turn",
     "walk", "walking", "walks", "with_breaks",
 ]  # fmt: skip

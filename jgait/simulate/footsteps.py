@@ -26,6 +26,9 @@ FIRST = 1
 OUTWARDS = 0.07
 """[m] How far a leg that does not bend swings outwards, about."""
 
+STEPPED = 0.02
+"""[m] How much more a foot is lifted where a person turns on the spot."""
+
 START, CLOSE = 1.5, 1.2
 """[1] Duration of the first and of the last step, over that of the other steps."""
 
@@ -136,13 +139,15 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
     riser = routes.value_at(along, along.riser, distance)
     ground = place.z + jnp.cumsum(jnp.where(takes, riser, 0.0))
     whole_foot = 1.0 / (1.0 + (riser / 0.05) ** 2)  # on stairs the foot lands flat
+    ahead = 1.0 - routes.value_at(along, along.on_spot, distance)  # and where nobody gets ahead
+    whole_foot, rolls = whole_foot * ahead, 0.3 + 0.7 * ahead
     draws = jnp.clip(jax.random.normal(jax.random.fold_in(key, 1), (2, k.shape[0]), k.dtype), -2.5, 2.5)
     lands, leaves = 1.0 + gait.pitch_variability * draws
     # At the start both feet stand: the first heel rises when the walk's clock starts, and less than in other steps.
     starts = k < -0.5
     contact = gait.quiet_before + jnp.cumsum(jnp.where(k > 0.5, times, 0.0))
     contact = jnp.where(starts, gait.quiet_before - 0.5 * gait.stride_time, contact)
-    paths, moving = _pelvis(person, k, (x, y, place.heading, distance), jnp.sqrt(speed))
+    paths, moving = _pelvis(person, k, (x, y, place.heading, place.walked), jnp.sqrt(speed) * ahead)
     knots = jnp.stack([contact, takes.astype(k.dtype), *paths])
     moving = jnp.stack([jnp.ones_like(k), jnp.zeros_like(k), *[moving] * len(paths)])
     time_curve, walking_curve, x_curve, y_curve, heading_curve, distance_curve = pieces(knots, moving)
@@ -157,12 +162,19 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
         toe_up=jnp.where(takes, gait.toe_up * lands * whole_foot * jnp.sqrt(speed) * (1.0 - stiff), 0.0),
         heel_up=jnp.where(
             k < n - 0.5,
-            gait.heel_up * leaves * jnp.where(starts, 0.6, 1.0) * (0.5 + 0.5 * whole_foot) * (1.0 - 0.6 * stiff),
+            gait.heel_up
+            * leaves
+            * rolls
+            * jnp.where(starts, 0.6, 1.0)
+            * (0.5 + 0.5 * whole_foot)
+            * (1.0 - 0.6 * stiff),
             0.0,
         ),
         off=jnp.where(starts, 1.0, 2.0 * gait.heel_off),
         leave=jnp.where(starts | (k > n + 0.5), 1.0 + HEEL_RISES, 2.0 * gait.stance_fraction - LINGER),
-        lift=jnp.where(k < n - 0.5, gait.swing_lift * (1.0 - 0.5 * stiff) + jnp.maximum(riser, 0.0), 0.0),
+        lift=jnp.where(
+            k < n - 0.5, gait.swing_lift * (1.0 - 0.5 * stiff) + jnp.maximum(riser, 0.0) + STEPPED * (1.0 - ahead), 0.0
+        ),
         out=jnp.where(k < n - 0.5, side * OUTWARDS * stiff, 0.0),
         stood=(k < 0.5).astype(k.dtype),
         contact=contact,

@@ -288,7 +288,7 @@ SPARE, YIELDS = 1e-4, 4.0 * DEGREE
 def _stretched(key: PRNGKeyArray, person: Person, along: Route, *, capacity: int) -> Person:
     """The person paced by the factor on the stride length with which the last step ends at the end of the route."""
     walks = jax.random.split(key)[0]
-    total = routes.total_length(along)
+    total = routes.walked_length(along)
 
     def covered(stride: Values) -> Values:
         stretched = Person(person.body, person.gait._replace(stride_length=stride))

@@ -20,6 +20,8 @@ class Route(NamedTuple):
         slope: (n,) metres up for each metre forward [1].
         speed: (n,) walking speed on the piece, over the speed of the gait [1].
         riser: (n,) height of a stair, climbed (or, if negative, descended) at every step [m].
+        on_spot: (n,) 1 where the person turns on the spot: the length of the piece is then that of the usual steps
+            which the turn takes, and nobody gets ahead; else 0 [1].
     """
 
     length: Values
@@ -27,6 +29,7 @@ class Route(NamedTuple):
     slope: Values
     speed: Values
     riser: Values
+    on_spot: Values
 
 
 def route(*pieces: dict[str, float]) -> Route:
@@ -37,7 +40,7 @@ def route(*pieces: dict[str, float]) -> Route:
     """
     if not pieces:
         raise ValueError("a route needs at least one piece, for example {'length': 10.0}")
-    rest = {"turn": 0.0, "slope": 0.0, "speed": 1.0, "riser": 0.0}
+    rest = {"turn": 0.0, "slope": 0.0, "speed": 1.0, "riser": 0.0, "on_spot": 0.0}
     for piece in pieces:
         unknown = set(piece) - set(Route._fields)
         if unknown or "length" not in piece:
@@ -64,6 +67,14 @@ def u_turn(length: float, radius: float = 0.4) -> Route:
     return corner(length, math.pi, length, radius)
 
 
+def about_turn(length: float, turn: float = math.pi, steps: float = 2.6) -> Route:
+    """A straight piece, a turn on the spot [rad] (left positive), a straight piece; `length` [m] of each.
+
+    The turn takes the time of `steps` metres of usual steps.
+    """
+    return route({"length": length}, {"length": steps, "turn": turn, "on_spot": 1.0}, {"length": length})
+
+
 def rectangle(a: float, b: float, laps: int = 1, radius: float = 0.8) -> Route:
     """Laps round a rectangle with sides a and b [m], counter-clockwise, its corners rounded."""
     if min(a, b) <= 2.0 * radius:
@@ -84,15 +95,20 @@ def faster(length: float, *speeds: float) -> Route:
 
 
 def total_length(along: Route) -> Values:
-    """Length of the whole route [m]."""
+    """Length of the whole route, with the steps of turns on the spot [m]."""
     return jnp.sum(along.length)
+
+
+def walked_length(along: Route) -> Values:
+    """Length of the whole route without turns on the spot [m]."""
+    return jnp.sum(along.length * (1.0 - along.on_spot))
 
 
 def padded(along: Route) -> Route:
     """The same route with more pieces, of length 0, so that walks on other routes use the same programs."""
     pieces = [np.asarray(values, float) for values in along]
     more = bucket(len(pieces[0]), 16) - len(pieces[0])
-    edges = {"length": 0.0, "turn": 0.0}
+    edges = {"length": 0.0, "turn": 0.0, "on_spot": 0.0}
     return Route(*(
         np.concatenate([values, np.full(more, edges.get(name, values[-1]))])
         for name, values in zip(Route._fields, pieces, strict=True)
@@ -100,12 +116,14 @@ def padded(along: Route) -> Route:
 
 
 class Place(NamedTuple):
-    """A point on the route: its position [m], and the heading at this point [rad]."""
+    """A point on the route: its position [m], the heading there [rad], and the way to it, turns on the spot left out
+    [m]."""
 
     x: Values
     y: Values
     z: Values
     heading: Values
+    walked: Values
 
 
 def at(along: Route, distance: Float[AnyArray, "*shape"]) -> Place:
@@ -120,12 +138,13 @@ def at(along: Route, distance: Float[AnyArray, "*shape"]) -> Place:
     bend = turn * covered / jnp.where(length > 0.0, length, 1.0)
     headings = jnp.cumsum(bend, axis=1)
     middle = headings - 0.5 * bend
-    chord = covered * jnp.sinc(0.5 * bend / jnp.pi)
+    ahead = covered * (1.0 - jnp.asarray(along.on_spot)[None, :])
+    chord = ahead * jnp.sinc(0.5 * bend / jnp.pi)
     outside = jnp.minimum(distance, 0.0) + jnp.maximum(distance - total, 0.0)
     heading = headings[:, -1]
     x = jnp.sum(chord * jnp.cos(middle), axis=1) + outside * jnp.cos(heading)
     y = jnp.sum(chord * jnp.sin(middle), axis=1) + outside * jnp.sin(heading)
-    return Place(x, y, jnp.sum(covered * slope, axis=1), heading)
+    return Place(x, y, jnp.sum(ahead * slope, axis=1), heading, jnp.sum(ahead, axis=1) + outside)
 
 
 def value_at(

@@ -41,6 +41,16 @@ def test_a_u_turn_comes_back_beside_where_it_began():
     np.testing.assert_allclose([end.x[0], end.y[0], end.heading[0]], [0.0, 1.0, np.pi], atol=1e-12)
 
 
+def test_a_turn_on_the_spot_stays_where_it_is_and_is_no_way():
+    way = routes.about_turn(3.0, np.pi, steps=2.0)
+    place, _ = there(way, 3.0, 4.0, 5.0, 8.0)
+    np.testing.assert_allclose(place.x, [3.0, 3.0, 3.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(place.y, 0.0, atol=1e-12)
+    np.testing.assert_allclose(place.heading, [0.0, np.pi / 2, np.pi, np.pi], atol=1e-12)
+    np.testing.assert_allclose(place.walked, [3.0, 3.0, 3.0, 6.0], atol=1e-12)
+    assert float(routes.walked_length(way)) == pytest.approx(6.0) and float(routes.total_length(way)) == 8.0
+
+
 def test_slopes_rise_and_speeds_change_over_half_a_metre():
     way = routes.route({"length": 2.0}, {"length": 3.0, "slope": 0.1, "speed": 1.5})
     np.testing.assert_allclose(there(way, 1.0, 2.0, 5.0)[0].z, [0.0, 0.0, 0.3], atol=1e-12)

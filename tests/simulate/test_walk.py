@@ -109,6 +109,27 @@ def test_feet_that_stand_are_at_rest(walked):
     assert checked == 28
 
 
+def test_who_turns_on_the_spot_steps_round_without_getting_ahead():
+    who = simulate.covering(jax.random.key(2), person(recorded=1.0), simulate.about_turn(2.0, steps=2.0))
+    recording, truth = simulated(2, who, simulate.about_turn(2.0, steps=2.0))
+    heading = np.asarray(truth.estimate.diagnostics["heading"])
+    assert heading[-1] == pytest.approx(np.pi, abs=1e-9) and float(truth.estimate.distance[-1]) == pytest.approx(4.0)
+    pelvis = stacked(truth.motion.pose.pelvis.origin)[:, :2]
+    turning = (heading > 0.3) & (heading < np.pi - 0.3)
+    assert turning.sum() > 100 and np.ptp(pelvis[turning], axis=0).max() < 0.4
+    assert np.linalg.norm(pelvis[-1] - pelvis[0]) < 0.2
+    times = np.asarray(truth.estimate.time)
+    steps = 0
+    for k in range(1, int(who.gait.steps)):
+        since = (times - truth.plan.contact[k + FIRST]) / (0.5 * who.gait.stride_time)
+        flat = (since > 2.0 * who.gait.foot_flat + 0.1) & (since < 2.0 * who.gait.heel_off - 0.1)
+        side = "left" if truth.plan.side[k + FIRST] > 0 else "right"
+        for point in contact_points(who, truth, side):
+            assert np.ptp(point[flat], axis=0).max() < 1e-9
+        steps += turning[flat].any()
+    assert steps >= 2
+
+
 def test_standing_sensors_feel_gravity_alone(walked):
     who, recording, truth = walked
     time = np.asarray(truth.estimate.time)
@@ -254,6 +275,7 @@ def test_equal_keys_give_equal_walks_and_other_keys_others():
         (simulate.route({"length": 2.0}, {"length": 4.0, "riser": -0.15, "speed": 0.5}, {"length": 3.0}), {}, 0.29),
         (simulate.corner(1.0, 2.0 * np.pi, 1.0, 1.5), {"stride_length": 1.1}, 0.0),
         (simulate.u_turn(3.0), {"stride_length": 1.1}, 0.0),
+        (simulate.about_turn(2.0), {"stride_length": 1.1}, 0.0),
     ],
 )
 def test_legs_close_on_slopes_stairs_and_turns(along, changes, rise):
