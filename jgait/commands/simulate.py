@@ -35,7 +35,7 @@ def simulate(
     route: Annotated[
         str,
         typer.Option(
-            help="straight:20, u_turn:8 (a half circle), about_turn:8 (on the spot), rectangle:10,5 or circle:4; metres."
+            help="straight:20, u_turn:8 (half a circle), about_turn:8 (on the spot), rectangle:10,5, circle:4; metres."
         ),
     ] = "straight:20",
     gait: Annotated[str | None, typer.Option(help=f"A gait that is not the usual one: {', '.join(GAITS)}.")] = None,

@@ -27,7 +27,7 @@ from jgait.simulate.worn import (
 
 __all__ = [
     "FOUR", "GAITS", "RECORDED", "SEVEN", "Body", "Gait", "Person", "PersonFit", "Route", "Truth", "about_turn",
-    "check_person", "circle", "cohort", "corner", "covering", "duration", "faster", "fitted", "gait", "mount", "paced", "person_of",
-    "plan", "population", "recording", "rectangle", "route", "segment_of", "straight", "strides", "trimmed", "u_turn",
-    "walk", "walking", "walks", "with_breaks",
+    "check_person", "circle", "cohort", "corner", "covering", "duration", "faster", "fitted", "gait", "mount",
+    "paced", "person_of", "plan", "population", "recording", "rectangle", "route", "segment_of", "straight",
+    "strides", "trimmed", "u_turn", "walk", "walking", "walks", "with_breaks",
 ]  # fmt: skip

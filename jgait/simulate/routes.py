@@ -116,8 +116,7 @@ def padded(along: Route) -> Route:
 
 
 class Place(NamedTuple):
-    """A point on the route: its position [m], the heading there [rad], and the way to it, turns on the spot left out
-    [m]."""
+    """A point on the route: position [m], heading there [rad], and the way to it without turns on the spot [m]."""
 
     x: Values
     y: Values

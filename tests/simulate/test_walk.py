@@ -111,7 +111,7 @@ def test_feet_that_stand_are_at_rest(walked):
 
 def test_who_turns_on_the_spot_steps_round_without_getting_ahead():
     who = simulate.covering(jax.random.key(2), person(recorded=1.0), simulate.about_turn(2.0, steps=2.0))
-    recording, truth = simulated(2, who, simulate.about_turn(2.0, steps=2.0))
+    _, truth = simulated(2, who, simulate.about_turn(2.0, steps=2.0))
     heading = np.asarray(truth.estimate.diagnostics["heading"])
     assert heading[-1] == pytest.approx(np.pi, abs=1e-9) and float(truth.estimate.distance[-1]) == pytest.approx(4.0)
     pelvis = stacked(truth.motion.pose.pelvis.origin)[:, :2]
