@@ -54,18 +54,27 @@ def _plain(value: object) -> object:
     return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
+PATIENCE_S = 20.0
+"""[s] Where there is no terminal to draw a bar, a line states the progress as often as this."""
+
+
 class Bar:
-    """One progress bar, updated for each task."""
+    """One progress bar, updated for each task; in a file or a pipe, lines from time to time."""
 
     def __init__(self, progress: Progress) -> None:
         self.progress = progress
         self.task = progress.add_task("starting", total=None)
+        self.stated = progress.get_time()
 
     def __call__(self, what: str, done: int, total: int | None) -> None:
         """Show the name of the task, and the finished part of the total; with 0 finished the clock starts anew."""
         if not done:
             self.progress.reset(self.task, total=total)
         self.progress.update(self.task, description=visible(what), completed=done, total=total)
+        now = self.progress.get_time()
+        if not errors.is_terminal and now - self.stated > PATIENCE_S:
+            self.stated = now
+            errors.print(visible(what) + (f": {done} of {total}" if total else ""), highlight=False, soft_wrap=True)
 
 
 class _Left(ProgressColumn):

@@ -74,7 +74,7 @@ NEVER_STILL = Kind(
 TRUNK_SCALE = Kind(
     "trunk_accelerometer_scale",
     "corrected",
-    "the accelerometer reads {percent:+.1f} % of gravity at rest; corrected",
+    "the accelerometer at the trunk reads {percent:+.1f} % of gravity at rest; corrected",
     SCALE,
 )
 

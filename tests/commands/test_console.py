@@ -1,4 +1,4 @@
-"""Progress bars: the time left."""
+"""Progress bars: the time left; lines where there is no terminal."""
 
 import io
 
@@ -35,3 +35,17 @@ def test_the_time_left_follows_from_two_reports_and_each_task_has_its_own(bars):
     assert left_of(made) == "0:01:20 left"
     bar("compiling", 0, None)
     assert left_of(made) == "" and made.tasks[0].elapsed == 0.0
+
+
+def test_without_a_terminal_a_line_states_the_progress_from_time_to_time(monkeypatch):
+    text, clock = io.StringIO(), [0.0]
+    monkeypatch.setattr(console, "errors", Console(file=text, force_terminal=False, width=120))
+    made = console.progress()
+    made.get_time = lambda: clock[0]
+    bar = console.Bar(made)
+    for seconds, done in ((1.0, 1), (21.0, 2), (30.0, 3), (45.0, 4)):
+        clock[0] = seconds
+        bar("step [loss 3]", done, 50)
+    clock[0] = 90.0
+    bar("compiling", 0, None)
+    assert text.getvalue().splitlines() == ["step [loss 3]: 2 of 50", "step [loss 3]: 4 of 50", "compiling"]
