@@ -4,6 +4,7 @@ All rules use a centred window. They differ between segments: the legs never res
 (`standing_of_legs`), a foot rests at every stance (`rest`), the trunk moves little even in walking (`trunk_rest`).
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -51,6 +52,14 @@ LEAST_REST_S = 2.0
 BIAS_KNOWN = 0.06
 """[rad/s] Largest expected bias of a gyroscope; a larger mean rate means that the trunk turns."""
 
+UPRIGHT = math.radians(50.0)
+"""[rad] Angle of a leg's sensor at rest from its mean direction in walking, from which on the person does not stand: a
+thigh is tilted by 60° and more in sitting, and both segments by less than 30° in standing."""
+
+WALKS_RATE, WALKS_WITHIN_S, LEAST_WALK_S = 2.0, 0.5, 2.0
+"""[rad/s], [s], [s] The fastest leg turns faster than this, at most so long before or after each sample of walking; the
+least time of walking that tells which way is upright."""
+
 BRIDGED_S = 0.1
 """[s] A loss of samples that is not longer does not end a rest."""
 
@@ -65,6 +74,13 @@ class Rest(NamedTuple):
 
 
 STANDING_MOVES = Kind("standing_moves", "check", "the quietest standing still moves at up to {rate:g} rad/s", FEW_RESTS)
+SITS = Kind(
+    "sits",
+    "info",
+    "at rest from {begin_s:.3g} s to {end_s:.3g} s a leg is tilted by {degrees:.0f}° from its mean direction in "
+    "walking, as of a person who sits; not taken for standing",
+    "Only rests in upright standing tell where the angles are zero.",
+)
 NEVER_STILL = Kind(
     "never_still",
     "check",
@@ -140,16 +156,23 @@ def longest_still(
     return max(runs, key=lambda run: run[1] - run[0], default=None)
 
 
+class LegRest(NamedTuple):
+    """When a person rests, from sensors on the legs."""
+
+    still: np.ndarray  #: (T,) bool, no leg moves; also in sitting.
+    upright: np.ndarray  #: (T,) bool, the person stands.
+    standing: tuple[int, int]  #: half-open range of samples of standing that calibrates.
+    notes: list[Note]
+
+
 def standing_of_legs(
-    gyrs: Sequence[AnyArray], sampling_rate_hz: float, estimator: str
-) -> tuple[np.ndarray, tuple[int, int], list[Note]]:
-    """When a person stands, from the (T, 3) angular rates [rad/s] of all gyroscopes on the legs.
+    gyrs: Sequence[AnyArray], accs: Sequence[AnyArray | None], sampling_rate_hz: float, estimator: str
+) -> LegRest:
+    """When a person stands, from (T, 3) angular rates [rad/s] and specific forces [m/s²] of all sensors on the legs.
 
-    A sample counts as standing when no gyroscope exceeds `LEGS_RATE` within `LEGS_WINDOW_S` of it. The first stretch of
-    one second or more calibrates; if there is none, the longest stretch calibrates.
-
-    Returns:
-        (T,) bool; the half-open range of samples that calibrates; notes.
+    A sample is at rest when no gyroscope exceeds `LEGS_RATE` within `LEGS_WINDOW_S` of it. A rest is no standing if a
+    sensor is tilted by `UPRIGHT` from its mean direction in walking: the person sits; without accelerometers every rest
+    is standing. The first standing of one second or more calibrates; if there is none, the longest one does.
 
     Raises:
         RecordingError: if the person never stands still for `LEGS_SHORTEST_S`; it names the estimator.
@@ -157,18 +180,44 @@ def standing_of_legs(
     half = max(1, round(LEGS_WINDOW_S * sampling_rate_hz))
     fastest = np.max([np.linalg.norm(as_float(gyr), axis=1) for gyr in gyrs], axis=0)
     around = window_maximum(fastest, 2 * half + 1)
+    walks = window_maximum(fastest, 2 * round(WALKS_WITHIN_S * sampling_rate_hz) + 1) > WALKS_RATE
+    sat = 0.0
     for limit in (LEGS_RATE, 2.0 * LEGS_RATE):
         still = around < limit
-        runs = [run for run in true_runs(still) if run[1] - run[0] >= LEGS_SHORTEST_S * sampling_rate_hz]
+        tilts = {run: _tilt(accs, walks, run, sampling_rate_hz) for run in true_runs(still)}
+        upright, notes = still.copy(), [STANDING_MOVES(rate=limit)] if limit > LEGS_RATE else []
+        for (first, after), tilt in tilts.items():
+            upright[first:after] &= tilt < UPRIGHT
+            if tilt >= UPRIGHT and after - first >= LEGS_SHORTEST_S * sampling_rate_hz:
+                begin, end, sat = first / sampling_rate_hz, after / sampling_rate_hz, max(sat, tilt)
+                notes.append(SITS(begin_s=begin, end_s=end, degrees=math.degrees(tilt)))
+        runs = [run for run in true_runs(upright) if run[1] - run[0] >= LEGS_SHORTEST_S * sampling_rate_hz]
         if runs:
             long = [run for run in runs if run[1] - run[0] >= sampling_rate_hz]
-            notes = [STANDING_MOVES(rate=limit)] if limit > LEGS_RATE else []
-            return still, (long[0] if long else max(runs, key=lambda run: run[1] - run[0])), notes
+            longest = max(runs, key=lambda run: run[1] - run[0])
+            return LegRest(still, upright, long[0] if long else longest, notes)
+    reason = (
+        f"at rest a leg is tilted by {math.degrees(sat):.0f}° from its mean direction in walking, as of a person who "
+        "sits"
+        if sat else f"the quietest moment of this recording reaches {around.min():.2f} rad/s"
+    )  # fmt: skip
     raise RecordingError(
         f"{estimator} needs {LEGS_SHORTEST_S:g} s of quiet standing (all leg gyroscopes below {LEGS_RATE:g} rad/s) to "
-        f"find the gyroscope bias and the upright pose; the quietest moment of this recording reaches "
-        f"{around.min():.2f} rad/s"
+        f"find the gyroscope bias and the upright pose; {reason}"
     )
+
+
+def _tilt(accs: Sequence[AnyArray | None], walks: np.ndarray, run: tuple[int, int], sampling_rate_hz: float) -> float:
+    """The largest angle of a sensor's mean force at rest from that in walking [rad]; 0 where this is not known."""
+    if walks.sum() < LEAST_WALK_S * sampling_rate_hz:
+        return 0.0
+    angles = [0.0]
+    for acc in accs:
+        if acc is not None:
+            rests, moves = (np.nan_to_num(as_float(acc)[rows]).mean(axis=0) for rows in (slice(*run), walks))
+            size = float(np.linalg.norm(rests) * np.linalg.norm(moves))
+            angles.append(math.acos(np.clip(rests @ moves / size, -1.0, 1.0)) if size > 0.0 else 0.0)
+    return max(angles)
 
 
 class TrunkRest(NamedTuple):

@@ -16,9 +16,9 @@ from jgait.estimators.duty_cycled_gyro.notes import ACCELEROMETER_ABSENT, WORN_A
 from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledInputs, DutyCycledOptions, GapLeg, GapSegment
 from jgait.estimators.interface import Prepared
 from jgait.estimators.leg_ekf.inputs import Segment
-from jgait.estimators.leg_ekf.prepare import LOWEST_RATE_HZ, orient
+from jgait.estimators.leg_ekf.prepare import LOWEST_RATE_HZ, SEATED, orient
 from jgait.estimators.notes import NO_FIRST_STANDING
-from jgait.events.rest import standing_of_legs
+from jgait.events.rest import LegRest, standing_of_legs
 from jgait.notes import Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, Recording, RecordingError, Values, as_float
@@ -63,12 +63,10 @@ def checked(recording: Recording, names: list[str], options: DutyCycledOptions) 
     return time
 
 
-def find_standing(
-    sensors: Mapping[str, Imu], used: Mapping[str, Masks], time: np.ndarray
-) -> tuple[np.ndarray, tuple[int, int], list[Note]]:
-    """Samples of standing, the calibrating stance, in which every gyroscope is on, and notes.
+def find_standing(sensors: Mapping[str, Imu], used: Mapping[str, Masks], time: np.ndarray) -> LegRest:
+    """Rests, standing, the calibrating stance, in which every gyroscope is on, and notes.
 
-    A sample counts as standing if at least one gyroscope is on and no gyroscope that is on measures movement.
+    A sample counts as rest if at least one gyroscope is on and no gyroscope that is on measures movement.
 
     Raises:
         RecordingError: if the person never stands still with all gyroscopes on.
@@ -85,15 +83,15 @@ def find_standing(
                 on[start:stop], gyr[start:stop] = True, gyr[start - 1]
         return np.where(on[:, None], gyr, unknown[:, None])
 
+    accs = [imu.acc for imu in sensors.values()]
     try:
-        strict = [instead(name, np.full(time.size, MOVES)) for name in sensors]
-        still, standing, notes = standing_of_legs(strict, rate_hz, NAME)
+        strict = standing_of_legs([instead(name, np.full(time.size, MOVES)) for name in sensors], accs, rate_hz, NAME)
     except RecordingError as error:
         whole = all(m.usable.all() for m in used.values())
         more = "" if whole else f"; its gyroscopes are on together for {_together(used, time):.1f} s"
         raise RecordingError(f"{error}{more}") from error
-    loose = [instead(name, np.where(some, 0.0, MOVES)) for name in sensors]
-    return still | standing_of_legs(loose, rate_hz, NAME)[0], standing, notes
+    loose = standing_of_legs([instead(name, np.where(some, 0.0, MOVES)) for name in sensors], accs, rate_hz, NAME)
+    return strict._replace(still=strict.still | loose.still, upright=strict.upright | loose.upright)
 
 
 def _together(used: Mapping[str, Masks], time: np.ndarray) -> float:
@@ -171,7 +169,7 @@ def prepare(
             f"the filler {options.filler!r} needs an accelerometer; '{bare[0]}' has only a gyroscope: take "
             f"another filler"
         )
-    still, (start, stop), notes = find_standing(sensors, used, time)
+    still, upright, (start, stop), notes = find_standing(sensors, used, time)
     legs = dict[str, GapLeg]()
     for side in SIDES:
         if any(name.endswith(side) for name in names):
@@ -179,12 +177,12 @@ def prepare(
             notes += more
     if bare:
         notes.append(ACCELEROMETER_ABSENT())
-    if not still[0]:
+    if not upright[0]:
         notes.append(NO_FIRST_STANDING())
     dt = np.concatenate([[0.0], np.diff(time)])
     inputs = DutyCycledInputs(
         legs.get("right"), legs.get("left"), time, dt, still, np.ones(time.size, bool),
-        np.asarray(1e-4 if still[0] else 0.1),
+        np.asarray(1e-4 if upright[0] else SEATED if still[0] else 0.1),
     )  # fmt: skip
     # Options that only masks and energies depend on are left out, so that they do not cause a new compilation.
     resolved = DutyCycledOptions(

@@ -31,6 +31,9 @@ SMALLEST_VARIANCE = 1e-8  # rad²/s²; lower limit of the measured variance of a
 LOWEST_RATE_HZ = 40.0
 """[Hz] Lowest sampling rate. Simulated knee angles err by 1.0° (rms) at 100 Hz, 1.2° at 41 Hz, 2.8° at 25 Hz."""
 
+SEATED = 2.0
+"""[rad²] Variance of the pose of a person who sits at the start."""
+
 LONG_GAP = 0.3
 """[s] Shortest gap in the samples for which no estimate is made; the leg's angles after the gap are unknown."""
 
@@ -242,7 +245,9 @@ def prepare(
     if median > 1:
         sensors = {k: i._replace(gyr=_median(i.gyr, median)) for k, i in sensors.items()}
     rate = 1.0 / float(np.median(np.diff(time)))
-    still, (start, stop), notes = standing_of_legs([imu.gyr for imu in sensors.values()], rate, "leg_ekf")
+    still, upright, (start, stop), notes = standing_of_legs(
+        [imu.gyr for imu in sensors.values()], [imu.acc for imu in sensors.values()], rate, "leg_ekf"
+    )
     legs = {}
     for side in sides:
         legs[side], more = orient(sensors, side, slice(start, stop), still, rate, perpendicular=perpendicular)
@@ -251,7 +256,7 @@ def prepare(
             legs[side] = LegSignals(*(rates_between(segment, time) for segment in legs[side]))
     if any(sensors[k].acc is None for k in sensors):
         notes.append(NO_ACCELEROMETER())
-    if not still[0]:
+    if not upright[0]:
         notes.append(NO_FIRST_STANDING())
     notes += [
         SEGMENT_ALONE(placement=f"{segment}_{side}", other=other)
@@ -264,7 +269,7 @@ def prepare(
         notes.append(ONE_LEG(side=sides[0]))
     heard, more = _told(legs, time)
     dt = np.concatenate([[0.0], np.diff(time)])
-    variance = np.asarray(1e-4 if still[0] else 0.1)
+    variance = np.asarray(1e-4 if upright[0] else SEATED if still[0] else 0.1)
     inputs = LegInputs(legs.get("right"), legs.get("left"), time, dt, still, heard, variance, shanks)
     notes += more
     return Prepared(inputs, None, tuple(notes), (start, stop))

@@ -82,7 +82,8 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
     time = checked(recording, names, DEFAULT)
     sensors = {name: recording.sensors[name] for name in names}
     rate = 1.0 / float(np.median(np.diff(time)))
-    still, (start, stop), notes = standing_of_legs([imu.gyr for imu in sensors.values()], rate, NAME)
+    imus = list(sensors.values())
+    still, _, (start, stop), notes = standing_of_legs([imu.gyr for imu in imus], [imu.acc for imu in imus], rate, NAME)
     mountings: list[SegmentMounting] = []
     pairs: dict[int, tuple[int | None, int | None]] = {}
     for number, side in enumerate(SIDES):

@@ -73,7 +73,10 @@ def device(p: LegParams, recording: Recording) -> tuple[Device, tuple[Note, ...]
     sensors, time = common_clock(recording, sides)
     sensors = {k: i._replace(gyr=np.where(np.asarray(i.mask)[:, None], i.gyr, 0.0)) for k, i in sensors.items()}
     rate = 1.0 / float(np.median(np.diff(time)))
-    still, (start, stop), notes = standing_of_legs([imu.gyr for imu in sensors.values()], rate, "leg_ekf")
+    imus = list(sensors.values())
+    still, _, (start, stop), notes = standing_of_legs(
+        [imu.gyr for imu in imus], [imu.acc for imu in imus], rate, "leg_ekf"
+    )
     worn: list[SegmentMounting] = []
     for side in sides:
         segments, more = mounted(sensors, side, slice(start, stop), still, rate)

@@ -1,0 +1,64 @@
+"""A person who sits before the walk: the standing after it calibrates, and sitting is stated as sitting."""
+
+import jax
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from jgait import simulate
+from jgait.estimators import duty_cycled_gyro, leg_ekf
+from jgait.simulate.sensors import MPU6000
+from jgait.types import Imu, RecordingError
+
+RATE = 100.0
+SITS_S, RISES_S = 5.0, 1.6
+BEFORE = round((SITS_S + RISES_S) * RATE)
+
+
+@pytest.fixture(scope="module")
+def walk():
+    errors = MPU6000._replace(mounting=0.0, packet_loss=0.0)
+    placements = ("thigh_right", "shank_right")
+    return simulate.cohort(jax.random.key(2), 1, simulate.straight(12.0), errors, RATE, placements)[0][0]
+
+
+def seated(walk, stands_s=3.0):
+    """The recording with a person who sits first, thigh forward, rises, and stands for a time before the walk."""
+    cut = round((3.0 - stands_s) * RATE)
+    share = np.linspace(0.0, 1.0, round(RISES_S * RATE))
+    angle = np.concatenate([np.ones(round(SITS_S * RATE)), 1.0 - share**3 * (10.0 - 15.0 * share + 6.0 * share**2)])
+    rng, sensors = np.random.default_rng(0), {}
+    for name, imu in walk.sensors.items():
+        tilt = np.radians(-85.0 if name.startswith("thigh") else 8.0) * angle
+        acc = Rotation.from_rotvec(np.outer(tilt, [0.0, 1.0, 0.0])).inv().apply(imu.acc[:50].mean(axis=0))
+        gyr = imu.gyr[:50].mean(axis=0) + np.outer(np.gradient(tilt, 1.0 / RATE), [0.0, 1.0, 0.0])
+        gyr, acc = gyr + 0.002 * rng.standard_normal(gyr.shape), acc + 0.03 * rng.standard_normal(acc.shape)
+        gyr, acc = np.concatenate([gyr, imu.gyr[cut:]]), np.concatenate([acc, imu.acc[cut:]])
+        sensors[name] = Imu(np.arange(len(gyr)) / RATE, gyr, acc, np.ones(len(gyr), bool))
+    return walk._replace(sensors=sensors), cut
+
+
+@pytest.mark.parametrize("stands_s", [3.0, 0.0])
+@pytest.mark.parametrize("estimator", [leg_ekf, duty_cycled_gyro])
+def test_angles_of_the_walk_do_not_depend_on_sitting_before_it(walk, estimator, stands_s):
+    recording, cut = seated(walk, stands_s)
+    plain, sat = (estimator.estimator().estimate(estimator.estimator().params, one) for one in (walk, recording))
+    # Without standing before the walk that at its end calibrates, where a person stands a little differently.
+    within = np.radians(0.5 if stands_s else 2.0)
+    for angle in ("hip_angle", "knee_angle"):
+        a, b = (np.asarray(getattr(one.legs.right, angle)) for one in (plain, sat))
+        np.testing.assert_allclose(b[BEFORE + 100 :], a[cut + 100 :], rtol=0, atol=within)
+    begins = np.degrees(
+        [np.asarray(one)[200:450].mean() for one in (sat.legs.right.hip_angle, sat.legs.right.knee_angle)]
+    )
+    np.testing.assert_allclose(begins, [85.0, 93.0], atol=6.0)
+    codes = [note.code for note in sat.diagnostics["notes"]]
+    assert "sits" in codes and "no_first_standing" in codes and "knee_implausible" not in codes
+
+
+def test_a_person_who_never_stands_upright_is_refused_with_the_reason(walk):
+    recording, _ = seated(walk, 0.0)
+    last = len(recording.sensors["thigh_right"].time) - round(2.5 * RATE)
+    short = {name: Imu(*(part[:last] for part in imu)) for name, imu in recording.sensors.items()}
+    with pytest.raises(RecordingError, match=r"leg_ekf needs 0.5 s of quiet standing .* as of a person who sits"):
+        leg_ekf.prepared(recording._replace(sensors=short))
