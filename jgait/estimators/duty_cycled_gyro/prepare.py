@@ -177,7 +177,7 @@ def prepare(
             notes += more
     if bare:
         notes.append(ACCELEROMETER_ABSENT())
-    if not upright[0]:
+    if not still[0]:
         notes.append(NO_FIRST_STANDING())
     dt = np.concatenate([[0.0], np.diff(time)])
     inputs = DutyCycledInputs(

@@ -256,7 +256,7 @@ def prepare(
             legs[side] = LegSignals(*(rates_between(segment, time) for segment in legs[side]))
     if any(sensors[k].acc is None for k in sensors):
         notes.append(NO_ACCELEROMETER())
-    if not upright[0]:
+    if not still[0]:
         notes.append(NO_FIRST_STANDING())
     notes += [
         SEGMENT_ALONE(placement=f"{segment}_{side}", other=other)
