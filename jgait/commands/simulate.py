@@ -152,7 +152,7 @@ def _drawn(
     fit = [simulation.covering(k, person, along) for k, person in zip(keys, who_walk, strict=True)]
     asked = {"errors": sensors.MPU6000, "rate": 100.0, "placements": simulation.SEVEN, **options}
     walks = simulation.walks(keys, fit, [along] * people, **asked)
-    distance = float(np.sum(along.length))
+    distance = float(simulation.routes.walked_length(along))
     for (recording, truth), person in zip(walks, fit, strict=True):
         yield Walked(recording, truth, {"person": person, "distance": distance})
 

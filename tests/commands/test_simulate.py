@@ -49,6 +49,15 @@ def test_writes_recordings_with_their_truth_and_a_table_for_evaluate(made):
         assert told[row["subject"]]["strides"] == len(pd.read_csv(out / row["file"].replace(".csv", "_strides.csv")))
 
 
+def test_a_turn_on_the_spot_adds_no_distance_to_the_table(tmp_path):
+    result = run("simulate", "--route", "about_turn:4", "--placements", "foot_right", "--rate", "50", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    walked = pd.read_csv(tmp_path / "cohort.csv")["distance_m"].iloc[0]
+    assert walked == pytest.approx(8.0)
+    truth = pd.read_csv(tmp_path / "subject_0001_truth.csv")["distance_m"].iloc[-1]
+    assert truth == pytest.approx(walked, abs=0.05)
+
+
 def test_the_same_again_writes_nothing_anew_and_another_simulation_is_refused(made):
     _, out = made
     kept = {file: file.stat().st_mtime_ns for file in out.glob("subject_*")}
