@@ -1,8 +1,8 @@
 """How still a shoe is in stance, and how much landings shake it: recorded shoes beside simulated ones.
 
 A stance is the quietest moment of a stride. Simulated people move as recorded ones do; their sensors are perfect, or
-as `sensors.ON_SHOE`, whose sway and jolts were chosen by these numbers. Recordings of `pyshoe_vicon`, on which
-`transfer` is judged, were not looked at.
+as `sensors.ON_SHOE`, whose sway and jolts have the sizes that these sets show. That sensors on shoes sway and vibrate
+at all was tried on `pyshoe_vicon` too, on which `transfer` is judged: the sizes are of other people, the idea is not.
 """
 
 from collections.abc import Iterable, Iterator

@@ -8,7 +8,7 @@ from jaxtyping import PyTree
 
 from jgait.estimators.about import BodyMeasure, CommandOption, EstimateFigure, MissingMeasure, StrideFlag
 from jgait.estimators.stride_flags import durations, in_order, marks, regular
-from jgait.types import SIDES, Estimate, as_float
+from jgait.types import SIDES, Estimate, LegTrajectory, as_float
 
 THIGH = BodyMeasure("thigh_length", "m", 0.2, 0.7, "thigh length, hip to knee", "--thigh", 0.43)
 SHANK = BodyMeasure("shank_length", "m", 0.2, 0.7, "shank length, knee to ankle", "--shank", 0.43)
@@ -135,13 +135,21 @@ def _text(value: float | None, deviation: float | None, digits: int, unit: str) 
 
 
 def joint_ranges(estimate: Estimate) -> dict[str, tuple[float, float] | None]:
-    """Joint and side → smallest and largest flexion [°]; None for a leg without sensors."""
+    """Joint and side → smallest and largest flexion [°] where it is stated; None where it never is."""
     ranges: dict[str, tuple[float, float] | None] = {}
     for side, leg in zip(SIDES, estimate.legs, strict=True):
         for joint in ("hip", "knee"):
-            angle = None if leg is None else np.degrees(as_float(getattr(leg, f"{joint}_angle")))
-            ranges[f"{joint} {side}"] = None if angle is None else (float(np.min(angle)), float(np.max(angle)))
+            angle = stated_angle(estimate, leg, joint)
+            ranges[f"{joint} {side}"] = (float(angle.min()), float(angle.max())) if angle.size else None
     return ranges
+
+
+def stated_angle(estimate: Estimate, leg: LegTrajectory | None, joint: str) -> np.ndarray:
+    """(n,) flexion of a joint, "hip" or "knee", at the samples at which it is stated [°]."""
+    if leg is None:
+        return np.zeros(0)
+    angle = np.degrees(as_float(getattr(leg, f"{joint}_angle")))
+    return np.asarray(angle[np.asarray(estimate.valid, bool) & np.isfinite(angle)])
 
 
 def median(values: npt.ArrayLike | None, rows: PyTree = slice(None)) -> float | None:

@@ -53,8 +53,8 @@ BIAS_KNOWN = 0.06
 """[rad/s] Largest expected bias of a gyroscope; a larger mean rate means that the trunk turns."""
 
 UPRIGHT = math.radians(50.0)
-"""[rad] Angle of a leg's sensor at rest from its mean direction in walking, from which on the person does not stand: a
-thigh is tilted by 60° and more in sitting, and both segments by less than 30° in standing."""
+"""[rad] Angle of a leg's sensor at rest from its mean direction in walking, from which on the person does not stand: in
+sitting a thigh is nearly level, and in standing both segments are nearly as upright as in the mean of walking."""
 
 WALKS_RATE, WALKS_WITHIN_S, LEAST_WALK_S = 2.0, 0.5, 2.0
 """[rad/s], [s], [s] The fastest leg turns faster than this, at most so long before or after each sample of walking; the

@@ -86,7 +86,7 @@ def joint_extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.nd
             continue
         for row in np.flatnonzero(table["side"] == side):
             there = (time >= table["start_s"].iloc[row]) & (time <= table["end_s"].iloc[row])
-            there &= np.asarray(estimate.valid, bool)
+            there &= np.asarray(estimate.valid, bool) & np.isfinite(as_float(leg.knee_angle))
             for joint in ("hip", "knee"):
                 angle = np.rad2deg(as_float(getattr(leg, f"{joint}_angle")))[there]
                 for word, of in (("min", np.min), ("max", np.max)):

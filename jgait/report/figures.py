@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jgait.estimators.about import EstimatedRecording, EstimateFigure
+from jgait.estimators.totals import stated_angle
 from jgait.report.page import Picture, picture
 from jgait.types import SIDES, Estimate, Feet, Legs, as_float
 
@@ -61,11 +62,10 @@ def _worn(pair: Legs | Feet | None) -> str:
 def _legs(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
     from jgait import plot
 
-    valid = np.asarray(estimate.valid, bool)
     spans = []
     for side, leg in zip(SIDES, estimate.legs, strict=True):
         for joint in () if leg is None else ("hip", "knee"):
-            values = np.rad2deg(as_float(getattr(leg, f"{joint}_angle"))[valid])
+            values = stated_angle(estimate, leg, joint)
             if values.size:
                 spans.append(f"{side} {joint} {values.min():.0f} to {values.max():.0f}°")
     ranges = "; ".join(spans).replace("-", "−")

@@ -124,10 +124,11 @@ def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
         if leg is None or time.size < 2:
             continue
         step = float(np.median(np.diff(time)))
-        knee, hip = (np.where(valid, as_float(angle), 0.0) for angle in (leg.knee_angle, leg.hip_angle))
+        told = valid & np.isfinite(as_float(leg.knee_angle))
+        knee, hip = (np.where(told, as_float(angle), 0.0) for angle in (leg.knee_angle, leg.hip_angle))
         peaks = find_peaks(knee, prominence=KNEE_SWING, distance=max(1, round(SHORTEST / step)))[0]
         for a, b in itertools.pairwise(peaks):
-            if time[b] - time[a] > LONGEST or not valid[a : b + 1].all():
+            if time[b] - time[a] > LONGEST or not told[a : b + 1].all():
                 continue
             way = None if estimate.distance is None else float(estimate.distance[b] - estimate.distance[a])
             lasts = float(time[b] - time[a])

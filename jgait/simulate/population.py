@@ -288,13 +288,14 @@ SPARE, YIELDS = 1e-4, 4.0 * DEGREE
 def _stretched(key: PRNGKeyArray, person: Person, along: Route, *, capacity: int) -> Person:
     """The person paced by the factor on the stride length with which the last step ends at the end of the route."""
     walks = jax.random.split(key)[0]
-    total = routes.walked_length(along)
+    total = routes.total_length(along)
+    on_spot = total - routes.walked_length(along)
 
     def covered(stride: Values) -> Values:
         stretched = Person(person.body, person.gait._replace(stride_length=stride))
         laid = footholds(walks, stretched, along, capacity)
         # At the end of the last interval r = 1, where a polynomial is the sum of its coefficients.
-        return jnp.sum(laid.distance_curve[laid.end.astype(int) - 1 + FIRST])
+        return jnp.sum(laid.distance_curve[laid.end.astype(int) - 1 + FIRST]) + on_spot
 
     # The distance is nearly proportional to the stride; where speed changes, each iteration divides the error by ten.
     usual = jnp.asarray(person.gait.stride_length)

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import PyTree
 
@@ -20,7 +21,7 @@ from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.notes import without_repeats
 from jgait.mounting.leg import SIDES_EXCHANGED
 from jgait.notes import NO_WALKING, SEVERITIES, Kind, Note
-from jgait.types import SIDES, Estimate, Legs, Recording, RecordingError, as_float
+from jgait.types import SIDES, AnyArray, Estimate, Legs, Recording, RecordingError, as_float
 
 ANGLES_DOUBTFUL = Kind(
     "angles_doubtful",
@@ -230,15 +231,27 @@ def _assembled(
     valid = np.zeros(time.shape, bool)
     for part in (base, legs, feet, waist):
         valid |= False if part is None else np.asarray(part.valid, bool)
+
+    def stated(part: Estimate | None, field: str) -> PyTree:
+        """A field over time of a source, NaN where this source states nothing, though others may."""
+        if part is None:
+            return None
+        there = np.asarray(part.valid, bool)
+
+        def gapped(values: AnyArray) -> np.ndarray:
+            return np.where(there.reshape(-1, *(1,) * (np.ndim(values) - 1)), as_float(values), np.nan)
+
+        return jax.tree.map(gapped, getattr(part, field))
+
     return Estimate(
         time=time,
-        legs=Legs(None, None) if legs is None else legs.legs,
-        stddev=None if legs is None else legs.stddev,
+        legs=Legs(None, None) if legs is None else stated(legs, "legs"),
+        stddev=stated(legs, "stddev"),
         distance=None if total is None else np.interp(time, total.time, total.distance),
         valid=valid,
         diagnostics=diagnostics,
         strides=None if strides is None else strides.strides,
-        feet=None if feet is None else feet.feet,
-        feet_stddev=None if feet is None else feet.feet_stddev,
+        feet=stated(feet, "feet"),
+        feet_stddev=stated(feet, "feet_stddev"),
         strides_stddev=None if strides is None else strides.stddev,
     )

@@ -141,18 +141,11 @@ SWAY_DRIVE = 8.1
 """[rad/s/√s] Density of the driving noise, before its low-pass, for a rate of 1 rad/s."""
 
 
-class Disturbed(NamedTuple):
-    """What moves a sensor on its segment (T, 3): the drive of its sway [rad/s²], and its vibration [m/s²]."""
-
-    drive: Values
-    jolts: Values
-
-
-def disturbed(
+def _disturbed(
     white: Float[AnyArray, "time 6"], gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"],
     errors: ImuErrors, dt: Values,
-) -> Disturbed:  # fmt: skip
-    """Noise that grows with the motion: zero at rest.
+) -> tuple[Float[Array, "time 3"], Float[Array, "time 3"]]:  # fmt: skip
+    """What moves a sensor on its segment, zero at rest: the drive of its sway [rad/s²], and its vibration [m/s²].
 
     Args:
         white: white noise of variance 1; the first three columns drive the sway.
@@ -174,7 +167,7 @@ def disturbed(
     size = (8.0**0.25 / (2.0 * math.pi * SHAKES_HZ) ** 1.5) / jnp.sqrt(dt)
     velocity = size * errors.acc_jolt * jolts * smooth[:, 5:]
     drive = SWAY_DRIVE / jnp.sqrt(dt) * errors.sway * moves * smooth[:, 2:5]
-    return Disturbed(drive, jnp.diff(velocity, axis=0, prepend=velocity[:1]) / dt)
+    return drive, jnp.diff(velocity, axis=0, prepend=velocity[:1]) / dt
 
 
 def _leaning(
@@ -185,10 +178,10 @@ def _leaning(
     which sways about a point under it, driven by noise.
     """
     frequency, damping = (jnp.asarray(v, acc.dtype) for v in (errors.soft_tissue_frequency, errors.soft_tissue_damping))
-    each = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) > 0.0
+    of_tissue = np.arange(6) < 3  # then the sway: one scan for both
     wobble = soft_tissue(
-        jnp.concatenate([acc, drive], axis=1), jnp.where(each, frequency, SWAY_HZ).astype(acc.dtype),
-        jnp.where(each, damping, SWAY_DAMPING).astype(acc.dtype), dt,
+        jnp.concatenate([acc, drive], axis=1), jnp.where(of_tissue, frequency, SWAY_HZ),
+        jnp.where(of_tissue, damping, SWAY_DAMPING), dt,
     )  # fmt: skip
     tissue, sway = (Wobble(*(part[:, rows] for part in wobble)) for rows in (slice(0, 3), slice(3, 6)))
 
@@ -246,12 +239,12 @@ def measure(
     def channels(of_gyr: Values, of_acc: Values) -> Float[Array, "channel"]:
         return jnp.repeat(jnp.stack([jnp.asarray(of_gyr, dtype), jnp.asarray(of_acc, dtype)]), 3)
 
-    drive, jolts = disturbed(draws[13:, 2:].T, gyr, acc, e, dt)
+    drive, vibration = _disturbed(draws[13:, 2:].T, gyr, acc, e, dt)
     gyr, acc = _leaning(gyr, acc, drive, e, dt)
     fixed = jnp.stack([jnp.asarray(part, dtype) for part in (e.mounting_x, e.mounting_y, e.mounting_z)])
     # columns are the sensor's axes in the segment's axes; the random rotation comes last, in the intended sensor axes
     axes = _turned_back(rotation(fixed), turn(mount[:3], mount[3] * e.mounting)[None])[None]
-    read = jnp.concatenate([_turned_back(part, axes) for part in (gyr, acc + jolts)], axis=1)
+    read = jnp.concatenate([_turned_back(part, axes) for part in (gyr, acc + vibration)], axis=1)
     read = read * (1.0 + scale * channels(e.gyr_scale, e.acc_scale))[None, :]
     read = low_pass(read, channels(e.gyr_bandwidth, e.acc_bandwidth), dt)
     read = read + white * channels(e.gyr_noise, e.acc_noise)[None, :] / jnp.sqrt(2.0 * dt)

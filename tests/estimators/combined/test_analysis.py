@@ -14,6 +14,7 @@ from jgait.estimators.combined.compare import comparisons, regular
 from jgait.estimators.combined.distance import WalkedDistance, distances
 from jgait.estimators.combined.distance import walked as walked_together
 from jgait.estimators.combined.strides import combined, joined
+from jgait.estimators.totals import joint_ranges
 from jgait.io.damage import agreement, damage_notes, delays, paces, samples, tilts, turns
 from jgait.notes import Kind
 from jgait.report import of_analysis
@@ -313,6 +314,22 @@ def test_what_a_gap_hides_is_in_the_deviation_of_the_distance(walked):
     assert told["combined"].stddev < 0.4
     losses = [note.code for note in found.notes if "shank_right" in note.text]
     assert "stretch_missing" in losses and "samples_lost" not in losses
+
+
+def test_a_leg_that_a_sensor_no_longer_measures_has_no_angles_although_feet_go_on(walked):
+    recording, _ = walked
+    shank = recording.sensors["shank_right"]
+    stops = int(0.6 * len(shank.time))
+    measured = np.arange(len(shank.time)) < stops
+    silent = shank._replace(gyr=np.where(measured[:, None], shank.gyr, 0.0), mask=measured)
+    found = jgait.analyse(recording._replace(sensors={**recording.sensors, "shank_right": silent}), PERSON)
+    table = io.analysis_to_dataframes(found)["samples"]
+    angles = table.filter(regex="^(hip|knee)_angle_right")
+    assert angles.shape[1] == 4 and angles.iloc[: stops - 1].notna().all().all()
+    assert angles.iloc[stops + 1 :].isna().all().all()
+    assert table["distance_m"].notna().all() and table.filter(regex="^foot.*right").iloc[-1].notna().all()
+    low, high = joint_ranges(found.estimate)["knee right"]
+    assert -10.0 < low < high < 90.0
 
 
 def test_a_source_without_any_stride_does_not_stop_the_others(walked):
