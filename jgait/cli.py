@@ -81,9 +81,12 @@ def about() -> None:
 
 
 def main() -> None:
-    """Run the command line: float64, and compiled programs kept between runs. JAX is imported by the command."""
+    """Run the command line: float64, on the CPU unless `JAX_PLATFORMS` states another device, and compiled programs kept
+    between runs. JAX is imported by the command.
+    """
     gc.set_threshold(100_000)  # imports make many objects and no garbage
     os.environ["JAX_ENABLE_X64"] = "1"
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")  # a GPU takes longer for one recording
     with contextlib.suppress(OSError):  # no place to keep them: every run compiles anew
         folder().mkdir(parents=True, exist_ok=True)
         _kept.append(folder())

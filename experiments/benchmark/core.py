@@ -238,6 +238,36 @@ def measured(name: str, make: Callable[..., Problem], quick: bool) -> list[Row]:
     return rows
 
 
+def accelerator(name: str, make: Callable[..., Problem]) -> list[Row]:
+    """Rates of smoother and gradient on what else than a CPU there is, and their largest difference from the CPU's."""
+    rows, device, processor = [], jax.devices()[0], jax.devices("cpu")[0]
+    split = f"{device.device_kind}, {SAMPLES} samples, float32"
+    for count in (64, 1024, 8192):
+        problem = make(count, SAMPLES, jnp.float32)
+        jobs: dict[str, tuple[Callable[..., Any], Any]] = {
+            "smoother": (lambda batch, logs, p=problem: smoother(p, batch, logs), problem.logs),
+            "gradient": (
+                jax.value_and_grad(lambda batch, weights, p=problem: loss(p, batch, weights), argnums=1),
+                weights_of(problem),
+            ),
+        }
+        for job, (function, free) in jobs.items():
+            here = jax.device_put((problem.batch, free), device)
+            fast, _ = program(function, *here, steps=count * SAMPLES)
+            seconds = interleaved({job: fast}, 3)[job]
+            rows.append(
+                Row(f"{name}_gpu_{job}_msteps_b{count}", fast.steps / seconds / 1e6, "1e6/s", None, count, split)
+            )
+            if count == 64:
+                there = jax.device_put((problem.batch, free), processor)
+                slow, _ = program(function, *there, steps=count * SAMPLES)
+                pairs = zip(jax.tree.leaves(fast.run()), jax.tree.leaves(slow.run()), strict=True)
+                apart = max(float(np.max(abs(np.asarray(a) - b)) / max(np.max(abs(b)), 1e-9))
+                            for a, b in ((a, np.asarray(b)) for a, b in pairs))  # fmt: skip
+                rows.append(Row(f"{name}_gpu_{job}_difference", apart, "1", None, count, "over the largest value"))
+    return rows
+
+
 def gradient_error(make: Callable[..., Problem]) -> float:
     """The largest relative difference of the gradient from central differences, over all free numbers, in float64."""
     with jax.enable_x64(True):
@@ -283,6 +313,9 @@ def rows(quick: bool) -> list[Row]:
     with jax.default_device(jax.devices("cpu")[0]), jax.enable_x64(False):
         found = [*measured("foot", foot, quick), *measured("leg", leg, quick)]
         found += over_dynamax(quick)
+    if jax.default_backend() != "cpu":
+        with jax.enable_x64(False):
+            found += [*accelerator("foot", foot), *accelerator("leg", leg)]
     error = max(gradient_error(foot), gradient_error(leg))
     found.append(Row("gradient_relative_error", error, "1", None, None, "against central differences, float64"))
     ratio = max(row.value for row in found if row.metric.endswith("likelihood_gradient_over_filter"))

@@ -11,6 +11,7 @@ order differentiate the computation itself.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Protocol
 
 import jax
@@ -51,7 +52,7 @@ class Batched(Protocol):
 
     @property
     def block(self) -> int:
-        """The number of recordings that are computed at once [1]; more of them leave the processor's cache."""
+        """The number of recordings that a CPU computes at once [1]; more of them leave its cache."""
 
 
 Reverse = Callable[[tuple[int, ...], list[Any], list[Any], list[Any | None]], list[Any]]
@@ -86,12 +87,13 @@ def _lanes(value: PyTree, rank: int, sizes: tuple[int, ...]) -> PyTree:
     return jnp.broadcast_to(value, own + sizes).reshape(*own, math.prod(sizes))
 
 
-def evaluated(*arguments: PyTree, function: Batched, ranks: tuple[int, ...]) -> list[PyTree]:
+def evaluated(*arguments: PyTree, function: Batched, ranks: tuple[int, ...], blocks: bool = True) -> list[PyTree]:
     """The outputs of a call with its batch axes behind, by operations of JAX; `ranks`: the arguments' own axes."""
     sizes = _sizes(arguments, ranks)
     count = math.prod(sizes)
     lanes = [_lanes(value, rank, sizes) for value, rank in zip(arguments, ranks, strict=True)]
-    outputs = function.value(*lanes) if count in (1, function.block) else _in_blocks(function, lanes, count)
+    blocks = blocks and count not in (1, function.block)
+    outputs = _in_blocks(function, lanes, count) if blocks else function.value(*lanes)
     return [jnp.broadcast_to(o, (*o.shape[:-1], count)).reshape(o.shape[:-1] + sizes) for o in outputs]
 
 
@@ -305,14 +307,11 @@ def _pruned(used: Sequence[bool], *rest: Any) -> tuple[list[bool], Any]:
         function = replace(function, function=lesser, given=tuple(place))
     else:
         function, outputs = function.lesser(used)
+    ranks = tuple(r for r, needs in zip(ranks, needed, strict=True) if needs)
     new = equation.replace(
         invars=[v for v, needs in zip(inputs, needed, strict=True) if needs],
         outvars=[v for v, has in zip(equation.outvars, outputs, strict=True) if has],
-        params={
-            **params,
-            "function": function,
-            "ranks": tuple(r for r, needs in zip(ranks, needed, strict=True) if needs),
-        },
+        params={**params, "function": function, "ranks": ranks},
     )
     return needed, new
 
@@ -325,7 +324,8 @@ def _summed(value: PyTree, shape: tuple[int, ...]) -> PyTree:
 
 _call.def_impl(evaluated)
 _call.def_abstract_eval(_abstract)
-mlir.register_lowering(_call, mlir.lower_fun(evaluated, multiple_results=True))
+mlir.register_lowering(_call, mlir.lower_fun(partial(evaluated, blocks=False), multiple_results=True))
+mlir.register_lowering(_call, mlir.lower_fun(evaluated, multiple_results=True), platform="cpu")
 batching.primitive_batchers[_call] = _mapped
 ad.primitive_jvps[_call] = _jvp
 ad.primitive_transposes[_call] = _transposed

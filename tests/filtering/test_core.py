@@ -260,3 +260,10 @@ def test_a_tight_zero_velocity_problem_in_float32(execution, standing):
     late = slice(100, None)  # the first readings lower the velocity's variance by eight digits
     assert np.max(np.abs(single_variance / variance - 1.0)[late]) < 1e-2
     assert np.max(np.abs(single - mean) / np.sqrt(variance)) < 1e-2
+
+
+def test_a_gpu_computes_all_recordings_at_once():
+    problem = foot(100, 20, jnp.float32)
+    traced = jax.jit(lambda batch: smoother(problem, batch, problem.logs)).trace(problem.batch)
+    loops = {on: traced.lower(lowering_platforms=(on,)).as_text().count("stablehlo.while") for on in ("cpu", "cuda")}
+    assert loops["cuda"] == loops["cpu"] - 1 >= 2  # forward and backward in time, without the loop over blocks
