@@ -2,7 +2,8 @@ r"""Instants at which the ankle rests: the valley of the shank's rate in each st
 
 Between two swings the shank rolls over the foot; its rate is least after some 40 % of this time, when the ankle hardly
 moves. The paper calls this instant the vertical event (the shank then leans by 4 to 12°). Before the first swing, after
-the last swing and in a pause the person stands; the instant is then the still sample next to the swing. On the host.
+the last swing and in a pause the person stands; the instant is then the still sample next to the swing. A recording that
+cuts a stance off has no instant in it. On the host.
 """
 
 from typing import NamedTuple
@@ -33,6 +34,10 @@ RESTS = 1.5
 """[rad/s] Largest norm of the rate in a valley; shanks of recorded walks reach 1.4. In tight turns the sagittal rate
 can be least while the leg swings."""
 
+SWINGS = 1.0
+"""[rad/s] Forward rate from which on a shank swings, next to the first and the last swing that are whole; at the very
+end of the recording `STILL`."""
+
 CUTOFF_HZ = 4.0
 """[Hz] Cut-off of the low-pass filter of the rates, applied both ways."""
 
@@ -43,6 +48,7 @@ class ShankStances(NamedTuple):
     begin: np.ndarray  #: (n,) sample at which the stride of each swing begins.
     end: np.ndarray  #: (n,) sample at which the stride ends; except at pauses, the start of the next stride.
     standing: np.ndarray  #: (n, 2) bool, True where the start or the end lies in standing, False where it is a valley.
+    rests: np.ndarray  #: (n, 2) bool, False where the recording's begin or end cuts the stance off.
 
 
 def stances(
@@ -70,22 +76,18 @@ def stances(
         raise ValueError("every swing must end after it starts and before the next; these do not")
     n = len(first)
     before, after = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    standing = np.zeros((n, 2), bool)
+    standing, rests = np.zeros((n, 2), bool), np.ones((n, 2), bool)
     for k in range(n + 1):
         low = last[k - 1] if k > 0 else None
         high = first[k] if k < n else None
         if low is not None and high is not None and not _pauses(norm[low:high], sampling_rate_hz):
-            span = high - low
-            a, b = low + int(EARLIEST * span), high - int((1.0 - LATEST) * span)
-            after[k - 1] = before[k] = _valley(x, norm, a, max(b, a + 1))
+            after[k - 1] = before[k] = _valley(x, norm, low, high)
             continue
         if low is not None:
-            after[k - 1] = _still(norm, low, 1, sampling_rate_hz, limit=high)
-            standing[k - 1, 1] = True
+            after[k - 1], standing[k - 1, 1], rests[k - 1, 1] = _at_end(x, norm, low, 1, sampling_rate_hz, high)
         if high is not None:
-            before[k] = _still(norm, high, -1, sampling_rate_hz, limit=low)
-            standing[k, 0] = True
-    return ShankStances(before, after, standing)
+            before[k], standing[k, 0], rests[k, 0] = _at_end(x, norm, high, -1, sampling_rate_hz, low)
+    return ShankStances(before, after, standing, rests)
 
 
 def _pauses(norm: np.ndarray, rate_hz: float) -> bool:
@@ -95,18 +97,39 @@ def _pauses(norm: np.ndarray, rate_hz: float) -> bool:
     return any(stop - start >= RESTS_S * rate_hz for start, stop in true_runs(norm < RESTS_BELOW))
 
 
-def _valley(x: np.ndarray, norm: np.ndarray, first: int, last: int) -> int:
-    """The sample of the valley of the sagittal rate, or of the norm of the rate in a turn that hides the valley."""
+def _valley(x: np.ndarray, norm: np.ndarray, low: int, high: int) -> int:
+    """The sample of the valley between two swings: of the sagittal rate, or of the norm in a turn that hides it."""
+    span = high - low
+    first, last = low + int(EARLIEST * span), high - int((1.0 - LATEST) * span)
+    last = max(last, first + 1)
     at = first + int(np.argmin(x[first:last]))
     return at if norm[at] <= RESTS else first + int(np.argmin(norm[first:last]))
 
 
-def _still(norm: np.ndarray, swing: int, way: int, rate_hz: float, limit: int | None) -> int:
-    """The still sample nearest to a swing: after the swing's end (1) or before its start (−1)."""
-    index = swing + way * np.arange(int(NEAR_S * rate_hz), max(int(FAR_S * rate_hz), int(NEAR_S * rate_hz) + 1))
+def _at_end(
+    x: np.ndarray, norm: np.ndarray, swing: int, way: int, rate_hz: float, limit: int | None
+) -> tuple[int, bool, bool]:
+    """The instant after a swing's end (1) or before its start (−1), whether it is in standing, and whether it rests.
+
+    `limit` is the next swing after a pause; None: the recording has none. Then it may begin or end in walking: the
+    instant is a valley if a part of the next swing is there, and there is no instant if the stance is cut off.
+    """
     edge = (len(norm) - 1 if way > 0 else 0) if limit is None else limit
+    near = int(NEAR_S * rate_hz)
+    if limit is None:
+        until = swing + way * np.arange(min(abs(edge - swing), int(PAUSE_S * rate_hz)) + 1)
+        swings = np.flatnonzero((x[until] < -np.where(until == edge, STILL, SWINGS))[near:])
+        stance = until[: near + swings[0]] if len(swings) else until[:0]
+        stance = stance[np.append(np.flatnonzero(x[stance] >= 0.0), 0)[:-1]]
+        if len(stance) > near:
+            at = _valley(x, norm, *sorted((swing, int(stance[-1]))))
+            return at, False, bool(norm[at] <= RESTS)
+    index = swing + way * np.arange(near, max(int(FAR_S * rate_hz), near + 1))
     index = index[index <= edge] if way > 0 else index[index >= edge]
     if len(index) == 0:
-        return edge
+        return edge, True, bool(norm[edge] < STILL)
     rates = norm[index]
-    return int(index[np.argmax(rates < max(STILL, 1.2 * float(rates.min())))])
+    slowest = int(np.argmin(rates))
+    cut = limit is None and index[slowest] == edge and rates[slowest] >= STILL
+    at = int(index[np.argmax(rates < max(STILL, 1.2 * float(rates[slowest])))])
+    return at, True, bool(norm[at] <= RESTS and not cut)

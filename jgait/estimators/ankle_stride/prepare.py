@@ -187,6 +187,8 @@ def _leg(
     slow = _gentle(at_rest.gyr, rate_hz)
     speed = np.linalg.norm(slow, axis=1)
     stood = shank_stance.stances(slow @ axes.rows[1], speed, start, end, rate_hz)
+    stands = _standing(stood, speed, rate_hz)
+    start, end, stood = _kept(stood.rests.all(axis=1), start, end, stood)
     if len(start):
         gentle = _gentle(whole.acc, rate_hz)
         valleys = stood.end[~stood.standing[:, 1]]
@@ -199,7 +201,7 @@ def _leg(
             notes.append(CLIPPED(signal=what, placement=name, samples=flags.sum()))
     if lost.any():
         notes.append(STRIDES_UNCERTAIN(samples=lost.sum(), placement=name, longest_s=longest_loss(lost, time)))
-    stands = _standing(stood, speed, rate_hz) & ~lost
+    stands &= ~lost
     gyr, acc = (as_float(values) @ axes.rows.T for values in (whole.gyr, whole.acc))
     leg_signals = _signals(gyr, acc, time, stands, stood, rate_hz)
     gone = not_bridged(lost, time)
@@ -208,11 +210,7 @@ def _leg(
     )
     if not measured.all():
         notes.append(STRIDES_MISSING(strides=(~measured).sum(), placement=name, seconds=LONGEST_LOSS))
-        start, end, stood = (
-            start[measured],
-            end[measured],
-            shank_stance.ShankStances(*(part[measured] for part in stood)),
-        )
+        start, end, stood = _kept(measured, start, end, stood)
     if len(start) and (last := float(np.median(time[stood.end] - time[stood.begin]))) < QUICK_S:
         notes.append(STRIDES_QUICK(placement=name, seconds=last))
     over = bridged(lost, time, leg_signals["dt"], LOST_RATE, LOST_FORCE)
@@ -233,17 +231,25 @@ def _leg(
     return signals, notes, still
 
 
+def _kept(
+    whole: np.ndarray, start: np.ndarray, end: np.ndarray, stood: shank_stance.ShankStances
+) -> tuple[np.ndarray, np.ndarray, shank_stance.ShankStances]:
+    """Some of the swings and of their stances."""
+    return start[whole], end[whole], shank_stance.ShankStances(*(part[whole] for part in stood))
+
+
 def _standing(stood: shank_stance.ShankStances, speed: np.ndarray, rate_hz: float) -> np.ndarray:
     """(T,) bool, the ankle stands: around stance instants, and while the leg turns slowly in a pause or at the ends."""
     flags = np.zeros(len(speed), bool)
     if not len(stood.begin):
         return flags
     reach = max(1, round(WINDOW_S * rate_hz))
-    for instant in np.concatenate([stood.begin, stood.end]):
+    for instant in np.concatenate([stood.begin[stood.rests[:, 0]], stood.end[stood.rests[:, 1]]]):
         flags[max(0, instant - reach) : instant + reach + 1] = True
     edges = np.concatenate([[0], np.stack([stood.begin, stood.end], axis=1).ravel(), [len(speed)]])
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        flags[first:last] |= speed[first:last] < STANDING
+    pauses = np.concatenate([[True], (stood.rests & stood.standing).ravel(), [True]])
+    for first, last, pause in zip(edges[::2], edges[1::2], pauses[::2] & pauses[1::2], strict=True):
+        flags[first:last] |= pause & (speed[first:last] < STANDING)
     return flags
 
 

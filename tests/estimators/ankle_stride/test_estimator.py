@@ -105,6 +105,17 @@ def test_mounting_changes_nothing(straight):
             np.testing.assert_allclose(getattr(turned.strides, name), getattr(plain.strides, name), atol=1e-6)
 
 
+@pytest.mark.parametrize("at", np.arange(0.0, 1.1, 0.1))
+def test_a_recording_that_begins_and_ends_in_walking(at):
+    made = shank(strides=8)
+    cut = slice(round((1.9 + at) * 100.0), round((1.9 + at + 5.5) * 100.0))
+    imu = made.recording.sensors["shank_right"]
+    estimate = ankle_stride.estimate(P, Recording({"shank_right": Imu(*(part[cut] for part in imu))}, 100.0))
+    assert 4 <= len(estimate.strides.length) <= 5
+    np.testing.assert_array_less(abs(estimate.strides.length - 1.2), 3.0 * estimate.strides_stddev.length)
+    assert estimate.diagnostics["nis_right"] < ankle_stride.LARGEST_MEAN_NIS
+
+
 def test_a_stride_of_which_much_is_lost_is_left_out():
     made = shank(strides=5)
     imu = made.recording.sensors["shank_right"]
