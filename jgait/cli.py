@@ -81,8 +81,9 @@ def about() -> None:
 
 
 def main() -> None:
-    """Run the command line: float64, on the CPU unless `JAX_PLATFORMS` states another device, and compiled programs kept
-    between runs. JAX is imported by the command.
+    """Run the command line: float64, on the CPU unless `JAX_PLATFORMS` states another device, compiled programs kept.
+
+    JAX is imported by the command.
     """
     gc.set_threshold(100_000)  # imports make many objects and no garbage
     os.environ["JAX_ENABLE_X64"] = "1"

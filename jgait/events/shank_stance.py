@@ -2,8 +2,8 @@ r"""Instants at which the ankle rests: the valley of the shank's rate in each st
 
 Between two swings the shank rolls over the foot; its rate is least after some 40 % of this time, when the ankle hardly
 moves. The paper calls this instant the vertical event (the shank then leans by 4 to 12°). Before the first swing, after
-the last swing and in a pause the person stands; the instant is then the still sample next to the swing. A recording that
-cuts a stance off has no instant in it. On the host.
+the last swing and in a pause the person stands; the instant is then the still sample next to the swing. A stance
+that the recording cuts off has no instant. On the host.
 """
 
 from typing import NamedTuple
@@ -111,12 +111,13 @@ def _at_end(
 ) -> tuple[int, bool, bool]:
     """The instant after a swing's end (1) or before its start (−1), whether it is in standing, and whether it rests.
 
-    `limit` is the next swing after a pause; None: the recording has none. Then it may begin or end in walking: the
-    instant is a valley if a part of the next swing is there, and there is no instant if the stance is cut off.
+    `limit` is the next swing after a pause; None: the recording has none. Without a rest it begins or ends in walking;
+    then the instant is a valley if a part of the next swing is there, and none if the stance is cut off.
     """
     edge = (len(norm) - 1 if way > 0 else 0) if limit is None else limit
     near = int(NEAR_S * rate_hz)
-    if limit is None:
+    beside = norm[swing:] if way > 0 else norm[:swing]
+    if limit is None and not any(b - a >= RESTS_S * rate_hz for a, b in true_runs(beside < STILL)):
         until = swing + way * np.arange(min(abs(edge - swing), int(PAUSE_S * rate_hz)) + 1)
         swings = np.flatnonzero((x[until] < -np.where(until == edge, STILL, SWINGS))[near:])
         stance = until[: near + swings[0]] if len(swings) else until[:0]
@@ -129,7 +130,6 @@ def _at_end(
     if len(index) == 0:
         return edge, True, bool(norm[edge] < STILL)
     rates = norm[index]
-    slowest = int(np.argmin(rates))
-    cut = limit is None and index[slowest] == edge and rates[slowest] >= STILL
-    at = int(index[np.argmax(rates < max(STILL, 1.2 * float(rates[slowest])))])
-    return at, True, bool(norm[at] <= RESTS and not cut)
+    found = int(np.argmax(rates < max(STILL, 1.2 * float(rates.min()))))
+    outside = rates[found : found + near + 1] if index[found] != edge else rates[-near:]
+    return int(index[found]), True, bool((outside <= RESTS).all())

@@ -24,6 +24,7 @@ from jgait.estimators.ankle_stride.params import (
 )
 from jgait.estimators.ankle_stride.prepare import prepare
 from jgait.estimators.ankle_stride.readout import FLAGS
+from jgait.estimators.ends import cut_notes
 from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootModelParams
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.sides import along, of_turns, stacked
@@ -230,10 +231,12 @@ def _finished(result: Estimate, made: Prepared[AnkleInputs]) -> Estimate:
     instants = {
         f"instants_{side}": np.stack([leg.begin, leg.end], axis=1)[: int(leg.count)] for side, leg in legs if leg
     }
-    result = result._replace(diagnostics={**result.diagnostics, **instants})
-    if result.strides_stddev is None:
-        return result
     worn = {side: leg for side, leg in enumerate((made.inputs.right, made.inputs.left)) if leg is not None}
     places = {side: f"{'shank' if leg.mid_shank else 'ankle'}_{SIDES[side]}" for side, leg in worn.items()}
+    cut = cut_notes(result, {side: (places[side], leg.gyr - leg.gyr_bias) for side, leg in worn.items()})
+    notes = (*result.diagnostics["notes"], *cut)
+    result = result._replace(diagnostics={**result.diagnostics, **instants, "notes": notes})
+    if result.strides_stddev is None:
+        return result
     nis = {side: float(result.diagnostics[f"nis_{SIDES[side]}"]) for side in worn}
     return trust.judged(result, places, LARGEST_MEAN_NIS, nis)

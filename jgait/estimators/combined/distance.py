@@ -8,15 +8,17 @@ import numpy as np
 from jgait.estimators.ankle_stride.notes import SWINGS_SMALL
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import CONSISTENT, UNLIKE, combined, correlation
+from jgait.estimators.ends import WALKING_CUT
 from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED
 from jgait.estimators.losses import lost_between
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, impossible
 from jgait.estimators.proportions import SHARE_SD, SHARES
 from jgait.estimators.sides import of_turns
+from jgait.estimators.stride_flags import durations
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.signal.windows import true_runs
-from jgait.types import SIDES, Imu, Recording, as_float
+from jgait.types import SIDES, Imu, Recording, Strides, as_float
 
 DISTANCES_DIFFER = Kind(
     "distances_differ", "check", "distance: {source} says {distance:.1f} m, {other} {other_distance:.1f} m, more apart "
@@ -30,6 +32,12 @@ DISTANCE_OF_ONE_SIDE = Kind(
     "other side is in doubt or lost samples", LEFT_OUT,
 )  # fmt: skip
 
+DISTANCE_EXTENDED = Kind(
+    "distance_extended", "corrected", "distance: {metres:.1f} m of it are before the first and after the last whole "
+    "stride, at the median walking speed, because the recording begins or ends in walking",
+    "The recording cuts strides off. What is walked there is not measured stride by stride; the deviation contains it.",
+)  # fmt: skip
+
 LACKING = (SPEED_IMPLAUSIBLE.code, SWINGS_SMALL.code, *UNLIKE)
 """Codes of an estimator's notes by which its distance is in doubt."""
 
@@ -39,6 +47,9 @@ learned on the person; errors on people left out by `experiments/unseen`."""
 
 USUAL_SPEED, USUAL_STRIDE_S = 1.2, 1.1
 """[m/s], [s] Walking speed and duration of a stride, for the distance that a sensor did not see."""
+
+CUT_SD = 0.2
+"""[1] Standard deviation of what is walked where the recording cuts a stride off, over it: speed and time differ."""
 
 ALIKE = 0.5
 """[m] Largest difference of what the two sides did not see, with which both count in the distance."""
@@ -56,15 +67,18 @@ class WalkedDistance(NamedTuple):
     distance: np.ndarray  #: (T,) [m].
     stddev: float  #: standard deviation at the end [m].
     doubtful: bool  #: whether its sensors are in doubt, so that it counts only if there is no other.
+    cut: float = 0.0  #: what of it is walked before the first and after the last whole stride [m].
 
 
 class _Side(NamedTuple):
-    """What the sensor of one side says: sum of stride lengths [m], what it did not see [m], whether it is in doubt."""
+    """What the sensor of one side says about the distance."""
 
     name: str
-    length: float
-    unknown: float
+    length: float  #: sum of stride lengths [m].
+    unknown: float  #: what it did not see [m].
     doubtful: bool
+    before: float  #: what is walked before its first stride [m], see `jgait.estimators.ends`.
+    after: float  #: and after its last stride [m].
 
 
 def distances(
@@ -115,9 +129,9 @@ def distances(
             unknown = float(np.mean([one.unknown for one in sides])) if sides else _not_measured(source, recording)
             doubtful = bool(doubted.intersection(source.placements)) or _lacking(source)
         if total > 0.0 and sd > 0.0:
-            way = scale * as_float(estimate.distance)
-            spread = float(np.hypot(scale * sd, unknown))
-            walked_distances.append(WalkedDistance(source.name, as_float(estimate.time), way, spread, doubtful))
+            way, cut = _extended(scale * as_float(estimate.distance), used)
+            spread = float(np.linalg.norm([scale * sd, unknown, CUT_SD * cut]))
+            walked_distances.append(WalkedDistance(source.name, as_float(estimate.time), way, spread, doubtful, cut))
     return sorted(walked_distances, key=lambda one: one.stddev), notes
 
 
@@ -156,8 +170,35 @@ def _sides(source: SourceEstimate, recording: Recording, doubted: frozenset[str]
                 start, end = (as_float(part)[of_side & ~beyond] for part in (strides.start, strides.end))
                 unknown = USUAL_SPEED * _not_seen(recording.sensors[name], start, end)
                 unknown += float(np.nansum(length[of_side & beyond]))
-                sides.append(_Side(side, float(np.nansum(length[of_side])), unknown, name in doubted))
+                before, after = (_speed(strides, of_side) * seconds for seconds in _cut(source, name))
+                lengths = float(np.nansum(length[of_side]))
+                sides.append(_Side(side, lengths, unknown, name in doubted, before, after))
     return sides
+
+
+def _cut(source: SourceEstimate, placement: str) -> tuple[float, float]:
+    """Duration of walking before the first and after the last stride of a sensor [s]."""
+    for note in source.estimate.diagnostics["notes"]:
+        if note.code == WALKING_CUT.code and note.values["placement"] == placement:
+            return float(note.values["before_s"]), float(note.values["after_s"])
+    return 0.0, 0.0
+
+
+def _speed(strides: Strides, of_side: np.ndarray) -> float:
+    """Median speed [m/s] of the strides of a side, without those from standing."""
+    speeds = (as_float(strides.length) / durations(strides))[of_side]
+    return float(np.nanmedian(speeds)) if np.isfinite(speeds).any() else 0.0
+
+
+def _extended(way: np.ndarray, sides: list[_Side]) -> tuple[np.ndarray, float]:
+    """The distance (T,) [m] with what is walked before the first and after the last stride, and the sum of both [m].
+
+    What is walked before counts from the first sample on, and what is walked after at the last sample.
+    """
+    before, after = (float(np.mean([getattr(side, name) for side in sides] or [0.0])) for name in ("before", "after"))
+    longer = way + before
+    longer[-1:] += after
+    return longer, before + after
 
 
 def _not_measured(source: SourceEstimate, recording: Recording) -> float:
@@ -206,6 +247,8 @@ def walked(distances: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, 
         for distance in distances
         if abs(distance.distance[-1] - best.distance[-1]) > CONSISTENT * float(np.hypot(distance.stddev, best.stddev))
     ]  # fmt: skip
+    if best.cut > 0.0:
+        notes.append(DISTANCE_EXTENDED(metres=best.cut))
     used = "+".join(distance.source for distance, keeps in zip(sure, kept, strict=True) if keeps)
     way = best.distance * value / best.distance[-1]
-    return WalkedDistance(used, best.time, way, float(np.hypot(sd, apart)), best.doubtful), notes
+    return WalkedDistance(used, best.time, way, float(np.hypot(sd, apart)), best.doubtful, best.cut), notes

@@ -9,6 +9,7 @@ from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.estimators import noise, trust
+from jgait.estimators.ends import cut_notes
 from jgait.estimators.foot_ins import headings
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins import readout as foot_strides
@@ -213,13 +214,16 @@ def estimate(p: FootParams, recording: Recording, options: FootOptions = DEFAULT
 
 def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
     """The estimate with footholds, without a drift between the headings of two feet, and with doubts."""
-    feet = zip(SIDES, (made.inputs.right, made.inputs.left), strict=True)
-    footholds = {f"footholds_{side}": foot.foothold[: int(foot.count)] for side, foot in feet if foot is not None}
+    feet = {side: foot for side, foot in enumerate((made.inputs.right, made.inputs.left)) if foot is not None}
+    footholds = {f"footholds_{SIDES[side]}": foot.foothold[: int(foot.count)] for side, foot in feet.items()}
     result = result._replace(diagnostics={**result.diagnostics, **footholds})
     result = headings.together(result) if made.options.smooth else result
+    worn = {side: f"foot_{SIDES[side]}" for side in feet}
+    cut = cut_notes(result, {side: (worn[side], foot.gyr - foot.gyr_bias) for side, foot in feet.items()})
+    notes = (*result.diagnostics["notes"], *cut)
+    result = result._replace(diagnostics={**result.diagnostics, "notes": notes})
     if made.options.soft:  # its noise is tuned, and limits for it are not known
         return result
-    worn = {side: f"foot_{name}" for side, name in enumerate(SIDES) if made.inputs[side + 1] is not None}
     nis = {side: float(result.diagnostics[f"nis_{SIDES[side]}"]) for side in worn}
     return trust.judged(result, worn, LARGEST_MEAN_NIS, nis)
 

@@ -1,0 +1,49 @@
+"""Recordings that begin or end in walking: what is cut off is noted, and counts in the distance of all sensors."""
+
+import numpy as np
+import pytest
+from made.shank import shank
+
+import jgait
+from jgait.estimators import ankle_stride
+from jgait.estimators.ends import WALKING_CUT
+from jgait.types import Imu, Recording
+
+PERIOD_S, LENGTH = 1.1, 1.2
+
+
+def part(made, first, last):
+    cut = slice(round(first * 100.0), round(last * 100.0))
+    return Recording({name: Imu(*(v[cut] for v in imu)) for name, imu in made.recording.sensors.items()}, 100.0)
+
+
+def cuts(notes):
+    return [note.values for note in notes if note.code == WALKING_CUT.code]
+
+
+@pytest.mark.parametrize("at", [0.0, 0.25, 0.5, 0.75, 1.0])
+def test_what_is_cut_off_counts_in_the_distance(at):
+    """The walk is the same in each period, so five periods are five strides, wherever they begin."""
+    first = 2.5 + at
+    found = jgait.analyse(part(shank(strides=8), first, first + 5 * PERIOD_S))
+    distance, deviation = found.estimate.distance[-1], found.estimate.diagnostics["distance_stddev"][-1]
+    assert abs(distance - 5 * LENGTH) < 2.0 * deviation < 1.0
+    (values,) = cuts(found.notes)
+    whole = len(found.strides.first) * PERIOD_S
+    assert values["before_s"] + values["after_s"] == pytest.approx(5 * PERIOD_S - whole, abs=0.2)
+    assert any(note.code == "distance_extended" for note in found.notes)
+
+
+def test_standing_at_both_ends_cuts_nothing():
+    made = shank(strides=5)
+    found = jgait.analyse(made.recording)
+    assert not cuts(found.notes)
+    np.testing.assert_allclose(found.estimate.distance[-1], 5 * LENGTH, atol=0.02)
+
+
+def test_one_end():
+    seconds = len(shank(strides=6).recording.sensors["shank_right"].time) / 100.0
+    for first, last, where in ((2.75, seconds, "begins"), (0.0, seconds - 2.8, "ends")):
+        estimate = ankle_stride.estimate(ankle_stride.AnkleParams(), part(shank(strides=6), first, last))
+        (values,) = cuts(estimate.diagnostics["notes"])
+        assert values["where"] == where
