@@ -20,12 +20,12 @@ HELD = 1.5
 median over moving feet and shanks and losses of 0.1 to 0.9 s (experiment `damage.gaps`)."""
 
 
-def not_bridged(lost: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """(T,) bool, the lost samples in a row for more than `BRIDGED`: in shorter losses a signal is nearly straight."""
+def not_bridged(lost: np.ndarray, time: np.ndarray, longest: float = BRIDGED) -> np.ndarray:
+    """(T,) bool, the lost samples in a row for more than `longest` [s]: in short losses a signal is nearly straight."""
     step = np.diff(time, prepend=time[0])
     gone = np.zeros(len(time), bool)
     for first, after in true_runs(lost):
-        gone[first:after] = step[first:after].sum() > BRIDGED
+        gone[first:after] = step[first:after].sum() > longest
     return gone
 
 

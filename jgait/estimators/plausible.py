@@ -20,6 +20,9 @@ KNEE_DEG = (-20.0, 160.0)
 KNEE_SHARE = 0.01
 """[1] Share of the valid samples of a leg with such knee angles from which on they are reported."""
 
+KNEE_STIFF_DEG, HIP_SWINGS_DEG = 5.0, 20.0
+"""[deg] Range of a knee that is stiff, while its hip swings by more than this: from the 1st to the 99th percentile."""
+
 STEEPEST, LEAST_RISE = 1.0, 0.5
 """[1], [m] Slope of a walk, and its rise: strides on stairs rise by 0.6 of their length."""
 
@@ -44,6 +47,13 @@ KNEE_IMPLAUSIBLE = Kind(
     "check",
     "{side}: the knee reaches {low:.0f} to {high:.0f}°; {percent:.0f} % of its samples are beyond what a knee does",
     CAUSES,
+)
+KNEE_STIFF = Kind(
+    "knee_stiff",
+    "check",
+    "{side}: the knee moves by {knee:.0f}° only, while the hip swings by {hip:.0f}°",
+    "Both sensors of the leg can be on one segment, or have one signal under two names. These angles hold only if the "
+    "knee is locked, as by an orthosis.",
 )
 WIDTH_NEGATIVE = Kind(
     "width_negative",
@@ -84,6 +94,10 @@ def implausible(estimate: Estimate) -> tuple[Note, ...]:
             notes.append(
                 KNEE_IMPLAUSIBLE(side=side, low=knee.min(), high=knee.max(), percent=max(100.0 * beyond.mean(), 1.0))
             )
+        hip = np.rad2deg(as_float(leg.hip_angle)[valid])
+        moves = [float(np.ptp(np.percentile(angle, (1, 99)))) if angle.size else 0.0 for angle in (knee, hip)]
+        if moves[0] < KNEE_STIFF_DEG and moves[1] > HIP_SWINGS_DEG:
+            notes.append(KNEE_STIFF(side=side, knee=moves[0], hip=moves[1]))
     if estimate.distance is not None and valid.any():
         seconds = float(np.ptp(as_float(estimate.time)[valid]))
         distance = float(as_float(estimate.distance)[valid][-1])

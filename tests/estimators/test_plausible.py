@@ -56,6 +56,13 @@ def test_what_no_person_does_is_noted_with_its_side(strides, code):
     assert "Likely causes" in notes[0].meaning
 
 
+@pytest.mark.parametrize(("knee", "hip", "found"), [(2.0, 20.0, ["knee_stiff"]), (10.0, 20.0, []), (2.0, 5.0, [])])
+def test_a_knee_that_does_not_move_while_the_hip_swings_is_noted(knee, hip, found):
+    wave = np.deg2rad(np.sin(2 * np.pi * TIME))
+    leg = LegTrajectory(hip * wave, knee * wave, 0.0 * TIME, 0.0 * TIME)
+    assert codes(estimate()._replace(legs=Legs(leg, None))) == found
+
+
 def test_padding_rows_of_strides_do_not_count():
     assert codes(estimate(walked(9.0)._replace(valid=np.zeros(6, bool)))) == []
 

@@ -25,7 +25,7 @@ from jgait.mounting import shank as shank_axes
 from jgait.mounting.shank import Axes
 from jgait.notes import Note
 from jgait.signal import butterworth, clipping
-from jgait.signal.windows import window_maximum
+from jgait.signal.windows import true_runs, window_maximum
 from jgait.types import SIDES, Imu, Recording, RecordingError, Values, as_float
 
 WINDOW_S = 0.03
@@ -186,7 +186,10 @@ def _leg(
             notes.append(SWINGS_EVEN(placement=name))
     slow = _gentle(at_rest.gyr, rate_hz)
     speed = np.linalg.norm(slow, axis=1)
-    stood = shank_stance.stances(slow @ axes.rows[1], speed, start, end, rate_hz)
+    lost = ~mask | (np.diff(time, prepend=time[0]) > 1.5 / rate_hz)
+    found = len(start)
+    start, end, stood = _stances(slow @ axes.rows[1], speed, start, end, not_bridged(lost, time, LONGEST_LOSS), rate_hz)
+    missing = found - len(start)
     stands = _standing(stood, speed, rate_hz)
     start, end, stood = _kept(stood.rests.all(axis=1), start, end, stood)
     if len(start):
@@ -195,7 +198,6 @@ def _leg(
         axes = shank_axes.stance_up(axes, gentle, valleys if len(valleys) else stood.end)
     if options.standing and still is None:
         notes.append(NEVER_STANDS(placement=name))
-    lost = ~mask | (np.diff(time, prepend=time[0]) > 1.5 / rate_hz)
     for what, flags in (("gyroscope", turned), ("accelerometer", forced)):
         if flags.any():
             notes.append(CLIPPED(signal=what, placement=name, samples=flags.sum()))
@@ -208,8 +210,9 @@ def _leg(
     measured = (
         (lost_between(lost, time, stood.begin, stood.end) <= LONGEST_LOSS) & ~gone[stood.begin] & ~gone[stood.end]
     )
-    if not measured.all():
-        notes.append(STRIDES_MISSING(strides=(~measured).sum(), placement=name, seconds=LONGEST_LOSS))
+    missing += int((~measured).sum())
+    if missing:
+        notes.append(STRIDES_MISSING(strides=missing, placement=name, seconds=LONGEST_LOSS))
         start, end, stood = _kept(measured, start, end, stood)
     if len(start) and (last := float(np.median(time[stood.end] - time[stood.begin]))) < QUICK_S:
         notes.append(STRIDES_QUICK(placement=name, seconds=last))
@@ -229,6 +232,23 @@ def _leg(
         count=np.asarray(len(start), np.int32),
     )
     return signals, notes, still
+
+
+def _stances(
+    rate: np.ndarray, speed: np.ndarray, start: np.ndarray, end: np.ndarray, gone: np.ndarray, rate_hz: float
+) -> tuple[np.ndarray, np.ndarray, shank_stance.ShankStances]:
+    """Swings with their stances; each part of the recording between long losses (T,) has its own begin and end."""
+    kept, parts = np.zeros(len(start), bool), []
+    for first, after in true_runs(~gone):
+        inside = (np.rint(start) >= first) & (np.rint(end) < after)
+        if inside.any():
+            part = slice(first, after)
+            of_part = shank_stance.stances(rate[part], speed[part], start[inside] - first, end[inside] - first, rate_hz)
+            parts.append(of_part._replace(begin=of_part.begin + first, end=of_part.end + first))
+            kept |= inside
+    empty = shank_stance.ShankStances(*(np.zeros(0, np.int64),) * 2, *(np.zeros((0, 2), bool),) * 2)
+    stood = shank_stance.ShankStances(*(np.concatenate(columns) for columns in zip(empty, *parts, strict=True)))
+    return start[kept], end[kept], stood
 
 
 def _kept(

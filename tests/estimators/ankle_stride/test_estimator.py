@@ -116,6 +116,19 @@ def test_a_recording_that_begins_and_ends_in_walking(at):
     assert estimate.diagnostics["nis_right"] < ankle_stride.LARGEST_MEAN_NIS
 
 
+@pytest.mark.parametrize("at", np.arange(0.0, 1.1, 0.1))
+def test_a_sensor_that_stops_in_walking(at):
+    made = shank(strides=8)
+    imu = made.recording.sensors["shank_right"]
+    measured = imu.time < 5.5 + at
+    stopped = imu._replace(
+        mask=measured, gyr=np.where(measured[:, None], imu.gyr, 0.0), acc=np.where(measured[:, None], imu.acc, 0.0)
+    )
+    estimate = ankle_stride.estimate(P, Recording({"shank_right": stopped}, 100.0))
+    assert 4 <= len(estimate.strides.length) <= 5
+    np.testing.assert_array_less(abs(estimate.strides.length - 1.2), 3.0 * estimate.strides_stddev.length)
+
+
 def test_a_stride_of_which_much_is_lost_is_left_out():
     made = shank(strides=5)
     imu = made.recording.sensors["shank_right"]
