@@ -26,12 +26,14 @@ LEAST, MOST = 0.2, 1.5
 """[1] Limits of what is cut off, in strides: a person who stands for a moment at first is not taken to walk, nor one
 who does something else for longer."""
 
-TEXT = "{placement}: the recording {where} in walking"
-MEANING = (
+WALKING_CUT = Kind(
+    "walking_cut",
+    "info",
+    "{placement}: the recording {where} in walking, {before_s:.1f} s before the first whole stride and {after_s:.1f} s "
+    "after the last one",
     "The part of a stride there is in no stride of the table. The distance of one estimator does not count it; that of "
-    "all sensors together counts it with the median walking speed, and with a larger deviation."
+    "all sensors together counts it with the median walking speed, and with a larger deviation.",
 )
-WALKING_CUT = Kind("walking_cut", "info", TEXT, MEANING)
 
 
 def cut_notes(estimate: Estimate, sensors: Mapping[int, tuple[str, AnyArray]]) -> tuple[Note, ...]:
