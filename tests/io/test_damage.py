@@ -9,8 +9,8 @@ from experiments.damage import harm
 from jgait import io, simulate
 from jgait.io.damage import agreement, damage_notes, delays, paces, samples, splices, tilts, turns
 from jgait.io.names import unit_in_name
-from jgait.simulate.sensors import OPAL
-from jgait.types import RecordingError
+from jgait.simulate.sensors import MPU6000, OPAL
+from jgait.types import Imu, RecordingError
 
 NEW = {kind.code for module in (agreement, delays, paces, samples, splices, tilts, turns)
        for kind in vars(module).values() if type(kind).__name__ == "Kind"}  # fmt: skip
@@ -213,6 +213,28 @@ def test_recordings_without_accelerometer_or_of_a_second_are_not_judged(walk):
              walk.sensors.items()}  # fmt: skip
     assert damage_notes(walk._replace(sensors=short)) == ()
     assert damage_notes(walk._replace(sensors={p: imu._replace(acc=None) for p, imu in walk.sensors.items()})) == ()
+
+
+def test_a_thigh_that_comes_to_rest_slowly_agrees_with_its_accelerometer():
+    time = np.arange(1600) / 100.0
+    walks = np.where(time < 10.0, 0.4 * np.sin(2.0 * np.pi * time / 1.25), 0.0)
+    pitch = walks + np.interp(time, [10.0, 10.6], [0.06, 0.0])
+    rate, zero = np.gradient(pitch, time), 0.0 * time
+    acc = 9.81 * np.stack([-np.sin(pitch), zero, np.cos(pitch)], axis=1)
+    imu = Imu(time, np.stack([zero, rate, zero], axis=1), acc, np.ones(1600, bool))
+    (angle,) = tilts.tilts(imu, 100.0, tilts.MOVING[""])
+    assert angle < 0.5 * tilts.FARTHEST_DEG["thigh"]
+
+
+@pytest.mark.parametrize("gait", ["slow", "stiff_leg"])
+def test_an_unusual_gait_is_no_damage(gait):
+    """Of these people the thigh comes to rest slowly, and the foot is shaken twice in a step."""
+    who, how = jax.random.split(jax.random.key(5))
+    along, key = simulate.straight(20.0), jax.random.fold_in(how, 0)
+    person = simulate.walking(simulate.person_of(simulate.population(who, 6), 0), gait)
+    recording, _ = simulate.recording(key, simulate.covering(key, person, along), along, MPU6000)
+    told = {note.code for note in damage_notes(recording)}
+    assert not told & {"accelerometer_late", "sensor_late", "tilts_apart"}
 
 
 @pytest.mark.parametrize(

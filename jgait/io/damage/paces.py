@@ -75,7 +75,8 @@ SIDES_OUT_OF_STEP = Kind(
 )
 
 CAUSES = {
-    "gyroscope small": "the gyroscopes' unit or scale may be wrong: they read half of what they should",
+    "gyroscope small": "the gyroscopes' unit or scale may be wrong, so that they read half of what they should, or the "
+    "person shuffles",
     "gyroscope large": "the gyroscopes' unit or scale may be wrong: they read twice what they should",
     "rate high": "the sampling rate or the unit of time may be wrong: time passes twice as fast as it should",
     "rate low": "the sampling rate or the unit of time may be wrong: time passes half as fast as it should",
