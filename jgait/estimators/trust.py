@@ -31,8 +31,8 @@ _MEANING = (
 INCONSISTENT = Kind(
     "inconsistent_stances",
     "check",
-    "{placement}: stances do not fit a foot that stands (squared errors are {nis:.2f} times the expected ones, usually "
-    "less than {limit:g})",
+    "{placement}: stances do not fit a foot that stands (normalised squared innovation {nis:.2f}, in good walks below "
+    "{limit:g})",
     _MEANING,
 )
 

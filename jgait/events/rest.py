@@ -196,11 +196,16 @@ def standing_of_legs(
             long = [run for run in runs if run[1] - run[0] >= sampling_rate_hz]
             longest = max(runs, key=lambda run: run[1] - run[0])
             return LegRest(still, upright, long[0] if long else longest, notes)
-    reason = (
-        f"at rest a leg is tilted by {math.degrees(sat):.0f}° from its mean direction in walking, as of a person who "
-        "sits"
-        if sat else f"the quietest moment of this recording reaches {around.min():.2f} rad/s"
-    )  # fmt: skip
+    rested = max((after - first for first, after in true_runs(around < 2.0 * LEGS_RATE)), default=0)
+    if sat:
+        reason = (
+            f"at rest a leg is tilted by {math.degrees(sat):.0f}° from its mean direction in walking, as of a person "
+        )
+        reason += "who sits"
+    elif rested:
+        reason = f"the longest of this recording lasts {rested / sampling_rate_hz:.2f} s"
+    else:
+        reason = f"the quietest moment of this recording reaches {around.min():.2f} rad/s"
     raise RecordingError(
         f"{estimator} needs {LEGS_SHORTEST_S:g} s of quiet standing (all leg gyroscopes below {LEGS_RATE:g} rad/s) to "
         f"find the gyroscope bias and the upright pose; {reason}"

@@ -63,23 +63,28 @@ WALKING = 0.5
 ACCELEROMETER_LATE = Kind(
     "accelerometer_late",
     "check",
-    "{placement}: the accelerometer is {milliseconds:+.0f} ms behind the gyroscope",
+    "{placement}: the accelerometer is {milliseconds:.0f} ms {side} the gyroscope",
     "Gyroscope and accelerometer of one sensor have to be measured at the same time; speeds and lengths computed from "
     "both are wrong by many per cent.",
 )
 SENSOR_LATE = Kind(
     "sensor_late",
     "check",
-    "{placement} is {milliseconds:+.0f} ms behind {other}; one of the two clocks is wrong",
+    "{placement} is {milliseconds:.0f} ms {side} {other}; one of the two clocks is wrong",
     "Angles between two segments, and what is computed from them, need sensors on one clock.",
 )
 CLOCKS_DRIFT = Kind(
     "clocks_drift",
     "check",
-    "{placement} falls behind {other} by {milliseconds:+.0f} ms from the first to the last third of the walk; "
+    "{placement} drifts {milliseconds:.0f} ms {side} {other} from the first to the last third of the walk; "
     "one of the two clocks is fast or loses samples",
     "Angles between two segments, and what is computed from them, need sensors on one clock.",
 )
+
+
+def _told(delay: float) -> dict[str, float | str]:
+    """Values of a note: the size of a delay [ms], and whether it is one."""
+    return {"milliseconds": 1e3 * abs(delay), "side": "behind" if delay > 0.0 else "ahead of"}
 
 
 def _changes(values: np.ndarray, step: int) -> np.ndarray:
@@ -137,7 +142,7 @@ def delay_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
         low, high = min(low, -1.0 / rate_hz), max(high, 1.0 / rate_hz)
         delay, alike = _late(_changes(gyr, step), _changes(acc, step), rate_hz, (low, high), CLEARER)
         if not low <= delay <= high and alike > LEAST_ALIKE:
-            notes.append(ACCELEROMETER_LATE(placement=placement, milliseconds=1e3 * delay))
+            notes.append(ACCELEROMETER_LATE(placement=placement, **_told(delay)))
     return (*notes, *_in_legs(long, rate_hz))
 
 
@@ -200,7 +205,7 @@ def _between(
     notes = []
     delay, alike = _late(first, second, rate_hz, (-farthest, farthest), CLEARER_BETWEEN)
     if abs(delay) > farthest and alike > LEAST_ALIKE:
-        notes.append(SENSOR_LATE(placement=lower, milliseconds=1e3 * delay, other=upper))
+        notes.append(SENSOR_LATE(placement=lower, other=upper, **_told(delay)))
     walks = np.flatnonzero(_mean(first[:, None], round(rate_hz))[:, 0] > WALKING * first.mean())
     first, second = (signal[walks[0] : walks[-1] + 1] for signal in (first, second))
     third = len(first) // 3
@@ -208,5 +213,5 @@ def _between(
         begin, end = (_late(first[cut], second[cut], rate_hz) for cut in (slice(third), slice(-third, None)))
         drift = end[0] - begin[0]
         if abs(drift) > DRIFT_S and min(begin[1], end[1]) > LEAST_ALIKE:
-            notes.append(CLOCKS_DRIFT(placement=lower, milliseconds=1e3 * drift, other=upper))
+            notes.append(CLOCKS_DRIFT(placement=lower, other=upper, **_told(drift)))
     return notes

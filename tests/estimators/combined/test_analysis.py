@@ -197,7 +197,7 @@ def test_exchanged_shanks_are_named_and_not_combined(walked):
     recording, truth = walked
     sensors = recording.sensors
     exchanged = {"shank_right": sensors["shank_left"], "shank_left": sensors["shank_right"]}
-    late = delays.SENSOR_LATE(placement="shank_right", milliseconds=170.0, other="thigh_right")
+    late = delays.SENSOR_LATE(placement="shank_right", milliseconds=170.0, side="behind", other="thigh_right")
     found = jgait.analyse(recording._replace(sensors={**sensors, **exchanged}, notes=(late,)), PERSON)
     assert late not in found.notes
     (note,) = (note for note in found.notes if note.code == "sides_exchanged")
