@@ -18,7 +18,7 @@ SEVERITIES: tuple[Severity, ...] = ("stop", "check", "corrected", "info")
 LONGEST = 600
 """[characters] Longest sentence of a note; of a longer one the middle is left out."""
 
-Value = str | int | float | bool | tuple[str, ...]
+type Value = str | int | float | bool | tuple[str, ...] | Range
 
 
 def printable(text: str, most: int | None = None) -> str:
@@ -115,18 +115,37 @@ class Note:
 def grouped(notes: Iterable[Note]) -> list[Note]:
     """Notes for people: notes that state the same of one sensor each become one note with the names of all of them.
 
-    Only notes whose sentence begins with the sensor and a colon: in other sentences the sensor is the subject.
+    Numbers that differ become ranges, unless one sensor has several of the notes. Only notes whose sentence begins with
+    the sensor and a colon: in other sentences the sensor is the subject.
     """
     groups: dict[object, list[Note]] = {}
     for note in notes:
-        others = {name: value for name, value in note.values.items() if name != "placement"}
+        words = {name: value for name, value in note.values.items() if name != "placement" and not _number(value)}
         of_sensor = note.kind.text.startswith("{placement}: ")
-        groups.setdefault((note.code, str(others)) if of_sensor else note, []).append(note)
-    lines = []
-    for same in groups.values():
-        names = tuple(dict.fromkeys(str(note.values.get("placement")) for note in same))
-        lines.append(same[0] if len(names) == 1 else replace(same[0], values={**same[0].values, "placement": names}))
-    return lines
+        groups.setdefault((note.code, str(words)) if of_sensor else note, []).append(note)
+    return [line for same in groups.values() for line in _joined(same)]
+
+
+def _joined(same: list[Note]) -> list[Note]:
+    """Notes of one kind on several sensors as one, with ranges of numbers; else equal ones."""
+    names = tuple(dict.fromkeys(str(note.values.get("placement")) for note in same))
+    if len(names) == 1:
+        return list(dict.fromkeys(same))
+    if len(names) < len(same):
+        equal: dict[str, list[Note]] = {}
+        for note in same:
+            equal.setdefault(str({**note.values, "placement": ""}), []).append(note)
+        return [line for group in equal.values() for line in _joined(list(dict.fromkeys(group)))]
+    values: dict[str, Value] = {**same[0].values, "placement": names}
+    for name, value in same[0].values.items():
+        if _number(value):
+            every = [cast(float, note.values[name]) for note in same]
+            values[name] = value if min(every) == max(every) else Range(min(every), max(every))
+    return [replace(same[0], values=values)]
+
+
+def _number(value: Value) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def to_json(notes: Iterable[Note]) -> str:
@@ -142,6 +161,19 @@ def from_json(text: str) -> tuple[Note, ...]:
         raise ValueError(f"these are no notes in JSON: {text[:60]!r}") from error
 
 
+class Range(NamedTuple):
+    """The numbers of several notes, in the sentence of all of them."""
+
+    low: float
+    high: float
+
+    def __format__(self, spec: str) -> str:
+        if "|" in spec:
+            return format(_Count(int(self.high)), spec)
+        low, high = format(self.low, spec), format(self.high, spec)
+        return low if low == high else f"{low} to {high}"
+
+
 class _Count(int):
     """A whole number that chooses between two words, see `Kind.text`."""
 
@@ -152,7 +184,7 @@ class _Count(int):
 
 def _shown(value: Value) -> object:
     """A value as sentences have it."""
-    if isinstance(value, tuple):
+    if isinstance(value, tuple) and not isinstance(value, Range):
         return ", ".join(value)
     return _Count(value) if type(value) is int else value
 

@@ -75,12 +75,24 @@ def test_a_number_chooses_the_singular_or_the_plural():
 
 def test_notes_that_state_the_same_of_several_sensors_are_one_for_people():
     same = [LOST(placement=name, lost=3, share=0.5, files="a.csv") for name in ("waist", "foot_left")]
-    other = LOST(placement="foot_right", lost=4, share=0.5, files="a.csv")
+    other = LOST(placement="foot_right", lost=3, share=0.5, files="b.csv")
     subject = Kind("still", "check", "{placement} never stands still", "It moves.")
     stands = [subject(placement=name) for name in ("waist", "foot_left")]
     assert [note.text for note in grouped([same[0], other, same[1], *stands])] == [
         "waist, foot_left: 3 of 0.5 % are lost in a.csv", str(other), *map(str, stands)
     ]  # fmt: skip
+
+
+def test_notes_that_differ_in_numbers_become_one_with_their_range():
+    lost = Kind(
+        "rows_lost", "check", "{placement}: {lost} {lost:row|rows} of {of}, {share:.1f} %, {lost:is|are} lost", "…"
+    )
+    three = [
+        lost(placement=name, lost=n, of=90, share=n / 0.9) for name, n in (("waist", 4), ("foot", 1), ("shank", 2))
+    ]
+    assert [note.text for note in grouped(three)] == ["waist, foot, shank: 1 to 4 rows of 90, 1.1 to 4.4 %, are lost"]
+    again = lost(placement="waist", lost=7, of=90, share=7.8)  # of one sensor two: nothing is hidden in a range
+    assert [note.text.split(":")[0] for note in grouped([*three, again])] == ["waist", "foot", "shank", "waist"]
 
 
 def test_notes_come_back_from_json():

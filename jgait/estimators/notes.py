@@ -9,7 +9,7 @@ NO_STEPS = Kind("no_walking", "stop", "{placement} does not walk", NO_WALKING)
 CLIPPED = Kind(
     "signal_clipped",
     "check",
-    "the {signal} of {placement} clips in {samples} {samples:sample, which counts|samples, which count} for less",
+    "{placement}: the {signal} clips in {samples} {samples:sample, which counts|samples, which count} for less",
     CLIPPING,
 )
 

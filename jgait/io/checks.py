@@ -42,7 +42,7 @@ CHANNEL_CONSTANT = Kind(
 CHANNEL_CLIPPED = Kind(
     "channel_clipped",
     "check",
-    "{channel} is clipped at {value:.4g} {unit} in {samples} {samples:sample|samples}",
+    "{placement}: {channel} is clipped at ±{value:.4g} {unit} in {samples} {samples:sample|samples}",
     CLIPPING,
 )
 
@@ -282,12 +282,16 @@ def _channel_notes(name: str, values: np.ndarray, mask: np.ndarray, floor: float
         return []
     if np.ptp(there) == 0.0:
         return [CHANNEL_CONSTANT(channel=name, value=there[0], unit=unit)]
-    notes = []
+    limits = {}
     for extreme in (there.max(), there.min()):
-        if abs(extreme) < floor:
-            continue
         at_extreme = mask & (np.abs(values - extreme) <= 1e-6 * abs(extreme))
         clipped = sum(end - start for start, end in true_runs(at_extreme) if end - start >= CLIP_RUN)
-        if clipped:
-            notes.append(CHANNEL_CLIPPED(channel=name, value=extreme, unit=unit, samples=clipped))
-    return notes
+        if clipped and abs(extreme) >= floor:
+            limits[float(abs(extreme))] = clipped
+    if not limits:
+        return []
+    placement, _, channel = name.partition(" ")
+    clips = CHANNEL_CLIPPED(
+        placement=placement, channel=channel, value=max(limits), unit=unit, samples=sum(limits.values())
+    )
+    return [clips]

@@ -103,7 +103,7 @@ def test_a_clipped_swing_is_flagged(csv, tmp_path, words, monkeypatch):
 
     code, said = run(csv(clip, placement="shank_right"), *words)
     assert code == 0, said
-    assert "walk.csv: the gyroscope of shank_right clips in" in said
+    assert "walk.csv: shank_right: the gyroscope clips in" in said
     flags = strides_of(tmp_path)["special"]
     assert len(flags) == 6 and all("clipped" in one for one in flags), list(flags)
 
