@@ -22,6 +22,9 @@ from jgait.types import PLACEMENTS, Recording, RecordingError
 SLOW, FAST = 12.0, 30.0
 """[unit of the file] 99th percentile of a walking sensor's rate: below the first rad/s, above the second deg/s."""
 
+MOST_SHAKEN = 0.6, 2.0
+"""[g] Limits of the median specific force of a sensor in walking, if another sensor decides about its unit."""
+
 PLACED_BY_NAME = Kind("placed_by_name", "info", "the sensor {sensor!r} is taken to have sat at {placement}", DEDUCED)
 NOT_PLACED = Kind("not_placed", "info", "left out, for their placement is not known: {sensors}", LEFT_OUT)
 ACC_UNIT_DEDUCED = Kind(
@@ -29,6 +32,9 @@ ACC_UNIT_DEDUCED = Kind(
     "info",
     "{placement}: the file states no unit of acceleration; {unit}, for its median is {median:.4g}",
     DEDUCED,
+)
+ACC_UNIT_SHARED = Kind(
+    "acc_unit_shared", "info", "{placement}: the file states no unit of acceleration; {unit}, as {other}", DEDUCED
 )
 GYR_UNIT_DEDUCED = Kind(
     "gyr_unit_deduced",
@@ -79,15 +85,12 @@ def settle(
     placed = _placed(measured.parts, placements or {}, called, notes)
     placed = on_one_counter(placed, called, notes)
     units_gyr = _rate_units(placed, gyr_unit, called, notes)
-    units_acc = []
+    units_acc = _force_units(placed, acc_unit, called, notes)
     for where, part in placed.items():
-        units_acc.append(
-            "m/s^2" if part.acc is None else acc_unit or part.acc_unit or _unit(part, where, called, notes)
-        )
         notes += _which_way_up(part, where)
     sensors = {
         where: _in_si(part, rate, force)
-        for (where, part), rate, force in zip(placed.items(), units_gyr.values(), units_acc, strict=True)
+        for (where, part), rate, force in zip(placed.items(), units_gyr.values(), units_acc.values(), strict=True)
     }
     time, rate_hz = one_clock(placed, sensors, sampling_rate_hz, called, notes)
     recording = recording_from_arrays(
@@ -145,21 +148,46 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
     return placed
 
 
-def _unit(part: Part, where: str, name: str, notes: list[Note]) -> str:
-    """The accelerometer's unit, deduced from gravity."""
-    size = np.linalg.norm(np.asarray(part.acc, np.float64), axis=1)
-    size = size[np.isfinite(size)]
-    force = float(np.median(size)) if len(size) else float("nan")
+def _force_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes: list[Note]) -> dict[str, str]:
+    """Placement → the accelerometer's unit: given, stated, or deduced from gravity, which is its median.
+
+    A sensor that is shaken so that its median is not gravity has the unit of another one.
+    """
+    units: dict[str, str | None] = {}
+    medians = {}
+    for where, part in placed.items():
+        units[where] = "m/s^2" if part.acc is None else chosen or part.acc_unit
+        if units[where] is None:
+            size = np.linalg.norm(np.asarray(part.acc, np.float64), axis=1)
+            size = size[np.isfinite(size)]
+            medians[where] = float(np.median(size)) if len(size) else float("nan")
+            units[where] = _unit_of_gravity(medians[where])
+    sure = next((where for where in medians if units[where] is not None), "")
+    shared = units.get(sure)
+    for where, median in medians.items():
+        if units[where] is not None:
+            notes.append(ACC_UNIT_DEDUCED(placement=where, unit=units[where], median=median))
+            continue
+        forces = 0.0 if shared is None else median * ACC_UNITS[shared] / ACC_UNITS["g"]
+        if MOST_SHAKEN[0] < forces < MOST_SHAKEN[1] or np.isnan(forces):
+            units[where] = shared
+            notes.append(ACC_UNIT_SHARED(placement=where, unit=shared, other=sure))
+        else:
+            raise RecordingError(
+                f"{name}: the file states no unit of acceleration, and the median of {where} is {median:.4g}, which is "
+                f"gravity in none of {', '.join(ACC_UNITS)}; give {{argument}}, or find the raw signal if gravity was "
+                "removed",
+                argument="acc_unit",
+            )
+    return {where: str(unit) for where, unit in units.items()}
+
+
+def _unit_of_gravity(median: float) -> str | None:
+    """The unit in which a median size of the specific force is gravity, or None."""
     for unit, factor in ACC_UNITS.items():
-        gravity = ACC_UNITS["g"] / factor
-        if GRAVITY_RANGE[0] * gravity <= force <= GRAVITY_RANGE[1] * gravity:
-            notes.append(ACC_UNIT_DEDUCED(placement=where, unit=unit, median=force))
+        if GRAVITY_RANGE[0] <= median * factor / ACC_UNITS["g"] <= GRAVITY_RANGE[1]:
             return unit
-    raise RecordingError(
-        f"{name}: the file states no unit of acceleration, and the median of {where} is {force:.4g}, which is "
-        f"gravity in none of {', '.join(ACC_UNITS)}; give {{argument}}, or find the raw signal if gravity was removed",
-        argument="acc_unit",
-    )
+    return None
 
 
 def _rate_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes: list[Note]) -> dict[str, str]:

@@ -99,6 +99,22 @@ def test_a_written_recording_reads_back(tmp_path, ending):
     assert any(note.startswith("feet_range: the file states no unit; m") for note in texts(again.notes))
 
 
+def test_a_sensor_that_is_shaken_hard_has_the_unit_of_the_others(tmp_path):
+    path = made_files.named(tmp_path / "walk.csv")
+    table = pd.read_csv(path)
+    for axis in "xyz":
+        table[f"shank_left_gyr_{axis}"] = table[f"foot_right_gyr_{axis}"]
+        table[f"shank_left_acc_{axis}"] = 1.5 * table[f"foot_right_acc_{axis}"]
+    table.to_csv(path, index=False)
+    told = "shank_left: the file states no unit of acceleration; m/s^2, as foot_right"
+    assert told in texts(io.read(path).notes)
+    for axis in "xyz":
+        table[f"shank_left_acc_{axis}"] *= 3.0
+    table.to_csv(path, index=False)
+    with pytest.raises(RecordingError, match="the median of shank_left is"):
+        io.read(path)
+
+
 def test_a_range_whose_unit_cannot_be_told(tmp_path):
     path = io.write_table(with_range(), tmp_path / "walk.csv")
     table = pd.read_csv(path)
