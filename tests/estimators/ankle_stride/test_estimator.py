@@ -190,7 +190,7 @@ def test_lost_samples_and_clipped_swings_are_noted():
     gyr[:, 1] = np.maximum(2.0 * gyr[:, 1], -4.2)  # twice as fast, and a range that this passes
     inputs = ankle_calibration.prepare(Recording({"shank_right": imu._replace(gyr=gyr)}, 100.0), ankle_stride.DEFAULT)
     assert inputs.inputs.right.clips[: int(inputs.inputs.right.count)].all()
-    assert any("gyroscope of shank_right clips" in note for note in texts(inputs.notes))
+    assert any("shank_right: the gyroscope clips" in note for note in texts(inputs.notes))
 
 
 METHODS = {"3d": 0.02, "sl1": 0.7, "sl2": 0.7}
