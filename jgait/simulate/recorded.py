@@ -33,8 +33,8 @@ def recording(
     Args:
         key: PRNG key of the person's variability and of the sensors' errors.
         person: the person; None for the default.
-        along: the route, on which the person takes `person.gait.steps` steps and stops, at its end or before; `covering`
-            gives a person the steps for all of a route. None for straight ahead.
+        along: the route, on which the person takes `person.gait.steps` steps and stops; `covering` gives a person the
+            steps for all of a route. None for straight ahead.
         errors: errors and mounting of the sensors.
         rate: sampling rate [Hz].
         placements: where sensors are worn, see `jgait.PLACEMENTS`.
