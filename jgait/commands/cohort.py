@@ -43,7 +43,10 @@ MEASURES = _measures()
 OTHERS = {"distance_m": "a distance in m above 0", "sampling_rate_hz": "a rate in Hz above 0"}
 """Column of positive numbers → their meaning."""
 
-COLUMNS = ("file", "subject", "day", *MEASURES, *OTHERS)
+REFERENCES = ("reference_samples", "reference_strides")
+"""Columns of files with a reference, see `io.reference_from_tables`."""
+
+COLUMNS = ("file", "subject", "day", *MEASURES, *OTHERS, *REFERENCES)
 ASKED_FOR = {
     measure for name in estimators.names() for group in estimators.about_of(name).missing for measure in group.measures
 }
@@ -54,7 +57,8 @@ File = Annotated[
     typer.Argument(
         metavar="[COHORT.csv]",
         help="One row for each recording. Columns: file (from the table's folder), and if known subject, day, "
-        f"{', '.join(MEASURES)}, distance_m (walked, by a reference), sampling_rate_hz.",
+        f"{', '.join(MEASURES)}, distance_m (walked, by a reference), sampling_rate_hz, reference_samples and "
+        "reference_strides (files with joint angles, and with strides, of a reference).",
     ),
 ]
 Dataset = Annotated[str | None, typer.Option(help="A public data set instead, such as walking5m or neura_sparse.")]
@@ -227,8 +231,28 @@ class _Files:
             gyr_unit=self.gyr_unit, acc_unit=self.acc_unit,
         )  # fmt: skip
         known = {measure.name: numbers[name] for name, measure in MEASURES.items() if numbers[name] is not None}
-        way = numbers["distance_m"]
-        return Walk(recording, None if way is None else _walked(recording, way), {"body": known, "day": row.get("day")})
+        files = [self.folder / row[name] if row.get(name) else None for name in REFERENCES]
+        reference = _reference(recording, numbers["distance_m"], files)
+        return Walk(recording, reference, {"body": known, "day": row.get("day")})
+
+
+def _reference(recording: Recording, way: float | None, files: Sequence[Path | None]) -> Estimate | None:
+    """The reference of a row: its distance [m], and what its files of samples and of strides have."""
+    import pandas as pd
+
+    from jgait import io
+
+    if not any(files):
+        return None if way is None else _walked(recording, way)
+    absent = next((file for file in files if file is not None and not file.exists()), None)
+    if absent is not None:
+        raise FileNotFoundError(f"there is no such file: {absent}")
+    time = np.asarray(next(iter(recording.sensors.values())).time, float)
+    found = io.reference_from_tables(time, *(None if file is None else pd.read_csv(file) for file in files))
+    if found.distance is not None or way is None:
+        return found
+    whole = _walked(recording, way)
+    return found._replace(distance=whole.distance, valid=whole.valid) if files[0] is None else found
 
 
 def _number(row: dict[str, str], name: str) -> float | None:
@@ -298,9 +322,9 @@ def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: 
         else:
             rows[file] = row
     notes = _notes(names, rows, measures)
-    marks = {file: _mark(path.parent / file, row) for file, row in rows.items()}
+    marks = {file: _mark(path.parent, row) for file, row in rows.items()}
     return Source(path.name, list(rows), _Files(path.parent, rows, gyr_unit, acc_unit), marks, failures, notes,
-                  [path.parent / file for file in rows],
+                  [file for row in rows.values() for file in _files(path.parent, row)],
                   {file: row["subject"] for file, row in rows.items() if row.get("subject")})  # fmt: skip
 
 
@@ -321,10 +345,17 @@ def _notes(names: list[str], rows: dict[str, dict[str, str]], measures: Sequence
     return notes
 
 
-def _mark(file: Path, row: dict[str, str]) -> str:
-    """A text for a row and the version of its file."""
-    state = file.stat() if file.exists() else None
-    stamp = "missing" if state is None else f"{state.st_size} bytes of {state.st_mtime_ns}"
+def _files(folder: Path, row: dict[str, str]) -> list[Path]:
+    """The files of a row: the recording, and those of its reference."""
+    return [folder / row[name] for name in ("file", *REFERENCES) if row.get(name)]
+
+
+def _mark(folder: Path, row: dict[str, str]) -> str:
+    """A text for a row and the versions of its files."""
+    states = [file.stat() if file.exists() else None for file in _files(folder, row)]
+    stamp = "; ".join(
+        "missing" if state is None else f"{state.st_size} bytes of {state.st_mtime_ns}" for state in states
+    )
     cells = ", ".join(f"{name} {row[name]}" for name in COLUMNS if row.get(name) and name != "file")
     return f"{cells} ({stamp})"
 

@@ -194,6 +194,8 @@ def _written(walk: "Walked", out: Path, files: list[Path]) -> dict[str, Any]:
         "shank_length_m": float(body.shank_length),
         "distance_m": float(extra["distance"]),
         "sampling_rate_hz": float(recording.sampling_rate_hz),
+        "reference_samples": f"{name}_truth.csv",
+        "reference_strides": f"{name}_strides.csv",
         "duration_s": float(time[-1]),
         "strides": int(np.count_nonzero(truth.strides.valid)),
         "sensors": list(recording.sensors),
@@ -206,8 +208,8 @@ def _cohort(file: Path, written: dict[str, Any]) -> Path:
 
     from jgait import io
 
-    columns = ["file", "subject", "thigh_length_m", "shank_length_m", "distance_m", "sampling_rate_hz"]
-    return io.write_csv(pd.DataFrame(list(written.values()))[columns], file)
+    table = pd.DataFrame(list(written.values()))
+    return io.write_csv(table.drop(columns=["duration_s", "strides", "sensors"]), file)
 
 
 def _show(written: dict[str, Any], most: int = 20) -> None:

@@ -87,7 +87,9 @@ def _trajectories(estimate: Estimate, reference: Estimate, common: np.ndarray) -
     quantities = {}
     for side, column, error in leg_errors(estimate, reference):
         part, suffix = column.split("_")
-        quantities[f"{part}_rmse_{suffix}_{side}"] = (float(np.sqrt(np.mean(error[common] ** 2))), 0.0)
+        known = error[common & np.isfinite(error)]
+        if known.size:
+            quantities[f"{part}_rmse_{suffix}_{side}"] = (float(np.sqrt(np.mean(known**2))), 0.0)
     return quantities
 
 

@@ -16,6 +16,7 @@ from jgait.io.formats.mobilised import mobilised_trials, read_mobilised
 from jgait.io.formats.opensim import OpenSimMotion, opensim_reference, read_opensim
 from jgait.io.formats.registry import FORMATS, format_of, read
 from jgait.io.params import PRESETS, made_of, params_file, preset_names, read_params, write_params
+from jgait.io.references import reference_from_tables, strides_from_dataframe
 from jgait.io.strides import strides_to_dataframe, to_gaitmap
 from jgait.io.tables import read_csv, recording_from_dataframe
 from jgait.io.write import recording_to_dataframe, to_dataframe, write_csv, write_table
@@ -48,6 +49,8 @@ __all__ = [
     "recording_from_gaitmap",
     "recording_from_mobgap",
     "recording_to_dataframe",
+    "reference_from_tables",
+    "strides_from_dataframe",
     "strides_to_dataframe",
     "to_dataframe",
     "to_gaitmap",

@@ -24,6 +24,8 @@ def walks(tmp_path_factory):
     for number, one in enumerate(protocols.bennett(jax.random.key(7), 4, placements=RIGHT)):
         name = f"walk{number}.csv"
         io.recording_to_dataframe(one.recording).to_csv(folder / name)
+        io.write_csv(one.truth.estimate, folder / f"samples{number}.csv")
+        io.write_csv(io.strides_to_dataframe(one.truth.estimate), folder / f"strides{number}.csv")
         known = one.truth.estimate.diagnostics
         rows.append({
             "file": name, "subject": f"p{number // 2}", "thigh_length_m": float(known["thigh_length"]),
@@ -96,6 +98,21 @@ def test_the_agreement_is_that_of_the_estimator(evaluated, walks):
     errors = written["estimate"] - written["reference"]
     assert numbers["bias"] == pytest.approx(errors.mean(), rel=1e-9)
     assert numbers["n"] == 4 and numbers["n_subjects"] == 2
+
+
+def test_references_in_files_are_compared(table, walks, tmp_path):
+    with_files = table(lambda frame: frame.drop(columns="distance_m").assign(
+        reference_samples=["samples0.csv", "samples1.csv", "samples2.csv", "nowhere.csv"],
+        reference_strides=["strides0.csv", "", "strides2.csv", ""],
+    ), "references.csv")  # fmt: skip
+    code, said = run("evaluate", with_files, "--out", tmp_path / "out")
+    assert code == 1 and "there is no such file" in said, said
+    found = pd.read_csv(tmp_path / "out" / "quantities.csv").set_index(["quantity", "recording"])["estimate"]
+    assert set(found["knee_rmse_deg_right"].index) == {"walk0.csv", "walk1.csv", "walk2.csv"}
+    assert (found["knee_rmse_deg_right"] < 8.0).all()
+    assert set(pd.read_csv(tmp_path / "out" / "strides.csv")["recording"]) == {"walk0.csv", "walk2.csv"}
+    samples = io.reference_from_tables(np.arange(0.0, 3.0, 0.01), pd.read_csv(walks[0] / "samples0.csv"))
+    assert samples.legs.right is not None
 
 
 def test_a_run_goes_on_and_refuses_changed_rows(evaluated):

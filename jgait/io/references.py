@@ -1,0 +1,136 @@
+"""A reference from tables: joint angles, distance and positions sample by sample, and strides.
+
+The columns are those of `to_dataframe` and `strides_to_dataframe`; others are ignored.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from jgait.estimators.stride_flags import STRIDE_COLUMNS
+from jgait.types import (
+    SIDES,
+    AnyArray,
+    Estimate,
+    Feet,
+    FootTrajectory,
+    Legs,
+    LegTrajectory,
+    RecordingError,
+    Strides,
+    as_float,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+STRIDE_NEEDS = ("side", "start_s", "end_s", "stride_length_m")
+"""Columns that a table of strides must have."""
+
+SAMPLES = ("distance_m", *(
+    name for side in SIDES for name in (
+        f"hip_angle_{side}_deg", f"knee_angle_{side}_deg", *(f"{axis}_{side}_m" for axis in "xy"),
+        *(f"position_{axis}_{side}_m" for axis in "xyz"))
+))  # fmt: skip
+"""Columns of a table of samples that are read, beside `time_s` and `valid`."""
+
+FARTHEST = 2.0
+"""[1] Largest distance to a sample of the table, in its median interval, at which the reference is valid."""
+
+
+def reference_from_tables(
+    time: Float[AnyArray, "time"], samples: "pd.DataFrame | None" = None, strides: "pd.DataFrame | None" = None
+) -> Estimate:
+    """A reference for `evaluate` and `tune`, from a motion capture system, a walkway or a simulation.
+
+    Args:
+        time: (T,) times of the reference [s], those of the recording's sensors.
+        samples: columns `time_s`, on the recording's clock, and any of `hip_angle_<side>_deg` with
+            `knee_angle_<side>_deg`, `x_<side>_m` and `y_<side>_m` (ankle relative to hip), `position_x_<side>_m` with
+            `_y` and `_z` (foot in the world), `distance_m`, `valid`. Values are interpolated to `time`; samples with an
+            empty cell are not valid. A foot path that is not given is NaN.
+        strides: columns `side` (right, left), `start_s` and `end_s` (initial contacts, on the recording's clock),
+            `stride_length_m`, and any other of `strides_to_dataframe`.
+
+    Raises:
+        RecordingError: a column that is needed is missing, cells that are no numbers, a side that is none, times that
+            do not increase, or no table at all.
+    """
+    if samples is None and strides is None:
+        raise RecordingError("a reference needs a table of samples or of strides; got none")
+    at = as_float(time)
+    legs: dict[str, LegTrajectory | None] = dict.fromkeys(SIDES)
+    feet: dict[str, FootTrajectory | None] = dict.fromkeys(SIDES)
+    distance, valid = None, np.ones(len(at), bool)
+    if samples is not None:
+        columns, valid = _at(at, samples)
+        none = np.full(len(at), np.nan)
+        for side in SIDES:
+            hip, knee = (columns.get(f"{joint}_angle_{side}_deg") for joint in ("hip", "knee"))
+            if hip is not None and knee is not None:
+                path = [columns.get(f"{axis}_{side}_m", none) for axis in "xy"]
+                legs[side] = LegTrajectory(np.deg2rad(hip), np.deg2rad(knee), *path)
+            place = [columns.get(f"position_{axis}_{side}_m") for axis in "xyz"]
+            if not any(axis is None for axis in place):
+                feet[side] = FootTrajectory(np.stack([part for part in place if part is not None], axis=1), None, None)
+        distance = columns.get("distance_m")
+    return Estimate(
+        at, Legs(**legs), None, distance, valid, {}, None if strides is None else strides_from_dataframe(strides),
+        Feet(**feet) if any(foot is not None for foot in feet.values()) else None,
+    )  # fmt: skip
+
+
+def strides_from_dataframe(table: "pd.DataFrame") -> Strides:
+    """Strides of a table with the columns of `strides_to_dataframe`: see `reference_from_tables`, also for errors."""
+    _needs(table, STRIDE_NEEDS, "a table of strides")
+    numbers = {word: number for number, name in enumerate(SIDES) for word in (name, name[0])}
+    sides = table["side"].astype(str).str.strip().str.lower().map(numbers)
+    if sides.isna().any():
+        wrong = table["side"][sides.isna()].iloc[0]
+        raise RecordingError(f"column 'side' of a table of strides has 'right' or 'left'; got {wrong!r}")
+    fields = {
+        field: _numbers(table, column) / scale
+        for column, (field, scale) in STRIDE_COLUMNS.items() if field and column in table
+    }  # fmt: skip
+    start, end = _numbers(table, "start_s"), _numbers(table, "end_s")
+    contact = _numbers(table, "final_contact_s") if "final_contact_s" in table else None
+    standing = {name: _numbers(table, f"{name}_s") for name in ("standing", "standing_end") if f"{name}_s" in table}
+    none = np.full(len(table), np.nan)
+    valid = np.isfinite(start) & np.isfinite(end) & np.isfinite(fields["length"])
+    if np.any(end[valid] <= start[valid]):
+        raise RecordingError("every stride must end (end_s) after it starts (start_s); a row of the table does not")
+    return Strides(**{"width": none, "height": none, **fields, **standing}, side=sides.to_numpy(np.int64), start=start,
+                   final_contact=contact, end=end, valid=valid)  # fmt: skip
+
+
+def _needs(table: "pd.DataFrame", columns: tuple[str, ...], what: str) -> None:
+    missing = [name for name in columns if name not in table]
+    if missing:
+        raise RecordingError(f"{what} needs a column {missing[0]!r}; it has {', '.join(map(repr, table.columns[:12]))}")
+
+
+def _numbers(table: "pd.DataFrame", column: str) -> np.ndarray:
+    try:
+        return table[column].to_numpy(np.float64)
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f"column {column!r} of a reference must have numbers; {error}") from error
+
+
+def _at(time: np.ndarray, samples: "pd.DataFrame") -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """The columns of numbers of a table of samples at other times, and (T,) bool where they are known."""
+    _needs(samples, ("time_s",), "a table of samples")
+    given = _numbers(samples, "time_s")
+    if len(given) < 2 or not np.all(np.diff(given) > 0.0):
+        raise RecordingError("column 'time_s' of a reference must have two times or more, which increase")
+    names = [name for name in SAMPLES if name in samples]
+    columns = {name: _numbers(samples, name) for name in names}
+    known = np.logical_and.reduce([np.isfinite(values) for values in columns.values()] or [np.zeros(len(given), bool)])
+    if "valid" in samples:
+        known &= samples["valid"].astype(bool).to_numpy()
+    if not known.any():
+        raise RecordingError("a table of samples needs a sample in which every column of the reference has a number")
+    there, farthest = given[known], FARTHEST * float(np.median(np.diff(given)))
+    after = np.minimum(np.searchsorted(there, time), len(there) - 1)
+    apart = np.minimum(np.abs(time - there[after]), np.abs(time - there[np.maximum(after - 1, 0)]))
+    return {name: np.interp(time, there, values[known]) for name, values in columns.items()}, apart <= farthest

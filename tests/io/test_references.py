@@ -1,0 +1,83 @@
+"""References from tables are what was written, and tables that cannot be one are refused in words."""
+
+import numpy as np
+import pytest
+from made.foot import foot
+
+from jgait import io
+from jgait.estimators import foot_ins
+from jgait.types import SIDES, Estimate, Legs, LegTrajectory, RecordingError
+
+TIME = np.linspace(0.0, 10.0, 501)
+
+
+def angles():
+    leg = LegTrajectory(np.sin(TIME), 0.5 + 0.4 * np.cos(TIME), 0.1 * TIME, 0.0 * TIME - 0.8)
+    return Estimate(TIME, Legs(None, leg), None, 1.3 * TIME, TIME > 1.0, {})
+
+
+@pytest.fixture(scope="module")
+def feet():
+    return foot_ins.estimate(foot_ins.FootParams(), foot(strides=4).recording)
+
+
+def test_samples_come_back_at_other_times():
+    made, at = angles(), np.linspace(0.0, 12.0, 1201)
+    back = io.reference_from_tables(at, io.to_dataframe(made))
+    there = (at > 1.02) & (at < 9.98)
+    assert back.valid[there].all() and not back.valid[(at < 0.95) | (at > 10.05)].any()
+    assert back.legs.right is None and back.feet is None and back.strides is None
+    for ours, theirs in zip(back.legs.left, made.legs.left, strict=True):
+        np.testing.assert_allclose(ours[there], np.interp(at[there], TIME, theirs), atol=1e-9)
+    np.testing.assert_allclose(back.distance[there], 1.3 * at[there], atol=1e-9)
+
+
+def test_angles_alone_are_a_reference_without_a_foot_path():
+    table = io.to_dataframe(angles()).drop(columns=["x_left_m", "y_left_m", "distance_m", "valid"])
+    back = io.reference_from_tables(TIME, table)
+    assert np.isnan(back.legs.left.x).all() and back.distance is None
+    assert back.valid[TIME > 1.0].all() and not back.valid[TIME < 0.95].any()  # empty cells before
+
+
+def test_strides_and_positions_come_back(feet):
+    table = io.strides_to_dataframe(feet)
+    table["side"] = table["side"].str.upper().str[0]  # R and L
+    back = io.reference_from_tables(feet.time, io.to_dataframe(feet), table)
+    np.testing.assert_array_equal(back.strides.side, feet.strides.side)
+    for name in ("start", "final_contact", "end", "length", "height", "turn", "lift", "standing", "contact_angle"):
+        np.testing.assert_allclose(getattr(back.strides, name), getattr(feet.strides, name), atol=1e-9)
+    shown = feet.valid & back.valid
+    np.testing.assert_allclose(back.feet.right.position[shown], feet.feet.right.position[shown], atol=1e-9)
+    assert back.feet.left is None
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t.drop(columns="end_s"), "needs a column 'end_s'; it has 's_id', 'side'"),
+        (lambda t: t.assign(side="middle"), "has 'right' or 'left'; got 'middle'"),
+        (lambda t: t.assign(stride_length_m="long"), "column 'stride_length_m' of a reference must have numbers"),
+        (lambda t: t.assign(end_s=t["start_s"]), "must end .* after it starts"),
+    ],
+)
+def test_strides_that_are_none_are_refused(feet, change, message):
+    with pytest.raises(RecordingError, match=message):
+        io.strides_from_dataframe(change(io.strides_to_dataframe(feet)))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t.drop(columns="time_s"), "needs a column 'time_s'"),
+        (lambda t: t.iloc[::-1], "'time_s' of a reference must have two times or more, which increase"),
+        (lambda t: t[["time_s"]], "needs a sample in which every column of the reference has a number"),
+        (lambda t: None, "needs a table of samples or of strides; got none"),
+    ],
+)
+def test_samples_that_are_none_are_refused(change, message):
+    with pytest.raises(RecordingError, match=message):
+        io.reference_from_tables(TIME, change(io.to_dataframe(angles())))
+
+
+def test_sides_are_the_librarys(feet):
+    assert {SIDES[side] for side in io.strides_from_dataframe(io.strides_to_dataframe(feet)).side} == {"right"}
