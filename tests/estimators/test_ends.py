@@ -32,6 +32,8 @@ def test_what_is_cut_off_counts_in_the_distance(at):
     whole = len(found.strides.first) * PERIOD_S
     assert values["before_s"] + values["after_s"] == pytest.approx(5 * PERIOD_S - whole, abs=0.2)
     assert any(note.code == "distance_extended" for note in found.notes)
+    assert found.estimate.distance[0] == pytest.approx(0.0, abs=1e-9)
+    assert np.all(np.diff(found.estimate.distance) > -1e-9)
 
 
 def test_standing_at_both_ends_cuts_nothing():

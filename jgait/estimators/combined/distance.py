@@ -77,8 +77,9 @@ class _Side(NamedTuple):
     length: float  #: sum of stride lengths [m].
     unknown: float  #: what it did not see [m].
     doubtful: bool
-    before: float  #: what is walked before its first stride [m], see `jgait.estimators.ends`.
-    after: float  #: and after its last stride [m].
+    speed: float  #: median speed [m/s].
+    before: float  #: duration of walking before its first stride [s], see `jgait.estimators.ends`.
+    after: float  #: and after its last stride [s].
 
 
 def distances(
@@ -129,9 +130,10 @@ def distances(
             unknown = float(np.mean([one.unknown for one in sides])) if sides else _not_measured(source, recording)
             doubtful = bool(doubted.intersection(source.placements)) or _lacking(source)
         if total > 0.0 and sd > 0.0:
-            way, cut = _extended(scale * as_float(estimate.distance), used)
+            time = as_float(estimate.time)
+            way, cut = _extended(scale * as_float(estimate.distance), time, used)
             spread = float(np.linalg.norm([scale * sd, unknown, CUT_SD * cut]))
-            walked_distances.append(WalkedDistance(source.name, as_float(estimate.time), way, spread, doubtful, cut))
+            walked_distances.append(WalkedDistance(source.name, time, way, spread, doubtful, cut))
     return sorted(walked_distances, key=lambda one: one.stddev), notes
 
 
@@ -170,9 +172,8 @@ def _sides(source: SourceEstimate, recording: Recording, doubted: frozenset[str]
                 start, end = (as_float(part)[of_side & ~beyond] for part in (strides.start, strides.end))
                 unknown = USUAL_SPEED * _not_seen(recording.sensors[name], start, end)
                 unknown += float(np.nansum(length[of_side & beyond]))
-                before, after = (_speed(strides, of_side) * seconds for seconds in _cut(source, name))
-                lengths = float(np.nansum(length[of_side]))
-                sides.append(_Side(side, lengths, unknown, name in doubted, before, after))
+                lengths, speed = float(np.nansum(length[of_side])), _speed(strides, of_side)
+                sides.append(_Side(side, lengths, unknown, name in doubted, speed, *_cut(source, name)))
     return sides
 
 
@@ -190,15 +191,14 @@ def _speed(strides: Strides, of_side: np.ndarray) -> float:
     return float(np.nanmedian(speeds)) if np.isfinite(speeds).any() else 0.0
 
 
-def _extended(way: np.ndarray, sides: list[_Side]) -> tuple[np.ndarray, float]:
-    """The distance (T,) [m] with what is walked before the first and after the last stride, and the sum of both [m].
-
-    What is walked before counts from the first sample on, and what is walked after at the last sample.
-    """
-    before, after = (float(np.mean([getattr(side, name) for side in sides] or [0.0])) for name in ("before", "after"))
-    longer = way + before
-    longer[-1:] += after
-    return longer, before + after
+def _extended(way: np.ndarray, time: np.ndarray, sides: list[_Side]) -> tuple[np.ndarray, float]:
+    """The distance (T,) [m] with what is walked before the first and after the last stride, and the sum of both [m]."""
+    total = 0.0
+    for side in sides:
+        since = np.clip(time - time[0], 0.0, side.before) + np.clip(time - time[-1] + side.after, 0.0, side.after)
+        way = way + side.speed * since / len(sides)
+        total += side.speed * (side.before + side.after) / len(sides)
+    return way, total
 
 
 def _not_measured(source: SourceEstimate, recording: Recording) -> float:
