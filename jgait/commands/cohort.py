@@ -19,6 +19,8 @@ from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 from jgait.commands.recordings import recording_of
 from jgait.estimators import Estimator, proportions
 from jgait.estimators.about import BodyMeasure
+from jgait.io.clock import CLOCK_FROM_FIRST
+from jgait.io.strides import TIMES
 from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note
 from jgait.types import Estimate, Legs, Recording, RecordingError, Walk, reason_of
 
@@ -45,6 +47,9 @@ OTHERS = {"distance_m": "a distance in m above 0", "sampling_rate_hz": "a rate i
 
 REFERENCES = ("reference_samples", "reference_strides")
 """Columns of files with a reference, see `io.reference_from_tables`."""
+
+REFERENCE_TIMES = ("time_s", *(f"{name}_s" for name in TIMES))
+"""Columns of times in these files."""
 
 COLUMNS = ("file", "subject", "day", *MEASURES, *OTHERS, *REFERENCES)
 ASKED_FOR = {
@@ -248,11 +253,19 @@ def _reference(recording: Recording, way: float | None, files: Sequence[Path | N
     if absent is not None:
         raise FileNotFoundError(f"there is no such file: {absent}")
     time = np.asarray(next(iter(recording.sensors.values())).time, float)
-    found = io.reference_from_tables(time, *(None if file is None else pd.read_csv(file) for file in files))
+    begins = sum(float(str(note.values["begin_s"])) for note in recording.notes if note.code == CLOCK_FROM_FIRST.code)
+    tables = (None if file is None else _from_first(pd.read_csv(file), begins) for file in files)
+    found = io.reference_from_tables(time, *tables)
     if found.distance is not None or way is None:
         return found
     whole = _walked(recording, way)
     return found._replace(distance=whole.distance, valid=whole.valid) if files[0] is None else found
+
+
+def _from_first(table: "pd.DataFrame", begins: float) -> "pd.DataFrame":
+    """A table of a reference whose times count from a sample with this time in the file [s]."""
+    times = {name: table[name] - begins for name in table.columns if name in REFERENCE_TIMES}
+    return table.assign(**times) if begins else table
 
 
 def _number(row: dict[str, str], name: str) -> float | None:

@@ -85,7 +85,9 @@ def _written(made: PyTree, out: Path, name: str, *, ending: str) -> list[Path]:
 
     estimate = made.estimate
     files = [
-        io.write_table(table, out / f"{name}_{key}.{ending}") for key, table in io.analysis_to_dataframes(made).items()
+        io.write_table(table, out / f"{name}_{key}.{ending}")
+        for key, table in io.analysis_to_dataframes(made).items()
+        if len(table)
     ]
     figures = {
         "strides": (plot.leg_strides, has_strides(estimate)),
@@ -121,7 +123,7 @@ def _numbers(made: PyTree, files: list[Path]) -> dict[str, PyTree]:
     tables = io.analysis_to_dataframes(made)
     rows = {
         name: json.loads(table.to_json(orient="records", double_precision=6))
-        for name, table in tables.items() if name != "samples"
+        for name, table in tables.items() if name != "samples" and len(table)
     }  # fmt: skip
     combined = {c.quantity: c for c in made.comparisons if c.source == "combined"}
     distance = combined.get("distance")

@@ -20,6 +20,10 @@ RATE_DEDUCED = Kind("sampling_rate_deduced", "info", "sampling rate {rate_hz:.4g
 TIME_UNIT_DEDUCED = Kind(
     "time_unit_deduced", "info", "time taken to be in {unit}, because its steps are {step:.4g}", DEDUCED
 )
+CLOCK_FROM_FIRST = Kind(
+    "clock_from_first", "info", "times count from the first sample, which has the time {begin_s:.3f} s in the file",
+    "Add this time to those of the tables and figures to compare them with the file, or with another system's clock.",
+)  # fmt: skip
 STAMPS_REPEATED = Kind(
     "stamps_repeated", "check",
     "{rows} {rows:row that repeats|rows that repeat} the time before {rows:is|are} left out, the first in row {row} "
@@ -84,6 +88,8 @@ def make_clock(
         notes.append(TIME_UNIT_DEDUCED(unit=unit, step=float(np.median(np.diff(stamps)))))
     seconds = (stamps - stamps[0]) * TIME_UNITS[unit]
     step = float(np.median(np.diff(seconds)))
+    if abs(begin := float(stamps[0]) * TIME_UNITS[unit]) > 1.5 * step:
+        notes.append(CLOCK_FROM_FIRST(begin_s=begin))
     # If time stamps are rounded to milliseconds, the mean of the regular steps is more precise than their median.
     steps = np.diff(seconds)
     # without the rounding of sums, which differs between recordings of different length

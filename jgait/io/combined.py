@@ -18,8 +18,16 @@ UNITS = {"stride_length": "m", "walking_speed": "mps", "distance": "m", "strides
 """Quantity of a `Comparison` → its unit, as at the end of names of columns."""
 
 
+BESIDE_S = 1.0
+"""[s] Time before the first and after the last stride of a bout that is part of it."""
+
+STRIDES = ["side", "start_s", "end_s", "stride_length_m", "stride_duration_s", "walking_speed_mps", "regular"]
+BOUTS = ["wb_id", "start_s", "end_s", "duration_s", "n_strides", "distance_m"]
+"""Columns of tables without rows."""
+
+
 def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
-    """The tables of an analysis; a table without rows is left out.
+    """The tables of an analysis; without strides, those of strides and bouts have no rows.
 
     `strides`: columns of `strides_to_dataframe`, then `stance_duration_s swing_duration_s`, smallest and largest
     `hip_flexion_…_deg knee_flexion_…_deg` in the stride where thigh and shank are measured, `angles_valid`, False if
@@ -29,16 +37,17 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     `contacts`: `time_s side event source`, initial and final contacts; side "unknown" where it is not certain.
     `bouts`: `wb_id start_s end_s duration_s n_strides distance_m stride_length_m walking_speed_mps cadence_spm`; a bout
     ends with a break of more than 3 s; lengths, speeds and cadence are medians over regular strides; `distance_m` is
-    the bout's part of the combined distance, so that the bouts add up to it.
+    the bout's part of the combined distance. The bouts add up to it, unless samples are lost between them.
     `sources`: `quantity unit source value std n_strides`, each quantity as each source measures it, and combined.
-    `samples`: columns of `to_dataframe`, where anything is estimated for every sample.
+    `samples`: columns of `to_dataframe`.
     """
     import pandas as pd
 
-    tables = {}
+    tables = {"strides": pd.DataFrame(columns=STRIDES), "bouts": pd.DataFrame(columns=BOUTS)}
     if analysis.strides is not None:
-        tables["strides"] = _strides(analysis, analysis.strides)
-        tables["bouts"] = _bouts(tables["strides"], analysis.estimate)
+        every = _strides(analysis, analysis.strides)
+        tables["strides"] = every.dropna(axis="columns", how="all")
+        tables["bouts"] = _bouts(every, analysis.estimate)
     tables["contacts"] = _contacts(analysis)
     rows = [
         {"quantity": c.quantity, "unit": UNITS[c.quantity], "source": c.source, "value": c.value, "std": c.stddev,
@@ -47,7 +56,7 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     ]  # fmt: skip
     tables["sources"] = pd.DataFrame(rows)
     tables["samples"] = to_dataframe(analysis.estimate)
-    return {name: table for name, table in tables.items() if len(table) and len(table.columns)}
+    return tables
 
 
 def _strides(analysis: "Analysis", joined: "JoinedStrides") -> "pd.DataFrame":
@@ -74,7 +83,7 @@ def _strides(analysis: "Analysis", joined: "JoinedStrides") -> "pd.DataFrame":
     flagged["sources contradict"] = joined.contradicts
     table["special"] = ["; ".join(w for w, values in flagged.items() if values[i]) for i in range(len(table))]
     table["regular"] = regular(joined)
-    return table.dropna(axis="columns", how="all")
+    return table
 
 
 def joint_extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.ndarray]:
@@ -96,17 +105,20 @@ def joint_extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.nd
 
 
 def _bouts(strides: "pd.DataFrame", estimate: Estimate) -> "pd.DataFrame":
-    """One row for each walking bout; between two bouts, the combined distance is divided in the middle of the break."""
+    """One row for each walking bout, with what the combined distance gains from `BESIDE_S` before it to after it."""
     import pandas as pd
 
     bouts = [(number, of_bout, of_bout["start_s"].min(), of_bout["end_s"].max())
              for number, of_bout in strides.groupby("wb_id")]  # fmt: skip
-    middles = [0.5 * (before[3] + after[2]) for before, after in itertools.pairwise(bouts)]
     if estimate.distance is None:
         distances = np.full(len(bouts), np.nan)
     else:
-        way = as_float(estimate.distance)
-        distances = np.diff([0.0, *np.interp(middles, as_float(estimate.time), way), way[-1]])
+        time, way = as_float(estimate.time), as_float(estimate.distance)
+        middles = [0.5 * (before[3] + after[2]) for before, after in itertools.pairwise(bouts)]
+        first, last = (np.array([bout[at] for bout in bouts]) for at in (2, 3))
+        begin = np.maximum(first - BESIDE_S, [time[0], *middles])
+        end = np.minimum(last + BESIDE_S, [*middles, time[-1]])
+        distances = np.interp(end, time, way) - np.interp(begin, time, way)
     rows = []
     for (number, of_bout, start, end), distance in zip(bouts, distances, strict=True):
         whole = of_bout[of_bout["regular"]]

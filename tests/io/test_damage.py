@@ -78,6 +78,19 @@ def test_most_spikes_of_an_accelerometer_are_told_from_impacts(walk, rows):
     assert left.sum() <= 6
 
 
+def test_a_sensor_that_repeats_one_reading_to_the_end_has_stopped_although_it_stood(walk):
+    imu = walk.sensors["foot_right"]
+    rates = np.convolve(np.linalg.norm(imu.gyr, axis=1), np.ones(5), "same")
+    at = 500 + int(np.argmin(rates[500:700]))  # in a stance: no jump into the stretch
+    signals = {"gyr": imu.gyr.copy(), "acc": imu.acc.copy()}
+    for values in signals.values():
+        values[~imu.mask] = np.nan
+        values[at:] = values[at - 1]
+    left, notes = samples.without_damage("foot_right", signals, {"gyr": 1.0, "acc": 1.0}, 100.0)
+    assert np.isnan(left["gyr"][at + 1 :]).all() and np.isnan(left["acc"][at + 1 :]).all()
+    assert any(note.code == "samples_frozen" for note in notes)
+
+
 def test_a_wrapped_gyroscope_is_named(rows):
     (text,) = found(damaged(rows, "gyroscope wraps at 250 deg/s", "shank_right"), "channel_wrapped")
     assert "shank_right gyr_y" in text

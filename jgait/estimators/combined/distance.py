@@ -15,7 +15,7 @@ from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, impossible
 from jgait.estimators.proportions import SHARE_SD, SHARES
 from jgait.estimators.sides import of_turns
-from jgait.estimators.stride_flags import durations
+from jgait.estimators.stride_flags import LARGEST_TURN, durations
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, Recording, Strides, as_float
@@ -186,9 +186,12 @@ def _cut(source: SourceEstimate, placement: str) -> tuple[float, float]:
 
 
 def _speed(strides: Strides, of_side: np.ndarray) -> float:
-    """Median speed [m/s] of the strides of a side, without those from standing."""
-    speeds = (as_float(strides.length) / durations(strides))[of_side]
-    return float(np.nanmedian(speeds)) if np.isfinite(speeds).any() else 0.0
+    """Median speed [m/s] of the strides of a side, without those from standing, and without turns if others remain."""
+    speeds = as_float(strides.length) / durations(strides)
+    known = of_side & np.isfinite(speeds)
+    turns = np.zeros(len(speeds), bool) if strides.turn is None else np.abs(as_float(strides.turn)) > LARGEST_TURN
+    chosen = known & ~turns if (known & ~turns).any() else known
+    return float(np.median(speeds[chosen])) if chosen.any() else 0.0
 
 
 def _extended(way: np.ndarray, time: np.ndarray, sides: list[_Side]) -> tuple[np.ndarray, float]:

@@ -57,6 +57,10 @@ FROZEN_RUN, FROZEN_S = 8, 0.05
 """[samples], [s] Shortest time in which a sensor repeats its reading in all axes; undamaged gyroscopes repeat theirs at
 most 4 times, coarse accelerometers 22 times, but without turning."""
 
+STOPPED_S, STOPPED = 1.0, 10.0
+"""[s], [1] Shortest stretch of one reading to the end of a recording in which the sensor has stopped, and least length
+over that of every other such stretch: a sensor that rests repeats its readings at every rest alike."""
+
 FROZEN_STEPS = 10.0
 """[1] Least change at the end of a frozen stretch, in steps of the sensor's resolution: at rest a sensor moves by
 one."""
@@ -96,8 +100,7 @@ SPIKES = Kind(
 FROZEN = Kind(
     "samples_frozen",
     "check",
-    "{placement}: one reading of {signals} is repeated for {seconds:.2f} s from {begin_s:.2f} s while the person "
-    "moves; masked",
+    "{placement}: one reading of {signals} is repeated for {seconds:.2f} s from {begin_s:.2f} s; masked",
     LOSSES,
 )
 WRAPPED = Kind(
@@ -268,7 +271,11 @@ def _frozen(
     steps[~(steps > 0.0)] = np.inf
     resolution = steps.min(axis=0)
     low, high = np.nanmin(values, axis=0), np.nanmax(values, axis=0)
+    others = [last - first for first, last in true_runs(same) if last < len(same)]
     for start, end in runs:
+        if end == len(same) and end - start >= max(STOPPED_S * rate, STOPPED * max(others, default=1)):
+            frozen.append((start, end))
+            continue
         at_limit = (values[start] == low) | (values[start] == high)
         if (at_limit & (np.abs(values[start]) > FROZEN_CHANGE[kind])).any():
             continue  # a clipped axis, which has a note of its own

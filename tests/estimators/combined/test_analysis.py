@@ -19,7 +19,7 @@ from jgait.io.damage import agreement, damage_notes, delays, paces, samples, til
 from jgait.notes import Kind
 from jgait.report import of_analysis
 from jgait.simulate.sensors import OPAL
-from jgait.types import RecordingError
+from jgait.types import Imu, RecordingError
 
 PLACEMENTS = (*simulate.SEVEN, "ankle_right", "ankle_left")
 FEET = ("foot_right", "foot_left")
@@ -353,11 +353,22 @@ def standing(recording, seconds=4.0):
     return recording._replace(sensors=sensors)
 
 
+def test_a_single_step_has_tables(walked):
+    recording = walked[0]
+    shanks = [imu for name, imu in recording.sensors.items() if name.startswith("shank")]
+    first = min(float(imu.time[np.linalg.norm(imu.gyr, axis=1) > 2.0][0]) for imu in shanks)
+    sensors = {name: Imu(*(part[imu.time < first + 1.3] for part in imu)) for name, imu in recording.sensors.items()}
+    found = jgait.analyse(recording._replace(sensors=sensors), PERSON)
+    tables = io.analysis_to_dataframes(found)
+    assert 1 <= len(tables["strides"]) <= 4 and len(tables["bouts"]) == 1
+
+
 def test_a_person_who_only_stands_has_tables_and_a_note_but_no_strides(walked):
     found = jgait.analyse(standing(walked[0]), PERSON)
     assert found.strides is None and found.estimate.strides is None
     assert found.notes[0].code == "no_strides"
-    assert "strides" not in io.analysis_to_dataframes(found)
+    tables = io.analysis_to_dataframes(found)
+    assert tables["strides"].empty and tables["bouts"].empty and "stride_length_m" in tables["strides"]
     job = all_sensors({}, "csv")
     assert not {"cadence", "stance"} & {row[0] for row in job.rows(found)}
     assert job.numbers(found, [])["notes"][0]["code"] == "no_strides"
