@@ -15,7 +15,7 @@ from jgait.estimators.waist import steps as waist_steps
 from jgait.estimators.waist.about import ABOUT, SIDE_KNOWN
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.motion import TrunkMotion
-from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, FALLS_FREELY, SHORT_OR_SLOW
+from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, FALLS_FREELY, SHORT_OR_SLOW, UNLEARNED
 from jgait.estimators.waist.params import (
     DEFAULT,
     PAPER,
@@ -181,9 +181,13 @@ SHORTEST, SLOWEST = 1.05, 0.85
 this estimator gives them, are 1.06 to 1.59 m and 0.87 to 1.57 m/s."""
 
 
-FREE, OVER_S = 0.25, 0.05
+FREE, OVER_S = 0.35, 0.05
 """[1], [s] Specific force over gravity, as a mean over `OVER_S`, below which the trunk falls freely: in running it is
-near 0 once in each step, and recorded walks of `ipol_gait` and `mobgap_lab` stay far above it."""
+near 0 once in each step, and in recorded walks of `ipol_gait` and `mobgap_lab` 0.5 and more."""
+
+UNLIKE_SD = 0.35
+"""[1] Standard deviation of lengths and distance over themselves in walks unlike those from which the pendulum was
+learned. Chosen: of simulated people who shuffle, limp or run, distances are off by 0.2 to 0.45 of what is stated."""
 
 
 def least_felt(result: Estimate, contacts: np.ndarray) -> float:
@@ -218,10 +222,25 @@ def _doubts(result: Estimate, contacts: np.ndarray, options: WaistOptions) -> tu
 
 
 def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
-    """The estimate with only the valid contacts, and with a note if its distance is unreliable."""
+    """The estimate with only the valid contacts, with notes and larger deviations if its distance is unreliable."""
     diagnostics = dict(result.diagnostics)
     contacts = np.flatnonzero(diagnostics.pop("initial_contact_valid"))
     for name in ("initial_contact", "initial_contact_side", "initial_contact_side_probability"):
         diagnostics[name] = diagnostics[name][contacts]
-    diagnostics["notes"] = (*diagnostics["notes"], *_doubts(result, diagnostics["initial_contact"], made.options))
-    return result._replace(diagnostics=diagnostics)
+    doubts = _doubts(result, diagnostics["initial_contact"], made.options)
+    diagnostics["notes"] = (*diagnostics["notes"], *doubts)
+    result = result._replace(diagnostics=diagnostics)
+    return _unlearned(result) if any(note.code in UNLEARNED for note in doubts) else result
+
+
+def _unlearned(result: Estimate) -> Estimate:
+    """The estimate with deviations of the length, speed and distance of a walk unlike those that were learned."""
+    stddev = np.hypot(as_float(result.diagnostics["distance_stddev"]), UNLIKE_SD * np.abs(as_float(result.distance)))
+    result = result._replace(diagnostics={**result.diagnostics, "distance_stddev": stddev})
+    if result.strides_stddev is None:
+        return result
+    wider = {
+        name: np.hypot(as_float(spread), UNLIKE_SD * np.abs(as_float(getattr(result.strides, name))))
+        for name in ("length", "speed", "step_length") if (spread := getattr(result.strides_stddev, name)) is not None
+    }  # fmt: skip
+    return result._replace(strides_stddev=result.strides_stddev._replace(**wider))

@@ -56,9 +56,9 @@ SHORT_OR_SLOW = Kind(
     "short_or_slow_strides",
     "check",
     "strides of {length_m:.2f} m at {speed:.2f} m/s are shorter or slower than those from which step lengths were "
-    "learned, {least_m:.2f} m and {slowest:.2f} m/s and more",
-    "Step lengths were learned from usual walking. In shuffling, slow or limping walks, lengths and distance may be "
-    "wrong by much more than their deviations say.",
+    "learned, {least_m:.2f} m and more at {slowest:.2f} m/s and more",
+    "Step lengths were learned from usual walking. In shuffling, slow or limping walks, lengths and distance are wrong "
+    "by a third and more, and contacts may be missed; their deviations are therefore large.",
 )
 
 FALLS_FREELY = Kind(
@@ -67,7 +67,7 @@ FALLS_FREELY = Kind(
     "in half of the steps {share_pct:.0f} % of gravity or less is felt: running, or faster than the walks from which "
     "step lengths were learned",
     "Step lengths were learned from usual walking, in which a foot is always on the ground. In running, lengths and "
-    "distance may be wrong by much more than their deviations say.",
+    "distance are wrong by a third; their deviations are therefore large.",
 )
 
 UNLEARNED = (SHORT_OR_SLOW.code, FALLS_FREELY.code)

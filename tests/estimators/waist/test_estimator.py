@@ -170,8 +170,11 @@ def test_running_is_noted():
 def test_a_walk_slower_than_those_learned_from_is_noted(straight):
     slow = estimated(walk(speed=0.5).recording)
     assert slow.strides.valid.sum() >= 14
-    assert "are shorter or slower than those from which step lengths were learned, 1.05 m and 0.85 m/s" in notes(slow)
+    assert "are shorter or slower than those from which step lengths were learned, 1.05 m and more at" in notes(slow)
     assert "were learned" not in notes(straight[1])
+    spread = [float(found.diagnostics["distance_stddev"][-1] / found.distance[-1]) for found in (slow, straight[1])]
+    assert spread[0] > 0.35 and spread[1] < 0.1
+    assert np.all(slow.strides_stddev.length > 0.35 * slow.strides.length)
 
 
 def test_lost_samples_are_noted_and_hardly_change_the_distance(straight):
