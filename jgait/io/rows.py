@@ -48,7 +48,9 @@ def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
         with file.open(encoding="utf-8-sig") as stream:
             lines = list(itertools.islice((line for line in stream if line.strip()), 2))
     except UnicodeDecodeError as error:
-        raise RecordingError(f"{file.name} is no text file in UTF-8: {error}") from error
+        raise RecordingError(
+            f"{file.name} is no text file in UTF-8 ({error}); save it as 'CSV UTF-8', or rename columns with umlauts"
+        ) from error
     if not lines:
         raise RecordingError(f"{file.name} is empty; expected a header and one row a sample")
     separator = max((",", ";", "\t"), key=lines[0].count)

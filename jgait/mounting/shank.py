@@ -155,6 +155,9 @@ def stance_up(axes: Axes, acc: Float[AnyArray, "time 3"], instants: Int[AnyArray
     return axes._replace(rows=np.stack([np.cross(axes.rows[1], up), axes.rows[1], up]))
 
 
+LEAST_SWING = 0.5
+"""[rad/s] Least rate of a sensor that swings; in standing, which of two turns faster is noise."""
+
 LABELS_EXCHANGED = Kind(
     "labels_exchanged",
     "check",
@@ -184,6 +187,6 @@ def worn_on_shank(recording: Recording, side: str) -> tuple[str, Note | None]:
         axes = functional_axes(recording.sensors[placement])
         rate = 0.0 if axes is None else as_float(recording.sensors[placement].gyr) @ axes.rows[1]
         swing[placement] = -float(np.percentile(rate, 1.0))
-    if swing[thigh] > SWAPPED * swing[shank]:
+    if swing[thigh] > max(SWAPPED * swing[shank], LEAST_SWING):
         return thigh, LABELS_EXCHANGED(thigh=thigh, shank=shank)
     return shank, None

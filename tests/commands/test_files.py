@@ -70,7 +70,7 @@ SPOILT = {
     ),
     "cut off": (of_lines(lambda lines: "".join(lines[:8])[:-40]), "6 samples; at least 10 are needed"),
     "binary": (lambda path: path.write_bytes(bytes(range(256)) * 8), "walk.csv is in no format that jgait reads"),
-    "a folder": (lambda path: (path.unlink(), path.mkdir()), "walk.csv is in no format that jgait reads"),
+    "a folder": (lambda path: (path.unlink(), path.mkdir()), "walk.csv is a folder, and none of a format"),
     "gone": (Path.unlink, "No such file"),
 }
 

@@ -53,6 +53,9 @@ SLOWEST = 0.3
 SHAKEN = 1.0
 """[m/s²] Standard deviation of the size of the specific force from which on a leg walks."""
 
+LEAST_MOVING = 0.2
+"""[rad/s] Least root mean square rate of a sensor that moves: those of standing people differ by their noise."""
+
 SIDES_APART = 1.6
 """[1] Largest ratio of the root mean square rates of the same segment of both legs. Undamaged recordings reach 1.36."""
 
@@ -207,6 +210,6 @@ def agreement_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, .
         if right in rates and left in rates and min(rates[right], rates[left]) > 0.0:
             faster, slower = (right, left) if rates[right] > rates[left] else (left, right)
             ratio = rates[faster] / rates[slower]
-            if ratio > SIDES_APART:
+            if ratio > SIDES_APART and rates[faster] > LEAST_MOVING:
                 notes.append(SIDES_DIFFER(placement=faster, ratio=ratio, other=slower))
     return tuple(notes)

@@ -149,6 +149,10 @@ def _one(path: str | os.PathLike[str], format: str | None, placement: str | None
         raise RecordingError(
             f"{file.name} holds no inertial sensors that jgait reads; see {OTHERS[file.suffix.lower()]}"
         )
+    if format_name is None and file.is_dir():
+        raise RecordingError(
+            f"{file.name} is a folder, and none of a format that jgait reads; name its files, such as {file.name}/*.csv"
+        )
     if format_name is None:
         raise RecordingError(
             f"{file.name} is in no format that jgait reads ({', '.join(FORMATS)}); state which by {{argument}}",

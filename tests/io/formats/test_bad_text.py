@@ -112,7 +112,7 @@ def test_unknown_units_are_refused(tmp_path, write, unit, wrong, message):
 def test_no_file_and_a_folder_of_nothing(tmp_path):
     with pytest.raises(FileNotFoundError):
         io.read(tmp_path / "none.csv")
-    with pytest.raises(RecordingError, match="is in no format that jgait reads"):
+    with pytest.raises(RecordingError, match="is a folder, and none of a format that jgait reads"):
         io.read(tmp_path)
     with pytest.raises(ValueError, match="format must be one of mobilised"):
         io.read(tmp_path, format="excel")
