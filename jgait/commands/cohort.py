@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import jax
-import numpy as np
 import typer
 from jaxtyping import PyTree
 
@@ -17,12 +16,11 @@ from jgait import estimators
 from jgait.commands.console import Bar, note, progress, stop
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 from jgait.commands.recordings import recording_of
+from jgait.commands.references import REFERENCES, reference_of
 from jgait.estimators import Estimator, proportions
 from jgait.estimators.about import BodyMeasure
-from jgait.io.clock import CLOCK_FROM_FIRST
-from jgait.io.strides import TIMES
 from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note
-from jgait.types import Estimate, Legs, Recording, RecordingError, Walk, reason_of
+from jgait.types import RecordingError, Walk, reason_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,12 +42,6 @@ def _measures() -> dict[str, BodyMeasure]:
 MEASURES = _measures()
 OTHERS = {"distance_m": "a distance in m above 0", "sampling_rate_hz": "a rate in Hz above 0"}
 """Column of positive numbers → their meaning."""
-
-REFERENCES = ("reference_samples", "reference_strides")
-"""Columns of files with a reference, see `io.reference_from_tables`."""
-
-REFERENCE_TIMES = ("time_s", *(f"{name}_s" for name in TIMES))
-"""Columns of times in these files."""
 
 COLUMNS = ("file", "subject", "day", *MEASURES, *OTHERS, *REFERENCES)
 ASKED_FOR = {
@@ -81,9 +73,6 @@ Paper = Annotated[bool, typer.Option("--paper", help="The paper's pipeline inste
 Params = Annotated[
     Path | None, typer.Option("--params", help="Parameters of this file, or preset:NAME; see jgait presets.")
 ]
-
-AT_ENDS = 0.25
-"""[s] Length of the standing at both ends of a recording, where the distance is 0 and the whole distance."""
 
 COLUMN_UNUSED = Kind("column_unused", "info", "column {column!r} is left out{hint}", LEFT_OUT)
 SUBJECTS_UNKNOWN = Kind(
@@ -237,35 +226,8 @@ class _Files:
         )  # fmt: skip
         known = {measure.name: numbers[name] for name, measure in MEASURES.items() if numbers[name] is not None}
         files = [self.folder / row[name] if row.get(name) else None for name in REFERENCES]
-        reference = _reference(recording, numbers["distance_m"], files)
+        reference = reference_of(recording, numbers["distance_m"], files)
         return Walk(recording, reference, {"body": known, "day": row.get("day")})
-
-
-def _reference(recording: Recording, way: float | None, files: Sequence[Path | None]) -> Estimate | None:
-    """The reference of a row: its distance [m], and what its files of samples and of strides have."""
-    import pandas as pd
-
-    from jgait import io
-
-    if not any(files):
-        return None if way is None else _walked(recording, way)
-    absent = next((file for file in files if file is not None and not file.exists()), None)
-    if absent is not None:
-        raise FileNotFoundError(f"there is no such file: {absent}")
-    time = np.asarray(next(iter(recording.sensors.values())).time, float)
-    begins = sum(float(str(note.values["begin_s"])) for note in recording.notes if note.code == CLOCK_FROM_FIRST.code)
-    tables = (None if file is None else _from_first(pd.read_csv(file), begins) for file in files)
-    found = io.reference_from_tables(time, *tables)
-    if found.distance is not None or way is None:
-        return found
-    whole = _walked(recording, way)
-    return found._replace(distance=whole.distance, valid=whole.valid) if files[0] is None else found
-
-
-def _from_first(table: "pd.DataFrame", begins: float) -> "pd.DataFrame":
-    """A table of a reference whose times count from a sample with this time in the file [s]."""
-    times = {name: table[name] - begins for name in table.columns if name in REFERENCE_TIMES}
-    return table.assign(**times) if begins else table
 
 
 def _number(row: dict[str, str], name: str) -> float | None:
@@ -285,14 +247,6 @@ def _number(row: dict[str, str], name: str) -> float | None:
     if not good:
         raise ValueError(f"{name} must be {what}; got {text!r}")
     return value
-
-
-def _walked(recording: Recording, way: float) -> Estimate:
-    """A reference with the whole distance only: 0 m at the start of the recording, the whole distance at the end."""
-    time = np.asarray(next(iter(recording.sensors.values())).time, float)
-    start, end = time <= time[0] + AT_ENDS, time >= time[-1] - AT_ENDS
-    distance = np.where(start, 0.0, way)
-    return Estimate(time, Legs(None, None), None, distance, (start | end) & (start != end), {})
 
 
 def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: Sequence[str]) -> Source:

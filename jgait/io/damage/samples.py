@@ -59,7 +59,8 @@ most 4 times, coarse accelerometers 22 times, but without turning."""
 
 STOPPED_S, STOPPED = 1.0, 10.0
 """[s], [1] Shortest stretch of one reading to the end of a recording in which the sensor has stopped, and least length
-over that of every other such stretch: a sensor that rests repeats its readings at every rest alike."""
+over that of every other such stretch: a sensor that rests repeats its readings at every rest alike. It begins no sooner
+than this time after the first sample."""
 
 FROZEN_STEPS = 10.0
 """[1] Least change at the end of a frozen stretch, in steps of the sensor's resolution: at rest a sensor moves by
@@ -273,7 +274,8 @@ def _frozen(
     low, high = np.nanmin(values, axis=0), np.nanmax(values, axis=0)
     others = [last - first for first, last in true_runs(same) if last < len(same)]
     for start, end in runs:
-        if end == len(same) and end - start >= max(STOPPED_S * rate, STOPPED * max(others, default=1)):
+        least = max(STOPPED_S * rate, STOPPED * max(others, default=1))
+        if end == len(same) and end - start >= least and start >= STOPPED_S * rate:
             frozen.append((start, end))
             continue
         at_limit = (values[start] == low) | (values[start] == high)
