@@ -155,7 +155,9 @@ def distance(
         if np.size(spread) == 1:  # of the whole walk
             gained = way - way[0]
             spread = spread * gained / max(np.nanmax(gained), TINY)
-        band(axis, np.asarray(estimate.time), way, spread, color="0.85")
+        until = np.flatnonzero(np.append(True, np.asarray(estimate.valid, bool)))[-1]  # padding follows
+        time, way, spread = (np.asarray(part)[:until] for part in (estimate.time, way, spread))
+        band(axis, time, way, spread, color="0.85")
     draw(estimate, "jgait", ESTIMATE)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("distance walked [m]")
