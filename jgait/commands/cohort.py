@@ -16,7 +16,7 @@ from jgait import estimators
 from jgait.commands.console import Bar, note, progress, stop
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 from jgait.commands.recordings import recording_of
-from jgait.commands.references import REFERENCES, reference_of
+from jgait.commands.references import REFERENCES, with_reference
 from jgait.estimators import Estimator, proportions
 from jgait.estimators.about import BodyMeasure
 from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note
@@ -226,8 +226,7 @@ class _Files:
         )  # fmt: skip
         known = {measure.name: numbers[name] for name, measure in MEASURES.items() if numbers[name] is not None}
         files = [self.folder / row[name] if row.get(name) else None for name in REFERENCES]
-        reference = reference_of(recording, numbers["distance_m"], files)
-        return Walk(recording, reference, {"body": known, "day": row.get("day")})
+        return with_reference(recording, numbers["distance_m"], files, {"body": known, "day": row.get("day")})
 
 
 def _number(row: dict[str, str], name: str) -> float | None:

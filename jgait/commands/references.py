@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jgait.io.clock import CLOCK_FROM_FIRST
+from jgait.io.rows import read_table
 from jgait.io.strides import TIMES
-from jgait.types import Estimate, Legs, Recording
+from jgait.notes import Kind
+from jgait.types import Estimate, Legs, Recording, Walk
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,25 +25,34 @@ AT_ENDS = 0.25
 """[s] Length of the standing at both ends of a recording, where the distance is 0 and the whole distance."""
 
 
-def reference_of(recording: Recording, way: float | None, files: Sequence[Path | None]) -> Estimate | None:
-    """The reference of a row: its distance [m], and what its files of samples and of strides have."""
-    import pandas as pd
+DISTANCE_NOT_USED = Kind(
+    "reference_distance_not_used", "check", "distance_m of the table is not used, because {file} has no such column",
+    "The reference is that file's. Write the distance walked so far into it to compare the distance as well.",
+)  # fmt: skip
 
+
+def with_reference(
+    recording: Recording, way: float | None, files: Sequence[Path | None], info: dict[str, object]
+) -> Walk:
+    """A recording with the reference of its row: a distance [m], or None, and files of samples and of strides."""
     from jgait import io
 
     if not any(files):
-        return None if way is None else _walked(recording, way)
+        return Walk(recording, None if way is None else _walked(recording, way), info)
+    time = np.asarray(next(iter(recording.sensors.values())).time, float)
+    begins = next((note.values["begin_s"] for note in recording.notes if note.code == CLOCK_FROM_FIRST.code), 0.0)
     absent = next((file for file in files if file is not None and not file.exists()), None)
     if absent is not None:
         raise FileNotFoundError(f"there is no such file: {absent}")
-    time = np.asarray(next(iter(recording.sensors.values())).time, float)
-    begins = sum(float(str(note.values["begin_s"])) for note in recording.notes if note.code == CLOCK_FROM_FIRST.code)
-    tables = (None if file is None else _from_first(pd.read_csv(file), begins) for file in files)
+    tables = (None if file is None else _from_first(read_table(file)[0], float(str(begins))) for file in files)
     found = io.reference_from_tables(time, *tables)
-    if found.distance is not None or way is None:
-        return found
-    whole = _walked(recording, way)
-    return found._replace(distance=whole.distance, valid=whole.valid) if files[0] is None else found
+    if found.distance is None and way is not None:
+        if files[0] is not None:
+            note = DISTANCE_NOT_USED(file=files[0].name)
+            return Walk(recording._replace(notes=(*recording.notes, note)), found, info)
+        whole = _walked(recording, way)
+        found = found._replace(distance=whole.distance, valid=whole.valid)
+    return Walk(recording, found, info)
 
 
 def _from_first(table: "pd.DataFrame", begins: float) -> "pd.DataFrame":

@@ -20,7 +20,8 @@ STANDS, SWINGS = 0.75, 2.0
 """[1], [rad/s] Share of a stride after which a foot has left the ground in walking, and a rate that it then reaches."""
 
 SHORT = 0.5
-"""[1] Share of the median length below which a first or last stride is one from or to standing."""
+"""[1] Share of the median length below which a first or last stride is one from or to standing; strides in turns, which
+are short too, reach more."""
 
 LEAST, MOST = 0.2, 1.5
 """[1] Limits of what is cut off, in strides: a person who stands for a moment at first is not taken to walk, nor one

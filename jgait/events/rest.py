@@ -198,10 +198,8 @@ def standing_of_legs(
             return LegRest(still, upright, long[0] if long else longest, notes)
     rested = max((after - first for first, after in true_runs(around < 2.0 * LEGS_RATE)), default=0)
     if sat:
-        reason = (
-            f"at rest a leg is tilted by {math.degrees(sat):.0f}° from its mean direction in walking, as of a person "
-        )
-        reason += "who sits"
+        leans = f"{math.degrees(sat):.0f}° from its mean direction in walking"
+        reason = f"at rest a leg is tilted by {leans}, as of a person who sits"
     elif rested:
         reason = f"the longest of this recording lasts {rested / sampling_rate_hz:.2f} s"
     else:

@@ -121,7 +121,7 @@ def _at_end(
         until = swing + way * np.arange(min(abs(edge - swing), int(PAUSE_S * rate_hz)) + 1)
         swings = np.flatnonzero((x[until] < -np.where(until == edge, STILL, SWINGS))[near:])
         stance = until[: near + swings[0]] if len(swings) else until[:0]
-        stance = stance[np.append(np.flatnonzero(x[stance] >= 0.0), 0)[:-1]]
+        stance = stance[x[stance] >= 0.0]
         if len(stance) > near:
             at = _valley(x, norm, *sorted((swing, int(stance[-1]))))
             return at, False, bool(norm[at] <= RESTS)

@@ -46,7 +46,7 @@ def reference_from_tables(
 
     Args:
         time: (T,) times of the reference [s], those of the recording's sensors.
-        samples: columns `time_s`, on the recording's clock, and any of `hip_angle_<side>_deg` with
+        samples: columns `time_s`, on the recording's clock, which begins with 0, and any of `hip_angle_<side>_deg` with
             `knee_angle_<side>_deg`, `x_<side>_m` and `y_<side>_m` (ankle relative to hip), `position_x_<side>_m` with
             `_y` and `_z` (foot in the world), `distance_m`, `valid`. Values are interpolated to `time`; samples with an
             empty cell are not valid. A foot path that is not given is NaN.

@@ -57,8 +57,8 @@ def _bouts(analysis: Analysis) -> list[Section]:
     """The bouts of walking; none without strides."""
     from jgait import io
 
-    table = io.analysis_to_dataframes(analysis).get("bouts")
-    if table is None or not len(table):
+    table = io.analysis_to_dataframes(analysis)["bouts"]
+    if not len(table):
         return []
     rows = [[Cell(_shown(value)) for value in row] for row in table.itertuples(index=False)]
     caption = "Bouts of walking, between pauses; units are in the names."

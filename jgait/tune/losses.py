@@ -108,7 +108,10 @@ def trajectory(
         return masked_mean((_difference(a, b, look) - offset) ** 2, look)
 
     pairs = _pairs(estimate, reference)
-    terms = [w * field(a, b) for one, other in pairs for w, a, b in zip(weights, one, other, strict=True)]
+    terms = [
+        w * field(a, b) for one, other in pairs for w, a, b in zip(weights, one, other, strict=True)
+        if not (isinstance(w, float) and w == 0.0)  # a reference of angles has no foot path
+    ]  # fmt: skip
     return jax.tree.reduce(jnp.add, terms) / len(pairs)
 
 

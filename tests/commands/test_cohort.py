@@ -111,6 +111,19 @@ def test_references_in_files_are_compared(table, walks, tmp_path):
     assert set(found["knee_rmse_deg_right"].index) == {"walk0.csv", "walk1.csv", "walk2.csv"}
     assert (found["knee_rmse_deg_right"] < 8.0).all()
     assert set(pd.read_csv(tmp_path / "out" / "strides.csv")["recording"]) == {"walk0.csv", "walk2.csv"}
+    numbers = found["knee_rmse_deg_right"].loc["walk0.csv"]
+    late = pd.read_csv(walks[0] / "walk0.csv")  # a file whose times do not begin with 0, and its reference with ;
+    late["time"] += 6.0
+    late.to_csv(walks[0] / "late.csv", index=False)
+    truth = pd.read_csv(walks[0] / "samples0.csv").drop(columns="distance_m")
+    truth.assign(time_s=truth["time_s"] + 6.0).to_csv(walks[0] / "late_samples.csv", index=False, sep=";")
+    again = table(
+        lambda frame: frame.iloc[:1].assign(file="late.csv", reference_samples="late_samples.csv"), "late0.csv"
+    )
+    code, said = run("evaluate", again, "--out", tmp_path / "late")
+    assert code == 0 and "distance_m of the table is not used" in said, said
+    shifted = pd.read_csv(tmp_path / "late" / "quantities.csv").set_index("quantity")["estimate"]
+    assert shifted["knee_rmse_deg_right"] == pytest.approx(numbers, rel=1e-2)  # six seconds off: twice as large
     samples = io.reference_from_tables(np.arange(0.0, 3.0, 0.01), pd.read_csv(walks[0] / "samples0.csv"))
     assert samples.legs.right is not None
 

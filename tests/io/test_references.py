@@ -6,7 +6,8 @@ from made.foot import foot
 
 from jgait import io
 from jgait.estimators import foot_ins
-from jgait.types import SIDES, Estimate, Legs, LegTrajectory, RecordingError
+from jgait.tune.losses import TrajectoryWeights, trajectory
+from jgait.types import Estimate, Legs, LegTrajectory, RecordingError
 
 TIME = np.linspace(0.0, 10.0, 501)
 
@@ -37,6 +38,15 @@ def test_angles_alone_are_a_reference_without_a_foot_path():
     back = io.reference_from_tables(TIME, table)
     assert np.isnan(back.legs.left.x).all() and back.distance is None
     assert back.valid[TIME > 1.0].all() and not back.valid[TIME < 0.95].any()  # empty cells before
+
+
+def test_angles_alone_are_enough_for_their_loss():
+    made = angles()
+    bare = io.reference_from_tables(
+        TIME, io.to_dataframe(made)[["time_s", "hip_angle_left_deg", "knee_angle_left_deg"]]
+    )
+    assert float(trajectory(made, bare, TrajectoryWeights(x=0.0, y=0.0))) < 1e-9
+    assert np.isnan(float(trajectory(made, bare)))
 
 
 def test_strides_and_positions_come_back(feet):
@@ -77,7 +87,3 @@ def test_strides_that_are_none_are_refused(feet, change, message):
 def test_samples_that_are_none_are_refused(change, message):
     with pytest.raises(RecordingError, match=message):
         io.reference_from_tables(TIME, change(io.to_dataframe(angles())))
-
-
-def test_sides_are_the_librarys(feet):
-    assert {SIDES[side] for side in io.strides_from_dataframe(io.strides_to_dataframe(feet)).side} == {"right"}

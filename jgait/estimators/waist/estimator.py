@@ -183,11 +183,11 @@ this estimator gives them, are 1.06 to 1.59 m and 0.87 to 1.57 m/s."""
 
 FREE, OVER_S = 0.35, 0.05
 """[1], [s] Specific force over gravity, as a mean over `OVER_S`, below which the trunk falls freely: in running it is
-near 0 once in each step, and in recorded walks of `ipol_gait` and `mobgap_lab` 0.5 and more."""
+near 0 once in each step, and recorded walks of `ipol_gait` and `mobgap_lab` stay far above it."""
 
 UNLIKE_SD = 0.35
 """[1] Standard deviation of lengths and distance over themselves in walks unlike those from which the pendulum was
-learned. Chosen: of simulated people who shuffle, limp or run, distances are off by 0.2 to 0.45 of what is stated."""
+learned. Chosen by simulated people who shuffle, limp or run (experiment `people.gaits`)."""
 
 
 def least_felt(result: Estimate, contacts: np.ndarray) -> float:
