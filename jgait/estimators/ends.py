@@ -44,13 +44,16 @@ def cut_notes(estimate: Estimate, sensors: Mapping[int, tuple[str, AnyArray]]) -
         estimate: without padding, with strides.
         sensors: side → placement, and angular rate (T,) or (T, 3) of its sensor, without bias [rad/s].
     """
-    notes = []
+    notes: list[Note] = []
     for side, (placement, gyr) in sensors.items():
-        before, after = unseen(estimate, side, gyr)
-        where = " and ".join(word for word, cut in (("begins", before), ("ends", after)) if cut > 0.0)
-        if where:
-            notes.append(WALKING_CUT(placement=placement, where=where, before_s=before, after_s=after))
+        notes += cut_note(placement, *unseen(estimate, side, gyr))
     return tuple(notes)
+
+
+def cut_note(placement: str, before: float, after: float) -> list[Note]:
+    """A note if there is walking [s] before the first or after the last stride of a sensor."""
+    where = " and ".join(word for word, cut in (("begins", before), ("ends", after)) if cut > 0.0)
+    return [WALKING_CUT(placement=placement, where=where, before_s=before, after_s=after)] if where else []
 
 
 def unseen(estimate: Estimate, side: int, gyr: AnyArray) -> tuple[float, float]:

@@ -111,14 +111,16 @@ def _at_end(
 ) -> tuple[int, bool, bool]:
     """The instant after a swing's end (1) or before its start (−1), whether it is in standing, and whether it rests.
 
-    `limit` is the next swing after a pause; None: the recording has none. Without a rest it begins or ends in walking;
-    then the instant is a valley if a part of the next swing is there, and none if the stance is cut off.
+    `limit` is the next swing after a pause; None: the recording has none. Then the instant is a valley if a swing that
+    does not count comes before the person rests, or a part of one is there where the recording begins or ends in
+    walking; there is none if the stance is cut off.
     """
     edge = (len(norm) - 1 if way > 0 else 0) if limit is None else limit
     near = int(NEAR_S * rate_hz)
-    beside = norm[swing:] if way > 0 else norm[:swing]
-    if limit is None and not any(b - a >= RESTS_S * rate_hz for a, b in true_runs(beside < STILL)):
-        until = swing + way * np.arange(min(abs(edge - swing), int(PAUSE_S * rate_hz)) + 1)
+    if limit is None:
+        beside = norm[swing:] if way > 0 else norm[swing::-1]
+        moves = next((a for a, b in true_runs(beside < STILL) if b - a >= RESTS_S * rate_hz), len(beside))
+        until = swing + way * np.arange(min(moves, int(PAUSE_S * rate_hz) + 1))
         swings = np.flatnonzero((x[until] < -np.where(until == edge, STILL, SWINGS))[near:])
         stance = until[: near + swings[0]] if len(swings) else until[:0]
         stance = stance[x[stance] >= 0.0]

@@ -8,7 +8,7 @@ import numpy as np
 from jgait.estimators.ankle_stride.notes import SWINGS_SMALL
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import CONSISTENT, UNLIKE, combined, correlation
-from jgait.estimators.ends import WALKING_CUT
+from jgait.estimators.ends import MID_STANCE, SHORT, WALKING_CUT
 from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED
 from jgait.estimators.losses import lost_between
 from jgait.estimators.notes import LONGEST_LOSS
@@ -17,7 +17,6 @@ from jgait.estimators.proportions import SHARE_SD, SHARES
 from jgait.estimators.sides import of_turns
 from jgait.estimators.stride_flags import LARGEST_TURN, durations
 from jgait.notes import LEFT_OUT, Kind, Note
-from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, Recording, Strides, as_float
 
 DISTANCES_DIFFER = Kind(
@@ -38,6 +37,12 @@ DISTANCE_EXTENDED = Kind(
     "The recording cuts strides off. What is walked there is not measured stride by stride; the deviation contains it.",
 )  # fmt: skip
 
+DISTANCE_OVER_LOSS = Kind(
+    "distance_over_loss", "corrected", "distance: {metres:.1f} m of it are in {seconds:.1f} s that are lost, at the "
+    "median walking speed, because the person walks before and after",
+    "What is walked there is not measured. A person who stood still there walked less; the deviation contains it.",
+)  # fmt: skip
+
 LACKING = (SPEED_IMPLAUSIBLE.code, SWINGS_SMALL.code, *UNLIKE)
 """Codes of an estimator's notes by which its distance is in doubt."""
 
@@ -50,6 +55,9 @@ USUAL_SPEED, USUAL_STRIDE_S = 1.2, 1.1
 
 CUT_SD = 0.2
 """[1] Standard deviation of what is walked where the recording cuts a stride off, over it: speed and time differ."""
+
+LOSS_SD = 0.3
+"""[1] The same for a loss, in which a person can also stand still; chosen."""
 
 ALIKE = 0.5
 """[m] Largest difference of what the two sides did not see, with which both count in the distance."""
@@ -68,18 +76,25 @@ class WalkedDistance(NamedTuple):
     stddev: float  #: standard deviation at the end [m].
     doubtful: bool  #: whether its sensors are in doubt, so that it counts only if there is no other.
     cut: float = 0.0  #: what of it is walked before the first and after the last whole stride [m].
+    bridged: float = 0.0  #: what of it is walked in losses [m].
+    bridged_s: float = 0.0  #: duration of these losses [s].
+    unseen: float = 0.0  #: standard deviation of what is not measured [m], part of `stddev`.
+
+
+type Spans = list[tuple[float, float]]
+"""Begin and end [s] of each of several parts of a recording."""
 
 
 class _Side(NamedTuple):
-    """What the sensor of one side says about the distance."""
+    """What the sensor of one side, or of the trunk, says about the distance."""
 
     name: str
     length: float  #: sum of stride lengths [m].
-    unknown: float  #: what it did not see [m].
+    unknown: float  #: what it did not see, and is not in the distance [m].
     doubtful: bool
     speed: float  #: median speed [m/s].
-    before: float  #: duration of walking before its first stride [s], see `jgait.estimators.ends`.
-    after: float  #: and after its last stride [s].
+    cut: Spans  #: begin and end [s] of walking before the first and after the last stride.
+    bridged: Spans  #: and of losses in walking.
 
 
 def distances(
@@ -120,20 +135,14 @@ def distances(
         doubted = _stopped(source) | (wrong if source.name != "legs" else wrong | late)
         sides = _sides(source, recording, doubted)
         used = _best(sides)
-        if used and len(used) < len(sides):
+        scale, doubtful = 1.0, bool(doubted.intersection(source.placements)) or _lacking(source)
+        if len(used) < len(sides):
             scale = float(np.mean([one.length for one in used]) / max(np.mean([one.length for one in sides]), 1e-6))
-            notes.append(DISTANCE_OF_ONE_SIDE(source=source.name, side=used[0].name))
-            unknown = float(np.hypot(used[0].unknown, ONE_SIDE * scale * total))
+            sd = float(np.hypot(sd, ONE_SIDE * total))
             doubtful = used[0].doubtful or _lacking(source, used[0].name)
-        else:
-            scale = 1.0
-            unknown = float(np.mean([one.unknown for one in sides])) if sides else _not_measured(source, recording)
-            doubtful = bool(doubted.intersection(source.placements)) or _lacking(source)
+            notes.append(DISTANCE_OF_ONE_SIDE(source=source.name, side=used[0].name))
         if total > 0.0 and sd > 0.0:
-            time = as_float(estimate.time)
-            way, cut = _extended(scale * as_float(estimate.distance), time, used)
-            spread = float(np.linalg.norm([scale * sd, unknown, CUT_SD * cut]))
-            walked_distances.append(WalkedDistance(source.name, time, way, spread, doubtful, cut))
+            walked_distances.append(_whole(source, scale, scale * sd, doubtful, used))
     return sorted(walked_distances, key=lambda one: one.stddev), notes
 
 
@@ -154,35 +163,40 @@ def _lacking(source: SourceEstimate, side: str = "") -> bool:
 def _best(sides: list[_Side]) -> list[_Side]:
     """The sides that are not in doubt, if there are any; of these, those that saw the most of the walk."""
     sound = [side for side in sides if not side.doubtful] or sides
-    least = min((side.unknown for side in sound), default=0.0)
-    return [side for side in sound if side.unknown <= least + ALIKE]
+    missing = [side.unknown + side.speed * sum(end - begin for begin, end in side.bridged) for side in sound]
+    return [side for side, metres in zip(sound, missing, strict=True) if metres <= min(missing) + ALIKE]
 
 
 def _sides(source: SourceEstimate, recording: Recording, doubted: frozenset[str]) -> list[_Side]:
-    """The sides of a source whose strides are measured by one sensor each; none of other sources."""
+    """The sides of a source whose strides are measured by one sensor each, or the trunk; none without strides."""
     strides = source.estimate.strides
     sides: list[_Side] = []
     if strides is None:
         return sides
-    length, beyond = as_float(strides.length), impossible(strides)
-    for number, side in enumerate(SIDES):
-        of_side = (np.asarray(strides.side) == number) & np.asarray(strides.valid, bool)
-        for name in source.placements:
-            if name.endswith(side):
-                start, end = (as_float(part)[of_side & ~beyond] for part in (strides.start, strides.end))
-                unknown = USUAL_SPEED * _not_seen(recording.sensors[name], start, end)
-                unknown += float(np.nansum(length[of_side & beyond]))
-                lengths, speed = float(np.nansum(length[of_side])), _speed(strides, of_side)
-                sides.append(_Side(side, lengths, unknown, name in doubted, speed, *_cut(source, name)))
+    length, beyond, valid = as_float(strides.length), impossible(strides), np.asarray(strides.valid, bool)
+    lasts, end = durations(strides), as_float(strides.end)
+    usual = float(np.nanmedian(lasts)) if np.isfinite(lasts).any() else USUAL_STRIDE_S
+    start = as_float(strides.start) - np.where(np.isfinite(lasts), 0.0, 2.0 * MID_STANCE * usual)  # from the stance
+    for name in source.placements:
+        side = next((side for side in SIDES if name.endswith(side)), "")
+        mine = valid & (np.asarray(strides.side) == SIDES.index(side)) if side else valid
+        whole = np.flatnonzero(mine & ~beyond)
+        whole = whole[np.argsort(start[whole], kind="stable")]
+        seconds, bridged = _not_seen(recording.sensors[name], start[whole], end[whole], length[whole])
+        unknown = USUAL_SPEED * seconds + float(np.nansum(length[mine & beyond]))
+        lengths, speed = float(np.nansum(length[mine])), _speed(strides, mine)
+        sides.append(_Side(side, lengths, unknown, name in doubted, speed, _cut(source, name), bridged))
     return sides
 
 
-def _cut(source: SourceEstimate, placement: str) -> tuple[float, float]:
-    """Duration of walking before the first and after the last stride of a sensor [s]."""
+def _cut(source: SourceEstimate, placement: str) -> Spans:
+    """Begin and end of walking before the first and after the last stride of a sensor [s]."""
+    time = source.estimate.time
     for note in source.estimate.diagnostics["notes"]:
         if note.code == WALKING_CUT.code and note.values["placement"] == placement:
-            return float(note.values["before_s"]), float(note.values["after_s"])
-    return 0.0, 0.0
+            first, last = float(time[0]), float(time[-1])
+            return [(first, first + float(note.values["before_s"])), (last - float(note.values["after_s"]), last)]
+    return []
 
 
 def _speed(strides: Strides, of_side: np.ndarray) -> float:
@@ -194,53 +208,63 @@ def _speed(strides: Strides, of_side: np.ndarray) -> float:
     return float(np.median(speeds[chosen])) if chosen.any() else 0.0
 
 
-def _extended(way: np.ndarray, time: np.ndarray, sides: list[_Side]) -> tuple[np.ndarray, float]:
-    """The distance (T,) [m] with what is walked before the first and after the last stride, and the sum of both [m]."""
-    total = 0.0
-    for side in sides:
-        since = np.clip(time - time[0], 0.0, side.before) + np.clip(time - time[-1] + side.after, 0.0, side.after)
-        way = way + side.speed * since / len(sides)
-        total += side.speed * (side.before + side.after) / len(sides)
-    return way, total
+def _whole(source: SourceEstimate, scale: float, sd: float, doubtful: bool, used: list[_Side]) -> WalkedDistance:
+    """The distance of a source with what is walked in time that no stride of its sides covers."""
+    estimate = source.estimate
+    way, time = scale * as_float(estimate.distance), as_float(estimate.time)
+    added = {"cut": 0.0, "bridged": 0.0}
+    for side in used:
+        for name in added:
+            for begin, end in getattr(side, name):
+                way = way + side.speed * np.clip(time - begin, 0.0, end - begin) / len(used)
+                added[name] += side.speed * (end - begin) / len(used)
+    bridged_s = sum(end - begin for side in used for begin, end in side.bridged) / max(len(used), 1)
+    if used:
+        unknown = float(np.mean([one.unknown for one in used]))
+    else:
+        notes = (note for note in estimate.diagnostics["notes"] if note.code == NOT_ESTIMATED.code)
+        unknown = USUAL_SPEED * sum(float(note.values["seconds"]) for note in notes)
+    unseen = float(np.linalg.norm([unknown, CUT_SD * added["cut"], LOSS_SD * added["bridged"]]))
+    spread = float(np.hypot(sd, unseen))
+    return WalkedDistance(source.name, time, way, spread, doubtful, **added, bridged_s=bridged_s, unseen=unseen)
 
 
-def _not_measured(source: SourceEstimate, recording: Recording) -> float:
-    """Length [m] of what a source without a sensor for each side did not see of a walk."""
-    notes = source.estimate.diagnostics["notes"]
-    if source.estimate.strides is None:
-        return USUAL_SPEED * sum(float(note.values["seconds"]) for note in notes if note.code == NOT_ESTIMATED.code)
-    trunk = recording.sensors[source.placements[0]]
-    time = as_float(trunk.time)
-    gone = [time[end - 1] - time[begin] for begin, end in true_runs(~np.asarray(trunk.mask, bool))]
-    return USUAL_SPEED * float(sum(seconds for seconds in gone if seconds > LONGEST_LOSS))
+def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray, length: np.ndarray) -> tuple[float, Spans]:
+    """What is lost between strides, given by start [s], end [s] and length [m] in the order of their starts.
 
-
-def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray) -> float:
-    """Duration [s] between strides, given by start and end [s], where so much is lost that strides can be missing."""
-    time = as_float(imu.time)
-    edges = [np.clip(np.searchsorted(time, at), 0, time.size - 1) for at in ([time[0], *end], [*start, time[-1]])]
+    Returns:
+        Duration [s] in which strides can be missing, and the losses in walking: begin and end [s] of those between two
+        strides that are not short as those from and to standing, without time for standing beside the loss.
+    """
+    time, seconds, bridged = as_float(imu.time), 0.0, []
+    after, before = np.maximum.accumulate([time[0], *end]), np.array([*start, time[-1]])
+    edges = [np.clip(np.searchsorted(time, at), 0, time.size - 1) for at in (after, before)]
     lost = lost_between(~np.asarray(imu.mask, bool), time, *edges)
-    total = 0.0
-    for after, before, gone in zip([time[0], *end], [*start, time[-1]], lost, strict=True):
-        if gone > LONGEST_LOSS:
-            total += float(min(before - after, gone + 2.0 * USUAL_STRIDE_S))
-    return total
+    usual = float(np.median(length)) if len(length) else 0.0
+    walks = np.array([False, *(length > SHORT * usual)]) & np.array([*(length > SHORT * usual), False])
+    for begin, until, gone, walking in zip(after, before, lost, walks, strict=True):
+        if gone > LONGEST_LOSS and walking and until - begin < gone + 2.0 * USUAL_STRIDE_S:
+            bridged.append((float(begin), float(until)))
+        elif gone > LONGEST_LOSS:
+            seconds += float(min(until - begin, gone + 2.0 * USUAL_STRIDE_S))
+    return seconds, bridged
 
 
 def walked(distances: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, list[Note]]:
     """The distances of several sources combined by their variances, and a note for each that contradicts the first.
 
-    The combined distance follows the most certain source in time. Doubtful sources count if there are no others; then
-    half of the difference between them is part of the deviation.
+    What no source saw has the same error in all of them. The combined distance follows the most certain source in
+    time. Doubtful sources count if there are no others; then half of the difference between them is part of the
+    deviation.
     """
     if not distances:
         return None, []
     sure = [distance for distance in distances if not distance.doubtful]
     apart = 0.0 if sure else 0.5 * float(np.ptp([distance.distance[-1] for distance in distances]))
     sure = sure or list(distances)
-    ends = np.array([distance.distance[-1] for distance in sure])
-    shared = correlation([distance.source for distance in sure])
-    value, sd, kept = combined(ends, np.array([distance.stddev for distance in sure]), shared)
+    ends, common = np.array([distance.distance[-1] for distance in sure]), min(distance.unseen for distance in sure)
+    own = np.sqrt(np.square([distance.stddev for distance in sure]) - common**2)
+    value, sd, kept = combined(ends, own, correlation([distance.source for distance in sure]))
     best = next(distance for distance, keeps in zip(sure, kept, strict=True) if keeps)
     total = best.distance[-1]
     notes = [
@@ -252,6 +276,9 @@ def walked(distances: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, 
     ]  # fmt: skip
     if best.cut > 0.0:
         notes.append(DISTANCE_EXTENDED(metres=best.cut))
+    if best.bridged > 0.0:
+        notes.append(DISTANCE_OVER_LOSS(metres=best.bridged, seconds=best.bridged_s))
     used = "+".join(distance.source for distance, keeps in zip(sure, kept, strict=True) if keeps)
     way = best.distance * value / best.distance[-1]
-    return WalkedDistance(used, best.time, way, float(np.hypot(sd, apart)), best.doubtful, best.cut), notes
+    spread = float(np.linalg.norm([sd, common, apart]))
+    return best._replace(source=used, distance=way, stddev=spread), notes

@@ -192,8 +192,11 @@ def walked(p: LegParams, legs: Legs, inputs: LegInputs, options: LegOptions) -> 
     if options.distance == "strapdown" and inputs.shanks is not None:
         shank_params = ankle_stride.AnkleParams(lever_shank=p.lever_shank, distance_noise=p.distance_noise)
         shanks = ankle_stride.run(shank_params, inputs.shanks, SHANKS._replace(smooth=options.smooth))
-        strides = reduce(jnp.logical_and, [leg.count > 0 for leg in inputs.shanks[1:] if leg is not None])
-        way = jnp.where(strides, leg_distance.rescaled(way, shanks.distance[-1]), way)
+        worn = [leg for leg in inputs.shanks[1:] if leg is not None]
+        strides = reduce(jnp.logical_and, [leg.count > 0 for leg in worn])
+        way = jnp.where(
+            strides, leg_distance.rescaled(way, inputs.still & inputs.valid, worn, shanks.distance[-1]), way
+        )
         spread = jnp.where(strides, shanks.diagnostics["distance_stddev"], spread)
         spreads = shanks.strides_stddev
         doubtful = trust.doubtful(shanks.strides, spreads, shanks.diagnostics["stride_nis"])

@@ -3,8 +3,11 @@
 Source: Bennett et al. (2013), section V, for the accumulated displacement of the foot.
 """
 
+from collections.abc import Sequence
+
 import jax.numpy as jnp
 
+from jgait.estimators.ankle_stride.inputs import AnkleSignals
 from jgait.types import Flags, Legs, LegTrajectory, Values
 
 MOVES_M, LEAST_SHARE = 1e-3, 0.2
@@ -55,9 +58,17 @@ def stance_carried(legs: Legs, rollover_radius: Values, still: Flags) -> Values:
     return jnp.cumsum(back) / jnp.maximum(share, LEAST_SHARE)
 
 
-def rescaled(way: Values, total: Values) -> Values:
-    """A distance by kinematics (T,) [m] in proportion, so that it ends at a total [m] that is known better.
+def rescaled(way: Values, still: Flags, shanks: Sequence[AnkleSignals], total: Values) -> Values:
+    """A distance by kinematics (T,) [m] in proportion, so that it agrees with the strides, whose `total` [m] is known.
 
-    Kinematics show at which moments a person advances, strapdown shows only whole strides.
+    Kinematics show at which moments a person advances, strapdown shows only whole strides: those of each shank lie
+    between its first and its last foothold. If the person does not stand before or after them, the recording begins or
+    ends in walking, and what is walked there is in the distance too. `still` (T,) is True where the person stands.
     """
-    return way * (total / jnp.maximum(way[-1], 1e-6))
+    covered, stood = [], jnp.cumsum(still)
+    for shank in shanks:
+        begin, end = shank.begin[0], shank.end[shank.count - 1]
+        before = jnp.where((stood[begin] > 0) | shank.half[0], 0.0, way[begin])
+        after = jnp.where((stood[-1] > stood[end]) | shank.half[shank.count - 1], 0.0, way[-1] - way[end])
+        covered.append(way[-1] - before - after)
+    return way * (total / jnp.maximum(jnp.mean(jnp.stack(covered)), 1e-6))

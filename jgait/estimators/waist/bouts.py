@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.estimators.ends import LEAST, MOST, cut_note
 from jgait.estimators.losses import lost_between
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.waist.notes import BOUT_WITHOUT_STANDING, NO_CONTACTS
@@ -120,14 +121,23 @@ def leave_out(nodes: dict[str, np.ndarray], lost: np.ndarray, time: np.ndarray) 
     return int(gone.sum())
 
 
-def notes_of(nodes: dict[str, np.ndarray], contacts: int) -> list[Note]:
-    """Notes about the bouts."""
+def notes_of(nodes: dict[str, np.ndarray], contacts: int, placement: str, time: np.ndarray) -> list[Note]:
+    """Notes about the bouts of a sensor, and about walking that the recording cuts off; `time` (T,) is in s."""
     if not contacts:
         return [NO_CONTACTS()]
     fresh = np.flatnonzero(nodes["fresh"])
-    notes = []
+    notes: list[Note] = []
     for number, row in enumerate(fresh, start=1):
         if not nodes["stands"][row]:
             begin = nodes["contact"][row]
             notes.append(BOUT_WITHOUT_STANDING(bout=number, bouts=len(fresh), begin_s=begin))
-    return notes
+    ends = np.flatnonzero(nodes["stride"])
+    if not len(ends):
+        return notes
+    at, stands = nodes["contact"], nodes["stands"]
+    stride_s = float(np.median(at[ends] - at[ends - 2]))
+    beside = (at[0] - time[0], time[-1] - at[-1])
+    walks = (
+        LEAST < seconds / stride_s < MOST and not still for seconds, still in zip(beside, stands[[0, -1]], strict=True)
+    )
+    return notes + cut_note(placement, *(float(s) if cut else 0.0 for s, cut in zip(beside, walks, strict=True)))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jgait.io.arrays import GYR_UNITS, recording_from_arrays, unit_scale
-from jgait.io.checks import ACC_UNITS, FASTEST, FEET_APART, GRAVITY_RANGE, RANGE_UNITS
+from jgait.io.checks import ACC_UNITS, FASTEST, FEET_APART, RANGE_UNITS
 from jgait.io.formats.clocks import on_one_counter, one_clock
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
@@ -23,7 +23,7 @@ SLOW, FAST = 12.0, 30.0
 """[unit of the file] 99th percentile of a walking sensor's rate: below the first rad/s, above the second deg/s."""
 
 MOST_SHAKEN = 0.6, 2.0
-"""[g] Limits of the median specific force of a sensor in walking, if another sensor decides about its unit."""
+"""[g] Limits of the median specific force of a sensor in walking; gravity is checked where the sensor is calm."""
 
 PLACED_BY_NAME = Kind("placed_by_name", "info", "the sensor {sensor!r} is taken to have sat at {placement}", DEDUCED)
 NOT_PLACED = Kind("not_placed", "info", "left out, for their placement is not known: {sensors}", LEFT_OUT)
@@ -149,9 +149,9 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
 
 
 def _force_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes: list[Note]) -> dict[str, str]:
-    """Placement → the accelerometer's unit: given, stated, or deduced from gravity, which is its median.
+    """Placement → the accelerometer's unit: given, stated, or deduced from gravity, which is near its median.
 
-    A sensor that is shaken so that its median is not gravity has the unit of another one.
+    A sensor without any sample has the unit of another one.
     """
     units: dict[str, str | None] = {}
     medians = {}
@@ -168,8 +168,7 @@ def _force_units(placed: Mapping[str, Part], chosen: str | None, name: str, note
         if units[where] is not None:
             notes.append(ACC_UNIT_DEDUCED(placement=where, unit=units[where], median=median))
             continue
-        forces = 0.0 if shared is None else median * ACC_UNITS[shared] / ACC_UNITS["g"]
-        if MOST_SHAKEN[0] < forces < MOST_SHAKEN[1] or np.isnan(forces):
+        if np.isnan(median) and shared is not None:
             units[where] = shared
             notes.append(ACC_UNIT_SHARED(placement=where, unit=shared, other=sure))
         else:
@@ -185,7 +184,7 @@ def _force_units(placed: Mapping[str, Part], chosen: str | None, name: str, note
 def _unit_of_gravity(median: float) -> str | None:
     """The unit in which a median size of the specific force is gravity, or None."""
     for unit, factor in ACC_UNITS.items():
-        if GRAVITY_RANGE[0] <= median * factor / ACC_UNITS["g"] <= GRAVITY_RANGE[1]:
+        if MOST_SHAKEN[0] < median * factor / ACC_UNITS["g"] < MOST_SHAKEN[1]:
             return unit
     return None
 

@@ -1,0 +1,46 @@
+"""Losses in all sensors: what is walked in them is in the distance, and in its deviation."""
+
+import numpy as np
+import pytest
+from made.shank import shank
+
+import jgait
+from jgait.types import Imu, Recording
+
+LENGTH, STRIDES = 1.2, 16
+
+
+def lost(recording, begin, seconds):
+    """The recording without the samples of a stretch."""
+    sensors = {}
+    for name, imu in recording.sensors.items():
+        gone = (np.asarray(imu.time) >= begin) & (np.asarray(imu.time) < begin + seconds)
+        sensors[name] = Imu(imu.time, imu.gyr, imu.acc, np.asarray(imu.mask) & ~gone)
+    return Recording(sensors, recording.sampling_rate_hz)
+
+
+def over_losses(found):
+    return [note.values for note in found.notes if note.code == "distance_over_loss"]
+
+
+@pytest.mark.parametrize("seconds", [1.5, 4.0])
+@pytest.mark.parametrize("begin", [6.0, 6.5])
+def test_a_loss_in_walking_is_walked_through(begin, seconds):
+    made = shank(strides=STRIDES)
+    found = jgait.analyse(lost(made.recording, begin, seconds))
+    distance, deviation = found.estimate.distance[-1], found.estimate.diagnostics["distance_stddev"][-1]
+    assert abs(distance - STRIDES * LENGTH) < deviation < 0.15 * STRIDES * LENGTH
+    (values,) = over_losses(found)
+    missing = STRIDES - len(found.strides.first)
+    assert values["metres"] == pytest.approx(missing * LENGTH, rel=0.1)
+    assert deviation > 0.25 * values["metres"]
+    assert np.all(np.diff(found.estimate.distance) > -1e-9)
+
+
+def test_a_loss_after_the_last_stride_counts_in_the_deviation_alone():
+    made = shank(strides=STRIDES)
+    whole = jgait.analyse(made.recording).estimate
+    found = jgait.analyse(lost(made.recording, made.contact[-1] + 0.4, 0.6))
+    assert not over_losses(found)
+    assert found.estimate.distance[-1] == pytest.approx(whole.distance[-1], abs=0.05)
+    assert found.estimate.diagnostics["distance_stddev"][-1] > whole.diagnostics["distance_stddev"][-1] + 0.3
