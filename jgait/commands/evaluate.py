@@ -69,6 +69,13 @@ def evaluate(
     cohort = cohorts.opened(table, dataset, simulated, seed, estimator, paper, params, gyr_unit, acc_unit)
     pipeline, start, source = cohort
     names = [] if loss is None else list(losses_of("--loss", loss))
+    if names:
+        from jgait.tune import objective
+
+        try:
+            objective(pipeline, None, dict.fromkeys(names, 1.0))
+        except ValueError as error:
+            stop(f"--loss: {error}")
     read = [table, params, *source.files]
     with results_folder(
         out, "evaluate", source.marks, planned=PLANNED, inputs=read, json_file=json_file, fresh=fresh
@@ -116,17 +123,22 @@ def evaluate(
 def _judged(
     pipeline: "Estimator[PyTree, PyTree]", source: cohorts.Source, start: PyTree, names: list[str]
 ) -> "pd.DataFrame":
-    """The errors of all recordings in the losses; exits with code 2 if they cannot be computed."""
-    from jgait import evaluate as evaluation
-    from jgait.tune import LOSSES as KNOWN
+    """The errors of the recordings in each loss, empty where a reference cannot answer it."""
+    import pandas as pd
 
-    failures: list[tuple[str, str]] = []
-    lessons = lessons_of(pipeline, source, start, [], failures, any(KNOWN[name].needs for name in names))
-    say_failures([failure for failure in failures if failure not in source.failures])
-    try:
-        return evaluation.judged(pipeline, start, lessons, names)
-    except ValueError as error:
-        stop(f"--loss: {error}")
+    from jgait import evaluate as evaluation
+
+    tables = []
+    for name in names:
+        failures: list[tuple[str, str]] = []
+        try:
+            lessons = lessons_of(pipeline, source, start, [], failures, [name])
+        except ValueError as error:
+            note(f"--loss: {error}")
+            continue
+        say_failures([failure for failure in failures if failure not in source.failures])
+        tables.append(evaluation.judged(pipeline, start, lessons, [name]).set_index(["recording", "subject"]))
+    return pd.concat(tables, axis=1).reset_index() if tables else pd.DataFrame(columns=["recording", "subject"])
 
 
 def _show_losses(judged: "pd.DataFrame", names: list[str]) -> None:
@@ -134,11 +146,11 @@ def _show_losses(judged: "pd.DataFrame", names: list[str]) -> None:
     from jgait.tune import LOSSES as KNOWN
 
     console.print("\nlosses, over the recordings", style="italic")
-    shown = table_of("loss", "error", "median", "mean", "worst", left=2)
-    for name in names:
+    shown = table_of("loss", "error", "recordings", "median", "mean", "worst", left=2)
+    for name in judged.columns.intersection(names):
         column, known = judged[name], KNOWN[name]
         numbers = (significant(v) for v in (column.median(), column.mean(), column.max()))
-        shown.add_row(name, visible(f"{known.words} [{known.unit}]"), *numbers)
+        shown.add_row(name, visible(f"{known.words} [{known.unit}]"), f"{column.count()}", *numbers)
     console.print(shown)
 
 

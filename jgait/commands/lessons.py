@@ -1,16 +1,17 @@
 """The losses that an option names, and the walks of a cohort prepared for them."""
 
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import PyTree
 
 from jgait.commands import cohort as cohorts
-from jgait.commands.console import Bar, note, progress, say_failures, stop
+from jgait.commands.console import Bar, note, progress, stop
 from jgait.commands.pipeline import measures_of
 from jgait.estimators import Estimator
 from jgait.estimators.proportions import SENSOR_SHARE
-from jgait.types import Walk
+from jgait.types import RecordingError, Walk
 
 if TYPE_CHECKING:
     from jgait.tune import Lessons
@@ -28,9 +29,14 @@ def losses_of(option: str, text: str) -> dict[str, float]:
 
 def lessons_of(
     pipeline: Estimator[PyTree, PyTree], source: cohorts.Source, start: PyTree, names: list[str],
-    failures: list[tuple[str, str]], reference: bool,
+    failures: list[tuple[str, str]], losses: Sequence[str],
 ) -> "Lessons":  # fmt: skip
-    """The lessons of the cohort, with the measures of each person; exits with code 2 if there are none."""
+    """The lessons of the cohort, with the measures of each person. A walk whose reference cannot answer one of the
+    losses is a failure.
+
+    Raises:
+        ValueError: if there are none.
+    """
     from jgait import tune as tuning
     from jgait.params import check_params
 
@@ -58,13 +64,25 @@ def lessons_of(
         both |= {name: np.broadcast_to(both[name], 2) for name in of_legs}
         return {name: value for name, value in both.items() if name not in learned}
 
+    lacks: list[tuple[str, str]] = []
+
+    def answering(walks: Iterable[Walk]) -> Iterator[Walk]:
+        for walk in walks:
+            try:
+                yield tuning.asked(walk, losses)
+            except RecordingError as error:
+                lacks.append((walk.recording.name, str(error)))
+
     with progress() as bars:
         bar, total = Bar(bars), len(source.items)
         walks = source.walks(failures, lambda number: bar("reading", number, total))
+        needed = any(tuning.LOSSES[name].needs for name in losses)
         try:
-            made = tuning.lessons(pipeline, walks, own=body_of, reference=reference)
-        except ValueError as error:
-            say_failures(failures)
-            stop(str(error))
-    failures += made.failures
+            made = tuning.lessons(pipeline, answering(walks), own=body_of, reference=needed)
+        except ValueError:
+            if len({reason for _, reason in lacks}) == 1:
+                raise ValueError(f"{lacks[0][1]}; no reference of {source.title} has them") from None
+            failures += lacks
+            raise
+    failures += [*lacks, *made.failures]
     return made

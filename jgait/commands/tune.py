@@ -79,10 +79,12 @@ def tune(
         tuning.objective(pipeline, None, dict.fromkeys(asked_for, 1.0))
     except ValueError as error:
         stop(str(error))
-    made = lessons_of(pipeline, source, start, names, failures, any(tuning.LOSSES[one].needs for one in asked_for))
+    try:
+        made = lessons_of(pipeline, source, start, names, failures, asked_for)
+    except ValueError as error:
+        say_failures(failures)
+        stop(str(error))
     say_failures(failures)
-    for lacks in filter(None, (tuning.lacking(one, made.data.reference) for one in asked_for)):
-        stop(f"{lacks}; the reference of {source.title} has none")
     how: dict[str, Any] = {
         "pipeline": "paper" if paper else "default", "free": names, "loss": loss, "steps": steps,
         "learning_rate": rate, "starts": starts, "seed": seed, "cohort": source.title,

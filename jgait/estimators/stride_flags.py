@@ -1,6 +1,7 @@
 """Flags of strides, for all estimators: turns, stairs, clipped swings, half strides, uncertain numbers."""
 
 from collections.abc import Mapping
+from types import ModuleType
 
 import numpy as np
 
@@ -12,6 +13,9 @@ LARGEST_TURN = 0.35
 
 SHORT_STRIDE = 0.8
 """[1] At an end of a walking bout, a stride below this share of the median length starts or ends in standing."""
+
+AS_FAR = 0.1
+"""[1] Largest relative difference between distance gained and stride length at which the two are compared."""
 
 FEWEST_STRIDES = 3
 """Least number of strides of a leg for which their median length is used."""
@@ -78,6 +82,20 @@ def durations(strides: Strides) -> np.ndarray:
     if strides.final_contact is None:
         return lasts
     return np.where(as_float(strides.final_contact) <= as_float(strides.start), np.nan, lasts)
+
+
+def as_far(strides: Strides, gained: Values, xp: ModuleType = np) -> Flags:
+    """(strides,) bool, the valid strides from contact to contact in which the body advances as far as the foot.
+
+    These are the strides whose length a reference's distance gains, `gained` (strides,) [m], to `AS_FAR`; where that is
+    NaN, those that are not short as from and to standing. `xp` is NumPy, or `jax.numpy` under jit.
+    """
+    length, known = xp.asarray(strides.length), xp.asarray(strides.valid)
+    usual = xp.nanmedian(xp.where(known, length, xp.nan))
+    alike = xp.where(xp.isfinite(gained), abs(gained - length) <= AS_FAR * length, length >= SHORT_STRIDE * usual)
+    if strides.final_contact is None:
+        return known & alike
+    return known & alike & ~(xp.asarray(strides.final_contact) <= xp.asarray(strides.start))
 
 
 def _turning(estimate: Estimate) -> Flags:

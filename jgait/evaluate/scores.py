@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from jgait.estimators.stride_flags import STRIDE_COLUMNS
+from jgait.estimators.stride_flags import STRIDE_COLUMNS, as_far
 from jgait.evaluate.errors import common_samples, foot_position_error, leg_errors
 from jgait.types import SIDES, Estimate, Strides, Walk, as_float
 
@@ -27,9 +27,6 @@ class Scores(NamedTuple):
 
 
 NAN = float("nan")
-
-AS_FAR = 0.1
-"""Largest relative difference between distance gained and stride length at which the two are compared [1]."""
 
 
 def score(estimate: Estimate, walk: Walk) -> Scores:
@@ -110,9 +107,8 @@ def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, Any]:
     middle is nearest, if each is the other's nearest and they are less than half a stride apart; every quantity that
     both have in any stride is compared. If it has none, its stride length is the gain of `distance` from the stride's
     start to its end, valid throughout: between two contacts on a straight path, the hip moves as far as the foot. This
-    does not hold in the first stride from standing, in the last before standing, and in tight turns: the stride is not
-    compared where the gain of the reference's distance differs from the foot's stride length by more than a tenth.
-    Strides that the estimate lacks, or that are not compared, are NaN.
+    does not hold in the first stride from standing, in the last before standing, and in tight turns: only strides
+    `as_far` are compared. Strides that the estimate lacks, or that are not compared, are NaN.
 
     Returns:
         Columns as of `Scores.strides`; `s_id` counts the strides of the reference in the order in which they start.
@@ -134,7 +130,8 @@ def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, Any]:
             if name == "stride_length_m" or (np.isfinite(values).any() and np.isfinite(truth).any()):
                 rows[name], known[name] = values, truth
     elif estimate.distance is not None:
-        rows["stride_length_m"] = np.where(_as_far(reference, theirs), _gained(estimate, theirs), NAN)
+        way = np.full(len(theirs.length), NAN) if reference.distance is None else _gained(reference, theirs)
+        rows["stride_length_m"] = np.where(as_far(theirs, way), _gained(estimate, theirs), NAN)
         known["stride_length_m"] = as_float(theirs.length)
     if not rows:
         return {}
@@ -217,14 +214,6 @@ def matched(ours: Strides, theirs: Strides) -> np.ndarray:
     rows = np.arange(theirs.side.size)
     good = (back[nearest] == rows) & (apart[rows, nearest] < 0.5 * (end - start))
     return np.where(good, nearest, none)
-
-
-def _as_far(reference: Estimate, strides: Strides) -> np.ndarray:
-    """(strides,) True where the reference's distance gains the stride's length; all True if it has no distance."""
-    if reference.distance is None:
-        return np.ones(strides.start.size, bool)
-    with np.errstate(invalid="ignore"):
-        return ~(np.abs(_gained(reference, strides) - strides.length) > AS_FAR * strides.length)
 
 
 def _gained(estimate: Estimate, strides: Strides) -> np.ndarray:

@@ -36,7 +36,7 @@ can be least while the leg swings."""
 
 SWINGS = 1.0
 """[rad/s] Forward rate from which on a shank swings, next to the first and the last swing that are whole; at the very
-end of the recording `STILL`."""
+end of the recording `STILL`. Beside a rest a shank that straightens up is as fast; a closing step is above `RESTS`."""
 
 CUTOFF_HZ = 4.0
 """[Hz] Cut-off of the low-pass filter of the rates, applied both ways."""
@@ -119,9 +119,10 @@ def _at_end(
     near = int(NEAR_S * rate_hz)
     if limit is None:
         beside = norm[swing:] if way > 0 else norm[swing::-1]
-        moves = next((a for a, b in true_runs(beside < STILL) if b - a >= RESTS_S * rate_hz), len(beside))
-        until = swing + way * np.arange(min(moves, int(PAUSE_S * rate_hz) + 1))
-        swings = np.flatnonzero((x[until] < -np.where(until == edge, STILL, SWINGS))[near:])
+        rest = next((a for a, b in true_runs(beside < STILL) if b - a >= RESTS_S * rate_hz), None)
+        until = swing + way * np.arange(min(len(beside) if rest is None else rest, int(PAUSE_S * rate_hz) + 1))
+        turns = (x[until] < -np.where(until == edge, STILL, SWINGS)) & ((rest is None) | (norm[until] > RESTS))
+        swings = np.flatnonzero(turns[near:])
         stance = until[: near + swings[0]] if len(swings) else until[:0]
         stance = stance[x[stance] >= 0.0]
         if len(stance) > near:

@@ -6,7 +6,7 @@ from jgait.tune.gradient import value_and_grad
 from jgait.tune.identifiability import Identifiability, identifiability
 from jgait.tune.lanes import Progress, Report
 from jgait.tune.lessons import Lesson, Lessons, Windows, lessons, named_windows
-from jgait.tune.objective import LOSSES, Loss, Objective, by_subject, lacking, objective, parsed
+from jgait.tune.objective import LOSSES, Loss, Objective, asked, by_subject, lacking, objective, parsed
 from jgait.tune.profile import Profile, profile
 from jgait.tune.words import Direction
 
@@ -24,6 +24,7 @@ __all__ = [
     "Progress",
     "Report",
     "Windows",
+    "asked",
     "by_subject",
     "cross_validate",
     "fit",

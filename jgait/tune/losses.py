@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from jgait.estimators.stride_flags import as_far
 from jgait.types import AnyArray, Estimate, LegTrajectory, Scalar, Strides, Values
 
 _DEGREE = jnp.pi / 180.0
@@ -24,14 +25,16 @@ class TrajectoryWeights(NamedTuple):
     y: Scalar = 1.0 / _CENTIMETRE**2
 
 
-def masked_mean(values: Float[AnyArray, "*shape"], valid: Bool[AnyArray, "..."] | None = None) -> Float[Array, ""]:
-    """Mean of `values` (T,) where `valid` (T,) is True; 0 if no sample is valid. The gradient of masked values is 0."""
+def masked_mean(
+    values: Float[AnyArray, "*shape"], valid: Bool[AnyArray, "..."] | None = None, empty: float = 0.0
+) -> Float[Array, ""]:
+    """Mean of `values` (T,) where `valid` (T,) is True; `empty` if none is. The gradient of masked values is 0."""
     values = jnp.asarray(values)
     if valid is None:
         return jnp.mean(values)
     kept = jnp.where(valid, values, jnp.zeros_like(values))
     count = jnp.sum(jnp.broadcast_to(valid, values.shape), dtype=values.dtype)
-    return jnp.sum(kept) / jnp.maximum(count, 1.0)
+    return jnp.where(count > 0.0, jnp.sum(kept) / jnp.maximum(count, 1.0), empty)
 
 
 def _difference(
@@ -48,14 +51,16 @@ def _difference(
 
 
 def mean_squared(
-    estimate: Float[AnyArray, "..."], reference: Float[AnyArray, "..."], valid: Bool[AnyArray, "..."] | None = None
-) -> Float[Array, ""]:
-    """Mean squared difference (1/n) Σ (estimate − reference)² over the n valid samples of (T,); 0 if nothing is valid.
+    estimate: Float[AnyArray, "..."], reference: Float[AnyArray, "..."], valid: Bool[AnyArray, "..."] | None = None,
+    empty: float = 0.0,
+) -> Float[Array, ""]:  # fmt: skip
+    """Mean squared difference (1/n) Σ (estimate − reference)² over the n valid samples of (T,); `empty` if there are
+    none.
 
     Raises:
         ValueError: if the shapes differ.
     """
-    return masked_mean(_difference(estimate, reference, valid) ** 2, valid)
+    return masked_mean(_difference(estimate, reference, valid) ** 2, valid, empty)
 
 
 def _window(estimate: Estimate, reference: Estimate, window: Bool[AnyArray, "time"] | None) -> Bool[Array, "time"]:
@@ -148,11 +153,12 @@ def _duration(strides: Strides, standing: bool) -> Array:
     return last - first
 
 
-def stride(estimate: Estimate, reference: Estimate, field: str) -> Float[Array, ""]:
-    """Mean squared error of one quantity of the strides that the estimate and the reference share; 0 if there is none.
+def stride(estimate: Estimate, reference: Estimate, field: str, empty: float = 0.0) -> Float[Array, ""]:
+    """Mean squared error of one quantity of the strides that the estimate and the reference share; `empty` without any.
 
     `field` is a field of `Strides`, or "duration" [s]. NaN in the reference or the estimate leaves the stride out. An
-    estimate without strides, but with a distance, gives lengths: d(end) − d(start).
+    estimate without strides, but with a distance, gives lengths: d(end) − d(start), of the strides in which a body
+    advances as far as the foot, see `estimators.stride_flags.as_far`.
 
     Raises:
         ValueError: if the estimate or the reference does not have the quantity.
@@ -161,9 +167,12 @@ def stride(estimate: Estimate, reference: Estimate, field: str) -> Float[Array, 
     if theirs is None:
         raise ValueError("the reference has no strides to compare")
     if field == "length" and ours is None and estimate.distance is not None and theirs.start is not None:
-        ends = (jax.lax.stop_gradient(jnp.asarray(at)) for at in (theirs.start, theirs.end))
+        ends = [jax.lax.stop_gradient(jnp.asarray(at)) for at in (theirs.start, theirs.end)]
         before, after = (jnp.interp(at, estimate.time, estimate.distance) for at in ends)
-        return mean_squared(after - before, theirs.length, theirs.valid)
+        known = reference.distance is not None
+        gained = [jnp.interp(at, reference.time, reference.distance) if known else jnp.nan * at for at in ends]
+        far = as_far(theirs, gained[1] - gained[0], jnp)
+        return mean_squared(after - before, theirs.length, jax.lax.stop_gradient(far), empty)
     if ours is None:
         raise ValueError(f"the estimate has no strides, so no {field} of strides to compare")
     row, matched = _matched(ours, theirs)
@@ -176,12 +185,12 @@ def stride(estimate: Estimate, reference: Estimate, field: str) -> Float[Array, 
                 raise ValueError(f"the strides of the {name} have no {field}")
         values, true = jnp.asarray(getattr(ours, field)), jnp.asarray(getattr(theirs, field))
     values = values[row]
-    return mean_squared(values, true, _finite(true, _finite(values, matched)))
+    return mean_squared(values, true, _finite(true, _finite(values, matched)), empty)
 
 
-def contact_times(estimate: Estimate, reference: Estimate) -> Float[Array, ""]:
+def contact_times(estimate: Estimate, reference: Estimate, empty: float = 0.0) -> Float[Array, ""]:
     """Mean squared error of the initial contacts at the end of the matched strides, and of the final contacts if both
-    sides have them [s²].
+    sides have them [s²]; `empty` without matched strides.
 
     Raises:
         ValueError: if the estimate or the reference has no contacts.
@@ -195,7 +204,7 @@ def contact_times(estimate: Estimate, reference: Estimate) -> Float[Array, ""]:
     terms = []
     for field in fields:
         values, true = jnp.asarray(getattr(ours, field))[row], jnp.asarray(getattr(theirs, field))
-        terms.append(mean_squared(values, true, _finite(true, _finite(values, matched))))
+        terms.append(mean_squared(values, true, _finite(true, _finite(values, matched)), empty))
     return jax.tree.reduce(jnp.add, terms) / len(terms)
 
 

@@ -13,9 +13,9 @@ from jaxtyping import Array, Float, PyTree
 from jgait.estimators.interface import Estimator
 from jgait.tune import losses
 from jgait.tune.lessons import Lesson
-from jgait.types import Estimate
+from jgait.types import Estimate, Legs, RecordingError, Walk
 
-Term = Callable[[Estimate, Lesson], Float[Array, ""]]
+Term = Callable[..., Float[Array, ""]]
 """(estimate, lesson) → scalar; pure JAX."""
 
 
@@ -86,24 +86,24 @@ def calibration(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
     return losses.calibration(estimate, _reference(lesson), lesson.look, lesson.standing)
 
 
-def contact_times(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
+def contact_times(estimate: Estimate, lesson: Lesson, empty: float = 0.0) -> Float[Array, ""]:
     """Mean squared error of contacts in units of 10 ms; see `losses.contact_times`."""
-    return 1e4 * losses.contact_times(estimate, _reference(lesson))
+    return 1e4 * losses.contact_times(estimate, _reference(lesson), empty)
 
 
 def _of_strides(field: str, unit: float, meaning: str) -> Term:
-    def term(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
-        return losses.stride(estimate, _reference(lesson), field) / unit**2
+    def term(estimate: Estimate, lesson: Lesson, empty: float = 0.0) -> Float[Array, ""]:
+        return losses.stride(estimate, _reference(lesson), field, empty) / unit**2
 
     term.__doc__ = f"Mean squared error of the {meaning}; see `losses.stride`."
     return term
 
 
-def _root(of: Term) -> Term:
+def _root(of: Term, **empty: float) -> Term:
     """The root of a mean square, for validation; its gradient at 0 is infinite."""
 
     def term(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
-        return jnp.sqrt(of(estimate, lesson))
+        return jnp.sqrt(of(estimate, lesson, **empty))
 
     term.__doc__ = f"Root of: {of.__doc__}"
     return term
@@ -137,7 +137,9 @@ class Loss(NamedTuple):
 
 
 def _squared(term: Term, unit: str, words: str, *needs: str) -> Loss:
-    return Loss(term, _root(term), unit, words, needs)
+    """A mean square; the error of a walk without any stride that is compared is NaN, its loss 0."""
+    empty = {"empty": math.nan} if needs[0].startswith("strides") else {}
+    return Loss(term, _root(term, **empty), unit, words, needs)
 
 
 LOSSES: dict[str, Loss] = {
@@ -203,6 +205,32 @@ def lacking(name: str, reference: Estimate | None) -> str:
     if not needs or (reference is not None and any(_has(reference, path) for path in needs)):
         return ""
     return f"{name} needs a reference with {' or '.join(path.replace('.', ' with ') for path in needs)}"
+
+
+def asked(walk: Walk, names: Sequence[str]) -> Walk:
+    """A walk with only those parts of its reference that the losses `names` need, so that walks can be stacked whose
+    references have other parts too.
+
+    Raises:
+        RecordingError: the reference cannot judge one of them.
+    """
+    reasons = [reason for name in names if (reason := lacking(name, walk.reference))]
+    if reasons:
+        raise RecordingError("; ".join(reasons))
+    needs = {path.partition(".")[0] for name in names for path in LOSSES[name].needs}
+    reference = walk.reference
+    if reference is None or not needs:
+        return walk._replace(reference=None)
+    way = None
+    if (
+        "strides" in needs or "distance" in needs
+    ):  # the distance shows in which strides a body advances as far as a foot
+        way = np.full(np.shape(reference.time), np.nan) if reference.distance is None else reference.distance
+    kept = reference._replace(
+        distance=way, legs=reference.legs if "legs" in needs else Legs(None, None),
+        feet=reference.feet if "feet" in needs else None, strides=reference.strides if "strides" in needs else None,
+    )  # fmt: skip
+    return walk._replace(reference=kept)
 
 
 def _has(reference: Estimate, path: str) -> bool:

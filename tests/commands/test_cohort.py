@@ -302,7 +302,7 @@ def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walk
         (("--free", "distance_scale", "--loss", "speed"), "--loss: a loss is one of distance, trajectory"),
         (
             ("--free", "distance_scale", "--loss", "trajectory"),
-            "trajectory needs a reference with legs; the reference of cohort.csv has none",
+            "trajectory needs a reference with legs; no reference of cohort.csv has them",
         ),
         (("--free", "distance_scale", "--loss", "position"), "leg_ekf cannot answer 'position'; it answers distance"),
         (("--free", "distance_scale", "--loss", "distance=-1"), "the weight of 'distance' must be a positive number"),

@@ -148,11 +148,11 @@ def test_lessons_take_only_the_measures_that_the_estimator_knows(as_a_set):
     pipeline = get("foot_ins")
     source = cohort.source(None, "neura_sparse", None, 0, "deg/s", "m/s^2", ("pivot_height",))
     failures: list[tuple[str, str]] = []
-    made = lessons_of(pipeline, source, pipeline.params, ["velocity_noise"], failures, True)
+    made = lessons_of(pipeline, source, pipeline.params, ["velocity_noise"], failures, ["stride_length"])
     assert failures == [] and made.names == ("first", "second")
     np.testing.assert_allclose(made.data.own["pivot_height"], foot_ins.FootParams().pivot_height)
     assert set(made.data.own) == {"pivot_height"}
-    made = lessons_of(pipeline, source, pipeline.params, ["pivot_height"], failures, True)
+    made = lessons_of(pipeline, source, pipeline.params, ["pivot_height"], failures, ["stride_length"])
     assert made.data.own == {}
     walk = datasets.load("neura_sparse")[0]
     assert (

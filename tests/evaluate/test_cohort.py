@@ -169,8 +169,11 @@ def test_no_length_of_a_stride_whose_way_is_not_as_long():
     estimate = reference._replace(strides=None, distance=1.3 * time)
     rows = scores.stride_rows(estimate, reference)
     np.testing.assert_allclose(rows["estimate"], [np.nan, 1.3, 1.3, np.nan], rtol=1e-12)
-    # Nothing is known of the way.
-    assert np.isfinite(scores.stride_rows(estimate, reference._replace(distance=None))["estimate"]).all()
+    # Where nothing is known of the way, strides that are short or come from standing are left out.
+    unknown = reference._replace(distance=None)
+    np.testing.assert_allclose(scores.stride_rows(estimate, unknown)["estimate"], [1.3, 1.3, 1.3, np.nan], rtol=1e-12)
+    from_standing = unknown._replace(strides=known._replace(final_contact=np.where(np.arange(4) == 0, starts, np.inf)))
+    assert np.isnan(scores.stride_rows(estimate, from_standing)["estimate"][[0, 3]]).all()
 
 
 def test_no_length_of_a_stride_in_which_the_estimate_was_not_valid():

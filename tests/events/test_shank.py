@@ -183,6 +183,20 @@ def test_a_swing_in_which_the_sagittal_rate_is_least_is_no_stance():
     assert stood.end[0] == stood.begin[1] == at[0]
 
 
+@pytest.mark.parametrize(("norm", "steps"), [(1.2, False), (2.0, True)])
+def test_a_closing_step_before_standing_ends_a_stance_and_a_shank_that_straightens_up_does_not(norm, steps):
+    time = np.arange(0.0, 4.0, 1.0 / RATE)
+    rate = np.where(time < 1.4, 0.5, 0.0)  # rolls over the foot, then stands
+    rate[round(1.1 * RATE)] = 0.3
+    moves = slice(round(1.4 * RATE), round(1.6 * RATE))
+    rate[moves] = -1.1
+    speed = np.abs(rate)
+    speed[moves] = norm
+    start, end = (np.rint(RATE * np.array(at)).astype(int) for at in ([0.5], [0.9]))
+    stood = shank_stance.stances(rate, speed, start, end, RATE)
+    assert (stood.end[0] == round(1.1 * RATE), stood.standing[0, 1]) == (steps, not steps)
+
+
 @pytest.mark.parametrize(("turns", "pauses"), [(0.2, False), (0.02, True)])
 def test_a_pause_is_a_long_stance_in_which_the_shank_rests(turns, pauses):
     time = np.arange(0.0, 5.0, 1.0 / RATE)
