@@ -266,8 +266,8 @@ def tables(good: list[tuple[Ready, Estimate, Scores]], failures: list[Failed]) -
 
     recordings = [
         (ready.name, ready.walk.recording.subject, ready.time.size, ready.time[-1] - ready.time[0],
-         np.mean(estimate.valid), to_json((*ready.notes, *implausible(estimate))))
-        for ready, estimate, _ in good
+         np.mean(estimate.valid), to_json((*ready.notes, *implausible(estimate), *scores.notes)))
+        for ready, estimate, scores in good
     ]  # fmt: skip
     quantities = [
         (ready.name, ready.walk.recording.subject, name, *pair)

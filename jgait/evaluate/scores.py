@@ -6,7 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from jgait.estimators.stride_flags import STRIDE_COLUMNS, as_far
+from jgait.evaluate.clocks import clock_notes
 from jgait.evaluate.errors import common_samples, foot_position_error, leg_errors
+from jgait.notes import Note
 from jgait.types import SIDES, Estimate, Strides, Walk, as_float
 
 WITHIN = 100.0 * 0.9544997361
@@ -20,10 +22,12 @@ class Scores(NamedTuple):
         quantities: name → (estimate, reference); NaN where a value is missing.
         strides: columns (n,) `s_id side start end quantity estimate reference`, a row a stride and quantity; empty
             without strides.
+        notes: what is doubtful about the reference.
     """
 
     quantities: dict[str, tuple[float, float]]
     strides: dict[str, Any]
+    notes: tuple[Note, ...] = ()
 
 
 NAN = float("nan")
@@ -50,11 +54,12 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
     reference = walk.reference
     quantities: dict[str, tuple[float, float]] = {}
     strides: dict[str, Any] = {}
+    notes: tuple[Note, ...] = ()
     if reference is not None:
         common = common_samples(estimate, reference)
         quantities |= _distance(estimate, reference, common) | _trajectories(estimate, reference, common)
         quantities |= _places(estimate, reference) | within_two_sd(estimate, reference)
-        strides = stride_rows(estimate, reference)
+        strides, notes = stride_rows(estimate, reference), clock_notes(estimate, reference)
     elif estimate.distance is not None:
         way = as_float(estimate.distance)[np.asarray(estimate.valid, bool)]
         quantities["distance_m"] = (float(way[-1] - way[0]), NAN) if way.size else (NAN, NAN)
@@ -62,7 +67,7 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
     for name, value in estimate.diagnostics.items():
         if _is_number(value):
             quantities[name] = (float(value), float(known[name]) if _is_number(known.get(name)) else NAN)
-    return Scores(quantities, strides)
+    return Scores(quantities, strides, notes)
 
 
 def _is_number(value: npt.ArrayLike | None) -> bool:

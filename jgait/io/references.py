@@ -3,12 +3,15 @@
 The columns are those of `to_dataframe` and `strides_to_dataframe`; others are ignored.
 """
 
+import difflib
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
 from jgait.estimators.stride_flags import STRIDE_COLUMNS
+from jgait.io.strides import TIMES
 from jgait.types import (
     SIDES,
     AnyArray,
@@ -28,6 +31,12 @@ if TYPE_CHECKING:
 STRIDE_NEEDS = ("side", "start_s", "end_s", "stride_length_m")
 """Columns that a table of strides must have."""
 
+STRIDE_NAMES = (
+    "s_id", "side", "valid", *(f"{name}_s" for name in TIMES), *STRIDE_COLUMNS,
+    *(f"{name.rpartition('_')[0]}_std_{name.rpartition('_')[2]}" for name in STRIDE_COLUMNS),
+)  # fmt: skip
+"""Columns that a table of strides may have."""
+
 SAMPLES = ("distance_m", *(
     name for side in SIDES for name in (
         f"hip_angle_{side}_deg", f"knee_angle_{side}_deg", *(f"{axis}_{side}_m" for axis in "xy"),
@@ -37,6 +46,19 @@ SAMPLES = ("distance_m", *(
 
 FARTHEST = 2.0
 """[1] Largest distance to a sample of the table, in its median interval, at which the reference is valid."""
+
+
+SLOWEST_S = 0.5
+"""[s] Longest median interval of the samples of a reference."""
+
+LONGEST_STRIDE, LONGEST_STRIDE_S, FASTEST = 4.0, 10.0, 12.0
+"""[m], [s], [m/s] A median stride above one of these, or a mean speed, is in another unit."""
+
+LEAST_KNEE_DEG, LEAST_WAY, LEAST_STRIDES = 5.0, 2.0, 4
+"""[°] Least range of a knee over a way [m], or so many strides: in radians it is 1."""
+
+ALIKE = 0.85
+"""[1] Similarity of a column's name and a known one above which it is misspelt."""
 
 
 def reference_from_tables(
@@ -54,8 +76,8 @@ def reference_from_tables(
             `stride_length_m`, and any other of `strides_to_dataframe`.
 
     Raises:
-        RecordingError: a column that is needed is missing, cells that are no numbers, a side that is none, times that
-            do not increase, or no table at all.
+        RecordingError: a column that is needed is missing or misspelt, cells that are no numbers, a side that is none,
+            times that do not increase or are those of another recording, numbers in another unit, or no table at all.
     """
     if samples is None and strides is None:
         raise RecordingError("a reference needs a table of samples or of strides; got none")
@@ -65,6 +87,11 @@ def reference_from_tables(
     distance, valid = None, np.ones(len(at), bool)
     if samples is not None:
         columns, valid = _at(at, samples)
+        if not valid.any():
+            ours, theirs = (f"{float(t[0]):g} to {float(t[-1]):g} s" for t in (at, samples["time_s"].to_numpy()))
+            raise RecordingError(
+                f"the reference has samples from {theirs}, the recording from {ours}: no time in common"
+            )
         none = np.full(len(at), np.nan)
         for side in SIDES:
             hip, knee = (columns.get(f"{joint}_angle_{side}_deg") for joint in ("hip", "knee"))
@@ -75,14 +102,52 @@ def reference_from_tables(
             if not any(axis is None for axis in place):
                 feet[side] = FootTrajectory(np.stack([part for part in place if part is not None], axis=1), None, None)
         distance = columns.get("distance_m")
-    return Estimate(
+    reference = Estimate(
         at, Legs(**legs), None, distance, valid, {}, None if strides is None else strides_from_dataframe(strides),
         Feet(**feet) if any(foot is not None for foot in feet.values()) else None,
     )  # fmt: skip
+    _check_units(reference)
+    return reference
+
+
+def _check_units(reference: Estimate) -> None:
+    """Raise if numbers are far from those of walking people."""
+    strides, way, seconds = 0, 0.0, max(float(np.ptp(as_float(reference.time))), 1e-9)
+    if reference.strides is not None and np.any(reference.strides.valid):
+        table = reference.strides
+        known = np.asarray(table.valid, bool)
+        strides, length = int(known.sum()), float(np.median(as_float(table.length)[known]))
+        lasts = float(np.median((as_float(table.end) - as_float(table.start))[known]))
+        if length > LONGEST_STRIDE:
+            raise RecordingError(f"column 'stride_length_m' is in metres; the median of the table is {length:.4g}")
+        if lasts > LONGEST_STRIDE_S:
+            raise RecordingError(
+                f"columns 'start_s' and 'end_s' are in seconds; a stride of the table lasts {lasts:.4g}"
+            )
+    if reference.distance is not None:
+        way = float(np.ptp(as_float(reference.distance)[np.asarray(reference.valid, bool)]))
+        if way > FASTEST * seconds:
+            raise RecordingError(f"column 'distance_m' is in metres; {way:.4g} m in {seconds:.4g} s is no walking")
+    for side, leg in zip(SIDES, reference.legs, strict=True):
+        knee = None if leg is None else np.rad2deg(as_float(leg.knee_angle)[np.asarray(reference.valid, bool)])
+        if knee is not None and (way > LEAST_WAY or strides >= LEAST_STRIDES) and float(np.ptp(knee)) < LEAST_KNEE_DEG:
+            raise RecordingError(
+                f"column 'knee_angle_{side}_deg' is in degrees; it varies by {float(np.ptp(knee)):.2g}, which in "
+                "walking is the angle in radians"
+            )
+
+
+def _check_spelling(table: "pd.DataFrame", known: Collection[str], what: str) -> None:
+    """Raise if a column that is not known is nearly one that the table lacks."""
+    lacking = [name for name in known if name not in table]
+    for column in map(str, table.columns):
+        if column not in known and (near := difflib.get_close_matches(column, lacking, 1, ALIKE)):
+            raise RecordingError(f"{what} has a column {column!r}, which is not read; did you mean {near[0]!r}?")
 
 
 def strides_from_dataframe(table: "pd.DataFrame") -> Strides:
     """Strides of a table with the columns of `strides_to_dataframe`: see `reference_from_tables`, also for errors."""
+    _check_spelling(table, STRIDE_NAMES, "a table of strides")
     _needs(table, STRIDE_NEEDS, "a table of strides")
     numbers = {word: number for number, name in enumerate(SIDES) for word in (name, name[0])}
     sides = table["side"].astype(str).str.strip().str.lower().map(numbers)
@@ -119,10 +184,13 @@ def _numbers(table: "pd.DataFrame", column: str) -> np.ndarray:
 
 def _at(time: np.ndarray, samples: "pd.DataFrame") -> tuple[dict[str, np.ndarray], np.ndarray]:
     """The columns of numbers of a table of samples at other times, and (T,) bool where they are known."""
+    _check_spelling(samples, ("time_s", "valid", *SAMPLES), "a table of samples")
     _needs(samples, ("time_s",), "a table of samples")
     given = _numbers(samples, "time_s")
     if len(given) < 2 or not np.all(np.diff(given) > 0.0):
         raise RecordingError("column 'time_s' of a reference must have two times or more, which increase")
+    if (step := float(np.median(np.diff(given)))) > SLOWEST_S:
+        raise RecordingError(f"column 'time_s' of a reference is in seconds; its samples are {step:.4g} apart")
     names = [name for name in SAMPLES if name in samples]
     columns = {name: _numbers(samples, name) for name in names}
     known = np.logical_and.reduce([np.isfinite(values) for values in columns.values()] or [np.zeros(len(given), bool)])

@@ -1,0 +1,89 @@
+"""Whether the clock of a reference is that of the recording: by the angle of a knee, or by the contacts of strides."""
+
+import numpy as np
+
+from jgait.notes import Kind, Note
+from jgait.types import SIDES, Estimate, as_float
+
+REFERENCE_CLOCK = Kind(
+    "reference_clock", "check", "{what} of the reference agree with the estimate if the reference is {seconds:.2f} s "
+    "{when}",
+    "The clock of the reference seems to begin at another time than the recording's. All errors against it are too "
+    "large; correct the times of the reference. After a whole stride more or less, signals are alike again.",
+)  # fmt: skip
+
+MOST_S, STEP_S = 5.0, 0.02
+"""[s] Largest offset of a clock that is looked for, and step of the search."""
+
+LEAST_S = 0.1
+"""[s] Least offset that is noted; contacts differ by less where two methods define them."""
+
+AGREES = {"the knee's angles": np.deg2rad(8.0), "contacts": 0.3}
+"""[rad] Difference of knees about their means, and share of contacts that do not match, below which clocks agree."""
+
+BETTER = 0.5
+"""[1] Largest part of the error, or of the contacts that do not match, that is left with the offset that is noted."""
+
+LEAST_STRIDES = 3
+"""Least number of strides of the reference whose contacts are compared."""
+
+
+def clock_notes(estimate: Estimate, reference: Estimate) -> tuple[Note, ...]:
+    """A note if a reference agrees with an estimate much better at other times.
+
+    Knees are compared if both have one, else the contacts at the ends of strides.
+    """
+    shifts = np.arange(-MOST_S, MOST_S + 0.5 * STEP_S, STEP_S)
+    for (what, agrees), search in zip(AGREES.items(), (_of_knees, _of_contacts), strict=True):
+        now = search(estimate, reference, np.zeros(1))
+        if now is None:
+            continue
+        error = search(estimate, reference, shifts) if now[0] > agrees else None
+        if error is None or error.min() > BETTER * now[0]:
+            return ()
+        best = float(shifts[np.argmin(error)])
+        note = REFERENCE_CLOCK(what=what, seconds=abs(best), when="later" if best > 0.0 else "earlier")
+        return (note,) if abs(best) > LEAST_S else ()
+    return ()
+
+
+def _of_knees(estimate: Estimate, reference: Estimate, shifts: np.ndarray) -> np.ndarray | None:
+    """(shifts,) standard deviation of the difference of knees [rad], the reference shifted [s]; None without both.
+
+    A shift that leaves less than half of the samples in common counts as no agreement.
+    """
+    errors = []
+    known, valid = np.asarray(reference.valid, bool), np.asarray(estimate.valid, bool)
+    if not known.any() or not valid.any():
+        return None
+    time, ours_at = as_float(reference.time)[known], as_float(estimate.time)[valid]
+    for side in SIDES:
+        ours, theirs = getattr(estimate.legs, side), getattr(reference.legs, side)
+        if ours is None or theirs is None:
+            continue
+        angle, true = as_float(ours.knee_angle)[valid], as_float(theirs.knee_angle)[known]
+        at = time[None, :] + shifts[:, None]
+        there = (at >= ours_at[0]) & (at <= ours_at[-1])
+        gap = np.where(there, np.interp(at, ours_at, angle) - true, np.nan)
+        enough = there.sum(axis=1) > 0.5 * len(time)
+        spread = np.full(len(shifts), np.inf)
+        spread[enough] = np.nanstd(gap[enough], axis=1)
+        errors.append(spread)
+    return np.mean(errors, axis=0) if errors else None
+
+
+def _of_contacts(estimate: Estimate, reference: Estimate, shifts: np.ndarray) -> np.ndarray | None:
+    """(shifts,) share of the reference's contacts, shifted [s], without a contact of the estimate near."""
+    ours, theirs = estimate.strides, reference.strides
+    if ours is None or theirs is None or ours.end is None or theirs.end is None:
+        return None
+    lacking, count = np.zeros(len(shifts)), 0
+    for number in range(len(SIDES)):
+        found, true = (
+            as_float(one.end)[np.asarray(one.valid, bool) & (np.asarray(one.side) == number)] for one in (ours, theirs)
+        )
+        if found.size and true.size:
+            apart = np.abs(true[None, :, None] + shifts[:, None, None] - found[None, None, :]).min(axis=2)
+            lacking += np.sum(apart > LEAST_S, axis=1)
+            count += true.size
+    return lacking / count if count >= LEAST_STRIDES else None

@@ -1,0 +1,46 @@
+"""A reference on another clock is noted, one on the same clock is not, whatever its errors."""
+
+import numpy as np
+import pytest
+
+from jgait.evaluate.clocks import clock_notes
+from jgait.types import Estimate, Legs, LegTrajectory, Strides
+
+TIME = np.arange(0.0, 20.0, 0.01)
+
+
+def knee(late=0.0, noise=0.0):
+    """A knee that stands for 3 s and then bends once a stride."""
+    at = TIME - 3.0 - late
+    walks = np.clip(at, 0.0, 1.0)
+    bends = walks * np.deg2rad(30.0) * (1.0 - np.cos(2.0 * np.pi * at / 1.1))
+    return np.where(at > 0.0, bends, 0.0) + noise * np.random.default_rng(0).normal(size=TIME.size)
+
+
+def legs(**made):
+    angle = knee(**made)
+    leg = LegTrajectory(0.0 * angle, angle, 0.0 * angle, 0.0 * angle)
+    return Estimate(TIME, Legs(leg, None), None, None, np.ones(TIME.size, bool), {})
+
+
+def strides(late=0.0, drop=()):
+    start = np.delete(3.0 + 1.1 * np.arange(12) + 0.1 * np.sin(np.arange(12)), list(drop)) + late
+    nothing = np.full(start.size, np.nan)
+    table = Strides(np.zeros(start.size, int), start, start + 0.7, start + 1.1, nothing + 1.2, nothing, nothing,
+                    np.ones(start.size, bool))  # fmt: skip
+    return Estimate(TIME, Legs(None, None), None, None, np.ones(TIME.size, bool), {}, table)
+
+
+@pytest.mark.parametrize("late", [-1.3, 0.8, 0.3])
+@pytest.mark.parametrize(("made", "what"), [(legs, "the knee's angles"), (strides, "contacts")])
+def test_another_clock_is_noted_with_its_offset(made, what, late):
+    (note,) = clock_notes(made(), made(late=late))
+    assert note.values["what"] == what and note.values["when"] == ("earlier" if late > 0.0 else "later")
+    assert note.values["seconds"] == pytest.approx(abs(late), abs=0.1)
+
+
+def test_errors_on_the_same_clock_are_not():
+    assert not clock_notes(legs(), legs(noise=np.deg2rad(12.0)))
+    assert not clock_notes(legs(), legs(late=0.05))
+    assert not clock_notes(strides(drop=(0, 1, 2, 3, 4)), strides())
+    assert not clock_notes(strides(), legs())
