@@ -14,6 +14,7 @@ from jgait.commands.folder import results_folder
 from jgait.commands.lessons import lessons_of, losses_of
 from jgait.commands.pipeline import not_held_out
 from jgait.commands.warnings import say_warnings
+from jgait.estimators.stride_flags import STRIDE_COLUMNS
 from jgait.notes import to_json
 from jgait.report.cohort import DRAWN, drawn
 from jgait.report.page import plain, significant
@@ -24,6 +25,11 @@ if TYPE_CHECKING:
 
     from jgait.estimators import Estimator
     from jgait.evaluate import Cohort
+
+WITHIN = "_within_2sd_percent"
+"""End of the name of a quantity that states how many errors the stated deviations contain."""
+
+NOT_COMPARED = "the estimate lacks them, or has only the body's way, which differs from and to standing and in turns"
 
 TABLES = ("recordings", "quantities", "strides", "agreement", "failures")
 FIGURES = ("agreement", "per_subject")
@@ -191,7 +197,9 @@ def _show(title: str, results: "Cohort", agreement: "pd.DataFrame") -> None:
         f"{count(recordings['subject'].nunique(), 'person', 'people')}, "
         f"{recordings['seconds'].sum():.0f} s recorded", highlight=False,
     )  # fmt: skip
+    covered = [name for name in agreement.index if name.endswith(WITHIN) and agreement["n"][name]]
     compared = [name for name in agreement.index if "_rmse_" not in name and agreement["n"][name]]
+    compared = [name for name in compared if name not in covered]
     shapes = [name for name in agreement.index if "_rmse_" in name and agreement["n"][name]]
     if compared:
         console.print("\nagreement with the reference", style="italic")
@@ -204,10 +212,22 @@ def _show(title: str, results: "Cohort", agreement: "pd.DataFrame") -> None:
                 significant(row["icc"]),
             )  # fmt: skip
         console.print(shown)
+        for name in (name for name in compared if name in STRIDE_COLUMNS and agreement["n_dropped"][name]):
+            lacks = f"{agreement['n_dropped'][name]:.0f} of {agreement[['n', 'n_dropped']].loc[name].sum():.0f}"
+            note(
+                f"{name.rpartition('_')[0].replace('_', ' ')}: {lacks} strides of the reference are not compared; {NOT_COMPARED}"
+            )
         alike = agreement.loc[compared]
         if (alike["icc"].isna() & (alike["n"] > 1)).any():
             note("ICC – : the reference does not vary, so that differences between people cannot be judged")
     rows = results.paired()
+    for name in covered:
+        share = rows.loc[rows["quantity"] == name, "estimate"].dropna()
+        console.print(
+            f"{visible(name.removesuffix(WITHIN).replace('_', ' '))}: {share.mean():.1f} % of a recording's strides "
+            f"within two stated standard deviations, lowest {share.min():.1f} % (95.4 % are to be expected)",
+            highlight=False,
+        )  # fmt: skip
     relative = 100.0 * rows.loc[rows["quantity"] == "distance_m", "rel_error"].abs().dropna()
     if len(relative):
         console.print(

@@ -106,9 +106,12 @@ def settings_of(about: About, paper: bool, file: Path | None = None) -> Settings
     tuned: dict[str, Any] = {}
     if file is not None:
         try:
-            tuned = dict(io.made_of(file)[1].get("options", {}))
+            of, made = io.made_of(file)
         except (ValueError, OSError) as error:
             stop(f"--params: {error}")
+        if of in estimators.names() and estimators.about_of(of) != about:
+            stop(f"--params: {file} holds parameters of {of}; give --estimator {of}, or a file of this estimator")
+        tuned = dict(made.get("options", {}))
     unknown = [option for option in tuned if option not in getattr(options, "_fields", ())]
     if unknown:
         stop(f"--params: {file} was tuned with the option {unknown[0]!r}, which this estimator does not have")

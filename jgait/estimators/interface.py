@@ -101,7 +101,11 @@ class Estimator[P, I](NamedTuple):
         result = None if self.in_parts is None else self.in_parts(p, inputs, options)
         if result is None:
             result = compiled(self.run)(p, pad(inputs, bucket(samples)), options=options)
-        result = trimmed(result, samples, self.per_stride)
+        return self.finished(result, prepared)
+
+    def finished(self, result: Estimate, prepared: Prepared[I]) -> Estimate:
+        """The estimate that `estimate` gives, from that of `run` for the padded inputs of a prepared recording."""
+        result = trimmed(result, len(prepared.inputs.time), self.per_stride)  # type: ignore[attr-defined]
         facts = {"notes": prepared.notes, "standing": prepared.standing}
         result = result._replace(diagnostics={**result.diagnostics, **facts})
         result = result if self.finish is None else self.finish(result, prepared)

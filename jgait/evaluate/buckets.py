@@ -13,16 +13,15 @@ import numpy.typing as npt
 from jax.sharding import Mesh
 from jaxtyping import PyTree
 
-from jgait.estimators.interface import Estimator
-from jgait.estimators.plausible import implausible
+from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.programs import BUCKET, bucket
 from jgait.evaluate.devices import sharded
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.store import COLUMNS, Cohort, frame
 from jgait.filtering.compile import compiled
-from jgait.notes import Note, to_json
+from jgait.notes import to_json
 from jgait.params import check_params
-from jgait.types import Estimate, RecordingError, Walk, reason_of
+from jgait.types import Estimate, RecordingError, Walk, as_float, reason_of
 
 WAITING = 3
 """Recordings that may wait in unfilled buckets [batches]; with more, the fullest bucket runs unfilled."""
@@ -54,11 +53,8 @@ class Ready(NamedTuple):
 
     name: str  #: the recording's name in the tables.
     walk: Walk  #: the walk; its recording has no sensor data, so that many recordings fit in memory.
-    time: np.ndarray  #: (T,) [s] in float64.
-    inputs: PyTree  #: the estimator's inputs, padded, in the precision of the computation.
-    params: PyTree  #: the estimator's parameters, as arrays in the same precision.
-    options: PyTree  #: the estimator's options; each set of options is compiled separately.
-    notes: tuple[Note, ...]  #: notes of the recording and of its preparation.
+    made: Prepared[PyTree]  #: what was prepared, with the recording's notes; times in float64.
+    params: PyTree  #: the estimator's parameters, as arrays in the precision of the computation.
     bucket: Hashable  #: recordings with equal `bucket` can be stacked in one batch.
 
 
@@ -88,16 +84,24 @@ def prepared(job: CohortJob, name: str, item: PyTree) -> Ready | Failed:
         time = np.asarray(made.inputs.time, np.float64)
         if not time.size:
             raise RecordingError("the recording holds no samples")
-        inputs, params = jax.tree.map(_lowered, (job.estimator.pad(made.inputs, padded_length(time.size)), params))
-        leaves, structure = jax.tree.flatten((inputs, params))
+        params = jax.tree.map(_lowered, params)
+        leaves, structure = jax.tree.flatten((_padded(job, made), params))
         bucket = (made.options, structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves))
-        notes: tuple[Note, ...] = (*recording.notes, *made.notes)
         kept = walk._replace(recording=recording._replace(sensors={}))
-        return Ready(name, kept, time, inputs, params, made.options, notes, bucket)
+        made = made._replace(
+            inputs=jax.tree.map(np.asarray, made.inputs)._replace(time=time), notes=(*recording.notes, *made.notes)
+        )
+        return Ready(name, kept, made, params, bucket)
     except ImportError:
         raise
     except Exception as error:
         return Failed(name, subject, reason_of(error))
+
+
+def _padded(job: CohortJob, made: Prepared[PyTree]) -> PyTree:
+    """The inputs of `run`, padded, in the precision of the computation."""
+    padded: PyTree = jax.tree.map(_lowered, job.estimator.pad(made.inputs, padded_length(np.size(made.inputs.time))))
+    return padded
 
 
 def _params(job: CohortJob, walk: Walk) -> PyTree:
@@ -207,9 +211,10 @@ def program(run: Callable[..., Estimate], options: PyTree, mesh: Mesh | None) ->
 
 def _started(job: CohortJob, bucket: list[Ready]) -> PyTree:
     """Begin to compute a batch; an unfilled batch is filled with copies of a recording."""
-    rows = bucket + [bucket[0]] * (job.batch - len(bucket))
-    params, inputs = jax.tree.map(lambda *leaves: np.stack(leaves), *((row.params, row.inputs) for row in rows))
-    return program(job.estimator.run, bucket[0].options, job.mesh)(params, inputs)
+    pairs = [(row.params, _padded(job, row.made)) for row in bucket]
+    pairs += pairs[:1] * (job.batch - len(bucket))
+    params, inputs = jax.tree.map(lambda *leaves: np.stack(leaves), *pairs)
+    return program(job.estimator.run, bucket[0].made.options, job.mesh)(params, inputs)
 
 
 def _finished(job: CohortJob, bucket: list[Ready], result: PyTree, failures: list[Failed]) -> Cohort:
@@ -218,7 +223,7 @@ def _finished(job: CohortJob, bucket: list[Ready], result: PyTree, failures: lis
     good: list[tuple[Ready, Estimate, Scores]] = []
     for number, ready in enumerate(bucket):
         row = jax.tree.map(lambda leaf, number=number: leaf[number], result)
-        estimate = _unpadded(row, ready)
+        estimate = job.estimator.finished(row, ready.made)._replace(time=as_float(ready.made.inputs.time))
         bad = _unusable(estimate)
         if bad is None:
             try:
@@ -232,18 +237,6 @@ def _finished(job: CohortJob, bucket: list[Ready], result: PyTree, failures: lis
     part = tables(good, failures)
     failures.clear()
     return part
-
-
-def _unpadded(estimate: Estimate, ready: Ready) -> Estimate:
-    """The estimate without padding; its time is the recorded time in float64, not in the computation's precision."""
-    samples, padded = ready.time.size, padded_length(ready.time.size)
-
-    def cut(leaf: npt.ArrayLike) -> np.ndarray:
-        array = np.asarray(leaf)
-        return array[:samples] if array.ndim and array.shape[0] == padded else array
-
-    whole = jax.tree.map(cut, estimate._replace(strides=None, strides_stddev=None))
-    return whole._replace(time=ready.time, strides=estimate.strides, strides_stddev=estimate.strides_stddev)
 
 
 def _unusable(estimate: Estimate) -> str | None:
@@ -265,8 +258,8 @@ def tables(good: list[tuple[Ready, Estimate, Scores]], failures: list[Failed]) -
     from jgait.evaluate.statistics import with_errors
 
     recordings = [
-        (ready.name, ready.walk.recording.subject, ready.time.size, ready.time[-1] - ready.time[0],
-         np.mean(estimate.valid), to_json((*ready.notes, *implausible(estimate), *scores.notes)))
+        (ready.name, ready.walk.recording.subject, estimate.time.size, estimate.time[-1] - estimate.time[0],
+         np.mean(estimate.valid), to_json((*estimate.diagnostics["notes"], *scores.notes)))
         for ready, estimate, scores in good
     ]  # fmt: skip
     quantities = [

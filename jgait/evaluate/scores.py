@@ -32,6 +32,9 @@ class Scores(NamedTuple):
 
 NAN = float("nan")
 
+FACTS = ("notes", "standing")
+"""Diagnostics of an estimate that are no quantities."""
+
 
 def score(estimate: Estimate, walk: Walk) -> Scores:
     """Scores of an estimate, on the host and without padding, for a cohort, with the reference where the walk has one.
@@ -65,7 +68,7 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
         quantities["distance_m"] = (float(way[-1] - way[0]), NAN) if way.size else (NAN, NAN)
     known = {} if reference is None else reference.diagnostics
     for name, value in estimate.diagnostics.items():
-        if _is_number(value):
+        if name not in FACTS and _is_number(value):
             quantities[name] = (float(value), float(known[name]) if _is_number(known.get(name)) else NAN)
     return Scores(quantities, strides, notes)
 

@@ -69,8 +69,9 @@ def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -
     file = params_file(path)
     with reading(file, "a file of parameters"):
         whole = json.loads(file.read_text(encoding="utf-8"))
+        of, version, made = _header(file, whole)
         rows = {name: _value(row["value"]) for name, row in whole["parameters"].items()}
-        of, version, made = str(whole["estimator"]), whole["format"], dict(whole.get("made", {}))
+        stated = {name: str(row.get("unit", "")) for name, row in whole["parameters"].items()}
     if version != FORMAT:
         raise RecordingError(f"{file} has format {version}; this version of jgait reads {FORMAT}")
     if of != estimator:
@@ -80,6 +81,9 @@ def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -
     unknown = [name for name in rows if name not in names]
     if unknown:
         raise RecordingError(f"{file} names a parameter {unknown[0]!r} that {estimator} does not have")
+    for name, unit in units(params).items():
+        if stated.get(name, unit) != unit:
+            raise RecordingError(f"{file} states {name} in {stated[name]!r}; {unit!r} is wanted, with the value in it")
     for name, (_, value) in zip(names, flat, strict=True):
         if np.shape(rows.get(name, value)) != np.shape(value):
             raise RecordingError(f"{file} has {name} of shape {np.shape(rows[name])}; {np.shape(value)} is wanted")
@@ -111,4 +115,15 @@ def made_of(path: str | os.PathLike[str]) -> tuple[str, dict[str, PyTree]]:
     file = params_file(path)
     with reading(file, "a file of parameters"):
         whole = json.loads(file.read_text(encoding="utf-8"))
-        return str(whole["estimator"]), dict(whole.get("made", {}))
+        of, _, made = _header(file, whole)
+        return of, made
+
+
+def _header(file: Path, whole: PyTree) -> tuple[str, int, dict[str, PyTree]]:
+    """The estimator of a file of parameters, its format, and how the parameters were made."""
+    lacking = [
+        name for name in ("format", "estimator", "parameters") if not isinstance(whole, dict) or name not in whole
+    ]
+    if lacking:
+        raise RecordingError(f"{file} is no file of parameters, for it has no {lacking[0]!r}; `jgait tune` writes one")
+    return str(whole["estimator"]), whole["format"], dict(whole.get("made", {}))

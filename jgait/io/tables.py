@@ -278,11 +278,12 @@ def read_csv(
     acc_unit: str = "m/s^2",
     range_unit: str = "m",
     name: str | None = None,
-    subject: str = "subject",
+    subject: str | None = None,
 ) -> Recording:
     """A recording from a CSV file with a header; comma, semicolon or tab, decimal point or comma.
 
-    Arguments as `recording_from_dataframe`; the name is that of the file without its ending, if none is given.
+    Arguments as `recording_from_dataframe`; the names of the recording and of the person are that of the file
+    without its ending, if none is given.
 
     Raises:
         FileNotFoundError: if there is no such file.
@@ -301,7 +302,7 @@ def read_csv(
             gyr_unit=gyr_unit,
             acc_unit=acc_unit,
             range_unit=range_unit,
-            name=file.stem if name is None else name,
-            subject=subject,
+            name=name or file.stem,
+            subject=subject or name or file.stem,
         )
         return recording._replace(notes=(*notes, *recording.notes))

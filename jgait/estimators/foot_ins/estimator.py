@@ -21,6 +21,7 @@ from jgait.estimators.foot_ins.params import DEFAULT, FootOptions, FootParams, w
 from jgait.estimators.foot_ins.prepare import prepare
 from jgait.estimators.foot_ins.readout import Path
 from jgait.estimators.interface import Estimator, Prepared
+from jgait.estimators.notes import NO_STEPS
 from jgait.estimators.programs import compiled
 from jgait.estimators.sides import stacked
 from jgait.filtering import Belief
@@ -220,7 +221,9 @@ def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
     result = headings.together(result) if made.options.smooth else result
     worn = {side: f"foot_{SIDES[side]}" for side in feet}
     cut = cut_notes(result, {side: (worn[side], foot.gyr - foot.gyr_bias) for side, foot in feet.items()})
-    notes = (*result.diagnostics["notes"], *cut)
+    walks = set(np.asarray(result.strides.side)[np.asarray(result.strides.valid, bool)].tolist())
+    none = (NO_STEPS(placement=name) for side, name in worn.items() if side not in walks)
+    notes = (*result.diagnostics["notes"], *cut, *none)
     result = result._replace(diagnostics={**result.diagnostics, "notes": notes})
     if made.options.soft:  # its noise is tuned, and limits for it are not known
         return result

@@ -14,7 +14,7 @@ from jgait.estimators.foot_ins.notes import NEVER_RESTS
 from jgait.estimators.interface import Prepared
 from jgait.estimators.losses import bridged, longest_loss, lost_between, not_bridged
 from jgait.estimators.noise import features
-from jgait.estimators.notes import CLIPPED, LONGEST_LOSS, NO_STEPS, SCALE_CORRECTED, STRIDES_MISSING, STRIDES_UNCERTAIN
+from jgait.estimators.notes import CLIPPED, LONGEST_LOSS, SCALE_CORRECTED, STRIDES_MISSING, STRIDES_UNCERTAIN
 from jgait.events import foot as events
 from jgait.events import zero_velocity
 from jgait.events.rest import Rest, rest
@@ -132,8 +132,6 @@ def _foot(
     whole, known = _whole(stances, lost, time)
     if lost.any():
         notes.append(STRIDES_UNCERTAIN(samples=lost.sum(), placement=name, longest_s=longest_loss(lost, time)))
-    if not len(whole):
-        notes.append(NO_STEPS(placement=name))
     if not whole.all():
         notes.append(STRIDES_MISSING(strides=np.sum(~whole), placement=name, seconds=LONGEST_LOSS))
     first = int(np.flatnonzero(stands)[0]) if stands.any() else int(stances.stillest[0])

@@ -90,7 +90,7 @@ def measured(path: Path) -> Measured:
         notes.append(NO_GYROSCOPE(sensors=left_out))
     notes.extend(_others(path, stem))
     entity = re.match(r"sub-([^_]+)", path.name)
-    subject = entity.group(1) if entity else "subject"
+    subject = entity.group(1) if entity else ""
     notes.extend(_participant(path, subject))
     return Measured(parts, stem, subject, tuple(notes))
 

@@ -184,7 +184,7 @@ def _of_trial(path: Path, trial: str, tree: Tree) -> Measured:
     if "StartDateTime" in tree:
         notes.append(RECORDED_AT(date=str(tree["StartDateTime"])))
     folder = path.absolute().parent.name
-    return Measured(_on_one_clock(parts, starts), f"{folder}/{trial}", folder or "subject", tuple(notes))
+    return Measured(_on_one_clock(parts, starts), f"{folder}/{trial}", folder, tuple(notes))
 
 
 def _same_place(label: str, other: str) -> bool:

@@ -32,7 +32,7 @@ class Measured(NamedTuple):
 
     parts: Sequence[Part]  #: one a sensor.
     name: str  #: of the recording.
-    subject: str = "subject"  #: name of the person.
+    subject: str = ""  #: name of the person; "" where the file states none.
     notes: tuple[Note, ...] = ()  #: notes of the reader.
     #: (T,) distance of the left ankle from the right leg at the samples of the sensors, which must be on one clock, NaN
     #: where nothing was measured; or None. Its unit, one of `jgait.io.checks.RANGE_UNITS`, is told.

@@ -109,7 +109,7 @@ def read(
         acc_unit: 'm/s^2', 'g' or 'mg', overrules the file.
         sampling_rate_hz: [Hz] for files that do not state it.
         name: name of the recording in tables and figures; None: the file's.
-        subject: name of the person; None: the file's, or "subject".
+        subject: name of the person; None: the file's, or the name of the recording, so that each is of another person.
 
     Raises:
         OSError: if the file does not exist, or may not be read.

@@ -74,7 +74,7 @@ def settle(
         acc_unit: overrules the file.
         sampling_rate_hz: [Hz] for files that do not state it.
         name: name of the recording in tables and figures; None: as `measured`.
-        subject: name of the person; None: as `measured`.
+        subject: name of the person; None: as `measured`, or the name of the recording.
 
     Raises:
         RecordingError: if no sensor can be placed, two have one place, a unit cannot be told, clocks do not overlap,
@@ -103,7 +103,7 @@ def settle(
         gyr_unit="rad/s",
         acc_unit="m/s^2",
         name=called,
-        subject=measured.subject if subject is None else subject,
+        subject=(measured.subject or called) if subject is None else subject,
     )
     return recording._replace(notes=(*notes, *recording.notes))
 
