@@ -29,7 +29,11 @@ if TYPE_CHECKING:
 WITHIN = "_within_2sd_percent"
 """End of the name of a quantity that states how many errors the stated deviations contain."""
 
-NOT_COMPARED = "the estimate lacks them, or has only the body's way, which differs from and to standing and in turns"
+NOT_COMPARED = (
+    "the body's way, which is estimated, differs from the foot's from and to standing and in turns",
+    "the estimate lacks them",
+)
+"""Why strides are not compared, without and with strides of the estimate."""
 
 TABLES = ("recordings", "quantities", "strides", "agreement", "failures")
 FIGURES = ("agreement", "per_subject")
@@ -101,7 +105,7 @@ def evaluate(
         if not len(results.recordings):
             stop(f"none of the {len(failures)} recordings of {source.title} could be used")
         agreement = results.agreement()
-        judged = _judged(pipeline, source, start, names) if names else None
+        judged = _judged(pipeline, source, start, names, failures) if names else None
         try:
             written = _write(folder.stage, results._replace(failures=failed), agreement)
             written.append(folder.stage / NOTES)
@@ -116,7 +120,8 @@ def evaluate(
         "estimator": pipeline.name, "recordings": len(results.recordings), "failures": dict(failures),
         "agreement": agreement.astype(object).to_dict("index"), "files": list(map(str, files)),
     }))  # fmt: skip
-    _show(f"{pipeline.name}{', the paper’s pipeline' if paper else ''} on {source.title}", results, agreement)
+    _show(f"{pipeline.name}{', the paper’s pipeline' if paper else ''} on {source.title}", results, agreement,
+          has_strides="stride_time" in (pipeline.about.losses or ()))  # fmt: skip
     if judged is not None:
         _show_losses(judged, names)
     say_warnings(results.recordings[["recording", "notes"]].itertuples(index=False, name=None), out)
@@ -127,9 +132,12 @@ def evaluate(
 
 
 def _judged(
-    pipeline: "Estimator[PyTree, PyTree]", source: cohorts.Source, start: PyTree, names: list[str]
-) -> "pd.DataFrame":
-    """The errors of the recordings in each loss, empty where a reference cannot answer it."""
+    pipeline: "Estimator[PyTree, PyTree]", source: cohorts.Source, start: PyTree, names: list[str],
+    said: list[tuple[str, str]],
+) -> "pd.DataFrame":  # fmt: skip
+    """The errors of the recordings in each loss, empty where a reference cannot answer it; `said` are failures that
+    were printed before.
+    """
     import pandas as pd
 
     from jgait import evaluate as evaluation
@@ -142,7 +150,7 @@ def _judged(
         except ValueError as error:
             note(f"--loss: {error}")
             continue
-        say_failures([failure for failure in failures if failure not in source.failures])
+        say_failures([failure for failure in failures if failure not in said])
         tables.append(evaluation.judged(pipeline, start, lessons, [name]).set_index(["recording", "subject"]))
     return pd.concat(tables, axis=1).reset_index() if tables else pd.DataFrame(columns=["recording", "subject"])
 
@@ -189,7 +197,7 @@ def _span(low: float, high: float) -> str:
     return "–" if not math.isfinite(low) else f"{significant(low)} … {significant(high)}"
 
 
-def _show(title: str, results: "Cohort", agreement: "pd.DataFrame") -> None:
+def _show(title: str, results: "Cohort", agreement: "pd.DataFrame", *, has_strides: bool) -> None:
     """Print the results in tables that fit a terminal."""
     recordings = results.recordings
     console.print(
@@ -212,11 +220,12 @@ def _show(title: str, results: "Cohort", agreement: "pd.DataFrame") -> None:
                 significant(row["icc"]),
             )  # fmt: skip
         console.print(shown)
+        dropped: dict[str, list[str]] = {}
         for name in (name for name in compared if name in STRIDE_COLUMNS and agreement["n_dropped"][name]):
             lacks = f"{agreement['n_dropped'][name]:.0f} of {agreement[['n', 'n_dropped']].loc[name].sum():.0f}"
-            note(
-                f"{name.rpartition('_')[0].replace('_', ' ')}: {lacks} strides of the reference are not compared; {NOT_COMPARED}"
-            )
+            dropped.setdefault(lacks, []).append(name.rpartition("_")[0].replace("_", " "))
+        for lacks, what in dropped.items():
+            note(f"{', '.join(what)}: {lacks} strides of the reference are not compared; {NOT_COMPARED[has_strides]}")
         alike = agreement.loc[compared]
         if (alike["icc"].isna() & (alike["n"] > 1)).any():
             note("ICC – : the reference does not vary, so that differences between people cannot be judged")

@@ -41,7 +41,7 @@ def clock_notes(estimate: Estimate, reference: Estimate) -> tuple[Note, ...]:
         error = search(estimate, reference, shifts) if now[0] > agrees else None
         if error is None or error.min() > BETTER * now[0]:
             return ()
-        best = float(shifts[np.argmin(error)])
+        best = float(np.mean(shifts[error <= error.min() + 1e-9]))  # contacts agree as well over some shifts
         note = REFERENCE_CLOCK(what=what, seconds=abs(best), when="later" if best > 0.0 else "earlier")
         return (note,) if abs(best) > LEAST_S else ()
     return ()

@@ -125,5 +125,7 @@ def _header(file: Path, whole: PyTree) -> tuple[str, int, dict[str, PyTree]]:
         name for name in ("format", "estimator", "parameters") if not isinstance(whole, dict) or name not in whole
     ]
     if lacking:
-        raise RecordingError(f"{file} is no file of parameters, for it has no {lacking[0]!r}; `jgait tune` writes one")
+        raise RecordingError(
+            f"{file}: expected a file of parameters, as `jgait tune` writes it; it has no {lacking[0]!r}"
+        )
     return str(whole["estimator"]), whole["format"], dict(whole.get("made", {}))

@@ -16,7 +16,7 @@ from jgait import evaluate
 from jgait.estimators import leg_ekf
 from jgait.evaluate import buckets, devices, scores, store
 from jgait.evaluate.store import Folder, described
-from jgait.notes import from_json
+from jgait.notes import Kind, from_json
 from jgait.simulate import protocols
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, Strides, Walk
 
@@ -478,3 +478,19 @@ def test_arguments_of_another_kind_are_refused_at_once(change, message):
 def test_measures_that_the_leg_does_not_have_are_refused(body, message):
     with pytest.raises(ValueError, match=message):
         leg_ekf.with_body(leg_ekf.LegParams(), body)
+
+
+def test_a_cohort_has_the_estimates_of_single_recordings_with_their_notes():
+    told = Kind("told", "check", "the distance is told", "About this test.")
+
+    def finish(result, made):
+        notes = (*result.diagnostics["notes"], told())
+        return result._replace(distance=2.0 * result.distance, diagnostics={**result.diagnostics, "notes": notes})
+
+    whole, item = FAKE._replace(finish=finish), walk(2)
+    found = evaluate.cohort(whole, [item])
+    single = whole.estimate(whole.params, item.recording)
+    gained = single.distance[single.valid][-1] - single.distance[single.valid][0]
+    rows = found.quantities.set_index("quantity")
+    assert rows["estimate"]["distance_m"] == pytest.approx(gained, rel=0.05)
+    assert "told" in [note.code for note in from_json(found.recordings["notes"][0])]
