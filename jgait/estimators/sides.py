@@ -1,6 +1,7 @@
 """Both sides of a person as one: their records with a first axis of sides, and the distance along their strides."""
 
 import math
+from types import ModuleType
 
 import jax
 import jax.numpy as jnp
@@ -32,14 +33,14 @@ def picked(index: Counts, *values: Values) -> tuple[Values, ...]:
     return tuple(jnp.stack(values, axis=1)[index].T)
 
 
-def of_turns(length: Values, turn: Values) -> tuple[Values, Values]:
+def of_turns(length: Values, turn: Values, xp: ModuleType = jnp) -> tuple[Values, Values]:
     """Way of the person over strides that turn, and its standard deviation [m].
 
     Length (n,) is the chord from foothold to foothold [m], turn (n,) that of the foot [rad]. On a curve the person
     walks the arc; who turns on the spot walks the chord or less. The way is the mean of both, its deviation that of a
-    uniform distribution between them.
+    uniform distribution between them. `xp` is `jax.numpy`, or NumPy on the host.
     """
-    arc = length / jnp.sinc(jnp.clip(turn / (2.0 * jnp.pi), -0.5, 0.5))
+    arc = length / xp.sinc(xp.clip(turn / (2.0 * math.pi), -0.5, 0.5))
     return 0.5 * (length + arc), (arc - length) / math.sqrt(12.0)
 
 

@@ -14,7 +14,6 @@ from jgait.estimators.losses import lost_between
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, impossible
 from jgait.estimators.proportions import SHARE_SD, SHARES
-from jgait.estimators.sides import of_turns
 from jgait.estimators.stride_flags import LARGEST_TURN, durations
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.types import SIDES, Imu, Recording, Strides, as_float
@@ -123,12 +122,6 @@ def distances(
         stated = estimate.diagnostics.get("distance_stddev")
         if stated is not None and source.name != "legs":
             sd = float(np.ravel(stated)[-1])
-        elif estimate.strides is not None and estimate.strides_stddev is not None:
-            lengths = float(np.nansum(as_float(estimate.strides.length)))
-            sd = total * float(np.nansum(as_float(estimate.strides_stddev.length))) / max(lengths, 1e-6)
-            if estimate.strides.turn is not None:
-                turned = np.nansum(as_float(of_turns(estimate.strides.length, estimate.strides.turn)[1]))
-                sd = float(np.hypot(sd, turned / max(len(source.placements), 1)))
         else:
             share = SHARE_SD / SHARES["thigh_length"] if "height" in person else 0.0
             sd = total * float(np.hypot(LEG_DISTANCE_SD, share))

@@ -23,11 +23,11 @@ from jgait.estimators.foot_ins.readout import Path
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.notes import NO_STEPS
 from jgait.estimators.programs import compiled
-from jgait.estimators.sides import stacked
+from jgait.estimators.sides import of_turns, stacked
 from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion, level
 from jgait.geometry.vectors import Vector, vector
-from jgait.types import SIDES, Counts, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Strides, Values
+from jgait.types import SIDES, Counts, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Strides, Values, as_float
 
 PER_STRIDE = ("stride_nis", "doubtful")
 """Diagnostics with an entry for each stride."""
@@ -228,7 +228,18 @@ def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
     if made.options.soft:  # its noise is tuned, and limits for it are not known
         return result
     nis = {side: float(result.diagnostics[f"nis_{SIDES[side]}"]) for side in worn}
-    return trust.judged(result, worn, LARGEST_MEAN_NIS, nis)
+    return _with_distance_stddev(trust.judged(result, worn, LARGEST_MEAN_NIS, nis), len(worn))
+
+
+def _with_distance_stddev(result: Estimate, feet: int) -> Estimate:
+    """The estimate with `distance_stddev` (T,) [m]: errors of strides have one cause, so that they add up."""
+    valid = np.asarray(result.strides.valid, bool)
+    length, spread, turn = (as_float(part)[valid] for part in
+                            (result.strides.length, result.strides_stddev.length, result.strides.turn))  # fmt: skip
+    turned = as_float(of_turns(length, turn, np)[1]).sum() / feet
+    way, total = as_float(result.distance), max(float(result.distance[-1]), 1e-9)
+    share = np.hypot(spread.sum() / max(length.sum(), 1e-9), turned / total)
+    return result._replace(diagnostics={**result.diagnostics, "distance_stddev": share * way})
 
 
 def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Estimate | None:
