@@ -20,7 +20,7 @@ from jgait.estimators.about import About
 from jgait.simulate import Body, Person, Route, Truth
 from jgait.simulate.person import DEGREE
 from jgait.simulate.sensors import MPU6000
-from jgait.types import Estimate, Recording, as_float
+from jgait.types import Estimate, Recording
 
 PEOPLE, METRES = 3, 16.0
 ESTIMATORS = ("foot_ins", "ankle_stride", "leg_ekf", "waist")
@@ -99,10 +99,8 @@ def measures(body: Body, about: About) -> dict[str, float]:
 
 
 def stated(estimate: Estimate) -> float:
-    """Standard deviation of the distance [m]; of feet, as if the errors of all strides had one cause."""
-    if "distance_stddev" in estimate.diagnostics:
-        return float(np.ravel(estimate.diagnostics["distance_stddev"])[-1])
-    return 0.5 * float(np.sum(as_float(estimate.strides_stddev.length)[np.asarray(estimate.strides.valid, bool)]))
+    """Standard deviation of the distance [m]."""
+    return float(np.ravel(estimate.diagnostics["distance_stddev"])[-1])
 
 
 def doubts(notes: Any) -> tuple[str, ...]:
