@@ -3,6 +3,7 @@
 import csv
 import difflib
 import functools
+import hashlib
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -111,6 +112,19 @@ class Source(NamedTuple):
         known = zip(every["recording"], every["subject"].astype(object).fillna(""), strict=True)
         subjects = [self.subjects.get(name) or subject for name, subject in known]
         return every.assign(subject=subjects)[["recording", "subject", "reason"]]
+
+    def versions(self, names: Iterable[str]) -> dict[str, str]:
+        """Name → what its recording was computed from: SHA-256 of the files of a table, else the mark."""
+        if not isinstance(self.read, _Files):
+            return {name: self.marks[name] for name in names if name in self.marks}
+        digests = {}
+        for name in names:
+            digest = hashlib.sha256()
+            for path in _files(self.read.folder, self.read.rows[name]):
+                for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
+                    digest.update(file.read_bytes() if file.is_file() else b"")
+            digests[name] = digest.hexdigest()
+        return digests
 
     def walks(self, failures: list[tuple[str, str]], report: Callable[[int], None]) -> Iterable[Walk]:
         """Yields the walks one by one; walks that cannot be read are added to the failures."""

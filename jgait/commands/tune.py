@@ -90,7 +90,7 @@ def tune(
         "learning_rate": rate, "starts": starts, "seed": seed, "cohort": source.title,
         "recordings": len(made.names), "people": len(set(made.subjects)), "left_out": tune_run.groups_of(made).many,
         "options": _tuned_options(made.options),
-        "data": {name: source.marks[name] for name in made.names if name in source.marks},
+        "data": source.versions(made.names),
     }  # fmt: skip
     title = f"{pipeline.name}{', the paper’s pipeline,' if paper else ''} tuned on {source.title}"
     asked = {

@@ -135,7 +135,7 @@ def _show_held_out(table: "pd.DataFrame", job: Job, change: "PairedDifference") 
     if len(table) > MOST:
         shown.add_row(f"… and {len(table) - MOST} more", "", "", "", "")
     shown.add_section()
-    for name, of in (("median", np.nanmedian), ("worst", np.nanmax)):
+    for name, of in ((f"median of {plural}", np.nanmedian), ("worst", np.nanmax)):
         shown.add_row(name, "", significant(of(table["error_before"])), significant(of(table["error_after"])), "")
     console.print(shown)
     change_words = f"median change {significant(change.estimate)} {'points' if job.unit == '%' else job.unit}"

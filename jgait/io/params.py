@@ -71,7 +71,7 @@ def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -
         whole = json.loads(file.read_text(encoding="utf-8"))
         of, version, made = _header(file, whole)
         rows = {name: _value(row["value"]) for name, row in whole["parameters"].items()}
-        stated = {name: str(row.get("unit", "")) for name, row in whole["parameters"].items()}
+        stated = {name: str(row["unit"]) for name, row in whole["parameters"].items() if "unit" in row}
     if version != FORMAT:
         raise RecordingError(f"{file} has format {version}; this version of jgait reads {FORMAT}")
     if of != estimator:

@@ -254,6 +254,12 @@ def test_the_tuned_scale_is_the_one_of_least_squares(tuned, evaluated):
     assert written["parameters"]["angle_noise"] == {"value": 10.0, "unit": "rad²/s³"}
 
 
+def test_tuned_parameters_name_the_data_by_their_hashes(tuned, walks):
+    data = json.loads((tuned[2] / "tuned.json").read_text())["made"]["data"]
+    assert sorted(data) == [row["file"] for row in walks[1]]
+    assert all(len(digest) == 64 for digest in data.values()) and len(set(data.values())) == len(data)
+
+
 def test_a_tuning_that_was_finished_is_not_run_again(tuned):
     _, _, out, words = tuned
     before = (out / "tuned.json").read_bytes()
@@ -345,6 +351,10 @@ def test_parameters_in_a_file(tmp_path):
     assert io.read_params(file, leg_ekf.LegParams(), estimator="leg_ekf") == (p, {"by": "me"})
     with pytest.raises(ValueError, match="holds parameters of leg_ekf; other is wanted"):
         io.read_params(file, leg_ekf.LegParams(), estimator="other")
+    file.write_text(file.read_text().replace('"unit": "m"', '"unit": "cm"', 1))
+    with pytest.raises(ValueError, match="thigh_length.right in 'cm'; 'm' is wanted"):
+        io.read_params(file, leg_ekf.LegParams(), estimator="leg_ekf")
+    io.write_params(file, p, estimator="leg_ekf")
     file.write_text(file.read_text().replace("angle_noise", "angel_noise"))
     with pytest.raises(ValueError, match="names a parameter 'angel_noise' that leg_ekf does not have"):
         io.read_params(file, leg_ekf.LegParams(), estimator="leg_ekf")

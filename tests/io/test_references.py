@@ -68,6 +68,7 @@ def test_strides_and_positions_come_back(feet):
         (lambda t: t.assign(side="middle"), "has 'right' or 'left'; got 'middle'"),
         (lambda t: t.assign(stride_length_m="long"), "column 'stride_length_m' of a reference must have numbers"),
         (lambda t: t.assign(end_s=t["start_s"]), "must end .* after it starts"),
+        (lambda t: t.rename(columns={"turn_deg": "turns_deg"}), "a column 'turns_deg', .* did you mean 'turn_deg'"),
     ],
 )
 def test_strides_that_are_none_are_refused(feet, change, message):
@@ -82,8 +83,34 @@ def test_strides_that_are_none_are_refused(feet, change, message):
         (lambda t: t.iloc[::-1], "'time_s' of a reference must have two times or more, which increase"),
         (lambda t: t[["time_s"]], "needs a sample in which every column of the reference has a number"),
         (lambda t: None, "needs a table of samples or of strides; got none"),
+        (
+            lambda t: t.rename(columns={"knee_angle_left_deg": "knee_angel_left_deg"}),
+            "did you mean 'knee_angle_left_deg'",
+        ),
+        (
+            lambda t: t.assign(time_s=1e3 * t["time_s"]),
+            "'time_s' of a reference is in seconds; its samples are 20 apart",
+        ),
+        (
+            lambda t: t.assign(time_s=t["time_s"] + 60.0),
+            "from 60 to 70 s, the recording from 0 to 10 s: no time in common",
+        ),
+        (lambda t: t.assign(distance_m=1e3 * t["distance_m"]), "'distance_m' is in metres"),
+        (
+            lambda t: t.assign(knee_angle_left_deg=np.deg2rad(t["knee_angle_left_deg"])),
+            "is in degrees; it varies by 0.8",
+        ),
     ],
 )
 def test_samples_that_are_none_are_refused(change, message):
     with pytest.raises(RecordingError, match=message):
         io.reference_from_tables(TIME, change(io.to_dataframe(angles())))
+
+
+def test_strides_in_other_units_are_refused(feet):
+    table = io.strides_to_dataframe(feet)
+    with pytest.raises(RecordingError, match="'stride_length_m' is in metres; the median of the table is"):
+        io.reference_from_tables(feet.time, None, table.assign(stride_length_m=100.0 * table["stride_length_m"]))
+    later = {name: 1e3 * table[name] for name in table if name in ("start_s", "end_s")}
+    with pytest.raises(RecordingError, match="are in seconds; a stride of the table lasts"):
+        io.reference_from_tables(feet.time, None, table.assign(**later))

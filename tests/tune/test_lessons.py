@@ -8,7 +8,7 @@ from made import cohort as made_cohort
 from jgait import params, tune
 from jgait.tune.lessons import resampled
 from jgait.tune.losses import TrajectoryWeights
-from jgait.types import Feet, FootTrajectory, Walk
+from jgait.types import Feet, FootTrajectory, RecordingError, Walk
 
 
 def body(walk: Walk) -> dict[str, float]:
@@ -40,6 +40,17 @@ def test_walks_of_different_length_are_stacked_with_their_references(made):
         assert int(one.reference.strides.valid.sum()) == strides
         assert not one.reference.strides.length[walk.reference.strides.length.size :].any()
     assert set(made.data.reference.diagnostics) == {"offset"}
+
+
+def test_a_walk_has_what_the_losses_ask_for_or_is_refused_in_words():
+    whole = made_cohort.walk(1)
+    kept = tune.asked(whole, ["stride_length"]).reference
+    assert kept.strides is whole.reference.strides and kept.feet is None and kept.legs == (None, None)
+    bare = whole._replace(reference=whole.reference._replace(distance=None))
+    assert np.isnan(tune.asked(bare, ["stride_length"]).reference.distance).all()
+    assert tune.asked(whole, ["likelihood"]).reference is None
+    with pytest.raises(RecordingError, match="position needs a reference with feet"):
+        tune.asked(whole, ["stride_length", "position"])
 
 
 def test_feet_and_the_strides_fields_that_all_references_have_go_along():
