@@ -14,8 +14,9 @@ from jgait.estimators.combined.compare import (
     length_notes,
     side_notes,
 )
-from jgait.estimators.combined.crosscheck import FEWEST_STRIDES, crosscheck
+from jgait.estimators.combined.crosscheck import crosscheck
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
+from jgait.estimators.combined.phases import FEWEST_STRIDES
 from jgait.estimators.combined.sources import SourceEstimate, sources
 from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.notes import without_repeats

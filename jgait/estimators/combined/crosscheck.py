@@ -12,12 +12,11 @@ import numpy as np
 
 from jgait.estimators.combined.notes import (
     ACC_UNIT,
-    CLOCK_OFF,
     GYR_UNIT,
-    LEGS_TOGETHER,
     TRUNK_CLOCK_OFF,
     TURNED_OVER,
 )
+from jgait.estimators.combined.phases import OFFSETS, kind_of, swing_phases
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.leg import SIDES_EXCHANGED, SWAPPED
 from jgait.mounting.shank import LABELS_EXCHANGED
@@ -36,37 +35,6 @@ readers' checks."""
 
 OPPOSITE = -0.5
 """[1] Threshold on the scalar product of the up axes of two sensors, below which one is upside down (over 120°)."""
-
-OFFSETS = {"foot": -0.10, "shank": 0.0, "ankle": 0.02, "thigh": -0.08}
-"""[strides] Phase of the stride frequency in the squared rate, after that of the shank of the same leg. Medians of
-`walking5m` and `neura_sparse`; feet and ankles vary by 0.03, thighs by 0.1 between people."""
-
-APART = 0.25
-"""[strides] Threshold on the phase of a sensor relative to the others; half way from a correct to an exchanged one."""
-
-EITHER = 0.4
-"""[strides] Phase from which on a clock may be late as well as early, because strides repeat."""
-
-LEAST_COHERENCE, LEAST_SHARE = 0.6, 0.08
-"""[1] Least coherence of a sensor's phase from stride to stride, and least share of the stride frequency in its
-movement; a sensor with less does not take part in the comparison of phases."""
-
-SURE, SURE_THIGH = 0.8, 0.3
-"""[1] Least coherence of a phase that names a wrong clock. [1] Least share of a thigh's phase that does: below it the
-phase of a limping leg may be that of the backward swing."""
-
-EXCHANGED_FROM = 0.36
-"""[strides] Least phase of both sensors of a pair that are exchanged. In running both feet swing earlier beside the
-shanks than in walking, by more than `APART`: such a pair is neither exchanged nor off."""
-
-FEWEST_STRIDES = 3
-"""[1] Least number of strides for a comparison of phases."""
-
-LOST = 0.1
-"""[1] Largest share of lost samples in a stride that is compared."""
-
-STRIDE_S = (0.7, 2.2)
-"""[s] Shortest and longest stride."""
 
 INTENSITY_S = 1.0
 """[s] Duration of the window over which the intensity of movement is averaged; about a stride, so that steps vanish."""
@@ -112,7 +80,7 @@ def crosscheck(recording: Recording) -> Findings:
     sensors = {name: imu for name, imu in recording.sensors.items() if name not in unusable}
     notes += _upside_down(sensors)
     notes += _segments(sensors)
-    late, doubtful = _phases(sensors)
+    late, doubtful = swing_phases(sensors)
     off, of_trunk = _trunk(sensors)
     exchanged = {
         f"{kind}_{side}"
@@ -122,12 +90,6 @@ def crosscheck(recording: Recording) -> Findings:
     if exchanged:  # the reader's note, which compares all sensors, explains when they swing
         late, doubtful = [], exchanged & set(sensors)
     return Findings((*notes, *late, *off), frozenset(unusable), frozenset(doubtful | of_trunk))
-
-
-def kind_of(placement: str) -> str:
-    """The segment of a placement without its side ("shank"); "" for the trunk and the head."""
-    kind, _, side = placement.partition("_")
-    return kind if side in SIDES else ""
 
 
 def _kept(imu: Imu, values: AnyArray) -> np.ndarray:
@@ -212,131 +174,6 @@ def _segments(sensors: Mapping[str, Imu]) -> list[Note]:
             if thigh > SWAPPED * shank:
                 notes.append(LABELS_EXCHANGED(thigh=f"thigh_{side}", shank=f"shank_{side}"))
     return notes
-
-
-class _Phase(NamedTuple):
-    """Phase of a sensor's movement in the stride [strides], without its segment's offset; coherence and share."""
-
-    phase: float
-    coherence: float
-    share: float
-
-
-def _swings(imu: Imu) -> np.ndarray:
-    """Times [s] of the largest rate in each stride of a sensor on a shank, at an ankle or on a foot."""
-    from scipy import signal
-
-    time = as_float(imu.time)
-    rate_hz = 1.0 / float(np.median(np.diff(time)))
-    speed = np.linalg.norm(as_float(imu.gyr), axis=1)
-    if len(speed) < 5.0 * rate_hz:
-        return np.zeros(0)
-    slow = signal.sosfiltfilt(signal.butter(2, 4.0, fs=rate_hz, output="sos"), speed)
-    peaks, _ = signal.find_peaks(
-        slow, height=0.6 * float(np.percentile(slow, 98.0)), distance=max(1, round(STRIDE_S[0] * rate_hz))
-    )
-    return np.asarray(time[peaks])
-
-
-def _phase(imu: Imu, begins: np.ndarray, ends: np.ndarray, offset: float) -> _Phase:
-    """The phase of the stride frequency in a sensor's squared rate, over strides of another sensor [s].
-
-    Strides of which this sensor has lost more than `LOST` do not count.
-    """
-    time, power = as_float(imu.time), np.sum(as_float(imu.gyr) ** 2, axis=1)
-    grid = (np.arange(64) + 0.5) / 64.0
-    at = begins[:, None] + (ends - begins)[:, None] * grid
-    at = at[np.interp(at, time, ~np.asarray(imu.mask, bool)).mean(axis=1) <= LOST]
-    if len(at) < FEWEST_STRIDES:
-        return _Phase(0.0, 0.0, 0.0)
-    values = np.interp(at, time, power)
-    values = values - values.mean(axis=1, keepdims=True)
-    size = np.maximum(np.abs(values).sum(axis=1), 1e-12)
-    waves = (values * np.exp(-2j * np.pi * grid)).sum(axis=1) / size
-    mean = waves.mean()
-    phase = -float(np.angle(mean)) / (2.0 * np.pi) - offset
-    return _Phase(phase % 1.0, float(abs(mean) / max(np.abs(waves).mean(), 1e-12)), float(abs(mean)))
-
-
-def _wrapped(strides: float) -> float:
-    """A phase between −0.5 and 0.5 strides."""
-    return (strides + 0.5) % 1.0 - 0.5
-
-
-def _phases(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
-    """Notes about leg sensors that swing at another time than the other sensors, and their placements."""
-    legs = [f"{kind}_{side}" for kind in ("shank", "foot", "ankle", "thigh") for side in SIDES]
-    legs = [name for name in legs if name in sensors]
-    if len(legs) < 2 or kind_of(legs[0]) == "thigh":
-        return [], set()
-    swings = _swings(sensors[legs[0]])
-    lasts = np.diff(swings)
-    whole = (lasts > STRIDE_S[0]) & (lasts < STRIDE_S[1])
-    if not whole.any():
-        return [], set()
-    stride = float(np.median(lasts[whole]))
-    whole &= np.abs(lasts / stride - 1.0) < 0.3
-    if whole.sum() < FEWEST_STRIDES:
-        return [], set()
-    begins, ends = swings[:-1][whole], swings[1:][whole]
-    phases, unsure = {}, set()
-    for name in legs:
-        side = 0.5 * SIDES.index(name.rpartition("_")[2])
-        phase = _phase(sensors[name], begins, ends, OFFSETS[kind_of(name)] + side)
-        if phase.coherence > LEAST_COHERENCE and phase.share > LEAST_SHARE:
-            phases[name] = phase.phase
-            if phase.coherence < SURE or (kind_of(name) == "thigh" and phase.share < SURE_THIGH):
-                unsure.add(name)
-    return _named(phases, stride, unsure)
-
-
-def _named(phases: dict[str, float], stride: float, unsure: set[str]) -> tuple[list[Note], set[str]]:
-    """Which phases contradict the others, in words; those that are `unsure` do not name a wrong clock."""
-    if len(phases) < 2:
-        return [], set()
-    names = list(phases)
-
-    def away(common: float) -> list[str]:
-        return [name for name in names if abs(_wrapped(phases[name] - common)) > APART]
-
-    sure = [name for name in names if name not in unsure] or names
-    common = min(
-        (phases[name] for name in sure),
-        key=lambda value: (len(away(value)), sum(abs(_wrapped(p - value)) for p in phases.values())),
-    )
-    near = [phases[name] for name in sure if name not in away(common)]
-    common += float(np.median([_wrapped(value - common) for value in near]))
-    wrong = away(common)
-    if not wrong:
-        return [], set()
-    if len(names) == 2:
-        if unsure:
-            return [], set()
-        apart = abs(_wrapped(phases[names[0]] - phases[names[1]] + 0.5)) * stride
-        return [LEGS_TOGETHER(placement=names[0], other=names[1], seconds=apart, half=0.5 * stride)], set(names)
-    notes: list[Note] = []
-    doubtful: set[str] = set()
-    for kind in OFFSETS:
-        pair = [f"{kind}_{side}" for side in SIDES]
-        if not all(name in wrong for name in pair):
-            continue
-        if all(abs(_wrapped(phases[n] - common)) < EXCHANGED_FROM for n in pair):
-            wrong = [name for name in wrong if name not in pair]
-        else:
-            others = [name for name in names if name not in pair]
-            tie = len(wrong) * 2 >= len(names)
-            words = " or ".join(sorted({kind_of(n) for n in others} | {kind})) if tie else kind
-            notes.append(SIDES_EXCHANGED(kind=words, others="the other sensors" if tie else ", ".join(others)))
-            doubtful |= set(names) if tie else set(pair)
-            wrong = [name for name in wrong if name not in pair]
-    for name in sorted(set(wrong) - unsure, key=names.index):
-        strides = _wrapped(phases[name] - common)
-        direction = "late" if strides > 0.0 else "early"
-        if abs(strides) > EITHER:
-            direction = "late or early"
-        notes.append(CLOCK_OFF(placement=name, seconds=abs(strides) * stride, direction=direction))
-        doubtful.add(name)
-    return notes, doubtful
 
 
 def _intensity(imu: Imu, grid: np.ndarray, step: float) -> np.ndarray:
