@@ -14,7 +14,7 @@ from jgait.estimators.losses import lost_between
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, impossible
 from jgait.estimators.proportions import SHARE_SD, SHARES
-from jgait.estimators.stride_flags import LARGEST_TURN, durations
+from jgait.estimators.stride_flags import LARGEST_TURN, SHORT_STRIDE, durations
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.types import SIDES, Imu, Recording, Strides, as_float
 
@@ -164,7 +164,7 @@ def _sides(source: SourceEstimate, recording: Recording, doubted: frozenset[str]
     """The sides of a source whose strides are measured by one sensor each, or the trunk; none without strides."""
     strides = source.estimate.strides
     sides: list[_Side] = []
-    if strides is None:
+    if strides is None or not np.any(strides.valid):
         return sides
     length, beyond, valid = as_float(strides.length), impossible(strides), np.asarray(strides.valid, bool)
     lasts, end = durations(strides), as_float(strides.end)
@@ -193,12 +193,15 @@ def _cut(source: SourceEstimate, placement: str) -> Spans:
 
 
 def _speed(strides: Strides, of_side: np.ndarray) -> float:
-    """Median speed [m/s] of the strides of a side, without those from standing, and without turns if others remain."""
-    speeds = as_float(strides.length) / durations(strides)
-    known = of_side & np.isfinite(speeds)
-    turns = np.zeros(len(speeds), bool) if strides.turn is None else np.abs(as_float(strides.turn)) > LARGEST_TURN
-    chosen = known & ~turns if (known & ~turns).any() else known
-    return float(np.median(speeds[chosen])) if chosen.any() else 0.0
+    """Median speed [m/s] of the strides of a side between other strides; with turns, of the other side, or
+    `USUAL_SPEED`, if there are no others.
+    """
+    length, valid = as_float(strides.length), np.asarray(strides.valid, bool)
+    speeds = length / durations(strides)
+    whole = valid & np.isfinite(speeds) & (length > SHORT_STRIDE * np.percentile(length[valid], 75.0))
+    straight = np.abs(np.zeros(len(length)) if strides.turn is None else as_float(strides.turn)) <= LARGEST_TURN
+    chosen = next((rows for rows in (whole & of_side & straight, whole & of_side, whole) if rows.any()), None)
+    return USUAL_SPEED if chosen is None else float(np.median(speeds[chosen]))
 
 
 def _whole(source: SourceEstimate, scale: float, sd: float, doubtful: bool, used: list[_Side]) -> WalkedDistance:

@@ -44,3 +44,12 @@ def test_a_loss_after_the_last_stride_counts_in_the_deviation_alone():
     assert not over_losses(found)
     assert found.estimate.distance[-1] == pytest.approx(whole.distance[-1], abs=0.05)
     assert found.estimate.diagnostics["distance_stddev"][-1] > whole.diagnostics["distance_stddev"][-1] + 0.3
+
+
+@pytest.mark.parametrize("begin", [2.0, 2.6, 3.2])
+def test_few_strides_beside_a_loss_state_a_speed_all_the_same(begin):
+    """Of strides from and to standing no speed is known; then the usual one is taken."""
+    made = shank(strides=6, length=[0.6, 1.2, 1.2, 1.2, 1.2, 0.6])
+    found = jgait.analyse(lost(made.recording, begin, 2.5))
+    distance, deviation = found.estimate.distance[-1], found.estimate.diagnostics["distance_stddev"][-1]
+    assert abs(distance - 6.0) < 2.0 * deviation
