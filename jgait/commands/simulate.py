@@ -45,7 +45,9 @@ def simulate(
     ] = None,
     sensors: Annotated[
         str | None,
-        typer.Option(help="Such as ideal, mpu6000, opal, idg300; default mpu6000, or the sensor of the paper."),
+        typer.Option(
+            help="Such as ideal, mpu6000, opal (its range of 200 g), idg300; default mpu6000, or that of the paper."
+        ),
     ] = None,
     rate: Annotated[
         float | None, typer.Option(help="Samples a second [Hz]; default 100, or that of the paper.")
