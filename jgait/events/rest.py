@@ -22,6 +22,9 @@ stance of a shank 0.5 to 1.5 rad/s, and a standing leg with its gyroscope bias s
 STILL_WINDOW_S = 0.5
 """[s] Window of that root mean square: longer than the quiet part of a stance phase."""
 
+LEGS_LOST_S = 0.25
+"""[s] Longest loss of samples in which a person still stands, if they stand before and after."""
+
 LEGS_RATE = 0.25
 """[rad/s] Threshold on the fastest leg gyroscope while a person stands; twice as much is accepted with a note."""
 
@@ -166,9 +169,11 @@ class LegRest(NamedTuple):
 
 
 def standing_of_legs(
-    gyrs: Sequence[AnyArray], accs: Sequence[AnyArray | None], sampling_rate_hz: float, estimator: str
-) -> LegRest:
-    """When a person stands, from (T, 3) angular rates [rad/s] and specific forces [m/s²] of all sensors on the legs.
+    gyrs: Sequence[AnyArray], accs: Sequence[AnyArray | None], sampling_rate_hz: float, estimator: str,
+    masks: Sequence[AnyArray] = (),
+) -> LegRest:  # fmt: skip
+    """When a person stands, from (T, 3) angular rates [rad/s], specific forces [m/s²] and masks (T,) of all sensors on
+    the legs; nobody stands in a loss longer than `LEGS_LOST_S`.
 
     A sample is at rest when no gyroscope exceeds `LEGS_RATE` within `LEGS_WINDOW_S` of it. A rest is no standing if a
     sensor is tilted by `UPRIGHT` from its mean direction in walking: the person sits; without accelerometers every rest
@@ -180,6 +185,10 @@ def standing_of_legs(
     half = max(1, round(LEGS_WINDOW_S * sampling_rate_hz))
     fastest = np.max([np.linalg.norm(as_float(gyr), axis=1) for gyr in gyrs], axis=0)
     around = window_maximum(fastest, 2 * half + 1)
+    for mask in masks:
+        for first, after in true_runs(~np.asarray(mask, bool)):
+            if after - first > LEGS_LOST_S * sampling_rate_hz:
+                around[max(0, first - half) : after + half] = np.inf
     walks = window_maximum(fastest, 2 * round(WALKS_WITHIN_S * sampling_rate_hz) + 1) > WALKS_RATE
     sat = 0.0
     for limit in (LEGS_RATE, 2.0 * LEGS_RATE):

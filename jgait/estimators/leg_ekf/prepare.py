@@ -246,8 +246,9 @@ def prepare(
         sensors = {k: i._replace(gyr=_median(i.gyr, median)) for k, i in sensors.items()}
     rate = 1.0 / float(np.median(np.diff(time)))
     still, upright, (start, stop), notes = standing_of_legs(
-        [imu.gyr for imu in sensors.values()], [imu.acc for imu in sensors.values()], rate, "leg_ekf"
-    )
+        [imu.gyr for imu in sensors.values()], [imu.acc for imu in sensors.values()], rate, "leg_ekf",
+        [imu.mask for imu in sensors.values()],
+    )  # fmt: skip
     legs = {}
     for side in sides:
         legs[side], more = orient(sensors, side, slice(start, stop), still, rate, perpendicular=perpendicular)

@@ -12,7 +12,7 @@ from jgait.estimators.interface import Estimator, Prepared, with_measures
 from jgait.estimators.stride_width_ekf import model as stride_width_model
 from jgait.estimators.stride_width_ekf import readout as stride_width_readout
 from jgait.estimators.stride_width_ekf.about import ABOUT
-from jgait.estimators.stride_width_ekf.from_sensors import feet_of, merged
+from jgait.estimators.stride_width_ekf.from_sensors import feet_of, measured_only, merged
 from jgait.estimators.stride_width_ekf.inputs import WidthInputs, exchanged
 from jgait.estimators.stride_width_ekf.model import WidthControl, WidthModelParams, WidthObservation, WidthState
 from jgait.estimators.stride_width_ekf.notes import FEET_SEEM_EXCHANGED
@@ -122,8 +122,9 @@ def estimator(
         feet, stances = feet_of(recording._replace(notes=()), foot_params, foot_options)
         assert feet.feet is not None
         prepared = prepare_from_feet(
-            feet.time, feet.feet, stances, recording.feet_range, options, start_heading=start_heading
-        )
+            feet.time, measured_only(feet, recording, stances), stances, recording.feet_range, options,
+            start_heading=start_heading,
+        )  # fmt: skip
         notes = (*feet.diagnostics["notes"], *prepared.notes)
         return prepared._replace(notes=notes, standing=feet.diagnostics["standing"], extra=(feet, stances))
 

@@ -5,6 +5,9 @@ import numpy as np
 from jgait.estimators import foot_ins
 from jgait.estimators.checks import sensors_of
 from jgait.estimators.foot_ins.params import FootOptions, FootParams
+from jgait.estimators.losses import not_bridged
+from jgait.estimators.notes import LONGEST_LOSS
+from jgait.signal.windows import true_runs
 from jgait.types import SIDES, AnyArray, Estimate, Feet, FootTrajectory, Recording, RecordingError, Strides
 
 
@@ -23,6 +26,22 @@ def feet_of(
     feet = foot_ins.estimate(p, recording, options)
     right, left = (feet.diagnostics[f"footholds_{side}"] for side in SIDES)
     return feet, (right, left)
+
+
+def measured_only(estimate: Estimate, recording: Recording, stances: tuple[np.ndarray, np.ndarray]) -> Feet:
+    """The feet with NaN from the foothold before a long loss of samples to the one after it: how a foot moves between
+    them is not known.
+    """
+    assert estimate.feet is not None
+    time, feet = np.asarray(estimate.time, np.float64), []
+    for side, foot, mids in zip(SIDES, estimate.feet, stances, strict=True):
+        lost = not_bridged(~np.asarray(recording.sensors[f"foot_{side}"].mask, bool), time, LONGEST_LOSS)
+        unknown = np.zeros(time.size, bool)
+        for first, after in true_runs(lost):
+            unknown[max(mids[mids < first], default=-1) + 1 : min(mids[mids >= after], default=time.size)] = True
+        assert foot is not None
+        feet.append(foot._replace(position=np.where(unknown[:, None], np.nan, foot.position)))
+    return Feet(*feet)
 
 
 def merged(alone: Estimate, stances: tuple[np.ndarray, np.ndarray], together: Estimate) -> Estimate:

@@ -21,6 +21,9 @@ import jax.numpy as jnp
 from jgait.filtering import Belief, Covariance, Model
 from jgait.types import Flags, Values
 
+LOST_TURN = 0.25
+"""[rad²] Largest variance that a loss adds to a foot's heading; below it, it is that of the movement [m²]."""
+
 
 class WidthState(NamedTuple):
     """Equation 1, and displacement of each foot since its last stance; positions [m], headings [rad] from x to y."""
@@ -45,6 +48,7 @@ class PathControl(NamedTuple):
     turn: Values  #: change of heading at the start of the interval [rad]; not 0 only after a stance.
     way: Values  #: length of the path [m].
     leaves: Flags  #: 1 where the interval begins at the middle of a stance, else 0.
+    lost: Values = 0.0  #: variance of what is not known of the movement, because samples are lost [m²].
 
 
 class WidthControl(NamedTuple):
@@ -99,8 +103,9 @@ def _foot_noise(
     params: WidthModelParams, heading: Values, foot: PathControl, side: str
 ) -> dict[tuple[str, str], Values]:
     """V R Vᵀ of one foot: noise of Δx and Δy grows with the path; noise of Δθ is added once a stride and rotates it."""
-    shift = params.position_noise * foot.way
+    shift = params.position_noise * foot.way + foot.lost
     swing = foot.leaves * (params.heading_noise + params.turn_noise * foot.turn**2)
+    turned = jnp.minimum(foot.lost, LOST_TURN)
     s, c = jnp.sin(heading + foot.turn), jnp.cos(heading + foot.turn)
     turned_x, turned_y = -foot.dx * s - foot.dy * c, foot.dx * c - foot.dy * s
     xx, yy, xy = shift + swing * turned_x**2, shift + swing * turned_y**2, swing * turned_x * turned_y
@@ -111,7 +116,7 @@ def _foot_noise(
         (y, y): yy, (y, moved_y): yy, (moved_y, moved_y): yy,
         (x, y): xy, (x, moved_y): xy, (y, moved_x): xy, (moved_x, moved_y): xy,
         (x, theta): swing * turned_x, (moved_x, theta): swing * turned_x,
-        (y, theta): swing * turned_y, (moved_y, theta): swing * turned_y, (theta, theta): swing,
+        (y, theta): swing * turned_y, (moved_y, theta): swing * turned_y, (theta, theta): swing + turned,
     }  # fmt: skip
 
 

@@ -25,6 +25,7 @@ COMES_AND_GOES = 0.06  # m; readings with a larger spread include the approach a
 FEWEST_ON_PARABOLA = 3  # readings; least number for a parabola
 NEIGHBOURS = 4  # passings before and after with which a passing is compared
 LATEST = 0.15  # s; largest delay of the range's clock that can be estimated
+LOST_SPEED = 1.0  # m/s; standard deviation of a foot's mean velocity in a gap of its trajectory
 FEWEST_PAIRS = 6  # least number of pairs of passings for an estimate of the delay
 
 
@@ -248,7 +249,16 @@ def _control(foot: FootTrack, time: np.ndarray, mid: np.ndarray) -> PathControl:
         np.diff(heading, prepend=heading[:1]),
         np.hypot(*step.T),
         leaves.astype(float),
+        _not_known(foot, time),
     )
+
+
+def _not_known(foot: FootTrack, time: np.ndarray) -> np.ndarray:
+    """(N,) variance of the movement between moments that the gaps of a foot's trajectory leave open [m²]."""
+    begin, lost = np.concatenate([time[:1], time[:-1]]), np.zeros(time.size)
+    for first, last in foot.gaps:
+        lost += LOST_SPEED**2 * (last - first) * np.clip(np.minimum(time, last) - np.maximum(begin, first), 0.0, None)
+    return lost
 
 
 def _double_supports(pair: Pair) -> np.ndarray:

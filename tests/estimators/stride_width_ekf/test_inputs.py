@@ -13,7 +13,7 @@ from jgait.estimators import stride_width_ekf as sw
 from jgait.estimators.stride_width_ekf import model
 from jgait.estimators.stride_width_ekf.estimator import model_params
 from jgait.estimators.stride_width_ekf.model import PathControl, WidthControl, WidthState
-from jgait.types import Estimate, Feet, Legs, RangeReadings, Recording, RecordingError
+from jgait.types import Estimate, Feet, Imu, Legs, RangeReadings, Recording, RecordingError
 
 STATE = WidthState(1.0, 2.0, 0.3, 0.8, 2.4, -0.4, 0.1, 0.2, 0.3, 0.4)
 CONTROL = WidthControl(PathControl(0.5, 0.1, 0.2, 0.6, 1.0), PathControl(0.4, -0.2, -0.3, 0.5, 0.0))
@@ -225,7 +225,9 @@ def test_the_record_of_functions_makes_its_trajectories_while_preparing(walk, mo
     module = importlib.import_module("jgait.estimators.stride_width_ekf.estimator")
     monkeypatch.setattr(module, "feet_of", lambda recording, p, options: (own, walk.mids))
     made = sw.estimator(sw.PAPER)
-    prepared = made.prepare(Recording({}, 128.0, feet_range=walk.read))
+    blank = np.zeros((walk.time.size, 3))
+    foot = Imu(walk.time, blank, blank, np.ones(walk.time.size, bool))
+    prepared = made.prepare(Recording({"foot_right": foot, "foot_left": foot}, 128.0, feet_range=walk.read))
     assert str(prepared.notes[0]) == "of the feet"
     assert made.name == "stride_width_ekf" and prepared.options == sw.PAPER
     padded = made.pad(prepared.inputs, prepared.inputs.time.size + 3)

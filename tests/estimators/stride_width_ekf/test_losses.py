@@ -1,0 +1,39 @@
+"""Lost samples of a foot: what is not known of its way makes widths uncertain, and wrong ones are not stated."""
+
+import jax
+import numpy as np
+import pytest
+
+from jgait.estimators import stride_width_ekf as sw
+from jgait.simulate import protocols
+from jgait.types import SIDES, Imu
+
+
+@pytest.fixture(scope="module")
+def walked():
+    one = protocols.potter(jax.random.key(0), straight=10.0, after=4.0)[0]
+    return one.recording, one.truth.estimate.strides, sw.with_body(sw.WidthParams(), {"range_offset": 0.08})
+
+
+@pytest.mark.parametrize("lost", [SIDES, ("left",)])
+@pytest.mark.parametrize(("begin", "seconds"), [(6.0, 0.5), (5.0, 3.0)])
+def test_widths_after_a_loss_are_right_or_said_to_be_unsure(walked, lost, begin, seconds):
+    recording, true, p = walked
+    sensors = dict(recording.sensors)
+    for side in lost:
+        imu = sensors[f"foot_{side}"]
+        time = np.asarray(imu.time)
+        gone = (time >= begin) & (time < begin + seconds)
+        sensors[f"foot_{side}"] = Imu(
+            time, np.where(gone[:, None], 0.0, imu.gyr), imu.acc, np.asarray(imu.mask) & ~gone
+        )
+    found = sw.estimate(p, recording._replace(sensors=sensors))
+    strides, trusted = found.strides, np.asarray(found.diagnostics["width_valid"], bool)
+    errors, stated = [], []
+    for row in np.flatnonzero(np.asarray(strides.valid) & trusted):
+        same = np.flatnonzero(np.asarray(true.valid) & (np.asarray(true.side) == strides.side[row]))
+        near = same[np.argmin(np.abs(np.asarray(true.end)[same] - strides.end[row]))]
+        if np.isfinite(true.width[near]):
+            errors.append(float(strides.width[row] - true.width[near]))
+            stated.append(float(found.strides_stddev.width[row]))
+    assert len(errors) > 10 and np.all(np.abs(errors) < 3.0 * np.array(stated)) and np.max(np.abs(errors)) < 0.1
