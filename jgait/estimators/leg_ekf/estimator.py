@@ -27,6 +27,10 @@ from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, 
 STEPS_APART, APART = 1.6, 0.1
 """[m], [1] Difference of the distances of both shanks beyond which one of them is wrong: a long stride, a share."""
 
+CLOSES_SD = 0.09
+"""[rad] Largest standard deviation of an inclination with which x and y are tied to the angles: 5°; after a second of
+walking it is below it."""
+
 DISTANCES = ("strapdown", "stance", "accumulate", "forward")
 """Values of `LegOptions.distance`."""
 
@@ -73,24 +77,29 @@ def observe(
         thigh, shank = inclinations
         # Errors of the inclination persist for about 1 s; equivalent white noise has the variance times 1 s / dt.
         spread = 1.0 / jnp.maximum(inputs.dt, 1e-3)
-        # At the end of a gap the leg starts again from its inclination; its own prediction is worth nothing.
+        # In a gap the leg follows its inclination; its own prediction is worth nothing.
         lost = jnp.maximum(leg.thigh.lost, leg.shank.lost)
         spread = jnp.where(lost > SHORT_GAP, 1.0, spread)
         # gain · sensor = thigh + pull · (thigh − shank), all from standing
         share, pulled = gain / (1.0 + p.thigh_pull), p.thigh_pull / (1.0 + p.thigh_pull)
         uncertain = share**2 * thigh.variance + pulled**2 * shank.variance
-        control = LegControl(uncertain * spread, shank.variance * spread)
+        unknown = jnp.where(lost > SHORT_GAP, inclination.unknown_turn(jnp.maximum(lost, inputs.dt), inputs.dt), 0.0)
+        control = LegControl(uncertain * spread, shank.variance * spread, unknown)
         angles = (STANDING + hip + share * thigh.angle + pulled * shank.angle, STANDING + hip - knee + shank.angle)
         rates = (share * thigh.rate + pulled * shank.rate, shank.rate)
         # In gaps both inclinations are known too: badly in their middle, well at their ends.
         tilted: Values = there
+        # A leg whose inclination is far off moves x and y along a wrong direction, from which the closure would wrongly
+        # learn the angles.
+        close = jnp.maximum(thigh.variance, shank.variance) < CLOSES_SD**2
     else:
         # In each quiet standing the pose is assumed to be the calibration pose, to about three degrees.
         control = LegControl(zero + 2.7e-3, zero + 2.7e-3)
         angles = (zero + STANDING + hip, zero + STANDING + hip - knee)
         rates = (-leg.thigh.gyr[..., 1], -leg.shank.gyr[..., 1])
         tilted = inputs.still & inputs.valid if options.standing else False
-    closed = there if options.closure else False
+        close = jnp.ones_like(there)
+    closed = there & close if options.closure else False
     observation = LegObservation(*rates, zero, zero, *angles)
     return observation, control, LegObservation(leg.thigh.measured, leg.shank.measured, closed, closed, tilted, tilted)
 

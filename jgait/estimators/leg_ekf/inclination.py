@@ -89,13 +89,19 @@ def _transition(
     return InclinationState(_rotate_back(state.up, w), state.bias)
 
 
+def unknown_turn(since: Values, dt: Values) -> Values:
+    """Variance of an angle over an interval `dt`, at whose end samples have been lost for `since` [s]: its rate is
+    unknown by 2 rad/s, and the angle by 2 rad/s times the time [rad²].
+    """
+    return 4.0 * dt * (2.0 * since - dt)
+
+
 def _transition_noise(
     params: InclinationNoise, state: InclinationState, control: InclinationControl, dt: Values
 ) -> InclinationState:
     del state
-    # While samples are lost the rate is unknown by 2 rad/s, and the angle by 2 rad/s times the time since they were.
     since = dt if control.lost is None else jnp.maximum(control.lost, dt)
-    angle = params.gyro_noise**2 * dt + jnp.where(control.measured, 0.0, 4.0 * dt * (2.0 * since - dt))
+    angle = params.gyro_noise**2 * dt + jnp.where(control.measured, 0.0, unknown_turn(since, dt))
     walk = params.bias_walk**2 * dt
     return InclinationState(Vector(angle, angle, angle), Vector(walk, walk, walk))
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 
 from jgait.filtering import Belief, Covariance, Model
-from jgait.types import Values
+from jgait.types import Maybe, Values
 
 STANDING = -math.pi / 2
 """θ₁ of a thigh that hangs straight down [rad]."""
@@ -69,10 +69,11 @@ class LegModelParams(NamedTuple):
 
 
 class LegControl(NamedTuple):
-    """Variances of the inclinations at this sample [rad²]."""
+    """Variances of the inclinations at this sample, and of angles over its interval while samples are lost [rad²]."""
 
     thigh_variance: Values
     shin_variance: Values
+    lost: Maybe[Values] = None
 
 
 def forward_kinematics(params: LegModelParams, state: LegState) -> tuple[Values, Values]:
@@ -111,13 +112,17 @@ def angle_blocks(params: LegModelParams, angle: Values, cross: Values, rate: Val
 
 
 def transition_noise(params: LegModelParams, state: LegState, control: LegControl, dt: Values) -> Covariance:
-    """Q with the angle blocks σ_θ [T³/3, T²/2; T²/2, T] (deviation 2), and the error of the Euler step in x and y."""
-    del state, control
+    """Q with the angle blocks σ_θ [T³/3, T²/2; T²/2, T] (deviation 2), and the error of the Euler step in x and y.
+
+    While samples are lost, angles are unknown, and with them x and y, of a leg of about a metre.
+    """
+    del state
     s = params.angle_noise
-    euler = (0.5 * ANKLE_ACCELERATION * dt**2) ** 2
+    euler, lost = (0.5 * ANKLE_ACCELERATION * dt**2) ** 2, 0.0 if control.lost is None else control.lost
     return angle_blocks(
-        params._replace(position_noise=params.position_noise + euler), s * dt**3 / 3.0, s * dt**2 / 2.0, s * dt
-    )
+        params._replace(position_noise=params.position_noise + euler + lost),
+        s * dt**3 / 3.0 + lost, s * dt**2 / 2.0, s * dt,
+    )  # fmt: skip
 
 
 def observation(params: LegModelParams, state: LegState, control: LegControl) -> LegObservation:

@@ -75,7 +75,7 @@ def device(p: LegParams, recording: Recording) -> tuple[Device, tuple[Note, ...]
     rate = 1.0 / float(np.median(np.diff(time)))
     imus = list(sensors.values())
     still, _, (start, stop), notes = standing_of_legs(
-        [imu.gyr for imu in imus], [imu.acc for imu in imus], rate, "leg_ekf"
+        [imu.gyr for imu in imus], [imu.acc for imu in imus], rate, "leg_ekf", [imu.mask for imu in imus]
     )
     worn: list[SegmentMounting] = []
     for side in sides:

@@ -52,6 +52,37 @@ def test_angles_after_a_gap_are_those_without_it(walk, whole, placement, samples
     assert np.abs(gap.legs.right.x[gap.valid]).max() < 1.0
 
 
+def short(recording, begin, seconds):
+    """The recording without a part of both sensors."""
+    sensors = {}
+    for placement, imu in recording.sensors.items():
+        gone = (np.asarray(imu.time) >= begin) & (np.asarray(imu.time) < begin + seconds)
+        sensors[placement] = Imu(imu.time, np.where(gone[:, None], 0.0, imu.gyr), imu.acc, np.asarray(imu.mask) & ~gone)
+    return recording._replace(sensors=sensors)
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize("begin", [7.0, 7.3, 7.6, 7.9])
+def test_a_swing_that_is_lost_costs_a_second_and_deviations_say_so(walk, smooth, begin):
+    estimator = leg_ekf.estimator(leg_ekf.DEFAULT._replace(smooth=smooth))
+    known, after = (estimator.estimate(estimator.params, one) for one in (walk, short(walk, begin, 0.25)))
+    time = np.asarray(walk.sensors["shank_right"].time)
+    for first, last in ((0.3, 1.0), (1.0, 2.0), (2.0, 4.0)):
+        rows = (time > begin + first) & (time < begin + last)
+        apart, stated = ((getattr(after, part).right.knee_angle)[rows] for part in ("legs", "stddev"))
+        apart = np.abs(apart - known.legs.right.knee_angle[rows])
+        assert np.mean(apart < 3.0 * stated) > 0.95, (first, np.rad2deg(apart.mean()), np.rad2deg(stated.mean()))
+    assert np.rad2deg(apart.mean()) < (10.0 if not smooth else 4.0)
+
+
+def test_nobody_stands_in_samples_that_are_lost_at_the_start(walk, whole):
+    gap = estimate(short(walk, 0.0, 6.0))
+    rows = np.asarray(walk.sensors["shank_right"].time) > 7.0
+    for angle in ("hip_angle", "knee_angle"):
+        apart = np.rad2deg(getattr(gap.legs.right, angle) - getattr(whole.legs.right, angle))[rows]
+        assert np.sqrt(np.mean(apart**2)) < 6.0
+
+
 def test_deviations_are_larger_within_a_gap(walk):
     gap = estimate(without(walk, "shank_right", 100)).stddev.right.knee_angle
     assert gap[BEGIN + 50] > 1.2 * gap[BEGIN - 50]
