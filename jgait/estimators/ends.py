@@ -27,18 +27,23 @@ LEAST, MOST = 0.2, 1.5
 """[1] Limits of what is cut off, in strides: a person who stands for a moment at first is not taken to walk, nor one
 who does something else for longer."""
 
-WALKING_CUT = Kind(
-    "walking_cut",
-    "info",
-    "{placement}: the recording {where} in walking, {before_s:.1f} s before the first whole stride and {after_s:.1f} s "
-    "after the last one",
+CUT_MEANING = (
     "The part of a stride there is in no stride of the table. The distance of one estimator does not count it; that of "
-    "all sensors together counts it with the median walking speed, and with a larger deviation.",
+    "all sensors together counts it with the median walking speed, and with a larger deviation."
 )
+
+WALKING_BEFORE = Kind(
+    "walking_before", "info", "{placement}: the recording begins in walking, {seconds:.1f} s before the first whole "
+    "stride", CUT_MEANING,
+)  # fmt: skip
+WALKING_AFTER = Kind(
+    "walking_after", "info", "{placement}: the recording ends in walking, {seconds:.1f} s after the last whole stride",
+    CUT_MEANING,
+)  # fmt: skip
 
 
 def cut_notes(estimate: Estimate, sensors: Mapping[int, tuple[str, AnyArray]]) -> tuple[Note, ...]:
-    """Notes of sensors with whose recording a stride is cut off; their values have `before_s` and `after_s` [s].
+    """Notes of sensors with whose recording a stride is cut off; their values have `seconds` [s].
 
     Args:
         estimate: without padding, with strides.
@@ -51,9 +56,9 @@ def cut_notes(estimate: Estimate, sensors: Mapping[int, tuple[str, AnyArray]]) -
 
 
 def cut_note(placement: str, before: float, after: float) -> list[Note]:
-    """A note if there is walking [s] before the first or after the last stride of a sensor."""
-    where = " and ".join(word for word, cut in (("begins", before), ("ends", after)) if cut > 0.0)
-    return [WALKING_CUT(placement=placement, where=where, before_s=before, after_s=after)] if where else []
+    """Notes if there is walking [s] before the first or after the last stride of a sensor."""
+    begins = [WALKING_BEFORE(placement=placement, seconds=before)] if before > 0.0 else []
+    return begins + ([WALKING_AFTER(placement=placement, seconds=after)] if after > 0.0 else [])
 
 
 def unseen(estimate: Estimate, side: int, gyr: AnyArray) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from jgait.notes import NO_RANGE, Kind, Note
 from jgait.signal.windows import over_losses
 from jgait.types import PLACEMENTS, Imu, RangeReadings, Recording, RecordingError, as_float
 
-GYR_UNITS = {"deg/s": np.pi / 180.0, "rad/s": 1.0}
+GYR_UNITS = {"deg/s": np.pi / 180.0, "rad/s": 1.0, "mdeg/s": np.pi / 180e3}
 
 RANGE_EMPTY = Kind("range_empty", "check", "feet_range holds no reading", NO_RANGE)
 
@@ -52,7 +52,7 @@ def recording_from_arrays(
             measured; None without such a sensor.
         sampling_rate_hz: rate [Hz], or None to take it from `time`.
         time_unit: 's', 'ms' or 'us'; None: deduced from the steps, and noted.
-        gyr_unit: 'deg/s' or 'rad/s'.
+        gyr_unit: 'deg/s', 'rad/s' or 'mdeg/s'.
         acc_unit: 'm/s^2', 'g' or 'mg'.
         range_unit: 'm', 'cm' or 'mm'.
         name: name of the recording in tables and figures.

@@ -110,11 +110,12 @@ def _too_fast(sensors: Mapping[str, Imu], gyr_unit: str, name: str) -> dict[str,
         }
     fastest = max(fast, key=lambda placement: fast[placement])
     degrees = gyr_unit == "rad/s"
+    meant = "deg/s" if np.deg2rad(fast[fastest]) < FASTEST else "mdeg/s"
     raise RecordingError(
         f"{name}: the gyroscope of {fastest} reaches {fast[fastest]:.4g} rad/s (99th percentile, given as {gyr_unit}), "
-        f"but {limit}{_advice('deg/s', others) if degrees else twice[fastest]}",
+        f"but {limit}{_advice(meant, others) if degrees else twice[fastest]}",
         argument="gyr_unit" if degrees and not others else "",
-        value="deg/s",
+        value=meant,
     )
 
 

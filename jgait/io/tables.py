@@ -256,6 +256,15 @@ def _no_number(column: "pd.Series", label: str) -> Note | None:
     return CELLS_WITHOUT_NUMBER(column=label, cells=len(odd), value=repr(odd.iloc[0]), row=row + 1)
 
 
+def _hint(value: str) -> str:
+    """What to do about a cell that is no number."""
+    if ":" in value:
+        return ": a date or time of day is not read; write seconds, or leave the column out and give the sampling rate"
+    if "," in value:
+        return ": for decimal commas, separate the columns by semicolons"
+    return ""
+
+
 def _numbers(column: "pd.Series", label: str, name: str) -> np.ndarray:
     """A column as floats; cells without a number become NaN."""
     import pandas as pd
@@ -264,6 +273,7 @@ def _numbers(column: "pd.Series", label: str, name: str) -> np.ndarray:
     if len(values) and not np.isfinite(values).any() and column.notna().any():
         raise RecordingError(
             f"{name}: column {label!r} holds no numbers; its first value is {column.dropna().iloc[0]!r}"
+            f"{_hint(str(column.dropna().iloc[0]))}"
         )
     return values
 

@@ -8,7 +8,7 @@ import numpy as np
 from jgait.estimators.ankle_stride.notes import SWINGS_SMALL
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import CONSISTENT, UNLIKE, combined, correlation
-from jgait.estimators.ends import MID_STANCE, SHORT, WALKING_CUT
+from jgait.estimators.ends import MID_STANCE, SHORT, WALKING_AFTER, WALKING_BEFORE
 from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED
 from jgait.estimators.losses import lost_between
 from jgait.estimators.notes import LONGEST_LOSS
@@ -184,12 +184,13 @@ def _sides(source: SourceEstimate, recording: Recording, doubted: frozenset[str]
 
 def _cut(source: SourceEstimate, placement: str) -> Spans:
     """Begin and end of walking before the first and after the last stride of a sensor [s]."""
-    time = source.estimate.time
+    first, last = (float(source.estimate.time[row]) for row in (0, -1))
+    spans = []
     for note in source.estimate.diagnostics["notes"]:
-        if note.code == WALKING_CUT.code and note.values["placement"] == placement:
-            first, last = float(time[0]), float(time[-1])
-            return [(first, first + float(note.values["before_s"])), (last - float(note.values["after_s"]), last)]
-    return []
+        if note.values.get("placement") == placement and note.code in (WALKING_BEFORE.code, WALKING_AFTER.code):
+            seconds = float(note.values["seconds"])
+            spans.append((first, first + seconds) if note.code == WALKING_BEFORE.code else (last - seconds, last))
+    return spans
 
 
 def _speed(strides: Strides, of_side: np.ndarray) -> float:

@@ -27,6 +27,10 @@ UNCLOSED = 2.0
 """[steps] If standing begins later than this after the last contact that was found, a closing step came between."""
 
 
+MOVES = 0.5
+"""[1] Spread of the specific force over that in walking, from which on a person walks on after the last contact."""
+
+
 class Node(NamedTuple):
     """One node, see `WaistInputs`."""
 
@@ -121,8 +125,12 @@ def leave_out(nodes: dict[str, np.ndarray], lost: np.ndarray, time: np.ndarray) 
     return int(gone.sum())
 
 
-def notes_of(nodes: dict[str, np.ndarray], contacts: int, placement: str, time: np.ndarray) -> list[Note]:
-    """Notes about the bouts of a sensor, and about walking that the recording cuts off; `time` (T,) is in s."""
+def notes_of(
+    nodes: dict[str, np.ndarray], contacts: int, placement: str, time: np.ndarray, force: np.ndarray
+) -> list[Note]:
+    """Notes about the bouts of a sensor, and about walking that the recording cuts off; `time` (T,) is in s, `force`
+    (T,) the size of the specific force.
+    """
     if not contacts:
         return [NO_CONTACTS()]
     fresh = np.flatnonzero(nodes["fresh"])
@@ -136,8 +144,12 @@ def notes_of(nodes: dict[str, np.ndarray], contacts: int, placement: str, time: 
         return notes
     at, stands = nodes["contact"], nodes["stands"]
     stride_s = float(np.median(at[ends] - at[ends - 2]))
-    beside = (at[0] - time[0], time[-1] - at[-1])
-    walks = (
-        LEAST < seconds / stride_s < MOST and not still for seconds, still in zip(beside, stands[[0, -1]], strict=True)
-    )
-    return notes + cut_note(placement, *(float(s) if cut else 0.0 for s, cut in zip(beside, walks, strict=True)))
+    walking = force[(time >= at[0]) & (time <= at[-1])].std()
+    cuts = []
+    for seconds, beyond, still in (
+        (at[0] - time[0], time < at[0] - LEAST * stride_s, stands[0]),
+        (time[-1] - at[-1], time > at[-1] + LEAST * stride_s, stands[-1]),
+    ):
+        moves = LEAST < seconds / stride_s < MOST and not still and force[beyond].std() > MOVES * walking
+        cuts.append(float(seconds) if moves else 0.0)
+    return notes + cut_note(placement, *cuts)

@@ -100,7 +100,7 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
     contacts = _contacts(motion, mask, rate, options)
     still = [(int(a), int(b)) for a, b in true_runs(rested.still)]
     nodes = waist_bouts.nodes(waist_bouts.bouts(contacts, still, rate), time)
-    notes += waist_bouts.notes_of(nodes, len(contacts.time), name, time)
+    notes += waist_bouts.notes_of(nodes, len(contacts.time), name, time, np.linalg.norm(as_float(whole.acc), axis=1))
     if left_out := waist_bouts.leave_out(nodes, ~mask, time):
         notes.append(STRIDES_IN_LOSS(strides=left_out, placement=name, seconds=LONGEST_LOSS))
     standing = max(still, key=lambda run: run[1] - run[0], default=None)

@@ -22,6 +22,9 @@ from jgait.types import PLACEMENTS, Recording, RecordingError
 SLOW, FAST = 12.0, 30.0
 """[unit of the file] 99th percentile of a walking sensor's rate: below the first rad/s, above the second deg/s."""
 
+MILLI = 1e4
+"""[1] Threshold on the 99th percentile of angular rates without a unit, above which they are in mdeg/s."""
+
 MOST_SHAKEN = 0.6, 2.0
 """[g] Limits of the median specific force of a sensor in walking; gravity is checked where the sensor is calm."""
 
@@ -203,7 +206,7 @@ def _rate_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes
             reached[where] = float(np.percentile(size, 99.0)) if len(size) else 0.0
     fastest = max(reached, key=lambda where: reached[where], default="")
     most = reached.get(fastest, 0.0)
-    unit = "deg/s" if most > FAST else "rad/s" if 1.0 < most < SLOW else None
+    unit = "mdeg/s" if most > MILLI else "deg/s" if most > FAST else "rad/s" if 1.0 < most < SLOW else None
     if reached and unit is None:
         raise RecordingError(
             f"{name}: the file states no unit of angular rate, and the size of {fastest} does not decide (99th "
