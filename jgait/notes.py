@@ -205,7 +205,8 @@ DEDUCED = "The file does not state this; it was computed from the file's numbers
 
 LOSSES = (
     "Part of the data did not arrive. Short losses are bridged, with a larger standard deviation; strides across long "
-    "ones are missing or less certain."
+    "ones are missing or less certain. The distance of one estimator, and its deviation, do not contain what is walked "
+    "in long ones; those of all sensors together do."
 )
 """Meaning of kinds that report lost samples."""
 

@@ -10,7 +10,7 @@ from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import CONSISTENT, UNLIKE, combined, correlation
 from jgait.estimators.ends import MID_STANCE, SHORT, WALKING_AFTER, WALKING_BEFORE
 from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED
-from jgait.estimators.losses import lost_between
+from jgait.estimators.losses import lost_between, not_bridged
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, impossible
 from jgait.estimators.proportions import SHARE_SD, SHARES
@@ -54,6 +54,9 @@ USUAL_SPEED, USUAL_STRIDE_S = 1.2, 1.1
 
 CUT_SD = 0.2
 """[1] Standard deviation of what is walked where the recording cuts a stride off, over it: speed and time differ."""
+
+MOVES = 0.5
+"""[1] Least mean rate of a sensor beside a loss, over that in strides, with which the person walks beside it."""
 
 LOSS_SD = 0.3
 """[1] The same for a loss, in which a person can also stand still; chosen."""
@@ -231,20 +234,36 @@ def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray, length: np.ndarray) 
 
     Returns:
         Duration [s] in which strides can be missing, and the losses in walking: begin and end [s] of those between two
-        strides that are not short as those from and to standing, without time for standing beside the loss.
+        strides that are not short as those from and to standing, without a stride's time for standing beside the loss.
     """
     time, seconds, bridged = as_float(imu.time), 0.0, []
     after, before = np.maximum.accumulate([time[0], *end]), np.array([*start, time[-1]])
     edges = [np.clip(np.searchsorted(time, at), 0, time.size - 1) for at in (after, before)]
     lost = lost_between(~np.asarray(imu.mask, bool), time, *edges)
+    lacks = not_bridged(~np.asarray(imu.mask, bool), time)
     usual = float(np.median(length)) if len(length) else 0.0
     walks = np.array([False, *(length > SHORT * usual)]) & np.array([*(length > SHORT * usual), False])
     for begin, until, gone, walking in zip(after, before, lost, walks, strict=True):
-        if gone > LONGEST_LOSS and walking and until - begin < gone + 2.0 * USUAL_STRIDE_S:
+        near = until - begin < gone + 2.0 * USUAL_STRIDE_S
+        if gone > LONGEST_LOSS and walking and near and _moves_beside(imu, begin, until, lacks, start, end):
             bridged.append((float(begin), float(until)))
         elif gone > LONGEST_LOSS:
             seconds += float(min(until - begin, gone + 2.0 * USUAL_STRIDE_S))
     return seconds, bridged
+
+
+def _moves_beside(imu: Imu, begin: float, until: float, lost: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:
+    """Whether a sensor turns in the stride's time before and after what is lost between two times [s] as in strides."""
+    time, rate = as_float(imu.time), np.linalg.norm(as_float(imu.gyr), axis=1)
+    measured = np.asarray(imu.mask, bool)
+    within = time[lost & (time > begin) & (time < until)]
+    if not len(within):
+        return True
+    in_strides = np.any([(time >= a) & (time <= b) for a, b in zip(start, end, strict=True)], axis=0)
+    usual = float(np.mean(rate[in_strides & measured]))
+    sides = ((within[0] - USUAL_STRIDE_S, within[0]), (within[-1], within[-1] + USUAL_STRIDE_S))
+    beside = (rate[measured & (time >= a) & (time <= b)] for a, b in sides)
+    return all(not len(values) or float(np.mean(values)) > MOVES * usual for values in beside)
 
 
 def walked(distances: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, list[Note]]:
