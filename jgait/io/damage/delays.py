@@ -210,7 +210,10 @@ def _between(
     first, second = (signal[walks[0] : walks[-1] + 1] for signal in (first, second))
     third = len(first) // 3
     if 3 * third > DRIFTED_S * rate_hz:
-        begin, end = (_late(first[cut], second[cut], rate_hz) for cut in (slice(third), slice(-third, None)))
+        parts = [(first[cut], second[cut]) for cut in (slice(third), slice(-third, None))]
+        begin = _late(*parts[0], rate_hz)
+        end = _late(*parts[1], rate_hz, (begin[0] - DRIFT_S, begin[0] + DRIFT_S), gain)
+        begin = _late(*parts[0], rate_hz, (end[0] - DRIFT_S, end[0] + DRIFT_S), gain)
         drift = end[0] - begin[0]
         if abs(drift) > DRIFT_S and min(begin[1], end[1]) > LEAST_ALIKE:
             notes.append(CLOCKS_DRIFT(placement=lower, other=upper, **_told(drift)))
