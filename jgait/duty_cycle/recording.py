@@ -28,7 +28,8 @@ SLEEP_FILLED = Kind(
     "check",
     "{placement}: of the gyroscope's samples {filled:.0%} are filled ({filler}), {held:.0%} masked, since too little "
     "or nothing alike was measured before them",
-    "Filled samples were computed by the filler and not measured; results there are less certain.",
+    "Filled samples were computed by the filler and not measured. `duty_cycled_gyro` counts their errors; the "
+    "deviations of other estimators do not, so that their angles can be off by far more than they state.",
 )
 
 
@@ -162,6 +163,8 @@ def fill_recording(
     gyro_on: Mapping[str, On] | None = None, warm_up: float = 0.0, sensor: Sensor = GYROSCOPE,
 ) -> Recording:  # fmt: skip
     """The recording with the gaps of the gyroscopes of thighs and shanks filled, for any other estimator.
+
+    Its deviations do not contain the errors of filled samples: angles can be off by far more than it states.
 
     The filler fills the rate about the axis with the largest rate, the sagittal rate. The same filler fills the rates
     about the two perpendicular axes, each from its past and the same accelerometer: these rates also repeat with the
