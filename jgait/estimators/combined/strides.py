@@ -25,6 +25,9 @@ ALONE = 0.3
 CONSISTENT = 3.0
 """[1] Values of a stride are combined if they differ by less than so many standard deviations of their difference."""
 
+OFTEN = 1.0 / 3.0
+"""[1] Share of the strides that a source shares with others, beyond which it contradicts them often; chosen."""
+
 BRIEF = 0.6
 """[1] A stride that lasts less than this part of the median stride, and is not from or to standing, is wrong."""
 
@@ -184,14 +187,14 @@ class _Told(NamedTuple):
 
 
 def _alone(joined: list[_Told]) -> list[_Told]:
-    """The strides, in doubt where only sources measured them whose lengths mostly contradict those of others."""
+    """The strides, in doubt where only sources measured them whose lengths often contradict those of others."""
     shared = [stride for stride in joined if len(stride.group) > 1]
     left = {
         name: [name not in stride.used for stride in shared if name in stride.group]
         for stride in joined
         for name in stride.group
     }
-    wrong = {name for name, out in left.items() if out and np.mean(out) > 0.5}
+    wrong = {name for name, out in left.items() if out and np.mean(out) > OFTEN}
     return [stride._replace(doubtful=stride.doubtful or wrong.issuperset(stride.group)) for stride in joined]
 
 
