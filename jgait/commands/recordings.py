@@ -13,7 +13,7 @@ from jgait.types import Recording, RecordingError
 Rate = Annotated[float | None, typer.Option(help="Samples a second [Hz]; needed without a time column.")]
 RangeUnit = Annotated[str, typer.Option(help="Of the column feet_range: m, cm or mm.")]
 GyrUnit = Annotated[
-    str | None, typer.Option(help="deg/s or rad/s; default deg/s for tables, for other files what they state.")
+    str | None, typer.Option(help="deg/s, rad/s or mdeg/s; default deg/s for tables, for other files what they state.")
 ]
 AccUnit = Annotated[
     str | None, typer.Option(help="m/s^2, g or mg; default m/s^2 for tables, for other files what they state.")

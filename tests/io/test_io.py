@@ -157,7 +157,7 @@ def test_radians_passed_as_degrees_but_not_standing_still():
 @pytest.mark.parametrize(
     "option, message",
     [
-        ({"gyr_unit": "degrees"}, "gyr_unit must be one of 'deg/s', 'rad/s'; got 'degrees'"),
+        ({"gyr_unit": "degrees"}, "gyr_unit must be one of 'deg/s', 'rad/s', 'mdeg/s'; got 'degrees'"),
         ({"acc_unit": "kg"}, "acc_unit must be one of 'm/s\\^2', 'g', 'mg'; got 'kg'"),
         ({"time_unit": "ns"}, "time_unit must be one of 's', 'ms', 'us'; got 'ns'"),
     ],
