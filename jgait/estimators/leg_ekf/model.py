@@ -118,7 +118,8 @@ def transition_noise(params: LegModelParams, state: LegState, control: LegContro
     """
     del state
     s = params.angle_noise
-    euler, lost = (0.5 * ANKLE_ACCELERATION * dt**2) ** 2, 0.0 if control.lost is None else control.lost
+    euler, lost = (0.5 * ANKLE_ACCELERATION * dt**2) ** 2, getattr(control, "lost", None)
+    lost = 0.0 if lost is None else lost
     return angle_blocks(
         params._replace(position_noise=params.position_noise + euler + lost),
         s * dt**3 / 3.0 + lost, s * dt**2 / 2.0, s * dt,
