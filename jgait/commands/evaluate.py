@@ -11,7 +11,7 @@ from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
 from jgait.commands.console import console, count, note, say_failures, stop, table_of, visible, write_json, wrote
 from jgait.commands.folder import results_folder
-from jgait.commands.lessons import lessons_of, losses_of
+from jgait.commands.lessons import check_answers, lessons_of, losses_of
 from jgait.commands.pipeline import not_held_out
 from jgait.commands.warnings import say_warnings
 from jgait.estimators.stride_flags import STRIDE_COLUMNS
@@ -80,12 +80,7 @@ def evaluate(
     pipeline, start, source = cohort
     names = [] if loss is None else list(losses_of("--loss", loss))
     if names:
-        from jgait.tune import objective
-
-        try:
-            objective(pipeline, None, dict.fromkeys(names, 1.0))
-        except ValueError as error:
-            stop(f"--loss: {error}")
+        check_answers(pipeline, names)
     read = [table, params, *source.files]
     with results_folder(
         out, "evaluate", source.marks, planned=PLANNED, inputs=read, json_file=json_file, fresh=fresh

@@ -27,6 +27,16 @@ def losses_of(option: str, text: str) -> dict[str, float]:
         stop(f"{option}: {error}")
 
 
+def check_answers(pipeline: Estimator[PyTree, PyTree], losses: Sequence[str]) -> None:
+    """Exit with code 2 if an estimator cannot answer one of the losses."""
+    from jgait.tune import objective
+
+    try:
+        objective(pipeline, None, dict.fromkeys(losses, 1.0))
+    except ValueError as error:
+        stop(str(error))
+
+
 def lessons_of(
     pipeline: Estimator[PyTree, PyTree], source: cohorts.Source, start: PyTree, names: list[str],
     failures: list[tuple[str, str]], losses: Sequence[str],

@@ -11,7 +11,7 @@ from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
 from jgait.commands.console import Bar, console, note, progress, say_failures, stop
 from jgait.commands.folder import results_folder
-from jgait.commands.lessons import lessons_of, losses_of
+from jgait.commands.lessons import check_answers, lessons_of, losses_of
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 from jgait.estimators import Estimator
 
@@ -57,7 +57,6 @@ def tune(
     Writes tuned.json (for `jgait evaluate --params` and `jgait estimate --params`), held_out.csv and figures. Exit
     code 0: all recordings were used; 1: some could not be used; 2: nothing could be learned.
     """
-    from jgait import tune as tuning
     from jgait.commands import tune_report, tune_run
     from jgait.tune.checkpoint import OtherFitError
 
@@ -75,10 +74,7 @@ def tune(
         note(line)
     failures = list(source.failures)
     asked_for = list(dict.fromkeys([*weights, judged]))
-    try:
-        tuning.objective(pipeline, None, dict.fromkeys(asked_for, 1.0))
-    except ValueError as error:
-        stop(str(error))
+    check_answers(pipeline, asked_for)
     try:
         made = lessons_of(pipeline, source, start, names, failures, asked_for)
     except ValueError as error:

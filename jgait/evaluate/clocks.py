@@ -24,6 +24,9 @@ AGREES = {"the knee's angles": np.deg2rad(8.0), "contacts": 0.3}
 BETTER = 0.5
 """[1] Largest part of the error, or of the contacts that do not match, that is left with the offset that is noted."""
 
+MOST_SAMPLES = 3000
+"""Largest number of samples of a reference whose angles are compared."""
+
 LEAST_STRIDES = 3
 """Least number of strides of the reference whose contacts are compared."""
 
@@ -56,12 +59,13 @@ def _of_knees(estimate: Estimate, reference: Estimate, shifts: np.ndarray) -> np
     known, valid = np.asarray(reference.valid, bool), np.asarray(estimate.valid, bool)
     if not known.any() or not valid.any():
         return None
-    time, ours_at = as_float(reference.time)[known], as_float(estimate.time)[valid]
+    rows = np.flatnonzero(known)[:: -(-int(known.sum()) // MOST_SAMPLES)]
+    time, ours_at = as_float(reference.time)[rows], as_float(estimate.time)[valid]
     for side in SIDES:
         ours, theirs = getattr(estimate.legs, side), getattr(reference.legs, side)
         if ours is None or theirs is None:
             continue
-        angle, true = as_float(ours.knee_angle)[valid], as_float(theirs.knee_angle)[known]
+        angle, true = as_float(ours.knee_angle)[valid], as_float(theirs.knee_angle)[rows]
         at = time[None, :] + shifts[:, None]
         there = (at >= ours_at[0]) & (at <= ours_at[-1])
         gap = np.where(there, np.interp(at, ours_at, angle) - true, np.nan)
@@ -83,7 +87,9 @@ def _of_contacts(estimate: Estimate, reference: Estimate, shifts: np.ndarray) ->
             as_float(one.end)[np.asarray(one.valid, bool) & (np.asarray(one.side) == number)] for one in (ours, theirs)
         )
         if found.size and true.size:
-            apart = np.abs(true[None, :, None] + shifts[:, None, None] - found[None, None, :]).min(axis=2)
+            ends, at = np.concatenate([[-np.inf], np.sort(found), [np.inf]]), true + shifts[:, None]
+            following = np.searchsorted(ends, at)
+            apart = np.minimum(ends[following] - at, at - ends[following - 1])
             lacking += np.sum(apart > LEAST_S, axis=1)
             count += true.size
     return lacking / count if count >= LEAST_STRIDES else None

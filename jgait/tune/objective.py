@@ -222,9 +222,7 @@ def asked(walk: Walk, names: Sequence[str]) -> Walk:
     if reference is None or not needs:
         return walk._replace(reference=None)
     way = None
-    if (
-        "strides" in needs or "distance" in needs
-    ):  # the distance shows in which strides a body advances as far as a foot
+    if needs & {"strides", "distance"}:  # a distance shows in which strides a body advances as far as a foot
         way = np.full(np.shape(reference.time), np.nan) if reference.distance is None else reference.distance
     kept = reference._replace(
         distance=way, legs=reference.legs if "legs" in needs else Legs(None, None),

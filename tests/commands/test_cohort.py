@@ -128,6 +128,29 @@ def test_references_in_files_are_compared(table, walks, tmp_path):
     assert samples.legs.right is not None
 
 
+def test_losses_are_empty_where_a_reference_cannot_answer_them(table, tmp_path):
+    with_files = table(lambda frame: frame.drop(columns="distance_m").assign(
+        reference_samples=["samples0.csv", "samples1.csv", "", "samples3.csv"],
+        reference_strides=["strides0.csv", "", "strides2.csv", "strides3.csv"],
+    ), "partial.csv")  # fmt: skip
+    out = tmp_path / "out"
+    code, said = run("evaluate", with_files, "--loss", "stride_length,joint_angles,calibration", "--out", out)
+    assert code == 0, said
+    losses = pd.read_csv(out / "losses.csv").set_index("recording")
+    empty = losses.isna()
+    assert list(empty.index[empty["stride_length"]]) == ["walk1.csv"]
+    assert list(empty.index[empty["joint_angles"]]) == ["walk2.csv"]
+    assert "walk1.csv: stride_length needs a reference with strides with length" in said
+    strides = pd.read_csv(out / "strides.csv").dropna().set_index("recording")["error"]
+    assert losses.loc["walk0.csv", "stride_length"] == pytest.approx(
+        100.0 * np.sqrt((strides.loc["walk0.csv"] ** 2).mean()), rel=0.05
+    )
+    assert "strides of the reference are not compared; the body's way" in said
+    code, said = run("evaluate", table(), "--loss", "joint_angles,distance", "--out", tmp_path / "some")
+    assert "joint_angles needs a reference with legs; no reference of cohort.csv has them" in said
+    assert list(pd.read_csv(tmp_path / "some" / "losses.csv")) == ["recording", "subject", "distance"]
+
+
 def test_a_run_goes_on_and_refuses_changed_rows(evaluated):
     _, first, out, table = evaluated
     before = (out / "quantities.csv").read_bytes()

@@ -1,7 +1,7 @@
 """For every registered estimator two short walks, prepared and padded to one length, for the laws that all keep."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any, NamedTuple
 
 import jax
@@ -158,6 +158,17 @@ def lossy(recording: Recording, value: float) -> Recording:
         mask[len(mask) // 2 : len(mask) // 2 + 4] = False
         gyr, acc = (np.where(mask[:, None], values, value) for values in (imu.gyr, imu.acc))
         sensors[placement] = imu._replace(gyr=gyr, acc=acc, mask=mask)
+    return recording._replace(sensors=sensors)
+
+
+def without(recording: Recording, begin: float, seconds: float, placements: Collection[str] | None = None) -> Recording:
+    """The recording without a stretch [s] of all sensors, or of those at some placements."""
+    sensors = dict(recording.sensors)
+    for placement in sensors if placements is None else placements:
+        imu = sensors[placement]
+        gone = (np.asarray(imu.time) >= begin) & (np.asarray(imu.time) < begin + seconds)
+        gyr = np.where(gone[:, None], 0.0, imu.gyr)
+        sensors[placement] = imu._replace(gyr=gyr, mask=np.asarray(imu.mask, bool) & ~gone)
     return recording._replace(sensors=sensors)
 
 

@@ -69,6 +69,10 @@ ONE_SIDE = 0.03
 `walking5m` (root mean square), 0.01 on `tripod`, 0.04 to 0.05 on the one walk of `neura_sparse`."""
 
 
+TINY = 1e-12
+"""[m²] Least variance of a distance, so that the variances of several can be compared."""
+
+
 class WalkedDistance(NamedTuple):
     """Distance of a whole walk."""
 
@@ -234,36 +238,30 @@ def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray, length: np.ndarray) 
 
     Returns:
         Duration [s] in which strides can be missing, and the losses in walking: begin and end [s] of those between two
-        strides that are not short as those from and to standing, without a stride's time for standing beside the loss.
+        strides that are not short as those from and to standing, beside which the sensor moves as in strides.
     """
     time, seconds, bridged = as_float(imu.time), 0.0, []
+    measured, rate = np.asarray(imu.mask, bool), np.linalg.norm(as_float(imu.gyr), axis=1)
     after, before = np.maximum.accumulate([time[0], *end]), np.array([*start, time[-1]])
     edges = [np.clip(np.searchsorted(time, at), 0, time.size - 1) for at in (after, before)]
-    lost = lost_between(~np.asarray(imu.mask, bool), time, *edges)
-    lacks = not_bridged(~np.asarray(imu.mask, bool), time)
-    usual = float(np.median(length)) if len(length) else 0.0
-    walks = np.array([False, *(length > SHORT * usual)]) & np.array([*(length > SHORT * usual), False])
-    for begin, until, gone, walking in zip(after, before, lost, walks, strict=True):
-        near = until - begin < gone + 2.0 * USUAL_STRIDE_S
-        if gone > LONGEST_LOSS and walking and near and _moves_beside(imu, begin, until, lacks, start, end):
+    lost = lost_between(~measured, time, *edges)
+    gaps = time[not_bridged(~measured, time)]
+    walks = np.concatenate([[False], length > SHORT * np.median(length), [False]]) if len(length) else [False] * 2
+    began = np.searchsorted(start, time, side="right") - np.searchsorted(np.sort(end), time)
+    strides = rate[(began > 0) & measured]
+    for number, (begin, until, gone) in enumerate(zip(after, before, lost, strict=True)):
+        within = gaps[(gaps > begin) & (gaps < until)]
+        if gone <= LONGEST_LOSS:
+            continue
+        beside = [(first - USUAL_STRIDE_S, first) for first in within[:1]]
+        beside += [(last, last + USUAL_STRIDE_S) for last in within[-1:]]
+        rates = [rate[measured & (time >= a) & (time <= b)] for a, b in beside]
+        walking = walks[number] and walks[number + 1] and until - begin < gone + 2.0 * USUAL_STRIDE_S
+        if walking and all(not len(part) or np.mean(part) > MOVES * np.mean(strides) for part in rates):
             bridged.append((float(begin), float(until)))
-        elif gone > LONGEST_LOSS:
+        else:
             seconds += float(min(until - begin, gone + 2.0 * USUAL_STRIDE_S))
     return seconds, bridged
-
-
-def _moves_beside(imu: Imu, begin: float, until: float, lost: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:
-    """Whether a sensor turns in the stride's time before and after what is lost between two times [s] as in strides."""
-    time, rate = as_float(imu.time), np.linalg.norm(as_float(imu.gyr), axis=1)
-    measured = np.asarray(imu.mask, bool)
-    within = time[lost & (time > begin) & (time < until)]
-    if not len(within):
-        return True
-    in_strides = np.any([(time >= a) & (time <= b) for a, b in zip(start, end, strict=True)], axis=0)
-    usual = float(np.mean(rate[in_strides & measured]))
-    sides = ((within[0] - USUAL_STRIDE_S, within[0]), (within[-1], within[-1] + USUAL_STRIDE_S))
-    beside = (rate[measured & (time >= a) & (time <= b)] for a, b in sides)
-    return all(not len(values) or float(np.mean(values)) > MOVES * usual for values in beside)
 
 
 def walked(distances: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, list[Note]]:
@@ -279,7 +277,7 @@ def walked(distances: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, 
     apart = 0.0 if sure else 0.5 * float(np.ptp([distance.distance[-1] for distance in distances]))
     sure = sure or list(distances)
     ends, common = np.array([distance.distance[-1] for distance in sure]), min(distance.unseen for distance in sure)
-    own = np.sqrt(np.square([distance.stddev for distance in sure]) - common**2)
+    own = np.sqrt(np.maximum(np.square([distance.stddev for distance in sure]) - common**2, TINY))
     value, sd, kept = combined(ends, own, correlation([distance.source for distance in sure]))
     best = next(distance for distance, keeps in zip(sure, kept, strict=True) if keeps)
     total = best.distance[-1]

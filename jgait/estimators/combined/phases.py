@@ -30,7 +30,7 @@ phase of a limping leg may be that of the backward swing."""
 
 ALIKE, UNLIKE, SHIFTED = 0.85, 0.5, 0.3
 """[1], [1], [strides] Least correlation of the strides of both thighs after a shift, largest one without it, and least
-shift, of a thigh whose clock is off. Limping legs differ without such a shift, and runners' shift less."""
+shift, of a thigh whose clock is off; chosen, so that people who limp or run (`simulate.GAITS`) do not reach them."""
 
 EXCHANGED_FROM = 0.36
 """[strides] Least phase of both sensors of a pair that are exchanged. In running both feet swing earlier beside the

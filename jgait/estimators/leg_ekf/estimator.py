@@ -28,8 +28,7 @@ STEPS_APART, APART = 1.6, 0.1
 """[m], [1] Difference of the distances of both shanks beyond which one of them is wrong: a long stride, a share."""
 
 CLOSES_SD = 0.09
-"""[rad] Largest standard deviation of an inclination with which x and y are tied to the angles: 5°; after a second of
-walking it is below it."""
+"""[rad] Largest standard deviation of an inclination with which x and y are tied to the angles; chosen."""
 
 DISTANCES = ("strapdown", "stance", "accumulate", "forward")
 """Values of `LegOptions.distance`."""

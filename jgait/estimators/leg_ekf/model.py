@@ -117,8 +117,8 @@ def transition_noise(params: LegModelParams, state: LegState, control: LegContro
     While samples are lost, angles are unknown, and with them x and y, of a leg of about a metre.
     """
     del state
-    s = params.angle_noise
-    euler, lost = (0.5 * ANKLE_ACCELERATION * dt**2) ** 2, getattr(control, "lost", None)
+    s, euler = params.angle_noise, (0.5 * ANKLE_ACCELERATION * dt**2) ** 2
+    lost = getattr(control, "lost", None)  # the filter may run without controls
     lost = 0.0 if lost is None else lost
     return angle_blocks(
         params._replace(position_noise=params.position_noise + euler + lost),

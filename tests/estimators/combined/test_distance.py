@@ -2,21 +2,12 @@
 
 import numpy as np
 import pytest
+from made.estimators import without
 from made.shank import shank
 
 import jgait
-from jgait.types import Imu, Recording
 
 LENGTH, STRIDES = 1.2, 16
-
-
-def lost(recording, begin, seconds):
-    """The recording without the samples of a stretch."""
-    sensors = {}
-    for name, imu in recording.sensors.items():
-        gone = (np.asarray(imu.time) >= begin) & (np.asarray(imu.time) < begin + seconds)
-        sensors[name] = Imu(imu.time, imu.gyr, imu.acc, np.asarray(imu.mask) & ~gone)
-    return Recording(sensors, recording.sampling_rate_hz)
 
 
 def over_losses(found):
@@ -27,7 +18,7 @@ def over_losses(found):
 @pytest.mark.parametrize("begin", [6.0, 6.5])
 def test_a_loss_in_walking_is_walked_through(begin, seconds):
     made = shank(strides=STRIDES)
-    found = jgait.analyse(lost(made.recording, begin, seconds))
+    found = jgait.analyse(without(made.recording, begin, seconds))
     distance, deviation = found.estimate.distance[-1], found.estimate.diagnostics["distance_stddev"][-1]
     assert abs(distance - STRIDES * LENGTH) < deviation < 0.15 * STRIDES * LENGTH
     (values,) = over_losses(found)
@@ -40,7 +31,7 @@ def test_a_loss_in_walking_is_walked_through(begin, seconds):
 def test_a_loss_after_the_last_stride_counts_in_the_deviation_alone():
     made = shank(strides=STRIDES)
     whole = jgait.analyse(made.recording).estimate
-    found = jgait.analyse(lost(made.recording, made.contact[-1] + 0.4, 0.6))
+    found = jgait.analyse(without(made.recording, made.contact[-1] + 0.4, 0.6))
     assert not over_losses(found)
     assert found.estimate.distance[-1] == pytest.approx(whole.distance[-1], abs=0.05)
     assert found.estimate.diagnostics["distance_stddev"][-1] > whole.diagnostics["distance_stddev"][-1] + 0.3
@@ -50,6 +41,6 @@ def test_a_loss_after_the_last_stride_counts_in_the_deviation_alone():
 def test_few_strides_beside_a_loss_state_a_speed_all_the_same(begin):
     """Of strides from and to standing no speed is known; then the usual one is taken."""
     made = shank(strides=6, length=[0.6, 1.2, 1.2, 1.2, 1.2, 0.6])
-    found = jgait.analyse(lost(made.recording, begin, 2.5))
+    found = jgait.analyse(without(made.recording, begin, 2.5))
     distance, deviation = found.estimate.distance[-1], found.estimate.diagnostics["distance_stddev"][-1]
     assert abs(distance - 6.0) < 2.0 * deviation

@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+from made.estimators import without as gapped
 
 from jgait import simulate
 from jgait.estimators import leg_ekf
@@ -52,20 +53,11 @@ def test_angles_after_a_gap_are_those_without_it(walk, whole, placement, samples
     assert np.abs(gap.legs.right.x[gap.valid]).max() < 1.0
 
 
-def short(recording, begin, seconds):
-    """The recording without a part of both sensors."""
-    sensors = {}
-    for placement, imu in recording.sensors.items():
-        gone = (np.asarray(imu.time) >= begin) & (np.asarray(imu.time) < begin + seconds)
-        sensors[placement] = Imu(imu.time, np.where(gone[:, None], 0.0, imu.gyr), imu.acc, np.asarray(imu.mask) & ~gone)
-    return recording._replace(sensors=sensors)
-
-
 @pytest.mark.parametrize("smooth", [False, True])
 @pytest.mark.parametrize("begin", [7.0, 7.3, 7.6, 7.9])
 def test_a_swing_that_is_lost_costs_a_second_and_deviations_say_so(walk, smooth, begin):
     estimator = leg_ekf.estimator(leg_ekf.DEFAULT._replace(smooth=smooth))
-    known, after = (estimator.estimate(estimator.params, one) for one in (walk, short(walk, begin, 0.25)))
+    known, after = (estimator.estimate(estimator.params, one) for one in (walk, gapped(walk, begin, 0.25)))
     time = np.asarray(walk.sensors["shank_right"].time)
     for first, last in ((0.3, 1.0), (1.0, 2.0), (2.0, 4.0)):
         rows = (time > begin + first) & (time < begin + last)
@@ -76,7 +68,7 @@ def test_a_swing_that_is_lost_costs_a_second_and_deviations_say_so(walk, smooth,
 
 
 def test_nobody_stands_in_samples_that_are_lost_at_the_start(walk, whole):
-    gap = estimate(short(walk, 0.0, 6.0))
+    gap = estimate(gapped(walk, 0.0, 6.0))
     rows = np.asarray(walk.sensors["shank_right"].time) > 7.0
     for angle in ("hip_angle", "knee_angle"):
         apart = np.rad2deg(getattr(gap.legs.right, angle) - getattr(whole.legs.right, angle))[rows]

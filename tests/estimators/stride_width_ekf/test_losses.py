@@ -3,10 +3,11 @@
 import jax
 import numpy as np
 import pytest
+from made.estimators import without
 
 from jgait.estimators import stride_width_ekf as sw
 from jgait.simulate import protocols
-from jgait.types import SIDES, Imu
+from jgait.types import SIDES
 
 
 @pytest.fixture(scope="module")
@@ -19,15 +20,7 @@ def walked():
 @pytest.mark.parametrize(("begin", "seconds"), [(6.0, 0.5), (5.0, 3.0)])
 def test_widths_after_a_loss_are_right_or_said_to_be_unsure(walked, lost, begin, seconds):
     recording, true, p = walked
-    sensors = dict(recording.sensors)
-    for side in lost:
-        imu = sensors[f"foot_{side}"]
-        time = np.asarray(imu.time)
-        gone = (time >= begin) & (time < begin + seconds)
-        sensors[f"foot_{side}"] = Imu(
-            time, np.where(gone[:, None], 0.0, imu.gyr), imu.acc, np.asarray(imu.mask) & ~gone
-        )
-    found = sw.estimate(p, recording._replace(sensors=sensors))
+    found = sw.estimate(p, without(recording, begin, seconds, [f"foot_{side}" for side in lost]))
     strides, trusted = found.strides, np.asarray(found.diagnostics["width_valid"], bool)
     errors, stated = [], []
     for row in np.flatnonzero(np.asarray(strides.valid) & trusted):

@@ -134,6 +134,17 @@ def test_a_walk_that_does_not_begin_from_standing_is_noted(straight):
     np.testing.assert_allclose(told.strides.length[2:8], 1.32, rtol=0.02)
 
 
+def test_walking_that_the_recording_cuts_off_is_noted(straight):
+    made = straight[0]
+    for first, last, codes in (
+        (0.0, np.inf, []),
+        (made.contact[3] + 0.1, np.inf, ["walking_before"]),
+        (0.0, made.contact[-4] + 0.4, ["walking_after"]),
+    ):
+        notes = waist.estimate(waist.WaistParams(), cut(made.recording, first, last)).diagnostics["notes"]
+        assert [note.code for note in notes if note.code.startswith("walking_")] == codes
+
+
 def test_each_bout_is_one_of_its_own():
     made = walk(steps=6, quiet=5.5)
     one, two = (estimated(r) for r in (cut(made.recording, 2.5), joined(*[cut(made.recording, 2.5)] * 2)))
