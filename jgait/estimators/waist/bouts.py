@@ -27,8 +27,9 @@ UNCLOSED = 2.0
 """[steps] If standing begins later than this after the last contact that was found, a closing step came between."""
 
 
-MOVES = 0.5
-"""[1] Spread of the specific force over that in walking, from which on a person walks on after the last contact."""
+MOVES, STEP = 0.5, 0.6
+"""[1], [strides] Spread of the specific force over that in walking, from which on a person walks on after the last
+contact; and time that has a whole step, so that the spread shows it."""
 
 
 class Node(NamedTuple):
@@ -150,6 +151,6 @@ def notes_of(
         (at[0] - time[0], time < at[0] - LEAST * stride_s, stands[0]),
         (time[-1] - at[-1], time > at[-1] + LEAST * stride_s, stands[-1]),
     ):
-        moves = LEAST < seconds / stride_s < MOST and not still and force[beyond].std() > MOVES * walking
-        cuts.append(float(seconds) if moves else 0.0)
+        moves = seconds < STEP * stride_s or force[beyond].std() > MOVES * walking
+        cuts.append(float(seconds) if moves and not still and LEAST < seconds / stride_s < MOST else 0.0)
     return notes + cut_note(placement, *cuts)

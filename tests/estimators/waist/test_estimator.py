@@ -139,7 +139,7 @@ def test_walking_that_the_recording_cuts_off_is_noted(straight):
     for first, last, codes in (
         (0.0, np.inf, []),
         (made.contact[3] + 0.1, np.inf, ["walking_before"]),
-        (0.0, made.contact[-4] + 0.4, ["walking_after"]),
+        (0.0, made.contact[-4] + 0.3, ["walking_after"]),
     ):
         notes = waist.estimate(waist.WaistParams(), cut(made.recording, first, last)).diagnostics["notes"]
         assert [note.code for note in notes if note.code.startswith("walking_")] == codes
