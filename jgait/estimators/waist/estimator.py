@@ -15,7 +15,7 @@ from jgait.estimators.waist import steps as waist_steps
 from jgait.estimators.waist.about import ABOUT, SIDE_KNOWN
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.motion import TrunkMotion
-from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, FALLS_FREELY, SHORT_OR_SLOW, UNLEARNED
+from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, FALLS_FREELY, SHORT_OR_SLOW
 from jgait.estimators.waist.params import (
     DEFAULT,
     PAPER,
@@ -181,13 +181,19 @@ SHORTEST, SLOWEST = 1.05, 0.85
 this estimator gives them, are 1.06 to 1.59 m and 0.87 to 1.57 m/s."""
 
 
+SLOW, FEW = 0.6, 4
+"""[m/s], [1] Speed below which a stride is unlike those that were learned, also in a walk that is faster on the whole;
+and number of them that is not noted: straight strides of `ipol_gait` are faster but the last ones of a walk."""
+
+
 FREE, OVER_S = 0.35, 0.05
 """[1], [s] Specific force over gravity, as a mean over `OVER_S`, below which the trunk falls freely: in running it is
 near 0 once in each step, and recorded walks of `ipol_gait` and `mobgap_lab` stay far above it."""
 
 UNLIKE_SD = 0.35
 """[1] Standard deviation of lengths and distance over themselves in walks unlike those from which the pendulum was
-learned. Chosen by simulated people who shuffle, limp or run (experiment `people.gaits`)."""
+learned, and of strides that turn, which may be steps on the spot. Chosen by simulated people who shuffle, limp or run
+(experiment `people.gaits`)."""
 
 
 def least_felt(result: Estimate, contacts: np.ndarray) -> float:
@@ -200,25 +206,36 @@ def least_felt(result: Estimate, contacts: np.ndarray) -> float:
     return 1.0 + float(np.median(least)) / GRAVITY if least else 1.0
 
 
-def _doubts(result: Estimate, contacts: np.ndarray, options: WaistOptions) -> tuple[Note, ...]:
-    """Notes if the distance is unreliable (see `DOUBTFUL`), strides are below `SHORTEST` or `SLOWEST`, or the person
-    runs (see `FREE`).
+def _doubts(result: Estimate, contacts: np.ndarray, options: WaistOptions) -> tuple[list[Note], np.ndarray]:
+    """Notes if the distance is unreliable (see `DOUBTFUL`), strides are short or slow, or the person runs (see `FREE`);
+    and (n,) bool, the strides that are unlike those from which the pendulum was learned.
+
+    Strides are short or slow all together, if their median is below `SHORTEST` or `SLOWEST`, or each for itself (see
+    `SLOW`).
     """
-    strides = result.strides
-    if not np.any(strides.valid):
-        return ()
-    notes: list[Note] = []
+    strides, notes = result.strides, []
+    kept = np.asarray(strides.valid, bool)
+    if not kept.any():
+        return [], kept
     way, spread = float(result.distance[-1]), float(result.diagnostics["distance_stddev"][-1])
     if not spread <= DOUBTFUL * abs(way) or way <= 0.0:
         of = "" if options.distance == "fused" else f' (distance="{options.distance}")'
         notes.append(DISTANCE_DOUBTFUL(option=of, distance_m=way, within_m=2.0 * spread))
-    kept = np.asarray(strides.valid)
-    length, speed = (float(np.median(np.asarray(values)[kept])) for values in (strides.length, strides.speed))
-    if options.distance in ("fused", "pendulum") and (length < SHORTEST or speed < SLOWEST):
-        notes.append(SHORT_OR_SLOW(length_m=length, speed=speed, least_m=SHORTEST, slowest=SLOWEST))
+    unlike = np.zeros(len(kept), bool)
+    if options.distance in ("fused", "pendulum"):
+        length, speed, turn = (as_float(part) for part in (strides.length, strides.speed, strides.turn))
+        turning = kept & (np.abs(turn) > TURNING)
+        slow = kept & (speed < SLOW) & ~turning
+        if np.median(length[kept]) < SHORTEST or np.median(speed[kept]) < SLOWEST:
+            slow = kept
+        if slow is kept or slow.sum() > FEW:
+            middle = {"length_m": np.median(length[slow]), "speed": np.median(speed[slow])}
+            notes.append(SHORT_OR_SLOW(strides=slow.sum(), of=kept.sum(), **middle, least_m=SHORTEST, slowest=SLOWEST))
+        unlike = slow | turning
     if (felt := least_felt(result, contacts)) < FREE:
         notes.append(FALLS_FREELY(share_pct=100.0 * max(felt, 0.0)))
-    return tuple(notes)
+        unlike = kept
+    return notes, unlike
 
 
 def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
@@ -227,20 +244,27 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
     contacts = np.flatnonzero(diagnostics.pop("initial_contact_valid"))
     for name in ("initial_contact", "initial_contact_side", "initial_contact_side_probability"):
         diagnostics[name] = diagnostics[name][contacts]
-    doubts = _doubts(result, diagnostics["initial_contact"], made.options)
+    doubts, unlike = _doubts(result, diagnostics["initial_contact"], made.options)
     diagnostics["notes"] = (*diagnostics["notes"], *doubts)
-    result = result._replace(diagnostics=diagnostics)
-    return _unlearned(result) if any(note.code in UNLEARNED for note in doubts) else result
+    return _wider(result._replace(diagnostics=diagnostics), unlike)
 
 
-def _unlearned(result: Estimate) -> Estimate:
-    """The estimate with deviations of the length, speed and distance of a walk unlike those that were learned."""
-    stddev = np.hypot(as_float(result.diagnostics["distance_stddev"]), UNLIKE_SD * np.abs(as_float(result.distance)))
+def _wider(result: Estimate, unlike: np.ndarray) -> Estimate:
+    """The estimate with the deviations of strides (n,) that are unlike those that were learned, and of what they are of
+    the distance.
+    """
+    if not unlike.any():
+        return result
+    strides, way = result.strides, as_float(result.distance)
+    lengths = np.where(np.asarray(strides.valid, bool), as_float(strides.length), 0.0)
+    share = np.cumsum(np.where(unlike, lengths, 0.0)) / max(float(lengths.sum()), 1e-9)
+    there = np.interp(as_float(result.time), as_float(strides.end), share, left=0.0) * abs(float(way[-1]))
+    stddev = np.hypot(as_float(result.diagnostics["distance_stddev"]), UNLIKE_SD * there)
     result = result._replace(diagnostics={**result.diagnostics, "distance_stddev": stddev})
     if result.strides_stddev is None:
         return result
     wider = {
-        name: np.hypot(as_float(spread), UNLIKE_SD * np.abs(as_float(getattr(result.strides, name))))
+        name: np.hypot(as_float(spread), np.where(unlike, UNLIKE_SD * np.abs(as_float(getattr(strides, name))), 0.0))
         for name in ("length", "speed", "step_length") if (spread := getattr(result.strides_stddev, name)) is not None
     }  # fmt: skip
     return result._replace(strides_stddev=result.strides_stddev._replace(**wider))

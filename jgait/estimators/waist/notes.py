@@ -55,8 +55,8 @@ NO_TRUNK_STEPS = Kind(
 SHORT_OR_SLOW = Kind(
     "short_or_slow_strides",
     "check",
-    "strides of {length_m:.2f} m at {speed:.2f} m/s are shorter or slower than those from which step lengths were "
-    "learned, {least_m:.2f} m and more at {slowest:.2f} m/s and more",
+    "{strides} of {of} strides, of {length_m:.2f} m at {speed:.2f} m/s in the median, are shorter or slower than those "
+    "from which step lengths were learned, {least_m:.2f} m and more at {slowest:.2f} m/s and more",
     "Step lengths were learned from usual walking. In shuffling, slow or limping walks, lengths and distance are wrong "
     "by a third and more, and contacts may be missed; their deviations are therefore large.",
 )

@@ -133,7 +133,8 @@ def test_a_turn_is_flagged_and_makes_integration_less_certain(bent):
     first = int(np.argmax(flags["unsure"]))
     assert 5 < first < 10 and flags["unsure"][first:].all()
     np.testing.assert_allclose(np.sum(strides.turn[::2]), np.pi, atol=0.1)
-    assert estimate.strides_stddev.length[flags["turning"]].min() > 1.02 * estimate.strides_stddev.length[4]
+    # a person can also turn on the spot
+    assert np.all(estimate.strides_stddev.length[flags["turning"]] > 0.35 * estimate.strides.length[flags["turning"]])
 
 
 def test_a_walk_that_does_not_begin_from_standing_is_noted(straight):
@@ -199,6 +200,16 @@ def test_a_walk_slower_than_those_learned_from_is_noted(straight):
     spread = [float(found.diagnostics["distance_stddev"][-1] / found.distance[-1]) for found in (slow, straight[1])]
     assert spread[0] > 0.35 and spread[1] < 0.1
     assert np.all(slow.strides_stddev.length > 0.35 * slow.strides.length)
+
+
+def test_some_slow_strides_in_a_usual_walk_are_noted():
+    estimate = estimated(joined(walk().recording, walk(speed=0.45, steps=10).recording))
+    slow = estimate.strides.speed < 0.6
+    assert f"{slow.sum()} of {slow.size} strides, of 0.86 m at 0.49 m/s" in notes(estimate)
+    share = estimate.strides_stddev.length / estimate.strides.length
+    assert np.all(share[slow] > 0.35) and np.all(share[2:14] < 0.1)
+    measured = np.sum(estimate.strides.length[slow]) / np.sum(estimate.strides.length)
+    assert estimate.diagnostics["distance_stddev"][-1] > 0.35 * measured * estimate.distance[-1]
 
 
 def test_lost_samples_are_noted_and_hardly_change_the_distance(straight):
