@@ -58,6 +58,9 @@ CUT_SD = 0.2
 MOVES = 0.5
 """[1] Least mean rate of a sensor beside a loss, over that in strides, with which the person walks beside it."""
 
+MISSING = 0.6
+"""[strides] Least time between two strides of one leg in which one is missing."""
+
 LOSS_SD = 0.3
 """[1] The same for a loss, in which a person can also stand still; chosen."""
 
@@ -182,7 +185,7 @@ def _sides(source: SourceEstimate, recording: Recording, doubted: frozenset[str]
         mine = valid & (np.asarray(strides.side) == SIDES.index(side)) if side else valid
         whole = np.flatnonzero(mine & ~beyond)
         whole = whole[np.argsort(start[whole], kind="stable")]
-        seconds, bridged = _not_seen(recording.sensors[name], start[whole], end[whole], length[whole])
+        seconds, bridged = _not_seen(recording.sensors[name], start[whole], end[whole], length[whole], usual)
         unknown = USUAL_SPEED * seconds + float(np.nansum(length[mine & beyond]))
         lengths, speed = float(np.nansum(length[mine])), _speed(strides, mine)
         sides.append(_Side(side, lengths, unknown, name in doubted, speed, _cut(source, name), bridged))
@@ -233,8 +236,13 @@ def _whole(source: SourceEstimate, scale: float, sd: float, doubtful: bool, used
     return WalkedDistance(source.name, time, way, spread, doubtful, **added, bridged_s=bridged_s, unseen=unseen)
 
 
-def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray, length: np.ndarray) -> tuple[float, Spans]:
+def _not_seen(
+    imu: Imu, start: np.ndarray, end: np.ndarray, length: np.ndarray, usual: float
+) -> tuple[float, Spans]:
     """What is lost between strides, given by start [s], end [s] and length [m] in the order of their starts.
+
+    A stride is measured from one stance to the next, so that a loss up to the middle of the stance after its end can
+    take it away. `usual` is the duration of a stride [s].
 
     Returns:
         Duration [s] in which strides can be missing, and the losses in walking: begin and end [s] of those between two
@@ -243,23 +251,24 @@ def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray, length: np.ndarray) 
     time, seconds, bridged = as_float(imu.time), 0.0, []
     measured, rate = np.asarray(imu.mask, bool), np.linalg.norm(as_float(imu.gyr), axis=1)
     after, before = np.maximum.accumulate([time[0], *end]), np.array([*start, time[-1]])
-    edges = [np.clip(np.searchsorted(time, at), 0, time.size - 1) for at in (after, before)]
-    lost = lost_between(~measured, time, *edges)
+    stance = before + MID_STANCE * usual
+    edges = [np.clip(np.searchsorted(time, at), 0, time.size - 1) for at in (after, before, stance)]
+    lost, near = (lost_between(~measured, time, edges[0], until) for until in edges[1:])
     gaps = time[not_bridged(~measured, time)]
     walks = np.concatenate([[False], length > SHORT * np.median(length), [False]]) if len(length) else [False] * 2
     began = np.searchsorted(start, time, side="right") - np.searchsorted(np.sort(end), time)
     strides = rate[(began > 0) & measured]
     for number, (begin, until, gone) in enumerate(zip(after, before, lost, strict=True)):
-        within = gaps[(gaps > begin) & (gaps < until)]
-        if gone <= LONGEST_LOSS:
+        within = gaps[(gaps > begin) & (gaps < stance[number])]
+        if gone <= LONGEST_LOSS and (near[number] == 0.0 or until - begin < MISSING * usual):
             continue
         beside = [(first - USUAL_STRIDE_S, first) for first in within[:1]]
         beside += [(last, last + USUAL_STRIDE_S) for last in within[-1:]]
         rates = [rate[measured & (time >= a) & (time <= b)] for a, b in beside]
-        walking = walks[number] and walks[number + 1] and until - begin < gone + 2.0 * USUAL_STRIDE_S
+        walking = walks[number] and walks[number + 1] and until - begin < gone + 2.0 * max(usual, USUAL_STRIDE_S)
         if walking and all(not len(part) or np.mean(part) > MOVES * np.mean(strides) for part in rates):
             bridged.append((float(begin), float(until)))
-        else:
+        elif gone > LONGEST_LOSS:
             seconds += float(min(until - begin, gone + 2.0 * USUAL_STRIDE_S))
     return seconds, bridged
 

@@ -43,7 +43,7 @@ innovation."""
 CLIPPED_RATE, CLIPPED_FORCE = 3.0, 30.0
 """[rad/s], [m/s²] Standard deviation of a clipped sample that is not restored."""
 
-CLIPS_ABOVE_RATE, CLIPS_ABOVE_FORCE = 8.0, 35.0
+CLIPS_ABOVE_RATE, CLIPS_ABOVE_FORCE = 8.0, 18.0
 """[rad/s], [m/s²] Consecutive equal samples at an axis's maximum count as clipped only above this value."""
 
 REST_STEP = 20.0
