@@ -28,7 +28,7 @@ STRIDES_MISSING = Kind(
     "strides_missing",
     "check",
     "{strides} {strides:stride|strides} of {placement} {strides:is|are} left out: more than {seconds:g} s of "
-    "{strides:it|them} is lost",
+    "{strides:it|them}, or the stance before or after, is lost",
     "So much of these strides was lost that they are missing here; totals, and the distance of one estimator, are too "
     "small by them. The distance of all sensors together counts what is walked there.",
 )

@@ -131,8 +131,11 @@ def _at_end(
     index = swing + way * np.arange(near, max(int(FAR_S * rate_hz), near + 1))
     index = index[index <= edge] if way > 0 else index[index >= edge]
     if len(index) == 0:
-        return edge, True, bool(norm[edge] < STILL)
+        return edge, True, False
     rates = norm[index]
     found = int(np.argmax(rates < max(STILL, 1.2 * float(rates.min()))))
-    outside = rates[found : found + near + 1] if index[found] != edge else rates[-near:]
-    return int(index[found]), True, bool((outside <= RESTS).all())
+    at = int(index[found])
+    outside = (
+        norm[min(at, edge - near) : at + near + 1] if way > 0 else norm[max(at - near, 0) : max(at, edge + near) + 1]
+    )
+    return at, True, bool(norm[at] <= SWINGS and (outside <= RESTS).all())

@@ -236,9 +236,7 @@ def _whole(source: SourceEstimate, scale: float, sd: float, doubtful: bool, used
     return WalkedDistance(source.name, time, way, spread, doubtful, **added, bridged_s=bridged_s, unseen=unseen)
 
 
-def _not_seen(
-    imu: Imu, start: np.ndarray, end: np.ndarray, length: np.ndarray, usual: float
-) -> tuple[float, Spans]:
+def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray, length: np.ndarray, usual: float) -> tuple[float, Spans]:
     """What is lost between strides, given by start [s], end [s] and length [m] in the order of their starts.
 
     A stride is measured from one stance to the next, so that a loss up to the middle of the stance after its end can
@@ -265,7 +263,7 @@ def _not_seen(
         beside = [(first - USUAL_STRIDE_S, first) for first in within[:1]]
         beside += [(last, last + USUAL_STRIDE_S) for last in within[-1:]]
         rates = [rate[measured & (time >= a) & (time <= b)] for a, b in beside]
-        walking = walks[number] and walks[number + 1] and until - begin < gone + 2.0 * max(usual, USUAL_STRIDE_S)
+        walking = walks[number] and walks[number + 1] and until - begin < gone + 3.0 * max(usual, USUAL_STRIDE_S)
         if walking and all(not len(part) or np.mean(part) > MOVES * np.mean(strides) for part in rates):
             bridged.append((float(begin), float(until)))
         elif gone > LONGEST_LOSS:

@@ -28,6 +28,16 @@ def test_a_loss_in_walking_is_walked_through(begin, seconds):
     assert np.all(np.diff(found.estimate.distance) > -1e-9)
 
 
+@pytest.mark.parametrize("seconds", [0.15, 0.2, 0.3, 0.45])
+def test_a_short_loss_at_any_phase_of_a_stride_takes_nothing_away(seconds):
+    """A stance that is lost, or that is cut off between push-off and swing, begins and ends no stride."""
+    made = shank(strides=STRIDES)
+    for begin in np.arange(6.0, 7.3, 0.08):
+        found = jgait.analyse(without(made.recording, begin, seconds)).estimate
+        distance, deviation = found.distance[-1], found.diagnostics["distance_stddev"][-1]
+        assert abs(distance - STRIDES * LENGTH) < 3.0 * deviation < 0.3 * STRIDES * LENGTH, begin
+
+
 def test_a_loss_after_the_last_stride_counts_in_the_deviation_alone():
     made = shank(strides=STRIDES)
     whole = jgait.analyse(made.recording).estimate
