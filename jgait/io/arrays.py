@@ -15,16 +15,20 @@ from jgait.types import PLACEMENTS, Imu, RangeReadings, Recording, RecordingErro
 
 GYR_UNITS = {"deg/s": np.pi / 180.0, "rad/s": 1.0, "mdeg/s": np.pi / 180e3}
 
+SPELT = {"°/s": "deg/s", "dps": "deg/s", "m/s²": "m/s^2", "m/s2": "m/s^2"}
+"""Other ways to write a unit."""
+
 RANGE_EMPTY = Kind("range_empty", "check", "feet_range holds no reading", NO_RANGE)
 
 
 def unit_scale(unit: str, units: Mapping[str, float], argument: str) -> float:
     """Factor from a unit to SI. Raises ValueError if the unit is unknown; the message lists the known units."""
-    if unit not in units:
+    known = SPELT.get(unit, unit)
+    if known not in units:
         raise RecordingError(
             f"{{argument}} must be one of {', '.join(map(repr, units))}; got {unit!r}", argument=argument
         )
-    return units[unit]
+    return units[known]
 
 
 def recording_from_arrays(

@@ -1,6 +1,7 @@
 """Recognise a lab's names of columns: "GyroThighR_x (deg/s)" is thigh_right_gyr_x in jgait."""
 
 import re
+import unicodedata
 
 from jgait.types import PLACEMENTS
 
@@ -20,8 +21,11 @@ TIMES = (
     "timeus",
     "timestampms",
     "timestampus",
+    "tms",
     "seconds",
     "zeit",
+    "zeits",
+    "zeitms",
     "temps",
     "tiempo",
     "tempo",
@@ -40,9 +44,18 @@ WORDS = {
     "back": "lower_back", "pelvis": "pelvis", "sacrum": "pelvis", "waist": "waist", "hip": "waist", "wrist": "wrist",
     "thigh": "thigh", "upperleg": "thigh", "femur": "thigh", "shank": "shank", "lowerleg": "shank", "tibia": "shank",
     "shin": "shank", "ankle": "ankle", "foot": "foot", "feet": "foot", "shoe": "foot", "instep": "foot",
-    "calcn": "foot",
+    "calcn": "foot", "becken": "pelvis", "oberschenkel": "thigh", "unterschenkel": "shank", "schienbein": "shank",
+    "knochel": "ankle", "sprunggelenk": "ankle", "fuss": "foot", "schuh": "foot", "bassin": "pelvis",
+    "cuisse": "thigh", "jambe": "shank", "cheville": "ankle", "pied": "foot", "cintura": "waist", "muslo": "thigh",
+    "pierna": "shank", "tobillo": "ankle",
 }  # fmt: skip
-"""Words of measuring systems for placements; the longest matching word is used."""
+"""Words of measuring systems and languages for placements, without accents; the longest matching word is used."""
+
+SIDE_WORDS = {
+    "right": ("right", "r", "re", "rechts", "droite", "droit", "derecha", "derecho"),
+    "left": ("left", "l", "le", "li", "links", "gauche", "izquierda", "izquierdo"),
+}
+"""Side → words of a name that state it."""
 
 CODES = {
     **{side[0] + kind[0]: f"{kind}_{side}" for kind in ("foot", "shank", "thigh") for side in ("right", "left")},
@@ -60,13 +73,13 @@ VERTEBRAE = ("l4", "l5")
 
 def placement_of(label: str) -> str | None:
     """The placement of a sensor from its name, such as "LowerBack" or "tibia_r_imu"; None where the name has none."""
-    plain = label.strip().lower().replace("-", "_").replace(" ", "_")
+    label = _without_accents(label.strip())
+    plain = label.lower().replace("-", "_").replace(" ", "_")
     if plain in PLACEMENTS:
         return plain
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", label.strip())
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", label)
     tokens = [token for token in re.split(r"[^a-z0-9]+", spaced.lower()) if token]
-    sides = {side for side, words in (("right", ("right", "r", "re")), ("left", ("left", "l", "le")))
-             for word in words if word in tokens}  # fmt: skip
+    sides = {side for side, words in SIDE_WORDS.items() if not set(words).isdisjoint(tokens)}
     joined = "".join(tokens)
     if not sides:
         sides = {side for side in ("right", "left") if joined.startswith(side) or joined.endswith(side)}
@@ -83,31 +96,52 @@ def placement_of(label: str) -> str | None:
     return f"{place}_{next(iter(sides))}" if sides else None
 
 
-def column_of(name: str) -> str | None:
-    """The name of a column in jgait, or None where the lab's name, such as "Gyro Thigh R X [deg/s]", is not recognised.
+def _without_accents(text: str) -> str:
+    """Letters without accents, "ss" for the sharp s."""
+    plain = unicodedata.normalize("NFKD", text.replace("ß", "ss"))
+    return "".join(letter for letter in plain if not unicodedata.combining(letter))
 
-    `time`, or <placement>_<gyr or acc>_<x, y or z>, or for a single sensor <gyr or acc>_<x, y or z>.
-    """
-    plain = re.sub(r"[(\[{].*?[)\]}]", " ", name)
-    words = [word.lower() for word in re.findall(WORD, plain)]
-    if "".join(words) in TIMES:
-        return "time"
+
+def _words(name: str) -> list[str]:
+    """The words of a column's name without what is in brackets, in lower case."""
+    return [word.lower() for word in re.findall(WORD, re.sub(r"[(\[{].*?[)\]}]", " ", _without_accents(name)))]
+
+
+def _signal(words: list[str]) -> tuple[str, str, list[str] | None] | None:
+    """Kind of signal, axis, and the words beside them (None: they are not whole); None for words of no raw signal."""
     if not words or any(word in NOT_RAW for word in words):
         return None
-    axis = words.pop() if words[-1] in ("x", "y", "z") else ""
-    joined = "".join(words)
+    axis, rest = (words[-1], words[:-1]) if words[-1] in ("x", "y", "z") else ("", words)
+    joined = "".join(rest)
     for kind, synonyms in KINDS.items():
         for synonym in synonyms:
             if synonym not in joined:
                 continue
             last = not axis and joined.endswith(tuple(f"{synonym}{letter}" for letter in "xyz"))
-            axis_found = joined[-1] if last else axis
-            rest = _without(words, synonym + (axis_found if last else ""))
-            if not axis_found or rest is None:
-                return None
-            where = placement_of("_".join(rest)) if rest else None
-            return f"{where}_{kind}_{axis_found}" if where else None if rest else f"{kind}_{axis_found}"
+            found = joined[-1] if last else axis
+            return (kind, found, _without(rest, synonym + (found if last else ""))) if found else None
     return None
+
+
+def column_of(name: str) -> str | None:
+    """The name of a column in jgait, or None where the lab's name, such as "Gyro Thigh R X [deg/s]", is not recognised.
+
+    `time`, or <placement>_<gyr or acc>_<x, y or z>, or for a single sensor <gyr or acc>_<x, y or z>.
+    """
+    words = _words(name)
+    if "".join(words) in TIMES:
+        return "time"
+    signal = _signal(words)
+    if signal is None or signal[2] is None:
+        return None
+    kind, axis, rest = signal
+    where = placement_of("_".join(rest)) if rest else None
+    return f"{where}_{kind}_{axis}" if where else None if rest else f"{kind}_{axis}"
+
+
+def like_a_signal(name: str) -> bool:
+    """Whether a column's name is that of a gyroscope's or an accelerometer's axis, at any place."""
+    return _signal(_words(name)) is not None
 
 
 def unit_in_name(name: str) -> str | None:

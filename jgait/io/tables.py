@@ -10,7 +10,7 @@ import numpy as np
 
 from jgait.io.arrays import recording_from_arrays
 from jgait.io.files import reading
-from jgait.io.names import CHANNELS, recognised, unit_in_name
+from jgait.io.names import CHANNELS, column_of, like_a_signal, recognised, unit_in_name
 from jgait.io.rows import read_table
 from jgait.notes import DEDUCED, LEFT_OUT, LOSSES, Kind, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError
@@ -25,6 +25,12 @@ COLUMNS_MATCHED = Kind(
     DEDUCED,
 )
 COLUMNS_LEFT_OUT = Kind("columns_left_out", "info", "columns left out: {columns}", LEFT_OUT)
+SIGNALS_LEFT_OUT = Kind(
+    "signals_left_out", "check", "columns that look like those of a sensor are not used, because their names state no "
+    "place that is known: {columns}",
+    "If they are of a sensor on a leg or the trunk, write the place in their names, such as foot_left_gyr_x: without "
+    "them a side, or a whole sensor, is missing in all results.",
+)  # fmt: skip
 CELLS_WITHOUT_NUMBER = Kind(
     "cells_without_number", "check",
     "{column}: {cells} {cells:cell is no number and counts|cells are no numbers and count} as missing, the first "
@@ -47,7 +53,7 @@ class Columns(NamedTuple):
     others: tuple[str, ...]  #: names of columns that are not used.
     matched: tuple[tuple[str, str], ...] = ()  #: the table's name and jgait's name of each column with a lab's name.
     odd: tuple[Note, ...] = ()  #: notes about cells without a number.
-    #: unit that the name of the time column states, "ms" or "us"; None: it states none of them.
+    #: unit of `time`, as far as the table states it: "s" of dates, "ms" or "us" of a name; else None.
     time_unit: str | None = None
 
 
@@ -99,7 +105,7 @@ def recording_from_dataframe(
         time=content.time,
         feet_range=content.feet_range,
         sampling_rate_hz=sampling_rate_hz,
-        time_unit=time_unit or content.time_unit,
+        time_unit=content.time_unit if content.time_unit == "s" else time_unit or content.time_unit,
         gyr_unit=gyr_unit,
         acc_unit=acc_unit,
         range_unit=range_unit,
@@ -120,6 +126,7 @@ def columns_of(
     Raises:
         RecordingError: if columns are missing or contain no numbers.
     """
+    table = _with_time(table)
     given = [str(column) for column in table.columns]
     renamed = [column.strip().lower() for column in given]
     if placement is not None:
@@ -137,14 +144,18 @@ def columns_of(
             used.update(indices)
             sensors[where][kind] = np.stack([_numbers(table.iloc[:, i], given[i], name) for i in indices], axis=1)
     odd = tuple(note for i in sorted(used) if (note := _no_number(table.iloc[:, i], given[i])))
-    time = _numbers(table.iloc[:, position["time"]], "time", name) if "time" in position else None
+    time, unit = None, None
+    if "time" in position:
+        clock = table.iloc[:, position["time"]]
+        time, unit = _seconds(clock), "s"
+        if time is None:
+            time, unit = _numbers(clock, "time", name), unit_in_name(given[position["time"]])
     apart = None
     if "feet_range" in position:
         used.add(position["feet_range"])
         apart = _numbers(table.iloc[:, position["feet_range"]], "feet_range", name)
     others = tuple(column for index, column in enumerate(given) if index not in used)
     matched = tuple((given[index], renamed[index]) for index in sorted(used & set(ours)))
-    unit = unit_in_name(given[position["time"]]) if "time" in position else None
     return Columns(sensors, time, apart, others, matched, odd, unit)
 
 
@@ -156,8 +167,11 @@ def about(content: Columns) -> tuple[Note, ...]:
         sensors = [text for text, (_, name) in zip(every, content.matched, strict=True) if name != "time"]
         examples = " and ".join((sensors or every)[:2])
         notes.append(COLUMNS_MATCHED(number=len(every), examples=examples))
-    if content.others:
-        notes.append(COLUMNS_LEFT_OUT(columns=content.others))
+    signals = tuple(name for name in content.others if like_a_signal(name))
+    if signals:
+        notes.append(SIGNALS_LEFT_OUT(columns=signals))
+    if rest := tuple(name for name in content.others if name not in signals):
+        notes.append(COLUMNS_LEFT_OUT(columns=rest))
     return tuple(notes)
 
 
@@ -217,8 +231,7 @@ def _no_sensor(position: Mapping[str, int], given: list[str], name: str) -> Reco
     hint = f"; {', '.join(meant[:3])}: correct the header of the file" if meant else ""
     return RecordingError(
         f"{name} has no column that is recognised as a sensor's: found {_few(given)}{hint}; columns are named "
-        "<placement>_gyr_x to <placement>_acc_z, such as foot_left_gyr_x; {argument} needs such columns",
-        argument="placements",
+        "<placement>_gyr_x to <placement>_acc_z, such as foot_left_gyr_x"
     )
 
 
@@ -263,6 +276,28 @@ def _hint(value: str) -> str:
     if "," in value:
         return ": for decimal commas, separate the columns by semicolons"
     return ""
+
+
+def _with_time(table: "pd.DataFrame") -> "pd.DataFrame":
+    """The table with its index as the column `time`, if the index is a clock and no column is."""
+    import pandas as pd
+
+    index = table.index
+    clock = isinstance(index, pd.DatetimeIndex | pd.TimedeltaIndex) or column_of(str(index.name)) == "time"
+    if not clock or any(column_of(str(column)) == "time" for column in table.columns):
+        return table
+    return table.reset_index(names=str(index.name or "time"))
+
+
+def _seconds(column: "pd.Series") -> np.ndarray | None:
+    """Dates or durations from the first one on, in s; None for a column of anything else."""
+    import pandas as pd
+
+    if pd.api.types.is_datetime64_any_dtype(column.dtype):
+        column = column - column.min()
+    if not pd.api.types.is_timedelta64_dtype(column.dtype):
+        return None
+    return column.dt.total_seconds().to_numpy(np.float64)
 
 
 def _numbers(column: "pd.Series", label: str, name: str) -> np.ndarray:

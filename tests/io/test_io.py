@@ -71,6 +71,29 @@ def test_the_rate_of_rounded_stamps_is_their_mean_and_may_stand_for_them():
     np.testing.assert_allclose(recording.sensors["thigh_right"].time, np.arange(600) / 50)
 
 
+@pytest.mark.parametrize("kind", ["datetime64[ns]", "datetime64[us]", "datetime64[ms]", "timedelta64[ns]"])
+@pytest.mark.parametrize("as_index", [False, True])
+def test_dates_and_durations_of_pandas_are_a_clock(kind, as_index):
+    since = pd.to_timedelta(table()["time"], unit="s")
+    stamps = (since if kind.startswith("timedelta") else pd.Timestamp("2026-05-03 10:00") + since).astype(kind)
+    frame = table(time=False)
+    frame = frame.set_index(pd.Index(stamps)) if as_index else frame.assign(time=stamps.to_numpy())
+    recording = read(frame)
+    np.testing.assert_allclose(recording.sensors["thigh_right"].time, np.arange(600) / 100, atol=1e-9)
+    zoned = (
+        recording
+        if kind.startswith("timedelta")
+        else read(frame.assign(time=stamps.dt.tz_localize("Europe/Berlin").array))
+    )
+    assert zoned.sampling_rate_hz == pytest.approx(100.0)
+
+
+def test_an_index_called_time_is_the_clock_and_units_have_several_spellings():
+    frame = table().set_index("time")
+    recording = read(frame, gyr_unit="°/s", acc_unit="m/s²")
+    np.testing.assert_allclose(recording.sensors["thigh_right"].gyr, read(table()).sensors["thigh_right"].gyr)
+
+
 @pytest.mark.parametrize("gyr_unit", ["deg/s", "rad/s"])
 @pytest.mark.parametrize("acc_unit", ["m/s^2", "g"])
 def test_what_is_written_is_read_back(tmp_path, gyr_unit, acc_unit):

@@ -31,6 +31,13 @@ from jgait.types import RecordingError
         ("Time (ms)", "time"),
         ("time_us", "time"),
         ("timestamp", "time"),
+        ("Zeit_s", "time"),
+        ("t_ms", "time"),
+        ("GyroUnterschenkelLinks_z", "shank_left_gyr_z"),
+        ("Fuß_li_acc_y", "foot_left_acc_y"),
+        ("Knöchel re Gyr X", "ankle_right_gyr_x"),
+        ("Pied Gauche Gyro Y", "foot_left_gyr_y"),
+        ("muslo_derecho_acc_x", "thigh_right_acc_x"),
     ],
 )
 def test_words_of_a_column_give_its_placement(name, known):
@@ -68,6 +75,14 @@ def test_placements_taken_from_names_are_noted():
     (told,) = (note for note in texts(recording.notes) if "recognised by their names" in note)
     assert "'Gyro Shank R Y' as shank_right_gyr_y" in told
     assert "columns left out: Mag X" in texts(recording.notes)
+
+
+def test_columns_of_a_sensor_without_a_known_place_are_no_small_matter():
+    names = [f"Shank {side} Gyro {axis}" for side in ("R", "Lft") for axis in "XYZ"]
+    notes = io.recording_from_dataframe(walking([*names, "Mag X"])).notes
+    (told,) = (note for note in notes if note.code == "signals_left_out")
+    assert told.severity == "check" and "no place that is known: Shank Lft Gyro X, Shank Lft Gyro Y" in told.text
+    assert "columns left out: Mag X" in texts(notes)
 
 
 def test_two_columns_with_the_same_words_have_no_placement():
