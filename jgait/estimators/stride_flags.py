@@ -11,6 +11,9 @@ from jgait.types import SIDES, Estimate, Flags, Strides, Values, as_float
 LARGEST_TURN = 0.35
 """[rad] Largest change of heading of a straight stride (20°), for estimators that do not detect turns."""
 
+STAIRS_M = 0.12
+"""[m] Threshold on the rise or fall over a stride; a stride above it is flagged as one on stairs or a kerb."""
+
 SHORT_STRIDE = 0.8
 """[1] At an end of a walking bout, a stride below this share of the median length starts or ends in standing."""
 
@@ -106,8 +109,15 @@ def _turning(estimate: Estimate) -> Flags:
 
 
 def _stairs(estimate: Estimate) -> Flags:
-    known, doubtful = stated(estimate, "stairs"), stated(estimate, "doubtful")
-    return known if known is None or doubtful is None else known & ~doubtful
+    """Strides on stairs as stated, or that rise or fall by more than `STAIRS_M`; by more than two deviations."""
+    height, deviations = estimate.strides.height, estimate.strides_stddev
+    climbs, doubtful = stated(estimate, "stairs"), stated(estimate, "doubtful")
+    if height is None or not np.isfinite(as_float(height)).any():
+        return climbs
+    rises = np.abs(np.nan_to_num(as_float(height)))
+    spread = 0.0 if deviations is None or deviations.height is None else np.nan_to_num(as_float(deviations.height))
+    climbs = (rises > STAIRS_M if climbs is None else climbs) & (rises > 2.0 * spread)
+    return climbs if doubtful is None else climbs & ~doubtful
 
 
 def _half(estimate: Estimate) -> Flags:

@@ -12,6 +12,7 @@ from jgait.estimators.ankle_stride.inputs import AnkleSignals
 from jgait.estimators.ankle_stride.model import AnkleState
 from jgait.estimators.ankle_stride.params import AnkleParams
 from jgait.estimators.sides import picked
+from jgait.estimators.stride_flags import STAIRS_M
 from jgait.filtering import Covariance
 from jgait.geometry.rotation import rotated
 from jgait.geometry.vectors import Vector, root, wrapped
@@ -23,9 +24,6 @@ SHORTEST = 0.1
 
 TURNING = 0.35
 """[rad] Threshold on the leg's turn over a stride (20°); a stride above it is flagged as part of a turn."""
-
-STAIRS = 0.12
-"""[m] Threshold on the rise or fall over a stride; a stride above it is flagged as one on stairs or a kerb."""
 
 TIMING = 0.02
 """[s] Standard deviation of the duration of a stride, for the standard deviation of its speed."""
@@ -170,5 +168,5 @@ def table(
 
 def flags(strides: Strides, **decided: PyTree) -> dict[str, Any]:
     """Flags of each stride, those of `decided` included; True only if the stride is valid."""
-    flagged = {"turning": jnp.abs(strides.turn) > TURNING, "stairs": jnp.abs(strides.height) > STAIRS, **decided}
+    flagged = {"turning": jnp.abs(strides.turn) > TURNING, "stairs": jnp.abs(strides.height) > STAIRS_M, **decided}
     return {name: flag & strides.valid for name, flag in flagged.items()}

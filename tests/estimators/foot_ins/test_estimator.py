@@ -13,6 +13,7 @@ from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import FootOptions, FootParams, readout
 from jgait.estimators.foot_ins import windows as foot_windows
 from jgait.estimators.foot_ins.params import TEXTBOOK
+from jgait.estimators.stride_flags import marks
 from jgait.events.rest import rest
 from jgait.geometry.vectors import Vector
 from jgait.simulate.sensors import MPU6000
@@ -76,11 +77,14 @@ def test_the_path_may_be_that_of_another_point_and_strides_stay(straight):
 )
 def test_other_walks(walk):
     made = foot(strides=6, **walk)
-    strides = estimated(made).strides
+    estimate = estimated(made)
+    strides = estimate.strides
     tolerance = 8 * MILLIMETRE if "seed" in walk else 2 * MILLIMETRE
     np.testing.assert_allclose(strides.length, made.length, atol=tolerance)
     np.testing.assert_allclose(strides.height, made.rise, atol=tolerance)
     np.testing.assert_allclose(strides.turn, made.turn, atol=8e-3)
+    flagged = marks(estimate, foot_ins.estimator().about.flags)
+    np.testing.assert_array_equal(flagged["stairs"], np.abs(made.rise) > 0.1)
 
 
 @pytest.mark.parametrize("mount", [rotation(), np.diag([1.0, -1.0, -1.0])], ids=["any", "upside down"])
