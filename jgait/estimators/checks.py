@@ -6,6 +6,9 @@ import numpy as np
 
 from jgait.types import Imu, Recording, RecordingError, as_float
 
+LEAST_S, FEWEST = 0.5, 10
+"""[s], [1] Least duration and number of samples of a recording: no step is shorter."""
+
 SENSOR_LEFT_OUT = "sensor_left_out"
 """Code of a reader's note that a sensor is left out."""
 
@@ -22,12 +25,16 @@ def common_time(recording: Recording, names: Sequence[str], caller: str, what: s
     `caller` is the estimator in error messages, `what` describes the sensors in them, such as "both feet".
 
     Raises:
-        RecordingError: fewer than three samples, clocks that run backwards or differ, signals of the wrong shape, NaN,
-            all samples masked, no accelerometer.
+        RecordingError: a recording too short for a step, clocks that run backwards or differ, signals of the wrong
+            shape, NaN, all samples masked, no accelerometer.
     """
     time = as_float(recording.sensors[names[0]].time)
-    if time.size < 3:
-        raise RecordingError(f"{caller} needs a walk; '{names[0]}' has {time.size} samples")
+    if time.size < FEWEST or np.ptp(time) < LEAST_S:
+        lasts = float(np.ptp(time)) if time.size else 0.0
+        raise RecordingError(
+            f"{caller} needs a walk, {LEAST_S:g} s and {FEWEST} samples or more; '{names[0]}' has {time.size} samples "
+            f"in {lasts:.2g} s"
+        )
     step = np.diff(time)
     if not np.all(step > 0):
         row = int(np.argmin(step > 0)) + 1

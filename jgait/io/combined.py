@@ -22,8 +22,10 @@ BESIDE_S = 1.0
 """[s] Time before the first and after the last stride of a bout that is part of it."""
 
 STRIDES = ["side", "start_s", "end_s", "stride_length_m", "stride_duration_s", "walking_speed_mps", "regular"]
-BOUTS = ["wb_id", "start_s", "end_s", "duration_s", "n_strides", "distance_m"]
-"""Columns of tables without rows."""
+BOUTS = ["wb_id", "start_s", "end_s", "duration_s", "n_strides", "distance_m", "stride_length_m", "walking_speed_mps",
+         "cadence_spm"]  # fmt: skip
+SOURCES = ["quantity", "unit", "source", "value", "std", "n_strides"]
+"""Columns of tables, also if they have no rows; the table of strides then has more."""
 
 
 def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
@@ -54,7 +56,7 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
          "n_strides": c.strides}
         for c in analysis.comparisons
     ]  # fmt: skip
-    tables["sources"] = pd.DataFrame(rows)
+    tables["sources"] = pd.DataFrame(rows, columns=SOURCES)
     tables["samples"] = to_dataframe(analysis.estimate)
     return tables
 
@@ -128,7 +130,7 @@ def _bouts(strides: "pd.DataFrame", estimate: Estimate) -> "pd.DataFrame":
             "walking_speed_mps": float(whole["walking_speed_mps"].median()),
             "cadence_spm": float(120.0 / whole["stride_duration_s"].median()),
         })  # fmt: skip
-    return pd.DataFrame(rows).dropna(axis="columns", how="all")
+    return pd.DataFrame(rows, columns=BOUTS)
 
 
 def _contacts(analysis: "Analysis") -> "pd.DataFrame":

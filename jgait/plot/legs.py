@@ -2,7 +2,20 @@
 
 import numpy as np
 
-from jgait.plot.style import DEGREES, ESTIMATE, REFERENCE, Axes, Figure, Seconds, Style, band, panels, titled, windowed
+from jgait.plot.style import (
+    DEGREES,
+    ESTIMATE,
+    REFERENCE,
+    Axes,
+    Figure,
+    Seconds,
+    Style,
+    band,
+    check_overlap,
+    panels,
+    titled,
+    windowed,
+)  # fmt: skip
 from jgait.types import SIDES, AnyArray, Estimate, Legs, LegTrajectory
 
 FIELDS = (
@@ -44,6 +57,9 @@ def joint_angles(
     """Hip and knee flexion of each leg with a band of two standard deviations, over the reference, dashed.
 
     The window `seconds` is from and to [s]; None draws everything.
+
+    Raises:
+        ValueError: if the estimate has no joint angles, or none in the window.
     """
     return _over_time(estimate, reference, FIELDS[:2], seconds, title)
 
@@ -65,6 +81,10 @@ def _over_time(
     """A figure with a row for each field of the legs' trajectories and a column for each leg."""
     estimate, reference = _shown(estimate), None if reference is None else _shown(reference)
     worn = _worn(estimate)
+    if not worn:
+        raise ValueError("the estimate has no joint angles; they need sensors on thigh and shank of a leg")
+    if seconds is not None:
+        check_overlap(estimate.time, seconds)
     figure, axes = panels(len(fields), len(worn), 5.2 * len(worn) + 0.6, 5.6, sharey="row")
     part = windowed(estimate.time, seconds)
     time = np.asarray(estimate.time)[part]
@@ -134,6 +154,8 @@ def distance(
     The band of two standard deviations is drawn if the diagnostics have `distance_stddev` and no window is given. A
     deviation of the whole distance alone is drawn in proportion to the distance so far.
     """
+    if seconds is not None:
+        check_overlap(estimate.time, seconds)
     figure, axes = panels(1, 1, 6.4, 3.8)
     axis = axes[0, 0]
 

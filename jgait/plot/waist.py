@@ -49,9 +49,11 @@ def trunk_contacts(estimate: Estimate, *, wavelet: bool = True, title: str = "")
     middle contact are drawn.
 
     Raises:
-        ValueError: if the estimate has no contacts.
+        ValueError: if the estimate has no contacts, or no accelerations of the trunk.
     """
     contacts = contacts_of(estimate)
+    if "trunk_acceleration" not in estimate.diagnostics:
+        raise ValueError("the estimate has no accelerations of the trunk; it should be an estimate of `waist` alone")
     time, trunk = as_float(estimate.time), as_float(estimate.diagnostics["trunk_acceleration"])
     first, last = _window(time, np.concatenate(list(contacts.values())))
     at, rebuilt, peaks = _wavelet(time, trunk) if wavelet else (np.zeros(0), trunk[:0], np.zeros(0))

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.estimators.checks import SENSOR_LEFT_OUT
+from jgait.estimators.checks import SENSOR_LEFT_OUT, sensors_of
 from jgait.estimators.combined.compare import (
     Comparison,
     comparisons,
@@ -92,7 +92,8 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     findings = crosscheck(recording)
     kept = {name: imu for name, imu in recording.sensors.items() if name not in findings.unusable}
     if not kept:
-        raise RecordingError("; ".join(str(note) for note in findings.notes))
+        reasons = "; ".join(str(note) for note in findings.notes)
+        raise RecordingError(reasons or f"no estimator has its sensors; {sensors_of(recording)}")
     left_out = tuple(note for note in recording.notes if note.code == SENSOR_LEFT_OUT)
     usable = recording._replace(sensors=kept, notes=left_out)
     estimates, notes = sources(usable, body)
