@@ -1,4 +1,4 @@
-"""Every block of Python in the README and in the guide runs as written, in a folder of its own."""
+"""Every block of Python in the README, the guide and the page of formats runs as written, in a folder of its own."""
 
 import re
 import subprocess
@@ -12,7 +12,7 @@ from made.process import environment
 from jgait import io, simulate
 
 ROOT = Path(__file__).parents[1]
-PAGES = ["README.md", *sorted(str(page.relative_to(ROOT)) for page in (ROOT / "docs" / "guide").glob("*.md"))]
+PAGES = ["README.md", "docs/formats.md", *sorted(str(page.relative_to(ROOT)) for page in (ROOT / "docs" / "guide").glob("*.md"))]
 
 
 def blocks(page):
