@@ -12,7 +12,8 @@ from made.process import environment
 from jgait import io, simulate
 
 ROOT = Path(__file__).parents[1]
-PAGES = ["README.md", "docs/formats.md", *sorted(str(page.relative_to(ROOT)) for page in (ROOT / "docs" / "guide").glob("*.md"))]
+GUIDE = sorted(str(page.relative_to(ROOT)) for page in (ROOT / "docs" / "guide").glob("*.md"))
+PAGES = ["README.md", "docs/formats.md", *GUIDE]
 
 
 def blocks(page):
