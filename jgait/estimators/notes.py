@@ -40,6 +40,18 @@ SCALE_CORRECTED = Kind(
     SCALE,
 )
 
+FAR_OFF = 0.06
+"""[1] Largest error of an accelerometer at rest, over gravity, that is usual: data sheets allow a bias of 0.05 and
+more; sensors that are calibrated stay far below it."""
+
+ACCELEROMETER_OFF = Kind(
+    "accelerometer_off",
+    "check",
+    "the accelerometer of {placement} reads {percent:+.1f} % of gravity at rest, a scale or a bias that is not usual",
+    "One attitude cannot separate a wrong scale from a bias. If it is the scale, all lengths are wrong by as much; "
+    "their deviations are larger for it. Calibrate the sensor, or look at its unit and range.",
+)
+
 FORWARD_UNSURE = Kind("forward_unsure", "check", "{placement}: it is not sure which way is forward", UNSURE_FORWARD)
 
 NO_ACCELEROMETER = Kind(

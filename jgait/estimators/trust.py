@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from jgait.estimators.notes import ACCELEROMETER_OFF
 from jgait.notes import Kind, Note
 from jgait.types import Counts, Estimate, Flags, Strides, Values, as_float
 
@@ -22,6 +23,10 @@ measured with a small NIS."""
 
 UNCERTAIN = 0.25
 """[m] Deviation of a stride's length from which on the stride is in doubt: there was no stance for seconds."""
+
+SCALE_SHARE = 0.65
+"""[1] Deviation of a stride's length over itself, over the error of the accelerometer at rest, which may be one of its
+scale or a bias. Chosen by simulated feet and shanks with scales of 0.9 to 1.1."""
 
 _MEANING = (
     "The signals contradict the assumption that a foot on the ground stands still: sliding, kneeling, crawling or "
@@ -103,6 +108,7 @@ def judged(result: Estimate, placements: dict[int, str], limit: float, nis: dict
         limit: NIS [1] of a sensor from which on its results are in doubt, and then strides with twice this NIS.
         nis: side → NIS of all observations of the sensor [1].
     """
+    result = _of_wrong_scale(result, placements)
     strides, deviations, diagnostics = result.strides, result.strides_stddev, result.diagnostics
     each = as_float(diagnostics["stride_nis"])
     flags = doubtful(strides, deviations, each)
@@ -116,6 +122,25 @@ def judged(result: Estimate, placements: dict[int, str], limit: float, nis: dict
             flags |= of_side & (each > 2.0 * limit)
     more: dict[str, Any] = {"doubtful": flags, "notes": (*diagnostics.get("notes", ()), *notes)}
     return result._replace(diagnostics={**diagnostics, **more})
+
+
+def _of_wrong_scale(result: Estimate, placements: dict[int, str]) -> Estimate:
+    """The estimate with the deviations of strides of sensors whose accelerometer is off at rest: see `SCALE_SHARE`."""
+    off = {str(note.values["placement"]): abs(float(note.values["percent"])) / 100.0
+           for note in result.diagnostics.get("notes", ()) if note.code == ACCELEROMETER_OFF.code}  # fmt: skip
+    if not off:
+        return result
+    side = np.asarray(result.strides.side)
+    of_stride = sum(np.where(side == number, off.get(name, 0.0), 0.0) for number, name in placements.items())
+    wider = {
+        name: np.hypot(as_float(spread), SCALE_SHARE * of_stride * np.abs(as_float(getattr(result.strides, name))))
+        for name in ("length", "speed") if (spread := getattr(result.strides_stddev, name)) is not None
+    }  # fmt: skip
+    diagnostics = dict(result.diagnostics)
+    if "distance_stddev" in diagnostics:
+        share = SCALE_SHARE * float(np.mean([off.get(name, 0.0) for name in placements.values()]))
+        diagnostics["distance_stddev"] = np.hypot(diagnostics["distance_stddev"], share * as_float(result.distance))
+    return result._replace(strides_stddev=result.strides_stddev._replace(**wider), diagnostics=diagnostics)
 
 
 def doubts_of(placement: str, limit: float, nis: float, deviation: float, many: int, total: int) -> list[Note]:

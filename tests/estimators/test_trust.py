@@ -7,7 +7,7 @@ from made.foot import foot
 from made.shank import shank
 
 from jgait import estimators
-from jgait.estimators import foot_ins
+from jgait.estimators import ankle_stride, foot_ins
 from jgait.estimators.foot_ins import FootParams
 from jgait.estimators.losses import HELD, bridged, held_bridge, integral_error
 from jgait.estimators.notes import LONGEST_LOSS
@@ -125,3 +125,19 @@ def test_errors_over_a_loss_add_up_to_those_of_interpolation_and_a_long_loss_is_
     assert np.sum(~np.asarray(goes)) == 5
     total = np.sqrt(np.sum((np.asarray(noises[0]) * 0.01) ** 2))
     assert total == pytest.approx(HELD * integral_error(LONGEST_LOSS, 2.0, 0.1))
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+@pytest.mark.parametrize(("make", "module"), [(foot, foot_ins), (shank, ankle_stride)], ids=["foot", "shank"])
+def test_an_accelerometer_far_off_at_rest_makes_lengths_less_certain(make, module, factor):
+    made = make(strides=5)
+    ((name, imu),) = made.recording.sensors.items()
+    off = made.recording._replace(sensors={name: imu._replace(acc=factor * imu.acc)})
+    plain, found = (module.estimator().estimate(module.estimator().params, one) for one in (made.recording, off))
+    codes = [note.code for note in found.diagnostics["notes"]]
+    assert "accelerometer_off" in codes and "accelerometer_scale" not in codes
+    assert "accelerometer_off" not in [note.code for note in plain.diagnostics["notes"]]
+    error = np.abs(found.strides.length - made.length)
+    assert np.all(error < 2.0 * found.strides_stddev.length) and error.mean() > 2.0 * plain.strides_stddev.length.mean()
+    total = np.abs(found.distance[-1] - np.sum(made.length))
+    assert total < 2.0 * found.diagnostics["distance_stddev"][-1]

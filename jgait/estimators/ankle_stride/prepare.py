@@ -15,12 +15,21 @@ from jgait.estimators.axes import Axis
 from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
 from jgait.estimators.interface import Prepared
 from jgait.estimators.losses import bridged, longest_loss, lost_between, not_bridged
-from jgait.estimators.notes import CLIPPED, LONGEST_LOSS, NO_STEPS, STRIDES_MISSING, STRIDES_UNCERTAIN
+from jgait.estimators.notes import (
+    ACCELEROMETER_OFF,
+    CLIPPED,
+    FAR_OFF,
+    LONGEST_LOSS,
+    NO_STEPS,
+    STRIDES_MISSING,
+    STRIDES_UNCERTAIN,
+)
 from jgait.estimators.programs import bucket, compiled
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.events.rest import longest_still
 from jgait.geometry.rotation import level
+from jgait.geometry.vectors import GRAVITY
 from jgait.mounting import shank as shank_axes
 from jgait.mounting.shank import Axes
 from jgait.notes import Note
@@ -199,6 +208,10 @@ def _leg(
         axes = shank_axes.stance_up(axes, gentle, valleys if len(valleys) else stood.end)
     if options.standing and still is None:
         notes.append(NEVER_STANDS(placement=name))
+    if options.standing and still is not None:
+        off = float(np.linalg.norm(as_float(whole.acc)[slice(*still)].mean(axis=0))) / GRAVITY - 1.0
+        if abs(off) > FAR_OFF:
+            notes.append(ACCELEROMETER_OFF(placement=name, percent=100.0 * off))
     for what, flags in (("gyroscope", turned), ("accelerometer", forced)):
         if flags.any():
             notes.append(CLIPPED(signal=what, placement=name, samples=flags.sum()))

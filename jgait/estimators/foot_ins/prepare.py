@@ -14,7 +14,15 @@ from jgait.estimators.foot_ins.notes import NEVER_RESTS
 from jgait.estimators.interface import Prepared
 from jgait.estimators.losses import bridged, longest_loss, lost_between, not_bridged
 from jgait.estimators.noise import features
-from jgait.estimators.notes import CLIPPED, LONGEST_LOSS, SCALE_CORRECTED, STRIDES_MISSING, STRIDES_UNCERTAIN
+from jgait.estimators.notes import (
+    ACCELEROMETER_OFF,
+    CLIPPED,
+    FAR_OFF,
+    LONGEST_LOSS,
+    SCALE_CORRECTED,
+    STRIDES_MISSING,
+    STRIDES_UNCERTAIN,
+)
 from jgait.events import foot as events
 from jgait.events import zero_velocity
 from jgait.events.rest import Rest, rest
@@ -184,7 +192,9 @@ def errors_at_rest(at_rest: Rest, name: str, notes: list[Note]) -> tuple[float, 
             f"acc of '{name}' must read {GRAVITY:.2f} m/s² at rest; it reads {at_rest.force:.3g}: another unit, or a "
             "sensor that was moved while the rate was low"
         )
-    if abs(off) > 0.01:
+    if abs(off) > FAR_OFF:
+        notes.append(ACCELEROMETER_OFF(placement=name, percent=100.0 * off))
+    elif abs(off) > 0.01:
         notes.append(SCALE_CORRECTED(placement=name, percent=100.0 * off))
     share = SCALE_SPREAD**2 / (SCALE_SPREAD**2 + (BIAS_SPREAD / GRAVITY) ** 2)
     scale = 1.0 / (1.0 + share * off)
