@@ -37,6 +37,15 @@ ONE_LEG = Kind(
     "The steps of the other leg are not measured; the distance is the less certain for it.",
 )
 
+STANDS_OTHERWISE = Kind(
+    "stands_otherwise",
+    "check",
+    "{placement} is tilted by {degrees:.0f}° more or less in standing at {at_s:.1f} s than in the standing that "
+    "calibrates it: it slipped on the segment, or the person stands otherwise",
+    "If a sensor slips, the angles of its joints are wrong by as much from then on. Compare the angles in standing "
+    "before and after, and leave out what follows the slip.",
+)
+
 SHANKS_APART = Kind(
     "shanks_apart",
     "check",

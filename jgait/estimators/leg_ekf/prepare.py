@@ -16,9 +16,16 @@ from jgait.estimators.ankle_stride.prepare import prepare as prepare_shanks
 from jgait.estimators.checks import common_time, sensors_of
 from jgait.estimators.interface import Prepared
 from jgait.estimators.leg_ekf.inputs import SHORT_GAP, LegInputs, LegSignals, Segment
-from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED, ONE_LEG, SEGMENT_ALONE, SEGMENTS_SWAPPED, THIGH_UNSURE
+from jgait.estimators.leg_ekf.notes import (
+    NOT_ESTIMATED,
+    ONE_LEG,
+    SEGMENT_ALONE,
+    SEGMENTS_SWAPPED,
+    STANDS_OTHERWISE,
+    THIGH_UNSURE,
+)
 from jgait.estimators.notes import CLIPPED, NO_ACCELEROMETER, NO_FIRST_STANDING
-from jgait.events.rest import standing_of_legs
+from jgait.events.rest import LEGS_SHORTEST_S, standing_of_legs
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.leg import leg_mounting
 from jgait.notes import Note
@@ -202,6 +209,29 @@ def _told(legs: dict[str, LegSignals], time: np.ndarray) -> tuple[np.ndarray, li
     return heard, notes
 
 
+OTHERWISE_DEG = 10.0
+"""[deg] Largest change of a segment's tilt between two times of standing; chosen: legs of the public sets reach 6."""
+
+
+def _otherwise(sensors: Mapping[str, Imu], upright: np.ndarray, standing: slice, time: np.ndarray) -> list[Note]:
+    """Notes on sensors that are tilted otherwise in another standing than in the one that calibrates."""
+    least = LEGS_SHORTEST_S / float(np.median(np.diff(time)))
+    runs = [slice(first, after) for first, after in true_runs(upright) if after - first >= least]
+    notes = []
+    for name, imu in sensors.items():
+        if imu.acc is None or not runs:
+            continue
+        force = as_float(imu.acc)
+        down = force[standing].mean(axis=0)
+        others = np.stack([force[run].mean(axis=0) for run in runs])
+        cosines = others @ down / np.maximum(np.linalg.norm(others, axis=1) * np.linalg.norm(down), 1e-9)
+        worst = int(np.argmin(cosines))
+        degrees = float(np.rad2deg(np.arccos(np.clip(cosines[worst], -1.0, 1.0))))
+        if degrees > OTHERWISE_DEG:
+            notes.append(STANDS_OTHERWISE(placement=name, degrees=degrees, at_s=time[runs[worst].start] - time[0]))
+    return notes
+
+
 SHANKS = AnkleOptions(site="shank")
 """Options of the strapdown of the shanks' sensors."""
 
@@ -255,6 +285,7 @@ def prepare(
         notes += more
         if smooth:
             legs[side] = LegSignals(*(rates_between(segment, time) for segment in legs[side]))
+    notes += _otherwise(sensors, upright, slice(start, stop), time)
     if any(sensors[k].acc is None for k in sensors):
         notes.append(NO_ACCELEROMETER())
     if not still[0]:

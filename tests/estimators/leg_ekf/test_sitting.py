@@ -1,4 +1,6 @@
-"""A person who sits before the walk: the standing after it calibrates, and sitting is stated as sitting."""
+"""A person who sits before the walk: the standing after it calibrates, and sitting is stated as sitting. A sensor that
+slips in the walk tilts otherwise in the standing after it.
+"""
 
 import jax
 import numpy as np
@@ -62,3 +64,16 @@ def test_a_person_who_never_stands_upright_is_refused_with_the_reason(walk):
     short = {name: Imu(*(part[:last] for part in imu)) for name, imu in recording.sensors.items()}
     with pytest.raises(RecordingError, match=r"leg_ekf needs 0.5 s of quiet standing .* as of a person who sits"):
         leg_ekf.prepared(recording._replace(sensors=short))
+
+
+@pytest.mark.parametrize("degrees", [0.0, 20.0, -15.0])
+@pytest.mark.parametrize("placement", ["thigh_right", "shank_right"])
+def test_a_sensor_that_slips_is_noted(walk, placement, degrees):
+    imu = walk.sensors[placement]
+    later = np.asarray(imu.time) > 0.5 * imu.time[-1]
+    slip = Rotation.from_euler("y", degrees, degrees=True)
+    gyr, acc = (np.where(later[:, None], slip.apply(np.asarray(part)), part) for part in (imu.gyr, imu.acc))
+    recording = walk._replace(sensors={**walk.sensors, placement: imu._replace(gyr=gyr, acc=acc)})
+    notes = [note for note in leg_ekf.prepared(recording).notes if note.code == "stands_otherwise"]
+    found = [(note.values["placement"], round(abs(float(note.values["degrees"])))) for note in notes]
+    assert found == ([(placement, abs(degrees))] if degrees else [])
