@@ -141,3 +141,13 @@ def test_an_accelerometer_far_off_at_rest_makes_lengths_less_certain(make, modul
     assert np.all(error < 2.0 * found.strides_stddev.length) and error.mean() > 2.0 * plain.strides_stddev.length.mean()
     total = np.abs(found.distance[-1] - np.sum(made.length))
     assert total < 2.0 * found.diagnostics["distance_stddev"][-1]
+
+
+def test_a_shank_that_is_sampled_slowly_has_less_certain_strides():
+    made = {hz: shank(strides=6, hz=hz) for hz in (30.0, 50.0)}
+    found = {hz: ankle_stride.estimate(ankle_stride.AnkleParams(), one.recording) for hz, one in made.items()}
+    codes = {hz: [note.code for note in one.diagnostics["notes"]] for hz, one in found.items()}
+    assert "sampled_slowly" in codes[30.0] and "sampled_slowly" not in codes[50.0]
+    for name in ("length", "speed"):
+        share = {hz: getattr(one.strides_stddev, name) / getattr(one.strides, name) for hz, one in found.items()}
+        assert share[30.0].min() > 0.05 > share[50.0].max()

@@ -21,6 +21,7 @@ from jgait.estimators.notes import (
     FAR_OFF,
     LONGEST_LOSS,
     NO_STEPS,
+    SAMPLED_SLOWLY,
     STRIDES_MISSING,
     STRIDES_UNCERTAIN,
 )
@@ -59,6 +60,9 @@ CLIPS_FOR = 3
 """[samples] Lower limit on the number of equal largest readings in a row that count as clipped."""
 
 LEAST_SECONDS = 1.0
+
+USUAL_HZ = 35.0
+"""[Hz] Sampling rate below which strides are less certain than their filter states."""
 
 SMALL = shank_events.LOBES._replace(threshold=np.deg2rad(20.0), least_angle=np.deg2rad(10.0))
 """Slower and smaller swings than those of strides. Of 42 legs of `walking5m`, `tripod` and `neura_sparse` none has more
@@ -206,6 +210,8 @@ def _leg(
         gentle = _gentle(whole.acc, rate_hz)
         valleys = stood.end[~stood.standing[:, 1]]
         axes = shank_axes.stance_up(axes, gentle, valleys if len(valleys) else stood.end)
+    if rate_hz < USUAL_HZ:
+        notes.append(SAMPLED_SLOWLY(placement=name, rate_hz=rate_hz, least_hz=USUAL_HZ))
     if options.standing and still is None:
         notes.append(NEVER_STANDS(placement=name))
     if options.standing and still is not None:
