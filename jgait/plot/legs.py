@@ -25,6 +25,9 @@ FIELDS = (
     ("y", "ankle above hip [cm]", 100.0),
 )
 
+OTHERS = (":", "-.", (0, (6, 2)), (0, (1, 3)), (0, (4, 1, 1, 1, 1, 1)), (0, (10, 3)))
+"""Styles of lines of other distances, as many as there are sources."""
+
 TINY = 1e-6
 """[m] Least distance by which the band of a distance is scaled, so that it is none if nobody walks."""
 
@@ -168,7 +171,7 @@ def distance(
         axis.plot(np.asarray(what.time)[part], from_start, label=name, **style)
 
     for number, (name, other) in enumerate((others or {}).items()):
-        draw(other, name, {"color": "0.55", "linewidth": 1.2, "linestyle": (":", "-.")[number % 2]})
+        draw(other, name, {"color": "0.55", "linewidth": 1.2, "linestyle": OTHERS[number % len(OTHERS)]})
     if reference is not None and reference.distance is not None:
         draw(reference, "reference", REFERENCE)
     spread = estimate.diagnostics.get("distance_stddev")
