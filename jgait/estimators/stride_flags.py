@@ -109,14 +109,14 @@ def _turning(estimate: Estimate) -> Flags:
 
 
 def _stairs(estimate: Estimate) -> Flags:
-    """Strides on stairs as stated, or that rise or fall by more than `STAIRS_M`; by more than two deviations."""
+    """Strides on stairs as stated, or that rise or fall by more than `STAIRS_M`, and than their deviation."""
     height, deviations = estimate.strides.height, estimate.strides_stddev
     climbs, doubtful = stated(estimate, "stairs"), stated(estimate, "doubtful")
     if height is None or not np.isfinite(as_float(height)).any():
         return climbs
     rises = np.abs(np.nan_to_num(as_float(height)))
     spread = 0.0 if deviations is None or deviations.height is None else np.nan_to_num(as_float(deviations.height))
-    climbs = (rises > STAIRS_M if climbs is None else climbs) & (rises > 2.0 * spread)
+    climbs = (rises > STAIRS_M if climbs is None else climbs) & (rises > spread)
     return climbs if doubtful is None else climbs & ~doubtful
 
 
