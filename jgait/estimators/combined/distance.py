@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.estimators.ankle_stride.notes import SWINGS_SMALL
+from jgait.estimators.ankle_stride.notes import STRIDES_QUICK, SWINGS_SMALL
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import CONSISTENT, UNLIKE, combined, correlation
 from jgait.estimators.ends import MID_STANCE, SHORT, WALKING_AFTER, WALKING_BEFORE
@@ -67,6 +67,10 @@ LOSS_SD = 0.3
 ALIKE = 0.5
 """[m] Largest difference of what the two sides did not see, with which both count in the distance."""
 
+DOUBTFUL_SD = 0.1
+"""[1] Standard deviation of a distance over itself, if every source of it is in doubt; chosen by simulated runners, of
+whom shanks and legs miss a fifth."""
+
 ONE_SIDE = 0.03
 """[1] Deviation of one side's sum of stride lengths from the mean of both, over that mean: 0.02 to 0.03 on 18 walks of
 `walking5m` (root mean square), 0.01 on `tripod`, 0.04 to 0.05 on the one walk of `neura_sparse`."""
@@ -124,6 +128,7 @@ def distances(
         late: placements whose clock is; the strides of a single sensor hold nevertheless.
     """
     walked_distances, notes = [], []
+    runs = any(note.code == STRIDES_QUICK.code for one in sources for note in one.estimate.diagnostics["notes"])
     for source in sources:
         estimate = source.estimate
         if estimate.distance is None or source.name == "width":
@@ -139,6 +144,7 @@ def distances(
         sides = _sides(source, recording, doubted)
         used = _best(sides)
         scale, doubtful = 1.0, bool(doubted.intersection(source.placements)) or _lacking(source)
+        doubtful |= runs and source.name == "legs"  # in the flight phase no foot carries the hip
         if len(used) < len(sides):
             scale = float(np.mean([one.length for one in used]) / max(np.mean([one.length for one in sides]), 1e-6))
             sd = float(np.hypot(sd, ONE_SIDE * total))
@@ -275,13 +281,16 @@ def walked(distances: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, 
     """The distances of several sources combined by their variances, and a note for each that contradicts the first.
 
     What no source saw has the same error in all of them. The combined distance follows the most certain source in
-    time. Doubtful sources count if there are no others; then half of the difference between them is part of the
-    deviation.
+    time. Doubtful sources count if there are no others; then half of the difference between them, and `DOUBTFUL_SD`,
+    are part of the deviation.
     """
     if not distances:
         return None, []
     sure = [distance for distance in distances if not distance.doubtful]
-    apart = 0.0 if sure else 0.5 * float(np.ptp([distance.distance[-1] for distance in distances]))
+    apart = 0.0
+    if not sure:
+        totals = np.array([distance.distance[-1] for distance in distances])
+        apart = float(np.hypot(0.5 * np.ptp(totals), DOUBTFUL_SD * totals.mean()))
     sure = sure or list(distances)
     ends, common = np.array([distance.distance[-1] for distance in sure]), min(distance.unseen for distance in sure)
     own = np.sqrt(np.maximum(np.square([distance.stddev for distance in sure]) - common**2, TINY))

@@ -122,6 +122,10 @@ def test_in_running_feet_alone_count():
     off = {s.name: abs(float(s.estimate.distance[-1]) / true - 1.0) for s in found.sources}
     assert off["shanks"] > 0.04 and off["waist"] > 0.1
     assert float(found.estimate.distance[-1]) == pytest.approx(true, rel=0.02)
+    legs = {name: imu for name, imu in recording.sensors.items() if name.startswith(("thigh", "shank"))}
+    alone = jgait.analyse(recording._replace(sensors=legs)).estimate
+    deviation = float(alone.diagnostics["distance_stddev"][-1])
+    assert abs(float(alone.distance[-1]) - true) < 2.0 * deviation and deviation > 0.09 * true
 
 
 def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
