@@ -6,8 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.estimators.ankle_stride.notes import STRIDES_QUICK
+from jgait.estimators.ankle_stride.notes import STRIDES_QUICK, SWINGS_SMALL
 from jgait.estimators.combined.sources import SourceEstimate
+from jgait.estimators.ends import WALKING_AFTER, WALKING_BEFORE
+from jgait.estimators.notes import STRIDES_MISSING, STRIDES_UNCERTAIN
 from jgait.estimators.plausible import impossible
 from jgait.estimators.stride_flags import CLIPPED, DOUBTFUL, HALF, SIDE_UNKNOWN, STAIRS, TURNING, UNSURE
 from jgait.estimators.waist.notes import UNLEARNED
@@ -40,6 +42,9 @@ COMBINED = ("length", "height", "turn")
 FLAGS = {flag.name: flag.read for flag in (TURNING, STAIRS, HALF, CLIPPED, UNSURE, SIDE_UNKNOWN)}
 """Flag of strides → how a source's estimate states it, (strides,) bool, or None."""
 
+
+UNSEEN = (STRIDES_UNCERTAIN.code, STRIDES_MISSING.code, WALKING_BEFORE.code, WALKING_AFTER.code, SWINGS_SMALL.code)
+"""Codes of notes of a sensor that can lack strides at the begin or the end of a walk."""
 
 UNLIKE = (*UNLEARNED, STRIDES_QUICK.code)
 """Codes of an estimator's notes that a walk is unlike those that it is made for."""
@@ -134,7 +139,7 @@ def _table(
     marks = {name: {flag: read(source.estimate) for flag, read in FLAGS.items()} for name, source in by_name.items()}
     told = [_told(by_name, group, trusted, doubts, marks) for group in groups]
     told.sort(key=lambda one: one.values["start"])
-    told = _alone(told)
+    told = _alone(told, _walks(sources))
     n = len(told)
     side = np.array([one.side for one in told], int)
     names = [name for name in Strides._fields if name not in ("side", "valid")]
@@ -186,8 +191,25 @@ class _Told(NamedTuple):
     doubtful: bool
 
 
-def _alone(joined: list[_Told]) -> list[_Told]:
-    """The strides, in doubt where only sources measured them whose lengths often contradict those of others."""
+def _walks(sources: Sequence[SourceEstimate]) -> list[tuple[int, float, float]]:
+    """Side, and begin and end of walking [s] by the sensor of a leg that neither lost samples nor cuts strides off."""
+    walks = []
+    for source in sources:
+        strides, notes = source.estimate.strides, source.estimate.diagnostics["notes"]
+        unsure = {str(note.values.get("placement")) for note in notes if note.code in UNSEEN}
+        for side in range(len(SIDES)) if source.name in ("feet", "ankles", "shanks") else ():
+            mine = np.asarray(strides.valid, bool) & (np.asarray(strides.side) == side)
+            if mine.any() and not any(name.endswith(SIDES[side]) for name in unsure):
+                walks.append(
+                    (side, float(as_float(strides.start)[mine].min()), float(as_float(strides.end)[mine].max()))
+                )
+    return walks
+
+
+def _alone(joined: list[_Told], walks: list[tuple[int, float, float]]) -> list[_Told]:
+    """The strides, in doubt where only sources measured them whose lengths often contradict those of others, or only a
+    trunk before or after the walking of that leg by its own sensors.
+    """
     shared = [stride for stride in joined if len(stride.group) > 1]
     left = {
         name: [name not in stride.used for stride in shared if name in stride.group]
@@ -195,7 +217,15 @@ def _alone(joined: list[_Told]) -> list[_Told]:
         for name in stride.group
     }
     wrong = {name for name, out in left.items() if out and np.mean(out) > OFTEN}
-    return [stride._replace(doubtful=stride.doubtful or wrong.issuperset(stride.group)) for stride in joined]
+
+    def doubted(stride: _Told) -> bool:
+        beyond = any(
+            side == stride.side and not begin <= 0.5 * (stride.values["start"] + stride.values["end"]) <= end
+            for side, begin, end in walks
+        )
+        return wrong.issuperset(stride.group) or (beyond and set(stride.group) == {"waist"})
+
+    return [stride._replace(doubtful=stride.doubtful or doubted(stride)) for stride in joined]
 
 
 def _told(

@@ -128,6 +128,20 @@ def test_in_running_feet_alone_count():
     assert abs(float(alone.distance[-1]) - true) < 2.0 * deviation and deviation > 0.09 * true
 
 
+def test_what_a_trunk_alone_finds_after_the_walk_is_in_doubt():
+    """A crouched person who stops sways as in a step."""
+    key = jax.random.key(5)
+    gait = simulate.gait(speed=1.25, stature=1.75)._replace(steps=20.0, length_variability=0.02, time_variability=0.02)
+    person = simulate.walking(simulate.Person(gait=gait), "crouched")
+    recording, truth = simulate.recording(key, person, simulate.straight(20.0), placements=PLACEMENTS)
+    found = jgait.analyse(recording, {"height": 1.75})
+    table = io.analysis_to_dataframes(found)["strides"]
+    alone = table[table["combined"] == "waist"]
+    last = np.asarray(truth.strides.end)[np.asarray(truth.strides.valid)].max()
+    assert len(alone) and alone["end_s"].min() > last - 0.3
+    assert not alone["regular"].any() and table["regular"].sum() >= 14
+
+
 def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
     tables = io.analysis_to_dataframes(analysis)
     assert list(tables) == ["strides", "bouts", "contacts", "sources", "samples"]
