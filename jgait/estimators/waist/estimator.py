@@ -231,7 +231,7 @@ def _doubts(result: Estimate, contacts: np.ndarray, options: WaistOptions) -> tu
         if slow is kept or slow.sum() > FEW:
             middle = {"length_m": np.median(length[slow]), "speed": np.median(speed[slow])}
             notes.append(SHORT_OR_SLOW(strides=slow.sum(), of=kept.sum(), **middle, least_m=SHORTEST, slowest=SLOWEST))
-        beside = np.convolve(slow, np.ones(2 * EDGE_STEPS + 1), "same") > 0.0  # a person stops, and goes on
+        beside = np.convolve(slow, np.ones(2 * EDGE_STEPS + 1))[EDGE_STEPS:-EDGE_STEPS] > 0.0  # a person stops
         unlike = (kept & beside) | turning
     if (felt := least_felt(result, contacts)) < FREE:
         notes.append(FALLS_FREELY(share_pct=100.0 * max(felt, 0.0)))

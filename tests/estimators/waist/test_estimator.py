@@ -202,6 +202,12 @@ def test_a_walk_slower_than_those_learned_from_is_noted(straight):
     assert np.all(slow.strides_stddev.length > 0.35 * slow.strides.length)
 
 
+def test_a_few_slow_strides_alone_are_as_uncertain_as_many():
+    estimate = estimated(walk(speed=0.5, steps=4).recording)
+    assert estimate.strides.valid.sum() == 3
+    assert np.all(estimate.strides_stddev.length > 0.35 * estimate.strides.length)
+
+
 def test_some_slow_strides_in_a_usual_walk_are_noted():
     estimate = estimated(joined(walk().recording, walk(speed=0.45, steps=10).recording))
     slow = estimate.strides.speed < 0.6
