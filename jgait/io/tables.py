@@ -31,6 +31,15 @@ SIGNALS_LEFT_OUT = Kind(
     "If they are of a sensor on a leg or the trunk, write the place in their names, such as foot_left_gyr_x: without "
     "them a side, or a whole sensor, is missing in all results.",
 )  # fmt: skip
+ROWS_OF_SEVERAL = Kind(
+    "rows_of_several", "check", "column {column} has {values} values, such as {first} and {second}: its rows are read "
+    "as one recording",
+    "If they are of several people or walks, strides and distance mix them. Read each on its own, as by "
+    "table.groupby(column).",
+)  # fmt: skip
+WHOSE = ("subject", "person", "participant", "patient", "proband", "id", "trial", "walk", "session", "recording")
+"""Names of columns that state of whom or which walk a row is."""
+
 CELLS_WITHOUT_NUMBER = Kind(
     "cells_without_number", "check",
     "{column}: {cells} {cells:cell is no number and counts|cells are no numbers and count} as missing, the first "
@@ -144,6 +153,10 @@ def columns_of(
             used.update(indices)
             sensors[where][kind] = np.stack([_numbers(table.iloc[:, i], given[i], name) for i in indices], axis=1)
     odd = tuple(note for i in sorted(used) if (note := _no_number(table.iloc[:, i], given[i])))
+    for index, name_of_column in enumerate(renamed):
+        whose = list(table.iloc[:, index].dropna().unique()) if name_of_column in WHOSE else []
+        if len(whose) > 1:
+            odd += (ROWS_OF_SEVERAL(column=given[index], values=len(whose), first=str(whose[0]), second=str(whose[1])),)
     time, unit = None, None
     if "time" in position:
         clock = table.iloc[:, position["time"]]

@@ -106,6 +106,12 @@ def test_what_is_written_is_read_back(tmp_path, gyr_unit, acc_unit):
             np.testing.assert_allclose(one, filed, rtol=1e-7, atol=1e-9)
 
 
+def test_rows_of_several_people_are_noted():
+    said = texts(read(table().assign(subject=["A"] * 300 + ["B"] * 300)).notes)
+    assert "column subject has 2 values, such as A and B: its rows are read as one recording" in said
+    assert not any("its rows are read" in text for text in texts(read(table().assign(subject="A", id=7)).notes))
+
+
 def test_names_of_columns():
     assert list(read(waist(None), placement="waist").sensors) == ["waist"]
     assert list(read(table().rename(columns={"shank_right_acc_z": " Shank_Right_Acc_Z "})).sensors) == list(NEEDED)
