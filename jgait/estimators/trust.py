@@ -26,7 +26,7 @@ UNCERTAIN = 0.25
 
 SLOW_SHARE = 0.05
 """[1] Deviation of a stride's length over itself where a sensor is sampled slowly. Chosen by simulated shanks at 25 and
-30 Hz, of which 39 % and 14 % of the regular strides were off by more than three deviations without it."""
+30 Hz."""
 
 SCALE_SHARE = 0.65
 """[1] Deviation of a stride's length over itself, over the error of the accelerometer at rest, which may be one of its
@@ -112,7 +112,7 @@ def judged(result: Estimate, placements: dict[int, str], limit: float, nis: dict
         limit: NIS [1] of a sensor from which on its results are in doubt, and then strides with twice this NIS.
         nis: side → NIS of all observations of the sensor [1].
     """
-    result = _wider(result, placements)
+    result = _of_sensors(result, placements)
     strides, deviations, diagnostics = result.strides, result.strides_stddev, result.diagnostics
     each = as_float(diagnostics["stride_nis"])
     flags = doubtful(strides, deviations, each)
@@ -128,28 +128,40 @@ def judged(result: Estimate, placements: dict[int, str], limit: float, nis: dict
     return result._replace(diagnostics={**diagnostics, **more})
 
 
-def _wider(result: Estimate, placements: dict[int, str]) -> Estimate:
+def _of_sensors(result: Estimate, placements: dict[int, str]) -> Estimate:
     """The estimate with larger deviations of the strides of sensors whose accelerometer is off at rest, or that are
     sampled slowly: see `SCALE_SHARE` and `SLOW_SHARE`.
     """
-    off: dict[str, float] = {}
+    share = np.zeros(np.shape(result.strides.side))
     for note in result.diagnostics.get("notes", ()):
         if note.code in (ACCELEROMETER_OFF.code, SAMPLED_SLOWLY.code):
-            share = SCALE_SHARE * abs(float(note.values["percent"])) / 100.0 if "percent" in note.values else SLOW_SHARE
-            off[str(note.values["placement"])] = max(share, off.get(str(note.values["placement"]), 0.0))
-    if not off:
+            off = note.code == ACCELEROMETER_OFF.code
+            more = SCALE_SHARE * abs(float(note.values["percent"])) / 100.0 if off else SLOW_SHARE
+            sides = [side for side, placement in placements.items() if placement == note.values["placement"]]
+            share = np.maximum(share, np.where(np.isin(result.strides.side, sides), more, 0.0))
+    return wider(result, share)
+
+
+def wider(result: Estimate, share: np.ndarray) -> Estimate:
+    """The estimate with a further deviation of strides, over themselves (n,) [1], and of what they are of the distance.
+
+    Errors of strides are taken to have one cause, so that they add up in the distance.
+    """
+    strides, deviations, diagnostics = result.strides, result.strides_stddev, dict(result.diagnostics)
+    if not share.any():
         return result
-    side = np.asarray(result.strides.side)
-    of_stride = sum(np.where(side == number, off.get(name, 0.0), 0.0) for number, name in placements.items())
-    wider = {
-        name: np.hypot(as_float(spread), of_stride * np.abs(as_float(getattr(result.strides, name))))
-        for name in ("length", "speed") if (spread := getattr(result.strides_stddev, name)) is not None
-    }  # fmt: skip
-    diagnostics = dict(result.diagnostics)
     if "distance_stddev" in diagnostics:
-        share = float(np.mean([off.get(name, 0.0) for name in placements.values()]))
-        diagnostics["distance_stddev"] = np.hypot(diagnostics["distance_stddev"], share * as_float(result.distance))
-    return result._replace(strides_stddev=result.strides_stddev._replace(**wider), diagnostics=diagnostics)
+        lengths = np.where(np.asarray(strides.valid, bool), as_float(strides.length), 0.0)
+        errors = np.cumsum(share * lengths) / max(float(lengths.sum()), 1e-9)
+        so_far = np.interp(as_float(result.time), as_float(strides.end), errors, left=0.0)
+        more = so_far * abs(float(result.distance[-1]))
+        diagnostics["distance_stddev"] = np.hypot(as_float(diagnostics["distance_stddev"]), more)
+    if deviations is not None:
+        deviations = deviations._replace(**{
+            name: np.hypot(as_float(spread), share * np.abs(as_float(getattr(strides, name))))
+            for name in ("length", "speed", "step_length") if (spread := getattr(deviations, name)) is not None
+        })  # fmt: skip
+    return result._replace(strides_stddev=deviations, diagnostics=diagnostics)
 
 
 def doubts_of(placement: str, limit: float, nis: float, deviation: float, many: int, total: int) -> list[Note]:

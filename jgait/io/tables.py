@@ -61,7 +61,7 @@ class Columns(NamedTuple):
     feet_range: np.ndarray | None  #: (T,) or None.
     others: tuple[str, ...]  #: names of columns that are not used.
     matched: tuple[tuple[str, str], ...] = ()  #: the table's name and jgait's name of each column with a lab's name.
-    odd: tuple[Note, ...] = ()  #: notes about cells without a number.
+    odd: tuple[Note, ...] = ()  #: notes about cells without a number, and rows of several people or walks.
     #: unit of `time`, as far as the table states it: "s" of dates, "ms" or "us" of a name; else None.
     time_unit: str | None = None
 
@@ -299,7 +299,7 @@ def _with_time(table: "pd.DataFrame") -> "pd.DataFrame":
     clock = isinstance(index, pd.DatetimeIndex | pd.TimedeltaIndex) or column_of(str(index.name)) == "time"
     if not clock or any(column_of(str(column)) == "time" for column in table.columns):
         return table
-    return table.reset_index(names=str(index.name or "time"))
+    return table.reset_index(names=str(index.name) if column_of(str(index.name)) == "time" else "time")
 
 
 def _seconds(column: "pd.Series") -> np.ndarray | None:

@@ -15,7 +15,7 @@ from jgait.plot.style import (
     panels,
     titled,
     windowed,
-)  # fmt: skip
+)
 from jgait.types import SIDES, AnyArray, Estimate, Legs, LegTrajectory
 
 FIELDS = (

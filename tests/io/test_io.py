@@ -80,12 +80,12 @@ def test_dates_and_durations_of_pandas_are_a_clock(kind, as_index):
     frame = frame.set_index(pd.Index(stamps)) if as_index else frame.assign(time=stamps.to_numpy())
     recording = read(frame)
     np.testing.assert_allclose(recording.sensors["thigh_right"].time, np.arange(600) / 100, atol=1e-9)
-    zoned = (
-        recording
-        if kind.startswith("timedelta")
-        else read(frame.assign(time=stamps.dt.tz_localize("Europe/Berlin").array))
-    )
-    assert zoned.sampling_rate_hz == pytest.approx(100.0)
+
+
+def test_a_clock_of_a_time_zone_and_an_index_of_any_name_are_read():
+    stamps = pd.Timestamp("2026-05-03 10:00", tz="Europe/Berlin") + pd.to_timedelta(table()["time"], unit="s")
+    for frame in (table().assign(time=stamps), table(time=False).set_index(pd.DatetimeIndex(stamps, name="date"))):
+        assert read(frame).sampling_rate_hz == pytest.approx(100.0)
 
 
 def test_an_index_called_time_is_the_clock_and_units_have_several_spellings():

@@ -55,21 +55,22 @@ USUAL_SPEED, USUAL_STRIDE_S = 1.2, 1.1
 CUT_SD = 0.2
 """[1] Standard deviation of what is walked where the recording cuts a stride off, over it: speed and time differ."""
 
+LOSS_SD = 0.3
+"""[1] The same for a loss, in which a person can also stand still; chosen."""
+
 MOVES = 0.5
 """[1] Least mean rate of a sensor beside a loss, over that in strides, with which the person walks beside it."""
 
-MISSING = 0.6
-"""[strides] Least time between two strides of one leg in which one is missing."""
-
-LOSS_SD = 0.3
-"""[1] The same for a loss, in which a person can also stand still; chosen."""
+MISSING, NEAR = 0.6, 3.0
+"""[strides] Least time between two strides of one leg in which one is missing; longest time without strides beside a
+loss in walking: a stance that is lost or cut off takes two strides away, and a part of a third."""
 
 ALIKE = 0.5
 """[m] Largest difference of what the two sides did not see, with which both count in the distance."""
 
 DOUBTFUL_SD = 0.1
-"""[1] Standard deviation of a distance over itself, if every source of it is in doubt; chosen by simulated runners, of
-whom shanks and legs miss a fifth."""
+"""[1] Standard deviation of a distance over itself, if every source of it is in doubt; chosen by simulated runners
+(experiment `people.gaits`)."""
 
 ONE_SIDE = 0.03
 """[1] Deviation of one side's sum of stride lengths from the mean of both, over that mean: 0.02 to 0.03 on 18 walks of
@@ -269,7 +270,7 @@ def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray, length: np.ndarray, 
         beside = [(first - USUAL_STRIDE_S, first) for first in within[:1]]
         beside += [(last, last + USUAL_STRIDE_S) for last in within[-1:]]
         rates = [rate[measured & (time >= a) & (time <= b)] for a, b in beside]
-        walking = walks[number] and walks[number + 1] and until - begin < gone + 3.0 * max(usual, USUAL_STRIDE_S)
+        walking = walks[number] and walks[number + 1] and until - begin < gone + NEAR * max(usual, USUAL_STRIDE_S)
         if walking and all(not len(part) or np.mean(part) > MOVES * np.mean(strides) for part in rates):
             bridged.append((float(begin), float(until)))
         elif gone > LONGEST_LOSS:

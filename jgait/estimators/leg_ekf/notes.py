@@ -40,8 +40,8 @@ ONE_LEG = Kind(
 STANDS_OTHERWISE = Kind(
     "stands_otherwise",
     "check",
-    "{placement} is tilted by {degrees:.0f}° more or less in standing at {at_s:.1f} s than in the standing that "
-    "calibrates it: it slipped on the segment, or the person stands otherwise",
+    "{placement}: its tilt in standing at {at_s:.1f} s differs by {degrees:.0f}° from that in the standing that "
+    "calibrates it: the sensor slipped on the segment, or the person stands in another way",
     "If a sensor slips, the angles of its joints are wrong by as much from then on. Compare the angles in standing "
     "before and after, and leave out what follows the slip.",
 )

@@ -24,7 +24,7 @@ from jgait.estimators.leg_ekf.notes import (
     STANDS_OTHERWISE,
     THIGH_UNSURE,
 )
-from jgait.estimators.notes import CLIPPED, NO_ACCELEROMETER, NO_FIRST_STANDING
+from jgait.estimators.notes import ACCELEROMETER_OFF, CLIPPED, NO_ACCELEROMETER, NO_FIRST_STANDING
 from jgait.events.rest import LEGS_SHORTEST_S, standing_of_legs
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.leg import leg_mounting
@@ -210,7 +210,7 @@ def _told(legs: dict[str, LegSignals], time: np.ndarray) -> tuple[np.ndarray, li
 
 
 OTHERWISE_DEG = 10.0
-"""[deg] Largest change of a segment's tilt between two times of standing; chosen: legs of the public sets reach 6."""
+"""[deg] Largest change of a segment's tilt between two times of standing; chosen, above that of legs of public sets."""
 
 
 def _otherwise(sensors: Mapping[str, Imu], upright: np.ndarray, standing: slice, time: np.ndarray) -> list[Note]:
@@ -237,8 +237,8 @@ SHANKS = AnkleOptions(site="shank")
 
 
 def shanks_of(recording: Recording, sides: tuple[str, ...]) -> tuple[AnkleInputs | None, list[Note]]:
-    """The inputs of the strapdown, and notes about steps that it lacks, running and signals that clip; None without
-    accelerometers, or if the sampling rate does not suit.
+    """The inputs of the strapdown, and notes about steps that it lacks, running, and signals that clip or are off; None
+    without accelerometers, or if the sampling rate does not suit.
     """
     placements = [f"{segment}_{side}" for segment in ("thigh", "shank") for side in sides]
     shanks = recording._replace(sensors={name: recording.sensors[name] for name in placements})
@@ -246,7 +246,9 @@ def shanks_of(recording: Recording, sides: tuple[str, ...]) -> tuple[AnkleInputs
         made = prepare_shanks(shanks, SHANKS)
     except RecordingError:
         return None, []
-    return made.inputs, [note for note in made.notes if note.kind in (SWINGS_SMALL, STRIDES_QUICK, CLIPPED)]
+    return made.inputs, [
+        note for note in made.notes if note.kind in (SWINGS_SMALL, STRIDES_QUICK, CLIPPED, ACCELEROMETER_OFF)
+    ]
 
 
 def prepare(

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators.interface import Estimator, Prepared
+from jgait.estimators.trust import wider
 from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
@@ -247,25 +248,4 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
         diagnostics[name] = diagnostics[name][contacts]
     doubts, unlike = _doubts(result, diagnostics["initial_contact"], made.options)
     diagnostics["notes"] = (*diagnostics["notes"], *doubts)
-    return _wider(result._replace(diagnostics=diagnostics), unlike)
-
-
-def _wider(result: Estimate, unlike: np.ndarray) -> Estimate:
-    """The estimate with the deviations of strides (n,) that are unlike those that were learned, and of what they are of
-    the distance.
-    """
-    if not unlike.any():
-        return result
-    strides, way = result.strides, as_float(result.distance)
-    lengths = np.where(np.asarray(strides.valid, bool), as_float(strides.length), 0.0)
-    share = np.cumsum(np.where(unlike, lengths, 0.0)) / max(float(lengths.sum()), 1e-9)
-    there = np.interp(as_float(result.time), as_float(strides.end), share, left=0.0) * abs(float(way[-1]))
-    stddev = np.hypot(as_float(result.diagnostics["distance_stddev"]), UNLIKE_SD * there)
-    result = result._replace(diagnostics={**result.diagnostics, "distance_stddev": stddev})
-    if result.strides_stddev is None:
-        return result
-    wider = {
-        name: np.hypot(as_float(spread), np.where(unlike, UNLIKE_SD * np.abs(as_float(getattr(strides, name))), 0.0))
-        for name in ("length", "speed", "step_length") if (spread := getattr(result.strides_stddev, name)) is not None
-    }  # fmt: skip
-    return result._replace(strides_stddev=result.strides_stddev._replace(**wider))
+    return wider(result._replace(diagnostics=diagnostics), UNLIKE_SD * unlike)

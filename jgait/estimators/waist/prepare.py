@@ -48,8 +48,8 @@ LIKE_GRAVITY = (0.6, 1.6)
 MIRRORED = 0.12
 """[1] Threshold on the growth of the log-likelihood for each sample when the gyroscope's sign is reversed; above it the
 reversal is kept. With the right sign it falls on every recorded walk of `ipol_gait`, `mobgap_lab` and `neura_sparse`;
-in simulated people, whose pelvis leans little against gravity, it grows by up to 0.1. With the wrong sign it grows by
-as much as it falls with the right one."""
+in simulated people, whose pelvis leans little against gravity, it can grow, by less. With the wrong sign it grows by as
+much as it falls with the right one."""
 
 SILENCE = 10.0
 """[s] Least length of the padding in which contacts are searched: the slowest filter then does not feel its end."""
