@@ -120,6 +120,16 @@ def held(seconds: float, kinds: str = "gyr acc") -> Damage:
     return signal(kinds, lambda v, _, at, rate: _put(v, at, seconds, rate, v[at]))
 
 
+def stuck(seconds: float) -> Damage:
+    """An axis of a gyroscope repeats its last reading."""
+
+    def change(values: np.ndarray, _: np.random.Generator, at: int, rate: float) -> np.ndarray:
+        values[at : at + round(seconds * rate), 1] = values[at, 1]
+        return values
+
+    return signal("gyr", change)
+
+
 def _put(values: np.ndarray, at: int, seconds: float, rate: float, value: np.ndarray | float) -> np.ndarray:
     values[at : at + round(seconds * rate)] = value
     return values
@@ -185,6 +195,16 @@ def without(share: float, *, stamped: bool) -> Damage:
     return Damage(lambda r, _, draw: _kept(r, draw.random(len(r.time)) >= share, stamps=stamped), everywhere=True)
 
 
+def twice(share: float) -> Damage:
+    """A share of the rows is written twice, at random, without stamps."""
+
+    def done(rows: Rows, _: str, draw: np.random.Generator) -> Rows:
+        times = 1 + (draw.random(len(rows.time)) < share)
+        return _kept(rows, np.repeat(np.arange(len(times)), times), stamps=False)
+
+    return Damage(done, everywhere=True)
+
+
 def cut(seconds: float, *, stamped: bool) -> Damage:
     """All rows of some time are missing."""
 
@@ -225,6 +245,8 @@ DAMAGES: dict[str, Damage] = {
     "rows of 0.5 s missing, without stamps": cut(0.5, stamped=False),
     "5 % of rows missing, with stamps": without(0.05, stamped=True),
     "5 % of rows missing, without stamps": without(0.05, stamped=False),
+    "2 % of rows missing, without stamps": without(0.02, stamped=False),
+    "2 % of rows written twice, without stamps": twice(0.02),
     "20 % of rows missing, without stamps": without(0.2, stamped=False),
     "one cell of 1e6, gyr": cells("gyr", 1e6),
     "one cell of 1e6, acc": cells("acc", 1e6),
@@ -237,6 +259,7 @@ DAMAGES: dict[str, Damage] = {
     "frozen for 0.5 s": held(0.5),
     "frozen for 3 s": held(3.0),
     "gyroscope frozen for 1 s": held(1.0, "gyr"),
+    "an axis of the gyroscope stuck for 1 s": stuck(1.0),
     "zeros for 0.5 s": signal("gyr acc", lambda v, _, at, rate: _put(v, at, 0.5, rate, 0.0)),
     "gyroscope wraps at 250 deg/s": signal("gyr", wrapped(250.0)),
     "gyroscope wraps at 125 deg/s": signal("gyr", wrapped(125.0)),

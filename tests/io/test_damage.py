@@ -56,6 +56,7 @@ def test_an_undamaged_walk_is_read_as_it_was_written(walk, rows):
         ("20 spikes of 1900 deg/s", "shank_left", "samples_spike"),
         ("frozen for 0.5 s", "shank_right", "samples_frozen"),
         ("gyroscope frozen for 1 s", "thigh_left", "samples_frozen"),
+        ("an axis of the gyroscope stuck for 1 s", "thigh_left", "axis_stuck"),
     ],
 )
 def test_what_no_sensor_measures_is_masked(walk, rows, name, placement, code):
@@ -113,6 +114,7 @@ def test_a_wrapped_gyroscope_is_named(rows):
         ("20 % of rows missing, without stamps", "", "rows_lost"),
         ("5 % of rows missing, without stamps", "", "rows_lost"),
         ("rows of 0.5 s missing, without stamps", "", "rows_lost"),
+        ("2 % of rows written twice, without stamps", "", "rows_twice"),
         ("left-handed axes", "shank_right", "tilts_apart"),
         ("sensor 0.3 s late", "foot_left", "sides_out_of_step"),
         ("every second row repeated", "shank_right", "samples_repeated"),
@@ -173,6 +175,28 @@ def test_rows_missing_from_the_file_of_one_sensor_are_noticed(rows):
     foot = rows._replace(sensors={"foot_right": rows.sensors["foot_right"]})
     assert not found(harm.read(foot, "walk"))
     assert found(damaged(foot, "20 % of rows missing, without stamps", "foot_right"), "rows_lost")
+
+
+def test_a_sensor_that_holds_its_reading_where_one_is_lost_has_no_rows_twice(rows):
+    draw = np.random.default_rng(2)
+    at = np.flatnonzero(draw.random(len(rows.time)) < 0.02)[1:]
+    held = {}
+    for placement, signals in rows.sensors.items():
+        held[placement] = {kind: values.copy() for kind, values in signals.items()}
+        for values in held[placement].values():
+            values[at] = values[at - 1]
+    recording = harm.read(rows._replace(sensors=held), "walk")
+    assert not found(recording, "rows_twice")
+
+
+def test_few_rows_missing_from_a_fast_file_are_noticed():
+    walker = simulate.Person(gait=simulate.gait(speed=1.25, stature=1.75)._replace(steps=30.0))
+    fast, _ = simulate.recording(
+        jax.random.key(2), walker, errors=OPAL, rate=200.0, placements=("foot_right", "foot_left")
+    )
+    two = harm.rows_of(fast, tuple(fast.sensors))
+    assert not found(harm.read(two, "walk"))
+    assert found(damaged(two, "2 % of rows missing, without stamps", ""), "rows_lost")
 
 
 def test_of_two_sensors_that_turn_apart_the_wrong_one_is_named(turning):

@@ -1,5 +1,7 @@
 """Samples that no sensor can have measured: they are found in the rows of a file and masked, each with a note."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from jgait.notes import LOSSES, Kind, Note
@@ -55,7 +57,7 @@ RANGES = {
 
 FROZEN_RUN, FROZEN_S = 8, 0.05
 """[samples], [s] Shortest time in which a sensor repeats its reading in all axes; undamaged gyroscopes repeat theirs at
-most 4 times, coarse accelerometers 22 times, but without turning."""
+most 4 times, coarse accelerometers 22 times, but without turning; a single axis that turns, 5 times."""
 
 STOPPED_S, STOPPED = 1.0, 10.0
 """[s], [1] Shortest stretch of one reading to the end of a recording in which the sensor has stopped, and least length
@@ -104,6 +106,13 @@ FROZEN = Kind(
     "{placement}: one reading of {signals} is repeated for {seconds:.2f} s from {begin_s:.2f} s; masked",
     LOSSES,
 )
+STUCK = Kind(
+    "axis_stuck",
+    "check",
+    "{channel} repeats one reading {times} {times:time|times} while the sensor turns, for {seconds:.2f} s in all, "
+    "first at {begin_s:.2f} s; masked",
+    LOSSES,
+)
 WRAPPED = Kind(
     "channel_wrapped",
     "check",
@@ -144,9 +153,11 @@ def without_damage(
             spikes = _spikes(placement, kind, values, change, signals["gyr"], rate_hz, notes)
             runs = _frozen(placement, kind, values, change, signals["gyr"], rate_hz, notes)
             values[spikes] = np.nan
+            stuck = _stuck(placement, kind, values, change, signals["gyr"], rate_hz, notes)
             for start, end in runs:
-                values[start + 1 : end + 1] = np.nan
                 frozen.setdefault((start, end), []).append(kind)
+            for start, end in (*runs, *stuck):
+                values[start + 1 : end + 1] = np.nan
         for (start, end), kinds in sorted(frozen.items()):
             words = " and ".join(f"the {SIGNALS[kind][0]}" for kind in kinds)
             seconds = (end - start + 1) / rate_hz
@@ -267,26 +278,58 @@ def _frozen(
         notes.append(SLOWER(placement=placement, signal=signal, percent=100.0 * share))
     if not runs:
         return []
-    frozen = []
-    steps = np.abs(change)
-    steps[~(steps > 0.0)] = np.inf
-    resolution = steps.min(axis=0)
-    low, high = np.nanmin(values, axis=0), np.nanmax(values, axis=0)
+    frozen, held = [], _holding(kind, values, change, gyr)
     others = [last - first for first, last in true_runs(same) if last < len(same)]
     for start, end in runs:
         least = max(STOPPED_S * rate, STOPPED * max(others, default=1))
-        if end == len(same) and end - start >= least and start >= STOPPED_S * rate:
-            frozen.append((start, end))
-            continue
-        at_limit = (values[start] == low) | (values[start] == high)
-        if (at_limit & (np.abs(values[start]) > FROZEN_CHANGE[kind])).any():
-            continue  # a clipped axis, which has a note of its own
-        # the change into the stretch, or out of it
-        ends = [np.abs(change[k]) for k in (start - 1, end) if 0 <= k < len(change)]
-        moved = [(step > FROZEN_STEPS * resolution) & (step > FROZEN_CHANGE[kind]) for step in ends]
-        # a coarse accelerometer repeats its reading whenever it does not turn
-        rates = np.abs(gyr[start : end + 1])
-        turning = kind == "gyr" or np.isnan(rates).all() or np.nanmean(rates) >= TURNING
-        if turning and any(jump.any() for jump in moved):
+        stopped = end == len(same) and end - start >= least and start >= STOPPED_S * rate
+        if stopped or held((start, end)):
             frozen.append((start, end))
     return frozen
+
+
+def _stuck(
+    placement: str, kind: str, values: np.ndarray, change: np.ndarray, gyr: np.ndarray, rate: float, notes: list[Note]
+) -> list[tuple[int, int]]:
+    """First and last samples of stretches in which one axis repeats its reading while the others go on."""
+    stuck = []
+    moves = change.any(axis=1)
+    for axis in range(values.shape[1]):
+        runs = [
+            (start, end)
+            for start, end in true_runs(change[:, axis] == 0.0)
+            if end - start >= max(FROZEN_RUN, FROZEN_S * rate) and moves[start:end].mean() > 0.5
+        ]
+        if runs:
+            held = _holding(kind, values[:, [axis]], change[:, [axis]], gyr)
+            runs = [run for run in runs if held(run)]
+        if runs:
+            seconds = sum(end - start + 1 for start, end in runs) / rate
+            channel = f"{placement} {kind}_{'xyz'[axis]}"
+            notes.append(STUCK(channel=channel, times=len(runs), seconds=seconds, begin_s=runs[0][0] / rate))
+            stuck += runs
+    return stuck
+
+
+def _holding(kind: str, values: np.ndarray, change: np.ndarray, gyr: np.ndarray) -> Callable[[tuple[int, int]], bool]:
+    """Whether one reading is held from a sample to another while the sensor turns: the signal jumps at an end."""
+    steps = np.abs(change)
+    resolution = np.min(steps, axis=0, where=steps > 0.0, initial=np.inf)
+    low, high = np.nanmin(values, axis=0), np.nanmax(values, axis=0)
+
+    def held(run: tuple[int, int]) -> bool:
+        start, end = run
+        at_limit = (values[start] == low) | (values[start] == high)
+        if (at_limit & (np.abs(values[start]) > FROZEN_CHANGE[kind])).any():
+            return False  # a clipped axis, which has a note of its own
+        # the change into the stretch, or out of it
+        ends = [steps[k] for k in (start - 1, end) if 0 <= k < len(change)]
+        # a coarse accelerometer repeats its reading whenever it does not turn
+        rates = np.abs(gyr[start : end + 1])
+        alone = kind == "gyr" and values.shape == gyr.shape
+        turning = alone or np.isnan(rates).all() or np.nanmean(rates) >= TURNING
+        return bool(turning) and any(
+            ((step > FROZEN_STEPS * resolution) & (step > FROZEN_CHANGE[kind])).any() for step in ends
+        )
+
+    return held

@@ -1,4 +1,8 @@
-"""Rows that are missing although time goes on: between two samples, all sensors turn by what they turn in two steps."""
+"""Rows that are missing or written twice although time goes on.
+
+Where a row is missing, all sensors turn by what they turn in two steps; where it is written twice, none changes while
+it turns.
+"""
 
 from collections.abc import Mapping
 
@@ -39,6 +43,19 @@ LEAST_RATIO = {True: 0.45, False: 0.85}
 """[1] Least number of double steps over that of the somewhat longer ones, at `FAST_HZ` or more and below. The changes
 of undamaged recordings have one peak, and reach 0.38 and 0.82."""
 
+PEAK_HZ, PEAK, BEFORE_PEAK, PEAK_RATIO = 160.0, np.log([1.8, 2.3]), np.log([1.6, 1.8]), 1.6
+"""[Hz], [1] Rate from which on few missing rows show too: the logarithms of changes over expected ones have a peak at
+two steps; limits of the peak and of what is before it; least number within the peak over that before it. Undamaged
+recordings reach 1.14."""
+
+TWICE_SHARE, ONE_STEP = 0.008, (0.7, 1.4)
+"""[1] Least share of rows written twice, while the sensors turn; and limits of the change after them over the expected
+one. In undamaged recordings, 0.005 of the rows equal the one before, mostly at the limit of a range. A sensor that
+holds its last reading where one is lost changes by two steps afterwards: there, time is right."""
+
+RESOLVED = 10.0
+"""[1] Least expected change, in steps of the sensor's resolution, for a row to count."""
+
 LONGEST_S = 600.0
 """[s] Part of a recording in which double steps are counted."""
 
@@ -56,6 +73,14 @@ ROWS_LOST = Kind(
     "the recording was joined from parts",
     "Where rows are missing without time stamps, movements come out too fast and too small; lengths and angles after "
     "the place are wrong.",
+)
+ROWS_TWICE = Kind(
+    "rows_twice",
+    "check",
+    "{rows} rows repeat the one before in all sensors while they turn, first at {begin_s:.2f} s: rows are written "
+    "twice although time goes on",
+    "Where rows are written twice without time stamps, movements come out too slow and too large; lengths and angles "
+    "are wrong. A file without the repeated rows mends this.",
 )
 
 
@@ -80,12 +105,34 @@ def splice_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]
         if len(masks) >= FEWEST_SENSORS:
             total += _jump(change)
     whole = ~(gaps[1:] | gaps[:-1])
+    twice = _written_twice(changes, whole[:longest])
+    if twice.any():
+        return (ROWS_TWICE(rows=twice.sum(), begin_s=(np.argmax(twice) + 1) / rate_hz),)
     lost = _double_steps(changes, whole[:longest], rate_hz)
     if lost is None:
         lost = (total > SURE_JUMP * len(masks)) & whole
     if not lost.any():
         return ()
     return (ROWS_LOST(places=lost.sum(), begin_s=(np.argmax(lost) + 1) / rate_hz),)
+
+
+def _written_twice(changes: list[np.ndarray], whole: np.ndarray) -> np.ndarray:
+    """(n,) bool, steps over which a row is repeated; none unless they are frequent and the next step is a usual one."""
+    same = whole & np.all([~change.any(axis=1) for change in changes], axis=0)
+    at = np.flatnonzero(same)
+    turns, ratios = np.zeros(len(same), bool), []
+    for change in changes if at.size else ():
+        expected = 0.5 * (_shifted(change, 1) + _shifted(change, -2))[at]
+        size = np.sum(expected * expected, axis=1)
+        steps = np.abs(change)
+        resolution = np.min(steps, where=steps > 0.0, initial=np.inf)
+        counts = size > max(RESOLVED * resolution, SMALLEST) ** 2
+        turns[at[counts]] = True
+        along = np.sum(_shifted(change, -1)[at] * expected, axis=1)
+        ratios += list(along[counts] / size[counts])
+    if turns.sum() < max(FEWEST, TWICE_SHARE * whole.sum()) or not ONE_STEP[0] < np.median(ratios) < ONE_STEP[1]:
+        return np.zeros(len(same), bool)
+    return np.asarray(turns)
 
 
 def _jump(change: np.ndarray) -> np.ndarray:
@@ -96,7 +143,7 @@ def _jump(change: np.ndarray) -> np.ndarray:
 
 
 def _double_steps(changes: list[np.ndarray], whole: np.ndarray, rate_hz: float) -> np.ndarray | None:
-    """(n,) bool, steps over which a row is missing; None unless they are frequent and apart from other steps.
+    """(n,) bool, steps over which a row is missing; None unless they are frequent or apart from other steps.
 
     The expected change is interpolated, by a cubic, from two steps on either side.
     """
@@ -120,6 +167,8 @@ def _double_steps(changes: list[np.ndarray], whole: np.ndarray, rate_hz: float) 
     middle[counts] = np.nanmedian(ratios[:, counts], axis=0)
     double, longer = ((middle > low) & (middle < high) for low, high in (TWO_STEPS, LONGER))
     number, usual = int(double.sum()), LEAST_RATIO[rate_hz >= FAST_HZ[many]]
-    if number < max(FEWEST, LEAST_SHARE * counts.sum()) or number < usual * longer.sum():
-        return None
-    return np.asarray(double)
+    if number >= max(FEWEST, LEAST_SHARE * counts.sum()) and number >= usual * longer.sum():
+        return np.asarray(double)
+    peak, before = ((middle > low) & (middle < high) for low, high in (PEAK, BEFORE_PEAK))
+    shown = rate_hz >= PEAK_HZ and peak.sum() >= max(FEWEST, PEAK_RATIO * before.sum())
+    return np.asarray(peak) if shown else None
