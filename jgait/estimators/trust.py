@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jgait.estimators.notes import ACCELEROMETER_OFF, SAMPLED_SLOWLY
+from jgait.estimators.notes import ACCELEROMETER_OFF, RATES_OFF, SAMPLED_SLOWLY
 from jgait.notes import Kind, Note
 from jgait.types import Counts, Estimate, Flags, Strides, Values, as_float
 
@@ -31,6 +31,10 @@ SLOW_SHARE = 0.05
 SCALE_SHARE = 0.65
 """[1] Deviation of a stride's length over itself, over the error of the accelerometer at rest, which may be one of its
 scale or a bias. Chosen by simulated feet and shanks with scales of 0.9 to 1.1."""
+
+RATES_SHARE = 2.0
+"""[1] Deviation of a stride's length over itself, over the logarithm of the factor of the rates: lengths go with the
+square of the interval between samples."""
 
 _MEANING = (
     "The signals contradict the assumption that a foot on the ground stands still: sliding, kneeling, crawling or "
@@ -129,17 +133,25 @@ def judged(result: Estimate, placements: dict[int, str], limit: float, nis: dict
 
 
 def _of_sensors(result: Estimate, placements: dict[int, str]) -> Estimate:
-    """The estimate with larger deviations of the strides of sensors whose accelerometer is off at rest, or that are
-    sampled slowly: see `SCALE_SHARE` and `SLOW_SHARE`.
+    """The estimate with larger deviations of the strides of sensors whose accelerometer is off at rest, whose rates are
+    off, or that are sampled slowly: see `SCALE_SHARE`, `RATES_SHARE` and `SLOW_SHARE`.
     """
     share = np.zeros(np.shape(result.strides.side))
     for note in result.diagnostics.get("notes", ()):
-        if note.code in (ACCELEROMETER_OFF.code, SAMPLED_SLOWLY.code):
-            off = note.code == ACCELEROMETER_OFF.code
-            more = SCALE_SHARE * abs(float(note.values["percent"])) / 100.0 if off else SLOW_SHARE
+        if note.code in (ACCELEROMETER_OFF.code, RATES_OFF.code, SAMPLED_SLOWLY.code):
+            more = SLOW_SHARE
+            if note.code == ACCELEROMETER_OFF.code:
+                more = SCALE_SHARE * abs(float(note.values["percent"])) / 100.0
+            elif note.code == RATES_OFF.code:
+                more = rates_share(note)
             sides = [side for side, placement in placements.items() if placement == note.values["placement"]]
             share = np.maximum(share, np.where(np.isin(result.strides.side, sides), more, 0.0))
     return wider(result, share)
+
+
+def rates_share(note: Note) -> float:
+    """Deviation of a stride's length over itself [1], by a note `RATES_OFF`."""
+    return RATES_SHARE * abs(float(np.log(as_float(note.values["factor"]))))
 
 
 def wider(result: Estimate, share: np.ndarray) -> Estimate:

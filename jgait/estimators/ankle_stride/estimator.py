@@ -23,6 +23,7 @@ from jgait.estimators.ankle_stride.params import (
     with_body,
 )
 from jgait.estimators.ankle_stride.prepare import prepare
+from jgait.estimators.ankle_stride.rates import rates_notes
 from jgait.estimators.ankle_stride.readout import FLAGS
 from jgait.estimators.ends import cut_notes
 from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootModelParams
@@ -239,4 +240,6 @@ def _finished(result: Estimate, made: Prepared[AnkleInputs]) -> Estimate:
     if result.strides_stddev is None:
         return result
     nis = {side: float(result.diagnostics[f"nis_{SIDES[side]}"]) for side in worn}
+    off = rates_notes(run, made.inputs, made.options, nis, places)
+    result = result._replace(diagnostics={**result.diagnostics, "notes": (*notes, *off)})
     return trust.judged(result, places, LARGEST_MEAN_NIS, nis)

@@ -17,7 +17,7 @@ from jgait.estimators.combined.compare import (
 from jgait.estimators.combined.crosscheck import crosscheck
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
 from jgait.estimators.combined.phases import FEWEST_STRIDES
-from jgait.estimators.combined.sources import SourceEstimate, sources
+from jgait.estimators.combined.sources import SourceEstimate, sources, with_rates_off
 from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.notes import without_repeats
 from jgait.mounting.leg import SIDES_EXCHANGED
@@ -97,14 +97,15 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     left_out = tuple(note for note in recording.notes if note.code == SENSOR_LEFT_OUT)
     usable = recording._replace(sensors=kept, notes=left_out)
     estimates, notes = sources(usable, body)
+    estimates, share, turned = with_rates_off(estimates)
     recording = recording._replace(notes=_without_exchanged(recording.notes, findings.notes))
     wrong = findings.doubtful | _named(recording, AXES)
     wrong |= _named(recording, ("sides_differ",)) - _spared(recording, estimates)
     strides = joined(estimates, wrong | _named(recording, CLOCKS), wrong)
     late = _apart(recording, estimates)
-    ways, one_sided = distances(estimates, usable, body, wrong, late)
+    ways, one_sided = distances(estimates, usable, body, wrong, late, share)
     total, differ = walked(ways)
-    unusable = _angles(estimates, findings.doubtful | _named(recording, AXES) | late)
+    unusable = _angles(estimates, findings.doubtful | _named(recording, AXES) | late | turned)
     differ += unusable
     if strides is not None:
         differ = [*length_notes(estimates, strides), *differ, *side_notes(estimates, strides)]

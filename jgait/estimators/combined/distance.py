@@ -113,7 +113,7 @@ class _Side(NamedTuple):
 
 def distances(
     sources: Sequence[SourceEstimate], recording: Recording, person: dict[str, float], wrong: frozenset[str],
-    late: frozenset[str],
+    late: frozenset[str], rates_share: float = 0.0,
 ) -> tuple[list[WalkedDistance], list[Note]]:  # fmt: skip
     """The distance of every source that has one, the most certain first, and notes about sides that do not count.
 
@@ -127,6 +127,7 @@ def distances(
         person: measures of the person.
         wrong: placements whose signals, label or unit are in doubt.
         late: placements whose clock is; the strides of a single sensor hold nevertheless.
+        rates_share: see `with_rates_off`.
     """
     walked_distances, notes = [], []
     runs = any(note.code == STRIDES_QUICK.code for one in sources for note in one.estimate.diagnostics["notes"])
@@ -140,7 +141,7 @@ def distances(
             sd = float(np.ravel(stated)[-1])
         else:
             share = SHARE_SD / SHARES["thigh_length"] if "height" in person else 0.0
-            sd = total * float(np.hypot(LEG_DISTANCE_SD, share))
+            sd = total * float(np.sqrt(LEG_DISTANCE_SD**2 + share**2 + rates_share**2))
         doubted = _stopped(source) | (wrong if source.name != "legs" else wrong | late)
         sides = _sides(source, recording, doubted)
         used = _best(sides)

@@ -3,13 +3,15 @@
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
+import numpy as np
 from jaxtyping import PyTree
 
-from jgait.estimators import ankle_stride, foot_ins, leg_ekf, stride_width_ekf, waist
+from jgait.estimators import ankle_stride, foot_ins, leg_ekf, stride_width_ekf, trust, waist
 from jgait.estimators.ankle_stride import AnkleOptions
 from jgait.estimators.checks import sensors_of
 from jgait.estimators.interface import Estimator
 from jgait.estimators.leg_ekf.notes import SEGMENT_ALONE
+from jgait.estimators.notes import RATES_OFF
 from jgait.estimators.proportions import gives, told
 from jgait.estimators.waist.params import SITES
 from jgait.notes import LEFT_OUT, Kind, Note
@@ -154,3 +156,31 @@ def _unused(recording: Recording, estimates: list[SourceEstimate]) -> list[Note]
         else:
             notes.append(SENSOR_NOT_USED(placement=placement, reason="no estimator takes a sensor there"))
     return notes
+
+
+def with_rates_off(estimates: list[SourceEstimate]) -> tuple[list[SourceEstimate], float, frozenset[str]]:
+    """What it means for other sources that the rates of sensors on the legs are off.
+
+    If those of every foot, ankle and shank are, the sampling rate of all sensors may be wrong.
+
+    Returns:
+        The sources, then with larger deviations; the deviation of a length over itself [1] by which they are larger, or
+        zero; the placements whose angles are wrong.
+    """
+    worn = {name for one in estimates if one.estimator in ("foot_ins", "ankle_stride") for name in one.placements}
+    off = {
+        str(note.values["placement"]): trust.rates_share(note)
+        for source in estimates for note in source.estimate.diagnostics["notes"] if note.code == RATES_OFF.code
+    }  # fmt: skip
+    if not off or set(off) != worn:
+        return estimates, 0.0, frozenset(off)
+    share = float(np.mean(list(off.values())))
+
+    def wider(source: SourceEstimate) -> SourceEstimate:
+        strides = source.estimate.strides
+        if strides is None or off.keys() & set(source.placements):
+            return source
+        return source._replace(estimate=trust.wider(source.estimate, np.full(np.shape(strides.side), share)))
+
+    every = frozenset(name for source in estimates for name in source.placements)
+    return [wider(source) for source in estimates], share, every

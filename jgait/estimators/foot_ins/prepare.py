@@ -9,6 +9,7 @@ import itertools
 import numpy as np
 
 from jgait.estimators.checks import common_time, sensors_of
+from jgait.estimators.foot_ins.closure import OFF_FROM, gyroscope_scale
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals, capacity
 from jgait.estimators.foot_ins.notes import NEVER_RESTS
 from jgait.estimators.interface import Prepared
@@ -19,6 +20,7 @@ from jgait.estimators.notes import (
     CLIPPED,
     FAR_OFF,
     LONGEST_LOSS,
+    RATES_OFF,
     SCALE_CORRECTED,
     STRIDES_MISSING,
     STRIDES_UNCERTAIN,
@@ -136,6 +138,9 @@ def _foot(
     for what, flags in (("accelerometer", clips), ("gyroscope", turned)):
         if flags.any():
             notes.append(CLIPPED(signal=what, placement=name, samples=flags.sum()))
+    factor = gyroscope_scale(gyr - at_rest.gyr_bias, acc, stances.stillest, lost | clips | turned, hz)
+    if factor is not None and abs(np.log(factor)) > OFF_FROM:
+        notes.append(RATES_OFF(placement=name, factor=factor))
     stances = _measured(_more_footholds(stances, hz), not_bridged(lost, time))
     whole, known = _whole(stances, lost, time)
     if lost.any():

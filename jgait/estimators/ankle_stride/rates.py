@@ -1,0 +1,71 @@
+"""Whether a shank's rates, or the interval between samples, have a wrong scale: innovations tell it.
+
+With rates that are too large or too small the shank stands at another inclination than gravity says. The NIS of a leg
+is nearly a parabola of the rates' scale; its vertex is the scale that fits.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from jgait.estimators.ankle_stride.inputs import AnkleInputs, AnkleSignals
+from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
+from jgait.estimators.axes import pad
+from jgait.estimators.notes import RATES_OFF
+from jgait.estimators.programs import bucket, compiled
+from jgait.notes import Note
+from jgait.types import SIDES, Estimate
+
+FACTORS = (0.85, 1.0, 1.18)
+"""[1] Scales of the rates for which the filter is run."""
+
+NIS_FROM = 0.03
+"""[1] Least NIS of a leg for which scales are tried. That of most good walks is below; with rates off by 15 %, all are
+above."""
+
+BETTER, OFF_FROM = 0.6, 0.1
+"""[1] Largest least NIS over that of the rates as they are, and least logarithm of the scale that fits, for rates that
+are off. Undamaged shanks, public and simulated, have 0.9 and 0.05; one has 0.15, but hardly a smaller NIS."""
+
+FARTHEST = 1.4
+"""[1] Largest scale, and inverse of the smallest one, that is stated: far from the tried ones it is hardly known."""
+
+FEWEST = 4
+"""[1] Least number of strides of a leg."""
+
+
+def rates_notes(
+    run: Callable[..., Estimate], inputs: AnkleInputs, options: AnkleOptions, nis: dict[int, float],
+    places: dict[int, str],
+) -> list[Note]:  # fmt: skip
+    """Notes about legs whose rates have a wrong scale.
+
+    Args:
+        run: `ankle_stride.run`.
+        inputs: the inputs, without padding.
+        options: options of the estimate.
+        nis: side (0 right, 1 left) → NIS of all observations of the leg [1].
+        places: side → placement of its sensor.
+    """
+    legs = {side: leg for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None}
+    asked = [side for side, leg in legs.items() if nis[side] > NIS_FROM and int(leg.count) >= FEWEST]
+    if not asked:
+        return []
+    found: list[Estimate] = []
+    for factor in FACTORS:
+        now = inputs._replace(**{SIDES[side]: _scaled(leg, factor) for side, leg in legs.items()})
+        padded = pad(now, bucket(len(inputs.time)))
+        found.append(compiled(run)(AnkleParams(), padded, options=options))
+    notes = []
+    for side in asked:
+        each = np.array([float(one.diagnostics[f"nis_{SIDES[side]}"]) for one in found])
+        bend, slope, _ = np.polyfit(FACTORS, each, 2)
+        if bend > 0.0 and each.min() < BETTER * each[1]:
+            factor = float(np.clip(-0.5 * slope / bend, 1.0 / FARTHEST, FARTHEST))
+            if abs(np.log(factor)) > OFF_FROM:
+                notes.append(RATES_OFF(placement=places[side], factor=factor))
+    return notes
+
+
+def _scaled(leg: AnkleSignals, factor: float) -> AnkleSignals:
+    return leg._replace(gyr=factor * leg.gyr, gyr_bias=factor * leg.gyr_bias)
