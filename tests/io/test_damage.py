@@ -92,6 +92,19 @@ def test_a_sensor_that_repeats_one_reading_to_the_end_has_stopped_although_it_st
     assert any(note.code == "samples_frozen" for note in notes)
 
 
+def test_a_clipped_gyroscope_that_jumps_between_its_limits_does_not_wrap():
+    limit, draw = np.deg2rad(250.0), np.random.default_rng(0)
+    rates = np.zeros((400, 3))
+    rates[:, 0] = 3.0 * limit * np.sign(np.sin(np.arange(400) / 9.0)) + draw.standard_normal(400)
+    near = rates.clip(-limit, limit)
+    after = np.flatnonzero(np.diff(np.sign(near[:, 0]))) + 1
+    near[after, 0] *= 0.98  # jumps are not from one limit exactly to the other
+    wrapped = (rates + limit) % (2.0 * limit) - limit
+    for signal, count in ((near, 0), (wrapped, 1)):
+        _, notes = samples.without_damage("foot_right", {"gyr": signal}, {"gyr": 1.0}, 100.0)
+        assert sum(note.code == "channel_wrapped" for note in notes) == count
+
+
 def test_a_wrapped_gyroscope_is_named(rows):
     (text,) = found(damaged(rows, "gyroscope wraps at 250 deg/s", "shank_right"), "channel_wrapped")
     assert "shank_right gyr_y" in text

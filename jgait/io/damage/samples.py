@@ -259,6 +259,8 @@ def _wraps(placement: str, kind: str, values: np.ndarray, change: np.ndarray) ->
         jumps = int(np.sum((size > WRAP_STEP * limit) & (size < 0.9999 * (high - low))))
         if jumps < WRAPS or high < WRAP_EDGE * limit or low > -WRAP_EDGE * limit:
             continue
+        if np.sum((column == low) | (column == high)) >= jumps:
+            continue  # a clipped signal stays at its limits; a wrapped one reads each of them by chance
         notes.append(
             WRAPPED(channel=f"{placement} {kind}_{'xyz'[axis]}", times=jumps, value=limit, unit=SIGNALS[kind][1])
         )
