@@ -1,6 +1,6 @@
 """Kinds of notes about sensors of a recording that contradict each other."""
 
-from jgait.notes import Kind
+from jgait.notes import WRONG_PLACE, Kind
 
 WRONG_UNIT = (
     "One sensor is in another unit than the others. Its numbers are not used; state the unit of this sensor, or "
@@ -23,6 +23,10 @@ TURNED_OVER = Kind(
     "upside_down", "info", "{placement} seems to be upside down: its axis that looks down looks up in {other}",
     "The estimators compute the sensor's axes from the walk, so no result is worse for it, unless the sensor is not "
     "where its label says.",
+)  # fmt: skip
+FOOT_ON_SHANK = Kind(
+    "foot_on_shank", "check", "{foot} and {shank} have changed places: in stances the shank's sensor rests, and the "
+    "foot's turns", WRONG_PLACE,
 )  # fmt: skip
 CLOCK_OFF = Kind(
     "clock_off", "check", "the clock of {placement} seems to be about {seconds:.1f} s {direction}: its leg swings at "

@@ -117,6 +117,15 @@ def test_a_late_clock_is_named(recording, name):
     assert found.doubtful == {name}
 
 
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_foot_and_shank_of_one_leg_that_are_exchanged_are_named(recording, side):
+    foot, shank = f"foot_{side}", f"shank_{side}"
+    found = crosscheck(changed(recording, **{foot: recording.sensors[shank], shank: recording.sensors[foot]}))
+    (note,) = (note for note in found.notes if note.code == "foot_on_shank")
+    assert note.values == {"foot": foot, "shank": shank}
+    assert {foot, shank} <= found.doubtful
+
+
 def test_two_feet_that_swing_together_contradict_each_other(recording):
     feet = {name: recording.sensors[name] for name in ("foot_right", "foot_left")}
     feet["foot_left"] = late(feet["foot_left"])
