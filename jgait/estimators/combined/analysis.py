@@ -11,6 +11,7 @@ from jgait.estimators.checks import SENSOR_LEFT_OUT, sensors_of
 from jgait.estimators.combined.compare import (
     Comparison,
     comparisons,
+    contact_notes,
     length_notes,
     side_notes,
 )
@@ -109,6 +110,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     differ += unusable
     if strides is not None:
         differ = [*length_notes(estimates, strides), *differ, *side_notes(estimates, strides)]
+        differ += contact_notes(estimates, strides)
         seen = set(np.asarray(strides.strides.side).tolist())
         differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in seen if len(seen) == 1]
     elif any(source.estimate.strides is not None for source in estimates):

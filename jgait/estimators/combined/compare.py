@@ -25,6 +25,16 @@ FEET_OF_CONTACTS_DIFFER = Kind(
     "the other way",
     WRONG_PLACE,
 )  # fmt: skip
+CONTACTS_APART = Kind(
+    "contacts_apart", "check", "contacts of the {other} follow those of the feet {seconds:.2f} s {words} on the right "
+    "leg than on the left: the clock of one of these sensors seems to be off",
+    "Times of steps, and what differs between right and left in time, are wrong by this. Strides of a single sensor "
+    "hold.",
+)  # fmt: skip
+
+APART_S = 0.1
+"""[s] Least difference between both legs of the time from a foot's contacts to those of the same leg's ankle or shank.
+It is 0.06 or less in undamaged walks, public and simulated of all gaits, and larger where sensors are exchanged."""
 
 FEWEST = 4
 """[1] Least number of common strides or contacts for a comparison."""
@@ -123,6 +133,25 @@ def length_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> l
             if apart > CONSISTENT * float(np.median(np.hypot(sa, sb)[both])):
                 lengths = {"length": np.median(a[both]), "other_length": np.median(b[both])}
                 notes.append(LENGTHS_DIFFER(source=name, other=other, strides=both.sum(), **lengths))
+    return notes
+
+
+def contact_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> list[Note]:
+    """A note if the contacts of feet and of ankles or shanks are not as far apart on one leg as on the other."""
+    starts = {
+        source.name: np.where(at >= 0, as_float(source.estimate.strides.start)[at], np.nan)
+        for source in sources if (at := strides.rows.get(source.name)) is not None and (at >= 0).any()
+    }  # fmt: skip
+    sides = np.asarray(strides.strides.side)
+    notes = []
+    for other in (name for name in ("ankles", "shanks") if {name, "feet"} <= starts.keys()):
+        later = starts[other] - starts["feet"]
+        each = [later[np.isfinite(later) & (sides == side)] for side in range(len(SIDES))]
+        if min(map(len, each)) >= FEWEST:
+            seconds = float(np.median(each[0]) - np.median(each[1]))
+            if abs(seconds) > APART_S:
+                words = "later" if seconds > 0.0 else "earlier"
+                notes.append(CONTACTS_APART(other=other, seconds=abs(seconds), words=words))
     return notes
 
 

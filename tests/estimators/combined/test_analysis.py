@@ -45,6 +45,22 @@ def analysis(walked):
     return jgait.analyse(walked[0], PERSON)
 
 
+@pytest.mark.parametrize("seconds", [0.13, 0.16])
+def test_a_late_foot_does_not_become_a_limp_without_a_note(walked, analysis, seconds):
+    late = walked[0].sensors["foot_right"]
+    by = round(100.0 * seconds)
+    late = late._replace(
+        **{name: np.roll(np.asarray(getattr(late, name)), by, axis=0) for name in ("gyr", "acc", "mask")}
+    )
+    now = jgait.analyse(walked[0]._replace(sensors={**walked[0].sensors, "foot_right": late}), PERSON)
+    found = [[note for note in one.notes if note.code == "contacts_apart"] for one in (analysis, now)]
+    assert not found[0]
+    assert found[1]
+    for note in found[1]:
+        assert note.values["words"] == "earlier"
+        assert abs(note.values["seconds"] - seconds) < 0.05
+
+
 def test_every_estimator_that_has_its_sensors_runs(analysis):
     assert [source.name for source in analysis.sources] == ["feet", "ankles", "shanks", "waist", "legs"]
     assert not CONTRADICTIONS.intersection(note.code for note in analysis.notes)
