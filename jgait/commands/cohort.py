@@ -88,6 +88,10 @@ MEASURE_OF_SOME = Kind(
     "{without} of {recordings} recordings have no {column}: the default length is taken for them",
     DEFAULT_MEASURE,
 )
+WALK_REPEATED = Kind(
+    "walk_repeated", "info", "{recording} is left out: it is the same walk as {other}",
+    "A walk counts once. The recording can be loaded by its name with jgait.datasets.load.",
+)  # fmt: skip
 
 
 class Source(NamedTuple):
@@ -212,8 +216,10 @@ class _Set:
 def _of_dataset(name: str) -> Source:
     from jgait import datasets
 
-    names = list(datasets.names(name))  # the message of DatasetUnavailable states how to get the set
-    return Source(name, names, _Set(name), dict.fromkeys(names, name), [], [])
+    again = datasets.repeated(name)  # the message of DatasetUnavailable states how to get the set
+    names = [recording for recording in datasets.names(name) if recording not in again]
+    notes = [WALK_REPEATED(recording=recording, other=other) for recording, other in again.items()]
+    return Source(name, names, _Set(name), dict.fromkeys(names, name), [], notes)
 
 
 class _Files:

@@ -39,6 +39,7 @@ __all__ = [
     "missing",
     "names",
     "path",
+    "repeated",
     "unavailable_reason",
 ]
 
@@ -64,12 +65,23 @@ def available(name: str) -> bool:
     return bool(loader(name).names())
 
 
+def repeated(name: str) -> dict[str, str]:
+    """Recordings of a data set that are of the same walk as another one on this computer: name → that one's name.
+
+    Raises:
+        DatasetUnavailable: if the computer has no recording of the set.
+    """
+    there = names(name)
+    return {again: once for again, once in info(name).same_walk.items() if again in there and once in there}
+
+
 def load(name: str, only: Collection[str] | None = None) -> Walks:
-    """Every recording of a data set on this computer, with its reference.
+    """Every walk of a data set on this computer, with its reference.
 
     Args:
         name: data set, see `list_datasets`.
-        only: names of recordings (see `names`); None: all.
+        only: names of recordings (see `names`); None: all, but of a walk that several recordings hold only the first,
+            see `repeated`.
 
     Returns:
         The walks, a list; its attribute `failures` has the name of each recording that could not be read, and why.
@@ -79,9 +91,10 @@ def load(name: str, only: Collection[str] | None = None) -> Walks:
         DatasetUnavailable: if no file of the set is on this computer; the message states how to get the set.
     """
     there = names(name)
-    if only is not None:
+    if only is None:
+        only = set(there) - set(repeated(name))
+    else:
         lacking = [wanted for wanted in only if wanted not in there]
         if lacking:
             raise ValueError(f"{name} has no recording {lacking[0]!r}; there are {', '.join(there)}")
-        there = tuple(wanted for wanted in there if wanted in only)
-    return load_each(there, loader(name).load_one)
+    return load_each([wanted for wanted in there if wanted in only], loader(name).load_one)

@@ -1,10 +1,10 @@
 """`gaitmap_example`: IMUs on both shoes with motion capture of the feet (Küderle et al. 2024, mad-lab-fau/gaitmap).
 
 The main walk, `imu_sample`: 20 m out and 20 m back, 204.8 Hz, sensors' axes x forward, y left, z up. `_not_rotated` is
-the same walk in the axes of the sensors' cases. The others have no motion capture: two stairs (204.8 Hz), strides cut
-at initial contact (`_ic_stride`; 102.4 Hz, else a stride took 0.57 s), and a person with multiple sclerosis (102.4 Hz;
-left and right are not synchronised, so each foot is a separate recording). Upstream m/s² and deg/s; the accelerometers
-clip at 16 g.
+the same walk in the axes of the sensors' cases, and is loaded only by its name. The others have no motion capture: two
+stairs (204.8 Hz), strides cut at initial contact (`_ic_stride`; 102.4 Hz, else a stride took 0.57 s), and a person with
+multiple sclerosis (102.4 Hz; left and right are not synchronised, so each foot is a separate recording). Upstream m/s²
+and deg/s; the accelerometers clip at 16 g.
 
 Reference: heel, toe and fifth metatarsal of both feet, 100 Hz, mm; no lag against the IMUs. The distance is the path
 of the midpoint of the heels, smoothed so that sway does not count. A foot's position is the mean of its markers; its

@@ -11,7 +11,7 @@ import hashlib
 import importlib
 import json
 import os
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -41,6 +41,7 @@ class DatasetInfo(NamedTuple):
         licence: upstream's licence, or the consequence if it has none.
         citation: the work to cite.
         files: upstream path → sha256, the files this version of jgait can fetch.
+        same_walk: recording → another one of the same walk, which counts for both.
     """
 
     name: str
@@ -50,6 +51,7 @@ class DatasetInfo(NamedTuple):
     licence: str
     citation: str
     files: dict[str, str]
+    same_walk: Mapping[str, str] = {}
 
     def address(self, path: str) -> str:
         """The upstream address of one file."""

@@ -6,6 +6,7 @@ import pytest
 from made.notes import texts
 
 from jgait import datasets, io
+from jgait.commands import cohort
 
 RATE, MOCAP = 204.8, 100.0
 SECONDS, PERIOD, LENGTH, WIDTH = 13.0, 1.0, 1.2, 0.14
@@ -109,6 +110,21 @@ def test_missing_files_are_reported(folder, monkeypatch):
     (folder / "mocap_sample.csv").unlink()
     walk = datasets.load("gaitmap_example", ["imu_sample"])[0]
     assert walk.reference is None and "mocap_sample.csv" in walk.info["no_reference"]
+
+
+def test_the_same_walk_in_other_axes_counts_once(folder, monkeypatch):
+    written(folder, monkeypatch)
+    both = ["imu_sample", "imu_sample_not_rotated"]
+    assert datasets.repeated("gaitmap_example") == {}
+    sensor_table(ORDER).to_csv(folder / "imu_sample_not_rotated.csv")
+    assert datasets.repeated("gaitmap_example") == {both[1]: both[0]}
+    assert [walk.recording.name for walk in datasets.load("gaitmap_example")] == ["imu_sample", "imu_sample_new"]
+    assert [walk.recording.name for walk in datasets.load("gaitmap_example", both)] == both
+    source = cohort.source(None, "gaitmap_example", None, 0, None, None, ())
+    assert source.items == ["imu_sample", "imu_sample_new"] and list(source.marks) == source.items
+    assert texts(source.notes) == ["imu_sample_not_rotated is left out: it is the same walk as imu_sample"]
+    (folder / "imu_sample.csv").unlink()
+    assert [walk.recording.name for walk in datasets.load("gaitmap_example")] == ["imu_sample_new", both[1]]
 
 
 def test_bad_files_are_named_and_the_others_are_not_lost(folder):
