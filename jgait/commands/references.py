@@ -29,6 +29,17 @@ DISTANCE_NOT_USED = Kind(
     "reference_distance_not_used", "check", "distance_m of the table is not used, because {file} has no such column",
     "The reference is that file's. Write the distance walked so far into it to compare the distance as well.",
 )  # fmt: skip
+DISTANCE_CONTRADICTED = Kind(
+    "reference_distance_contradicted", "check",
+    "distance_m of the table, {stated:.4g} m, is not used: {file} has {walked:.4g} m",
+    "The distance is compared with that of the file. One of the two is wrong.",
+)  # fmt: skip
+
+DIFFERENT = 0.1
+"""[1] Share by which two distances of one walk may differ, chosen: larger than errors of a tape or of a path's sway."""
+
+COVERED = 0.9
+"""[1] Share of the recording in which a file has samples, chosen: with less, the file may lack a part of the walk."""
 
 
 def with_reference(
@@ -46,6 +57,13 @@ def with_reference(
         raise FileNotFoundError(f"there is no such file: {absent}")
     tables = (None if file is None else _from_first(read_table(file)[0], float(str(begins))) for file in files)
     found = io.reference_from_tables(time, *tables)
+    if found.distance is not None and way is not None and files[0] is not None:
+        known = np.asarray(found.valid, bool)
+        walked = float(np.ptp(np.asarray(found.distance, float)[known]))
+        part = float(np.mean(known)) < COVERED
+        if walked > (1.0 + DIFFERENT) * way or (walked < (1.0 - DIFFERENT) * way and not part):
+            note = DISTANCE_CONTRADICTED(stated=way, file=files[0].name, walked=walked)
+            recording = recording._replace(notes=(*recording.notes, note))
     if found.distance is None and way is not None:
         if files[0] is not None:
             note = DISTANCE_NOT_USED(file=files[0].name)

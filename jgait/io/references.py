@@ -4,6 +4,7 @@ The columns are those of `to_dataframe` and `strides_to_dataframe`; others are i
 """
 
 import difflib
+import itertools
 from collections.abc import Collection
 from typing import TYPE_CHECKING
 
@@ -57,6 +58,14 @@ LONGEST_STRIDE, LONGEST_STRIDE_S, FASTEST = 4.0, 10.0, 12.0
 LEAST_KNEE_DEG, LEAST_WAY, LEAST_STRIDES = 5.0, 2.0, 4
 """[°] Least range of a knee over a way [m], or so many strides: in radians it is 1."""
 
+OVERLAP = 0.4
+"""[1] Largest share of a stride in which the next one of the same foot may have begun. Strides of public references do
+not overlap, joined ones of `jgait.analyse` by 0.22 at most; a wrong side gives a half, a row that is there twice 1."""
+
+STEPS = 0.6
+"""[1] Ratio of the strides' lengths to the distance in the same time below which they are steps, whose ratio is 0.5. In
+public references with both it is 0.99 to 1.25."""
+
 ALIKE = 0.85
 """[1] Similarity of a column's name and a known one above which it is misspelt."""
 
@@ -77,7 +86,8 @@ def reference_from_tables(
 
     Raises:
         RecordingError: a column that is needed is missing or misspelt, cells that are no numbers, a side that is none,
-            times that do not increase or are those of another recording, numbers in another unit, or no table at all.
+            times that do not increase or are those of another recording, numbers in another unit, strides that overlap,
+            are negative or are steps, or no table at all.
     """
     if samples is None and strides is None:
         raise RecordingError("a reference needs a table of samples or of strides; got none")
@@ -128,6 +138,7 @@ def _check_units(reference: Estimate) -> None:
         way = float(np.ptp(as_float(reference.distance)[np.asarray(reference.valid, bool)]))
         if way > FASTEST * seconds:
             raise RecordingError(f"column 'distance_m' is in metres; {way:.4g} m in {seconds:.4g} s is no walking")
+        _check_steps(reference)
     for side, leg in zip(SIDES, reference.legs, strict=True):
         knee = None if leg is None else np.rad2deg(as_float(leg.knee_angle)[np.asarray(reference.valid, bool)])
         if knee is not None and (way > LEAST_WAY or strides >= LEAST_STRIDES) and float(np.ptp(knee)) < LEAST_KNEE_DEG:
@@ -135,6 +146,23 @@ def _check_units(reference: Estimate) -> None:
                 f"column 'knee_angle_{side}_deg' is in degrees; it varies by {float(np.ptp(knee)):.2g}, which in "
                 "walking is the angle in radians"
             )
+
+
+def _check_steps(reference: Estimate) -> None:
+    """Raise if stride lengths are half of the distance in the same time."""
+    strides, there = reference.strides, np.asarray(reference.valid, bool)
+    if strides is None or reference.distance is None:
+        return
+    time, distance = as_float(reference.time)[there], as_float(reference.distance)[there]
+    start, end = as_float(strides.start), as_float(strides.end)
+    known = np.asarray(strides.valid, bool) & (start >= time[0]) & (end <= time[-1])
+    length = float(as_float(strides.length)[known].sum())
+    way = float((np.interp(end, time, distance) - np.interp(start, time, distance))[known].sum())
+    if known.sum() >= LEAST_STRIDES and way > LEAST_WAY and length < STEPS * way:
+        raise RecordingError(
+            "column 'stride_length_m' is the way of a foot from a contact to its next one; lengths of the table are "
+            f"{length / way:.2f} of 'distance_m' in the same time: they seem to be of steps"
+        )
 
 
 def _check_spelling(table: "pd.DataFrame", known: Collection[str], what: str) -> None:
@@ -165,6 +193,17 @@ def strides_from_dataframe(table: "pd.DataFrame") -> Strides:
     valid = np.isfinite(start) & np.isfinite(end) & np.isfinite(fields["length"])
     if np.any(end[valid] <= start[valid]):
         raise RecordingError("every stride must end (end_s) after it starts (start_s); a row of the table does not")
+    if (least := float(np.min(fields["length"][valid], initial=0.0))) < 0.0:
+        raise RecordingError(f"column 'stride_length_m' has no negative lengths; got {least:.4g}")
+    for number, side in enumerate(SIDES):
+        rows = np.flatnonzero(valid & (sides.to_numpy() == number))
+        rows = rows[np.argsort(start[rows], kind="stable")]
+        for first, then in itertools.pairwise(rows):
+            if end[first] - start[then] > OVERLAP * min(end[first] - start[first], end[then] - start[then]):
+                raise RecordingError(
+                    f"strides of the {side} foot overlap, {start[first]:g} to {end[first]:g} s and {start[then]:g} to "
+                    f"{end[then]:g} s; a row is twice in the table of strides, or has the wrong side"
+                )
     return Strides(**{"width": none, "height": none, **fields, **standing}, side=sides.to_numpy(np.int64), start=start,
                    final_contact=contact, end=end, valid=valid)  # fmt: skip
 

@@ -9,6 +9,7 @@ import pytest
 from made.command import run
 
 from jgait import io
+from jgait.commands import references
 from jgait.estimators import leg_ekf
 from jgait.simulate import protocols
 
@@ -126,6 +127,24 @@ def test_references_in_files_are_compared(table, walks, tmp_path):
     assert shifted["knee_rmse_deg_right"] == pytest.approx(numbers, rel=1e-2)  # six seconds off: twice as large
     samples = io.reference_from_tables(np.arange(0.0, 3.0, 0.01), pd.read_csv(walks[0] / "samples0.csv"))
     assert samples.legs.right is not None
+
+
+def test_a_distance_that_contradicts_the_samples_is_noted(walks):
+    folder, rows = walks
+    recording, way, file = io.read_csv(folder / "walk0.csv"), rows[0]["distance_m"], folder / "samples0.csv"
+
+    def codes(stated, file=file):
+        walk = references.with_reference(recording, stated, [file, None], {})
+        assert np.nanmax(walk.reference.distance) == pytest.approx(way, rel=0.05)  # that of the file, in any case
+        return [note.text for note in walk.recording.notes if note.code == "reference_distance_contradicted"]
+
+    assert codes(way) == codes(1.05 * way) == codes(None) == []
+    (text,) = codes(10.0 * way)
+    assert text.startswith(f"distance_m of the table, {10 * way:.4g} m, is not used: samples0.csv has ")
+    assert len(codes(0.1 * way)) == 1
+    half = pd.read_csv(file)
+    half.iloc[len(half) // 2 :].to_csv(folder / "half.csv", index=False)
+    assert codes(way, folder / "half.csv") == [] and len(codes(0.1 * way, folder / "half.csv")) == 1
 
 
 def test_losses_are_empty_where_a_reference_cannot_answer_them(table, tmp_path):

@@ -1,6 +1,7 @@
 """References from tables are what was written, and tables that cannot be one are refused in words."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from made.foot import foot
 
@@ -61,6 +62,11 @@ def test_strides_and_positions_come_back(feet):
     assert back.feet.left is None
 
 
+def later(table, seconds):
+    """The strides, so many seconds later, as those of the other foot are."""
+    return table.assign(start_s=table["start_s"] + seconds, end_s=table["end_s"] + seconds)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -68,6 +74,9 @@ def test_strides_and_positions_come_back(feet):
         (lambda t: t.assign(side="middle"), "has 'right' or 'left'; got 'middle'"),
         (lambda t: t.assign(stride_length_m="long"), "column 'stride_length_m' of a reference must have numbers"),
         (lambda t: t.assign(end_s=t["start_s"]), "must end .* after it starts"),
+        (lambda t: t.assign(stride_length_m=-t["stride_length_m"]), r"has no negative lengths; got -1\."),
+        (lambda t: pd.concat([t, t.iloc[2:3]]), "strides of the right foot overlap, .* is twice in the table"),
+        (lambda t: pd.concat([t, later(t, 0.5)]), "strides of the right foot overlap, .* or has the wrong side"),
         (lambda t: t.rename(columns={"turn_deg": "turns_deg"}), "a column 'turns_deg', .* did you mean 'turn_deg'"),
     ],
 )
@@ -114,3 +123,16 @@ def test_strides_in_other_units_are_refused(feet):
     later = {name: 1e3 * table[name] for name in table if name in ("start_s", "end_s")}
     with pytest.raises(RecordingError, match="are in seconds; a stride of the table lasts"):
         io.reference_from_tables(feet.time, None, table.assign(**later))
+
+
+def test_lengths_of_steps_are_refused_where_the_distance_is_known(feet):
+    samples = io.to_dataframe(feet)
+    whole = io.strides_to_dataframe(feet)
+    sides = [whole.assign(side="right"), later(whole, 0.5).assign(side="left")]
+    both = pd.concat(sides).loc[lambda t: t["end_s"] < feet.time[-1]]
+    found = io.reference_from_tables(feet.time, samples, both)
+    assert found.strides.valid.all() and len(both) > 4
+    with pytest.raises(
+        RecordingError, match=r"lengths of the table are 0\.\d+ of 'distance_m' in the same time: .* of steps"
+    ):
+        io.reference_from_tables(feet.time, samples, both.assign(stride_length_m=0.5 * both["stride_length_m"]))
