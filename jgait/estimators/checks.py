@@ -4,10 +4,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jgait.geometry.vectors import GRAVITY
 from jgait.types import Imu, Recording, RecordingError, as_float
 
 LEAST_S, FEWEST = 0.5, 10
 """[s], [1] Least duration and number of samples of a recording: no step is shorter."""
+
+FASTEST = 35.0
+"""[rad/s] Largest rate of a walking person's limb: 2000 deg/s, the range of common gyroscopes."""
+
+UNIT_FORCES = ((0.5, 2.0, "g"), (500.0, 2000.0, "mg"), (60.0, 150.0, "m/s², and was converted as if in g"))
+"""[m/s²], lowest and highest median specific force, and the unit that it suggests; other values are left to the
+readers' checks."""
 
 SENSOR_LEFT_OUT = "sensor_left_out"
 """Code of a reader's note that a sensor is left out."""
@@ -26,7 +34,7 @@ def common_time(recording: Recording, names: Sequence[str], caller: str, what: s
 
     Raises:
         RecordingError: a recording too short for a step, clocks that run backwards or differ, signals of the wrong
-            shape, NaN, all samples masked, no accelerometer.
+            shape, NaN, all samples masked, no accelerometer, other units.
     """
     time = as_float(recording.sensors[names[0]].time)
     if time.size < FEWEST or np.ptp(time) < LEAST_S:
@@ -52,20 +60,52 @@ def common_time(recording: Recording, names: Sequence[str], caller: str, what: s
             )
         if acc and imu.acc is None:
             raise RecordingError(f"{caller} needs an accelerometer; '{name}' has only a gyroscope")
-        _check_signals(imu, name, time.size)
+        _check_signals(imu, name)
     return time
 
 
-def _check_signals(imu: Imu, name: str, samples: int) -> None:
-    for what, values in (("gyr", imu.gyr), ("acc", imu.acc)):
-        if values is None:
-            continue
-        if np.shape(values) != (samples, 3):
-            raise RecordingError(f"{what} of '{name}' must have shape ({samples}, 3); got {np.shape(values)}")
-        if not np.all(np.isfinite(as_float(values))):
+def check_shapes(imu: Imu, name: str) -> None:
+    """Raise RecordingError if the signals or the mask of a sensor have not one row for each time."""
+    samples = np.size(imu.time)
+    for what, values, shape in (
+        ("gyr", imu.gyr, (samples, 3)), ("acc", imu.acc, (samples, 3)), ("mask", imu.mask, (samples,))
+    ):  # fmt: skip
+        if values is not None and np.shape(values) != shape:
+            raise RecordingError(f"{what} of '{name}' must have shape {shape}; got {np.shape(values)}")
+
+
+def _check_signals(imu: Imu, name: str) -> None:
+    check_shapes(imu, name)
+    for values in (imu.gyr, imu.acc):
+        if values is not None and not np.all(np.isfinite(as_float(values))):
             raise RecordingError(f"'{name}' holds NaN or infinity; lost samples belong in the mask (see jgait.io)")
     if not np.any(imu.mask):
         raise RecordingError(f"every sample of '{name}' is masked as lost")
+    if (rate := fast_rate(imu)) > FASTEST:
+        raise RecordingError(
+            f"gyr of '{name}' must be in rad/s; it reaches {rate:.4g} (99th percentile), but nothing worn while "
+            f"walking exceeds {FASTEST:g} rad/s: is it in deg/s?"
+        )
+    force, unit = force_unit(imu)
+    if unit:
+        raise RecordingError(
+            f"acc of '{name}' must be in m/s²; its median is {force:.3g}, where gravity alone is {GRAVITY:.3g}: is it "
+            f"in {unit}?"
+        )
+
+
+def fast_rate(imu: Imu) -> float:
+    """99th percentile of the norm of the angular rate [rad/s]; 0 without samples."""
+    rates = np.linalg.norm(as_float(imu.gyr)[np.asarray(imu.mask, bool)], axis=1)
+    return float(np.percentile(rates, 99.0)) if rates.size else 0.0
+
+
+def force_unit(imu: Imu) -> tuple[float, str]:
+    """The median specific force [m/s²], and the unit that it suggests if it is not in m/s²; else ""."""
+    if imu.acc is None or not np.any(imu.mask):
+        return GRAVITY, ""
+    middle = float(np.median(np.linalg.norm(as_float(imu.acc)[np.asarray(imu.mask, bool)], axis=1)))
+    return middle, next((unit for low, high, unit in UNIT_FORCES if low < middle < high), "")
 
 
 def check_nominal_rate(time: np.ndarray, name: str, rate_hz: float) -> None:

@@ -4,12 +4,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from jgait.estimators.checks import FASTEST, fast_rate
 from jgait.notes import CLIPPING, LOSSES, Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError
 
 GRAVITY = 9.80665
-FASTEST = 35.0  # [rad/s] largest rate of a walking person's limb: 2000 deg/s, the range of common gyroscopes
 IN_RADIANS = 12.0  # [unit of the file] fast rate below which it is in rad/s; in deg/s a walking limb has more
 SLOWEST_WALK = 0.3  # [rad/s] smallest fast rate of a moving person; the trunk of a slow walker turns faster
 MOVING_ACC = 0.5  # [m/s²] standard deviation of |acc| above which the person moves; 0.05 when standing
@@ -91,7 +91,7 @@ def _dead(imu: Imu) -> _Fault | None:
 
 def _fast_rates(sensors: Mapping[str, Imu]) -> dict[str, float]:
     """Placement → 99th percentile of the norm of the rate [rad/s]."""
-    return {p: float(np.percentile(np.linalg.norm(imu.gyr[imu.mask], axis=1), 99.0)) for p, imu in sensors.items()}
+    return {placement: fast_rate(imu) for placement, imu in sensors.items()}
 
 
 def _too_fast(sensors: Mapping[str, Imu], gyr_unit: str, name: str) -> dict[str, _Fault]:

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.estimators.checks import SENSOR_LEFT_OUT, sensors_of
+from jgait.estimators.checks import SENSOR_LEFT_OUT, check_shapes, sensors_of
 from jgait.estimators.combined.compare import (
     Comparison,
     comparisons,
@@ -86,10 +86,12 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
             "pivot_height", "range_offset". Values are numbers or (right, left).
 
     Raises:
-        RecordingError: if no estimator has its sensors, or none can use them.
+        RecordingError: if no estimator has its sensors, or none can use them, or arrays of a sensor differ in length.
         ValueError: a measure of the person that is unknown or outside its range.
     """
     body = dict(person or {})
+    for name, imu in recording.sensors.items():
+        check_shapes(imu, name)
     findings = crosscheck(recording)
     kept = {name: imu for name, imu in recording.sensors.items() if name not in findings.unusable}
     if not kept:

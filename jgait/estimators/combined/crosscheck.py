@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.estimators.checks import fast_rate, force_unit
 from jgait.estimators.combined.notes import (
     ACC_UNIT,
     FOOT_ON_SHANK,
@@ -18,7 +19,6 @@ from jgait.estimators.combined.notes import (
     TURNED_OVER,
 )
 from jgait.estimators.combined.phases import OFFSETS, kind_of, swing_phases
-from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.leg import SIDES_EXCHANGED, SWAPPED
 from jgait.mounting.shank import LABELS_EXCHANGED
 from jgait.notes import Note
@@ -29,10 +29,6 @@ USUAL_RATE = {"foot": 7.5, "ankle": 5.6, "shank": 5.4, "thigh": 3.2, "wrist": 3.
 
 UNIT_RATIO = 7.5
 """[1] Threshold on the ratio of a sensor's rate to the expected rate: the root of 180 / π, half way to another unit."""
-
-UNIT_FORCES = ((0.5, 2.0, "g"), (500.0, 2000.0, "mg"), (60.0, 150.0, "m/s², and was converted as if in g"))
-"""[m/s²], lowest and highest median specific force, and the unit that it suggests; other values are left to the
-readers' checks."""
 
 RESTING, RESTS_S, WALKS, RESTS_MORE = 0.4, 2.0, 0.4, 0.05
 """[rad/s], [s], [1], [1] Rate below which a sensor rests; time over which its square is averaged, and share of the
@@ -104,12 +100,6 @@ def _kept(imu: Imu, values: AnyArray) -> np.ndarray:
     return as_float(values)[np.asarray(imu.mask, bool)]
 
 
-def fast_rate(imu: Imu) -> float:
-    """99th percentile of the norm of the angular rate [rad/s]; 0 without samples."""
-    rates = np.linalg.norm(_kept(imu, imu.gyr), axis=1)
-    return float(np.percentile(rates, 99.0)) if rates.size else 0.0
-
-
 def _units(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
     """Notes about sensors in other units than the rest, and their placements."""
     notes: list[Note] = []
@@ -128,14 +118,10 @@ def _units(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
         if name in wrong:
             unit = "deg/s" if ratio > 1.0 else "rad/s, and was converted as if in deg/s"
             notes.append(GYR_UNIT(placement=name, unit=unit, rate=fast_rate(imu), expected=expected))
-        if imu.acc is None:
-            continue
-        force = np.linalg.norm(_kept(imu, imu.acc), axis=1)
-        middle = float(np.median(force)) if force.size else GRAVITY
-        for low, high, unit in UNIT_FORCES:
-            if low < middle < high:
-                wrong.add(name)
-                notes.append(ACC_UNIT(placement=name, unit=unit, force=middle))
+        force, unit = force_unit(imu)
+        if unit:
+            wrong.add(name)
+            notes.append(ACC_UNIT(placement=name, unit=unit, force=force))
     return notes, wrong
 
 

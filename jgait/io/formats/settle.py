@@ -11,8 +11,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from jgait.estimators.checks import FASTEST
 from jgait.io.arrays import GYR_UNITS, recording_from_arrays, unit_scale
-from jgait.io.checks import ACC_UNITS, FASTEST, FEET_APART, RANGE_UNITS
+from jgait.io.checks import ACC_UNITS, FEET_APART, RANGE_UNITS
 from jgait.io.formats.clocks import on_one_counter, one_clock
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
