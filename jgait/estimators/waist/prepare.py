@@ -39,9 +39,6 @@ from jgait.types import Imu, Recording, RecordingError, as_float
 LEAST_SECONDS = 2.0
 """[s] Lower limit on the recording's duration; four steps, the fewest that count as walking, take longer."""
 
-UNITS_OF_G = (0.8, 1.25)
-"""[m/s²] Range of the specific force's median norm in which the readings are taken to be in g."""
-
 LIKE_GRAVITY = (0.6, 1.6)
 """[1] Allowed range of the specific force's median norm over gravity; outside it the unit is unknown."""
 
@@ -122,10 +119,6 @@ def _checked(recording: Recording, name: str) -> np.ndarray:
     time = common_time(recording, [name], "waist", "the sensor")
     check_nominal_rate(time, name, rate)
     felt = float(np.median(np.linalg.norm(as_float(imu.acc)[np.asarray(imu.mask, bool)], axis=1)))
-    if UNITS_OF_G[0] < felt < UNITS_OF_G[1]:
-        raise RecordingError(
-            f"'{name}' feels {felt:.2f} m/s² on average, gravity is 9.81: the accelerometer is in g, and needs m/s²"
-        )
     if not LIKE_GRAVITY[0] * GRAVITY < felt < LIKE_GRAVITY[1] * GRAVITY:
         raise RecordingError(f"'{name}' feels {felt:.2f} m/s² on average, where a walking person feels about 9.81")
     return time

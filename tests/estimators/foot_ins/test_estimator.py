@@ -221,7 +221,7 @@ IMU = foot(strides=2).recording.sensors["foot_right"]
         (changed(acc=np.where(IMU.acc > 9.5, np.nan, IMU.acc)), "NaN or infinity"),
         (changed(time=IMU.time[::-1]), "time must increase"),
         (changed(time=4.0 * IMU.time), "45 Hz or more; the recording has 25.0 Hz"),
-        (changed(acc=IMU.acc / 9.81), "must read 9.81 m/s² at rest; it reads 1"),
+        (changed(acc=4.0 * IMU.acc), "must read 9.81 m/s² at rest; it reads 39"),
         (changed(mask=np.zeros(len(IMU.time), bool)), "every sample of 'foot_right' is masked"),
         (spun(), "never stands"),
         (
