@@ -65,9 +65,10 @@ def simulate(
 ) -> None:
     """Simulate walks of people with worn sensors: recordings, their exact truth, and a table of them all.
 
-    Writes NAME.csv (the signals), NAME_truth.csv (angles, feet, distance), NAME_strides.csv, and cohort.csv, which
-    `jgait evaluate` and `jgait tune` take. The same options give the same files. These people walk by rules: their
-    steps, measured at the waist, come out too long, because its pendulum was learned from recorded people.
+    Writes NAME.csv (the signals), NAME_truth.csv (angles, paths of ankles and of sensors on feet, distance),
+    NAME_strides.csv, and cohort.csv, which `jgait evaluate` and `jgait tune` take. The same options give the same
+    files. These people walk by rules: their steps, measured at the waist, come out too long, because its pendulum was
+    learned from recorded people.
     """
     worn = None if placements is None else tuple(name.strip() for name in placements.split(",") if name.strip())
     asked: dict[str, Any] = {

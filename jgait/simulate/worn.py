@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray, Shaped
 
-from jgait.geometry.segments import Frame, Motion, Segments, inertial, segment_of
+from jgait.geometry.segments import Frame, Motion, Segments, in_world, inertial, segment_of
 from jgait.geometry.vectors import Vector, dot, kept, subtract
 from jgait.simulate.feet import LINGER
 from jgait.simulate.footsteps import FIRST, Plan
@@ -22,7 +22,7 @@ from jgait.simulate.routes import Route
 from jgait.simulate.sensors import IDEAL, ImuErrors, measure
 from jgait.simulate.smooth import curve_at
 from jgait.simulate.walker import SKIN, Frames, framed, moved, plan, separated, ticks
-from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, LegTrajectory, Strides, Values
+from jgait.types import SIDES, AnyArray, Estimate, Feet, FootTrajectory, Imu, Legs, LegTrajectory, Strides, Values
 
 SEVEN = Segments._fields
 """One sensor on each segment."""
@@ -56,7 +56,8 @@ class Truth(NamedTuple):
     """The reference of a simulated walk.
 
     Attributes:
-        estimate: joint angles, foot positions, distance and strides in the type of an estimate.
+        estimate: joint angles, positions of the insteps (of sensors worn there), distance and strides in the type of an
+            estimate.
         motion: motion of all segments, a `Motion` of `Segments` at the times of the estimate.
         plan: footholds and their times.
     """
@@ -187,7 +188,9 @@ def _known(
         **{name: jnp.asarray(value, time.dtype) for name, value in lengths.items()},
     }
     by_side = Legs(*(jax.tree.map(lambda part, i=i: part[i], legs) for i in range(2)))
-    return Estimate(time, by_side, None, distance, valid, diagnostics, strides(laid))
+    places = [in_world(framed(frames[:, :, worn_on(name)]), mount(body, name)) for name in ("foot_right", "foot_left")]
+    instep = Feet(*(FootTrajectory(jnp.stack(place, axis=-1), None, None) for place in places))
+    return Estimate(time, by_side, None, distance, valid, diagnostics, strides(laid), instep)
 
 
 def _time_at(laid: Plan, ticks: Float[Array, "foothold"]) -> Float[Array, "foothold"]:

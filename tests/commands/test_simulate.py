@@ -46,6 +46,9 @@ def test_writes_recordings_with_their_truth_and_a_table_for_evaluate(made):
         truth = pd.read_csv(out / row["file"].replace(".csv", "_truth.csv"))
         assert len(truth) == len(recording.sensors["thigh_right"].time)
         np.testing.assert_allclose(truth["distance_m"].iloc[-1], row["distance_m"], atol=0.05)  # it sways as it stands
+        strides = pd.read_csv(out / row["reference_strides"])
+        known = io.reference_from_tables(recording.sensors["thigh_right"].time, truth, strides)
+        assert None not in known.feet and np.ptp(known.feet.left.position[:, 0]) == pytest.approx(4.0, rel=0.1)
         assert told[row["subject"]]["strides"] == len(pd.read_csv(out / row["file"].replace(".csv", "_strides.csv")))
 
 

@@ -15,6 +15,7 @@ from jgait.simulate.footsteps import FIRST
 from jgait.simulate.recorded import limits
 from jgait.simulate.sensors import IDEAL, ImuErrors
 from jgait.simulate.walker import moved, plan, separated, ticks
+from jgait.types import SIDES
 
 RATE = 100.0
 VARIED = {"length_variability": 0.03, "time_variability": 0.03, "width_variability": 0.01, "length_asymmetry": 0.03}
@@ -157,6 +158,10 @@ def test_integrating_a_sensor_returns_the_truth(base):
             path = strapdown.integrate(jnp.asarray(imu.gyr), jnp.asarray(imu.acc), 1.0 / rate, *start)
             errors.append(np.linalg.norm(np.asarray(path.position) - place, axis=1).max())
             assert np.abs(np.asarray(path.axes)[-1] - axes[-1]).max() < (1e-6 if base.recorded == 0.0 else 1e-5)
+        for side in SIDES:
+            frame = getattr(truth.motion.pose, f"foot_{side}")
+            place = stacked(in_world(frame, simulate.mount(who.body, f"foot_{side}")))
+            np.testing.assert_allclose(getattr(truth.estimate.feet, side).position, place, atol=1e-9)
     coarse, fine = np.array(errors).reshape(2, -1)
     # A knee that is nearly straight at landing turns fast.
     assert coarse.max() < (5e-5 if base.recorded == 0.0 else 1e-3)
