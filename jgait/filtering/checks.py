@@ -66,9 +66,15 @@ def check_values(observations: PyTree, controls: PyTree, dt: Values) -> None:
     """Raise if concrete values cannot be used by any filter.
 
     Raises:
-        ValueError: for non-numbers, NaN or infinity in observations or controls, and for negative time intervals.
+        ValueError: for lists, pandas' columns, non-numbers, NaN or infinity in observations or controls, and for
+            negative time intervals.
     """
     for kind, tree in (("observation", observations), ("control", controls)):
+        for path, leaf in jax.tree_util.tree_flatten_with_path(tree, is_leaf=_is_list)[0]:
+            if _is_list(leaf) or hasattr(leaf, "to_numpy"):
+                name = jax.tree_util.keystr(path, simple=True, separator=".")
+                what = type(leaf).__name__
+                raise ValueError(f"{kind} '{name}' must be an array; got a {what}: convert it by numpy.asarray")
         for name, leaf in zip(names_of(tree), jax.tree.leaves(tree), strict=True):
             if isinstance(leaf, jax.core.Tracer | jax.ShapeDtypeStruct):
                 continue
@@ -84,6 +90,11 @@ def check_values(observations: PyTree, controls: PyTree, dt: Values) -> None:
         if interval.dtype.kind not in "fiu" or not np.all(np.isfinite(interval)) or np.any(interval < 0):
             worst = interval if interval.ndim == 0 else f"a minimum of {interval.min()}"
             raise ValueError(f"dt must be finite and not negative, the time since the sample before [s]; got {worst}")
+
+
+def _is_list(leaf: PyTree) -> bool:
+    """Whether this is a list of numbers, which JAX would take for so many observations."""
+    return isinstance(leaf, list) and all(isinstance(value, int | float) for value in leaf)
 
 
 def check_belief(belief: PyTree) -> None:

@@ -35,14 +35,18 @@ def chosen(
     Raises:
         ValueError: if `execution` cannot compute it.
     """
-    can = linearises_once(method) and not given.cm.curved and not covariances
+    needs = {
+        f"the method {method!r}": not linearises_once(method), "states on a manifold": given.cm.curved,
+        "covariances of a smoother": covariances,
+    }  # fmt: skip
+    can = not any(needs.values())
     if execution == "auto":
         return "fast" if can and len(given.cov) * len(given.measured) < FAST_UP_TO else "core"
     if execution == "fast" and not can:
+        wrong = " and ".join(what for what, needed in needs.items() if needed)
         raise ValueError(
             "execution='fast' has KF() and EKF() on states that are no manifold, and smoothed means without "
-            f"covariances; got {method!r}, {'a manifold' if given.cm.curved else 'no manifold'}, "
-            f"{'with' if covariances else 'without'} covariances: this needs 'core'"
+            f"covariances; this call has {wrong}, and needs 'core'"
         )
     return execution
 

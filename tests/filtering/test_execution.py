@@ -6,6 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 from filtering.problems import BENT, SAMPLES, Case, Reading, case, filtered, same, smoothed
 from filtering.test_core import WRONG, broken
@@ -127,8 +128,11 @@ def test_a_broken_update_is_the_same_in_both(kind):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"execution": "fast", "method": UKF()}, r"execution='fast' has KF\(\) and EKF\(\).*got UKF.*needs 'core'"),
-        ({"execution": "fast", "method": IteratedEKF(2)}, r"execution='fast' has KF.*got EKF\(iterations=2\)"),
+        (
+            {"execution": "fast", "method": UKF()},
+            r"KF\(\) and EKF\(\).*this call has the method UKF.* needs 'core'",
+        ),
+        ({"execution": "fast", "method": IteratedEKF(2)}, r"this call has the method EKF\(iterations=2\), and needs"),
         ({"execution": "swift"}, "execution must be one of auto, core, fast; got 'swift'"),
         (
             {"execution": "fast", "method": KF()},
@@ -143,6 +147,18 @@ def test_a_broken_update_is_the_same_in_both(kind):
 def test_what_cannot_be_done_is_refused(more, message):
     with pytest.raises(ValueError, match=message):
         filtered(case("bent"), **more)
+
+
+@pytest.mark.parametrize("convert", [list, pd.Series])
+def test_lists_and_columns_of_tables_are_refused(convert):
+    c = case("bent", masked=False)
+    changed = Reading(c.observations.near, convert(np.asarray(c.observations.far).tolist()))
+    message = f"must be an array; got a {convert.__name__}: convert it by numpy.asarray"
+    with pytest.raises(ValueError, match=f"observation 'far' {message}"):
+        filtering.kalman_filter(c.model, c.params, changed, controls=c.controls)
+    pushed = c.controls._replace(acceleration=convert(np.asarray(c.controls.acceleration).tolist()))
+    with pytest.raises(ValueError, match=f"control 'acceleration' {message}"):
+        filtering.kalman_filter(c.model, c.params, c.observations, controls=pushed)
 
 
 def test_constants_of_a_jacobian_are_found():
