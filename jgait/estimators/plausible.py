@@ -44,7 +44,7 @@ SPEED_IMPLAUSIBLE = Kind(
 )
 KNEE_IMPLAUSIBLE = Kind(
     "knee_implausible",
-    "check",
+    "stop",
     "{side}: the knee reaches {low:.0f} to {high:.0f}°; {percent:.0f} % of its samples are beyond what a knee does",
     CAUSES,
 )
@@ -69,10 +69,13 @@ HEIGHT_DRIFTS = Kind(
 )
 NOT_FINITE = Kind(
     "result_not_finite",
-    "check",
-    "{samples} valid {samples:sample|samples} of the result {samples:is|are} not finite",
+    "stop",
+    "{side}: {samples} valid {samples:sample|samples} of the knee {samples:is|are} not finite",
     CAUSES,
 )
+
+NO_ANGLES = (KNEE_IMPLAUSIBLE.code, NOT_FINITE.code)
+"""Codes of the notes by which the joint angles of their side are not usable."""
 
 
 def implausible(estimate: Estimate) -> tuple[Note, ...]:
@@ -87,7 +90,7 @@ def implausible(estimate: Estimate) -> tuple[Note, ...]:
         knee = np.rad2deg(as_float(leg.knee_angle)[valid])
         lost = int(np.sum(~np.isfinite(knee)))
         if lost:
-            notes.append(NOT_FINITE(samples=lost))
+            notes.append(NOT_FINITE(side=side, samples=lost))
             continue
         beyond = (knee < KNEE_DEG[0]) | (knee > KNEE_DEG[1])
         if beyond.size and beyond.mean() > KNEE_SHARE:
@@ -104,6 +107,11 @@ def implausible(estimate: Estimate) -> tuple[Note, ...]:
         if not distance <= FASTEST_RUN * max(seconds, 1.0):
             notes.append(SPEED_IMPLAUSIBLE(distance=distance, seconds=seconds))
     return tuple(notes)
+
+
+def distance_implausible(estimate: Estimate) -> bool:
+    """Whether no person walks the distance of an estimate, or the strides that it is the sum of."""
+    return bool({STRIDES_IMPLAUSIBLE, SPEED_IMPLAUSIBLE}.intersection(note.kind for note in implausible(estimate)))
 
 
 def impossible(strides: Strides) -> np.ndarray:

@@ -77,7 +77,8 @@ def test_knees():
 
 
 def test_results_that_are_not_finite_and_distances_that_no_runner_covers():
-    assert codes(estimate(knee=np.where(TIME > 5.0, np.nan, 20.0))) == ["result_not_finite"]
+    (lost,) = implausible(estimate(knee=np.where(TIME > 5.0, np.nan, 20.0)))
+    assert (lost.code, lost.severity, lost.values["side"]) == ("result_not_finite", "stop", "right")
     assert codes(estimate(distance=1.4 * TIME)) == []
     assert codes(estimate(distance=9.0 * TIME)) == ["speed_implausible"]
     assert codes(estimate(distance=np.where(TIME > 9.0, np.nan, TIME))) == ["speed_implausible"]

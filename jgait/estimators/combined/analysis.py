@@ -21,6 +21,7 @@ from jgait.estimators.combined.phases import FEWEST_STRIDES
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_rates_off
 from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.notes import without_repeats
+from jgait.estimators.plausible import NO_ANGLES
 from jgait.mounting.leg import SIDES_EXCHANGED
 from jgait.notes import NO_WALKING, SEVERITIES, Kind, Note
 from jgait.types import SIDES, AnyArray, Estimate, Legs, Recording, RecordingError, as_float
@@ -29,8 +30,8 @@ ANGLES_DOUBTFUL = Kind(
     "angles_doubtful",
     "stop",
     "hip and knee angles ({sides}) are not usable, because of doubts about {sensors}",
-    "Wrong axes, labels or clocks of a thigh or shank sensor shift the angles or turn them upside down, the hip's too. "
-    "Their stated deviations do not contain that.",
+    "Wrong axes, labels or clocks of a thigh or shank sensor, or one whose numbers are wrong, shift the angles or turn "
+    "them upside down, the hip's too. Their stated deviations do not contain that.",
 )
 NO_STRIDES = Kind("no_strides", "stop", "no walking was found: no sensor measured a stride", NO_WALKING)
 ONE_LEG_SEEN = Kind(
@@ -208,8 +209,13 @@ def _apart(recording: Recording, estimates: list[SourceEstimate]) -> frozenset[s
 
 
 def _angles(estimates: list[SourceEstimate], wrong: frozenset[str]) -> list[Note]:
-    """A note if a sensor from which joint angles are computed is in doubt."""
-    names = [name for source in estimates if source.name == "legs" for name in source.placements if name in wrong]
+    """A note if a sensor from which joint angles are computed is in doubt, or if no knee bends as the angles say."""
+    names = []
+    for source in estimates:
+        if source.name == "legs":
+            notes = source.estimate.diagnostics["notes"]
+            beyond = tuple(str(note.values["side"]) for note in notes if note.code in NO_ANGLES)
+            names = [name for name in source.placements if name in wrong or name.endswith(beyond)]
     sides = [side for side in SIDES if any(name.endswith(side) for name in names)]
     return [ANGLES_DOUBTFUL(sides=" and ".join(sides), sensors=", ".join(names))] if names else []
 

@@ -304,6 +304,26 @@ def test_a_sensor_that_a_reader_accuses_is_left_out_of_the_combined_distance(wal
     assert [name for name, words in printed.items() if words.endswith("°, not usable")] == ["hip right", "knee right"]
 
 
+def test_angles_of_a_knee_that_nobody_bends_are_not_usable_and_their_distance_does_not_count(walked):
+    recording, _ = walked
+    imu = recording.sensors["thigh_right"]
+    time, rates = np.asarray(imu.time), np.array(imu.gyr)
+    stuck = (time > 4.0) & (time < 5.0)
+    rates[stuck] = rates[np.argmax(stuck)]
+    found = jgait.analyse(
+        recording._replace(sensors={**recording.sensors, "thigh_right": imu._replace(gyr=rates)}), PERSON
+    )
+    assert "knee_implausible" in {note.code for note in found.notes if note.severity == "stop"}
+    (note,) = (note for note in found.notes if note.code == "angles_doubtful")
+    assert note.values == {"sides": "right", "sensors": "thigh_right, shank_right"}
+    strides = io.analysis_to_dataframes(found)["strides"]
+    np.testing.assert_array_equal(strides["angles_valid"], strides["side"] == "left")
+    assert strides["regular"].any()  # lengths do not need the thigh
+    (legs,) = (source for source in found.sources if source.name == "legs")
+    (distance,), _ = distances([legs], recording, PERSON, frozenset(), frozenset())
+    assert distance.doubtful
+
+
 @pytest.mark.parametrize(("lacks", "doubtful"), [("shank_left", True), ("shank_right", False)])
 def test_a_side_that_lacks_steps_is_in_doubt_if_it_alone_counts(walked, analysis, lacks, doubtful):
     shanks = next(source for source in analysis.sources if source.name == "shanks")
