@@ -35,8 +35,7 @@ def rows_of(estimate: Estimate) -> np.ndarray:
     if strides is None:
         raise ValueError("the estimate has no strides")
     rows = np.flatnonzero(np.asarray(strides.valid, bool))
-    last = strides.standing_end if strides.end is None else strides.end
-    return rows[np.argsort(as_float(last)[rows], kind="stable")]
+    return rows[np.argsort(_when(estimate)[rows], kind="stable")]
 
 
 def footholds(estimate: Estimate, side: str, seconds: Seconds = None) -> np.ndarray:
@@ -143,12 +142,15 @@ def foot_height(estimate: Estimate, *, title: str = "") -> Figure:
 def stride_series(estimate: Estimate, *, title: str = "") -> Figure:
     """Length, width and rise of every stride over time, with bars of two standard deviations where they are stated.
 
-    Widths that the estimator does not trust (`diagnostics["width_valid"]`) are hollow and without bars.
+    Widths that the estimator does not trust (`diagnostics["width_valid"]`) are hollow and without bars; flags are marks
+    around a stride.
 
     Raises:
         ValueError: if the estimate has no strides, or none of them is valid.
     """
-    figure, _ = _series(estimate, SERIES, "foot")
+    figure, drawn = _series(estimate, SERIES, "foot")
+    for axis, field, scale in drawn:
+        _marks(axis, estimate, rows_of(estimate), field, scale)
     legend(figure, title, columns=5)
     return figure
 
@@ -188,7 +190,7 @@ def series_of(
 ) -> None:
     """One quantity of the strides of both sides over time; rows without a value are left out."""
     strides, stated = estimate.strides, estimate.strides_stddev
-    when = as_float(strides.standing_end if strides.end is None else strides.end)
+    when = _when(estimate)
     values = scale * values_of(estimate, field)
     spread = None if stated is None or field == "duration" else getattr(stated, field)
     bars = np.zeros_like(values) if spread is None else np.nan_to_num(2.0 * scale * as_float(spread))
@@ -223,8 +225,11 @@ SPECIAL: dict[str, Style] = {
     "stairs": {"marker": "^", "markersize": 12, "markeredgewidth": 1.0, "label": stride_flags.STAIRS.label},
     "clipped": {"marker": "x", "markersize": 9, "markeredgewidth": 1.4, "label": stride_flags.CLIPPED.label},
     "half": {"marker": "s", "markersize": 8, "markeredgewidth": 1.0, "label": stride_flags.HALF.label},
+    "unsure": {"marker": "v", "markersize": 12, "markeredgewidth": 1.0, "label": stride_flags.UNSURE.label},
+    "side_unknown": {"marker": "o", "markersize": 10, "markeredgewidth": 1.0, "label": stride_flags.SIDE_UNKNOWN.label},
+    "doubtful": {"marker": "+", "markersize": 13, "markeredgewidth": 1.2, "label": stride_flags.DOUBTFUL.label},
 }
-"""Flag in the diagnostics → the mark around a stride with this flag; marks differ in shape, not in colour."""
+"""Flag of strides → the mark around a stride with this flag; marks differ in shape, not in colour."""
 
 
 def leg_strides(estimate: Estimate, *, title: str = "") -> Figure:
@@ -257,11 +262,22 @@ def _joined(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale:
 
 def _marks(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float) -> None:
     """Draw a mark around every flagged stride; the legend lists only flags that occur."""
-    when, values = as_float(estimate.strides.end), values_of(estimate, field)
-    for name, style in SPECIAL.items():
-        flags = estimate.diagnostics.get(name)
-        if flags is None or np.shape(flags) != when.shape:
-            continue
-        special = rows[np.asarray(flags, bool)[rows]]
-        if special.size:
-            axis.plot(when[special], scale * values[special], **RING, **style)
+    when, values = _when(estimate), values_of(estimate, field)
+    for name, flags in special(estimate).items():
+        marked = rows[flags[rows] & np.isfinite(values[rows])]
+        if marked.size:
+            axis.plot(when[marked], scale * values[marked], **RING, **SPECIAL[name])
+
+
+def special(estimate: Estimate) -> dict[str, np.ndarray]:
+    """Flag of `SPECIAL` → (strides,) bool, as in the table of strides; only flags that a valid stride has."""
+    valid = np.asarray(estimate.strides.valid, bool)
+    read = {flag.name: flag.read(estimate) for flag in stride_flags.STRIDE_FLAGS if flag.name in SPECIAL}
+    marked = {name: np.asarray(flags, bool) & valid for name, flags in read.items() if flags is not None}
+    return {name: flags for name, flags in marked.items() if flags.any()}
+
+
+def _when(estimate: Estimate) -> np.ndarray:
+    """(strides,) time at which each stride is drawn [s]: its end."""
+    strides = estimate.strides
+    return as_float(strides.standing_end if strides.end is None else strides.end)

@@ -69,18 +69,20 @@ def _legs(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
             if values.size:
                 spans.append(f"{side} {joint} {values.min():.0f} to {values.max():.0f}°")
     ranges = "; ".join(spans).replace("-", "−")
-    dashed = "" if reference is None else " Dashed: the reference."
+    remarks = "" if reference is None else " Dashed: the reference."
+    unusable = [side for side in SIDES if not estimate.diagnostics.get(f"angles_valid_{side}", True)]
+    remarks += f" Do not use the angles of the {' and '.join(unusable)} leg." if unusable else ""
     close = middle(estimate)
     made = []
     if close is not None:
         figure = plot.joint_angles(estimate, reference, seconds=close)
         alt = f"Hip and knee flexion of the {_worn(estimate.legs)} leg from {close[0]:.0f} to {close[1]:.0f} s"
-        caption = f"Hip and knee angles, {CLOSE:.0f} seconds from the middle of the walk. {BAND}{dashed}"
+        caption = f"Hip and knee angles, {CLOSE:.0f} seconds from the middle of the walk. {BAND}{remarks}"
         made.append(picture(figure, alt, caption))
     figure = plot.joint_angles(estimate, reference)
-    caption = f"Hip and knee angles of the whole recording; flexion is positive, upright standing is 0. {BAND}{dashed}"
+    caption = f"Hip and knee angles of the whole recording; flexion is positive, upright standing is 0. {BAND}{remarks}"
     made.append(picture(figure, f"Hip and knee flexion over time: {ranges}", caption))
-    caption = f"Path of the ankle, seen from the side with the hip at the origin; forward is to the right.{dashed}"
+    caption = f"Path of the ankle, seen from the side with the hip at the origin; forward is to the right.{remarks}"
     alt = f"Path of the {_worn(estimate.legs)} ankle relative to the hip"
     made.append(picture(plot.foot_path(estimate, reference, seconds=close), alt, caption))
     return made
@@ -101,7 +103,10 @@ def _feet(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
     if estimate.strides is None or not np.any(estimate.strides.valid):
         return made
     has_width = has(estimate, "width", rows_of(estimate))
-    caption = f"Length{', width' if has_width else ''} and rise of every stride. Bars are ± two standard deviations."
+    caption = (
+        f"Length{', width' if has_width else ''} and rise of every stride. Bars are ± two standard deviations."
+        f"{_marks(estimate)}"
+    )
     alt = f"Measures of {int(np.sum(estimate.strides.valid))} strides over time"
     made.append(picture(plot.stride_series(estimate), alt, caption))
     if estimate.feet is not None and None not in estimate.feet and has_width:
@@ -113,13 +118,24 @@ def _feet(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
     return made
 
 
+def _marks(estimate: Estimate) -> str:
+    """The sentence about the marks of special strides, if any stride has one."""
+    from jgait.plot.feet import special
+
+    return (
+        " Marks around a stride are explained below the figure: turns, doubts and the like."
+        if special(estimate)
+        else ""
+    )
+
+
 def _of_strides(estimate: Estimate) -> list[Picture]:
     from jgait import plot
 
     many = int(np.sum(estimate.strides.valid))
     caption = (
-        "Every stride, when it ends. Bars are ± two standard deviations, as the estimator states them; outlined "
-        "marks are special strides."
+        "Every stride, when it ends. Bars are ± two standard deviations, as the estimator states them."
+        f"{_marks(estimate)}"
     )
     length = as_float(estimate.strides.length)[np.asarray(estimate.strides.valid, bool)]
     alt = f"Measures of {many} strides over time; lengths from {np.nanmin(length):.2f} to {np.nanmax(length):.2f} m"

@@ -88,6 +88,18 @@ def test_strides_over_time_with_their_deviations():
     assert [axis.get_ylabel() for axis in bare.axes] == ["length [m]", "rise [cm]"]
 
 
+@pytest.mark.parametrize("draw", [plot.stride_series, plot.leg_strides])
+def test_every_figure_of_strides_marks_what_the_table_marks(draw):
+    estimate, row = walked(turn_at=6), np.arange(2 * COUNT)
+    told = estimate._replace(diagnostics={"side_unknown": row == 3, "doubtful": row == 8, "unsure": row > 90})
+    ends = np.asarray(estimate.strides.end)
+    for axis in draw(told).axes:
+        drawn = {line.get_label(): line for line in axis.lines if line.get_markerfacecolor() == "none"}
+        assert set(drawn) == {"side not known", "in doubt", "in a turn"}
+        np.testing.assert_allclose(drawn["side not known"].get_xdata(), ends[[3]])
+        np.testing.assert_allclose(np.sort(drawn["in a turn"].get_xdata()), np.sort(ends[[6, COUNT + 6]]))
+
+
 def test_a_first_stride_from_standing_has_no_time_but_a_length():
     estimate = walked()
     toe_off = np.array(estimate.strides.final_contact)
