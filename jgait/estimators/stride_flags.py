@@ -159,21 +159,21 @@ def _width(estimate: Estimate) -> Values:
 
 TURNING = StrideFlag(
     "turning", "turning", "in a turn",
-    "Turns shorten the path of one foot and lengthen the path of the other; these strides are not in the means below.",
+    "Turns shorten the path of one foot and lengthen the path of the other; these strides are not in the means.",
     _turning, regular=False, grade="info",
 )  # fmt: skip
 STAIRS = StrideFlag(
-    "stairs", "stairs", "on stairs", "Lengths on stairs are horizontal; these strides are not in the means below.",
+    "stairs", "stairs", "on stairs", "Lengths on stairs are horizontal; these strides are not in the means.",
     _stairs, regular=False, grade="info",
 )  # fmt: skip
 CLIPPED = StrideFlag(
     "clipped", "clipped", "swing clipped",
-    "The swing was faster than the sensor's range, so the stride length is too small. Not in the means below.",
+    "The swing was faster than the sensor's range, so the stride length is too small. Not in the means.",
     lambda estimate: stated(estimate, "clipped"), regular=False,
 )  # fmt: skip
 HALF = StrideFlag(
     "half", "half-step", "from or to standing",
-    "Steps from or to standing are about half a stride long; they are not in the means below.",
+    "Steps from or to standing are about half a stride long; they are not in the means.",
     _half, regular=False, grade="info",
 )  # fmt: skip
 UNSURE = StrideFlag(
@@ -181,19 +181,19 @@ UNSURE = StrideFlag(
     "The integrated speed is unsure, because the error of the accelerometer's bias had time to grow.", _unsure,
 )  # fmt: skip
 SIDE_UNKNOWN = StrideFlag(
-    "side_unknown", "side not known", "side ?",
+    "side_unknown", "side not known", "side not known",
     "It is not known which foot took these strides: the signs of left and right are weak or contradict each other.",
     lambda estimate: stated(estimate, "side_unknown"),
 )  # fmt: skip
 DOUBTFUL = StrideFlag(
     "doubtful", "doubtful", "in doubt",
-    "The signals contradict the filter: a foot that slid, knelt or ran, or a loose sensor. The length can be off by "
-    "far more than its stated deviation; not in the means below.",
+    "The foot does not stand still where it should: it slid, knelt or ran, or the sensor is loose. The length can be "
+    "off by far more than its stated deviation; not in the means.",
     lambda estimate: stated(estimate, "doubtful"), regular=False,
 )  # fmt: skip
 WIDTH = StrideFlag(
     "width", "width unsure", "width unsure",
-    "The distance between the feet is not known well enough there; these widths are not in the means below.",
+    "The distance between the feet is not known well enough there; these widths are not in the means.",
     _width, leaves_out=("stride_width_m", "step_length_m"),
 )  # fmt: skip
 

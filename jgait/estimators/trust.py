@@ -37,23 +37,24 @@ RATES_SHARE = 2.0
 square of the interval between samples."""
 
 _MEANING = (
-    "The signals contradict the assumption that a foot on the ground stands still: sliding, kneeling, crawling or "
-    "running, or a sensor that is loose. Lengths and positions can be off by far more than their stated deviations."
+    "Strides are measured between moments at which the foot stands still on the ground. Sliding, kneeling, crawling, "
+    "running or a loose sensor breaks this, and lengths and positions can be off by far more than their stated "
+    "deviations. Fasten the sensor and record the walk again, or use the strides that are not in doubt."
 )
 
 INCONSISTENT = Kind(
     "inconsistent_stances",
     "check",
-    "{placement}: stances do not fit a foot that stands (normalised squared innovation {nis:.2f}, in good walks below "
-    "{limit:g})",
+    "{placement}: the foot does not seem to stand still between its swings: the motion of the sensor "
+    "there is beyond what good walks have ({times:.2f} times their limit)",
     _MEANING,
 )
 
 STRIDES_DOUBTFUL = Kind(
     "strides_doubtful",
     "check",
-    "{placement}: {strides} of {total} strides {strides:is|are} in doubt, because stances or rises contradict the "
-    "model",
+    "{placement}: {strides} of {total} strides {strides:is|are} in doubt: the foot does not seem to stand still before "
+    "or after {strides:it|them}",
     _MEANING,
 )
 
@@ -184,7 +185,7 @@ def doubts_of(placement: str, limit: float, nis: float, deviation: float, many: 
     if deviation > UNCERTAIN:
         notes.append(STANCES_RARE(placement=placement, deviation_m=deviation))
     if nis > limit:
-        notes.append(INCONSISTENT(placement=placement, nis=nis, limit=limit))
+        notes.append(INCONSISTENT(placement=placement, times=(nis / limit) ** 0.5))
     elif many > DOUBTED_SHARE * total:
         notes.append(STRIDES_DOUBTFUL(placement=placement, strides=many, total=total))
     return notes
