@@ -11,6 +11,7 @@ import typer
 from jgait.commands import cohort as cohorts
 from jgait.commands import jobs, recordings
 from jgait.commands.console import Bar, console, errors, note, progress, stop, visible, write_json, wrote
+from jgait.commands.doubts import doubt_row, say_doubts
 from jgait.commands.folder import ResultsFolder, results_folder
 from jgait.commands.jobs import EstimateJob
 from jgait.commands.own_options import remarks, with_own_options
@@ -18,6 +19,8 @@ from jgait.commands.person import PersonFile, person_in, person_of
 from jgait.commands.pipeline import chosen
 from jgait.estimators import programs
 from jgait.notes import grouped
+from jgait.report.flags import DOUBTS
+from jgait.report.page import Flag
 from jgait.types import Recording, reason_of
 
 
@@ -76,11 +79,14 @@ def estimate(
     if len(planned) < len(items) * len(job.planned("")):
         stop("two of these files have results of the same names; give them different --out")
     inputs = [*files, params, person]
+    doubts: dict[str, list[Flag]] = {}
     with results_folder(out, "estimate", None, planned=planned, inputs=inputs, json_file=json_file) as folder:
-        numbers, failures = _each(items, read, job, folder)
+        numbers, failures = _each(items, read, job, folder, doubts)
     if job.table.rows:
         console.print(job.table)
         console.print(job.caption, style="dim")
+    for label, flags in doubts.items():
+        say_doubts(label, flags)
     write_json(json_file, {"estimator": job.name, "recordings": numbers, "failures": failures})
     if failures:
         errors.print(f"{len(failures)} of {len(items)} recordings could not be used", highlight=False)
@@ -98,9 +104,9 @@ def _job(
         return jobs.all_sensors(person_of(person, own), ending)
     choice = chosen(estimator, paper, params, own)
     p, lacking = choice.personal(person_in(person))
-    for line in (*remarks(estimator, own), *lacking):
+    for line in (*remarks(estimator, own), *(one for one in lacking if one.severity not in DOUBTS)):
         note(line)
-    return jobs.one_estimator(choice, p, estimator + (", the paper's pipeline" if paper else ""), ending)
+    return jobs.one_estimator(choice, p, estimator + (", the paper's pipeline" if paper else ""), ending, lacking)
 
 
 def _names(files: list[Path]) -> dict[Path, str]:
@@ -117,9 +123,13 @@ def _names(files: list[Path]) -> dict[Path, str]:
 
 
 def _each(
-    items: list[recordings.Item], read: Callable[..., Recording], job: EstimateJob, folder: ResultsFolder
-) -> tuple[dict[str, Any], dict[str, str]]:
-    """Estimate, write and print every recording: its file → numbers, or the reason why it could not be used."""
+    items: list[recordings.Item], read: Callable[..., Recording], job: EstimateJob, folder: ResultsFolder,
+    doubts: dict[str, list[Flag]],
+) -> tuple[dict[str, Any], dict[str, str]]:  # fmt: skip
+    """Estimate, write and print every recording: its file → numbers, or the reason why it could not be used.
+
+    What puts a recording in doubt is added to `doubts`, by its label; other notes are printed.
+    """
     numbers: dict[str, Any] = {}
     failures: dict[str, str] = {}
     for item in items:
@@ -143,10 +153,14 @@ def _each(
             written = folder.publish(job.write(made, folder.stage, item.name))
         except OSError as error:
             stop(f"nothing more could be written to {folder.path}: {error}")
-        for line in grouped(job.notes(made)):
+        for line in grouped(one for one in job.notes(made) if one.severity not in DOUBTS):
             note(f"{item.label}: {str(line).removeprefix(f'{item.file.name}: ')}")
-        for number, row in enumerate(job.rows(made)):
+        flags = job.flags(made)
+        doubtful = [flag for flag in flags if flag.grade in DOUBTS]
+        if doubtful:
+            doubts[item.label] = doubtful
+        for number, row in enumerate([*doubt_row(doubtful), *job.rows(made)]):
             job.table.add_row("" if number else visible(item.name), *row)
-        numbers[item.key] = job.numbers(made, written)
+        numbers[item.key] = {**job.numbers(made, written), "flags": [flag._asdict() for flag in flags]}
         wrote(written)
     return numbers, failures

@@ -1,7 +1,7 @@
 """What `jgait estimate` does with each recording: one estimator, or all that the sensors allow."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -18,6 +18,8 @@ from jgait.estimators.notes import without_repeats
 from jgait.estimators.stride_flags import STRIDE_FLAGS
 from jgait.estimators.totals import CAPTION, has_legs, has_strides, totals
 from jgait.notes import Note
+from jgait.report.flags import of_result
+from jgait.report.page import Flag
 from jgait.types import Recording
 
 ENDINGS = ("csv", "parquet", "json")
@@ -36,13 +38,14 @@ class EstimateJob(NamedTuple):
     planned: Callable[[str], list[str]]  #: first part of the names of files → the files that may be written.
     compute: Callable[[Recording], PyTree]  #: recording → result.
     notes: Callable[[PyTree], tuple[Note, ...]]  #: result → notes.
+    flags: Callable[[PyTree], list[Flag]]  #: result → what a reader should know before using its numbers, as on a page.
     write: Callable[[PyTree, Path, str], list[Path]]  #: (result, folder, first part of the names) → files written.
     rows: Callable[[PyTree], list[list[str]]]  #: result → rows of the printed table, without the recording.
     numbers: Callable[[PyTree, list[Path]], dict[str, PyTree]]  #: (result, files) → numbers for the JSON file.
 
 
-def one_estimator(choice: Choice, p: PyTree, title: str, ending: str) -> EstimateJob:
-    """The estimator that the options select."""
+def one_estimator(choice: Choice, p: PyTree, title: str, ending: str, lacking: Sequence[Note] = ()) -> EstimateJob:
+    """The estimator that the options select; `lacking` are notes about measures of the person."""
     about = choice.estimator.about
 
     def compute(recording: Recording) -> EstimatedRecording:
@@ -60,6 +63,7 @@ def one_estimator(choice: Choice, p: PyTree, title: str, ending: str) -> Estimat
     return EstimateJob(
         choice.estimator.name, table, caption,
         lambda name: results.planned(about, name, ending), compute, lambda made: made.estimate.diagnostics["notes"],
+        lambda made: of_result(made.estimate, (*made.estimate.diagnostics["notes"], *lacking)),
         lambda made, out, name: results.written(made, about, out, name, ending), rows,
         lambda made, files: results.numbers(made.estimate, about, files),
     )  # fmt: skip
@@ -75,7 +79,8 @@ def all_sensors(person: Mapping[str, PyTree], ending: str) -> EstimateJob:
     table = table_of("recording", "quantity", "combined", "each alone", left=4, title="all sensors together")
     return EstimateJob(
         "all", table, CAPTION, planned,
-        partial(analyse, person=person), lambda made: made.notes, partial(_written, ending=ending), _rows, _numbers,
+        partial(analyse, person=person), lambda made: made.notes, lambda made: of_result(made.estimate, made.notes),
+        partial(_written, ending=ending), _rows, _numbers,
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ import numpy.typing as npt
 from jaxtyping import PyTree
 
 from jgait.estimators.about import BodyMeasure, CommandOption, EstimateFigure, MissingMeasure, StrideFlag
+from jgait.estimators.plausible import distance_implausible
 from jgait.estimators.stride_flags import durations, in_order, marks, regular
 from jgait.types import SIDES, Estimate, LegTrajectory, as_float
 
@@ -70,6 +71,9 @@ MEDIANS = (
 )
 """Field of `Strides`, its words, unit, digits, factor to the unit, and quantity."""
 
+UNUSABLE = ", not usable"
+"""Text behind a number that a note forbids to use."""
+
 CAPTION = (
     "± one standard deviation, of one stride or of the distance; medians over regular strides (no turns, stairs, "
     "half-steps, clipped or doubtful ones), stance of those that a foot's sensor saw; angles: smallest … largest "
@@ -100,7 +104,8 @@ def totals(estimate: Estimate, flags: tuple[StrideFlag, ...], seen: np.ndarray |
     if estimate.distance is not None:
         stated = estimate.diagnostics.get("distance_stddev")
         deviation = None if stated is None else float(np.ravel(stated)[-1])
-        rows.append(Total("distance", _text(float(estimate.distance[-1]), deviation, 2, "m"), "distance"))
+        usable = "" if not distance_implausible(estimate) else UNUSABLE
+        rows.append(Total("distance", _text(float(estimate.distance[-1]), deviation, 2, "m") + usable, "distance"))
     for field, name, unit, digits, scale, quantity in MEDIANS if order.size else ():
         values, stated = (None if table is None else getattr(table, field) for table in (strides, spread))
         there = usual
@@ -123,7 +128,7 @@ def totals(estimate: Estimate, flags: tuple[StrideFlag, ...], seen: np.ndarray |
     for joint, pair in joint_ranges(estimate).items():
         if pair is not None:
             usable = estimate.diagnostics.get(f"angles_valid_{joint.split()[1]}", True)
-            rows.append(Total(joint, f"{pair[0]:z.0f} … {pair[1]:z.0f} °{'' if usable else ', not usable'}"))
+            rows.append(Total(joint, f"{pair[0]:z.0f} … {pair[1]:z.0f} °{'' if usable else UNUSABLE}"))
     return rows
 
 

@@ -13,6 +13,14 @@ QUANTITIES = {
 """Quantity of a comparison → its words, unit and digits."""
 
 
+BOUTS = {
+    "start_s": ("start [s]", 1), "duration_s": ("duration [s]", 1), "n_strides": ("strides", 0),
+    "distance_m": ("distance [m]", 2), "stride_length_m": ("stride length [m]", 2),
+    "walking_speed_mps": ("speed [m/s]", 2), "cadence_spm": ("cadence [steps/min]", 0),
+}  # fmt: skip
+"""Column of the table of bouts → its heading and digits, as many as fit on paper."""
+
+
 def of_analysis(
     analysis: Analysis, recording: Recording, *, reference: Estimate | None = None, made: Made | None = None
 ) -> Report:
@@ -60,10 +68,12 @@ def _bouts(analysis: Analysis) -> list[Section]:
     table = io.analysis_to_dataframes(analysis)["bouts"]
     if not len(table):
         return []
-    rows = [[Cell(_shown(value)) for value in row] for row in table.itertuples(index=False)]
-    caption = "Bouts of walking, between pauses; units are in the names."
-    return [Section("Bouts of walking", "", [Table(caption, tuple(map(str, table.columns)), rows)])]
-
-
-def _shown(value: object) -> str:
-    return number(value, 2) if isinstance(value, float) else str(value)
+    rows = [
+        [Cell(str(bout["wb_id"] + 1)), *(Cell(number(bout[name], digits)) for name, (_, digits) in BOUTS.items())]
+        for bout in table.to_dict("records")
+    ]
+    caption = (
+        "Walking between pauses; stride length, speed and cadence are medians over the regular strides of the bout."
+    )
+    headings = ("no.", *(heading for heading, _ in BOUTS.values()))
+    return [Section("Bouts of walking", "", [Table(caption, headings, rows)])]

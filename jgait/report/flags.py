@@ -1,12 +1,17 @@
-"""Facts that a reader should know before using a number, with their meaning; the most serious first."""
+"""Facts that a reader should know before using a number, with their meaning; the most serious first.
+
+The page and the terminal have the same facts, of `of_result`.
+"""
 
 from collections.abc import Iterable
 
 import numpy as np
 
 from jgait.estimators.about import StrideFlag
+from jgait.estimators.notes import without_repeats
 from jgait.notes import Note, grouped
 from jgait.report.page import GRADES, Flag, without_folders
+from jgait.report.strides import ReportStrides, strides_of
 from jgait.types import Estimate
 
 FEW = 10
@@ -16,18 +21,38 @@ MOSTLY = 0.95
 """Smallest share of samples with a result without a warning."""
 
 
+DOUBTS = ("stop", "check")
+"""Grades of flags that put numbers in doubt."""
+
+
+def of_result(estimate: Estimate, notes: Iterable[Note], of: ReportStrides | None = None) -> list[Flag]:
+    """All flags of one recording, the most serious first: of its notes, its samples and its strides.
+
+    Args:
+        estimate: of one recording.
+        notes: of the recording and the estimate.
+        of: the strides, if they are known; None: `strides_of`.
+    """
+    of = strides_of(estimate) if of is None else of
+    return ordered([
+        *explained(without_repeats(notes)), *of_samples(estimate),
+        *of_strides(len(of.table), of.marks, int(of.regular.sum()), of.flags),
+    ])  # fmt: skip
+
+
 def explained(notes: Iterable[Note]) -> list[Flag]:
     """Notes as flags: each note once, notes of the same meaning together, the most serious first, without folders."""
     lines: dict[tuple[str, str], dict[str, None]] = {}
     for note in grouped(notes):
-        sentence = _sentence(without_folders(note.text))
-        lines.setdefault((note.severity, note.meaning), {})[sentence] = None
+        lines.setdefault((note.severity, note.meaning), {})[_sentence(note)] = None
     return ordered(Flag(severity, "\n".join(texts), meaning) for (severity, meaning), texts in lines.items())
 
 
-def _sentence(text: str) -> str:
-    """The text with a capital letter, unless it begins with the name of a column."""
-    return text if "_" in text.partition(" ")[0] else text[:1].upper() + text[1:]
+def _sentence(note: Note) -> str:
+    """The text without folders and with a capital letter, unless it begins with the name of a file or a column."""
+    text, file = without_folders(note.text), str(note.values.get("file", ""))
+    named = "_" in text.partition(" ")[0] or (file and note.text.startswith(file))
+    return text if named else text[:1].upper() + text[1:]
 
 
 def ordered(flags: Iterable[Flag]) -> list[Flag]:

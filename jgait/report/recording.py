@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.estimators import about_of
+from jgait.estimators import about_of, stride_flags
 from jgait.estimators.about import EstimatedRecording
-from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, STRIDES_IMPLAUSIBLE, implausible
+from jgait.estimators.plausible import distance_implausible
 from jgait.report import flags, strides
 from jgait.report.figures import pictures
 from jgait.report.made import Made
@@ -45,12 +45,7 @@ def of_estimate(
     made = Made() if made is None else made
     of = strides.strides_of(estimate)
     rows = strides.means(of)
-    notes = (*recording.notes, *estimate.diagnostics.get("notes", ()), *made.notes)
-    raised = [
-        *flags.explained(notes), *flags.of_samples(estimate),
-        *flags.of_strides(len(of.table), of.marks, int(of.regular.sum()), of.flags),
-    ]  # fmt: skip
-    raised = flags.ordered(raised)
+    raised = flags.of_result(estimate, (*estimate.diagnostics.get("notes", recording.notes), *made.notes), of)
     total = distance_of(estimate)
     about = about_of(made.estimator)
     params = made.params if made.params is not None else made.default
@@ -99,10 +94,15 @@ def _facts(
         sd, words = "", "its uncertainty is not stated"
         if total[1] is not None:
             sd, words = f" ± {number(total[1], 2)}", "± one standard deviation, as stated"
-        if {STRIDES_IMPLAUSIBLE, SPEED_IMPLAUSIBLE}.intersection(note.kind for note in implausible(estimate)):
+        if distance_implausible(estimate):
             words = "not usable: strides are longer or faster than a person walks"
         facts.append(("Distance", f"{number(total[0], 2)}{sd} m", words))
-    by_side = [f"{int(np.sum(of.table['side'] == side))} {side}" for side in SIDES if (of.table["side"] == side).any()]
+    of_sides = strides.sides(of)
+    by_side = [
+        f"{int(np.sum(of_sides == side))} {words}"
+        for side, words in (*((side, side) for side in SIDES), ("", stride_flags.SIDE_UNKNOWN.label))
+        if (of_sides == side).any()
+    ]
     facts.append(("Strides", str(len(of.table)), ", ".join(by_side)))
     known = {m.name: m for m in strides.MEASURES}
     for row in rows[:4]:

@@ -150,9 +150,10 @@ def stride_table(of: ReportStrides) -> Table:
     shown = [m for m in MEASURES if m.name not in NOT_BY_STRIDE and m.name in of.table]
     known = [m for m in shown if of.table[m.name].notna().any()]
     rows: list[list[Cell]] = []
+    legs = sides(of)
     for k, stride in enumerate(of.table.to_dict("records")):
         start = stride.get("start_s", stride.get("standing_s"))
-        cells = [Cell(str(k + 1), k + 1.0), Cell(stride["side"]), cell(start, 2)]
+        cells = [Cell(str(k + 1), k + 1.0), Cell(legs[k] or "–"), cell(start, 2)]
         for measure in known:
             name, _, unit = measure.name.rpartition("_")
             spread = stride.get(f"{name}_std_{unit}")
@@ -167,8 +168,14 @@ def stride_table(of: ReportStrides) -> Table:
     return Table(caption, ("no.", "leg", "start [s]", *(m.heading for m in known), "remarks"), rows, True, 1)
 
 
+def sides(of: ReportStrides) -> np.ndarray:
+    """(rows,) the side of each stride, "" where it is not known."""
+    side = of.table["side"].to_numpy(object)
+    return np.where(of.marks.get(stride_flags.SIDE_UNKNOWN.name, np.zeros(len(side), bool)), "", side)
+
+
 def means(of: ReportStrides) -> list[dict[str, PyTree]]:
-    """Mean, standard deviation and number over the regular strides, of all and of each side.
+    """Mean, standard deviation and number over the regular strides, of all and of each side, where it is known.
 
     Returns:
         A row a measure: "name", "unit", "all", "right", "left" (each "mean", "sd", "n", or None), "difference" of
@@ -185,7 +192,7 @@ def means(of: ReportStrides) -> list[dict[str, PyTree]]:
                 use &= ~of.marks[flag.name]
         if not use.any():
             continue
-        side = of.table["side"].to_numpy()
+        side = sides(of)
         row: dict[str, Any] = {"name": measure.name, "unit": measure.name.rpartition("_")[2], "all": _mean(values[use])}
         for name in SIDES:
             row[name] = _mean(values[use & (side == name)])

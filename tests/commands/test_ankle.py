@@ -56,7 +56,7 @@ def test_strides_totals_flags_and_figures_of_a_leg(csv, tmp_path, words):
     numbers = tmp_path / "made" / "numbers.json"
     code, said = run(csv(), *words, "--lever", HEIGHT, "--axes", "x,y,z", "--json", numbers)
     assert code == 0, said
-    assert "│ walk │ strides │ 6, 2 regular" in said and "distance │ 6.2" in said
+    assert "│ walk │ doubts │ 2, see below" in said and "│ strides │ 6, 2 regular" in said and "distance │ 6.2" in said
     assert "1 turning, 1 stairs, 2 half-step" in said
     assert "no --lever" not in said and "does not walk" not in said and "clips" not in said and "upside" not in said
     assert {path.name for path in (tmp_path / "out").glob("[!.]*")} == {
@@ -91,7 +91,7 @@ BACKWARDS = np.diag([-1.0, -1.0, 1.0])
 def test_a_sensor_worn_otherwise_is_noticed_from_the_swing_and_costs_nothing(csv, tmp_path, words, mount, message):
     code, said = run(csv(mount=mount), *words, "--axes", "x,y,z")
     assert code == 0 and message in said, said
-    assert "no --lever: a sensor at the ankle is taken to sit 0.03 m above it" in said
+    assert "Check: No --lever: a sensor at the ankle is taken to sit 0.03 m above it" in said
     np.testing.assert_allclose(strides_of(tmp_path)["stride_length_m"], LENGTHS, atol=0.02)
 
 
@@ -103,7 +103,7 @@ def test_a_clipped_swing_is_flagged(csv, tmp_path, words, monkeypatch):
 
     code, said = run(csv(clip, placement="shank_right"), *words)
     assert code == 0, said
-    assert "walk.csv: shank_right: the gyroscope clips in" in said
+    assert "Check: shank_right: the gyroscope clips in" in said
     flags = strides_of(tmp_path)["special"]
     assert len(flags) == 6 and all("clipped" in one for one in flags), list(flags)
 
@@ -114,7 +114,8 @@ def test_no_walking_is_an_empty_table(csv, tmp_path, words):
 
     code, said = run(csv(stand), *words, "--json", tmp_path / "numbers.json")
     assert code == 0, said
-    assert "walk.csv: ankle_right does not walk" in said and "│ walk │ strides │ 0, 0 regular" in said
+    assert "Do not use: ankle_right does not walk" in said and "│ strides │ 0, 0 regular" in said
+    assert "│ walk │ doubts │ not usable, see below" in said
     assert len(strides_of(tmp_path)) == 0 and "special" in strides_of(tmp_path)
     assert not list((tmp_path / "out").glob("*.png"))
     (told,) = json.loads((tmp_path / "numbers.json").read_text())["recordings"].values()

@@ -69,7 +69,7 @@ def test_widths_where_the_feet_hear_each_other(walk, tmp_path):
     assert len(good) >= 6
     np.testing.assert_allclose(good["stride_width_m"], APART, atol=0.03)
     code, said = run("estimate", walk, "--estimator", "stride_width_ekf", "--pivot", 0, "--out", tmp_path / "out")
-    assert code == 0 and "no --range-offset: the default of 0.08 m is taken" in said
+    assert code == 0 and "Check: No --range-offset: the default of 0.08 m is taken" in said
 
 
 @pytest.mark.parametrize(

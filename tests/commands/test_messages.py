@@ -12,6 +12,7 @@ from jgait.commands import jobs
 from jgait.estimators.notes import STRIDES_UNCERTAIN, without_repeats
 from jgait.io.clock import GAPS_FILLED
 from jgait.io.damage.samples import IMPOSSIBLE
+from jgait.report.flags import explained
 from jgait.simulate import protocols
 from jgait.types import RecordingError, reason_of
 
@@ -28,7 +29,7 @@ def without_estimates(monkeypatch):
     def replaced(compute=lambda recording: recording):
         job = jobs.EstimateJob(
             "all", Table(), "", lambda name: [f"{name}.csv"], compute, lambda made: made.notes,
-            lambda made, out, name: [], lambda made: [], lambda made, files: {},
+            lambda made: explained(made.notes), lambda made, out, name: [], lambda made: [], lambda made, files: {},
         )  # fmt: skip
         monkeypatch.setattr(jobs, "all_sensors", lambda person, ending: job)
 
@@ -78,7 +79,8 @@ def test_a_unit_is_advised_if_it_is_right_for_all_sensors_and_one_sensor_is_left
         else:
             assert code == 0
             assert "--" not in said
-            assert "walk.csv: shank_right is left out: its " in said
+            assert "to be checked before the numbers are used" in said
+            assert "Check: shank_right is left out: its " in said
             words = {
                 "acc": "it seems to be in g, but thigh_right is not; convert the columns of this sensor in the file",
                 "gyr": "were deg/s taken for rad/s, or converted twice? Correct its columns in the file",
@@ -93,7 +95,7 @@ def test_the_same_of_several_sensors_is_one_line(recording, tmp_path, without_es
     table.loc[[100, 200], [name for name in table if name != "time"]] = np.nan
     table.to_csv(path, index=False)
     _, said = run("estimate", path, "--out", tmp_path / "out")
-    assert f"walk.csv: thigh_right, shank_right: 2 of {len(table)} samples are missing" in said
+    assert f"Check: thigh_right, shank_right: 2 of {len(table)} samples are missing" in said
     assert said.count("samples are missing") == 1
 
 

@@ -1,12 +1,15 @@
 """The page of one recording by all its sensors."""
 
+import json
+import re
+
 import jax
 import pytest
 from made.command import run
 
 import jgait
 from jgait import io, simulate
-from jgait.report import Made, of_analysis
+from jgait.report import Made, flags, of_analysis
 from jgait.simulate.sensors import OPAL
 
 
@@ -48,3 +51,30 @@ def test_a_page_of_all_sensors_from_the_command_line(analysed, tmp_path):
     assert code == 0, said
     assert "What each sensor says" in (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "from the height of 1.75 m" in said
+
+
+def test_tables_of_an_analysis_have_headings_in_words_and_no_box_that_hides_rows(analysed):
+    recording, analysis = analysed
+    text = of_analysis(analysis, recording).html
+    assert "wb_id" not in text and "walking_speed_mps" not in text
+    for heading in ("no.", "start [s]", "distance [m]", "speed [m/s]", "cadence [steps/min]"):
+        assert f">{heading}</th>" in text
+    boxes = re.findall(r'<div class="(scroll[^"]*)".*?<table( class="sortable")?', text, re.DOTALL)
+    assert len(boxes) > 3
+    assert all(("long" in box) == bool(sorts) for box, sorts in boxes)  # only a long table of strides
+
+
+def test_the_terminal_and_the_page_have_the_same_doubts(analysed, tmp_path):
+    recording, _ = analysed
+    file, numbers = io.write_csv(recording, tmp_path / "walk.csv"), [tmp_path / name for name in ("a.json", "b.json")]
+    code, said = run("estimate", file, "--height", "1.75", "--out", tmp_path / "out", "--json", numbers[0])
+    assert code == 0, said
+    run("report", file, "--height", "1.75", "--out", tmp_path / "page.html", "--json", numbers[1])
+    estimated, page = (json.loads(path.read_text()) for path in numbers)
+    (told,) = estimated["recordings"].values()
+    assert told["flags"] == page["flags"]
+    doubts = [flag for flag in page["flags"] if flag["grade"] in flags.DOUBTS]
+    assert any(flag["text"].startswith("Only ") for flag in doubts)
+    assert f"walk.csv: {flags.verdict(flags.Flag(**flag) for flag in page['flags'])}" in said
+    for flag in doubts:
+        assert all(line in said for line in (*flag["text"].splitlines(), flag["meaning"]))

@@ -24,7 +24,7 @@ from jgait.estimators import ankle_stride, leg_ekf
 from jgait.estimators.about import EstimatedRecording, EstimateFigure
 from jgait.estimators.notes import NO_FIRST_STANDING, NO_STEPS
 from jgait.io.atomic import write_text
-from jgait.notes import SEVERITIES
+from jgait.notes import SEVERITIES, Kind
 from jgait.report import figures, flags, strides
 from jgait.report.page import number, without_folders
 from jgait.types import Estimate, Feet, FootTrajectory, Imu, Legs, LegTrajectory, Recording, Strides
@@ -99,9 +99,10 @@ def ankles():
     """A page with everything that a user may bring in that must not become part of the page's code."""
     p = ankle_stride.with_body(ankle_stride.AnkleParams(), {"lever_ankle": 0.04})
     made = report.Made(
-        "ankle_stride", p, ankle_stride.AnkleParams(), file="/data/anna/walks/walk.csv", command="jgait report walk.csv"
-    )
-    of = recording("ankle_right", "ankle_left", name=f"/data/anna/{EVIL}", subject=EVIL, notes=(made_notes.note(EVIL),))
+        "ankle_stride", p, ankle_stride.AnkleParams(), file="/data/anna/walks/walk.csv",
+        command="jgait report walk.csv", notes=(made_notes.note(EVIL),),
+    )  # fmt: skip
+    of = recording("ankle_right", "ankle_left", name=f"/data/anna/{EVIL}", subject=EVIL)
     return report.of_estimate(walking_ankles(f"3 samples of ankle_left are lost {EVIL}"), of, made=made)
 
 
@@ -279,6 +280,25 @@ def test_notes_are_explained_each_by_its_meaning():
     assert [flag.grade for flag in found] == list(flags.GRADES) == list(SEVERITIES)
     assert all(len(flag.text.splitlines()) == 2 for flag in found)  # each once
     assert "3 things" in flags.verdict([flags.Flag("check", "", "")] * 3)
+
+
+def test_names_of_files_and_columns_stay_as_they_are():
+    file = Kind("file_of_tests", "info", "{file}: time taken to be in s", "Made for tests.")
+    flags_of = flags.explained([file(file="walk 1.parquet"), made_notes.note("foot_left: z is up", code="of_a_foot")])
+    assert [flag.text for flag in flags_of] == ["walk 1.parquet: time taken to be in s", "foot_left: z is up"]
+
+
+def test_strides_of_an_unknown_side_are_of_neither_leg():
+    of = walking_ankles()
+    unknown = np.arange(LENGTHS.size) < 11
+    page = report.of_estimate(
+        of._replace(diagnostics={**of.diagnostics, "side_unknown": unknown}), recording("lower_back")
+    )
+    row = means_of(page)["stride_length_m"]
+    assert (row["all"]["n"], row["right"], row["left"]["n"], row["difference"]) == (8, None, 1, None)
+    assert "1 left, 11 side not known" in page.html
+    assert "11 of 12 strides: side not known" in {flag["text"] for flag in page.numbers["flags"]}
+    assert "Marks around a stride" in page.html
 
 
 def test_numbers_that_round_to_nothing_have_no_sign():
