@@ -10,15 +10,14 @@ times the interval between samples.
 """
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from jgait.geometry.vectors import GRAVITY
 
 SHORTEST_S, LONGEST_S = 0.5, 2.5
 """[s] Limits of the strides that count."""
 
-FEWEST = 5
-"""[1] Least number of strides."""
+FEWEST, MOST = 5, 200
+"""[1] Least number of strides, and largest number of those that are integrated, evenly spread over a longer walk."""
 
 MOST_BAD = 0.1
 """[1] Largest share of a stride's samples that were not measured or are clipped; chosen."""
@@ -59,13 +58,15 @@ def gyroscope_scale(
     counts = (seconds > SHORTEST_S) & (seconds < LONGEST_S) & good
     if counts.sum() < FEWEST:
         return None
-    first, last = first[counts], last[counts]
+    at = np.flatnonzero(counts)
+    at = at[np.linspace(0.0, len(at) - 1.0, min(len(at), MOST)).round().astype(int)]
+    first, last, seconds = first[at], last[at], seconds[at]
     width = max(round(AROUND_S * hz), 1)
     up = np.stack([acc[max(at - width, 0) : at + width + 1].mean(axis=0) for at in first])
     size = np.linalg.norm(up, axis=1, keepdims=True)
     # the specific force in units of that at the foothold, which has no scale then
     gained = [_gained(factor * gyr, acc, first, last, hz) / size for factor in (1.0, 1.0 + STEP)]
-    rest, other = (GRAVITY * (one - up / size * seconds[counts, None]) for one in gained)
+    rest, other = (GRAVITY * (one - up / size * seconds[:, None]) for one in gained)
     slope = (other - rest) / STEP
     effect = np.sum(slope * slope, axis=1)
     if not np.median(effect) > LEAST_EFFECT**2:
@@ -84,7 +85,11 @@ def _gained(gyr: np.ndarray, acc: np.ndarray, first: np.ndarray, last: np.ndarra
         at = np.minimum(first + step, last)  # beyond the end nothing turns, and nothing is added
         ends = (first + step <= last)[:, None]
         rates = np.where(ends, 0.5 * (gyr[at] + gyr[np.maximum(at - 1, 0)]), 0.0)
-        turned = turned @ Rotation.from_rotvec(rates / hz).as_matrix()
+        angle = np.linalg.norm(rates, axis=1)[:, None, None] / hz
+        across = np.cross(turned, rates[:, None] / hz)
+        # by Rodrigues' formula; numpy.sinc has π in its argument
+        bent = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2 * np.cross(across, rates[:, None] / hz)
+        turned = turned + np.sinc(angle / np.pi) * across + bent
         now = np.einsum("nij,nj->ni", turned, acc[at])
         total += np.where(ends, 0.5 * (force + now) / hz, 0.0)
         force = now
