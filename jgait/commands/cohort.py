@@ -274,8 +274,7 @@ def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: 
     Raises:
         ValueError: if the file is no table with a column `file`, or a unit is unknown.
     """
-    from jgait.io.arrays import GYR_UNITS, unit_scale
-    from jgait.io.checks import ACC_UNITS
+    from jgait.io.units import ACC_UNITS, GYR_UNITS, unit_scale
 
     for unit, units, option in ((gyr_unit, GYR_UNITS, "--gyr-unit"), (acc_unit, ACC_UNITS, "--acc-unit")):
         if unit is not None:

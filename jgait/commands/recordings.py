@@ -140,8 +140,8 @@ def recording_of(
     Args:
         file: the file or folder.
         rate: sampling rate [Hz], for files that do not state it.
-        gyr_unit: unit by the user, in any case; None for the file's unit, or deg/s for tables with jgait's columns.
-        acc_unit: as gyr_unit; m/s^2 for tables.
+        gyr_unit: unit by the user, in any case; None for the file's unit, or deg/s for CSV files that state none.
+        acc_unit: as gyr_unit; m/s^2 for such CSV files.
         range_unit: unit of the column feet_range.
         format: one of `jgait.io.FORMATS`; None: detected from the file.
         placement: placement of the sensor, for files of one sensor.
@@ -166,7 +166,7 @@ def recording_of(
         text = kind == "csv" and not file.is_dir() and file.suffix.lower() in (".csv", ".tsv", ".txt")
         if text and not placements and not (file.exists() and columns.foreign(file)):
             return io.read_csv(
-                file, sampling_rate_hz=rate, gyr_unit=gyr_unit or "deg/s", acc_unit=acc_unit or "m/s^2",
+                file, sampling_rate_hz=rate, gyr_unit=gyr_unit, acc_unit=acc_unit,
                 range_unit=range_unit, placement=placement, **called,
             )  # fmt: skip
         return io.read(

@@ -6,29 +6,16 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jgait.io.checks import ACC_UNITS, RANGE_UNITS, check_range, quality_notes, usable_sensors
+from jgait.io.checks import RANGE_UNITS, check_range, quality_notes, usable_sensors
 from jgait.io.clock import SampleTimes, make_clock
 from jgait.io.damage import damage_notes, without_damage
-from jgait.notes import NO_RANGE, Kind, Note
+from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit, Units, known_unit, unit_scale
+from jgait.notes import NO_RANGE, ORIGIN, Kind, Note
 from jgait.signal.windows import over_losses
 from jgait.types import PLACEMENTS, Imu, RangeReadings, Recording, RecordingError, as_float
 
-GYR_UNITS = {"deg/s": np.pi / 180.0, "rad/s": 1.0, "mdeg/s": np.pi / 180e3}
-
-SPELT = {"°/s": "deg/s", "dps": "deg/s", "m/s²": "m/s^2", "m/s2": "m/s^2"}
-"""Other ways to write a unit."""
-
 RANGE_EMPTY = Kind("range_empty", "check", "feet_range holds no reading", NO_RANGE)
-
-
-def unit_scale(unit: str, units: Mapping[str, float], argument: str) -> float:
-    """Factor from a unit to SI. Raises ValueError if the unit is unknown; the message lists the known units."""
-    known = SPELT.get(unit, unit)
-    if known not in units:
-        raise RecordingError(
-            f"{{argument}} must be one of {', '.join(map(repr, units))}; got {unit!r}", argument=argument
-        )
-    return units[known]
+UNITS_OF_HEADER = Kind("units_of_header", "info", "units by the header: {units}", ORIGIN)
 
 
 def recording_from_arrays(
@@ -71,7 +58,37 @@ def recording_from_arrays(
         RecordingError: if the arrays, the clock or the units make the recording unusable; the message states the
             expected and the given values.
     """
-    scales = {"gyr": unit_scale(gyr_unit, GYR_UNITS, "gyr_unit"), "acc": unit_scale(acc_unit, ACC_UNITS, "acc_unit")}
+    units = {placement: {"gyr": Unit(gyr_unit), "acc": Unit(acc_unit)} for placement in sensors}
+    return recording_in_units(
+        sensors, units, time=time, feet_range=feet_range, sampling_rate_hz=sampling_rate_hz, time_unit=time_unit,
+        range_unit=range_unit, name=name, subject=subject,
+    )  # fmt: skip
+
+
+def recording_in_units(
+    sensors: Mapping[str, Mapping[str, ArrayLike]],
+    units: Units,
+    *,
+    time: ArrayLike | None,
+    feet_range: ArrayLike | None,
+    sampling_rate_hz: float | None,
+    time_unit: str | None,
+    range_unit: str,
+    name: str,
+    subject: str,
+) -> Recording:
+    """As `recording_from_arrays`, with a unit for each signal of each sensor."""
+    scales = {
+        placement: {
+            "gyr": unit_scale(each["gyr"].name, GYR_UNITS, "gyr_unit"),
+            "acc": unit_scale(each["acc"].name, ACC_UNITS, "acc_unit"),
+        }
+        for placement, each in units.items()
+    }
+    units = {
+        placement: {kind: unit._replace(name=known_unit(unit.name) or unit.name) for kind, unit in each.items()}
+        for placement, each in units.items()
+    }
     metres = unit_scale(range_unit, RANGE_UNITS, "range_unit")
     if not sensors:
         raise RecordingError(f"{name} has no sensor; expected at least one of {', '.join(PLACEMENTS)}")
@@ -82,15 +99,18 @@ def recording_from_arrays(
     notes_of: dict[str, tuple[Note, ...]] = {}
     imus, noted = {}, {}
     for placement, signals in sensors.items():
-        read = _in_si(signals, scales)
-        masked, notes_of[placement] = without_damage(placement, read, scales, clock.sampling_rate_hz)
+        read = _in_si(signals, scales[placement])
+        masked, notes_of[placement] = without_damage(placement, read, scales[placement], clock.sampling_rate_hz)
         imus[placement] = _imu(masked, clock)
         damaged = np.any([np.isfinite(v) & np.isnan(masked[k]) for k, v in read.items()], axis=(0, 2))
         noted[placement] = (clock.rows < 0) | damaged[clock.rows]
-    imus, left_out = usable_sensors(imus, gyr_unit, acc_unit, name)
+    imus, left_out = usable_sensors(imus, units, name)
     recording = Recording(imus, clock.sampling_rate_hz, name, subject, clock.notes)
     damage = [note for placement in imus for note in notes_of[placement]]
-    notes = (*clock.notes, *left_out, *damage, *quality_notes(recording, noted), *damage_notes(recording))
+    notes = (
+        *clock.notes, *_by_header(units, sensors), *left_out, *damage, *quality_notes(recording, noted),
+        *damage_notes(recording, {placement: units[placement]["gyr"] for placement in imus}),
+    )  # fmt: skip
     if feet_range is None:
         return recording._replace(notes=notes)
     apart = _range(feet_range, metres, clock, int(samples or 0), name)
@@ -98,6 +118,16 @@ def recording_from_arrays(
     if not apart.mask.any():
         notes = (*notes, RANGE_EMPTY())
     return recording._replace(notes=notes, feet_range=apart)
+
+
+def _by_header(units: Units, sensors: Mapping[str, Mapping[str, ArrayLike]]) -> list[Note]:
+    """The note about signals whose unit the names of their columns state."""
+    stated: dict[str, list[str]] = {}
+    for placement, signals in sensors.items():
+        for kind, unit in units[placement].items():
+            if unit.origin == "header" and signals.get(kind) is not None:
+                stated.setdefault(f"{kind} in {unit.name}", []).append(placement)
+    return [UNITS_OF_HEADER(units=[f"{of} ({', '.join(where)})" for of, where in stated.items()])] if stated else []
 
 
 def _range(values: ArrayLike, scale: float, clock: SampleTimes, samples: int, name: str) -> RangeReadings:

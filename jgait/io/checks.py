@@ -5,15 +5,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from jgait.estimators.checks import FASTEST, fast_rate
+from jgait.geometry.vectors import GRAVITY
+from jgait.io.units import ACC_UNITS, Unit, Units
 from jgait.notes import CLIPPING, LOSSES, Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError
 
-GRAVITY = 9.80665
 IN_RADIANS = 12.0  # [unit of the file] fast rate below which it is in rad/s; in deg/s a walking limb has more
 SLOWEST_WALK = 0.3  # [rad/s] smallest fast rate of a moving person; the trunk of a slow walker turns faster
 MOVING_ACC = 0.5  # [m/s²] standard deviation of |acc| above which the person moves; 0.05 when standing
-ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}  # [m/s²] of one unit
 GRAVITY_RANGE = (0.8, 1.2)  # [g] specific force of a worn accelerometer where it is calm
 CALM_S, CALM_SHARE = 0.2, 0.2  # [s], [1] length of the windows that are compared, and share of the calmest of them
 CLIP_RUN = 3  # [samples] shortest run at the extreme value of a clipped channel; noise does not repeat exactly
@@ -51,22 +51,20 @@ type _Fault = tuple[str, str]
 """Why the numbers of a sensor cannot be right: its part, or "" for the whole sensor, and the predicate."""
 
 
-def usable_sensors(
-    sensors: Mapping[str, Imu], gyr_unit: str, acc_unit: str, name: str
-) -> tuple[dict[str, Imu], list[Note]]:
+def usable_sensors(sensors: Mapping[str, Imu], units: Units, name: str) -> tuple[dict[str, Imu], list[Note]]:
     """The sensors without those whose numbers cannot be right, and a note about each of these.
 
     Raises:
-        RecordingError: if no sensor has signals, or the sizes of most contradict the unit of the file: a limb turns
+        RecordingError: if no sensor has signals, or the sizes of most contradict their unit: a limb turns
             impossibly fast, a moving person impossibly slowly, or the accelerometer does not measure gravity.
     """
     faults = {placement: fault for placement, imu in sensors.items() if (fault := _dead(imu))}
     if len(faults) == len(sensors):
         placement, (part, words) = next(iter(faults.items()))
         raise RecordingError(f"{name}: {f'the {part} of ' if part else ''}{placement} {words}")
-    faults |= _too_fast(_without(sensors, faults), gyr_unit, name)
-    faults |= _without_gravity(_without(sensors, faults), acc_unit, name)
-    _check_moving(_without(sensors, faults), gyr_unit, name)
+    faults |= _too_fast(_without(sensors, faults), units, name)
+    faults |= _without_gravity(_without(sensors, faults), units, name)
+    _check_moving(_without(sensors, faults), units, name)
     notes = [
         SENSOR_LEFT_OUT(placement=placement, reason=f"{f'its {part}' if part else 'it'} {words}")
         for placement, (part, words) in faults.items()
@@ -94,7 +92,7 @@ def _fast_rates(sensors: Mapping[str, Imu]) -> dict[str, float]:
     return {placement: fast_rate(imu) for placement, imu in sensors.items()}
 
 
-def _too_fast(sensors: Mapping[str, Imu], gyr_unit: str, name: str) -> dict[str, _Fault]:
+def _too_fast(sensors: Mapping[str, Imu], units: Units, name: str) -> dict[str, _Fault]:
     """The sensors that turn impossibly fast; refuses a recording in which more do so than turn as a walking person."""
     rates = _fast_rates(sensors)
     fast = {placement: rate for placement, rate in rates.items() if rate > FASTEST}
@@ -102,34 +100,51 @@ def _too_fast(sensors: Mapping[str, Imu], gyr_unit: str, name: str) -> dict[str,
         return {}
     others = [placement for placement, rate in rates.items() if SLOWEST_WALK < rate < IN_RADIANS]
     limit = f"nothing worn while walking exceeds {FASTEST:g} rad/s"
-    twice = {placement: TWICE if np.deg2rad(rate) < IN_RADIANS else "" for placement, rate in fast.items()}
+    meant = {placement: _rate_meant(rate, units[placement]["gyr"]) for placement, rate in fast.items()}
+    reasons = {
+        placement: f"reaches {rate:.4g} rad/s (99th percentile, {units[placement]['gyr']}), but {limit}"
+        f"{_advice(meant[placement], units[placement]['gyr'], others) if meant[placement] else _twice(rate)}"
+        for placement, rate in fast.items()
+    }
     if len(fast) <= len(others):
-        return {
-            placement: ("gyroscope", f"reaches {rate:.4g} rad/s (99th percentile), but {limit}{twice[placement]}")
-            for placement, rate in fast.items()
-        }
+        return {placement: ("gyroscope", reason) for placement, reason in reasons.items()}
     fastest = max(fast, key=lambda placement: fast[placement])
-    degrees = gyr_unit == "rad/s"
-    meant = "deg/s" if np.deg2rad(fast[fastest]) < FASTEST else "mdeg/s"
     raise RecordingError(
-        f"{name}: the gyroscope of {fastest} reaches {fast[fastest]:.4g} rad/s (99th percentile, given as {gyr_unit}), "
-        f"but {limit}{_advice(meant, others) if degrees else twice[fastest]}",
-        argument="gyr_unit" if degrees and not others else "",
-        value=meant,
+        f"{name}: the gyroscope of {fastest} {reasons[fastest]}",
+        argument="gyr_unit" if meant[fastest] and not others else "",
+        value=meant[fastest],
     )
 
 
-def _check_moving(sensors: Mapping[str, Imu], gyr_unit: str, name: str) -> None:
-    """Refuse gyroscopes that turn too slowly in deg/s while accelerometers show that the person moves."""
+def _rate_meant(rate: float, unit: Unit) -> str:
+    """The unit of a gyroscope that seems to turn at an impossible rate [rad/s]; "" where none explains it."""
+    if unit.name != "rad/s":
+        return ""
+    return "deg/s" if np.deg2rad(rate) < FASTEST else "mdeg/s"
+
+
+def _twice(rate: float) -> str:
+    return TWICE if np.deg2rad(rate) < IN_RADIANS else ""
+
+
+def _check_moving(sensors: Mapping[str, Imu], units: Units, name: str) -> None:
+    """Refuse gyroscopes that turn too slowly in deg/s while accelerometers show that the person moves.
+
+    A file whose format states the unit, or whose unit is deduced from the signals, is not refused.
+    """
     rates = _fast_rates(sensors)
     fastest = max(rates, key=lambda placement: rates[placement])
-    if gyr_unit == "deg/s" and rates[fastest] < SLOWEST_WALK and _moves(sensors):
+    unit = units[fastest]["gyr"]
+    asserted = unit.name != "rad/s" and unit.origin in ("argument", "header")
+    if asserted and rates[fastest] < SLOWEST_WALK and _moves(sensors):
+        by = f", {unit}" if unit.origin == "header" else ""
+        meant = "deg/s" if unit.name == "mdeg/s" and SLOWEST_WALK < 1e3 * rates[fastest] < FASTEST else "rad/s"
         raise RecordingError(
             f"{name}: no gyroscope exceeds {rates[fastest]:.4g} rad/s ({np.rad2deg(rates[fastest]):.4g} deg/s, 99th "
-            f"percentile, {fastest}), too slow for walking: the gyroscopes seem to be in rad/s; pass {{argument}}, or "
-            "nobody walks",
+            f"percentile, {fastest}{by}), too slow for walking: the gyroscopes seem to be in {meant}; "
+            f"{_correct(unit)}pass {{argument}}, or nobody walks",
             argument="gyr_unit",
-            value="rad/s",
+            value=meant,
         )
 
 
@@ -151,16 +166,22 @@ def calm_force(acc: np.ndarray, rate_hz: float) -> float:
     return float(np.median(cut[calm].mean(axis=1)))
 
 
-def _advice(unit: str, others: Sequence[str]) -> str:
-    """What to do about a sensor that seems to be in another unit than the stated one, which fits the others."""
-    shown = unit.replace("^2", "²")
+def _correct(unit: Unit) -> str:
+    return "correct the header, or " if unit.origin == "header" else ""
+
+
+def _advice(meant: str, unit: Unit, others: Sequence[str]) -> str:
+    """What to do about a sensor that seems to be in another unit than the stated one, if that fits others or none."""
+    shown = meant.replace("^2", "²")
     if not others:
-        return f": it seems to be in {shown}; pass {{argument}}"
+        return f": it seems to be in {shown}; {_correct(unit)}pass {{argument}}"
+    if unit.origin == "header":
+        return f": it seems to be in {shown}; correct the header of this sensor"
     rest = f"{others[0]} is" if len(others) == 1 else f"{len(others)} other sensors are"
     return f": it seems to be in {shown}, but {rest} not; convert the columns of this sensor in the file"
 
 
-def _without_gravity(sensors: Mapping[str, Imu], acc_unit: str, name: str) -> dict[str, _Fault]:
+def _without_gravity(sensors: Mapping[str, Imu], units: Units, name: str) -> dict[str, _Fault]:
     """The sensors whose accelerometer does not measure gravity where it is calm; refuses a recording of mostly such."""
     forces = {}
     low, high = (bound * GRAVITY for bound in GRAVITY_RANGE)
@@ -177,10 +198,10 @@ def _without_gravity(sensors: Mapping[str, Imu], acc_unit: str, name: str) -> di
     wrong = {placement: force for placement, force in forces.items() if placement not in right}
     if not wrong:
         return {}
-    units = {placement: _unit_of(force, acc_unit) for placement, force in wrong.items()}
+    meant = {placement: _force_meant(force, units[placement]["acc"]) for placement, force in wrong.items()}
     reasons = {
-        placement: f"reads {force:.4g} m/s² where it is calm (given as {acc_unit}), but gravity alone is "
-        f"{GRAVITY:.4g} m/s²{_why(force, units[placement], right)}"
+        placement: f"reads {force:.4g} m/s² where it is calm ({units[placement]['acc']}), but gravity alone is "
+        f"{GRAVITY:.4g} m/s²{_why(force, meant[placement], units[placement]['acc'], right)}"
         for placement, force in wrong.items()
     }
     if len(wrong) <= len(right):
@@ -188,27 +209,22 @@ def _without_gravity(sensors: Mapping[str, Imu], acc_unit: str, name: str) -> di
     first = next(iter(wrong))
     raise RecordingError(
         f"{name}: the accelerometer of {first} {reasons[first]}",
-        argument="acc_unit" if units[first] and not right else "",
-        value=units[first],
+        argument="acc_unit" if meant[first] and not right else "",
+        value=meant[first],
     )
 
 
-def _unit_of(force: float, acc_unit: str) -> str:
+def _force_meant(force: float, unit: Unit) -> str:
     """The unit in which a force [m/s²], converted from a stated unit, would be gravity; "" for none."""
     low, high = (bound * GRAVITY for bound in GRAVITY_RANGE)
-    if acc_unit == "m/s^2" and GRAVITY_RANGE[0] <= force <= GRAVITY_RANGE[1]:
-        return "g"
-    if acc_unit == "g" and low <= force / GRAVITY <= high:
-        return "m/s^2"
-    if acc_unit != "mg" and low <= force / ACC_UNITS[acc_unit] * ACC_UNITS["mg"] <= high:
-        return "mg"
-    return ""
+    reading = force / ACC_UNITS[unit.name]
+    return next((name for name, scale in ACC_UNITS.items() if low <= scale * reading <= high), "")
 
 
-def _why(force: float, unit: str, others: Sequence[str]) -> str:
+def _why(force: float, meant: str, unit: Unit, others: Sequence[str]) -> str:
     """Why an accelerometer reads a force [m/s²] other than gravity, and what to do."""
-    if unit:
-        return _advice(unit, others)
+    if meant:
+        return _advice(meant, unit, others)
     if force < 0.3 * GRAVITY:
         return ": gravity seems to have been taken off; the raw specific force is needed"
     return ": check the unit"

@@ -2,16 +2,18 @@
 
 import difflib
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from jgait.io.arrays import recording_from_arrays
+from jgait.io.arrays import recording_in_units
 from jgait.io.files import reading
 from jgait.io.names import CHANNELS, column_of, like_a_signal, recognised, unit_in_name
 from jgait.io.rows import read_table
+from jgait.io.units import Unit, unit_of_columns
 from jgait.notes import DEDUCED, LEFT_OUT, LOSSES, Kind, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError
 
@@ -64,6 +66,8 @@ class Columns(NamedTuple):
     odd: tuple[Note, ...] = ()  #: notes about cells without a number, and rows of several people or walks.
     #: unit of `time`, as far as the table states it: "s" of dates, "ms" or "us" of a name; else None.
     time_unit: str | None = None
+    #: placement → "gyr", "acc" → unit, as far as the names of the columns state it.
+    units: Mapping[str, Mapping[str, str]] = MappingProxyType({})
 
 
 def recording_from_dataframe(
@@ -72,8 +76,8 @@ def recording_from_dataframe(
     placement: str | None = None,
     sampling_rate_hz: float | None = None,
     time_unit: str | None = None,
-    gyr_unit: str = "deg/s",
-    acc_unit: str = "m/s^2",
+    gyr_unit: str | None = None,
+    acc_unit: str | None = None,
     range_unit: str = "m",
     name: str = "recording",
     subject: str = "subject",
@@ -90,8 +94,9 @@ def recording_from_dataframe(
         placement: placement of the sensor, for a table of one sensor with columns `gyr_x` … `acc_z`.
         sampling_rate_hz: as `recording_from_arrays`.
         time_unit: as `recording_from_arrays`.
-        gyr_unit: as `recording_from_arrays`.
-        acc_unit: as `recording_from_arrays`.
+        gyr_unit: as `recording_from_arrays`; None: each sensor's as the names of its columns state it
+            (`shank_right_gyr_x [rad/s]`), which is noted, else deg/s.
+        acc_unit: as gyr_unit; else m/s².
         range_unit: as `recording_from_arrays`.
         name: name of the recording in tables and figures.
         subject: name of the person.
@@ -99,9 +104,13 @@ def recording_from_dataframe(
     Raises:
         ValueError: for an unknown unit.
         RecordingError: if columns are missing (the message lists the expected and the given columns, and similar
-            names) or contain no numbers, or if the recording is unusable.
+            names) or contain no numbers, if their names state an unknown unit, or different units of one signal, or if
+            the recording is unusable.
     """
-    content = columns_of(table, placement=placement, name=name)
+    given = {"gyr": gyr_unit, "acc": acc_unit}
+    content = columns_of(
+        table, placement=placement, units_of=[kind for kind, unit in given.items() if unit is None], name=name
+    )
     if content.time is None and sampling_rate_hz is None:
         rest = f"; columns that are not of sensors: {', '.join(content.others)}" if content.others else ""
         raise RecordingError(
@@ -109,14 +118,20 @@ def recording_from_dataframe(
             f"given{rest}",
             argument="sampling_rate_hz",
         )
-    recording = recording_from_arrays(
+    units = {
+        where: {
+            kind: Unit(stated[kind], "header") if kind in stated else Unit(given[kind] or usual)
+            for kind, usual in (("gyr", "deg/s"), ("acc", "m/s^2"))
+        }
+        for where, stated in content.units.items()
+    }
+    recording = recording_in_units(
         content.sensors,
+        units,
         time=content.time,
         feet_range=content.feet_range,
         sampling_rate_hz=sampling_rate_hz,
         time_unit=content.time_unit if content.time_unit == "s" else time_unit or content.time_unit,
-        gyr_unit=gyr_unit,
-        acc_unit=acc_unit,
         range_unit=range_unit,
         name=name,
         subject=subject,
@@ -128,9 +143,16 @@ def columns_of(
     table: "pd.DataFrame",
     *,
     placement: str | None = None,
+    units_of: Collection[str] = ("gyr", "acc"),
     name: str = "recording",
 ) -> Columns:
     """The signals in a table, in its units, identified by the names of its columns; see `recording_from_dataframe`.
+
+    Args:
+        table: one row a sample.
+        placement: placement of the sensor, for a table of one sensor.
+        units_of: kinds of signal whose unit is taken from the names of their columns.
+        name: name of the recording in messages.
 
     Raises:
         RecordingError: if columns are missing or contain no numbers.
@@ -145,12 +167,15 @@ def columns_of(
     position = {column: index for index, column in reversed(list(enumerate(renamed)))}
     placements_found = _placements(position, given, name)
     sensors: dict[str, dict[str, np.ndarray]] = {}
+    units: dict[str, dict[str, str]] = {}
     used = {position["time"]} if "time" in position else set()
     for where, kinds in placements_found.items():
-        sensors[where] = {}
+        sensors[where], units[where] = {}, {}
         for kind in kinds:
             indices = [position[f"{where}_{kind}_{axis}"] for axis in "xyz"]
             used.update(indices)
+            stated = unit_of_columns([given[i] for i in indices], kind, name) if kind in units_of else None
+            units[where] |= {} if stated is None else {kind: stated}
             sensors[where][kind] = np.stack([_numbers(table.iloc[:, i], given[i], name) for i in indices], axis=1)
     odd = tuple(note for i in sorted(used) if (note := _no_number(table.iloc[:, i], given[i])))
     for index, name_of_column in enumerate(renamed):
@@ -169,7 +194,7 @@ def columns_of(
         apart = _numbers(table.iloc[:, position["feet_range"]], "feet_range", name)
     others = tuple(column for index, column in enumerate(given) if index not in used)
     matched = tuple((given[index], renamed[index]) for index in sorted(used & set(ours)))
-    return Columns(sensors, time, apart, others, matched, odd, unit)
+    return Columns(sensors, time, apart, others, matched, odd, unit, units)
 
 
 def about(content: Columns) -> tuple[Note, ...]:
@@ -231,7 +256,7 @@ def _lacking(
 
 def _no_sensor(position: Mapping[str, int], given: list[str], name: str) -> RecordingError:
     """The error about a table in which no column is recognised as a sensor's; it says how columns are named."""
-    if any(column.strip().lower() in CHANNELS for column in given):
+    if any(column_of(column) in CHANNELS for column in given):
         return RecordingError(
             f"{name} lacks the place of its sensor: found {_few(given)}; for one sensor with bare names give its "
             "place, such as {argument}",
@@ -332,8 +357,8 @@ def read_csv(
     placement: str | None = None,
     sampling_rate_hz: float | None = None,
     time_unit: str | None = None,
-    gyr_unit: str = "deg/s",
-    acc_unit: str = "m/s^2",
+    gyr_unit: str | None = None,
+    acc_unit: str | None = None,
     range_unit: str = "m",
     name: str | None = None,
     subject: str | None = None,

@@ -97,8 +97,7 @@ def recording_to_dataframe(recording: Recording, *, gyr_unit: str = "deg/s", acc
     """
     import pandas as pd
 
-    from jgait.io.arrays import GYR_UNITS, unit_scale
-    from jgait.io.checks import ACC_UNITS
+    from jgait.io.units import ACC_UNITS, GYR_UNITS, unit_scale
 
     scales = {"gyr": unit_scale(gyr_unit, GYR_UNITS, "gyr_unit"), "acc": unit_scale(acc_unit, ACC_UNITS, "acc_unit")}
     lengths = {placement: len(imu.time) for placement, imu in recording.sensors.items()}

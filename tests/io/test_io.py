@@ -14,6 +14,7 @@ from made.notes import texts
 from jgait import io, simulate
 from jgait.estimators import leg_ekf
 from jgait.io import checks
+from jgait.io.units import Unit
 from jgait.types import Estimate, Imu, Legs, LegTrajectory, RecordingError
 
 THIGH_GYR, THIGH_ACC = ([f"thigh_right_{kind}_{axis}" for axis in "xyz"] for kind in ("gyr", "acc"))
@@ -303,8 +304,8 @@ LEFT_OUT = {
     ),
     "converted twice": (
         lambda t: t.assign(**{name: np.rad2deg(t[name]) for name in THIGH_GYR}),
-        "rad/s (99th percentile), but nothing worn while walking exceeds 35 rad/s; were deg/s taken for rad/s, or "
-        "converted twice? Correct its columns in the file",
+        "rad/s (99th percentile, given as deg/s), but nothing worn while walking exceeds 35 rad/s; were deg/s taken "
+        "for rad/s, or converted twice? Correct its columns in the file",
     ),
     "another scale": (
         lambda t: t.assign(**{name: 2 * t[name] for name in THIGH_ACC}),
@@ -323,16 +324,19 @@ def test_one_sensor_that_cannot_be_right_does_not_cost_the_others(name):
     assert note.text.startswith("thigh_right is left out: it")
 
 
+SI = {"pelvis": {"gyr": Unit("rad/s"), "acc": Unit("m/s^2")}}
+
+
 def test_a_trunk_that_never_rests_keeps_its_sensor_and_one_without_gravity_does_not():
     person = simulate.Person(gait=simulate.Gait(stride_length=1.5, steps=16.0, pelvis_rise=0.055))
     (imu,) = simulate.recording(jax.random.key(0), person, placements=("pelvis",))[0].sensors.values()
     walks = (imu.time > 4.5) & (imu.time < imu.time[-1] - 3.5)
     imu = Imu(imu.time[walks], imu.gyr[walks], imu.acc[walks], imu.mask[walks])
     assert checks.calm_force(imu.acc, 100.0) < 0.8 * 9.81
-    assert list(checks.usable_sensors({"pelvis": imu}, "rad/s", "m/s^2", "walk")[0]) == ["pelvis"]
+    assert list(checks.usable_sensors({"pelvis": imu}, SI, "walk")[0]) == ["pelvis"]
     without = imu._replace(acc=imu.acc - imu.acc.mean(axis=0))
     with pytest.raises(RecordingError, match=r"accelerometer of pelvis reads .* gravity alone"):
-        checks.usable_sensors({"pelvis": without}, "rad/s", "m/s^2", "walk")
+        checks.usable_sensors({"pelvis": without}, SI, "walk")
 
 
 def test_a_method_that_needs_a_sensor_that_was_left_out_says_why():

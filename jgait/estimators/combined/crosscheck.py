@@ -105,11 +105,10 @@ def _units(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
     notes: list[Note] = []
     wrong: set[str] = set()
     rates = {name: fast_rate(imu) / USUAL_RATE[kind_of(name)] for name, imu in sensors.items()}
-    known = np.log([rate for rate in rates.values() if rate > 0.0])
-    # of two sensors that contradict each other, the one nearer to the usual rate is right
-    pace = (
-        float(np.exp(np.median(known) if known.size != 2 else known[np.argmin(np.abs(known))])) if known.size else 1.0
-    )
+    known = np.sort(np.log([rate for rate in rates.values() if rate > 0.0]))
+    # if half of the sensors contradict the other half, those nearer to the usual rate are right
+    middle_two = known[(known.size - 1) // 2 : known.size // 2 + 1]
+    pace = float(np.exp(min(middle_two, key=abs, default=0.0)))
     for name, imu in sensors.items():
         ratio = rates[name] / pace
         expected = pace * USUAL_RATE[kind_of(name)]

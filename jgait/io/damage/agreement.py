@@ -12,6 +12,7 @@ import numpy as np
 
 from jgait.geometry.rotation import Quaternion, conjugate, product
 from jgait.io.damage.gaps import in_long_gaps
+from jgait.io.units import Unit
 from jgait.notes import Kind, Note
 from jgait.types import SIDES, Imu
 
@@ -70,8 +71,9 @@ GYROSCOPE_DISAGREES = Kind(
 GYROSCOPE_SLOW = Kind(
     "gyroscope_slow",
     "check",
-    "{placement}: the gyroscope reaches only {rate:.3g} rad/s (99th percentile) while the accelerometer is shaken as "
-    "in walking; its unit differs from that of the other sensors (rad/s in place of deg/s?), or it did not record",
+    "{placement}: the gyroscope reaches only {rate:.3g} rad/s (99th percentile{stated}) while the accelerometer is "
+    "shaken as in walking; its unit differs from that of the other sensors (rad/s in place of deg/s?), or it did not "
+    "record",
     "With a rate that is many times too small, angles and lengths of this sensor are worthless.",
 )
 SIDES_DIFFER = Kind(
@@ -182,8 +184,14 @@ def _gravity_note(placement: str, sensor: Averaged) -> Note | None:
     return GYROSCOPE_DISAGREES(placement=placement, ratio=ratio, causes=", or ".join(fits[:3]) or UNCLEAR)
 
 
-def agreement_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
-    """Notes about sensors of the legs whose gyroscope disagrees with the accelerometer, or with the other sensors."""
+def agreement_notes(sensors: Mapping[str, Imu], rate_hz: float, units: Mapping[str, Unit]) -> tuple[Note, ...]:
+    """Notes about sensors of the legs whose gyroscope disagrees with the accelerometer, or with the other sensors.
+
+    Args:
+        sensors: placement → sensor.
+        rate_hz: rate of the samples [Hz].
+        units: placement → unit in which its gyroscope was read; notes name the header that states it.
+    """
     notes: list[Note] = []
     rates: dict[str, float] = {}
     for placement, imu in sensors.items():
@@ -199,7 +207,9 @@ def agreement_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, .
         if sensor is not None and segment not in TRUNK and fast < SLOWEST:
             shaken = float(np.sqrt(np.sum(np.asarray(imu.acc)[np.asarray(imu.mask)] ** 2, axis=1)).std())
             if shaken > SHAKEN:
-                notes.append(GYROSCOPE_SLOW(placement=placement, rate=fast))
+                unit = units.get(placement)
+                stated = f", {unit}" if unit is not None and unit.origin == "header" else ""
+                notes.append(GYROSCOPE_SLOW(placement=placement, rate=fast, stated=stated))
                 continue
         rates[placement] = float(np.sqrt(np.mean(size * size)))
         note = None if sensor is None else _gravity_note(placement, sensor)

@@ -19,6 +19,9 @@ MOST_IMPOSSIBLE = 0.01
 SENTINELS = (-999.0, 999.0, -9999.0, 9999.0, -99999.0, 99999.0)
 """Numbers that programs write for a missing value, in the unit of the file."""
 
+LEAST_SENTINEL = {"gyr": 10.0, "acc": 50.0}
+"""[rad/s], [m/s²] Least size of such a number, chosen above usual readings: 999 mg and 999 mdeg/s are readings."""
+
 MOST_ZEROS = 0.5
 """[1] Share of samples that are zero in all axes from which on they are left: the file then writes zeros on purpose."""
 
@@ -191,6 +194,8 @@ def _placeholders(
         if not (np.abs(values) >= 0.999 * abs(SENTINELS[0]) * scales[kind]).any():
             continue
         for number in SENTINELS:
+            if abs(number) * scales[kind] < LEAST_SENTINEL[kind]:
+                continue
             same = np.abs(values / scales[kind] - number) < 1e-6
             # One axis may read such a number while it passes by; then its neighbours are near.
             jump = np.abs(np.diff(values, axis=0, prepend=values[:1])) > 0.5 * abs(number) * scales[kind]

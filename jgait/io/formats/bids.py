@@ -22,6 +22,7 @@ from jgait.io.apart import apart
 from jgait.io.files import Tree, check_columns, check_file, library, positive
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
+from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit
 from jgait.notes import LEFT_OUT, ORIGIN, Kind, Note
 from jgait.types import RecordingError
 
@@ -33,14 +34,8 @@ ENDINGS = ("_motion.tsv", "_motion.tsv.gz")
 NEEDED = ("name", "component", "type", "units")
 LEVELS = 5
 """Largest number of parent folders that are searched for inherited files; the search ends at the data set's root."""
-UNITS = {
-    "GYRO": {"deg/s": "deg/s", "°/s": "deg/s", "dps": "deg/s", "rad/s": "rad/s", "rads-1": "rad/s", "degs-1": "deg/s"},
-    "ACCEL": {
-        "m/s^2": "m/s^2", "m/s2": "m/s^2", "m/s²": "m/s^2", "m/s**2": "m/s^2", "ms-2": "m/s^2", "g": "g", "mg": "mg",
-    },
-    "LATENCY": {"s": "s", "ms": "ms"},
-}  # fmt: skip
-"""Type of channel → unit in the file → unit in jgait."""
+UNITS = {"GYRO": tuple(GYR_UNITS), "ACCEL": tuple(ACC_UNITS), "LATENCY": ("s", "ms")}
+"""Type of channel → its units."""
 
 NO_GYROSCOPE = Kind("no_gyroscope", "info", "left out, for they have no gyroscope: {sensors}", LEFT_OUT)
 HEADER_SKIPPED = Kind(
@@ -219,14 +214,10 @@ def _unit(path: Path, rows: "pd.DataFrame", kind: str) -> str | None:
     unit = next(iter(stated))
     if not unit:
         return None
-    known = UNITS[kind]
-    plain = re.sub(r"[\s·.*]", "", unit)
-    unit_of_ours = (
-        known.get(unit) or known.get(plain) or known.get(plain.lower()) or known.get(plain.replace("^-", "-"))
-    )
-    if unit_of_ours is None:
+    unit_of_ours = known_unit(unit) or unit
+    if unit_of_ours not in UNITS[kind]:
         raise RecordingError(
-            f"{path.name}: {rows['name'].iloc[0]} ({kind}) is in {unit!r}; expected one of {', '.join(known)}"
+            f"{path.name}: {rows['name'].iloc[0]} ({kind}) is in {unit!r}; expected one of {', '.join(UNITS[kind])}"
         )
     return unit_of_ours
 

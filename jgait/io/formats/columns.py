@@ -5,9 +5,10 @@
 a folder; or gaitmap's two rows of names (`left_sensor`, `acc_x`); or mobgap's body frame (`acc_is`, `acc_ml`,
 `acc_pa`).
 
-*Units*: gaitmap's and mobgap's are stated by their documentation (m/s², deg/s). The others' are not stated, but deduced
-from the signals. *Clock*: `time` in s, ms or us, as its name states or its steps suggest, or the sampling rate, which
-must be given. *Axes*: gaitmap's and mobgap's sensor frame by their documentation, else not known.
+*Units*: gaitmap's and mobgap's are stated by their documentation (m/s², deg/s), others by the names of columns
+(`shank_right_gyr_x [rad/s]`), else they are deduced from the signals. *Clock*: `time` in s, ms or us, as its name
+states or its steps suggest, or the sampling rate, which must be given. *Axes*: gaitmap's and mobgap's sensor frame by
+their documentation, else not known.
 """
 
 import itertools
@@ -21,7 +22,7 @@ from jgait.io.files import check_columns, check_file
 from jgait.io.formats.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_part
 from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.formats.text import check_lengths
-from jgait.io.names import CHANNELS, placement_of
+from jgait.io.names import CHANNELS, column_of, placement_of
 from jgait.io.rows import read_table
 from jgait.io.tables import about, columns_of
 from jgait.io.write import PARQUET
@@ -68,7 +69,7 @@ def measured(path: Path) -> Measured:
     if set(BODY_MOBGAP) <= set(plain):
         part = mobgap_part(table.set_axis(plain, axis=1), "body", path.name)
         return Measured([part], path.stem, notes=(*cut, DIALECT(names="mobgap's names of axes", library="mobgap")))
-    if set(CHANNELS[:3]) <= set(plain):
+    if set(CHANNELS[:3]) <= {column_of(column) for column in plain}:
         # The table does not state the placement: any placement can be used to get the columns.
         columns = columns_of(table, placement="waist", name=path.name)
         labels = {"waist": path.stem}
@@ -81,7 +82,15 @@ def measured(path: Path) -> Measured:
         notes.append(TIME_UNIT_OF_FILE(file=path.name, unit=unit))
         time = TIME_UNITS[unit] * time
     parts = [
-        Part(labels.get(where, where), signals["gyr"], signals.get("acc"), time)
+        Part(
+            labels.get(where, where),
+            signals["gyr"],
+            signals.get("acc"),
+            time,
+            gyr_unit=columns.units[where].get("gyr"),
+            acc_unit=columns.units[where].get("acc"),
+            units_by="header",
+        )
         for where, signals in columns.sensors.items()
     ]
     return Measured(parts, path.stem, notes=tuple(notes), feet_range=columns.feet_range)

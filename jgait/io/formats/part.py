@@ -16,15 +16,16 @@ class Part(NamedTuple):
     acc: np.ndarray | None = None  #: (T, 3) specific force, NaN where lost; or None.
     time: np.ndarray | None = None  #: (T,) [s] on a clock that all parts of the file share, or None.
     sampling_rate_hz: float | None = None  #: [Hz], or None to take it from `time`.
-    #: what file or specification state, a key of `jgait.io.arrays.GYR_UNITS`; None: neither does.
+    #: what file or specification state, a key of `jgait.io.units.GYR_UNITS`; None: neither does.
     gyr_unit: str | None = None
-    acc_unit: str | None = None  #: a key of `jgait.io.arrays.ACC_UNITS`; None: neither does.
+    acc_unit: str | None = None  #: a key of `jgait.io.units.ACC_UNITS`; None: neither does.
     placement: str | None = None  #: the placement, if the file states it beyond doubt; see `jgait.types.PLACEMENTS`.
     axes: str = ""  #: what is known of the sensor's axes, in words; empty: nothing.
     #: (T,) whole numbers of the samples, increasing, by which all parts of the file count; or None. What was lost on
     #: the way has none. Parts that have them need no `time`.
     packets: np.ndarray | None = None
     packets_wrap: int | None = None  #: what the sensors' counter counts to before it begins again; None: it does not.
+    units_by: str = "file"  #: what states the units, a key of `jgait.io.units.STATES`.
 
 
 class Measured(NamedTuple):

@@ -11,12 +11,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+<<<<<<< HEAD
 from jgait.estimators.checks import FASTEST
 from jgait.io.arrays import GYR_UNITS, recording_from_arrays, unit_scale
 from jgait.io.checks import ACC_UNITS, FEET_APART, RANGE_UNITS
+=======
+from jgait.io.arrays import recording_in_units
+from jgait.io.checks import FASTEST, FEET_APART, RANGE_UNITS
+>>>>>>> 7e6c649 (Tables: the unit in the names of columns is used)
 from jgait.io.formats.clocks import on_one_counter, one_clock
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
+from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit
 from jgait.notes import DEDUCED, LEFT_OUT, ORIGIN, Kind, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError
 
@@ -90,26 +96,40 @@ def settle(
     placed = on_one_counter(placed, called, notes)
     units_gyr = _rate_units(placed, gyr_unit, called, notes)
     units_acc = _force_units(placed, acc_unit, called, notes)
+    units = {
+        where: {
+            "gyr": Unit(units_gyr[where], _origin(gyr_unit, part.gyr_unit, part.units_by)),
+            "acc": Unit(units_acc[where], _origin(acc_unit, part.acc_unit, part.units_by)),
+        }
+        for where, part in placed.items()
+    }
     for where, part in placed.items():
         notes += _which_way_up(part, where)
     sensors = {
-        where: _in_si(part, rate, force)
-        for (where, part), rate, force in zip(placed.items(), units_gyr.values(), units_acc.values(), strict=True)
-    }
+        where: {
+            kind: np.asarray(values, np.float64)
+            for kind, values in (("gyr", part.gyr), ("acc", part.acc)) if values is not None
+        }
+        for where, part in placed.items()
+    }  # fmt: skip
     time, rate_hz = one_clock(placed, sensors, sampling_rate_hz, called, notes)
-    recording = recording_from_arrays(
+    recording = recording_in_units(
         sensors,
+        units,
         time=time,
         feet_range=measured.feet_range,
         range_unit=_range_unit(measured.feet_range, called, notes),
         time_unit=None if time is None else "s",
         sampling_rate_hz=rate_hz,
-        gyr_unit="rad/s",
-        acc_unit="m/s^2",
         name=called,
         subject=(measured.subject or called) if subject is None else subject,
     )
     return recording._replace(notes=(*notes, *recording.notes))
+
+
+def _origin(given: str | None, stated: str | None, by: str) -> str:
+    """What states a unit: the argument, the file, or else the signals."""
+    return "argument" if given is not None else by if stated is not None else "signals"
 
 
 def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: list[Note]) -> dict[str, Part]:
@@ -254,11 +274,3 @@ def _which_way_up(part: Part, where: str) -> list[Note]:
     name = f"{'-' if share < 0 else '+'}{'xyz'[axis]}"
     stated = f"; axes {part.axes}" if part.axes else ""
     return [AXIS_UP(placement=where, axis=name, share=abs(share), stated=stated)]
-
-
-def _in_si(part: Part, gyr_unit: str, acc_unit: str) -> dict[str, np.ndarray]:
-    signals = {"gyr": np.asarray(part.gyr, np.float64) * unit_scale(gyr_unit, GYR_UNITS, "gyr_unit")}
-    force = unit_scale(acc_unit, ACC_UNITS, "acc_unit")
-    if part.acc is not None:
-        signals["acc"] = np.asarray(part.acc, np.float64) * force
-    return signals

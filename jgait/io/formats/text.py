@@ -13,6 +13,7 @@ import numpy as np
 
 from jgait.io.files import LONGEST_NAME, check_columns, check_file
 from jgait.io.formats.part import Measured, joined
+from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit
 from jgait.types import RecordingError
 
 SEPARATORS = (",", ";", "\t")
@@ -21,12 +22,6 @@ HEADER_WITHIN = 60
 
 HEAD = 4096
 """[bytes] Number of first bytes of a file that are read to recognise its format."""
-
-UNITS = {
-    "deg/s": "deg/s", "°/s": "deg/s", "dps": "deg/s", "rad/s": "rad/s", "m/s^2": "m/s^2", "m/(s^2)": "m/s^2",
-    "m/s2": "m/s^2", "m/s²": "m/s^2", "m/s/s": "m/s^2", "g": "g", "mg": "mg",
-}  # fmt: skip
-"""Unit as written in files → its name in `jgait.io.arrays`."""
 
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 """Unit of time as written in files → seconds."""
@@ -104,11 +99,15 @@ class Rows(NamedTuple):
         stated = {self.unit(self.where(column) or 0) for column in columns}
         if stated <= {""}:
             return values, None
-        if len(stated) > 1 or not stated <= UNITS.keys():
+        known = {known_unit(unit) for unit in stated}
+        unit = known.pop()
+        if known or unit is None:
             raw = ": raw numbers, for which the calibration is lacking; export calibrated data" if RAW in stated else ""
             found = ", ".join(sorted(stated))
-            raise RecordingError(f"{self.name}: {columns[0]} … is in {found}; expected one of {', '.join(UNITS)}{raw}")
-        return values, UNITS[stated.pop()]
+            raise RecordingError(
+                f"{self.name}: {columns[0]} … is in {found}; expected one of {', '.join((*GYR_UNITS, *ACC_UNITS))}{raw}"
+            )
+        return values, unit
 
     def unit(self, column: int) -> str:
         """What the file states of a column's unit, plain; "" where it states nothing."""

@@ -90,6 +90,15 @@ def test_a_gyroscope_in_another_unit_is_left_out(recording, name, factor):
     assert found.unusable == {name}
 
 
+@pytest.mark.parametrize("wrong", [("thigh_right", "thigh_left"), ("shank_right", "thigh_left"), ("shank_right",)])
+def test_half_of_the_gyroscopes_in_another_unit_do_not_accuse_the_others(recording, wrong):
+    sensors = {name: recording.sensors[name] for name in ("thigh_right", "thigh_left", "shank_right", "shank_left")}
+    slow = {name: sensors[name]._replace(gyr=np.deg2rad(sensors[name].gyr)) for name in wrong}
+    found = crosscheck(recording._replace(sensors=sensors | slow))
+    assert found.unusable == set(wrong)
+    assert {note.values["placement"] for note in found.notes if note.code == "sensor_gyr_unit"} == set(wrong)
+
+
 def test_an_accelerometer_in_g_is_left_out(recording):
     imu = recording.sensors["shank_left"]
     found = crosscheck(changed(recording, shank_left=imu._replace(acc=np.asarray(imu.acc) / 9.81)))
