@@ -13,10 +13,11 @@ from jgait.types import Recording, RecordingError
 Rate = Annotated[float | None, typer.Option(help="Samples a second [Hz]; needed without a time column.")]
 RangeUnit = Annotated[str, typer.Option(help="Of the column feet_range: m, cm or mm.")]
 GyrUnit = Annotated[
-    str | None, typer.Option(help="deg/s, rad/s or mdeg/s; default deg/s for tables, for other files what they state.")
+    str | None,
+    typer.Option(help="deg/s, rad/s or mdeg/s; default what the file states, deg/s for tables that state none."),
 ]
 AccUnit = Annotated[
-    str | None, typer.Option(help="m/s^2, g or mg; default m/s^2 for tables, for other files what they state.")
+    str | None, typer.Option(help="m/s^2, g or mg; default what the file states, m/s^2 for tables that state none.")
 ]
 Format = Annotated[
     str | None,

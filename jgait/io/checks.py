@@ -6,6 +6,7 @@ import numpy as np
 
 from jgait.estimators.checks import FASTEST, fast_rate
 from jgait.geometry.vectors import GRAVITY
+from jgait.io.damage.samples import COARSE, finest_step
 from jgait.io.units import ACC_UNITS, Unit, Units
 from jgait.notes import CLIPPING, LOSSES, Kind, Note
 from jgait.signal.windows import true_runs
@@ -18,6 +19,7 @@ GRAVITY_RANGE = (0.8, 1.2)  # [g] specific force of a worn accelerometer where i
 CALM_S, CALM_SHARE = 0.2, 0.2  # [s], [1] length of the windows that are compared, and share of the calmest of them
 CLIP_RUN = 3  # [samples] shortest run at the extreme value of a clipped channel; noise does not repeat exactly
 CLIP_FLOOR = {"gyr": 1.0, "acc": 1.5 * GRAVITY}  # smallest clipped value; quiet channels repeat smaller values
+CLIP_EDGE = 5.0  # [steps] least change beside a run of a coarse sensor; three samples at a rounded peak have up to 5
 LONG_GAP_S = 0.1
 RANGE_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 TWICE = "; were deg/s taken for rad/s, or converted twice? Correct its columns in the file"
@@ -38,6 +40,13 @@ CHANNEL_CONSTANT = Kind(
     "check",
     "{channel} is constant at {value:.4g} {unit}",
     "One axis of a sensor gives the same value all the time: it is broken, or was not recorded.",
+)
+ACCELEROMETER_COARSE = Kind(
+    "accelerometer_coarse",
+    "info",
+    "{placement}: the accelerometer reads in steps of {step:.2g} m/s²",
+    "Standing may not be found, tilts are less certain, and lengths and distances may change by several per cent. "
+    "Record with a finer resolution, or export more digits.",
 )
 CHANNEL_CLIPPED = Kind(
     "channel_clipped",
@@ -270,6 +279,9 @@ def quality_notes(recording: Recording, noted: Mapping[str, np.ndarray] | None =
     for placement, imu in recording.sensors.items():
         present = np.asarray(imu.mask) | (False if noted is None else noted[placement])
         notes += _missing_notes(placement, present, imu, recording.sampling_rate_hz)
+        step = 0.0 if imu.acc is None else finest_step(np.asarray(imu.acc)[np.asarray(imu.mask)])
+        if step >= COARSE:
+            notes.append(ACCELEROMETER_COARSE(placement=placement, step=step))
         for kind, signal, unit in (("gyr", imu.gyr, "rad/s"), ("acc", imu.acc, "m/s²")):
             if signal is None:
                 continue
@@ -300,9 +312,14 @@ def _channel_notes(name: str, values: np.ndarray, mask: np.ndarray, floor: float
     if np.ptp(there) == 0.0:
         return [CHANNEL_CONSTANT(channel=name, value=there[0], unit=unit)]
     limits = {}
+    step = finest_step(there) if unit == "m/s²" else 0.0
     for extreme in (there.max(), there.min()):
         at_extreme = mask & (np.abs(values - extreme) <= 1e-6 * abs(extreme))
-        clipped = sum(end - start for start, end in true_runs(at_extreme) if end - start >= CLIP_RUN)
+        runs = [(start, end) for start, end in true_runs(at_extreme) if end - start >= CLIP_RUN]
+        if step >= COARSE:
+            change = np.abs(np.diff(values, prepend=values[:1], append=values[-1:]))
+            runs = [run for run in runs if change[list(run)].max() > CLIP_EDGE * step]
+        clipped = sum(end - start for start, end in runs)
         if clipped and abs(extreme) >= floor:
             limits[float(abs(extreme))] = clipped
     if not limits:

@@ -13,6 +13,7 @@ LONGEST_STEP_S = 0.5  # [s] longest sample time: longer steps in s are in fact m
 SHORTEST_STEP_S = 1e-4  # [s] shortest sample time: shorter steps are in the other unit
 LONGEST_GAP_S = 10.0
 MOST_INSERTED = 100  # samples for each row of a file; with more, nothing of the recording is left
+BURST, PACKETS = 3.0, 0.02  # [1] mean step over the median, and share of longer steps, of stamps in bursts; chosen
 REPEATED = 0.01  # [1] largest share of rows that repeat the time before and are left out; a single one always is
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 
@@ -149,9 +150,10 @@ def unit_of_time(stamps: np.ndarray, stated: str | None, name: str) -> str:
     """The unit of increasing time stamps (n,), n > 1: the stated one, or else the one that their steps suggest.
 
     Raises:
-        RecordingError: for an unknown unit, and for one in which no sensor samples.
+        RecordingError: for an unknown unit, for one in which no sensor samples, and for stamps that come in bursts.
     """
     step = float(np.median(np.diff(stamps)))
+    _check_bursts(np.diff(stamps), step, stated, name)
     unit = stated or next((unit for unit, scale in TIME_UNITS.items() if step * scale <= LONGEST_STEP_S), "us")
     if unit not in TIME_UNITS:
         raise RecordingError(f"{name}: time_unit must be one of {', '.join(map(repr, TIME_UNITS))}; got {unit!r}")
@@ -164,6 +166,22 @@ def unit_of_time(stamps: np.ndarray, stated: str | None, name: str) -> str:
     raise RecordingError(
         f"{name}: with time in {unit}, samples are {length:.4g} s apart{wrong}{hint}",
         argument="time_unit" if fits else "",
+    )
+
+
+def _check_bursts(steps: np.ndarray, median: float, stated: str | None, name: str) -> None:
+    """Refuse stamps of packets, whose samples have the time at which the packet arrived, almost."""
+    long = steps > BURST * median
+    if steps.mean() <= BURST * median or long.mean() < PACKETS:
+        return
+    mean, period = float(steps.mean()), float(np.median(steps[long]))
+    guess = next((unit for unit, scale in TIME_UNITS.items() if mean * scale <= LONGEST_STEP_S), "us")
+    unit = stated if stated in TIME_UNITS else guess
+    rate = 1.0 / (mean * TIME_UNITS[unit])
+    raise RecordingError(
+        f"{name}: the time stamps come in bursts: rows are {median:.3g} {unit} apart, then {period:.3g} {unit}, as in "
+        f"packets sent by radio; there are {rate:.4g} rows a second. Leave out the time and give {{argument}}",
+        argument="sampling_rate_hz",
     )
 
 

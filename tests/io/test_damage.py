@@ -105,6 +105,31 @@ def test_a_clipped_gyroscope_that_jumps_between_its_limits_does_not_wrap():
         assert sum(note.code == "channel_wrapped" for note in notes) == count
 
 
+def test_a_coarse_accelerometer_is_named_and_neither_masked_nor_clipped_for_it():
+    step = 0.1 * 9.80665
+    time = np.arange(1000) / 100.0
+    rng = np.random.default_rng(0)
+    swing = np.where((time > 2.0) & (time < 7.0), np.sin(2.0 * np.pi * (time - 2.0)), 0.0)[:, None]
+    gyr = 200.0 * swing * [0.0, 0.1, 1.0] + rng.normal(scale=0.5, size=(1000, 3))
+    fine = [0.3, 9.7, 0.3] + 12.0 * swing * [1.0, 0.5, 0.2] + rng.normal(scale=0.02, size=(1000, 3))
+
+    def codes(acc):
+        return [note.code for note in io.recording_from_arrays({"shank_right": {"gyr": gyr, "acc": acc}},
+                                                               sampling_rate_hz=100.0).notes]  # fmt: skip
+
+    damage = {"samples_frozen", "channel_clipped", "accelerometer_coarse"}
+    coarse = step * np.round(fine / step)
+    assert (np.diff(coarse[-200:], axis=0) == 0.0).all()
+    assert damage & set(codes(coarse)) == {"accelerometer_coarse"}
+    assert damage & set(codes(0.02 * step * np.round(fine / (0.02 * step)))) == set()
+    assert damage & set(codes(np.clip(coarse + 12.0 * step * np.round(4.0 * swing), -20.0 * step, 20.0 * step))) == {
+        "accelerometer_coarse", "channel_clipped",
+    }  # fmt: skip
+    stuck = fine.copy()
+    stuck[-200:] = stuck[-200]
+    assert damage & set(codes(stuck)) == {"samples_frozen"}
+
+
 def test_a_wrapped_gyroscope_is_named(rows):
     (text,) = found(damaged(rows, "gyroscope wraps at 250 deg/s", "shank_right"), "channel_wrapped")
     assert "shank_right gyr_y" in text

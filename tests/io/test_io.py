@@ -269,6 +269,15 @@ REFUSED = {
         lambda t: t.assign(time=1000 * t.time), {"time_unit": "s"},
         "samples are 10 s apart; walking needs at most 0.5 s; it seems to be in ms",
     ),
+    "bursts": (
+        lambda t: t.assign(time=0.05 * (t.index // 5) + 1e-4 * (t.index % 5)), {},
+        "time stamps come in bursts: rows are 0.0001 s apart, then 0.0496 s, as in packets sent by radio; there are "
+        r"100\.?\d* rows a second. Leave out the time and give sampling_rate_hz",
+    ),
+    "bursts in microseconds": (
+        lambda t: t.assign(time=50000 * (t.index // 10) + 1000 * (t.index % 10)), {"time_unit": "us"},
+        "bursts: rows are 1e.03 us apart, then 4.1e.04 us, .* 20.* rows a second",
+    ),
     "seconds": (
         lambda t: t, {"time_unit": "ms"},
         "samples are 1e-05 s apart, faster than 10 kHz; it seems to be in s: correct time_unit",
