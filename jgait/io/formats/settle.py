@@ -11,14 +11,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-<<<<<<< HEAD
 from jgait.estimators.checks import FASTEST
-from jgait.io.arrays import GYR_UNITS, recording_from_arrays, unit_scale
-from jgait.io.checks import ACC_UNITS, FEET_APART, RANGE_UNITS
-=======
 from jgait.io.arrays import recording_in_units
-from jgait.io.checks import FASTEST, FEET_APART, RANGE_UNITS
->>>>>>> 7e6c649 (Tables: the unit in the names of columns is used)
+from jgait.io.checks import FEET_APART, RANGE_UNITS
 from jgait.io.formats.clocks import on_one_counter, one_clock
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
