@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.signal.windows import held_mean, window_size, window_sum
 from jgait.types import Imu, RecordingError, as_float
 
 SLOWEST, FASTEST = 1.2, 2.8
@@ -29,6 +30,15 @@ LEAST = 0.25
 SURE = 40.0
 """[deg] Largest difference of the phase from a quarter of a step with which forward and backward are certain; in 36
 walks of `ipol_gait` and 4 of `mobgap_lab` the difference is up to 33°."""
+
+SLOW_S = 4.0
+"""[s] Window of mean forces by which a wrong attitude shows, see `tilted`."""
+
+GRAVITY_S = 1.5
+"""[s] Window of a mean that leaves gravity of the specific force: more than a stride; `by_gravity` takes it twice."""
+
+UPRIGHT = np.deg2rad(25.0)
+"""[rad] Largest angle of gravity from the trunk's vertical in windows that count in `tilted`."""
 
 NAMES = ("x", "y", "z")
 
@@ -83,6 +93,41 @@ def functional_axes(imu: Imu, sampling_rate_hz: float) -> TrunkAxes | None:
         axis, along = -axis, -along
     forward = axis[0] * side + axis[1] * two
     return TrunkAxes(np.stack([forward, np.cross(up, forward), up]), float(steps), float(np.angle(along)))
+
+
+def tilted(forces: np.ndarray, acc: np.ndarray, sampling_rate_hz: float) -> float:
+    """Largest angle [rad] from the vertical of the mean specific force over `SLOW_S`, from forces (T, 3) in the world,
+    z up; it is small if the attitude is right, for nobody speeds up for so long.
+
+    Only windows count in and beside which `acc` (T, 3), in the trunk's axes, is nearly upright, see `UPRIGHT`: a sensor
+    in a hand has no known attitude at first. 0 without such a window.
+    """
+    size = window_size(SLOW_S, sampling_rate_hz)
+    if len(forces) < size:
+        return 0.0
+    leans = _from_vertical(held_mean(acc, window_size(GRAVITY_S, sampling_rate_hz))) > UPRIGHT
+    counts = window_sum(leans.astype(float), 2 * size - 1) < 0.5
+    angles = np.where(counts, _from_vertical(held_mean(forces, size)), 0.0)
+    return float(angles[size // 2 : len(angles) - size // 2].max())
+
+
+def _from_vertical(vectors: np.ndarray) -> np.ndarray:
+    return np.arctan2(np.hypot(vectors[:, 0], vectors[:, 1]), vectors[:, 2])
+
+
+def by_gravity(imu: Imu, sampling_rate_hz: float) -> Imu:
+    """The sensor with the angular rate that its accelerometer shows, for a gyroscope whose axes or signs are wrong.
+
+    The slow turn of gravity gives the rate about horizontal axes. About the vertical it is the slow rate of the
+    gyroscope along the axis about which it turns most, whichever this is: its size is right, its sign may be wrong.
+    """
+    size = window_size(GRAVITY_S, sampling_rate_hz)
+    up, rate = (held_mean(held_mean(as_float(values), size), size) for values in (imu.acc, imu.gyr))
+    up = up / np.linalg.norm(up, axis=1, keepdims=True)
+    axis = np.linalg.eigh(rate.T @ rate)[1][:, -1]
+    axis = axis if axis @ up.mean(axis=0) > 0.0 else -axis
+    tilting = np.cross(np.gradient(up, axis=0) * sampling_rate_hz, up)
+    return imu._replace(gyr=tilting + (rate @ axis)[:, None] * up)
 
 
 def _spectrum(values: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ import pytest
 
 from jgait.mounting import trunk as trunk_axes
 from jgait.mounting.shank import filled
-from jgait.mounting.trunk import TrunkAxes, functional_axes, worn
+from jgait.mounting.trunk import TrunkAxes, by_gravity, functional_axes, tilted, worn
 from jgait.types import Imu, RecordingError
 
 RATE, STEPS_HZ, GRAVITY = 100.0, 1.9, 9.81
@@ -109,3 +109,24 @@ def test_real_backs_look_the_way_they_were_mounted(data, name, ahead):
         assert 75.0 < np.rad2deg(found.phase) < 125.0, walk.recording.name
         assert found.rows[2, 0] > 0.8 and found.sure
         assert trunk_axes.SLOWEST < found.step_frequency < trunk_axes.FASTEST
+
+
+def test_the_mean_force_shows_a_wrong_tilt():
+    upright = np.tile([0.0, 0.0, 9.81], (1000, 1)) + np.random.default_rng(0).normal(0.0, 2.0, (1000, 3))
+    leaning = upright.copy()
+    leaning[400:900] = upright[400:900] @ np.array([[0.8, 0.0, -0.6], [0.0, 1.0, 0.0], [0.6, 0.0, 0.8]])
+    assert tilted(upright, upright, 100.0) < 0.05
+    assert tilted(leaning, upright, 100.0) == pytest.approx(np.arctan(0.75), abs=0.05)
+    assert tilted(leaning, leaning, 100.0) < 0.05  # the sensor itself was turned, as in a hand
+    assert tilted(leaning[:300], upright[:300], 100.0) == 0.0  # too short for a mean
+
+
+def test_gravity_and_the_slow_turn_give_an_angular_rate():
+    time = np.arange(0.0, 20.0, 0.01)
+    lean, bell = 0.4 * np.sin(0.5 * time), np.exp(-0.5 * ((time - 12.0) / 0.8) ** 2)
+    acc = 9.81 * np.stack([np.sin(lean), np.zeros(len(time)), np.cos(lean)], axis=1)
+    true = np.stack([np.zeros(len(time)), -0.2 * np.cos(0.5 * time), 1.5 * bell], axis=1)
+    imu = Imu(time, true[:, [1, 2, 0]], acc, np.ones(len(time), bool))
+    rate = np.asarray(by_gravity(imu, 100.0).gyr)
+    np.testing.assert_allclose(rate[300:-300, 1], true[300:-300, 1], atol=0.03)
+    assert abs(np.sum(rate[:, 2]) / 100.0) == pytest.approx(np.sum(true[:, 2]) / 100.0, rel=0.15)

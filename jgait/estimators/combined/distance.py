@@ -15,6 +15,7 @@ from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, impossible
 from jgait.estimators.proportions import SHARE_SD, SHARES
 from jgait.estimators.stride_flags import LARGEST_TURN, SHORT_STRIDE, durations
+from jgait.estimators.waist.notes import WALKING_MISSED
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.types import SIDES, Imu, Recording, Strides, as_float
 
@@ -42,7 +43,7 @@ DISTANCE_OVER_LOSS = Kind(
     "What is walked there is not measured. A person who stood still there walked less; the deviation contains it.",
 )  # fmt: skip
 
-LACKING = (SPEED_IMPLAUSIBLE.code, SWINGS_SMALL.code, *UNLIKE)
+LACKING = (SPEED_IMPLAUSIBLE.code, SWINGS_SMALL.code, WALKING_MISSED.code, *UNLIKE)
 """Codes of an estimator's notes by which its distance is in doubt."""
 
 LEG_DISTANCE_SD = 0.06

@@ -15,8 +15,9 @@ from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
 from jgait.estimators.waist.about import ABOUT, SIDE_KNOWN
 from jgait.estimators.waist.inputs import WaistInputs
+from jgait.estimators.waist.missed import LEAST_S, missed
 from jgait.estimators.waist.motion import TrunkMotion
-from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, FALLS_FREELY, SHORT_OR_SLOW
+from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, FALLS_FREELY, SHORT_OR_SLOW, WALKING_MISSED
 from jgait.estimators.waist.params import (
     DEFAULT,
     PAPER,
@@ -246,6 +247,22 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
     contacts = np.flatnonzero(diagnostics.pop("initial_contact_valid"))
     for name in ("initial_contact", "initial_contact_side", "initial_contact_side_probability"):
         diagnostics[name] = diagnostics[name][contacts]
+    result = _with_missed(result._replace(diagnostics=diagnostics), made.inputs)
     doubts, unlike = _doubts(result, diagnostics["initial_contact"], made.options)
-    diagnostics["notes"] = (*diagnostics["notes"], *doubts)
+    diagnostics = {**result.diagnostics, "notes": (*result.diagnostics["notes"], *doubts)}
     return wider(result._replace(diagnostics=diagnostics), UNLIKE_SD * unlike)
+
+
+def _with_missed(result: Estimate, inputs: WaistInputs) -> Estimate:
+    """The estimate with a note and a larger deviation of the distance if the trunk walks where no contact was found."""
+    diagnostics, time = dict(result.diagnostics), as_float(result.time)
+    flags = missed(inputs.acc, inputs.measured, time, diagnostics["initial_contact"])
+    seconds = np.cumsum(np.where(flags, inputs.dt, 0.0))
+    if seconds[-1] < LEAST_S:
+        return result
+    begin, end = time[np.flatnonzero(flags)[[0, -1]]]
+    diagnostics["notes"] += (WALKING_MISSED(seconds=seconds[-1], begin_s=begin, end_s=end),)
+    speeds = as_float(result.strides.speed)[np.asarray(result.strides.valid, bool)]
+    speed = float(np.median(speeds)) if len(speeds) else WaistParams().start_speed
+    diagnostics["distance_stddev"] = np.hypot(as_float(diagnostics["distance_stddev"]), speed * seconds)
+    return result._replace(diagnostics=diagnostics)

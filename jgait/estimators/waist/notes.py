@@ -35,6 +35,25 @@ GYROSCOPE_REVERSED = Kind(
     "The sensor's axes or signs are not as the file states. Lengths hold, but left and right may be mixed up.",
 )
 
+GYROSCOPE_CONTRADICTS = Kind(
+    "gyroscope_contradicts",
+    "check",
+    "{placement}: its gyroscope tilts it by up to {degrees:.0f}° otherwise than its accelerometer: the order or the "
+    "signs of axes of one of them are wrong, or a bias is large; the accelerometer is used alone, and left and right "
+    "are not known",
+    "The sensor's axes or signs are not as the file states. Contacts and lengths come from the accelerometer; of turns "
+    "only the size is known, neither which foot takes a stride nor which way a turn goes.",
+)
+
+WALKING_MISSED = Kind(
+    "walking_missed",
+    "check",
+    "for {seconds:.1f} s between {begin_s:.1f} and {end_s:.1f} s the trunk moves as in walking, but no contact was "
+    "found",
+    "Part of the walk is missing, perhaps because axes or signs of the sensor are not as the file states, or because "
+    "it slipped. Strides and distance are only those found; the distance's deviation contains what is missing.",
+)
+
 NO_CONTACTS = Kind("no_contacts", "stop", "nobody walks: no initial contact was found", NO_WALKING)
 
 BOUT_WITHOUT_STANDING = Kind(

@@ -18,6 +18,7 @@ from jgait.estimators.waist.inputs import PER_NODE, WaistInputs, capacity
 from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.notes import (
     AXES_CORRECTED,
+    GYROSCOPE_CONTRADICTS,
     GYROSCOPE_REVERSED,
     NO_TRUNK_STEPS,
     SAMPLES_LOST,
@@ -47,6 +48,10 @@ MIRRORED = 0.12
 reversal is kept. With the right sign it falls on every recorded walk of `ipol_gait`, `mobgap_lab` and `neura_sparse`;
 in simulated people, whose pelvis leans little against gravity, it can grow, by less. With the wrong sign it grows by as
 much as it falls with the right one."""
+
+CONTRADICTS = np.deg2rad(15.0)
+"""[rad] Threshold on `mounting.trunk.tilted` of the attitude from gyroscope and accelerometer, above which the
+gyroscope is not used. Undamaged walks of `ipol_gait`, `mobgap_lab`, `neura_sparse` and `tripod` reach 8°."""
 
 SILENCE = 10.0
 """[s] Least length of the padding in which contacts are searched: the slowest filter then does not feel its end."""
@@ -93,9 +98,11 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
     notes.append(AXES_CORRECTED(placement=name, **trunk_axes.worn(axes)))
     if not axes.sure:
         notes.append(FORWARD_UNSURE(placement=name))
-    whole, rested, motion = _motion(whole, axes, time, mask, rate, options, notes)
+    whole, rested, motion = _motion(whole, axes, time, mask, rate, name, notes)
     notes += rested.notes
     contacts = _contacts(motion, mask, rate, options)
+    if any(note.code == GYROSCOPE_CONTRADICTS.code for note in notes):
+        contacts = contacts._replace(certainty=np.zeros_like(contacts.certainty))
     still = [(int(a), int(b)) for a, b in true_runs(rested.still)]
     nodes = waist_bouts.nodes(waist_bouts.bouts(contacts, still, rate), time)
     notes += waist_bouts.notes_of(nodes, len(contacts.time), name, time, np.linalg.norm(as_float(whole.acc), axis=1))
@@ -130,25 +137,38 @@ def _motion(
     time: np.ndarray,
     mask: np.ndarray,
     rate: float,
-    options: WaistOptions,
+    name: str,
     notes: list[Note],
 ) -> tuple[Imu, TrunkRest, TrunkMotion]:
     """The sensor, its gyroscope's sign reversed if needed (see `MIRRORED`); its rest; and the motion of the trunk.
 
+    A gyroscope that contradicts the accelerometer (see `CONTRADICTS`) is replaced: in a turn it would tip the trunk
+    over, and no contact would be found behind the turn.
+
     The motion is by the filter alone: smoothing moves contacts by a millisecond, and takes twice as long to compile.
     """
+
+    def moved(turned: Imu, rested: TrunkRest) -> tuple[TrunkMotion, float]:
+        inputs = _assembled(turned, axes, time, mask, rate, rested, NO_NODES)
+        inputs = pad(inputs, bucket(len(time) + round(SILENCE * rate)))
+        motion, likelihood = compiled(waist_motion.motion_and_likelihood)(WaistParams(), inputs)
+        return motion, float(likelihood)
+
     candidates = []
     for sign in (1.0, -1.0):
         turned = imu._replace(gyr=sign * as_float(imu.gyr))
         rested = trunk_rest(turned, axes.rows, mask, rate)
-        inputs = pad(
-            _assembled(turned, axes, time, mask, rate, rested, NO_NODES), bucket(len(time) + round(SILENCE * rate))
-        )
-        candidates.append((turned, rested, *compiled(waist_motion.motion_and_likelihood)(WaistParams(), inputs)))
-    if not float(candidates[1][3]) > float(candidates[0][3]) + MIRRORED * np.sum(mask):
-        return candidates[0][:3]
-    notes.append(GYROSCOPE_REVERSED())
-    return candidates[1][:3]
+        candidates.append((turned, rested, *moved(turned, rested)))
+    mirrored = candidates[1][3] > candidates[0][3] + MIRRORED * np.sum(mask)
+    turned, rested, motion, _ = candidates[int(mirrored)]
+    forces = np.stack([motion.forward, motion.left, motion.upward + GRAVITY], axis=1)[: len(time)]
+    if (apart := trunk_axes.tilted(forces, as_float(imu.acc) @ axes.rows.T, rate)) > CONTRADICTS:
+        notes.append(GYROSCOPE_CONTRADICTS(placement=name, degrees=np.rad2deg(apart)))
+        turned, rested = trunk_axes.by_gravity(imu, rate), rested._replace(gyr_bias=np.zeros(3))
+        motion = moved(turned, rested)[0]
+    elif mirrored:
+        notes.append(GYROSCOPE_REVERSED())
+    return turned, rested, motion
 
 
 def _contacts(motion: TrunkMotion, mask: np.ndarray, rate: float, options: WaistOptions) -> trunk_events.Contacts:

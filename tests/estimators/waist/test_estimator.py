@@ -123,6 +123,41 @@ def test_a_pelvis_that_hardly_leans_is_no_reversed_gyroscope():
     np.testing.assert_array_equal(estimate.strides.side[:-1], np.asarray(truth.strides.side)[rows][near][:-1])
 
 
+SLOPING = np.array([[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]])  # as on a lower back
+
+
+@pytest.mark.parametrize("damage", ["order", "one axis"])
+def test_a_gyroscope_that_contradicts_the_accelerometer_loses_no_part_of_the_walk(bent, damage):
+    made, right = bent
+    worn_so = turned(made.recording, SLOPING)
+    imu = imu_of(worn_so)
+    gyr = np.asarray(imu.gyr)
+    wrong = gyr[:, [1, 2, 0]] if damage == "order" else gyr * [-1.0, 1.0, 1.0]
+    estimate = estimated(worn(worn_so, gyr=wrong))
+    assert [note.code for note in estimate.diagnostics["notes"] if "gyro" in note.code] == ["gyroscope_contradicts"]
+    assert "contradicts" not in " ".join(note.code for note in right.diagnostics["notes"])
+    np.testing.assert_allclose(estimate.distance[-1], right.distance[-1], rtol=0.05)
+    found = estimate.diagnostics["initial_contact"]
+    assert all(np.abs(found - at).min() < 0.06 for at in made.contact[:-2])
+    # the size of the turn is known, sides are not
+    flags = estimate.diagnostics
+    assert flags["turning"].any() and not flags["turning"][:2].any()
+    assert flags["side_unknown"].all() and not right.diagnostics["side_unknown"].all()
+
+
+def test_walking_without_contacts_is_noted_and_in_the_deviation(bent, monkeypatch):
+    made, right = bent
+    imu = imu_of(turned(made.recording, SLOPING))
+    monkeypatch.setattr("jgait.estimators.waist.prepare.CONTRADICTS", np.pi)
+    told = estimated(worn(made.recording, gyr=np.asarray(imu.gyr)[:, [1, 2, 0]], acc=imu.acc))
+    (note,) = (note for note in told.diagnostics["notes"] if note.code == "walking_missed")
+    assert note.values["begin_s"] > 5.0 and note.values["seconds"] > 2.0
+    missing = made.distance - told.distance[-1]
+    assert 0.5 * missing < told.diagnostics["distance_stddev"][-1]
+    assert told.diagnostics["distance_stddev"][imu.time.searchsorted(4.0)] < 0.5
+    assert "walking_missed" not in [note.code for note in right.diagnostics["notes"]]
+
+
 def test_a_turn_is_flagged_and_makes_integration_less_certain(bent):
     made, estimate = bent
     contacts_agree(made, estimate)
