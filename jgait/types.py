@@ -5,6 +5,7 @@ accelerometer signal `acc`; an accelerometer at rest reads +9.81 along the axis 
 capture and an estimator all return an `Estimate`; an error measure compares two estimates.
 """
 
+from collections.abc import Hashable, Iterable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -103,6 +104,36 @@ class Recording(NamedTuple):
         parts = [f"{len(imu.time)} samples" for imu in list(self.sensors.values())[:1]]
         parts += [f"{self.sampling_rate_hz:g} Hz", "sensors " + ", ".join(self.sensors), f"{len(self.notes)} notes"]
         return f"Recording({self.name!r}: {'; '.join(parts)})"
+
+
+NOBODY = ("None", "nan", "<NA>", "NaT")
+"""The printed forms of missing labels, which are no text themselves."""
+
+
+def people(labels: Iterable[Hashable]) -> list[str]:
+    """The name of each label's person: the person's first label as text, without spaces at the ends.
+
+    Two labels name one person if they are equal as text, apart from capitals and spaces at the ends.
+
+    Raises:
+        ValueError: if a label is missing (None or NaN).
+    """
+    listed = list(labels)
+    missing = sum(not isinstance(label, str) and str(label) in NOBODY for label in listed)
+    if missing:
+        raise ValueError(f"every row needs a subject; {missing} of {len(listed)} have none")
+    texts = [str(label).strip() for label in listed]
+    first: dict[str, str] = {}
+    for text in texts:
+        first.setdefault(text.casefold(), text)
+    return [first[text.casefold()] for text in texts]
+
+
+def numbered_people(labels: Iterable[Hashable]) -> tuple[tuple[str, ...], np.ndarray]:
+    """The names of the people in order of appearance, and the number of each label's person; see `people`."""
+    names = people(labels)
+    number = {name: number for number, name in enumerate(dict.fromkeys(names))}
+    return tuple(number), np.asarray([number[name] for name in names], np.int32)
 
 
 class LegTrajectory(NamedTuple):

@@ -16,6 +16,8 @@ from jgait.types import (
     RecordingError,
     as_float,
     leg_of,
+    numbered_people,
+    people,
 )
 
 
@@ -85,3 +87,20 @@ def test_host_arrays_are_float64(values):
     array = as_float(values)
     assert array.dtype == np.float64
     np.testing.assert_array_equal(array, [1.0, 2.0])
+
+
+def test_a_person_has_one_name_however_it_is_written():
+    assert people(["Anna", "anna ", 1, "1", np.int64(1), "NA", " ANNA"]) == [
+        "Anna",
+        "Anna",
+        "1",
+        "1",
+        "1",
+        "NA",
+        "Anna",
+    ]
+    names, number = numbered_people(np.array(["b", "A", "B ", "a"]))
+    assert names == ("b", "A") and list(number) == [0, 1, 0, 1]
+    for nobody in (None, float("nan")):
+        with pytest.raises(ValueError, match="every row needs a subject; 1 of 2 have none"):
+            people(["nan", nobody])

@@ -21,7 +21,7 @@ from jgait.commands.references import REFERENCES, with_reference
 from jgait.estimators import Estimator, proportions
 from jgait.estimators.about import BodyMeasure
 from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note
-from jgait.types import RecordingError, Walk, reason_of
+from jgait.types import RecordingError, Walk, people, reason_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -306,6 +306,9 @@ def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: 
             failures.append((f"line {number}", f"{file} is listed twice" if file else "it names no file"))
         else:
             rows[file] = row
+    of_somebody = [row for row in rows.values() if row.get("subject")]
+    for row, name in zip(of_somebody, people(row["subject"] for row in of_somebody), strict=True):
+        row["subject"] = name
     notes = _notes(names, rows, measures)
     marks = {file: _mark(path.parent, row) for file, row in rows.items()}
     return Source(path.name, list(rows), _Files(path.parent, rows, gyr_unit, acc_unit), marks, failures, notes,

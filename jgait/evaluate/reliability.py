@@ -10,12 +10,12 @@ Source:
     Biopharmaceutical Statistics 17 (2007).
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from jgait.types import Values, as_float
+from jgait.types import Values, as_float, numbered_people
 
 LEVEL = 0.95
 """[1] Coverage probability of every interval, and share of differences between the limits of agreement."""
@@ -168,13 +168,9 @@ def _variances(difference: np.ndarray, sizes: np.ndarray, codes: np.ndarray) -> 
     return variance, of_bias, spread / (4.0 * variance)
 
 
-def number_subjects(labels: npt.ArrayLike) -> tuple[np.ndarray, int]:
-    """The subject of each row as a number in order of appearance, and the number of subjects."""
-    import pandas as pd
-
-    codes, names = pd.factorize(np.asarray(labels))
-    if (codes < 0).any():
-        raise ValueError(f"every row needs a subject; {int((codes < 0).sum())} of {codes.size} have none")
+def number_subjects(labels: Any) -> tuple[np.ndarray, int]:
+    """The subject of each row as a number in order of appearance, and the number of subjects; see `types.people`."""
+    names, codes = numbered_people(labels)
     return codes, len(names)
 
 

@@ -19,6 +19,8 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait.types import people
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -104,7 +106,7 @@ def frame(table: str, rows: "dict[str, Any] | pd.DataFrame") -> "pd.DataFrame":
 
 
 def joined(parts: Iterable[Cohort]) -> Cohort:
-    """Several cohorts as one, sorted by recording; the rows of one recording keep their order."""
+    """Several cohorts as one, sorted by recording, with one name a person; rows of a recording keep their order."""
     import pandas as pd
 
     parts = list(parts)
@@ -113,7 +115,9 @@ def joined(parts: Iterable[Cohort]) -> Cohort:
         filled = [part for cohort in parts if len(part := getattr(cohort, name))]
         whole = pd.concat(filled, ignore_index=True) if filled else frame(name, {})
         tables.append(whole.sort_values("recording", kind="stable", ignore_index=True))
-    return Cohort(*tables)
+    subjects = pd.unique(pd.concat([table["subject"] for table in tables]))
+    name_of = dict(zip(subjects, people(subjects), strict=True))
+    return Cohort(*(table.assign(subject=table["subject"].map(name_of).astype(str)) for table in tables))
 
 
 class Memory:

@@ -10,6 +10,7 @@ import numpy as np
 from jgait.evaluate.reliability import Limits, limits_of_agreement, number_subjects
 from jgait.evaluate.statistics import paired_difference, require_columns
 from jgait.plot.style import DASHED, RED, REFERENCE, Axes, Figure, Style, blank
+from jgait.types import people
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,7 +43,7 @@ def _rows(table: "pd.DataFrame", quantity: str) -> "pd.DataFrame":
     finite = np.isfinite(chosen[["estimate", "reference"]].to_numpy(dtype=float)).all(axis=1)
     if not finite.any():
         raise ValueError(f"none of the {len(chosen)} rows of {quantity!r} has both an estimate and a reference")
-    return chosen[finite]
+    return chosen[finite].assign(subject=people(chosen["subject"][finite]))
 
 
 APART = 0.11
@@ -138,7 +139,7 @@ def per_subject(table: "pd.DataFrame", quantity: str, *, unit: str = "", title: 
     """
     rows = _rows(table, quantity)
     size = (rows["estimate"] - rows["reference"]).abs().astype(float)
-    sizes = {str(name): values.to_numpy() for name, values in size.groupby(rows["subject"].astype(str), sort=True)}
+    sizes = {str(name): values.to_numpy() for name, values in size.groupby(rows["subject"], sort=True)}
     names = sorted(sizes, key=lambda name: (float(np.median(sizes[name])), sizes[name].max()))
     figure, axes = blank(1, 1, 6.4, _height(len(names)))
     axis = axes[0, 0]
@@ -184,7 +185,7 @@ def before_after(table: "pd.DataFrame", *, unit: str = "", name: str = "|error|"
     """
     require_columns(table, ("subject", "error_before", "error_after"))
     change = paired_difference(table["error_before"], table["error_after"], table["subject"], seed=0)
-    means = table.groupby(table["subject"].astype(str))[["error_before", "error_after"]].mean()
+    means = table.assign(subject=people(table["subject"])).groupby("subject")[["error_before", "error_after"]].mean()
     means = means.sort_values("error_before", ascending=False, kind="stable")
     before, after = (means[column].to_numpy(dtype=float) for column in ("error_before", "error_after"))
     figure, axes = blank(1, 1, 6.4, _height(len(means)))

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int, PyTree
 
 from jgait.params import Prior, Transform, check_params, unconstrain
-from jgait.types import AnyArray
+from jgait.types import AnyArray, numbered_people
 
 
 def is_transform(node: object) -> bool:
@@ -34,7 +34,7 @@ def check_data(data: PyTree, batched: bool) -> tuple[PyTree, int]:
 
     Raises:
         TypeError: if `data` holds anything but numbers.
-        ValueError: if `data` is empty, or the lengths differ.
+        ValueError: if `data` is empty or has floating-point numbers and none of them is finite, or the lengths differ.
     """
     flat, _ = jax.tree_util.tree_flatten_with_path(data)
     if not flat:
@@ -56,24 +56,23 @@ def check_data(data: PyTree, batched: bool) -> tuple[PyTree, int]:
     if batched and next(iter(lengths.values())) == 0:
         raise ValueError("data is empty: its leading axis has no items")
     leaves = jax.tree.map(lambda leaf: np.asarray(leaf) if batched else np.asarray(leaf)[None], data)
+    numbers = [leaf for leaf in jax.tree.leaves(leaves) if jnp.issubdtype(leaf.dtype, jnp.floating)]
+    if numbers and not any(np.isfinite(leaf).any() for leaf in numbers):
+        raise ValueError("data holds no finite number: every value is NaN or infinite")
     return leaves, jax.tree.leaves(leaves)[0].shape[0]
 
 
-def numbered(
-    subjects: Sequence[Hashable] | AnyArray | None, n: int
-) -> tuple[tuple[Hashable, ...], Int[np.ndarray, "item"]]:
-    """Subjects in order of appearance, and the number of each item's subject (n,); None: one subject.
+def numbered(subjects: Sequence[Hashable] | AnyArray | None, n: int) -> tuple[tuple[str, ...], Int[np.ndarray, "item"]]:
+    """Subjects in order of appearance (see `types.people`), and the number (n,) of each item's; None: one subject.
 
     Raises:
         ValueError: if there is not one subject for each item.
     """
     if subjects is None:
         return (), np.zeros(n, np.int32)
-    listed = list(np.asarray(subjects).tolist())
-    if len(listed) != n:
-        raise ValueError(f"subjects needs one label for each of the {n} items; got {len(listed)}")
-    order = {label: number for number, label in enumerate(dict.fromkeys(listed))}
-    return tuple(order), np.asarray([order[label] for label in listed], np.int32)
+    if len(subjects) != n:
+        raise ValueError(f"subjects needs one label for each of the {n} items; got {len(subjects)}")
+    return numbered_people(subjects)
 
 
 def spread_out(params: PyTree, transforms: PyTree, subjects: int) -> PyTree:

@@ -21,6 +21,7 @@ from jgait.types import (
     Strides,
     Walk,
     as_float,
+    people,
     reason_of,
 )
 
@@ -65,7 +66,7 @@ class Lessons(NamedTuple):
     Attributes:
         data: a `Lesson` whose leaves have a leading axis (n,), for `tune.fit` and `tune.cross_validate`.
         options: options of the estimator, the same for all walks.
-        subjects: (n,) subject of each walk.
+        subjects: (n,) subject of each walk, one name for each person, see `jgait.types.people`.
         days: (n,) day of each walk as its set or table names it, "" where it is not known.
         names: (n,) names of the recordings.
         failures: (name, reason) of every walk that could not be used.
@@ -319,5 +320,5 @@ def lessons(
     known = set.intersection(*(set(truth.diagnostics) for truth in truths)) if truths else set()
     padded = [_padded(estimator, item.lesson, longest, rows, known) for item in kept]
     data = jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *padded)
-    subjects, days, names = (tuple(getattr(item, field) for item in kept) for field in ("subject", "day", "name"))
-    return Lessons(data, kept[0].options, subjects, days, names, tuple(failures))
+    subjects, days = (tuple(people(getattr(item, field) for item in kept)) for field in ("subject", "day"))
+    return Lessons(data, kept[0].options, subjects, days, tuple(item.name for item in kept), tuple(failures))

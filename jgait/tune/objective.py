@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, PyTree
 
 from jgait.estimators.interface import Estimator
 from jgait.tune import losses
+from jgait.tune.checks import numbered
 from jgait.tune.lessons import Lesson
 from jgait.types import Estimate, Legs, RecordingError, Walk
 
@@ -190,13 +191,19 @@ def parsed(text: str) -> dict[str, float]:
         name, _, number = (piece.strip() for piece in part.partition("="))
         if name not in LOSSES or name in weights:
             raise ValueError(f"a loss is one of {', '.join(LOSSES)}, each given once; got {name!r}")
-        try:
-            weights[name] = float(number or 1.0)
-        except ValueError:
-            weights[name] = math.nan
-        if not 0.0 < weights[name] < math.inf:
-            raise ValueError(f"the weight of {name!r} must be a positive number; got {number!r}")
+        weights[name] = _weight(name, number or 1.0)
     return weights
+
+
+def _weight(name: str | Term, number: str | float) -> float:
+    """The weight of a loss. Raises ValueError if it is not a positive number."""
+    try:
+        weight = float(number)
+    except ValueError:
+        weight = math.nan
+    if not 0.0 < weight < math.inf:
+        raise ValueError(f"the weight of {name!r} must be a positive number; got {number!r}")
+    return weight
 
 
 def lacking(name: str, reference: Estimate | None) -> str:
@@ -271,8 +278,12 @@ def objective(
 ) -> Objective:
     """A loss over lessons; `terms` is the name of one term (see `TERMS`), or maps names or `Term` to weights.
 
+    A name of `LOSSES` is a smooth loss, of most in the square of the unit that `LOSSES` states: "stride_length" in cm².
+    With "_error" it is the error in that unit, "stride_length_error" in cm, as `cross_validate(error=…)` wants it.
+
     Raises:
-        ValueError: if a name is unknown, there is no term, or the estimator cannot answer one of them.
+        ValueError: if a name is unknown, there is no term, a weight is not a positive number, or the estimator cannot
+            answer one of the terms.
     """
     weights: dict[str | Term, float] = {terms: 1.0} if isinstance(terms, str) else {**terms}  # type: ignore[dict-item]
     unknown = [name for name in weights if isinstance(name, str) and name not in TERMS]
@@ -283,7 +294,7 @@ def objective(
         loss = str(name).removesuffix("_error")
         if answers is not None and loss in LOSSES and loss not in answers:
             raise ValueError(f"{estimator.name} cannot answer {loss!r}; it answers {', '.join(answers)}")
-    return Objective(estimator.run, estimator.own, options, tuple((n, float(w)) for n, w in weights.items()))
+    return Objective(estimator.run, estimator.own, options, tuple((n, _weight(n, w)) for n, w in weights.items()))
 
 
 @dataclass(frozen=True)
@@ -310,13 +321,10 @@ def by_subject(
         ValueError: if there is not one subject for each item.
     """
     n = np.shape(jax.tree.leaves(data)[0])[0]
-    if len(subjects) != n:
-        raise ValueError(f"subjects needs one label for each of the {n} items; got {len(subjects)}")
-    rows: dict[Hashable, list[int]] = {}
-    for item, subject in enumerate(subjects):
-        rows.setdefault(subject, []).append(item)
-    most = max(map(len, rows.values()))
-    index = np.asarray([own + own[:1] * (most - len(own)) for own in rows.values()])
-    counts = np.asarray([[i < len(own) for i in range(most)] for own in rows.values()])
+    names, number = numbered(subjects, n)
+    rows = [np.flatnonzero(number == person).tolist() for person in range(len(names))]
+    most = max(map(len, rows))
+    index = np.asarray([own + own[:1] * (most - len(own)) for own in rows])
+    counts = np.asarray([[i < len(own) for i in range(most)] for own in rows])
     whole: PyTree = _OfSubject(loss)
     return whole, (jax.tree.map(lambda leaf: np.asarray(leaf)[index], data), counts)

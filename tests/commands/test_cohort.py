@@ -83,6 +83,15 @@ def test_bad_rows_are_named_and_the_others_evaluated(evaluated):
     assert (out / "distance_agreement.png").exists() and (out / "distance_per_subject.png").exists()
 
 
+def test_a_person_has_one_name_however_the_table_writes_it(table):
+    from jgait.commands import cohort
+
+    written = table(lambda frame: frame.assign(subject=["Anna", "anna ", "1", " ANNA"]), "names.csv")
+    found = cohort.source(written, None, None, 0, None, None, ())
+    assert list(found.subjects.values()) == ["Anna", "Anna", "1", "Anna"]
+    assert found.read("walk1.csv").recording.subject == "Anna"
+
+
 def test_the_agreement_is_that_of_the_estimator(evaluated, walks):
     _, _, out, _ = evaluated
     folder, rows = walks

@@ -400,6 +400,17 @@ def test_tables_over_subjects_and_agreement(twenty):
     assert found.loc["hip_rmse_deg_right", "bias"] == pytest.approx(hips.mean())
 
 
+def test_a_person_has_one_name_however_it_is_written():
+    walks = [
+        w._replace(recording=w.recording._replace(subject=name))
+        for w, name in zip(map(walk, (1, 2, 3)), ("Anna", "anna ", "Ben"), strict=True)
+    ]
+    found = evaluate.cohort(FAKE, walks)
+    assert list(found.recordings["subject"]) == ["Anna", "Anna", "Ben"]
+    assert set(found.by_subject()["subject"]) == {"Anna", "Ben"}
+    assert set(found.agreement()["n_subjects"]) == {2}
+
+
 def test_walks_without_a_reference_have_estimates_and_no_errors():
     result = evaluate.cohort(FAKE, [walk(i)._replace(reference=None) for i in range(3)])
     distance = result.quantities.query("quantity == 'distance_m'")

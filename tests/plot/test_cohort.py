@@ -80,7 +80,7 @@ def test_each_subject_has_its_row_the_best_on_top(tmp_path):
 def test_before_and_after_are_joined_and_the_worse_are_dashed(tmp_path):
     changes = pd.DataFrame(
         {
-            "subject": ["a", "b", "c", "c", "d"],
+            "subject": ["a", "b", "c", "C ", "d"],
             "error_before": [1.0, 4.0, 2.0, 3.0, 0.5],
             "error_after": [0.5, 5.0, 1.0, 1.0, 0.5],
         }

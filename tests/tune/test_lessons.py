@@ -189,6 +189,20 @@ def test_terms_that_are_not_known():
         tune.objective(made_cohort.FAKE, None, {})
 
 
+@pytest.mark.parametrize("weight", [-1.0, 0.0, np.nan, np.inf])
+def test_weights_are_positive_numbers(weight):
+    with pytest.raises(ValueError, match=f"the weight of 'distance' must be a positive number; got {weight}"):
+        tune.objective(made_cohort.FAKE, None, {"distance": weight})
+
+
+def test_lessons_of_one_person_have_one_name():
+    walks = [made_cohort.walk(i) for i in (1, 2, 3)]
+    named = [
+        w._replace(recording=w.recording._replace(subject=n)) for w, n in zip(walks, ("Al", "al ", "B"), strict=True)
+    ]
+    assert tune.lessons(made_cohort.FAKE, named).subjects == ("Al", "Al", "B")
+
+
 def test_equal_objectives_are_one_to_what_keeps_programs():
     one, other = (tune.objective(made_cohort.FAKE, ("a",), "distance") for _ in range(2))
     assert one == other and hash(one) == hash(other)
