@@ -18,9 +18,10 @@ from jgait.params import constrain
 from jgait.tune import checkpoint
 from jgait.tune.checks import check_data, check_priors, numbered, spread_out, start, transforms_of
 from jgait.tune.descent import Carry, Settings
-from jgait.tune.fit import check_settings, loss_type, name_of, optimizer_mark, scattered, supported
+from jgait.tune.fit import check_settings, loss_type, name_of, optimizer_mark, scattered, supported, warn_of_flat
 from jgait.tune.gradient import check_mode
 from jgait.tune.lanes import Report, descend
+from jgait.tune.lessons import Lesson
 from jgait.tune.problem import Context, Items, Problem, of_subject, place
 
 if TYPE_CHECKING:
@@ -32,7 +33,8 @@ class CrossValidation[P](NamedTuple):
 
     Attributes:
         table: one row for each subject (index `subject`), with the errors of the fit that held the subject out: `fold`,
-            `n` (items), `error_before` and `error_after` (means over the subject's items), `change` (after − before).
+            `n` (items), `error_before` and `error_after` (means over the subject's items), `change` (after − before);
+            in the unit of `error`, or of the loss where there is none.
         items: one row for each item: `item subject fold error_before error_after`.
         params: the parameters of each fold, natural units; a free parameter has a leading axis (F,).
         losses: (F, starts) training loss of every fit; the start with the lowest one gives the fold's parameters.
@@ -72,8 +74,8 @@ def check_split(subjects: Sequence[Hashable], folds: Sequence[Hashable]) -> None
 
 
 def _check_twins(data: PyTree, subjects: Sequence[Hashable]) -> None:
-    """Raise if the same recording has two different subjects."""
-    leaves = [np.ascontiguousarray(leaf) for leaf in jax.tree.leaves(data)]
+    """Raise if the same recording has two different subjects; of lessons, the sensors' signals alone are compared."""
+    leaves = [np.ascontiguousarray(leaf) for leaf in jax.tree.leaves(data.inputs if isinstance(data, Lesson) else data)]
     first_of: dict[bytes, int] = {}
     for item, subject in enumerate(subjects):
         digest = hashlib.sha256()
@@ -141,7 +143,8 @@ def cross_validate[P](
         subjects: (n,) subject of each item.
         folds: None: each subject is one fold; a number k: the subjects are divided into k folds; or (n,) the fold of
             each item, the same for all items of a subject.
-        error: (params, item) → scalar, the error in the tables, for example a distance error; None for the loss.
+        error: (params, item) → scalar, the error in the tables, in the unit of its values; None for the loss, which of
+            most objectives is a square: `tune.objective(…, "stride_length_error")` gives cm, "stride_length" cm².
         steps: number of steps of each fit.
         gradient: see `value_and_grad`.
         priors: see `tune.fit`.
@@ -192,6 +195,8 @@ def cross_validate[P](
         dtype, chunk=chunk, report=progress, file=None if checkpoint_file is None else Path(checkpoint_file), mark=mark,
     )  # fmt: skip
     best, losses, left_out = _chosen(carry, learned, starts)
+    reach = jax.tree.map(lambda leaf: leaf.max(axis=0), carry.reach)
+    warn_of_flat(transforms, free, best, reach, 3)
     problem = problem._replace(loss=loss if error is None else error)
     judged = _judged(problem, params, free, best, items, np.asarray([kinds.index(fold) for fold in fold_of]))
     return CrossValidation(*_tables(named, fold_of, *judged), constrain(best, transforms, params), losses, left_out)

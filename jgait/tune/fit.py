@@ -15,11 +15,12 @@ from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 
 from jgait.params import constrain
 from jgait.tune import checkpoint
-from jgait.tune.checks import check_data, check_loss, check_priors, numbered, spread_out, start
-from jgait.tune.descent import Settings
+from jgait.tune.checks import check_data, check_loss, check_priors, numbered, over_transforms, spread_out, start
+from jgait.tune.descent import Settings, flat
 from jgait.tune.gradient import check_mode
 from jgait.tune.lanes import Lanes, Report, descend
 from jgait.tune.problem import Context, Items, Problem, of_subject, place
+from jgait.tune.words import is_interval
 from jgait.types import AnyArray, Maybe
 
 
@@ -30,7 +31,8 @@ class Fit[P](NamedTuple):
         params: the parameters of the step with the lowest loss, natural units; on the validation items if there are
             any, else on the training items. A fixed parameter is the same object as in the argument.
         free: `params` in unconstrained coordinates; None where fixed.
-        losses: (steps,) loss at the start of each step, over the minibatch if there is one; always finite.
+        losses: (steps,) loss at the start of each step, over the minibatch if there is one; always finite. A fit of
+            which no parameter is learned stops after its first step.
         gradient_norms: (steps,) norm of the gradient in unconstrained coordinates at the start of each step.
         accepted: (steps,) bool; False where the step led to a loss or gradient that is not finite and was undone.
         best_loss: the loss that selected `params`.
@@ -48,7 +50,7 @@ class Fit[P](NamedTuple):
     best_loss: float
     validation: np.ndarray
     left_out: tuple[int, ...]
-    subjects: tuple[Hashable, ...]
+    subjects: tuple[str, ...]
 
 
 def scattered(key: Maybe[PRNGKeyArray], free: PyTree, count: int, spread: float) -> PyTree:
@@ -192,8 +194,9 @@ def fit[P](
 
     Raises:
         TypeError: if `params` and `transforms` do not match, or `data` holds anything but numbers.
-        ValueError: if there is no free parameter or no item, a starting value is outside its range, the loss is not a
-            scalar, the loss is finite for no item at the start, or the checkpoint is of another fit.
+        ValueError: if there is no free parameter, no item or no finite number in `data`, a starting value is outside
+            its range, the loss is not a scalar, the loss is finite for no item at the start, or the checkpoint is of
+            another fit.
     """
     data, n = check_data(data, batched)
     labels, number = numbered(subjects, n)
@@ -248,14 +251,33 @@ def lane(tree: PyTree, number: int) -> PyTree:
     return jax.tree.map(lambda leaf: leaf[number], tree)
 
 
-def _unmoved(begin: PyTree, end: PyTree) -> list[str]:
-    """The free parameters of which no number has changed; fixed ones are None."""
-    pairs = zip(jax.tree_util.tree_leaves_with_path(begin), jax.tree.leaves(end), strict=True)
-    return [jax.tree_util.keystr(path).lstrip(".") for (path, a), b in pairs if np.array_equal(a, b)]
+EDGE = 9.2
+"""Least |logit| at an end of an interval: within a ten-thousandth of its width, where the gradient vanishes; chosen."""
+
+
+def warn_of_flat(transforms: PyTree, begin: PyTree, end: PyTree, reach: PyTree, stacklevel: int) -> None:
+    """Warn of the free parameters that are not learned, with the reason, from free coordinates at begin and end."""
+    bounded = over_transforms(lambda t, free: jax.tree.map(lambda _: is_interval(t), free), transforms, begin)
+    nothing, stuck = [], []
+    for (path, first), last, inside, none in zip(
+        jax.tree_util.tree_leaves_with_path(begin), *map(jax.tree.leaves, (end, bounded, flat(reach))), strict=True
+    ):
+        name = jax.tree_util.keystr(path).lstrip(".")
+        if inside and min(np.min(np.abs(first)), np.min(np.abs(last))) > EDGE:
+            stuck.append(name)
+        elif none:
+            nothing.append(name)
+    for names, reason in (
+        (nothing, "the gradient is 0 at every step, or no more than rounding, for the loss of these items does not "
+                  "depend on it there"),
+        (stuck, "the start value lies at an end of the range, where the gradient vanishes: start further inside"),
+    ):  # fmt: skip
+        if names:
+            warnings.warn(f"not learned: {', '.join(names)}; {reason}", stacklevel=stacklevel)
 
 
 def _result[P](
-    problem: Problem, params: P, lanes: Lanes, begin: PyTree, labels: tuple[Hashable, ...], numbers: np.ndarray
+    problem: Problem, params: P, lanes: Lanes, begin: PyTree, labels: tuple[str, ...], numbers: np.ndarray
 ) -> Fit[P]:
     carry, trace = lanes
     counted = np.count_nonzero(carry.weights[:, : numbers.size], axis=1)
@@ -277,12 +299,8 @@ def _result[P](
     own = lane(carry, best)
     losses, norms, accepted, scores = (column[best, : int(own.taken)] for column in trace)
     transforms = problem.transforms
-    if accepted.any() and (unmoved := _unmoved(lane(begin, best), own.free)):
-        warnings.warn(
-            f"not learned: {', '.join(unmoved)}; the gradient is 0 at every step, for the loss of these items does not "
-            "depend on it",
-            stacklevel=3,
-        )
+    if accepted.any():
+        warn_of_flat(transforms, lane(begin, best), own.best, own.reach, 4)
     return Fit(
         constrain(own.best, transforms, params), own.best, losses, norms, accepted, float(own.best_score), scores,
         left_out, labels,

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
+from made import cohort as made_cohort
 
 from jgait import tune
 from jgait.params import fixed, per_subject, real
@@ -115,6 +116,27 @@ def test_known_values_of_each_subject_are_used_and_unknown_ones_refused():
 def test_leaks_and_misuse_are_refused(change, message):
     with pytest.raises(ValueError, match=message):
         run(**change)
+
+
+def test_one_recording_of_two_people_is_found_whatever_their_measures_and_references():
+    made = tune.lessons(made_cohort.FAKE, [made_cohort.walk(1), made_cohort.walk(2)])
+    own = {"leg": np.arange(4.0)}
+    both = jax.tree.map(lambda leaf: leaf[[0, 0, 0, 1]], made.data)
+    far = both.reference.distance * np.array([[1.0], [1.1], [1.2], [1.3]])
+    both = both._replace(own=own, reference=both.reference._replace(distance=far))
+    with pytest.raises(ValueError, match="the split leaks: items 0 and 2 are the same recording, of subjects a and c"):
+        tune.cross_validate(
+            lambda p, lesson: p.x**2, Centre(1.0), ONLY, both, FAST, subjects=["a", "a", "c", "d"], steps=1
+        )
+
+
+def test_a_person_has_one_name_however_it_is_written():
+    names = ["Anna", "anna ", "b", 1, "1", "d"]
+    found = run(subjects=names)
+    assert list(found.table.index) == ["Anna", "b", "1", "d"] and list(found.table["n"]) == [2, 1, 2, 1]
+    np.testing.assert_array_equal(found.table.to_numpy(), run().table.to_numpy())
+    with pytest.raises(ValueError, match="every row needs a subject; 2 of 6 have none"):
+        run(subjects=["a", None, "b", float("nan"), "c", "d"])
 
 
 def test_a_bad_recording_costs_nobody_else():

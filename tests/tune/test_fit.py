@@ -218,3 +218,34 @@ def test_a_parameter_on_which_the_loss_does_not_depend_is_named():
     with pytest.warns(UserWarning, match="not learned: share; the gradient is 0"):
         fit = tune.fit(flat, START, FREE._replace(scale=fixed), TARGETS, optax.adam(0.1), steps=3)
     assert float(fit.params.slope) != START.slope and float(fit.params.share) == START.share
+
+
+def test_a_gradient_of_rounding_is_named_too_and_a_fit_that_learns_nothing_stops():
+    def rounding(params, target):
+        return jnp.sum(target**2) + 1e-19 * params.slope
+
+    with pytest.warns(UserWarning, match="not learned: slope; the gradient is 0 at every step, or no more than round"):
+        fit = tune.fit(rounding, START, Line(real, fixed, fixed), TARGETS, optax.adam(0.1), steps=40, chunk=4)
+    assert fit.losses.shape == (1,)
+    with pytest.warns(UserWarning, match="not learned: slope; the gradient is 0"):
+        tune.cross_validate(rounding, START, Line(real, fixed, fixed), TARGETS, optax.adam(0.1), subjects="ab", steps=4)
+
+
+def test_a_start_at_an_end_of_its_range_is_named():
+    at_zero, only = START._replace(share=0.0), Line(fixed, fixed, interval(-1e-9, 1.0))
+    with pytest.warns(UserWarning, match="not learned: share; the start value lies at an end of the range"):
+        fit = tune.fit(bowl, at_zero, only, TARGETS, optax.adam(0.2), steps=12)
+    assert float(fit.params.share) < 1e-4
+    tune.fit(bowl, START._replace(share=1e-2), only, TARGETS, optax.adam(0.2), steps=12)  # warns of nothing
+
+
+def test_a_learning_rate_of_nothing_is_no_flat_loss():
+    tune.fit(bowl, START, FREE, TARGETS, optax.sgd(1e-18), steps=2)  # warns of nothing
+
+
+def test_data_without_any_number_are_refused():
+    with pytest.raises(ValueError, match="data holds no finite number"):
+        tune.fit(
+            lambda p, item: p.slope**2 + 0.0 * jnp.nansum(item), START, FREE, jnp.full((2, 3), jnp.nan),
+            optax.adam(0.1), steps=2,
+        )  # fmt: skip
