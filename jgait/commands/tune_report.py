@@ -61,7 +61,7 @@ def report(
             results.fit.params,
             estimator=job.pipeline.name,
             stderr=spreads,
-            made=how | {"held_out": held_out},
+            made=how | {"held_out": held_out, "not_determined": results.undetermined},
         ),
         plot.save(plot_tuning.training(results.fit, title=title), out / "training.png"),
     ]
@@ -86,6 +86,17 @@ def report(
     if change is not None:
         _show_held_out(table, job, change)
     _show_values(values)
+    if results.errors is not None:
+        before, after = map(significant, results.errors)
+        losses = (significant(value, 4) for value in (results.fit.losses[0], results.fit.best_loss))
+        own = f"{job.judged} [{job.unit}] of the recordings themselves, median: {before} before, {after} after"
+        console.print(visible(f"{own}; loss {' before, '.join(losses)} after"), highlight=False, soft_wrap=True)
+    if results.known is None and results.undetermined:
+        note(
+            f"not determined: {', '.join(results.undetermined)}; the loss hardly changes with a factor of e, or a "
+            "quarter of the range, so that the value may be far off. Leave it out of --free, or learn from a loss or "
+            "recordings that depend on it"
+        )
     for line in [] if results.known is None else results.known.sentences:
         console.print(visible(f"· {line}"), highlight=False)
     if results.known is not None and results.known.decrement > OFF:
@@ -100,7 +111,7 @@ def report(
         note(line)
     wrote(files)
     write_json(json_file, {
-        **how, "values": {name: row._asdict() for name, row in values.items()},
+        **how, "not_determined": results.undetermined, "values": {name: row._asdict() for name, row in values.items()},
         "held_out": None if change is None else change._asdict() | {"unit": job.unit},
         "losses": [float(v) for v in results.fit.losses], "failures": dict(failures), "files": list(map(str, files)),
     })  # fmt: skip

@@ -381,8 +381,23 @@ def test_likelihood_needs_no_reference_and_one_person_no_cross_validation(table,
     assert code == 0, said
     assert "it needs two people, or one person on two days that are known, and there is only a single person" in said
     assert "1 number was learned from 1 person" in said
+    assert "negative log-likelihood [nat] of the recordings themselves, median: " in said and " before, " in said
+    assert "not determined" not in said
     assert not (tmp_path / "out" / "held_out.csv").exists()
     assert json.loads((tmp_path / "out" / "tuned.json").read_text())["parameters"]["gyro_noise"]["value"] != 1.0
+
+
+def test_a_parameter_on_which_the_loss_of_one_person_hardly_depends_is_named(table, walks, tmp_path):
+    lonely = table(lambda f: f.drop(columns="distance_m").assign(
+        subject="me", reference_samples=[f"samples{i}.csv" for i in range(len(f))]).head(1), "flat.csv")  # fmt: skip
+    words = ("tune", lonely, "--paper", "--free", "standing_knee,angle_noise", "--loss", "joint_angles", "--steps", 3)
+    code, said = run(*words, "--out", tmp_path / "out")
+    assert code == 0, said
+    assert (
+        "not determined: standing_knee.right" in said and "error of hip and knee angles [°] of the recordings" in said
+    )
+    flat = json.loads((tmp_path / "out" / "tuned.json").read_text())["made"]["not_determined"]
+    assert "standing_knee.right" in flat
 
 
 def test_days_of_one_person_are_left_out_in_turn(table, tmp_path):
