@@ -55,8 +55,8 @@ ACCELEROMETER_OFF = Kind(
 RATES_OFF = Kind(
     "rates_off",
     "check",
-    "{placement}: from stance to stance its signals fit only if it turns {factor:.2f} times as far: the gyroscope's "
-    "scale or unit, or the sampling rate, is wrong",
+    "{placement}: signals from stance to stance fit only with rates {factor:.2f} times as large: the gyroscope's scale "
+    "or unit, or the sampling rate, is wrong",
     "With a wrong sampling rate all lengths and speeds are wrong, by about twice as much as the rate; with a wrong "
     "scale those of this sensor. Their deviations are larger for it. Compare the rate with the length of the recording "
     "in seconds.",
