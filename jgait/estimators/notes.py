@@ -58,8 +58,8 @@ RATES_OFF = Kind(
     "{placement}: signals from stance to stance fit only with rates {factor:.2f} times as large: the gyroscope's scale "
     "or unit, or the sampling rate, is wrong",
     "With a wrong sampling rate all lengths and speeds are wrong, by about twice as much as the rate; with a wrong "
-    "scale those of this sensor. Their deviations are larger for it. Compare the rate with the length of the recording "
-    "in seconds.",
+    "scale those of this sensor. Their deviations are larger for it. If it is the sampling rate, the right one is the "
+    "stated one divided by this factor; compare the length of the recording in seconds.",
 )
 
 SAMPLED_SLOWLY = Kind(

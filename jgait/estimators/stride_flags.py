@@ -187,8 +187,8 @@ SIDE_UNKNOWN = StrideFlag(
 )  # fmt: skip
 DOUBTFUL = StrideFlag(
     "doubtful", "doubtful", "in doubt",
-    "The foot does not stand still where it should: it slid, knelt or ran, or the sensor is loose. The length can be "
-    "off by far more than its stated deviation; not in the means.",
+    "The signals do not fit a step of walking: the foot slid, knelt or ran, or the sensor is loose or wrong. The "
+    "length can be off by far more than its stated deviation; not in the means.",
     lambda estimate: stated(estimate, "doubtful"), regular=False,
 )  # fmt: skip
 WIDTH = StrideFlag(

@@ -18,7 +18,7 @@ from jgait.estimators.combined.compare import (
 from jgait.estimators.combined.crosscheck import crosscheck
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
 from jgait.estimators.combined.phases import FEWEST_STRIDES
-from jgait.estimators.combined.sources import SourceEstimate, sources, with_rates_off
+from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
 from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.notes import without_repeats
 from jgait.estimators.plausible import NO_ANGLES
@@ -101,7 +101,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     left_out = tuple(note for note in recording.notes if note.code == SENSOR_LEFT_OUT)
     usable = recording._replace(sensors=kept, notes=left_out)
     estimates, notes = sources(usable, body)
-    estimates, share, turned = with_rates_off(estimates)
+    estimates, share, turned = with_time_wrong(estimates, recording.notes)
     recording = recording._replace(notes=_without_exchanged(recording.notes, findings.notes))
     wrong = findings.doubtful | _named(recording, AXES)
     wrong |= _named(recording, ("sides_differ",)) - _spared(recording, estimates)
@@ -113,7 +113,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     differ += unusable
     if strides is not None:
         differ = [*length_notes(estimates, strides), *differ, *side_notes(estimates, strides)]
-        differ += contact_notes(estimates, strides)
+        differ += contact_notes(estimates, strides, findings.doubtful)
         seen = set(np.asarray(strides.strides.side).tolist())
         differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in seen if len(seen) == 1]
     elif any(source.estimate.strides is not None for source in estimates):

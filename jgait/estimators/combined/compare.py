@@ -136,11 +136,16 @@ def length_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> l
     return notes
 
 
-def contact_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> list[Note]:
-    """A note if the contacts of feet and of ankles or shanks are not as far apart on one leg as on the other."""
+def contact_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides, doubtful: frozenset[str]) -> list[Note]:
+    """A note if the contacts of feet and of ankles or shanks are not as far apart on one leg as on the other.
+
+    Sources with a sensor in `doubtful`, whose place or clock another note explains, are not compared.
+    """
     starts = {
         source.name: np.where(at >= 0, as_float(source.estimate.strides.start)[at], np.nan)
-        for source in sources if (at := strides.rows.get(source.name)) is not None and (at >= 0).any()
+        for source in sources
+        if (at := strides.rows.get(source.name)) is not None and (at >= 0).any()
+        and not doubtful & set(source.placements)
     }  # fmt: skip
     sides = np.asarray(strides.strides.side)
     notes = []

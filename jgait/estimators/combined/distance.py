@@ -128,7 +128,7 @@ def distances(
         person: measures of the person.
         wrong: placements whose signals, label or unit are in doubt.
         late: placements whose clock is; the strides of a single sensor hold nevertheless.
-        rates_share: see `with_rates_off`.
+        rates_share: see `with_time_wrong`.
     """
     walked_distances, notes = [], []
     runs = any(note.code == STRIDES_QUICK.code for one in sources for note in one.estimate.diagnostics["notes"])

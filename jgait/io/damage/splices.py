@@ -48,10 +48,10 @@ PEAK_HZ, PEAK, BEFORE_PEAK, PEAK_RATIO = 160.0, np.log([1.8, 2.3]), np.log([1.6,
 two steps; limits of the peak and of what is before it; least number within the peak over that before it. Undamaged
 recordings reach 1.14."""
 
-TWICE_SHARE, ONE_STEP = 0.008, (0.7, 1.4)
-"""[1] Least share of rows written twice, while the sensors turn; and limits of the change after them over the expected
-one. In undamaged recordings, 0.005 of the rows equal the one before, mostly at the limit of a range. A sensor that
-holds its last reading where one is lost changes by two steps afterwards: there, time is right."""
+TWICE_SHARE, ONE_STEP = 0.008, 1.45
+"""[1] Least share of rows written twice, while the sensors turn; and largest change after them over the expected one.
+In undamaged recordings, 0.003 of the rows equal the one before, mostly at the limit of a range. A sensor that holds
+its last reading where one is lost changes by two steps afterwards: there, time is right."""
 
 RESOLVED = 10.0
 """[1] Least expected change, in steps of the sensor's resolution, for a row to count."""
@@ -117,10 +117,10 @@ def splice_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]
 
 
 def _written_twice(changes: list[np.ndarray], whole: np.ndarray) -> np.ndarray:
-    """(n,) bool, steps over which a row is repeated; none unless they are frequent and the next step is a usual one."""
+    """(n,) bool, steps over which a row is repeated; none unless they are frequent and the next step is not longer."""
     same = whole & np.all([~change.any(axis=1) for change in changes], axis=0)
     at = np.flatnonzero(same)
-    turns, ratios = np.zeros(len(same), bool), []
+    turns, found, usual = np.zeros(len(same), bool), 0.0, 0.0
     for change in changes if at.size else ():
         expected = 0.5 * (_shifted(change, 1) + _shifted(change, -2))[at]
         size = np.sum(expected * expected, axis=1)
@@ -129,8 +129,9 @@ def _written_twice(changes: list[np.ndarray], whole: np.ndarray) -> np.ndarray:
         counts = size > max(RESOLVED * resolution, SMALLEST) ** 2
         turns[at[counts]] = True
         along = np.sum(_shifted(change, -1)[at] * expected, axis=1)
-        ratios += list(along[counts] / size[counts])
-    if turns.sum() < max(FEWEST, TWICE_SHARE * whole.sum()) or not ONE_STEP[0] < np.median(ratios) < ONE_STEP[1]:
+        usual += float(np.sum(np.sqrt(size[counts])))
+        found += float(np.sum(along[counts] / np.sqrt(size[counts])))
+    if turns.sum() < max(FEWEST, TWICE_SHARE * whole.sum()) or found > ONE_STEP * usual:
         return np.zeros(len(same), bool)
     return np.asarray(turns)
 

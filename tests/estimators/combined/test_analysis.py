@@ -61,6 +61,22 @@ def test_a_late_foot_does_not_become_a_limp_without_a_note(walked, analysis, sec
         assert abs(note.values["seconds"] - seconds) < 0.05
 
 
+def test_rows_written_twice_without_time_stamps_make_everything_uncertain(walked, analysis):
+    draw, true = np.random.default_rng(3), float(walked[1].estimate.distance[-1])
+    times = 1 + (draw.random(len(walked[0].sensors["pelvis"].time)) < 0.02)
+    rows = np.repeat(np.arange(len(times)), times)
+    arrays = {
+        name: {"gyr": np.rad2deg(np.asarray(imu.gyr))[rows], "acc": np.asarray(imu.acc)[rows]}
+        for name, imu in walked[0].sensors.items()
+    }
+    gait = jgait.analyse(io.recording_from_arrays(arrays, sampling_rate_hz=100.0), PERSON)
+    assert "rows_twice" in {note.code for note in gait.notes}
+    stddev, usual = (float(one.estimate.diagnostics["distance_stddev"][-1]) for one in (gait, analysis))
+    assert stddev > 2.0 * usual
+    assert abs(float(gait.estimate.distance[-1]) - true) < 2.0 * stddev
+    assert not gait.estimate.diagnostics["angles_valid_right"]
+
+
 def test_every_estimator_that_has_its_sensors_runs(analysis):
     assert [source.name for source in analysis.sources] == ["feet", "ankles", "shanks", "waist", "legs"]
     assert not CONTRADICTIONS.intersection(note.code for note in analysis.notes)
