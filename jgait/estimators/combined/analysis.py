@@ -109,6 +109,8 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     late = _apart(recording, estimates)
     ways, one_sided = distances(estimates, usable, body, wrong, late, share)
     total, differ = walked(ways)
+    if total is not None:  # an error of the time is the same in all sources
+        total = total._replace(stddev=max(total.stddev, share * float(total.distance[-1])))
     unusable = _angles(estimates, findings.doubtful | _named(recording, AXES) | late | turned)
     differ += unusable
     if strides is not None:

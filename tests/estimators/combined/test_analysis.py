@@ -73,6 +73,7 @@ def test_rows_written_twice_without_time_stamps_make_everything_uncertain(walked
     assert "rows_twice" in {note.code for note in gait.notes}
     stddev, usual = (float(one.estimate.diagnostics["distance_stddev"][-1]) for one in (gait, analysis))
     assert stddev > 2.0 * usual
+    assert stddev > 0.099 * float(gait.estimate.distance[-1])
     assert abs(float(gait.estimate.distance[-1]) - true) < 2.0 * stddev
     assert not gait.estimate.diagnostics["angles_valid_right"]
 
