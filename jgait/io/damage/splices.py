@@ -119,6 +119,7 @@ def splice_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]
 def _written_twice(changes: list[np.ndarray], whole: np.ndarray) -> np.ndarray:
     """(n,) bool, steps over which a row is repeated; none unless they are frequent and the next step is not longer."""
     same = whole & np.all([~change.any(axis=1) for change in changes], axis=0)
+    same &= ~(_shifted(same, 1) | _shifted(same, -1))  # a longer stretch is a sensor at its limit, or one that stopped
     at = np.flatnonzero(same)
     turns, found, usual = np.zeros(len(same), bool), 0.0, 0.0
     for change in changes if at.size else ():
