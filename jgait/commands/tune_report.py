@@ -89,7 +89,7 @@ def report(
     if results.errors is not None:
         before, after = map(significant, results.errors)
         losses = (significant(value, 4) for value in (results.fit.losses[0], results.fit.best_loss))
-        own = f"{job.judged} [{job.unit}] of the recordings themselves, median: {before} before, {after} after"
+        own = f"{job.judged} [{job.unit}] of the recordings learned from, median: {before} before, {after} after"
         console.print(visible(f"{own}; loss {' before, '.join(losses)} after"), highlight=False, soft_wrap=True)
     if results.known is None and results.undetermined:
         note(

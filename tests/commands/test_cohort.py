@@ -381,7 +381,7 @@ def test_likelihood_needs_no_reference_and_one_person_no_cross_validation(table,
     assert code == 0, said
     assert "it needs two people, or one person on two days that are known, and there is only a single person" in said
     assert "1 number was learned from 1 person" in said
-    assert "negative log-likelihood [nat] of the recordings themselves, median: " in said and " before, " in said
+    assert "negative log-likelihood [nat] of the recordings learned from, median: " in said and " before, " in said
     assert "not determined" not in said
     assert not (tmp_path / "out" / "held_out.csv").exists()
     assert json.loads((tmp_path / "out" / "tuned.json").read_text())["parameters"]["gyro_noise"]["value"] != 1.0

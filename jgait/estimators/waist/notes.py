@@ -38,9 +38,9 @@ GYROSCOPE_REVERSED = Kind(
 GYROSCOPE_CONTRADICTS = Kind(
     "gyroscope_contradicts",
     "check",
-    "{placement}: its gyroscope tilts it by up to {degrees:.0f}° otherwise than its accelerometer: the order or the "
-    "signs of axes of one of them are wrong, or a bias is large; the accelerometer is used alone, and left and right "
-    "are not known",
+    "{placement}: by its gyroscope it leans by up to {degrees:.0f}° away from what its accelerometer shows: the order "
+    "or the signs of axes of one of them are wrong, or a bias is large; the accelerometer is used alone, and left and "
+    "right are not known",
     "The sensor's axes or signs are not as the file states. Contacts and lengths come from the accelerometer; of turns "
     "only the size is known, neither which foot takes a stride nor which way a turn goes.",
 )

@@ -3,12 +3,12 @@
 import jax
 import numpy as np
 import pytest
+from made.rates import changed, factors_of
 
 import jgait
 from jgait import simulate
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins.closure import gyroscope_scale
-from jgait.estimators.notes import RATES_OFF
 from jgait.simulate.sensors import MPU6000
 
 FEET = ("foot_right", "foot_left")
@@ -20,31 +20,15 @@ def walk():
     return simulate.recording(jax.random.key(4), person, errors=MPU6000, placements=(*FEET, "pelvis"))
 
 
-def changed(recording, clock=1.0, rates=1.0, placements=FEET):
-    """The recording with a clock and with rates of some sensors that are too large by factors."""
-    sensors = {
-        name: imu._replace(
-            time=np.asarray(imu.time) / clock, gyr=np.asarray(imu.gyr) * (rates if name in placements else 1.0)
-        )
-        for name, imu in recording.sensors.items()
-    }
-    return recording._replace(sensors=sensors, sampling_rate_hz=recording.sampling_rate_hz * clock)
-
-
-def found(estimate):
-    notes = estimate.diagnostics["notes"]
-    return {note.values["placement"]: note.values["factor"] for note in notes if note.code == RATES_OFF.code}
-
-
 def test_an_undamaged_foot_turns_as_far_as_its_strides_need(walk):
-    assert not found(foot_ins.estimate(foot_ins.FootParams(), walk[0]))
+    assert not factors_of(foot_ins.estimate(foot_ins.FootParams(), walk[0]))
 
 
 @pytest.mark.parametrize(("change", "factor"), [({"clock": 1.28}, 1.28), ({"rates": 0.8}, 1.25)])
 def test_a_wrong_sampling_rate_or_scale_is_noted_and_lengths_are_as_uncertain(walk, change, factor):
     recording, truth = walk
-    estimate = foot_ins.estimate(foot_ins.FootParams(), changed(recording, **change))
-    factors = found(estimate)
+    estimate = foot_ins.estimate(foot_ins.FootParams(), changed(recording, FEET, **change))
+    factors = factors_of(estimate)
     assert set(factors) == set(FEET)
     assert max(abs(value / factor - 1.0) for value in factors.values()) < 0.06
     short = abs(float(estimate.distance[-1] - truth.estimate.distance[-1]))
@@ -56,13 +40,13 @@ def test_a_wrong_sampling_rate_or_scale_is_noted_and_lengths_are_as_uncertain(wa
 
 
 def test_of_two_feet_the_one_with_the_wrong_scale_is_named(walk):
-    estimate = foot_ins.estimate(foot_ins.FootParams(), changed(walk[0], rates=0.8, placements=FEET[:1]))
-    assert set(found(estimate)) == {"foot_right"}
+    estimate = foot_ins.estimate(foot_ins.FootParams(), changed(walk[0], FEET[:1], rates=0.8))
+    assert set(factors_of(estimate)) == {"foot_right"}
 
 
 def test_a_wrong_rate_of_all_sensors_makes_the_other_sensors_uncertain_too(walk):
     recording, truth = walk
-    gait = jgait.analyse(changed(recording, clock=1.28), {"height": 1.75, "pendulum_constant": 1.05})
+    gait = jgait.analyse(changed(recording, FEET, clock=1.28), {"height": 1.75, "pendulum_constant": 1.05})
     usual = jgait.analyse(recording, {"height": 1.75, "pendulum_constant": 1.05})
     waist, was = (next(s.estimate for s in one.sources if s.name == "waist") for one in (gait, usual))
     stddev, before = (float(one.diagnostics["distance_stddev"][-1]) for one in (waist, was))
