@@ -12,10 +12,12 @@ Source: G. J. Bierman, "Fixed interval smoothing with discrete measurements", In
 F. Tung, C. Striebel (1965), AIAA Journal 3(8).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
+from jax.typing import DTypeLike
 from jaxtyping import PyTree
 
 from jgait.filtering.lanes import (
@@ -61,6 +63,15 @@ class Backward:
 
     def value(self, *arguments: PyTree, count: PyTree = None) -> list[PyTree]:
         """The outputs of the first `count` samples, or of all, time axis in front and batch behind."""
+        lanes, (_, n, _, _), dtype = max(v.shape[-1] for v in arguments), arguments[0].shape, arguments[0].dtype
+        return self.continued(self.start(n, lanes, dtype), arguments, count)[1]
+
+    def start(self, size: int, lanes: int, dtype: DTypeLike) -> tuple[PyTree, PyTree]:
+        """λ and Λ after the last sample, of `size` components."""
+        return jnp.zeros((size, lanes), dtype), (jnp.zeros((size, size, lanes), dtype) if self.chosen else 0.0)
+
+    def continued(self, start: PyTree, arguments: Sequence[PyTree], count: PyTree) -> tuple[PyTree, list[PyTree]]:
+        """λ and Λ before the first sample, and the outputs, from λ and Λ after the last sample."""
         names = self.names
 
         def body(carry: PyTree, sample: PyTree) -> tuple[PyTree, list[PyTree]]:
@@ -80,10 +91,7 @@ class Backward:
             vector = applied(transposed(closed), vector) - applied(transposed(rows), weighted)
             return (vector, matrix), [outputs[name] for name in names]
 
-        lanes = max(v.shape[-1] for v in arguments)
-        n, dtype = arguments[0].shape[1], arguments[0].dtype
-        none = jnp.zeros((n, lanes), dtype), (jnp.zeros((n, n, lanes), dtype) if self.chosen else 0.0)
-        return scanned(body, none, arguments, count, reverse=True)[1]
+        return scanned(body, start, tuple(arguments), count, reverse=True)
 
     def closed(
         self,

@@ -137,8 +137,12 @@ class Filter:
 
     def value(self, *arguments: PyTree, count: PyTree = None) -> list[PyTree]:
         """The outputs of the first `count` samples, or of all, time axis in front and batch behind."""
-        params, belief, samples, lanes = self._split(arguments)
-        local, start = LocalModel(self.shape, params, lanes, self.width), self._start(*belief, lanes)
+        return self.continued(self.start(*arguments), arguments, count)[1]
+
+    def continued(self, start: PyTree, arguments: tuple[PyTree, ...], count: PyTree) -> tuple[PyTree, list[PyTree]]:
+        """(x⁻, δ, P) at the last sample, and the outputs, from (x⁻, δ, P) before the first sample."""
+        params, _, samples, lanes = self._split(arguments)
+        local = LocalModel(self.shape, params, lanes, self.width)
 
         def body(carry: PyTree, sample: PyTree) -> tuple[PyTree, list[PyTree]]:
             outputs = self.step(local, carry, sample)
@@ -146,7 +150,12 @@ class Filter:
 
         # Methods without a closed form are differentiated through the scan, which then stores the beliefs alone.
         body = body if linearises_once(self.method) else jax.checkpoint(body, prevent_cse=False)
-        return scanned(body, start, samples, count)[1]
+        return scanned(body, start, samples, count)
+
+    def start(self, *arguments: PyTree) -> tuple[PyTree, PyTree, PyTree]:
+        """(x⁻, δ, P) before the first sample."""
+        _, belief, _, lanes = self._split(arguments)
+        return self._start(*belief, lanes)
 
     def _start(self, mean: PyTree, cov: PyTree, lanes: int) -> tuple[PyTree, PyTree, PyTree]:
         """(x⁻, δ, P) before the first sample."""

@@ -27,6 +27,10 @@ NEEDS = {
 }  # fmt: skip
 """Field of `Posterior` → outputs of the core that it is computed from."""
 
+SEGMENT = 2**17
+"""[samples] Recordings that are longer (22 minutes at 100 Hz) are smoothed in segments of this length: they are
+filtered twice, and memory holds the covariances of one segment."""
+
 LASTING = ("predicted", "cov", "predicted_cov", "variance", "valid")
 """The outputs that are not zero where nothing is measured."""
 
@@ -44,6 +48,7 @@ class Recorded:
         inner: their `closure`.
         all: whether the outputs of the scans are returned too.
         even: whether the scans run over padding too: their length is then constant.
+        segment: see `SEGMENT`.
     """
 
     shape: Shape
@@ -54,6 +59,7 @@ class Recorded:
     inner: tuple[int, ...] = ()
     all: bool = False
     even: bool = False
+    segment: int = SEGMENT
 
     @property
     def block(self) -> int:
@@ -130,6 +136,8 @@ class Recorded:
 
     def value(self, *arguments: PyTree) -> list[PyTree]:
         """The outputs, time axis in front and batch behind."""
+        if self.smooth and not self.all and arguments[-1].shape[0] > self.segment:
+            return self._in_segments(arguments)
         count = self._count(arguments)
         scan = self.filter(max(v.shape[-1] for v in arguments))
         ahead = dict(zip(scan.keep, scan.value(*arguments, count=count), strict=True))
@@ -148,6 +156,38 @@ class Recorded:
         used = {name: ahead[name] for name in self._used()}
         fields = lax.map(at_sample, (used, back, arguments[-1]))
         return [*fields, *ahead.values(), *back.values()]
+
+    def _in_segments(self, arguments: Sequence[PyTree]) -> list[PyTree]:
+        """As `value`: from the last segment to the first, each filtered again from the belief before it."""
+        length, fixed = arguments[-1].shape[0], self.shape.params.num_leaves + 2
+        count, lanes = self._count(arguments), max(v.shape[-1] for v in arguments)
+        number = -(-length // self.segment)
+
+        def folded(values: PyTree) -> PyTree:
+            more = [(0, number * self.segment - length), *[(0, 0)] * (values.ndim - 1)]
+            return jnp.pad(values, more).reshape(number, self.segment, *values.shape[1:])
+
+        scan, known, series = self.filter(lanes), arguments[:fixed], [folded(v) for v in arguments[fixed:]]
+        counts = jnp.clip(count - self.segment * jnp.arange(number), 0, self.segment)
+
+        def ahead(belief: PyTree, segment: PyTree) -> tuple[PyTree, PyTree]:
+            own, samples = segment
+            return replace(scan, keep=()).continued(belief, (*known, *samples), own)[0], belief
+
+        def back(later: PyTree, segment: PyTree) -> tuple[PyTree, list[PyTree]]:
+            belief, own, samples = segment
+            outputs = scan.continued(belief, (*known, *samples), own)[1]
+            named = dict(zip(scan.keep, outputs, strict=True))
+            later, smoothed = self.backward.continued(later, [named[name] for name in FOR_SMOOTHER], own)
+            return later, self._fields(named, dict(zip(self.backward.names, smoothed, strict=True)), samples[-1])
+
+        beliefs = lax.scan(ahead, scan.start(*arguments), (counts, series))[1]
+        none = self.backward.start(scan.width, lanes, self.shape.dtype)
+        fields = lax.scan(back, none, (beliefs, counts, series), reverse=True)[1]
+        fields = [v.reshape(-1, *v.shape[2:])[:length] for v in fields]
+        zero = [name in ("innovation", "log_likelihood", "nis", "count") for name in self.keep]
+        lasting = [not is_zero for is_zero in zero] + [True] * (len(fields) - len(zero))
+        return [held_on(v, count) if lasts else v for v, lasts in zip(fields, lasting, strict=True)]
 
     def _count(self, arguments: Sequence[PyTree]) -> PyTree:
         """The number of samples that the scans compute; None for all."""

@@ -1,5 +1,6 @@
 """Padding costs nothing and changes nothing, and outputs that nobody uses are not computed."""
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -8,8 +9,12 @@ import numpy as np
 import pytest
 from filtering.problems import MORE, SAMPLES, Case, case, filtered, padded, same, smoothed
 
-from jgait.filtering import FIELDS, UKF, IteratedEKF
+from jgait.filtering import EKF, FIELDS, UKF, IteratedEKF
+from jgait.filtering.batched_call import call
+from jgait.filtering.finish import closure
+from jgait.filtering.inputs import inputs
 from jgait.filtering.padding import samples_of
+from jgait.filtering.recorded import Recorded
 
 
 def result(c: Case) -> Any:
@@ -38,6 +43,19 @@ def test_samples_before_the_padding_are_as_without_it_and_the_last_one_lasts(nam
         tail = leaf[SAMPLES:]
         np.testing.assert_allclose(tail, np.broadcast_to(leaf[SAMPLES - 1], tail.shape), rtol=1e-12, atol=1e-14)
     assert np.all(long[0].valid) and not np.any(long[0].count[SAMPLES:]) and not np.any(long[0].nis[SAMPLES:])
+
+
+@pytest.mark.parametrize(("name", "segment"), [("bent", 5), ("heading", 4), ("heading", 16)])
+def test_segments_of_a_long_recording_give_what_one_does(name, segment):
+    c = padded(case(name))
+    given = inputs(c.model, c.params, c.observations, c.controls, c.dt, c.mask, None)
+    every = tuple(range(given.shape.sizes[1]))
+    whole = Recorded(given.shape, EKF(), FIELDS, True, every, closure(given.shape, every))
+    parts = dataclasses.replace(whole, segment=segment)
+    one, several = (jax.jit(lambda *v, f=f: call(f, *v))(*given.arrays()) for f in (whole, parts))
+    same(several, one, 1e-12)
+    both = jax.jit(jax.vmap(lambda dt: call(parts, *given.arrays()[:-2], dt, given.arrays()[-1])))
+    same(at(both(jnp.stack([c.dt, c.dt])), 1), one, 1e-12)
 
 
 @pytest.mark.parametrize("method", [IteratedEKF(2), UKF()])
