@@ -49,6 +49,10 @@ TRUNK_WINDOW_S = 0.5
 TRUNK_RATE, TRUNK_FORCE = 0.12, 0.25
 """[rad/s], [m/s²] Thresholds on the spread of the trunk's angular rate and specific force while a person stands."""
 
+NOISY = 0.125
+"""[m/s²] Noise of an accelerometer, from sample to sample, from which on it does not count as movement of the trunk.
+Recorded trunks at rest have 0.05, accelerometers for 200 g alone have more."""
+
 LEAST_REST_S = 2.0
 """[s] Shortest rest from which the bias of the trunk's gyroscope is computed; a shorter rest gives a worse bias."""
 
@@ -259,7 +263,9 @@ def trunk_rest(imu: Imu, rows: np.ndarray, mask: np.ndarray, rate: float) -> Tru
     reads = rests.gyr_bias if np.linalg.norm(rests.gyr_bias) < BIAS_KNOWN else np.zeros(3)
     size = window_size(TRUNK_WINDOW_S, rate)
     still = held_spread(gyr, size) < TRUNK_RATE
-    still &= held_spread(acc, size) < TRUNK_FORCE
+    shaken, noise = held_spread(acc, size), held_spread(np.diff(acc, axis=0, prepend=acc[:1]), size) / math.sqrt(2.0)
+    # within half a second, the variance of noise is up to half larger than its own
+    still &= shaken**2 - (1.5 * noise**2 if noise.min() > NOISY else 0.0) < TRUNK_FORCE**2
     # a person who leans or turns slowly does not stand still
     still &= np.linalg.norm(held_mean(gyr, size) - reads, axis=1) < TRUNK_RATE
     for a, b in true_runs(~mask):

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from jgait.estimators.checks import FEWEST
 from jgait.notes import DEDUCED, LOSSES, Kind, Note
 from jgait.types import RecordingError, as_float
 
-MIN_SAMPLES = 10
 LONGEST_STEP_S = 0.5  # [s] longest sample time: longer steps in s are in fact ms
 SHORTEST_STEP_S = 1e-4  # [s] shortest sample time: shorter steps are in the other unit
 LONGEST_GAP_S = 10.0
@@ -61,8 +61,8 @@ def make_clock(
         RecordingError: if there are too few samples, no clock, or time stamps that are missing, repeat often, decrease,
             are in none of these units, or contradict the sampling rate.
     """
-    if samples < MIN_SAMPLES:
-        raise RecordingError(f"{name} has {samples} samples; at least {MIN_SAMPLES} are needed")
+    if samples < FEWEST:
+        raise RecordingError(f"{name} has {samples} samples; at least {FEWEST} are needed")
     if sampling_rate_hz is not None and not (np.isfinite(sampling_rate_hz) and sampling_rate_hz > 0):
         raise RecordingError(
             f"{name}: {{argument}} must be positive; got {sampling_rate_hz}", argument="sampling_rate_hz"
@@ -114,7 +114,7 @@ def check_inserted(samples: int, rows: int, name: str) -> None:
     Raises:
         RecordingError: if there are more than `MOST_INSERTED` samples for each row.
     """
-    if samples > MOST_INSERTED * max(rows, MIN_SAMPLES):
+    if samples > MOST_INSERTED * max(rows, FEWEST):
         raise RecordingError(
             f"{name}: {rows} rows are spread over {samples} samples; expected at most {MOST_INSERTED} for each row"
         )

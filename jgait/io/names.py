@@ -3,6 +3,7 @@
 import re
 import unicodedata
 
+from jgait.io.units import split_unit
 from jgait.types import PLACEMENTS
 
 KINDS = {
@@ -103,8 +104,9 @@ def _without_accents(text: str) -> str:
 
 
 def _words(name: str) -> list[str]:
-    """The words of a column's name without what is in brackets, in lower case."""
-    return [word.lower() for word in re.findall(WORD, re.sub(r"[(\[{].*?[)\]}]", " ", _without_accents(name)))]
+    """The words of a column's name without what is in brackets and without a unit at its end, in lower case."""
+    plain = re.sub(r"[(\[{].*?[)\]}]", " ", _without_accents(split_unit(name)[0]))
+    return [word.lower() for word in re.findall(WORD, plain)]
 
 
 def _signal(words: list[str]) -> tuple[str, str, list[str] | None] | None:

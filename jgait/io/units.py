@@ -17,10 +17,10 @@ ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}
 """Unit of a specific force → m/s²."""
 
 SPELT = {
-    "deg/s": ("°/s", "o/s", "°s-1", "dps", "degs-1", "grad/s"),
-    "rad/s": ("rads-1",),
+    "deg/s": ("°/s", "o/s", "°s-1", "dps", "degps", "degs-1", "grad/s"),
+    "rad/s": ("rads-1", "radps"),
     "mdeg/s": ("mdps", "m°/s"),
-    "m/s^2": ("m/s2", "m/s/s", "ms-2"),
+    "m/s^2": ("m/s2", "m/s/s", "ms-2", "mps2"),
 }
 """Unit → other ways to write it, as `_plain` leaves them."""
 
@@ -29,6 +29,9 @@ LIKE_A_UNIT = r"\S+/s\d?|lsb|rpm"
 
 IN_BRACKETS = r"[(\[{]((?:[^()\[\]{}]|\([^()]*\))*)[)\]}]"
 """Pattern of brackets, which may hold one pair of parentheses: "[m/(s^2)]"."""
+
+BEHIND_AXIS = r"(?<=[xyzXYZ])[\s_.-]+([^\s_.xyzXYZ-].*?)\s*$"
+"""Pattern of a unit behind the axis, without brackets: "gyr_x_dps", "acc_x_m_s2"."""
 
 STATES = {
     "argument": "given as {}",
@@ -81,12 +84,12 @@ def unit_scale(unit: str, units: Mapping[str, float], argument: str) -> float:
 
 
 def unit_of_columns(columns: Sequence[str], kind: str, name: str) -> str | None:
-    """The unit that the names of the three columns of a "gyr" or an "acc" state in brackets; None if they state none.
+    """The unit that the names of the three columns of a "gyr" or an "acc" state; None if they state none.
 
     Raises:
         RecordingError: if they state different units, one that is not known, or one of another signal.
     """
-    stated = [_in_brackets(column) for column in columns]
+    stated = [_stated(column) for column in columns]
     if len({unit and (known_unit(unit) or unit) for unit in stated}) > 1:
         each = ", ".join(f"{column!r} {unit or 'none'}" for column, unit in zip(columns, stated, strict=True))
         raise RecordingError(
@@ -101,8 +104,16 @@ def unit_of_columns(columns: Sequence[str], kind: str, name: str) -> str | None:
     return known
 
 
-def _in_brackets(column: str) -> str | None:
-    """The last text in the brackets of a column's name that is like a unit."""
+def _stated(column: str) -> str | None:
+    """The last text in the brackets of a column's name that is like a unit, or else the known unit at its end."""
     texts = [text.strip() for text in re.findall(IN_BRACKETS, column)]
     units = [text for text in texts if known_unit(text) or re.fullmatch(LIKE_A_UNIT, _plain(text))]
-    return units[-1] if units else None
+    return units[-1] if units else split_unit(column)[1]
+
+
+def split_unit(column: str) -> tuple[str, str | None]:
+    """A column's name without the known unit at its end, and this unit; None if there is none, as in "gyr_x"."""
+    ends = re.search(BEHIND_AXIS, column)
+    # in names of columns, "_" and "per" stand for the stroke
+    unit = ends and (known_unit(ends[1]) or known_unit(re.sub(r"_*per_*|_", "/", ends[1])))
+    return (column[: ends.start()], unit) if ends and unit else (column, None)

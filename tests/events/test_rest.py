@@ -1,8 +1,10 @@
 """Standing still is detected where a person stands, and nowhere else."""
 
 import numpy as np
+import pytest
 
 from jgait.events import rest
+from jgait.types import Imu
 
 RNG = np.random.default_rng(0)
 
@@ -46,3 +48,18 @@ def test_masked_samples_do_not_count():
     start, end = rest.longest_still(spoilt[:300], 100.0)
     assert end <= 30 or start >= 80
     assert rest.longest_still(np.zeros((200, 3)), 100.0, mask=np.zeros(200, bool)) is None
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.4])
+def test_the_noise_of_an_accelerometer_for_200_g_is_no_movement_of_the_trunk(noise):
+    """Four seconds of standing, four of walking, four of standing."""
+    time = np.arange(1200) / 100.0
+    walks = (time >= 4.0) & (time < 8.0)
+    draw = np.random.default_rng(1)
+    step = np.where(walks, np.sin(4.0 * np.pi * time), 0.0)[:, None]
+    gyr = 0.4 * step + draw.normal(scale=0.01, size=(1200, 3))
+    acc = np.array([0.0, 0.0, 9.81]) + 2.0 * step + draw.normal(scale=noise, size=(1200, 3))
+    mask = np.ones(1200, bool)
+    found = rest.trunk_rest(Imu(time, gyr, acc, mask), np.eye(3), mask, 100.0)
+    assert found.notes == () and found.time > 4.0
+    assert found.still[:350].all() and found.still[850:].all() and not found.still[430:770].any()

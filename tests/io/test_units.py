@@ -7,17 +7,17 @@ from made.frames import NEEDED, RATE, signals, table
 from made.notes import texts
 
 from jgait import io
-from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit, unit_of_columns
+from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit, split_unit, unit_of_columns
 from jgait.types import RecordingError
 
 
-def stated(kind, unit, placements=NEEDED, *, true=None, brackets="[]"):
+def stated(kind, unit, placements=NEEDED, *, true=None, between=" [{}]"):
     """The table with the unit in the names of some columns, whose numbers are in the true unit."""
     units, usual = (GYR_UNITS, "deg/s") if kind == "gyr" else (ACC_UNITS, "m/s^2")
     names = [f"{where}_{kind}_{axis}" for where in placements for axis in "xyz"]
     frame = table().copy()
-    frame[names] *= units[usual] / units[true or known_unit(unit)]
-    return frame.rename(columns={name: f"{name} {brackets[0]}{unit}{brackets[1]}" for name in names})
+    frame[names] *= units[usual] / units[true or unit]
+    return frame.rename(columns={name: name + between.format(unit) for name in names})
 
 
 def same(recording):
@@ -32,15 +32,18 @@ def same(recording):
 
 @pytest.mark.parametrize("read", [io.read_csv, io.read])
 @pytest.mark.parametrize(
-    ("kind", "unit", "brackets"),
-    [("gyr", "rad/s", "[]"), ("gyr", "deg/s", "()"), ("gyr", "mdps", "{}"), ("acc", "g", "[]"), ("acc", "mg", "()"),
-     ("acc", "m/s²", "[]"), ("acc", "m/(s^2)", "[]")],
+    ("kind", "unit", "between", "known"),
+    [("gyr", "rad/s", " [{}]", "rad/s"), ("gyr", "deg/s", " ({})", "deg/s"), ("gyr", "mdps", " {{{}}}", "mdeg/s"),
+     ("acc", "g", " [{}]", "g"), ("acc", "mg", " ({})", "mg"), ("acc", "m/s²", " [{}]", "m/s^2"),
+     ("acc", "m/(s^2)", " [{}]", "m/s^2"), ("gyr", "dps", "_{}", "deg/s"), ("gyr", "rad_s", "_{}", "rad/s"),
+     ("gyr", "deg_per_s", "_{}", "deg/s"), ("gyr", "rad/s", " {}", "rad/s"), ("acc", "mps2", "_{}", "m/s^2"),
+     ("acc", "g", "_{}", "g"), ("acc", "m_s2", "_{}", "m/s^2")],
 )  # fmt: skip
-def test_the_unit_in_the_names_of_columns_is_used(tmp_path, read, kind, unit, brackets):
-    stated(kind, unit, brackets=brackets).to_csv(tmp_path / "walk.csv", index=False)
+def test_the_unit_in_the_names_of_columns_is_used(tmp_path, read, kind, unit, between, known):
+    stated(kind, unit, between=between, true=known).to_csv(tmp_path / "walk.csv", index=False)
     recording = read(tmp_path / "walk.csv")
     assert same(recording)
-    said = f"units by the header: {kind} in {known_unit(unit)} (thigh_right, shank_right)"
+    said = f"units by the header: {kind} in {known} (thigh_right, shank_right)"
     assert [text for text in texts(recording.notes) if text.startswith("units by")] == [said]
 
 
@@ -133,7 +136,8 @@ def test_spellings(spelt, known):
     assert known_unit(spelt) == known
 
 
-def test_brackets_that_hold_no_unit_state_none():
+def test_words_that_are_no_unit_state_none():
+    assert split_unit("gyr_x_raw") == ("gyr_x_raw", None) and split_unit("acc_x_1") == ("acc_x_1", None)
     assert unit_of_columns([f"Gyro (right) {axis}" for axis in "xyz"], "gyr", "walk") is None
     assert unit_of_columns([f"Gyro (right) {axis} [dps]" for axis in "xyz"], "gyr", "walk") == "deg/s"
 

@@ -112,16 +112,15 @@ def _trials(path: Path) -> dict[str, Tree]:
     """Trial → its struct, of the trials that hold a sensor."""
     check_file(path, EXPECTED)
     data = apart(_load, path, EXPECTED, "scipy.io")
-    if not isinstance(data, dict):
+    if not isinstance(data, dict | list):
         raise RecordingError(
             f"{path.name} is not {EXPECTED}: its variable 'data' should be a struct, it is {_is(data)}"
         )
     every = dict(_descend(data, ()))
     trials = {key: tree for key, tree in every.items() if any(isinstance(tree.get(device), dict) for device in DEVICES)}
     if not trials:
-        there = (
-            f"; its trials without are {', '.join(every)}" if every else f"; 'data' has {', '.join(data) or 'nothing'}"
-        )
+        inside = ", ".join(data) if isinstance(data, dict) else f"{len(data)} structs"
+        there = f"; its trials without are {', '.join(every)}" if every else f"; 'data' has {inside or 'nothing'}"
         raise RecordingError(f"{path.name} has no trial with a struct {', '.join(DEVICES)}{there}")
     return trials
 
@@ -137,9 +136,14 @@ def _load(path: Path) -> PyTree:
         )
     scipy_io = library("scipy.io", EXPECTED)
     try:
-        content = dict(scipy_io.loadmat(path, simplify_cells=True))
+        times = [name for name, _, _ in scipy_io.whosmat(path)].count("data")
+        content = dict(scipy_io.loadmat(path, simplify_cells=True)) if times < 2 else {}
     except Exception as error:  # for a truncated file the reader may raise any exception
         raise RecordingError(f"{path.name} is no whole MATLAB file; expected {EXPECTED}: {error}") from error
+    if times > 1:
+        raise RecordingError(
+            f"{path.name} has {times} variables 'data', one of which hides the rest; save each alone"
+        )
     if "data" not in content:
         there = [key for key in content if not key.startswith("__")]
         raise RecordingError(
@@ -153,12 +157,15 @@ def _is(value: ArrayLike | None) -> str:
     return f"an array {shape}" if shape else type(value).__name__
 
 
-def _descend(tree: Tree, above: tuple[str, ...]) -> Iterator[tuple[str, Tree]]:
-    if any(key in tree for key in (*DEVICES, "Standards")):
+def _descend(tree: PyTree, above: tuple[str, ...]) -> Iterator[tuple[str, Tree]]:
+    """Trials below a struct, or a list of structs of one name, which are numbered as in MATLAB: `Trial(2)`."""
+    if isinstance(tree, list):
+        for number, below in enumerate(tree, 1):
+            yield from _descend(below, (*above[:-1], f"{above[-1] if above else 'data'}({number})"))
+    elif isinstance(tree, dict) and any(key in tree for key in (*DEVICES, "Standards")):
         yield "/".join(above) or "data", tree
-        return
-    for key, below in tree.items():
-        if isinstance(below, dict):
+    elif isinstance(tree, dict):
+        for key, below in tree.items():
             yield from _descend(below, (*above, key))
 
 

@@ -74,6 +74,20 @@ def test_many_trials_are_listed_and_none_is_guessed(both):
         io.read_mobilised(both, trial="Trial9")
 
 
+def test_trials_of_one_name_are_numbered(write):
+    first, second = (np.array([(trial(SU={"LowerBack": sensor(place)}),)], [("Trial", object)]) for place in PLACES[:2])
+    path = write({"T": {"Test5": {"Trial": np.concatenate([first, second])["Trial"]}, "Test6": {"A": trial(SU={})}}})
+    assert io.mobilised_trials(path) == ("T/Test5/Trial(1)", "T/Test5/Trial(2)", "T/Test6/A")
+    agrees(io.read_mobilised(path, trial="Trial(2)").sensors["lower_back"], PLACES[1])
+
+
+def test_a_variable_that_hides_another_is_refused(write):
+    one, other = (write({"T": {"A": trial(SU={"LowerBack": sensor(place)})}}, f"{place}.mat") for place in PLACES[:2])
+    one.write_bytes(one.read_bytes() + other.read_bytes()[128:])
+    with pytest.raises(RecordingError, match="has 2 variables 'data', one of which hides the rest"):
+        io.read_mobilised(one)
+
+
 def test_one_trial_is_read_by_the_common_reader(write):
     path = write({"TimeMeasure1": {"Recording4": trial(SU={"LowerBack": sensor("lower_back", start=None)})}})
     recording = io.read(path)
