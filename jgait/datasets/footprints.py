@@ -31,9 +31,7 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import reading, registry
-from jgait.datasets.notes import SIDE_UNKNOWN
-from jgait.datasets.one_foot import FLIP, foot_imu, footprint_strides, read_mat, way
-from jgait.datasets.reading import Files
+from jgait.datasets.reading import FLIP, SIDE_UNKNOWN, Files, foot_imu, footprint_strides, read_mat, way
 from jgait.notes import ORIGIN, Kind
 from jgait.types import Estimate, Legs, Recording, RecordingError, Walk
 

@@ -26,15 +26,13 @@ Keys of `Walk.info`; keys of the reference are {} (or None) where there is no re
     verified: whether every file's sha256 was known and agreed.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jgait.datasets import reading, registry
-from jgait.datasets.one_foot import foot_imu
-from jgait.datasets.reading import Files
+from jgait.datasets.reading import Files, foot_imu
 from jgait.geometry.sagittal import path_walked
 from jgait.notes import LEFT_OUT, Kind
 from jgait.types import (
@@ -239,22 +237,14 @@ def _table(
     events: dict[str, dict[str, np.ndarray]], strides: dict[str, dict[str, np.ndarray]], rate_hz: float
 ) -> Strides:
     """The strides of both feet of the reference, from contact to contact."""
-
-    def column(of: Callable[[str], np.ndarray]) -> np.ndarray:
-        return np.concatenate([of(side) for side in SIDES])
-
-    def times(event: str) -> np.ndarray:
-        return column(lambda side: events[side][event] / rate_hz)
-
-    def measure(name: str) -> np.ndarray:
-        return column(lambda side: strides[side][name])
-
-    length, standing, standing_end = measure("length"), times("start"), times("end")
+    times = {name: np.concatenate([events[side][name] for side in SIDES]) / rate_hz for name in EVENTS}
+    of = {name: np.concatenate([strides[side][name] for side in SIDES]) for name in strides["right"]}
+    length, standing, standing_end = of["length"], times["start"], times["end"]
     return Strides(
-        side=column(lambda side: np.full(len(strides[side]["length"]), SIDES.index(side))), start=times("pre_ic"),
-        final_contact=times("tc"), end=times("ic"), length=length, width=measure("width"), height=measure("height"),
+        side=np.repeat([0, 1], [len(strides[side]["length"]) for side in SIDES]), start=times["pre_ic"],
+        final_contact=times["tc"], end=times["ic"], length=length, width=of["width"], height=of["height"],
         valid=np.ones(length.size, bool), standing=standing, standing_end=standing_end,
-        speed=length / (standing_end - standing), step_length=measure("step_length"),
+        speed=length / (standing_end - standing), step_length=of["step_length"],
     )  # fmt: skip
 
 

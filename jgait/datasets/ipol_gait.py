@@ -44,7 +44,6 @@ Keys of `Walk.info`; empty or None where unknown, for example without the .json:
 
 import json
 import math
-import re
 from pathlib import Path
 from typing import Any
 
@@ -53,16 +52,15 @@ from jaxtyping import PyTree
 
 from jgait.datasets import reading, registry
 from jgait.datasets.reading import Files
+from jgait.io.clock import REPEATED
 from jgait.notes import CORRECTED, LEFT_OUT, LOSSES, Kind, Note
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Strides, Walk
 
 ROOT = "GaitData"
 RATE_HZ = 100.0
 SENSORS = {"lb": "lower_back", "rf": "foot_right", "lf": "foot_left"}
-COLUMNS = ("PacketCounter", "Gyr_X", "Gyr_Y", "Gyr_Z", "Acc_X", "Acc_Y", "Acc_Z")
 EVENTS = {"right": "RightFootEvents", "left": "LeftFootEvents"}
 LOST = 0.5  # [1] largest share of lost packets; with more, the column is not a packet counter
-REPEATED = 0.01  # [1] largest share of rows that repeat a packet number; with more, the column is not a counter
 EXCHANGED = -1.0  # [rad/s] right minus left roll rate late in swing; below it the sensors are exchanged
 ACC_AS_UPSTREAM = Kind(
     "acc_as_upstream",
@@ -148,18 +146,15 @@ def load_one(name: str) -> Walk:
 
 
 def _read_sensor(path: Path) -> np.ndarray:
-    """(n, 7): packet, gyroscope [rad/s], accelerometer [m/s²]; a line with the rate may precede the header."""
-    with path.open() as stream:
-        first = stream.readline()
-    rate = re.match(r"Acquisition frequency:\s*([\d.]+)", first)
-    if rate and float(rate.group(1)) != RATE_HZ:
-        raise RecordingError(f"{path.name} was recorded at {rate.group(1)} Hz; {RATE_HZ:.0f} Hz is expected")
-    values = reading.samples(path, COLUMNS, sep="\t", skiprows=1 if rate else 0)
+    """(n, 7): packet, gyroscope [rad/s], accelerometer [m/s²]."""
+    values, rate = reading.xsens(path)
+    if rate not in (None, RATE_HZ):
+        raise RecordingError(f"{path.name} was recorded at {rate:g} Hz; {RATE_HZ:.0f} Hz is expected")
     packets = values[:, 0]
     least = 0 if np.sum(np.diff(packets) == 0) <= REPEATED * len(packets) else 1
-    bad = np.flatnonzero(~(np.diff(packets) >= least) | (packets[1:] % 1 != 0))
-    if len(bad) or not np.isfinite(packets[0]):
-        row = bad[0] + 1 if len(bad) else 0
+    bad = np.flatnonzero((np.diff(packets) < least) | (packets[1:] % 1 != 0))
+    if len(bad):
+        row = bad[0] + 1
         raise RecordingError(f"{path.name}: PacketCounter must count upwards; in row {row} it is {packets[row]}")
     return values
 

@@ -42,14 +42,12 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.datasets import registry
-from jgait.datasets.notes import SAMPLES_MASKED, UNITS_CONVERTED
-from jgait.datasets.one_foot import foot_imu
-from jgait.datasets.reading import Files
+from jgait.datasets.reading import SAMPLES_MASKED, UNITS_CONVERTED, Files, foot_imu
+from jgait.geometry.vectors import GRAVITY
 from jgait.notes import LEFT_OUT, ORIGIN, Kind, Note
 from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, Recording, RecordingError, Strides, Walk
 
 ROOT = "example_data/data/lab"
-STANDARD_GRAVITY = 9.80665  # [m/s²] one g
 SYSTEMS = ("Stereophoto", "INDIP")
 LEVEL = "MicroWB"  # upstream's walking bout; a ContinuousWalkingPeriod may contain several, with breaks
 USUAL = "TimeMeasure1"  # the only time of measurement upstream; any other one becomes part of the name
@@ -176,7 +174,7 @@ def _sensor(content: dict[str, Any], name: str, notes: list[Note]) -> tuple[Imu,
     rate = float(_descend(rates, name, "Acc"))
     if rate != rates.get("Gyr") or not rate > 0:
         raise RecordingError(f"{name}: accelerometer and gyroscope must share a rate; {rate} and {rates.get('Gyr')} Hz")
-    imu, _ = foot_imu(name, np.arange(len(acc)) / rate, np.deg2rad(gyr), acc * STANDARD_GRAVITY)
+    imu, _ = foot_imu(name, np.arange(len(acc)) / rate, np.deg2rad(gyr), acc * GRAVITY)
     if not imu.mask.all():
         notes.append(SAMPLES_MASKED(placement="lower_back", masked=(~imu.mask).sum(), samples=len(acc)))
     stamps = np.atleast_1d(sensor.get("Timestamp", np.zeros(0)))

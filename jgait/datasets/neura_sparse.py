@@ -26,10 +26,10 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.datasets import reading, registry
-from jgait.datasets.notes import SENSOR_FILE_ABSENT
-from jgait.datasets.reading import Files
+from jgait.datasets.reading import SENSOR_FILE_ABSENT, Files
 from jgait.geometry.sagittal import leg_in_plane, low_pass_heading, path_walked
 from jgait.notes import Kind, Note
+from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
 IMU_LATE = Kind(
@@ -78,7 +78,7 @@ def load_one(name: str) -> Walk:
     """One trial: nine sensors, and Vicon as an `Estimate`."""
     trials, list_known = _trials()
     files = Files("neura_sparse", IMU_LATE(samples=LAG))
-    tables = {placement: _read_sensor(files.need(path)) for placement, path in _sensor_paths(name).items()}
+    tables = {placement: reading.xsens(files.need(path))[0] for placement, path in _sensor_paths(name).items()}
     if not tables:
         raise RecordingError(f"{name} has none of the sensors {', '.join(SERIALS.values())}")
     vicon = _read_vicon(files.need(f"{ROOT}/vicon/{name}.mat"))
@@ -117,16 +117,8 @@ def _sensor_paths(name: str) -> dict[str, str]:
     return {placement: paths[0] for placement, paths in listed.items() if paths}
 
 
-def _read_sensor(path: Path) -> np.ndarray:
-    """(n, 7): packet counter, gyroscope [rad/s], accelerometer [m/s²]."""
-    columns = ["PacketCounter", "Gyr_X", "Gyr_Y", "Gyr_Z", "Acc_X", "Acc_Y", "Acc_Z"]
-    return reading.samples(path, columns, comment="/")
-
-
 def _on_one_clock(tables: dict[str, np.ndarray], most: int, notes: list[Note]) -> dict[str, Imu]:
-    """Sensors on one time axis of at most `most` samples by packet counter, the lag removed."""
-    for table in tables.values():
-        table[:, 0] = np.unwrap(table[:, 0], period=65536)
+    """Sensors on one time axis of at most `most` samples, the lag removed."""
     first = int(min(table[0, 0] for table in tables.values())) + LAG
     length = int(max(table[-1, 0] for table in tables.values())) + 1 - first
     return reading.on_counter(tables, first, min(length, most), RATE_HZ, notes)
@@ -169,8 +161,7 @@ def stance_strides(contact: np.ndarray, ankle: np.ndarray) -> np.ndarray:
     Returns:
         (n, 3): stance sample, next stance sample, displacement [m].
     """
-    edges = np.diff(np.concatenate([[0], contact.astype(np.int8), [0]]))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    starts, ends = np.array(true_runs(contact)).reshape(-1, 2).T
     if len(starts) < 2:
         return np.zeros((0, 3))
     # The first and the last stance are long: take the instant at which the foot leaves or comes to rest.
@@ -238,8 +229,6 @@ def _windows(
             windows[key] = (low + still[0], low + still[1])
     windows.setdefault("standing", (start, start + 1))
     turning = np.abs(np.gradient(heading[start:end]) * RATE_HZ) > np.deg2rad(20.0)
-    edges = np.diff(np.concatenate([[1], turning.astype(np.int8), [1]]))
-    runs = zip(np.flatnonzero(edges == -1), np.flatnonzero(edges == 1), strict=True)
-    straight = [(int(start + a), int(start + b)) for a, b in runs if b - a >= 1.5 * RATE_HZ]
+    straight = [(start + a, start + b) for a, b in true_runs(~turning) if b - a >= 1.5 * RATE_HZ]
     windows.update({f"straight_{number}": run for number, run in enumerate(straight, 1)})
     return windows

@@ -37,8 +37,7 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import registry
-from jgait.datasets.notes import AXES_TURNED
-from jgait.datasets.one_foot import FLIP, foot_imu, footprint_strides, read_mat, way
+from jgait.datasets.reading import AXES_TURNED, FLIP, foot_imu, footprint_strides, read_mat, way
 from jgait.notes import LOSSES, ORIGIN, Kind
 from jgait.signal.windows import true_runs
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, RecordingError, Strides, Walk, as_float

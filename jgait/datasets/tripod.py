@@ -31,15 +31,14 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.datasets import reading, registry
-from jgait.datasets.notes import SENSOR_FILE_ABSENT
-from jgait.datasets.reading import Files
+from jgait.datasets.reading import SENSOR_FILE_ABSENT, Files
+from jgait.geometry.vectors import GRAVITY
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
 TABLE_ABSENT = Kind("table_absent", "info", "no {file}", LEFT_OUT)
 
 RATE_HZ = 128.0
-GRAVITY = 9.80665
 SENSORS = {
     "LS": "shank_left",
     "RS": "shank_right",

@@ -34,7 +34,8 @@ import numpy as np
 
 from jgait.datasets import registry
 from jgait.datasets.foot_reference import FootPath, foot_path, walking_strides
-from jgait.datasets.notes import SAMPLES_MASKED
+from jgait.datasets.reading import SAMPLES_MASKED
+from jgait.geometry.vectors import GRAVITY
 from jgait.notes import LEFT_OUT, LOSSES, WRONG_PLACE, Kind, Note
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
@@ -42,7 +43,7 @@ RATE_HZ = 100.0
 MAX_GAP = 0.05  # [s] longest gap that is interpolated
 ROOT = "Dataset"
 SENSORS = {1: "foot_right", 2: "shank_right", 3: "thigh_right", 4: "thigh_left", 5: "shank_left", 6: "foot_left"}
-ACC_SCALE = 9.80665 / 10000.0  # raw count → m/s²
+ACC_SCALE = GRAVITY / 10000.0  # raw count → m/s²
 GYR_SCALE = np.pi / 180.0 / 100.0  # raw count → rad/s
 LENGTHS = {"young": (0.485, 0.446), "elderly": (0.405, 0.417)}  # [m] thigh, shank
 

@@ -21,21 +21,15 @@ from pathlib import Path
 
 import numpy as np
 
-from jgait.datasets import reading, registry
-from jgait.datasets.notes import SIDE_UNKNOWN, UNITS_CONVERTED
-from jgait.datasets.one_foot import foot_imu
-from jgait.notes import LOSSES, ORIGIN, Kind
-from jgait.types import Recording, Walk
+from jgait.datasets import registry
+from jgait.datasets.reading import SIDE_UNKNOWN, UNITS_CONVERTED, foot_imu
+from jgait.geometry.vectors import GRAVITY
+from jgait.io.formats import xio
+from jgait.notes import ORIGIN, Kind
+from jgait.types import Recording, RecordingError, Walk
 
-STANDARD_GRAVITY = 9.80665  # [m/s²] one g
-TIME = "Time (s)"
-GYROSCOPE = tuple(f"Gyroscope {axis} (deg/s)" for axis in "XYZ")
-ACCELEROMETER = tuple(f"Accelerometer {axis} (g)" for axis in "XYZ")
 CLOSED = {"short_walk": 0.082, "long_walk": 0.421}  # publisher's closure [m]
 
-REPEATS_DROPPED = Kind(
-    "repeats_dropped", "check", "{rows} {rows:row that repeats|rows that repeat} the row before dropped", LOSSES
-)
 TIME_STEPS = Kind("time_steps", "info", "time steps {least_ms:.1f} to {most_ms:.1f} ms", ORIGIN)
 
 
@@ -47,14 +41,11 @@ def names() -> list[str]:
 def load_one(name: str) -> Walk:
     """One walk."""
     path, known = registry.file("xio_gait", f"{name}.csv")
-    values = reading.samples(path, (TIME, *GYROSCOPE, *ACCELEROMETER))
-    fresh = np.concatenate([[True], np.any(values[1:] != values[:-1], axis=1)])
-    values = values[fresh]
-    gyr, acc = np.deg2rad(values[:, 1:4]), values[:, 4:] * STANDARD_GRAVITY
-    imu, rate_hz = foot_imu(path.name, values[:, 0], gyr, acc)
-    notes = [SIDE_UNKNOWN(), UNITS_CONVERTED()]
-    if not fresh.all():
-        notes.append(REPEATS_DROPPED(rows=(~fresh).sum()))
+    (part,), _, _, repeated, _ = xio.measured(path)
+    if part.time is None or part.acc is None:
+        raise RecordingError(f"{path.name} has no time; expected a column Time (s)")
+    imu, rate_hz = foot_imu(path.name, part.time, np.deg2rad(part.gyr), part.acc * GRAVITY)
+    notes = [SIDE_UNKNOWN(), UNITS_CONVERTED(), *repeated]
     steps = 1e3 * np.diff(imu.time)
     notes.append(TIME_STEPS(least_ms=steps.min(), most_ms=steps.max()))
     recording = Recording({"foot_right": imu}, rate_hz, name, "xio_gait", tuple(notes))

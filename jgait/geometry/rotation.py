@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jgait.geometry.vectors import Vector, add, cross, dot, scale, subtract
+from jgait.geometry.vectors import Vector, add, cross, dot, horner, scale, subtract
 from jgait.types import AnyArray, Scalar, Values
 
 
@@ -102,7 +102,7 @@ def exponential(v: Vector) -> Quaternion:
     to 1 rad and 1e-7 up to π; the result is normalised. For larger rotations use `quaternion(rotation(v))`.
     """
     square = 0.25 * (v.x * v.x + v.y * v.y + v.z * v.z)
-    sine, cosine = (_horner(terms, square) for terms in (_SINE, _COSINE))
+    sine, cosine = (horner(terms, square) for terms in (_SINE, _COSINE))
     half = 0.5 * sine
     return normalised(Quaternion(cosine, half * v.x, half * v.y, half * v.z))
 
@@ -125,13 +125,6 @@ def jacobian_product(v: Vector, e: Vector) -> Vector:
     first = 0.5 - a * (1.0 / 24.0 - a * (1.0 / 720.0 - a * (1.0 / 40320.0)))
     second = 1.0 / 6.0 - a * (1.0 / 120.0 - a * (1.0 / 5040.0 - a * (1.0 / 362880.0)))
     return add(e, add(scale(first, once), scale(second, cross(v, once))))
-
-
-def _horner(terms: tuple[float, ...], x: Values) -> Values:
-    value = terms[-1] * x + terms[-2]
-    for term in terms[-3::-1]:
-        value = value * x + term
-    return value
 
 
 def logarithm(q: Quaternion) -> Vector:

@@ -23,6 +23,7 @@ from jax import lax
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 
+from jgait.geometry.vectors import horner
 from jgait.types import Values
 
 
@@ -87,21 +88,14 @@ def sincos(x: Values) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
         r = r - k * part
     r = jnp.clip(r, -_QUARTER, _QUARTER)
     square = r * r
-    sine = r + r * square * _horner(recipe.sine, square)
-    cosine = 1.0 - 0.5 * square + square * square * _horner(recipe.cosine, square)
+    sine = r + r * square * horner(recipe.sine, square)
+    cosine = 1.0 - 0.5 * square + square * square * horner(recipe.cosine, square)
     quadrant = lax.bitcast_convert_type(shifted, recipe.integer)
     odd = (quadrant & 1) == 1
     return (
         _negated(jnp.where(odd, cosine, sine), quadrant & 2, recipe),
         _negated(jnp.where(odd, sine, cosine), (quadrant + 1) & 2, recipe),
     )
-
-
-def _horner(coefficients: tuple[float, ...], u: Float[Array, "..."]) -> Float[Array, "..."]:
-    result = jnp.full_like(u, coefficients[-1])
-    for coefficient in coefficients[-2::-1]:
-        result = coefficient + u * result
-    return result
 
 
 def _negated(

@@ -66,6 +66,14 @@ def root(square: Values) -> Values:
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, jnp.ones_like(square))), 0.0)
 
 
+def horner(coefficients: tuple[float, ...], x: Values) -> Values:
+    """The polynomial with two coefficients or more, that of x⁰ first."""
+    value = coefficients[-1] * x + coefficients[-2]
+    for coefficient in coefficients[-3::-1]:
+        value = value * x + coefficient
+    return value
+
+
 def wrapped(angle: Values) -> Values:
     """An angle from −π to π [rad]."""
     return angle - 2.0 * jnp.pi * jnp.round(angle / (2.0 * jnp.pi))

@@ -6,6 +6,7 @@ import numpy as np
 
 from jgait.estimators.checks import FASTEST, fast_rate
 from jgait.geometry.vectors import GRAVITY
+from jgait.io.damage.agreement import LONG_GAP_S
 from jgait.io.damage.samples import COARSE, finest_step
 from jgait.io.units import ACC_UNITS, Unit, Units
 from jgait.notes import CLIPPING, LOSSES, Kind, Note
@@ -20,7 +21,6 @@ CALM_S, CALM_SHARE = 0.2, 0.2  # [s], [1] length of the windows that are compare
 CLIP_RUN = 3  # [samples] shortest run at the extreme value of a clipped channel; noise does not repeat exactly
 CLIP_FLOOR = {"gyr": 1.0, "acc": 1.5 * GRAVITY}  # smallest clipped value; quiet channels repeat smaller values
 CLIP_EDGE = 5.0  # [steps] least change beside a run of a coarse sensor; three samples at a rounded peak have up to 5
-LONG_GAP_S = 0.1
 RANGE_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 TWICE = "; were deg/s taken for rad/s, or converted twice? Correct its columns in the file"
 FEET_APART = (0.02, 1.5)  # [m] median distance of one leg from the other where a range between them is measured
@@ -96,14 +96,22 @@ def _dead(imu: Imu) -> _Fault | None:
     return None
 
 
-def _fast_rates(sensors: Mapping[str, Imu]) -> dict[str, float]:
-    """Placement → 99th percentile of the norm of the rate [rad/s]."""
-    return {placement: fast_rate(imu) for placement, imu in sensors.items()}
+def _judged(
+    name: str, part: str, worst: str, reasons: Mapping[str, str], meant: Mapping[str, str], right: Sequence[str]
+) -> dict[str, _Fault]:
+    """The faults of sensors; refuses a recording in which they are more than those that are right."""
+    if len(reasons) <= len(right):
+        return {placement: (part, reason) for placement, reason in reasons.items()}
+    raise RecordingError(
+        f"{name}: the {part} of {worst} {reasons[worst]}",
+        argument=f"{part[:3]}_unit" if meant[worst] and not right else "",
+        value=meant[worst],
+    )
 
 
 def _too_fast(sensors: Mapping[str, Imu], units: Units, name: str) -> dict[str, _Fault]:
-    """The sensors that turn impossibly fast; refuses a recording in which more do so than turn as a walking person."""
-    rates = _fast_rates(sensors)
+    """The sensors that turn impossibly fast, unless these are more than those that turn as a walking person."""
+    rates = {placement: fast_rate(imu) for placement, imu in sensors.items()}
     fast = {placement: rate for placement, rate in rates.items() if rate > FASTEST}
     if not fast:
         return {}
@@ -115,14 +123,7 @@ def _too_fast(sensors: Mapping[str, Imu], units: Units, name: str) -> dict[str, 
         f"{_advice(meant[placement], units[placement]['gyr'], others) if meant[placement] else _twice(rate)}"
         for placement, rate in fast.items()
     }
-    if len(fast) <= len(others):
-        return {placement: ("gyroscope", reason) for placement, reason in reasons.items()}
-    fastest = max(fast, key=lambda placement: fast[placement])
-    raise RecordingError(
-        f"{name}: the gyroscope of {fastest} {reasons[fastest]}",
-        argument="gyr_unit" if meant[fastest] and not others else "",
-        value=meant[fastest],
-    )
+    return _judged(name, "gyroscope", max(fast, key=lambda placement: fast[placement]), reasons, meant, others)
 
 
 def _rate_meant(rate: float, unit: Unit) -> str:
@@ -141,7 +142,7 @@ def _check_moving(sensors: Mapping[str, Imu], units: Units, name: str) -> None:
 
     A file whose format states the unit, or whose unit is deduced from the signals, is not refused.
     """
-    rates = _fast_rates(sensors)
+    rates = {placement: fast_rate(imu) for placement, imu in sensors.items()}
     fastest = max(rates, key=lambda placement: rates[placement])
     unit = units[fastest]["gyr"]
     asserted = unit.name != "rad/s" and unit.origin in ("argument", "header")
@@ -191,7 +192,7 @@ def _advice(meant: str, unit: Unit, others: Sequence[str]) -> str:
 
 
 def _without_gravity(sensors: Mapping[str, Imu], units: Units, name: str) -> dict[str, _Fault]:
-    """The sensors whose accelerometer does not measure gravity where it is calm; refuses a recording of mostly such."""
+    """The sensors whose accelerometer does not measure gravity where it is calm, unless these are most."""
     forces = {}
     low, high = (bound * GRAVITY for bound in GRAVITY_RANGE)
     for placement, imu in sensors.items():
@@ -213,14 +214,7 @@ def _without_gravity(sensors: Mapping[str, Imu], units: Units, name: str) -> dic
         f"{GRAVITY:.4g} m/s²{_why(force, meant[placement], units[placement]['acc'], right)}"
         for placement, force in wrong.items()
     }
-    if len(wrong) <= len(right):
-        return {placement: ("accelerometer", reason) for placement, reason in reasons.items()}
-    first = next(iter(wrong))
-    raise RecordingError(
-        f"{name}: the accelerometer of {first} {reasons[first]}",
-        argument="acc_unit" if meant[first] and not right else "",
-        value=meant[first],
-    )
+    return _judged(name, "accelerometer", next(iter(wrong)), reasons, meant, right)
 
 
 def _force_meant(force: float, unit: Unit) -> str:

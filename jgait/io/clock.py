@@ -14,7 +14,10 @@ SHORTEST_STEP_S = 1e-4  # [s] shortest sample time: shorter steps are in the oth
 LONGEST_GAP_S = 10.0
 MOST_INSERTED = 100  # samples for each row of a file; with more, nothing of the recording is left
 BURST, PACKETS = 3.0, 0.02  # [1] mean step over the median, and share of longer steps, of stamps in bursts; chosen
-REPEATED = 0.01  # [1] largest share of rows that repeat the time before and are left out; a single one always is
+REPEATED = 0.01
+"""[1] Largest share of rows that repeat the time, or the packet number, before them; with more, the column is no clock.
+A single repeated time always is left out. Chosen far above the one repeat in 30 s of `ipol_gait` 11-1."""
+
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 
 RATE_DEDUCED = Kind("sampling_rate_deduced", "info", "sampling rate {rate_hz:.4g} Hz, from the time stamps", DEDUCED)

@@ -67,15 +67,14 @@ def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -
         RecordingError: if the file has no parameters, is of another estimator, or has an unknown parameter.
     """
     file = params_file(path)
+    whole = _read(file)
     with reading(file, "a file of parameters"):
-        whole = json.loads(file.read_text(encoding="utf-8"))
-        of, version, made = _header(file, whole)
         rows = {name: _value(row["value"]) for name, row in whole["parameters"].items()}
         stated = {name: str(row["unit"]) for name, row in whole["parameters"].items() if "unit" in row}
-    if version != FORMAT:
-        raise RecordingError(f"{file} has format {version}; this version of jgait reads {FORMAT}")
-    if of != estimator:
-        raise RecordingError(f"{file} holds parameters of {of}; {estimator} is wanted")
+    if whole["format"] != FORMAT:
+        raise RecordingError(f"{file} has format {whole['format']}; this version of jgait reads {FORMAT}")
+    if whole["estimator"] != estimator:
+        raise RecordingError(f"{file} holds parameters of {whole['estimator']}; {estimator} is wanted")
     flat, structure = jax.tree_util.tree_flatten_with_path(params)
     names = [jax.tree_util.keystr(where).lstrip(".") for where, _ in flat]
     unknown = [name for name in rows if name not in names]
@@ -88,7 +87,7 @@ def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -
         if np.shape(rows.get(name, value)) != np.shape(value):
             raise RecordingError(f"{file} has {name} of shape {np.shape(rows[name])}; {np.shape(value)} is wanted")
     values = [rows.get(name, value) for name, (_, value) in zip(names, flat, strict=True)]
-    return jax.tree.unflatten(structure, values), made
+    return jax.tree.unflatten(structure, values), whole["made"]
 
 
 def _value(value: PyTree) -> PyTree:
@@ -112,20 +111,18 @@ def params_file(path: str | os.PathLike[str]) -> Path:
 
 def made_of(path: str | os.PathLike[str]) -> tuple[str, dict[str, PyTree]]:
     """The estimator of a file of parameters, and how the parameters were made; errors as of `read_params`."""
-    file = params_file(path)
+    whole = _read(params_file(path))
+    return whole["estimator"], whole["made"]
+
+
+def _read(file: Path) -> dict[str, PyTree]:
+    """The content of a file of parameters, with `estimator` a string and `made` a dictionary."""
     with reading(file, "a file of parameters"):
         whole = json.loads(file.read_text(encoding="utf-8"))
-        of, _, made = _header(file, whole)
-        return of, made
-
-
-def _header(file: Path, whole: PyTree) -> tuple[str, int, dict[str, PyTree]]:
-    """The estimator of a file of parameters, its format, and how the parameters were made."""
-    lacking = [
-        name for name in ("format", "estimator", "parameters") if not isinstance(whole, dict) or name not in whole
-    ]
-    if lacking:
-        raise RecordingError(
-            f"{file}: expected a file of parameters, as `jgait tune` writes it; it has no {lacking[0]!r}"
-        )
-    return str(whole["estimator"]), whole["format"], dict(whole.get("made", {}))
+        needed = ("format", "estimator", "parameters")
+        lacking = [name for name in needed if not isinstance(whole, dict) or name not in whole]
+        if lacking:
+            raise RecordingError(
+                f"{file}: expected a file of parameters, as `jgait tune` writes it; it has no {lacking[0]!r}"
+            )
+        return {**whole, "estimator": str(whole["estimator"]), "made": dict(whole.get("made", {}))}

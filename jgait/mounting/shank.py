@@ -27,8 +27,9 @@ RESTING = 0.1
 LEAST_ASYMMETRY = 0.3
 """[1] Skewness of the sagittal rate below which its sign is uncertain; walks have 1.0 to 2.6."""
 
-LEAST_SWING = 1.0
-"""[rad/s] Threshold on the 99th percentile of the rate's norm: a leg with a lower value does not walk."""
+LEAST_SWING = 0.5
+"""[rad/s] A leg whose rate has a lower 99th percentile does not walk; in standing, which of two sensors turns faster is
+noise."""
 
 
 class Axes(NamedTuple):
@@ -154,9 +155,6 @@ def stance_up(axes: Axes, acc: Float[AnyArray, "time 3"], instants: Int[AnyArray
     up = up / np.linalg.norm(up)
     return axes._replace(rows=np.stack([np.cross(axes.rows[1], up), axes.rows[1], up]))
 
-
-LEAST_SWING = 0.5
-"""[rad/s] Least rate of a sensor that swings; in standing, which of two turns faster is noise."""
 
 LABELS_EXCHANGED = Kind(
     "labels_exchanged",

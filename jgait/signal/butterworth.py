@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jaxtyping import Float
 
+from jgait.signal.windows import samples
 from jgait.types import AnyArray, Integer, Scalar, Values
 
 DAMPING = math.sqrt(2.0)
@@ -89,15 +90,6 @@ def _filtered(
     return lax.scan(one, start, values, reverse=reverse)[1]
 
 
-def _samples(x: AnyArray, least: int) -> Float[Array, "time *rest"]:
-    values = jnp.asarray(x)
-    if not jnp.issubdtype(values.dtype, jnp.floating):
-        raise ValueError(f"x must be floating point; got {values.dtype}")
-    if values.ndim == 0 or values.shape[0] < least:
-        raise ValueError(f"x must have at least {least} samples along its first axis; got shape {values.shape}")
-    return values
-
-
 def low_pass(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar) -> Float[Array, "time *rest"]:
     """The causal filter over a recording; before the recording the signal is assumed constant at its first sample.
 
@@ -106,7 +98,7 @@ def low_pass(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar) -> Float[
     Raises:
         ValueError: as `section`; if there is no sample, or they are not floating point.
     """
-    return _filtered(section(cutoff_hz, sampling_rate_hz), _samples(x, 1))
+    return _filtered(section(cutoff_hz, sampling_rate_hz), samples(x))
 
 
 def low_pass_both_ways(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar) -> Float[Array, "time *rest"]:
@@ -118,7 +110,7 @@ def low_pass_both_ways(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar)
     Raises:
         ValueError: as `low_pass`, or if there are too few samples.
     """
-    s, values = section(cutoff_hz, sampling_rate_hz), _samples(x, MORE + 1)
+    s, values = section(cutoff_hz, sampling_rate_hz), samples(x, MORE + 1)
     before = 2.0 * values[:1] - values[MORE:0:-1]
     behind = 2.0 * values[-1:] - values[-2 : -MORE - 2 : -1]
     there = _filtered(s, jnp.concatenate([before, values, behind]))
@@ -138,7 +130,7 @@ def low_pass_until(
         ValueError: as `low_pass`.
     """
     s = section(cutoff_hz, sampling_rate_hz)
-    forth = _filtered(s, _samples(x, 1))
+    forth = _filtered(s, samples(x))
     inside = jnp.arange(forth.shape[0], dtype=jnp.int32) <= last
     inside = inside.reshape(inside.shape + (1,) * (forth.ndim - 1))
     return _filtered(s, jnp.where(inside, forth, forth[last][None]), reverse=True)

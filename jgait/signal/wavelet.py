@@ -23,6 +23,7 @@ import numpy as np
 import pywt
 from jaxtyping import Array, Bool, Float
 
+from jgait.signal.windows import samples
 from jgait.types import AnyArray, Scalar, Values
 
 MAGNITUDES = ("max", "rms")
@@ -80,22 +81,13 @@ def _filtered(
     ]
 
 
-def _samples(x: AnyArray, name: str = "x") -> Float[Array, "time *rest"]:
-    values = jnp.asarray(x)
-    if not jnp.issubdtype(values.dtype, jnp.floating):
-        raise ValueError(f"{name} must be floating point; got {values.dtype}")
-    if values.ndim == 0 or values.shape[0] == 0:
-        raise ValueError(f"{name} must be (T, ...) with T > 0; got shape {values.shape}")
-    return values
-
-
 def transform(x: AnyArray, wavelet: str, levels: int) -> Decomposition:
     """The stationary wavelet transform of (T, ...) finite samples, as `pywt.swt`, details finest first.
 
     Raises:
         ValueError: if there is no such wavelet or level, or the length is no multiple of 2^levels.
     """
-    filters, values = taps(wavelet), _samples(x)
+    filters, values = taps(wavelet), samples(x)
     if levels < 1:
         raise ValueError(f"levels must be at least 1; got {levels}")
     if values.shape[0] % 2**levels:
@@ -118,7 +110,7 @@ def inverse(t: Decomposition, wavelet: str) -> Float[Array, "time *rest"]:
     Raises:
         ValueError: if there is no such wavelet, or the shapes do not belong together.
     """
-    filters, values = taps(wavelet), _samples(t.approximation, "approximation")
+    filters, values = taps(wavelet), samples(t.approximation)
     shapes = {np.shape(part) for part in (values, *t.details)}
     if not t.details or len(shapes) > 1 or values.shape[0] % 2 ** len(t.details):
         raise ValueError(
@@ -139,7 +131,7 @@ def padded(x: AnyArray) -> tuple[Float[Array, "padded *rest"], int]:
     Returns:
         The padded signal, and the number of samples added before the first; half of all added samples, rounded down.
     """
-    values = _samples(x)
+    values = samples(x)
     more = -values.shape[0] % MULTIPLE
     before = more // 2
     sides = [(before, more - before)] + [(0, 0)] * (values.ndim - 1)
@@ -164,7 +156,7 @@ def magnitude(
     """
     if kind not in MAGNITUDES:
         raise ValueError(f"magnitude must be one of {', '.join(MAGNITUDES)}; got {kind!r}")
-    values = _samples(x)
+    values = samples(x)
     counts = jnp.ones_like(values[:, *[0] * (values.ndim - 1)]) if mask is None else jnp.asarray(mask)
     weight = counts.astype(values.dtype).reshape(-1, *[1] * (values.ndim - 1))
     if kind == "max":

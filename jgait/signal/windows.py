@@ -1,6 +1,6 @@
 """Moving means and spreads over centred windows of an odd number of samples, and stretches of True.
 
-`moving_mean`, `between_samples` and `vertex` are JAX, the other functions run on the host.
+`samples`, `moving_mean`, `between_samples` and `vertex` are JAX, the other functions run on the host.
 """
 
 from collections.abc import Sequence
@@ -14,15 +14,14 @@ from jaxtyping import Array, Bool, Float, Num
 from jgait.types import AnyArray, Values, as_float
 
 
-def _reflected(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "padded *rest"]:
-    """The samples with both ends continued by reflection, so that every window of `size` is full."""
+def samples(x: AnyArray, least: int = 1) -> Float[Array, "time *rest"]:
+    """Samples (T, ...) of a signal. Raises ValueError if they are not floating point, or fewer than `least`."""
     values = jnp.asarray(x)
-    if size < 1 or size % 2 == 0:
-        raise ValueError(f"size must be odd and positive, so that the window has a middle; got {size}")
-    half = size // 2
-    if values.ndim == 0 or values.shape[0] <= half:
-        raise ValueError(f"a window of {size} samples needs more than {half} samples; got shape {values.shape}")
-    return jnp.pad(values, [(half, half)] + [(0, 0)] * (values.ndim - 1), mode="reflect")
+    if not jnp.issubdtype(values.dtype, jnp.floating):
+        raise ValueError(f"x must be floating point; got {values.dtype}")
+    if values.ndim == 0 or values.shape[0] < least:
+        raise ValueError(f"x must have at least {least} samples along its first axis; got shape {values.shape}")
+    return values
 
 
 def moving_mean(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "time *rest"]:
@@ -33,7 +32,13 @@ def moving_mean(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "ti
     Raises:
         ValueError: if the size is even or not positive, or there are fewer than (size+1)/2 samples.
     """
-    padded = _reflected(x, size)
+    values = jnp.asarray(x)
+    if size < 1 or size % 2 == 0:
+        raise ValueError(f"size must be odd and positive, so that the window has a middle; got {size}")
+    half = size // 2
+    if values.ndim == 0 or values.shape[0] <= half:
+        raise ValueError(f"a window of {size} samples needs more than {half} samples; got shape {values.shape}")
+    padded = jnp.pad(values, [(half, half)] + [(0, 0)] * (values.ndim - 1), mode="reflect")
     window = (size,) + (1,) * (padded.ndim - 1)
     # A window sum: in float32 the difference of two cumulative sums loses precision on long recordings.
     zero = np.zeros((), padded.dtype)

@@ -206,7 +206,7 @@ def test_bad_files_are_named_and_the_others_are_not_lost(folder):
     walks = datasets.load("ipol_gait")
     assert [walk.recording.name for walk in walks] == ["3-1", "3-10"]
     expected = {
-        "3-2": "3-2_lb.txt has no column Gyr_Y", "3-3": "3-3_lb.txt has 1 samples",
+        "3-2": "3-2_lb.txt lacks the column 'Gyr_Y'", "3-3": "3-3_lb.txt has 1 samples",
         "3-4": "3-4_rf.txt: PacketCounter must count upwards; in row 1 it is 298",
         "3-5": "3-5_lb.txt was recorded at 50 Hz; 100 Hz is expected", "3-6": "3-6.json has no RightFootEvents",
         "3-0": "3-0_rf.txt: PacketCounter must count upwards; in row 1 it is 0",

@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from foot_heading import heading
+from made import files as made_files
 from made.notes import texts
 
 from jgait import datasets
-from jgait.datasets import xio_gait
 from jgait.datasets.foot_reference import foot_path
 
 
@@ -19,7 +19,7 @@ def folder(data_dir):
 
 
 def table(samples=50):
-    columns = (xio_gait.TIME, *xio_gait.GYROSCOPE, *xio_gait.ACCELEROMETER)
+    columns = ("Time (s)", *made_files.XIO)
     values = np.tile([0.0, 90.0, 0.0, -180.0, 0.0, 0.5, 1.0], (samples, 1))
     values[:, 0] = 5.0 + np.arange(samples) * 0.0025
     return pd.DataFrame(values, columns=columns)
@@ -52,7 +52,7 @@ def test_of_a_walk_that_this_version_does_not_know_no_loop_is_claimed(folder):
 
 def test_lost_samples_are_masked(folder):
     given = table()
-    given.loc[7, xio_gait.GYROSCOPE[1]] = np.nan
+    given.loc[7, made_files.XIO[1]] = np.nan
     given.to_csv(folder / "one_walk.csv", index=False)
     imu = datasets.load("xio_gait")[0].recording.sensors["foot_right"]
     assert np.flatnonzero(~imu.mask).tolist() == [7] and np.all(imu.acc[7] == 0)
@@ -60,15 +60,15 @@ def test_lost_samples_are_masked(folder):
 
 def test_bad_files_are_named_and_the_others_are_not_lost(folder):
     table().to_csv(folder / "good_walk.csv", index=False)
-    table().drop(columns=xio_gait.TIME).to_csv(folder / "a_walk.csv", index=False)
+    table().drop(columns="Time (s)").to_csv(folder / "a_walk.csv", index=False)
     table().iloc[::-1].to_csv(folder / "b_walk.csv", index=False)
     table(1).to_csv(folder / "c_walk.csv", index=False)
     walks = datasets.load("xio_gait")
     assert [walk.recording.name for walk in walks] == ["good_walk"]
     reasons = dict(walks.failures)
-    assert "a_walk.csv has no column Time (s)" in reasons["a_walk"]
+    assert "a_walk.csv has no time; expected a column Time (s)" in reasons["a_walk"]
     assert "time must run forwards; it does not after sample 0" in reasons["b_walk"]
-    assert "c_walk.csv has 1 samples; at least 2 are needed" in reasons["c_walk"]
+    assert "c_walk.csv must have at least 2 samples of time" in reasons["c_walk"]
 
 
 # --- the real file ---

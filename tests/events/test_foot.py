@@ -4,7 +4,7 @@ from made.foot import foot
 from made.trunk import rotation
 
 from jgait import datasets
-from jgait.datasets.one_foot import SHORTEST
+from jgait.datasets.reading import SHORTEST
 from jgait.estimators import foot_ins
 from jgait.events import foot as events
 

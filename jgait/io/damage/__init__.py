@@ -2,9 +2,8 @@
 
 from collections.abc import Mapping
 
-from jgait.io.damage.agreement import GYROSCOPE_SLOW, SIDES_DIFFER, agreement_notes
+from jgait.io.damage.agreement import GYROSCOPE_SLOW, SIDES_DIFFER, agreement_notes, bridged
 from jgait.io.damage.delays import delay_notes
-from jgait.io.damage.gaps import bridged
 from jgait.io.damage.paces import pace_notes
 from jgait.io.damage.samples import without_damage
 from jgait.io.damage.splices import splice_notes

@@ -11,17 +11,20 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.geometry.rotation import Quaternion, conjugate, product
-from jgait.io.damage.gaps import in_long_gaps
+from jgait.geometry.vectors import GRAVITY
 from jgait.io.units import Unit
 from jgait.notes import Kind, Note
+from jgait.signal.windows import over_losses, true_runs
 from jgait.types import SIDES, Imu
 
-GRAVITY = 9.80665
 RATE_HZ = 25.0
 """[Hz] Least rate of the samples that are averaged before they are turned."""
 
 WINDOW_S = 2.24
 """[s] Length of a window: two strides of usual walking."""
+
+LONG_GAP_S = 0.1
+"""[s] Shortest gap whose samples do not count."""
 
 LONGEST_S = 60.0
 """[s] Part of a recording that is examined."""
@@ -97,6 +100,24 @@ TRIALS = {
 UNCLEAR = "its axes, unit or scale, or the sampling rate, may be wrong"
 NEAR = 0.06
 """[1] Largest difference of the turned mean from gravity with a likely cause undone."""
+
+
+def bridged(imu: Imu, rate_hz: float) -> Imu:
+    """The sensor with its gyroscope interpolated over short gaps; it is 0 in long ones."""
+    mask = np.asarray(imu.mask)
+    if mask.all() or not mask.any():
+        return imu
+    gyr = over_losses(np.arange(len(mask)), imu.gyr, mask)
+    return imu._replace(gyr=np.where(in_long_gaps(imu, rate_hz)[:, None], 0.0, gyr))
+
+
+def in_long_gaps(imu: Imu, rate_hz: float) -> np.ndarray:
+    """(T,) bool, samples in gaps longer than `LONG_GAP_S`."""
+    mask = np.asarray(imu.mask)
+    lost = np.zeros(len(mask), bool)
+    for start, end in true_runs(~mask):
+        lost[start:end] = end - start > LONG_GAP_S * rate_hz
+    return lost
 
 
 class Averaged(NamedTuple):

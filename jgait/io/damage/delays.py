@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from jgait.io.damage.agreement import moving_means
+from jgait.io.damage.agreement import LONGEST_S, moving_means
 from jgait.mounting.leg import SIDES_EXCHANGED
 from jgait.notes import Kind, Note
 from jgait.types import SIDES, Imu
@@ -24,9 +24,6 @@ FARTHEST_S = 0.35
 
 SHORTEST_S = 5.0
 """[s] Shortest recording in which delays are looked for."""
-
-LONGEST_S = 60.0
-"""[s] Part of a recording that is examined."""
 
 LEAST_ALIKE = 0.3
 """[1] Least correlation at the delay that is found."""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.io.damage.gaps import in_long_gaps
+from jgait.io.damage.agreement import LONGEST_S, WINDOW_S, in_long_gaps
 from jgait.notes import Kind, Note
 from jgait.types import SIDES, Imu
 
@@ -19,9 +19,8 @@ USUAL = {"foot": (4.8, 10.7), "ankle": (4.0, 7.8), "shank": (3.3, 6.8), "thigh":
 """[rad], [m] Root mean square rate times the duration of a stride, and standard deviation of the size of the specific
 force times its square, by segment: means of undamaged recordings, public and simulated."""
 
-WINDOW_S, ACTIVE = 2.24, 0.5
-"""[s], [1] Two strides: time over which the square of the rate is averaged, and share of its maximum above which a
-person walks."""
+ACTIVE = 0.5
+"""[1] Share of the largest mean square rate over `WINDOW_S` above which a person walks."""
 
 STRIDE_S = 0.3, 3.0
 """[s] Durations between which a stride is looked for."""
@@ -40,8 +39,8 @@ FEWEST_STRIDES = 3.0
 TOGETHER = 0.1
 """[1] Largest difference of a sensor's stride from the median of all, as a share of it."""
 
-LONGEST_S, SHORTEST_S = 60.0, 5.0
-"""[s] Part of a recording that is examined, and shortest recording."""
+SHORTEST_S = 5.0
+"""[s] Shortest recording that is examined."""
 
 LARGE, SMALL, SMALLER = 1.55, 0.62, 0.7
 """[1] Angle, or shaking, over its usual value from which on it is too large; and angle below which it is too small if

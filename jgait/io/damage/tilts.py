@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from jgait.io.damage.agreement import Averaged, averaged, moving_means, turned
+from jgait.io.damage.agreement import WINDOW_S, Averaged, averaged, moving_means, turned
 from jgait.notes import Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import Imu
@@ -19,9 +19,6 @@ RATE_HZ = 50.0
 
 SLOWEST_HZ = 20.0
 """[Hz] Least sampling rate; between slower samples the legs turn too far."""
-
-WINDOW_S = 2.24
-"""[s] Length of a window: two strides of usual walking."""
 
 STANDING_S = 0.5
 """[s] Length of a window of standing."""

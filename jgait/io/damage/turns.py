@@ -9,13 +9,9 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from jgait.io.damage.agreement import moving_means
-from jgait.io.damage.gaps import in_long_gaps
+from jgait.io.damage.agreement import WINDOW_S, in_long_gaps, moving_means
 from jgait.notes import Kind, Note
 from jgait.types import Imu, as_float
-
-WINDOW_S = 2.24
-"""[s] Length of a window: two strides of usual walking."""
 
 LEAST_TURN = 1.0
 """[rad] Least turn of the person within a window from which on turns are compared."""

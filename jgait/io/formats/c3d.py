@@ -17,8 +17,7 @@ import numpy as np
 
 from jgait.io.apart import apart
 from jgait.io.files import Tree, check_file, library, plain, reading
-from jgait.io.formats.c3d_axes import UPRIGHT, told_unit, told_up
-from jgait.io.formats.capture import Capture, CaptureEvent
+from jgait.io.formats.c3d_axes import UPRIGHT, Capture, CaptureEvent, told_unit, told_up
 from jgait.notes import DEDUCED, ORIGIN, Kind, Note
 from jgait.types import RecordingError
 

@@ -1,16 +1,68 @@
-"""From the markers of a capture, where the file does not state it: unit, axis that points up, joint centres."""
+"""A motion capture; from its markers, where the file does not state it: unit, axis that points up, joint centres."""
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from jgait.io.files import Tree
+from jgait.notes import Note
 from jgait.types import SIDES, RecordingError
 
 if TYPE_CHECKING:
-    from jgait.io.formats.capture import Capture
     from jgait.simulate.replay import JointCentres
+
+
+class CaptureEvent(NamedTuple):
+    """One event of a capture.
+
+    Attributes:
+        time: [s] on the clock of `Capture.time`.
+        kind: 'initial_contact', 'final_contact', or the file's label where that is neither.
+        side: 'right', 'left', or None for neither.
+    """
+
+    time: float
+    kind: str
+    side: str | None
+
+
+class Capture(NamedTuple):
+    """Data of a motion capture.
+
+    Attributes:
+        time: (T,) [s] of the markers, 0 at the first captured frame.
+        rate_hz: [Hz] of the markers.
+        markers: name → (T, 3) [m], NaN where not visible; z points up where `up` is known.
+        up: the file's axis that points up: '+x', …, '-z'; None: not known, the axes are the file's.
+        outputs: name → (T, 3) outputs of a model, in the file's units.
+        analog_time: (A,) [s] on the same clock.
+        analog_rate_hz: [Hz], 0 where there is no analog signal.
+        analog: name → (A,) in the unit of `analog_units`.
+        analog_units: name → unit as written in the file; empty if the file has none.
+        events: in order of time.
+        force_plates: parameters of the group FORCE_PLATFORM, as they are, in the file's units and axes.
+        name: of the recording.
+        subject: name of the person.
+        notes: notes about deduced units, changes and doubtful data.
+    """
+
+    time: np.ndarray
+    rate_hz: float
+    markers: dict[str, np.ndarray]
+    up: str | None
+    outputs: dict[str, np.ndarray]
+    analog_time: np.ndarray
+    analog_rate_hz: float
+    analog: dict[str, np.ndarray]
+    analog_units: dict[str, str]
+    events: tuple[CaptureEvent, ...]
+    force_plates: Tree
+    name: str
+    subject: str
+    notes: tuple[Note, ...]
+
 
 UPRIGHT = {
     "+z": np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
@@ -88,7 +140,7 @@ def _middle(place: np.ndarray) -> np.ndarray:
     return np.median(visible, axis=0) if len(visible) else np.full(3, np.nan)
 
 
-def joint_centres(capture: "Capture", names: Mapping[str, str | Sequence[str]] | None = None) -> "JointCentres":
+def joint_centres(capture: Capture, names: Mapping[str, str | Sequence[str]] | None = None) -> "JointCentres":
     """Joint centres and foot markers of a capture, as `jgait.simulate.replay` takes them.
 
     Args:
@@ -132,7 +184,7 @@ def _called(point: str) -> str:
     return " or ".join(" and ".join(each) for each in NAMES[point]).replace("{}", "R")
 
 
-def _point(capture: "Capture", point: str, chosen: Mapping[str, str | Sequence[str]]) -> np.ndarray | None:
+def _point(capture: Capture, point: str, chosen: Mapping[str, str | Sequence[str]]) -> np.ndarray | None:
     """The mean of the markers that define a point; None where one is missing."""
     if point in chosen:
         wanted = [chosen[point]] if isinstance(chosen[point], str) else list(chosen[point])

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jgait.io.clock import LONGEST_GAP_S, check_inserted, check_order
+from jgait.io.clock import LONGEST_GAP_S, REPEATED, check_inserted, check_order
 from jgait.notes import LOSSES, ORIGIN, Kind, Note
 from jgait.types import RecordingError
 
@@ -21,10 +21,6 @@ SAME_RATE = 1e-3
 
 USUAL_RATE = 100.0
 """[Hz] Assumed rate to compute the duration of a gap in packet numbers where the rate is not known."""
-
-REPEATED = 0.01
-"""[1] Share of the rows that may repeat the packet number before them; a counter that repeats more often does not count
-packets. Chosen far above the one repeat in 30 s of `ipol_gait` 11-1."""
 
 PACKETS_REPEATED = Kind(
     "packets_repeated", "check", "{placement}: packet numbers that occur twice are masked: {numbers}", LOSSES

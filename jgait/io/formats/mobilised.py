@@ -141,9 +141,7 @@ def _load(path: Path) -> PyTree:
     except Exception as error:  # for a truncated file the reader may raise any exception
         raise RecordingError(f"{path.name} is no whole MATLAB file; expected {EXPECTED}: {error}") from error
     if times > 1:
-        raise RecordingError(
-            f"{path.name} has {times} variables 'data', one of which hides the rest; save each alone"
-        )
+        raise RecordingError(f"{path.name} has {times} variables 'data', one of which hides the rest; save each alone")
     if "data" not in content:
         there = [key for key in content if not key.startswith("__")]
         raise RecordingError(
