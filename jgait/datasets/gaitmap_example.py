@@ -34,6 +34,8 @@ import numpy as np
 from jgait.datasets import reading, registry
 from jgait.datasets.reading import Files, foot_imu
 from jgait.geometry.sagittal import path_walked
+from jgait.io.formats import columns
+from jgait.io.names import placement_of
 from jgait.notes import LEFT_OUT, Kind
 from jgait.types import (
     SIDES,
@@ -55,7 +57,6 @@ SLOW_HZ = 102.4
 MOCAP_HZ = 100.0
 CAPTURED = ("imu_sample", "imu_sample_not_rotated")
 MARKERS = {"heel": "FCC", "toe": "TOE", "fm5": "FM5"}
-SIGNALS = ("gyr_x", "gyr_y", "gyr_z", "acc_x", "acc_y", "acc_z")
 EVENTS = ("start", "end", "ic", "tc", "min_vel", "pre_ic")
 PATH_SMOOTHING = 0.3  # [s] width of the Gaussian that smooths the midpoint of the heels
 STRAIGHT = np.deg2rad(15.0)  # [rad] largest angle of a straight stride to the walkway
@@ -91,26 +92,15 @@ def load_one(name: str) -> Walk:
 
 
 def _read_sensors(path: Path, rate_hz: float) -> dict[str, Imu]:
-    """Placement → sensor; files with a header of one row hold one foot, the file's name states which."""
-    import pandas as pd
-
-    table = pd.read_csv(path, header=None, nrows=1, dtype=str)
-    two = table.iloc[0].astype(str).str.endswith("_sensor").any()
-    table = pd.read_csv(path, header=[0, 1] if two else 0, index_col=0)
-    feet = {side: table[f"{side}_sensor"] for side in SIDES if two and f"{side}_sensor" in table.columns}
-    if not two:
-        feet = {side: table for side in SIDES if path.stem.endswith(f"_{side}")}
-    if not feet:
-        raise RecordingError(f"{path.name} has no column left_sensor or right_sensor, and no side in its name")
+    """Placement → sensor; the name of a file of one foot states which."""
     sensors = {}
-    for side, columns in feet.items():
-        lacking = [signal for signal in SIGNALS if signal not in columns.columns]
-        if lacking:
-            raise RecordingError(f"{path.name} has no {lacking[0]} of the {side} foot; needed are {', '.join(SIGNALS)}")
-        values = columns[list(SIGNALS)].to_numpy(np.float64)
-        time = np.arange(len(values)) / rate_hz
-        sensors[f"foot_{side}"], _ = foot_imu(path.name, time, np.deg2rad(values[:, :3]), values[:, 3:])
-    return sensors
+    for part in columns.measured(path).parts:
+        place = part.placement or placement_of(path.stem.rpartition("_")[2] + "_foot")
+        if place is None or part.acc is None:
+            raise RecordingError(f"{path.name} has no column left_sensor or right_sensor, and no side in its name")
+        time = np.arange(len(part.gyr)) / rate_hz
+        sensors[place], _ = foot_imu(path.name, time, np.deg2rad(part.gyr), part.acc)
+    return {f"foot_{side}": sensors[f"foot_{side}"] for side in SIDES if f"foot_{side}" in sensors}
 
 
 def _add_reference(
@@ -150,7 +140,7 @@ def _add_borders(details: dict[str, Any], file: str, files: Files) -> None:
         return
     borders = _read_by_foot(path, ("start", "end"))
     details["stride_borders"] = {
-        side: np.stack([columns["start"], columns["end"]], axis=1).astype(np.int64) for side, columns in borders.items()
+        side: np.stack([of["start"], of["end"]], axis=1).astype(np.int64) for side, of in borders.items()
     }
 
 
@@ -169,11 +159,10 @@ def _read_mocap(path: Path) -> dict[str, dict[str, np.ndarray]]:
     }
 
 
-def _read_by_foot(path: Path, columns: tuple[str, ...]) -> dict[str, dict[str, np.ndarray]]:
-    table = reading.table(path, ("foot", *columns))
+def _read_by_foot(path: Path, names: tuple[str, ...]) -> dict[str, dict[str, np.ndarray]]:
+    table = reading.table(path, ("foot", *names))
     return {
-        side: {column: table.loc[table["foot"] == side, column].to_numpy(np.float64) for column in columns}
-        for side in SIDES
+        side: {name: table.loc[table["foot"] == side, name].to_numpy(np.float64) for name in names} for side in SIDES
     }
 
 

@@ -120,7 +120,7 @@ def _too_fast(sensors: Mapping[str, Imu], units: Units, name: str) -> dict[str, 
     meant = {placement: _rate_meant(rate, units[placement]["gyr"]) for placement, rate in fast.items()}
     reasons = {
         placement: f"reaches {rate:.4g} rad/s (99th percentile, {units[placement]['gyr']}), but {limit}"
-        f"{_advice(meant[placement], units[placement]['gyr'], others) if meant[placement] else _twice(rate)}"
+        f"{_advice(meant[placement], units[placement]['gyr'], others, TWICE if np.deg2rad(rate) < IN_RADIANS else '')}"
         for placement, rate in fast.items()
     }
     return _judged(name, "gyroscope", max(fast, key=lambda placement: fast[placement]), reasons, meant, others)
@@ -131,10 +131,6 @@ def _rate_meant(rate: float, unit: Unit) -> str:
     if unit.name != "rad/s":
         return ""
     return "deg/s" if np.deg2rad(rate) < FASTEST else "mdeg/s"
-
-
-def _twice(rate: float) -> str:
-    return TWICE if np.deg2rad(rate) < IN_RADIANS else ""
 
 
 def _check_moving(sensors: Mapping[str, Imu], units: Units, name: str) -> None:
@@ -180,8 +176,10 @@ def _correct(unit: Unit) -> str:
     return "correct the header, or " if unit.origin == "header" else ""
 
 
-def _advice(meant: str, unit: Unit, others: Sequence[str]) -> str:
-    """What to do about a sensor that seems to be in another unit than the stated one, if that fits others or none."""
+def _advice(meant: str, unit: Unit, others: Sequence[str], unclear: str) -> str:
+    """What to do about a sensor that seems to be in another unit than the stated one, or in none that is known."""
+    if not meant:
+        return unclear
     shown = meant.replace("^2", "²")
     if not others:
         return f": it seems to be in {shown}; {_correct(unit)}pass {{argument}}"
@@ -211,7 +209,7 @@ def _without_gravity(sensors: Mapping[str, Imu], units: Units, name: str) -> dic
     meant = {placement: _force_meant(force, units[placement]["acc"]) for placement, force in wrong.items()}
     reasons = {
         placement: f"reads {force:.4g} m/s² where it is calm ({units[placement]['acc']}), but gravity alone is "
-        f"{GRAVITY:.4g} m/s²{_why(force, meant[placement], units[placement]['acc'], right)}"
+        f"{GRAVITY:.4g} m/s²{_advice(meant[placement], units[placement]['acc'], right, _why(force))}"
         for placement, force in wrong.items()
     }
     return _judged(name, "accelerometer", next(iter(wrong)), reasons, meant, right)
@@ -224,13 +222,13 @@ def _force_meant(force: float, unit: Unit) -> str:
     return next((name for name, scale in ACC_UNITS.items() if low <= scale * reading <= high), "")
 
 
-def _why(force: float, meant: str, unit: Unit, others: Sequence[str]) -> str:
-    """Why an accelerometer reads a force [m/s²] other than gravity, and what to do."""
-    if meant:
-        return _advice(meant, unit, others)
-    if force < 0.3 * GRAVITY:
-        return ": gravity seems to have been taken off; the raw specific force is needed"
-    return ": check the unit"
+def _why(force: float) -> str:
+    """Why an accelerometer reads a force [m/s²] that is gravity in no unit."""
+    return (
+        ": gravity seems to have been taken off; the raw specific force is needed"
+        if force < 0.3 * GRAVITY
+        else (": check the unit")
+    )
 
 
 def check_range(distance: AnyArray, unit: str, name: str) -> None:

@@ -40,6 +40,9 @@ NOT_RAW = ("free", "linear", "user", "filtered")
 CHANNELS = tuple(f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz")
 """The columns of one sensor."""
 
+COLUMNS = frozenset({"time", "feet_range", *(f"{place}_{channel}" for place in PLACEMENTS for channel in CHANNELS)})
+"""The columns that jgait reads."""
+
 WORDS = {
     "head": "head", "sternum": "sternum", "chest": "sternum", "lowerback": "lower_back", "lumbar": "lower_back",
     "back": "lower_back", "pelvis": "pelvis", "sacrum": "pelvis", "waist": "waist", "hip": "waist", "wrist": "wrist",
@@ -165,10 +168,9 @@ def _without(words: list[str], taken: str) -> list[str] | None:
 
 def recognised(given: list[str], renamed: list[str], placement: str | None) -> dict[int, str]:
     """Column → jgait's name, for columns with a lab's names; left out where two columns have the same jgait name."""
-    expected = {f"{where}_{channel}" for where in PLACEMENTS for channel in CHANNELS} | {"time", "feet_range"}
     names: dict[int, str] = {}
     for index, name in enumerate(given):
-        known = None if renamed[index] in expected else column_of(name)
+        known = None if renamed[index] in COLUMNS else column_of(name)
         if known in CHANNELS:
             known = None if placement is None else f"{placement}_{known}"
         if known is not None and known not in renamed:

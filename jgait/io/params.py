@@ -69,7 +69,7 @@ def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -
     file = params_file(path)
     whole = _read(file)
     with reading(file, "a file of parameters"):
-        rows = {name: _value(row["value"]) for name, row in whole["parameters"].items()}
+        rows = {name: np.asarray(row["value"], np.float64)[()] for name, row in whole["parameters"].items()}
         stated = {name: str(row["unit"]) for name, row in whole["parameters"].items() if "unit" in row}
     if whole["format"] != FORMAT:
         raise RecordingError(f"{file} has format {whole['format']}; this version of jgait reads {FORMAT}")
@@ -88,10 +88,6 @@ def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -
             raise RecordingError(f"{file} has {name} of shape {np.shape(rows[name])}; {np.shape(value)} is wanted")
     values = [rows.get(name, value) for name, (_, value) in zip(names, flat, strict=True)]
     return jax.tree.unflatten(structure, values), whole["made"]
-
-
-def _value(value: PyTree) -> PyTree:
-    return np.asarray(value, np.float64) if isinstance(value, list) else float(value)
 
 
 def preset_names() -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jgait.estimators.stride_flags import STRIDE_COLUMNS, durations
-from jgait.types import SIDES, Estimate, Strides, as_float
+from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,10 +50,11 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
         if getattr(strides, name) is not None:
             columns[f"{name}_s"] = as_float(getattr(strides, name))[rows]
     for column, (field, scale) in STRIDE_COLUMNS.items():
-        values = _measure(strides, field)
+        timed = strides.start is not None and strides.end is not None
+        values = getattr(strides, field) if field else durations(strides) if timed else None
         if values is None:
             continue
-        columns[column] = scale * values[rows]
+        columns[column] = scale * as_float(values)[rows]
         spread = None if stated is None or not field else getattr(stated, field)
         if spread is not None:
             name, _, unit = column.rpartition("_")
@@ -71,15 +72,6 @@ def bout_numbers(start: np.ndarray, end: np.ndarray) -> np.ndarray:
         return np.zeros(0, int)
     latest = np.maximum.accumulate(end)
     return np.concatenate([[0], np.cumsum(start[1:] - latest[:-1] > BREAK)])
-
-
-def _measure(strides: Strides, field: str) -> np.ndarray | None:
-    if not field:
-        if strides.start is None or strides.end is None:
-            return None
-        return durations(strides)
-    values = getattr(strides, field)
-    return None if values is None else as_float(values)
 
 
 def _rows(estimate: Estimate) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from jgait.io.arrays import recording_in_units
 from jgait.io.files import reading
-from jgait.io.names import CHANNELS, column_of, like_a_signal, recognised, unit_in_name
+from jgait.io.names import CHANNELS, COLUMNS, column_of, like_a_signal, recognised, unit_in_name
 from jgait.io.rows import read_table
 from jgait.io.units import Unit, unit_of_columns
 from jgait.notes import DEDUCED, LEFT_OUT, LOSSES, Kind, Note
@@ -263,8 +263,8 @@ def _no_sensor(position: Mapping[str, int], given: list[str], name: str) -> Reco
             argument="placement",
             value="waist",
         )
-    every = [f"{placement}_{channel}" for placement in PLACEMENTS for channel in CHANNELS]
-    near = {column: _nearest([column.strip().lower()], every) for column in _unrecognised(position, given)}
+    signals = sorted(COLUMNS - {"time", "feet_range"})
+    near = {column: _nearest([column.strip().lower()], signals) for column in _unrecognised(position, given)}
     meant = [f"{column!r} looks like {known!r}" for column, known in near.items() if known]
     hint = f"; {', '.join(meant[:3])}: correct the header of the file" if meant else ""
     return RecordingError(
@@ -274,8 +274,7 @@ def _no_sensor(position: Mapping[str, int], given: list[str], name: str) -> Reco
 
 
 def _unrecognised(position: Mapping[str, int], given: list[str]) -> list[str]:
-    every = {f"{placement}_{channel}" for placement in PLACEMENTS for channel in CHANNELS} | {"time", "feet_range"}
-    known = {index for column, index in position.items() if column in every}
+    known = {index for column, index in position.items() if column in COLUMNS}
     return [column for index, column in enumerate(given) if index not in known]
 
 

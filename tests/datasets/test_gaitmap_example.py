@@ -133,8 +133,8 @@ def test_bad_files_are_named_and_the_others_are_not_lost(folder):
     loaded = datasets.load("gaitmap_example")
     assert [walk.recording.name for walk in loaded] == ["imu_sample_new"]
     reasons = dict(loaded.failures)
-    assert "imu_sample_lacks.csv has no gyr_y of the left foot" in reasons["imu_sample_lacks"]
-    assert "imu_sample_strange.csv has no column left_sensor" in reasons["imu_sample_strange"]
+    assert "imu_sample_lacks.csv, left_sensor lacks gyr_y" in reasons["imu_sample_lacks"]
+    assert "imu_sample_strange.csv lacks the place of its sensor" in reasons["imu_sample_strange"]
 
 
 def test_one_foot_with_lost_samples(folder):

@@ -167,14 +167,19 @@ def turned(rates: np.ndarray, forces: np.ndarray, step: float) -> np.ndarray:
     return np.stack(product(product(whole, still), conjugate(whole))[1:])
 
 
+def windows(sensor: Averaged) -> np.ndarray:
+    """(windows, samples) rows of windows of `WINDOW_S`, half a window apart."""
+    samples = round(WINDOW_S / sensor.step)
+    return np.arange(0, len(sensor.gyr) - samples + 1, samples // 2)[:, None] + np.arange(samples)
+
+
 def turned_mean(sensor: Averaged, factors: np.ndarray) -> np.ndarray:
     """(trials, windows) size of the mean acceleration, turned by the gyroscope times factors (trials, 3) [m/s²].
 
-    The windows are half a window apart; a raised cosine over a window leaves out what repeats every stride.
+    A raised cosine over a window leaves out what repeats every stride.
     """
-    samples = round(WINDOW_S / sensor.step)
-    rows = np.arange(0, len(sensor.gyr) - samples + 1, samples // 2)[:, None] + np.arange(samples)
-    weight = np.hanning(samples + 2)[1:-1]
+    rows = windows(sensor)
+    weight = np.hanning(rows.shape[1] + 2)[1:-1]
     # (axis, trials, windows, samples)
     mean = turned(sensor.gyr[rows] * factors[:, None, None, :], sensor.acc[rows][None], sensor.step) @ (
         weight / weight.sum()
@@ -184,8 +189,7 @@ def turned_mean(sensor: Averaged, factors: np.ndarray) -> np.ndarray:
 
 def walking_windows(sensor: Averaged, fastest: float = FASTEST_WINDOW) -> np.ndarray:
     """(windows,) bool, those without a long gap in which the sensor turns fast enough, beyond a rate [rad/s]."""
-    samples = round(WINDOW_S / sensor.step)
-    rows = np.arange(0, len(sensor.gyr) - samples + 1, samples // 2)[:, None] + np.arange(samples)
+    rows = windows(sensor)
     square = np.where(sensor.lost[rows].any(axis=1), 0.0, np.sum(sensor.gyr[rows] ** 2, axis=2).mean(axis=1))
     return (square > ACTIVE * square.max()) & (square > fastest**2)
 

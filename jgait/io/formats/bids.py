@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jgait.io.apart import apart
+from jgait.io.clock import TIME_UNITS
 from jgait.io.files import Tree, check_columns, check_file, library, positive
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
@@ -61,13 +62,13 @@ def measured(path: Path) -> Measured:
     """Every tracked point of a motion file that has a gyroscope; the errors have file, expected and actual content."""
     check_file(path, EXPECTED)
     stem = re.sub(r"_motion\.tsv(\.gz)?$", "", path.name)
-    channels_file = _nearest(path, stem, "channels.tsv")
-    channels = _channels(path, channels_file)
+    channels = _channels(path, stem)
     about = _about(path, stem)
     notes: list[Note] = []
     values = _values(path, list(channels["name"]), notes)
     rate = positive(about.get("SamplingFrequency"), about.get("SamplingFrequencyEffective"))
-    time = _latency(path, channels, values)
+    latency = channels[channels["type"] == "LATENCY"].iloc[:1]
+    time = None if latency.empty else TIME_UNITS[_unit(path, latency, "LATENCY") or "s"] * values[:, latency.index[0]]
     frames = _frames(path, stem)
     parts, left_out = list[Part](), list[str]()
     for point in dict.fromkeys(channels["tracked_point"]):
@@ -114,13 +115,6 @@ def _inherited(path: Path, stem: str, kind: str) -> list[Path]:
     return files
 
 
-def _nearest(path: Path, stem: str, kind: str) -> Path:
-    files = _inherited(path, stem, kind)
-    if not files:
-        raise RecordingError(f"{path.name} needs {stem}_{kind}, which states what its columns are; there is none")
-    return files[0]
-
-
 def _table(file: Path, **options: Any) -> "pd.DataFrame":
     """A table with tabs, its cells as text or numbers; `n/a` is NaN."""
     return apart(_rows, file, EXPECTED, "pandas", **options)
@@ -134,8 +128,11 @@ def _rows(file: Path, **options: Any) -> "pd.DataFrame":
         raise RecordingError(f"{file.name} is no table with tabs: {error}") from error
 
 
-def _channels(path: Path, file: Path) -> "pd.DataFrame":
+def _channels(path: Path, stem: str) -> "pd.DataFrame":
     """The table of channels: text without surrounding blanks, empty for n/a."""
+    file = next(iter(_inherited(path, stem, "channels.tsv")), None)
+    if file is None:
+        raise RecordingError(f"{path.name} needs {stem}_channels.tsv, which states what its columns are; there is none")
     table = _table(file, dtype=str).fillna("")
     table.columns = [str(column).strip() for column in table.columns]
     lacking = [column for column in NEEDED if column not in table.columns]
@@ -195,15 +192,6 @@ def _values(path: Path, names: list[str], notes: list[Note]) -> np.ndarray:
                 f"{path.name}: {name} holds {wrong.iloc[0]!r} in row {wrong.index[0]}; expected a number"
             )
     return np.asarray(table.to_numpy(np.float64), np.float64)
-
-
-def _latency(path: Path, channels: "pd.DataFrame", values: np.ndarray) -> np.ndarray | None:
-    """Time [s] where a channel states it."""
-    rows = channels.index[channels["type"] == "LATENCY"]
-    if not len(rows):
-        return None
-    unit = _unit(path, channels.loc[rows[:1]], "LATENCY") or "s"
-    return values[:, rows[0]] * (1e-3 if unit == "ms" else 1.0)
 
 
 def _unit(path: Path, rows: "pd.DataFrame", kind: str) -> str | None:

@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import PyTree
-from numpy.typing import ArrayLike
 
 from jgait.io.apart import apart
 from jgait.io.files import Tree, check_file, library, positive, reading, three_columns
@@ -113,9 +112,8 @@ def _trials(path: Path) -> dict[str, Tree]:
     check_file(path, EXPECTED)
     data = apart(_load, path, EXPECTED, "scipy.io")
     if not isinstance(data, dict | list):
-        raise RecordingError(
-            f"{path.name} is not {EXPECTED}: its variable 'data' should be a struct, it is {_is(data)}"
-        )
+        found = f"an array {np.shape(data)}" if np.ndim(data) else type(data).__name__
+        raise RecordingError(f"{path.name} is not {EXPECTED}: its variable 'data' should be a struct, it is {found}")
     every = dict(_descend(data, ()))
     trials = {key: tree for key, tree in every.items() if any(isinstance(tree.get(device), dict) for device in DEVICES)}
     if not trials:
@@ -150,11 +148,6 @@ def _load(path: Path) -> PyTree:
     return content["data"]
 
 
-def _is(value: ArrayLike | None) -> str:
-    shape = () if value is None else np.shape(value)
-    return f"an array {shape}" if shape else type(value).__name__
-
-
 def _descend(tree: PyTree, above: tuple[str, ...]) -> Iterator[tuple[str, Tree]]:
     """Trials below a struct, or a list of structs of one name, which are numbered as in MATLAB: `Trial(2)`."""
     if isinstance(tree, list):
@@ -171,17 +164,18 @@ def _of_trial(path: Path, trial: str, tree: Tree) -> Measured:
     """The sensors of one trial."""
     where = f"{path.name}, {trial}"
     notes, left_out = list[Note](), list[str]()
-    parts, starts = list[Part](), list[float | None]()
+    parts, starts, worn = list[Part](), list[float | None](), set[str]()
     for each in (device for device in DEVICES if isinstance(tree.get(device), dict)):
         for place, sensor in tree[each].items():
             if not isinstance(sensor, dict) or "Gyr" not in sensor:
                 left_out.append(f"{each}.{place} (no gyroscope)")
-            elif any(_same_place(part.label, place) for part in parts):
+            elif {place, placement_of(place)} & worn:
                 left_out.append(f"{each}.{place} (another device was worn there)")
             else:
                 part, start = _part(place, sensor, f"{where}: {each}.{place}", notes)
                 parts.append(part)
                 starts.append(start)
+                worn |= {place, placement_of(place) or place}
     if not parts:
         raise RecordingError(f"{where} has no sensor with a gyroscope, Gyr; it has {', '.join(left_out) or 'none'}")
     if left_out:
@@ -190,10 +184,6 @@ def _of_trial(path: Path, trial: str, tree: Tree) -> Measured:
         notes.append(RECORDED_AT(date=str(tree["StartDateTime"])))
     folder = path.absolute().parent.name
     return Measured(_on_one_clock(parts, starts), f"{folder}/{trial}", folder, tuple(notes))
-
-
-def _same_place(label: str, other: str) -> bool:
-    return label == other or (placement_of(label) is not None and placement_of(label) == placement_of(other))
 
 
 def _part(place: str, sensor: Tree, where: str, notes: list[Note]) -> tuple[Part, float | None]:

@@ -14,8 +14,10 @@ import re
 
 import numpy as np
 
+from jgait.geometry.vectors import GRAVITY
 from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.text import AXES, Rows, TextFormat
+from jgait.io.units import ACC_UNITS
 from jgait.notes import ORIGIN, Kind, Note
 from jgait.types import RecordingError
 
@@ -24,7 +26,6 @@ ACCELEROMETERS = ("Accel_LN", "Accel_WR")
 STAMP = re.compile(r"^(?P<device>.+?)_Timestamp(?:Sync)?_(?P<how>FormattedUnix|Unix|Shimmer|RC)?_?CAL$")
 FULL, OFTEN = 1.9, 1e-3
 """[g], [1] The low-noise accelerometer is at its limit where one axis is above the one in more than the other share."""
-STANDARD_GRAVITY = {"m/s^2": 9.80665, "g": 1.0, "mg": 1000.0}
 
 WIDE_RANGE_TAKEN = Kind(
     "wide_range_taken",
@@ -70,7 +71,7 @@ def _part(rows: Rows, device: str, kinds: dict[str, set[str]], notes: list[Note]
     choice = [name for name in ACCELEROMETERS if "CAL" in kinds.get(name, ())]
     if choice:
         acc, acc_unit = rows.in_units(_columns(device, choice[0]))
-        limit = FULL * STANDARD_GRAVITY[acc_unit or "m/s^2"]
+        limit = FULL * GRAVITY / ACC_UNITS[acc_unit or "m/s^2"]
         share = float(np.mean(np.abs(acc[timed]).max(axis=1, initial=0.0) > limit))
         taken = choice[0]
         if len(choice) == 2 and share > OFTEN:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.io.clock import TIME_UNITS
 from jgait.io.files import LONGEST_NAME, check_columns, check_file
 from jgait.io.formats.part import Measured, joined
 from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit
@@ -22,9 +23,6 @@ HEADER_WITHIN = 60
 
 HEAD = 4096
 """[bytes] Number of first bytes of a file that are read to recognise its format."""
-
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
-"""Unit of time as written in files → seconds."""
 
 RAW = "lsb"
 """Unit of numbers that are not calibrated."""
@@ -71,14 +69,14 @@ class Rows(NamedTuple):
         """(T,) a column of times in seconds; in the default unit where the file states none.
 
         Raises:
-            RecordingError: for a unit other than those of `SECONDS`.
+            RecordingError: for a unit other than those of `TIME_UNITS`.
         """
         unit = self.unit(column) or default
-        if unit not in SECONDS:
+        if unit not in TIME_UNITS:
             raise RecordingError(
-                f"{self.name}: {self.header[column]} is in {unit!r}; expected one of {', '.join(SECONDS)}"
+                f"{self.name}: {self.header[column]} is in {unit!r}; expected one of {', '.join(TIME_UNITS)}"
             )
-        return SECONDS[unit] * self.numbers(column)
+        return TIME_UNITS[unit] * self.numbers(column)
 
     def three(self, columns: Sequence[str]) -> np.ndarray:
         """(T, 3) of three columns. Raises RecordingError if one is not there, naming it and those that are."""
