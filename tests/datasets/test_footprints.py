@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 from foot_heading import agreement, heading
 from made.notes import texts
+from made.sets import loaded, refused
 from scipy.io import savemat
 
 from jgait import datasets
@@ -46,9 +47,8 @@ def ruler(folder, name, correct):
 
 
 def test_axes_footprints_and_distance(folder):
-    walks = datasets.load("footprints")
-    assert walks.failures == () and datasets.names("footprints") == (NAME,)
-    walk = walks[0]
+    assert datasets.names("footprints") == (NAME,)
+    (walk,) = loaded("footprints")
     imu = walk.recording.sensors["foot_right"]
     np.testing.assert_allclose(imu.acc[5], [1, -2, 9.5])
     np.testing.assert_allclose(imu.gyr[5], [0.1, -0.2, -0.3])
@@ -112,12 +112,7 @@ def test_lost_samples_are_masked(folder):
 )
 def test_a_bad_recording_is_named_and_the_others_are_not_lost(folder, change, said):
     write(folder, "SensorConnectData_80", **change)
-    walks = datasets.load("footprints")
-    assert [walk.recording.name for walk in walks] == [NAME]
-    (failure,) = walks.failures
-    assert failure.name == "SensorConnectData_80"
-    with pytest.raises(ValueError, match=said):
-        raise ValueError(failure.reason)
+    refused("footprints", [NAME], {"SensorConnectData_80": said})
 
 
 @pytest.mark.parametrize(
@@ -132,7 +127,7 @@ def test_a_bad_recording_is_named_and_the_others_are_not_lost(folder, change, sa
 def test_bad_footprints_are_named(folder, change, said):
     table = pd.read_csv(csv(folder)).assign(**change)
     table.drop(columns=[name for name, value in change.items() if value is None]).to_csv(csv(folder), index=False)
-    assert said in datasets.load("footprints").failures[0].reason
+    refused("footprints", [], {NAME: said})
 
 
 # --- the real files ---

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made.notes import texts
+from made.sets import loaded, refused
 from scipy.io import savemat
 
 from jgait import datasets
@@ -89,9 +90,7 @@ def written(data_dir):
 
 def test_a_trial_that_this_version_does_not_know(written):
     assert datasets.names("neura_sparse") == (NAME,)
-    walks = datasets.load("neura_sparse")
-    assert walks.failures == ()
-    walk = walks[0]
+    (walk,) = loaded("neura_sparse")
     assert walk.info["verified"] is False
     assert walk.recording.name == NAME and walk.recording.subject == "S09"
     assert list(walk.recording.sensors) == ["pelvis", "thigh_right", "shank_right"]
@@ -134,16 +133,12 @@ def test_angles_position_distance_and_windows(written):
 
 def test_one_trial_that_lacks_its_vicon_file_is_named(written):
     (written / "vicon" / f"{NAME}.mat").unlink()
-    walks = datasets.load("neura_sparse")
-    assert list(walks) == []
-    assert walks.failures[0].name == NAME
-    assert f"neura_sparse lacks data/sample/vicon/{NAME}.mat" in walks.failures[0].reason
+    refused("neura_sparse", [], {NAME: f"neura_sparse lacks data/sample/vicon/{NAME}.mat"})
 
 
 def test_a_sensor_file_that_is_cut_off(written):
     (written / "rawimu" / f"{NAME}-000_00B40C35.txt").write_text("// x\nPacketCounter,Gyr_X\n1,2\n")
-    reason = datasets.load("neura_sparse").failures[0].reason
-    assert f"{NAME}-000_00B40C35.txt has no such header: expected Xsens MTw text" in reason
+    refused("neura_sparse", [], {NAME: f"{NAME}-000_00B40C35.txt has no such header: expected Xsens MTw text"})
 
 
 def test_a_recording_that_is_not_there(written):

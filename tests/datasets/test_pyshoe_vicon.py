@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from foot_heading import agreement, heading
 from made.notes import texts
+from made.sets import loaded, refused
 from scipy.io import savemat
 
-from jgait import datasets
 from jgait.datasets import pyshoe_vicon
 
 SAMPLES, RATE = 2000, 200.0
@@ -37,15 +37,9 @@ def write(folder, name=NAME, **changes):
     savemat(folder / f"{name}.mat", {key: value for key, value in variables.items() if value is not None})
 
 
-def loaded(folder, **changes):
-    write(folder, **changes)
-    walks = datasets.load("pyshoe_vicon")
-    assert walks.failures == ()
-    return walks[0]
-
-
 def test_axes_stances_and_distance(folder):
-    walk = loaded(folder)
+    write(folder)
+    (walk,) = loaded("pyshoe_vicon")
     assert walk.recording.name == NAME and walk.info["verified"] is False
     imu = walk.recording.sensors["foot_right"]
     np.testing.assert_allclose(imu.acc[5], [1, -2, 9.5])
@@ -81,7 +75,8 @@ def test_what_vicon_lost_is_masked(folder):
     position[910:930] = position[910]  # held, then far away
     position[100] = position[101]  # one value twice is no loss
     position[1990, 1] = np.nan
-    walk = loaded(folder, gt=position)
+    write(folder, gt=position)
+    (walk,) = loaded("pyshoe_vicon")
     lost = [699, 700, 701, *range(910, 931), 1990]
     assert np.flatnonzero(~walk.reference.valid).tolist() == lost
     assert np.isfinite(walk.reference.feet.right.position).all()
@@ -91,7 +86,8 @@ def test_what_vicon_lost_is_masked(folder):
 
 
 def test_a_foot_without_markers_has_no_footprints(folder):
-    walk = loaded(folder, gt=np.full((SAMPLES, 3), np.nan))
+    write(folder, gt=np.full((SAMPLES, 3), np.nan))
+    (walk,) = loaded("pyshoe_vicon")
     assert not walk.reference.valid.any() and len(walk.info["footprints"]["samples"]) == 0
     assert walk.reference.strides.valid.size == 0
     assert np.all(walk.reference.distance == 0) and walk.info["speed"] is None
@@ -110,12 +106,7 @@ def test_a_foot_without_markers_has_no_footprints(folder):
 def test_a_bad_recording_is_named_and_the_others_are_not_lost(folder, change, said):
     write(folder)
     write(folder, "2031", **change)
-    walks = datasets.load("pyshoe_vicon")
-    assert [walk.recording.name for walk in walks] == [NAME]
-    (failure,) = walks.failures
-    assert failure.name == "2031"
-    with pytest.raises(ValueError, match=said):
-        raise ValueError(failure.reason)
+    refused("pyshoe_vicon", [NAME], {"2031": said})
 
 
 # --- the real files ---

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made.notes import texts
+from made.sets import loaded, refused
 
 from jgait import datasets
 from jgait.datasets import tripod
@@ -79,10 +80,8 @@ def folder(root):
     return folder
 
 
-def load(name="Sub_AB/PWS-20"):
-    walks = datasets.load("tripod", [name])
-    assert walks.failures == ()
-    return walks[0]
+def load():
+    return loaded("tripod", "Sub_AB/PWS-20")[0]
 
 
 def test_units_placements_and_a_trial_that_this_version_does_not_know(folder):
@@ -166,9 +165,7 @@ def test_lost_samples_and_sensors_that_start_apart(folder):
 
 def test_bad_files_are_named_and_the_others_are_not_lost(folder, root):
     write_sensor(root / "Sub_AB" / "PWS", "LS", np.zeros((1, 14)))
-    loaded = datasets.load("tripod")
-    assert [walk.recording.name for walk in loaded] == ["Sub_AB/PWS-20"]
-    assert "LS.csv has (1, 14) numbers after 7 lines" in dict(loaded.failures)["Sub_AB/PWS"]
+    refused("tripod", ["Sub_AB/PWS-20"], {"Sub_AB/PWS": r"LS.csv has \(1, 14\) numbers after 7 lines"})
 
 
 # --- the real trials ---

@@ -6,8 +6,8 @@ from xml.sax.saxutils import escape
 import numpy as np
 import pytest
 from made.notes import texts
+from made.sets import loaded, refused
 
-from jgait import datasets
 from jgait.datasets import walking5m
 
 
@@ -88,9 +88,7 @@ def folder(data_dir):
 
 def load(folder, table, name="Young/new_1"):
     write_xlsx(folder / f"{name}.xlsx", list(table), list(zip(*table.values(), strict=True)))
-    loaded = datasets.load("walking5m", [name])
-    assert loaded.failures == ()
-    return loaded[0]
+    return loaded("walking5m", name)[0]
 
 
 def test_scales_placements_and_insoles(folder):
@@ -205,13 +203,12 @@ def test_bad_files_are_named_and_the_others_are_not_lost(folder):
     table = columns()
     table["Time_1"] = [time + 1e6 for time in table["Time_1"]]
     write_xlsx(folder / "Young" / "apart.xlsx", list(table), list(zip(*table.values(), strict=True)))
-    loaded = datasets.load("walking5m")
-    assert [walk.recording.name for walk in loaded] == ["Young/new_1"]
-    reasons = dict(loaded.failures)
-    assert set(reasons) == {"Young/broken", "Young/short", "Young/strange", "Young/apart"}
-    assert "short.xlsx has 1 rows of data; at least 2 are needed" in reasons["Young/short"]
-    assert "strange.xlsx has no leg sensor; expected columns such as Gyro_read_x_1" in reasons["Young/strange"]
-    assert "the sensors of apart.xlsx have 0.00 s in common" in reasons["Young/apart"]
+    expected = {
+        "Young/broken": "", "Young/short": "short.xlsx has 1 rows of data; at least 2 are needed",
+        "Young/strange": "strange.xlsx has no leg sensor; expected columns such as Gyro_read_x_1",
+        "Young/apart": "the sensors of apart.xlsx have 0.00 s in common",
+    }  # fmt: skip
+    refused("walking5m", ["Young/new_1"], expected)
 
 
 # --- the real walks ---

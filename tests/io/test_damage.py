@@ -1,5 +1,7 @@
 """Damaged signals are masked, corrected or flagged when they are read; undamaged ones are left as they are."""
 
+import re
+
 import jax
 import numpy as np
 import pandas as pd
@@ -130,37 +132,39 @@ def test_a_coarse_accelerometer_is_named_and_neither_masked_nor_clipped_for_it()
     assert damage & set(codes(stuck)) == {"samples_frozen"}
 
 
-def test_a_wrapped_gyroscope_is_named(rows):
-    (text,) = found(damaged(rows, "gyroscope wraps at 250 deg/s", "shank_right"), "channel_wrapped")
-    assert "shank_right gyr_y" in text
-    assert "4.363 rad/s" in text
-
-
 @pytest.mark.parametrize(
-    ("name", "placement", "code"),
+    ("name", "placement", "code", "words"),
     [
-        ("gyroscope's sign", "foot_right", "gyroscope_disagrees"),
-        ("gyroscope's y turned round", "shank_left", "gyroscope_disagrees"),
-        ("left-handed axes", "shank_right", "gyroscope_disagrees"),
-        ("gyroscope by 0.5", "thigh_right", "sides_differ"),
-        ("gyroscope in rad/s", "shank_right", "gyroscope_slow"),
-        ("rate of 50 Hz stated for 100", "foot_right", "gyroscope_disagrees"),
-        ("accelerometer 50 ms late", "foot_right", "accelerometer_late"),
-        ("gyroscope 100 ms late", "shank_right", "accelerometer_late"),
-        ("sensor 0.1 s late", "shank_right", "sensor_late"),
-        ("sensor's clock 1 % fast", "thigh_left", "clocks_drift"),
-        ("20 % of rows missing, without stamps", "", "rows_lost"),
-        ("5 % of rows missing, without stamps", "", "rows_lost"),
-        ("rows of 0.5 s missing, without stamps", "", "rows_lost"),
-        ("2 % of rows written twice, without stamps", "", "rows_twice"),
-        ("left-handed axes", "shank_right", "tilts_apart"),
-        ("sensor 0.3 s late", "foot_left", "sides_out_of_step"),
-        ("every second row repeated", "shank_right", "samples_repeated"),
+        ("gyroscope wraps at 250 deg/s", "shank_right", "channel_wrapped", r"shank_right gyr_y .*4\.363 rad/s"),
+        ("gyroscope's sign", "foot_right", "gyroscope_disagrees", ""),
+        ("gyroscope's y turned round", "shank_left", "gyroscope_disagrees", ""),
+        ("gyroscope's y turned round", "foot_right", "gyroscope_disagrees", "its y axis may be turned round"),
+        ("gyroscope by 2", "foot_right", "gyroscope_disagrees", "2 times too large"),
+        ("left-handed axes", "shank_right", "gyroscope_disagrees", ""),
+        ("accelerometer by 0.85", "pelvis", "gyroscope_disagrees", ""),
+        ("gyroscope by 0.5", "thigh_right", "sides_differ", ""),
+        ("gyroscope in rad/s", "shank_right", "gyroscope_slow", ""),
+        ("rate of 50 Hz stated for 100", "foot_right", "gyroscope_disagrees", ""),
+        ("accelerometer 50 ms late", "foot_right", "accelerometer_late", ""),
+        ("gyroscope 100 ms late", "shank_right", "accelerometer_late", ""),
+        ("sensor 0.1 s late", "shank_right", "sensor_late", ""),
+        ("sensor's clock 1 % fast", "thigh_left", "clocks_drift", ""),
+        ("20 % of rows missing, without stamps", "", "rows_lost", ""),
+        ("5 % of rows missing, without stamps", "", "rows_lost", ""),
+        ("rows of 0.5 s missing, without stamps", "", "rows_lost", ""),
+        ("2 % of rows written twice, without stamps", "", "rows_twice", ""),
+        ("left-handed axes", "shank_right", "tilts_apart", ""),
+        ("sensor 0.3 s late", "foot_left", "sides_out_of_step", ""),
+        ("every second row repeated", "shank_right", "samples_repeated", ""),
+        ("all gyroscopes by 0.5", "", "pace_unusual", "all sensors of the legs.*read half of what they should"),
+        ("rate of 200 Hz stated for 100", "", "pace_unusual", "time passes twice as fast"),
     ],
 )
-def test_sensors_that_contradict_themselves_or_others_are_named(rows, name, placement, code):
+def test_sensors_that_contradict_themselves_or_others_are_named(rows, name, placement, code, words):
     texts = found(damaged(rows, name, placement), code)
     assert any(placement in text for text in texts)
+    if words:
+        assert len(texts) == 1 and re.search(words, texts[0])
 
 
 @pytest.fixture(scope="module")
@@ -202,13 +206,6 @@ def test_a_wrong_tilt_is_noticed_although_the_mean_acceleration_has_the_size_of_
     assert text.startswith("thigh_left: between standing and walking")
 
 
-def test_half_as_fast_gyroscopes_and_a_wrong_clock_are_told_apart(rows):
-    (slow,) = found(damaged(rows, "all gyroscopes by 0.5", ""), "pace_unusual")
-    (fast,) = found(damaged(rows, "rate of 200 Hz stated for 100", ""), "pace_unusual")
-    assert "all sensors of the legs" in slow and "read half of what they should" in slow
-    assert "time passes twice as fast" in fast
-
-
 def test_rows_missing_from_the_file_of_one_sensor_are_noticed(rows):
     foot = rows._replace(sensors={"foot_right": rows.sensors["foot_right"]})
     assert not found(harm.read(foot, "walk"))
@@ -244,17 +241,6 @@ def test_of_two_sensors_that_turn_apart_the_wrong_one_is_named(turning):
     assert text.startswith("foot_left: in a turn by ")
     alone = feet._replace(sensors={"foot_left": feet.sensors["foot_left"]})
     assert not found(damaged(alone, "gyroscope's sign", "foot_left"), "turns_apart")
-
-
-def test_the_mean_acceleration_of_the_trunk_is_gravity(rows):
-    assert "pelvis" in found(damaged(rows, "accelerometer by 0.85", "pelvis"), "gyroscope_disagrees")[0]
-
-
-def test_the_cause_of_a_disagreement_is_guessed(rows):
-    (text,) = found(damaged(rows, "gyroscope by 2", "foot_right"), "gyroscope_disagrees")
-    assert "2 times too large" in text
-    (text,) = found(damaged(rows, "gyroscope's y turned round", "foot_right"), "gyroscope_disagrees")
-    assert "its y axis may be turned round" in text
 
 
 def test_a_stated_wrong_unit_is_still_refused(rows):

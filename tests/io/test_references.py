@@ -34,20 +34,15 @@ def test_samples_come_back_at_other_times():
     np.testing.assert_allclose(back.distance[there], 1.3 * at[there], atol=1e-9)
 
 
-def test_angles_alone_are_a_reference_without_a_foot_path():
-    table = io.to_dataframe(angles()).drop(columns=["x_left_m", "y_left_m", "distance_m", "valid"])
-    back = io.reference_from_tables(TIME, table)
-    assert np.isnan(back.legs.left.x).all() and back.distance is None
-    assert back.valid[TIME > 1.0].all() and not back.valid[TIME < 0.95].any()  # empty cells before
-
-
-def test_angles_alone_are_enough_for_their_loss():
+def test_angles_alone_are_a_reference_without_a_foot_path_and_enough_for_their_loss():
     made = angles()
-    bare = io.reference_from_tables(
+    back = io.reference_from_tables(
         TIME, io.to_dataframe(made)[["time_s", "hip_angle_left_deg", "knee_angle_left_deg"]]
     )
-    assert float(trajectory(made, bare, TrajectoryWeights(x=0.0, y=0.0))) < 1e-9
-    assert np.isnan(float(trajectory(made, bare)))
+    assert np.isnan(back.legs.left.x).all() and back.distance is None
+    assert back.valid[TIME > 1.0].all() and not back.valid[TIME < 0.95].any()  # empty cells before
+    assert float(trajectory(made, back, TrajectoryWeights(x=0.0, y=0.0))) < 1e-9
+    assert np.isnan(float(trajectory(made, back)))
 
 
 def test_strides_and_positions_come_back(feet):

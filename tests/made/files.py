@@ -4,6 +4,7 @@ import functools
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from made.foot import foot
 
 RATE = 100.0
@@ -111,6 +112,13 @@ def named(path, *, prefix="foot_right_", time=True, degrees=True):
     columns = [*(np.rad2deg(gyr) if degrees else gyr).T, *acc.T]
     head, own = (["time"], [stamps]) if time else ([], [])
     return put(path, [",".join([*head, *names]), *lines_of(",", *own, *columns)])
+
+
+def frame(sign=1.0):
+    """The walk as a table with gaitmap's and mobgap's names, m/s² and deg/s; the rates times a sign."""
+    _, gyr, acc = walk()
+    names = [f"{kind}_{axis}" for kind in ("acc", "gyr") for axis in "xyz"]
+    return pd.DataFrame(np.hstack([acc, np.rad2deg(sign * gyr)]), columns=names)
 
 
 def check(recording, placement="foot_right", rows=slice(None), atol=1e-7):

@@ -10,6 +10,12 @@ from jgait import io
 from jgait.types import Imu, RangeReadings, Recording, RecordingError
 
 
+def named(folder):
+    """The known walk in a file, and its table."""
+    path = made_files.named(folder / "walk.csv")
+    return path, pd.read_csv(path)
+
+
 @pytest.mark.parametrize("degrees", [True, False])
 def test_units_are_told_from_the_signals(tmp_path, degrees):
     recording = io.read(made_files.named(tmp_path / "walk.csv", degrees=degrees))
@@ -38,8 +44,7 @@ def test_what_is_said_overrules_and_what_contradicts_the_signals_is_refused(tmp_
 
 
 def test_time_in_milliseconds_and_columns_that_say_nothing(tmp_path):
-    path = made_files.named(tmp_path / "walk.csv")
-    table = pd.read_csv(path)
+    path, table = named(tmp_path)
     table["time"] *= 1e3
     table.assign(temperature=20.0).to_csv(path, index=False)
     recording = io.read(path)
@@ -63,8 +68,7 @@ def test_one_sensor_a_file(tmp_path):
 
 
 def test_a_quiet_sensor_has_the_unit_of_the_others(tmp_path):
-    path = made_files.named(tmp_path / "walk.csv")
-    table = pd.read_csv(path)
+    path, table = named(tmp_path)
     for axis in "xyz":
         table[f"sternum_gyr_{axis}"] = 0.01 * table[f"foot_right_gyr_{axis}"]
     table.to_csv(path, index=False)
@@ -100,8 +104,7 @@ def test_a_written_recording_reads_back(tmp_path, ending):
 
 
 def test_the_unit_of_a_sensor_that_is_shaken_hard(tmp_path):
-    path = made_files.named(tmp_path / "walk.csv")
-    table = pd.read_csv(path)
+    path, table = named(tmp_path)
     for axis in "xyz":
         table[f"shank_left_gyr_{axis}"] = table[f"foot_right_gyr_{axis}"]
         table[f"shank_left_acc_{axis}"] = 1.5 * table[f"foot_right_acc_{axis}"]
@@ -116,8 +119,7 @@ def test_the_unit_of_a_sensor_that_is_shaken_hard(tmp_path):
 
 
 def test_rates_in_milli_degrees_are_recognised_by_their_size(tmp_path):
-    path = made_files.named(tmp_path / "walk.csv")
-    table = pd.read_csv(path)
+    path, table = named(tmp_path)
     usual = io.read(path)
     rates = [column for column in table if "_gyr_" in column]
     table[rates] *= 1e3 * np.rad2deg(np.max([imu.gyr for imu in usual.sensors.values()])) / table[rates].max().max()

@@ -10,15 +10,8 @@ from made import tables as made_tables
 
 from jgait import io
 
-NAMES = [f"{kind}_{axis}" for kind in ("acc", "gyr") for axis in "xyz"]
 RATE = made_tables.RATE
 PAUSE = 4.0
-
-
-def sensor_frame(sign=1.0):
-    """The known walk as a table, m/s² and deg/s."""
-    _, gyr, acc = made_files.walk()
-    return pd.DataFrame(np.hstack([acc, np.rad2deg(sign * gyr)]), columns=NAMES)
 
 
 def ask(peers, name, script, folder):
@@ -81,7 +74,7 @@ def gaitmap(load_experiment, tmp_path_factory):
     if not peers.available("gaitmap"):
         pytest.skip(peers.unavailable_reason("gaitmap"))
     folder = tmp_path_factory.mktemp("gaitmap")
-    both = pd.concat({"right_sensor": sensor_frame(), "left_sensor": sensor_frame(-1.0)}, axis=1)
+    both = pd.concat({"right_sensor": made_files.frame(), "left_sensor": made_files.frame(-1.0)}, axis=1)
     both.to_csv(folder / "sensor.csv")
     lists = io.to_gaitmap(made_tables.estimate(), RATE)
     io.write_table(lists, folder / "strides.csv")
@@ -137,7 +130,7 @@ def mobgap(load_experiment, tmp_path_factory):
     if not peers.available("mobgap"):
         pytest.skip(peers.unavailable_reason("mobgap"))
     folder = tmp_path_factory.mktemp("mobgap")
-    sensor_frame().to_csv(folder / "sensor.csv", index=False)
+    made_files.frame().to_csv(folder / "sensor.csv", index=False)
     for name, table in io.to_mobgap(made_tables.estimate(PAUSE), RATE)._asdict().items():
         io.write_table(table, folder / f"{name}.csv")
     ask(peers, "mobgap", MOBGAP, folder)

@@ -33,9 +33,8 @@ def test_the_rate_contradicts_the_time_stamps(tmp_path):
         io.read(path, placement="foot_right")
 
 
-def test_a_real_walk():
-    if not datasets.available("tripod"):
-        pytest.skip(datasets.unavailable_reason("tripod"))
+def test_a_real_walk(data):
+    data("tripod")
     files = sorted(Path(datasets.path("tripod")).glob("example_data/raw/*/*/PWS/IMU/*S.csv"))
     if not files:
         pytest.skip("tripod has no sensor files here")

@@ -55,9 +55,8 @@ def test_a_unit_that_the_signals_contradict_is_refused(tmp_path):
         io.read(made_files.xio(tmp_path / "a.csv", names=wrong), placement="foot_right")
 
 
-def test_a_real_walk():
-    if not datasets.available("xio_gait"):
-        pytest.skip(datasets.unavailable_reason("xio_gait"))
+def test_a_real_walk(data):
+    data("xio_gait", "short_walk")
     file = Path(datasets.path("xio_gait")) / "short_walk.csv"
     recording = io.read(file, placement="foot_right")
     imu = recording.sensors["foot_right"]
