@@ -137,13 +137,10 @@ def stances(position: np.ndarray, valid: np.ndarray, time: np.ndarray, rate_hz: 
 
     speed = np.linalg.norm(np.gradient(position, axis=0), axis=1) * rate_hz
     still = (median_filter(speed, MEDIAN) < STILL) & valid
-    joined: list[tuple[int, int]] = []
-    for start, end in true_runs(still):
-        if joined and start - joined[-1][1] < FLICKER * rate_hz:
-            joined[-1] = (joined[-1][0], end)
-        else:
-            joined.append((start, end))
-    kept = [(start, end) for start, end in joined if end - start >= SHORTEST * rate_hz]
+    joined = still.copy()
+    for start, end in true_runs(~still):
+        joined[start:end] = start > 0 and end < len(still) and end - start < FLICKER * rate_hz
+    kept = [(start, end) for start, end in true_runs(joined) if end - start >= SHORTEST * rate_hz]
     inside = [start + np.flatnonzero(still[start:end]) for start, end in kept]
     middle = np.array([samples[len(samples) // 2] for samples in inside], np.int64)
     edges = np.array(kept, np.int64).reshape(-1, 2)

@@ -1,7 +1,7 @@
 """Sources and folders of the public recordings: address, sha256, local folder.
 
 Every file is named by its upstream address (repository, commit, path) and its sha256. A data set NAME is three things:
-its name in `NAMES`, its description and files in `NAME.json`, and its reader `NAME.py` with the functions of `Loader`.
+its name in `NAMES`, its description and files in `NAME.json`, and its reader `NAME.py`, see `loader`.
 Nothing is downloaded unless `fetch` is called. Files are looked for in `$JGAIT_DATA_DIR/<set>/<upstream path>`
 when that folder exists, otherwise in the download cache.
 """
@@ -11,15 +11,12 @@ import hashlib
 import importlib
 import json
 import os
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from types import ModuleType
+from typing import NamedTuple
 from urllib.parse import quote
-
-from jaxtyping import PyTree
-
-from jgait.types import Walk
 
 NAMES = (
     "neura_sparse", "walking5m", "gaitmap_example", "tripod", "footprints", "pyshoe_vicon", "xio_gait", "ipol_gait",
@@ -78,20 +75,13 @@ class ChecksumError(ValueError):
     """The content of a file does not have the listed sha256."""
 
 
-class Loader(Protocol):
-    """The functions of a data set's module."""
+def loader(name: str) -> ModuleType:
+    """The module of a data set, with `names()`, the recordings on this computer, and `load_one(name)`, a `Walk`.
 
-    def names(self) -> Collection[str]:
-        """Names of the recordings on this computer."""
-
-    def load_one(self, name: str) -> Walk:
-        """One recording with its reference."""
-
-
-def loader(name: str) -> Loader:
-    """The module of a data set. Raises ValueError if the data set is not known."""
-    module: PyTree = importlib.import_module(f"jgait.datasets.{info(name).name}")
-    return module
+    Raises:
+        ValueError: if the data set is not known.
+    """
+    return importlib.import_module(f"jgait.datasets.{info(name).name}")
 
 
 @functools.cache

@@ -8,7 +8,7 @@ from jgait.estimators.checks import FASTEST, fast_rate
 from jgait.geometry.vectors import GRAVITY
 from jgait.io.damage.agreement import LONG_GAP_S
 from jgait.io.damage.samples import COARSE, finest_step
-from jgait.io.units import ACC_UNITS, Unit, Units
+from jgait.io.units import ACC_UNITS, Unit, Units, unit_of_gravity
 from jgait.notes import CLIPPING, LOSSES, Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError
@@ -22,6 +22,7 @@ CLIP_RUN = 3  # [samples] shortest run at the extreme value of a clipped channel
 CLIP_FLOOR = {"gyr": 1.0, "acc": 1.5 * GRAVITY}  # smallest clipped value; quiet channels repeat smaller values
 CLIP_EDGE = 5.0  # [steps] least change beside a run of a coarse sensor; three samples at a rounded peak have up to 5
 RANGE_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+WEAK = ": gravity seems to have been taken off; the raw specific force is needed"
 TWICE = "; were deg/s taken for rad/s, or converted twice? Correct its columns in the file"
 FEET_APART = (0.02, 1.5)  # [m] median distance of one leg from the other where a range between them is measured
 
@@ -206,29 +207,17 @@ def _without_gravity(sensors: Mapping[str, Imu], units: Units, name: str) -> dic
     wrong = {placement: force for placement, force in forces.items() if placement not in right}
     if not wrong:
         return {}
-    meant = {placement: _force_meant(force, units[placement]["acc"]) for placement, force in wrong.items()}
+    unclear = {placement: WEAK if force < 0.3 * GRAVITY else ": check the unit" for placement, force in wrong.items()}
+    meant = {
+        placement: unit_of_gravity(force / ACC_UNITS[units[placement]["acc"].name], GRAVITY_RANGE)
+        for placement, force in wrong.items()
+    }
     reasons = {
         placement: f"reads {force:.4g} m/s² where it is calm ({units[placement]['acc']}), but gravity alone is "
-        f"{GRAVITY:.4g} m/s²{_advice(meant[placement], units[placement]['acc'], right, _why(force))}"
+        f"{GRAVITY:.4g} m/s²{_advice(meant[placement], units[placement]['acc'], right, unclear[placement])}"
         for placement, force in wrong.items()
     }
     return _judged(name, "accelerometer", next(iter(wrong)), reasons, meant, right)
-
-
-def _force_meant(force: float, unit: Unit) -> str:
-    """The unit in which a force [m/s²], converted from a stated unit, would be gravity; "" for none."""
-    low, high = (bound * GRAVITY for bound in GRAVITY_RANGE)
-    reading = force / ACC_UNITS[unit.name]
-    return next((name for name, scale in ACC_UNITS.items() if low <= scale * reading <= high), "")
-
-
-def _why(force: float) -> str:
-    """Why an accelerometer reads a force [m/s²] that is gravity in no unit."""
-    return (
-        ": gravity seems to have been taken off; the raw specific force is needed"
-        if force < 0.3 * GRAVITY
-        else (": check the unit")
-    )
 
 
 def check_range(distance: AnyArray, unit: str, name: str) -> None:

@@ -4,7 +4,6 @@ import difflib
 import os
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -61,13 +60,10 @@ class Columns(NamedTuple):
     sensors: dict[str, dict[str, np.ndarray]]  #: placement → {"gyr": (T, 3), "acc": (T, 3) or absent}.
     time: np.ndarray | None  #: (T,) or None.
     feet_range: np.ndarray | None  #: (T,) or None.
-    others: tuple[str, ...]  #: names of columns that are not used.
-    matched: tuple[tuple[str, str], ...] = ()  #: the table's name and jgait's name of each column with a lab's name.
-    odd: tuple[Note, ...] = ()  #: notes about cells without a number, and rows of several people or walks.
-    #: unit of `time`, as far as the table states it: "s" of dates, "ms" or "us" of a name; else None.
-    time_unit: str | None = None
-    #: placement → "gyr", "acc" → unit, as far as the names of the columns state it.
-    units: Mapping[str, Mapping[str, str]] = MappingProxyType({})
+    others: list[str]  #: names of columns that are not used.
+    notes: tuple[Note, ...]  #: notes about cells without a number, rows of several people or walks, names of columns.
+    time_unit: str | None  #: unit of `time`, as far as the table states it: "s" of dates, "ms" or "us" of a name.
+    units: dict[str, dict[str, str]]  #: placement → "gyr", "acc" → unit, as far as the names of the columns state it.
 
 
 def recording_from_dataframe(
@@ -136,7 +132,7 @@ def recording_from_dataframe(
         name=name,
         subject=subject,
     )
-    return recording._replace(notes=(*recording.notes, *about(content)))
+    return recording._replace(notes=(*recording.notes, *content.notes))
 
 
 def columns_of(
@@ -177,11 +173,12 @@ def columns_of(
             stated = unit_of_columns([given[i] for i in indices], kind, name) if kind in units_of else None
             units[where] |= {} if stated is None else {kind: stated}
             sensors[where][kind] = np.stack([_numbers(table.iloc[:, i], given[i], name) for i in indices], axis=1)
-    odd = tuple(note for i in sorted(used) if (note := _no_number(table.iloc[:, i], given[i])))
+    notes = [note for i in sorted(used) if (note := _no_number(table.iloc[:, i], given[i]))]
     for index, name_of_column in enumerate(renamed):
         whose = list(table.iloc[:, index].dropna().unique()) if name_of_column in WHOSE else []
         if len(whose) > 1:
-            odd += (ROWS_OF_SEVERAL(column=given[index], values=len(whose), first=str(whose[0]), second=str(whose[1])),)
+            first, second = map(str, whose[:2])
+            notes.append(ROWS_OF_SEVERAL(column=given[index], values=len(whose), first=first, second=second))
     time, unit = None, None
     if "time" in position:
         clock = table.iloc[:, position["time"]]
@@ -192,25 +189,24 @@ def columns_of(
     if "feet_range" in position:
         used.add(position["feet_range"])
         apart = _numbers(table.iloc[:, position["feet_range"]], "feet_range", name)
-    others = tuple(column for index, column in enumerate(given) if index not in used)
-    matched = tuple((given[index], renamed[index]) for index in sorted(used & set(ours)))
-    return Columns(sensors, time, apart, others, matched, odd, unit, units)
+    others = [column for index, column in enumerate(given) if index not in used]
+    notes += _about([(given[index], renamed[index]) for index in sorted(used & set(ours))], others)
+    return Columns(sensors, time, apart, others, tuple(notes), unit, units)
 
 
-def about(content: Columns) -> tuple[Note, ...]:
-    """Notes about columns whose names were recognised, and about columns that are not used."""
-    notes = [*content.odd]
-    if content.matched:
-        every = [f"{theirs!r} as {name}" for theirs, name in content.matched]
-        sensors = [text for text, (_, name) in zip(every, content.matched, strict=True) if name != "time"]
-        examples = " and ".join((sensors or every)[:2])
-        notes.append(COLUMNS_MATCHED(number=len(every), examples=examples))
-    signals = tuple(name for name in content.others if like_a_signal(name))
+def _about(matched: list[tuple[str, str]], others: list[str]) -> list[Note]:
+    """Notes about columns that were recognised, by the names in the table and in jgait, and about those not used."""
+    notes = []
+    if matched:
+        every = [f"{theirs!r} as {name}" for theirs, name in matched]
+        sensors = [text for text, (_, name) in zip(every, matched, strict=True) if name != "time"]
+        notes.append(COLUMNS_MATCHED(number=len(every), examples=" and ".join((sensors or every)[:2])))
+    signals = [name for name in others if like_a_signal(name)]
     if signals:
         notes.append(SIGNALS_LEFT_OUT(columns=signals))
-    if rest := tuple(name for name in content.others if name not in signals):
+    if rest := [name for name in others if name not in signals]:
         notes.append(COLUMNS_LEFT_OUT(columns=rest))
-    return tuple(notes)
+    return notes
 
 
 def _placements(position: Mapping[str, int], given: list[str], name: str) -> dict[str, list[str]]:

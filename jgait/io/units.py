@@ -83,6 +83,11 @@ def unit_scale(unit: str, units: Mapping[str, float], argument: str) -> float:
     return units[known]
 
 
+def unit_of_gravity(reading: float, limits: tuple[float, float]) -> str:
+    """The unit in which a reading of an accelerometer is gravity, within limits [g]; "" for none."""
+    return next((name for name, scale in ACC_UNITS.items() if limits[0] <= reading * scale / GRAVITY <= limits[1]), "")
+
+
 def unit_of_columns(columns: Sequence[str], kind: str, name: str) -> str | None:
     """The unit that the names of the three columns of a "gyr" or an "acc" state; None if they state none.
 

@@ -24,7 +24,7 @@ from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.formats.text import check_lengths
 from jgait.io.names import CHANNELS, column_of, placement_of
 from jgait.io.rows import read_table
-from jgait.io.tables import about, columns_of
+from jgait.io.tables import columns_of
 from jgait.io.write import PARQUET
 from jgait.notes import DEDUCED, ORIGIN, Kind, Note
 from jgait.types import RecordingError
@@ -75,7 +75,7 @@ def measured(path: Path) -> Measured:
         labels = {"waist": path.stem}
     else:
         columns, labels = columns_of(table, name=path.name), {}
-    notes, time = [*cut, *about(columns)], columns.time
+    notes, time = [*cut, *columns.notes], columns.time
     if time is not None and len(time) > 1:
         check_order(time, path.name)
         unit = unit_of_time(time, columns.time_unit, path.name)

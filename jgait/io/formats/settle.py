@@ -17,7 +17,7 @@ from jgait.io.checks import FEET_APART, RANGE_UNITS
 from jgait.io.formats.clocks import on_one_counter, one_clock
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
-from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit
+from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit, unit_of_gravity
 from jgait.notes import DEDUCED, LEFT_OUT, ORIGIN, Kind, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError
 
@@ -180,7 +180,7 @@ def _force_units(placed: Mapping[str, Part], chosen: str | None, name: str, note
             size = np.linalg.norm(np.asarray(part.acc, np.float64), axis=1)
             size = size[np.isfinite(size)]
             medians[where] = float(np.median(size)) if len(size) else float("nan")
-            units[where] = _unit_of_gravity(medians[where])
+            units[where] = unit_of_gravity(medians[where], MOST_SHAKEN) or None
     sure = next((where for where in medians if units[where] is not None), "")
     shared = units.get(sure)
     for where, median in medians.items():
@@ -198,14 +198,6 @@ def _force_units(placed: Mapping[str, Part], chosen: str | None, name: str, note
                 argument="acc_unit",
             )
     return {where: str(unit) for where, unit in units.items()}
-
-
-def _unit_of_gravity(median: float) -> str | None:
-    """The unit in which a median size of the specific force is gravity, or None."""
-    for unit, factor in ACC_UNITS.items():
-        if MOST_SHAKEN[0] < median * factor / ACC_UNITS["g"] < MOST_SHAKEN[1]:
-            return unit
-    return None
 
 
 def _rate_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes: list[Note]) -> dict[str, str]:

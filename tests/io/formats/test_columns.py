@@ -27,13 +27,6 @@ def test_units_are_told_from_the_signals(tmp_path, degrees):
     assert "walk.csv: time taken to be in s" in texts(recording.notes)
 
 
-def test_it_reads_what_read_csv_reads(tmp_path):
-    path = made_files.named(tmp_path / "walk.csv")
-    mine, theirs = io.read(path).sensors["foot_right"], io.read_csv(path).sensors["foot_right"]
-    for one, other in zip(mine, theirs, strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-12)
-
-
 def test_what_is_said_overrules_and_what_contradicts_the_signals_is_refused(tmp_path):
     path = made_files.named(tmp_path / "walk.csv")
     made_files.check(io.read(path, gyr_unit="deg/s", acc_unit="m/s^2"))

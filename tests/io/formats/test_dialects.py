@@ -73,11 +73,9 @@ def test_a_real_file_of_gaitmaps(data):
     file = Path(datasets.path("gaitmap_example")) / "example_data" / "imu_sample.csv"
     recording = io.read(file, sampling_rate_hz=204.8)
     table = pd.read_csv(file, header=[0, 1], index_col=0)
+    names = list(made_files.frame().columns)
     for side in ("right", "left"):
-        imu, raw = (
-            recording.sensors[f"foot_{side}"],
-            table[f"{side}_sensor"][list(made_files.frame().columns)].to_numpy(),
-        )
+        imu, raw = recording.sensors[f"foot_{side}"], table[f"{side}_sensor"][names].to_numpy()
         np.testing.assert_allclose(imu.gyr, np.deg2rad(raw[:, 3:]), atol=1e-12)
         np.testing.assert_array_equal(imu.acc, raw[:, :3])
     same = io.recording_from_gaitmap(table, 204.8)
