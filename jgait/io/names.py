@@ -12,27 +12,8 @@ KINDS = {
 }
 """Kind of signal → words for this kind."""
 
-TIMES = (
-    "time",
-    "timestamp",
-    "timestamps",
-    "t",
-    "times",
-    "timems",
-    "timeus",
-    "timestampms",
-    "timestampus",
-    "tms",
-    "seconds",
-    "zeit",
-    "zeits",
-    "zeitms",
-    "temps",
-    "tiempo",
-    "tempo",
-    "tijd",
-)
-"""Words for the clock, without units."""
+TIMES = re.compile(r"(time|timestamp|zeit|temps|tiempo|tempo|tijd)(s|ms|us)?|t(ms|us)?|seconds")
+"""Words for the clock, perhaps with a unit."""
 
 NOT_RAW = ("free", "linear", "user", "filtered")
 """Words for processed signals, for example acceleration without gravity."""
@@ -134,7 +115,7 @@ def column_of(name: str) -> str | None:
     `time`, or <placement>_<gyr or acc>_<x, y or z>, or for a single sensor <gyr or acc>_<x, y or z>.
     """
     words = _words(name)
-    if "".join(words) in TIMES:
+    if TIMES.fullmatch("".join(words)):
         return "time"
     signal = _signal(words)
     if signal is None or signal[2] is None:

@@ -184,19 +184,6 @@ def test_radians_passed_as_degrees_but_not_standing_still():
     fails("seem to be in rad/s", without_acc)
 
 
-@pytest.mark.parametrize(
-    "option, message",
-    [
-        ({"gyr_unit": "degrees"}, "gyr_unit must be one of 'deg/s', 'rad/s', 'mdeg/s'; got 'degrees'"),
-        ({"acc_unit": "kg"}, "acc_unit must be one of 'm/s\\^2', 'g', 'mg'; got 'kg'"),
-        ({"time_unit": "ns"}, "time_unit must be one of 's', 'ms', 'us'; got 'ns'"),
-    ],
-)
-def test_unknown_units(option, message):
-    with pytest.raises(ValueError, match=message):
-        read(table(), **option)
-
-
 def test_constant_and_clipped_channels_are_notes():
     frame = table().assign(shank_right_gyr_x=0.0)
     frame["thigh_right_gyr_z"] = frame["thigh_right_gyr_z"].clip(-150, 150)
@@ -282,6 +269,15 @@ REFUSED = {
         lambda t: t, {"time_unit": "ms"},
         "samples are 1e-05 s apart, faster than 10 kHz; it seems to be in s: correct time_unit",
     ),
+    "rate's unit": (lambda t: t, {"gyr_unit": "degrees"}, "gyr_unit must be one of 'deg/s', 'rad/s', 'mdeg/s'; got"),
+    "force's unit": (lambda t: t, {"acc_unit": "kg"}, "acc_unit must be one of 'm/s\\^2', 'g', 'mg'; got 'kg'"),
+    "time's unit": (lambda t: t, {"time_unit": "ns"}, "time_unit must be one of 's', 'ms', 'us'; got 'ns'"),
+    "misspelt": (
+        lambda t: t.rename(columns={"thigh_right_gyr_x": "thigh_rigth_gyr_x"}), {},
+        r"recording lacks thigh_right_gyr_x; 'thigh_rigth_gyr_x' looks like 'thigh_right_gyr_x': correct the header of "
+        r"the file; expected columns \['thigh_right_gyr_x', 'thigh_right_gyr_y', 'thigh_right_gyr_z'\]; columns not "
+        "recognised: 'thigh_rigth_gyr_x'",
+    ),
     "short": (lambda t: t.iloc[:2], {}, "recording has 2 samples; at least 10 are needed"),
     "no known column": (
         lambda t: pd.DataFrame({"a": [1.0], "b": [2.0]}), {},
@@ -354,17 +350,6 @@ def test_a_method_that_needs_a_sensor_that_was_left_out_says_why():
 
 
 # --- columns and files ---
-
-
-def test_missing_columns_list_what_was_expected_found_and_perhaps_meant():
-    frame = table().rename(columns={"thigh_right_gyr_x": "thigh_rigth_gyr_x"})
-    with pytest.raises(RecordingError) as caught:
-        read(frame)
-    message = str(caught.value)
-    assert "recording lacks thigh_right_gyr_x" in message
-    assert "expected columns ['thigh_right_gyr_x', 'thigh_right_gyr_y', 'thigh_right_gyr_z']" in message
-    assert "columns not recognised: 'thigh_rigth_gyr_x'" in message
-    assert "'thigh_rigth_gyr_x' looks like 'thigh_right_gyr_x': correct the header of the file" in message
 
 
 @pytest.mark.parametrize(

@@ -62,12 +62,11 @@ def measured(path: Path) -> Measured:
     check_file(path, EXPECTED)
     table, cut = _table(path)
     if table.columns.nlevels == 2:
-        frame = "body" if set(BODY_GAITMAP) <= set(table.columns.unique(1)) else "sensor"
-        parts = gaitmap_parts({sensor: table[sensor] for sensor in table.columns.unique(0)}, frame, path.name)
+        parts = gaitmap_parts({sensor: table[sensor] for sensor in table.columns.unique(0)}, path.name)
         return Measured(parts, path.stem, notes=(DIALECT(names="gaitmap's two rows of names", library="gaitmap"),))
     plain = [str(column).strip().lower() for column in table.columns]
     if set(BODY_MOBGAP) <= set(plain):
-        part = mobgap_part(table.set_axis(plain, axis=1), "body", path.name)
+        part = mobgap_part(table.set_axis(plain, axis=1), path.name)
         return Measured([part], path.stem, notes=(*cut, DIALECT(names="mobgap's names of axes", library="mobgap")))
     if set(CHANNELS[:3]) <= {column_of(column) for column in plain}:
         # The table does not state the placement: any placement can be used to get the columns.

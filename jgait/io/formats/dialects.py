@@ -35,14 +35,12 @@ BODY_MOBGAP = ("gyr_is", "gyr_ml", "gyr_pa", "acc_is", "acc_ml", "acc_pa")
 
 AXES_GAITMAP = "gaitmap's sensor frame: x towards the toes, y left, z up, if the data were aligned"
 AXES_MOBGAP = "mobgap's sensor frame: x up, y right, z forward"
-FRAMES = ("sensor", "body")
 
 
 def recording_from_gaitmap(
     dataset: "Mapping[str, pd.DataFrame] | pd.DataFrame",
     sampling_rate_hz: float,
     *,
-    frame: str = "sensor",
     placements: Mapping[str, str] = GAITMAP_PLACEMENTS,
     name: str = "recording",
     subject: str = "subject",
@@ -50,15 +48,14 @@ def recording_from_gaitmap(
     """A recording from gaitmap's data of several sensors, in gaitmap's sensor frame.
 
     Args:
-        dataset: sensor → table, or one table with two levels of columns, sensor and channel; m/s² and deg/s.
+        dataset: sensor → table, or one table with two levels of columns, sensor and channel; m/s² and deg/s. The names
+            state the frame: sensor (`acc_x`, …) or body (`acc_pa`, …), which is mirrored between the feet.
         sampling_rate_hz: of the data [Hz].
-        frame: 'sensor' (`acc_x`, …) or 'body' (`acc_pa`, …), which is mirrored between the feet and is turned back.
         placements: gaitmap's name of a sensor → its placement.
         name: name of the recording in tables and figures.
         subject: name of the person.
 
     Raises:
-        ValueError: for an unknown frame.
         RecordingError: if columns are missing, sensors cannot be placed, or the recording is unusable.
     """
     if isinstance(dataset, Mapping):
@@ -70,7 +67,7 @@ def recording_from_gaitmap(
             f"{name}: expected gaitmap's data of several sensors, columns of two levels; found "
             f"{list(dataset.columns)}; pass one sensor as {{'left_sensor': table}}"
         )
-    parts = gaitmap_parts(tables, frame, name, placements)
+    parts = gaitmap_parts(tables, name, placements)
     chosen = {part.label: placements[part.label] for part in parts if part.label in placements}
     return settle(Measured(parts, name, subject), placements=chosen, sampling_rate_hz=sampling_rate_hz)
 
@@ -80,7 +77,6 @@ def recording_from_mobgap(
     sampling_rate_hz: float,
     *,
     placement: str = "lower_back",
-    frame: str | None = None,
     name: str = "recording",
     subject: str = "subject",
 ) -> Recording:
@@ -90,68 +86,54 @@ def recording_from_mobgap(
         table: `acc_x` … `gyr_z`, or `acc_is` … `gyr_pa`; m/s² and deg/s.
         sampling_rate_hz: of the data [Hz].
         placement: placement of the sensor.
-        frame: 'sensor' or 'body'; None: deduced from the names.
         name: name of the recording in tables and figures.
         subject: name of the person.
 
     Raises:
-        ValueError: for an unknown frame.
         RecordingError: if columns are missing, as in mobgap's global frames, or the recording is unusable.
     """
-    if frame is None:
-        frame = "body" if set(BODY_MOBGAP) <= set(map(str, table.columns)) else "sensor"
-    part = mobgap_part(table, frame, name)._replace(placement=placement)
+    part = mobgap_part(table, name)._replace(placement=placement)
     return settle(Measured([part], name, subject), sampling_rate_hz=sampling_rate_hz)
 
 
 def gaitmap_parts(
-    tables: "Mapping[str, pd.DataFrame]", frame: str, name: str, placements: Mapping[str, str] = GAITMAP_PLACEMENTS
+    tables: "Mapping[str, pd.DataFrame]", name: str, placements: Mapping[str, str] = GAITMAP_PLACEMENTS
 ) -> list[Part]:
     """Parts of gaitmap's sensors, turned to its sensor frame."""
     parts = []
     for sensor, table in tables.items():
         where = placements.get(sensor) or placement_of(sensor)
-        signs: tuple[int, ...] = (1,) * 6
-        if _known(frame) == "body":
+        values, body = _six(table, BODY_GAITMAP, f"{name}, {sensor}")
+        if body:
             side = (where or "").rpartition("_")[2]
             if side not in SIGNS_GAITMAP:
                 raise RecordingError(
                     f"{name}: gaitmap's body frame is mirrored between the feet, and {sensor!r} is not known to be of "
                     "either; give its placement"
                 )
-            signs = SIGNS_GAITMAP[side]
-        values = _six(table, CHANNELS if frame == "sensor" else BODY_GAITMAP, f"{name}, {sensor}") * np.array(signs)
-        parts.append(
-            Part(sensor, values[:, :3], values[:, 3:], gyr_unit="deg/s", acc_unit="m/s^2", placement=where,
-                 axes=AXES_GAITMAP)
-        )  # fmt: skip
+            values = values * np.array(SIGNS_GAITMAP[side])
+        parts.append(_part(values, sensor, where, AXES_GAITMAP))
     return parts
 
 
-def mobgap_part(table: "pd.DataFrame", frame: str, name: str) -> Part:
+def mobgap_part(table: "pd.DataFrame", name: str) -> Part:
     """The part of mobgap's sensor, which sat at the lower back."""
-    values = _six(table, CHANNELS if _known(frame) == "sensor" else BODY_MOBGAP, name)
-    return Part(
-        "lower_back", values[:, :3], values[:, 3:], gyr_unit="deg/s", acc_unit="m/s^2", placement="lower_back",
-        axes=AXES_MOBGAP,
-    )  # fmt: skip
+    return _part(_six(table, BODY_MOBGAP, name)[0], "lower_back", "lower_back", AXES_MOBGAP)
 
 
-def _known(frame: str) -> str:
-    if frame not in FRAMES:
-        raise ValueError(f"frame must be one of {', '.join(map(repr, FRAMES))}; got {frame!r}")
-    return frame
+def _part(values: np.ndarray, label: str, placement: str | None, axes: str) -> Part:
+    return Part(label, values[:, :3], values[:, 3:], gyr_unit="deg/s", acc_unit="m/s^2", placement=placement, axes=axes)
 
 
-def _six(table: "pd.DataFrame", columns: tuple[str, ...], name: str) -> np.ndarray:
-    """(T, 6) of the named columns."""
-    lacking = [column for column in columns if column not in table.columns]
+def _six(table: "pd.DataFrame", body: tuple[str, ...], name: str) -> tuple[np.ndarray, bool]:
+    """(T, 6) of a table, and whether its columns are named as in the body frame."""
+    found = list(map(str, table.columns))
+    in_body = not set(body).isdisjoint(found)
+    columns = body if in_body else CHANNELS
+    lacking = [column for column in columns if column not in found]
     if lacking:
-        raise RecordingError(
-            f"{name} lacks {', '.join(lacking)}: expected columns {list(columns)}, found "
-            f"{list(map(str, table.columns))}"
-        )
+        raise RecordingError(f"{name} lacks {', '.join(lacking)}: expected columns {list(columns)}, found {found}")
     try:
-        return table[list(columns)].to_numpy(np.float64)
+        return table[list(columns)].to_numpy(np.float64), in_body
     except (TypeError, ValueError) as error:
         raise RecordingError(f"{name}: {', '.join(columns)} must be numbers: {error}") from error

@@ -11,6 +11,7 @@ from made.notes import texts
 from jgait import datasets, io
 from jgait.types import RecordingError
 
+GAITMAP = ["acc_pa", "acc_ml", "acc_si", "gyr_pa", "gyr_ml", "gyr_si"]
 MOBGAP = ["acc_is", "acc_ml", "acc_pa", "gyr_is", "gyr_ml", "gyr_pa"]
 
 
@@ -32,10 +33,8 @@ def test_what_gaitmap_data_must_have():
         io.recording_from_gaitmap(table, 100.0)
     with pytest.raises(RecordingError, match=r"w, right_sensor lacks gyr_z: expected columns .* found \['acc_x'"):
         io.recording_from_gaitmap({"right_sensor": table.drop(columns="gyr_z")}, 100.0, name="w")
-    with pytest.raises(ValueError, match="frame must be one of 'sensor', 'body'; got 'world'"):
-        io.recording_from_gaitmap({"right_sensor": table}, 100.0, frame="world")
     with pytest.raises(RecordingError, match=r"mirrored between the feet, and 'back' is not known to be of either"):
-        io.recording_from_gaitmap({"back": table}, 100.0, frame="body")
+        io.recording_from_gaitmap({"back": table.set_axis(GAITMAP, axis=1)}, 100.0)
     with pytest.raises(RecordingError, match="does not state where its sensors sat"):
         io.recording_from_gaitmap({"abc": table}, 100.0, placements={})
 
@@ -48,8 +47,8 @@ def test_mobgaps_sensor():
     made_files.check(io.recording_from_mobgap(table.set_axis(MOBGAP, axis=1), 100.0, placement="waist"), "waist")
     with pytest.raises(RecordingError, match="lacks gyr_x.*: expected columns .* found .*'acc_gx'"):
         io.recording_from_mobgap(table.rename(columns=lambda name: name.replace("_", "_g")), 100.0)
-    with pytest.raises(RecordingError, match="lacks gyr_is, gyr_ml"):
-        io.recording_from_mobgap(table, 100.0, frame="body")
+    with pytest.raises(RecordingError, match="w lacks gyr_ml: expected columns .*'gyr_is'"):
+        io.recording_from_mobgap(table.set_axis(MOBGAP, axis=1).drop(columns="gyr_ml"), 100.0, name="w")
 
 
 def test_their_files(tmp_path):

@@ -101,7 +101,7 @@ def test_gaitmaps_body_frame_is_turned_back(gaitmap):
     body = pd.read_csv(gaitmap / "body.csv", header=[0, 1], index_col=0)
     assert set(body["left_sensor"]) == {f"{kind}_{axis}" for kind in ("acc", "gyr") for axis in ("pa", "ml", "si")}
     read = io.read(gaitmap / "body.csv", sampling_rate_hz=100.0)
-    for recording in (io.recording_from_gaitmap(body, 100.0, frame="body"), read):
+    for recording in (io.recording_from_gaitmap(body, 100.0), read):
         made_files.check(recording)
         np.testing.assert_allclose(recording.sensors["foot_left"].gyr, -made_files.walk()[1], atol=1e-9)
 
