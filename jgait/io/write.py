@@ -81,31 +81,23 @@ def _foot_columns(estimate: Estimate, side: str) -> dict[str, np.ndarray]:
     return columns
 
 
-def recording_to_dataframe(recording: Recording, *, gyr_unit: str = "deg/s", acc_unit: str = "m/s^2") -> "pd.DataFrame":
+def recording_to_dataframe(recording: Recording) -> "pd.DataFrame":
     """A recording as a table that `recording_from_dataframe` can read.
 
-    Columns: `time` [s], `<placement>_gyr_x` … `<placement>_acc_z`, and `feet_range` [m] if there is one; missing
-    samples are NaN.
-
-    Args:
-        recording: its sensors on one clock.
-        gyr_unit: 'deg/s' or 'rad/s'.
-        acc_unit: 'm/s^2' or 'g'.
+    Columns: `time` [s], `<placement>_gyr_x` … [deg/s] to `<placement>_acc_z` [m/s²], and `feet_range` [m] if there is
+    one; missing samples are NaN. The sensors must be on one clock.
 
     Raises:
-        ValueError: for an unknown unit, sensors of different lengths, or ranges that are not at their samples.
+        ValueError: for sensors of different lengths, or ranges that are not at their samples.
     """
     import pandas as pd
 
-    from jgait.io.units import ACC_UNITS, GYR_UNITS, unit_scale
-
-    scales = {"gyr": unit_scale(gyr_unit, GYR_UNITS, "gyr_unit"), "acc": unit_scale(acc_unit, ACC_UNITS, "acc_unit")}
     lengths = {placement: len(imu.time) for placement, imu in recording.sensors.items()}
     if len(set(lengths.values())) != 1:
         raise ValueError(f"a table needs sensors on one clock; {recording.name} has samples {lengths}")
     columns: dict[str, np.ndarray] = {"time": np.asarray(next(iter(recording.sensors.values())).time)}
     for placement, imu in recording.sensors.items():
-        for kind, scale in scales.items():
+        for kind, scale in (("gyr", np.pi / 180.0), ("acc", 1.0)):
             signal = getattr(imu, kind)
             if signal is None:
                 continue

@@ -229,7 +229,8 @@ def test_the_shell_completes_commands():
 
 
 def test_a_labs_own_words_radians_and_milliseconds_give_angles_in_one_command(recording, tmp_path):
-    table = io.recording_to_dataframe(recording, gyr_unit="rad/s")
+    table = io.recording_to_dataframe(recording)
+    table[[name for name in table if "_gyr_" in name]] *= np.pi / 180.0
     table = table[[name for name in table.columns if "_acc_" not in name]]
     table["time"] *= 1000.0
     labs = {"time": "Time (ms)"}
