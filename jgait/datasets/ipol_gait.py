@@ -53,7 +53,8 @@ from jaxtyping import PyTree
 from jgait.datasets import reading, registry
 from jgait.datasets.reading import Files
 from jgait.io.clock import REPEATED
-from jgait.notes import CORRECTED, LEFT_OUT, LOSSES, Kind, Note
+from jgait.io.formats.clocks import PACKETS_REPEATED
+from jgait.notes import CORRECTED, LEFT_OUT, Kind, Note
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Strides, Walk
 
 ROOT = "GaitData"
@@ -74,9 +75,6 @@ FEET_EXCHANGED = Kind(
     "the foot sensors were worn on the other foot: both raise the outer edge late in swing; sensors and events of "
     "right and left are exchanged",
     CORRECTED,
-)
-COUNTER_REPEATS = Kind(
-    "counter_repeats", "check", "{placement}: PacketCounter repeats {numbers}; the packet is masked", LOSSES
 )
 SWINGS_LEFT_OUT = Kind(
     "swings_left_out",
@@ -169,7 +167,7 @@ def _on_one_clock(name: str, tables: dict[str, np.ndarray], notes: list[Note]) -
     for placement, table in tables.items():
         repeated = np.diff(table[:, 0]) == 0
         if repeated.any():
-            notes.append(COUNTER_REPEATS(placement=placement, numbers=table[1:][repeated, 0].astype(int).tolist()))
+            notes.append(PACKETS_REPEATED(placement=placement, numbers=table[1:][repeated, 0].astype(int).tolist()))
             # it is not known which of the two rows was measured at that time
             table[np.append(repeated, False) | np.append(False, repeated), 1:] = np.nan
     return reading.on_counter(tables, first, length, RATE_HZ, notes), first

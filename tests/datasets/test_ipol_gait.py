@@ -138,7 +138,7 @@ def test_a_packet_that_the_counter_repeats_is_masked(folder):
     walk = load()
     masks = {name: np.flatnonzero(~imu.mask).tolist() for name, imu in walk.recording.sensors.items()}
     assert masks == {"lower_back": [29, 30], "foot_right": [], "foot_left": []}
-    assert "lower_back: PacketCounter repeats 29; the packet is masked" in texts(walk.recording.notes)
+    assert "lower_back: packet numbers that occur twice are masked: 29" in texts(walk.recording.notes)
     assert walk.info["initial_contacts"][0] == pytest.approx(0.6)
 
 

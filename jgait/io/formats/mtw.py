@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from jgait.io.formats.part import Measured, Part
-from jgait.io.formats.settle import SLOW
+from jgait.io.formats.settle import SLOW, sizes
 from jgait.io.formats.text import AXES, Rows, TextFormat
 from jgait.notes import DEDUCED, Kind
 from jgait.types import RecordingError
@@ -94,9 +94,8 @@ def _content(rows: Rows) -> Measured:
     packets = counted(rows, COUNTER, COUNTER_BITS)
     stated = RATE.search("\n".join(rows.before))
     serial = SERIAL.search(stem)
-    size = np.linalg.norm(gyr, axis=1)
-    size = size[np.isfinite(size)]
-    likely = not len(size) or float(np.percentile(size, 99.0)) < SLOW
+    size = sizes(gyr)
+    likely = not size.size or float(np.percentile(size, 99.0)) < SLOW
     return Measured(
         [
             Part(

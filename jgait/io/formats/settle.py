@@ -32,23 +32,14 @@ MOST_SHAKEN = 0.6, 2.0
 
 PLACED_BY_NAME = Kind("placed_by_name", "info", "the sensor {sensor!r} is taken to have sat at {placement}", DEDUCED)
 NOT_PLACED = Kind("not_placed", "info", "left out, for their placement is not known: {sensors}", LEFT_OUT)
-ACC_UNIT_DEDUCED = Kind(
-    "acc_unit_deduced",
+UNIT_DEDUCED = Kind(
+    "unit_deduced",
     "info",
-    "{placement}: the file states no unit of acceleration; {unit}, for its median is {median:.4g}",
+    "{placement}: the file states no unit of {signal}; {unit}, for {measure} is {value:.4g}",
     DEDUCED,
 )
-ACC_UNIT_SHARED = Kind(
-    "acc_unit_shared", "info", "{placement}: the file states no unit of acceleration; {unit}, as {other}", DEDUCED
-)
-GYR_UNIT_DEDUCED = Kind(
-    "gyr_unit_deduced",
-    "info",
-    "{placement}: the file states no unit of angular rate; {unit}, for the 99th percentile is {percentile:.4g}",
-    DEDUCED,
-)
-GYR_UNIT_SHARED = Kind(
-    "gyr_unit_shared", "info", "{placement}: the file states no unit of angular rate; {unit}, as {other}", DEDUCED
+UNIT_SHARED = Kind(
+    "unit_shared", "info", "{placement}: the file states no unit of angular rate; {unit}, as {other}", DEDUCED
 )
 RANGE_UNIT_DEDUCED = Kind(
     "range_unit_deduced", "info", "feet_range: the file states no unit; {unit}, for its median is {median:.4g}", DEDUCED
@@ -167,37 +158,33 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
     return placed
 
 
-def _force_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes: list[Note]) -> dict[str, str]:
-    """Placement → the accelerometer's unit: given, stated, or deduced from gravity, which is near its median.
+def sizes(values: ArrayLike | None) -> np.ndarray:
+    """The sizes of vectors (T, 3) that are finite."""
+    size = np.linalg.norm(np.zeros((0, 3)) if values is None else np.asarray(values, np.float64), axis=1)
+    return size[np.isfinite(size)]
 
-    A sensor without any sample has the unit of another one.
-    """
-    units: dict[str, str | None] = {}
-    medians = {}
+
+def _force_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes: list[Note]) -> dict[str, str]:
+    """Placement → the accelerometer's unit: given, stated, or deduced from gravity, which is near its median."""
+    units: dict[str, str] = {}
     for where, part in placed.items():
-        units[where] = "m/s^2" if part.acc is None else chosen or part.acc_unit
-        if units[where] is None:
-            size = np.linalg.norm(np.asarray(part.acc, np.float64), axis=1)
-            size = size[np.isfinite(size)]
-            medians[where] = float(np.median(size)) if len(size) else float("nan")
-            units[where] = unit_of_gravity(medians[where], MOST_SHAKEN) or None
-    sure = next((where for where in medians if units[where] is not None), "")
-    shared = units.get(sure)
-    for where, median in medians.items():
-        if units[where] is not None:
-            notes.append(ACC_UNIT_DEDUCED(placement=where, unit=units[where], median=median))
+        size = sizes(part.acc)
+        units[where] = chosen or part.acc_unit or ("" if size.size else "m/s^2")
+        if units[where]:
             continue
-        if np.isnan(median) and shared is not None:
-            units[where] = shared
-            notes.append(ACC_UNIT_SHARED(placement=where, unit=shared, other=sure))
-        else:
+        median = float(np.median(size))
+        units[where] = unit_of_gravity(median, MOST_SHAKEN)
+        if not units[where]:
             raise RecordingError(
                 f"{name}: the file states no unit of acceleration, and the median of {where} is {median:.4g}, which is "
                 f"gravity in none of {', '.join(ACC_UNITS)}; give {{argument}}, or find the raw signal if gravity was "
                 "removed",
                 argument="acc_unit",
             )
-    return {where: str(unit) for where, unit in units.items()}
+        notes.append(
+            UNIT_DEDUCED(placement=where, signal="acceleration", unit=units[where], measure="its median", value=median)
+        )
+    return units
 
 
 def _rate_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes: list[Note]) -> dict[str, str]:
@@ -206,12 +193,8 @@ def _rate_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes
     One system writes one unit: the unit of the sensor with the largest rate is used for all sensors without a unit.
     """
     units = {where: chosen or part.gyr_unit for where, part in placed.items()}
-    reached = {}
-    for where, part in placed.items():
-        if units[where] is None:
-            size = np.linalg.norm(np.asarray(part.gyr, np.float64), axis=1)
-            size = size[np.isfinite(size)]
-            reached[where] = float(np.percentile(size, 99.0)) if len(size) else 0.0
+    rates = {where: sizes(part.gyr) for where, part in placed.items() if units[where] is None}
+    reached = {where: float(np.percentile(size, 99.0)) if size.size else 0.0 for where, size in rates.items()}
     fastest = max(reached, key=lambda where: reached[where], default="")
     most = reached.get(fastest, 0.0)
     unit = "mdeg/s" if most > MILLI else "deg/s" if most > FAST else "rad/s" if 1.0 < most < SLOW else None
@@ -224,9 +207,13 @@ def _rate_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes
         )
     for where in reached:
         if where == fastest:
-            notes.append(GYR_UNIT_DEDUCED(placement=where, unit=unit, percentile=most))
+            notes.append(
+                UNIT_DEDUCED(
+                    placement=where, signal="angular rate", unit=unit, measure="the 99th percentile", value=most
+                )
+            )
         else:
-            notes.append(GYR_UNIT_SHARED(placement=where, unit=unit, other=fastest))
+            notes.append(UNIT_SHARED(placement=where, unit=unit, other=fastest))
     return {where: known or str(unit) for where, known in units.items()}
 
 
