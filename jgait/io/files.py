@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from jgait.notes import ORIGIN, Kind, Note
 from jgait.types import RecordingError, reason_of
 
 type Tree = dict[str, Any]
@@ -38,6 +39,21 @@ def reading(path: Path, expected: str) -> Iterator[None]:
         raise RecordingError(f"{path.name} needs more memory than its size explains; expected {expected}") from error
     except Exception as error:
         raise RecordingError(f"{path.name} cannot be read; expected {expected}: {reason_of(error)}") from error
+
+
+NAMES_NUMBERED = Kind("names_numbered", "info", "names that stand for several signals got numbers: {names}", ORIGIN)
+
+
+def numbered(names: Sequence[str], notes: list[Note]) -> list[str]:
+    """Unique names: of those that stand for several signals, all but the first get a number; they are noted."""
+    counts: dict[str, int] = {}
+    unique = []
+    for name in names:
+        counts[name] = counts.get(name, 0) + 1
+        unique.append(name if counts[name] == 1 else f"{name}#{counts[name]}")
+    if len(counts) < len(names):
+        notes.append(NAMES_NUMBERED(names=[name for name, times in counts.items() if times > 1]))
+    return unique
 
 
 def check_columns(names: Sequence[str], name: str) -> None:

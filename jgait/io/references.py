@@ -165,18 +165,19 @@ def _check_steps(reference: Estimate) -> None:
         )
 
 
-def _check_spelling(table: "pd.DataFrame", known: Collection[str], what: str) -> None:
-    """Raise if a column that is not known is nearly one that the table lacks."""
+def _check_columns(table: "pd.DataFrame", known: Collection[str], needed: Collection[str], what: str) -> None:
+    """Raise if a column that is not known is nearly one that the table lacks, or a needed one is missing."""
     lacking = [name for name in known if name not in table]
     for column in map(str, table.columns):
         if column not in known and (near := difflib.get_close_matches(column, lacking, 1, ALIKE)):
             raise RecordingError(f"{what} has a column {column!r}, which is not read; did you mean {near[0]!r}?")
+    if missing := [name for name in needed if name in lacking]:
+        raise RecordingError(f"{what} needs a column {missing[0]!r}; it has {', '.join(map(repr, table.columns[:12]))}")
 
 
 def strides_from_dataframe(table: "pd.DataFrame") -> Strides:
     """Strides of a table with the columns of `strides_to_dataframe`: see `reference_from_tables`, also for errors."""
-    _check_spelling(table, STRIDE_NAMES, "a table of strides")
-    _needs(table, STRIDE_NEEDS, "a table of strides")
+    _check_columns(table, STRIDE_NAMES, STRIDE_NEEDS, "a table of strides")
     numbers = {word: number for number, name in enumerate(SIDES) for word in (name, name[0])}
     sides = table["side"].astype(str).str.strip().str.lower().map(numbers)
     if sides.isna().any():
@@ -208,12 +209,6 @@ def strides_from_dataframe(table: "pd.DataFrame") -> Strides:
                    final_contact=contact, end=end, valid=valid)  # fmt: skip
 
 
-def _needs(table: "pd.DataFrame", columns: tuple[str, ...], what: str) -> None:
-    missing = [name for name in columns if name not in table]
-    if missing:
-        raise RecordingError(f"{what} needs a column {missing[0]!r}; it has {', '.join(map(repr, table.columns[:12]))}")
-
-
 def _numbers(table: "pd.DataFrame", column: str) -> np.ndarray:
     try:
         return table[column].to_numpy(np.float64)
@@ -223,8 +218,7 @@ def _numbers(table: "pd.DataFrame", column: str) -> np.ndarray:
 
 def _at(time: np.ndarray, samples: "pd.DataFrame") -> tuple[dict[str, np.ndarray], np.ndarray]:
     """The columns of numbers of a table of samples at other times, and (T,) bool where they are known."""
-    _check_spelling(samples, ("time_s", "valid", *SAMPLES), "a table of samples")
-    _needs(samples, ("time_s",), "a table of samples")
+    _check_columns(samples, ("time_s", "valid", *SAMPLES), ("time_s",), "a table of samples")
     given = _numbers(samples, "time_s")
     if len(given) < 2 or not np.all(np.diff(given) > 0.0):
         raise RecordingError("column 'time_s' of a reference must have two times or more, which increase")

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from jgait.io.apart import apart
-from jgait.io.files import Tree, check_file, library, plain, reading
+from jgait.io.files import Tree, check_file, library, numbered, plain, reading
 from jgait.io.formats.c3d_axes import UPRIGHT, Capture, CaptureEvent, told_unit, told_up
 from jgait.notes import DEDUCED, ORIGIN, Kind, Note
 from jgait.types import RecordingError
@@ -41,7 +41,6 @@ BIG_ENDIAN = 86
 PARAMETERS_END = 2**19
 """[bytes] Largest possible end of the parameters: they begin within 255 blocks of 512 and have no more."""
 
-POINTS_NUMBERED = Kind("points_numbered", "info", "names that stand for several points got numbers: {names}", ORIGIN)
 MARKER_UNIT_DEDUCED = Kind(
     "marker_unit_deduced",
     "info",
@@ -187,15 +186,7 @@ def _labels(texts: list[str], count: int, notes: list[Note]) -> tuple[list[str],
     subject = next(iter(before)) if len(before) == 1 else None
     if subject is not None:
         labels = [label.split(":", 1)[-1] for label in labels]
-    counts: dict[str, int] = {}
-    for i, label in enumerate(labels):
-        counts[label] = counts.get(label, 0) + 1
-        if counts[label] > 1:
-            labels[i] = f"{label}#{counts[label]}"
-    twice = [label for label, times in counts.items() if times > 1]
-    if twice:
-        notes.append(POINTS_NUMBERED(names=twice))
-    return labels, subject
+    return numbered(labels, notes), subject
 
 
 def _apart(

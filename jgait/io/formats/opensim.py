@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.io.files import check_columns, check_file, check_width, library, reading
-from jgait.notes import DEDUCED, ORIGIN, Kind, Note
+from jgait.io.files import check_columns, check_file, check_width, library, numbered, reading
+from jgait.notes import DEDUCED, Kind, Note
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, RecordingError
 
 EXPECTED = "an OpenSim motion (.mot, .sto)"
@@ -34,17 +34,12 @@ TURN = 2.0 * np.pi
 BENT, STRAIGHT = np.deg2rad(25.0), np.deg2rad(15.0)
 """[rad] In walking, the largest knee flexion is above the first, and the largest hyperextension below the second."""
 
-COLUMNS_NUMBERED = Kind("columns_numbered", "info", "columns of the same name got numbers: {names}", ORIGIN)
-IN_DEGREES = Kind(
-    "in_degrees",
+ANGLES_DEDUCED = Kind(
+    "angles_deduced",
     "info",
-    "the file does not state inDegrees; degrees, for an angle of the legs reaches {largest:.4g}",
+    "the file does not state inDegrees; {unit}, for the largest angle of the legs is {largest:.4g}",
     DEDUCED,
 )
-IN_RADIANS = Kind(
-    "in_radians", "info",
-    "the file does not state inDegrees; radians, for no angle of the legs exceeds {largest:.4g}", DEDUCED,
-)  # fmt: skip
 
 
 class OpenSimMotion(NamedTuple):
@@ -90,7 +85,7 @@ def _motion(file: Path, degrees: bool | None) -> OpenSimMotion:
         raise RecordingError(_refusal(file, kind))
     values = _values(file, skipped, names, header)
     notes: list[Note] = []
-    names = _numbered(names, notes)
+    names = numbered(names, notes)
     time = values[:, 0]
     if not (np.isfinite(time).all() and (np.diff(time) > 0.0).all()):
         raise RecordingError(f"{file.name}: time must increase from row to row; it does not")
@@ -201,15 +196,6 @@ def _header(file: Path) -> tuple[dict[str, str], int, list[str]]:
     return header, at + 1, names
 
 
-def _numbered(names: list[str], notes: list[Note]) -> list[str]:
-    """Unique names of columns: in old files the forces of both feet have the same names."""
-    numbered = [f"{name}#{names[:i].count(name) + 1}" if name in names[:i] else name for i, name in enumerate(names)]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        notes.append(COLUMNS_NUMBERED(names=twice))
-    return numbered
-
-
 def _refusal(file: Path, kind: str) -> str:
     if kind == "quaternion":
         return (
@@ -251,12 +237,9 @@ def _told_degrees(file: Path, columns: dict[str, np.ndarray], notes: list[Note])
     """Whether angles are in degrees, by the size of those of the legs."""
     legs = [v for c, v in columns.items() if re.match(r"(hip_flexion|knee_angle|ankle_angle)_[rl]$", _base(c))]
     largest = max((float(np.nanmax(np.abs(values))) for values in legs if np.isfinite(values).any()), default=0.0)
-    if largest > TURN:
-        notes.append(IN_DEGREES(largest=largest))
-        return True
-    if BENT < largest < np.pi:
-        notes.append(IN_RADIANS(largest=largest))
-        return False
+    if largest > TURN or BENT < largest < np.pi:
+        notes.append(ANGLES_DEDUCED(unit="degrees" if largest > TURN else "radians", largest=largest))
+        return largest > TURN
     raise RecordingError(
         f"{file.name} does not state inDegrees, and the largest angle of the legs, {largest:.4g}, does not decide; "
         "give degrees"

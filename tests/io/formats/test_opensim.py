@@ -71,7 +71,7 @@ def test_a_file_that_does_not_say_degrees_is_asked(tmp_path):
     header = ("name walk", "datacolumns {n}", "datarows 201")
     motion = io.read_opensim(write(tmp_path / "old.mot", columns(), degrees="", header=header))
     np.testing.assert_allclose(motion.columns["knee_angle_l"], KNEE["l"], atol=1e-10)
-    assert any("degrees, for an angle of the legs reaches 54.43" in note for note in texts(motion.notes))
+    assert any("degrees, for the largest angle of the legs is 54.43" in note for note in texts(motion.notes))
     still = {"hip_flexion_r": 0.001 * T, "knee_angle_r": 0.001 * T}
     path = write(tmp_path / "still.mot", still, degrees="")
     with pytest.raises(RecordingError, match="does not state inDegrees, and the largest angle .*give degrees"):
@@ -90,7 +90,7 @@ def test_files_as_old_programs_and_spreadsheets_leave_them(tmp_path):
     np.testing.assert_allclose(motion.columns["ground_force_vx"], HEIGHT, atol=1e-10)
     assert (motion.columns["ground_force_vx#2"] == 700.0).all()
     np.testing.assert_allclose(io.opensim_reference(motion).legs.right.hip_angle, HIP["r"], atol=1e-10)
-    assert "columns of the same name got numbers: ground_force_vx" in texts(motion.notes)
+    assert "names that stand for several signals got numbers: ground_force_vx" in texts(motion.notes)
 
 
 def test_a_sign_that_cannot_be_told_is_asked_for(tmp_path):
