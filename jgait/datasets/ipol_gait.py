@@ -42,7 +42,6 @@ Keys of `Walk.info`; empty or None where unknown, for example without the .json:
     verified: whether every file's sha256 was known and agreed.
 """
 
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -53,6 +52,7 @@ from jaxtyping import PyTree
 from jgait.datasets import reading, registry
 from jgait.datasets.reading import Files
 from jgait.io.clock import REPEATED
+from jgait.io.files import json_object
 from jgait.io.formats.clocks import PACKETS_REPEATED
 from jgait.notes import CORRECTED, LEFT_OUT, Kind, Note
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Strides, Walk
@@ -174,11 +174,8 @@ def _on_one_clock(name: str, tables: dict[str, np.ndarray], notes: list[Note]) -
 
 
 def _read_about(path: Path) -> dict[str, Any]:
-    try:
-        about = json.loads(path.read_text())
-    except ValueError as error:
-        raise RecordingError(f"{path.name} is no JSON: {error}") from error
-    lacking = [key for key in EVENTS.values() if key not in about] if isinstance(about, dict) else ["table"]
+    about = json_object(path)
+    lacking = [key for key in EVENTS.values() if key not in about]
     if lacking:
         raise RecordingError(f"{path.name} has no {lacking[0]}")
     return about

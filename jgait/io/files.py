@@ -2,16 +2,20 @@
 
 import contextlib
 import importlib
+import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from jgait.notes import ORIGIN, Kind, Note
 from jgait.types import RecordingError, reason_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 type Tree = dict[str, Any]
 """Nested dictionaries, as libraries for JSON, MATLAB and C3D files return them."""
@@ -105,6 +109,26 @@ def library(name: str, expected: str) -> ModuleType:
         return importlib.import_module(name)
     except ImportError as missing:
         raise ImportError(f"reading {expected} needs the extra io: pip install 'jgait[io]' ({missing})") from missing
+
+
+def json_object(file: Path) -> Tree:
+    """The content of a JSON file. Raises RecordingError if it is none, or no object."""
+    try:
+        content = json.loads(file.read_text(encoding="utf-8-sig"))
+    except ValueError as error:
+        raise RecordingError(f"{file.name} is no JSON: {error}") from error
+    if not isinstance(content, dict):
+        raise RecordingError(f"{file.name} must be a JSON object; it is a {type(content).__name__}")
+    return content
+
+
+def no_numbers(column: "pd.Series") -> "pd.Series":
+    """The cells of a column that are not empty and no numbers."""
+    import pandas as pd
+
+    if isinstance(column.dtype, np.dtype) and column.dtype.kind in "fiub":
+        return column[:0]
+    return column[pd.to_numeric(column, errors="coerce").isna() & column.notna()]
 
 
 def plain(value: object) -> str:

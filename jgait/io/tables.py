@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from jgait.io.arrays import recording_in_units
-from jgait.io.files import reading
+from jgait.io.files import no_numbers, reading
 from jgait.io.names import CHANNELS, COLUMNS, column_of, like_a_signal, recognised, unit_in_name
 from jgait.io.rows import read_table
 from jgait.io.units import Unit, unit_of_columns
@@ -291,11 +291,7 @@ def _few(names: list[str]) -> str:
 
 def _no_number(column: "pd.Series", label: str) -> Note | None:
     """The note about cells of a column that are no numbers; None if all cells are numbers."""
-    import pandas as pd
-
-    if isinstance(column.dtype, np.dtype) and column.dtype.kind in "fiub":
-        return None
-    odd = column[pd.to_numeric(column, errors="coerce").isna() & column.notna()]
+    odd = no_numbers(column)
     if not len(odd) or len(odd) == len(column):
         return None
     row = int(np.flatnonzero(column.index == odd.index[0])[0])

@@ -11,7 +11,6 @@ column placement. *Axes*: the channels' reference_frame and what `channels.json`
 entity `sub-`, with what `participants.tsv` states. Other tracking systems of the same walk are noted.
 """
 
-import json
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +19,7 @@ import numpy as np
 
 from jgait.io.apart import apart
 from jgait.io.clock import TIME_UNITS
-from jgait.io.files import Tree, check_columns, check_file, library, positive
+from jgait.io.files import Tree, check_columns, check_file, json_object, library, no_numbers, positive
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
 from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit
@@ -157,17 +156,7 @@ def _about(path: Path, stem: str) -> Tree:
     if not files:
         raise RecordingError(f"{path.name} needs {stem}_motion.json, which states its SamplingFrequency; there is none")
     for file in reversed(files):
-        content |= _json(file)
-    return content
-
-
-def _json(file: Path) -> Tree:
-    try:
-        content = json.loads(file.read_text(encoding="utf-8-sig"))
-    except ValueError as error:
-        raise RecordingError(f"{file.name} is no JSON: {error}") from error
-    if not isinstance(content, dict):
-        raise RecordingError(f"{file.name} must be a JSON object; it is a {type(content).__name__}")
+        content |= json_object(file)
     return content
 
 
@@ -184,10 +173,8 @@ def _values(path: Path, names: list[str], notes: list[Note]) -> np.ndarray:
             f"{path.name} has {table.shape[1]} columns, its channels.tsv {len(names)} rows; they must agree"
         )
     for position, name in enumerate(names):
-        if table.dtypes.iloc[position].kind not in "fiu":
-            column = table.iloc[:, position]
-            pandas = library("pandas", EXPECTED)
-            wrong = column[pandas.to_numeric(column, errors="coerce").isna() & column.notna()]
+        wrong = no_numbers(table.iloc[:, position])
+        if len(wrong):
             raise RecordingError(
                 f"{path.name}: {name} holds {wrong.iloc[0]!r} in row {wrong.index[0]}; expected a number"
             )
@@ -260,7 +247,7 @@ def _part(
 def _frames(path: Path, stem: str) -> dict[str, str]:
     """Reference frame → what `channels.json` states of its axes."""
     files = _inherited(path, stem, "channels.json")
-    levels = _json(files[0]).get("reference_frame", {}).get("Levels", {}) if files else {}
+    levels = json_object(files[0]).get("reference_frame", {}).get("Levels", {}) if files else {}
     frames = {}
     for name, about in levels.items():
         axes = [

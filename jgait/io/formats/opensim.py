@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.io.files import check_columns, check_file, check_width, library, numbered, reading
+from jgait.io.files import check_columns, check_file, check_width, library, no_numbers, numbered, reading
 from jgait.notes import DEDUCED, Kind, Note
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, RecordingError
 
@@ -218,8 +218,7 @@ def _values(file: Path, skipped: int, names: list[str], header: dict[str, str]) 
         cells = [str(cell) for cell in table.iloc[0]]
         if any(cell.count(",") == 3 for cell in cells):
             raise RecordingError(_refusal(file, "quaternion"))
-        first = next(name for name, kind in zip(table.columns, table.dtypes, strict=True) if kind.kind not in "fiu")
-        wrong = table[first][pandas.to_numeric(table[first], errors="coerce").isna()]
+        first, wrong = next((name, odd) for name, column in table.items() if len(odd := no_numbers(column)))
         raise RecordingError(f"{file.name}: column {first} holds {wrong.iloc[0]!r} in row {wrong.index[0]}, no number")
     for key, there, what in (("nrows", len(table), "rows"), ("ncolumns", table.shape[1], "columns")):
         stated = header.get(key, header.get(key.replace("n", "data", 1), ""))
