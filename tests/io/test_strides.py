@@ -1,7 +1,5 @@
 """Feet and strides as tables, gaitmap's stride lists, and the range between the feet in a file."""
 
-import subprocess
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -96,26 +94,6 @@ def test_gaitmaps_stride_list():
     assert list(right.index) == [2] and list(left.index) == [1, 3]
     np.testing.assert_array_equal(right.to_numpy(), [[280, 500, 280, 220, 360, 440]])
     np.testing.assert_array_equal(left.loc[1], [160, 380, 160, 100, 240, 320])
-
-
-def test_gaitmaps_own_checks_pass(load_experiment):
-    peers = load_experiment("common.peers")
-    if not peers.available("gaitmap"):
-        pytest.skip(peers.unavailable_reason("gaitmap"))
-    rows = {sensor: one.reset_index().to_dict("list") for sensor, one in io.to_gaitmap(estimate(), RATE).items()}
-    script = f"""
-import pandas as pd
-from gaitmap.utils.datatype_helper import is_multi_sensor_stride_list
-from gaitmap.utils.stride_list_conversion import enforce_stride_list_consistency
-lists = {{name: pd.DataFrame(rows) for name, rows in {rows!r}.items()}}
-is_multi_sensor_stride_list(lists, stride_type="min_vel", raise_exception=True)
-for own in lists.values():
-    kept, lost = enforce_stride_list_consistency(own, "min_vel")
-    assert len(lost) == 0 and len(kept) == len(own) > 0
-print("accepted")
-"""
-    done = subprocess.run([peers.python("gaitmap"), "-c", script], capture_output=True, text=True, check=False)
-    assert done.stdout == "accepted\n", done.stderr
 
 
 def test_strides_are_written_as_files(tmp_path):

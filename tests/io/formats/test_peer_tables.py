@@ -14,11 +14,23 @@ RATE = made_tables.RATE
 PAUSE = 4.0
 
 
-def ask(peers, name, script, folder):
-    """Run a script on the files of a folder, in the environment of a library."""
-    command = [peers.python(name), "-E", "-s", "-c", script]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
+@pytest.fixture(scope="module")
+def ask(load_experiment, tmp_path_factory):
+    """`ask("gaitmap", tables, script)`: the folder in which a library has run a script on tables, as CSV files."""
+
+    def asked(name, tables, script):
+        peers = load_experiment("common.peers")
+        if not peers.available(name):
+            pytest.skip(peers.unavailable_reason(name))
+        folder = tmp_path_factory.mktemp(name)
+        for file, table in tables.items():
+            io.write_table(table, folder / f"{file}.csv")
+        command = [peers.python(name), "-E", "-s", "-c", script]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr[-2000:]
+        return folder
+
+    return asked
 
 
 GAITMAP = f"""
@@ -26,6 +38,7 @@ import pandas as pd
 from gaitmap.parameters import SpatialParameterCalculation, TemporalParameterCalculation
 from gaitmap.utils.coordinate_conversion import convert_to_fbf
 from gaitmap.utils.datatype_helper import is_sensor_data, is_stride_list
+from gaitmap.utils.stride_list_conversion import enforce_stride_list_consistency
 
 data = pd.read_csv("sensor.csv", header=[0, 1], index_col=0)
 assert is_sensor_data(data, frame="sensor") == "multi"
@@ -39,6 +52,9 @@ def by_sensor(name, index):
     return {{sensor: whole[whole.sensor == sensor].drop(columns="sensor").set_index(index) for sensor in SENSORS}}
 strides = by_sensor("strides.csv", "s_id")
 assert is_stride_list(strides, stride_type="min_vel") == "multi"
+for own in strides.values():
+    kept, lost = enforce_stride_list_consistency(own.reset_index(), "min_vel")
+    assert len(lost) == 0 and len(kept) == len(own) > 0
 times = TemporalParameterCalculation().calculate(strides, {RATE}).parameters_
 spaces = SpatialParameterCalculation().calculate(
     strides, by_sensor("positions.csv", ["s_id", "sample"]), by_sensor("orientations.csv", ["s_id", "sample"]),
@@ -68,20 +84,12 @@ def trajectories(lists):
 
 
 @pytest.fixture(scope="module")
-def gaitmap(load_experiment, tmp_path_factory):
-    """The folder in which gaitmap has answered."""
-    peers = load_experiment("common.peers")
-    if not peers.available("gaitmap"):
-        pytest.skip(peers.unavailable_reason("gaitmap"))
-    folder = tmp_path_factory.mktemp("gaitmap")
+def gaitmap(ask, tmp_path_factory):
     both = pd.concat({"right_sensor": made_files.frame(), "left_sensor": made_files.frame(-1.0)}, axis=1)
-    both.to_csv(folder / "sensor.csv")
+    sensor = tmp_path_factory.mktemp("walk") / "sensor.csv"
+    both.to_csv(sensor)
     lists = io.to_gaitmap(made_tables.estimate(), RATE)
-    io.write_table(lists, folder / "strides.csv")
-    for name, table in trajectories(lists).items():
-        io.write_table(table, folder / f"{name}.csv")
-    ask(peers, "gaitmap", GAITMAP, folder)
-    return folder
+    return ask("gaitmap", {"strides": lists, **trajectories(lists)}, GAITMAP.replace("sensor.csv", str(sensor)))
 
 
 def test_gaitmap_finds_the_same_parameters_in_the_same_walk(gaitmap):
@@ -124,17 +132,9 @@ bouts.join(means.groupby("wb_id").mean()).to_csv("bouts.csv")
 
 
 @pytest.fixture(scope="module")
-def mobgap(load_experiment, tmp_path_factory):
-    """The folder in which mobgap has answered."""
-    peers = load_experiment("common.peers")
-    if not peers.available("mobgap"):
-        pytest.skip(peers.unavailable_reason("mobgap"))
-    folder = tmp_path_factory.mktemp("mobgap")
-    made_files.frame().to_csv(folder / "sensor.csv", index=False)
-    for name, table in io.to_mobgap(made_tables.estimate(PAUSE), RATE)._asdict().items():
-        io.write_table(table, folder / f"{name}.csv")
-    ask(peers, "mobgap", MOBGAP, folder)
-    return folder
+def mobgap(ask):
+    tables = io.to_mobgap(made_tables.estimate(PAUSE), RATE)._asdict()
+    return ask("mobgap", {"sensor": made_files.frame(), **tables}, MOBGAP)
 
 
 def test_mobgap_makes_the_same_strides_of_the_contacts(mobgap):
