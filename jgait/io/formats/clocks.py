@@ -57,33 +57,27 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "
     if all(part.packets is None for part in placed.values()):
         return placed
     numbers: dict[str, np.ndarray] = {}
-    twice: dict[str, np.ndarray] = {}
     placed = dict(placed)
     for where, part in tuple(placed.items()):
         if part.packets is None:
             raise RecordingError(f"{name}: {where} has no packet numbers, other sensors have; they cannot be joined")
         packets = np.asarray(part.packets, np.int64)
         repeated = np.diff(packets) == 0
-        again = packets[1:][repeated]
         wrong = np.flatnonzero(np.diff(packets) < (0 if repeated.sum() <= REPEATED * len(packets) else 1))
         if len(wrong):
             raise RecordingError(
                 f"{name}: packet numbers of {where} must increase; {packets[wrong[0] + 1]} follows "
-                f"{packets[wrong[0]]} in row "
-                f"{wrong[0] + 1} (the first row is 0)"
+                f"{packets[wrong[0]]} in row {wrong[0] + 1} (the first row is 0)"
             )
         if repeated.any():
-            # it is not known which of two equal rows was measured at that time: the packet is masked
-            once = ~(np.append(repeated, False) | np.append(False, repeated))
-            notes.append(PACKETS_REPEATED(placement=where, numbers=again.tolist()))
-            packets = packets[once]
-            placed[where] = part._replace(
-                gyr=np.asarray(part.gyr)[once], acc=None if part.acc is None else np.asarray(part.acc)[once]
-            )
+            # it is not known which of two equal rows was measured at that time
+            doubt = (np.append(repeated, False) | np.append(False, repeated))[:, None]
+            acc = None if part.acc is None else np.where(doubt, np.nan, part.acc)
+            placed[where] = part._replace(gyr=np.where(doubt, np.nan, part.gyr), acc=acc)
+            notes.append(PACKETS_REPEATED(placement=where, numbers=packets[1:][repeated].tolist()))
         first = next(iter(numbers.values()), packets)
         turn = part.packets_wrap
-        shift = 0 if turn is None else turn * round(float(first[0] - packets[0]) / turn)
-        numbers[where], twice[where] = packets + shift, again + shift
+        numbers[where] = packets + (0 if turn is None else turn * round(float(first[0] - packets[0]) / turn))
     begin, end = max(packets[0] for packets in numbers.values()), min(packets[-1] for packets in numbers.values())
     if end <= begin:
         spans = ", ".join(f"{where} {packets[0]} to {packets[-1]}" for where, packets in numbers.items())
@@ -98,7 +92,7 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "
                 f"{name}: {gap} packets of {where} are missing in a row, more than {LONGEST_GAP_S:g} s; "
                 "split the recording there"
             )
-        lost = end + 1 - begin - int(kept.sum()) - int(((twice[where] > begin) & (twice[where] < end)).sum())
+        lost = end + 1 - begin - np.unique(packets[kept]).size
         if lost:
             notes.append(PACKETS_LOST(placement=where, lost=lost))
         if not kept.all():

@@ -3,8 +3,9 @@
 *Format*: Palmerini et al. 2023, Scientific Data 10:38, "Mobility recorded by wearable devices and gold standards: the
 Mobilise-D procedure for data standardization". A variable `data` holds nested structs, level by level the time of
 measurement, the test and the trial (`data.TimeMeasure1.Test5.Trial1`; data sets differ in how many levels they have).
-The level that holds `SU` (the wearable device), `SU_INDIP` (INDIP's sensors) or `Standards` (references) is a trial. A
-device holds a struct a place, with `Acc` [g], `Gyr` [deg/s], `Fs.Acc`, `Fs.Gyr` [Hz] and perhaps `Timestamp` [Unix s].
+The level that holds `SU` (the wearable device), `SU_INDIP` (INDIP's sensors) or `Standards` (references) is a trial;
+structs of one name, an array in MATLAB, are numbered: `Trial(2)`. A device holds a struct a place, with `Acc` [g],
+`Gyr` [deg/s], `Fs.Acc`, `Fs.Gyr` [Hz] and perhaps `Timestamp` [Unix s].
 
 *Units* and *placements* are stated by the specification, by the names of the structs: `LowerBack`, `LeftFoot`, …
 *Axes*: those of the device; the trunk's as it is usually worn are x up, y to the right, z forward, mirrored nowhere.
@@ -13,6 +14,7 @@ Read by SciPy, which reads MATLAB's files up to version 7; version 7.3 is refuse
 """
 
 import os
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -134,12 +136,13 @@ def _load(path: Path) -> PyTree:
         )
     scipy_io = library("scipy.io", EXPECTED)
     try:
-        times = [name for name, _, _ in scipy_io.whosmat(path)].count("data")
-        content = dict(scipy_io.loadmat(path, simplify_cells=True)) if times < 2 else {}
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            content = dict(scipy_io.loadmat(path, simplify_cells=True))
     except Exception as error:  # for a truncated file the reader may raise any exception
         raise RecordingError(f"{path.name} is no whole MATLAB file; expected {EXPECTED}: {error}") from error
-    if times > 1:
-        raise RecordingError(f"{path.name} has {times} variables 'data', one of which hides the rest; save each alone")
+    if any('Duplicate variable name "data"' in str(each.message) for each in said):
+        raise RecordingError(f"{path.name} has several variables 'data', one of which hides the rest; save each alone")
     if "data" not in content:
         there = [key for key in content if not key.startswith("__")]
         raise RecordingError(

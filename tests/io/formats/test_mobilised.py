@@ -84,7 +84,7 @@ def test_trials_of_one_name_are_numbered(write):
 def test_a_variable_that_hides_another_is_refused(write):
     one, other = (write({"T": {"A": trial(SU={"LowerBack": sensor(place)})}}, f"{place}.mat") for place in PLACES[:2])
     one.write_bytes(one.read_bytes() + other.read_bytes()[128:])
-    with pytest.raises(RecordingError, match="has 2 variables 'data', one of which hides the rest"):
+    with pytest.raises(RecordingError, match="has several variables 'data', one of which hides the rest"):
         io.read_mobilised(one)
 
 
