@@ -143,7 +143,7 @@ def test_a_sensor_file_that_is_cut_off(written):
 
 def test_a_recording_that_is_not_there(written):
     with pytest.raises(ValueError, match=f"neura_sparse has no recording 'S1'; there are {NAME}"):
-        datasets.load("neura_sparse", ["S1"])
+        loaded("neura_sparse", "S1")
 
 
 # --- the real trial ---
@@ -159,9 +159,6 @@ def test_what_a_walk_holds(walk):
         assert np.linalg.norm(imu.acc[200:1000].mean(axis=0)) == pytest.approx(9.81, rel=0.015)
     assert len(walk.reference.time) == 2501
     assert walk.info["windows"]["whole"] == (1119, 2074)
-
-
-def test_leg_lengths(walk):
     np.testing.assert_allclose(walk.info["lengths"]["right"], (0.395, 0.409), atol=0.0015)
     np.testing.assert_allclose(walk.info["lengths"]["left"], (0.416, 0.391), atol=0.0015)
 

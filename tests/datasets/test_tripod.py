@@ -143,8 +143,7 @@ def test_missing_files_are_reported(folder):
     assert walk.reference is None
     assert walk.info["no_reference"] == "neither MetaInfo.csv nor Zebris states the belt's speed"
     assert walk.info["optogait"] == {} and walk.info["zebris"] == {}
-    write_zebris_again = folder / "Zebris" / "gait_report" / "parameters.csv"
-    write_zebris_again.write_text("type,Velocity, km/h\nparameter values,3.6\n")
+    (folder / "Zebris" / "gait_report" / "parameters.csv").write_text("type,Velocity, km/h\nparameter values,3.6\n")
     for code in ("LS", "RS"):
         (folder / "IMU" / f"{code}.csv").unlink()
     walk = load()
