@@ -33,6 +33,7 @@ from jaxtyping import PyTree
 from jgait.datasets import reading, registry
 from jgait.datasets.reading import SENSOR_FILE_ABSENT, Files
 from jgait.geometry.vectors import GRAVITY
+from jgait.io.formats import physilog
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
@@ -46,7 +47,6 @@ SENSORS = {
     "RF": "foot_right",
     "SA": "pelvis",
 }
-HEADER = 7
 STEADY = (10.0, 118.0)  # [s] after the first swing or contact; between these times the belt has constant speed
 STRIDE_LENGTH = (0.5, 2.5)  # [m]
 SWING = 2.0  # [rad/s] smallest peak of the angular rate of a shank in swing
@@ -128,15 +128,10 @@ def _optional(files: Files, path: str, read: PyTree) -> dict[str, PyTree]:
 
 def _read_sensor(path: Path) -> np.ndarray:
     """(n, 7): time [s], gyroscope [rad/s], accelerometer [m/s²]."""
-    import pandas as pd
-
-    table = pd.read_csv(path, skiprows=HEADER, header=None)
-    if table.shape[1] < 7 or len(table) < 2:
-        raise RecordingError(f"{path.name} has {table.shape} numbers after {HEADER} lines; 2 rows of 7 are needed")
-    values = table.iloc[:, :7].to_numpy(np.float64)
-    values[:, 1:4] = np.deg2rad(values[:, 1:4])
-    values[:, 4:] *= GRAVITY
-    return values
+    (part,) = physilog.measured(path).parts
+    if part.acc is None or part.time is None or len(part.time) < 2:
+        raise RecordingError(f"{path.name} has no accelerometer, or less than two rows")
+    return np.column_stack([part.time, np.deg2rad(part.gyr), GRAVITY * part.acc])
 
 
 def _on_one_clock(tables: dict[str, np.ndarray], notes: list[Note]) -> dict[str, Imu]:

@@ -36,7 +36,10 @@ def sensor(code, first=1):
 def write_sensor(folder, code, table=None):
     (folder / "IMU").mkdir(parents=True, exist_ok=True)
     with (folder / "IMU" / f"{code}.csv").open("w", newline="") as stream:
-        stream.write("Gait Up - Physilog data export\n" + 6 * "header\n")
+        axes = [f"{kind} {axis}" for kind in ("Gyro", "Accel") for axis in "XYZ"]
+        units = ["[s]", *["[deg/s]"] * 3, *["[g]"] * 3, *["[]"] * 7]
+        stream.write("Gait Up - Physilog data export\n" + 4 * "header\n")
+        stream.write(",".join(["Time", *axes, *map(str, range(7))]) + "\n" + ",".join(units) + "\n")
         pd.DataFrame(sensor(code) if table is None else table).to_csv(stream, index=False, header=False)
 
 
@@ -164,7 +167,7 @@ def test_lost_samples_and_sensors_that_start_apart(folder):
 
 def test_bad_files_are_named_and_the_others_are_not_lost(folder, root):
     write_sensor(root / "Sub_AB" / "PWS", "LS", np.zeros((1, 14)))
-    refused("tripod", ["Sub_AB/PWS-20"], {"Sub_AB/PWS": r"LS.csv has \(1, 14\) numbers after 7 lines"})
+    refused("tripod", ["Sub_AB/PWS-20"], {"Sub_AB/PWS": "LS.csv has no accelerometer, or less than two rows"})
 
 
 # --- the real trials ---
