@@ -94,9 +94,26 @@ def _check_signals(imu: Imu, name: str) -> None:
         )
 
 
+BLOCK, BUSIEST, RESTS = 100, 60, 0.2
+"""[samples], [blocks], [1] A block counts as rest if its mean rate is below this share of that of the 60th of the
+busiest blocks, or of the median one in short recordings: a minute at 100 Hz of handling does not set the measure."""
+
+
+def busy(imu: Imu) -> np.ndarray:
+    """(T,) bool: the measured samples without those of rest, of which a recording of hours has most."""
+    mask = np.asarray(imu.mask, bool)
+    size = np.linalg.norm(as_float(imu.gyr), axis=1)
+    blocks = np.arange(len(size)) // BLOCK
+    counts = np.bincount(blocks, mask)
+    mean = np.bincount(blocks, np.where(mask, size, 0.0)) / np.maximum(counts, 1.0)
+    known = np.sort(mean[counts > 0])[::-1]
+    least = RESTS * known[min(BUSIEST, len(known) // 2)] if len(known) else 0.0
+    return np.asarray(mask & (mean[blocks] >= least))
+
+
 def fast_rate(imu: Imu) -> float:
-    """99th percentile of the norm of the angular rate [rad/s]; 0 without samples."""
-    rates = np.linalg.norm(as_float(imu.gyr)[np.asarray(imu.mask, bool)], axis=1)
+    """99th percentile of the norm of the angular rate [rad/s] in samples that are `busy`; 0 without samples."""
+    rates = np.linalg.norm(as_float(imu.gyr)[busy(imu)], axis=1)
     return float(np.percentile(rates, 99.0)) if rates.size else 0.0
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jgait.estimators.checks import FASTEST, fast_rate
+from jgait.estimators.checks import FASTEST, busy, fast_rate
 from jgait.geometry.vectors import GRAVITY
 from jgait.io.damage.agreement import LONG_GAP_S
 from jgait.io.damage.samples import COARSE, finest_step
@@ -157,7 +157,9 @@ def _check_moving(sensors: Mapping[str, Imu], units: Units, name: str) -> None:
 
 def _moves(sensors: Mapping[str, Imu]) -> bool:
     """Whether any accelerometer shows that the person moves; True without an accelerometer."""
-    spread = [float(np.linalg.norm(imu.acc[imu.mask], axis=1).std()) for imu in sensors.values() if imu.acc is not None]
+    spread = [
+        float(np.linalg.norm(imu.acc[busy(imu)], axis=1).std()) for imu in sensors.values() if imu.acc is not None
+    ]
     return not spread or max(spread) > MOVING_ACC
 
 

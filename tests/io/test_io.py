@@ -185,6 +185,10 @@ def test_radians_passed_as_degrees_but_not_standing_still():
     fails("too slow for walking: the gyroscopes seem to be in rad/s; pass gyr_unit='rad/s'", frame)
     without_acc = frame.loc[:, [name for name in frame if "_acc_" not in name]]
     fails("seem to be in rad/s", without_acc)
+    # an hour with little more than a minute of walking
+    rows = np.concatenate([np.resize(np.arange(190), 360_000), np.resize(np.arange(190, 600), 7_500)])
+    day = frame.iloc[rows].assign(time=0.01 * np.arange(len(rows)))
+    fails("seem to be in rad/s", day)
 
 
 def test_constant_and_clipped_channels_are_notes():

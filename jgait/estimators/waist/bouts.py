@@ -7,7 +7,7 @@ import numpy as np
 from jgait.estimators.ends import LEAST, MOST, cut_note
 from jgait.estimators.losses import lost_between
 from jgait.estimators.notes import LONGEST_LOSS
-from jgait.estimators.waist.notes import BOUT_WITHOUT_STANDING, NO_CONTACTS
+from jgait.estimators.waist.notes import BOUTS_WITHOUT_STANDING, NO_CONTACTS
 from jgait.events import trunk as trunk_events
 from jgait.notes import Note
 from jgait.types import Values, as_float
@@ -135,11 +135,10 @@ def notes_of(
     if not contacts:
         return [NO_CONTACTS()]
     fresh = np.flatnonzero(nodes["fresh"])
+    moving = fresh[~nodes["stands"][fresh].astype(bool)]
     notes: list[Note] = []
-    for number, row in enumerate(fresh, start=1):
-        if not nodes["stands"][row]:
-            begin = nodes["contact"][row]
-            notes.append(BOUT_WITHOUT_STANDING(bout=number, bouts=len(fresh), begin_s=begin))
+    if len(moving):
+        notes.append(BOUTS_WITHOUT_STANDING(some=len(moving), bouts=len(fresh), begin_s=nodes["contact"][moving[0]]))
     ends = np.flatnonzero(nodes["stride"])
     if not len(ends):
         return notes

@@ -56,12 +56,12 @@ WALKING_MISSED = Kind(
 
 NO_CONTACTS = Kind("no_contacts", "stop", "nobody walks: no initial contact was found", NO_WALKING)
 
-BOUT_WITHOUT_STANDING = Kind(
-    "bout_without_standing",
+BOUTS_WITHOUT_STANDING = Kind(
+    "bouts_without_standing",
     "check",
-    "bout {bout} of {bouts}, from {begin_s:.1f} s, does not begin from standing: its speed by integration is not to be "
-    "relied on",
-    "The speed at its beginning is not known. Contacts are detected all the same.",
+    "{some} of {bouts} bouts, the first from {begin_s:.1f} s, do not begin from standing: their speed by integration "
+    "is not to be relied on",
+    "The speed at their beginning is not known. Contacts are detected all the same.",
 )
 
 NO_TRUNK_STEPS = Kind(
