@@ -13,20 +13,22 @@ import jax
 import typer
 from jaxtyping import PyTree
 
-from jgait import estimators
+from jgait import datasets, estimators
+from jgait import evaluate as evaluation
 from jgait.commands.console import Bar, note, progress, stop
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 from jgait.commands.recordings import recording_of
 from jgait.commands.references import REFERENCES, with_reference
 from jgait.estimators import Estimator, proportions
 from jgait.estimators.about import BodyMeasure
+from jgait.evaluate import Cohort
+from jgait.evaluate.store import OtherEvaluationError
+from jgait.io.units import ACC_UNITS, GYR_UNITS, unit_scale
 from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note
 from jgait.types import RecordingError, Walk, people, reason_of
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from jgait.evaluate import Cohort
 
 
 def _measures() -> dict[str, BodyMeasure]:
@@ -146,8 +148,6 @@ class Source(NamedTuple):
 
 def body(walk: Walk, measures: Sequence[str]) -> dict[str, Any]:
     """The known measures of a person that the estimator takes; a height in the table gives those that it lacks."""
-    from jgait import datasets
-
     stated = walk.info.get("body")
     known = datasets.body(walk) if stated is None else proportions.with_proportions(stated, measures)
     return {name: value for name, value in known.items() if name in measures}
@@ -176,8 +176,6 @@ def source(
     given = [name for name, value in (("a table", table), ("--dataset", dataset), ("--simulated", simulated)) if value]
     if len(given) != 1:
         stop(f"give one of: a table COHORT.csv, --dataset NAME, --simulated N; got {' and '.join(given) or 'none'}")
-    from jgait import datasets
-
     try:
         if table is not None:
             return _of_table(table, gyr_unit, acc_unit, measures)
@@ -205,8 +203,6 @@ class _Set:
         return f"data set {self.name}"
 
     def __call__(self, recording: str) -> Walk:
-        from jgait import datasets
-
         walks = datasets.load(self.name, only=(recording,))
         if not walks:
             raise RecordingError(walks.failures[0].reason)
@@ -214,8 +210,6 @@ class _Set:
 
 
 def _of_dataset(name: str) -> Source:
-    from jgait import datasets
-
     again = datasets.repeated(name)  # the message of DatasetUnavailable states how to get the set
     names = [recording for recording in datasets.names(name) if recording not in again]
     notes = [WALK_REPEATED(recording=recording, other=other) for recording, other in again.items()]
@@ -274,8 +268,6 @@ def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: 
     Raises:
         ValueError: if the file is no table with a column `file`, or a unit is unknown.
     """
-    from jgait.io.units import ACC_UNITS, GYR_UNITS, unit_scale
-
     for unit, units, option in ((gyr_unit, GYR_UNITS, "--gyr-unit"), (acc_unit, ACC_UNITS, "--acc-unit")):
         if unit is not None:
             unit_scale(unit, units, option)
@@ -355,11 +347,8 @@ class Opened(NamedTuple):
     start: PyTree
     source: Source
 
-    def evaluated(self, **settings: Any) -> "Cohort":
+    def evaluated(self, **settings: Any) -> Cohort:
         """The results of `evaluate.cohort` with further settings; exits with code 2 if there can be none."""
-        from jgait import evaluate as evaluation
-        from jgait.evaluate.store import OtherEvaluationError
-
         body_of = functools.partial(body, measures=measures_of(self.pipeline))
         with progress() as bars:
             bar, total = Bar(bars), len(self.source.items)

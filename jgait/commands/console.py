@@ -41,17 +41,13 @@ def write_json(file: Path | None, content: object) -> None:
     if file is None:
         return
     from jgait.io.atomic import write_text
+    from jgait.report.page import plain
 
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        write_text(file, json.dumps(content, indent=1, ensure_ascii=False, default=_plain) + "\n")
+        write_text(file, json.dumps(plain(content), indent=1, ensure_ascii=False, default=str) + "\n")
     except OSError as error:
         stop(f"{file} could not be written: {error}")
-
-
-def _plain(value: object) -> object:
-    """A NumPy scalar or array converted to JSON values."""
-    return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
 PATIENCE_S = 20.0

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from jgait import datasets
 from jgait.commands.console import console, stop, visible, write_json
 
 Json = Annotated[Path | None, typer.Option("--json", help="Write the same as JSON to this file.")]
@@ -18,8 +19,6 @@ sets = typer.Typer(
 @sets.command("list")
 def list_sets(json_file: Json = None) -> None:
     """List the public data sets that jgait reads, and which of them are on this computer."""
-    from jgait import datasets
-
     table = Table("set", "here", "licence", "cite")
     listed = {}
     for name in datasets.list_datasets():
@@ -34,8 +33,6 @@ def list_sets(json_file: Json = None) -> None:
 @sets.command("path")
 def path_of_set(name: str, json_file: Json = None) -> None:
     """Print the folder of a data set."""
-    from jgait import datasets
-
     try:
         folder = str(datasets.path(name))
     except (datasets.DatasetUnavailable, ValueError) as error:
@@ -47,8 +44,6 @@ def path_of_set(name: str, json_file: Json = None) -> None:
 @sets.command("fetch")
 def fetch_set(name: str, json_file: Json = None) -> None:
     """Download a data set from its authors; each file is checked by its hash."""
-    from jgait import datasets
-
     try:
         folder = str(datasets.fetch(name, progress=True))
     except Exception as error:

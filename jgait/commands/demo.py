@@ -2,19 +2,19 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
 
+from jgait import datasets
+from jgait.commands import demo_run
 from jgait.commands.console import Bar, console, progress, stop, table_of, write_json, wrote
+from jgait.commands.demo_run import Demo, RealWalk
 from jgait.commands.folder import results_folder
 
-if TYPE_CHECKING:
-    from jgait.commands.demo_run import Demo, RealWalk
 
-
-def _show(result: "Demo") -> None:
+def _show(result: Demo) -> None:
     """Print the errors and the tuned parameters of a demonstration."""
     table = table_of("walk", "leg", "error", "default", "tuned", left=3, title=result.title)
     last = None
@@ -30,8 +30,7 @@ def _show(result: "Demo") -> None:
                   f"{min(result.losses):.1f}): {moved}", highlight=False)  # fmt: skip
 
 
-def _show_walk(walk: "RealWalk") -> None:
-    """Print a real walk beside its reference."""
+def _show_walk(walk: RealWalk) -> None:
     table = table_of("quantity", "all sensors", "each alone", "motion capture", left=4, title=walk.title)
     for line in walk.lines:
         table.add_row(*(escape(cell) for cell in line))
@@ -55,9 +54,6 @@ def demo(
 
     Where the recording is not there, simulated people are tuned on, and others are judged.
     """
-    from jgait import datasets
-    from jgait.commands import demo_run
-
     if dataset not in ("auto", "simulated", "neura_sparse"):
         stop(f"--dataset is auto, simulated or neura_sparse; got '{dataset}'")
     if dataset == "neura_sparse" and not datasets.available("neura_sparse"):

@@ -1,7 +1,7 @@
 """`jgait estimate`: joint angles, foot paths, strides and widths of a user's own recordings."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,7 +11,6 @@ import typer
 from jgait.commands import cohort as cohorts
 from jgait.commands import jobs, recordings
 from jgait.commands.console import Bar, console, errors, note, progress, stop, visible, write_json, wrote
-from jgait.commands.doubts import doubt_row, say_doubts
 from jgait.commands.folder import ResultsFolder, results_folder
 from jgait.commands.jobs import EstimateJob
 from jgait.commands.own_options import remarks, with_own_options
@@ -19,9 +18,12 @@ from jgait.commands.person import PersonFile, person_in, person_of
 from jgait.commands.pipeline import chosen
 from jgait.estimators import programs
 from jgait.notes import grouped
-from jgait.report.flags import DOUBTS
-from jgait.report.page import Flag
+from jgait.report.flags import DOUBTS, verdict
+from jgait.report.page import GRADES, Flag
 from jgait.types import Recording, reason_of
+
+STYLES = {"stop": "bold red", "check": "yellow"}
+"""Grade of a flag → its style in the terminal."""
 
 
 @with_own_options
@@ -86,7 +88,7 @@ def estimate(
         console.print(job.table)
         console.print(job.caption, style="dim")
     for label, flags in doubts.items():
-        say_doubts(label, flags)
+        _say_doubts(label, flags)
     write_json(json_file, {"estimator": job.name, "recordings": numbers, "failures": failures})
     if failures:
         errors.print(f"{len(failures)} of {len(items)} recordings could not be used", highlight=False)
@@ -159,8 +161,26 @@ def _each(
         doubtful = [flag for flag in flags if flag.grade in DOUBTS]
         if doubtful:
             doubts[item.label] = doubtful
-        for number, row in enumerate([*doubt_row(doubtful), *job.rows(made)]):
+        for number, row in enumerate([*_doubt_row(doubtful), *job.rows(made)]):
             job.table.add_row("" if number else visible(item.name), *row)
         numbers[item.key] = {**job.numbers(made, written), "flags": [flag._asdict() for flag in flags]}
         wrote(written)
     return numbers, failures
+
+
+def _doubt_row(flags: Sequence[Flag]) -> list[list[str]]:
+    """The row of the printed table about the flags that put a recording in doubt; none without such flags."""
+    if not flags:
+        return []
+    stop, lines = any(flag.grade == "stop" for flag in flags), sum(len(flag.text.splitlines()) for flag in flags)
+    return [["doubts", f"{'not usable' if stop else lines}, see below"]]
+
+
+def _say_doubts(label: str, flags: Sequence[Flag]) -> None:
+    """Print the verdict about a recording, and each flag with its meaning."""
+    console.print(visible(f"\n{label}: {verdict(flags)}"), style="bold", highlight=False, soft_wrap=True)
+    for flag in flags:
+        for line in flag.text.splitlines():
+            console.print(visible(f"  {GRADES[flag.grade]}: {line}"), style=STYLES[flag.grade], highlight=False,
+                          soft_wrap=True)  # fmt: skip
+        console.print(visible(f"    {flag.meaning}"), highlight=False, soft_wrap=True)

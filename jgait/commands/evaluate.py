@@ -1,12 +1,15 @@
 """`jgait evaluate`: an estimator on a whole cohort, compared with its reference."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from jaxtyping import PyTree
 
+from jgait import evaluate as evaluation
+from jgait import plot
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
 from jgait.commands.console import console, count, note, say_failures, stop, table_of, visible, write_json, wrote
@@ -14,17 +17,19 @@ from jgait.commands.folder import results_folder
 from jgait.commands.lessons import check_answers, lessons_of, losses_of
 from jgait.commands.pipeline import not_held_out
 from jgait.commands.warnings import say_warnings
+from jgait.estimators import Estimator
 from jgait.estimators.stride_flags import STRIDE_COLUMNS
+from jgait.evaluate import Cohort
 from jgait.notes import to_json
+from jgait.plot import cohort as plot_cohort
 from jgait.report.cohort import DRAWN, drawn
-from jgait.report.page import plain, significant
-from jgait.report.recording import CURVES
+from jgait.report.page import significant
+from jgait.report.recording import readable
+from jgait.tune import LOSSES as KNOWN
+from jgait.types import Recording
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from jgait.estimators import Estimator
-    from jgait.evaluate import Cohort
 
 WITHIN = "_within_2sd_percent"
 """End of the name of a quantity that states how many errors the stated deviations contain."""
@@ -74,8 +79,6 @@ def evaluate(
     recording that cannot be used stops no other. Exit code 0: all recordings were used; 1: some could not be used; 2:
     none.
     """
-    from jgait import evaluate as evaluation
-
     cohort = cohorts.opened(table, dataset, simulated, seed, estimator, paper, params, gyr_unit, acc_unit)
     pipeline, start, source = cohort
     names = [] if loss is None else list(losses_of("--loss", loss))
@@ -111,10 +114,10 @@ def evaluate(
             files = folder.publish(written)
         except OSError as error:
             stop(f"nothing more could be written: {error}")
-    write_json(json_file, plain({
+    write_json(json_file, {
         "estimator": pipeline.name, "recordings": len(results.recordings), "failures": dict(failures),
         "agreement": agreement.astype(object).to_dict("index"), "files": list(map(str, files)),
-    }))  # fmt: skip
+    })  # fmt: skip
     _show(f"{pipeline.name}{', the paper’s pipeline' if paper else ''} on {source.title}", results, agreement,
           has_strides="stride_time" in (pipeline.about.losses or ()))  # fmt: skip
     if judged is not None:
@@ -127,7 +130,7 @@ def evaluate(
 
 
 def _judged(
-    pipeline: "Estimator[PyTree, PyTree]", source: cohorts.Source, start: PyTree, names: list[str],
+    pipeline: Estimator[PyTree, PyTree], source: cohorts.Source, start: PyTree, names: list[str],
     said: list[tuple[str, str]],
 ) -> "pd.DataFrame":  # fmt: skip
     """The errors of the recordings in each loss, empty where a reference cannot answer it; `said` are failures that
@@ -135,25 +138,33 @@ def _judged(
     """
     import pandas as pd
 
-    from jgait import evaluate as evaluation
-
+    source = source._replace(items=list(source.walks([], lambda _: None)), read=None)
+    pipeline = pipeline._replace(prepare=_once(pipeline.prepare))
     tables = []
     for name in names:
         failures: list[tuple[str, str]] = []
         try:
             lessons = lessons_of(pipeline, source, start, [], failures, [name])
+            say_failures([failure for failure in failures if failure not in said])
+            tables.append(evaluation.judged(pipeline, start, lessons, [name]).set_index(["recording", "subject"]))
         except ValueError as error:
             note(f"--loss: {error}")
-            continue
-        say_failures([failure for failure in failures if failure not in said])
-        tables.append(evaluation.judged(pipeline, start, lessons, [name]).set_index(["recording", "subject"]))
     return pd.concat(tables, axis=1).reset_index() if tables else pd.DataFrame(columns=["recording", "subject"])
 
 
-def _show_losses(judged: "pd.DataFrame", names: list[str]) -> None:
-    """Print the errors over the recordings."""
-    from jgait.tune import LOSSES as KNOWN
+def _once(prepare: Callable[[Recording], PyTree]) -> Callable[[Recording], PyTree]:
+    """The function, with the results of earlier calls by the recording's name."""
+    known: dict[str, PyTree] = {}
 
+    def prepared(recording: Recording) -> PyTree:
+        if recording.name not in known:
+            known[recording.name] = prepare(recording)
+        return known[recording.name]
+
+    return prepared
+
+
+def _show_losses(judged: "pd.DataFrame", names: list[str]) -> None:
     console.print("\nlosses, over the recordings", style="italic")
     shown = table_of("loss", "error", "recordings", "median", "mean", "worst", left=2)
     for name in judged.columns.intersection(names):
@@ -163,11 +174,7 @@ def _show_losses(judged: "pd.DataFrame", names: list[str]) -> None:
     console.print(shown)
 
 
-def _write(out: Path, results: "Cohort", agreement: "pd.DataFrame") -> list[Path]:
-    """Write tables and figures; returns their files."""
-    from jgait import plot
-    from jgait.plot import cohort as plot_cohort
-
+def _write(out: Path, results: Cohort, agreement: "pd.DataFrame") -> list[Path]:
     tables = {
         "recordings": results.recordings, "quantities": results.quantities, "strides": results.strides,
         "agreement": agreement.reset_index(), "failures": results.failures,
@@ -184,15 +191,15 @@ def _write(out: Path, results: "Cohort", agreement: "pd.DataFrame") -> list[Path
 
 
 def _label(name: str) -> str:
-    words, _, unit = name.rpartition("_")
-    return visible(f"{words.replace('_', ' ')} [{unit}]") if words else name
+    words, unit = readable(name)
+    return visible(f"{words} [{unit}]" if unit else words)
 
 
 def _span(low: float, high: float) -> str:
     return "–" if not math.isfinite(low) else f"{significant(low)} … {significant(high)}"
 
 
-def _show(title: str, results: "Cohort", agreement: "pd.DataFrame", *, has_strides: bool) -> None:
+def _show(title: str, results: Cohort, agreement: "pd.DataFrame", *, has_strides: bool) -> None:
     """Print the results in tables that fit a terminal."""
     recordings = results.recordings
     console.print(
@@ -200,10 +207,10 @@ def _show(title: str, results: "Cohort", agreement: "pd.DataFrame", *, has_strid
         f"{count(recordings['subject'].nunique(), 'person', 'people')}, "
         f"{recordings['seconds'].sum():.0f} s recorded", highlight=False,
     )  # fmt: skip
-    covered = [name for name in agreement.index if name.endswith(WITHIN) and agreement["n"][name]]
-    compared = [name for name in agreement.index if "_rmse_" not in name and agreement["n"][name]]
-    compared = [name for name in compared if name not in covered]
-    shapes = [name for name in agreement.index if "_rmse_" in name and agreement["n"][name]]
+    known = list(agreement.index[agreement["n"] > 0])
+    covered = [name for name in known if name.endswith(WITHIN)]
+    shapes = [name for name in known if "_rmse_" in name]
+    compared = [name for name in known if name not in (*covered, *shapes)]
     if compared:
         console.print("\nagreement with the reference", style="italic")
         shown = table_of("quantity", "n / people", "bias", "95 % limits", "mean |error|", "worst", "ICC(2,1)")
@@ -246,15 +253,11 @@ def _show(title: str, results: "Cohort", agreement: "pd.DataFrame", *, has_strid
 
 
 def _show_shapes(rows: "pd.DataFrame", names: list[str]) -> None:
-    """Print the root mean square errors of whole recordings."""
     meaning = "feet turned and shifted to fit" if names[0].startswith("foot") else "offsets while standing included"
     console.print(f"\nroot mean square error of whole recordings, {meaning}", style="italic")
     shown = table_of("quantity", "recordings", "median", "mean", "worst")
-    units = {"deg": "°", "cm": "cm"}
     for name in names:
-        part, _, unit, side = name.rsplit("_", 3)
         errors = rows.loc[rows["quantity"] == name, "estimate"].dropna()
-        word = CURVES.get(part, part)
         numbers = (significant(v) for v in (errors.median(), errors.mean(), errors.max()))
-        shown.add_row(visible(f"{word}, {side} [{units[unit]}]"), str(len(errors)), *numbers)
+        shown.add_row(_label(name), str(len(errors)), *numbers)
     console.print(shown)

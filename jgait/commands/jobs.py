@@ -1,6 +1,5 @@
 """What `jgait estimate` does with each recording: one estimator, or all that the sensors allow."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -10,14 +9,26 @@ import numpy as np
 from jaxtyping import PyTree
 from rich.table import Table
 
+from jgait import io
 from jgait.commands import results
 from jgait.commands.console import table_of
 from jgait.commands.pipeline import Choice
 from jgait.estimators.about import EstimatedRecording
+from jgait.estimators.combined import Analysis, analyse
 from jgait.estimators.notes import without_repeats
 from jgait.estimators.stride_flags import STRIDE_FLAGS
-from jgait.estimators.totals import CAPTION, has_legs, has_strides, totals
+from jgait.estimators.totals import (
+    CAPTION,
+    FOOT_PATH,
+    JOINT_ANGLES,
+    LEG_STRIDES,
+    WAY,
+    has_legs,
+    has_strides,
+    totals,
+)
 from jgait.notes import Note
+from jgait.report.analysis import QUANTITIES
 from jgait.report.flags import of_result
 from jgait.report.page import Flag
 from jgait.types import Recording
@@ -26,7 +37,11 @@ ENDINGS = ("csv", "parquet", "json")
 """Formats of tables."""
 
 TABLES = ("strides", "bouts", "contacts", "sources", "samples")
-FIGURES = ("strides", "angles", "foot_path", "distance")
+FIGURES = (
+    LEG_STRIDES, JOINT_ANGLES._replace(when=has_legs), FOOT_PATH._replace(when=has_legs),
+    WAY._replace(when=lambda estimate: estimate.distance is not None and has_strides(estimate)),
+)  # fmt: skip
+"""Tables and figures of all sensors together."""
 
 
 class EstimateJob(NamedTuple):
@@ -71,45 +86,24 @@ def one_estimator(choice: Choice, p: PyTree, title: str, ending: str, lacking: S
 
 def all_sensors(person: Mapping[str, PyTree], ending: str) -> EstimateJob:
     """Every estimator that has its sensors."""
-    from jgait.estimators.combined import analyse
 
     def planned(name: str) -> list[str]:
-        return [f"{name}_{table}.{ending}" for table in TABLES] + [f"{name}_{figure}.png" for figure in FIGURES]
+        return [f"{name}_{table}.{ending}" for table in TABLES] + [f"{name}_{figure.file}.png" for figure in FIGURES]
+
+    def write(made: Analysis, out: Path, name: str) -> list[Path]:
+        tables = io.analysis_to_dataframes(made).items()
+        files = [io.write_table(rows, out / f"{name}_{key}.{ending}") for key, rows in tables if len(rows)]
+        return files + results.drawn(made, FIGURES, out, name)
 
     table = table_of("recording", "quantity", "combined", "each alone", left=4, title="all sensors together")
     return EstimateJob(
-        "all", table, CAPTION, planned,
-        partial(analyse, person=person), lambda made: made.notes, lambda made: of_result(made.estimate, made.notes),
-        partial(_written, ending=ending), _rows, _numbers,
+        "all", table, CAPTION, planned, partial(analyse, person=person), lambda made: made.notes,
+        lambda made: of_result(made.estimate, made.notes), write, _rows, _numbers,
     )  # fmt: skip
 
 
-def _written(made: PyTree, out: Path, name: str, *, ending: str) -> list[Path]:
-    """Write the tables and figures of an analysis."""
-    from jgait import io, plot
-
-    estimate = made.estimate
-    files = [
-        io.write_table(table, out / f"{name}_{key}.{ending}")
-        for key, table in io.analysis_to_dataframes(made).items()
-        if len(table)
-    ]
-    figures = {
-        "strides": (plot.leg_strides, has_strides(estimate)),
-        "angles": (plot.joint_angles, has_legs(estimate)),
-        "foot_path": (plot.foot_path, has_legs(estimate)),
-        "distance": (plot.distance, estimate.distance is not None and has_strides(estimate)),
-    }
-    for key, (draw, there) in figures.items():
-        if there:
-            files.append(plot.save(draw(estimate, title=name), out / f"{name}_{key}.png"))
-    return files
-
-
-def _rows(made: PyTree) -> list[list[str]]:
+def _rows(made: Analysis) -> list[list[str]]:
     """A row for each quantity: the combined value with its standard deviation, and the value of each source."""
-    from jgait.report.analysis import QUANTITIES
-
     alone: dict[str, list[str]] = {}
     for one in made.comparisons:
         if one.source != "combined":
@@ -121,23 +115,14 @@ def _rows(made: PyTree) -> list[list[str]]:
     ]
 
 
-def _numbers(made: PyTree, files: list[Path]) -> dict[str, PyTree]:
+def _numbers(made: Analysis, files: list[Path]) -> dict[str, PyTree]:
     """The JSON numbers of an analysis: its tables but for the samples, notes, and the person."""
-    from jgait import io
-
-    tables = io.analysis_to_dataframes(made)
-    rows = {
-        name: json.loads(table.to_json(orient="records", double_precision=6))
-        for name, table in tables.items() if name != "samples" and len(table)
-    }  # fmt: skip
-    combined = {c.quantity: c for c in made.comparisons if c.source == "combined"}
-    distance = combined.get("distance")
+    distance = next((c for c in made.comparisons if (c.source, c.quantity) == ("combined", "distance")), None)
+    tables = io.analysis_to_dataframes(made).items()
     return {
-        "duration_s": float(made.estimate.time[-1] - made.estimate.time[0]),
+        **results.of_any(made.estimate, made.notes, files),
         "distance_m": None if distance is None else distance.value,
         "distance_std_m": None if distance is None else distance.stddev,
         "person": made.person,
-        "notes": [note.to_dict() for note in made.notes],
-        "files": [str(path) for path in files],
-        **rows,
+        **{name: results.records(rows) for name, rows in tables if name != "samples" and len(rows)},
     }

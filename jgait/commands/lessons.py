@@ -1,26 +1,23 @@
 """The losses that an option names, and the walks of a cohort prepared for them."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait import tune as tuning
 from jgait.commands import cohort as cohorts
 from jgait.commands.console import Bar, note, progress, stop
 from jgait.commands.pipeline import measures_of
 from jgait.estimators import Estimator
 from jgait.estimators.proportions import SENSOR_SHARE
+from jgait.params import check_params
+from jgait.tune import Lessons, objective, parsed
 from jgait.types import RecordingError, Walk
-
-if TYPE_CHECKING:
-    from jgait.tune import Lessons
 
 
 def losses_of(option: str, text: str) -> dict[str, float]:
     """The losses and weights of an option; exits with code 2 if they cannot be read."""
-    from jgait.tune import parsed
-
     try:
         return parsed(text)
     except ValueError as error:
@@ -29,8 +26,6 @@ def losses_of(option: str, text: str) -> dict[str, float]:
 
 def check_answers(pipeline: Estimator[PyTree, PyTree], losses: Sequence[str]) -> None:
     """Exit with code 2 if an estimator cannot answer one of the losses."""
-    from jgait.tune import objective
-
     try:
         objective(pipeline, None, dict.fromkeys(losses, 1.0))
     except ValueError as error:
@@ -40,16 +35,13 @@ def check_answers(pipeline: Estimator[PyTree, PyTree], losses: Sequence[str]) ->
 def lessons_of(
     pipeline: Estimator[PyTree, PyTree], source: cohorts.Source, start: PyTree, names: list[str],
     failures: list[tuple[str, str]], losses: Sequence[str],
-) -> "Lessons":  # fmt: skip
+) -> Lessons:  # fmt: skip
     """The lessons of the cohort, with the measures of each person. A walk whose reference cannot answer one of the
     losses is a failure.
 
     Raises:
         ValueError: if there are none.
     """
-    from jgait import tune as tuning
-    from jgait.params import check_params
-
     learned = {name.split(".")[0] for name in names}
     parameters = {m.name: m.parameter or m.name for m in pipeline.about.measures if m.name in measures_of(pipeline)}
     learned |= {name for name, parameter in parameters.items() if parameter in learned}

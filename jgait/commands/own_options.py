@@ -111,8 +111,6 @@ def _number(text: str) -> float:
 
 
 def _in_metres(variable: str, low: float, high: float) -> Callable[[float | None], float | None]:
-    """The check of an option in metres, for typer."""
-
     def checked(value: float | None) -> float | None:
         wrong = "" if value is None else outside(variable.replace("_", " "), value, low, high)
         if wrong:

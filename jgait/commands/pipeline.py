@@ -7,12 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait import estimators
+from jgait import estimators, io
 from jgait.commands.console import note, stop
 from jgait.commands.own_options import given_of, refuse
 from jgait.estimators import About, Estimator, proportions
 from jgait.estimators.about import Settings
 from jgait.notes import DEFAULT_MEASURE, Kind, Note
+from jgait.params import check_params
 from jgait.types import Estimate, Recording
 
 NOT_HELD_OUT = Kind(
@@ -100,8 +101,6 @@ def settings_of(about: About, paper: bool, file: Path | None = None) -> Settings
 
     Exits with code 2 if the file of parameters cannot be read, or was tuned with settings that do not exist.
     """
-    from jgait import io
-
     options: Any = about.paper if paper else about.default
     tuned: dict[str, Any] = {}
     if file is not None:
@@ -148,9 +147,6 @@ def measures_of(estimator: Estimator[PyTree, PyTree]) -> tuple[str, ...]:
 
 def start_of(estimator: Estimator[PyTree, PyTree], file: Path | None, paper: bool) -> PyTree:
     """The estimator's default parameters, or those of a file; exits with code 2 if the file cannot be used."""
-    from jgait import io
-    from jgait.params import check_params
-
     if file is None:
         return estimator.params
     try:
@@ -168,8 +164,6 @@ def start_of(estimator: Estimator[PyTree, PyTree], file: Path | None, paper: boo
 
 def not_held_out(file: Path | None) -> tuple[Note, ...]:
     """The note that a file of parameters was tuned on a cohort, with the errors held out; empty if it was not."""
-    from jgait import io
-
     made = {} if file is None else io.made_of(file)[1]
     if file is None or not made.get("cohort"):
         return ()

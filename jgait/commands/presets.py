@@ -1,13 +1,12 @@
 """`jgait presets`: the tuned parameters that come with jgait."""
 
+from jgait import io
 from jgait.commands.console import console, table_of, visible
 from jgait.report.page import significant
 
 
 def presets() -> None:
     """List the tuned parameters that come with jgait; any command takes them by `--params preset:NAME`."""
-    from jgait import io
-
     if not io.preset_names():
         console.print(
             "none come with this version: no tuned parameters were better than the defaults on walks left out"
@@ -17,7 +16,7 @@ def presets() -> None:
     for name in io.preset_names():
         estimator, made = io.made_of(f"preset:{name}")
         held = made["held_out"]
-        what = f"{held['error']} [{held['unit']}], median of {held['n']}"
+        what = f"{held['error']} [{held['unit']}], median of {held['n']} {made.get('left_out', 'people')}"
         cells = (name, estimator, made["loss"], made["cohort"], what)
         shown.add_row(*map(visible, cells), significant(held["before"]), significant(held["after"]))
     console.print(shown)

@@ -7,8 +7,10 @@ from typing import Annotated, NamedTuple
 import typer
 from jaxtyping import PyTree
 
+from jgait import io
 from jgait.commands.console import stop
-from jgait.types import Recording, RecordingError
+from jgait.io.formats import columns
+from jgait.types import PLACEMENTS, Recording, RecordingError
 
 Rate = Annotated[float | None, typer.Option(help="Samples a second [Hz]; needed without a time column.")]
 RangeUnit = Annotated[str, typer.Option(help="Of the column feet_range: m, cm or mm.")]
@@ -69,8 +71,6 @@ def in_options(error: RecordingError, *names: str) -> RecordingError:
 
 def places_of(given: list[str] | None) -> tuple[str | None, dict[str, str]]:
     """The placement for files of one sensor, and sensor → placement; exits with code 2 for any other text."""
-    from jgait.types import PLACEMENTS
-
     alone: str | None = None
     places: dict[str, str] = {}
     for text in given or ():
@@ -111,8 +111,6 @@ class Item(NamedTuple):
 
 def trials_of(file: Path, name: str, format: str | None, trial: str | None) -> list[Item]:
     """The recordings of a file: every trial of a Mobilise-D file, or the one that is asked for; else the file."""
-    from jgait import io
-
     try:
         several = trial is None and file.is_file() and (format or io.format_of(file)) == "mobilised"
         trials = io.mobilised_trials(file) if several else ()
@@ -154,9 +152,6 @@ def recording_of(
         OSError: if the file does not exist, or may not be read.
         ValueError: for unknown units or formats; `RecordingError` for a recording that cannot be used.
     """
-    from jgait import io
-    from jgait.io.formats import columns
-
     gyr_unit, acc_unit = (unit and unit.lower() for unit in (gyr_unit, acc_unit))
     try:
         kind = format or (io.format_of(file) if file.exists() else "csv")

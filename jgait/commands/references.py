@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jgait import io
 from jgait.io.clock import CLOCK_FROM_FIRST
 from jgait.io.rows import read_table
 from jgait.io.strides import TIMES
@@ -46,8 +47,6 @@ def with_reference(
     recording: Recording, way: float | None, files: Sequence[Path | None], info: dict[str, object]
 ) -> Walk:
     """A recording with the reference of its row: a distance [m], or None, and files of samples and of strides."""
-    from jgait import io
-
     if not any(files):
         return Walk(recording, None if way is None else _walked(recording, way), info)
     time = np.asarray(next(iter(recording.sensors.values())).time, float)

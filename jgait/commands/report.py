@@ -4,11 +4,13 @@ import shlex
 import sys
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from jaxtyping import PyTree
 
+from jgait import datasets
+from jgait import report as reports
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
 from jgait.commands.console import console, count, note, say_failures, stop, wrote
@@ -16,11 +18,12 @@ from jgait.commands.folder import keep_inputs, unfinished
 from jgait.commands.own_options import own_options, with_own_options
 from jgait.commands.person import PersonFile, person_in, person_of
 from jgait.commands.pipeline import Choice, chosen, measures_of, not_held_out
+from jgait.estimators.combined import MEASURES, analyse
 from jgait.notes import grouped
+from jgait.params import check_params
+from jgait.report import Report
+from jgait.report import folder as folders
 from jgait.types import Walk, reason_of
-
-if TYPE_CHECKING:
-    from jgait.report import Report
 
 ENDINGS = (".html", ".htm")
 """Endings of the name of a page."""
@@ -120,8 +123,6 @@ def _by_name(word: str) -> str:
 
 def _walk(file: Path | None, dataset: str | None, name: str | None, files: dict[str, Any]) -> Walk:
     """One recording of a file or of a data set; exits with code 2 if it cannot be used."""
-    from jgait import datasets
-
     try:
         if dataset is None:
             return Walk(recordings.recording_of(Path(str(file)), **files), None, {})
@@ -137,11 +138,8 @@ def _walk(file: Path | None, dataset: str | None, name: str | None, files: dict[
         stop(f"{file or dataset}: {reason_of(error)}")
 
 
-def _of_one(walk: Walk, data: str, choice: Choice, person: dict[str, PyTree], command: str) -> "Report":
+def _of_one(walk: Walk, data: str, choice: Choice, person: dict[str, PyTree], command: str) -> Report:
     """The page of one recording by one estimator; exits with code 2 if it cannot be used."""
-    from jgait import report as reports
-    from jgait.params import check_params
-
     estimator = choice.estimator
     p, missing = choice.personal({**cohorts.body(walk, measures_of(estimator)), **person})
     for line in missing:
@@ -158,11 +156,8 @@ def _of_one(walk: Walk, data: str, choice: Choice, person: dict[str, PyTree], co
     return reports.of_estimate(result, walk.recording, reference=walk.reference, made=made)
 
 
-def _of_all(walk: Walk, data: str, person: dict[str, PyTree], command: str) -> "Report":
+def _of_all(walk: Walk, data: str, person: dict[str, PyTree], command: str) -> Report:
     """The page of one recording by all its sensors; exits with code 2 if it cannot be used."""
-    from jgait import report as reports
-    from jgait.estimators.combined import MEASURES, analyse
-
     known = cohorts.body(walk, tuple({name for names in MEASURES.values() for name in names}))
     try:
         analysis = analyse(walk.recording, {**known, **person})
@@ -177,10 +172,8 @@ def _of_all(walk: Walk, data: str, person: dict[str, PyTree], command: str) -> "
 def _of_cohort(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, estimator: str, paper: bool,
     params: Path | None, files: dict[str, Any], command: str, outputs: tuple[Path | None, ...],
-) -> tuple["Report", list[tuple[str, str]]]:  # fmt: skip
+) -> tuple[Report, list[tuple[str, str]]]:  # fmt: skip
     """The page of a cohort whose results are computed now."""
-    from jgait import report as reports
-
     cohort = cohorts.opened(
         table, dataset, simulated, seed, estimator, paper, params, files["gyr_unit"], files["acc_unit"]
     )
@@ -199,11 +192,8 @@ def _of_cohort(
     return reports.of_cohort(results, title=source.title, failures=failures, made=made), failures
 
 
-def _of_folder(folder: Path, command: str) -> tuple["Report", list[tuple[str, str]]]:
+def _of_folder(folder: Path, command: str) -> tuple[Report, list[tuple[str, str]]]:
     """The page of the results of `jgait evaluate` in a folder."""
-    from jgait import report as reports
-    from jgait.report import folder as folders
-
     try:
         if unfinished(folder, "evaluate"):
             stop(f"{folder} holds an evaluation that did not end; repeat it")
@@ -222,7 +212,7 @@ def _of_folder(folder: Path, command: str) -> tuple["Report", list[tuple[str, st
         stop(f"{folder} is no folder that jgait evaluate wrote: {reason_of(error)}")
 
 
-def _write(page: "Report", out: Path, json_file: Path | None) -> None:
+def _write(page: Report, out: Path, json_file: Path | None) -> None:
     """Write the page, and the numbers if a file is given; exits with code 2 if they cannot be written."""
     written = [(page.save, out)] + ([(page.save_numbers, json_file)] if json_file is not None else [])
     for save, path in written:

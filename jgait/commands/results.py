@@ -1,13 +1,16 @@
 """The tables, figures and numbers that `jgait estimate` writes, as the estimator's `about` defines them."""
 
 import json
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxtyping import PyTree
 
-from jgait.estimators.about import About, EstimatedRecording, EstimateTable
+from jgait import io, plot
+from jgait.estimators.about import About, EstimatedRecording, EstimateFigure, EstimateTable
 from jgait.estimators.stride_flags import marks, regular
+from jgait.notes import Note
 from jgait.types import Estimate
 
 if TYPE_CHECKING:
@@ -23,25 +26,28 @@ def planned(about: About, name: str, ending: str = "csv") -> list[str]:
 
 def written(made: EstimatedRecording, about: About, out: Path, name: str, ending: str = "csv") -> list[Path]:
     """Write tables and figures of one recording into a folder; their names begin with `name`. Returns their paths."""
-    from jgait import io, plot
+    files = [
+        io.write_table(rows_of(table, made.estimate, about), out / f"{name}_{table.name}.{ending}")
+        for table in about.tables
+        if table.when(made.estimate)
+    ]
+    return files + drawn(made, about.figures, out, name)
 
+
+def drawn(made: PyTree, figures: Sequence[EstimateFigure], out: Path, name: str) -> list[Path]:
+    """Draw the figures that there are into a folder; returns their paths."""
     files = []
-    for table in about.tables:
-        if table.when(made.estimate):
-            files.append(io.write_table(rows_of(table, made.estimate, about), out / f"{name}_{table.name}.{ending}"))
-    for figure in about.figures:
+    for figure in figures:
         if figure.when(made.estimate):
             arguments, words = figure.arguments(made)
-            drawn = getattr(plot, figure.plot)(*arguments, title=name, **words)
-            files.append(plot.save(drawn, out / f"{name}_{figure.file}.png"))
+            whole = getattr(plot, figure.plot)(*arguments, title=name, **words)
+            files.append(plot.save(whole, out / f"{name}_{figure.file}.png"))
     return files
 
 
 def rows_of(table: EstimateTable, estimate: Estimate, about: About) -> "pd.DataFrame":
     """The rows of one of the estimator's tables."""
     import pandas as pd
-
-    from jgait import io
 
     if table.rows == "samples":
         return io.to_dataframe(estimate)
@@ -54,8 +60,6 @@ def rows_of(table: EstimateTable, estimate: Estimate, about: About) -> "pd.DataF
 
 def special(estimate: Estimate, about: About) -> list[list[str]]:
     """The flags of each stride in words, in the order of the table of strides."""
-    from jgait import io
-
     flagged = marks(estimate, about.flags)
     words = {flag.name: flag.word for flag in about.flags}
     rows = range(len(io.strides_to_dataframe(estimate)))
@@ -64,20 +68,26 @@ def special(estimate: Estimate, about: About) -> list[list[str]]:
 
 def numbers(estimate: Estimate, about: About, files: list[Path]) -> dict[str, Any]:
     """The JSON numbers of one recording."""
-    distance = None if estimate.distance is None else float(estimate.distance[-1])
-    of_all = {
+    tables = {}
+    for table in (table for table in about.tables if table.json):
+        rows = rows_of(table, estimate, about)
+        tables[table.json] = records(
+            rows.assign(special=special(estimate, about)) if table.rows == "strides" else rows
+        )  # fmt: skip
+    distance = {"distance_m": None if estimate.distance is None else float(estimate.distance[-1])}
+    return {**of_any(estimate, estimate.diagnostics["notes"], files), **distance, **about.numbers(estimate), **tables}
+
+
+def of_any(estimate: Estimate, notes: Iterable[Note], files: list[Path]) -> dict[str, Any]:
+    """The JSON numbers that every result has."""
+    return {
         "duration_s": float(estimate.time[-1] - estimate.time[0]),
-        "distance_m": distance,
-        "notes": [note.to_dict() for note in estimate.diagnostics["notes"]],
+        "notes": [note.to_dict() for note in notes],
         "files": [str(path) for path in files],
     }
-    tables = {table.json: _records(table, estimate, about) for table in about.tables if table.json}
-    return {**of_all, **about.numbers(estimate), **tables}
 
 
-def _records(table: EstimateTable, estimate: Estimate, about: About) -> list[dict[str, PyTree]]:
-    frame = rows_of(table, estimate, about)
-    if table.rows == "strides":
-        frame = frame.assign(special=special(estimate, about))
-    records: list[dict[str, PyTree]] = json.loads(frame.to_json(orient="records", double_precision=6))
-    return records
+def records(table: "pd.DataFrame") -> list[dict[str, Any]]:
+    """The rows of a table as JSON values."""
+    rows: list[dict[str, Any]] = json.loads(table.to_json(orient="records", double_precision=6))
+    return rows

@@ -2,19 +2,22 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import jax
 import numpy as np
 import typer
 from jaxtyping import PRNGKeyArray
 
+from jgait import io
+from jgait import simulate as simulation
 from jgait.commands.console import Bar, console, count, progress, stop, table_of, visible, write_json
 from jgait.commands.folder import results_folder
-
-if TYPE_CHECKING:
-    from jgait.simulate.protocols import Walked
-    from jgait.simulate.routes import Route
+from jgait.simulate import protocols, sensors
+from jgait.simulate import sensors as worn_sensors
+from jgait.simulate.protocols import Walked
+from jgait.simulate.routes import Route
+from jgait.types import PLACEMENTS
 
 ROUTES = {
     "straight": (1, "length"), "u_turn": (1, "length"), "about_turn": (1, "length"), "rectangle": (2, "a,b"),
@@ -104,9 +107,6 @@ def simulate(
 
 def _options(sensors: str | None, rate: float | None, worn: tuple[str, ...] | None) -> dict[str, Any]:
     """The options of the sensors; exits with code 2 for an unknown sensor, rate or placement."""
-    from jgait.simulate import sensors as worn_sensors
-    from jgait.types import PLACEMENTS
-
     known = {name.lower(): errors for name, errors in vars(worn_sensors).items()
              if isinstance(errors, worn_sensors.ImuErrors)}  # fmt: skip
     if sensors is not None and sensors.lower() not in known:
@@ -122,10 +122,8 @@ def _options(sensors: str | None, rate: float | None, worn: tuple[str, ...] | No
 
 def _walks(
     people: int, route: str, gait: str | None, protocol: str | None, options: dict[str, Any], seed: int
-) -> Callable[[], Iterator["Walked"]]:
+) -> Callable[[], Iterator[Walked]]:
     """A function that simulates walks one by one; exits with code 2 for an unknown route, gait or protocol."""
-    from jgait.simulate import protocols
-
     key = jax.random.key(seed)
     if gait is not None and (gait not in GAITS or protocol is not None):
         stop(f"--gait must be one of {', '.join(GAITS)}, without --protocol; got {gait!r}")
@@ -138,14 +136,8 @@ def _walks(
     return lambda: _drawn(key, people, along, gait, options)
 
 
-def _drawn(
-    key: PRNGKeyArray, people: int, along: "Route", gait: str | None, options: dict[str, Any]
-) -> Iterator["Walked"]:
+def _drawn(key: PRNGKeyArray, people: int, along: Route, gait: str | None, options: dict[str, Any]) -> Iterator[Walked]:
     """People drawn from the norms on one route, in a gait that is not the usual one if it is given."""
-    from jgait import simulate as simulation
-    from jgait.simulate import sensors
-    from jgait.simulate.protocols import Walked
-
     who, how = jax.random.split(key)
     drawn = simulation.population(who, people)
     keys = [jax.random.fold_in(how, i) for i in range(people)]
@@ -160,10 +152,8 @@ def _drawn(
         yield Walked(recording, truth, {"person": person, "distance": distance})
 
 
-def _route(text: str) -> "Route":
+def _route(text: str) -> Route:
     """The route of a text; exits with code 2 for a text that is no route."""
-    from jgait import simulate as simulation
-
     name, _, lengths = text.partition(":")
     expected = "--route is straight:LENGTH, u_turn:LENGTH, about_turn:LENGTH, rectangle:A,B or circle:RADIUS in metres"
     if name not in ROUTES:
@@ -177,10 +167,8 @@ def _route(text: str) -> "Route":
     return getattr(simulation, name)(*metres)
 
 
-def _written(walk: "Walked", out: Path, files: list[Path]) -> dict[str, Any]:
+def _written(walk: Walked, out: Path, files: list[Path]) -> dict[str, Any]:
     """Write the files of a walk, and add them to the list; returns the numbers of the walk."""
-    from jgait import io
-
     recording, truth, extra = walk
     body = extra["person"].body
     name = recording.name
@@ -206,10 +194,7 @@ def _written(walk: "Walked", out: Path, files: list[Path]) -> dict[str, Any]:
 
 
 def _cohort(file: Path, written: dict[str, Any]) -> Path:
-    """Write the table of the cohort for `jgait evaluate`."""
     import pandas as pd
-
-    from jgait import io
 
     table = pd.DataFrame(list(written.values()))
     return io.write_csv(table.drop(columns=["duration_s", "strides", "sensors"]), file)

@@ -8,12 +8,14 @@ import typer
 from jaxtyping import PyTree
 
 from jgait.commands import cohort as cohorts
-from jgait.commands import recordings
+from jgait.commands import recordings, tune_report, tune_run
 from jgait.commands.console import Bar, console, note, progress, say_failures, stop
 from jgait.commands.folder import results_folder
 from jgait.commands.lessons import check_answers, lessons_of, losses_of
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 from jgait.estimators import Estimator
+from jgait.params import freed
+from jgait.tune.checkpoint import OtherFitError
 
 SOFT = frozenset({"softness", "threshold_factor"})
 """Parameters of soft stances: who frees one of them gets soft stances, for the hard decision has no gradient."""
@@ -57,9 +59,6 @@ def tune(
     Writes tuned.json (for `jgait evaluate --params` and `jgait estimate --params`), held_out.csv and figures. Exit
     code 0: all recordings were used; 1: some could not be used; 2: nothing could be learned.
     """
-    from jgait.commands import tune_report, tune_run
-    from jgait.tune.checkpoint import OtherFitError
-
     weights = losses_of("--loss", loss)
     judged = next(iter(weights if judge is None else losses_of("--judge", judge)))
     names = [name.strip() for name in free.split(",") if name.strip()]
@@ -126,8 +125,6 @@ def _tuned_options(options: PyTree) -> dict[str, PyTree]:
 
 def _freed(pipeline: Estimator[PyTree, PyTree], names: list[str]) -> PyTree:
     """The transforms of the learned parameters; exits with code 2 for an unknown name."""
-    from jgait.params import freed
-
     if not names:
         stop("--free names nothing to learn")
     try:

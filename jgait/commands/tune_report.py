@@ -5,17 +5,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from jgait import evaluate, io, plot
 from jgait.commands.console import console, count, note, table_of, visible, write_json, wrote
 from jgait.commands.folder import ResultsFolder
 from jgait.commands.tune_run import Job, TuningResults
+from jgait.evaluate import PairedDifference
+from jgait.plot import cohort as plot_cohort
+from jgait.plot import tuning as plot_tuning
 from jgait.report.made import flat
 from jgait.report.page import significant
 from jgait.tune.words import OFF
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from jgait.evaluate import PairedDifference
 
 PLANNED = ("tuned.json", "training.png", "held_out.csv", "before_after.png")
 """Names of the files that the command may write."""
@@ -43,25 +45,22 @@ def report(
     failures: list[tuple[str, str]], json_file: Path | None,
 ) -> None:  # fmt: skip
     """Write and print everything."""
-    from jgait import evaluate, io, plot
-    from jgait.plot import cohort as plot_cohort
-    from jgait.plot import tuning as plot_tuning
-
     out = folder.stage
     values = _values(job, results)
     spreads = {name: row.stderr for name, row in values.items() if row.stderr is not None}
+    doubts = {"not_learned": list(results.fit.not_learned), "not_determined": results.undetermined}
     held_out = None
     if results.validation is not None:
-        each = results.validation.items
+        each = results.validation.table
         medians = {name: float(each[f"error_{name}"].median()) for name in ("before", "after")}
-        held_out = {"error": job.judged, "unit": job.unit, "n": len(each), **medians}
+        held_out = {"error": job.judged, "unit": job.unit, "n": len(each), **medians}  # of people, or of days
     files = [
         io.write_params(
             out / "tuned.json",
             results.fit.params,
             estimator=job.pipeline.name,
             stderr=spreads,
-            made=how | {"held_out": held_out, "not_determined": results.undetermined},
+            made=how | doubts | {"held_out": held_out},
         ),
         plot.save(plot_tuning.training(results.fit, title=title), out / "training.png"),
     ]
@@ -111,7 +110,7 @@ def report(
         note(line)
     wrote(files)
     write_json(json_file, {
-        **how, "not_determined": results.undetermined, "values": {name: row._asdict() for name, row in values.items()},
+        **how, **doubts, "values": {name: row._asdict() for name, row in values.items()},
         "held_out": None if change is None else change._asdict() | {"unit": job.unit},
         "losses": [float(v) for v in results.fit.losses], "failures": dict(failures), "files": list(map(str, files)),
     })  # fmt: skip
@@ -119,8 +118,6 @@ def report(
 
 def _values(job: Job, results: TuningResults) -> dict[str, LearnedNumber]:
     """Every learned number: its value before and after, and its standard error."""
-    from jgait import io
-
     units = io.units(job.start)
     free, before, after = (flat(params) for params in (results.fit.free, job.start, results.fit.params))
     rows = {name: LearnedNumber(units[name], before[name], after[name]) for name in after if name in free}
@@ -133,7 +130,7 @@ def _values(job: Job, results: TuningResults) -> dict[str, LearnedNumber]:
     return rows
 
 
-def _show_held_out(table: "pd.DataFrame", job: Job, change: "PairedDifference") -> None:
+def _show_held_out(table: "pd.DataFrame", job: Job, change: PairedDifference) -> None:
     """Print the error of each person or day before and after learning from the others, and the verdict."""
     singular, plural = job.groups.one, job.groups.many
     title = f"\n{job.judged} [{job.unit}] of {plural} left out of the tuning, worst first"

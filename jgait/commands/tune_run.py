@@ -1,24 +1,21 @@
 """The computations of `jgait tune`: cross-validation, the fit to all people, and standard errors of the parameters."""
 
 import dataclasses
-import hashlib
-import json
 import math
-import re
 from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
-from jaxtyping import Array, Float, PRNGKeyArray, PyTree
+from jaxtyping import Array, Float, PyTree
 
 from jgait import tune as tuning
 from jgait.commands.console import Bar, console, count
 from jgait.estimators import Estimator
-from jgait.params import priors
+from jgait.params import freed, priors
 from jgait.tune import CrossValidation, Fit, Identifiability, Lessons, Objective, Progress
 from jgait.tune.coordinates import coordinates, natural
 
@@ -55,8 +52,8 @@ class Job(NamedTuple):
     """A tuning task: the parameters to learn, the people, and the settings of the fit.
 
     `free` has transforms that are fixed for all parameters except the learned ones; `groups` are left out in turn;
-    `error`, with the name `judged` and its `unit`, is reported for each person; with `folds` None one subject is left
-    out at a time; `run` is the folder of the checkpoints.
+    `error`, with the name `judged` and its `unit`, is reported for each person; `settings` are arguments of every fit;
+    with `folds` None one subject is left out at a time; `run` is the folder of the checkpoints.
     """
 
     pipeline: Estimator[PyTree, PyTree]
@@ -68,10 +65,7 @@ class Job(NamedTuple):
     error: Objective
     unit: str
     judged: str
-    optimizer: optax.GradientTransformation
-    steps: int
-    starts: int
-    key: PRNGKeyArray
+    settings: dict[str, Any]
     folds: int | None
     run: Path
 
@@ -92,28 +86,23 @@ class TuningResults(NamedTuple):
 
 
 def job_of(
-    pipeline: Estimator[PyTree, PyTree], start: PyTree, freed: PyTree, made: Lessons, loss: dict[str, float],
+    pipeline: Estimator[PyTree, PyTree], start: PyTree, free: PyTree, made: Lessons, loss: dict[str, float],
     judge: str, steps: int, rate: float, starts: int, folds: int | None, seed: int, run: Path,
 ) -> Job:  # fmt: skip
-    """The task of the options; the name of its checkpoint folder is a digest of all inputs of the results.
+    """The task of the options.
 
     Raises:
         ValueError: if the estimator cannot answer the loss or the error.
     """
     judging = tuning.LOSSES[judge]
     objective = tuning.objective(pipeline, made.options, loss)
-    error = tuning.objective(pipeline, made.options, judge)
-    error = dataclasses.replace(error, terms=((judging.error, 1.0),))
+    error = dataclasses.replace(objective, terms=((judging.error, 1.0),))
     optimizer = optax.adam(optax.cosine_decay_schedule(rate, steps))
-    settings = json.dumps([loss, repr(freed), repr(start), repr(made.options), steps, rate, starts, folds, seed])
-    without_addresses = re.sub(r" at 0x[0-9a-f]+", "", settings)
-    digest = hashlib.sha256(without_addresses.encode())
-    for leaf in jax.tree.leaves(made.data):
-        digest.update(np.ascontiguousarray(leaf).tobytes())
-    return Job(
-        pipeline, start, freed, made, groups_of(made), objective, error, judging.unit, judging.words, optimizer, steps,
-        starts, jax.random.key(seed), folds, run / digest.hexdigest()[:12],
-    )  # fmt: skip
+    settings = {
+        "optimizer": optimizer, "steps": steps, "starts": starts, "key": jax.random.key(seed), "priors": priors(start),
+    }  # fmt: skip
+    groups = groups_of(made)
+    return Job(pipeline, start, free, made, groups, objective, error, judging.unit, judging.words, settings, folds, run)
 
 
 def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningResults:
@@ -134,27 +123,28 @@ def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningRes
     elif cross:
         bar(f"learning from other {groups.many} (compiling)", 0, None)
         validation = tuning.cross_validate(
-            job.loss, job.start, job.free, job.made.data, job.optimizer, folds=job.folds, error=job.error,
-            priors=priors(job.start), progress=report(f"learning from other {groups.many}"),
-            checkpoint_file=job.run / "cross_validation.npz",
-            steps=job.steps, starts=job.starts, key=job.key, subjects=groups.labels,
+            job.loss, job.start, job.free, job.made.data, folds=job.folds, error=job.error, subjects=groups.labels,
+            progress=report(f"learning from other {groups.many}"), checkpoint_file=job.run / "cross_validation.npz",
+            **job.settings,
         )  # fmt: skip
     bar("learning from all people (compiling)", 0, None)
     fit = tuning.fit(
-        job.loss, job.start, job.free, job.made.data, job.optimizer, progress=report("learning from all people"),
-        priors=priors(job.start),
-        checkpoint_file=job.run / "fit.npz", steps=job.steps, starts=job.starts, key=job.key,
-        subjects=job.made.subjects,
+        job.loss, job.start, job.free, job.made.data, subjects=job.made.subjects,
+        progress=report("learning from all people"), checkpoint_file=job.run / "fit.npz", **job.settings,
     )  # fmt: skip
     bar("which parameters the data determine (compiling)", 0, None)
-    known, unknown = _determined(job, fit, people, "hessian" if set(loss) == {"likelihood"} else "sandwich")
-    undetermined, errors = ([], None) if known is None else (known.undetermined, None)
-    if known is None or validation is None:
-        moved, errors = _moved(job, fit, set(loss) == {"likelihood"})
-        undetermined = moved if known is None else undetermined
+    known, unknown, moved, errors = None, "", list[str](), None
+    likelihood = set(loss) == {"likelihood"}
+    free = [jax.tree_util.keystr(path).lstrip(".") for path, _ in jax.tree_util.tree_leaves_with_path(fit.free)]
+    learned = [name for name in free if name not in fit.not_learned]
+    if learned:  # what is not learned has been told
+        job = job._replace(free=freed(job.free, *learned))
+        known, unknown = _determined(job, fit, people, "hessian" if likelihood else "sandwich")
+        if known is None or validation is None:
+            moved, errors = _moved(job, fit, likelihood)
     return TuningResults(
-        validation, fit, known, [line for line in (why, unknown) if line], undetermined,
-        errors if validation is None else None,
+        validation, fit, known, [line for line in (why, unknown) if line],
+        moved if known is None else known.undetermined, errors if validation is None else None,
     )  # fmt: skip
 
 
@@ -185,8 +175,7 @@ def _moved(job: Job, fit: Fit[PyTree], nats: bool) -> tuple[list[str], tuple[flo
 
 
 def _determined(job: Job, fit: Fit[PyTree], people: int, information: str) -> tuple[Identifiability | None, str]:
-    """Standard errors, or the reason why there are none."""
-    numbers = sum(int(np.size(leaf)) for leaf in jax.tree.leaves(fit.free))
+    numbers = len(coordinates(fit.params, job.free).names)
     if people <= numbers:
         return None, (
             f"standard errors are left out: {count(numbers, 'number was', 'numbers were')} learned from "

@@ -1,11 +1,11 @@
 """Recordings in batches of one padded length: a thread reads and prepares them while a compiled program runs."""
 
 import functools
-import queue
-import threading
-from collections.abc import Callable, Generator, Hashable, Iterable
+from collections import deque
+from collections.abc import Callable, Generator, Hashable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import jax
 import numpy as np
@@ -17,7 +17,8 @@ from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.programs import BUCKET, bucket
 from jgait.evaluate.devices import sharded
 from jgait.evaluate.scores import Scores
-from jgait.evaluate.store import COLUMNS, Cohort, frame
+from jgait.evaluate.statistics import with_errors
+from jgait.evaluate.store import Cohort, frame
 from jgait.filtering.compile import compiled
 from jgait.notes import to_json
 from jgait.params import check_params
@@ -25,6 +26,10 @@ from jgait.types import Estimate, RecordingError, Walk, as_float, reason_of
 
 WAITING = 3
 """Recordings that may wait in unfilled buckets [batches]; with more, the fullest bucket runs unfilled."""
+
+
+NO_ERRORS = (np.nan,) * 3
+"""The last columns of a table of quantities, before `with_errors`."""
 
 
 class CohortJob(NamedTuple):
@@ -100,8 +105,7 @@ def prepared(job: CohortJob, name: str, item: PyTree) -> Ready | Failed:
 
 def _padded(job: CohortJob, made: Prepared[PyTree]) -> PyTree:
     """The inputs of `run`, padded, in the precision of the computation."""
-    padded: PyTree = jax.tree.map(_lowered, job.estimator.pad(made.inputs, padded_length(np.size(made.inputs.time))))
-    return padded
+    return jax.tree.map(_lowered, job.estimator.pad(made.inputs, padded_length(np.size(made.inputs.time))))
 
 
 def _params(job: CohortJob, walk: Walk) -> PyTree:
@@ -120,46 +124,25 @@ def _lowered(leaf: npt.ArrayLike) -> np.ndarray:
     return array.astype(jax.dtypes.canonicalize_dtype(kind), copy=False)
 
 
-def ahead[T](source: Iterable[T], room: int, x64: bool) -> Generator[T]:
+def ahead[T](source: Iterator[T], room: int, x64: bool) -> Generator[T]:
     """The items of `source`, computed in a thread up to `room` items in advance; its exceptions are raised here.
 
     JAX sets the precision for each thread, here by `x64`.
     """
-    waiting: queue.Queue[tuple[str, PyTree]] = queue.Queue(maxsize=max(1, room))
-    stop = threading.Event()
+    end = object()
 
-    def put(kind: str, value: PyTree) -> bool:
-        while not stop.is_set():
-            try:
-                waiting.put((kind, value), timeout=0.1)
-                return True
-            except queue.Full:
-                continue
-        return False
+    def following() -> T | object:
+        with jax.enable_x64(x64):
+            return next(source, end)
 
-    def work() -> None:
-        try:
-            with jax.enable_x64(x64):
-                for value in source:
-                    if not put("value", value):
-                        return
-            put("end", None)
-        except BaseException as error:  # raised again in the thread that takes the values
-            put("error", error)
-
-    thread = threading.Thread(target=work, name="jgait-cohort", daemon=True)
-    thread.start()
+    pool = ThreadPoolExecutor(1, "jgait-cohort")
     try:
-        while True:
-            kind, value = waiting.get()
-            if kind == "error":
-                raise value
-            if kind == "end":
-                return
-            yield value
+        waiting = deque(pool.submit(following) for _ in range(room))
+        while (value := waiting.popleft().result()) is not end:
+            waiting.append(pool.submit(following))
+            yield cast(T, value)
     finally:
-        stop.set()
-        thread.join()
+        pool.shutdown(cancel_futures=True)
 
 
 def evaluated(job: CohortJob, items: Iterable[tuple[str, PyTree]]) -> Generator[Cohort]:
@@ -255,38 +238,25 @@ def _unusable(estimate: Estimate) -> str | None:
 
 def tables(good: list[tuple[Ready, Estimate, Scores]], failures: list[Failed]) -> Cohort:
     """The tables of a batch: estimates with their scores, and failures."""
-    from jgait.evaluate.statistics import with_errors
+    import pandas as pd
 
+    whose = [(ready.name, ready.walk.recording.subject, estimate, scores) for ready, estimate, scores in good]
     recordings = [
-        (ready.name, ready.walk.recording.subject, estimate.time.size, estimate.time[-1] - estimate.time[0],
-         np.mean(estimate.valid), to_json((*estimate.diagnostics["notes"], *scores.notes)))
-        for ready, estimate, scores in good
+        (*who, estimate.time.size, estimate.time[-1] - estimate.time[0], np.mean(estimate.valid),
+         to_json((*estimate.diagnostics["notes"], *scores.notes)))
+        for *who, estimate, scores in whose
     ]  # fmt: skip
     quantities = [
-        (ready.name, ready.walk.recording.subject, name, *pair)
-        for ready, _, scores in good
-        for name, pair in scores.quantities.items()
+        (*who, name, *pair, *NO_ERRORS) for *who, _, scores in whose for name, pair in scores.quantities.items()
+    ]  # fmt: skip
+    strides = [
+        pd.DataFrame({**scores.strides, "recording": name, "subject": subject})
+        for name, subject, _, scores in whose
+        if scores.strides
     ]
-    lists: dict[str, list[PyTree]] = {name: [] for name in COLUMNS["strides"] if "error" not in name}
-    for ready, _, scores in good:
-        count = len(scores.strides["s_id"]) if scores.strides else 0
-        named = {
-            "recording": [ready.name] * count,
-            "subject": [ready.walk.recording.subject] * count,
-            **scores.strides,
-        }
-        for name, values in lists.items():
-            values.extend(named[name] if count else ())
-    columns = list(zip(*quantities, strict=True)) or [()] * 5
-    first = dict(zip(COLUMNS["quantities"][:5], columns, strict=True))
     return Cohort(
-        frame("recordings", _columns("recordings", recordings)),
-        with_errors(frame("quantities", first)),
-        with_errors(frame("strides", lists)),
-        frame("failures", _columns("failures", failures)),
+        frame("recordings", recordings),
+        with_errors(frame("quantities", quantities)),
+        with_errors(frame("strides", pd.concat(strides) if strides else [])),
+        frame("failures", failures),
     )
-
-
-def _columns(table: str, rows: list[PyTree]) -> dict[str, Any]:
-    names = COLUMNS[table]
-    return dict(zip(names, zip(*rows, strict=True) if rows else [()] * len(names), strict=True))

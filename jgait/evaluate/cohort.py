@@ -13,7 +13,7 @@ from jgait.evaluate import devices, scores
 from jgait.evaluate.buckets import CohortJob, evaluated
 from jgait.evaluate.dask import on_dask
 from jgait.evaluate.scores import Scores
-from jgait.evaluate.store import Cohort, Folder, Memory, described
+from jgait.evaluate.store import Cohort, Folder, described, joined
 from jgait.params import check_params
 from jgait.types import Estimate, Walk
 from jgait.version import __version__
@@ -115,18 +115,19 @@ def cohort(
         batch = -(-batch // local.size) * local.size
     job = CohortJob(estimator, params, own, read, score, batch, local, bool(jax.config.jax_enable_x64))
     rank = jax.process_index() if processes > 1 else 0
-    store = Memory() if out is None else Folder(Path(out), _description(job), rank)
-    named = _named(items, read is not None, store.done(), rank, processes)
+    store = None if out is None else Folder(Path(out), _description(job), rank)
+    named = _named(items, read is not None, frozenset() if store is None else store.done(), rank, processes)
+    kept: list[Cohort] = []
     finished = failed = 0
     with closing(evaluated(job, named) if client is None else on_dask(job, named, client)) as parts:
         for part in parts:
-            store.append(part)
+            kept.append(part) if store is None else store.append(part)
             finished += len(part.recordings) + len(part.failures)
             failed += len(part.failures)
             if progress is not None:
                 progress(finished, failed)
     devices.barrier("jgait.evaluate.cohort")
-    return store.tables()
+    return joined(kept) if store is None else store.tables()
 
 
 def _named(

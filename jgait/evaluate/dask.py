@@ -68,7 +68,6 @@ def _same(job: CohortJob) -> CohortJob:
 
 
 def _result(future: "Future[Cohort]") -> Cohort | None:
-    """The tables of a task; None if its workers died."""
     from distributed import KilledWorker
 
     try:

@@ -72,7 +72,6 @@ def common_samples(estimate: Estimate, reference: Estimate) -> np.ndarray:
 
 
 def _samples(reference: Estimate, window: Window, name: str) -> np.ndarray:
-    """A window as a mask over the reference's samples."""
     time = as_float(reference.time)
     if window is None:
         return np.ones(time.shape, bool)

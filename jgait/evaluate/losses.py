@@ -4,10 +4,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators.interface import Estimator
+from jgait.evaluate.buckets import program
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,10 +35,12 @@ def judged[P](estimator: Estimator[P, PyTree], p: P, lessons: "Lessons", names: 
         raise ValueError("; ".join(reasons))
     objective(estimator, lessons.options, dict.fromkeys(names, 1.0))
 
-    def one(lesson: PyTree) -> list[PyTree]:
-        estimate = estimator.run(estimator.own(p, lesson.own), lesson.inputs, lessons.options)
-        return [LOSSES[name].error(estimate, lesson) for name in names]
+    def own(body: dict[str, PyTree], _: PyTree) -> PyTree:
+        return jax.tree.map(jnp.asarray, estimator.own(p, body))
 
-    errors = jax.jit(jax.vmap(one))(lessons.data)
+    data, n = lessons.data, len(lessons.names)
+    # a program of its own, which losses over the same recordings share
+    estimates = program(estimator.run, lessons.options, None)(jax.vmap(own)(data.own, jnp.arange(n)), data.inputs)
+    errors = [jax.jit(jax.vmap(LOSSES[name].error))(estimates, data) for name in names]
     rows: dict[str, PyTree] = {"recording": list(lessons.names), "subject": list(lessons.subjects)}
     return pd.DataFrame(rows | {name: np.asarray(error) for name, error in zip(names, errors, strict=True)})

@@ -11,7 +11,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,6 +19,7 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait.evaluate.statistics import agreement
 from jgait.types import people
 
 if TYPE_CHECKING:
@@ -91,16 +92,14 @@ class Cohort(NamedTuple):
         Args:
             settings: `seed` and `resamples`, as of `jgait.evaluate.agreement`.
         """
-        from jgait.evaluate.statistics import agreement
-
         return agreement(self.paired(), **settings)
 
 
-def frame(table: str, rows: "dict[str, Any] | pd.DataFrame") -> "pd.DataFrame":
+def frame(table: str, rows: "Sequence[Any] | dict[str, Any] | pd.DataFrame") -> "pd.DataFrame":
     """A data frame with the columns of the named table, in their types, equal in memory and on disk."""
     import pandas as pd
 
-    made = pd.DataFrame(rows, columns=list(COLUMNS[table]))
+    made = pd.DataFrame(rows, columns=list(COLUMNS[table])).reset_index(drop=True)
     kinds = {name: str if name in _TEXT else "int64" if name in _WHOLE else "float64" for name in made.columns}
     return made.astype(kinds)
 
@@ -120,25 +119,6 @@ def joined(parts: Iterable[Cohort]) -> Cohort:
     return Cohort(*(table.assign(subject=table["subject"].map(name_of).astype(str)) for table in tables))
 
 
-class Memory:
-    """Tables that are kept in memory."""
-
-    def __init__(self) -> None:
-        self._parts: list[Cohort] = []
-
-    def done(self) -> frozenset[str]:
-        """Recordings that are finished."""
-        return frozenset()
-
-    def append(self, part: Cohort) -> None:
-        """Add the rows of a batch."""
-        self._parts.append(part)
-
-    def tables(self) -> Cohort:
-        """All rows so far."""
-        return joined(self._parts)
-
-
 class Folder:
     """Tables that grow on disk, a folder of CSV files a batch."""
 
@@ -152,8 +132,8 @@ class Folder:
         self._path.mkdir(parents=True, exist_ok=True)
         known = self._path / _DESCRIPTION
         if not known.exists():
-            foreign = sorted(p.name for p in self._path.iterdir() if not p.name.startswith(".") and p != known)
-            if foreign and not known.exists():
+            foreign = sorted(p.name for p in self._path.iterdir() if not p.name.startswith("."))
+            if foreign:
                 raise ValueError(f"out must be empty or hold a cohort; {self._path} holds {', '.join(foreign[:3])}")
             hidden = self._path / f".{rank}-{_DESCRIPTION}"
             _write(hidden, json.dumps(description, indent=1, sort_keys=True, ensure_ascii=False))
@@ -174,10 +154,9 @@ class Folder:
 
     def done(self) -> frozenset[str]:
         """Recordings that are finished, those that failed included."""
-        parts = self._parts()
         return frozenset(
             name
-            for part in parts
+            for part in self._parts()
             for table in ("recordings", "failures")
             for name in read_table(part / f"{table}.csv", table)["recording"]
         )

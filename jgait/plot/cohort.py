@@ -35,7 +35,6 @@ def _unit(text: str, unit: str) -> str:
 
 
 def _rows(table: "pd.DataFrame", quantity: str) -> "pd.DataFrame":
-    """The finite rows of a quantity."""
     require_columns(table, ("subject", "quantity", "estimate", "reference"))
     chosen = table[table["quantity"] == quantity]
     if chosen.empty:

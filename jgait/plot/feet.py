@@ -253,7 +253,6 @@ def leg_strides(estimate: Estimate, *, title: str = "") -> Figure:
 
 
 def _joined(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float) -> None:
-    """Draw a thin line through the strides of each leg."""
     when, values = as_float(estimate.strides.end), values_of(estimate, field)
     for number, side in enumerate(SIDES):
         of_side = rows[np.asarray(estimate.strides.side)[rows] == number]

@@ -106,8 +106,6 @@ def _panels(panels: Mapping[str, Mapping[str, Series]], label: str, power: float
 
 
 def _second(axis: Axes, power: float) -> None:
-    """Add an axis of the mean power [mW] above the axes."""
-
     def both_ways(value: ArrayLike) -> ArrayLike:
         return value
 

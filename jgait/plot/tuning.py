@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 
 REJECTED: Style = {"marker": "x", "color": "black", "markersize": 6.0, "markeredgewidth": 1.4, "linestyle": "none"}
 VALIDATION: Style = {"color": "black", "marker": "o", "markersize": 3.5, "linewidth": 1.0, "linestyle": DASHED}
-BEST: Style = {"marker": "D", "color": RED, "markersize": 5.0, "linestyle": "none"}
+BEST: Style = {
+    "marker": "D", "color": "white", "markeredgecolor": "black", "markeredgewidth": 1.6, "markersize": 8.0,
+    "linestyle": "none", "zorder": 5,
+}  # fmt: skip
 LEVEL = 0.95
 """[1] Coverage probability of the line and the interval of a profile."""
 

@@ -115,7 +115,6 @@ def _times(forward: Array, upward: Array, measured: Array, rate: float) -> tuple
 def _drawn(
     axis: Axes, time: np.ndarray, raw: np.ndarray, contacts: dict[str, np.ndarray], span: tuple[float, float]
 ) -> None:
-    """Draw contacts of both feet as vertical lines and as marks on the acceleration."""
     for side, times in contacts.items():
         of_side = times[windowed(times, span)]
         for when in of_side:

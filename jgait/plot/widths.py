@@ -119,7 +119,6 @@ def _draw(axis: Axes, estimate: Estimate, widths: list[tuple[float, np.ndarray]]
 
 
 def _moving(axis: Axes, estimate: Estimate, rows: np.ndarray) -> None:
-    """Draw the standard deviation of the width over the last strides."""
     width = 100.0 * as_float(estimate.strides.width)[rows]
     there = np.isfinite(width)
     when, width = as_float(estimate.strides.end)[rows][there], width[there]

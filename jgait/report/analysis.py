@@ -1,5 +1,6 @@
 """The page of one recording by all its sensors together."""
 
+from jgait import io
 from jgait.estimators.combined import Analysis
 from jgait.report.made import Made
 from jgait.report.page import Cell, Report, Section, Table, number
@@ -42,7 +43,6 @@ def of_analysis(
 
 
 def _sources(analysis: Analysis) -> Section:
-    """Every quantity as each group of sensors measures it, and combined."""
     rows = []
     for comparison in analysis.comparisons:
         words, unit, digits = QUANTITIES[comparison.quantity]
@@ -63,8 +63,6 @@ def _sources(analysis: Analysis) -> Section:
 
 def _bouts(analysis: Analysis) -> list[Section]:
     """The bouts of walking; none without strides."""
-    from jgait import io
-
     table = io.analysis_to_dataframes(analysis)["bouts"]
     if not len(table):
         return []

@@ -9,7 +9,9 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators import about_of
+from jgait.evaluate import Cohort
 from jgait.notes import from_json
+from jgait.plot import cohort as plot_cohort
 from jgait.report import flags
 from jgait.report.made import Made
 from jgait.report.page import (
@@ -31,8 +33,6 @@ from jgait.report.recording import readable
 if TYPE_CHECKING:
     import pandas as pd
 
-    from jgait.evaluate import Cohort
-
 DRAWN = ("distance_m", "stride_length_m", "stride_width_m", "walking_speed_mps", "stride_duration_s")
 """Quantities with figures, where two people or more have them."""
 
@@ -47,7 +47,7 @@ FEW_PEOPLE = 10
 
 
 def of_cohort(
-    cohort: "Cohort",
+    cohort: Cohort,
     *,
     title: str = "cohort",
     failures: Sequence[tuple[str, str]] | None = None,
@@ -99,8 +99,7 @@ def of_cohort(
     ))  # fmt: skip
 
 
-def _failed(cohort: "Cohort", failures: Sequence[tuple[str, str]]) -> list[Flag]:
-    """The flag of recordings that could not be used."""
+def _failed(cohort: Cohort, failures: Sequence[tuple[str, str]]) -> list[Flag]:
     if not failures:
         return []
     whole = len(cohort.recordings) + len(failures)
@@ -112,7 +111,7 @@ def _failed(cohort: "Cohort", failures: Sequence[tuple[str, str]]) -> list[Flag]
     return [Flag(grade, f"{len(failures)} of {whole} recordings could not be used", meaning)]
 
 
-def _few(cohort: "Cohort", paired: "pd.DataFrame") -> list[Flag]:
+def _few(cohort: Cohort, paired: "pd.DataFrame") -> list[Flag]:
     """The flags of a missing reference and of few people."""
     compared = paired.loc[paired["estimate"].notna()]
     without = len(cohort.recordings) - compared["recording"].nunique()
@@ -130,7 +129,7 @@ def _few(cohort: "Cohort", paired: "pd.DataFrame") -> list[Flag]:
     return raised
 
 
-def _notes(cohort: "Cohort", made: Made) -> list[Flag]:
+def _notes(cohort: Cohort, made: Made) -> list[Flag]:
     """The notes of readers and estimators by meaning: the number of recordings, and one of the notes."""
     counts: Counter[tuple[str, str]] = Counter()
     example: dict[tuple[str, str], str] = {}
@@ -228,8 +227,6 @@ def drawn(paired: "pd.DataFrame") -> Iterator[tuple[str, "pd.DataFrame", str, st
 
 
 def _figures(paired: "pd.DataFrame") -> list[Picture]:
-    from jgait.plot import cohort as plot_cohort
-
     made = []
     for _, rows, words, unit in drawn(paired):
         alt = f"Bland–Altman plot of {words}, {len(rows)} comparisons of {rows['subject'].nunique()} people"
@@ -241,7 +238,7 @@ def _figures(paired: "pd.DataFrame") -> list[Picture]:
     return made
 
 
-def _people(cohort: "Cohort", paired: "pd.DataFrame", lost: Counter[str]) -> Section:
+def _people(cohort: Cohort, paired: "pd.DataFrame", lost: Counter[str]) -> Section:
     """One row for each person: recordings used and failed, and mean errors; `lost` counts failures by subject."""
     used = cohort.recordings.groupby("subject")["recording"].count()
     quantities = [name for name in BY_SUBJECT if paired.loc[paired["quantity"] == name, "error"].notna().any()]
@@ -271,7 +268,7 @@ def _count(value: PyTree) -> Cell:
     return Cell(str(int(value)), float(value))
 
 
-def _recordings(cohort: "Cohort") -> Section:
+def _recordings(cohort: Cohort) -> Section:
     """One row for each recording: its length, the share with results, its notes."""
     way = cohort.quantities[cohort.quantities["quantity"] == "distance_m"].set_index("recording")
     rows = []

@@ -4,8 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jgait import plot
 from jgait.estimators.about import EstimatedRecording, EstimateFigure
 from jgait.estimators.totals import stated_angle
+from jgait.plot.feet import has, rows_of, special
 from jgait.report.page import Picture, picture
 from jgait.types import SIDES, Estimate, Feet, Legs, as_float
 
@@ -38,8 +40,6 @@ def pictures(
 
 
 def _special(figure: EstimateFigure, made: EstimatedRecording) -> Picture:
-    from jgait import plot
-
     arguments, words = figure.arguments(made)
     return picture(getattr(plot, figure.plot)(*arguments, **words), figure.caption, figure.caption)
 
@@ -60,8 +60,6 @@ def _worn(pair: Legs | Feet | None) -> str:
 
 
 def _legs(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
-    from jgait import plot
-
     spans = []
     for side, leg in zip(SIDES, estimate.legs, strict=True):
         for joint in () if leg is None else ("hip", "knee"):
@@ -89,9 +87,6 @@ def _legs(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
 
 
 def _feet(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
-    from jgait import plot
-    from jgait.plot.feet import has, rows_of
-
     worn = _worn(estimate.feet)
     shown = reference if reference is not None and reference.feet is not None else None
     together = estimate.strides is not None and "width_valid" in estimate.diagnostics
@@ -120,8 +115,6 @@ def _feet(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
 
 def _marks(estimate: Estimate) -> str:
     """The sentence about the marks of special strides, if any stride has one."""
-    from jgait.plot.feet import special
-
     return (
         " Marks around a stride are explained below the figure: turns, doubts and the like."
         if special(estimate)
@@ -130,8 +123,6 @@ def _marks(estimate: Estimate) -> str:
 
 
 def _of_strides(estimate: Estimate) -> list[Picture]:
-    from jgait import plot
-
     many = int(np.sum(estimate.strides.valid))
     caption = (
         "Every stride, when it ends. Bars are ± two standard deviations, as the estimator states them."
@@ -143,8 +134,6 @@ def _of_strides(estimate: Estimate) -> list[Picture]:
 
 
 def _distance(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
-    from jgait import plot
-
     way = as_float(estimate.distance)[np.asarray(estimate.valid, bool)]
     stated = "distance_stddev" in estimate.diagnostics
     caption = "Distance walked since the start." + (f" {BAND}" if stated else "")

@@ -86,7 +86,7 @@ def of_samples(estimate: Estimate) -> list[Flag]:
 
 def verdict(flags: Iterable[Flag]) -> str:
     """A sentence that sums up the flags."""
-    grades = [flag.grade for flag in flags]
+    grades = [flag.grade for flag in flags for _ in flag.text.splitlines() or [""]]
     stop, check = grades.count("stop"), grades.count("check")
     if stop:
         return "At least one number is not usable; the reason is listed first."

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import jax
 
+from jgait import estimators
 from jgait.evaluate.store import Cohort, read_table
 from jgait.notes import from_json
 from jgait.report.made import Made
@@ -31,8 +32,6 @@ def made(folder: Path) -> Made:
         OSError: if the folder cannot be read.
         ValueError: if the folder does not contain the settings.
     """
-    from jgait import estimators
-
     about = json.loads((folder / "run" / "cohort.json").read_text(encoding="utf-8"))
     if not isinstance(about, dict) or "estimator" not in about:
         raise ValueError("run/cohort.json does not state how the evaluation was made")

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait import io
 from jgait.notes import Note
 from jgait.report.page import Cell, Table, significant
 from jgait.version import __version__
@@ -56,8 +57,6 @@ class Made(NamedTuple):
 
     def table(self) -> Table | None:
         """All parameters with units, parameters that differ from their default first; None if they are not known."""
-        from jgait import io
-
         used, usual, changed = flat(self.params), flat(self.default), self.changed()
         if not used:
             return None

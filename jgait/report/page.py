@@ -19,6 +19,7 @@ from jgait.io.atomic import write_text
 from jgait.notes import printable
 from jgait.plot.style import ready
 from jgait.types import Values
+from jgait.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -126,8 +127,6 @@ def rendered(content: Content) -> str:
         from markupsafe import Markup
     except ImportError as missing:
         raise ImportError(f"reports need the extra cli: pip install 'jgait[cli]' ({missing})") from missing
-    from jgait.version import __version__
-
     folder = resources.files("jgait.report") / "templates"
     style, script = (folder.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
     # The policy allows only the script with this digest: a script in the text of a table cannot run.
@@ -202,10 +201,10 @@ def without_folders(text: str) -> str:
 
 def plain(value: PyTree) -> PyTree:
     """A value converted for JSON: no NumPy types, and null for numbers that are not finite."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
     if isinstance(value, dict):
         return {str(name): plain(inner) for name, inner in value.items()}
     if isinstance(value, list | tuple):
         return [plain(inner) for inner in value]
-    if hasattr(value, "item"):
-        value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

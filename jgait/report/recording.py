@@ -10,6 +10,8 @@ from jaxtyping import PyTree
 from jgait.estimators import about_of, stride_flags
 from jgait.estimators.about import EstimatedRecording
 from jgait.estimators.plausible import distance_implausible
+from jgait.estimators.totals import totals
+from jgait.evaluate.scores import score
 from jgait.report import flags, strides
 from jgait.report.figures import pictures
 from jgait.report.made import Made
@@ -87,7 +89,6 @@ def _facts(
     estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: list[dict[str, PyTree]],
     total: tuple[float, float | None] | None,
 ) -> list[tuple[str, str, str]]:  # fmt: skip
-    """The most important numbers with their units, each with an explanation."""
     rate = f"at {significant(recording.sampling_rate_hz, 4)} Hz"
     facts = [("Duration", f"{number(float(estimate.time[-1] - estimate.time[0]), 1)} s", rate)]
     if total is not None:
@@ -104,13 +105,19 @@ def _facts(
         if (of_sides == side).any()
     ]
     facts.append(("Strides", str(len(of.table)), ", ".join(by_side)))
-    known = {m.name: m for m in strides.MEASURES}
-    for row in rows[:4]:
-        if row["name"] in ("stride_length_m", "stride_duration_s", "cadence_spm", "walking_speed_mps"):
-            measure = known[row["name"]]
-            name = measure.words.capitalize()
-            words = f"mean ± SD of {row['all']['n']} strides"
-            facts.append((name, f"{strides.mean_text(row['all'], measure)} {measure.unit}", words))
+    if of.cycles:
+        known = {m.name: m for m in strides.MEASURES}
+        for row in rows:
+            if row["name"] in ("stride_length_m", "stride_duration_s", "cadence_spm", "walking_speed_mps"):
+                measure, words = known[row["name"]], f"mean ± SD of {row['all']['n']} cycles"
+                text = f"{strides.mean_text(row['all'], measure)} {measure.unit}"
+                facts.append((measure.words.capitalize(), text, words))
+    else:  # as the terminal prints them
+        facts += [
+            (one.words.capitalize(), one.text, "median over regular strides, ± one standard deviation as stated")
+            for one in totals(estimate, of.flags)
+            if one.words in ("stride length", "walking speed", "cadence")
+        ]
     placed = ", ".join(_place(name) for name in recording.sensors)
     return [*facts, ("Sensors", str(len(recording.sensors)), placed)]
 
@@ -126,8 +133,6 @@ def _strides(of: strides.ReportStrides, rows: list[dict[str, PyTree]]) -> list[S
 
 def _against(estimate: Estimate, recording: Recording, reference: Estimate) -> Section:
     """The numbers of the whole recording beside those of the reference."""
-    from jgait.evaluate.scores import score
-
     rows = []
     for name, (value, known) in score(estimate, Walk(recording, reference, {})).quantities.items():
         if not np.isfinite([value, known]).all():
@@ -160,7 +165,6 @@ def readable(name: str) -> tuple[str, str]:
 
 
 def _details(estimate: Estimate, recording: Recording, made: Made) -> Section:
-    """Sensors, parameters, and the fit of the model."""
     rows = []
     for name, imu in recording.sensors.items():
         mask = np.asarray(imu.mask, bool)
@@ -182,7 +186,6 @@ def _details(estimate: Estimate, recording: Recording, made: Made) -> Section:
 
 
 def _place(name: str) -> str:
-    """A placement in words."""
     part, _, side = name.rpartition("_")
     return f"{side} {part}" if side in SIDES else name.replace("_", " ")
 
@@ -191,7 +194,6 @@ def _numbers(
     estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: list[dict[str, PyTree]],
     total: tuple[float, float | None] | None, raised: list[Flag], made: Made,
 ) -> dict[str, Any]:  # fmt: skip
-    """The content of the page as JSON numbers."""
     return {
         "kind": "recording",
         "recording": Path(recording.name).name,

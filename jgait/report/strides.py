@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait import io
 from jgait.estimators import stride_flags
 from jgait.estimators.about import StrideFlag
 from jgait.estimators.stride_flags import STRIDE_FLAGS
+from jgait.io.combined import joint_extremes
 from jgait.report.page import Cell, Table, cell, number
 from jgait.types import SIDES, Estimate, as_float
 
@@ -91,9 +93,6 @@ def strides_of(estimate: Estimate, flags: tuple[StrideFlag, ...] = STRIDE_FLAGS)
 
     The length of a cycle is the gain of the distance in its time.
     """
-    from jgait import io
-    from jgait.io.combined import joint_extremes
-
     cycles = estimate.strides is None
     table = leg_cycles(estimate) if cycles else io.strides_to_dataframe(estimate)
     marks = stride_flags.marks(estimate, flags)

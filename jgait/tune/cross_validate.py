@@ -18,7 +18,16 @@ from jgait.params import constrain
 from jgait.tune import checkpoint
 from jgait.tune.checks import check_data, check_priors, numbered, spread_out, start, transforms_of
 from jgait.tune.descent import Carry, Settings
-from jgait.tune.fit import check_settings, loss_type, name_of, optimizer_mark, scattered, supported, warn_of_flat
+from jgait.tune.fit import (
+    check_mesh,
+    check_settings,
+    loss_type,
+    name_of,
+    optimizer_mark,
+    scattered,
+    supported,
+    warn_of_flat,
+)
 from jgait.tune.gradient import check_mode
 from jgait.tune.lanes import Report, descend
 from jgait.tune.lessons import Lesson
@@ -92,7 +101,6 @@ def _check_twins(data: PyTree, subjects: Sequence[Hashable]) -> None:
 def _folds(
     subjects: list[Hashable], folds: Sequence[Hashable] | int | None, key: PRNGKeyArray | None
 ) -> list[Hashable]:
-    """The fold of each item."""
     people = list(dict.fromkeys(subjects))
     if folds is None:
         return [people.index(subject) for subject in subjects]
@@ -174,9 +182,7 @@ def cross_validate[P](
     check_mode(gradient)
     check_priors(priors, transforms)
     check_settings(steps, chunk, starts, key, minibatch, n)
-    for name, number_of in (("the number of items", n), ("minibatch", minibatch)):
-        if mesh is not None and number_of is not None and number_of % mesh.size:
-            raise ValueError(f"on {mesh.size} devices {name} must be a multiple of it; got {number_of}")
+    check_mesh(mesh, minibatch, "the number of items", n)
     params = spread_out(params, transforms, len(labels))
     problem, items = Problem(loss, transforms, priors, gradient, mesh), Items(data, number)
     free, dtype = start(params, transforms), loss_type(problem, params, items)

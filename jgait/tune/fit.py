@@ -40,6 +40,7 @@ class Fit[P](NamedTuple):
             NaN where that loss was not computed.
         left_out: numbers of the items left out, because their loss or gradient was not finite at the start.
         subjects: labels of the subjects, in the order of the leading axis of parameters per subject.
+        not_learned: names of the free parameters that kept their start, for their gradient vanishes; see the warning.
     """
 
     params: P
@@ -51,6 +52,7 @@ class Fit[P](NamedTuple):
     validation: np.ndarray
     left_out: tuple[int, ...]
     subjects: tuple[str, ...]
+    not_learned: tuple[str, ...] = ()
 
 
 def scattered(key: Maybe[PRNGKeyArray], free: PyTree, count: int, spread: float) -> PyTree:
@@ -90,6 +92,13 @@ def check_settings(
         raise ValueError(f"minibatch must be between 1 and the {n} items to learn from; got {minibatch}")
     if key is None and (starts > 1 or minibatch is not None):
         raise ValueError("several starts and minibatches are drawn: give key=jax.random.key(…)")
+
+
+def check_mesh(mesh: Mesh | None, minibatch: int | None, name: str, count: int) -> None:
+    """Raise ValueError if a number of items cannot be divided among the devices."""
+    for what, number in ((name, count), ("minibatch", minibatch or 0)):
+        if mesh is not None and number % mesh.size:
+            raise ValueError(f"on {mesh.size} devices {what} must be a multiple of it; got {number}")
 
 
 def _split(items: Items, validation: AnyArray | None, n: int) -> tuple[Items, Items | None, np.ndarray]:
@@ -209,10 +218,8 @@ def fit[P](
     dtype = loss_type(problem, params, items)
     learn, judge, numbers = _split(items, validation, n)
     check_settings(steps, chunk, starts, key, minibatch, numbers.size)
-    if mesh is not None and minibatch is not None and minibatch % mesh.size:
-        raise ValueError(f"on {mesh.size} devices minibatch must be a multiple of it; got {minibatch}")
+    check_mesh(mesh, minibatch, "the number of validation items", 0 if judge is None else judge.subject.size)
     learn, weights = _filled(learn, mesh)
-    judge = None if judge is None else _whole(judge, mesh)
     epoch = 1 if minibatch is None else -(-weights.size // minibatch)
     settings = Settings(steps, minibatch, every or epoch, patience)
     optimizer = supported(optimizer)
@@ -236,16 +243,6 @@ def name_of(loss: object) -> str:
     return str(getattr(loss, "__qualname__", None) or repr(loss))
 
 
-def _whole(items: Items, mesh: Mesh | None) -> Items:
-    """The validation items; raises ValueError if their number is not a multiple of the number of devices."""
-    if mesh is not None and items.subject.shape[0] % mesh.size:
-        raise ValueError(
-            f"on {mesh.size} devices the number of validation items must be a multiple of it; "
-            f"got {items.subject.shape[0]}"
-        )
-    return items
-
-
 def lane(tree: PyTree, number: int) -> PyTree:
     """The part of a tree that belongs to one of several fits."""
     return jax.tree.map(lambda leaf: leaf[number], tree)
@@ -255,8 +252,14 @@ EDGE = 9.2
 """Least |logit| at an end of an interval: within a ten-thousandth of its width, where the gradient vanishes; chosen."""
 
 
-def warn_of_flat(transforms: PyTree, begin: PyTree, end: PyTree, reach: PyTree, stacklevel: int) -> None:
-    """Warn of the free parameters that are not learned, with the reason, from free coordinates at begin and end."""
+def warn_of_flat(
+    transforms: PyTree, begin: PyTree, end: PyTree, reach: PyTree, stacklevel: int
+) -> tuple[str, ...]:  # fmt: skip
+    """Warn of the free parameters that are not learned, with the reason, from free coordinates at begin and end.
+
+    Returns:
+        Their names.
+    """
     bounded = over_transforms(lambda t, free: jax.tree.map(lambda _: is_interval(t), free), transforms, begin)
     nothing, stuck = [], []
     for (path, first), last, inside, none in zip(
@@ -274,6 +277,7 @@ def warn_of_flat(transforms: PyTree, begin: PyTree, end: PyTree, reach: PyTree, 
     ):  # fmt: skip
         if names:
             warnings.warn(f"not learned: {', '.join(names)}; {reason}", stacklevel=stacklevel)
+    return (*nothing, *stuck)
 
 
 def _result[P](
@@ -299,9 +303,8 @@ def _result[P](
     own = lane(carry, best)
     losses, norms, accepted, scores = (column[best, : int(own.taken)] for column in trace)
     transforms = problem.transforms
-    if accepted.any():
-        warn_of_flat(transforms, lane(begin, best), own.best, own.reach, 4)
+    flat_ones = warn_of_flat(transforms, lane(begin, best), own.best, own.reach, 4) if accepted.any() else ()
     return Fit(
         constrain(own.best, transforms, params), own.best, losses, norms, accepted, float(own.best_score), scores,
-        left_out, labels,
+        left_out, labels, flat_ones,
     )  # fmt: skip

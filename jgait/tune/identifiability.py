@@ -13,10 +13,10 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.params import Transform
-from jgait.tune.checks import check_data, check_loss
+from jgait.tune.checks import check_data, check_loss, check_priors, is_transform
 from jgait.tune.coordinates import Coordinates, coordinates, natural_numbers
 from jgait.tune.curvature import Curvature, program
+from jgait.tune.gradient import check_mode
 from jgait.tune.words import Direction, direction, sentences
 
 if TYPE_CHECKING:
@@ -156,22 +156,6 @@ def _ends(at: Coordinates, vector: np.ndarray, reach: np.ndarray) -> tuple[np.nd
     return np.minimum(low_end, high_end), np.maximum(low_end, high_end)
 
 
-def _beside(transforms: PyTree, priors: PyTree) -> tuple[PyTree, PyTree, PyTree]:
-    """Priors and transforms in the order of the parameters, and their structure."""
-    structure: PyTree
-    leaves, structure = jax.tree.flatten(transforms, is_leaf=lambda node: isinstance(node, Transform))
-    if priors is None:
-        return None, tuple(leaves), structure
-    try:
-        told = tuple(structure.flatten_up_to(priors))
-    except (ValueError, TypeError) as error:
-        raise TypeError(f"priors and transforms must have the same structure: {error}") from error
-    odd = next((one for one in told if one is not None and not hasattr(one, "penalty")), None)
-    if odd is not None:
-        raise TypeError(f"priors must hold a jgait.params.Prior or None for every parameter; got {odd!r}")
-    return told, tuple(leaves), structure
-
-
 def _information(curvature: Curvature, kind: str, count: int) -> tuple[np.ndarray, np.ndarray]:
     """The information, and the covariance of the gradient."""
     bent = np.asarray(curvature.prior[2], float)
@@ -220,9 +204,7 @@ def identifiability(
         transforms: the same type, holding a `Transform` for each.
         data: pytree of arrays with a leading axis of items; one item without that axis if not `batched`.
         batched: whether `data` has an axis of items.
-        gradient: how to differentiate. "forward": forward over forward mode, one pair of numbers after another, in
-            constant memory; "together": all pairs at once; "reverse": forward over reverse mode; "auto": forward up to
-            `FORWARD_UP_TO` numbers.
+        gradient: how to differentiate, see `value_and_grad`; second derivatives are forward mode over it.
         information: one of `INFORMATION`.
         level: confidence level of the intervals, which are symmetric in free coordinates and so inside the bounds.
         limit: largest standard error in free coordinates that counts as determined.
@@ -242,11 +224,15 @@ def identifiability(
         raise ValueError(f"information must be one of {', '.join(INFORMATION)}; got {information!r}")
     if not (0.0 < level < 1.0 and 0.0 < limit < math.inf):
         raise ValueError(f"level must lie in (0, 1) and limit be positive; got level={level}, limit={limit}")
+    check_mode(gradient)
+    check_priors(priors, transforms)
     at = coordinates(params, transforms)
     data, count = check_data(data, batched)
     check_loss(loss, params, jax.tree.map(lambda leaf: leaf[0], data))
-    run = program(loss, *_beside(transforms, priors), gradient, information != "scores")
-    curvature = run(at.tree, params, data)
+    structure: PyTree
+    leaves, structure = jax.tree.flatten(transforms, is_leaf=is_transform)
+    told = None if priors is None else tuple(structure.flatten_up_to(priors))
+    curvature = program(loss, told, tuple(leaves), structure, gradient, information != "scores")(at.tree, params, data)
     total = float(np.sum(np.asarray(curvature.losses, float))) + float(curvature.prior[0])
     if not math.isfinite(total):
         raise ValueError(f"the loss is not finite at these parameters (total {total})")
@@ -260,7 +246,6 @@ def _statement(
     at: Coordinates, total: float, slope: np.ndarray, information: np.ndarray, noise: np.ndarray,
     rounding: float, level: float, limit: float,
 ) -> Identifiability:  # fmt: skip
-    """The result from the information matrix, computed on the host."""
     finite = bool(np.isfinite(slope).all() and np.isfinite(information).all() and np.isfinite(noise).all())
     usable, gradient = (information, slope) if finite else (np.zeros_like(information), np.zeros_like(slope))
     spread = _spread(usable, noise if finite else usable, gradient, rounding, limit)

@@ -200,7 +200,6 @@ def _kind(item: _Item) -> Hashable:
 
 
 def _odd(item: _Item, usual: _Item) -> str:
-    """The reason why a lesson cannot be stacked with the others."""
     mine, theirs = item.options, usual.options
     if mine != theirs:
         fields = getattr(mine, "_fields", ()) if type(mine) is type(theirs) else ()
@@ -220,14 +219,15 @@ def _odd(item: _Item, usual: _Item) -> str:
 
 
 def _padded(
-    estimator: Estimator[PyTree, PyTree], lesson: Lesson, samples: int, strides: "_Rows | None", known: set[str]
-) -> Lesson:
+    estimator: Estimator[PyTree, PyTree], lesson: Lesson, samples: int,
+    strides: tuple[int, frozenset[str]] | None, known: set[str],
+) -> Lesson:  # fmt: skip
     """A lesson padded with invalid samples and stride rows, with only the diagnostics and fields of all lessons."""
     more = samples - lesson.look.size
     inputs = estimator.pad(lesson.inputs, samples)
     truth = lesson.reference
     if truth is not None:
-        rows = None if strides is None else _strides(truth.strides, strides)
+        rows = None if strides is None else _strides(truth.strides, *strides)
         numbers = {name: truth.diagnostics[name] for name in sorted(known)}
         bare = truth._replace(time=None, valid=None, diagnostics=None, strides=None)
         longer = jax.tree.map(lambda v: np.pad(v, [(0, more)] + [(0, 0)] * (np.ndim(v) - 1), mode="edge"), bare)
@@ -238,28 +238,22 @@ def _padded(
     return lesson._replace(inputs=inputs, reference=truth, look=look, standing=standing)
 
 
-class _Rows(NamedTuple):
-    """The shape of the padded stride tables: the rows of the longest table, and the fields that all tables have."""
-
-    rows: int
-    fields: frozenset[str]
-
-
-def _rows(tables: list[Strides]) -> _Rows | None:
+def _rows(tables: list[Strides]) -> tuple[int, frozenset[str]] | None:
+    """The rows of the longest table, and the fields that all tables have; None without tables."""
     if not tables:
         return None
     told = (frozenset(name for name, column in table._asdict().items() if column is not None) for table in tables)
-    return _Rows(max(np.size(table.valid) for table in tables), frozenset.intersection(*told))
+    return max(np.size(table.valid) for table in tables), frozenset.intersection(*told)
 
 
-def _strides(strides: Strides | None, common: _Rows) -> Strides:
+def _strides(strides: Strides | None, rows: int, fields: frozenset[str]) -> Strides:
     """Strides with padding rows at the end, without fields that another reference lacks."""
     columns = {} if strides is None else strides._asdict()
     kinds = {"side": np.zeros(0, int), "valid": np.zeros(0, bool)}
-    held = {name: np.asarray(columns.get(name, kinds.get(name, np.zeros(0)))) for name in common.fields}
-    longer = {name: np.pad(column, (0, common.rows - column.size)) for name, column in held.items()}
-    rows: list[Any] = [longer.get(name) for name in Strides._fields]
-    return Strides(*rows)
+    held = {name: np.asarray(columns.get(name, kinds.get(name, np.zeros(0)))) for name in fields}
+    padded: dict[str, Any] = dict.fromkeys(Strides._fields)
+    padded |= {name: np.pad(column, (0, rows - column.size)) for name, column in held.items()}
+    return Strides(**padded)
 
 
 def lessons(

@@ -70,7 +70,6 @@ def _window(estimate: Estimate, reference: Estimate, window: Bool[AnyArray, "tim
 
 
 def _pairs(estimate: Estimate, reference: Estimate) -> list[tuple[LegTrajectory, LegTrajectory]]:
-    """The legs that both the estimate and the reference have."""
     pairs = [(a, b) for a, b in zip(estimate.legs, reference.legs, strict=True) if a is not None and b is not None]
     if not pairs:
         raise ValueError("estimate and reference share no leg")

@@ -39,30 +39,15 @@ def distance_percent(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
     return jnp.abs(_percent(estimate, lesson))
 
 
-def trajectory(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
-    """Squared error of angles and foot path in the lesson's `look`, relative to standing; see `losses.trajectory`."""
-    return _legs(estimate, lesson, losses.TrajectoryWeights())
+def _of_legs(terms: int = 1, **without: float) -> Term:
+    """The loss of legs in the lesson's `look`, relative to standing, over so many terms; see `losses.trajectory`."""
 
+    def term(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
+        weights = losses.TrajectoryWeights(**without)
+        reference = _reference(lesson)
+        return losses.trajectory(estimate, reference, weights, window=lesson.look, relative_to=lesson.standing) / terms
 
-def trajectory_rms(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
-    """Root mean square error over hip and knee [°] and foot path [cm], 1° weighted as 1 cm, for validation."""
-    return jnp.sqrt(trajectory(estimate, lesson) / len(losses.TrajectoryWeights._fields))
-
-
-def joint_angles(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
-    """Mean squared error of hip and knee angles [°²], as `trajectory`."""
-    return _legs(estimate, lesson, losses.TrajectoryWeights(x=0.0, y=0.0)) / 2.0
-
-
-def foot_path(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
-    """Mean squared error of the foot's path in the leg's plane, sum of both axes [cm²], as `trajectory`."""
-    return _legs(estimate, lesson, losses.TrajectoryWeights(hip_angle=0.0, knee_angle=0.0))
-
-
-def _legs(estimate: Estimate, lesson: Lesson, weights: losses.TrajectoryWeights) -> Float[Array, ""]:
-    return losses.trajectory(
-        estimate, _reference(lesson), weights, window=lesson.look, relative_to=lesson.standing
-    )  # fmt: skip
+    return term
 
 
 def _reference(lesson: Lesson) -> Estimate:
@@ -92,11 +77,12 @@ def contact_times(estimate: Estimate, lesson: Lesson, empty: float = 0.0) -> Flo
     return 1e4 * losses.contact_times(estimate, _reference(lesson), empty)
 
 
-def _of_strides(field: str, unit: float, meaning: str) -> Term:
+def _of_strides(field: str, unit: float) -> Term:
+    """Mean squared error of strides, in squares of the unit; see `losses.stride`."""
+
     def term(estimate: Estimate, lesson: Lesson, empty: float = 0.0) -> Float[Array, ""]:
         return losses.stride(estimate, _reference(lesson), field, empty) / unit**2
 
-    term.__doc__ = f"Mean squared error of the {meaning}; see `losses.stride`."
     return term
 
 
@@ -106,7 +92,6 @@ def _root(of: Term, **empty: float) -> Term:
     def term(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
         return jnp.sqrt(of(estimate, lesson, **empty))
 
-    term.__doc__ = f"Root of: {of.__doc__}"
     return term
 
 
@@ -145,28 +130,25 @@ def _squared(term: Term, unit: str, words: str, *needs: str) -> Loss:
 
 LOSSES: dict[str, Loss] = {
     "distance": Loss(distance, distance_percent, "%", "|error of the distance|", ("distance",)),
-    "trajectory": Loss(trajectory, trajectory_rms, "° or cm", "error of angles and foot path", ("legs",)),
-    "joint_angles": _squared(joint_angles, "°", "error of hip and knee angles", "legs"),
-    "foot_path": _squared(foot_path, "cm", "error of the foot's path in the leg's plane", "legs"),
+    # 1° counts as 1 cm; the loss is the sum of two angles and two axes, the error the root of their mean
+    "trajectory": Loss(_of_legs(), _root(_of_legs(4)), "° or cm", "error of angles and foot path", ("legs",)),
+    "joint_angles": _squared(_of_legs(2, x=0.0, y=0.0), "°", "error of hip and knee angles", "legs"),
+    "foot_path": _squared(
+        _of_legs(hip_angle=0.0, knee_angle=0.0), "cm", "error of the foot's path in the leg's plane", "legs"
+    ),
     "position": _squared(position, "cm", "3-D error of the feet's paths", "feet"),
     "position_log": Loss(position_log, _root(position), "cm", "3-D error of the feet's paths", ("feet",)),
-    "stride_length": _squared(
-        _of_strides("length", 0.01, "stride length [cm²]"), "cm", "error of stride length", "strides.length"
-    ),
-    "stride_width": _squared(
-        _of_strides("width", 0.01, "stride width [cm²]"), "cm", "error of stride width", "strides.width"
-    ),
-    "stride_height": _squared(
-        _of_strides("height", 0.01, "rise of a stride [cm²]"), "cm", "error of stride height", "strides.height"
-    ),
+    "stride_length": _squared(_of_strides("length", 0.01), "cm", "error of stride length", "strides.length"),
+    "stride_width": _squared(_of_strides("width", 0.01), "cm", "error of stride width", "strides.width"),
+    "stride_height": _squared(_of_strides("height", 0.01), "cm", "error of stride height", "strides.height"),
     "stride_time": _squared(
-        _of_strides("duration", 0.01, "stride time, in units of 10 ms"), "10 ms", "error of stride time",
-        "strides.start", "strides.standing",
+        _of_strides("duration", 0.01), "10 ms", "error of stride time", "strides.start", "strides.standing"
     ),
     "contact_times": _squared(contact_times, "10 ms", "error of contact times", "strides.end"),
     "likelihood": Loss(likelihood, likelihood, "nat", "negative log-likelihood", ()),
     "calibration": Loss(
-        calibration, calibration, "nat", "negative log-likelihood of the reference", ("strides.length", "legs")
+        calibration, calibration, "nat", "negative log-likelihood of the reference, before doubts widen deviations",
+        ("strides.length", "legs"),
     ),
 }  # fmt: skip
 """Losses by name; `About.losses` lists those that an estimator answers."""
@@ -175,7 +157,7 @@ TERMS: dict[str, Term] = {
     **{name: one.term for name, one in LOSSES.items()},
     **{f"{name}_error": one.error for name, one in LOSSES.items() if one.error is not one.term},
     "distance_percent": distance_percent,
-    "trajectory_rms": trajectory_rms,
+    "trajectory_rms": LOSSES["trajectory"].error,
 }
 """Terms by name: the losses, and their errors for validation."""
 

@@ -10,14 +10,15 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 import optax
-from jaxtyping import Array, Float, Int, PyTree
+from jaxtyping import Array, Float, PyTree
 
-from jgait.params import Transform
-from jgait.tune.checks import check_data, check_loss
+from jgait.params import Transform, real
+from jgait.tune.checks import check_data
 from jgait.tune.coordinates import Coordinates, coordinates, natural
-from jgait.tune.descent import choose, norm
-from jgait.tune.fit import supported
-from jgait.tune.gradient import value_and_grad
+from jgait.tune.descent import Settings, norm
+from jgait.tune.fit import lane, loss_type, supported
+from jgait.tune.lanes import descend
+from jgait.tune.problem import Context, Items, Problem, place
 
 
 class Profile(NamedTuple):
@@ -112,49 +113,11 @@ def _natural(transform: Transform, free: npt.ArrayLike) -> np.ndarray:
     return np.asarray(to_natural(jnp.asarray(free)), float)
 
 
-class _State(NamedTuple):
-    """The state between steps; the loss is finite if the loss at the start was finite."""
+class _Held(NamedTuple):
+    """The free numbers in two parts: those that are fitted, and the one that is held."""
 
-    others: Float[Array, "others"]
-    optimizer: PyTree
-    loss: Float[Array, ""]
-    gradient: Float[Array, "others"]
-    scale: Float[Array, ""]
-    best: Float[Array, "others"]
-    best_loss: Float[Array, ""]
-    best_norm: Float[Array, ""]
-
-
-def _refit(
-    objective: Callable[[Float[Array, "others"]], Float[Array, ""]],
-    start: Float[Array, "others"],
-    optimizer: optax.GradientTransformation,
-    steps: int,
-    gradient: str,
-) -> tuple[Float[Array, "others"], Float[Array, ""], Float[Array, ""]]:
-    """The point with the lowest loss in a scan of steps. A step to a non-finite loss is undone, the next one halved."""
-    differentiate = value_and_grad(objective, gradient)
-
-    def body(state: _State, number: Int[Array, ""]) -> tuple[_State, None]:
-        extra = {"value": state.loss, "grad": state.gradient, "value_fn": objective}
-        with jax.numpy_dtype_promotion("standard"):  # optax counts steps in integers
-            updates, after = optimizer.update(state.gradient, state.optimizer, state.others, **extra)
-        moves = number > 0  # step 0 evaluates the start, by the same program as every step
-        others = jnp.where(moves, state.others + (state.scale * updates).astype(start.dtype), state.others)
-        loss, slope = differentiate(others)
-        good = jnp.isfinite(loss) & jnp.all(jnp.isfinite(slope)) & jnp.all(jnp.isfinite(others))
-        moved = state._replace(others=others, optimizer=choose(moves, after, state.optimizer))
-        state = choose(good, moved._replace(loss=loss, gradient=slope), state)
-        scale = jnp.where(good, jnp.minimum(2.0 * state.scale, 1.0), 0.5 * state.scale).astype(state.scale.dtype)
-        following = (others, loss, norm(slope))
-        best, best_loss, best_norm = choose(good & (loss < state.best_loss), following, state[5:])
-        return _State(*state[:4], scale, best, best_loss, best_norm), None
-
-    infinite = jnp.full((), jnp.inf, jax.eval_shape(objective, start).dtype)
-    zero = jnp.zeros_like(start)
-    state = _State(start, optimizer.init(start), infinite, zero, jnp.ones_like(infinite), start, infinite, norm(zero))
-    state, _ = jax.lax.scan(body, state, jnp.arange(steps + 1))
-    return state.best, state.best_loss, state.best_norm
+    others: Any
+    value: Any
 
 
 def _values(at: Coordinates, name: str, values: npt.ArrayLike) -> tuple[int, np.ndarray]:
@@ -169,40 +132,6 @@ def _values(at: Coordinates, name: str, values: npt.ArrayLike) -> tuple[int, np.
     if not np.all((array > transform.low) & (array < transform.high) & np.isfinite(array)):
         raise ValueError(f"values of '{name}' must lie in ({transform.low:g}, {transform.high:g}); got {values!r}")
     return place, array
-
-
-def _runner(
-    loss: Callable[[PyTree, PyTree], PyTree],
-    transforms: PyTree,
-    at: Coordinates,
-    place: int,
-    optimizer: optax.GradientTransformation,
-    steps: int,
-    gradient: str,
-) -> Callable[..., PyTree]:
-    """(vector, values, params, data) → vectors (V, p), mean losses (V,) and gradient norms (V,)."""
-
-    def run(
-        vector: Float[Array, "free"], free: Float[Array, "value"], params: PyTree, data: PyTree
-    ) -> tuple[Float[Array, "value free"], Float[Array, "value"], Float[Array, "value"]]:
-        def full(others: Float[Array, "others"], value: Float[Array, ""]) -> Float[Array, "free"]:
-            return jnp.concatenate([others[:place], value[None], others[place:]])
-
-        def one(value: Float[Array, ""]) -> tuple[Float[Array, "free"], Float[Array, ""], Float[Array, ""]]:
-            def objective(others: Float[Array, "others"]) -> Float[Array, ""]:
-                point = natural(at, full(others, value), transforms, params)
-                return jnp.mean(jax.vmap(loss, in_axes=(None, 0))(point, data))
-
-            others = jnp.delete(vector, place)
-            if others.size:
-                others, best, slope = _refit(objective, others, optimizer, steps, gradient)
-            else:
-                best, slope = objective(others), jnp.zeros_like(value)
-            return full(others, value), best, slope
-
-        return jax.vmap(one)(free)
-
-    return run
 
 
 def profile(
@@ -221,10 +150,9 @@ def profile(
     """The loss with one parameter held at each value in turn and all other free parameters fitted.
 
     A profile needs no curvature; unlike a standard error it shows intervals that are not symmetric or have no end. One
-    program fits all values in parallel, each from `params`, which should be the best parameters. Steps follow the
-    gradient of the mean loss over the items, as in `fit`. Loss, parameters and data are as of `identifiability`; `name`
-    is one of `Identifiability.names`, `values` (V,) are those at which this number is held, in natural units, and the
-    optimizer, from optax, takes `steps` steps for each.
+    program fits all values in parallel, as `fit` does, each from `params`, which should be the best parameters. Loss,
+    parameters and data are as of `identifiability`; `name` is one of `Identifiability.names`, `values` (V,) are those
+    at which this number is held, in natural units, and the optimizer, from optax, takes `steps` steps for each.
 
     Raises:
         TypeError: if `params` and `transforms` do not match, or `data` holds anything but numbers.
@@ -234,15 +162,33 @@ def profile(
     if steps < 1:
         raise ValueError(f"steps must be at least 1; got {steps}")
     at = coordinates(params, transforms)
-    place, held = _values(at, name, values)
+    number, held = _values(at, name, values)
     data, count = check_data(data, batched)
-    check_loss(loss, params, jax.tree.map(lambda leaf: leaf[0], data))
-    run = _runner(loss, transforms, at, place, supported(optimizer), steps, gradient)
-    free = jnp.asarray(_free(at.transforms[place], held), at.vector.dtype)
-    vectors, means, slopes = jax.jit(run)(at.vector, free, params, data)
-    losses = count * np.asarray(means, float)
-    losses = np.where(np.isnan(losses), np.inf, losses)
-    if not np.isfinite(losses).any():
+
+    def whole(part: _Held) -> Float[Array, "free"]:
+        return jnp.concatenate([part.others[:number], part.value[None], part.others[number:]])
+
+    def of_others(part: _Held, item: PyTree) -> PyTree:
+        fixed = part._replace(value=jax.lax.stop_gradient(part.value))
+        return loss(natural(at, whole(fixed), transforms, params), item)
+
+    others = jnp.delete(at.vector, number)
+    start = _Held(
+        jnp.tile(others, (len(held), 1)), jnp.asarray(_free(at.transforms[number], held), at.vector.dtype)
+    )  # fmt: skip
+    problem, items = Problem(of_others, _Held(real, real), None, gradient, None), Items(data, np.zeros(count, np.int32))
+    one = lane(start, 0)
+    carry, trace = descend(
+        problem, supported(optimizer), Settings(steps, None, 1, None), Context(one, place(problem, items), None, None),
+        start, np.ones((len(held), count)), loss_type(problem, one, items), chunk=None, report=None, file=None, mark={},
+    )  # fmt: skip
+    if not np.array_equal(carry.best.value, start.value):
+        raise ValueError("the optimizer must leave a number as it is whose gradient is 0, without a decay of weights")
+    known = (carry.weights > 0.0).all(axis=1) & np.isfinite(carry.best_score)
+    if not known.any():
         raise ValueError(f"the loss or its gradient is not finite at any of the values of '{name}'")
-    fits = natural(at, vectors, transforms, params)
-    return Profile(name, held, losses, fits, count * np.asarray(slopes, float), at.transforms[place])
+    norms = np.append(trace.norm, jax.vmap(norm)(carry.gradient)[:, None], axis=1)
+    slopes = norms[np.arange(len(held)), np.minimum(carry.best_step, norms.shape[1] - 1)]
+    fits = natural(at, jax.vmap(whole)(carry.best), transforms, params)
+    losses = np.where(known, count * carry.best_score, np.inf)
+    return Profile(name, held, losses, fits, count * slopes, at.transforms[number])

@@ -1,5 +1,6 @@
 """A whole cohort on the command line: bad rows, runs that go on, and parameters from one command to another."""
 
+import importlib
 import json
 
 import jax
@@ -9,7 +10,7 @@ import pytest
 from made.command import run
 
 from jgait import io
-from jgait.commands import references
+from jgait.commands import references, tune_run
 from jgait.estimators import leg_ekf
 from jgait.simulate import protocols
 
@@ -156,14 +157,18 @@ def test_a_distance_that_contradicts_the_samples_is_noted(walks):
     assert codes(way, folder / "half.csv") == [] and len(codes(0.1 * way, folder / "half.csv")) == 1
 
 
-def test_losses_are_empty_where_a_reference_cannot_answer_them(table, tmp_path):
+def test_losses_are_empty_where_a_reference_cannot_answer_them(table, tmp_path, monkeypatch):
     with_files = table(lambda frame: frame.drop(columns="distance_m").assign(
         reference_samples=["samples0.csv", "samples1.csv", "", "samples3.csv"],
         reference_strides=["strides0.csv", "", "strides2.csv", "strides3.csv"],
     ), "partial.csv")  # fmt: skip
-    out = tmp_path / "out"
+    out, prepared = tmp_path / "out", []
+    module = importlib.import_module("jgait.estimators.leg_ekf.estimator")
+    prepare = module.prepare
+    monkeypatch.setattr(module, "prepare", lambda *a, **k: prepared.append(a[0].name) or prepare(*a, **k))
     code, said = run("evaluate", with_files, "--loss", "stride_length,joint_angles,calibration", "--out", out)
     assert code == 0, said
+    assert sorted(prepared) == sorted(2 * ["walk0.csv", "walk1.csv", "walk2.csv", "walk3.csv"])  # once for all losses
     losses = pd.read_csv(out / "losses.csv").set_index("recording")
     empty = losses.isna()
     assert list(empty.index[empty["stride_length"]]) == ["walk1.csv"]
@@ -177,6 +182,10 @@ def test_losses_are_empty_where_a_reference_cannot_answer_them(table, tmp_path):
     code, said = run("evaluate", table(), "--loss", "joint_angles,distance", "--out", tmp_path / "some")
     assert "joint_angles needs a reference with legs; no reference of cohort.csv has them" in said
     assert list(pd.read_csv(tmp_path / "some" / "losses.csv")) == ["recording", "subject", "distance"]
+    strides = table(lambda frame: frame.head(2).drop(columns="distance_m").assign(
+        reference_strides=["strides0.csv", "strides1.csv"]), "strides.csv")  # fmt: skip
+    code, said = run("evaluate", strides, "--loss", "calibration", "--out", tmp_path / "none")
+    assert code == 0 and "--loss: nothing of the reference has a deviation that the estimate states" in said
 
 
 def test_a_run_goes_on_and_refuses_changed_rows(evaluated):
@@ -291,6 +300,9 @@ def test_tuning_judges_people_that_it_never_saw(tuned, walks):
     held = pd.read_csv(out / "held_out.csv")
     assert sorted(held["recording"]) == [row["file"] for row in walks[1]]
     assert (held["error_after"] < held["error_before"]).all()
+    told = json.loads((out / "tuned.json").read_text())["made"]["held_out"]
+    people = held.groupby("subject")[["error_before", "error_after"]].mean().median()
+    assert (told["n"], told["before"], told["after"]) == (2, *map(pytest.approx, people))
     (value,) = json.loads((out.parent / "numbers.json").read_text())["values"].values()
     assert value["stderr"] > 0.0 and value["low"] < value["after"] < value["high"]
 
@@ -387,17 +399,18 @@ def test_likelihood_needs_no_reference_and_one_person_no_cross_validation(table,
     assert json.loads((tmp_path / "out" / "tuned.json").read_text())["parameters"]["gyro_noise"]["value"] != 1.0
 
 
-def test_a_parameter_on_which_the_loss_of_one_person_hardly_depends_is_named(table, walks, tmp_path):
+def test_a_parameter_is_named_as_not_learned_or_as_not_determined(table, tmp_path, monkeypatch):
     lonely = table(lambda f: f.drop(columns="distance_m").assign(
         subject="me", reference_samples=[f"samples{i}.csv" for i in range(len(f))]).head(1), "flat.csv")  # fmt: skip
     words = ("tune", lonely, "--paper", "--free", "standing_knee,angle_noise", "--loss", "joint_angles", "--steps", 3)
+    monkeypatch.setattr(tune_run, "HARDLY", 1e9)  # the loss hardly changes with anything
     code, said = run(*words, "--out", tmp_path / "out")
     assert code == 0, said
-    assert (
-        "not determined: standing_knee.right" in said and "error of hip and knee angles [°] of the recordings" in said
-    )
-    flat = json.loads((tmp_path / "out" / "tuned.json").read_text())["made"]["not_determined"]
-    assert "standing_knee.right" in flat
+    assert "not learned: standing_knee.right, standing_knee.left;" in said and "not determined: angle_noise;" in said
+    assert "error of hip and knee angles [°] of the recordings" in said
+    made = json.loads((tmp_path / "out" / "tuned.json").read_text())["made"]
+    assert made["not_learned"] == ["standing_knee.right", "standing_knee.left"]
+    assert made["not_determined"] == ["angle_noise"]
 
 
 def test_days_of_one_person_are_left_out_in_turn(table, tmp_path):

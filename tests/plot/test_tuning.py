@@ -134,7 +134,9 @@ def test_a_training_judged_on_other_items_shows_their_loss_where_it_was_looked_a
     fit = tune.fit(total_length, AT._replace(a1=0.2), free, lengths, optax.sgd(1e-4), steps=10,
                    validation=np.arange(50) >= 40, every=5)  # fmt: skip
     figure = plot_tuning.training(fit)
-    line, judged, _ = figure.axes[0].lines
+    line, judged, best = figure.axes[0].lines
+    assert best.get_xdata()[0] == np.nanargmin(fit.validation) + 1 and best.get_ydata()[0] == np.nanmin(fit.validation)
+    assert best.get_zorder() > line.get_zorder() and best.get_markerfacecolor() != line.get_color()  # it is seen
     assert len(line.get_xdata()) == 10
     assert list(judged.get_xdata()) == [5, 10]
     np.testing.assert_array_equal(judged.get_ydata(), fit.validation[[4, 9]])

@@ -23,6 +23,8 @@ from jgait.commands.pipeline import chosen
 from jgait.estimators import ankle_stride, leg_ekf
 from jgait.estimators.about import EstimatedRecording, EstimateFigure
 from jgait.estimators.notes import NO_FIRST_STANDING, NO_STEPS
+from jgait.estimators.stride_flags import STRIDE_FLAGS
+from jgait.estimators.totals import totals
 from jgait.io.atomic import write_text
 from jgait.notes import SEVERITIES, Kind
 from jgait.report import figures, flags, strides
@@ -126,6 +128,8 @@ def test_means_are_of_regular_strides_by_side(ankles):
     assert (numbers["strides"], numbers["strides_regular"]) == (12, 8)
     assert numbers["distance_m"] == pytest.approx(8.4) and numbers["distance_std_m"] is None
     assert numbers["made"]["changed"] == ["lever_ankle"]
+    (median,) = [one.text for one in totals(walking_ankles(), STRIDE_FLAGS) if one.words == "stride length"]
+    assert f">{median}<" in ankles.html  # the number of the terminal above the table of means
 
 
 def test_a_distance_with_strides_of_nobody_is_marked(ankles):
@@ -279,7 +283,7 @@ def test_notes_are_explained_each_by_its_meaning():
     found = flags.explained(notes * 2)
     assert [flag.grade for flag in found] == list(flags.GRADES) == list(SEVERITIES)
     assert all(len(flag.text.splitlines()) == 2 for flag in found)  # each once
-    assert "3 things" in flags.verdict([flags.Flag("check", "", "")] * 3)
+    assert "5 things" in flags.verdict([flags.Flag("check", "one\ntwo", ""), *[flags.Flag("check", "", "")] * 3])
 
 
 def test_names_of_files_and_columns_stay_as_they_are():
