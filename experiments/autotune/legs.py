@@ -8,7 +8,6 @@ from experiments.bennett2013.neura_sparse import person
 from experiments.common.recordings import available, walks
 from experiments.common.row import Row, show
 from jgait import datasets, params, tune
-from jgait.commands import demo_run as demo
 from jgait.estimators import leg_ekf
 from jgait.evaluate.windows import Judged, judge
 from jgait.types import SIDES
@@ -42,7 +41,7 @@ def rows(quick: bool) -> list[Row]:
 
     def judged(p: leg_ekf.LegParams) -> np.ndarray:
         inputs = jax.tree.map(jax.numpy.asarray, unseen.inputs)
-        return angles(judge(leg_ekf.run(p, inputs, leg_ekf.DEFAULT), unseen.reference, *demo.spans(unseen)))
+        return angles(judge(leg_ekf.run(p, inputs, leg_ekf.DEFAULT), unseen.reference, unseen.look, unseen.standing))
 
     before, ratios = judged(start), []
     lines = [["default", *before, None, None]]

@@ -144,7 +144,7 @@ def held_out(walk: datasets.Walk, p: LegParams) -> list[Row]:
     )  # fmt: skip
     inputs = jax.tree.map(jax.numpy.asarray, unseen.inputs)
     before, after = (
-        judge(leg_ekf.run(q, inputs, options), unseen.reference, *demo.spans(unseen)) for q in (p, fit.params)
+        judge(leg_ekf.run(q, inputs, options), unseen.reference, unseen.look, unseen.standing) for q in (p, fit.params)
     )
     distance = [abs(j.distance_error_pct or 0.0) for j in (before, after)]
     pairs = list(zip([*errors_of(before), distance[0]], [*errors_of(after), distance[1]], strict=True))

@@ -340,39 +340,34 @@ def _mark(folder: Path, row: dict[str, str]) -> str:
     return f"{cells} ({stamp})"
 
 
-class Opened(NamedTuple):
-    """A cohort, the estimator and its parameters, as the options select them."""
-
-    pipeline: Estimator[PyTree, PyTree]
-    start: PyTree
-    source: Source
-
-    def evaluated(self, **settings: Any) -> Cohort:
-        """The results of `evaluate.cohort` with further settings; exits with code 2 if there can be none."""
-        body_of = functools.partial(body, measures=measures_of(self.pipeline))
-        with progress() as bars:
-            bar, total = Bar(bars), len(self.source.items)
-            bar("reading and computing", 0, total)
-            try:
-                return evaluation.cohort(
-                    self.pipeline, self.source.items, self.start, own=body_of, read=self.source.read,
-                    progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
-                    **settings,
-                )  # fmt: skip
-            except OtherEvaluationError as error:
-                stop(f"{error}, as --fresh does")
-            except (ValueError, OSError) as error:
-                stop(str(error))
+def evaluated(pipeline: Estimator[PyTree, PyTree], start: PyTree, source: Source, **settings: Any) -> Cohort:
+    """The results of `evaluate.cohort` with further settings; exits with code 2 if there can be none."""
+    body_of = functools.partial(body, measures=measures_of(pipeline))
+    with progress() as bars:
+        bar, total = Bar(bars), len(source.items)
+        bar("reading and computing", 0, total)
+        try:
+            return evaluation.cohort(
+                pipeline, source.items, start, own=body_of, read=source.read,
+                progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
+                **settings,
+            )  # fmt: skip
+        except OtherEvaluationError as error:
+            stop(f"{error}, as --fresh does")
+        except (ValueError, OSError) as error:
+            stop(str(error))
 
 
 def opened(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, estimator: str, paper: bool,
     params: Path | None, gyr_unit: str | None, acc_unit: str | None,
-) -> Opened:  # fmt: skip
-    """The cohort that the options of a command select, its notes printed; exits with code 2 if there is none."""
+) -> tuple[Estimator[PyTree, PyTree], PyTree, Source]:  # fmt: skip
+    """The estimator, its parameters and the cohort that the options of a command select, its notes printed; exits with
+    code 2 if there is none.
+    """
     pipeline = pipeline_of(estimator, paper, params)
     start = start_of(pipeline, params, paper)
     found = source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures_of(pipeline))
     for line in found.notes:
         note(line)
-    return Opened(pipeline, start, found)
+    return pipeline, start, found

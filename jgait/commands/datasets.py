@@ -1,5 +1,7 @@
 """`jgait datasets`: list the public data sets, show their folders, and fetch them."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -33,20 +35,19 @@ def list_sets(json_file: Json = None) -> None:
 @sets.command("path")
 def path_of_set(name: str, json_file: Json = None) -> None:
     """Print the folder of a data set."""
-    try:
-        folder = str(datasets.path(name))
-    except (datasets.DatasetUnavailable, ValueError) as error:
-        stop(str(error))
-    console.print(visible(folder), soft_wrap=True)
-    write_json(json_file, {name: folder})
+    _show(name, json_file, datasets.path, "")
 
 
 @sets.command("fetch")
 def fetch_set(name: str, json_file: Json = None) -> None:
     """Download a data set from its authors; each file is checked by its hash."""
+    _show(name, json_file, partial(datasets.fetch, progress=True), f"{name} could not be fetched: ")
+
+
+def _show(name: str, json_file: Path | None, found: Callable[[str], Path], failed: str) -> None:
     try:
-        folder = str(datasets.fetch(name, progress=True))
+        folder = str(found(name))
     except Exception as error:
-        stop(f"{name} could not be fetched: {error}")
+        stop(f"{failed}{error}")
     console.print(visible(folder), soft_wrap=True)
     write_json(json_file, {name: folder})

@@ -10,7 +10,7 @@ from rich.markup import escape
 from jgait import datasets
 from jgait.commands import demo_run
 from jgait.commands.console import Bar, console, progress, stop, table_of, write_json, wrote
-from jgait.commands.demo_run import Demo, RealWalk
+from jgait.commands.demo_run import Demo
 from jgait.commands.folder import results_folder
 
 
@@ -28,14 +28,6 @@ def _show(result: Demo) -> None:
     moved = ", ".join(f"{name} {before:.3g} → {after:.3g}" for name, (before, after) in result.tuned.items())
     console.print(f"tuned by gradient ({len(result.losses)} steps, loss {result.losses[0]:.1f} → "
                   f"{min(result.losses):.1f}): {moved}", highlight=False)  # fmt: skip
-
-
-def _show_walk(walk: RealWalk) -> None:
-    table = table_of("quantity", "all sensors", "each alone", "motion capture", left=4, title=walk.title)
-    for line in walk.lines:
-        table.add_row(*(escape(cell) for cell in line))
-    console.print(table)
-    console.print()
 
 
 def demo(
@@ -80,7 +72,11 @@ def demo(
         except OSError as error:
             stop(f"the figures could not be written to {out}: {error}")
     if first is not None:
-        _show_walk(first)
+        table = table_of("quantity", "all sensors", "each alone", "motion capture", left=4, title=first.title)
+        for line in first.lines:
+            table.add_row(*map(escape, line))
+        console.print(table)
+        console.print()
     console.print("Errors are root mean squares relative to standing; of the distance, the signed or median error.\n")
     _show(result)
     console.print()

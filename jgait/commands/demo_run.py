@@ -105,19 +105,17 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 15, 
         _loss, start, params.freed(leg_ekf.estimator().transforms, *names), data, optax.adam(0.01), steps=steps,
         progress=lambda p: report(f"tuning on {half} simulated people, loss {p.loss:.1f}", p.done, p.total),
     )  # fmt: skip
-    judged = []
+    tables = []
     for number in range(half, subjects):
         item = made.one(number)
-        pair = []
-        for p in (start, fit.params):
-            estimate = _estimate(p, item)
-            pair.append((judge(estimate, item.reference, *spans(item)), estimate))
-        judged.append((pair, drawn[number].truth.estimate))
-    lines = _medians([_lines(f"median of {subjects - half} people", False, a[0], b[0]) for (a, b), _ in judged])
-    (_, (_, estimate)), reference = judged[0]
-    figures = _figures(out, "simulated", estimate, reference, "a simulated walk left out of the tuning", None, None)
+        estimates = [_estimate(p, item) for p in (start, fit.params)]
+        errors = (judge(one, item.reference, item.look, item.standing) for one in estimates)
+        tables.append(_lines(f"median of {subjects - half} people", False, *errors))
+    title = "a simulated walk left out of the tuning"
+    figures = _figures(out, "simulated", estimates[1], drawn[-1].truth.estimate, title, None, None)
     tuned = _tuned(names, start, fit.params)
-    return Demo(f"Simulated: {subjects} people, tuned on {half}", lines, tuned, figures, [float(v) for v in fit.losses])
+    losses = [float(v) for v in fit.losses]
+    return Demo(f"Simulated: {subjects} people, tuned on {half}", _medians(tables), tuned, figures, losses)
 
 
 _loss = tune.Objective(leg_ekf.run, leg_ekf.with_body, OPTIONS, (("trajectory", 1.0), ("distance", 1.0)))
@@ -129,12 +127,6 @@ def _walking(walk: Walk, prepared: Prepared[PyTree]) -> tune.Windows:
     del walk
     moving = np.flatnonzero(~prepared.inputs.still)
     return tune.Windows((int(moving[0]), int(moving[-1]) + 1), prepared.standing)
-
-
-def spans(item: tune.Lesson) -> tuple[tuple[int, int], tuple[int, int]]:
-    """The windows of a lesson, in samples."""
-    look, standing = (np.flatnonzero(mask) for mask in (item.look, item.standing))
-    return (int(look[0]), int(look[-1]) + 1), (int(standing[0]), int(standing[-1]) + 1)
 
 
 def _medians(tables: list[list[Line]]) -> list[Line]:
@@ -246,7 +238,8 @@ def neura_sparse(out: Path, report: Report, *, steps: int = 30) -> Demo:
     before, after = _estimate(start, item), _estimate(fit.params, item)
     lines = []
     for name, tuned_on, part in (("out", True, item), ("back", False, unseen)):
-        lines += _lines(name, tuned_on, *(judge(estimate, reference, *spans(part)) for estimate in (before, after)))
+        errors = (judge(one, reference, part.look, part.standing) for one in (before, after))
+        lines += _lines(name, tuned_on, *errors)
     seconds = (float(reference.time[unseen.first]), float(reference.time[unseen.last]))
     figures = _figures(
         out, "neura_sparse", after, reference, "walk back, left out of the tuning", seconds,

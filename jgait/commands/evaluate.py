@@ -79,8 +79,9 @@ def evaluate(
     recording that cannot be used stops no other. Exit code 0: all recordings were used; 1: some could not be used; 2:
     none.
     """
-    cohort = cohorts.opened(table, dataset, simulated, seed, estimator, paper, params, gyr_unit, acc_unit)
-    pipeline, start, source = cohort
+    pipeline, start, source = cohorts.opened(
+        table, dataset, simulated, seed, estimator, paper, params, gyr_unit, acc_unit
+    )
     names = [] if loss is None else list(losses_of("--loss", loss))
     if names:
         check_answers(pipeline, names)
@@ -89,7 +90,7 @@ def evaluate(
         out, "evaluate", source.marks, planned=PLANNED, inputs=read, json_file=json_file, fresh=fresh
     ) as folder:
         continued = any(folder.run.glob("part-*-*"))
-        results = cohort.evaluated(out=folder.run, batch=batch)
+        results = cohorts.evaluated(pipeline, start, source, out=folder.run, batch=batch)
         if continued:
             console.print(
                 f"continuing an earlier run in {out}; its finished recordings were not computed again", highlight=False

@@ -50,12 +50,7 @@ def _measures() -> dict[str, tuple[float, float]]:
 
 
 def person_of(file: Path | None, values: Mapping[str, PyTree]) -> dict[str, PyTree]:
-    """The measures of a file and of options; exits with code 2 for an option that is no measure of a person.
-
-    Args:
-        file: JSON file, or None.
-        values: argument → value of the options that only some estimators have, see `with_own_options`.
-    """
+    """The measures of a file and of the options of `with_own_options`; exits with code 2 for an option that is none."""
     person = person_in(file)
     for known in own_options().values():
         value = values.get(known.variable)

@@ -134,19 +134,10 @@ def recording_of(
     trial: str | None = None,
     **called: PyTree,
 ) -> Recording:
-    """A recording from a user's file or folder of any format.
+    """A recording from a user's file or folder of any format, as the options of this module state it.
 
-    Args:
-        file: the file or folder.
-        rate: sampling rate [Hz], for files that do not state it.
-        gyr_unit: unit by the user, in any case; None for the file's unit, or deg/s for CSV files that state none.
-        acc_unit: as gyr_unit; m/s^2 for such CSV files.
-        range_unit: unit of the column feet_range.
-        format: one of `jgait.io.FORMATS`; None: detected from the file.
-        placement: placement of the sensor, for files of one sensor.
-        placements: the file's name of a sensor → its placement.
-        trial: name of the trial in a Mobilise-D file with several.
-        called: `name` and `subject`.
+    Units may be in any case. `placement` is for files of one sensor, `placements` the file's name of a sensor → its
+    placement; `called` are `name` and `subject`.
 
     Raises:
         OSError: if the file does not exist, or may not be read.

@@ -174,12 +174,11 @@ def _of_cohort(
     params: Path | None, files: dict[str, Any], command: str, outputs: tuple[Path | None, ...],
 ) -> tuple[Report, list[tuple[str, str]]]:  # fmt: skip
     """The page of a cohort whose results are computed now."""
-    cohort = cohorts.opened(
+    pipeline, start, source = cohorts.opened(
         table, dataset, simulated, seed, estimator, paper, params, files["gyr_unit"], files["acc_unit"]
     )
-    pipeline, start, source = cohort
     keep_inputs(outputs, source.files)
-    results = cohort.evaluated()
+    results = cohorts.evaluated(pipeline, start, source)
     results = results._replace(failures=source.failed(results.failures))
     failures = list(zip(results.failures["recording"], results.failures["reason"], strict=True))
     say_failures(failures)

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import jax
 import numpy as np
+import pandas as pd
 import typer
 from jaxtyping import PRNGKeyArray
 
@@ -90,17 +91,18 @@ def simulate(
             for number, walk in enumerate(walks(), 1):
                 written[walk.recording.name] = _written(walk, folder.stage, files)
                 bar("simulating", number, people)
-            folder.publish([*files, _cohort(folder.stage / "cohort.csv", written)])
+            table = pd.DataFrame(list(written.values())).drop(columns=["duration_s", "strides", "sensors"])
+            folder.publish([*files, io.write_csv(table, folder.stage / "cohort.csv")])
         except ValueError as error:
             stop(str(error))
         except OSError as error:
             stop(f"nothing more could be written to {out}: {error}")
     write_json(json_file, {"asked": asked, "walks": written})
     _show(written)
-    table = visible(out / "cohort.csv")
+    cohort = visible(out / "cohort.csv")
     console.print(
-        f"wrote {count(len(written), 'recording', 'recordings')}, each with its truth, and {table} "
-        f"(jgait evaluate {table})",
+        f"wrote {count(len(written), 'recording', 'recordings')}, each with its truth, and {cohort} "
+        f"(jgait evaluate {cohort})",
         soft_wrap=True, highlight=False,
     )  # fmt: skip
 
@@ -191,13 +193,6 @@ def _written(walk: Walked, out: Path, files: list[Path]) -> dict[str, Any]:
         "strides": int(np.count_nonzero(truth.strides.valid)),
         "sensors": list(recording.sensors),
     }
-
-
-def _cohort(file: Path, written: dict[str, Any]) -> Path:
-    import pandas as pd
-
-    table = pd.DataFrame(list(written.values()))
-    return io.write_csv(table.drop(columns=["duration_s", "strides", "sensors"]), file)
 
 
 def _show(written: dict[str, Any], most: int = 20) -> None:

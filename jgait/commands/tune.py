@@ -84,7 +84,7 @@ def tune(
         "pipeline": "paper" if paper else "default", "free": names, "loss": loss, "steps": steps,
         "learning_rate": rate, "starts": starts, "seed": seed, "cohort": source.title,
         "recordings": len(made.names), "people": len(set(made.subjects)), "left_out": tune_run.groups_of(made).many,
-        "options": _tuned_options(made.options),
+        "options": {name: getattr(made.options, name) for name in ("soft", "noise") if hasattr(made.options, name)},
         "data": source.versions(made.names),
     }  # fmt: skip
     title = f"{pipeline.name}{', the paper’s pipeline,' if paper else ''} tuned on {source.title}"
@@ -116,11 +116,6 @@ def tune(
     if failures:
         console.print(f"{len(failures)} of {len(failures) + len(made.names)} recordings could not be used")
         raise typer.Exit(1)
-
-
-def _tuned_options(options: PyTree) -> dict[str, PyTree]:
-    """The options that parameters with a noise model need, for the file of parameters."""
-    return {name: getattr(options, name) for name in ("soft", "noise") if hasattr(options, name)}
 
 
 def _freed(pipeline: Estimator[PyTree, PyTree], names: list[str]) -> PyTree:

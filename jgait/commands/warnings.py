@@ -21,13 +21,8 @@ LONGEST_EXAMPLE = 200
 
 
 def say_warnings(recordings: Iterable[tuple[str, str]], folder: Path) -> None:
-    """Print how many recordings have notes of the severities in `ADVICE`, their kinds, and where all notes are.
-
-    Nothing is printed if there are none.
-
-    Args:
-        recordings: name, and notes in JSON as in recordings.csv.
-        folder: folder of the results.
+    """Print how many recordings (name, notes in JSON) have notes of the severities in `ADVICE`, their kinds, and where
+    all notes are; nothing if there are none.
     """
     kinds: Counter[tuple[str, str]] = Counter()
     example: dict[tuple[str, str], tuple[str, Note]] = {}

@@ -10,7 +10,7 @@ Source:
     Biopharmaceutical Statistics 17 (2007).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -135,7 +135,8 @@ def limits_of_agreement(
     difference = ours - theirs
     if subjects is not None and np.shape(subjects) != difference.shape:
         raise ValueError(f"subjects must name one of each of {difference.size} rows; got shape {np.shape(subjects)}")
-    codes, count = (np.arange(ours.size), ours.size) if subjects is None else number_subjects(subjects)
+    codes = np.arange(ours.size) if subjects is None else numbered_people(np.asarray(subjects, object))[1]
+    count = int(codes.max()) + 1
     if count < 2:
         raise ValueError(f"limits of agreement need at least two subjects; got {count}")
     bias = float(difference.mean())
@@ -166,12 +167,6 @@ def _variances(difference: np.ndarray, sizes: np.ndarray, codes: np.ndarray) -> 
         return variance, of_bias, variance / (2.0 * (total - n))
     spread = 2.0 * ((share * between) ** 2 / (n - 1) + ((1.0 - share) * within) ** 2 / (total - n))
     return variance, of_bias, spread / (4.0 * variance)
-
-
-def number_subjects(labels: Any) -> tuple[np.ndarray, int]:
-    """The subject of each row as a number in order of appearance, and the number of subjects; see `types.people`."""
-    names, codes = numbered_people(labels)
-    return codes, len(names)
 
 
 def finite_pair(one: npt.ArrayLike, other: npt.ArrayLike, *names: str) -> tuple[np.ndarray, np.ndarray]:

@@ -10,15 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from jgait.evaluate.reliability import (
-    LEVEL,
-    finite_pair,
-    icc21,
-    icc_of_squares,
-    limits_of_agreement,
-    number_subjects,
-)
-from jgait.types import as_float
+from jgait.evaluate.reliability import LEVEL, finite_pair, icc21, icc_of_squares, limits_of_agreement
+from jgait.types import as_float, numbered_people
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -92,7 +85,8 @@ def paired_difference(
     first, second = finite_pair(before, after, "before", "after")
     if np.shape(subjects) != first.shape:
         raise ValueError(f"subjects must name one of each of the {first.size} rows; got shape {np.shape(subjects)}")
-    codes, count = number_subjects(subjects)
+    names, codes = numbered_people(np.asarray(subjects, object))
+    count = len(names)
     if count < 2:
         raise ValueError(f"a paired difference needs at least two subjects; got {count}")
     changes = np.bincount(codes, second - first) / np.bincount(codes)
@@ -149,17 +143,17 @@ def agreement(table: "pd.DataFrame", *, seed: int = 0, resamples: int = RESAMPLE
         chosen = table[table["quantity"] == name]
         pairs = chosen[["estimate", "reference"]].to_numpy(dtype=float)
         finite = np.isfinite(pairs).all(axis=1)
-        row = _agreement(pairs[finite], *number_subjects(chosen["subject"][finite]), seed=seed, resamples=resamples)
+        row = _agreement(pairs[finite], numbered_people(chosen["subject"][finite])[1], seed=seed, resamples=resamples)
         rows[name] = row | {"n_dropped": int(np.sum(~finite))}
     whole = {"n": int, "n_subjects": int, "n_dropped": int}
     made = pd.DataFrame.from_dict(rows, orient="index").reindex(columns=list(AGREEMENT))  # also with no rows
     return made.rename_axis("quantity").astype(whole)
 
 
-def _agreement(pairs: np.ndarray, codes: np.ndarray, count: int, *, seed: int, resamples: int) -> dict[str, float]:
+def _agreement(pairs: np.ndarray, codes: np.ndarray, *, seed: int, resamples: int) -> dict[str, float]:
     """One row of the table of agreement, from finite pairs (estimate, reference) (n, 2)."""
     nan = float("nan")
-    n, error = len(pairs), pairs[:, 0] - pairs[:, 1]
+    n, error, count = len(pairs), pairs[:, 0] - pairs[:, 1], len(np.unique(codes))
     row = dict.fromkeys(AGREEMENT, nan) | {"n": n, "n_subjects": count}
     if n == 0:
         return row

@@ -5,7 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.evaluate.errors import FIELDS, distance_error, leg_errors, trajectory_errors
-from jgait.types import Estimate, as_float
+from jgait.types import AnyArray, Estimate, as_float
+
+Samples = tuple[int, int] | AnyArray
+"""Samples of a reference: a half-open range, or a mask (T,)."""
 
 
 class Judged(NamedTuple):
@@ -18,13 +21,11 @@ class Judged(NamedTuple):
     within_two_sigma: float | None
 
 
-def judge(
-    estimate: Estimate, reference: Estimate, window: tuple[int, int], standing: tuple[int, int] | None = None
-) -> Judged:
+def judge(estimate: Estimate, reference: Estimate, window: Samples, standing: Samples | None = None) -> Judged:
     """Errors of an estimate over a window of the reference, of every leg that both have.
 
-    The ranges of samples of the reference are half-open; with `standing`, its mean is subtracted from both signals. The
-    estimate is interpolated at the times of the reference.
+    With `standing`, its mean is subtracted from both signals. The estimate is interpolated at the times of the
+    reference.
     """
     look = _within(window, reference)
     still = None if standing is None else _within(standing, reference)
@@ -35,7 +36,9 @@ def judge(
     return Judged(rmse, error, _share_within(estimate, reference, look, still))
 
 
-def _within(span: tuple[int, int], reference: Estimate) -> np.ndarray:
+def _within(span: Samples, reference: Estimate) -> np.ndarray:
+    if not isinstance(span, tuple):
+        return np.asarray(span, bool)
     index = np.arange(as_float(reference.time).size)
     return (index >= span[0]) & (index < span[1])
 

@@ -1,16 +1,13 @@
-"""Figures of a cohort: agreement with the reference, errors of each subject, and changes of errors.
-
-Readable in grey, units on the axes. Each function returns the matplotlib figure; `jgait.plot.save` writes it.
-"""
+"""Figures of a cohort: agreement with the reference, errors of each subject, and changes of errors."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jgait.evaluate.reliability import Limits, limits_of_agreement, number_subjects
+from jgait.evaluate.reliability import Limits, limits_of_agreement
 from jgait.evaluate.statistics import paired_difference, require_columns
 from jgait.plot.style import DASHED, RED, REFERENCE, Axes, Figure, Style, blank
-from jgait.types import people
+from jgait.types import numbered_people, people
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,7 +69,8 @@ def bland_altman(
         ValueError: if a column or the quantity is missing, or there are fewer than two subjects.
     """
     rows = _rows(table, quantity)
-    codes, count = number_subjects(rows["subject"])
+    names, codes = numbered_people(rows["subject"])
+    count = len(names)
     estimate, reference = (rows[name].to_numpy(dtype=float) for name in ("estimate", "reference"))
     limits = limits_of_agreement(estimate, reference, subjects=codes)
     mean, difference = (estimate + reference) / 2.0, estimate - reference
@@ -85,7 +83,6 @@ def bland_altman(
     _limits(axis, limits, unit)
     size = 26.0 if len(rows) < 300 else 12.0
     if count <= FEW:
-        names = rows["subject"].drop_duplicates()
         for code, (name, (marker, color)) in enumerate(zip(names, MARKS, strict=False)):
             of_subject = codes == code
             axis.scatter(
@@ -96,7 +93,7 @@ def bland_altman(
                 color=color,
                 linewidths=0,
                 alpha=0.85,
-                label=str(name),
+                label=name,
             )
         figure.legend(loc="outside right upper", fontsize=8, title="subject", title_fontsize=8, frameon=False)
     else:

@@ -82,7 +82,6 @@ def _rates(axis: Axes, estimate: Estimate, name: str, part: np.ndarray) -> None:
         if of_kind.any():
             kept = of_kind | np.r_[of_kind[1:], False] if kind != MEASURED else of_kind
             axis.plot(time, np.where(kept, rate, np.nan), label=word, **style)
-    axis.grid(alpha=0.3)
 
 
 def _angles(axis: Axes, estimate: Estimate, side: str, worn: list[str], part: np.ndarray) -> None:
@@ -109,4 +108,3 @@ def _angles(axis: Axes, estimate: Estimate, side: str, worn: list[str], part: np
         if deviation is not None:
             band(axis, time, angle, DEGREES * as_float(deviation)[part], label=None, color=style["color"], alpha=0.22)
         axis.plot(time, angle, label=f"{word}, ±2σ" if deviation is not None else word, **style)
-    axis.grid(alpha=0.3)

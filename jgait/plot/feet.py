@@ -1,7 +1,6 @@
 """Figures of feet: trajectories from above and from the side, and strides over time.
 
 The right foot is black with dots, the left foot light blue with squares: they also differ in grey.
-Each function returns the matplotlib figure. `jgait.plot` has all of them.
 """
 
 from collections.abc import Sequence
@@ -133,7 +132,6 @@ def foot_height(estimate: Estimate, *, title: str = "") -> Figure:
         heights = 100.0 * places_at(estimate, foot, times)[:, 2]
         axis.plot(np.interp(times, as_float(estimate.time), along), heights, **FOOTHOLD[side])
         axis.set_ylabel("height [cm]")
-        axis.grid(alpha=0.3)
     axes[-1, 0].set_xlabel("way of the foot, seen from above [m]")
     legend(figure, title, columns=5)
     return figure
@@ -208,7 +206,6 @@ def series_of(
                       label=f"{side} {part}{', ±2σ' if bars.any() else ''}" if labelled else None, **style)  # fmt: skip
         hollow = {**FOOTHOLD[side], "markerfacecolor": "white"}
         axis.plot(when[bad], values[bad], label=f"{side} {part}, not trusted" if bad.size else None, **hollow)
-    axis.grid(alpha=0.3)
 
 
 PANELS = (

@@ -102,7 +102,6 @@ def _over_time(
             axis.plot(time, value, label="jgait", **ESTIMATE)
             axis.set_ylabel(unit)
             axis.tick_params(labelleft=True)
-            axis.grid(alpha=0.3)
             if row == 0:
                 axis.set_title(f"{side} leg", loc="left")
     for axis in axes[-1]:
@@ -137,7 +136,6 @@ def foot_path(
         axis.set_aspect("equal", adjustable="datalim")
         axis.set_xlabel("ankle forward of hip [cm]")
         axis.set_title(f"{side} leg")
-        axis.grid(alpha=0.3)
     axes[0, 0].set_ylabel("ankle above hip [cm]")
     axes[0, 0].legend(loc="upper center", fontsize=8, framealpha=0.9)
     titled(figure, title)
@@ -186,7 +184,6 @@ def distance(
     draw(estimate, "jgait", ESTIMATE)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("distance walked [m]")
-    axis.grid(alpha=0.3)
     axis.legend(loc="upper left", fontsize=8)
     if title:
         axis.set_title(title)

@@ -1,7 +1,4 @@
-"""Figures of sleeping sensors: error against energy saved, and error against duty cycle.
-
-Readable in grey, units on the axes. Each function returns the matplotlib figure; `jgait.plot.save` writes it.
-"""
+"""Figures of sleeping sensors: error against energy saved, and error against duty cycle."""
 
 from collections.abc import Mapping
 from typing import NamedTuple

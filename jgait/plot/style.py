@@ -69,7 +69,7 @@ def blank(rows: int, columns: int, width: float, height: float, **options: Any) 
 
 
 def panels(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
-    """As `blank`, with margins of fixed sizes, so that no text is measured before the figure is drawn.
+    """As `blank`, with a grid, and margins of fixed sizes, so that no text is measured before the figure is drawn.
 
     There is room for labels of the axes of two lines, numbers of six characters, and titles of the axes.
     """
@@ -80,7 +80,10 @@ def panels(rows: int, columns: int, width: float, height: float, **options: Any)
     tall = (height - TOP - BOTTOM - below * (rows - 1)) / rows
     figure.subplots_adjust(LEFT / width, BOTTOM / height, 1.0 - RIGHT / width, 1.0 - TOP / height,
                            BESIDE / wide, below / tall)  # fmt: skip
-    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+    axes = figure.subplots(rows, columns, squeeze=False, **options)
+    for axis in axes.ravel():
+        axis.grid(alpha=0.3)
+    return figure, axes
 
 
 def _figure(width: float, height: float, layout: Literal["constrained"] | None) -> Figure:

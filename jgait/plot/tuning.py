@@ -1,7 +1,4 @@
-"""Figures of a tuning: the loss of each step, and how precisely the data determine the parameters.
-
-Readable in grey, units on the axes. Each function returns the matplotlib figure; `jgait.plot.save` writes it.
-"""
+"""Figures of a tuning: the loss of each step, and how precisely the data determine the parameters."""
 
 import math
 from statistics import NormalDist

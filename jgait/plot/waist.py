@@ -1,7 +1,6 @@
 """A figure of the trunk in walking: its accelerations with the initial contacts of both feet.
 
 Right contacts are black dots, left contacts light blue squares: they differ in lightness and shape, also in grey.
-`jgait.plot` has the function; it returns the matplotlib figure.
 """
 
 import numpy as np

@@ -1,7 +1,4 @@
-"""Figures of a simulated walk: an animated stick figure of the body, and all sensor signals of one stride.
-
-`jgait.plot` has both functions.
-"""
+"""Figures of a simulated walk: an animated stick figure of the body, and all sensor signals of one stride."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -186,7 +183,6 @@ def stride_signals(recording: Recording, truth: "Truth") -> Figure:
                 for number, style in enumerate(AXES):
                     axis.plot(share, kept[:, number], label="xyz"[number], **style)
             axis.set_xlim(-1.5, 101.5)
-            axis.grid(alpha=0.3)
             axis.margins(y=0.08)
         axes[row, 0].set_ylabel(placement.replace("_", "\n"))
     side = SIDES[int(strides.side[stride])]

@@ -127,4 +127,3 @@ def _moving(axis: Axes, estimate: Estimate, rows: np.ndarray) -> None:
     axis.plot(when, spread, color="0.3", linewidth=1.2)
     axis.set_ylabel(f"SD of {MOVING} [cm]")
     axis.set_ylim(bottom=0.0)
-    axis.grid(alpha=0.3)

@@ -25,18 +25,8 @@ BOUTS = {
 def of_analysis(
     analysis: Analysis, recording: Recording, *, reference: Estimate | None = None, made: Made | None = None
 ) -> Report:
-    """The page of one recording by all its sensors: as `of_estimate`, with what each source says and walking bouts.
-
-    Contradictions between the sources are among the warnings.
-
-    Args:
-        analysis: of `jgait.analyse`.
-        recording: the signals.
-        reference: an independent measurement, drawn dashed and compared, or None.
-        made: settings of the computation; None leaves this out.
-
-    Raises:
-        ImportError: without the extra `cli`.
+    """The page of one recording by all its sensors, from `analyse`: as `of_estimate`, with what each source says, and
+    walking bouts. Contradictions between the sources are among the warnings.
     """
     more = [_sources(analysis), *_bouts(analysis)]
     return of_estimate(analysis.estimate, recording, reference=reference, made=made, more=more)

@@ -42,6 +42,11 @@ BY_SUBJECT = ("distance_m", "stride_length_m", "walking_speed_mps", "stride_widt
 MOST_RECORDINGS = 2000
 """Largest number of rows in the table of recordings; more rows make the page slow."""
 
+HOW = (
+    "Difference between estimate and reference against the mean of both. The full line is the bias; between the "
+    "dashed lines 95 of 100 differences are expected. Bars beside the axes are 95 % intervals."
+)
+
 FEW_PEOPLE = 10
 """Smallest number of people without a warning that the limits of agreement are uncertain."""
 
@@ -83,7 +88,7 @@ def of_cohort(
         *_headline(paired, agreement),
     ]  # fmt: skip
     sections = [
-        _agreement(agreement, made), Section("Bland–Altman", _how(), _figures(paired)) if len(paired) else None,
+        _agreement(agreement, made), Section("Bland–Altman", HOW, _figures(paired)) if len(paired) else None,
         _people(cohort, paired, lost), _recordings(cohort), _failures(failures), _parameters(made),
     ]  # fmt: skip
     about = about_of(made.estimator).title
@@ -164,13 +169,6 @@ def _headline(paired: "pd.DataFrame", agreement: "pd.DataFrame") -> list[tuple[s
     if len(relative):
         facts.append(("Distance: mean |error|", f"{number(100.0 * float(relative.mean()), 1)} %", "of the reference"))
     return facts
-
-
-def _how() -> str:
-    return (
-        "Difference between estimate and reference against the mean of both. The full line is the bias; between the "
-        "dashed lines 95 of 100 differences are expected. Bars beside the axes are 95 % intervals."
-    )
 
 
 def _agreement(agreement: "pd.DataFrame", made: Made) -> Section | None:

@@ -35,13 +35,10 @@ def pictures(
     if estimate.distance is not None and np.any(estimate.valid):
         drawn += _distance(estimate, reference)
     if made is not None:
-        drawn += [_special(figure, made) for figure in special if figure.caption and figure.when(estimate)]
+        for figure in (figure for figure in special if figure.caption and figure.when(estimate)):
+            arguments, words = figure.arguments(made)
+            drawn.append(picture(getattr(plot, figure.plot)(*arguments, **words), figure.caption, figure.caption))
     return drawn
-
-
-def _special(figure: EstimateFigure, made: EstimatedRecording) -> Picture:
-    arguments, words = figure.arguments(made)
-    return picture(getattr(plot, figure.plot)(*arguments, **words), figure.caption, figure.caption)
 
 
 def middle(estimate: Estimate) -> tuple[float, float] | None:
@@ -115,11 +112,8 @@ def _feet(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
 
 def _marks(estimate: Estimate) -> str:
     """The sentence about the marks of special strides, if any stride has one."""
-    return (
-        " Marks around a stride are explained below the figure: turns, doubts and the like."
-        if special(estimate)
-        else ""
-    )
+    sentence = " Marks around a stride are explained below the figure: turns, doubts and the like."
+    return sentence if special(estimate) else ""
 
 
 def _of_strides(estimate: Estimate) -> list[Picture]:

@@ -26,13 +26,7 @@ DOUBTS = ("stop", "check")
 
 
 def of_result(estimate: Estimate, notes: Iterable[Note], of: ReportStrides | None = None) -> list[Flag]:
-    """All flags of one recording, the most serious first: of its notes, its samples and its strides.
-
-    Args:
-        estimate: of one recording.
-        notes: of the recording and the estimate.
-        of: the strides, if they are known; None: `strides_of`.
-    """
+    """All flags of one recording, the most serious first: of its notes, its samples and its strides (`strides_of`)."""
     of = strides_of(estimate) if of is None else of
     return ordered([
         *explained(without_repeats(notes)), *of_samples(estimate),

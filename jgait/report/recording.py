@@ -113,11 +113,10 @@ def _facts(
                 text = f"{strides.mean_text(row['all'], measure)} {measure.unit}"
                 facts.append((measure.words.capitalize(), text, words))
     else:  # as the terminal prints them
-        facts += [
-            (one.words.capitalize(), one.text, "median over regular strides, ± one standard deviation as stated")
-            for one in totals(estimate, of.flags)
-            if one.words in ("stride length", "walking speed", "cadence")
-        ]
+        for one in totals(estimate, of.flags):
+            if one.words in ("stride length", "walking speed", "cadence"):
+                spread = ", ± one standard deviation as stated" if "±" in one.text else ""
+                facts.append((one.words.capitalize(), one.text, f"median over regular strides{spread}"))
     placed = ", ".join(_place(name) for name in recording.sensors)
     return [*facts, ("Sensors", str(len(recording.sensors)), placed)]
 

@@ -12,8 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
-FORMAT = 1
-
 
 def fingerprint(**parts: object) -> dict[str, str]:
     """A digest of each part of a fit: of the bytes of numbers, of the name or text of everything else."""
@@ -44,7 +42,7 @@ def save(path: Path, mark: dict[str, str], state: PyTree) -> None:
     """Write a pytree of arrays with the fingerprint of its fit; an existing file stays intact until then."""
     path.parent.mkdir(parents=True, exist_ok=True)
     leaves: dict[str, Any] = {f"leaf{i}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(state))}
-    meta = json.dumps({"format": FORMAT, "mark": mark, "leaves": len(leaves)})
+    meta = json.dumps({"mark": mark, "leaves": len(leaves)})
     new = path.with_name(f"{path.name}.part")  # one name: what a killed process left is overwritten
     try:
         with new.open("wb") as file:
@@ -75,8 +73,6 @@ def load(path: Path, mark: dict[str, str], like: PyTree) -> PyTree:
             leaves = [file[f"leaf{i}"] for i in range(meta["leaves"])]
     except Exception as error:
         raise ValueError(f"{path} is no checkpoint of a fit ({type(error).__name__}: {error})") from error
-    if meta["format"] != FORMAT:
-        raise ValueError(f"{path} has checkpoint format {meta['format']}; this version of jgait reads {FORMAT}")
     other = sorted(name for name in mark.keys() | meta["mark"].keys() if mark.get(name) != meta["mark"].get(name))
     structure: PyTree = jax.tree.structure(like)
     if other or structure.num_leaves != len(leaves):

@@ -57,16 +57,8 @@ class CrossValidation[P](NamedTuple):
     left_out: np.ndarray
 
 
-def check_split(subjects: Sequence[Hashable], folds: Sequence[Hashable]) -> None:
-    """Raise if one subject's items are in several folds: the error on a subject in the training part is too low.
-
-    Args:
-        subjects: (n,) subject of each item.
-        folds: (n,) the fold in which each item is held out.
-
-    Raises:
-        ValueError: if a subject is in several folds (the message names it), or there are fewer than two folds.
-    """
+def _check_split(subjects: Sequence[Hashable], folds: Sequence[Hashable]) -> None:
+    """Raise ValueError if items of one subject are in several folds, in which its error is too low, or all in one."""
     if len(subjects) != len(folds):
         raise ValueError(f"every item needs a subject and a fold; got {len(subjects)} subjects and {len(folds)} folds")
     of: dict[Hashable, set[Hashable]] = {}
@@ -139,34 +131,15 @@ def cross_validate[P](
 ) -> CrossValidation[P]:
     """For every fold, fit on the other folds' subjects and compute the error on the fold's subjects, in one program.
 
-    Everything but the folds is as in `tune.fit`. A fold with several starts uses the start with the lowest training
-    loss; the items held out have no influence on that choice.
+    A fold with several starts uses the start with the lowest training loss; the items held out have no influence on
+    that choice. `params` are the starting values, with which `error_before` is computed as well; known values per
+    subject (`per_subject(fixed)`) are allowed, free ones raise. All arguments are as of `tune.fit`, but for
 
-    Args:
-        loss: (params, item) → scalar; pure JAX.
-        params: starting values, with which `error_before` is computed as well.
-        transforms: of `params`; known values per subject (`per_subject(fixed)`) are allowed, free ones raise.
-        data: pytree of arrays with a leading axis of n items.
-        optimizer: from optax.
         subjects: (n,) subject of each item.
-        folds: None: each subject is one fold; a number k: the subjects are divided into k folds; or (n,) the fold of
-            each item, the same for all items of a subject.
+        folds: None: each subject is one fold; a number k: the subjects are divided into k folds, with `key`; or (n,)
+            the fold of each item, the same for all items of a subject.
         error: (params, item) → scalar, the error in the tables, in the unit of its values; None for the loss, which of
             most objectives is a square: `tune.objective(…, "stride_length_error")` gives cm, "stride_length" cm².
-        steps: number of steps of each fit.
-        gradient: see `value_and_grad`.
-        priors: see `tune.fit`.
-        starts: number of starts of each fit.
-        spread: standard deviation of the starts, see `tune.fit`.
-        minibatch: number of training items in each step; None for all.
-        key: PRNG key of folds, starts and minibatches.
-        checkpoint_file: see `tune.fit`.
-        mesh: see `tune.fit`.
-        progress: called with the state of the best fit.
-        chunk: see `tune.fit`.
-
-    Returns:
-        Tables, and the parameters of every fold.
 
     Raises:
         TypeError, ValueError: as `tune.fit`; or if a subject is in several folds, or a recording has two subjects.
@@ -175,7 +148,7 @@ def cross_validate[P](
     labels, number = numbered(subjects, n)
     named = [labels[i] for i in number]
     fold_of = _folds(named, folds, key)
-    check_split(named, fold_of)
+    _check_split(named, fold_of)
     _check_twins(data, named)
     if any(t.own and t.to_natural is not None for t in transforms_of(transforms)):
         raise ValueError("a subject's own parameters cannot be learned from others: fix them, or share them")

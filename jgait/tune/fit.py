@@ -16,9 +16,9 @@ from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 from jgait.params import constrain
 from jgait.tune import checkpoint
 from jgait.tune.checks import check_data, check_loss, check_priors, numbered, over_transforms, spread_out, start
-from jgait.tune.descent import Settings, flat
+from jgait.tune.descent import Carry, Settings, Trace, flat
 from jgait.tune.gradient import check_mode
-from jgait.tune.lanes import Lanes, Report, descend
+from jgait.tune.lanes import Report, descend
 from jgait.tune.problem import Context, Items, Problem, of_subject, place
 from jgait.tune.words import is_interval
 from jgait.types import AnyArray, Maybe
@@ -229,13 +229,13 @@ def fit[P](
         optimizer=optimizer_mark(optimizer, free),
     )  # fmt: skip
     begin = scattered(key, free, starts, spread)
-    lanes = descend(
+    carry, trace = descend(
         problem, optimizer, settings,
         Context(params, place(problem, learn), None if judge is None else place(problem, judge), key),
         begin, np.tile(weights, (starts, 1)), dtype, chunk=chunk, report=progress,
         file=None if checkpoint_file is None else Path(checkpoint_file), mark=mark,
     )  # fmt: skip
-    return _result(problem, params, lanes, begin, labels, numbers)
+    return _result(problem, params, carry, trace, begin, labels, numbers)
 
 
 def name_of(loss: object) -> str:
@@ -281,9 +281,8 @@ def warn_of_flat(
 
 
 def _result[P](
-    problem: Problem, params: P, lanes: Lanes, begin: PyTree, labels: tuple[str, ...], numbers: np.ndarray
+    problem: Problem, params: P, carry: Carry, trace: Trace, begin: PyTree, labels: tuple[str, ...], numbers: np.ndarray
 ) -> Fit[P]:
-    carry, trace = lanes
     counted = np.count_nonzero(carry.weights[:, : numbers.size], axis=1)
     # Losses over different numbers of items cannot be compared: only the starts with the most items are eligible.
     eligible = (counted == counted.max()) & np.isfinite(carry.best_score)

@@ -95,28 +95,22 @@ class Identifiability(NamedTuple):
         return pd.DataFrame(columns, index=pd.Index(self.names, name="name"))
 
 
-class _Spread(NamedTuple):
-    """The covariance (p, p) in two parts: of the directions with information, and, huge, of those without.
-
-    `falling` (k, p) are directions along which the loss curves downwards; `decrement`: see `Identifiability`.
-    """
-
-    known: np.ndarray
-    unknown: np.ndarray
-    decrement: float
-    falling: np.ndarray
-
-
 def _partners(correlation: np.ndarray, i: int) -> list[int]:
     return [j for j in range(len(correlation)) if j != i and abs(correlation[i, j]) >= TOGETHER]
 
 
-def _spread(information: np.ndarray, noise: np.ndarray, gradient: np.ndarray, rounding: float, limit: float) -> _Spread:
+def _spread(
+    information: np.ndarray, noise: np.ndarray, gradient: np.ndarray, rounding: float, limit: float
+) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
     """Invert the information (p, p) in the directions whose eigenvalue is positive; `noise` is the gradient's
     covariance.
 
     The matrix is scaled to a unit diagonal first, so that the threshold `rounding`, relative to its largest eigenvalue,
     does not depend on parameter units.
+
+    Returns:
+        The covariance (p, p) of the directions with information, that, huge, of those without, the decrement (see
+        `Identifiability`), and (k, p) the directions along which the loss curves downwards.
     """
     scale = np.sqrt(np.abs(np.diag(information)))
     scale = 1.0 / np.where(scale > 0.0, scale, 1.0)
@@ -137,7 +131,7 @@ def _spread(information: np.ndarray, noise: np.ndarray, gradient: np.ndarray, ro
     along = along / np.linalg.norm(along, axis=1, keepdims=True)
     # Negative curvature below a millionth of that of a determined direction is rounding, and not reported.
     falls = np.einsum("ki,ij,kj->k", along, information, along) < -1e-6 / limit**2
-    return _Spread(known, unknown, decrement, along[falls])
+    return known, unknown, decrement, along[falls]
 
 
 def _correlation(covariance: np.ndarray) -> np.ndarray:
@@ -248,17 +242,17 @@ def _statement(
 ) -> Identifiability:  # fmt: skip
     finite = bool(np.isfinite(slope).all() and np.isfinite(information).all() and np.isfinite(noise).all())
     usable, gradient = (information, slope) if finite else (np.zeros_like(information), np.zeros_like(slope))
-    spread = _spread(usable, noise if finite else usable, gradient, rounding, limit)
-    covariance = spread.known + spread.unknown
+    informed, blind, decrement, downwards = _spread(usable, noise if finite else usable, gradient, rounding, limit)
+    covariance = informed + blind
     correlation = _correlation(covariance)
     free = np.asarray(at.vector, float)
-    stderr_free = np.where(np.diag(spread.unknown) > 0.0, np.inf, np.sqrt(np.diag(covariance)))
+    stderr_free = np.where(np.diag(blind) > 0.0, np.inf, np.sqrt(np.diag(covariance)))
     values, slopes = natural_numbers(at, free)
     infinite = np.isinf(stderr_free)
     stderr = np.where(infinite, np.inf, np.abs(slopes) * np.where(infinite, 0.0, stderr_free))
     low, high = _ends(at, free, NormalDist().inv_cdf(0.5 + level / 2.0) * stderr_free)
     _, eigenvectors = np.linalg.eigh(usable)
-    known, unknown = (np.einsum("ik,ij,jk->k", eigenvectors, part, eigenvectors) for part in spread[:2])
+    known, unknown = (np.einsum("ik,ij,jk->k", eigenvectors, part, eigenvectors) for part in (informed, blind))
     deviations = np.where(unknown > known, np.inf, np.sqrt(np.maximum(known, 0.0)))
     loose = tuple(
         direction(at.names, eigenvectors[:, k], float(deviations[k]))
@@ -267,11 +261,11 @@ def _statement(
     )
     determined = stderr_free <= limit
     result = Identifiability(
-        at.names, tuple(t.name for t in at.transforms), values, free, total, slope, spread.decrement,
+        at.names, tuple(t.name for t in at.transforms), values, free, total, slope, decrement,
         information, covariance, correlation, stderr_free, stderr, low, high,
-        determined, loose, finite and not len(spread.falling),
+        determined, loose, finite and not len(downwards),
         [name for name, known in zip(at.names, determined, strict=True) if not known], [], level,
     )  # fmt: skip
     together = [(i, j) for i in range(len(free)) for j in _partners(correlation, i) if i < j]
-    falling = [direction(at.names, vector, math.inf) for vector in spread.falling]
+    falling = [direction(at.names, vector, math.inf) for vector in downwards]
     return result._replace(sentences=sentences(result, at.transforms, together, falling, finite, limit))

@@ -42,16 +42,6 @@ Report = Callable[[Progress], None]
 """A function called on the host between chunks of steps; it has no influence on the result."""
 
 
-class Lanes(NamedTuple):
-    """The final states of several fits, on the host; every leaf has a leading axis of fits (L,).
-
-    `trace` (L, steps) is the history of each fit; after a fit stopped, its last values repeat.
-    """
-
-    carry: Carry
-    trace: Trace
-
-
 def descend(
     problem: Problem,
     optimizer: optax.GradientTransformation,
@@ -65,8 +55,10 @@ def descend(
     report: Report | None,
     file: Path | None,
     mark: dict[str, str],
-) -> Lanes:
-    """Run several fits to their end.
+) -> tuple[Carry, Trace]:
+    """Run several fits to their end: their final states, and the history of each.
+
+    Both are on the host, every leaf with a leading axis of fits (L,); after a fit stopped, its last values repeat.
 
     Args:
         problem: the minimised function.
@@ -105,7 +97,7 @@ def descend(
         if report is not None and np.isfinite(np.asarray(carry.best_score)).any():
             report(_progress(carry, begin - 1, settings.steps))
     trace = _joined(history)
-    return Lanes(jax.tree.map(np.asarray, carry), jax.tree.map(lambda v: v[:, 1:], trace))
+    return jax.tree.map(np.asarray, carry), jax.tree.map(lambda v: v[:, 1:], trace)
 
 
 def _program(

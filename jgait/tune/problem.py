@@ -85,12 +85,6 @@ def item_losses(problem: Problem, free: PyTree, params: PyTree, items: Items) ->
     return _everyone(problem, partial(_one, problem))(free, params, items)
 
 
-def item_gradients(problem: Problem, free: PyTree, params: PyTree, items: Items) -> tuple[Float[Array, "item"], PyTree]:
-    """(n,) loss of every item, and its gradient by shared numbers and those of its subject, leading axis (n,)."""
-    both = value_and_grad(partial(_one, problem), problem.gradient)
-    return _everyone(problem, both)(free, params, items)
-
-
 def penalty(problem: Problem, free: PyTree, params: PyTree) -> Float[Array, ""]:
     """Minus the logarithm of the priors' density [nat], summed over parameters and subjects."""
     natural = constrain(free, problem.transforms, params)
@@ -138,7 +132,8 @@ def total(
     Σ wᵢ lossᵢ / Σ wᵢ + penalty / count: with losses in nats, the logarithm of the posterior density per item. `count`
     is the sum of the weights of all items; if `forgiving`, items that are not finite are left out.
     """
-    losses, slopes = item_gradients(problem, free, params, items)
+    both = value_and_grad(partial(_one, problem), problem.gradient)
+    losses, slopes = _everyone(problem, both)(free, params, items)
     axes = [jnp.isfinite(s).reshape((s.shape[0], -1)).all(axis=1) for s in jax.tree.leaves(slopes)]
     sound = jax.tree.reduce(jnp.logical_and, axes, jnp.isfinite(losses))
     used = jnp.where(forgiving & ~sound, jnp.zeros_like(weights), weights)

@@ -1,15 +1,18 @@
 """The command line end to end: a user's CSV, and what it says of bad ones."""
 
 import json
+from functools import partial
 
 import jax
 import numpy as np
 import pandas as pd
 import pytest
+import typer
 from made.command import run
 
 from experiments.__main__ import main
-from jgait import io
+from jgait import estimators, io
+from jgait.commands import own_options, person
 from jgait.simulate import protocols
 
 
@@ -87,6 +90,23 @@ def test_options_that_do_not_fit_are_refused(csv, tmp_path, monkeypatch, words, 
     code, said = run("estimate", csv, *words)
     assert code == 2
     assert reason in said
+
+
+def test_options_of_other_estimators_are_refused_by_name(capsys):
+    """Every option that only some have, with each of the others, and without --estimator where it is no measure."""
+    measures = {measure.option for name in estimators.names() for measure in estimators.about_of(name).measures}
+    for option, known in own_options.own_options().items():
+        owners = f"{option} is an option of {' and '.join(known.estimators)}; "
+        others = [name for name in estimators.names() if name not in known.estimators]
+        calls = [(partial(own_options.given_of, name), f"got --estimator {name}") for name in others]
+        calls += [] if option in measures else [(partial(person.person_of, None), "give --estimator as well")]
+        for call, end in calls:
+            with pytest.raises(typer.Exit):
+                call({known.variable: 1})
+            assert owners + end in " ".join(capsys.readouterr().err.split())
+    assert own_options.own_options()["--lever"].estimators == ("ankle_stride",)
+    assert own_options.own_options()["--duty"].estimators == ("duty_cycled_gyro",)
+    assert own_options.own_options()["--pivot"].estimators == ("foot_ins", "stride_width_ekf")
 
 
 def test_one_bad_file_does_not_cost_the_others(csv, tmp_path):

@@ -76,12 +76,6 @@ def test_widths_where_the_feet_hear_each_other(walk, tmp_path):
     ("words", "message"),
     [
         (("--estimator", "foot_ins", "--thigh", 0.4), "--thigh is an option of leg_ekf and duty_cycled_gyro; got"),
-        (("--estimator", "foot_ins", "--scale", 1), "--scale is an option of leg_ekf; got --estimator foot_ins"),
-        (
-            ("--estimator", "leg_ekf", "--pivot", 0.1),
-            "--pivot is an option of foot_ins and stride_width_ekf; got --estimator leg_ekf",
-        ),
-        (("--estimator", "foot_ins", "--range-offset", 0.1), "--range-offset is an option of stride_width_ekf"),
         (("--estimator", "foot_ins", "--paper"), "--paper is an option of leg_ekf and stride_width_ekf"),
         (("--estimator", "foot_ins", "--level", "perhaps"), "--level is auto, yes, no; got 'perhaps'"),
         (("--estimator", "gaze"), "estimator must be one of leg_ekf, foot_ins, stride_width_ekf"),

@@ -16,20 +16,7 @@ from made.command import run
 from jgait import io
 from jgait.commands.recordings import in_options, recording_of
 from jgait.io import atomic
-from jgait.simulate import protocols
 from jgait.types import RecordingError
-
-
-@pytest.fixture(scope="module")
-def recording():
-    import jax
-
-    return protocols.bennett(jax.random.key(4), placements=("thigh_right", "shank_right"))[0].recording
-
-
-@pytest.fixture
-def walk(recording, tmp_path):
-    return io.write_csv(recording, tmp_path / "walk.csv")
 
 
 def of_table(change):

@@ -13,13 +13,7 @@ from jgait.estimators.notes import STRIDES_UNCERTAIN, without_repeats
 from jgait.io.clock import GAPS_FILLED
 from jgait.io.damage.samples import IMPOSSIBLE
 from jgait.report.flags import explained
-from jgait.simulate import protocols
 from jgait.types import RecordingError, reason_of
-
-
-@pytest.fixture(scope="module")
-def recording():
-    return protocols.bennett(jax.random.key(4), placements=("thigh_right", "shank_right"))[0].recording
 
 
 @pytest.fixture
@@ -48,8 +42,8 @@ def test_files_of_the_same_name_are_told_apart(recording, tmp_path, without_esti
     assert " walk.csv:" not in said
 
 
-def test_one_file_is_called_by_its_name(recording, tmp_path, without_estimates):
-    _, said = run("estimate", io.write_csv(recording, tmp_path / "walk.csv"), "--out", tmp_path / "out")
+def test_one_file_is_called_by_its_name(walk, tmp_path, without_estimates):
+    _, said = run("estimate", walk, "--out", tmp_path / "out")
     assert " walk.csv: sampling rate" in said
 
 
@@ -57,10 +51,9 @@ def test_one_file_is_called_by_its_name(recording, tmp_path, without_estimates):
     "kind, factor, unit", [("acc", 1.0 / 9.80665, "--acc-unit g"), ("gyr", 57.3, "--gyr-unit deg/s")]
 )
 def test_a_unit_is_advised_if_it_is_right_for_all_sensors_and_one_sensor_is_left_out(
-    recording, tmp_path, without_estimates, kind, factor, unit
+    walk, tmp_path, without_estimates, kind, factor, unit
 ):
-    path = io.write_csv(recording, tmp_path / "walk.csv")
-    table = pd.read_csv(path)
+    table = pd.read_csv(walk)
     if kind == "gyr":
         turns = [name for name in table if "_gyr_" in name]
         table[turns] = np.deg2rad(table[turns])
@@ -70,8 +63,8 @@ def test_a_unit_is_advised_if_it_is_right_for_all_sensors_and_one_sensor_is_left
     for columns in (signals, one):
         changed = table.copy()
         changed[columns] *= factor
-        changed.to_csv(path, index=False)
-        code, said = run("estimate", path, *options, "--out", tmp_path / "out")
+        changed.to_csv(walk, index=False)
+        code, said = run("estimate", walk, *options, "--out", tmp_path / "out")
         if columns is signals:
             assert code == 2
             assert f"pass {unit}" in said
@@ -85,21 +78,19 @@ def test_a_unit_is_advised_if_it_is_right_for_all_sensors_and_one_sensor_is_left
             assert f"seems to be in {meant}, but thigh_right is not; convert the columns of this sensor" in said
 
 
-def test_the_same_of_several_sensors_is_one_line(recording, tmp_path, without_estimates):
-    path = io.write_csv(recording, tmp_path / "walk.csv")
-    table = pd.read_csv(path)
+def test_the_same_of_several_sensors_is_one_line(walk, tmp_path, without_estimates):
+    table = pd.read_csv(walk)
     table = table.interpolate().round(4)
     table.loc[[100, 200], [name for name in table if name != "time"]] = np.nan
-    table.to_csv(path, index=False)
-    _, said = run("estimate", path, "--out", tmp_path / "out")
+    table.to_csv(walk, index=False)
+    _, said = run("estimate", walk, "--out", tmp_path / "out")
     assert f"Check: thigh_right, shank_right: 2 of {len(table)} samples are missing" in said
     assert said.count("samples are missing") == 1
 
 
-def test_a_file_without_time_says_what_came(recording, tmp_path, without_estimates):
-    path = io.write_csv(recording, tmp_path / "walk.csv")
-    pd.read_csv(path).rename(columns={"time": "clock"}).to_csv(path, index=False)
-    _, said = run("estimate", path, "--out", tmp_path / "out")
+def test_a_file_without_time_says_what_came(recording, walk, tmp_path, without_estimates):
+    pd.read_csv(walk).rename(columns={"time": "clock"}).to_csv(walk, index=False)
+    _, said = run("estimate", walk, "--out", tmp_path / "out")
     rows = len(recording.sensors["thigh_right"].time)
     assert f"walk has {rows} rows and no column called 'time', so --rate is needed; it was not given" in said
     assert "columns that are not of sensors: clock" in said
@@ -116,10 +107,9 @@ def test_a_table_of_recordings_is_for_other_commands(tmp_path):
     assert "rename" not in said
 
 
-def test_a_recording_may_have_a_column_of_that_name(recording, tmp_path, without_estimates):
-    path = io.write_csv(recording, tmp_path / "walk.csv")
-    pd.read_csv(path).assign(file="trial 1").to_csv(path, index=False)
-    code, said = run("estimate", path, "--out", tmp_path / "out")
+def test_a_recording_may_have_a_column_of_that_name(walk, tmp_path, without_estimates):
+    pd.read_csv(walk).assign(file="trial 1").to_csv(walk, index=False)
+    code, said = run("estimate", walk, "--out", tmp_path / "out")
     assert code == 0, said
 
 
@@ -134,10 +124,9 @@ def test_a_folder_that_is_no_evaluation_is_refused_with_what_is_needed(tmp_path,
     assert "Errno" not in said
 
 
-def test_a_wrong_unit_in_the_header_is_named(recording, tmp_path, without_estimates):
-    path = io.write_csv(recording, tmp_path / "walk.csv")
-    pd.read_csv(path).rename(columns={"time": "Time (us)"}).to_csv(path, index=False)
-    code, said = run("estimate", path, "--out", tmp_path / "out")
+def test_a_wrong_unit_in_the_header_is_named(walk, tmp_path, without_estimates):
+    pd.read_csv(walk).rename(columns={"time": "Time (us)"}).to_csv(walk, index=False)
+    code, said = run("estimate", walk, "--out", tmp_path / "out")
     assert code == 2
     assert "with time in us, samples are" in said
     assert "it seems to be in s: correct the unit in the name of the time column" in said
@@ -148,12 +137,12 @@ def test_a_wrong_unit_in_the_header_is_named(recording, tmp_path, without_estima
 BROKEN = jax.errors.JaxRuntimeError("INTERNAL: Symbols not found: [ fusion.1 ]")
 
 
-def test_a_compiled_program_that_fails_points_to_the_cache(recording, tmp_path, without_estimates):
+def test_a_compiled_program_that_fails_points_to_the_cache(walk, tmp_path, without_estimates):
     def fail(_):
         raise BROKEN
 
     without_estimates(fail)
-    code, said = run("estimate", io.write_csv(recording, tmp_path / "walk.csv"), "--out", tmp_path / "out")
+    code, said = run("estimate", walk, "--out", tmp_path / "out")
     assert code == 2
     assert "Symbols not found" in said and "`jgait cache --clear`" in said
 

@@ -1,9 +1,6 @@
 """A cohort on several devices, processes and machines gives what one device gives."""
 
 import logging
-import socket
-import subprocess
-import sys
 import warnings
 
 import jax
@@ -11,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made.cohort import FAKE, read, read_or_die, walk
-from made.process import environment
+from made.process import environment, ran, two
 
 from jgait import evaluate
 from jgait.evaluate import devices
@@ -41,12 +38,7 @@ made = [buckets.prepared(job, str(i), 1) for i in range(4)]
 result = buckets._started(job, made)
 print(len(result.distance.sharding.device_set), result.distance.addressable_shards[0].data.shape[0])
 """
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False,
-        env=environment(4, **WIDE),
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == ["4", "17", "True", "4", "1"]
+    assert ran(script, devices=4, **WIDE).split() == ["4", "17", "True", "4", "1"]
     # The same arguments but for the devices: it is the same evaluation, and all of it is there.
     four = evaluate.cohort(
         FAKE, range(18), read=read, out=tmp_path / "four", progress=lambda *n: pytest.fail("ran again")
@@ -62,16 +54,14 @@ def test_a_mesh_of_one_device_changes_nothing():
 
 def test_processes_take_their_shares_and_return_all(tmp_path):
     whole = evaluate.cohort(FAKE, range(21), read=read, batch=4)
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
     script = """
 import sys
 import jax
-jax.distributed.initialize(sys.argv[1], 2, int(sys.argv[2]))
+*folders, port, number = sys.argv[1:]
+number = int(number)
+jax.distributed.initialize(f"127.0.0.1:{port}", 2, number)
 from made.cohort import FAKE, read
 from jgait import evaluate
-number = int(sys.argv[2])
 mine = []
 def load(item):
     mine.append(item)
@@ -79,27 +69,14 @@ def load(item):
 try:
     evaluate.cohort(FAKE, range(21), read=load)
 except ValueError as error:
-    print(error, file=sys.stderr)
-tables = evaluate.cohort(FAKE, range(21), read=load, out=sys.argv[3], batch=4)
+    print(error)
+tables = evaluate.cohort(FAKE, range(21), read=load, out=folders[0], batch=4)
 assert mine == list(range(number, 21, 2)), mine
 for name, table in tables._asdict().items():
-    table.to_pickle(f"{sys.argv[4]}/{name}-{number}")
+    table.to_pickle(f"{folders[1]}/{name}-{number}")
 """
     (tmp_path / "tables").mkdir()
-    arguments = [str(tmp_path / "out"), str(tmp_path / "tables")]
-    running = [
-        subprocess.Popen(
-            [sys.executable, "-c", script, f"127.0.0.1:{port}", str(number), *arguments],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment(**WIDE),
-        )
-        for number in range(2)
-    ]  # fmt: skip
-    try:
-        said = [process.communicate(timeout=120)[1] for process in running]
-    finally:
-        for process in running:
-            process.kill()
-    assert [process.returncode for process in running] == [0, 0], said
+    said = two(script, tmp_path / "out", tmp_path / "tables", **WIDE)
     assert all("2 processes need a folder out" in text for text in said)
     for number in range(2):
         tables = evaluate.Cohort(*(pd.read_pickle(tmp_path / "tables" / f"{n}-{number}") for n in whole._fields))

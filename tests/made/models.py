@@ -36,6 +36,17 @@ def gauss(params, item):
     return 0.5 * ((item - params.mean) / params.scale) ** 2 + jnp.log(params.scale)
 
 
+class Pair(NamedTuple):
+    a1: Any
+    rollover_radius: Any
+    noise: Any
+
+
+def product(params, item):
+    """Sees a1 · rollover_radius only."""
+    return 0.5 * ((item - params.a1 * params.rollover_radius) / params.noise) ** 2 + jnp.log(params.noise)
+
+
 class Level(NamedTuple):
     value: Any
 

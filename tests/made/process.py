@@ -1,6 +1,9 @@
-"""The environment of Python processes that tests start."""
+"""Python processes that tests start, and their environment."""
 
 import os
+import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import jax
@@ -19,3 +22,35 @@ def environment(devices: int | None = None, **settings: str) -> dict[str, str]:
         "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")]),
     }
     return {**os.environ, **shared, **settings}
+
+
+def ran(script: str, *arguments: object, devices: int | None = None, **settings: str) -> str:
+    """What a process prints that runs a script to its end."""
+    (said,) = _ended([_started(script, *arguments, env=environment(devices, **settings))])
+    return said
+
+
+def two(script: str, *arguments: object, devices: int | None = None, **settings: str) -> list[str]:
+    """What two processes print that run a script together: its arguments, then a free port, and the number of each."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    env = environment(devices, **settings)
+    return _ended([_started(script, *arguments, port, number, env=env) for number in range(2)])
+
+
+def _started(script: str, *arguments: object, env: dict[str, str]) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", script, *map(str, arguments)], text=True, env=env, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )  # fmt: skip
+
+
+def _ended(running: list[subprocess.Popen[str]]) -> list[str]:
+    try:
+        said = [process.communicate(timeout=120) for process in running]
+    finally:
+        for process in running:
+            process.kill()
+    assert not any(process.returncode for process in running), said
+    return [out for out, _ in said]

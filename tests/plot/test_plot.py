@@ -1,9 +1,13 @@
-"""Figures of estimates show what is valid, and leave gaps where it is not."""
+"""Figures show what is valid, with gaps where it is not; their texts stay inside; all are called from one place."""
+
+import itertools
 
 import numpy as np
 import pytest
 
 from jgait import plot
+from jgait.plot import cohort, tuning
+from jgait.plot.style import legend, panels, ready
 from jgait.types import Estimate, Legs, LegTrajectory
 
 
@@ -39,3 +43,52 @@ def test_the_band_of_a_distance_with_one_deviation_grows_with_the_way():
     for at, spread in ((1.0, 0.0), (4.5, 0.5), (9.0, 1.0)):
         y = corners[np.isclose(corners[:, 0], at), 1]
         np.testing.assert_allclose([y.min(), y.max()], np.interp(at, t, way) + [-spread, spread])
+
+
+def test_the_ankle_relative_to_the_hip_over_time():
+    time = np.arange(100) / 50.0
+    leg = LegTrajectory(0.0 * time, 0.0 * time, 0.3 * np.sin(time), -0.8 + 0.1 * time)
+    spread = LegTrajectory(*(np.full(100, 0.01) for _ in range(4)))
+    estimate = Estimate(time, Legs(None, leg), Legs(None, spread), None, np.ones(100, bool), {})
+    known = estimate._replace(legs=Legs(None, leg._replace(x=leg.x + 0.02)), stddev=None)
+    figure = plot.foot_displacement(estimate, known)
+    forward, up = figure.axes
+    assert (forward.get_ylabel(), up.get_ylabel()) == ("ankle forward of hip [cm]", "ankle above hip [cm]")
+    np.testing.assert_allclose(forward.lines[0].get_ydata() - forward.lines[1].get_ydata(), 2.0)
+    np.testing.assert_allclose(up.lines[1].get_ydata(), 100.0 * leg.y)
+    band = forward.collections[0].get_paths()[0].vertices
+    assert np.ptp(band[:, 1]) == pytest.approx(np.ptp(30.0 * np.sin(time)) + 4.0, rel=1e-6)
+
+
+def test_every_figure_is_called_from_one_place():
+    for name in plot.__all__:
+        assert callable(getattr(plot, name)) and getattr(plot, name).__doc__, name
+    assert plot.bland_altman is cohort.bland_altman and plot.profile is tuning.profile
+    with pytest.raises(AttributeError, match="has no attribute 'pie'"):
+        _ = plot.pie
+
+
+@pytest.mark.parametrize("shared", [False, True])
+@pytest.mark.parametrize(("rows", "columns"), [(1, 1), (2, 2), (4, 1)])
+def test_no_text_of_a_figure_with_fixed_margins_leaves_it_or_covers_another(rows, columns, shared):
+    figure, axes = panels(rows, columns, 8.6, 1.0 + 2.0 * rows, sharex=shared)
+    for number, axis in enumerate(axes.ravel()):
+        for line in range(5):
+            axis.plot([0.0, 21.0], [-0.125, 0.125 + line], label=f"a line with a name, {line}")
+        axis.set_ylabel("two\nlines")
+        axis.set_yticks([-100.5, 100.5])
+        axis.set_ylim(-120.0, 120.0)
+        if number < columns:
+            axis.set_title("right leg")
+        if not shared or number >= columns * (rows - 1):
+            axis.set_xlabel("time [s]")
+    legend(figure, "a walk", columns=3)
+    with ready(figure):
+        figure.draw_without_rendering()
+        boxes = [part.get_tightbbox() for part in (*axes.ravel(), *figure.legends, figure._suptitle)]
+    for box in boxes:
+        assert box.x0 >= 0.0 and box.y0 >= 0.0
+        assert box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1
+    for one, other in itertools.combinations(boxes, 2):
+        beside = min(one.x1, other.x1) - max(one.x0, other.x0)
+        assert beside <= 0.0 or min(one.y1, other.y1) <= max(one.y0, other.y0)

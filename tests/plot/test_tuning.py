@@ -6,19 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
+from made.models import Pair
 
 from jgait import plot, tune
 from jgait.params import fixed, positive, real
 from jgait.plot import tuning as plot_tuning
 
-
-class Leg(NamedTuple):
-    a1: Any
-    rollover_radius: Any
-    noise: Any
-
-
-AT, FREE = Leg(0.4, 0.1, 0.05), Leg(real, real, positive)
+AT, FREE = Pair(0.4, 0.1, 0.05), Pair(real, real, positive)
 
 
 def total_length(params, item):
@@ -86,7 +80,7 @@ def test_a_profile_is_drawn_with_its_line_and_its_ends(lengths, tmp_path):
 
 
 def test_a_flat_profile_is_reported(lengths, tmp_path):
-    free = Leg(positive, positive, fixed)
+    free = Pair(positive, positive, fixed)
     found = tune.profile(total_length, AT, free, lengths, "a1", [0.04, 0.2, 0.4], optax.adam(0.05), steps=150)
     figure = plot_tuning.profile(found)
     (axis,) = figure.axes
@@ -101,7 +95,7 @@ def test_a_training_shows_loss_gradient_and_what_was_taken_back(lengths, tmp_pat
     def cliff(params, item):  # not a number below 0.3
         return jnp.where(params.a1 < 0.3, jnp.nan, (params.a1 - 0.25) ** 2) + 0.0 * item
 
-    free = Leg(real, fixed, fixed)
+    free = Pair(real, fixed, fixed)
     fit = tune.fit(cliff, AT, free, lengths, optax.sgd(0.4), steps=12)
     rejected = np.sum(~fit.accepted)
     assert rejected
@@ -121,7 +115,7 @@ def test_a_training_shows_loss_gradient_and_what_was_taken_back(lengths, tmp_pat
 
 
 def test_a_logarithmic_axis_of_a_training_has_plain_numbers(lengths, tmp_path):
-    fit = tune.fit(total_length, AT._replace(a1=0.2), Leg(real, fixed, fixed), lengths, optax.sgd(1e-4), steps=10)
+    fit = tune.fit(total_length, AT._replace(a1=0.2), Pair(real, fixed, fixed), lengths, optax.sgd(1e-4), steps=10)
     figure = plot_tuning.training(fit._replace(gradient_norms=np.geomspace(1e-3, 1e5, 10)))
     plot.save(figure, tmp_path / "training.png")
     labels = [text.get_text() for text in figure.axes[1].get_yticklabels(which="both")]
@@ -130,7 +124,7 @@ def test_a_logarithmic_axis_of_a_training_has_plain_numbers(lengths, tmp_path):
 
 
 def test_a_training_judged_on_other_items_shows_their_loss_where_it_was_looked_at(lengths, tmp_path):
-    free = Leg(real, fixed, fixed)
+    free = Pair(real, fixed, fixed)
     fit = tune.fit(total_length, AT._replace(a1=0.2), free, lengths, optax.sgd(1e-4), steps=10,
                    validation=np.arange(50) >= 40, every=5)  # fmt: skip
     figure = plot_tuning.training(fit)

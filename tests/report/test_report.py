@@ -457,7 +457,6 @@ def test_a_missing_measure_of_a_person_is_noted():
         ((), "give one of: a table COHORT.csv, --dataset NAME, --simulated N"),
         (("nowhere.csv",), "No such file"),
         (("{file}", "--out", "page.pdf"), "ends with .html; got 'page.pdf'"),
-        (("{file}", "--duty", "0.4"), "--duty is an option of duty_cycled_gyro; give --estimator as well"),
         (("{file}", "--lever", "0.1", "--paper"), "--lever is an option of ankle_stride; got --estimator leg_ekf"),
         (("--simulated", "2", "--person", "p.json"), "--person is of one recording"),
         (("{file}", "--estimator", "mine"), "estimator must be one of"),
@@ -467,7 +466,7 @@ def test_a_missing_measure_of_a_person_is_noted():
         (("{file}", "--estimator", "ankle_stride", "--out", "{file}/page.html"), "could not be written"),
     ],
     ids=[
-        "nothing", "no file", "no page", "one", "option", "person", "estimator", "recording", "measure", "folder",
+        "nothing", "no file", "no page", "option", "person", "estimator", "recording", "measure", "folder",
         "no place",
     ],
 )  # fmt: skip

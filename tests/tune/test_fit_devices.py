@@ -1,15 +1,11 @@
 """A fit whose items are spread over devices or processes finds what one device finds."""
 
-import socket
-import subprocess
-import sys
-
 import jax
 import numpy as np
 import optax
 import pytest
 from made.people import OWN, PEOPLE, READINGS, START, likelihood
-from made.process import environment
+from made.process import ran, two
 
 from jgait import tune
 
@@ -58,45 +54,27 @@ def test_a_mesh_of_one_device_changes_nothing():
 
 def test_four_devices_share_six_items(tmp_path):
     """Six items do not divide by four: the rest is filled up without weight."""
-    done = subprocess.run(
-        [sys.executable, "-c", MESH + FIT, str(tmp_path / "four.npz")], capture_output=True, text=True, timeout=120,
-        check=False, env=environment(4),
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == ["4"]
+    assert ran(MESH + FIT, tmp_path / "four.npz", devices=4).split() == ["4"]
     close(tmp_path / "four.npz", alone())
 
 
 def test_two_processes_share_the_items_and_both_get_the_result(tmp_path):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = str(free.getsockname()[1])
-    running = [
-        subprocess.Popen(
-            [sys.executable, "-c", MESH + FIT, str(tmp_path / "two.npz"), port, str(number)], text=True,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=environment(1),
-        )
-        for number in range(2)
-    ]  # fmt: skip
-    said = [process.communicate(timeout=120)[0] for process in running]
-    assert [process.returncode for process in running] == [0, 0], said
+    two(MESH + FIT, tmp_path / "two.npz", devices=1)
     batches = alone(starts=2, validation=np.arange(6) >= 2, minibatch=2, key=jax.random.key(0))
     close(tmp_path / "two.npz", batches)
 
 
 @pytest.mark.usefixtures("unchecked")
-def test_items_to_be_judged_by_must_divide_by_the_devices():
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        ({"validation": np.arange(6) < 2}, "the number of validation items"),
+        ({"minibatch": 2, "key": jax.random.key(0)}, "minibatch"),
+    ],
+)
+def test_parts_of_the_items_must_divide_by_the_devices(change, what):
     class Three:
         size, axis_names = 3, ("items",)
 
-    with pytest.raises(ValueError, match="on 3 devices the number of validation items must be a multiple of it; got 2"):
-        alone(mesh=Three(), validation=np.arange(6) < 2)
-
-
-@pytest.mark.usefixtures("unchecked")
-def test_minibatches_must_divide_by_the_devices():
-    class Three:
-        size, axis_names = 3, ("items",)
-
-    with pytest.raises(ValueError, match="on 3 devices minibatch must be a multiple of it; got 2"):
-        alone(mesh=Three(), minibatch=2, key=jax.random.key(0))
+    with pytest.raises(ValueError, match=f"on 3 devices {what} must be a multiple of it; got 2"):
+        alone(mesh=Three(), **change)

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made.models import Gauss, Line, Z, close, gauss, straight
+from made.models import Gauss, Line, Pair, Z, close, gauss, product, straight
 
 from jgait.params import fixed, interval, normal, positive, real
 from jgait.tune.identifiability import identifiability
@@ -110,17 +110,6 @@ def test_small_errors_of_positive_parameters_read_in_per_cent():
 
 
 # --- what cannot be known ---
-
-
-class Pair(NamedTuple):
-    a1: Any
-    rollover_radius: Any
-    noise: Any
-
-
-def product(params, item):
-    """Sees a1 · rollover_radius only."""
-    return 0.5 * ((item - params.a1 * params.rollover_radius) / params.noise) ** 2 + jnp.log(params.noise)
 
 
 def difference(params, item):

@@ -1,25 +1,13 @@
 """A profile is the loss with all else fitted again, and its interval ends where the loss has risen enough."""
 
-from typing import Any, NamedTuple
-
 import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
-from made.models import Gauss, Line, Z, close, gauss, straight
+from made.models import Gauss, Line, Pair, Z, close, gauss, product, straight
 
 from jgait.params import fixed, positive, real
 from jgait.tune.profile import profile
-
-
-class Pair(NamedTuple):
-    a1: Any
-    rollover_radius: Any
-
-
-def product(params, item):
-    """Sees a1 · rollover_radius only."""
-    return 0.5 * ((item - params.a1 * params.rollover_radius) / 0.5) ** 2
 
 
 def test_the_profile_of_a_parabola_is_its_closed_form():
@@ -60,7 +48,7 @@ def test_a_profile_through_a_transform_has_its_ends_in_natural_units():
 
 def test_a_flat_profile_is_reported():
     found = profile(
-        product, Pair(1.5, 0.8), Pair(positive, positive), np.linspace(0.2, 2.2, 41), "a1",
+        product, Pair(1.5, 0.8, 0.5), Pair(positive, positive, fixed), np.linspace(0.2, 2.2, 41), "a1",
         [0.5, 1.0, 2.0, 3.0], optax.adam(0.05), steps=300,
     )  # fmt: skip
     assert found.interval() == (None, None)
