@@ -1,7 +1,6 @@
 """`jgait evaluate`: an estimator on a whole cohort, compared with its reference."""
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +11,19 @@ from jgait import evaluate as evaluation
 from jgait import plot
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
-from jgait.commands.console import console, count, note, say_failures, stop, table_of, visible, write_json, wrote
+from jgait.commands.console import (
+    Bar,
+    console,
+    count,
+    note,
+    progress,
+    say_failures,
+    stop,
+    table_of,
+    visible,
+    write_json,
+    wrote,
+)
 from jgait.commands.folder import results_folder
 from jgait.commands.lessons import check_answers, lessons_of, losses_of
 from jgait.commands.pipeline import not_held_out
@@ -139,8 +150,7 @@ def _judged(
     """
     import pandas as pd
 
-    source = source._replace(items=list(source.walks([], lambda _: None)), read=None)
-    pipeline = pipeline._replace(prepare=_once(pipeline.prepare))
+    source, pipeline = _prepared(source, pipeline)
     tables = []
     for name in names:
         failures: list[tuple[str, str]] = []
@@ -153,16 +163,28 @@ def _judged(
     return pd.concat(tables, axis=1).reset_index() if tables else pd.DataFrame(columns=["recording", "subject"])
 
 
-def _once(prepare: Callable[[Recording], PyTree]) -> Callable[[Recording], PyTree]:
-    """The function, with the results of earlier calls by the recording's name."""
-    known: dict[str, PyTree] = {}
+def _prepared(
+    source: cohorts.Source, pipeline: Estimator[PyTree, PyTree]
+) -> tuple[cohorts.Source, Estimator[PyTree, PyTree]]:
+    """The cohort, read, without the signals of its sensors, and an estimator that has prepared its recordings."""
+    made: dict[str, PyTree] = {}
+    walks = []
+    with progress() as bars:
+        bar = Bar(bars)
+        for walk in source.walks([], lambda number: bar("reading for the losses", number, len(source.items))):
+            name = walk.recording.name
+            try:
+                made[name] = pipeline.prepare(walk.recording)
+            except Exception as error:  # is raised where a loss asks for the recording
+                made[name] = error
+            walks.append(walk._replace(recording=walk.recording._replace(sensors={})))
 
-    def prepared(recording: Recording) -> PyTree:
-        if recording.name not in known:
-            known[recording.name] = prepare(recording)
-        return known[recording.name]
+    def prepare(recording: Recording) -> PyTree:
+        if isinstance(made[recording.name], Exception):
+            raise made[recording.name]
+        return made[recording.name]
 
-    return prepared
+    return source._replace(items=walks, read=None), pipeline._replace(prepare=prepare)
 
 
 def _show_losses(judged: "pd.DataFrame", names: list[str]) -> None:
