@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from jgait import evaluate
+from jgait.evaluate.windows import judge
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, LegTrajectory
 
 DEGREE = np.pi / 180.0
@@ -38,6 +39,14 @@ def test_relative_to_standing_the_offset_is_gone_and_the_rest_stays():
     mask = (TIME >= 2.0) & (TIME <= 3.5)
     same = evaluate.trajectory_errors(estimate, walk(TIME), window=mask, relative_to=TIME <= 1.0)
     pd.testing.assert_frame_equal(table, same)
+
+
+def test_ranges_of_samples_and_masks_are_judged_alike():
+    estimate, reference = walk(TIME, hip=0.1 * TIME, distance=TIME), walk(TIME, distance=1.1 * TIME)
+    index = np.arange(TIME.size)
+    by_range = judge(estimate, reference, (100, 300), (0, 50))
+    assert by_range == judge(estimate, reference, (index >= 100) & (index < 300), index < 50)
+    assert by_range.distance_error_pct == pytest.approx(100.0 * (1.0 / 1.1 - 1.0))
 
 
 def test_root_mean_square_by_hand():
