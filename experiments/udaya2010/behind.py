@@ -23,7 +23,7 @@ from jgait.estimators.axes import pad
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro import turns
 from jgait.estimators.duty_cycled_gyro.model_params import DutyInputs, PlanarSegment
-from jgait.estimators.duty_cycled_gyro.params import one_side
+from jgait.estimators.leg_ekf import one_side
 from jgait.types import SIDES, as_float, leg_of
 
 DUTIES = (50, 10)

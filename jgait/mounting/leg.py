@@ -118,12 +118,19 @@ def segment_axes(right: np.ndarray, up: np.ndarray | None) -> np.ndarray:
     return np.stack([forward, -right, np.cross(right, forward)])
 
 
+def measured(imu: Imu, standing: slice) -> np.ndarray:
+    """The measured samples of a standing; all of them if none is measured."""
+    samples = np.arange(len(imu.mask))[standing]
+    there = samples[np.asarray(imu.mask, bool)[samples]]
+    return there if there.size else samples
+
+
 def _turning(imu: Imu, standing: slice, still: np.ndarray, rate_hz: float, *, perpendicular: bool) -> _Turning:
-    gyr = as_float(imu.gyr)
-    bias = gyr[standing].mean(axis=0)
+    gyr, rests = as_float(imu.gyr), measured(imu, standing)
+    bias = gyr[rests].mean(axis=0)
     up = None
     if imu.acc is not None:
-        mean = as_float(imu.acc)[standing].mean(axis=0)
+        mean = as_float(imu.acc)[rests].mean(axis=0)
         up = mean / np.linalg.norm(mean)
     free = gyr - bias
     axis = sagittal_axis(free, up, still, rate_hz, perpendicular=perpendicular)

@@ -26,14 +26,14 @@ def signals(recording):
 @pytest.mark.parametrize("name", noise.MODELS)
 def test_every_model_starts_at_the_constant(name, signals):
     model = noise.model_of(name)
-    assert not np.any(noise.log_scale(model.start, jnp.asarray(signals.features)))
-    assert sum(np.size(leaf) for leaf in jax.tree.leaves(model.start)) <= 500
+    assert not np.any(model.log_scale(jnp.asarray(signals.features)))
+    assert sum(np.size(leaf) for leaf in jax.tree.leaves(model)) <= 500
     start = foot_ins.estimator(FootOptions(noise=name)).params
     np.testing.assert_array_equal(
         velocity_variance(start, signals, False), velocity_variance(FootParams(), signals, False)
     )
     declared = params.priors(start.noise)
-    assert len(jax.tree.leaves(declared, is_leaf=lambda v: isinstance(v, params.Prior))) == len(model.start)
+    assert len(jax.tree.leaves(declared, is_leaf=lambda v: isinstance(v, params.Prior))) == len(model)
 
 
 def test_weights_are_powers_of_the_features(signals):
@@ -54,9 +54,7 @@ def test_features_and_networks_use_no_later_sample(recording):
     np.testing.assert_allclose(begun, whole[:cut], rtol=1e-9, atol=1e-9)
     assert whole.shape == (len(imu.time), len(FEATURES)) and np.isfinite(whole).all()
     p = Network()._replace(last=np.arange(8.0))
-    np.testing.assert_allclose(
-        noise.log_scale(p, jnp.asarray(whole[:cut])), noise.log_scale(p, jnp.asarray(whole))[:cut], rtol=1e-12
-    )
+    np.testing.assert_allclose(p.log_scale(jnp.asarray(whole[:cut])), p.log_scale(jnp.asarray(whole))[:cut], rtol=1e-12)
     with pytest.raises(ValueError, match="needs an accelerometer"):
         noise.features(imu.gyr, None, jumps, flags, flags, 100.0)
 

@@ -16,6 +16,7 @@ from jgait.estimators.duty_cycled_gyro import DutyCycledOptions
 from jgait.estimators.foot_ins import FootParams, prepared
 from jgait.estimators.foot_ins import online as foot_online
 from jgait.estimators.foot_ins.estimator import _foot
+from jgait.estimators.online import duty, legs
 from jgait.estimators.online.clock import LONGEST_GAP_S
 from jgait.estimators.online.device import BLOCK, Structure, packed, unpacked
 from jgait.estimators.online.legs import KINEMATICS
@@ -333,3 +334,18 @@ def test_a_packed_state_is_the_state():
     parts = packed(state)
     assert len(parts) == 3
     jax.tree.map(np.testing.assert_array_equal, unpacked(parts, Structure.of(state)), state)
+
+
+@pytest.mark.parametrize(("of", "p"), [(legs, leg_ekf.LegParams()), (duty, duty_cycled_gyro.DutyCycledParams())])
+def test_what_a_mask_hides_in_the_calibration_is_used_nowhere(walked, of, p):
+    """A tenth of a second of standing, and some of each stride, of a shank."""
+    recording = walked[0]
+    imu = recording.sensors["shank_right"]
+    mask = (np.arange(len(imu.time)) % 150 > 10) & np.asarray(imu.mask)
+
+    def constants(value):
+        gyr, acc = (np.where(mask[:, None], part, value) for part in (imu.gyr, imu.acc))
+        sensors = {**recording.sensors, "shank_right": imu._replace(gyr=gyr, acc=acc, mask=mask)}
+        return of.device(p, recording._replace(sensors=sensors))[0].constants
+
+    jax.tree.map(np.testing.assert_array_equal, constants(0.0), constants(20.0))

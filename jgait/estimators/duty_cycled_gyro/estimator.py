@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jaxtyping import PyTree
 
 from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filled, Thigh
@@ -25,31 +26,20 @@ from jgait.estimators.duty_cycled_gyro.params import (
     DutyCycledParams,
     GapLeg,
     GapSegment,
-    one_side,
     params_of,
     with_body,
 )
 from jgait.estimators.duty_cycled_gyro.prepare import LOST, prepare
 from jgait.estimators.interface import Estimator, Prepared
-from jgait.notes import Note
+from jgait.estimators.leg_ekf.params import one_side
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values
 
+type _Joints = tuple[LegTrajectory, LegTrajectory]
+"""Angles of a leg with sensors on both segments, and their standard deviations."""
 
-class _Seen(NamedTuple):
-    """A segment's rate without gaps and bias, the source of each sample, and the estimate of the filter."""
-
-    filled: Filled
-    found: SegmentEstimate
-
-
-class _DutyLegResult(NamedTuple):
-    """Results of one leg: its segments, and its angles if both segments have sensors."""
-
-    thigh: _Seen | None
-    shank: _Seen | None
-    trajectory: LegTrajectory | None
-    deviation: LegTrajectory | None
+type _Segments = dict[str, tuple[Filled, SegmentEstimate]]
+"""Segment with a sensor → its rate without gaps and bias, and the estimate of the filter."""
 
 
 def _fill(
@@ -95,7 +85,7 @@ def _turning(inputs: DutyCycledInputs) -> Values:
 
 def _leg(
     p: DutyCycledParams, leg: GapLeg, inputs: DutyCycledInputs, turning: Values, options: DutyCycledOptions
-) -> _DutyLegResult:
+) -> tuple[_Segments, _Joints | None]:
     """Fill the gaps and filter one leg, with the parameters of its side."""
     rates = dict[str, Filled]()
     above = None
@@ -112,15 +102,14 @@ def _leg(
         planar["thigh"], planar["shank"], inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance
     )
     result = duty_model.run(p, inputs_of_leg, felt=options.felt)
-    thigh, shank = (
-        None if one is None else _Seen(rates[segment], one) for segment, one in zip(SEGMENTS, result, strict=True)
+    found = {segment: one for segment, one in zip(SEGMENTS, result, strict=True) if one is not None}
+    return (
+        {segment: (rates[segment], one) for segment, one in found.items()},
+        joints(p, *found.values()) if len(found) == 2 else None,
     )
-    if result.thigh is None or result.shank is None:
-        return _DutyLegResult(thigh, shank, None, None)
-    return _DutyLegResult(thigh, shank, *joints(p, result.thigh, result.shank))
 
 
-def joints(p: DutyCycledParams, thigh: SegmentEstimate, shank: SegmentEstimate) -> tuple[LegTrajectory, LegTrajectory]:
+def joints(p: DutyCycledParams, thigh: SegmentEstimate, shank: SegmentEstimate) -> _Joints:
     """Hip and knee angle and ankle position, with standard deviations for independent errors of both segments and the
     unknown pose in standing.
     """
@@ -138,13 +127,13 @@ def joints(p: DutyCycledParams, thigh: SegmentEstimate, shank: SegmentEstimate) 
     )
 
 
-def _legs(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOptions) -> list[_DutyLegResult | None]:
+def _legs(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOptions) -> list[PyTree]:
     """Results of both legs; one program if both legs have the same sensors."""
     both = [None if leg is None else (one_side(p, side), leg) for side, leg in enumerate((inputs.right, inputs.left))]
     worn = [None if leg is None else [one is None for one in leg] for leg in (inputs.right, inputs.left)]
     turning = _turning(inputs)
     if None in worn or worn[0] != worn[1]:
-        return [None if one is None else _leg(one[0], one[1], inputs, turning, options) for one in both]
+        return [({}, None) if one is None else _leg(*one, inputs, turning, options) for one in both]
     stacked = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *both)
     # one after the other: a leg without gaps at a sample does not compute what would fill them
     result = lax.map(lambda one: _leg(one[0], one[1], inputs, turning, options), stacked)
@@ -161,24 +150,23 @@ def run(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOption
     results = _legs(p, inputs, options)
     valid: Flags = jnp.asarray(inputs.valid)
     diagnostics: dict[str, Any] = {}
-    for side, leg in zip(SIDES, results, strict=True):
-        for segment, filtered in () if leg is None else (("thigh", leg.thigh), ("shank", leg.shank)):
-            if filtered is None:
-                continue
-            name, one = f"{segment}_{side}", filtered.found
+    angles: list[tuple[LegTrajectory | None, LegTrajectory | None]] = []
+    for side, (segments, leg) in zip(SIDES, results, strict=True):
+        angles.append(leg or (None, None))
+        for segment, (filled, one) in segments.items():
+            name = f"{segment}_{side}"
             diagnostics |= {
                 f"angle_{name}": one.angle,
                 f"angle_stddev_{name}": one.angle_stddev,
                 f"rate_{name}": one.rate,
-                f"gyro_{name}": filtered.filled.rate,
-                f"how_{name}": filtered.filled.how,
+                f"gyro_{name}": filled.rate,
+                f"how_{name}": filled.how,
                 f"log_likelihood_{name}": jnp.sum(one.log_likelihood),
                 f"nis_{name}": jnp.sum(one.nis) / jnp.maximum(jnp.sum(one.count), 1.0),
-                "latency": filtered.filled.latency.astype(one.angle.dtype) / options.sampling_rate_hz,
+                "latency": filled.latency.astype(one.angle.dtype) / options.sampling_rate_hz,
             }
             valid = valid & one.valid
-    legs = Legs(*(None if leg is None else leg.trajectory for leg in results))
-    spread = Legs(*(None if leg is None else leg.deviation for leg in results))
+    legs, spread = (Legs(*both) for both in zip(*angles, strict=True))
     return Estimate(inputs.time, legs, None if spread == (None, None) else spread, None, valid, diagnostics)
 
 
@@ -225,26 +213,6 @@ def energy(preparation: Prepared[DutyCycledInputs], options: DutyCycledOptions) 
     return numbers if schedule is None else numbers | {"schedule_saving": power.saving(schedule, gyro)}
 
 
-def _held_long(result: Estimate, name: str, rate_hz: float) -> np.ndarray:
-    """(T,) bool, True where a sensor's rate is held for `LOST` or longer."""
-    held = np.asarray(result.diagnostics[f"how_{name}"]) == HELD
-    for start, stop in true_runs(held):
-        if stop - start < LOST * rate_hz:
-            held[start:stop] = False
-    return held
-
-
-def _held(result: Estimate, preparation: Prepared[DutyCycledInputs]) -> list[Note]:
-    """Notes on gaps that could not be filled because too few strides were measured before."""
-    notes: list[Note] = []
-    for name in preparation.extra:
-        gone = np.flatnonzero(_held_long(result, name, preparation.options.sampling_rate_hz))
-        if gone.size and preparation.options.filler != "hold":
-            first, last = (float(result.time[k]) for k in (gone[0], gone[-1]))
-            notes.append(RATE_HELD(placement=name, samples=gone.size, begin_s=first, end_s=last))
-    return notes
-
-
 def estimate(
     p: DutyCycledParams, recording: Recording, options: DutyCycledOptions = DEFAULT, *,
     gyro_on: Mapping[str, Values] | None = None,
@@ -278,8 +246,15 @@ def estimate(
 def _finished(options: DutyCycledOptions, result: Estimate, made: Prepared[DutyCycledInputs]) -> Estimate:
     """The estimate with the power of the sensors; invalid where a rate is held for `LOST` or longer."""
     ran: DutyCycledOptions = made.options
-    if ran.filler != "hold":
-        held = [_held_long(result, name, ran.sampling_rate_hz) for name in made.extra]
-        result = result._replace(valid=result.valid & ~np.any(held, axis=0))
-    diagnostics = result.diagnostics | energy(made, options)
-    return result._replace(diagnostics=diagnostics | {"notes": (*diagnostics["notes"], *_held(result, made))})
+    notes, valid = list(result.diagnostics["notes"]), np.array(result.valid)
+    for name in made.extra if ran.filler != "hold" else ():
+        held = result.diagnostics[f"how_{name}"] == HELD
+        gone = [run for run in true_runs(held) if run[1] - run[0] >= LOST * ran.sampling_rate_hz]
+        for start, stop in gone:
+            valid[start:stop] = False
+        if gone:
+            first, last = float(result.time[gone[0][0]]), float(result.time[gone[-1][1] - 1])
+            samples = sum(stop - start for start, stop in gone)
+            notes.append(RATE_HELD(placement=name, samples=samples, begin_s=first, end_s=last))
+    diagnostics = result.diagnostics | energy(made, options) | {"notes": tuple(notes)}
+    return result._replace(valid=valid, diagnostics=diagnostics)

@@ -111,11 +111,6 @@ def params_of(options: DutyCycledOptions) -> DutyCycledParams:
     return DutyCycledParams(filler=check_filler(options.filler).params)
 
 
-def one_side(p: DutyCycledParams, side: int) -> DutyCycledParams:
-    """The parameters of one leg (0 right, 1 left): the value of that side replaces each `BySide`."""
-    return DutyCycledParams(*(value[side] if isinstance(value, BySide) else value for value in p))
-
-
 def with_body(p: DutyCycledParams, body: dict[str, Any]) -> DutyCycledParams:
     """The parameters with a person's segment lengths, see `leg_ekf.params.with_body`; relative sensor places stay."""
     return with_measures("the estimator for sleeping gyroscopes", leg_params.MEASURES, p, body)

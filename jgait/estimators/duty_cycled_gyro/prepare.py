@@ -15,10 +15,10 @@ from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
 from jgait.estimators.duty_cycled_gyro.notes import ACCELEROMETER_ABSENT, WORN_ALONE
 from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledInputs, DutyCycledOptions, GapLeg, GapSegment
 from jgait.estimators.interface import Prepared
-from jgait.estimators.leg_ekf.inputs import Segment
-from jgait.estimators.leg_ekf.prepare import LOWEST_RATE_HZ, SEATED, orient
+from jgait.estimators.leg_ekf.prepare import LOWEST_RATE_HZ, SEATED, SegmentMounting, in_segment, mounted
 from jgait.estimators.notes import NO_FIRST_STANDING
 from jgait.events.rest import LegRest, standing_of_legs
+from jgait.mounting.leg import measured
 from jgait.notes import Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, Recording, RecordingError, Values, as_float
@@ -32,7 +32,7 @@ MOVES = 10.0
 """[rad/s] Replaces a missing rate in the detection of standing, so that the gap counts as movement."""
 
 
-def worn(recording: Recording) -> list[str]:
+def worn_names(recording: Recording) -> list[str]:
     """Placements of the thigh and shank sensors, in the order of `SIDES` and `SEGMENTS`.
 
     Raises:
@@ -99,43 +99,36 @@ def _together(used: Mapping[str, Masks], time: np.ndarray) -> float:
     return float(np.all([m.usable for m in used.values()], axis=0).sum() * np.median(np.diff(time)))
 
 
-def _leg(
-    recording: Recording,
-    side: str,
-    used: Mapping[str, Masks],
-    still: np.ndarray,
-    standing: slice,
+def worn_leg(
+    recording: Recording, side: str, used: Mapping[str, Masks], still: np.ndarray, standing: slice,
     gyro_on: Mapping[str, Values],
-) -> tuple[GapLeg, list[Note]]:
-    """One leg's signals in segment axes; the faster swing of a single segment is forward."""
-    placements = {segment: f"{segment}_{side}" for segment in SEGMENTS if f"{segment}_{side}" in used}
-    asleep = ~np.all([used[name].usable for name in placements.values()], axis=0)
+) -> tuple[dict[str, tuple[Imu, SegmentMounting]], list[Note]]:  # fmt: skip
+    """Segment → its sensor, without what its gyroscope read while it was off, and how it is worn; and notes."""
+    names = {segment: f"{segment}_{side}" for segment in SEGMENTS if f"{segment}_{side}" in used}
+    asleep = ~np.all([used[name].usable for name in names.values()], axis=0)
 
     def awake(name: str) -> Imu:
-        imu, on = recording.sensors[name], used[name].usable
-        gyr = as_float(imu.gyr)
+        on = used[name].usable
+        imu = recording.sensors[name]._replace(mask=on, acc=acc_of(recording.sensors[name], gyro_on.get(name)))
         # While the gyroscope is off its rate is that at rest, so that sums of the rate do not change.
-        return imu._replace(
-            gyr=np.where(on[:, None], gyr, gyr[standing].mean(axis=0)), mask=on, acc=acc_of(imu, gyro_on.get(name))
-        )
+        gyr = as_float(imu.gyr)
+        return imu._replace(gyr=np.where(on[:, None], gyr, gyr[measured(imu, standing)].mean(axis=0)))
 
     # A sensor worn alone is used as thigh and as shank: the sign of the shank's axis follows from its swing alone.
-    alone = next(iter(placements.values())) if len(placements) == 1 else None
-    both = {f"{segment}_{side}": awake(alone or placements[segment]) for segment in SEGMENTS}
-    rate_hz = recording.sampling_rate_hz
-    mounted, notes = orient(both, side, standing, still | asleep, rate_hz, estimator=NAME)
+    either = next(iter(names.values()))
+    both = {f"{segment}_{side}": awake(names.get(segment, either)) for segment in SEGMENTS}
+    worn, notes = mounted(both, side, standing, still | asleep, recording.sampling_rate_hz, estimator=NAME)
+    if len(names) == 1:
+        worn = {segment: worn["shank"]._replace(placement=name) for segment, name in names.items()}
+        notes = [WORN_ALONE(placement=either)] if "thigh" in names else []
+    return {segment: (both[one.placement], one) for segment, one in worn.items()}, notes
 
-    def segment_of(segment: Segment) -> GapSegment:
-        gyr = np.where(segment.measured, -segment.gyr[:, 1], 0.0)
-        turn = np.where(segment.measured, segment.gyr[:, 2] - segment.bias[2], 0.0)
-        return GapSegment(gyr, turn, segment.acc, segment.measured, -segment.bias[1], segment.variance)
 
-    if alone is not None:
-        if "thigh" in placements:
-            notes = [*notes, WORN_ALONE(placement=alone)]
-        alone_is = segment_of(mounted.shank)
-        return GapLeg(**{segment: alone_is if segment in placements else None for segment in SEGMENTS}), notes
-    return GapLeg(segment_of(mounted.thigh), segment_of(mounted.shank)), notes
+def _signals(imu: Imu, worn: SegmentMounting) -> GapSegment:
+    segment = in_segment(imu, worn)
+    gyr = np.where(segment.measured, -segment.gyr[:, 1], 0.0)
+    turn = np.where(segment.measured, segment.gyr[:, 2] - segment.bias[2], 0.0)
+    return GapSegment(gyr, turn, segment.acc, segment.measured, -segment.bias[1], segment.variance)
 
 
 def prepare(
@@ -155,7 +148,7 @@ def prepare(
         RecordingError: no such sensor, clocks that differ, no standing, no walking, no accelerometer for the filler.
         ValueError: a schedule that the gyroscope cannot follow, a mask of the wrong shape, an unknown filler.
     """
-    names = worn(recording)
+    names = worn_names(recording)
     time = checked(recording, names, options)
     used = gyroscope_masks(
         recording, names, schedule=options.schedule, gyro_on=gyro_on, warm_up=options.warm_up,
@@ -173,7 +166,8 @@ def prepare(
     legs = dict[str, GapLeg]()
     for side in SIDES:
         if any(name.endswith(side) for name in names):
-            legs[side], more = _leg(recording, side, used, still, slice(start, stop), gyro_on or {})
+            worn, more = worn_leg(recording, side, used, still, slice(start, stop), gyro_on or {})
+            legs[side] = GapLeg(*(_signals(*worn[one]) if one in worn else None for one in SEGMENTS))
             notes += more
     if bare:
         notes.append(ACCELEROMETER_ABSENT())

@@ -25,7 +25,7 @@ from jgait.estimators.notes import NO_STEPS
 from jgait.estimators.programs import compiled
 from jgait.estimators.sides import of_turns, stacked
 from jgait.filtering import Belief
-from jgait.geometry.rotation import Quaternion, level
+from jgait.geometry.rotation import Quaternion
 from jgait.geometry.vectors import Vector, vector
 from jgait.types import SIDES, Counts, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Strides, Values, as_float
 
@@ -51,7 +51,7 @@ def velocity_variance(p: FootParams, foot: FootSignals, soft: bool) -> Values:
     clear, 0 in a swing. The exponent is limited so that single precision holds.
     """
     base = p.velocity_noise**2 + (p.rate_noise * foot.rate) ** 2
-    exponent = noise.log_scale(p.noise, foot.features)
+    exponent = p.noise.log_scale(foot.features)
     if soft:
         exponent = exponent + jax.nn.softplus(-(foot.margin + jnp.log(p.threshold_factor)) / p.softness)
     return base * jnp.exp(jnp.clip(exponent, LEAST, MOST))
@@ -119,8 +119,7 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
         `feet`, `strides` and their standard deviations; `distance` is the distance along the footholds, mean
         of the feet; `diagnostics` holds log-likelihood, mean normalised innovation squared and pitch of each foot.
     """
-    _check_options(options)
-    feet = {side: foot for side, foot in enumerate((inputs.right, inputs.left)) if foot is not None}
+    feet = _worn(inputs)
     time = jnp.asarray(inputs.time)
     every = jax.vmap(lambda foot: _one_foot(p, foot, time, options))(stacked(*feet.values()))
     results = [
@@ -134,9 +133,9 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
     )  # fmt: skip
 
 
-def _check_options(options: FootOptions) -> None:
-    if options.level not in (True, False, "auto"):
-        raise ValueError(f"level must be True, False or 'auto'; got {options.level!r}")
+def _worn(inputs: FootInputs) -> dict[int, FootSignals]:
+    """Side (0 right, 1 left) → signals of each foot with a sensor."""
+    return {side: foot for side, foot in enumerate((inputs.right, inputs.left)) if foot is not None}
 
 
 def _one_foot(
@@ -180,13 +179,15 @@ def _assembled(
 
 
 def estimator(options: FootOptions = DEFAULT) -> Estimator[FootParams, FootInputs]:
-    """This estimator as a record of functions."""
+    """This estimator as a record of functions. Raises ValueError for an unknown level or noise model."""
+    if options.level not in (True, False, "auto"):
+        raise ValueError(f"level must be True, False or 'auto'; got {options.level!r}")
 
     def ready(recording: Recording) -> Prepared[FootInputs]:
         # the detector is used only in `prepare`, so all detectors share one compiled program
         return prepare(recording, options.detector)._replace(options=options._replace(detector=DEFAULT.detector))
 
-    start = FootParams(noise=noise.model_of(options.noise).start)
+    start = FootParams(noise=noise.model_of(options.noise))
     used = {"height_noise": options.level is True, "softness": options.soft, "threshold_factor": options.soft}
     return Estimator(
         "foot_ins", start, ready, run, with_body, ABOUT, PER_STRIDE, _finished, _in_windows,
@@ -215,7 +216,7 @@ def estimate(p: FootParams, recording: Recording, options: FootOptions = DEFAULT
 
 def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
     """The estimate with footholds, without a drift between the headings of two feet, and with doubts."""
-    feet = {side: foot for side, foot in enumerate((made.inputs.right, made.inputs.left)) if foot is not None}
+    feet = _worn(made.inputs)
     footholds = {f"footholds_{SIDES[side]}": foot.foothold[: int(foot.count)] for side, foot in feet.items()}
     result = result._replace(diagnostics={**result.diagnostics, **footholds})
     result = headings.together(result) if made.options.smooth else result
@@ -244,24 +245,21 @@ def _with_distance_stddev(result: Estimate, feet: int) -> Estimate:
 
 def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Estimate | None:
     """A long recording in windows, see `foot_ins.windows`; None if it is short or cannot be cut into windows."""
-    _check_options(options)
     if inputs.time.size <= 1.5 * foot_windows.WINDOW or not options.smooth:
         return None
+
+    def one(window: FootSignals, time: Values) -> PyTree:
+        path, told, _, valid = compiled(_one_foot)(p, window, time, options=options)
+        return path, told["nis"], valid
+
     results = []
-    for side, foot in enumerate((inputs.right, inputs.left)):
-        parts = None if foot is None else foot_windows.windows(foot, inputs.time.size)
-        if foot is None:
-            continue
-        if parts is None:
+    for side, foot in _worn(inputs).items():
+        cuts = foot_windows.windows(foot, inputs.time.size)
+        if cuts is None:
             return None
-
-        def one(window: FootSignals, time: Values) -> PyTree:
-            path, told, _, valid = compiled(_one_foot)(p, window, time, options=options)
-            return path, told["nis"], valid
-
-        whole = foot_windows.joined(foot, np.asarray(inputs.time), parts, level, one)
-        way = foot_strides.walked(whole.path.strides, whole.path.strides.length.shape[0], jnp.asarray(inputs.time))
-        results.append(_Found(side, whole.path, {"nis": whole.nis}, way, whole.valid))
+        path, nis, valid = foot_windows.joined(foot, np.asarray(inputs.time), cuts, one)
+        way = foot_strides.walked(path.strides, path.strides.length.shape[0], jnp.asarray(inputs.time))
+        results.append(_Found(side, path, {"nis": nis}, way, valid))
     sides = jnp.concatenate([jnp.full(len(foot.path.nis), foot.side, jnp.int32) for foot in results])
     strides = [(foot.path.strides, foot.path.strides_stddev, foot.path.nis) for foot in results]
     together = jax.tree.map(lambda *rows: jnp.concatenate(rows), *strides)

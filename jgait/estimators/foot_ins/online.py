@@ -18,6 +18,7 @@ Deviations from `foot_ins` without smoothing, which knows the whole walk:
 """
 
 from functools import partial
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import jax
@@ -42,7 +43,7 @@ from jgait.estimators.foot_ins.online_state import (
 )
 from jgait.estimators.foot_ins.params import FootParams
 from jgait.estimators.foot_ins.prepare import LOST_FORCE, LOST_RATE, REACH, REST_STEP
-from jgait.estimators.foot_ins.readout import SHORTEST, TIMING, stated
+from jgait.estimators.foot_ins.readout import SHORTEST, timed
 from jgait.estimators.foot_ins.worn import FootWorn, worn
 from jgait.estimators.losses import held_bridge
 from jgait.estimators.notes import LONGEST_LOSS
@@ -56,21 +57,6 @@ from jgait.signal.marks import latest
 from jgait.types import Counts, Flags, Strides, Values
 
 __all__ = ["ONLINE", "FootNow", "FootOnlineState", "FootWorn", "begin", "lag", "over", "worn"]
-
-
-class _DelayedFoot(NamedTuple):
-    """The filter's samples (T,), with the field names that `foot_ins.estimator` uses."""
-
-    gyr: Values
-    acc: Values
-    gyr_jump: Values
-    acc_jump: Values
-    gyr_doubt: Values
-    acc_doubt: Values
-    rate: Values
-    features: Values
-    restart: Values
-    dt: Values
 
 
 class _FootEvent(NamedTuple):
@@ -216,9 +202,9 @@ def _filtered(
     rate = jnp.sqrt(jnp.sum((event.row[:, :3] - worn.gyr_bias[None]) ** 2, axis=1))
     goes, turned, moved = held_bridge(lost, event.swing.lost, 1.0 / worn.rate_hz, LOST_RATE, LOST_FORCE)
     dt = jnp.where(goes, dt, 0.0)
-    now: PyTree = _DelayedFoot(
-        mean[:, :3], mean[:, 3:6], event.jumps[:, 0], event.jumps[:, 1], turned, moved, rate,
-        jnp.zeros_like(mean[:, :1]), event.restart, dt,
+    now: PyTree = SimpleNamespace(
+        gyr=mean[:, :3], acc=mean[:, 3:6], gyr_jump=event.jumps[:, 0], acc_jump=event.jumps[:, 1], gyr_doubt=turned,
+        acc_doubt=moved, rate=rate, features=jnp.zeros_like(mean[:, :1]), restart=event.restart, dt=dt,
     )  # fmt: skip
     zero, observed = jnp.zeros_like(dt), event.stands & real
     return filtering.kalman_filter(
@@ -246,46 +232,29 @@ def _summed(
 
 
 def _strides(
-    p: FootParams,
-    worn: FootWorn,
-    event: _FootEvent,
-    posterior: filtering.Posterior,
-    since: Values,
-    turn: Values,
+    p: FootParams, worn: FootWorn, event: _FootEvent, posterior: filtering.Posterior, since: Values, turn: Values,
     yaw: Values,
-) -> tuple[Strides, Strides, Flags]:
+) -> tuple[Strides, Strides, Flags]:  # fmt: skip
     """The strides that would end at each of the filter's samples (T,), standard deviations, and which are in doubt.
 
     `turn` is the change of the heading since the last foothold [rad], `yaw` that of its variance [rad²].
     """
-    way, cov, swing = posterior.mean.position, posterior.cov, event.swing
+    way, swing = posterior.mean.position, event.swing
     length = root(way.x * way.x + way.y * way.y)
     initial = _landing(swing, event.time)
-    follows = swing.final - event.landed <= PAUSE_S
-    start = jnp.where(follows, event.landed, swing.final)
-    departs = jnp.maximum(event.last, swing.stood - REACH)
-    lands = jnp.minimum(event.time, jnp.maximum(swing.stands, initial) + REACH)
-    duration = jnp.maximum(jnp.where(follows, initial - start, lands - departs), 1e-3)
-    x, y = way.x / jnp.maximum(length, 1e-6), way.y / jnp.maximum(length, 1e-6)
-    xx, xy, yy, zz = (cov[f"position.{a}", f"position.{b}"] for a, b in ("xx", "xy", "yy", "zz"))
-    along = x * x * xx + 2.0 * x * y * xy + y * y * yy
-    unknown = (p.stride_noise * length) ** 2
+    known = Strides(
+        side=jnp.full(length.shape, worn.side, jnp.int32), start=None, final_contact=swing.final, end=initial,
+        length=length, width=jnp.full_like(length, jnp.nan), height=way.z,
+        valid=event.foothold & event.began & swing.any & (length > SHORTEST) & (swing.lost <= LONGEST_LOSS),
+        standing=jnp.maximum(event.last, swing.stood - REACH),
+        standing_end=jnp.minimum(event.time, jnp.maximum(swing.stands, initial) + REACH),
+        turn=turn, lift=since[:, 0] - jnp.maximum(way.z, 0.0),
+    )  # fmt: skip
+    spread = [posterior.cov[f"position.{a}", f"position.{b}"] for a, b in ("xx", "xy", "yy", "zz")]
     nis = since[:, 1] / jnp.maximum(since[:, 2], 1.0)
-    spread = stated(along + unknown, nis, turn)
-    nothing = jnp.full_like(length, jnp.nan)
-    valid = event.foothold & event.began & swing.any & (length > SHORTEST) & (swing.lost <= LONGEST_LOSS)
-    sides = jnp.full(length.shape, worn.side, jnp.int32)
-    strides = Strides(
-        side=sides, start=start, final_contact=swing.final, end=initial, length=length, width=nothing, height=way.z,
-        valid=valid, standing=departs, standing_end=lands, speed=length / duration, turn=turn,
-        lift=since[:, 0] - jnp.maximum(way.z, 0.0),
-    )  # fmt: skip
-    stddev = Strides(
-        side=sides, start=None, final_contact=None, end=None, length=spread, width=nothing, height=root(zz + unknown),
-        valid=valid, speed=root((spread / duration) ** 2 + (length / duration**2 * TIMING) ** 2),
-        turn=root(jnp.abs(yaw)),
-    )  # fmt: skip
-    return strides, stddev, trust.doubtful(strides, stddev, nis) & valid
+    follows = swing.final - event.landed <= PAUSE_S
+    strides, stddev = timed(p, known, way, spread, event.landed, follows, yaw, nis)
+    return strides, stddev, trust.doubtful(strides, stddev, nis) & strides.valid
 
 
 def over(

@@ -1,5 +1,6 @@
 """State of the foot's online estimator between samples, and its results after each sample."""
 
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import jax
@@ -81,17 +82,6 @@ class FootNow(NamedTuple):
     valid: Flags  #: False if the filter's update failed numerically and the filter kept its prediction.
 
 
-class _Start(NamedTuple):
-    """What the filter's prior needs, with the field names that `foot_ins.estimator` uses."""
-
-    gyr: Values
-    attitude: Values
-    gyr_bias: Values
-    acc_bias: Values
-    up: Values
-    still_time: Values
-
-
 def lag(worn: FootWorn) -> int:
     """Number of samples by which the filter is behind the newest sample."""
     half = worn.window.shape[-1] // 2
@@ -136,5 +126,8 @@ def level_prior(p: FootParams, worn: FootWorn, force: Values) -> Belief:
     up = force / jnp.sqrt(jnp.sum(force * force))
     zeros, ones = jnp.zeros_like(up[0]), jnp.ones_like(up[0])
     attitude = as_array(between(vector(up), Vector(zeros, zeros, ones)))
-    foot: PyTree = _Start(force, attitude, worn.gyr_bias, worn.acc_bias * up, up, worn.still_time)
+    foot: PyTree = SimpleNamespace(
+        gyr=force, attitude=attitude, gyr_bias=worn.gyr_bias, acc_bias=worn.acc_bias * up, up=up,
+        still_time=worn.still_time,
+    )  # fmt: skip
     return prior_of(p, foot).joined()

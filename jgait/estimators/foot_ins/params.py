@@ -71,7 +71,7 @@ class FootParams(NamedTuple):
     threshold_factor: Annotated[Param, Parameter(
         positive, "1", "factor on the threshold of the detector, likewise", lognormal(1.0, 2.0),
     )] = 1.0  # fmt: skip
-    noise: Annotated[Param, Parameter(
+    noise: Annotated[Any, Parameter(
         None, "", "noise model of the zero velocity, see `jgait.estimators.noise`",
     )] = Constant()  # fmt: skip
 

@@ -1,5 +1,6 @@
 """Strides of one foot with standard deviations, from its smoothed states; differentiable for given footholds."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -79,7 +80,7 @@ def path_of(p: FootParams, foot: FootSignals, time: Values, inferred: Inferred, 
     forward = _forward(state.attitude, way, length, here, valid)
     heading = jnp.arctan2(_first(way.y, valid), _first(way.x, valid))
     nis = nis_between(inferred.filtered.nis, inferred.filtered.count, here, there)
-    strides, deviations = _strides(p, foot, time, state, cov, forward, valid, nis)
+    strides, deviations = _strides(p, foot, time, state, cov, forward, way, length, valid, nis)
     tilted = rotated(state.attitude, _spread(forward, state.attitude.w))
     way_since = _accumulated(state.position, foot)
     if flatten:
@@ -115,50 +116,62 @@ def walked(strides: Strides, rows: PyTree, time: Values) -> Values:
 
 
 def _strides(
-    p: FootParams, foot: FootSignals, time: Values, state: FootState, cov: Covariance, forward: Vector,
-    valid: Flags, nis: Values,
+    p: FootParams, foot: FootSignals, time: Values, state: FootState, cov: Covariance, forward: Vector, way: Vector,
+    length: Values, valid: Flags, nis: Values,
 ) -> tuple[Strides, Strides]:  # fmt: skip
-    """Strides of one foot and their standard deviations."""
+    """Strides of one foot and their standard deviations, from the way and its length between footholds."""
     here, there = foot.foothold[:-1], foot.foothold[1:]
-    final, initial = foot.final_contact[:-1], foot.initial_contact[:-1]
-    entries = [cov[f"position.{name[0]}", f"position.{name[1]}"] for name in ("xx", "xy", "yy", "zz")]
-    spread = _spread(forward, state.attitude.w)
-    axis = rotated(state.attitude, spread)
+    entries = [cov[f"position.{a}", f"position.{b}"] for a, b in ("xx", "xy", "yy", "zz")]
+    axis = rotated(state.attitude, _spread(forward, state.attitude.w))
     pitch, yaw = jnp.arcsin(jnp.clip(axis.z, -1.0, 1.0)), jnp.arctan2(axis.y, axis.x)
     signals = (pitch, yaw, cov["attitude.z", "attitude.z"], root(_across(cov, axis)), time)
     standing_pitch, yaw_here, variance_here, *_ = picked(here, *signals)
-    x, y, rise, *between, next_pitch, yaw_there, variance_there, _, _ = picked(
-        there, *state.position, *entries, *signals
-    )
-    push_off, _, _, push_off_sd, leaves = picked(final, *signals)
-    contact, _, _, contact_sd, touches = picked(initial, *signals)
-    length = root(x * x + y * y)
-    x, y = x / jnp.maximum(length, 1e-6), y / jnp.maximum(length, 1e-6)
-    along_way = x * x * between[0] + 2.0 * x * y * between[1] + y * y * between[2]
-    unknown = (p.stride_noise * length) ** 2
-    turn = wrapped(yaw_there - yaw_here)
-    departs, lands = time[foot.leaves[:-1]], time[foot.arrives[1:]]
-    # a stride starts at the initial contact that ends the stride before it; a first stride starts at final contact
-    began = jnp.concatenate([jnp.zeros_like(valid[:1]), valid[:-1]])
-    start = jnp.where(began, jnp.concatenate([leaves[:1], touches[:-1]]), leaves)
-    duration = jnp.maximum(jnp.where(began, touches - start, lands - departs), 1e-3)
+    *between, next_pitch, yaw_there, variance_there, _, _ = picked(there, *entries, *signals)
+    push_off, _, _, push_off_sd, leaves = picked(foot.final_contact[:-1], *signals)
+    contact, _, _, contact_sd, touches = picked(foot.initial_contact[:-1], *signals)
     nothing = jnp.full_like(length, jnp.nan)
-    numbers = jnp.zeros(length.shape, jnp.int32)
-    strides = Strides(
-        side=numbers, start=start, final_contact=leaves, end=touches, length=length, width=nothing,
-        height=rise, valid=valid, standing=departs, standing_end=lands, speed=length / duration, turn=turn,
-        lift=_lift(state.position.z, foot, rise), contact_angle=contact - next_pitch,
+    known = Strides(
+        side=jnp.zeros(length.shape, jnp.int32), start=None, final_contact=leaves, end=touches, length=length,
+        width=nothing, height=way.z, valid=valid, standing=time[foot.leaves[:-1]],
+        standing_end=time[foot.arrives[1:]], turn=wrapped(yaw_there - yaw_here),
+        lift=_lift(state.position.z, foot, way.z), contact_angle=contact - next_pitch,
         push_off_angle=push_off - standing_pitch, step_length=nothing,
     )  # fmt: skip
-    length_stddev = stated(along_way + unknown, nis, turn)
-    speed_stddev = root((length_stddev / duration) ** 2 + (length / duration**2 * TIMING) ** 2)
-    deviations = Strides(
-        side=numbers, start=None, final_contact=None, end=None, length=length_stddev, width=nothing,
-        height=root(between[3] + unknown), valid=valid, speed=speed_stddev,
-        turn=root(jnp.abs(variance_there - variance_here)), contact_angle=contact_sd,
-        push_off_angle=push_off_sd, step_length=nothing,
+    landed = jnp.concatenate([leaves[:1], touches[:-1]])
+    follows = jnp.concatenate([jnp.zeros_like(valid[:1]), valid[:-1]])
+    strides, deviations = timed(p, known, way, between, landed, follows, variance_there - variance_here, nis)
+    return strides, deviations._replace(contact_angle=contact_sd, push_off_angle=push_off_sd, step_length=nothing)
+
+
+def timed(
+    p: FootParams, known: Strides, way: Vector, spread: Sequence[Values], landed: Values, follows: Flags,
+    yaw: Values, nis: Values,
+) -> tuple[Strides, Strides]:  # fmt: skip
+    """Strides with their starts and speeds, and their standard deviations.
+
+    Args:
+        p: parameters.
+        known: what else is known of the strides.
+        way: displacement from foothold to foothold [m].
+        spread: its covariances xx, xy, yy and zz [m²].
+        landed: initial contact at which a stride starts that `follows` another [s]; a first one starts at its final
+            contact.
+        follows: bool.
+        yaw: change of the variance of the heading [rad²].
+        nis: normalised innovation squared [1].
+    """
+    length, (xx, xy, yy, zz) = known.length, spread
+    x, y = way.x / jnp.maximum(length, 1e-6), way.y / jnp.maximum(length, 1e-6)
+    along_way = x * x * xx + 2.0 * x * y * xy + y * y * yy
+    unknown = (p.stride_noise * length) ** 2
+    start = jnp.where(follows, landed, known.final_contact)
+    duration = jnp.maximum(jnp.where(follows, known.end - start, known.standing_end - known.standing), 1e-3)
+    stddev = stated(along_way + unknown, nis, known.turn)
+    return known._replace(start=start, speed=length / duration), Strides(
+        side=known.side, start=None, final_contact=None, end=None, length=stddev, width=known.width,
+        height=root(zz + unknown), valid=known.valid, turn=root(jnp.abs(yaw)),
+        speed=root((stddev / duration) ** 2 + (length / duration**2 * TIMING) ** 2),
     )  # fmt: skip
-    return strides, deviations
 
 
 def stated(variance: Values, nis: Values, turn: Values) -> Values:

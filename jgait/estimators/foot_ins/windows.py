@@ -22,6 +22,7 @@ from jaxtyping import PyTree
 from jgait.estimators.axes import Axis, axes_of
 from jgait.estimators.foot_ins.inputs import FootSignals, capacity
 from jgait.estimators.foot_ins.readout import Path
+from jgait.geometry.rotation import level
 from jgait.types import FootTrajectory, Values
 
 WINDOW = 2**16
@@ -68,8 +69,8 @@ def windows(foot: FootSignals, samples: int) -> list[Window] | None:
         begin, first, joins = after, last, join
 
 
-def cut(foot: FootSignals, window: Window, level: Callable[[np.ndarray], np.ndarray]) -> FootSignals:
-    """The inputs of one window, padded to the size of all windows; `level` maps specific force to q_ws."""
+def cut(foot: FootSignals, window: Window) -> FootSignals:
+    """The inputs of one window, padded to the size of all windows."""
     part = slice(window.start, window.stop)
     missing = WINDOW - (window.stop - window.start)
     rows = capacity(WINDOW)
@@ -99,28 +100,20 @@ def single(values: PyTree) -> PyTree:
     return jax.tree.map(lambda v: np.asarray(v, np.float32) if np.asarray(v).dtype == np.float64 else v, values)
 
 
-class Joined(NamedTuple):
-    """The joined estimate: a `Path` on the host, the mean normalised innovation squared, and valid samples (T,)."""
-
-    path: Path
-    nis: float
-    valid: np.ndarray
-
-
 def joined(
-    foot: FootSignals, time: np.ndarray, parts: list[Window], level: Callable[[np.ndarray], np.ndarray],
+    foot: FootSignals, time: np.ndarray, parts: list[Window],
     estimate: Callable[[FootSignals, np.ndarray], tuple[Path, Values, Values]],
-) -> Joined:  # fmt: skip
-    """Estimate all windows, in parallel on all cores, and join them.
+) -> tuple[Path, float, np.ndarray]:  # fmt: skip
+    """Path, mean normalised innovation squared and valid samples (T,) of all windows together.
 
-    `level` maps specific force to q_ws; `estimate` maps inputs and times of a window to path, nis and valid (T,).
+    `estimate` gives them for inputs and times of a window, in parallel on all cores.
     """
 
     def one(window: Window) -> PyTree:
         own = time[window.start : window.stop]
         seconds = own - own[0]
         padded = single(Axis("onwards").padded(seconds, WINDOW - seconds.size))
-        path, nis, valid = estimate(cut(foot, window, level), padded)
+        path, nis, valid = estimate(cut(foot, window), padded)
         path, nis, valid = jax.tree.map(
             lambda v: np.asarray(v, time.dtype if v.dtype.kind == "f" else None), (path, nis, valid)
         )
@@ -141,7 +134,7 @@ class _Pose(NamedTuple):
     unsure: float
 
 
-def _together(results: list[PyTree], parts: list[Window]) -> Joined:
+def _together(results: list[PyTree], parts: list[Window]) -> tuple[Path, float, np.ndarray]:
     pieces: list[list[np.ndarray]] = []
     tables, spreads, pitches, flags, doubts = [], [], [], [], []
     join: _Pose | None = None
@@ -177,7 +170,7 @@ def _together(results: list[PyTree], parts: list[Window]) -> Joined:
         FootTrajectory(*whole[:3]), FootTrajectory(*whole[3:]), strides, deviations, np.concatenate(pitches),
         np.concatenate(doubts),
     )  # fmt: skip
-    return Joined(path, float(np.mean([nis for _, nis, _ in results])), np.concatenate(flags))
+    return path, float(np.mean([nis for _, nis, _ in results])), np.concatenate(flags)
 
 
 def _turn_between(wanted: np.ndarray, q: np.ndarray) -> float:

@@ -1,7 +1,6 @@
 """Joint angles, foot positions and distance from prepared inputs."""
 
 from functools import reduce
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -115,21 +114,6 @@ def prior_of(p: LegParams, leg: LegSignals, start_variance: Values, options: Leg
     )
 
 
-def _leg(p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions, model: Model) -> filtering.Inferred:
-    """One leg's states."""
-    inclinations = None
-    if options.gravity:
-        segments = jax.tree.map(lambda *both: jnp.stack(both), *leg)
-        pair = jax.vmap(lambda segment: _incline(p, segment, inputs, options))(segments)
-        inclinations = (jax.tree.map(lambda v: v[0], pair), jax.tree.map(lambda v: v[1], pair))
-    observations, controls, mask = observe(p, leg, inclinations, inputs, options)
-    return filtering.infer(
-        model, model_params(p, leg), observations, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
-        method=options.method, initial=prior_of(p, leg, inputs.start_variance, options),
-        keep=("cov", *filtering.SUMMARY),
-    )  # fmt: skip
-
-
 def trajectory_of(state: LegState) -> LegTrajectory:
     """The filter's state as hip angle from the vertical and knee flexion angle, flexion positive."""
     return LegTrajectory(state.thigh_angle - STANDING, -state.knee_angle, state.x, state.y)
@@ -230,40 +214,38 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
     """
     worn = [(side, leg) for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None]
     both = stacked(*((one_side(p, side), leg) for side, leg in worn))
-    results = jax.vmap(lambda one_leg: _one_leg(one_leg, inputs, options, model))(both)
+    results = jax.vmap(lambda one: _one_leg(one[0], one[1], inputs, options, model))(both)
     trajectories: list[LegTrajectory | None] = [None, None]
     deviations: list[LegTrajectory | None] = [None, None]
-    diagnostics = {}
+    diagnostics: dict[str, Values] = {}
     for number, (side, _) in enumerate(worn):
-        leg = jax.tree.map(lambda v, number=number: v[number], results)
-        trajectories[side], deviations[side] = leg.trajectory, leg.deviation
-        diagnostics[f"log_likelihood_{SIDES[side]}"] = leg.log_likelihood
-        diagnostics[f"nis_{SIDES[side]}"] = leg.nis
+        trajectories[side], deviations[side], log_likelihood, nis, _ = jax.tree.map(lambda v, k=number: v[k], results)
+        diagnostics |= {f"log_likelihood_{SIDES[side]}": log_likelihood, f"nis_{SIDES[side]}": nis}
     legs = Legs(*trajectories)
-    valid = inputs.valid & jnp.all(results.valid, axis=0)
+    valid = inputs.valid & jnp.all(results[-1], axis=0)
     distance, more = walked(p, legs, inputs, options)
     diagnostics |= more
     return Estimate(inputs.time, legs, Legs(*deviations), distance, valid, diagnostics)
 
 
-class _LegResult(NamedTuple):
-    """One leg's part of the estimate."""
-
-    trajectory: LegTrajectory
-    deviation: LegTrajectory
-    log_likelihood: Values
-    nis: Values
-    valid: Flags
-
-
-def _one_leg(worn: tuple[LegParams, LegSignals], inputs: LegInputs, options: LegOptions, model: Model) -> _LegResult:
-    p, leg = worn
-    result = _leg(p, leg, inputs, options, model)
-    filtered = result.filtered.cov if options.smooth else None
-    return _LegResult(
-        trajectory_of(result.mean), deviation_of(p, result.mean, result.cov, filtered), result.log_likelihood,
-        result.nis, result.filtered.valid,
+def _one_leg(
+    p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions, model: Model
+) -> tuple[LegTrajectory, LegTrajectory, Values, Values, Flags]:
+    """Trajectory and deviations of one leg, log-likelihood, mean NIS, and (T,) bool of valid samples."""
+    inclinations = None
+    if options.gravity:
+        segments = jax.tree.map(lambda *both: jnp.stack(both), *leg)
+        pair = jax.vmap(lambda segment: _incline(p, segment, inputs, options))(segments)
+        inclinations = (jax.tree.map(lambda v: v[0], pair), jax.tree.map(lambda v: v[1], pair))
+    observations, controls, mask = observe(p, leg, inclinations, inputs, options)
+    result = filtering.infer(
+        model, model_params(p, leg), observations, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
+        method=options.method, initial=prior_of(p, leg, inputs.start_variance, options),
+        keep=("cov", *filtering.SUMMARY),
     )  # fmt: skip
+    filtered = result.filtered.cov if options.smooth else None
+    deviation = deviation_of(p, result.mean, result.cov, filtered)
+    return trajectory_of(result.mean), deviation, result.log_likelihood, result.nis, result.filtered.valid
 
 
 def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:

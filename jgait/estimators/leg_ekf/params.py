@@ -116,9 +116,9 @@ PAPER = LegOptions(
 """The paper's pipeline: 50 Hz, five-sample median filter, two rates, accumulation."""
 
 
-def one_side(p: LegParams, side: int) -> LegParams:
+def one_side[P: tuple[Any, ...]](p: P, side: int) -> P:
     """The parameters of one leg (0 right, 1 left): the value of that side replaces each `BySide`."""
-    return LegParams(*(value[side] if isinstance(value, BySide) else value for value in p))
+    return type(p)(*(value[side] if isinstance(value, BySide) else value for value in p))
 
 
 MEASURES = ("thigh_length", "shank_length")

@@ -25,9 +25,9 @@ from jgait.estimators.leg_ekf.notes import (
     THIGH_UNSURE,
 )
 from jgait.estimators.notes import ACCELEROMETER_OFF, CLIPPED, NO_ACCELEROMETER, NO_FIRST_STANDING
-from jgait.events.rest import LEGS_SHORTEST_S, standing_of_legs
+from jgait.events.rest import LEGS_SHORTEST_S, LegRest, standing_of_legs
 from jgait.geometry.vectors import GRAVITY
-from jgait.mounting.leg import leg_mounting
+from jgait.mounting.leg import leg_mounting, measured
 from jgait.notes import Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError, as_float
@@ -72,6 +72,23 @@ def common_clock(recording: Recording, sides: tuple[str, ...]) -> tuple[dict[str
     return sensors, time
 
 
+def standing_legs(
+    recording: Recording, rate_hz: float | None = None, median: int = 1
+) -> tuple[tuple[str, ...], dict[str, Imu], np.ndarray, LegRest]:
+    """The measured sides, their sensors and common time, resampled and filtered as in `prepare`, with rates of 0 where
+    samples are lost; and standing.
+    """
+    sides = worn_sides(recording)
+    sensors, time = common_clock(recording, sides)
+    sensors = {k: i._replace(gyr=np.where(np.asarray(i.mask)[:, None], i.gyr, 0.0)) for k, i in sensors.items()}
+    time, sensors = resampled(time, sensors, rate_hz)
+    if median > 1:
+        sensors = {k: i._replace(gyr=_median(i.gyr, median)) for k, i in sensors.items()}
+    gyrs, accs, masks = zip(*((imu.gyr, imu.acc, imu.mask) for imu in sensors.values()), strict=True)
+    rate = 1.0 / float(np.median(np.diff(time)))
+    return sides, sensors, time, standing_of_legs(gyrs, accs, rate, "leg_ekf", masks)
+
+
 def resampled(time: np.ndarray, sensors: dict[str, Imu], rate_hz: float | None) -> tuple[np.ndarray, dict[str, Imu]]:
     """Resample by taking every k-th sample, or else by linear interpolation; unchanged for None.
 
@@ -108,12 +125,10 @@ def _median(values: AnyArray, size: int) -> np.ndarray:
         RecordingError: if there are not enough samples for a window.
     """
     half = size // 2
-    if size < 1 or size % 2 == 0:
+    if size % 2 == 0:
         raise ValueError(f"size must be odd and positive, so that the window has a middle; got {size}")
     if len(values) <= half:
         raise RecordingError(f"a median over {size} samples needs more than {half}; the recording has {len(values)}")
-    if size == 1:
-        return as_float(values)
     from scipy import ndimage  # takes a quarter of a second to import
 
     return np.asarray(ndimage.median_filter(as_float(values), size=(size, 1), mode="mirror"))
@@ -146,38 +161,23 @@ def mounted(
     segments = {}
     for segment, axes in worn.rows.items():
         imu = sensors[worn.placements[segment]]
-        scale = 0.0
+        rests, scale = measured(imu, standing), 0.0
         if imu.acc is not None:
-            scale = GRAVITY / float(np.linalg.norm(as_float(imu.acc)[standing].mean(axis=0)))
+            scale = GRAVITY / float(np.linalg.norm(as_float(imu.acc)[rests].mean(axis=0)))
         # A coarsely quantised gyroscope has a constant reading at rest, but its noise is not 0.
-        variance = np.maximum(np.var((as_float(imu.gyr) @ axes.T)[standing, 1]), SMALLEST_VARIANCE)
+        variance = np.maximum(np.var((as_float(imu.gyr) @ axes.T)[rests, 1]), SMALLEST_VARIANCE)
         bias = axes @ worn.gyr_bias[segment]
         segments[segment] = SegmentMounting(worn.placements[segment], axes, scale, bias, variance)
     notes = [SEGMENTS_SWAPPED(side=side)] if worn.swapped else []
     return segments, notes if worn.sure else [*notes, THIGH_UNSURE(placement=worn.placements["thigh"])]
 
 
-def orient(
-    sensors: Mapping[str, Imu],
-    side: str,
-    standing: slice,
-    still: np.ndarray,
-    rate: float,
-    *,
-    perpendicular: bool = True,
-    estimator: str = "leg_ekf",
-) -> tuple[LegSignals, list[Note]]:
-    """One leg's signals in segment axes, and notes. Raises RecordingError as `mounted`."""
-    worn, notes = mounted(sensors, side, standing, still, rate, perpendicular=perpendicular, estimator=estimator)
-    segments = {}
-    for segment, sensor in worn.items():
-        imu = sensors[sensor.placement]
-        gyr = as_float(imu.gyr) @ sensor.axes.T
-        acc = np.zeros_like(gyr) if imu.acc is None else as_float(imu.acc) @ sensor.axes.T * sensor.scale
-        measured = np.asarray(imu.mask, bool)
-        lost = lost_time(np.asarray(imu.time), measured)
-        segments[segment] = Segment(gyr, acc, measured, sensor.bias, sensor.variance, lost)
-    return LegSignals(segments["thigh"], segments["shank"]), notes
+def in_segment(imu: Imu, worn: SegmentMounting) -> Segment:
+    """A sensor's signals in the axes of its segment."""
+    gyr = as_float(imu.gyr) @ worn.axes.T
+    acc = np.zeros_like(gyr) if imu.acc is None else as_float(imu.acc) @ worn.axes.T * worn.scale
+    mask = np.asarray(imu.mask, bool)
+    return Segment(gyr, acc, mask, worn.bias, worn.variance, lost_time(np.asarray(imu.time), mask))
 
 
 def rates_between(segment: Segment, time: np.ndarray) -> Segment:
@@ -270,24 +270,15 @@ def prepare(
     Raises:
         RecordingError: missing placement, clocks that differ, no standing, no walking.
     """
-    sides = worn_sides(recording)
-    sensors, time = common_clock(recording, sides)
-    sensors = {k: i._replace(gyr=np.where(np.asarray(i.mask)[:, None], i.gyr, 0.0)) for k, i in sensors.items()}
-    time, sensors = resampled(time, sensors, rate_hz)
-    if median > 1:
-        sensors = {k: i._replace(gyr=_median(i.gyr, median)) for k, i in sensors.items()}
+    sides, sensors, time, (still, upright, standing, notes) = standing_legs(recording, rate_hz, median)
     rate = 1.0 / float(np.median(np.diff(time)))
-    still, upright, (start, stop), notes = standing_of_legs(
-        [imu.gyr for imu in sensors.values()], [imu.acc for imu in sensors.values()], rate, "leg_ekf",
-        [imu.mask for imu in sensors.values()],
-    )  # fmt: skip
     legs = {}
     for side in sides:
-        legs[side], more = orient(sensors, side, slice(start, stop), still, rate, perpendicular=perpendicular)
+        worn, more = mounted(sensors, side, slice(*standing), still, rate, perpendicular=perpendicular)
+        segments = [in_segment(sensors[one.placement], one) for one in worn.values()]
+        legs[side] = LegSignals(*(rates_between(one, time) if smooth else one for one in segments))
         notes += more
-        if smooth:
-            legs[side] = LegSignals(*(rates_between(segment, time) for segment in legs[side]))
-    notes += _otherwise(sensors, upright, slice(start, stop), time)
+    notes += _otherwise(sensors, upright, slice(*standing), time)
     if any(sensors[k].acc is None for k in sensors):
         notes.append(NO_ACCELEROMETER())
     if not still[0]:
@@ -306,4 +297,4 @@ def prepare(
     variance = np.asarray(1e-4 if upright[0] else SEATED if still[0] else 0.1)
     inputs = LegInputs(legs.get("right"), legs.get("left"), time, dt, still, heard, variance, shanks)
     notes += more
-    return Prepared(inputs, None, tuple(notes), (start, stop))
+    return Prepared(inputs, None, tuple(notes), standing)

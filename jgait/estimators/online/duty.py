@@ -11,16 +11,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jgait.duty_cycle.recording import SEGMENTS, gyroscope_masks
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro import turns
 from jgait.estimators.duty_cycled_gyro.estimator import joints
 from jgait.estimators.duty_cycled_gyro.model_params import PlanarSegment, SegmentEstimate
-from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledParams, one_side
-from jgait.estimators.duty_cycled_gyro.prepare import LOST, NAME, checked, worn
-from jgait.estimators.leg_ekf.prepare import SegmentMounting, mounted
+from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledParams
+from jgait.estimators.duty_cycled_gyro.prepare import LOST, checked, find_standing, worn_leg, worn_names
+from jgait.estimators.leg_ekf.params import one_side
+from jgait.estimators.leg_ekf.prepare import SegmentMounting
 from jgait.estimators.online.device import Device, Readings
-from jgait.estimators.online.standing import lost_for, standing_samples, stood
-from jgait.events.rest import LEGS_RATE, standing_of_legs
+from jgait.estimators.online.standing import lost_for, stacked_mountings, standing_samples, stood
+from jgait.estimators.sides import stacked
+from jgait.events.rest import LEGS_RATE
 from jgait.filtering import Belief
 from jgait.notes import Note
 from jgait.types import SIDES, Counts, Flags, LegTrajectory, Recording, Values, as_float
@@ -69,7 +72,7 @@ class DutyDeviceOptions(NamedTuple):
     felt: bool  #: whether every sensor has an accelerometer.
     #: the legs in groups with sensors on the same segments, which one program filters together: for each leg of a group
     #: the index of the thigh's and of the shank's sensor, or None.
-    groups: tuple[tuple[tuple[int | None, int | None], ...], ...]
+    groups: tuple[tuple[tuple[int | None, ...], ...], ...]
 
 
 def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Note, ...]]:
@@ -78,51 +81,39 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
     Raises:
         RecordingError: as `duty_cycled_gyro.prepare.prepare`.
     """
-    names = worn(recording)
+    names = worn_names(recording)
     time = checked(recording, names, DEFAULT)
     sensors = {name: recording.sensors[name] for name in names}
-    rate = 1.0 / float(np.median(np.diff(time)))
-    imus = list(sensors.values())
-    still, _, (start, stop), notes = standing_of_legs([imu.gyr for imu in imus], [imu.acc for imu in imus], rate, NAME)
+    used = gyroscope_masks(recording, names)
+    still, _, standing, notes = find_standing(sensors, used, time)
     mountings: list[SegmentMounting] = []
-    pairs: dict[int, tuple[int | None, int | None]] = {}
+    pairs: dict[int, tuple[int | None, ...]] = {}
     for number, side in enumerate(SIDES):
-        here = [segment for segment in ("thigh", "shank") if f"{segment}_{side}" in sensors]
-        if not here:
-            continue
-        # A sensor worn alone is used as thigh and as shank: the sign of the axis follows from its swing alone.
-        both = {f"{s}_{side}": sensors[f"{s if s in here else here[0]}_{side}"] for s in ("thigh", "shank")}
-        segments, more = mounted(both, side, slice(start, stop), still, rate, estimator=NAME)
-        notes += more if len(here) == 2 else []
-        index: list[int | None] = []
-        for segment in ("thigh", "shank"):
-            index.append(len(mountings) if segment in here else None)
-            if segment in here:
-                mounting = segments[segment] if len(here) == 2 else segments["shank"]
-                mountings.append(mounting if len(here) == 2 else mounting._replace(placement=f"{segment}_{side}"))
-        pairs[number] = index[0], index[1]
+        if any(name.endswith(side) for name in names):
+            segments, more = worn_leg(recording, side, used, still, slice(*standing), {})
+            notes += more
+            places = {segment: len(mountings) + k for k, segment in enumerate(segments)}
+            pairs[number] = tuple(map(places.get, SEGMENTS))
+            mountings += [mounting for _, mounting in segments.values()]
     alike: dict[tuple[bool, ...], list[int]] = {}
     for number, pair in pairs.items():
         alike.setdefault(tuple(k is None for k in pair), []).append(number)
+    worn = stacked_mountings(mountings)
     constants = DutyConstants(
-        own=tuple(
-            jax.tree.map(lambda *v: np.stack([as_float(x) for x in v]), *(one_side(p, side) for side in group))
-            for group in alike.values()
-        ),
-        axes=np.stack([mounting.axes for mounting in mountings]),
-        scale=as_float([mounting.scale for mounting in mountings]),
-        bias=as_float([-mounting.bias[1] for mounting in mountings]),
-        turn_bias=as_float([mounting.bias[2] for mounting in mountings]),
-        variance=as_float([mounting.variance for mounting in mountings]),
-        window=standing_samples(rate),
+        own=tuple(stacked(*(one_side(p, side) for side in group)) for group in alike.values()),
+        axes=worn.axes,
+        scale=worn.scale,
+        bias=-worn.bias[:, 1],
+        turn_bias=worn.bias[:, 2],
+        variance=worn.variance,
+        window=standing_samples(1.0 / float(np.median(np.diff(time)))),
         start_variance=as_float(0.1),
     )
     options = DutyDeviceOptions(
         all(imu.acc is not None for imu in sensors.values()),
         tuple(tuple(pairs[side] for side in group) for group in alike.values()),
     )
-    placements = tuple(mounting.placement for mounting in mountings)
-    return Device("legs", placements, constants, begin, advance, options, tuple(pairs)), tuple(notes)
+    return Device("legs", tuple(worn.placement), constants, begin, advance, options, tuple(pairs)), tuple(notes)
 
 
 def begin(c: DutyConstants, sample: Readings, options: DutyDeviceOptions) -> DutyState:
@@ -140,7 +131,7 @@ def begin(c: DutyConstants, sample: Readings, options: DutyDeviceOptions) -> Dut
     return DutyState(beliefs, jnp.zeros((), jnp.int32), jnp.zeros_like(c.scale), turns.no_turn(c.axes[0]))
 
 
-def _columns(group: tuple[tuple[int | None, int | None], ...]) -> tuple[np.ndarray | None, ...]:
+def _columns(group: tuple[tuple[int | None, ...], ...]) -> tuple[np.ndarray | None, ...]:
     """The sensors on the thighs and on the shanks of a group of legs, None without."""
     return tuple(None if segment[0] is None else np.array(segment) for segment in zip(*group, strict=True))
 

@@ -15,11 +15,12 @@ import numpy as np
 from jgait.estimators.leg_ekf import online as leg_online
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_side
-from jgait.estimators.leg_ekf.prepare import LONG_GAP, SegmentMounting, common_clock, mounted, worn_sides
+from jgait.estimators.leg_ekf.prepare import LONG_GAP, SegmentMounting, mounted, standing_legs
 from jgait.estimators.leg_ekf.readout import LEAST_SHARE, MOVES_M
 from jgait.estimators.online.device import Device, Readings
-from jgait.estimators.online.standing import lost_for, standing_samples, stood
-from jgait.events.rest import LEGS_RATE, standing_of_legs
+from jgait.estimators.online.standing import lost_for, stacked_mountings, standing_samples, stood
+from jgait.estimators.sides import stacked
+from jgait.events.rest import LEGS_RATE
 from jgait.notes import Note
 from jgait.types import SIDES, Counts, Flags, LegTrajectory, Recording, Values, as_float
 
@@ -69,35 +70,28 @@ def device(p: LegParams, recording: Recording) -> tuple[Device, tuple[Note, ...]
     Raises:
         RecordingError: as `leg_ekf.prepare.prepare`.
     """
-    sides = worn_sides(recording)
-    sensors, time = common_clock(recording, sides)
-    sensors = {k: i._replace(gyr=np.where(np.asarray(i.mask)[:, None], i.gyr, 0.0)) for k, i in sensors.items()}
+    sides, sensors, time, (still, _, standing, notes) = standing_legs(recording)
     rate = 1.0 / float(np.median(np.diff(time)))
-    imus = list(sensors.values())
-    still, _, (start, stop), notes = standing_of_legs(
-        [imu.gyr for imu in imus], [imu.acc for imu in imus], rate, "leg_ekf", [imu.mask for imu in imus]
-    )
-    worn: list[SegmentMounting] = []
+    mountings: list[SegmentMounting] = []
     for side in sides:
-        segments, more = mounted(sensors, side, slice(start, stop), still, rate)
-        worn += [segments["thigh"], segments["shank"]]
+        segments, more = mounted(sensors, side, slice(*standing), still, rate)
+        mountings += segments.values()
         notes += more
-    legs = len(sides)
     numbers = tuple(SIDES.index(side) for side in sides)
+    worn = stacked_mountings(mountings)
     constants = LegsConstants(
         p=p,
-        own=jax.tree.map(lambda *v: np.stack([as_float(x) for x in v]), *(one_side(p, number) for number in numbers)),
-        axes=np.stack([mounting.axes for mounting in worn]).reshape(legs, 2, 3, 3),
-        scale=as_float([mounting.scale for mounting in worn]).reshape(legs, 2),
-        bias=np.stack([mounting.bias for mounting in worn]).reshape(legs, 2, 3),
-        variance=as_float([mounting.variance for mounting in worn]).reshape(legs, 2),
+        own=stacked(*(one_side(p, number) for number in numbers)),
+        axes=worn.axes.reshape(-1, 2, 3, 3),
+        scale=as_float(worn.scale).reshape(-1, 2),
+        bias=worn.bias.reshape(-1, 2, 3),
+        variance=worn.variance.reshape(-1, 2),
         window=standing_samples(rate),
         start_variance=as_float(0.1),
     )
     gravity = KINEMATICS.gravity and all(imu.acc is not None for imu in sensors.values())
     options = KINEMATICS._replace(gravity=gravity)
-    placements = tuple(mounting.placement for mounting in worn)
-    return Device("legs", placements, constants, begin, advance, options, numbers), tuple(notes)
+    return Device("legs", tuple(worn.placement), constants, begin, advance, options, numbers), tuple(notes)
 
 
 def _signals(c: LegsConstants, samples: Readings, lost: Values) -> LegSignals:

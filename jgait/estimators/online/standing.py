@@ -1,12 +1,19 @@
-"""Standing of a person from the gyroscopes on the legs, and lost samples, in a block of samples."""
+"""What devices of legs share: stacked mountings, standing of a person, and lost samples, in a block of samples."""
 
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jgait.estimators.leg_ekf.prepare import SegmentMounting
 from jgait.estimators.online.device import Readings
 from jgait.events.rest import LEGS_WINDOW_S
 from jgait.types import Counts, Flags, Values
+
+
+def stacked_mountings(worn: list[SegmentMounting]) -> SegmentMounting:
+    """The mountings of k sensors as one, its fields (k, …); placements are a list."""
+    placements, *numbers = zip(*worn, strict=True)
+    return SegmentMounting(list(placements), *map(np.stack, numbers))  # type: ignore[arg-type]
 
 
 def standing_samples(sampling_rate_hz: float) -> np.ndarray:

@@ -114,7 +114,7 @@ def with_body(p: WidthParams, body: dict[str, Any]) -> WidthParams:
 
 def estimator(
     options: WidthOptions = DEFAULT, foot_params: FootParams = FootParams(),
-    foot_options: FootOptions = foot_ins.DEFAULT, start_heading: tuple[float, float] | None = None,
+    foot_options: FootOptions = foot_ins.DEFAULT, start_heading: tuple[float, float] = (0.0, 0.0),
 ) -> Estimator[WidthParams, WidthInputs]:  # fmt: skip
     """This estimator as a record of functions; `prepare` estimates the feet's trajectories. Arguments as `estimate`."""
 
@@ -133,7 +133,7 @@ def estimator(
 
 def estimate(
     p: WidthParams, recording: Recording, options: WidthOptions = DEFAULT, *, foot_params: FootParams = FootParams(),
-    foot_options: FootOptions = foot_ins.DEFAULT, start_heading: tuple[float, float] | None = None,
+    foot_options: FootOptions = foot_ins.DEFAULT, start_heading: tuple[float, float] = (0.0, 0.0),
 ) -> Estimate:  # fmt: skip
     """Trajectories of both feet in one world frame, with stride widths, from the sensors of one recording.
 

@@ -5,10 +5,11 @@ import numpy as np
 from jgait.estimators import foot_ins
 from jgait.estimators.checks import sensors_of
 from jgait.estimators.foot_ins.params import FootOptions, FootParams
+from jgait.estimators.foot_ins.windows import turned, yawed
 from jgait.estimators.losses import not_bridged
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.signal.windows import true_runs
-from jgait.types import SIDES, AnyArray, Estimate, Feet, FootTrajectory, Recording, RecordingError, Strides
+from jgait.types import SIDES, Estimate, Feet, FootTrajectory, Recording, RecordingError, Strides, as_float
 
 
 def feet_of(
@@ -50,23 +51,12 @@ def merged(alone: Estimate, stances: tuple[np.ndarray, np.ndarray], together: Es
     The trajectories of `alone`, whose footholds are the samples `stances`, are moved to the footholds of `together`,
     stride by stride; its strides get width and step length, its diagnostics are joined.
     """
-    feet = Feet(*(
-        _placed(alone, side, stances[number], together) for number, side in enumerate(SIDES)
-    ))  # fmt: skip
-    strides, spread, matches = _strides(alone, stances, together)
-    known = matches >= 0
-    trusted = np.zeros(len(matches), bool)
-    trusted[known] = np.asarray(together.diagnostics["width_valid"])[matches[known]]
-    by_moment = ("z1", "z2", "z1_stddev", "z2_stddev", "double_support", "turning")
-    moments = {name: together.diagnostics[name] for name in by_moment}
-    rest = {name: value for name, value in together.diagnostics.items() if name not in by_moment}
+    feet = Feet(*(_placed(alone, side, mids, together) for side, mids in zip(SIDES, stances, strict=True)))
+    strides, spread, matches = _strides(alone, together)
+    trusted = (matches >= 0) & np.asarray(together.diagnostics["width_valid"])[matches]
     diagnostics = {
-        **alone.diagnostics,
-        **rest,
-        **moments,
-        "moment_time": np.asarray(together.time),
-        "width_valid": trusted,
-    }
+        **alone.diagnostics, **together.diagnostics, "moment_time": np.asarray(together.time), "width_valid": trusted,
+    }  # fmt: skip
     return alone._replace(feet=feet, strides=strides, strides_stddev=spread, diagnostics=diagnostics)
 
 
@@ -85,25 +75,15 @@ def _placed(alone: Estimate, side: str, mids: np.ndarray, together: Estimate) ->
         # a short displacement has no reliable direction: use the rotation of the previous stride
         factor[k] = wanted / way if abs(way) > 0.15 and abs(wanted) > 0.15 else (factor[k - 1] if k else 1.0)
     stride = np.clip(np.searchsorted(mids, np.arange(len(time)), side="right") - 1, 0, len(factor) - 1)
-    turn = factor / np.abs(factor)
     placed = there[stride] + (position[:, 0] + 1j * position[:, 1] - here[stride]) * factor[stride]
-    moving = (velocity[:, 0] + 1j * velocity[:, 1]) * turn[stride]
-    half = 0.5 * np.angle(turn[stride])
-    c, s = np.cos(half), np.sin(half)
-    w, x, y, z = orientation.T
-    turned = np.stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w], axis=1)
-    return FootTrajectory(
-        np.stack([placed.real, placed.imag, position[:, 2]], axis=1),
-        np.stack([moving.real, moving.imag, velocity[:, 2]], axis=1),
-        turned,
-    )
+    turn = np.angle(factor)[stride]
+    position = np.stack([placed.real, placed.imag, position[:, 2]], axis=1)
+    return FootTrajectory(position, turned(velocity, turn), yawed(orientation, turn))
 
 
-def _strides(
-    alone: Estimate, stances: tuple[np.ndarray, np.ndarray], together: Estimate
-) -> tuple[Strides, Strides, np.ndarray]:
+def _strides(alone: Estimate, together: Estimate) -> tuple[Strides, Strides, np.ndarray]:
     """Strides with the filter's width and step length, standard deviations, and rows of the filter, −1 for none."""
-    ours, theirs, certain = alone.strides, together.strides, together.strides_stddev
+    ours, theirs = alone.strides, together.strides
     matches = np.full(len(ours.side), -1)
     for number in range(2):
         rows = np.flatnonzero(ours.side == number)
@@ -116,16 +96,10 @@ def _strides(
             ours.standing_end[rows] - 1e-6 <= np.asarray(theirs.standing_end)[index][place]
         )
         matches[rows] = np.where(inside, index[place], -1)
-    known = matches >= 0
 
-    def taken(values: AnyArray, otherwise: AnyArray) -> np.ndarray:
-        result = np.array(np.broadcast_to(otherwise, matches.shape), np.float64)
-        result[known] = np.asarray(values)[matches[known]]
-        return result
+    def with_widths(own: Strides, other: Strides) -> Strides:
+        found = (as_float(column)[matches] for column in (other.width, other.step_length))
+        width, step = (np.where(matches >= 0, column, np.nan) for column in found)
+        return own._replace(width=width, step_length=step)
 
-    nothing = np.full(matches.shape, np.nan)
-    strides = ours._replace(width=taken(theirs.width, nothing), step_length=taken(theirs.step_length, nothing))
-    spread = alone.strides_stddev._replace(
-        width=taken(certain.width, nothing), step_length=taken(certain.step_length, nothing)
-    )
-    return strides, spread, matches
+    return with_widths(ours, theirs), with_widths(alone.strides_stddev, together.strides_stddev), matches

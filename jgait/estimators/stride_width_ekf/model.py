@@ -19,7 +19,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 
 from jgait.filtering import Belief, Covariance, Model
-from jgait.types import Flags, Values
+from jgait.types import SIDES, Flags, Values
 
 LOST_TURN = 0.25
 """[rad²] Largest variance that a loss adds to a foot's heading; below it, it is that of the movement [m²]."""
@@ -78,25 +78,15 @@ class WidthModelParams(NamedTuple):
 def transition(params: WidthModelParams, state: WidthState, control: WidthControl, dt: Values) -> WidthState:
     """Equation 3."""
     del params, dt
-    right, left = control
-    heading_right = state.heading_right + right.turn
-    heading_left = state.heading_left + left.turn
-    sin_right, cos_right = jnp.sin(heading_right), jnp.cos(heading_right)
-    sin_left, cos_left = jnp.sin(heading_left), jnp.cos(heading_left)
-    x_right, y_right = right.dx * cos_right - right.dy * sin_right, right.dy * cos_right + right.dx * sin_right
-    x_left, y_left = left.dx * cos_left - left.dy * sin_left, left.dy * cos_left + left.dx * sin_left
-    return WidthState(
-        x_right=state.x_right + x_right,
-        y_right=state.y_right + y_right,
-        heading_right=heading_right,
-        x_left=state.x_left + x_left,
-        y_left=state.y_left + y_left,
-        heading_left=heading_left,
-        moved_x_right=(1.0 - right.leaves) * state.moved_x_right + x_right,
-        moved_y_right=(1.0 - right.leaves) * state.moved_y_right + y_right,
-        moved_x_left=(1.0 - left.leaves) * state.moved_x_left + x_left,
-        moved_y_left=(1.0 - left.leaves) * state.moved_y_left + y_left,
-    )
+    moved: dict[str, Values] = {}
+    for side, foot in zip(SIDES, control, strict=True):
+        heading = getattr(state, f"heading_{side}") + foot.turn
+        s, c = jnp.sin(heading), jnp.cos(heading)
+        moved[f"heading_{side}"] = heading
+        for axis, way in (("x", foot.dx * c - foot.dy * s), ("y", foot.dy * c + foot.dx * s)):
+            place, since = f"{axis}_{side}", f"moved_{axis}_{side}"
+            moved |= {place: getattr(state, place) + way, since: (1.0 - foot.leaves) * getattr(state, since) + way}
+    return WidthState(**moved)
 
 
 def _foot_noise(

@@ -4,8 +4,6 @@ This module selects the ranges, detects turns, and estimates the delay of the ra
 `stride_width_ekf.run` is differentiable for given inputs.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 import numpy.typing as npt
 
@@ -29,18 +27,9 @@ LOST_SPEED = 1.0  # m/s; standard deviation of a foot's mean velocity in a gap o
 FEWEST_PAIRS = 6  # least number of pairs of passings for an estimate of the delay
 
 
-class Ranges(NamedTuple):
-    """Usable ranges, one for each passing of the feet."""
-
-    time: np.ndarray  #: (n,) [s], on the feet's clock.
-    distance: np.ndarray  #: (n,) [m].
-    delay: float  #: delay of the range's clock, which is removed from `time` [s].
-    notes: tuple[Note, ...]  #: notes on ranges that are left out.
-
-
 def prepare_from_feet(
     time: Values, feet: Feet, stances: tuple[npt.ArrayLike, npt.ArrayLike], feet_range: RangeReadings | None,
-    options: WidthOptions = DEFAULT, *, start_heading: tuple[float, float] | None = None,
+    options: WidthOptions = DEFAULT, *, start_heading: tuple[float, float] = (0.0, 0.0),
 ) -> Prepared[WidthInputs]:  # fmt: skip
     """Make the inputs of `stride_width_ekf.run` from trajectories of any method.
 
@@ -50,7 +39,7 @@ def prepare_from_feet(
         stances: for the right and the left foot the samples in the middle of its stances, increasing.
         feet_range: distance from the inner side of the left ankle to the right leg, or None.
         options: limits for the selection of ranges.
-        start_heading: heading of the first right and left stride in one world [rad]; None: parallel, as at
+        start_heading: heading of the first right and left stride in one world [rad]; by default parallel, as at
             the start of a straight walk.
 
     Returns:
@@ -61,14 +50,13 @@ def prepare_from_feet(
         RecordingError: a foot is missing, shapes differ, time runs backwards, stances are not samples or not in order.
     """
     pair, notes = checked_feet(time, feet, stances)
-    notes = [*notes]
-    turning = [_turns(foot, options.turn) for foot in pair]
-    ranges = _usable(pair, turning, feet_range, options)
-    notes += ranges.notes
+    turning = [turn for foot in pair for turn in _turns(foot, options.turn)]
+    times, distances, more = _usable(pair, turning, feet_range, options)
+    notes += more
     strides = min(len(foot.mids) - 1 for foot in pair)
     if strides < 2:
         notes.append(kinds.FEW_STRIDES(strides=max(strides, 0)))
-    inputs = _inputs(pair, turning, ranges, options, start_heading, strides >= 2)
+    inputs = _inputs(pair, turning, times, distances, start_heading, strides >= 2)
     return Prepared(inputs, options, tuple(notes))
 
 
@@ -86,12 +74,11 @@ def _inside(times: np.ndarray, spans: list[tuple[float, float]]) -> np.ndarray:
 
 
 def _usable(
-    pair: Pair, turning: list[list[tuple[float, float]]], read: RangeReadings | None, options: WidthOptions
-) -> Ranges:
-    """The usable ranges, one for each passing of the feet."""
-    none = Ranges(np.zeros(0), np.zeros(0), 0.0, ())
+    pair: Pair, turning: list[tuple[float, float]], read: RangeReadings | None, options: WidthOptions
+) -> tuple[np.ndarray, np.ndarray, list[Note]]:
+    """Times on the feet's clock [s] and distances [m] of the usable ranges, one for each passing of the feet; notes."""
     if read is None:
-        return none._replace(notes=(kinds.RANGE_ABSENT(),))
+        return np.zeros(0), np.zeros(0), [kinds.RANGE_ABSENT()]
     times, distances, mask = (np.asarray(v) for v in read)
     if not times.shape == distances.shape == mask.shape or times.ndim != 1:
         raise RecordingError(
@@ -102,7 +89,7 @@ def _usable(
     near = heard & (distances > 0.0) & (distances <= options.longest_range)
     if not near.any():
         far = kinds.RANGE_FAR(longest=options.longest_range) if heard.any() else kinds.RANGE_SILENT()
-        return none._replace(notes=(far,))
+        return np.zeros(0), np.zeros(0), [far]
     times, distances = _passings(times[near].astype(float), distances[near].astype(float))
     odd = _outliers(distances, options.outlier)
     times, distances = times[~odd], distances[~odd]
@@ -111,7 +98,7 @@ def _usable(
     known = np.ones(times.shape, bool)
     for foot in pair:
         known &= (times >= foot.time[0]) & (times <= foot.time[-1]) & ~_inside(times, list(foot.gaps))
-    turned = _inside(times, [span for of in turning for span in of])
+    turned = _inside(times, turning)
     usable = known & ~turned
     left_out = (
         kinds.RANGES_LONG(ranges=np.sum(heard & ~near), longest=options.longest_range),
@@ -124,7 +111,7 @@ def _usable(
         notes.append(kinds.RANGE_LATE(late_ms=1e3 * delay, stddev_ms=1e3 * stddev))
     if not usable.any():
         notes.append(kinds.RANGE_UNUSED())
-    return Ranges(times[usable], distances[usable], delay, tuple(notes))
+    return times[usable], distances[usable], notes
 
 
 def _passings(times: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -176,21 +163,19 @@ def _outliers(distances: np.ndarray, limit: float) -> np.ndarray:
     return np.abs(distances - np.array([np.median(v) for v in around])) > limit
 
 
-def _delay(pair: Pair, turning: list[list[tuple[float, float]]], times: np.ndarray) -> tuple[float, float]:
+def _delay(pair: Pair, turning: list[tuple[float, float]], times: np.ndarray) -> tuple[float, float]:
     """The delay of the range's clock [s], and its standard deviation.
 
     At consecutive passings the right foot moves alternately forward and backward relative to the left. So with a delay
     τ the distance along at the reading, v τ, alternates in sign; the constant offset of the trajectories cancels.
     """
-    spans = [span for of in turning for span in of]
-    delay = 0.0
-    stddev = np.inf
+    delay, stddev = 0.0, np.inf
     for _ in range(3):
         at = times - delay
         ahead, speed = (right - left for right, left in zip(*(foot.forward(at) for foot in pair), strict=True))
         alternate = np.abs(np.diff(speed)) > 2.0
-        near = (np.diff(at) < 2.0) & ~(_inside(at, spans)[1:] | _inside(at, spans)[:-1])
-        pairs = alternate & near
+        turned = _inside(at, turning)
+        pairs = alternate & (np.diff(at) < 2.0) & ~(turned[1:] | turned[:-1])
         if np.sum(pairs) < FEWEST_PAIRS:
             return 0.0, np.inf
         lags = np.diff(ahead)[pairs] / np.diff(speed)[pairs]
@@ -204,29 +189,28 @@ def _delay(pair: Pair, turning: list[list[tuple[float, float]]], times: np.ndarr
 
 
 def _inputs(
-    pair: Pair, turning: list[list[tuple[float, float]]], ranges: Ranges, options: WidthOptions,
-    start_heading: tuple[float, float] | None, walks: bool,
+    pair: Pair, turning: list[tuple[float, float]], ranges: np.ndarray, distances: np.ndarray,
+    start_heading: tuple[float, float], walks: bool,
 ) -> WidthInputs:  # fmt: skip
     """Sort stances, ranges, double supports, first and last sample by time, and make the inputs."""
     both = _double_supports(pair) if walks else np.zeros(0)
-    kinds = [pair.right.mids, pair.left.mids, ranges.time, both, pair.right.time[[0, -1]]]
+    right, left = pair
+    kinds = [right.mids, left.mids, ranges, both, right.time[[0, -1]]]
     time = np.concatenate(kinds)
     kind = np.repeat(np.arange(len(kinds)), [len(times) for times in kinds])
     order = np.lexsort((kind, time))
     time, kind = time[order], kind[order]
     distance = np.zeros(time.shape)
-    distance[kind == 2] = ranges.distance
-    if start_heading is None:
-        start_heading = (0.0, 0.0)
+    distance[kind == 2] = distances
     inputs = WidthInputs(
         time,
-        _control(pair.right, time, kind == 0),
-        _control(pair.left, time, kind == 1),
-        pair.right.height(time),
-        pair.left.height(time),
+        _control(right, time, kind == 0),
+        _control(left, time, kind == 1),
+        right.height(time),
+        left.height(time),
         distance,
         kind == 2,
-        _inside(time, [span for of in turning for span in of]),
+        _inside(time, turning),
         kind == 3,
         np.asarray(start_heading, float),
         _no_rows(time.size),
@@ -267,7 +251,7 @@ def _double_supports(pair: Pair) -> np.ndarray:
     side = np.repeat([0, 1], [len(foot.mids) for foot in pair])
     order = np.argsort(mids, kind="stable")
     mids, side = mids[order], side[order]
-    time = pair.right.time
+    time = pair[0].time
     speed = np.maximum(*(foot.speed() for foot in pair))
     supports = []
     for k in np.flatnonzero(np.diff(side) != 0):

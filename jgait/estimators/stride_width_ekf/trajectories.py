@@ -48,11 +48,8 @@ class FootTrack(NamedTuple):
         return np.interp(times, self.time, way), np.interp(times, middle, along / np.diff(self.time))
 
 
-class Pair(NamedTuple):
-    """Trajectories of both feet."""
-
-    right: FootTrack
-    left: FootTrack
+type Pair = tuple[FootTrack, FootTrack]
+"""The right and the left foot."""
 
 
 def checked_feet(
@@ -71,13 +68,10 @@ def checked_feet(
         raise RecordingError(f"time must increase; got {time[row - 1]:g} s, then {time[row]:g} s at sample {row}")
     if len(stances) != 2:
         raise RecordingError(f"stances must be given for the right and the left foot; got {len(stances)} of them")
-    tracks: list[FootTrack] = []
-    notes: list[Note] = []
-    for side, foot, mids in zip(SIDES, feet, stances, strict=True):
-        track, more = _checked(side, time, foot, np.asarray(mids))
-        tracks.append(track)
-        notes += more
-    return Pair(*tracks), notes
+    (right, notes), (left, more) = (
+        _checked(side, time, foot, np.asarray(mids)) for side, foot, mids in zip(SIDES, feet, stances, strict=True)
+    )
+    return (right, left), notes + more
 
 
 def _checked(
