@@ -6,11 +6,12 @@ accelerometer is always on), and the mask of a schedule, which hides samples of 
 
 import math
 from collections.abc import Collection, Mapping
-from typing import Any, NamedTuple, cast
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import keystr, tree_map_with_path
 from jaxtyping import Bool, Float, Int
 
 from jgait.duty_cycle import power
@@ -122,40 +123,20 @@ def acc_of(imu: Imu, gyro_on: On | None = None) -> Float[np.ndarray, "time 3"] |
     return as_float(imu.acc)[np.where(last < 0, int(np.argmax(kept)), last)]
 
 
-def trusted_at_once[P](params: P) -> P:
-    """A filler's parameters with `least_strides` 0: it fills from the first sample on."""
-    if not hasattr(params, "_asdict"):
-        return params
-    record = cast(Any, params)
-    inner = {k: 0.0 if k == "least_strides" else trusted_at_once(v) for k, v in record._asdict().items()}
-    return cast(P, record._replace(**inner))
-
-
-class _Turned(NamedTuple):
-    """A sensor's signals, its rates about the axes `rows`, first that about which the sensor turns most."""
-
-    gyr: Float[np.ndarray, "time 3"]
-    rows: Float[np.ndarray, "3 3"]
-    acc: Float[np.ndarray, "time 3"] | None
-    usable: Bool[np.ndarray, "time"]
-
-
-def _turned(imu: Imu, usable: Bool[np.ndarray, "time"], gyro_on: On | None) -> _Turned:
-    gyr = np.where(usable[:, None], as_float(imu.gyr), 0.0)
-    rows = np.linalg.eigh(gyr.T @ gyr)[1][:, ::-1].T
-    return _Turned(gyr @ rows.T, rows, acc_of(imu, gyro_on), usable)
-
-
 def _filled(
-    worn: _Turned, thigh: Thigh | None, filler: Filler, rate_hz: float
-) -> tuple[Float[np.ndarray, "time 3"], Int[np.ndarray, "time"]]:
-    """Rates about the same axes, and the origin of each sample."""
-    signals = jnp.asarray(worn.gyr)
-    settings = {"usable": jnp.asarray(worn.usable), "acc": worn.acc, "sampling_rate_hz": rate_hz, "thigh": thigh}
-    sagittal = filler.fill(rate=signals[:, 0], params=filler.params, **settings)
-    across = jax.vmap(lambda rate: filler.fill(rate=rate, params=trusted_at_once(filler.params), **settings).rate)
-    others = across(signals[:, 1:].T).T
-    return np.asarray(jnp.concatenate([sagittal.rate[:, None], others], axis=1)), np.asarray(sagittal.how)
+    gyr: Float[np.ndarray, "time 3"], usable: Bool[np.ndarray, "time"], acc: Float[np.ndarray, "time 3"] | None,
+    thigh: Thigh | None, filler: Filler, rate_hz: float,
+) -> tuple[Float[np.ndarray, "time 3"], Int[np.ndarray, "time"]]:  # fmt: skip
+    """Rates about the same axes without gaps, and the origin of each sample, which the first axis decides."""
+
+    def at_once(path: tuple[Any, ...], value: Any) -> Any:
+        return 0.0 if keystr(path).endswith("least_strides") else value
+
+    settings = {"usable": jnp.asarray(usable), "acc": acc, "sampling_rate_hz": rate_hz, "thigh": thigh}
+    sagittal = filler.fill(rate=jnp.asarray(gyr[:, 0]), params=filler.params, **settings)
+    params = tree_map_with_path(at_once, filler.params)
+    across = jax.vmap(lambda rate: filler.fill(rate=rate, params=params, **settings).rate)(jnp.asarray(gyr[:, 1:].T))
+    return np.asarray(jnp.concatenate([sagittal.rate[:, None], across.T], axis=1)), np.asarray(sagittal.how)
 
 
 def fill_recording(
@@ -201,18 +182,20 @@ def fill_recording(
     for name in names:
         imu, side = recording.sensors[name], name.split("_")[1]
         slept = (gyro_on or {}).get(name)
-        worn = _turned(imu, np.asarray(used[name].usable), slept)
-        gyr, how = worn.gyr, np.full(len(worn.gyr), MEASURED)
-        if not worn.usable.all():
-            if way.needs_acc and worn.acc is None:
+        usable, acc = np.asarray(used[name].usable), acc_of(imu, slept)
+        gyr = np.where(usable[:, None], as_float(imu.gyr), 0.0)
+        axes = np.linalg.eigh(gyr.T @ gyr)[1][:, ::-1]  # the sensor turns most about the first
+        gyr, how = gyr @ axes, np.full(len(gyr), MEASURED)
+        if not usable.all():
+            if way.needs_acc and acc is None:
                 raise RecordingError(f"the filler {filler!r} needs an accelerometer; {name!r} has only a gyroscope")
             beside = above.get(side) if name.startswith("shank") else None
-            gyr, how = _filled(worn, beside, way, recording.sampling_rate_hz)
+            gyr, how = _filled(gyr, usable, acc, beside, way, recording.sampling_rate_hz)
             filled, held = np.mean(how == FILLED), np.mean(how == HELD)
             notes.append(SLEEP_FILLED(placement=name, filled=filled, filler=filler, held=held))
-        if name.startswith("thigh") and worn.acc is not None:
-            above[side] = Thigh(jnp.asarray(gyr[:, 0]), jnp.asarray(worn.acc))
+        if name.startswith("thigh") and acc is not None:
+            above[side] = Thigh(jnp.asarray(gyr[:, 0]), jnp.asarray(acc))
         there = np.asarray(imu.mask, bool) | (np.zeros(len(how), bool) if slept is None else ~np.asarray(slept))
         kept = there & (how != HELD)
-        sensors[name] = imu._replace(gyr=np.where(kept[:, None], gyr @ worn.rows, 0.0), mask=kept)
+        sensors[name] = imu._replace(gyr=np.where(kept[:, None], gyr @ axes.T, 0.0), mask=kept)
     return recording._replace(sensors=sensors, notes=tuple(notes))

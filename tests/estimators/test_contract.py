@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made.estimators import CASES, Case, behind, lossy, shorter, with_values
+from made.estimators import CASES, Case, behind, lossy, part, with_values
 
 from jgait import estimators, params
 from jgait.estimators import programs
@@ -147,7 +147,7 @@ def test_a_recording_of_another_length_compiles_nothing(name, compiled):
     ready = [*case.prepared]
     compiled.clear()
     if case.recording is not None:
-        ready.append(case.prepare(shorter(case.recording, 77)))
+        ready.append(case.prepare(part(case.recording, slice(-77))))
     assert len({made.inputs.time.size for made in ready}) > 1
     for made in ready:
         assert made.options == case.options

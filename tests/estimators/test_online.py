@@ -1,9 +1,9 @@
 """Estimators sample by sample: equal to the filter over the whole walk, whatever the blocks; gaps; what is refused."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
+from made.estimators import altered, hidden, only, times
 from made.notes import texts
 
 import jgait
@@ -18,7 +18,7 @@ from jgait.estimators.foot_ins import online as foot_online
 from jgait.estimators.foot_ins.estimator import _foot
 from jgait.estimators.online import duty, legs
 from jgait.estimators.online.clock import LONGEST_GAP_S
-from jgait.estimators.online.device import BLOCK, Structure, packed, unpacked
+from jgait.estimators.online.device import BLOCK
 from jgait.estimators.online.legs import KINEMATICS
 from jgait.geometry.rotation import level
 from jgait.simulate.sensors import OPAL
@@ -51,8 +51,13 @@ def pushed(live, time, signals, size=10):
     ]  # fmt: skip
 
 
+def table_of(news, source):
+    """Strides of a whole walk, with deviations and flags."""
+    return jax.tree.map(lambda *v: np.concatenate(v), *(one.strides[source] for one in news))
+
+
 def lengths(news, source):
-    return np.concatenate([one.strides[source].strides.length for one in news])
+    return table_of(news, source).strides.length
 
 
 def joined(news, part, side="right"):
@@ -143,29 +148,24 @@ def test_strides_of_feet_are_those_of_the_filter(walked, feet):
     way = [np.asarray(part)[at] for part in found.mean.position]
     offline = np.hypot(way[0], way[1])
     offline, rise = offline[offline > 0.1], way[2][offline > 0.1]
-    side = np.concatenate([one.strides["feet"].strides.side for one in news])
-    mine = lengths(news, "feet")[side == 0]
-    assert len(mine) >= 4
-    np.testing.assert_allclose(mine, offline, rtol=0.0, atol=1e-6)
-    height = np.concatenate([one.strides["feet"].strides.height for one in news])[side == 0]
-    np.testing.assert_allclose(height, rise, rtol=0.0, atol=1e-6)
+    mine = jax.tree.map(lambda v: v[table_of(news, "feet").strides.side == 0], table_of(news, "feet").strides)
+    assert len(mine.length) >= 4
+    np.testing.assert_allclose(mine.length, offline, rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(mine.height, rise, rtol=0.0, atol=1e-6)
     assert_near_the_truth(news, "feet", truth, 0.03)
 
 
 def assert_near_the_truth(news, source, truth, largest):
     """Every true stride is there, with its length, contacts and a deviation of the right size."""
-    tables = [one.strides[source] for one in news]
-    rows = {name: np.concatenate([getattr(t.strides, name) for t in tables]) for name in ("side", "end", "length")}
-    spread = np.concatenate([table.stddev.length for table in tables])
-    true, valid = truth.strides, np.asarray(truth.strides.valid)
-    assert len(rows["end"]) == valid.sum()
+    (rows, stddev, _), true, valid = table_of(news, source), truth.strides, np.asarray(truth.strides.valid)
+    assert len(rows.end) == valid.sum()
     found = []
-    for side, end, length in zip(*rows.values(), strict=True):
+    for side, end, length in zip(rows.side, rows.end, rows.length, strict=True):
         apart = np.where(valid & (np.asarray(true.side) == side), np.abs(np.asarray(true.end) - end), np.inf)
         assert apart.min() < 0.3
         found.append(length - true.length[int(np.argmin(apart))])
     assert np.mean(np.abs(found)) < largest
-    assert np.mean((found / spread) ** 2) < 3.0
+    assert np.mean((found / stddev.length) ** 2) < 3.0
 
 
 def test_strides_of_shanks_are_those_of_the_whole_walk(walked):
@@ -178,10 +178,8 @@ def test_strides_of_shanks_are_those_of_the_whole_walk(walked):
     for number, side in enumerate(("right", "left")):
         mounting = ankle_online.worn(own, recording, side)
         whole = walk(own, mounting, *signals[f"shank_{side}"])
-        sides = np.concatenate([one.strides["shanks"].strides.side for one in news])
-        np.testing.assert_allclose(
-            lengths(news, "shanks")[sides == number], table(whole)[0].length, rtol=0.0, atol=1e-6
-        )
+        mine = lengths(news, "shanks")[table_of(news, "shanks").strides.side == number]
+        np.testing.assert_allclose(mine, table(whole)[0].length, rtol=0.0, atol=1e-6)
     assert_near_the_truth(news, "shanks", truth, 0.05)
     assert news[-1].distance["shanks"] == pytest.approx(float(truth.estimate.distance[-1]), rel=0.05)
 
@@ -194,14 +192,10 @@ def test_strides_that_contradict_a_leg_that_stands_are_in_doubt(walked, estimato
     time, signals = signals_of(walked[0], live.placements)
     loose = time > np.median(time)
     signals[f"{worn}_right"][1][loose, 0] += 4.0 * np.sign(np.sin(9.0 * time[loose]))  # m/s²: the sensor shakes
-    news = pushed(live, time, signals)
-    side, end, doubtful = (
-        np.concatenate([read(one.strides[source]) for one in news])
-        for read in (lambda s: s.strides.side, lambda s: s.strides.end, lambda s: s.flags["doubtful"])
-    )
-    shakes = (side == 0) & (end > time[loose][0])
+    strides, _, flags = table_of(pushed(live, time, signals), source)
+    shakes, doubtful = (strides.side == 0) & (strides.end > time[loose][0]), flags["doubtful"]
     assert shakes.sum() > 2 and doubtful[shakes].mean() > 0.6
-    assert not doubtful[side == 1].any() and not doubtful[~shakes].any()
+    assert not doubtful[strides.side == 1].any() and not doubtful[~shakes].any()
 
 
 def live_params(p):
@@ -259,8 +253,7 @@ def test_a_gap_is_bridged_and_a_long_one_costs_its_strides_alone(feet):
 
     again = pushed(live, time + time[-1] + 100.0, signals)  # of the pause only a part is bridged
     assert live._clock._samples < 2 * len(time) + (LONGEST_GAP_S + 1.0) * 100.0
-    ends = np.concatenate([one.strides["feet"].strides.end for one in again])
-    before = np.concatenate([one.strides["feet"].strides.end for one in news])
+    ends, before = (table_of(one, "feet").strides.end for one in (again, news))
     assert len(ends) == len(before)
     np.testing.assert_allclose(ends - time[-1] - 100.0, before, atol=0.05)
 
@@ -297,28 +290,25 @@ def test_wrong_samples_are_refused_and_change_nothing(walked, time, change, mess
         (("stride_width_ekf",), ValueError, "stride_width_ekf has no form sample by sample"),
         ("pedometer", ValueError, "estimators online are foot_ins, ankle_stride, leg_ekf, duty_cycled_gyro; got"),
         (("leg_ekf", "duty_cycled_gyro"), ValueError, "give the same angles: take one of them"),
+        ("duty_cycled_gyro", ValueError, "parameter 'thigh_length.right' must lie in"),
     ],
-    ids=["waist", "width", "unknown", "twice"],
+    ids=["waist", "width", "unknown", "twice", "long thigh"],
 )
-def test_what_has_no_form_sample_by_sample_is_refused(walked, names, error, message):
+def test_what_has_no_form_sample_by_sample_or_no_leg_has_is_refused(walked, names, error, message):
     with pytest.raises(error, match=message):
-        jgait.online(walked[0], PERSON, names)
+        jgait.online(walked[0], {"thigh_length": 3.0}, names)
 
 
 def test_a_recording_that_does_not_walk_cannot_calibrate(walked):
     recording = walked[0]
-    up = np.array([0.0, 0.0, 9.81])
-    still = {
-        name: imu._replace(gyr=0.0 * np.asarray(imu.gyr), acc=0.0 * np.asarray(imu.acc) + up)
-        for name, imu in recording.sensors.items()
-    }
-    only = {name: imu for name, imu in still.items() if name.startswith("foot")}
+    still = altered(recording, gyr=lambda v: 0.0 * v, acc=lambda v: 0.0 * v + np.array([0.0, 0.0, 9.81]))
+    feet = only(still, "foot_right", "foot_left")
     with pytest.raises(RecordingError, match="a recording of walking is needed to know how 'foot_right' is worn"):
-        jgait.online(recording._replace(sensors=only))
+        jgait.online(feet)
     with pytest.raises(RecordingError, match="online there are feet, ankles, shanks, and thighs with shanks"):
-        jgait.online(recording._replace(sensors={"pelvis": recording.sensors["pelvis"]}))
+        jgait.online(only(recording, "pelvis"))
     with pytest.raises(RecordingError, match="ankle_stride has no sensors; the recording has"):
-        jgait.online(recording._replace(sensors=only), estimators="ankle_stride")
+        jgait.online(feet, estimators="ankle_stride")
 
 
 def test_notes_say_how_the_sensors_are_worn(walked):
@@ -329,23 +319,10 @@ def test_notes_say_how_the_sensors_are_worn(walked):
     assert any("left" in text for text in texts(live.notes))
 
 
-def test_a_packed_state_is_the_state():
-    state = {"a": jnp.arange(6.0).reshape(2, 3), "b": (jnp.asarray(3, jnp.int32), jnp.asarray(True)), "c": jnp.ones(2)}
-    parts = packed(state)
-    assert len(parts) == 3
-    jax.tree.map(np.testing.assert_array_equal, unpacked(parts, Structure.of(state)), state)
-
-
 @pytest.mark.parametrize(("of", "p"), [(legs, leg_ekf.LegParams()), (duty, duty_cycled_gyro.DutyCycledParams())])
 def test_what_a_mask_hides_in_the_calibration_is_used_nowhere(walked, of, p):
     """A tenth of a second of standing, and some of each stride, of a shank."""
     recording = walked[0]
-    imu = recording.sensors["shank_right"]
-    mask = (np.arange(len(imu.time)) % 150 > 10) & np.asarray(imu.mask)
-
-    def constants(value):
-        gyr, acc = (np.where(mask[:, None], part, value) for part in (imu.gyr, imu.acc))
-        sensors = {**recording.sensors, "shank_right": imu._replace(gyr=gyr, acc=acc, mask=mask)}
-        return of.device(p, recording._replace(sensors=sensors))[0].constants
-
-    jax.tree.map(np.testing.assert_array_equal, constants(0.0), constants(20.0))
+    lost = np.arange(len(times(recording))) % 150 <= 10
+    one, other = (of.device(p, hidden(recording, lost, "shank_right", value=v))[0].constants for v in (0.0, 20.0))
+    jax.tree.map(np.testing.assert_array_equal, one, other)

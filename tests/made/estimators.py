@@ -1,7 +1,7 @@
 """For every registered estimator two short walks, prepared and padded to one length, for the laws that all keep."""
 
 import functools
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -150,32 +150,46 @@ CASES: dict[str, Callable[[], Case]] = {
 # --- the same walks with other values where there is no measurement ---
 
 
-def lossy(recording: Recording, value: float) -> Recording:
-    """The recording without 4 samples in the middle of each sensor's signals, with some value in their place."""
-    sensors = {}
-    for placement, imu in recording.sensors.items():
-        mask = np.ones(len(imu.time), bool)
-        mask[len(mask) // 2 : len(mask) // 2 + 4] = False
-        gyr, acc = (np.where(mask[:, None], values, value) for values in (imu.gyr, imu.acc))
-        sensors[placement] = imu._replace(gyr=gyr, acc=acc, mask=mask)
-    return recording._replace(sensors=sensors)
-
-
-def without(recording: Recording, begin: float, seconds: float, placements: Collection[str] | None = None) -> Recording:
-    """The recording without a stretch [s] of all sensors, or of those at some placements."""
-    sensors = dict(recording.sensors)
-    for placement in sensors if placements is None else placements:
-        imu = sensors[placement]
-        gone = (np.asarray(imu.time) >= begin) & (np.asarray(imu.time) < begin + seconds)
-        gyr = np.where(gone[:, None], 0.0, imu.gyr)
-        sensors[placement] = imu._replace(gyr=gyr, mask=np.asarray(imu.mask, bool) & ~gone)
-    return recording._replace(sensors=sensors)
-
-
-def shorter(recording: Recording, samples: int) -> Recording:
-    """The recording without its last samples."""
+def altered(recording: Recording, *placements: str, **changes: Callable[[Any], Any]) -> Recording:
+    """The recording with fields of some sensors, or of all, changed by functions."""
     sensors = {
-        name: type(imu)(*(None if field is None else field[:-samples] for field in imu))
+        name: imu._replace(**{field: change(getattr(imu, field)) for field, change in changes.items()})
+        if name in (placements or recording.sensors) else imu
+        for name, imu in recording.sensors.items()
+    }  # fmt: skip
+    return recording._replace(sensors=sensors)
+
+
+def hidden(recording: Recording, lost: np.ndarray, *placements: str, value: float = 0.0) -> Recording:
+    """The recording without some samples (T,) bool of some sensors, or of all, with some value in their place."""
+
+    def gone(values: np.ndarray) -> np.ndarray:
+        return np.where(lost[:, None], value, values)
+
+    return altered(recording, *placements, gyr=gone, acc=gone, mask=lambda mask: np.asarray(mask, bool) & ~lost)
+
+
+def times(recording: Recording) -> np.ndarray:
+    """Times of its first sensor's samples [s]."""
+    return np.asarray(next(iter(recording.sensors.values())).time)
+
+
+def lossy(recording: Recording, value: float) -> Recording:
+    """The recording without 4 samples in the middle of all signals, with some value in their place."""
+    count = len(times(recording))
+    return hidden(recording, np.isin(np.arange(count), count // 2 + np.arange(4)), value=value)
+
+
+def without(recording: Recording, begin: float, seconds: float, *placements: str) -> Recording:
+    """The recording without a stretch [s] of some sensors, or of all."""
+    time = times(recording)
+    return hidden(recording, (time >= begin) & (time < begin + seconds), *placements)
+
+
+def part(recording: Recording, rows: slice) -> Recording:
+    """The recording with some of its samples; the stated rate stays."""
+    sensors = {
+        name: type(imu)(*(None if field is None else field[rows] for field in imu))
         for name, imu in recording.sensors.items()
     }
     return recording._replace(sensors=sensors)

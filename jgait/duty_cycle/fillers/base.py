@@ -109,10 +109,8 @@ def started[P](
     rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: float, params: P, thigh: Thigh | None, *,
     needs_acc: bool = False,
 ) -> tuple[Signals, P]:  # fmt: skip
-    """The first stage of every filler: its arguments checked, and its parameters in the same floating type.
-
-    Raises:
-        ValueError: as `check_signals`, or if the filler needs an accelerometer and there is none.
+    """The first stage of every filler: its arguments checked, and its parameters in the same floating type. Raises
+    ValueError as `check_signals`, or if the filler needs an accelerometer and there is none.
     """
     s = check_signals(rate, usable, acc, sampling_rate_hz, thigh)
     if needs_acc and s.acc is None:
@@ -145,14 +143,9 @@ def reversed_behind(values: Shaped[AnyArray, "time *rest"], size: int) -> Shaped
 def past(
     behind: Shaped[Array, "longer *rest"], count: int, number: Int[Array, ""], lag: int, size: int
 ) -> Shaped[Array, "memory *rest"]:
-    """The samples from `lag` before a sample on, newest first; 0 before the first sample.
+    """`size` samples from `lag` before the sample `number` of `count` on, newest first; 0 before the first sample.
 
-    Args:
-        behind: (count + …, …) from `reversed_behind`.
-        count: number of samples.
-        number: number of the sample.
-        lag: least lag [samples].
-        size: number of lags.
+    `behind` is from `reversed_behind`.
     """
     return lax.dynamic_slice_in_dim(behind, count - 1 - number + lag, size)
 

@@ -9,14 +9,7 @@ from jaxtyping import PyTree
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
 from jgait.duty_cycle.power import GYROSCOPE
 from jgait.duty_cycle.recording import check_filler, schedule_of
-from jgait.estimators.about import (
-    About,
-    CommandOption,
-    EstimatedRecording,
-    EstimateFigure,
-    EstimateTable,
-    Settings,
-)
+from jgait.estimators.about import About, CommandOption, EstimateFigure, EstimateTable, Settings
 from jgait.estimators.duty_cycled_gyro.params import DEFAULT, PAPER
 from jgait.estimators.totals import HEIGHT, NO_LENGTHS, SHANK, THIGH, has_legs
 from jgait.types import SIDES, Estimate, as_float
@@ -87,10 +80,6 @@ def shown(estimate: Estimate) -> tuple[float, float] | None:
     return start, start + SHOWN_S
 
 
-def _drawn(made: EstimatedRecording) -> tuple[tuple[PyTree, ...], dict[str, PyTree]]:
-    return (made.estimate,), {"seconds": shown(made.estimate)}
-
-
 def nearest_duty(duty: float) -> float:
     """The nearest duty cycle with a denominator of at most `UNITS`.
 
@@ -153,7 +142,8 @@ ABOUT = About(
     tables=(EstimateTable("segments", segments), EstimateTable("legs", "samples", when=has_legs)),
     figures=(
         EstimateFigure(
-            "sleeping_gyroscopes", "gyroscopes", arguments=_drawn,
+            "sleeping_gyroscopes", "gyroscopes",
+            arguments=lambda made: ((made.estimate,), {"seconds": shown(made.estimate)}),
             caption="Angles, and the rate of each gyroscope as measured and as filled; grey where it sleeps.",
         ),
     ),

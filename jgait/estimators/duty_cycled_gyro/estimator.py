@@ -173,15 +173,7 @@ def run(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOption
 def estimator(
     options: DutyCycledOptions = DEFAULT, gyro_on: Mapping[str, Values] | None = None
 ) -> Estimator[DutyCycledParams, DutyCycledInputs]:
-    """This estimator as a record of functions; masks and the schedule define when gyroscopes are off.
-
-    Args:
-        options: which parts of the method are used, and the schedule.
-        gyro_on: placement → (T,) bool, True while its gyroscope was on and awake; default: always on.
-
-    Raises:
-        ValueError: an unknown filler.
-    """
+    """This estimator as a record of functions; arguments as of `estimate`. Raises ValueError for an unknown filler."""
     return Estimator(
         "duty_cycled_gyro", params_of(options),
         partial(prepare, options=options, gyro_on=gyro_on), run, with_body, ABOUT, finish=partial(_finished, options),
@@ -194,19 +186,19 @@ def energy(preparation: Prepared[DutyCycledInputs], options: DutyCycledOptions) 
 
     Returns:
         `gyro_energy_saved` [1], as a share of the energy of gyroscopes that are always on; `mean_power` [W] of all
-        sensors; `battery_life` and `battery_life_always_on` [s]; `usable_share` [1] of the gyroscopes' samples; and
-        `schedule_saving` [1], the share that a schedule saves in the long term.
+        sensors; `battery_life` and `battery_life_always_on` of a watt-hour [s]; `usable_share` [1] of the gyroscopes'
+        samples; and `schedule_saving` [1], the share that a schedule saves in the long term.
     """
     used, rate_hz, gyro = preparation.extra, preparation.options.sampling_rate_hz, options.gyroscope
-    seconds = len(preparation.inputs.time) / rate_hz
+    seconds, battery = len(preparation.inputs.time) / rate_hz, power.Battery.from_watt_hours(1.0)
     drawn = sum(float(power.mask_energy(masks, rate_hz, gyro)) for masks in used.values())
     always = gyro.on * seconds * len(used)
-    felt = options.accelerometer.on * len(used) if preparation.options.felt else 0.0
+    felt = power.ACCELEROMETER.on * len(used) if preparation.options.felt else 0.0
     numbers: dict[str, Any] = {
         "gyro_energy_saved": 1.0 - drawn / always,
         "mean_power": drawn / seconds + felt,
-        "battery_life": float(options.battery.life(drawn / seconds, felt)),
-        "battery_life_always_on": float(options.battery.life(always / seconds, felt)),
+        "battery_life": battery.life(drawn / seconds, felt),
+        "battery_life_always_on": battery.life(always / seconds, felt),
         "usable_share": float(np.mean([np.mean(masks.usable) for masks in used.values()])),
     }
     schedule = schedule_of(options.schedule, gyro)

@@ -306,12 +306,8 @@ def over(
 def run(p: DutyCycledParams, inputs: DutyInputs, *, felt: bool = True) -> DutyEstimate:
     """Angle and rate of one leg's segments under a gyroscope mask: pure, for jit, vmap and grad.
 
-    A shank without a thigh sensor has the model of the thigh: one segment that hangs from a fixed joint.
-
-    Args:
-        p: parameters.
-        inputs: the leg's signals.
-        felt: whether the accelerometers are used; without, angles come from the gyroscopes alone and drift; static.
+    A shank without a thigh sensor has the model of the thigh: one segment that hangs from a fixed joint. Without the
+    accelerometers (`felt`, static) angles come from the gyroscopes alone and drift.
 
     Raises:
         ValueError: if no segment has a sensor.

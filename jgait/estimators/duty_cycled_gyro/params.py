@@ -3,7 +3,7 @@
 from typing import Annotated, Any, NamedTuple
 
 from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS
-from jgait.duty_cycle.power import ACCELEROMETER, GYROSCOPE, Battery, Schedule, Sensor
+from jgait.duty_cycle.power import GYROSCOPE, Schedule, Sensor
 from jgait.duty_cycle.recording import check_filler
 from jgait.estimators.axes import Held, Sampled, Times
 from jgait.estimators.interface import with_measures
@@ -80,8 +80,6 @@ class DutyCycledOptions(NamedTuple):
             two measured strides, and rates are not used before.
         above: use the signals of the thigh in the filler of the shank, if the thigh has a sensor.
         gyroscope: power and wake-up time of a gyroscope.
-        accelerometer: power of an accelerometer, which is always on.
-        battery: supplies all sensors; one watt-hour, so that battery life is given per watt-hour.
         sampling_rate_hz: sampling rate [Hz]; set by `prepared`, as are `gaps` and `felt`.
         gaps: whether any gyroscope sample is missing.
         felt: whether every sensor has an accelerometer; without, angles come from the gyroscopes alone and drift.
@@ -92,8 +90,6 @@ class DutyCycledOptions(NamedTuple):
     warm_up: float = 0.0
     above: bool = True
     gyroscope: Sensor = GYROSCOPE
-    accelerometer: Sensor = ACCELEROMETER
-    battery: Battery = Battery.from_watt_hours(1.0)
     sampling_rate_hz: float = 50.0
     gaps: bool = True
     felt: bool = True

@@ -10,7 +10,7 @@ import numpy as np
 
 from jgait.duty_cycle.fillers.base import RATES
 from jgait.duty_cycle.power import Masks
-from jgait.duty_cycle.recording import SEGMENTS, acc_of, check_filler, gyroscope_masks, schedule_of
+from jgait.duty_cycle.recording import SEGMENTS, acc_of, check_filler, gyroscope_masks
 from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
 from jgait.estimators.duty_cycled_gyro.notes import ACCELEROMETER_ABSENT, WORN_ALONE
 from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledInputs, DutyCycledOptions, GapLeg, GapSegment
@@ -33,11 +33,7 @@ MOVES = 10.0
 
 
 def worn_names(recording: Recording) -> list[str]:
-    """Placements of the thigh and shank sensors, in the order of `SIDES` and `SEGMENTS`.
-
-    Raises:
-        RecordingError: if no such sensor exists.
-    """
+    """Placements of the thigh and shank sensors. Raises RecordingError if no such sensor exists."""
     names = [f"{segment}_{side}" for side in SIDES for segment in SEGMENTS]
     names = [name for name in names if name in recording.sensors]
     if not names:
@@ -47,10 +43,8 @@ def worn_names(recording: Recording) -> list[str]:
     return names
 
 
-def checked(recording: Recording, names: list[str], options: DutyCycledOptions) -> np.ndarray:
-    """The common time of the sensors; arrays and options are checked as well."""
-    schedule_of(options.schedule, options.gyroscope)
-    check_filler(options.filler)
+def checked(recording: Recording, names: list[str]) -> np.ndarray:
+    """The common time of the sensors; their arrays are checked as well."""
     time = common_time(recording, names, NAME, "the legs' sensors", acc=False)
     check_nominal_rate(time, names[0], recording.sampling_rate_hz)
     if not LOWEST_RATE_HZ <= recording.sampling_rate_hz <= RATES[1]:
@@ -149,7 +143,7 @@ def prepare(
         ValueError: a schedule that the gyroscope cannot follow, a mask of the wrong shape, an unknown filler.
     """
     names = worn_names(recording)
-    time = checked(recording, names, options)
+    needs_acc, time = check_filler(options.filler).needs_acc, checked(recording, names)
     used = gyroscope_masks(
         recording, names, schedule=options.schedule, gyro_on=gyro_on, warm_up=options.warm_up,
         sensor=options.gyroscope,
@@ -157,7 +151,7 @@ def prepare(
     sensors = {name: recording.sensors[name] for name in names}
     gaps = not all(m.usable.all() for m in used.values())
     bare = [name for name in names if sensors[name].acc is None]
-    if gaps and bare and check_filler(options.filler).needs_acc:
+    if gaps and bare and needs_acc:
         raise RecordingError(
             f"the filler {options.filler!r} needs an accelerometer; '{bare[0]}' has only a gyroscope: take "
             f"another filler"

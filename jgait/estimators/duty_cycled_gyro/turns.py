@@ -53,15 +53,9 @@ def turning(rates: Values, on: Flags, dt: Values, before: Turn) -> tuple[Turn, V
 
 
 def excess(tilt: Values, turning: Values, dt: Values, filled: Values) -> Values:
-    """(T,) variance of a rate in addition to the gyroscope's [rad²/s²].
+    """(T,) variance of a rate in addition to the gyroscope's [rad²/s²], of a segment with a `tilt` to the side [rad].
 
-    A segment that is tilted to the side measures a part of a turn, as if it swung; the part is nearly the same over
-    the turn, which lasts about 1 s.
-
-    Args:
-        tilt: tilt of a segment to the side [rad].
-        turning: (T,) how fast the person turns [rad/s].
-        dt: (T,) time since the previous sample [s].
-        filled: (T,) spectral density of the errors of a filled rate [rad²/s]; 0 where the rate was measured.
+    The part of a turn that it measures is nearly the same over the turn, which lasts about 1 s. Arguments as of
+    `turning`; `filled` (T,) is the spectral density of the errors of a filled rate [rad²/s], 0 where it was measured.
     """
     return ((tilt * turning) ** 2 + filled) / jnp.maximum(jnp.asarray(dt), 1e-3)

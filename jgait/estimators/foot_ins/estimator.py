@@ -1,5 +1,7 @@
 """Foot trajectories and strides from prepared inputs."""
 
+from functools import reduce
+from operator import or_
 from typing import Any, NamedTuple
 
 import jax
@@ -122,10 +124,8 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
     feet = _worn(inputs)
     time = jnp.asarray(inputs.time)
     every = jax.vmap(lambda foot: _one_foot(p, foot, time, options))(stacked(*feet.values()))
-    results = [
-        _Found(side, *jax.tree.map(lambda leaf, number=number: leaf[number], every)) for number, side in enumerate(feet)
-    ]
-    path = every[0]
+    results = {side: jax.tree.map(lambda leaf, k=number: leaf[k], every) for number, side in enumerate(feet)}
+    path = every.path
     rows = path.nis.shape[1]
     return _assembled(
         time, results, jnp.repeat(jnp.asarray(list(feet), jnp.int32), rows),
@@ -138,40 +138,36 @@ def _worn(inputs: FootInputs) -> dict[int, FootSignals]:
     return {side: foot for side, foot in enumerate((inputs.right, inputs.left)) if foot is not None}
 
 
-def _one_foot(
-    p: FootParams, foot: FootSignals, time: Values, options: FootOptions
-) -> tuple[Path, dict[str, Values], Values, Flags]:
-    """Path of one foot, diagnostics of the filter, distance (T,) [m], and (T,) bool of valid samples."""
-    result = _foot(p, foot, options)
-    path = foot_strides.path_of(p, foot, time, result, flatten=options.level == "auto")
-    valid = foot.valid & foot.known & result.filtered.valid
-    way = foot_strides.walked(path.strides, foot.count - 1, time)
-    return path, {"log_likelihood": result.log_likelihood, "nis": result.nis}, way, valid
-
-
 class _Found(NamedTuple):
-    """One foot's part of the estimate, see `_one_foot`."""
+    """One foot's path, diagnostics of its filter, distance (T,) [m], and (T,) bool of valid samples."""
 
-    side: int
     path: Path
     told: dict[str, Any]
     way: Values
     valid: Flags
 
 
+def _one_foot(p: FootParams, foot: FootSignals, time: Values, options: FootOptions) -> _Found:
+    result = _foot(p, foot, options)
+    path = foot_strides.path_of(p, foot, time, result, flatten=options.level == "auto")
+    valid = foot.valid & foot.known & result.filtered.valid
+    way = foot_strides.walked(path.strides, foot.count - 1, time)
+    return _Found(path, {"log_likelihood": result.log_likelihood, "nis": result.nis}, way, valid)
+
+
 def _assembled(
-    time: Values, results: list[_Found], sides: Counts, strides: Strides, deviations: Strides, nis: Values
+    time: Values, results: dict[int, _Found], sides: Counts, strides: Strides, deviations: Strides, nis: Values
 ) -> Estimate:
     """The estimate of one or two feet, and of the strides of all of them."""
     feet: list[FootTrajectory | None] = [None, None]
     spread: list[FootTrajectory | None] = [None, None]
     diagnostics: dict[str, Any] = {"stride_nis": nis}
-    for side, path, told, _, _ in results:
+    for side, (path, told, _, _) in results.items():
         feet[side], spread[side] = path.trajectory, path.stddev
         diagnostics |= {f"{name}_{SIDES[side]}": value for name, value in told.items()}
         diagnostics[f"pitch_{SIDES[side]}"] = path.pitch
-    ways = [foot.way for foot in results]
-    valid = results[0].valid if len(results) == 1 else results[0].valid | results[1].valid
+    ways = [foot.way for foot in results.values()]
+    valid = reduce(or_, [foot.valid for foot in results.values()])
     return Estimate(
         time, Legs(None, None), None, sum(ways[1:], ways[0]) / len(ways), valid, diagnostics,
         strides._replace(side=sides), Feet(*feet), Feet(*spread), deviations._replace(side=sides),
@@ -249,18 +245,19 @@ def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Esti
         return None
 
     def one(window: FootSignals, time: Values) -> PyTree:
-        path, told, _, valid = compiled(_one_foot)(p, window, time, options=options)
-        return path, told["nis"], valid
+        found = compiled(_one_foot)(p, window, time, options=options)
+        return found.path, found.told["nis"], found.valid
 
-    results = []
+    results = {}
     for side, foot in _worn(inputs).items():
         cuts = foot_windows.windows(foot, inputs.time.size)
         if cuts is None:
             return None
         path, nis, valid = foot_windows.joined(foot, np.asarray(inputs.time), cuts, one)
         way = foot_strides.walked(path.strides, path.strides.length.shape[0], jnp.asarray(inputs.time))
-        results.append(_Found(side, path, {"nis": nis}, way, valid))
-    sides = jnp.concatenate([jnp.full(len(foot.path.nis), foot.side, jnp.int32) for foot in results])
-    strides = [(foot.path.strides, foot.path.strides_stddev, foot.path.nis) for foot in results]
+        results[side] = _Found(path, {"nis": nis}, way, valid)
+    paths = [foot.path for foot in results.values()]
+    sides = np.repeat(np.array(list(results), np.int32), [len(path.nis) for path in paths])
+    strides = [(path.strides, path.strides_stddev, path.nis) for path in paths]
     together = jax.tree.map(lambda *rows: jnp.concatenate(rows), *strides)
     return _assembled(jnp.asarray(inputs.time), results, sides, *together)

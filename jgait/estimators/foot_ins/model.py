@@ -185,10 +185,8 @@ def local(reference: FootState, s: FootState) -> FootError:
 def initial(p: FootModelParams) -> Belief:
     """The belief of a sensor at rest with its z axis vertical."""
     del p
-    return standing_belief(Quaternion(1.0, 0.0, 0.0, 0.0), Vector(0.0, 0.0, 0.0), FootError(*map(_three, _START)))
-
-
-_START = (1e-8, 1e-6, 4e-4, 1e-7, 4e-4)
+    variances = FootError(*map(_three, (1e-8, 1e-6, 4e-4, 1e-7, 4e-4)))
+    return standing_belief(Quaternion(1.0, 0.0, 0.0, 0.0), Vector(0.0, 0.0, 0.0), variances)
 
 
 def standing_belief(attitude: Quaternion, gyr_bias: Vector, variances: FootError) -> Belief:

@@ -5,7 +5,7 @@ for which the sample of least movement must stay the stillest to be the foothold
 with length, height, turn, contacts and standard deviations.
 
 The host finds the sensor's errors and the axis about which the foot turns from a recording of a walk
-(`foot_ins.worn`).
+(`worn`).
 
 Deviations from `foot_ins` without smoothing, which knows the whole walk:
     1. The threshold of a stance follows the stances before it, the lower of the last two, not the stance itself.
@@ -35,16 +35,17 @@ from jgait.estimators.foot_ins.online_state import (
     FootNow,
     FootOnlineState,
     FootSwing,
+    FootWorn,
     StanceThreshold,
     begin,
     lag,
     level_prior,
     reading,
+    worn,
 )
 from jgait.estimators.foot_ins.params import FootParams
 from jgait.estimators.foot_ins.prepare import LOST_FORCE, LOST_RATE, REACH, REST_STEP
 from jgait.estimators.foot_ins.readout import SHORTEST, timed
-from jgait.estimators.foot_ins.worn import FootWorn, worn
 from jgait.estimators.losses import held_bridge
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.sides import of_turns

@@ -109,9 +109,5 @@ TEXTBOOK = FootParams(pivot_height=0.0, rate_noise=1e-9, acc_jump_noise=1e-9, gy
 
 
 def with_body(p: FootParams, body: dict[str, Any]) -> FootParams:
-    """The parameters with the "pivot_height" [m] of a person, if `body` has it.
-
-    Raises:
-        ValueError: if `body` contains another name.
-    """
+    """The parameters with the "pivot_height" [m] of a person. Raises ValueError if `body` contains another name."""
     return with_measures("the foot estimator", ("pivot_height",), p, body)

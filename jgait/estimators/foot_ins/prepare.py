@@ -11,7 +11,6 @@ import numpy as np
 from jgait.estimators.checks import common_time, sensors_of
 from jgait.estimators.foot_ins.closure import OFF_FROM, gyroscope_scale
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals, capacity
-from jgait.estimators.foot_ins.notes import NEVER_RESTS
 from jgait.estimators.interface import Prepared
 from jgait.estimators.losses import bridged, longest_loss, lost_between, not_bridged
 from jgait.estimators.noise import features
@@ -30,7 +29,7 @@ from jgait.events import zero_velocity
 from jgait.events.rest import Rest, rest
 from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
-from jgait.notes import Note
+from jgait.notes import FEW_RESTS, Kind, Note
 from jgait.signal import clipping
 from jgait.signal.windows import over_losses, window_maximum
 from jgait.types import SIDES, Imu, Recording, RecordingError
@@ -64,6 +63,14 @@ NEVER = -20.0
 
 REACH = 0.3
 """[s] `leaves` is at most this long before the end of a stance, `arrives` at most this long after its start."""
+
+
+NEVER_RESTS = Kind(
+    "foot_never_rests",
+    "check",
+    "{placement} never rests for half a second: its gyroscope's bias is not known, headings drift more",
+    FEW_RESTS,
+)
 
 
 def worn_sides(recording: Recording) -> tuple[str, ...]:

@@ -37,23 +37,15 @@ TIMING = 0.02
 
 
 class Path(NamedTuple):
-    """Trajectory and strides of one foot.
+    """Trajectory and strides of one foot."""
 
-    Attributes:
-        trajectory: position from the first foothold, velocity, attitude; x along the first stride.
-        stddev: standard deviations of position since the last foothold, velocity, and attitude (a rotation vector).
-        strides: one row for each pair of consecutive footholds.
-        strides_stddev: standard deviations of the strides.
-        pitch: (T,) pitch of the foot relative to stance, toes up positive [rad].
-        nis: mean normalised innovation squared of each stride [1], see `trust.nis_between`.
-    """
-
-    trajectory: FootTrajectory
+    trajectory: FootTrajectory  #: position from the first foothold, velocity, attitude; x along the first stride.
+    #: standard deviations of position since the last foothold, velocity, and attitude (a rotation vector).
     stddev: FootTrajectory
-    strides: Strides
+    strides: Strides  #: one row for each pair of consecutive footholds.
     strides_stddev: Strides
-    pitch: Values
-    nis: Values
+    pitch: Values  #: (T,) pitch of the foot relative to stance, toes up positive [rad].
+    nis: Values  #: mean normalised innovation squared of each stride [1], see `trust.nis_between`.
 
 
 FLAT_RISE, FLAT_STEP = 0.03, 0.08

@@ -38,13 +38,9 @@ class LegNow(NamedTuple):
 
 
 def start(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOptions) -> LegOnlineState:
-    """The state before the first sample: beliefs in the standing pose, with a variance [rad²].
+    """The state before the first sample: beliefs in the standing pose, with a variance [rad²]; arguments as of `over`.
 
-    Args:
-        p: parameters of this leg, see `one_side`.
-        leg: calibrated signals; only biases, variances and the first rates are used.
-        start_variance: variance of the pose at the first sample [rad²].
-        options: as of `leg_ekf`; `smooth` has no effect.
+    Of the leg's signals only biases, variances and the first rates are used.
     """
     thigh, shank = (inclination.prior(vector(segment.bias), start_variance).joined() for segment in leg)
     belief = prior_of(p, leg, start_variance, options).joined()

@@ -126,11 +126,7 @@ MEASURES = ("thigh_length", "shank_length")
 
 
 def with_body(p: LegParams, body: dict[str, Any]) -> LegParams:
-    """The parameters with the segment lengths of a person.
-
-    Args:
-        p: parameters.
-        body: "thigh_length" and "shank_length" [m], as far as known; each a number or (right, left).
+    """The parameters with the "thigh_length" and "shank_length" [m] of a person, each a number or (right, left).
 
     Raises:
         ValueError: if `body` contains another name, or a measure is not one number or two.

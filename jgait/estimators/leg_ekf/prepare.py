@@ -90,10 +90,8 @@ def standing_legs(
 
 
 def resampled(time: np.ndarray, sensors: dict[str, Imu], rate_hz: float | None) -> tuple[np.ndarray, dict[str, Imu]]:
-    """Resample by taking every k-th sample, or else by linear interpolation; unchanged for None.
-
-    Raises:
-        RecordingError: if the sampling rate of the recording is lower than `rate_hz`.
+    """Every k-th sample, or else linear interpolation; unchanged for None. Raises RecordingError if the recording's
+    rate is lower than `rate_hz`.
     """
     rate = 1.0 / float(np.median(np.diff(time)))
     if rate_hz is None or abs(rate / rate_hz - 1.0) < 0.01:
@@ -119,11 +117,7 @@ def resampled(time: np.ndarray, sensors: dict[str, Imu], rate_hz: float | None) 
 
 
 def _median(values: AnyArray, size: int) -> np.ndarray:
-    """The median over a centred window of an odd number of samples; both ends are reflected.
-
-    Raises:
-        RecordingError: if there are not enough samples for a window.
-    """
+    """The median over a centred window of an odd number of samples; both ends are reflected."""
     half = size // 2
     if size % 2 == 0:
         raise ValueError(f"size must be odd and positive, so that the window has a middle; got {size}")

@@ -5,6 +5,7 @@ Source: Bennett et al. (2013), section V, for the accumulated displacement of th
 
 from collections.abc import Sequence
 
+import jax
 import jax.numpy as jnp
 
 from jgait.estimators.ankle_stride.inputs import AnkleSignals
@@ -30,13 +31,14 @@ def accumulated(leg: LegTrajectory, *, vertical: bool = True) -> Values:
     return jnp.cumsum(way)
 
 
-def _backward(leg: LegTrajectory, rollover_radius: Values) -> Values:
-    """Movement of the hip over this foot in each interval, if this foot is in stance [m].
+def backward(leg: LegTrajectory, before: LegTrajectory, rollover_radius: Values) -> Values:
+    """Movement of the hip over this foot since the sample before, if this foot is in stance [m].
 
     The foot rolls: its ankle moves forward by r per radian that the shank leans forward, so the hip gains
     −Δx − r Δ(shank angle), shank angle positive with the ankle in front.
     """
-    return -_interval(leg.x) - rollover_radius * _interval(leg.hip_angle - leg.knee_angle)
+    shank, shank_before = (one.hip_angle - one.knee_angle for one in (leg, before))
+    return before.x - leg.x - rollover_radius * (shank - shank_before)
 
 
 def stance_carried(legs: Legs, rollover_radius: Values, still: Flags) -> Values:
@@ -48,7 +50,8 @@ def stance_carried(legs: Legs, rollover_radius: Values, still: Flags) -> Values:
     distance.
     """
     worn = [leg for leg in (legs.right, legs.left) if leg is not None]
-    ways = [_backward(leg, rollover_radius) for leg in worn]
+    earlier = [jax.tree.map(lambda v: jnp.concatenate([v[:1], v[:-1]]), leg) for leg in worn]
+    ways = [backward(leg, before, rollover_radius) for leg, before in zip(worn, earlier, strict=True)]
     if len(ways) == 2:
         return jnp.cumsum(jnp.where(still, 0.0, jnp.maximum(jnp.maximum(ways[0], ways[1]), 0.0)))
     back = jnp.where(still, 0.0, jnp.maximum(ways[0], 0.0))

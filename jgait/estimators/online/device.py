@@ -34,26 +34,18 @@ class Readings(NamedTuple):
 
 
 class Device(NamedTuple):
-    """An estimator for sensors whose mounting is known, sample by sample.
+    """An estimator for sensors whose mounting is known, sample by sample."""
 
-    Attributes:
-        source: "legs", "feet", "ankles" or "shanks", as in `jgait.analyse`.
-        placements: placements of its sensors, in the order of the rows of a sample.
-        constants: parameters, mounting and sensor errors; arrays.
-        begin: (constants, first sample, options) → state before it; a function of a module.
-        advance: (constants, state, samples, count, options) → state and results (`BLOCK`, …) after each of the first
-            `count` samples of a block; a function of a module. Later samples are zeros.
-        options: static options of `begin` and `advance`.
-        sides: side of each leg or foot in the results, 0 right, 1 left.
-    """
-
-    source: str
-    placements: tuple[str, ...]
-    constants: PyTree
+    source: str  #: "legs", "feet", "ankles" or "shanks", as in `jgait.analyse`.
+    placements: tuple[str, ...]  #: placements of its sensors, in the order of the rows of a sample.
+    constants: PyTree  #: parameters, mounting and sensor errors; arrays.
+    #: (constants, first sample, options) → state before it; a function of a module.
     begin: Callable[[PyTree, Readings, PyTree], PyTree]
+    #: (constants, state, samples, count, options) → state and results (`BLOCK`, …) after each of the first `count`
+    #: samples of a block, whose later samples are zeros; a function of a module.
     advance: Callable[[PyTree, PyTree, Readings, Counts, PyTree], tuple[PyTree, PyTree]]
-    options: PyTree
-    sides: tuple[int, ...]
+    options: PyTree  #: static options of `begin` and `advance`.
+    sides: tuple[int, ...]  #: side of each leg or foot in the results, 0 right, 1 left.
 
 
 class Structure(NamedTuple):
@@ -148,17 +140,14 @@ def _compiled(
 _begin = compiled(_begun, static_argnames=("device",))
 
 
-class Field(NamedTuple):
-    """A field of the results: columns, shape and type of each leaf of its tree."""
-
-    tree: jax.tree_util.PyTreeDef
-    leaves: tuple[tuple[slice, tuple[int, ...], np.dtype], ...]
+type Field = tuple[jax.tree_util.PyTreeDef, list[tuple[slice, tuple[int, ...], np.dtype]]]
+"""A field of the results: its tree, and columns, shape and type of each leaf."""
 
 
 def _fields(outputs: PyTree) -> tuple[dict[str, Field], int]:
     """The fields of results (n, …), and the number of columns of their matrix."""
     width = 0
-    fields = {}
+    fields: dict[str, Field] = {}
     for name, value in zip(outputs._fields, outputs, strict=True):
         leaves, tree = jax.tree.flatten(value)
         columns = []
@@ -166,7 +155,7 @@ def _fields(outputs: PyTree) -> tuple[dict[str, Field], int]:
             size = math.prod(leaf.shape[1:])
             columns.append((slice(width, width + size), leaf.shape[1:], np.dtype(leaf.dtype)))
             width += size
-        fields[name] = Field(tree, tuple(columns))
+        fields[name] = (tree, columns)
     return fields, width
 
 

@@ -16,7 +16,7 @@ from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro import turns
 from jgait.estimators.duty_cycled_gyro.estimator import joints
 from jgait.estimators.duty_cycled_gyro.model_params import PlanarSegment, SegmentEstimate
-from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledParams
+from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams
 from jgait.estimators.duty_cycled_gyro.prepare import LOST, checked, find_standing, worn_leg, worn_names
 from jgait.estimators.leg_ekf.params import one_side
 from jgait.estimators.leg_ekf.prepare import SegmentMounting
@@ -82,7 +82,7 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
         RecordingError: as `duty_cycled_gyro.prepare.prepare`.
     """
     names = worn_names(recording)
-    time = checked(recording, names, DEFAULT)
+    time = checked(recording, names)
     sensors = {name: recording.sensors[name] for name in names}
     used = gyroscope_masks(recording, names)
     still, _, standing, notes = find_standing(sensors, used, time)

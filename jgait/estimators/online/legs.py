@@ -16,7 +16,7 @@ from jgait.estimators.leg_ekf import online as leg_online
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_side
 from jgait.estimators.leg_ekf.prepare import LONG_GAP, SegmentMounting, mounted, standing_legs
-from jgait.estimators.leg_ekf.readout import LEAST_SHARE, MOVES_M
+from jgait.estimators.leg_ekf.readout import LEAST_SHARE, MOVES_M, backward
 from jgait.estimators.online.device import Device, Readings
 from jgait.estimators.online.standing import lost_for, stacked_mountings, standing_samples, stood
 from jgait.estimators.sides import stacked
@@ -130,14 +130,12 @@ def advance(
     before = jax.tree.map(
         lambda old, new: jnp.concatenate([jnp.where(state.begun, old, new[0])[None], new[:-1]]), state.before, leg
     )
-    shank, shank_before = leg.hip_angle - leg.knee_angle, before.hip_angle - before.knee_angle
-    backward = before.x - leg.x - c.p.rollover_radius * (shank - shank_before)
-    most = jnp.max(backward, axis=1)
+    most = jnp.max(backward(leg, before, c.p.rollover_radius), axis=1)
     way = state.way + jnp.cumsum(jnp.where(still | ~real, 0.0, jnp.maximum(most, 0.0)))
     moves = real & ~still & (jnp.abs(most) > MOVES_M)
     counts = (jnp.where(flags, jnp.ones_like(way), 0.0) for flags in (moves, moves & (most > 0.0)))
     moving, back = (old + jnp.cumsum(new) for old, new in zip((state.moving, state.back), counts, strict=True))
-    share = back / jnp.maximum(moving, 1.0) if backward.shape[1] == 1 else jnp.ones_like(way)
+    share = back / jnp.maximum(moving, 1.0) if len(c.axes) == 1 else jnp.ones_like(way)
     at = count - 1
     last = jax.tree.map(lambda v: v[at], leg)
     after = LegsState(legs, lost[at], slow, last, jnp.ones((), bool), way[at], back[at], moving[at])

@@ -32,60 +32,37 @@ PREFERRED = ("feet", "ankles", "shanks")
 
 
 class NewStrides(NamedTuple):
-    """Strides that have become known, in order; times are those of the samples that were pushed [s].
-
-    Attributes:
-        strides: the strides (n,).
-        stddev: their standard deviations.
-        flags: name → (n,) bool, as of the estimator offline.
-    """
+    """Strides (n,) that have become known, in order; times are those of the samples that were pushed [s]."""
 
     strides: Strides
-    stddev: Strides
-    flags: dict[str, np.ndarray]
+    stddev: Strides  #: their standard deviations.
+    flags: dict[str, np.ndarray]  #: name → (n,) bool, as of the estimator offline.
 
 
 class NewContacts(NamedTuple):
-    """Contacts that have become known, in order.
+    """Contacts that have become known, in order."""
 
-    Attributes:
-        time: (n,) [s].
-        side: (n,) 0 right, 1 left.
-        initial: (n,) bool, True for an initial, False for a final contact.
-    """
-
-    time: np.ndarray
-    side: np.ndarray
-    initial: np.ndarray
+    time: np.ndarray  #: (n,) [s].
+    side: np.ndarray  #: (n,) 0 right, 1 left.
+    initial: np.ndarray  #: (n,) bool, True for an initial, False for a final contact.
 
 
 NO_CONTACTS = NewContacts(np.zeros(0), np.zeros(0, np.int32), np.zeros(0, bool))
 
 
 class News(NamedTuple):
-    """What a block of n samples tells.
+    """What a block of n samples tells."""
 
-    Attributes:
-        time: (n,) of the samples [s].
-        legs: joint angles and foot positions (n,), or None without sensors on thigh and shank.
-        stddev: their standard deviations, or None.
-        angles: placement → (n,) angle of the segment from the vertical [rad]; of duty_cycled_gyro alone.
-        valid: (n,) bool; False in long gaps, where angles are not usable.
-        stands: (n,) bool, the person stands still.
-        strides: source → strides that have become known.
-        contacts: their contacts, from the first of `PREFERRED` that has sensors.
-        distance: source → distance since the start [m].
-    """
-
-    time: np.ndarray
-    legs: Legs | None
-    stddev: Legs | None
+    time: np.ndarray  #: (n,) of the samples [s].
+    legs: Legs | None  #: joint angles and foot positions (n,), or None without sensors on thigh and shank.
+    stddev: Legs | None  #: their standard deviations, or None.
+    #: placement → (n,) angle of the segment from the vertical [rad]; of duty_cycled_gyro alone.
     angles: dict[str, np.ndarray]
-    valid: np.ndarray
-    stands: np.ndarray
-    strides: dict[str, NewStrides]
-    contacts: NewContacts
-    distance: dict[str, float]
+    valid: np.ndarray  #: (n,) bool; False in long gaps, where angles are not usable.
+    stands: np.ndarray  #: (n,) bool, the person stands still.
+    strides: dict[str, NewStrides]  #: source → strides that have become known.
+    contacts: NewContacts  #: their contacts, from the first of `PREFERRED` that has sensors.
+    distance: dict[str, float]  #: source → distance since the start [m].
 
 
 class Online:
@@ -198,11 +175,8 @@ def _strides(now: Results, offset: float) -> NewStrides:
 
 def _contacts(strides: Mapping[str, NewStrides]) -> NewContacts:
     """Contacts of the strides of the preferred source."""
-    name = next((name for name in PREFERRED if name in strides), None)
-    if name is None:
-        return NO_CONTACTS
-    table = strides[name].strides
-    if not len(table.end):
+    table = next((strides[name].strides for name in PREFERRED if name in strides), None)
+    if table is None or not len(table.end):
         return NO_CONTACTS
     time = np.concatenate([table.final_contact, table.end])
     initial = np.arange(time.size) >= len(table.end)
@@ -271,8 +245,7 @@ def online(
         wanted = MEASURES.get(name, ("thigh_length", "shank_length"))
         takes = (*wanted, "height") if gives(wanted) else wanted
         p = record.own(settings.get(name, record.params), {k: value for k, value in body.items() if k in takes})
-        if name != "duty_cycled_gyro" or name in settings:
-            check_params(p, record.transforms)
+        check_params(p, record.transforms)
         if source == "legs":
             device, more = (legs if name == "leg_ekf" else duty).device(p, calibration)
             notes += more

@@ -22,14 +22,10 @@ def standing_samples(sampling_rate_hz: float) -> np.ndarray:
 
 
 def stood(slow: Counts, samples: Readings, limit: float, window: Counts, count: Counts) -> tuple[Counts, Flags]:
-    """Number of samples for which the legs have been slow, and (n,) whether the person stands.
+    """Number of samples for which the legs have been slow, below `limit` [rad/s], and (n,) whether the person stands.
 
-    Args:
-        slow: that number before the samples.
-        samples: n samples; gyroscopes that were off or whose reading is lost do not count, but at least one must.
-        limit: threshold on the rate [rad/s].
-        window: number of slow samples from which on the person stands.
-        count: number of samples; for later ones the person does not stand.
+    `slow` is that number before the n samples, `window` that from which on the person stands, `count` the number of
+    samples. Gyroscopes that were off or whose reading is lost do not count, but at least one must.
     """
     fast = jnp.sum(samples.gyr * samples.gyr, axis=2) >= limit**2
     quiet = jnp.any(samples.turned, axis=1) & ~jnp.any(fast & samples.turned, axis=1)
@@ -43,13 +39,8 @@ def stood(slow: Counts, samples: Readings, limit: float, window: Counts, count: 
 
 
 def lost_for(before: Values, there: Flags, dt: Values, count: Counts) -> Values:
-    """(n, …) time since the last measured sample [s], 0 where a sample is measured and after `count` samples.
-
-    Args:
-        before: (…) that time before the samples.
-        there: (n, …) bool, measured samples.
-        dt: (n,) time since the previous sample [s].
-        count: number of samples.
+    """(n, …) time since the last measured sample [s], `before` (…) the samples; 0 where a sample is measured (`there`)
+    and after `count` samples. `dt` is the time since the previous sample [s].
     """
     axes = tuple(range(1, there.ndim))
     elapsed = jnp.broadcast_to(jnp.expand_dims(jnp.cumsum(jnp.maximum(dt, 1e-6)), axes), there.shape)

@@ -104,10 +104,8 @@ def _feet(state: WidthState, heights: tuple[Values, Values]) -> Feet:
 
 
 def with_body(p: WidthParams, body: dict[str, Any]) -> WidthParams:
-    """The parameters with the "range_offset" and "passing_offset" [m] of a person, as far as known.
-
-    Raises:
-        ValueError: if `body` contains another name.
+    """The parameters with the "range_offset" and "passing_offset" [m] of a person, as far as known. Raises ValueError
+    if `body` contains another name.
     """
     return with_measures("the stride width estimator", ("range_offset", "passing_offset"), p, body)
 

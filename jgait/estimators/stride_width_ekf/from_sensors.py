@@ -15,10 +15,8 @@ from jgait.types import SIDES, Estimate, Feet, FootTrajectory, Recording, Record
 def feet_of(
     recording: Recording, p: FootParams, options: FootOptions
 ) -> tuple[Estimate, tuple[np.ndarray, np.ndarray]]:
-    """The `foot_ins` estimate of both feet, and the samples of their footholds.
-
-    Raises:
-        RecordingError: if a foot has no sensor, or as `foot_ins.estimate`.
+    """The `foot_ins` estimate of both feet, and the samples of their footholds. Raises RecordingError if a foot has no
+    sensor, or as `foot_ins.estimate`.
     """
     missing = [f"foot_{side}" for side in SIDES if f"foot_{side}" not in recording.sensors]
     if missing:

@@ -25,44 +25,26 @@ class StrideRows(NamedTuple):
 
 
 class WidthInputs(NamedTuple):
-    """Inputs of `stride_width_ekf.run` at N moments: stances, ranges, double support.
-
-    Every leaf is an array, so that inputs can be padded, stacked and mapped.
-
-    Attributes:
-        time: (N,) [s].
-        right: the right foot's control over the interval that ends at each moment, fields (N,).
-        left: the left foot's control, likewise.
-        height_right: (N,) height of the right foot's sensor in the world frame of its trajectory [m].
-        height_left: (N,) height of the left foot's sensor, likewise [m].
-        distance: (N,) measured range [m], 0 at moments without a range.
-        seen: (N,) bool, True at moments with a usable range.
-        turning: (N,) bool, True in a turn of one of the feet.
-        double_support: (N,) bool, both feet are on the ground.
-        start_heading: (2,) heading of the right and of the left foot before the first moment [rad].
-        strides: strides and the moments at which they end.
-        valid: (N,) bool, False for padding.
+    """Inputs of `stride_width_ekf.run` at N moments: stances, ranges, double support; every leaf is an array, so that
+    inputs can be padded, stacked and mapped.
     """
 
-    time: Held
-    right: Annotated[PathControl, Axis()]
+    time: Held  #: (N,) [s].
+    right: Annotated[PathControl, Axis()]  #: control over the interval that ends at each moment, fields (N,).
     left: Annotated[PathControl, Axis()]
-    height_right: Held
+    height_right: Held  #: (N,) height of the right foot's sensor in the world frame of its trajectory [m].
     height_left: Held
-    distance: Sampled
-    seen: Sampled
-    turning: Sampled
-    double_support: Sampled
-    start_heading: np.ndarray
-    strides: Annotated[StrideRows, Axis()]
-    valid: Sampled
+    distance: Sampled  #: (N,) measured range [m], 0 at moments without a range.
+    seen: Sampled  #: (N,) bool, True at moments with a usable range.
+    turning: Sampled  #: (N,) bool, True in a turn of one of the feet.
+    double_support: Sampled  #: (N,) bool, both feet are on the ground.
+    start_heading: np.ndarray  #: (2,) heading of the right and of the left foot before the first moment [rad].
+    strides: Annotated[StrideRows, Axis()]  #: strides and the moments at which they end.
+    valid: Sampled  #: (N,) bool, False for padding.
 
 
 def exchanged(inputs: WidthInputs) -> WidthInputs:
-    """The inputs with right and left foot exchanged, as for sensors worn on the wrong feet.
-
-    The rows of strides are not exchanged, so only the filter may be run on the result.
-    """
+    """The inputs of the filter with right and left foot exchanged; the rows of strides are not."""
     return inputs._replace(
         right=inputs.left,
         left=inputs.right,

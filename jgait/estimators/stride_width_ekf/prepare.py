@@ -202,7 +202,7 @@ def _inputs(
     time, kind = time[order], kind[order]
     distance = np.zeros(time.shape)
     distance[kind == 2] = distances
-    inputs = WidthInputs(
+    return WidthInputs(
         time,
         _control(right, time, kind == 0),
         _control(left, time, kind == 1),
@@ -213,10 +213,9 @@ def _inputs(
         _inside(time, turning),
         kind == 3,
         np.asarray(start_heading, float),
-        _no_rows(time.size),
+        _rows(pair, time, kind, walks),
         np.full(time.shape, walks),
     )
-    return inputs._replace(strides=_rows(pair, time, kind)) if walks else inputs
 
 
 def _control(foot: FootTrack, time: np.ndarray, mid: np.ndarray) -> PathControl:
@@ -261,16 +260,10 @@ def _double_supports(pair: Pair) -> np.ndarray:
     return np.array(supports)
 
 
-def _no_rows(count: int) -> StrideRows:
-    zero, off = np.zeros(count), np.zeros(count, bool)
-    index = np.zeros(count, np.int32)
-    return StrideRows(index, index, zero, zero, zero, zero, zero, zero, zero, off, off)
-
-
-def _rows(pair: Pair, time: np.ndarray, kind: np.ndarray) -> StrideRows:
+def _rows(pair: Pair, time: np.ndarray, kind: np.ndarray, walks: bool) -> StrideRows:
     """Strides of both feet in the order of their ends."""
     table = []
-    for side, foot in enumerate(pair):
+    for side, foot in enumerate(pair if walks else ()):
         other = pair[1 - side].mids
         moments = np.flatnonzero(kind == side)
         height = foot.height(foot.mids)
@@ -283,9 +276,7 @@ def _rows(pair: Pair, time: np.ndarray, kind: np.ndarray) -> StrideRows:
             table.append((side, moments[k + 1], begin, leave[k], land[k], first, last, height[k + 1] - height[k], turn,
                           passed, True))  # fmt: skip
     table.sort(key=lambda row: row[6])
-    rows = _no_rows(time.size)
-    columns = zip(*table, strict=True)
-    return StrideRows(*(
-        np.concatenate([np.asarray(column).astype(empty.dtype), empty[len(table) :]])
-        for column, empty in zip(columns, rows, strict=True)
-    ))  # fmt: skip
+    columns = np.array(table, float).reshape(len(table), len(StrideRows._fields)).T
+    types = (np.int32, np.int32, *(float,) * 7, bool, bool)
+    padding = (0, time.size - len(table))
+    return StrideRows(*(np.pad(column.astype(of), padding) for column, of in zip(columns, types, strict=True)))

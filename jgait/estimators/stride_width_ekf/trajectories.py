@@ -55,11 +55,7 @@ type Pair = tuple[FootTrack, FootTrack]
 def checked_feet(
     time: npt.ArrayLike, feet: Feet, stances: tuple[npt.ArrayLike, npt.ArrayLike]
 ) -> tuple[Pair, list[Note]]:
-    """Trajectories of both feet, checked, and notes.
-
-    Raises:
-        RecordingError: see `stride_width_ekf.prepare.prepare_from_feet`.
-    """
+    """Trajectories of both feet, and notes. Raises RecordingError as `prepare_from_feet`."""
     time = np.asarray(time, np.float64)
     if time.ndim != 1 or time.size < 3:
         raise RecordingError(f"stride_width_ekf needs times (T,) of a walk; got shape {time.shape}")

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made.estimators import altered, hidden, part, times, without
 from made.notes import texts
 
 from jgait import estimators, io, simulate
@@ -97,26 +98,19 @@ def test_gaps_are_filled_flagged_and_paid_for(walk, always, sleepy):
 
 
 def test_what_a_schedule_hides_is_looked_at_nowhere(walk, sleepy):
-    recording, sensors = walk[0], {}
+    recording = spoilt = walk[0]
     used = gyroscope_masks(recording, list(recording.sensors), schedule=SLEEPY.schedule, warm_up=WARM)
-    for name, imu in recording.sensors.items():
-        sensors[name] = imu._replace(gyr=np.where(used[name].usable[:, None], imu.gyr, 7.0))
-    spoilt = recording._replace(sensors=sensors)
+    for name, masks in used.items():
+        spoilt = altered(spoilt, name, gyr=lambda gyr, on=masks.usable: np.where(on[:, None], gyr, 7.0))
     again = duty_cycled_gyro.estimate(P, spoilt, SLEEPY)
     jax.tree.map(np.testing.assert_array_equal, again.legs, sleepy.legs)
     one, other = (fill_recording(r, schedule=SLEEPY.schedule, warm_up=WARM) for r in (recording, spoilt))
-    for name in sensors:
+    for name in recording.sensors:
         np.testing.assert_array_equal(one.sensors[name].gyr, other.sensors[name].gyr)
 
 
 def test_lost_samples_are_not_measured(walk):
-    recording = walk[0]
-    imu = recording.sensors["shank_right"]
-    mask = np.ones(imu.time.size, bool)
-    mask[300:306] = False
-    told = duty_cycled_gyro.estimate(
-        P, shank_only(recording._replace(sensors={"shank_right": imu._replace(mask=mask)}))
-    )
+    told = duty_cycled_gyro.estimate(P, without(shank_only(walk[0]), 300 / RATE, 6 / RATE))
     assert np.all(told.diagnostics["how_shank_right"][300:306] != MEASURED)
 
 
@@ -198,12 +192,8 @@ def test_a_filled_recording_is_taken_by_others(walk):
     used = gyroscope_masks(recording, list(recording.sensors), schedule=SLEEPY.schedule, warm_up=WARM)
     found = fill_recording(recording, schedule=SLEEPY.schedule, warm_up=WARM, filler="neighbours")
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
-    turned = fill_recording(
-        recording._replace(
-            sensors={n: i._replace(gyr=i.gyr @ turn.T, acc=i.acc @ turn.T) for n, i in recording.sensors.items()}
-        ),
-        schedule=SLEEPY.schedule, warm_up=WARM,
-    )  # fmt: skip
+    other = altered(recording, gyr=lambda v: v @ turn.T, acc=lambda v: v @ turn.T)
+    turned = fill_recording(other, schedule=SLEEPY.schedule, warm_up=WARM)
     for name, imu in found.sensors.items():
         true, on = np.asarray(recording.sensors[name].gyr), used[name].usable
         np.testing.assert_allclose(imu.gyr[on], true[on], atol=1e-12)
@@ -236,21 +226,15 @@ def test_what_no_gyroscope_can_follow_is_refused(walk, options, message):
         duty_cycled_gyro.prepared(walk[0], DutyCycledOptions(**options))
 
 
-def test_a_rate_at_which_angles_are_wrong_is_refused(walk):
-    slow = {name: imu._replace(**{f: getattr(imu, f)[::2] for f in imu._fields}) for name, imu in
-            walk[0].sensors.items()}  # fmt: skip
-    with pytest.raises(RecordingError, match="needs 40 to 400 Hz; the recording has 25 Hz: .* a shank turns by up to"):
-        duty_cycled_gyro.prepared(walk[0]._replace(sensors=slow, sampling_rate_hz=25.0))
-
-
 def test_recordings_and_masks_that_do_not_fit_are_refused(walk):
     recording = walk[0]
+    with pytest.raises(RecordingError, match="needs 40 to 400 Hz; the recording has 25 Hz: .* a shank turns by up to"):
+        duty_cycled_gyro.prepared(part(walk[0], slice(None, None, 2))._replace(sampling_rate_hz=25.0))
     with pytest.raises(
         RecordingError, match=r"needs 'thigh_right' or 'shank_right', .*; the recording has \['waist'\]"
     ):
         duty_cycled_gyro.prepared(recording._replace(sensors={"waist": recording.sensors["thigh_right"]}))
-    bare = shank_only(recording)
-    bare = bare._replace(sensors={n: i._replace(acc=None) for n, i in bare.sensors.items()})
+    bare = altered(shank_only(recording), acc=lambda _: None)
     with pytest.raises(RecordingError, match="'neighbours' needs an accelerometer; 'shank_right' has only"):
         duty_cycled_gyro.prepared(bare, SLEEPY)
     with pytest.raises(RecordingError, match="'neighbours' needs an accelerometer"):
@@ -310,8 +294,5 @@ def test_a_file_whose_gyroscope_slept_keeps_its_accelerometer(walk, tmp_path):
 def test_a_lost_sample_is_no_movement(walk):
     """Every fiftieth sample is lost: standing is found all the same, in the same place."""
     recording = walk[0]
-    imu = recording.sensors["shank_left"]
-    mask = np.arange(len(imu.time)) % 50 != 7
-    lossy = {**recording.sensors, "shank_left": imu._replace(mask=mask, gyr=np.where(mask[:, None], imu.gyr, 0.0))}
-    found = duty_cycled_gyro.prepared(recording._replace(sensors=lossy))
+    found = duty_cycled_gyro.prepared(hidden(recording, np.arange(len(times(recording))) % 50 == 7, "shank_left"))
     assert found.standing == duty_cycled_gyro.prepared(recording).standing

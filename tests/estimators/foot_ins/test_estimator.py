@@ -2,7 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made.estimators import shorter
+from made.estimators import hidden, part, without
 from made.foot import foot
 from made.notes import texts
 from made.trunk import rotation, worn
@@ -134,10 +134,16 @@ def test_a_fixed_detector_instead_of_the_adaptive_one(straight):
     np.testing.assert_allclose(strides.length, made.length, atol=2 * MILLIMETRE)
 
 
-def test_options_that_are_none_are_refused():
-    made = foot(strides=2)
-    with pytest.raises(ValueError, match="level must be True, False or 'auto'; got 'flat'"):
-        estimated(made, options=FootOptions(level="flat"))
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"level": "flat"}, "level must be True, False or 'auto'; got 'flat'"),
+        ({"noise": "cubic"}, "one of constant, log_linear, network; got 'cubic'"),
+    ],
+)
+def test_options_that_are_none_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        foot_ins.estimator(FootOptions(**options))
 
 
 def test_the_stated_deviation_follows_the_innovations():
@@ -151,19 +157,14 @@ def test_the_stated_deviation_follows_the_innovations():
     np.testing.assert_allclose(turned, np.hypot(0.02 * ratio, readout.TURN_NOISE), rtol=1e-6)
 
 
-def with_hole(made, after, samples):
-    """The recording without some samples, from a time [s] after the start of the third swing; and the first of them."""
-    imu = made.recording.sensors["foot_right"]
-    mask = imu.mask.copy()
-    lost = int(100 * (made.lift_off[2] + after))
-    mask[lost : lost + samples] = False
-    gyr, acc = (np.where(mask[:, None], values, 0.0) for values in (imu.gyr, imu.acc))
-    return worn(made.recording, gyr=gyr, acc=acc, mask=mask), lost
+def with_hole(made, after, seconds):
+    """The recording without some samples, from a time [s] after the start of the third swing."""
+    return without(made.recording, int(100.0 * (made.lift_off[2] + after)) / 100.0 - 0.005, seconds)
 
 
 def test_lost_samples_make_their_stride_less_certain_and_no_other(straight):
     made, plain = straight
-    estimate = foot_ins.estimate(STILL, with_hole(made, 0.2, 5)[0])
+    estimate = foot_ins.estimate(STILL, with_hole(made, 0.2, 0.05))
     assert "5 samples of foot_right are lost" in " ".join(texts(estimate.diagnostics["notes"]))
     ratio = estimate.strides_stddev.length / plain.strides_stddev.length
     assert ratio[2] > 1.1
@@ -174,8 +175,7 @@ def test_lost_samples_make_their_stride_less_certain_and_no_other(straight):
 
 def test_a_stride_of_which_too_much_is_lost_is_left_out(straight):
     made, plain = straight
-    holes, lost = with_hole(made, 0.05, 40)
-    estimate = foot_ins.estimate(STILL, holes)
+    estimate, lost = foot_ins.estimate(STILL, with_hole(made, 0.05, 0.4)), int(100 * (made.lift_off[2] + 0.05))
     assert "1 stride of foot_right is left out" in " ".join(texts(estimate.diagnostics["notes"]))
     assert len(estimate.strides.length) == 5
     np.testing.assert_allclose(estimate.strides.length, 1.2, atol=5 * MILLIMETRE)
@@ -281,8 +281,7 @@ def test_the_fast_trial_and_the_slow_one_within_what_was_measured(data):
 
     def begun(name):
         (walk,) = data("pyshoe_vicon", name)
-        imu = walk.recording.sensors["foot_right"]
-        return walk, foot_ins.estimate(FootParams(), shorter(walk.recording, len(imu.time) - 4096))
+        return walk, foot_ins.estimate(FootParams(), part(walk.recording, slice(4096)))
 
     walk, estimate = begun("2017-11-22-11-22-03")
     marks = walk.info["footprints"]
@@ -319,10 +318,8 @@ def test_a_recording_in_windows_is_that_of_one_run(monkeypatch):
 
 def test_rest_is_found_between_scattered_losses(straight):
     made, plain = straight
-    imu = made.recording.sensors["foot_right"]
-    mask = np.random.default_rng(4).random(len(imu.time)) > 0.2
-    gyr, acc = (np.where(mask[:, None], values, 0.0) for values in (imu.gyr, imu.acc))
-    found = foot_ins.estimate(STILL, worn(made.recording, gyr=gyr, acc=acc, mask=mask))
+    lost = np.random.default_rng(4).random(len(plain.time)) <= 0.2
+    found = foot_ins.estimate(STILL, hidden(made.recording, lost))
     assert not any("never rests" in note for note in texts(found.diagnostics["notes"]))
     assert len(found.strides.length) == len(plain.strides.length)
 

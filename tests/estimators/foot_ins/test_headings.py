@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from made.estimators import shorter
+from made.estimators import part
 
 from jgait import datasets
 from jgait.estimators import foot_ins
@@ -71,7 +71,7 @@ def test_ways_that_contradict_each_other_and_few_footholds_are_left_alone():
 def real():
     if not datasets.available("gaitmap_example"):
         pytest.skip(datasets.unavailable_reason("gaitmap_example"))
-    recording = shorter(datasets.load("gaitmap_example", ["imu_sample"])[0].recording, 3832)
+    recording = part(datasets.load("gaitmap_example", ["imu_sample"])[0].recording, slice(-3832))
     alone = {
         side: foot_ins.estimate(
             FootParams(), Recording({f"foot_{side}": recording.sensors[f"foot_{side}"]}, recording.sampling_rate_hz)

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made.estimators import altered, only, part, times, without
 from made.notes import texts
 from made.trunk import rotation
 
@@ -20,7 +21,7 @@ from jgait.filtering import UKF
 from jgait.simulate import protocols
 from jgait.simulate.sensors import IDEAL
 from jgait.tune import losses
-from jgait.types import SIDES, Imu, Recording, RecordingError
+from jgait.types import SIDES, Recording, RecordingError
 
 RATE = 50.0
 SAMPLES = 512
@@ -52,22 +53,26 @@ def parameters(truth) -> LegParams:
     return LegParams(thigh_length=BySide(thigh, thigh), shank_length=BySide(shank, shank))
 
 
+@pytest.fixture(scope="module")
+def plain(noisy):
+    return leg_ekf.estimate(parameters(noisy[1]), noisy[0])
+
+
 def prepared(recording: Recording) -> LegInputs:
     return leg_ekf.prepared(recording, DEFAULT).inputs
 
 
 def right_leg(recording: Recording) -> Recording:
     """The sensors of the right leg: a program of one leg compiles in half the time."""
-    return recording._replace(sensors={k: v for k, v in recording.sensors.items() if k.endswith("right")})
+    return only(recording, "thigh_right", "shank_right")
 
 
 def rotated(recording: Recording, seed: int) -> Recording:
     """Every sensor mounted in another random attitude."""
-    turned = {}
-    for number, (name, imu) in enumerate(recording.sensors.items()):
+    for number, name in enumerate(recording.sensors):
         turn = rotation(seed + number)
-        turned[name] = imu._replace(gyr=imu.gyr @ turn, acc=imu.acc @ turn)
-    return recording._replace(sensors=turned)
+        recording = altered(recording, name, gyr=lambda v, turn=turn: v @ turn, acc=lambda v, turn=turn: v @ turn)
+    return recording
 
 
 def worst(ours, theirs, field: str) -> float:
@@ -131,15 +136,33 @@ def test_deviations_contain_the_standing_pose_and_grow_with_the_angle(walk):
     assert np.asarray(stated.x)[:50].mean() > 0.9 * p.standing_hip_sd * length
 
 
-def test_shanks_that_walk_different_distances_are_noted(walk):
+def squeezed(acc):
+    return acc * np.array([0.2, 0.2, 1.0])
+
+
+def shaken(acc):
+    return acc * np.where(np.arange(len(acc)) // 20 % 2, 1.5, 0.6)[:, None]
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        ({"acc": squeezed}, "shanks_apart"),
+        ({"acc": shaken}, "inconsistent_stances"),
+        ({"gyr": lambda gyr: np.clip(gyr, -4.4, 4.4)}, "signal_clipped"),
+    ],
+    ids=["other distance", "other stances", "clipped"],
+)
+def test_a_shank_that_cannot_be_right_is_noted(walk, change, code):
     recording, truth = walk
-    imu = recording.sensors["shank_right"]
-    wrong = {**recording.sensors, "shank_right": imu._replace(acc=imu.acc * np.array([0.2, 0.2, 1.0]))}
-    for sensors, noted in ((recording.sensors, False), (wrong, True)):
-        result = leg_ekf.estimate(parameters(truth), recording._replace(sensors=sensors))
-        assert any(note.code == "shanks_apart" for note in result.diagnostics["notes"]) == noted
-        right, left = (float(result.diagnostics[f"shank_distance_{side}"]) for side in SIDES)
-        assert (abs(right - left) > 1.6) == noted
+    for damaged in (False, True):
+        one = altered(recording, "shank_left", **change) if damaged else recording
+        found = leg_ekf.estimate(parameters(truth), one).diagnostics
+        noted = [note.values.get("placement", "") for note in found["notes"] if note.code == code]
+        assert noted == (([""] if code == "shanks_apart" else ["shank_left"]) if damaged else [])
+        if code == "shanks_apart":
+            right, left = (float(found[f"shank_distance_{side}"]) for side in SIDES)
+            assert (abs(right - left) > 1.6) == damaged
 
 
 def test_very_slow_steps_within_a_walk_count(walk):
@@ -151,29 +174,6 @@ def test_very_slow_steps_within_a_walk_count(walk):
     true = float(truth.estimate.distance[-1])
     assert [float(one.distance[-1]) for one in (result, ankles)] == pytest.approx([true, true], rel=0.03)
     assert len(ankles.strides.length) == int(np.sum(truth.strides.valid))
-
-
-def test_shanks_whose_stances_contradict_each_other_are_noted(walk):
-    recording, truth = walk
-    shaken = {
-        name: imu._replace(acc=imu.acc * np.where(np.arange(len(imu.time)) // 20 % 2, 1.5, 0.6)[:, None])
-        if name == "shank_left" else imu
-        for name, imu in recording.sensors.items()
-    }  # fmt: skip
-    for sensors, noted in ((recording.sensors, []), (shaken, ["shank_left"])):
-        notes = leg_ekf.estimate(parameters(truth), recording._replace(sensors=sensors)).diagnostics["notes"]
-        assert [note.values["placement"] for note in notes if note.code == "inconsistent_stances"] == noted
-
-
-def test_a_shank_whose_gyroscope_clips_is_noted(walk):
-    recording, truth = walk
-    for limit, noted in ((50.0, []), (4.4, ["shank_left"])):
-        clipped = {
-            name: imu._replace(gyr=np.clip(imu.gyr, -limit, limit)) if name == "shank_left" else imu
-            for name, imu in recording.sensors.items()
-        }
-        notes = leg_ekf.estimate(parameters(truth), recording._replace(sensors=clipped)).diagnostics["notes"]
-        assert [note.values["placement"] for note in notes if note.code == "signal_clipped"] == noted
 
 
 def test_distance_of_a_simulated_walk_is_near_before_any_calibration(walk):
@@ -200,39 +200,34 @@ def test_distance_with_one_leg_and_by_every_read_out(walk):
         leg_ekf.estimate(parameters(truth), right_leg(recording), DEFAULT._replace(distance="steps"))
 
 
-def test_turning_the_sensor_with_its_mount_changes_nothing(noisy):
-    recording, truth = noisy
-    p = parameters(truth)
-    plain, turned = leg_ekf.estimate(p, recording), leg_ekf.estimate(p, rotated(recording, 1))
+def test_turning_the_sensor_with_its_mount_changes_nothing(noisy, plain):
+    turned = leg_ekf.estimate(parameters(noisy[1]), rotated(noisy[0], 1))
     for a, b in zip(jax.tree.leaves(plain.legs), jax.tree.leaves(turned.legs), strict=True):
         np.testing.assert_allclose(np.asarray(a), np.asarray(b), atol=1e-6)
     # The axes of the shank start from the median of each component: they follow the mount to within 0.1 degrees.
     assert float(plain.distance[-1]) == pytest.approx(float(turned.distance[-1]), rel=1e-3)
 
 
-def test_swapped_sensors_of_a_leg_are_noticed_and_put_right(noisy):
+def test_swapped_sensors_of_a_leg_are_noticed_and_put_right(noisy, plain):
     recording, truth = noisy
     sensors = dict(recording.sensors)
     sensors["thigh_left"], sensors["shank_left"] = sensors["shank_left"], sensors["thigh_left"]
-    p = parameters(truth)
-    plain, swapped = leg_ekf.estimate(p, recording), leg_ekf.estimate(p, recording._replace(sensors=sensors))
+    swapped = leg_ekf.estimate(parameters(truth), recording._replace(sensors=sensors))
     assert any("left thigh and shank sensors look swapped" in note for note in texts(swapped.diagnostics["notes"]))
     np.testing.assert_allclose(plain.legs.left.knee_angle, swapped.legs.left.knee_angle, atol=1e-9)
 
 
 def test_without_accelerometers_the_gyroscopes_alone_serve(noisy):
     recording, truth = noisy
-    bare = recording._replace(sensors={k: v._replace(acc=None) for k, v in recording.sensors.items()})
-    result = leg_ekf.estimate(parameters(truth), bare)
+    result = leg_ekf.estimate(parameters(truth), altered(recording, acc=lambda _: None))
     assert any("no accelerometer" in note for note in texts(result.diagnostics["notes"]))
     assert np.degrees(worst(result, truth, "hip_angle")) < 10.0
 
 
-def test_paper_pipeline_runs_at_50_hz_and_drifts_more(noisy):
+def test_paper_pipeline_runs_at_50_hz_and_drifts_more(noisy, plain):
     recording, truth = noisy
-    p = parameters(truth)
-    paper, best = leg_ekf.estimate(p, recording, PAPER), leg_ekf.estimate(p, recording)
-    assert worst(best, truth, "hip_angle") < worst(paper, truth, "hip_angle")
+    paper = leg_ekf.estimate(parameters(truth), recording, PAPER)
+    assert worst(plain, truth, "hip_angle") < worst(paper, truth, "hip_angle")
     assert 1.0 / np.median(np.diff(paper.time)) == pytest.approx(50.0)
 
 
@@ -360,50 +355,47 @@ def at(sample, values, value):
 
 REFUSED = {
     "another place": (
-        lambda s: {"waist": s["thigh_right"]}, {},
+        lambda r: r._replace(sensors={"waist": r.sensors["thigh_right"]}),
         r"leg_ekf needs 'thigh_right' and 'shank_right'.*\['waist'\]",
     ),
-    "no shank": (
-        lambda s: {"thigh_left": s["thigh_left"]}, {},
-        r"leg_ekf needs 'shank_left'; the recording has \['thigh_left'\]",
-    ),
+    "no shank": (lambda r: only(r, "thigh_left"), r"leg_ekf needs 'shank_left'; the recording has \['thigh_left'\]"),
     "never still": (
-        lambda s: {k: v._replace(gyr=v.gyr + np.random.default_rng(0).normal(size=v.gyr.shape)) for k, v in s.items()},
-        {}, "needs 0.5 s of quiet standing .* reaches",
+        lambda r: altered(r, gyr=lambda v: v + np.random.default_rng(0).normal(size=v.shape)),
+        "needs 0.5 s of quiet standing .* reaches",
     ),
     "never walking": (
-        lambda s: {k: v._replace(gyr=v.gyr * 0.01) for k, v in s.items()}, {},
-        "found no walking: .* is the gyroscope in rad/s",
+        lambda r: altered(r, gyr=lambda v: 0.01 * v), "found no walking: .* is the gyroscope in rad/s",
     ),
     "clocks": (
-        lambda s: s | {"shank_left": s["shank_left"]._replace(time=s["shank_left"].time + 1.0)}, {},
-        "thigh and shank on one clock; 'shank_left'",
+        lambda r: altered(r, "shank_left", time=lambda v: v + 1.0), "thigh and shank on one clock; 'shank_left'",
     ),
     "backwards": (
-        lambda s: {k: v._replace(time=at(100, v.time, v.time[98])) for k, v in s.items()}, {},
-        r"time must increase .* at sample 100",
+        lambda r: altered(r, time=lambda v: at(100, v, v[98])), r"time must increase .* at sample 100",
     ),
     "nan": (
-        lambda s: s | {"thigh_right": s["thigh_right"]._replace(gyr=at(50, s["thigh_right"].gyr, np.nan))}, {},
-        "'thigh_right' holds NaN .* mask",
+        lambda r: altered(r, "thigh_right", gyr=lambda v: at(50, v, np.nan)), "'thigh_right' holds NaN .* mask",
     ),
-    "short": (lambda s: {k: type(v)(*(part[:2] for part in v)) for k, v in s.items()}, {}, "has 2 samples"),
-    "rate": (lambda s: s, {"rate_hz": 200.0}, "rate_hz=200 is above the recording's rate of 50.0 Hz"),
+    "short": (lambda r: part(r, slice(2)), "has 2 samples"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_cannot_be_estimated_is_refused_with_what_was_expected_and_what_came(noisy, name):
-    changed, options, message = REFUSED[name]
-    recording, truth = noisy
-    sensors = changed({place: Imu(*(np.asarray(part) for part in imu)) for place, imu in recording.sensors.items()})
+    changed, message = REFUSED[name]
     with pytest.raises(RecordingError, match=message):
-        leg_ekf.estimate(parameters(truth), recording._replace(sensors=sensors), DEFAULT._replace(**options))
+        leg_ekf.estimate(LegParams(), changed(noisy[0]))
 
 
-def test_an_even_median_is_refused(noisy):
-    with pytest.raises(ValueError, match="size must be odd and positive.* got 4"):
-        leg_ekf.estimate(LegParams(), noisy[0], DEFAULT._replace(median=4))
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"rate_hz": 200.0}, RecordingError, "rate_hz=200 is above the recording's rate of 50.0 Hz"),
+        ({"median": 4}, ValueError, "size must be odd and positive.* got 4"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(noisy, options, error, message):
+    with pytest.raises(error, match=message):
+        leg_ekf.estimate(LegParams(), noisy[0], DEFAULT._replace(**options))
 
 
 def test_stated_deviations_survive_float32(data):
@@ -423,21 +415,15 @@ def test_stated_deviations_survive_float32(data):
 
 
 def test_of_long_gaps_nothing_is_stated_and_one_leg_is_noted(walk):
-    recording = walk[0]
-    imu = recording.sensors["shank_right"]
-    mask = np.ones(len(imu.time), bool)
-    begin, rate = len(mask) // 2, recording.sampling_rate_hz
-    mask[begin : begin + round(0.8 * rate)] = False
-    mask[begin - round(rate) : begin - round(0.9 * rate)] = False  # a tenth of a second
-    lossy = recording._replace(sensors={**recording.sensors, "shank_right": imu._replace(mask=mask)})
-    found = leg_ekf.prepared(lossy)
+    recording, rate = walk[0], walk[0].sampling_rate_hz
+    begin = len(times(recording)) // 2
+    lossy = without(recording, (begin - 0.5) / rate, 0.8, "shank_right")
+    found = leg_ekf.prepared(without(lossy, begin / rate - 1.0, 0.1, "shank_right"))
     np.testing.assert_array_equal(np.flatnonzero(~found.inputs.valid), np.arange(begin, begin + round(0.8 * rate)))
     assert any(note.startswith("nothing is stated for 0.80 s from") for note in texts(found.notes))
     assert leg_ekf.prepared(recording).inputs.valid.all()
 
-    one = {name: recording.sensors[name] for name in ("thigh_right", "shank_right")}
-    alone = leg_ekf.prepared(
-        recording._replace(sensors={**one, "shank_left": imu}), DEFAULT._replace(distance="stance")
-    )
+    three = only(recording, "thigh_right", "shank_right", "shank_left")
+    alone = leg_ekf.prepared(three, DEFAULT._replace(distance="stance"))
     assert any(note.startswith("leg_ekf measures the right leg only") for note in texts(alone.notes))
     assert "shank_left is left out, because it is worn without the thigh of that leg" in texts(alone.notes)

@@ -3,13 +3,13 @@
 import jax
 import numpy as np
 import pytest
-from made.estimators import without as gapped
+from made.estimators import altered, hidden, part, without
 
 from jgait import simulate
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf.prepare import common_clock, lost_time
 from jgait.simulate.sensors import OPAL
-from jgait.types import Imu, RecordingError
+from jgait.types import RecordingError
 
 BEGIN = 700
 
@@ -22,12 +22,8 @@ def walk():
     return recording
 
 
-def without(recording, placement, samples):
-    imu = recording.sensors[placement]
-    mask = np.array(imu.mask)
-    mask[BEGIN : BEGIN + samples] = False
-    gone = Imu(imu.time, np.where(mask[:, None], imu.gyr, 0.0), imu.acc, mask)
-    return recording._replace(sensors={**recording.sensors, placement: gone})
+def gapped(recording, placement, samples):
+    return without(recording, BEGIN / 100.0, samples / 100.0, placement)
 
 
 def estimate(recording):
@@ -42,7 +38,7 @@ def whole(walk):
 @pytest.mark.parametrize("placement", ["thigh_right", "shank_right"])
 @pytest.mark.parametrize("samples", [50, 100, 300])
 def test_angles_after_a_gap_are_those_without_it(walk, whole, placement, samples):
-    gap = estimate(without(walk, placement, samples))
+    gap = estimate(gapped(walk, placement, samples))
     np.testing.assert_array_equal(np.flatnonzero(~gap.valid), np.arange(BEGIN, BEGIN + samples))
     for angle in ("hip_angle", "knee_angle"):
         before, after = (np.rad2deg(getattr(one.legs.right, angle)) for one in (whole, gap))
@@ -57,7 +53,7 @@ def test_angles_after_a_gap_are_those_without_it(walk, whole, placement, samples
 @pytest.mark.parametrize("begin", [7.0, 7.3, 7.6, 7.9])
 def test_a_swing_that_is_lost_costs_a_second_and_deviations_say_so(walk, smooth, begin):
     estimator = leg_ekf.estimator(leg_ekf.DEFAULT._replace(smooth=smooth))
-    known, after = (estimator.estimate(estimator.params, one) for one in (walk, gapped(walk, begin, 0.25)))
+    known, after = (estimator.estimate(estimator.params, one) for one in (walk, without(walk, begin, 0.25)))
     time = np.asarray(walk.sensors["shank_right"].time)
     for first, last in ((0.3, 1.0), (1.0, 2.0), (2.0, 4.0)):
         rows = (time > begin + first) & (time < begin + last)
@@ -68,7 +64,7 @@ def test_a_swing_that_is_lost_costs_a_second_and_deviations_say_so(walk, smooth,
 
 
 def test_nobody_stands_in_samples_that_are_lost_at_the_start(walk, whole):
-    gap = estimate(gapped(walk, 0.0, 6.0))
+    gap = estimate(without(walk, 0.0, 6.0))
     rows = np.asarray(walk.sensors["shank_right"].time) > 7.0
     for angle in ("hip_angle", "knee_angle"):
         apart = np.rad2deg(getattr(gap.legs.right, angle) - getattr(whole.legs.right, angle))[rows]
@@ -76,7 +72,7 @@ def test_nobody_stands_in_samples_that_are_lost_at_the_start(walk, whole):
 
 
 def test_deviations_are_larger_within_a_gap(walk):
-    gap = estimate(without(walk, "shank_right", 100)).stddev.right.knee_angle
+    gap = estimate(gapped(walk, "shank_right", 100)).stddev.right.knee_angle
     assert gap[BEGIN + 50] > 1.2 * gap[BEGIN - 50]
 
 
@@ -86,23 +82,20 @@ def test_time_since_the_last_measured_sample():
 
 
 def test_a_rate_that_is_too_low_is_refused(walk):
-    slow = {p: Imu(*(part[::4] for part in imu)) for p, imu in walk.sensors.items()}
     with pytest.raises(RecordingError, match="needs 40 Hz or more; the recording has 25 Hz"):
-        estimate(walk._replace(sensors=slow, sampling_rate_hz=25.0))
+        estimate(part(walk, slice(None, None, 4))._replace(sampling_rate_hz=25.0))
 
 
 def test_a_clock_a_little_slower_than_the_least_rate_is_taken(walk):
-    sensors = {p: imu._replace(time=np.arange(len(imu.time)) * 0.02505) for p, imu in walk.sensors.items()}
-    assert common_clock(walk._replace(sensors=sensors, sampling_rate_hz=39.92), ("right",))[1].size
+    slow = altered(walk, time=lambda time: np.arange(len(time)) * 0.02505)._replace(sampling_rate_hz=39.92)
+    assert common_clock(slow, ("right",))[1].size
 
 
 def test_half_the_rate_and_single_lost_samples_bend_no_knee(walk, whole):
-    half = {p: Imu(*(part[::2] for part in imu)) for p, imu in walk.sensors.items()}
-    lost = {}
-    for number, (placement, imu) in enumerate(half.items()):
-        mask = np.asarray(imu.mask) & (np.random.default_rng(number).random(imu.time.size) > 0.01)
-        lost[placement] = imu._replace(gyr=np.where(mask[:, None], imu.gyr, 0.0), mask=mask)
+    half = lost = part(walk, slice(None, None, 2))._replace(sampling_rate_hz=50.0)
     knee = np.rad2deg(whole.legs.right.knee_angle)[::2]
-    for sensors, least in ((half, 1.0), (lost, 1.5)):
-        slow = estimate(walk._replace(sensors=sensors, sampling_rate_hz=50.0))
+    for number, placement in enumerate(walk.sensors):
+        lost = hidden(lost, np.random.default_rng(number).random(knee.size) <= 0.01, placement)
+    for recording, least in ((half, 1.0), (lost, 1.5)):
+        slow = estimate(recording)
         assert np.sqrt(np.mean((np.rad2deg(slow.legs.right.knee_angle) - knee) ** 2)) < least

@@ -1,19 +1,17 @@
 """The model's equations, and what is decided before it runs: readings, turns, contacts, bad input."""
 
-import importlib
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from made.footsteps import STRIDE, drifting, footsteps
-from made.notes import note, texts
+from made.notes import texts
 
 from jgait.estimators import stride_width_ekf as sw
 from jgait.estimators.stride_width_ekf import model
 from jgait.estimators.stride_width_ekf.estimator import model_params
 from jgait.estimators.stride_width_ekf.model import PathControl, WidthControl, WidthState
-from jgait.types import Estimate, Feet, Imu, Legs, RangeReadings, Recording, RecordingError
+from jgait.types import Feet, RangeReadings, RecordingError
 
 STATE = WidthState(1.0, 2.0, 0.3, 0.8, 2.4, -0.4, 0.1, 0.2, 0.3, 0.4)
 CONTROL = WidthControl(PathControl(0.5, 0.1, 0.2, 0.6, 1.0), PathControl(0.4, -0.2, -0.3, 0.5, 0.0))
@@ -217,19 +215,3 @@ def test_a_foot_that_shifts_on_the_spot_keeps_its_heading():
     assert float(estimate.strides.length[own[0]]) < 0.15
     assert np.isnan(float(estimate.strides.width[own[0]]))
     assert float(estimate.strides.length[own[1]]) == pytest.approx(STRIDE, abs=0.05)
-
-
-def test_the_record_of_functions_makes_its_trajectories_while_preparing(walk, monkeypatch):
-    told = {"notes": (note("of the feet"),), "standing": None}
-    own = Estimate(walk.time, Legs(None, None), None, None, np.ones(walk.time.size, bool), told, feet=walk.feet)
-    module = importlib.import_module("jgait.estimators.stride_width_ekf.estimator")
-    monkeypatch.setattr(module, "feet_of", lambda recording, p, options: (own, walk.mids))
-    made = sw.estimator(sw.PAPER)
-    blank = np.zeros((walk.time.size, 3))
-    foot = Imu(walk.time, blank, blank, np.ones(walk.time.size, bool))
-    prepared = made.prepare(Recording({"foot_right": foot, "foot_left": foot}, 128.0, feet_range=walk.read))
-    assert str(prepared.notes[0]) == "of the feet"
-    assert made.name == "stride_width_ekf" and prepared.options == sw.PAPER
-    padded = made.pad(prepared.inputs, prepared.inputs.time.size + 3)
-    estimate = jax.eval_shape(lambda p, inputs: made.run(p, inputs, prepared.options), made.params, padded)
-    assert estimate.strides.width.shape == (prepared.inputs.time.size + 3,)

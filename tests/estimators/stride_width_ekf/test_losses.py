@@ -20,7 +20,12 @@ def walked():
 @pytest.mark.parametrize(("begin", "seconds"), [(6.0, 0.5), (5.0, 3.0)])
 def test_widths_after_a_loss_are_right_or_said_to_be_unsure(walked, lost, begin, seconds):
     recording, true, p = walked
-    found = sw.estimate(p, without(recording, begin, seconds, [f"foot_{side}" for side in lost]))
+    record = sw.estimator(sw.DEFAULT)
+    made = record.prepare(without(recording, begin, seconds, *(f"foot_{side}" for side in lost)))
+    assert made.options == sw.DEFAULT
+    codes = [note.code for note in made.notes]  # those of the feet come first
+    assert not any(code.startswith("range") for code in codes[: codes.index("samples_lost")])
+    found = record.solve(p, made)
     strides, trusted = found.strides, np.asarray(found.diagnostics["width_valid"], bool)
     errors, stated = [], []
     for row in np.flatnonzero(np.asarray(strides.valid) & trusted):
