@@ -81,16 +81,11 @@ def find_standing(sensors: Mapping[str, Imu], used: Mapping[str, Masks], time: n
     try:
         strict = standing_of_legs([instead(name, np.full(time.size, MOVES)) for name in sensors], accs, rate_hz, NAME)
     except RecordingError as error:
-        whole = all(m.usable.all() for m in used.values())
-        more = "" if whole else f"; its gyroscopes are on together for {_together(used, time):.1f} s"
-        raise RecordingError(f"{error}{more}") from error
+        together = np.all([m.usable for m in used.values()], axis=0)
+        more = f"; its gyroscopes are on together for {together.sum() / rate_hz:.1f} s"
+        raise RecordingError(f"{error}{'' if together.all() else more}") from error
     loose = standing_of_legs([instead(name, np.where(some, 0.0, MOVES)) for name in sensors], accs, rate_hz, NAME)
     return strict._replace(still=strict.still | loose.still, upright=strict.upright | loose.upright)
-
-
-def _together(used: Mapping[str, Masks], time: np.ndarray) -> float:
-    """Total time for which all gyroscopes were on [s]."""
-    return float(np.all([m.usable for m in used.values()], axis=0).sum() * np.median(np.diff(time)))
 
 
 def worn_leg(

@@ -34,8 +34,9 @@ Parameters without a gradient: `sway`, `gyr_bias` and `gyr_bias_tilt` enter only
 of stances, footholds and contacts has no gradient.
 """
 
-from jgait.estimators.foot_ins.estimator import estimate, estimator, prepared, run
+from jgait.estimators.foot_ins.estimator import estimate, estimator, run
 from jgait.estimators.foot_ins.params import DEFAULT, TEXTBOOK, FootOptions, FootParams, with_body
+from jgait.estimators.foot_ins.prepare import prepare as prepared
 
 __all__ = [
     "DEFAULT",

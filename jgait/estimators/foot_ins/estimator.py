@@ -1,6 +1,6 @@
 """Foot trajectories and strides from prepared inputs."""
 
-from functools import reduce
+from functools import partial, reduce
 from operator import or_
 from typing import Any, NamedTuple
 
@@ -178,22 +178,12 @@ def estimator(options: FootOptions = DEFAULT) -> Estimator[FootParams, FootInput
     """This estimator as a record of functions. Raises ValueError for an unknown level or noise model."""
     if options.level not in (True, False, "auto"):
         raise ValueError(f"level must be True, False or 'auto'; got {options.level!r}")
-
-    def ready(recording: Recording) -> Prepared[FootInputs]:
-        # the detector is used only in `prepare`, so all detectors share one compiled program
-        return prepare(recording, options.detector)._replace(options=options._replace(detector=DEFAULT.detector))
-
     start = FootParams(noise=noise.model_of(options.noise))
     used = {"height_noise": options.level is True, "softness": options.soft, "threshold_factor": options.soft}
     return Estimator(
-        "foot_ins", start, ready, run, with_body, ABOUT, PER_STRIDE, _finished, _in_windows,
+        "foot_ins", start, partial(prepare, options=options), run, with_body, ABOUT, PER_STRIDE, _finished, _in_windows,
         unused=tuple(name for name, of_use in used.items() if not of_use),
     )  # fmt: skip
-
-
-def prepared(recording: Recording, options: FootOptions = DEFAULT) -> Prepared[FootInputs]:
-    """The inputs of `run` for a recording; raises `RecordingError` as `prepare`."""
-    return estimator(options).prepare(recording)
 
 
 def estimate(p: FootParams, recording: Recording, options: FootOptions = DEFAULT) -> Estimate:

@@ -11,6 +11,7 @@ import numpy as np
 from jgait.estimators.checks import common_time, sensors_of
 from jgait.estimators.foot_ins.closure import OFF_FROM, gyroscope_scale
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals, capacity
+from jgait.estimators.foot_ins.params import DEFAULT, FootOptions
 from jgait.estimators.interface import Prepared
 from jgait.estimators.losses import bridged, longest_loss, lost_between, not_bridged
 from jgait.estimators.noise import features
@@ -81,8 +82,8 @@ def worn_sides(recording: Recording) -> tuple[str, ...]:
     return sides
 
 
-def prepare(recording: Recording, detector: str = "adaptive") -> Prepared[FootInputs]:
-    """The inputs of `foot_ins.run` for a recording of one or both feet on one clock; `detector` as in `FootOptions`.
+def prepare(recording: Recording, options: FootOptions = DEFAULT) -> Prepared[FootInputs]:
+    """The inputs of `foot_ins.run` for a recording of one or both feet on one clock.
 
     Raises:
         RecordingError: no foot sensor, clocks that differ, no accelerometer, NaN, sampling rate too low, wrong unit,
@@ -94,10 +95,12 @@ def prepare(recording: Recording, detector: str = "adaptive") -> Prepared[FootIn
     notes: list[Note] = []
     standing = None
     for side in sides:
-        feet[side], foot_notes, rests = _foot(recording.sensors[f"foot_{side}"], time, f"foot_{side}", detector)
+        feet[side], foot_notes, rests = _foot(recording.sensors[f"foot_{side}"], time, f"foot_{side}", options.detector)
         notes += foot_notes
         standing = rests if standing is None else standing
-    return Prepared(FootInputs(time, feet["right"], feet["left"]), None, tuple(notes), standing)
+    # the detector is used only here, so all detectors share one compiled program
+    options = options._replace(detector=DEFAULT.detector)
+    return Prepared(FootInputs(time, feet["right"], feet["left"]), options, tuple(notes), standing)
 
 
 def checked_clock(recording: Recording, sides: tuple[str, ...]) -> np.ndarray:

@@ -70,7 +70,8 @@ def path_of(p: FootParams, foot: FootSignals, time: Values, inferred: Inferred, 
     length = root(way.x * way.x + way.y * way.y)
     valid = real & (length > SHORTEST) & foot.whole[:-1]
     forward = _forward(state.attitude, way, length, here, valid)
-    heading = jnp.arctan2(_first(way.y, valid), _first(way.x, valid))
+    first = jnp.argmax(valid)  # the first row if none is valid
+    heading = jnp.arctan2(way.y[first], way.x[first])
     nis = nis_between(inferred.filtered.nis, inferred.filtered.count, here, there)
     strides, deviations = _strides(p, foot, time, state, cov, forward, way, length, valid, nis)
     tilted = rotated(state.attitude, _spread(forward, state.attitude.w))
@@ -260,8 +261,3 @@ def _at(values: PyTree, index: PyTree) -> PyTree:
 
 def _spread(v: Vector, like: Values) -> Vector:
     return Vector(*(jnp.broadcast_to(part, like.shape) for part in v))
-
-
-def _first(values: Values, valid: Flags) -> Values:
-    """The value of the first valid row; of the first row if there is none."""
-    return values[jnp.argmax(valid)]

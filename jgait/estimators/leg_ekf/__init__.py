@@ -31,7 +31,7 @@ Deviations from the paper:
        the movement of the hip over the stance leg 6 %, the default, the strapdown at the shanks, 2 % (whole walk).
 """
 
-from jgait.estimators.leg_ekf.estimator import estimate, estimator, prepared, run
+from jgait.estimators.leg_ekf.estimator import estimate, estimator, run
 from jgait.estimators.leg_ekf.params import (
     DEFAULT,
     PAPER,
@@ -41,6 +41,7 @@ from jgait.estimators.leg_ekf.params import (
     one_side,
     with_body,
 )
+from jgait.estimators.leg_ekf.prepare import prepare as prepared
 
 __all__ = [
     "DEFAULT",

@@ -1,6 +1,6 @@
 """Joint angles, foot positions and distance from prepared inputs."""
 
-from functools import reduce
+from functools import partial, reduce
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ from jgait.estimators.leg_ekf import inclination
 from jgait.estimators.leg_ekf import model as leg_model
 from jgait.estimators.leg_ekf import readout as leg_distance
 from jgait.estimators.leg_ekf.about import ABOUT
-from jgait.estimators.leg_ekf.inputs import SHORT_GAP, LegInputs, LegSignals, Segment, has_gravity
+from jgait.estimators.leg_ekf.inputs import SHORT_GAP, LegInputs, LegSignals, Segment
 from jgait.estimators.leg_ekf.model import STANDING, LegControl, LegModelParams, LegObservation, LegState
 from jgait.estimators.leg_ekf.notes import SHANKS_APART
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_side, with_body
@@ -267,21 +267,8 @@ def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:
 
 def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:
     """This estimator as a record of functions; without accelerometers it does not use gravity."""
-
-    def ready(recording: Recording) -> Prepared[LegInputs]:
-        prepared = prepare(
-            recording, rate_hz=options.rate_hz, median=options.median, perpendicular=options.perpendicular_axis,
-            strapdown=options.distance == "strapdown", smooth=options.smooth,
-        )  # fmt: skip
-        gravity = options.gravity and has_gravity(prepared.inputs)
-        return prepared._replace(options=options._replace(gravity=gravity))
-
+    ready = partial(prepare, options=options)
     return Estimator("leg_ekf", LegParams(), ready, run, with_body, ABOUT, finish=_finished)
-
-
-def prepared(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[LegInputs]:
-    """The inputs of `run` for a recording; raises `RecordingError` as `prepare`."""
-    return estimator(options).prepare(recording)
 
 
 def estimate(p: LegParams, recording: Recording, options: LegOptions = DEFAULT) -> Estimate:

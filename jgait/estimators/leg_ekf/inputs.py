@@ -43,9 +43,3 @@ class LegInputs(NamedTuple):
     start_variance: np.ndarray
     #: inputs of the strapdown of the shanks' sensors; None without their accelerometers.
     shanks: AnkleInputs | None = None
-
-
-def has_gravity(inputs: LegInputs) -> bool:
-    """Whether every worn sensor has an accelerometer."""
-    legs = [leg for leg in (inputs.right, inputs.left) if leg is not None]
-    return all(bool(np.any(np.asarray(segment.acc))) for leg in legs for segment in leg)

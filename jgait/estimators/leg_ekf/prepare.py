@@ -24,6 +24,7 @@ from jgait.estimators.leg_ekf.notes import (
     STANDS_OTHERWISE,
     THIGH_UNSURE,
 )
+from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions
 from jgait.estimators.notes import ACCELEROMETER_OFF, CLIPPED, NO_ACCELEROMETER, NO_FIRST_STANDING
 from jgait.events.rest import LEGS_SHORTEST_S, LegRest, standing_of_legs
 from jgait.geometry.vectors import GRAVITY
@@ -73,17 +74,17 @@ def common_clock(recording: Recording, sides: tuple[str, ...]) -> tuple[dict[str
 
 
 def standing_legs(
-    recording: Recording, rate_hz: float | None = None, median: int = 1
+    recording: Recording, options: LegOptions
 ) -> tuple[tuple[str, ...], dict[str, Imu], np.ndarray, LegRest]:
-    """The measured sides, their sensors and common time, resampled and filtered as in `prepare`, with rates of 0 where
+    """The measured sides, their sensors and common time, resampled and filtered, with rates of 0 where
     samples are lost; and standing.
     """
     sides = worn_sides(recording)
     sensors, time = common_clock(recording, sides)
     sensors = {k: i._replace(gyr=np.where(np.asarray(i.mask)[:, None], i.gyr, 0.0)) for k, i in sensors.items()}
-    time, sensors = resampled(time, sensors, rate_hz)
-    if median > 1:
-        sensors = {k: i._replace(gyr=_median(i.gyr, median)) for k, i in sensors.items()}
+    time, sensors = resampled(time, sensors, options.rate_hz)
+    if options.median > 1:
+        sensors = {k: i._replace(gyr=_median(i.gyr, options.median)) for k, i in sensors.items()}
     gyrs, accs, masks = zip(*((imu.gyr, imu.acc, imu.mask) for imu in sensors.values()), strict=True)
     rate = 1.0 / float(np.median(np.diff(time)))
     return sides, sensors, time, standing_of_legs(gyrs, accs, rate, "leg_ekf", masks)
@@ -245,35 +246,26 @@ def shanks_of(recording: Recording, sides: tuple[str, ...]) -> tuple[AnkleInputs
     ]
 
 
-def prepare(
-    recording: Recording,
-    *,
-    rate_hz: float | None = None,
-    median: int = 1,
-    perpendicular: bool = True,
-    strapdown: bool = False,
-    smooth: bool = False,
-) -> Prepared[LegInputs]:
+def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[LegInputs]:
     """Check a recording with at least one leg, which stands still at some time; turn it into the inputs of
     `leg_ekf.run`.
 
-    The gyroscopes are resampled to `rate_hz` [Hz] and filtered by a median over `median` samples; `perpendicular` makes
-    the sagittal axis perpendicular to gravity. With `smooth` the rates are interpolated over short losses.
-    `standing` is the calibrating stance. With `strapdown` the inputs have `shanks`, unless the recording is resampled.
+    `standing` is the calibrating stance. Without accelerometers the options have no `gravity`. By "strapdown" the
+    inputs have `shanks`, unless the recording is resampled; with `smooth` rates are interpolated over short losses.
 
     Raises:
         RecordingError: missing placement, clocks that differ, no standing, no walking.
     """
-    sides, sensors, time, (still, upright, standing, notes) = standing_legs(recording, rate_hz, median)
+    sides, sensors, time, (still, upright, standing, notes) = standing_legs(recording, options)
     rate = 1.0 / float(np.median(np.diff(time)))
     legs = {}
     for side in sides:
-        worn, more = mounted(sensors, side, slice(*standing), still, rate, perpendicular=perpendicular)
+        worn, more = mounted(sensors, side, slice(*standing), still, rate, perpendicular=options.perpendicular_axis)
         segments = [in_segment(sensors[one.placement], one) for one in worn.values()]
-        legs[side] = LegSignals(*(rates_between(one, time) if smooth else one for one in segments))
+        legs[side] = LegSignals(*(rates_between(one, time) if options.smooth else one for one in segments))
         notes += more
     notes += _otherwise(sensors, upright, slice(*standing), time)
-    if any(sensors[k].acc is None for k in sensors):
+    if bare := any(imu.acc is None for imu in sensors.values()):
         notes.append(NO_ACCELEROMETER())
     if not still[0]:
         notes.append(NO_FIRST_STANDING())
@@ -282,7 +274,8 @@ def prepare(
         for side in SIDES for segment, other in (("thigh", "shank"), ("shank", "thigh"))
         if side not in sides and f"{segment}_{side}" in recording.sensors
     ]  # fmt: skip
-    shanks, more = shanks_of(recording, sides) if strapdown and rate_hz is None else (None, [])
+    strapdown = options.distance == "strapdown" and options.rate_hz is None
+    shanks, more = shanks_of(recording, sides) if strapdown else (None, [])
     notes += more
     if len(sides) == 1 and shanks is None:
         notes.append(ONE_LEG(side=sides[0]))
@@ -291,4 +284,5 @@ def prepare(
     variance = np.asarray(1e-4 if upright[0] else SEATED if still[0] else 0.1)
     inputs = LegInputs(legs.get("right"), legs.get("left"), time, dt, still, heard, variance, shanks)
     notes += more
-    return Prepared(inputs, None, tuple(notes), standing)
+    gravity = options.gravity and not bare
+    return Prepared(inputs, options._replace(gravity=gravity), tuple(notes), standing)

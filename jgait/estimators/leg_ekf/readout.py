@@ -16,19 +16,15 @@ MOVES_M, LEAST_SHARE = 1e-3, 0.2
 foot moves backward."""
 
 
-def _interval(values: Values) -> Values:
-    return jnp.diff(values, prepend=values[:1])
-
-
 def accumulated(leg: LegTrajectory, *, vertical: bool = True) -> Values:
     """The paper's read-out (T,) [m]: D = Σ max(Δx, 0) + Σ |Δy|, forward displacement and vertical path of the foot.
 
     Of the possible vertical displacements, Σ |Δy| gives results closest to the paper's figures (deviation 6). The
     distance has a systematic error: it omits the movement of the hip during the swing of the foot.
     """
-    forward = jnp.maximum(_interval(leg.x), 0.0)
-    way = forward + jnp.abs(_interval(leg.y)) if vertical else forward
-    return jnp.cumsum(way)
+    x, y = (jnp.diff(values, prepend=values[:1]) for values in (leg.x, leg.y))
+    forward = jnp.maximum(x, 0.0)
+    return jnp.cumsum(forward + jnp.abs(y) if vertical else forward)
 
 
 def backward(leg: LegTrajectory, before: LegTrajectory, rollover_radius: Values) -> Values:

@@ -70,7 +70,7 @@ def device(p: LegParams, recording: Recording) -> tuple[Device, tuple[Note, ...]
     Raises:
         RecordingError: as `leg_ekf.prepare.prepare`.
     """
-    sides, sensors, time, (still, _, standing, notes) = standing_legs(recording)
+    sides, sensors, time, (still, _, standing, notes) = standing_legs(recording, KINEMATICS)
     rate = 1.0 / float(np.median(np.diff(time)))
     mountings: list[SegmentMounting] = []
     for side in sides:

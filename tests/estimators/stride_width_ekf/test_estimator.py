@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made.footsteps import OFFSET, WIDTH, distances, drifting, footsteps, widths
+from made.footsteps import OFFSET, WIDTH, Footsteps, distances, drifting, footsteps, widths
 from made.notes import texts
 
 from jgait import filtering, params
@@ -234,8 +234,6 @@ def test_a_simulated_person_with_a_real_range_sensor():
     width = np.asarray(estimate.strides.width)
     there = np.isfinite(width) & np.asarray(estimate.diagnostics["width_valid"])
     assert np.sum(there) > 15
-    from made.footsteps import Footsteps
-
     truth = Footsteps(time, tuple(ankles), tuple(mids), walked.extra["range"])
     gap = (width - widths(truth, estimate.strides)[0])[there]
     assert abs(np.mean(gap)) < 0.01 and np.std(gap) < 0.012
