@@ -17,7 +17,7 @@ from jgait.types import RecordingError
 def test_a_preset_is_listed_with_its_error_and_brings_its_parameters(tmp_path, monkeypatch):
     held = {"error": "3-D error", "unit": "m", "n": 28, "before": 0.21, "after": 0.12}
     made = {"loss": "position=1", "cohort": "mine", "held_out": held, "options": {"noise": "log_linear"}}
-    start = FootParams(noise=noise.model_of("log_linear").start, rate_noise=0.07)
+    start = FootParams(noise=noise.model_of("log_linear"), rate_noise=0.07)
     io.write_params(tmp_path / "mine.json", start, estimator="foot_ins", made=made)
     code, said = run("presets")
     assert code == 0 and "none come with this version" in said
@@ -29,7 +29,7 @@ def test_a_preset_is_listed_with_its_error_and_brings_its_parameters(tmp_path, m
 
 
 def written(folder, model, **made):
-    estimator = FootParams(noise=noise.model_of(model).start)
+    estimator = FootParams(noise=noise.model_of(model))
     p = estimator._replace(softness=0.3, noise=estimator.noise._replace(last=np.arange(8.0)))
     return p, io.write_params(folder / "p.json", p, estimator="foot_ins", made=made)
 

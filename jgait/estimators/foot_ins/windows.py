@@ -126,51 +126,33 @@ def joined(
     return _together(results, parts)
 
 
-class _Pose(NamedTuple):
-    """Position and attitude of the foot at a join, and standard deviation of its heading [rad]."""
-
-    position: np.ndarray
-    orientation: np.ndarray
-    unsure: float
-
-
 def _together(results: list[PyTree], parts: list[Window]) -> tuple[Path, float, np.ndarray]:
-    pieces: list[list[np.ndarray]] = []
-    tables, spreads, pitches, flags, doubts = [], [], [], [], []
-    join: _Pose | None = None
+    pieces: list[tuple[Path, np.ndarray]] = []
+    # position and attitude at the last join, and deviation of the heading there [rad]
+    join: tuple[np.ndarray, np.ndarray, float] | None = None
     for number, ((path, _, valid), window) in enumerate(zip(results, parts, strict=True)):
         position, velocity, orientation = path.trajectory
         of_heading = path.stddev.orientation[:, 2] ** 2
         here, end = window.first - window.start, window.last - window.start
         turn, shift, known, unsure = 0.0, np.zeros(3), 0.0, 0.0
         if join is not None:
-            turn = _turn_between(join.orientation, orientation[here])
-            shift = join.position - turned(position[here], turn)
-            known, unsure = of_heading[here], join.unsure
-        rows = slice(here, end)
-        spread = np.array(path.stddev.orientation[rows])
-        spread[:, 2] = np.sqrt(np.maximum(of_heading[rows] - known, 0.0) + unsure**2)
-        pieces.append([
-            turned(position[rows], turn) + shift, turned(velocity[rows], turn), yawed(orientation[rows], turn),
-            path.stddev.position[rows], path.stddev.velocity[rows], spread,
-        ])  # fmt: skip
+            place, attitude, unsure = join
+            turn = _turn_between(attitude, orientation[here])
+            shift, known = place - turned(position[here], turn), of_heading[here]
+        way, facing = turned(position, turn) + shift, yawed(orientation, turn)
+        moved = FootTrajectory(way, turned(velocity, turn), facing)
+        heading = np.sqrt(np.maximum(of_heading - known, 0.0) + unsure**2)
+        spread = path.stddev._replace(orientation=np.column_stack([path.stddev.orientation[:, :2], heading]))
         last = min(end, len(position) - 1)
-        angle = float(np.sqrt(max(of_heading[last] - known, 0.0) + unsure**2))
-        join = _Pose(turned(position[last], turn) + shift, yawed(orientation[last], turn), angle)
+        join = (way[last], facing[last], float(heading[last]))
         low = window.join - window.holds[0]
         high = len(window.holds) - 1 if number + 1 == len(parts) else parts[number + 1].join - window.holds[0]
-        tables.append(jax.tree.map(lambda v, a=low, b=high: v[a:b], path.strides))
-        spreads.append(jax.tree.map(lambda v, a=low, b=high: v[a:b], path.strides_stddev))
-        pitches.append(path.pitch[rows])
-        doubts.append(path.nis[low:high])
-        flags.append(valid[rows])
-    whole = [np.concatenate(columns) for columns in zip(*pieces, strict=True)]
-    strides, deviations = (jax.tree.map(lambda *v: np.concatenate(v), *many) for many in (tables, spreads))
-    path = Path(
-        FootTrajectory(*whole[:3]), FootTrajectory(*whole[3:]), strides, deviations, np.concatenate(pitches),
-        np.concatenate(doubts),
-    )  # fmt: skip
-    return path, float(np.mean([nis for _, nis, _ in results])), np.concatenate(flags)
+        by_sample, by_stride = (moved, spread, path.pitch, valid), (path.strides, path.strides_stddev, path.nis)
+        moved, spread, pitch, valid = jax.tree.map(lambda v, at=slice(here, end): v[at], by_sample)
+        strides, deviations, nis = jax.tree.map(lambda v, at=slice(low, high): v[at], by_stride)
+        pieces.append((Path(moved, spread, strides, deviations, pitch, nis), valid))
+    path, valid = jax.tree.map(lambda *v: np.concatenate(v), *pieces)
+    return path, float(np.mean([nis for _, nis, _ in results])), valid
 
 
 def _turn_between(wanted: np.ndarray, q: np.ndarray) -> float:
