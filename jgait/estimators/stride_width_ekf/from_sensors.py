@@ -51,7 +51,7 @@ def merged(alone: Estimate, stances: tuple[np.ndarray, np.ndarray], together: Es
     """
     feet = Feet(*(_placed(alone, side, mids, together) for side, mids in zip(SIDES, stances, strict=True)))
     strides, spread, matches = _strides(alone, together)
-    trusted = (matches >= 0) & np.asarray(together.diagnostics["width_valid"])[matches]
+    trusted = np.append(np.asarray(together.diagnostics["width_valid"], bool), False)[matches]
     diagnostics = {
         **alone.diagnostics, **together.diagnostics, "moment_time": np.asarray(together.time), "width_valid": trusted,
     }  # fmt: skip
@@ -96,8 +96,8 @@ def _strides(alone: Estimate, together: Estimate) -> tuple[Strides, Strides, np.
         matches[rows] = np.where(inside, index[place], -1)
 
     def with_widths(own: Strides, other: Strides) -> Strides:
-        found = (as_float(column)[matches] for column in (other.width, other.step_length))
-        width, step = (np.where(matches >= 0, column, np.nan) for column in found)
+        # a stride without a row of the filter takes what is behind the last one
+        width, step = (np.append(as_float(column), np.nan)[matches] for column in (other.width, other.step_length))
         return own._replace(width=width, step_length=step)
 
     return with_widths(ours, theirs), with_widths(alone.strides_stddev, together.strides_stddev), matches

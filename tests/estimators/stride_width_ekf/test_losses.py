@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 import pytest
-from made.estimators import without
+from made.estimators import part, without
 
 from jgait.estimators import stride_width_ekf as sw
 from jgait.simulate import protocols
@@ -35,3 +35,12 @@ def test_widths_after_a_loss_are_right_or_said_to_be_unsure(walked, lost, begin,
             errors.append(float(strides.width[row] - true.width[near]))
             stated.append(float(found.strides_stddev.width[row]))
     assert len(errors) > 10 and np.all(np.abs(errors) < 3.0 * np.array(stated)) and np.max(np.abs(errors)) < 0.1
+
+
+def test_a_foot_that_takes_one_stride_has_its_length_and_no_width(walked):
+    recording, true, p = walked
+    second = np.sort(np.asarray(true.end)[np.asarray(true.valid)])[1]
+    found = sw.estimate(p, part(recording, slice(int((second + 0.3) * recording.sampling_rate_hz))))
+    assert 0 < len(found.strides.length) < 4 and np.all(found.strides.length > 0.3)
+    assert np.isnan(found.strides.width).all() and not found.diagnostics["width_valid"].any()
+    assert "few_strides" in [note.code for note in found.diagnostics["notes"]]
