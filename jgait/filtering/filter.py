@@ -16,12 +16,11 @@ from jaxtyping import Array, Bool, Float, PyTree, PyTreeDef
 
 from jgait.filtering import checks
 from jgait.filtering.compile import compiled
-from jgait.filtering.component_model import ComponentModel
 from jgait.filtering.covariance import Covariance
 from jgait.filtering.execution import Execution, chosen, filtered
 from jgait.filtering.fast import with_gradient_of
 from jgait.filtering.hidden import without_hidden
-from jgait.filtering.inputs import inputs
+from jgait.filtering.inputs import Inputs, inputs
 from jgait.filtering.methods import EKF, Method
 from jgait.filtering.model import Belief, Model
 from jgait.types import Counts, Maybe, Values
@@ -71,7 +70,7 @@ class Posterior(NamedTuple):
         predicted_cov: covariance of `predicted_mean`.
         innovation: measured − predicted, in the observation's type; 0 where masked.
         innovation_stddev: standard deviation of `innovation`, in the observation's type; 1 where masked.
-        log_likelihood: (T,) log-density of each sample given the past [nat].
+        log_likelihood: (T,) log-density of each sample given the past [nat]; NaN if a parameter is NaN.
         nis: (T,) normalised innovation squared.
         count: (T,) number of measured components.
         valid: (T,) False where the numbers were not finite and the prediction was kept.
@@ -142,7 +141,7 @@ def _stepped(
         return jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], tree)
 
     given = inputs(model, params, alone(observation), alone(control), dt, alone(mask), belief)
-    sample = posterior(given.cm, filtered(given, method, FIELDS, "core", segments=False))
+    sample = posterior(given, filtered(given, method, FIELDS, "core", segments=False))
     sample = jax.tree.map(lambda leaf: leaf[0], sample)
     updated = Updated(
         Belief(sample.mean, sample.cov), sample.innovation, sample.innovation_stddev, sample.log_likelihood, sample.nis,
@@ -213,7 +212,7 @@ def _filtered(
         segments: bool, params: PyTree, recording: tuple[PyTree, PyTree, PyTree, PyTree], initial: PyTree
     ) -> Posterior:
         given = inputs(model, params, *recording, initial)
-        return posterior(given.cm, filtered(given, method, keep, execution, segments))
+        return posterior(given, filtered(given, method, keep, execution, segments))
 
     recording = observations, controls, dt, mask
     if chosen(inputs(model, params, *recording, initial), method, execution) == "core":
@@ -224,8 +223,13 @@ def _filtered(
 _filter = compiled(_filtered, static_argnames=("model", "method", "keep", "execution"))
 
 
-def posterior(cm: ComponentModel, kept: dict[str, Any]) -> Posterior:
+def posterior(given: Inputs, kept: dict[str, Any]) -> Posterior:
     """The posterior from the fields that a scan returned."""
+    cm, params = given.cm, [leaf for leaf in jax.tree.leaves(given.params) if jnp.issubdtype(leaf.dtype, jnp.floating)]
+    if "log_likelihood" in kept and params:
+        # No update is valid, and none counts: the sum would be 0.
+        lost = jnp.any(jnp.stack([jnp.any(jnp.isnan(leaf)) for leaf in params]))
+        kept = kept | {"log_likelihood": jnp.where(lost, jnp.nan, kept["log_likelihood"])}
     structures = {
         "mean": cm.state, "predicted_mean": cm.state, "cov": cm.error, "predicted_cov": cm.error,
         "innovation": cm.observed, "innovation_stddev": cm.observed,

@@ -113,7 +113,7 @@ def _smoothed(
     return Inferred(
         named_values(mean, given.cm.state),
         named_covariance(cov, _part(chosen, given.cm.error)) if chosen else None,
-        posterior(given.cm, kept),
+        posterior(given, kept),
     )
 
 

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from jgait.geometry.segments import segment_of
-from jgait.simulate.person import DEGREE, Body, Gait, Person
+from jgait.simulate.person import DEGREE, Body, Gait, Person, evenly
 from jgait.simulate.routes import straight
 from jgait.simulate.sensors import ImuErrors, check_errors
 from jgait.simulate.shapes import STYLES
@@ -35,11 +35,7 @@ _RANGES: dict[str, tuple[float, float]] = {
 @jax.jit
 def _slack(person: Person) -> Slack:
     """Distance of the legs from their limits over four even steps."""
-    gait = person.gait._replace(
-        steps=4.0, length_variability=0.0, time_variability=0.0, width_variability=0.0, pitch_variability=0.0
-    )
-    steady = Person(person.body, gait)
-    return planned(jax.random.key(0), steady, straight(10.0), 4)[1]
+    return planned(jax.random.key(0), evenly(person, 4), straight(10.0), 4)[1]
 
 
 def check_person(person: Person) -> None:

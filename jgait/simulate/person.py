@@ -147,3 +147,9 @@ class Person(NamedTuple):
 
     body: Body = Body()
     gait: Gait = Gait()
+
+
+def evenly(person: Person, steps: int, **others: Values) -> Person:
+    """The person with a number of steps that do not vary; `others`: other fields of the gait."""
+    even = dict.fromkeys((f"{name}_variability" for name in ("length", "time", "width", "pitch")), 0.0)
+    return Person(person.body, person.gait._replace(**(even | {"steps": float(steps)} | others)))

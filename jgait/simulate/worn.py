@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, PRNGKeyArray, Shaped
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from jgait.geometry.segments import Frame, Motion, Segments, in_world, inertial, segment_of
 from jgait.geometry.vectors import Vector, dot, kept, subtract
@@ -104,23 +104,12 @@ def named(read: Imu, time: Float[AnyArray, "time"], placements: Iterable[str]) -
     return {name: Imu(time, *(part[i] for part in read[1:])) for i, name in enumerate(placements)}
 
 
-def _numbered(key: PRNGKeyArray, count: int) -> Shaped[Array, "sensor ..."]:
-    return jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(count))
-
-
-def _readings(
-    keys: Shaped[Array, "sensor ..."],
-    moving: Motion[Frames],
-    time: Float[AnyArray, "time"],
-    errors: ImuErrors,
-    sensors: Sensors,
-) -> Imu:
-    """The readings of all sensors, (S, T, …), from a key and the motion (4, 3, S, T) of the segment of each sensor."""
+def felt(moving: Motion[Frames], sensors: Sensors) -> tuple[Values, Values]:
+    """Angular rates and specific forces (S, T, 3) at sensors, from the motion (4, 3, 13, T) of all segments."""
+    worn = (framed(part[:, :, sensors.segment]) for part in moving)
     points = Vector(*(sensors.point[:, i, None] for i in range(3)))
-    read = inertial(Motion(*map(framed, moving)), points)
-    gyr, acc = (jnp.stack(vector, axis=-1) for vector in read)
-    reads = jax.vmap(lambda key, gyr, acc: measure(key, time, gyr, acc, errors)[1:])
-    return Imu(time, *reads(keys, gyr, acc))
+    gyr, acc = (jnp.stack(vector, axis=-1) for vector in inertial(Motion(*worn), points))
+    return gyr, acc
 
 
 def walk(
@@ -155,9 +144,9 @@ def walked(
     """The readings of a planned walk (S, T, …), its motion (see `moved`), and its reference."""
     entry, r = ticks(laid, time)
     moving = kept(moved(person, laid, entry, r))
-    worn_on = Motion(*(part[:, :, sensors.segment] for part in moving))  # (4, 3, S, T), of the segments (4, 3, 13, T)
-    read = _readings(_numbered(key, sensors.point.shape[0]), worn_on, time, errors, sensors)
-    return read, moving, _known(person, laid, moving.pose, time, entry, r.pose)
+    keys = jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(sensors.point.shape[0]))
+    reads = jax.vmap(lambda key, gyr, acc: measure(key, time, gyr, acc, errors)[1:])(keys, *felt(moving, sensors))
+    return Imu(time, *reads), moving, _known(person, laid, moving.pose, time, entry, r.pose)
 
 
 def truth(laid: Plan, moving: Motion[Frames], known: Estimate) -> Truth:

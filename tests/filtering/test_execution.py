@@ -190,6 +190,18 @@ def test_a_bare_array_is_refused_with_what_is_expected():
         filtered(c._replace(observations=c.observations.near, mask=None))
 
 
+@pytest.mark.parametrize("execution", ["core", "fast"])
+def test_a_parameter_that_is_nan_has_no_likelihood(execution):
+    c = case("bent")
+    lost = smoothed(c._replace(params=c.params.at[1].set(jnp.nan)), execution, covariance=False)
+    assert np.all(np.isnan(lost.filtered.log_likelihood)) and np.isnan(lost.log_likelihood)
+    here = jax.tree.map(lambda leaf: leaf[0], c[2:])
+    told = filtering.step(
+        c.model, c.params * np.nan, c.model.initial(c.params), here[0], control=here[1], dt=here[2], mask=here[3]
+    )
+    assert np.isnan(told.updated.log_likelihood)
+
+
 @pytest.mark.parametrize(
     ("more", "message"),
     [

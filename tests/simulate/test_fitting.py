@@ -48,6 +48,7 @@ def test_a_walker_is_recovered_from_sensors_on_the_legs(someone):
     assert fit.person.body[:2] == pytest.approx(who.body[:2])
     assert found.stride_time == pytest.approx(own.stride_time, rel=0.02)
     assert found.stride_length == pytest.approx(own.stride_length, rel=0.03)
+    assert found.steps == pytest.approx(own.steps, abs=2.0)
     assert found.toe_up == pytest.approx(own.toe_up, rel=0.15)
     assert found.heel_up == pytest.approx(own.heel_up, rel=0.08)
     styles = [[getattr(gait, f"style_{i}") for i in range(1, 5)] for gait in (own, found)]
