@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jgait.geometry.rotation import rotation
+from jgait.geometry.segments import in_world
 from jgait.geometry.vectors import GRAVITY
 
 _SUM = (11.0 / 1440.0, -93.0 / 1440.0, 802.0 / 1440.0)
@@ -104,3 +105,15 @@ def integrate(gyr: Any, acc: Any, dt: Any, axes: Any, position: Any = None, velo
     way = _integral(speed, dt)
     way = way if position is None else way + position[None, :]
     return Path(way, speed, turned)
+
+
+def stacked(vector: Any) -> np.ndarray:
+    """A `Vector` of arrays (T,) as one array (T, 3)."""
+    return np.stack([np.asarray(part) for part in vector], axis=1)
+
+
+def followed(imu: Any, frame: Any, point: Any, rate: float) -> tuple[Path, np.ndarray, np.ndarray]:
+    """The path of a sensor from its readings; the true places (T, 3) and axes (T, 3, 3) of a point on a segment."""
+    place, axes = stacked(in_world(frame, point)), np.stack([stacked(axis) for axis in frame[1:]], axis=2)
+    start = jnp.asarray(axes[0]), jnp.asarray(place[0])
+    return integrate(jnp.asarray(imu.gyr), jnp.asarray(imu.acc), 1.0 / rate, *start), place, axes

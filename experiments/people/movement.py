@@ -23,11 +23,10 @@ from jgait import datasets, simulate
 from jgait.geometry.segments import Motion, Segments
 from jgait.simulate import RECORDED, Body, Gait, Person, shapes
 from jgait.simulate.population import manner
-from jgait.simulate.sensors import IDEAL
 from jgait.simulate.shapes import Movement
-from jgait.simulate.walker import Frames, planned
-from jgait.simulate.worn import sensors_at, walked
-from jgait.types import SIDES, Imu, Values
+from jgait.simulate.walker import Frames, moved, planned, ticks
+from jgait.simulate.worn import felt, sensors_at
+from jgait.types import SIDES, Values
 
 GAIT = {
     "toe_up": 0.25, "heel_up": 0.2, "foot_flat": 0.25, "heel_off": 0.12, "swing_lift": 0.5, "landing_speed": 0.4,
@@ -191,13 +190,12 @@ def usual(leg: Values, stride_time: Values, stride_length: Values) -> Person:
     return Person(Body(*(length * leg / LEG for length in Body())), gait)
 
 
-def walked_stride(who: Person, shape: Movement) -> tuple[Imu, Motion[Frames]]:
-    """Readings of perfect sensors on shank, thigh and foot, and the motion, in a stride of the right leg."""
+def walked_stride(who: Person, shape: Movement) -> tuple[tuple[Values, Values], Motion[Frames]]:
+    """Rates and forces at shank, thigh and foot, and the motion, in a stride of the right leg."""
     laid, _ = planned(jax.random.key(0), who, simulate.straight(30.0), 8, shape)
     time = laid.contact[4] + who.gait.stride_time * jnp.arange(POINTS) / POINTS
-    places = {name: simulate.mount(who.body, name) for name in ("shank_right", "thigh_right", "foot_right")}
-    read, moving, _ = walked(jax.random.key(0), who, laid, time, IDEAL, sensors_at(places))
-    return read, moving
+    moving = moved(who, laid, *ticks(laid, time))
+    return felt(moving, sensors_at(who.body, ("shank_right", "thigh_right", "foot_right"))), moving
 
 
 def stride(values: Any, base: Base, given: Target) -> tuple[Any, Any]:
@@ -205,12 +203,12 @@ def stride(values: Any, base: Base, given: Target) -> tuple[Any, Any]:
     factors, feet, pelvis, skin = free(values, base)
     body, gait = usual(given.leg, given.stride_time, given.stride_length)
     who = Person(body, gait._replace(**{name: getattr(gait, name) * factor for name, factor in factors.items()}))
-    read, moving = walked_stride(who, Movement(pelvis * shapes.sizes(who), feet, skin))
-    rates = -read.gyr[..., 1]
+    (gyr, acc), moving = walked_stride(who, Movement(pelvis * shapes.sizes(who), feet, skin))
+    rates = -gyr[..., 1]
     thigh, shank = (moving.pose[3, :, Segments._fields.index(name), 0] for name in ("thigh_right", "shank_right"))
     hip, tilt = (jnp.arctan2(-up[0], up[2]) for up in (thigh, shank))
     foot = jnp.arcsin(moving.pose[1, 2, Segments._fields.index("foot_right"), 0])
-    return jnp.concatenate([rates, jnp.sqrt(jnp.sum(read.acc**2, axis=-1))]), jnp.stack([hip - tilt, hip, foot])
+    return jnp.concatenate([rates, jnp.sqrt(jnp.sum(acc**2, axis=-1))]), jnp.stack([hip - tilt, hip, foot])
 
 
 NUMBER = np.arange(HARMONICS + 1)

@@ -92,9 +92,9 @@ def harmonics(series: np.ndarray) -> np.ndarray:
 def _stride(table: Any, who: Person) -> tuple[Any, Any]:
     """(segments, POINTS, 3) rates and specific forces of a simulated stride."""
     shape = shape_of(who)._replace(skin=jnp.tensordot(shapes.weights(who), table, 1))
-    read, _ = movement.walked_stride(who, shape)
+    (gyr, acc), _ = movement.walked_stride(who, shape)
     order = np.array([1, 0, 2])  # from shank, thigh, foot
-    return read.gyr[order], read.acc[order]
+    return gyr[order], acc[order]
 
 
 def made(table: np.ndarray, who: Person) -> np.ndarray:

@@ -17,7 +17,7 @@ from jgait.geometry.segments import in_world
 from jgait.geometry.vectors import GRAVITY, Vector
 from jgait.params import positive
 from jgait.simulate import SEVEN, Body, Gait, Person, Truth
-from jgait.simulate.feet import LINGER, TOES_RISE
+from jgait.simulate.feet import LINGER, Instants
 from jgait.simulate.footsteps import FIRST
 from jgait.simulate.sensors import IDEAL, MPU6000
 from jgait.simulate.walker import ticks
@@ -101,7 +101,7 @@ def stance_motion(truth: Truth, person: Person) -> float:
     phases = (
         Stance((-body.heel_length,), 0.0, flat),
         Stance((-body.heel_length, body.ball_length), flat, off),
-        Stance((body.ball_length,), off, leave - TOES_RISE),
+        Stance((body.ball_length,), off, leave - Instants().toes_rise),
     )
     worst = 0.0
     left_is_new = np.asarray(truth.plan.side)[entry] > 0.0

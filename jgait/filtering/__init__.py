@@ -8,11 +8,10 @@ the linearisation (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`, and for smoothers `
 from jgait.filtering.compile import compiled
 from jgait.filtering.covariance import Covariance, names_of
 from jgait.filtering.filter import FIELDS, KEEP, Posterior, Step, Updated, kalman_filter, step
-from jgait.filtering.infer import SUMMARY, infer
 from jgait.filtering.methods import CKF, EKF, KF, UKF, IteratedEKF, IteratedSmoother, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.sample import draw
-from jgait.filtering.smoother import Inferred, kalman_smoother
+from jgait.filtering.smoother import SUMMARY, Inferred, infer, kalman_smoother
 
 __all__ = [
     "CKF",

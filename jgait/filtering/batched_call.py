@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -23,36 +23,44 @@ from jax.interpreters import partial_eval as pe
 from jaxtyping import PyTree
 
 
-class Batched(Protocol):
+class Batched:
     """A function of arrays (..., B), of which some may be (..., 1): the same for the whole batch; hashable."""
-
-    def value(self, *arguments: Any) -> list[Any]:
-        """The outputs, each (..., B)."""
-
-    def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
-        """The shapes of the outputs without the batch axis, from those of the arguments."""
-
-    @property
-    def whole(self) -> "Batched":
-        """The same function with all outputs that `reverse` needs."""
-
-    def part(self, outputs: list[Any]) -> list[Any]:
-        """The outputs of this function among those of `whole`."""
-
-    def lesser(self, used: Sequence[bool]) -> "tuple[Batched, list[bool]]":
-        """The same function without some of its outputs that are not used, and whether it has each of them still."""
-
-    @property
-    def constant(self) -> "Batched":
-        """The same function with loops of constant length, which JAX can differentiate in reverse mode."""
-
-    @property
-    def reverse(self) -> "Reverse | None":
-        """The function's own rule, or None: derivatives of the computation."""
 
     @property
     def block(self) -> int:
         """The number of recordings that a CPU computes at once [1]; more of them leave its cache."""
+        raise NotImplementedError
+
+    def value(self, *arguments: Any) -> list[Any]:
+        """The outputs, each (..., B)."""
+        raise NotImplementedError
+
+    def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
+        """The shapes of the outputs without the batch axis, from those of the arguments."""
+        raise NotImplementedError
+
+    @property
+    def whole(self) -> "Batched":
+        """The same function with all outputs that `reverse` needs."""
+        return self
+
+    def part(self, outputs: list[Any]) -> list[Any]:
+        """The outputs of this function among those of `whole`."""
+        return outputs
+
+    def lesser(self, used: Sequence[bool]) -> "tuple[Batched, list[bool]]":
+        """The same function without some of its outputs that are not used, and whether it has each of them still."""
+        return self, [True] * len(used)
+
+    @property
+    def constant(self) -> "Batched":
+        """The same function with loops of constant length, which JAX can differentiate in reverse mode."""
+        return self
+
+    @property
+    def reverse(self) -> "Reverse | None":
+        """The function's own rule, or None: derivatives of the computation."""
+        return None
 
 
 Reverse = Callable[[tuple[int, ...], list[Any], list[Any], list[Any | None]], list[Any]]
@@ -141,32 +149,8 @@ def _mapped(
     return outputs, [o.ndim - 1 for o in outputs]
 
 
-class Plain:
-    """The members of a `Batched` function that has no rule `reverse`: all its outputs are always returned."""
-
-    reverse = None
-
-    @property
-    def whole(self) -> Any:
-        """The function itself."""
-        return self
-
-    @property
-    def constant(self) -> Any:
-        """The function itself, if all its loops have a constant length."""
-        return self
-
-    def part(self, outputs: list[Any]) -> list[Any]:
-        """All outputs."""
-        return outputs
-
-    def lesser(self, used: Sequence[bool]) -> tuple[Any, list[bool]]:
-        """The function itself, with all outputs."""
-        return self, [True] * len(used)
-
-
 @dataclass(frozen=True)
-class _Derived(Plain):
+class _Derived(Batched):
     """A function that computes with another one, of `count` arguments of which those in `moving` vary."""
 
     function: Any

@@ -11,7 +11,7 @@ from jax.typing import DTypeLike
 from jaxtyping import PyTree
 
 from jgait.filtering.covariance import Covariance, names_of
-from jgait.filtering.methods import check_method
+from jgait.filtering.methods import Method
 from jgait.filtering.model import Belief, Model
 from jgait.types import Values
 
@@ -52,7 +52,8 @@ def check_arguments(
         hash(model)
     except TypeError as error:
         raise ValueError(f"a model must be hashable, its functions at module level or frozen; {error}") from error
-    check_method(method)
+    if not isinstance(method, Method):
+        raise ValueError(f"method must be KF(), EKF(), IteratedEKF(k), UKF() or CKF(); got {method!r}")
     if execution not in EXECUTIONS:
         raise ValueError(f"execution must be one of {', '.join(EXECUTIONS)}; got {execution!r}")
     if isinstance(keep, str):

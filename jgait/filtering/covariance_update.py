@@ -1,4 +1,4 @@
-r"""The covariance after an update, over components.
+r"""Innovations factored, and the covariance after an update, over components.
 
 The covariance is computed in the coordinates of the measurement. With z = H x, G = H P⁻, E = H P⁻ Hᵀ, S = E + R,
 
@@ -11,6 +11,8 @@ rows are not, Joseph's form is used.
 
 from typing import NamedTuple
 
+import jax.numpy as jnp
+from jax import lax
 from jaxtyping import PyTree
 
 from jgait.filtering.components import (
@@ -26,9 +28,43 @@ from jgait.filtering.components import (
     sound,
     symmetric,
     times,
+    total,
     transposed,
     where,
 )
+from jgait.types import Values
+
+
+def inverse_factor(spread: Matrix, summary: Values) -> tuple[Matrix, Values, Values]:
+    """L⁻¹ for spread = L Lᵀ, the logarithm of its determinant, and a float that is finite if the factor exists.
+
+    If the factor does not exist, L⁻¹ is zero. A pivot that is not positive is replaced before its square root is
+    computed, so that gradients stay finite.
+    """
+    size = len(spread)
+    health = plus(summary, total(spread[j][j] for j in range(size)))
+    lower: Matrix = [[0.0] * size for _ in range(size)]  # L below its diagonal
+    roots: list[Values] = []  # reciprocals of the diagonal
+    pivots: list[Values] = []
+    for j in range(size):
+        pivots.append(minus(spread[j][j], total(times(lower[j][k], lower[j][k]) for k in range(j))))
+        roots.append(lax.rsqrt(jnp.where(pivots[j] > 0.0, pivots[j], 1.0)))
+        for i in range(j + 1, size):
+            below = minus(spread[i][j], total(times(lower[i][k], lower[j][k]) for k in range(j)))
+            lower[i][j] = times(below, roots[j])
+        if j % 2 == 1 and j + 1 < size:
+            lower, roots = barred(lower, roots)
+    for pivot in pivots:
+        health = jnp.where(pivot > 0.0, health, jnp.inf)
+    log_det = -2.0 * total(jnp.log(value) for value in roots)
+    good = sound(health)
+    inverse: Matrix = [[0.0] * size for _ in range(size)]
+    for j in range(size):
+        inverse[j][j] = where(good, roots[j], 0.0)
+        for i in range(j + 1, size):
+            inner = total(times(lower[i][k], inverse[k][j]) for k in range(j, i))
+            inverse[i][j] = times(-roots[i], inner)
+    return inverse, log_det, health
 
 
 class Gains(NamedTuple):

@@ -16,7 +16,7 @@ from jax.custom_derivatives import SymbolicZero
 from jax.typing import DTypeLike
 from jaxtyping import PyTree
 
-from jgait.filtering.components import Matrix, from_upper, known, plus, sound, total, upper
+from jgait.filtering.components import Matrix, added, congruence, from_upper, known, plus, sound, total, upper
 from jgait.filtering.covariance_update import Gains
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.methods import KF, Method, depends_on_place, reached
@@ -29,7 +29,6 @@ from jgait.filtering.structured import (
     Transition,
     affine_transition,
     corrected,
-    predicted,
 )
 
 SEGMENTED_FROM = 256
@@ -54,7 +53,6 @@ class Advanced(NamedTuple):
     gains: Gains
     after: Components
     statistics: Statistics
-    seen: list[PyTree]
 
 
 def check_linear(given: Inputs, method: Method) -> None:
@@ -81,10 +79,10 @@ def check_linear(given: Inputs, method: Method) -> None:
 def advanced(given: Inputs, noises: Noises, before: Components, sample: Sample) -> Advanced:
     """Predict, then update, over components."""
     transition = affine_transition(given.cm, before, sample, noises.transition)
-    prior = predicted(transition, before.cov)
+    prior = Components(transition.mean, added(congruence(transition.matrix, before.cov), transition.noise))
     after, gains, statistics = corrected(given.cm, prior, sample, noises.observation)
     statistics = statistics._replace(health=plus(statistics.health, transition.health))
-    return Advanced(transition, prior, gains, after, statistics, sample.seen)
+    return Advanced(transition, prior, gains, after, statistics)
 
 
 def scanned(given: Inputs, keep: tuple[str, ...], *, segments: bool) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PyTree, PyTreeDef
+from jaxtyping import Array, Bool, Float, PyTree
 
 from jgait.filtering import checks
 from jgait.filtering.compile import compiled
@@ -105,15 +105,8 @@ def step(
 ) -> Step:  # fmt: skip
     """Predict over dt, then update: one sample online, jitted; `kalman_filter` scans the same step.
 
-    Args:
-        model: state-space model; functions at module level, since the model is a static argument of `jax.jit`.
-        params: passed on to the model's functions.
-        belief: belief after the previous sample.
-        observation: observation tuple of scalars; a masked component may be any finite number.
-        control: control tuple of scalars, or None.
-        dt: time since the previous sample [s].
-        mask: observation tuple of bools, one bool, or None; as in `kalman_filter`.
-        method: how to linearise.
+    Arguments as of `kalman_filter`, with scalars for arrays: `belief` is that after the previous sample, `dt` the time
+    since then [s].
 
     Returns:
         Prediction and update; `.belief` is the input of the next step.
@@ -230,20 +223,10 @@ def posterior(given: Inputs, kept: dict[str, Any]) -> Posterior:
         # No update is valid, and none counts: the sum would be 0.
         lost = jnp.any(jnp.stack([jnp.any(jnp.isnan(leaf)) for leaf in params]))
         kept = kept | {"log_likelihood": jnp.where(lost, jnp.nan, kept["log_likelihood"])}
-    structures = {
-        "mean": cm.state, "predicted_mean": cm.state, "cov": cm.error, "predicted_cov": cm.error,
-        "innovation": cm.observed, "innovation_stddev": cm.observed,
-    }  # fmt: skip
-    named = {"cov": named_covariance, "predicted_cov": named_covariance}
-    return Posterior(**{
-        name: named.get(name, named_values)(values, structures[name]) if name in structures else values
-        for name, values in kept.items()
-    })  # fmt: skip
-
-
-def named_values(values: list[PyTree], structure: PyTreeDef) -> PyTree:
-    """A list of components as a named tuple."""
-    return structure.unflatten(values)
+    named = dict.fromkeys(("mean", "predicted_mean"), cm.state.unflatten)
+    named |= dict.fromkeys(("innovation", "innovation_stddev"), cm.observed.unflatten)
+    named |= dict.fromkeys(("cov", "predicted_cov"), partial(named_covariance, structure=cm.error))
+    return Posterior(**{name: named[name](values) if name in named else values for name, values in kept.items()})
 
 
 def named_covariance(values: PyTree, structure: PyTree) -> Covariance:

@@ -14,14 +14,12 @@ Sources: S. Särkkä, "Bayesian Filtering and Smoothing" (2013), chapters 5 and 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax.extend.core import Literal
 from jaxtyping import PyTree
-
-from jgait.filtering.linear_algebra import backward_substitution, product, scaled_cholesky
 
 SIGMA_JITTER = 100.0
 """Least pivot of the correlation matrix from which sigma points are computed [epsilons of the dtype]."""
@@ -41,14 +39,20 @@ class Affine(NamedTuple):
 class KF:
     """Kalman filter: for linear models; raises for a model whose Jacobian depends on the state."""
 
-    @property
-    def iterations(self) -> int:
-        """Updates are not iterated."""
-        return 1
+    iterations: ClassVar[int] = 1
+
+
+class _Iterated:
+    """A method whose updates may be iterated."""
+
+    iterations: int
+
+    def __post_init__(self) -> None:
+        _check_whole("iterations", self.iterations, 1)
 
 
 @dataclass(frozen=True)
-class EKF:
+class EKF(_Iterated):
     """Extended Kalman filter; with more than one iteration the update is linearised again at its result.
 
     Attributes:
@@ -57,12 +61,9 @@ class EKF:
 
     iterations: int = 1
 
-    def __post_init__(self) -> None:
-        _check_iterations(self.iterations)
-
 
 @dataclass(frozen=True)
-class UKF:
+class UKF(_Iterated):
     """Unscented Kalman filter: 2n + 1 sigma points at √(α² (n + κ)) standard deviations.
 
     The defaults have no negative weights and give the exact variance of a quadratic function of one Gaussian variable.
@@ -80,13 +81,13 @@ class UKF:
     iterations: int = 1
 
     def __post_init__(self) -> None:
-        _check_iterations(self.iterations)
+        super().__post_init__()
         if not self.alpha > 0.0 or not math.isfinite(self.alpha):
             raise ValueError(f"UKF needs alpha > 0; got {self.alpha!r}")
 
 
 @dataclass(frozen=True)
-class CKF:
+class CKF(_Iterated):
     """Cubature Kalman filter: 2n equally weighted points at √n standard deviations.
 
     Attributes:
@@ -94,9 +95,6 @@ class CKF:
     """
 
     iterations: int = 1
-
-    def __post_init__(self) -> None:
-        _check_iterations(self.iterations)
 
 
 @dataclass(frozen=True)
@@ -110,8 +108,7 @@ class IteratedSmoother:
     passes: int = 3
 
     def __post_init__(self) -> None:
-        if not isinstance(self.passes, int) or isinstance(self.passes, bool) or self.passes < 2:
-            raise ValueError(f"passes must be a whole number from 2 up; got {self.passes!r}")
+        _check_whole("passes", self.passes, 2)
 
 
 Method = KF | EKF | UKF | CKF
@@ -122,19 +119,9 @@ def IteratedEKF(iterations: int = 3) -> EKF:  # noqa: N802 - named like the meth
     return EKF(iterations)
 
 
-def _check_iterations(iterations: PyTree) -> None:
-    if not isinstance(iterations, int) or isinstance(iterations, bool) or iterations < 1:
-        raise ValueError(f"iterations must be a whole number from 1 up; got {iterations!r}")
-
-
-def check_method(method: PyTree) -> None:
-    """Raise if `method` is not a method, for example a class instead of an instance.
-
-    Raises:
-        ValueError: if `method` is not a KF, EKF, UKF or CKF.
-    """
-    if not isinstance(method, KF | EKF | UKF | CKF):
-        raise ValueError(f"method must be KF(), EKF(), IteratedEKF(k), UKF() or CKF(); got {method!r}")
+def _check_whole(name: str, value: PyTree, least: int) -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+        raise ValueError(f"{name} must be a whole number from {least} up; got {value!r}")
 
 
 def linearise(method: Method, g: Callable[[PyTree], PyTree], mean: PyTree, cov: PyTree) -> Affine:
@@ -162,15 +149,48 @@ def _regression(method: UKF | CKF, g: Callable[[PyTree], PyTree], mean: PyTree, 
     """
     square, q = _scaling(method, mean.shape[0])
     radius = math.sqrt(square)
-    d, inverse, lower = scaled_cholesky(cov, SIGMA_JITTER)
+    d, inverse, lower = _scaled_cholesky(cov)
     offsets = radius * (d[:, None] * lower).T
     values = jax.vmap(g)(jnp.concatenate([mean[None, :], mean[None, :] + offsets, mean[None, :] - offsets]))
     centre, (ahead, behind) = values[0], jnp.split(values[1:], 2)
     half, second = 0.5 * (ahead - behind), 0.5 * (ahead + behind) - centre[None, :]
     excess = jnp.sum(second, axis=0) / square
-    matrix = backward_substitution(lower, half / radius).T * inverse[None, :]
-    spread = product(second.T, second) / square + q * (excess[:, None] * excess[None, :])
+    matrix = _backward_substitution(lower, half / radius).T * inverse[None, :]
+    spread = jnp.sum(second[:, :, None] * second[:, None], axis=0) / square + q * (excess[:, None] * excess[None, :])
     return Affine(centre + excess, matrix, spread)
+
+
+def _scaled_cholesky(cov: PyTree) -> tuple[PyTree, PyTree, PyTree]:
+    """Standard deviations d (n,), their inverse, and the factor L of the correlation matrix: cov ≈ d (L Lᵀ) d.
+
+    Components that are known exactly (variance 0) have d = 1/d = 0 and a unit row in L. If components are perfectly
+    correlated, a pivot is zero up to rounding and is replaced. Without library calls, so that XLA fuses it into a scan.
+    """
+    variance, size = jnp.diagonal(cov), cov.shape[0]
+    known = variance <= 0.0
+    d = jnp.sqrt(jnp.where(known, 1.0, variance))
+    inverse = jnp.where(known, 0.0, 1.0 / d)
+    correlation = jnp.where(jnp.eye(size, dtype=bool), 1.0, cov * inverse[:, None] * inverse[None, :])
+    floor = SIGMA_JITTER * float(jnp.finfo(cov.dtype).eps)
+    rows, columns = jnp.arange(size), list[PyTree]()
+    for j in range(size):
+        column = correlation[:, j]
+        for before in columns:
+            column = column - before * before[j]
+        root = jnp.sqrt(jnp.where(column[j] > floor, column[j], floor))
+        columns.append(jnp.where(rows > j, column / root, jnp.where(rows == j, root, 0.0)))
+    return jnp.where(known, 0.0, d), inverse, jnp.stack(columns, axis=1)
+
+
+def _backward_substitution(lower: PyTree, b: PyTree) -> PyTree:
+    """Solve Lᵀ x = b for L (n, n) and b (n, k)."""
+    rows: list[PyTree] = []  # the last first
+    for i in reversed(range(lower.shape[0])):
+        value = b[i]
+        for k, row in zip(range(lower.shape[0] - len(rows), lower.shape[0]), reversed(rows), strict=True):
+            value = value - lower[k, i] * row
+        rows.append(value / lower[i, i])
+    return jnp.stack(rows[::-1])
 
 
 def _scaling(method: UKF | CKF, size: int) -> tuple[float, float]:

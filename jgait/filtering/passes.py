@@ -20,7 +20,7 @@ from jax import lax
 from jaxtyping import PyTree
 
 from jgait.filtering.backward import Backward
-from jgait.filtering.batched_call import Plain, call
+from jgait.filtering.batched_call import Batched, call
 from jgait.filtering.component_model import Shape
 from jgait.filtering.core import block_of
 from jgait.filtering.finish import closure, covariances, selected, states
@@ -33,10 +33,10 @@ from jgait.filtering.update import joseph, updated
 
 
 @dataclass(frozen=True)
-class LinearSmoother(Plain):
+class LinearSmoother(Batched):
     """Smoothed means (T, n) of a linear model whose A, c, Q, H, e and R are known, and covariances of some components.
 
-    A `Batched` function. The belief before the first sample is zero, without variance.
+    The belief before the first sample is zero, without variance.
     """
 
     size: int

@@ -9,7 +9,7 @@ from jax import lax
 from jaxtyping import PyTree
 
 from jgait.filtering.backward import Backward
-from jgait.filtering.batched_call import Reverse
+from jgait.filtering.batched_call import Batched, Reverse
 from jgait.filtering.component_model import Shape
 from jgait.filtering.core import FOR_GRADIENT, FOR_SMOOTHER, OUTPUTS, Filter, block_of, cut, linearises_once, width_of
 from jgait.filtering.finish import covariances, selected, states
@@ -36,7 +36,7 @@ LASTING = ("predicted", "cov", "predicted_cov", "variance", "valid")
 
 
 @dataclass(frozen=True)
-class Recorded:
+class Recorded(Batched):
     """The arguments of `core.Filter` → fields of `Posterior`; then the smoothed mean and covariance, if there are any.
 
     Attributes:

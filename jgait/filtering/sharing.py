@@ -115,7 +115,7 @@ def _evaluated(flat: _Flat, counts: Counter[int], arguments: list[PyTree], uses:
         primitive = equation.primitive
         results = primitive.bind(*map(read, inputs), **primitive.get_bind_params(equation.params))
         outputs = list(results) if primitive.multiple_results else [results]
-        below = sum(costs[place] for place in set(inputs_of(inputs)))
+        below = sum(costs[place] for place in {place for place in inputs if isinstance(place, int)})
         cost = 0 if primitive.name == "optimization_barrier" else below + _cost(primitive.name)
         for place, output in zip(places, outputs, strict=True):
             stored = counts[place] >= uses and cost >= WORTH
@@ -135,11 +135,6 @@ def _key(equation: PyTree, inputs: list[PyTree]) -> PyTree:
     except TypeError:
         return None
     return key
-
-
-def inputs_of(inputs: list[PyTree]) -> list[int]:
-    """The numbers of the values among inputs, without literals."""
-    return [place for place in inputs if isinstance(place, int)]
 
 
 def _cost(name: str) -> int:

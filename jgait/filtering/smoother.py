@@ -1,4 +1,5 @@
-"""Smoothing: a filter, then a scan back over the samples, with the equations and sources in `jgait.filtering.backward`.
+"""Smoothing: a filter, then a scan back over the samples, with the equations and sources in `jgait.filtering.backward`;
+and `infer`, filter or smoother, selected by an argument, with the same type of result.
 
 On manifolds it equals the Rauch–Tung–Striebel smoother to first order in the smoother's corrections, else exactly.
 """
@@ -13,7 +14,7 @@ from jgait.filtering import checks
 from jgait.filtering.compile import compiled
 from jgait.filtering.covariance import structure_names
 from jgait.filtering.execution import Execution, smoothed
-from jgait.filtering.filter import FIELDS, KEEP, Posterior, named_covariance, named_values, posterior
+from jgait.filtering.filter import FIELDS, KEEP, Posterior, kalman_filter, named_covariance, posterior
 from jgait.filtering.hidden import without_hidden
 from jgait.filtering.inputs import inputs
 from jgait.filtering.methods import EKF, IteratedSmoother, Method
@@ -61,21 +62,12 @@ def kalman_smoother(
 ) -> Inferred:
     """Filter forward, then smooth backward: every sample's estimate uses the whole recording.
 
-    Args:
-        model: state-space model; functions at module level, since the model is a static argument of `jax.jit`.
-        params: any pytree, passed on to the model's functions; differentiable.
-        observations: observation tuple of (T,) arrays; a masked component may be any finite number.
-        controls: control tuple of (T,) arrays, or None; entry k acts over the interval that ends at sample k.
-        dt: interval [s], scalar or (T,), as in `kalman_filter`.
-        mask: observation tuple of (T,) bools, one (T,) bool, or None; as in `kalman_filter`.
-        method: how to linearise; `IteratedSmoother(k)` linearises again at the smoothed trajectory, and its `filtered`
-            is that of the EKF.
-        initial: belief before the first interval; None: the model's `initial`.
-        keep: fields of the filter's `Posterior` to return.
-        covariance: False omits the smoothed covariances, which is several times faster. A tuple of names selects
-            components of the error, ("position",) all components of the position: the `Covariance` then has the
-            error's tuple with None for the other components.
-        execution: implementation, see `jgait.filtering.execution`.
+    Arguments as of `kalman_filter`, `keep` of the filter's posterior. The method `IteratedSmoother(k)` linearises again
+    at the smoothed trajectory; its `filtered` is that of the EKF.
+
+    `covariance`: False omits the smoothed covariances, which is several times faster. A tuple of names selects
+    components of the error, ("position",) all components of the position: the `Covariance` then has the error's tuple
+    with None for the other components.
 
     Returns:
         Smoothed means and covariances, and the filter's posterior.
@@ -111,7 +103,7 @@ def _smoothed(
     chosen = _components(covariance, given.cm.error)
     mean, cov, kept = smoothed(given, method, keep, execution, chosen)
     return Inferred(
-        named_values(mean, given.cm.state),
+        given.cm.state.unflatten(mean),
         named_covariance(cov, _part(chosen, given.cm.error)) if chosen else None,
         posterior(given, kept),
     )
@@ -138,3 +130,34 @@ def _means(wanted: str, name: str) -> bool:
 def _part(chosen: tuple[int, ...], error: PyTree) -> PyTree:
     """The structure of the error's tuple with None for the components not selected."""
     return jax.tree.structure(error.unflatten([i if i in chosen else None for i in range(error.num_leaves)]))
+
+
+SUMMARY = ("log_likelihood", "nis", "count", "valid")
+"""Fields of the filter's posterior that measure how well the model fits."""
+
+
+def infer(
+    model: Model, params: PyTree, observations: PyTree, *, smooth: bool, controls: PyTree = None, dt: Values = 1.0,
+    mask: PyTree = None, method: Method = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = SUMMARY,
+    covariance: bool | tuple[str, ...] = True, execution: Execution = "auto",
+) -> Inferred:  # fmt: skip
+    """Filter a recording, and smooth it if `smooth` is True; `smooth` is static.
+
+    Other arguments as of `kalman_smoother`; `covariance` selects smoothed covariances, a filter returns all.
+
+    Returns:
+        Means, covariances and the filter's posterior.
+
+    Raises:
+        ValueError: see `kalman_filter`.
+    """
+    if smooth:
+        return kalman_smoother(
+            model, params, observations, controls=controls, dt=dt, mask=mask, method=method, initial=initial, keep=keep,
+            covariance=covariance, execution=execution,
+        )  # fmt: skip
+    posterior = kalman_filter(
+        model, params, observations, controls=controls, dt=dt, mask=mask, method=method, initial=initial,
+        keep=("mean", "cov", *(name for name in keep if name not in ("mean", "cov"))), execution=execution,
+    )  # fmt: skip
+    return Inferred(posterior.mean, posterior.cov, posterior)

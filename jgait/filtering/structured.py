@@ -6,7 +6,7 @@ loops.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -16,9 +16,7 @@ from jaxtyping import PyTree
 from jgait.filtering.component_model import ComponentModel
 from jgait.filtering.components import (
     Matrix,
-    added,
     barred,
-    congruence,
     dot,
     from_upper,
     identity,
@@ -32,8 +30,7 @@ from jgait.filtering.components import (
     upper,
     where,
 )
-from jgait.filtering.covariance_update import Gains, updated_covariance
-from jgait.filtering.inverse_factor import inverse_factor
+from jgait.filtering.covariance_update import Gains, inverse_factor, updated_covariance
 from jgait.filtering.tracing import Expansion
 from jgait.types import Values
 
@@ -96,7 +93,7 @@ def affine_transition(cm: ComponentModel, before: Components, sample: Sample, no
     mean, matrix = trace.jacobian(lambda x: cm.transition(x, control, dt), x)
     if noise is None:
         entries = trace.call(lambda x: upper(cm.transition_noise(x, control, dt)), x)
-        noise = Noise(from_upper(entries, size), _summary(entries, set()))
+        noise = Noise(from_upper(entries, size), _summary(entries))
     safe = {id(value) for value in (*x, dt)}
     health = plus(_summary((*mean, *(e for row in matrix for e in row)), safe), noise.health)
     health = barred(health)[0]
@@ -113,15 +110,10 @@ def affine_transition(cm: ComponentModel, before: Components, sample: Sample, no
     )
 
 
-def _summary(values: Sequence[PyTree], safe: set[int]) -> PyTree:
+def _summary(values: Sequence[PyTree], safe: Set[int] = frozenset()) -> PyTree:
     """The sum of all distinct unknown values: finite if all are finite; a sum that overflows counts as a failure."""
     unknown = {id(value): value for value in values if not known(value) and id(value) not in safe}
     return total(unknown.values())
-
-
-def predicted(transition: Transition, cov: Matrix) -> Components:
-    """The belief after the interval."""
-    return Components(transition.mean, added(congruence(transition.matrix, cov), transition.noise))
 
 
 def corrected(
@@ -129,19 +121,15 @@ def corrected(
 ) -> tuple[Components, Gains, Statistics]:
     """The belief after a sample, the gains, and the update's statistics."""
     gained = gains(cm, prior, sample, noise)
-    delta = _delta(gained)
+    delta = [dot(column, gained.white) for column in zip(*gained.white_cross, strict=True)]
     after = Components(
         [plus(a, d) for a, d in zip(prior.mean, delta, strict=True)], updated_covariance(prior.cov, gained, sample.seen)
     )
-    return after, gained, _statistics(gained, sample.seen, gained.health)
+    return after, gained, _statistics(gained, sample.seen)
 
 
-def _delta(g: Gains) -> list[PyTree]:
-    return [dot(column, g.white) for column in zip(*g.white_cross, strict=True)]
-
-
-def _statistics(g: Gains, observed: list[PyTree], health: PyTree) -> Statistics:
-    good = sound(health)
+def _statistics(g: Gains, observed: list[PyTree]) -> Statistics:
+    good = sound(g.health)
     count = total(where(s, 1.0, 0.0) for s in observed)
     nis = dot(g.white, g.white)
     return Statistics(
@@ -150,7 +138,7 @@ def _statistics(g: Gains, observed: list[PyTree], health: PyTree) -> Statistics:
         where(good, -0.5 * (nis + g.log_det + count * LOG_2PI), 0.0),
         where(good, nis, 0.0),
         where(good, count, 0.0),
-        health,
+        g.health,
     )
 
 
@@ -162,10 +150,10 @@ def gains(cm: ComponentModel, prior: Components, sample: Sample, noise: Noise | 
     if noise is None:
         trace = Expansion(dtype_of(prior))
         entries = trace.call(lambda x: upper(cm.observation_noise(x, sample.control)), x)
-        noise = Noise(from_upper(entries, count), _summary(entries, set()))
+        noise = Noise(from_upper(entries, count), _summary(entries))
     linear = [all(known(e) for e in row) for row in matrix]
     doubtful = [e for e, straight in zip(expected, linear, strict=True) if not straight]
-    summary = plus(_summary((*doubtful, *(e for row in matrix for e in row)), set()), noise.health)
+    summary = plus(_summary((*doubtful, *(e for row in matrix for e in row))), noise.health)
     variance = noise.matrix
     if not known(summary):
         summary = barred(summary)[0]

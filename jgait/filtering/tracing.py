@@ -74,10 +74,8 @@ class Expansion:
         return jax.ShapeDtypeStruct((), self.dtype if known(value) else jnp.result_type(value))
 
     def _run(self, closed: PyTree, arguments: Sequence[PyTree]) -> list[PyTree]:
-        return self._evaluate(closed.jaxpr, closed.consts, arguments)
-
-    def _evaluate(self, jaxpr: PyTree, consts: Sequence[PyTree], arguments: Sequence[PyTree]) -> list[PyTree]:
-        values: dict[PyTree, PyTree] = dict(zip(jaxpr.constvars, consts, strict=True))
+        jaxpr = closed.jaxpr
+        values: dict[PyTree, PyTree] = dict(zip(jaxpr.constvars, closed.consts, strict=True))
         values.update(zip(jaxpr.invars, arguments, strict=True))
 
         def read(variable: PyTree) -> PyTree:
@@ -91,8 +89,7 @@ class Expansion:
     def _equation(self, equation: PyTree, inputs: list[PyTree]) -> Sequence[PyTree]:
         name = equation.primitive.name
         if name in INLINED:
-            body = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
-            return self._evaluate(body.jaxpr, body.consts, inputs)
+            return self._run(equation.params.get("jaxpr", equation.params.get("call_jaxpr")), inputs)
         folded = _folded(name, equation, inputs)
         if folded is not None:
             return [folded]

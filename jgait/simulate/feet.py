@@ -37,43 +37,27 @@ class FootPair(NamedTuple):
     free: Jet  #: (2, T) 0 while the sole is on the ground, 1 in swing [1].
 
 
-HEEL_EARLY, HEEL_RISES, HEEL_AFTER, HEEL_DOWN = 0.08, 0.34, 0.24, 0.16
-"""[1] Share of the slow rise of the heel. [steps] Start of the fast rise before toe-off, its end after toe-off, and the
-time before landing at which the heel is down again; the heel begins to come down at toe-off."""
-
 LINGER = 0.1
 """[steps] Time in which the tip of the toes leaves the ground: in this time it moves by a few millimetres."""
 
-TOES_RISE, TOES = 0.14, 0.95
-"""[steps] Time from the ball's leaving the ground to toe-off. [1] Pitch of the toes over the pitch of the heel."""
-
-TOES_UP, TOES_TURN = 0.45, 0.16
-"""[steps] Times before landing at which the toes begin to rise above the heel, and to come down again."""
-
-GATHER, LATE_LIFT, LOWERS = 0.42, 0.5, 0.74
-"""[1] Share of swing in which the foot accelerates; late lift over early lift; share of swing after which it falls."""
-
-HARD, SOFT = 0.15, 0.44
-"""[1] Shares of swing in which the ground decelerates the foot, and in which the leg does."""
-
 
 class Instants(NamedTuple):
-    """The constants above, of a gait; `heel_share` is the share of the heel's two rises in its largest pitch [1]."""
+    """Times and shares in the motion of a foot, by the rules."""
 
-    heel_early: Values = HEEL_EARLY
-    heel_rises: Values = HEEL_RISES
-    heel_after: Values = HEEL_AFTER
-    heel_down: Values = HEEL_DOWN
-    heel_share: Values = 1.0
-    toes_rise: Values = TOES_RISE
-    toes: Values = TOES
-    toes_up: Values = TOES_UP
-    toes_turn: Values = TOES_TURN
-    gather: Values = GATHER
-    late_lift: Values = LATE_LIFT
-    lowers: Values = LOWERS
-    hard: Values = HARD
-    soft: Values = SOFT
+    heel_early: Values = 0.08  #: share of the slow rise of the heel [1].
+    heel_rises: Values = 0.34  #: start of the heel's fast rise before toe-off [steps].
+    heel_after: Values = 0.24  #: its end after toe-off [steps]; the heel begins to come down at toe-off.
+    heel_down: Values = 0.16  #: time before landing at which the heel is down again [steps].
+    heel_share: Values = 1.0  #: share of the heel's two rises in its largest pitch [1].
+    toes_rise: Values = 0.14  #: time from the ball's leaving the ground to toe-off [steps].
+    toes: Values = 0.95  #: pitch of the toes over the pitch of the heel [1].
+    toes_up: Values = 0.45  #: time before landing at which the toes begin to rise above the heel [steps].
+    toes_turn: Values = 0.16  #: the same at which they begin to come down again [steps].
+    gather: Values = 0.42  #: share of swing in which the foot accelerates [1].
+    late_lift: Values = 0.5  #: late lift over early lift [1].
+    lowers: Values = 0.74  #: share of swing after which the foot falls [1].
+    hard: Values = 0.15  #: share of swing in which the ground decelerates the foot [1].
+    soft: Values = 0.44  #: share of swing in which the leg does [1].
 
 
 RECORDED = Instants(
@@ -86,8 +70,7 @@ RECORDED = Instants(
 
 def instants(gait: Gait) -> Instants:
     """Those of a gait, between the rules and recorded people."""
-    mixed = (rule + gait.recorded * (recorded - rule) for rule, recorded in zip(Instants(), RECORDED, strict=True))
-    return Instants(*mixed)
+    return Instants(*(rule + gait.recorded * (of - rule) for rule, of in zip(Instants(), RECORDED, strict=True)))
 
 
 class Phases(NamedTuple):

@@ -29,7 +29,7 @@ from jgait.simulate.population import PELVIS_SPREAD, able, gait, manner
 from jgait.simulate.routes import straight
 from jgait.simulate.shapes import STYLES
 from jgait.simulate.walker import moved, planned, ticks
-from jgait.simulate.worn import SEVEN, Sensors, felt, mount, worn_on
+from jgait.simulate.worn import SEVEN, Sensors, felt, sensors_at
 from jgait.types import SIDES, Recording, Values, as_float
 
 SPREAD: dict[str, float] = {
@@ -144,7 +144,8 @@ def stride_of(person: Person, sensors: Sensors, phase: Values = 0.0) -> StrideSi
 
 def virtual(person: Person, placements: tuple[str, ...], phase: float = 0.0) -> dict[str, StrideSignals]:
     """Sensor → what it reads in a stride, in the axes of its segment; see `stride_of`. At most `MOST` sensors."""
-    read = compiled(stride_of, quick=True)(jax.tree.map(float, person), _sensors(person.body, placements), phase)
+    who = jax.tree.map(float, person)
+    read = compiled(stride_of, quick=True)(who, _sensors(who.body, placements), phase)
     return {name: StrideSignals(*(np.asarray(part)[i] for part in read)) for i, name in enumerate(placements)}
 
 
@@ -152,9 +153,7 @@ def _sensors(body: Body, placements: tuple[str, ...]) -> Sensors:
     """On the host; the last is repeated until there are `MOST`."""
     if not 0 < len(placements) <= MOST:
         raise ValueError(f"a walker is compared with 1 to {MOST} sensors; got {len(placements)}")
-    names = (*placements, *placements[-1:] * (MOST - len(placements)))
-    points = np.array([[float(part) for part in mount(body, name)] for name in names])
-    return Sensors(np.array([worn_on(name) for name in names]), jnp.asarray(points))
+    return sensors_at(body, (*placements, *placements[-1:] * (MOST - len(placements))))
 
 
 def turned(made: StrideSignals, recorded: StrideSignals) -> Float[Array, "sensor 3 3"]:

@@ -13,7 +13,7 @@ from jax import lax
 from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 
 from jgait.simulate import routes
-from jgait.simulate.feet import HEEL_RISES, LINGER
+from jgait.simulate.feet import LINGER, Instants
 from jgait.simulate.person import Body, Gait, Person
 from jgait.simulate.routes import Route
 from jgait.simulate.shapes import Movement, shape_of
@@ -89,11 +89,6 @@ class Plan(NamedTuple):
     shape: Movement
 
 
-def side_of_first(gait: Gait) -> Values:
-    """−1 if the right foot takes the first step, 1 if the left."""
-    return jnp.where(jnp.asarray(gait.right_first) > 0.5, -1.0, 1.0)
-
-
 def reach(body: Body, knee: Values) -> Values:
     """Hip to ankle [m] at a knee flexion [rad]: r² = a² + b² + 2 a b cos(knee)."""
     a, b = body.thigh_length, body.shank_length
@@ -129,7 +124,8 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
     gait = person.gait
     k = jnp.arange(-1, capacity + 3, dtype=jnp.result_type(*jax.tree.leaves(person)))
     n = jnp.asarray(gait.steps, k.dtype)
-    side = jnp.where(jnp.mod(k, 2.0) > 0.5, 1.0, -1.0).astype(k.dtype) * side_of_first(gait).astype(k.dtype)
+    left = (jnp.mod(k, 2.0) > 0.5) != (jnp.asarray(gait.right_first) > 0.5)
+    side = jnp.where(left, 1.0, -1.0).astype(k.dtype)
     along = jax.tree.map(lambda value: jnp.asarray(value, k.dtype), along)
     distance, times, aside, speed = _lengths(key, gait, along, k, side)
     place = routes.at(along, distance)
@@ -171,7 +167,7 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
             0.0,
         ),
         off=jnp.where(starts, 1.0, 2.0 * gait.heel_off),
-        leave=jnp.where(starts | (k > n + 0.5), 1.0 + HEEL_RISES, 2.0 * gait.stance_fraction - LINGER),
+        leave=jnp.where(starts | (k > n + 0.5), 1.0 + Instants().heel_rises, 2.0 * gait.stance_fraction - LINGER),
         lift=jnp.where(
             k < n - 0.5, gait.swing_lift * (1.0 - 0.5 * stiff) + jnp.maximum(riser, 0.0) + STEPPED * (1.0 - ahead), 0.0
         ),
@@ -199,18 +195,13 @@ def _pelvis(
 ) -> tuple[tuple[Float[Array, "foothold"], ...], Float[Array, "foothold"]]:
     """Path of the pelvis (x, y, heading, distance) at each contact, a little ahead of both feet; 1 where it moves."""
     gait = person.gait
-    x, y, heading, distance = (0.5 * (values + _before(values)) for values in feet)
+    x, y, heading, distance = (0.5 * (values + jnp.concatenate([values[:1], values[:-1]])) for values in feet)
     standing, walking = standing_ahead(person), gait.hip_ahead * pace
     ahead = jnp.where((k > 0.5) & (k < gait.steps + 0.5), walking, standing)
     ahead = jnp.where(jnp.abs(k - gait.steps - 1.0) < 0.5, 0.5 * (walking + standing), ahead)
     passing = ((k > 0.5) & (k < gait.steps + 1.5)).astype(k.dtype)
     path = (x + ahead * jnp.cos(heading), y + ahead * jnp.sin(heading), heading, distance + ahead - standing)
     return path, passing
-
-
-def _before(values: Float[Array, "foothold"]) -> Float[Array, "foothold"]:
-    """The value of the previous foothold for each foothold; for the first foothold, its value."""
-    return jnp.concatenate([values[:1], values[:-1]])
 
 
 def standing_ahead(person: Person) -> Values:

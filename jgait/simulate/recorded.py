@@ -19,8 +19,8 @@ from jgait.simulate.footsteps import Plan
 from jgait.simulate.person import Person
 from jgait.simulate.routes import Route, padded, straight
 from jgait.simulate.sensors import IDEAL, ImuErrors
-from jgait.simulate.walker import Frames, Slack, planned
-from jgait.simulate.worn import SEVEN, Sensors, Truth, duration, mount, named, truth, walked, worn_on
+from jgait.simulate.walker import Frames, Slack, planned, separated
+from jgait.simulate.worn import SEVEN, Sensors, Truth, duration, named, sensors_at, walked
 from jgait.types import AnyArray, Estimate, Imu, Recording, Values, as_float
 
 
@@ -69,19 +69,13 @@ def simulated(
     """
     samples = samples_in(last, rate)
     time = jnp.asarray(np.arange(bucket(samples)) / rate)
-    sensors = _padded_sensors(person, [*placements, *("pelvis",) * (len(SEVEN) - len(placements))])
     walker, erring = jax.tree.map(float, (person, errors))
+    sensors = sensors_at(walker.body, [*placements, *("pelvis",) * (len(SEVEN) - len(placements))])
     program = compiled(_walk, quick=True)
     read, moving, known = jax.tree.map(np.asarray, program(key, walker, laid, time, erring, sensors))
-    worn, true = trimmed(named(read, read.time, placements), truth(laid, moving, known), samples)
+    whole = Truth(known, Motion(*map(separated, moving)), laid)
+    worn, true = trimmed(named(read, read.time, placements), whole, samples)
     return {name: worn[name] for name in placements}, true
-
-
-def _padded_sensors(person: Person, placements: Sequence[str]) -> Sensors:
-    """On the host, as `sensors_at`; a placement may occur more than once."""
-    points = np.array([[float(part) for part in mount(person.body, name)] for name in placements])
-    segment = np.array([worn_on(name) for name in placements])
-    return Sensors(segment, jnp.asarray(points))
 
 
 def _walk(

@@ -4,7 +4,7 @@
 returns the same as records of the library.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -92,11 +92,10 @@ def worn_on(placement: str) -> int:
     return bone if placement.startswith("ankle") else SKIN.get(segment, bone)
 
 
-def sensors_at(mounts: Mapping[str, Vector], dtype: Any = float) -> Sensors:
-    """The sensors at placements, from the position of each on its segment [m]."""
-    segment = np.array([worn_on(placement) for placement in mounts], int)
-    point = [jnp.stack([jnp.asarray(part, dtype) for part in mount]) for mount in mounts.values()]
-    return Sensors(segment, jnp.stack(point))
+def sensors_at(body: Body, placements: Sequence[str], dtype: Any = float) -> Sensors:
+    """The sensors at placements on a body, of which one may occur more than once."""
+    points = [list(mount(body, placement)) for placement in placements]
+    return Sensors(np.array([worn_on(placement) for placement in placements]), jnp.asarray(points, dtype))
 
 
 def named(read: Imu, time: Float[AnyArray, "time"], placements: Iterable[str]) -> dict[str, Imu]:
@@ -132,9 +131,9 @@ def walk(
     """
     walks, reads = jax.random.split(key)
     laid = plan(walks, person, along, capacity)
-    sensors = sensors_at({name: mount(person.body, name) for name in placements}, time.dtype)
+    sensors = sensors_at(person.body, placements, time.dtype)
     read, moving, known = walked(reads, person, laid, time, errors, sensors)
-    return named(read, time, placements), truth(laid, moving, known)
+    return named(read, time, placements), Truth(known, Motion(*map(separated, moving)), laid)
 
 
 def walked(
@@ -147,11 +146,6 @@ def walked(
     keys = jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(sensors.point.shape[0]))
     reads = jax.vmap(lambda key, gyr, acc: measure(key, time, gyr, acc, errors)[1:])(keys, *felt(moving, sensors))
     return Imu(time, *reads), moving, _known(person, laid, moving.pose, time, entry, r.pose)
-
-
-def truth(laid: Plan, moving: Motion[Frames], known: Estimate) -> Truth:
-    """The parts of the truth as records."""
-    return Truth(known, Motion(*map(separated, moving)), laid)
 
 
 def _known(
@@ -197,20 +191,12 @@ def strides(laid: Plan) -> Strides:
     def before(values: Float[Array, "foothold"]) -> Float[Array, "foothold"]:
         return jnp.roll(values, 2)
 
-    def other(values: Float[Array, "foothold"]) -> Float[Array, "foothold"]:
-        return jnp.roll(values, 1)
-
     dx, dy = laid.x - before(laid.x), laid.y - before(laid.y)
     length = jnp.sqrt(jnp.where(valid, dx * dx + dy * dy, 1.0))
-    aside = dx * (other(laid.y) - laid.y) - dy * (other(laid.x) - laid.x)
+    aside = dx * (jnp.roll(laid.y, 1) - laid.y) - dy * (jnp.roll(laid.x, 1) - laid.x)  # from the other foot
     leaves = _time_at(laid, jnp.maximum(k - 2.0 + before(laid.leave) + LINGER, -1.0))
     start = jnp.where(before(laid.stood) > 0.5, leaves, before(laid.contact))
 
-    def filled(values: Float[Array, "foothold"]) -> Float[Array, "foothold"]:
-        return jnp.where(valid, values, 0.0)
-
-    side = jnp.where(laid.side > 0.0, 1, 0)
-    return Strides(
-        side, filled(start), filled(leaves), filled(laid.contact), filled(length), filled(jnp.abs(aside) / length),
-        filled(laid.z - before(laid.z)), valid,
-    )  # fmt: skip
+    numbers = start, leaves, laid.contact, length, jnp.abs(aside) / length, laid.z - before(laid.z)
+    start, leaves, end, length, width, height = (jnp.where(valid, values, 0.0) for values in numbers)
+    return Strides(jnp.where(laid.side > 0.0, 1, 0), start, leaves, end, length, width, height, valid)

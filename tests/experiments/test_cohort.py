@@ -7,6 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from experiments.cohort import report, run, same, walks
+from experiments.cohort import timed as experiment
+from experiments.common import process
 from jgait import evaluate
 from jgait.estimators import leg_ekf
 from jgait.simulate import FOUR
@@ -17,24 +20,7 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
-def experiment(load_experiment):
-    return load_experiment("cohort.timed")
-
-
-@pytest.fixture(scope="module")
-def report(load_experiment):
-    return load_experiment("cohort.report")
-
-
-@pytest.fixture(scope="module")
-def walks(experiment):
-    from experiments.cohort import walks
-
-    return walks
-
-
-@pytest.fixture(scope="module")
-def folder(walks, tmp_path_factory):
+def folder(tmp_path_factory):
     """Three walks of six seconds."""
     made = tmp_path_factory.mktemp("walks")
     assert walks.simulated(made, 5, 0, 3, (6.0, 6.5)) == []
@@ -42,13 +28,13 @@ def folder(walks, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def tables(walks, folder):
+def tables(folder):
     names = sorted(path.stem for path in folder.glob("*.npz"))
     estimator = leg_ekf.estimator(leg_ekf.PAPER)
     return evaluate.cohort(estimator, names, read=lambda name: walks.read(str(folder), name), own=walks.leg_lengths)
 
 
-def test_walks_come_back_as_they_were_made(walks, folder):
+def test_walks_come_back_as_they_were_made(folder):
     (one,) = (entry for entry in walks.walkers(5, 1, 2, (6.0, 6.5)))
     walk = walks.read(str(folder), one.name)
     assert one.name == "00001_corner"
@@ -71,7 +57,7 @@ def test_walks_come_back_as_they_were_made(walks, folder):
     assert len(truth.strides.length) == pytest.approx(one.person.gait.steps + 1)
 
 
-def test_everyone_is_somebody_else_and_ways_differ(walks):
+def test_everyone_is_somebody_else_and_ways_differ():
     found = list(walks.walkers(5, 0, 3, (6.0, 6.5)))
     assert [one.name.split("_")[1] for one in found] == ["straight", "corner", "back"]
     assert len({one.person.body.thigh_length for one in found}) == 3
@@ -82,7 +68,7 @@ def test_everyone_is_somebody_else_and_ways_differ(walks):
     assert alone.person == found[2].person and bool(alone.key == found[2].key)
 
 
-def test_the_quality_that_is_reported(report, tables):
+def test_the_quality_that_is_reported(tables):
     rows = {row.metric: row.value for row in report.quality(tables, "here")}
     distance = tables.quantities.query("quantity == 'distance_m'")["rel_error"].abs()
     assert rows["distance_error_worst_pct"] == pytest.approx(100.0 * distance.max())
@@ -94,8 +80,8 @@ def test_the_quality_that_is_reported(report, tables):
     assert {r.metric: r.value for r in report.quality(lost, "here")}["failures_pct"] == 25.0
 
 
-def test_the_comparison_finds_every_change(load_experiment, tables):
-    difference = load_experiment("cohort.same").difference
+def test_the_comparison_finds_every_change(tables):
+    difference = same.difference
     assert difference(tables, tables) == 0.0
 
     def changed(table, row, column, value):
@@ -117,9 +103,7 @@ def test_the_comparison_finds_every_change(load_experiment, tables):
         difference(tables._replace(strides=tables.strides.iloc[1:]), tables)
 
 
-def test_the_time_of_stages_adds_up(report):
-    from experiments.cohort import run
-
+def test_the_time_of_stages_adds_up():
     watch = run.Watch()
     seen = []
     with watch.on({"kind": (report, "kind_of")}):
@@ -137,16 +121,15 @@ def test_the_time_of_stages_adds_up(report):
     assert sum(main) == pytest.approx(20.0)
 
 
-def test_processes_start_without_this_one_s_settings(load_experiment, monkeypatch, tmp_path):
+def test_processes_start_without_this_one_s_settings(monkeypatch, tmp_path):
     monkeypatch.setenv("JAX_ENABLE_X64", "1")
     monkeypatch.setenv("XLA_FLAGS", "--nothing")
-    process = load_experiment("common.process")
     bare, shared = process.environment(), process.environment(tmp_path)
     assert not {"JAX_ENABLE_X64", "XLA_FLAGS", "JAX_COMPILATION_CACHE_DIR"} & set(bare)
     assert shared["JAX_COMPILATION_CACHE_DIR"] == str(tmp_path)
     assert bare["PYTHONPATH"].split(os.pathsep)[0] == str(ROOT)
 
 
-def test_no_walks_without_room_for_them(experiment, tmp_path):
+def test_no_walks_without_room_for_them(tmp_path):
     with pytest.raises(RuntimeError, match=r"walks need .* GB are free"):
         experiment.simulated(tmp_path / "walks", 10**9, (60.0, 62.0), tmp_path)

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from experiments.unseen import flags
+from experiments.unseen import trials as trials_part
 
-def test_missed_and_false_flags_are_counted(load_experiment):
-    flags = load_experiment("unseen.flags")
+
+def test_missed_and_false_flags_are_counted():
     one = flags.Judged("set", "a", np.array([0.5, 4.0, 5.0, 2.0]), np.array([False, True, False, True]))
     other = flags.Judged("set", "b", np.array([1.0, 1.0]), np.array([False, False]))
     told = {row.metric: row.value for row in flags.of_strides([one, other])}
@@ -15,8 +17,7 @@ def test_missed_and_false_flags_are_counted(load_experiment):
     assert told["within_two_sigma_pct_set"] == pytest.approx(100.0 * 4.0 / 6.0)
 
 
-def test_the_reliability_of_a_set_is_drawn_over_the_normal_distribution(load_experiment):
-    flags = load_experiment("unseen.flags")
+def test_the_reliability_of_a_set_is_drawn_over_the_normal_distribution():
     some = [flags.Judged("foot_ins, set", "a", np.array([0.2, 0.9, 1.5, 2.5]), np.zeros(4, bool))]
     assert flags.covered("foot_ins, set", some).value == 75.0
     normal, line = flags.reliability(some).axes[0].get_lines()
@@ -25,8 +26,7 @@ def test_the_reliability_of_a_set_is_drawn_over_the_normal_distribution(load_exp
     assert line.get_label() == "set (4)"
 
 
-def test_a_trial_is_off_beyond_half_a_metre_or_three_deviations(load_experiment):
-    trials_part = load_experiment("unseen.trials")
+def test_a_trial_is_off_beyond_half_a_metre_or_three_deviations():
     trials = [
         trials_part.Trial("far", 0.6, 1.0, True), trials_part.Trial("unsure", 0.4, 0.1, False),
         trials_part.Trial("good", 0.2, 0.1, False), trials_part.Trial("best", 0.1, 0.1, True),

@@ -2,37 +2,26 @@
 
 from types import SimpleNamespace
 
+import jax
 import numpy as np
 import pytest
 
-from jgait import datasets
+from experiments.common import recordings as common_recordings
+from experiments.foot_ins import closures, pivot
+from experiments.foot_ins import feet as real
+from experiments.foot_ins import run as running
+from experiments.foot_ins.ablation import overlooked
+from jgait import datasets, simulate
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import FootParams
+from jgait.simulate import sensors
 
 pytestmark = pytest.mark.release
 
 
 @pytest.fixture(scope="module")
-def experiment(load_experiment):
-    return load_experiment("foot_ins.strides")
-
-
-@pytest.fixture(scope="module")
-def running(experiment):
-    from experiments.foot_ins import run
-
-    return run
-
-
-@pytest.fixture(scope="module")
-def walk(experiment):
+def walk():
     """A simulated foot with strides that are known."""
-    import jax
-
-    from experiments.foot_ins import feet as real
-    from jgait import simulate
-    from jgait.simulate import sensors
-
     key, along = jax.random.key(1), simulate.straight(10.0)
     person = simulate.covering(key, simulate.Person(), along)
     recording, truth = simulate.recording(key, person, along, sensors.OPAL, 200.0, placements=("foot_right",))
@@ -42,26 +31,16 @@ def walk(experiment):
     origin = truth.motion.pose.foot_right.origin
     position = np.stack([np.asarray(origin.x), np.asarray(origin.y)], axis=1)
     ends = swings + np.array([-0.3, 0.2])
-    return real.Foot(
-        "simulated",
-        "one right",
-        "right",
-        recording,
-        ends,
-        strides.length[own],
-        np.asarray(truth.estimate.time),
-        position,
-    )
+    time = np.asarray(truth.estimate.time)
+    return real.Foot("simulated", "one right", "right", recording, ends, strides.length[own], time, position)
 
 
 def matched(error, stddev=0.02, rmse=0.1, lost=0):
-    from experiments.foot_ins import feet as real
-
     error = np.asarray(error)
     return real.Matched(error, np.ones_like(error), np.full_like(error, stddev), lost, rmse, np.arange(error.size))
 
 
-def test_scores_pool_strides_and_average_recordings(running):
+def test_scores_pool_strides_and_average_recordings():
     found = running.score([matched([0.01, -0.03]), matched([0.05], rmse=0.3, lost=2)])
     assert (found.n, found.lost) == (3, 2)
     np.testing.assert_allclose(found[:5], [3.0, 1.0, 3.0, 5.0, 200.0 / 3.0])
@@ -74,9 +53,8 @@ def test_scores_pool_strides_and_average_recordings(running):
     assert np.isnan(nothing.mae)
 
 
-def test_a_simulated_foot_is_found_cut_and_learned_from(running, walk, monkeypatch):
+def test_a_simulated_foot_is_found_cut_and_learned_from(walk, monkeypatch):
     from experiments.foot_ins import feet as real
-    from experiments.foot_ins import pivot
 
     item = running.Ready(walk, foot_ins.prepared(walk.recording).inputs)
     one = running.solved(FootParams(), item)
@@ -102,11 +80,11 @@ def test_a_simulated_foot_is_found_cut_and_learned_from(running, walk, monkeypat
     np.testing.assert_allclose(loss, size, rtol=1e-9)
 
 
-def test_one_bad_recording_costs_no_other(load_experiment, running, walk, capsys):
+def test_one_bad_recording_costs_no_other(walk, capsys):
     still = walk.recording.sensors["foot_right"]
     still = still._replace(gyr=np.full_like(still.gyr, 9.0))
     broken = walk._replace(name="broken", recording=walk.recording._replace(sensors={"foot_right": still}))
-    assert load_experiment("common.recordings").attempt("broken", lambda: foot_ins.prepared(broken.recording)) is None
+    assert common_recordings.attempt("broken", lambda: foot_ins.prepared(broken.recording)) is None
     assert "broken left out: RecordingError" in capsys.readouterr().out
     good = running.Ready(walk, foot_ins.prepared(walk.recording).inputs)
     rows = running.scored(FootParams(), [good, good._replace(inputs=None)])
@@ -114,8 +92,7 @@ def test_one_bad_recording_costs_no_other(load_experiment, running, walk, capsys
     assert "one right left out" in capsys.readouterr().out
 
 
-def test_sets_that_are_absent_are_named(load_experiment, running, monkeypatch, tmp_path, capsys):
-    closures = load_experiment("foot_ins.closures")
+def test_sets_that_are_absent_are_named(monkeypatch, tmp_path, capsys):
     monkeypatch.setenv(datasets.registry.DATA_DIR_VARIABLE, str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     if datasets.available("footprints"):
@@ -127,9 +104,7 @@ def test_sets_that_are_absent_are_named(load_experiment, running, monkeypatch, t
     assert "left out: data set 'xio_gait' is not there" in said
 
 
-def test_a_detector_that_overlooks_stances_is_found_out(running, walk):
-    from experiments.foot_ins.ablation import overlooked
-
+def test_a_detector_that_overlooks_stances_is_found_out(walk):
     usual = running.Ready(walk, foot_ins.prepared(walk.recording).inputs)
     signals = usual.inputs.right
     count = int(signals.count)

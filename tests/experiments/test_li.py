@@ -3,8 +3,8 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
+from experiments.silva2017 import li
 from jgait.estimators.ankle_stride.length import StrideLengthParams
 from jgait.geometry.vectors import GRAVITY
 from jgait.signal.marks import marks
@@ -16,18 +16,13 @@ END = 20 + int(PERIOD * RATE)
 AT = marks(jnp.asarray([20]), jnp.asarray([END]), SAMPLES)
 
 
-@pytest.fixture(scope="module")
-def li(load_experiment):
-    return load_experiment("silva2017.li")
-
-
 def rise(u):
     """From 0 to 1, at rest at both ends."""
     v = jnp.clip(u, 0.0, 1.0)
     return v**4 * (35.0 - 84.0 * v + 70.0 * v**2 - 20.0 * v**3)
 
 
-def test_the_planar_method_needs_an_upright_sensor(li):
+def test_the_planar_method_needs_an_upright_sensor():
     def sagittal(lean):
         """A shank in its plane, leaning by as much when the stride begins and ends."""
         angle = lean + 0.45 * jnp.sin(2.0 * jnp.pi * TIME / PERIOD)

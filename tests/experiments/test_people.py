@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 
+from experiments.people import figures, fitted, prediction, shoes, strides, transfer
+from experiments.people import out_of_plane as derived
+from experiments.simulator import gait
 from jgait.simulate.sensors import IDEAL, ON_SHOE
 
 
-@pytest.fixture(scope="module")
-def strides(load_experiment):
-    return load_experiment("people.strides")
-
-
-def test_power_is_found_in_the_band_of_its_frequency_and_does_not_depend_on_axes(strides):
+def test_power_is_found_in_the_band_of_its_frequency_and_does_not_depend_on_axes():
     time = np.arange(0.0, 20.0, 0.01)
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     signal = np.column_stack([np.sin(2.0 * np.pi * 3.0 * time), np.zeros_like(time), np.full_like(time, 9.8)])
@@ -23,21 +21,21 @@ def test_power_is_found_in_the_band_of_its_frequency_and_does_not_depend_on_axes
     np.testing.assert_allclose(found["foot acc"], 4.0 * found["foot gyr"], rtol=1e-9, atol=1e-12)
 
 
-def test_pieces_with_lost_samples_are_left_out(strides):
+def test_pieces_with_lost_samples_are_left_out():
     good = np.ones(2000, bool)
     good[700] = False
     leg = strides.Leg({"foot": (np.ones((2000, 3)), np.ones((2000, 3)))}, [(0, 1000)], 0, good, "right")
     assert strides.spectra([leg], 100.0) == {}
 
 
-def test_the_area_counts_pairs_in_order_and_half_of_ties(strides):
+def test_the_area_counts_pairs_in_order_and_half_of_ties():
     labels = np.array([0.0, 0.0, 1.0, 1.0])
     assert strides.area(np.array([0.0, 1.0, 2.0, 3.0]), labels) == 1.0
     assert strides.area(np.array([0.0, 2.0, 2.0, 3.0]), labels) == 0.875
     assert strides.area(np.zeros(4), labels) == 0.5
 
 
-def test_the_classifier_is_judged_on_people_whom_it_did_not_see(strides):
+def test_the_classifier_is_judged_on_people_whom_it_did_not_see():
     random = np.random.default_rng(1)
     people = np.repeat(np.arange(40), 20)
     labels = np.tile([0.0, 1.0], 400)
@@ -50,9 +48,7 @@ def test_the_classifier_is_judged_on_people_whom_it_did_not_see(strides):
     assert strides.left_out_area(peculiar[:, None], labels, people) < 0.75
 
 
-def test_recorded_people_are_held_against_others_with_strides_like_theirs(load_experiment):
-    figures = load_experiment("people.figures")
-    gait = load_experiment("simulator.gait")
+def test_recorded_people_are_held_against_others_with_strides_like_theirs():
     alone, many = figures.SETS[2], figures.SETS[4]
 
     def strides(time, swing):
@@ -69,14 +65,12 @@ def test_recorded_people_are_held_against_others_with_strides_like_theirs(load_e
     assert count == 9 and 3 <= inside <= 5
 
 
-def test_a_number_of_simulated_people_is_within_its_deviation_or_not(load_experiment):
-    prediction = load_experiment("people.prediction")
+def test_a_number_of_simulated_people_is_within_its_deviation_or_not():
     found = prediction.Compared(np.array([0.5, -1.9, 2.1, -5.0]), np.ones(4))
     assert prediction.within(found) == 50.0
 
 
-def test_a_person_predicts_own_sensors_in_any_orientation_and_other_people_less(load_experiment):
-    fitted = load_experiment("people.fitted")
+def test_a_person_predicts_own_sensors_in_any_orientation_and_other_people_less():
     one, other = (
         fitted.simulate.Person(gait=fitted.simulate.RECORDED._replace(soft_tissue=1.0, style_1=style))
         for style in (0.0, 1.5)
@@ -90,8 +84,7 @@ def test_a_person_predicts_own_sensors_in_any_orientation_and_other_people_less(
         assert differs.gyr > 0.01 and differs.acc > 0.01
 
 
-def test_simulated_walks_to_learn_from_have_the_path_of_the_sensor_and_contacts(load_experiment):
-    transfer = load_experiment("people.transfer")
+def test_simulated_walks_to_learn_from_have_the_path_of_the_sensor_and_contacts():
     (walk,), (known,) = transfer.walkers(1), transfer.waists(1)
     path = np.asarray(walk.reference.feet.right.position)
     assert list(walk.recording.sensors) == ["foot_right"] and len(path) == len(
@@ -106,8 +99,7 @@ def test_simulated_walks_to_learn_from_have_the_path_of_the_sensor_and_contacts(
     assert len(inside) == len(known.contacts) - 2 and 0.4 < np.diff(inside).min() <= np.diff(inside).max() < 0.8
 
 
-def test_a_shoe_on_which_a_sensor_sways_rests_less_and_its_landings_shake_it(load_experiment):
-    shoes, transfer = load_experiment("people.shoes"), load_experiment("people.transfer")
+def test_a_shoe_on_which_a_sensor_sways_rests_less_and_its_landings_shake_it():
     perfect, worn = (
         shoes.medians(list(walk.recording.sensors.values()) for walk in transfer.walkers(1, errors))
         for errors in (IDEAL, ON_SHOE)
@@ -116,8 +108,7 @@ def test_a_shoe_on_which_a_sensor_sways_rests_less_and_its_landings_shake_it(loa
     assert perfect[0].rest < 0.01 < worn[0].rest < 0.1 and 1.5 < worn[0].shakes / perfect[0].shakes < 20.0
 
 
-def test_rows_of_the_table_are_the_waves_of_a_stride_and_its_beginning_is_found(load_experiment):
-    derived = load_experiment("people.out_of_plane")
+def test_rows_of_the_table_are_the_waves_of_a_stride_and_its_beginning_is_found():
     turn = 2.0 * np.pi * np.arange(derived.POINTS) / derived.POINTS
     rng, count = np.random.default_rng(3), len(derived.HARMONICS)
     table = rng.standard_normal((18, 2 * count))

@@ -3,13 +3,9 @@
 import numpy as np
 import pytest
 
+from experiments.udaya2010 import rates
 from jgait import plot
 from jgait.types import Estimate, Legs
-
-
-@pytest.fixture(scope="module")
-def rates(load_experiment):
-    return load_experiment("udaya2010.rates")
 
 
 @pytest.fixture
@@ -23,7 +19,7 @@ def slept():
     return awake._replace(diagnostics=told), awake
 
 
-def test_rates_with_and_without_sleep(rates, slept, tmp_path):
+def test_rates_with_and_without_sleep(slept, tmp_path):
     asleep, awake = slept
     figure = rates.filtered_rates(asleep, awake, seconds=(2.0, 3.98))
     above, error = figure.axes
@@ -37,7 +33,7 @@ def test_rates_with_and_without_sleep(rates, slept, tmp_path):
     assert plot.save(figure, tmp_path / "rates.png").stat().st_size > 20_000
 
 
-def test_rates_that_do_not_belong_together_are_refused(rates, slept):
+def test_rates_that_do_not_belong_together_are_refused(slept):
     asleep, awake = slept
     with pytest.raises(ValueError, match="has no gyroscope of 'thigh_left'"):
         rates.filtered_rates(asleep, placement="thigh_left")

@@ -3,25 +3,18 @@
 import numpy as np
 import pytest
 
+from experiments.simulator import against_real as experiment
+from experiments.simulator import checks
+
 pytestmark = pytest.mark.release
 
 
 @pytest.fixture(scope="module")
-def experiment(load_experiment):
-    return load_experiment("simulator.against_real")
-
-
-@pytest.fixture(scope="module")
-def checks(load_experiment):
-    return load_experiment("simulator.checks")
-
-
-@pytest.fixture(scope="module")
-def long(checks):
+def long():
     return checks.long_walk(12.0)
 
 
-def test_the_walk_integrates_stands_and_closes(checks, long):
+def test_the_walk_integrates_stands_and_closes(long):
     person, recording, truth = long
     rows = {row.metric: row.value for row in checks.strapdown_rows(recording, truth, person)}
     assert rows["strapdown_position_error_mm_12s"] < 1.0
@@ -32,7 +25,7 @@ def test_the_walk_integrates_stands_and_closes(checks, long):
     assert checks.standing_error(recording, truth, person) < 1e-9
 
 
-def test_the_checks_find_a_fault(checks, long):
+def test_the_checks_find_a_fault(long):
     person, recording, truth = long
     heavy = person.body._replace(thigh_length=person.body.thigh_length + 0.01)
     assert checks.length_error(truth, heavy) == pytest.approx(0.01, abs=1e-12)
@@ -62,7 +55,7 @@ def leg(rate_hz, strides):
     return {"shank": (gyr, acc)}, time
 
 
-def test_curves_are_cut_from_swing_to_swing(experiment):
+def test_curves_are_cut_from_swing_to_swing():
     simulated = experiment.simulated
     sensors, time = leg(100.0, 8)
     truth = simulated.Truth(hip=np.zeros_like(time), knee=np.radians(60.0) * np.ones_like(time), height=np.sin(time))
@@ -76,7 +69,7 @@ def test_curves_are_cut_from_swing_to_swing(experiment):
     assert [axis.get_title() for axis in drawn.axes if axis.get_visible()] == [simulated.CURVES[name] for name in cut]
 
 
-def test_what_is_given_or_has_no_spread_is_not_counted(experiment):
+def test_what_is_given_or_has_no_spread_is_not_counted():
     one = experiment.Spread(1.0, 0.9, 1.1, 5, "people")
     real = {"speed": one, "shank_swing": one, "foot_strike_p99": one, "knee_range": one._replace(n=1), "stance": one}
     rows = experiment.compared(experiment.SETS[2], real, dict.fromkeys(real, 1.05) | {"stance": 1.2})
@@ -86,7 +79,7 @@ def test_what_is_given_or_has_no_spread_is_not_counted(experiment):
     }
 
 
-def test_a_parameter_that_helps_is_found(experiment):
+def test_a_parameter_that_helps_is_found():
     one = experiment.Spread(1.0, 0.9, 1.1, 5, "people")
     mine = [(v, 2.0 - v, 3) for v in np.linspace(0.0, 1.2, 7)]
     _, name, now, best, count = experiment._try("heel_up", mine, one, 0.2, 1.8, 1.1)
@@ -96,13 +89,13 @@ def test_a_parameter_that_helps_is_found(experiment):
 
 
 @pytest.fixture(scope="module")
-def walked(experiment):
+def walked():
     given = experiment.SETS[0]
     person = experiment.simulated.person_at(1.1, 1.3)
     return given, person, experiment.simulated.walks_of([person], given.rate_hz)[0]
 
 
-def test_figures_of_a_simulated_walk_are_those_of_its_gait(experiment, walked):
+def test_figures_of_a_simulated_walk_are_those_of_its_gait(walked):
     given, person, one = walked
     simulated = experiment.simulated
     found = simulated.medians(simulated.simulated_figures(one, given._replace(resting=False)))

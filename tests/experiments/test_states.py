@@ -4,13 +4,9 @@ import numpy as np
 import pytest
 from made.shank import LEAN, SWING, shank
 
+from experiments.silva2017 import states
 from jgait import plot
 from jgait.events import shank as shank_events
-
-
-@pytest.fixture(scope="module")
-def states(load_experiment):
-    return load_experiment("silva2017.states")
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +14,7 @@ def made():
     return shank(strides=3, length=[1.0, 1.2, 1.1], rises=[0.0, 0.15, 0.0])
 
 
-def test_states_events_and_thresholds(states, made, tmp_path):
+def test_states_events_and_thresholds(made, tmp_path):
     figure = states.swing_states(made.recording, seconds=(0.0, 6.0), title="made")
     above, below = figure.axes
     assert "[rad/s]" in above.get_ylabel() and [t.get_text() for t in below.get_yticklabels()] == [
@@ -49,7 +45,7 @@ def test_states_events_and_thresholds(states, made, tmp_path):
     assert not any(m.get_xdata().size for m in none.lines if m.get_marker() in ("^", "D", "v"))
 
 
-def test_what_is_not_there_is_refused(states, made):
+def test_what_is_not_there_is_refused(made):
     with pytest.raises(ValueError, match="the left leg was not measured; the right one was"):
         states.swing_states(made.recording, side="left")
     with pytest.raises(ValueError, match="side must be 'right' or 'left'; got 'both'"):

@@ -6,18 +6,16 @@ import shutil
 
 import pytest
 
+from experiments import __main__ as runner
+from experiments.common import row as common_row
+from experiments.common import summary
 from jgait import __version__
 
 
 @pytest.fixture(scope="module")
-def summary(load_experiment):
-    return load_experiment("common.summary")
-
-
-@pytest.fixture(scope="module")
-def made(load_experiment):
+def made():
     """A row of a table, as JSON holds it."""
-    kind = load_experiment("common.row").Row
+    kind = common_row.Row
 
     def make(metric, value, line="distance: error", part="", **others):
         return kind(metric, value, "%", **others).on(line, part, "people")._asdict()
@@ -26,7 +24,7 @@ def made(load_experiment):
 
 
 @pytest.fixture
-def copied(summary, tmp_path, monkeypatch):
+def copied(tmp_path, monkeypatch):
     """The files that the command reads and writes, where it does no harm."""
     for name in ("NUMBERS", "PAGE", "README"):
         copy = tmp_path / name
@@ -42,12 +40,12 @@ def run_of(name, rows, quick=False):
 # --- what is versioned ---
 
 
-def test_the_tables_are_what_the_versioned_rows_give(summary):
+def test_the_tables_are_what_the_versioned_rows_give():
     for path, text in summary.texts(summary.load()).items():
         assert path.read_text(encoding="utf-8") == text, "make summary writes it"
 
 
-def test_every_versioned_row_has_a_line_a_number_and_a_count(summary):
+def test_every_versioned_row_has_a_line_a_number_and_a_count():
     known = summary.load()
     assert set(known) <= set(summary.EXPERIMENTS)
     assert len(known) > 8
@@ -63,7 +61,7 @@ def test_every_versioned_row_has_a_line_a_number_and_a_count(summary):
     assert set(summary.HEADLINES) <= metrics
 
 
-def test_a_number_that_changed_changes_the_table(summary):
+def test_a_number_that_changed_changes_the_table():
     known = summary.load()
     before = summary.table(known)
     known["leg_ekf"]["rows"][0]["value"] += 1.0
@@ -74,12 +72,12 @@ def test_a_number_that_changed_changes_the_table(summary):
 
 
 @pytest.mark.parametrize("value, text", [(-0.01234, "−0.0123"), (529.0, "529"), (18.502, "18.5"), (12345.6, "12 346")])
-def test_numbers_are_spelled_as_in_text(summary, value, text):
+def test_numbers_are_spelled_as_in_text(value, text):
     assert summary.number(value) == text
 
 
-def test_rows_of_one_line_stand_together(summary, made, load_experiment):
-    kind = load_experiment("common.row").Row
+def test_rows_of_one_line_stand_together(made):
+    kind = common_row.Row
     rows = [kind(**row) for row in (made("a", 1.0, part="mean", n=2, paper=4.0), made("b", 3.0, part="worst", n=2))]
     rows.append(kind("c", 2.0, "%", 4.0, 5).on("distance: error", of="walks", simulated=True))
     rows.append(kind("d", 0.5, "ratio").on("share", of="figures"))
@@ -92,7 +90,7 @@ def test_rows_of_one_line_stand_together(summary, made, load_experiment):
 # --- the command ---
 
 
-def test_full_runs_replace_rows_and_others_leave_them(summary, made, tmp_path):
+def test_full_runs_replace_rows_and_others_leave_them(made, tmp_path):
     known = {
         "cohort": {"version": "1", "rows": [made("a", 1.0), made("gone", 5.0)]},
         "tuning": {"version": "1", "rows": [made("b", 1.0)]},
@@ -110,7 +108,7 @@ def test_full_runs_replace_rows_and_others_leave_them(summary, made, tmp_path):
     assert "cohort: as before, for the run has none of them: gone" in told
 
 
-def test_the_command_writes_the_tables_and_reports_old_ones(summary, made, copied, capsys):
+def test_the_command_writes_the_tables_and_reports_old_ones(made, copied, capsys):
     results = copied / "results"
     results.mkdir()
     (results / "cohort.json").write_text(run_of("cohort", [made("distance_error_worst_pct", 77.7, n=1234)]))
@@ -133,8 +131,7 @@ def test_the_command_writes_the_tables_and_reports_old_ones(summary, made, copie
 # --- how experiments are named ---
 
 
-def test_every_experiment_has_parts_that_make_rows(load_experiment, capsys):
-    runner = load_experiment("__main__")
+def test_every_experiment_has_parts_that_make_rows(capsys):
     for name in runner.ALL:
         assert all(callable(part.rows) for part in runner.parts(name)), name
     (one,) = runner.parts("leg_ekf.table2")

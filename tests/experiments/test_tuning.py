@@ -2,15 +2,13 @@
 
 import pytest
 
+from experiments.tuning import noise as experiment
+from experiments.tuning import walking5m as real
+
 pytestmark = pytest.mark.release
 
 
-@pytest.fixture(scope="module")
-def experiment(load_experiment):
-    return load_experiment("tuning.noise")
-
-
-def test_likelihood_finds_what_is_there_and_names_what_is_not(experiment, capsys):
+def test_likelihood_finds_what_is_there_and_names_what_is_not(capsys):
     rows = {row.metric: row for row in experiment.rows(quick=True)}
     assert rows["recover_noise_rel_error_max"].value < 0.2
     assert rows["recover_noise_rel_error_max"].split.endswith("angle_noise, gyro_variance")
@@ -23,13 +21,11 @@ def test_likelihood_finds_what_is_there_and_names_what_is_not(experiment, capsys
     assert "position_noise is not determined by these data" in capsys.readouterr().out
 
 
-def test_a_person_whose_scale_is_off_is_found_by_the_read_out(load_experiment):
+def test_a_person_whose_scale_is_off_is_found_by_the_read_out():
     """Two legs that go back and forth by a metre a second: the distance is theirs, times the scale."""
     import numpy as np
 
     from jgait.types import Legs, LegTrajectory
-
-    real = load_experiment("tuning.walking5m")
 
     t = np.arange(400) / 100.0
     saw = np.abs((t % 2.0) - 1.0)

@@ -125,28 +125,24 @@ def test_a_broken_update_is_the_same_in_both(kind):
     same(found, smoothed(c, "core", keep=filtering.FIELDS, covariance=False))
 
 
+NONLINEAR = "the KF needs a linear model.* Jacobian of transition .* depends on the state"
+
+
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        (
-            {"execution": "fast", "method": UKF()},
-            r"KF\(\) and EKF\(\).*this call has the method UKF.* needs 'core'",
-        ),
+        ({"execution": "fast", "method": UKF()}, r"KF\(\) and EKF\(\).*this call has the method UKF.* needs 'core'"),
         ({"execution": "fast", "method": IteratedEKF(2)}, r"this call has the method EKF\(iterations=2\), and needs"),
         ({"execution": "swift"}, "execution must be one of auto, core, fast; got 'swift'"),
-        (
-            {"execution": "fast", "method": KF()},
-            "the KF needs a linear model.* Jacobian of transition .* depends on the state",
-        ),
-        (
-            {"execution": "core", "method": KF()},
-            "the KF needs a linear model.* Jacobian of transition .* depends on the state",
-        ),
+        ({"execution": "fast", "method": KF()}, NONLINEAR),
+        ({"execution": "core", "method": KF()}, NONLINEAR),
+        ({"covariance": "speed"}, "covariance is True, False or a tuple of names; got 'speed'"),
+        ({"covariance": ("height",)}, r"covariance names components of the error \(position, speed\); got 'height'"),
     ],
 )
 def test_what_cannot_be_done_is_refused(more, message):
     with pytest.raises(ValueError, match=message):
-        filtered(case("bent"), **more)
+        (smoothed if "covariance" in more else filtered)(case("bent"), **more)
 
 
 @pytest.mark.parametrize("convert", [list, pd.Series])
@@ -182,14 +178,6 @@ def test_compiled_for_wide_vectors_also_within_another_jit():
     assert float(jax.grad(lambda x: double(x, times=5))(2.0)) == 5.0
 
 
-def test_a_bare_array_is_refused_with_what_is_expected():
-    c = case("bent")
-    with pytest.raises(
-        ValueError, match=r"observes a Reading of \(near, far\); got a bare array; pass Reading\(near=…"
-    ):
-        filtered(c._replace(observations=c.observations.near, mask=None))
-
-
 @pytest.mark.parametrize("execution", ["core", "fast"])
 def test_a_parameter_that_is_nan_has_no_likelihood(execution):
     c = case("bent")
@@ -202,13 +190,9 @@ def test_a_parameter_that_is_nan_has_no_likelihood(execution):
     assert np.isnan(told.updated.log_likelihood)
 
 
-@pytest.mark.parametrize(
-    ("more", "message"),
-    [
-        ({"covariance": "speed"}, "covariance is True, False or a tuple of names; got 'speed'"),
-        ({"covariance": ("height",)}, r"covariance names components of the error \(position, speed\); got 'height'"),
-    ],
-)
-def test_what_a_smoother_cannot_do_is_refused(more, message):
-    with pytest.raises(ValueError, match=message):
-        smoothed(case("cart"), "auto", **more)
+def test_a_bare_array_is_refused_with_what_is_expected():
+    c = case("bent")
+    with pytest.raises(
+        ValueError, match=r"observes a Reading of \(near, far\); got a bare array; pass Reading\(near=…"
+    ):
+        filtered(c._replace(observations=c.observations.near, mask=None))

@@ -4,21 +4,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from filtering.problems import case
 
 from jgait import filtering
 from jgait.estimators.leg_ekf import model as leg_model
 from jgait.filtering.hidden import without_hidden
 
 SAMPLES = 30
-PARAMS = leg_model.LegModelParams(0.4, 0.41, 1e-6, 1.0, 1e-8, 1e-3, 2e-3, 1e-4)
-CONTROLS = leg_model.LegControl(np.full(SAMPLES, 0.01), np.full(SAMPLES, 0.02))
+_, PARAMS, OBSERVATIONS, CONTROLS, _, _ = case("leg", SAMPLES, masked=False)
 HERE = np.ones(SAMPLES, bool)
-
-
-@pytest.fixture(scope="module")
-def observations():
-    rng = np.random.default_rng(0)
-    return leg_model.LegObservation(*(0.3 * rng.normal(size=SAMPLES) for _ in range(6)))
 
 
 def masks(gone):
@@ -28,10 +22,10 @@ def masks(gone):
 
 
 @pytest.mark.parametrize("smooth", [False, True])
-def test_hidden_for_good_is_masked_everywhere(observations, smooth):
+def test_hidden_for_good_is_masked_everywhere(smooth):
     def infer(mask):
         return filtering.infer(
-            leg_model.MODEL, PARAMS, observations, smooth=smooth, controls=CONTROLS, dt=0.02, mask=mask,
+            leg_model.MODEL, PARAMS, OBSERVATIONS, smooth=smooth, controls=CONTROLS, dt=0.02, mask=mask,
             keep=(*filtering.SUMMARY, "innovation"),
         )  # fmt: skip
 
@@ -45,9 +39,9 @@ def test_hidden_for_good_is_masked_everywhere(observations, smooth):
     np.testing.assert_allclose(innovation.thigh_gyro, masked.filtered.innovation.thigh_gyro, rtol=1e-9, atol=1e-12)
 
 
-def test_a_sample_online(observations):
+def test_a_sample_online():
     belief = leg_model.initial(PARAMS)
-    first = jax.tree.map(lambda v: v[0], (observations, CONTROLS))
+    first = jax.tree.map(lambda v: v[0], (OBSERVATIONS, CONTROLS))
 
     def step(gone):
         mask = leg_model.LegObservation(True, True, *(gone,) * 4)
@@ -58,10 +52,10 @@ def test_a_sample_online(observations):
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12), ours, theirs)
 
 
-def test_the_reduced_model_is_one(observations):
-    one, two = (without_hidden(leg_model.MODEL, observations, masks(np.False_))[0] for _ in range(2))
+def test_the_reduced_model_is_one():
+    one, two = (without_hidden(leg_model.MODEL, OBSERVATIONS, masks(np.False_))[0] for _ in range(2))
     assert one is two and one is not leg_model.MODEL
-    assert without_hidden(leg_model.MODEL, observations, masks(HERE))[0] is leg_model.MODEL
+    assert without_hidden(leg_model.MODEL, OBSERVATIONS, masks(HERE))[0] is leg_model.MODEL
     none = leg_model.LegObservation(*(False,) * 6)
-    _, left, mask = without_hidden(leg_model.MODEL, observations, none)
+    _, left, mask = without_hidden(leg_model.MODEL, OBSERVATIONS, none)
     assert len(jax.tree.leaves(left)) == 1 and not np.any(jax.tree.leaves(mask)[0])

@@ -9,7 +9,7 @@ import pytest
 from filtering.problems import LINE, Place
 
 from jgait import filtering
-from jgait.filtering import KF, Belief, Covariance, Model
+from jgait.filtering import KF, Belief, Covariance, Model, draw
 from jgait.geometry.rotation import Quaternion, conjugate, exponential, logarithm, product, rotated
 from jgait.geometry.vectors import Vector
 
@@ -82,44 +82,16 @@ ATTITUDE = Model(
 )  # fmt: skip
 
 
-class Tumble(NamedTuple):
-    """Runs (RUNS, SAMPLES) of a tumbling body, its truth drawn from the model's own prior and noise."""
-
-    seen: Directions
-    gyr: Vector
-    truth: Attitude
-
-
 @pytest.fixture(scope="module")
-def tumble() -> Tumble:
-    def three(draws: Any) -> Vector:
-        return Vector(draws[0], draws[1], draws[2])
-
-    def one(key: Any) -> Tumble:
-        keys = jax.random.split(key, 5)
-        start = AttitudeError(
-            three(0.5 * jax.random.normal(keys[0], (3,))), three(0.1 * jax.random.normal(keys[1], (3,)))
-        )
-        first = attitude_retract(jax.tree.map(jnp.asarray, attitude_initial(None).mean), start)
-        time = DT * jnp.arange(float(SAMPLES))
-        rate = Vector(2.0 * jnp.sin(time), 1.5 * jnp.cos(0.7 * time), 1.0 + jnp.sin(1.3 * time))
-        angles = GYRO * DT**0.5 * jax.random.normal(keys[2], (SAMPLES, 3))
-        walks = BIAS_WALK * DT**0.5 * jax.random.normal(keys[3], (SAMPLES, 3))
-
-        def move(state: Attitude, now: Any) -> tuple[Attitude, tuple[Attitude, Vector]]:
-            w, angle, walk = now
-            gyr = jax.tree.map(lambda a, b: a + b, w, state.bias)
-            after = attitude_transition(None, state, gyr, DT)
-            after = attitude_retract(after, AttitudeError(three(angle), three(walk)))
-            return after, (after, gyr)
-
-        truth, gyr = jax.lax.scan(move, first, (rate, angles, walks))[1]
-        clean = jax.vmap(lambda s: attitude_observation(None, s, None))(truth)
-        noise = DIRECTION * jax.random.normal(keys[4], (6, SAMPLES))
-        leaves, structure = jax.tree.flatten(clean)
-        return Tumble(jax.tree.unflatten(structure, [a + b for a, b in zip(leaves, noise, strict=True)]), gyr, truth)
-
-    return jax.tree.map(np.asarray, jax.jit(lambda key: jax.vmap(one)(jax.random.split(key, RUNS)))(jax.random.key(1)))
+def tumble() -> tuple[Attitude, Directions, Vector]:
+    """Runs (RUNS, SAMPLES) of a tumbling body: its truth, drawn from the model, what is seen, and the gyroscope."""
+    time = DT * jnp.arange(float(SAMPLES))
+    gyr = Vector(2.0 * jnp.sin(time), 1.5 * jnp.cos(0.7 * time), 1.0 + jnp.sin(1.3 * time))
+    keys = jax.random.split(jax.random.key(1), RUNS)
+    drawn = jax.jit(jax.vmap(lambda k: draw(k, ATTITUDE, jnp.asarray(DIRECTION**2), SAMPLES, controls=gyr, dt=DT)))(
+        keys
+    )
+    return jax.tree.map(np.asarray, (*drawn, gyr))
 
 
 apart = jax.jit(jax.vmap(jax.vmap(attitude_local)))
@@ -134,16 +106,17 @@ def nees(error: np.ndarray, cov: Covariance) -> np.ndarray:
 
 
 def test_attitude_is_estimated_and_its_covariance_is_that_of_the_error(tumble):
+    truth, seen, gyr = tumble
     solve = jax.vmap(
-        lambda seen, gyr: filtering.kalman_smoother(
+        lambda seen: filtering.kalman_smoother(
             ATTITUDE, DIRECTION**2, seen, controls=gyr, dt=DT, keep=("mean", "cov", "nis")
         )
     )
-    out = jax.jit(solve)(tumble.seen, tumble.gyr)
+    out = jax.jit(solve)(seen)
     assert out.cov.names == ("angle.x", "angle.y", "angle.z", "bias.x", "bias.y", "bias.z")
     np.testing.assert_allclose(np.sum(np.stack(out.mean.q) ** 2, 0), 1.0, atol=1e-12)
-    filtered = error_of(out.filtered.mean, tumble.truth)
-    smoothed = error_of(out.mean, tumble.truth)
+    filtered = error_of(out.filtered.mean, truth)
+    smoothed = error_of(out.mean, truth)
     assert np.degrees(np.abs(filtered[:, 20:, :3])).max() < 5.0
     assert np.sqrt(np.mean(smoothed**2)) < 0.7 * np.sqrt(np.mean(filtered**2))
     late = slice(20, None, 20)  # Far enough apart for the runs' errors to be nearly independent.
@@ -158,7 +131,8 @@ def test_attitude_is_estimated_and_its_covariance_is_that_of_the_error(tumble):
 
 
 def test_the_kf_refuses_a_rotation(tumble):
-    seen, gyr = jax.tree.map(lambda v: v[0], (tumble.seen, tumble.gyr))
+    _, seen, gyr = tumble
+    seen = jax.tree.map(lambda v: v[0], seen)
     with pytest.raises(ValueError, match="KF needs a linear model"):
         filtering.kalman_filter(ATTITUDE, 1e-2, seen, controls=gyr, dt=DT, method=KF())
 

@@ -1,13 +1,11 @@
 """A walk in bouts: it goes on where it stopped, and stands still between."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import strapdown
 
 from jgait import simulate
-from jgait.geometry.segments import in_world
 from jgait.simulate import Gait, Person
 from jgait.simulate.routes import total_length
 from jgait.simulate.sensors import MPU6000
@@ -20,10 +18,6 @@ WHO = Person(gait=Gait(width_variability=0.015, length_variability=0.03, quiet_b
 @pytest.fixture(scope="module")
 def walked():
     return simulate.with_breaks(jax.random.key(0), WHO, WAYS, BREAKS)
-
-
-def stacked(vector):
-    return np.stack([np.asarray(part) for part in vector], axis=1)
 
 
 def test_bouts_follow_each_other(walked):
@@ -77,11 +71,7 @@ def test_sensors_integrate_to_the_truth_across_a_break():
     recording, truth = simulate.with_breaks(jax.random.key(1), WHO, WAYS[:2], (0.7,), rate=200.0)
     for placement, imu in recording.sensors.items():
         frame = getattr(truth.motion.pose, simulate.segment_of(placement))
-        place = stacked(in_world(frame, simulate.mount(WHO.body, placement)))
-        axes = np.stack([stacked(frame.x), stacked(frame.y), stacked(frame.z)], axis=2)
-        path = strapdown.integrate(
-            jnp.asarray(imu.gyr), jnp.asarray(imu.acc), 1.0 / 200.0, jnp.asarray(axes[0]), jnp.asarray(place[0])
-        )
+        path, place, _ = strapdown.followed(imu, frame, simulate.mount(WHO.body, placement), 200.0)
         assert np.linalg.norm(np.asarray(path.position) - place, axis=1).max() < 2e-4
 
 

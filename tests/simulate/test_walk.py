@@ -5,12 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import strapdown
+from strapdown import stacked
 
 from jgait import simulate
 from jgait.geometry.segments import Frame, in_world
 from jgait.geometry.vectors import GRAVITY, Vector
 from jgait.simulate import RECORDED, Gait, Person
-from jgait.simulate.feet import LINGER, TOES_RISE
+from jgait.simulate.feet import LINGER, Instants
 from jgait.simulate.footsteps import FIRST
 from jgait.simulate.recorded import limits
 from jgait.simulate.sensors import IDEAL, ImuErrors
@@ -28,10 +29,6 @@ def person(base=Gait(), **changes):  # noqa: B008
 
 STYLED = RECORDED._replace(style_1=1.0, style_2=-1.0, style_3=0.5, style_4=1.0)
 BOTH = pytest.mark.parametrize("base", [Gait(), RECORDED, STYLED], ids=["rules", "recorded", "styled"])
-
-
-def stacked(vector):
-    return np.stack([np.asarray(part) for part in vector], axis=1)
 
 
 STRAIGHT = simulate.route({"length": 2.0}, {"length": 2.0}, {"length": 8.0})
@@ -87,7 +84,7 @@ def test_feet_that_stand_are_at_rest(walked):
     entry, moving = ticks(truth.plan, jnp.asarray(truth.estimate.time))
     entry, r = np.asarray(entry), np.asarray(moving.pose)
     flat_from, off = 2.0 * gait.foot_flat, 2.0 * gait.heel_off
-    rolls = 2.0 * gait.stance_fraction - LINGER - TOES_RISE
+    rolls = 2.0 * gait.stance_fraction - LINGER - Instants().toes_rise
     least = 1 if gait.stance_fraction < 0.5 else 5 if gait.recorded == 0.0 else 3  # samples of a phase
     checked = 0
     for landed in range(1, 8):  # footholds that are landed on and left again
@@ -152,10 +149,7 @@ def test_integrating_a_sensor_returns_the_truth(base):
         recording, truth = simulated(1, who, simulate.corner(1.0, np.pi / 2, 4.0), rate=rate)
         for placement, imu in recording.sensors.items():
             frame: Frame = getattr(truth.motion.pose, simulate.segment_of(placement))
-            place = stacked(in_world(frame, simulate.mount(who.body, placement)))
-            axes = np.stack([stacked(frame.x), stacked(frame.y), stacked(frame.z)], axis=2)
-            start = jnp.asarray(axes[0]), jnp.asarray(place[0])
-            path = strapdown.integrate(jnp.asarray(imu.gyr), jnp.asarray(imu.acc), 1.0 / rate, *start)
+            path, place, axes = strapdown.followed(imu, frame, simulate.mount(who.body, placement), rate)
             errors.append(np.linalg.norm(np.asarray(path.position) - place, axis=1).max())
             assert np.abs(np.asarray(path.axes)[-1] - axes[-1]).max() < (1e-6 if base.recorded == 0.0 else 1e-5)
         for side in SIDES:
@@ -352,12 +346,7 @@ def test_soft_tissue_moves_sensors_over_bones_that_stay_as_they_are():
         np.testing.assert_allclose(a, b, atol=1e-9)
     for name in ("thigh_right", "thigh_left", "shank_right", "shank_left", "foot_right", "foot_left"):
         frame: Frame = getattr(same.motion.pose, name)
-        place = stacked(in_world(frame, simulate.mount(Person().body, name)))
-        axes = np.stack([stacked(frame.x), stacked(frame.y), stacked(frame.z)], axis=2)
-        imu = soft.sensors[name]
-        path = strapdown.integrate(
-            jnp.asarray(imu.gyr), jnp.asarray(imu.acc), 1.0 / rate, jnp.asarray(axes[0]), jnp.asarray(place[0])
-        )
+        path, place, axes = strapdown.followed(soft.sensors[name], frame, simulate.mount(Person().body, name), rate)
         apart = np.linalg.norm(np.asarray(path.position) - place, axis=1)
         assert 1e-3 < apart.max() < 0.06
         assert apart[-1] < 1e-4
