@@ -112,8 +112,9 @@ def stacked(vector: Any) -> np.ndarray:
     return np.stack([np.asarray(part) for part in vector], axis=1)
 
 
-def followed(imu: Any, frame: Any, point: Any, rate: float) -> tuple[Path, np.ndarray, np.ndarray]:
-    """The path of a sensor from its readings; the true places (T, 3) and axes (T, 3, 3) of a point on a segment."""
+def followed(imu: Any, frame: Any, point: Any, rate: float, every: int = 1) -> tuple[Path, np.ndarray, np.ndarray]:
+    """The path of a sensor from its readings, or some of them; true places (T, 3) and axes (T, 3, 3) of the point."""
     place, axes = stacked(in_world(frame, point)), np.stack([stacked(axis) for axis in frame[1:]], axis=2)
-    start = jnp.asarray(axes[0]), jnp.asarray(place[0])
-    return integrate(jnp.asarray(imu.gyr), jnp.asarray(imu.acc), 1.0 / rate, *start), place, axes
+    place, axes = place[::every], axes[::every]
+    gyr, acc, *start = map(jnp.asarray, (imu.gyr[::every], imu.acc[::every], axes[0], place[0]))
+    return integrate(gyr, acc, every / rate, *start), place, axes

@@ -56,12 +56,9 @@ def strapdown_rows(recording: Recording, truth: Truth, person: Person) -> list[R
         worst = 0.0
         for placement, imu in recording.sensors.items():
             frame = getattr(truth.motion.pose, simulate.segment_of(placement))
-            place = np.stack(in_world(frame, simulate.mount(person.body, placement)), axis=1)
-            axes = np.stack([np.array([part[0] for part in axis]) for axis in frame[1:]], axis=1)
-            dt = every / RATE_HZ
-            gyr, acc = (jnp.asarray(values[::every]) for values in (imu.gyr, imu.acc))
-            path = strapdown.integrate(gyr, acc, dt, jnp.asarray(axes), jnp.asarray(place[0]))
-            apart = np.linalg.norm(np.asarray(path.position) - place[::every], axis=1)
+            point = simulate.mount(person.body, placement)
+            path, place, _ = strapdown.followed(imu, frame, point, RATE_HZ, every)
+            apart = np.linalg.norm(np.asarray(path.position) - place, axis=1)
             worst = max(worst, 1e3 * float(apart.max()))
         errors[every] = worst
     rates = np.array([RATE_HZ / every for every in errors])

@@ -31,19 +31,20 @@ from jgait.filtering.components import (
     where,
 )
 from jgait.filtering.fast import (
-    SEGMENTED_FROM,
     Advanced,
     Noises,
     advanced,
     arrays,
     carried,
     constant_noises,
-    field,
-    filled,
+    first_carry,
+    folded,
+    forward,
+    listed,
     opened,
     sample_of,
-    segment_length,
     series,
+    unfolded,
 )
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.sharing import shared
@@ -142,41 +143,24 @@ def there_and_back(
         back: (carry, those quantities) → carry, output.
     """
     length = given.length
-    size = length if length < SEGMENTED_FROM else segment_length(length)
-    count = -(-length // size)
-    real = jnp.arange(count * size) < length
-    folded = jax.tree.map(lambda leaf: filled(leaf, count * size).reshape(count, size), (series(given), real))
-
-    def forward(carry: PyTree, leaves: PyTree) -> tuple[PyTree, PyTree]:
-        step = advanced(given, noises, opened(carry, given), sample_of(leaves, given))
-        return carried(step.after, given.dtype), {name: field(step, name, given.dtype) for name in keep}
-
-    forward = jax.checkpoint(shared(forward), prevent_cse=False)
+    samples, last = folded((series(given), jnp.arange(length)), length)
+    real = jnp.arange(last.size).reshape(last.shape) == last  # False where the last segment is filled up
+    once = jax.checkpoint(forward(given, noises, keep), prevent_cse=False)
     again = jax.checkpoint(lambda carry, item: ahead(carry, *item), prevent_cse=False)
     inner = jax.checkpoint(back, prevent_cse=False)
 
     @jax.checkpoint
     def there(carry: PyTree, part: PyTree) -> tuple[PyTree, PyTree]:
-        after, kept = lax.scan(forward, carry, part[0])
+        after, kept = lax.scan(once, carry, part)
         return after, (carry, kept)
 
     @jax.checkpoint
     def behind(carry: PyTree, part: PyTree) -> tuple[PyTree, PyTree]:
-        first, (leaves, real) = part
-        items = leaves, _sorted(real)
+        first, items = part
         stored = lax.scan(again, first, items)[1]
         return lax.scan(inner, carry, stored, reverse=True)
 
-    _, (starts, kept) = lax.scan(there, carried(Components(given.mean, given.cov), given.dtype), folded)
-    _, outputs = lax.scan(behind, start, (starts, folded), reverse=True)
-    outputs, kept = jax.tree.map(lambda leaf: leaf.reshape(count * size)[:length], (outputs, kept))
-    return outputs, {name: list(values) if isinstance(values, tuple) else values for name, values in kept.items()}
-
-
-def _sorted(real: PyTree) -> PyTree:
-    """The flags of a segment, already sorted (True first): the sort changes only the program that XLA compiles.
-
-    With the sort, XLA does not compile a loop and its inner loops as one function: the mapped smoother of 15 states
-    then compiled in 74 s of processor time instead of 90.
-    """
-    return lax.sort((~real).astype(jnp.int32)) == 0
+    _, (starts, kept) = lax.scan(there, first_carry(given), samples)
+    _, outputs = lax.scan(behind, start, (starts, (samples, real)), reverse=True)
+    outputs, kept = unfolded((outputs, kept), length)
+    return outputs, listed(kept)

@@ -93,18 +93,24 @@ def scanned(given: Inputs, keep: tuple[str, ...], *, segments: bool) -> dict[str
         keep: fields to return.
         segments: scan in checkpointed segments, for gradients; a scan without segments is faster.
     """
-    noises = constant_noises(given)
+    body, start, leaves = forward(given, constant_noises(given), keep), first_carry(given), series(given)
+    kept = segmented(body, start, leaves, given.length) if segments else lax.scan(body, start, leaves)[1]
+    # Under vmap a reshape keeps the recordings' axis in front; both functions of `with_gradient_of` need the same axis.
+    return listed(jax.tree.map(lambda leaf: leaf.reshape(1, given.length).reshape(given.length), kept))
+
+
+def forward(given: Inputs, noises: Noises, keep: tuple[str, ...]) -> Callable[[Carry, PyTree], PyTree]:
+    """The body of the filter's scan: belief before, leaves of the sample → belief after, and the fields `keep`."""
 
     def body(carry: Carry, leaves: PyTree) -> tuple[Carry, dict[str, PyTree]]:
         step = advanced(given, noises, opened(carry, given), sample_of(leaves, given))
         return carried(step.after, given.dtype), {name: field(step, name, given.dtype) for name in keep}
 
-    body = shared(body)
-    start = carried(Components(given.mean, given.cov), given.dtype)
-    leaves = series(given)
-    kept = segmented(body, start, leaves, given.length) if segments else lax.scan(body, start, leaves)[1]
-    # Under vmap a reshape keeps the recordings' axis in front; both functions of `with_gradient_of` need the same axis.
-    kept = jax.tree.map(lambda leaf: leaf.reshape(1, given.length).reshape(given.length), kept)
+    return shared(body)
+
+
+def listed(kept: dict[str, PyTree]) -> dict[str, Any]:
+    """Fields by name, their components in lists."""
     return {name: list(values) if isinstance(values, tuple) else values for name, values in kept.items()}
 
 
@@ -162,31 +168,38 @@ def segmented(body: Callable[[PyTree, PyTree], PyTree], start: PyTree, leaves: P
     body = jax.checkpoint(body, prevent_cse=False)
     if length < SEGMENTED_FROM:
         return lax.scan(body, start, leaves)[1]
-    size = segment_length(length)
-    count = -(-length // size)
-    folded = jax.tree.map(lambda leaf: filled(leaf, count * size).reshape(count, size), leaves)
 
     @jax.checkpoint
     def segment(carry: PyTree, part: PyTree) -> PyTree:
         return lax.scan(body, carry, part)
 
-    outputs = lax.scan(segment, start, folded)[1]
-    return jax.tree.map(lambda leaf: leaf.reshape(count * size)[:length], outputs)
+    return unfolded(lax.scan(segment, start, folded(leaves, length))[1], length)
 
 
-def segment_length(length: int) -> int:
+def folded(leaves: PyTree, length: int) -> PyTree:
+    """Arrays (T,) as segments (count, size), the last one filled with the last entry; one segment if T is short."""
+    size = length if length < SEGMENTED_FROM else _segment_length(length)
+    count = -(-length // size)
+
+    def whole(leaf: PyTree) -> PyTree:
+        filling = jnp.broadcast_to(leaf[-1:], (count * size - length,))
+        return (jnp.concatenate([leaf, filling]) if len(filling) else leaf).reshape(count, size)
+
+    return jax.tree.map(whole, leaves)
+
+
+def unfolded(segments: PyTree, length: int) -> PyTree:
+    """The inverse of `folded`."""
+    return jax.tree.map(lambda leaf: leaf.reshape(leaf.shape[0] * leaf.shape[1])[:length], segments)
+
+
+def _segment_length(length: int) -> int:
     """A divisor of the length near its square root, or the square root rounded up."""
     root = math.isqrt(length)
     for candidate in sorted(range(max(1, root // 2), 2 * root), key=lambda size: abs(math.log(size / root))):
         if length % candidate == 0:
             return candidate
     return root + 1
-
-
-def filled(leaf: PyTree, length: int) -> PyTree:
-    """The array (T,) padded to the length with its last entry."""
-    missing = length - leaf.shape[0]
-    return jnp.concatenate([leaf, jnp.broadcast_to(leaf[-1:], (missing,))]) if missing else leaf
 
 
 def series(given: Inputs) -> PyTree:
@@ -206,6 +219,11 @@ def sample_of(leaves: PyTree, given: Inputs) -> Sample:
 def carried(moments: Components, dtype: DTypeLike) -> Carry:
     """A belief as arrays of the dtype."""
     return arrays(moments.mean, dtype), arrays(upper(moments.cov), dtype)
+
+
+def first_carry(given: Inputs) -> Carry:
+    """The belief before the first sample."""
+    return carried(Components(given.mean, given.cov), given.dtype)
 
 
 def opened(carry: Carry, given: Inputs) -> Components:

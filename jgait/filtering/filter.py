@@ -27,17 +27,7 @@ from jgait.types import Counts, Maybe, Values
 
 
 class Updated(NamedTuple):
-    """The result of one update.
-
-    Attributes:
-        belief: belief after the observation.
-        innovation: measured − predicted, observation tuple; 0 where masked.
-        innovation_stddev: square root of the diagonal of S, observation tuple; 1 where masked.
-        log_likelihood: log-density of the measured components given the past [nat], linearised at the prediction.
-        nis: normalised innovation squared, χ² with `count` degrees of freedom, linearised at the prediction.
-        count: number of measured components, as a float.
-        valid: False where the update was not finite and the prediction was kept; then the four fields above are 0.
-    """
+    """The result of one update: the belief after the observation, and the fields of `Posterior` at this sample."""
 
     belief: Belief
     innovation: PyTree
@@ -70,10 +60,12 @@ class Posterior(NamedTuple):
         predicted_cov: covariance of `predicted_mean`.
         innovation: measured − predicted, in the observation's type; 0 where masked.
         innovation_stddev: standard deviation of `innovation`, in the observation's type; 1 where masked.
-        log_likelihood: (T,) log-density of each sample given the past [nat]; NaN if a parameter is NaN.
-        nis: (T,) normalised innovation squared.
-        count: (T,) number of measured components.
-        valid: (T,) False where the numbers were not finite and the prediction was kept.
+        log_likelihood: (T,) log-density of each sample given the past [nat], linearised at the prediction; NaN if a
+            parameter is NaN.
+        nis: (T,) normalised innovation squared, χ² with `count` degrees of freedom, linearised at the prediction.
+        count: (T,) number of measured components, as a float.
+        valid: (T,) False where the numbers were not finite and the prediction was kept; the five fields above are
+            then 0.
     """
 
     mean: PyTree = None

@@ -4,7 +4,9 @@ A mask's leaf is constant if it is Python's or NumPy's scalar False, known while
 component is then None in observation, noise and mask, and the filter uses the other components.
 """
 
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import jax
 import numpy as np
@@ -29,7 +31,7 @@ def without_hidden(model: Model, observation: PyTree, mask: PyTree) -> tuple[Mod
     if mask is None or structure != jax.tree.structure(mask):
         return model, observation, mask
     leaves = jax.tree.leaves(mask)
-    hidden = [_never(leaf) for leaf in leaves]
+    hidden = [isinstance(leaf, bool | np.bool_) and not leaf for leaf in leaves]
     if not any(hidden):
         return model, observation, mask
     if all(hidden):
@@ -40,41 +42,30 @@ def without_hidden(model: Model, observation: PyTree, mask: PyTree) -> tuple[Mod
     return _reduced(model, part), part(observation), part(mask)
 
 
-def _never(leaf: PyTree) -> bool:
-    return isinstance(leaf, bool | np.bool_) and not leaf
-
-
+@dataclass(frozen=True)
 class _Part:
     """The selection of measured components of an observation tuple; hashable, so that a reduced model compiles once."""
 
-    def __init__(self, structure: PyTree, hidden: tuple[bool, ...]) -> None:
-        self.key = (structure, hidden)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Part) and self.key == other.key
-
-    def __hash__(self) -> int:
-        return hash(self.key)
+    structure: Any
+    hidden: tuple[bool, ...]
 
     def __call__(self, values: PyTree) -> PyTree:
-        structure, hidden = self.key
-        leaves = zip(jax.tree.leaves(values), hidden, strict=True)
-        return structure.unflatten([None if gone else leaf for leaf, gone in leaves])
+        leaves = zip(jax.tree.leaves(values), self.hidden, strict=True)
+        return self.structure.unflatten([None if gone else leaf for leaf, gone in leaves])
 
     def noise(self, values: PyTree) -> PyTree:
         """The measured components of a tuple of variances, or of a covariance."""
         if not isinstance(values, Covariance):
             return self(values)
-        kept = [i for i, gone in enumerate(self.key[1]) if not gone]
+        kept = [i for i, gone in enumerate(self.hidden) if not gone]
         pairs = [(values.names[i], values.names[j]) for number, i in enumerate(kept) for j in kept[number:]]
-        like = jax.tree.structure(self(self.key[0].unflatten(range(len(self.key[1])))))
+        like = jax.tree.structure(self(self.structure.unflatten(range(len(self.hidden)))))
         return Covariance(tuple(values[pair] for pair in pairs), like)
 
     def whole(self, values: PyTree) -> PyTree:
         """The full tuple, 0 where a component is hidden."""
-        structure, hidden = self.key
         left = iter(jax.tree.leaves(values))
-        return structure.unflatten([0.0 if gone else next(left) for gone in hidden])
+        return self.structure.unflatten([0.0 if gone else next(left) for gone in self.hidden])
 
 
 @lru_cache(maxsize=256)

@@ -3,13 +3,9 @@
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from jgait.estimators.leg_ekf import inclination
-from jgait.estimators.leg_ekf.inclination import InclinationControl, InclinationNoise
 from jgait.filtering import Belief, Covariance, Model, draw, kalman_filter
-from jgait.geometry.vectors import Vector
 
 
 class Cart(NamedTuple):
@@ -66,18 +62,3 @@ def test_the_filter_of_the_same_model_is_consistent_with_it_and_another_is_not()
     limit = 6.0 * np.sqrt(2.0 / (200 * 100))
     assert abs(nis(P) - 1.0) < limit
     assert abs(nis(Noise(0.3, 1.0)) - 1.0) > limit
-
-
-def test_models_with_controls_and_nested_states_are_drawn_too():
-
-    def initial(p):
-        return inclination.prior(Vector(*(jnp.zeros(()),) * 3), 1e-4)
-
-    model = inclination.MODEL._replace(initial=initial)
-    still, zero = np.ones(50, bool), np.zeros(50)
-    controls = InclinationControl(Vector(zero, zero, zero), still, still)
-    drawn = jax.jit(lambda key: draw(key, model, InclinationNoise(), 50, controls=controls, dt=0.01))
-    states, seen = drawn(jax.random.key(1))
-    assert states.up.x.shape == seen[0].z.shape == (50,)
-    again, _ = drawn(jax.random.key(1))
-    np.testing.assert_array_equal(states.up.x, again.up.x)

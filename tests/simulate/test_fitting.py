@@ -4,13 +4,11 @@ import jax
 import numpy as np
 import pytest
 
-from jgait import datasets, simulate
-from jgait.simulate import Person
+from experiments.people.fitted import OTHERS, usual
+from jgait import simulate
 from jgait.simulate.fitting import POINTS, StrideSignals, mean_strides, turned, unexplained, virtual
 from jgait.simulate.sensors import OPAL
 from jgait.types import Imu, Recording
-
-OTHERS = ("ankle_right", "ankle_left", "foot_right", "foot_left")
 
 
 def lengths(body):
@@ -23,13 +21,6 @@ def shares(person, seen, late=0.0):
     both = (StrideSignals(*(np.stack([getattr(one[name], kind) for name in seen]) for kind in StrideSignals._fields))
             for one in (made, seen))  # fmt: skip
     return np.sqrt(np.asarray(unexplained(*both)[0])).mean(axis=1)
-
-
-def usual(fit):
-    """A walker with the mean manner of recorded people at the fitted person's stride."""
-    gait = fit.person.gait
-    same = {name: getattr(gait, name) for name in ("stride_length", "stride_time", "right_first")}
-    return Person(fit.person.body, simulate.RECORDED._replace(**same, soft_tissue=1.0))
 
 
 @pytest.fixture(scope="module")
@@ -106,11 +97,9 @@ def test_standing_cannot_be_fitted():
         simulate.fitted(still)
 
 
-def test_ankles_of_a_recorded_person_are_predicted_from_thighs_and_shanks():
+def test_ankles_of_a_recorded_person_are_predicted_from_thighs_and_shanks(data):
     """Forces better than by the usual walker of this stride, rates as well; errors are large, and a note says so."""
-    if not datasets.available("neura_sparse"):
-        pytest.skip(datasets.unavailable_reason("neura_sparse"))
-    (walk,) = datasets.load("neura_sparse")
+    (walk,) = data("neura_sparse")
     sensors, body = walk.recording.sensors, np.mean(list(walk.info["lengths"].values()), axis=0)
     legs = walk.recording._replace(sensors={name: sensors[name] for name in simulate.FOUR})
     fit = simulate.fitted(legs, dict(zip(("thigh_length", "shank_length"), body, strict=True)))

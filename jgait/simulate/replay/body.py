@@ -81,10 +81,6 @@ def _across(direction: Vector, axis: Vector) -> Vector:
     return _unit(subtract(direction, scale(dot(direction, axis), axis)))
 
 
-def _middle(a: Vector, b: Vector) -> Vector:
-    return scale(0.5, add(a, b))
-
-
 def frames(points: dict[str, Vector], toe_out: dict[str, Values]) -> Segments[Maybe[Frame]]:
     """The segments' frames from points, as elementwise functions that can be differentiated.
 
@@ -107,7 +103,7 @@ def frames(points: dict[str, Vector], toe_out: dict[str, Values]) -> Segments[Ma
         y = _unit(lateral)
         up = Vector(jnp.zeros_like(y.x), jnp.zeros_like(y.x), jnp.ones_like(y.x))
         x = _across(points.get("forward", cross(y, up)), y)
-        pelvis = Frame(_middle(points["hip_right"], points["hip_left"]), x, y, cross(x, y))
+        pelvis = Frame(scale(0.5, add(points["hip_right"], points["hip_left"])), x, y, cross(x, y))
     legs = {side: _leg(points, lateral, side, toe_out.get(side)) for side in SIDES}
     return Segments(pelvis, *(legs[side][i] for i in range(3) for side in SIDES))
 
