@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import PyTree
 
+from jgait.filtering.batched_call import replaced
 from jgait.filtering.component_model import Shape
 from jgait.filtering.lanes import (
     applied,
@@ -151,16 +152,13 @@ class Slots:
     """Where the moving arguments are: parameters, and parts of a sample."""
 
     def __init__(self, moving: frozenset[int], count: int, controls: int) -> None:
-        self.count, self.controls = count, controls
         self.params = [i for i in range(count) if i in moving]
         self.samples = [i for i in range(count + 2, count + 4 + controls) if i in moving]
+        self.parts = [i - count - 2 for i in self.samples]  # of a sample: measured, controls, dt
 
     def with_params(self, params: list[PyTree], moving: list[PyTree]) -> list[PyTree]:
         """The parameters, the moving ones replaced."""
-        every = list(params)
-        for i, value in zip(self.params, moving, strict=True):
-            every[i] = value
-        return every
+        return replaced(params, self.params, moving)
 
     def _flat(self, sample: PyTree) -> list[PyTree]:
         measured, controls, dt, _ = sample
@@ -169,11 +167,9 @@ class Slots:
     def values(self, sample: PyTree) -> list[PyTree]:
         """The moving parts of a sample."""
         every = self._flat(sample)
-        return [every[i - self.count - 2] for i in self.samples]
+        return [every[i] for i in self.parts]
 
     def with_values(self, sample: PyTree, values: list[PyTree]) -> PyTree:
         """The sample, its moving parts replaced."""
-        every = self._flat(sample)
-        for i, value in zip(self.samples, values, strict=True):
-            every[i - self.count - 2] = value
-        return every[0], every[1 : 1 + self.controls], every[-1], sample[3]
+        measured, *controls, dt = replaced(self._flat(sample), self.parts, values)
+        return measured, controls, dt, sample[3]

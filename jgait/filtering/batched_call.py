@@ -178,10 +178,7 @@ class _Tangent(_Derived):
         ]
 
         def of(*values: PyTree) -> list[PyTree]:
-            every = list(primals)
-            for i, value in zip(self.moving, values, strict=True):
-                every[i] = value
-            outputs = self.function.value(*every)
+            outputs = self.function.value(*replaced(primals, self.moving, values))
             return [jnp.broadcast_to(o, (*o.shape[:-1], lanes)) for o in outputs if _real(o)]
 
         moved = jax.jvp(of, tuple(p for p, _ in pairs), tuple(t for _, t in pairs))[1]
@@ -201,9 +198,7 @@ class _Reverse(_Derived):
         primals = list(arguments[: self.count])
         after = len(arguments) - len(self.given)
         outputs = list(arguments[self.count : after])
-        cotangents: list[PyTree] = [None] * len(outputs)
-        for i, value in zip(self.given, arguments[after:], strict=True):
-            cotangents[i] = value
+        cotangents = replaced([None] * len(outputs), self.given, arguments[after:])
         lanes = max(v.shape[-1] for v in arguments)
         own = self.function.reverse or _plain(self.function)
         found = own(self.moving, primals, outputs, cotangents)
@@ -222,10 +217,8 @@ def _plain(function: Batched) -> Reverse:
         lanes = max(v.shape[-1] for v in (*arguments, *outputs))
 
         def of(*values: PyTree) -> list[PyTree]:
-            every = list(arguments)
-            for i, value in zip(moving, values, strict=True):
-                every[i] = value
-            return [o for o, c in zip(function.constant.value(*every), cotangents, strict=True) if c is not None]
+            shown = function.constant.value(*replaced(arguments, moving, values))
+            return [o for o, c in zip(shown, cotangents, strict=True) if c is not None]
 
         wide = [jnp.broadcast_to(arguments[i], (*arguments[i].shape[:-1], lanes)) for i in moving]
         shown, pull = jax.vjp(of, *wide)
@@ -233,6 +226,14 @@ def _plain(function: Batched) -> Reverse:
         return list(pull([jnp.broadcast_to(c, o.shape) for c, o in zip(given, shown, strict=True)]))
 
     return reverse
+
+
+def replaced(values: Sequence[PyTree], places: Sequence[int], others: Sequence[PyTree]) -> list[PyTree]:
+    """The values, those at some places replaced."""
+    every = list(values)
+    for i, value in zip(places, others, strict=True):
+        every[i] = value
+    return every
 
 
 def _real(value: PyTree) -> bool:

@@ -11,6 +11,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import PyTree
 
+from jgait.filtering.batched_call import replaced
+
 Matrix = list[list[PyTree]]
 
 
@@ -127,10 +129,8 @@ def barred(*trees: PyTree) -> PyTree:
     """The same values behind an `optimization_barrier`; known values stay Python floats."""
     leaves, structure = jax.tree.flatten(trees)
     places = [i for i, leaf in enumerate(leaves) if not isinstance(leaf, float | bool)]
-    if places:
-        for i, leaf in zip(places, lax.optimization_barrier(tuple(leaves[i] for i in places)), strict=True):
-            leaves[i] = leaf
-    return jax.tree.unflatten(structure, leaves)
+    behind = lax.optimization_barrier(tuple(leaves[i] for i in places)) if places else ()
+    return jax.tree.unflatten(structure, replaced(leaves, places, behind))
 
 
 def sound(health: PyTree) -> PyTree:

@@ -16,6 +16,7 @@ from jax.custom_derivatives import SymbolicZero
 from jax.typing import DTypeLike
 from jaxtyping import PyTree
 
+from jgait.filtering.batched_call import replaced
 from jgait.filtering.components import Matrix, added, congruence, from_upper, known, plus, sound, total, upper
 from jgait.filtering.covariance_update import Gains
 from jgait.filtering.inputs import Inputs
@@ -148,10 +149,7 @@ def with_gradient_of(function: Callable[..., PyTree], twin: Callable[..., PyTree
         places = [i for i, move in enumerate(moves) if not isinstance(move, SymbolicZero)]
 
         def of_moving(*values: PyTree) -> PyTree:
-            every = list(leaves)
-            for i, value in zip(places, values, strict=True):
-                every[i] = value
-            return twin(*structure.unflatten(every))
+            return twin(*structure.unflatten(replaced(leaves, places, values)))
 
         return jax.jvp(of_moving, tuple(leaves[i] for i in places), tuple(moves[i] for i in places))
 

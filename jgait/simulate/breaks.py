@@ -33,14 +33,9 @@ def with_breaks(
 ) -> tuple[Recording, Truth]:  # fmt: skip
     """Simulate a walk in bouts with standing breaks between them, and return records of the library.
 
-    Args:
-        key: PRNG key of the person's variability and of the sensors' errors.
-        person: the person; the number of steps of a bout is that which covers its route best, not `Gait.steps`.
-        along: the route of each bout, from where the bout before ended, in the direction in which it ended.
-        breaks: time of standing between a bout and the next [s], one less than bouts.
-        errors: errors and mounting of the sensors.
-        rate: sampling rate [Hz].
-        placements: where sensors are worn, see `jgait.PLACEMENTS`.
+    `along` has the route of each bout, from where the bout before ended, in the direction in which it ended; `breaks`
+    the times of standing between a bout and the next [s], one less than bouts. The number of steps of a bout is that
+    which covers its route best, not `Gait.steps`. Other arguments as of `recording`.
 
     Returns:
         The recording, and the truth at the same times, in NumPy arrays; the first stride of a bout begins when its foot

@@ -21,14 +21,8 @@ def walks(
 ) -> Iterator[tuple[Recording, Truth]]:  # fmt: skip
     """Simulate a walk of each of several people, one by one, all by one compiled program.
 
-    Args:
-        keys: one PRNG key for each person, the same as for `covering`.
-        people: persons whose fields are floats.
-        along: the route of each person.
-        errors: errors and mounting of the sensors.
-        rate: sampling rate [Hz].
-        placements: where sensors are worn, see `jgait.PLACEMENTS`.
-        names: of recording and subject; None for subject_0001 …
+    `keys`, `people` (their fields floats) and `along` have one entry for each person, the key that of `covering`;
+    `names` of recording and subject, None for subject_0001 … Other arguments as of `recording`.
 
     Yields:
         The recording, and the truth at the same times, in NumPy arrays.
@@ -63,15 +57,8 @@ def cohort(
 ) -> list[tuple[Recording, Truth]]:  # fmt: skip
     """Simulate one walk of each of `n` people drawn from `population`, with individual steps along the same route.
 
-    The truth of a minute at 100 Hz takes some 12 MB; for many people, use `walks`, which returns walks one by one.
-
-    Args:
-        key: PRNG key of the people, their variability and the sensors' errors.
-        n: number of people.
-        along: the route; None for 20 m straight ahead.
-        errors: errors and mounting of the sensors.
-        rate: sampling rate [Hz].
-        placements: where sensors are worn, see `jgait.PLACEMENTS`.
+    `along` None is 20 m straight ahead; other arguments as of `recording`. The truth of a minute at 100 Hz takes some
+    12 MB; for many people, use `walks`, which returns walks one by one.
 
     Returns:
         Recording and truth of each person, with the names subject_0001 and so on.

@@ -69,12 +69,7 @@ def bennett(
 ) -> list[Walked]:  # fmt: skip
     """A straight walk of 3 to 4 m with quiet standing, feet parallel, at both ends; thigh and shank at 50 Hz.
 
-    Args:
-        key: PRNG key.
-        people: number of people.
-        errors: errors of the sensors.
-        rate: sampling rate [Hz].
-        placements: where sensors are worn.
+    `people` is the number of people; other arguments as of `simulate.recording`.
 
     Returns:
         The walks; `extra` holds the true distance [m], the steps and the person.

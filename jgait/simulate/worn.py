@@ -117,14 +117,8 @@ def walk(
 ) -> tuple[dict[str, Imu], Truth]:  # fmt: skip
     """Simulate one walk; pure, so that it can be jitted, mapped over people and differentiated.
 
-    Args:
-        key: PRNG key of the person's variability and of the sensors' errors.
-        person: the person.
-        along: the route.
-        time: (T,) [s], evenly spaced, T ≥ 2.
-        errors: errors and mounting of the sensors.
-        capacity: largest number of steps that the arrays hold; at least `person.gait.steps`. Static.
-        placements: where sensors are worn, see `jgait.PLACEMENTS`. Static.
+    Times (T,) [s] are evenly spaced, T ≥ 2; the arrays hold `capacity` steps, at least `person.gait.steps`. `capacity`
+    and `placements` are static. Other arguments as of `recording`.
 
     Returns:
         The readings of each sensor, and the truth.

@@ -35,15 +35,9 @@ def replay(
 ) -> tuple[Recording, Estimate]:
     """The readings of perfect sensors on this body, and the truth at the same times.
 
-    For readings with errors, pass those of a sensor on to `jgait.simulate.sensors.measure`.
-
-    Args:
-        points: points measured by motion capture.
-        rate_hz: sampling rate of the sensors [Hz].
-        placements: placements of the sensors; None: pelvis, thigh, shank, ankle and foot, as far as measured.
-        cutoff_hz: frequency at which the splines halve the amplitude [Hz].
-        noise: standard deviation of the points' noise [m]; if given, chooses the cut-off of each point separately.
-        max_gap: longest gap that is interpolated [s]; samples in longer gaps are masked.
+    For readings with errors, pass those of a sensor on to `jgait.simulate.sensors.measure`. `placements` None: pelvis,
+    thigh, shank, ankle and foot, as far as measured. Samples in gaps longer than `max_gap` are masked. Other settings
+    as of `body_motion`.
 
     Returns:
         The recording, each sensor in the axes of its segment (x forward, y left, z up), and the truth: legs in the

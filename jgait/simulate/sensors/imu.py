@@ -110,12 +110,7 @@ def check_fields(errors: PyTree, ranges: dict[str, tuple[float, float]], unbound
 
 
 def check_errors(errors: ImuErrors) -> None:
-    """Check the errors of a sensor, or, as arrays, of many; on the host, before JAX traces a function.
-
-    Raises:
-        TypeError: if a field is no number.
-        ValueError: if a field lies outside its range; the message names field and range.
-    """
+    """Check the errors of a sensor, or, as arrays, of many; on the host; raises as `check_fields`."""
     check_fields(errors, _RANGES, _UNBOUNDED)
 
 
