@@ -3,25 +3,20 @@
 import numpy as np
 import pytest
 
+from experiments.common import shanks as legs
+from experiments.silva2017 import detect, groups, lengths, lever, methods, routes
+
 pytestmark = pytest.mark.release
 
 
-@pytest.fixture(scope="module")
-def parts(load_experiment):
-    names = ("common.shanks", "silva2017.detect", "silva2017.lengths", "silva2017.groups", "silva2017.methods")
-    return [load_experiment(name) for name in names]
-
-
-def test_detections_and_contacts_are_matched_once(parts):
-    detect = parts[1]
+def test_detections_and_contacts_are_matched_once():
     joined = detect.pairs(np.array([1.0, 1.3, 5.0]), np.array([1.25, 3.0, 5.3]))
     assert joined == [(1, 0), (2, 2)]
     nothing = np.zeros(0)
     assert detect.f1([detect.Score(3, 1, 0, nothing, nothing)]) == pytest.approx(6.0 / 7.0)
 
 
-def test_every_stride_of_the_reference_walk_and_its_length(data, parts):
-    legs, detect, lengths, groups, methods = parts
+def test_every_stride_of_the_reference_walk_and_its_length(data):
     data("neura_sparse")
     found = legs.legs("neura_sparse")
     for half_steps in (False, True):
@@ -37,8 +32,7 @@ def test_every_stride_of_the_reference_walk_and_its_length(data, parts):
         assert bare.mae_cm > lengths.errors(told, s).mae_cm
 
 
-def test_exchanged_sensors_are_noticed_without_their_names(data, parts):
-    legs, detect = parts[:2]
+def test_exchanged_sensors_are_noticed_without_their_names(data):
     walks = {walk.recording.name for walk in data("walking5m")}
     wanted = tuple(sorted(walks & {"Elderly/20180417_2", "Elderly/20180403_3"}))
     if len(wanted) < 2:
@@ -49,32 +43,30 @@ def test_exchanged_sensors_are_noticed_without_their_names(data, parts):
     assert detect.f1([detect.score(leg, detect.strides_of(leg).end, half_steps=True) for leg in found]) == 1.0
 
 
-def test_the_lever_is_computed_from_strides_with_two_levers(load_experiment):
-    ours = load_experiment("silva2017.lever")
+def test_the_lever_is_computed_from_strides_with_two_levers():
     rng = np.random.default_rng(0)
     slope, true = rng.uniform(0.4, 0.6, (3, 40)), rng.uniform(1.0, 1.4, (3, 40))
-    told = [true + slope * (lever - 0.13) for lever in ours.BOTH_LEVERS]
+    told = [true + slope * (height - 0.13) for height in lever.BOTH_LEVERS]
     looked = np.ones((3, 40), bool)
     true[:, 0] += 0.4  # wrong references decide little
-    assert ours.lever_of(ours.BOTH_LEVERS, told, true, looked) == pytest.approx(0.13, abs=0.01)
+    assert lever.lever_of(lever.BOTH_LEVERS, told, true, looked) == pytest.approx(0.13, abs=0.01)
 
 
-def test_the_papers_tables_from_known_counts_and_distances(load_experiment, capsys):
-    ours = load_experiment("silva2017.routes")
+def test_the_papers_tables_from_known_counts_and_distances(capsys):
     true, far = np.array([30, 40, 50]), np.full(3, 42.05)
-    counts = {way.title: true.copy() for way in ours.COUNTS}
+    counts = {way.title: true.copy() for way in routes.COUNTS}
     counts["Jiménez"] = true + [3, -2, 10]
-    ways = {way.title: far.copy() for way in ours.DISTANCES}
+    ways = {way.title: far.copy() for way in routes.DISTANCES}
     ways["filter"] = 1.01 * far
     ways["Li 2-D"] = far * [0.9, 0.95, 1.0]
-    found = [ours.Measured(f"route B, {pace}", true, far, counts, ways, np.full(3, 0.04)) for pace in ours.PACES]
-    rows = {row.metric: row for row in ours.cohort_table(found)}
+    found = [routes.Measured(f"route B, {pace}", true, far, counts, ways, np.full(3, 0.04)) for pace in routes.PACES]
+    rows = {row.metric: row for row in routes.cohort_table(found)}
     assert rows["sim_count_error_pct"].value == rows["sim_distance_error_pct"].value == 0.0
     assert rows["sim_count_jimenez_error_pct"].value == pytest.approx(35.0 / 3.0)
     assert rows["sim_count_jimenez_error_pct_max"].value == pytest.approx(20.0)
     assert rows["sim_distance_filter_error_pct"].value == pytest.approx(1.0)
     assert rows["sim_distance_li_error_pct"].value == pytest.approx(5.0) and rows["sim_distance_li_error_pct"].n == 6
-    two = {row.metric: row for row in ours.table_one(found, [0, 1]) + ours.table_two(found, [0, 1])}
+    two = {row.metric: row for row in routes.table_one(found, [0, 1]) + routes.table_two(found, [0, 1])}
     assert two["sim_two_count_jimenez_error_pct"].value == pytest.approx(7.5)  # 10 % of A's, 5 % of B's
     assert two["sim_two_distance_li_error_pct"].value == pytest.approx(7.5)
     assert two["sim_two_distance_li_error_pct"].paper == pytest.approx((5.7 + 11.1) / 2.0)
@@ -82,8 +74,7 @@ def test_the_papers_tables_from_known_counts_and_distances(load_experiment, caps
     assert "+3 -2" in said and "-4.20 -10.0%" in said
 
 
-def test_the_two_subjects_are_those_with_the_papers_legs(load_experiment, parts):
-    ours, legs = load_experiment("silva2017.routes"), parts[0]
+def test_the_two_subjects_are_those_with_the_papers_legs():
     cohort = [legs.Leg(*(None,) * 7, tall, None, ()) for tall in (0.70, 0.855, 0.83, 0.95)]
-    assert ours.alike(cohort) == [2, 1]
-    assert ours.alike(cohort[:2]) == [1, 0]  # never the same one twice
+    assert routes.alike(cohort) == [2, 1]
+    assert routes.alike(cohort[:2]) == [1, 0]  # never the same one twice

@@ -5,28 +5,26 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from experiments.common.row import Row
+from experiments.udaya2010 import figures, legs, tradeoff, walked
+from experiments.udaya2010 import table2 as table
 from jgait.duty_cycle.fillers.registry import fillers
 from jgait.types import Imu, Recording
 
 
 @pytest.fixture(scope="module")
-def parts(load_experiment):
-    return load_experiment("udaya2010.legs"), load_experiment("udaya2010.table2")
-
-
-@pytest.fixture(scope="module")
-def walker(parts):
+def walker():
     """Twelve strides of 1.1 s on the spot, no two quite alike, beginning with 0.5 s of standing."""
     samples = 25 + 12 * 55
     phase = 2.0 * np.pi * np.maximum(np.arange(samples) - 25, 0) / 55.0
     size = 1.0 + 0.1 * np.sin(phase / 5.3)
     rate = size * (2.0 * np.sin(phase) + 1.5 * np.sin(2.0 * phase))
     acc = np.stack([4.0 * size * np.sin(phase), 0.0 * phase, 9.81 + 3.0 * size * np.sin(2.0 * phase)], axis=1)
-    return parts[0].Leg("made", "right", False, rate, acc, None)
+    return legs.Leg("made", "right", False, rate, acc, None)
 
 
-def test_the_energy_column_is_the_papers(parts):
-    rows = {row.metric: row for row in parts[1].energy()}
+def test_the_energy_column_is_the_papers():
+    rows = {row.metric: row for row in table.energy()}
     assert rows["energy_column_max_error"].value < 0.005  # half of the last printed digit
     assert len(rows) == 10
     for duty in range(10, 100, 10):
@@ -34,16 +32,15 @@ def test_the_energy_column_is_the_papers(parts):
         assert round(row.value, 2) == row.paper
 
 
-def test_the_papers_protocol_is_ten_units(parts, walker):
-    case = parts[0].papers_case(walker._replace(rate=np.ones(900), acc=np.ones((900, 3))), 40)
+def test_the_papers_protocol_is_ten_units(walker):
+    case = legs.papers_case(walker._replace(rate=np.ones(900), acc=np.ones((900, 3))), 40)
     # Two of five units on, twice: 40 % as 2/5.
     expected = np.repeat([1, 1, 0, 0, 0, 1, 1, 0, 0, 0], 70).astype(bool)
     np.testing.assert_array_equal(case.usable, expected)
     assert case.judged == 0 and 100.0 * case.saving == pytest.approx(57.142857)
 
 
-def test_warm_up_and_two_strides_are_measured_before_the_first_gap(parts, walker):
-    legs = parts[0]
+def test_warm_up_and_two_strides_are_measured_before_the_first_gap(walker):
     assert legs.stride_samples(walker.rate) == 55
     warm = legs.warm_case(walker, 50)
     assert warm.usable[:250].all()
@@ -55,8 +52,7 @@ def test_warm_up_and_two_strides_are_measured_before_the_first_gap(parts, walker
     np.testing.assert_array_equal(over.usable[over.judged :], behind == 9)  # off first
 
 
-def test_the_error_of_holding_by_hand_whatever_it_is_padded_with(parts, walker):
-    legs, table = parts
+def test_the_error_of_holding_by_hand_whatever_it_is_padded_with(walker):
     cases = [legs.overground_case(walker, 50), legs.overground_case(walker.part(0, 400), 50)]
     told = table.relative_errors(fillers()["hold"], cases, least_strides=2.0, thigh=False)
     for error, case in zip(told, cases, strict=True):
@@ -66,8 +62,7 @@ def test_the_error_of_holding_by_hand_whatever_it_is_padded_with(parts, walker):
         assert error == pytest.approx(np.sqrt(np.mean(off**2) / np.mean(true[case.judged :] ** 2)), rel=1e-12)
 
 
-def test_what_the_filler_is_given_holds_nothing_of_the_gaps(parts, walker):
-    legs, table = parts
+def test_what_the_filler_is_given_holds_nothing_of_the_gaps(walker):
     case = legs.papers_case(walker, 40)
 
     def given(rate, usable, acc, rate_hz, params, *, thigh=None):
@@ -79,16 +74,14 @@ def test_what_the_filler_is_given_holds_nothing_of_the_gaps(parts, walker):
     assert table.relative_errors(of, [case], least_strides=2.0, thigh=False)[0] == pytest.approx(hidden, rel=1e-12)
 
 
-def test_strides_before_a_filler_is_trusted_reach_every_filler(parts):
-    table = parts[1]
+def test_strides_before_a_filler_is_trusted_reach_every_filler():
     for name, filler in fillers().items():
         p = table._params(filler, 1.0)
         inner = [p.neighbours, p.ridge] if name == "blend" else [p]
         assert all(getattr(part, "least_strides", 1.0) == 1.0 for part in inner)
 
 
-def test_neighbours_beat_the_paper_on_a_leg_that_they_were_not_tuned_on(data, parts):
-    legs, table = parts
+def test_neighbours_beat_the_paper_on_a_leg_that_they_were_not_tuned_on(data):
     walks = {walk.recording.name for walk in data("tripod")}
     name = next((walk for walk in walks if walk.endswith("PWS+20")), None)
     if name is None:
@@ -101,12 +94,11 @@ def test_neighbours_beat_the_paper_on_a_leg_that_they_were_not_tuned_on(data, pa
     assert told[0] < 0.10 and told[1] < 0.17
 
 
-def test_the_shin_sleeps_from_where_it_is_told_by_half_strides(load_experiment):
-    joint = load_experiment("udaya2010.walked")
+def test_the_shin_sleeps_from_where_it_is_told_by_half_strides():
     time = np.arange(700) / 100.0
     worn = Imu(time, np.zeros((700, 3)), None, np.ones(700, bool))
     recording = Recording({"shank_right": worn}, 100.0)
-    one = joint.Walked(recording, None, (0, 1), {"right": 200}, {"right": 1.0}, 700)
+    one = walked.Walked(recording, None, (0, 1), {"right": 200}, {"right": 1.0}, 700)
     on = one.on(20)["shank_right"]
     assert on[:200].all()
     # One of five units of half a second.
@@ -115,21 +107,16 @@ def test_the_shin_sleeps_from_where_it_is_told_by_half_strides(load_experiment):
     np.testing.assert_array_equal(late[200:], (np.arange(500) + 125) % 250 < 50)
 
 
-def test_figures_show_what_the_rows_say(load_experiment, monkeypatch, tmp_path):
-    draw, front, row = (
-        load_experiment("udaya2010.figures"),
-        load_experiment("udaya2010.tradeoff"),
-        load_experiment("common.row").Row,
-    )
+def test_figures_show_what_the_rows_say(monkeypatch, tmp_path):
     told = {"tripod_hold_duty50": 0.9, "tripod_hold_duty10": 1.1, "tripod_neighbours_duty50": 0.05}
     told |= {"triggered_tripod_energy_policy_pct": 40.0}
     point = SimpleNamespace(saving=0.7, error=0.06)
     shown = {}
-    monkeypatch.setattr(draw.plot, "save", lambda figure, path: shown.setdefault(path.stem, figure))
-    rows = [row(name, value, "ratio") for name, value in told.items()]
-    fronts = {"tripod": front.Front([point], [(0.4, 0.08), (0.8, 0.1)])}
-    monkeypatch.setattr(draw, "tradeoff", lambda quick: ([], fronts))
-    draw.draw(rows, tmp_path, quick=True)
+    monkeypatch.setattr(figures.plot, "save", lambda figure, path: shown.setdefault(path.stem, figure))
+    rows = [Row(name, value, "ratio") for name, value in told.items()]
+    fronts = {"tripod": tradeoff.Front([point], [(0.4, 0.08), (0.8, 0.1)])}
+    monkeypatch.setattr(figures, "tradeoff", lambda quick: ([], fronts))
+    figures.draw(rows, tmp_path, quick=True)
     lines = {line.get_label().split("\n")[0]: line for line in shown["duty_pareto"].axes[0].get_lines()}
     assert list(lines) == [
         "paper (Table 2)",

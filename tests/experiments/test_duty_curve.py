@@ -3,15 +3,16 @@
 import numpy as np
 import pytest
 
+from experiments.udaya2010.triggered import Curve
+
 
 @pytest.fixture(scope="module")
-def curve(load_experiment):
+def curve():
     """Three settings of two legs begun at two places, in no order of their energies."""
-    kind = load_experiment("udaya2010.triggered").Curve
     energy = np.array([0.5, 0.9, 0.1])
     error = np.array([0.2, 0.05, 0.4])
     spread = np.array([[0.6, 1.0], [1.0, 1.4]])  # of squares: a mean of 1
-    return kind(
+    return Curve(
         energy[:, None, None] * np.array([[0.8, 1.2], [0.9, 1.1]]), error[:, None, None] ** 2 * spread,
     )  # fmt: skip
 

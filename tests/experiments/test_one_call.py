@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 
+from experiments.one_call import lengths, mistakes
 from jgait import simulate
 from jgait.estimators.combined import crosscheck
 from jgait.simulate.sensors import OPAL
@@ -14,8 +15,7 @@ def recording():
     return next(iter(simulate.cohort(jax.random.key(8), 1, simulate.straight(10.0), OPAL, 100.0)))[0]
 
 
-def test_every_mistake_changes_the_recording_and_is_named(load_experiment, recording):
-    mistakes = load_experiment("one_call.mistakes")
+def test_every_mistake_changes_the_recording_and_is_named(recording):
     chooser = np.random.default_rng(0)
     for kind in mistakes.MISTAKES:
         wrong, code, placements = mistakes.spoilt(recording, kind, chooser)
@@ -29,8 +29,7 @@ def test_every_mistake_changes_the_recording_and_is_named(load_experiment, recor
         assert not mistakes.named((), code, placements)
 
 
-def test_the_score_is_of_strides_that_all_sources_have(load_experiment):
-    lengths = load_experiment("one_call.lengths")
+def test_the_score_is_of_strides_that_all_sources_have():
     one = {
         "feet": np.array([0.02, 0.01, np.nan, 0.1]), "ankles": np.array([-0.04, 0.01, 0.0, 0.1]),
         "shanks": np.array([0.03, 0.01, 0.0, 0.1]), "waist": np.array([0.2, np.nan, 0.1, 0.1]),

@@ -4,12 +4,13 @@ import math
 
 import pytest
 
+from experiments.potter import table1
+
 pytestmark = pytest.mark.release
 
 
-def test_the_papers_walk_in_its_quick_form(load_experiment):
-    experiment = load_experiment("potter.table1")
-    rows = {row.metric: row for row in experiment.rows(True)}
+def test_the_papers_walk_in_its_quick_form():
+    rows = {row.metric: row for row in table1.rows(True)}
     assert rows["sim_z1_mean_m_section1"].value < 0.02
     assert rows["sim_z1_mean_m_section1"].paper == 0.2461
     assert rows["sim_width_mae_cm"].value < 2.0
