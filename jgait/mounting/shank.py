@@ -159,7 +159,7 @@ def stance_up(axes: Axes, acc: Float[AnyArray, "time 3"], instants: Int[AnyArray
 LABELS_EXCHANGED = Kind(
     "labels_exchanged",
     "check",
-    "{thigh} and {shank} have changed places: the thigh's sensor swings faster",
+    "{thigh} and {shank} have changed places: the thigh's sensor swings faster; taken the other way round",
     WRONG_PLACE,
 )
 

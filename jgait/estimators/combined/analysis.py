@@ -1,6 +1,6 @@
 """The estimate from all sensors of a recording together."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import NamedTuple
 
 import jax
@@ -15,14 +15,16 @@ from jgait.estimators.combined.compare import (
     length_notes,
     side_notes,
 )
-from jgait.estimators.combined.crosscheck import crosscheck
+from jgait.estimators.combined.crosscheck import crosscheck, exchanged
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
+from jgait.estimators.combined.notes import FOOT_ON_SHANK
 from jgait.estimators.combined.phases import FEWEST_STRIDES
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
 from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.notes import without_repeats
-from jgait.estimators.plausible import NO_ANGLES
+from jgait.estimators.plausible import KNEE_IMPLAUSIBLE, NO_ANGLES
 from jgait.mounting.leg import SIDES_EXCHANGED
+from jgait.mounting.shank import LABELS_EXCHANGED
 from jgait.notes import NO_WALKING, SEVERITIES, Kind, Note
 from jgait.types import SIDES, AnyArray, Estimate, Legs, Recording, RecordingError, as_float
 
@@ -76,9 +78,10 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     Where several groups of sensors measure the same stride, their lengths are combined by their variances if they are
     consistent; otherwise the more certain one is used, and a note states the contradiction. The sensors are checked
     against each other first (units, sides, segments, clocks, see `combined.crosscheck`): a sensor in a wrong unit is
-    left out, strides of sensors on a wrong side or clock are not combined with others. A sensor that a reader's note
-    names as wrong (sign, axes, scale, delay) counts only where nothing else measures, and joint angles that need it
-    are said to be not usable.
+    left out, strides of sensors on a wrong side or clock are not combined with others, and sensors of two segments of a
+    leg that have changed places are taken the other way round. A sensor that a reader's note names as wrong (sign,
+    axes, scale, delay) counts only where nothing else measures, and joint angles that need it are said to be not
+    usable.
 
     Args:
         recording: the signals, placements as in `jgait.PLACEMENTS`; one sensor is enough.
@@ -94,7 +97,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     for name, imu in recording.sensors.items():
         check_shapes(imu, name)
     findings = crosscheck(recording)
-    kept = {name: imu for name, imu in recording.sensors.items() if name not in findings.unusable}
+    kept = {name: imu for name, imu in findings.sensors.items() if name not in findings.unusable}
     if not kept:
         reasons = "; ".join(str(note) for note in findings.notes)
         raise RecordingError(reasons or f"no estimator has its sensors; {sensors_of(recording)}")
@@ -102,7 +105,8 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     usable = recording._replace(sensors=kept, notes=left_out)
     estimates, notes = sources(usable, body)
     estimates, share, turned = with_time_wrong(estimates, recording.notes)
-    recording = recording._replace(notes=_without_exchanged(recording.notes, findings.notes))
+    follows = _following((*findings.notes, *recording.notes))
+    recording = recording._replace(notes=tuple(note for note in recording.notes if not follows(note)))
     wrong = findings.doubtful | _named(recording, AXES)
     wrong |= _named(recording, ("sides_differ",)) - _spared(recording, estimates)
     strides = joined(estimates, wrong | _named(recording, CLOCKS), wrong)
@@ -111,7 +115,8 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     total, differ = walked(ways)
     if total is not None:  # an error of the time is the same in all sources
         total = total._replace(stddev=max(total.stddev, share * float(total.distance[-1])))
-    unusable = _angles(estimates, findings.doubtful | _named(recording, AXES) | late | turned)
+    stated = [note for source in estimates for note in source.estimate.diagnostics["notes"] if not follows(note)]
+    unusable = _angles(estimates, stated, findings.doubtful | _named(recording, AXES) | late | turned)
     differ += unusable
     if strides is not None:
         differ = [*length_notes(estimates, strides), *differ, *side_notes(estimates, strides)]
@@ -120,8 +125,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in seen if len(seen) == 1]
     elif any(source.estimate.strides is not None for source in estimates):
         differ = [NO_STRIDES(), *differ]
-    every = [*findings.notes, *differ, *recording.notes, *notes, *one_sided]
-    every += [note for source in estimates for note in source.estimate.diagnostics["notes"]]
+    every = [*findings.notes, *differ, *recording.notes, *notes, *one_sided, *stated]
     order = sorted(without_repeats(every), key=lambda note: SEVERITIES.index(note.severity))
     estimate = _assembled(estimates, strides, total)
     valid = {
@@ -150,18 +154,23 @@ lengths hold."""
 PAIRS = tuple(code for code in CLOCKS if code != "sides_out_of_step")
 """Those of them that may compare two sensors of one leg; a person who limps is out of step too."""
 
+FOLLOWS = {
+    SIDES_EXCHANGED.code: (*PAIRS, KNEE_IMPLAUSIBLE.code), LABELS_EXCHANGED.code: (*CLOCKS, "sides_differ"),
+    FOOT_ON_SHANK.code: (*CLOCKS, "sides_differ"),
+}  # fmt: skip
+"""Code of a note that sensors are exchanged → codes of notes on these sensors, or on knees, that follow from it."""
 
-def _without_exchanged(notes: tuple[Note, ...], sensor_notes: tuple[Note, ...]) -> tuple[Note, ...]:
-    """Readers' notes without late clocks of sensors that are found exchanged: those swing at the other leg's times."""
-    exchanged = {
-        f"{kind}_{side}"
-        for note in sensor_notes if note.code == SIDES_EXCHANGED.code
-        for kind in str(note.values["kind"]).split(" or ") for side in SIDES
-    }  # fmt: skip
-    return tuple(
-        note for note in notes
-        if note.code not in PAIRS or not exchanged & {note.values.get("placement"), note.values.get("other")}
-    )  # fmt: skip
+
+def _following(notes: tuple[Note, ...]) -> Callable[[Note], bool]:
+    """Whether a note follows from sensors that are exchanged by some of these notes, see `FOLLOWS`."""
+    known = [(exchanged([note]), FOLLOWS[note.code]) for note in notes if note.code in FOLLOWS]
+
+    def follows(note: Note) -> bool:
+        own = {note.values.get("placement"), note.values.get("other")}
+        own |= {f"{segment}_{note.values.get('side')}" for segment in ("thigh", "shank")}
+        return any(note.code in codes and names & own for names, codes in known)
+
+    return follows
 
 
 def _named(recording: Recording, codes: Collection[str]) -> frozenset[str]:
@@ -210,14 +219,11 @@ def _apart(recording: Recording, estimates: list[SourceEstimate]) -> frozenset[s
     return frozenset(name for pair in pairs if pair <= worn for name in pair)
 
 
-def _angles(estimates: list[SourceEstimate], wrong: frozenset[str]) -> list[Note]:
+def _angles(estimates: list[SourceEstimate], notes: list[Note], wrong: frozenset[str]) -> list[Note]:
     """A note if a sensor from which joint angles are computed is in doubt, or if no knee bends as the angles say."""
-    names = []
-    for source in estimates:
-        if source.name == "legs":
-            notes = source.estimate.diagnostics["notes"]
-            beyond = tuple(str(note.values["side"]) for note in notes if note.code in NO_ANGLES)
-            names = [name for name in source.placements if name in wrong or name.endswith(beyond)]
+    beyond = tuple(str(note.values["side"]) for note in notes if note.code in NO_ANGLES)
+    worn = [name for source in estimates if source.name == "legs" for name in source.placements]
+    names = [name for name in worn if name in wrong or name.endswith(beyond)]
     sides = [side for side in SIDES if any(name.endswith(side) for name in names)]
     return [ANGLES_DOUBTFUL(sides=" and ".join(sides), sensors=", ".join(names))] if names else []
 

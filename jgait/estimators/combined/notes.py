@@ -26,7 +26,7 @@ TURNED_OVER = Kind(
 )  # fmt: skip
 FOOT_ON_SHANK = Kind(
     "foot_on_shank", "check", "{foot} and {shank} have changed places: in stances the shank's sensor rests, and the "
-    "foot's turns", WRONG_PLACE,
+    "foot's turns; taken the other way round", WRONG_PLACE,
 )  # fmt: skip
 CLOCK_OFF = Kind(
     "clock_off", "check", "the clock of {placement} seems to be about {seconds:.1f} s {direction}: its leg swings at "

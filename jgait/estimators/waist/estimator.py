@@ -227,12 +227,12 @@ def _doubts(result: Estimate, contacts: np.ndarray, options: WaistOptions) -> tu
     if options.distance in ("fused", "pendulum"):
         length, speed, turn = (as_float(part) for part in (strides.length, strides.speed, strides.turn))
         turning = kept & (np.abs(turn) > TURNING)
-        slow = kept & (speed < SLOW) & ~turning
+        noted = slow = kept & (speed < SLOW) & ~turning
         if np.median(length[kept]) < SHORTEST or np.median(speed[kept]) < SLOWEST:
-            slow = kept
+            noted, slow = kept & ((length < SHORTEST) | (speed < SLOWEST)), kept
         if slow is kept or slow.sum() > FEW:
-            middle = {"length_m": np.median(length[slow]), "speed": np.median(speed[slow])}
-            notes.append(SHORT_OR_SLOW(strides=slow.sum(), of=kept.sum(), **middle, least_m=SHORTEST, slowest=SLOWEST))
+            middle = {"length_m": np.median(length[noted]), "speed": np.median(speed[noted])}
+            notes.append(SHORT_OR_SLOW(strides=noted.sum(), of=kept.sum(), **middle, least_m=SHORTEST, slowest=SLOWEST))
         beside = np.convolve(slow, np.ones(2 * EDGE_STEPS + 1))[EDGE_STEPS:-EDGE_STEPS] > 0.0  # a person stops
         unlike = (kept & beside) | turning
     if (felt := least_felt(result, contacts)) < FREE:

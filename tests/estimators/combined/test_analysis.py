@@ -255,8 +255,24 @@ def test_exchanged_shanks_are_named_and_not_combined(walked):
     assert "the right and left shank sensors seem exchanged" in str(note)
     (note,) = (note for note in found.notes if note.code == "angles_doubtful")
     assert note.values["sides"] == "right and left"
+    assert "knee_implausible" not in {note.code for note in found.notes}  # by the exchange
     assert not found.strides.used["shanks"].any()
     assert errors(found.estimate.strides, truth).mean() < 0.02
+
+
+@pytest.mark.parametrize("kind", ["foot", "thigh"])
+def test_sensors_exchanged_within_a_leg_change_nothing_but_a_note(walked, analysis, kind):
+    own, shank = f"{kind}_right", "shank_right"
+    exchanged = {own: walked[0].sensors[shank], shank: walked[0].sensors[own]}
+    follow = (
+        delays.SENSOR_LATE(placement="ankle_right", milliseconds=100.0, side="ahead of", other=shank),
+        agreement.SIDES_DIFFER(placement="shank_right", ratio=1.7, other="shank_left"),
+    )
+    found = jgait.analyse(walked[0]._replace(sensors=walked[0].sensors | exchanged, notes=follow), PERSON)
+    (note,) = set(found.notes) - set(analysis.notes)
+    assert note.code == {"foot": "foot_on_shank", "thigh": "labels_exchanged"}[kind]
+    np.testing.assert_allclose(found.estimate.strides.length, analysis.estimate.strides.length)
+    assert found.estimate.distance[-1] == pytest.approx(analysis.estimate.distance[-1])
 
 
 def test_exchanged_feet_contradict_the_waist(walked):
