@@ -14,7 +14,6 @@ from jgait.estimators import About, Estimator, proportions
 from jgait.estimators.about import Settings
 from jgait.notes import DEFAULT_MEASURE, Kind, Note
 from jgait.params import check_params
-from jgait.types import Estimate, Recording
 
 NOT_HELD_OUT = Kind(
     "not_held_out", "check",
@@ -51,15 +50,6 @@ class Choice(NamedTuple):
             *(proportions.told(given, names) if "height" in given else ()),
             *missing(about, body, self.params, self.estimator.params),
         ]
-
-    def estimate(self, p: PyTree, recording: Recording) -> Estimate:
-        """The estimate of one recording, with the notes of the options."""
-        result = self.estimator.estimate(p, recording)
-        notes = list(result.diagnostics["notes"])
-        for option in self.estimator.about.options:
-            if option.notes is not None and option.name in self.given:
-                notes += option.notes(recording, self.given[option.name])
-        return result._replace(diagnostics={**result.diagnostics, "notes": tuple(notes)})
 
 
 def missing(about: About, body: Mapping[str, Any], params: PyTree, default: PyTree) -> list[Note]:

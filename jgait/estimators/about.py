@@ -9,7 +9,6 @@ from typing import Any, Literal, NamedTuple
 
 from jaxtyping import PyTree
 
-from jgait.notes import Note
 from jgait.types import Estimate, Recording
 
 Settings = dict[str, Any]
@@ -50,15 +49,8 @@ class CommandOption(NamedTuple):
     parse: Callable[[PyTree], PyTree] | None = None
     settings: Callable[[Settings, PyTree], Settings] | None = None  #: (settings, value) → settings.
     params: Callable[[PyTree, PyTree], PyTree] | None = None  #: (parameters, value) → parameters.
-    #: (recording, value) → notes about the recording.
-    notes: Callable[[Recording, PyTree], tuple[Note, ...]] | None = None
     #: value, or None if the option is not given → text of a note before the computation, or "".
     remark: Callable[[PyTree], str] | None = None
-
-
-def always(_: Estimate) -> bool:
-    """True for every estimate."""
-    return True
 
 
 class EstimateTable(NamedTuple):
@@ -70,7 +62,7 @@ class EstimateTable(NamedTuple):
     #: the rows. Names of columns end with their unit.
     rows: Literal["samples", "strides"] | Callable[[Estimate], PyTree]
     json: str = ""  #: key of the rows in the JSON file, or "" if the file does not contain them.
-    when: Callable[[Estimate], bool] = always  #: True for estimates that have the table.
+    when: Callable[[Estimate], bool] = lambda _: True  #: True for estimates that have the table.
 
 
 class EstimatedRecording(NamedTuple):
@@ -82,19 +74,17 @@ class EstimatedRecording(NamedTuple):
     settings: Settings
 
 
-def of_estimate(made: EstimatedRecording) -> tuple[tuple[PyTree, ...], dict[str, PyTree]]:
-    """The arguments of a figure that needs only the estimate."""
-    return (made.estimate,), {}
-
-
 class EstimateFigure(NamedTuple):
     """A figure that is drawn for a recording."""
 
     plot: str  #: name of the function in `jgait.plot`.
     file: str  #: end of the file name.
-    when: Callable[[Estimate], bool] = always  #: True for estimates that have the figure.
+    when: Callable[[Estimate], bool] = lambda _: True  #: True for estimates that have the figure.
     #: positional and keyword arguments of the function; the title is added.
-    arguments: Callable[[EstimatedRecording], tuple[tuple[PyTree, ...], dict[str, PyTree]]] = of_estimate
+    arguments: Callable[[EstimatedRecording], tuple[tuple[PyTree, ...], dict[str, PyTree]]] = lambda made: (
+        (made.estimate,),
+        {},
+    )
     caption: str = ""  #: caption in a report; a report contains only figures with a caption, and those of all estimates
 
 
@@ -109,11 +99,6 @@ class StrideFlag(NamedTuple):
     regular: bool = True  #: True if flagged strides count in means.
     leaves_out: tuple[str, ...] = ()  #: columns of the table of strides in which flagged strides do not count in means.
     grade: str = "check"  #: severity, see `jgait.report.page.GRADES`.
-
-
-def no_numbers(_: Estimate) -> Mapping[str, PyTree]:
-    """No numbers in addition to those of every estimate."""
-    return {}
 
 
 class About(NamedTuple):
@@ -150,5 +135,5 @@ class About(NamedTuple):
     tables: tuple[EstimateTable, ...] = (EstimateTable("samples", "samples"),)
     figures: tuple[EstimateFigure, ...] = ()
     flags: tuple[StrideFlag, ...] = ()
-    numbers: Callable[[Estimate], Mapping[str, PyTree]] = no_numbers
+    numbers: Callable[[Estimate], Mapping[str, PyTree]] = lambda _: {}
     losses: tuple[str, ...] | None = None

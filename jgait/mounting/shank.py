@@ -9,7 +9,6 @@ leg. Gravity gives the vertical. The axes are forward, left and up, as of a stan
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from jaxtyping import Float, Int
 
 from jgait.events.rest import longest_still
@@ -108,38 +107,6 @@ def asymmetry(rate: Float[AnyArray, "time"]) -> float:
     values = as_float(rate)
     power = float(np.mean(values**2)) if values.size else 0.0
     return float(np.mean(values**3)) / power**1.5 if power > 0.0 else 0.0
-
-
-UPSIDE_DOWN = Kind("sensor_upside_down", "check", "{placement}: the sensor is upside down", WRONG_PLACE)
-OTHER_LEG = Kind(
-    "sensor_backwards",
-    "check",
-    "{placement}: the leg swings the other way: the sensor looks backwards or is on the other leg",
-    WRONG_PLACE,
-)
-UPSIDE_DOWN_BACKWARDS = Kind(
-    "sensor_upside_down_backwards",
-    "check",
-    "{placement}: the sensor is upside down, and looks backwards or is on the other leg",
-    WRONG_PLACE,
-)
-TURNED = Kind(
-    "sensor_turned", "check", "{placement}: the sensor is turned by more than 45° (by {degrees:.0f}°)", WRONG_PLACE
-)
-
-
-def mounting(axes: Axes, believed: npt.ArrayLike, placement: str) -> Note | None:
-    """A note if the sensor is not worn with the intended forward, left and up (3, 3) in its axes; None if it is."""
-    agree = np.sum(axes.rows * as_float(believed), axis=1)
-    if agree[1] < 0.0 and agree[2] < 0.0:
-        return UPSIDE_DOWN(placement=placement)
-    if agree[1] < 0.0:
-        return OTHER_LEG(placement=placement)
-    if agree[2] < 0.0:
-        return UPSIDE_DOWN_BACKWARDS(placement=placement)
-    if np.min(agree) < np.cos(np.deg2rad(45.0)):
-        return TURNED(placement=placement, degrees=np.rad2deg(np.arccos(np.min(agree))))
-    return None
 
 
 def stance_up(axes: Axes, acc: Float[AnyArray, "time 3"], instants: Int[AnyArray, "instant"]) -> Axes:

@@ -126,14 +126,6 @@ def test_axes_and_sign_are_computed_from_the_walk():
     assert axes.asymmetry < -shank_axes.LEAST_ASYMMETRY
 
 
-def test_a_sensor_worn_wrongly_is_noticed():
-    over = {"sensor_upside_down": np.diag([1.0, -1.0, -1.0]), "sensor_backwards": np.diag([-1.0, -1.0, 1.0])}
-    for code, rows in over.items():
-        axes = shank_axes.functional_axes(worn(rows))
-        assert shank_axes.mounting(axes, np.eye(3), "shank_left").code == code
-    assert shank_axes.mounting(shank_axes.functional_axes(worn(np.eye(3))), np.eye(3), "shank_left") is None
-
-
 def test_exchanged_labels_are_noticed():
     fast, slow = worn(np.eye(3)), worn(np.eye(3))
     slow = slow._replace(gyr=0.5 * slow.gyr)

@@ -2,7 +2,6 @@
 
 from jgait.estimators.about import About, BodyMeasure, CommandOption, EstimateTable, MissingMeasure
 from jgait.estimators.ankle_stride.params import DEFAULT, AnkleParams
-from jgait.estimators.ankle_stride.sensor_axes import axes_of, worn_otherwise
 from jgait.estimators.stride_flags import CLIPPED, DOUBTFUL, HALF, STAIRS, TURNING
 from jgait.estimators.totals import HEIGHT, LEG_STRIDES, WAY, has_strides
 from jgait.types import SIDES, Estimate
@@ -48,10 +47,6 @@ ABOUT = About(
     options=(
         CommandOption(
             "--lever", f"{_HEIGHT} [m]; 0.03 at the ankle, 0.18 on the shank.", low=-0.05, high=0.2, params=_lever
-        ),
-        CommandOption(
-            "--axes", "which of the sensor's axes should look forward, left and up, such as x,y,z; used only to detect "
-            "sensors that are upside down or on the other leg.", str, parse=axes_of, notes=worn_otherwise,
         ),
     ),
     tables=(EstimateTable("strides", "strides", json="strides"),),

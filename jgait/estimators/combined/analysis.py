@@ -8,13 +8,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators.checks import SENSOR_LEFT_OUT, check_shapes, sensors_of
-from jgait.estimators.combined.compare import (
-    Comparison,
-    comparisons,
-    contact_notes,
-    length_notes,
-    side_notes,
-)
+from jgait.estimators.combined.compare import Comparison, comparisons, contact_notes, length_notes, side_notes
 from jgait.estimators.combined.crosscheck import crosscheck, exchanged
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
 from jgait.estimators.combined.notes import FOOT_ON_SHANK
@@ -166,21 +160,21 @@ def _following(notes: tuple[Note, ...]) -> Callable[[Note], bool]:
     known = [(exchanged([note]), FOLLOWS[note.code]) for note in notes if note.code in FOLLOWS]
 
     def follows(note: Note) -> bool:
-        own = {note.values.get("placement"), note.values.get("other")}
-        own |= {f"{segment}_{note.values.get('side')}" for segment in ("thigh", "shank")}
+        own = _both(note) | {f"{segment}_{note.values.get('side')}" for segment in ("thigh", "shank")}
         return any(note.code in codes and names & own for names, codes in known)
 
     return follows
 
 
+def _both(note: Note) -> set[str]:
+    """The two placements that a note compares."""
+    return {str(note.values.get("placement")), str(note.values.get("other"))}
+
+
 def _named(recording: Recording, codes: Collection[str]) -> frozenset[str]:
     """Placements that a reader's notes of some codes name."""
-    named = [
-        str(note.values.get(name, ""))
-        for note in recording.notes
-        if note.code in codes
-        for name in ("placement", "other", "channel")
-    ]
+    noted = [note for note in recording.notes if note.code in codes]
+    named = {name for note in noted for name in (*_both(note), str(note.values.get("channel")))}
     return frozenset(name for name in recording.sensors if any(f"{word}_".startswith(f"{name}_") for word in named))
 
 
@@ -194,11 +188,10 @@ def _spared(recording: Recording, estimates: list[SourceEstimate]) -> frozenset[
     a wrong unit, or on another segment, lengths would differ too.
     """
     spared: set[str] = set()
-    for note in recording.notes:
-        pair = {str(note.values.get("placement")), str(note.values.get("other"))}
+    for pair in (_both(note) for note in recording.notes if note.code == "sides_differ"):
         for source in estimates:
             strides = source.estimate.strides
-            if note.code != "sides_differ" or strides is None or not pair <= set(source.placements):
+            if strides is None or not pair <= set(source.placements):
                 continue
             valid, sides = np.asarray(strides.valid, bool), np.asarray(strides.side)
             each = [as_float(strides.length)[valid & (sides == side)] for side in range(len(SIDES))]
@@ -211,12 +204,8 @@ def _spared(recording: Recording, estimates: list[SourceEstimate]) -> frozenset[
 def _apart(recording: Recording, estimates: list[SourceEstimate]) -> frozenset[str]:
     """Sensors of thighs and shanks whose clocks differ from one another by a reader's notes."""
     worn = {name for source in estimates if source.name == "legs" for name in source.placements}
-    pairs = [
-        {str(note.values.get("placement")), str(note.values.get("other"))}
-        for note in recording.notes
-        if note.code in PAIRS
-    ]
-    return frozenset(name for pair in pairs if pair <= worn for name in pair)
+    pairs = [_both(note) for note in recording.notes if note.code in PAIRS]
+    return frozenset().union(*(pair for pair in pairs if pair <= worn))
 
 
 def _angles(estimates: list[SourceEstimate], notes: list[Note], wrong: frozenset[str]) -> list[Note]:

@@ -10,6 +10,7 @@ from jgait.estimators.combined.distance import WalkedDistance
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import CONSISTENT, SAME_CONTACT, JoinedStrides
 from jgait.estimators.stride_flags import STRIDE_FLAGS, without
+from jgait.estimators.totals import median
 from jgait.notes import WRONG_PLACE, Kind, Note
 from jgait.types import SIDES, as_float
 
@@ -69,19 +70,16 @@ def comparisons(
     rows: list[Comparison] = []
     if strides is not None:
         usual = regular(strides)
+        tables = {
+            source.name: (strides.rows[source.name], source.estimate.strides, source.estimate.strides_stddev)
+            for source in sources if source.name in strides.rows
+        }  # fmt: skip
+        tables["combined"] = np.arange(len(usual)), strides.strides, strides.stddev
         for quantity, field in (("stride_length", "length"), ("walking_speed", "speed")):
-            for source in sources:
-                if source.name in strides.rows:
-                    at = strides.rows[source.name]
-                    rows_of = at[(at >= 0) & usual]
-                    tables = source.estimate.strides, source.estimate.strides_stddev
-                    rows += _median(quantity, source.name, field, rows_of, *tables)
-            rows += _median(quantity, "combined", field, np.flatnonzero(usual), strides.strides, strides.stddev)
-        for source in sources:
-            if source.name in strides.rows:
-                count = int((strides.rows[source.name] >= 0).sum())
-                rows.append(Comparison("strides", source.name, float(count), None, count))
-        rows.append(Comparison("strides", "combined", float(len(usual)), None, len(usual)))
+            for name, (at, values, spread) in tables.items():
+                rows += _median(quantity, name, field, at[(at >= 0) & usual], values, spread)
+        counts = {name: int((at >= 0).sum()) for name, (at, *_) in tables.items()}
+        rows += [Comparison("strides", name, float(count), None, count) for name, count in counts.items()]
     rows += [Comparison("distance", one.source, float(one.distance[-1]), one.stddev, 0) for one in walked]
     if total is not None:
         rows.append(Comparison("distance", "combined", float(total.distance[-1]), total.stddev, 0))
@@ -97,34 +95,22 @@ def _median(
     quantity: str, source: str, field: str, rows: np.ndarray, strides: object, stddev: object
 ) -> list[Comparison]:
     values = getattr(strides, field)
-    known = np.zeros(0) if values is None else as_float(values)[rows]
-    keep = np.isfinite(known)
-    if not keep.any():
-        return []
-    spread = None if stddev is None else getattr(stddev, field)
-    sd = None if spread is None else float(np.nanmedian(as_float(spread)[rows][keep]))
-    return [
-        Comparison(quantity, source, float(np.median(known[keep])), sd if sd and sd > 0.0 else None, int(keep.sum()))
-    ]
+    known = rows[:0] if values is None else rows[np.isfinite(as_float(values)[rows])]
+    middle, sd = median(values, known), median(getattr(stddev, field, None), known)
+    return [] if middle is None else [Comparison(quantity, source, middle, sd or None, len(known))]
 
 
 def length_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> list[Note]:
     """A note for each source whose stride lengths contradict those of the most certain source."""
     told = {}
     for source in sources:
-        at = strides.rows.get(source.name)
-        if at is not None and (at >= 0).any() and source.estimate.strides_stddev is not None:
-            values, spread = (
-                np.where(at >= 0, as_float(table.length)[at], np.nan)
-                for table in (source.estimate.strides, source.estimate.strides_stddev)
-            )
-            told[source.name] = (values, spread)
+        at, tables = strides.rows.get(source.name), (source.estimate.strides, source.estimate.strides_stddev)
+        if at is not None and (at >= 0).any() and tables[1] is not None:
+            told[source.name] = [np.where(at >= 0, as_float(table.length)[at], np.nan) for table in tables]
     notes = []
     usual = regular(strides)
     usual = usual if usual.any() else ~usual
-    order = sorted(
-        told, key=lambda name: float(np.nanmedian(told[name][1])) if np.isfinite(told[name][1]).any() else 9.0
-    )
+    order = sorted(told, key=lambda name: median(told[name][1]) or np.inf)
     for name, other in itertools.combinations(order, 2):
         (a, sa), (b, sb) = told[name], told[other]
         both = np.isfinite(a) & np.isfinite(b) & usual
@@ -164,22 +150,16 @@ def side_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> lis
     """A note if the waist's contacts are on the other side than those of feet, ankles or shanks."""
     waist = next((source for source in sources if source.name == "waist"), None)
     worn = [name for name in strides.rows if name != "waist" and (strides.rows[name] >= 0).any()]
-    if waist is None or not worn or set(np.asarray(strides.strides.side)) != set(range(len(SIDES))):
+    ours = np.array([name != "waist" for name in strides.first], bool)
+    if waist is None or not ours.any() or set(np.asarray(strides.strides.side)) != set(range(len(SIDES))):
         return []
-    ours = np.array([name != "waist" for name in strides.first])
-    times, sides = as_float(strides.strides.end)[ours], np.asarray(strides.strides.side)[ours]
     diagnostics = waist.estimate.diagnostics
     sure = as_float(diagnostics["initial_contact_side_probability"]) > 0.9
-    opposite = contacts = 0
-    for time, side in zip(
-        as_float(diagnostics["initial_contact"])[sure],
-        np.asarray(diagnostics["initial_contact_side"])[sure],
-        strict=True,
-    ):
-        near = np.abs(times - time)
-        if near.size and near.min() < SAME_CONTACT:
-            contacts += 1
-            opposite += int(sides[int(np.argmin(near))] != side)
+    apart = np.abs(as_float(diagnostics["initial_contact"])[sure, None] - as_float(strides.strides.end)[ours])
+    near = apart.min(axis=1) < SAME_CONTACT
+    theirs = np.asarray(strides.strides.side)[ours][apart.argmin(axis=1)]
+    contacts = int(near.sum())
+    opposite = int((near & (theirs != np.asarray(diagnostics["initial_contact_side"])[sure])).sum())
     if contacts < FEWEST or opposite < OPPOSITE * contacts:
         return []
     return [FEET_OF_CONTACTS_DIFFER(source="waist", other=" and ".join(worn), opposite=opposite, contacts=contacts)]

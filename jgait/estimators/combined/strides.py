@@ -36,6 +36,9 @@ BRIEF = 0.6
 SHARED = {frozenset(("ankles", "shanks")): 0.5}
 """Correlation of the errors of two sources [1]; chosen: ankle and shank are one segment, measured by one method."""
 
+FIELDS = tuple(name for name in Strides._fields if name not in ("side", "valid"))
+"""Quantities of a stride."""
+
 COMBINED = ("length", "height", "turn")
 """Quantities of a stride that are combined; others are those of the first source that has them."""
 
@@ -142,9 +145,8 @@ def _table(
     told = _alone(told, _walks(sources))
     n = len(told)
     side = np.array([one.side for one in told], int)
-    names = [name for name in Strides._fields if name not in ("side", "valid")]
-    values = {name: np.array([one.values[name] for one in told], float) for name in names}
-    spread = {name: np.array([one.spread[name] for one in told], float) for name in names}
+    values = {name: np.array([one.values[name] for one in told], float) for name in FIELDS}
+    spread = {name: np.array([one.spread[name] for one in told], float) for name in FIELDS}
     flags = {name: np.array([one.flags[name] for one in told], bool) for name in FLAGS}
     stated = {flag for own in marks.values() for flag, column in own.items() if column is not None}
     flags = {name: flag for name, flag in flags.items() if name in stated}
@@ -162,19 +164,12 @@ def _table(
 def _doubted(source: SourceEstimate, wrong: frozenset[str]) -> np.ndarray:
     """(n,) bool, strides that contradict the source's model, that nobody walks, or of a sensor that is wrong."""
     strides = source.estimate.strides
-    doubted = impossible(strides)
-    stated = source.estimate.diagnostics.get("doubtful")
-    if stated is not None:
-        doubted = doubted | np.asarray(stated, bool)
-    if strides.start is not None and strides.end is not None and len(doubted):
-        lasts = as_float(strides.end) - as_float(strides.start)
-        half = HALF.read(source.estimate)
-        doubted = doubted | (
-            (lasts < BRIEF * np.median(lasts)) & ~(np.zeros(len(doubted), bool) if half is None else half)
-        )
-    for number, side in enumerate(SIDES):
-        doubted = doubted | ((np.asarray(strides.side) == number) & (not _trusted(source, side, wrong)))
-    return np.asarray(doubted)
+    lasts = as_float(strides.end) - as_float(strides.start)
+    brief = lasts < BRIEF * np.median(lasts) if len(lasts) else np.zeros(0, bool)
+    untrusted = np.array([not _trusted(source, side, wrong) for side in SIDES])[np.asarray(strides.side)]
+    doubted = impossible(strides) | (brief & ~HALF.read(source.estimate)) | untrusted
+    own = DOUBTFUL.read(source.estimate)
+    return np.asarray(doubted if own is None else doubted | own)
 
 
 class _Told(NamedTuple):
@@ -238,32 +233,28 @@ def _told(
     names = [name for name in names if trusted[name, SIDES[side]]] or names
     names = [name for name in names if not doubts[name][group[name]]] or names
     first = names[0]
-    values, spread = {}, {}
-    for field in Strides._fields:
-        if field not in ("side", "valid"):
-            source = next((n for n in names if np.isfinite(_of(by_name[n], field, group[n]))), first)
-            values[field] = _of(by_name[source], field, group[source])
-            spread[field] = _of(by_name[source], field, group[source], spread=True)
-    steps = next((n for n in names if np.isfinite(_of(by_name[n], "step_length", group[n]))), first)
+    values, spread, given = {}, {}, {}
+    for field in FIELDS:
+        known = {name: _of(by_name[name], field, group[name]) for name in names}
+        given[field] = next((name for name, (value, _) in known.items() if np.isfinite(value)), first)
+        values[field], spread[field] = known[given[field]]
+    (length, length_sd), (speed, speed_sd) = (_of(by_name[first], name, group[first]) for name in ("length", "speed"))
     used, contradicts = frozenset([first]), False
     for field in COMBINED:
-        stated = {name: (_of(by_name[name], field, group[name]), _of(by_name[name], field, group[name], spread=True))
-                  for name in names}  # fmt: skip
-        stated = {name: (value, sd) for name, (value, sd) in stated.items() if np.isfinite(value) and sd > 0.0}
-        if stated:
-            numbers = np.array(list(stated.values()))
-            values[field], spread[field], kept = combined(numbers[:, 0], numbers[:, 1], correlation(stated))
+        known = {name: _of(by_name[name], field, group[name]) for name in names}
+        known = {name: (value, sd) for name, (value, sd) in known.items() if np.isfinite(value) and sd > 0.0}
+        if known:
+            numbers = np.array(list(known.values()))
+            values[field], spread[field], kept = combined(numbers[:, 0], numbers[:, 1], correlation(known))
             if field == "length":
-                used = frozenset(name for name, keeps in zip(stated, kept, strict=True) if keeps)
+                used = frozenset(name for name, keeps in zip(known, kept, strict=True) if keeps)
                 contradicts = not kept.all()
-    if contradicts and steps not in used:  # half of a length that is not used
+    if contradicts and given["step_length"] not in used:  # half of a length that is not used
         values["step_length"] = spread["step_length"] = np.nan
-    measured, row = by_name[first], group[first]
-    length, length_sd = _of(measured, "length", row), _of(measured, "length", row, spread=True)
     if length > 0.0:
-        values["speed"] = _of(measured, "speed", row) * values["length"] / length
+        values["speed"] = speed * values["length"] / length
     if length_sd > 0.0:
-        spread["speed"] = _of(measured, "speed", row, spread=True) * spread["length"] / length_sd
+        spread["speed"] = speed_sd * spread["length"] / length_sd
     flags = {flag: any(marks[n][flag] is not None and bool(marks[n][flag][group[n]]) for n in names) for flag in FLAGS}
     return _Told(first, side, group, values, spread, flags, used, contradicts, bool(doubts[first][group[first]]))
 
@@ -324,17 +315,16 @@ def _widths(
         same = np.flatnonzero(near & (np.asarray(theirs.side) == side[i]))
         if same.size:
             for field in ("width", "step_length"):
-                values[field][i] = _of(width, field, int(same[0]))
-                spread[field][i] = _of(width, field, int(same[0]), spread=True)
+                values[field][i], spread[field][i] = _of(width, field, int(same[0]))
             valid[i] = trusted is None or bool(trusted[same[0]])
     return valid
 
 
-def _of(source: SourceEstimate, field: str, row: int, *, spread: bool = False) -> float:
-    """One number of a stride of a source, or its standard deviation; NaN if the source does not give it."""
-    strides = source.estimate.strides_stddev if spread else source.estimate.strides
-    column = None if strides is None else getattr(strides, field)
-    return float("nan") if column is None else float(column[row])
+def _of(source: SourceEstimate, field: str, row: int) -> tuple[float, float]:
+    """One number of a stride of a source, and its standard deviation; NaN if the source does not give it."""
+    tables = source.estimate.strides, source.estimate.strides_stddev
+    value, sd = (np.nan if (column := getattr(one, field, None)) is None else float(column[row]) for one in tables)
+    return value, sd
 
 
 def _strides(side: np.ndarray, columns: dict[str, np.ndarray]) -> Strides:
