@@ -187,8 +187,7 @@ def _pairs(params: PyTree, transforms: PyTree) -> tuple[list[str], list[Any], li
             f"params and transforms must have the same structure; got {type(params).__name__} "
             f"and {type(transforms).__name__}: {error}"
         ) from error
-    paths, _ = jax.tree_util.tree_flatten_with_path(transforms, is_leaf=_is_transform)
-    return [jax.tree_util.keystr(path).lstrip(".") for path, _ in paths], values, flat, treedef
+    return list(names(transforms)), values, flat, treedef
 
 
 def names(transforms: PyTree) -> tuple[str, ...]:

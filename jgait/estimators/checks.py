@@ -27,20 +27,23 @@ def sensors_of(recording: Recording) -> str:
     return f"the recording has {sorted(recording.sensors)}{''.join(left_out)}"
 
 
-def common_time(recording: Recording, names: Sequence[str], caller: str, what: str, *, acc: bool = True) -> np.ndarray:
+def common_time(
+    recording: Recording, names: Sequence[str], caller: str, what: str, *, acc: bool = True, least_s: float = LEAST_S
+) -> np.ndarray:
     """The common time (T,) [s] of several sensors; their signals are checked as well.
 
-    `caller` is the estimator in error messages, `what` describes the sensors in them, such as "both feet".
+    `caller` is the estimator in error messages, `what` describes the sensors in them, such as "both feet"; a walk has
+    to last `least_s` [s].
 
     Raises:
         RecordingError: a recording too short for a step, clocks that run backwards or differ, signals of the wrong
             shape, NaN, all samples masked, no accelerometer, other units.
     """
     time = as_float(recording.sensors[names[0]].time)
-    if time.size < FEWEST or np.ptp(time) < LEAST_S:
+    if time.size < FEWEST or np.ptp(time) < least_s:
         lasts = float(np.ptp(time)) if time.size else 0.0
         raise RecordingError(
-            f"{caller} needs a walk, {LEAST_S:g} s and {FEWEST} samples or more; '{names[0]}' has {time.size} samples "
+            f"{caller} needs a walk, {least_s:g} s and {FEWEST} samples or more; '{names[0]}' has {time.size} samples "
             f"in {lasts:.2g} s"
         )
     step = np.diff(time)

@@ -110,7 +110,8 @@ def stances(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], samp
     """
     rate = moving_rate(gyr, sampling_rate_hz)
     restless = _with_spread(rate, acc, sampling_rate_hz)
-    valleys = _suppressed(*_valleys(rate), sampling_rate_hz)
+    valleys = _valleys(rate, SWING, STANCE)
+    valleys = _suppressed(valleys, rate[valleys], sampling_rate_hz)
     after_start, before_end = (round(seconds * sampling_rate_hz) for seconds in EROSION)
     rows = []
     borders = np.concatenate([[-1], valleys, [len(rate)]])
@@ -140,8 +141,7 @@ def _slow(restless: np.ndarray, stretch: tuple[int, int], sampling_rate_hz: floa
     if end - first <= SLOW * sampling_rate_hz:
         return []
     part, rows, edge = restless[first:end], [], round(SLOW_EDGE * sampling_rate_hz)
-    valleys = np.array(_turning_points(part.tolist(), SLOW_SWING), int)
-    valleys = valleys[(valleys < len(part)) & (part[np.minimum(valleys, len(part) - 1)] < SLOW_STILL)]
+    valleys = _valleys(part, SLOW_SWING, SLOW_STILL)
     borders = np.concatenate([[-1], valleys, [len(part)]])
     for before, at, after in zip(borders[:-2], valleys, borders[2:], strict=True):
         begins, last = _around(part, at, (before + 1, after), SLOW_STILL)
@@ -161,19 +161,12 @@ def _around(values: np.ndarray, at: int, within: tuple[int, int], limit: float) 
     return first, last
 
 
-def _valleys(rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Samples and depths of the valleys between swings."""
-    valleys = np.array(_turning_points(rate.tolist(), SWING), int)
-    valleys = valleys[(valleys < len(rate)) & (rate[np.minimum(valleys, len(rate) - 1)] < STANCE)]
-    return valleys.astype(int), rate[valleys]
-
-
-def _turning_points(rate: list[float], swing: float) -> list[int]:
-    """The samples of the valleys: a rise to a swing ends a valley, a fall of the rate ends a swing, and the recording's
-    end both.
+def _valleys(rate: np.ndarray, swing: float, deep: float) -> np.ndarray:
+    """Samples of the valleys below `deep`: a rise to a swing ends a valley, a fall of the rate ends a swing, and the
+    recording's end both.
     """
     points, seeking, extreme, at = list[int](), True, np.inf, 0
-    for index, value in enumerate(rate):
+    for index, value in enumerate(rate.tolist()):
         if seeking:
             if value < extreme:
                 extreme, at = value, index
@@ -184,7 +177,8 @@ def _turning_points(rate: list[float], swing: float) -> list[int]:
             extreme = value
         elif value < extreme / RATIO:
             seeking, extreme, at = True, value, index
-    return [*points, at] if seeking else points
+    valleys = np.array([*points, at] if seeking else points, int)
+    return valleys[rate[valleys] < deep] if len(rate) else valleys[:0]
 
 
 def _suppressed(valleys: np.ndarray, rate: np.ndarray, sampling_rate_hz: float) -> np.ndarray:

@@ -75,6 +75,16 @@ def only(recording: Recording, *placements: str) -> Recording:
     return recording._replace(sensors={name: recording.sensors[name] for name in placements})
 
 
+def changed(recording: Recording, **sensors: Any) -> Recording:
+    """The recording with other sensors at some places."""
+    return recording._replace(sensors={**recording.sensors, **sensors})
+
+
+def exchanged(recording: Recording, one: str, other: str) -> Recording:
+    """The recording with two sensors that have changed places."""
+    return changed(recording, **{one: recording.sensors[other], other: recording.sensors[one]})
+
+
 def _leg_ekf() -> Case:
     """By kinematics: the strapdown of the shanks is `ankle_stride`, which keeps these laws itself."""
     options = leg_ekf.DEFAULT._replace(distance="stance")

@@ -18,6 +18,16 @@ def texts(notes: Iterable[Note]) -> list[str]:
     return [str(note) for note in notes]
 
 
+def codes(notes: Iterable[Note]) -> list[str]:
+    """The code of every note."""
+    return [note.code for note in notes]
+
+
+def of_code(notes: Iterable[Note], *wanted: str) -> list[Note]:
+    """The notes with these codes."""
+    return [note for note in notes if note.code in wanted]
+
+
 def kinds() -> dict[str, Kind]:
     """Module and name → every kind, where it is declared or imported first."""
     found: dict[str, Kind] = {}

@@ -66,17 +66,12 @@ def _mean_over_interval(values: Values) -> Values:
     return jnp.concatenate([values[:1], 0.5 * (values[1:] + values[:-1])])
 
 
-def controls(p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values) -> AnkleControl:
-    """Readings of the sensor and densities of their errors; an error white over an interval h has the density σ² h."""
-    means = (vector(_mean_over_interval(values)) for values in (gyr, acc))
-    return control(p, leg, vector(gyr), *means)
-
-
 def control(p: AnkleParams, now: PyTree, rate: Vector, gyr: Vector, acc: Vector) -> AnkleControl:
     """Readings of the sensor and variances of their errors, for one sample or, elementwise, for many.
 
-    `now` has the jumps, doubts, dt, restart, rate_hz and gyr_bias of `AnkleSignals`; `rate` is the angular rate at the
-    sample, `gyr` the mean over the interval [rad/s], `acc` the mean specific force over it [m/s²].
+    An error that is white over an interval h has the density σ² h. `now` has the jumps, doubts, dt, restart, rate_hz
+    and gyr_bias of `AnkleSignals`; `rate` is the angular rate at the sample, `gyr` the mean over the interval [rad/s],
+    `acc` the mean specific force over it [m/s²].
     """
     h = now.dt
     free = subtract(rate, vector(now.gyr_bias))
@@ -128,7 +123,7 @@ def _filtered(p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values, optio
     stands = leg.stands & leg.valid
     return filtering.infer(
         ankle_model.MODEL, model_params(p), Vector(zero, zero, zero), smooth=options.smooth,
-        controls=controls(p, leg, gyr, acc), dt=leg.dt,
+        controls=control(p, leg, vector(gyr), *(vector(_mean_over_interval(v)) for v in (gyr, acc))), dt=leg.dt,
         mask=Vector(stands, stands, stands), method=options.method, initial=prior_of(p, leg, gyr),
         covariance=("position", "attitude.z", "lever"),
     )  # fmt: skip
@@ -228,11 +223,11 @@ def estimate(p: AnkleParams, recording: Recording, options: AnkleOptions = DEFAU
 
 def _finished(result: Estimate, made: Prepared[AnkleInputs]) -> Estimate:
     """The estimate with the instants at which strides begin and end, and with doubts about strides and legs."""
-    legs = zip(SIDES, (made.inputs.right, made.inputs.left), strict=True)
-    instants = {
-        f"instants_{side}": np.stack([leg.begin, leg.end], axis=1)[: int(leg.count)] for side, leg in legs if leg
-    }
     worn = {side: leg for side, leg in enumerate((made.inputs.right, made.inputs.left)) if leg is not None}
+    instants = {
+        f"instants_{SIDES[side]}": np.stack([leg.begin, leg.end], axis=1)[: int(leg.count)]
+        for side, leg in worn.items()
+    }
     places = {side: f"{'shank' if leg.mid_shank else 'ankle'}_{SIDES[side]}" for side, leg in worn.items()}
     cut = cut_notes(result, {side: (places[side], leg.gyr - leg.gyr_bias) for side, leg in worn.items()})
     notes = (*result.diagnostics["notes"], *cut)

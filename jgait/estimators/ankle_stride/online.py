@@ -101,19 +101,14 @@ class Now(NamedTuple):
     valid: Flags  #: False if the filter's update failed numerically and the filter kept its prediction.
 
 
-class Filters(NamedTuple):
-    """Low-pass sections for the integrated signals, the stance rates and the sagittal rate."""
-
-    signals: PyTree
-    stance: PyTree
-    sagittal: PyTree
+type Filters = tuple[PyTree, ...]
+"""Low-pass sections for the integrated signals, the stance rates and the sagittal rate."""
 
 
 def filters_of(p: AnkleParams, worn: Worn, dtype: DTypeLike) -> Filters:
     """The low-passes of the online estimator."""
     cutoffs = (p.cutoff_hz, shank_stance.CUTOFF_HZ, shank_events.LOBES.cutoff_hz)
-    cascades = (butterworth.section(jnp.asarray(hz, dtype), worn.rate_hz) for hz in cutoffs)
-    return Filters(*cascades)
+    return tuple(butterworth.section(jnp.asarray(hz, dtype), worn.rate_hz) for hz in cutoffs)
 
 
 def reading(worn: Worn, gyr: Values, acc: Values) -> Values:

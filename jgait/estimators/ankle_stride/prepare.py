@@ -118,14 +118,10 @@ def prepare(recording: Recording, options: AnkleOptions = DEFAULT) -> Prepared[A
 
 def _checked(recording: Recording, names: list[str]) -> np.ndarray:
     """The time that all sensors share, checked together with the signals."""
-    time = as_float(recording.sensors[names[0]].time)
-    rate = recording.sampling_rate_hz
-    low, high = shank_events.RATES
+    rate, (low, high) = recording.sampling_rate_hz, shank_events.RATES
     if not low <= rate <= high:
         raise RecordingError(f"ankle_stride needs {low:g} to {high:g} Hz; the recording has {rate:g} Hz")
-    if time.size < max(LEAST_SECONDS * rate, 10):
-        raise RecordingError(f"ankle_stride needs a second or more; '{names[0]}' has {time.size} samples")
-    common_time(recording, names, "ankle_stride", "both legs")
+    time = common_time(recording, names, "ankle_stride", "both legs", least_s=LEAST_SECONDS)
     check_nominal_rate(time, names[0], rate)
     return time
 

@@ -87,7 +87,9 @@ def direct_reverse_cycles(
     integrals = since(values, steps, per_sample(cutoff_hz, at, values.dtype), at.restart)
     going = begun[at.number] + integrals.change
     missed = begun + integrals.change[cycles.end] - ended
-    return jnp.where(at.inside, going - reverse_share(integrals, cycles, at, beta) * missed[at.number], 0.0)
+    whole = integrals.time[cycles.end][at.number]
+    share = weight(integrals.time / jnp.where(whole > 0.0, whole, 1.0), beta)
+    return jnp.where(at.inside, going - share * missed[at.number], 0.0)
 
 
 def placed(cycles: Cycles, samples: int) -> Placed:
@@ -113,7 +115,8 @@ def since(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | N
     one for the interval that ends at each sample; without marks only the first sample is one.
     """
     anew = jnp.zeros(acc.shape, bool) if restart is None else jnp.asarray(restart)
-    shares = _share(cutoff_hz, steps)
+    turned = 2.0 * jnp.pi * jnp.asarray(cutoff_hz, steps.dtype) * steps
+    shares = turned / (1.0 + turned)  # 1 − α
 
     def one(state: PyTree, sample: PyTree) -> PyTree:
         low, change, time, before = state
@@ -128,26 +131,10 @@ def since(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | N
     return lax.scan(one, (nothing, nothing, nothing, acc[0]), samples)[1]
 
 
-def reverse_share(integrals: Since, cycles: Cycles, at: Placed, beta: ArrayLike) -> Array:
-    """The weight w (T,) in the cycle of each sample; without meaning outside cycles."""
-    return weight(_part(integrals.time, integrals.time[cycles.end][at.number]), beta)
-
-
 def per_sample(values: ArrayLike, at: Placed, dtype: DTypeLike) -> Array:
     """Values (K,) of the cycles at their samples (T,), 0 outside cycles; a single value is returned as it is."""
     given = jnp.asarray(values, dtype)
     return given if given.ndim == 0 else jnp.where(at.inside, given[at.number], 0.0)
-
-
-def _share(cutoff_hz: ArrayLike, steps: Values) -> Values:
-    """1 − α, the share of each sample in the low-pass."""
-    turned = 2.0 * jnp.pi * jnp.asarray(cutoff_hz, steps.dtype) * steps
-    return turned / (1.0 + turned)
-
-
-def _part(time: Values, whole: Values) -> Values:
-    """The part t / T of the cycle that has passed; 0 in a cycle of one sample."""
-    return time / jnp.where(whole > 0.0, whole, 1.0)
 
 
 def signal_and_steps(acc: ArrayLike, dt: ArrayLike, mask: ArrayLike | None = None) -> tuple[Array, Array]:

@@ -121,9 +121,7 @@ def _checked(recording: Recording, name: str) -> np.ndarray:
             f"waist needs {low:g} to {high:g} Hz, for the jolts that tell a contact are faster than a slower "
             f"sensor can follow; the recording has {rate:g} Hz"
         )
-    if np.size(imu.time) < LEAST_SECONDS * rate:
-        raise RecordingError(f"waist needs {LEAST_SECONDS:g} s or more; '{name}' has {np.size(imu.time)} samples")
-    time = common_time(recording, [name], "waist", "the sensor")
+    time = common_time(recording, [name], "waist", "the sensor", least_s=LEAST_SECONDS)
     check_nominal_rate(time, name, rate)
     felt = float(np.median(np.linalg.norm(as_float(imu.acc)[np.asarray(imu.mask, bool)], axis=1)))
     if not LIKE_GRAVITY[0] * GRAVITY < felt < LIKE_GRAVITY[1] * GRAVITY:

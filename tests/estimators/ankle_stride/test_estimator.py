@@ -255,7 +255,7 @@ def changed(hz=100.0, **fields):
         (changed(hz=500.0, time=0.2 * IMU.time), "25 to 400 Hz; the recording has 500 Hz"),
         (changed(hz=50.0), "a sample every 0.01 s, and is said to have 50 Hz"),
         (changed(mask=np.zeros(len(IMU.time), bool)), "every sample of 'shank_right' is masked"),
-        (changed(time=IMU.time[:50], gyr=IMU.gyr[:50], acc=IMU.acc[:50], mask=IMU.mask[:50]), "a second or more"),
+        (changed(time=IMU.time[:50], gyr=IMU.gyr[:50], acc=IMU.acc[:50], mask=IMU.mask[:50]), "needs a walk, 1 s"),
         (Recording({"shank_right": IMU, "shank_left": IMU._replace(time=IMU.time + 0.02)}, 100.0), "on one clock"),
     ],
     ids=["placement", "acc", "shape", "nan", "time", "slow", "fast", "rate", "masked", "short", "clocks"],

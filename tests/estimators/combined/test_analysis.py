@@ -4,6 +4,8 @@ import jax
 import numpy as np
 import pandas as pd
 import pytest
+from made.estimators import changed, exchanged, only
+from made.notes import codes, of_code
 
 import jgait
 from jgait import io, simulate
@@ -47,16 +49,13 @@ def analysis(walked):
 
 @pytest.mark.parametrize("seconds", [0.13, 0.16])
 def test_a_late_foot_does_not_become_a_limp_without_a_note(walked, analysis, seconds):
-    late = walked[0].sensors["foot_right"]
-    by = round(100.0 * seconds)
-    late = late._replace(
-        **{name: np.roll(np.asarray(getattr(late, name)), by, axis=0) for name in ("gyr", "acc", "mask")}
-    )
-    now = jgait.analyse(walked[0]._replace(sensors={**walked[0].sensors, "foot_right": late}), PERSON)
-    found = [[note for note in one.notes if note.code == "contacts_apart"] for one in (analysis, now)]
-    assert not found[0]
-    assert found[1]
-    for note in found[1]:
+    foot = walked[0].sensors["foot_right"]
+    late = {name: np.roll(getattr(foot, name), round(100.0 * seconds), axis=0) for name in ("gyr", "acc", "mask")}
+    now = jgait.analyse(changed(walked[0], foot_right=foot._replace(**late)), PERSON)
+    assert not of_code(analysis.notes, "contacts_apart")
+    found = of_code(now.notes, "contacts_apart")
+    assert found
+    for note in found:
         assert note.values["words"] == "earlier"
         assert abs(note.values["seconds"] - seconds) < 0.05
 
@@ -70,7 +69,7 @@ def test_rows_written_twice_without_time_stamps_make_everything_uncertain(walked
         for name, imu in walked[0].sensors.items()
     }
     gait = jgait.analyse(io.recording_from_arrays(arrays, sampling_rate_hz=100.0), PERSON)
-    assert "rows_twice" in {note.code for note in gait.notes}
+    assert "rows_twice" in codes(gait.notes)
     stddev, usual = (float(one.estimate.diagnostics["distance_stddev"][-1]) for one in (gait, analysis))
     assert stddev > 2.0 * usual
     assert stddev > 0.099 * float(gait.estimate.distance[-1])
@@ -80,8 +79,8 @@ def test_rows_written_twice_without_time_stamps_make_everything_uncertain(walked
 
 def test_every_estimator_that_has_its_sensors_runs(analysis):
     assert [source.name for source in analysis.sources] == ["feet", "ankles", "shanks", "waist", "legs"]
-    assert not CONTRADICTIONS.intersection(note.code for note in analysis.notes)
-    (note,) = (note for note in analysis.notes if note.code == "measures_from_height")
+    assert not of_code(analysis.notes, *CONTRADICTIONS)
+    (note,) = of_code(analysis.notes, "measures_from_height")
     assert "thigh length 0.43 ± 0.02 m" in str(note)
     assert "height of the waist's sensor 1.05 ± 0.02 m" in str(note)
 
@@ -139,8 +138,8 @@ def test_a_waist_with_too_short_strides_does_not_pull_what_feet_measure():
     assert np.median(made.estimate.strides_stddev.length) < 0.03
     true = float(truth.estimate.distance[-1])
     np.testing.assert_allclose(made.estimate.distance[-1], true, rtol=0.05)
-    waist = recording._replace(sensors={"pelvis": recording.sensors["pelvis"]})
-    assert np.median(jgait.analyse(waist, {"height": 1.75}).estimate.strides.length) > 1.2 * np.median(strides.length)
+    waist = jgait.analyse(only(recording, "pelvis"), {"height": 1.75}).estimate
+    assert np.median(waist.strides.length) > 1.2 * np.median(strides.length)
 
 
 def test_in_running_feet_alone_count():
@@ -148,15 +147,13 @@ def test_in_running_feet_alone_count():
     person = simulate.covering(key, simulate.walking(simulate.Person(), "running"), way)
     recording, truth = simulate.recording(key, person, way, placements=PLACEMENTS)
     found = jgait.analyse(recording)
-    codes = {note.code for note in found.notes}
-    assert {"strides_quick", "trunk_falls_freely"} <= codes
-    assert not {"sides_exchanged", "clock_off"} & codes
+    assert {"strides_quick", "trunk_falls_freely"} <= set(codes(found.notes))
+    assert not of_code(found.notes, "sides_exchanged", "clock_off")
     true = float(truth.estimate.distance[-1])
     off = {s.name: abs(float(s.estimate.distance[-1]) / true - 1.0) for s in found.sources}
     assert off["shanks"] > 0.04 and off["waist"] > 0.1
     assert float(found.estimate.distance[-1]) == pytest.approx(true, rel=0.02)
-    legs = {name: imu for name, imu in recording.sensors.items() if name.startswith(("thigh", "shank"))}
-    alone = jgait.analyse(recording._replace(sensors=legs)).estimate
+    alone = jgait.analyse(only(recording, *simulate.FOUR)).estimate
     deviation = float(alone.diagnostics["distance_stddev"][-1])
     assert abs(float(alone.distance[-1]) - true) < 2.0 * deviation and deviation > 0.09 * true
 
@@ -229,15 +226,11 @@ def test_what_only_a_contradicted_source_says_is_in_doubt(analysis):
 
 def test_what_two_sources_see_of_one_contact_is_there_once(analysis):
     """The feet see a stride begin 0.9 s late, as where its first half is lost; and one contact 0.05 s late."""
-    sources = []
-    for source in analysis.sources:
-        if source.name == "feet":
-            start = np.array(source.estimate.strides.start)
-            start[5] = source.estimate.strides.end[5] - 0.3
-            own = source.estimate._replace(strides=source.estimate.strides._replace(start=start))
-            source = source._replace(estimate=own)
-        sources.append(source)
-    assert len(joined(sources).first) == len(analysis.strides.first)
+    feet, *others = analysis.sources
+    own = feet.estimate.strides
+    start = np.where(np.arange(len(own.start)) == 5, own.end - 0.3, own.start)
+    late = feet._replace(estimate=feet.estimate._replace(strides=own._replace(start=start)))
+    assert len(joined([late, *others]).first) == len(analysis.strides.first)
     strides = analysis.estimate.strides
     late = analysis.estimate._replace(strides=strides._replace(start=np.asarray(strides.start) + 0.05))
     usual, moved = (io.analysis_to_dataframes(a)["contacts"] for a in (analysis, analysis._replace(estimate=late)))
@@ -246,29 +239,25 @@ def test_what_two_sources_see_of_one_contact_is_there_once(analysis):
 
 def test_exchanged_shanks_are_named_and_not_combined(walked):
     recording, truth = walked
-    sensors = recording.sensors
-    exchanged = {"shank_right": sensors["shank_left"], "shank_left": sensors["shank_right"]}
     late = delays.SENSOR_LATE(placement="shank_right", milliseconds=170.0, side="behind", other="thigh_right")
-    found = jgait.analyse(recording._replace(sensors={**sensors, **exchanged}, notes=(late,)), PERSON)
+    found = jgait.analyse(exchanged(recording, "shank_right", "shank_left")._replace(notes=(late,)), PERSON)
     assert late not in found.notes
-    (note,) = (note for note in found.notes if note.code == "sides_exchanged")
+    (note,) = of_code(found.notes, "sides_exchanged")
     assert "the right and left shank sensors seem exchanged" in str(note)
-    (note,) = (note for note in found.notes if note.code == "angles_doubtful")
+    (note,) = of_code(found.notes, "angles_doubtful")
     assert note.values["sides"] == "right and left"
-    assert "knee_implausible" not in {note.code for note in found.notes}  # by the exchange
+    assert "knee_implausible" not in codes(found.notes)  # by the exchange
     assert not found.strides.used["shanks"].any()
     assert errors(found.estimate.strides, truth).mean() < 0.02
 
 
 @pytest.mark.parametrize("kind", ["foot", "thigh"])
 def test_sensors_exchanged_within_a_leg_change_nothing_but_a_note(walked, analysis, kind):
-    own, shank = f"{kind}_right", "shank_right"
-    exchanged = {own: walked[0].sensors[shank], shank: walked[0].sensors[own]}
     follow = (
-        delays.SENSOR_LATE(placement="ankle_right", milliseconds=100.0, side="ahead of", other=shank),
+        delays.SENSOR_LATE(placement="ankle_right", milliseconds=100.0, side="ahead of", other="shank_right"),
         agreement.SIDES_DIFFER(placement="shank_right", ratio=1.7, other="shank_left"),
     )
-    found = jgait.analyse(walked[0]._replace(sensors=walked[0].sensors | exchanged, notes=follow), PERSON)
+    found = jgait.analyse(exchanged(walked[0], f"{kind}_right", "shank_right")._replace(notes=follow), PERSON)
     (note,) = set(found.notes) - set(analysis.notes)
     assert note.code == {"foot": "foot_on_shank", "thigh": "labels_exchanged"}[kind]
     np.testing.assert_allclose(found.estimate.strides.length, analysis.estimate.strides.length)
@@ -276,22 +265,16 @@ def test_sensors_exchanged_within_a_leg_change_nothing_but_a_note(walked, analys
 
 
 def test_exchanged_feet_contradict_the_waist(walked):
-    recording, _ = walked
-    sensors = {name: recording.sensors[name] for name in ("pelvis", "foot_right", "foot_left")}
-    assert "feet_of_contacts_differ" not in {
-        note.code for note in jgait.analyse(recording._replace(sensors=sensors), PERSON).notes
-    }
-    sensors |= {"foot_right": sensors["foot_left"], "foot_left": sensors["foot_right"]}
-    notes = jgait.analyse(recording._replace(sensors=sensors), PERSON).notes
-    (note,) = (note for note in notes if note.code == "feet_of_contacts_differ")
+    recording = only(walked[0], "pelvis", *FEET)
+    assert not of_code(jgait.analyse(recording, PERSON).notes, "feet_of_contacts_differ")
+    notes = jgait.analyse(exchanged(recording, *FEET), PERSON).notes
+    (note,) = of_code(notes, "feet_of_contacts_differ")
     assert "waist and feet say the opposite" in str(note)
 
 
 def test_sensors_in_a_wrong_unit_are_left_out(walked):
-    recording, _ = walked
-    feet = {name: recording.sensors[name] for name in ("foot_right", "foot_left", "ankle_right")}
-    feet["ankle_right"] = feet["ankle_right"]._replace(gyr=np.rad2deg(feet["ankle_right"].gyr))
-    found = jgait.analyse(recording._replace(sensors=feet))
+    ankle = walked[0].sensors["ankle_right"]
+    found = jgait.analyse(changed(only(walked[0], *FEET), ankle_right=ankle._replace(gyr=np.rad2deg(ankle.gyr))))
     assert [source.name for source in found.sources] == ["feet"]
     assert found.notes[0].code == "sensor_gyr_unit"
 
@@ -322,13 +305,13 @@ def test_a_sensor_that_a_reader_accuses_is_left_out_of_the_combined_distance(wal
     alone = next(source for source in found.sources if source.name == "shanks").estimate
     assert abs(float(alone.distance[-1]) / true - 1.0) > 0.1
     assert abs(told["shanks"].value / true - 1.0) < 0.05  # from the left side
-    (note,) = (note for note in found.notes if note.code == "distance_of_one_side")
+    (note,) = of_code(found.notes, "distance_of_one_side")
     assert note.values == {"source": "shanks", "side": "left"}
     assert abs(told["combined"].value / true - 1.0) < 0.03
     right = np.asarray(found.strides.strides.side) == 0
     assert not found.strides.used["shanks"][right].any()
     assert not found.strides.flags["doubtful"][right & (found.strides.rows["feet"] >= 0)].any()
-    (note,) = (note for note in found.notes if note.code == "angles_doubtful")
+    (note,) = of_code(found.notes, "angles_doubtful")
     assert note.values == {"sides": "right", "sensors": "shank_right"}
     tables = io.analysis_to_dataframes(found)
     assert not tables["samples"]["angles_valid_right"].any() and tables["samples"]["angles_valid_left"].all()
@@ -343,11 +326,9 @@ def test_angles_of_a_knee_that_nobody_bends_are_not_usable_and_their_distance_do
     time, rates = np.asarray(imu.time), np.array(imu.gyr)
     stuck = (time > 4.0) & (time < 5.0)
     rates[stuck] = rates[np.argmax(stuck)]
-    found = jgait.analyse(
-        recording._replace(sensors={**recording.sensors, "thigh_right": imu._replace(gyr=rates)}), PERSON
-    )
-    assert "knee_implausible" in {note.code for note in found.notes if note.severity == "stop"}
-    (note,) = (note for note in found.notes if note.code == "angles_doubtful")
+    found = jgait.analyse(changed(recording, thigh_right=imu._replace(gyr=rates)), PERSON)
+    assert "stop" in {note.severity for note in of_code(found.notes, "knee_implausible")}
+    (note,) = of_code(found.notes, "angles_doubtful")
     assert note.values == {"sides": "right", "sensors": "thigh_right, shank_right"}
     strides = io.analysis_to_dataframes(found)["strides"]
     np.testing.assert_array_equal(strides["angles_valid"], strides["side"] == "left")
@@ -370,10 +351,7 @@ def test_a_side_that_lacks_steps_is_in_doubt_if_it_alone_counts(walked, analysis
 
 
 def test_strides_that_only_a_wrong_sensor_measured_do_not_count_in_means(walked):
-    recording, _ = walked
-    walk = read_again(recording, "foot_right", turned)
-    feet = {name: walk.sensors[name] for name in ("foot_right", "foot_left")}
-    found = jgait.analyse(walk._replace(sensors=feet), PERSON)
+    found = jgait.analyse(only(read_again(walked[0], "foot_right", turned), *FEET), PERSON)
     right = np.asarray(found.strides.strides.side) == 0
     assert found.strides.flags["doubtful"][right].all()
     told = next(c for c in found.comparisons if (c.quantity, c.source) == ("stride_length", "combined"))
@@ -389,11 +367,11 @@ def test_what_a_gap_hides_is_in_the_deviation_of_the_distance(walked):
             values[600:900] = np.nan
 
     walk = read_again(recording, "shank_right", interrupted)
-    right = jgait.analyse(walk._replace(sensors={"shank_right": walk.sensors["shank_right"]}), PERSON)
+    right = jgait.analyse(only(walk, "shank_right"), PERSON)
     true = float(truth.estimate.distance[-1])
     alone = of_distance(right)["shanks"]
     assert abs(alone.value / true - 1.0) < 0.05 and alone.stddev > 0.5
-    assert [note.values["metres"] > 2.0 for note in right.notes if note.code == "distance_over_loss"] == [True]
+    assert [note.values["metres"] > 2.0 for note in of_code(right.notes, "distance_over_loss")] == [True]
     found = jgait.analyse(walk, PERSON)
     told = of_distance(found)
     assert abs(told["shanks"].value / true - 1.0) < 0.05  # from the left side
@@ -409,7 +387,7 @@ def test_a_leg_that_a_sensor_no_longer_measures_has_no_angles_although_feet_go_o
     stops = int(0.6 * len(shank.time))
     measured = np.arange(len(shank.time)) < stops
     silent = shank._replace(gyr=np.where(measured[:, None], shank.gyr, 0.0), mask=measured)
-    found = jgait.analyse(recording._replace(sensors={**recording.sensors, "shank_right": silent}), PERSON)
+    found = jgait.analyse(changed(recording, shank_right=silent), PERSON)
     table = io.analysis_to_dataframes(found)["samples"]
     angles = table.filter(regex="^(hip|knee)_angle_right")
     assert angles.shape[1] == 4 and angles.iloc[: stops - 1].notna().all().all()
@@ -420,12 +398,10 @@ def test_a_leg_that_a_sensor_no_longer_measures_has_no_angles_although_feet_go_o
 
 
 def test_a_source_without_any_stride_does_not_stop_the_others(walked):
-    recording, _ = walked
-    pelvis = recording.sensors["pelvis"]
+    pelvis = walked[0].sensors["pelvis"]
     shaken = 0.01 * np.random.default_rng(0).normal(size=np.shape(pelvis.acc))
     still = pelvis._replace(acc=np.array([0.0, 0.0, 9.81]) + shaken)
-    sensors = {name: recording.sensors[name] for name in ("foot_right", "foot_left")}
-    found = jgait.analyse(recording._replace(sensors={**sensors, "pelvis": still}), PERSON)
+    found = jgait.analyse(changed(only(walked[0], *FEET), pelvis=still), PERSON)
     assert len(found.strides.first) > 10
 
 
@@ -479,8 +455,7 @@ def test_the_stance_is_stated_of_strides_that_a_foot_saw(walked, analysis):
     share = (whole["stance_duration_s"] / whole["stride_duration_s"]).median()
     said = {row[0]: row[1] for row in all_sensors({}, "csv").rows(analysis)}
     assert said["stance"] == f"{100.0 * share:.0f} % of the stride"
-    shanks = {name: walked[0].sensors[name] for name in ("shank_right", "shank_left")}
-    found = jgait.analyse(walked[0]._replace(sensors=shanks), PERSON)
+    found = jgait.analyse(only(walked[0], "shank_right", "shank_left"), PERSON)
     said = {row[0]: row[1] for row in all_sensors({}, "csv").rows(found)}
     assert said["stance"] == "–" and said["cadence"].endswith("steps/min")
 
@@ -492,11 +467,8 @@ def test_every_code_by_which_a_sensor_is_accused_is_that_of_a_check():
 
 
 def test_a_missing_height_is_said_only_where_it_matters(walked):
-    recording, _ = walked
-    feet = {name: recording.sensors[name] for name in ("foot_right", "foot_left")}
-    assert "height_absent" not in {note.code for note in jgait.analyse(recording._replace(sensors=feet)).notes}
-    waist = jgait.analyse(recording._replace(sensors={"pelvis": recording.sensors["pelvis"]}))
-    assert "height_absent" in {note.code for note in waist.notes}
+    for sensors, said in ((FEET, False), (("pelvis",), True)):
+        assert ("height_absent" in codes(jgait.analyse(only(walked[0], *sensors)).notes)) == said
 
 
 def test_a_stiff_leg_turns_less_and_counts_and_a_wrong_unit_does_not():
@@ -506,39 +478,34 @@ def test_a_stiff_leg_turns_less_and_counts_and_a_wrong_unit_does_not():
     recording, _ = simulate.recording(key, person, way, placements=(*FEET, "shank_right", "shank_left"))
     foot = recording.sensors["foot_right"]
     for factor, counts in ((1.0, True), (0.4, False)):
-        sensors = recording.sensors | {"foot_right": foot._replace(gyr=factor * foot.gyr)}
-        changed = recording._replace(sensors=sensors)
-        notes = tuple(note for note in damage_notes(changed) if note.code == "sides_differ")
+        wrong = changed(recording, foot_right=foot._replace(gyr=factor * foot.gyr))
+        notes = tuple(of_code(damage_notes(wrong), "sides_differ"))
         assert len(notes) == 1
         noted, plain = (
-            float(jgait.analyse(changed._replace(notes=said)).estimate.diagnostics["distance_stddev"][-1])
+            float(jgait.analyse(wrong._replace(notes=said)).estimate.diagnostics["distance_stddev"][-1])
             for said in (notes, ())
         )
         assert (noted == plain) == counts
 
 
 def test_sensors_that_no_estimator_takes_are_named(walked):
-    recording, _ = walked
-    kept = {name: recording.sensors[name] for name in ("shank_left", "thigh_right", "pelvis")}
-    more = {"waist": kept["pelvis"], "wrist_left": kept["shank_left"]}
-    notes = jgait.analyse(recording._replace(sensors=kept | more)).notes
-    assert {note.values["placement"] for note in notes if note.code == "segment_alone"} == {"thigh_right"}
-    assert "one_leg_seen" not in {note.code for note in notes}
-    alone = jgait.analyse(recording._replace(sensors={"shank_left": kept["shank_left"]})).notes
-    assert [note.values["side"] for note in alone if note.code == "one_leg_seen"] == ["left"]
-    unused = {note.values["placement"]: note.values["reason"] for note in notes if note.code == "sensor_not_used"}
+    kept = only(walked[0], "shank_left", "thigh_right", "pelvis")
+    notes = jgait.analyse(changed(kept, waist=kept.sensors["pelvis"], wrist_left=kept.sensors["shank_left"])).notes
+    assert {note.values["placement"] for note in of_code(notes, "segment_alone")} == {"thigh_right"}
+    assert not of_code(notes, "one_leg_seen")
+    alone = jgait.analyse(only(kept, "shank_left")).notes
+    assert [note.values["side"] for note in of_code(alone, "one_leg_seen")] == ["left"]
+    unused = {note.values["placement"]: note.values["reason"] for note in of_code(notes, "sensor_not_used")}
     assert unused == {"pelvis": "waist serves as well", "wrist_left": "no estimator takes a sensor there"}
 
 
 def test_what_cannot_be_done_is_said(walked):
-    recording, _ = walked
-    thigh = recording._replace(sensors={"thigh_right": recording.sensors["thigh_right"]})
     with pytest.raises(RecordingError, match=r"no estimator has its sensors.*thigh_right"):
-        jgait.analyse(thigh)
+        jgait.analyse(only(walked[0], "thigh_right"))
     with pytest.raises(ValueError, match=r"a person has .*height.*; got 'size'"):
-        jgait.analyse(recording, {"size": 1.8})
+        jgait.analyse(walked[0], {"size": 1.8})
     with pytest.raises(ValueError, match="height must be"):
-        jgait.analyse(recording, {"height": 175.0})
+        jgait.analyse(walked[0], {"height": 175.0})
 
 
 HALF, PAIR = np.array([[1.0, 0.5], [0.5, 1.0]]), np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]])

@@ -3,6 +3,8 @@
 import jax
 import numpy as np
 import pytest
+from made.estimators import changed, exchanged, only
+from made.notes import codes, of_code
 
 from jgait import simulate
 from jgait.estimators.combined import crosscheck
@@ -20,14 +22,6 @@ def recording():
     return walked
 
 
-def changed(recording, **sensors):
-    return recording._replace(sensors={**recording.sensors, **sensors})
-
-
-def codes(recording):
-    return [note.code for note in crosscheck(recording).notes]
-
-
 def late(imu, samples=50):
     def moved(values):
         return np.concatenate([np.repeat(values[:1], samples, axis=0), values[:-samples]])
@@ -38,20 +32,18 @@ def late(imu, samples=50):
 def test_a_correct_walk_raises_nothing(recording):
     found = crosscheck(recording)
     assert found.notes == ()
-    assert not found.unusable
-    assert not found.doubtful
+    assert not found.unusable and not found.doubtful
 
 
 def test_one_sensor_alone_raises_nothing(recording):
     for name in ("pelvis", "foot_left", "shank_right"):
-        assert codes(recording._replace(sensors={name: recording.sensors[name]})) == []
+        assert crosscheck(only(recording, name)).notes == ()
 
 
 @pytest.mark.parametrize("kind", ["thigh", "shank", "foot"])
 def test_exchanged_sides_are_named(recording, kind):
     right, left = f"{kind}_right", f"{kind}_left"
-    sensors = recording.sensors
-    found = crosscheck(changed(recording, **{right: sensors[left], left: sensors[right]}))
+    found = crosscheck(exchanged(recording, right, left))
     (note,) = found.notes
     assert note.code == "sides_exchanged"
     assert f"the right and left {kind} sensors seem exchanged" in str(note)
@@ -59,19 +51,16 @@ def test_exchanged_sides_are_named(recording, kind):
 
 
 def test_of_two_pairs_either_may_be_exchanged(recording):
-    sensors = {name: recording.sensors[name] for name in LEGS if not name.startswith("foot")}
-    sensors |= {"shank_right": sensors["shank_left"], "shank_left": sensors["shank_right"]}
-    (note,) = crosscheck(recording._replace(sensors=sensors)).notes
+    (note,) = crosscheck(exchanged(only(recording, *simulate.FOUR), "shank_right", "shank_left")).notes
     assert "right and left shank or thigh sensors" in str(note)
 
 
 def test_the_pair_that_a_reader_names_is_the_one_in_doubt(recording):
-    sensors = {name: recording.sensors[name] for name in LEGS if not name.startswith("thigh")}
-    sensors |= {"foot_right": sensors["foot_left"], "foot_left": sensors["foot_right"]}
-    note = SIDES_EXCHANGED(kind="foot", others="shank_right, shank_left")
-    found = crosscheck(recording._replace(sensors=sensors, notes=(note,)))
+    feet, shanks = ("foot_right", "foot_left"), ("shank_right", "shank_left")
+    note = SIDES_EXCHANGED(kind="foot", others=", ".join(shanks))
+    found = crosscheck(exchanged(only(recording, *feet, *shanks), *feet)._replace(notes=(note,)))
     assert found.notes == ()
-    assert found.doubtful == {"foot_right", "foot_left"}
+    assert found.doubtful == set(feet)
 
 
 @pytest.mark.parametrize("name", ["foot_left", "thigh_right", "pelvis"])
@@ -85,11 +74,10 @@ def test_a_gyroscope_in_another_unit_is_left_out(recording, name, factor):
 
 @pytest.mark.parametrize("wrong", [("thigh_right", "thigh_left"), ("shank_right", "thigh_left"), ("shank_right",)])
 def test_half_of_the_gyroscopes_in_another_unit_do_not_accuse_the_others(recording, wrong):
-    sensors = {name: recording.sensors[name] for name in ("thigh_right", "thigh_left", "shank_right", "shank_left")}
-    slow = {name: sensors[name]._replace(gyr=np.deg2rad(sensors[name].gyr)) for name in wrong}
-    found = crosscheck(recording._replace(sensors=sensors | slow))
+    slow = {name: imu._replace(gyr=np.deg2rad(imu.gyr)) for name, imu in only(recording, *wrong).sensors.items()}
+    found = crosscheck(changed(only(recording, *simulate.FOUR), **slow))
     assert found.unusable == set(wrong)
-    assert {note.values["placement"] for note in found.notes if note.code == "sensor_gyr_unit"} == set(wrong)
+    assert {note.values["placement"] for note in of_code(found.notes, "sensor_gyr_unit")} == set(wrong)
 
 
 def test_an_accelerometer_in_g_is_left_out(recording):
@@ -105,8 +93,7 @@ def test_a_sensor_upside_down_is_named_and_used(recording, name):
     turned = imu._replace(gyr=np.asarray(imu.gyr) * HALF_TURN, acc=np.asarray(imu.acc) * HALF_TURN)
     found = crosscheck(changed(recording, **{name: turned}))
     assert [(note.code, note.values["placement"]) for note in found.notes] == [("upside_down", name)]
-    assert not found.unusable
-    assert not found.doubtful
+    assert not found.unusable and not found.doubtful
 
 
 @pytest.mark.parametrize("name", PLACEMENTS)
@@ -123,7 +110,7 @@ def test_a_late_clock_is_named(recording, name):
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_two_sensors_of_a_leg_that_are_exchanged_are_named_and_taken_the_other_way_round(recording, side, kind):
     other, shank = f"{kind}_{side}", f"shank_{side}"
-    found = crosscheck(changed(recording, **{other: recording.sensors[shank], shank: recording.sensors[other]}))
+    found = crosscheck(exchanged(recording, other, shank))
     (note,) = found.notes
     assert f"{other} and {shank} have changed places" in str(note)
     assert note.values == {kind: other, "shank": shank}
@@ -132,15 +119,14 @@ def test_two_sensors_of_a_leg_that_are_exchanged_are_named_and_taken_the_other_w
 
 
 def test_two_feet_that_swing_together_contradict_each_other(recording):
-    feet = {name: recording.sensors[name] for name in ("foot_right", "foot_left")}
-    feet["foot_left"] = late(feet["foot_left"])
-    (note,) = crosscheck(recording._replace(sensors=feet)).notes
+    feet = only(recording, "foot_right", "foot_left")
+    (note,) = crosscheck(changed(feet, foot_left=late(feet.sensors["foot_left"]))).notes
     assert note.code == "legs_together"
 
 
 def test_real_walks_with_two_exchanged_sensors(data):
     walks = data("walking5m")
-    named = {walk.recording.name: codes(walk.recording) for walk in walks}
+    named = {walk.recording.name: codes(crosscheck(walk.recording).notes) for walk in walks}
     wrong = {name for name, found in named.items() if found}
     assert {name.rpartition("/")[2] for name in wrong} == {"20180417_2", "20180417_4"}
     assert all(found in ([], ["labels_exchanged"]) for found in named.values())

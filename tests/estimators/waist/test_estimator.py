@@ -292,7 +292,7 @@ def changed(hz=50.0, **fields):
         (changed(hz=20.0, time=2.5 * IMU.time), "25 to 400 Hz, for the jolts .*; the recording has 20 Hz"),
         (changed(hz=100.0), "a sample every 0.02 s, and is said to have 100 Hz"),
         (changed(mask=np.zeros(len(IMU.time), bool)), "every sample of 'waist' is masked"),
-        (changed(time=IMU.time[:50], gyr=IMU.gyr[:50], acc=IMU.acc[:50], mask=IMU.mask[:50]), "needs 2 s or more"),
+        (changed(time=IMU.time[:50], gyr=IMU.gyr[:50], acc=IMU.acc[:50], mask=IMU.mask[:50]), "needs a walk, 2 s"),
         (changed(acc=IMU.acc / 9.80665), "acc of 'waist' must be in m/s²; its median is 0.99.*: is it in g"),
         (changed(acc=4.0 * IMU.acc), "feels 39.* m/s² on average, where a walking person"),
     ],
