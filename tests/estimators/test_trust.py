@@ -3,8 +3,10 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made.estimators import masked
 from made.foot import foot
 from made.shank import shank
+from made.trunk import imu_of, worn
 
 from jgait import estimators
 from jgait.estimators import ankle_stride, foot_ins
@@ -64,7 +66,7 @@ def test_a_foot_that_slides_in_stance_is_in_doubt(walk):
     imu = walk.sensors["foot_right"]
     # the ground moves to and fro by some centimetres, twice a second
     shaken = np.array(imu.acc) + 3.0 * np.sin(4.0 * np.pi * np.asarray(imu.time))[:, None] * np.array([1.0, 0.0, 0.0])
-    estimate = foot_ins.estimate(FootParams(), walk._replace(sensors={"foot_right": imu._replace(acc=shaken)}))
+    estimate = foot_ins.estimate(FootParams(), worn(walk, acc=shaken))
     found = trust(estimate)
     assert not found.recording and found.strides is not None and not found.strides.all()
     assert {note.code for note in found.reasons} <= {"inconsistent_stances", "strides_doubtful", STANCES_RARE.code}
@@ -78,8 +80,7 @@ def test_a_gap_puts_no_stances_in_doubt_but_sliding_does(slides):
     time = np.asarray(imu.time)
     lost = (time >= 4.9) & (time < 5.5)
     shaken = 6.0 * slides * np.sin(4.0 * np.pi * time)[:, None] * np.array([1.0, 0.0, 0.0])
-    gyr, acc = (np.where(lost[:, None], 0.0, values) for values in (imu.gyr, imu.acc + shaken))
-    walk = made.recording._replace(sensors={"foot_right": imu._replace(gyr=gyr, acc=acc, mask=~lost)})
+    walk = worn(made.recording, **masked(imu._replace(acc=imu.acc + shaken), ~lost)._asdict())
     estimate = foot_ins.estimate(FootParams(), walk)
     assert (estimate.diagnostics["nis_right"] > 0.15) == slides
     assert {note.code for note in trust(estimate).reasons} == ({"inconsistent_stances"} if slides else set())
@@ -92,9 +93,8 @@ def test_a_gap_puts_no_stances_in_doubt_but_sliding_does(slides):
 def test_strides_about_a_gap_err_as_stated_or_are_left_out(make, begin, seconds):
     """Whether it takes a stance, a swing or both; strides far from it are as certain as without it."""
     recording = make(strides=8, seed=1).recording
-    ((placement, imu),) = recording.sensors.items()
-    lost = (np.asarray(imu.time) >= begin) & (np.asarray(imu.time) < begin + seconds)
-    walk = recording._replace(sensors={placement: imu._replace(mask=~lost)})
+    time = imu_of(recording).time
+    walk = worn(recording, mask=(time < begin) | (time >= begin + seconds))
     estimator = estimators.get("foot_ins" if make is foot else "ankle_stride")
     strides, deviations = (
         getattr(estimator.estimate(estimator.params, walk), part) for part in ("strides", "strides_stddev")
@@ -131,8 +131,7 @@ def test_errors_over_a_loss_add_up_to_those_of_interpolation_and_a_long_loss_is_
 @pytest.mark.parametrize(("make", "module"), [(foot, foot_ins), (shank, ankle_stride)], ids=["foot", "shank"])
 def test_an_accelerometer_far_off_at_rest_makes_lengths_less_certain(make, module, factor):
     made = make(strides=5)
-    ((name, imu),) = made.recording.sensors.items()
-    off = made.recording._replace(sensors={name: imu._replace(acc=factor * imu.acc)})
+    off = worn(made.recording, acc=factor * imu_of(made.recording).acc)
     plain, found = (module.estimator().estimate(module.estimator().params, one) for one in (made.recording, off))
     codes = [note.code for note in found.diagnostics["notes"]]
     assert "accelerometer_off" in codes and "accelerometer_scale" not in codes

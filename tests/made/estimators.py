@@ -16,7 +16,7 @@ from jgait.estimators import duty_cycled_gyro, leg_ekf, stride_width_ekf
 from jgait.estimators.axes import pad
 from jgait.simulate import protocols
 from jgait.simulate.sensors import IDG300
-from jgait.types import Recording
+from jgait.types import Imu, Recording
 
 
 class Case(NamedTuple):
@@ -158,6 +158,12 @@ CASES: dict[str, Callable[[], Case]] = {
 
 
 # --- the same walks with other values where there is no measurement ---
+
+
+def masked(imu: Imu, mask: np.ndarray, value: float = 0.0) -> Imu:
+    """The sensor without the samples where a mask is False, with some value in their place."""
+    gyr, acc = (np.where(mask[:, None], values, value) for values in (imu.gyr, imu.acc))
+    return imu._replace(gyr=gyr, acc=acc, mask=mask)
 
 
 def altered(recording: Recording, *placements: str, **changes: Callable[[Any], Any]) -> Recording:

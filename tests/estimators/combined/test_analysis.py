@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pandas as pd
 import pytest
-from made.estimators import changed, exchanged, only
+from made.estimators import changed, exchanged, masked, only
 from made.notes import codes, of_code
 
 import jgait
@@ -386,8 +386,7 @@ def test_a_leg_that_a_sensor_no_longer_measures_has_no_angles_although_feet_go_o
     shank = recording.sensors["shank_right"]
     stops = int(0.6 * len(shank.time))
     measured = np.arange(len(shank.time)) < stops
-    silent = shank._replace(gyr=np.where(measured[:, None], shank.gyr, 0.0), mask=measured)
-    found = jgait.analyse(changed(recording, shank_right=silent), PERSON)
+    found = jgait.analyse(changed(recording, shank_right=masked(shank, measured)), PERSON)
     table = io.analysis_to_dataframes(found)["samples"]
     angles = table.filter(regex="^(hip|knee)_angle_right")
     assert angles.shape[1] == 4 and angles.iloc[: stops - 1].notna().all().all()
