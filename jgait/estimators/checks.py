@@ -1,8 +1,9 @@
 """Checks of the sensors of a recording that all estimators use; the errors name sensor and cause."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.geometry.vectors import GRAVITY
 from jgait.types import Imu, Recording, RecordingError, as_float
@@ -126,6 +127,13 @@ def force_unit(imu: Imu) -> tuple[float, str]:
         return GRAVITY, ""
     middle = float(np.median(np.linalg.norm(as_float(imu.acc)[np.asarray(imu.mask, bool)], axis=1)))
     return middle, next((unit for low, high, unit in UNIT_FORCES if low < middle < high), "")
+
+
+def check_options(options: PyTree, known: Mapping[str, Collection[str]]) -> None:
+    """Raise ValueError for unknown options, naming what there is and what came; `known` has the values of each."""
+    for name, values in known.items():
+        if getattr(options, name) not in values:
+            raise ValueError(f"{name} must be one of {', '.join(values)}; got {getattr(options, name)!r}")
 
 
 def check_nominal_rate(time: np.ndarray, name: str, rate_hz: float) -> None:

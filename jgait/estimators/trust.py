@@ -5,6 +5,7 @@ stance. The noise of zero velocities is set for errors that stay the same over a
 is about 0.05; limits below are for the default noise.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -134,25 +135,27 @@ def judged(result: Estimate, placements: dict[int, str], limit: float, nis: dict
 
 
 def _of_sensors(result: Estimate, placements: dict[int, str]) -> Estimate:
-    """The estimate with larger deviations of the strides of sensors whose accelerometer is off at rest, whose rates are
-    off, or that are sampled slowly: see `SCALE_SHARE`, `RATES_SHARE` and `SLOW_SHARE`.
-    """
+    """The estimate with larger deviations of the strides of sensors that notes put in doubt, see `SHARES`."""
     share = np.zeros(np.shape(result.strides.side))
     for note in result.diagnostics.get("notes", ()):
-        if note.code in (ACCELEROMETER_OFF.code, RATES_OFF.code, SAMPLED_SLOWLY.code):
-            more = SLOW_SHARE
-            if note.code == ACCELEROMETER_OFF.code:
-                more = SCALE_SHARE * abs(float(note.values["percent"])) / 100.0
-            elif note.code == RATES_OFF.code:
-                more = rates_share(note)
+        if note.code in SHARES:
             sides = [side for side, placement in placements.items() if placement == note.values["placement"]]
-            share = np.maximum(share, np.where(np.isin(result.strides.side, sides), more, 0.0))
+            more = np.where(np.isin(result.strides.side, sides), SHARES[note.code](note), 0.0)
+            share = np.maximum(share, more)
     return wider(result, share)
 
 
 def rates_share(note: Note) -> float:
     """Deviation of a stride's length over itself [1], by a note `RATES_OFF`."""
     return RATES_SHARE * abs(float(np.log(as_float(note.values["factor"]))))
+
+
+SHARES: dict[str, Callable[[Note], float]] = {
+    ACCELEROMETER_OFF.code: lambda note: SCALE_SHARE * float(np.abs(as_float(note.values["percent"]))) / 100.0,
+    RATES_OFF.code: rates_share,
+    SAMPLED_SLOWLY.code: lambda _: SLOW_SHARE,
+}
+"""Code of a note on a sensor → deviation of its strides' lengths over themselves [1]."""
 
 
 def wider(result: Estimate, share: np.ndarray) -> Estimate:

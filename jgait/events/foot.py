@@ -90,11 +90,7 @@ def _window(sampling_rate_hz: float) -> int:
 
 def unrest(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], sampling_rate_hz: float) -> np.ndarray:
     """√(ω² + (σ_f / `JOLT`)²) (T,) [rad/s]: the rate, and the spread of the specific force, over a centred window."""
-    return _with_spread(moving_rate(gyr, sampling_rate_hz), acc, sampling_rate_hz)
-
-
-def _with_spread(rate: np.ndarray, acc: AnyArray, sampling_rate_hz: float) -> np.ndarray:
-    return np.hypot(rate, held_spread(acc, _window(sampling_rate_hz)) / JOLT)
+    return np.hypot(moving_rate(gyr, sampling_rate_hz), held_spread(acc, _window(sampling_rate_hz)) / JOLT)
 
 
 def stances(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], sampling_rate_hz: float) -> Stances:
@@ -108,8 +104,7 @@ def stances(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], samp
         acc: (T, 3) specific force [m/s²], finite; it shows a foot that comes down without turning.
         sampling_rate_hz: rate of the samples [Hz].
     """
-    rate = moving_rate(gyr, sampling_rate_hz)
-    restless = _with_spread(rate, acc, sampling_rate_hz)
+    rate, restless = moving_rate(gyr, sampling_rate_hz), unrest(gyr, acc, sampling_rate_hz)
     valleys = _valleys(rate, SWING, STANCE)
     valleys = _suppressed(valleys, rate[valleys], sampling_rate_hz)
     after_start, before_end = (round(seconds * sampling_rate_hz) for seconds in EROSION)

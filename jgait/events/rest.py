@@ -272,7 +272,9 @@ def trunk_rest(imu: Imu, rows: np.ndarray, mask: np.ndarray, rate: float) -> Tru
         # a short loss was interpolated, and does not end a rest
         still[a:b] &= b - a <= BRIDGED_S * rate
     notes: list[Note] = []
-    runs = [_inner(run, size // 2, len(gyr)) for run in true_runs(still)]
+    # without the ends of a rest, which may contain the push of the first step; the ends of the recording stay
+    edge = size // 2
+    runs = [(a + edge * (a > 0), b - edge * (b < len(gyr))) for a, b in true_runs(still)]
     runs = [(a, b) for a, b in runs if b > a]
     bias, seconds = _without_sway(gyr, acc, runs, rate)
     if seconds == 0.0:
@@ -287,12 +289,6 @@ def trunk_rest(imu: Imu, rows: np.ndarray, mask: np.ndarray, rate: float) -> Tru
     early = next(((a, b) for a, b in runs if a < rate), None)
     first = acc[early[0] : early[1]].mean(axis=0) if early else np.array([0.0, 0.0, 1.0])
     return TrunkRest(still, bias, scale, seconds if early else 0.0, first / np.linalg.norm(first), tuple(notes))
-
-
-def _inner(run: tuple[int, int], edge: int, samples: int) -> tuple[int, int]:
-    """A rest without its ends, which may contain the push of the first step; the ends of the recording stay."""
-    a, b = run
-    return a + (edge if a > 0 else 0), b - (edge if b < samples else 0)
 
 
 def _without_sway(

@@ -209,11 +209,9 @@ def phases(rate: ArrayLike, sampling_rate_hz: float, d: Detector = MACHINE) -> S
     Raises:
         ValueError: if the rate of the samples is not supported, or there is none.
     """
-    check_rate(sampling_rate_hz)
-    values = _rates(rate)
+    values, time = _rates(rate, sampling_rate_hz)
     cascade = butterworth.section(d.cutoff_hz, sampling_rate_hz)
     late = butterworth.delay(d.cutoff_hz, sampling_rate_hz)
-    time = jnp.arange(values.shape[0], dtype=values.dtype) / sampling_rate_hz
 
     def one(carried: PyTree, sample: PyTree) -> PyTree:
         filtered, state = carried
@@ -232,15 +230,15 @@ def swings(rate: ArrayLike, sampling_rate_hz: float, d: Detector = LOBES) -> Sha
     Raises:
         ValueError: if the rate of the samples is not supported, or there are fewer than 10.
     """
+    values, time = _rates(rate, sampling_rate_hz)
+    values = butterworth.low_pass_both_ways(values, d.cutoff_hz, sampling_rate_hz)
+    return lax.scan(lambda s, x: swing_step(d, s, *x), begin(values[0], time[0]), (values, time))[1]
+
+
+def _rates(rate: ArrayLike, sampling_rate_hz: float) -> tuple[Array, Array]:
+    """The checked rates, and their times [s]."""
     check_rate(sampling_rate_hz)
-    values = butterworth.low_pass_both_ways(_rates(rate), d.cutoff_hz, sampling_rate_hz)
-    time = jnp.arange(values.shape[0], dtype=values.dtype) / sampling_rate_hz
-    steps = (values, time)
-    return lax.scan(lambda s, x: swing_step(d, s, x[0], x[1]), begin(values[0], time[0]), steps)[1]
-
-
-def _rates(rate: ArrayLike) -> Array:
     values = jnp.asarray(rate)
     if values.ndim != 1 or values.shape[0] < 2:
         raise ValueError(f"rate must be (T,), the sagittal rate, with T >= 2; got shape {values.shape}")
-    return values
+    return values, jnp.arange(values.shape[0], dtype=values.dtype) / sampling_rate_hz

@@ -271,16 +271,16 @@ def initial_contacts(
         ValueError: if the signals are not of one length of at least 10 samples, or the sampling rate is not supported.
     """
     check_rate(sampling_rate_hz)
-    names = ("forward", "upward", "yaw_rate", "leftward", "roll_rate")
-    given = (forward, upward, yaw_rate, leftward, roll_rate)
-    signals = [jnp.asarray(upward if x is None else x) for x in given]
-    for name, x in zip(names, signals, strict=True):
-        if x.ndim != 1 or x.shape != signals[0].shape or x.shape[0] < 10:
-            raise ValueError(f"{', '.join(names)} must all be (T,), T >= 10; {name} has shape {x.shape}")
+    given = {"forward": forward, "upward": upward, "yaw_rate": yaw_rate, "leftward": leftward, "roll_rate": roll_rate}
+    signals = {name: jnp.asarray(x) for name, x in given.items() if x is not None}
+    for name, x in signals.items():
+        if x.ndim != 1 or x.shape != signals["forward"].shape or x.shape[0] < 10:
+            raise ValueError(f"{', '.join(given)} must all be (T,), T >= 10; {name} has shape {x.shape}")
         if not jnp.issubdtype(x.dtype, jnp.floating):
             raise ValueError(f"{name} must be floating point; got {x.dtype}")
-    counts = jnp.ones_like(signals[0], dtype=bool) if mask is None else jnp.asarray(mask)
-    ahead, up, turn, sideways, roll = (jnp.where(counts, x, 0.0) for x in signals)
+    counts = jnp.ones_like(signals["forward"], dtype=bool) if mask is None else jnp.asarray(mask)
+    signals = {name: jnp.where(counts, x, 0.0) for name, x in signals.items()}
+    ahead, up = signals["forward"], signals["upward"]
     rate = float(sampling_rate_hz)
     rhythm = jax.tree.map(lax.stop_gradient, contacts_nearby(ahead, up, rate, int(ROWS * ahead.shape[0] / rate) + 2))
     if isinstance(settings, PaperRule):
@@ -289,8 +289,8 @@ def initial_contacts(
         time = _peaks(rhythm, rate) - settings.offset
     else:
         time = instants(ahead, up, rate, rhythm.time, rhythm.frequency, settings, counts)
-    across, drop = None if leftward is None else sideways, None if roll_rate is None else roll
-    odds = lax.stop_gradient(sides(rhythm.time, rhythm.frequency, rhythm.valid, rate, turn, across, drop))
+    cues = (signals["yaw_rate"], signals.get("leftward"), signals.get("roll_rate"))
+    odds = lax.stop_gradient(sides(rhythm.time, rhythm.frequency, rhythm.valid, rate, *cues))
     side, certainty = (odds > 0.0).astype(jnp.int32), jnp.tanh(0.5 * jnp.abs(odds))
     contacts = Contacts(time, side, rhythm.valid, rhythm.time, rhythm.frequency, certainty)
     return Contacts(*(jnp.where(rhythm.valid, field, jnp.zeros_like(field)) for field in contacts))

@@ -17,14 +17,15 @@ from jgait.estimators.ankle_stride.inputs import AnkleInputs, AnkleSignals
 from jgait.estimators.ankle_stride.model import AnkleControl, AnkleError
 from jgait.estimators.ankle_stride.params import (
     DEFAULT,
+    KNOWN,
     AnkleOptions,
     AnkleParams,
-    check_options,
     with_body,
 )
 from jgait.estimators.ankle_stride.prepare import prepare
 from jgait.estimators.ankle_stride.rates import rates_notes
 from jgait.estimators.ankle_stride.readout import FLAGS
+from jgait.estimators.checks import check_options
 from jgait.estimators.ends import cut_notes
 from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootModelParams
 from jgait.estimators.interface import Estimator, Prepared
@@ -164,7 +165,7 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) ->
     Raises:
         ValueError: options that are none.
     """
-    check_options(options)
+    check_options(options, KNOWN)
     worn = {side: leg for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None}
     sides = jnp.asarray(list(worn), jnp.int32)
     every, ways = jax.vmap(lambda leg, side: _walked(inputs.time, *_of_leg(p, leg, side, options)))(

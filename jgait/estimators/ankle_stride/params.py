@@ -98,12 +98,8 @@ DEFAULT = AnkleOptions()
 """The best pipeline."""
 
 
-def check_options(options: AnkleOptions) -> None:
-    """Raise ValueError for unknown options, naming what there is and what came."""
-    for name, known in (("length", LENGTHS), ("detector", DETECTORS), ("site", SITES)):
-        if getattr(options, name) not in known:
-            raise ValueError(f"{name} must be one of {', '.join(known)}; got {getattr(options, name)!r}")
-
+KNOWN = {"length": LENGTHS, "detector": DETECTORS, "site": SITES}
+"""Option → its values."""
 
 MEASURES = ("lever_ankle", "lever_shank", "leg_length")
 """Parameters that are body measures."""

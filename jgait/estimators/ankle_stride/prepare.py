@@ -10,9 +10,9 @@ import numpy as np
 
 from jgait.estimators.ankle_stride.inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
 from jgait.estimators.ankle_stride.notes import NEVER_STANDS, STRIDES_QUICK, SWINGS_EVEN, SWINGS_SMALL
-from jgait.estimators.ankle_stride.params import DEFAULT, AnkleOptions, check_options
+from jgait.estimators.ankle_stride.params import DEFAULT, KNOWN, AnkleOptions
 from jgait.estimators.axes import Axis
-from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
+from jgait.estimators.checks import check_nominal_rate, check_options, common_time, sensors_of
 from jgait.estimators.interface import Prepared
 from jgait.estimators.losses import bridged, longest_loss, lost_between, not_bridged
 from jgait.estimators.notes import (
@@ -90,7 +90,7 @@ def prepare(recording: Recording, options: AnkleOptions = DEFAULT) -> Prepared[A
         RecordingError: no such sensor, clocks that differ or run backwards, no accelerometer, NaN, too short, or a
             sampling rate that is not supported.
     """
-    check_options(options)
+    check_options(options, KNOWN)
     worn = {side: placement_of(recording, side, options.site) for side in SIDES}
     if not any(worn.values()):
         kinds = ("ankle", "shank") if options.site == "auto" else (options.site,)

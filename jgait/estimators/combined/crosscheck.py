@@ -125,7 +125,6 @@ def _units(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
         expected = pace * USUAL_RATE[kind_of(name)]
         if rates[name] > 0.0 and not 1.0 / UNIT_RATIO < ratio < UNIT_RATIO:
             wrong.add(name)
-        if name in wrong:
             unit = "deg/s" if ratio > 1.0 else "rad/s, and was converted as if in deg/s"
             notes.append(GYR_UNIT(placement=name, unit=unit, rate=fast_rate(imu), expected=expected))
         force, unit = force_unit(imu)

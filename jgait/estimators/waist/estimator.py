@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait.estimators.checks import check_options
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.trust import wider
 from jgait.estimators.waist import motion as waist_motion
@@ -20,10 +21,10 @@ from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, FALLS_FREELY, SHORT_OR_SLOW, WALKING_MISSED
 from jgait.estimators.waist.params import (
     DEFAULT,
+    KNOWN,
     PAPER,
     WaistOptions,
     WaistParams,
-    check_options,
     with_body,
 )
 from jgait.estimators.waist.prepare import prepare
@@ -73,7 +74,7 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
     Raises:
         ValueError: options that are none.
     """
-    check_options(options)
+    check_options(options, KNOWN)
     motion = waist_motion.motion(p, inputs, smooth=options.smooth)
     intervals = waist_steps.intervals(p, inputs, motion)
     if options.distance == "fused":

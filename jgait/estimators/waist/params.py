@@ -123,12 +123,8 @@ PAPER = WaistOptions(distance="update", detector="paper")
 """The paper's pipeline, in the readings of `events.trunk` and `velocity_update`."""
 
 
-def check_options(options: WaistOptions) -> None:
-    """Raise ValueError for unknown options, naming what there is and what came."""
-    for name, known in (("distance", DISTANCES), ("detector", tuple(DETECTORS))):
-        if getattr(options, name) not in known:
-            raise ValueError(f"{name} must be one of {', '.join(known)}; got {getattr(options, name)!r}")
-
+KNOWN = {"distance": DISTANCES, "detector": DETECTORS}
+"""Option → its values."""
 
 TAPE_SD = 0.01
 """[m] Standard deviation of the sensor's height where it was measured."""

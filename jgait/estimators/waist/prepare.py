@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators.axes import pad
-from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
+from jgait.estimators.checks import check_nominal_rate, check_options, common_time, sensors_of
 from jgait.estimators.interface import Prepared
 from jgait.estimators.notes import FORWARD_UNSURE, LONGEST_LOSS
 from jgait.estimators.programs import bucket, compiled
@@ -24,7 +24,7 @@ from jgait.estimators.waist.notes import (
     SAMPLES_LOST,
     STRIDES_IN_LOSS,
 )
-from jgait.estimators.waist.params import DEFAULT, DETECTORS, SITES, WaistOptions, WaistParams, check_options
+from jgait.estimators.waist.params import DEFAULT, DETECTORS, KNOWN, SITES, WaistOptions, WaistParams
 from jgait.events import shank as shank_events
 from jgait.events import trunk as trunk_events
 from jgait.events.rest import BRIDGED_S, TrunkRest, trunk_rest
@@ -75,7 +75,7 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
         RecordingError: no such sensor, no accelerometer, readings in units of g, NaN, too short, a clock that runs
             backwards, or a sampling rate that is not supported.
     """
-    check_options(options)
+    check_options(options, KNOWN)
     name = placement_of(recording)
     imu = recording.sensors[name]
     time = _checked(recording, name)
