@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made.estimators import CASES, Case, behind, lossy, part, with_values
+from made.estimators import CASES, OTHER_OPTIONS, Case, behind, lossy, part, with_values
 
 from jgait import estimators, params
 from jgait.estimators import programs
@@ -25,6 +25,7 @@ from jgait.tune import LOSSES, Lesson
 
 ANGLE = ".diagnostics['angle_"
 every_estimator = pytest.mark.parametrize("name", estimators.names())
+with_other_options = pytest.mark.parametrize("name", [*estimators.names(), *OTHER_OPTIONS])
 
 
 # --- what the laws share ---
@@ -32,11 +33,11 @@ every_estimator = pytest.mark.parametrize("name", estimators.names())
 
 @functools.cache
 def case_of(name: str) -> Case:
-    return CASES[name]()
+    return (CASES | OTHER_OPTIONS)[name]()
 
 
 def run_of(name: str) -> Callable[..., Any]:
-    return estimators.get(name).run
+    return estimators.get(name.split()[0]).run
 
 
 def doubles(tree: Any) -> Any:
@@ -298,7 +299,7 @@ def slopes(name: str) -> dict[str, np.ndarray]:
 
 def without_effect(name: str) -> set[str]:
     """Parameters whose gradient is zero by construction, by the estimator's own list."""
-    record = estimators.get(name)
+    record = estimators.get(name.split()[0], *([case_of(name).options] if name in OTHER_OPTIONS else []))
     names = parameters(name)[0]
     return {n for n in names if any(n == group or n.startswith(f"{group}.") for group in record.unused)}
 
@@ -308,7 +309,7 @@ def moving(found: dict[str, np.ndarray]) -> np.ndarray:
     return np.any([np.any(v.reshape(len(v), -1) != 0.0, axis=1) for v in found.values()], axis=0)
 
 
-@every_estimator
+@with_other_options
 def test_the_gradient_is_zero_for_the_listed_parameters_and_no_others(name):
     names, values, size = parameters(name)
     moves = moving(slopes(name))
@@ -320,7 +321,7 @@ def test_the_gradient_is_zero_for_the_listed_parameters_and_no_others(name):
     assert found == set(names) - without_effect(name) - idle
 
 
-@every_estimator
+@with_other_options
 def test_gradients_are_finite_and_equal_to_finite_differences(name):
     names, values, size = parameters(name)
     h, moves = 1e-5, np.flatnonzero(moving(slopes(name)))

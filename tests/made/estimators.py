@@ -13,7 +13,9 @@ from made.shank import shank
 from jgait import estimators, simulate
 from jgait.duty_cycle.power import Schedule
 from jgait.estimators import duty_cycled_gyro, leg_ekf, stride_width_ekf
+from jgait.estimators.ankle_stride import AnkleOptions
 from jgait.estimators.axes import pad
+from jgait.estimators.waist import WaistOptions
 from jgait.simulate import protocols
 from jgait.simulate.sensors import IDG300
 from jgait.types import Imu, Recording
@@ -116,10 +118,10 @@ def _foot_ins() -> Case:
     return _case("foot_ins", tuple(one.recording for one in made), 700, rounding=5e-4, light=True)
 
 
-def _ankle_stride() -> Case:
+def _ankle_stride(**settings: Any) -> Case:
     made = (shank(seed=4, turns=0.1), shank(strides=3, length=0.9))
     idle = ("lever_ankle", "gyr_bias_unknown")
-    return _case("ankle_stride", tuple(one.recording for one in made), 700, idle=idle, light=True)
+    return _case("ankle_stride", tuple(one.recording for one in made), 700, idle=idle, light=True, **settings)
 
 
 @functools.cache
@@ -155,6 +157,15 @@ CASES: dict[str, Callable[[], Case]] = {
     "waist_ofdri": lambda: _case("waist_ofdri", _trunks(), 1024, rounding=1e-2),
     "duty_cycled_gyro": _duty_cycled_gyro,
 }
+
+OTHER_OPTIONS: dict[str, Callable[[], Case]] = {
+    **{
+        f"ankle_stride {length}": functools.partial(_ankle_stride, options=AnkleOptions(length=length))
+        for length in ("3d", "sl1", "sl2")
+    },
+    "waist pendulum": lambda: _case("waist", _trunks(), 1024, options=WaistOptions(distance="pendulum")),
+}
+"""Estimators with other options, for the laws of gradients."""
 
 
 # --- the same walks with other values where there is no measurement ---

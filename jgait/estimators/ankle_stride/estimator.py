@@ -52,8 +52,8 @@ _FILTER = tuple(n for n in AnkleParams._fields if n not in (*_LEVER, *_PENDULUM,
 UNUSED = {
     "filter": _PENDULUM,
     "3d": (*_FILTER, *_PENDULUM, *_STATED),
-    "sl1": (*_FILTER, *_LEVER, *_STATED, "cutoff_hz", "angle_gain", "time_gain"),
-    "sl2": (*_FILTER, *_LEVER, *_STATED, "cutoff_hz"),
+    "sl1": (*_FILTER, *_STATED, "angle_gain", "time_gain"),
+    "sl2": (*_FILTER, *_STATED),
 }
 """Method → parameters on which no number of the estimate depends, so that their gradient is zero."""
 
