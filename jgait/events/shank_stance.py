@@ -3,16 +3,22 @@ r"""Instants at which the ankle rests: the valley of the shank's rate in each st
 Between two swings the shank rolls over the foot; its rate is least after some 40 % of this time, when the ankle hardly
 moves. The paper calls this instant the vertical event (the shank then leans by 4 to 12°). Before the first swing, after
 the last swing and in a pause the person stands; the instant is then the still sample next to the swing. A stance
-that the recording cuts off has no instant. On the host.
+that the recording cuts off has no instant. `stances` searches a whole recording, on the host.
+
+Online, in constant memory, the least rate since the swing is stored; while the foot comes down (`landing` samples),
+each new greatest rate resets it. A sample whose rate has stayed the least for `hold` samples is the valley. Samples
+from push-off to swing do not count. `step` processes one sample, in a `lax.scan` or on a device.
 """
 
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Shaped
+from jax.typing import ArrayLike
+from jaxtyping import Float, PyTree, Shaped
 
 from jgait.signal.windows import true_runs
-from jgait.types import AnyArray, as_float
+from jgait.types import AnyArray, Flags, Values, as_float
 
 EARLIEST, LATEST = 0.12, 0.85
 """[1] Limits of the valley, as shares of the time between two swings: between the peaks of landing and push-off."""
@@ -139,3 +145,51 @@ def _at_end(
         norm[min(at, edge - near) : at + near + 1] if way > 0 else norm[max(at - near, 0) : max(at, edge + near) + 1]
     )
     return at, True, bool(norm[at] <= SWINGS and (outside <= RESTS).all())
+
+
+class StanceSearch(NamedTuple):
+    """State of the search, passed from one sample to the next."""
+
+    seeks: PyTree  #: bool, the valley of this stance is not detected yet.
+    since: Values  #: sample at which the end of the swing was detected.
+    most: Values  #: greatest rate since that sample while the foot came down [rad/s].
+    least: Values  #: least rate since the greatest rate [rad/s].
+    at: Values  #: sample of the least rate.
+
+
+class Phase(NamedTuple):
+    """Output of a detector of `events.shank` at the sample."""
+
+    over: Flags  #: bool, the end of a swing is detected.
+    leaves: Flags  #: bool, the foot pushes off or swings.
+
+
+def begin(rate: ArrayLike) -> StanceSearch:
+    """The state before the first swing; `rate` is the rate of the first sample [rad/s]."""
+    x = jnp.asarray(rate)
+    none = jnp.zeros_like(x, dtype=jnp.int32)
+    return StanceSearch(jnp.zeros_like(x, dtype=bool), none, x, x, none)
+
+
+def step(
+    s: StanceSearch, index: ArrayLike, rate: ArrayLike, phase: Phase, hold: ArrayLike, landing: ArrayLike
+) -> tuple[StanceSearch, PyTree]:
+    """One sample: the next state, and whether the sample `state.at` is now detected as a valley.
+
+    Args:
+        s: state from `begin` or from the previous step.
+        index: number of the sample, int32.
+        rate: low-passed sagittal rate, the forward swing negative [rad/s].
+        phase: phase of the gait at this sample.
+        hold: number of samples for which the rate of the valley must stay the least [samples].
+        landing: number of samples after a swing in which the foot comes down [samples].
+    """
+    now, x = jnp.asarray(index, jnp.int32), jnp.asarray(rate)
+    since = jnp.where(phase.over, now, s.since)
+    lands = now - since < landing
+    rises = phase.over | (lands & (x >= s.most))
+    most = jnp.where(rises, x, s.most)
+    lower = rises | ((x < s.least) & ~phase.leaves)
+    least, at = jnp.where(lower, x, s.least), jnp.where(lower, now, s.at)
+    valley = s.seeks & ~lands & (now - at >= hold)
+    return StanceSearch((s.seeks | phase.over) & ~valley, since, most, least, at), valley

@@ -1,7 +1,7 @@
 r"""The ankle's estimator a sample at a time, in constant memory, for a device that counts strides during the walk.
 
 Each sample passes causal low-passes and a detector of `events.shank`, which detects the swings of the shank. After a
-swing, `events.shank_stance_online` searches the valley of the stance rate, which is known only after the valley. The
+swing, `events.shank_stance` searches the valley of the stance rate, which is known only after the valley. The
 error-state filter therefore runs a fixed lag, some 0.26 s, behind the newest sample, and uses the ankle's zero velocity
 before and after the valley. When the filter has passed a valley, or while the person stands, a swing since the last
 such instant makes a stride, whose length, height and turn are then known, with their standard deviations.
@@ -40,7 +40,6 @@ from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.sides import of_turns
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
-from jgait.events import shank_stance_online as shank_valley
 from jgait.filtering import Belief
 from jgait.filtering.padding import scanned
 from jgait.geometry.rotation import between
@@ -71,7 +70,7 @@ class AnkleOnlineState(NamedTuple):
     detector: PyTree  #: state of the swing detector.
     jumps: PyTree  #: (n, 2) changes of the last readings.
     history: PyTree  #: (lag, 10) ring buffer of the low-passed samples since the filter's sample.
-    valley: shank_valley.StanceSearch  #: state of the search for the valley, see `events.shank_stance_online`.
+    valley: shank_stance.StanceSearch  #: state of the search for the valley, see `events.shank_stance`.
     stood: PyTree  #: sample of the last valley.
     slow: PyTree  #: number of samples for which the leg has turned slowly.
     swung: OnlineSwing  #: swings since the last stride, see `OnlineSwing`.
@@ -130,7 +129,7 @@ def begin(p: AnkleParams, worn: Worn, gyr: Values, acc: Values) -> AnkleOnlineSt
         detector=shank_events.begin(rates[1], zero),
         jumps=jnp.asarray(worn.jumps, x.dtype),
         history=jnp.asarray(worn.history, x.dtype).at[:, :6].set(x),
-        valley=shank_valley.begin(rates[1]),
+        valley=shank_stance.begin(rates[1]),
         stood=none - 2**30,
         slow=none,
         swung=OnlineSwing(zero, zero, none, no),
@@ -199,8 +198,8 @@ def _seen(
     time = index.astype(x.dtype) / worn.rate_hz
     detector, swing_events = shank_events.swing_step(shank_events.LOBES, state.detector, rate, time)
     leaves = (detector.phase == shank_events.TOE_OFF) | (detector.phase == shank_events.SWING)
-    phase = shank_valley.Phase(swing_events.stride, leaves)
-    valley, lasted = shank_valley.step(state.valley, index, slowly[1], phase, worn.hold, worn.landing)
+    phase = shank_stance.Phase(swing_events.stride, leaves)
+    valley, lasted = shank_stance.step(state.valley, index, slowly[1], phase, worn.hold, worn.landing)
     turns_slowly = jnp.sum(slowly * slowly) < STANDING**2
     slow = jnp.where(turns_slowly, jnp.minimum(state.slow, worn.calm) + 1, 0).astype(jnp.int32)
     change = 0.5 * (x - state.last[0]).reshape(2, 3)

@@ -15,8 +15,8 @@ from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
 from jgait.estimators.waist.about import ABOUT, SIDE_KNOWN
+from jgait.estimators.waist.bouts import LEAST_S, missed
 from jgait.estimators.waist.inputs import WaistInputs
-from jgait.estimators.waist.missed import LEAST_S, missed
 from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, FALLS_FREELY, SHORT_OR_SLOW, WALKING_MISSED
 from jgait.estimators.waist.params import (

@@ -11,7 +11,7 @@ from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride import online as ankle_online
 from jgait.estimators.sides import of_turns
-from jgait.events import shank_stance_online as shank_valley
+from jgait.events import shank_stance
 from jgait.types import Imu, Recording, RecordingError
 
 P = AnkleParams()
@@ -139,12 +139,12 @@ def test_the_valley_is_the_first_minimum_that_lasts():
     # the foot comes down until 20, in two bumps with a deep dip between; the valley is at 45; push-off, swing
     rate = np.interp(time, [0, 6, 10, 16, 45, 70, 90, 119], [0.0, 1.0, 0.1, 2.0, 0.5, 2.5, -3.0, -3.0])
     leaves = time > 70
-    step = jax.jit(shank_valley.step)
+    step = jax.jit(shank_stance.step)
 
     def found(hold, landing):
-        state, at = shank_valley.begin(jnp.asarray(rate[0])), []
+        state, at = shank_stance.begin(jnp.asarray(rate[0])), []
         for k in time:
-            phase = shank_valley.Phase(jnp.asarray(k == 0), jnp.asarray(leaves[k]))
+            phase = shank_stance.Phase(jnp.asarray(k == 0), jnp.asarray(leaves[k]))
             state, lasted = step(state, k, rate[k], phase, hold, landing)
             at += [(int(state.at), int(k))] if lasted else []
         return at

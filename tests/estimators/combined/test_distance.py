@@ -1,11 +1,19 @@
-"""Losses in all sensors: what is walked in them is in the distance, and in its deviation."""
+"""What losses, ends of a recording, and turns hide of a walk: it is in the distance, and in its deviation."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from made.estimators import without
 from made.shank import shank
+from made.trunk import cut, imu_of
 
 import jgait
+from jgait import simulate
+from jgait.estimators import ankle_stride
+from jgait.estimators.ends import WALKING_AFTER, WALKING_BEFORE
+from jgait.estimators.sides import of_turns
+from jgait.simulate.sensors import OPAL
 
 LENGTH, STRIDES = 1.2, 16
 
@@ -54,3 +62,66 @@ def test_few_strides_beside_a_loss_state_a_speed_all_the_same(begin):
     found = jgait.analyse(without(made.recording, begin, 2.5))
     distance, deviation = found.estimate.distance[-1], found.estimate.diagnostics["distance_stddev"][-1]
     assert abs(distance - 6.0) < 2.0 * deviation
+
+
+PERIOD_S = 1.1
+
+
+def cuts(notes):
+    """Seconds that are cut off before and after."""
+    kinds = [kind.code for kind in (WALKING_BEFORE, WALKING_AFTER)]
+    found = {note.code: note.values["seconds"] for note in notes if note.code in kinds}
+    return [found.get(code, 0.0) for code in kinds]
+
+
+@pytest.mark.parametrize("at", [0.0, 0.25, 0.5, 0.75, 1.0])
+def test_what_is_cut_off_counts_in_the_distance(at):
+    """The walk is the same in each period, so five periods are five strides, wherever they begin."""
+    first = 2.5 + at
+    found = jgait.analyse(cut(shank(strides=8).recording, first, first + 5 * PERIOD_S - 0.01))
+    distance, deviation = found.estimate.distance[-1], found.estimate.diagnostics["distance_stddev"][-1]
+    assert abs(distance - 5 * LENGTH) < 2.0 * deviation < 1.0
+    before, after = cuts(found.notes)
+    whole = len(found.strides.first) * PERIOD_S
+    assert before + after == pytest.approx(5 * PERIOD_S - whole, abs=0.2)
+    assert any(note.code == "distance_extended" for note in found.notes)
+    assert found.estimate.distance[0] == pytest.approx(0.0, abs=1e-9)
+    assert np.all(np.diff(found.estimate.distance) > -1e-9)
+
+
+def test_standing_at_both_ends_cuts_nothing():
+    made = shank(strides=5)
+    found = jgait.analyse(made.recording)
+    assert cuts(found.notes) == [0.0, 0.0]
+    np.testing.assert_allclose(found.estimate.distance[-1], 5 * LENGTH, atol=0.02)
+
+
+def test_one_end():
+    made = shank(strides=6).recording
+    for first, last, number in ((2.75, np.inf, 0), (0.0, imu_of(made).time[-1] - 2.8, 1)):
+        estimate = ankle_stride.estimate(ankle_stride.AnkleParams(), cut(made, first, last))
+        found = cuts(estimate.diagnostics["notes"])
+        assert found[number] > 0.2 and found[1 - number] == 0.0
+
+
+def test_the_way_of_a_turn_lies_between_chord_and_arc():
+    radius, turn = 1.0, np.array([0.0, 0.5, -1.2, 3.0])
+    chord = 2.0 * radius * np.sin(0.5 * np.abs(turn))
+    way, deviation = of_turns(jnp.asarray(chord), jnp.asarray(turn))
+    arc = radius * np.abs(turn)
+    np.testing.assert_allclose(way, 0.5 * (chord + arc), rtol=1e-12)
+    np.testing.assert_allclose(deviation, (arc - chord) / np.sqrt(12.0), rtol=1e-12, atol=1e-15)
+    slope = jax.grad(lambda turn: of_turns(jnp.asarray(1.0), turn)[0])
+    assert float(slope(0.0)) == 0.0 and float(slope(0.4)) > 0.0
+
+
+def test_a_circle_is_as_long_as_it_is():
+    placements = ("foot_right", "foot_left", "shank_right", "shank_left")
+    recording, truth = simulate.recording(
+        jax.random.key(1), along=simulate.circle(1.2, 3), errors=OPAL, placements=placements
+    )
+    true = float(truth.estimate.distance[-1])
+    found = {one.source: one for one in jgait.analyse(recording).comparisons if one.quantity == "distance"}
+    for name in ("feet", "shanks", "combined"):
+        assert found[name].value == pytest.approx(true, abs=2.5 * found[name].stddev), name
+    assert found["feet"].value == pytest.approx(true, rel=0.05)

@@ -1,4 +1,4 @@
-"""The parts of the waist's estimator on problems whose answer is known."""
+"""The parts of the waist's estimator on problems whose answer is known, from attitude to bouts and integration."""
 
 from types import SimpleNamespace
 
@@ -6,15 +6,23 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made.trunk import cut, walk
 
 from jgait import filtering
+from jgait.estimators import waist
+from jgait.estimators.axes import pad
+from jgait.estimators.waist import WaistParams, with_body
 from jgait.estimators.waist import model as waist_model
+from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist import orientation as waist_orientation
 from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
+from jgait.estimators.waist.bouts import CLOSING, bouts, leave_out, nodes
+from jgait.estimators.waist.inputs import PER_NODE
 from jgait.estimators.waist.model import WaistControl, WaistModelParams, WaistObservation
 from jgait.estimators.waist.orientation import TrunkControl, TrunkError, TrunkNoise, TrunkObservation
-from jgait.estimators.waist.params import WaistParams
+from jgait.estimators.waist.readout import constant_variance
+from jgait.events.trunk import Contacts
 from jgait.geometry.rotation import Quaternion, rotated
 from jgait.geometry.vectors import GRAVITY, Vector, vector
 from jgait.signal import butterworth
@@ -216,3 +224,108 @@ def test_steps_beside_standing_and_at_the_end_of_a_bout_are_less_certain():
     np.testing.assert_allclose(variance[8], p.step_noise**2, rtol=1e-6)
     inputs.measured = inputs.measured.at[8].set(False)  # half a second is lost
     assert waist_distance._step_variance(p, inputs, found)[8] > 2.0 * p.step_noise**2
+
+
+HZ, STEP = 100.0, 0.5
+
+
+def bout_of(steps, stands_s):
+    """The nodes of one bout whose contacts are at these steps after 2 s, right and left in turn, before standing."""
+    time = 2.0 + STEP * np.asarray(steps, float)
+    side, every = np.arange(time.size) % 2, np.ones(time.size)
+    contacts = Contacts(time, side, every > 0.0, time, every / STEP, 0.9 * every)
+    (bout,) = bouts(contacts, [(0, 150), (round(stands_s * HZ), round(stands_s * HZ) + 200)], HZ)
+    return bout
+
+
+def test_a_contact_found_in_time_closes_the_bout():
+    bout = bout_of([0, 1, 2, 3, 3.95], 4.8)
+    assert [node.contact for node in bout] == [False, *[True] * 5, False]
+    assert bout[-2].at == pytest.approx(HZ * (2.0 + 3.95 * STEP))
+    assert bout[-2].likely == pytest.approx(0.95)
+
+
+def test_the_settling_after_the_closing_step_is_not_its_contact():
+    bout = bout_of([0, 1, 2, 3, 4.4], 5.0)
+    assert sum(node.contact for node in bout) == 5
+    assert bout[-2].at == pytest.approx(HZ * (2.0 + (3.0 + CLOSING) * STEP))
+
+
+def test_a_closing_step_without_a_jolt_comes_between_the_last_contact_and_standing():
+    bout = bout_of([0, 1, 2, 3], 4.7)  # 2.4 steps after the last contact
+    assert sum(node.contact for node in bout) == 5
+    assert bout[-2].at == pytest.approx(HZ * (2.0 + (3.0 + CLOSING) * STEP))
+    assert (bout[-2].side, bout[-2].step, bout[-2].stands, bout[-1].stands) == (0, True, False, True)
+    # who stands still sooner has closed the step before
+    assert sum(node.contact for node in bout_of([0, 1, 2, 3], 4.4)) == 4
+
+
+def test_an_unknown_height_is_a_wider_deviation():
+    unknown, person, sensor = (
+        constant_variance(with_body(WaistParams(), body)) for body in ({}, {"height": 1.6}, {"sensor_height": 0.96})
+    )
+    assert unknown > person > sensor > WaistParams().pendulum_constant_sd ** 2
+
+
+@pytest.mark.parametrize("lost_s, left", [(0.2, 2), (0.4, 0)])
+def test_strides_that_lose_too_much_are_left_out(lost_s, left):
+    time = np.arange(0.0, 7.0, 1.0 / HZ)
+    columns = nodes([bout_of([0, 1, 2, 3], 4.4)], time)
+    assert columns["stride"].sum() == 2
+    lost = (time > 2.6) & (time < 2.6 + lost_s)  # within both strides
+    assert leave_out(columns, lost, time) == 2 - left
+    assert columns["stride"].sum() == left
+
+
+def test_a_stride_that_begins_in_a_loss_is_left_out():
+    time = np.arange(0.0, 7.0, 1.0 / HZ)
+    columns = nodes([bout_of([0, 1, 2, 3], 4.4)], time)
+    assert leave_out(columns, np.abs(time - 2.0) < 0.05, time) == 1
+    assert list(np.flatnonzero(columns["stride"])) == [4]
+
+
+PADDED = 1024  # of everything that the compiled programs see
+
+
+def doubled(inputs, seen):
+    """One recording behind itself: its samples, nodes and cycles."""
+    samples, nodes, cycles = (int(n) for n in (inputs.valid.sum(), inputs.count, inputs.cycles))
+
+    def twice(values, count, size, shift=0):
+        values = np.concatenate([values[:count], values[:count] + shift if shift else values[:count]])
+        return np.pad(values, [(0, size - len(values))] + [(0, 0)] * (values.ndim - 1))
+
+    moved = dict.fromkeys(("at", "cycle_begin", "cycle_end"), samples)
+    per_node = {
+        name: twice(
+            getattr(inputs, name), cycles if name.startswith("cycle") else nodes, len(inputs.at), moved.get(name, 0)
+        )
+        for name in PER_NODE
+    }
+    per_sample = {name: twice(getattr(inputs, name), samples, PADDED) for name in ("valid", "dt", "measured", "still")}
+    both = inputs._replace(**per_node, **per_sample, count=np.int32(2 * nodes), cycles=np.int32(2 * cycles))
+    last = np.int32(2 * samples - 1)
+    return both._replace(last=last), jax.tree.map(lambda v: twice(np.asarray(v), samples, PADDED), seen)
+
+
+def test_integration_begins_anew_with_every_bout():
+    one = pad(waist.prepared(cut(walk(steps=6, quiet=5.5).recording, 2.5)).inputs, PADDED)
+    p = WaistParams()
+    seen = jax.jit(waist_motion.motion_and_likelihood)(p, one)[0]
+
+    @jax.jit
+    def told(inputs, seen):
+        found = waist_steps.intervals(p, inputs, seen)
+        speed, held = waist_distance.integrated_speed(p, inputs, seen, found)
+        start_sd = p.start_speed_sd * jnp.where(inputs.stood, 0.0, 1.0)
+        return waist_distance.by_integration(p, inputs, found, speed, held, start_sd)
+
+    first, both = told(one, seen), told(*doubled(one, seen))
+    nodes = int(one.count)
+    assert first.distance[-1] > 0.5 and not first.unsure[:nodes].any()
+    for name in ("step", "stride", "stride_sd"):
+        values = getattr(both, name)[2:nodes], getattr(both, name)[nodes + 2 : 2 * nodes]
+        np.testing.assert_allclose(values[0], getattr(first, name)[2:nodes], atol=1e-9)
+        np.testing.assert_allclose(values[1], values[0], atol=1e-9)
+    for name in ("distance", "distance_sd"):
+        np.testing.assert_allclose(getattr(both, name)[2 * nodes - 1], 2.0 * getattr(first, name)[nodes - 1], atol=1e-9)
