@@ -12,7 +12,7 @@ from experiments.common.row import Row, show
 from experiments.damage.harm import read, rows_of
 from jgait import datasets, simulate
 from jgait.estimators.combined import compare
-from jgait.estimators.combined import notes as contradictions
+from jgait.estimators.combined.crosscheck import FOOT_ON_SHANK
 from jgait.estimators.notes import RATES_OFF
 from jgait.estimators.waist.notes import GYROSCOPE_CONTRADICTS, WALKING_MISSED
 from jgait.io.damage import agreement, delays, paces, samples, splices, tilts, turns
@@ -28,7 +28,7 @@ CODES = {
 
 ANALYSED = {
     kind.code for kind in (
-        RATES_OFF, GYROSCOPE_CONTRADICTS, WALKING_MISSED, contradictions.FOOT_ON_SHANK, compare.CONTACTS_APART,
+        RATES_OFF, GYROSCOPE_CONTRADICTS, WALKING_MISSED, FOOT_ON_SHANK, compare.CONTACTS_APART,
     )
 }  # fmt: skip
 """Codes of notes about damage that an analysis finds: rates, axes, segments and clocks."""

@@ -189,10 +189,10 @@ def sides(
         time: (n,) of contacts in order, from the first sample on [s].
         frequency: (n,) of steps [Hz].
         valid: (n,) bool, False for rows without a contact.
-        sampling_rate_hz: sampling rate [Hz]; static.
-        yaw_rate: (T,) of the trunk about the vertical, a turn to the left positive [rad/s], finite.
-        leftward: (T,) acceleration of the trunk to its left, without gravity [m/s²], finite; None: not known.
-        roll_rate: (T,) of the trunk about the walking direction, its left side rising [rad/s], finite; None: not known.
+        sampling_rate_hz: see `initial_contacts`, as all that follow.
+        yaw_rate: (T,) [rad/s].
+        leftward: (T,) [m/s²], or None.
+        roll_rate: (T,) [rad/s], or None.
     """
     at, f, there = jnp.asarray(time), jnp.asarray(frequency), jnp.asarray(valid)
     known = [(jnp.asarray(yaw_rate), TURN)]

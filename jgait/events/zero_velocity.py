@@ -19,8 +19,6 @@ Source: I. Skog et al., "Zero-velocity detection: an algorithm evaluation", IEEE
 scales in place of the sensors' noise.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from jgait.geometry.vectors import GRAVITY
@@ -36,18 +34,9 @@ ACC_SCALE = 0.5
 """[m/s²] σ_a of `shoe`: the force that weighs as much as an angular rate of `GYR_SCALE`."""
 
 
-class RestDetector(NamedTuple):
-    """The threshold of a detector, and its unit: the foot stands where the statistic is lower."""
-
-    threshold: float
-    unit: str
-
-
-DETECTORS = {
-    "shoe": RestDetector(1.0, "rad/s"), "ared": RestDetector(0.8, "rad/s"), "variance": RestDetector(1.0, "m/s²"),
-    "magnitude": RestDetector(0.8, "m/s²"),
-}  # fmt: skip
-"""Detectors by name. With these thresholds a moving foot rarely counts as still; the ends of stances are missed."""
+DETECTORS = {"shoe": 1.0, "ared": 0.8, "variance": 1.0, "magnitude": 0.8}
+"""Detector → its threshold, in its unit: the foot stands where the statistic is lower. With these a moving foot rarely
+counts as still; the ends of stances are missed."""
 
 
 def statistic(detector: str, gyr: np.ndarray, acc: np.ndarray, sampling_rate_hz: float, mask: np.ndarray) -> np.ndarray:
@@ -93,7 +82,7 @@ def zero_velocity(
     gyr: np.ndarray, acc: np.ndarray, sampling_rate_hz: float, mask: np.ndarray, detector: str = "shoe"
 ) -> np.ndarray:
     """Where a foot stands still (T,): a detector's statistic is below its threshold; arguments as of `statistic`."""
-    return statistic(detector, gyr, acc, sampling_rate_hz, mask) < DETECTORS[detector].threshold
+    return statistic(detector, gyr, acc, sampling_rate_hz, mask) < DETECTORS[detector]
 
 
 def _squared(vectors: np.ndarray) -> np.ndarray:

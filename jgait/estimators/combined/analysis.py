@@ -9,9 +9,8 @@ from jaxtyping import PyTree
 
 from jgait.estimators.checks import SENSOR_LEFT_OUT, check_shapes, sensors_of
 from jgait.estimators.combined.compare import Comparison, comparisons, contact_notes, length_notes, side_notes
-from jgait.estimators.combined.crosscheck import crosscheck, exchanged
+from jgait.estimators.combined.crosscheck import FOOT_ON_SHANK, crosscheck, exchanged
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
-from jgait.estimators.combined.notes import FOOT_ON_SHANK
 from jgait.estimators.combined.phases import FEWEST_STRIDES
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
 from jgait.estimators.combined.strides import JoinedStrides, joined

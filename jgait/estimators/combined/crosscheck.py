@@ -11,18 +11,38 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.estimators.checks import fast_rate, force_unit
-from jgait.estimators.combined.notes import (
-    ACC_UNIT,
-    FOOT_ON_SHANK,
-    GYR_UNIT,
-    TRUNK_CLOCK_OFF,
-    TURNED_OVER,
-)
-from jgait.estimators.combined.phases import OFFSETS, kind_of, swing_phases
+from jgait.estimators.combined.phases import OFFSETS, WRONG_CLOCK, kind_of, swing_phases
 from jgait.mounting.leg import SIDES_EXCHANGED, SWAPPED
 from jgait.mounting.shank import LABELS_EXCHANGED
-from jgait.notes import Note
+from jgait.notes import WRONG_PLACE, Kind, Note
 from jgait.types import SIDES, AnyArray, Imu, Recording, as_float
+
+WRONG_UNIT = (
+    "One sensor is in another unit than the others. Its numbers are not used; state the unit of this sensor, or "
+    "convert its columns."
+)
+
+GYR_UNIT = Kind(
+    "sensor_gyr_unit", "stop", "the gyroscope of {placement} seems to be in {unit}: it turns at {rate:.3g} rad/s where "
+    "the other sensors let expect about {expected:.2g}; the sensor is left out", WRONG_UNIT,
+)  # fmt: skip
+ACC_UNIT = Kind(
+    "sensor_acc_unit", "stop", "the accelerometer of {placement} seems to be in {unit}: it reads {force:.3g} m/s² in "
+    "the median, where gravity alone is 9.81; the sensor is left out", WRONG_UNIT,
+)  # fmt: skip
+TURNED_OVER = Kind(
+    "upside_down", "info", "{placement} seems to be upside down: its axis that looks down looks up in {other}",
+    "The estimators compute the sensor's axes from the walk, so no result is worse for it, unless the sensor is not "
+    "where its label says.",
+)  # fmt: skip
+FOOT_ON_SHANK = Kind(
+    "foot_on_shank", "check", "{foot} and {shank} have changed places: in stances the shank's sensor rests, and the "
+    "foot's turns; taken the other way round", WRONG_PLACE,
+)  # fmt: skip
+TRUNK_CLOCK_OFF = Kind(
+    "trunk_clock_off", "check", "the clock of {placement} seems to be about {seconds:.1f} s {direction}: it moves when "
+    "the legs rest, and rests when they move", WRONG_CLOCK,
+)  # fmt: skip
 
 USUAL_RATE = {"foot": 7.5, "ankle": 5.6, "shank": 5.4, "thigh": 3.2, "wrist": 3.2, "": 1.7}
 """[rad/s] 99th percentile of the norm of the rate in walking; "" for the trunk and the head. From public recordings."""

@@ -5,10 +5,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.estimators.combined.notes import CLOCK_OFF, LEGS_TOGETHER
 from jgait.mounting.leg import SIDES_EXCHANGED
-from jgait.notes import Note
+from jgait.notes import Kind, Note
 from jgait.types import SIDES, Imu, as_float
+
+WRONG_CLOCK = (
+    "Contacts and joint angles that need both this sensor and another are wrong by this time. The sensor's own strides "
+    "hold; they are not combined with those of the others. Synchronise the sensors and compute the result again."
+)
+
+CLOCK_OFF = Kind(
+    "clock_off", "check", "the clock of {placement} seems to be about {seconds:.1f} s {direction}: its leg swings at "
+    "another time than the other sensors show", WRONG_CLOCK,
+)  # fmt: skip
+LEGS_TOGETHER = Kind(
+    "legs_together", "check", "{placement} and {other} swing {seconds:.2f} s apart, where half a stride is {half:.2f} "
+    "s: one of the two clocks seems to be off, or both are on one leg", WRONG_CLOCK,
+)  # fmt: skip
 
 OFFSETS = {"foot": -0.10, "shank": 0.0, "ankle": 0.02, "thigh": -0.08}
 """[strides] Phase of the stride frequency in the squared rate, after that of the shank of the same leg. Medians of

@@ -224,7 +224,7 @@ def _standing(
         return events.inside(stances, len(gyr)), events.margin(gyr, acc, stances, hz)
     stands = zero_velocity.zero_velocity(gyr, acc, hz, mask, detector)
     value = zero_velocity.statistic(detector, gyr, acc, hz, mask)
-    limit = zero_velocity.DETECTORS[detector].threshold
+    limit = zero_velocity.DETECTORS[detector]
     return stands, events.signed(np.log(limit / np.maximum(value, events.STILLEST)), stands)
 
 
