@@ -122,7 +122,7 @@ def totals(estimate: Estimate, flags: tuple[StrideFlag, ...], seen: np.ndarray |
         lasted = median(lasts, usual)
         rows.append(Total("cadence", "–" if lasted is None else f"{120.0 / lasted:.0f} steps/min"))
         feet = np.full(lasts.size, estimate.feet is not None) if seen is None else seen
-        toe_off = np.full(lasts.size, np.nan) if strides.final_contact is None else as_float(strides.final_contact)
+        toe_off = np.nan if strides.final_contact is None else as_float(strides.final_contact)
         stance = median((toe_off - as_float(strides.start)) / lasts, usual[feet[usual]])
         rows.append(Total("stance", "–" if stance is None else f"{100.0 * stance:.0f} % of the stride"))
     for joint, pair in joint_ranges(estimate).items():

@@ -156,10 +156,9 @@ def _units(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
 
 def _up(imu: Imu) -> np.ndarray | None:
     """(3,) direction of the median specific force in the sensor's axes; None without an accelerometer."""
-    force = None if imu.acc is None else _kept(imu, imu.acc)
-    if force is None or not len(force):
+    if imu.acc is None or not np.any(imu.mask):
         return None
-    up = np.median(force, axis=0)
+    up = np.median(_kept(imu, imu.acc), axis=0)
     return np.asarray(up / max(float(np.linalg.norm(up)), 1e-9))
 
 
@@ -179,12 +178,9 @@ def _upside_down(sensors: Mapping[str, Imu]) -> list[Note]:
             notes.append(TURNED_OVER(placement=wrong, other=pair[1 - pair.index(wrong)]))
         else:
             notes.append(TURNED_OVER(placement=" or ".join(pair), other="the other"))
-    for name in ups:
-        if kind_of(name) == "" and len(segments) >= 3:
-            agree = [float(ups[name] @ up) for up in segments.values()]
-            if max(agree) < OPPOSITE:
-                notes.append(TURNED_OVER(placement=name, other="thighs and shanks"))
-    return notes
+    trunk = [name for name in ups if kind_of(name) == "" and len(segments) >= 3]
+    turned = [name for name in trunk if max(float(ups[name] @ up) for up in segments.values()) < OPPOSITE]
+    return notes + [TURNED_OVER(placement=name, other="thighs and shanks") for name in turned]
 
 
 def _segments(sensors: Mapping[str, Imu]) -> list[Note]:

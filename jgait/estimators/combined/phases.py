@@ -201,15 +201,13 @@ def _named(phases: dict[str, float], stride: float, unsure: set[str]) -> tuple[l
         pair = [f"{kind}_{side}" for side in SIDES]
         if not all(name in wrong for name in pair):
             continue
-        if all(abs(_wrapped(phases[n] - common)) < EXCHANGED_FROM for n in pair):
-            wrong = [name for name in wrong if name not in pair]
-        else:
+        tie = len(wrong) * 2 >= len(names)
+        wrong = [name for name in wrong if name not in pair]
+        if any(abs(_wrapped(phases[name] - common)) >= EXCHANGED_FROM for name in pair):
             others = [name for name in names if name not in pair]
-            tie = len(wrong) * 2 >= len(names)
-            words = " or ".join(sorted({kind_of(n) for n in others} | {kind})) if tie else kind
+            words = " or ".join(sorted({kind_of(name) for name in names})) if tie else kind
             notes.append(SIDES_EXCHANGED(kind=words, others="the other sensors" if tie else ", ".join(others)))
-            doubtful |= set(names) if tie else set(pair)
-            wrong = [name for name in wrong if name not in pair]
+            doubtful |= set(names if tie else pair)
     for name in sorted(set(wrong) - unsure, key=names.index):
         strides = _wrapped(phases[name] - common)
         direction = "late" if strides > 0.0 else "early"

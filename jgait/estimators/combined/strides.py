@@ -195,9 +195,8 @@ def _walks(sources: Sequence[SourceEstimate]) -> list[tuple[int, float, float]]:
         for side in range(len(SIDES)) if source.name in ("feet", "ankles", "shanks") else ():
             mine = np.asarray(strides.valid, bool) & (np.asarray(strides.side) == side)
             if mine.any() and not any(name.endswith(SIDES[side]) for name in unsure):
-                walks.append(
-                    (side, float(as_float(strides.start)[mine].min()), float(as_float(strides.end)[mine].max()))
-                )
+                begin, end = as_float(strides.start)[mine].min(), as_float(strides.end)[mine].max()
+                walks.append((side, float(begin), float(end)))
     return walks
 
 

@@ -5,13 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from made.estimators import without
+from made.notes import of_code
 from made.shank import shank
 from made.trunk import cut, imu_of
 
 import jgait
 from jgait import simulate
 from jgait.estimators import ankle_stride
-from jgait.estimators.ends import WALKING_AFTER, WALKING_BEFORE
 from jgait.estimators.sides import of_turns
 from jgait.simulate.sensors import OPAL
 
@@ -19,7 +19,7 @@ LENGTH, STRIDES = 1.2, 16
 
 
 def over_losses(found):
-    return [note.values for note in found.notes if note.code == "distance_over_loss"]
+    return [note.values for note in of_code(found.notes, "distance_over_loss")]
 
 
 @pytest.mark.parametrize("seconds", [1.5, 4.0])
@@ -69,8 +69,8 @@ PERIOD_S = 1.1
 
 def cuts(notes):
     """Seconds that are cut off before and after."""
-    kinds = [kind.code for kind in (WALKING_BEFORE, WALKING_AFTER)]
-    found = {note.code: note.values["seconds"] for note in notes if note.code in kinds}
+    kinds = ("walking_before", "walking_after")
+    found = {note.code: note.values["seconds"] for note in of_code(notes, *kinds)}
     return [found.get(code, 0.0) for code in kinds]
 
 
@@ -84,7 +84,7 @@ def test_what_is_cut_off_counts_in_the_distance(at):
     before, after = cuts(found.notes)
     whole = len(found.strides.first) * PERIOD_S
     assert before + after == pytest.approx(5 * PERIOD_S - whole, abs=0.2)
-    assert any(note.code == "distance_extended" for note in found.notes)
+    assert of_code(found.notes, "distance_extended")
     assert found.estimate.distance[0] == pytest.approx(0.0, abs=1e-9)
     assert np.all(np.diff(found.estimate.distance) > -1e-9)
 
