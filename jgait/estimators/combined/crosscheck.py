@@ -114,17 +114,18 @@ def crosscheck(recording: Recording) -> Findings:
     """
     notes, unusable = _units(recording.sensors)
     sensors = {name: imu for name, imu in recording.sensors.items() if name not in unusable}
-    notes += _upside_down(sensors)
     every = dict(recording.sensors)
-    for note in (moved := _segments(sensors)):
+    for note in _segments(sensors):
         one, other = map(str, note.values.values())
         every[one], every[other] = every[other], every[one]
+        notes.append(note)
     sensors = {name: every[name] for name in sensors}
+    notes += _upside_down(sensors)
     late, doubtful = swing_phases(sensors)
     off, of_trunk = _trunk(sensors)
     if by_reader := exchanged(recording.notes):  # its note, which compares all sensors, explains when they swing
         late, doubtful = [], by_reader & set(sensors)
-    return Findings((*notes, *moved, *late, *off), frozenset(unusable), frozenset(doubtful | of_trunk), every)
+    return Findings((*notes, *late, *off), frozenset(unusable), frozenset(doubtful | of_trunk), every)
 
 
 def _kept(imu: Imu, values: AnyArray) -> np.ndarray:
