@@ -49,10 +49,8 @@ def cut_notes(estimate: Estimate, sensors: Mapping[int, tuple[str, AnyArray]]) -
         estimate: without padding, with strides.
         sensors: side → placement, and angular rate (T,) or (T, 3) of its sensor, without bias [rad/s].
     """
-    notes: list[Note] = []
-    for side, (placement, gyr) in sensors.items():
-        notes += cut_note(placement, *unseen(estimate, side, gyr))
-    return tuple(notes)
+    cuts = ((placement, unseen(estimate, side, gyr)) for side, (placement, gyr) in sensors.items())
+    return tuple(note for placement, seconds in cuts for note in cut_note(placement, *seconds))
 
 
 def cut_note(placement: str, before: float, after: float) -> list[Note]:

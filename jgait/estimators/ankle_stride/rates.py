@@ -38,14 +38,9 @@ def rates_notes(
     run: Callable[..., Estimate], inputs: AnkleInputs, options: AnkleOptions, nis: dict[int, float],
     places: dict[int, str],
 ) -> list[Note]:  # fmt: skip
-    """Notes about legs whose rates have a wrong scale.
+    """Notes about legs whose rates have a wrong scale, by `ankle_stride.run` of inputs without padding.
 
-    Args:
-        run: `ankle_stride.run`.
-        inputs: the inputs, without padding.
-        options: options of the estimate.
-        nis: side (0 right, 1 left) → NIS of all observations of the leg [1].
-        places: side → placement of its sensor.
+    `nis` maps a side (0 right, 1 left) to the NIS of all observations of the leg [1], `places` to its placement.
     """
     legs = {side: leg for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None}
     asked = [side for side, leg in legs.items() if nis[side] > NIS_FROM and int(leg.count) >= FEWEST]
