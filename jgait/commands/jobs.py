@@ -64,7 +64,7 @@ def one_estimator(choice: Choice, p: PyTree, title: str, ending: str, lacking: S
     about = choice.estimator.about
 
     def compute(recording: Recording) -> EstimatedRecording:
-        result = choice.estimator.estimate(p, recording)
+        result = choice.estimate(p, recording)
         notes = without_repeats((*recording.notes, *result.diagnostics["notes"]))
         result = result._replace(diagnostics={**result.diagnostics, "notes": notes})
         return EstimatedRecording(recording, result, p, choice.settings)

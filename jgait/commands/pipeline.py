@@ -14,6 +14,7 @@ from jgait.estimators import About, Estimator, proportions
 from jgait.estimators.about import Settings
 from jgait.notes import DEFAULT_MEASURE, Kind, Note
 from jgait.params import check_params
+from jgait.types import Estimate, Recording
 
 NOT_HELD_OUT = Kind(
     "not_held_out", "check",
@@ -50,6 +51,10 @@ class Choice(NamedTuple):
             *(proportions.told(given, names) if "height" in given else ()),
             *missing(about, body, self.params, self.estimator.params),
         ]
+
+    def estimate(self, p: PyTree, recording: Recording) -> Estimate:
+        """The estimate of one recording."""
+        return self.estimator.estimate(p, recording)
 
 
 def missing(about: About, body: Mapping[str, Any], params: PyTree, default: PyTree) -> list[Note]:

@@ -146,7 +146,7 @@ def _of_one(walk: Walk, data: str, choice: Choice, person: dict[str, PyTree], co
         note(line)
     try:
         check_params(p, estimator.transforms)
-        result = choice.estimator.estimate(p, walk.recording)
+        result = choice.estimate(p, walk.recording)
     except Exception as error:
         stop(f"{data}: {reason_of(error)}")
     for line in result.diagnostics["notes"]:
