@@ -98,13 +98,14 @@ def _check_signals(imu: Imu, name: str) -> None:
         )
 
 
-BLOCK, BUSIEST, RESTS = 100, 60, 0.2
-"""[samples], [blocks], [1] A block counts as rest if its mean rate is below this share of that of the 60th of the
-busiest blocks, or of the median one in short recordings: a minute at 100 Hz of handling does not set the measure."""
+BLOCK, BUSIEST, RESTS, RARE = 100, 60, 0.2, 0.3
+"""[samples], [blocks], [1], [1] A block counts as rest if its mean rate is below a share of that of the 60th of the
+busiest blocks, or of the median one in short recordings: a minute at 100 Hz of handling does not set the measure. Rest
+is left out only where less than 0.3 of a recording moves."""
 
 
 def busy(imu: Imu) -> np.ndarray:
-    """(T,) bool: the measured samples without those of rest, of which a recording of hours has most."""
+    """(T,) bool: the measured samples, without those of rest if these are most, as in a recording of hours."""
     mask = np.asarray(imu.mask, bool)
     size = np.linalg.norm(as_float(imu.gyr), axis=1)
     blocks = np.arange(len(size)) // BLOCK
@@ -112,7 +113,8 @@ def busy(imu: Imu) -> np.ndarray:
     mean = np.bincount(blocks, np.where(mask, size, 0.0)) / np.maximum(counts, 1.0)
     known = np.sort(mean[counts > 0])[::-1]
     least = RESTS * known[min(BUSIEST, len(known) // 2)] if len(known) else 0.0
-    return np.asarray(mask & (mean[blocks] >= least))
+    moves = mask & (mean[blocks] >= least)
+    return np.asarray(moves if moves.sum() < RARE * mask.sum() else mask)
 
 
 def fast_rate(imu: Imu) -> float:
