@@ -15,9 +15,8 @@ Sensors:
 
 Outputs:
     Initial contacts with sides and their probabilities; strides with length and standard deviation; the distance; in
-    `diagnostics` the distance's standard deviation, the pendulum's constant and, for every stride, whether it is part
-    of a turn, whether integration is unreliable and whether its side is unknown. A recording without walking gives an
-    empty table.
+    `diagnostics` the distance's standard deviation and, for every stride, whether it is part of a turn, whether
+    integration is unreliable and whether its side is unknown. A recording without walking gives an empty table.
 
 Deviations from the paper:
     Effects are those of `experiments/kose2011`.

@@ -68,8 +68,8 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
         `strides`, `strides_stddev` and `distance`; `diagnostics` holds `distance_stddev` (T,) [m],
         `trunk_acceleration` (T, 3) forward, to the left and up without gravity [m/s²], `FLAGS` for each stride,
         contacts `initial_contact` (K,) [s] with `initial_contact_side`, `initial_contact_side_probability` and
-        `initial_contact_valid`, and, if "fused", the pendulum's constant, the accelerometer's bias, log-likelihood and
-        mean normalised innovation.
+        `initial_contact_valid`, and, if "fused", the accelerometer's bias, log-likelihood and mean normalised
+        innovation.
 
     Raises:
         ValueError: options that are none.

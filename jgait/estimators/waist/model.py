@@ -1,13 +1,13 @@
-r"""State-space model of walking over speed, accelerometer bias and pendulum constant, one time step per step.
+r"""State-space model of walking over speed and accelerometer bias, one time step per step.
 
 State at an initial contact: the distance walked D, the last step's length d and the last stride's length e, the forward
-speed v, the bias b of the forward acceleration (from accelerometer and tilt), and the logarithm k of the pendulum's
-constant. With the integral J of the forward acceleration over the step, the integral I of J, and the step's duration T,
+speed v, and the bias b of the forward acceleration (from accelerometer and tilt). With the integral J of the forward
+acceleration over the step, the integral I of J, and the step's duration T,
 
     d' = v T + I − b T² / 2,    v' = v + J − b T,    D' = D + d',    e' = d + d'.
 
-Two observations are zero: d − exp(k) λ, where λ is the inverted pendulum's step length; and v while the person stands.
-Over a pause between bouts the distance, the bias and the constant are kept, and the speed restarts from its prior.
+Two observations are zero: d − K λ, where λ is the inverted pendulum's step length and K its constant; and v while the
+person stands. Over a pause between bouts the distance and the bias are kept, and the speed restarts from its prior.
 
 Source: inverted pendulum after W. Zijlstra, A. L. Hof, "Assessment of spatio-temporal gait parameters from trunk
 accelerations during human walking", Gait and Posture 18, 2003. Joining it and the integrated acceleration in one model
@@ -23,14 +23,13 @@ from jgait.types import Values
 
 
 class WaistState(NamedTuple):
-    """Distance [m], last step [m], last stride [m], speed [m/s], bias [m/s²], log of the pendulum's constant [1]."""
+    """Distance [m], last step [m], last stride [m], speed [m/s], bias [m/s²]."""
 
     distance: Values
     step: Values
     stride: Values
     speed: Values
     bias: Values
-    log_constant: Values
 
 
 class WaistControl(NamedTuple):
@@ -61,8 +60,7 @@ class WaistModelParams(NamedTuple):
     start_speed: Values
     start_speed_variance: Values
     standing_variance: Values
-    log_constant: Values
-    constant_variance: Values
+    constant: Values
 
 
 _STILL = 1e-10
@@ -73,7 +71,7 @@ def transition(p: WaistModelParams, s: WaistState, u: WaistControl, dt: Values) 
     """The state after one step or one pause."""
     step = u.walks * (dt * s.speed + u.went - 0.5 * dt * dt * s.bias)
     speed = u.walks * (s.speed + u.gained - dt * s.bias) + (1.0 - u.walks) * p.start_speed
-    return WaistState(s.distance + step, step, u.walks * (s.step + step), speed, s.bias, s.log_constant)
+    return WaistState(s.distance + step, step, u.walks * (s.step + step), speed, s.bias)
 
 
 def transition_noise(p: WaistModelParams, s: WaistState, u: WaistControl, dt: Values) -> WaistState:
@@ -82,13 +80,12 @@ def transition_noise(p: WaistModelParams, s: WaistState, u: WaistControl, dt: Va
     turned = 0.5 - 0.5 * jnp.cos(u.turn)
     speed = u.walks * p.speed_density * dt + (1.0 - u.walks) * p.start_speed_variance
     bias = p.bias_density * dt + p.turn_variance * turned + _STILL
-    return WaistState(_STILL, _STILL, _STILL, speed + _STILL, bias, _STILL)
+    return WaistState(_STILL, _STILL, _STILL, speed + _STILL, bias)
 
 
 def observation(p: WaistModelParams, s: WaistState, u: WaistControl) -> WaistObservation:
     """The step minus the pendulum's step, and the speed."""
-    del p
-    return WaistObservation(s.step - jnp.exp(s.log_constant) * u.pendulum, s.speed)
+    return WaistObservation(s.step - p.constant * u.pendulum, s.speed)
 
 
 def observation_noise(p: WaistModelParams, s: WaistState, u: WaistControl) -> WaistObservation:
@@ -100,8 +97,8 @@ def observation_noise(p: WaistModelParams, s: WaistState, u: WaistControl) -> Wa
 def initial(p: WaistModelParams) -> Belief:
     """The belief before the first node: distance zero, speed and bias uncertain."""
     zero = 0.0 * p.start_speed
-    mean = WaistState(zero, zero, zero, p.start_speed, zero, p.log_constant)
-    variances = WaistState(_STILL, _STILL, _STILL, p.start_speed_variance, p.bias_variance, p.constant_variance)
+    mean = WaistState(zero, zero, zero, p.start_speed, zero)
+    variances = WaistState(_STILL, _STILL, _STILL, p.start_speed_variance, p.bias_variance)
     return Belief(mean, Covariance.from_variances(variances))
 
 

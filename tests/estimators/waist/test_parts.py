@@ -30,7 +30,7 @@ from jgait.signal import butterworth
 ROWS, STEP_S = 12, 0.5
 MODEL = WaistModelParams(
     speed_density=1e4, bias_variance=1e-8, bias_density=0.0, turn_variance=0.0, start_speed=0.7,
-    start_speed_variance=100.0, standing_variance=1e-8, log_constant=np.log(1.3), constant_variance=1e-12,
+    start_speed_variance=100.0, standing_variance=1e-8, constant=1.3,
 )  # fmt: skip
 LENGTHS = 0.5 + 0.02 * np.arange(ROWS)
 
