@@ -130,6 +130,10 @@ def test_a_coarse_accelerometer_is_named_and_neither_masked_nor_clipped_for_it()
     stuck = fine.copy()
     stuck[-200:] = stuck[-200]
     assert damage & set(codes(stuck)) == {"samples_frozen"}
+    for axis, expected in ((0, {"axis_stuck"}), (2, set())):  # the leg turns about z, which leaves z's reading as it is
+        held, on = fine.copy(), (time > 2.0) & (time < 7.0) & (time % 1.0 < 0.5)
+        held[on, axis] = np.where(np.floor(time[on]) % 2.0 == 0.0, 1.5, -1.2)
+        assert {"axis_stuck"} & set(codes(held)) == expected
 
 
 @pytest.mark.parametrize(

@@ -323,7 +323,9 @@ def _stuck(
             if end - start >= max(FROZEN_RUN, FROZEN_S * rate) and moves[start:end].mean() > 0.5
         ]
         if runs:
-            held = _holding(kind, values[:, [axis]], change[:, [axis]], gyr)
+            # a turn about the axis of a coarse accelerometer does not change its reading
+            across = gyr if kind == "gyr" else np.delete(gyr, axis, axis=1)
+            held = _holding(kind, values[:, [axis]], change[:, [axis]], across)
             runs = [run for run in runs if held(run)]
         if runs:
             seconds = sum(end - start + 1 for start, end in runs) / rate
