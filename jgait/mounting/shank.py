@@ -126,7 +126,7 @@ def stance_up(axes: Axes, acc: Float[AnyArray, "time 3"], instants: Int[AnyArray
 LABELS_EXCHANGED = Kind(
     "labels_exchanged",
     "check",
-    "{thigh} and {shank} have changed places: the thigh's sensor swings faster; taken the other way round",
+    "{thigh} and {other} have changed places: the thigh's sensor swings faster; taken the other way round",
     WRONG_PLACE,
 )
 
@@ -153,5 +153,5 @@ def worn_on_shank(recording: Recording, side: str) -> tuple[str, Note | None]:
         rate = 0.0 if axes is None else as_float(recording.sensors[placement].gyr) @ axes.rows[1]
         swing[placement] = -float(np.percentile(rate, 1.0))
     if swing[thigh] > max(SWAPPED * swing[shank], LEAST_SWING):
-        return thigh, LABELS_EXCHANGED(thigh=thigh, shank=shank)
+        return thigh, LABELS_EXCHANGED(thigh=thigh, other=shank)
     return shank, None

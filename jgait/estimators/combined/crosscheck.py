@@ -52,9 +52,9 @@ UNIT_RATIO = 7.5
 
 RESTING, RESTS_S, WALKS, RESTS_MORE = 0.4, 2.0, 0.4, 0.05
 """[rad/s], [s], [1], [1] Rate below which a sensor rests; time over which its square is averaged, and share of the
-largest mean from which on a person walks; and least difference of the shares of rest by which a shank's sensor rests
-more than the foot's. In undamaged walks the foot rests more, by 0.11 or more in public ones; in simulated ones of all
-gaits the shank rests more by 0.01 at most."""
+largest mean from which on a person walks; and least difference of the shares of rest by which a shank's or thigh's
+sensor rests more than the foot's. In undamaged walks the foot rests more, by 0.11 or more in public ones; in simulated
+ones of all gaits the shank rests more by 0.01 at most."""
 
 OPPOSITE = -0.5
 """[1] Threshold on the scalar product of the up axes of two sensors, below which one is upside down (over 120°)."""
@@ -185,15 +185,32 @@ def _upside_down(sensors: Mapping[str, Imu]) -> list[Note]:
 
 
 def _segments(sensors: Mapping[str, Imu]) -> list[Note]:
-    """Notes about two sensors of a leg that have changed places: shanks turn more than thighs, feet rest."""
+    """Notes about two sensors of a leg that have changed places, each to be put right before the next."""
     notes = []
     for side in SIDES:
-        thigh, shank, foot = (f"{kind}_{side}" for kind in ("thigh", "shank", "foot"))
-        if {thigh, shank} <= sensors.keys() and fast_rate(sensors[thigh]) > SWAPPED * fast_rate(sensors[shank]):
-            notes.append(LABELS_EXCHANGED(thigh=thigh, shank=shank))
-        elif {foot, shank} <= sensors.keys() and _resting(sensors[shank]) > _resting(sensors[foot]) + RESTS_MORE:
-            notes.append(FOOT_ON_SHANK(foot=foot, shank=shank))
+        names = [f"{kind}_{side}" for kind in ("thigh", "shank", "foot")]
+        leg = {name: (fast_rate(sensors[name]), _resting(sensors[name])) for name in names if name in sensors}
+        for _ in names[1:]:  # two exchanges make every order of three
+            if note := _out_of_place(leg, *names):
+                one, other = map(str, note.values.values())
+                leg[one], leg[other] = leg[other], leg[one]
+                notes.append(note)
     return notes
+
+
+def _out_of_place(leg: Mapping[str, tuple[float, float]], thigh: str, shank: str, foot: str) -> Note | None:
+    """A note if two sensors of a leg (name → rate, share of rest) contradict that thighs turn least and feet rest most.
+
+    The foot of a stiff leg turns less than the thigh: only a thigh's sensor that rests more than the foot's is on it.
+    """
+    if thigh in leg:
+        there = [name for name in leg if name != foot or leg[thigh][1] > leg[foot][1] + RESTS_MORE]
+        slowest = min(there, key=lambda name: leg[name][0])
+        if leg[thigh][0] > SWAPPED * leg[slowest][0]:
+            return LABELS_EXCHANGED(thigh=thigh, other=slowest)
+    if {foot, shank} <= leg.keys() and leg[shank][1] > leg[foot][1] + RESTS_MORE:
+        return FOOT_ON_SHANK(foot=foot, shank=shank)
+    return None
 
 
 def _resting(imu: Imu) -> float:

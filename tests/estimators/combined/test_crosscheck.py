@@ -7,9 +7,11 @@ from made.estimators import changed, exchanged, only
 from made.notes import codes, of_code
 
 from jgait import simulate
+from jgait.estimators.checks import fast_rate
 from jgait.estimators.combined import crosscheck
+from jgait.estimators.combined.crosscheck import exchanged as exchanged_by
 from jgait.estimators.combined.phases import swing_phases
-from jgait.mounting.leg import SIDES_EXCHANGED
+from jgait.mounting.leg import SIDES_EXCHANGED, SWAPPED
 from jgait.simulate.sensors import OPAL
 from jgait.types import Imu
 
@@ -108,16 +110,32 @@ def test_a_late_clock_is_named(recording, name):
     assert found.doubtful == {name}
 
 
-@pytest.mark.parametrize("kind", ["foot", "thigh"])
+@pytest.mark.parametrize(("one", "other"), [("foot", "shank"), ("thigh", "shank"), ("thigh", "foot")])
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_two_sensors_of_a_leg_that_are_exchanged_are_named_and_taken_the_other_way_round(recording, side, kind):
-    other, shank = f"{kind}_{side}", f"shank_{side}"
-    found = crosscheck(exchanged(recording, other, shank))
+def test_two_sensors_of_a_leg_that_are_exchanged_are_named_and_taken_the_other_way_round(recording, side, one, other):
+    pair = f"{one}_{side}", f"{other}_{side}"
+    found = crosscheck(exchanged(recording, *pair))
     (note,) = found.notes
-    assert f"{other} and {shank} have changed places" in str(note)
-    assert note.values == {kind: other, "shank": shank}
+    assert f"{pair[0]} and {pair[1]} have changed places" in str(note)
+    assert tuple(note.values.values()) == pair
     assert not found.doubtful
     assert all(found.sensors[name] is imu for name, imu in recording.sensors.items())
+
+
+@pytest.mark.parametrize("first", ["foot", "thigh"])
+def test_three_sensors_of_a_leg_of_which_none_is_in_its_place_are_put_right(recording, first):
+    turned = exchanged(exchanged(recording, f"{first}_left", "shank_left"), "thigh_left", "foot_left")
+    found = crosscheck(turned)
+    assert set(codes(found.notes)) == {"labels_exchanged", "foot_on_shank"}
+    assert all(found.sensors[name] is imu for name, imu in recording.sensors.items())
+
+
+def test_a_stiff_leg_whose_foot_turns_less_than_its_thigh_is_not_accused():
+    who = simulate.walking(simulate.Person(), "stiff_leg")
+    key, along = jax.random.key(0), simulate.straight(12.0)
+    stiff, _ = simulate.recording(key, simulate.covering(key, who, along), along, OPAL, placements=LEGS)
+    assert fast_rate(stiff.sensors["thigh_right"]) > SWAPPED * fast_rate(stiff.sensors["foot_right"])
+    assert not exchanged_by(crosscheck(stiff).notes)
 
 
 def test_two_feet_that_swing_together_contradict_each_other(recording):
