@@ -56,6 +56,8 @@ largest mean from which on a person walks; and least difference of the shares of
 sensor rests more than the foot's. In undamaged walks the foot rests more, by 0.11 or more in public ones; in simulated
 ones of all gaits the shank rests more by 0.01 at most."""
 
+SEGMENTS = "thigh", "shank", "foot"
+
 OPPOSITE = -0.5
 """[1] Threshold on the scalar product of the up axes of two sensors, below which one is upside down (over 120°)."""
 
@@ -115,7 +117,7 @@ def crosscheck(recording: Recording) -> Findings:
     notes, unusable = _units(recording.sensors)
     sensors = {name: imu for name, imu in recording.sensors.items() if name not in unusable}
     every = dict(recording.sensors)
-    for note in _segments(sensors):
+    for note in _exchanges(sensors):
         one, other = map(str, note.values.values())
         every[one], every[other] = every[other], every[one]
         notes.append(note)
@@ -184,11 +186,32 @@ def _upside_down(sensors: Mapping[str, Imu]) -> list[Note]:
     return notes + [TURNED_OVER(placement=name, other="thighs and shanks") for name in turned]
 
 
+def _exchanges(sensors: Mapping[str, Imu]) -> list[Note]:
+    """A note if two sensors of different segments and legs have changed places; else those about single legs.
+
+    Such a pair is named only if no sensor swings at another time than the others once it is the other way round.
+    """
+    notes = _segments(sensors)
+    if notes and not swing_phases(sensors)[1]:
+        return notes
+    measured = {name: (fast_rate(imu), _resting(imu)) for name, imu in sensors.items()}
+    for side, opposite in (SIDES, SIDES[::-1]):
+        for one, other in (("thigh", "shank"), ("thigh", "foot"), ("foot", "shank")):
+            pair = f"{one}_{side}", f"{other}_{opposite}"
+            if not set(pair) <= sensors.keys():
+                continue
+            names = {one: pair[0], other: pair[1]}
+            note = _out_of_place({name: measured[name] for name in pair}, *(names.get(k, k) for k in SEGMENTS))
+            if note and not swing_phases({**sensors, pair[0]: sensors[pair[1]], pair[1]: sensors[pair[0]]})[1]:
+                return [note]
+    return notes
+
+
 def _segments(sensors: Mapping[str, Imu]) -> list[Note]:
     """Notes about two sensors of a leg that have changed places, each to be put right before the next."""
     notes = []
     for side in SIDES:
-        names = [f"{kind}_{side}" for kind in ("thigh", "shank", "foot")]
+        names = [f"{kind}_{side}" for kind in SEGMENTS]
         leg = {name: (fast_rate(sensors[name]), _resting(sensors[name])) for name in names if name in sensors}
         for _ in names[1:]:  # two exchanges make every order of three
             if note := _out_of_place(leg, *names):

@@ -130,6 +130,16 @@ def test_three_sensors_of_a_leg_of_which_none_is_in_its_place_are_put_right(reco
     assert all(found.sensors[name] is imu for name, imu in recording.sensors.items())
 
 
+@pytest.mark.parametrize(("one", "other"), [("thigh_right", "shank_left"), ("foot_right", "shank_left")])
+def test_exchanged_sensors_of_two_legs_are_named_and_taken_the_other_way_round(recording, one, other):
+    for worn in (recording, only(recording, *(name for name in LEGS if name[:5] in (one[:5], other[:5])))):
+        found = crosscheck(exchanged(worn, one, other))
+        (note,) = found.notes
+        assert f"{one} and {other} have changed places" in str(note)
+        assert all(found.sensors[name] is imu for name, imu in worn.sensors.items())
+        assert not found.doubtful
+
+
 def test_a_stiff_leg_whose_foot_turns_less_than_its_thigh_is_not_accused():
     who = simulate.walking(simulate.Person(), "stiff_leg")
     key, along = jax.random.key(0), simulate.straight(12.0)
