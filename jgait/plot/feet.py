@@ -216,6 +216,9 @@ PANELS = (
 )
 """Field of `Strides` (the duration is end − start), label of the axis, and factor from SI to the unit of the axis."""
 
+APART_S = 10.0
+"""[s] Least time between the ends of two strides of a side that no line joins: a pause, not a missed stride."""
+
 RING: Style = {"linestyle": "none", "markerfacecolor": "none", "color": "black", "zorder": 4}
 SPECIAL: dict[str, Style] = {
     "turning": {"marker": "D", "markersize": 10, "markeredgewidth": 1.0, "label": stride_flags.TURNING.label},
@@ -250,10 +253,13 @@ def leg_strides(estimate: Estimate, *, title: str = "") -> Figure:
 
 
 def _joined(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float) -> None:
+    """Draw a line through the strides of each side, with a gap where they are `APART_S` or more apart."""
     when, values = as_float(estimate.strides.end), values_of(estimate, field)
     for number, side in enumerate(SIDES):
         of_side = rows[np.asarray(estimate.strides.side)[rows] == number]
-        axis.plot(when[of_side], scale * values[of_side], color=FOOT[side]["color"], linewidth=0.6, alpha=0.6)
+        gaps = np.flatnonzero(np.diff(when[of_side]) >= APART_S) + 1
+        times, heights = (np.insert(line, gaps, np.nan) for line in (when[of_side], scale * values[of_side]))
+        axis.plot(times, heights, color=FOOT[side]["color"], linewidth=0.6, alpha=0.6)
 
 
 def _marks(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float) -> None:

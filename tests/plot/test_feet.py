@@ -111,6 +111,17 @@ def test_a_first_stride_from_standing_has_no_time_but_a_length():
         assert np.isnan(right.get_ydata()).sum() == gone
 
 
+def test_no_line_joins_strides_of_two_bouts():
+    estimate = walked()
+    ends = np.asarray(estimate.strides.end)
+    middle = np.median(ends)
+    late = estimate._replace(strides=estimate.strides._replace(end=np.where(ends > middle, ends + 60.0, ends)))
+    for side in SIDES:
+        (line,) = [each for each in lines_of(plot.leg_strides(late).axes[0], FOOT[side]) if each.get_linewidth() == 0.6]
+        (gap,) = np.flatnonzero(np.isnan(line.get_ydata()))
+        assert line.get_xdata()[gap - 1] <= middle and line.get_xdata()[gap + 1] > middle + 60.0
+
+
 def test_widths_are_drawn_as_long_as_they_are():
     figure = plot.two_feet(walked(turn_at=6))
     above, *rest = figure.axes
