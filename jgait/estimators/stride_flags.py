@@ -87,6 +87,15 @@ def durations(strides: Strides) -> np.ndarray:
     return np.where(as_float(strides.final_contact) <= as_float(strides.start), np.nan, lasts)
 
 
+BREAK = 3.0
+"""[s] Longest break between two strides of one walking bout, mobgap's default."""
+
+
+def pauses(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(n − 1,) [s] from the latest end of the strides before to each next start, for strides in the order of starts."""
+    return np.asarray(start[1:] - np.fmax.accumulate(end)[:-1])
+
+
 def as_far(strides: Strides, gained: Values, xp: ModuleType = np) -> Flags:
     """(strides,) bool, the valid strides from contact to contact in which the body advances as far as the foot.
 
@@ -172,7 +181,7 @@ CLIPPED = StrideFlag(
     lambda estimate: stated(estimate, "clipped"), regular=False,
 )  # fmt: skip
 HALF = StrideFlag(
-    "half", "half-step", "from or to standing",
+    "half", "half-step", "half-step",
     "Steps from or to standing are about half a stride long; they are not in the means.",
     _half, regular=False, grade="info",
 )  # fmt: skip

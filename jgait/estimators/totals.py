@@ -8,7 +8,7 @@ from jaxtyping import PyTree
 
 from jgait.estimators.about import BodyMeasure, CommandOption, EstimateFigure, MissingMeasure, StrideFlag
 from jgait.estimators.plausible import distance_implausible
-from jgait.estimators.stride_flags import durations, in_order, marks, regular
+from jgait.estimators.stride_flags import BREAK, durations, in_order, marks, pauses, regular
 from jgait.types import SIDES, Estimate, LegTrajectory, as_float
 
 THIGH = BodyMeasure("thigh_length", "m", 0.2, 0.7, "thigh length, hip to knee", "--thigh", 0.43)
@@ -101,6 +101,11 @@ def totals(estimate: Estimate, flags: tuple[StrideFlag, ...], seen: np.ndarray |
         counts = {words[name]: int(flagged.sum()) for name, flagged in marks(estimate, flags).items()}
         special = ", ".join(f"{count} {word}" for word, count in counts.items() if count)
         rows += [Total("special strides", special)] if special else []
+    if order.size and strides.start is not None and strides.end is not None:
+        start, end = as_float(strides.start)[order], as_float(strides.end)[order]
+        breaks = pauses(start, end)[pauses(start, end) > BREAK]
+        lasts, bouts = np.nanmax(end) - start[0] - breaks.sum(), len(breaks) + 1
+        rows.append(Total("walking", f"{lasts:.1f} s in {bouts} {'bout' if bouts == 1 else 'bouts'}"))
     if estimate.distance is not None:
         stated = estimate.diagnostics.get("distance_stddev")
         deviation = None if stated is None else float(np.ravel(stated)[-1])

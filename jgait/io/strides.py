@@ -5,16 +5,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jgait.estimators.stride_flags import STRIDE_COLUMNS, durations
+from jgait.estimators.stride_flags import BREAK, STRIDE_COLUMNS, durations, pauses
 from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:
     import pandas as pd
 
 TIMES = ("start", "final_contact", "end", "standing", "standing_end")
-
-BREAK = 3.0
-"""[s] Longest break between two strides of one walking bout, mobgap's default."""
 
 GAITMAP_SENSORS = ("right_sensor", "left_sensor")
 GAITMAP_COLUMNS = ("start", "end", "min_vel", "pre_ic", "tc", "ic")
@@ -68,10 +65,7 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
 
 def bout_numbers(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """(n,) number of the walking bout of each stride, from 0, for strides in the order of their starts [s]."""
-    if not len(start):
-        return np.zeros(0, int)
-    latest = np.maximum.accumulate(end)
-    return np.concatenate([[0], np.cumsum(start[1:] - latest[:-1] > BREAK)])
+    return np.concatenate([[0], np.cumsum(pauses(start, end) > BREAK)]) if len(start) else np.zeros(0, int)
 
 
 def _rows(estimate: Estimate) -> np.ndarray:

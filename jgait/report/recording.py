@@ -91,6 +91,9 @@ def _facts(
 ) -> list[tuple[str, str, str]]:  # fmt: skip
     rate = f"at {significant(recording.sampling_rate_hz, 4)} Hz"
     facts = [("Duration", f"{number(float(estimate.time[-1] - estimate.time[0]), 1)} s", rate)]
+    told = {one.words: one.text for one in totals(estimate, of.flags)}
+    if "walking" in told:
+        facts.append(("Walking", told["walking"], f"without breaks of more than {stride_flags.BREAK:g} s"))
     if total is not None:
         sd, words = "", "its uncertainty is not stated"
         if total[1] is not None:
@@ -113,10 +116,10 @@ def _facts(
                 text = f"{strides.mean_text(row['all'], measure)} {measure.unit}"
                 facts.append((measure.words.capitalize(), text, words))
     else:  # as the terminal prints them
-        for one in totals(estimate, of.flags):
-            if one.words in ("stride length", "walking speed", "cadence"):
-                spread = ", ± one standard deviation as stated" if "±" in one.text else ""
-                facts.append((one.words.capitalize(), one.text, f"median over regular strides{spread}"))
+        for words in ("stride length", "walking speed", "cadence"):
+            if words in told:
+                spread = ", ± one standard deviation as stated" if "±" in told[words] else ""
+                facts.append((words.capitalize(), told[words], f"median over regular strides{spread}"))
     placed = ", ".join(_place(name) for name in recording.sensors)
     return [*facts, ("Sensors", str(len(recording.sensors)), placed)]
 

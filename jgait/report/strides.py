@@ -238,7 +238,7 @@ def mean_table(of: ReportStrides, rows: list[dict[str, PyTree]]) -> Table:
     columns = ["", "all", *(f"{side} leg" for side in sides), *(["right − left"] if both else []), "strides"]
     left_out = sorted(f.label for f in of.flags if not f.regular and f.name in of.marks and of.marks[f.name].any())
     caption = "Mean ± standard deviation from stride to stride" + (
-        f"; strides {' or '.join(left_out)} are left out." if left_out else "."
+        f"; left out: {', '.join(left_out)}." if left_out else "."
     )
     if both:
         caption += " Right − left in percent of the mean of both."

@@ -144,7 +144,7 @@ def test_both_legs_have_a_row_and_a_colour():
         assert list(table["special"][table["side"] == side]) == ["half-step", "", "turning", "stairs", "", "half-step"]
     figure = plot.leg_strides(both, title="walk")
     names = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert names == ["in a turn", "on stairs", "from or to standing", "right leg, ±2σ", "left leg, ±2σ"]
+    assert names == ["in a turn", "on stairs", "half-step", "right leg, ±2σ", "left leg, ±2σ"]
     labels = [axis.get_ylabel() for axis in figure.axes]
     assert labels == ["stride length [m]", "stride time [s]", "rise [cm]", "turn [°]"]
 

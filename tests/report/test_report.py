@@ -132,6 +132,17 @@ def test_means_are_of_regular_strides_by_side(ankles):
     assert f">{median}<" in ankles.html  # the number of the terminal above the table of means
 
 
+def test_the_time_of_walking_is_without_the_breaks_between_bouts():
+    walked = walking_ankles()
+    late = np.where(walked.strides.start > np.median(walked.strides.start), 100.0, 0.0)
+    start, end = walked.strides.start + late, walked.strides.end + late
+    apart = walked._replace(strides=walked.strides._replace(start=start, end=end))
+    (said,) = [one.text for one in totals(apart, STRIDE_FLAGS) if one.words == "walking"]
+    lasts = sum(np.ptp(np.r_[start[late == shift], end[late == shift]]) for shift in (0.0, 100.0))
+    assert said == f"{lasts:.1f} s in 2 bouts"
+    assert said in report.of_estimate(apart, recording("ankle_right", "ankle_left")).html
+
+
 def test_a_distance_with_strides_of_nobody_is_marked(ankles):
     lengths = np.where(np.arange(LENGTHS.size) == 5, 18.0, LENGTHS)
     page = report.of_estimate(walking_ankles(lengths=lengths), recording("ankle_right", "ankle_left"))
