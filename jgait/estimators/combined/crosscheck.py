@@ -189,10 +189,11 @@ def _upside_down(sensors: Mapping[str, Imu]) -> list[Note]:
 def _exchanges(sensors: Mapping[str, Imu]) -> list[Note]:
     """A note if two sensors of different segments and legs have changed places; else those about single legs.
 
-    Such a pair is named only if no sensor swings at another time than the others once it is the other way round.
+    Such a pair is named only if no sensor swings at another time than the others once it is the other way round. Where
+    sides are exchanged, the rest of a foot and of a shank of two legs, which differs in limping, proves nothing.
     """
-    notes = _segments(sensors)
-    if notes and not swing_phases(sensors)[1]:
+    notes, (late, doubtful) = _segments(sensors), swing_phases(sensors)
+    if notes and not doubtful:
         return notes
     measured = {name: (fast_rate(imu), _resting(imu)) for name, imu in sensors.items()}
     for side, opposite in (SIDES, SIDES[::-1]):
@@ -204,7 +205,8 @@ def _exchanges(sensors: Mapping[str, Imu]) -> list[Note]:
             note = _out_of_place({name: measured[name] for name in pair}, *(names.get(k, k) for k in SEGMENTS))
             if note and not swing_phases({**sensors, pair[0]: sensors[pair[1]], pair[1]: sensors[pair[0]]})[1]:
                 return [note]
-    return notes
+    crossed = exchanged(late)
+    return [note for note in notes if note.code != FOOT_ON_SHANK.code or not crossed & set(note.values.values())]
 
 
 def _segments(sensors: Mapping[str, Imu]) -> list[Note]:

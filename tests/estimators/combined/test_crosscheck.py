@@ -140,6 +140,14 @@ def test_exchanged_sensors_of_two_legs_are_named_and_taken_the_other_way_round(r
         assert not found.doubtful
 
 
+def test_exchanged_feet_of_a_person_who_limps_are_not_feet_on_shanks():
+    who = simulate.walking(simulate.Person(), "limping")
+    key, along = jax.random.key(0), simulate.straight(12.0)
+    limps, _ = simulate.recording(key, simulate.covering(key, who, along), along, OPAL, placements=LEGS)
+    (note,) = crosscheck(exchanged(limps, "foot_right", "foot_left")).notes
+    assert note.code == "sides_exchanged"
+
+
 def test_a_stiff_leg_whose_foot_turns_less_than_its_thigh_is_not_accused():
     who = simulate.walking(simulate.Person(), "stiff_leg")
     key, along = jax.random.key(0), simulate.straight(12.0)
