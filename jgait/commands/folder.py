@@ -171,7 +171,12 @@ def results_folder(
             folder.begin(fresh)
         except (OSError, ValueError, AttributeError, TypeError) as error:
             stop(f"{out} cannot be used: {error}")
-        yield folder
+        try:
+            yield folder
+        except KeyboardInterrupt:
+            if folder.run.exists():
+                note("interrupted; the same command continues where it stopped")
+            raise
 
 
 def _remove_empty(folder: Path) -> None:

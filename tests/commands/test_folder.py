@@ -56,6 +56,15 @@ def test_no_file_of_other_arguments_outlives_a_killed_run(tmp_path):
     assert not unfinished(tmp_path, "make")
 
 
+def test_an_interrupted_command_says_that_it_continues_if_it_does(tmp_path, capsys):
+    for begun in (False, True):
+        with contextlib.suppress(KeyboardInterrupt), results_folder(tmp_path, "make", {"seed": 1}) as folder:
+            if begun:
+                folder.run.mkdir()
+            raise KeyboardInterrupt
+        assert capsys.readouterr().err == "interrupted; the same command continues where it stopped\n" * begun
+
+
 def test_what_was_not_written_again_goes_and_what_is_equal_stays(tmp_path):
     put(tmp_path, {}, "a.csv", "b.csv")
     before = (tmp_path / "a.csv").stat().st_mtime_ns
