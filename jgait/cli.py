@@ -39,6 +39,11 @@ _kept: list[Path] = []
 class Commands(TyperGroup):
     """The commands; the module of a command is imported when the command is called."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the command line; `ctx.obj` of each command keeps its words as they were given."""
+        ctx.obj = tuple(args)
+        return super().parse_args(ctx, args)
+
     def list_commands(self, ctx: Any) -> list[str]:
         """The names of the commands."""
         del ctx

@@ -72,6 +72,11 @@ class Bar:
             self.stated = now
             errors.print(visible(what) + (f": {done} of {total}" if total else ""), highlight=False, soft_wrap=True)
 
+    def begin(self, what: str) -> None:
+        """Show a task whose total is not known, and which may take minutes; in a file or a pipe, its line comes now."""
+        self.stated = -math.inf
+        self(what, 0, None)
+
 
 class _Left(ProgressColumn):
     """The time left, once two reports have shown the speed; the first contains the time of compiling."""

@@ -1,6 +1,8 @@
 """`jgait evaluate`: an estimator on a whole cohort, compared with its reference."""
 
+import json
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -31,7 +33,7 @@ from jgait.commands.warnings import say_warnings
 from jgait.estimators import Estimator
 from jgait.estimators.stride_flags import STRIDE_COLUMNS
 from jgait.evaluate import Cohort
-from jgait.notes import to_json
+from jgait.notes import Note, from_json
 from jgait.plot import cohort as plot_cohort
 from jgait.report.cohort import DRAWN, drawn
 from jgait.report.page import significant
@@ -86,9 +88,10 @@ def evaluate(
 ) -> None:
     """Run an estimator on a whole cohort, and compare it with the reference where there is one.
 
-    Writes recordings.csv, quantities.csv, strides.csv, agreement.csv, failures.csv, notes.json and figures. A
-    recording that cannot be used stops no other. Exit code 0: all recordings were used; 1: some could not be used; 2:
-    none.
+    Writes recordings.csv (samples, notes), quantities.csv and strides.csv (estimate, reference, error), agreement.csv
+    (bias, limits), failures.csv (why a recording could not be used), notes.json (all notes, of the cohort and of each
+    recording) and figures. A recording that cannot be used stops no other. Exit code 0: all recordings were used; 1:
+    some could not be used; 2: none.
     """
     pipeline, start, source = cohorts.opened(
         table, dataset, simulated, seed, estimator, paper, params, gyr_unit, acc_unit
@@ -119,7 +122,7 @@ def evaluate(
         try:
             written = _write(folder.stage, results._replace(failures=failed), agreement)
             written.append(folder.stage / NOTES)
-            written[-1].write_text(to_json([*source.notes, *not_held_out(params)]), encoding="utf-8")
+            written[-1].write_text(_notes([*source.notes, *not_held_out(params)], results), encoding="utf-8")
             if judged is not None:
                 written.append(folder.stage / LOSSES)
                 judged.to_csv(written[-1], index=False)
@@ -211,6 +214,16 @@ def _write(out: Path, results: Cohort, agreement: "pd.DataFrame") -> list[Path]:
         files.append(plot.save(plot_cohort.bland_altman(rows, words, unit=unit), out / f"{what}_agreement.png"))
         files.append(plot.save(plot_cohort.per_subject(rows, words, unit=unit), out / f"{what}_per_subject.png"))
     return files
+
+
+def _notes(of_cohort: Iterable[Note], results: Cohort) -> str:
+    """All notes as JSON, first those of the cohort, whose `recording` is null."""
+    recordings: Iterable[tuple[str, str]] = zip(
+        results.recordings["recording"], results.recordings["notes"], strict=True
+    )
+    of_recordings = [{"recording": name, **one.to_dict()} for name, text in recordings for one in from_json(text)]
+    every = [*({"recording": None, **one.to_dict()} for one in of_cohort), *of_recordings]
+    return json.dumps(every, indent=1, ensure_ascii=False) + "\n"
 
 
 def _label(name: str) -> str:

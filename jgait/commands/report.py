@@ -1,8 +1,8 @@
 """`jgait report`: one HTML page about a recording or a cohort."""
 
 import shlex
-import sys
 import webbrowser
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -34,6 +34,7 @@ COHORTS_BY = "leg_ekf"
 
 @with_own_options
 def report(
+    context: typer.Context,
     what: Annotated[
         Path | None,
         typer.Argument(
@@ -79,7 +80,7 @@ def report(
     placement, placements = recordings.places_of(place)
     files = {"rate": rate, "gyr_unit": gyr_unit, "acc_unit": acc_unit, "range_unit": range_unit, "format": format,
              "placement": placement, "placements": placements, "trial": trial}  # fmt: skip
-    command = command_of(sys.argv if Path(sys.argv[0]).stem == "jgait" else ["jgait", "report"])
+    command = command_of(context.obj)
     failures: list[tuple[str, str]] = []
     if recording is not None and dataset is None:
         stop("--recording names a recording of a --dataset; there is none")
@@ -110,9 +111,9 @@ def report(
         raise typer.Exit(1)
 
 
-def command_of(words: list[str]) -> str:
-    """A command line with file names without folders."""
-    shown = ["jgait", *(_by_name(word) for word in words[1:] if word != "--open")]
+def command_of(words: Sequence[str]) -> str:
+    """The command line of the words after `jgait`, with file names without folders."""
+    shown = ["jgait", *(_by_name(word) for word in words if word != "--open")]
     return shlex.join(shown)
 
 

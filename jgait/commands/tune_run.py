@@ -13,8 +13,10 @@ import optax
 from jaxtyping import Array, Float, PyTree
 
 from jgait import tune as tuning
-from jgait.commands.console import Bar, console, count
+from jgait.commands.console import Bar, console, count, note
 from jgait.estimators import Estimator
+from jgait.evaluate.losses import distances
+from jgait.evaluate.scores import distance_notes
 from jgait.params import freed, priors
 from jgait.tune import CrossValidation, Fit, Identifiability, Lessons, Objective, Progress
 from jgait.tune.coordinates import coordinates, natural
@@ -23,6 +25,9 @@ HARDLY = 0.05
 """Largest change of a loss with a parameter that is not determined [share of the loss], where there are no standard
 errors: within one unit of the free coordinate, at which a standard error counts as too large. Chosen: of 80 independent
 strides, a likelihood-ratio test at 95 % sees a change of 5 %."""
+
+MOST_OFF = 20
+"""Largest number of recordings that are named because of their distance."""
 
 MOST_MOVED = 64
 """Largest number of learned numbers that are moved one by one to see whether the loss changes; chosen for the time."""
@@ -111,9 +116,16 @@ def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningRes
     if job.run.exists():
         console.print("continuing an earlier run with the same settings", highlight=False)
 
-    def report(what: str) -> Callable[[Progress], None]:
-        return lambda p: bar(f"{what}: loss {p.loss:.4g}, gradient {p.gradient_norm:.2g}", p.done, p.total)
+    def report(what: str, then: str = "") -> Callable[[Progress], None]:
+        def state(p: Progress) -> None:
+            bar(f"{what}: loss {p.loss:.4g}, gradient {p.gradient_norm:.2g}", p.done, p.total)
+            if then and p.done == p.total:
+                bar.begin(then)
 
+        return state
+
+    bar.begin("comparing distances with the reference (compiling)")
+    _say_distances(job)
     validation, why = None, ""
     if cross and len(set(groups.labels)) < 2:
         why = (
@@ -121,18 +133,18 @@ def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningRes
             "only a single person"
         )
     elif cross:
-        bar(f"learning from other {groups.many} (compiling)", 0, None)
+        bar.begin(f"learning from other {groups.many} (compiling)")
         validation = tuning.cross_validate(
             job.loss, job.start, job.free, job.made.data, folds=job.folds, error=job.error, subjects=groups.labels,
-            progress=report(f"learning from other {groups.many}"), checkpoint_file=job.run / "cross_validation.npz",
-            **job.settings,
+            progress=report(f"learning from other {groups.many}", f"judging the {groups.many} left out (compiling)"),
+            checkpoint_file=job.run / "cross_validation.npz", **job.settings,
         )  # fmt: skip
-    bar("learning from all people (compiling)", 0, None)
+    bar.begin("learning from all people (compiling)")
     fit = tuning.fit(
         job.loss, job.start, job.free, job.made.data, subjects=job.made.subjects,
         progress=report("learning from all people"), checkpoint_file=job.run / "fit.npz", **job.settings,
     )  # fmt: skip
-    bar("which parameters the data determine (compiling)", 0, None)
+    bar.begin("which parameters the data determine (compiling)")
     known, unknown, moved, errors = None, "", list[str](), None
     likelihood = set(loss) == {"likelihood"}
     free = [jax.tree_util.keystr(path).lstrip(".") for path, _ in jax.tree_util.tree_leaves_with_path(fit.free)]
@@ -146,6 +158,16 @@ def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningRes
         validation, fit, known, [line for line in (why, unknown) if line],
         moved if known is None else known.undetermined, errors if validation is None else None,
     )  # fmt: skip
+
+
+def _say_distances(job: Job) -> None:
+    """Print which recordings have a distance that cannot agree with the reference's."""
+    pairs = zip(job.made.names, distances(job.pipeline, job.start, job.made), strict=False)
+    off = [f"{name}: {line}. {line.meaning}" for name, pair in pairs for line in distance_notes(*pair)]
+    for line in off[:MOST_OFF]:
+        note(line)
+    if len(off) > MOST_OFF:
+        note(f"… and {len(off) - MOST_OFF} more")
 
 
 def _moved(job: Job, fit: Fit[PyTree], nats: bool) -> tuple[list[str], tuple[float, float]]:

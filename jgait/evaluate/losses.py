@@ -34,13 +34,33 @@ def judged[P](estimator: Estimator[P, PyTree], p: P, lessons: "Lessons", names: 
     if reasons:
         raise ValueError("; ".join(reasons))
     objective(estimator, lessons.options, dict.fromkeys(names, 1.0))
+    estimates, data = _estimates(estimator, p, lessons), lessons.data
+    errors = [jax.jit(jax.vmap(LOSSES[name].error))(estimates, data) for name in names]
+    rows: dict[str, PyTree] = {"recording": list(lessons.names), "subject": list(lessons.subjects)}
+    return pd.DataFrame(rows | {name: np.asarray(error) for name, error in zip(names, errors, strict=True)})
+
+
+def distances[P](estimator: Estimator[P, PyTree], p: P, lessons: "Lessons") -> list[tuple[float, float]]:
+    """The distance [m] of every lesson by the estimator, with parameters `p`, and by the reference; empty if one of
+    them has none.
+    """
+    reference = lessons.data.reference
+    if reference is None or reference.distance is None:
+        return []
+    ours = _estimates(estimator, p, lessons).distance
+    if ours is None:
+        return []
+    rows, data = np.arange(len(lessons.names)), lessons.data
+    ways = (np.asarray(way) for way in (ours, reference.distance))
+    walked = (way[rows, data.last] - way[rows, data.first] for way in ways)
+    return list(zip(*(way.tolist() for way in walked), strict=True))
+
+
+def _estimates(estimator: Estimator[PyTree, PyTree], p: PyTree, lessons: "Lessons") -> PyTree:
+    """The estimates of all lessons, stacked, by a program of its own, which losses over the same recordings share."""
 
     def own(body: dict[str, PyTree], _: PyTree) -> PyTree:
         return jax.tree.map(jnp.asarray, estimator.own(p, body))
 
     data, n = lessons.data, len(lessons.names)
-    # a program of its own, which losses over the same recordings share
-    estimates = program(estimator.run, lessons.options, None)(jax.vmap(own)(data.own, jnp.arange(n)), data.inputs)
-    errors = [jax.jit(jax.vmap(LOSSES[name].error))(estimates, data) for name in names]
-    rows: dict[str, PyTree] = {"recording": list(lessons.names), "subject": list(lessons.subjects)}
-    return pd.DataFrame(rows | {name: np.asarray(error) for name, error in zip(names, errors, strict=True)})
+    return program(estimator.run, lessons.options, None)(jax.vmap(own)(data.own, jnp.arange(n)), data.inputs)

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from jgait.estimators.stride_flags import STRIDE_COLUMNS, as_far
 from jgait.evaluate.clocks import clock_notes
 from jgait.evaluate.errors import common_samples, foot_position_error, leg_errors
-from jgait.notes import Note
+from jgait.notes import Kind, Note
 from jgait.types import SIDES, Estimate, Strides, Walk, as_float
 
 WITHIN = 100.0 * 0.9544997361
@@ -34,6 +34,16 @@ NAN = float("nan")
 
 FACTS = ("notes", "standing")
 """Diagnostics of an estimate that are no quantities."""
+
+DISTANCE_OFF = Kind(
+    "reference_distance_off", "check", "the reference says {reference:.2f} m, the estimate {estimate:.2f} m",
+    "They differ by a factor of more than 2.5, so one of them is wrong. Look for a typing error or another unit in the "
+    "reference; until one is corrected, the error is part of all means, and parameters are tuned to it.",
+)  # fmt: skip
+
+FACTOR, LEAST_M = 2.5, 1.0
+"""[1] Factor above which a distance and its reference cannot both be right: chosen above the public sets' largest, 2.05
+(daily activities, sensor at the waist), and below that of feet and metres; [m] the larger one is at least this."""
 
 
 def score(estimate: Estimate, walk: Walk) -> Scores:
@@ -63,6 +73,7 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
         quantities |= _distance(estimate, reference, common) | _trajectories(estimate, reference, common)
         quantities |= _places(estimate, reference) | within_two_sd(estimate, reference)
         strides, notes = stride_rows(estimate, reference), clock_notes(estimate, reference)
+        notes += distance_notes(*quantities.get("distance_m", (NAN, NAN)))
     elif estimate.distance is not None:
         way = as_float(estimate.distance)[np.asarray(estimate.valid, bool)]
         quantities["distance_m"] = (float(way[-1] - way[0]), NAN) if way.size else (NAN, NAN)
@@ -86,6 +97,13 @@ def _distance(estimate: Estimate, reference: Estimate, common: np.ndarray) -> di
         return {"distance_m": (float(ours[last] - ours[first]), NAN)}
     theirs = as_float(reference.distance)
     return {"distance_m": (float(ours[last] - ours[first]), float(theirs[last] - theirs[first]))}
+
+
+def distance_notes(estimate: float, reference: float) -> tuple[Note, ...]:
+    """A note if a distance [m] and that of the reference cannot both be right; none where one of them is NaN."""
+    low, high = sorted((estimate, reference))
+    off = high >= LEAST_M and high > FACTOR * low
+    return (DISTANCE_OFF(reference=reference, estimate=estimate),) if off else ()
 
 
 def _trajectories(estimate: Estimate, reference: Estimate, common: np.ndarray) -> dict[str, tuple[float, float]]:

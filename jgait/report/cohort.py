@@ -138,12 +138,15 @@ def _notes(cohort: Cohort, made: Made) -> list[Flag]:
     """The notes of readers and estimators by meaning: the number of recordings, and one of the notes."""
     counts: Counter[tuple[str, str]] = Counter()
     example: dict[tuple[str, str], str] = {}
-    for text in cohort.recordings["notes"]:
-        lines = {(flag.grade, flag.meaning): flag.text.splitlines()[0] for flag in _noted(str(text))}
+    for name, text in zip(cohort.recordings["recording"], cohort.recordings["notes"], strict=True):
+        lines = {
+            (flag.grade, flag.meaning): f"{without_folders(str(name))}: {flag.text.splitlines()[0]}"
+            for flag in _noted(str(text))
+        }
         counts.update(lines.keys())
         example = lines | example
     gathered = [
-        Flag(grade, f"{count} of {len(cohort.recordings)} recordings, such as: {example[grade, meaning]}", meaning)
+        Flag(grade, f"{count} of {len(cohort.recordings)} recordings, such as {example[grade, meaning]}", meaning)
         for (grade, meaning), count in counts.most_common()
     ]
     # a "stop" of a single recording does not make the cohort unusable

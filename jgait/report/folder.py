@@ -42,7 +42,8 @@ def made(folder: Path) -> Made:
         lambda where, old: values.get(jax.tree_util.keystr(where).lstrip("."), old), default
     )
     stated = folder / "notes.json"
-    notes = from_json(stated.read_text(encoding="utf-8")) if stated.is_file() else ()
+    every = json.loads(stated.read_text(encoding="utf-8")) if stated.is_file() else []
+    notes = from_json(json.dumps([one for one in every if one.get("recording") is None]))  # the others are in the table
     return Made(name, params, default, file=folder.resolve().name, notes=notes, version=str(about.get("jgait", "")))
 
 

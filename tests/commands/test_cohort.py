@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from made.command import run
 
-from jgait import io
+from jgait import io, tune
 from jgait.commands import references, tune_run
 from jgait.estimators import leg_ekf
 from jgait.simulate import protocols
@@ -81,6 +81,12 @@ def test_bad_rows_are_named_and_the_others_evaluated(evaluated):
     failures = pd.read_csv(out / "failures.csv").set_index("recording")["subject"]
     assert len(failures) == 5 and failures["empty.csv"] == failures["nowhere.csv"] == "p8"
     assert sorted(pd.read_csv(out / "recordings.csv")["subject"]) == ["p0", "p0", "p1", "p1"]
+    notes = json.loads((out / "notes.json").read_text())
+    for name, text in pd.read_csv(out / "recordings.csv").set_index("recording")["notes"].items():
+        assert [one for one in notes if one["recording"] == name] == [
+            {"recording": name, **n} for n in json.loads(text)
+        ]
+    assert any(one["recording"] == "walk0.csv" for one in notes)
     assert (out / "distance_agreement.png").exists() and (out / "distance_per_subject.png").exists()
 
 
@@ -155,6 +161,14 @@ def test_a_distance_that_contradicts_the_samples_is_noted(walks):
     half = pd.read_csv(file)
     half.iloc[len(half) // 2 :].to_csv(folder / "half.csv", index=False)
     assert codes(way, folder / "half.csv") == [] and len(codes(0.1 * way, folder / "half.csv")) == 1
+
+
+def test_tuning_names_recordings_whose_distance_cannot_be_right(monkeypatch, capsys):
+    lessons = tune.Lessons(None, None, (), (), ("a.csv", "b.csv"), ())
+    monkeypatch.setattr(tune_run, "distances", lambda *_: [(4.86, 50.0), (4.86, 5.0)])
+    tune_run._say_distances(tune_run.Job(None, None, None, lessons, *[None] * 8))
+    said = capsys.readouterr().err
+    assert said.startswith("a.csv: the reference says 50.00 m, the estimate 4.86 m. ") and "b.csv" not in said
 
 
 def test_losses_are_empty_where_a_reference_cannot_answer_them(table, tmp_path, monkeypatch):
@@ -295,6 +309,7 @@ def test_tuning_judges_people_that_it_never_saw(tuned, walks):
         "5 of 9 recordings could not be used",
     ):  # fmt: skip
         assert words in said, said
+    assert said.index("comparing distances") < said.index("judging the people") < said.index("the data determine")
     names = {path.name for path in out.glob("[!.]*")}
     assert names == {"tuned.json", "training.png", "held_out.csv", "before_after.png", "fits"}
     held = pd.read_csv(out / "held_out.csv")

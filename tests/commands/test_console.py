@@ -48,4 +48,5 @@ def test_without_a_terminal_a_line_states_the_progress_from_time_to_time(monkeyp
         bar("step [loss 3]", done, 50)
     clock[0] = 90.0
     bar("compiling", 0, None)
-    assert text.getvalue().splitlines() == ["step [loss 3]: 2 of 50", "step [loss 3]: 4 of 50", "compiling"]
+    bar.begin("judging")
+    assert text.getvalue().splitlines() == ["step [loss 3]: 2 of 50", "step [loss 3]: 4 of 50", "compiling", "judging"]

@@ -12,9 +12,9 @@ import pytest
 from made.cohort import FAKE, TRACED, Params, read, run, walk
 from made.notes import note, texts
 
-from jgait import evaluate
+from jgait import evaluate, tune
 from jgait.estimators import leg_ekf
-from jgait.evaluate import buckets, devices, scores, store
+from jgait.evaluate import buckets, devices, losses, scores, store
 from jgait.evaluate.store import Folder, described
 from jgait.notes import Kind, from_json
 from jgait.simulate import protocols
@@ -39,6 +39,25 @@ def alone(item: Walk, params=None) -> Estimate:
 @pytest.fixture(scope="module")
 def twenty():
     return evaluate.cohort(FAKE, [walk(i) for i in range(20)], batch=4)
+
+
+def typed(item):
+    """The walk with ten times its distance in the reference, as by a typing error."""
+    return item._replace(reference=item.reference._replace(distance=10.0 * item.reference.distance))
+
+
+def test_a_distance_that_cannot_be_right_is_noted():
+    assert [len(scores.distance_notes(*pair)) for pair in ((4.9, 50.0), (50.0, 4.9), (0.0, 5.0))] == [1, 1, 1]
+    assert not any(scores.distance_notes(*pair) for pair in ((4.9, 12.0), (0.1, 0.9), (4.9, np.nan), (np.nan, np.nan)))
+    walks = [walk(1), typed(walk(2))]
+    rows = evaluate.cohort(FAKE, walks).recordings["notes"]
+    said = [[note.text for note in from_json(row) if note.code == "reference_distance_off"] for row in rows]
+    way = walks[1].reference.distance[-1] - walks[1].reference.distance[0]
+    assert said == [[], [f"the reference says {way:.2f} m, the estimate {0.11 * way:.2f} m"]]
+    own = {"offset": 0.25}
+    pairs = losses.distances(FAKE, FAKE.params, tune.lessons(FAKE, walks, own=lambda walk: own))
+    np.testing.assert_allclose([ours / theirs for ours, theirs in pairs], [1.1, 0.11], rtol=1e-5)
+    assert losses.distances(FAKE, FAKE.params, tune.lessons(FAKE, walks, reference=False)) == []
 
 
 def test_lengths_of_the_ladder():

@@ -25,8 +25,9 @@ from jgait.estimators.about import EstimatedRecording, EstimateFigure
 from jgait.estimators.notes import NO_FIRST_STANDING, NO_STEPS
 from jgait.estimators.stride_flags import STRIDE_FLAGS
 from jgait.estimators.totals import totals
+from jgait.evaluate.scores import DISTANCE_OFF
 from jgait.io.atomic import write_text
-from jgait.notes import SEVERITIES, Kind
+from jgait.notes import SEVERITIES, Kind, to_json
 from jgait.report import figures, flags, strides
 from jgait.report.page import number, without_folders
 from jgait.types import Estimate, Feet, FootTrajectory, Imu, Legs, LegTrajectory, Recording, Strides
@@ -374,6 +375,13 @@ def test_a_cohort_has_agreement_people_and_what_failed(evaluated, cohort):
         report.of_cohort(none)
 
 
+def test_a_cohort_s_note_names_the_recording_that_it_is_of(evaluated):
+    rows = evaluated[1].recordings.assign(notes="[]")
+    rows.loc[rows["recording"] == "7", "notes"] = to_json([DISTANCE_OFF(reference=50.0, estimate=4.86)])
+    said = "".join(Parsed(report.of_cohort(evaluated[1]._replace(recordings=rows)).html).words)
+    assert "1 of 11 recordings, such as 7: The reference says 50.00 m, the estimate 4.86 m" in said
+
+
 def test_the_folder_of_an_evaluation_gives_the_same_page(evaluated, tmp_path):
     out, found = evaluated
     page, numbers = tmp_path / "page.html", tmp_path / "numbers.json"
@@ -434,7 +442,6 @@ def test_one_recording_from_the_command_line(walk_file, tmp_path, monkeypatch):
         numbers,
         "--open",
     )
-    monkeypatch.setattr(command.sys, "argv", ["/opt/bin/jgait", *map(str, words)])
     code, said = run(*words)
     assert code == 0, said
     assert opened == [page.as_uri()]
@@ -515,6 +522,8 @@ def test_a_cohort_that_is_computed_now(tmp_path, monkeypatch, evaluated):
     assert code == 1, said
     written = json.loads(numbers.read_text(encoding="utf-8"))
     assert written["failures"] == {"line 3": "it names no file", "13": "no such file: 13"}
+    given = "jgait report walks.csv --dataset any --paper --out page.html --json numbers.json"
+    assert written["made"]["command"] == given
     expected = evaluated[1].agreement().loc["distance_m"]
     assert written["agreement"]["distance_m"]["bias"] == pytest.approx(expected["bias"], rel=1e-12)
     assert "the paper&#39;s" in page.read_text(encoding="utf-8")
