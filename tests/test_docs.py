@@ -197,6 +197,13 @@ def test_sections_of_a_docstring_get_titles_and_their_fields_become_lists(extens
     assert docstrings.markdown(text) == f"{equation}\n\n{source}\n\n{titled}"
 
 
+def test_every_public_name_of_a_package_is_in_its_table(extension):
+    pages = extension("pages")
+    for name in ("jgait.datasets", "jgait.estimators", "jgait.tune"):
+        page = pages.page(name)
+        assert [one for one in importlib.import_module(name).__all__ if f"`{one}`" not in page] == []
+
+
 def test_fields_of_a_tuple_that_are_described_where_they_stand_are_listed(extension):
     lines = ["The power of a sensor.", ""]
     extension("pages").docstring(None, "class", "Sensor", power.Sensor, None, lines)

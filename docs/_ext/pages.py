@@ -87,11 +87,11 @@ def tree(names: list[str]) -> list[str]:
 def page(name: str) -> str:
     """The page of a module: its docstring and its own names, the names that it passes on, and its modules."""
     public = getattr(importlib.import_module(name), "__all__", ())
-    passed = {alias: origin(full) for alias, full in imported(name).items() if alias in public}
+    listed = {alias: origin(f"{name}.{alias}") for alias in public}
     children = [other for other in modules() if other.rpartition(".")[0] == name and name != "jgait"]
     inner = {other.rpartition(".")[2]: other for other in children}
     lines = [f"# {name}", "", "```{eval-rst}", f".. automodule:: {name}", "```", ""]
-    return "\n".join([*lines, *table("Public names", passed), *table("Modules", inner), *tree(children)])
+    return "\n".join([*lines, *table("Public names", listed), *table("Modules", inner), *tree(children)])
 
 
 def index() -> str:

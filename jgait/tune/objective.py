@@ -258,10 +258,12 @@ class Objective:
 def objective(
     estimator: Estimator[PyTree, PyTree], options: PyTree, terms: str | Mapping[str, float] | Mapping[str | Term, float]
 ) -> Objective:
-    """A loss over lessons; `terms` is the name of one term (see `TERMS`), or maps names or `Term` to weights.
+    """A loss over lessons; `terms` is the name of one term, or maps names or functions (estimate, lesson) → scalar to
+    weights.
 
     A name of `LOSSES` is a smooth loss, of most in the square of the unit that `LOSSES` states: "stride_length" in cm².
-    With "_error" it is the error in that unit, "stride_length_error" in cm, as `cross_validate(error=…)` wants it.
+    With "_error" it is the error in that unit, "stride_length_error" in cm, as `cross_validate(error=…)` wants it;
+    "distance_percent" and "trajectory_rms" are other names of "distance_error" and "trajectory_error".
 
     Raises:
         ValueError: if a name is unknown, there is no term, a weight is not a positive number, or the estimator cannot
@@ -270,7 +272,7 @@ def objective(
     weights: dict[str | Term, float] = {terms: 1.0} if isinstance(terms, str) else {**terms}  # type: ignore[dict-item]
     unknown = [name for name in weights if isinstance(name, str) and name not in TERMS]
     if unknown or not weights:
-        raise ValueError(f"terms must be among {', '.join(LOSSES)}, or functions; got {unknown or 'none'}")
+        raise ValueError(f"terms must be among {', '.join(TERMS)}, or functions; got {unknown or 'none'}")
     answers = estimator.about.losses
     for name in weights:
         loss = str(name).removesuffix("_error")

@@ -187,6 +187,8 @@ def test_terms_that_are_not_known():
         tune.objective(made_cohort.FAKE, None, "speed")
     with pytest.raises(ValueError, match="terms must be among"):
         tune.objective(made_cohort.FAKE, None, {})
+    with pytest.raises(ValueError, match="distance_percent, trajectory_rms, or functions"):
+        tune.objective(made_cohort.FAKE, None, "speed")
 
 
 @pytest.mark.parametrize("weight", [-1.0, 0.0, np.nan, np.inf])
