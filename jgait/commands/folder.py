@@ -174,8 +174,7 @@ def results_folder(
         try:
             yield folder
         except KeyboardInterrupt:
-            if folder.run.exists():
-                note("interrupted; the same command continues where it stopped")
+            note("interrupted" + "; the same command continues where it stopped" * folder.run.exists())
             raise
 
 
