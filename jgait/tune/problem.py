@@ -61,7 +61,12 @@ def of_subject(tree: PyTree, transforms: PyTree, subject: Integer) -> PyTree:
 
 
 def _one(problem: Problem, free: PyTree, params: PyTree, item: PyTree) -> PyTree:
-    return problem.loss(constrain(free, problem.transforms, params), item)
+    """The loss of an item; NaN for an item whose real numbers are all NaN or infinite, which a loss may mask to 0."""
+    loss = problem.loss(constrain(free, problem.transforms, params), item)
+    reals = [leaf for leaf in jax.tree.leaves(item) if jnp.issubdtype(leaf.dtype, jnp.floating) and leaf.size]
+    if not reals:
+        return loss
+    return jnp.where(jnp.any(jnp.stack([jnp.isfinite(leaf).any() for leaf in reals])), loss, jnp.nan)
 
 
 def _everyone(problem: Problem, function: Callable[..., PyTree]) -> Callable[..., PyTree]:

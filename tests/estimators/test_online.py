@@ -20,7 +20,9 @@ from jgait.estimators.online import duty, legs
 from jgait.estimators.online.clock import LONGEST_GAP_S
 from jgait.estimators.online.device import BLOCK
 from jgait.estimators.online.legs import KINEMATICS
+from jgait.estimators.online.units import Sizes
 from jgait.geometry.rotation import level
+from jgait.geometry.vectors import GRAVITY
 from jgait.simulate.sensors import OPAL
 from jgait.types import RecordingError
 
@@ -281,6 +283,34 @@ def test_wrong_samples_are_refused_and_change_nothing(walked, time, change, mess
     with pytest.raises(ValueError, match=message):
         live.push(time, bad)
     assert live.push(1.01, {name: (np.zeros(3), np.full(3, 5.6)) for name in live.placements}).time.tolist() == [1.01]
+
+
+@pytest.mark.parametrize("size", [7, 5000])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda gyr, acc: (np.degrees(gyr), acc), r"gyr of 'foot_left' must be in rad/s; .* is it in deg/s\?$"),
+        (lambda gyr, acc: (gyr, acc / GRAVITY), r"acc of 'foot_left' must be in m/s²; .* is it in g\?$"),
+        (lambda gyr, acc: (acc, gyr), "gyr and acc of 'foot_left' seem to be exchanged"),
+    ],
+    ids=["deg/s", "g", "exchanged"],
+)
+def test_other_units_are_refused(walked, change, message, size):
+    live = jgait.online(walked[0], PERSON, "foot_ins")
+    time, signals = signals_of(walked[0], live.placements)
+    signals["foot_left"] = change(*signals["foot_left"])
+    with pytest.raises(ValueError, match=message):
+        pushed(live, time, signals, size)
+
+
+def test_a_flight_phase_jolts_and_lost_samples_are_no_other_unit():
+    sizes = Sizes(["foot_left"], 100.0)
+    rows = np.zeros((400, 9))
+    rows[:, 4:7], rows[:, 7:] = GRAVITY / np.sqrt(3.0), 1.0
+    rows[150:190, 4:7], rows[200:205, 1:7], rows[300:, 1:] = 0.0, 200.0, 0.0
+    for row in rows:
+        sizes.accept(sizes.after(row[None]))
+    sizes.after(rows)
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from jgait.estimators.combined.sources import MEASURES
 from jgait.estimators.online import duty, legs, strides
 from jgait.estimators.online.clock import Pushes
 from jgait.estimators.online.device import Device, Results, Runner
+from jgait.estimators.online.units import Sizes
 from jgait.estimators.proportions import gives
 from jgait.notes import Note
 from jgait.params import check_params
@@ -82,6 +83,7 @@ class Online:
         self.sources = tuple(device.source for device in devices)
         self.notes = notes
         self._clock = Pushes(self.placements, sampling_rate_hz)
+        self._sizes = Sizes(self.placements, sampling_rate_hz)
         self._none: dict[str, NewStrides] = {}
         rows = {name: 1 + 8 * number for number, name in enumerate(self.placements)}
         self._columns = [
@@ -108,14 +110,16 @@ class Online:
             What is new, see `News`. Angles are those of the newest sample; strides become known at the next stance.
 
         Raises:
-            ValueError: wrong sensors, wrong shapes, times that do not increase, another sampling rate. The state is
-                then as before the call.
+            ValueError: wrong sensors, wrong shapes, times that do not increase, another sampling rate; or, after the
+                first second, other units. The state is then as before the call.
         """
         block = self._clock.block(time, signals)
+        sums = self._sizes.after(block.rows)
         results = [
             runner.push(block.rows[:, columns]) for runner, columns in zip(self._runners, self._columns, strict=True)
         ]
         self._clock.accept(block)
+        self._sizes.accept(sums)
         news: dict[str, PyTree] = {
             "legs": None, "stddev": None, "angles": {}, "valid": np.ones(block.time.size, bool),
             "stands": np.ones(block.time.size, bool),

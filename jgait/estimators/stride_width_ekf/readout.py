@@ -65,8 +65,8 @@ def strides(p: WidthParams, rows: StrideRows, states: WidthState, cov: Covarianc
     )  # fmt: skip
     spread = Strides(
         rows.side, zero, zero, zero, jnp.where(rows.valid, length_stddev, zero),
-        jnp.where(line, jnp.hypot(width_stddev, p.offset_noise), zero), zero, rows.valid,
-        step_length=jnp.where(line, jnp.hypot(step_stddev, p.passing_offset_noise), zero),
+        jnp.where(line, jnp.hypot(width_stddev, p.offset_noise), nothing), zero, rows.valid,
+        step_length=jnp.where(line, jnp.hypot(step_stddev, p.passing_offset_noise), nothing),
     )  # fmt: skip
     return values, spread
 

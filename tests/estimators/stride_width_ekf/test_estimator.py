@@ -29,7 +29,8 @@ def errors(truth, estimate):
     """Errors of width and step length where there are both, and their stated deviations."""
     width, step = widths(truth, estimate.strides)
     there = np.isfinite(width)
-    assert np.array_equal(there, np.isfinite(estimate.strides.width))
+    for one in (estimate.strides, estimate.strides_stddev):
+        assert np.array_equal(there, np.isfinite(one.width))
     pairs = ((estimate.strides.width, width, estimate.strides_stddev.width),
              (estimate.strides.step_length, step, estimate.strides_stddev.step_length))  # fmt: skip
     return [(np.asarray(a)[there] - b[there], np.asarray(s)[there]) for a, b, s in pairs]
