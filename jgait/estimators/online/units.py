@@ -1,5 +1,6 @@
 """Whether pushed samples are in rad/s and m/s²: by means over seconds, since a jolt or a flight phase tells nothing."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,29 +19,32 @@ LEAST_FORCE, LARGEST_FORCE = 0.5 * GRAVITY, UNIT_FORCES[-1][0]
 
 
 class Sizes:
-    """Fading sums of the sizes of rate and force of k sensors."""
+    """Fading sums of the sizes of rate and force of k sensors, and of the measured samples: (4 k,), rates first."""
 
     def __init__(self, placements: Sequence[str], sampling_rate_hz: float) -> None:
-        self._placements, self._rate_hz = tuple(placements), sampling_rate_hz
-        self._sums = np.zeros((2, len(self._placements), 2))
+        self._placements, k = tuple(placements), len(placements)
+        self._most, self._least = max(round(FADES_S * sampling_rate_hz), 1), LEAST_S * sampling_rate_hz
+        self._limits = np.repeat([[-1.0, LEAST_FORCE], [FASTEST_MEAN, LARGEST_FORCE]], k, axis=1)
+        parts = np.repeat(np.eye(4), (3, 3, 1, 1), axis=0)  # columns of a sensor → rate, force, and their samples
+        sensors = np.einsum("ab,cd->acdb", np.eye(k), parts).reshape(8 * k, 4 * k)
+        self._parts = np.concatenate([np.zeros((1, 4 * k)), sensors])
+        self._sums = np.zeros(4 * k)
 
     def after(self, rows: np.ndarray) -> np.ndarray:
-        """The sums (2, k, 2) after rows as of `clock.Block`: sizes, then samples; nothing is changed until `accept`.
+        """The sums after rows as of `clock.Block`; nothing is changed until `accept`.
 
         Raises:
             ValueError: rates or forces that are not in rad/s and m/s².
         """
-        sums, most = self._sums, max(round(FADES_S * self._rate_hz), 1)
-        for first in range(0, len(rows), most):
-            part = rows[first : first + most, 1:].reshape(-1, len(self._placements), 8)
-            sizes = np.sqrt(np.square(part[:, :, :6].reshape(*part.shape[:2], 2, 3)).sum(axis=3)).sum(axis=0)
-            sums = sums * np.exp(-len(part) / most) + np.stack([sizes, part[:, :, 6:].sum(axis=0)])
-            rate, force = (sums[0] / np.maximum(sums[1], 1.0)).T
-            wrong = np.stack([rate > FASTEST_MEAN, (force < LEAST_FORCE) | (force > LARGEST_FORCE)], axis=1)
-            wrong &= sums[1] > LEAST_S * self._rate_hz
+        sums, k = self._sums, len(self._placements)
+        for first in range(0, len(rows), self._most):
+            part = rows[first : first + self._most]
+            sums = sums * math.exp(-len(part) / self._most) + np.sqrt(np.square(part) @ self._parts).sum(axis=0)
+            mean = sums[: 2 * k] / np.maximum(sums[2 * k :], 1.0)
+            wrong = ((mean < self._limits[0]) | (mean > self._limits[1])) & (sums[2 * k :] > self._least)
             if wrong.any():
-                at = int(np.argmax(wrong.any(axis=1)))
-                raise ValueError(_words(self._placements[at], float(rate[at]), float(force[at]), *wrong[at]))
+                at = int(np.argmax(wrong[:k] | wrong[k:]))
+                raise ValueError(_words(self._placements[at], float(mean[at]), float(mean[k + at]), *wrong[at::k]))
         return sums
 
     def accept(self, sums: np.ndarray) -> None:
