@@ -38,15 +38,15 @@ from jgait.filtering.fast import (
     carried,
     constant_noises,
     first_carry,
-    folded,
     forward,
     listed,
     opened,
     sample_of,
+    segment_length,
     series,
-    unfolded,
 )
 from jgait.filtering.inputs import Inputs
+from jgait.filtering.padding import folded, unfolded
 from jgait.filtering.sharing import shared
 from jgait.filtering.structured import Components
 
@@ -143,7 +143,7 @@ def there_and_back(
         back: (carry, those quantities) → carry, output.
     """
     length = given.length
-    samples, last = folded((series(given), jnp.arange(length)), length)
+    samples, last = folded((series(given), jnp.arange(length)), segment_length(length))
     real = jnp.arange(last.size).reshape(last.shape) == last  # False where the last segment is filled up
     once = jax.checkpoint(forward(given, noises, keep), prevent_cse=False)
     again = jax.checkpoint(lambda carry, item: ahead(carry, *item), prevent_cse=False)

@@ -21,6 +21,7 @@ from jgait.filtering.components import Matrix, added, congruence, from_upper, kn
 from jgait.filtering.covariance_update import Gains
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.methods import KF, Method, depends_on_place, reached
+from jgait.filtering.padding import folded, unfolded
 from jgait.filtering.sharing import shared
 from jgait.filtering.structured import (
     Components,
@@ -171,28 +172,13 @@ def segmented(body: Callable[[PyTree, PyTree], PyTree], start: PyTree, leaves: P
     def segment(carry: PyTree, part: PyTree) -> PyTree:
         return lax.scan(body, carry, part)
 
-    return unfolded(lax.scan(segment, start, folded(leaves, length))[1], length)
+    return unfolded(lax.scan(segment, start, folded(leaves, segment_length(length)))[1], length)
 
 
-def folded(leaves: PyTree, length: int) -> PyTree:
-    """Arrays (T,) as segments (count, size), the last one filled with the last entry; one segment if T is short."""
-    size = length if length < SEGMENTED_FROM else _segment_length(length)
-    count = -(-length // size)
-
-    def whole(leaf: PyTree) -> PyTree:
-        filling = jnp.broadcast_to(leaf[-1:], (count * size - length,))
-        return (jnp.concatenate([leaf, filling]) if len(filling) else leaf).reshape(count, size)
-
-    return jax.tree.map(whole, leaves)
-
-
-def unfolded(segments: PyTree, length: int) -> PyTree:
-    """The inverse of `folded`."""
-    return jax.tree.map(lambda leaf: leaf.reshape(leaf.shape[0] * leaf.shape[1])[:length], segments)
-
-
-def _segment_length(length: int) -> int:
-    """A divisor of the length near its square root, or the square root rounded up."""
+def segment_length(length: int) -> int:
+    """A divisor of the length near its square root, or the square root rounded up; all of it if it is short."""
+    if length < SEGMENTED_FROM:
+        return length
     root = math.isqrt(length)
     for candidate in sorted(range(max(1, root // 2), 2 * root), key=lambda size: abs(math.log(size / root))):
         if length % candidate == 0:

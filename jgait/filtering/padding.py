@@ -82,3 +82,18 @@ def added_up(cotangents: PyTree, count: PyTree) -> PyTree:
 
     total = lax.fori_loop(count, cotangents.shape[0], lambda i, kept: kept + at(i), at(count - 1))
     return lax.dynamic_update_index_in_dim(cotangents, total, count - 1, 0)
+
+
+def folded(leaves: PyTree, size: int) -> PyTree:
+    """Arrays (T, …) as segments (count, size, …), the last one filled with the last entry."""
+
+    def whole(leaf: PyTree) -> PyTree:
+        filling = jnp.broadcast_to(leaf[-1:], (-len(leaf) % size, *leaf.shape[1:]))
+        return (jnp.concatenate([leaf, filling]) if len(filling) else leaf).reshape(-1, size, *leaf.shape[1:])
+
+    return jax.tree.map(whole, leaves)
+
+
+def unfolded(segments: PyTree, length: int) -> PyTree:
+    """The inverse of `folded`."""
+    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:])[:length], segments)

@@ -14,7 +14,7 @@ from jgait.filtering.component_model import Shape
 from jgait.filtering.core import FOR_GRADIENT, FOR_SMOOTHER, OUTPUTS, Filter, block_of, cut, linearises_once, width_of
 from jgait.filtering.finish import covariances, selected, states
 from jgait.filtering.methods import Method
-from jgait.filtering.padding import added_up, held_on, samples_of
+from jgait.filtering.padding import added_up, folded, held_on, samples_of, unfolded
 from jgait.filtering.sharing import OFTEN, shared
 from jgait.filtering.structured import LOG_2PI
 
@@ -161,14 +161,9 @@ class Recorded(Batched):
         """As `value`: from the last segment to the first, each filtered again from the belief before it."""
         length, fixed = arguments[-1].shape[0], self.shape.params.num_leaves + 2
         count, lanes = self._count(arguments), max(v.shape[-1] for v in arguments)
-        number = -(-length // self.segment)
-
-        def folded(values: PyTree) -> PyTree:
-            more = [(0, number * self.segment - length), *[(0, 0)] * (values.ndim - 1)]
-            return jnp.pad(values, more).reshape(number, self.segment, *values.shape[1:])
-
-        scan, known, series = self.filter(lanes), arguments[:fixed], [folded(v) for v in arguments[fixed:]]
-        counts = jnp.clip(count - self.segment * jnp.arange(number), 0, self.segment)
+        scan, known = self.filter(lanes), arguments[:fixed]
+        series = folded(list(arguments[fixed:]), self.segment)
+        counts = jnp.clip(count - self.segment * jnp.arange(len(series[0])), 0, self.segment)
 
         def ahead(belief: PyTree, segment: PyTree) -> tuple[PyTree, PyTree]:
             own, samples = segment
@@ -183,8 +178,7 @@ class Recorded(Batched):
 
         beliefs = lax.scan(ahead, scan.start(*arguments), (counts, series))[1]
         none = self.backward.start(scan.width, lanes, self.shape.dtype)
-        fields = lax.scan(back, none, (beliefs, counts, series), reverse=True)[1]
-        fields = [v.reshape(-1, *v.shape[2:])[:length] for v in fields]
+        fields = unfolded(lax.scan(back, none, (beliefs, counts, series), reverse=True)[1], length)
         zero = [name in ("innovation", "log_likelihood", "nis", "count") for name in self.keep]
         lasting = [not is_zero for is_zero in zero] + [True] * (len(fields) - len(zero))
         return [held_on(v, count) if lasts else v for v, lasts in zip(fields, lasting, strict=True)]
