@@ -31,10 +31,11 @@ from jgait.filtering.lanes import (
     symmetrised,
     transposed,
     unheld_product,
+    unheld_product_transposed,
     where,
 )
 from jgait.filtering.local_model import Linearised, LocalModel
-from jgait.filtering.sharing import OFTEN, shared
+from jgait.filtering.sharing import OFTEN, shared, stored_for
 
 
 def adjoint(
@@ -57,7 +58,7 @@ def adjoint(
         lanes: number of recordings.
         at: (x⁻, δ, P) before the sample.
         sample: observation, controls, interval, mask.
-        known: the outputs `predicted_cov`, `information` and `weighted` of the sample.
+        known: the outputs `information` and `weighted` of the sample.
         back: cotangents of (x⁻, δ, P) after the sample.
         ct: cotangents of outputs of the sample, by name.
     """
@@ -77,11 +78,14 @@ def adjoint(
 
     # Two parts, so that an observation that is not finite does not spoil the derivatives of its prediction.
     wide = [jnp.broadcast_to(params[i], (*params[i].shape[:-1], lanes)) for i in slots.params]
-    moved_model, pull = jax.vjp(shared(transition, OFTEN), list(before), list(delta[:size]), wide, flat)
-    seen_model, pull_seen = jax.vjp(shared(observation, OFTEN), moved_model[2], wide, flat)
+    stored = stored_for(lanes)
+    moved_model, pull = jax.vjp(stored(transition), list(before), list(delta[:size]), wide, flat)
+    seen_model, pull_seen = jax.vjp(stored(observation), moved_model[2], wide, flat)
     lin = Linearised(*held(*moved_model, *seen_model))
-    a, prior, g = lin.matrix, known["predicted_cov"], known["information"]
+    a = lin.matrix
     finite = held(jnp.isfinite(summed(lin.predicted) + summed(a) + summed(diagonal(lin.noise))))
+    prior = held(where(finite, unheld_product_transposed(product(a, cov), a, lin.noise), cov))
+    g = known["information"]
     valid = held(finite & (g[0, 0] > 0.0))
     h = where(valid, lin.observation, 0.0)
     gain = held(product(transposed(product(h, prior)), g))
@@ -140,9 +144,7 @@ def _updated(
     rows_of_total = product(held(total_ct), h)
     cross_ct = held(where(valid, cross_ct + rows_of_total, 0.0))
     h_ct = product(cross_ct + rows_of_total, prior, h_ct)
-    # The symmetric part of Hᵀ (H P⁻)_ct, as one product
-    left, right = jnp.concatenate([h, cross_ct]), jnp.concatenate([cross_ct, h])
-    prior_ct = product(transposed(left), 0.5 * right, cov_ct)
+    prior_ct = held(cov_ct + symmetrised(product(transposed(h), cross_ct)))
     if "predicted_cov" in ct:
         prior_ct = held(prior_ct + symmetrised(ct["predicted_cov"]))
     return (closed_ct, h_ct, e_ct, total_ct), prior_ct

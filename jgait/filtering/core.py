@@ -9,7 +9,6 @@ next A. The gradient is a scan back over the samples, see `adjoint`.
 """
 
 from dataclasses import dataclass
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -34,7 +33,7 @@ from jgait.filtering.lanes import (
 from jgait.filtering.local_model import Linearised, LocalModel
 from jgait.filtering.methods import EKF, KF, IteratedSmoother, Method
 from jgait.filtering.padding import scanned
-from jgait.filtering.sharing import OFTEN, shared
+from jgait.filtering.sharing import stored_for
 from jgait.filtering.update import Update, joseph, kept, updated
 
 OUTPUTS = (
@@ -61,7 +60,7 @@ OUTPUTS = (
 FOR_SMOOTHER = ("cov", "closed", "seen", "information", "weighted")
 """The outputs that the backward scan of the smoother uses."""
 
-FOR_GRADIENT = ("predicted", "delta", "cov", "predicted_cov", "information", "weighted")
+FOR_GRADIENT = ("predicted", "delta", "cov", "information", "weighted")
 """The outputs that the gradient's scan uses."""
 
 
@@ -176,8 +175,7 @@ class Filter:
             finite = held(jnp.isfinite(summed(lin.predicted) + summed(diagonal(prior))))
             prior, update = where(finite, prior, cov), kept(update, finite)
             return self._updated(carry, lin, finite, prior, update, innovation, first)
-        # Stored values make the program of one recording shorter, that of several longer.
-        stored = partial(shared, uses=OFTEN) if local.lanes == 1 else lambda function: function
+        stored = stored_for(local.lanes)
         moved = stored(local.linearised_transition)(list(before), error, list(x), controls, dt)
         matrix, noise, predicted = held(*moved)
         half = product(matrix, cov)
@@ -263,7 +261,7 @@ class Filter:
 
         zero = tuple(jnp.zeros_like(v) for v in first)
         none = [jnp.zeros((*params[i].shape[:-1], lanes), params[i].dtype) for i in slots.params]
-        known = {name: named[name] for name in ("predicted_cov", "information", "weighted")}
+        known = {name: named[name] for name in ("information", "weighted")}
         beliefs = [named[name] for name in ("predicted", "delta", "cov")]
         (start, sums), samples_ct = scanned(
             body, (zero, none), (samples, known, given), count, reverse=True, before=(list(first), beliefs)

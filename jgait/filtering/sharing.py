@@ -8,6 +8,7 @@ than a store and a load.
 
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -41,6 +42,11 @@ def shared(function: Callable[..., PyTree], uses: int = 2) -> Callable[..., PyTr
         return jax.tree.unflatten(jax.tree.structure(shapes), _evaluated(flat, counts, leaves, uses))
 
     return run
+
+
+def stored_for(lanes: int) -> Callable[[Callable[..., PyTree]], Callable[..., PyTree]]:
+    """`shared` for the model of one recording, whose program it makes shorter; that of several would take longer."""
+    return partial(shared, uses=OFTEN) if lanes == 1 else lambda function: function
 
 
 class _Flat:
