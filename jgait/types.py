@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from jgait.notes import Note, printable
 
@@ -304,6 +304,25 @@ def reason_of(error: BaseException) -> str:
     text = str(error) if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: {error}"
     compiled = type(error).__name__ in ("JaxRuntimeError", "XlaRuntimeError") and "RESOURCE_EXHAUSTED" not in text
     return " ".join(text.split()) + (COMPILED_FAILED if compiled else "")
+
+
+def check_kind(value: PyTree, kind: type | tuple[type, ...], what: str) -> None:
+    """Raise TypeError if an argument is not of the types `kind`; `what` is the begin of the message: "p must be …"."""
+    if not isinstance(value, kind):
+        shown = f" {printable(repr(value), 60)}" if isinstance(value, str | int | float) else ""
+        raise TypeError(f"{what}; got {type(value).__name__}{shown}")
+
+
+def check_number(value: PyTree, what: str) -> None:
+    """As `check_kind`, for one number: of Python, or an array without axes."""
+    check_kind(value, (int, float, np.number, np.ndarray, Array), what)
+    if np.ndim(value) != 0:
+        raise TypeError(f"{what}; got an array of shape {np.shape(value)}")
+
+
+def check_recording(value: object) -> None:
+    """Raise TypeError if an argument is no recording."""
+    check_kind(value, Recording, "recording must be a jgait.types.Recording, as jgait.io.read(path) returns it")
 
 
 def leg_of(legs: Legs, side: str) -> LegTrajectory:

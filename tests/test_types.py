@@ -3,8 +3,12 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 
+import jgait
+from jgait import evaluate, io, simulate
+from jgait.estimators import foot_ins
 from jgait.types import (
     PLACEMENTS,
     SIDES,
@@ -19,6 +23,8 @@ from jgait.types import (
     numbered_people,
     people,
 )
+
+KEY, EMPTY = jax.random.key(0), Recording({}, 100.0)
 
 
 def trajectory(offset):
@@ -104,3 +110,48 @@ def test_a_person_has_one_name_however_it_is_written():
     for nobody in (None, float("nan")):
         with pytest.raises(ValueError, match="every row needs a subject; 1 of 2 have none"):
             people(["nan", nobody])
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: jgait.analyse("walk.csv"), r"recording must be a jgait.types.Recording, .*; got str 'walk.csv'"),
+        (lambda: jgait.analyse(EMPTY, 1.75), r"person must be a dictionary of measures, .*; got 1.75"),
+        (lambda: foot_ins.estimate(foot_ins.FootParams(), [EMPTY]), r"recording must be .*; got list"),
+        (lambda: foot_ins.estimate(EMPTY, foot_ins.FootParams()), r"must be parameters, FootParams; got Recording"),
+        (lambda: evaluate.cohort(foot_ins.estimator(), EMPTY), r"several walks in a list; got one Recording"),
+        (lambda: evaluate.cohort(foot_ins.estimator(), [EMPTY]), r"items must be walks, .*; item 0 is Recording"),
+        (lambda: io.read(3), r"path must be the path of a file, such as 'walk.csv'; got int 3"),
+        (lambda: io.read_csv(pd.DataFrame({"t": [0.0]})), r"recording_from_dataframe takes tables in memory; got"),
+        (lambda: io.write_csv("walk.csv", EMPTY), r"path must be the path of a file, .*; got Recording"),
+        (lambda: simulate.straight("8"), r"length of a piece of a route must be a number; got str '8'"),
+        (lambda: simulate.straight(np.ones(2)), r"length of a piece of a route must be a number; got an array"),
+        (lambda: simulate.route(8.0), r"a piece of a route must be a dictionary, .*; got float 8.0"),
+        (lambda: simulate.population(0, 3), r"key must be a random key of JAX, such as jax.random.key\(0\); got int 0"),
+        (lambda: simulate.population(np.ones(3), 3), r"key must be a random key .*; got an array of float64"),
+        (lambda: simulate.population(KEY, "3"), r"n must be a whole number; got str '3'"),
+        (lambda: simulate.covering(KEY, "me", simulate.straight(8.0)), r"person must be a jgait.simulate.Person; got"),
+        (lambda: simulate.covering(KEY, simulate.Person(), 8.0), r"along must be a Route, .*; got float 8.0"),
+        (lambda: simulate.recording(KEY, along=8.0), r"along must be a Route, .*; got float 8.0"),
+        (lambda: simulate.recording(KEY, errors="mpu6000"), r"errors must be ImuErrors, .*; got str 'mpu6000'"),
+        (lambda: simulate.recording(KEY, rate="100"), r"rate must be a number of samples per second; got str '100'"),
+        (lambda: simulate.gait(speed="1.3", cadence=110.0), r"speed must be a number; got str '1.3'"),
+        (lambda: simulate.fitted(np.zeros((9, 3))), r"recording must be a jgait.types.Recording, .*; got ndarray"),
+    ],
+)  # fmt: skip
+@pytest.mark.usefixtures("unchecked")
+def test_an_argument_of_another_kind_is_named_with_what_was_expected(call, message):
+    with pytest.raises(TypeError, match=message):
+        call()
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("placements", ["foot_right", []])
+def test_sensors_are_a_list_of_places(placements):
+    with pytest.raises(ValueError, match=r"placements must be one or more names in a list"):
+        simulate.recording(KEY, placements=placements)
+
+
+def test_a_gait_in_other_units_is_refused():
+    with pytest.raises(ValueError, match=r"speed must be above 0 and at most 13; got 130"):
+        simulate.gait(speed=130, cadence=110.0)

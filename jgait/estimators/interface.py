@@ -14,7 +14,7 @@ from jgait.estimators.programs import bucket, compiled
 from jgait.estimators.proportions import gives, with_proportions
 from jgait.notes import Note
 from jgait.params import check_params, ranges
-from jgait.types import Estimate, Recording, Values
+from jgait.types import Estimate, Recording, Values, check_kind, check_recording
 
 
 class Prepared[I](NamedTuple):
@@ -89,7 +89,11 @@ class Estimator[P, I](NamedTuple):
         Raises:
             RecordingError: an unusable recording.
             ValueError: a parameter outside its range.
+            TypeError: an argument of another kind.
         """
+        kind = type(self.params)
+        check_kind(p, kind, f"the first argument must be parameters, {kind.__name__}")
+        check_recording(recording)
         check_params(p, self.transforms)
         prepared = self.prepare(recording)
         return self.solve(p, prepared._replace(notes=(*recording.notes, *prepared.notes)))

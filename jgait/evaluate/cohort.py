@@ -15,7 +15,7 @@ from jgait.evaluate.dask import on_dask
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.store import Cohort, Folder, described, joined
 from jgait.params import check_params
-from jgait.types import Estimate, Walk
+from jgait.types import Estimate, Recording, Walk
 from jgait.version import __version__
 
 if TYPE_CHECKING:
@@ -93,8 +93,8 @@ def cohort(
         raise TypeError(
             f"estimator must be a jgait.estimators.Estimator, such as leg_ekf.estimator(); got {estimator!r}"
         )
-    if isinstance(items, Walk):
-        raise TypeError("items must be several walks; got one: [walk]")
+    if isinstance(items, Walk | Recording):
+        raise TypeError(f"items must be several walks in a list; got one {type(items).__name__}")
     for name, function in (("own", own), ("read", read), ("score", score)):
         if function is not None and not callable(function):
             raise TypeError(f"{name} must be a function; got {type(function).__name__}")
@@ -137,7 +137,10 @@ def _named(
     names: set[str] = set()
     for number, item in enumerate(items):
         if not can_read and not isinstance(item, Walk):
-            raise TypeError(f"items must be walks, or come with read=; item {number} is {type(item).__name__}")
+            kind = type(item).__name__
+            raise TypeError(
+                f"items must be walks, Walk(recording, reference, info), or come with read=; item {number} is {kind}"
+            )
         name = str(item.recording.name) if isinstance(item, Walk) else str(item)
         if name in names:
             raise ValueError(f"items must have names of their own; item {number} is a second {name!r}")

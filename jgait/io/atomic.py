@@ -8,6 +8,8 @@ import secrets
 from collections.abc import Iterator
 from pathlib import Path
 
+from jgait.types import check_kind
+
 
 @contextlib.contextmanager
 def replaced(path: str | os.PathLike[str]) -> Iterator[Path]:
@@ -56,6 +58,14 @@ def _remove_left(target: Path) -> None:
         with contextlib.suppress(OSError), left.open("rb") as file:
             if _lock(file.fileno()):
                 left.unlink()
+
+
+def check_path(path: object) -> None:
+    """Raise TypeError if an argument is no path of a file."""
+    what = "path must be the path of a file, such as 'walk.csv'"
+    if hasattr(path, "columns"):
+        what += "; jgait.io.recording_from_dataframe takes tables in memory"
+    check_kind(path, (str, os.PathLike), what)
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from jgait.io.arrays import recording_in_units
+from jgait.io.atomic import check_path
 from jgait.io.files import no_numbers, reading
 from jgait.io.names import CHANNELS, COLUMNS, column_of, like_a_signal, recognised, unit_in_name
 from jgait.io.rows import read_table
@@ -365,6 +366,7 @@ def read_csv(
         RecordingError: if the file is empty, no text, has no rows, lacks columns, or its recording is unusable. A last
             row that is cut off is left out, and noted.
     """
+    check_path(path)
     file = Path(path)
     with reading(file, "a table"):
         table, notes = read_table(file)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.io.atomic import replaced
+from jgait.io.atomic import check_path, replaced
 from jgait.io.files import library
 from jgait.types import SIDES, Estimate, RangeReadings, Recording
 
@@ -138,6 +138,7 @@ def write_csv(
     Raises:
         FileNotFoundError: if the folder does not exist.
     """
+    check_path(path)
     target = Path(path)
     _put(_table(what), target, "csv")
     return target
@@ -157,6 +158,7 @@ def write_table(
         FileNotFoundError: if the folder does not exist.
         ImportError: if Parquet needs a library that is not installed.
     """
+    check_path(path)
     target = Path(path)
     ending = target.suffix.lower()
     if ending not in (".csv", ".json", *PARQUET):

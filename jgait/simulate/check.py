@@ -4,7 +4,9 @@ import math
 from collections.abc import Sequence
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.geometry.segments import segment_of
 from jgait.simulate.person import DEGREE, Body, Gait, Person, evenly
@@ -12,6 +14,7 @@ from jgait.simulate.routes import straight
 from jgait.simulate.sensors import ImuErrors, check_errors
 from jgait.simulate.shapes import STYLES
 from jgait.simulate.walker import Slack, planned
+from jgait.types import check_kind, check_number
 
 _HALF = (-0.5, 0.5)
 _RANGES: dict[str, tuple[float, float]] = {
@@ -77,6 +80,15 @@ def check_values(person: Person) -> None:
         )
 
 
+def check_key(key: PyTree) -> None:
+    """Raise TypeError if an argument is no random key of JAX."""
+    what = "key must be a random key of JAX, such as jax.random.key(0)"
+    check_kind(key, (jax.Array, np.ndarray), what)
+    typed = isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key)
+    if not (typed or (np.shape(key) == (2,) and np.asarray(key).dtype == np.uint32)):
+        raise TypeError(f"{what}; got an array of {key.dtype} with shape {np.shape(key)}")
+
+
 def check_sensors(errors: ImuErrors, rate: float, placements: Sequence[str]) -> None:
     """Check the errors, the sampling rate and the placements of sensors.
 
@@ -84,9 +96,13 @@ def check_sensors(errors: ImuErrors, rate: float, placements: Sequence[str]) -> 
         TypeError, ValueError: if the sensors cannot err like that, the rate [Hz] is not positive, or a placement is not
             on the simulated body.
     """
+    check_kind(errors, ImuErrors, "errors must be ImuErrors, such as jgait.simulate.sensors.MPU6000")
     check_errors(errors)
+    check_number(rate, "rate must be a number of samples per second")
     if not (math.isfinite(rate) and rate > 0.0):
         raise ValueError(f"rate must be a positive number of samples per second; got {rate!r}")
+    if isinstance(placements, str) or not placements:
+        raise ValueError(f"placements must be one or more names in a list, such as ['foot_right']; got {placements!r}")
     for placement in placements:
         segment_of(placement)
 

@@ -39,8 +39,8 @@ SPREAD: dict[str, float] = {
 }  # fmt: skip
 """[1] Standard deviation between people of the logarithm of each parameter, at one stride.
 
-Chosen, but those of the pelvis: about as wide as `experiments.people.movement` lets people differ at one stride; that
-of the length of the stride is the error of estimators."""
+Chosen, but those of the pelvis: about as wide as `experiments.people.movement` lets people differ at one stride. That
+of the length of the stride is the error that is stated for the recording."""
 
 FREE = (*SPREAD, *STYLES)
 POINTS, HARMONICS, MOST = 100, 8, len(SEVEN)
@@ -64,8 +64,14 @@ POOR = Kind(
     "walker_fits_poorly", "check", "{placement}: {share:.0f} % of the fitted walker's signal is not as recorded",
     "What other sensors of this walker read is as uncertain; check where the sensor sat.",
 )  # fmt: skip
-LARGEST = 0.6
-"""[1] Unexplained share of a sensor's rate above which a note says so."""
+LENGTH_DIFFERS = Kind(
+    "walker_has_other_strides", "check",
+    "the fitted walker's strides are {fitted:.2f} m long, those of the recording {measured:.2f} m",
+    "Distances of this walker are off by as much; foot sensors fix the length of the stride best.",
+)  # fmt: skip
+LARGEST, OTHER_STRIDE = 0.6, 0.03
+"""[1] Unexplained share of a sensor's rate, and relative difference of the lengths of strides, above which a note says
+so."""
 
 
 class StrideSignals(NamedTuple):
@@ -245,7 +251,7 @@ def fitted(recording: Recording, person: Mapping[str, PyTree] | None = None) -> 
     """
     measures = dict(person or {})
     analysis = analyse(recording, measures)
-    windows, usual, known = _start(analysis, measures)
+    windows, usual, known, length_error = _start(analysis, measures)
     signals = mean_strides(recording, windows)
     names = tuple(list(signals)[:MOST])
     if not names:
@@ -254,7 +260,8 @@ def fitted(recording: Recording, person: Mapping[str, PyTree] | None = None) -> 
     recorded = StrideSignals(
         *(np.stack([getattr(signals[name], kind) for name in padded]) for kind in StrideSignals._fields)
     )
-    spread = np.array([0.0 if name in known else SPREAD.get(name, 1.0) for name in FREE])
+    spreads = {**dict.fromkeys(FREE, 1.0), **SPREAD, **dict.fromkeys(known, 0.0), "stride_length": length_error}
+    spread = np.array([spreads[name] for name in FREE])
     sensors = _sensors(usual.body, names)
     weights = (np.arange(MOST) < len(names)).astype(float)
     begin, numbers, found = _nearest(weights, jax.tree.map(float, usual), spread, sensors, recorded)
@@ -265,6 +272,9 @@ def fitted(recording: Recording, person: Mapping[str, PyTree] | None = None) -> 
     who = able(jax.random.key(0), who, straight(30.0))
     points = np.asarray(sensors.point) + PLACE * numbers[len(FREE) : -1].reshape(MOST, 3)
     notes = tuple(POOR(placement=name, share=100.0 * share.gyr) for name, share in after.items() if share.gyr > LARGEST)
+    length, measured = who.gait.stride_length, usual.gait.stride_length
+    if abs(np.log(length / measured)) > OTHER_STRIDE:
+        notes = (*notes, LENGTH_DIFFERS(fitted=length, measured=float(measured)))
     return PersonFit(
         who, after, before, {name: found[1][i].T for i, name in enumerate(names)},
         {name: Vector(*map(float, points[i])) for i, name in enumerate(names)}, windows,
@@ -309,8 +319,10 @@ def _nearest(weights: np.ndarray, *given: PyTree) -> tuple[PyTree, np.ndarray, P
 
 def _start(
     analysis: Analysis, measures: Mapping[str, PyTree]
-) -> tuple[Float[np.ndarray, "stride 2"], Person, frozenset[str]]:
-    """Times of the strides that count, the usual person at this stride, and the lengths that are known."""
+) -> tuple[Float[np.ndarray, "stride 2"], Person, frozenset[str], float]:
+    """Times of the strides that count, the usual person at this stride, the lengths that are known, and the standard
+    deviation of the logarithm of the stride's length.
+    """
     joined = analysis.strides
     feet = np.zeros((2, 0), bool) if joined is None else np.asarray(joined.strides.side) == [[0], [1]]
     use = feet if joined is None else feet & regular(joined)
@@ -328,13 +340,16 @@ def _start(
     lengths = {name: float(np.mean(measures[name])) for name in ("thigh_length", "shank_length") if name in measures}
     body = Body(*(value * height / 1.75 for value in Body()))._replace(**lengths)
     stride = float(np.median(length))
+    error = float(np.median(as_float(joined.stddev.length)[use[side]])) / stride
     usual = gait(stride_length=stride, cadence=120.0 / float(np.median(times)), stature=height, usual=RECORDED)
     grows = manner(stride / (body.thigh_length + body.shank_length), RECORDED)
     follows = {name: float(value) for name, value in grows.items()}
     irregular = float(np.sqrt(2.0) * np.std(times) / np.mean(times))
-    steps = 2.0 * feet.sum(axis=1).max() - 1.0  # of n steps and the closing one, the first foot takes n / 2 + 1
+    # Of n steps and the closing one, the first foot takes n / 2 + 1, the other n / 2.
+    most, least = sorted(feet.sum(axis=1), reverse=True)
+    steps = most + (least if most - least <= 1 else most) - 1.0
     walker = usual._replace(
         **follows, soft_tissue=1.0, right_first=float(SIDES[side] == "right"), time_variability=min(irregular, 0.15),
         steps=float(min(steps, MOST_STEPS)),
     )  # fmt: skip
-    return windows, Person(body, walker), frozenset(lengths)
+    return windows, Person(body, walker), frozenset(lengths), error

@@ -14,12 +14,13 @@ from jaxtyping import PRNGKeyArray
 from jgait.estimators.programs import bucket, compiled
 from jgait.geometry.vectors import kept
 from jgait.simulate import routes
+from jgait.simulate.check import check_key
 from jgait.simulate.footsteps import FIRST, footholds
 from jgait.simulate.person import DEGREE, RECORDED, Body, Gait, Person
 from jgait.simulate.recorded import limits, room
 from jgait.simulate.routes import Route, padded
 from jgait.simulate.shapes import STYLES
-from jgait.types import Values
+from jgait.types import Values, check_kind, check_number
 
 SPEED = ((1.358, 1.433, 1.434, 1.433, 1.339, 1.262), (1.341, 1.337, 1.390, 1.313, 1.241, 1.132))
 """Mean walking speed [m/s] of men and of women in their twenties, thirties … seventies."""
@@ -78,6 +79,10 @@ def manner(relative_stride: Values, usual: Gait = _USUAL) -> dict[str, Values]:
     return {name: jnp.minimum(getattr(usual, name) * share**power, most) for name, (power, most) in grows.items()}
 
 
+LARGEST = {"speed": 13.0, "stride_length": 6.0, "cadence": 500.0, "stature": 2.8}
+"""Above any person's: a value in another unit is refused."""
+
+
 def gait(
     speed: float | None = None, stride_length: float | None = None, cadence: float | None = None,
     stature: float | None = None, usual: Gait = _USUAL, **others: Values,
@@ -98,14 +103,18 @@ def gait(
         The gait; foot pitch and motion of the pelvis fit the stride.
 
     Raises:
-        ValueError: if fewer than two are given, three contradict each other by more than 1 %, or one is not positive.
+        ValueError: if fewer than two are given, three contradict each other by more than 1 %, or one is not positive or
+            larger than any person's.
+        TypeError: if one is no number.
 
     Source: `WALK_RATIO`, see `population`.
     """
     given = {"speed": speed, "stride_length": stride_length, "cadence": cadence}
     for name, value in {**given, "stature": stature}.items():
-        if value is not None and not (math.isfinite(value) and value > 0.0):
-            raise ValueError(f"{name} must be a positive number; got {value!r}")
+        if value is not None:
+            check_number(value, f"{name} must be a number")
+            if not 0.0 < value <= LARGEST[name]:
+                raise ValueError(f"{name} must be above 0 and at most {LARGEST[name]:g}; got {value!r}")
     known = {name: value for name, value in given.items() if value is not None}
     height = 1.75 if stature is None else stature
     if set(known) == {"speed"} and stature is not None:
@@ -227,6 +236,8 @@ def population(key: PRNGKeyArray, n: int, recorded: bool = False) -> Person:
     which 3 % and 2.5 % are chosen. Stature: round values near those of US adults. Chosen: every other spread, the mean
     step width of 10 cm, the effect of speed on stance, asymmetries of 1 %, the pose when standing.
     """
+    check_key(key)
+    check_kind(n, (int, np.integer), "n must be a whole number")
     if n < 1:
         raise ValueError(f"population needs at least one person; got n={n}")
     drawn: Person = compiled(_adults, quick=True)(key, n=bucket(n, 16), recorded=recorded)
@@ -254,6 +265,9 @@ def covering(key: PRNGKeyArray, person: Person, along: Route) -> Person:
     Raises:
         ValueError: if the route is shorter than half a step.
     """
+    check_key(key)
+    check_kind(person, Person, "person must be a jgait.simulate.Person")
+    check_kind(along, Route, "along must be a Route, such as jgait.simulate.straight(10.0)")
     speeds = np.sqrt(np.asarray(along.speed, float))
     steps = round(float(np.sum(np.asarray(along.length) / speeds)) / (0.5 * float(person.gait.stride_length)))
     if steps < 1:

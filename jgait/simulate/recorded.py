@@ -14,14 +14,14 @@ from jaxtyping import Float, PRNGKeyArray, PyTree
 
 from jgait.estimators.programs import bucket, compiled
 from jgait.geometry.segments import Motion
-from jgait.simulate.check import check_sensors, check_slack, check_values
+from jgait.simulate.check import check_key, check_sensors, check_slack, check_values
 from jgait.simulate.footsteps import Plan
 from jgait.simulate.person import Person
 from jgait.simulate.routes import Route, padded, straight
 from jgait.simulate.sensors import IDEAL, ImuErrors
 from jgait.simulate.walker import Frames, Slack, planned, separated
 from jgait.simulate.worn import SEVEN, Sensors, Truth, duration, named, sensors_at, walked
-from jgait.types import AnyArray, Estimate, Imu, Recording, Values, as_float
+from jgait.types import AnyArray, Estimate, Imu, Recording, Values, as_float, check_kind
 
 
 def recording(
@@ -49,9 +49,11 @@ def recording(
             is not known; the message names the limit.
     """
     person = Person() if person is None else person
+    check_key(key)
     check_values(person)
     check_sensors(errors, rate, placements)
     steps = round(float(person.gait.steps))
+    check_kind(along, (Route, type(None)), "along must be a Route, such as jgait.simulate.straight(10.0)")
     along = straight(max(1.0, steps * float(person.gait.stride_length))) if along is None else along
     laid, last, left = limits(key, person, along)
     check_slack(person, left, "on this route")

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jgait.estimators.programs import bucket
-from jgait.types import AnyArray, Values
+from jgait.types import AnyArray, Values, check_kind, check_number
 
 
 class Route(NamedTuple):
@@ -42,10 +42,12 @@ def route(*pieces: dict[str, float]) -> Route:
         raise ValueError("a route needs at least one piece, for example {'length': 10.0}")
     rest = {"turn": 0.0, "slope": 0.0, "speed": 1.0, "riser": 0.0, "on_spot": 0.0}
     for piece in pieces:
+        check_kind(piece, dict, "a piece of a route must be a dictionary, such as {'length': 10.0}")
         unknown = set(piece) - set(Route._fields)
         if unknown or "length" not in piece:
             raise ValueError(f"a piece of a route has a length and {', '.join(rest)}; got {piece}")
         for name in ("length", "speed"):
+            check_number(piece.get(name, 1.0), f"{name} of a piece of a route must be a number")
             if not (math.isfinite(piece.get(name, 1.0)) and piece.get(name, 1.0) > 0.0):
                 raise ValueError(f"{name} of a piece of a route must be positive; got {piece[name]!r}")
     filled = [{**rest, **piece} for piece in pieces]

@@ -441,7 +441,7 @@ def test_walks_without_a_reference_have_estimates_and_no_errors():
 def test_refusals_state_what_was_wrong():
     with pytest.raises(ValueError, match="item 2 is a second 'walk_001'"):
         evaluate.cohort(FAKE, [walk(1), walk(2), walk(1)])
-    with pytest.raises(TypeError, match="items must be walks, or come with read=; item 0 is str"):
+    with pytest.raises(TypeError, match="items must be walks, .* or come with read=; item 0 is str"):
         evaluate.cohort(FAKE, ["a.csv"])
     with pytest.raises(ValueError, match="batch must be at least 1"):
         evaluate.cohort(FAKE, [], batch=0)
@@ -488,7 +488,7 @@ def test_the_leg_estimator_on_simulated_walks_is_itself():
     ("change", "message"),
     [
         ({"estimator": leg_ekf}, "estimator must be a jgait.estimators.Estimator, such as leg_ekf.estimator"),
-        ({"items": walk(0)}, "items must be several walks; got one"),
+        ({"items": walk(0)}, "items must be several walks in a list; got one"),
         ({"own": {"thigh_length": 0.4}}, "own must be a function; got dict"),
     ],
 )

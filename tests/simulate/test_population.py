@@ -105,8 +105,8 @@ def test_short_strides_lift_less_and_the_usual_stride_gives_the_defaults():
         ({"stature": 1.7}, "got none"),
         ({"stride_length": 1.2, "stature": 1.7}, "got stride_length=1.2"),
         ({"speed": 1.5, "stride_length": 1.2, "cadence": 120.0}, "speed=1.5 m/s contradicts .* which make 1.200 m/s"),
-        ({"speed": -1.0, "cadence": 100.0}, "speed must be a positive number; got -1.0"),
-        ({"speed": 1.0, "stature": float("nan")}, "stature must be a positive number; got nan"),
+        ({"speed": -1.0, "cadence": 100.0}, "speed must be above 0 and at most 13; got -1.0"),
+        ({"speed": 1.0, "stature": float("nan")}, "stature must be above 0 and at most 2.8; got nan"),
     ],
 )
 def test_insufficient_or_contradictory_figures_are_refused(given, words):

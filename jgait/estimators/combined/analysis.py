@@ -19,7 +19,7 @@ from jgait.estimators.plausible import KNEE_IMPLAUSIBLE, NO_ANGLES
 from jgait.mounting.leg import SIDES_EXCHANGED
 from jgait.mounting.shank import LABELS_EXCHANGED
 from jgait.notes import NO_WALKING, SEVERITIES, Kind, Note
-from jgait.types import SIDES, AnyArray, Estimate, Legs, Recording, RecordingError, as_float
+from jgait.types import SIDES, AnyArray, Estimate, Legs, Recording, RecordingError, as_float, check_recording
 
 ANGLES_DOUBTFUL = Kind(
     "angles_doubtful",
@@ -86,6 +86,9 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         RecordingError: if no estimator has its sensors, or none can use them, or arrays of a sensor differ in length.
         ValueError: a measure of the person that is unknown or outside its range.
     """
+    check_recording(recording)
+    if not isinstance(person, Mapping | None):
+        raise TypeError(f"person must be a dictionary of measures, such as {{'height': 1.75}}; got {person!r}")
     body = dict(person or {})
     for name, imu in recording.sensors.items():
         check_shapes(imu, name)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from jgait.io.atomic import check_path
 from jgait.io.files import reading
 from jgait.io.formats.part import Measured, joined
 from jgait.io.formats.settle import settle
@@ -74,6 +75,7 @@ def format_of(path: str | os.PathLike[str]) -> str | None:
         FileNotFoundError: if there is no such file.
         PermissionError: if it may not be read.
     """
+    check_path(path)
     file = Path(path)
     if file.is_dir():
         head = b""
@@ -139,6 +141,7 @@ def read(
 
 def _one(path: str | os.PathLike[str], format: str | None, placement: str | None) -> Measured:
     """The content of one file; with a placement, of its one sensor."""
+    check_path(path)
     file = Path(path)
     if format is not None and format not in FORMATS:
         raise RecordingError(f"{{argument}} must be one of {', '.join(FORMATS)}; got {format!r}", argument="format")
