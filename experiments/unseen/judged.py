@@ -27,12 +27,14 @@ TRUNKS = ("lower_back", "pelvis")
 
 
 class Judged(NamedTuple):
-    """Strides of one sensor: their errors in stated deviations, and whether they are flagged, both (n,)."""
+    """Strides of one sensor (n,): their errors in stated deviations, whether they are flagged, and lengths [m]."""
 
     group: str
     recording: str
     error: np.ndarray
     flagged: np.ndarray
+    length: np.ndarray
+    true: np.ndarray
 
 
 def compared(
@@ -46,9 +48,10 @@ def compared(
     assert isinstance(strides, Strides)
     assert isinstance(stated, Strides)
     rows = pairs[:, 1]
-    error = np.abs(as_float(strides.length)[rows] - true) / np.hypot(as_float(stated.length)[rows], sd)
+    length = as_float(strides.length)[rows]
+    error = np.abs(length - true) / np.hypot(as_float(stated.length)[rows], sd)
     flagged = np.asarray(estimate.diagnostics.get("doubtful", np.zeros(strides.side.size, bool)), bool)
-    return Judged(group, name, error, flagged[rows])
+    return Judged(group, name, error, flagged[rows], length, true)
 
 
 def of_foot(foot: Foot) -> Judged:

@@ -36,7 +36,7 @@ from jgait.types import Recording
 ENDINGS = ("csv", "parquet", "json")
 """Formats of tables."""
 
-TABLES = ("strides", "bouts", "contacts", "sources", "samples")
+TABLES = ("strides", "summary", "bouts", "contacts", "sources", "samples")
 FIGURES = (
     LEG_STRIDES, JOINT_ANGLES._replace(when=has_legs), FOOT_PATH._replace(when=has_legs),
     WAY._replace(when=lambda estimate: estimate.distance is not None and has_strides(estimate)),

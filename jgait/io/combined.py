@@ -1,4 +1,4 @@
-"""The tables of an analysis of all sensors: strides, contacts, walking bouts, sources, samples."""
+"""The tables of an analysis of all sensors: strides, their summary, contacts, walking bouts, sources, samples."""
 
 import itertools
 from typing import TYPE_CHECKING
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jgait.io.strides import bout_numbers, strides_to_dataframe
+from jgait.io.summary import SUMMARY, summary
 from jgait.io.write import to_dataframe
 from jgait.types import SIDES, Estimate, as_float
 
@@ -29,13 +30,14 @@ SOURCES = ["quantity", "unit", "source", "value", "std", "n_strides"]
 
 
 def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
-    """The tables of an analysis; without strides, those of strides and bouts have no rows.
+    """The tables of an analysis; without strides, those of strides, their summary and bouts have no rows.
 
     `strides`: columns of `strides_to_dataframe`, then `stance_duration_s swing_duration_s`, smallest and largest
     `hip_flexion_…_deg knee_flexion_…_deg` in the stride where thigh and shank are measured, `angles_valid`, False if
     these angles are not usable, `wb_id` of the walking bout, `source` of the times, `combined` sources of the length,
     `special` flags in words, and `regular`, True if the stride counts in medians: not in a turn, on stairs, from or to
     standing, clipped, or in doubt. A regular stride can have other flags, such as "sources contradict".
+    `summary`: mean, variability and asymmetry of each measure over the regular strides, see `io.summary.summary`.
     `contacts`: `time_s side event source`, initial and final contacts; side "unknown" where it is not certain.
     `bouts`: `wb_id start_s end_s duration_s n_strides distance_m stride_length_m walking_speed_mps cadence_spm`; a bout
     ends with a break of more than 3 s; lengths, speeds and cadence are medians over regular strides; `distance_m` is
@@ -45,10 +47,12 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     """
     import pandas as pd
 
-    tables = {"strides": pd.DataFrame(columns=STRIDES), "bouts": pd.DataFrame(columns=BOUTS)}
+    empty = {"strides": STRIDES, "summary": SUMMARY, "bouts": BOUTS}
+    tables = {name: pd.DataFrame(columns=columns) for name, columns in empty.items()}
     if analysis.strides is not None:
         every = _strides(analysis, analysis.strides)
         tables["strides"] = every.dropna(axis="columns", how="all")
+        tables["summary"] = summary(every)
         tables["bouts"] = _bouts(every, analysis.estimate)
     tables["contacts"] = _contacts(analysis)
     rows = [

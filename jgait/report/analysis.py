@@ -1,11 +1,16 @@
 """The page of one recording by all its sensors together."""
 
+from typing import TYPE_CHECKING
+
 from jgait import io
 from jgait.estimators.combined import Analysis
 from jgait.report.made import Made
 from jgait.report.page import Cell, Report, Section, Table, number
 from jgait.report.recording import of_estimate
-from jgait.types import Estimate, Recording
+from jgait.types import SIDES, Estimate, Recording
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 QUANTITIES = {
     "strides": ("strides", "", 0), "distance": ("distance", "m", 2), "stride_length": ("stride length", "m", 3),
@@ -13,6 +18,9 @@ QUANTITIES = {
 }  # fmt: skip
 """Quantity of a comparison → its words, unit and digits."""
 
+
+UNITS = {"m": "m", "s": "s", "mps": "m/s", "pct": "%", "deg": "°"}
+"""Unit in names of columns → as written."""
 
 BOUTS = {
     "start_s": ("start [s]", 1), "duration_s": ("duration [s]", 1), "n_strides": ("strides", 0),
@@ -25,10 +33,11 @@ BOUTS = {
 def of_analysis(
     analysis: Analysis, recording: Recording, *, reference: Estimate | None = None, made: Made | None = None
 ) -> Report:
-    """The page of one recording by all its sensors, from `analyse`: as `of_estimate`, with what each source says, and
-    walking bouts. Contradictions between the sources are among the warnings.
+    """The page of one recording by all its sensors, from `analyse`: as `of_estimate`, with the variability of strides,
+    what each source says, and walking bouts. Contradictions between the sources are among the warnings.
     """
-    more = [_sources(analysis), *_bouts(analysis)]
+    tables = io.analysis_to_dataframes(analysis)
+    more = [*_summary(tables["summary"]), _sources(analysis), *_bouts(tables["bouts"])]
     return of_estimate(analysis.estimate, recording, reference=reference, made=made, more=more)
 
 
@@ -51,9 +60,28 @@ def _sources(analysis: Analysis) -> Section:
     return Section("What each sensor says", "", [Table(caption, columns, rows)])
 
 
-def _bouts(analysis: Analysis) -> list[Section]:
+def _summary(table: "pd.DataFrame") -> list[Section]:
+    """Mean, variability and asymmetry of the strides; none without strides."""
+    if not len(table):
+        return []
+    rows = []
+    for one in table.to_dict("records"):
+        digits = {"deg": 1, "pct": 1}.get(one["unit"], 3)
+        numbers = [number(one[name], digits) for name in ("mean", "std", "error_std", *SIDES)]
+        shares = [number(one[name], 1) for name in ("cv_pct", "asymmetry_pct")]
+        words = one["measure"].replace("_", " ")
+        rows.append([Cell(words), *map(Cell, numbers), *map(Cell, shares), Cell(UNITS[one["unit"]])])
+    caption = (
+        "Means over the regular strides. SD: from stride to stride within a side; error: stated SD of the error in one "
+        "stride. An SD that is not clearly larger than the error says little about the person. CV: SD / mean; "
+        "asymmetry: (right − left) / mean."
+    )
+    columns = ("", "mean", "SD", "error", "right", "left", "CV [%]", "asymmetry [%]", "unit")
+    return [Section("Variability and asymmetry", "", [Table(caption, columns, rows)])]
+
+
+def _bouts(table: "pd.DataFrame") -> list[Section]:
     """The bouts of walking; none without strides."""
-    table = io.analysis_to_dataframes(analysis)["bouts"]
     if not len(table):
         return []
     rows = [

@@ -35,7 +35,7 @@ def test_estimate_writes_a_table_and_figures(csv, tmp_path):
     assert code == 0, said
     assert "wrote" in said
     names = {path.name for path in out.glob("[!.]*")}
-    tables = {f"walk_{name}.csv" for name in ("strides", "bouts", "contacts", "sources", "samples")}
+    tables = {f"walk_{name}.csv" for name in ("strides", "summary", "bouts", "contacts", "sources", "samples")}
     assert names == tables | {f"walk_{name}.png" for name in ("strides", "angles", "foot_path", "distance")}
     for name in tables:
         assert np.isfinite(pd.read_csv(out / name).select_dtypes("number").to_numpy()).any()

@@ -1,0 +1,75 @@
+"""The summary of strides: means of the sides, variability within a side, asymmetry, and the stated error beside them."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jgait.io.summary import SUMMARY, summary
+
+
+def strides(right=(1.30, 1.34, 1.32, 1.36), left=(1.20, 1.26, 1.22, 1.24), **more):
+    """Strides of one second that alternate: a left contact is 0.4 s after a right one, and 0.6 s before the next."""
+    rows = [("right", float(i), length) for i, length in enumerate(right)]
+    rows += [("left", i + 0.4, length) for i, length in enumerate(left)]
+    side, start, length = zip(*sorted(rows, key=lambda row: row[1]), strict=True)
+    table = pd.DataFrame({"side": side, "start_s": start, "end_s": np.add(start, 1.0), "stride_length_m": length})
+    return table.assign(stride_duration_s=1.0, regular=True, **more)
+
+
+def rows(table):
+    return summary(table).set_index("measure")
+
+
+def test_mean_variability_and_asymmetry_of_the_length():
+    right, left = np.array([1.30, 1.34, 1.32, 1.36]), np.array([1.20, 1.26, 1.22, 1.24])
+    one = rows(strides(stride_length_std_m=0.02)).loc["stride_length"]
+    assert one["unit"] == "m" and one["n_strides"] == 8
+    assert (one["right"], one["left"]) == pytest.approx((1.33, 1.23))
+    assert one["mean"] == pytest.approx(1.28)
+    within = np.sqrt(0.5 * (right.var(ddof=1) + left.var(ddof=1)))  # not the difference of the sides
+    assert one["std"] == pytest.approx(within)
+    assert one["cv_pct"] == pytest.approx(100.0 * within / 1.28)
+    assert one["asymmetry_pct"] == pytest.approx(100.0 * 0.1 / 1.28)
+    assert one["error_std"] == pytest.approx(0.02)
+
+
+def test_a_step_lasts_from_the_contact_of_the_other_foot():
+    steps = rows(strides()).loc["step_duration"]
+    assert (steps["right"], steps["left"]) == pytest.approx((0.6, 0.4))
+    assert steps["asymmetry_pct"] == pytest.approx(40.0)
+    assert steps["n_strides"] == 8
+    assert steps["std"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_other_strides_do_not_count_and_a_short_side_has_no_variability():
+    table = strides()
+    table.loc[table["side"] == "left", "regular"] = [True, True, False, False]
+    one = rows(table).loc["stride_length"]
+    assert one["n_strides"] == 6
+    assert one["left"] == pytest.approx(1.23)
+    assert one["std"] == pytest.approx(np.std([1.30, 1.34, 1.32, 1.36], ddof=1))
+
+
+def test_one_side_alone_has_no_asymmetry_and_no_steps():
+    table = strides(left=())
+    found = rows(table)
+    assert found.loc["stride_length", "mean"] == pytest.approx(1.33)
+    assert found.loc["stride_length", ["left", "asymmetry_pct"]].isna().all()
+    assert "step_duration" not in found.index
+
+
+def test_angles_have_no_ratios_and_unusable_ones_do_not_count():
+    usable = np.tile([True, False], 4)  # the right leg's
+    one = rows(strides(knee_flexion_max_deg=60.0, angles_valid=usable)).loc["knee_flexion_max"]
+    assert one["n_strides"] == 4 and np.isnan(one["left"])
+    assert one[["cv_pct", "asymmetry_pct"]].isna().all()
+    assert "knee_flexion_max" not in rows(strides(knee_flexion_max_deg=60.0, angles_valid=False)).index
+
+
+def test_the_stance_is_a_share_of_the_stride():
+    assert rows(strides(stance_duration_s=0.62)).loc["stance", "mean"] == pytest.approx(62.0)
+
+
+def test_without_regular_strides_there_are_no_rows():
+    found = summary(strides().assign(regular=False))
+    assert list(found.columns) == SUMMARY and not len(found)
