@@ -25,11 +25,18 @@ USABLE = {"stride_width": "width_valid", "hip_flexion_min": "angles_valid", "hip
 """Measure → the column that is False in strides in which it is not usable."""
 
 FEWEST = 3
-"""[1] Strides of a side of which a standard deviation is stated."""
+"""[1] Steady strides of a side of which a standard deviation is stated."""
+
+JOINS_S = 0.2
+"""[s] Largest time between the end of a stride and the start of the next of its side."""
 
 
 def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
-    """One row for each measure, over the regular strides of a recording.
+    """One row for each measure, over the steady strides of a recording.
+
+    A stride is steady if it and its neighbours of the same side are regular: strides in which a person speeds up or
+    slows down, beside standing, turns and stairs, do not count. Where a side has fewer than `FEWEST` steady strides,
+    the regular ones count, and variability is not stated.
 
     Columns: `measure unit n_strides mean std cv_pct error_std right left asymmetry_pct`. `mean` is the mean of both
     sides' means `right` and `left`, or that of the only side. `std` is the variability from stride to stride within a
@@ -47,7 +54,10 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
     """
     import pandas as pd
 
-    table = strides[strides["regular"].astype(bool)]
+    steady = _steady(strides)
+    sides = strides.loc[strides["regular"].astype(bool), "side"]
+    enough = bool((strides.loc[steady, "side"].value_counts().reindex(sides.unique(), fill_value=0) >= FEWEST).all())
+    table = strides[steady if enough else strides["regular"].astype(bool)]
     columns = {f"{name}_{unit}": table.get(f"{name}_{unit}") for name, unit in MEASURES.items()}
     columns["step_duration_s"] = _step_durations(table, strides)
     if "stance_duration_s" in table:
@@ -58,7 +68,7 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
         if values is None:
             continue
         usable = table.get(USABLE.get(name, ""), pd.Series(True, table.index)).astype(bool)
-        row = _row(values[usable].astype(float), table["side"][usable], ratio=unit != "deg")
+        row = _row(values[usable].astype(float), table["side"][usable], unit != "deg", enough)
         error = table.get(f"{name}_std_{unit}", pd.Series(np.nan, table.index))[usable & values.notna()]
         if row["n_strides"]:
             square = float(np.mean(np.square(error))) if len(error) else np.nan
@@ -66,11 +76,27 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
     return pd.DataFrame(rows, columns=SUMMARY)
 
 
-def _row(values: "pd.Series", side: "pd.Series", ratio: bool) -> Mapping[str, float]:
-    """The numbers of one measure, from its value in each stride; `ratio`: whether its zero is that of a length."""
+def _steady(strides: "pd.DataFrame") -> "pd.Series":
+    """Which strides are regular, as are the strides of the same side before and after them."""
+    found = strides["regular"].astype(bool)
+    for _, one in strides.groupby("side"):
+        beside = one.sort_values("start_s")
+        regular = beside["regular"].astype(bool)
+        joins = (beside["start_s"] - beside["end_s"].shift()).abs() < JOINS_S  # with the stride before it
+        before = joins & regular.shift(fill_value=False)
+        after = (joins & regular).shift(-1, fill_value=False)
+        found[beside.index] = regular & before & after
+    return found
+
+
+def _row(values: "pd.Series", side: "pd.Series", ratio: bool, steady: bool) -> Mapping[str, float]:
+    """The numbers of one measure, from its value in each stride.
+
+    `ratio`: whether its zero is that of a length; `steady`: whether a variability is stated.
+    """
     by_side = [values[side == one].dropna() for one in SIDES]
     means = np.array([one.mean() if len(one) else np.nan for one in by_side])
-    variances = [one.var() for one in by_side if len(one) >= FEWEST]
+    variances = [one.var() for one in by_side if steady and len(one) >= FEWEST]
     known = np.isfinite(means)
     mean = float(np.mean(means[known])) if known.any() else np.nan
     std = float(np.sqrt(np.mean(variances))) if variances else np.nan

@@ -7,8 +7,14 @@ import pytest
 from jgait.io.summary import SUMMARY, summary
 
 
-def strides(right=(1.30, 1.34, 1.32, 1.36), left=(1.20, 1.26, 1.22, 1.24), **more):
-    """Strides of one second that alternate: a left contact is 0.4 s after a right one, and 0.6 s before the next."""
+RIGHT, LEFT = (0.9, 1.30, 1.34, 1.32, 1.36, 1.1), (0.8, 1.20, 1.26, 1.22, 1.24, 1.0)
+
+
+def strides(right=RIGHT, left=LEFT, **more):
+    """Strides of one second that alternate: a left contact is 0.4 s after a right one, and 0.6 s before the next.
+
+    The first and the last of each side are not steady.
+    """
     rows = [("right", float(i), length) for i, length in enumerate(right)]
     rows += [("left", i + 0.4, length) for i, length in enumerate(left)]
     side, start, length = zip(*sorted(rows, key=lambda row: row[1]), strict=True)
@@ -21,7 +27,7 @@ def rows(table):
 
 
 def test_mean_variability_and_asymmetry_of_the_length():
-    right, left = np.array([1.30, 1.34, 1.32, 1.36]), np.array([1.20, 1.26, 1.22, 1.24])
+    right, left = np.array(RIGHT[1:-1]), np.array(LEFT[1:-1])
     one = rows(strides(stride_length_std_m=0.02)).loc["stride_length"]
     assert one["unit"] == "m" and one["n_strides"] == 8
     assert (one["right"], one["left"]) == pytest.approx((1.33, 1.23))
@@ -41,13 +47,22 @@ def test_a_step_lasts_from_the_contact_of_the_other_foot():
     assert steps["std"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_other_strides_do_not_count_and_a_short_side_has_no_variability():
-    table = strides()
-    table.loc[table["side"] == "left", "regular"] = [True, True, False, False]
+def test_strides_beside_a_turn_are_not_steady():
+    table = strides(right=(*RIGHT[:-1], 9.0, 7.0, 9.0, *RIGHT[1:]), left=())
+    table.loc[table["stride_length_m"] == 7.0, "regular"] = False  # beside it 9 m
     one = rows(table).loc["stride_length"]
-    assert one["n_strides"] == 6
-    assert one["left"] == pytest.approx(1.23)
-    assert one["std"] == pytest.approx(np.std([1.30, 1.34, 1.32, 1.36], ddof=1))
+    assert one["n_strides"] == 8
+    assert one["mean"] == pytest.approx(1.33)
+    apart = strides(right=RIGHT, left=())
+    apart.loc[3:, ["start_s", "end_s"]] += 5.0  # a break: two strides before it, two after it are not steady
+    assert rows(apart).loc["stride_length", "n_strides"] == 6  # too few: the regular ones
+
+
+def test_of_a_short_walk_the_regular_strides_count_and_no_variability_is_stated():
+    one = rows(strides(right=RIGHT[:4], left=LEFT[:4])).loc["stride_length"]
+    assert one["n_strides"] == 8
+    assert one["right"] == pytest.approx(np.mean(RIGHT[:4]))
+    assert np.isnan(one["std"]) and np.isnan(one["cv_pct"])
 
 
 def test_one_side_alone_has_no_asymmetry_and_no_steps():
@@ -59,7 +74,7 @@ def test_one_side_alone_has_no_asymmetry_and_no_steps():
 
 
 def test_angles_have_no_ratios_and_unusable_ones_do_not_count():
-    usable = np.tile([True, False], 4)  # the right leg's
+    usable = np.tile([True, False], 6)  # the right leg's
     one = rows(strides(knee_flexion_max_deg=60.0, angles_valid=usable)).loc["knee_flexion_max"]
     assert one["n_strides"] == 4 and np.isnan(one["left"])
     assert one[["cv_pct", "asymmetry_pct"]].isna().all()
