@@ -1,11 +1,10 @@
-"""The summary of strides: means of the sides, variability within a side, asymmetry, and the stated error beside them."""
+"""The summary of strides: means, variability within a side, asymmetry, and the stated error beside them."""
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from jgait.io.summary import SUMMARY, summary
-
 
 RIGHT, LEFT = (0.9, 1.30, 1.34, 1.32, 1.36, 1.1), (0.8, 1.20, 1.26, 1.22, 1.24, 1.0)
 

@@ -174,7 +174,7 @@ def test_what_a_trunk_alone_finds_after_the_walk_is_in_doubt():
 
 def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
     tables = io.analysis_to_dataframes(analysis)
-    assert list(tables) == ["strides", "bouts", "contacts", "sources", "samples"]
+    assert list(tables) == ["strides", "summary", "bouts", "contacts", "sources", "samples"]
     strides = tables["strides"]
     for name in ("stance_duration_s", "knee_flexion_max_deg", "stride_length_std_m", "source", "combined", "special"):
         assert name in strides
@@ -185,6 +185,9 @@ def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
     np.testing.assert_allclose(whole["stance_duration_s"] + whole["swing_duration_s"], whole["stride_duration_s"])
     assert len(tables["bouts"]) == 1
     assert tables["bouts"]["n_strides"].item() == len(strides)
+    of_length = tables["summary"].set_index("measure").loc["stride_length"]
+    assert of_length["mean"] == pytest.approx(whole["stride_length_m"].median(), rel=0.02)
+    assert 0.0 < of_length["std"] < 0.1 and of_length["error_std"] > 0.0
     assert tables["bouts"]["distance_m"].item() == pytest.approx(analysis.estimate.distance[-1])
     contacts = tables["contacts"]
     assert (np.diff(contacts["time_s"]) >= 0.0).all()
@@ -430,7 +433,9 @@ def test_a_person_who_only_stands_has_tables_and_a_note_but_no_strides(walked):
     assert found.strides is None and found.estimate.strides is None
     assert found.notes[0].code == "no_strides"
     tables = io.analysis_to_dataframes(found)
-    assert tables["strides"].empty and tables["bouts"].empty and "stride_length_m" in tables["strides"]
+    assert (
+        all(tables[name].empty for name in ("strides", "summary", "bouts")) and "stride_length_m" in tables["strides"]
+    )
     job = all_sensors({}, "csv")
     assert not {"cadence", "stance"} & {row[0] for row in job.rows(found)}
     assert job.numbers(found, [])["notes"][0]["code"] == "no_strides"
