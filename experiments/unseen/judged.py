@@ -27,7 +27,10 @@ TRUNKS = ("lower_back", "pelvis")
 
 
 class Judged(NamedTuple):
-    """Strides of one sensor (n,): their errors in stated deviations, whether they are flagged, and lengths [m]."""
+    """Strides of one sensor (n,): their errors in stated deviations, whether they are flagged, and lengths [m].
+
+    `noise` is the standard deviation of the reference in one stride, where a three-cornered hat gives it [m].
+    """
 
     group: str
     recording: str
@@ -35,6 +38,7 @@ class Judged(NamedTuple):
     flagged: np.ndarray
     length: np.ndarray
     true: np.ndarray
+    noise: float = 0.0
 
 
 def compared(
@@ -51,7 +55,7 @@ def compared(
     length = as_float(strides.length)[rows]
     error = np.abs(length - true) / np.hypot(as_float(stated.length)[rows], sd)
     flagged = np.asarray(estimate.diagnostics.get("doubtful", np.zeros(strides.side.size, bool)), bool)
-    return Judged(group, name, error, flagged[rows], length, true)
+    return Judged(group, name, error, flagged[rows], length, true, 0.0 if np.ndim(sd) else float(sd))
 
 
 def of_foot(foot: Foot) -> Judged:

@@ -1,7 +1,8 @@
 """Variability of the stride length within a walk, beside that of the reference in the same strides.
 
 What an estimator adds to the variability is the part of its error that changes from stride to stride. Strides that are
-flagged, and those whose reference is far from the walk's median (turns, steps from and to standing), do not count.
+flagged, and those whose reference is far from the walk's median (turns, steps from and to standing), do not count. The
+variance that a noisy reference adds itself is subtracted.
 """
 
 from collections.abc import Sequence
@@ -25,12 +26,14 @@ def rows(quick: bool) -> list[Row]:
 
 
 def spreads(one: Judged) -> tuple[float, float] | None:
-    """Standard deviation of the reference and of the estimate [% of the mean]; None for too few strides."""
+    """Variability of the reference and of the estimate [% of the mean]; None for few strides or a reference of noise."""
     middle = np.median(one.true)
     usual = ~one.flagged & (np.abs(one.true / middle - 1.0) < USUAL)
     if usual.sum() < FEWEST:
         return None
-    return tuple(100.0 * float(np.std(part[usual], ddof=1)) / middle for part in (one.true, one.length))
+    true, ours = (float(np.var(part[usual], ddof=1)) for part in (one.true, one.length))
+    own = true - one.noise**2  # without what the reference adds itself
+    return (100.0 * np.sqrt(own) / middle, 100.0 * np.sqrt(ours) / middle) if own > 0.0 else None
 
 
 def of_walks(found: Sequence[Judged]) -> list[Row]:

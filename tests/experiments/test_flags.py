@@ -48,5 +48,7 @@ def test_the_variability_of_a_walk_leaves_out_flagged_strides_and_turns():
     told = {row.metric: row.value for row in variability.of_walks([one])}
     assert told["cv_ratio_foot_ins_set"] == pytest.approx(2.0)
     assert told["cv_error_foot_ins_set_points"] == pytest.approx(100.0 * np.std(true[:8], ddof=1))
+    assert variability.of_walks([one._replace(noise=0.01)])[0].value > 2.1  # the reference itself varies less
+    assert variability.of_walks([one._replace(noise=0.03)]) == []
     short = flags.Judged("waist, set", "b", np.zeros(7), np.zeros(7, bool), ours[:7], true[:7])
     assert variability.of_walks([short]) == []
