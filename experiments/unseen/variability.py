@@ -26,7 +26,7 @@ def rows(quick: bool) -> list[Row]:
 
 
 def spreads(one: Judged) -> tuple[float, float] | None:
-    """Variability of the reference and of the estimate [% of the mean]; None for few strides or a reference of noise."""
+    """Variability of the reference and of the estimate [% of the mean]; None for few strides, or noise alone."""
     middle = np.median(one.true)
     usual = ~one.flagged & (np.abs(one.true / middle - 1.0) < USUAL)
     if usual.sum() < FEWEST:

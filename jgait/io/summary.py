@@ -27,6 +27,10 @@ USABLE = {"stride_width": "width_valid", "hip_flexion_min": "angles_valid", "hip
 FEWEST = 3
 """[1] Steady strides of a side of which a standard deviation is stated."""
 
+HIDDEN = 2.0
+"""[1] Stated error of a stride over the variability, above which the variability is not stated. Chosen: lengths from the
+waist are above it on recorded walks, those from shoes and shanks below."""
+
 JOINS_S = 0.2
 """[s] Largest time between the end of a stride and the start of the next of its side."""
 
@@ -42,9 +46,10 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
     sides' means `right` and `left`, or that of the only side. `std` is the variability from stride to stride within a
     side, the root of the mean of both sides' variances; `cv_pct` is 100 std / mean. `asymmetry_pct` is 100 (right −
     left) / mean. Angles have neither `cv_pct` nor `asymmetry_pct`: their zero is a matter of definition. `error_std` is
-    the stated standard deviation of the error in one stride: `std` contains the part of it that changes from stride to
-    stride, so that a `std` that is not clearly larger says little about the person. `step_duration` is the time from a
-    contact of the other foot to that of the side, `stance` the share of the stride with the foot on the ground.
+    the stated standard deviation of the error in one stride. `std` contains the part of it that changes from stride to
+    stride: one that is not clearly larger says little about the person, and where the error is more than `HIDDEN` times
+    as large it is not stated. `step_duration` is the time from a contact of the other foot to that of the side,
+    `stance` the share of the stride with the foot on the ground.
 
     Args:
         strides: the table `strides` of `analysis_to_dataframes`.
@@ -70,9 +75,11 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
         usable = table.get(USABLE.get(name, ""), pd.Series(True, table.index)).astype(bool)
         row = _row(values[usable].astype(float), table["side"][usable], unit != "deg", enough)
         error = table.get(f"{name}_std_{unit}", pd.Series(np.nan, table.index))[usable & values.notna()]
-        if row["n_strides"]:
-            square = float(np.mean(np.square(error))) if len(error) else np.nan
-            rows.append({"measure": name, "unit": unit, **row, "error_std": np.sqrt(square)})
+        if not row["n_strides"]:
+            continue
+        stated = float(np.sqrt(np.mean(np.square(error)))) if len(error) else np.nan
+        hidden = {"std": np.nan, "cv_pct": np.nan} if stated > HIDDEN * row["std"] else {}
+        rows.append({"measure": name, "unit": unit, **row, **hidden, "error_std": stated})
     return pd.DataFrame(rows, columns=SUMMARY)
 
 

@@ -38,6 +38,13 @@ def test_mean_variability_and_asymmetry_of_the_length():
     assert one["error_std"] == pytest.approx(0.02)
 
 
+def test_variability_below_half_of_the_error_is_not_stated():
+    known, hidden = (rows(strides(stride_length_std_m=error)).loc["stride_length"] for error in (0.045, 0.055))
+    assert known["std"] > 0.0
+    assert hidden[["std", "cv_pct"]].isna().all()
+    assert hidden["mean"] == known["mean"] and hidden["error_std"] == pytest.approx(0.055)
+
+
 def test_a_step_lasts_from_the_contact_of_the_other_foot():
     steps = rows(strides()).loc["step_duration"]
     assert (steps["right"], steps["left"]) == pytest.approx((0.6, 0.4))
