@@ -28,8 +28,8 @@ FEWEST = 3
 """[1] Steady strides of a side of which a standard deviation is stated."""
 
 HIDDEN = 2.0
-"""[1] Stated error of a stride over the variability, above which the variability is not stated. Chosen: lengths from the
-waist are above it on recorded walks, those from shoes and shanks below."""
+"""[1] Stated error of a stride over the variability, above which the variability is not stated. Chosen so that lengths
+from the waist are above it on recorded walks, those from shoes and shanks below."""
 
 JOINS_S = 0.2
 """[s] Largest time between the end of a stride and the start of the next of its side."""
