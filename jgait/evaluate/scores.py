@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from jgait.estimators.stride_flags import STRIDE_COLUMNS, as_far
+from jgait.estimators.stride_flags import STRIDE_COLUMNS, STRIDE_FLAGS, as_far, regular
 from jgait.evaluate.clocks import clock_notes
 from jgait.evaluate.errors import common_samples, foot_position_error, leg_errors
 from jgait.notes import Kind, Note
@@ -20,8 +20,8 @@ class Scores(NamedTuple):
 
     Attributes:
         quantities: name → (estimate, reference); NaN where a value is missing.
-        strides: columns (n,) `s_id side start end quantity estimate reference`, a row a stride and quantity; empty
-            without strides.
+        strides: columns (n,) `s_id side start end regular quantity estimate reference`, a row a stride and quantity;
+            empty without strides. `regular` as in the tables of an analysis: no turn, stairs, half-step or doubt.
         notes: what is doubtful about the reference.
     """
 
@@ -148,6 +148,7 @@ def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, Any]:
     if estimate.strides is not None:
         ours = _ordered(estimate.strides)
         match = matched(ours, theirs)
+        whole = np.append(regular(estimate, STRIDE_FLAGS), False)[match]
         for name in STRIDE_COLUMNS:
             values, truth = values_of(ours, name), values_of(theirs, name)
             if values is None or truth is None:
@@ -157,13 +158,15 @@ def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, Any]:
                 rows[name], known[name] = values, truth
     elif estimate.distance is not None:
         way = np.full(len(theirs.length), NAN) if reference.distance is None else _gained(reference, theirs)
-        rows["stride_length_m"] = np.where(as_far(theirs, way), _gained(estimate, theirs), NAN)
+        whole = as_far(theirs, way)
+        rows["stride_length_m"] = np.where(whole, _gained(estimate, theirs), NAN)
         known["stride_length_m"] = as_float(theirs.length)
     if not rows:
         return {}
     count = len(theirs.length)
     start, end = _span(theirs, standing=theirs.start is None)
-    fixed = {"s_id": np.arange(count), "side": np.array(SIDES)[theirs.side], "start": start, "end": end}
+    fixed = {"s_id": np.arange(count), "side": np.array(SIDES)[theirs.side], "start": start, "end": end,
+             "regular": whole}  # fmt: skip
     return {name: np.concatenate([values] * len(rows)) for name, values in fixed.items()} | {
         "quantity": np.repeat(list(rows), count),
         "estimate": np.concatenate(list(rows.values())),

@@ -29,7 +29,7 @@ COLUMNS: dict[str, tuple[str, ...]] = {
     "recordings": ("recording", "subject", "n_samples", "seconds", "valid", "notes"),
     "quantities": ("recording", "subject", "quantity", "estimate", "reference", "error", "abs_error", "rel_error"),
     "strides": (
-        "recording", "subject", "s_id", "side", "start", "end",
+        "recording", "subject", "s_id", "side", "start", "end", "regular",
         "quantity", "estimate", "reference", "error", "abs_error", "rel_error",
     ),
     "failures": ("recording", "subject", "reason"),
@@ -37,7 +37,7 @@ COLUMNS: dict[str, tuple[str, ...]] = {
 """Columns of each table of a `Cohort`."""
 
 _TEXT = ("recording", "subject", "quantity", "side", "notes", "reason")
-_WHOLE = ("n_samples", "s_id")
+_TYPES = {**dict.fromkeys(_TEXT, "str"), "n_samples": "int64", "s_id": "int64", "regular": "bool"}
 _DESCRIPTION = "cohort.json"
 _PARTS = {
     "jgait": "the version of jgait", "estimator": "the estimator", "functions": "the estimator's options",
@@ -61,7 +61,8 @@ class Cohort(NamedTuple):
             samples with an estimate [1]; `notes` are JSON, read by `jgait.notes.from_json`.
         quantities: a row a recording and quantity: `recording subject quantity estimate reference error abs_error
             rel_error`, in the unit at the end of the quantity's name; NaN where there is no reference.
-        strides: a row a stride of the reference and quantity: the same columns, and `s_id side start end` [s].
+        strides: a row a stride of the reference and quantity: the same columns, and `s_id side start end` [s], and
+            `regular`: the estimated stride is in no turn, on no stairs, no half-step, and not in doubt.
         failures: `recording subject reason` of every recording without a result.
     """
 
@@ -100,8 +101,7 @@ def frame(table: str, rows: "Sequence[Any] | dict[str, Any] | pd.DataFrame") -> 
     import pandas as pd
 
     made = pd.DataFrame(rows, columns=list(COLUMNS[table])).reset_index(drop=True)
-    kinds = {name: str if name in _TEXT else "int64" if name in _WHOLE else "float64" for name in made.columns}
-    return made.astype(kinds)
+    return made.astype({name: _TYPES.get(name, "float64") for name in made.columns})
 
 
 def joined(parts: Iterable[Cohort]) -> Cohort:
@@ -210,11 +210,13 @@ def read_table(path: Path, table: str) -> "pd.DataFrame":
     lacking = [name for name in COLUMNS[table] if name not in text]
     if lacking:
         raise ValueError(f"{path.name} has no column {lacking[0]!r}")
-    plain = {
-        name: text[name].to_numpy(dtype=object) if name in _TEXT else [float(v) if v else np.nan for v in text[name]]
-        for name in COLUMNS[table]
-    }
-    return frame(table, plain)
+
+    def cells(name: str) -> "np.ndarray | pd.Series | list[float]":
+        if _TYPES.get(name) == "bool":
+            return text[name] == "True"
+        return text[name].to_numpy(dtype=object) if name in _TEXT else [float(v) if v else np.nan for v in text[name]]
+
+    return frame(table, {name: cells(name) for name in COLUMNS[table]})
 
 
 def described(value: object) -> str:
