@@ -45,7 +45,7 @@ from jgait.estimators.foot_ins.online_state import (
 )
 from jgait.estimators.foot_ins.params import FootParams
 from jgait.estimators.foot_ins.prepare import LOST_FORCE, LOST_RATE, REACH, REST_STEP
-from jgait.estimators.foot_ins.readout import SHORTEST, timed
+from jgait.estimators.foot_ins.readout import LONG_STANCE, SHORTEST, timed
 from jgait.estimators.losses import held_bridge
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.sides import of_turns
@@ -253,7 +253,7 @@ def _strides(
     )  # fmt: skip
     spread = [posterior.cov[f"position.{a}", f"position.{b}"] for a, b in ("xx", "xy", "yy", "zz")]
     nis = since[:, 1] / jnp.maximum(since[:, 2], 1.0)
-    follows = swing.final - event.landed <= PAUSE_S
+    follows = swing.final - event.landed <= jnp.maximum(PAUSE_S, LONG_STANCE * (known.end - swing.final))
     strides, stddev = timed(p, known, way, spread, event.landed, follows, yaw, nis)
     return strides, stddev, trust.doubtful(strides, stddev, nis) & strides.valid
 

@@ -11,6 +11,7 @@ from jgait.estimators.foot_ins.model import FootState
 from jgait.estimators.foot_ins.params import FootParams
 from jgait.estimators.sides import along, of_turns, picked
 from jgait.estimators.trust import nis_between
+from jgait.events.shank_stance import PAUSE_S
 from jgait.filtering import Covariance, Inferred
 from jgait.geometry.rotation import Quaternion, conjugate, rotated
 from jgait.geometry.vectors import Vector, add, root, wrapped
@@ -34,6 +35,11 @@ KNOWN = 0.07
 
 TIMING = 0.02
 """[s] Standard deviation of the duration of a stride, from 15 ms for each of its two contacts."""
+
+
+LONG_STANCE = 4.0
+"""[1] A stance longer than `PAUSE_S` and than so many swings is standing, from which the next stride starts: a foot
+that shuffles stands for three of its swings."""
 
 
 class Path(NamedTuple):
@@ -132,6 +138,7 @@ def _strides(
     )  # fmt: skip
     landed = jnp.concatenate([leaves[:1], touches[:-1]])
     follows = jnp.concatenate([jnp.zeros_like(valid[:1]), valid[:-1]])
+    follows &= leaves - landed <= jnp.maximum(PAUSE_S, LONG_STANCE * (touches - leaves))
     strides, deviations = timed(p, known, way, between, landed, follows, variance_there - variance_here, nis)
     return strides, deviations._replace(contact_angle=contact_sd, push_off_angle=push_off_sd, step_length=nothing)
 
