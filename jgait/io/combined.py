@@ -37,7 +37,7 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     these angles are not usable, `wb_id` of the walking bout, `source` of the times, `combined` sources of the length,
     `special` flags in words, and `regular`, True if the stride counts in medians: not in a turn, on stairs, from or to
     standing, clipped, or in doubt. A regular stride can have other flags, such as "sources contradict".
-    `summary`: mean, variability and asymmetry of each measure over the regular strides, see `io.summary.summary`.
+    `summary`: mean, variability and asymmetry of each measure over the steady strides, see `io.summary.summary`.
     `contacts`: `time_s side event source`, initial and final contacts; side "unknown" where it is not certain.
     `bouts`: `wb_id start_s end_s duration_s n_strides distance_m stride_length_m walking_speed_mps cadence_spm`; a bout
     ends with a break of more than 3 s; lengths, speeds and cadence are medians over regular strides; `distance_m` is
@@ -93,15 +93,17 @@ def _strides(analysis: "Analysis", joined: "JoinedStrides") -> "pd.DataFrame":
 
 
 def joint_extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.ndarray]:
-    """Smallest and largest flexion of hip and knee [°] in each stride, of the stride's own leg."""
+    """Smallest and largest flexion of hip and knee [°] in each stride, of its own leg; NaN where a sample lacks."""
     extremes: dict[str, np.ndarray] = {}
     time = as_float(estimate.time)
     for side, leg in zip(SIDES, estimate.legs, strict=True):
         if leg is None:
             continue
+        known = np.asarray(estimate.valid, bool) & np.isfinite(as_float(leg.knee_angle))
         for row in np.flatnonzero(table["side"] == side):
             there = (time >= table["start_s"].iloc[row]) & (time <= table["end_s"].iloc[row])
-            there &= np.asarray(estimate.valid, bool) & np.isfinite(as_float(leg.knee_angle))
+            if not there.any() or not known[there].all():  # the extreme may lie where there is no angle
+                there = np.zeros_like(there)
             for joint in ("hip", "knee"):
                 angle = np.rad2deg(as_float(getattr(leg, f"{joint}_angle")))[there]
                 for word, of in (("min", np.min), ("max", np.max)):

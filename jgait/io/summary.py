@@ -1,6 +1,5 @@
 """Mean, variability and asymmetry of the strides of a recording: the table that studies compare people by."""
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +9,8 @@ from jgait.types import SIDES
 if TYPE_CHECKING:
     import pandas as pd
 
-SUMMARY = ["measure", "unit", "n_strides", "mean", "std", "cv_pct", "error_std", *SIDES, "asymmetry_pct"]
+SUMMARY = ["measure", "unit", "n_strides", "steady", "mean", "std", "cv_pct", "error_std", *SIDES, "asymmetry_pct",
+           "asymmetry_std_pct"]  # fmt: skip
 """Columns of the table, also if it has no rows."""
 
 MEASURES = {
@@ -34,22 +34,35 @@ from the waist are above it on recorded walks, those from shoes and shanks below
 JOINS_S = 0.2
 """[s] Largest time between the end of a stride and the start of the next of its side."""
 
+CONTACTS = "feet"
+"""The source whose contacts are those of both sides alike: stances and steps of others are off by how a leg moves."""
+
+CONTACT_S = 0.01
+"""[s] Standard deviation of the error of a side's contacts that is the same in all of its strides, by `CONTACTS`."""
+
 
 def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
     """One row for each measure, over the steady strides of a recording.
 
     A stride is steady if it and its neighbours of the same side are regular: strides in which a person speeds up or
     slows down, beside standing, turns and stairs, do not count. Where a side has fewer than `FEWEST` steady strides,
-    the regular ones count, and variability is not stated.
+    the regular ones count, `steady` is False, and neither variability nor asymmetry is stated.
 
-    Columns: `measure unit n_strides mean std cv_pct error_std right left asymmetry_pct`. `mean` is the mean of both
-    sides' means `right` and `left`, or that of the only side. `std` is the variability from stride to stride within a
-    side, the root of the mean of both sides' variances; `cv_pct` is 100 std / mean. `asymmetry_pct` is 100 (right −
-    left) / mean. Angles have neither `cv_pct` nor `asymmetry_pct`: their zero is a matter of definition. `error_std` is
-    the stated standard deviation of the error in one stride. `std` contains the part of it that changes from stride to
-    stride: one that is not clearly larger says little about the person, and where the error is more than `HIDDEN` times
-    as large it is not stated. `step_duration` is the time from a contact of the other foot to that of the side,
-    `stance` the share of the stride with the foot on the ground.
+    Columns:
+        measure unit n_strides steady: the measure, and how many strides of which kind count.
+        right left mean: means of the sides, and their mean, or that of the only side.
+        std cv_pct: variability from stride to stride within a side, the root of the mean of both sides' variances, and
+            100 std / mean; no `cv_pct` of angles, whose zero is a matter of definition.
+        error_std: stated standard deviation of the error in one stride. `std` contains the part of it that changes from
+            stride to stride: one that is not clearly larger says little about the person, and where the error is more
+            than `HIDDEN` times as large it is not stated.
+        asymmetry_pct asymmetry_std_pct: 100 (right − left) / mean of stride lengths, steps and stances, and the
+            standard deviation of its error, if the error of a stride is the same in all strides of a side. Only where
+            the same sensors measure both sides.
+
+    `step_duration` is the time from a contact of the other foot to that of the side, `stance` the share of the stride
+    with the foot on the ground: of shoes alone, as shanks and waist show final contacts and single steps too late by
+    how the leg moves. `step_length` needs the range between the feet.
 
     Args:
         strides: the table `strides` of `analysis_to_dataframes`.
@@ -59,27 +72,42 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
     """
     import pandas as pd
 
-    steady = _steady(strides)
-    sides = strides.loc[strides["regular"].astype(bool), "side"]
-    enough = bool((strides.loc[steady, "side"].value_counts().reindex(sides.unique(), fill_value=0) >= FEWEST).all())
-    table = strides[steady if enough else strides["regular"].astype(bool)]
+    steady, regular = _steady(strides), strides["regular"].astype(bool)
+    counts = [(steady & (strides["side"] == side)).sum() for side in strides.loc[regular, "side"].unique()]
+    enough = bool(counts) and min(counts) >= FEWEST
+    table = strides[steady if enough else regular]
+    sources = [set(table.loc[table["side"] == side, "source"]) for side in SIDES]
+    alike = enough and sources[0] == sources[1]
     columns = {f"{name}_{unit}": table.get(f"{name}_{unit}") for name, unit in MEASURES.items()}
     columns["step_duration_s"] = _step_durations(table, strides)
-    if "stance_duration_s" in table:
-        columns["stance_pct"] = 100.0 * table["stance_duration_s"] / table["stride_duration_s"]
+    columns["stance_pct"] = _stances(table)
+    if "stride_width_m" not in table:
+        columns["step_length_m"] = None
     rows = []
     for name, unit in MEASURES.items():
         values = columns[f"{name}_{unit}"]
         if values is None:
             continue
         usable = table.get(USABLE.get(name, ""), pd.Series(True, table.index)).astype(bool)
-        row = _row(values[usable].astype(float), table["side"][usable], unit != "deg", enough)
-        error = table.get(f"{name}_std_{unit}", pd.Series(np.nan, table.index))[usable & values.notna()]
-        if not row["n_strides"]:
+        values = values[usable].dropna().astype(float)
+        if not len(values):
             continue
-        stated = float(np.sqrt(np.mean(np.square(error)))) if len(error) else np.nan
-        hidden = {"std": np.nan, "cv_pct": np.nan} if stated > HIDDEN * row["std"] else {}
-        rows.append({"measure": name, "unit": unit, **row, **hidden, "error_std": stated})
+        by_side = [values[table["side"] == side] for side in SIDES]
+        means = np.array([one.mean() if len(one) else np.nan for one in by_side])
+        mean = float(np.nanmean(means))
+        variances = [one.var() for one in by_side if len(one) >= FEWEST]
+        std = float(np.sqrt(np.mean(variances))) if variances and enough else np.nan
+        errors = table.get(f"{name}_std_{unit}", pd.Series(np.nan, table.index))[values.index].dropna()
+        error = float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else np.nan
+        std = np.nan if error > HIDDEN * std else std
+        unsure = _side_error(name, error, mean, table) if alike else np.nan
+        rows.append({
+            "measure": name, "unit": unit, "n_strides": len(values), "steady": enough, "mean": mean, "std": std,
+            "cv_pct": np.nan if unit == "deg" else 100.0 * std / mean, "error_std": error,
+            **dict(zip(SIDES, map(float, means), strict=True)),
+            "asymmetry_pct": 100.0 * float(means[0] - means[1]) / mean if np.isfinite(unsure) else np.nan,
+            "asymmetry_std_pct": 100.0 * unsure / mean,
+        })  # fmt: skip
     return pd.DataFrame(rows, columns=SUMMARY)
 
 
@@ -96,34 +124,32 @@ def _steady(strides: "pd.DataFrame") -> "pd.Series":
     return found
 
 
-def _row(values: "pd.Series", side: "pd.Series", ratio: bool, steady: bool) -> Mapping[str, float]:
-    """The numbers of one measure, from its value in each stride.
-
-    `ratio`: whether its zero is that of a length; `steady`: whether a variability is stated.
-    """
-    by_side = [values[side == one].dropna() for one in SIDES]
-    means = np.array([one.mean() if len(one) else np.nan for one in by_side])
-    variances = [one.var() for one in by_side if steady and len(one) >= FEWEST]
-    known = np.isfinite(means)
-    mean = float(np.mean(means[known])) if known.any() else np.nan
-    std = float(np.sqrt(np.mean(variances))) if variances else np.nan
-    share = 100.0 / mean if ratio and mean > 0.0 else np.nan
-    return {
-        "n_strides": sum(map(len, by_side)), "mean": mean, "std": std, "cv_pct": share * std,
-        **dict(zip(SIDES, map(float, means), strict=True)), "asymmetry_pct": share * float(means[0] - means[1]),
-    }  # fmt: skip
+def _side_error(name: str, error: float, mean: float, table: "pd.DataFrame") -> float:
+    """Standard deviation of the difference of both sides' means; NaN where it is not known."""
+    if name == "stride_length":
+        return float(np.sqrt(2.0) * error)
+    if name == "step_duration":  # what one side's contacts are late, its steps are longer and the other's shorter
+        return 2.0 * np.sqrt(2.0) * CONTACT_S
+    return 200.0 * CONTACT_S / float(table["stride_duration_s"].mean()) if name == "stance" else np.nan
 
 
-def _step_durations(table: "pd.DataFrame", strides: "pd.DataFrame") -> "pd.Series | None":
-    """Time from the other foot's contact within each stride to its end [s]; None if one side alone has strides."""
+def _stances(table: "pd.DataFrame") -> "pd.Series | None":
+    """Share of the stride with the foot on the ground [%], by `CONTACTS`; None if it has no final contacts."""
+    if "stance_duration_s" not in table:
+        return None
+    share = 100.0 * table["stance_duration_s"] / table["stride_duration_s"]
+    return share.where(table["source"] == CONTACTS)
+
+
+def _step_durations(table: "pd.DataFrame", strides: "pd.DataFrame") -> "pd.Series":
+    """Time from the other foot's contact within each stride to its end [s], by `CONTACTS`."""
     import pandas as pd
 
-    contacts = {side: np.unique(strides.loc[strides["side"] == side, ["start_s", "end_s"]].dropna()) for side in SIDES}
-    if not all(len(times) for times in contacts.values()):
-        return None
+    seen = strides[strides["source"] == CONTACTS]
+    contacts = {side: np.unique(seen.loc[seen["side"] == side, ["start_s", "end_s"]].dropna()) for side in SIDES}
     other = dict(zip(SIDES, reversed(SIDES), strict=True))
     durations = pd.Series(np.nan, table.index)
-    for row, stride in table[["side", "start_s", "end_s"]].iterrows():
+    for row, stride in table[table["source"] == CONTACTS].iterrows():
         times = contacts[other[stride["side"]]]
         within = times[(times > stride["start_s"]) & (times < stride["end_s"])]
         if len(within):

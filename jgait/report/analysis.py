@@ -68,15 +68,21 @@ def _summary(table: "pd.DataFrame") -> list[Section]:
     for one in table.to_dict("records"):
         digits = {"deg": 1, "pct": 1}.get(one["unit"], 3)
         numbers = [number(one[name], digits) for name in ("mean", "std", "error_std", *SIDES)]
-        shares = [number(one[name], 1) for name in ("cv_pct", "asymmetry_pct")]
+        shares = [number(one[name], 1) for name in ("cv_pct", "asymmetry_pct", "asymmetry_std_pct")]
         words = one["measure"].replace("_", " ")
-        rows.append([Cell(words), *map(Cell, numbers), *map(Cell, shares), Cell(UNITS[one["unit"]])])
+        rows.append([
+            Cell(words), Cell(str(one["n_strides"])), *map(Cell, numbers), *map(Cell, shares), Cell(UNITS[one["unit"]]),
+        ])  # fmt: skip
+    kind = (
+        "steady strides: regular ones between regular ones" if table["steady"].all()
+        else "regular strides, as there are too few steady ones for variability and asymmetry"
+    )  # fmt: skip
     caption = (
-        "Means over the regular strides. SD: from stride to stride within a side; error: stated SD of the error in one "
-        "stride. An SD that is not clearly larger than the error says little about the person. CV: SD / mean; "
-        "asymmetry: (right − left) / mean."
+        f"Means over {kind}. SD: from stride to stride within a side; error: stated SD of the error in one stride, "
+        "if known. An SD that is not clearly larger than the error says little about the person. CV: SD / mean. "
+        "Asymmetry: (right − left) / mean, ± one SD of its error; if within two of them, it may be the sensors' error."
     )
-    columns = ("", "mean", "SD", "error", "right", "left", "CV [%]", "asymmetry [%]", "unit")
+    columns = ("", "n", "mean", "SD", "error", "right", "left", "CV [%]", "asymmetry [%]", "± SD [%]", "unit")
     return [Section("Variability and asymmetry", "", [Table(caption, columns, rows)])]
 
 

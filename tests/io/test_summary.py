@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jgait.io.summary import SUMMARY, summary
+from jgait.io.summary import CONTACT_S, SUMMARY, summary
 
 RIGHT, LEFT = (0.9, 1.30, 1.34, 1.32, 1.36, 1.1), (0.8, 1.20, 1.26, 1.22, 1.24, 1.0)
 
@@ -18,7 +18,7 @@ def strides(right=RIGHT, left=LEFT, **more):
     rows += [("left", i + 0.4, length) for i, length in enumerate(left)]
     side, start, length = zip(*sorted(rows, key=lambda row: row[1]), strict=True)
     table = pd.DataFrame({"side": side, "start_s": start, "end_s": np.add(start, 1.0), "stride_length_m": length})
-    return table.assign(stride_duration_s=1.0, regular=True, **more)
+    return table.assign(**{"stride_duration_s": 1.0, "regular": True, "source": "feet", **more})
 
 
 def rows(table):
@@ -36,6 +36,7 @@ def test_mean_variability_and_asymmetry_of_the_length():
     assert one["cv_pct"] == pytest.approx(100.0 * within / 1.28)
     assert one["asymmetry_pct"] == pytest.approx(100.0 * 0.1 / 1.28)
     assert one["error_std"] == pytest.approx(0.02)
+    assert one["asymmetry_std_pct"] == pytest.approx(100.0 * np.sqrt(2.0) * 0.02 / 1.28)
 
 
 def test_variability_below_half_of_the_error_is_not_stated():
@@ -47,6 +48,7 @@ def test_variability_below_half_of_the_error_is_not_stated():
 
 def test_a_step_lasts_from_the_contact_of_the_other_foot():
     steps = rows(strides()).loc["step_duration"]
+    assert steps["asymmetry_std_pct"] == pytest.approx(100.0 * 2.0 * np.sqrt(2.0) * CONTACT_S / 0.5)
     assert (steps["right"], steps["left"]) == pytest.approx((0.6, 0.4))
     assert steps["asymmetry_pct"] == pytest.approx(40.0)
     assert steps["n_strides"] == 8
@@ -68,15 +70,31 @@ def test_of_a_short_walk_the_regular_strides_count_and_no_variability_is_stated(
     one = rows(strides(right=RIGHT[:4], left=LEFT[:4])).loc["stride_length"]
     assert one["n_strides"] == 8
     assert one["right"] == pytest.approx(np.mean(RIGHT[:4]))
-    assert np.isnan(one["std"]) and np.isnan(one["cv_pct"])
+    assert not one["steady"] and one[["std", "cv_pct", "asymmetry_pct"]].isna().all()
 
 
 def test_one_side_alone_has_no_asymmetry_and_no_steps():
-    table = strides(left=())
-    found = rows(table)
+    found = rows(strides(left=(), stride_length_std_m=0.02))
     assert found.loc["stride_length", "mean"] == pytest.approx(1.33)
-    assert found.loc["stride_length", ["left", "asymmetry_pct"]].isna().all()
+    assert found.loc["stride_length", ["left", "asymmetry_pct", "asymmetry_std_pct"]].isna().all()
     assert "step_duration" not in found.index
+
+
+def test_sides_of_different_sensors_are_not_compared():
+    table = strides(stride_length_std_m=0.02, stance_duration_s=0.6)
+    table.loc[table["side"] == "left", "source"] = "shanks"
+    found = rows(table)
+    assert found.loc["stride_length", ["asymmetry_pct", "asymmetry_std_pct"]].isna().all()
+    assert found.loc["stride_length", "left"] == pytest.approx(1.23)
+    assert "step_duration" not in found.index
+    assert np.isnan(found.loc["stance", "left"]) and found.loc["stance", "right"] == pytest.approx(60.0)
+
+
+def test_steps_stances_and_step_lengths_need_shoes():
+    table = strides(stance_duration_s=0.6, step_length_m=0.6, source="waist")
+    assert {"step_duration", "stance", "step_length"}.isdisjoint(rows(table).index)
+    with_range = strides(step_length_m=0.6, stride_width_m=0.1)
+    assert rows(with_range).loc["step_length", "mean"] == pytest.approx(0.6)
 
 
 def test_angles_have_no_ratios_and_unusable_ones_do_not_count():
