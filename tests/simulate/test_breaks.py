@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 import strapdown
 
-from jgait import simulate
+import jgait
+from jgait import io, simulate
 from jgait.simulate import Gait, Person
 from jgait.simulate.routes import total_length
 from jgait.simulate.sensors import MPU6000
@@ -94,3 +95,18 @@ def test_errors_of_sensors_go_on_over_breaks():
 def test_bouts_that_do_not_follow_each_other_are_refused(ways, breaks, message):
     with pytest.raises(ValueError, match=message):
         simulate.with_breaks(jax.random.key(0), WHO, ways, breaks)
+
+
+def test_shoes_see_the_breaks():
+    recording, truth = simulate.with_breaks(
+        jax.random.key(0), WHO, WAYS[:2], (4.0,), MPU6000, placements=("foot_right", "foot_left")
+    )
+    found, known = jgait.analyse(recording), truth.strides
+    tables = io.analysis_to_dataframes(found)
+    assert len(tables["bouts"]) == 2
+    strides = tables["strides"].query("regular")
+    assert strides["stride_duration_s"].max() < 1.5 * strides["stride_duration_s"].median()
+    # every stride begins where the truth says: those after the break when the foot leaves the ground
+    ours, theirs = found.estimate.strides, known.start[known.valid]
+    assert len(ours.start) == len(theirs)
+    np.testing.assert_allclose(np.sort(ours.start), np.sort(theirs), atol=0.1)
