@@ -4,4 +4,4 @@ Everything that is learned from people is learned on everybody for the numbers o
 person who is judged for those of people left out. An estimate that is no better than a plain guess is said not to be.
 """
 
-PARTS = ("waist", "legs", "feet", "flags", "variability", "trials")
+PARTS = ("waist", "legs", "feet", "flags", "variability", "asymmetry", "trials")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.unseen import flags, variability
+from experiments.unseen import asymmetry, flags, variability
 from experiments.unseen import trials as trials_part
 
 LENGTHS = np.ones((2, 4))
@@ -52,3 +52,9 @@ def test_the_variability_of_a_walk_leaves_out_flagged_strides_and_turns():
     assert variability.of_walks([one._replace(noise=0.03)]) == []
     short = flags.Judged("waist, set", "b", np.zeros(7), np.zeros(7, bool), ours[:7], true[:7])
     assert variability.of_walks([short]) == []
+
+
+def test_asymmetries_within_two_stated_deviations_are_counted():
+    found = [asymmetry.Asymmetry("stance", 1.0, 2.0, 3.0), asymmetry.Asymmetry("stance", 1.0, 9.0, 3.0)]
+    told = {row.metric: row.value for row in asymmetry.of_walks(found)}
+    assert told == {"asymmetry_stance_points": 4.5, "asymmetry_stance_within_two_sigma_pct": 50.0}
