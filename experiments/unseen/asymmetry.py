@@ -76,7 +76,7 @@ def of_walks(found: list[Asymmetry]) -> list[Row]:
         typical = float(np.median(np.abs(error)))
         lines.append([name.replace("_", " "), len(some), np.median(np.abs(marked)), error.mean(), typical,
                       np.abs(error).max(), np.median(stated), inside])  # fmt: skip
-        line = f"asymmetry of the {name.replace('_', ' ')}, shoes, `{SET}`: error [points]"
+        line = f"asymmetry of the {name.replace('_', ' ')}, shoes, `{SET}`: error in points"
         made.append(
             Row(f"asymmetry_{name}_points", typical, "%", n=len(some), split="defaults").on(line, "median", "walks")
         )

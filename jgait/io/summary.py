@@ -38,8 +38,8 @@ CONTACTS = "feet"
 """The source whose contacts are those of both sides alike: stances and steps of others are off by how a leg moves."""
 
 CONTACT_S = 0.01
-"""[s] Standard deviation of the error of a side's contacts that is the same in all of its strides, by `CONTACTS`. Chosen
-on `ipol_gait`, whose contacts are marked by hand: `experiments.unseen.asymmetry` prints how many walks it covers."""
+"""[s] Standard deviation of the error of a side's contacts that is the same in all of its strides, by `CONTACTS`.
+Chosen on `ipol_gait`, whose contacts are marked by hand: `experiments.unseen.asymmetry` prints what it covers."""
 
 
 def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
