@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jgait.estimators.stride_flags import SIDE_UNKNOWN
 from jgait.io.strides import bout_numbers, strides_to_dataframe
 from jgait.io.summary import SUMMARY, summary
 from jgait.io.write import to_dataframe
@@ -52,7 +53,8 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     if analysis.strides is not None:
         every = _strides(analysis, analysis.strides)
         tables["strides"] = every.dropna(axis="columns", how="all")
-        tables["summary"] = summary(every)
+        unknown = every["special"].str.contains(SIDE_UNKNOWN.word, regex=False)
+        tables["summary"] = summary(every.assign(side_known=~unknown))
         tables["bouts"] = _bouts(every, analysis.estimate)
     tables["contacts"] = _contacts(analysis)
     rows = [

@@ -14,14 +14,17 @@ SUMMARY = ["measure", "unit", "n_strides", "steady", "mean", "std", "cv_pct", "e
 """Columns of the table, also if it has no rows."""
 
 MEASURES = {
-    "stride_length": "m", "stride_duration": "s", "walking_speed": "mps", "step_length": "m", "step_duration": "s",
-    "stance": "pct", "stride_width": "m", "lift": "m", "hip_flexion_min": "deg", "hip_flexion_max": "deg",
-    "knee_flexion_max": "deg", "contact_angle": "deg", "push_off_angle": "deg",
+    "stride_length": "m", "stride_duration": "s", "cadence": "spm", "walking_speed": "mps", "step_length": "m",
+    "step_duration": "s", "stance": "pct", "stride_width": "m", "lift": "m", "contact_angle": "deg",
+    "push_off_angle": "deg", "hip_flexion_max": "deg", "hip_flexion_min": "deg", "knee_flexion_max": "deg",
+    "knee_flexion_min": "deg",
 }  # fmt: skip
-"""Measure → its unit; with `_` between, the column of the table of strides, but for `step_duration` and `stance`."""
+"""Measure → its unit; with `_` between, the column of the table of strides, but for `cadence`, `step_duration` and
+`stance`."""
 
-USABLE = {"stride_width": "width_valid", "hip_flexion_min": "angles_valid", "hip_flexion_max": "angles_valid",
-          "knee_flexion_max": "angles_valid"}  # fmt: skip
+USABLE = {"stride_width": "width_valid", **dict.fromkeys(
+    (f"{joint}_flexion_{end}" for joint in ("hip", "knee") for end in ("max", "min")), "angles_valid"
+)}  # fmt: skip
 """Measure → the column that is False in strides in which it is not usable."""
 
 FEWEST = 3
@@ -51,7 +54,8 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
 
     Columns:
         measure unit n_strides steady: the measure, and how many strides of which kind count.
-        right left mean: means of the sides, and their mean, or that of the only side.
+        right left mean: means of the sides, and their mean, or that of the only side, or of all strides where some
+            are of an unknown side.
         std cv_pct: variability from stride to stride within a side, the root of the mean of both sides' variances, and
             100 std / mean; no `cv_pct` of angles, whose zero is a matter of definition.
         error_std: stated standard deviation of the error in one stride. `std` contains the part of it that changes from
@@ -66,22 +70,27 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
     how the leg moves. `step_length` needs the range between the feet.
 
     Args:
-        strides: the table `strides` of `analysis_to_dataframes`.
+        strides: the table `strides` of `analysis_to_dataframes`; a column `side_known` may be False where the side is a
+            guess.
 
     Source: within-side variability, and the mean of both sides: B. Galna, S. Lord, L. Rochester, Gait & Posture 37(2),
     2013.
     """
     import pandas as pd
 
-    steady, regular = _steady(strides), strides["regular"].astype(bool)
-    counts = [(steady & (strides["side"] == side)).sum() for side in strides.loc[regular, "side"].unique()]
-    enough = bool(counts) and min(counts) >= FEWEST
-    table = strides[steady if enough else regular]
-    sources = [set(table.loc[table["side"] == side, "source"]) for side in SIDES]
-    alike = enough and sources[0] == sources[1]
+    regular = strides["regular"].astype(bool)
+    steady = regular & _beside_regular(strides)
+    table = strides[steady]
+    told = strides.loc[regular, "side"].unique()
+    enough = bool(len(told)) and bool((table["side"].value_counts().reindex(told, fill_value=0) >= FEWEST).all())
+    table = table if enough else strides[regular]
+    known = table.get("side_known", pd.Series(True, table.index)).astype(bool)
+    sided = bool(known.all())
+    alike = enough and sided and len({frozenset(of["source"]) for _, of in table.groupby("side")}) == 1
     columns = {f"{name}_{unit}": table.get(f"{name}_{unit}") for name, unit in MEASURES.items()}
-    columns["step_duration_s"] = _step_durations(table, strides)
-    columns["stance_pct"] = _stances(table)
+    columns |= {"step_duration_s": _step_durations(table, strides), "stance_pct": _stances(table)}
+    if "stride_duration_s" in table:
+        columns["cadence_spm"] = 120.0 / table["stride_duration_s"]
     if "stride_width_m" not in table:
         columns["step_length_m"] = None
     rows = []
@@ -93,39 +102,40 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
         values = values[usable].dropna().astype(float)
         if not len(values):
             continue
-        by_side = [values[table["side"] == side] for side in SIDES]
-        means = np.array([one.mean() if len(one) else np.nan for one in by_side])
-        mean = float(np.nanmean(means))
-        variances = [one.var() for one in by_side if len(one) >= FEWEST]
-        std = float(np.sqrt(np.mean(variances))) if variances and enough else np.nan
+        by_side = [values[(table["side"] == side) & known] for side in SIDES]
+        groups = [one for one in by_side if len(one)] if sided else [values]
+        mean = float(np.mean([one.mean() for one in groups]))
+        variances = [one.var() for one in groups if len(one) >= FEWEST]
         errors = table.get(f"{name}_std_{unit}", pd.Series(np.nan, table.index))[values.index].dropna()
         error = float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else np.nan
+        std = float(np.sqrt(np.mean(variances))) if variances and enough else np.nan
         std = np.nan if error > HIDDEN * std else std
-        unsure = _side_error(name, error, mean, table) if alike else np.nan
+        right, left = (float(one.mean()) if len(one) else np.nan for one in by_side)
+        unsure = _side_error(name, error, table) if alike and np.isfinite(right - left) else np.nan
         rows.append({
             "measure": name, "unit": unit, "n_strides": len(values), "steady": enough, "mean": mean, "std": std,
-            "cv_pct": np.nan if unit == "deg" else 100.0 * std / mean, "error_std": error,
-            **dict(zip(SIDES, map(float, means), strict=True)),
-            "asymmetry_pct": 100.0 * float(means[0] - means[1]) / mean if np.isfinite(unsure) else np.nan,
+            "cv_pct": np.nan if unit == "deg" else 100.0 * std / mean, "error_std": error, "right": right, "left": left,
+            "asymmetry_pct": 100.0 * (right - left) / mean if np.isfinite(unsure) else np.nan,
             "asymmetry_std_pct": 100.0 * unsure / mean,
         })  # fmt: skip
     return pd.DataFrame(rows, columns=SUMMARY)
 
 
-def _steady(strides: "pd.DataFrame") -> "pd.Series":
-    """Which strides are regular, as are the strides of the same side before and after them."""
-    found = strides["regular"].astype(bool)
+def _beside_regular(strides: "pd.DataFrame") -> "pd.Series":
+    """Which strides begin and end where regular strides of the same side end and begin."""
+    import pandas as pd
+
+    found = pd.Series(False, strides.index)
+    start, end = ("start_s", "end_s") if "start_s" in strides else ("standing_s", "standing_end_s")
     for _, one in strides.groupby("side"):
-        beside = one.sort_values("start_s")
+        beside = one.sort_values(start)
         regular = beside["regular"].astype(bool)
-        joins = (beside["start_s"] - beside["end_s"].shift()).abs() < JOINS_S  # with the stride before it
-        before = joins & regular.shift(fill_value=False)
-        after = (joins & regular).shift(-1, fill_value=False)
-        found[beside.index] = regular & before & after
+        joins = (beside[start] - beside[end].shift()).abs() < JOINS_S  # with the stride before it
+        found[beside.index] = joins & regular.shift(fill_value=False) & (joins & regular).shift(-1, fill_value=False)
     return found
 
 
-def _side_error(name: str, error: float, mean: float, table: "pd.DataFrame") -> float:
+def _side_error(name: str, error: float, table: "pd.DataFrame") -> float:
     """Standard deviation of the difference of both sides' means; NaN where it is not known."""
     if name == "stride_length":
         return float(np.sqrt(2.0) * error)
@@ -136,16 +146,18 @@ def _side_error(name: str, error: float, mean: float, table: "pd.DataFrame") -> 
 
 def _stances(table: "pd.DataFrame") -> "pd.Series | None":
     """Share of the stride with the foot on the ground [%], by `CONTACTS`; None if it has no final contacts."""
-    if "stance_duration_s" not in table:
+    if not {"final_contact_s", "stride_duration_s"} <= set(table):
         return None
-    share = 100.0 * table["stance_duration_s"] / table["stride_duration_s"]
-    return share.where(table["source"] == CONTACTS)
+    share = 100.0 * (table["final_contact_s"] - table["start_s"]) / table["stride_duration_s"]
+    return share.where((table["source"] == CONTACTS) & (share > 0.0))
 
 
-def _step_durations(table: "pd.DataFrame", strides: "pd.DataFrame") -> "pd.Series":
-    """Time from the other foot's contact within each stride to its end [s], by `CONTACTS`."""
+def _step_durations(table: "pd.DataFrame", strides: "pd.DataFrame") -> "pd.Series | None":
+    """Time from the other foot's contact within each stride to its end [s], by `CONTACTS`; None without contacts."""
     import pandas as pd
 
+    if "start_s" not in strides:
+        return None
     seen = strides[strides["source"] == CONTACTS]
     contacts = {side: np.unique(seen.loc[seen["side"] == side, ["start_s", "end_s"]].dropna()) for side in SIDES}
     other = dict(zip(SIDES, reversed(SIDES), strict=True))

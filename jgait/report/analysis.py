@@ -7,7 +7,7 @@ from jgait.estimators.combined import Analysis
 from jgait.report.made import Made
 from jgait.report.page import Cell, Report, Section, Table, number
 from jgait.report.recording import of_estimate
-from jgait.types import SIDES, Estimate, Recording
+from jgait.types import Estimate, Recording
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -18,9 +18,6 @@ QUANTITIES = {
 }  # fmt: skip
 """Quantity of a comparison → its words, unit and digits."""
 
-
-UNITS = {"m": "m", "s": "s", "mps": "m/s", "pct": "%", "deg": "°"}
-"""Unit in names of columns → as written."""
 
 BOUTS = {
     "start_s": ("start [s]", 1), "duration_s": ("duration [s]", 1), "n_strides": ("strides", 0),
@@ -33,12 +30,12 @@ BOUTS = {
 def of_analysis(
     analysis: Analysis, recording: Recording, *, reference: Estimate | None = None, made: Made | None = None
 ) -> Report:
-    """The page of one recording by all its sensors, from `analyse`: as `of_estimate`, with the variability of strides,
-    what each source says, and walking bouts. Contradictions between the sources are among the warnings.
+    """The page of one recording by all its sensors, from `analyse`: as `of_estimate`, with what each source says, and
+    walking bouts. Contradictions between the sources are among the warnings.
     """
     tables = io.analysis_to_dataframes(analysis)
-    more = [*_summary(tables["summary"]), _sources(analysis), *_bouts(tables["bouts"])]
-    return of_estimate(analysis.estimate, recording, reference=reference, made=made, more=more)
+    more = [_sources(analysis), *_bouts(tables["bouts"])]
+    return of_estimate(analysis.estimate, recording, reference=reference, made=made, more=more, means=tables["summary"])
 
 
 def _sources(analysis: Analysis) -> Section:
@@ -58,32 +55,6 @@ def _sources(analysis: Analysis) -> Section:
     )
     columns = ("", "source", "value", "± SD", "strides", "unit")
     return Section("What each sensor says", "", [Table(caption, columns, rows)])
-
-
-def _summary(table: "pd.DataFrame") -> list[Section]:
-    """Mean, variability and asymmetry of the strides; none without strides."""
-    if not len(table):
-        return []
-    rows = []
-    for one in table.to_dict("records"):
-        digits = {"deg": 1, "pct": 1}.get(one["unit"], 3)
-        numbers = [number(one[name], digits) for name in ("mean", "std", "error_std", *SIDES)]
-        shares = [number(one[name], 1) for name in ("cv_pct", "asymmetry_pct", "asymmetry_std_pct")]
-        words = one["measure"].replace("_", " ")
-        rows.append([
-            Cell(words), Cell(str(one["n_strides"])), *map(Cell, numbers), *map(Cell, shares), Cell(UNITS[one["unit"]]),
-        ])  # fmt: skip
-    kind = (
-        "steady strides: regular ones between regular ones" if table["steady"].all()
-        else "regular strides, as there are too few steady ones for variability and asymmetry"
-    )  # fmt: skip
-    caption = (
-        f"Means over {kind}. SD: from stride to stride within a side; error: stated SD of the error in one stride, "
-        "if known. An SD that is not clearly larger than the error says little about the person. CV: SD / mean. "
-        "Asymmetry: (right − left) / mean, ± one SD of its error; if within two of them, it may be the sensors' error."
-    )
-    columns = ("", "n", "mean", "SD", "error", "right", "left", "CV [%]", "asymmetry [%]", "± SD [%]", "unit")
-    return [Section("Variability and asymmetry", "", [Table(caption, columns, rows)])]
 
 
 def _bouts(table: "pd.DataFrame") -> list[Section]:

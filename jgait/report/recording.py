@@ -2,10 +2,9 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import PyTree
 
 from jgait.estimators import about_of, stride_flags
 from jgait.estimators.about import EstimatedRecording
@@ -18,6 +17,9 @@ from jgait.report.made import Made
 from jgait.report.page import Cell, Content, Flag, Report, Section, Table, number, significant
 from jgait.types import SIDES, Estimate, Recording, Walk, as_float
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 CURVES = {
     "hip": "hip angle", "knee": "knee angle", "x": "ankle forward of hip", "y": "ankle above hip",
     "foot": "foot, seen from above", "foot_height": "foot, height",
@@ -27,7 +29,7 @@ CURVES = {
 
 def of_estimate(
     estimate: Estimate, recording: Recording, *, reference: Estimate | None = None, made: Made | None = None,
-    more: Sequence[Section] = (),
+    more: Sequence[Section] = (), means: "pd.DataFrame | None" = None,
 ) -> Report:  # fmt: skip
     """The page of one recording: summary, warnings, means by side, figures with bands, all strides, settings.
 
@@ -37,6 +39,7 @@ def of_estimate(
         reference: an independent measurement, drawn dashed and compared, or None.
         made: settings of the computation; None leaves this out.
         more: further sections, after the means of the strides.
+        means: the summary of the strides, see `io.summary.summary`; None: of those of the estimate.
 
     Raises:
         ValueError: if the estimate is not of one recording.
@@ -46,7 +49,7 @@ def of_estimate(
         raise ValueError(f"a report is of one recording, time of shape (T,); got shape {np.shape(estimate.time)}")
     made = Made() if made is None else made
     of = strides.strides_of(estimate)
-    rows = strides.means(of)
+    rows = strides.means(of) if means is None else means
     raised = flags.of_result(estimate, (*estimate.diagnostics.get("notes", recording.notes), *made.notes), of)
     total = distance_of(estimate)
     about = about_of(made.estimator)
@@ -86,7 +89,7 @@ def distance_of(estimate: Estimate) -> tuple[float, float | None] | None:
 
 
 def _facts(
-    estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: list[dict[str, PyTree]],
+    estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: "pd.DataFrame",
     total: tuple[float, float | None] | None,
 ) -> list[tuple[str, str, str]]:  # fmt: skip
     rate = f"at {significant(recording.sampling_rate_hz, 4)} Hz"
@@ -110,10 +113,11 @@ def _facts(
     facts.append(("Strides", str(len(of.table)), ", ".join(by_side)))
     if of.cycles:
         known = {m.name: m for m in strides.MEASURES}
-        for row in rows:
-            if row["name"] in ("stride_length_m", "stride_duration_s", "cadence_spm", "walking_speed_mps"):
-                measure, words = known[row["name"]], f"mean ± SD of {row['all']['n']} cycles"
-                text = f"{strides.mean_text(row['all'], measure)} {measure.unit}"
+        for row in rows.to_dict("records"):
+            name = f"{row['measure']}_{row['unit']}"
+            if name in ("stride_length_m", "stride_duration_s", "cadence_spm", "walking_speed_mps"):
+                measure, words = known[name], f"mean ± SD of {row['n_strides']} cycles"
+                text = f"{strides.mean_text(row, measure)} {measure.unit}"
                 facts.append((measure.words.capitalize(), text, words))
     else:  # as the terminal prints them
         for words in ("stride length", "walking speed", "cadence"):
@@ -124,10 +128,10 @@ def _facts(
     return [*facts, ("Sensors", str(len(recording.sensors)), placed)]
 
 
-def _strides(of: strides.ReportStrides, rows: list[dict[str, PyTree]]) -> list[Section]:
+def _strides(of: strides.ReportStrides, rows: "pd.DataFrame") -> list[Section]:
     """The section with the means of the strides, or a sentence that there are no strides."""
-    if rows:
-        return [Section("Gait at a glance", "", [strides.mean_table(of, rows)])]
+    if len(rows):
+        return [Section("Gait at a glance", "", [strides.mean_table(rows)])]
     if len(of.table):
         return [Section("Gait at a glance", "No stride is regular, so that there are no means.")]
     return [Section("Gait at a glance", "No strides were found in this recording.")]
@@ -193,7 +197,7 @@ def _place(name: str) -> str:
 
 
 def _numbers(
-    estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: list[dict[str, PyTree]],
+    estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: "pd.DataFrame",
     total: tuple[float, float | None] | None, raised: list[Flag], made: Made,
 ) -> dict[str, Any]:  # fmt: skip
     return {
@@ -207,7 +211,7 @@ def _numbers(
         "distance_std_m": None if total is None else total[1],
         "strides": len(of.table),
         "strides_regular": int(of.regular.sum()),
-        "means": rows,
+        "means": rows.astype(object).where(rows.notna(), None).to_dict("records"),
         "flags": [flag._asdict() for flag in raised],
         "stride_table": of.table.to_dict("records"),
         "made": made.numbers(),

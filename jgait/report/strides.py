@@ -11,6 +11,7 @@ from jgait.estimators import stride_flags
 from jgait.estimators.about import StrideFlag
 from jgait.estimators.stride_flags import STRIDE_FLAGS
 from jgait.io.combined import joint_extremes
+from jgait.io.summary import CONTACTS, summary
 from jgait.report.page import Cell, Table, cell, number
 from jgait.types import SIDES, Estimate, as_float
 
@@ -23,9 +24,6 @@ KNEE_SWING = np.deg2rad(20.0)
 SHORTEST, LONGEST = 0.6, 2.5
 """[s] Shortest and longest cycle of a walking leg; longer ones contain standing."""
 
-FEWEST = 3
-"""Smallest number of strides of each side for a comparison of the sides."""
-
 
 class Measure(NamedTuple):
     """A column of the table of strides: its name, its heading, and its number format."""
@@ -35,7 +33,6 @@ class Measure(NamedTuple):
     unit: str
     digits: int
     scale: float = 1.0
-    ratio: bool = True
 
     @property
     def heading(self) -> str:
@@ -49,16 +46,18 @@ MEASURES = (
     Measure("cadence_spm", "cadence", "steps/min", 0),
     Measure("walking_speed_mps", "speed", "m/s", 2),
     Measure("step_length_m", "step length", "m", 2),
+    Measure("step_duration_s", "step time", "s", 2),
+    Measure("stance_pct", "stance", "%", 0),
     Measure("stride_width_m", "stride width", "cm", 1, 100.0),
-    Measure("stride_height_m", "rise", "cm", 1, 100.0, ratio=False),
-    Measure("turn_deg", "turn", "°", 0, ratio=False),
+    Measure("stride_height_m", "rise", "cm", 1, 100.0),
+    Measure("turn_deg", "turn", "°", 0),
     Measure("lift_m", "sensor's lift", "cm", 1, 100.0),
-    Measure("contact_angle_deg", "foot angle at contact", "°", 0, ratio=False),
-    Measure("push_off_angle_deg", "foot angle at push-off", "°", 0, ratio=False),
-    Measure("hip_flexion_deg", "largest hip flexion", "°", 0, ratio=False),
-    Measure("hip_extension_deg", "smallest hip flexion", "°", 0, ratio=False),
-    Measure("knee_flexion_deg", "largest knee flexion", "°", 0, ratio=False),
-    Measure("knee_stance_deg", "smallest knee flexion", "°", 0, ratio=False),
+    Measure("contact_angle_deg", "foot angle at contact", "°", 0),
+    Measure("push_off_angle_deg", "foot angle at push-off", "°", 0),
+    Measure("hip_flexion_max_deg", "largest hip flexion", "°", 0),
+    Measure("hip_flexion_min_deg", "smallest hip flexion", "°", 0),
+    Measure("knee_flexion_max_deg", "largest knee flexion", "°", 0),
+    Measure("knee_flexion_min_deg", "smallest knee flexion", "°", 0),
 )
 """The columns of the table of strides, in order."""
 
@@ -67,13 +66,6 @@ CYCLES = (
     "grows meanwhile."
 )
 
-EXTREMES = {
-    "hip_flexion_max_deg": "hip_flexion_deg", "hip_flexion_min_deg": "hip_extension_deg",
-    "knee_flexion_max_deg": "knee_flexion_deg", "knee_flexion_min_deg": "knee_stance_deg",
-}  # fmt: skip
-"""Column of `joint_extremes` → column of the table of strides."""
-
-NOT_AVERAGED = ("turn_deg", "stride_height_m")
 NOT_BY_STRIDE = ("cadence_spm",)
 
 
@@ -86,6 +78,7 @@ class ReportStrides(NamedTuple):
     flags: tuple[StrideFlag, ...]  #: meanings of the flags.
     regular: np.ndarray  #: (rows,) bool; the strides in the means.
     cycles: bool  #: whether these are cycles of leg angles instead of strides between contacts.
+    source: str  #: "feet" for strides of shoes, whose contacts are those of both sides alike.
 
 
 def strides_of(estimate: Estimate, flags: tuple[StrideFlag, ...] = STRIDE_FLAGS) -> ReportStrides:
@@ -102,9 +95,9 @@ def strides_of(estimate: Estimate, flags: tuple[StrideFlag, ...] = STRIDE_FLAGS)
     if not cycles:
         for name, values in joint_extremes(estimate, table).items():
             sound = [bool(estimate.diagnostics.get(f"angles_valid_{side}", True)) for side in table["side"]]
-            table[EXTREMES[name]] = np.where(sound, values, np.nan)
+            table[name] = np.where(sound, values, np.nan)
     regular = np.ones(len(table), bool) if cycles else stride_flags.regular(estimate, flags)
-    return ReportStrides(table, marks, flags, regular, cycles)
+    return ReportStrides(table, marks, flags, regular, cycles, "legs" if estimate.feet is None else CONTACTS)
 
 
 def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
@@ -135,8 +128,8 @@ def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
                 "side": side, "start_s": time[a], "end_s": time[b],
                 **({} if way is None else {"stride_length_m": way}), "stride_duration_s": lasts,
                 **({} if way is None else {"walking_speed_mps": way / lasts}),
-                "hip_flexion_deg": np.rad2deg(hip[a:b].max()), "hip_extension_deg": np.rad2deg(hip[a:b].min()),
-                "knee_flexion_deg": np.rad2deg(knee[a]), "knee_stance_deg": np.rad2deg(knee[a:b].min()),
+                "hip_flexion_max_deg": np.rad2deg(hip[a:b].max()), "hip_flexion_min_deg": np.rad2deg(hip[a:b].min()),
+                "knee_flexion_max_deg": np.rad2deg(knee[a]), "knee_flexion_min_deg": np.rad2deg(knee[a:b].min()),
             })  # fmt: skip
     table = pd.DataFrame(rows, columns=list(rows[0]) if rows else ["side", "start_s", "end_s"])
     table = table.sort_values("start_s", kind="stable", ignore_index=True)
@@ -173,81 +166,45 @@ def sides(of: ReportStrides) -> np.ndarray:
     return np.where(of.marks.get(stride_flags.SIDE_UNKNOWN.name, np.zeros(len(side), bool)), "", side)
 
 
-def means(of: ReportStrides) -> list[dict[str, PyTree]]:
-    """Mean, standard deviation and number over the regular strides, of all and of each side, where it is known.
-
-    Returns:
-        A row a measure: "name", "unit", "all", "right", "left" (each "mean", "sd", "n", or None), "difference" of
-        right − left and "difference_percent" of their mean, None where not both sides are known.
-    """
-    rows = []
-    for measure in MEASURES:
-        if measure.name in NOT_AVERAGED or measure.name not in of.table:
-            continue
-        values = of.table[measure.name].to_numpy(float)
-        use = of.regular & np.isfinite(values)
-        for flag in of.flags:
-            if measure.name in flag.leaves_out and flag.name in of.marks:
-                use &= ~of.marks[flag.name]
-        if not use.any():
-            continue
-        side = sides(of)
-        row: dict[str, Any] = {"name": measure.name, "unit": measure.name.rpartition("_")[2], "all": _mean(values[use])}
-        for name in SIDES:
-            row[name] = _mean(values[use & (side == name)])
-        row |= {"difference": None, "difference_percent": None}
-        if all(row[name] is not None and row[name]["n"] >= FEWEST for name in SIDES):
-            right, left = row["right"]["mean"], row["left"]["mean"]
-            row["difference"] = right - left
-            row["difference_percent"] = 200.0 * (right - left) / (right + left) if measure.ratio else None
-        rows.append(row)
-    return rows
+def means(of: ReportStrides) -> "pd.DataFrame":
+    """The summary of the strides, see `io.summary.summary`; flagged strides lack what their flag leaves out."""
+    table = of.table.assign(regular=of.regular, source=of.source, side_known=sides(of) != "")
+    for flag in of.flags:
+        for column in flag.leaves_out if flag.name in of.marks else ():
+            if column in table:
+                table.loc[of.marks[flag.name], column] = np.nan
+    return summary(table)
 
 
-def _mean(values: np.ndarray) -> dict[str, Any] | None:
-    if not values.size:
-        return None
-    sd = float(np.std(values, ddof=1)) if values.size > 1 else None
-    return {"mean": float(np.mean(values)), "sd": sd, "n": int(values.size)}
+def mean_text(row: dict[str, Any], measure: Measure) -> str:
+    """The mean of a row of `means` with its standard deviation between strides."""
+    spread = f" ± {number(measure.scale * row['std'], max(measure.digits, 1))}" if np.isfinite(row["std"]) else ""
+    return number(measure.scale * row["mean"], measure.digits) + spread
 
 
-def mean_text(mean: dict[str, Any] | None, measure: Measure) -> str:
-    """A mean with its standard deviation between strides."""
-    if mean is None:
-        return "–"
-    spread = "" if mean["sd"] is None else f" ± {number(measure.scale * mean['sd'], max(measure.digits, 1))}"
-    return number(measure.scale * mean["mean"], measure.digits) + spread
-
-
-def mean_table(of: ReportStrides, rows: list[dict[str, PyTree]]) -> Table:
-    """Table of the means of all regular strides and of each side, and of the differences between the sides."""
+def mean_table(rows: "pd.DataFrame") -> Table:
+    """Table of the means of strides and of each side, and of the differences between the sides; from `means`."""
     known = {m.name: m for m in MEASURES}
-    sides = [name for name in SIDES if any(row[name] is not None for row in rows)]
-    both = any(row["difference"] is not None for row in rows)
+    both = bool(rows["asymmetry_pct"].notna().any())
     made = []
-    for row in rows:
-        measure = known[row["name"]]
-        cells = [
-            Cell(measure.heading),
-            Cell(mean_text(row["all"], measure)),
-            *(Cell(mean_text(row[s], measure)) for s in sides),
-        ]
+    for row in rows.to_dict("records"):
+        measure = known[f"{row['measure']}_{row['unit']}"]
+        cells = [Cell(measure.heading), Cell(mean_text(row, measure))]
+        cells += [cell(measure.scale * row[side], measure.digits) for side in SIDES]
+        cells.append(cell(measure.scale * row["error_std"], max(measure.digits, 1)))
         if both:
-            cells.append(Cell(_difference(row, measure)))
-        made.append([*cells, Cell(str(row["all"]["n"]))])
-    columns = ["", "all", *(f"{side} leg" for side in sides), *(["right − left"] if both else []), "strides"]
-    left_out = sorted(f.label for f in of.flags if not f.regular and f.name in of.marks and of.marks[f.name].any())
-    caption = "Mean ± standard deviation from stride to stride" + (
-        f"; left out: {', '.join(left_out)}." if left_out else "."
-    )
+            spread = row["asymmetry_std_pct"]
+            cells.append(cell(row["asymmetry_pct"], 1, spread))
+        made.append([*cells, Cell(str(row["n_strides"]))])
+    columns = ["", "mean ± SD", *(f"{side} leg" for side in SIDES), "error of one",
+               *(["asymmetry [%]"] if both else []), "strides"]  # fmt: skip
+    caption = (
+        "Steady strides: regular ones between regular ones." if rows["steady"].all()
+        else "Regular strides: there are too few steady ones for variability and asymmetry."
+    ) + (
+        " SD: from stride to stride within a side. It contains the error of one stride, where that is known; an SD "
+        "that is not clearly larger says little about the person."
+    )  # fmt: skip
     if both:
-        caption += " Right − left in percent of the mean of both."
+        caption += " Asymmetry: (right − left) / mean, ± one SD; within two of them it may be the sensors' error."
     return Table(caption, columns, made)
-
-
-def _difference(row: dict[str, Any], measure: Measure) -> str:
-    if row["difference"] is None:
-        return "–"
-    value = number(measure.scale * row["difference"], measure.digits)
-    percent = row["difference_percent"]
-    return value if percent is None else f"{value} ({number(percent, 1)} %)"

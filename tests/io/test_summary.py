@@ -6,6 +6,9 @@ import pytest
 
 from jgait.io.summary import CONTACT_S, SUMMARY, summary
 
+FINAL = np.array([0.6, 1.0] * 6) + np.repeat(np.arange(6.0), 2)
+"""[s] Final contacts: each foot stands for 0.6 s."""
+
 RIGHT, LEFT = (0.9, 1.30, 1.34, 1.32, 1.36, 1.1), (0.8, 1.20, 1.26, 1.22, 1.24, 1.0)
 
 
@@ -81,7 +84,7 @@ def test_one_side_alone_has_no_asymmetry_and_no_steps():
 
 
 def test_sides_of_different_sensors_are_not_compared():
-    table = strides(stride_length_std_m=0.02, stance_duration_s=0.6)
+    table = strides(stride_length_std_m=0.02, final_contact_s=FINAL)
     table.loc[table["side"] == "left", "source"] = "shanks"
     found = rows(table)
     assert found.loc["stride_length", ["asymmetry_pct", "asymmetry_std_pct"]].isna().all()
@@ -91,7 +94,7 @@ def test_sides_of_different_sensors_are_not_compared():
 
 
 def test_steps_stances_and_step_lengths_need_shoes():
-    table = strides(stance_duration_s=0.6, step_length_m=0.6, source="waist")
+    table = strides(final_contact_s=FINAL, step_length_m=0.6, source="waist")
     assert {"step_duration", "stance", "step_length"}.isdisjoint(rows(table).index)
     with_range = strides(step_length_m=0.6, stride_width_m=0.1)
     assert rows(with_range).loc["step_length", "mean"] == pytest.approx(0.6)
@@ -106,9 +109,20 @@ def test_angles_have_no_ratios_and_unusable_ones_do_not_count():
 
 
 def test_the_stance_is_a_share_of_the_stride():
-    assert rows(strides(stance_duration_s=0.62)).loc["stance", "mean"] == pytest.approx(62.0)
+    assert rows(strides(final_contact_s=FINAL)).loc["stance", "mean"] == pytest.approx(60.0)
 
 
 def test_without_regular_strides_there_are_no_rows():
     found = summary(strides().assign(regular=False))
     assert list(found.columns) == SUMMARY and not len(found)
+
+
+def test_strides_of_a_guessed_side_are_of_neither():
+    one = rows(strides(side_known=False)).loc["stride_length"]
+    assert one["n_strides"] == 8 and one["mean"] == pytest.approx(1.28)
+    assert one[["right", "left", "asymmetry_pct"]].isna().all()
+    assert one["std"] == pytest.approx(np.std([*RIGHT[1:-1], *LEFT[1:-1]], ddof=1))
+
+
+def test_the_cadence_counts_steps():
+    assert rows(strides()).loc["cadence", "mean"] == pytest.approx(120.0)

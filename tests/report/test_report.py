@@ -110,21 +110,19 @@ def ankles():
 
 
 def means_of(page):
-    return {row["name"]: row for row in page.numbers["means"]}
+    return {f"{row['measure']}_{row['unit']}": row for row in page.numbers["means"]}
 
 
 def test_means_are_of_regular_strides_by_side(ankles):
     means = means_of(ankles)
     right, left = LENGTHS[[2, 4, 6, 10]], LENGTHS[[3, 5, 7, 11]]
     length = means["stride_length_m"]
-    for row, values in ((length["right"], right), (length["left"], left), (length["all"], np.r_[right, left])):
-        assert row["n"] == values.size
-        np.testing.assert_allclose([row["mean"], row["sd"]], [values.mean(), values.std(ddof=1)], rtol=1e-12)
-    assert length["difference"] == pytest.approx(right.mean() - left.mean(), rel=1e-12)
-    assert length["difference_percent"] == pytest.approx(
-        200.0 * (right.mean() - left.mean()) / (right.mean() + left.mean())
-    )
-    assert means["cadence_spm"]["all"]["mean"] == pytest.approx(120.0, rel=1e-12)  # two steps in a second
+    assert length["n_strides"] == right.size + left.size
+    assert (length["right"], length["left"]) == pytest.approx((right.mean(), left.mean()), rel=1e-12)
+    assert length["mean"] == pytest.approx(0.5 * (right.mean() + left.mean()), rel=1e-12)
+    assert not length["steady"] and length["std"] is None and length["asymmetry_pct"] is None  # two on each side are
+    assert "too few steady ones" in ankles.html
+    assert means["cadence_spm"]["mean"] == pytest.approx(120.0, rel=1e-12)  # two steps in a second
     numbers = ankles.numbers
     assert (numbers["strides"], numbers["strides_regular"]) == (12, 8)
     assert numbers["distance_m"] == pytest.approx(8.4) and numbers["distance_std_m"] is None
@@ -162,11 +160,11 @@ def legs():
 def test_cycles_of_legs_are_found_and_measured(legs):
     means, page = means_of(legs), legs
     # peaks fall on samples: a cycle is known to one of them, its mean to much less
-    assert means["stride_duration_s"]["all"]["mean"] == pytest.approx(1.2, abs=0.005)
-    assert means["stride_length_m"]["all"]["mean"] == pytest.approx(1.5, abs=0.005)
-    assert means["walking_speed_mps"]["all"]["mean"] == pytest.approx(1.25, rel=1e-9)
-    assert means["knee_flexion_deg"]["all"]["mean"] == pytest.approx(60.0, abs=0.5)
-    assert means["hip_extension_deg"]["left"]["mean"] == pytest.approx(-25.0, abs=0.5)
+    assert means["stride_duration_s"]["mean"] == pytest.approx(1.2, abs=0.005)
+    assert means["stride_length_m"]["mean"] == pytest.approx(1.5, abs=0.005)
+    assert means["walking_speed_mps"]["mean"] == pytest.approx(1.25, rel=1e-9)
+    assert means["knee_flexion_max_deg"]["mean"] == pytest.approx(60.0, abs=0.5)
+    assert means["hip_flexion_min_deg"]["left"] == pytest.approx(-25.0, abs=0.5)
     assert {"right", "left"} <= {row["side"] for row in page.numbers["stride_table"]}
     assert "from the middle of the walk" in page.html  # a close-up of a long recording
     assert [flag["grade"] for flag in page.numbers["flags"]] == ["check"]
@@ -180,7 +178,7 @@ def test_each_swing_of_a_knee_counts_in_one_cycle():
     page = report.of_estimate(
         estimate._replace(legs=Legs(leg, None), stddev=None), recording("thigh_right", "shank_right")
     )
-    bends = [row["knee_flexion_deg"] for row in page.numbers["stride_table"]]
+    bends = [row["knee_flexion_max_deg"] for row in page.numbers["stride_table"]]
     assert min(bends) < 35.0 and max(bends) > 55.0
     assert abs(np.mean(np.array(bends) < 45.0) - 0.5) < 0.2
 
@@ -207,8 +205,8 @@ def test_a_page_of_feet_states_which_widths_and_half_strides_do_not_count(feet):
     found = strides.strides_of(walking_feet())
     assert list(np.flatnonzero(found.marks["half"])) == [5] and list(np.flatnonzero(found.marks["width"])) == [1]
     means = means_of(page)
-    assert means["stride_width_m"]["all"] == {"mean": pytest.approx(0.2), "sd": pytest.approx(0.0), "n": 4}
-    assert means["stride_length_m"]["all"]["n"] == 5
+    assert (means["stride_width_m"]["mean"], means["stride_width_m"]["n_strides"]) == (pytest.approx(0.2), 4)
+    assert means["stride_length_m"]["n_strides"] == 5
     assert "width unsure" in page.html and "Bars are" in page.html
 
 
@@ -311,7 +309,8 @@ def test_strides_of_an_unknown_side_are_of_neither_leg():
         of._replace(diagnostics={**of.diagnostics, "side_unknown": unknown}), recording("lower_back")
     )
     row = means_of(page)["stride_length_m"]
-    assert (row["all"]["n"], row["right"], row["left"]["n"], row["difference"]) == (8, None, 1, None)
+    assert (row["n_strides"], row["right"], row["asymmetry_pct"]) == (8, None, None)
+    assert row["left"] == pytest.approx(LENGTHS[11])
     assert "1 left, 11 side not known" in page.html
     assert "11 of 12 strides: side not known" in {flag["text"] for flag in page.numbers["flags"]}
     assert "Marks around a stride" in page.html
