@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, Bool, Float, Int
 
 from jgait.notes import Note, printable
 
@@ -306,14 +306,14 @@ def reason_of(error: BaseException) -> str:
     return " ".join(text.split()) + (COMPILED_FAILED if compiled else "")
 
 
-def check_kind(value: PyTree, kind: type | tuple[type, ...], what: str) -> None:
+def check_kind(value: object, kind: type | tuple[type, ...], what: str) -> None:
     """Raise TypeError if an argument is not of the types `kind`; `what` is the begin of the message: "p must be …"."""
     if not isinstance(value, kind):
         shown = f" {printable(repr(value), 60)}" if isinstance(value, str | int | float) else ""
         raise TypeError(f"{what}; got {type(value).__name__}{shown}")
 
 
-def check_number(value: PyTree, what: str) -> None:
+def check_number(value: npt.ArrayLike, what: str) -> None:
     """As `check_kind`, for one number: of Python, or an array without axes."""
     check_kind(value, (int, float, np.number, np.ndarray, Array), what)
     if np.ndim(value) != 0:

@@ -79,8 +79,7 @@ class Gains(NamedTuple):
     innovation: list[PyTree]  #: y − ŷ (m), 0 where masked.
     spread: Matrix  #: S (m × m), 1 on the diagonal where masked.
     log_det: PyTree  #: logarithm of the determinant of S.
-    factor_health: PyTree  #: finite where S could be factored; elsewhere the update leaves the belief unchanged.
-    health: PyTree  #: finite where all numbers are finite and S could be factored.
+    health: PyTree  #: finite where all numbers are and S could be factored; elsewhere the belief is left unchanged.
 
 
 def updated_covariance(cov: Matrix, g: Gains, observed: list[PyTree]) -> Matrix:
@@ -138,7 +137,7 @@ def _in_measured_coordinates(cov: Matrix, g: Gains, observed: list[PyTree], plan
         for a, row in enumerate(product(g.inverse, masked))
     ]  # fmt: skip
     measured = product(g.noise, product(transposed(g.inverse), white))
-    good = sound(g.factor_health)
+    good = sound(g.health)
     columns = transposed(white)
 
     def of_z(a: int, c: int) -> PyTree:

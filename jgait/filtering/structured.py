@@ -170,15 +170,12 @@ def gains(cm: ComponentModel, prior: Components, sample: Sample, noise: Noise | 
         return where(observed[a], where(observed[b], entry, 0.0), 0.0)
 
     innovation, spread = barred(innovation, symmetric(count, spread_entry))
-    inverse, log_det, factor_health = inverse_factor(spread, summary)
+    inverse, log_det, health = inverse_factor(spread, plus(summary, total(innovation)))
     error = [where(sound(e), e, 0.0) for e in innovation]
     inverse, error = barred(inverse, error)
     masked = [[where(s, e, 0.0) for e in row] for s, row in zip(observed, cross, strict=True)]
     white_cross, white = barred(product(inverse, masked), [dot(row, error) for row in inverse])
-    health = plus(factor_health, total(innovation))
-    return Gains(
-        matrix, variance, cross, inverse, white_cross, white, innovation, spread, log_det, factor_health, health
-    )  # fmt: skip
+    return Gains(matrix, variance, cross, inverse, white_cross, white, innovation, spread, log_det, health)
 
 
 def _linearised(cm: ComponentModel, prior: Components, sample: Sample) -> tuple[list[PyTree], Matrix, list[PyTree]]:

@@ -125,6 +125,21 @@ def test_a_broken_update_is_the_same_in_both(kind):
     same(found, smoothed(c, "core", keep=filtering.FIELDS, covariance=False))
 
 
+@pytest.mark.parametrize(("name", "method"), [("cart", KF()), ("bent", EKF()), ("leg", EKF())])
+def test_measurements_that_are_no_numbers_change_nothing_within_jit(name, method):
+    c = case(name, masked=False)
+    lost = np.isin(np.arange(SAMPLES), (3, 4, 9))
+    observed = jax.tree.map(lambda leaf: jnp.where(lost, jnp.nan, leaf), c.observations)
+    found, core = (
+        jax.jit(lambda o, execution=execution: filtered(c._replace(observations=o), execution, method=method))(observed)
+        for execution in ("fast", "core")
+    )
+    np.testing.assert_array_equal(found.valid, ~lost)
+    same(found, core)
+    seen = c._replace(mask=jax.tree.map(lambda leaf: jnp.asarray(~lost), c.observations))
+    same(found.cov, filtered(seen, "core", method=method).cov)
+
+
 NONLINEAR = "the KF needs a linear model.* Jacobian of transition .* depends on the state"
 
 
