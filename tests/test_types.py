@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import jgait
-from jgait import evaluate, io, simulate
+from jgait import evaluate, io, simulate, tune
 from jgait.estimators import foot_ins
 from jgait.types import (
     PLACEMENTS,
@@ -121,6 +121,8 @@ def test_a_person_has_one_name_however_it_is_written():
         (lambda: foot_ins.estimate(EMPTY, foot_ins.FootParams()), r"must be parameters, FootParams; got Recording"),
         (lambda: evaluate.cohort(foot_ins.estimator(), EMPTY), r"several walks in a list; got one Recording"),
         (lambda: evaluate.cohort(foot_ins.estimator(), [EMPTY]), r"items must be walks, .*; item 0 is Recording"),
+        (lambda: tune.lessons(foot_ins.estimator(), [EMPTY]), r"walks must be jgait.types.Walk.*; got Recording"),
+        (lambda: simulate.fitted(EMPTY, 1.75), r"person must be a dictionary of measures, .*; got 1.75"),
         (lambda: io.read(3), r"path must be the path of a file, such as 'walk.csv'; got int 3"),
         (lambda: io.read_csv(pd.DataFrame({"t": [0.0]})), r"recording_from_dataframe takes tables in memory; got"),
         (lambda: io.write_csv("walk.csv", EMPTY), r"path must be the path of a file, .*; got Recording"),

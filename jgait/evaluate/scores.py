@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from jgait.estimators.stride_flags import STRIDE_COLUMNS, STRIDE_FLAGS, as_far, regular
+from jgait.estimators.stride_flags import STRIDE_COLUMNS, STRIDE_FLAGS, as_far, durations, regular
 from jgait.evaluate.clocks import clock_notes
 from jgait.evaluate.errors import common_samples, foot_position_error, leg_errors
 from jgait.notes import Kind, Note
@@ -41,6 +41,13 @@ DISTANCE_OFF = Kind(
     "reference; until one is corrected, the error is part of all means, and parameters are tuned to it.",
 )  # fmt: skip
 
+STRIDES_OFF = Kind(
+    "reference_strides_off", "check",
+    "the reference's strides are {reference:.2f} m long, the estimated {estimate:.2f} m (medians)",
+    "They differ by a factor of more than 2.5, so one of them is wrong. Look for another unit in the reference, such "
+    "as feet or centimetres; until it is corrected, the error is part of all means, and parameters are tuned to it.",
+)  # fmt: skip
+
 FACTOR, LEAST_M = 2.5, 1.0
 """[1] Factor above which a distance and its reference cannot both be right: chosen above the public sets' largest, 2.05
 (daily activities, sensor at the waist), and below that of feet and metres; [m] the larger one is at least this."""
@@ -73,7 +80,7 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
         quantities |= _distance(estimate, reference, common) | _trajectories(estimate, reference, common)
         quantities |= _places(estimate, reference) | within_two_sd(estimate, reference)
         strides, notes = stride_rows(estimate, reference), clock_notes(estimate, reference)
-        notes += distance_notes(*quantities.get("distance_m", (NAN, NAN)))
+        notes += distance_notes(*quantities.get("distance_m", (NAN, NAN))) + _strides_notes(strides)
     elif estimate.distance is not None:
         way = as_float(estimate.distance)[np.asarray(estimate.valid, bool)]
         quantities["distance_m"] = (float(way[-1] - way[0]), NAN) if way.size else (NAN, NAN)
@@ -104,6 +111,19 @@ def distance_notes(estimate: float, reference: float) -> tuple[Note, ...]:
     low, high = sorted((estimate, reference))
     off = high >= LEAST_M and high > FACTOR * low
     return (DISTANCE_OFF(reference=reference, estimate=estimate),) if off else ()
+
+
+def _strides_notes(rows: dict[str, Any]) -> tuple[Note, ...]:
+    """A note if the lengths of strides and those of the reference cannot both be right."""
+    if not rows:
+        return ()
+    pairs = np.stack([rows["estimate"], rows["reference"]])[:, rows["quantity"] == "stride_length_m"]
+    pairs = pairs[:, np.isfinite(pairs).all(axis=0)]
+    if not pairs.size:
+        return ()
+    estimate, reference = map(float, np.median(pairs, axis=1))
+    low, high = sorted((estimate, reference))
+    return (STRIDES_OFF(reference=reference, estimate=estimate),) if high > FACTOR * low else ()
 
 
 def _trajectories(estimate: Estimate, reference: Estimate, common: np.ndarray) -> dict[str, tuple[float, float]]:
@@ -204,7 +224,7 @@ def values_of(strides: Strides, quantity: str) -> np.ndarray | None:
         return None if values is None else scale * as_float(values)
     if strides.start is None or strides.end is None:
         return None
-    return as_float(strides.end) - as_float(strides.start)
+    return durations(strides)
 
 
 def _ordered(strides: Strides, like: Strides | None = None) -> Strides:

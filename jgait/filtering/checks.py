@@ -63,12 +63,16 @@ def check_arguments(
         raise ValueError(f"keep names fields of Posterior ({', '.join(fields)}); got {unknown[0]!r}")
 
 
+STAMPS = 5
+"""[1] Intervals that all grow, from so many on, are times."""
+
+
 def check_values(observations: PyTree, controls: PyTree, dt: Values) -> None:
     """Raise if concrete values cannot be used by any filter.
 
     Raises:
         ValueError: for lists, pandas' columns, non-numbers, NaN or infinity in observations or controls, and for
-            negative time intervals.
+            time intervals that are negative, or times.
     """
     for kind, tree in (("observation", observations), ("control", controls)):
         for path, leaf in jax.tree_util.tree_flatten_with_path(tree, is_leaf=_is_list)[0]:
@@ -86,11 +90,18 @@ def check_values(observations: PyTree, controls: PyTree, dt: Values) -> None:
             if bad:
                 advice = "put any finite number there and False in the mask" if kind == "observation" else "fill them"
                 raise ValueError(f"{kind} '{name}' holds NaN or infinity ({bad} of {np.size(array)} values); {advice}")
+    if _is_list(dt) or hasattr(dt, "to_numpy"):
+        raise ValueError(f"dt must be a number or an array; got a {type(dt).__name__}: convert it by numpy.asarray")
     if not isinstance(dt, jax.core.Tracer):
         interval = np.asarray(dt)
         if interval.dtype.kind not in "fiu" or not np.all(np.isfinite(interval)) or np.any(interval < 0):
             worst = interval if interval.ndim == 0 else f"a minimum of {interval.min()}"
             raise ValueError(f"dt must be finite and not negative, the time since the sample before [s]; got {worst}")
+        if interval.ndim == 1 and interval.size >= STAMPS and np.all(np.diff(interval) > 0):
+            raise ValueError(
+                f"dt must be the time since the sample before [s]; got times that grow from {interval[0]:g} to "
+                f"{interval[-1]:g}: take numpy.diff of them, with one value more for the first sample"
+            )
 
 
 def _is_list(leaf: PyTree) -> bool:

@@ -10,7 +10,7 @@ fitted is most probable:
 with z the parameters less their usual values at this stride, in standard deviations between people.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import partial
 from typing import NamedTuple
 
@@ -64,11 +64,18 @@ POOR = Kind(
     "walker_fits_poorly", "check", "{placement}: {share:.0f} % of the fitted walker's signal is not as recorded",
     "What other sensors of this walker read is as uncertain; check where the sensor sat.",
 )  # fmt: skip
+NOT_FITTED = Kind(
+    "sensor_not_fitted", "check", "{placement} took no part in the fit: {reason}",
+    "The walker is that of the other sensors alone.",
+)  # fmt: skip
 LENGTH_DIFFERS = Kind(
     "walker_has_other_strides", "check",
     "the fitted walker's strides are {fitted:.2f} m long, those of the recording {measured:.2f} m",
     "Distances of this walker are off by as much; foot sensors fix the length of the stride best.",
 )  # fmt: skip
+TOO_MANY = f"no more than {MOST} sensors are compared"
+LOST = "it has fewer than two regular strides without lost samples"
+
 LARGEST, OTHER_STRIDE = 0.6, 0.03
 """[1] Unexplained share of a sensor's rate, and relative difference of the lengths of strides, above which a note says
 so."""
@@ -249,8 +256,8 @@ def fitted(recording: Recording, person: Mapping[str, PyTree] | None = None) -> 
         ValueError: if the recording has fewer than two regular strides of one foot, or if every sensor lost samples in
             all but one of them.
     """
+    analysis = analyse(recording, person)
     measures = dict(person or {})
-    analysis = analyse(recording, measures)
     windows, usual, known, length_error = _start(analysis, measures)
     signals = mean_strides(recording, windows)
     names = tuple(list(signals)[:MOST])
@@ -271,7 +278,10 @@ def fitted(recording: Recording, person: Mapping[str, PyTree] | None = None) -> 
     who = jax.tree.map(float, _person(numbers[: len(FREE)], usual, spread))
     who = able(jax.random.key(0), who, straight(30.0))
     points = np.asarray(sensors.point) + PLACE * numbers[len(FREE) : -1].reshape(MOST, 3)
-    notes = tuple(POOR(placement=name, share=100.0 * share.gyr) for name, share in after.items() if share.gyr > LARGEST)
+    notes = not_fitted(recording, signals, names)
+    notes += tuple(
+        POOR(placement=name, share=100.0 * share.gyr) for name, share in after.items() if share.gyr > LARGEST
+    )
     length, measured = who.gait.stride_length, usual.gait.stride_length
     if abs(np.log(length / measured)) > OTHER_STRIDE:
         notes = (*notes, LENGTH_DIFFERS(fitted=length, measured=float(measured)))
@@ -279,6 +289,14 @@ def fitted(recording: Recording, person: Mapping[str, PyTree] | None = None) -> 
         who, after, before, {name: found[1][i].T for i, name in enumerate(names)},
         {name: Vector(*map(float, points[i])) for i, name in enumerate(names)}, windows,
         PHASE * float(numbers[-1]) * float(who.gait.stride_time), notes,
+    )  # fmt: skip
+
+
+def not_fitted(recording: Recording, seen: Collection[str], fitted: Collection[str]) -> tuple[Note, ...]:
+    """A note for each sensor of a recording that is not fitted; `seen`: those with mean strides."""
+    return tuple(
+        NOT_FITTED(placement=name, reason=TOO_MANY if name in seen else LOST)
+        for name in recording.sensors if name not in fitted
     )  # fmt: skip
 
 

@@ -21,6 +21,7 @@ from jgait.types import (
     Strides,
     Walk,
     as_float,
+    check_kind,
     people,
     reason_of,
 )
@@ -285,10 +286,12 @@ def lessons(
 
     Raises:
         ValueError: if no walk can be used; the message gives the reason.
+        TypeError: if an item is no walk.
     """
     items: list[_Item] = []
     failures: list[tuple[str, str]] = []
     for walk in walks:
+        check_kind(walk, Walk, "walks must be jgait.types.Walk(recording, reference, info)")
         try:
             item = _item(estimator, walk, own, windows, reference)
             have = item.lesson.look.size

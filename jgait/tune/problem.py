@@ -5,6 +5,7 @@ differentiated with respect to the shared numbers and those of the item's subjec
 summed. So a fit with a leg length for each of a hundred subjects costs no more than a fit with a single leg length.
 """
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
@@ -61,12 +62,20 @@ def of_subject(tree: PyTree, transforms: PyTree, subject: Integer) -> PyTree:
 
 
 def _one(problem: Problem, free: PyTree, params: PyTree, item: PyTree) -> PyTree:
-    """The loss of an item; NaN for an item whose real numbers are all NaN or infinite, which a loss may mask to 0."""
-    loss = problem.loss(constrain(free, problem.transforms, params), item)
+    """The loss of an item; NaN for an item whose real numbers are all NaN or infinite, and for parameters that have run
+    to an infinite end of their range, or to 0: of both a loss may make a 0, which would be the least.
+    """
+    natural = constrain(free, problem.transforms, params)
+    loss = problem.loss(natural, item)
     reals = [leaf for leaf in jax.tree.leaves(item) if jnp.issubdtype(leaf.dtype, jnp.floating) and leaf.size]
-    if not reals:
-        return loss
-    return jnp.where(jnp.any(jnp.stack([jnp.isfinite(leaf).any() for leaf in reals])), loss, jnp.nan)
+    sound = [jnp.any(jnp.stack([jnp.isfinite(leaf).any() for leaf in reals]))] if reals else []
+
+    def inside(transform: Transform, value: Values, moved: PyTree) -> None:
+        if moved is not None and not (math.isfinite(transform.low) and math.isfinite(transform.high)):
+            sound.append(jnp.all(jnp.isfinite(value) & (value != transform.low)))
+
+    over_transforms(inside, problem.transforms, natural, free)
+    return jnp.where(jnp.all(jnp.stack(sound)), loss, jnp.nan) if sound else loss
 
 
 def _everyone(problem: Problem, function: Callable[..., PyTree]) -> Callable[..., PyTree]:

@@ -157,6 +157,10 @@ def test_only_values_of_a_stride_that_both_have_are_compared():
     # of those that state one: 0 and 0.039 are within 2 × 0.02, −0.041 is not
     assert told["stride_length_within_2sd_percent"] == pytest.approx((200.0 / 3.0, 95.45), abs=1e-3)
     assert told["walking_speed_within_2sd_percent"][0] == 0.0
+    in_feet = known._replace(strides=theirs._replace(length=theirs.length / 0.3048))
+    (note,) = scores.score(estimate, Walk(walk(1).recording, in_feet, {})).notes
+    assert note.code == "reference_strides_off" and "3.33 m long, the estimated 1.02 m" in str(note)
+    assert not scores.score(estimate, Walk(walk(1).recording, known, {})).notes
     doubtful = estimate._replace(diagnostics={"doubtful": np.arange(5) == 1})
     kept = pd.DataFrame(scores.stride_rows(doubtful, known)).groupby("s_id")["regular"].all()
     assert list(kept) == [True, False, True, True]

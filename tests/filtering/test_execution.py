@@ -167,6 +167,8 @@ def test_lists_and_columns_of_tables_are_refused(convert):
     message = f"must be an array; got a {convert.__name__}: convert it by numpy.asarray"
     with pytest.raises(ValueError, match=f"observation 'far' {message}"):
         filtering.kalman_filter(c.model, c.params, changed, controls=c.controls)
+    with pytest.raises(ValueError, match=f"dt must be a number or an array; got a {convert.__name__}: convert it"):
+        filtering.kalman_filter(c.model, c.params, c.observations, controls=c.controls, dt=convert([0.02] * SAMPLES))
     pushed = c.controls._replace(acceleration=convert(np.asarray(c.controls.acceleration).tolist()))
     with pytest.raises(ValueError, match=f"control 'acceleration' {message}"):
         filtering.kalman_filter(c.model, c.params, c.observations, controls=pushed)
@@ -211,3 +213,10 @@ def test_a_bare_array_is_refused_with_what_is_expected():
         ValueError, match=r"observes a Reading of \(near, far\); got a bare array; pass Reading\(near=…"
     ):
         filtered(c._replace(observations=c.observations.near, mask=None))
+
+
+def test_times_for_intervals_are_refused():
+    c = case("bent", masked=False)
+    times = 0.02 * np.arange(SAMPLES)
+    with pytest.raises(ValueError, match=r"dt must be the time since the sample before .*; got times that grow from 0"):
+        filtering.kalman_filter(c.model, c.params, c.observations, controls=c.controls, dt=times)

@@ -6,7 +6,7 @@ import pytest
 
 from experiments.people.fitted import OTHERS, usual
 from jgait import simulate
-from jgait.simulate.fitting import POINTS, StrideSignals, mean_strides, turned, unexplained, virtual
+from jgait.simulate.fitting import POINTS, StrideSignals, mean_strides, not_fitted, turned, unexplained, virtual
 from jgait.simulate.sensors import OPAL
 from jgait.types import Imu, Recording
 
@@ -86,6 +86,10 @@ def test_a_stride_with_lost_samples_does_not_count():
     found = mean_strides(recording, windows)
     np.testing.assert_allclose(found["waist"].gyr[:, 0], np.sin(2.0 * np.pi * np.arange(POINTS) / POINTS), atol=1e-9)
     assert list(mean_strides(recording, windows[:2])) == []
+    first, second = not_fitted(recording, ["waist"], [])
+    assert "waist took no part in the fit: no more than 7 sensors" in str(first)
+    assert "foot_left took no part in the fit: it has fewer than two regular strides" in str(second)
+    assert not not_fitted(recording, recording.sensors, recording.sensors)
 
 
 def test_standing_cannot_be_fitted():
