@@ -82,8 +82,12 @@ def _gathered(
     d = dimension_numbers
     batch, rank = index.shape[:-1], x.ndim
     window = [i for i in range(rank) if i not in d.collapsed_slice_dims and i not in d.operand_batching_dims]
+    # Axes that are taken whole go last, and are not indexed.
+    whole = [i for i in window if slice_sizes[i] == x.shape[i]]
+    others = [i for i in range(rank) if i not in whole]
+    part = [i for i in window if i not in whole]
     inside, places = np.ones(batch, bool), []
-    for i in range(rank):
+    for i in others:
         start: np.ndarray = np.zeros(batch, np.int64)
         if i in d.start_index_map:
             start = index[..., d.start_index_map.index(i)].astype(np.int64)
@@ -92,17 +96,21 @@ def _gathered(
         elif i in d.operand_batching_dims:
             axis = d.start_indices_batching_dims[d.operand_batching_dims.index(i)]
             start = start + np.arange(batch[axis]).reshape([-1 if a == axis else 1 for a in range(len(batch))])
-        start = start.reshape(batch + (1,) * len(window))
-        if i in window:
-            own = np.arange(slice_sizes[i]).reshape([-1 if i == other else 1 for other in window])
-            start = start + own
+        start = start.reshape(batch + (1,) * len(part))
+        if i in part:
+            start = start + np.arange(slice_sizes[i]).reshape([-1 if i == other else 1 for other in part])
         places.append(start)
-    found = x[tuple(places)]
+    for i in whole:  # a start beside 0 is outside
+        if i in d.start_index_map:
+            inside &= index[..., d.start_index_map.index(i)] == 0
+    found = np.transpose(x, (*others, *whole))[tuple(places)] if others else np.broadcast_to(x, (*batch, *x.shape))
     if mode == lax.GatherScatterMode.FILL_OR_DROP and not inside.all():
         if fill_value is None:
             real = np.issubdtype(x.dtype, np.inexact)
             fill_value = np.nan if real else True if x.dtype == bool else np.iinfo(x.dtype).min
         found = np.where(inside.reshape(batch + (1,) * len(window)), found, np.asarray(fill_value, x.dtype))
+    order = [len(batch) + (*part, *whole).index(i) for i in window]
+    found = np.transpose(found, (*range(len(batch)), *order))
     return np.moveaxis(found, range(len(batch), found.ndim), d.offset_dims)
 
 

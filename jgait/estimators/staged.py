@@ -34,6 +34,21 @@ FOLDED = 64
 """Largest number of values that are computed once for all, as constants of a plan: larger ones would fill files."""
 
 
+REUSED = 31 * 2**20
+"""[bytes] Arrays up to this size get memory that the process has already; see `_reuse_memory`."""
+
+
+@functools.cache
+def _reuse_memory() -> None:
+    """Let arrays take the memory of freed ones.
+
+    glibc gives freed arrays of more than 128 kB back to the system, which has to clear the pages of the next ones: a
+    third of the time of a leg's estimate. Once an array of some size was freed, it keeps up to twice that size (at most
+    64 MB) instead. Other C libraries do as before.
+    """
+    np.empty(REUSED, np.uint8)
+
+
 def _has_loops(jaxpr: Jaxpr) -> bool:
     """Whether a trace has loops, also in the functions that it calls."""
 
@@ -78,6 +93,7 @@ class Staged:
     """A plan with its programs, as a function of arrays."""
 
     def __init__(self, plan: StagePlan, programs: Sequence[Compiled]) -> None:
+        _reuse_memory()
         self.plan, self.programs = plan, programs
         last = {place: number for number, step in enumerate(plan.steps) for place in (*step.results, *step.arguments)}
         kept = {*plan.results, *plan.constants}

@@ -13,6 +13,7 @@ from jgait.estimators.operations import OPERATIONS, operation
 X = np.array([[-1.75, 0.0, 0.5, 2.5], [np.inf, np.nan, -np.inf, 1e12], [-0.0, 3.0, -2.5, 0.25]])
 N = np.array([[-7, 0, 3, 5], [2, -3, 9, -1], [4, 4, -5, 1]], np.int32)
 Y = np.array([[0.5, -2.0, 3.0, 2.0], [1.0, 2.0, 0.0, -0.5], [4.0, 1.5, -1.0, 0.125]])
+Z = np.arange(60.0).reshape(3, 4, 5)
 FLAGS = X > 0.0
 ONE = (
     "abs", "sign", "floor", "ceil", "exp", "log", "log1p", "expm1", "sin", "cos", "tan", "arcsin", "arccos", "arctan",
@@ -81,6 +82,9 @@ def primitives() -> dict[str, Any]:
         "samples of each": (jax.vmap(lambda a, n: a[n]), (Y, N % 4)),
         "pieces of each": (jax.vmap(lambda a, i: lax.dynamic_slice(a, (i,), (2,))), (Y, N[:, 1])),
         "entries": (lambda a, n: a[n, n + 1], (Y, N[0] % 3)),
+        "entries of matrices": (lambda a, n: a[:, n, n[::-1]], (Z, N[0] % 4)),
+        "columns of matrices": (lambda a, n: a[:, :, n], (Z, N % 4)),
+        "whole beside pieces": (jax.vmap(lambda a, i: lax.dynamic_slice(a, (i, 0 * i), (2, 5))), (Z, N[:, 1] % 3)),
         "taken along": (lambda a, n: jnp.take_along_axis(a, n, axis=1), (Y, N % 4)),
     }
     return one | two | more
