@@ -97,40 +97,47 @@ class Staged:
         self.plan, self.programs = plan, programs
         last = {place: number for number, step in enumerate(plan.steps) for place in (*step.results, *step.arguments)}
         kept = {*plan.results, *plan.constants}
+        of_programs = {i for step in plan.steps if isinstance(step.name, int) for i in step.results}
         self._calls = []
         for number, step in enumerate(plan.steps):
             call: Callable[..., PyTree]
-            compiled = isinstance(step.name, int)
             if isinstance(step.name, int):
-                call, several = programs[step.name], True
+                call = programs[step.name]
             else:
-                call, several = functools.partial(OPERATIONS[step.name], **step.params), len(step.results) > 1
-            over = tuple({i for i in (*step.results, *step.arguments) if last[i] == number} - kept)
-            self._calls.append((call, step.arguments, step.results, several, over, compiled))
+                call = functools.partial(OPERATIONS[step.name], **step.params) if step.params else OPERATIONS[step.name]
+            over = {i for i in (*step.results, *step.arguments) if last[i] == number} - kept
+            single = step.results[0] if len(step.results) == 1 and not isinstance(step.name, int) else None
+            self._calls.append((
+                call, step.arguments, single, step.results, tuple(over), tuple(over & of_programs),
+                isinstance(step.name, int),
+            ))  # fmt: skip
 
     def __call__(self, *arrays: PyTree) -> PyTree:
         """The result of the function, in NumPy arrays."""
-        values: list[np.ndarray | None] = [None] * self.plan.places
+        values: list[PyTree] = [None] * self.plan.places
         of_programs: dict[int, jax.Array] = {}  # as programs gave them: the next program needs no copy
         for place, value in self.plan.constants.items():
             values[place] = value
         for place, (leaf, dtype) in enumerate(zip(jax.tree.leaves(arrays), self.plan.types, strict=True)):
             values[place] = np.asarray(leaf, dtype)
+        value_at = values.__getitem__
         with np.errstate(all="ignore"):
-            for call, arguments, results, several, over, compiled in self._calls:
-                if compiled:
-                    found = call(*[of_programs.get(i, values[i]) for i in arguments])
+            for call, arguments, single, results, over, gone, compiled in self._calls:
+                if single is not None:  # most steps: the loop itself takes a tenth of a short recording's time
+                    values[single] = call(*map(value_at, arguments))
+                elif compiled:
+                    found = call(*[of_programs.get(i, np.asarray(values[i])) for i in arguments])
                     for place, value in zip(results, found, strict=True):
                         of_programs[place] = value
                         values[place] = np.asarray(value)
                 else:
-                    found = call(*[values[i] for i in arguments])
-                    for place, value in zip(results, found if several else (found,), strict=True):
-                        values[place] = np.asarray(value)
+                    for place, value in zip(results, call(*map(value_at, arguments)), strict=True):
+                        values[place] = value
                 for place in over:  # its memory serves the next results
                     values[place] = None
-                    of_programs.pop(place, None)
-        return jax.tree.map(lambda i: values[self.plan.results[i]], self.plan.structure)
+                for place in gone:
+                    del of_programs[place]
+        return jax.tree.map(lambda i: np.asarray(values[self.plan.results[i]]), self.plan.structure)
 
 
 class _Planner:
