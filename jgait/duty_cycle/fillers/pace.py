@@ -14,6 +14,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jgait.duty_cycle.fillers.base import PERIODS, Filled, Signals, finished, past, reversed_behind
+from jgait.filtering.padding import held_on, scanned
 from jgait.params import Param
 from jgait.signal.windows import vertex
 
@@ -76,8 +77,9 @@ def pace(s: Signals, sampling_rate_hz: float) -> Pace:
 
     each sum is divided by its mean, and their total by the total weight; the period is the lag of the smallest result,
     refined by a parabola through the neighbouring lags. Without accelerometer nothing is forgotten while the gyroscope
-    is off.
+    is off. After the last sample without the gyroscope nothing is computed: nothing is filled there.
     """
+    s = jax.tree.map(lax.stop_gradient, s)
     dt, dtype = 1.0 / sampling_rate_hz, s.rate.dtype
     lags = np.arange(int(PERIODS[0] * sampling_rate_hz), int(np.ceil(PERIODS[1] * sampling_rate_hz)) + 1)
     keep, half = float(np.exp(-dt / MEMORY)), float(np.exp(-dt / 0.5))
@@ -112,8 +114,8 @@ def pace(s: Signals, sampling_rate_hz: float) -> Pace:
 
     start = (_Differences(blank, blank, blank, blank), jnp.zeros((), dtype), jnp.zeros((), dtype))
     samples = (jnp.arange(count, dtype=jnp.int32), s.rate, s.usable, force)
-    paces = lax.scan(step, start, samples)[1]
-    return jax.tree.map(lax.stop_gradient, paces)
+    needed = jnp.max(jnp.where(s.usable, 0, jnp.arange(count))) + 1
+    return jax.tree.map(partial(held_on, count=needed), scanned(step, start, samples, needed)[1])
 
 
 def measured_enough(paces: Pace, least_strides: Param) -> Bool[Array, "time"]:
