@@ -170,6 +170,13 @@ def test_only_values_of_a_stride_that_both_have_are_compared():
     np.testing.assert_allclose(rows.loc["contact_angle_deg", "reference"], np.rad2deg(0.2))
 
 
+def test_a_first_stride_from_standing_has_no_duration_to_compare():
+    strides = foot_strides(3)
+    first = strides._replace(final_contact=np.where(np.arange(3) == 0, strides.start, strides.final_contact))
+    np.testing.assert_allclose(scores.values_of(first, "stride_duration_s"), [np.nan, 1.0, 1.0])
+    np.testing.assert_allclose(scores.values_of(first, "stride_length_m"), strides.length)
+
+
 def test_feet_are_scored_where_both_have_them():
     time = np.arange(0.0, 4.0, 0.01)
     place = np.stack([time, np.sin(time), 0.0 * time], axis=1)
