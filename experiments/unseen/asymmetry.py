@@ -14,17 +14,18 @@ from jgait import analyse, io
 from jgait.io.summary import summary
 from jgait.types import Walk
 
-MEASURES = ("step_duration", "stance")
+UNITS = {"step_duration": "s", "stance": "%"}
 SET = "ipol_gait"
 
 
 class Asymmetry(NamedTuple):
-    """Of one measure in one walk, (right − left) / mean [%]."""
+    """Of one measure in one walk, (right − left) / mean [%], and how far the mean is off, in the measure's unit."""
 
     measure: str
     marked: float
     estimate: float
     stated: float
+    off: float
 
 
 def rows(quick: bool) -> list[Row]:
@@ -52,11 +53,11 @@ def of_walk(walk: Walk) -> list[Asymmetry]:
     marked["regular"] = marked["regular"].astype(bool)
     marked["stride_length_std_m"] = np.nan
     known, found = (summary(table).set_index("measure") for table in (marked, ours))
-    both = [name for name in MEASURES if name in known.index and name in found.index]
+    both = [name for name in UNITS if name in known.index and name in found.index]
     made = [
         Asymmetry(
             name, *(float(table.loc[name, "asymmetry_pct"]) for table in (known, found)),
-            float(found.loc[name, "asymmetry_std_pct"]),
+            float(found.loc[name, "asymmetry_std_pct"]), float(found.loc[name, "mean"] - known.loc[name, "mean"]),
         )
         for name in both
     ]  # fmt: skip
@@ -66,22 +67,33 @@ def of_walk(walk: Walk) -> list[Asymmetry]:
 def of_walks(found: list[Asymmetry]) -> list[Row]:
     """Rows of the measures."""
     lines, made = [], []
-    for name in MEASURES:
+    for name in UNITS:
         some = [one for one in found if one.measure == name]
         if not some:
             continue
-        marked, ours, stated = (np.array([getattr(one, part) for one in some]) for part in Asymmetry._fields[1:])
+        marked, ours, stated = (np.array([getattr(one, part) for one in some]) for part in Asymmetry._fields[1:-1])
         error = ours - marked
         inside = 100.0 * float(np.mean(np.abs(error) <= 2.0 * stated))
-        typical = float(np.median(np.abs(error)))
+        typical, off = float(np.median(np.abs(error))), float(np.mean([one.off for one in some]))
         lines.append([name.replace("_", " "), len(some), np.median(np.abs(marked)), error.mean(), typical,
-                      np.abs(error).max(), np.median(stated), inside])  # fmt: skip
+                      np.abs(error).max(), np.median(stated), inside, off])  # fmt: skip
         line = f"asymmetry of the {name.replace('_', ' ')}, shoes, `{SET}`: error in points"
+        made.append(Row(f"{name}_bias", off, UNITS[name], n=len(some), split="defaults"))
         made.append(
             Row(f"asymmetry_{name}_points", typical, "%", n=len(some), split="defaults").on(line, "median", "walks")
         )
         made.append(Row(f"asymmetry_{name}_within_two_sigma_pct", inside, "%", n=len(some), split="defaults"))
     if lines:
-        columns = ["", "walks", "marked, median size", "bias", "error, median", "largest", "stated", "within 2 SD [%]"]
+        columns = [
+            "",
+            "walks",
+            "marked, median size",
+            "bias",
+            "error, median",
+            "largest",
+            "stated",
+            "within 2 SD [%]",
+            "mean off [s, %]",
+        ]
         show("Asymmetry by shoes beside contacts marked by hand [%]", columns, lines)
     return made

@@ -55,6 +55,8 @@ def test_the_variability_of_a_walk_leaves_out_flagged_strides_and_turns():
 
 
 def test_asymmetries_within_two_stated_deviations_are_counted():
-    found = [asymmetry.Asymmetry("stance", 1.0, 2.0, 3.0), asymmetry.Asymmetry("stance", 1.0, 9.0, 3.0)]
+    found = [asymmetry.Asymmetry("stance", 1.0, 2.0, 3.0, 2.0), asymmetry.Asymmetry("stance", 1.0, 9.0, 3.0, 3.0)]
     told = {row.metric: row.value for row in asymmetry.of_walks(found)}
-    assert told == {"asymmetry_stance_points": 4.5, "asymmetry_stance_within_two_sigma_pct": 50.0}
+    assert told == {
+        "stance_bias": 2.5, "asymmetry_stance_points": 4.5, "asymmetry_stance_within_two_sigma_pct": 50.0
+    }  # fmt: skip
