@@ -43,7 +43,6 @@ def of_walk(walk: Walk) -> list[Asymmetry]:
     feet = {name: imu for name, imu in walk.recording.sensors.items() if name.startswith("foot")}
     ours = io.analysis_to_dataframes(analyse(walk.recording._replace(sensors=feet)))["strides"]
     marked = io.strides_to_dataframe(walk.reference)
-    marked["stance_duration_s"] = marked["final_contact_s"] - marked["start_s"]
     marked["regular"], marked["source"] = False, "feet"
     for side in ("right", "left"):
         tables = [table[table["side"] == side] for table in (marked, ours)]
@@ -51,7 +50,6 @@ def of_walk(walk: Walk) -> list[Asymmetry]:
         places = [table.index[pairs[:, i]] for i, table in enumerate(tables)]
         marked.loc[places[0], "regular"] = ours.loc[places[1], "regular"].to_numpy()
     marked["regular"] = marked["regular"].astype(bool)
-    marked["stride_length_std_m"] = np.nan
     known, found = (summary(table).set_index("measure") for table in (marked, ours))
     both = [name for name in UNITS if name in known.index and name in found.index]
     made = [

@@ -42,8 +42,8 @@ REUSED = 31 * 2**20
 def _reuse_memory() -> None:
     """Let arrays take the memory of freed ones.
 
-    glibc gives freed arrays of more than 128 kB back to the system, which has to clear the pages of the next ones: a
-    third of the time of a leg's estimate. Once an array of some size was freed, it keeps up to twice that size (at most
+    glibc gives freed arrays of more than 128 kB back to the system, which has to clear the pages of the next ones: that
+    took longer than many of the steps. Once an array of some size was freed, it keeps up to twice that size (at most
     64 MB) instead. Other C libraries do as before.
     """
     np.empty(REUSED, np.uint8)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jgait.estimators.stride_flags import SIDE_UNKNOWN
+from jgait.estimators.stride_flags import SIDE_UNKNOWN, STRIDE_FLAGS, marks
 from jgait.io.strides import bout_numbers, strides_to_dataframe
 from jgait.io.summary import SUMMARY, summary
 from jgait.io.write import to_dataframe
@@ -53,7 +53,7 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     if analysis.strides is not None:
         every = _strides(analysis, analysis.strides)
         tables["strides"] = every.dropna(axis="columns", how="all")
-        unknown = every["special"].str.contains(SIDE_UNKNOWN.word, regex=False)
+        unknown = marks(analysis.estimate, (SIDE_UNKNOWN,)).get(SIDE_UNKNOWN.name, np.zeros(len(every), bool))
         tables["summary"] = summary(every.assign(side_known=~unknown))
         tables["bouts"] = _bouts(every, analysis.estimate)
     tables["contacts"] = _contacts(analysis)
@@ -69,7 +69,6 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
 
 def _strides(analysis: "Analysis", joined: "JoinedStrides") -> "pd.DataFrame":
     from jgait.estimators.combined.compare import regular
-    from jgait.estimators.stride_flags import STRIDE_FLAGS, marks
 
     estimate = analysis.estimate
     table = strides_to_dataframe(estimate)

@@ -66,8 +66,8 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
             the same sensors measure both sides.
 
     `step_duration` is the time from a contact of the other foot to that of the side, `stance` the share of the stride
-    with the foot on the ground: of shoes alone, as shanks and waist show final contacts and single steps too late by
-    how the leg moves. `step_length` needs the range between the feet.
+    with the foot on the ground. Both are stated of shoes alone: at a shank or the waist the measured contacts depend on
+    how each leg moves, so that sides differ falsely. `step_length` needs the range between the feet.
 
     Args:
         strides: the table `strides` of `analysis_to_dataframes`; a column `side_known` may be False where the side is a

@@ -33,16 +33,17 @@ from jgait.simulate.worn import SEVEN, Sensors, felt, sensors_at
 from jgait.types import SIDES, Recording, Values, as_float
 
 SPREAD: dict[str, float] = {
-    "thigh_length": 0.05, "shank_length": 0.05, "stride_length": 0.04, "stance_fraction": 0.03, "toe_up": 0.25,
+    "thigh_length": 0.05, "shank_length": 0.05, "stance_fraction": 0.03, "toe_up": 0.25,
     "heel_up": 0.1, "foot_flat": 0.25, "heel_off": 0.12, "swing_lift": 0.5, "landing_speed": 0.4, "hip_ahead": 0.6,
     "knee_stance": 0.2, "soft_tissue": 0.3, **PELVIS_SPREAD,
 }  # fmt: skip
 """[1] Standard deviation between people of the logarithm of each parameter, at one stride.
 
-Chosen, but those of the pelvis: about as wide as `experiments.people.movement` lets people differ at one stride. That
-of the length of the stride is the error that is stated for the recording."""
+Chosen, but those of the pelvis: about as wide as `experiments.people.movement` lets people differ at one stride."""
 
-FREE = (*SPREAD, *STYLES)
+SIZES = ("stride_length", *SPREAD)
+"""What is scaled; of the stride's length by the error that is stated for the recording."""
+FREE = (*SIZES, *STYLES)
 POINTS, HARMONICS, MOST = 100, 8, len(SEVEN)
 """[1] Points of the mean stride, harmonics that count, sensors that take part."""
 LOW = np.fft.irfft(np.fft.rfft(np.eye(POINTS), axis=0)[: HARMONICS + 1], n=POINTS, axis=0)
@@ -222,7 +223,7 @@ def _person(numbers: Values, usual: Person, spread: Values) -> Person:
     moved = {name: number * wide for name, number, wide in zip(FREE, numbers, spread, strict=True)}
 
     def grown(part: Body | Gait) -> dict[str, Values]:
-        return {name: getattr(part, name) * jnp.exp(moved[name]) for name in SPREAD if name in part._fields}
+        return {name: getattr(part, name) * jnp.exp(moved[name]) for name in SIZES if name in part._fields}
 
     styles = {name: moved[name] for name in STYLES}
     return Person(usual.body._replace(**grown(usual.body)), usual.gait._replace(**grown(usual.gait), **styles))

@@ -45,12 +45,11 @@ from jgait.estimators.foot_ins.online_state import (
 )
 from jgait.estimators.foot_ins.params import FootParams
 from jgait.estimators.foot_ins.prepare import LOST_FORCE, LOST_RATE, REACH, REST_STEP
-from jgait.estimators.foot_ins.readout import LONG_STANCE, SHORTEST, timed
+from jgait.estimators.foot_ins.readout import SHORTEST, timed, walks_on
 from jgait.estimators.losses import held_bridge
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.sides import of_turns
 from jgait.events import foot as events
-from jgait.events.shank_stance import PAUSE_S
 from jgait.filtering.padding import scanned
 from jgait.geometry.rotation import Quaternion, as_array
 from jgait.geometry.vectors import Vector, root, wrapped
@@ -253,7 +252,7 @@ def _strides(
     )  # fmt: skip
     spread = [posterior.cov[f"position.{a}", f"position.{b}"] for a, b in ("xx", "xy", "yy", "zz")]
     nis = since[:, 1] / jnp.maximum(since[:, 2], 1.0)
-    follows = swing.final - event.landed <= jnp.maximum(PAUSE_S, LONG_STANCE * (known.end - swing.final))
+    follows = walks_on(event.landed, swing.final, initial)
     strides, stddev = timed(p, known, way, spread, event.landed, follows, yaw, nis)
     return strides, stddev, trust.doubtful(strides, stddev, nis) & strides.valid
 

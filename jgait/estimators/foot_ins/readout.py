@@ -138,9 +138,14 @@ def _strides(
     )  # fmt: skip
     landed = jnp.concatenate([leaves[:1], touches[:-1]])
     follows = jnp.concatenate([jnp.zeros_like(valid[:1]), valid[:-1]])
-    follows &= leaves - landed <= jnp.maximum(PAUSE_S, LONG_STANCE * (touches - leaves))
+    follows &= walks_on(landed, leaves, touches)
     strides, deviations = timed(p, known, way, between, landed, follows, variance_there - variance_here, nis)
     return strides, deviations._replace(contact_angle=contact_sd, push_off_angle=push_off_sd, step_length=nothing)
+
+
+def walks_on(landed: Values, leaves: Values, touches: Values) -> Flags:
+    """Whether the stance from `landed` until the foot `leaves`, before it `touches` again [s], is no standing."""
+    return leaves - landed <= jnp.maximum(PAUSE_S, LONG_STANCE * (touches - leaves))
 
 
 def timed(
