@@ -4,6 +4,7 @@ Each function takes arrays and, as keywords, those parameters of the primitive t
 """
 
 import inspect
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -47,6 +48,8 @@ def _polynomial(x: np.ndarray, *coefficients: np.ndarray) -> np.ndarray:
 
 
 def _broadcast(x: np.ndarray, *, shape: tuple[int, ...], broadcast_dimensions: tuple[int, ...]) -> np.ndarray:
+    if x.size == math.prod(shape):
+        return x.reshape(shape)
     values, strides = np.asarray(x), [0] * len(shape)
     if not (values.flags.c_contiguous and values.size):
         own = [1] * len(shape)
@@ -71,7 +74,11 @@ def _dynamic_slice(x: np.ndarray, *starts: np.ndarray, slice_sizes: tuple[int, .
 
 
 def _unstacked(x: np.ndarray, *, axis: int) -> list[np.ndarray]:
-    return list(np.moveaxis(x, axis, 0))
+    return list(np.moveaxis(x, axis, 0) if axis else x)
+
+
+def _stacked(*x: np.ndarray, axis: int) -> np.ndarray:
+    return np.stack(x, axis) if axis else np.array(x)  # in a tenth of the time, if they are numbers
 
 
 def _gathered(
@@ -156,12 +163,12 @@ OPERATIONS: dict[str, Operation] = {
     "gt": np.greater, "ge": np.greater_equal, "and": np.bitwise_and, "or": np.bitwise_or, "xor": np.bitwise_xor,
     "not": np.invert, "select_n": _chosen, "convert_element_type": _converted, "copy": _same, "stop_gradient": _same,
     "optimization_barrier": _same, "broadcast_in_dim": _broadcast, "slice": _slice, "dynamic_slice": _dynamic_slice,
-    "reshape": lambda x, *, new_sizes: np.reshape(x, new_sizes),
-    "squeeze": lambda x, *, dimensions: np.squeeze(x, dimensions),
+    "reshape": lambda x, *, new_sizes: x.reshape(new_sizes),
+    "squeeze": lambda x, *, dimensions: x.squeeze(dimensions),
     "expand_dims": lambda x, *, dimensions: np.expand_dims(x, dimensions),
-    "transpose": lambda x, *, permutation: np.transpose(x, permutation),
+    "transpose": lambda x, *, permutation: x.transpose(permutation),
     "rev": lambda x, *, dimensions: np.flip(x, dimensions),
-    "concatenate": lambda *x, dimension: np.concatenate(x, dimension), "stack": lambda *x, axis: np.stack(x, axis),
+    "concatenate": lambda *x, dimension: np.concatenate(x, dimension), "stack": _stacked,
     "unstack": _unstacked, "iota": lambda *, dtype, shape, dimension: _broadcast(
         np.arange(shape[dimension], dtype=dtype), shape=shape, broadcast_dimensions=(dimension,)),
     "gather": _gathered, "cumsum": _along(np.add), "cummax": _along(np.maximum),

@@ -33,6 +33,8 @@ FEW = 4
 FOLDED = 64
 """Largest number of values that are computed once for all, as constants of a plan: larger ones would fill files."""
 
+BUILT_IN = 1024
+"""Largest number of values of a constant that is part of a program: as an argument it takes time at each call."""
 
 REUSED = 31 * 2**20
 """[bytes] Arrays up to this size get memory that the process has already; see `_reuse_memory`."""
@@ -149,7 +151,7 @@ class _Planner:
         self.constants: dict[int, np.ndarray] = {}
         self.places = 0
         self.programs: list[Compiled] = []
-        self._known: dict[int, tuple[JaxprEqn, int]] = {}
+        self._known: dict[tuple[int, tuple[int, ...]], tuple[JaxprEqn, int]] = {}
         self._traces: dict[int, tuple[JaxprEqn, PyTree]] = {}
         self._made: dict[tuple[str | int, tuple[int, ...], str], tuple[int, ...]] = {}
 
@@ -251,12 +253,18 @@ class _Planner:
         return [*carry, *(self.step("stack", one, axis=0)[0] for one in zip(*turns, strict=True))]
 
     def _program(self, equation: JaxprEqn, read: Callable[[PyTree], int], filled: PyTree) -> Sequence[int]:
-        """A step of an operation that is compiled, with the arrays of a single number that it begins with."""
-        inputs: PyTree = list({v: None for v in equation.invars if not isinstance(v, Literal) and v not in filled})
-        if id(equation) not in self._known:
+        """A step of an operation that is compiled, with its constants and the arrays of a single number that it begins
+        with.
+        """
+        used: PyTree = list({v: None for v in equation.invars if not isinstance(v, Literal) and v not in filled})
+        places = {v: read(v) for v in used}
+        known = {v: self.constants[i] for v, i in places.items() if self._built_in(i)}
+        inputs = [v for v in used if v not in known]
+        key = id(equation), tuple(places[v] for v in known)
+        if key not in self._known:
 
             def alone(*values: jax.Array) -> list[jax.Array]:
-                given = dict(zip(inputs, values, strict=True))
+                given = dict(zip(inputs, values, strict=True)) | known
                 for v in equation.invars:
                     if not isinstance(v, Literal) and v in filled:
                         (given[v],) = _bound(filled[v], filled[v].invars, given)
@@ -264,8 +272,11 @@ class _Planner:
 
             shapes = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in inputs]
             self.programs.append(self.compiled(alone, shapes))
-            self._known[id(equation)] = equation, len(self.programs) - 1
-        return self.step(self._known[id(equation)][1], [read(v) for v in inputs], len(equation.outvars))
+            self._known[key] = equation, len(self.programs) - 1
+        return self.step(self._known[key][1], [places[v] for v in inputs], len(equation.outvars))
+
+    def _built_in(self, place: int) -> bool:
+        return place in self.constants and self.constants[place].size <= BUILT_IN
 
 
 def _bound(equation: JaxprEqn, atoms: PyTree, given: PyTree) -> list[jax.Array]:

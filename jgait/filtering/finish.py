@@ -1,6 +1,7 @@
 """States and covariances that a filter or smoother returns, from what the core computes about the predictions."""
 
 import functools
+import operator
 from dataclasses import replace
 
 import jax
@@ -45,8 +46,8 @@ def covariances(
 
     def half(matrix: PyTree) -> PyTree:
         """The turning matrix times another one, by its entries that are not zero."""
-        rows = [sum(turn[i, groups[j]][None] * matrix[j] for j in np.flatnonzero(row)) for i, row in enumerate(pattern)]
-        return held(jnp.stack(rows))
+        terms = [[turn[i, groups[j]][None] * matrix[j] for j in np.flatnonzero(row)] for i, row in enumerate(pattern)]
+        return held(jnp.stack([functools.reduce(operator.add, row) for row in terms]))
 
     return _apart(half(jnp.swapaxes(half(about), 0, 1)), x)
 

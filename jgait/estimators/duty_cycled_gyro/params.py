@@ -142,7 +142,7 @@ class DutyCycledInputs(NamedTuple):
     right: GapLeg | None
     left: GapLeg | None
     time: Times
-    dt: Held
+    dt: Sampled
     still: Sampled
     valid: Sampled
     start_variance: Values

@@ -29,6 +29,9 @@ STEPS_APART, APART = 1.6, 0.1
 CLOSES_SD = 0.09
 """[rad] Largest standard deviation of an inclination with which x and y are tied to the angles; chosen."""
 
+SPREAD = ("thigh_angle", "knee_angle", "x", "y")
+"""Components of the state with a stated deviation."""
+
 DISTANCES = ("strapdown", "stance", "accumulate", "forward")
 """Values of `LegOptions.distance`."""
 
@@ -52,7 +55,7 @@ def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOpti
     observed, controls, mask = inclination.observed(segment, vector(segment.gyr[0]), inputs, options.standing)
     inferred = filtering.infer(
         inclination.MODEL, p.inclination, observed, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
-        initial=inclination.prior(vector(segment.bias), inputs.start_variance),
+        initial=inclination.prior(vector(segment.bias), inputs.start_variance), covariance=inclination.NEEDED,
     )  # fmt: skip
     return inclination.read_out(inferred.mean, inferred.cov, observed.gyr)
 
@@ -241,7 +244,7 @@ def _one_leg(
     result = filtering.infer(
         model, model_params(p, leg), observations, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
         method=options.method, initial=prior_of(p, leg, inputs.start_variance, options),
-        keep=("cov", *filtering.SUMMARY),
+        keep=("cov", *filtering.SUMMARY), covariance=SPREAD,
     )  # fmt: skip
     filtered = result.filtered.cov if options.smooth else None
     deviation = deviation_of(p, result.mean, result.cov, filtered)

@@ -133,6 +133,10 @@ class Inclination(NamedTuple):
     variance: Values  #: (T,) [rad²] of `angle`.
 
 
+NEEDED = ("up.x", "up.z")
+"""Components of which `read_out` uses the covariances."""
+
+
 def read_out(state: InclinationState, cov: Covariance, rate: Vector) -> Inclination:
     """Sagittal angle, rate and variance of the angle, for one sample or a whole recording.
 
