@@ -177,6 +177,8 @@ def _pairs(params: PyTree, transforms: PyTree) -> tuple[list[str], list[Any], li
     """Names, values and transforms in the same order; raises if `params` and `transforms` do not match."""
     treedef: PyTreeDef
     flat, treedef = jax.tree.flatten(transforms, is_leaf=_is_transform)
+    if transforms is None:
+        raise TypeError("transforms must hold a Transform for every parameter, as jgait.params.ranges(p); got None")
     if not all(_is_transform(t) for t in flat):
         odd = next(t for t in flat if not _is_transform(t))
         raise TypeError(f"transforms must hold a jgait.params.Transform for every parameter; got {odd!r}")
@@ -185,7 +187,7 @@ def _pairs(params: PyTree, transforms: PyTree) -> tuple[list[str], list[Any], li
     except (ValueError, TypeError) as error:
         raise TypeError(
             f"params and transforms must have the same structure; got {type(params).__name__} "
-            f"and {type(transforms).__name__}: {error}"
+            f"and {type(transforms).__name__}: {str(error).splitlines()[0]}"
         ) from error
     return list(names(transforms)), values, flat, treedef
 

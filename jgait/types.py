@@ -320,6 +320,18 @@ def check_number(value: npt.ArrayLike, what: str) -> None:
         raise TypeError(f"{what}; got an array of shape {np.shape(value)}")
 
 
+def check_key(key: object) -> None:
+    """Raise TypeError if an argument is no random key of JAX."""
+    import jax
+    import jax.numpy as jnp
+
+    what = "key must be a random key of JAX, such as jax.random.key(0)"
+    if not isinstance(key, jax.Array | np.ndarray):
+        check_kind(key, (), what)
+    elif not (jnp.issubdtype(key.dtype, jax.dtypes.prng_key) or (key.shape == (2,) and key.dtype == np.uint32)):
+        raise TypeError(f"{what}; got an array of {key.dtype} with shape {key.shape}")
+
+
 def check_recording(value: object) -> None:
     """Raise TypeError if an argument is no recording."""
     check_kind(value, Recording, "recording must be a jgait.types.Recording, as jgait.io.read(path) returns it")

@@ -1,14 +1,18 @@
 """The records: they pass through jax unchanged, and what is not there is named."""
 
+from operator import sub
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pandas as pd
 import pytest
 
 import jgait
 from jgait import evaluate, io, simulate, tune
 from jgait.estimators import foot_ins
+from jgait.params import positive
 from jgait.types import (
     PLACEMENTS,
     SIDES,
@@ -131,6 +135,9 @@ def test_a_person_has_one_name_however_it_is_written():
         (lambda: simulate.route(8.0), r"a piece of a route must be a dictionary, .*; got float 8.0"),
         (lambda: simulate.population(0, 3), r"key must be a random key of JAX, such as jax.random.key\(0\); got int 0"),
         (lambda: simulate.population(np.ones(3), 3), r"key must be a random key .*; got an array of float64"),
+        (lambda: tune.fit(sub, 1.0, positive, np.ones(3), optax.adam(0.1), key=0), r"key must be a random key"),
+        (lambda: tune.fit(sub, 1.0, positive, np.ones(3), optax.adam(0.1), steps=3.5), r"steps must be a whole number"),
+        (lambda: tune.fit(sub, 1.0, None, np.ones(3), optax.adam(0.1)), r"transforms must hold a .*; got None"),
         (lambda: simulate.population(KEY, "3"), r"n must be a whole number; got str '3'"),
         (lambda: simulate.covering(KEY, "me", simulate.straight(8.0)), r"person must be a jgait.simulate.Person; got"),
         (lambda: simulate.covering(KEY, simulate.Person(), 8.0), r"along must be a Route, .*; got float 8.0"),

@@ -4,9 +4,7 @@ import math
 from collections.abc import Sequence
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import PyTree
 
 from jgait.geometry.segments import segment_of
 from jgait.simulate.person import DEGREE, Body, Gait, Person, evenly
@@ -78,15 +76,6 @@ def check_values(person: Person) -> None:
             "a foot lies flat, lifts its heel and leaves in this order: Gait.foot_flat < heel_off < stance_fraction − "
             f"0.05; got {float(gait.foot_flat):g}, {float(gait.heel_off):g}, {float(gait.stance_fraction):g}"
         )
-
-
-def check_key(key: PyTree) -> None:
-    """Raise TypeError if an argument is no random key of JAX."""
-    what = "key must be a random key of JAX, such as jax.random.key(0)"
-    check_kind(key, (jax.Array, np.ndarray), what)
-    typed = isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key)
-    if not (typed or (np.shape(key) == (2,) and np.asarray(key).dtype == np.uint32)):
-        raise TypeError(f"{what}; got an array of {key.dtype} with shape {np.shape(key)}")
 
 
 def check_sensors(errors: ImuErrors, rate: float, placements: Sequence[str]) -> None:

@@ -14,13 +14,12 @@ from jaxtyping import PRNGKeyArray
 from jgait.estimators.programs import bucket, compiled
 from jgait.geometry.vectors import kept
 from jgait.simulate import routes
-from jgait.simulate.check import check_key
 from jgait.simulate.footsteps import FIRST, footholds
 from jgait.simulate.person import DEGREE, RECORDED, Body, Gait, Person
 from jgait.simulate.recorded import limits, room
 from jgait.simulate.routes import Route, padded
 from jgait.simulate.shapes import STYLES
-from jgait.types import Values, check_kind, check_number
+from jgait.types import Values, check_key, check_kind, check_number
 
 SPEED = ((1.358, 1.433, 1.434, 1.433, 1.339, 1.262), (1.341, 1.337, 1.390, 1.313, 1.241, 1.132))
 """Mean walking speed [m/s] of men and of women in their twenties, thirties … seventies."""

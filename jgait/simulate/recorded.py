@@ -14,14 +14,14 @@ from jaxtyping import Float, PRNGKeyArray, PyTree
 
 from jgait.estimators.programs import bucket, compiled
 from jgait.geometry.segments import Motion
-from jgait.simulate.check import check_key, check_sensors, check_slack, check_values
+from jgait.simulate.check import check_sensors, check_slack, check_values
 from jgait.simulate.footsteps import Plan
 from jgait.simulate.person import Person
 from jgait.simulate.routes import Route, padded, straight
 from jgait.simulate.sensors import IDEAL, ImuErrors
 from jgait.simulate.walker import Frames, Slack, planned, separated
 from jgait.simulate.worn import SEVEN, Sensors, Truth, duration, named, sensors_at, walked
-from jgait.types import AnyArray, Estimate, Imu, Recording, Values, as_float, check_kind
+from jgait.types import AnyArray, Estimate, Imu, Recording, Values, as_float, check_key, check_kind
 
 
 def recording(

@@ -145,6 +145,7 @@ def cross_validate[P](
         TypeError, ValueError: as `tune.fit`; or if a subject is in several folds, or a recording has two subjects.
     """
     data, n = check_data(data, True)
+    check_settings(steps, chunk, starts, key, minibatch, n)
     labels, number = numbered(subjects, n)
     named = [labels[i] for i in number]
     fold_of = _folds(named, folds, key)
@@ -154,7 +155,6 @@ def cross_validate[P](
         raise ValueError("a subject's own parameters cannot be learned from others: fix them, or share them")
     check_mode(gradient)
     check_priors(priors, transforms)
-    check_settings(steps, chunk, starts, key, minibatch, n)
     check_mesh(mesh, minibatch, "the number of items", n)
     params = spread_out(params, transforms, len(labels))
     problem, items = Problem(loss, transforms, priors, gradient, mesh), Items(data, number)

@@ -21,7 +21,7 @@ from jgait.tune.gradient import check_mode
 from jgait.tune.lanes import Report, descend
 from jgait.tune.problem import Context, Items, Problem, of_subject, place
 from jgait.tune.words import is_interval
-from jgait.types import AnyArray, Maybe
+from jgait.types import AnyArray, Maybe, check_key, check_kind
 
 
 class Fit[P](NamedTuple):
@@ -83,7 +83,12 @@ def optimizer_mark(optimizer: optax.GradientTransformation, free: PyTree) -> PyT
 def check_settings(
     steps: int, chunk: int | None, starts: int, key: PRNGKeyArray | None, minibatch: int | None, n: int
 ) -> None:
-    """Raise ValueError if a setting is not possible; the message names it."""
+    """Raise ValueError if a setting is not possible, TypeError if it is of another kind; the message names it."""
+    for name, number in (("steps", steps), ("chunk", chunk), ("starts", starts), ("minibatch", minibatch)):
+        if number is not None:
+            check_kind(number, (int, np.integer), f"{name} must be a whole number")
+    if key is not None:
+        check_key(key)
     if steps < 1 or (chunk is not None and chunk < 1):
         raise ValueError(f"steps and chunk must be at least 1; got steps={steps}, chunk={chunk}")
     if starts < 1:

@@ -148,7 +148,7 @@ def test_line_searches_use_the_gradient_that_was_asked_for():
     [
         ({"starts": 3}, "give key="),
         ({"minibatch": 2}, "give key="),
-        ({"minibatch": 9, "key": 0}, "minibatch must be between 1 and the 3 items"),
+        ({"minibatch": 9, "key": jax.random.key(0)}, "minibatch must be between 1 and the 3 items"),
         ({"starts": 0}, "starts must be at least 1"),
         ({"subjects": ["a", "b"]}, "one label for each of the 3 items; got 2"),
         ({"transforms": Spot(per_subject(real))}, "parameters per subject need subjects"),

@@ -135,7 +135,7 @@ def _strides(
     )  # fmt: skip
     deviations = strides._replace(
         start=None, final_contact=None, end=None, length=walked.stride_sd, speed=walked.stride_sd / duration, turn=None,
-        step_length=None,
+        step_length=earlier(walked.step_sd, 1),
     )  # fmt: skip
     flags = {
         "turning": valid & (jnp.abs(turn) > TURNING),

@@ -39,6 +39,7 @@ class WaistWalk(NamedTuple):
     distance: Values  #: distance walked up to the node [m].
     distance_sd: Values  #: its standard deviation [m].
     step: Values  #: length of the step [m].
+    step_sd: Values  #: its standard deviation [m].
     stride: Values  #: length of the stride [m].
     stride_sd: Values  #: its standard deviation [m].
     unsure: Flags  #: bool, integration is unreliable at the node.
@@ -154,11 +155,10 @@ def fused(p: WaistParams, inputs: WaistInputs, intervals: Intervals, options: Wa
     mean, variance = inferred.mean, inferred.cov.variances()
     last = jnp.maximum(inputs.count - 1, 0)
     diagnostics = {"acc_bias": mean.bias[last], "log_likelihood": inferred.log_likelihood, "nis": inferred.nis}
-    distance_sd, stride_sd = (
-        root(spread + constant_variance(p) * way**2)
-        for way, spread in ((mean.distance, variance.distance), (mean.stride, variance.stride))
+    distance_sd, step_sd, stride_sd = (
+        root(spread + constant_variance(p) * way**2) for way, spread in zip(mean[:3], variance[:3], strict=True)
     )
-    return WaistWalk(mean.distance, distance_sd, mean.step, mean.stride, stride_sd, unsure, diagnostics)
+    return WaistWalk(mean.distance, distance_sd, mean.step, step_sd, mean.stride, stride_sd, unsure, diagnostics)
 
 
 def by_pendulum(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> WaistWalk:
@@ -174,6 +174,7 @@ def by_pendulum(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> Wa
         distance=distance,
         distance_sd=root(jnp.cumsum(variance) + (share * distance) ** 2),
         step=step,
+        step_sd=root(variance + (share * step) ** 2),
         stride=stride,
         stride_sd=root(white + (share * stride) ** 2),
         unsure=jnp.zeros_like(inputs.steps),
@@ -201,4 +202,5 @@ def by_integration(
     wrong = start_sd + drifted - drifted[begun(inputs)]
     off = jnp.cumsum(jnp.where(inputs.moves, wrong * intervals.duration, 0.0))
     stride, two = step + earlier(step, 1), intervals.duration + earlier(intervals.duration, 1)
-    return WaistWalk(distance, off, step, stride, wrong * two, ~inputs.stood | turned, {})
+    spread = wrong * intervals.duration
+    return WaistWalk(distance, off, step, spread, stride, wrong * two, ~inputs.stood | turned, {})

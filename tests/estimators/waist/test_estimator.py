@@ -66,6 +66,9 @@ def test_a_straight_walk(straight):
     assert not any(estimate.diagnostics[name][:-1].any() for name in FLAGS)
     stated = estimate.strides_stddev.length  # setting off and stopping tell less
     assert np.all((stated > 0.01) & (stated < 0.3)) and np.all(stated[2:-2] < 0.15)
+    step, of_step = strides.step_length, estimate.strides_stddev.step_length
+    assert np.all(((of_step >= 0.5 * stated) & (of_step <= stated))[2:-2])  # errors of two steps are partly the same
+    assert np.all(np.abs(step - 0.66)[4:12] <= 2.0 * of_step[4:12])
     assert 0.3 < estimate.diagnostics["nis"] < 2.0  # steps at both ends are trusted less than they deserve here
     assert "its z axis looks up and its x forward" in notes(estimate)
     assert estimate.valid.all()
