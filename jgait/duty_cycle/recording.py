@@ -109,16 +109,17 @@ def check_filler(name: str) -> Filler:
     return every[name]
 
 
-def acc_of(imu: Imu, gyro_on: On | None = None) -> Float[np.ndarray, "time 3"] | None:
-    """Specific force [m/s²]; a lost sample has the value of the sample before it.
+def felt(imu: Imu, gyro_on: On | None = None) -> Bool[np.ndarray, "time"]:
+    """(T,) bool, the accelerometer's sample is not lost, or by `gyro_on` only the gyroscope is off."""
+    kept = np.asarray(imu.mask, bool)
+    return kept if gyro_on is None else kept | ~np.asarray(gyro_on, bool)
 
-    While the gyroscope is off by `gyro_on` (T,), the accelerometer's sample is not lost.
-    """
+
+def acc_of(imu: Imu, gyro_on: On | None = None) -> Float[np.ndarray, "time 3"] | None:
+    """Specific force [m/s²]; a lost sample (see `felt`) has the value of the sample before it."""
     if imu.acc is None:
         return None
-    kept = np.asarray(imu.mask, bool)
-    if gyro_on is not None:
-        kept = kept | ~np.asarray(gyro_on, bool)
+    kept = felt(imu, gyro_on)
     last = np.maximum.accumulate(np.where(kept, np.arange(kept.size), -1))
     return as_float(imu.acc)[np.where(last < 0, int(np.argmax(kept)), last)]
 

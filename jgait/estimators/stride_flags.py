@@ -1,4 +1,4 @@
-"""Flags of strides, for all estimators: turns, stairs, clipped swings, half strides, uncertain numbers."""
+"""Flags of strides, for all estimators: turns, stairs, clipped swings, half and uneven strides, uncertain numbers."""
 
 from collections.abc import Mapping
 from types import ModuleType
@@ -19,6 +19,10 @@ SHORT_STRIDE = 0.8
 
 AS_FAR = 0.1
 """[1] Largest relative difference between distance gained and stride length at which the two are compared."""
+
+UNEVEN, AROUND = 1.5, 3
+"""[1], [strides] Largest factor between the durations of an even stride and of those around it, so many before and so
+many after it, of both legs; their median counts. Regular strides of public walks that neither turn nor creep differ less."""
 
 FEWEST_STRIDES = 3
 """Least number of strides of a leg for which their median length is used."""
@@ -156,6 +160,28 @@ def half_strides(strides: Strides, order: np.ndarray) -> np.ndarray:
     return half
 
 
+def _uneven(estimate: Estimate) -> Flags:
+    strides = estimate.strides
+    if strides.start is None or strides.end is None:
+        return None
+    order = in_order(estimate)
+    uneven = np.zeros(np.size(strides.side), bool)
+    uneven[order] = uneven_strides(durations(strides)[order])
+    return uneven
+
+
+def uneven_strides(lasts: np.ndarray) -> np.ndarray:
+    """(n,) bool, strides of another duration than those around them, from durations in order; NaN where not known."""
+    uneven = np.zeros(len(lasts), bool)
+    for i, own in enumerate(lasts):
+        others = np.concatenate([lasts[max(i - AROUND, 0) : i], lasts[i + 1 : i + 1 + AROUND]])
+        others = others[np.isfinite(others)]
+        if np.isfinite(own) and len(others) >= FEWEST_STRIDES:
+            usual = float(np.median(others))
+            uneven[i] = not usual / UNEVEN <= own <= usual * UNEVEN
+    return uneven
+
+
 def _unsure(estimate: Estimate) -> Flags:
     # if the speed comes from the pendulum model, the uncertain integration is not used
     return None if "pendulum_constant" in estimate.diagnostics else stated(estimate, "unsure")
@@ -185,6 +211,12 @@ HALF = StrideFlag(
     "Steps from or to standing are about half a stride long; they are not in the means.",
     _half, regular=False, grade="info",
 )  # fmt: skip
+UNEVEN_DURATION = StrideFlag(
+    "uneven", "uneven", "uneven",
+    "The stride lasts much longer or less long than those around it: it contains a pause, a turn on the spot or two "
+    "strides, or it is a part of a stride. Not in the means.",
+    _uneven, regular=False,
+)  # fmt: skip
 UNSURE = StrideFlag(
     "unsure", "speed by integration unsure", "speed unsure",
     "The integrated speed is unsure, because the error of the accelerometer's bias had time to grow.", _unsure,
@@ -206,5 +238,5 @@ WIDTH = StrideFlag(
     _width, leaves_out=("stride_width_m", "step_length_m"),
 )  # fmt: skip
 
-STRIDE_FLAGS = (TURNING, STAIRS, CLIPPED, HALF, UNSURE, SIDE_UNKNOWN, DOUBTFUL, WIDTH)
+STRIDE_FLAGS = (TURNING, STAIRS, CLIPPED, HALF, UNEVEN_DURATION, UNSURE, SIDE_UNKNOWN, DOUBTFUL, WIDTH)
 """All flags, for estimates of an unknown estimator."""

@@ -76,8 +76,8 @@ UNUSABLE = ", not usable"
 
 CAPTION = (
     "± one standard deviation, of one stride or of the distance; medians over regular strides (no turns, stairs, "
-    "half-steps, clipped or doubtful ones), stance of those that a foot's sensor saw; angles: smallest … largest "
-    "flexion; whole tables in the files"
+    "half-steps, clipped swings, uneven or doubtful ones), stance of those that a foot's sensor saw; angles: "
+    "smallest … largest flexion; whole tables in the files"
 )
 """Text below the numbers of `totals`."""
 

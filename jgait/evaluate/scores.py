@@ -21,7 +21,8 @@ class Scores(NamedTuple):
     Attributes:
         quantities: name → (estimate, reference); NaN where a value is missing.
         strides: columns (n,) `s_id side start end regular quantity estimate reference`, a row a stride and quantity;
-            empty without strides. `regular` as in the tables of an analysis: no turn, stairs, half-step or doubt.
+            empty without strides. `regular` as in the tables of an analysis: no turn, stairs, half-step,
+            other duration or doubt.
         notes: what is doubtful about the reference.
     """
 

@@ -225,6 +225,7 @@ SPECIAL: dict[str, Style] = {
     "stairs": {"marker": "^", "markersize": 12, "markeredgewidth": 1.0, "label": stride_flags.STAIRS.label},
     "clipped": {"marker": "x", "markersize": 9, "markeredgewidth": 1.4, "label": stride_flags.CLIPPED.label},
     "half": {"marker": "s", "markersize": 8, "markeredgewidth": 1.0, "label": stride_flags.HALF.label},
+    "uneven": {"marker": "p", "markersize": 13, "markeredgewidth": 1.0, "label": stride_flags.UNEVEN_DURATION.label},
     "unsure": {"marker": "v", "markersize": 12, "markeredgewidth": 1.0, "label": stride_flags.UNSURE.label},
     "side_unknown": {"marker": "o", "markersize": 10, "markeredgewidth": 1.0, "label": stride_flags.SIDE_UNKNOWN.label},
     "doubtful": {"marker": "+", "markersize": 13, "markeredgewidth": 1.2, "label": stride_flags.DOUBTFUL.label},

@@ -2,14 +2,14 @@
 
 from jgait.estimators.about import About, BodyMeasure, CommandOption, EstimateTable, MissingMeasure
 from jgait.estimators.ankle_stride.params import DEFAULT, AnkleParams
-from jgait.estimators.stride_flags import CLIPPED, DOUBTFUL, HALF, STAIRS, TURNING
+from jgait.estimators.stride_flags import CLIPPED, DOUBTFUL, HALF, STAIRS, TURNING, UNEVEN_DURATION
 from jgait.estimators.totals import HEIGHT, LEG_STRIDES, WAY, has_strides
 from jgait.types import SIDES, Estimate
 
 TAPE_SD = 0.01
 """[m] Standard deviation of the sensor's height over the ankle, measured with a tape."""
 
-FLAGS = (TURNING, STAIRS, CLIPPED, HALF, DOUBTFUL)
+FLAGS = (TURNING, STAIRS, CLIPPED, HALF, UNEVEN_DURATION, DOUBTFUL)
 
 
 def numbers(estimate: Estimate) -> dict[str, float]:

@@ -53,8 +53,12 @@ UNIT_RATIO = 7.5
 RESTING, RESTS_S, WALKS, RESTS_MORE = 0.4, 2.0, 0.4, 0.05
 """[rad/s], [s], [1], [1] Rate below which a sensor rests; time over which its square is averaged, and share of the
 largest mean from which on a person walks; and least difference of the shares of rest by which a shank's or thigh's
-sensor rests more than the foot's. In undamaged walks the foot rests more, by 0.11 or more in public ones; in simulated
-ones of all gaits the shank rests more by 0.01 at most."""
+sensor rests more than the foot's. In undamaged public walks the foot of the same leg rests more, by 0.11 or more."""
+
+RESTS_FLAT = 0.1
+"""[1] Least share of rest of a foot's sensor that is not on the shank if its lean varies less while it rests: that of a
+foot which lies flat does. The shank of a sound leg can rest more than a stiff leg's foot. Shanks of public walks rest
+less."""
 
 SEGMENTS = "thigh", "shank", "foot"
 
@@ -76,6 +80,14 @@ LIKE, LEAST_GAIN = 0.9, 0.03
 
 LEAST_SECONDS = 6.0
 """[s] Shortest recording for the comparison of intensities."""
+
+
+class _Motion(NamedTuple):
+    """How a sensor moves in walking."""
+
+    rate: float  #: 99th percentile of the rate [rad/s].
+    rests: float  #: share of the time in which it rests [1].
+    tilts: float  #: median difference of the directions of gravity while it rests [rad]; NaN where it is not known.
 
 
 class Findings(NamedTuple):
@@ -195,7 +207,7 @@ def _exchanges(sensors: Mapping[str, Imu]) -> list[Note]:
     notes, (late, doubtful) = _segments(sensors), swing_phases(sensors)
     if notes and not doubtful:
         return notes
-    measured = {name: (fast_rate(imu), _resting(imu)) for name, imu in sensors.items()}
+    measured = {name: _motion(imu) for name, imu in sensors.items()}
     for side, opposite in (SIDES, SIDES[::-1]):
         for one, other in (("thigh", "shank"), ("thigh", "foot"), ("foot", "shank")):
             pair = f"{one}_{side}", f"{other}_{opposite}"
@@ -214,7 +226,7 @@ def _segments(sensors: Mapping[str, Imu]) -> list[Note]:
     notes = []
     for side in SIDES:
         names = [f"{kind}_{side}" for kind in SEGMENTS]
-        leg = {name: (fast_rate(sensors[name]), _resting(sensors[name])) for name in names if name in sensors}
+        leg = {name: _motion(sensors[name]) for name in names if name in sensors}
         for _ in names[1:]:  # two exchanges make every order of three
             if note := _out_of_place(leg, *names):
                 one, other = map(str, note.values.values())
@@ -223,30 +235,36 @@ def _segments(sensors: Mapping[str, Imu]) -> list[Note]:
     return notes
 
 
-def _out_of_place(leg: Mapping[str, tuple[float, float]], thigh: str, shank: str, foot: str) -> Note | None:
-    """A note if two sensors of a leg (name → rate, share of rest) contradict that thighs turn least and feet rest most.
+def _out_of_place(leg: Mapping[str, _Motion], thigh: str, shank: str, foot: str) -> Note | None:
+    """A note if two sensors of a leg contradict that thighs turn least, and that feet rest most and lie flat then.
 
     The foot of a stiff leg turns less than the thigh: only a thigh's sensor that rests more than the foot's is on it.
     """
     if thigh in leg:
-        there = [name for name in leg if name != foot or leg[thigh][1] > leg[foot][1] + RESTS_MORE]
-        slowest = min(there, key=lambda name: leg[name][0])
-        if leg[thigh][0] > SWAPPED * leg[slowest][0]:
+        there = [name for name in leg if name != foot or leg[thigh].rests > leg[foot].rests + RESTS_MORE]
+        slowest = min(there, key=lambda name: leg[name].rate)
+        if leg[thigh].rate > SWAPPED * leg[slowest].rate:
             return LABELS_EXCHANGED(thigh=thigh, other=slowest)
-    if {foot, shank} <= leg.keys() and leg[shank][1] > leg[foot][1] + RESTS_MORE:
-        return FOOT_ON_SHANK(foot=foot, shank=shank)
-    return None
+    if not {foot, shank} <= leg.keys() or leg[shank].rests <= leg[foot].rests + RESTS_MORE:
+        return None
+    flat = leg[foot].rests > RESTS_FLAT and leg[foot].tilts < leg[shank].tilts
+    return None if flat else FOOT_ON_SHANK(foot=foot, shank=shank)
 
 
-def _resting(imu: Imu) -> float:
-    """Share of the time of walking in which a sensor turns at less than `RESTING` [1]; 0 if it never moves."""
+def _motion(imu: Imu) -> _Motion:
+    """How a sensor moves in walking; it rests at less than `RESTING`, and never if it does not move at all."""
     square = np.sum(_kept(imu, imu.gyr) ** 2, axis=1)
     width = max(1, round(RESTS_S / max(float(np.median(np.diff(as_float(imu.time)))), 1e-6)))
-    if len(square) < width:
-        return 0.0
-    level = np.convolve(square, np.ones(width) / width, mode="same")
-    walks = level > WALKS * level.max()
-    return float(np.mean(square[walks] < RESTING**2)) if walks.any() else 0.0
+    level = np.convolve(square, np.ones(width) / width, mode="same") if len(square) >= width else np.zeros(len(square))
+    walks = level > WALKS * level.max(initial=0.0)
+    rests = walks & (square < RESTING**2)
+    tilts = np.nan
+    if imu.acc is not None and rests.any():
+        ups = _kept(imu, imu.acc)[rests]
+        ups = ups / np.maximum(np.linalg.norm(ups, axis=1, keepdims=True), 1e-9)
+        usual = np.median(ups, axis=0)
+        tilts = float(np.median(np.linalg.norm(ups - usual, axis=1)))
+    return _Motion(fast_rate(imu), float(np.mean(rests[walks])) if walks.any() else 0.0, tilts)
 
 
 def _intensity(imu: Imu, grid: np.ndarray, step: float) -> np.ndarray:

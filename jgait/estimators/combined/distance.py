@@ -14,7 +14,7 @@ from jgait.estimators.losses import lost_between, not_bridged
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, impossible
 from jgait.estimators.proportions import SHARE_SD, SHARES
-from jgait.estimators.stride_flags import LARGEST_TURN, SHORT_STRIDE, durations
+from jgait.estimators.stride_flags import DOUBTFUL, LARGEST_TURN, SHORT_STRIDE, durations
 from jgait.estimators.waist.notes import WALKING_MISSED
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.types import SIDES, Imu, Recording, Strides, as_float
@@ -72,6 +72,9 @@ ALIKE = 0.5
 DOUBTFUL_SD = 0.1
 """[1] Standard deviation of a distance over itself, if every source of it is in doubt; chosen by simulated runners
 (experiment `people.gaits`)."""
+
+MOSTLY = 0.5
+"""[1] Share of the strides of a side that are in doubt, beyond which the side's distance is."""
 
 ONE_SIDE = 0.03
 """[1] Deviation of one side's sum of stride lengths from the mean of both, over that mean: 0.02 to 0.03 on 18 walks of
@@ -143,7 +146,7 @@ def distances(
         else:
             share = SHARE_SD / SHARES["thigh_length"] if "height" in person else 0.0
             sd = total * float(np.sqrt(LEG_DISTANCE_SD**2 + share**2 + rates_share**2))
-        doubted = _stopped(source) | (wrong if source.name != "legs" else wrong | late)
+        doubted = _stopped(source) | _mostly_doubtful(source) | (wrong if source.name != "legs" else wrong | late)
         sides = _sides(source, recording, doubted)
         used = _best(sides)
         scale, doubtful = 1.0, bool(doubted.intersection(source.placements)) or _lacking(source)
@@ -164,6 +167,17 @@ def _stopped(source: SourceEstimate) -> frozenset[str]:
     return frozenset(name for note in stops for name in source.placements if note.values.get("placement", name) == name)
 
 
+def _mostly_doubtful(source: SourceEstimate) -> frozenset[str]:
+    """Placements of a source of whose strides more than `MOSTLY` are in doubt."""
+    doubtful, strides = DOUBTFUL.read(source.estimate), source.estimate.strides
+    if doubtful is None:
+        return frozenset()
+    valid, of = np.asarray(strides.valid, bool), np.asarray(strides.side)
+    mine = {side: doubtful[valid & (of == number)] for number, side in enumerate(SIDES)}
+    sides = tuple(side for side, rows in mine.items() if rows.size and np.mean(rows) > MOSTLY)
+    return frozenset(name for name in source.placements if name.endswith(sides))
+
+
 def _lacking(source: SourceEstimate, side: str = "") -> bool:
     """Whether a source's own notes, of a side only those that concern it, say that steps are missing, or measured
     beyond what the source can measure.
@@ -173,8 +187,8 @@ def _lacking(source: SourceEstimate, side: str = "") -> bool:
 
 
 def _best(sides: list[_Side]) -> list[_Side]:
-    """The sides that are not in doubt, if there are any; of these, those that saw the most of the walk."""
-    sound = [side for side in sides if not side.doubtful] or sides
+    """The sides with strides that are not in doubt, if there are any; of these, those that saw the most of the walk."""
+    sound = [side for side in sides if not side.doubtful and side.length > 0.0] or sides
     missing = [side.unknown + side.speed * sum(end - begin for begin, end in side.bridged) for side in sound]
     return [side for side, metres in zip(sound, missing, strict=True) if metres <= min(missing) + ALIKE]
 

@@ -11,7 +11,16 @@ from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.ends import WALKING_AFTER, WALKING_BEFORE
 from jgait.estimators.notes import STRIDES_MISSING, STRIDES_UNCERTAIN
 from jgait.estimators.plausible import impossible
-from jgait.estimators.stride_flags import CLIPPED, DOUBTFUL, HALF, SIDE_UNKNOWN, STAIRS, TURNING, UNSURE
+from jgait.estimators.stride_flags import (
+    CLIPPED,
+    DOUBTFUL,
+    HALF,
+    SIDE_UNKNOWN,
+    STAIRS,
+    TURNING,
+    UNEVEN_DURATION,
+    UNSURE,
+)
 from jgait.estimators.waist.notes import UNLEARNED
 from jgait.types import SIDES, Flags, Strides, as_float
 
@@ -42,7 +51,7 @@ FIELDS = tuple(name for name in Strides._fields if name not in ("side", "valid")
 COMBINED = ("length", "height", "turn")
 """Quantities of a stride that are combined; others are those of the first source that has them."""
 
-FLAGS = {flag.name: flag.read for flag in (TURNING, STAIRS, HALF, CLIPPED, UNSURE, SIDE_UNKNOWN)}
+FLAGS = {flag.name: flag.read for flag in (TURNING, STAIRS, HALF, UNEVEN_DURATION, CLIPPED, UNSURE, SIDE_UNKNOWN)}
 """Flag of strides → how a source's estimate states it, (strides,) bool, or None."""
 
 

@@ -12,7 +12,8 @@ gait assessment using wearable sensors", Wireless Health 2010; tests/estimators/
 Sensors:
     `thigh_right` or `shank_right` or both, or those of the left leg, or all four; gyroscopes, and accelerometers for
     most fillers; on one clock, 40 to 400 Hz, half a second of quiet standing with all gyroscopes on. The times at
-    which they are on come from the mask of the recording, a mask of the gyroscope, or a schedule that hides samples.
+    which they are on come from a mask of the gyroscope, or a schedule that hides samples. Where the mask of the
+    recording is False, the accelerometer's sample is lost as well.
 
 Outputs:
     Hip and knee flexion [rad] and the ankle relative to the hip [m], with standard deviations, of legs on which both

@@ -65,7 +65,7 @@ def _planar(p: DutyCycledParams, segment: GapSegment, filled: Filled, turning: V
         filled.rate + segment.bias,
         acc[:, 0],
         acc[:, 2],
-        jnp.ones_like(measured),
+        jnp.asarray(segment.felt),
         measured,
         excess,
         segment.bias,
@@ -195,7 +195,7 @@ def energy(preparation: Prepared[DutyCycledInputs], options: DutyCycledOptions) 
     always = gyro.on * seconds * len(used)
     felt = power.ACCELEROMETER.on * len(used) if preparation.options.felt else 0.0
     numbers: dict[str, Any] = {
-        "gyro_energy_saved": 1.0 - drawn / always,
+        "gyro_energy_saved": max(0.0, 1.0 - drawn / always),
         "mean_power": drawn / seconds + felt,
         "battery_life": battery.life(drawn / seconds, felt),
         "battery_life_always_on": battery.life(always / seconds, felt),

@@ -243,9 +243,8 @@ def observe(
         zero + acc, zero + rest, p.gyro_noise * segment.variance + segment.excess, zero + p.swing_noise**2 * persists,
         zero + 1.0, zero + 1.0,
     )  # fmt: skip
-    arrived = segment.measured & valid
-    feels = arrived if felt else False
-    turned = arrived & segment.gyro_on
+    feels = segment.measured & valid if felt else False
+    turned = segment.gyro_on & valid
     unknown, at_rest = valid & ~turned, valid & still
     observed = ThighObservation(segment.acc_up, segment.acc_forward, segment.gyr, *(zero,) * 7)
     return observed, control, ThighObservation(feels, feels, turned, *(valid,) * 4, at_rest, at_rest, unknown)

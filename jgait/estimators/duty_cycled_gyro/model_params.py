@@ -107,7 +107,7 @@ class PlanarSegment(NamedTuple):
     gyr: Sampled
     acc_forward: Sampled  #: (T,) specific force along the segment's forward axis [m/s²].
     acc_up: Sampled  #: (T,) specific force along the segment to the proximal end, +g in standing [m/s²].
-    measured: Sampled  #: (T,) bool, the sample arrived.
+    measured: Sampled  #: (T,) bool, the accelerometer's sample arrived.
     gyro_on: Sampled  #: (T,) bool, the gyroscope was on and awake, or its sample has been filled.
     excess: Sampled  #: (T,) variance of the rate in addition to the gyroscope's [rad²/s²], see `excess`.
     bias: Values  #: gyroscope bias at rest [rad/s].

@@ -125,6 +125,7 @@ class GapSegment(NamedTuple):
     turn: Sampled  #: (T,) rate about the segment's long axis, without bias [rad/s]; 0 while the gyroscope is off.
     acc: Held  #: (T, 3) specific force [m/s²]; zeros without an accelerometer.
     on: Sampled  #: (T,) bool, the gyroscope was on and awake, and its sample arrived.
+    felt: Sampled  #: (T,) bool, the accelerometer's sample arrived.
     bias: Values  #: gyroscope bias at rest [rad/s].
     variance: Values  #: gyroscope variance at rest [rad²/s²].
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from jgait.duty_cycle.fillers.base import RATES
 from jgait.duty_cycle.power import Masks
-from jgait.duty_cycle.recording import SEGMENTS, acc_of, check_filler, gyroscope_masks
+from jgait.duty_cycle.recording import SEGMENTS, acc_of, check_filler, felt, gyroscope_masks
 from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
 from jgait.estimators.duty_cycled_gyro.notes import ACCELEROMETER_ABSENT, WORN_ALONE
 from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledInputs, DutyCycledOptions, GapLeg, GapSegment
@@ -113,11 +113,12 @@ def worn_leg(
     return {segment: (both[one.placement], one) for segment, one in worn.items()}, notes
 
 
-def _signals(imu: Imu, worn: SegmentMounting) -> GapSegment:
+def _signals(imu: Imu, worn: SegmentMounting, there: np.ndarray) -> GapSegment:
+    """Signals of a sensor whose accelerometer's samples arrived where `there` (T,)."""
     segment = in_segment(imu, worn)
     gyr = np.where(segment.measured, -segment.gyr[:, 1], 0.0)
     turn = np.where(segment.measured, segment.gyr[:, 2] - segment.bias[2], 0.0)
-    return GapSegment(gyr, turn, segment.acc, segment.measured, -segment.bias[1], segment.variance)
+    return GapSegment(gyr, turn, segment.acc, segment.measured, there, -segment.bias[1], segment.variance)
 
 
 def prepare(
@@ -156,7 +157,10 @@ def prepare(
     for side in SIDES:
         if any(name.endswith(side) for name in names):
             worn, more = worn_leg(recording, side, used, still, slice(start, stop), gyro_on or {})
-            legs[side] = GapLeg(*(_signals(*worn[one]) if one in worn else None for one in SEGMENTS))
+            there = {name: felt(recording.sensors[name], (gyro_on or {}).get(name)) for name in names}
+            legs[side] = GapLeg(
+                *(_signals(*worn[one], there[worn[one][1].placement]) if one in worn else None for one in SEGMENTS)
+            )
             notes += more
     if bare:
         notes.append(ACCELEROMETER_ABSENT())

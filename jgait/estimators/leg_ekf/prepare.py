@@ -179,7 +179,7 @@ def rates_between(segment: Segment, time: np.ndarray) -> Segment:
     """A segment whose rates are interpolated over losses of up to `SHORT_GAP`; over longer ones they are 0."""
     gyr = np.where(segment.measured[:, None], segment.gyr, 0.0)
     for first, after in true_runs(~segment.measured):
-        if first > 0 and after < time.size and time[after] - time[first - 1] < SHORT_GAP:
+        if first > 0 and after < time.size and segment.lost[after - 1] <= SHORT_GAP + 1e-9:
             share = (time[first:after] - time[first - 1]) / (time[after] - time[first - 1])
             gyr[first:after] = gyr[first - 1] + share[:, None] * (gyr[after] - gyr[first - 1])
     return segment._replace(gyr=gyr)

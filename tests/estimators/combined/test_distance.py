@@ -13,7 +13,7 @@ import jgait
 from jgait import simulate
 from jgait.estimators import ankle_stride
 from jgait.estimators.sides import of_turns
-from jgait.simulate.sensors import OPAL
+from jgait.simulate.sensors import MPU6000, OPAL
 
 LENGTH, STRIDES = 1.2, 16
 
@@ -125,3 +125,19 @@ def test_a_circle_is_as_long_as_it_is():
     for name in ("feet", "shanks", "combined"):
         assert found[name].value == pytest.approx(true, abs=2.5 * found[name].stddev), name
     assert found["feet"].value == pytest.approx(true, rel=0.05)
+
+
+def test_a_side_whose_strides_are_mostly_in_doubt_does_not_count():
+    """The short stance of a limping leg looks like no stance at all to its shank."""
+    gait = simulate.gait(stride_length=0.9, cadence=80.0, stature=1.75)
+    gait = gait._replace(length_asymmetry=0.35, time_asymmetry=0.25, length_variability=0.04, time_variability=0.03)
+    key, along = jax.random.key(3), simulate.u_turn(10.0)
+    walker = simulate.covering(key, simulate.Person(gait=gait), along)
+    recording, truth = simulate.recording(key, walker, along, MPU6000, placements=("shank_right", "shank_left"))
+    found = jgait.analyse(recording, {"height": 1.75})
+    doubtful, side = found.strides.flags["doubtful"], found.strides.strides.side
+    assert doubtful[side == 0].mean() > 0.5 > doubtful[side == 1].mean()
+    (note,) = of_code(found.notes, "distance_of_one_side")
+    assert note.values["side"] == "left"
+    off = found.estimate.distance[-1] - truth.estimate.distance[-1]
+    assert abs(off) < 3.0 * found.estimate.diagnostics["distance_stddev"][-1] < 0.3 * truth.estimate.distance[-1]

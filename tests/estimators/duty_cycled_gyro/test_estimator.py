@@ -291,6 +291,24 @@ def test_a_file_whose_gyroscope_slept_keeps_its_accelerometer(walk, tmp_path):
     assert np.abs(ours.gyr[~on & ours.mask]).max() > 1.0
 
 
+def test_in_a_loss_the_accelerometer_measures_nothing(walk):
+    """What it read last is no measurement: a loss of 0.2 s in a swing makes the angle unsure, and not wrong."""
+    recording = walk[0]
+    time = times(recording)
+    lost = np.abs(time - WARM - 1.2) < 0.1
+    ours = duty_cycled_gyro.estimate(P, hidden(recording, lost, "shank_right"))
+    after = (time > WARM + 1.3) & (time < WARM + 2.2)
+    name = "angle_shank_right"
+    usual = duty_cycled_gyro.estimate(P, hidden(recording, time < 0.05, "shank_right")).diagnostics[name]
+    off = np.abs(ours.diagnostics[name] - usual)[after]
+    assert np.all(off < 3.0 * ours.diagnostics["angle_stddev_shank_right"][after])
+    made = duty_cycled_gyro.prepared(hidden(recording, lost, "shank_right"))
+    np.testing.assert_array_equal(made.inputs.right.shank.felt, ~lost)
+    asleep = duty_cycled_gyro.prepared(recording, gyro_on={"shank_right": ~lost}).inputs.right.shank
+    np.testing.assert_array_equal(asleep.on, ~lost)
+    assert asleep.felt.all()
+
+
 def test_a_lost_sample_is_no_movement(walk):
     """Every fiftieth sample is lost: standing is found all the same, in the same place."""
     recording = walk[0]

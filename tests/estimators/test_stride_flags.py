@@ -1,0 +1,38 @@
+"""Strides of another duration than those around them: a pause, or a missed contact."""
+
+import jax
+import numpy as np
+import pytest
+from made.estimators import only
+
+from jgait import simulate
+from jgait.estimators import ankle_stride
+from jgait.estimators.stride_flags import durations, in_order, marks, regular, uneven_strides
+from jgait.simulate.sensors import MPU6000
+
+
+def test_a_stride_is_compared_with_those_around_it():
+    lasts = np.array([1.0, 1.1, 1.0, 2.0, 1.0, 1.1, 0.5, 1.0, 1.0])
+    assert list(np.flatnonzero(uneven_strides(lasts))) == [3, 6]
+    slower = np.linspace(1.0, 2.0, 15)  # who becomes slower is not uneven
+    assert not uneven_strides(slower).any()
+
+
+def test_few_strides_and_unknown_durations_are_compared_with_nothing():
+    assert not uneven_strides(np.array([1.0, 3.0, 1.0])).any()
+    assert list(uneven_strides(np.array([np.nan, 1.0, 1.0, 1.0, 3.0]))) == [False] * 4 + [True]
+
+
+@pytest.mark.parametrize("seconds", [0.2, 0.4])
+def test_a_hesitation_that_shanks_do_not_see_as_standing_is_in_no_regular_stride(seconds):
+    person = simulate.person_of(simulate.population(jax.random.key(60), 1), 0)
+    bouts = [simulate.straight(7.0)] * 3
+    walked, truth = simulate.with_breaks(
+        jax.random.key(8), person, bouts, [seconds] * 2, MPU6000, placements=("shank_right", "shank_left")
+    )
+    found = ankle_stride.estimate(ankle_stride.AnkleParams(), only(walked, "shank_right", "shank_left"))
+    flags = ankle_stride.estimator().about.flags
+    lasts = durations(found.strides)[in_order(found)]
+    longest = np.nanmax(durations(truth.strides)[np.asarray(truth.strides.valid)])
+    assert np.nanmax(lasts) > 1.5 * longest and marks(found, flags)["uneven"].any()
+    assert np.nanmax(lasts[regular(found, flags)]) < 1.2 * longest
