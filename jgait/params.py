@@ -187,7 +187,7 @@ def _pairs(params: PyTree, transforms: PyTree) -> tuple[list[str], list[Any], li
     except (ValueError, TypeError) as error:
         raise TypeError(
             f"params and transforms must have the same structure; got {type(params).__name__} "
-            f"and {type(transforms).__name__}: {str(error).splitlines()[0]}"
+            f"and {type(transforms).__name__}: {error}"
         ) from error
     return list(names(transforms)), values, flat, treedef
 

@@ -42,6 +42,15 @@ RANGE_LATE = Kind(
     "The range sensor ran behind the inertial sensors; its times were shifted.",
 )
 
+RANGE_CLOCK_UNKNOWN = Kind(
+    "range_clock_unknown",
+    "check",
+    "the range's clock is not corrected: the {passings} times at which the feet pass each other fit no delay of up to "
+    "{latest_ms:.0f} ms",
+    "The range sensor may run much behind or ahead of the inertial sensors. Widths and step lengths are then wrong by "
+    "centimetres; give the ranges the times of the inertial sensors.",
+)
+
 FEET_SEEM_EXCHANGED = Kind(
     "feet_seem_exchanged",
     "check",

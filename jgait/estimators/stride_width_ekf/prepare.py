@@ -25,6 +25,7 @@ NEIGHBOURS = 4  # passings before and after with which a passing is compared
 LATEST = 0.15  # s; largest delay of the range's clock that can be estimated
 LOST_SPEED = 1.0  # m/s; standard deviation of a foot's mean velocity in a gap of its trajectory
 FEWEST_PAIRS = 6  # least number of pairs of passings for an estimate of the delay
+ENOUGH_PASSINGS = 4 * FEWEST_PAIRS  # passings beside turns of which so many are pairs, if the clock is right
 
 
 def prepare_from_feet(
@@ -109,6 +110,8 @@ def _usable(
     notes = [note for note in left_out if note.values["ranges"]]
     if abs(delay) > max(0.01, 3.0 * stddev):
         notes.append(kinds.RANGE_LATE(late_ms=1e3 * delay, stddev_ms=1e3 * stddev))
+    if options.align_range and not np.isfinite(stddev) and np.sum(usable) > ENOUGH_PASSINGS:
+        notes.append(kinds.RANGE_CLOCK_UNKNOWN(passings=np.sum(usable), latest_ms=1e3 * LATEST))
     if not usable.any():
         notes.append(kinds.RANGE_UNUSED())
     return times[usable], distances[usable], notes

@@ -148,6 +148,17 @@ def test_straight_on_only_steps_that_vary_tell_which_foot_is_which():
     assert float(told(uneven, sw.DEFAULT).diagnostics["swap_evidence"]) > 6.0
 
 
+@pytest.mark.parametrize("late", [-0.3, 0.2, 0.3])
+def test_a_range_clock_that_is_too_late_to_be_corrected_is_named(late):
+    made = next(iter(protocols.potter(jax.random.key(1), straight=12.0, after=6.0))).recording
+    found = [
+        sw.estimate(sw.WidthParams(range_offset=0.09), made._replace(feet_range=moved))
+        for moved in (made.feet_range, made.feet_range._replace(time=made.feet_range.time + late))
+    ]
+    codes = [{note.code for note in one.diagnostics["notes"]} for one in found]
+    assert "range_clock_unknown" not in codes[0] and "range_clock_unknown" in codes[1]
+
+
 @pytest.mark.parametrize("late", [-0.05, 0.05])
 def test_a_late_range_clock_is_found_and_taken_off(walk, smoothed, late):
     read = walk.read._replace(time=walk.read.time + late)
