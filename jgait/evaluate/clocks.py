@@ -1,15 +1,21 @@
-"""Whether the clock of a reference is that of the recording: by the angle of a knee, or by the contacts of strides."""
+"""Whether clock and sides of a reference are those of the recording, by angles of knees or contacts of strides."""
 
 import numpy as np
 
 from jgait.notes import Kind, Note
-from jgait.types import SIDES, Estimate, as_float
+from jgait.types import SIDES, Estimate, Legs, as_float
 
 REFERENCE_CLOCK = Kind(
     "reference_clock", "check", "{what} of the reference agree with the estimate if the reference is {seconds:.2f} s "
     "{when}",
     "The clock of the reference seems to begin at another time than the recording's. All errors against it are too "
     "large; correct the times of the reference. After a whole stride more or less, signals are alike again.",
+)  # fmt: skip
+
+REFERENCE_SIDES = Kind(
+    "reference_sides", "check", "{what} of the reference agree with the estimate if its left and right are exchanged",
+    "Left and right seem to be exchanged in the reference, or on the body. Errors of single strides and legs are wrong "
+    "until that is corrected.",
 )  # fmt: skip
 
 MOST_S, STEP_S = 5.0, 0.02
@@ -32,7 +38,7 @@ LEAST_STRIDES = 3
 
 
 def clock_notes(estimate: Estimate, reference: Estimate) -> tuple[Note, ...]:
-    """A note if a reference agrees with an estimate much better at other times.
+    """A note if a reference agrees with an estimate much better with exchanged sides, or else at other times.
 
     Knees are compared if both have one, else the contacts at the ends of strides.
     """
@@ -41,13 +47,25 @@ def clock_notes(estimate: Estimate, reference: Estimate) -> tuple[Note, ...]:
         now = search(estimate, reference, np.zeros(1))
         if now is None:
             continue
-        error = search(estimate, reference, shifts) if now[0] > agrees else None
+        if now[0] <= agrees:
+            return ()
+        error = search(estimate, reference, shifts)
+        mirrored = search(estimate, _exchanged(reference), np.zeros(1))
+        if error is not None and mirrored is not None and mirrored[0] <= min(agrees, BETTER * now[0], error.min()):
+            return (REFERENCE_SIDES(what=what),)
         if error is None or error.min() > BETTER * now[0]:
             return ()
         best = float(np.mean(shifts[error <= error.min() + 1e-9]))  # contacts agree as well over some shifts
         note = REFERENCE_CLOCK(what=what, seconds=abs(best), when="later" if best > 0.0 else "earlier")
         return (note,) if abs(best) > LEAST_S else ()
     return ()
+
+
+def _exchanged(reference: Estimate) -> Estimate:
+    """The reference with left and right exchanged."""
+    strides = reference.strides
+    strides = None if strides is None else strides._replace(side=1 - np.asarray(strides.side))
+    return reference._replace(legs=Legs(reference.legs.left, reference.legs.right), strides=strides)
 
 
 def _of_knees(estimate: Estimate, reference: Estimate, shifts: np.ndarray) -> np.ndarray | None:

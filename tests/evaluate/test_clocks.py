@@ -39,6 +39,23 @@ def test_another_clock_is_noted_with_its_offset(made, what, late):
     assert note.values["seconds"] == pytest.approx(abs(late), abs=0.1)
 
 
+def test_exchanged_sides_are_noted_and_not_taken_for_another_clock():
+    """Half a stride later the left leg moves as the right one does, but for the first and the last stride."""
+    right, left = legs(), legs(late=0.55)
+    both = right._replace(legs=Legs(right.legs.right, left.legs.right))
+    (note,) = clock_notes(both, both._replace(legs=Legs(left.legs.right, right.legs.right)))
+    assert note.code == "reference_sides" and note.values["what"] == "the knee's angles"
+    one, other = strides().strides, strides(late=0.55).strides
+    table = Strides(*(None if a is None else np.concatenate([a, b]) for a, b in zip(one, other, strict=True)))
+    table = table._replace(side=np.repeat([0, 1], one.side.size))
+    walked = strides()._replace(strides=table)
+    (note,) = clock_notes(walked, walked._replace(strides=table._replace(side=1 - table.side)))
+    assert note.code == "reference_sides" and note.values["what"] == "contacts"
+    later = table._replace(start=table.start + 0.3, end=table.end + 0.3)
+    (note,) = clock_notes(walked, walked._replace(strides=later))
+    assert note.code == "reference_clock"
+
+
 def test_errors_on_the_same_clock_are_not():
     assert not clock_notes(legs(), legs(noise=np.deg2rad(12.0)))
     assert not clock_notes(legs(), legs(late=0.05))
