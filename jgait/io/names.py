@@ -7,10 +7,16 @@ from jgait.io.units import split_unit
 from jgait.types import PLACEMENTS
 
 KINDS = {
-    "gyr": ("gyroscope", "gyro", "gyr", "angularvelocity", "angularrate", "angvel"),
-    "acc": ("accelerometer", "acceleration", "accel", "acc"),
-}
-"""Kind of signal → words for this kind."""
+    "gyr": (
+        "gyroscope", "gyroskop", "giroscopio", "gyro", "gyr", "giro", "angularvelocity", "angularrate", "angvel",
+        "winkelgeschwindigkeit", "drehrate", "vitesseangulaire", "velocidadangular", "velocitaangolare",
+    ),
+    "acc": (
+        "accelerometer", "acceleration", "accelerazione", "accel", "acc", "beschleunigung", "beschl", "aceleracion",
+        "acelerometro", "acel",
+    ),
+}  # fmt: skip
+"""Kind of signal → words for this kind, without accents; a word comes before those that it contains."""
 
 TIMES = re.compile(r"(time|timestamp|zeit|temps|tiempo|tempo|tijd)(s|ms|us)?|t(ms|us)?|seconds")
 """Words for the clock, perhaps with a unit."""
@@ -32,13 +38,15 @@ WORDS = {
     "calcn": "foot", "becken": "pelvis", "oberschenkel": "thigh", "unterschenkel": "shank", "schienbein": "shank",
     "knochel": "ankle", "sprunggelenk": "ankle", "fuss": "foot", "schuh": "foot", "bassin": "pelvis",
     "cuisse": "thigh", "jambe": "shank", "cheville": "ankle", "pied": "foot", "cintura": "waist", "muslo": "thigh",
-    "pierna": "shank", "tobillo": "ankle",
+    "pierna": "shank", "tobillo": "ankle", "kreuzbein": "pelvis", "sacro": "pelvis", "bacino": "pelvis",
+    "coscia": "thigh", "gamba": "shank", "caviglia": "ankle", "piede": "foot", "bovenbeen": "thigh",
+    "onderbeen": "shank", "enkel": "ankle", "voet": "foot",
 }  # fmt: skip
 """Words of measuring systems and languages for placements, without accents; the longest matching word is used."""
 
 SIDE_WORDS = {
-    "right": ("right", "r", "re", "rechts", "droite", "droit", "derecha", "derecho"),
-    "left": ("left", "l", "le", "li", "links", "gauche", "izquierda", "izquierdo"),
+    "right": ("right", "r", "re", "rechts", "droite", "droit", "derecha", "derecho", "destra", "destro", "dx"),
+    "left": ("left", "l", "le", "li", "links", "gauche", "izquierda", "izquierdo", "sinistra", "sinistro", "sx"),
 }
 """Side → words of a name that state it."""
 

@@ -38,6 +38,10 @@ from jgait.types import RecordingError
         ("Knöchel re Gyr X", "ankle_right_gyr_x"),
         ("Pied Gauche Gyro Y", "foot_left_gyr_y"),
         ("muslo_derecho_acc_x", "thigh_right_acc_x"),
+        ("Oberschenkel_rechts_Beschleunigung_x", "thigh_right_acc_x"),
+        ("Kreuzbein_Drehrate_y", "pelvis_gyr_y"),
+        ("pierna derecha Aceleración Z", "shank_right_acc_z"),
+        ("piede sinistro giroscopio y", "foot_left_gyr_y"),
     ],
 )
 def test_words_of_a_column_give_its_placement(name, known):
