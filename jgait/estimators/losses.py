@@ -15,6 +15,9 @@ BRIDGED = 0.05
 FROZEN = 1e-3
 """[s] Interval of a filter over a sample of a long loss."""
 
+BENDS_S = 0.2
+"""[s] Longest loss over which the change of slope tells the error of interpolation: an impact and its echo are shorter."""
+
 HELD = 1.5
 """[1] Integrals of a reading that is held over a loss err by this factor more than those of one that is interpolated:
 median over moving feet and shanks and losses of 0.1 to 0.9 s (experiment `damage.gaps`)."""
@@ -43,6 +46,18 @@ def integral_error[Seconds: (float, np.ndarray, Array)](seconds: Seconds, size: 
     return size * seconds * seconds / (seconds + settling)
 
 
+def bend_error(values: np.ndarray, time: np.ndarray, first: int, after: int) -> float:
+    """Size of the error of the integral of signals (T, k), interpolated over the lost samples `first` to `after`.
+
+    By the formula of Euler and Maclaurin a straight line errs by T² / 12 times the change of the slope over the time T.
+    What a loss hides of an impact is far more than the usual error. 0 at an end of the recording.
+    """
+    if first < 2 or after + 1 >= len(time):
+        return 0.0
+    before, behind = ((values[i] - values[i - 1]) / (time[i] - time[i - 1]) for i in (first - 1, after + 1))
+    return float((time[after] - time[first - 1]) ** 2 / 12.0 * np.linalg.norm(behind - before))
+
+
 class Bridge(NamedTuple):
     """How a filter passes lost samples, all (T,): intervals [s], and standard deviations of errors of single samples,
     independent of each other, of rate [rad/s] and specific force [m/s²]; 0 where a sample is measured.
@@ -54,8 +69,9 @@ class Bridge(NamedTuple):
 
 
 def bridged(
-    lost: np.ndarray, time: np.ndarray, dt: np.ndarray, rate: tuple[float, float], force: tuple[float, float]
-) -> Bridge:
+    lost: np.ndarray, time: np.ndarray, dt: np.ndarray, gyr: np.ndarray, acc: np.ndarray,
+    rate: tuple[float, float], force: tuple[float, float],
+) -> Bridge:  # fmt: skip
     """Over up to `LONGEST_LOSS`, interpolated readings are integrated, with errors of the size of `integral_error`.
 
     Over a longer loss the state stays as it was, with the errors that held readings have after `LONGEST_LOSS`: a leg
@@ -69,8 +85,10 @@ def bridged(
         if seconds > LONGEST_LOSS:
             seconds, steps, factor = LONGEST_LOSS, np.full(after - first, FROZEN), HELD
             bridge.dt[run] = np.minimum(dt[run], FROZEN)
-        for noise, size in ((bridge.rate, rate), (bridge.force, force)):
-            noise[run] = factor * integral_error(seconds, *size) / np.sqrt(steps.sum() * steps)
+        for values, noise, size in ((gyr, bridge.rate, rate), (acc, bridge.force, force)):
+            bend = bend_error(values, time, first, after) if seconds <= BENDS_S else 0.0
+            error = np.hypot(factor * integral_error(seconds, *size), bend)
+            noise[run] = error / np.sqrt(steps.sum() * steps)
     return bridge
 
 

@@ -232,7 +232,7 @@ def _leg(
         start, end, stood = _kept(measured, start, end, stood)
     if len(start) and (last := float(np.median(time[stood.end] - time[stood.begin]))) < QUICK_S:
         notes.append(STRIDES_QUICK(placement=name, seconds=last))
-    over = bridged(lost, time, leg_signals["dt"], LOST_RATE, LOST_FORCE)
+    over = bridged(lost, time, leg_signals["dt"], gyr, acc, LOST_RATE, LOST_FORCE)
     rests = still if options.standing else None
     signals = AnkleSignals(
         **(leg_signals | {"dt": over.dt}),

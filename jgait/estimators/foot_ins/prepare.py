@@ -163,7 +163,7 @@ def _foot(
     size = max(3, 2 * round(0.0075 * hz) + 1)
     jumps = [window_maximum(np.linalg.norm(np.gradient(values, axis=0), axis=1), size) for values in (gyr, acc)]
     dt = np.where(np.arange(len(time)) > first, step, 0.0)
-    over = bridged(lost, time, dt, LOST_RATE, LOST_FORCE)
+    over = bridged(lost, time, dt, gyr, acc, LOST_RATE, LOST_FORCE)
     restart = np.zeros(len(time) + 1)
     restart[stances.stillest + 1] = 1.0
     signals = FootSignals(
