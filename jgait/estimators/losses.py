@@ -16,7 +16,7 @@ FROZEN = 1e-3
 """[s] Interval of a filter over a sample of a long loss."""
 
 BENDS_S = 0.2
-"""[s] Longest loss over which the change of slope tells the error of interpolation: an impact and its echo are shorter."""
+"""[s] Longest loss over which the change of slope tells the error of interpolation: impacts last less."""
 
 HELD = 1.5
 """[1] Integrals of a reading that is held over a loss err by this factor more than those of one that is interpolated:

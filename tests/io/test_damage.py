@@ -296,6 +296,23 @@ def test_an_unusual_gait_is_no_damage(gait):
     assert not told & {"accelerometer_late", "sensor_late", "tilts_apart"}
 
 
+def test_strides_of_short_bouts_are_no_longer_than_they_are():
+    """Three bouts of four strides: few samples have a counterpart three strides later, and these are more alike."""
+    person = simulate.person_of(simulate.population(jax.random.key(50), 3, recorded=True), 0)
+    key, bouts = jax.random.fold_in(jax.random.key(51), 0), [simulate.straight(5.0)] * 3
+    recording, _ = simulate.with_breaks(key, person, bouts, (2.0, 8.0), MPU6000, placements=("foot_right", "foot_left"))
+    pace = paces.pace_of(recording.sensors["foot_right"], 100.0, "foot")
+    assert pace.seconds == pytest.approx(float(person.gait.stride_time), rel=0.05)
+    assert not {note.code for note in damage_notes(recording)} & {"pace_unusual", "sides_out_of_step"}
+
+
+def test_a_foot_whose_clock_is_late_by_a_ninth_of_a_stride_is_named(walk):
+    late = walk.sensors["foot_left"]
+    moved = late._replace(**{name: np.roll(getattr(late, name), 12, axis=0) for name in ("gyr", "acc")})
+    codes = {note.code for note in damage_notes(walk._replace(sensors={**walk.sensors, "foot_left": moved}))}
+    assert "sides_out_of_step" in codes
+
+
 @pytest.mark.parametrize(
     ("name", "stated"),
     [("Time (ms)", "ms"), ("time_ms", "ms"), ("time [msec]", "ms"), ("TimeMs", "ms"), ("timems", "ms"),

@@ -36,6 +36,10 @@ walks; undamaged ones have 0.6 and 1.1."""
 FEWEST_STRIDES = 3.0
 """[1] Least time of walking over the duration of a stride. In shorter walks, two strides look like one."""
 
+PAIRS = 0.5
+"""[1] Least share of the samples of walking that have a counterpart a stride later: in short bouts the
+few of them that are further apart can be more alike."""
+
 TOGETHER = 0.1
 """[1] Largest difference of a sensor's stride from the median of all, as a share of it."""
 
@@ -54,9 +58,9 @@ steps change both alike."""
 SHORT_S = 0.65
 """[s] Stride of 185 steps a minute, with which nobody walks; undamaged ones last 0.72 and longer."""
 
-OUT_OF_STEP = 0.15
-"""[1] Largest distance from half a stride of one foot's delay behind the other, in strides. Undamaged walks reach
-0.03."""
+OUT_OF_STEP = 0.1
+"""[1] Largest distance from half a stride of the delay of one foot behind the other, in strides. Undamaged public walks
+reach 0.05, people who limp strongly 0.1."""
 
 PACE_UNUSUAL = Kind(
     "pace_unusual",
@@ -109,6 +113,7 @@ def pace_of(imu: Imu, rate_hz: float, segment: str) -> Stepping | None:
     power = np.sum(np.abs(np.fft.rfft(moved, length, axis=0)) ** 2, axis=1)
     common = np.fft.irfft(np.abs(np.fft.rfft(walks.astype(float), length)) ** 2, length)[:farthest]
     alike = np.fft.irfft(power, length)[:farthest] / np.maximum(common, 1.0)
+    alike[common < PAIRS * walks.sum()] = 0.0
     if not alike[0] > 0.0:
         return None
     alike = alike / alike[0]
@@ -168,9 +173,12 @@ def pace_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
 
 
 def _behind(first: Imu, second: Imu, stride: int, longest: int) -> float:
-    """Delay of the second sensor behind the first where they are most alike, in strides, 0 to 1."""
+    """Delay of the second sensor behind the first where they are most alike, in strides, 0 to 1; means over a stride do
+    not count, so that pauses do not.
+    """
     sizes = [np.linalg.norm(np.asarray(imu.gyr)[:longest], axis=1) for imu in (first, second)]
-    a, b = (np.fft.rfft(one - one.mean(), 1 << int(2 * len(one)).bit_length()) for one in sizes)
+    moves = [one - np.convolve(one, np.ones(stride) / stride, "same") for one in sizes]
+    a, b = (np.fft.rfft(one, 1 << int(2 * len(one)).bit_length()) for one in moves)
     alike = np.fft.irfft(np.conj(a) * b)
     lags = np.arange(stride)
     return float(np.argmax(alike[lags] + alike[lags - stride])) / stride
