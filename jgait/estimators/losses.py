@@ -15,8 +15,8 @@ BRIDGED = 0.05
 FROZEN = 1e-3
 """[s] Interval of a filter over a sample of a long loss."""
 
-BENDS_S = 0.2
-"""[s] Longest loss over which the change of slope tells the error of interpolation: impacts last less."""
+MOST_RATE, MOST_FORCE = 5.0, 10.0
+"""[rad/s], [m/s²] Largest mean error of a reading over a loss that its slopes tell; chosen: a swing's rate, gravity."""
 
 HELD = 1.5
 """[1] Integrals of a reading that is held over a loss err by this factor more than those of one that is interpolated:
@@ -85,9 +85,9 @@ def bridged(
         if seconds > LONGEST_LOSS:
             seconds, steps, factor = LONGEST_LOSS, np.full(after - first, FROZEN), HELD
             bridge.dt[run] = np.minimum(dt[run], FROZEN)
-        for values, noise, size in ((gyr, bridge.rate, rate), (acc, bridge.force, force)):
-            bend = bend_error(values, time, first, after) if seconds <= BENDS_S else 0.0
-            error = np.hypot(factor * integral_error(seconds, *size), bend)
+        for values, noise, size, most in ((gyr, bridge.rate, rate, MOST_RATE), (acc, bridge.force, force, MOST_FORCE)):
+            bend = bend_error(values, time, first, after) if seconds < LONGEST_LOSS else 0.0
+            error = np.hypot(factor * integral_error(seconds, *size), min(bend, most * seconds))
             noise[run] = error / np.sqrt(steps.sum() * steps)
     return bridge
 

@@ -210,8 +210,8 @@ def _walks(sources: Sequence[SourceEstimate]) -> list[tuple[int, float, float]]:
 
 
 def _alone(joined: list[_Told], walks: list[tuple[int, float, float]]) -> list[_Told]:
-    """The strides, in doubt where only sources measured them whose lengths often contradict those of others, or only a
-    trunk before or after the walking of that leg by its own sensors.
+    """The strides, in doubt where their length is only from sources that often contradict others, or from a trunk alone
+    before or after the walking of that leg by its own sensors.
     """
     shared = [stride for stride in joined if len(stride.group) > 1]
     left = {
@@ -226,7 +226,7 @@ def _alone(joined: list[_Told], walks: list[tuple[int, float, float]]) -> list[_
             side == stride.side and not begin <= 0.5 * (stride.values["start"] + stride.values["end"]) <= end
             for side, begin, end in walks
         )
-        return wrong.issuperset(stride.group) or (beyond and set(stride.group) == {"waist"})
+        return wrong.issuperset(stride.used) or (beyond and set(stride.group) == {"waist"})
 
     return [stride._replace(doubtful=stride.doubtful or doubted(stride)) for stride in joined]
 
