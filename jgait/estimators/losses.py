@@ -72,7 +72,8 @@ def bridged(
     lost: np.ndarray, time: np.ndarray, dt: np.ndarray, gyr: np.ndarray, acc: np.ndarray,
     rate: tuple[float, float], force: tuple[float, float],
 ) -> Bridge:  # fmt: skip
-    """Over up to `LONGEST_LOSS`, interpolated readings are integrated, with errors of the size of `integral_error`.
+    """Over up to `LONGEST_LOSS`, interpolated readings are integrated, with errors of the sizes of `integral_error` and
+    `bend_error`.
 
     Over a longer loss the state stays as it was, with the errors that held readings have after `LONGEST_LOSS`: a leg
     keeps its posture better than an integral of readings that it did not have.
