@@ -16,6 +16,17 @@ from jgait.types import PLACEMENTS, Imu, RangeReadings, Recording, RecordingErro
 
 RANGE_EMPTY = Kind("range_empty", "check", "feet_range holds no reading", NO_RANGE)
 UNITS_OF_HEADER = Kind("units_of_header", "info", "units by the header: {units}", ORIGIN)
+GYROSCOPE_ASLEEP = Kind(
+    "gyroscope_asleep",
+    "check",
+    "{placement}: in {share:.0%} of the samples the accelerometer has a reading and the gyroscope has none; they count "
+    "as lost",
+    "If the gyroscope was switched off to save power, `duty_cycled_gyro` fills its rate in Python: `estimate` takes "
+    "gyro_on={name: recording.sensors[name].mask}, with the name of the sensor.",
+)
+
+ASLEEP = 0.05
+"""[1] Largest share of samples that a gyroscope lacks, and its accelerometer has, without a note."""
 
 
 def recording_from_arrays(
@@ -102,6 +113,7 @@ def recording_in_units(
         read = _in_si(signals, scales[placement])
         masked, notes_of[placement] = without_damage(placement, read, scales[placement], clock.sampling_rate_hz)
         imus[placement] = _imu(masked, clock)
+        notes_of[placement] += _asleep(placement, read)
         damaged = np.any([np.isfinite(v) & np.isnan(masked[k]) for k, v in read.items()], axis=(0, 2))
         noted[placement] = (clock.rows < 0) | damaged[clock.rows]
     imus, left_out = usable_sensors(imus, units, name)
@@ -118,6 +130,14 @@ def recording_in_units(
     if not apart.mask.any():
         notes = (*notes, RANGE_EMPTY())
     return recording._replace(notes=notes, feet_range=apart)
+
+
+def _asleep(placement: str, read: Mapping[str, np.ndarray]) -> tuple[Note, ...]:
+    """The note about a gyroscope without readings where its accelerometer has some, as while it is switched off."""
+    if "acc" not in read:
+        return ()
+    alone = np.isfinite(read["acc"]).all(axis=1) & np.isnan(read["gyr"]).all(axis=1)
+    return (GYROSCOPE_ASLEEP(placement=placement, share=alone.mean()),) if alone.mean() > ASLEEP else ()
 
 
 def _by_header(units: Units, sensors: Mapping[str, Mapping[str, ArrayLike]]) -> list[Note]:

@@ -43,6 +43,12 @@ DISTANCE_OVER_LOSS = Kind(
     "What is walked there is not measured. A person who stood still there walked less; the deviation contains it.",
 )  # fmt: skip
 
+SIDES_APART = Kind(
+    "distance_sides_apart", "check", "distance by {source}: {right:.1f} m by the right side, {left:.1f} m by the left",
+    "Both legs walk as far. Strides of one side are missing or wrong, as of a sensor that slipped or was put on anew. "
+    "The distance is the mean of both, and its deviation contains half of the difference.",
+)  # fmt: skip
+
 LACKING = (SPEED_IMPLAUSIBLE.code, SWINGS_SMALL.code, WALKING_MISSED.code, *UNLIKE)
 """Codes of an estimator's notes by which its distance is in doubt."""
 
@@ -72,6 +78,9 @@ ALIKE = 0.5
 DOUBTFUL_SD = 0.1
 """[1] Standard deviation of a distance over itself, if every source of it is in doubt; chosen by simulated runners
 (experiment `people.gaits`)."""
+
+FAR_APART = 0.2
+"""[1] Largest difference of the distances of both sides over their mean; in circles of a metre it is real, and 0.2."""
 
 MOSTLY = 0.5
 """[1] Share of the strides of a side that are in doubt, beyond which the side's distance is."""
@@ -111,6 +120,7 @@ class _Side(NamedTuple):
     unknown: float  #: what it did not see, and is not in the distance [m].
     doubtful: bool
     speed: float  #: median speed [m/s].
+    stride: float  #: median length of a stride [m].
     cut: Spans  #: begin and end [s] of walking before the first and after the last stride.
     bridged: Spans  #: and of losses in walking.
 
@@ -151,6 +161,9 @@ def distances(
         used = _best(sides)
         scale, doubtful = 1.0, bool(doubted.intersection(source.placements)) or _lacking(source)
         doubtful |= runs and source.name == "legs"  # in the flight phase no foot carries the hip
+        if len(used) == len(SIDES) and (apart := _apart(used)):
+            sd = float(np.hypot(sd, 0.5 * apart))
+            notes.append(SIDES_APART(source=source.name, **{side.name: side.length for side in used}))
         if len(used) < len(sides):
             scale = float(np.mean([one.length for one in used]) / max(np.mean([one.length for one in sides]), 1e-6))
             sd = float(np.hypot(sd, ONE_SIDE * total))
@@ -193,6 +206,13 @@ def _best(sides: list[_Side]) -> list[_Side]:
     return [side for side, metres in zip(sound, missing, strict=True) if metres <= min(missing) + ALIKE]
 
 
+def _apart(sides: list[_Side]) -> float:
+    """Difference of the distances of two sides [m], if it is so large that strides of one are missing; else 0."""
+    one, other = sides
+    apart, mean = abs(one.length - other.length), 0.5 * (one.length + other.length)
+    return apart if apart > max(FAR_APART * mean, 2.0 * max(one.stride, other.stride)) else 0.0
+
+
 def _sides(source: SourceEstimate, recording: Recording, doubted: frozenset[str]) -> list[_Side]:
     """The sides of a source whose strides are measured by one sensor each, or the trunk; none without strides."""
     strides = source.estimate.strides
@@ -211,7 +231,8 @@ def _sides(source: SourceEstimate, recording: Recording, doubted: frozenset[str]
         seconds, bridged = _not_seen(recording.sensors[name], start[whole], end[whole], length[whole], usual)
         unknown = USUAL_SPEED * seconds + float(np.nansum(length[mine & beyond]))
         lengths, speed = float(np.nansum(length[mine])), _speed(strides, mine)
-        sides.append(_Side(side, lengths, unknown, name in doubted, speed, _cut(source, name), bridged))
+        stride = float(np.nanmedian(length[mine])) if mine.any() else 0.0
+        sides.append(_Side(side, lengths, unknown, name in doubted, speed, stride, _cut(source, name), bridged))
     return sides
 
 

@@ -141,3 +141,23 @@ def test_a_side_whose_strides_are_mostly_in_doubt_does_not_count():
     assert note.values["side"] == "left"
     off = found.estimate.distance[-1] - truth.estimate.distance[-1]
     assert abs(off) < 3.0 * found.estimate.diagnostics["distance_stddev"][-1] < 0.3 * truth.estimate.distance[-1]
+
+
+def test_sides_that_walk_different_distances_are_named_and_the_deviation_contains_it():
+    """A sensor turned by a right angle about its long axis in a pause finds no more strides."""
+    person = simulate.person_of(simulate.population(jax.random.key(3), 1), 0)
+    recording, truth = simulate.with_breaks(
+        jax.random.key(4), person, [simulate.straight(12.0)] * 2, [3.0], OPAL, placements=("shank_right", "shank_left")
+    )
+    assert not of_code(jgait.analyse(recording).notes, "distance_sides_apart")
+    worn = recording.sensors["shank_left"]
+    later = worn.time > 0.5 * worn.time[-1]
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    moved = worn._replace(
+        **{n: np.where(later[:, None], getattr(worn, n) @ turn, getattr(worn, n)) for n in ("gyr", "acc")}
+    )
+    found = jgait.analyse(recording._replace(sensors={**recording.sensors, "shank_left": moved}))
+    (note,) = of_code(found.notes, "distance_sides_apart")
+    assert note.values["left"] < 0.8 * note.values["right"]
+    off = found.estimate.distance[-1] - truth.estimate.distance[-1]
+    assert abs(off) < 2.0 * found.estimate.diagnostics["distance_stddev"][-1]
