@@ -136,12 +136,12 @@ def _stairs(estimate: Estimate) -> Flags:
 
 def _half(estimate: Estimate) -> Flags:
     known, strides = stated(estimate, "half"), estimate.strides
-    if known is not None or strides.start is None or strides.end is None:
+    if strides.start is None or strides.end is None:
         return known
     order = in_order(estimate)
     half = np.zeros(np.size(strides.side), bool)
     half[order] = half_strides(strides, order)
-    return half
+    return half if known is None else known | half
 
 
 def half_strides(strides: Strides, order: np.ndarray) -> np.ndarray:
