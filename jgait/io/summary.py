@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jgait.estimators.stride_flags import BREAK, pauses
 from jgait.types import SIDES
 
 if TYPE_CHECKING:
@@ -54,10 +55,12 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
 
     Columns:
         measure unit n_strides steady: the measure, and how many strides of which kind count.
-        right left mean: means of the sides, and their mean, or that of the only side, or of all strides where some
-            are of an unknown side.
-        std cv_pct: variability from stride to stride within a side, the root of the mean of both sides' variances, and
-            100 std / mean; no `cv_pct` of angles, whose zero is a matter of definition.
+        right left: means of the sides, over strides at the time of which the other side has one that counts as well:
+            else the sides would differ because one of them measured other bouts. Of a single side, over all strides.
+        mean: mean of the means of both sides, each over all of its strides, or that of the only side, or of all strides
+            where some are of an unknown side.
+        std cv_pct: variability from stride to stride within a side and a walking bout, the root of the mean of both
+            sides' variances, and 100 std / mean; no `cv_pct` of angles, whose zero is a matter of definition.
         error_std: stated standard deviation of the error in one stride. `std` contains the part of it that changes from
             stride to stride: one that is not clearly larger says little about the person, and where the error is more
             than `HIDDEN` times as large it is not stated.
@@ -93,6 +96,7 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
         columns["cadence_spm"] = 120.0 / table["stride_duration_s"]
     if "stride_width_m" not in table:
         columns["step_length_m"] = None
+    bouts = _bouts(strides)
     rows = []
     for name, unit in MEASURES.items():
         values = columns[f"{name}_{unit}"]
@@ -105,12 +109,13 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
         by_side = [values[(table["side"] == side) & known] for side in SIDES]
         groups = [one for one in by_side if len(one)] if sided else [values]
         mean = float(np.mean([one.mean() for one in groups]))
-        variances = [one.var() for one in groups if len(one) >= FEWEST]
+        variances = [v for one in groups if np.isfinite(v := _variance(one, bouts))]
         errors = table.get(f"{name}_std_{unit}", pd.Series(np.nan, table.index))[values.index].dropna()
         error = float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else np.nan
         std = float(np.sqrt(np.mean(variances))) if variances and enough else np.nan
         std = np.nan if error > HIDDEN * std else std
-        right, left = (float(one.mean()) if len(one) else np.nan for one in by_side)
+        both = _at_the_same_time(table.loc[values.index]) if all(map(len, by_side)) else values.index
+        right, left = (float(one.mean()) if len(one) else np.nan for one in (v[v.index.isin(both)] for v in by_side))
         unsure = _side_error(name, error, table) if alike and np.isfinite(right - left) else np.nan
         rows.append({
             "measure": name, "unit": unit, "n_strides": len(values), "steady": enough, "mean": mean, "std": std,
@@ -126,13 +131,50 @@ def _beside_regular(strides: "pd.DataFrame") -> "pd.Series":
     import pandas as pd
 
     found = pd.Series(False, strides.index)
-    start, end = ("start_s", "end_s") if "start_s" in strides else ("standing_s", "standing_end_s")
+    start, end = _times(strides)
     for _, one in strides.groupby("side"):
         beside = one.sort_values(start)
         regular = beside["regular"].astype(bool)
         joins = (beside[start] - beside[end].shift()).abs() < JOINS_S  # with the stride before it
         found[beside.index] = joins & regular.shift(fill_value=False) & (joins & regular).shift(-1, fill_value=False)
     return found
+
+
+def _times(strides: "pd.DataFrame") -> tuple[str, str]:
+    """The columns of the begin and the end of a stride."""
+    return ("start_s", "end_s") if "start_s" in strides else ("standing_s", "standing_end_s")
+
+
+def _bouts(strides: "pd.DataFrame") -> "pd.Series":
+    """The number of the walking bout of each stride."""
+    import pandas as pd
+
+    start, end = _times(strides)
+    rows = strides.sort_values(start)
+    apart = pauses(rows[start].to_numpy(float), rows[end].to_numpy(float)) > BREAK
+    return pd.Series(np.cumsum(np.append(False, apart))[: len(rows)], rows.index)
+
+
+def _variance(values: "pd.Series", bouts: "pd.Series") -> float:
+    """Variance of a side's values about the means of their bouts; NaN of too few values."""
+    of_bout = values.groupby(bouts[values.index])
+    freedom = len(values) - of_bout.ngroups
+    return (
+        float(of_bout.apply(lambda v: ((v - v.mean()) ** 2).sum()).sum()) / freedom if freedom >= FEWEST - 1 else np.nan
+    )
+
+
+def _at_the_same_time(strides: "pd.DataFrame") -> "pd.Index":
+    """The strides that share time with one of the other side."""
+    start, end = _times(strides)
+    shares = np.zeros(len(strides), bool)
+    right = strides["side"].to_numpy() == SIDES[0]
+    for mine, theirs in ((right, ~right), (~right, right)):
+        other = strides[theirs].sort_values(start)
+        until = np.maximum.accumulate(np.append(-np.inf, other[end].to_numpy(float)))
+        before = np.searchsorted(other[start].to_numpy(float), strides.loc[mine, end].to_numpy(float))
+        shares[mine] = until[before] > strides.loc[mine, start].to_numpy(float)
+    return strides.index[shares]
 
 
 def _side_error(name: str, error: float, table: "pd.DataFrame") -> float:

@@ -42,6 +42,20 @@ def test_mean_variability_and_asymmetry_of_the_length():
     assert one["asymmetry_std_pct"] == pytest.approx(100.0 * np.sqrt(2.0) * 0.02 / 1.28)
 
 
+def test_sides_are_compared_over_the_same_time_and_strides_within_a_bout():
+    """The left sensor stops after a slow bout; the right one goes on in a faster one."""
+    slow, fast = strides(), strides(right=tuple(0.3 + np.array(RIGHT)))
+    fast = fast[fast["side"] == "right"].assign(
+        start_s=lambda t: t["start_s"] + 20.0, end_s=lambda t: t["end_s"] + 20.0
+    )
+    one, both = rows(slow).loc["stride_length"], rows(pd.concat([slow, fast], ignore_index=True)).loc["stride_length"]
+    assert both["n_strides"] == 12 and one["n_strides"] == 8
+    assert both["right"] == pytest.approx(one["right"]) and both["left"] == pytest.approx(one["left"])
+    assert both["mean"] == pytest.approx(0.5 * (one["right"] + 0.15 + one["left"]))
+    right, left = np.array(RIGHT[1:-1]), np.array(LEFT[1:-1])
+    assert both["std"] == pytest.approx(np.sqrt(0.5 * (right.var(ddof=1) + left.var(ddof=1))))
+
+
 def test_variability_below_half_of_the_error_is_not_stated():
     known, hidden = (rows(strides(stride_length_std_m=error)).loc["stride_length"] for error in (0.045, 0.055))
     assert known["std"] > 0.0

@@ -262,7 +262,10 @@ def _speed(strides: Strides, of_side: np.ndarray) -> float:
 def _whole(source: SourceEstimate, scale: float, sd: float, doubtful: bool, used: list[_Side]) -> WalkedDistance:
     """The distance of a source with what is walked in time that no stride of its sides covers."""
     estimate = source.estimate
-    way, time = scale * as_float(estimate.distance), as_float(estimate.time)
+    way, time = as_float(estimate.distance), as_float(estimate.time)
+    if scale != 1.0:  # of one side: by its own strides, or bouts that only it saw would have a part of their length
+        way = _by_strides(source, used, time, way[-1])
+    way = scale * way
     added = {"cut": 0.0, "bridged": 0.0}
     for side in used:
         for name in added:
@@ -278,6 +281,19 @@ def _whole(source: SourceEstimate, scale: float, sd: float, doubtful: bool, used
     unseen = float(np.linalg.norm([unknown, CUT_SD * added["cut"], LOSS_SD * added["bridged"]]))
     spread = float(np.hypot(sd, unseen))
     return WalkedDistance(source.name, time, way, spread, doubtful, **added, bridged_s=bridged_s, unseen=unseen)
+
+
+def _by_strides(source: SourceEstimate, used: list[_Side], time: np.ndarray, total: float) -> np.ndarray:
+    """(T,) [m] the distance along the strides of some sides, `total` at its end."""
+    strides = source.estimate.strides
+    numbers = [SIDES.index(side.name) for side in used if side.name]
+    mine = np.asarray(strides.valid, bool) & np.isin(np.asarray(strides.side), numbers)
+    start, end, length = (as_float(column)[mine] for column in (strides.start, strides.end, strides.length))
+    start = np.where(np.isfinite(start), start, end)
+    way = np.zeros(time.size)
+    for begin, until, metres in zip(start, end, np.nan_to_num(length), strict=True):
+        way += metres * np.clip((time - begin) / max(until - begin, 1e-6), 0.0, 1.0)
+    return way * (total / way[-1]) if way[-1] > 0.0 else np.linspace(0.0, total, time.size)
 
 
 def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray, length: np.ndarray, usual: float) -> tuple[float, Spans]:
