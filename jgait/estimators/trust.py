@@ -150,10 +150,15 @@ def rates_share(note: Note) -> float:
     return RATES_SHARE * abs(float(np.log(as_float(note.values["factor"]))))
 
 
+LEVER_SHARE = 0.7
+"""[1/m] Deviation of a stride's length over itself, over the distance by which the sensor's estimated place is off.
+Chosen by simulated shanks with seated movements and cycling between walks."""
+
 SHARES: dict[str, Callable[[Note], float]] = {
     ACCELEROMETER_OFF.code: lambda note: SCALE_SHARE * float(np.abs(as_float(note.values["percent"]))) / 100.0,
     RATES_OFF.code: rates_share,
     SAMPLED_SLOWLY.code: lambda _: SLOW_SHARE,
+    "lever_implausible": lambda note: LEVER_SHARE * float(as_float(note.values["off_m"])),
 }
 """Code of a note on a sensor → deviation of its strides' lengths over themselves [1]."""
 

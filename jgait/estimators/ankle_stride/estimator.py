@@ -15,6 +15,7 @@ from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.about import ABOUT
 from jgait.estimators.ankle_stride.inputs import AnkleInputs, AnkleSignals
 from jgait.estimators.ankle_stride.model import AnkleControl, AnkleError
+from jgait.estimators.ankle_stride.notes import LEVER_IMPLAUSIBLE
 from jgait.estimators.ankle_stride.params import (
     DEFAULT,
     KNOWN,
@@ -148,6 +149,7 @@ def _of_leg(
         "log_likelihood": inferred.log_likelihood,
         "nis": inferred.nis,
         "lever": jnp.stack([part[last] for part in inferred.mean.lever]),
+        "lever_off": ankle_strides.off(inferred.mean.lever, ankle_strides.lever_of(p, leg))[last],
         "lever_stddev": jnp.stack([part[last] for part in spread.lever]),
         "gyr_bias": jnp.stack([part[last] for part in inferred.mean.gyr_bias]),
     }
@@ -160,7 +162,8 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) ->
     Returns:
         `strides`, with the filter `strides_stddev`; `distance` is the mean over the legs with a sensor; `diagnostics`
         holds `FLAGS` for each stride, with the filter `distance_stddev` (T,) [m], and for each leg log-likelihood, mean
-        normalised innovation squared, and the estimated lever [m] and gyroscope's bias [rad/s] (forward, left, up).
+        normalised innovation squared, the estimated lever [m] and gyroscope's bias [rad/s] (forward, left, up), and how
+        far the lever is off that of the parameters, `lever_off` [m].
 
     Raises:
         ValueError: options that are none.
@@ -237,5 +240,8 @@ def _finished(result: Estimate, made: Prepared[AnkleInputs]) -> Estimate:
         return result
     nis = {side: float(result.diagnostics[f"nis_{SIDES[side]}"]) for side in worn}
     off = rates_notes(run, made.inputs, made.options, nis, places)
-    result = result._replace(diagnostics={**result.diagnostics, "notes": (*notes, *off)})
+    away = {places[side]: float(result.diagnostics[f"lever_off_{SIDES[side]}"]) for side in worn}
+    farthest = ankle_strides.FARTHEST_OFF
+    odd = (LEVER_IMPLAUSIBLE(placement=place, off_m=metres) for place, metres in away.items() if metres > farthest)
+    result = result._replace(diagnostics={**result.diagnostics, "notes": (*notes, *off, *odd)})
     return trust.judged(result, places, LARGEST_MEAN_NIS, nis)

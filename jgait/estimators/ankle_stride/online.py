@@ -310,7 +310,8 @@ def _strides(
     ends = event.ends & event.began & (event.lost <= LONGEST_LOSS)
     strides = ankle_strides.table(worn.side, times, duration, way.length, way.height, turn, ends)
     stddev = ankle_strides.deviations(p, strides, way, here, there, duration)
-    doubt = trust.doubtful(strides, stddev, nis)
+    away = ankle_strides.off(posterior.mean.lever, ankle_strides.lever_of(p, worn)) > ankle_strides.FARTHEST_OFF
+    doubt = trust.doubtful(strides, stddev, nis) | away
     return strides, stddev, ankle_strides.flags(strides, half=~follows | event.half, doubtful=doubt)
 
 

@@ -28,6 +28,9 @@ TURNING = 0.35
 TIMING = 0.02
 """[s] Standard deviation of the duration of a stride, for the standard deviation of its speed."""
 
+FARTHEST_OFF = 0.08
+"""[m] Largest distance of an estimated lever from that of the parameters, see `off`; on public walks up to 0.064."""
+
 FLAGS = ("turning", "stairs", "clipped", "half")
 """Names of the flags in `diagnostics`, each (n,) bool in the order of the strides."""
 
@@ -124,8 +127,18 @@ def by_method(
     return strides, flags(strides, clipped=leg.clips, half=leg.half)
 
 
-def lever_of(p: AnkleParams, leg: AnkleSignals) -> Vector:
-    """The lever from the ankle to the sensor, in the segment's axes [m], before the filter corrects it."""
+def off(lever: Vector, known: Vector) -> Values:
+    """How far estimated levers are off [m], across the segment or half as much along it, where sensors are worn less
+    alike.
+    """
+    forward, left, up = (jnp.abs(part - value) for part, value in zip(lever, known, strict=True))
+    return jnp.maximum(jnp.maximum(forward, left), 0.5 * up)
+
+
+def lever_of(p: AnkleParams, leg: PyTree) -> Vector:
+    """The lever from the ankle to the sensor, in the segment's axes [m], before the filter corrects it; `leg` has the
+    `mid_shank` of `AnkleSignals`.
+    """
     return Vector(p.lever_forward, p.lever_left, p.lever_ankle + leg.mid_shank * (p.lever_shank - p.lever_ankle))
 
 
