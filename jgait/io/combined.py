@@ -24,8 +24,8 @@ BESIDE_S = 1.0
 """[s] Time before the first and after the last stride of a bout that is part of it."""
 
 STRIDES = ["side", "start_s", "end_s", "stride_length_m", "stride_duration_s", "walking_speed_mps", "regular"]
-BOUTS = ["wb_id", "start_s", "end_s", "duration_s", "n_strides", "distance_m", "stride_length_m", "walking_speed_mps",
-         "cadence_spm"]  # fmt: skip
+BOUTS = ["wb_id", "start_s", "end_s", "duration_s", "n_strides", "n_regular", "distance_m", "stride_length_m",
+         "walking_speed_mps", "cadence_spm"]  # fmt: skip
 SOURCES = ["quantity", "unit", "source", "value", "std", "n_strides"]
 """Columns of tables, also if they have no rows; the table of strides then has more."""
 
@@ -37,12 +37,13 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     `hip_flexion_…_deg knee_flexion_…_deg` in the stride where thigh and shank are measured, `angles_valid`, False if
     these angles are not usable, `wb_id` of the walking bout, `source` of the times, `combined` sources of the length,
     `special` flags in words, and `regular`, True if the stride counts in medians: not in a turn, on stairs, from or to
-    standing, clipped, or in doubt. A regular stride can have other flags, such as "sources contradict".
+    standing, clipped, uneven, or in doubt. A regular stride can have other flags, such as "sources contradict".
     `summary`: mean, variability and asymmetry of each measure over the steady strides, see `io.summary.summary`.
     `contacts`: `time_s side event source`, initial and final contacts; side "unknown" where it is not certain.
-    `bouts`: `wb_id start_s end_s duration_s n_strides distance_m stride_length_m walking_speed_mps cadence_spm`; a bout
-    ends with a break of more than 3 s; lengths, speeds and cadence are medians over regular strides; `distance_m` is
-    the bout's part of the combined distance. The bouts add up to it, unless samples are lost between them.
+    `bouts`: `wb_id start_s end_s duration_s n_strides n_regular distance_m stride_length_m walking_speed_mps
+    cadence_spm`; a bout ends with a break of more than 3 s; lengths, speeds and cadence are medians over its
+    `n_regular` regular strides, which say little about a bout on stairs or in turns; `distance_m` is the bout's part of
+    the combined distance. The bouts add up to it, unless samples are lost between them.
     `sources`: `quantity unit source value std n_strides`, each quantity as each source measures it, and combined.
     `samples`: columns of `to_dataframe`.
     """
@@ -131,9 +132,10 @@ def _bouts(strides: "pd.DataFrame", estimate: Estimate) -> "pd.DataFrame":
     rows = []
     for (number, of_bout, start, end), distance in zip(bouts, distances, strict=True):
         whole = of_bout[of_bout["regular"]]
+        length = float(whole["stride_length_m"].median())
         rows.append({
             "wb_id": number, "start_s": start, "end_s": end, "duration_s": end - start, "n_strides": len(of_bout),
-            "distance_m": distance, "stride_length_m": float(whole["stride_length_m"].median()),
+            "n_regular": len(whole), "distance_m": distance, "stride_length_m": length,
             "walking_speed_mps": float(whole["walking_speed_mps"].median()),
             "cadence_spm": float(120.0 / whole["stride_duration_s"].median()),
         })  # fmt: skip

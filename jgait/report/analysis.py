@@ -21,6 +21,7 @@ QUANTITIES = {
 
 BOUTS = {
     "start_s": ("start [s]", 1), "duration_s": ("duration [s]", 1), "n_strides": ("strides", 0),
+    "n_regular": ("regular", 0),
     "distance_m": ("distance [m]", 2), "stride_length_m": ("stride length [m]", 2),
     "walking_speed_mps": ("speed [m/s]", 2), "cadence_spm": ("cadence [steps/min]", 0),
 }  # fmt: skip

@@ -17,6 +17,7 @@ from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins import readout as foot_strides
 from jgait.estimators.foot_ins import windows as foot_windows
 from jgait.estimators.foot_ins.about import ABOUT
+from jgait.estimators.foot_ins.attached import leans
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals
 from jgait.estimators.foot_ins.model import FootControl, FootError, FootModelParams, FootObservation
 from jgait.estimators.foot_ins.params import DEFAULT, FootOptions, FootParams, with_body
@@ -210,7 +211,12 @@ def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
     cut = cut_notes(result, {side: (worn[side], foot.gyr - foot.gyr_bias) for side, foot in feet.items()})
     walks = set(np.asarray(result.strides.side)[np.asarray(result.strides.valid, bool)].tolist())
     none = (NO_STEPS(placement=name) for side, name in worn.items() if side not in walks)
-    notes = (*result.diagnostics["notes"], *cut, *none)
+    time = as_float(result.time)
+    turned = [
+        note for side, foot in feet.items()
+        for note in leans(worn[side], result.strides, side, time, np.asarray(foot.acc)[: len(time)])
+    ]  # fmt: skip
+    notes = (*result.diagnostics["notes"], *cut, *none, *turned)
     result = result._replace(diagnostics={**result.diagnostics, "notes": notes})
     if made.options.soft:  # its noise is tuned, and limits for it are not known
         return result
