@@ -78,7 +78,10 @@ def _unstacked(x: np.ndarray, *, axis: int) -> list[np.ndarray]:
 
 
 def _stacked(*x: np.ndarray, axis: int) -> np.ndarray:
-    return np.stack(x, axis) if axis else np.array(x)  # in a tenth of the time, if they are numbers
+    """As `numpy.stack`, in a tenth of the time for numbers, and in a third for many short rows."""
+    if axis and not (axis == 1 and np.ndim(x[0]) == 1):
+        return np.stack(x, axis)
+    return np.array(x).T if axis else np.array(x)
 
 
 def _gathered(
@@ -151,6 +154,12 @@ def _same(*values: np.ndarray) -> np.ndarray | list[np.ndarray]:
     return values[0] if len(values) == 1 else list(values)
 
 
+def _held(*values: np.ndarray) -> np.ndarray | list[np.ndarray]:
+    """The values, row behind row: they are read more than once."""
+    dense = [value if value.flags.c_contiguous else value.copy() for value in map(np.asarray, values)]
+    return dense[0] if len(dense) == 1 else dense
+
+
 OPERATIONS: dict[str, Operation] = {
     "add": np.add, "add_any": np.add, "sub": np.subtract, "mul": np.multiply, "div": _divided, "rem": np.fmod,
     "neg": np.negative, "abs": np.abs, "sign": np.sign, "round": _rounded, "floor": np.floor, "ceil": np.ceil,
@@ -162,7 +171,7 @@ OPERATIONS: dict[str, Operation] = {
     "is_finite": np.isfinite, "eq": np.equal, "ne": np.not_equal, "lt": np.less, "le": np.less_equal,
     "gt": np.greater, "ge": np.greater_equal, "and": np.bitwise_and, "or": np.bitwise_or, "xor": np.bitwise_xor,
     "not": np.invert, "select_n": _chosen, "convert_element_type": _converted, "copy": _same, "stop_gradient": _same,
-    "optimization_barrier": _same, "broadcast_in_dim": _broadcast, "slice": _slice, "dynamic_slice": _dynamic_slice,
+    "optimization_barrier": _held, "broadcast_in_dim": _broadcast, "slice": _slice, "dynamic_slice": _dynamic_slice,
     "reshape": lambda x, *, new_sizes: x.reshape(new_sizes),
     "squeeze": lambda x, *, dimensions: x.squeeze(dimensions),
     "expand_dims": lambda x, *, dimensions: np.expand_dims(x, dimensions),

@@ -30,9 +30,9 @@ LIMIT = 1_000_000_000
 
 ENDING = ".program"
 
-BUCKET = 2560
+BUCKET = 3840
 """[samples] Recordings are padded to this length times a power of two, so that few programs are compiled: recordings of
-up to 25 s at 100 Hz share one."""
+up to 30 s at 128 Hz share one."""
 
 STAGED = 2 * BUCKET
 """[samples] Longest padded length of a recording of which only loops are compiled."""

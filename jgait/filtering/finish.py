@@ -73,7 +73,7 @@ def _together(*arguments: PyTree) -> list[PyTree]:
     """Arrays (T, ..., B) with all samples of all recordings as last axis."""
     lanes = max(v.shape[-1] for v in arguments)
     wide = [jnp.moveaxis(jnp.broadcast_to(v, (*v.shape[:-1], lanes)), 0, -2) for v in arguments]
-    return [v.reshape(*v.shape[:-2], -1) for v in wide]
+    return [held(v.reshape(*v.shape[:-2], -1)) for v in wide]
 
 
 def _apart(value: PyTree, like: PyTree) -> PyTree:

@@ -120,19 +120,21 @@ def standing_prior(p: AnkleParams, leg: PyTree, attitude: Quaternion, rate: Vect
     return ankle_model.standing_belief(attitude, velocity, bias, lever, variances)
 
 
-def _filtered(p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values, options: AnkleOptions) -> filtering.Inferred:
+def _filtered(
+    p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values, options: AnkleOptions, levers: bool
+) -> filtering.Inferred:
     zero = jnp.zeros_like(leg.dt)
     stands = leg.stands & leg.valid
     return filtering.infer(
         ankle_model.MODEL, model_params(p), Vector(zero, zero, zero), smooth=options.smooth,
         controls=control(p, leg, vector(gyr), *(vector(_mean_over_interval(v)) for v in (gyr, acc))), dt=leg.dt,
         mask=Vector(stands, stands, stands), method=options.method, initial=prior_of(p, leg, gyr),
-        covariance=("position", "attitude.z", "lever"),
+        covariance=("position", "attitude.z", *["lever"] * levers),
     )  # fmt: skip
 
 
 def _of_leg(
-    p: AnkleParams, leg: AnkleSignals, side: Counts, options: AnkleOptions
+    p: AnkleParams, leg: AnkleSignals, side: Counts, options: AnkleOptions, levers: bool
 ) -> tuple[Strides, Strides | None, dict[str, Values], dict[str, Values], Values]:
     """Strides of one leg, their standard deviations, flags, diagnostics, and the samples (T,) with valid results."""
     both = jnp.concatenate([leg.gyr, leg.acc], axis=1)
@@ -141,23 +143,25 @@ def _of_leg(
     if options.length != "filter":
         strides, flags = ankle_strides.by_method(p, leg, gyr, acc, side, options.length)
         return strides, None, flags, {}, leg.valid
-    inferred = _filtered(p, leg, gyr, acc, options)
+    inferred = _filtered(p, leg, gyr, acc, options, levers)
     strides, deviations, flags = ankle_strides.from_filter(p, leg, inferred.mean, inferred.cov, side)
     flags["stride_nis"] = trust.nis_between(inferred.filtered.nis, inferred.filtered.count, leg.begin, leg.end)
-    last, spread = leg.last, inferred.cov.stddev()
+    last = leg.last
     diagnostics = {
         "log_likelihood": inferred.log_likelihood,
         "nis": inferred.nis,
         "lever": jnp.stack([part[last] for part in inferred.mean.lever]),
         "lever_off": ankle_strides.off(inferred.mean.lever, ankle_strides.lever_of(p, leg))[last],
-        "lever_stddev": jnp.stack([part[last] for part in spread.lever]),
         "gyr_bias": jnp.stack([part[last] for part in inferred.mean.gyr_bias]),
     }
+    if levers:
+        diagnostics["lever_stddev"] = jnp.stack([part[last] for part in inferred.cov.stddev().lever])
     return strides, deviations, flags, diagnostics, leg.valid & inferred.filtered.valid
 
 
-def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) -> Estimate:
-    """Estimate from prepared inputs: pure, for jit, vmap and grad, with static options.
+def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT, *, levers: bool = True) -> Estimate:
+    """Estimate from prepared inputs: pure, for jit, vmap and grad, with static options; without `levers`, also static,
+    the deviations of the estimated levers are not computed.
 
     Returns:
         `strides`, with the filter `strides_stddev`; `distance` is the mean over the legs with a sensor; `diagnostics`
@@ -171,7 +175,7 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) ->
     check_options(options, KNOWN)
     worn = {side: leg for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None}
     sides = jnp.asarray(list(worn), jnp.int32)
-    every, ways = jax.vmap(lambda leg, side: _walked(inputs.time, *_of_leg(p, leg, side, options)))(
+    every, ways = jax.vmap(lambda leg, side: _walked(inputs.time, *_of_leg(p, leg, side, options, levers)))(
         stacked(*worn.values()), sides
     )
     strides, deviations, flags = jax.tree.map(lambda leaf: leaf.reshape(-1), every[:3])

@@ -186,7 +186,7 @@ def walked(p: LegParams, legs: Legs, inputs: LegInputs, options: LegOptions) -> 
     spread = p.kinematic_noise * way
     if options.distance == "strapdown" and inputs.shanks is not None:
         shank_params = ankle_stride.AnkleParams(lever_shank=p.lever_shank, distance_noise=p.distance_noise)
-        shanks = ankle_stride.run(shank_params, inputs.shanks, SHANKS._replace(smooth=options.smooth))
+        shanks = ankle_stride.run(shank_params, inputs.shanks, SHANKS._replace(smooth=options.smooth), levers=False)
         worn = [leg for leg in inputs.shanks[1:] if leg is not None]
         strides = reduce(jnp.logical_and, [leg.count > 0 for leg in worn])
         way = jnp.where(
@@ -241,12 +241,13 @@ def _one_leg(
         pair = jax.vmap(lambda segment: _incline(p, segment, inputs, options))(segments)
         inclinations = (jax.tree.map(lambda v: v[0], pair), jax.tree.map(lambda v: v[1], pair))
     observations, controls, mask = observe(p, leg, inclinations, inputs, options)
+    rough = options.smooth and jnp.asarray(inputs.dt).dtype == jnp.float32  # rounding errors are worth a check
     result = filtering.infer(
         model, model_params(p, leg), observations, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
         method=options.method, initial=prior_of(p, leg, inputs.start_variance, options),
-        keep=("cov", *filtering.SUMMARY), covariance=SPREAD,
+        keep=(*["cov"] * rough, *filtering.SUMMARY), covariance=SPREAD,
     )  # fmt: skip
-    filtered = result.filtered.cov if options.smooth else None
+    filtered = result.filtered.cov if rough else None
     deviation = deviation_of(p, result.mean, result.cov, filtered)
     return trajectory_of(result.mean), deviation, result.log_likelihood, result.nis, result.filtered.valid
 
