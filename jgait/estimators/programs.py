@@ -30,12 +30,9 @@ LIMIT = 1_000_000_000
 
 ENDING = ".program"
 
-BUCKET = 3840
+BUCKET = 4096
 """[samples] Recordings are padded to this length times a power of two, so that few programs are compiled: recordings of
-up to 30 s at 128 Hz share one."""
-
-STAGED = 2 * BUCKET
-"""[samples] Longest padded length of a recording of which only loops are compiled."""
+up to 41 s at 100 Hz share one."""
 
 
 def bucket(samples: int, smallest: int = BUCKET) -> int:
@@ -116,7 +113,7 @@ class Program:
 
     def _compiled(self, arrays: PyTree, static: dict[str, Any], options: PyTree) -> Callable[..., PyTree]:
         """The function of a short recording as steps; of a long one, or if it compiles quickly, one program."""
-        short = max((max(np.shape(leaf), default=1) for leaf in jax.tree.leaves(arrays)), default=1) <= STAGED
+        short = max((max(np.shape(leaf), default=1) for leaf in jax.tree.leaves(arrays)), default=1) <= BUCKET
         if self.options or not short or jax.default_backend() != "cpu":
             whole: Callable[..., PyTree] = self._jit(tuple(static), options).lower(*arrays, **static).compile()
             return whole

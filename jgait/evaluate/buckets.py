@@ -14,7 +14,7 @@ from jax.sharding import Mesh
 from jaxtyping import PyTree
 
 from jgait.estimators.interface import Estimator, Prepared
-from jgait.estimators.programs import bucket
+from jgait.estimators.programs import BUCKET, bucket
 from jgait.evaluate.devices import sharded
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.statistics import with_errors
@@ -23,9 +23,6 @@ from jgait.filtering.compile import compiled
 from jgait.notes import to_json
 from jgait.params import check_params
 from jgait.types import Estimate, RecordingError, Walk, as_float, reason_of
-
-SHORTEST = 4096
-"""[samples] Least padded length: a batch takes longer to compile than a recording, so there are fewer programs."""
 
 WAITING = 3
 """Recordings that may wait in unfilled buckets [batches]; with more, the fullest bucket runs unfilled."""
@@ -67,12 +64,12 @@ class Ready(NamedTuple):
 
 
 def padded_length(samples: int) -> int:
-    """The smallest padded length with room for the samples: `SHORTEST` times a power of two, or times 1.5 and a power.
+    """The smallest padded length that holds the samples: `BUCKET` times a power of two, or times 1.5 and such a power.
 
     A program costs as much as some thousand recordings, so there are few.
     """
-    above = bucket(samples, SHORTEST)
-    return above * 3 // 4 if above > SHORTEST and samples <= above * 3 // 4 else above
+    above = bucket(samples)
+    return above * 3 // 4 if above > BUCKET and samples <= above * 3 // 4 else above
 
 
 def prepared(job: CohortJob, name: str, item: PyTree) -> Ready | Failed:

@@ -105,7 +105,7 @@ def looped(x: Any, *, gain: float) -> Any:
 
 def test_a_short_recording_is_steps_and_a_long_one_one_program_with_the_same_results(folder):
     x = np.sin(np.arange(300.0))
-    padded = np.concatenate([x, np.zeros(programs.STAGED + 1 - 300)])
+    padded = np.concatenate([x, np.zeros(programs.BUCKET + 1 - 300)])
     short, long = (programs.Program(looped)(v, gain=2.0) for v in (x, padded))
     assert isinstance(short["path"], np.ndarray) and isinstance(long["path"], jax.Array)
     np.testing.assert_allclose(short["path"], long["path"][:300], rtol=1e-13)
