@@ -62,6 +62,15 @@ RATES_OFF = Kind(
     "stated one divided by this factor; compare the length of the recording in seconds.",
 )
 
+LEVER_IMPLAUSIBLE = Kind(
+    "lever_implausible",
+    "check",
+    "{placement}: its strides fit a sensor {off_m:.2f} m away from where it is worn",
+    "The place of the sensor above the ankle is learned from all strides of a recording. Movements that are not "
+    "walking, such as moving the legs while sitting, cycling, jogging or stairs, falsify it, and then the lengths of "
+    "all strides; their deviations contain that. Cut such parts out of the recording.",
+)
+
 SAMPLED_SLOWLY = Kind(
     "sampled_slowly",
     "check",

@@ -22,8 +22,8 @@ AS_FAR = 0.1
 
 UNEVEN, AROUND = 1.5, 3
 """[1], [strides] Largest factor between the durations of an even stride and of those around it, so many before and so
-many after it, of both legs; their median counts. Regular strides of public walks that neither turn nor creep differ
-less."""
+many after it, of both legs; their median counts. Chosen: steady strides differ by some hundredths, one with a pause
+by far more."""
 
 FEWEST_STRIDES = 3
 """Least number of strides of a leg for which their median length is used."""

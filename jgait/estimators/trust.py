@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jgait.estimators.notes import ACCELEROMETER_OFF, RATES_OFF, SAMPLED_SLOWLY
+from jgait.estimators.notes import ACCELEROMETER_OFF, LEVER_IMPLAUSIBLE, RATES_OFF, SAMPLED_SLOWLY
 from jgait.notes import Kind, Note
 from jgait.types import Counts, Estimate, Flags, Strides, Values, as_float
 
@@ -158,7 +158,7 @@ SHARES: dict[str, Callable[[Note], float]] = {
     ACCELEROMETER_OFF.code: lambda note: SCALE_SHARE * float(np.abs(as_float(note.values["percent"]))) / 100.0,
     RATES_OFF.code: rates_share,
     SAMPLED_SLOWLY.code: lambda _: SLOW_SHARE,
-    "lever_implausible": lambda note: LEVER_SHARE * float(as_float(note.values["off_m"])),
+    LEVER_IMPLAUSIBLE.code: lambda note: LEVER_SHARE * float(as_float(note.values["off_m"])),
 }
 """Code of a note on a sensor → deviation of its strides' lengths over themselves [1]."""
 

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jgait.estimators.stride_flags import BREAK, pauses
+from jgait.io.strides import bout_numbers
 from jgait.types import SIDES
 
 if TYPE_CHECKING:
@@ -151,17 +151,14 @@ def _bouts(strides: "pd.DataFrame") -> "pd.Series":
 
     start, end = _times(strides)
     rows = strides.sort_values(start)
-    apart = pauses(rows[start].to_numpy(float), rows[end].to_numpy(float)) > BREAK
-    return pd.Series(np.cumsum(np.append(False, apart))[: len(rows)], rows.index)
+    return pd.Series(bout_numbers(rows[start].to_numpy(float), rows[end].to_numpy(float)), rows.index)
 
 
 def _variance(values: "pd.Series", bouts: "pd.Series") -> float:
     """Variance of a side's values about the means of their bouts; NaN of too few values."""
     of_bout = values.groupby(bouts[values.index])
     freedom = len(values) - of_bout.ngroups
-    return (
-        float(of_bout.apply(lambda v: ((v - v.mean()) ** 2).sum()).sum()) / freedom if freedom >= FEWEST - 1 else np.nan
-    )
+    return float(((values - of_bout.transform("mean")) ** 2).sum()) / freedom if freedom >= FEWEST - 1 else np.nan
 
 
 def _at_the_same_time(strides: "pd.DataFrame") -> "pd.Index":

@@ -15,7 +15,6 @@ from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.about import ABOUT
 from jgait.estimators.ankle_stride.inputs import AnkleInputs, AnkleSignals
 from jgait.estimators.ankle_stride.model import AnkleControl, AnkleError
-from jgait.estimators.ankle_stride.notes import LEVER_IMPLAUSIBLE
 from jgait.estimators.ankle_stride.params import (
     DEFAULT,
     KNOWN,
@@ -30,6 +29,7 @@ from jgait.estimators.checks import check_options
 from jgait.estimators.ends import cut_notes
 from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootModelParams
 from jgait.estimators.interface import Estimator, Prepared
+from jgait.estimators.notes import LEVER_IMPLAUSIBLE
 from jgait.estimators.sides import along, of_turns, stacked
 from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion, rotated
@@ -129,7 +129,7 @@ def _filtered(
         ankle_model.MODEL, model_params(p), Vector(zero, zero, zero), smooth=options.smooth,
         controls=control(p, leg, vector(gyr), *(vector(_mean_over_interval(v)) for v in (gyr, acc))), dt=leg.dt,
         mask=Vector(stands, stands, stands), method=options.method, initial=prior_of(p, leg, gyr),
-        covariance=("position", "attitude.z", *["lever"] * levers),
+        covariance=("position", "attitude.z", *(("lever",) if levers else ())),
     )  # fmt: skip
 
 

@@ -24,15 +24,6 @@ STRIDES_QUICK = Kind(
     "deviations say. Small children walk with such strides too.",
 )
 
-LEVER_IMPLAUSIBLE = Kind(
-    "lever_implausible",
-    "check",
-    "{placement}: its strides fit a sensor {off_m:.2f} m away from where it is worn",
-    "The place of the sensor above the ankle is learned from all strides of a recording. Movements that are not "
-    "walking, such as moving the legs while sitting, cycling, jogging or stairs, falsify it, and then the lengths of "
-    "all strides; their deviations contain that. Cut such parts out of the recording.",
-)
-
 SWINGS_SMALL = Kind(
     "swings_too_small",
     "check",

@@ -80,7 +80,8 @@ DOUBTFUL_SD = 0.1
 (experiment `people.gaits`)."""
 
 FAR_APART = 0.2
-"""[1] Largest difference of the distances of both sides over their mean; in circles of a metre it is real, and 0.2."""
+"""[1] Largest difference of the distances of both sides over their mean: in a circle with a radius of a metre the outer
+foot walks so much farther than the inner one."""
 
 MOSTLY = 0.5
 """[1] Share of the strides of a side that are in doubt, beyond which the side's distance is."""
@@ -159,18 +160,18 @@ def distances(
         doubted = _stopped(source) | _mostly_doubtful(source) | (wrong if source.name != "legs" else wrong | late)
         sides = _sides(source, recording, doubted)
         used = _best(sides)
-        scale, doubtful = 1.0, bool(doubted.intersection(source.placements)) or _lacking(source)
+        way, doubtful = as_float(estimate.distance), bool(doubted.intersection(source.placements)) or _lacking(source)
         doubtful |= runs and source.name == "legs"  # in the flight phase no foot carries the hip
         if len(used) == len(SIDES) and (apart := _apart(used)):
             sd = float(np.hypot(sd, 0.5 * apart))
             notes.append(SIDES_APART(source=source.name, **{side.name: side.length for side in used}))
         if len(used) < len(sides):
             scale = float(np.mean([one.length for one in used]) / max(np.mean([one.length for one in sides]), 1e-6))
-            sd = float(np.hypot(sd, ONE_SIDE * total))
+            way, sd = _by_strides(source, used[0], scale * total), scale * float(np.hypot(sd, ONE_SIDE * total))
             doubtful = used[0].doubtful or _lacking(source, used[0].name)
             notes.append(DISTANCE_OF_ONE_SIDE(source=source.name, side=used[0].name))
         if total > 0.0 and sd > 0.0:
-            walked_distances.append(_whole(source, scale, scale * sd, doubtful, used))
+            walked_distances.append(_whole(source, way, sd, doubtful, used))
     return sorted(walked_distances, key=lambda one: one.stddev), notes
 
 
@@ -259,13 +260,10 @@ def _speed(strides: Strides, of_side: np.ndarray) -> float:
     return USUAL_SPEED if chosen is None else float(np.median(speeds[chosen]))
 
 
-def _whole(source: SourceEstimate, scale: float, sd: float, doubtful: bool, used: list[_Side]) -> WalkedDistance:
+def _whole(source: SourceEstimate, way: np.ndarray, sd: float, doubtful: bool, used: list[_Side]) -> WalkedDistance:
     """The distance of a source with what is walked in time that no stride of its sides covers."""
     estimate = source.estimate
-    way, time = as_float(estimate.distance), as_float(estimate.time)
-    if scale != 1.0:  # of one side: by its own strides, or bouts that only it saw would have a part of their length
-        way = _by_strides(source, used, time, way[-1])
-    way = scale * way
+    time = as_float(estimate.time)
     added = {"cut": 0.0, "bridged": 0.0}
     for side in used:
         for name in added:
@@ -283,17 +281,20 @@ def _whole(source: SourceEstimate, scale: float, sd: float, doubtful: bool, used
     return WalkedDistance(source.name, time, way, spread, doubtful, **added, bridged_s=bridged_s, unseen=unseen)
 
 
-def _by_strides(source: SourceEstimate, used: list[_Side], time: np.ndarray, total: float) -> np.ndarray:
-    """(T,) [m] the distance along the strides of some sides, `total` at its end."""
-    strides = source.estimate.strides
-    numbers = [SIDES.index(side.name) for side in used if side.name]
-    mine = np.asarray(strides.valid, bool) & np.isin(np.asarray(strides.side), numbers)
-    start, end, length = (as_float(column)[mine] for column in (strides.start, strides.end, strides.length))
-    start = np.where(np.isfinite(start), start, end)
-    way = np.zeros(time.size)
-    for begin, until, metres in zip(start, end, np.nan_to_num(length), strict=True):
-        way += metres * np.clip((time - begin) / max(until - begin, 1e-6), 0.0, 1.0)
-    return way * (total / way[-1]) if way[-1] > 0.0 else np.linspace(0.0, total, time.size)
+def _by_strides(source: SourceEstimate, side: _Side, total: float) -> np.ndarray:
+    """(T,) [m] the distance along the strides of one side, `total` at its end: bouts that only that side saw would have
+    a part of their length in the mean of both.
+    """
+    strides, time = source.estimate.strides, as_float(source.estimate.time)
+    rows = np.flatnonzero(np.asarray(strides.valid, bool) & (np.asarray(strides.side) == SIDES.index(side.name)))
+    rows = rows[np.argsort(as_float(strides.end)[rows], kind="stable")]
+    start, end, length = (as_float(column)[rows] for column in (strides.start, strides.end, strides.length))
+    if not len(rows):
+        return np.zeros(time.size)
+    knots = np.maximum.accumulate(np.stack([start, end], axis=1).ravel())
+    done = np.cumsum(np.nan_to_num(length))
+    way = np.interp(time, knots, np.stack([done - np.nan_to_num(length), done], axis=1).ravel())
+    return way * (total / max(float(done[-1]), 1e-6))
 
 
 def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray, length: np.ndarray, usual: float) -> tuple[float, Spans]:

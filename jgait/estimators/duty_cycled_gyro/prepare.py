@@ -153,11 +153,11 @@ def prepare(
             f"another filler"
         )
     still, upright, (start, stop), notes = find_standing(sensors, used, time)
-    legs = dict[str, GapLeg]()
+    legs, slept = dict[str, GapLeg](), gyro_on or {}
+    there = {name: felt(recording.sensors[name], slept.get(name)) for name in names}
     for side in SIDES:
         if any(name.endswith(side) for name in names):
-            worn, more = worn_leg(recording, side, used, still, slice(start, stop), gyro_on or {})
-            there = {name: felt(recording.sensors[name], (gyro_on or {}).get(name)) for name in names}
+            worn, more = worn_leg(recording, side, used, still, slice(start, stop), slept)
             legs[side] = GapLeg(
                 *(_signals(*worn[one], there[worn[one][1].placement]) if one in worn else None for one in SEGMENTS)
             )

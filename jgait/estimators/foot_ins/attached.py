@@ -7,7 +7,7 @@ from jgait.types import Strides, as_float
 
 STANCES, OTHERWISE_DEG = 6, 20.0
 """[1], [deg] Stances in a row whose median direction of gravity is compared, and largest difference from that of the
-first ones: feet of public walks, which lie flat in stance, reach 12°."""
+first ones; chosen, above all of feet of public walks, which lie flat in stance."""
 
 LEANS_OTHERWISE = Kind(
     "leans_otherwise",
@@ -30,7 +30,7 @@ def leans(placement: str, strides: Strides, side: int, time: np.ndarray, acc: np
         return []
     up = acc[np.clip(np.searchsorted(time, at), 0, len(time) - 1)]
     rows = np.arange(len(at) - STANCES + 1)[:, None] + np.arange(STANCES)
-    middle = np.median((up / np.linalg.norm(up, axis=1, keepdims=True))[rows], axis=1)
+    middle = np.median((up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9))[rows], axis=1)
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
     degrees = np.rad2deg(np.arccos(np.clip(middle @ middle[0], -1.0, 1.0)))
     worst = int(np.argmax(degrees))

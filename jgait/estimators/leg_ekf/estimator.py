@@ -245,7 +245,7 @@ def _one_leg(
     result = filtering.infer(
         model, model_params(p, leg), observations, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
         method=options.method, initial=prior_of(p, leg, inputs.start_variance, options),
-        keep=(*["cov"] * rough, *filtering.SUMMARY), covariance=SPREAD,
+        keep=(*(("cov",) if rough else ()), *filtering.SUMMARY), covariance=SPREAD,
     )  # fmt: skip
     filtered = result.filtered.cov if rough else None
     deviation = deviation_of(p, result.mean, result.cov, filtered)

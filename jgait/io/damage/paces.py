@@ -59,8 +59,8 @@ SHORT_S = 0.65
 """[s] Stride of 185 steps a minute, with which nobody walks; undamaged ones last 0.72 and longer."""
 
 OUT_OF_STEP = 0.1
-"""[1] Largest distance from half a stride of the delay of one foot behind the other, in strides. Undamaged public walks
-reach 0.05, people who limp strongly 0.1."""
+"""[1] Largest distance from half a stride of the delay of one foot behind the other, in strides; chosen, above all
+of undamaged public walks. People who limp strongly reach it, and the note says so."""
 
 PACE_UNUSUAL = Kind(
     "pace_unusual",

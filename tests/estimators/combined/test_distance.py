@@ -161,3 +161,21 @@ def test_sides_that_walk_different_distances_are_named_and_the_deviation_contain
     assert note.values["left"] < 0.8 * note.values["right"]
     off = found.estimate.distance[-1] - truth.estimate.distance[-1]
     assert abs(off) < 2.0 * found.estimate.diagnostics["distance_stddev"][-1]
+
+
+def test_a_bout_that_only_one_side_saw_has_its_whole_length():
+    """The left shoe's sensor stops between two bouts: the distance is by the right one, and so is each bout."""
+    person = simulate.person_of(simulate.population(jax.random.key(3), 1), 0)
+    recording, truth = simulate.with_breaks(
+        jax.random.key(4), person, [simulate.straight(12.0), simulate.straight(9.0)], [6.0], OPAL,
+        placements=("foot_right", "foot_left"),
+    )  # fmt: skip
+    ends = np.sort(truth.strides.end[np.asarray(truth.strides.valid)])
+    pause = ends[np.argmax(np.diff(ends))] + 3.0
+    left = recording.sensors["foot_left"]
+    stopped = left._replace(mask=left.time < pause)
+    found = jgait.analyse(recording._replace(sensors={**recording.sensors, "foot_left": stopped}))
+    assert len(of_code(found.notes, "distance_of_one_side")) == 1
+    at = [np.interp(pause, each.time, each.distance) for each in (found.estimate, truth.estimate)]
+    assert at[0] == pytest.approx(at[1], rel=0.02)
+    assert found.estimate.distance[-1] == pytest.approx(truth.estimate.distance[-1], rel=0.02)
