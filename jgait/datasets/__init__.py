@@ -88,9 +88,12 @@ def load(name: str, only: Collection[str] | None = None) -> Walks:
 
     Raises:
         ValueError: if the data set, or a recording in `only`, is not known.
+        TypeError: if `only` is a text: one recording is `only=["…"]`.
         DatasetUnavailable: if no file of the set is on this computer; the message states how to get the set.
     """
     there = names(name)
+    if isinstance(only, str):
+        raise TypeError(f"only must be a list of names of recordings, such as [{only!r}]; got a text")
     if only is None:
         only = set(there) - set(repeated(name))
     else:

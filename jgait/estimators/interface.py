@@ -9,7 +9,7 @@ from jaxtyping import PyTree
 
 from jgait.estimators.about import About
 from jgait.estimators.axes import pad
-from jgait.estimators.plausible import implausible
+from jgait.estimators.plausible import implausible, paces_mixed
 from jgait.estimators.programs import bucket, compiled
 from jgait.estimators.proportions import gives, with_proportions
 from jgait.notes import Note
@@ -113,7 +113,8 @@ class Estimator[P, I](NamedTuple):
         facts = {"notes": prepared.notes, "standing": prepared.standing}
         result = result._replace(diagnostics={**result.diagnostics, **facts})
         result = result if self.finish is None else self.finish(result, prepared)
-        notes = (*result.diagnostics["notes"], *implausible(result))
+        mixed = () if result.strides is None else paces_mixed(result.strides)
+        notes = (*result.diagnostics["notes"], *implausible(result), *mixed)
         return result._replace(diagnostics={**result.diagnostics, "notes": notes})
 
 

@@ -14,6 +14,11 @@ FASTEST_WALK, FASTEST_RUN = 4.0, 8.0
 RUNNING_S = 0.95
 """[s] Strides that last longer are walked: runners take more than 126 steps a minute."""
 
+QUICK_S, JOGGING, SLOWER, FEWEST = 0.75, 1.5, 1.2, 5
+"""[s], [m/s] Strides that last less (160 steps a minute) and are faster are of running; steps in turns are as short,
+but slow. [1] Least median duration of the others over theirs; small children walk as quickly, but all the time. [1]
+Least number of each."""
+
 KNEE_DEG = (-20.0, 160.0)
 """[deg] Smallest and largest knee angle, with a wrong zero of 10° and more allowed for."""
 
@@ -74,6 +79,14 @@ NOT_FINITE = Kind(
     CAUSES,
 )
 
+PACES_MIXED = Kind(
+    "paces_mixed",
+    "check",
+    "{quick} of {of} strides last {seconds:.2f} s in the median, as in running, the others {others:.2f} s",
+    "Means, medians and variability of all strides mix running and walking. Read the bouts, or select strides by their "
+    "duration in the table of strides.",
+)
+
 NO_ANGLES = (KNEE_IMPLAUSIBLE.code, NOT_FINITE.code)
 """Codes of the notes by which the joint angles of their side are not usable."""
 
@@ -107,6 +120,19 @@ def implausible(estimate: Estimate) -> tuple[Note, ...]:
         if not distance <= FASTEST_RUN * max(seconds, 1.0):
             notes.append(SPEED_IMPLAUSIBLE(distance=distance, seconds=seconds))
     return tuple(notes)
+
+
+def paces_mixed(strides: Strides) -> list[Note]:
+    """A note if some strides are of running and others of walking."""
+    _, last, speed = _paces(strides)
+    known = np.asarray(strides.valid, bool) & np.isfinite(last)
+    last, quick = last[known], (last < QUICK_S)[known] & (speed > JOGGING)[known]
+    if min(quick.sum(), (~quick).sum()) < FEWEST:
+        return []
+    seconds, others = float(np.median(last[quick])), float(np.median(last[~quick]))
+    if others < SLOWER * seconds:
+        return []
+    return [PACES_MIXED(quick=quick.sum(), of=last.size, seconds=seconds, others=others)]
 
 
 def distance_implausible(estimate: Estimate) -> bool:

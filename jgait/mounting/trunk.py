@@ -6,6 +6,9 @@ the upward and the two horizontal accelerations at the step frequency, the forwa
 
     c = Σ H U* / Σ |U|²,        |c · n| is greatest,        Im (c · n) > 0.
 
+In running the forward acceleration follows the upward one instead: the leg is a spring, not a pole. Walking decides; if
+the person only runs, Im (c · n) < 0.
+
 On the walks of `ipol_gait` and the straight walks of `mobgap_lab` the computed axis is within 15° of the mounted
 sensor's forward axis, and the phase of c · n between 75° and 125° (tested). The wearer need not report a sensor at the
 side of the waist, upside down or turned about the vertical.
@@ -15,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.geometry.vectors import GRAVITY
 from jgait.signal.windows import held_mean, window_size, window_sum
 from jgait.types import Imu, RecordingError, as_float
 
@@ -30,6 +34,13 @@ LEAST = 0.25
 SURE = 40.0
 """[deg] Largest difference of the phase from a quarter of a step with which forward and backward are certain; in 36
 walks of `ipol_gait` and 4 of `mobgap_lab` the difference is up to 33°."""
+
+FREE, OVER_S = 0.35, 0.05
+"""[1], [s] Specific force over gravity, as a mean over `OVER_S`, below which the trunk falls freely: in running it is
+near 0 once in each step, and recorded walks of `ipol_gait` and `mobgap_lab` stay far above it."""
+
+STEP_S, ENOUGH_S = 0.5, 5.0
+"""[s] Longest time from a step in free fall to other samples of running. [s] Walking that decides alone."""
 
 SLOW_S = 4.0
 """[s] Window of mean forces by which a wrong attitude shows, see `tilted`."""
@@ -72,6 +83,9 @@ def functional_axes(imu: Imu, sampling_rate_hz: float) -> TrunkAxes | None:
     walking = _walking(acc, sampling_rate_hz)
     if not walking.any():
         return None
+    runs = walking & _running(acc, sampling_rate_hz)
+    only_runs = np.sum(walking & ~runs) < min(ENOUGH_S * sampling_rate_hz, runs.sum())
+    walking = runs if only_runs else walking & ~runs
     up = acc[walking].mean(axis=0)
     up = up / np.linalg.norm(up)
     amplitude = _spectrum(np.where(walking[:, None], acc - acc[walking].mean(axis=0), 0.0))
@@ -88,7 +102,7 @@ def functional_axes(imu: Imu, sampling_rate_hz: float) -> TrunkAxes | None:
     level = amplitude[band] @ np.stack([side, two], axis=1)
     gain = np.sum(level * upward.conj()[:, None], axis=0) / np.sum(np.abs(upward) ** 2)
     axis = np.linalg.eigh(np.real(np.outer(gain, gain.conj())))[1][:, -1]
-    along = gain @ axis
+    along = gain.conj() @ axis if only_runs else gain @ axis
     if along.imag < 0.0:
         axis, along = -axis, -along
     forward = axis[0] * side + axis[1] * two
@@ -155,6 +169,12 @@ def _walking(acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
     weight = np.convolve(np.ones_like(size), kernel, mode="same")
     spread = np.convolve((size - mean / weight) ** 2, kernel, mode="same") / weight
     return np.asarray(spread > LEAST**2)
+
+
+def _running(acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
+    """(T,) bool: less than `STEP_S` from a sample at which the trunk falls freely."""
+    felt = held_mean(np.linalg.norm(acc, axis=1), window_size(OVER_S, sampling_rate_hz)) / GRAVITY
+    return np.asarray(window_sum((felt < FREE).astype(float), window_size(2.0 * STEP_S, sampling_rate_hz)) > 0.5)
 
 
 def worn(axes: TrunkAxes) -> dict[str, str | float]:

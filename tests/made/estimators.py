@@ -87,6 +87,16 @@ def exchanged(recording: Recording, one: str, other: str) -> Recording:
     return changed(recording, **{one: recording.sensors[other], other: recording.sensors[one]})
 
 
+def in_a_row(*recordings: Recording) -> Recording:
+    """One recording behind the other, with all sensors of the first."""
+    sensors = {}
+    for place in recordings[0].sensors:
+        _, *parts = zip(*(recording.sensors[place] for recording in recordings), strict=True)
+        gyr, acc, mask = (np.concatenate(part) for part in parts)
+        sensors[place] = Imu(np.arange(len(mask)) / recordings[0].sampling_rate_hz, gyr, acc, mask)
+    return recordings[0]._replace(sensors=sensors)
+
+
 def _leg_ekf() -> Case:
     """By kinematics: the strapdown of the shanks is `ankle_stride`, which keeps these laws itself."""
     options = leg_ekf.DEFAULT._replace(distance="stance")

@@ -15,7 +15,7 @@ from jgait.estimators.combined.phases import FEWEST_STRIDES
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
 from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.notes import without_repeats
-from jgait.estimators.plausible import KNEE_IMPLAUSIBLE, NO_ANGLES
+from jgait.estimators.plausible import KNEE_IMPLAUSIBLE, NO_ANGLES, PACES_MIXED, paces_mixed
 from jgait.mounting.leg import SIDES_EXCHANGED
 from jgait.mounting.shank import LABELS_EXCHANGED
 from jgait.notes import NO_WALKING, SEVERITIES, Kind, Note
@@ -111,12 +111,15 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     total, differ = walked(ways)
     if total is not None:  # an error of the time is the same in all sources
         total = total._replace(stddev=max(total.stddev, share * float(total.distance[-1])))
-    stated = [note for source in estimates for note in source.estimate.diagnostics["notes"] if not follows(note)]
+    stated = [
+        note for source in estimates for note in source.estimate.diagnostics["notes"]
+        if not follows(note) and note.kind is not PACES_MIXED
+    ]  # fmt: skip
     unusable = _angles(estimates, stated, findings.doubtful | _named(recording, AXES) | late | turned)
     differ += unusable
     if strides is not None:
         differ = [*length_notes(estimates, strides), *differ, *side_notes(estimates, strides)]
-        differ += contact_notes(estimates, strides, findings.doubtful)
+        differ += [*contact_notes(estimates, strides, findings.doubtful), *paces_mixed(strides.strides)]
         seen = set(np.asarray(strides.strides.side).tolist())
         differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in seen if len(seen) == 1]
     elif any(source.estimate.strides is not None for source in estimates):

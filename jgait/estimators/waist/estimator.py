@@ -31,6 +31,7 @@ from jgait.estimators.waist.prepare import prepare
 from jgait.estimators.waist.readout import EDGE_STEPS, WaistWalk, earlier
 from jgait.estimators.waist.steps import Intervals
 from jgait.geometry.vectors import GRAVITY
+from jgait.mounting.trunk import FREE, OVER_S
 from jgait.notes import Note
 from jgait.types import Estimate, Legs, Recording, Strides, Values, as_float
 
@@ -189,29 +190,29 @@ SLOW, FEW = 0.6, 4
 and number of them that is not noted: straight strides of `ipol_gait` are faster but the last ones of a walk."""
 
 
-FREE, OVER_S = 0.35, 0.05
-"""[1], [s] Specific force over gravity, as a mean over `OVER_S`, below which the trunk falls freely: in running it is
-near 0 once in each step, and recorded walks of `ipol_gait` and `mobgap_lab` stay far above it."""
-
 UNLIKE_SD = 0.35
 """[1] Standard deviation of lengths and distance over themselves in walks unlike those from which the pendulum was
 learned, and of strides that turn, which may be steps on the spot. Chosen by simulated people who shuffle, limp or run
 (experiment `people.gaits`)."""
 
 
-def least_felt(result: Estimate, contacts: np.ndarray) -> float:
-    """The least upward specific force in a step over gravity, as the median over the steps between contacts [s]."""
+def felt(result: Estimate, contacts: np.ndarray) -> np.ndarray:
+    """(strides,) [1] the least upward specific force in a step over gravity, as the median over the steps of each
+    stride and those beside them; contacts [s].
+    """
     up, time = as_float(result.diagnostics["trunk_acceleration"])[:, 2], as_float(result.time)
     width = max(1, round(OVER_S / float(np.median(np.diff(time)))))
     mean = np.convolve(np.nan_to_num(up), np.full(width, 1.0 / width), mode="same")
-    steps = np.searchsorted(time, contacts)
-    least = [mean[a:b].min() for a, b in itertools.pairwise(steps) if (b - a) > width]
-    return 1.0 + float(np.median(least)) / GRAVITY if least else 1.0
+    samples = np.searchsorted(time, contacts)
+    least = np.array([mean[a:b].min() if (b - a) > width else 0.0 for a, b in itertools.pairwise(samples)])
+    first = np.searchsorted(contacts, as_float(result.strides.start))
+    beside = [least[max(i - 1, 0) : i + 3] for i in first]
+    return np.array([1.0 + float(np.median(steps)) / GRAVITY if steps.size else 1.0 for steps in beside])
 
 
 def _doubts(result: Estimate, contacts: np.ndarray, options: WaistOptions) -> tuple[list[Note], np.ndarray]:
-    """Notes if the distance is unreliable (see `DOUBTFUL`), strides are short or slow, or the person runs (see `FREE`);
-    and (n,) bool, the strides that are unlike those from which the pendulum was learned.
+    """Notes if the distance is unreliable (see `DOUBTFUL`), strides are short or slow, or the person runs in some (see
+    `FREE`); and (n,) bool, the strides that are unlike those from which the pendulum was learned.
 
     Strides are short or slow all together, if their median is below `SHORTEST` or `SLOWEST`, or each for itself (see
     `SLOW`).
@@ -236,9 +237,12 @@ def _doubts(result: Estimate, contacts: np.ndarray, options: WaistOptions) -> tu
             notes.append(SHORT_OR_SLOW(strides=noted.sum(), of=kept.sum(), **middle, least_m=SHORTEST, slowest=SLOWEST))
         beside = np.convolve(slow, np.ones(2 * EDGE_STEPS + 1))[EDGE_STEPS:-EDGE_STEPS] > 0.0  # a person stops
         unlike = (kept & beside) | turning
-    if (felt := least_felt(result, contacts)) < FREE:
-        notes.append(FALLS_FREELY(share_pct=100.0 * max(felt, 0.0)))
-        unlike = kept
+    force = felt(result, contacts)
+    runs = kept & (force < FREE)
+    if runs.sum() > FEW:
+        share = 100.0 * max(float(np.median(force[runs])), 0.0)
+        notes.append(FALLS_FREELY(strides=runs.sum(), of=kept.sum(), share_pct=share))
+        unlike |= runs
     return notes, unlike
 
 

@@ -83,10 +83,10 @@ SHORT_OR_SLOW = Kind(
 FALLS_FREELY = Kind(
     "trunk_falls_freely",
     "check",
-    "in half of the steps {share_pct:.0f} % of gravity or less is felt: running, or faster than the walks from which "
-    "step lengths were learned",
+    "in {strides} of {of} strides {share_pct:.0f} % of gravity or less is felt once in each step: running, or faster "
+    "than the walks from which step lengths were learned",
     "Step lengths were learned from usual walking, in which a foot is always on the ground. In running, lengths and "
-    "distance are wrong by a third; their deviations are therefore large.",
+    "distance are wrong by a third, and steps can be missed; deviations of these strides are therefore large.",
 )
 
 UNLEARNED = (SHORT_OR_SLOW.code, FALLS_FREELY.code)

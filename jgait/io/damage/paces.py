@@ -58,6 +58,11 @@ steps change both alike."""
 SHORT_S = 0.65
 """[s] Stride of 185 steps a minute, with which nobody walks; undamaged ones last 0.72 and longer."""
 
+PIECE_S, FEWEST_PIECES, CONFIRMED = 10.0, 2, 0.3
+"""[s], [1], [1] Duration of pieces of a recording, least number of those with a pace to judge by, and least share of
+them whose strides last as long as those of the whole: of walking and running, two strides of one can look like one of
+the other."""
+
 OUT_OF_STEP = 0.1
 """[1] Largest distance from half a stride of the delay of one foot behind the other, in strides; chosen, above all
 of undamaged public walks. People who limp strongly reach it, and the note says so."""
@@ -141,8 +146,8 @@ def _cause(seconds: float, angle: float, shaking: float) -> str:
     return "rate high" if angle < SMALLER and ratio < (SPARED if seconds > SHORT_S else SPARED_FAST) else ""
 
 
-def pace_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
-    """Notes about legs that do not move as in walking, and about feet that are not half a stride apart."""
+def _paces(sensors: Mapping[str, Imu], rate_hz: float) -> dict[str, Stepping]:
+    """Placement → pace, of the sensors that agree about the duration of a stride."""
     paces = {}
     for placement, imu in sensors.items():
         segment = placement.partition("_")[0]
@@ -150,26 +155,43 @@ def pace_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
             pace = pace_of(imu, rate_hz, segment)
             if pace is not None:
                 paces[placement] = pace
+    seconds = float(np.median([pace.seconds for pace in paces.values()])) if paces else 0.0
+    return {place: pace for place, pace in paces.items() if abs(pace.seconds / seconds - 1.0) < TOGETHER}
+
+
+def _piece(imu: Imu, rows: slice) -> Imu:
+    return Imu(imu.time[rows], imu.gyr[rows], None if imu.acc is None else imu.acc[rows], imu.mask[rows])
+
+
+def _confirmed(sensors: Mapping[str, Imu], rate_hz: float, seconds: float) -> bool:
+    """Whether strides last as long in enough of the pieces of a recording (see `PIECE_S`)."""
+    size = int(PIECE_S * rate_hz)
+    samples = min(max(len(imu.time) for imu in sensors.values()), int(LONGEST_S * rate_hz))
+    pieces = [
+        _paces({place: _piece(imu, slice(begin, begin + size)) for place, imu in sensors.items()}, rate_hz)
+        for begin in range(0, samples - size + 1, size)
+    ]
+    found = [abs(next(iter(paces.values())).seconds / seconds - 1.0) < TOGETHER for paces in pieces if paces]
+    return len(found) < FEWEST_PIECES or bool(np.mean(found) >= CONFIRMED)
+
+
+def pace_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
+    """Notes about legs that do not move as in walking, and about feet that are not half a stride apart."""
+    paces = _paces(sensors, rate_hz)
     if not paces:
         return ()
-    seconds = float(np.median([pace.seconds for pace in paces.values()]))
-    paces = {place: pace for place, pace in paces.items() if abs(pace.seconds / seconds - 1.0) < TOGETHER}
     notes = []
-    if paces:
-        angle, shaking = (
-            float(np.exp(np.mean(np.log([getattr(pace, part) for pace in paces.values()]))))
-            for part in ("angle", "shaking")
-        )
-        cause = _cause(seconds, angle, shaking)
-        if cause:
-            worn = next(iter(paces)) if len(paces) == 1 else "all sensors of the legs"
-            notes.append(PACE_UNUSUAL(sensors=worn, seconds=seconds, angle=angle, shaking=shaking, cause=CAUSES[cause]))
+    seconds, angle, shaking = (float(np.exp(np.mean(np.log(part)))) for part in zip(*paces.values(), strict=True))
+    cause = _cause(seconds, angle, shaking)
+    if cause:
+        worn = next(iter(paces)) if len(paces) == 1 else "all sensors of the legs"
+        notes.append(PACE_UNUSUAL(sensors=worn, seconds=seconds, angle=angle, shaking=shaking, cause=CAUSES[cause]))
     right, left = (f"foot_{side}" for side in SIDES)
     if right in paces and left in paces and len(sensors[right].time) == len(sensors[left].time):
         share = _behind(sensors[right], sensors[left], round(seconds * rate_hz), int(LONGEST_S * rate_hz))
         if abs(share - 0.5) > OUT_OF_STEP:
             notes.append(SIDES_OUT_OF_STEP(placement=left, other=right, share=share))
-    return tuple(notes)
+    return tuple(notes) if notes and _confirmed(sensors, rate_hz, seconds) else ()
 
 
 def _behind(first: Imu, second: Imu, stride: int, longest: int) -> float:

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pandas as pd
 import pytest
-from made.estimators import changed, exchanged, masked, only
+from made.estimators import changed, exchanged, in_a_row, masked, only
 from made.notes import codes, of_code
 
 import jgait
@@ -156,6 +156,28 @@ def test_in_running_feet_alone_count():
     alone = jgait.analyse(only(recording, *simulate.FOUR)).estimate
     deviation = float(alone.diagnostics["distance_stddev"][-1])
     assert abs(float(alone.distance[-1]) - true) < 2.0 * deviation and deviation > 0.09 * true
+
+
+def test_running_between_walks_is_named_and_turns_nothing_round():
+    """In running, two strides look like one slow stride, and the trunk speeds up after it is lifted, not before."""
+    person, ways = simulate.Person(), [simulate.straight(20.0), simulate.straight(30.0), simulate.straight(20.0)]
+    parts = []
+    for number, (way, gait) in enumerate(zip(ways, ("", "running", ""), strict=True)):
+        key = jax.random.key(number)
+        walks = simulate.covering(key, simulate.walking(person, gait) if gait else person, way)
+        parts.append(simulate.recording(key, walks, way, placements=(*FEET, "pelvis")))
+    recording = in_a_row(*[part for part, _ in parts])
+    found = jgait.analyse(recording)
+    assert not of_code((*found.notes, *damage_notes(recording)), "pace_unusual", "sides_out_of_step")
+    assert not of_code(found.notes, "feet_of_contacts_differ")
+    (mixed,) = of_code(found.notes, "paces_mixed")
+    ran = int(np.sum(parts[1][1].strides.valid))
+    assert 0.7 * ran < mixed.values["quick"] <= ran and mixed.values["others"] > 1.0
+    alone = jgait.analyse(only(recording, "pelvis")).estimate
+    (falls,) = of_code(alone.diagnostics["notes"], "trunk_falls_freely")
+    assert falls.values["strides"] < 0.8 * falls.values["of"]
+    true = sum(float(truth.estimate.distance[-1]) for _, truth in parts)
+    assert abs(float(alone.distance[-1]) - true) < 2.0 * float(alone.diagnostics["distance_stddev"][-1])
 
 
 def test_what_a_trunk_alone_finds_after_the_walk_is_in_doubt():
