@@ -144,6 +144,8 @@ def test_a_sensor_file_that_is_cut_off(written):
 def test_a_recording_that_is_not_there(written):
     with pytest.raises(ValueError, match=f"neura_sparse has no recording 'S1'; there are {NAME}"):
         loaded("neura_sparse", "S1")
+    with pytest.raises(TypeError, match=r"only must be a list of names of recordings, such as \['S1'\]; got a text"):
+        datasets.load("neura_sparse", "S1")
 
 
 # --- the real trial ---
