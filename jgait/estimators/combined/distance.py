@@ -261,16 +261,21 @@ def _speed(strides: Strides, of_side: np.ndarray) -> float:
 
 
 def _whole(source: SourceEstimate, way: np.ndarray, sd: float, doubtful: bool, used: list[_Side]) -> WalkedDistance:
-    """The distance of a source with what is walked in time that no stride of its sides covers."""
+    """The distance of a source with what is walked in time that no stride of its sides covers.
+
+    That of the trunk goes on over short losses, in which its strides are left out.
+    """
     estimate = source.estimate
-    time = as_float(estimate.time)
-    added = {"cut": 0.0, "bridged": 0.0}
+    time, own = as_float(estimate.time), way
+    added, bridged_s = {"cut": 0.0, "bridged": 0.0}, 0.0
     for side in used:
         for name in added:
             for begin, end in getattr(side, name):
-                way = way + side.speed * np.clip(time - begin, 0.0, end - begin) / len(used)
-                added[name] += side.speed * (end - begin) / len(used)
-    bridged_s = sum(end - begin for side in used for begin, end in side.bridged) / max(len(used), 1)
+                gained = 0.0 if side.name else float(np.diff(np.interp([begin, end], time, own))[0])
+                metres = max(side.speed * (end - begin) - gained, 0.0) / len(used)
+                way = way + metres * np.clip((time - begin) / (end - begin), 0.0, 1.0)
+                added[name] += metres
+                bridged_s += (end - begin) / len(used) * (name == "bridged" and metres > 0.0)
     if used:
         unknown = float(np.mean([one.unknown for one in used]))
     else:
@@ -361,7 +366,7 @@ def walked(distances: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, 
     ]  # fmt: skip
     if best.cut > 0.0:
         notes.append(DISTANCE_EXTENDED(metres=best.cut))
-    if best.bridged > 0.0:
+    if best.bridged >= 0.05:
         notes.append(DISTANCE_OVER_LOSS(metres=best.bridged, seconds=best.bridged_s))
     used = "+".join(distance.source for distance, keeps in zip(sure, kept, strict=True) if keeps)
     way = best.distance * value / best.distance[-1]

@@ -8,6 +8,7 @@ from made.estimators import without
 from made.notes import of_code
 from made.shank import shank
 from made.trunk import cut, imu_of
+from made.trunk import walk as trunk_walk
 
 import jgait
 from jgait import simulate
@@ -44,6 +45,19 @@ def test_a_short_loss_at_any_phase_of_a_stride_takes_nothing_away(seconds):
         found = jgait.analyse(without(made.recording, begin, seconds)).estimate
         distance, deviation = found.distance[-1], found.diagnostics["distance_stddev"][-1]
         assert abs(distance - STRIDES * LENGTH) < 3.0 * deviation < 0.3 * STRIDES * LENGTH, begin
+
+
+@pytest.mark.parametrize("seconds", [0.4, 1.5])
+def test_losses_count_once_in_the_distance_of_the_trunk(seconds):
+    """Its distance goes on over losses in which its strides are left out."""
+    recording = trunk_walk(steps=40).recording
+    whole = jgait.analyse(recording).estimate
+    for begin in (7.0, 9.0, 13.0):
+        recording = without(recording, begin, seconds)
+    found = jgait.analyse(recording)
+    assert len(found.strides.first) < len(whole.strides.side) - 6
+    deviation = found.estimate.diagnostics["distance_stddev"][-1]
+    assert abs(found.estimate.distance[-1] - whole.distance[-1]) < min(0.05 * whole.distance[-1], deviation)
 
 
 def test_a_loss_after_the_last_stride_counts_in_the_deviation_alone():
