@@ -6,6 +6,7 @@ import jax
 import numpy as np
 import pandas as pd
 import pytest
+from made.notes import of_code
 
 from experiments.damage import harm
 from jgait import io, simulate
@@ -134,6 +135,24 @@ def test_a_coarse_accelerometer_is_named_and_neither_masked_nor_clipped_for_it()
         held, on = fine.copy(), (time > 2.0) & (time < 7.0) & (time % 1.0 < 0.5)
         held[on, axis] = np.where(np.floor(time[on]) % 2.0 == 0.0, 1.5, -1.2)
         assert {"axis_stuck"} & set(codes(held)) == expected
+
+
+@pytest.mark.parametrize("every", [2, 4])
+def test_an_accelerometer_that_is_slower_than_its_rows_is_not_held(every):
+    """As after tables of two rates were merged: lines between new readings at 50 Hz, losses at 25 Hz."""
+    time = np.arange(600) / 100.0
+    gyr = 3.0 * np.sin(2.0 * np.pi * time)[:, None] * [0.1, 0.2, 1.0]
+    acc = [0.0, 9.8, 0.0] + 4.0 * np.sin(4.0 * np.pi * time)[:, None] * [1.0, 0.5, 0.2]
+    held = acc[np.arange(600) // every * every]
+    new, notes = samples.without_damage("shank_right", {"gyr": gyr, "acc": held}, {"gyr": 1.0, "acc": 1.0}, 100.0)
+    (note,) = of_code(notes, "samples_repeated")
+    assert note.values["signal"] == "accelerometer"
+    assert note.values["percent"] == pytest.approx(100.0 - 100.0 / every, abs=2.0)
+    lost = ~np.isfinite(new["acc"]).all(axis=1)
+    if every == 2:
+        assert not lost.any() and np.abs(new["acc"][:-1] - acc[:-1]).max() < 0.1 * np.abs(held - acc).max()
+    else:
+        assert lost.mean() == pytest.approx(0.75, abs=0.01) and np.array_equal(new["acc"][~lost], acc[~lost])
 
 
 @pytest.mark.parametrize(

@@ -83,8 +83,11 @@ waist, rounded to 0.03 g, give distances within 0.5 % of theirs, rounded to 0.05
 some. Undamaged public recordings have steps of at most 0.0005 g."""
 
 REPEATS = 0.4
-"""[1] Share of samples equal to the one before in all axes from which on the sensor is slower than its file. Undamaged
-gyroscopes repeat 4 % of their readings."""
+"""[1] Share of samples equal to the one before in all axes from which on the sensor is slower than its file; of an
+accelerometer, of those at which the sensor turns. Undamaged gyroscopes repeat 4 % of their readings."""
+
+LEAST_HZ = 45.0
+"""[Hz] Rate of new readings below which the repeated ones are masked; steps of feet and shanks come out wrong there."""
 
 IMPOSSIBLE = Kind(
     "samples_impossible",
@@ -132,8 +135,9 @@ SLOWER = Kind(
     "samples_repeated",
     "check",
     "{placement}: {percent:.0f} % of the readings of the {signal} repeat the one before; the sensor is slower than the "
-    "file states",
-    "Readings that are written twice add no information; impacts and fast movements come out smoother than they were.",
+    "file states; {taken}",
+    "Readings that are written twice add no information, and hold up the signal by half of their time. Over a slow "
+    "sensor's readings, impacts and fast movements are not known.",
 )
 SIGNALS = {"gyr": ("gyroscope", "rad/s"), "acc": ("accelerometer", "m/s²")}
 
@@ -166,6 +170,7 @@ def without_damage(
                 frozen.setdefault((start, end), []).append(kind)
             for start, end in (*runs, *stuck):
                 values[start + 1 : end + 1] = np.nan
+            _between_new(placement, kind, values, change, signals["gyr"], rate_hz, notes)
         for (start, end), kinds in sorted(frozen.items()):
             words = " and ".join(f"the {SIGNALS[kind][0]}" for kind in kinds)
             seconds = (end - start + 1) / rate_hz
@@ -288,12 +293,7 @@ def _frozen(
 ) -> list[tuple[int, int]]:
     """First and last samples of stretches in which the sensor repeats one reading and then jumps."""
     same = ~change.any(axis=1)
-    share = float(same.mean()) if len(same) else 0.0
     runs = [(start, end) for start, end in true_runs(same) if end - start >= max(FROZEN_RUN, FROZEN_S * rate)]
-    long = sum(end - start for start, end in runs)
-    signal = SIGNALS[kind][0]
-    if kind == "gyr" and share - long / max(len(same), 1) > REPEATS:
-        notes.append(SLOWER(placement=placement, signal=signal, percent=100.0 * share))
     if not runs:
         return []
     frozen, held = [], _holding(kind, values, change, gyr)
@@ -308,6 +308,28 @@ def _frozen(
         if stopped or held((start, end)):
             frozen.append((start, end))
     return frozen
+
+
+def _between_new(
+    placement: str, kind: str, values: np.ndarray, change: np.ndarray, gyr: np.ndarray, rate: float, notes: list[Note]
+) -> None:
+    """If so many readings repeat the one before that the sensor is slower than its file, replace these by straight
+    lines between the new ones, or mask them if new ones are rarer than `LEAST_HZ`.
+    """
+    same = ~change.any(axis=1)
+    turns = np.linalg.norm(gyr[1:], axis=1) > TURNING if kind == "acc" else np.ones(len(same), bool)
+    for start, end in true_runs(same):
+        if end - start >= max(FROZEN_RUN, FROZEN_S * rate):
+            same[start:end] = False
+    share = np.sum(same & turns) / max(np.sum(turns), 1)
+    if share <= REPEATS:
+        return
+    again = 1 + np.flatnonzero(same)
+    new = np.setdiff1d(np.flatnonzero(np.isfinite(values).all(axis=1)), again)
+    dense = rate * (1.0 - share) >= 0.99 * LEAST_HZ
+    taken = "straight lines are taken between new readings" if dense else "masked, since new ones are too rare"
+    notes.append(SLOWER(placement=placement, signal=SIGNALS[kind][0], percent=100.0 * share, taken=taken))
+    values[again] = np.stack([np.interp(again, new, column[new]) for column in values.T], axis=1) if dense else np.nan
 
 
 def _stuck(

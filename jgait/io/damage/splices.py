@@ -62,6 +62,9 @@ LONGEST_S = 600.0
 LONG_GAP = 3
 """[samples] Shortest gap around which jumps do not count; shorter ones are bridged."""
 
+MOST_LOST = 0.3
+"""[1] Largest share of lost samples of a sensor: lines over them are too many straight steps."""
+
 SMALLEST = 1e-3
 """[rad/s] Added to the changes, so that sensors at rest do not count."""
 
@@ -92,7 +95,8 @@ def _shifted(values: np.ndarray, by: int) -> np.ndarray:
 def splice_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
     """A note if all sensors jump at the same time, more than around it, or often turn by two steps in one."""
     masks = [np.asarray(imu.mask) for imu in sensors.values()]
-    if len({len(mask) for mask in masks}) != 1 or len(masks[0]) < 10 * AROUND or not all(m.any() for m in masks):
+    there = all(mask.any() and mask.mean() > 1.0 - MOST_LOST for mask in masks)
+    if len({len(mask) for mask in masks}) != 1 or len(masks[0]) < 10 * AROUND or not there:
         return ()
     gaps, longest = np.zeros(len(masks[0]), bool), int(LONGEST_S * rate_hz)
     total, changes = np.zeros(len(masks[0]) - 1), []
