@@ -36,6 +36,10 @@ FINE = 1e-3
 STEEP = 0.1
 """[1] Least change beside such a reading, over it: a peak that is not cut off is round."""
 
+IN_PLANE, PLANE = 6, 1e-4
+"""[1] Least number of the largest readings in one plane, and their largest distance from it over the largest reading,
+if the axes were turned after clipping: in undamaged public recordings there are at most 5."""
+
 UNSURE = 0.5
 """[1] Standard deviation of a restored peak over what was restored; one error for all samples of a peak."""
 
@@ -50,6 +54,37 @@ def at_limit(values: Float[AnyArray, "time axis"], above: float, least: int = 2)
             for first, last in true_runs(equal):
                 if last - first + 1 >= least:
                     flags[first : last + 1] = True
+    return flags
+
+
+def forces_clipped(acc: Float[AnyArray, "time axis"], above: float, least: int = 2) -> Bool[np.ndarray, "time"]:
+    """Samples of an accelerometer at its limit, in its own axes or in axes that were turned afterwards."""
+    return at_limit(acc, above, least) | cut_short(acc, above) | in_planes(acc, above)
+
+
+def in_planes(values: Float[AnyArray, "time axis"], above: float) -> Bool[np.ndarray, "time"]:
+    """Samples at the limit of axes other than the signal's, where the limit is `above` a value.
+
+    As many of the outermost readings as `IN_PLANE` lie in one plane there. Without fine steps they do so by chance, and
+    none are found.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    signal = as_float(values)
+    flags = np.zeros(len(signal), bool)
+    size = np.linalg.norm(signal, axis=1)
+    outer = np.flatnonzero(size > above)
+    steps = np.abs(np.diff(signal, axis=0))
+    if len(outer) < IN_PLANE or not steps[steps > 0.0].min(initial=np.inf) < FINE * size.max():
+        return flags
+    try:
+        planes = ConvexHull(signal[outer]).equations
+    except QhullError:  # all in one plane: not the readings of a sensor with three axes
+        return flags
+    for *normal, offset in np.unique(planes[-planes[:, 3] > above], axis=0):
+        inside = signal[outer] @ normal >= -offset - PLANE * size.max()
+        if inside.sum() >= IN_PLANE:
+            flags[outer[inside]] = True
     return flags
 
 

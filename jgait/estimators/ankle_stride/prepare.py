@@ -172,12 +172,8 @@ def _leg(
     whole = shank_axes.filled(imu)
     peaks = clipping.restored(whole.gyr)
     whole = whole._replace(gyr=peaks.gyr)
-    equal, forced = (
-        clipping.at_limit(values, above, CLIPS_FOR)
-        for values, above in ((read_gyr, CLIPS_ABOVE_RATE), (read_acc, CLIPS_ABOVE_FORCE))
-    )
-    forced |= clipping.cut_short(read_acc, CLIPS_ABOVE_FORCE)
-    equal &= ~peaks.clipped
+    forced = clipping.forces_clipped(read_acc, CLIPS_ABOVE_FORCE, CLIPS_FOR)
+    equal = clipping.at_limit(read_gyr, CLIPS_ABOVE_RATE, CLIPS_FOR) & ~peaks.clipped
     turned = equal | peaks.clipped
     still = longest_still(imu.gyr, rate_hz, mask=mask, threshold=shank_axes.RESTING, at_least_s=0.5)
     bias = shank_axes.rest_bias(imu, rate_hz) if options.standing else None

@@ -142,7 +142,7 @@ def _foot(
     stands, margin = _standing(gyr - at_rest.gyr_bias, acc, mask, stances, hz, detector)
     stands, margin = stands & ~lost, np.where(lost, NEVER, np.clip(margin, NEVER, -NEVER))
     read_gyr, read_acc = (np.where(mask[:, None], np.asarray(v, np.float64), 0.0) for v in (imu.gyr, imu.acc))
-    clips = clipping.at_limit(read_acc, CLIPS_ABOVE_FORCE) | clipping.cut_short(read_acc, CLIPS_ABOVE_FORCE)
+    clips = clipping.forces_clipped(read_acc, CLIPS_ABOVE_FORCE)
     equal = clipping.at_limit(read_gyr, CLIPS_ABOVE_RATE) & ~peaks.clipped
     turned = equal | peaks.clipped
     for what, flags in (("accelerometer", clips), ("gyroscope", turned)):
