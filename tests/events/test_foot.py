@@ -1,12 +1,16 @@
+import jax
 import numpy as np
 import pytest
+from made.estimators import only
 from made.foot import foot
 from made.trunk import rotation
 
-from jgait import datasets
+from jgait import datasets, simulate
 from jgait.datasets.reading import SHORTEST
 from jgait.estimators import foot_ins
 from jgait.events import foot as events
+from jgait.simulate.person import RECORDED
+from jgait.simulate.sensors import MPU6000
 
 
 def found(made):
@@ -79,6 +83,49 @@ def test_a_valley_between_stances_that_are_too_near_for_two_strides_is_no_stance
     gyr = np.stack([rate, 0 * rate, 0 * rate], axis=1)
     stances = events.stances(gyr, np.tile([0.0, 0.0, 9.81], (900, 1)), 100.0)
     assert len(stances.start) == 5
+
+
+@pytest.mark.parametrize(
+    ("speed", "length", "seed", "placement", "style"),
+    [
+        (0.7, 1.0, 4, "foot_right", {}), (0.5, 0.8, 0, "foot_left", {"usual": RECORDED}),
+        (0.7, 1.0, 0, "foot_right", {"usual": RECORDED}), (0.5, 0.8, 3, "foot_right", {"usual": RECORDED}),
+    ],
+)  # fmt: skip
+def test_the_first_and_last_step_of_a_slow_walk_are_whole(speed, length, seed, placement, style):
+    """In a slow swing the foot turns to and fro, and it may come down flat before it is stopped."""
+    gait = simulate.gait(speed=speed, stride_length=length, length_variability=0.06, time_variability=0.05, **style)
+    key, way = jax.random.key(seed), simulate.straight(5.0)
+    person = simulate.covering(key, simulate.Person(gait=gait), way)
+    both = ("foot_right", "foot_left")
+    recording, truth = simulate.recording(key, person, way, errors=MPU6000, placements=both)
+    strides = foot_ins.estimate(foot_ins.FootParams(), only(recording, placement)).strides
+    side = both.index(placement)
+    true = truth.strides.length[np.asarray(truth.strides.valid) & (truth.strides.side == side)]
+    np.testing.assert_allclose(strides.length[strides.valid], true, atol=0.02)
+
+
+def test_a_short_unrest_in_a_slow_swing_is_no_stance():
+    counts = []
+    for samples in (14, 44):
+        rate = np.concatenate([np.full(200, 0.2), np.full(40, 3.0), np.full(samples, 0.35), np.full(40, 3.0)])
+        rate = np.concatenate([rate, np.full(300, 0.2)])
+        gyr = np.stack([rate, 0 * rate, 0 * rate], axis=1)
+        counts.append(len(events.stances(gyr, np.tile([0.0, 0.0, 9.81], (len(rate), 1)), 100.0).start))
+    assert counts == [2, 3]
+
+
+def test_a_foot_touches_the_ground_before_it_lies_flat():
+    """Where the toes are highest when the stance begins, the pitch shows no contact, and the usual time is taken."""
+    pitch = np.zeros(600)
+    pitch[200:240], pitch[240:295] = np.linspace(0.0, -0.8, 40), np.linspace(-0.8, 0.3, 55)
+    pitch[295:310] = np.linspace(0.3, 0.0, 15)
+    gyr = np.stack([np.zeros(600), 100.0 * np.gradient(pitch), np.zeros(600)], axis=1)
+    rows = np.array([[0, 200, 100], [330, 600, 400]])
+    for begin, first, last in ((330, 295, 312), (290, 272, 272)):
+        rows[1, 0] = begin
+        _, initial = events.contacts(gyr, events.Stances(*rows.T, np.zeros(2)), 100.0)
+        assert first <= initial[0] <= last
 
 
 def test_no_foot_that_never_stands_and_none_that_never_moves():
