@@ -73,8 +73,7 @@ LANDED = 0.1
 
 FLAT_S, LANDS_S = 0.03, 0.18
 """[s] An initial contact is found at least so long before the stance begins, for the foot comes to lie flat in between.
-[s] Where the pitch shows none, the usual time: the median of 18 such contacts of `ipol_gait`, whose quartiles are 0.16
-and 0.20."""
+[s] Where the pitch shows none, the usual time, as the reference of `ipol_gait` has it."""
 
 REACH = 0.25
 """[s] Contacts are searched from this time before the end of a stance to this time after the start of the next."""
