@@ -15,7 +15,7 @@ STAIRS_M = 0.12
 """[m] Threshold on the rise or fall over a stride; a stride above it is flagged as one on stairs or a kerb."""
 
 SHORT_STRIDE = 0.8
-"""[1] At an end of a walking bout, a stride below this share of the median length starts or ends in standing."""
+"""[1] At an end of a walking bout, a stride below this share of the usual length starts or ends in standing."""
 
 AS_FAR = 0.1
 """[1] Largest relative difference between distance gained and stride length at which the two are compared."""
@@ -26,7 +26,7 @@ many after it, of both legs; their median counts. Chosen: steady strides differ 
 by far more."""
 
 FEWEST_STRIDES = 3
-"""Least number of strides of a leg for which their median length is used."""
+"""Least number of strides around another by whose duration it is judged."""
 
 
 def stated(estimate: Estimate, name: str) -> np.ndarray | None:
@@ -145,19 +145,24 @@ def _half(estimate: Estimate) -> Flags:
 
 
 def half_strides(strides: Strides, order: np.ndarray) -> np.ndarray:
-    """(rows,) bool, strides from or to standing: without initial contact before, or short at an end of a bout."""
+    """(rows,) bool, strides from or to standing: without initial contact before, or short at an end of a bout.
+
+    They are short beside the median of the strides between others, of both legs; if there are none, beside the longest.
+    """
     start, end, length = (as_float(values)[order] for values in (strides.start, strides.end, strides.length))
     side = np.asarray(strides.side)[order]
     half = np.zeros(order.size, bool)
     if strides.final_contact is not None:
         half |= np.nan_to_num(as_float(strides.final_contact)[order] - start, nan=1.0) <= 0.0
+    ends = np.zeros(order.size, bool)
     for leg in range(len(SIDES)):
-        rows = np.flatnonzero(side == leg)
-        if rows.size < FEWEST_STRIDES:
-            continue
-        apart = start[rows][1:] - end[rows][:-1] > 0.5 * np.median(end[rows] - start[rows])
-        ends = np.concatenate([[True], apart]) | np.concatenate([apart, [True]])
-        half[rows] |= ends & (length[rows] < SHORT_STRIDE * np.median(length[rows]))
+        if (rows := np.flatnonzero(side == leg)).size:
+            apart = start[rows][1:] - end[rows][:-1] > 0.5 * np.median(end[rows] - start[rows])
+            ends[rows] = np.concatenate([[True], apart]) | np.concatenate([apart, [True]])
+    if (known := np.isfinite(length)).any():
+        inner = length[known & ~ends]
+        usual = np.median(inner) if inner.size else length[known].max()
+        half |= ends & (length < SHORT_STRIDE * usual)
     return half
 
 

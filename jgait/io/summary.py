@@ -35,6 +35,10 @@ HIDDEN = 2.0
 """[1] Stated error of a stride over the variability, above which the variability is not stated. Chosen so that lengths
 from the waist are above it on recorded walks, those from shoes and shanks below."""
 
+PACE = 0.15
+"""[1] Largest difference of the duration of a stride from the median of its side and bout, over that; a person whose
+strides last longer or shorter at an end of a bout speeds up or slows down there."""
+
 JOINS_S = 0.2
 """[s] Largest time between the end of a stride and the start of the next of its side."""
 
@@ -49,8 +53,9 @@ Chosen on `ipol_gait`, whose contacts are marked by hand: `experiments.unseen.as
 def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
     """One row for each measure, over the steady strides of a recording.
 
-    A stride is steady if it and its neighbours of the same side are regular: strides in which a person speeds up or
-    slows down, beside standing, turns and stairs, do not count. Where a side has fewer than `FEWEST` steady strides,
+    A stride is steady if it and its neighbours of the same side are regular, and no stride between it and the begin or
+    the end of its bout lasts otherwise, see `PACE`: strides in which a person speeds up or slows down, beside standing,
+    turns and stairs, do not count. Where a side has fewer than `FEWEST` steady strides,
     the regular ones count, `steady` is False, and neither variability nor asymmetry is stated.
 
     Columns:
@@ -82,7 +87,9 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
     import pandas as pd
 
     regular = strides["regular"].astype(bool)
+    bouts = _bouts(strides)
     steady = regular & _beside_regular(strides)
+    steady &= _at_pace(strides[steady], bouts).reindex(strides.index, fill_value=False)
     table = strides[steady]
     told = strides.loc[regular, "side"].unique()
     enough = bool(len(told)) and bool((table["side"].value_counts().reindex(told, fill_value=0) >= FEWEST).all())
@@ -96,7 +103,6 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
         columns["cadence_spm"] = 120.0 / table["stride_duration_s"]
     if "stride_width_m" not in table:
         columns["step_length_m"] = None
-    bouts = _bouts(strides)
     rows = []
     for name, unit in MEASURES.items():
         values = columns[f"{name}_{unit}"]
@@ -137,6 +143,20 @@ def _beside_regular(strides: "pd.DataFrame") -> "pd.Series":
         regular = beside["regular"].astype(bool)
         joins = (beside[start] - beside[end].shift()).abs() < JOINS_S  # with the stride before it
         found[beside.index] = joins & regular.shift(fill_value=False) & (joins & regular).shift(-1, fill_value=False)
+    return found
+
+
+def _at_pace(strides: "pd.DataFrame", bouts: "pd.Series") -> "pd.Series":
+    """Which strides are not before the first or after the last ones of their side and bout that last as most do."""
+    import pandas as pd
+
+    start, end = _times(strides)
+    found = pd.Series(True, strides.index)
+    for _, one in strides.groupby([strides["side"], bouts[strides.index]]):
+        rows = one.sort_values(start)
+        lasts = rows[end] - rows[start]
+        usual = ((lasts / lasts.median() - 1.0).abs() <= PACE).to_numpy()
+        found[rows.index] = np.maximum.accumulate(usual) & np.maximum.accumulate(usual[::-1])[::-1]
     return found
 
 

@@ -7,8 +7,9 @@ from made.estimators import only
 
 from jgait import simulate
 from jgait.estimators import ankle_stride
-from jgait.estimators.stride_flags import durations, in_order, marks, regular, uneven_strides
+from jgait.estimators.stride_flags import durations, half_strides, in_order, marks, regular, uneven_strides
 from jgait.simulate.sensors import MPU6000
+from jgait.types import Strides
 
 
 def test_a_stride_is_compared_with_those_around_it():
@@ -21,6 +22,19 @@ def test_a_stride_is_compared_with_those_around_it():
 def test_few_strides_and_unknown_durations_are_compared_with_nothing():
     assert not uneven_strides(np.array([1.0, 3.0, 1.0])).any()
     assert list(uneven_strides(np.array([np.nan, 1.0, 1.0, 1.0, 3.0]))) == [False] * 4 + [True]
+
+
+def test_half_steps_of_a_short_walk_are_short_beside_its_whole_strides():
+    side = np.array([0, 1, 0, 1, 0])
+    start = np.array([3.4, 4.0, 3.8, 4.4, 4.9])
+    end, length = np.array([3.8, 4.4, 4.9, 5.5, 5.8]), np.array([0.62, 1.25, 1.24, 1.27, 0.63])
+    walked = Strides(side, start, None, end, length, *[np.full(5, np.nan)] * 2, np.ones(5, bool))
+    order = np.argsort(start)
+    assert sorted(order[half_strides(walked, order)]) == [0, 4]
+    few = Strides(*(None if v is None else v[[1, 4]] for v in walked[:8]))  # none between others: beside the longest
+    assert list(half_strides(few, np.arange(2))) == [False, True]
+    alone = Strides(*(None if v is None else v[[4]] for v in walked[:8]))
+    assert not half_strides(alone, np.arange(1)).any()
 
 
 @pytest.mark.parametrize("seconds", [0.2, 0.4])

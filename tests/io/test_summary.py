@@ -83,6 +83,18 @@ def test_strides_beside_a_turn_are_not_steady():
     assert rows(apart).loc["stride_length", "n_strides"] == 6  # too few: the regular ones
 
 
+def test_strides_in_which_a_person_slows_down_are_not_steady():
+    lasts = np.array([1.3, 1.1, 1.0, 1.02, 0.98, 1.25, 1.0, 1.01, 1.0, 1.1, 1.25, 1.4, 1.6])
+    ends = 2.0 + np.cumsum(lasts)
+    table = pd.DataFrame({
+        "side": "right", "source": "feet", "start_s": ends - lasts, "end_s": ends, "stride_duration_s": lasts,
+        "regular": True,
+    })  # fmt: skip
+    row = summary(table).set_index("measure").loc["stride_duration"]
+    kept = lasts[1:10]  # one slow stride between others is part of how the person walks
+    assert row["n_strides"] == len(kept) and row["mean"] == pytest.approx(kept.mean())
+
+
 def test_of_a_short_walk_the_regular_strides_count_and_no_variability_is_stated():
     one = rows(strides(right=RIGHT[:4], left=LEFT[:4])).loc["stride_length"]
     assert one["n_strides"] == 8
