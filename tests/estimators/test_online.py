@@ -23,7 +23,7 @@ from jgait.estimators.online.legs import KINEMATICS
 from jgait.estimators.online.units import Sizes
 from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
-from jgait.simulate.sensors import OPAL
+from jgait.simulate.sensors import MPU6000, OPAL
 from jgait.types import RecordingError
 
 PERSON = {"height": 1.75}
@@ -85,6 +85,19 @@ def test_angles_and_distance_are_those_of_the_filter(walked):
                 np.testing.assert_allclose(mine, getattr(getattr(other, side), field), rtol=0.0, atol=1e-6)
     distance = [one.distance["legs"] for one in news[:-1]]
     np.testing.assert_allclose(distance, offline.distance[9::10][: len(distance)], rtol=1e-6, atol=1e-9)
+
+
+def test_a_stride_of_a_foot_that_seems_to_stand_in_a_slow_swing_is_in_doubt():
+    gait = simulate.gait(speed=0.7, stride_length=1.0, length_variability=0.06, time_variability=0.05)
+    key, way = jax.random.key(4), simulate.straight(5.0)
+    person = simulate.covering(key, simulate.Person(gait=gait), way)
+    recording, truth = simulate.recording(key, person, way, errors=MPU6000, placements=("foot_right", "foot_left"))
+    live = jgait.online(only(recording, "foot_right"))
+    found = table_of(pushed(live, *signals_of(recording, live.placements)), "feet")
+    true = truth.strides.length[np.asarray(truth.strides.valid) & (truth.strides.side == 0)]
+    wrong = np.abs(found.strides.length - true) > 0.1
+    assert wrong.any() and found.flags["doubtful"].sum() <= 2
+    assert found.flags["doubtful"][wrong].all()
 
 
 def test_angles_with_sleeping_gyroscopes_are_those_of_the_filter_that_holds(walked):

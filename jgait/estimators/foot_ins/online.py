@@ -9,7 +9,8 @@ The host finds the sensor's errors and the axis about which the foot turns from 
 
 Deviations from `foot_ins` without smoothing, which knows the whole walk:
     1. The threshold of a stance follows the stances before it, the lower of the last two, not the stance itself.
-    2. The foothold is the first sample of a stance that stays the stillest for `HOLD_S`, not the stillest of all.
+    2. The foothold is the first sample of a stance that stays the stillest for `HOLD_S`, not the stillest of all. One
+       that is far less still than the stances before it may lie in a slow swing: both strides beside it are in doubt.
     3. A lost sample repeats the sample before it, and each counts; offline, up to 0.05 s in a row are interpolated.
     4. The vertical at the start is from 0.2 s, not 1 s; nothing is known of a sensor's range, so that clipped samples
        are not noticed; the noise of the zero velocity is constant.
@@ -74,6 +75,7 @@ class _FootEvent(NamedTuple):
     last: Values  #: time of the foothold before [s].
     swing: FootSwing  #: what happened since then.
     landed: Values  #: initial contact before [s].
+    restless: Flags  #: bool, the foothold before or this one is far less still than the stances before it.
 
 
 def _pushed(register: Values, value: Values) -> Values:
@@ -162,11 +164,12 @@ def _decided(
     since = time - state.foothold
     ends = swing.any & (stillest | ~goes_on) & (since >= events.SHORTEST)
     foothold = stands & (~state.started | ends | (~swing.any & (since >= REST_STEP)))
+    restless = unrest[k] > events.WORSE * jnp.maximum(jnp.min(threshold.depths), events.LEAST_DEPTH)
     size = worn.jumps.shape[0]
     jumps = jnp.stack([_largest_change(part, size, at) for part in (samples[:, :3], samples[:, 3:6])])
     event = _FootEvent(
         time, row, before, jumps, jnp.mean(samples[:, 3:6], axis=0), stands, state.started, state.restart, foothold,
-        state.foothold, swing, state.landed,
+        state.foothold, swing, state.landed, state.restless | restless,
     )  # fmt: skip
     none = jnp.zeros_like(time)
     fresh = FootSwing(jnp.zeros((), bool), none, none, time, none, time, time, time, none)
@@ -181,6 +184,7 @@ def _decided(
         foothold=jnp.where(foothold, time, state.foothold),
         swing=jax.tree.map(lambda new, old: jnp.where(foothold, new, old), fresh, swing),
         landed=jnp.where(foothold & swing.any, _landing(swing, time), state.landed),
+        restless=jnp.where(foothold, restless, state.restless),
     )
     return after, event
 
@@ -254,7 +258,7 @@ def _strides(
     nis = since[:, 1] / jnp.maximum(since[:, 2], 1.0)
     follows = walks_on(event.landed, swing.final, initial)
     strides, stddev = timed(p, known, way, spread, event.landed, follows, yaw, nis)
-    return strides, stddev, trust.doubtful(strides, stddev, nis) & strides.valid
+    return strides, stddev, (trust.doubtful(strides, stddev, nis) | event.restless) & strides.valid
 
 
 def over(

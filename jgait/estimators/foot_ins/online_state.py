@@ -145,6 +145,7 @@ class FootOnlineState(NamedTuple):
     #: observations.
     since: Values
     landed: Values  #: initial contact of the last stride [s]; −∞ before the first.
+    restless: Flags  #: bool, the last foothold is far less still than the stances before it.
     count: Counts  #: number of strides so far.
     distance: Values  #: way along them [m], see `sides.of_turns`.
 
@@ -155,7 +156,7 @@ class FootNow(NamedTuple):
     stride: Flags  #: bool, a stride has become known; `strides`, `stddev` and `flags` have a meaning only if True.
     strides: Strides  #: the stride, its fields scalars; times count from the first sample [s].
     stddev: Strides  #: standard deviations of the stride.
-    flags: dict[str, Values]  #: "doubtful", see `trust.doubtful`.
+    flags: dict[str, Values]  #: "doubtful", see `trust.doubtful`; also beside footholds that are not still.
     count: Counts  #: number of strides so far.
     distance: Values  #: way along them [m], see `sides.of_turns`.
     stands: Flags  #: bool, zero velocity was observed.
@@ -195,6 +196,7 @@ def begin(p: FootParams, worn: FootWorn, gyr: Values, acc: Values) -> FootOnline
         swing=swing,
         since=jnp.zeros_like(row[:3]),
         landed=zero - jnp.inf,
+        restless=no,
         count=none,
         distance=zero,
     )
