@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jgait.io.clock import LONGEST_GAP_S, REPEATED, check_inserted, check_order
+from jgait.io.clock import LONGEST_GAP_S, REPEATED, check_inserted, check_order, steadied
 from jgait.notes import LOSSES, ORIGIN, Kind, Note
 from jgait.types import RecordingError
 
@@ -148,6 +148,7 @@ def one_clock(
     same = [len(t) == len(times[0]) and np.abs(t - times[0]).max() < CLOCKS_APART * step for t in times]
     if all(same):
         return times[0], rate_hz or first.sampling_rate_hz
+    times = [t[0] + steadied(t - t[0], notes)[0] for t in times]
     begin, end = max(t[0] for t in times), min(t[-1] for t in times)
     if not end > begin:
         raise RecordingError(
