@@ -18,7 +18,7 @@ KINDS = {
 }  # fmt: skip
 """Kind of signal → words for this kind, without accents; a word comes before those that it contains."""
 
-TIMES = re.compile(r"(time|timestamp|zeit|temps|tiempo|tempo|tijd)(s|ms|us)?|t(ms|us)?|seconds")
+TIMES = re.compile(r"(time|timestamp|zeit|temps|tiempo|tempo|tijd)(s|ms|us|min|h)?|t(ms|us)?|seconds")
 """Words for the clock, perhaps with a unit."""
 
 NOT_RAW = ("free", "linear", "user", "filtered")
@@ -139,8 +139,10 @@ def like_a_signal(name: str) -> bool:
 
 
 def unit_in_name(name: str) -> str | None:
-    """The unit with which the name of a time column ends, "ms" or "us": "Time (ms)", "time_us", "TimeMs"; else None."""
-    for unit, words in (("ms", "ms|msec|milliseconds"), ("us", "us|µs|μs|usec|microseconds")):
+    """The unit with which the name of a time column ends, but s: "Time (ms)", "time_us", "t [min]"; None for none."""
+    for unit, words in (
+        ("ms", "ms|msec|milliseconds"), ("us", "us|µs|μs|usec|microseconds"), ("min", "min|minutes"), ("h", "h|hours"),
+    ):  # fmt: skip
         if re.search(rf"(?:[^A-Za-z]|(?<=[a-z])(?=[MU])|(?i:^\s*time(?:stamp)?))(?i:{words})\W*$", name):
             return unit
     return None

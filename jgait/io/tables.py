@@ -10,6 +10,7 @@ import numpy as np
 
 from jgait.io.arrays import recording_in_units
 from jgait.io.atomic import check_path
+from jgait.io.clock import count_samples
 from jgait.io.files import no_numbers, reading
 from jgait.io.names import CHANNELS, COLUMNS, column_of, like_a_signal, recognised, unit_in_name
 from jgait.io.rows import read_table
@@ -42,6 +43,12 @@ ROWS_OF_SEVERAL = Kind(
 WHOSE = ("subject", "person", "participant", "patient", "proband", "id", "trial", "walk", "session", "recording")
 """Names of columns that state of whom or which walk a row is."""
 
+LONG_UNITS = {"min": 60.0, "h": 3600.0}
+"""Unit of time that only the name of a column states → s."""
+
+COUNTER, COUNTER_TURN = "packetcounter", 2**16
+"""Name of a column that counts the samples, in lower case, and the number at which Xsens' begins again."""
+
 CELLS_WITHOUT_NUMBER = Kind(
     "cells_without_number", "check",
     "{column}: {cells} {cells:cell is no number and counts|cells are no numbers and count} as missing, the first "
@@ -63,7 +70,7 @@ class Columns(NamedTuple):
     feet_range: np.ndarray | None  #: (T,) or None.
     others: list[str]  #: names of columns that are not used.
     notes: tuple[Note, ...]  #: notes about cells without a number, rows of several people or walks, names of columns.
-    time_unit: str | None  #: unit of `time`, as far as the table states it: "s" of dates, "ms" or "us" of a name.
+    time_unit: str | None  #: unit of `time`: "s" of dates, min and h, "ms" or "us" of a name; None: not stated.
     units: dict[str, dict[str, str]]  #: placement → "gyr", "acc" → unit, as far as the names of the columns state it.
 
 
@@ -162,6 +169,11 @@ def columns_of(
     ours = recognised(given, renamed, placement)
     renamed = [ours.get(index, column) for index, column in enumerate(renamed)]
     position = {column: index for index, column in reversed(list(enumerate(renamed)))}
+    if "time" not in position and COUNTER in position:
+        counted = np.unwrap(_numbers(table.iloc[:, position[COUNTER]], COUNTER, name), period=COUNTER_TURN)
+        if count_samples(counted):
+            table = table.assign(**{given[position[COUNTER]]: counted})
+            position["time"] = position[COUNTER]
     placements_found = _placements(position, given, name)
     sensors: dict[str, dict[str, np.ndarray]] = {}
     units: dict[str, dict[str, str]] = {}
@@ -186,6 +198,8 @@ def columns_of(
         time, unit = _seconds(clock), "s"
         if time is None:
             time, unit = _numbers(clock, "time", name), unit_in_name(given[position["time"]])
+        if unit in LONG_UNITS:
+            time, unit = time * LONG_UNITS[unit], "s"
     apart = None
     if "feet_range" in position:
         used.add(position["feet_range"])

@@ -7,7 +7,8 @@ a folder; or gaitmap's two rows of names (`left_sensor`, `acc_x`); or mobgap's b
 
 *Units*: gaitmap's and mobgap's are stated by their documentation (m/s², deg/s), others by the names of columns
 (`shank_right_gyr_x [rad/s]`), else they are deduced from the signals. *Clock*: `time` in s, ms or us, as its name
-states or its steps suggest, or the sampling rate, which must be given. *Axes*: gaitmap's and mobgap's sensor frame by
+states or its steps suggest, or in min or h by its name; or the sampling rate, which must be given, perhaps with the
+numbers of the samples (`PacketCounter`, or a `time` that counts). *Axes*: gaitmap's and mobgap's sensor frame by
 their documentation, else not known.
 """
 
@@ -17,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jgait.io.apart import apart, largest
-from jgait.io.clock import TIME_UNITS, check_order, unit_of_time
+from jgait.io.clock import TIME_UNITS, check_order, count_samples, unit_of_time
 from jgait.io.files import check_columns, check_file
 from jgait.io.formats.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_part
 from jgait.io.formats.part import Measured, Part, joined
@@ -75,8 +76,11 @@ def measured(path: Path) -> Measured:
     else:
         columns, labels = columns_of(table, name=path.name), {}
     notes, time = [*cut, *columns.notes], columns.time
+    packets = None
+    if time is not None and columns.time_unit is None and count_samples(time):
+        time, packets = None, time
     if time is not None and len(time) > 1:
-        check_order(time, path.name)
+        check_order(time, path.name, columns.time_unit)
         unit = unit_of_time(time, columns.time_unit, path.name)
         notes.append(TIME_UNIT_OF_FILE(file=path.name, unit=unit))
         time = TIME_UNITS[unit] * time
@@ -88,6 +92,7 @@ def measured(path: Path) -> Measured:
             time,
             gyr_unit=columns.units[where].get("gyr"),
             acc_unit=columns.units[where].get("acc"),
+            packets=packets,
             units_by="header",
         )
         for where, signals in columns.sensors.items()
