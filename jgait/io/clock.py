@@ -37,6 +37,9 @@ are late. Chosen: few enough for several losses a second, enough for a jitter of
 STEADY = 64
 """[rows] Number of rows over whose median a sensor's clock is followed where its stamps jitter: about a second."""
 
+COUNTER_TURN = 2**16
+"""[samples] Number at which Xsens' counters begin again."""
+
 RATE_OFF = 0.05
 """[1] Largest relative difference of a sampling rate that is given from that of the time stamps; chosen."""
 
@@ -169,6 +172,12 @@ def count_samples(stamps: np.ndarray) -> bool:
     return len(stamps) > 1 and bool((stamps % 1 == 0).all()) and float(np.median(np.diff(stamps))) == 1.0
 
 
+def unwrapped(counts: np.ndarray) -> np.ndarray | None:
+    """(n,) numbers of samples of a counter that begins again at `COUNTER_TURN`; None if it counts something else."""
+    numbers = np.unwrap(counts, period=COUNTER_TURN)
+    return numbers if count_samples(numbers) else None
+
+
 def check_order(stamps: np.ndarray, name: str, stated: str | None = None) -> None:
     """Refuse time stamps that are missing, decrease, or repeat the one before in more than the share `REPEATED`.
 
@@ -178,7 +187,8 @@ def check_order(stamps: np.ndarray, name: str, stated: str | None = None) -> Non
     lost = np.flatnonzero(~np.isfinite(stamps))
     if len(lost):
         raise RecordingError(
-            f"{name}: time is missing in {len(lost)} rows, first in row {lost[0]} (the first row is 0)"
+            f"{name}: time is missing in {len(lost)} rows, first in row {lost[0]} (the first row is 0): remove these "
+            "rows, or fill in their times"
         )
     step = np.diff(stamps)
     few = np.sum(step == 0) <= max(REPEATED * len(stamps), 1)

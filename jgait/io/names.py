@@ -30,6 +30,12 @@ CHANNELS = tuple(f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz")
 COLUMNS = frozenset({"time", "feet_range", *(f"{place}_{channel}" for place in PLACEMENTS for channel in CHANNELS)})
 """The columns that jgait reads."""
 
+LONG_UNITS = {"min": 60.0, "h": 3600.0}
+"""Unit of time that only the name of a column states → s."""
+
+COUNTER = "packetcounter"
+"""Name of a column that counts the samples, in lower case."""
+
 WORDS = {
     "head": "head", "sternum": "sternum", "chest": "sternum", "lowerback": "lower_back", "lumbar": "lower_back",
     "back": "lower_back", "pelvis": "pelvis", "sacrum": "pelvis", "waist": "waist", "hip": "waist", "wrist": "wrist",

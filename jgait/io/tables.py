@@ -10,9 +10,9 @@ import numpy as np
 
 from jgait.io.arrays import recording_in_units
 from jgait.io.atomic import check_path
-from jgait.io.clock import count_samples
+from jgait.io.clock import unwrapped
 from jgait.io.files import no_numbers, reading
-from jgait.io.names import CHANNELS, COLUMNS, column_of, like_a_signal, recognised, unit_in_name
+from jgait.io.names import CHANNELS, COLUMNS, COUNTER, LONG_UNITS, column_of, like_a_signal, recognised, unit_in_name
 from jgait.io.rows import read_table
 from jgait.io.units import Unit, unit_of_columns
 from jgait.notes import DEDUCED, LEFT_OUT, LOSSES, Kind, Note
@@ -42,12 +42,6 @@ ROWS_OF_SEVERAL = Kind(
 )  # fmt: skip
 WHOSE = ("subject", "person", "participant", "patient", "proband", "id", "trial", "walk", "session", "recording")
 """Names of columns that state of whom or which walk a row is."""
-
-LONG_UNITS = {"min": 60.0, "h": 3600.0}
-"""Unit of time that only the name of a column states → s."""
-
-COUNTER, COUNTER_TURN = "packetcounter", 2**16
-"""Name of a column that counts the samples, in lower case, and the number at which Xsens' begins again."""
 
 CELLS_WITHOUT_NUMBER = Kind(
     "cells_without_number", "check",
@@ -161,6 +155,11 @@ def columns_of(
     Raises:
         RecordingError: if columns are missing or contain no numbers.
     """
+    if table.columns.nlevels > 1:
+        raise RecordingError(
+            f"{name} has columns of {table.columns.nlevels} levels, such as {tuple(map(str, table.columns[0]))}; "
+            "expected <placement>_gyr_x, …; recording_from_gaitmap reads two levels, sensor and channel"
+        )
     table = _with_time(table)
     given = [str(column) for column in table.columns]
     renamed = [column.strip().lower() for column in given]
@@ -170,8 +169,8 @@ def columns_of(
     renamed = [ours.get(index, column) for index, column in enumerate(renamed)]
     position = {column: index for index, column in reversed(list(enumerate(renamed)))}
     if "time" not in position and COUNTER in position:
-        counted = np.unwrap(_numbers(table.iloc[:, position[COUNTER]], COUNTER, name), period=COUNTER_TURN)
-        if count_samples(counted):
+        counted = unwrapped(_numbers(table.iloc[:, position[COUNTER]], COUNTER, name))
+        if counted is not None:
             table = table.assign(**{given[position[COUNTER]]: counted})
             position["time"] = position[COUNTER]
     placements_found = _placements(position, given, name)
@@ -371,6 +370,7 @@ def read_csv(
 ) -> Recording:
     """A recording from a CSV file with a header; comma, semicolon or tab, decimal point or comma.
 
+    Lines above the header are left out, and noted; a row of units below it counts as units in the columns' names.
     Arguments as `recording_from_dataframe`; the names of the recording and of the person are that of the file
     without its ending, if none is given.
 

@@ -286,6 +286,10 @@ REFUSED = {
         r"the file; expected columns \['thigh_right_gyr_x', 'thigh_right_gyr_y', 'thigh_right_gyr_z'\]; columns not "
         "recognised: 'thigh_rigth_gyr_x'",
     ),
+    "two levels": (
+        lambda t: pd.concat({"left_sensor": t}, axis=1), {},
+        r"has columns of 2 levels, such as \('left_sensor', 'time'\); expected .*; recording_from_gaitmap reads two",
+    ),
     "short": (lambda t: t.iloc[:2], {}, "recording has 2 samples; at least 10 are needed"),
     "no known column": (
         lambda t: pd.DataFrame({"a": [1.0], "b": [2.0]}), {},

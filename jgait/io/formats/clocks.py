@@ -133,7 +133,9 @@ def one_clock(
             raise RecordingError(f"{name}: sensors without time stamps must have one rate and length; got {lengths}")
         if rate_hz is None and not rates:
             raise RecordingError(
-                f"{name} states neither time stamps nor a sampling rate; give {{argument}}", argument="sampling_rate_hz"
+                f"{name} states neither time stamps nor a sampling rate; give {{argument}} (a 'time' in steps of 1 "
+                "counts the samples; in ms, it must be called 'time_ms')",
+                argument="sampling_rate_hz",
             )
         return None, rate_hz or rates.pop()
     lost = [where for where, part in placed.items() if part.time is None]

@@ -24,7 +24,7 @@ from jgait.io.formats.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, 
 from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.formats.text import check_lengths
 from jgait.io.names import CHANNELS, column_of, placement_of
-from jgait.io.rows import read_table
+from jgait.io.rows import header_at, read_table
 from jgait.io.tables import columns_of
 from jgait.io.write import PARQUET
 from jgait.notes import DEDUCED, ORIGIN, Kind, Note
@@ -120,6 +120,8 @@ def _table(path: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
     table, notes = read_table(path)
     lines = path.read_text(encoding="utf-8-sig").splitlines()
     rows = [row for row, line in enumerate(lines) if line.strip()]
+    above = header_at(lines)
+    rows = [row for row in rows if row >= above]
     separator = max((",", ";", "\t"), key=lines[rows[0]].count)
     second = [cell.strip().lower() for cell in lines[rows[1]].split(separator)]
     if set(CHANNELS[:3]) <= set(second) or set(BODY_GAITMAP[:3]) <= set(second):
@@ -127,7 +129,13 @@ def _table(path: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
         # gaitmap's own files begin a row with its number, below the names of the levels.
         numbered = None if second[0] in (*CHANNELS, *BODY_GAITMAP) else 0
         table = pd.read_csv(
-            path, sep=separator, decimal=decimal, header=[0, 1], index_col=numbered, encoding="utf-8-sig"
+            path,
+            sep=separator,
+            decimal=decimal,
+            header=[0, 1],
+            index_col=numbered,
+            encoding="utf-8-sig",
+            skiprows=above,
         )
     if not any('"' in line for line in lines):
         body = [lines[row] for row in rows[1:]]

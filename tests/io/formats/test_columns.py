@@ -55,7 +55,7 @@ def test_numbers_of_samples_are_a_clock_if_the_rate_is_given(tmp_path, name):
     assert list(np.flatnonzero(~made_files.check(recording))) == [60, 61]
     again = io.recording_from_dataframe(pd.read_csv(path), sampling_rate_hz=100.0)
     np.testing.assert_array_equal(again.sensors["foot_right"].mask, recording.sensors["foot_right"].mask)
-    with pytest.raises(RecordingError, match="sampling_rate_hz"):
+    with pytest.raises(RecordingError, match="give sampling_rate_hz .a 'time' in steps of 1 counts the samples"):
         io.read(path)
 
 
