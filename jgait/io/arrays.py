@@ -49,7 +49,7 @@ def recording_from_arrays(
 
     Args:
         sensors: placement (see `jgait.types.PLACEMENTS`) → {"gyr": (T, 3), "acc": (T, 3) or absent}.
-        time: (T,) time stamps, or None.
+        time: (T,) time stamps, or numbers of the samples if the rate is given, or None.
         feet_range: (T,) distance from the inner side of the left ankle to the right leg, NaN where it was not
             measured; None without such a sensor.
         sampling_rate_hz: rate [Hz], or None to take it from `time`.

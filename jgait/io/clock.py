@@ -9,16 +9,42 @@ from jgait.estimators.checks import FEWEST
 from jgait.notes import DEDUCED, LOSSES, Kind, Note
 from jgait.types import RecordingError, as_float
 
-LONGEST_STEP_S = 0.5  # [s] longest sample time: longer steps in s are in fact ms
-SHORTEST_STEP_S = 1e-4  # [s] shortest sample time: shorter steps are in the other unit
+LONGEST_STEP_S = 0.11
+"""[s] Longest sample time, of 10 Hz by a clock that is a little off. Longer ones show no strides; methods need less."""
+
+SHORTEST_STEP_S, SHORTEST_USUAL_S = 1e-4, 5e-4
+"""[s], [s] Shortest sample time, and the shortest for which a unit is deduced: a clock of 32768 Hz makes steps of some
+hundred ticks, which would be 3000 Hz in us."""
+
 LONGEST_GAP_S = 10.0
 MOST_INSERTED = 100  # samples for each row of a file; with more, nothing of the recording is left
 BURST, PACKETS = 3.0, 0.02  # [1] mean step over the median, and share of longer steps, of stamps in bursts; chosen
+LATEST = 5.0
+"""[samples] Largest step backwards that the jitter of times explains; chosen, a few times the sample time."""
+
 REPEATED = 0.01
 """[1] Largest share of rows that repeat the time, or the packet number, before them; with more, the column is no clock.
 A single repeated time always is left out. Chosen far above the one repeat in 30 s of `ipol_gait` 11-1."""
 
+JITTERY = 0.1
+"""[1] Least number of steps below half the median, for each one above one and a half, of stamps that jitter: a stamp
+that is late makes a long step and then a short one, a lost sample only a long one. Chosen between the two."""
+
+BESIDE = 8
+"""[rows] Number of rows before and after a step whose median lateness is compared: a sample is lost if all that follow
+are late. Chosen: few enough for several losses a second, enough for a jitter of half a sample."""
+
+STEADY = 64
+"""[rows] Number of rows over whose median a sensor's clock is followed where its stamps jitter: about a second."""
+
+COUNTER_TURN = 2**16
+"""[samples] Number at which Xsens' counters begin again."""
+
+RATE_OFF = 0.05
+"""[1] Largest relative difference of a sampling rate that is given from that of the time stamps; chosen."""
+
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+"""Unit of time → s."""
 
 RATE_DEDUCED = Kind("sampling_rate_deduced", "info", "sampling rate {rate_hz:.4g} Hz, from the time stamps", DEDUCED)
 TIME_UNIT_DEDUCED = Kind(
@@ -33,6 +59,12 @@ STAMPS_REPEATED = Kind(
     "{rows} {rows:row that repeats|rows that repeat} the time before {rows:is|are} left out, the first in row {row} "
     "(the first row is 0) at {time}",
     LOSSES,
+)  # fmt: skip
+STAMPS_JITTER = Kind(
+    "stamps_jitter", "corrected",
+    "the time stamps jitter by {jitter_ms:.2g} ms about samples every {step_ms:.4g} ms; the samples are taken to be "
+    "evenly spaced",
+    "A sensor samples evenly; its rows got the times at which they arrived. All times may be late by about the jitter.",
 )  # fmt: skip
 GAPS_FILLED = Kind(
     "gaps_filled", "check",
@@ -57,18 +89,23 @@ def make_clock(
     """The clock of so many rows from their time stamps (samples,), a nominal rate [Hz], or both.
 
     Missing samples are inserted where time increases by more than one and a half sample times; they have no row. A unit
-    that is not stated ('s', 'ms' or 'us') is deduced from the size of the steps, and noted. Of the few rows of one time
-    the first is taken.
+    that is not stated ('s', 'ms' or 'us') is deduced from the size of the steps, and noted. Numbers of samples are a
+    clock if the rate is given. Of the few rows of one time the first is taken. Times that jitter become even.
 
     Raises:
         RecordingError: if there are too few samples, no clock, or time stamps that are missing, repeat often, decrease,
-            are in none of these units, or contradict the sampling rate.
+            are in none of these units, or contradict the sampling rate, or if the rate is too low for walking.
     """
     if samples < FEWEST:
         raise RecordingError(f"{name} has {samples} samples; at least {FEWEST} are needed")
     if sampling_rate_hz is not None and not (np.isfinite(sampling_rate_hz) and sampling_rate_hz > 0):
         raise RecordingError(
             f"{name}: {{argument}} must be positive; got {sampling_rate_hz}", argument="sampling_rate_hz"
+        )
+    if sampling_rate_hz is not None and sampling_rate_hz * LONGEST_STEP_S < 1.0:
+        raise RecordingError(
+            f"{name}: {{argument}} is {sampling_rate_hz:.4g} Hz; walking needs at least {1.0 / LONGEST_STEP_S:.2g} Hz",
+            argument="sampling_rate_hz",
         )
     if time is None:
         if sampling_rate_hz is None:
@@ -80,13 +117,21 @@ def make_clock(
     stamps = as_float(time)
     if stamps.shape != (samples,):
         raise RecordingError(f"{name}: time must have one value a sample, ({samples},); got shape {stamps.shape}")
-    check_order(stamps, name)
+    check_order(stamps, name, time_unit)
     fresh = np.flatnonzero(np.concatenate([[True], np.diff(stamps) > 0]))
     notes: list[Note] = []
     if len(fresh) < samples:
         row = int(np.flatnonzero(np.diff(stamps) == 0)[0]) + 1
         notes.append(STAMPS_REPEATED(rows=samples - len(fresh), row=row, time=f"{stamps[row]:.15g}"))
         stamps = stamps[fresh]
+    if time_unit is None and count_samples(stamps):
+        if sampling_rate_hz is None:
+            raise RecordingError(
+                f"{name}: time counts the samples ({stamps[0]:.15g}, {stamps[1]:.15g}, …), so {{argument}} is needed; "
+                "if it is in ms at 1000 Hz, call the column 'time_ms'",
+                argument="sampling_rate_hz",
+            )
+        stamps, time_unit = (stamps - stamps[0]) / sampling_rate_hz, "s"
     unit = unit_of_time(stamps, time_unit, name)
     if not time_unit:
         notes.append(TIME_UNIT_DEDUCED(unit=unit, step=float(np.median(np.diff(stamps)))))
@@ -94,19 +139,18 @@ def make_clock(
     step = float(np.median(np.diff(seconds)))
     if abs(begin := float(stamps[0]) * TIME_UNITS[unit]) > 1.5 * step:
         notes.append(CLOCK_FROM_FIRST(begin_s=begin))
-    # If time stamps are rounded to milliseconds, the mean of the regular steps is more precise than their median.
-    steps = np.diff(seconds)
+    seconds, counts, step = steadied(seconds, notes)
     # without the rounding of sums, which differs between recordings of different length
-    rate = float(f"{1.0 / float(steps[steps < 1.5 * step].mean()):.9g}")
+    rate = float(f"{1.0 / step:.9g}")
     if sampling_rate_hz is None:
         notes.append(RATE_DEDUCED(rate_hz=rate))
-    elif abs(rate / sampling_rate_hz - 1.0) > 0.05:
+    elif abs(rate / sampling_rate_hz - 1.0) > RATE_OFF:
         raise RecordingError(
             f"{name}: the time stamps run at {rate:.4g} Hz, but {{argument}} is {sampling_rate_hz:.4g}; "
             "give one of the two, or correct time_unit",
             argument="sampling_rate_hz",
         )
-    filled, rows = _fill_gaps(seconds, 1.0 / rate, name, notes)
+    filled, rows = _fill_gaps(seconds, counts, name, notes)
     rows = np.where(rows < 0, -1, fresh[rows])
     return SampleTimes(filled, rows, float(sampling_rate_hz or rate), tuple(notes))
 
@@ -123,7 +167,18 @@ def check_inserted(samples: int, rows: int, name: str) -> None:
         )
 
 
-def check_order(stamps: np.ndarray, name: str) -> None:
+def count_samples(stamps: np.ndarray) -> bool:
+    """Whether a column of times (n,) holds numbers of samples: whole numbers, most of them one after the other."""
+    return len(stamps) > 1 and bool((stamps % 1 == 0).all()) and float(np.median(np.diff(stamps))) == 1.0
+
+
+def unwrapped(counts: np.ndarray) -> np.ndarray | None:
+    """(n,) numbers of samples of a counter that begins again at `COUNTER_TURN`; None if it counts something else."""
+    numbers = np.unwrap(counts, period=COUNTER_TURN)
+    return numbers if count_samples(numbers) else None
+
+
+def check_order(stamps: np.ndarray, name: str, stated: str | None = None) -> None:
     """Refuse time stamps that are missing, decrease, or repeat the one before in more than the share `REPEATED`.
 
     Raises:
@@ -132,21 +187,41 @@ def check_order(stamps: np.ndarray, name: str) -> None:
     lost = np.flatnonzero(~np.isfinite(stamps))
     if len(lost):
         raise RecordingError(
-            f"{name}: time is missing in {len(lost)} rows, first in row {lost[0]} (the first row is 0)"
+            f"{name}: time is missing in {len(lost)} rows, first in row {lost[0]} (the first row is 0): remove these "
+            "rows, or fill in their times"
         )
     step = np.diff(stamps)
     few = np.sum(step == 0) <= max(REPEATED * len(stamps), 1)
     wrong = np.flatnonzero(step < 0 if few else step <= 0)
-    if len(wrong):
-        row = int(wrong[0]) + 1
-        what, advice = "runs backwards", "sort the rows, or split the recording there"
-        if step[row - 1] == 0:
-            what = "repeats"
-            advice = f"at most {100 * REPEATED:g} % are left out; drop them, such as with pandas' drop_duplicates"
-        raise RecordingError(
-            f"{name}: time {what} at row {row} (the first row is 0): {stamps[row]:.15g} follows "
-            f"{stamps[row - 1]:.15g}; {len(wrong)} such rows in all: {advice}"
-        )
+    if not len(wrong):
+        return
+    row = int(wrong[0]) + 1
+    what = "repeats" if step[row - 1] == 0 else "runs backwards"
+    where = (
+        f"{name}: time {what} at row {row} (the first row is 0): {stamps[row]:.15g} follows {stamps[row - 1]:.15g}; "
+        f"{len(wrong)} such rows in all"
+    )
+    back = float(-step.min())
+    if stamps[-1] <= stamps[0] or back > LATEST * (stamps[-1] - stamps[0]) / len(step):
+        raise RecordingError(f"{where}: sort the rows, or split the recording there")
+    raise RecordingError(
+        f"{where}. If they are samples of their own (packets, coarse stamps), leave out the time and give "
+        f"{{argument}}: {_rows_a_second(step, stated)}. Drop rows only if they are copies",
+        argument="sampling_rate_hz",
+    )
+
+
+def _rows_a_second(steps: np.ndarray, stated: str | None) -> str:
+    """How many rows there are in a second, in words; of times without a unit, in the unit that this makes likely."""
+    mean = float(steps.mean())
+    return f"there are {1.0 / (mean * TIME_UNITS[_likely_unit(mean, stated)]):.4g} rows a second"
+
+
+def _likely_unit(step: float, stated: str | None) -> str:
+    """The unit of steps of this length: the stated one if it is known, or else the largest that is not too long."""
+    if stated in TIME_UNITS:
+        return str(stated)
+    return next((unit for unit, scale in TIME_UNITS.items() if step * scale <= LONGEST_STEP_S), "us")
 
 
 def unit_of_time(stamps: np.ndarray, stated: str | None, name: str) -> str:
@@ -157,7 +232,15 @@ def unit_of_time(stamps: np.ndarray, stated: str | None, name: str) -> str:
     """
     step = float(np.median(np.diff(stamps)))
     _check_bursts(np.diff(stamps), step, stated, name)
-    unit = stated or next((unit for unit, scale in TIME_UNITS.items() if step * scale <= LONGEST_STEP_S), "us")
+    usual = [unit for unit, scale in TIME_UNITS.items() if SHORTEST_USUAL_S <= step * scale <= LONGEST_STEP_S]
+    if not stated and not usual:
+        rates = ", ".join(f"{1.0 / (step * scale):.4g} Hz in {unit}" for unit, scale in TIME_UNITS.items())
+        raise RecordingError(
+            f"{name}: the time's steps are {step:.4g}, so the sampling rate would be {rates}; "
+            f"expected {1.0 / LONGEST_STEP_S:.2g} to {1.0 / SHORTEST_USUAL_S:g} Hz. Write the time in s; divide ticks "
+            "of a clock by their number in a second, such as 32768"
+        )
+    unit = stated or usual[0]
     if unit not in TIME_UNITS:
         raise RecordingError(f"{name}: time_unit must be one of {', '.join(map(repr, TIME_UNITS))}; got {unit!r}")
     length = step * TIME_UNITS[unit]
@@ -177,21 +260,60 @@ def _check_bursts(steps: np.ndarray, median: float, stated: str | None, name: st
     long = steps > BURST * median
     if steps.mean() <= BURST * median or long.mean() < PACKETS:
         return
-    mean, period = float(steps.mean()), float(np.median(steps[long]))
-    guess = next((unit for unit, scale in TIME_UNITS.items() if mean * scale <= LONGEST_STEP_S), "us")
-    unit = stated if stated in TIME_UNITS else guess
-    rate = 1.0 / (mean * TIME_UNITS[unit])
+    period = float(np.median(steps[long]))
+    unit = _likely_unit(float(steps.mean()), stated)
     raise RecordingError(
         f"{name}: the time stamps come in bursts: rows are {median:.3g} {unit} apart, then {period:.3g} {unit}, as in "
-        f"packets sent by radio; there are {rate:.4g} rows a second. Leave out the time and give {{argument}}",
+        f"packets sent by radio; {_rows_a_second(steps, stated)}. Leave out the time and give {{argument}}",
         argument="sampling_rate_hz",
     )
 
 
-def _fill_gaps(seconds: np.ndarray, step: float, name: str, notes: list[Note]) -> tuple[np.ndarray, np.ndarray]:
+def steadied(seconds: np.ndarray, notes: list[Note]) -> tuple[np.ndarray, np.ndarray, float]:
+    """Times (n,) [s] without jitter, which is noted, the number of sample times in each step (n-1,), and one [s].
+
+    Times that do not jitter stay as they are. Others become even, but follow a clock that drifts.
+    """
+    steps = np.diff(seconds)
+    middle = float(np.median(steps))
+    long, short = np.sum(steps > 1.5 * middle), np.sum(steps < 0.5 * middle)
+    if short <= JITTERY * long or len(seconds) <= 2 * BESIDE:
+        # If time stamps are rounded to milliseconds, the mean of the regular steps is more precise than their median.
+        step = float(steps[steps < 1.5 * middle].mean())
+        return seconds, np.where(steps > 1.5 * step, np.rint(steps / step).astype(int), 1), step
+    step = float(np.median(seconds[BESIDE:] - seconds[:-BESIDE])) / BESIDE
+    for _ in range(5):  # losses depend on the sample time, and the other way round
+        counts = 1 + _lost(seconds, step)
+        step = float(seconds[-1] - seconds[0]) / counts.sum()
+    position = np.concatenate([[0], np.cumsum(counts)])
+    late = seconds - step * position
+    blocks = np.array_split(np.arange(len(seconds)), max(len(seconds) // STEADY, 1))
+    slow = np.interp(position, [position[b].mean() for b in blocks], [np.median(late[b]) for b in blocks])
+    notes.append(STAMPS_JITTER(jitter_ms=1e3 * float(np.std(late - slow)), step_ms=1e3 * step))
+    even = step * position + slow
+    return even - even[0], counts, step
+
+
+def _lost(seconds: np.ndarray, step: float) -> np.ndarray:
+    """(n-1,) number of samples lost in each step: those by which the rows that follow stay late."""
+    late = seconds / step - np.arange(len(seconds))
+    padded = np.pad(late, BESIDE, mode="median", stat_length=BESIDE)
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(padded, BESIDE), axis=1)
+    rise = medians[BESIDE + 1 : -1] - medians[1 : -BESIDE - 1]
+    signs = np.where(np.abs(rise) > 0.5, np.sign(rise), 0.0)
+    level = np.zeros(len(seconds))
+    for run in np.split(np.arange(len(rise)), np.flatnonzero(np.diff(signs)) + 1):
+        samples = np.rint(rise[run].sum() / BESIDE)
+        steps = seconds[run + 1] - seconds[run]
+        level[run[int(np.argmax(np.sign(samples) * steps))] + 1] += samples if signs[run[0]] else 0.0
+    # rows that come late and catch up later, as after a pause of the radio, have lost nothing
+    kept = np.minimum.accumulate(np.cumsum(level)[::-1])[::-1]
+    return np.diff(kept).astype(int)
+
+
+def _fill_gaps(seconds: np.ndarray, counts: np.ndarray, name: str, notes: list[Note]) -> tuple[np.ndarray, np.ndarray]:
     """Time with evenly spaced samples inserted into the gaps, and the row of each sample (-1 where inserted)."""
     gaps = np.diff(seconds)
-    counts = np.where(gaps > 1.5 * step, np.rint(gaps / step).astype(int), 1)
     if (counts == 1).all():
         return seconds, np.arange(len(seconds))
     longest = int(np.argmax(gaps))

@@ -18,7 +18,7 @@ KINDS = {
 }  # fmt: skip
 """Kind of signal → words for this kind, without accents; a word comes before those that it contains."""
 
-TIMES = re.compile(r"(time|timestamp|zeit|temps|tiempo|tempo|tijd)(s|ms|us)?|t(ms|us)?|seconds")
+TIMES = re.compile(r"(time|timestamp|zeit|temps|tiempo|tempo|tijd)(s|ms|us|min|h)?|t(ms|us)?|seconds")
 """Words for the clock, perhaps with a unit."""
 
 NOT_RAW = ("free", "linear", "user", "filtered")
@@ -29,6 +29,12 @@ CHANNELS = tuple(f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz")
 
 COLUMNS = frozenset({"time", "feet_range", *(f"{place}_{channel}" for place in PLACEMENTS for channel in CHANNELS)})
 """The columns that jgait reads."""
+
+LONG_UNITS = {"min": 60.0, "h": 3600.0}
+"""Unit of time that only the name of a column states → s."""
+
+COUNTER = "packetcounter"
+"""Name of a column that counts the samples, in lower case."""
 
 WORDS = {
     "head": "head", "sternum": "sternum", "chest": "sternum", "lowerback": "lower_back", "lumbar": "lower_back",
@@ -139,8 +145,10 @@ def like_a_signal(name: str) -> bool:
 
 
 def unit_in_name(name: str) -> str | None:
-    """The unit with which the name of a time column ends, "ms" or "us": "Time (ms)", "time_us", "TimeMs"; else None."""
-    for unit, words in (("ms", "ms|msec|milliseconds"), ("us", "us|µs|μs|usec|microseconds")):
+    """The unit with which the name of a time column ends, but s: "Time (ms)", "time_us", "t [min]"; None for none."""
+    for unit, words in (
+        ("ms", "ms|msec|milliseconds"), ("us", "us|µs|μs|usec|microseconds"), ("min", "min|minutes"), ("h", "h|hours"),
+    ):  # fmt: skip
         if re.search(rf"(?:[^A-Za-z]|(?<=[a-z])(?=[MU])|(?i:^\s*time(?:stamp)?))(?i:{words})\W*$", name):
             return unit
     return None

@@ -2,18 +2,30 @@
 
 import csv
 import itertools
+import re
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jgait.io.files import check_columns, check_width
-from jgait.notes import Kind, Note
+from jgait.io.names import like_a_signal, unit_in_name
+from jgait.io.units import known_unit, stated_unit
+from jgait.notes import ORIGIN, Kind, Note
 from jgait.types import RecordingError
 
 if TYPE_CHECKING:
     import pandas as pd
+
+SEPARATORS = (",", ";", "\t")
+
+HEADER_WITHIN = 60
+"""[lines] Number of first lines that are searched for a header."""
+
+TIMES = ("s", "sec", "ms", "us", "µs", "min", "h")
+"""Units of time in a row of units."""
 
 SHORT_CELLS = 1_000_000
 """Number of cells that rows of a table may lack."""
@@ -27,6 +39,11 @@ ROWS_BEFORE = 50
 JUMP = 3.0
 """[1] Smallest difference of half a number from the number before, over the largest difference of those before."""
 
+LINES_ABOVE = Kind(
+    "lines_above_header", "info",
+    "{lines} {lines:line|lines} above the header {lines:is|are} not read, the first {first}", ORIGIN,
+)  # fmt: skip
+UNITS_BELOW = Kind("units_below_header", "info", "the row below the header has units: {units}", ORIGIN)
 ROW_CUT_OFF = Kind(
     "row_cut_off", "check",
     "the file ends within a row: line {line} has {cells} of {expected} values, the last of them {value}; this row is "
@@ -38,6 +55,8 @@ ROW_CUT_OFF = Kind(
 def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
     """A table from a text file with a header; comma, semicolon or tab, decimal point or comma.
 
+    Lines above the header are left out, and noted; units in the row below it are added to the names of the columns.
+
     Raises:
         FileNotFoundError: if there is no such file.
         RecordingError: if the file is empty, no text, has no rows, or rows that are longer than the header.
@@ -46,34 +65,107 @@ def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
 
     try:
         with file.open(encoding="utf-8-sig") as stream:
-            lines = list(itertools.islice((line for line in stream if line.strip()), 2))
+            lines = list(itertools.islice(stream, HEADER_WITHIN + 3))
     except UnicodeDecodeError as error:
         raise RecordingError(
             f"{file.name} is no text file in UTF-8 ({error}); save it as 'CSV UTF-8', or rename columns with umlauts"
         ) from error
-    if not lines:
+    filled = [row for row, line in enumerate(lines) if line.strip()]
+    if not filled:
         raise RecordingError(f"{file.name} is empty; expected a header and one row a sample")
-    separator = max((",", ";", "\t"), key=lines[0].count)
-    for line in lines:
-        check_width(line, separator, file.name)
-    breaks = _checked_breaks(file, lines[0].count(separator) + 1)
-    decimal = "," if separator != "," and "," in lines[-1] else "."
+    above = header_at(lines)
+    header, *body = (row for row in filled if row >= above)
+    separator = max(SEPARATORS, key=lines[header].count)
+    for row in (header, *body[:2]):
+        check_width(lines[row], separator, file.name)
+    breaks = _checked_breaks(file, lines[header].count(separator) + 1)
+    units = _units(lines[body[0]], separator) if body else []
+    unread = [*range(above), *body[: 1 if units else 0]]
+    body = body[1 if units else 0 :]
+    decimal = "," if separator != "," and "," in lines[body[0] if body else header] else "."
     try:
         with warnings.catch_warnings():
             # Without index_col=False, rows that are longer than the header would shift all columns by one, silently.
             warnings.simplefilter("error", pd.errors.ParserWarning)
             table = pd.read_csv(
-                file, sep=separator, decimal=decimal, encoding="utf-8-sig", skipinitialspace=True, index_col=False
-            )
+                file, sep=separator, decimal=decimal, encoding="utf-8-sig", skipinitialspace=True, index_col=False,
+                skiprows=unread,
+            )  # fmt: skip
     except pd.errors.ParserWarning as error:
         raise RecordingError(f"{file.name} has rows with more values than the header has columns") from error
     except (pd.errors.ParserError, UnicodeDecodeError) as error:
-        raise RecordingError(f"{file.name} is no table: {error}") from error
+        raise RecordingError(f"{file.name} is no table: {_why(error, lines[header])}") from error
     check_columns([str(column) for column in table.columns], file.name)
     if not len(table):
         raise RecordingError(f"{file.name} has a header and no rows; its columns are {list(table.columns)}")
+    notes = (
+        [] if header == filled[0] else [LINES_ABOVE(lines=filled.index(header), first=lines[filled[0]].strip()[:80])]
+    )
+    if units:
+        notes.append(UNITS_BELOW(units=list(dict.fromkeys(filter(None, units)))))
+        named = itertools.zip_longest(map(str, table.columns), units[: len(table.columns)], fillvalue="")
+        table.columns = pd.Index([_with_unit(column, unit, file.name) for column, unit in named])
     note = _cut_off(file, separator, breaks, len(table) - 1)
-    return (table, ()) if note is None else (table.iloc[:-1], (note,))
+    return (table, tuple(notes)) if note is None else (table.iloc[:-1], (*notes, note))
+
+
+def header_at(lines: Sequence[str]) -> int:
+    """The number of lines above the header: the first line that names three axes of a sensor, or begins two rows of
+    names; 0 where none does. A comment is a header only where no other line is one.
+    """
+    for comment in (False, True):
+        for row, line in enumerate(lines[:HEADER_WITHIN]):
+            separator = max(SEPARATORS, key=line.count)
+            if line.startswith(("#", "//")) is comment and sum(map(like_a_signal, line.split(separator))) >= 3:
+                before = lines[row - 1].split(separator) if row else []
+                names = (
+                    len(before) == line.count(separator) + 1
+                    and sum(map(bool, map(str.strip, before))) > len(before) / 2
+                )
+                return row - 1 if names else row
+    return 0
+
+
+def _units(line: str, separator: str) -> list[str]:
+    """The units in a row below the header, without brackets, "" where there is none; empty for any other row."""
+    cells = [cell.strip().strip('"').strip() for cell in line.split(separator)]
+    cells = [cell[1:-1].strip() if cell[:1] + cell[-1:] in ("[]", "()") else cell for cell in cells]
+    return cells if any(map(_is_unit, cells)) and not any(map(_is_number, cells)) else []
+
+
+def _is_unit(cell: str) -> bool:
+    return known_unit(cell) is not None or cell in TIMES
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _with_unit(column: str, unit: str, name: str) -> str:
+    """The name of a column with the unit below it, if it does not state this unit; refuses another one."""
+    stated = stated_unit(column) or unit_in_name(column)
+    if not unit or (stated is not None and (known_unit(stated) or stated) == (known_unit(unit) or unit)):
+        return column
+    if stated is not None and _is_unit(unit):
+        raise RecordingError(
+            f"{name}: the column {column!r} has {unit!r} in the row below the header; correct one of the two units"
+        )
+    return f"{column} [{unit}]"
+
+
+def _why(error: Exception, header: str) -> str:
+    """The reason in words why the rows do not fit the header."""
+    found = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
+    if not found:
+        return str(error)
+    return (
+        f"line {found[2]} has {found[3]} values, and the header {found[1]}: {header.strip()[:80]!r}; expected one line "
+        "with a name for each column, such as foot_left_gyr_x, above the numbers"
+    )
 
 
 def _checked_breaks(file: Path, columns: int) -> int:

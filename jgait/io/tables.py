@@ -10,8 +10,9 @@ import numpy as np
 
 from jgait.io.arrays import recording_in_units
 from jgait.io.atomic import check_path
+from jgait.io.clock import unwrapped
 from jgait.io.files import no_numbers, reading
-from jgait.io.names import CHANNELS, COLUMNS, column_of, like_a_signal, recognised, unit_in_name
+from jgait.io.names import CHANNELS, COLUMNS, COUNTER, LONG_UNITS, column_of, like_a_signal, recognised, unit_in_name
 from jgait.io.rows import read_table
 from jgait.io.units import Unit, unit_of_columns
 from jgait.notes import DEDUCED, LEFT_OUT, LOSSES, Kind, Note
@@ -63,7 +64,7 @@ class Columns(NamedTuple):
     feet_range: np.ndarray | None  #: (T,) or None.
     others: list[str]  #: names of columns that are not used.
     notes: tuple[Note, ...]  #: notes about cells without a number, rows of several people or walks, names of columns.
-    time_unit: str | None  #: unit of `time`, as far as the table states it: "s" of dates, "ms" or "us" of a name.
+    time_unit: str | None  #: unit of `time`: "s" of dates, min and h, "ms" or "us" of a name; None: not stated.
     units: dict[str, dict[str, str]]  #: placement → "gyr", "acc" → unit, as far as the names of the columns state it.
 
 
@@ -154,6 +155,11 @@ def columns_of(
     Raises:
         RecordingError: if columns are missing or contain no numbers.
     """
+    if table.columns.nlevels > 1:
+        raise RecordingError(
+            f"{name} has columns of {table.columns.nlevels} levels, such as {tuple(map(str, table.columns[0]))}; "
+            "expected <placement>_gyr_x, …; recording_from_gaitmap reads two levels, sensor and channel"
+        )
     table = _with_time(table)
     given = [str(column) for column in table.columns]
     renamed = [column.strip().lower() for column in given]
@@ -162,6 +168,11 @@ def columns_of(
     ours = recognised(given, renamed, placement)
     renamed = [ours.get(index, column) for index, column in enumerate(renamed)]
     position = {column: index for index, column in reversed(list(enumerate(renamed)))}
+    if "time" not in position and COUNTER in position:
+        counted = unwrapped(_numbers(table.iloc[:, position[COUNTER]], COUNTER, name))
+        if counted is not None:
+            table = table.assign(**{given[position[COUNTER]]: counted})
+            position["time"] = position[COUNTER]
     placements_found = _placements(position, given, name)
     sensors: dict[str, dict[str, np.ndarray]] = {}
     units: dict[str, dict[str, str]] = {}
@@ -186,6 +197,8 @@ def columns_of(
         time, unit = _seconds(clock), "s"
         if time is None:
             time, unit = _numbers(clock, "time", name), unit_in_name(given[position["time"]])
+        if unit in LONG_UNITS:
+            time, unit = time * LONG_UNITS[unit], "s"
     apart = None
     if "feet_range" in position:
         used.add(position["feet_range"])
@@ -357,6 +370,7 @@ def read_csv(
 ) -> Recording:
     """A recording from a CSV file with a header; comma, semicolon or tab, decimal point or comma.
 
+    Lines above the header are left out, and noted; a row of units below it counts as units in the columns' names.
     Arguments as `recording_from_dataframe`; the names of the recording and of the person are that of the file
     without its ending, if none is given.
 

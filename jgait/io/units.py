@@ -94,7 +94,7 @@ def unit_of_columns(columns: Sequence[str], kind: str, name: str) -> str | None:
     Raises:
         RecordingError: if they state different units, one that is not known, or one of another signal.
     """
-    stated = [_stated(column) for column in columns]
+    stated = [stated_unit(column) for column in columns]
     if len({unit and (known_unit(unit) or unit) for unit in stated}) > 1:
         each = ", ".join(f"{column!r} {unit or 'none'}" for column, unit in zip(columns, stated, strict=True))
         raise RecordingError(
@@ -109,7 +109,7 @@ def unit_of_columns(columns: Sequence[str], kind: str, name: str) -> str | None:
     return known
 
 
-def _stated(column: str) -> str | None:
+def stated_unit(column: str) -> str | None:
     """The last text in the brackets of a column's name that is like a unit, or else the known unit at its end."""
     texts = [text.strip() for text in re.findall(IN_BRACKETS, column)]
     units = [text for text in texts if known_unit(text) or re.fullmatch(LIKE_A_UNIT, _plain(text))]

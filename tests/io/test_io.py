@@ -241,7 +241,8 @@ REFUSED = {
     ),
     "time repeats": (
         lambda t: t.assign(time=t.time.where(t.index % 17 != 0, t.time.shift(fill_value=-0.01))), {},
-        r"time repeats at row 17 \(the first row is 0\): 0.16 follows 0.16; 35 such rows in all: at most 1 %",
+        r"time repeats at row 17 \(the first row is 0\): 0.16 follows 0.16; 35 such rows in all. "
+        "If they are .* leave out the time and give sampling_rate_hz: there are 99.83 rows a second",
     ),
     "time backwards": (
         lambda t: later(t, -1.0), {}, r"time runs backwards at row 300 \(the first row is 0\): 2 follows 2.99",
@@ -261,7 +262,7 @@ REFUSED = {
     "rate": (lambda t: table(time=False), {"sampling_rate_hz": -1.0}, "sampling_rate_hz must be positive; got -1"),
     "milliseconds": (
         lambda t: t.assign(time=1000 * t.time), {"time_unit": "s"},
-        "samples are 10 s apart; walking needs at most 0.5 s; it seems to be in ms",
+        "samples are 10 s apart; walking needs at most 0.11 s; it seems to be in ms",
     ),
     "bursts": (
         lambda t: t.assign(time=0.05 * (t.index // 5) + 1e-4 * (t.index % 5)), {},
@@ -284,6 +285,10 @@ REFUSED = {
         r"recording lacks thigh_right_gyr_x; 'thigh_rigth_gyr_x' looks like 'thigh_right_gyr_x': correct the header of "
         r"the file; expected columns \['thigh_right_gyr_x', 'thigh_right_gyr_y', 'thigh_right_gyr_z'\]; columns not "
         "recognised: 'thigh_rigth_gyr_x'",
+    ),
+    "two levels": (
+        lambda t: pd.concat({"left_sensor": t}, axis=1), {},
+        r"has columns of 2 levels, such as \('left_sensor', 'time'\); expected .*; recording_from_gaitmap reads two",
     ),
     "short": (lambda t: t.iloc[:2], {}, "recording has 2 samples; at least 10 are needed"),
     "no known column": (

@@ -5,6 +5,7 @@ import pytest
 from made.frames import table
 
 from jgait import io
+from jgait.types import RecordingError
 
 
 def written(tmp_path, text):
@@ -86,3 +87,54 @@ def test_the_reader_of_other_names_notes_half_a_number(tmp_path):
     text = text_of(frame).rstrip("\n")
     path.write_text(text[: text.rindex(",") + 3])
     assert len(cut_notes(io.read(path))) == 1
+
+
+def test_lines_above_the_header_and_comments_are_left_out_and_noted(tmp_path):
+    expected = written(tmp_path, text_of())
+    for above in (
+        "# recorded 2026\n# rate, 100\n",
+        "Subject: 12,,,,\nRate [Hz]: 100,,,,\n\n",
+        "Name" + 12 * "," + "\n\n",
+    ):
+        recording = written(tmp_path, above + text_of())
+        lines = sum(map(bool, above.splitlines()))
+        (note,) = (note for note in recording.notes if note.code == "lines_above_header")
+        assert note.values["lines"] == lines and note.values["first"] == above.splitlines()[0]
+        np.testing.assert_array_equal(recording.sensors["shank_right"].acc, expected.sensors["shank_right"].acc)
+    saved = written(tmp_path, "# made by a program\n# " + text_of())  # as by numpy.savetxt
+    np.testing.assert_array_equal(saved.sensors["shank_right"].acc, expected.sensors["shank_right"].acc)
+    path = tmp_path / "walk.csv"
+    path.write_text("Subject: 12;;\nRate [Hz]: 100;;\n" + text_of(sep=";", decimal=","))
+    np.testing.assert_array_equal(io.read(path).sensors["shank_right"].acc, expected.sensors["shank_right"].acc)
+
+
+def test_a_row_of_units_below_the_header_sets_them_or_agrees(tmp_path):
+    head, *lines = text_of(table().assign(time=1000 * table().time)).splitlines()
+    units = ["[ms]"] + 2 * (3 * ["deg/s"] + 3 * ["m/s²"])
+    expected = written(tmp_path, text_of())
+    for header in (head, head.replace("gyr_x", "gyr_x (deg/s)").replace("time", "time_ms")):
+        recording = written(tmp_path, "\n".join([header, ",".join(units), *lines]))
+        np.testing.assert_allclose(recording.sensors["shank_right"].gyr, expected.sensors["shank_right"].gyr)
+        codes = [note.code for note in recording.notes]
+        assert {"units_below_header", "units_of_header"} <= set(codes) and "cells_without_number" not in codes
+    converted = text_of(table().assign(**{f"shank_right_gyr_{axis}": np.deg2rad(table()[f"shank_right_gyr_{axis}"])
+                                          for axis in "xyz"})).splitlines()  # fmt: skip
+    radians = ",".join(["s", *units[1:7], *3 * ["rad/s"], *units[10:]])
+    recording = written(tmp_path, "\n".join([converted[0], radians, *converted[1:]]))
+    np.testing.assert_allclose(recording.sensors["shank_right"].gyr, expected.sensors["shank_right"].gyr, atol=2e-5)
+    for wrong, message in (
+        (head.replace("gyr_x", "gyr_x (rad/s)"), r"'thigh_right_gyr_x \(rad/s\)' has 'deg/s' in the row below"),
+        (
+            head.replace("time", "time_us"),
+            "'time_us' has 'ms' in the row below the header; correct one of the two units",
+        ),
+    ):
+        with pytest.raises(RecordingError, match=message):
+            written(tmp_path, "\n".join([wrong, ",".join(units), *lines]))
+
+
+def test_rows_that_do_not_fit_the_first_line_are_refused_in_words(tmp_path):
+    with pytest.raises(
+        RecordingError, match="no table: line 3 has 3 values, and the header 1: 'My walk'; expected one"
+    ):
+        written(tmp_path, "My walk\na\n1,2,3\n")

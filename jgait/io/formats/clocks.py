@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jgait.io.clock import LONGEST_GAP_S, REPEATED, check_inserted, check_order
+from jgait.io.clock import LONGEST_GAP_S, REPEATED, check_inserted, check_order, steadied
 from jgait.notes import LOSSES, ORIGIN, Kind, Note
 from jgait.types import RecordingError
 
@@ -133,7 +133,9 @@ def one_clock(
             raise RecordingError(f"{name}: sensors without time stamps must have one rate and length; got {lengths}")
         if rate_hz is None and not rates:
             raise RecordingError(
-                f"{name} states neither time stamps nor a sampling rate; give {{argument}}", argument="sampling_rate_hz"
+                f"{name} states neither time stamps nor a sampling rate; give {{argument}} (a 'time' in steps of 1 "
+                "counts the samples; in ms, it must be called 'time_ms')",
+                argument="sampling_rate_hz",
             )
         return None, rate_hz or rates.pop()
     lost = [where for where, part in placed.items() if part.time is None]
@@ -148,6 +150,7 @@ def one_clock(
     same = [len(t) == len(times[0]) and np.abs(t - times[0]).max() < CLOCKS_APART * step for t in times]
     if all(same):
         return times[0], rate_hz or first.sampling_rate_hz
+    times = [t[0] + steadied(t - t[0], notes)[0] for t in times]
     begin, end = max(t[0] for t in times), min(t[-1] for t in times)
     if not end > begin:
         raise RecordingError(

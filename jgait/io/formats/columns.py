@@ -7,7 +7,8 @@ a folder; or gaitmap's two rows of names (`left_sensor`, `acc_x`); or mobgap's b
 
 *Units*: gaitmap's and mobgap's are stated by their documentation (m/s², deg/s), others by the names of columns
 (`shank_right_gyr_x [rad/s]`), else they are deduced from the signals. *Clock*: `time` in s, ms or us, as its name
-states or its steps suggest, or the sampling rate, which must be given. *Axes*: gaitmap's and mobgap's sensor frame by
+states or its steps suggest, or in min or h by its name; or the sampling rate, which must be given, perhaps with the
+numbers of the samples (`PacketCounter`, or a `time` that counts). *Axes*: gaitmap's and mobgap's sensor frame by
 their documentation, else not known.
 """
 
@@ -17,13 +18,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jgait.io.apart import apart, largest
-from jgait.io.clock import TIME_UNITS, check_order, unit_of_time
+from jgait.io.clock import TIME_UNITS, check_order, count_samples, unit_of_time
 from jgait.io.files import check_columns, check_file
 from jgait.io.formats.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_part
 from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.formats.text import check_lengths
 from jgait.io.names import CHANNELS, column_of, placement_of
-from jgait.io.rows import read_table
+from jgait.io.rows import header_at, read_table
 from jgait.io.tables import columns_of
 from jgait.io.write import PARQUET
 from jgait.notes import DEDUCED, ORIGIN, Kind, Note
@@ -75,8 +76,11 @@ def measured(path: Path) -> Measured:
     else:
         columns, labels = columns_of(table, name=path.name), {}
     notes, time = [*cut, *columns.notes], columns.time
+    packets = None
+    if time is not None and columns.time_unit is None and count_samples(time):
+        time, packets = None, time
     if time is not None and len(time) > 1:
-        check_order(time, path.name)
+        check_order(time, path.name, columns.time_unit)
         unit = unit_of_time(time, columns.time_unit, path.name)
         notes.append(TIME_UNIT_OF_FILE(file=path.name, unit=unit))
         time = TIME_UNITS[unit] * time
@@ -88,6 +92,7 @@ def measured(path: Path) -> Measured:
             time,
             gyr_unit=columns.units[where].get("gyr"),
             acc_unit=columns.units[where].get("acc"),
+            packets=packets,
             units_by="header",
         )
         for where, signals in columns.sensors.items()
@@ -115,6 +120,8 @@ def _table(path: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
     table, notes = read_table(path)
     lines = path.read_text(encoding="utf-8-sig").splitlines()
     rows = [row for row, line in enumerate(lines) if line.strip()]
+    above = header_at(lines)
+    rows = [row for row in rows if row >= above]
     separator = max((",", ";", "\t"), key=lines[rows[0]].count)
     second = [cell.strip().lower() for cell in lines[rows[1]].split(separator)]
     if set(CHANNELS[:3]) <= set(second) or set(BODY_GAITMAP[:3]) <= set(second):
@@ -122,7 +129,13 @@ def _table(path: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
         # gaitmap's own files begin a row with its number, below the names of the levels.
         numbered = None if second[0] in (*CHANNELS, *BODY_GAITMAP) else 0
         table = pd.read_csv(
-            path, sep=separator, decimal=decimal, header=[0, 1], index_col=numbered, encoding="utf-8-sig"
+            path,
+            sep=separator,
+            decimal=decimal,
+            header=[0, 1],
+            index_col=numbered,
+            encoding="utf-8-sig",
+            skiprows=above,
         )
     if not any('"' in line for line in lines):
         body = [lines[row] for row in rows[1:]]

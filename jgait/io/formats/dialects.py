@@ -42,6 +42,8 @@ def recording_from_gaitmap(
     sampling_rate_hz: float,
     *,
     placements: Mapping[str, str] = GAITMAP_PLACEMENTS,
+    gyr_unit: str | None = None,
+    acc_unit: str | None = None,
     name: str = "recording",
     subject: str = "subject",
 ) -> Recording:
@@ -52,10 +54,13 @@ def recording_from_gaitmap(
             state the frame: sensor (`acc_x`, …) or body (`acc_pa`, …), which is mirrored between the feet.
         sampling_rate_hz: of the data [Hz].
         placements: gaitmap's name of a sensor → its placement.
+        gyr_unit: 'deg/s', 'rad/s' or 'mdeg/s', for data that are not in gaitmap's unit; None: deg/s.
+        acc_unit: 'm/s^2', 'g' or 'mg', likewise; None: m/s².
         name: name of the recording in tables and figures.
         subject: name of the person.
 
     Raises:
+        ValueError: for an unknown unit.
         RecordingError: if columns are missing, sensors cannot be placed, or the recording is unusable.
     """
     if isinstance(dataset, Mapping):
@@ -69,7 +74,10 @@ def recording_from_gaitmap(
         )
     parts = gaitmap_parts(tables, name, placements)
     chosen = {part.label: placements[part.label] for part in parts if part.label in placements}
-    return settle(Measured(parts, name, subject), placements=chosen, sampling_rate_hz=sampling_rate_hz)
+    return settle(
+        Measured(parts, name, subject), placements=chosen, gyr_unit=gyr_unit, acc_unit=acc_unit,
+        sampling_rate_hz=sampling_rate_hz,
+    )  # fmt: skip
 
 
 def recording_from_mobgap(
@@ -77,6 +85,8 @@ def recording_from_mobgap(
     sampling_rate_hz: float,
     *,
     placement: str = "lower_back",
+    gyr_unit: str | None = None,
+    acc_unit: str | None = None,
     name: str = "recording",
     subject: str = "subject",
 ) -> Recording:
@@ -86,14 +96,19 @@ def recording_from_mobgap(
         table: `acc_x` … `gyr_z`, or `acc_is` … `gyr_pa`; m/s² and deg/s.
         sampling_rate_hz: of the data [Hz].
         placement: placement of the sensor.
+        gyr_unit: 'deg/s', 'rad/s' or 'mdeg/s', for data that are not in mobgap's unit; None: deg/s.
+        acc_unit: 'm/s^2', 'g' or 'mg', likewise; None: m/s².
         name: name of the recording in tables and figures.
         subject: name of the person.
 
     Raises:
+        ValueError: for an unknown unit.
         RecordingError: if columns are missing, as in mobgap's global frames, or the recording is unusable.
     """
     part = mobgap_part(table, name)._replace(placement=placement)
-    return settle(Measured([part], name, subject), sampling_rate_hz=sampling_rate_hz)
+    return settle(
+        Measured([part], name, subject), gyr_unit=gyr_unit, acc_unit=acc_unit, sampling_rate_hz=sampling_rate_hz
+    )
 
 
 def gaitmap_parts(

@@ -18,6 +18,7 @@ import numpy as np
 from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.settle import SLOW, sizes
 from jgait.io.formats.text import AXES, Rows, TextFormat
+from jgait.io.names import COLUMNS, column_of
 from jgait.notes import DEDUCED, Kind
 from jgait.types import RecordingError
 
@@ -31,9 +32,9 @@ RATES_TOO_LARGE = Kind(
 
 
 def is_header(cells: tuple[str, ...]) -> bool:
-    """Whether cells are the header of an Xsens sensor's file."""
+    """Whether cells are the header of an Xsens sensor's file, and not of a table that names the places of sensors."""
     plain = [cell.lower() for cell in cells]
-    return COUNTER.lower() in plain and len(plain) > 3
+    return COUNTER.lower() in plain and len(plain) > 3 and COLUMNS.isdisjoint({*map(column_of, cells)} - {"time"})
 
 
 def starts(path: Path, head: bytes) -> bool:

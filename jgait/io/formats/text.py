@@ -14,13 +14,11 @@ import numpy as np
 from jgait.io.clock import TIME_UNITS
 from jgait.io.files import LONGEST_NAME, check_columns, check_file
 from jgait.io.formats.part import Measured, joined
+from jgait.io.rows import HEADER_WITHIN
 from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit
 from jgait.types import RecordingError
 
 SEPARATORS = (",", ";", "\t")
-HEADER_WITHIN = 60
-"""[lines] Number of first lines that are searched for a header."""
-
 HEAD = 4096
 """[bytes] Number of first bytes of a file that are read to recognise its format."""
 

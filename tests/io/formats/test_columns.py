@@ -46,6 +46,27 @@ def test_time_in_milliseconds_and_columns_that_say_nothing(tmp_path):
     assert "columns left out: temperature" in texts(recording.notes)
 
 
+@pytest.mark.parametrize("name", ["PacketCounter", "time"])
+def test_numbers_of_samples_are_a_clock_if_the_rate_is_given(tmp_path, name):
+    path, table = named(tmp_path)
+    count = (np.arange(len(table)) + 2**16 - 50) % (2**16 if name == "PacketCounter" else 2**20)
+    table.rename(columns={"time": name}).assign(**{name: count}).drop(index=[60, 61]).to_csv(path, index=False)
+    recording = io.read(path, sampling_rate_hz=100.0)
+    assert list(np.flatnonzero(~made_files.check(recording))) == [60, 61]
+    again = io.recording_from_dataframe(pd.read_csv(path), sampling_rate_hz=100.0)
+    np.testing.assert_array_equal(again.sensors["foot_right"].mask, recording.sensors["foot_right"].mask)
+    with pytest.raises(RecordingError, match="give sampling_rate_hz .a 'time' in steps of 1 counts the samples"):
+        io.read(path)
+
+
+def test_time_in_minutes_or_hours_by_its_name(tmp_path):
+    path, table = named(tmp_path)
+    for name, seconds in (("time [min]", 60.0), ("Time (h)", 3600.0), ("time_h", 3600.0)):
+        table.rename(columns={"time": name}).assign(**{name: table["time"] / seconds}).to_csv(path, index=False)
+        made_files.check(io.read(path))
+        made_files.check(io.read_csv(path, time_unit="ms"))
+
+
 def test_one_sensor_a_file(tmp_path):
     for name in ("foot_right.csv", "Left Foot.csv"):
         made_files.named(tmp_path / name, prefix="", time=False)

@@ -1,0 +1,107 @@
+"""Clocks of recordings: stamps that jitter, repeat, or count, and rates at which nobody records a walk."""
+
+import numpy as np
+import pytest
+
+from jgait.io.clock import make_clock
+from jgait.io.formats.clocks import CLOCKS_JOINED, one_clock
+from jgait.io.formats.part import Part
+from jgait.types import RecordingError
+
+RATE_HZ, SAMPLES = 128.0, 3000
+
+
+def stamps(jitter_s, lost=()):
+    """Times [s] of samples that jitter, in order, without some samples."""
+    kept = np.setdiff1d(np.arange(SAMPLES), lost)
+    return np.sort(kept / RATE_HZ + np.random.default_rng(3).normal(0.0, jitter_s, len(kept)))
+
+
+def codes(clock):
+    return [note.code for note in clock.notes]
+
+
+@pytest.mark.parametrize("jitter_s", [0.001, 0.002, 0.003])
+@pytest.mark.parametrize("rate_hz", [None, RATE_HZ])
+def test_jitter_does_not_bend_the_rate_and_makes_no_losses(jitter_s, rate_hz):
+    clock = make_clock(SAMPLES, stamps(jitter_s), rate_hz, "s", "walk")
+    assert clock.sampling_rate_hz == pytest.approx(RATE_HZ, rel=1e-3)
+    np.testing.assert_array_equal(clock.rows, np.arange(SAMPLES))
+    np.testing.assert_allclose(np.diff(clock.time), 1 / RATE_HZ, rtol=0.02)
+    (note,) = (note for note in clock.notes if note.code == "stamps_jitter")
+    assert note.values["jitter_ms"] == pytest.approx(1e3 * jitter_s, rel=0.1)
+
+
+@pytest.mark.parametrize("lost", [[500], [500, 501, 502, 1500], range(800, 840)])
+def test_losses_are_found_in_spite_of_jitter(lost):
+    clock = make_clock(SAMPLES - len(lost), stamps(0.002, lost), None, "s", "walk")
+    assert clock.sampling_rate_hz == pytest.approx(RATE_HZ, rel=1e-3)
+    np.testing.assert_allclose(np.flatnonzero(clock.rows < 0), lost, atol=4)
+
+
+def test_a_pause_of_the_radio_whose_samples_arrive_late_has_lost_none():
+    time = np.arange(SAMPLES) / RATE_HZ
+    time[1000:1020] = np.maximum(time[1000:1020], time[1020] - 0.0005 * np.arange(20, 0, -1))
+    clock = make_clock(SAMPLES, time, None, "s", "walk")
+    assert (clock.rows >= 0).all() and "stamps_jitter" in codes(clock)
+    assert clock.sampling_rate_hz == pytest.approx(RATE_HZ, rel=1e-3)
+
+
+def test_a_clock_that_drifts_is_followed_and_few_late_stamps_among_losses_change_nothing():
+    time = stamps(0.002)
+    slow = 0.02 * np.sin(time / 4.0)
+    clock = make_clock(SAMPLES, time + slow, None, "s", "walk")
+    wanted = np.arange(SAMPLES) / RATE_HZ + slow
+    np.testing.assert_allclose(clock.time - clock.time.mean(), wanted - wanted.mean(), atol=0.002)
+    lost = np.arange(3, SAMPLES, 4)
+    time = stamps(0.0, lost)
+    time[400] += 0.006
+    clock = make_clock(len(time), time, None, "s", "walk")
+    assert codes(clock) == ["sampling_rate_deduced", "gaps_filled"]
+    assert clock.sampling_rate_hz == pytest.approx(RATE_HZ, rel=1e-3)
+
+
+def test_sensors_whose_own_stamps_jitter_lose_nothing_where_they_are_joined():
+    time, gyr = np.arange(SAMPLES) / RATE_HZ, np.ones((SAMPLES, 3))
+    parts = {"foot_left": Part("a", gyr, time=time), "foot_right": Part("b", gyr, time=0.1 + stamps(0.002))}
+    sensors, notes = {name: {"gyr": part.gyr} for name, part in parts.items()}, []
+    one_clock(parts, sensors, None, "walk", notes)
+    assert np.isfinite(sensors["foot_right"]["gyr"]).all()
+    assert [note.code for note in notes] == ["stamps_jitter", CLOCKS_JOINED.code]
+
+
+def test_numbers_of_samples_are_a_clock_if_the_rate_is_given():
+    clock = make_clock(99, np.delete(np.arange(100.0), 40) + 7, 50.0, None, "walk")
+    np.testing.assert_allclose(clock.time, np.arange(100) / 50.0)
+    assert list(np.flatnonzero(clock.rows < 0)) == [40]
+    assert make_clock(100, np.arange(100.0), None, "ms", "walk").sampling_rate_hz == 1000.0
+
+
+REFUSED = {
+    "jitter that turns rows round": (
+        np.arange(600) / 100 + np.random.default_rng(3).normal(0.0, 0.006, 600).round(5), None, None,
+        r"backwards at row 1 .* \(packets, coarse stamps\), leave out the time and give "
+        r"sampling_rate_hz: there are 100\.\d rows a second",
+    ),
+    "coarse stamps in milliseconds": (
+        20 * (np.arange(600) // 2), None, None, "repeats at row 1 .*: there are 100.* rows a second. Drop rows",
+    ),
+    "numbers of samples": (
+        np.arange(600) + 7, None, None,
+        r"time counts the samples \(7, 8, …\), so sampling_rate_hz is needed; if it is in ms",
+    ),
+    "ticks": (
+        np.arange(600) * 328, None, None,
+        "the time's steps are 328, so the sampling rate would be 0.003049 Hz in s, 3.049 Hz in ms, 3049 Hz in us; "
+        "expected 9.1 to 2000 Hz. Write the time in s; divide ticks",
+    ),
+    "slow stamps": (np.arange(600) * 0.2, None, None, "steps are 0.2, so the sampling rate would be 5 Hz in s"),
+    "slow rate": (None, 5.0, None, "sampling_rate_hz is 5 Hz; walking needs at least 9.1 Hz"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_clocks_that_are_refused(name):
+    time, rate_hz, unit, message = REFUSED[name]
+    with pytest.raises(RecordingError, match=message):
+        make_clock(600, time, rate_hz, unit, "walk")
