@@ -363,16 +363,19 @@ def test_angles_of_a_knee_that_nobody_bends_are_not_usable_and_their_distance_do
     assert distance.doubtful
 
 
-@pytest.mark.parametrize(("lacks", "doubtful"), [("shank_left", True), ("shank_right", False)])
-def test_a_side_that_lacks_steps_is_in_doubt_if_it_alone_counts(walked, analysis, lacks, doubtful):
+@pytest.mark.parametrize(("lacks", "counts"), [("shank_left", 1.0), ("shank_right", 0.0)])
+def test_swings_too_small_to_be_counted_are_in_the_deviation_of_their_side(walked, analysis, lacks, counts):
     shanks = next(source for source in analysis.sources if source.name == "shanks")
     notes = (*shanks.estimate.diagnostics["notes"], SWINGS_SMALL(placement=lacks, swings=4, strides=12))
     told = shanks.estimate._replace(diagnostics={**shanks.estimate.diagnostics, "notes": notes})
-    (distance,), found = distances(
-        [shanks._replace(estimate=told)], walked[0], PERSON, frozenset({"shank_right"}), frozenset()
-    )
+    wrong = frozenset({"shank_right"})
+    ways = [distances([one], walked[0], PERSON, wrong, frozenset()) for one in (shanks, shanks._replace(estimate=told))]
+    ((before,), _), ((after,), found) = ways
     assert [note.values["side"] for note in found] == ["left"]
-    assert distance.doubtful == doubtful
+    assert not after.doubtful
+    left = np.asarray(told.strides.length)[np.asarray(told.strides.side) == 1]
+    more = np.sqrt(after.stddev**2 - before.stddev**2)
+    assert more == pytest.approx(counts * 0.5 * 4 * np.median(left), abs=1e-3)
 
 
 def test_strides_that_only_a_wrong_sensor_measured_do_not_count_in_means(walked):
