@@ -126,6 +126,25 @@ def test_the_distance_is_combined_too(walked, analysis):
     np.testing.assert_allclose(analysis.estimate.distance[-1], told["combined"].value)
 
 
+def test_a_step_is_its_share_of_the_combined_stride(analysis):
+    sources = {source.name: source.estimate for source in analysis.sources}
+    own, spread = sources["waist"].strides, sources["waist"].strides_stddev
+    longer = own._replace(length=1.1 * own.length, step_length=1.1 * own.step_length)
+    scaled = [
+        source._replace(estimate=source.estimate._replace(strides=longer)) if source.name == "waist" else source
+        for source in analysis.sources if source.name != "width"
+    ]  # fmt: skip
+    found = joined(scaled)
+    shared = found.used["waist"] & found.used["feet"]
+    assert shared.sum() > 5
+    row, length = found.rows["waist"][shared], found.strides.length[shared]
+    share = np.asarray(own.step_length)[row] / np.asarray(own.length)[row]
+    np.testing.assert_allclose(found.strides.step_length[shared], share * length)
+    factor = length / (1.1 * np.asarray(own.length)[row])
+    assert np.median(factor) < 0.97
+    np.testing.assert_allclose(found.stddev.step_length[shared], np.asarray(spread.step_length)[row] * factor)
+
+
 def test_a_waist_with_too_short_strides_does_not_pull_what_feet_measure():
     person = simulate.walking(simulate.Person()._replace(gait=simulate.Gait(steps=16.0)), "shuffling")
     recording, truth = simulate.recording(
@@ -210,6 +229,7 @@ def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
     of_length = tables["summary"].set_index("measure").loc["stride_length"]
     assert of_length["mean"] == pytest.approx(whole["stride_length_m"].median(), rel=0.02)
     assert 0.0 < of_length["std"] < 0.1 and of_length["error_std"] > 0.0
+    assert "step_length_m" in strides and "step_length" not in set(tables["summary"]["measure"])  # without a range
     assert tables["bouts"]["distance_m"].item() == pytest.approx(analysis.estimate.distance[-1])
     contacts = tables["contacts"]
     assert (np.diff(contacts["time_s"]) >= 0.0).all()
