@@ -317,6 +317,18 @@ def test_exchanged_feet_contradict_the_waist(walked):
     assert "waist and feet say the opposite" in str(note)
 
 
+def test_walking_backwards_is_named_where_the_waist_or_the_knees_contradict(walked):
+    backwards = {
+        name: imu._replace(gyr=-imu.gyr[::-1], acc=imu.acc[::-1], mask=imu.mask[::-1])
+        for name, imu in only(walked[0], "pelvis", *simulate.FOUR).sensors.items()
+    }  # fmt: skip
+    found = jgait.analyse(walked[0]._replace(sensors=backwards), PERSON)
+    (contacts,) = of_code(found.notes, "feet_of_contacts_differ")
+    knees = of_code(found.notes, "knee_implausible")
+    assert len(knees) == 2 and "walks backwards" in str(contacts)
+    assert all("walks backwards" in note.kind.meaning and note.values["high"] < 45.0 for note in knees)
+
+
 def test_sensors_in_a_wrong_unit_are_left_out(walked):
     ankle = walked[0].sensors["ankle_right"]
     found = jgait.analyse(changed(only(walked[0], *FEET), ankle_right=ankle._replace(gyr=np.rad2deg(ankle.gyr))))
