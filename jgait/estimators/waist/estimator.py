@@ -192,8 +192,8 @@ and number of them that is not noted: straight strides of `ipol_gait` are faster
 
 LONGER = 1.2
 """[1] Duration of a stride over the median of those walked, from which on it is of a slower part, if more than `FEW`
-are. In such parts of simulated walks lengths are too large by more than three deviations; of the straight strides of
-each walk of `ipol_gait` and `mobgap_lab` at most two last as long."""
+are. In such parts of simulated walks lengths are too large by more than three deviations, in those of `tripod` they are
+not. Of the straight strides of each walk of `ipol_gait` and `mobgap_lab` at most two last as long."""
 
 
 UNLIKE_SD = 0.35
