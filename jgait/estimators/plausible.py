@@ -51,7 +51,7 @@ KNEE_IMPLAUSIBLE = Kind(
     "knee_implausible",
     "stop",
     "{side}: the knee reaches {low:.0f} to {high:.0f}°; {percent:.0f} % of its samples are beyond what a knee does",
-    CAUSES,
+    f"{CAUSES} Knees that bend the wrong way on both sides can also mean that the person walks backwards.",
 )
 KNEE_STIFF = Kind(
     "knee_stiff",

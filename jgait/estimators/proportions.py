@@ -30,8 +30,10 @@ FROM_HEIGHT = Kind(
 )  # fmt: skip
 
 HEIGHT_ABSENT = Kind(
-    "height_absent", "check", "the person's height is not given, nor {measures}: those of a usual adult are taken",
-    DEFAULT_MEASURE,
+    "height_absent", "check", "the person's height is not given, nor {measures}: those of a usual adult are taken, and "
+    "deviations hold for adults alone",
+    f"{DEFAULT_MEASURE} Lengths and distance of a child by a waist's sensor are then too large by half and more, and "
+    "so is the distance by thighs and shanks.",
 )  # fmt: skip
 
 

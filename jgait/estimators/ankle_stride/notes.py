@@ -29,5 +29,6 @@ SWINGS_SMALL = Kind(
     "check",
     "{placement}: {swings} {swings:swing is|swings are} too slow or too small to be counted, beside {strides} "
     "{strides:stride|strides}",
-    "Strides and distance lack steps if the person took very short or very slow steps there.",
+    "Strides and distance lack steps if the person took very short or very slow steps there; legs that tremble make "
+    "such swings too. The deviation of the distance from all sensors contains half a stride for each.",
 )

@@ -22,8 +22,8 @@ LENGTHS_DIFFER = Kind(
 )  # fmt: skip
 FEET_OF_CONTACTS_DIFFER = Kind(
     "feet_of_contacts_differ", "check", "right and left: {source} and {other} say the opposite of {opposite} of "
-    "{contacts} contacts: the labels of the right and left sensors seem exchanged, or the waist's sensor faces "
-    "the other way",
+    "{contacts} contacts: the labels of the right and left sensors seem exchanged, the waist's sensor faces the other "
+    "way, or the person walks backwards",
     WRONG_PLACE,
 )  # fmt: skip
 CONTACTS_APART = Kind(

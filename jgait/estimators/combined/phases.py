@@ -61,6 +61,11 @@ SHARES = (np.arange(64) + 0.5) / 64.0
 STRIDE_S = (0.7, 2.2)
 """[s] Shortest and longest stride."""
 
+PAUSES, MOSTLY = 1.5, 0.5
+"""[1] Least time to the next swing over the duration of a stride that ends in standing: its last swing only draws the
+foot beside the other, so that thighs move otherwise in it. [1] Share of such strides beyond which the phase of a thigh
+is not sure."""
+
 
 class _Phase(NamedTuple):
     """Phase of a sensor's movement in the stride [strides], without its segment's offset; coherence and share."""
@@ -150,6 +155,7 @@ def swing_phases(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
     if whole.sum() < FEWEST_STRIDES:
         return [], set()
     begins, ends = swings[:-1][whole], swings[1:][whole]
+    closing = np.mean(np.append(lasts[1:] > PAUSES * lasts[:-1], True)[whole]) > MOSTLY
     phases: dict[str, float] = {}
     found: dict[str, float] = {}
     unsure: set[str] = set()
@@ -159,7 +165,7 @@ def swing_phases(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
         found[name] = phase.phase
         if phase.coherence > LEAST_COHERENCE and phase.share > LEAST_SHARE:
             phases[name] = phase.phase
-            if phase.coherence < SURE or (kind_of(name) == "thigh" and phase.share < SURE_THIGH):
+            if phase.coherence < SURE or (kind_of(name) == "thigh" and (closing or phase.share < SURE_THIGH)):
                 unsure.add(name)
     thighs = [f"thigh_{side}" for side in SIDES]
     later = _thighs_shifted(sensors, begins, ends) if set(thighs) <= set(found) else 0.0

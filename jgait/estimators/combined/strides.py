@@ -257,8 +257,13 @@ def _told(
             if field == "length":
                 used = frozenset(name for name, keeps in zip(known, kept, strict=True) if keeps)
                 contradicts = not kept.all()
-    if contradicts and given["step_length"] not in used:  # half of a length that is not used
-        values["step_length"] = spread["step_length"] = np.nan
+    stepped = given["step_length"]
+    own, _ = _of(by_name[stepped], "length", group[stepped])
+    share = values["length"] / own if own > 0.0 else np.nan
+    if contradicts and stepped not in used:  # half of a length that is not used
+        share = np.nan
+    for both in (values, spread):  # a part of the combined stride
+        both["step_length"] *= share
     if length > 0.0:
         values["speed"] = speed * values["length"] / length
     if length_sd > 0.0:

@@ -18,7 +18,7 @@ from jgait.estimators.waist.about import ABOUT, SIDE_KNOWN
 from jgait.estimators.waist.bouts import LEAST_S, missed
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.motion import TrunkMotion
-from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, FALLS_FREELY, SHORT_OR_SLOW, WALKING_MISSED
+from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, FALLS_FREELY, SHORT_OR_SLOW, SLOWER_PART, WALKING_MISSED
 from jgait.estimators.waist.params import (
     DEFAULT,
     KNOWN,
@@ -190,6 +190,12 @@ SLOW, FEW = 0.6, 4
 and number of them that is not noted: straight strides of `ipol_gait` are faster but the last ones of a walk."""
 
 
+LONGER = 1.2
+"""[1] Duration of a stride over the median of those walked, from which on it is of a slower part, if more than `FEW`
+are. In such parts of simulated walks lengths are too large by more than three deviations, in those of `tripod` they are
+not. Of the straight strides of each walk of `ipol_gait` and `mobgap_lab` at most two last as long."""
+
+
 UNLIKE_SD = 0.35
 """[1] Standard deviation of lengths and distance over themselves in walks unlike those from which the pendulum was
 learned, and of strides that turn, which may be steps on the spot. Chosen by simulated people who shuffle, limp or run
@@ -215,7 +221,7 @@ def _doubts(result: Estimate, contacts: np.ndarray, options: WaistOptions) -> tu
     `FREE`); and (n,) bool, the strides that are unlike those from which the pendulum was learned.
 
     Strides are short or slow all together, if their median is below `SHORTEST` or `SLOWEST`, or each for itself (see
-    `SLOW`).
+    `SLOW`), or slower than the others (see `LONGER`).
     """
     strides, notes = result.strides, []
     kept = np.asarray(strides.valid, bool)
@@ -225,20 +231,26 @@ def _doubts(result: Estimate, contacts: np.ndarray, options: WaistOptions) -> tu
     if not spread <= DOUBTFUL * abs(way) or way <= 0.0:
         of = "" if options.distance == "fused" else f' (distance="{options.distance}")'
         notes.append(DISTANCE_DOUBTFUL(option=of, distance_m=way, within_m=2.0 * spread))
-    unlike = np.zeros(len(kept), bool)
+    unlike, force = np.zeros(len(kept), bool), felt(result, contacts)
+    runs = kept & (force < FREE)
     if options.distance in ("fused", "pendulum"):
         length, speed, turn = (as_float(part) for part in (strides.length, strides.speed, strides.turn))
         turning = kept & (np.abs(turn) > TURNING)
         noted = slow = kept & (speed < SLOW) & ~turning
         if np.median(length[kept]) < SHORTEST or np.median(speed[kept]) < SLOWEST:
             noted, slow = kept & ((length < SHORTEST) | (speed < SLOWEST)), kept
+        lasts = as_float(strides.end) - as_float(strides.start)
+        usual = float(np.median(lasts[kept & ~runs])) if (kept & ~runs).any() else np.inf
+        slower = kept & (lasts > LONGER * usual) & ~turning & ~slow
         if slow is kept or slow.sum() > FEW:
             middle = {"length_m": np.median(length[noted]), "speed": np.median(speed[noted])}
             notes.append(SHORT_OR_SLOW(strides=noted.sum(), of=kept.sum(), **middle, least_m=SHORTEST, slowest=SLOWEST))
+        if slower.sum() > FEW:
+            seconds = float(np.median(lasts[slower]))
+            notes.append(SLOWER_PART(strides=slower.sum(), of=kept.sum(), seconds=seconds, usual=usual))
+            slow = slow | slower
         beside = np.convolve(slow, np.ones(2 * EDGE_STEPS + 1))[EDGE_STEPS:-EDGE_STEPS] > 0.0  # a person stops
         unlike = (kept & beside) | turning
-    force = felt(result, contacts)
-    runs = kept & (force < FREE)
     if runs.sum() > FEW:
         share = 100.0 * max(float(np.median(force[runs])), 0.0)
         notes.append(FALLS_FREELY(strides=runs.sum(), of=kept.sum(), share_pct=share))

@@ -126,6 +126,25 @@ def test_the_distance_is_combined_too(walked, analysis):
     np.testing.assert_allclose(analysis.estimate.distance[-1], told["combined"].value)
 
 
+def test_a_step_is_its_share_of_the_combined_stride(analysis):
+    sources = {source.name: source.estimate for source in analysis.sources}
+    own, spread = sources["waist"].strides, sources["waist"].strides_stddev
+    longer = own._replace(length=1.1 * own.length, step_length=1.1 * own.step_length)
+    scaled = [
+        source._replace(estimate=source.estimate._replace(strides=longer)) if source.name == "waist" else source
+        for source in analysis.sources if source.name != "width"
+    ]  # fmt: skip
+    found = joined(scaled)
+    shared = found.used["waist"] & found.used["feet"]
+    assert shared.sum() > 5
+    row, length = found.rows["waist"][shared], found.strides.length[shared]
+    share = np.asarray(own.step_length)[row] / np.asarray(own.length)[row]
+    np.testing.assert_allclose(found.strides.step_length[shared], share * length)
+    factor = length / (1.1 * np.asarray(own.length)[row])
+    assert np.median(factor) < 0.97
+    np.testing.assert_allclose(found.stddev.step_length[shared], np.asarray(spread.step_length)[row] * factor)
+
+
 def test_a_waist_with_too_short_strides_does_not_pull_what_feet_measure():
     person = simulate.walking(simulate.Person()._replace(gait=simulate.Gait(steps=16.0)), "shuffling")
     recording, truth = simulate.recording(
@@ -210,6 +229,7 @@ def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
     of_length = tables["summary"].set_index("measure").loc["stride_length"]
     assert of_length["mean"] == pytest.approx(whole["stride_length_m"].median(), rel=0.02)
     assert 0.0 < of_length["std"] < 0.1 and of_length["error_std"] > 0.0
+    assert "step_length_m" in strides and "step_length" not in set(tables["summary"]["measure"])  # without a range
     assert tables["bouts"]["distance_m"].item() == pytest.approx(analysis.estimate.distance[-1])
     contacts = tables["contacts"]
     assert (np.diff(contacts["time_s"]) >= 0.0).all()
@@ -297,6 +317,18 @@ def test_exchanged_feet_contradict_the_waist(walked):
     assert "waist and feet say the opposite" in str(note)
 
 
+def test_walking_backwards_is_named_where_the_waist_or_the_knees_contradict(walked):
+    backwards = {
+        name: imu._replace(gyr=-imu.gyr[::-1], acc=imu.acc[::-1], mask=imu.mask[::-1])
+        for name, imu in only(walked[0], "pelvis", *simulate.FOUR).sensors.items()
+    }  # fmt: skip
+    found = jgait.analyse(walked[0]._replace(sensors=backwards), PERSON)
+    (contacts,) = of_code(found.notes, "feet_of_contacts_differ")
+    knees = of_code(found.notes, "knee_implausible")
+    assert len(knees) == 2 and "walks backwards" in str(contacts)
+    assert all("walks backwards" in note.kind.meaning and note.values["high"] < 45.0 for note in knees)
+
+
 def test_sensors_in_a_wrong_unit_are_left_out(walked):
     ankle = walked[0].sensors["ankle_right"]
     found = jgait.analyse(changed(only(walked[0], *FEET), ankle_right=ankle._replace(gyr=np.rad2deg(ankle.gyr))))
@@ -363,16 +395,19 @@ def test_angles_of_a_knee_that_nobody_bends_are_not_usable_and_their_distance_do
     assert distance.doubtful
 
 
-@pytest.mark.parametrize(("lacks", "doubtful"), [("shank_left", True), ("shank_right", False)])
-def test_a_side_that_lacks_steps_is_in_doubt_if_it_alone_counts(walked, analysis, lacks, doubtful):
+@pytest.mark.parametrize(("lacks", "counts"), [("shank_left", 1.0), ("shank_right", 0.0)])
+def test_swings_too_small_to_be_counted_are_in_the_deviation_of_their_side(walked, analysis, lacks, counts):
     shanks = next(source for source in analysis.sources if source.name == "shanks")
     notes = (*shanks.estimate.diagnostics["notes"], SWINGS_SMALL(placement=lacks, swings=4, strides=12))
     told = shanks.estimate._replace(diagnostics={**shanks.estimate.diagnostics, "notes": notes})
-    (distance,), found = distances(
-        [shanks._replace(estimate=told)], walked[0], PERSON, frozenset({"shank_right"}), frozenset()
-    )
+    wrong = frozenset({"shank_right"})
+    ways = [distances([one], walked[0], PERSON, wrong, frozenset()) for one in (shanks, shanks._replace(estimate=told))]
+    ((before,), _), ((after,), found) = ways
     assert [note.values["side"] for note in found] == ["left"]
-    assert distance.doubtful == doubtful
+    assert not after.doubtful
+    left = np.asarray(told.strides.length)[np.asarray(told.strides.side) == 1]
+    more = np.sqrt(after.stddev**2 - before.stddev**2)
+    assert more == pytest.approx(counts * 0.5 * 4 * np.median(left), abs=1e-3)
 
 
 def test_strides_that_only_a_wrong_sensor_measured_do_not_count_in_means(walked):
@@ -494,7 +529,8 @@ def test_every_code_by_which_a_sensor_is_accused_is_that_of_a_check():
 
 def test_a_missing_height_is_said_only_where_it_matters(walked):
     for sensors, said in ((FEET, False), (("pelvis",), True)):
-        assert ("height_absent" in codes(jgait.analyse(only(walked[0], *sensors)).notes)) == said
+        absent = of_code(jgait.analyse(only(walked[0], *sensors)).notes, "height_absent")
+        assert ["deviations hold for adults alone" in str(note) for note in absent] == [True] * said
 
 
 def test_a_stiff_leg_turns_less_and_counts_and_a_wrong_unit_does_not():

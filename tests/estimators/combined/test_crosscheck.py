@@ -39,6 +39,15 @@ def test_a_correct_walk_raises_nothing(recording):
     assert not found.unusable and not found.doubtful
 
 
+def test_short_bouts_whose_strides_mostly_end_in_standing_raise_nothing():
+    person = simulate.Person(gait=simulate.gait(speed=1.1, stature=1.75))
+    ways, breaks = [simulate.straight(2.4)] * 5, [3.0] * 4
+    walked, _ = simulate.with_breaks(jax.random.key(0), person, ways, breaks, OPAL, placements=LEGS)
+    assert crosscheck(walked).notes == ()
+    (note,) = crosscheck(exchanged(walked, "shank_right", "shank_left")).notes
+    assert note.code == "sides_exchanged"
+
+
 def test_one_sensor_alone_raises_nothing(recording):
     for name in ("pelvis", "foot_left", "shank_right"):
         assert crosscheck(only(recording, name)).notes == ()

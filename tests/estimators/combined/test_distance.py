@@ -193,3 +193,28 @@ def test_a_bout_that_only_one_side_saw_has_its_whole_length():
     at = [np.interp(pause, each.time, each.distance) for each in (found.estimate, truth.estimate)]
     assert at[0] == pytest.approx(at[1], rel=0.02)
     assert found.estimate.distance[-1] == pytest.approx(truth.estimate.distance[-1], rel=0.02)
+
+
+VARIES = {"length_variability": 0.02, "time_variability": 0.02}
+CREEPING = simulate.gait(speed=0.12, stride_length=0.25, length_variability=0.05, time_variability=0.05)
+
+
+@pytest.mark.parametrize(
+    ("number", "gait", "along", "near"),
+    [
+        (2, CREEPING, simulate.straight(4.0), "shanks"),
+        (1, simulate.gait(speed=1.1, stature=1.75, **VARIES), simulate.faster(5.0, 1.0, 0.1), "legs"),
+    ],
+)
+def test_what_shanks_miss_is_in_the_deviation_and_legs_that_count_every_movement_do_not_win(number, gait, along, near):
+    """In a walk of 0.12 m/s legs add up three times the distance; in a slow part they see steps that shanks miss."""
+    key = jax.random.key(number)
+    walker = simulate.covering(key, simulate.Person(gait=gait), along)
+    recording, truth = simulate.recording(key, walker, along, MPU6000, placements=simulate.FOUR)
+    found = jgait.analyse(recording, {"height": 1.75})
+    assert of_code(found.notes, "swings_too_small")
+    told = {one.source: one for one in found.comparisons if one.quantity == "distance"}
+    true = float(truth.estimate.distance[-1])
+    assert abs(told["combined"].value - true) < 2.0 * told["combined"].stddev
+    assert abs(told["combined"].value - told[near].value) < 0.02 * true
+    assert abs(told["shanks"].value - true) < 3.0 * told["shanks"].stddev

@@ -257,6 +257,18 @@ def test_some_slow_strides_in_a_usual_walk_are_noted():
     assert estimate.diagnostics["distance_stddev"][-1] > 0.35 * measured * estimate.distance[-1]
 
 
+@pytest.mark.parametrize(("speed", "noted"), [(1.0, False), (0.7, True)])
+def test_a_slower_part_of_a_walk_is_noted_and_uncertain(speed, noted):
+    estimate = estimated(joined(walk(speed=1.2).recording, walk(speed=speed, steps=10).recording))
+    lasts = estimate.strides.end - estimate.strides.start
+    long = (lasts > 1.2 * np.median(lasts)) & (estimate.strides.speed > 0.6)
+    assert (long.sum() > 4) == noted
+    found = of_code(estimate.diagnostics["notes"], "slower_part")
+    assert [note.values["strides"] for note in found] == [long.sum()] * noted
+    share = estimate.strides_stddev.length / estimate.strides.length
+    assert (not noted or np.all(share[long] > 0.35)) and np.all(share[2:14] < 0.1)
+
+
 def test_in_a_walk_that_is_slow_on_the_whole_only_slow_strides_are_counted_and_all_are_uncertain():
     estimate = estimated(joined(walk(steps=8).recording, walk(speed=0.5).recording))
     (note,) = of_code(estimate.diagnostics["notes"], "short_or_slow_strides")
