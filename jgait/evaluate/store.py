@@ -4,18 +4,13 @@ Every finished batch is a folder of CSV files, written under a name that begins 
 is atomic: if the process is killed at any moment, only the unfinished batch is lost.
 """
 
-import functools
-import hashlib
-import inspect
 import json
 import os
-import re
 import shutil
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import PyTree
 
@@ -218,48 +213,3 @@ def read_table(path: Path, table: str) -> "pd.DataFrame":
         return text[name].to_numpy(dtype=object) if name in _TEXT else [float(v) if v else np.nan for v in text[name]]
 
     return frame(table, {name: cells(name) for name in COLUMNS[table]})
-
-
-def described(value: object) -> str:
-    """Text equal in every process: a function by name, code and closure; arrays by content."""
-    if isinstance(value, functools.partial):
-        return f"partial({described(value.func)}, {described(value.args)}, {described(value.keywords)})"
-    if inspect.isfunction(value):
-        if hasattr(value, "__wrapped__"):
-            return described(value.__wrapped__)
-        held = {name: _held(inner) for name, inner in inspect.getclosurevars(value).nonlocals.items()}
-        inside = ", ".join(f"{name}: {held[name]}" for name in sorted(held))
-        text = f"{value.__module__}.{value.__qualname__}" + (f" {{{inside}}}" if held else "")
-        # All lambdas have the same name, so the code is part of the text.
-        return f"{text} {_digest(_code(value))}" if "<" in value.__qualname__ else text
-    if callable(value) and not isinstance(value, type) and not hasattr(value, "_fields"):
-        return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
-    if isinstance(value, jax.Array | np.ndarray) and np.ndim(value):
-        array = np.asarray(value)
-        return f"{array.dtype}{list(array.shape)} {_digest(array.tobytes())}"
-    if isinstance(value, jax.Array | np.generic | np.ndarray):
-        return repr(value.item())
-    if isinstance(value, tuple) and hasattr(value, "_fields"):
-        inner = ", ".join(f"{k}={described(v)}" for k, v in zip(value._fields, value, strict=True))
-        return f"{type(value).__name__}({inner})"
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{k}: {described(v)}" for k, v in sorted(value.items())) + "}"
-    if isinstance(value, tuple | list):
-        return "(" + ", ".join(map(described, value)) + ")"
-    return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
-
-
-def _held(value: object) -> str:
-    """A value in a function's closure as text; an object that may change (counter, cache, table) by its type alone."""
-    plain = isinstance(value, tuple | str | bytes | int | float | Path | jax.Array | np.ndarray | np.generic)
-    return described(value) if plain or value is None or inspect.isfunction(value) else type(value).__name__
-
-
-def _code(function: Callable[..., PyTree]) -> bytes:
-    code = function.__code__
-    constants = [c for c in code.co_consts if not inspect.iscode(c)]
-    return code.co_code + repr((code.co_names, constants)).encode()
-
-
-def _digest(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()[:16]

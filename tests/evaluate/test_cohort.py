@@ -15,7 +15,7 @@ from made.notes import note, texts
 from jgait import evaluate, tune
 from jgait.estimators import leg_ekf
 from jgait.evaluate import buckets, devices, losses, scores, store
-from jgait.evaluate.store import Folder, described
+from jgait.evaluate.store import Folder
 from jgait.notes import Kind, from_json
 from jgait.simulate import protocols
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, Strides, Walk
@@ -406,16 +406,6 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
     (tmp_path / "a" / ".0-part-0-000009").mkdir()
     Folder(tmp_path / "a", json.loads((tmp_path / "a" / "cohort.json").read_text()))
     assert not (tmp_path / "a" / ".0-part-0-000009").exists()
-
-
-def test_descriptions_tell_apart_what_gives_other_results():
-    default, paper = leg_ekf.estimator(), leg_ekf.estimator(leg_ekf.PAPER)
-    assert described(default.prepare) == described(leg_ekf.estimator().prepare)
-    assert described(default.prepare) != described(paper.prepare)
-    assert "rate_hz=50.0" in described(paper.prepare)
-    assert described(lambda x: x + 1) != described(lambda x: x + 2)
-    assert described(np.arange(3.0)) != described(np.arange(1.0, 4.0))
-    assert " at 0x" not in described({"a": object(), "b": (object(),)})
 
 
 def test_tables_over_subjects_and_agreement(twenty):
