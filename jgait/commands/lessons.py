@@ -13,7 +13,7 @@ from jgait.estimators import Estimator
 from jgait.estimators.proportions import SENSOR_SHARE
 from jgait.params import check_params
 from jgait.tune import Lessons, objective, parsed
-from jgait.types import RecordingError, Walk
+from jgait.types import Recording, RecordingError, Walk
 
 
 def losses_of(option: str, text: str) -> dict[str, float]:
@@ -30,6 +30,32 @@ def check_answers(pipeline: Estimator[PyTree, PyTree], losses: Sequence[str]) ->
         objective(pipeline, None, dict.fromkeys(losses, 1.0))
     except ValueError as error:
         stop(str(error))
+
+
+def prepared(
+    source: cohorts.Source, pipeline: Estimator[PyTree, PyTree], failures: list[tuple[str, str]]
+) -> tuple[cohorts.Source, Estimator[PyTree, PyTree]]:
+    """The cohort, read, without the signals of its sensors, and an estimator that has prepared its recordings. Walks
+    that cannot be read are added to the failures.
+    """
+    made: dict[str, PyTree] = {}
+    walks = []
+    with progress() as bars:
+        bar = Bar(bars)
+        for walk in source.walks(failures, lambda number: bar("reading", number, len(source.items))):
+            name = walk.recording.name
+            try:
+                made[name] = pipeline.prepare(walk.recording)
+            except Exception as error:  # is raised where the recording is asked for
+                made[name] = error
+            walks.append(walk._replace(recording=walk.recording._replace(sensors={})))
+
+    def prepare(recording: Recording) -> PyTree:
+        if isinstance(made[recording.name], Exception):
+            raise made[recording.name]
+        return made[recording.name]
+
+    return source._replace(items=walks, read=None), pipeline._replace(prepare=prepare)
 
 
 def lessons_of(

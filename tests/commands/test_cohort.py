@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from made.command import run
 
-from jgait import io, tune
+from jgait import io
 from jgait.commands import references, tune_run
 from jgait.estimators import leg_ekf
 from jgait.simulate import protocols
@@ -163,12 +163,16 @@ def test_a_distance_that_contradicts_the_samples_is_noted(walks):
     assert codes(way, folder / "half.csv") == [] and len(codes(0.1 * way, folder / "half.csv")) == 1
 
 
-def test_tuning_names_recordings_whose_distance_cannot_be_right(monkeypatch, capsys):
-    lessons = tune.Lessons(None, None, (), (), ("a.csv", "b.csv"), ())
-    monkeypatch.setattr(tune_run, "distances", lambda *_: [(4.86, 50.0), (4.86, 5.0)])
-    tune_run._say_distances(tune_run.Job(None, None, None, lessons, *[None] * 8))
-    said = capsys.readouterr().err
-    assert said.startswith("a.csv: the reference says 50.00 m, the estimate 4.86 m. ") and "b.csv" not in said
+def test_tuning_names_references_that_evaluate_names(table, walks, tmp_path):
+    truth = pd.read_csv(walks[0] / "samples0.csv")
+    truth.assign(time_s=truth["time_s"] - 0.5).to_csv(walks[0] / "early.csv", index=False)
+    early = table(lambda frame: frame.head(2).assign(reference_samples=["early.csv", "samples1.csv"]), "early0.csv")
+    warned = "check, 1 recording, such as walk0.csv: the knee's angles of the reference agree with the estimate if "
+    words = ("--free", "distance_scale", "--steps", 1, "--no-cross-validation")
+    for command, more in (("evaluate", ()), ("tune", words)):
+        code, said = run(command, early, "--paper", *more, "--out", tmp_path / command)
+        assert code == 0 and f"{warned}the reference is 0.50 s later" in said, said
+    assert said.index(warned) < said.index("learning from all people")
 
 
 def test_losses_are_empty_where_a_reference_cannot_answer_them(table, tmp_path, monkeypatch):
@@ -309,7 +313,7 @@ def test_tuning_judges_people_that_it_never_saw(tuned, walks):
         "5 of 9 recordings could not be used",
     ):  # fmt: skip
         assert words in said, said
-    assert said.index("comparing distances") < said.index("judging the people") < said.index("the data determine")
+    assert said.index("judging the people") < said.index("the data determine")
     names = {path.name for path in out.glob("[!.]*")}
     assert names == {"tuned.json", "training.png", "held_out.csv", "before_after.png", "fits"}
     held = pd.read_csv(out / "held_out.csv")

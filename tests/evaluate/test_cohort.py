@@ -12,9 +12,9 @@ import pytest
 from made.cohort import FAKE, TRACED, Params, read, run, walk
 from made.notes import note, texts
 
-from jgait import evaluate, tune
+from jgait import evaluate
 from jgait.estimators import leg_ekf
-from jgait.evaluate import buckets, devices, losses, scores, store
+from jgait.evaluate import buckets, devices, scores, store
 from jgait.evaluate.store import Folder
 from jgait.notes import Kind, from_json
 from jgait.simulate import protocols
@@ -54,10 +54,6 @@ def test_a_distance_that_cannot_be_right_is_noted():
     said = [[note.text for note in from_json(row) if note.code == "reference_distance_off"] for row in rows]
     way = walks[1].reference.distance[-1] - walks[1].reference.distance[0]
     assert said == [[], [f"the reference says {way:.2f} m, the estimate {0.11 * way:.2f} m"]]
-    own = {"offset": 0.25}
-    pairs = losses.distances(FAKE, FAKE.params, tune.lessons(FAKE, walks, own=lambda walk: own))
-    np.testing.assert_allclose([ours / theirs for ours, theirs in pairs], [1.1, 0.11], rtol=1e-5)
-    assert losses.distances(FAKE, FAKE.params, tune.lessons(FAKE, walks, reference=False)) == []
 
 
 def test_lengths_of_the_ladder():
