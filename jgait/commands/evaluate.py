@@ -31,6 +31,7 @@ from jgait.commands.warnings import say_warnings
 from jgait.estimators import Estimator
 from jgait.estimators.stride_flags import STRIDE_COLUMNS
 from jgait.evaluate import Cohort
+from jgait.evaluate.store import REGULAR
 from jgait.notes import Note, from_json
 from jgait.plot import cohort as plot_cohort
 from jgait.report.cohort import DRAWN, drawn
@@ -232,6 +233,8 @@ def _show(title: str, results: Cohort, agreement: "pd.DataFrame", *, has_strides
                 significant(row["icc"]),
             )  # fmt: skip
         console.print(shown)
+        if any(name.startswith(REGULAR) for name in compared):
+            note("regular strides are in no turn, on no stairs, no half-step, not uneven and not in doubt")
         dropped: dict[str, list[str]] = {}
         for name in (name for name in compared if name in STRIDE_COLUMNS and agreement["n_dropped"][name]):
             lacks = f"{agreement['n_dropped'][name]:.0f} of {agreement[['n', 'n_dropped']].loc[name].sum():.0f}"

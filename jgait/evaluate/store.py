@@ -31,6 +31,9 @@ COLUMNS: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Columns of each table of a `Cohort`."""
 
+REGULAR = "regular_"
+"""Begin of the name of a quantity of regular strides alone, in tables of agreement."""
+
 _TEXT = ("recording", "subject", "quantity", "side", "notes", "reason")
 _TYPES = {**dict.fromkeys(_TEXT, "str"), "n_samples": "int64", "s_id": "int64", "regular": "bool"}
 _DESCRIPTION = "cohort.json"
@@ -86,10 +89,21 @@ class Cohort(NamedTuple):
     def agreement(self, **settings: PyTree) -> "pd.DataFrame":
         """Bias, limits of agreement and ICC of every quantity that has a reference.
 
+        Quantities of strides have a row of all strides, such as `stride_length_m`, and one of those that are `regular`,
+        `regular_stride_length_m`. Half-steps from and to standing are much shorter than other strides, so that they
+        make the ICC of lengths larger, and errors in turns make limits wider: report the regular strides, beside all.
+
         Args:
             settings: `seed` and `resamples`, as of `jgait.evaluate.agreement`.
         """
-        return agreement(self.paired(), **settings)
+        import pandas as pd
+
+        every, strides = self.paired(), self.strides[self.strides["regular"] & self.strides["reference"].notna()]
+        regular = strides.assign(quantity=REGULAR + strides["quantity"])[every.columns]
+        found = agreement(pd.concat([every, regular], ignore_index=True), **settings)
+        names = every["quantity"].unique()
+        order = [name for both in zip(names, REGULAR + names, strict=True) for name in both]
+        return found.loc[[name for name in order if name in found.index]]
 
 
 def frame(table: str, rows: "Sequence[Any] | dict[str, Any] | pd.DataFrame") -> "pd.DataFrame":
