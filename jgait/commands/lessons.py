@@ -1,5 +1,6 @@
 """The losses that an option names, and the walks of a cohort prepared for them."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
@@ -93,6 +94,7 @@ def lessons_of(
         return {name: value for name, value in both.items() if name not in learned}
 
     lacks: list[tuple[str, str]] = []
+    unanswered: Counter[str] = Counter()
 
     def answering(walks: Iterable[Walk]) -> Iterator[Walk]:
         for walk in walks:
@@ -100,6 +102,7 @@ def lessons_of(
                 yield tuning.asked(walk, losses)
             except RecordingError as error:
                 lacks.append((walk.recording.name, str(error)))
+                unanswered.update(name for name in losses if tuning.lacking(name, walk.reference))
 
     with progress() as bars:
         bar, total = Bar(bars), len(source.items)
@@ -111,6 +114,12 @@ def lessons_of(
             if len({reason for _, reason in lacks}) == 1:
                 raise ValueError(f"{lacks[0][1]}; no reference of {source.title} has them") from None
             failures += lacks
+            if len(lacks) == len(source.items):
+                needed_by = (f"{tuning.lacking(name, None)}: {of} have none" for name, of in unanswered.items())
+                raise ValueError(
+                    f"no recording of {source.title} can answer all of {', '.join(losses)}; {'; '.join(needed_by)}; "
+                    "learn from losses that the same recordings can answer"
+                ) from None
             raise
     failures += [*lacks, *made.failures]
     return made

@@ -13,6 +13,7 @@ from jgait.commands.console import Bar, console, note, progress, say_failures, s
 from jgait.commands.folder import results_folder
 from jgait.commands.lessons import check_answers, lessons_of, losses_of, prepared
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
+from jgait.commands.rows import COPIED
 from jgait.commands.warnings import say_warnings
 from jgait.estimators import Estimator
 from jgait.params import freed
@@ -83,10 +84,20 @@ def tune(
         say_failures(failures)
         stop(str(error))
     say_failures(failures)
+    copies = [line for line in source.notes if line.code == COPIED.code]
+    if used := [line for line in copies if {line.values["recording"], line.values["other"]} <= set(made.names)]:
+        stop(f"{'; '.join(map(str, used))}. {COPIED.meaning}")
+    groups = tune_run.groups_of(made)
+    if len(set(made.subjects)) == 1 and any(made.days) and not all(made.days):
+        without = [name for name, day in zip(made.names, made.days, strict=True) if not day]
+        note(f"days are not left out in turn, because the day of these recordings is not known: {', '.join(without)}")
+    count = len(set(groups.labels))
+    if cross and folds is not None and 1 < count < folds:
+        stop(f"--folds must be between 2 and the {count} {groups.many}; got {folds}")
     how: dict[str, Any] = {
         "pipeline": "paper" if paper else "default", "free": names, "loss": loss, "steps": steps,
         "learning_rate": rate, "starts": starts, "seed": seed, "cohort": source.title,
-        "recordings": len(made.names), "people": len(set(made.subjects)), "left_out": tune_run.groups_of(made).many,
+        "recordings": len(made.names), "people": len(set(made.subjects)), "left_out": groups.many,
         "options": {name: getattr(made.options, name) for name in ("soft", "noise") if hasattr(made.options, name)},
         "data": source.versions(made.names),
     }  # fmt: skip

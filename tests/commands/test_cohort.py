@@ -11,6 +11,7 @@ from made.command import run
 
 from jgait import io
 from jgait.commands import references, tune_run
+from jgait.commands.rows import COPIED
 from jgait.estimators import leg_ekf
 from jgait.simulate import protocols
 
@@ -394,23 +395,46 @@ def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walk
         ),
         (("--free", "distance_scale", "--loss", "position"), "leg_ekf cannot answer 'position'; it answers distance"),
         (("--free", "distance_scale", "--loss", "distance=-1"), "the weight of 'distance' must be a positive number"),
-        (("--free", "distance_scale", "--folds", 3), "folds must be between 2 and the 2 subjects"),
+        (("--free", "distance_scale", "--folds", 3), "--folds must be between 2 and the 2 people; got 3"),
     ],
     ids=["unknown", "empty", "loss", "no angles", "not answered", "weight", "folds"],
 )
 def test_bad_tunings(table, words, expected, tmp_path):
     code, said = run("tune", table(), "--paper", *words, "--steps", 1, "--out", tmp_path / "out")
     assert code == 2
-    assert expected in said
+    assert expected in said and "compiling" not in said
     assert not (tmp_path / "out" / "tuned.json").exists()
 
 
+def test_tuning_refuses_a_copy_before_it_compiles(table, walks, tmp_path):
+    rounded = pd.read_csv(walks[0] / "walk0.csv").round(4)
+    rounded.to_csv(walks[0] / "rounded.csv", index=False)
+    twice = table(lambda f: pd.concat([f, f.head(1).assign(file="rounded.csv", subject="p9")]), "twice.csv")
+    code, said = run("tune", twice, "--paper", "--free", "distance_scale", "--out", tmp_path / "out")
+    copied = "rounded.csv and walk0.csv hold the same recording, with numbers rounded or written otherwise"
+    assert code == 2 and f"{copied}. {COPIED.meaning}" in said and "compiling" not in said, said
+    code, said = run("evaluate", twice, "--paper", "--out", tmp_path / "all")
+    assert code == 0 and copied in said
+    assert any(note["code"] == COPIED.code for note in json.loads((tmp_path / "all" / "notes.json").read_text()))
+
+
+def test_losses_that_no_recording_answers_together_are_named(table, tmp_path):
+    either = table(lambda frame: frame.head(3).assign(
+        distance_m=["", 5.0, ""], reference_strides=["strides0.csv", "", ""]), "either.csv")  # fmt: skip
+    words = ("--free", "distance_scale", "--loss", "stride_length,distance", "--out", tmp_path / "out")
+    code, said = run("tune", either, "--paper", *words)
+    assert code == 2 and "no recording of either.csv can answer all of stride_length, distance;" in said, said
+    assert "stride_length needs a reference with strides with length: 2 have none;" in said
+    assert "distance needs a reference with distance: 2 have none;" in said
+
+
 def test_likelihood_needs_no_reference_and_one_person_no_cross_validation(table, tmp_path):
-    lonely = table(lambda f: f.drop(columns="distance_m").assign(subject="me"), "lonely.csv")
+    lonely = table(lambda f: f.drop(columns="distance_m").assign(subject="me", day=["1", "", "2", ""]), "lonely.csv")
     words = ("tune", lonely, "--paper", "--free", "gyro_noise", "--loss", "likelihood", "--steps", 3)
     code, said = run(*words, "--out", tmp_path / "out")
     assert code == 0, said
     assert "it needs two people, or one person on two days that are known, and there is only a single person" in said
+    assert "because the day of these recordings is not known: walk1.csv, walk3.csv" in said
     assert "1 number was learned from 1 person" in said
     assert "negative log-likelihood [nat] of the recordings learned from, median: " in said and " before, " in said
     assert "not determined" not in said
@@ -439,7 +463,7 @@ def test_days_of_one_person_are_left_out_in_turn(table, tmp_path):
     assert code == 0, said
     assert "of days left out of the tuning" in said
     held_out = pd.read_csv(tmp_path / "out" / "held_out.csv")
-    assert set(held_out["subject"]) == {"day 0", "day 1"}
+    assert set(held_out["day"]) == {"day 0", "day 1"} and set(held_out["subject"]) == {"me"}
     assert json.loads((tmp_path / "out" / "tuned.json").read_text())["made"]["left_out"] == "days"
 
 
