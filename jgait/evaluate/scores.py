@@ -57,18 +57,20 @@ STRIDES_HALF = Kind(
 )  # fmt: skip
 
 FACTOR, LEAST_M = 2.5, 1.0
-"""[1] Factor above which a distance and its reference cannot both be right: chosen above the public sets' largest, 2.05
-(daily activities, sensor at the waist), and below that of feet and metres; [m] the larger one is at least this."""
+"""[1] Factor above which a distance and its reference cannot both be right: chosen above the public sets' largest of
+defaults, 2.24 (daily activities, sensor at the waist), and below that of feet and metres; [m] the larger one is at
+least this."""
 
 
 HALF, HALF_SHARE, HALF_COUNT = (1.7, 2.3), 2.0 / 3.0, 3
 """[1] Estimated lengths of strides over those of a reference that holds halves; [1] least share and [1] least number of
-strides within. Chosen: two times 0.88 to 1.08, the recordings' medians of shoes and waists on the public sets; where an
-estimate is wrong by as much, its strides scatter."""
+strides within. Chosen: two times 0.88 to 1.08, the medians of all but one recording of shoes and waists on the public
+sets; where a default estimate is wrong by as much, its strides scatter."""
 
 SHORT_WALK = 0.0046
-"""[m·min] Largest length of a step over steps per minute of a reference that holds halves: of adults it is 0.0055 to
-0.0075, of halves half of it. Chosen between, for an estimate of usual strides may be twice as long by its own error."""
+"""[m·min] Largest length of a step over steps per minute of a reference that holds halves: of adults it is about
+0.005 to 0.0075, of halves half of it. Chosen between: a wrong estimate of usual strides may be
+twice as long too."""
 
 
 def score(estimate: Estimate, walk: Walk) -> Scores:
