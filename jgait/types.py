@@ -5,6 +5,7 @@ accelerometer signal `acc`; an accelerometer at rest reads +9.81 along the axis 
 capture and an estimator all return an `Estimate`; an error measure compares two estimates.
 """
 
+import unicodedata
 from collections.abc import Hashable, Iterable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -113,7 +114,8 @@ NOBODY = ("None", "nan", "<NA>", "NaT")
 def people(labels: Iterable[Hashable]) -> list[str]:
     """The name of each label's person: the person's first label as text, without spaces at the ends.
 
-    Two labels name one person if they are equal as text, apart from capitals and spaces at the ends.
+    Two labels name one person if they are equal as text, apart from capitals, the number of spaces, and the way in
+    which letters with accents are encoded.
 
     Raises:
         ValueError: if a label is missing (None or NaN).
@@ -125,8 +127,12 @@ def people(labels: Iterable[Hashable]) -> list[str]:
     texts = [str(label).strip() for label in listed]
     first: dict[str, str] = {}
     for text in texts:
-        first.setdefault(text.casefold(), text)
-    return [first[text.casefold()] for text in texts]
+        first.setdefault(_key(text), text)
+    return [first[_key(text)] for text in texts]
+
+
+def _key(text: str) -> str:
+    return unicodedata.normalize("NFC", " ".join(text.split())).casefold()
 
 
 def numbered_people(labels: Iterable[Hashable]) -> tuple[tuple[str, ...], np.ndarray]:

@@ -109,6 +109,9 @@ def test_a_person_has_one_name_however_it_is_written():
         "NA",
         "Anna",
     ]
+    composed, decomposed = "Ren\u00e9", "Rene\u0301"
+    assert people([composed, decomposed, f" {decomposed.upper()}"]) == [composed] * 3
+    assert people(["Anna M", "anna  m", "annam"]) == ["Anna M", "Anna M", "annam"]
     names, number = numbered_people(np.array(["b", "A", "B ", "a"]))
     assert names == ("b", "A") and list(number) == [0, 1, 0, 1]
     for nobody in (None, float("nan")):

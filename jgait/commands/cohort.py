@@ -19,6 +19,7 @@ from jgait.commands.console import Bar, note, progress, stop
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 from jgait.commands.recordings import recording_of
 from jgait.commands.references import REFERENCES, with_reference
+from jgait.commands.rows import copy_notes, label_notes
 from jgait.estimators import Estimator, proportions
 from jgait.estimators.about import BodyMeasure
 from jgait.evaluate import Cohort
@@ -301,7 +302,7 @@ def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: 
     of_somebody = [row for row in rows.values() if row.get("subject")]
     for row, name in zip(of_somebody, people(row["subject"] for row in of_somebody), strict=True):
         row["subject"] = name
-    notes = _notes(names, rows, measures)
+    notes = _notes(names, rows, measures) + copy_notes({file: path.parent / file for file in rows})
     marks = {file: _mark(path.parent, row) for file, row in rows.items()}
     return Source(path.name, list(rows), _Files(path.parent, rows, gyr_unit, acc_unit), marks, failures, notes,
                   [file for row in rows.values() for file in _files(path.parent, row)],
@@ -317,6 +318,7 @@ def _notes(names: list[str], rows: dict[str, dict[str, str]], measures: Sequence
         notes.append(COLUMN_UNUSED(column=name, hint=f"; did you mean {near[0]!r}?" if near else ""))
     if not any(row.get("subject") for row in rows.values()):
         notes.append(SUBJECTS_UNKNOWN())
+    notes += label_notes(rows.values())
     for name in [name for name in measures if name in ASKED_FOR and name != "height"]:
         columns = (f"{name}_m", "height_m") if name in (*proportions.SHARES, "sensor_height") else (f"{name}_m",)
         without = sum(not any(row.get(column) for column in columns) for row in rows.values())

@@ -14,11 +14,9 @@ from jgait import plot
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
 from jgait.commands.console import (
-    Bar,
     console,
     count,
     note,
-    progress,
     say_failures,
     stop,
     table_of,
@@ -27,19 +25,19 @@ from jgait.commands.console import (
     wrote,
 )
 from jgait.commands.folder import results_folder
-from jgait.commands.lessons import check_answers, lessons_of, losses_of
+from jgait.commands.lessons import check_answers, lessons_of, losses_of, prepared
 from jgait.commands.pipeline import not_held_out
 from jgait.commands.warnings import say_warnings
 from jgait.estimators import Estimator
 from jgait.estimators.stride_flags import STRIDE_COLUMNS
 from jgait.evaluate import Cohort
+from jgait.evaluate.store import REGULAR
 from jgait.notes import Note, from_json
 from jgait.plot import cohort as plot_cohort
 from jgait.report.cohort import DRAWN, drawn
 from jgait.report.page import significant
 from jgait.report.recording import readable
 from jgait.tune import LOSSES as KNOWN
-from jgait.types import Recording
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -137,7 +135,8 @@ def evaluate(
           has_strides="stride_time" in (pipeline.about.losses or ()))  # fmt: skip
     if judged is not None:
         _show_losses(judged, names)
-    say_warnings(results.recordings[["recording", "notes"]].itertuples(index=False, name=None), out)
+    every = f"column notes of {out / 'recordings.csv'}, or jgait report {out}"
+    say_warnings(results.recordings[["recording", "notes"]].itertuples(index=False, name=None), every)
     wrote(files)
     if failures:
         console.print(f"{len(failures)} of {len(failures) + len(results.recordings)} recordings could not be used")
@@ -153,7 +152,7 @@ def _judged(
     """
     import pandas as pd
 
-    source, pipeline = _prepared(source, pipeline)
+    source, pipeline = prepared(source, pipeline, [])
     tables = []
     for name in names:
         failures: list[tuple[str, str]] = []
@@ -164,30 +163,6 @@ def _judged(
         except ValueError as error:
             note(f"--loss: {error}")
     return pd.concat(tables, axis=1).reset_index() if tables else pd.DataFrame(columns=["recording", "subject"])
-
-
-def _prepared(
-    source: cohorts.Source, pipeline: Estimator[PyTree, PyTree]
-) -> tuple[cohorts.Source, Estimator[PyTree, PyTree]]:
-    """The cohort, read, without the signals of its sensors, and an estimator that has prepared its recordings."""
-    made: dict[str, PyTree] = {}
-    walks = []
-    with progress() as bars:
-        bar = Bar(bars)
-        for walk in source.walks([], lambda number: bar("reading for the losses", number, len(source.items))):
-            name = walk.recording.name
-            try:
-                made[name] = pipeline.prepare(walk.recording)
-            except Exception as error:  # is raised where a loss asks for the recording
-                made[name] = error
-            walks.append(walk._replace(recording=walk.recording._replace(sensors={})))
-
-    def prepare(recording: Recording) -> PyTree:
-        if isinstance(made[recording.name], Exception):
-            raise made[recording.name]
-        return made[recording.name]
-
-    return source._replace(items=walks, read=None), pipeline._replace(prepare=prepare)
 
 
 def _show_losses(judged: "pd.DataFrame", names: list[str]) -> None:
@@ -258,6 +233,8 @@ def _show(title: str, results: Cohort, agreement: "pd.DataFrame", *, has_strides
                 significant(row["icc"]),
             )  # fmt: skip
         console.print(shown)
+        if any(name.startswith(REGULAR) for name in compared):
+            note("regular strides are in no turn, on no stairs, no half-step, not uneven and not in doubt")
         dropped: dict[str, list[str]] = {}
         for name in (name for name in compared if name in STRIDE_COLUMNS and agreement["n_dropped"][name]):
             lacks = f"{agreement['n_dropped'][name]:.0f} of {agreement[['n', 'n_dropped']].loc[name].sum():.0f}"

@@ -1,5 +1,6 @@
 """The losses that an option names, and the walks of a cohort prepared for them."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
@@ -13,7 +14,7 @@ from jgait.estimators import Estimator
 from jgait.estimators.proportions import SENSOR_SHARE
 from jgait.params import check_params
 from jgait.tune import Lessons, objective, parsed
-from jgait.types import RecordingError, Walk
+from jgait.types import Recording, RecordingError, Walk
 
 
 def losses_of(option: str, text: str) -> dict[str, float]:
@@ -30,6 +31,32 @@ def check_answers(pipeline: Estimator[PyTree, PyTree], losses: Sequence[str]) ->
         objective(pipeline, None, dict.fromkeys(losses, 1.0))
     except ValueError as error:
         stop(str(error))
+
+
+def prepared(
+    source: cohorts.Source, pipeline: Estimator[PyTree, PyTree], failures: list[tuple[str, str]]
+) -> tuple[cohorts.Source, Estimator[PyTree, PyTree]]:
+    """The cohort, read, without the signals of its sensors, and an estimator that has prepared its recordings. Walks
+    that cannot be read are added to the failures.
+    """
+    made: dict[str, PyTree] = {}
+    walks = []
+    with progress() as bars:
+        bar = Bar(bars)
+        for walk in source.walks(failures, lambda number: bar("reading", number, len(source.items))):
+            name = walk.recording.name
+            try:
+                made[name] = pipeline.prepare(walk.recording)
+            except Exception as error:  # is raised where the recording is asked for
+                made[name] = error
+            walks.append(walk._replace(recording=walk.recording._replace(sensors={})))
+
+    def prepare(recording: Recording) -> PyTree:
+        if isinstance(made[recording.name], Exception):
+            raise made[recording.name]
+        return made[recording.name]
+
+    return source._replace(items=walks, read=None), pipeline._replace(prepare=prepare)
 
 
 def lessons_of(
@@ -67,6 +94,7 @@ def lessons_of(
         return {name: value for name, value in both.items() if name not in learned}
 
     lacks: list[tuple[str, str]] = []
+    unanswered: Counter[str] = Counter()
 
     def answering(walks: Iterable[Walk]) -> Iterator[Walk]:
         for walk in walks:
@@ -74,6 +102,7 @@ def lessons_of(
                 yield tuning.asked(walk, losses)
             except RecordingError as error:
                 lacks.append((walk.recording.name, str(error)))
+                unanswered.update(name for name in losses if tuning.lacking(name, walk.reference))
 
     with progress() as bars:
         bar, total = Bar(bars), len(source.items)
@@ -85,6 +114,12 @@ def lessons_of(
             if len({reason for _, reason in lacks}) == 1:
                 raise ValueError(f"{lacks[0][1]}; no reference of {source.title} has them") from None
             failures += lacks
+            if len(lacks) == len(source.items):
+                needed_by = (f"{tuning.lacking(name, None)}: {of} have none" for name, of in unanswered.items())
+                raise ValueError(
+                    f"no recording of {source.title} can answer all of {', '.join(losses)}; {'; '.join(needed_by)}; "
+                    "learn from losses that the same recordings can answer"
+                ) from None
             raise
     failures += [*lacks, *made.failures]
     return made

@@ -11,10 +11,13 @@ from jgait.commands import cohort as cohorts
 from jgait.commands import recordings, tune_report, tune_run
 from jgait.commands.console import Bar, console, note, progress, say_failures, stop
 from jgait.commands.folder import results_folder
-from jgait.commands.lessons import check_answers, lessons_of, losses_of
+from jgait.commands.lessons import check_answers, lessons_of, losses_of, prepared
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
+from jgait.commands.rows import COPIED
+from jgait.commands.warnings import say_warnings
 from jgait.estimators import Estimator
 from jgait.params import freed
+from jgait.tune import Lessons
 from jgait.tune.checkpoint import OtherFitError
 
 SOFT = frozenset({"softness", "threshold_factor"})
@@ -74,16 +77,27 @@ def tune(
     failures = list(source.failures)
     asked_for = list(dict.fromkeys([*weights, judged]))
     check_answers(pipeline, asked_for)
+    walks, ready = prepared(source, pipeline, failures)
     try:
-        made = lessons_of(pipeline, source, start, names, failures, asked_for)
+        made = lessons_of(ready, walks, start, names, failures, asked_for)
     except ValueError as error:
         say_failures(failures)
         stop(str(error))
     say_failures(failures)
+    copies = [line for line in source.notes if line.code == COPIED.code]
+    if used := [line for line in copies if {line.values["recording"], line.values["other"]} <= set(made.names)]:
+        stop(f"{'; '.join(map(str, used))}. {COPIED.meaning}")
+    groups = tune_run.groups_of(made)
+    if len(set(made.subjects)) == 1 and any(made.days) and not all(made.days):
+        without = [name for name, day in zip(made.names, made.days, strict=True) if not day]
+        note(f"days are not left out in turn, because the day of these recordings is not known: {', '.join(without)}")
+    count = len(set(groups.labels))
+    if cross and folds is not None and 1 < count < folds:
+        stop(f"--folds must be between 2 and the {count} {groups.many}; got {folds}")
     how: dict[str, Any] = {
         "pipeline": "paper" if paper else "default", "free": names, "loss": loss, "steps": steps,
         "learning_rate": rate, "starts": starts, "seed": seed, "cohort": source.title,
-        "recordings": len(made.names), "people": len(set(made.subjects)), "left_out": tune_run.groups_of(made).many,
+        "recordings": len(made.names), "people": len(set(made.subjects)), "left_out": groups.many,
         "options": {name: getattr(made.options, name) for name in ("soft", "noise") if hasattr(made.options, name)},
         "data": source.versions(made.names),
     }  # fmt: skip
@@ -96,6 +110,7 @@ def tune(
     with results_folder(
         out, "tune", asked, planned=tune_report.PLANNED, inputs=read, json_file=json_file, fresh=fresh
     ) as folder:
+        _say_notes(ready, start, walks, made)
         job = tune_run.job_of(
             pipeline, start, freed, made, weights, judged, steps, rate, starts, folds, seed, folder.run
         )  # fmt: skip
@@ -116,6 +131,15 @@ def tune(
     if failures:
         console.print(f"{len(failures)} of {len(failures) + len(made.names)} recordings could not be used")
         raise typer.Exit(1)
+
+
+def _say_notes(ready: Estimator[PyTree, PyTree], start: PyTree, walks: cohorts.Source, made: Lessons) -> None:
+    """Print what is doubtful about the recordings learned from and their references, as `jgait evaluate` does."""
+    rows = cohorts.evaluated(ready, start, walks).recordings
+    rows = rows[rows["recording"].isin(made.names)]
+    say_warnings(
+        rows[["recording", "notes"]].itertuples(index=False, name=None), "jgait evaluate of the same recordings"
+    )
 
 
 def _freed(pipeline: Estimator[PyTree, PyTree], names: list[str]) -> PyTree:

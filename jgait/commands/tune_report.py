@@ -69,7 +69,11 @@ def report(
         table = results.validation.table
         items = results.validation.items.assign(recording=job.made.names)
         files.append(out / "held_out.csv")
-        items[["recording", "subject", "fold", "error_before", "error_after"]].to_csv(files[-1], index=False)
+        people = items.assign(
+            subject=job.made.subjects, **({"day": items["subject"]} if job.groups.one == "day" else {})
+        )
+        columns = ["recording", "subject", "day", "fold", "error_before", "error_after"]
+        people[[name for name in columns if name in people]].to_csv(files[-1], index=False)
         rows = items[np.isfinite(items[["error_before", "error_after"]]).all(axis=1)]
         change = evaluate.paired_difference(rows["error_before"], rows["error_after"], rows["subject"], seed=0)
         drawn = plot_cohort.before_after(

@@ -13,10 +13,8 @@ import optax
 from jaxtyping import Array, Float, PyTree
 
 from jgait import tune as tuning
-from jgait.commands.console import Bar, console, count, note
+from jgait.commands.console import Bar, console, count
 from jgait.estimators import Estimator
-from jgait.evaluate.losses import distances
-from jgait.evaluate.scores import distance_notes
 from jgait.params import freed, priors
 from jgait.tune import CrossValidation, Fit, Identifiability, Lessons, Objective, Progress
 from jgait.tune.coordinates import coordinates, natural
@@ -25,9 +23,6 @@ HARDLY = 0.05
 """Largest change of a loss with a parameter that is not determined [share of the loss], where there are no standard
 errors: within one unit of the free coordinate, at which a standard error counts as too large. Chosen: of 80 independent
 strides, a likelihood-ratio test at 95 % sees a change of 5 %."""
-
-MOST_OFF = 20
-"""Largest number of recordings that are named because of their distance."""
 
 MOST_MOVED = 64
 """Largest number of learned numbers that are moved one by one to see whether the loss changes; chosen for the time."""
@@ -124,8 +119,6 @@ def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningRes
 
         return state
 
-    bar.begin("comparing distances with the reference (compiling)")
-    _say_distances(job)
     validation, why = None, ""
     if cross and len(set(groups.labels)) < 2:
         why = (
@@ -158,16 +151,6 @@ def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningRes
         validation, fit, known, [line for line in (why, unknown) if line],
         moved if known is None else known.undetermined, errors if validation is None else None,
     )  # fmt: skip
-
-
-def _say_distances(job: Job) -> None:
-    """Print which recordings have a distance that cannot agree with the reference's."""
-    pairs = zip(job.made.names, distances(job.pipeline, job.start, job.made), strict=False)
-    off = [f"{name}: {line}. {line.meaning}" for name, pair in pairs for line in distance_notes(*pair)]
-    for line in off[:MOST_OFF]:
-        note(line)
-    if len(off) > MOST_OFF:
-        note(f"… and {len(off) - MOST_OFF} more")
 
 
 def _moved(job: Job, fit: Fit[PyTree], nats: bool) -> tuple[list[str], tuple[float, float]]:

@@ -1,8 +1,7 @@
-"""The warnings that `jgait evaluate` prints: what the notes of a cohort's recordings say, gravest first."""
+"""The warnings of `jgait evaluate` and `jgait tune`: what the notes of a cohort's recordings say, gravest first."""
 
 from collections import Counter
 from collections.abc import Iterable
-from pathlib import Path
 
 from jgait.commands.console import count, note
 from jgait.notes import DEFAULT_MEASURE, FEW_RESTS, LOSSES, SEVERITIES, Note, from_json, printable
@@ -20,9 +19,9 @@ LONGEST_EXAMPLE = 200
 """[characters] Longest sentence that is printed of a kind."""
 
 
-def say_warnings(recordings: Iterable[tuple[str, str]], folder: Path) -> None:
-    """Print how many recordings (name, notes in JSON) have notes of the severities in `ADVICE`, their kinds, and where
-    all notes are; nothing if there are none.
+def say_warnings(recordings: Iterable[tuple[str, str]], where: str) -> None:
+    """Print how many recordings (name, notes in JSON) have notes of the severities in `ADVICE`, their kinds, and
+    `where` all sentences are; nothing if there are none.
     """
     kinds: Counter[tuple[str, str]] = Counter()
     example: dict[tuple[str, str], tuple[str, Note]] = {}
@@ -57,4 +56,4 @@ def say_warnings(recordings: Iterable[tuple[str, str]], folder: Path) -> None:
         )
     left = len(ordered) - MOST_KINDS
     rest = f"{count(left, 'more kind', 'more kinds')}, and all sentences" if left > 0 else "all sentences"
-    note(f"{rest}: column notes of {folder / 'recordings.csv'}, or jgait report {folder}")
+    note(f"{rest}: {where}")

@@ -13,7 +13,7 @@ from jgait.evaluate import devices, scores
 from jgait.evaluate.buckets import CohortJob, evaluated
 from jgait.evaluate.dask import on_dask
 from jgait.evaluate.scores import Scores
-from jgait.evaluate.store import Cohort, Folder, described, joined
+from jgait.evaluate.store import Cohort, Folder, joined
 from jgait.params import check_params
 from jgait.types import Estimate, Recording, Walk
 from jgait.version import __version__
@@ -151,6 +151,8 @@ def _named(
 
 def _description(job: CohortJob) -> dict[str, str]:
     """The settings on which the results in a folder depend, as text; batch size and devices are not among them."""
+    from jgait.tune.identity import described
+
     estimator = job.estimator
     return {
         "jgait": __version__,

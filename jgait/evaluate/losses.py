@@ -40,22 +40,6 @@ def judged[P](estimator: Estimator[P, PyTree], p: P, lessons: "Lessons", names: 
     return pd.DataFrame(rows | {name: np.asarray(error) for name, error in zip(names, errors, strict=True)})
 
 
-def distances[P](estimator: Estimator[P, PyTree], p: P, lessons: "Lessons") -> list[tuple[float, float]]:
-    """The distance [m] of every lesson by the estimator, with parameters `p`, and by the reference; empty if one of
-    them has none.
-    """
-    reference = lessons.data.reference
-    if reference is None or reference.distance is None:
-        return []
-    ours = _estimates(estimator, p, lessons).distance
-    if ours is None:
-        return []
-    rows, data = np.arange(len(lessons.names)), lessons.data
-    ways = (np.asarray(way) for way in (ours, reference.distance))
-    walked = (way[rows, data.last] - way[rows, data.first] for way in ways)
-    return list(zip(*(way.tolist() for way in walked), strict=True))
-
-
 def _estimates(estimator: Estimator[PyTree, PyTree], p: PyTree, lessons: "Lessons") -> PyTree:
     """The estimates of all lessons, stacked, by a program of its own, which losses over the same recordings share."""
 

@@ -4,18 +4,13 @@ Every finished batch is a folder of CSV files, written under a name that begins 
 is atomic: if the process is killed at any moment, only the unfinished batch is lost.
 """
 
-import functools
-import hashlib
-import inspect
 import json
 import os
-import re
 import shutil
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import PyTree
 
@@ -35,6 +30,9 @@ COLUMNS: dict[str, tuple[str, ...]] = {
     "failures": ("recording", "subject", "reason"),
 }  # fmt: skip
 """Columns of each table of a `Cohort`."""
+
+REGULAR = "regular_"
+"""Begin of the name of a quantity of regular strides alone, in tables of agreement."""
 
 _TEXT = ("recording", "subject", "quantity", "side", "notes", "reason")
 _TYPES = {**dict.fromkeys(_TEXT, "str"), "n_samples": "int64", "s_id": "int64", "regular": "bool"}
@@ -91,10 +89,21 @@ class Cohort(NamedTuple):
     def agreement(self, **settings: PyTree) -> "pd.DataFrame":
         """Bias, limits of agreement and ICC of every quantity that has a reference.
 
+        Quantities of strides have a row of all strides, such as `stride_length_m`, and one of those that are `regular`,
+        `regular_stride_length_m`. Half-steps from and to standing are much shorter than other strides, so that they
+        make the ICC of lengths larger, and errors in turns make limits wider: report the regular strides, beside all.
+
         Args:
             settings: `seed` and `resamples`, as of `jgait.evaluate.agreement`.
         """
-        return agreement(self.paired(), **settings)
+        import pandas as pd
+
+        every, strides = self.paired(), self.strides[self.strides["regular"] & self.strides["reference"].notna()]
+        regular = strides.assign(quantity=REGULAR + strides["quantity"])[every.columns]
+        found = agreement(pd.concat([every, regular], ignore_index=True), **settings)
+        names = every["quantity"].unique()
+        order = [name for both in zip(names, REGULAR + names, strict=True) for name in both]
+        return found.loc[[name for name in order if name in found.index]]
 
 
 def frame(table: str, rows: "Sequence[Any] | dict[str, Any] | pd.DataFrame") -> "pd.DataFrame":
@@ -218,48 +227,3 @@ def read_table(path: Path, table: str) -> "pd.DataFrame":
         return text[name].to_numpy(dtype=object) if name in _TEXT else [float(v) if v else np.nan for v in text[name]]
 
     return frame(table, {name: cells(name) for name in COLUMNS[table]})
-
-
-def described(value: object) -> str:
-    """Text equal in every process: a function by name, code and closure; arrays by content."""
-    if isinstance(value, functools.partial):
-        return f"partial({described(value.func)}, {described(value.args)}, {described(value.keywords)})"
-    if inspect.isfunction(value):
-        if hasattr(value, "__wrapped__"):
-            return described(value.__wrapped__)
-        held = {name: _held(inner) for name, inner in inspect.getclosurevars(value).nonlocals.items()}
-        inside = ", ".join(f"{name}: {held[name]}" for name in sorted(held))
-        text = f"{value.__module__}.{value.__qualname__}" + (f" {{{inside}}}" if held else "")
-        # All lambdas have the same name, so the code is part of the text.
-        return f"{text} {_digest(_code(value))}" if "<" in value.__qualname__ else text
-    if callable(value) and not isinstance(value, type) and not hasattr(value, "_fields"):
-        return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
-    if isinstance(value, jax.Array | np.ndarray) and np.ndim(value):
-        array = np.asarray(value)
-        return f"{array.dtype}{list(array.shape)} {_digest(array.tobytes())}"
-    if isinstance(value, jax.Array | np.generic | np.ndarray):
-        return repr(value.item())
-    if isinstance(value, tuple) and hasattr(value, "_fields"):
-        inner = ", ".join(f"{k}={described(v)}" for k, v in zip(value._fields, value, strict=True))
-        return f"{type(value).__name__}({inner})"
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{k}: {described(v)}" for k, v in sorted(value.items())) + "}"
-    if isinstance(value, tuple | list):
-        return "(" + ", ".join(map(described, value)) + ")"
-    return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
-
-
-def _held(value: object) -> str:
-    """A value in a function's closure as text; an object that may change (counter, cache, table) by its type alone."""
-    plain = isinstance(value, tuple | str | bytes | int | float | Path | jax.Array | np.ndarray | np.generic)
-    return described(value) if plain or value is None or inspect.isfunction(value) else type(value).__name__
-
-
-def _code(function: Callable[..., PyTree]) -> bytes:
-    code = function.__code__
-    constants = [c for c in code.co_consts if not inspect.iscode(c)]
-    return code.co_code + repr((code.co_names, constants)).encode()
-
-
-def _digest(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()[:16]

@@ -10,6 +10,7 @@ from jaxtyping import PyTree
 
 from jgait.estimators import about_of
 from jgait.evaluate import Cohort
+from jgait.evaluate.store import REGULAR
 from jgait.notes import from_json
 from jgait.plot import cohort as plot_cohort
 from jgait.report import flags
@@ -43,8 +44,8 @@ MOST_RECORDINGS = 2000
 """Largest number of rows in the table of recordings; more rows make the page slow."""
 
 HOW = (
-    "Difference between estimate and reference against the mean of both. The full line is the bias; between the "
-    "dashed lines 95 of 100 differences are expected. Bars beside the axes are 95 % intervals."
+    "Difference between estimate and reference against the mean of both; of strides, all are drawn. The full line is "
+    "the bias; between the dashed lines 95 of 100 differences are expected. Bars beside the axes are 95 % intervals."
 )
 
 FEW_PEOPLE = 10
@@ -160,9 +161,9 @@ def _noted(text: str) -> list[Flag]:
 
 
 def _headline(paired: "pd.DataFrame", agreement: "pd.DataFrame") -> list[tuple[str, str, str]]:
-    """Bias and limits of the first quantity that is drawn, and the distance's relative error."""
+    """Bias and limits of the distance and of the length of regular strides, and the distance's relative error."""
     facts = []
-    for name in DRAWN[:2]:
+    for name in (DRAWN[0], REGULAR + DRAWN[1]):
         if name in agreement.index and np.isfinite(agreement.loc[name, ["bias", "loa_low"]].to_numpy(float)).all():
             words, unit = readable(name)
             row = agreement.loc[name]
@@ -194,7 +195,9 @@ def _agreement(agreement: "pd.DataFrame", made: Made) -> Section | None:
     if rows:
         caption = (
             "Estimate − reference, each quantity in its own unit; in brackets 95 % intervals, over people. ICC(2,1) "
-            "compares with how much the people differ: 1 is perfect, and – where the reference does not vary."
+            "compares with how much the people differ: 1 is perfect, and – where the reference does not vary. Regular "
+            "strides are in no turn, on no stairs, no half-step, not uneven and not in doubt; half-steps from and to "
+            "standing make the ICC of all strides' lengths larger."
         )
         columns = ("quantity", "n / people", "bias", "95 % limits", "mean |error|", "worst |error|", "ICC(2,1)")
         parts.append(Table(caption, columns, rows))

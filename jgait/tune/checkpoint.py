@@ -3,7 +3,6 @@
 import hashlib
 import json
 import os
-import re
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +11,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait.tune.identity import described, printed
+from jgait.version import __version__
+
 
 def fingerprint(**parts: object) -> dict[str, str]:
-    """A digest of each part of a fit: of the bytes of numbers, of the name or text of everything else."""
-    return {name: _digest(part) for name, part in parts.items()}
+    """A digest of each part of a fit: of the bytes of numbers, of the text of everything else; and of the version."""
+    return {name: _digest(part) for name, part in {**parts, "version of jgait": __version__}.items()}
 
 
 def _digest(part: object) -> str:
     digest = hashlib.sha256()
     leaves, structure = jax.tree.flatten(part)
-    digest.update(_text(structure).encode())
+    digest.update(printed(structure).encode())
     for leaf in leaves:
         if hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
             leaf = jax.random.key_data(leaf)
@@ -29,13 +31,8 @@ def _digest(part: object) -> str:
             array = np.ascontiguousarray(leaf)
             digest.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
         else:
-            digest.update(_text(leaf).encode())
+            digest.update(described(leaf).encode())
     return digest.hexdigest()[:32]
-
-
-def _text(part: object) -> str:
-    """The printed form of a part, without the memory addresses, which change from run to run."""
-    return re.sub(r"\b0x[0-9a-f]+", "", str(part))
 
 
 def save(path: Path, mark: dict[str, str], state: PyTree) -> None:

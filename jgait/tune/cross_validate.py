@@ -22,13 +22,13 @@ from jgait.tune.fit import (
     check_mesh,
     check_settings,
     loss_type,
-    name_of,
     optimizer_mark,
     scattered,
     supported,
     warn_of_flat,
 )
 from jgait.tune.gradient import check_mode
+from jgait.tune.identity import described
 from jgait.tune.lanes import Report, descend
 from jgait.tune.lessons import Lesson
 from jgait.tune.problem import Context, Items, Problem, of_subject, place
@@ -165,7 +165,7 @@ def cross_validate[P](
     settings = Settings(steps, minibatch, 1 if minibatch is None else -(-n // minibatch), None)
     mark = {} if checkpoint_file is None else checkpoint.fingerprint(
         data=items, params=params, transforms=transforms, priors=priors, settings=settings, folds=learned, key=key,
-        starts=(starts, spread), gradient=gradient, loss=name_of(loss), optimizer=optimizer_mark(optimizer, free),
+        starts=(starts, spread), gradient=gradient, loss=described(loss), optimizer=optimizer_mark(optimizer, free),
     )  # fmt: skip
     around = scattered(key, free, starts, spread)
     carry, _ = descend(

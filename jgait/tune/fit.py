@@ -18,6 +18,7 @@ from jgait.tune import checkpoint
 from jgait.tune.checks import check_data, check_loss, check_priors, numbered, over_transforms, spread_out, start
 from jgait.tune.descent import Carry, Settings, Trace, flat
 from jgait.tune.gradient import check_mode
+from jgait.tune.identity import described
 from jgait.tune.lanes import Report, descend
 from jgait.tune.problem import Context, Items, Problem, of_subject, place
 from jgait.tune.words import is_interval
@@ -197,7 +198,9 @@ def fit[P](
         patience: number of such losses without improvement after which the fit stops; None: no early stop.
         key: PRNG key of starts and minibatches.
         checkpoint_file: file in which the state is saved about twenty times. With the same file, an interrupted fit
-            continues and ends with the same result; a finished fit returns its result at once.
+            continues and ends with the same result; a finished fit returns its result at once. The file of another fit
+            is refused; whether the loss is another is seen from its code, the functions of its module that it calls,
+            and the numbers and arrays that it uses, but not from the code of other modules.
         mesh: devices of one axis, over which the items are distributed; with several processes, each process passes
             the whole `data` and returns the whole result.
         progress: function called on the host after every chunk; it has no influence on the result.
@@ -230,7 +233,7 @@ def fit[P](
     optimizer = supported(optimizer)
     mark = {} if checkpoint_file is None else checkpoint.fingerprint(
         data=items, params=params, transforms=transforms, priors=priors, settings=settings, validation=validation,
-        starts=(starts, spread), key=key, gradient=gradient, loss=name_of(loss),
+        starts=(starts, spread), key=key, gradient=gradient, loss=described(loss),
         optimizer=optimizer_mark(optimizer, free),
     )  # fmt: skip
     begin = scattered(key, free, starts, spread)
@@ -241,11 +244,6 @@ def fit[P](
         file=None if checkpoint_file is None else Path(checkpoint_file), mark=mark,
     )  # fmt: skip
     return _result(problem, params, carry, trace, begin, labels, numbers)
-
-
-def name_of(loss: object) -> str:
-    """The text that identifies a loss in a checkpoint: the name of a function, the printed form of anything else."""
-    return str(getattr(loss, "__qualname__", None) or repr(loss))
 
 
 def lane(tree: PyTree, number: int) -> PyTree:

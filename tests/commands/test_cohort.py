@@ -9,8 +9,9 @@ import pandas as pd
 import pytest
 from made.command import run
 
-from jgait import io, tune
+from jgait import io
 from jgait.commands import references, tune_run
+from jgait.commands.rows import COPIED
 from jgait.estimators import leg_ekf
 from jgait.simulate import protocols
 
@@ -163,12 +164,16 @@ def test_a_distance_that_contradicts_the_samples_is_noted(walks):
     assert codes(way, folder / "half.csv") == [] and len(codes(0.1 * way, folder / "half.csv")) == 1
 
 
-def test_tuning_names_recordings_whose_distance_cannot_be_right(monkeypatch, capsys):
-    lessons = tune.Lessons(None, None, (), (), ("a.csv", "b.csv"), ())
-    monkeypatch.setattr(tune_run, "distances", lambda *_: [(4.86, 50.0), (4.86, 5.0)])
-    tune_run._say_distances(tune_run.Job(None, None, None, lessons, *[None] * 8))
-    said = capsys.readouterr().err
-    assert said.startswith("a.csv: the reference says 50.00 m, the estimate 4.86 m. ") and "b.csv" not in said
+def test_tuning_names_references_that_evaluate_names(table, walks, tmp_path):
+    truth = pd.read_csv(walks[0] / "samples0.csv")
+    truth.assign(time_s=truth["time_s"] - 0.5).to_csv(walks[0] / "early.csv", index=False)
+    early = table(lambda frame: frame.head(2).assign(reference_samples=["early.csv", "samples1.csv"]), "early0.csv")
+    warned = "check, 1 recording, such as walk0.csv: the knee's angles of the reference agree with the estimate if "
+    words = ("--free", "distance_scale", "--steps", 1, "--no-cross-validation")
+    for command, more in (("evaluate", ()), ("tune", words)):
+        code, said = run(command, early, "--paper", *more, "--out", tmp_path / command)
+        assert code == 0 and f"{warned}the reference is 0.50 s later" in said, said
+    assert said.index(warned) < said.index("learning from all people")
 
 
 def test_losses_are_empty_where_a_reference_cannot_answer_them(table, tmp_path, monkeypatch):
@@ -309,7 +314,7 @@ def test_tuning_judges_people_that_it_never_saw(tuned, walks):
         "5 of 9 recordings could not be used",
     ):  # fmt: skip
         assert words in said, said
-    assert said.index("comparing distances") < said.index("judging the people") < said.index("the data determine")
+    assert said.index("judging the people") < said.index("the data determine")
     names = {path.name for path in out.glob("[!.]*")}
     assert names == {"tuned.json", "training.png", "held_out.csv", "before_after.png", "fits"}
     held = pd.read_csv(out / "held_out.csv")
@@ -390,23 +395,46 @@ def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walk
         ),
         (("--free", "distance_scale", "--loss", "position"), "leg_ekf cannot answer 'position'; it answers distance"),
         (("--free", "distance_scale", "--loss", "distance=-1"), "the weight of 'distance' must be a positive number"),
-        (("--free", "distance_scale", "--folds", 3), "folds must be between 2 and the 2 subjects"),
+        (("--free", "distance_scale", "--folds", 3), "--folds must be between 2 and the 2 people; got 3"),
     ],
     ids=["unknown", "empty", "loss", "no angles", "not answered", "weight", "folds"],
 )
 def test_bad_tunings(table, words, expected, tmp_path):
     code, said = run("tune", table(), "--paper", *words, "--steps", 1, "--out", tmp_path / "out")
     assert code == 2
-    assert expected in said
+    assert expected in said and "compiling" not in said
     assert not (tmp_path / "out" / "tuned.json").exists()
 
 
+def test_tuning_refuses_a_copy_before_it_compiles(table, walks, tmp_path):
+    rounded = pd.read_csv(walks[0] / "walk0.csv").round(4)
+    rounded.to_csv(walks[0] / "rounded.csv", index=False)
+    twice = table(lambda f: pd.concat([f, f.head(1).assign(file="rounded.csv", subject="p9")]), "twice.csv")
+    code, said = run("tune", twice, "--paper", "--free", "distance_scale", "--out", tmp_path / "out")
+    copied = "rounded.csv and walk0.csv hold the same recording, with numbers rounded or written otherwise"
+    assert code == 2 and f"{copied}. {COPIED.meaning}" in said and "compiling" not in said, said
+    code, said = run("evaluate", twice, "--paper", "--out", tmp_path / "all")
+    assert code == 0 and copied in said
+    assert any(note["code"] == COPIED.code for note in json.loads((tmp_path / "all" / "notes.json").read_text()))
+
+
+def test_losses_that_no_recording_answers_together_are_named(table, tmp_path):
+    either = table(lambda frame: frame.head(3).assign(
+        distance_m=["", 5.0, ""], reference_strides=["strides0.csv", "", ""]), "either.csv")  # fmt: skip
+    words = ("--free", "distance_scale", "--loss", "stride_length,distance", "--out", tmp_path / "out")
+    code, said = run("tune", either, "--paper", *words)
+    assert code == 2 and "no recording of either.csv can answer all of stride_length, distance;" in said, said
+    assert "stride_length needs a reference with strides with length: 2 have none;" in said
+    assert "distance needs a reference with distance: 2 have none;" in said
+
+
 def test_likelihood_needs_no_reference_and_one_person_no_cross_validation(table, tmp_path):
-    lonely = table(lambda f: f.drop(columns="distance_m").assign(subject="me"), "lonely.csv")
+    lonely = table(lambda f: f.drop(columns="distance_m").assign(subject="me", day=["1", "", "2", ""]), "lonely.csv")
     words = ("tune", lonely, "--paper", "--free", "gyro_noise", "--loss", "likelihood", "--steps", 3)
     code, said = run(*words, "--out", tmp_path / "out")
     assert code == 0, said
     assert "it needs two people, or one person on two days that are known, and there is only a single person" in said
+    assert "because the day of these recordings is not known: walk1.csv, walk3.csv" in said
     assert "1 number was learned from 1 person" in said
     assert "negative log-likelihood [nat] of the recordings learned from, median: " in said and " before, " in said
     assert "not determined" not in said
@@ -435,7 +463,7 @@ def test_days_of_one_person_are_left_out_in_turn(table, tmp_path):
     assert code == 0, said
     assert "of days left out of the tuning" in said
     held_out = pd.read_csv(tmp_path / "out" / "held_out.csv")
-    assert set(held_out["subject"]) == {"day 0", "day 1"}
+    assert set(held_out["day"]) == {"day 0", "day 1"} and set(held_out["subject"]) == {"me"}
     assert json.loads((tmp_path / "out" / "tuned.json").read_text())["made"]["left_out"] == "days"
 
 

@@ -19,33 +19,33 @@ ORIGINS = Kind("origin", "info", "made today", ORIGIN)
 
 @pytest.fixture
 def said(capsys):
-    def say(rows, folder):
-        say_warnings([(name, to_json(notes)) for name, notes in rows.items()], folder)
+    def say(rows):
+        say_warnings([(name, to_json(notes)) for name, notes in rows.items()], "in the table")
         return capsys.readouterr().err.strip().splitlines()
 
     return say
 
 
-def test_no_warnings_are_no_lines(said, tmp_path):
-    assert said({"a.csv": [], "b.csv": [ORIGINS()]}, tmp_path) == []
+def test_no_warnings_are_no_lines(said):
+    assert said({"a.csv": [], "b.csv": [ORIGINS()]}) == []
 
 
-def test_grave_kinds_come_before_common_ones(said, tmp_path):
+def test_grave_kinds_come_before_common_ones(said):
     moves = STANDING_MOVES(rate=0.3)
     down = [UPSIDE_DOWN(placement=f"shank_{side}") for side in ("right", "left")]
     rows = {"a.csv": [moves, ORIGINS()], "b.csv": [moves, *down], "c.csv": [moves, down[1], NO_LEGS()], "d.csv": []}
-    assert said(rows, tmp_path) == [
+    assert said(rows) == [
         "3 of 4 recordings have warnings; the results of 1 should not be used:",
         "  do not use the result, 1 recording, such as c.csv: no legs move",
         "  check, 2 recordings, such as b.csv: shank_left is upside down",
         f"  check, 3 recordings, such as a.csv: {moves}",
-        f"all sentences: column notes of {tmp_path / 'recordings.csv'}, or jgait report {tmp_path}",
+        "all sentences: in the table",
     ]
 
 
-def test_few_kinds_and_no_long_sentence_are_printed(said, tmp_path):
+def test_few_kinds_and_no_long_sentence_are_printed(said):
     kinds = [Kind(f"kind_{number}", "check", f"{number} {'x' * 400}", WRONG_PLACE) for number in range(7)]
-    lines = said({"a.csv": [kind() for kind in kinds]}, tmp_path)
+    lines = said({"a.csv": [kind() for kind in kinds]})
     assert lines[0] == "1 of 1 recording has warnings:"
     assert len(lines) == 2 + warnings.MOST_KINDS
     assert all(len(line) < 260 for line in lines[1:-1])

@@ -12,10 +12,10 @@ import pytest
 from made.cohort import FAKE, TRACED, Params, read, run, walk
 from made.notes import note, texts
 
-from jgait import evaluate, tune
+from jgait import evaluate
 from jgait.estimators import leg_ekf
-from jgait.evaluate import buckets, devices, losses, scores, store
-from jgait.evaluate.store import Folder, described
+from jgait.evaluate import buckets, devices, scores, store
+from jgait.evaluate.store import Folder
 from jgait.notes import Kind, from_json
 from jgait.simulate import protocols
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, Strides, Walk
@@ -54,10 +54,6 @@ def test_a_distance_that_cannot_be_right_is_noted():
     said = [[note.text for note in from_json(row) if note.code == "reference_distance_off"] for row in rows]
     way = walks[1].reference.distance[-1] - walks[1].reference.distance[0]
     assert said == [[], [f"the reference says {way:.2f} m, the estimate {0.11 * way:.2f} m"]]
-    own = {"offset": 0.25}
-    pairs = losses.distances(FAKE, FAKE.params, tune.lessons(FAKE, walks, own=lambda walk: own))
-    np.testing.assert_allclose([ours / theirs for ours, theirs in pairs], [1.1, 0.11], rtol=1e-5)
-    assert losses.distances(FAKE, FAKE.params, tune.lessons(FAKE, walks, reference=False)) == []
 
 
 def test_lengths_of_the_ladder():
@@ -408,14 +404,42 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
     assert not (tmp_path / "a" / ".0-part-0-000009").exists()
 
 
-def test_descriptions_tell_apart_what_gives_other_results():
-    default, paper = leg_ekf.estimator(), leg_ekf.estimator(leg_ekf.PAPER)
-    assert described(default.prepare) == described(leg_ekf.estimator().prepare)
-    assert described(default.prepare) != described(paper.prepare)
-    assert "rate_hz=50.0" in described(paper.prepare)
-    assert described(lambda x: x + 1) != described(lambda x: x + 2)
-    assert described(np.arange(3.0)) != described(np.arange(1.0, 4.0))
-    assert " at 0x" not in described({"a": object(), "b": (object(),)})
+def test_strides_of_a_reference_that_are_half_as_long_are_named():
+    time = np.arange(0.0, 12.0, 0.01)
+    bare = Estimate(time, Legs(None, None), None, None, time >= 0.0, {})
+    strides = foot_strides(8)
+
+    def codes(ours, theirs, estimate=bare):
+        walked = Walk(walk(1).recording, bare._replace(strides=strides._replace(length=theirs)), {})
+        estimate = estimate._replace(strides=None if ours is None else strides._replace(length=ours))
+        return [note.code for note in scores.score(estimate, walked).notes]
+
+    true = np.asarray(strides.length)
+    assert codes(1.05 * true, 0.5 * true) == codes(0.9 * true, 0.5 * true) == ["reference_strides_half"]
+    assert codes(true, true) == codes(1.6 * true, true) == []
+    scattered = true * np.array([1.3, 1.5, 2.0, 2.0, 2.1, 2.8, 2.9, 1.0])  # a bad estimate
+    assert codes(0.5 * scattered, 0.5 * true) == []
+    assert codes(2.4 * true, 1.2 * true) == []  # no halves: steps of usual length
+    way = bare._replace(distance=time)
+    assert codes(None, np.full(8, 0.5), way) == ["reference_strides_half"] and codes(None, np.ones(8), way) == []
+    known = bare._replace(strides=strides._replace(length=np.full(8, 0.5)), distance=time)
+    (note,) = scores.score(way, Walk(walk(1).recording, known, {})).notes  # no stride is as long as the distance
+    assert str(note) == "the reference's strides are 0.50 m long, the estimated 1.00 m, twice as long (medians)"
+
+
+def test_the_agreement_has_regular_strides_beside_all(twenty):
+    rows = twenty.strides.assign(regular=twenty.strides["s_id"] > 1)
+    found = twenty._replace(strides=rows).agreement(resamples=20)
+    kept = rows[rows["regular"]]
+    both = found.loc[["stride_length_m", "regular_stride_length_m"]]
+    assert list(both["n"]) == [rows["estimate"].count(), kept["estimate"].count()] and both["n"].is_monotonic_decreasing
+    assert list(both["bias"]) == pytest.approx([rows["error"].mean(), kept["error"].mean()])
+    assert list(found.index).index("regular_stride_length_m") == list(found.index).index("stride_length_m") + 1
+    none = twenty._replace(strides=rows.assign(regular=False)).agreement(resamples=20)
+    assert "regular_stride_length_m" not in none.index and none.loc["stride_length_m", "n"] == len(rows)
+    assert list(twenty._replace(strides=rows.head(0)).agreement(resamples=20).index) == [
+        "distance_m", "hip_rmse_deg_right", "knee_rmse_deg_right", "x_rmse_cm_right", "y_rmse_cm_right"
+    ]  # fmt: skip
 
 
 def test_tables_over_subjects_and_agreement(twenty):

@@ -28,9 +28,9 @@ ONLY = Centre(real, fixed)
 FAST = optax.sgd(0.25)
 
 
-def run(**change):
+def run(loss=square, **change):
     call = {"params": Centre(0.0), "transforms": ONLY, "data": DATA, "optimizer": FAST, "subjects": PEOPLE, "steps": 60}
-    return tune.cross_validate(square, **(call | change))
+    return tune.cross_validate(loss, **(call | change))
 
 
 def others(name):
@@ -164,3 +164,7 @@ def test_it_goes_on_where_it_was_killed(tmp_path):
     assert resumed.table.equals(whole.table)
     with pytest.raises(ValueError, match="belongs to another fit: folds differ"):
         run(checkpoint_file=file, folds=[0, 0, 1, 1, 1, 1], chunk=5)
+    other = tmp_path / "other.npz"
+    run(lambda p, item: square(p, item), checkpoint_file=other, chunk=5)
+    with pytest.raises(ValueError, match="belongs to another fit: loss differ"):
+        run(lambda p, item: 2.0 * square(p, item), checkpoint_file=other, chunk=5)

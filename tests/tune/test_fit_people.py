@@ -233,6 +233,20 @@ def test_a_checkpoint_of_another_fit_and_another_file_are_refused(tmp_path):
         _fit(file)
 
 
+def test_a_checkpoint_of_another_loss_is_refused(tmp_path):
+    """Both losses have the name of all lambdas."""
+
+    def best(loss, file):
+        return tune.fit(
+            loss, Spot(1.0), Spot(positive), np.full(4, 2.0), optax.adam(0.3), steps=3, checkpoint_file=file
+        )
+
+    one = best(lambda p, x: (p.x - x) ** 2, tmp_path / "fit")
+    assert best(lambda p, x: (p.x - x) ** 2, tmp_path / "fit").params == one.params
+    with pytest.raises(ValueError, match="belongs to another fit: loss differ"):
+        best(lambda p, x: (p.x - 10 * x) ** 2, tmp_path / "fit")
+
+
 @pytest.mark.usefixtures("unchecked")
 def test_an_optimiser_that_is_none_is_refused():
     with pytest.raises(TypeError, match=r"optimizer must come from optax, such as optax.adam\(0.05\); got 'adam'"):
