@@ -76,8 +76,8 @@ UNUSABLE = ", not usable"
 
 CAPTION = (
     "± one standard deviation, of one stride or of the distance; medians over regular strides (no turns, stairs, "
-    "half-steps, clipped swings, uneven or doubtful ones), stance of those that a foot's sensor saw; angles: "
-    "smallest … largest flexion; whole tables in the files"
+    "half-steps, clipped swings, uneven or doubtful ones), stance of those that a foot's sensor saw, mean of both "
+    "sides; angles: smallest … largest flexion; whole tables in the files"
 )
 """Text below the numbers of `totals`."""
 
@@ -128,7 +128,9 @@ def totals(estimate: Estimate, flags: tuple[StrideFlag, ...], seen: np.ndarray |
         rows.append(Total("cadence", "–" if lasted is None else f"{120.0 / lasted:.0f} steps/min"))
         feet = np.full(lasts.size, estimate.feet is not None) if seen is None else seen
         toe_off = np.nan if strides.final_contact is None else as_float(strides.final_contact)
-        stance = median((toe_off - as_float(strides.start)) / lasts, usual[feet[usual]])
+        stands, sides = (toe_off - as_float(strides.start)) / lasts, np.asarray(strides.side)
+        both = [median(stands, usual[feet[usual] & (sides[usual] == side)]) for side in range(len(SIDES))]
+        stance = median([of_side for of_side in both if of_side is not None])  # of two, the mean
         rows.append(Total("stance", "–" if stance is None else f"{100.0 * stance:.0f} % of the stride"))
     for joint, pair in joint_ranges(estimate).items():
         if pair is not None:

@@ -109,6 +109,15 @@ def functional_axes(imu: Imu, sampling_rate_hz: float) -> TrunkAxes | None:
     return TrunkAxes(np.stack([forward, np.cross(up, forward), up]), float(steps), float(np.angle(along)))
 
 
+def step_frequency(acc: np.ndarray, sampling_rate_hz: float) -> float:
+    """[Hz] Frequency of most power of the specific force (T, 3) where the trunk walks; 0 if it never does."""
+    walking = _walking(acc, sampling_rate_hz)
+    if not walking.any():
+        return 0.0
+    amplitude = _spectrum(np.where(walking[:, None], acc - acc[walking].mean(axis=0), 0.0))
+    return _step_frequency(amplitude, np.arange(len(amplitude)) * sampling_rate_hz / (2 * (len(amplitude) - 1)))
+
+
 def tilted(forces: np.ndarray, acc: np.ndarray, sampling_rate_hz: float) -> float:
     """Largest angle [rad] from the vertical of the mean specific force over `SLOW_S`, from forces (T, 3) in the world,
     z up; it is small if the attitude is right, for nobody speeds up for so long.

@@ -18,7 +18,14 @@ from jgait.estimators.waist.about import ABOUT, SIDE_KNOWN
 from jgait.estimators.waist.bouts import LEAST_S, missed
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.motion import TrunkMotion
-from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, FALLS_FREELY, SHORT_OR_SLOW, SLOWER_PART, WALKING_MISSED
+from jgait.estimators.waist.notes import (
+    DISTANCE_DOUBTFUL,
+    FALLS_FREELY,
+    SHORT_OR_SLOW,
+    SLOWER_PART,
+    STEPS_MISSED,
+    WALKING_MISSED,
+)
 from jgait.estimators.waist.params import (
     DEFAULT,
     KNOWN,
@@ -31,7 +38,7 @@ from jgait.estimators.waist.prepare import prepare
 from jgait.estimators.waist.readout import EDGE_STEPS, WaistWalk, earlier
 from jgait.estimators.waist.steps import Intervals
 from jgait.geometry.vectors import GRAVITY
-from jgait.mounting.trunk import FREE, OVER_S
+from jgait.mounting.trunk import FREE, OVER_S, step_frequency
 from jgait.notes import Note
 from jgait.types import Estimate, Legs, Recording, Strides, Values, as_float
 
@@ -196,6 +203,10 @@ are. In such parts of simulated walks lengths are too large by more than three d
 not. Of the straight strides of each walk of `ipol_gait` and `mobgap_lab` at most two last as long."""
 
 
+EVERY_SECOND = 0.65
+"""[1] Contacts a second over the trunk's step frequency below which contacts are missed; recorded walks have 0.85 and
+more. In limping, only the step of one leg may be found."""
+
 UNLIKE_SD = 0.35
 """[1] Standard deviation of lengths and distance over themselves in walks unlike those from which the pendulum was
 learned, and of strides that turn, which may be steps on the spot. Chosen by simulated people who shuffle, limp or run
@@ -267,7 +278,20 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
     result = _with_missed(result._replace(diagnostics=diagnostics), made.inputs)
     doubts, unlike = _doubts(result, diagnostics["initial_contact"], made.options)
     diagnostics = {**result.diagnostics, "notes": (*result.diagnostics["notes"], *doubts)}
+    if missed := _steps_missed(result, diagnostics["initial_contact"]):
+        diagnostics |= {"doubtful": np.ones(len(unlike), bool), "notes": (*diagnostics["notes"], missed)}
+        unlike = np.ones(len(unlike), bool)
     return wider(result._replace(diagnostics=diagnostics), UNLIKE_SD * unlike)
+
+
+def _steps_missed(result: Estimate, contacts: np.ndarray) -> Note | None:
+    """A note if there are far fewer contacts [s] than the trunk is moved by steps."""
+    if len(contacts) < FEW:
+        return None
+    force = np.add(as_float(result.diagnostics["trunk_acceleration"]), [0.0, 0.0, GRAVITY])
+    found = 1.0 / float(np.median(np.diff(contacts)))
+    steps = step_frequency(force, 1.0 / float(np.median(np.diff(as_float(result.time)))))
+    return STEPS_MISSED(found=found, steps=steps) if found < EVERY_SECOND * steps else None
 
 
 def _with_missed(result: Estimate, inputs: WaistInputs) -> Estimate:

@@ -77,7 +77,8 @@ SHORT_OR_SLOW = Kind(
     "{strides} of {of} strides, of {length_m:.2f} m at {speed:.2f} m/s in the median, are shorter or slower than those "
     "from which step lengths were learned, {least_m:.2f} m and more at {slowest:.2f} m/s and more",
     "Step lengths were learned from usual walking. In shuffling, slow or limping walks, lengths and distance are wrong "
-    "by a third and more, and contacts may be missed; their deviations are therefore large.",
+    "by a third and more; their deviations are therefore large. Contacts may be missed or added: cadence and durations "
+    "can be wrong by half, and have no deviation.",
 )
 
 SLOWER_PART = Kind(
@@ -87,6 +88,15 @@ SLOWER_PART = Kind(
     "{usual:.2f} s: lengths in a slower part of a walk are less certain",
     "Step lengths were learned from walks at one pace. In a slower part of simulated walks they are 20 to 60 % too "
     "large, in two recorded ones they are right. The deviations of these strides, and of the distance, contain both.",
+)
+
+STEPS_MISSED = Kind(
+    "steps_missed",
+    "check",
+    "{found:.1f} contacts a second were found, but the trunk moves as in {steps:.1f} steps a second: contacts are "
+    "missed, as in limping",
+    "Durations of strides are then too long by two or more, and cadence and distance too small. The strides are in "
+    "doubt and not in the means. Sensors on feet or shanks see all steps.",
 )
 
 FALLS_FREELY = Kind(

@@ -8,6 +8,7 @@ from made.trunk import about_vertical, cut, imu_of, joined, rotation, turned, wa
 
 from jgait import simulate
 from jgait.estimators import waist
+from jgait.estimators.stride_flags import regular
 from jgait.estimators.waist import FLAGS, WaistOptions, WaistParams
 
 KNOWN = WaistParams(pendulum_constant=1.112, pendulum_constant_sd=0.02, pendulum_length_sd=0.01)
@@ -316,3 +317,17 @@ def test_sides_of_people_whose_pelvis_turns_the_other_way(data, name):
     assert near.mean() > 0.9
     right = np.asarray(found["initial_contact_side"])[apart.argmin(axis=0)] == sides
     assert right[near].mean() > 0.95
+
+
+def test_limping_of_which_only_every_second_step_is_found_is_named_and_in_no_mean():
+    key, way = jax.random.key(0), simulate.straight(12.0)
+    people = simulate.population(jax.random.key(5), 1, recorded=True)
+    person = simulate.covering(key, simulate.walking(simulate.person_of(people, 0), "limping"), way)
+    recording, truth = simulate.recording(key, person, way, placements=("waist",))
+    found = estimated(recording)
+    strides, true = found.strides, truth.strides
+    lasts = np.median((strides.end - strides.start)[strides.valid])
+    assert lasts > 1.5 * np.median((true.end - true.start)[np.asarray(true.valid)])
+    assert of_code(found.diagnostics["notes"], "steps_missed")
+    assert not regular(found, waist.estimator().about.flags).any()
+    assert not of_code(estimated(walk().recording).diagnostics["notes"], "steps_missed")
