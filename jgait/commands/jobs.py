@@ -92,7 +92,8 @@ def all_sensors(person: Mapping[str, PyTree], ending: str) -> EstimateJob:
 
     def write(made: Analysis, out: Path, name: str) -> list[Path]:
         tables = io.analysis_to_dataframes(made).items()
-        files = [io.write_table(rows, out / f"{name}_{key}.{ending}") for key, rows in tables if len(rows)]
+        kept = [(key, rows) for key, rows in tables if len(rows) or key == "summary"]  # one of each, to be joined
+        files = [io.write_table(rows, out / f"{name}_{key}.{ending}") for key, rows in kept]
         return files + results.drawn(made, FIGURES, out, name)
 
     table = table_of("recording", "quantity", "combined", "each alone", left=4, title="all sensors together")
