@@ -255,8 +255,8 @@ def _finished(options: DutyCycledOptions, result: Estimate, made: Prepared[DutyC
             notes.append(RATE_HELD(placement=name, samples=samples, begin_s=first, end_s=last))
     for side, leg in zip(SIDES, result.legs, strict=True):
         strides = [] if leg is None else swing_cycles(result.time, leg, valid)
-        last = [result.time[b] - result.time[a] for a, b in strides]
-        if last and (median := float(np.median(last))) < QUICK_S:
+        lasting = [result.time[b] - result.time[a] for a, b in strides]
+        if lasting and (median := float(np.median(lasting))) < QUICK_S:
             notes.append(STRIDES_QUICK(placement=f"shank_{side}", seconds=median))
     diagnostics = result.diagnostics | energy(made, options) | {"notes": tuple(notes)}
     return result._replace(valid=valid, diagnostics=diagnostics)
