@@ -29,13 +29,17 @@ KNEE_SHARE = 0.01
 KNEE_STIFF_DEG, HIP_SWINGS_DEG = 5.0, 20.0
 """[deg] Range of a knee that is stiff, while its hip swings by more than this: from the 1st to the 99th percentile."""
 
-PAST_STRAIGHT_DEG = -11.0
-"""[deg] Smallest knee angle of a stride, in the median, below which the zero seems wrong. The 38 legs of `walking5m`
-and `neura_sparse` reach -9.8 to 5.8; a simulated person whose knees are bent by 20° in standing reaches -12.7."""
+PAST_STRAIGHT_DEG = -10.0
+"""[deg] Smallest knee angle below which two of three strides must be for the zero to seem wrong. Medians of the 38 legs
+of `walking5m` and `neura_sparse` are -9.8 to 5.8; of a simulated person with knees bent by 20° in standing -12.7."""
 
 BENT_DEG = (25.0, 10.0)
-"""[deg] Smallest knee and hip angle of a stride, in the median, above which, both at once, a leg is never straight. Of
-`simulate.GAITS` "crouched" reaches 27 and -4, "running" 11 and -1; the recordings named above at most 6 and -7."""
+"""[deg] Smallest knee and hip angle above which two of three strides must be, both at once, for a leg to be never
+straight. Medians of "crouched" of `simulate.GAITS` are 27 and -4, of "running" 11 and -1; of the recordings named above
+at most 6 and -7."""
+
+MOST = 200.0 / 3.0
+"""[%] Those two of three: strides differ more from each other where rates are filled, as while gyroscopes sleep."""
 
 FEWEST_CYCLES = 3
 """[1] Least number of strides of a leg from which these two are judged."""
@@ -164,12 +168,11 @@ def _zero(side: str, time: np.ndarray, leg: LegTrajectory, valid: np.ndarray) ->
     strides = swing_cycles(time, leg, valid)
     if len(strides) < FEWEST_CYCLES:
         return []
-    knee, hip = (
-        float(np.median([np.rad2deg(as_float(angle)[a:b].min()) for a, b in strides]))
-        for angle in (leg.knee_angle, leg.hip_angle)
-    )
-    if knee < PAST_STRAIGHT_DEG:
-        return [KNEE_PAST_STRAIGHT(side=side, knee=knee)]
+    angles = (np.rad2deg(as_float(angle)) for angle in (leg.knee_angle, leg.hip_angle))
+    knees, hips = ([angle[a:b].min() for a, b in strides] for angle in angles)
+    if (most := np.percentile(knees, MOST)) < PAST_STRAIGHT_DEG:
+        return [KNEE_PAST_STRAIGHT(side=side, knee=most)]
+    knee, hip = (np.percentile(smallest, 100.0 - MOST) for smallest in (knees, hips))
     return [LEG_NEVER_STRAIGHT(side=side, knee=knee, hip=hip)] if knee > BENT_DEG[0] and hip > BENT_DEG[1] else []
 
 
