@@ -64,6 +64,13 @@ File = Annotated[
 ]
 Dataset = Annotated[str | None, typer.Option(help="A public data set instead, such as walking5m or neura_sparse.")]
 Simulated = Annotated[int | None, typer.Option(min=1, help="Number of simulated people on walks of 3 to 4 m instead.")]
+
+SIMULATED_WORN = (
+    "people of --simulated wear sensors on thighs and shanks; run jgait simulate --protocol potter (shoes), silva "
+    "(ankles) or kose (waist), and give the table that it writes"
+)
+"""Where a cohort of `Simulated` has sensors, for messages."""
+
 Seed = Annotated[int, typer.Option(help="Random seed of simulated people, starting points and folds.")]
 EstimatorName = Annotated[
     str,

@@ -114,7 +114,8 @@ def evaluate(
         failures = list(zip(failed["recording"], failed["reason"], strict=True))
         say_failures(failures)
         if not len(results.recordings):
-            stop(f"none of the {len(failures)} recordings of {source.title} could be used")
+            why = f"; {cohorts.SIMULATED_WORN}" if simulated else ""
+            stop(f"none of the {len(failures)} recordings of {source.title} could be used{why}")
         agreement = results.agreement()
         judged = _judged(pipeline, source, start, names, failures) if names else None
         try:

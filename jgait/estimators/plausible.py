@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from jgait.estimators.cycles import swing_cycles
 from jgait.notes import Kind, Note
-from jgait.types import SIDES, Estimate, Strides, as_float
+from jgait.types import SIDES, Estimate, LegTrajectory, Strides, as_float
 
 LONGEST_STRIDE = 2.5
 """[m] Longest stride of walking: race walkers take 2.4 m."""
@@ -27,6 +28,21 @@ KNEE_SHARE = 0.01
 
 KNEE_STIFF_DEG, HIP_SWINGS_DEG = 5.0, 20.0
 """[deg] Range of a knee that is stiff, while its hip swings by more than this: from the 1st to the 99th percentile."""
+
+PAST_STRAIGHT_DEG = -10.0
+"""[deg] Smallest knee angle below which two of three strides must be for the zero to seem wrong. Medians of the 38 legs
+of `walking5m` and `neura_sparse` are -9.8 to 5.8; of a simulated person with knees bent by 20° in standing -12.7."""
+
+BENT_DEG = (25.0, 10.0)
+"""[deg] Smallest knee and hip angle above which two of three strides must be, both at once, for a leg to be never
+straight. Medians of "crouched" of `simulate.GAITS` are 27 and -4, of "running" 11 and -1; of the recordings named above
+at most 6 and -7."""
+
+MOST = 200.0 / 3.0
+"""[%] Those two of three: strides differ more from each other where rates are filled, as while gyroscopes sleep."""
+
+FEWEST_CYCLES = 3
+"""[1] Least number of strides of a leg from which these two are judged."""
 
 STEEPEST, LEAST_RISE = 1.0, 0.5
 """[1], [m] Slope of a walk, and its rise: strides on stairs rise by 0.6 of their length."""
@@ -59,6 +75,28 @@ KNEE_STIFF = Kind(
     "{side}: the knee moves by {knee:.0f}° only, while the hip swings by {hip:.0f}°",
     "Both sensors of the leg can be on one segment, or have one signal under two names. These angles hold only if the "
     "knee is locked, as by an orthosis.",
+)
+ZERO = (
+    "Hip and knee angles count from the pose in which the person stands still. That pose seems not to be upright with "
+    "straight knees, or a sensor moved on the leg after it: angles can be off by the same amount in the whole walk, by "
+    "more than their deviations say. Ranges of motion hold. Repeat the recording with upright standing, or state "
+    "`standing_hip` and `standing_knee`."
+)
+"""Meaning of kinds that report that the zero of the joint angles seems wrong."""
+
+KNEE_PAST_STRAIGHT = Kind(
+    "knee_past_straight",
+    "check",
+    "{side}: in most strides the knee reaches {knee:.0f}°, well past straight: the knee seems to have been bent in the "
+    "standing that calibrates",
+    f"{ZERO} Some people do overextend their knees so far.",
+)
+LEG_NEVER_STRAIGHT = Kind(
+    "leg_never_straight",
+    "check",
+    "{side}: in most strides the knee stays above {knee:.0f}° and the hip above {hip:.0f}°: in the standing that "
+    "calibrates, the thigh or its sensor seems to have been tilted backwards",
+    f"{ZERO} A person who stands upright, but walks bent so far, gets this note too.",
 )
 WIDTH_NEGATIVE = Kind(
     "width_negative",
@@ -95,6 +133,7 @@ def implausible(estimate: Estimate) -> tuple[Note, ...]:
     """Notes about what no person does in an estimate of one recording, without padding; on the host."""
     notes: list[Note] = []
     valid = np.asarray(estimate.valid, bool)
+    time = as_float(estimate.time)
     if estimate.strides is not None:
         notes += _strides(estimate.strides, estimate.strides_stddev)
     for side, leg in zip(SIDES, estimate.legs, strict=True):
@@ -110,16 +149,31 @@ def implausible(estimate: Estimate) -> tuple[Note, ...]:
             notes.append(
                 KNEE_IMPLAUSIBLE(side=side, low=knee.min(), high=knee.max(), percent=max(100.0 * beyond.mean(), 1.0))
             )
+        else:
+            notes += _zero(side, time, leg, valid)
         hip = np.rad2deg(as_float(leg.hip_angle)[valid])
         moves = [float(np.ptp(np.percentile(angle, (1, 99)))) if angle.size else 0.0 for angle in (knee, hip)]
         if moves[0] < KNEE_STIFF_DEG and moves[1] > HIP_SWINGS_DEG:
             notes.append(KNEE_STIFF(side=side, knee=moves[0], hip=moves[1]))
     if estimate.distance is not None and valid.any():
-        seconds = float(np.ptp(as_float(estimate.time)[valid]))
+        seconds = float(np.ptp(time[valid]))
         distance = float(as_float(estimate.distance)[valid][-1])
         if not distance <= FASTEST_RUN * max(seconds, 1.0):
             notes.append(SPEED_IMPLAUSIBLE(distance=distance, seconds=seconds))
     return tuple(notes)
+
+
+def _zero(side: str, time: np.ndarray, leg: LegTrajectory, valid: np.ndarray) -> list[Note]:
+    """A note if the angles of most strides of a leg are beyond, or never near, those of a straight leg."""
+    strides = swing_cycles(time, leg, valid)
+    if len(strides) < FEWEST_CYCLES:
+        return []
+    angles = (np.rad2deg(as_float(angle)) for angle in (leg.knee_angle, leg.hip_angle))
+    knees, hips = ([angle[a:b].min() for a, b in strides] for angle in angles)
+    if (most := np.percentile(knees, MOST)) < PAST_STRAIGHT_DEG:
+        return [KNEE_PAST_STRAIGHT(side=side, knee=most)]
+    knee, hip = (np.percentile(smallest, 100.0 - MOST) for smallest in (knees, hips))
+    return [LEG_NEVER_STRAIGHT(side=side, knee=knee, hip=hip)] if knee > BENT_DEG[0] and hip > BENT_DEG[1] else []
 
 
 def paces_mixed(strides: Strides) -> list[Note]:

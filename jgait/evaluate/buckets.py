@@ -206,7 +206,10 @@ def _finished(job: CohortJob, bucket: list[Ready], result: PyTree, failures: lis
     good: list[tuple[Ready, Estimate, Scores]] = []
     for number, ready in enumerate(bucket):
         row = jax.tree.map(lambda leaf, number=number: leaf[number], result)
-        estimate = job.estimator.finished(row, ready.made)._replace(time=as_float(ready.made.inputs.time))
+        estimate = job.estimator.finished(row, ready.made)
+        time = as_float(ready.made.inputs.time)
+        if estimate.time.shape == time.shape:  # not where `finish` puts the result at other times, as stride_width_ekf
+            estimate = estimate._replace(time=time)
         bad = _unusable(estimate)
         if bad is None:
             try:

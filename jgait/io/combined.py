@@ -34,8 +34,9 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     """The tables of an analysis; without strides, those of strides, their summary and bouts have no rows.
 
     `strides`: columns of `strides_to_dataframe`, then `stance_duration_s swing_duration_s`, smallest and largest
-    `hip_flexion_…_deg knee_flexion_…_deg` in the stride where thigh and shank are measured, `angles_valid`, False if
-    these angles are not usable, `wb_id` of the walking bout, `source` of the times, `combined` sources of the length,
+    `hip_flexion_…_deg knee_flexion_…_deg` in the stride where thigh and shank are measured, with their deviations
+    `…_std_deg`, mostly of the standing pose and so the same in all strides, `angles_valid`, False if these angles are
+    not usable, `wb_id` of the walking bout, `source` of the times, `combined` sources of the length,
     `special` flags in words, and `regular`, True if the stride counts in medians: not in a turn, on stairs, from or to
     standing, clipped, uneven, or in doubt. A regular stride can have other flags, such as "sources contradict".
     `summary`: mean, variability and asymmetry of each measure over the steady strides, see `io.summary.summary`.
@@ -95,10 +96,12 @@ def _strides(analysis: "Analysis", joined: "JoinedStrides") -> "pd.DataFrame":
 
 
 def joint_extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.ndarray]:
-    """Smallest and largest flexion of hip and knee [°] in each stride, of its own leg; NaN where a sample lacks."""
+    """Smallest and largest flexion of hip and knee [°] in each stride, of its own leg, each with the standard deviation
+    of that sample if the estimate states it; NaN where a sample lacks.
+    """
     extremes: dict[str, np.ndarray] = {}
     time = as_float(estimate.time)
-    for side, leg in zip(SIDES, estimate.legs, strict=True):
+    for side, leg, spread in zip(SIDES, estimate.legs, estimate.stddev or (None, None), strict=True):
         if leg is None:
             continue
         known = np.asarray(estimate.valid, bool) & np.isfinite(as_float(leg.knee_angle))
@@ -107,10 +110,15 @@ def joint_extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.nd
             if not there.any() or not known[there].all():  # the extreme may lie where there is no angle
                 there = np.zeros_like(there)
             for joint in ("hip", "knee"):
-                angle = np.rad2deg(as_float(getattr(leg, f"{joint}_angle")))[there]
-                for word, of in (("min", np.min), ("max", np.max)):
-                    column = extremes.setdefault(f"{joint}_flexion_{word}_deg", np.full(len(table), np.nan))
-                    column[row] = of(angle) if angle.size else np.nan
+                angle = as_float(getattr(leg, f"{joint}_angle"))[there]
+                for word, of in (("min", np.argmin), ("max", np.argmax)):
+                    for end, one in (("", leg), ("_std", spread)):
+                        if one is None:
+                            continue
+                        name = f"{joint}_flexion_{word}{end}_deg"
+                        column = extremes.setdefault(name, np.full(len(table), np.nan))
+                        if angle.size:
+                            column[row] = np.rad2deg(as_float(getattr(one, f"{joint}_angle"))[there][of(angle)])
     return extremes
 
 

@@ -23,9 +23,10 @@ MEASURES = {
 """Measure → its unit; with `_` between, the column of the table of strides, but for `cadence`, `step_duration` and
 `stance`."""
 
-USABLE = {"stride_width": "width_valid", **dict.fromkeys(
-    (f"{joint}_flexion_{end}" for joint in ("hip", "knee") for end in ("max", "min")), "angles_valid"
-)}  # fmt: skip
+OF_POSE = tuple(f"{joint}_flexion_{end}" for joint in ("hip", "knee") for end in ("max", "min"))
+"""Measures whose error is mostly that of the standing pose, the same in all strides: it hides no variability."""
+
+USABLE = {"stride_width": "width_valid", **dict.fromkeys(OF_POSE, "angles_valid")}
 """Measure → the column that is False in strides in which it is not usable."""
 
 FEWEST = 3
@@ -68,7 +69,7 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
             sides' variances, and 100 std / mean; no `cv_pct` of angles, whose zero is a matter of definition.
         error_std: stated standard deviation of the error in one stride. `std` contains the part of it that changes from
             stride to stride: one that is not clearly larger says little about the person, and where the error is more
-            than `HIDDEN` times as large it is not stated.
+            than `HIDDEN` times as large it is not stated, but for joint angles, see `OF_POSE`.
         asymmetry_pct asymmetry_std_pct: 100 (right − left) / mean of stride lengths, steps and stances, and the
             standard deviation of its error, if the error of a stride is the same in all strides of a side. Only where
             the same sensors measure both sides.
@@ -119,7 +120,7 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
         errors = table.get(f"{name}_std_{unit}", pd.Series(np.nan, table.index))[values.index].dropna()
         error = float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else np.nan
         std = float(np.sqrt(np.mean(variances))) if variances and enough else np.nan
-        std = np.nan if error > HIDDEN * std else std
+        std = np.nan if error > HIDDEN * std and name not in OF_POSE else std
         both = _at_the_same_time(table.loc[values.index]) if all(map(len, by_side)) else values.index
         right, left = (float(one.mean()) if len(one) else np.nan for one in (v[v.index.isin(both)] for v in by_side))
         unsure = _side_error(name, error, table) if alike and np.isfinite(right - left) else np.nan

@@ -37,7 +37,7 @@ def sleeping_gyroscopes(estimate: Estimate, *, seconds: Seconds = None, title: s
     """Angles and gyroscope rates of every leg over time; the background is grey while a gyroscope sleeps.
 
     A column for each leg: hip and knee, or the segment's angle with one sensor alone, above the rate of each sensor.
-    The window `seconds` is from and to [s].
+    Where the estimate is not valid, no angles are drawn. The window `seconds` is from and to [s].
 
     Raises:
         ValueError: if the estimate has no gyroscope with filled gaps.
@@ -103,8 +103,9 @@ def _angles(axis: Axes, estimate: Estimate, side: str, worn: list[str], part: np
         lines = [(word, getattr(leg, f), None if spread is None else getattr(spread, f)) for word, f in fields]
         styles = [style for _, style in ANGLES]
         axis.set_ylabel("flexion [°]")
+    valid = np.asarray(estimate.valid, bool)[part]
     for (word, values, deviation), style in zip(lines, styles, strict=True):
-        angle = DEGREES * as_float(values)[part]
+        angle = np.where(valid, DEGREES * as_float(values)[part], np.nan)
         if deviation is not None:
             band(axis, time, angle, DEGREES * as_float(deviation)[part], label=None, color=style["color"], alpha=0.22)
         axis.plot(time, angle, label=f"{word}, ±2σ" if deviation is not None else word, **style)

@@ -1,6 +1,5 @@
 """The strides of a report: one table for all estimators, special strides, means by side."""
 
-import itertools
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -9,6 +8,7 @@ from jaxtyping import PyTree
 from jgait import io
 from jgait.estimators import stride_flags
 from jgait.estimators.about import StrideFlag
+from jgait.estimators.cycles import swing_cycles
 from jgait.estimators.stride_flags import STRIDE_FLAGS
 from jgait.io.combined import joint_extremes
 from jgait.io.summary import CONTACTS, summary
@@ -17,12 +17,6 @@ from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:
     import pandas as pd
-
-KNEE_SWING = np.deg2rad(20.0)
-"""[rad] Smallest prominence of a maximum of knee flexion that counts as a swing."""
-
-SHORTEST, LONGEST = 0.6, 2.5
-"""[s] Shortest and longest cycle of a walking leg; longer ones contain standing."""
 
 
 class Measure(NamedTuple):
@@ -107,21 +101,14 @@ def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
     cycle is that of the swing at its start, so that each swing counts once; the last swing of a leg has no cycle.
     """
     import pandas as pd
-    from scipy.signal import find_peaks
 
     time = as_float(estimate.time)
-    valid = np.asarray(estimate.valid, bool)
     rows: list[dict[str, PyTree]] = []
     for side, leg in zip(SIDES, estimate.legs, strict=True):
-        if leg is None or time.size < 2:
+        if leg is None:
             continue
-        step = float(np.median(np.diff(time)))
-        told = valid & np.isfinite(as_float(leg.knee_angle))
-        knee, hip = (np.where(told, as_float(angle), 0.0) for angle in (leg.knee_angle, leg.hip_angle))
-        peaks = find_peaks(knee, prominence=KNEE_SWING, distance=max(1, round(SHORTEST / step)))[0]
-        for a, b in itertools.pairwise(peaks):
-            if time[b] - time[a] > LONGEST or not told[a : b + 1].all():
-                continue
+        knee, hip = as_float(leg.knee_angle), as_float(leg.hip_angle)
+        for a, b in swing_cycles(time, leg, estimate.valid):
             way = None if estimate.distance is None else float(estimate.distance[b] - estimate.distance[a])
             lasts = float(time[b] - time[a])
             rows.append({

@@ -245,8 +245,9 @@ def test_a_cohort_in_which_nothing_can_be_used_leaves_nothing(table, tmp_path):
         (("--dataset", "mine"), "there is no data set 'mine'"),
         (("--simulated", 1, "--estimator", "mine"), "estimator must be one of leg_ekf"),
         (("--simulated", 1, "--params", "nowhere.json"), "--params: "),
+        (("--simulated", 1, "--estimator", "stride_width_ekf"), "run jgait simulate --protocol potter (shoes)"),
     ],
-    ids=["nothing", "two", "no file", "no set", "no estimator", "no params"],
+    ids=["nothing", "two", "no file", "no set", "no estimator", "no params", "no shoes"],
 )
 def test_bad_usage(words, expected, tmp_path):
     code, said = run("evaluate", *words, "--out", tmp_path / "out")

@@ -562,3 +562,12 @@ def test_a_cohort_has_the_estimates_of_single_recordings_with_their_notes():
     rows = found.quantities.set_index("quantity")
     assert rows["estimate"]["distance_m"] == pytest.approx(gained, rel=0.05)
     assert "told" in [note.code for note in from_json(found.recordings["notes"][0])]
+
+
+def test_an_estimate_at_other_times_than_its_inputs_is_judged():
+    def finish(result, made):  # as of stride_width_ekf, whose filter runs at single moments
+        whole = result._replace(diagnostics={})
+        return jax.tree.map(lambda leaf: leaf[::2], whole)._replace(diagnostics=result.diagnostics)
+
+    found = evaluate.cohort(FAKE._replace(finish=finish), [walk(2)])
+    assert not len(found.failures) and len(found.quantities)

@@ -134,6 +134,12 @@ def test_angles_have_no_ratios_and_unusable_ones_do_not_count():
     assert "knee_flexion_max" not in rows(strides(knee_flexion_max_deg=60.0, angles_valid=False)).index
 
 
+def test_the_error_of_the_standing_pose_hides_no_variability_of_angles():
+    bends = 60.0 + np.resize([0.0, 1.0, 2.0], 12)
+    one = rows(strides(knee_flexion_max_deg=bends, knee_flexion_max_std_deg=4.5)).loc["knee_flexion_max"]
+    assert one["error_std"] == pytest.approx(4.5) and 0.5 < one["std"] < 1.5
+
+
 def test_the_stance_is_a_share_of_the_stride():
     assert rows(strides(final_contact_s=FINAL)).loc["stance", "mean"] == pytest.approx(60.0)
 

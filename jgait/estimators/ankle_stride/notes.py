@@ -20,8 +20,8 @@ STRIDES_QUICK = Kind(
     "strides_quick",
     "check",
     "{placement}: strides last {seconds:.2f} s, as in running",
-    "In running the leg does not stand as in walking: lengths and distance may be wrong by much more than their "
-    "deviations say. Small children walk with such strides too.",
+    "In running the leg does not stand as in walking: lengths and distance, and angles with sleeping gyroscopes, may "
+    "be wrong by much more than their deviations say. Small children walk with such strides too.",
 )
 
 SWINGS_SMALL = Kind(

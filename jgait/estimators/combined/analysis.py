@@ -15,7 +15,14 @@ from jgait.estimators.combined.phases import FEWEST_STRIDES
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
 from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.notes import without_repeats
-from jgait.estimators.plausible import KNEE_IMPLAUSIBLE, NO_ANGLES, PACES_MIXED, paces_mixed
+from jgait.estimators.plausible import (
+    KNEE_IMPLAUSIBLE,
+    KNEE_PAST_STRAIGHT,
+    LEG_NEVER_STRAIGHT,
+    NO_ANGLES,
+    PACES_MIXED,
+    paces_mixed,
+)
 from jgait.mounting.leg import SIDES_EXCHANGED
 from jgait.mounting.shank import LABELS_EXCHANGED
 from jgait.notes import NO_WALKING, SEVERITIES, Kind, Note
@@ -154,7 +161,8 @@ PAIRS = tuple(code for code in CLOCKS if code != "sides_out_of_step")
 """Those of them that may compare two sensors of one leg; a person who limps is out of step too."""
 
 FOLLOWS = {
-    SIDES_EXCHANGED.code: (*PAIRS, KNEE_IMPLAUSIBLE.code), LABELS_EXCHANGED.code: (*CLOCKS, "sides_differ"),
+    SIDES_EXCHANGED.code: (*PAIRS, KNEE_IMPLAUSIBLE.code, KNEE_PAST_STRAIGHT.code, LEG_NEVER_STRAIGHT.code),
+    LABELS_EXCHANGED.code: (*CLOCKS, "sides_differ"),
     FOOT_ON_SHANK.code: (*CLOCKS, "sides_differ"),
 }  # fmt: skip
 """Code of a note that sensors are exchanged → codes of notes on these sensors, or on knees, that follow from it."""

@@ -14,6 +14,9 @@ from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filled, Thigh
 from jgait.duty_cycle.fillers.registry import fillers
 from jgait.duty_cycle.recording import SEGMENTS, schedule_of
+from jgait.estimators.ankle_stride.notes import STRIDES_QUICK
+from jgait.estimators.ankle_stride.prepare import QUICK_S
+from jgait.estimators.cycles import swing_cycles
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro import turns
 from jgait.estimators.duty_cycled_gyro.about import ABOUT
@@ -236,7 +239,9 @@ def estimate(
 
 
 def _finished(options: DutyCycledOptions, result: Estimate, made: Prepared[DutyCycledInputs]) -> Estimate:
-    """The estimate with the power of the sensors; invalid where a rate is held for `LOST` or longer."""
+    """The estimate with the power of the sensors; invalid where a rate is held for `LOST` or longer; with a note on
+    running, from the cycles of the knee, because shanks are not measured all the time.
+    """
     ran: DutyCycledOptions = made.options
     notes, valid = list(result.diagnostics["notes"]), np.array(result.valid)
     for name in made.extra if ran.filler != "hold" else ():
@@ -248,5 +253,10 @@ def _finished(options: DutyCycledOptions, result: Estimate, made: Prepared[DutyC
             first, last = float(result.time[gone[0][0]]), float(result.time[gone[-1][1] - 1])
             samples = sum(stop - start for start, stop in gone)
             notes.append(RATE_HELD(placement=name, samples=samples, begin_s=first, end_s=last))
+    for side, leg in zip(SIDES, result.legs, strict=True):
+        strides = [] if leg is None else swing_cycles(result.time, leg, valid)
+        lasting = [result.time[b] - result.time[a] for a, b in strides]
+        if lasting and (median := float(np.median(lasting))) < QUICK_S:
+            notes.append(STRIDES_QUICK(placement=f"shank_{side}", seconds=median))
     diagnostics = result.diagnostics | energy(made, options) | {"notes": tuple(notes)}
     return result._replace(valid=valid, diagnostics=diagnostics)

@@ -16,8 +16,8 @@ ACCELEROMETER_ABSENT = Kind(
 RATE_HELD = Kind(
     "rate_held",
     "check",
-    "{placement}: {samples} {samples:sample|samples} from {begin_s:.2f} to {end_s:.2f} s {samples:has|have} no rate, "
-    "and no angles are stated: too few strides, or none alike, were measured before for the filler",
+    "{placement}: {samples} {samples:sample|samples}, the first at {begin_s:.2f} s and the last at {end_s:.2f} s, "
+    "{samples:has|have} no rate and no angles: too few strides, or none alike, were measured before for the filler",
     "Angles are missing there. A longer warm-up measures more strides before the gyroscope sleeps; turns, starts and "
     "stops are unlike strides.",
 )

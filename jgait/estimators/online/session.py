@@ -228,7 +228,8 @@ def online(
 
     Each is the filter of its estimator without smoothing; events are detected causally. Axes, signs and errors of the
     sensors come from a recording of the same person with the same sensors, in which they stand still for a second and
-    then walk a few strides. The filters are compiled here, which takes seconds, so that the first `push` does not wait.
+    then walk a few strides. Sensors that are worn otherwise afterwards are not noticed, and make angles wrong: record a
+    new calibration. The filters are compiled here, which takes seconds, so that the first `push` does not wait.
 
     Args:
         calibration: that recording; estimators whose sensors it has are run, at its sampling rate.

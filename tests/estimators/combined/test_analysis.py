@@ -220,6 +220,10 @@ def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
     for name in ("stance_duration_s", "knee_flexion_max_deg", "stride_length_std_m", "source", "combined", "special"):
         assert name in strides
     assert strides["knee_flexion_max_deg"].between(40, 90).all()
+    one, samples = strides.iloc[5], tables["samples"]
+    within = samples[samples["time_s"].between(one["start_s"], one["end_s"])]
+    at = within[f"knee_angle_{one['side']}_deg"].idxmax()
+    assert one["knee_flexion_max_std_deg"] == samples[f"knee_angle_{one['side']}_std_deg"][at] > 3.0
     whole = strides.query("regular")
     assert (whole["special"] == "").all() and (strides[~strides["regular"]]["special"] != "").all()
     assert len(whole) > 10
@@ -229,6 +233,8 @@ def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
     of_length = tables["summary"].set_index("measure").loc["stride_length"]
     assert of_length["mean"] == pytest.approx(whole["stride_length_m"].median(), rel=0.02)
     assert 0.0 < of_length["std"] < 0.1 and of_length["error_std"] > 0.0
+    angles = tables["summary"].set_index("measure").loc["knee_flexion_max"]
+    assert angles["error_std"] > 3.0 and np.isfinite(angles["std"])
     assert "step_length_m" in strides and "step_length" not in set(tables["summary"]["measure"])  # without a range
     assert tables["bouts"]["distance_m"].item() == pytest.approx(analysis.estimate.distance[-1])
     contacts = tables["contacts"]

@@ -14,7 +14,7 @@ from jgait.duty_cycle.power import Schedule
 from jgait.duty_cycle.recording import fill_recording, gyroscope_masks
 from jgait.estimators import duty_cycled_gyro, leg_ekf
 from jgait.estimators.duty_cycled_gyro import DEFAULT, PAPER, DutyCycledOptions, DutyCycledParams
-from jgait.estimators.duty_cycled_gyro.estimator import _fill, _planar
+from jgait.estimators.duty_cycled_gyro.estimator import _fill, _finished, _planar
 from jgait.params import names
 from jgait.simulate import protocols
 from jgait.simulate.sensors import IDEAL
@@ -123,11 +123,22 @@ def test_before_two_strides_rates_are_held_and_flagged(walk, always):
     held_notes = [note for note in early.diagnostics["notes"] if note.code == "rate_held"]
     (note,) = (note for note in held_notes if note.values["placement"] == "shank_right")
     assert note.values["begin_s"] == pytest.approx(3.8, abs=0.005)
+    assert ", the first at 3.80 s and the last at " in note.text
     assert not early.valid[held].all() and not early.valid[held[0]]
     assert early.valid[: held[0]].all()
     # A leg does not turn over for it.
     assert max(np.max(np.abs(leg.knee_angle)) for leg in early.legs) < 2.0
     assert not any(note.code == "rate_held" for note in always.diagnostics["notes"])
+
+
+@pytest.mark.parametrize("strides_a_second", [1.0, 1.45])
+def test_running_is_noted_from_the_cycles_of_the_knee(walk, always, strides_a_second):
+    prepared = duty_cycled_gyro.prepared(walk[0], SLEEPY)
+    knee = np.deg2rad(35.0 - 30.0 * np.cos(2.0 * np.pi * strides_a_second * always.time))
+    legs = jax.tree.map(lambda _: knee, always.legs)
+    told = _finished(SLEEPY, always._replace(legs=legs), prepared).diagnostics["notes"]
+    quick = [note.values["placement"] for note in told if note.code == "strides_quick"]
+    assert quick == (["shank_right", "shank_left"] if strides_a_second > 4.0 / 3.0 else [])
 
 
 def shank_only(recording):
