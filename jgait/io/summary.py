@@ -23,7 +23,7 @@ MEASURES = {
 """Measure → its unit; with `_` between, the column of the table of strides, but for `cadence`, `step_duration` and
 `stance`."""
 
-USABLE = {"stride_width": "width_valid", **dict.fromkeys(
+USABLE = {"stride_width": "width_valid", "step_length": "width_valid", **dict.fromkeys(
     (f"{joint}_flexion_{end}" for joint in ("hip", "knee") for end in ("max", "min")), "angles_valid"
 )}  # fmt: skip
 """Measure → the column that is False in strides in which it is not usable."""
