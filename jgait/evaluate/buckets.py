@@ -22,7 +22,7 @@ from jgait.evaluate.store import Cohort, frame
 from jgait.filtering.compile import compiled
 from jgait.notes import to_json
 from jgait.params import check_params
-from jgait.types import Estimate, RecordingError, Walk, as_float, reason_of
+from jgait.types import Estimate, RecordingError, Walk, reason_of
 
 WAITING = 3
 """Recordings that may wait in unfilled buckets [batches]; with more, the fullest bucket runs unfilled."""
@@ -206,10 +206,9 @@ def _finished(job: CohortJob, bucket: list[Ready], result: PyTree, failures: lis
     good: list[tuple[Ready, Estimate, Scores]] = []
     for number, ready in enumerate(bucket):
         row = jax.tree.map(lambda leaf, number=number: leaf[number], result)
+        time = ready.made.inputs.time  # in float64, before an estimator's `finish` puts moments on samples
+        row = row._replace(time=np.pad(time, (0, row.time.size - time.size), "edge"))
         estimate = job.estimator.finished(row, ready.made)
-        time = as_float(ready.made.inputs.time)
-        if estimate.time.shape == time.shape:  # not where `finish` puts the result at other times, as stride_width_ekf
-            estimate = estimate._replace(time=time)
         bad = _unusable(estimate)
         if bad is None:
             try:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from jgait.io.checks import RANGE_UNITS, check_range, quality_notes, usable_sensors
 from jgait.io.clock import SampleTimes, make_clock
 from jgait.io.damage import damage_notes, without_damage
+from jgait.io.damage.ranges import without_repeats
 from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit, Units, known_unit, unit_scale
 from jgait.notes import NO_RANGE, ORIGIN, Kind, Note
 from jgait.signal.windows import over_losses
@@ -127,6 +128,8 @@ def recording_in_units(
         return recording._replace(notes=notes)
     apart = _range(feet_range, metres, clock, int(samples or 0), name)
     check_range(apart.distance[apart.mask], range_unit, name)
+    apart, repeats = without_repeats(apart, imus)
+    notes = (*notes, *repeats)
     if not apart.mask.any():
         notes = (*notes, RANGE_EMPTY())
     return recording._replace(notes=notes, feet_range=apart)

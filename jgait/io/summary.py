@@ -26,7 +26,7 @@ MEASURES = {
 OF_POSE = tuple(f"{joint}_flexion_{end}" for joint in ("hip", "knee") for end in ("max", "min"))
 """Measures whose error is mostly that of the standing pose, the same in all strides: it hides no variability."""
 
-USABLE = {"stride_width": "width_valid", **dict.fromkeys(OF_POSE, "angles_valid")}
+USABLE = {"stride_width": "width_valid", "step_length": "width_valid", **dict.fromkeys(OF_POSE, "angles_valid")}
 """Measure → the column that is False in strides in which it is not usable."""
 
 FEWEST = 3

@@ -32,7 +32,8 @@ def two_feet():
         )
         along[side] = step((time[:, None] - one.lift_off) / (one.contact - one.lift_off)) @ one.length
     heard = (np.abs(along["right"] - along["left"]) < 0.06) & (np.abs(time - 5.0) < 3.4)
-    read = RangeReadings(time, np.where(heard, APART - OFFSET, 0.0), heard)
+    uneven = APART - OFFSET + 0.001 * np.sin(40.0 * time)  # a range that repeats one reading is stuck
+    read = RangeReadings(time, np.where(heard, uneven, 0.0), heard)
     return Recording(sensors, HZ, "made", feet_range=read), made
 
 

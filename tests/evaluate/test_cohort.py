@@ -564,10 +564,21 @@ def test_a_cohort_has_the_estimates_of_single_recordings_with_their_notes():
     assert "told" in [note.code for note in from_json(found.recordings["notes"][0])]
 
 
-def test_an_estimate_at_other_times_than_its_inputs_is_judged():
-    def finish(result, made):  # as of stride_width_ekf, whose filter runs at single moments
-        whole = result._replace(diagnostics={})
-        return jax.tree.map(lambda leaf: leaf[::2], whole)._replace(diagnostics=result.diagnostics)
+def test_an_estimate_may_have_other_samples_than_its_inputs():
+    """`stride_width_ekf` filters moments of the feet, and merges the result into all samples."""
 
-    found = evaluate.cohort(FAKE._replace(finish=finish), [walk(2)])
-    assert not len(found.failures) and len(found.quantities)
+    def finish(result, made):
+        assert result.time.dtype == np.float64
+        size = result.time.size
+
+        def twice(leaf):
+            return np.repeat(leaf, 2, axis=0) if np.shape(leaf)[:1] == (size,) else leaf
+
+        bare = jax.tree.map(twice, result._replace(diagnostics={}))
+        more = np.linspace(result.time[0], result.time[-1], 2 * size)
+        return bare._replace(time=more, diagnostics=result.diagnostics)
+
+    plain, finished = (evaluate.cohort(one, [walk(2)]) for one in (FAKE, FAKE._replace(finish=finish)))
+    assert finished.failures.empty
+    once, twice = (one.quantities.set_index("quantity")["estimate"]["distance_m"] for one in (plain, finished))
+    assert twice == pytest.approx(once, rel=1e-3)

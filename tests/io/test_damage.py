@@ -368,3 +368,26 @@ def test_a_header_in_microseconds_is_taken_at_its_word(rows, tmp_path, read):
     table.assign(**{"Time (us)": 0.01 * np.arange(len(rows.time))}).to_csv(path, index=False)
     with pytest.raises(RecordingError, match="with time in us, samples are 1e-08 s apart.*seems to be in s: correct"):
         read(path)
+
+
+@pytest.mark.parametrize("fault", ["none", "steps", "held", "stuck", "constant"])
+def test_a_range_that_repeats_its_reading_while_the_feet_move_is_masked(fault):
+    """A range in steps of 1 cm is not; of one that is held until the next passing, the first readings are left."""
+    count = 23 * 55 + 8  # ends with a passing
+    time = np.arange(count) / 100.0
+    signals = {
+        "gyr": 200.0 * np.sin(6.0 * time)[:, None] * [0.0, 1.0, 0.2],
+        "acc": np.tile([0.0, 0.0, 9.81], (count, 1)),
+    }
+    passes = np.arange(count) % 55 < 8
+    reading = np.random.default_rng(0).uniform(0.1, 0.2, count)
+    read = np.where(passes, reading, np.nan)
+    made = {
+        "none": read, "steps": np.round(read, 2), "held": pd.Series(read).ffill().to_numpy(),
+        "stuck": np.where(passes & (time > 6.0), 0.15, read), "constant": np.full(count, 0.15),
+    }[fault]  # fmt: skip
+    sensors = {f"foot_{side}": signals for side in ("right", "left")}
+    recording = io.recording_from_arrays(sensors, time=time, feet_range=made)
+    left = {"stuck": passes & (time <= 6.0), "constant": passes & False}.get(fault, passes)
+    assert np.array_equal(recording.feet_range.mask, left)
+    assert len(found(recording, "range_stuck")) == (fault not in ("none", "steps"))

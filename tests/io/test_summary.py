@@ -126,6 +126,14 @@ def test_steps_stances_and_step_lengths_need_shoes():
     assert rows(with_range).loc["step_length", "mean"] == pytest.approx(0.6)
 
 
+def test_widths_and_step_lengths_that_are_not_usable_are_not_stated():
+    usable = np.arange(len(FINAL)) < 8
+    of_some = rows(strides(step_length_m=np.where(usable, 0.6, 0.2), stride_width_m=0.1, width_valid=usable))
+    assert of_some.loc["step_length", "mean"] == pytest.approx(0.6)
+    of_none = rows(strides(step_length_m=0.6, stride_width_m=0.1, width_valid=False))
+    assert not {"step_length", "stride_width"} & set(of_none.index)
+
+
 def test_angles_have_no_ratios_and_unusable_ones_do_not_count():
     usable = np.tile([True, False], 6)  # the right leg's
     one = rows(strides(knee_flexion_max_deg=60.0, angles_valid=usable)).loc["knee_flexion_max"]

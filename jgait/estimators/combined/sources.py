@@ -13,6 +13,7 @@ from jgait.estimators.interface import Estimator
 from jgait.estimators.leg_ekf.notes import SEGMENT_ALONE
 from jgait.estimators.notes import RATES_OFF
 from jgait.estimators.proportions import gives, told
+from jgait.estimators.stride_width_ekf.notes import RANGE_OFFSET_ABSENT
 from jgait.estimators.waist.params import SITES
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.types import SIDES, Estimate, Recording, RecordingError, as_float
@@ -133,6 +134,8 @@ def sources(recording: Recording, person: Mapping[str, PyTree]) -> tuple[list[So
             notes.append(NOT_USED(source=way.name, reason=str(error)))
             continue
         estimates.append(SourceEstimate(way.name, estimator.name, placements, result, p))
+        if "range_offset" in wanted and "range_offset" not in body and result.diagnostics["ranges"]:
+            notes.append(RANGE_OFFSET_ABSENT(offset=float(p.range_offset)))
     if not estimates:
         raise RecordingError(
             "; ".join(reasons)

@@ -20,6 +20,9 @@ Outputs:
 How far to trust it:
     Without ranges, the standard deviation of widths grows with the distance walked: `diagnostics["width_valid"]` is
     False for each stride whose standard deviation of width is above `WidthOptions.widest_stddev`.
+    No width is valid, and a note says so, if more than a quarter of the passings have ranges that are too long or
+    unlike those around, or if more than 30 % of the ranges do not fit the paths of the feet. A constant error of the
+    range, such as a wrong offset or scale, cannot be detected.
     Exchanged sensors of left and right foot are detected in turns, in which the outer foot moves farther, and by steps
     of varying width: a wider step must increase the range. `diagnostics["swap_evidence"]` is the log-likelihood of the
     ranges with the feet as labelled minus that with the feet exchanged [nat]; near 0 (a short straight walk with even

@@ -15,11 +15,19 @@ from jgait.estimators.stride_width_ekf.about import ABOUT
 from jgait.estimators.stride_width_ekf.from_sensors import feet_of, measured_only, merged
 from jgait.estimators.stride_width_ekf.inputs import WidthInputs, exchanged
 from jgait.estimators.stride_width_ekf.model import WidthControl, WidthModelParams, WidthObservation, WidthState
-from jgait.estimators.stride_width_ekf.notes import FEET_SEEM_EXCHANGED
+from jgait.estimators.stride_width_ekf.notes import FEET_SEEM_EXCHANGED, RANGES_MISFIT
 from jgait.estimators.stride_width_ekf.params import DEFAULT, WidthOptions, WidthParams
 from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
 from jgait.filtering import Belief, Model
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, Values
+
+MISFIT = 2.0
+"""[standard deviations] Innovation across or along above which a range does not fit the paths of the feet."""
+
+MOST_MISFITS = 0.3
+"""[1] Share of misfits above which no width is valid; 5 % are expected. Chosen: simulated walks of ten gaits have up to
+20 %, a recorded walk with distances between markers has 15 %; ranges of which half are 40 % short, and ranges that are
+read at any moment, have 44 % and more."""
 
 SWAP = 6.0
 """[nat] Below minus this value of `swap_evidence` a note states that the feet seem to be exchanged."""
@@ -45,7 +53,7 @@ def _filtered(
     return filtering.infer(
         model, model_params(p), WidthObservation(across, jnp.zeros_like(across) + p.passing_offset), smooth=smooth,
         controls=WidthControl(inputs.right, inputs.left), mask=inputs.seen & inputs.valid, method=options.method,
-        initial=prior_of(p, inputs),
+        initial=prior_of(p, inputs), keep=(*filtering.SUMMARY, "innovation", "innovation_stddev"),
     )  # fmt: skip
 
 
@@ -58,6 +66,13 @@ def _evidence(inferred: filtering.Inferred, other: filtering.Inferred) -> Values
     return gained / jnp.maximum(jnp.minimum(inferred.nis, other.nis), 1.0)
 
 
+def _misfits(inferred: filtering.Inferred) -> Values:
+    """Number of ranges with an innovation above `MISFIT`, across or along, whichever is larger."""
+    filtered = inferred.filtered  # where masked, innovations are 0 and their deviations 1
+    pairs = zip(filtered.innovation, filtered.innovation_stddev, strict=True)
+    return jnp.max(jnp.stack([jnp.sum(jnp.abs(innovation) > MISFIT * stddev) for innovation, stddev in pairs]))
+
+
 def run(
     p: WidthParams, inputs: WidthInputs, options: WidthOptions = DEFAULT, model: Model = stride_width_model.MODEL
 ) -> Estimate:
@@ -67,21 +82,26 @@ def run(
     Returns:
         Estimate at N moments, with `strides`, `strides_stddev` (fields (N,), padded) and `feet` (positions in one world
         frame, heights of `inputs`; no velocity, no attitude). `diagnostics`: `z1`, `z2`, `z1_stddev`, `z2_stddev` (N,)
-        [m], at `double_support` (N,) the base of support; `width_valid` (N,), by stride; number of `ranges` used;
-        `log_likelihood` of the innovations and their mean normalised square `nis`; `swap_evidence`.
+        [m], at `double_support` (N,) the base of support; `width_valid` (N,), by stride; number of `ranges` used,
+        and of `misfits` among them, see `MISFIT`; `log_likelihood` of the innovations and their mean normalised square
+        `nis`; `swap_evidence`.
     """
     ways = (inputs, exchanged(inputs)) if options.check_swap else (inputs,)
     together = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves]), *ways)
     every = jax.vmap(lambda start: _filtered(p, start, options, model, smooth=options.smooth))(together)
     inferred, *others = (jax.tree.map(lambda leaf, row=row: leaf[row], every) for row in range(len(ways)))
     mean, cov = inferred.mean, inferred.cov
+    used, misfits = jnp.sum(inputs.seen & inputs.valid), _misfits(inferred)
     values, spread = stride_width_readout.strides(p, inputs.strides, mean, cov)
+    dtype = values.width.dtype
+    fits = misfits.astype(dtype) <= jnp.maximum(MOST_MISFITS * used.astype(dtype), 1.0)
     diagnostics = {
         **stride_width_readout.distances(p, mean, cov),
         "double_support": inputs.double_support,
         "turning": inputs.turning,
-        "width_valid": jnp.isfinite(values.width) & (spread.width <= options.widest_stddev),
-        "ranges": jnp.sum(inputs.seen & inputs.valid),
+        "width_valid": fits & jnp.isfinite(values.width) & (spread.width <= options.widest_stddev),
+        "ranges": used,
+        "misfits": misfits,
         "log_likelihood": inferred.log_likelihood,
         "nis": inferred.nis,
     }
@@ -155,10 +175,16 @@ def estimate(
 
 
 def _finished(result: Estimate, made: Prepared[WidthInputs]) -> Estimate:
-    """The estimate with a note if feet seem exchanged, merged into that of `foot_ins` if made from sensors."""
+    """The estimate with notes if feet seem exchanged or ranges do not fit; merged into that of `foot_ins` if made from
+    sensors.
+    """
     evidence = result.diagnostics.get("swap_evidence")
     if evidence is not None and float(evidence) <= -SWAP:
         note = FEET_SEEM_EXCHANGED(nats=-float(evidence))
+        result.diagnostics["notes"] = (*result.diagnostics["notes"], note)
+    ranges, misfits = int(result.diagnostics["ranges"]), int(result.diagnostics["misfits"])
+    if misfits > max(MOST_MISFITS * ranges, 1):
+        note = RANGES_MISFIT(misfits=misfits, ranges=ranges)
         result.diagnostics["notes"] = (*result.diagnostics["notes"], note)
     if made.extra is None:
         return result

@@ -9,7 +9,7 @@ from jgait.estimators.foot_ins.windows import turned, yawed
 from jgait.estimators.losses import not_bridged
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.signal.windows import true_runs
-from jgait.types import SIDES, Estimate, Feet, FootTrajectory, Recording, RecordingError, Strides, as_float
+from jgait.types import SIDES, Estimate, Feet, Flags, FootTrajectory, Recording, RecordingError, Strides, as_float
 
 
 def feet_of(
@@ -52,6 +52,7 @@ def merged(alone: Estimate, stances: tuple[np.ndarray, np.ndarray], together: Es
     feet = Feet(*(_placed(alone, side, mids, together) for side, mids in zip(SIDES, stances, strict=True)))
     strides, spread, matches = _strides(alone, together)
     trusted = np.append(np.asarray(together.diagnostics["width_valid"], bool), False)[matches]
+    trusted &= ~_at_doubtful_footholds(strides, alone.diagnostics["doubtful"])
     diagnostics = {
         **alone.diagnostics, **together.diagnostics, "moment_time": np.asarray(together.time), "width_valid": trusted,
     }  # fmt: skip
@@ -101,3 +102,13 @@ def _strides(alone: Estimate, together: Estimate) -> tuple[Strides, Strides, np.
         return own._replace(width=width, step_length=step)
 
     return with_widths(ours, theirs), with_widths(alone.strides_stddev, together.strides_stddev), matches
+
+
+def _at_doubtful_footholds(strides: Strides, doubtful: Flags) -> np.ndarray:
+    """(n,) bool, strides that begin or end at a foothold of a doubtful stride, or pass one of the other foot."""
+    side, begin, end = (np.asarray(column) for column in (strides.side, strides.standing, strides.standing_end))
+    rows = np.flatnonzero(doubtful)
+    of_side, places = np.repeat(side[rows], 2), np.stack([begin[rows], end[rows]], axis=1).ravel()
+    same = (begin[:, None] == places) | (end[:, None] == places)
+    passed = (begin[:, None] < places) & (places < end[:, None])
+    return np.where(side[:, None] == of_side, same, passed).any(axis=1)

@@ -23,6 +23,34 @@ RANGE_FAR = Kind(
 
 RANGE_UNUSED = Kind("range_unused", "check", "no range is left, and so there are no widths", NO_RANGE)
 
+RANGE_OFFSET_ABSENT = Kind(
+    "range_offset_absent",
+    "check",
+    "the offset of the range between the feet is not given: {offset:g} m is taken, and widths are off by its error",
+    "All stride widths of the recording are too large or too small by the same amount. Measure on the person how much "
+    "farther apart the sensors of the feet are than the range says, and compute the result again.",
+)
+
+_WRONG = (
+    "The range sensor may be broken, its unit or its times may be wrong, or echoes of other things than the leg are "
+    "among its distances. Stride widths and step lengths are not valid and not in the means."
+)
+
+RANGES_MISFIT = Kind(
+    "ranges_misfit",
+    "check",
+    "{misfits} of {ranges} ranges do not fit the paths of the feet: no width is valid",
+    _WRONG,
+)
+
+RANGES_MOSTLY_ODD = Kind(
+    "ranges_mostly_odd",
+    "check",
+    "{odd} of {passings} {passings:passing has|passings have} a range above {longest:g} m or unlike those around: none "
+    "is used, and so there are no widths",
+    _WRONG,
+)
+
 _LEFT_OUT = "Distances between the feet that cannot be right, or come at the wrong moment, were not used."
 
 RANGES_LONG = Kind("ranges_long", "corrected", "left out {ranges} {ranges:range|ranges} above {longest:g} m", _LEFT_OUT)

@@ -22,6 +22,10 @@ NEARLY = 0.1  # m; readings up to this much above the shortest belong to its pas
 COMES_AND_GOES = 0.06  # m; readings with a larger spread include the approach and departure of the foot
 FEWEST_ON_PARABOLA = 3  # readings; least number for a parabola
 NEIGHBOURS = 4  # passings before and after with which a passing is compared
+MOST_ODD = 0.25
+"""[1] Share of passings whose ranges are too long or unlike those around above which no range is used. Chosen: up to
+7 % are in simulated walks of ten gaits, a third and more where ranges are random or in feet."""
+
 LATEST = 0.15  # s; largest delay of the range's clock that can be estimated
 LOST_SPEED = 1.0  # m/s; standard deviation of a foot's mean velocity in a gap of its trajectory
 FEWEST_PAIRS = 6  # least number of pairs of passings for an estimate of the delay
@@ -89,10 +93,15 @@ def _usable(
     heard = mask.astype(bool) & np.isfinite(times) & np.isfinite(distances)
     near = heard & (distances > 0.0) & (distances <= options.longest_range)
     if not near.any():
-        far = kinds.RANGE_FAR(longest=options.longest_range) if heard.any() else kinds.RANGE_SILENT()
-        return np.zeros(0), np.zeros(0), [far]
+        none = kinds.RANGE_FAR(longest=options.longest_range) if heard.any() else kinds.RANGE_SILENT()
+        return np.zeros(0), np.zeros(0), [none]
+    far = _far_passings(times[heard].astype(float), near[heard])
     times, distances = _passings(times[near].astype(float), distances[near].astype(float))
     odd = _outliers(distances, options.outlier)
+    wrong, passings = far + int(np.sum(odd)), far + len(distances)
+    if wrong > max(MOST_ODD * passings, 1):
+        note = kinds.RANGES_MOSTLY_ODD(odd=wrong, passings=passings, longest=options.longest_range)
+        return np.zeros(0), np.zeros(0), [note]
     times, distances = times[~odd], distances[~odd]
     delay, stddev = _delay(pair, turning, times) if options.align_range else (0.0, np.inf)
     times = times - delay
@@ -130,6 +139,13 @@ def _passings(times: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.
     groups = np.split(np.arange(times.size), np.flatnonzero(np.diff(times) > TOGETHER) + 1)
     passings = [passing for g in groups for passing in _nearest(times[g], distances[g])]
     return np.array([time for time, _ in passings]), np.array([distance for _, distance in passings])
+
+
+def _far_passings(times: np.ndarray, near: np.ndarray) -> int:
+    """Number of groups of readings, as in `_passings`, of which none is near."""
+    order = np.argsort(times, kind="stable")
+    splits = np.flatnonzero(np.diff(times[order]) > TOGETHER) + 1
+    return sum(not group.any() for group in np.split(near[order], splits))
 
 
 def _nearest(times: np.ndarray, distances: np.ndarray) -> list[tuple[float, float]]:

@@ -148,6 +148,24 @@ def test_straight_on_only_steps_that_vary_tell_which_foot_is_which():
     assert float(told(uneven, sw.DEFAULT).diagnostics["swap_evidence"]) > 6.0
 
 
+@pytest.mark.parametrize("fault", ["short", "any moment"])
+def test_ranges_that_do_not_fit_the_paths_of_the_feet_give_no_widths(walk, smoothed, fault):
+    assert smoothed.diagnostics["misfits"] < 0.1 * smoothed.diagnostics["ranges"]
+    rng, read = np.random.default_rng(0), walk.read
+    if fault == "short":  # half of the passings
+        passing = np.cumsum(np.diff(read.time[read.mask], prepend=0.0) > 0.2)
+        short = rng.random(passing.max() + 1)[passing] < 0.5
+        distance = read.distance.copy()
+        distance[read.mask] *= np.where(short, 0.6, 1.0)
+        read = read._replace(distance=distance)
+    else:  # without a gap, so that they say nothing of when the feet pass each other
+        read = read._replace(distance=rng.uniform(0.1, 0.3, walk.time.size), mask=walk.time > 0.0)
+    estimate = told(walk, read=read)
+    assert not np.any(estimate.diagnostics["width_valid"])
+    note = next(note for note in estimate.diagnostics["notes"] if note.code == "ranges_misfit")
+    assert note.severity == "check" and note.values["misfits"] > 0.3 * note.values["ranges"] > 3
+
+
 @pytest.mark.parametrize("late", [-0.3, 0.2, 0.3])
 def test_a_range_clock_that_is_too_late_to_be_corrected_is_named(late):
     made = next(iter(protocols.potter(jax.random.key(1), straight=12.0, after=6.0))).recording

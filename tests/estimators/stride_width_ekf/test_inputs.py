@@ -215,3 +215,16 @@ def test_a_foot_that_shifts_on_the_spot_keeps_its_heading():
     assert float(estimate.strides.length[own[0]]) < 0.15
     assert np.isnan(float(estimate.strides.width[own[0]]))
     assert float(estimate.strides.length[own[1]]) == pytest.approx(STRIDE, abs=0.05)
+
+
+@pytest.mark.parametrize("fault", ["far", "random"])
+def test_ranges_of_which_most_are_odd_are_not_used(walk, fault):
+    rng, read = np.random.default_rng(0), walk.read
+    passing = np.cumsum(np.diff(read.time[read.mask], prepend=0.0) > 0.2)
+    number = rng.random(passing.max() + 1)[passing]
+    distance = np.zeros(read.time.size)
+    distance[read.mask] = read.distance[read.mask] + 0.6 * (number < 0.6) if fault == "far" else 0.05 + 0.4 * number
+    made = ready(walk, read=read._replace(distance=distance))
+    note = next(note for note in made.notes if note.code == "ranges_mostly_odd")
+    assert note.severity == "check" and note.values["odd"] > 0.25 * note.values["passings"]
+    assert not made.inputs.seen.any()

@@ -44,3 +44,19 @@ def test_a_foot_that_takes_one_stride_has_its_length_and_no_width(walked):
     assert 0 < len(found.strides.length) < 4 and np.all(found.strides.length > 0.3)
     assert np.isnan(found.strides.width).all() and not found.diagnostics["width_valid"].any()
     assert "few_strides" in [note.code for note in found.diagnostics["notes"]]
+
+
+def test_strides_that_share_a_foothold_with_a_doubtful_one_have_no_reliable_width(walked):
+    recording, _, p = walked
+    record = sw.estimator(sw.DEFAULT)
+    made = record.prepare(recording)
+    feet, stances = made.extra
+    row = int(feet.strides.side.size // 3)
+    doubtful = np.arange(feet.strides.side.size) == row
+    doubted = feet._replace(diagnostics={**feet.diagnostics, "doubtful": doubtful})
+    valid, fewer = (
+        np.asarray(record.solve(p, made._replace(extra=(one, stances))).diagnostics["width_valid"])
+        for one in (feet, doubted)
+    )
+    # itself, those of its side before and after it, and those of the other side that pass its begin or its end
+    assert np.flatnonzero(valid & ~fewer).tolist() == list(range(row - 2, row + 3))
