@@ -92,7 +92,7 @@ def all_sensors(person: Mapping[str, PyTree], ending: str) -> EstimateJob:
 
     def write(made: Analysis, out: Path, name: str) -> list[Path]:
         tables = io.analysis_to_dataframes(made).items()
-        kept = [(key, rows) for key, rows in tables if len(rows) or key == "summary"]  # one of each, to be joined
+        kept = [(key, rows) for key, rows in tables if len(rows) or key == "summary"]  # tables of many are joined
         files = [io.write_table(rows, out / f"{name}_{key}.{ending}") for key, rows in kept]
         return files + results.drawn(made, FIGURES, out, name)
 

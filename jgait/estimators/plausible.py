@@ -16,9 +16,9 @@ RUNNING_S = 0.95
 """[s] Strides that last longer are walked: runners take more than 126 steps a minute."""
 
 QUICK_S, JOGGING, SLOWER, FEWEST = 0.75, 1.5, 1.2, 5
-"""[s], [m/s] Strides that last less (160 steps a minute) and are faster are of running; steps in turns are as short,
-but slow. [1] Least median duration of the others over theirs; small children walk as quickly, but all the time. [1]
-Least number of each."""
+"""[s], [m/s] Strides that last less (160 steps a minute) and are faster are of running, see also `STRIDES_QUICK` of
+`ankle_stride`; steps in turns are as short, but slow. [1] Least median duration of the others over theirs; small
+children walk as quickly, but all the time. [1] Least number of each."""
 
 KNEE_DEG = (-20.0, 160.0)
 """[deg] Smallest and largest knee angle, with a wrong zero of 10° and more allowed for."""
@@ -30,13 +30,13 @@ KNEE_STIFF_DEG, HIP_SWINGS_DEG = 5.0, 20.0
 """[deg] Range of a knee that is stiff, while its hip swings by more than this: from the 1st to the 99th percentile."""
 
 PAST_STRAIGHT_DEG = -10.0
-"""[deg] Smallest knee angle below which two of three strides must be for the zero to seem wrong. Medians of the 38 legs
-of `walking5m` and `neura_sparse` are -9.8 to 5.8; of a simulated person with knees bent by 20° in standing -12.7."""
+"""[deg] Smallest knee angle below which two of three strides must be for the zero to seem wrong. Chosen below the
+medians of all legs of `walking5m` and `neura_sparse`, of which the lowest are near, and above those of simulated people
+whose knees were bent by 20° in standing."""
 
 BENT_DEG = (25.0, 10.0)
 """[deg] Smallest knee and hip angle above which two of three strides must be, both at once, for a leg to be never
-straight. Medians of "crouched" of `simulate.GAITS` are 27 and -4, of "running" 11 and -1; of the recordings named above
-at most 6 and -7."""
+straight. Chosen: "crouched" of `simulate.GAITS` has one of the two, the recordings named above have neither."""
 
 MOST = 200.0 / 3.0
 """[%] Those two of three: strides differ more from each other where rates are filled, as while gyroscopes sleep."""

@@ -212,9 +212,10 @@ def _in_slow_swing(rate: np.ndarray, valleys: np.ndarray, sampling_rate_hz: floa
     within = round(BETWEEN * sampling_rate_hz)
     inside = np.zeros(len(valleys), bool)
     for number, at in enumerate(valleys):
-        calm = rate[max(at - within, 0) : at + within + 1] < rate[at] / WORSE
-        before, after = np.flatnonzero(calm[: min(at, within)]), np.flatnonzero(calm[min(at, within) :])
-        near = before.size and after.size and after[0] + min(at, within) - before[-1] < within
+        first = max(at - within, 0)
+        calm = first + np.flatnonzero(rate[first : at + within + 1] < rate[at] / WORSE)
+        before, after = calm[calm < at], calm[calm > at]
+        near = before.size and after.size and after[0] - before[-1] < within
         inside[number] = near and rate[at] > WORSE * LEAST_DEPTH
     return inside
 

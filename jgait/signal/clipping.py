@@ -38,7 +38,7 @@ STEEP = 0.1
 
 IN_PLANE, PLANE = 6, 1e-4
 """[1] Least number of the largest readings in one plane, and their largest distance from it over the largest reading,
-if the axes were turned after clipping: in undamaged public recordings there are at most 5."""
+if the axes were turned after clipping; chosen, undamaged public recordings have fewer."""
 
 UNSURE = 0.5
 """[1] Standard deviation of a restored peak over what was restored; one error for all samples of a peak."""

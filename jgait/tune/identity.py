@@ -13,7 +13,7 @@ import jax
 import numpy as np
 
 OURS = "jgait"
-"""Package whose functions are told apart by name alone: what depends on them compares its version as well."""
+"""Package whose named functions are told apart by name alone: what depends on them compares its version as well."""
 
 
 def described(value: object) -> str:
@@ -60,7 +60,8 @@ def _function(function: FunctionType, seen: set[int]) -> str:
     if id(function) in seen:
         return name
     seen.add(id(function))
-    ours = function.__module__.partition(".")[0] == OURS  # its version is compared, and a type checker changes its code
+    # the version of `OURS` is compared, and a type checker changes the code of its functions, but not of lambdas
+    ours = function.__module__.partition(".")[0] == OURS and function.__name__ != "<lambda>"
     function = inspect.unwrap(function) if ours else function
     code = function.__code__
     cells = zip(code.co_freevars, function.__closure__ or (), strict=True)

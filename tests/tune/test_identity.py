@@ -121,3 +121,10 @@ def test_descriptions_tell_apart_what_gives_other_results():
     assert "rate_hz=50.0" in described(paper.prepare)
     assert described(np.arange(3.0)) != described(np.arange(1.0, 4.0))
     assert " at 0x" not in described({"a": object(), "b": (object(),)})
+
+
+def test_lambdas_of_the_package_itself_are_told_apart():
+    made = [lambda x: x + 1.0, lambda x: x + 2.0]
+    for one in made:
+        one.__module__, one.__qualname__ = "jgait.evaluate", "<lambda>"
+    assert described(made[0]) != described(made[1])

@@ -25,6 +25,7 @@ from jgait.estimators.notes import (
     STRIDES_MISSING,
     STRIDES_UNCERTAIN,
 )
+from jgait.estimators.plausible import QUICK_S
 from jgait.estimators.programs import bucket, compiled
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
@@ -67,9 +68,6 @@ USUAL_HZ = 35.0
 SMALL = shank_events.LOBES._replace(threshold=np.deg2rad(20.0), least_angle=np.deg2rad(10.0))
 """Slower and smaller swings than those of strides. Of 42 legs of `walking5m`, `tripod` and `neura_sparse` none has more
 than one that is not counted as a stride; wiggles in very slow stances turn the shank by less."""
-
-QUICK_S = 0.75
-"""[s] Median duration of strides below which a person runs; 160 steps a minute."""
 
 MANY_SMALL = 0.1
 """[1] Number of small swings over that of strides above which a note names them, if there is more than one."""

@@ -285,9 +285,10 @@ def _whole(source: SourceEstimate, way: np.ndarray, sd: float, doubtful: bool, u
             for begin, end in getattr(side, name):
                 gained = 0.0 if side.name else float(np.diff(np.interp([begin, end], time, own))[0])
                 metres = max(side.speed * (end - begin) - gained, 0.0) / len(used)
-                way = way + metres * np.clip((time - begin) / (end - begin), 0.0, 1.0)
+                way = way + np.interp(time, [begin, end], [0.0, metres])
                 added[name] += metres
-                bridged_s += (end - begin) / len(used) * (name == "bridged" and metres > 0.0)
+                if name == "bridged" and metres > 0.0:
+                    bridged_s += (end - begin) / len(used)
     if used:
         unknown = float(np.mean([one.unknown for one in used]))
     else:
@@ -379,7 +380,7 @@ def walked(distances: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, 
     ]  # fmt: skip
     if best.cut > 0.0:
         notes.append(DISTANCE_EXTENDED(metres=best.cut))
-    if best.bridged >= 0.05:
+    if best.bridged >= 0.05:  # less is 0.0 m in words
         notes.append(DISTANCE_OVER_LOSS(metres=best.bridged, seconds=best.bridged_s))
     used = "+".join(distance.source for distance, keeps in zip(sure, kept, strict=True) if keeps)
     way = best.distance * value / best.distance[-1]

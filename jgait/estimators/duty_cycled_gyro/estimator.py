@@ -15,7 +15,6 @@ from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filled, Thigh
 from jgait.duty_cycle.fillers.registry import fillers
 from jgait.duty_cycle.recording import SEGMENTS, schedule_of
 from jgait.estimators.ankle_stride.notes import STRIDES_QUICK
-from jgait.estimators.ankle_stride.prepare import QUICK_S
 from jgait.estimators.cycles import swing_cycles
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro import turns
@@ -35,6 +34,7 @@ from jgait.estimators.duty_cycled_gyro.params import (
 from jgait.estimators.duty_cycled_gyro.prepare import LOST, prepare
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.leg_ekf.params import one_side
+from jgait.estimators.plausible import QUICK_S
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values
 

@@ -25,9 +25,9 @@ MISFIT = 2.0
 """[standard deviations] Innovation across or along above which a range does not fit the paths of the feet."""
 
 MOST_MISFITS = 0.3
-"""[1] Share of misfits above which no width is valid; 5 % are expected. Chosen: simulated walks of ten gaits have up to
-20 %, a recorded walk with distances between markers has 15 %; ranges of which half are 40 % short, and ranges that are
-read at any moment, have 44 % and more."""
+"""[1] Share of misfits above which no width is valid; 5 % are expected. Chosen: simulated walks of ten gaits, and a
+recorded one with distances between markers, have fewer; ranges of which half are far too short, and ranges that are
+read at any moment, have more."""
 
 SWAP = 6.0
 """[nat] Below minus this value of `swap_evidence` a note states that the feet seem to be exchanged."""

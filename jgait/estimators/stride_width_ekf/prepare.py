@@ -23,8 +23,8 @@ COMES_AND_GOES = 0.06  # m; readings with a larger spread include the approach a
 FEWEST_ON_PARABOLA = 3  # readings; least number for a parabola
 NEIGHBOURS = 4  # passings before and after with which a passing is compared
 MOST_ODD = 0.25
-"""[1] Share of passings whose ranges are too long or unlike those around above which no range is used. Chosen: up to
-7 % are in simulated walks of ten gaits, a third and more where ranges are random or in feet."""
+"""[1] Share of passings whose ranges are too long or unlike those around above which no range is used. Chosen: few
+are in simulated walks of ten gaits, a third and more where ranges are random or in feet."""
 
 LATEST = 0.15  # s; largest delay of the range's clock that can be estimated
 LOST_SPEED = 1.0  # m/s; standard deviation of a foot's mean velocity in a gap of its trajectory

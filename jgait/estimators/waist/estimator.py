@@ -199,13 +199,13 @@ and number of them that is not noted: straight strides of `ipol_gait` are faster
 
 LONGER = 1.2
 """[1] Duration of a stride over the median of those walked, from which on it is of a slower part, if more than `FEW`
-are. In such parts of simulated walks lengths are too large by more than three deviations, in those of `tripod` they are
-not. Of the straight strides of each walk of `ipol_gait` and `mobgap_lab` at most two last as long."""
+are. In such parts of simulated walks lengths are too large, in those of `tripod` they are not. Chosen: hardly any
+straight strides of `ipol_gait` and `mobgap_lab` last as long."""
 
 
 EVERY_SECOND = 0.65
-"""[1] Contacts a second over the trunk's step frequency below which contacts are missed; recorded walks have 0.85 and
-more. In limping, only the step of one leg may be found."""
+"""[1] Contacts a second over the trunk's step frequency below which contacts are missed; chosen, far below all walks of
+`ipol_gait`, `mobgap_lab` and `tripod`. In limping, only the step of one leg may be found."""
 
 UNLIKE_SD = 0.35
 """[1] Standard deviation of lengths and distance over themselves in walks unlike those from which the pendulum was
@@ -213,7 +213,7 @@ learned, and of strides that turn, which may be steps on the spot. Chosen by sim
 (experiment `people.gaits`)."""
 
 
-def felt(result: Estimate, contacts: np.ndarray) -> np.ndarray:
+def _felt(result: Estimate, contacts: np.ndarray) -> np.ndarray:
     """(strides,) [1] the least upward specific force in a step over gravity, as the median over the steps of each
     stride and those beside them; contacts [s].
     """
@@ -242,7 +242,7 @@ def _doubts(result: Estimate, contacts: np.ndarray, options: WaistOptions) -> tu
     if not spread <= DOUBTFUL * abs(way) or way <= 0.0:
         of = "" if options.distance == "fused" else f' (distance="{options.distance}")'
         notes.append(DISTANCE_DOUBTFUL(option=of, distance_m=way, within_m=2.0 * spread))
-    unlike, force = np.zeros(len(kept), bool), felt(result, contacts)
+    unlike, force = np.zeros(len(kept), bool), _felt(result, contacts)
     runs = kept & (force < FREE)
     if options.distance in ("fused", "pendulum"):
         length, speed, turn = (as_float(part) for part in (strides.length, strides.speed, strides.turn))
@@ -278,9 +278,9 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
     result = _with_missed(result._replace(diagnostics=diagnostics), made.inputs)
     doubts, unlike = _doubts(result, diagnostics["initial_contact"], made.options)
     diagnostics = {**result.diagnostics, "notes": (*result.diagnostics["notes"], *doubts)}
-    if missed := _steps_missed(result, diagnostics["initial_contact"]):
-        diagnostics |= {"doubtful": np.ones(len(unlike), bool), "notes": (*diagnostics["notes"], missed)}
+    if note := _steps_missed(result, diagnostics["initial_contact"]):
         unlike = np.ones(len(unlike), bool)
+        diagnostics |= {"doubtful": unlike, "notes": (*diagnostics["notes"], note)}
     return wider(result._replace(diagnostics=diagnostics), UNLIKE_SD * unlike)
 
 

@@ -86,7 +86,7 @@ SLOWER_PART = Kind(
     "info",
     "{strides} of {of} strides last {seconds:.2f} s in the median, where strides of this walk usually last "
     "{usual:.2f} s: lengths in a slower part of a walk are less certain",
-    "Step lengths were learned from walks at one pace. In a slower part of simulated walks they are 20 to 60 % too "
+    "Step lengths were learned from walks at one pace. In a slower part of simulated walks they are much too "
     "large, in two recorded ones they are right. The deviations of these strides, and of the distance, contain both.",
 )
 

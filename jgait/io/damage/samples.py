@@ -288,12 +288,17 @@ def _wraps(placement: str, kind: str, values: np.ndarray, change: np.ndarray) ->
     return notes
 
 
+def _long_runs(same: np.ndarray, rate: float) -> list[tuple[int, int]]:
+    """The runs of True that are too long for a sensor that works, see `FROZEN_RUN`."""
+    return [(start, end) for start, end in true_runs(same) if end - start >= max(FROZEN_RUN, FROZEN_S * rate)]
+
+
 def _frozen(
     placement: str, kind: str, values: np.ndarray, change: np.ndarray, gyr: np.ndarray, rate: float, notes: list[Note]
 ) -> list[tuple[int, int]]:
     """First and last samples of stretches in which the sensor repeats one reading and then jumps."""
     same = ~change.any(axis=1)
-    runs = [(start, end) for start, end in true_runs(same) if end - start >= max(FROZEN_RUN, FROZEN_S * rate)]
+    runs = _long_runs(same, rate)
     if not runs:
         return []
     frozen, held = [], _holding(kind, values, change, gyr)
@@ -318,15 +323,14 @@ def _between_new(
     """
     same = ~change.any(axis=1)
     turns = np.linalg.norm(gyr[1:], axis=1) > TURNING if kind == "acc" else np.ones(len(same), bool)
-    for start, end in true_runs(same):
-        if end - start >= max(FROZEN_RUN, FROZEN_S * rate):
-            same[start:end] = False
+    for start, end in _long_runs(same, rate):
+        same[start:end] = False
     share = np.sum(same & turns) / max(np.sum(turns), 1)
     if share <= REPEATS:
         return
     again = 1 + np.flatnonzero(same)
     new = np.setdiff1d(np.flatnonzero(np.isfinite(values).all(axis=1)), again)
-    dense = rate * (1.0 - share) >= 0.99 * LEAST_HZ
+    dense = new.size > 0 and rate * (1.0 - share) >= 0.99 * LEAST_HZ  # a clock is a little off its nominal rate
     taken = "straight lines are taken between new readings" if dense else "masked, since new ones are too rare"
     notes.append(SLOWER(placement=placement, signal=SIGNALS[kind][0], percent=100.0 * share, taken=taken))
     values[again] = np.stack([np.interp(again, new, column[new]) for column in values.T], axis=1) if dense else np.nan
@@ -340,9 +344,7 @@ def _stuck(
     moves = change.any(axis=1)
     for axis in range(values.shape[1]):
         runs = [
-            (start, end)
-            for start, end in true_runs(change[:, axis] == 0.0)
-            if end - start >= max(FROZEN_RUN, FROZEN_S * rate) and moves[start:end].mean() > 0.5
+            (start, end) for start, end in _long_runs(change[:, axis] == 0.0, rate) if moves[start:end].mean() > 0.5
         ]
         if runs:
             # a turn about the axis of a coarse accelerometer does not change its reading

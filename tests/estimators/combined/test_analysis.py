@@ -18,6 +18,7 @@ from jgait.estimators.combined.distance import walked as walked_together
 from jgait.estimators.combined.strides import combined, joined
 from jgait.estimators.totals import joint_ranges
 from jgait.io.damage import agreement, damage_notes, delays, paces, samples, tilts, turns
+from jgait.io.summary import SUMMARY
 from jgait.notes import Kind
 from jgait.report import of_analysis
 from jgait.simulate.sensors import OPAL
@@ -505,7 +506,7 @@ def test_a_person_who_only_stands_has_tables_and_a_note_but_no_strides(walked):
     assert "No strides were found" in of_analysis(found, walked[0]).html
 
 
-def test_without_a_regular_stride_no_means_are_stated(analysis):
+def test_without_a_regular_stride_no_means_are_stated(analysis, tmp_path):
     half = {**analysis.strides.flags, "half": np.ones(len(analysis.strides.first), bool)}
     strides = analysis.strides._replace(flags=half)
     rows = comparisons(analysis.sources, strides, [], None)
@@ -515,6 +516,9 @@ def test_without_a_regular_stride_no_means_are_stated(analysis):
     said = {row[0]: row[1] for row in all_sensors({}, "csv").rows(changed)}
     assert said["strides"].endswith(", 0 regular")
     assert {said[name] for name in ("stride length", "walking speed", "cadence", "stance")} == {"–"}
+    all_sensors({}, "csv").write(changed, tmp_path, "walk")
+    written = pd.read_csv(tmp_path / "walk_summary.csv")
+    assert not len(written) and list(written) == SUMMARY
 
 
 def test_the_stance_is_stated_of_strides_that_a_foot_saw(walked, analysis):
