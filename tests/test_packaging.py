@@ -268,8 +268,11 @@ def test_a_user_s_file_is_checked_strictly(installed, tmp_path):
 # --- imports ---
 
 
-def test_importing_the_library_loads_nothing_but_jax_and_the_types_of_arrays(installed, tmp_path):
-    """The types of the records are those of JAX and jaxtyping; experiments/benchmark/imports.py measures the time."""
+def test_importing_the_library_loads_no_package_but_jax_and_the_types_of_arrays(installed, tmp_path):
+    """The types of the records are those of JAX and jaxtyping; `unicodedata` compares names of people.
+
+    experiments/benchmark/imports.py measures the time.
+    """
     code = """
 import json, sys
 import {first}
@@ -279,7 +282,7 @@ print(json.dumps(sorted(set(sys.modules) - before)))
 """
     brought = loaded(installed, code.format(first="jax, jaxtyping, numpy.typing", then="jgait.types"), tmp_path)
     assert "jgait.types" in brought
-    assert [name for name in brought if name.split(".")[0] != "jgait"] == []
-    assert len(brought) <= 5
+    assert [name for name in brought if name.split(".")[0] != "jgait"] in ([], ["unicodedata"])
+    assert len(brought) <= 6
     alone = loaded(installed, code.format(first="importlib", then="jgait"), tmp_path)
     assert not {"jax", "numpy"} & set(alone)
