@@ -16,13 +16,13 @@ from experiments.common.row import Row, show
 from experiments.tuning.problems import FREE, START, drawn, nats
 from jgait import tune
 
-STEPS, PEOPLE, CHUNK = 900, 8, 6
+PEOPLE, CHUNK = 8, 6
 
 
-def fit(file: Path | None) -> list[np.ndarray]:
+def fit(file: Path | None, steps: int) -> list[np.ndarray]:
     """The fit that is killed; its numbers."""
     found = tune.fit(
-        nats, START, FREE, drawn(jax.random.key(5), PEOPLE), optax.adam(0.05), steps=STEPS, starts=2, minibatch=4,
+        nats, START, FREE, drawn(jax.random.key(5), PEOPLE), optax.adam(0.05), steps=steps, starts=2, minibatch=4,
         key=jax.random.key(6), checkpoint_file=file, chunk=CHUNK, progress=lambda now: print(now.done, flush=True),
     )  # fmt: skip
     return [np.asarray(leaf) for leaf in jax.tree.leaves(found)]
@@ -30,7 +30,8 @@ def fit(file: Path | None) -> list[np.ndarray]:
 
 def rows(quick: bool) -> list[Row]:
     """Kill it some random time after some random report of progress, often enough, and then let it end."""
-    wanted, draw, kills, runs = 1 if quick else 20, np.random.default_rng(0), 0, 0
+    wanted, steps = (1, 120) if quick else (20, 900)
+    draw, kills, runs = np.random.default_rng(0), 0, 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
 
@@ -40,6 +41,7 @@ def rows(quick: bool) -> list[Row]:
                 "-m",
                 "experiments.tuning.killed",
                 *(str(folder / part) for part in (file, out, "cache")),
+                str(steps),
             ]
             return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
 
@@ -70,4 +72,4 @@ def rows(quick: bool) -> list[Row]:
 if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_compilation_cache_dir", sys.argv[3])
-    np.savez(sys.argv[2], *fit(Path(sys.argv[1])))
+    np.savez(sys.argv[2], *fit(Path(sys.argv[1]), int(sys.argv[4])))

@@ -185,7 +185,7 @@ def test_losses_are_empty_where_a_reference_cannot_answer_them(table, tmp_path, 
     module = importlib.import_module("jgait.estimators.leg_ekf.estimator")
     prepare = module.prepare
     monkeypatch.setattr(module, "prepare", lambda *a, **k: prepared.append(a[0].name) or prepare(*a, **k))
-    code, said = run("evaluate", with_files, "--loss", "stride_length,joint_angles,calibration", "--out", out)
+    code, said = run("evaluate", with_files, "--paper", "--loss", "stride_length,joint_angles,calibration", "--out", out)
     assert code == 0, said
     assert sorted(prepared) == sorted(2 * ["walk0.csv", "walk1.csv", "walk2.csv", "walk3.csv"])  # once for all losses
     losses = pd.read_csv(out / "losses.csv").set_index("recording")
@@ -198,12 +198,12 @@ def test_losses_are_empty_where_a_reference_cannot_answer_them(table, tmp_path, 
         100.0 * np.sqrt((strides.loc["walk0.csv"] ** 2).mean()), rel=0.05
     )
     assert "strides of the reference are not compared; the body's way" in said
-    code, said = run("evaluate", table(), "--loss", "joint_angles,distance", "--out", tmp_path / "some")
+    code, said = run("evaluate", table(), "--paper", "--loss", "joint_angles,distance", "--out", tmp_path / "some")
     assert "joint_angles needs a reference with legs; no reference of cohort.csv has them" in said
     assert list(pd.read_csv(tmp_path / "some" / "losses.csv")) == ["recording", "subject", "distance"]
     strides = table(lambda frame: frame.head(2).drop(columns="distance_m").assign(
         reference_strides=["strides0.csv", "strides1.csv"]), "strides.csv")  # fmt: skip
-    code, said = run("evaluate", strides, "--loss", "calibration", "--out", tmp_path / "none")
+    code, said = run("evaluate", strides, "--paper", "--loss", "calibration", "--out", tmp_path / "none")
     assert code == 0 and "--loss: nothing of the reference has a deviation that the estimate states" in said
 
 
