@@ -76,10 +76,9 @@ def simulated_one(walked: protocols.Walked) -> Simulated:
     time = as_float(recording.sensors["waist"].time)
     all_of_it = np.array([[0.0, time[-1]]])
     windows = Windows(all_of_it, all_of_it)
-    height = sum(float(getattr(body, part)) for part in ("ankle_height", "shank_length", "thigh_length", "back_height"))
-    far = float(walked.extra["distance"])
+    far, lengths = float(walked.extra["distance"]), {"sensor_height": float(body.sensor_height)}
     walk = Walk(
-        "simulated", recording.name, recording.subject, recording, {"sensor_height": height}, end, side, windows,
+        "simulated", recording.name, recording.subject, recording, lengths, end, side, windows,
         windows, Pieces(all_of_it, np.array([far])), far,
     )  # fmt: skip
     acc = in_world(walked.truth.motion.acceleration.pelvis, mount(body, "waist")).x

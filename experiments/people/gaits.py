@@ -14,7 +14,6 @@ import numpy as np
 
 from experiments.common.recordings import attempt
 from experiments.common.row import Row, show
-from experiments.people.prediction import sensor_height
 from jgait import estimators, simulate
 from jgait.estimators.about import About
 from jgait.simulate import Body, Person, Route, Truth
@@ -95,7 +94,9 @@ def measures(body: Body, about: About) -> dict[str, float]:
     """What a lab measures of a person, as far as an estimator takes it [m]."""
     known = {name: float(getattr(body, name)) for name in ("thigh_length", "shank_length")}
     taken = {measure.name for measure in about.measures}
-    return {name: value for name, value in {**known, "sensor_height": sensor_height(body)}.items() if name in taken}
+    return {
+        name: value for name, value in {**known, "sensor_height": float(body.sensor_height)}.items() if name in taken
+    }
 
 
 def stated(estimate: Estimate) -> float:

@@ -21,7 +21,7 @@ from experiments.unseen.legs import REFERENCE_SD as DISTANCE_SD
 from jgait import simulate
 from jgait.estimators import ankle_stride, foot_ins, leg_ekf, waist
 from jgait.evaluate.windows import judge
-from jgait.simulate import Body, Person, Truth
+from jgait.simulate import Person, Truth
 from jgait.simulate.sensors import ON_SHOE, OPAL
 from jgait.types import SIDES, Estimate, Recording, as_float
 
@@ -90,16 +90,11 @@ def distances(estimates: Sequence[Estimate], walks: Sequence[Walked], deviation:
     return Compared(ratio - 1.0 + deviation * rng.standard_normal(len(walks)), np.hypot(stated, deviation))
 
 
-def sensor_height(body: Body) -> float:
-    """Of a sensor on the lower back [m]."""
-    return sum(float(getattr(body, p)) for p in ("ankle_height", "shank_length", "thigh_length", "back_height"))
-
-
 def of_waist(walks: Sequence[Walked]) -> tuple[Compared, Compared]:
     """Times of contacts [s] and distances, with a constant that is learned on the other people."""
     estimates, late = [], []
     for walk in walks:
-        p = waist.with_body(waist.WaistParams(), {"sensor_height": sensor_height(walk.person.body)})
+        p = waist.with_body(waist.WaistParams(), {"sensor_height": float(walk.person.body.sensor_height)})
         alone = walk.recording._replace(sensors={"lower_back": walk.recording.sensors["lower_back"]})
         estimates.append((alone, p, waist.estimate(p, alone)))
         true = walk.truth.strides

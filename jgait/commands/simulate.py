@@ -185,6 +185,7 @@ def _written(walk: Walked, out: Path, files: list[Path]) -> dict[str, Any]:
         "subject": recording.subject,
         "thigh_length_m": float(body.thigh_length),
         "shank_length_m": float(body.shank_length),
+        "sensor_height_m": float(body.sensor_height),
         "distance_m": float(extra["distance"]),
         "sampling_rate_hz": float(recording.sampling_rate_hz),
         "reference_samples": f"{name}_truth.csv",

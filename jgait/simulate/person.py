@@ -32,6 +32,11 @@ class Body(NamedTuple):
     back_height: Values = 0.055 * 1.75
     back_depth: Values = 0.062 * 1.75
 
+    @property
+    def sensor_height(self) -> Values:
+        """Height of a sensor over this vertebra above the ground, when standing upright [m]."""
+        return self.ankle_height + self.shank_length + self.thigh_length + self.back_height
+
 
 class Gait(NamedTuple):
     """The gait of a person; fractions are shares of the stride, from the initial contact of a foot.

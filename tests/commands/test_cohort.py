@@ -185,7 +185,9 @@ def test_losses_are_empty_where_a_reference_cannot_answer_them(table, tmp_path, 
     module = importlib.import_module("jgait.estimators.leg_ekf.estimator")
     prepare = module.prepare
     monkeypatch.setattr(module, "prepare", lambda *a, **k: prepared.append(a[0].name) or prepare(*a, **k))
-    code, said = run("evaluate", with_files, "--paper", "--loss", "stride_length,joint_angles,calibration", "--out", out)
+    code, said = run(
+        "evaluate", with_files, "--paper", "--loss", "stride_length,joint_angles,calibration", "--out", out
+    )
     assert code == 0, said
     assert sorted(prepared) == sorted(2 * ["walk0.csv", "walk1.csv", "walk2.csv", "walk3.csv"])  # once for all losses
     losses = pd.read_csv(out / "losses.csv").set_index("recording")

@@ -36,6 +36,8 @@ def test_writes_recordings_with_their_truth_and_a_table_for_evaluate(made):
     told = json.loads((out / "told.json").read_text())["walks"]
     assert list(cohort["file"]) == ["subject_0001.csv", "subject_0002.csv"]
     for _, row in cohort.iterrows():
+        # Thighs are 0.245, the fifth lumbar vertebra about 0.6 of the body height.
+        assert row["sensor_height_m"] == pytest.approx(0.6 / 0.245 * row["thigh_length_m"], rel=0.08)
         recording = io.read_csv(out / row["file"])
         assert set(recording.sensors) == {"thigh_right", "shank_right"}
         truth = pd.read_csv(out / row["file"].replace(".csv", "_truth.csv"))
