@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators.checks import SENSOR_LEFT_OUT, check_shapes, sensors_of
+from jgait.estimators.combined.alike import with_sides_unlike
 from jgait.estimators.combined.compare import Comparison, comparisons, contact_notes, length_notes, side_notes
 from jgait.estimators.combined.crosscheck import FOOT_ON_SHANK, crosscheck, exchanged
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
@@ -112,6 +113,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     recording = recording._replace(notes=tuple(note for note in recording.notes if not follows(note)))
     wrong = findings.doubtful | _named(recording, AXES)
     wrong |= _named(recording, ("sides_differ",)) - _spared(recording, estimates)
+    estimates, unlike = with_sides_unlike(estimates, wrong)
     strides = joined(estimates, wrong | _named(recording, CLOCKS), wrong)
     late = _apart(recording, estimates)
     ways, one_sided = distances(estimates, usable, body, wrong, late, share)
@@ -131,7 +133,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in seen if len(seen) == 1]
     elif any(source.estimate.strides is not None for source in estimates):
         differ = [NO_STRIDES(), *differ]
-    every = [*findings.notes, *differ, *recording.notes, *notes, *one_sided, *stated]
+    every = [*findings.notes, *differ, *recording.notes, *notes, *one_sided, *unlike, *stated]
     order = sorted(without_repeats(every), key=lambda note: SEVERITIES.index(note.severity))
     estimate = _assembled(estimates, strides, total)
     valid = {

@@ -13,8 +13,11 @@ from made.trunk import walk as trunk_walk
 import jgait
 from jgait import simulate
 from jgait.estimators import ankle_stride
+from jgait.estimators.combined.alike import SIDES_UNLIKE, with_sides_unlike
+from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.sides import of_turns
 from jgait.simulate.sensors import MPU6000, OPAL
+from jgait.types import Estimate, Legs, Strides
 
 LENGTH, STRIDES = 1.2, 16
 
@@ -175,6 +178,29 @@ def test_sides_that_walk_different_distances_are_named_and_the_deviation_contain
     assert note.values["left"] < 0.8 * note.values["right"]
     off = found.estimate.distance[-1] - truth.estimate.distance[-1]
     assert abs(off) < 2.0 * found.estimate.diagnostics["distance_stddev"][-1]
+
+
+def test_sides_whose_strides_differ_in_length_are_named_and_the_deviations_contain_it():
+    """On a curve, with a smaller difference, or where another note explains it, nothing is named."""
+    side, start = np.arange(24) % 2, 0.5 * np.arange(24)
+    length = np.where(side == 0, 0.64, 0.74)
+    strides = Strides(side=side, start=start, final_contact=start + 0.6, end=start + 1.0, length=length,
+                      width=0.0 * length, height=0.0 * length, valid=np.ones(24, bool), turn=0.0 * length)  # fmt: skip
+    estimate = Estimate(
+        np.arange(14.0), Legs(None, None), None, np.linspace(0.0, 8.3, 14), np.ones(14, bool),
+        {"notes": (), "distance_stddev": np.full(14, 0.1)}, strides,
+        strides_stddev=strides._replace(length=np.full(24, 0.02)),
+    )  # fmt: skip
+    source = SourceEstimate("shanks", "ankle_stride", ("shank_right", "shank_left"), estimate, None)
+    (found,), (note,) = with_sides_unlike([source], frozenset())
+    assert note.text == SIDES_UNLIKE(source="shanks", right=0.64, left=0.74, strides=12).text
+    assert np.hypot(0.02, 0.06) > found.estimate.strides_stddev.length.min() > 0.04
+    assert found.estimate.diagnostics["distance_stddev"][-1] > 0.5
+    curved = estimate._replace(strides=strides._replace(turn=np.full(24, 0.2)))
+    near = estimate._replace(strides=strides._replace(length=np.where(side == 0, 0.69, 0.74)))
+    for same in (curved, near):
+        assert with_sides_unlike([source._replace(estimate=same)], frozenset())[1] == []
+    assert with_sides_unlike([source], frozenset(["shank_left"]))[1] == []
 
 
 def test_a_bout_that_only_one_side_saw_has_its_whole_length():

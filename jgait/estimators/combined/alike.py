@@ -1,0 +1,73 @@
+"""Whether both feet go as far by a source that measures each with a sensor of its own."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jgait.estimators import trust
+from jgait.estimators.combined.sources import SourceEstimate
+from jgait.estimators.stride_flags import DOUBTFUL, LARGEST_TURN
+from jgait.notes import Kind, Note
+from jgait.types import SIDES, as_float
+
+SIDES_UNLIKE = Kind(
+    "lengths_of_sides_apart", "check", "stride length by {source}: {right:.2f} m on the right, {left:.2f} m on the "
+    "left (medians of {strides} pairs of strides at the same time)",
+    "Both feet of a person who walks straight go as far. At least one side is measured wrongly, as of a stiff leg "
+    "whose shank hardly swings, a sensor of another scale, or one that moves on the leg. Which one is not known: the "
+    "deviations of stride lengths and of the distance contain half of the difference. Do not read it as asymmetry.",
+)  # fmt: skip
+
+UNLIKE_SHARE = 0.1
+"""[1] Difference of the stride lengths of both sides over their mean, beyond which one is wrong. Chosen: above public
+walks, and below simulated hemiparetic walks with shanks whose distance is off by more than three stated deviations."""
+
+APART_M = 0.3
+"""[m] Largest distance of the feet's paths: on a curve the outer foot goes so much farther per radian of turn."""
+
+FEWEST_PAIRS = 6
+"""[1] Least number of pairs of strides of both sides."""
+
+
+def with_sides_unlike(
+    sources: Sequence[SourceEstimate], wrong: frozenset[str]
+) -> tuple[list[SourceEstimate], list[Note]]:
+    """The sources, with larger deviations where both sides' strides differ in length, and a note for each such source.
+
+    A stride counts with the one of the other side whose middle is nearest, if they share time and neither is in a turn
+    or in doubt. Sources with a sensor in `wrong`, which another note explains, are as they were.
+    """
+    found, notes = list(sources), []
+    for number, source in enumerate(sources):
+        if len(source.placements) != len(SIDES) or source.name == "width" or wrong.intersection(source.placements):
+            continue
+        pairs = _pairs(source)
+        if len(pairs) < FEWEST_PAIRS:
+            continue
+        right, left = (float(value) for value in np.median(pairs[:, :2], axis=0))
+        curve = APART_M * float(np.median(pairs[:, 2]))
+        apart, mean = abs(float(np.median(pairs[:, 0] - pairs[:, 1]))), 0.5 * (right + left)
+        if apart - curve > UNLIKE_SHARE * mean:
+            share = np.full(np.shape(source.estimate.strides.side), 0.5 * apart / mean)
+            found[number] = source._replace(estimate=trust.wider(source.estimate, share))
+            notes.append(SIDES_UNLIKE(source=source.name, right=right, left=left, strides=len(pairs)))
+    return found, notes
+
+
+def _pairs(source: SourceEstimate) -> np.ndarray:
+    """(pairs, 3) lengths of a right and a left stride at the same time [m], and their mean turn, not negative [rad]."""
+    strides = source.estimate.strides
+    if strides is None or source.estimate.strides_stddev is None:
+        return np.zeros((0, 3))
+    turn = np.zeros(np.shape(strides.side)) if strides.turn is None else np.abs(as_float(strides.turn))
+    start, end, length = as_float(strides.start), as_float(strides.end), as_float(strides.length)
+    doubted = DOUBTFUL.read(source.estimate)
+    straight = np.asarray(strides.valid, bool) & (turn <= LARGEST_TURN) & (True if doubted is None else ~doubted)
+    right, left = (np.flatnonzero(straight & (np.asarray(strides.side) == side)) for side in range(len(SIDES)))
+    if not len(left):
+        return np.zeros((0, 3))
+    middle = 0.5 * (start + end)
+    near = left[np.argmin(np.abs(middle[right, None] - middle[left]), axis=1)]
+    share = (start[right] < end[near]) & (start[near] < end[right])
+    one, other = right[share], near[share]
+    return np.stack([length[one], length[other], 0.5 * (turn[one] + turn[other])], axis=1)
