@@ -58,7 +58,8 @@ def with_reference(
     found = io.reference_from_tables(time, *tables)
     if found.distance is not None and way is not None and files[0] is not None:
         known = np.asarray(found.valid, bool)
-        walked = float(np.ptp(np.asarray(found.distance, float)[known]))
+        so_far = np.asarray(found.distance, float)[known]
+        walked = float(so_far[-1] - so_far[0])  # as it is compared; the body sways beyond it
         part = float(np.mean(known)) < COVERED
         if walked > (1.0 + DIFFERENT) * way or (walked < (1.0 - DIFFERENT) * way and not part):
             note = DISTANCE_CONTRADICTED(stated=way, file=files[0].name, walked=walked)

@@ -87,7 +87,7 @@ def reference_from_tables(
     Raises:
         RecordingError: a column that is needed is missing or misspelt, cells that are no numbers, a side that is none,
             times that do not increase or are those of another recording, numbers in another unit, strides that overlap,
-            are negative or are steps, or no table at all.
+            are negative, zero or steps, or no table at all.
     """
     if samples is None and strides is None:
         raise RecordingError("a reference needs a table of samples or of strides; got none")
@@ -196,6 +196,11 @@ def strides_from_dataframe(table: "pd.DataFrame") -> Strides:
         raise RecordingError("every stride must end (end_s) after it starts (start_s); a row of the table does not")
     if (least := float(np.min(fields["length"][valid], initial=0.0))) < 0.0:
         raise RecordingError(f"column 'stride_length_m' has no negative lengths; got {least:.4g}")
+    if zeros := int(np.sum(fields["length"][valid] == 0.0)):
+        raise RecordingError(
+            f"column 'stride_length_m' has {zeros} of {int(valid.sum())} lengths that are 0; leave cells of lengths "
+            "that are not known empty"
+        )
     for number, side in enumerate(SIDES):
         rows = np.flatnonzero(valid & (sides.to_numpy() == number))
         rows = rows[np.argsort(start[rows], kind="stable")]

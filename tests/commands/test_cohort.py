@@ -160,6 +160,11 @@ def test_a_distance_that_contradicts_the_samples_is_noted(walks):
     assert text.startswith(f"distance_m of the table, {10 * way:.4g} m, is not used: samples0.csv has ")
     assert len(codes(0.1 * way)) == 1
     half = pd.read_csv(file)
+    half.assign(distance_m=half["distance_m"].where(half.index != len(half) // 2, 1.05 * way)).to_csv(
+        folder / "sways.csv", index=False
+    )
+    (text,) = codes(10.0 * way, folder / "sways.csv")
+    assert text.endswith(f" has {half['distance_m'].iloc[-1] - half['distance_m'].iloc[0]:.4g} m")
     half.iloc[len(half) // 2 :].to_csv(folder / "half.csv", index=False)
     assert codes(way, folder / "half.csv") == [] and len(codes(0.1 * way, folder / "half.csv")) == 1
 

@@ -70,6 +70,10 @@ def later(table, seconds):
         (lambda t: t.assign(stride_length_m="long"), "column 'stride_length_m' of a reference must have numbers"),
         (lambda t: t.assign(end_s=t["start_s"]), "must end .* after it starts"),
         (lambda t: t.assign(stride_length_m=-t["stride_length_m"]), r"has no negative lengths; got -1\."),
+        (
+            lambda t: t.assign(stride_length_m=0.0),
+            "lengths that are 0; leave cells of lengths that are not",
+        ),
         (lambda t: pd.concat([t, t.iloc[2:3]]), "strides of the right foot overlap, .* is twice in the table"),
         (lambda t: pd.concat([t, later(t, 0.5)]), "strides of the right foot overlap, .* or has the wrong side"),
         (lambda t: t.rename(columns={"turn_deg": "turns_deg"}), "a column 'turns_deg', .* did you mean 'turn_deg'"),
