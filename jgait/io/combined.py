@@ -23,11 +23,15 @@ UNITS = {"stride_length": "m", "walking_speed": "mps", "distance": "m", "strides
 BESIDE_S = 1.0
 """[s] Time before the first and after the last stride of a bout that is part of it."""
 
-STRIDES = ["side", "start_s", "end_s", "stride_length_m", "stride_duration_s", "walking_speed_mps", "regular"]
+STRIDES = [
+    "s_id", "side", "start_s", "final_contact_s", "end_s", "stride_length_m", "stride_length_std_m",
+    "stride_duration_s", "walking_speed_mps", "hip_flexion_min_deg", "hip_flexion_max_deg", "knee_flexion_min_deg",
+    "knee_flexion_max_deg", "angles_valid", "wb_id", "source", "combined", "special", "regular",
+]  # fmt: skip
 BOUTS = ["wb_id", "start_s", "end_s", "duration_s", "n_strides", "n_regular", "distance_m", "stride_length_m",
          "walking_speed_mps", "cadence_spm"]  # fmt: skip
 SOURCES = ["quantity", "unit", "source", "value", "std", "n_strides"]
-"""Columns of tables, also if they have no rows; the table of strides then has more."""
+"""Columns of tables without rows; with rows, the table of strides has those that its sensors measure."""
 
 
 def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":

@@ -500,6 +500,8 @@ def test_a_person_who_only_stands_has_tables_and_a_note_but_no_strides(walked):
     assert (
         all(tables[name].empty for name in ("strides", "summary", "bouts")) and "stride_length_m" in tables["strides"]
     )
+    shown = tables["strides"].query("regular")[["side", "stride_length_std_m", "special", "knee_flexion_max_deg"]]
+    assert shown.empty
     job = all_sensors({}, "csv")
     assert not {"cadence", "stance"} & {row[0] for row in job.rows(found)}
     assert job.numbers(found, [])["notes"][0]["code"] == "no_strides"
