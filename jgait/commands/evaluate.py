@@ -47,7 +47,7 @@ WITHIN = "_within_2sd_percent"
 
 NOT_COMPARED = (
     "the body's way, which is estimated, differs from the foot's from and to standing and in turns",
-    "the estimate lacks them",
+    "no estimated stride fits their times: the estimate lacks them, or the reference is of other times",
 )
 """Why strides are not compared, without and with strides of the estimate."""
 
