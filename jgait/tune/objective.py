@@ -131,20 +131,20 @@ def _squared(term: Term, unit: str, words: str, *needs: str) -> Loss:
 LOSSES: dict[str, Loss] = {
     "distance": Loss(distance, distance_percent, "%", "|error of the distance|", ("distance",)),
     # 1° counts as 1 cm; the loss is the sum of two angles and two axes, the error the root of their mean
-    "trajectory": Loss(_of_legs(), _root(_of_legs(4)), "° or cm", "error of angles and foot path", ("legs",)),
-    "joint_angles": _squared(_of_legs(2, x=0.0, y=0.0), "°", "error of hip and knee angles", "legs"),
+    "trajectory": Loss(_of_legs(), _root(_of_legs(4)), "° or cm", "RMS error of angles and foot path", ("legs",)),
+    "joint_angles": _squared(_of_legs(2, x=0.0, y=0.0), "°", "RMS error of hip and knee angles", "legs"),
     "foot_path": _squared(
-        _of_legs(hip_angle=0.0, knee_angle=0.0), "cm", "error of the foot's path in the leg's plane", "legs"
+        _of_legs(hip_angle=0.0, knee_angle=0.0), "cm", "RMS error of the foot's path in the leg's plane", "legs"
     ),
-    "position": _squared(position, "cm", "3-D error of the feet's paths", "feet"),
-    "position_log": Loss(position_log, _root(position), "cm", "3-D error of the feet's paths", ("feet",)),
-    "stride_length": _squared(_of_strides("length", 0.01), "cm", "error of stride length", "strides.length"),
-    "stride_width": _squared(_of_strides("width", 0.01), "cm", "error of stride width", "strides.width"),
-    "stride_height": _squared(_of_strides("height", 0.01), "cm", "error of stride height", "strides.height"),
+    "position": _squared(position, "cm", "RMS 3-D error of the feet's paths", "feet"),
+    "position_log": Loss(position_log, _root(position), "cm", "RMS 3-D error of the feet's paths", ("feet",)),
+    "stride_length": _squared(_of_strides("length", 0.01), "cm", "RMS error of stride length", "strides.length"),
+    "stride_width": _squared(_of_strides("width", 0.01), "cm", "RMS error of stride width", "strides.width"),
+    "stride_height": _squared(_of_strides("height", 0.01), "cm", "RMS error of stride height", "strides.height"),
     "stride_time": _squared(
-        _of_strides("duration", 0.01), "10 ms", "error of stride time", "strides.start", "strides.standing"
+        _of_strides("duration", 0.01), "10 ms", "RMS error of stride time", "strides.start", "strides.standing"
     ),
-    "contact_times": _squared(contact_times, "10 ms", "error of contact times", "strides.end"),
+    "contact_times": _squared(contact_times, "10 ms", "RMS error of contact times", "strides.end"),
     "likelihood": Loss(likelihood, likelihood, "nat", "negative log-likelihood", ()),
     "calibration": Loss(
         calibration, calibration, "nat", "negative log-likelihood of the reference, before doubts widen deviations",

@@ -458,7 +458,7 @@ def test_a_parameter_is_named_as_not_learned_or_as_not_determined(table, tmp_pat
     code, said = run(*words, "--out", tmp_path / "out")
     assert code == 0, said
     assert "not learned: standing_knee.right, standing_knee.left;" in said and "not determined: angle_noise;" in said
-    assert "error of hip and knee angles [°] of the recordings" in said
+    assert "RMS error of hip and knee angles [°] of the recordings" in said
     made = json.loads((tmp_path / "out" / "tuned.json").read_text())["made"]
     assert made["not_learned"] == ["standing_knee.right", "standing_knee.left"]
     assert made["not_determined"] == ["angle_noise"]

@@ -75,10 +75,11 @@ SHORT_OR_SLOW = Kind(
     "short_or_slow_strides",
     "check",
     "{strides} of {of} strides, of {length_m:.2f} m at {speed:.2f} m/s in the median, are shorter or slower than those "
-    "from which step lengths were learned, {least_m:.2f} m and more at {slowest:.2f} m/s and more",
+    "from which step lengths were learned, {least_m:.2f} m and more at {slowest:.2f} m/s and more; cadence and "
+    "durations can be wrong by half",
     "Step lengths were learned from usual walking. In shuffling, slow or limping walks, lengths and distance are wrong "
-    "by a third and more; their deviations are therefore large. Contacts may be missed or added: cadence and durations "
-    "can be wrong by half, and have no deviation.",
+    "by a third and more; their deviations are therefore large. Contacts may be missed or added; "
+    "cadence and durations have no deviation.",
 )
 
 SLOWER_PART = Kind(
