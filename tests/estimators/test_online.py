@@ -20,6 +20,7 @@ from jgait.estimators.online import duty, legs
 from jgait.estimators.online.clock import LONGEST_GAP_S
 from jgait.estimators.online.device import BLOCK
 from jgait.estimators.online.legs import KINEMATICS
+from jgait.estimators.online.standing import SETTLES_S, START_VARIANCE
 from jgait.estimators.online.units import Sizes
 from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
@@ -76,7 +77,7 @@ def test_angles_and_distance_are_those_of_the_filter(walked):
     assert not stands[:50].any()
     assert stands[60:90].all()
     assert 0.1 < stands.mean() < 0.6
-    inputs = made.inputs._replace(still=stands, start_variance=np.asarray(0.1))
+    inputs = made.inputs._replace(still=stands, start_variance=np.asarray(START_VARIANCE))
     offline = jax.jit(leg_ekf.run, static_argnames=("options",))(own, inputs, options=made.options)
     for side in ("right", "left"):
         for part, other in (("legs", offline.legs), ("stddev", offline.stddev)):
@@ -85,6 +86,40 @@ def test_angles_and_distance_are_those_of_the_filter(walked):
                 np.testing.assert_allclose(mine, getattr(getattr(other, side), field), rtol=0.0, atol=1e-6)
     distance = [one.distance["legs"] for one in news[:-1]]
     np.testing.assert_allclose(distance, offline.distance[9::10][: len(distance)], rtol=1e-6, atol=1e-9)
+
+
+def test_angles_are_valid_after_standing_or_when_they_have_settled(walked):
+    """A stream that begins in walking, and a long loss of a shank."""
+    recording, truth = walked
+    time, signals = signals_of(recording, jgait.online(recording, PERSON, "leg_ekf").placements)
+    first = int(np.flatnonzero(truth.estimate.distance > 1.3)[0])
+    lost = slice(first, first + 100)
+    for begin in (0, first):
+        live = jgait.online(recording, PERSON, "leg_ekf")
+        parts = {name: (gyr[begin:].copy(), acc[begin:]) for name, (gyr, acc) in signals.items()}
+        if begin == 0:
+            parts["shank_right"][0][lost] = np.nan
+        news = pushed(live, time[begin:], parts)
+        valid, stands = (np.concatenate([getattr(one, name) for one in news]) for name in ("valid", "stands"))
+        again = begin + (0 if begin else lost.stop)  # from here on angles are unknown
+        stood = np.flatnonzero(stands[again - begin :])
+        known = min(stood[0] if stood.size else len(time), round(SETTLES_S * 100.0))
+        assert not valid[again - begin : again - begin + known - 1].any()
+        assert valid[again - begin + known + 1 :].all()
+        if begin == 0:
+            assert valid[60 : first + 25].all() and not valid[first + 35 : lost.stop].any()
+        for side in ("right", "left"):
+            true, mine = getattr(truth.estimate.legs, side).knee_angle[begin:], joined(news, "legs", side).knee_angle
+            off = np.abs(mine - true) / joined(news, "stddev", side).knee_angle
+            assert off[again - begin :][valid[again - begin :]].max() < 3.0
+
+
+def test_sleeping_gyroscopes_give_valid_angles_after_standing_alone(walked):
+    live = jgait.online(walked[0], PERSON, "duty_cycled_gyro")
+    time, signals = signals_of(walked[0], live.placements)
+    news = pushed(live, time, signals)
+    valid, stands = (np.concatenate([getattr(one, name) for one in news]) for name in ("valid", "stands"))
+    np.testing.assert_array_equal(valid, np.cumsum(stands) > 0)
 
 
 def test_a_stride_of_a_foot_that_seems_to_stand_in_a_slow_swing_is_in_doubt():

@@ -59,7 +59,9 @@ class News(NamedTuple):
     stddev: Legs | None  #: their standard deviations, or None.
     #: placement → (n,) angle of the segment from the vertical [rad]; of duty_cycled_gyro alone.
     angles: dict[str, np.ndarray]
-    valid: np.ndarray  #: (n,) bool; False in long gaps, where angles are not usable.
+    #: (n,) bool; False where angles are not usable: before the person has stood or walked for some seconds, since the
+    #: start of the stream or a long gap.
+    valid: np.ndarray
     stands: np.ndarray  #: (n,) bool, the person stands still.
     strides: dict[str, NewStrides]  #: source → strides that have become known.
     contacts: NewContacts  #: their contacts, from the first of `PREFERRED` that has sensors.
