@@ -19,13 +19,14 @@ from jgait.estimators.foot_ins.estimator import _foot
 from jgait.estimators.online import duty, legs
 from jgait.estimators.online.clock import LONGEST_GAP_S
 from jgait.estimators.online.device import BLOCK
+from jgait.estimators.online.distance import Walked
 from jgait.estimators.online.legs import KINEMATICS
 from jgait.estimators.online.standing import SETTLES_S, START_VARIANCE
 from jgait.estimators.online.units import Sizes
 from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
 from jgait.simulate.sensors import MPU6000, OPAL
-from jgait.types import RecordingError
+from jgait.types import RecordingError, Strides
 
 PERSON = {"height": 1.75}
 ANGLES = ("hip_angle", "knee_angle", "x", "y")
@@ -306,6 +307,41 @@ def test_a_gap_is_bridged_and_a_long_one_costs_its_strides_alone(feet):
     ends, before = (table_of(one, "feet").strides.end for one in (again, news))
     assert len(ends) == len(before)
     np.testing.assert_allclose(ends - time[-1] - 100.0, before, atol=0.05)
+
+
+@pytest.mark.parametrize("stuck", [True, False], ids=["stuck", "lost"])
+def test_the_distance_is_that_of_the_intact_foot(feet, walked, stuck):
+    live = jgait.online(feet[0], PERSON, "foot_ins")
+    time, signals = signals_of(feet[0], live.placements)
+    gyr, acc = signals["foot_left"]
+    gyr[:], acc[:] = (0.0, acc[50]) if stuck else (np.nan, np.nan)
+    last = pushed(live, time, signals)[-1]
+    assert last.distance["feet"] == pytest.approx(float(walked[1].estimate.distance[-1]), rel=0.03)
+    assert last.lost == {"feet": 0.0}
+
+
+def test_seconds_without_any_foot_are_told(feet):
+    live = jgait.online(feet[0], PERSON, "foot_ins")
+    time, signals = signals_of(feet[0], live.placements)
+    for gyr, _ in signals.values():
+        gyr[500:650] = np.nan
+        gyr[800:810] = np.nan
+    lost = [one.lost["feet"] for one in pushed(live, time, signals)]
+    assert lost[49] == 0.0 and lost[59] == pytest.approx(1.0)
+    assert lost[-1] == pytest.approx(1.51)
+
+
+def test_strides_alone_on_one_side_count_as_those_of_both():
+    def total(*sides):
+        walked = Walked(2)
+        ones = np.ones(len(sides))
+        table = Strides(*(None for _ in Strides._fields))
+        return walked.add(table._replace(side=np.array(sides), length=ones, turn=0.0 * ones))
+
+    assert total(0, 1, 0, 1) == 2.0
+    assert total(0, 1, 1, 0) == 2.0  # a pause, or a missed stride
+    assert total(0, 1, 1, 1, 1) == 4.0
+    assert total(1, 1, 1, 1) == 4.0
 
 
 @pytest.mark.parametrize(
