@@ -136,6 +136,18 @@ def test_a_stride_of_a_foot_that_seems_to_stand_in_a_slow_swing_is_in_doubt():
     assert found.flags["doubtful"][wrong].all()
 
 
+def test_a_stride_of_a_shank_that_hides_small_steps_in_a_turn_is_in_doubt():
+    key, way = jax.random.key(0), simulate.about_turn(6.0)
+    person = simulate.covering(key, simulate.Person(), way)
+    places = ("shank_right", "shank_left")
+    recording, _ = simulate.recording(key, person, way, errors=MPU6000, placements=places)
+    live = jgait.online(recording, PERSON)
+    strides, _, flags = table_of(pushed(live, *signals_of(recording, live.placements)), "shanks")
+    long = strides.end - strides.start > 1.5 * np.median(strides.end - strides.start)
+    assert long.any() and flags["doubtful"][long].all()
+    assert not flags["doubtful"][-6:].any()  # walking straight on
+
+
 def test_angles_with_sleeping_gyroscopes_are_those_of_the_filter_that_holds(walked):
     recording = walked[0]
     live = jgait.online(recording, PERSON, "duty_cycled_gyro")
