@@ -19,7 +19,7 @@ from jgait.estimators.foot_ins.estimator import _foot
 from jgait.estimators.online import duty, legs
 from jgait.estimators.online.clock import LONGEST_GAP_S
 from jgait.estimators.online.device import BLOCK
-from jgait.estimators.online.distance import Walked
+from jgait.estimators.online.distance import StridesWay
 from jgait.estimators.online.legs import KINEMATICS
 from jgait.estimators.online.standing import SETTLES_S, START_VARIANCE
 from jgait.estimators.online.units import Sizes
@@ -345,7 +345,7 @@ def test_seconds_without_any_foot_are_told(feet):
 
 def test_strides_alone_on_one_side_count_as_those_of_both():
     def total(*sides):
-        walked = Walked(2)
+        walked = StridesWay(2)
         ones = np.ones(len(sides))
         table = Strides(*(None for _ in Strides._fields))
         return walked.add(table._replace(side=np.array(sides), length=ones, turn=0.0 * ones))

@@ -11,7 +11,7 @@ ALONE = 3
 or a missed stride there are two."""
 
 
-class Walked:
+class StridesWay:
     """Distance along strides: the mean over the sides, or that of one where the strides of the other are missing.
 
     A side is missing whose sensor is stuck or lost for some strides. Then each stride of the side that is left counts
@@ -39,7 +39,7 @@ class Walked:
         return self.total
 
 
-class Lost:
+class LostTime:
     """Time in gaps without samples, each longer than a stride may have (`LONGEST_LOSS`)."""
 
     def __init__(self) -> None:

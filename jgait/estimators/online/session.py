@@ -12,7 +12,7 @@ from jgait.estimators.combined.sources import MEASURES
 from jgait.estimators.online import duty, legs, strides
 from jgait.estimators.online.clock import Pushes
 from jgait.estimators.online.device import Device, Results, Runner
-from jgait.estimators.online.distance import Lost, Walked
+from jgait.estimators.online.distance import LostTime, StridesWay
 from jgait.estimators.online.units import Sizes
 from jgait.estimators.proportions import gives
 from jgait.notes import Note
@@ -91,8 +91,8 @@ class Online:
         self._clock = Pushes(self.placements, sampling_rate_hz)
         self._sizes = Sizes(self.placements, sampling_rate_hz)
         self._none: dict[str, NewStrides] = {}
-        self._walked = {device.source: Walked(len(device.sides)) for device in devices}
-        self._lost = {device.source: Lost() for device in devices}
+        self._walked = {device.source: StridesWay(len(device.sides)) for device in devices}
+        self._lost = {device.source: LostTime() for device in devices}
         rows = {name: 1 + 8 * number for number, name in enumerate(self.placements)}
         self._columns = [
             np.concatenate([[0], *(np.arange(rows[name], rows[name] + 8) for name in device.placements)])
