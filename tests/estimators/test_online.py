@@ -19,12 +19,14 @@ from jgait.estimators.foot_ins.estimator import _foot
 from jgait.estimators.online import duty, legs
 from jgait.estimators.online.clock import LONGEST_GAP_S
 from jgait.estimators.online.device import BLOCK
+from jgait.estimators.online.distance import StridesWay
 from jgait.estimators.online.legs import KINEMATICS
+from jgait.estimators.online.standing import SETTLES_S, START_VARIANCE
 from jgait.estimators.online.units import Sizes
 from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
 from jgait.simulate.sensors import MPU6000, OPAL
-from jgait.types import RecordingError
+from jgait.types import RecordingError, Strides
 
 PERSON = {"height": 1.75}
 ANGLES = ("hip_angle", "knee_angle", "x", "y")
@@ -76,7 +78,7 @@ def test_angles_and_distance_are_those_of_the_filter(walked):
     assert not stands[:50].any()
     assert stands[60:90].all()
     assert 0.1 < stands.mean() < 0.6
-    inputs = made.inputs._replace(still=stands, start_variance=np.asarray(0.1))
+    inputs = made.inputs._replace(still=stands, start_variance=np.asarray(START_VARIANCE))
     offline = jax.jit(leg_ekf.run, static_argnames=("options",))(own, inputs, options=made.options)
     for side in ("right", "left"):
         for part, other in (("legs", offline.legs), ("stddev", offline.stddev)):
@@ -85,6 +87,40 @@ def test_angles_and_distance_are_those_of_the_filter(walked):
                 np.testing.assert_allclose(mine, getattr(getattr(other, side), field), rtol=0.0, atol=1e-6)
     distance = [one.distance["legs"] for one in news[:-1]]
     np.testing.assert_allclose(distance, offline.distance[9::10][: len(distance)], rtol=1e-6, atol=1e-9)
+
+
+def test_angles_are_valid_after_standing_or_when_they_have_settled(walked):
+    """A stream that begins in walking, and a long loss of a shank."""
+    recording, truth = walked
+    time, signals = signals_of(recording, jgait.online(recording, PERSON, "leg_ekf").placements)
+    first = int(np.flatnonzero(truth.estimate.distance > 1.3)[0])
+    lost = slice(first, first + 100)
+    for begin in (0, first):
+        live = jgait.online(recording, PERSON, "leg_ekf")
+        parts = {name: (gyr[begin:].copy(), acc[begin:]) for name, (gyr, acc) in signals.items()}
+        if begin == 0:
+            parts["shank_right"][0][lost] = np.nan
+        news = pushed(live, time[begin:], parts)
+        valid, stands = (np.concatenate([getattr(one, name) for one in news]) for name in ("valid", "stands"))
+        again = begin + (0 if begin else lost.stop)  # from here on angles are unknown
+        stood = np.flatnonzero(stands[again - begin :])
+        known = min(stood[0] if stood.size else len(time), round(SETTLES_S * 100.0))
+        assert not valid[again - begin : again - begin + known - 1].any()
+        assert valid[again - begin + known + 1 :].all()
+        if begin == 0:
+            assert valid[60 : first + 25].all() and not valid[first + 35 : lost.stop].any()
+        for side in ("right", "left"):
+            true, mine = getattr(truth.estimate.legs, side).knee_angle[begin:], joined(news, "legs", side).knee_angle
+            off = np.abs(mine - true) / joined(news, "stddev", side).knee_angle
+            assert off[again - begin :][valid[again - begin :]].max() < 3.0
+
+
+def test_sleeping_gyroscopes_give_valid_angles_after_standing_alone(walked):
+    live = jgait.online(walked[0], PERSON, "duty_cycled_gyro")
+    time, signals = signals_of(walked[0], live.placements)
+    news = pushed(live, time, signals)
+    valid, stands = (np.concatenate([getattr(one, name) for one in news]) for name in ("valid", "stands"))
+    np.testing.assert_array_equal(valid, np.cumsum(stands) > 0)
 
 
 def test_a_stride_of_a_foot_that_seems_to_stand_in_a_slow_swing_is_in_doubt():
@@ -98,6 +134,18 @@ def test_a_stride_of_a_foot_that_seems_to_stand_in_a_slow_swing_is_in_doubt():
     wrong = np.abs(found.strides.length - true) > 0.1
     assert wrong.any() and found.flags["doubtful"].sum() <= 2
     assert found.flags["doubtful"][wrong].all()
+
+
+def test_a_stride_of_a_shank_that_hides_small_steps_in_a_turn_is_in_doubt():
+    key, way = jax.random.key(0), simulate.about_turn(6.0)
+    person = simulate.covering(key, simulate.Person(), way)
+    places = ("shank_right", "shank_left")
+    recording, _ = simulate.recording(key, person, way, errors=MPU6000, placements=places)
+    live = jgait.online(recording, PERSON)
+    strides, _, flags = table_of(pushed(live, *signals_of(recording, live.placements)), "shanks")
+    long = strides.end - strides.start > 1.5 * np.median(strides.end - strides.start)
+    assert long.any() and flags["doubtful"][long].all()
+    assert not flags["doubtful"][-6:].any()  # walking straight on
 
 
 def test_angles_with_sleeping_gyroscopes_are_those_of_the_filter_that_holds(walked):
@@ -271,6 +319,41 @@ def test_a_gap_is_bridged_and_a_long_one_costs_its_strides_alone(feet):
     ends, before = (table_of(one, "feet").strides.end for one in (again, news))
     assert len(ends) == len(before)
     np.testing.assert_allclose(ends - time[-1] - 100.0, before, atol=0.05)
+
+
+@pytest.mark.parametrize("stuck", [True, False], ids=["stuck", "lost"])
+def test_the_distance_is_that_of_the_intact_foot(feet, walked, stuck):
+    live = jgait.online(feet[0], PERSON, "foot_ins")
+    time, signals = signals_of(feet[0], live.placements)
+    gyr, acc = signals["foot_left"]
+    gyr[:], acc[:] = (0.0, acc[50]) if stuck else (np.nan, np.nan)
+    last = pushed(live, time, signals)[-1]
+    assert last.distance["feet"] == pytest.approx(float(walked[1].estimate.distance[-1]), rel=0.03)
+    assert last.lost == {"feet": 0.0}
+
+
+def test_seconds_without_any_foot_are_told(feet):
+    live = jgait.online(feet[0], PERSON, "foot_ins")
+    time, signals = signals_of(feet[0], live.placements)
+    for gyr, _ in signals.values():
+        gyr[500:650] = np.nan
+        gyr[800:810] = np.nan
+    lost = [one.lost["feet"] for one in pushed(live, time, signals)]
+    assert lost[49] == 0.0 and lost[59] == pytest.approx(1.0)
+    assert lost[-1] == pytest.approx(1.51)
+
+
+def test_strides_alone_on_one_side_count_as_those_of_both():
+    def total(*sides):
+        walked = StridesWay(2)
+        ones = np.ones(len(sides))
+        table = Strides(*(None for _ in Strides._fields))
+        return walked.add(table._replace(side=np.array(sides), length=ones, turn=0.0 * ones))
+
+    assert total(0, 1, 0, 1) == 2.0
+    assert total(0, 1, 1, 0) == 2.0  # a pause, or a missed stride
+    assert total(0, 1, 1, 1, 1) == 4.0
+    assert total(1, 1, 1, 1) == 4.0
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,9 @@ Deviations from `ankle_stride` without smoothing, which integrates signals filte
     3. The valley is the first minimum that lasts, not the least rate in a part of the time between two swings.
     4. Standing is a leg that has hardly turned for `CALM_S`.
     5. A stride is read where the window of zero velocities around its valley ends, not in its middle.
-    6. Nothing is known of a reading's range, so that clipped swings are not noticed.
+    6. A stride that lasts far longer than the usual one of the leg so far is in doubt (`LONG`): small steps in between
+       may have been missed.
+    7. Nothing is known of a reading's range, so that clipped swings are not noticed.
 """
 
 from functools import partial
@@ -51,6 +53,11 @@ from jgait.types import Counts, Flags, Strides, Values
 __all__ = ["ONLINE", "AnkleOnlineState", "Now", "Worn", "begin", "over", "worn"]
 
 
+LONG, WEIGHT = 1.5, 0.25
+"""[1] Duration of a stride over the usual one of the leg from which on it is in doubt: the leg may have been down in
+between; weight of a stride in the usual duration."""
+
+
 class OnlineSwing(NamedTuple):
     """The swings since the last stride: begin and end [s], sample at which they became known, whether there was any."""
 
@@ -81,6 +88,7 @@ class AnkleOnlineState(NamedTuple):
     heading: Heading  #: heading at which the stride begins.
     since: Values  #: (2,) normalised innovations squared since the stride began, summed, and their number.
     landed: Flags  #: end of the last stride's swing [s]; −∞ before the first stride.
+    usual: Values  #: usual duration of the leg's strides so far [s]; 0 before the second stride.
     lost: Values  #: time without samples since the stride began [s].
     count: Counts  #: number of strides so far.
     distance: Values  #: way along them [m], see `sides.of_turns`.
@@ -140,6 +148,7 @@ def begin(p: AnkleParams, worn: Worn, gyr: Values, acc: Values) -> AnkleOnlineSt
         heading=Heading(zero, zero),
         since=jnp.zeros_like(x[:2]),
         landed=zero - jnp.inf,
+        usual=zero,
         lost=zero,
         count=none,
         distance=zero,
@@ -179,6 +188,7 @@ class _AnkleEvent(NamedTuple):
     ends: Flags  #: bool, a swing ends here.
     swung: OnlineSwing  #: the swings since the last instant.
     landed: Values  #: end of the swing before them [s].
+    long: Flags  #: bool, they last far longer than the strides before.
     lost: Values  #: time without samples since the last instant [s].
     still: Flags  #: bool, the person stands at the newest sample.
 
@@ -239,9 +249,12 @@ def _decided(
     instant = started & (passed | (calm & full))
     ends = instant & state.swung.any & (looked >= state.swung.known)
     lost = before.lost + (row[8] > 0.0).astype(row.dtype) / worn.rate_hz
+    lasts, most = state.swung.lands - state.landed, LONG * state.usual
+    follows = ends & (state.swung.leaves - state.landed <= shank_stance.PAUSE_S)
+    known = follows & (state.usual > 0.0)
     event = _AnkleEvent(
         row, before.before, stands, before.started, before.restart, instant, ~passed, ends, state.swung, state.landed,
-        lost, state.slow >= worn.calm,
+        known & (lasts > most), lost, state.slow >= worn.calm,
     )  # fmt: skip
     # all rows are written: setting one would be a scatter, which XLA does not compile as a part of a loop
     history = jnp.where(jnp.arange(rows, dtype=index.dtype)[:, None] == index % rows, newest[None], state.history)
@@ -252,6 +265,11 @@ def _decided(
         restart=instant.astype(newest.dtype),
         swung=state.swung._replace(any=state.swung.any & ~ends),
         landed=jnp.where(ends, state.swung.lands, state.landed),
+        usual=jnp.where(
+            known,
+            state.usual + WEIGHT * (jnp.minimum(lasts, most) - state.usual),
+            jnp.where(follows, lasts, state.usual),
+        ),
         lost=jnp.where(instant, 0.0, lost),
     )
     return after, event
@@ -311,7 +329,7 @@ def _strides(
     strides = ankle_strides.table(worn.side, times, duration, way.length, way.height, turn, ends)
     stddev = ankle_strides.deviations(p, strides, way, here, there, duration)
     away = ankle_strides.off(posterior.mean.lever, ankle_strides.lever_of(p, worn)) > ankle_strides.FARTHEST_OFF
-    doubt = trust.doubtful(strides, stddev, nis) | away
+    doubt = trust.doubtful(strides, stddev, nis) | away | event.long
     return strides, stddev, ankle_strides.flags(strides, half=~follows | event.half, doubtful=doubt)
 
 

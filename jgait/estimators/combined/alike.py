@@ -19,8 +19,8 @@ SIDES_UNLIKE = Kind(
 )  # fmt: skip
 
 UNLIKE_SHARE = 0.1
-"""[1] Difference of the stride lengths of both sides over their mean, beyond which one is wrong. Chosen: above the walks
-of `tripod`, `gaitmap_example`, `ipol_gait` and `walking5m`, and below simulated hemiparetic walks with shanks whose
+"""[1] Difference of the stride lengths of both sides over their mean, beyond which one is wrong. Chosen: above walks of
+`tripod`, `gaitmap_example`, `ipol_gait` and `walking5m`, and below simulated hemiparetic walks with shanks whose
 distance is off by more than three stated deviations."""
 
 APART_M = 0.3

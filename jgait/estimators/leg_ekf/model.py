@@ -169,12 +169,14 @@ def standing_belief(
     """The belief before the first sample of a person who stands in a known pose.
 
     θ₁ and θ₂ [rad] have one variance [rad²]; the biases of both gyroscopes at rest are in rad/s. x and y start on the
-    forward kinematics (deviation 4).
+    forward kinematics (deviation 4), and are as uncertain as angles make a straight leg: were they certain, the closure
+    would keep a wrong pose.
     """
     zero = jnp.zeros_like(jnp.asarray(thigh_bias) + thigh_angle)
     mean = LegState(*(zero + v for v in (0.0, 0.0, thigh_angle, 0.0, knee_angle, 0.0, thigh_bias, shin_bias)))
     x, y = forward_kinematics(params, mean)
-    variances = LegState(1e-8, 1e-8, angle_variance, 1e-4, angle_variance, 1e-4, 1e-8, 1e-8)
+    xy = 1e-8 + angle_variance * (params.thigh_length + params.shank_length) ** 2
+    variances = LegState(xy, xy, angle_variance, 1e-4, angle_variance, 1e-4, 1e-8, 1e-8)
     return Belief(mean._replace(x=x, y=y), Covariance.from_variances(variances))
 
 

@@ -1,7 +1,7 @@
 """Estimators sample by sample, behind one object: `online` makes it, `Online.push` takes samples and tells what is new.
 
 `device` runs an estimator in a compiled loop; `legs`, `feet`, `ankles` and `duty` are the estimators that have a causal
-form; `clock` checks samples as they come; `session` puts them together.
+form; `clock` checks samples as they come; `distance` sums strides; `session` puts them together.
 """
 
 from jgait.estimators.online.device import Device

@@ -2,7 +2,8 @@
 
 It is the filter with the filler "hold": while a gyroscope is off, its rate is not observed, and gravity and the rigid
 link correct the angle. The other fillers repeat earlier strides; they have no form sample by sample. The person stands
-when all gyroscopes that are on have been slow for half a second.
+when all gyroscopes that are on have been slow for half a second. Before the person has stood, angles are not valid:
+walking does not tell the filter a wrong start, which it takes for a bias.
 """
 
 from typing import NamedTuple
@@ -10,6 +11,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from jgait.duty_cycle.recording import SEGMENTS, gyroscope_masks
 from jgait.estimators.duty_cycled_gyro import model as duty_model
@@ -44,13 +46,15 @@ class DutyConstants(NamedTuple):
 
 class DutyState(NamedTuple):
     """Beliefs about thigh and shank of the n legs of each group, leaves (n, …), None without a sensor; slow samples;
-    (k,) time without a rate [s]; how fast the person turns.
+    (k,) time without a rate [s]; how fast the person turns; whether the person has
+    stood.
     """
 
     beliefs: tuple[tuple[Belief | None, ...], ...]
     slow: Counts
     lost: Values
     turn: turns.Turn
+    trusted: Flags
 
 
 class DutyNow(NamedTuple):
@@ -128,7 +132,8 @@ def begin(c: DutyConstants, sample: Readings, options: DutyDeviceOptions) -> Dut
         jax.vmap(leg)(own, tuple(None if ks is None else c.bias[ks] for ks in _columns(group)))
         for own, group in zip(c.own, options.groups, strict=True)
     )
-    return DutyState(beliefs, jnp.zeros((), jnp.int32), jnp.zeros_like(c.scale), turns.no_turn(c.axes[0]))
+    none = jnp.zeros((), jnp.int32)
+    return DutyState(beliefs, none, jnp.zeros_like(c.scale), turns.no_turn(c.axes[0]), jnp.zeros((), bool))
 
 
 def _columns(group: tuple[tuple[int | None, ...], ...]) -> tuple[np.ndarray | None, ...]:
@@ -176,7 +181,8 @@ def advance(
 
     beliefs: list[tuple[Belief | None, ...]] = []
     angle: dict[int, tuple[Values, Values]] = {}
-    valid = jnp.all(lost < LOST, axis=1)
+    trusted = state.trusted | (lax.cummax(still.astype(jnp.int32)) > 0)
+    valid = jnp.all(lost < LOST, axis=1) & trusted
     leg: LegTrajectory | None = None
     stddev: LegTrajectory | None = None
     for own, before, group in zip(c.own, state.beliefs, options.groups, strict=True):
@@ -190,5 +196,5 @@ def advance(
         if len(results) == 2 and len(options.groups) == 1:
             leg, stddev = jax.tree.map(jnp.transpose, jax.vmap(joints)(own, *results))
     angles, deviations = (jnp.stack(v, axis=1) for v in zip(*(angle[k] for k in sorted(angle)), strict=True))
-    state = DutyState(tuple(beliefs), slow, lost[count - 1], turn)
+    state = DutyState(tuple(beliefs), slow, lost[count - 1], turn, trusted[-1])
     return state, DutyNow(angles, deviations, leg, stddev, still, valid)

@@ -3,7 +3,9 @@
 Deviations from `leg_ekf` without smoothing, with `distance="stance"`:
     1. The person stands when all gyroscopes on the legs have been slow for half a second, not within a quarter of a
        second before and after.
-    2. With sensors on one leg, the share of walking time in which the foot moves backward is that up to now.
+    2. Where the person does not stand at the first sample, any pose is possible; angles are not valid until they have
+       settled, see `standing.settled`.
+    3. With sensors on one leg, the share of walking time in which the foot moves backward is that up to now.
 """
 
 from typing import NamedTuple
@@ -18,7 +20,16 @@ from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_
 from jgait.estimators.leg_ekf.prepare import LONG_GAP, SegmentMounting, mounted, standing_legs
 from jgait.estimators.leg_ekf.readout import LEAST_SHARE, MOVES_M, backward
 from jgait.estimators.online.device import Device, Readings
-from jgait.estimators.online.standing import lost_for, stacked_mountings, standing_samples, stood
+from jgait.estimators.online.standing import (
+    START_VARIANCE,
+    Settling,
+    lost_for,
+    settled,
+    stacked_mountings,
+    standing_samples,
+    stood,
+    unsettled,
+)
 from jgait.estimators.sides import stacked
 from jgait.events.rest import LEGS_RATE
 from jgait.notes import Note
@@ -47,6 +58,7 @@ class LegsState(NamedTuple):
     legs: leg_online.LegOnlineState  #: states of the filters, leaves (n, …).
     lost: Values  #: (n, 2) time since the last measured sample of thigh and shank [s]; 0: the newest is measured.
     slow: Counts  #: samples for which all gyroscopes have been slow.
+    settling: Settling  #: whether angles can be trusted.
     before: LegTrajectory  #: trajectories at the last sample, leaves (n,).
     begun: Flags  #: whether there was a sample.
     way: Values  #: displacement of the hip by the feet in stance [m].
@@ -87,7 +99,7 @@ def device(p: LegParams, recording: Recording) -> tuple[Device, tuple[Note, ...]
         bias=worn.bias.reshape(-1, 2, 3),
         variance=worn.variance.reshape(-1, 2),
         window=standing_samples(rate),
-        start_variance=as_float(0.1),
+        start_variance=as_float(START_VARIANCE),
     )
     gravity = KINEMATICS.gravity and all(imu.acc is not None for imu in sensors.values())
     options = KINEMATICS._replace(gravity=gravity)
@@ -111,8 +123,8 @@ def begin(c: LegsConstants, sample: Readings, options: LegOptions) -> LegsState:
     first = _signals(c, jax.tree.map(lambda v: v[None], sample), jnp.zeros_like(c.scale)[None])
     start = jax.vmap(lambda params, leg: leg_online.start(params, leg, c.start_variance, options))
     return LegsState(
-        start(c.own, first), jnp.zeros_like(c.scale), jnp.zeros((), jnp.int32), LegTrajectory(each, each, each, each),
-        jnp.zeros((), bool), zero, zero, zero,
+        start(c.own, first), jnp.zeros_like(c.scale), jnp.zeros((), jnp.int32), unsettled(zero),
+        LegTrajectory(each, each, each, each), jnp.zeros((), bool), zero, zero, zero,
     )  # fmt: skip
 
 
@@ -138,7 +150,9 @@ def advance(
     share = back / jnp.maximum(moving, 1.0) if len(c.axes) == 1 else jnp.ones_like(way)
     at = count - 1
     last = jax.tree.map(lambda v: v[at], leg)
-    after = LegsState(legs, lost[at], slow, last, jnp.ones((), bool), way[at], back[at], moving[at])
+    gone = jnp.any(lost >= LONG_GAP, axis=(1, 2))
+    settling, trusted = settled(state.settling, gone, still, samples.dt, count)
+    after = LegsState(legs, lost[at], slow, settling, last, jnp.ones((), bool), way[at], back[at], moving[at])
     distance = c.p.distance_scale * way / jnp.maximum(share, LEAST_SHARE)
-    valid = jnp.all(results.valid, axis=1) & jnp.all(lost < LONG_GAP, axis=(1, 2))
+    valid = jnp.all(results.valid, axis=1) & trusted
     return after, LegsNow(leg, results.stddev, distance, still, valid)

@@ -12,6 +12,7 @@ from jgait.estimators.combined.sources import MEASURES
 from jgait.estimators.online import duty, legs, strides
 from jgait.estimators.online.clock import Pushes
 from jgait.estimators.online.device import Device, Results, Runner
+from jgait.estimators.online.distance import LostTime, StridesWay
 from jgait.estimators.online.units import Sizes
 from jgait.estimators.proportions import gives
 from jgait.notes import Note
@@ -59,11 +60,16 @@ class News(NamedTuple):
     stddev: Legs | None  #: their standard deviations, or None.
     #: placement → (n,) angle of the segment from the vertical [rad]; of duty_cycled_gyro alone.
     angles: dict[str, np.ndarray]
-    valid: np.ndarray  #: (n,) bool; False in long gaps, where angles are not usable.
+    #: (n,) bool; False where angles are not usable: before the person has stood or walked for some seconds, since the
+    #: start of the stream or a long gap.
+    valid: np.ndarray
     stands: np.ndarray  #: (n,) bool, the person stands still.
     strides: dict[str, NewStrides]  #: source → strides that have become known.
     contacts: NewContacts  #: their contacts, from the first of `PREFERRED` that has sensors.
     distance: dict[str, float]  #: source → distance since the start [m].
+    #: source → time since the start, in long gaps, in which samples of all its sensors were lost, of the legs those of
+    #: any sensor [s]: the distance misses what was walked then, and that of the legs is a guess there.
+    lost: dict[str, float]
 
 
 class Online:
@@ -85,6 +91,8 @@ class Online:
         self._clock = Pushes(self.placements, sampling_rate_hz)
         self._sizes = Sizes(self.placements, sampling_rate_hz)
         self._none: dict[str, NewStrides] = {}
+        self._walked = {device.source: StridesWay(len(device.sides)) for device in devices}
+        self._lost = {device.source: LostTime() for device in devices}
         rows = {name: 1 + 8 * number for number, name in enumerate(self.placements)}
         self._columns = [
             np.concatenate([[0], *(np.arange(rows[name], rows[name] + 8) for name in device.placements)])
@@ -126,11 +134,15 @@ class Online:
         }  # fmt: skip
         strides: dict[str, NewStrides] = {}
         distance: dict[str, float] = {}
-        for runner, now in zip(self._runners, results, strict=True):
+        lost: dict[str, float] = {}
+        for runner, columns, now in zip(self._runners, self._columns, results, strict=True):
             device = runner.device
+            felt = block.rows[block.kept][:, columns[1:]].reshape(block.time.size, -1, 8)[:, :, 6:] > 0.0
+            there = felt[:, :, 0].all(axis=1) if device.source == "legs" else felt.all(axis=2).any(axis=1)
+            lost[device.source] = self._lost[device.source].after(block.time, there)
             if device.source != "legs":
-                strides[device.source] = self._strides(device.source, now, block.offset)
-                distance[device.source] = float(now.field("distance", slice(-1, None)).mean())
+                new = strides[device.source] = self._strides(device.source, now, block.offset)
+                distance[device.source] = self._walked[device.source].add(new.strides)
                 continue
             if (legs := now.field("legs")) is not None:
                 parts = (legs, now.field("stddev"))
@@ -141,7 +153,7 @@ class Online:
                 news["angles"] = {name: angles[block.kept, k] for k, name in enumerate(device.placements)}
             else:
                 distance["legs"] = float(now.field("distance", slice(-1, None))[0])
-        return News(block.time, strides=strides, contacts=_contacts(strides), distance=distance, **news)
+        return News(block.time, strides=strides, contacts=_contacts(strides), distance=distance, lost=lost, **news)
 
     def _strides(self, source: str, now: Results, offset: float) -> NewStrides:
         """The strides in a block of results; the same empty table wherever there are none."""

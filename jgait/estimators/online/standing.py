@@ -1,4 +1,6 @@
-"""What devices of legs share: stacked mountings, standing of a person, and lost samples, in a block of samples."""
+"""What devices of legs share: stacked mountings, standing, lost samples, and trust in angles, in a block of samples."""
+
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -8,6 +10,35 @@ from jgait.estimators.leg_ekf.prepare import SegmentMounting
 from jgait.estimators.online.device import Readings
 from jgait.events.rest import LEGS_WINDOW_S
 from jgait.types import Counts, Flags, Values
+
+START_VARIANCE = 0.3
+"""[rad²] Variance of the angles at the first sample: a stream may begin in any phase of a stride."""
+
+SETTLES_S = 5.0
+"""[s] Time of walking after which angles are usable though the person has not stood since the stream began, or since
+samples were lost for long. Chosen on simulated walks that begin in any phase of a stride."""
+
+
+class Settling(NamedTuple):
+    """What is kept between samples to know whether angles can be trusted."""
+
+    unknown: Values  #: time since the angles were last unknown: since the start, or since a long loss ended [s].
+    stood: Values  #: time since the person last stood [s]; ∞ before.
+
+
+def unsettled(zero: Values) -> Settling:
+    """Before the first sample, of the type of `zero`."""
+    return Settling(zero, zero + jnp.inf)
+
+
+def settled(before: Settling, gone: Flags, still: Flags, dt: Values, count: Counts) -> tuple[Settling, Flags]:
+    """Whether angles are settled at each of n samples: after standing, or `SETTLES_S` of walking, without a long loss.
+
+    `gone` (n,) is True where a sensor's samples have been lost for so long that the angles are unknown, `still` (n,)
+    where the person stands; `dt` is the time since the previous sample [s], `count` the number of samples.
+    """
+    unknown, stood = (lost_for(old, flags, dt, count) for old, flags in zip(before, (gone, still), strict=True))
+    return Settling(unknown[count - 1], stood[count - 1]), (stood < unknown) | (unknown >= SETTLES_S)
 
 
 def stacked_mountings(worn: list[SegmentMounting]) -> SegmentMounting:
