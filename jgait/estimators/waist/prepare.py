@@ -20,6 +20,7 @@ from jgait.estimators.waist.notes import (
     AXES_CORRECTED,
     GYROSCOPE_CONTRADICTS,
     GYROSCOPE_REVERSED,
+    LIES_TURNED,
     NO_TRUNK_STEPS,
     SAMPLES_LOST,
     STRIDES_IN_LOSS,
@@ -35,7 +36,7 @@ from jgait.mounting import shank as shank_axes
 from jgait.mounting import trunk as trunk_axes
 from jgait.mounting.trunk import TrunkAxes
 from jgait.notes import Note
-from jgait.signal.windows import true_runs
+from jgait.signal.windows import held_mean, true_runs, window_size
 from jgait.types import Imu, Recording, RecordingError, as_float
 
 LEAST_SECONDS = 2.0
@@ -54,6 +55,13 @@ than the threshold. With the wrong sign it grows by as much as it falls with the
 CONTRADICTS = np.deg2rad(15.0)
 """[rad] Threshold on `mounting.trunk.tilted` of the attitude from gyroscope and accelerometer, above which the
 gyroscope is not used. Undamaged walks of `ipol_gait`, `mobgap_lab`, `neura_sparse` and `tripod` reach 8°."""
+
+TURNED_OVER = np.deg2rad(60.0)
+"""[rad] Least angle between a sensor's mean force and the vertical of walking at which it is turned over; trunks that
+sit or lean turn less."""
+
+OVER_S, TURNED_S = 1.0, 2.0
+"""[s] Length of the window of that mean, and least time for which the sensor is turned over."""
 
 SILENCE = 10.0
 """[s] Least length of the padding in which contacts are searched: the slowest filter then does not feel its end."""
@@ -100,7 +108,16 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
     notes.append(AXES_CORRECTED(placement=name, **trunk_axes.worn(axes)))
     if not axes.sure:
         notes.append(FORWARD_UNSURE(placement=name))
-    whole, rested, motion = _motion(whole, axes, time, mask, rate, name, notes)
+    angle, over = _turned_over(as_float(whole.acc), axes.rows[2], rate)
+    if over.any():
+        mask &= ~over
+        notes.append(
+            LIES_TURNED(
+                placement=name, seconds=np.sum(over) / rate, begin_s=time[over][0],
+                degrees=np.rad2deg(np.median(angle[over])),
+            )
+        )  # fmt: skip
+    whole, rested, motion = _motion(whole, axes, time, mask, rate, name, notes, one_pose=not over.any())
     notes += rested.notes
     contacts = _contacts(motion, mask, rate, options)
     if any(note.code == GYROSCOPE_CONTRADICTS.code for note in notes):
@@ -139,8 +156,11 @@ def _motion(
     rate: float,
     name: str,
     notes: list[Note],
+    one_pose: bool,
 ) -> tuple[Imu, TrunkRest, TrunkMotion]:
     """The sensor, its gyroscope's sign reversed if needed (see `MIRRORED`); its rest; and the motion of the trunk.
+
+    The sign is only judged if the sensor has one pose on the trunk: one that falls off turns faster than it measures.
 
     A gyroscope that contradicts the accelerometer (see `CONTRADICTS`) is replaced: in a turn it would tip the trunk
     over, and no contact would be found behind the turn.
@@ -159,7 +179,7 @@ def _motion(
         turned = imu._replace(gyr=sign * as_float(imu.gyr))
         rested = trunk_rest(turned, axes.rows, mask, rate)
         candidates.append((turned, rested, *moved(turned, rested)))
-    mirrored = candidates[1][3] > candidates[0][3] + MIRRORED * np.sum(mask)
+    mirrored = one_pose and candidates[1][3] > candidates[0][3] + MIRRORED * np.sum(mask)
     if mirrored:
         angles = [tilts(turned, rate, MOVING["waist"]) for turned, *_ in candidates]
         mirrored = not all(angles) or float(np.median(angles[1])) < float(np.median(angles[0]))
@@ -172,6 +192,16 @@ def _motion(
     elif mirrored:
         notes.append(GYROSCOPE_REVERSED())
     return turned, rested, motion
+
+
+def _turned_over(acc: np.ndarray, up: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Angle of the sensor's mean force to the vertical of walking, in its axes (3,), for each sample [rad], and samples
+    at which it is turned over; none if they are few.
+    """
+    force = held_mean(acc, window_size(OVER_S, rate))
+    angle = np.arccos(np.clip(force @ up / np.maximum(np.linalg.norm(force, axis=1), 1e-9), -1.0, 1.0))
+    over = angle > TURNED_OVER
+    return angle, over & (np.sum(over) >= TURNED_S * rate)
 
 
 def _contacts(motion: TrunkMotion, mask: np.ndarray, rate: float, options: WaistOptions) -> trunk_events.Contacts:

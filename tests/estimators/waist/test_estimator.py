@@ -1,5 +1,7 @@
 """Contacts, strides and distance of simulated waists of which they are known, and what every estimator owes."""
 
+import re
+
 import jax
 import numpy as np
 import pytest
@@ -104,6 +106,18 @@ def test_a_left_handed_triad_is_noticed(straight, axis):
     assert "the gyroscope turns the other way than gravity" in notes(told)
     assert "the gyroscope" not in notes(plain)
     np.testing.assert_allclose(told.distance, plain.distance, atol=1e-6)
+
+
+def test_a_sensor_that_lies_on_the_floor_is_noted(straight):
+    """It falls off in the walk; what it cannot measure from then on is named, and no reversed gyroscope."""
+    made, plain = straight
+    imu, time = imu_of(made.recording), np.asarray(plain.time)
+    fallen = (time > 6.0)[:, None]
+    acc, gyr = np.where(fallen, [0.0, 9.8, 0.3], imu.acc), np.where(fallen, 0.0, imu.gyr)
+    told = notes(estimated(worn(made.recording, gyr=gyr, acc=acc)))
+    assert re.search(rf"for {time[-1] - 6.0:.0f}\.\d s, first at 6\.\d s, the sensor is turned by \d+°", told), told
+    assert "the gyroscope" not in told
+    assert "is turned by" not in notes(plain)
 
 
 def test_a_pelvis_that_hardly_leans_is_no_reversed_gyroscope():
