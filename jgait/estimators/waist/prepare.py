@@ -31,7 +31,6 @@ from jgait.events import trunk as trunk_events
 from jgait.events.rest import BRIDGED_S, TrunkRest, trunk_rest
 from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
-from jgait.io.damage.tilts import MOVING, tilts
 from jgait.mounting import shank as shank_axes
 from jgait.mounting import trunk as trunk_axes
 from jgait.mounting.trunk import TrunkAxes
@@ -47,10 +46,9 @@ LIKE_GRAVITY = (0.6, 1.6)
 
 MIRRORED = 0.12
 """[1] Threshold on the growth of the log-likelihood for each sample when the gyroscope's sign is reversed; above it the
-reversal is kept if the tilts between standing and walking (`io.damage.tilts`), where the person stands, agree better
-with the sign reversed, too. With the right sign it falls on every recorded walk of `ipol_gait`, `mobgap_lab` and
-`neura_sparse`; in simulated people, whose pelvis leans little against gravity, it can grow, in quick children by more
-than the threshold. With the wrong sign it grows by as much as it falls with the right one."""
+reversal is kept. With the right sign it falls on every recorded walk of `ipol_gait`, `mobgap_lab` and `neura_sparse`;
+in simulated people, whose pelvis leans little against gravity, it can grow, by less. With the wrong sign it grows by as
+much as it falls with the right one."""
 
 CONTRADICTS = np.deg2rad(15.0)
 """[rad] Threshold on `mounting.trunk.tilted` of the attitude from gyroscope and accelerometer, above which the
@@ -180,9 +178,6 @@ def _motion(
         rested = trunk_rest(turned, axes.rows, mask, rate)
         candidates.append((turned, rested, *moved(turned, rested)))
     mirrored = one_pose and candidates[1][3] > candidates[0][3] + MIRRORED * np.sum(mask)
-    if mirrored:
-        angles = [tilts(turned, rate, MOVING["waist"]) for turned, *_ in candidates]
-        mirrored = not all(angles) or float(np.median(angles[1])) < float(np.median(angles[0]))
     turned, rested, motion, _ = candidates[int(mirrored)]
     forces = np.stack([motion.forward, motion.left, motion.upward + GRAVITY], axis=1)[: len(time)]
     if (apart := trunk_axes.tilted(forces, as_float(imu.acc) @ axes.rows.T, rate)) > CONTRADICTS:

@@ -133,19 +133,6 @@ def test_a_pelvis_that_hardly_leans_is_no_reversed_gyroscope():
     np.testing.assert_array_equal(estimate.strides.side[:-1], np.asarray(truth.strides.side)[rows][near][:-1])
 
 
-def test_the_gyroscope_of_a_quick_child_is_not_reversed(monkeypatch):
-    """Its likelihood grows with the sign reversed; the tilts between standing and walking decide."""
-    person = simulate.person_of(simulate.population(jax.random.key(4), 1, recorded=True), 0)
-    gait = simulate.gait(stride_length=0.9, cadence=170.0, stature=1.12, usual=simulate.RECORDED)
-    size = 1.12 * 0.245 / float(person.body.thigh_length)
-    child = simulate.Person(body=jax.tree.map(lambda length: float(length) * size, person.body), gait=gait)
-    key, along = jax.random.key(4), simulate.straight(12.0)
-    recording, _ = simulate.recording(key, simulate.covering(key, child, along), along, placements=("waist",))
-    assert "the gyroscope turns" not in notes(estimated(recording))
-    monkeypatch.setattr("jgait.estimators.waist.prepare.tilts", lambda *_: [])
-    assert "the gyroscope turns" in notes(estimated(recording))
-
-
 SLOPING = np.array([[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]])  # as on a lower back
 
 
