@@ -39,7 +39,6 @@ from jgait.estimators.ankle_stride.readout import Heading
 from jgait.estimators.ankle_stride.worn import ONLINE, Worn, worn
 from jgait.estimators.losses import held_bridge
 from jgait.estimators.notes import LONGEST_LOSS
-from jgait.estimators.sides import of_turns
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.filtering import Belief
@@ -91,7 +90,6 @@ class AnkleOnlineState(NamedTuple):
     usual: Values  #: usual duration of the leg's strides so far [s]; 0 before the second stride.
     lost: Values  #: time without samples since the stride began [s].
     count: Counts  #: number of strides so far.
-    distance: Values  #: way along them [m], see `sides.of_turns`.
 
 
 class Now(NamedTuple):
@@ -103,7 +101,6 @@ class Now(NamedTuple):
     #: the flags of `ankle_stride.readout.FLAGS` without "clipped", and "doubtful", see `trust.doubtful`.
     flags: dict[str, Any]
     count: Counts  #: number of strides so far.
-    distance: Values  #: way along them [m], see `sides.of_turns`.
     stands: Flags  #: bool, the person stands still.
     valid: Flags  #: False if the filter's update failed numerically and the filter kept its prediction.
 
@@ -151,7 +148,6 @@ def begin(p: AnkleParams, worn: Worn, gyr: Values, acc: Values) -> AnkleOnlineSt
         usual=zero,
         lost=zero,
         count=none,
-        distance=zero,
     )
 
 
@@ -365,12 +361,10 @@ def over(
     strides, stddev, flags = _strides(p, worn, event, posterior, begins[0], nis)
     stride = strides.valid
     number = state.count + jnp.cumsum(stride, dtype=jnp.int32)
-    distance = state.distance + jnp.cumsum(jnp.where(stride, of_turns(strides.length, strides.turn)[0], 0.0))
     after = after._replace(
         belief=posterior.belief(newest),
         heading=last[0],
         since=now[1][-1] - last[1],
         count=number[-1],
-        distance=distance[-1],
     )
-    return after, Now(stride, strides, stddev, flags, number, distance, event.still, posterior.valid)
+    return after, Now(stride, strides, stddev, flags, number, event.still, posterior.valid)

@@ -69,6 +69,6 @@ def _pairs(source: SourceEstimate) -> np.ndarray:
         return np.zeros((0, 3))
     middle = 0.5 * (start + end)
     near = left[np.argmin(np.abs(middle[right, None] - middle[left]), axis=1)]
-    share = (start[right] < end[near]) & (start[near] < end[right])
-    one, other = right[share], near[share]
+    at_once = (start[right] < end[near]) & (start[near] < end[right])
+    one, other = right[at_once], near[at_once]
     return np.stack([length[one], length[other], 0.5 * (turn[one] + turn[other])], axis=1)

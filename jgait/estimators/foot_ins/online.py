@@ -49,7 +49,6 @@ from jgait.estimators.foot_ins.prepare import LOST_FORCE, LOST_RATE, REACH, REST
 from jgait.estimators.foot_ins.readout import SHORTEST, timed, walks_on
 from jgait.estimators.losses import held_bridge
 from jgait.estimators.notes import LONGEST_LOSS
-from jgait.estimators.sides import of_turns
 from jgait.events import foot as events
 from jgait.filtering.padding import scanned
 from jgait.geometry.rotation import Quaternion, as_array
@@ -298,16 +297,14 @@ def over(
     strides, stddev, doubtful = _strides(p, worn, event, posterior, before, wrapped(change[:, 0]), change[:, 1])
     stride = strides.valid & real
     number = state.count + jnp.cumsum(stride, dtype=jnp.int32)
-    distance = state.distance + jnp.cumsum(jnp.where(stride, of_turns(strides.length, strides.turn)[0], 0.0))
     after = after._replace(
         belief=posterior.belief(newest),
         heading=heading,
         since=since,
         count=number[-1],
-        distance=distance[-1],
     )
     position, velocity = (jnp.stack(list(v), axis=1) for v in (posterior.mean.position, posterior.mean.velocity))
     return after, FootNow(
-        stride, strides, stddev, {"doubtful": doubtful}, number, distance, event.stands, foothold,
+        stride, strides, stddev, {"doubtful": doubtful}, number, event.stands, foothold,
         event.began | event.stands, position, velocity, as_array(q), posterior.valid,
     )  # fmt: skip

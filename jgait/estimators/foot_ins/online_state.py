@@ -147,7 +147,6 @@ class FootOnlineState(NamedTuple):
     landed: Values  #: initial contact of the last stride [s]; −∞ before the first.
     restless: Flags  #: bool, the last foothold is far less still than the stances before it.
     count: Counts  #: number of strides so far.
-    distance: Values  #: way along them [m], see `sides.of_turns`.
 
 
 class FootNow(NamedTuple):
@@ -158,7 +157,6 @@ class FootNow(NamedTuple):
     stddev: Strides  #: standard deviations of the stride.
     flags: dict[str, Values]  #: "doubtful", see `trust.doubtful`; also beside footholds that are not still.
     count: Counts  #: number of strides so far.
-    distance: Values  #: way along them [m], see `sides.of_turns`.
     stands: Flags  #: bool, zero velocity was observed.
     foothold: Flags  #: bool, positions count from this sample on.
     started: Flags  #: bool, the filter runs.
@@ -198,7 +196,6 @@ def begin(p: FootParams, worn: FootWorn, gyr: Values, acc: Values) -> FootOnline
         landed=zero - jnp.inf,
         restless=no,
         count=none,
-        distance=zero,
     )
 
 

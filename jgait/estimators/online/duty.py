@@ -46,8 +46,8 @@ class DutyConstants(NamedTuple):
 
 class DutyState(NamedTuple):
     """Beliefs about thigh and shank of the n legs of each group, leaves (n, …), None without a sensor; slow samples;
-    (k,) time without a rate [s]; how fast the person turns; whether the person has
-    stood.
+    (k,) time without a rate [s]; how fast the person turns; whether the person
+    has stood.
     """
 
     beliefs: tuple[tuple[Belief | None, ...], ...]
