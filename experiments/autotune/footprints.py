@@ -24,6 +24,9 @@ def length_log(estimate: Estimate, lesson: Lesson) -> jnp.ndarray:
     return 0.5 * jnp.log1p(tune.LOSSES["stride_length"].term(estimate, lesson))
 
 
+LENGTH: learn.Terms = ((length_log, 1.0), ("likelihood", learn.SHARE))
+
+
 def rows(quick: bool) -> list[Row]:
     """Stride lengths of every walk with parameters that the other walks taught."""
     if not available(SET):
@@ -34,7 +37,7 @@ def rows(quick: bool) -> list[Row]:
     lines, before, after = [], [], []
     for row, name in enumerate(walk.recording.name for walk in found):
         others = (np.arange(len(found)) != row).astype(float)
-        fit = learn.fit(lessons, others, length_log, 2 if quick else learn.STEPS, learn.ALL_NOISES)
+        fit = learn.fit(lessons, others, LENGTH, 2 if quick else learn.STEPS)
         tuned = jax.tree.map(float, fit.params)
         pair = solved(FootParams(), feet[name]), solved(tuned, feet[name])
         if pair[0] is None or pair[1] is None:
@@ -42,7 +45,7 @@ def rows(quick: bool) -> list[Row]:
         before.append(pair[0])
         after.append(pair[1])
         lines.append([name, *(v for one in pair for v in (score([one]).mae, score([one]).worst, score([one]).within))])
-        print(lines[-1], {name: float(f"{getattr(tuned, name):.3g}") for name in learn.ALL_NOISES.names}, flush=True)
+        print(lines[-1], {name: float(f"{getattr(tuned, name):.3g}") for name in learn.FREE}, flush=True)
     show("stride length [cm], walks left out", ["", "before", "worst", "in 2σ %", "after", "worst", "in 2σ %"], lines)
     first, last = score(before), score(after)
     return [

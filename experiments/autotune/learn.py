@@ -17,31 +17,27 @@ from jgait.estimators.foot_ins import DEFAULT, TEXTBOOK, FootParams
 from jgait.tune import Lessons
 from jgait.tune.objective import Term
 
-START = TEXTBOOK._replace(pivot_height=0.02, rate_noise=0.003)
+START = TEXTBOOK._replace(pivot_height=0.02, rate_noise=0.003, acc_jump_noise=0.02, gyr_jump_noise=0.02)
 """The textbook's filter; what it leaves out begins small, for the logarithm of 0 has no gradient."""
 
-FREE = ("pivot_height", "velocity_noise", "rate_noise", "acc_noise", "gyr_noise")
-"""What is learned from positions. The noises that grow with changes of the signals stay as good as 0, as in the
-textbook. The place of the reference's marker is solved apart, see `marker`."""
+FREE = (
+    "pivot_height", "velocity_noise", "rate_noise", "acc_noise", "gyr_noise", "acc_jump_noise", "gyr_jump_noise",
+)  # fmt: skip
+"""What is learned. The place of the reference's marker is solved apart, see `marker`."""
+
+Terms = tuple[tuple[str | Term, float], ...]
+"""Losses with their weights."""
+
+SHARE = 0.002
+"""[1/nat] Weight of the likelihood beside an error in logarithms. Positions of the feet do not tell, say, by how much
+the noise of jolts differs from that of slow motion; the innovations do. A minute of walking counts as some 0.1."""
+
+POSITION: Terms = (("position_log", 1.0), ("likelihood", SHARE))
+LIKELIHOOD: Terms = (("likelihood", 1.0),)
 
 STEPS, RATE = 50, 0.15
 """Steps of Adam and the rate of the first, which falls to 0: up to 3.75 units of a logarithm in all. The loss of all
 trials changes by less than 0.001 over the last 15 steps."""
-
-
-class Free(NamedTuple):
-    """Names of the parameters that are learned, and the filter that they start from."""
-
-    names: tuple[str, ...] = FREE
-    start: FootParams = START
-
-
-POSITIONS = Free()
-
-JUMPS = ("acc_jump_noise", "gyr_jump_noise")
-ALL_NOISES = Free((*FREE, *JUMPS), START._replace(**dict.fromkeys(JUMPS, 0.02)))
-"""What is learned from the likelihood alone and from stride lengths. Without the noises that grow with changes of the
-signals the likelihood converges to process noises that are too small for fast trials."""
 
 
 class Learned(NamedTuple):
@@ -54,11 +50,11 @@ class Learned(NamedTuple):
 
 
 @cache
-def _programs(loss: str | Term, free: tuple[str, ...]) -> tuple[Any, Any]:
+def _programs(loss: Terms) -> tuple[Any, Any]:
     """Transforms, and a program (free, start, lessons, weights) → value and gradient of the weighted sum."""
     estimator = foot_ins.estimator()
-    transforms = params.freed(estimator.transforms, *free)
-    objective = tune.objective(estimator, DEFAULT, {loss: 1.0})
+    transforms = params.freed(estimator.transforms, *FREE)
+    objective = tune.objective(estimator, DEFAULT, dict(loss))
 
     def one(moved: Any, start: Any, lesson: Any) -> Any:
         value = objective(params.constrain(moved, transforms, start), lesson)
@@ -80,13 +76,23 @@ def _programs(loss: str | Term, free: tuple[str, ...]) -> tuple[Any, Any]:
 
 
 def fit(
-    groups: Sequence[tuple[np.ndarray, Lessons]], weights: np.ndarray, loss: str | Term = "position_log",
-    steps: int = STEPS, free: Free = POSITIONS,
-) -> Learned:  # fmt: skip
-    """Fit the parameters `free` to the trials with a weight above 0, without priors."""
-    transforms, program = _programs(loss, free.names)
-    start = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), free.start)
+    groups: Sequence[tuple[np.ndarray, Lessons]], weights: np.ndarray, loss: Terms = POSITION, steps: int = STEPS
+) -> Learned:
+    """Fit the parameters `FREE` from `START` on to the trials with a weight above 0, without priors."""
+    transforms, program = _programs(loss)
+    start = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), START)
     moved, count = params.unconstrain(start, transforms), float(np.sum(weights))
+    priors = params.priors(FootParams())
+
+    @jax.jit
+    @jax.value_and_grad
+    def prior(moved: Any) -> Any:
+        """Minus the logarithm of the declared priors' density; they count once for all trials."""
+        natural = params.constrain(moved, transforms, start)
+        return (
+            sum(getattr(priors, name).penalty(getattr(natural, name)) for name in FREE if getattr(priors, name)) / count
+        )
+
     optimizer = optax.adam(optax.cosine_decay_schedule(RATE, steps), b1=0.8, b2=0.95)
     state = optimizer.init(moved)
     losses, seconds, pool = [], [], ThreadPoolExecutor(len(groups))
@@ -95,7 +101,7 @@ def fit(
         began = np.array([time.perf_counter(), time.process_time()])
         apply = pool.map if losses else map  # the first step compiles
         parts = list(apply(lambda group, at=moved: jax.block_until_ready(program(at, start, *group)), weighted))
-        value, slope = jax.tree.map(lambda *v: sum(v[1:], v[0]), *parts) if len(parts) > 1 else parts[0]
+        value, slope = jax.tree.map(lambda *v: sum(v[1:], v[0]), prior(moved), *parts)
         losses.append(float(value))
         step, state = optimizer.update(slope, state)
         moved = optax.apply_updates(moved, step)

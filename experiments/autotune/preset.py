@@ -28,7 +28,8 @@ def write(p: FootParams, before: np.ndarray, after: np.ndarray, kinds: np.ndarra
         },
     }  # fmt: skip
     made = {
-        "loss": "position_log=1", "cohort": SET, "free": learn.FREE, "steps": learn.STEPS, "held_out": held,
+        "loss": ",".join(f"{name}={weight:g}" for name, weight in learn.POSITION), "cohort": SET, "free": learn.FREE,
+        "steps": learn.STEPS, "held_out": held,
         "recordings": len(files),
         "data": {file.name: f"sha256:{hashlib.sha256(file.read_bytes()).hexdigest()}" for file in files},
     }  # fmt: skip
@@ -49,7 +50,7 @@ def main() -> None:
     losses = {name: np.log(errors[way]) for name, way in (("defaults", "marker"), ("tuned", ""))}
     if simplest(losses, found.days) != "tuned":
         raise SystemExit("on days left out the tuning is not better by a standard error: no preset")
-    print(write(vicon.fit("", "position_log", False).params, errors["marker"], errors[""], found.kinds))
+    print(write(vicon.fit("", learn.POSITION, False).params, errors["marker"], errors[""], found.kinds))
 
 
 if __name__ == "__main__":

@@ -1,24 +1,20 @@
 """Positions under Vicon before and after tuning, every day judged by weights of the other days; and on other sets."""
 
 from functools import cache
-from typing import Any
 
 import jax
 import numpy as np
 
 from experiments.autotune import learn, marker
-from experiments.autotune.walks import EVERY, KINDS, Trials, thinned, trials
+from experiments.autotune.walks import KINDS, Trials, trials
 from experiments.common.row import Row, show
 from experiments.foot_ins.run import Score, scored, sets
-from jgait import tune
 from jgait.estimators.foot_ins import FootParams
-from jgait.tune import Lesson
-from jgait.types import Estimate
 
 SPLIT = "pyshoe_vicon, days left out"
 
 WAYS = {
-    "": "noise tuned from the textbook's by positions of other days, marker too",
+    "": "noise tuned from the textbook's by positions and likelihood of other days, marker too",
     "marker": "hand-chosen noise, marker tuned on other days",
     "before": "hand-chosen noise, path of the sensor",
     "textbook": "textbook's noise, marker tuned on other days",
@@ -30,11 +26,6 @@ MANY = 50
 """Fewest strides of a set whose coverage is compared: of 12 strides, 11 are 92 % and all are 100 %."""
 
 
-def likelihood(estimate: Estimate, lesson: Lesson) -> Any:
-    """Negative log-likelihood of a trial's innovations, per second of it; of stances seen as `thinned` sees them."""
-    return tune.LOSSES["likelihood"].term(estimate, lesson) / (lesson.inputs.time[-1] - lesson.inputs.time[0])
-
-
 @cache
 def found(quick: bool) -> Trials:
     """The trials."""
@@ -44,22 +35,13 @@ def found(quick: bool) -> Trials:
 
 
 @cache
-def fit(day: str, loss: Any, quick: bool) -> learn.Learned:
+def fit(day: str, loss: learn.Terms, quick: bool) -> learn.Learned:
     """The tuning on all days but one; "" leaves none out."""
     here = found(quick)
-    lessons = thinned(here.groups) if loss is likelihood else here.groups
-    free = learn.ALL_NOISES if loss is likelihood else learn.POSITIONS
-    told = learn.fit(lessons, (here.days != day).astype(float), loss, 2 if quick else learn.STEPS, free)
+    told = learn.fit(here.groups, (here.days != day).astype(float), loss, 2 if quick else learn.STEPS)
     print(f"without {day or 'none'}: loss {told.losses[0]:.3f} to {told.losses[-1]:.3f};",
-          {name: float(f"{float(getattr(told.params, name)):.3g}") for name in free.names}, flush=True)  # fmt: skip
+          {name: float(f"{float(getattr(told.params, name)):.3g}") for name in learn.FREE}, flush=True)  # fmt: skip
     return told
-
-
-def by_likelihood(day: str, quick: bool) -> FootParams:
-    """What the likelihood taught, for a filter that takes every sample of a stance: of `EVERY` samples that are alike,
-    each has `EVERY` times the variance of one."""
-    p, more = fit(day, likelihood, quick).params, EVERY**0.5
-    return p._replace(velocity_noise=more * p.velocity_noise, rate_noise=more * p.rate_noise)
 
 
 def of_days(params: dict[str, FootParams], quick: bool) -> np.ndarray:
@@ -89,8 +71,8 @@ def ways(quick: bool) -> dict[str, np.ndarray]:
         "before": plain,
         "marker": of_days(dict.fromkeys(days, default), quick),
         "textbook": of_days(dict.fromkeys(days, learn.START), quick),
-        "": of_days({day: fit(day, "position_log", quick).params for day in days}, quick),
-        "likelihood": of_days({day: by_likelihood(day, quick) for day in days}, quick),
+        "": of_days({day: fit(day, learn.POSITION, quick).params for day in days}, quick),
+        "likelihood": of_days({day: fit(day, learn.LIKELIHOOD, quick).params for day in days}, quick),
     }
 
 
@@ -107,8 +89,8 @@ def rows(quick: bool) -> list[Row]:
     gains = {way: gain(each["textbook"], each[way]) for way in ("marker", "", "likelihood")}
     print("gain in the mean logarithm of the error from the textbook's filter on:", gains)
     print("trials whose error is smaller by tuning than by hand:", int(np.sum(each[""] < each["marker"])))
-    seconds, cpu = np.median(fit("", "position_log", quick).seconds, axis=0)
-    compiling = fit(min(here.days.tolist()), "position_log", quick).seconds[0][0] - seconds
+    seconds, cpu = np.median(fit("", learn.POSITION, quick).seconds, axis=0)
+    compiling = fit(min(here.days.tolist()), learn.POSITION, quick).seconds[0][0] - seconds
     line = "gain in the mean logarithm of the position's error, from the textbook's filter on, `pyshoe_vicon`"
     cost, size, n = (
         "tuning of a foot, a step over all trials",
@@ -155,7 +137,7 @@ def other_sets(quick: bool) -> list[Row]:
     """Stride length of the other sets before and after, with parameters tuned on Vicon alone: other people."""
     if quick:
         return []
-    p = fit("", "position_log", quick).params
+    p = fit("", learn.POSITION, quick).params
     lines, result, ratios, within = [], [], [], []
     for name, items in sets(quick).items():
         if name == "pyshoe_vicon":

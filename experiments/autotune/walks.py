@@ -17,10 +17,6 @@ SET = "pyshoe_vicon"
 
 KINDS = ("walking", "fast", "creeping")
 
-EVERY = 20
-"""[samples] Of a stance one is used for the likelihood, .1 s at 200 Hz: what a standing foot moves is much alike over
-some ten samples, and a filter that takes every sample for news believes that feet do not move at all."""
-
 
 def kind(speed: float | None) -> str:
     """Walking 0.6–1.3 m/s, fast and running from 1.3 m/s, creeping (slow steps, kneeling) below."""
@@ -67,18 +63,6 @@ def groups(found: Sequence[Walk]) -> list[tuple[np.ndarray, Lessons]]:
     data = jax.tree.map(_single, made.data)
     halves = (order[0::2], order[1::2]) if len(order) % 2 == 0 else (order,)
     return [(rows, made._replace(data=jax.tree.map(lambda leaf, rows=rows: leaf[rows], data))) for rows in halves]
-
-
-def thinned(lessons: Sequence[tuple[np.ndarray, Lessons]]) -> list[tuple[np.ndarray, Lessons]]:
-    """The lessons with zero velocity at every `EVERY`-th sample of stances alone."""
-
-    def of(made: Lessons) -> Lessons:
-        inputs = made.data.inputs
-        seen = np.arange(inputs.right.stands.shape[1]) % EVERY == 0
-        foot = inputs.right._replace(stands=inputs.right.stands & seen[None, :])
-        return made._replace(data=made.data._replace(inputs=inputs._replace(right=foot)))
-
-    return [(rows, of(made)) for rows, made in lessons]
 
 
 def _single(values: Any) -> np.ndarray:

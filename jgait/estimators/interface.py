@@ -53,6 +53,8 @@ class Estimator[P, I](NamedTuple):
             recording that is not long; on the host.
         unused: names of the parameters, or of groups of parameters, on which no number of the estimate depends, so
             that its gradient is zero by construction.
+        likelihood: (params, inputs, options) → log-likelihood of the measurements [nat] for tuning, where that is
+            another one than the sum of the diagnostics `log_likelihood…`; pure, `options` static.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Estimator[P, I](NamedTuple):
     finish: Callable[[Estimate, Prepared[I]], Estimate] | None = None
     in_parts: Callable[[P, I, PyTree], Estimate | None] | None = None
     unused: tuple[str, ...] = ()
+    likelihood: Callable[[P, I, PyTree], Values] | None = None
 
     @property
     def transforms(self) -> P:

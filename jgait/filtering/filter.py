@@ -7,6 +7,7 @@ All equations are in error coordinates δ about the predicted state, so rotation
 update is linearised at the result of the previous iteration, but always updates the same prior.
 """
 
+import math
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -82,6 +83,17 @@ class Posterior(NamedTuple):
     def belief(self, at: Counts) -> Belief:
         """The belief after sample `at`."""
         return Belief(*jax.tree.map(lambda leaf: leaf[at], (self.mean, self.cov)))
+
+    def student_t(self, freedom: float) -> Float[Array, "*batch time"]:
+        """(T,) log-density of each sample [nat] under Student's t with the innovation's covariance for its scale.
+
+        With few degrees of freedom, samples far from their prediction count little; with many it is `log_likelihood`.
+        """
+        size = self.count
+        log_det = -2.0 * self.log_likelihood - self.nis - size * math.log(2.0 * math.pi)
+        constant = jax.lax.lgamma(0.5 * (freedom + size)) - math.lgamma(0.5 * freedom)
+        constant -= 0.5 * size * math.log(math.pi * freedom)
+        return constant - 0.5 * log_det - 0.5 * (freedom + size) * jnp.log1p(self.nis / freedom)
 
 
 FIELDS = Posterior._fields

@@ -96,7 +96,10 @@ def _root(of: Term, **empty: float) -> Term:
 
 
 def likelihood(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
-    """Negative log-likelihood of all measurements, summed over the legs [nat]; needs no reference."""
+    """Negative log-likelihood of all measurements, summed over the legs [nat]; needs no reference.
+
+    `Objective` takes the estimator's own `likelihood` instead, where it has one.
+    """
     del lesson
     likelihoods = [value for name, value in estimate.diagnostics.items() if name.startswith("log_likelihood")]
     if not likelihoods:
@@ -239,19 +242,26 @@ class Objective:
         own: `own` of the estimator.
         options: options of the estimator.
         terms: (name or function, weight) of each term.
+        likelihood: `likelihood` of the estimator.
     """
 
     run: Callable[..., Estimate]
     own: Callable[..., PyTree]
     options: Hashable
     terms: tuple[tuple[str | Term, float], ...]
+    likelihood: Callable[..., Float[Array, ""]] | None = None
 
     def __call__(self, params: PyTree, lesson: Lesson) -> Float[Array, ""]:
         """The weighted sum of the terms, with the person's body measures in the parameters."""
-        estimate = self.run(self.own(params, lesson.own), lesson.inputs, self.options)
-        parts = [
-            weight * (TERMS[term] if isinstance(term, str) else term)(estimate, lesson) for term, weight in self.terms
-        ]
+        own = self.own(params, lesson.own)
+        estimate = self.run(own, lesson.inputs, self.options)
+
+        def value(term: str | Term) -> Float[Array, ""]:
+            if term == "likelihood" and self.likelihood is not None:
+                return -self.likelihood(own, lesson.inputs, self.options)
+            return (TERMS[term] if isinstance(term, str) else term)(estimate, lesson)
+
+        parts = [weight * value(term) for term, weight in self.terms]
         return jax.tree.reduce(jnp.add, parts)
 
 
@@ -278,7 +288,8 @@ def objective(
         loss = str(name).removesuffix("_error")
         if answers is not None and loss in LOSSES and loss not in answers:
             raise ValueError(f"{estimator.name} cannot answer {loss!r}; it answers {', '.join(answers)}")
-    return Objective(estimator.run, estimator.own, options, tuple((n, _weight(n, w)) for n, w in weights.items()))
+    parts = tuple((n, _weight(n, w)) for n, w in weights.items())
+    return Objective(estimator.run, estimator.own, options, parts, estimator.likelihood)
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,12 @@ PER_STRIDE = ("stride_nis", "doubtful")
 LARGEST_MEAN_NIS = 0.15
 """[1] NIS of a foot from which on all of its results are in doubt; of good walks and runs it is below 0.14."""
 
+ALIKE = 0.1
+"""[s] Over which the velocity of a standing foot is much alike, see `likelihood`."""
+
+FREEDOM = 4.0
+"""[1] Degrees of freedom of the density of an innovation, see `likelihood`."""
+
 LEAST, MOST = -12.0, 25.0
 """[1] Limits of the logarithm of the factor on the variance of the zero velocity."""
 
@@ -103,9 +109,13 @@ def prior_of(p: FootParams, foot: FootSignals) -> Belief:
     return Belief(belief.mean._replace(acc_bias=vector(foot.acc_bias)), belief.cov.with_entries(bias))
 
 
-def _foot(p: FootParams, foot: FootSignals, options: FootOptions) -> filtering.Inferred:
+def _stands(foot: FootSignals, options: FootOptions) -> Flags:
+    """(T,) bool of the samples at which zero velocity is observed."""
+    return foot.valid if options.soft else foot.stands & foot.valid
+
+
+def _foot(p: FootParams, foot: FootSignals, options: FootOptions, stands: Flags) -> filtering.Inferred:
     zero = jnp.zeros_like(foot.rate)
-    stands = foot.valid if options.soft else foot.stands & foot.valid
     return filtering.infer(
         foot_model.MODEL, model_params(p), FootObservation(Vector(zero, zero, zero), zero), smooth=options.smooth,
         controls=controls(p, foot, options), dt=foot.dt,
@@ -134,6 +144,30 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
     )  # fmt: skip
 
 
+def likelihood(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Values:
+    """Log-likelihood of the velocity of standing feet, summed over the feet [nat], for tuning without a reference.
+
+    The velocity of a standing foot is much alike over `ALIKE`. So one sample in `ALIKE` counts, with the variance of
+    the mean of them all; if every sample counted, the most likely foot would not move at all in stance. The density is
+    Student's t with `FREEDOM` degrees of freedom and the filter's covariance as its scale, so that a few hard landings
+    do not rule the noise.
+
+    Source: K. L. Lange, R. J. A. Little and J. M. G. Taylor, "Robust statistical modeling using the t distribution",
+    Journal of the American Statistical Association 84(408), 1989.
+    """
+    number = jnp.floor(jnp.asarray(inputs.time) / ALIKE)
+    first = number != jnp.concatenate([number[:1] - 1.0, number[:-1]])
+
+    def one(foot: FootSignals) -> Values:
+        alike = ALIKE * jnp.sum(foot.dt > 0.0) / jnp.maximum(jnp.sum(foot.dt), ALIKE)
+        less = jnp.sqrt(jnp.maximum(alike, 1.0))
+        q = p._replace(velocity_noise=p.velocity_noise / less, rate_noise=p.rate_noise / less)
+        found = _foot(q, foot, options._replace(smooth=False), _stands(foot, options) & first).filtered
+        return jnp.sum(found.student_t(FREEDOM))
+
+    return jnp.sum(jax.vmap(one)(stacked(*_worn(inputs).values())))
+
+
 def _worn(inputs: FootInputs) -> dict[int, FootSignals]:
     """Side (0 right, 1 left) → signals of each foot with a sensor."""
     return {side: foot for side, foot in enumerate((inputs.right, inputs.left)) if foot is not None}
@@ -149,7 +183,7 @@ class _Found(NamedTuple):
 
 
 def _one_foot(p: FootParams, foot: FootSignals, time: Values, options: FootOptions) -> _Found:
-    result = _foot(p, foot, options)
+    result = _foot(p, foot, options, _stands(foot, options))
     path = foot_strides.path_of(p, foot, time, result, flatten=options.level == "auto")
     valid = foot.valid & foot.known & result.filtered.valid
     way = foot_strides.walked(path.strides, foot.count - 1, time)
@@ -183,7 +217,7 @@ def estimator(options: FootOptions = DEFAULT) -> Estimator[FootParams, FootInput
     used = {"height_noise": options.level is True, "softness": options.soft, "threshold_factor": options.soft}
     return Estimator(
         "foot_ins", start, partial(prepare, options=options), run, with_body, ABOUT, PER_STRIDE, _finished, _in_windows,
-        unused=tuple(name for name, of_use in used.items() if not of_use),
+        unused=tuple(name for name, of_use in used.items() if not of_use), likelihood=likelihood,
     )  # fmt: skip
 
 
