@@ -78,7 +78,7 @@ def _programs(loss: Terms) -> tuple[Any, Any]:
 def fit(
     groups: Sequence[tuple[np.ndarray, Lessons]], weights: np.ndarray, loss: Terms = POSITION, steps: int = STEPS
 ) -> Learned:
-    """Fit the parameters `FREE` from `START` on to the trials with a weight above 0, without priors."""
+    """Fit the parameters `FREE` from `START` on to the trials with a weight above 0, with the declared priors."""
     transforms, program = _programs(loss)
     start = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), START)
     moved, count = params.unconstrain(start, transforms), float(np.sum(weights))
@@ -89,9 +89,8 @@ def fit(
     def prior(moved: Any) -> Any:
         """Minus the logarithm of the declared priors' density; they count once for all trials."""
         natural = params.constrain(moved, transforms, start)
-        return (
-            sum(getattr(priors, name).penalty(getattr(natural, name)) for name in FREE if getattr(priors, name)) / count
-        )
+        told = [getattr(priors, name).penalty(getattr(natural, name)) for name in FREE if getattr(priors, name)]
+        return sum(told[1:], told[0]) / count
 
     optimizer = optax.adam(optax.cosine_decay_schedule(RATE, steps), b1=0.8, b2=0.95)
     state = optimizer.init(moved)

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from filtering.oracle import estimated, stacked
 from filtering.problems import BROKEN, SAMPLES, Cart, Case, Push, Reading, case, filtered, same, smoothed
+from scipy import stats
 
 from experiments.benchmark.core import foot, smoother
 from jgait import filtering
 from jgait.filtering import CKF, EKF, FIELDS, KF, UKF, Belief, Covariance, IteratedEKF, Model
 from jgait.filtering.core import block_of, width_of
+from jgait.filtering.filter import Posterior
 from jgait.filtering.inputs import inputs
 
 
@@ -267,3 +269,16 @@ def test_a_gpu_computes_all_recordings_at_once():
     traced = jax.jit(lambda batch: smoother(problem, batch, problem.logs)).trace(problem.batch)
     loops = {on: traced.lower(lowering_platforms=(on,)).as_text().count("stablehlo.while") for on in ("cpu", "cuda")}
     assert loops["cuda"] == loops["cpu"] - 1 >= 2  # forward and backward in time, without the loop over blocks
+
+
+def test_student_s_t_is_that_of_the_innovation_s_covariance():
+    rng = np.random.default_rng(3)
+    errors, root = rng.normal(size=(6, 2)), np.array([[0.5, 0.0], [0.2, 0.3]])
+    cov = root @ root.T
+    nis = np.sum(np.linalg.solve(root, errors.T) ** 2, axis=0)
+    normal = stats.multivariate_normal([0.0, 0.0], cov).logpdf(errors)
+    told = Posterior(log_likelihood=jnp.asarray(normal), nis=jnp.asarray(nis), count=jnp.full(6, 2.0))
+    np.testing.assert_allclose(told.student_t(4.0), stats.multivariate_t([0.0, 0.0], cov, df=4.0).logpdf(errors))
+    np.testing.assert_allclose(told.student_t(1e7), normal, rtol=1e-5)
+    masked = Posterior(log_likelihood=jnp.zeros(1), nis=jnp.zeros(1), count=jnp.zeros(1))
+    np.testing.assert_allclose(masked.student_t(4.0), 0.0, atol=1e-12)

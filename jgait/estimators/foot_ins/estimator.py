@@ -159,7 +159,7 @@ def likelihood(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT
     first = number != jnp.concatenate([number[:1] - 1.0, number[:-1]])
 
     def one(foot: FootSignals) -> Values:
-        alike = ALIKE * jnp.sum(foot.dt > 0.0) / jnp.maximum(jnp.sum(foot.dt), ALIKE)
+        alike = ALIKE * jnp.sum(jnp.sign(foot.dt)) / jnp.maximum(jnp.sum(foot.dt), ALIKE)
         less = jnp.sqrt(jnp.maximum(alike, 1.0))
         q = p._replace(velocity_noise=p.velocity_noise / less, rate_noise=p.rate_noise / less)
         found = _foot(q, foot, options._replace(smooth=False), _stands(foot, options) & first).filtered
