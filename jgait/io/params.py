@@ -113,6 +113,8 @@ def made_of(path: str | os.PathLike[str]) -> tuple[str, dict[str, PyTree]]:
 
 def _read(file: Path) -> dict[str, PyTree]:
     """The content of a file of parameters, with `estimator` a string and `made` a dictionary."""
+    if not file.is_file():
+        raise FileNotFoundError(f"{file}: there is no such file of parameters")
     with reading(file, "a file of parameters"):
         whole = json.loads(file.read_text(encoding="utf-8"))
         needed = ("format", "estimator", "parameters")
