@@ -256,7 +256,7 @@ class Objective:
         own = self.own(params, lesson.own)
         estimate = self.run(own, lesson.inputs, self.options)
 
-        def value(term: str | Term) -> Float[Array, ""]:
+        def value(term: str | Term) -> PyTree:
             if term == "likelihood" and self.likelihood is not None:
                 return -self.likelihood(own, lesson.inputs, self.options)
             return (TERMS[term] if isinstance(term, str) else term)(estimate, lesson)
