@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators.staged import Staged, staged
-from jgait.filtering.compile import compiler_options, processor
+from jgait.filtering.compile import backend, compiler_options, host, processor
 
 LIMIT = 1_000_000_000
 """[bytes] Size of the folder; when a program is added, the files that were not used for longest are removed."""
@@ -71,7 +71,8 @@ def compiled(function: Callable[..., PyTree], *, quick: bool = False) -> "Progra
 class Program:
     """A function of arrays, given by position, and of static arguments, given by name and hashable.
 
-    It computes as `jax.jit` of the function does, and inside another `jit` it is just that.
+    It computes as `jax.jit` of the function does, and inside another `jit` it is just that. It computes on the CPU
+    unless a default device is set (`jgait.filtering.compile.host`).
     """
 
     def __init__(self, function: Callable[..., PyTree], options: dict[str, Any] | None = None) -> None:
@@ -84,6 +85,12 @@ class Program:
         leaves, structure = jax.tree.flatten(arrays)
         if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
             return self._jit(tuple(static))(*arrays, **static)
+        if (cpu := host()) is not None:
+            # JAX moves arrays by itself, but for those that were put on a device
+            fixed = [isinstance(leaf, jax.Array) and leaf.committed for leaf in leaves]
+            moved = [jax.device_put(v, cpu) if stays else v for v, stays in zip(leaves, fixed, strict=True)]
+            with jax.default_device(cpu):
+                return self(*jax.tree.unflatten(structure, moved), **static)
         shapes = tuple(map(_shape, leaves))
         key = (structure, shapes, tuple(sorted(static.items())), bool(jax.config.jax_enable_x64), _device())
         program = self._ready.get(key)
@@ -114,7 +121,7 @@ class Program:
     def _compiled(self, arrays: PyTree, static: dict[str, Any], options: PyTree) -> Callable[..., PyTree]:
         """The function of a short recording as steps; of a long one, or if it compiles quickly, one program."""
         short = max((max(np.shape(leaf), default=1) for leaf in jax.tree.leaves(arrays)), default=1) <= BUCKET
-        if self.options or not short or jax.default_backend() != "cpu":
+        if self.options or not short or backend() != "cpu":
             whole: Callable[..., PyTree] = self._jit(tuple(static), options).lower(*arrays, **static).compile()
             return whole
 
@@ -127,7 +134,7 @@ class Program:
         """The file of a program; None where none is kept, or where nothing names the function or its arguments."""
         name = f"{self.function.__module__}.{getattr(self.function, '__qualname__', '<none>')}"
         whole = f"{name} {key!r} {self.options}"
-        if _Store.folder is None or "<" in name or " at 0x" in whole or jax.default_backend() != "cpu":
+        if _Store.folder is None or "<" in name or " at 0x" in whole or backend() != "cpu":
             return None
         digest = hashlib.sha256(f"{whole} {_surroundings()}".encode()).hexdigest()
         return _Store.folder / f"{digest}{ENDING}"
@@ -198,6 +205,7 @@ def _read(file: Path, structure: Any) -> Callable[..., PyTree] | None:
                 payload,
                 structure if plan is None else jax.tree.structure(((0,) * count, {})),
                 jax.tree.structure(result),
+                "cpu",
             )
             for payload, count, result in kept
         ]

@@ -10,14 +10,38 @@ import jax
 from jaxtyping import PyTree
 
 
-@functools.cache
+def host() -> jax.Device | None:
+    """The CPU for single recordings, where JAX would take another device by itself; else None.
+
+    Samples follow one another, so that a single recording takes longer on a GPU, which is for many at once. A default
+    device that is set is left as it is.
+    """
+    if jax.default_backend() == "cpu" or jax.config.jax_default_device is not None:
+        return None
+    try:
+        return jax.local_devices(backend="cpu")[0]
+    except RuntimeError:  # JAX_PLATFORMS without a CPU
+        return None
+
+
+def backend() -> str:
+    """The platform that computes: of the default device if one is set, else of JAX's default backend."""
+    device = jax.config.jax_default_device
+    return jax.default_backend() if device is None else str(getattr(device, "platform", device))
+
+
 def compiler_options() -> dict[str, Any]:
-    """Compiler options for the default backend: on a CPU no calls of a library for small sums, and wide vectors.
+    """Compiler options for what computes: on a CPU no calls of a library for small sums, and wide vectors.
 
     For sums as short as those of a filter, calling XLA's library YNNPACK takes longer than the sum. With AVX-512
     vectors have 512 bits; XLA uses 256 by default, because some older processors lower their clock rate.
     """
-    if jax.default_backend() != "cpu":
+    return _options(backend())
+
+
+@functools.cache
+def _options(computes: str) -> dict[str, Any]:
+    if computes != "cpu":
         return {}
     options: dict[str, Any] = {"xla_cpu_experimental_ynn_fusion_type": ""}
     if " avx512f " in processor():

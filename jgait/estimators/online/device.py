@@ -16,7 +16,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import PyTree
 
-from jgait.filtering.compile import compiled, compiler_options
+from jgait.filtering.compile import compiled, compiler_options, host
 from jgait.types import Counts, Flags, Values
 
 BLOCK = 16
@@ -184,17 +184,20 @@ class Runner:
         self._dtype = jnp.zeros(()).dtype
         self._parts: list[PyTree] | None = None
         functions = device.begin, device.advance, device.options
-        constants = jax.tree.map(jnp.asarray, device.constants)
-        self._begun = functools.partial(_begin, constants, device=functions)
-        empty = np.zeros((BLOCK, 1 + 8 * len(device.placements)), self._dtype)
-        state = self._begun(empty[0])
-        shapes = jax.eval_shape(
-            lambda c, s, b: device.advance(c, s, _samples(b), np.int32(1), device.options)[1], constants, state, empty
-        )
-        self._fields, width = _fields(shapes)
-        self._constants = packed(constants)
-        self._loop = _compiled(functions, (Structure.of(constants), Structure.of(state)), width)
-        self._loop(self._constants, packed(state), empty, np.int32(0))
+        self._on = host() or jax.config.jax_default_device
+        with jax.default_device(self._on):
+            constants = jax.tree.map(jnp.asarray, device.constants)
+            self._begun = functools.partial(_begin, constants, device=functions)
+            empty = np.zeros((BLOCK, 1 + 8 * len(device.placements)), self._dtype)
+            state = self._begun(empty[0])
+            shapes = jax.eval_shape(
+                lambda c, s, b: device.advance(c, s, _samples(b), np.int32(1), device.options)[1],
+                constants, state, empty,
+            )  # fmt: skip
+            self._fields, width = _fields(shapes)
+            self._constants = packed(constants)
+            self._loop = _compiled(functions, (Structure.of(constants), Structure.of(state)), width)
+            self._loop(self._constants, packed(state), empty, np.int32(0))
 
     @property
     def state_bytes(self) -> int:
@@ -203,6 +206,10 @@ class Runner:
 
     def push(self, rows: np.ndarray) -> Results:
         """The results after each of n > 0 samples, (n, 1 + 8 k): dt, and gyr, acc, turned, felt of each sensor."""
+        with jax.default_device(self._on):
+            return self._pushed(rows)
+
+    def _pushed(self, rows: np.ndarray) -> Results:
         rows = rows.astype(self._dtype, copy=False)
         if self._parts is None:
             self._parts = packed(self._begun(rows[0]))
