@@ -14,14 +14,13 @@ def transition(params: WidthModelParams, state: WidthState, control: WidthContro
     """Equation 3 as printed: its row 5 takes the left foot's way forward off its y."""
     moved = width_model.transition(params, state, control, dt)
     twice = 2.0 * control.left.dx * jnp.sin(moved.heading_left)
-    return moved._replace(y_left=moved.y_left - twice, moved_y_left=moved.moved_y_left - twice)
+    return moved._replace(apart_y=moved.apart_y - twice, moved_y_left=moved.moved_y_left - twice)
 
 
 def observation(params: WidthModelParams, state: WidthState, control: WidthControl) -> WidthObservation:
     """Equation 6 as printed: − (y_R − y_L) sin θ_L in its second row."""
     right = width_model.observation(params, state, control)
-    y = state.y_right - state.y_left
-    return right._replace(along=right.along - 2.0 * y * jnp.sin(state.heading_left))
+    return right._replace(along=right.along + 2.0 * state.apart_y * jnp.sin(state.heading_left))
 
 
 MODEL = width_model.MODEL._replace(transition=transition, observation=observation)

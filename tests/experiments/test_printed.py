@@ -78,10 +78,10 @@ def test_element_c_of_the_leg_is_no_derivative():
 
 def test_the_signs_of_the_stride_width():
     literal = potter_literal
-    state = WidthState(1.0, 2.0, 0.3, 0.8, 2.4, -0.4, 0.1, 0.2, 0.3, 0.4)
+    state = WidthState(1.0, 2.0, 0.3, -0.2, 0.4, -0.4, 0.1, 0.2, 0.3, 0.4)
     control = WidthControl(PathControl(0.5, 0.1, 0.2, 0.6, 1.0), PathControl(0.4, -0.2, -0.3, 0.5, 0.0))
     moved, right = (m.transition(None, state, control, 1.0) for m in (literal, width_model))
-    assert moved.y_left == pytest.approx(2.4 - 0.2 * np.cos(-0.7) - 0.4 * np.sin(-0.7))
+    assert moved.y_right + moved.apart_y == pytest.approx(2.4 - 0.2 * np.cos(-0.7) - 0.4 * np.sin(-0.7))
     assert moved[:4] == right[:4] and moved.heading_left == right.heading_left
     x, y, s, c = 0.2, -0.4, np.sin(-0.4), np.cos(-0.4)
     assert literal.observation(None, state, control).along == pytest.approx(x * c - y * s)

@@ -14,11 +14,12 @@ from jgait.estimators.stride_width_ekf import readout as stride_width_readout
 from jgait.estimators.stride_width_ekf.about import ABOUT
 from jgait.estimators.stride_width_ekf.from_sensors import feet_of, measured_only, merged
 from jgait.estimators.stride_width_ekf.inputs import WidthInputs, exchanged
-from jgait.estimators.stride_width_ekf.model import WidthControl, WidthModelParams, WidthObservation, WidthState
+from jgait.estimators.stride_width_ekf.model import WidthControl, WidthModelParams, WidthObservation
 from jgait.estimators.stride_width_ekf.notes import FEET_SEEM_EXCHANGED, RANGES_MISFIT
 from jgait.estimators.stride_width_ekf.params import DEFAULT, WidthOptions, WidthParams
 from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
-from jgait.filtering import Belief, Model
+from jgait.filtering import Belief, Covariance, Model
+from jgait.geometry.vectors import root
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, Values
 
 MISFIT = 2.0
@@ -107,20 +108,30 @@ def run(
     }
     if others:
         diagnostics["swap_evidence"] = _evidence(inferred, *others)
-    deviation = cov.stddev()
-    heights = (inputs.height_right, inputs.height_left)
-    feet, stddev = _feet(mean, heights), _feet(deviation, (jnp.zeros_like(heights[0]),) * 2)
+    level = jnp.zeros_like(inputs.height_right)
+    feet = Feet(
+        _track(mean.x_right, mean.y_right, inputs.height_right),
+        _track(mean.x_right + mean.apart_x, mean.y_right + mean.apart_y, inputs.height_left),
+    )
+    stddev = Feet(
+        _track(root(cov["x_right", "x_right"]), root(cov["y_right", "y_right"]), level),
+        _track(root(_of_sum(cov, "x_right", "apart_x")), root(_of_sum(cov, "y_right", "apart_y")), level),
+    )
     valid = inputs.valid & inferred.filtered.valid
     return Estimate(
         inputs.time, Legs(None, None), None, None, valid, diagnostics, values, feet, stddev, spread
     )  # fmt: skip
 
 
-def _feet(state: WidthState, heights: tuple[Values, Values]) -> Feet:
-    """Positions of both feet, without velocity and orientation."""
-    right = jnp.stack([state.x_right, state.y_right, heights[0]], axis=1)
-    left = jnp.stack([state.x_left, state.y_left, heights[1]], axis=1)
-    return Feet(FootTrajectory(right, None, None), FootTrajectory(left, None, None))
+def _track(x: Values, y: Values, height: Values) -> FootTrajectory:
+    """Position of a foot, without velocity and orientation."""
+    return FootTrajectory(jnp.stack([x, y, height], axis=1), None, None)
+
+
+def _of_sum(cov: Covariance, a: str, b: str) -> Values:
+    """Variance of the sum of two components."""
+    total: Values = cov[a, a] + 2.0 * cov[a, b] + cov[b, b]
+    return total
 
 
 def with_body(p: WidthParams, body: dict[str, Any]) -> WidthParams:

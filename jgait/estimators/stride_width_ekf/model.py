@@ -6,6 +6,9 @@ r"""State-space model of two feet in the plane: their displacements, and the ran
 Δx and Δy are components in the frame of the foot's stride, whose x axis points from one stance to the next; Δθ is the
 change of heading between strides. z₁ is the distance across, to the right of the left foot, z₂ that along.
 
+The state holds the place of the left foot from the right one instead of both places: the widths are those, and their
+variance does not grow with the way, as the variances of both places do, whose small difference single precision loses.
+
 In addition to the paper's six states it contains the displacement of each foot since its last stance: the width of a
 stride depends on three positions at three times, and their joint covariance is then known at the end of the stride,
 with a filter and with a smoother. (A copy of the last stance position would be equivalent, but perfectly correlated
@@ -14,6 +17,7 @@ with the position during stance; such a covariance has no inverse, and smoothing
 Source: Potter, Liu, Selamet and Kumaravelu, equations 1 to 6.
 """
 
+from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -26,13 +30,15 @@ LOST_TURN = 0.25
 
 
 class WidthState(NamedTuple):
-    """Equation 1, and displacement of each foot since its last stance; positions [m], headings [rad] from x to y."""
+    """Equation 1 with the left foot's place from the right one, and displacement of each foot since its last stance;
+    positions [m], headings [rad] from x to y.
+    """
 
     x_right: Values
     y_right: Values
     heading_right: Values
-    x_left: Values
-    y_left: Values
+    apart_x: Values
+    apart_y: Values
     heading_left: Values
     moved_x_right: Values
     moved_y_right: Values
@@ -84,47 +90,60 @@ def transition(params: WidthModelParams, state: WidthState, control: WidthContro
         s, c = jnp.sin(heading), jnp.cos(heading)
         moved[f"heading_{side}"] = heading
         for axis, way in (("x", foot.dx * c - foot.dy * s), ("y", foot.dy * c + foot.dx * s)):
-            place, since = f"{axis}_{side}", f"moved_{axis}_{side}"
-            moved |= {place: getattr(state, place) + way, since: (1.0 - foot.leaves) * getattr(state, since) + way}
+            since = f"moved_{axis}_{side}"
+            moved |= {since: (1.0 - foot.leaves) * getattr(state, since) + way, f"{axis}_{side}": way}
+    for axis in ("x", "y"):
+        right, left = moved.pop(f"{axis}_right"), moved.pop(f"{axis}_left")
+        moved[f"{axis}_right"] = getattr(state, f"{axis}_right") + right
+        moved[f"apart_{axis}"] = getattr(state, f"apart_{axis}") + left - right
     return WidthState(**moved)
 
 
-def _foot_noise(
-    params: WidthModelParams, heading: Values, foot: PathControl, side: str
-) -> dict[tuple[str, str], Values]:
-    """V R Vᵀ of one foot: noise of Δx and Δy grows with the path; noise of Δθ is added once a stride and rotates it."""
+def _foot_noise(params: WidthModelParams, heading: Values, foot: PathControl) -> dict[tuple[str, str], Values]:
+    """V R Vᵀ of one foot's way and turn: noise of Δx and Δy grows with the path; noise of Δθ is added once a stride and
+    rotates it. V is written out, since only Δθ rotates the displacement.
+    """
     shift = params.position_noise * foot.way + foot.lost
     swing = foot.leaves * (params.heading_noise + params.turn_noise * foot.turn**2)
     turned = jnp.minimum(foot.lost, LOST_TURN)
     s, c = jnp.sin(heading + foot.turn), jnp.cos(heading + foot.turn)
     turned_x, turned_y = -foot.dx * s - foot.dy * c, foot.dx * c - foot.dy * s
-    xx, yy, xy = shift + swing * turned_x**2, shift + swing * turned_y**2, swing * turned_x * turned_y
-    x, y, theta = f"x_{side}", f"y_{side}", f"heading_{side}"
-    moved_x, moved_y = f"moved_{x}", f"moved_{y}"
     return {
-        (x, x): xx, (x, moved_x): xx, (moved_x, moved_x): xx,
-        (y, y): yy, (y, moved_y): yy, (moved_y, moved_y): yy,
-        (x, y): xy, (x, moved_y): xy, (y, moved_x): xy, (moved_x, moved_y): xy,
-        (x, theta): swing * turned_x, (moved_x, theta): swing * turned_x,
-        (y, theta): swing * turned_y, (moved_y, theta): swing * turned_y, (theta, theta): swing + turned,
+        ("x", "x"): shift + swing * turned_x**2, ("y", "y"): shift + swing * turned_y**2,
+        ("x", "y"): swing * turned_x * turned_y, ("heading", "x"): swing * turned_x, ("heading", "y"): swing * turned_y,
+        ("heading", "heading"): swing + turned,
     }  # fmt: skip
 
 
+_MOVED = {
+    "right": {"apart_x": "x", "apart_y": "y", "x_right": "x", "y_right": "y"},
+    "left": {"apart_x": "x", "apart_y": "y"},
+}
+for _side, _parts in _MOVED.items():
+    _parts |= {f"moved_x_{_side}": "x", f"moved_y_{_side}": "y", f"heading_{_side}": "heading"}
+"""Side → component of the state that a foot moves → by its way along x or y or its turn."""
+
+
 def transition_noise(params: WidthModelParams, state: WidthState, control: WidthControl, dt: Values) -> Covariance:
-    """V R Vᵀ of equation 4; V is written out, since only Δθ rotates the displacement."""
+    """V R Vᵀ of equation 4; the right foot's way brings the left foot as much nearer."""
     del dt
-    zero = Covariance.from_variances(WidthState(*(0.0,) * 10))
-    return zero.with_entries(
-        _foot_noise(params, state.heading_right, control.right, "right")
-        | _foot_noise(params, state.heading_left, control.left, "left")
-    )
+    entries: dict[tuple[str, str], Values] = {}
+    for side, foot in zip(SIDES, control, strict=True):
+        noise, parts = _foot_noise(params, getattr(state, f"heading_{side}"), foot), _MOVED[side]
+        for (a, of_a), (b, of_b) in combinations_with_replacement(parts.items(), 2):
+            value = noise[min(of_a, of_b), max(of_a, of_b)]
+            nearer = side == "right" and a.startswith("apart") != b.startswith("apart")
+            value = -value if nearer else value
+            entries[a, b] = entries[a, b] + value if (a, b) in entries else value
+    zero = Covariance.from_variances(WidthState(*(0.0,) * len(WidthState._fields)))
+    return zero.with_entries(entries)
 
 
 def between(state: WidthState) -> WidthObservation:
     """Equation 6: from the left foot to the right one, across and along the left foot's heading [m]."""
-    x, y = state.x_right - state.x_left, state.y_right - state.y_left
+    x, y = state.apart_x, state.apart_y
     s, c = jnp.sin(state.heading_left), jnp.cos(state.heading_left)
-    return WidthObservation(x * s - y * c, x * c + y * s)
+    return WidthObservation(y * c - x * s, -x * c - y * s)
 
 
 def observation(params: WidthModelParams, state: WidthState, control: WidthControl) -> WidthObservation:
@@ -163,7 +182,7 @@ def start_belief(
         known, known, known, side * s * s + ahead * c * c, side * c * c + ahead * s * s, heading_stddev**2,
         none, none, none, none,
     )  # fmt: skip
-    cov = Covariance.from_variances(variances).with_entries({("x_left", "y_left"): (ahead - side) * s * c})
+    cov = Covariance.from_variances(variances).with_entries({("apart_x", "apart_y"): (ahead - side) * s * c})
     return Belief(mean, cov)
 
 

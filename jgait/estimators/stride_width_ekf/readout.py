@@ -49,10 +49,10 @@ def strides(p: WidthParams, rows: StrideRows, states: WidthState, cov: Covarianc
     """
     at, left = rows.moment, rows.side == 1
     ends = jnp.stack(states, axis=1)[at]
-    order = jnp.asarray(_EXCHANGED)
-    of_foot = WidthState(*jnp.where(left[:, None], ends[:, order], ends).T)
+    order, sign = jnp.asarray(_EXCHANGED), jnp.asarray(_SIGNS, ends.dtype)
+    of_foot = WidthState(*jnp.where(left[:, None], sign[None] * ends[:, order], ends).T)
     dense = cov.dense()[at]
-    turned = jnp.where(left[:, None, None], dense[:, order][:, :, order], dense)
+    turned = jnp.where(left[:, None, None], jnp.outer(sign, sign)[None] * dense[:, order][:, :, order], dense)
     (length, width, step), (length_stddev, width_stddev, step_stddev) = with_stddev(_of_right, of_foot, turned)
     line = rows.valid & rows.passed & (length >= SHORTEST_LINE)
     side = jnp.where(left, -1.0, 1.0).astype(width.dtype)
@@ -73,9 +73,13 @@ def strides(p: WidthParams, rows: StrideRows, states: WidthState, cov: Covarianc
 
 _PLACES = {field: number for number, field in enumerate(WidthState._fields)}
 _EXCHANGED = tuple(
-    _PLACES[f.replace("right", "left") if "right" in f else f.replace("left", "right")] for f in WidthState._fields
+    _PLACES.get(f.replace("right", "left") if "right" in f else f.replace("left", "right"), _PLACES[f])
+    for f in WidthState._fields
 )
-"""Places of the components with right and left foot exchanged, so that the striding foot is the right one."""
+_SIGNS = tuple(-1.0 if f.startswith("apart") else 1.0 for f in WidthState._fields)
+"""Places and signs of the components with right and left foot exchanged, so that the striding foot is the right one.
+The place of the right foot stays, which no width needs.
+"""
 
 
 def _of_right(state: WidthState) -> tuple[Values, Values, Values]:
@@ -86,6 +90,6 @@ def _of_right(state: WidthState) -> tuple[Values, Values, Values]:
     square = x * x + y * y
     some = square > 0.0
     length = jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), 1e-6)
-    other_x = state.x_left - state.moved_x_left - state.x_right + x
-    other_y = state.y_left - state.moved_y_left - state.y_right + y
+    other_x = state.apart_x - state.moved_x_left + x
+    other_y = state.apart_y - state.moved_y_left + y
     return length, (x * other_y - y * other_x) / length, (x * other_x + y * other_y) / length

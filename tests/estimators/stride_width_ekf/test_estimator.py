@@ -276,3 +276,18 @@ def middles(time, ankle):
     runs = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 6]
     inner = [(a + b) // 2 for a, b in runs[1:-1]]
     return np.array([runs[0][1] - 12, *inner, runs[-1][0] + 12])
+
+
+def test_deviations_of_widths_hold_in_single_precision():
+    """After tens of metres the variances of both places are large, and their difference is small."""
+    (walked,) = protocols.potter(jax.random.key(4), 1, straight=50.0, after=5.0)
+    estimator = sw.estimator()
+    made = estimator.prepare(walked.recording)
+    run = jax.jit(jax.vmap(lambda inputs: estimator.run(sw.WidthParams(), inputs, made.options)))
+    spreads = []
+    for kind in (np.float64, np.float32):
+        inputs = jax.tree.map(lambda v: np.stack([v.astype(kind) if v.dtype == np.float64 else v] * 2), made.inputs)  # noqa: B023
+        found = run(inputs)
+        spreads.append(np.asarray(found.strides_stddev.width)[0][np.isfinite(found.strides.width[0])])
+    assert spreads[1].dtype == np.float32 and spreads[0].size > 60
+    np.testing.assert_allclose(spreads[1], spreads[0], rtol=1e-3)

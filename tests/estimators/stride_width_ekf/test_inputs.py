@@ -13,7 +13,7 @@ from jgait.estimators.stride_width_ekf.estimator import model_params
 from jgait.estimators.stride_width_ekf.model import PathControl, WidthControl, WidthState
 from jgait.types import Feet, RangeReadings, RecordingError
 
-STATE = WidthState(1.0, 2.0, 0.3, 0.8, 2.4, -0.4, 0.1, 0.2, 0.3, 0.4)
+STATE = WidthState(1.0, 2.0, 0.3, -0.2, 0.4, -0.4, 0.1, 0.2, 0.3, 0.4)
 CONTROL = WidthControl(PathControl(0.5, 0.1, 0.2, 0.6, 1.0), PathControl(0.4, -0.2, -0.3, 0.5, 0.0))
 
 
@@ -40,7 +40,8 @@ def test_equation_3():
     p = model_params(sw.WidthParams())
     moved = model.transition(p, STATE, CONTROL, 1.0)
     np.testing.assert_allclose([moved.x_right, moved.y_right], [1.0, 2.0] + rotated(0.5, 0.5, 0.1), atol=1e-12)
-    np.testing.assert_allclose([moved.x_left, moved.y_left], [0.8, 2.4] + rotated(-0.7, 0.4, -0.2), atol=1e-12)
+    left = [moved.x_right + moved.apart_x, moved.y_right + moved.apart_y]
+    np.testing.assert_allclose(left, [0.8, 2.4] + rotated(-0.7, 0.4, -0.2), atol=1e-12)
     assert (moved.heading_right, moved.heading_left) == pytest.approx((0.5, -0.7))
     # The right foot has just left, the left one moves on.
     np.testing.assert_allclose([moved.moved_x_right, moved.moved_y_right], rotated(0.5, 0.5, 0.1), atol=1e-12)
@@ -55,7 +56,7 @@ def test_equation_6():
     x, y, s, c = 0.2, -0.4, np.sin(-0.4), np.cos(-0.4)
     assert tuple(z) == pytest.approx((x * s - y * c, x * c + y * s))
     # 0.3 m to the right of the left foot and 0.1 m ahead of it.
-    beside = WidthState(0.1, -0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    beside = WidthState(0.0, 0.0, 0.0, -0.1, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0)
     assert tuple(model.between(beside)) == pytest.approx((0.3, 0.1))
 
 
@@ -82,8 +83,8 @@ def test_process_noise_is_that_of_the_controls():
 
 def test_the_start_is_side_by_side():
     belief = model.start_belief(0.5 * np.pi, 0.5 * np.pi, 0.2, 0.15, 0.5, 0.1)
-    assert (belief.mean.x_left, belief.mean.y_left) == pytest.approx((-0.2, 0.0), abs=1e-12)
-    assert np.sqrt([belief.cov["x_left", "x_left"], belief.cov["y_left", "y_left"]]) == pytest.approx([0.15, 0.5])
+    assert (belief.mean.apart_x, belief.mean.apart_y) == pytest.approx((-0.2, 0.0), abs=1e-12)
+    assert np.sqrt([belief.cov["apart_x", "apart_x"], belief.cov["apart_y", "apart_y"]]) == pytest.approx([0.15, 0.5])
     turned = model.start_belief(0.3, 0.3, 0.2, 0.15, 0.5, 0.1).cov.dense()[3:5, 3:5]
     np.testing.assert_allclose(np.sort(np.linalg.eigvalsh(turned)), [0.15**2, 0.5**2], atol=1e-12)
 
