@@ -260,7 +260,8 @@ def initial_contacts(
         settings: settings of a detector, which also choose the detector.
         mask: (T,) bool, False where a sample was lost or is padding: its accelerations are set to 0; None: all count.
         leftward: (T,) acceleration to the walker's left, without gravity [m/s²], finite; None: not known. It and
-            `roll_rate` tell sides; from the yaw rate alone sides are wrong for some people.
+            `roll_rate` tell sides; from the yaw rate alone sides are wrong for some people. It also distinguishes quick
+            steps from slow strides.
         roll_rate: (T,) about the walking direction, the left side rising [rad/s], finite; None: not known.
 
     Returns:
@@ -282,7 +283,9 @@ def initial_contacts(
     signals = {name: jnp.where(counts, x, 0.0) for name, x in signals.items()}
     ahead, up = signals["forward"], signals["upward"]
     rate = float(sampling_rate_hz)
-    rhythm = jax.tree.map(lax.stop_gradient, contacts_nearby(ahead, up, rate, int(ROWS * ahead.shape[0] / rate) + 2))
+    aside = signals.get("leftward", jnp.zeros_like(up))
+    rows = int(ROWS * ahead.shape[0] / rate) + 2
+    rhythm = jax.tree.map(lax.stop_gradient, contacts_nearby(ahead, up, aside, rate, rows))
     if isinstance(settings, PaperRule):
         time = _paper(ahead, up, counts, rhythm, rate, settings)
     elif isinstance(settings, Peaks):

@@ -1,8 +1,9 @@
 r"""Coarse instants of initial contacts, from the rhythm of the trunk's accelerations: decisions, without gradient.
 
 The step frequency f at a moment is the frequency of the greatest autocorrelation of both accelerations over some
-seconds. Low-passed at 1.4 f, the upward acceleration v has its maximum, and the forward acceleration a its steepest
-fall, some 25 ms after the contact; so coarse instants are the maxima of
+seconds. Both accelerations repeat with every stride, too; the sway to the sides, which a step reverses and a stride
+repeats, distinguishes a step from a stride. Low-passed at 1.4 f, the upward acceleration v has its maximum, and the
+forward acceleration a its steepest fall, some 25 ms after the contact; so coarse instants are the maxima of
 
     v − ȧ / (2π f)
 
@@ -27,11 +28,15 @@ from jgait.types import Flags, Values
 FRAME, HOP, MEMORY = 6.0, 1.0, 2.5
 """[s] Window of a step frequency, time between windows, standard deviation of the Gaussian that smooths over time."""
 
-SLOWEST, FASTEST = 0.8, 3.2
+SLOWEST, FASTEST = 0.8, 3.5
 """[Hz] Least and greatest step frequency of the search."""
 
 USUAL, OCTAVES = 1.8, 0.6
 """[Hz], [octaves] Centre and width of the Gaussian weight that separates a step from a stride or half a step."""
+
+AS_WELL = 0.2
+"""[1] Autocorrelation after half a lag over that after the lag, above which the sway decides which one is a step. Walks
+that are alike on both sides have nearly 1; with less, as in limping, the whole lag is kept. Chosen: small."""
 
 CUTOFFS = np.array([0.5, *np.geomspace(1.1, 5.0, 6)])
 """[Hz] Cut-offs of the low-pass filters; a filter with a changing cut-off is interpolated between them."""
@@ -73,10 +78,12 @@ class Rhythm(NamedTuple):
 def step_frequency(bank: ArrayLike, sampling_rate_hz: float) -> Array:
     """The step frequency (T,) [Hz] at every sample; where nobody walks, that of the walking near by.
 
-    The lag l of the greatest r(l) w(l) is one step: r(l) is the mean of x_k x_{k+l} over `FRAME`, summed over both
-    accelerations in the band between the outermost of `CUTOFFS`, w a Gaussian about `USUAL` over the logarithm of the
-    frequency. The frequency is then smoothed over time with the weights r(l). `bank` is from `low_passed`: (number of
-    cut-offs, T, 2), forward and upward [m/s²].
+    The lag l of the greatest r(l) w(l) is one step: r(l) is the mean of x_k x_{k+l} over `FRAME`, summed over the
+    forward and the upward acceleration in the band between the outermost of `CUTOFFS`, w a Gaussian about `USUAL` over
+    the logarithm of the frequency. It is a stride, and l / 2 a step, if the sway, the acceleration to the left, repeats
+    after l and reverses after l / 2, and r(l / 2) is large enough (`AS_WELL`). The frequency is then smoothed over time
+    with the weights r(l). `bank` is from `low_passed`: (number of cut-offs, T, 3), forward, upward and to the left
+    [m/s²]; the last is 0 if unknown.
     """
     rate = sampling_rate_hz
     filters = jnp.asarray(bank)
@@ -87,13 +94,17 @@ def step_frequency(bank: ArrayLike, sampling_rate_hz: float) -> Array:
     index = middle[:, None] + np.arange(size)[None, :] - size // 2
     inside = jnp.asarray((index >= 0) & (index < count))[..., None]
     frames = jnp.where(inside, band[np.clip(index, 0, count - 1)], 0.0)
-    power = (jnp.abs(jnp.fft.rfft(frames, 2 * size, axis=1)) ** 2).sum(axis=2)
+    power = jnp.abs(jnp.fft.rfft(frames, 2 * size, axis=1)) ** 2
     lags = np.arange(int(rate / FASTEST), int(np.ceil(rate / SLOWEST)) + 1)
     terms = np.arange(size, size - lags[-1] - 2, -1)
-    mean = jnp.fft.irfft(power, axis=1)[:, : len(terms)] / jnp.asarray(terms, band.dtype)[None, :]
+    means = jnp.fft.irfft(power, axis=1)[:, : len(terms)] / jnp.asarray(terms, band.dtype)[None, :, None]
+    mean, sway = means[..., :2].sum(axis=2), means[..., 2]
     usual = np.exp(-0.5 * (np.log2(rate / lags / USUAL) / OCTAVES) ** 2)
     at = lags[0] + jnp.argmax(mean[:, lags] * jnp.asarray(usual, band.dtype)[None, :], axis=1)
-    before, here, after = (mean[np.arange(len(middle)), at + k] for k in (-1, 0, 1))
+    row, half = np.arange(len(middle)), jnp.maximum((at + 1) // 2, lags[0])
+    is_stride = (sway[row, at] > 0.0) & (sway[row, half] < 0.0) & (mean[row, half] > AS_WELL * mean[row, at])
+    at = jnp.where(is_stride, half, at)
+    before, here, after = (mean[row, at + k] for k in (-1, 0, 1))
     frequency = rate / (at.astype(band.dtype) + signal.vertex(before, here, after))
     weight = jnp.maximum(here, 0.0) + jnp.finfo(band.dtype).tiny ** 0.5
     reach = int(np.ceil(4.0 * MEMORY / HOP))
@@ -167,13 +178,16 @@ def _kept(time: Array, frequency: Array, tall: Array, there: Array) -> Array:
     return keep & (length[run[jnp.maximum(number - 1, 0)]] >= IN_A_ROW)
 
 
-def contacts_nearby(forward: ArrayLike, upward: ArrayLike, sampling_rate_hz: float, capacity: int) -> Rhythm:
+def contacts_nearby(
+    forward: ArrayLike, upward: ArrayLike, leftward: ArrayLike, sampling_rate_hz: float, capacity: int
+) -> Rhythm:
     """Coarse instants of initial contacts, in (capacity,) rows; without walking no row is valid.
 
-    The accelerations are (T,), upward without gravity [m/s²], finite; further maxima are left out.
+    The accelerations are (T,), upward without gravity [m/s²], finite, leftward 0 if unknown; further maxima are left
+    out.
     """
-    rate, both = sampling_rate_hz, jnp.stack([jnp.asarray(forward), jnp.asarray(upward)], axis=1)
-    bank = low_passed(both, rate)
+    rate = sampling_rate_hz
+    bank = low_passed(jnp.stack([jnp.asarray(x) for x in (forward, upward, leftward)], axis=1), rate)
     along = step_frequency(bank, rate)
     slow = between(bank, CUTOFF * along)
     slope: PyTree = jnp.gradient(slow[:, 0])

@@ -211,3 +211,17 @@ def test_at_25_hz_a_delay_by_one_sample_is_none(rows, samples, named):
     shank["acc"] = np.roll(shank["acc"], samples, axis=0)
     late = codes(checks(rows._replace(sensors={"shank_right": shank}, time=rows.time[::4])))
     assert (delays.ACCELEROMETER_LATE.code in late) == named
+
+
+def test_feet_that_land_quickly_are_not_late_in_themselves():
+    """In quick steps a delay at an end of the usual ones fits best."""
+    key, way = jax.random.key(0), simulate.straight(12.0)
+    person = simulate.person_of(simulate.population(jax.random.key(2), 1, recorded=True), 0)
+    person = person._replace(gait=person.gait._replace(stride_time=120.0 / 170.0))
+    person = simulate.covering(key, person, way)
+    recording, _ = simulate.recording(key, person, way, placements=("foot_right", "foot_left"))
+    assert not delays.delay_notes(recording.sensors, recording.sampling_rate_hz)
+    foot = recording.sensors["foot_right"]
+    early = foot._replace(acc=np.roll(foot.acc, -round(0.08 * recording.sampling_rate_hz), axis=0))
+    (note,) = delays.delay_notes({"foot_right": early}, recording.sampling_rate_hz)
+    assert note.code == delays.ACCELEROMETER_LATE.code

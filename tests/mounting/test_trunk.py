@@ -13,14 +13,14 @@ MOUNTED = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
 MOUNTED = MOUNTED * np.sign(np.linalg.det(MOUNTED))
 
 
-def trunk(seconds=12.0, phase=0.5 * np.pi, strength=1.0, mount=None, seed=0, lean=0.0):
+def trunk(seconds=12.0, phase=0.5 * np.pi, strength=1.0, mount=None, seed=0, lean=0.0, steps_hz=STEPS_HZ, sway=1.0):
     """Standing, walking, standing: thrown up and, `phase` before that, forward once a step; sideways once a stride."""
     time = np.arange(round(seconds * RATE)) / RATE
     walks = strength * ((time > 2.0) & (time < seconds - 2.0))
-    angle = 2.0 * np.pi * STEPS_HZ * time
+    angle = 2.0 * np.pi * steps_hz * time
     rng = np.random.default_rng(seed)
     forward = walks * 1.2 * np.cos(angle + phase) + GRAVITY * np.sin(lean)
-    left = walks * 1.0 * np.cos(0.5 * angle + 0.3)
+    left = walks * sway * np.cos(0.5 * angle + 0.3)
     up = walks * 2.0 * np.cos(angle) + GRAVITY * np.cos(lean)
     acc = np.stack([forward, left, up], axis=1) + 0.05 * rng.normal(size=(time.size, 3))
     gyr = 0.02 * rng.normal(size=acc.shape)
@@ -47,6 +47,15 @@ def test_axes_are_found_however_it_is_worn(mount):
     assert found.step_frequency == pytest.approx(STEPS_HZ, abs=0.05)
     assert found.phase == pytest.approx(0.5 * np.pi, abs=0.05)
     assert found.sure
+
+
+@pytest.mark.parametrize("steps_hz", [1.3, 2.5, 3.2])
+def test_slow_and_quick_steps_are_no_strides_even_if_the_trunk_sways_more_than_it_rises(steps_hz):
+    quick = trunk(steps_hz=steps_hz, sway=3.0)
+    found = functional_axes(quick, RATE)
+    assert found.step_frequency == pytest.approx(steps_hz, abs=0.05)
+    assert trunk_axes.step_frequency(quick.acc @ MOUNTED, RATE) == pytest.approx(steps_hz, abs=0.05)
+    assert off(found.rows, np.eye(3)).max() < 5.0
 
 
 def test_who_is_thrown_up_and_forward_at_once_is_in_doubt():

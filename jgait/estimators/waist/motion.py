@@ -44,13 +44,14 @@ def motion(p: WaistParams, inputs: WaistInputs, *, smooth: bool = True) -> Trunk
     return _seen(p, inputs, _attitude(p, inputs, smooth=smooth).mean)
 
 
-def motion_and_likelihood(p: WaistParams, inputs: WaistInputs) -> tuple[TrunkMotion, Values]:
-    """Motion of the trunk by the filter alone, and the log-likelihood of the accelerometer's readings.
+def motion_and_misfit(p: WaistParams, inputs: WaistInputs) -> tuple[TrunkMotion, Values]:
+    """Motion of the trunk by the filter alone, and the sum of the normalised squared innovations of the accelerometer's
+    readings.
 
-    A gyroscope with the wrong sign lowers it: the leans from accelerometer and gyroscope then have opposite signs.
+    A gyroscope with the wrong sign increases it: the leans from accelerometer and gyroscope then have opposite signs.
     """
     posterior = _attitude(p, inputs, smooth=False)
-    return _seen(p, inputs, posterior.mean), jnp.sum(posterior.log_likelihood)
+    return _seen(p, inputs, posterior.mean), jnp.sum(posterior.nis)
 
 
 def _seen(p: WaistParams, inputs: WaistInputs, state: TrunkState) -> TrunkMotion:
@@ -92,7 +93,7 @@ def _attitude(p: WaistParams, inputs: WaistInputs, *, smooth: bool) -> Values:
     solve = (
         partial(filtering.kalman_smoother, keep=(), covariance=False)
         if smooth
-        else (partial(filtering.kalman_filter, keep=("mean", "log_likelihood")))
+        else (partial(filtering.kalman_filter, keep=("mean", "nis")))
     )
     return solve(
         waist_orientation.MODEL,

@@ -45,8 +45,10 @@ LIKE_GRAVITY = (0.6, 1.6)
 """[1] Allowed range of the specific force's median norm over gravity; outside it the unit is unknown."""
 
 MIRRORED = 0.12
-"""[1] Threshold on the growth of the log-likelihood for each sample when the gyroscope's sign is reversed; above it the
-reversal is kept. With the right sign it falls on every recorded walk of `ipol_gait`, `mobgap_lab` and `neura_sparse`;
+"""[1] Threshold on the growth of the log-likelihood for each sample when the gyroscope's sign is reversed, at the noise
+of the accelerometer at which it is greatest, 3/2 log(misfit / misfit of the reversed sign); above it the reversal is
+kept. At a fixed noise, the accelerations of quick walking, which the model does not explain with either sign, would
+decide. With the right sign it falls on every recorded walk of `ipol_gait`, `mobgap_lab`, `neura_sparse` and `tripod`;
 in simulated people, whose pelvis leans little against gravity, it can grow, by less. With the wrong sign it grows by as
 much as it falls with the right one."""
 
@@ -169,15 +171,16 @@ def _motion(
     def moved(turned: Imu, rested: TrunkRest) -> tuple[TrunkMotion, float]:
         inputs = _assembled(turned, axes, time, mask, rate, rested, NO_NODES)
         inputs = pad(inputs, bucket(len(time) + round(SILENCE * rate)))
-        motion, likelihood = compiled(waist_motion.motion_and_likelihood)(WaistParams(), inputs)
-        return motion, float(likelihood)
+        motion, misfit = compiled(waist_motion.motion_and_misfit)(WaistParams(), inputs)
+        return motion, float(misfit)
 
     candidates = []
     for sign in (1.0, -1.0):
         turned = imu._replace(gyr=sign * as_float(imu.gyr))
         rested = trunk_rest(turned, axes.rows, mask, rate)
         candidates.append((turned, rested, *moved(turned, rested)))
-    mirrored = one_pose and candidates[1][3] > candidates[0][3] + MIRRORED * np.sum(mask)
+    growth = 1.5 * np.log(candidates[0][3] / candidates[1][3]) if candidates[1][3] > 0.0 else 0.0
+    mirrored = one_pose and growth > MIRRORED
     turned, rested, motion, _ = candidates[int(mirrored)]
     forces = np.stack([motion.forward, motion.left, motion.upward + GRAVITY], axis=1)[: len(time)]
     if (apart := trunk_axes.tilted(forces, as_float(imu.acc) @ axes.rows.T, rate)) > CONTRADICTS:

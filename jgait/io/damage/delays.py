@@ -137,7 +137,8 @@ def delay_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
         # below 40 Hz, a delay by one sample is longer than the range
         low, high = min(low, -1.0 / rate_hz), max(high, 1.0 / rate_hz)
         delay, alike = _late(_changes(gyr, step), _changes(acc, step), rate_hz, (low, high), CLEARER.get(segment, 0.0))
-        if not low <= delay <= high and alike > LEAST_ALIKE:
+        # a delay is known to half a sample; one at an end of the range has been found without any gain
+        if not low - 0.5 / rate_hz <= delay <= high + 0.5 / rate_hz and alike > LEAST_ALIKE:
             notes.append(ACCELEROMETER_LATE(placement=placement, **_told(delay)))
     return (*notes, *_in_legs(long, rate_hz))
 

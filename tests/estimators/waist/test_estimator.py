@@ -120,9 +120,11 @@ def test_a_sensor_that_lies_on_the_floor_is_noted(straight):
     assert "is turned by" not in notes(plain)
 
 
-def test_a_pelvis_that_hardly_leans_is_no_reversed_gyroscope():
-    """Its likelihood grows a little with the sign reversed; sides would be exchanged."""
+@pytest.mark.parametrize("hurry", [1.0, 0.75])
+def test_a_pelvis_that_hardly_leans_is_no_reversed_gyroscope(hurry):
+    """Its likelihood grows with the sign reversed, the more the larger the accelerations; sides would be exchanged."""
     person = simulate.person_of(simulate.population(jax.random.key(960), 24, recorded=True), 6)
+    person = person._replace(gait=person.gait._replace(stride_time=hurry * person.gait.stride_time))
     key = jax.random.fold_in(jax.random.key(961), 6)
     along = simulate.straight(16.0)
     recording, truth = simulate.recording(key, simulate.covering(key, person, along), along, placements=("waist",))
@@ -345,3 +347,23 @@ def test_limping_of_which_only_every_second_step_is_found_is_named_and_in_no_mea
     assert of_code(found.diagnostics["notes"], "steps_missed")
     assert not regular(found, waist.estimator().about.flags).any()
     assert not of_code(estimated(walk().recording).diagnostics["notes"], "steps_missed")
+
+
+@pytest.mark.parametrize("steps_min", [165.0, 180.0])
+def test_all_steps_of_a_quick_child_are_found_with_their_sides(steps_min):
+    key, way, size = jax.random.key(3), simulate.straight(12.0), 1.2 / 1.75
+    gait = simulate.gait(stride_length=1.0, cadence=steps_min, stature=1.2)
+    sizes = {f"pelvis_{name}": size * getattr(gait, f"pelvis_{name}") for name in ("rise", "surge", "sway")}
+    body = simulate.Body(*(size * length for length in simulate.Body()))
+    gait = gait._replace(step_width=size * gait.step_width, **sizes)
+    child = simulate.covering(key, simulate.Person(body, gait), way)
+    recording, truth = simulate.recording(key, child, way, placements=("waist",))
+    estimate = waist.estimate(WaistParams(), recording)
+    found, side = (np.asarray(estimate.diagnostics[f"initial_contact{name}"]) for name in ("", "_side"))
+    rows = np.flatnonzero(truth.strides.valid)[2:-2]
+    at = np.asarray(truth.strides.end)[rows]
+    near = np.argmin(np.abs(found[None, :] - at[:, None]), axis=1)
+    np.testing.assert_allclose(found[near], at, atol=0.06)
+    np.testing.assert_array_equal(side[near], np.asarray(truth.strides.side)[rows])
+    np.testing.assert_allclose(np.diff(found)[3:-3], 60.0 / steps_min, rtol=0.15)
+    assert not estimate.diagnostics["side_unknown"][:-1].any()

@@ -311,7 +311,7 @@ def doubled(inputs, seen):
 def test_integration_begins_anew_with_every_bout():
     one = pad(waist.prepared(cut(walk(steps=6, quiet=5.5).recording, 2.5)).inputs, PADDED)
     p = WaistParams()
-    seen = jax.jit(waist_motion.motion_and_likelihood)(p, one)[0]
+    seen = jax.jit(waist_motion.motion_and_misfit)(p, one)[0]
 
     @jax.jit
     def told(inputs, seen):
