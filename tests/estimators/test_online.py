@@ -206,7 +206,7 @@ def test_strides_of_feet_are_those_of_the_filter(walked, feet):
         features=np.zeros((len(time), 1)), gyr_doubt=np.zeros(len(time)), acc_doubt=np.zeros(len(time)),
         gyr_jump=largest[0], acc_jump=largest[1],
     )  # fmt: skip
-    found = jax.jit(lambda p, one: _foot(p, one, foot_online.ONLINE))(own, foot)
+    found = jax.jit(lambda p, one: _foot(p, one, foot_online.ONLINE, one.stands & one.valid))(own, foot)
     at = np.flatnonzero(foothold)
     way = [np.asarray(part)[at] for part in found.mean.position]
     offline = np.hypot(way[0], way[1])
