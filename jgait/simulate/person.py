@@ -143,8 +143,9 @@ RECORDED = Gait(
 
 After the fit, `knee_stance` was raised from 6° and `swing_lift` lowered from 16 to 14 mm, and the foot falls earlier
 (`feet.RECORDED.lowers`), until a knee that is nearly straight at landing no longer turns faster than a perfect sensor
-at 200 Hz can follow within a millimetre a minute. After the pelvis moved as lower backs do (`experiments.people.pelvis`),
-`swing_lift` was lowered to 10 mm and `hip_ahead` raised from 10.3 mm, so that knees bend and hips extend as before.
+at 200 Hz can follow within a millimetre a minute. After the pelvis moved as lower backs do
+(`experiments.people.pelvis`), `swing_lift` was lowered to 10 mm and `hip_ahead` raised from 10.3 mm, so that knees bend
+and hips extend as before.
 """
 
 
