@@ -16,16 +16,16 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from experiments.people.strides import legs_of
+from experiments.people.legs import legs_of
 from experiments.simulator.gait import Truth, figures
-from experiments.simulator.simulated import SETS, Set, curves, names_of
+from experiments.simulator.simulated import SETS, Set, curves, names_of, sensors_of
 from jgait import datasets, simulate
 from jgait.geometry.segments import Motion, Segments
 from jgait.simulate import RECORDED, Body, Gait, Person, shapes
 from jgait.simulate.population import manner
 from jgait.simulate.shapes import Movement
 from jgait.simulate.walker import Frames, moved, planned, ticks
-from jgait.simulate.worn import felt, sensors_at
+from jgait.simulate.worn import felt
 from jgait.types import SIDES, Values
 
 GAIT = {
@@ -50,6 +50,8 @@ STEADY = {"feet": (0.15, 2.0, 2.0), "pelvis": (1.5, 4.0, 4.0), "skin": (0.15, 2.
 MOST, ENOUGH = 10, 3e-3
 """Iterations at most; relative gain of the cost below which they end."""
 
+KNOWN = SETS[-1]
+"""A set of people to whom the tables are fitted."""
 LEG = Body().thigh_length + Body().shank_length
 SKIN = (0.4, 2.0, 2.0)
 """[rad/s, m/s², m/s²] Prior deviations of the rate and the accelerations of skin over bone, in each harmonic, at one
@@ -123,7 +125,7 @@ def recorded(given: Set) -> dict[str, Recorded]:
 
 def known() -> dict[str, tuple[Recorded, Set]]:
     """Walk → what it has, and its set: of every second person of `walking5m`, to whom the tables are fitted."""
-    sets = [given for given in SETS if given.name == "walking5m"]
+    sets = [given for given in SETS if given.name == KNOWN.name]
     every = {name: (one, given) for given in sets for name, one in recorded(given).items()}
     return {name: every[name] for name in list(every)[::2]}
 
@@ -195,7 +197,8 @@ def walked_stride(who: Person, shape: Movement) -> tuple[tuple[Values, Values], 
     laid, _ = planned(jax.random.key(0), who, simulate.straight(30.0), 8, shape)
     time = laid.contact[4] + who.gait.stride_time * jnp.arange(POINTS) / POINTS
     moving = moved(who, laid, *ticks(laid, time))
-    return felt(moving, sensors_at(who.body, ("shank_right", "thigh_right", "foot_right"))), moving
+    placements = ("shank_right", "thigh_right", "foot_right")
+    return felt(moving, sensors_of(who.body, placements, jnp.asarray([KNOWN.thigh, KNOWN.shank]))), moving
 
 
 def stride(values: Any, base: Base, given: Target) -> tuple[Any, Any]:

@@ -1,12 +1,16 @@
-"""How sensors on thighs, shanks and feet of recorded people turn and move out of the sagittal plane.
+"""How sensors on thighs, shanks and feet of recorded people move over the bone: out of the sagittal plane, and in it.
 
-`python -m experiments.people.out_of_plane` derives these rows of the table of the skin from the people to whom `shapes`
-fits the rest, and writes the file. Sensors of a recorded and of a simulated leg are turned alike: their axis to the
-left is that about which they turn most, their upward axis that of the mean specific force. In harmonics of the stride,
-what the simulated person lacks is added: rates about the forward and the upward axis as turns, specific forces to the
-side as motion. Phases are those of the mean over legs. The size of a harmonic is the median over legs of that of single
-strides, which jitter does not blur, less what the styles add. The styles are the directions in which legs differ most,
-in order of size.
+`python -m experiments.people.out_of_plane` derives rows of the table of the skin from the people to whom `shapes` fits
+the rest, and writes the file; run it after `pelvis`. Sensors of a recorded and of a simulated leg are turned alike:
+their axis to the left is that about which they turn most, their upward axis that of the mean specific force. In
+harmonics of the stride, what the simulated person lacks is added: rates as turns, specific forces as motion. Phases are
+those of the mean over legs. The size of a harmonic is the median over legs of that of single strides, which jitter does
+not blur, less what the styles add. The styles are the directions in which legs differ most out of the plane, in order
+of size.
+
+In the plane only the mean changes, from the harmonics of `FIRST` on: at thighs all that the bones, whose motion feet
+and pelvis fix, leave open; at shanks half of what impacts lack. All of it, or lower harmonics, would make strides by
+shanks twice as wrong as recorded ones, and give all simulated shanks impacts of one shape.
 """
 
 from typing import Any, NamedTuple
@@ -16,8 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from experiments.people import movement
+from experiments.people.legs import Leg, legs_of
 from experiments.people.shapes import FILE, written
-from experiments.people.strides import Leg, legs_of
 from experiments.simulator.gait import find_strides, sagittal_rates
 from jgait import datasets
 from jgait.simulate import Person, shapes
@@ -34,6 +38,17 @@ FREE = np.array([
     for segment in SEGMENTS
 ])[..., None]  # fmt: skip
 """(segments, 6, 1) bool: what is derived here; a sensor on a foot only turns."""
+FIRST = {
+    **{("thigh", name): first for name, first in (("pitch", 1), ("ahead", 2), ("along", 2))},
+    **{("shank", name): 7 for name in ("pitch", "ahead", "along")},
+}
+"""First harmonic that is derived here of the mean in the plane of the leg."""
+MEAN = FREE | np.array([
+    [FIRST.get((segment, name), np.inf) <= HARMONICS for name in WORN] for segment in SEGMENTS
+])  # fmt: skip
+"""(segments, 6, harmonics) bool: what of the mean is derived here."""
+IMPACTS = slice(len(WORN), len(WORN) + 3)
+"""Rows of the table that are derived by half: those of the shank in the plane."""
 ROUNDS, DRAWS = 5, 48
 FORCE = 5.0
 """[m/s²] A specific force that counts as much as a rate of 1 rad/s when styles are ordered."""
@@ -150,7 +165,7 @@ def derived(table: np.ndarray) -> np.ndarray:
     mean, power = means.mean(axis=0), np.median([one.size for one in legs], axis=0) ** 2
     rate = 2.0 * np.pi * HARMONICS / np.mean([one.stride_time for one in legs])
     gain = np.where(TURNING, 1j * rate, -(rate**2))
-    table = table.copy()
+    table, before = table.copy(), table[0]
     table[:, FREE.ravel()] = 0.0
     table[3:] += amounts(styles(means - mean, gain))
     rng = np.random.default_rng(0)
@@ -162,10 +177,11 @@ def derived(table: np.ndarray) -> np.ndarray:
             who = Person(people[i].body, people[i].gait._replace(**own))
             differs += np.abs(made(table, who) - usual[i]) ** 2 / DRAWS
         size = np.minimum(np.sqrt(np.maximum(power - differs, 0.0)), LARGEST * np.abs(mean))
-        lacks = (size * mean / np.abs(mean) - usual.mean(axis=0)) * FREE
+        lacks = (size * mean / np.abs(mean) - usual.mean(axis=0)) * MEAN
         of_turns, of_forces = (np.sqrt(np.sum(np.abs(lacks * one) ** 2)) for one in (TURNING, ~TURNING))
         print(f"round {number + 1}: lacks {of_turns:.3f} rad/s and {of_forces:.3f} m/s²", flush=True)
         table[0] += amounts(lacks / gain)
+    table[0, IMPACTS] = 0.5 * (before[IMPACTS] + table[0, IMPACTS])
     return table
 
 

@@ -9,10 +9,10 @@ single strides (which includes noise).
 Feet, skin in the plane of the leg and styles: `movement` fits them to every second person of `walking5m`, around these
 and the present values.
 The fit starts from the present values, so that another run moves them a little further. The numbers in the package are
-not the output of one run: after the fit four of the six motions of the pelvis were set back to those recorded, and one
-was multiplied by 1.11; the first harmonic of its pitch, in whose phase people differ, was raised to the median size of
-people. The fit makes people too much alike: the styles of the skin's pitch were multiplied by 1.7 at thighs and 2.35 at
-shanks, so that rates differ between people as those of the fit do in harmonics 4 to 10. The other people,
+not the output of one run: after the fit the first harmonic of the pelvis' pitch, in whose phase people differ, was
+raised to the median size of people. The fit makes people too much alike: the styles of the skin's pitch were multiplied
+by 1.7 at thighs and 2.35 at shanks, so that rates differ between people as those of the fit do in harmonics 4 to 10.
+After that `pelvis` and `out_of_plane` were run: they add to the means what the usual person lacks. The other people,
 `neura_sparse`, `gaitmap_example` and `tripod` are people whom the simulator does not know.
 """
 
@@ -40,8 +40,14 @@ STEP_TIME = (0.35, 0.9)
 NUMBERS = np.arange(1, 2 * shapes.HARMONICS + 1)
 
 
-def harmonics(walk: Walk, forward: tuple[float, float, float]) -> Iterator[np.ndarray]:
-    """Of each stride: forward, left, up [m], yaw, pitch, roll [rad] of the pelvis (6, harmonics), complex.
+ASIDE = np.array([False, True, False, True, False, True])[:, None]
+"""(6, 1) bool, of specific forces forward, left, up, and of rates about these axes: whether a stride of the other foot
+has the other sign."""
+
+
+def harmonics(walk: Walk, forward: tuple[float, float, float]) -> Iterator[tuple[np.ndarray, float]]:
+    """Of each stride: specific forces forward, left, up [m/s²] and rates about these axes [rad/s] in harmonics
+    (6, harmonics), complex, and the stride time [s].
 
     Motions to a side are counted towards the foot that lands at the start.
     """
@@ -71,12 +77,12 @@ def harmonics(walk: Walk, forward: tuple[float, float, float]) -> Iterator[np.nd
                 at = np.concatenate(steps)
                 read = np.stack([np.interp(at, time[a:b], row) for row in signals])
                 waves = np.fft.rfft(read)[:, NUMBERS] / PARTS_OF_STRIDE
-                side = 1.0 if sides[i] == 1 else -1.0
-                yield moved(waves, end - begin) * np.array([1.0, side, 1.0, side, 1.0, side])[:, None]
+                yield np.where(ASIDE & (sides[i] != 1), -waves, waves), end - begin
 
 
 def moved(waves: np.ndarray, stride_time: float) -> np.ndarray:
-    """Motion of the middle of the hips from specific force and rate over the fifth lumbar vertebra, in harmonics."""
+    """Motion of the middle of the hips from specific force and rate over the fifth lumbar vertebra, in harmonics:
+    forward, left, up [m], yaw, pitch, roll [rad]."""
     body, omega = Body(), 2.0 * np.pi * NUMBERS / stride_time
     roll, pitch, yaw = (sign * rate / (1j * omega) for sign, rate in zip((1.0, -1.0, 1.0), waves[3:], strict=True))
     x, y, z = waves[:3] - GRAVITY * np.stack([pitch, roll, np.zeros_like(roll)])
@@ -101,11 +107,9 @@ MOTIONS = {"pelvis_rise": (2, 1), "pelvis_surge": (0, 1), "pelvis_sway": (1, 0),
 def spreads() -> dict[str, float]:
     """Standard deviations between the people of `ipol_gait` of the logarithm of each motion, after a power of the
     length of the stride was taken off; from the median absolute deviation, since one person hardly turns the pelvis."""
-    lengths: dict[str, list[float]] = {}
-    for walk in of_set("ipol_gait"):
-        lengths.setdefault(f"ipol_gait {walk.subject}", []).append(float(np.median(walk.pieces.length)))
-    strides = {name: np.array(one) for name, one in lower_backs(("ipol_gait",)).items() if one and name in lengths}
-    long = np.log([np.median(lengths[name]) for name in strides])
+    lengths = stride_lengths()
+    strides = {name: motions(one) for name, one in lower_backs(("ipol_gait",)).items() if one and name in lengths}
+    long = np.log([lengths[name] for name in strides])
     design = np.column_stack([np.ones_like(long), long])
     found = {}
     for motion, (row, harmonic) in MOTIONS.items():
@@ -115,9 +119,22 @@ def spreads() -> dict[str, float]:
     return found
 
 
-def lower_backs(names: Sequence[str] = tuple(SETS)) -> dict[str, list[np.ndarray]]:
-    """Person → harmonics of every stride."""
-    people: dict[str, list[np.ndarray]] = {}
+def stride_lengths() -> dict[str, float]:
+    """Person of `ipol_gait` → median length of the strides, by the sensors on the feet [m]."""
+    lengths: dict[str, list[float]] = {}
+    for walk in of_set("ipol_gait"):
+        lengths.setdefault(f"ipol_gait {walk.subject}", []).append(float(np.median(walk.pieces.length)))
+    return {name: float(np.median(each)) for name, each in lengths.items()}
+
+
+def motions(strides: list[tuple[np.ndarray, float]]) -> np.ndarray:
+    """(strides, 6, harmonics) of the pelvis, see `moved`."""
+    return np.array([moved(*one) for one in strides])
+
+
+def lower_backs(names: Sequence[str] = tuple(SETS)) -> dict[str, list[tuple[np.ndarray, float]]]:
+    """Person → harmonics and time of every stride."""
+    people: dict[str, list[tuple[np.ndarray, float]]] = {}
     for name in names:
         for walk in datasets.load(name):
             if len(walk.info.get("straight_parts", ())):
@@ -125,10 +142,10 @@ def lower_backs(names: Sequence[str] = tuple(SETS)) -> dict[str, list[np.ndarray
     return people
 
 
-def pelvis() -> tuple[np.ndarray, np.ndarray, int, int]:
-    """(6, 2 HARMONICS) the table of the pelvis, the deviations between people (6, HARMONICS), and the number of people
-    and of strides."""
-    strides = [np.array(one) for one in lower_backs().values() if one]
+def pelvis() -> tuple[np.ndarray, np.ndarray]:
+    """(6, 2 HARMONICS) the table of the pelvis around which the fit begins, and the deviations between people (6,
+    HARMONICS)."""
+    strides = [motions(one) for one in lower_backs().values() if one]
     means = np.array([one.mean(axis=0) for one in strides])
     single = np.sqrt(np.array([(np.abs(one) ** 2).mean(axis=0) for one in strides]))
     tables, deviations = [], []
@@ -141,7 +158,7 @@ def pelvis() -> tuple[np.ndarray, np.ndarray, int, int]:
         waves = 2.0 * mean * np.minimum(factor, LARGEST)
         tables.append(np.concatenate([waves.real, -waves.imag], axis=1))
         deviations.append(2.0 * own.std(axis=0))
-    return np.concatenate(tables), np.concatenate(deviations), len(strides), sum(map(len, strides))
+    return np.concatenate(tables), np.concatenate(deviations)
 
 
 def written(source: str, tables: dict[str, np.ndarray]) -> str:
@@ -158,7 +175,7 @@ def written(source: str, tables: dict[str, np.ndarray]) -> str:
 
 def main() -> None:
     """Derive the tables, write the file, and print the other numbers of the fit, which stand in the code."""
-    table, spread, backs, turns = pelvis()
+    table, spread = pelvis()
     base = movement.Base(shapes.FEET[0], table, spread)
     known = [one for one, _ in movement.known().values()]
     people = movement.targets(known)
@@ -174,9 +191,9 @@ def main() -> None:
     aside = np.arange(skin.shape[1]) % len(shapes.WORN) >= len(movement.SKIN)  # see `out_of_plane`
     skin[:, aside] = shapes.SKIN[:, aside]
     source = (
-        f"means, slopes and principal directions; pelvis: lower backs of {backs} people ({turns} strides) of ipol_gait "
-        f"and mobgap_lab; feet and skin: legs of {len(known)} people ({sum(one.strides for one in known)} strides) of "
-        "walking5m; derived by experiments.people.shapes and out_of_plane"
+        "means, slopes and principal directions; pelvis: lower backs of every second person of ipol_gait; feet and "
+        f"skin: legs of {len(known)} people ({sum(one.strides for one in known)} strides) of walking5m; derived by "
+        "experiments.people.shapes, pelvis and out_of_plane"
     )
     FILE.write_text(written(source, {"pelvis": hips, "feet": feet, "skin": skin}), encoding="utf-8")
     for number, (name, factor) in enumerate(factors.items()):

@@ -1,5 +1,8 @@
 """Strides of simulated people beside those of recorded ones: spectra of the signals, and a classifier.
 
+Spectra of the lower back are those of the people of `ipol_gait` from whom `pelvis` derived nothing, too. Every recorded
+person has several simulated ones; the classifier sees the first.
+
 A stride's features are the shank's sagittal rate and the size of its specific force, which all sets have, averaged over
 parts of the stride. The classifier is a logistic regression; all recordings of a person and the simulated ones at this
 person's strides are left out together. Spectra do not depend on how a sensor is turned: they are sums over its axes.
@@ -8,15 +11,17 @@ Simulated sensors have no noise; recorded ones have.
 
 import itertools
 import zlib
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
 from scipy.signal import welch
 
+from experiments.common.recordings import available
 from experiments.common.row import Row, show
-from experiments.simulator import real
+from experiments.people.legs import Leg, legs_of
+from experiments.people.pelvis import known
+from experiments.people.shapes import stride_lengths
 from experiments.simulator.against_real import BATCH, able, known_spread
 from experiments.simulator.gait import Truth, figures
 from experiments.simulator.simulated import (
@@ -36,7 +41,7 @@ from experiments.simulator.simulated import (
 from jgait import datasets, simulate
 from jgait.simulate import Person
 from jgait.simulate.population import manner
-from jgait.types import SIDES, Walk
+from jgait.types import SIDES
 
 CURVES, PARTS_OF_CURVE = ("shank", "shank_acc"), 15
 """Curves of a stride that the classifier sees, and the number of parts over which each is averaged."""
@@ -45,54 +50,36 @@ BANDS = np.geomspace(0.5, 20.0, 12)
 WINDOW = 4.0
 """[s] Length of the pieces of a signal whose spectra are averaged."""
 FOLDS, RIDGE = 5, 1.0
-
-
-class Leg(NamedTuple):
-    """One leg in a walk: sensors → gyroscope and accelerometer, where it walks evenly [samples], which samples are
-    good, and the side."""
-
-    sensors: dict[str, tuple[Any, Any]]
-    windows: list[tuple[int, int]]
-    trim: int
-    good: np.ndarray | None
-    side: str
+DRAWS = 4
+"""[1] Simulated people for each recorded one."""
+BACKS = Set("ipol_gait", None, 100.0)
+SETTLED, FEWEST = 2, 4
+"""[1] Contacts left out at both ends of a straight part, and fewest others."""
 
 
 class Pair(NamedTuple):
-    """Legs of a recorded person, and of the simulated one; who the person is."""
+    """Legs of a recorded person, and of each simulated one; who the person is."""
 
     person: str
     recorded: list[Leg]
-    simulated: list[Leg]
+    simulated: list[list[Leg]]
 
 
-def legs_of(walk: Walk, given: Set) -> Iterator[Leg]:
-    """The legs of a recorded walk that can be used."""
-    rate_hz, trim = walk.recording.sampling_rate_hz, 0
-    if given.name == "neura_sparse":
-        named = [w for name, w in walk.info["windows"].items() if name.startswith("straight")]
-        windows = [part for w in named for part in real._brisk(walk.reference.distance, w, rate_hz)]
-    elif given.name == "tripod":
-        windows = [walk.info["windows"]["steady"]]
-    else:
-        windows, trim = [walk.info["windows"]["whole"]], 1
-    crossed = {one for pair in walk.info.get("misplaced", ()) for one in pair}
-    for side in SIDES if windows else ():
-        if f"shank_{side}" in walk.recording.sensors and f"shank_{side}" not in crossed:
-            sensors, good = real._leg(walk, side)
-            yield from (Leg(part, windows, trim, good, side) for part in together(sensors, given))
-
-
-def drawn(name: str, stride_time: float, stride_length: float) -> Person:
-    """A person of the population at a recorded stride, or the usual person where the drawn one cannot walk so."""
-    body, own = simulate.person_of(simulate.population(jax.random.key(zlib.crc32(name.encode())), 1, recorded=True), 0)
-    leg = body.thigh_length + body.shank_length
-    follows = {key: float(v) for key, v in manner(stride_length / leg, simulate.RECORDED).items()}
-    person = Person(body, own._replace(
-        stride_time=stride_time, stride_length=stride_length, steps=float(STEPS), quiet_before=QUIET, quiet_after=QUIET,
-        **follows,
-    ))  # fmt: skip
-    return person if able(person) else person_at(stride_time, stride_length, simulate.RECORDED, soft_tissue=1.0)
+def drawn(name: str, stride_time: float, stride_length: float) -> list[Person]:
+    """People of the population at a recorded stride; the usual person where one of them cannot walk so."""
+    people = simulate.population(jax.random.key(zlib.crc32(name.encode())), DRAWS, recorded=True)
+    found = []
+    for i in range(DRAWS):
+        body, own = simulate.person_of(people, i)
+        leg = body.thigh_length + body.shank_length
+        follows = {key: float(v) for key, v in manner(stride_length / leg, simulate.RECORDED).items()}
+        person = Person(body, own._replace(
+            stride_time=stride_time, stride_length=stride_length, steps=float(STEPS), quiet_before=QUIET,
+            quiet_after=QUIET, **follows,
+        ))  # fmt: skip
+        usual = person_at(stride_time, stride_length, simulate.RECORDED, soft_tissue=1.0)
+        found.append(person if able(person) else usual)
+    return found
 
 
 def pairs(given: Set, most: int | None) -> list[Pair]:
@@ -110,20 +97,56 @@ def pairs(given: Set, most: int | None) -> list[Pair]:
         if len(times) > 1 and np.isfinite(lengths).any():
             recorded.append((f"{given.name} {walk.recording.subject}", legs))
             people.append(drawn(walk.recording.name, float(np.median(times)), float(np.nanmedian(lengths))))
+    return [Pair(name, legs, own) for (name, legs), own in zip(recorded, simulated(people, given), strict=True)]
+
+
+def simulated(people: list[list[Person]], given: Set) -> list[list[list[Leg]]]:
+    """Legs of simulated people, with the sensors of a set; walks of five metres with their beginning and end."""
+    flat = [one for each in people for one in each]
     made: list[Walked] = []
-    for start in range(0, len(people), BATCH):
-        part = people[start : start + BATCH]
-        made += walks_of([*part, *[part[-1]] * (BATCH - len(part))], given.rate_hz, given.acc_range)[: len(part)]
-    found_pairs = []
-    for (name, legs), one in zip(recorded, made, strict=True):
-        if all(np.isfinite(values).all() for values in one.gyr.values()):
-            own = [
-                Leg(part, [window(one, given.rate_hz)], 0, None, side)
-                for number, side in enumerate(SIDES)
-                for part in together(leg_of_simulated(one, given, number)[0], given)
-            ]
-            found_pairs.append(Pair(name, legs, own))
-    return found_pairs
+    for start in range(0, len(flat), BATCH):
+        part = flat[start : start + BATCH]
+        made += walks_of([*part, *[part[-1]] * (BATCH - len(part))], given)[: len(part)]
+    whole = given.name == "walking5m"
+
+    def legs(one: Walked) -> list[Leg]:
+        return [
+            Leg(part, [window(one, given.rate_hz, whole)], 2 * whole, None, side)
+            for number, side in enumerate(SIDES)
+            for part in together(leg_of_simulated(one, given, number)[0], given)
+        ]
+
+    able = [None if any(np.isnan(v).any() for v in one.gyr.values()) else legs(one) for one in made]
+    each = [able[i : i + DRAWS] for i in range(0, len(able), DRAWS)]
+    return [[one for one in own if one is not None] for own in each]
+
+
+def backs(most: int | None) -> list[Pair]:
+    """Lower backs of `ipol_gait`, without the people from whom the pelvis was derived; none without the set."""
+    if not available(BACKS.name):
+        return []
+    lengths, derived = stride_lengths(), known()
+    recorded: dict[str, list[Leg]] = {}
+    times: dict[str, list[float]] = {}
+    for walk in datasets.load(BACKS.name):
+        name = f"{BACKS.name} {walk.recording.subject}"
+        if name not in lengths or name in derived:
+            continue
+        imu, windows = walk.recording.sensors["lower_back"], []
+        for first, last in walk.info["straight_parts"]:
+            contacts = walk.info["initial_contacts"]
+            inside = contacts[(contacts > first - 1e-6) & (contacts < last + 1e-6)][SETTLED:-SETTLED]
+            if len(inside) >= FEWEST:
+                windows.append(tuple(map(int, np.searchsorted(imu.time, inside[[0, -1]]))))
+                times.setdefault(name, []).append(2.0 * float(np.median(np.diff(inside))))
+        recorded.setdefault(name, []).append(
+            Leg({"pelvis": (imu.gyr, imu.acc)}, windows, 0, np.asarray(imu.mask), "right")
+        )
+    names = list(times)[:most]
+    people = [drawn(name, float(np.median(times[name])), lengths[name]) for name in names]
+    own = [[[leg._replace(sensors={"pelvis": leg.sensors["pelvis"]}) for leg in legs[:1]] for legs in each]
+           for each in simulated(people, BACKS)]  # fmt: skip
+    return [Pair(name, recorded[name], each) for name, each in zip(names, own, strict=True)]
 
 
 # --- spectra ---
@@ -149,11 +172,13 @@ def spectra(legs: list[Leg], rate_hz: float) -> dict[str, np.ndarray]:
 
 def spectral_rows(label: str, own: list[Pair], rate_hz: float) -> dict[str, np.ndarray]:
     """Signal → simulated over recorded power in each band [dB], medians over people; printed."""
-    recorded = [spectra(pair.recorded, rate_hz) for pair in own]
-    simulated = [spectra(pair.simulated, rate_hz) for pair in own]
+    sides = (
+        [spectra(pair.recorded, rate_hz) for pair in own],
+        [spectra(legs, rate_hz) for pair in own for legs in pair.simulated],
+    )
     ratios = {}
-    for name in dict.fromkeys(name for one in recorded for name in one):
-        usual = [[one[name] for one in side if name in one] for side in (recorded, simulated)]
+    for name in dict.fromkeys(name for one in sides[0] for name in one):
+        usual = [[one[name] for one in side if name in one] for side in sides]
         if all(usual):
             real_power, made_power = (np.maximum(np.median(powers, axis=0), 1e-12) for powers in usual)
             ratios[name] = 10.0 * np.log10(made_power / real_power)
@@ -186,7 +211,7 @@ def table(own: list[tuple[Pair, float]]) -> tuple[np.ndarray, np.ndarray, np.nda
     numbers = {person: number for number, person in enumerate(dict.fromkeys(pair.person for pair, _ in own))}
     values, labels, people = [], [], []
     for pair, rate_hz in own:
-        for label, legs in enumerate((pair.recorded, pair.simulated)):
+        for label, legs in enumerate((pair.recorded, *pair.simulated[:1])):
             values.append(features(legs, rate_hz))
             labels.append(np.full(len(values[-1]), float(label)))
             people.append(np.full(len(values[-1]), numbers[pair.person]))
@@ -235,6 +260,10 @@ def rows(quick: bool) -> list[Row]:
             for name, ratio in spectral_rows(given.label, own, given.rate_hz).items():
                 ratios.setdefault(name, []).append(ratio)
     found, count = [], len({pair.person for pair, _ in every})
+    lower = backs(2 if quick else None)
+    if lower:
+        for name, ratio in spectral_rows(BACKS.label, lower, BACKS.rate_hz).items():
+            ratios.setdefault(name, []).append(ratio)
     if count >= FOLDS:
         values, labels, people = table(every)
         split = f"logistic regression on {values.shape[1]} features of a stride, {count} people left out in fifths"
@@ -245,6 +274,7 @@ def rows(quick: bool) -> list[Row]:
         title, columns = "simulated over recorded power, dB without sign", ["signal", "largest band", "mean"]
         show(title, columns, [[name, float(one.max()), float(one.mean())] for name, one in apart.items()])
         split = "half octaves from 0.5 to 20 Hz, medians over people, mean over sets"
+        count += len(lower)
         line = "power of simulated signals over that of recorded ones"
         for metric, part, what in (("spectra_db", "worst band", np.max), ("spectra_mean_db", "worst signal", np.mean)):
             value = max(float(what(one)) for one in apart.values())

@@ -67,7 +67,7 @@ def figures_of_people(people: list[Person], given: Set) -> list[dict[str, float]
     for start in range(0, len(people), BATCH):
         part = people[start : start + BATCH]
         filled = [*part, *[part[-1]] * (BATCH - len(part))]
-        for one in simulated.walks_of(filled, given.rate_hz, given.acc_range)[: len(part)]:
+        for one in simulated.walks_of(filled, given)[: len(part)]:
             good = all(np.isfinite(values).all() for values in one.gyr.values())
             found.append(simulated.medians(simulated.simulated_figures(one, given)) if good else {})
     return found
@@ -151,7 +151,7 @@ def draw(_: list[Row], folder: Path, quick: bool) -> None:
         real = known_spread(given)
         curves = None if real is None else simulated.real_curves(given)
         if curves:
-            one = simulated.walks_of([usual_person(real)] * BATCH, given.rate_hz, given.acc_range)[0]
+            one = simulated.walks_of([usual_person(real)] * BATCH, given)[0]
             drawn = simulated.overlay(given, curves, simulated.simulated_curves(one, given))
             print(plot.save(drawn, folder / f"overlay_{given.label}.png"))
     read, truth = simulate.recording(jax.random.key(0))

@@ -1,11 +1,12 @@
 """Simulated walks as the sets of `real` are: the same speed, sampling rate, sensors and rules, the same figures.
 
 Stance is computed as by each set's reader: on `neura_sparse` by heel and toe slower than `RESTING`, else by the
-simulator's own contacts. Sensors are perfect but for their range. Only the stride's time and length are taken from a
-set, so what they fix (`GIVEN`) is no test of the simulator.
+simulator's own contacts. Sensors are perfect but for their range, and worn where those of the set are. Only the
+stride's time and length are taken from a set, so what they fix (`GIVEN`) is no test of the simulator.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -23,12 +24,14 @@ from experiments.simulator.gait import (
 )
 from experiments.simulator.real import RESTING, Spread
 from jgait import datasets
-from jgait.geometry.segments import in_world
+from jgait.geometry.segments import Motion, in_world
 from jgait.geometry.vectors import GRAVITY, Vector
 from jgait.plot.style import blank
-from jgait.simulate import Gait, Person, gait, straight, walk
+from jgait.simulate import Body, Gait, Person, gait, straight
 from jgait.simulate.footsteps import FIRST
 from jgait.simulate.sensors import IDEAL, ImuErrors
+from jgait.simulate.walker import plan, separated
+from jgait.simulate.worn import Sensors, named, sensors_at, walked
 from jgait.types import SIDES, leg_of
 
 GIVEN = ("speed", "stride_time", "stride_length")
@@ -42,13 +45,17 @@ MARKER = 0.03  # [m] of heel and toe markers above the sole
 
 
 class Set(NamedTuple):
-    """How a data set was recorded: its name and condition, its sampling rate [Hz], the range of the shoes' [m/s²]."""
+    """How a data set was recorded: its name and condition, its sampling rate [Hz], the range of the shoes' [m/s²], and
+    where sensors are worn on thigh and shank: ahead of the bone [m], and how far down [lengths of the segment], by
+    `experiments.people.mounts`."""
 
     name: str
     condition: str | None
     rate_hz: float
     acc_range: float = np.inf
     resting: bool = False
+    thigh: tuple[float, float] = (0.07, 0.5)
+    shank: tuple[float, float] = (0.04, 0.5)
 
     @property
     def label(self) -> str:
@@ -57,13 +64,26 @@ class Set(NamedTuple):
 
 
 SETS = (
-    Set("neura_sparse", None, 100.0, resting=True),
+    Set("neura_sparse", None, 100.0, resting=True, thigh=(0.04, 0.64), shank=(0.04, 0.44)),
     Set("gaitmap_example", None, 204.8, 16.0 * GRAVITY),
-    Set("tripod", "PWS", 128.0),
-    Set("tripod", "PWS+20", 128.0),
-    Set("walking5m", "Young", 100.0),
-    Set("walking5m", "Elderly", 100.0),
+    Set("tripod", "PWS", 128.0, shank=(0.04, 0.75)),
+    Set("tripod", "PWS+20", 128.0, shank=(0.04, 0.75)),
+    Set("walking5m", "Young", 100.0, thigh=(-0.01, 0.86), shank=(-0.015, 0.43)),
+    Set("walking5m", "Elderly", 100.0, thigh=(-0.01, 0.86), shank=(-0.015, 0.43)),
 )
+
+
+def sensors_of(body: Body, placements: Sequence[str], places: Any) -> Sensors:
+    """Sensors at placements, on thigh and shank at places (2, 2), see `Set`."""
+    sensors = sensors_at(body, placements)
+    lengths = {"thigh": body.thigh_length, "shank": body.shank_length}
+    points = list(jnp.asarray(sensors.point))
+    for i, name in enumerate(placements):
+        segment = name.partition("_")[0]
+        if segment in lengths:
+            ahead, down = places[list(lengths).index(segment)]
+            points[i] = jnp.stack([ahead, jnp.zeros_like(ahead), -down * lengths[segment]])
+    return sensors._replace(point=jnp.stack(points))
 
 
 class Walked(NamedTuple):
@@ -94,27 +114,30 @@ class Walked(NamedTuple):
     width: Any
 
 
-def _walked(key: Any, person: Person, time: Any, errors: ImuErrors) -> Walked:
-    read, true = walk(key, person, straight(100.0), time, errors, capacity=STEPS, placements=PLACEMENTS)
+def _walked(key: Any, person: Person, time: Any, errors: ImuErrors, places: Any) -> Walked:
     body, own = person
+    walks, reads = jax.random.split(key)
+    laid = plan(walks, person, straight(100.0), STEPS)
+    imus, moving, known = walked(reads, person, laid, time, errors, sensors_of(body, PLACEMENTS, places))
+    read, motion = named(imus, time, PLACEMENTS), Motion(*map(separated, moving))
     slowest = []
     for side in SIDES:
-        rate = getattr(true.motion.rate, f"foot_{side}")
+        rate = getattr(motion.rate, f"foot_{side}")
         speeds = []
         for ahead in (-body.heel_length, body.ball_length):
             v = in_world(rate, Vector(ahead, 0.0, MARKER - body.ankle_height))
             speeds.append(jnp.sqrt(v.x * v.x + v.y * v.y + v.z * v.z + 1e-12))
         slowest.append(jnp.minimum(*speeds))
-    legs = [getattr(true.estimate.legs, side) for side in SIDES]
+    legs = [leg_of(known.legs, side) for side in SIDES]
     return Walked(
         {name: imu.gyr for name, imu in read.items()}, {name: imu.acc for name, imu in read.items()},
-        jnp.stack(true.motion.pose.pelvis.origin, axis=1), jnp.stack(slowest),
-        jnp.stack([leg.hip_angle for leg in legs]), jnp.stack([leg.knee_angle for leg in legs]), true.plan.contact,
-        jnp.asarray(own.stance_fraction) * own.stride_time, jnp.asarray(own.right_first), true.strides.width,
+        jnp.stack(motion.pose.pelvis.origin, axis=1), jnp.stack(slowest),
+        jnp.stack([leg.hip_angle for leg in legs]), jnp.stack([leg.knee_angle for leg in legs]), laid.contact,
+        jnp.asarray(own.stance_fraction) * own.stride_time, jnp.asarray(own.right_first), known.strides.width,
     )  # fmt: skip
 
 
-_many = jax.jit(jax.vmap(_walked, in_axes=(None, 0, None, None)))
+_many = jax.jit(jax.vmap(_walked, in_axes=(None, 0, None, None, None)))
 
 
 def stacked(people: list[Person]) -> Person:
@@ -122,12 +145,12 @@ def stacked(people: list[Person]) -> Person:
     return jax.tree.map(lambda *values: jnp.asarray(np.array(values, float)), *people)
 
 
-def walks_of(people: list[Person], rate_hz: float, acc_range: float = np.inf, seed: int = 0) -> list[Walked]:
-    """Everyone walks `STEPS` steps straight ahead, sampled at a rate [Hz]; in NumPy."""
+def walks_of(people: list[Person], given: Set, seed: int = 0) -> list[Walked]:
+    """Everyone walks `STEPS` steps straight ahead, with the sensors of a set; in NumPy."""
     key = jax.random.key(seed)  # the same for all, so that people differ by what they are only
-    time = jnp.asarray(np.arange(SAMPLES) / rate_hz)
-    errors = IDEAL._replace(acc_range=acc_range)
-    done = jax.tree.map(np.asarray, _many(key, stacked(people), time, jax.tree.map(float, errors)))
+    time = jnp.asarray(np.arange(SAMPLES) / given.rate_hz)
+    errors, places = IDEAL._replace(acc_range=given.acc_range), jnp.asarray([given.thigh, given.shank])
+    done = jax.tree.map(np.asarray, _many(key, stacked(people), time, jax.tree.map(float, errors), places))
     return [jax.tree.map(lambda a, i=i: a[i], done) for i in range(len(people))]
 
 
@@ -141,9 +164,9 @@ def person_at(stride_time: float, stride_length: float, base: Gait = RULES, **ot
     return Person(gait=walks._replace(**others))
 
 
-def window(one: Walked, rate_hz: float) -> tuple[int, int]:
-    """Samples of even walking: without the first two steps and the last two."""
-    first, last = one.contact[FIRST + 2], one.contact[FIRST + STEPS - 1]
+def window(one: Walked, rate_hz: float, whole: bool = False) -> tuple[int, int]:
+    """Samples of even walking: without the first two steps and the last two; or of the whole walk."""
+    first, last = (one.contact[FIRST + step] for step in ((0, STEPS + 1) if whole else (2, STEPS - 1)))
     return round(float(first) * rate_hz), min(round(float(last) * rate_hz), SAMPLES)
 
 

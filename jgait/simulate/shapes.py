@@ -179,14 +179,18 @@ OUTWARDS = {"right": np.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0]), "left": np.arra
 """Sign of each of `WORN` on each side as motion to the left, and turns about the forward and the upward axis."""
 
 
-def worn(legs: Jet, soft: Jet, half: Values) -> Jet:
+SENSED = (0.86, 0.43)
+"""How far down thigh and shank the recorded people wore their sensors [lengths of the segment]: the points about which
+what sensors are worn on turns (`experiments.people.mounts`)."""
+
+
+def worn(legs: Jet, soft: Jet, down: Values) -> Jet:
     """Frames (4, 3, 6, T) of what sensors are worn on, from those of the bones of thighs, shanks and feet.
 
     Args:
         legs: (4, 3, 6, T) frames of right and left thigh, right and left shank, right and left foot.
         soft: (6, 6, T) see `softness`.
-        half: (1, 6, 1) distance of the point about which each turns from its joint [m]: half the length of thigh and
-            shank, 0 of the foot.
+        down: (1, 6, 1) distance of the point about which each turns from its upper joint [m], see `SENSED`.
     """
     origin, *bone = parts(legs)
     pitch, ahead, along, roll, yaw, aside = parts(soft)
@@ -196,7 +200,7 @@ def worn(legs: Jet, soft: Jet, half: Values) -> Jet:
     axes = kept(first + second + third)
     x, y, z = bone
     place = origin + x * part(ahead, None) + y * part(aside, None) + z * part(along, None)
-    place = place + (part(axes, 2) - z) * half
+    place = place + (part(axes, 2) - z) * down
     return kept(Jet(jnp.concatenate([part(place, None).orders, axes.orders], axis=1)))
 
 

@@ -19,7 +19,7 @@ from jgait.simulate.feet import Foothold, FootPair, feet
 from jgait.simulate.footsteps import FIRST, Plan, footholds, reach, standing_ahead
 from jgait.simulate.person import Body, Person
 from jgait.simulate.routes import Route
-from jgait.simulate.shapes import Movement, oscillation, softness, swings, waves, worn
+from jgait.simulate.shapes import SENSED, Movement, oscillation, softness, swings, waves, worn
 from jgait.simulate.smooth import coefficients, pieces, polynomial, smooth_bump, smooth_curve
 from jgait.types import AnyArray, Values
 
@@ -243,9 +243,9 @@ def with_skin(person: Person, plan: Plan, entry: Int[Array, "*shape"], r: Jet) -
     """
     now, body = carried(person, plan, entry, r), person.body
     bones = _bones(person, now)
-    lengths = jnp.stack([jnp.asarray(length, plan.x.dtype) for length in (body.thigh_length, body.shank_length)])
-    half = jnp.repeat(jnp.append(0.5 * lengths, 0.0), 2).reshape((1, 6) + (1,) * entry.ndim)
-    return _together([*bones, worn(_together(bones[1:]), now.soft, half)])
+    down = (SENSED[0] * body.thigh_length, SENSED[1] * body.shank_length, 0.0)
+    about = jnp.repeat(jnp.stack([jnp.asarray(length, plan.x.dtype) for length in down]), 2)
+    return _together([*bones, worn(_together(bones[1:]), now.soft, about.reshape((1, 6) + (1,) * entry.ndim))])
 
 
 SKIN = {name: len(Segments._fields) + i for i, name in enumerate(Segments._fields[1:])}

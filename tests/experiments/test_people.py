@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from experiments.people import figures, fitted, prediction, shoes, strides, transfer
+from experiments.people import figures, fitted, legs, mounts, prediction, shoes, strides, transfer
 from experiments.people import out_of_plane as derived
-from experiments.simulator import gait
+from experiments.simulator import gait, simulated
 from jgait.simulate.sensors import IDEAL, ON_SHOE
 
 
@@ -119,3 +119,13 @@ def test_rows_of_the_table_are_the_waves_of_a_stride_and_its_beginning_is_found(
     # A stride that is read from a tenth of its turn on begins so much later.
     later = derived.harmonics(np.roll(series, -10, axis=1)).reshape(3, 6, count)
     assert abs(derived.late(later, waves) - 0.2 * np.pi) < 0.01
+
+
+def test_the_ankle_is_found_between_sensors_of_shank_and_foot():
+    given = simulated.Set("", None, 100.0, thigh=(0.02, 0.8), shank=(-0.01, 0.4))
+    person = simulated.person_at(1.1, 1.3)
+    one = simulated.walks_of([person], given)[0]
+    sensors, _ = simulated.leg_of_simulated(one, given, 0)
+    leg = legs.Leg(sensors, [simulated.window(one, given.rate_hz)], 0, None, "right")
+    found = dict(mounts.by_joints(leg, given.rate_hz))
+    assert found["shank from ankle"].up == pytest.approx(0.6 * person.body.shank_length, abs=0.02)

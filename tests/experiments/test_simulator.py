@@ -92,7 +92,7 @@ def test_a_parameter_that_helps_is_found():
 def walked():
     given = experiment.SETS[0]
     person = experiment.simulated.person_at(1.1, 1.3)
-    return given, person, experiment.simulated.walks_of([person], given.rate_hz)[0]
+    return given, person, experiment.simulated.walks_of([person], given)[0]
 
 
 def test_figures_of_a_simulated_walk_are_those_of_its_gait(walked):
