@@ -85,7 +85,7 @@ def of_foot(quick: bool) -> list[Row]:
     before, gains = errors(learn.START), []
     for draw in range(1 if quick else DRAWS):
         groups = walks.groups(walkers(people, draw=draw, runs=True))
-        learned = learn.fit(groups, np.ones(people), "position_log", 2 if quick else learn.STEPS).params
+        learned = learn.fit(groups, np.ones(people), steps=2 if quick else learn.STEPS).params
         after = errors(learned)
         gains.append(vicon.gain(before, after))
         medians = {
