@@ -95,9 +95,11 @@ def lessons_of(
 
     lacks: list[tuple[str, str]] = []
     unanswered: Counter[str] = Counter()
+    answered: set[str] = set(pipeline.about.losses or ())
 
     def answering(walks: Iterable[Walk]) -> Iterator[Walk]:
         for walk in walks:
+            answered.difference_update([name for name in answered if tuning.lacking(name, walk.reference)])
             try:
                 yield tuning.asked(walk, losses)
             except RecordingError as error:
@@ -112,8 +114,12 @@ def lessons_of(
             made = tuning.lessons(pipeline, answering(walks), own=body_of, reference=needed)
         except ValueError:
             if len({reason for _, reason in lacks}) == 1:
-                raise ValueError(f"{lacks[0][1]}; no reference of {source.title} has them") from None
+                other = [name for name in pipeline.about.losses or () if name in answered]
+                told = f"; {pipeline.name} can learn from {', '.join(other)}" if other else ""
+                raise ValueError(f"{lacks[0][1]}; no reference of {source.title} has that{told}") from None
             failures += lacks
+            if not source.items:
+                raise ValueError(f"no recording of {source.title} could be used") from None
             if len(lacks) == len(source.items):
                 needed_by = (f"{tuning.lacking(name, None)}: {of} have none" for name, of in unanswered.items())
                 raise ValueError(

@@ -16,6 +16,8 @@ from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 from jgait.commands.rows import COPIED
 from jgait.commands.warnings import say_warnings
 from jgait.estimators import Estimator
+from jgait.evaluate.scores import DISTANCE_OFF, STRIDES_OFF
+from jgait.notes import from_json
 from jgait.params import freed
 from jgait.tune import Lessons
 from jgait.tune.checkpoint import OtherFitError
@@ -134,9 +136,20 @@ def tune(
 
 
 def _say_notes(ready: Estimator[PyTree, PyTree], start: PyTree, walks: cohorts.Source, made: Lessons) -> None:
-    """Print what is doubtful about the recordings learned from and their references, as `jgait evaluate` does."""
+    """Print what is doubtful about the recordings learned from and their references, as `jgait evaluate` does.
+
+    Exits with code 2 if the references of all contradict the estimates, as in another unit.
+    """
     rows = cohorts.evaluated(ready, start, walks).recordings
     rows = rows[rows["recording"].isin(made.names)]
+    wrong = {DISTANCE_OFF.code, STRIDES_OFF.code}
+    off = [[one for one in from_json(notes) if one.code in wrong] for notes in rows["notes"]]
+    if len(off) > 1 and all(off):
+        name, first = rows["recording"].iloc[0], off[0][0]
+        stop(
+            f"the references of all {len(off)} recordings contradict the estimates, such as {name}: {first}. "
+            f"{first.meaning}"
+        )
     say_warnings(
         rows[["recording", "notes"]].itertuples(index=False, name=None), "jgait evaluate of the same recordings"
     )

@@ -206,7 +206,7 @@ def test_losses_are_empty_where_a_reference_cannot_answer_them(table, tmp_path, 
     )
     assert "strides of the reference are not compared; the body's way" in said
     code, said = run("evaluate", table(), "--paper", "--loss", "joint_angles,distance", "--out", tmp_path / "some")
-    assert "joint_angles needs a reference with legs; no reference of cohort.csv has them" in said
+    assert "joint_angles needs a reference with legs; no reference of cohort.csv has that" in said
     assert list(pd.read_csv(tmp_path / "some" / "losses.csv")) == ["recording", "subject", "distance"]
     strides = table(lambda frame: frame.head(2).drop(columns="distance_m").assign(
         reference_strides=["strides0.csv", "strides1.csv"]), "strides.csv")  # fmt: skip
@@ -399,7 +399,7 @@ def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walk
         (("--free", "distance_scale", "--loss", "speed"), "--loss: a loss is one of distance, trajectory"),
         (
             ("--free", "distance_scale", "--loss", "trajectory"),
-            "trajectory needs a reference with legs; no reference of cohort.csv has them",
+            "trajectory needs a reference with legs; no reference of cohort.csv has that",
         ),
         (("--free", "distance_scale", "--loss", "position"), "leg_ekf cannot answer 'position'; it answers distance"),
         (("--free", "distance_scale", "--loss", "distance=-1"), "the weight of 'distance' must be a positive number"),
@@ -424,6 +424,20 @@ def test_tuning_refuses_a_copy_before_it_compiles(table, walks, tmp_path):
     code, said = run("evaluate", twice, "--paper", "--out", tmp_path / "all")
     assert code == 0 and copied in said
     assert any(note["code"] == COPIED.code for note in json.loads((tmp_path / "all" / "notes.json").read_text()))
+
+
+def test_tuning_refuses_references_that_contradict_all_estimates(table, tmp_path):
+    feet = table(lambda frame: frame.assign(distance_m=frame["distance_m"].astype(float) * 100.0), "cm.csv")
+    code, said = run("tune", feet, "--paper", "--free", "distance_scale", "--steps", 1, "--out", tmp_path / "out")
+    assert code == 2 and "the references of all 4 recordings contradict the estimates, such as walk0.csv: the" in said
+    assert "another unit" in said and "learning" not in said
+    assert not (tmp_path / "out" / "tuned.json").exists()
+
+
+def test_tuning_says_that_no_recording_could_be_used(table, tmp_path):
+    absent = table(lambda frame: frame.assign(file="nowhere.csv"), "absent.csv")
+    code, said = run("tune", absent, "--paper", "--free", "distance_scale", "--out", tmp_path / "out")
+    assert code == 2 and "can answer all" not in said, said
 
 
 def test_losses_that_no_recording_answers_together_are_named(table, tmp_path):
