@@ -94,15 +94,15 @@ def report(
         losses = (significant(value, 4) for value in (results.fit.losses[0], results.fit.best_loss))
         own = f"{job.judged} [{job.unit}] of the recordings learned from, median: {before} before, {after} after"
         console.print(visible(f"{own}; loss {' before, '.join(losses)} after"), highlight=False, soft_wrap=True)
-    if results.known is None and results.undetermined:
-        note(
-            f"not determined: {', '.join(results.undetermined)}; the loss hardly changes with a factor of e, or a "
-            "quarter of the range, so that the value may be far off. Leave it out of --free, or learn from a loss or "
-            "recordings that depend on it"
-        )
     for line in [] if results.known is None else results.known.sentences:
         console.print(visible(f"· {line}"), highlight=False)
-    if results.known is not None and results.known.decrement > OFF:
+    if results.undetermined:
+        why = "" if results.known else "the loss hardly changes with a factor of e, or a quarter of the range, so that "
+        note(
+            f"not determined: {', '.join(results.undetermined)}; {why}the value may be far off. Leave it out of "
+            "--free, or learn from a loss or recordings that depend on it"
+        )
+    elif results.known is not None and results.known.decrement > OFF:
         note("more --steps, or another --learning-rate, may reach the optimum more closely")
     undone = int(np.count_nonzero(~np.asarray(results.fit.accepted, bool)))
     if undone:
