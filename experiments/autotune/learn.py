@@ -30,14 +30,14 @@ Terms = tuple[tuple[str | Term, float], ...]
 
 SHARE = 0.002
 """[1/nat] Weight of the likelihood beside an error in logarithms. Positions of the feet do not tell, say, by how much
-the noise of jolts differs from that of slow motion; the innovations do. A minute of walking counts as some 0.1."""
+the noise of jolts differs from that of slow motion; the innovations do."""
 
 POSITION: Terms = (("position_log", 1.0), ("likelihood", SHARE))
 LIKELIHOOD: Terms = (("likelihood", 1.0),)
 
 STEPS, RATE = 50, 0.15
-"""Steps of Adam and the rate of the first, which falls to 0: up to 3.75 units of a logarithm in all. The loss of all
-trials changes by less than 0.001 over the last 15 steps."""
+"""Steps of Adam and the rate of the first, which falls to 0: up to 3.75 units of a logarithm in all. The loss
+`POSITION` of all trials changes by less than 0.001 over the last ten steps."""
 
 
 class Learned(NamedTuple):

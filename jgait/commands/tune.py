@@ -1,6 +1,7 @@
 """`jgait tune`: parameters from a cohort by gradient, judged on people from whom they were not learned."""
 
 import warnings
+from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,6 +25,11 @@ from jgait.tune.checkpoint import OtherFitError
 
 SOFT = frozenset({"softness", "threshold_factor"})
 """Parameters of soft stances: who frees one of them gets soft stances, for the hard decision has no gradient."""
+
+CONTRADICTS = {
+    "distance": DISTANCE_OFF.code, "stride_length": STRIDES_OFF.code, "calibration": STRIDES_OFF.code,
+}  # fmt: skip
+"""Loss → code of the note that its reference and the estimate cannot both be right."""
 
 
 def tune(
@@ -112,7 +118,7 @@ def tune(
     with results_folder(
         out, "tune", asked, planned=tune_report.PLANNED, inputs=read, json_file=json_file, fresh=fresh
     ) as folder:
-        _say_notes(ready, start, walks, made)
+        _say_notes(ready, start, walks, made, weights)
         job = tune_run.job_of(
             pipeline, start, freed, made, weights, judged, steps, rate, starts, folds, seed, folder.run
         )  # fmt: skip
@@ -135,14 +141,16 @@ def tune(
         raise typer.Exit(1)
 
 
-def _say_notes(ready: Estimator[PyTree, PyTree], start: PyTree, walks: cohorts.Source, made: Lessons) -> None:
+def _say_notes(
+    ready: Estimator[PyTree, PyTree], start: PyTree, walks: cohorts.Source, made: Lessons, losses: Collection[str]
+) -> None:
     """Print what is doubtful about the recordings learned from and their references, as `jgait evaluate` does.
 
-    Exits with code 2 if the references of all contradict the estimates, as in another unit.
+    Exits with code 2 if the references of all contradict the estimates, as in another unit, in what the losses compare.
     """
     rows = cohorts.evaluated(ready, start, walks).recordings
     rows = rows[rows["recording"].isin(made.names)]
-    wrong = {DISTANCE_OFF.code, STRIDES_OFF.code}
+    wrong = {code for name, code in CONTRADICTS.items() if name in losses}
     off = [[one for one in from_json(notes) if one.code in wrong] for notes in rows["notes"]]
     if len(off) > 1 and all(off):
         name, first = rows["recording"].iloc[0], off[0][0]

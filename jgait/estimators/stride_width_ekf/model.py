@@ -116,11 +116,10 @@ def _foot_noise(params: WidthModelParams, heading: Values, foot: PathControl) ->
 
 
 _MOVED = {
-    "right": {"apart_x": "x", "apart_y": "y", "x_right": "x", "y_right": "y"},
-    "left": {"apart_x": "x", "apart_y": "y"},
+    side: {"apart_x": "x", "apart_y": "y", f"moved_x_{side}": "x", f"moved_y_{side}": "y", f"heading_{side}": "heading"}
+    for side in SIDES
 }
-for _side, _parts in _MOVED.items():
-    _parts |= {f"moved_x_{_side}": "x", f"moved_y_{_side}": "y", f"heading_{_side}": "heading"}
+_MOVED["right"] |= {"x_right": "x", "y_right": "y"}
 """Side → component of the state that a foot moves → by its way along x or y or its turn."""
 
 
