@@ -9,11 +9,14 @@ the upward and the two horizontal accelerations at the step frequency, the forwa
 In running the forward acceleration follows the upward one instead: the leg is a spring, not a pole. Walking decides; if
 the person only runs, Im (c · n) < 0.
 
+In a bout of few steps, setting off and stopping hide this phase; between two rests, forward is where the person went.
+
 On the walks of `ipol_gait` and the straight walks of `mobgap_lab` the computed axis is within 15° of the mounted
 sensor's forward axis, and the phase of c · n between 75° and 125° (tested). The wearer need not report a sensor at the
 side of the waist, upside down or turned about the vertical.
 """
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +42,10 @@ LEAST = 0.25
 SURE = 40.0
 """[deg] Largest difference of the phase from a quarter of a step with which forward and backward are certain; in 36
 walks of `ipol_gait` and 4 of `mobgap_lab` the difference is up to 33°."""
+
+WENT_S, WENT_M = 10.0, 1.0
+"""[s], [m] Longest time between two rests over which a velocity is integrated, and least distance from one rest to the
+next that has a direction."""
 
 FREE, OVER_S = 0.35, 0.05
 """[1], [s] Specific force over gravity, as a mean over `OVER_S`, below which the trunk falls freely: in running it is
@@ -66,11 +73,12 @@ class TrunkAxes(NamedTuple):
     step_frequency: float  #: step frequency of the whole recording [Hz].
     #: phase lead of the forward over the upward acceleration at that frequency [rad]; walking has about π/2.
     phase: float
+    went: bool = False  #: forward is where the person went, see `where_one_went`.
 
     @property
     def sure(self) -> bool:
         """Whether forward and backward are distinguished with certainty, see `SURE`."""
-        return bool(abs(self.phase - 0.5 * np.pi) < np.deg2rad(SURE))
+        return self.went or bool(abs(self.phase - 0.5 * np.pi) < np.deg2rad(SURE))
 
 
 def functional_axes(imu: Imu, sampling_rate_hz: float) -> TrunkAxes | None:
@@ -112,6 +120,30 @@ def functional_axes(imu: Imu, sampling_rate_hz: float) -> TrunkAxes | None:
         axis, along = -axis, -along
     forward = axis[0] * side + axis[1] * two
     return TrunkAxes(np.stack([forward, np.cross(up, forward), up]), float(steps), float(np.angle(along)))
+
+
+def where_one_went(
+    axes: TrunkAxes, level: np.ndarray, rests: list[tuple[int, int]], sampling_rate_hz: float
+) -> TrunkAxes:
+    """The axes with forward where the person went from one rest to the next, by the integrated accelerations.
+
+    Args:
+        axes: whose forward axis is replaced; they stay as they are if nobody went farther than `WENT_M`.
+        level: (T, 2) forward and leftward acceleration in these axes, without gravity [m/s²].
+        rests: half-open ranges of samples in which the person stands, in order.
+        sampling_rate_hz: sampling rate [Hz].
+    """
+    way = np.zeros(2)
+    for (_, begin), (end, _) in itertools.pairwise(rests):
+        if end - begin < WENT_S * sampling_rate_hz:
+            speed = np.cumsum(level[begin:end], axis=0) / sampling_rate_hz
+            speed -= np.linspace(0.0, 1.0, end - begin)[:, None] * speed[-1]
+            way += speed.sum(axis=0) / sampling_rate_hz
+    if np.hypot(*way) < WENT_M:
+        return axes
+    forward, left, up = axes.rows
+    forward = (way[0] * forward + way[1] * left) / np.hypot(*way)
+    return axes._replace(rows=np.stack([forward, np.cross(up, forward), up]), went=True)
 
 
 def step_frequency(acc: np.ndarray, sampling_rate_hz: float) -> float:

@@ -31,6 +31,9 @@ deviation of 0.15."""
 UNCLOSED = 2.0
 """[steps] If standing begins later than this after the last contact that was found, a closing step came between."""
 
+SETTING_OFF = 1.15
+"""[steps] Least time from standing to the first contact: weight is shifted, and a foot swings. What is found sooner is
+the shift of weight, on walks of `ipol_gait` and simulated ones; no checked contact of `ipol_gait` comes so soon."""
 
 MOVES, STEP = 0.5, 0.6
 """[1], [strides] Spread of the specific force over that in walking, from which on a person walks on after the last
@@ -59,8 +62,9 @@ def bouts(contacts: trunk_events.Contacts, still: list[tuple[int, int]], rate: f
     likely = 0.5 + 0.5 * as_float(contacts.certainty)
     if not len(at):
         return []
+    begun, ended = (np.searchsorted([run[k] for run in still], at, side="right") for k in (0, 1))
     pause = np.maximum(PAUSE_STEPS / np.maximum(as_float(contacts.step_frequency), 0.5), PAUSE_S) * rate
-    cut = np.flatnonzero(np.diff(at) > pause[1:]) + 1
+    cut = np.flatnonzero((np.diff(at) > pause[1:]) | (ended[1:] > begun[:-1])) + 1
     of_bouts: list[list[Node]] = []
     stood = -1.0
     for rows in np.split(np.arange(len(at)), cut):
@@ -71,6 +75,8 @@ def bouts(contacts: trunk_events.Contacts, still: list[tuple[int, int]], rate: f
         from_rest = before >= stood and before >= 0.0 and first - before <= START_S * rate
         to_rest = behind - last <= START_S * rate
         step = rate / as_float(contacts.step_frequency)[rows[-1]]
+        if from_rest and len(rows) > 1 and first - before < SETTING_OFF * step:
+            rows = rows[1:]
         closed = to_rest and len(rows) > 1 and SETTLING[0] < (last - at[rows[-2]]) / step < SETTLING[1]
         if closed:
             last = at[rows[-1]] = at[rows[-2]] + CLOSING * step

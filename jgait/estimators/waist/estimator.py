@@ -227,12 +227,14 @@ def _felt(result: Estimate, contacts: np.ndarray) -> np.ndarray:
     return np.array([1.0 + float(np.median(steps)) / GRAVITY if steps.size else 1.0 for steps in beside])
 
 
-def _doubts(result: Estimate, contacts: np.ndarray, options: WaistOptions) -> tuple[list[Note], np.ndarray]:
+def _doubts(
+    result: Estimate, contacts: np.ndarray, options: WaistOptions, integrated: np.ndarray
+) -> tuple[list[Note], np.ndarray]:
     """Notes if the distance is unreliable (see `DOUBTFUL`), strides are short or slow, or the person runs in some (see
     `FREE`); and (n,) bool, the strides that are unlike those from which the pendulum was learned.
 
     Strides are short or slow all together, if their median is below `SHORTEST` or `SLOWEST`, or each for itself (see
-    `SLOW`), or slower than the others (see `LONGER`).
+    `SLOW`), or slower than the others (see `LONGER`); not where (n,) both steps are `integrated`, beside standing.
     """
     strides, notes = result.strides, []
     kept = np.asarray(strides.valid, bool)
@@ -247,12 +249,12 @@ def _doubts(result: Estimate, contacts: np.ndarray, options: WaistOptions) -> tu
     if options.distance in ("fused", "pendulum"):
         length, speed, turn = (as_float(part) for part in (strides.length, strides.speed, strides.turn))
         turning = kept & (np.abs(turn) > TURNING)
-        noted = slow = kept & (speed < SLOW) & ~turning
+        noted = slow = kept & (speed < SLOW) & ~turning & ~integrated
         if np.median(length[kept]) < SHORTEST or np.median(speed[kept]) < SLOWEST:
             noted, slow = kept & ((length < SHORTEST) | (speed < SLOWEST)), kept
         lasts = as_float(strides.end) - as_float(strides.start)
         usual = float(np.median(lasts[kept & ~runs])) if (kept & ~runs).any() else np.inf
-        slower = kept & (lasts > LONGER * usual) & ~turning & ~slow
+        slower = kept & (lasts > LONGER * usual) & ~turning & ~slow & ~integrated
         if slow is kept or slow.sum() > FEW:
             middle = {"length_m": np.median(length[noted]), "speed": np.median(speed[noted])}
             notes.append(SHORT_OR_SLOW(strides=noted.sum(), of=kept.sum(), **middle, least_m=SHORTEST, slowest=SLOWEST))
@@ -276,12 +278,20 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
     for name in ("initial_contact", "initial_contact_side", "initial_contact_side_probability"):
         diagnostics[name] = diagnostics[name][contacts]
     result = _with_missed(result._replace(diagnostics=diagnostics), made.inputs)
-    doubts, unlike = _doubts(result, diagnostics["initial_contact"], made.options)
+    doubts, unlike = _doubts(result, diagnostics["initial_contact"], made.options, _integrated(made))
     diagnostics = {**result.diagnostics, "notes": (*result.diagnostics["notes"], *doubts)}
     if note := _steps_missed(result, diagnostics["initial_contact"]):
         unlike = np.ones(len(unlike), bool)
         diagnostics |= {"doubtful": unlike, "notes": (*diagnostics["notes"], note)}
     return wider(result._replace(diagnostics=diagnostics), UNLIKE_SD * unlike)
+
+
+def _integrated(made: Prepared[WaistInputs]) -> np.ndarray:
+    """(strides,) bool: both steps of the stride are beside standing, so that no pendulum measures them."""
+    inputs = made.inputs
+    beside = np.convolve(inputs.stands, np.ones(2 * EDGE_STEPS + 1), mode="same") > 0.0
+    rows = np.flatnonzero(inputs.stride)
+    return beside[rows] & beside[rows - 1] & (made.options.distance == "fused")
 
 
 def _steps_missed(result: Estimate, contacts: np.ndarray) -> Note | None:
@@ -303,7 +313,6 @@ def _with_missed(result: Estimate, inputs: WaistInputs) -> Estimate:
         return result
     begin, end = time[np.flatnonzero(flags)[[0, -1]]]
     diagnostics["notes"] += (WALKING_MISSED(seconds=seconds[-1], begin_s=begin, end_s=end),)
-    speeds = as_float(result.strides.speed)[np.asarray(result.strides.valid, bool)]
-    speed = float(np.median(speeds)) if len(speeds) else WaistParams().start_speed
+    speed = WaistParams().start_speed
     diagnostics["distance_stddev"] = np.hypot(as_float(diagnostics["distance_stddev"]), speed * seconds)
     return result._replace(diagnostics=diagnostics)

@@ -80,7 +80,7 @@ class WaistParams(NamedTuple):
     )] = 0.2  # fmt: skip
     speed_noise: Annotated[Param, Parameter(
         positive, "m/s²/√Hz", "root of the spectral density of the forward acceleration's error",
-    )] = 0.6  # fmt: skip
+    )] = 0.3  # fmt: skip
     acc_bias: Annotated[Param, Parameter(
         positive, "m/s²", "standard deviation of the forward acceleration's bias after standing",
     )] = 0.1  # fmt: skip

@@ -105,19 +105,25 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
         axes = TrunkAxes(_any_axes(up / np.linalg.norm(up)), 0.0, 0.0)
         nobody = _assembled(whole, axes, time, mask, rate, TrunkRest.none(len(time)), NO_NODES)
         return Prepared(nobody, options, (*notes, NO_TRUNK_STEPS(placement=name)), None)
+    angle, over = _turned_over(as_float(whole.acc), axes.rows[2], rate)
+    mask &= ~over
+    one_pose = not over.any()
+    if not axes.sure:
+        _, rested, motion = _motion(whole, axes, time, mask, rate, name, [], one_pose)
+        axes = trunk_axes.where_one_went(
+            axes, np.stack(motion[:2], axis=1), [(int(a), int(b)) for a, b in true_runs(rested.still)], rate
+        )
     notes.append(AXES_CORRECTED(placement=name, **trunk_axes.worn(axes)))
     if not axes.sure:
         notes.append(FORWARD_UNSURE(placement=name))
-    angle, over = _turned_over(as_float(whole.acc), axes.rows[2], rate)
-    if over.any():
-        mask &= ~over
+    if not one_pose:
         notes.append(
             LIES_TURNED(
                 placement=name, seconds=np.sum(over) / rate, begin_s=time[over][0],
                 degrees=np.rad2deg(np.median(angle[over])),
             )
         )  # fmt: skip
-    whole, rested, motion = _motion(whole, axes, time, mask, rate, name, notes, one_pose=not over.any())
+    whole, rested, motion = _motion(whole, axes, time, mask, rate, name, notes, one_pose)
     notes += rested.notes
     contacts = _contacts(motion, mask, rate, options)
     if any(note.code == GYROSCOPE_CONTRADICTS.code for note in notes):

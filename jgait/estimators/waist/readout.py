@@ -107,6 +107,14 @@ def integrated_speed(
     return (here - earlier(here, 1)) / duration, held & inputs.steps
 
 
+def _beside(flags: Flags) -> Flags:
+    """(K,) bool, within `EDGE_STEPS` nodes of one of these."""
+    none = jnp.zeros_like(flags[:1])
+    for _ in range(EDGE_STEPS):
+        flags = flags | jnp.concatenate([none, flags[:-1]]) | jnp.concatenate([flags[1:], none])
+    return flags
+
+
 def _step_variance(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> Values:
     """(K,) variance of the pendulum's steps [m²]; larger in turns, at both ends of a bout, and over lost samples.
 
@@ -114,10 +122,7 @@ def _step_variance(p: WaistParams, inputs: WaistInputs, intervals: Intervals) ->
     """
     row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
     ends = jnp.concatenate([inputs.fresh[1:], jnp.zeros_like(inputs.fresh[:1])]) | (row == inputs.count - 1)
-    edge = inputs.stands | (ends & inputs.moves)
-    for _ in range(EDGE_STEPS):
-        none = jnp.zeros_like(edge[:1])
-        edge = edge | jnp.concatenate([none, edge[:-1]]) | jnp.concatenate([edge[1:], none])
+    edge = _beside(inputs.stands | (ends & inputs.moves))
     lost = jnp.cumsum(jnp.where(inputs.measured, 0.0, inputs.dt))[inputs.at]
     edge = edge | (lost - earlier(lost, 1) > LONGEST_LOSS)
     turned = (p.turn_noise * intervals.turn) ** 2
@@ -143,8 +148,7 @@ def fused(p: WaistParams, inputs: WaistInputs, intervals: Intervals, options: Wa
         pendulum=intervals.pendulum,
         pendulum_variance=_step_variance(p, inputs, intervals),
     )
-    stops = inputs.stands & inputs.moves
-    stepped = (stops | (inputs.steps & (intervals.pendulum > 0.0))) & there
+    stepped = inputs.steps & (intervals.pendulum > 0.0) & ~_beside(inputs.stands) & there
     mask = WaistObservation(stepped, inputs.stands & there)
     observed = WaistObservation(zero, zero)
     known = model_params(p, jnp.any(inputs.still))

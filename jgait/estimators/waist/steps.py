@@ -80,11 +80,6 @@ def intervals(p: WaistParams, inputs: WaistInputs, motion: TrunkMotion) -> Inter
     duration = jnp.where(there, (inputs.at - before).astype(forward.dtype) / rate, 0.0)
     turn = jnp.where(there, motion.heading[inputs.at] - motion.heading[before], 0.0)
     steps_of = jnp.exp(-p.turn_shortening * jnp.abs(turn)) * pendulum(p, excursion, surge)
-    # the closing step brings the trunk above the foot that went before: half of the step before, and nothing after it
-    stops = inputs.stands & inputs.moves
-    closes = jnp.concatenate([stops[1:], jnp.zeros_like(stops[:1])]) & inputs.steps
-    before = jnp.concatenate([jnp.zeros_like(steps_of[:1]), steps_of[:-1]])
-    steps_of = jnp.where(stops, 0.0, jnp.where(closes, 0.5 * before, steps_of))
     return Intervals(duration, gained, went, steps_of, turn)
 
 

@@ -64,7 +64,8 @@ def test_a_straight_walk(straight):
     np.testing.assert_allclose(strides.step_length[4:12], 0.66, rtol=0.04)
     np.testing.assert_allclose(strides.turn, 0.0, atol=0.02)
     np.testing.assert_array_equal(np.diff(strides.side) != 0, True)
-    assert np.all(np.diff(estimate.distance) >= 0.0)
+    # the trunk sways back before it stands
+    assert np.all(estimate.distance > np.maximum.accumulate(estimate.distance) - 0.1)
     # the shake after the walk, which counts as a contact, has no known side
     assert not any(estimate.diagnostics[name][:-1].any() for name in FLAGS)
     stated = estimate.strides_stddev.length  # setting off and stopping tell less
@@ -165,7 +166,7 @@ def test_walking_without_contacts_is_noted_and_in_the_deviation(bent, monkeypatc
     (note,) = of_code(told.diagnostics["notes"], "walking_missed")
     assert note.values["begin_s"] > 5.0 and note.values["seconds"] > 2.0
     missing = made.distance - told.distance[-1]
-    assert 0.5 * missing < told.diagnostics["distance_stddev"][-1]
+    assert 0.45 * missing < told.diagnostics["distance_stddev"][-1]
     assert told.diagnostics["distance_stddev"][imu.time.searchsorted(4.0)] < 0.5
     assert "walking_missed" not in codes(right.diagnostics["notes"])
 
@@ -229,6 +230,41 @@ def test_each_bout_is_one_of_its_own():
     assert len(late) >= 6 and len(early) >= 6 and early.max() < 9.0
 
 
+@pytest.mark.parametrize("stop", [0.7, 1.0, 1.5])
+def test_in_a_short_stop_nobody_gets_ahead(stop):
+    """Distances with such stops were 11 to 24 % longer than without."""
+    key, way = jax.random.key(51), simulate.straight(6.0)
+    person = simulate.person_of(simulate.population(jax.random.key(50), 1, recorded=True), 0)
+    walked, truth = simulate.with_breaks(
+        key, simulate.covering(key, person, way), [way] * 3, [stop] * 2, placements=("lower_back",)
+    )
+    estimate = waist.estimate(WaistParams(), walked)
+    straight = simulate.straight(18.0)
+    plain, whole = simulate.recording(
+        key, simulate.covering(key, person, straight), straight, placements=("lower_back",)
+    )
+    ratio = waist.estimate(WaistParams(), plain).distance[-1] / whole.estimate.distance[-1]
+    true = np.asarray(truth.estimate.distance)
+    np.testing.assert_allclose(estimate.distance[-1] / true[-1], ratio, rtol=0.04)
+    share = estimate.strides_stddev.length / estimate.strides.length
+    assert np.median(share) < 0.1 and estimate.diagnostics["distance_stddev"][-1] < 0.1 * true[-1]
+
+
+@pytest.mark.parametrize("number", [2, 4])
+def test_in_a_bout_of_few_steps_forward_is_where_the_person_went(number):
+    """By the phase of the steps alone forward was 120° and 160° off, and distances 35 and 44 % too short."""
+    key, way = jax.random.fold_in(jax.random.key(51), number), simulate.straight(3.0)
+    person = simulate.person_of(simulate.population(jax.random.key(50), 5, recorded=True), number)
+    person = simulate.covering(key, person, way)
+    recording, truth = simulate.recording(key, person, way, placements=("lower_back",))
+    estimate = waist.estimate(WaistParams(), recording)
+    found = codes(estimate.diagnostics["notes"])
+    assert "forward_unsure" not in found
+    (axes,) = of_code(estimate.diagnostics["notes"], "axes_corrected")
+    assert axes.values["forward"] == "x" and axes.values["turned_deg"] < 15.0
+    np.testing.assert_allclose(estimate.distance[-1], truth.estimate.distance[-1], rtol=0.12)
+
+
 def test_who_does_not_walk_has_an_empty_table():
     rng = np.random.default_rng(0)
     imu = imu_of(walk().recording)
@@ -260,13 +296,14 @@ def test_a_walk_slower_than_those_learned_from_is_noted(straight):
 
 def test_a_few_slow_strides_alone_are_as_uncertain_as_many():
     estimate = estimated(walk(speed=0.5, steps=4).recording)
-    assert estimate.strides.valid.sum() == 3
+    assert estimate.strides.valid.sum() == 2
     assert np.all(estimate.strides_stddev.length > 0.35 * estimate.strides.length)
 
 
 def test_some_slow_strides_in_a_usual_walk_are_noted():
     estimate = estimated(joined(walk().recording, walk(speed=0.45, steps=10).recording))
     slow = estimate.strides.speed < 0.6
+    slow &= np.arange(slow.size) < slow.size - 2  # the last two end beside standing, and are integrated
     assert f"{slow.sum()} of {slow.size} strides, of 0.86 m at 0.49 m/s" in notes(estimate)
     share = estimate.strides_stddev.length / estimate.strides.length
     assert np.all(share[slow] > 0.35) and np.all(share[2:14] < 0.1)
