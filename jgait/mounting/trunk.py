@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.geometry.vectors import GRAVITY
-from jgait.signal.windows import held_mean, window_size, window_sum
+from jgait.signal.windows import held_mean, true_runs, window_size, window_sum
 from jgait.types import Imu, RecordingError, as_float
 
 SLOWEST, FASTEST = 1.2, 2.8
@@ -43,7 +43,7 @@ SURE = 40.0
 """[deg] Largest difference of the phase from a quarter of a step with which forward and backward are certain; in 36
 walks of `ipol_gait` and 4 of `mobgap_lab` the difference is up to 33°."""
 
-WENT_S, WENT_M = 10.0, 1.0
+WENT_S, WENT_M = 30.0, 1.0
 """[s], [m] Longest time between two rests over which a velocity is integrated, and least distance from one rest to the
 next that has a direction."""
 
@@ -122,23 +122,30 @@ def functional_axes(imu: Imu, sampling_rate_hz: float) -> TrunkAxes | None:
     return TrunkAxes(np.stack([forward, np.cross(up, forward), up]), float(steps), float(np.angle(along)))
 
 
-def where_one_went(
-    axes: TrunkAxes, level: np.ndarray, rests: list[tuple[int, int]], sampling_rate_hz: float
-) -> TrunkAxes:
+def moved_between(acc: np.ndarray, still: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
+    """Displacement (T, n) since the rest before [m], by integrating accelerations (T, n) [m/s²] from rest to rest; 0 at
+    rest and where there is no rest within `WENT_S`. `still` (T,) bool is True where the person stands.
+    """
+    moved = np.zeros_like(acc)
+    for (_, begin), (end, _) in itertools.pairwise(true_runs(still)):
+        if end - begin < WENT_S * sampling_rate_hz:
+            speed = np.cumsum(acc[begin:end], axis=0) / sampling_rate_hz
+            speed -= np.linspace(0.0, 1.0, end - begin)[:, None] * speed[-1]
+            moved[begin:end] = np.cumsum(speed, axis=0) / sampling_rate_hz
+    return moved
+
+
+def where_one_went(axes: TrunkAxes, level: np.ndarray, still: np.ndarray, sampling_rate_hz: float) -> TrunkAxes:
     """The axes with forward where the person went from one rest to the next, by the integrated accelerations.
 
     Args:
         axes: whose forward axis is replaced; they stay as they are if nobody went farther than `WENT_M`.
         level: (T, 2) forward and leftward acceleration in these axes, without gravity [m/s²].
-        rests: half-open ranges of samples in which the person stands, in order.
+        still: (T,) bool, the person stands.
         sampling_rate_hz: sampling rate [Hz].
     """
-    way = np.zeros(2)
-    for (_, begin), (end, _) in itertools.pairwise(rests):
-        if end - begin < WENT_S * sampling_rate_hz:
-            speed = np.cumsum(level[begin:end], axis=0) / sampling_rate_hz
-            speed -= np.linspace(0.0, 1.0, end - begin)[:, None] * speed[-1]
-            way += speed.sum(axis=0) / sampling_rate_hz
+    stops = np.flatnonzero(~still[:-1] & still[1:])
+    way = moved_between(level, still, sampling_rate_hz)[stops].sum(axis=0)
     if np.hypot(*way) < WENT_M:
         return axes
     forward, left, up = axes.rows

@@ -19,6 +19,7 @@ from jgait.estimators.waist.bouts import LEAST_S, missed
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.notes import (
+    CLIMBS,
     DISTANCE_DOUBTFUL,
     FALLS_FREELY,
     SHORT_OR_SLOW,
@@ -38,7 +39,7 @@ from jgait.estimators.waist.prepare import prepare
 from jgait.estimators.waist.readout import EDGE_STEPS, WaistWalk, earlier
 from jgait.estimators.waist.steps import Intervals
 from jgait.geometry.vectors import GRAVITY
-from jgait.mounting.trunk import FREE, OVER_S, step_frequency
+from jgait.mounting.trunk import FREE, OVER_S, moved_between, step_frequency
 from jgait.notes import Note
 from jgait.types import Estimate, Legs, Recording, Strides, Values, as_float
 
@@ -207,10 +208,18 @@ EVERY_SECOND = 0.65
 """[1] Contacts a second over the trunk's step frequency below which contacts are missed; chosen, far below all walks of
 `ipol_gait`, `mobgap_lab` and `tripod`. In limping, only the step of one leg may be found."""
 
+RISES = 0.2
+"""[m] Rise or fall of a stride from which on it is of stairs, if more than `FEW` are. Flat stairs have more, slopes that
+are walked usually less; no stride of a recorded walk with rests before and behind it on level ground has more."""
+
 UNLIKE_SD = 0.35
 """[1] Standard deviation of lengths and distance over themselves in walks unlike those from which the pendulum was
 learned, and of strides that turn, which may be steps on the spot. Chosen by simulated people who shuffle, limp or run
 (experiment `people.gaits`)."""
+
+
+CLIMBS_SD = 0.6
+"""[1] The same of strides on stairs: a tread is about as much shorter than a usual step."""
 
 
 def _felt(result: Estimate, contacts: np.ndarray) -> np.ndarray:
@@ -227,19 +236,19 @@ def _felt(result: Estimate, contacts: np.ndarray) -> np.ndarray:
     return np.array([1.0 + float(np.median(steps)) / GRAVITY if steps.size else 1.0 for steps in beside])
 
 
-def _doubts(
-    result: Estimate, contacts: np.ndarray, options: WaistOptions, integrated: np.ndarray
-) -> tuple[list[Note], np.ndarray]:
-    """Notes if the distance is unreliable (see `DOUBTFUL`), strides are short or slow, or the person runs in some (see
-    `FREE`); and (n,) bool, the strides that are unlike those from which the pendulum was learned.
+def _doubts(result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs]) -> tuple[list[Note], np.ndarray]:
+    """Notes if the distance is unreliable (see `DOUBTFUL`), strides are short or slow, or in some the person climbs
+    (see `RISES`) or runs (see `FREE`); and (n,) the deviation of each stride over itself [1] if it is unlike those from
+    which the pendulum was learned, else 0.
 
     Strides are short or slow all together, if their median is below `SHORTEST` or `SLOWEST`, or each for itself (see
-    `SLOW`), or slower than the others (see `LONGER`); not where (n,) both steps are `integrated`, beside standing.
+    `SLOW`), or slower than the others (see `LONGER`); not where both steps are integrated, beside standing.
     """
+    options, integrated = made.options, _integrated(made)
     strides, notes = result.strides, []
     kept = np.asarray(strides.valid, bool)
     if not kept.any():
-        return [], kept
+        return [], np.zeros(len(kept))
     way, spread = float(result.distance[-1]), float(result.diagnostics["distance_stddev"][-1])
     if not spread <= DOUBTFUL * abs(way) or way <= 0.0:
         of = "" if options.distance == "fused" else f' (distance="{options.distance}")'
@@ -264,11 +273,24 @@ def _doubts(
             slow = slow | slower
         beside = np.convolve(slow, np.ones(2 * EDGE_STEPS + 1))[EDGE_STEPS:-EDGE_STEPS] > 0.0  # a person stops
         unlike = (kept & beside) | turning
+    rise = _rise(result, made.inputs.still)
+    climbs = kept & (np.abs(rise) > RISES)
+    climbs &= climbs.sum() > FEW
+    if climbs.any():
+        notes.append(CLIMBS(strides=climbs.sum(), of=kept.sum(), rise_m=np.median(np.abs(rise[climbs]))))
     if runs.sum() > FEW:
         share = 100.0 * max(float(np.median(force[runs])), 0.0)
         notes.append(FALLS_FREELY(strides=runs.sum(), of=kept.sum(), share_pct=share))
         unlike |= runs
-    return notes, unlike
+    return notes, np.where(climbs, CLIMBS_SD, UNLIKE_SD * unlike)
+
+
+def _rise(result: Estimate, still: np.ndarray) -> np.ndarray:
+    """(strides,) [m] by how much the trunk is higher at the end of each stride; 0 where rests are too far to tell."""
+    time, strides = as_float(result.time), result.strides
+    up = as_float(result.diagnostics["trunk_acceleration"])[:, 2:]
+    height = moved_between(up, still, (len(time) - 1) / float(np.ptp(time)))[:, 0]
+    return np.interp(as_float(strides.end), time, height) - np.interp(as_float(strides.start), time, height)
 
 
 def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
@@ -278,12 +300,12 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
     for name in ("initial_contact", "initial_contact_side", "initial_contact_side_probability"):
         diagnostics[name] = diagnostics[name][contacts]
     result = _with_missed(result._replace(diagnostics=diagnostics), made.inputs)
-    doubts, unlike = _doubts(result, diagnostics["initial_contact"], made.options, _integrated(made))
+    doubts, share = _doubts(result, diagnostics["initial_contact"], made)
     diagnostics = {**result.diagnostics, "notes": (*result.diagnostics["notes"], *doubts)}
     if note := _steps_missed(result, diagnostics["initial_contact"]):
-        unlike = np.ones(len(unlike), bool)
-        diagnostics |= {"doubtful": unlike, "notes": (*diagnostics["notes"], note)}
-    return wider(result._replace(diagnostics=diagnostics), UNLIKE_SD * unlike)
+        share = np.maximum(share, UNLIKE_SD)
+        diagnostics |= {"doubtful": np.ones(len(share), bool), "notes": (*diagnostics["notes"], note)}
+    return wider(result._replace(diagnostics=diagnostics), share)
 
 
 def _integrated(made: Prepared[WaistInputs]) -> np.ndarray:

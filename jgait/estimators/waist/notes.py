@@ -118,7 +118,16 @@ FALLS_FREELY = Kind(
     "distance are wrong by a third, and steps can be missed; deviations of these strides are therefore large.",
 )
 
-UNLEARNED = (SHORT_OR_SLOW.code, FALLS_FREELY.code)
+CLIMBS = Kind(
+    "waist_climbs",
+    "check",
+    "{strides} of {of} strides rise or fall by {rise_m:.2f} m in the median, as on stairs",
+    "Step lengths were learned on level ground. On stairs, lengths and distance are more than twice too large; "
+    "deviations of these strides are therefore large. Sensors on feet or shanks measure stairs. Stairs are only seen "
+    "where the person stands before and behind them.",
+)
+
+UNLEARNED = (SHORT_OR_SLOW.code, FALLS_FREELY.code, CLIMBS.code)
 """Codes of notes that a walk is unlike those from which step lengths were learned."""
 
 DISTANCE_DOUBTFUL = Kind(

@@ -110,9 +110,8 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
     one_pose = not over.any()
     if not axes.sure:
         _, rested, motion = _motion(whole, axes, time, mask, rate, name, [], one_pose)
-        axes = trunk_axes.where_one_went(
-            axes, np.stack(motion[:2], axis=1), [(int(a), int(b)) for a, b in true_runs(rested.still)], rate
-        )
+        level = np.stack(motion[:2], axis=1)[: len(time)]
+        axes = trunk_axes.where_one_went(axes, level, rested.still, rate)
     notes.append(AXES_CORRECTED(placement=name, **trunk_axes.worn(axes)))
     if not axes.sure:
         notes.append(FORWARD_UNSURE(placement=name))

@@ -265,6 +265,23 @@ def test_in_a_bout_of_few_steps_forward_is_where_the_person_went(number):
     np.testing.assert_allclose(estimate.distance[-1], truth.estimate.distance[-1], rtol=0.12)
 
 
+@pytest.mark.parametrize("riser, slope", [(0.17, 0.0), (-0.17, 0.0), (0.0, 0.08)])
+def test_stairs_are_noted_and_uncertain_and_slopes_are_not(riser, slope):
+    short = {"stride_length": 0.62, "stride_time": 1.2} if riser else {}
+    along = simulate.route({"length": 3.0}, {"length": 4.0, "riser": riser, "slope": slope}, {"length": 3.0})
+    key = jax.random.key(4)
+    person = simulate.covering(key, simulate.Person(gait=simulate.Gait(knee_stance=0.2, **short)), along)
+    recording, truth = simulate.recording(key, person, along, placements=("lower_back",))
+    estimate = estimated(recording)
+    found = of_code(estimate.diagnostics["notes"], "waist_climbs")
+    assert len(found) == bool(riser)
+    if riser:
+        assert found[0].values["rise_m"] == pytest.approx(0.34, abs=0.08)
+        share = estimate.strides_stddev.length / estimate.strides.length
+        assert np.sum(share > 0.6) == found[0].values["strides"] > 8
+        assert 3.0 * estimate.diagnostics["distance_stddev"][-1] > estimate.distance[-1] - truth.estimate.distance[-1]
+
+
 def test_who_does_not_walk_has_an_empty_table():
     rng = np.random.default_rng(0)
     imu = imu_of(walk().recording)
