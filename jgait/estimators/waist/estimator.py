@@ -209,8 +209,8 @@ EVERY_SECOND = 0.65
 `ipol_gait`, `mobgap_lab` and `tripod`. In limping, only the step of one leg may be found."""
 
 RISES = 0.2
-"""[m] Rise or fall of a stride from which on it is of stairs, if more than `FEW` are. Flat stairs have more, slopes that
-are walked usually less; no stride of a recorded walk with rests before and behind it on level ground has more."""
+"""[m] Rise or fall of a stride from which on it is of stairs, if more than `FEW` are. Flat stairs have more, usual
+slopes less; on recorded walks on level ground hardly a stride has more."""
 
 UNLIKE_SD = 0.35
 """[1] Standard deviation of lengths and distance over themselves in walks unlike those from which the pendulum was
