@@ -34,6 +34,24 @@ def off(rows, true):
     return np.rad2deg(np.arccos(np.clip(np.sum(rows * true, axis=1), -1.0, 1.0)))
 
 
+@pytest.mark.parametrize("left, moved", [(-0.15, True), (0.2, True), (0.02, False)])
+def test_a_sensor_at_a_side_is_moved_to_the_middle(left, moved):
+    middle = trunk()
+    angle = np.pi * STEPS_HZ * middle.time
+    walks = (middle.time > 2.0) & (middle.time < 10.0)
+    roll, yaw = (size * walks * np.cos(angle + phase) for size, phase in ((0.8, 0.4), (0.6, 1.5)))
+    gyr = np.stack([roll, 0.0 * roll, yaw], axis=1)
+    turns = np.gradient(gyr, middle.time, axis=0)
+    aside = middle.acc + left * np.stack([-turns[:, 2], 0.0 * roll, turns[:, 0]], axis=1)
+    worn_so = Imu(middle.time, gyr @ MOUNTED, aside @ MOUNTED, middle.mask)
+    found = trunk_axes.centred(worn_so, MOUNTED, RATE)
+    assert (found is not worn_so) == moved
+    if moved:
+        away = walks & (np.abs(middle.time - 6.0) < 3.5)
+        error, was = (np.abs(acc - middle.acc)[away].max() for acc in (found.acc @ MOUNTED.T, aside))
+        assert error < 0.2 * was
+
+
 def test_forward_is_where_one_went_between_two_rests():
     axes = TrunkAxes(np.eye(3), 2.0, 0.0)
     time = np.arange(600) / 100.0

@@ -105,6 +105,8 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
         axes = TrunkAxes(_any_axes(up / np.linalg.norm(up)), 0.0, 0.0)
         nobody = _assembled(whole, axes, time, mask, rate, TrunkRest.none(len(time)), NO_NODES)
         return Prepared(nobody, options, (*notes, NO_TRUNK_STEPS(placement=name)), None)
+    worn, whole = whole, trunk_axes.centred(whole, axes.rows, rate)
+    axes = trunk_axes.functional_axes(whole, rate) or axes
     angle, over = _turned_over(as_float(whole.acc), axes.rows[2], rate)
     mask &= ~over
     one_pose = not over.any()
@@ -112,6 +114,7 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
         _, rested, motion = _motion(whole, axes, time, mask, rate, name, [], one_pose)
         level = np.stack(motion[:2], axis=1)[: len(time)]
         axes = trunk_axes.where_one_went(axes, level, rested.still, rate)
+        whole = trunk_axes.centred(worn, axes.rows, rate)
     notes.append(AXES_CORRECTED(placement=name, **trunk_axes.worn(axes)))
     if not axes.sure:
         notes.append(FORWARD_UNSURE(placement=name))

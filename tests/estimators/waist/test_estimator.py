@@ -282,6 +282,18 @@ def test_stairs_are_noted_and_uncertain_and_slopes_are_not(riser, slope):
         assert 3.0 * estimate.diagnostics["distance_stddev"][-1] > estimate.distance[-1] - truth.estimate.distance[-1]
 
 
+def test_short_steps_seen_from_the_side_of_the_waist_are_two_a_stride():
+    """There the trunk rises and falls three times a stride, by its turns."""
+    who, key = jax.random.split(jax.random.key(39))
+    person, way = simulate.person_of(simulate.population(who, 1, recorded=True), 0), simulate.straight(10.0)
+    person = simulate.paced(person, 0.86 / float(person.gait.stride_length))
+    person = simulate.covering(key, person._replace(gait=person.gait._replace(stride_time=1.2)), way)
+    recording, truth = simulate.recording(key, person, way, placements=("waist",))
+    estimate = waist.estimate(WaistParams(), recording)
+    assert np.median(estimate.strides.end - estimate.strides.start) == pytest.approx(1.2, abs=0.05)
+    np.testing.assert_allclose(estimate.distance[-1], truth.estimate.distance[-1], rtol=0.1)
+
+
 def test_who_does_not_walk_has_an_empty_table():
     rng = np.random.default_rng(0)
     imu = imu_of(walk().recording)
