@@ -31,9 +31,9 @@ deviation of 0.15."""
 UNCLOSED = 2.0
 """[steps] If standing begins later than this after the last contact that was found, a closing step came between."""
 
-SETTING_OFF = 1.15
-"""[steps] Least time from standing to the first contact: weight is shifted, and a foot swings. What is found sooner is
-the shift of weight, on walks of `ipol_gait` and simulated ones; no checked contact of `ipol_gait` comes so soon."""
+SETTING_OFF_S = 0.5
+"""[s] Least time from standing to the first contact: a foot swings. What is found sooner is the shift of weight, as on
+walks of `ipol_gait` and of simulated people, whose first contacts come later but where very slow ones hardly move."""
 
 MOVES, STEP = 0.5, 0.6
 """[1], [strides] Spread of the specific force over that in walking, from which on a person walks on after the last
@@ -53,10 +53,12 @@ class Node(NamedTuple):
     fresh: bool  #: a bout begins at the node.
 
 
-def bouts(contacts: trunk_events.Contacts, still: list[tuple[int, int]], rate: float) -> list[list[Node]]:
+def bouts(
+    contacts: trunk_events.Contacts, still: list[tuple[int, int]], rate: float, forward: np.ndarray
+) -> list[list[Node]]:
     """Nodes of every bout: its contacts, the end of standing before them and the beginning of standing after them.
 
-    `still` has half-open ranges of samples in which the person stands.
+    `still` has half-open ranges of samples in which the person stands, `forward` (T,) the forward acceleration.
     """
     at, side = as_float(contacts.time) * rate, np.asarray(contacts.side)
     likely = 0.5 + 0.5 * as_float(contacts.certainty)
@@ -75,8 +77,10 @@ def bouts(contacts: trunk_events.Contacts, still: list[tuple[int, int]], rate: f
         from_rest = before >= stood and before >= 0.0 and first - before <= START_S * rate
         to_rest = behind - last <= START_S * rate
         step = rate / as_float(contacts.step_frequency)[rows[-1]]
-        if from_rest and len(rows) > 1 and first - before < SETTING_OFF * step:
+        if from_rest and len(rows) > 1 and first - before < SETTING_OFF_S * rate:
             rows = rows[1:]
+        if to_rest and len(rows) > 2 and forward[round(last) : int(behind)].sum() > 0.0:
+            rows, last = rows[:-1], at[rows[-2]]  # no step: integrated back from standing, the trunk sways backward
         closed = to_rest and len(rows) > 1 and SETTLING[0] < (last - at[rows[-2]]) / step < SETTLING[1]
         if closed:
             last = at[rows[-1]] = at[rows[-2]] + CLOSING * step

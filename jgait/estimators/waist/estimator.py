@@ -208,7 +208,7 @@ EVERY_SECOND = 0.65
 """[1] Contacts a second over the trunk's step frequency below which contacts are missed; chosen, far below all walks of
 `ipol_gait`, `mobgap_lab` and `tripod`. In limping, only the step of one leg may be found."""
 
-RISES = 0.2
+RISES = 0.25
 """[m] Rise or fall of a stride from which on it is of stairs, if more than `FEW` are. Flat stairs have more, usual
 slopes less; on recorded walks on level ground hardly a stride has more."""
 

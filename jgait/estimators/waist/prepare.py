@@ -131,7 +131,7 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
     if any(note.code == GYROSCOPE_CONTRADICTS.code for note in notes):
         contacts = contacts._replace(certainty=np.zeros_like(contacts.certainty))
     still = [(int(a), int(b)) for a, b in true_runs(rested.still)]
-    nodes = waist_bouts.nodes(waist_bouts.bouts(contacts, still, rate), time)
+    nodes = waist_bouts.nodes(waist_bouts.bouts(contacts, still, rate, np.asarray(motion.forward)), time)
     notes += waist_bouts.notes_of(nodes, len(contacts.time), name, time, np.linalg.norm(as_float(whole.acc), axis=1))
     if left_out := waist_bouts.leave_out(nodes, ~mask, time):
         notes.append(STRIDES_IN_LOSS(strides=left_out, placement=name, seconds=LONGEST_LOSS))

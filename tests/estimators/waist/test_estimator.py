@@ -227,7 +227,7 @@ def test_each_bout_is_one_of_its_own():
     assert np.ptp(two.distance[pause]) < 0.01
     late = two.strides.start[np.flatnonzero(two.strides.start > 9.0)]
     early = two.strides.end[np.flatnonzero(two.strides.start < 9.0)]
-    assert len(late) >= 6 and len(early) >= 6 and early.max() < 9.0
+    assert len(late) >= 5 and len(early) >= 5 and early.max() < 9.0
 
 
 @pytest.mark.parametrize("stop", [0.7, 1.0, 1.5])
@@ -332,10 +332,10 @@ def test_a_few_slow_strides_alone_are_as_uncertain_as_many():
 def test_some_slow_strides_in_a_usual_walk_are_noted():
     estimate = estimated(joined(walk().recording, walk(speed=0.45, steps=10).recording))
     slow = estimate.strides.speed < 0.6
-    slow &= np.arange(slow.size) < slow.size - 2  # the last two end beside standing, and are integrated
+    slow &= np.arange(slow.size) < slow.size - 1  # the last one ends beside standing, and is integrated
     assert f"{slow.sum()} of {slow.size} strides, of 0.86 m at 0.49 m/s" in notes(estimate)
     share = estimate.strides_stddev.length / estimate.strides.length
-    assert np.all(share[slow] > 0.35) and np.all(share[2:14] < 0.1)
+    assert np.all(share[slow] > 0.35) and np.all(share[2:12] < 0.1)
     measured = np.sum(estimate.strides.length[slow]) / np.sum(estimate.strides.length)
     assert estimate.diagnostics["distance_stddev"][-1] > 0.35 * measured * estimate.distance[-1]
 
@@ -349,7 +349,7 @@ def test_a_slower_part_of_a_walk_is_noted_and_uncertain(speed, noted):
     found = of_code(estimate.diagnostics["notes"], "slower_part")
     assert [note.values["strides"] for note in found] == [long.sum()] * noted
     share = estimate.strides_stddev.length / estimate.strides.length
-    assert (not noted or np.all(share[long] > 0.35)) and np.all(share[2:14] < 0.1)
+    assert (not noted or np.all(share[long] > 0.35)) and np.all(share[2:12] < 0.1)
 
 
 def test_in_a_walk_that_is_slow_on_the_whole_only_slow_strides_are_counted_and_all_are_uncertain():

@@ -229,12 +229,13 @@ def test_steps_beside_standing_and_at_the_end_of_a_bout_are_less_certain():
 HZ, STEP = 100.0, 0.5
 
 
-def bout_of(steps, stands_s):
+def bout_of(steps, stands_s, forward=None):
     """The nodes of one bout whose contacts are at these steps after 2 s, right and left in turn, before standing."""
     time = 2.0 + STEP * np.asarray(steps, float)
     side, every = np.arange(time.size) % 2, np.ones(time.size)
     contacts = Contacts(time, side, every > 0.0, time, every / STEP, 0.9 * every)
-    (bout,) = bouts(contacts, [(0, 100), (round(stands_s * HZ), round(stands_s * HZ) + 200)], HZ)
+    still = [(0, 100), (round(stands_s * HZ), round(stands_s * HZ) + 200)]
+    (bout,) = bouts(contacts, still, HZ, np.zeros(1000) if forward is None else forward)
     return bout
 
 
@@ -261,19 +262,25 @@ def test_a_closing_step_without_a_jolt_comes_between_the_last_contact_and_standi
 
 
 def test_the_shift_of_weight_before_the_first_step_is_no_contact():
-    bout = bout_of([-1, 0, 1, 2, 3, 3.95], 4.8)  # 1 step after standing
+    bout = bout_of([-1.2, 0, 1, 2, 3, 3.95], 4.8)  # 0.41 s after standing
     assert [node.at for node in bout[:3]] == pytest.approx([99.0, 200.0, 250.0])
-    assert sum(node.contact for node in bout_of([-1 + 0.2, 0, 1, 2, 3, 3.95], 4.8)) == 6
+    assert sum(node.contact for node in bout_of([-0.8, 0, 1, 2, 3, 3.95], 4.8)) == 6
 
 
 def test_standing_between_two_contacts_ends_a_bout():
     time = np.array([2.0, 2.5, 3.0, 3.5, 5.3, 5.8, 6.3])
     contacts = Contacts(time, np.arange(7) % 2, time > 0.0, time, 0.0 * time + 1.0 / STEP, 0.0 * time)
-    first, second = bouts(contacts, [(0, 100), (430, 440)], HZ)
+    first, second = bouts(contacts, [(0, 100), (430, 440)], HZ, np.zeros(1000))
     assert [node.at for node in first] == pytest.approx([99.0, 200.0, 250.0, 300.0, 350.0, 430.0])
     assert [node.at for node in second] == pytest.approx([439.0, 530.0, 580.0, 630.0])
     assert first[-1].stands and second[0].stands and second[0].fresh
-    assert len(bouts(contacts, [(0, 100)], HZ)) == 1
+    assert len(bouts(contacts, [(0, 100)], HZ, np.zeros(1000))) == 1
+
+
+@pytest.mark.parametrize("sign, contacts", [(-1.0, 5), (1.0, 4)])
+def test_a_jolt_at_which_the_trunk_sways_backward_is_no_step(sign, contacts):
+    braked = np.where(np.arange(1000) >= 398, sign, 0.0)  # from just before the last contact to standing
+    assert sum(node.contact for node in bout_of([0, 1, 2, 3, 3.95], 4.3, braked)) == contacts
 
 
 def test_an_unknown_height_is_a_wider_deviation():
