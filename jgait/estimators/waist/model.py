@@ -7,7 +7,8 @@ acceleration over the step, the integral I of J, and the step's duration T,
     d' = v T + I − b T² / 2,    v' = v + J − b T,    D' = D + d',    e' = d + d'.
 
 Two observations are zero: d − K λ, where λ is the inverted pendulum's step length and K its constant; and v while the
-person stands. Over a pause between bouts the distance and the bias are kept, and the speed restarts from its prior.
+person stands. Steps beside standing are not those of a pendulum, and only integrated. Over a pause between bouts the
+distance and the bias are kept, and the speed restarts from its prior.
 
 Source: inverted pendulum after W. Zijlstra, A. L. Hof, "Assessment of spatio-temporal gait parameters from trunk
 accelerations during human walking", Gait and Posture 18, 2003. Joining it and the integrated acceleration in one model

@@ -29,8 +29,9 @@ TURNED = 1.0
 
 EDGE_STEPS = 2
 """[intervals] Number of intervals after standing that are gait initiation, and before standing or the end of a bout
-that are stopping. That the end of a bout counts without standing, too, was decided with `ipol_gait` and `mobgap_lab` in
-view."""
+that are stopping. Beside standing, whose speed is known, no pendulum is observed: on `ipol_gait` it makes the last
+steps too long, and integration does not. That the end of a bout counts without standing, too, was decided with
+`ipol_gait` and `mobgap_lab` in view."""
 
 
 class WaistWalk(NamedTuple):
