@@ -367,6 +367,7 @@ def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walk
         "evaluate", evaluated[3], "--paper", "--params", file, "--loss", "distance", "--out", tmp_path / "out"
     )
     assert code == 1, said
+    assert said.count("of these 6 recordings, 5 (the same files) are not held out") == 1
     rows = pd.read_csv(tmp_path / "out" / "quantities.csv").query("quantity == 'distance_m'").set_index("recording")
     errors = pd.read_csv(tmp_path / "out" / "losses.csv").set_index("recording")["distance"]
     percent = 100.0 * (rows["estimate"] / rows["reference"] - 1.0).abs()
@@ -389,6 +390,27 @@ def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walk
         ways.append(pd.read_csv(tmp_path / "one" / f"{walk.stem}_legs.csv")["distance_m"].iloc[-1])
     assert ways[1] == pytest.approx(scale * ways[0], rel=1e-8)  # as written
     assert ways[2] == ways[0]
+
+
+def test_recordings_of_the_tuning_are_known_by_their_content_and_people_by_their_names(tuned, table, walks):
+    from jgait.commands import cohort
+
+    for number in (0, 3):
+        frame = pd.read_csv(walks[0] / f"walk{number}.csv")
+        frame.iloc[:-1].to_csv(walks[0] / f"other{number}.csv", index=False)
+        (walks[0] / f"again{number}.csv").write_bytes((walks[0] / f"walk{number}.csv").read_bytes())
+    for files, people, expected in (
+        (["again0.csv", "again3.csv"], ["p7", "p8"], "of these 2 recordings, 2 (the same files) are not held out;"),
+        (["walk0.csv", "other0.csv", "other3.csv"], ["p0", "p8", "P1"],
+         "of these 3 recordings, 1 (the same files) and 1 (people of the same names) are not held out;"),
+        (["other0.csv", "other3.csv", "gone.csv"], ["p8", "p9", "p0"],
+         "none of these 2 recordings is of that tuning;"),
+    ):  # fmt: skip
+        mine = table(lambda f, files=files, people=people: f.head(len(files)).assign(
+            file=files, subject=people, reference_strides="strides0.csv"), "mine.csv")  # fmt: skip
+        *_, note = cohort.source(mine, None, None, 0, None, None, (), tuned[2] / "tuned.json").notes
+        assert f"the parameters in tuned.json were tuned on bad.csv: {expected}" in str(note)
+        assert note.severity == ("info" if "none" in expected else "check")
 
 
 @pytest.mark.parametrize(
