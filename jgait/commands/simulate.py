@@ -71,8 +71,8 @@ def simulate(
 
     Writes NAME.csv (the signals), NAME_truth.csv (angles, paths of ankles and of sensors on feet, distance),
     NAME_strides.csv, and cohort.csv, which `jgait evaluate` and `jgait tune` take. The same options give the same
-    files; names of people have the seed, if it is not 0. These people walk by rules: their steps, measured at the waist, come out too long, because its pendulum was
-    learned from recorded people.
+    files; names of people end with the seed if it is not 0. These people walk by rules: their steps, measured at the
+    waist, come out too long, because its pendulum was learned from recorded people.
     """
     worn = None if placements is None else tuple(name.strip() for name in placements.split(",") if name.strip())
     asked: dict[str, Any] = {
