@@ -456,6 +456,21 @@ def test_tuning_refuses_references_that_contradict_all_estimates(table, tmp_path
     assert not (tmp_path / "out" / "tuned.json").exists()
 
 
+def test_references_that_no_loss_compares_may_contradict_the_estimates(table, tmp_path, monkeypatch):
+    def learned(*_):
+        raise ValueError("it learns")
+
+    monkeypatch.setattr(tune_run, "learned", learned)
+    wrong = table(lambda frame: frame.assign(
+        distance_m=frame["distance_m"].astype(float) * 100.0,
+        reference_strides=[f"strides{i}.csv" for i in range(len(frame))]), "long.csv")  # fmt: skip
+    words = ("tune", wrong, "--paper", "--free", "distance_scale", "--steps", 1, "--out", tmp_path / "out")
+    for loss, expected in (("stride_length", "it learns"), ("stride_length,distance", "contradict the estimates")):
+        code, said = run(*words, "--loss", loss, "--fresh")
+        assert code == 2 and expected in said, said
+        assert ("check, 4 recordings, such as walk0.csv: the reference says" in said) == (loss == "stride_length")
+
+
 def test_tuning_says_that_no_recording_could_be_used(table, tmp_path):
     absent = table(lambda frame: frame.assign(file="nowhere.csv"), "absent.csv")
     code, said = run("tune", absent, "--paper", "--free", "distance_scale", "--out", tmp_path / "out")
