@@ -174,8 +174,8 @@ def _of_seed(walk: Walked, seed: int) -> Walked:
     """The walk, its names with the seed if it is not 0: people of two seeds are others."""
     if not seed:
         return walk
-    names = {field: f"{getattr(walk.recording, field)}_seed{seed}" for field in ("name", "subject")}
-    return walk._replace(recording=walk.recording._replace(**names))
+    name, subject = (f"{text}_seed{seed}" for text in (walk.recording.name, walk.recording.subject))
+    return walk._replace(recording=walk.recording._replace(name=name, subject=subject))
 
 
 def _written(walk: Walked, out: Path, files: list[Path]) -> dict[str, Any]:
