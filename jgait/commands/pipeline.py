@@ -20,12 +20,12 @@ NOT_HELD_OUT = Kind(
     "not_held_out", "check",
     "the parameters in {file} were tuned on {cohort}: {which} not held out{others}",
     "Parameters fit the people on whom they were tuned better than others. Errors on other people are in held_out.csv, "
-    "which jgait tune wrote beside the parameters.",
+    "which jgait tune wrote beside the parameters. Recordings are compared by their content, people by their names.",
 )  # fmt: skip
 HELD_OUT = Kind(
     "held_out", "info",
     "the parameters in {file} were tuned on {cohort}: none of these {recordings} recordings is of that tuning{others}",
-    "Files are compared by their content, people by their names: a person with another name is not noticed.",
+    "Recordings are compared by their content, people by their names: a person with another name is not noticed.",
 )  # fmt: skip
 MEASURES_ABSENT = Kind("measures_absent", "check", "{options}: {consequence}", DEFAULT_MEASURE)
 
@@ -190,7 +190,7 @@ def not_held_out(
         same = sum(who in names[:first] for who in names[first:])
         if not used and not same:
             return (HELD_OUT(file=name, cohort=cohort, recordings=len(versions), others=others),)
-        parts = {"the same files": len(used), "people of the same names": same}
+        parts = {"of that tuning": len(used), "people with names of that tuning": same}
         each = " and ".join(f"{number} ({what})" for what, number in parts.items() if number)
         which = f"of these {len(versions)} recordings, {each} are"
     return (NOT_HELD_OUT(file=name, cohort=cohort, which=which, others=others),)
