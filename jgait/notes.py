@@ -126,6 +126,15 @@ def grouped(notes: Iterable[Note]) -> list[Note]:
     return [line for same in groups.values() for line in _joined(same)]
 
 
+def by_reason(failures: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """Reason → the recordings with this reason, such as "walk.csv and 4 others"; from pairs (recording, reason)."""
+    names: dict[str, list[str]] = {}
+    for name, reason in failures:
+        names.setdefault(reason, []).append(name)
+    ends = {1: "", 2: " and 1 other"}
+    return {reason: of[0] + ends.get(len(of), f" and {len(of) - 1} others") for reason, of in names.items()}
+
+
 def _joined(same: list[Note]) -> list[Note]:
     """Notes of one kind on several sensors as one, with ranges of numbers; else equal ones."""
     names = tuple(dict.fromkeys(str(note.values.get("placement")) for note in same))

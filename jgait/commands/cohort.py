@@ -16,7 +16,7 @@ from jaxtyping import PyTree
 from jgait import datasets, estimators
 from jgait import evaluate as evaluation
 from jgait.commands.console import Bar, note, progress, stop
-from jgait.commands.pipeline import measures_of, pipeline_of, start_of
+from jgait.commands.pipeline import measures_of, not_held_out, pipeline_of, start_of
 from jgait.commands.recordings import recording_of
 from jgait.commands.references import REFERENCES, with_reference
 from jgait.commands.rows import copy_notes, label_notes
@@ -127,17 +127,18 @@ class Source(NamedTuple):
         subjects = [self.subjects.get(name) or subject for name, subject in known]
         return every.assign(subject=subjects)[["recording", "subject", "reason"]]
 
-    def versions(self, names: Iterable[str]) -> dict[str, str]:
-        """Name → what its recording was computed from: SHA-256 of the files of a table, else the mark."""
+    def versions(self, names: Iterable[str], columns: Sequence[str] = ("file",)) -> dict[str, str]:
+        """File → SHA-256, of the files of these recordings that are in the columns of a table; else name → the mark."""
         if not isinstance(self.read, _Files):
-            return {name: self.marks[name] for name in names if name in self.marks}
+            return {name: f"{self.marks[name]}: {name}" for name in names if name in self.marks}
         digests = {}
-        for name in names:
-            digest = hashlib.sha256()
-            for path in _files(self.read.folder, self.read.rows[name]):
+        for name in (self.read.rows[name].get(column) for name in names for column in columns):
+            path = self.read.folder / (name or "")
+            if name and path.exists():
+                digest = hashlib.sha256()
                 for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
                     digest.update(file.read_bytes() if file.is_file() else b"")
-            digests[name] = digest.hexdigest()
+                digests[name] = digest.hexdigest()
         return digests
 
     def walks(self, failures: list[tuple[str, str]], report: Callable[[int], None]) -> Iterable[Walk]:
@@ -175,19 +176,22 @@ def is_cohort(path: Path) -> bool:
 
 def source(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, gyr_unit: str | None,
-    acc_unit: str | None, measures: Sequence[str],
+    acc_unit: str | None, measures: Sequence[str], params: Path | None = None,
 ) -> Source:  # fmt: skip
     """The cohort of the command's options, of files, of a public set or simulated; exits with code 2 if there is none.
 
-    Missing `measures` of a person, which the estimator uses, are noted.
+    Noted are missing `measures` of a person, which the estimator uses, and recordings on which `params` were tuned.
     """
     given = [name for name, value in (("a table", table), ("--dataset", dataset), ("--simulated", simulated)) if value]
     if len(given) != 1:
         stop(f"give one of: a table COHORT.csv, --dataset NAME, --simulated N; got {' and '.join(given) or 'none'}")
     try:
         if table is not None:
-            return _of_table(table, gyr_unit, acc_unit, measures)
-        return _of_dataset(dataset) if dataset is not None else _simulated(simulated or 0, seed)
+            found = _of_table(table, gyr_unit, acc_unit, measures)
+        else:
+            found = _of_dataset(dataset) if dataset is not None else _simulated(simulated or 0, seed)
+        tuned = () if params is None else not_held_out(params, found.versions(found.marks), found.subjects)
+        return found._replace(notes=[*found.notes, *tuned])
     except (datasets.DatasetUnavailable, ValueError, OSError, csv.Error) as error:
         stop(str(error))
 
@@ -197,7 +201,7 @@ def _simulated(people: int, seed: int) -> Source:
 
     simulated = protocols.bennett(jax.random.key(seed), people)
     walks = [Walk(walked.recording, walked.truth.estimate, {}) for walked in simulated]
-    marks = {walk.recording.name: f"{people} simulated people, seed {seed}" for walk in walks}
+    marks = {walk.recording.name: f"simulated people, seed {seed}" for walk in walks}
     return Source(f"{people} simulated people", walks, None, marks, [], [])
 
 
@@ -376,7 +380,7 @@ def opened(
     """
     pipeline = pipeline_of(estimator, paper, params)
     start = start_of(pipeline, params, paper)
-    found = source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures_of(pipeline))
+    found = source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures_of(pipeline), params)
     for line in found.notes:
         note(line)
     return pipeline, start, found

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn,
 from rich.table import Table
 from rich.text import Text
 
-from jgait.notes import printable
+from jgait.notes import by_reason, printable
 
 console = Console()
 errors = Console(stderr=True)
@@ -95,11 +95,12 @@ def progress() -> Progress:
 
 
 def say_failures(failures: list[tuple[str, str]], most: int = 20) -> None:
-    """Print the recordings that could not be used, with their reasons."""
-    for name, reason in failures[:most]:
-        errors.print(f"[bold red]{visible(name)}:[/] {visible(reason)}", highlight=False, soft_wrap=True)
-    if len(failures) > most:
-        errors.print(f"… and {len(failures) - most} more", highlight=False)
+    """Print the recordings that could not be used, those with the same reason in one line."""
+    reasons = [*by_reason(failures).items()]
+    for reason, names in reasons[:most]:
+        errors.print(f"[bold red]{visible(names)}:[/] {visible(reason)}", highlight=False, soft_wrap=True)
+    if len(reasons) > most:
+        errors.print(f"… and {count(len(reasons) - most, 'more reason', 'more reasons')}", highlight=False)
 
 
 def note(message: object) -> None:

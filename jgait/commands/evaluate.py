@@ -26,7 +26,6 @@ from jgait.commands.console import (
 )
 from jgait.commands.folder import results_folder
 from jgait.commands.lessons import check_answers, lessons_of, losses_of, prepared
-from jgait.commands.pipeline import not_held_out
 from jgait.commands.warnings import say_warnings
 from jgait.estimators import Estimator
 from jgait.estimators.stride_flags import STRIDE_COLUMNS
@@ -121,7 +120,7 @@ def evaluate(
         try:
             written = _write(folder.stage, results._replace(failures=failed), agreement)
             written.append(folder.stage / NOTES)
-            written[-1].write_text(_notes([*source.notes, *not_held_out(params)], results), encoding="utf-8")
+            written[-1].write_text(_notes(source.notes, results), encoding="utf-8")
             if judged is not None:
                 written.append(folder.stage / LOSSES)
                 judged.to_csv(written[-1], index=False)

@@ -14,13 +14,18 @@ from jgait.estimators import About, Estimator, proportions
 from jgait.estimators.about import Settings
 from jgait.notes import DEFAULT_MEASURE, Kind, Note
 from jgait.params import check_params
-from jgait.types import Estimate, Recording
+from jgait.types import Estimate, Recording, people
 
 NOT_HELD_OUT = Kind(
     "not_held_out", "check",
-    "the parameters in {file} were tuned on {cohort}: errors on people of that cohort are not held out{others}",
+    "the parameters in {file} were tuned on {cohort}: {which} not held out{others}",
     "Parameters fit the people on whom they were tuned better than others. Errors on other people are in held_out.csv, "
-    "which jgait tune wrote beside the parameters.",
+    "which jgait tune wrote beside the parameters. Recordings are compared by their content, people by their names.",
+)  # fmt: skip
+HELD_OUT = Kind(
+    "held_out", "info",
+    "the parameters in {file} were tuned on {cohort}: none of these {recordings} recordings is of that tuning{others}",
+    "Recordings are compared by their content, people by their names: a person with another name is not noticed.",
 )  # fmt: skip
 MEASURES_ABSENT = Kind("measures_absent", "check", "{options}: {consequence}", DEFAULT_MEASURE)
 
@@ -84,6 +89,8 @@ def chosen(name: str, paper: bool, file: Path | None, values: Mapping[str, Any])
     given = given_of(name, values)
     about = estimators.about_of(name)
     settings = settings_of(about, paper, file)
+    for line in not_held_out(file):
+        note(line)
     for option in about.options:
         if option.settings is not None and option.name in given:
             settings = option.settings(settings, given[option.name])
@@ -152,13 +159,17 @@ def start_of(estimator: Estimator[PyTree, PyTree], file: Path | None, paper: boo
     tuned_for = made.get("pipeline")
     if tuned_for not in (None, _name(paper)):
         note(f"{file} was tuned for the pipeline {tuned_for!r}; this one is {_name(paper)!r}")
-    for line in not_held_out(file):
-        note(line)
     return params
 
 
-def not_held_out(file: Path | None) -> tuple[Note, ...]:
-    """The note that a file of parameters was tuned on a cohort, with the errors held out; empty if it was not."""
+def not_held_out(
+    file: Path | None, versions: Mapping[str, str] | None = None, subjects: Mapping[str, str] | None = None
+) -> tuple[Note, ...]:
+    """The note that a file of parameters was tuned on a cohort, with the errors held out; empty if it was not.
+
+    With versions and subjects of the recordings to be judged, by name, as of `cohort.Source`, the note states how many
+    of them are among those of the tuning.
+    """
     made = {} if file is None else io.made_of(file)[1]
     if file is None or not made.get("cohort"):
         return ()
@@ -169,7 +180,20 @@ def not_held_out(file: Path | None) -> tuple[Note, ...]:
             f"; with {made.get('left_out', 'people')} left out in turn, the median {judged['error']} was "
             f"{judged['before']:.3g} {judged['unit']} before and {judged['after']:.3g} {judged['unit']} after"
         )
-    return (NOT_HELD_OUT(file=Path(file).name, cohort=Path(str(made["cohort"])).name, others=others),)
+    name, cohort = Path(file).name, Path(str(made["cohort"])).name
+    which = "errors on people of that cohort are"
+    if versions is not None and "subjects" in made:
+        used = {one for one, version in versions.items() if version in made["data"].values()}
+        unused = [who for one, who in (subjects or {}).items() if one in versions.keys() - used]
+        first = len(made["subjects"])
+        names = people([*made["subjects"], *unused])
+        same = sum(who in names[:first] for who in names[first:])
+        if not used and not same:
+            return (HELD_OUT(file=name, cohort=cohort, recordings=len(versions), others=others),)
+        parts = {"of that tuning": len(used), "people with names of that tuning": same}
+        each = " and ".join(f"{number} ({what})" for what, number in parts.items() if number)
+        which = f"of these {len(versions)} recordings, {each} are"
+    return (NOT_HELD_OUT(file=name, cohort=cohort, which=which, others=others),)
 
 
 def _name(paper: bool) -> str:

@@ -17,7 +17,7 @@ from jgait.commands.console import console, count, note, say_failures, stop, wro
 from jgait.commands.folder import keep_inputs, unfinished
 from jgait.commands.own_options import own_options, with_own_options
 from jgait.commands.person import PersonFile, person_in, person_of
-from jgait.commands.pipeline import Choice, chosen, measures_of, not_held_out
+from jgait.commands.pipeline import Choice, chosen, measures_of
 from jgait.estimators.combined import MEASURES, analyse
 from jgait.notes import grouped
 from jgait.params import check_params
@@ -187,7 +187,7 @@ def _of_cohort(
         stop(f"none of the {len(failures)} recordings of {source.title} could be used")
     made = reports.Made(
         pipeline.name, start, pipeline.params, "the paper's" if paper else "", source.title, command,
-        (*source.notes, *not_held_out(params)),
+        tuple(source.notes),
     )  # fmt: skip
     return reports.of_cohort(results, title=source.title, failures=failures, made=made), failures
 

@@ -71,8 +71,8 @@ def simulate(
 
     Writes NAME.csv (the signals), NAME_truth.csv (angles, paths of ankles and of sensors on feet, distance),
     NAME_strides.csv, and cohort.csv, which `jgait evaluate` and `jgait tune` take. The same options give the same
-    files. These people walk by rules: their steps, measured at the waist, come out too long, because its pendulum was
-    learned from recorded people.
+    files; names of people end with the seed if it is not 0. These people walk by rules: their steps, measured at the
+    waist, come out too long, because its pendulum was learned from recorded people.
     """
     worn = None if placements is None else tuple(name.strip() for name in placements.split(",") if name.strip())
     asked: dict[str, Any] = {
@@ -89,6 +89,7 @@ def simulate(
         bar("simulating (the first walk compiles)", 0, people)
         try:
             for number, walk in enumerate(walks(), 1):
+                walk = _of_seed(walk, seed)
                 written[walk.recording.name] = _written(walk, folder.stage, files)
                 bar("simulating", number, people)
             table = pd.DataFrame(list(written.values())).drop(columns=["duration_s", "strides", "sensors"])
@@ -167,6 +168,14 @@ def _route(text: str) -> Route:
     if len(metres) != ROUTES[name][0] or not all(1.0 <= metre <= 1000.0 for metre in metres):
         stop(f"{expected}, from 1 to 1000 m; got {text!r}")
     return getattr(simulation, name)(*metres)
+
+
+def _of_seed(walk: Walked, seed: int) -> Walked:
+    """The walk, its names with the seed if it is not 0: people of two seeds are others."""
+    if not seed:
+        return walk
+    name, subject = (f"{text}_seed{seed}" for text in (walk.recording.name, walk.recording.subject))
+    return walk._replace(recording=walk.recording._replace(name=name, subject=subject))
 
 
 def _written(walk: Walked, out: Path, files: list[Path]) -> dict[str, Any]:

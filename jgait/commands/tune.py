@@ -14,6 +14,7 @@ from jgait.commands.console import Bar, console, note, progress, say_failures, s
 from jgait.commands.folder import results_folder
 from jgait.commands.lessons import check_answers, lessons_of, losses_of, prepared
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
+from jgait.commands.references import REFERENCES
 from jgait.commands.rows import COPIED
 from jgait.commands.warnings import say_warnings
 from jgait.estimators import Estimator
@@ -79,7 +80,7 @@ def tune(
     for name in names:
         if any(name == other or name.startswith(f"{other}.") for other in pipeline.unused):
             stop(f"--free: no number of {pipeline.name} depends on {name} with these options")
-    source = cohorts.source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures_of(pipeline))
+    source = cohorts.source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures_of(pipeline), params)
     for line in source.notes:
         note(line)
     failures = list(source.failures)
@@ -107,7 +108,7 @@ def tune(
         "learning_rate": rate, "starts": starts, "seed": seed, "cohort": source.title,
         "recordings": len(made.names), "people": len(set(made.subjects)), "left_out": groups.many,
         "options": {name: getattr(made.options, name) for name in ("soft", "noise") if hasattr(made.options, name)},
-        "data": source.versions(made.names),
+        "subjects": sorted(set(made.subjects)), "data": source.versions(made.names, ("file", *REFERENCES)),
     }  # fmt: skip
     title = f"{pipeline.name}{', the paper’s pipeline,' if paper else ''} tuned on {source.title}"
     asked = {

@@ -1,4 +1,4 @@
-"""Whether clock and sides of a reference are those of the recording, by angles of knees or contacts of strides."""
+"""Whether a reference, its clock and its sides are those of the recording, by angles of knees or contacts."""
 
 import numpy as np
 
@@ -18,6 +18,12 @@ REFERENCE_SIDES = Kind(
     "until that is corrected.",
 )  # fmt: skip
 
+REFERENCE_OTHER = Kind(
+    "reference_other", "check", "{what} of the reference agree with the estimate at no time within {seconds:.0f} s",
+    "The reference seems to be of another walk or person, as with files that were mixed up, or most of the estimate is "
+    "wrong. Errors against it are too large until that is corrected.",
+)  # fmt: skip
+
 MOST_S, STEP_S = 5.0, 0.02
 """[s] Largest offset of a clock that is looked for, and step of the search."""
 
@@ -28,7 +34,8 @@ AGREES = {"the knee's angles": np.deg2rad(8.0), "contacts": 0.3}
 """[rad] Difference of knees about their means, and share of contacts that do not match, below which clocks agree."""
 
 BETTER = 0.5
-"""[1] Largest part of the error, or of the contacts that do not match, that is left with the offset that is noted."""
+"""[1] Largest part of the error, or of the contacts that do not match, that is left with the offset that is noted.
+Without such an offset, a reference is noted if this part of its error is above `AGREES`; chosen."""
 
 MOST_SAMPLES = 3000
 """Largest number of samples of a reference whose angles are compared."""
@@ -38,7 +45,7 @@ LEAST_STRIDES = 3
 
 
 def clock_notes(estimate: Estimate, reference: Estimate) -> tuple[Note, ...]:
-    """A note if a reference agrees with an estimate much better with exchanged sides, or else at other times.
+    """A note if a reference agrees with an estimate much better with exchanged sides, or else at other times, or never.
 
     Knees are compared if both have one, else the contacts at the ends of strides.
     """
@@ -54,7 +61,7 @@ def clock_notes(estimate: Estimate, reference: Estimate) -> tuple[Note, ...]:
         if error is not None and mirrored is not None and mirrored[0] <= min(agrees, BETTER * now[0], error.min()):
             return (REFERENCE_SIDES(what=what),)
         if error is None or error.min() > BETTER * now[0]:
-            return ()
+            return (REFERENCE_OTHER(what=what, seconds=MOST_S),) if BETTER * now[0] > agrees else ()
         best = float(np.mean(shifts[error <= error.min() + 1e-9]))  # contacts agree as well over some shifts
         note = REFERENCE_CLOCK(what=what, seconds=abs(best), when="later" if best > 0.0 else "earlier")
         return (note,) if abs(best) > LEAST_S else ()

@@ -48,6 +48,9 @@ HOW = (
     "the bias; between the dashed lines 95 of 100 differences are expected. Bars beside the axes are 95 % intervals."
 )
 
+TUNED = ("not_held_out", "held_out")
+"""Codes of the notes whether parameters were tuned on the recordings."""
+
 FEW_PEOPLE = 10
 """Smallest number of people without a warning that the limits of agreement are uncertain."""
 
@@ -204,7 +207,7 @@ def _agreement(agreement: "pd.DataFrame", made: Made) -> Section | None:
     if curves:
         caption = "Root mean square difference of whole curves, over recordings."
         parts.append(Table(caption, ("curve", "n / people", "mean", "worst"), curves))
-    tuned = " ".join(f"{note.text[:1].upper()}{note.text[1:]}." for note in made.notes if note.code == "not_held_out")
+    tuned = " ".join(f"{note.text[:1].upper()}{note.text[1:]}." for note in made.notes if note.code in TUNED)
     return Section("Agreement with the reference", tuned, parts) if parts else None
 
 

@@ -266,6 +266,8 @@ def _statement(
         determined, loose, finite and not len(downwards),
         [name for name, known in zip(at.names, determined, strict=True) if not known], [], level,
     )  # fmt: skip
-    together = [(i, j) for i in range(len(free)) for j in _partners(correlation, i) if i < j]
+    # Where neither is determined, `directions` has their combination.
+    pairs = [(i, j) for i in range(len(free)) for j in _partners(correlation, i) if i < j]
+    together = [(i, j) for i, j in pairs if determined[i] or determined[j]]
     falling = [direction(at.names, vector, math.inf) for vector in downwards]
     return result._replace(sentences=sentences(result, at.transforms, together, falling, finite, limit))

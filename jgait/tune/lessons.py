@@ -10,6 +10,7 @@ import numpy.typing as npt
 from jaxtyping import Bool, Int, PyTree
 
 from jgait.estimators.interface import Estimator, Prepared
+from jgait.notes import by_reason
 from jgait.types import (
     AnyArray,
     Estimate,
@@ -303,8 +304,8 @@ def lessons(
         except Exception as error:  # an error in one walk must not stop the others
             failures.append((walk.recording.name, reason_of(error)))
     if not items:
-        reasons = "; ".join(f"{name}: {reason}" for name, reason in failures[:5]) or "there are none"
-        raise ValueError(f"no walk to learn from: {reasons}")
+        reasons = "; ".join(f"{names}: {reason}" for reason, names in [*by_reason(failures).items()][:5])
+        raise ValueError(f"no walk to learn from: {reasons or 'there are none'}")
     kinds = [_kind(item) for item in items]
     usual = kinds.index(Counter(kinds).most_common(1)[0][0])
     kept = [item for item, kind in zip(items, kinds, strict=True) if kind == kinds[usual]]

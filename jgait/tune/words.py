@@ -84,8 +84,8 @@ def sentences(
 ) -> list[str]:
     """The result in sentences: problems, undetermined parameters, correlated parameters, determined parameters.
 
-    `together` has the pairs that are correlated, `falling` the directions along which the loss curves downwards;
-    `finite`: all derivatives are.
+    `together` has the pairs whose correlation is stated, `falling` the directions along which the loss curves
+    downwards; `finite`: all derivatives are.
     """
     lines: list[str] = []
     if not finite:

@@ -367,6 +367,7 @@ def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walk
         "evaluate", evaluated[3], "--paper", "--params", file, "--loss", "distance", "--out", tmp_path / "out"
     )
     assert code == 1, said
+    assert said.count("of these 6 recordings, 5 (of that tuning) are not held out") == 1
     rows = pd.read_csv(tmp_path / "out" / "quantities.csv").query("quantity == 'distance_m'").set_index("recording")
     errors = pd.read_csv(tmp_path / "out" / "losses.csv").set_index("recording")["distance"]
     percent = 100.0 * (rows["estimate"] / rows["reference"] - 1.0).abs()
@@ -389,6 +390,27 @@ def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walk
         ways.append(pd.read_csv(tmp_path / "one" / f"{walk.stem}_legs.csv")["distance_m"].iloc[-1])
     assert ways[1] == pytest.approx(scale * ways[0], rel=1e-8)  # as written
     assert ways[2] == ways[0]
+
+
+def test_recordings_of_the_tuning_are_known_by_their_content_and_people_by_their_names(tuned, table, walks):
+    from jgait.commands import cohort
+
+    for number in (0, 3):
+        frame = pd.read_csv(walks[0] / f"walk{number}.csv")
+        frame.iloc[:-1].to_csv(walks[0] / f"other{number}.csv", index=False)
+        (walks[0] / f"again{number}.csv").write_bytes((walks[0] / f"walk{number}.csv").read_bytes())
+    for files, people, expected in (
+        (["again0.csv", "again3.csv"], ["p7", "p8"], "of these 2 recordings, 2 (of that tuning) are not held out;"),
+        (["walk0.csv", "other0.csv", "other3.csv"], ["p0", "p8", "P1"],
+         "of these 3 recordings, 1 (of that tuning) and 1 (people with names of that tuning) are not held out;"),
+        (["other0.csv", "other3.csv", "gone.csv"], ["p8", "p9", "p0"],
+         "none of these 2 recordings is of that tuning;"),
+    ):  # fmt: skip
+        mine = table(lambda f, files=files, people=people: f.head(len(files)).assign(
+            file=files, subject=people, reference_strides="strides0.csv"), "mine.csv")  # fmt: skip
+        *_, note = cohort.source(mine, None, None, 0, None, None, (), tuned[2] / "tuned.json").notes
+        assert f"the parameters in tuned.json were tuned on bad.csv: {expected}" in str(note)
+        assert note.severity == ("info" if "none" in expected else "check")
 
 
 @pytest.mark.parametrize(
@@ -432,6 +454,21 @@ def test_tuning_refuses_references_that_contradict_all_estimates(table, tmp_path
     assert code == 2 and "the references of all 4 recordings contradict the estimates, such as walk0.csv: the" in said
     assert "another unit" in said and "learning" not in said
     assert not (tmp_path / "out" / "tuned.json").exists()
+
+
+def test_references_that_no_loss_compares_may_contradict_the_estimates(table, tmp_path, monkeypatch):
+    def learned(*_):
+        raise ValueError("it learns")
+
+    monkeypatch.setattr(tune_run, "learned", learned)
+    wrong = table(lambda frame: frame.assign(
+        distance_m=frame["distance_m"].astype(float) * 100.0,
+        reference_strides=[f"strides{i}.csv" for i in range(len(frame))]), "long.csv")  # fmt: skip
+    words = ("tune", wrong, "--paper", "--free", "distance_scale", "--steps", 1, "--out", tmp_path / "out")
+    for loss, expected in (("stride_length", "it learns"), ("stride_length,distance", "contradict the estimates")):
+        code, said = run(*words, "--loss", loss, "--fresh")
+        assert code == 2 and expected in said, said
+        assert ("check, 4 recordings, such as walk0.csv: the reference says" in said) == (loss == "stride_length")
 
 
 def test_tuning_says_that_no_recording_could_be_used(table, tmp_path):

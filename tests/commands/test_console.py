@@ -50,3 +50,13 @@ def test_without_a_terminal_a_line_states_the_progress_from_time_to_time(monkeyp
     bar("compiling", 0, None)
     bar.begin("judging")
     assert text.getvalue().splitlines() == ["step [loss 3]: 2 of 50", "step [loss 3]: 4 of 50", "compiling", "judging"]
+
+
+def test_a_reason_is_printed_once_for_all_recordings_that_have_it(monkeypatch):
+    text = io.StringIO()
+    monkeypatch.setattr(console, "errors", Console(file=text, force_terminal=False, width=120))
+    reasons = ["needs 'foot_right'", "[empty]", "needs 'foot_right'", "needs 'foot_right'", "[empty]", "a", "b"]
+    console.say_failures([(f"{i}.csv", reason) for i, reason in enumerate(reasons)], most=3)
+    assert text.getvalue().splitlines() == [
+        "0.csv and 2 others: needs 'foot_right'", "1.csv and 1 other: [empty]", "5.csv: a", "… and 1 more reason"
+    ]  # fmt: skip

@@ -71,6 +71,15 @@ def test_the_same_again_writes_nothing_anew_and_another_simulation_is_refused(ma
     assert code == 2 and "seed was “0”, now “1”" in said
 
 
+def test_people_of_two_seeds_have_different_names(made, tmp_path):
+    assert run(*SMALL, "--seed", 3, "--out", tmp_path)[0] == 0
+    cohorts = [pd.read_csv(folder / "cohort.csv") for folder in (made[1], tmp_path)]
+    assert list(cohorts[1]["subject"]) == ["subject_0001_seed3", "subject_0002_seed3"]
+    assert all((tmp_path / file).exists() for file in cohorts[1][["file", "reference_samples"]].to_numpy().ravel())
+    assert not set(cohorts[0]["subject"]) & set(cohorts[1]["subject"])
+    assert not np.isclose(cohorts[0]["thigh_length_m"], cohorts[1]["thigh_length_m"]).any()
+
+
 def test_people_walk_in_the_gait_that_is_asked_for(made, tmp_path):
     assert run(*SMALL, "--gait", "shuffling", "--out", tmp_path)[0] == 0
     usual, shuffled = (

@@ -9,11 +9,11 @@ from jgait.types import Estimate, Legs, LegTrajectory, Strides
 TIME = np.arange(0.0, 20.0, 0.01)
 
 
-def knee(late=0.0, noise=0.0):
+def knee(late=0.0, noise=0.0, stride=1.1):
     """A knee that stands for 3 s and then bends once a stride."""
     at = TIME - 3.0 - late
     walks = np.clip(at, 0.0, 1.0)
-    bends = walks * np.deg2rad(30.0) * (1.0 - np.cos(2.0 * np.pi * at / 1.1))
+    bends = walks * np.deg2rad(30.0) * (1.0 - np.cos(2.0 * np.pi * at / stride))
     return np.where(at > 0.0, bends, 0.0) + noise * np.random.default_rng(0).normal(size=TIME.size)
 
 
@@ -23,10 +23,10 @@ def legs(**made):
     return Estimate(TIME, Legs(leg, None), None, None, np.ones(TIME.size, bool), {})
 
 
-def strides(late=0.0, drop=()):
-    start = np.delete(3.0 + 1.1 * np.arange(12) + 0.1 * np.sin(np.arange(12)), list(drop)) + late
+def strides(late=0.0, drop=(), stride=1.1):
+    start = np.delete(3.0 + stride * np.arange(12) + 0.1 * np.sin(np.arange(12)), list(drop)) + late
     nothing = np.full(start.size, np.nan)
-    table = Strides(np.zeros(start.size, int), start, start + 0.7, start + 1.1, nothing + 1.2, nothing, nothing,
+    table = Strides(np.zeros(start.size, int), start, start + 0.7, start + stride, nothing + 1.2, nothing, nothing,
                     np.ones(start.size, bool))  # fmt: skip
     return Estimate(TIME, Legs(None, None), None, None, np.ones(TIME.size, bool), {}, table)
 
@@ -54,6 +54,14 @@ def test_exchanged_sides_are_noted_and_not_taken_for_another_clock():
     later = table._replace(start=table.start + 0.3, end=table.end + 0.3)
     (note,) = clock_notes(walked, walked._replace(strides=later))
     assert note.code == "reference_clock"
+
+
+@pytest.mark.parametrize(("made", "what"), [(legs, "the knee's angles"), (strides, "contacts")])
+def test_a_reference_of_another_walk_agrees_at_no_time(made, what):
+    for one, other in (({}, {"stride": 1.4}), ({"stride": 1.3}, {})):
+        (note,) = clock_notes(made(**one), made(**other))
+        assert note.code == "reference_other" and note.values == {"what": what, "seconds": 5.0}
+    assert str(note) == f"{what} of the reference agree with the estimate at no time within 5 s"
 
 
 def test_errors_on_the_same_clock_are_not():

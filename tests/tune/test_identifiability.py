@@ -125,19 +125,16 @@ def sample(centre, count=200):
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize(
-    ("loss", "transform", "centre", "correlation", "words"),
-    [
-        (product, positive, 1.2, -1.0, "a1 and rollover_radius move against each other, correlation −1.00"),
-        (difference, real, 0.1, 1.0, "a1 and rollover_radius move together, correlation 1.00"),
-    ],
+    ("loss", "transform", "centre", "correlation"), [(product, positive, 1.2, -1.0), (difference, real, 0.1, 1.0)]
 )
-def test_a_pair_of_which_only_one_combination_matters_is_named(loss, transform, centre, correlation, words, dtype):
+def test_a_pair_of_which_only_one_combination_matters_is_named(loss, transform, centre, correlation, dtype):
     params = Pair(*(jnp.asarray(value, dtype) for value in ((1.5, 0.8, 0.5) if loss is product else (0.9, 0.8, 0.5))))
     data = sample(centre).astype(dtype)
     found = identifiability(loss, params, Pair(transform, transform, positive), data)
     assert found.undetermined == ["a1", "rollover_radius"]
-    assert words in found.sentences
     assert "a1 is not determined by these data: its standard error is infinite" in found.sentences
+    assert sum(s.startswith("the combination 0.71 ") for s in found.sentences) == 1
+    assert not any(" move " in s for s in found.sentences)  # the combination is named
     assert found.correlation[0, 1] == pytest.approx(correlation, abs=1e-9)
     (one,) = found.directions
     assert set(one.names) == {"a1", "rollover_radius"} and np.isinf(one.stddev)
@@ -155,6 +152,18 @@ def test_a_pair_of_which_only_one_combination_matters_is_named(loss, transform, 
     for field in (found.covariance, found.correlation, found.low, found.high):
         assert not np.isnan(field).any()
     assert found.minimum
+
+
+def test_a_correlation_is_stated_of_parameters_that_are_determined():
+    def loss(params, item):
+        return difference(params, item) + 5e-3 * (params.a1**2 + params.rollover_radius**2)
+
+    data = sample(0.0)
+    words = "a1 and rollover_radius move together, correlation 0.99"
+    for limit, stated in ((0.8, True), (0.4, False)):  # the standard error of each is 0.5
+        found = identifiability(loss, Pair(0.0, 0.0, 1.0), Pair(real, real, fixed), data, limit=limit)
+        assert found.determined.all() == stated and (words in found.sentences) == stated
+        assert any(s.startswith("the combination") for s in found.sentences) != stated
 
 
 def test_units_that_differ_by_orders_of_magnitude_are_no_lack_of_information():

@@ -120,6 +120,10 @@ def test_too_long_for_the_samples_asked_for():
 def test_nothing_to_learn_from():
     with pytest.raises(ValueError, match="no walk to learn from: walk_001: needs 'foot_right'"):
         tune.lessons(made_cohort.FAKE, [made_cohort.walk(1, "misplaced")])
+    with pytest.raises(
+        ValueError, match=r"learn from: walk_001 and 2 others: needs 'foot_right'; the recording has \['waist'\]$"
+    ):
+        tune.lessons(made_cohort.FAKE, [made_cohort.walk(i, "misplaced") for i in (1, 2, 3)])
     with pytest.raises(ValueError, match="no walk to learn from: there are none"):
         tune.lessons(made_cohort.FAKE, [])
 
