@@ -129,6 +129,29 @@ def score(walks: Sequence[Walk], founds: Sequence[Found], whole: bool = False) -
     )  # fmt: skip
 
 
+def reference_sd(walks: Sequence[Walk], founds: Sequence[Found]) -> float:
+    """Standard deviation of the error of the reference's contacts [s], by a three-cornered hat.
+
+    Errors of the reference, of the waist and of the sensors on the feet are taken to be independent. Means and a
+    linear growth with the step time are no error. Where a person has looked at the signals of the feet, errors of these
+    two have the same sign, and the reference errs by more.
+    """
+    rows = []
+    for walk, found in zip(walks, founds, strict=True):
+        assert walk.landed is not None
+        looked, step = inside(walk.contacts, walk.straight.looked), float(np.median(np.diff(found.time)))
+        rows += [(found.time[i], walk.contacts[j], walk.landed[j], step)
+                 for i, j in nearest(found.time, walk.contacts, TOLERANCE) if looked[j]]  # fmt: skip
+    waist, reference, feet, step = np.array([row for row in rows if np.isfinite(row).all()]).T
+
+    def apart(one: np.ndarray, other: np.ndarray) -> float:
+        late = one - other
+        near = np.abs(late - np.median(late)) < 0.5 * TOLERANCE
+        return float(np.var(late[near] - np.polyval(np.polyfit(step[near], late[near], 1), step[near])))
+
+    return float(np.sqrt(0.5 * max(apart(waist, reference) + apart(feet, reference) - apart(waist, feet), 0.0)))
+
+
 def line(title: str, s: Score) -> list[Any]:
     """Of a table."""
     return [title, f"{s.f1:.3f}", s.missed, s.extra, s.n, f"{s.mae:.0f}", f"{s.sd:.0f}", f"{s.plain:.0f}",
@@ -195,5 +218,8 @@ def of_sets(sets: dict[str, list[Walk]], quick: bool) -> list[Row]:
                 told = score(walks, founds, whole)
                 lines.append(line(f"{name}{', with the U-turn' if whole else ''}: {detector}", told))
                 found += rows_of(f"{name}{'_whole' if whole else ''}{suffix}", told)
+            if detector == DEFAULT.detector and all(walk.landed is not None for walk in walks):
+                sd = 1000.0 * reference_sd(walks, founds)
+                found.append(Row(f"ic_reference_sd_ms_{name}", sd, "ms", n=len(walks), split="three-cornered hat"))
     show("Initial contacts at the lower back", COLUMNS, lines)
     return found

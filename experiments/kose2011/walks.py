@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from experiments.common.matching import nearest
 from experiments.common.recordings import attempt, available, names, walks
 from jgait.estimators import foot_ins
 from jgait.mounting.shank import filled
@@ -80,6 +81,7 @@ class Walk(NamedTuple):
         pieces: strides of straight walking, or the bout.
         total: of the whole walk [m], by the feet that have every stride; NaN where none has.
         until: [s] when the whole walk is over; infinite: at the end of the recording.
+        landed: (n,) [s] of each contact, by the sensors on the feet; NaN where they have none; None without them.
     """
 
     set: str
@@ -94,6 +96,7 @@ class Walk(NamedTuple):
     pieces: Pieces
     total: float
     until: float = np.inf
+    landed: np.ndarray | None = None
 
 
 def of_set(name: str, quick: bool = False) -> list[Walk]:
@@ -108,7 +111,7 @@ def of_set(name: str, quick: bool = False) -> list[Walk]:
         if walk.reference is None or not len(walk.info["initial_contacts"]):
             print(f"{name}: {walk.recording.name} left out: {walk.info['no_reference']}")
             continue
-        read = _lab if name == "mobgap_lab" else _there_and_back
+        read = _lab if name == "mobgap_lab" else there_and_back
         one = attempt(f"{name}: {walk.recording.name}", partial(read, walk))
         found += [] if one is None else [one]
     return found
@@ -142,7 +145,8 @@ def _lab(walk: Any) -> Walk:
     )  # fmt: skip
 
 
-def _there_and_back(walk: Any) -> Walk:
+def there_and_back(walk: Any) -> Walk:
+    """A walk with a U-turn, its straight parts and contacts in `info`, its distances by the feet."""
     info = walk.info
     contacts, sides = as_float(info["initial_contacts"]), np.asarray(info["initial_contact_sides"])
     parts = as_float(info["straight_parts"])
@@ -155,8 +159,11 @@ def _there_and_back(walk: Any) -> Walk:
     strides = foot_ins.estimate(foot_ins.FootParams(), walk.recording._replace(sensors=feet)).strides
     assert strides is not None
     leaves, lands = as_float(info["final_contacts"]), as_float(contacts)
-    totals = []
+    totals, landed = [], np.full(lands.size, np.nan)
     for number in range(len(SIDES)):
+        own = (strides.side == number) & np.asarray(strides.valid)
+        for i, j in nearest(as_float(strides.end)[own], np.where(sides == number, lands, np.inf), NEAR):
+            landed[j] = strides.end[own][i]
         middle = 0.5 * (leaves[info["final_contact_sides"] == number] + lands[sides == number])
         own = (strides.side == number) & (strides.start < end)
         found = inside(middle[middle < end], np.stack([strides.start, strides.end], axis=1)[own])
@@ -165,7 +172,7 @@ def _there_and_back(walk: Any) -> Walk:
         "ipol_gait", walk.recording.name, walk.recording.subject, _alone(walk.recording), body(info), contacts, sides,
         Windows(parts, runs(time, known & ~turning)), Windows(whole, runs(time, known)),
         between_contacts(strides, contacts, sides, parts[0]), float(np.mean(totals)) if totals else np.nan,
-        end + SETTLED,
+        end + SETTLED, landed,
     )  # fmt: skip
 
 

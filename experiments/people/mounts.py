@@ -16,7 +16,7 @@ from scipy import optimize, signal
 from experiments.common.recordings import available
 from experiments.common.row import Row, show
 from experiments.people.legs import Leg, legs_of
-from experiments.people.out_of_plane import axes
+from experiments.people.waves import axes
 from experiments.simulator.gait import find_strides, sagittal_rates
 from experiments.simulator.simulated import SETS, names_of
 from jgait import datasets
@@ -31,7 +31,7 @@ STARTS, SEED = 3, 0
 
 
 class Mount(NamedTuple):
-    """From a joint to a sensor [m]: forward and up, along the axes of `out_of_plane.axes`."""
+    """From a joint to a sensor [m]: forward and up, along the axes of `waves.axes`."""
 
     ahead: float
     up: float

@@ -1,12 +1,15 @@
 """The fit of simulated strides to those of recorded people: their mean, its slopes, and in what people differ.
 
-Compared are the rates of shank, thigh and foot and the sizes of their specific forces over a stride, in harmonics: a
-difference counts over the standard deviation between people. Above `JITTER` harmonics people differ more in phase than
-in size, so the size of single strides counts there. Peaks that are figures of gait count as well, and hip and knee at
-landing, which rates leave open. Free are parameters of the gait, the table of the feet and the low harmonics of the
-pelvis, around those of recorded lower backs; all have a slope over the length of the stride, and the tables over its
-rate. The mean and the slopes are found by Gauss-Newton's method; a last step for each person alone gives what this
-person differs by. The principal directions of these differences are the styles.
+Compared are the rates of thigh, shank and foot and their specific forces ahead and up, over a stride in harmonics
+(`waves`): a difference counts over the standard deviation between people. Above `JITTER` harmonics people differ more
+in phase than in size, so the size of single strides counts there. Peaks that are figures of gait count as well, and hip
+and knee at landing, which rates leave open. Free are parameters of the gait, the table of the feet, and what sensors do
+over the bone; the pelvis moves as those of lower backs (`pelvis`). Tables have slopes over the length and the rate of
+the stride, some parameters grow with a power of its length. The mean and the slopes are found by Gauss-Newton's method;
+a last step for each person alone gives what this person differs by. The principal directions of these differences are
+the styles.
+
+`python -m experiments.people.movement` changes these parts of the file; `shapes` runs it.
 """
 
 from typing import Any, NamedTuple
@@ -17,48 +20,50 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from experiments.people.legs import legs_of
-from experiments.simulator.gait import Truth, figures
-from experiments.simulator.simulated import SETS, Set, curves, names_of, sensors_of
+from experiments.people.tables import tables, write
+from experiments.people.waves import HARMONICS, POINTS, SEGMENTS, harmonics, late, mean_stride
+from experiments.simulator.gait import Truth, figures, pool, summary
+from experiments.simulator.simulated import SETS, Set, names_of, sensors_of
 from jgait import datasets, simulate
 from jgait.geometry.segments import Motion, Segments
 from jgait.simulate import RECORDED, Body, Gait, Person, shapes
 from jgait.simulate.population import manner
-from jgait.simulate.shapes import Movement
+from jgait.simulate.shapes import WORN, Movement
 from jgait.simulate.walker import Frames, moved, planned, ticks
 from jgait.simulate.worn import felt
 from jgait.types import SIDES, Values
 
 GAIT = {
     "toe_up": 0.25, "heel_up": 0.2, "foot_flat": 0.25, "heel_off": 0.12, "swing_lift": 0.5, "landing_speed": 0.4,
-    "hip_ahead": 0.6, "knee_stance": 0.12, "pelvis_rise": 0.2,
+    "hip_ahead": 0.6,
 }  # fmt: skip
 """Free parameters of the gait → prior standard deviation of their logarithm."""
+GROWS = ("toe_up", "heel_up", "landing_speed")
+"""Those that grow with the length of the stride."""
 FEET, TERMS = (0.15, 0.3, 0.05, 0.5), 11
 """[1] Prior standard deviations of the four rows of the table of the feet, and the number of their polynomials."""
-PELVIS = {0: 7, 1: 7}
-"""Row → number of free harmonics of the table of the pelvis; its turns and its sway are those of lower backs."""
-LOOSE = 1.0
-"""[1] Prior deviation of a number of the pelvis over the deviation between people."""
-CURVES = ("shank", "thigh", "foot", "shank_acc", "thigh_acc", "foot_acc")
+CURVES = tuple((segment, name) for segment in SEGMENTS for name in WORN[:3])
+"""Segment, and pitch rate or specific force ahead or up."""
 PEAKS = ("shank_swing", "shank_back", "thigh_forward", "thigh_back", "foot_swing", "foot_push_off", "shank_strike",
          "foot_strike")  # fmt: skip
 LANDING = ((5.0, 4.0), (27.0, 6.0), (20.0, 4.0))
 """[°] Flexion of knee and hip and pitch of the foot at landing, and how far people are from it."""
-POINTS, HARMONICS, JITTER = 100, 24, 6
-STEADY = {"feet": (0.15, 2.0, 2.0), "pelvis": (1.5, 4.0, 4.0), "skin": (0.15, 2.0, 2.0)}
-"""[1] Prior precision of mean and slopes, in the priors above; the feet's is also that of the gait."""
-MOST, ENOUGH = 10, 3e-3
+JITTER = 6
+STEADY = (0.15, 2.0, 2.0)
+"""[1] Prior precision of the mean and of both slopes, in the priors above."""
+MOST, ENOUGH = 20, 2e-3
 """Iterations at most; relative gain of the cost below which they end."""
 
 KNOWN = SETS[-1]
 """A set of people to whom the tables are fitted."""
 LEG = Body().thigh_length + Body().shank_length
-SKIN = (0.4, 2.0, 2.0)
+SKIN, SHANK = (0.4, 2.0, 2.0), 0.25
 """[rad/s, m/s², m/s²] Prior deviations of the rate and the accelerations of skin over bone, in each harmonic, at one
-stride a second."""
-FIRST, LAST = 2, 24
-"""[1] First and last free harmonic of the skin."""
-COUNT = len(GAIT) + len(FEET) * TERMS + 2 * sum(PELVIS.values()) + 12 * (LAST - FIRST + 1)
+stride a second; [1] part of it at the shank in its first harmonics. By motion capture (`neura_sparse`), sensors on
+thighs turn by 0.2 to 0.6 rad/s over the bone in each of the first seven, those on shanks by 0.1 to 0.2 rad/s."""
+FIRST, BONE, LAST = 2, 7, 24
+"""[1] First free harmonic of the skin; the first in which it moves as freely at the shank as at the thigh; the last."""
+COUNT = len(GAIT) + len(FEET) * TERMS + 12 * (LAST - FIRST + 1)
 
 
 class Target(NamedTuple):
@@ -75,49 +80,34 @@ class Target(NamedTuple):
     peak_weights: Any
 
 
-class Base(NamedTuple):
-    """Tables around which the fit begins: of feet and pelvis, and the deviation between people of the latter."""
-
-    feet: np.ndarray
-    pelvis: np.ndarray
-    spread: np.ndarray
-
-
 class Recorded(NamedTuple):
-    """What a walk has: number of strides, harmonics of the mean stride, their sizes in single strides, medians of the
-    figures of gait, length of the leg [m]."""
+    """What a walk has: harmonics of the mean stride and their sizes in single strides (curves, harmonics), medians of
+    the figures of gait, length of the leg [m]."""
 
-    strides: int
-    waves: dict[str, np.ndarray]
-    sizes: dict[str, np.ndarray]
+    waves: np.ndarray
+    sizes: np.ndarray
     medians: dict[str, float]
     leg: float
 
 
 def recorded(given: Set) -> dict[str, Recorded]:
-    """Of each walk of a set."""
+    """Of each walk of a set with sensors on both segments and the foot."""
     found = {}
     for walk in datasets.load(given.name, names_of(given)):
         legs = list(legs_of(walk, given)) if walk.reference is not None else []
+        each = [one for leg in legs if (one := mean_stride(leg, given.rate_hz)) is not None]
         known = Truth(None if walk.reference is None else walk.reference.distance)
-        pooled: dict[str, list[np.ndarray]] = {}
-        for leg in legs:
-            about = (leg.sensors, given.rate_hz, leg.windows, known)
-            own = curves(*about, trim=leg.trim, good=leg.good)
-            of = {**own, **{f"of_{k}": v for k, v in figures(*about, trim=leg.trim, good=leg.good)._asdict().items()}}
-            for name, values in of.items():
-                pooled.setdefault(name, []).append(values)
-        joined = {name: np.concatenate(values) for name, values in pooled.items()}
-        medians = {name[3:]: float(np.median(v)) for name, v in joined.items() if name.startswith("of_") and len(v)}
-        each = {
-            name: np.fft.rfft(joined[name][:, :-1], axis=1)[:, : HARMONICS + 1] / POINTS
-            for name in CURVES if name in joined and len(joined[name])
-        }  # fmt: skip
-        if "shank" in each and "stride_length" in medians:
+        medians = summary(pool([
+            figures(leg.sensors, given.rate_hz, leg.windows, known, trim=leg.trim, good=leg.good) for leg in legs
+        ]))  # fmt: skip
+        if each and "stride_length" in medians:
             lengths = walk.info.get("lengths")
+            mean, size = (
+                np.mean([part[:, :3] for part in parts], axis=0).reshape(len(CURVES), -1)
+                for parts in ([one.mean for one in each], [one.size**2 for one in each])
+            )
             found[walk.recording.name] = Recorded(
-                len(each["shank"]), {name: one.mean(axis=0) for name, one in each.items()},
-                {name: np.sqrt(np.mean(np.abs(one) ** 2, axis=0)) for name, one in each.items()}, medians,
+                mean, np.sqrt(size), medians,
                 LEG if lengths is None else float(np.mean([sum(lengths[side]) for side in SIDES])),
             )  # fmt: skip
     return found
@@ -131,24 +121,20 @@ def known() -> dict[str, tuple[Recorded, Set]]:
 
 
 def targets(people: list[Recorded]) -> list[Target]:
-    """What the fit compares; weights are one over the deviation between people."""
-    weights, peak_weights = {}, {}
-    for name in CURVES:
-        own = np.array([one.waves[name] for one in people if name in one.waves])
-        size = np.sqrt(np.mean(np.sum(np.abs(own[:, 1:]) ** 2, axis=1)))
-        weights[name] = (0.7 if name.endswith("acc") else 1.0) / (own.std(axis=0) + 0.02 * size)
-        weights[name][0] = 0.5 / own.std(axis=0)[0] if name.endswith("acc") else 0.0
-    for name in PEAKS:
-        peak_weights[name] = 1.2 / np.std([one.medians[name] for one in people if name in one.medians])
-    none = np.zeros(HARMONICS + 1)
+    """What the fit compares; weights are one over the deviation between people.
+
+    Sizes of harmonics are those of single strides without what people differ by, which the styles add; at least half.
+    """
+    every = np.array([one.waves for one in people])
+    spread, size = every.std(axis=0), np.sqrt(np.mean(np.sum(np.abs(every) ** 2, axis=2), axis=0))
+    share = np.array([[1.0 if name == "pitch" else 0.7] for _, name in CURVES])
+    weights = share / (spread + 0.02 * size[:, None])
+    peak_weights = np.array([1.2 / np.std([one.medians[name] for one in people]) for name in PEAKS])
     return [
         Target(
-            one.medians["stride_time"], one.medians["stride_length"], one.leg,
-            np.stack([one.waves.get(name, none + 0j) for name in CURVES]),
-            np.stack([one.sizes.get(name, none) for name in CURVES]),
-            np.stack([weights[name] if name in one.waves else none for name in CURVES]),
-            np.array([one.medians.get(name, 0.0) for name in PEAKS]),
-            np.array([peak_weights[name] if name in one.medians else 0.0 for name in PEAKS]),
+            one.medians["stride_time"], one.medians["stride_length"], one.leg, one.waves,
+            np.sqrt(np.maximum(one.sizes**2 - spread**2, (0.5 * one.sizes) ** 2)), weights,
+            np.array([one.medians[name] for name in PEAKS]), peak_weights,
         )
         for one in people
     ]  # fmt: skip
@@ -160,27 +146,21 @@ MONOMIALS = np.array([
 """Coefficients of 1, x, x² … of each of Chebyshev's polynomials, in which the fit counts."""
 
 
-def free(values: Any, base: Base) -> tuple[dict[str, Any], Any, Any, Any]:
-    """Factors of the gait, and the tables of feet, pelvis and skin, from numbers in prior standard deviations."""
-    ends = np.cumsum([len(GAIT), len(FEET) * TERMS])
-    ends = np.append(ends, ends[-1] + 2 * sum(PELVIS.values()))
-    of_gait, of_feet, of_pelvis, of_skin = jnp.split(values, ends)
+def free(values: Any, feet: Any) -> tuple[dict[str, Any], Any, Any]:
+    """Factors of the gait, and the tables of feet and skin, from numbers in prior standard deviations; the table of the
+    feet is around a given one."""
+    of_gait, of_feet, of_skin = jnp.split(values, np.cumsum([len(GAIT), len(FEET) * TERMS]))
     factors = {name: jnp.exp(of_gait[i] * spread) for i, (name, spread) in enumerate(GAIT.items())}
     fine = np.asarray(FEET)[:, None] / (1.0 + 0.15 * np.arange(TERMS))
-    feet = base.feet + (of_feet.reshape(fine.shape) * fine) @ MONOMIALS
-    pelvis, number = jnp.asarray(base.pelvis), 0
-    for row, harmonics in PELVIS.items():
-        for column in range(harmonics):
-            for at in (column, column + shapes.HARMONICS):
-                pelvis = pelvis.at[row, at].add(of_pelvis[number] * LOOSE * base.spread[row, column])
-                number += 1
-    turn = 2.0 * np.pi * np.arange(FIRST, LAST + 1)
-    one = np.stack([SKIN[0] / turn, SKIN[1] / turn**2, SKIN[2] / turn**2])
-    skin = of_skin.reshape(2, 3, 2, -1) * one[:, None]
+    feet = feet + (of_feet.reshape(fine.shape) * fine) @ MONOMIALS
+    number = np.arange(FIRST, LAST + 1)
+    turn, tight = 2.0 * np.pi * number, np.stack([np.ones(number.size), np.where(number < BONE, SHANK, 1.0)])
+    one = np.stack([SKIN[0] / turn, SKIN[1] / turn**2, SKIN[2] / turn**2]) * tight[:, None]
+    skin = of_skin.reshape(2, 3, 2, -1) * one[:, :, None]
     whole = jnp.pad(skin, ((0, 0), (0, 0), (0, 0), (FIRST - 1, 2 * shapes.HARMONICS - LAST)))
     table = jnp.asarray(shapes.SKIN[0]).reshape(3, len(shapes.WORN), -1)
     table = table.at[:2, : len(SKIN)].set(whole.reshape(2, len(SKIN), -1))
-    return factors, feet, pelvis, table.reshape(shapes.SKIN[0].shape)
+    return factors, feet, table.reshape(shapes.SKIN[0].shape)
 
 
 def usual(leg: Values, stride_time: Values, stride_length: Values) -> Person:
@@ -193,56 +173,70 @@ def usual(leg: Values, stride_time: Values, stride_length: Values) -> Person:
 
 
 def walked_stride(who: Person, shape: Movement) -> tuple[tuple[Values, Values], Motion[Frames]]:
-    """Rates and forces at shank, thigh and foot, and the motion, in a stride of the right leg."""
+    """Rates and forces at thigh, shank and foot, and the motion, in a stride of the right leg."""
     laid, _ = planned(jax.random.key(0), who, simulate.straight(30.0), 8, shape)
     time = laid.contact[4] + who.gait.stride_time * jnp.arange(POINTS) / POINTS
     moving = moved(who, laid, *ticks(laid, time))
-    placements = ("shank_right", "thigh_right", "foot_right")
+    placements = [f"{segment}_right" for segment in SEGMENTS]
     return felt(moving, sensors_of(who.body, placements, jnp.asarray([KNOWN.thigh, KNOWN.shank]))), moving
 
 
-def stride(values: Any, base: Base, given: Target) -> tuple[Any, Any]:
-    """(6, POINTS) curves of a simulated stride of the right leg from its landing; (3,) knee, hip, foot there [rad]."""
-    factors, feet, pelvis, skin = free(values, base)
+class Made(NamedTuple):
+    """A simulated stride of the right leg from its landing: the curves (curves, POINTS), the size of the specific force
+    at shank and foot (2, POINTS) [m/s²], and knee, hip and foot at landing (3,) [rad]."""
+
+    curves: Any
+    force: Any
+    landing: Any
+
+
+def stride(values: Any, base: Any, given: Target) -> Made:
+    """The simulated stride at numbers as of `free`."""
+    factors, feet, skin = free(values, base)
     body, gait = usual(given.leg, given.stride_time, given.stride_length)
     who = Person(body, gait._replace(**{name: getattr(gait, name) * factor for name, factor in factors.items()}))
-    (gyr, acc), moving = walked_stride(who, Movement(pelvis * shapes.sizes(who), feet, skin))
-    rates = -gyr[..., 1]
+    (gyr, acc), moving = walked_stride(who, Movement(shapes.PELVIS * shapes.sizes(who), feet, skin))
+    mean = jnp.mean(acc[..., ::2], axis=1)
+    ahead, up = jnp.moveaxis(mean / jnp.linalg.norm(mean, axis=1, keepdims=True), 1, 0)[..., None]
+    forces = acc[..., 0] * up - acc[..., 2] * ahead, acc[..., 0] * ahead + acc[..., 2] * up
     thigh, shank = (moving.pose[3, :, Segments._fields.index(name), 0] for name in ("thigh_right", "shank_right"))
     hip, tilt = (jnp.arctan2(-up[0], up[2]) for up in (thigh, shank))
     foot = jnp.arcsin(moving.pose[1, 2, Segments._fields.index("foot_right"), 0])
-    return jnp.concatenate([rates, jnp.sqrt(jnp.sum(acc**2, axis=-1))]), jnp.stack([hip - tilt, hip, foot])
+    return Made(
+        jnp.stack([gyr[..., 1], *forces], axis=1).reshape(len(CURVES), POINTS),
+        jnp.sqrt(jnp.sum(acc[1:] ** 2, axis=-1)), jnp.stack([hip - tilt, hip, foot]),
+    )  # fmt: skip
 
 
-NUMBER = np.arange(HARMONICS + 1)
-PHASED = np.interp(NUMBER, [JITTER - 2, 2 * JITTER - 2], [1.0, 0.1])
-SIZED = np.interp(NUMBER, [JITTER - 2, 2 * JITTER - 2], [0.0, 1.2])
+PHASED = np.interp(HARMONICS, [JITTER - 2, 2 * JITTER - 2], [1.0, 0.1])
+SIZED = np.interp(HARMONICS, [JITTER - 2, 2 * JITTER - 2], [0.0, 1.2])
 """[1] What a difference counts, and a difference in size, in each harmonic."""
+SLOW = 18
+"""[1] Harmonics of a rate in which its peaks are looked for."""
+RATES = [row for row, (_, name) in enumerate(CURVES) if name == "pitch"]
 
 
-def residuals(values: Any, base: Base, given: Target) -> Any:
+def residuals(values: Any, base: Any, given: Target) -> Any:
     """Weighted differences of a simulated stride from a recorded one; the last of the values is its phase [rad]."""
-    made, landing = stride(values[:-1], base, given)
-    waves = jnp.fft.rfft(made, axis=1)[:, : HARMONICS + 1] / POINTS * jnp.exp(1j * NUMBER * values[-1])
+    made = stride(values[:-1], base, given)
+    waves = jnp.fft.rfft(made.curves, axis=1)[:, HARMONICS] / POINTS * jnp.exp(1j * HARMONICS * values[-1])
     apart = (waves - given.waves) * given.weights * PHASED
-    size = jnp.sqrt(jnp.abs(waves) ** 2 + 1e-12) - given.sizes
-    size = size * given.weights * SIZED
-    turns = jnp.exp(2j * jnp.pi * NUMBER[:, None] * jnp.arange(POINTS) / POINTS)
-    smooth = 2.0 * jnp.real(waves[:3, :19].at[:, 0].multiply(0.5) @ turns[:19])
-    around = jnp.concatenate([made[:, -9:], made[:, :10]], axis=1)
-    ends = [extreme(smooth[i]) for i in range(3) for extreme in (jnp.max, jnp.min)]
-    peaks = (jnp.stack([*ends, around[3].max(), around[5].max()]) - given.peaks) * given.peak_weights
+    size = (jnp.sqrt(jnp.abs(waves) ** 2 + 1e-12) - given.sizes) * given.weights * SIZED
+    turns = jnp.exp(2j * jnp.pi * HARMONICS[:SLOW, None] * jnp.arange(POINTS) / POINTS)
+    smooth = -2.0 * jnp.real(waves[RATES, :SLOW] @ turns)
+    around = jnp.concatenate([made.force[:, -9:], made.force[:, :10]], axis=1)
+    ends = [extreme(smooth[SEGMENTS.index(segment)]) for segment in ("shank", "thigh", "foot")
+            for extreme in (jnp.max, jnp.min)]  # fmt: skip
+    peaks = (jnp.stack([*ends, *around.max(axis=1)]) - given.peaks) * given.peak_weights
     usual = jnp.asarray(LANDING)
-    posture = (jnp.degrees(landing) - usual[:, 0]) / usual[:, 1]
+    posture = (jnp.degrees(made.landing) - usual[:, 0]) / usual[:, 1]
     return jnp.concatenate([apart.real.ravel(), apart.imag.ravel(), size.ravel(), peaks, posture])
 
 
-def phase(values: np.ndarray, base: Base, given: Target) -> float:
+def phase(values: np.ndarray, base: Any, given: Target) -> float:
     """The phase [rad] at which the shank's simulated rate is most like the recorded one."""
-    made = np.fft.rfft(np.asarray(_stride(jnp.asarray(values), base, given)[0][0]))
-    grid = np.linspace(-np.pi, np.pi, 400)
-    alike = np.exp(1j * grid[:, None] * NUMBER) @ (made[: HARMONICS + 1] * np.conj(given.waves[0]))
-    return float(grid[np.argmax(alike.real)])
+    row = CURVES.index(("shank", "pitch"))
+    return late(given.waves[row], harmonics(np.asarray(_stride(jnp.asarray(values), base, given).curves[row])))
 
 
 _stride = jax.jit(stride)
@@ -259,13 +253,12 @@ def slopes_of(given: Target) -> np.ndarray:
     return np.array([1.0, *map(float, shapes.pace(who))])
 
 
-def fit(people: list[Target], base: Base, start: np.ndarray | None = None) -> np.ndarray:
+def fit(people: list[Target], base: Any) -> np.ndarray:
     """(3, COUNT) mean and slopes, in prior standard deviations of `free`."""
-    values = np.zeros((3, COUNT)) if start is None else start
-    counts = len(GAIT) + len(FEET) * TERMS, 2 * sum(PELVIS.values()), 12 * (LAST - FIRST + 1)
-    precision = np.repeat(np.array(list(STEADY.values())).T, counts, axis=1)
+    values = np.zeros((3, COUNT))
+    precision = np.repeat(np.array(STEADY)[:, None], COUNT, axis=1)
     precision[2, : len(GAIT)] = 1e6  # parameters of the gait follow the length of the stride alone, and not all do
-    precision[1, [list(GAIT).index(name) for name in ("foot_flat", "heel_off", "knee_stance")]] = 1e6
+    precision[1, [list(GAIT).index(name) for name in GAIT if name not in GROWS]] = 1e6
     precision = precision.ravel()
     shares = [slopes_of(one) for one in people]
     phases = np.array([phase(share @ values, base, one) for share, one in zip(shares, people, strict=True)])
@@ -306,7 +299,7 @@ def fit(people: list[Target], base: Base, start: np.ndarray | None = None) -> np
     return values
 
 
-def styles(people: list[Target], base: Base, values: np.ndarray, count: int) -> np.ndarray:
+def styles(people: list[Target], base: Any, values: np.ndarray, count: int) -> np.ndarray:
     """(count, COUNT) principal directions in which people differ, one standard deviation long."""
     parts, apart = [], []
     for one in people:
@@ -321,3 +314,27 @@ def styles(people: list[Target], base: Base, values: np.ndarray, count: int) -> 
     _, size, directions = np.linalg.svd(differences, full_matrices=False)
     print("share of the differences between people:", (size**2 / np.sum(size**2))[: count + 2].round(2))
     return size[:count, None] * np.linalg.solve(root.T, directions[:count].T).T
+
+
+def main() -> None:
+    """Fit, and write the file."""
+    people, now = targets([one for one, _ in known().values()]), tables()
+    base = now["feet"][0]
+    values = fit(people, base)
+    directions = styles(people, base, values, len(shapes.STYLES))
+    factors, *mean = free(values[0], base)
+    blocks = [mean] + [
+        [moved - part for moved, part in zip(free(values[0] + one, base)[1:], mean, strict=True)]
+        for one in (*values[1:], *directions)
+    ]
+    feet, skin = (np.array([np.asarray(block[i]) for block in blocks]) for i in range(2))
+    gait = {name: float(f"{now['gait'][name] * float(factor):.4g}") for name, factor in factors.items()}
+    grow = {name: values[1, list(GAIT).index(name)] * GAIT[name] / shapes.UNIT for name in GROWS}
+    powers = {name: round(power + float(grow.get(name, 0.0)), 2) for name, power in now["powers"].items()}
+    print(gait, powers)
+    write(now | {"gait": gait, "powers": powers, "feet": feet, "skin": skin})
+
+
+if __name__ == "__main__":
+    jax.config.update("jax_enable_x64", True)
+    main()

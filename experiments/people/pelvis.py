@@ -1,7 +1,7 @@
 """How the pelvis of the usual person moves: as lower backs do, at every harmonic of the stride.
 
 `python -m experiments.people.pelvis` derives the means of the table of the pelvis from every second person of
-`ipol_gait`, and writes the file; run it after `shapes`, before `out_of_plane`. What a sensor at the lower back of the
+`ipol_gait`, and writes the file; `shapes` runs it. What a sensor at the lower back of the
 usual simulated person, at the strides of these people, lacks is added to the table as motion. The phase of a harmonic
 is that of the mean over people, its size the median over people of that of single strides, which jitter does not blur.
 What differs between left and right steps is left out: the table has none of it.
@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from experiments.people import movement
-from experiments.people.shapes import FILE, NUMBERS, PARTS_OF_STRIDE, lower_backs, moved, stride_lengths, written
+from experiments.people.shapes import NUMBERS, PARTS_OF_STRIDE, lower_backs, moved, stride_lengths
+from experiments.people.tables import tables, write
 from jgait import simulate
 from jgait.simulate import Person, shapes
 from jgait.simulate.shapes import shape_of
@@ -60,7 +61,7 @@ def rows_of(motion: np.ndarray) -> np.ndarray:
 
 def derived(table: np.ndarray) -> np.ndarray:
     """The table of the usual person (6, 2 HARMONICS), from the present one."""
-    lengths, backs = stride_lengths(), lower_backs(("ipol_gait",))
+    lengths, backs = stride_lengths(), lower_backs()
     strides = [backs[name] for name in known()]
     times = [float(np.mean([time for _, time in one])) for one in strides]
     people = [movement.usual(movement.LEG, time, lengths[name]) for time, name in zip(times, known(), strict=True)]
@@ -80,9 +81,8 @@ def derived(table: np.ndarray) -> np.ndarray:
 
 def main() -> None:
     """Derive the table and write the file."""
-    tables = {name: np.asarray(shapes.TABLES[name]) for name in ("pelvis", "feet", "skin")}
-    tables["pelvis"][0] = derived(tables["pelvis"][0])
-    FILE.write_text(written(shapes.TABLES["source"], tables), encoding="utf-8")
+    known = tables()
+    write(known | {"pelvis": derived(known["pelvis"])})
 
 
 if __name__ == "__main__":

@@ -1,38 +1,34 @@
-"""The tables of `jgait.simulate.shapes`: `python -m experiments.people.shapes` derives them and writes the file.
+"""What simulated people have of recorded ones: `python -m experiments.people.shapes` derives it and writes the file.
 
-Pelvis: harmonics of the lower back of the 12 people of `ipol_gait` and of one of `mobgap_lab`, over strides from a
-contact to the next but one, on straight parts. The angular rates give the angles; the specific force, less gravity
-that the tilt turns into it, the displacements. Phases, and the shares of the motions of a harmonic, are those of the
-mean over people. Its size is the median over people, between that of the mean stride (which jitter blurs) and that of
-single strides (which includes noise).
+One program after another reads `movement.json`, changes its part of it, and writes it: `pelvis`, `movement` and
+`out_of_plane`, see there. They begin with the gait of `START` and with empty tables.
 
-Feet, skin in the plane of the leg and styles: `movement` fits them to every second person of `walking5m`, around these
-and the present values.
-The fit starts from the present values, so that another run moves them a little further. The numbers in the package are
-not the output of one run: after the fit the first harmonic of the pelvis' pitch, in whose phase people differ, was
-raised to the median size of people. The fit makes people too much alike: the styles of the skin's pitch were multiplied
-by 1.7 at thighs and 2.35 at shanks, so that rates differ between people as those of the fit do in harmonics 4 to 10.
-After that `pelvis` and `out_of_plane` were run: they add to the means what the usual person lacks. The other people,
-`neura_sparse`, `gaitmap_example` and `tripod` are people whom the simulator does not know.
+Pelvis: harmonics of the lower backs of every second person of `ipol_gait`, over strides from a contact to the next but
+one, on straight parts. The angular rates give the angles; the specific force, less gravity that the tilt turns into it,
+the displacements. How much people differ is that of all 12 people.
+
+Gait, feet, sensors over bones, and styles: every second person of `walking5m`. The other people, `neura_sparse`,
+`gaitmap_example` and `tripod` are people whom the simulator does not know; but `neura_sparse` has motion capture, and
+shows how far sensors on thighs and shanks turn over the bone (`movement.SKIN`).
 """
 
-import json
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+import subprocess
+import sys
+from collections.abc import Iterator
 
-import jax
 import numpy as np
+from scipy.stats import truncnorm
 
 from experiments.kose2011.walks import of_set
 from experiments.people import movement
+from experiments.people.tables import tables, write
 from jgait import datasets
 from jgait.geometry.vectors import GRAVITY
-from jgait.simulate import RECORDED, Body, shapes
+from jgait.simulate import Body, shapes
 from jgait.types import Walk
 
-FILE = Path(shapes.__file__).with_name("movement.json")
-SETS = {"ipol_gait": (0.0, 0.0, -1.0), "mobgap_lab": (0.0, 0.0, 1.0)}
-"""Sets of the pelvis → the axis of the sensor on the lower back that points forward."""
+FORWARD = (0.0, 0.0, -1.0)
+"""Axis of the sensor on the lower back that points forward, in `ipol_gait`."""
 PARTS_OF_STRIDE, ENDS = 96, 2
 """[1] Points of a stride at which signals are read; contacts left out at both ends of a straight part."""
 STEP_TIME = (0.35, 0.9)
@@ -45,7 +41,7 @@ ASIDE = np.array([False, True, False, True, False, True])[:, None]
 has the other sign."""
 
 
-def harmonics(walk: Walk, forward: tuple[float, float, float]) -> Iterator[tuple[np.ndarray, float]]:
+def harmonics(walk: Walk) -> Iterator[tuple[np.ndarray, float]]:
     """Of each stride: specific forces forward, left, up [m/s²] and rates about these axes [rad/s] in harmonics
     (6, harmonics), complex, and the stride time [s].
 
@@ -62,7 +58,7 @@ def harmonics(walk: Walk, forward: tuple[float, float, float]) -> Iterator[tuple
         up = np.asarray(imu.acc)[a:b].mean(axis=0)
         gravity = np.linalg.norm(up)
         up = up / gravity
-        ahead = np.asarray(forward) - up * (up @ np.asarray(forward))
+        ahead = np.asarray(FORWARD) - up * (up @ np.asarray(FORWARD))
         ahead = ahead / np.linalg.norm(ahead)
         level = np.stack([ahead, np.cross(up, ahead), up], axis=1)
         acc = np.asarray(imu.acc)[a:b] @ level * GRAVITY / gravity
@@ -93,30 +89,31 @@ def moved(waves: np.ndarray, stride_time: float) -> np.ndarray:
     return np.stack([x, y, z, yaw, pitch, roll])
 
 
-LEVER = np.array([1.0, 1.0, 0.3])[:, None]
-"""[m] A turn of the pelvis by one radian counts as much as this motion."""
-LARGEST = 3.0
-"""[1] Largest size of a harmonic over that of the mean stride of all people."""
-
-
 MOTIONS = {"pelvis_rise": (2, 1), "pelvis_surge": (0, 1), "pelvis_sway": (1, 0), "pelvis_rotation": (3, 0),
            "pelvis_drop": (5, 0), "pelvis_nod": (4, 1)}  # fmt: skip
 """Motion of the pelvis → its row in `harmonics`, and its first harmonic."""
 
 
-def spreads() -> dict[str, float]:
-    """Standard deviations between the people of `ipol_gait` of the logarithm of each motion, after a power of the
-    length of the stride was taken off; from the median absolute deviation, since one person hardly turns the pelvis."""
+def spreads() -> tuple[dict[str, float], dict[str, float]]:
+    """Powers of the length of the stride with which each motion of the pelvis grows, and the standard deviations
+    between the people of `ipol_gait` of the logarithm of the rest.
+
+    Differences count up to three deviations as the median absolute one states them, since one person hardly turns the
+    pelvis. They are those of the normal distribution that has them when it is truncated at two deviations.
+    """
     lengths = stride_lengths()
-    strides = {name: motions(one) for name, one in lower_backs(("ipol_gait",)).items() if one and name in lengths}
+    strides = {name: motions(one) for name, one in lower_backs().items() if one and name in lengths}
     long = np.log([lengths[name] for name in strides])
     design = np.column_stack([np.ones_like(long), long])
-    found = {}
+    powers, found = {}, {}
     for motion, (row, harmonic) in MOTIONS.items():
         size = np.log([np.abs(one.mean(axis=0)[row, harmonic]) for one in strides.values()])
-        rest = size - design @ np.linalg.lstsq(design, size, rcond=None)[0]
-        found[motion] = 1.4826 * float(np.median(np.abs(rest - np.median(rest))))
-    return found
+        line = np.linalg.lstsq(design, size, rcond=None)[0]
+        powers[motion], rest = round(float(line[1]), 2), size - design @ line
+        most = 3.0 * 1.4826 * float(np.median(np.abs(rest - np.median(rest))))
+        degrees = len(rest) - design.shape[1]
+        found[motion] = float(np.sqrt(np.sum(np.clip(rest, -most, most) ** 2) / degrees) / truncnorm(-2.0, 2.0).std())
+    return powers, found
 
 
 def stride_lengths() -> dict[str, float]:
@@ -132,78 +129,41 @@ def motions(strides: list[tuple[np.ndarray, float]]) -> np.ndarray:
     return np.array([moved(*one) for one in strides])
 
 
-def lower_backs(names: Sequence[str] = tuple(SETS)) -> dict[str, list[tuple[np.ndarray, float]]]:
+def lower_backs() -> dict[str, list[tuple[np.ndarray, float]]]:
     """Person → harmonics and time of every stride."""
     people: dict[str, list[tuple[np.ndarray, float]]] = {}
-    for name in names:
-        for walk in datasets.load(name):
-            if len(walk.info.get("straight_parts", ())):
-                people.setdefault(f"{name} {walk.recording.subject}", []).extend(harmonics(walk, SETS[name]))
+    for walk in datasets.load("ipol_gait"):
+        if len(walk.info["straight_parts"]):
+            people.setdefault(f"ipol_gait {walk.recording.subject}", []).extend(harmonics(walk))
     return people
 
 
-def pelvis() -> tuple[np.ndarray, np.ndarray]:
-    """(6, 2 HARMONICS) the table of the pelvis around which the fit begins, and the deviations between people (6,
-    HARMONICS)."""
-    strides = [motions(one) for one in lower_backs().values() if one]
-    means = np.array([one.mean(axis=0) for one in strides])
-    single = np.sqrt(np.array([(np.abs(one) ** 2).mean(axis=0) for one in strides]))
-    tables, deviations = [], []
-    for rows, which in (([0, 2, 4], slice(1, None, 2)), ([1, 3, 5], slice(0, None, 2))):
-        own, size = means[:, rows, which], single[:, rows, which]
-        mean = own.mean(axis=0)
-        usual = np.median(np.sum(size * np.abs(own) * LEVER**2, axis=1), axis=0)
-        # One factor for a harmonic: force and turn of a lower back keep their ratio.
-        factor = np.sqrt(usual / np.sum(np.abs(mean) ** 2 * LEVER**2, axis=0))
-        waves = 2.0 * mean * np.minimum(factor, LARGEST)
-        tables.append(np.concatenate([waves.real, -waves.imag], axis=1))
-        deviations.append(2.0 * own.std(axis=0))
-    return np.concatenate(tables), np.concatenate(deviations)
-
-
-def written(source: str, tables: dict[str, np.ndarray]) -> str:
-    """The text of the file."""
-    lines = [f' "source": {json.dumps(source)}']
-    for name, table in tables.items():
-        blocks = [
-            "  [" + ",\n   ".join(json.dumps([float(f"{value:.4g}") for value in row]) for row in block) + "]"
-            for block in table
-        ]
-        lines.append(f' "{name}": [\n' + ",\n".join(blocks) + "\n ]")
-    return "{\n" + ",\n".join(lines) + "\n}\n"
+START = {
+    "toe_up": 0.36, "heel_up": 1.4, "foot_flat": 0.064, "heel_off": 0.37, "swing_lift": 0.015, "landing_speed": 0.36,
+    "hip_ahead": 0.015,
+}  # fmt: skip
+"""Parameters of the gait with which `movement` begins, see `Gait`."""
+PROGRAMS = ("pelvis", "movement", "out_of_plane")
 
 
 def main() -> None:
-    """Derive the tables, write the file, and print the other numbers of the fit, which stand in the code."""
-    table, spread = pelvis()
-    base = movement.Base(shapes.FEET[0], table, spread)
-    known = [one for one, _ in movement.known().values()]
-    people = movement.targets(known)
-    values = movement.fit(people, base)
-    directions = movement.styles(people, base, values, len(shapes.STYLES))
-    factors, *mean = movement.free(values[0], base)
-    blocks = [mean] + [
-        [moved - part for moved, part in zip(movement.free(values[0] + one, base)[1:], mean, strict=True)]
-        for one in (*values[1:], *directions)
-    ]
-    feet, hips, skin = (np.array([np.asarray(block[i]) for block in blocks]) for i in range(3))
-    hips[:, 1] *= float(factors["pelvis_rise"])
-    aside = np.arange(skin.shape[1]) % len(shapes.WORN) >= len(movement.SKIN)  # see `out_of_plane`
-    skin[:, aside] = shapes.SKIN[:, aside]
+    """Run every program."""
+    powers, spread = spreads()
+    powers = {
+        **dict.fromkeys((*movement.GROWS, "hip_ahead"), 1.0),
+        **{name: powers[name] for name in ("pelvis_surge", "pelvis_rise")},
+    }
+    empty = {name: np.zeros_like(table) for name, table in tables().items() if isinstance(table, np.ndarray)}
     source = (
-        "means, slopes and principal directions; pelvis: lower backs of every second person of ipol_gait; feet and "
-        f"skin: legs of {len(known)} people ({sum(one.strides for one in known)} strides) of walking5m; derived by "
-        "experiments.people.shapes, pelvis and out_of_plane"
+        "pelvis: lower backs of every second person of ipol_gait; gait, feet and skin: legs of every second person of "
+        "walking5m, means, slopes and principal directions; derived by experiments.people.shapes"
     )
-    FILE.write_text(written(source, {"pelvis": hips, "feet": feet, "skin": skin}), encoding="utf-8")
-    for number, (name, factor) in enumerate(factors.items()):
-        power = float(values[1, number]) * movement.GAIT[name] / shapes.UNIT
-        new = float(getattr(RECORDED, name) * factor)
-        print(f"RECORDED.{name} = {new:.3g}; power of the stride, in addition: {power:+.2f}")
-    print("PELVIS_SPREAD", {name: round(deviation, 2) for name, deviation in spreads().items()})
-    print(FILE)
+    write({"source": source, "gait": START, "powers": powers, **empty})
+    print("PELVIS_SPREAD", {name: round(deviation, 2) for name, deviation in spread.items()}, flush=True)
+    for program in PROGRAMS:
+        print(program, flush=True)
+        subprocess.run([sys.executable, "-m", f"experiments.people.{program}"], check=True)
 
 
 if __name__ == "__main__":
-    jax.config.update("jax_enable_x64", True)
     main()

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from jgait.simulate.tables import TABLES
 from jgait.types import Values
 
 DEGREE = 0.017453292519943295
@@ -135,17 +136,13 @@ class Gait(NamedTuple):
 
 
 RECORDED = Gait(
-    toe_up=20.5 * DEGREE, heel_up=80.0 * DEGREE, foot_flat=0.064, heel_off=0.37, swing_lift=0.010, landing_speed=0.36,
     pelvis_rise=0.0323, pelvis_sway=0.028, pelvis_surge=0.011, pelvis_rotation=3.2 * DEGREE, pelvis_drop=2.5 * DEGREE,
-    pelvis_nod=0.35 * DEGREE, pelvis_shock=0.0, knee_stance=7.5 * DEGREE, recorded=1.0, hip_ahead=0.0155,
+    pelvis_nod=0.35 * DEGREE, pelvis_shock=0.0, knee_stance=8.0 * DEGREE, recorded=1.0, **TABLES["gait"],
 )  # fmt: skip
 """The mean gait of recorded people, by `experiments.people.shapes`.
 
-After the fit, `knee_stance` was raised from 6° and `swing_lift` lowered from 16 to 14 mm, and the foot falls earlier
-(`feet.RECORDED.lowers`), until a knee that is nearly straight at landing no longer turns faster than a perfect sensor
-at 200 Hz can follow within a millimetre a minute. After the pelvis moved as lower backs do
-(`experiments.people.pelvis`), `swing_lift` was lowered to 10 mm and `hip_ahead` raised from 10.3 mm, so that knees bend
-and hips extend as before.
+`knee_stance` is so large, and the foot falls so early (`feet.RECORDED.lowers`), that a knee that is nearly straight at
+landing does not turn faster than a perfect sensor at 200 Hz can follow within a millimetre a minute.
 """
 
 

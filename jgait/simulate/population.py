@@ -19,6 +19,7 @@ from jgait.simulate.person import DEGREE, RECORDED, Body, Gait, Person
 from jgait.simulate.recorded import limits, room
 from jgait.simulate.routes import Route, padded
 from jgait.simulate.shapes import STYLES
+from jgait.simulate.tables import TABLES
 from jgait.types import Values, check_key, check_kind, check_number
 
 SPEED = ((1.358, 1.433, 1.434, 1.433, 1.339, 1.262), (1.341, 1.337, 1.390, 1.313, 1.241, 1.132))
@@ -38,19 +39,19 @@ _MANNER = {
 """Gait parameters that grow with the stride: power of the stride over the leg, and upper limit."""
 
 _MANNER_RECORDED = {
-    "toe_up": (1.5, 45.0 * DEGREE), "heel_up": (1.55, 98.0 * DEGREE), "pelvis_surge": (1.0, 0.05),
-    "pelvis_rise": (2.7, 0.08), "landing_speed": (0.9, 0.8), "hip_ahead": (2.4, 0.05),
+    "toe_up": 45.0 * DEGREE, "heel_up": 98.0 * DEGREE, "pelvis_surge": 0.05, "pelvis_rise": 0.08, "landing_speed": 0.8,
+    "hip_ahead": 0.05,
 }  # fmt: skip
-"""The same of recorded people, by `experiments.people.shapes`."""
+"""Those of recorded people, and their upper limits; the powers are in `tables.TABLES`."""
 
 PELVIS_SPREAD = {
-    "pelvis_rise": 0.09, "pelvis_surge": 0.15, "pelvis_sway": 0.2, "pelvis_rotation": 0.48, "pelvis_drop": 0.52,
-    "pelvis_nod": 0.3,
+    "pelvis_rise": 0.13, "pelvis_surge": 0.23, "pelvis_sway": 0.33, "pelvis_rotation": 0.70, "pelvis_drop": 0.56,
+    "pelvis_nod": 0.58,
 }  # fmt: skip
 """[1] Standard deviation between recorded people of the logarithm of each motion of the pelvis, at one stride.
 
 Of the first harmonic of the lower backs of 12 people of `ipol_gait`, after a power of the length of the stride was
-taken off, from the median absolute deviation (`experiments.people.shapes`).
+taken off (`experiments.people.shapes`).
 """
 
 PERSISTENCE, PITCH_VARIABILITY = 0.4, 0.04
@@ -74,7 +75,8 @@ def manner(relative_stride: Values, usual: Gait = _USUAL) -> dict[str, Values]:
     pendulum. The lower limit is a third of the value at the usual stride, the upper limit is anatomical.
     """
     share = jnp.maximum(relative_stride / _USUAL_STRIDE, 1.0 / 3.0)
-    grows = _MANNER_RECORDED if usual is RECORDED else _MANNER
+    recorded = {name: (TABLES["powers"][name], most) for name, most in _MANNER_RECORDED.items()}
+    grows = recorded if usual is RECORDED else _MANNER
     return {name: jnp.minimum(getattr(usual, name) * share**power, most) for name, (power, most) in grows.items()}
 
 

@@ -1,13 +1,12 @@
 """Shapes of the movement over a stride, fitted to recorded people: pelvis, feet, and what sensors are worn on.
 
-The pelvis is a Fourier series over the stride, from sensors on lower backs and legs. The feet follow the phases of
+The pelvis is a Fourier series over the stride, from sensors on lower backs. The feet follow the phases of
 `feet`, which keep them at rest on the ground, and smooth functions in addition, from sensors on legs. Joint angles
-follow from feet and pelvis. All shapes are linear in the length and the rate of the stride and in the person's style.
-`movement.json` holds the numbers and names its source; `experiments.people.shapes` derives them from recordings.
+follow from feet and pelvis. The shapes of feet and skin are linear in the length and the rate of the stride and in the
+person's style. `movement.json` holds the numbers and names its source; `experiments.people.shapes` derives them from
+recordings.
 """
 
-import json
-from pathlib import Path
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -18,12 +17,12 @@ from jgait.geometry.jets import Jet, chained, part, parts, sin_cos, stacked, tur
 from jgait.geometry.vectors import kept
 from jgait.simulate.person import RECORDED, Body, Gait, Person
 from jgait.simulate.smooth import polynomial, smooth_bump
+from jgait.simulate.tables import TABLES
 from jgait.types import Flags, Values
 
-TABLES = json.loads(Path(__file__).with_name("movement.json").read_text(encoding="utf-8"))
 PELVIS, FEET, SKIN = (np.asarray(TABLES[name]) for name in ("pelvis", "feet", "skin"))
-"""Tables of `Movement` at the usual stride, their slopes over length and rate of the stride, and those of each style:
-(1 + 2 + styles, rows, columns)."""
+"""Tables of `Movement`: of the usual pelvis; of feet and skin at the usual stride, their slopes over length and rate of
+the stride, and those of each style (1 + 2 + styles, rows, columns)."""
 
 HARMONICS = PELVIS.shape[-1] // 2
 """[1] Number of harmonics of each motion of the pelvis."""
@@ -114,12 +113,12 @@ def weights(person: Person) -> Values:
 def shape_of(person: Person) -> Movement:
     """The shapes of a person's movement."""
     gait, counts = person.gait, weights(person)
-    pelvis, feet, skin = (
+    feet, skin = (
         jnp.tensordot(counts, jnp.asarray(table, counts.dtype), 1, precision=lax.Precision.HIGHEST)
-        for table in (PELVIS, FEET, SKIN)
+        for table in (FEET, SKIN)
     )
     recorded = gait.recorded
-    mixed = ruled(gait) * (1.0 - recorded) + pelvis * sizes(person) * recorded
+    mixed = ruled(gait) * (1.0 - recorded) + jnp.asarray(PELVIS, counts.dtype) * sizes(person) * recorded
     return Movement(mixed, feet * recorded, skin * gait.soft_tissue)
 
 

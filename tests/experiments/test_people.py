@@ -3,8 +3,19 @@
 import numpy as np
 import pytest
 
-from experiments.people import figures, fitted, legs, mounts, prediction, shoes, strides, transfer
-from experiments.people import out_of_plane as derived
+from experiments.people import (
+    figures,
+    fitted,
+    legs,
+    mounts,
+    out_of_plane,
+    prediction,
+    shoes,
+    strides,
+    tables,
+    transfer,
+    waves,
+)
 from experiments.simulator import gait, simulated
 from jgait.simulate.sensors import IDEAL, ON_SHOE
 
@@ -109,16 +120,23 @@ def test_a_shoe_on_which_a_sensor_sways_rests_less_and_its_landings_shake_it():
 
 
 def test_rows_of_the_table_are_the_waves_of_a_stride_and_its_beginning_is_found():
-    turn = 2.0 * np.pi * np.arange(derived.POINTS) / derived.POINTS
-    rng, count = np.random.default_rng(3), len(derived.HARMONICS)
+    turn = 2.0 * np.pi * np.arange(waves.POINTS) / waves.POINTS
+    rng, count = np.random.default_rng(3), len(waves.HARMONICS)
     table = rng.standard_normal((18, 2 * count))
-    angles = derived.HARMONICS[:, None] * turn
+    angles = waves.HARMONICS[:, None] * turn
     series = table @ np.concatenate([np.cos(angles), np.sin(angles)])
-    waves = derived.harmonics(series).reshape(3, 6, count)
-    np.testing.assert_allclose(derived.amounts(waves), table, atol=1e-12)
+    found = waves.harmonics(series).reshape(3, 6, count)
+    np.testing.assert_allclose(out_of_plane.amounts(found), table, atol=1e-12)
     # A stride that is read from a tenth of its turn on begins so much later.
-    later = derived.harmonics(np.roll(series, -10, axis=1)).reshape(3, 6, count)
-    assert abs(derived.late(later, waves) - 0.2 * np.pi) < 0.01
+    later = waves.harmonics(np.roll(series, -10, axis=1)).reshape(3, 6, count)
+    assert abs(waves.late(later[out_of_plane.SHANK], found[out_of_plane.SHANK]) - 0.2 * np.pi) < 0.01
+
+
+def test_the_tables_are_written_as_they_were_read(tmp_path, monkeypatch):
+    before, text = tables.tables(), tables.FILE.read_text(encoding="utf-8")
+    monkeypatch.setattr(tables, "FILE", tmp_path / "movement.json")
+    tables.write(before)
+    assert tables.FILE.read_text(encoding="utf-8") == text
 
 
 def test_the_ankle_is_found_between_sensors_of_shank_and_foot():
