@@ -34,7 +34,7 @@ from jgait.simulate.worn import felt
 from jgait.types import SIDES, Values
 
 GAIT = {
-    "toe_up": 0.25, "heel_up": 0.2, "foot_flat": 0.25, "heel_off": 0.12, "swing_lift": 0.5, "landing_speed": 0.4,
+    "toe_up": 0.08, "heel_up": 0.2, "foot_flat": 0.25, "heel_off": 0.12, "swing_lift": 0.5, "landing_speed": 0.4,
     "hip_ahead": 0.6,
 }  # fmt: skip
 """Free parameters of the gait → prior standard deviation of their logarithm."""
