@@ -3,15 +3,14 @@
 `python -m experiments.people.out_of_plane` derives rows of the table of the skin from the people to whom `shapes` fits
 the rest, and writes the file; `shapes` runs it last. In harmonics of the stride (`waves`), what the usual person lacks
 is added: rates as turns, specific forces as motion. Phases are those of the mean over legs. The size of a harmonic is
-the median over legs of that of single strides, which jitter does not blur; the usual person's is such that the median
-over simulated people at these strides is the same. The styles are the directions in which legs differ most out of the
-plane, in order of size.
+the median over legs of that of single strides, which jitter does not blur, less what the styles add. The styles are the
+directions in which legs differ most out of the plane, in order of size.
 
 In the plane only the mean changes, from the harmonics of `FIRST` on: at thighs all that the bones, whose motion feet
 and pelvis fix, leave open.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +18,6 @@ import numpy as np
 
 from experiments.people import movement
 from experiments.people.legs import legs_of
-from experiments.people.strides import drawn
 from experiments.people.tables import tables, write
 from experiments.people.waves import HARMONICS, POINTS, SEGMENTS, Waves, harmonics, late, mean_stride, signals
 from jgait import datasets
@@ -42,8 +40,7 @@ MEAN = FREE | np.array([
 ])  # fmt: skip
 """(segments, 6, harmonics) bool: what of the mean is derived here."""
 SHANK = SEGMENTS.index("shank"), WORN.index("pitch")
-ROUNDS, STEP = 6, 1.5
-"""[1] Rounds, and by what factor the wanted size of a harmonic of the usual person changes at most in a round."""
+ROUNDS, DRAWS = 5, 48
 FORCE = 5.0
 """[m/s²] A specific force that counts as much as a rate of 1 rad/s when styles are ordered."""
 
@@ -61,24 +58,17 @@ def made(table: np.ndarray, who: Person) -> np.ndarray:
     return np.stack([harmonics(signals(g, a, -g[:, 1], [(0, POINTS)], "right")) for g, a in both])
 
 
-class Known(NamedTuple):
-    """A recorded leg, the usual person at its stride, and people of the population at it."""
-
-    leg: Waves
-    usual: Person
-    others: list[Person]
-
-
-def recorded() -> list[Known]:
-    """Every leg of every second person of `walking5m`."""
-    found, known = [], movement.known()
+def recorded() -> tuple[list[Waves], list[Person]]:
+    """Every leg, and the usual person at its stride, of every second person of `walking5m`."""
+    legs, people, known = [], [], movement.known()
     for walk in datasets.load("walking5m", list(known)):
         target, given = known[walk.recording.name]
-        at = tuple(target.medians[name] for name in ("stride_time", "stride_length"))
-        people = jax.tree.map(float, movement.usual(target.leg, *at)), drawn(walk.recording.name, *at)
-        legs = (mean_stride(part, given.rate_hz) for part in legs_of(walk, given))
-        found += [Known(one, *people) for one in legs if one is not None]
-    return found
+        at = (target.medians[name] for name in ("stride_time", "stride_length"))
+        who = jax.tree.map(float, movement.usual(target.leg, *at))
+        found = [one for part in legs_of(walk, given) if (one := mean_stride(part, given.rate_hz)) is not None]
+        legs += found
+        people += [who] * len(found)
+    return legs, people
 
 
 def amounts(waves: np.ndarray) -> np.ndarray:
@@ -101,24 +91,26 @@ def styles(apart: np.ndarray, gain: np.ndarray) -> np.ndarray:
 
 def derived(table: np.ndarray) -> np.ndarray:
     """The table (1 + 2 + styles, rows, columns), from the present one."""
-    known = recorded()
-    legs = [one.leg for one in known]
-    usual = [made(table, one.usual) for one in known]
+    legs, people = recorded()
+    usual = [made(table, who) for who in people]
     turns = [np.exp(-1j * late(one.mean[SHANK], own[SHANK]) * HARMONICS) for one, own in zip(legs, usual, strict=True)]
     means = np.array([one.mean * turn for one, turn in zip(legs, turns, strict=True)])
-    mean, size = means.mean(axis=0), np.median([one.size for one in legs], axis=0)
+    mean, power = means.mean(axis=0), np.median([one.size for one in legs], axis=0) ** 2
     rate = 2.0 * np.pi * HARMONICS / np.mean([one.stride_time for one in legs])
     gain = np.where(TURNING, 1j * rate, -(rate**2))
     table = table.copy()
     table[:, FREE.ravel()] = 0.0
     table[3:] += amounts(styles(means - mean, gain))
-    wanted = size
+    rng = np.random.default_rng(0)
     for number in range(ROUNDS):
-        usual = np.array([made(table, one.usual) for one in known])
-        others = np.array([[made(table, other) for other in one.others] for one in known])
-        larger = size / np.median(np.abs(others), axis=(0, 1))
-        wanted = np.minimum(wanted * np.clip(larger, 1.0 / STEP, STEP), LARGEST * np.abs(mean))
-        lacks = (wanted * mean / np.abs(mean) - usual.mean(axis=0)) * MEAN
+        usual = np.array([made(table, who) for who in people])
+        differs = np.zeros(mean.shape)
+        for i in rng.integers(len(people), size=DRAWS):
+            own = dict(zip(shapes.STYLES, rng.standard_normal(len(shapes.STYLES)), strict=True))
+            who = Person(people[i].body, people[i].gait._replace(**own))
+            differs += np.abs(made(table, who) - usual[i]) ** 2 / DRAWS
+        size = np.minimum(np.sqrt(np.maximum(power - differs, 0.0)), LARGEST * np.abs(mean))
+        lacks = (size * mean / np.abs(mean) - usual.mean(axis=0)) * MEAN
         of_turns, of_forces = (np.sqrt(np.sum(np.abs(lacks * one) ** 2)) for one in (TURNING, ~TURNING))
         print(f"round {number + 1}: lacks {of_turns:.3f} rad/s and {of_forces:.3f} m/s²", flush=True)
         table[0] += amounts(lacks / gain)
