@@ -141,8 +141,8 @@ RECORDED = Gait(
 )  # fmt: skip
 """The mean gait of recorded people, by `experiments.people.shapes`.
 
-`knee_stance` is so large, and the foot falls so early (`feet.RECORDED.lowers`), that a knee that is nearly straight at
-landing does not turn faster than a perfect sensor at 200 Hz can follow within a millimetre a minute.
+`knee_stance` is so large, `landing_speed` so small, and the foot falls so early (`feet.RECORDED.lowers`), that a knee
+nearly straight at landing does not turn faster than a perfect sensor at 200 Hz can follow within a millimetre a minute.
 """
 
 
