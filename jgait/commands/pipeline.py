@@ -162,6 +162,12 @@ def start_of(estimator: Estimator[PyTree, PyTree], file: Path | None, paper: boo
     return params
 
 
+def tunings(file: Path | None) -> list[dict[str, Any]]:
+    """How the parameters of a file were tuned, and those from which that began, the last first."""
+    made = {} if file is None else io.made_of(file)[1]
+    return [made, *made.get("before", ())]
+
+
 def not_held_out(
     file: Path | None, versions: Mapping[str, str] | None = None, subjects: Mapping[str, str] | None = None
 ) -> tuple[Note, ...]:
@@ -170,24 +176,26 @@ def not_held_out(
     With versions and subjects of the recordings to be judged, by name, as of `cohort.Source`, the note states how many
     of them are among those of the tuning.
     """
-    made = {} if file is None else io.made_of(file)[1]
-    if file is None or not made.get("cohort"):
+    first, *before = tunings(file)
+    if file is None or not first.get("cohort"):
         return ()
-    judged: Any = made.get("held_out")
+    judged: Any = first.get("held_out")
     others = ""
-    if judged:
+    if judged and not any({*first["data"].values()} & {*one["data"].values()} for one in before):
         others = (
-            f"; with {made.get('left_out', 'people')} left out in turn, the median {judged['error']} was "
+            f"; with {first.get('left_out', 'people')} left out in turn, the median {judged['error']} was "
             f"{judged['before']:.3g} {judged['unit']} before and {judged['after']:.3g} {judged['unit']} after"
         )
-    name, cohort = Path(file).name, Path(str(made["cohort"])).name
+    name = Path(file).name
+    cohort = " and ".join(dict.fromkeys(Path(str(one["cohort"])).name for one in (first, *before)))
     which = "errors on people of that cohort are"
-    if versions is not None and "subjects" in made:
-        used = {one for one, version in versions.items() if version in made["data"].values()}
+    if versions is not None and "subjects" in first:
+        tuned = {version for one in (first, *before) for version in one["data"].values()}
+        used = {one for one, version in versions.items() if version in tuned}
         unused = [who for one, who in (subjects or {}).items() if one in versions.keys() - used]
-        first = len(made["subjects"])
-        names = people([*made["subjects"], *unused])
-        same = sum(who in names[:first] for who in names[first:])
+        known = sorted({who for one in (first, *before) for who in one["subjects"]})
+        names = people([*known, *unused])
+        same = sum(who in names[: len(known)] for who in names[len(known) :])
         if not used and not same:
             return (HELD_OUT(file=name, cohort=cohort, recordings=len(versions), others=others),)
         parts = {"of that tuning": len(used), "people with names of that tuning": same}

@@ -12,7 +12,7 @@ from jaxtyping import PRNGKeyArray
 
 from jgait import io
 from jgait import simulate as simulation
-from jgait.commands.console import Bar, console, count, progress, stop, table_of, visible, write_json
+from jgait.commands.console import Bar, console, count, note, progress, stop, table_of, visible, write_json
 from jgait.commands.folder import results_folder
 from jgait.simulate import protocols, sensors
 from jgait.simulate import sensors as worn_sensors
@@ -32,6 +32,7 @@ GAITS = (
 )  # fmt: skip
 PROTOCOLS = ("bennett", "udaya_shankar", "silva", "potter", "kose")
 HIGHEST_RATE_HZ = 1000.0
+WAIST = {"waist", "lower_back", "pelvis"}
 
 
 def simulate(
@@ -100,6 +101,8 @@ def simulate(
             stop(f"nothing more could be written to {out}: {error}")
     write_json(json_file, {"asked": asked, "walks": written})
     _show(written)
+    if any(not WAIST.isdisjoint(walk["sensors"]) for walk in written.values()):
+        note("these people walk by rules, and their steps measured at the waist come out too long (see --help)")
     cohort = visible(out / "cohort.csv")
     console.print(
         f"wrote {count(len(written), 'recording', 'recordings')}, each with its truth, and {cohort} "

@@ -13,7 +13,7 @@ from jgait.commands import recordings, tune_report, tune_run
 from jgait.commands.console import Bar, console, note, progress, say_failures, stop
 from jgait.commands.folder import results_folder
 from jgait.commands.lessons import check_answers, lessons_of, losses_of, prepared
-from jgait.commands.pipeline import measures_of, pipeline_of, start_of
+from jgait.commands.pipeline import measures_of, pipeline_of, start_of, tunings
 from jgait.commands.references import REFERENCES
 from jgait.commands.rows import COPIED
 from jgait.commands.warnings import say_warnings
@@ -109,6 +109,8 @@ def tune(
         "recordings": len(made.names), "people": len(set(made.subjects)), "left_out": groups.many,
         "options": {name: getattr(made.options, name) for name in ("soft", "noise") if hasattr(made.options, name)},
         "subjects": sorted(set(made.subjects)), "data": source.versions(made.names, ("file", *REFERENCES)),
+        "before": [{name: one[name] for name in ("cohort", "subjects", "data")}
+                   for one in tunings(params) if "subjects" in one],
     }  # fmt: skip
     title = f"{pipeline.name}{', the paper’s pipeline,' if paper else ''} tuned on {source.title}"
     asked = {

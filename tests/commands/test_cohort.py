@@ -392,6 +392,14 @@ def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walk
     assert ways[2] == ways[0]
 
 
+def source_of(table):
+    """File → SHA-256, of the recordings of a table."""
+    from jgait.commands import cohort
+
+    found = cohort.source(table, None, None, 0, None, None, ())
+    return found.versions(found.marks)
+
+
 def test_recordings_of_the_tuning_are_known_by_their_content_and_people_by_their_names(tuned, table, walks):
     from jgait.commands import cohort
 
@@ -411,6 +419,16 @@ def test_recordings_of_the_tuning_are_known_by_their_content_and_people_by_their
         *_, note = cohort.source(mine, None, None, 0, None, None, (), tuned[2] / "tuned.json").notes
         assert f"the parameters in tuned.json were tuned on bad.csv: {expected}" in str(note)
         assert note.severity == ("info" if "none" in expected else "check")
+    # Parameters that began with those of another tuning were tuned on its recordings, too.
+    whole = json.loads((tuned[2] / "tuned.json").read_text())
+    own = whole["made"]["data"]
+    for data, held_out in (({"other3.csv": next(iter(source_of(mine).values()))}, True), (own, False)):
+        whole["made"]["before"] = [{"cohort": "first.csv", "subjects": ["q0"], "data": data}]
+        (walks[0] / "twice.json").write_text(json.dumps(whole))
+        *_, note = cohort.source(mine, None, None, 0, None, None, (), walks[0] / "twice.json").notes
+        assert "were tuned on bad.csv and first.csv: " in str(note)
+        assert ("1 (of that tuning) are not held out" in str(note)) == held_out
+        assert ("left out in turn" in str(note)) == held_out
 
 
 @pytest.mark.parametrize(
