@@ -13,7 +13,7 @@ from jgait.estimators.about import (
     EstimateTable,
     MissingMeasure,
 )
-from jgait.estimators.stride_flags import DOUBTFUL, SIDE_UNKNOWN, TURNING, UNEVEN_DURATION, UNSURE
+from jgait.estimators.stride_flags import DOUBTFUL, HALF, SIDE_UNKNOWN, TURNING, UNEVEN_DURATION, UNSURE
 from jgait.estimators.totals import LEG_STRIDES, WAY, has_strides
 from jgait.estimators.waist.params import DEFAULT, DETECTORS, PAPER
 from jgait.events.trunk import PaperRule
@@ -68,7 +68,7 @@ ABOUT = About(
             "Accelerations of the trunk and the initial contacts of both feet, about the middle contact.",
         ),
     ),
-    flags=(TURNING, UNEVEN_DURATION, DOUBTFUL, UNSURE, SIDE_UNKNOWN),
+    flags=(TURNING, HALF, UNEVEN_DURATION, DOUBTFUL, UNSURE, SIDE_UNKNOWN),
     losses=(
         "distance", "stride_length", "stride_time", "contact_times", "likelihood", "calibration",
     ),

@@ -36,7 +36,7 @@ from jgait.estimators.waist.params import (
     with_body,
 )
 from jgait.estimators.waist.prepare import prepare
-from jgait.estimators.waist.readout import EDGE_STEPS, WaistWalk, earlier
+from jgait.estimators.waist.readout import EDGE_STEPS, WaistWalk, closing, earlier
 from jgait.estimators.waist.steps import Intervals
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.trunk import FREE, OVER_S, moved_between, step_frequency
@@ -46,7 +46,7 @@ from jgait.types import Estimate, Legs, Recording, Strides, Values, as_float
 TURNING = 0.35
 """[rad] Threshold on the turn of the walk over a stride (20°); a stride above it is flagged as part of a turn."""
 
-FLAGS = ("turning", "unsure", "side_unknown")
+FLAGS = ("turning", "half", "unsure", "side_unknown")
 """Names of the flags in `diagnostics`, each (n,) bool in the order of the strides."""
 
 _PENDULUM = ("pendulum_constant", "pendulum_constant_sd", "step_noise", "turn_noise", "edge_noise")
@@ -148,6 +148,7 @@ def _strides(
     )  # fmt: skip
     flags = {
         "turning": valid & (jnp.abs(turn) > TURNING),
+        "half": valid & closing(inputs),
         "unsure": valid & walked.unsure,
         "side_unknown": valid & (inputs.likely < SIDE_KNOWN),
     }
@@ -199,9 +200,9 @@ and number of them that is not noted: straight strides of `ipol_gait` are faster
 
 
 LONGER = 1.2
-"""[1] Duration of a stride over the median of those walked, from which on it is of a slower part, if more than `FEW`
-are. In such parts of simulated walks lengths are too large, in those of `tripod` they are not. Chosen: hardly any
-straight strides of `ipol_gait` and `mobgap_lab` last as long."""
+"""[1] Duration of a stride over the median of those walked, from which on it is of a slower part, or beside a stop
+that was not found; it is noted if more than `FEW` are. In such parts of simulated walks lengths are too large, in those
+of `tripod` they are not. Chosen: hardly any straight strides of `ipol_gait` and `mobgap_lab` last as long."""
 
 
 EVERY_SECOND = 0.65
@@ -259,8 +260,10 @@ def _doubts(result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs])
         length, speed, turn = (as_float(part) for part in (strides.length, strides.speed, strides.turn))
         turning = kept & (np.abs(turn) > TURNING)
         noted = slow = kept & (speed < SLOW) & ~turning & ~integrated
-        if np.median(length[kept]) < SHORTEST or np.median(speed[kept]) < SLOWEST:
-            noted, slow = kept & ((length < SHORTEST) | (speed < SLOWEST)), kept
+        whole = kept & ~np.asarray(result.diagnostics["half"], bool)
+        whole = whole if whole.any() else kept
+        if np.median(length[whole]) < SHORTEST or np.median(speed[whole]) < SLOWEST:
+            noted, slow = whole & ((length < SHORTEST) | (speed < SLOWEST)), kept
         lasts = as_float(strides.end) - as_float(strides.start)
         usual = float(np.median(lasts[kept & ~runs])) if (kept & ~runs).any() else np.inf
         slower = kept & (lasts > LONGER * usual) & ~turning & ~slow & ~integrated
@@ -270,8 +273,7 @@ def _doubts(result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs])
         if slower.sum() > FEW:
             seconds = float(np.median(lasts[slower]))
             notes.append(SLOWER_PART(strides=slower.sum(), of=kept.sum(), seconds=seconds, usual=usual))
-            slow = slow | slower
-        beside = np.convolve(slow, np.ones(2 * EDGE_STEPS + 1))[EDGE_STEPS:-EDGE_STEPS] > 0.0  # a person stops
+        beside = np.convolve(slow | slower, np.ones(2 * EDGE_STEPS + 1))[EDGE_STEPS:-EDGE_STEPS] > 0.0  # a person stops
         unlike = (kept & beside) | turning
     rise = _rise(result, made.inputs.still)
     climbs = kept & (np.abs(rise) > RISES)

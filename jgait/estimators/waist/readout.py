@@ -116,6 +116,11 @@ def _beside(flags: Flags) -> Flags:
     return flags
 
 
+def closing(inputs: WaistInputs) -> Flags:
+    """(K,) bool: the person stands at the next node, so that the step to this one closes a bout."""
+    return jnp.concatenate([inputs.stands[1:], jnp.zeros_like(inputs.stands[:1])]) & inputs.steps
+
+
 def _step_variance(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> Values:
     """(K,) variance of the pendulum's steps [m²]; larger in turns, at both ends of a bout, and over lost samples.
 
@@ -135,6 +140,10 @@ def fused(p: WaistParams, inputs: WaistInputs, intervals: Intervals, options: Wa
 
     The pendulum's constant is that of the parameters, with one error for all steps: integrated accelerations of walks
     are too small by a common share, and would lower the constant with every bout.
+
+    The foot of a stride that ends in standing comes to rest beside the other: it moves as far as the step before is
+    long, while the trunk, which was behind the foot, goes farther. The deviation of an integrated stride contains its
+    difference from the pendulum's.
     """
     row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
     there = row < inputs.count
@@ -149,7 +158,8 @@ def fused(p: WaistParams, inputs: WaistInputs, intervals: Intervals, options: Wa
         pendulum=intervals.pendulum,
         pendulum_variance=_step_variance(p, inputs, intervals),
     )
-    stepped = inputs.steps & (intervals.pendulum > 0.0) & ~_beside(inputs.stands) & there
+    integrated = _beside(inputs.stands)
+    stepped = inputs.steps & (intervals.pendulum > 0.0) & ~integrated & there
     mask = WaistObservation(stepped, inputs.stands & there)
     observed = WaistObservation(zero, zero)
     known = model_params(p, jnp.any(inputs.still))
@@ -163,7 +173,12 @@ def fused(p: WaistParams, inputs: WaistInputs, intervals: Intervals, options: Wa
     distance_sd, step_sd, stride_sd = (
         root(spread + constant_variance(p) * way**2) for way, spread in zip(mean[:3], variance[:3], strict=True)
     )
-    return WaistWalk(mean.distance, distance_sd, mean.step, step_sd, mean.stride, stride_sd, unsure, diagnostics)
+    swung = p.pendulum_constant * intervals.pendulum
+    closes = closing(inputs)
+    stride = jnp.where(closes, earlier(mean.step, 1), mean.stride)
+    apart = stride - jnp.where(closes, 0.0, swung) - earlier(swung, 1)
+    stride_sd = root(stride_sd**2 + jnp.where(integrated | earlier(integrated, 1), apart, 0.0) ** 2)
+    return WaistWalk(mean.distance, distance_sd, mean.step, step_sd, stride, stride_sd, unsure, diagnostics)
 
 
 def by_pendulum(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> WaistWalk:

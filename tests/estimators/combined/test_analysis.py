@@ -252,14 +252,14 @@ def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
 
 
 def test_what_only_a_contradicted_source_says_is_in_doubt(analysis):
-    """The waist's lengths are 1.4 times those of the others, and it alone has the last stride of the right foot."""
+    """The waist's lengths are 1.5 times those of the others, and it alone has the last stride of the right foot."""
     sources = []
     for source in analysis.sources:
         own = source.estimate
         if own.strides is None:
             continue
         if source.name == "waist":
-            strides = own.strides._replace(length=1.4 * own.strides.length, step_length=1.4 * own.strides.step_length)
+            strides = own.strides._replace(length=1.5 * own.strides.length, step_length=1.5 * own.strides.step_length)
         else:
             right = np.flatnonzero((np.asarray(own.strides.side) == 0) & np.asarray(own.strides.valid))
             valid = np.array(own.strides.valid)
