@@ -59,8 +59,8 @@ KNOWN = SETS[-1]
 LEG = Body().thigh_length + Body().shank_length
 SKIN, SHANK = (0.4, 2.0, 2.0), 0.25
 """[rad/s, m/s², m/s²] Prior deviations of the rate and the accelerations of skin over bone, in each harmonic, at one
-stride a second; [1] part of it at the shank in its first harmonics. By motion capture (`neura_sparse`), sensors on
-thighs turn by 0.2 to 0.6 rad/s over the bone in each of the first seven, those on shanks by 0.1 to 0.2 rad/s."""
+stride a second; [1] part of it at the shank in its first harmonics: by motion capture (`neura_sparse`), sensors on
+shanks turn much less over the bone than those on thighs."""
 FIRST, BONE, LAST = 2, 7, 24
 """[1] First free harmonic of the skin; the first in which it moves as freely at the shank as at the thigh; the last."""
 COUNT = len(GAIT) + len(FEET) * TERMS + 12 * (LAST - FIRST + 1)
