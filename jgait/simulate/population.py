@@ -38,11 +38,12 @@ _MANNER = {
 }  # fmt: skip
 """Gait parameters that grow with the stride: power of the stride over the leg, and upper limit."""
 
-_MANNER_RECORDED = {
+_MOST_RECORDED = {
     "toe_up": 45.0 * DEGREE, "heel_up": 98.0 * DEGREE, "pelvis_surge": 0.05, "pelvis_rise": 0.08, "landing_speed": 0.8,
     "hip_ahead": 0.05,
 }  # fmt: skip
-"""Those of recorded people, and their upper limits; the powers are in `tables.TABLES`."""
+_MANNER_RECORDED = {name: (TABLES["powers"][name], most) for name, most in _MOST_RECORDED.items()}
+"""The same of recorded people, whose limits are chosen."""
 
 PELVIS_SPREAD = {
     "pelvis_rise": 0.13, "pelvis_surge": 0.23, "pelvis_sway": 0.33, "pelvis_rotation": 0.70, "pelvis_drop": 0.56,
@@ -75,8 +76,7 @@ def manner(relative_stride: Values, usual: Gait = _USUAL) -> dict[str, Values]:
     pendulum. The lower limit is a third of the value at the usual stride, the upper limit is anatomical.
     """
     share = jnp.maximum(relative_stride / _USUAL_STRIDE, 1.0 / 3.0)
-    recorded = {name: (TABLES["powers"][name], most) for name, most in _MANNER_RECORDED.items()}
-    grows = recorded if usual is RECORDED else _MANNER
+    grows = _MANNER_RECORDED if usual is RECORDED else _MANNER
     return {name: jnp.minimum(getattr(usual, name) * share**power, most) for name, (power, most) in grows.items()}
 
 

@@ -392,7 +392,7 @@ def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walk
     assert ways[2] == ways[0]
 
 
-def source_of(table):
+def hashes(table):
     """File → SHA-256, of the recordings of a table."""
     from jgait.commands import cohort
 
@@ -422,7 +422,7 @@ def test_recordings_of_the_tuning_are_known_by_their_content_and_people_by_their
     # Parameters that began with those of another tuning were tuned on its recordings, too.
     whole = json.loads((tuned[2] / "tuned.json").read_text())
     own = whole["made"]["data"]
-    for data, held_out in (({"other3.csv": next(iter(source_of(mine).values()))}, True), (own, False)):
+    for data, held_out in (({"other3.csv": next(iter(hashes(mine).values()))}, True), (own, False)):
         whole["made"]["before"] = [{"cohort": "first.csv", "subjects": ["q0"], "data": data}]
         (walks[0] / "twice.json").write_text(json.dumps(whole))
         *_, note = cohort.source(mine, None, None, 0, None, None, (), walks[0] / "twice.json").notes

@@ -71,6 +71,12 @@ def test_the_same_again_writes_nothing_anew_and_another_simulation_is_refused(ma
     assert code == 2 and "seed was “0”, now “1”" in said
 
 
+def test_where_a_waist_is_worn_walks_by_rules_are_named(made, tmp_path):
+    code, said = run(*SMALL, "--placements", "lower_back", "--out", tmp_path)
+    assert code == 0 and "their steps measured at the waist come out too long" in " ".join(said.split()), said
+    assert "at the waist" not in made[0][1]
+
+
 def test_people_of_two_seeds_have_different_names(made, tmp_path):
     assert run(*SMALL, "--seed", 3, "--out", tmp_path)[0] == 0
     cohorts = [pd.read_csv(folder / "cohort.csv") for folder in (made[1], tmp_path)]

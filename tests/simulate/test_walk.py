@@ -337,8 +337,8 @@ def test_soft_tissue_moves_sensors_over_bones_that_stay_as_they_are():
     for name in ("foot_right", "foot_left"):
         flat, time = np.abs(rigid.sensors[name].gyr).max(axis=1) < 1e-12, soft.sensors[name].time
         still = np.abs(soft.sensors[name].gyr[flat]).max(axis=1)
-        walks = (time[flat] > 0.3) & (time[flat] < np.sort(same.strides.end)[-2])
-        assert walks.sum() > 0.2 * rate and still[walks].max() < 1e-4
+        walks = (time[flat] > 0.4) & (time[flat] < np.sort(same.strides.end)[-2])
+        assert walks.sum() > 0.2 * rate and still[walks].max() < 1e-12
         # Feet that stand at the start and at the end hardly move.
         assert still.max() < 1e-2
         assert np.abs((soft.sensors[name].gyr - rigid.sensors[name].gyr)[~flat]).max() > 0.3
