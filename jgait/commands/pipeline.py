@@ -198,9 +198,9 @@ def not_held_out(
         same = sum(who in names[: len(known)] for who in names[len(known) :])
         if not used and not same:
             return (HELD_OUT(file=name, cohort=cohort, recordings=len(versions), others=others),)
-        parts = {"of that tuning": len(used), "people with names of that tuning": same}
-        each = " and ".join(f"{number} ({what})" for what, number in parts.items() if number)
-        which = f"of these {len(versions)} recordings, {each} are"
+        parts = {"used there": len(used), "of people with names used there": same}
+        each = " and ".join(f"{number} {what}" for what, number in parts.items() if number)
+        which = f"of these {len(versions)} recordings, {each}, so that errors on them are"
     return (NOT_HELD_OUT(file=name, cohort=cohort, which=which, others=others),)
 
 

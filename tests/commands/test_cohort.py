@@ -367,7 +367,7 @@ def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walk
         "evaluate", evaluated[3], "--paper", "--params", file, "--loss", "distance", "--out", tmp_path / "out"
     )
     assert code == 1, said
-    assert said.count("of these 6 recordings, 5 (of that tuning) are not held out") == 1
+    assert said.count("of these 6 recordings, 5 used there, so that errors on them are not held out") == 1
     rows = pd.read_csv(tmp_path / "out" / "quantities.csv").query("quantity == 'distance_m'").set_index("recording")
     errors = pd.read_csv(tmp_path / "out" / "losses.csv").set_index("recording")["distance"]
     percent = 100.0 * (rows["estimate"] / rows["reference"] - 1.0).abs()
@@ -408,9 +408,10 @@ def test_recordings_of_the_tuning_are_known_by_their_content_and_people_by_their
         frame.iloc[:-1].to_csv(walks[0] / f"other{number}.csv", index=False)
         (walks[0] / f"again{number}.csv").write_bytes((walks[0] / f"walk{number}.csv").read_bytes())
     for files, people, expected in (
-        (["again0.csv", "again3.csv"], ["p7", "p8"], "of these 2 recordings, 2 (of that tuning) are not held out;"),
+        (["again0.csv", "again3.csv"], ["p7", "p8"],
+         "of these 2 recordings, 2 used there, so that errors on them are not held out;"),
         (["walk0.csv", "other0.csv", "other3.csv"], ["p0", "p8", "P1"],
-         "of these 3 recordings, 1 (of that tuning) and 1 (people with names of that tuning) are not held out;"),
+         "of these 3 recordings, 1 used there and 1 of people with names used there, so that errors on them are not"),
         (["other0.csv", "other3.csv", "gone.csv"], ["p8", "p9", "p0"],
          "none of these 2 recordings is of that tuning;"),
     ):  # fmt: skip
@@ -427,7 +428,7 @@ def test_recordings_of_the_tuning_are_known_by_their_content_and_people_by_their
         (walks[0] / "twice.json").write_text(json.dumps(whole))
         *_, note = cohort.source(mine, None, None, 0, None, None, (), walks[0] / "twice.json").notes
         assert "were tuned on bad.csv and first.csv: " in str(note)
-        assert ("1 (of that tuning) are not held out" in str(note)) == held_out
+        assert ("1 used there, so that errors on them are not held out" in str(note)) == held_out
         assert ("left out in turn" in str(note)) == held_out
 
 
