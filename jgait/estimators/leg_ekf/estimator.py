@@ -55,7 +55,8 @@ def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOpti
     observed, controls, mask = inclination.observed(segment, vector(segment.gyr[0]), inputs, options.standing)
     inferred = filtering.infer(
         inclination.MODEL, p.inclination, observed, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
-        initial=inclination.prior(vector(segment.bias), inputs.start_variance), covariance=inclination.NEEDED,
+        initial=inclination.prior(vector(segment.bias), inputs.start_variance, segment.unrest),
+        covariance=inclination.NEEDED,
     )  # fmt: skip
     return inclination.read_out(inferred.mean, inferred.cov, observed.gyr)
 
