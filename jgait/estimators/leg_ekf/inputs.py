@@ -43,7 +43,7 @@ class LegInputs(NamedTuple):
     time: Times  #: (T,) [s].
     dt: Sampled  #: (T,) time since the previous sample [s]; 0 at the first and in padding.
     still: Annotated[Values, Axis("one")]  #: (T,) bool, the person stands.
-    valid: Sampled  #: (T,) bool, False for padding and for long gaps in the signals of a leg.
+    valid: Sampled  #: (T,) bool, False for padding and for long gaps in the signals of any leg.
     #: variance of the pose at the first sample [rad²]; small if the recording starts standing.
     start_variance: np.ndarray
     #: inputs of the strapdown of the shanks' sensors; None without their accelerometers.

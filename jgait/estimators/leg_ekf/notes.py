@@ -29,8 +29,8 @@ SEGMENTS_SWAPPED = Kind(
 NOT_ESTIMATED = Kind(
     "not_estimated",
     "check",
-    "nothing is stated for {seconds:.2f} s from {begin_s:.2f} s, where samples are missing; angles after it start "
-    "again from gravity and are less certain, and the distance of the legs alone lacks the steps in it",
+    "{side}: no angles are stated for {seconds:.2f} s from {begin_s:.2f} s, where samples are missing; angles after it "
+    "start again from gravity and are less certain, and the distance of the legs alone lacks the steps in it",
     LOSSES,
 )
 

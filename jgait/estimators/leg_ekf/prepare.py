@@ -4,6 +4,7 @@ This module detects quiet standing and finds the mediolateral axis of each senso
 `leg_ekf.run` is differentiable for given standing and axes.
 """
 
+import itertools
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -219,16 +220,24 @@ def lost_time(time: np.ndarray, measured: np.ndarray) -> np.ndarray:
     return np.where(measured, 0.0, np.maximum(since, np.median(np.diff(time))))
 
 
-def _told(legs: dict[str, LegSignals], time: np.ndarray) -> tuple[np.ndarray, list[Note]]:
-    """(T,) bool, True where an estimate exists, False in long gaps; and a note for each gap."""
-    lost = ~np.all([segment.measured for leg in legs.values() for segment in leg], axis=0)
-    heard, step = np.ones(time.size, bool), float(np.median(np.diff(time)))
-    notes: list[Note] = []
-    for start, stop in true_runs(lost):
-        if (stop - start) * step >= LONG_GAP:
-            heard[start:stop] = False
-            notes.append(NOT_ESTIMATED(seconds=(stop - start) * step, begin_s=time[start] - time[0]))
-    return heard, notes
+def long_gaps(leg: LegSignals, time: np.ndarray) -> list[tuple[int, int]]:
+    """Half-open ranges of samples in which nothing is stated of a leg, because one of its sensors lacks samples."""
+    step = float(np.median(np.diff(time)))
+    lost = ~(leg.thigh.measured & leg.shank.measured)
+    return [(start, stop) for start, stop in true_runs(lost) if (stop - start) * step >= LONG_GAP]
+
+
+def _gap_notes(gaps: Mapping[str, list[tuple[int, int]]], time: np.ndarray) -> list[Note]:
+    """A note for each long gap, with the sides that it is of."""
+    step = float(np.median(np.diff(time)))
+    every = sorted({gap for of_side in gaps.values() for gap in of_side})
+    return [
+        NOT_ESTIMATED(
+            side=" and ".join(side for side in SIDES if (start, stop) in gaps.get(side, [])),
+            seconds=(stop - start) * step, begin_s=time[start] - time[0],
+        )
+        for start, stop in every
+    ]  # fmt: skip
 
 
 OTHERWISE_DEG = 10.0
@@ -306,10 +315,13 @@ def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[Leg
     notes += more
     if len(sides) == 1 and shanks is None:
         notes.append(ONE_LEG(side=sides[0]))
-    heard, more = _told(legs, time)
+    gaps = {side: long_gaps(leg, time) for side, leg in legs.items()}
+    heard = np.ones(time.size, bool)
+    for start, stop in itertools.chain(*gaps.values()):
+        heard[start:stop] = False
     dt = np.concatenate([[0.0], np.diff(time)])
     variance = np.asarray(1e-4 if upright[0] else SEATED if still[0] else 0.1)
     inputs = LegInputs(legs.get("right"), legs.get("left"), time, dt, still, heard, variance, shanks)
-    notes += more
+    notes += _gap_notes(gaps, time)
     gravity = options.gravity and not bare
     return Prepared(inputs, options._replace(gravity=gravity), tuple(notes), standing)

@@ -22,7 +22,7 @@ from jgait.io.summary import SUMMARY
 from jgait.notes import Kind
 from jgait.report import of_analysis
 from jgait.simulate.sensors import OPAL
-from jgait.types import Imu, RecordingError
+from jgait.types import Imu, RecordingError, as_float
 
 PLACEMENTS = (*simulate.SEVEN, "ankle_right", "ankle_left")
 FEET = ("foot_right", "foot_left")
@@ -461,6 +461,31 @@ def test_a_leg_that_a_sensor_no_longer_measures_has_no_angles_although_feet_go_o
     assert table["distance_m"].notna().all() and table.filter(regex="^foot.*right").iloc[-1].notna().all()
     low, high = joint_ranges(found.estimate)["knee right"]
     assert -10.0 < low < high < 90.0
+
+
+def test_a_gap_of_one_leg_takes_no_angles_from_the_other(walked, analysis):
+    recording, _ = walked
+    shank = recording.sensors["shank_right"]
+    time = np.asarray(shank.time)
+    begin, step = float(time[len(time) // 2]), float(time[1] - time[0])
+    one = jgait.analyse(changed(recording, shank_right=masked(shank, (time < begin) | (time >= begin + 0.4))), PERSON)
+    whole, lossy = (as_float(found.estimate.legs.left.knee_angle) for found in (analysis, one))
+    np.testing.assert_allclose(lossy, whole, atol=1e-6)
+    gap = ~np.isfinite(as_float(one.estimate.legs.right.knee_angle))
+    assert gap.sum() == pytest.approx(0.4 / step, abs=1)
+    assert [note.values["side"] for note in of_code(one.notes, "not_estimated")] == ["right"]
+    assert not of_code(one.notes, "no_angles_of_strides")
+
+
+def test_a_leg_without_angles_in_any_stride_is_named(walked):
+    recording, _ = walked
+    shank = recording.sensors["shank_right"]
+    time = np.asarray(shank.time)
+    measured = (time % 1.0 < 0.6) | (time < 3.2)
+    found = jgait.analyse(changed(recording, shank_right=masked(shank, measured)), PERSON)
+    assert [note.values["side"] for note in of_code(found.notes, "no_angles_of_strides")] == ["right"]
+    summary = io.analysis_to_dataframes(found)["summary"].set_index("measure")
+    assert np.isnan(summary.loc["knee_flexion_max", "right"]) and np.isfinite(summary.loc["knee_flexion_max", "left"])
 
 
 def test_a_source_without_any_stride_does_not_stop_the_others(walked):
