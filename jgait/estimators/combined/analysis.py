@@ -10,7 +10,7 @@ from jaxtyping import PyTree
 from jgait.estimators.checks import SENSOR_LEFT_OUT, check_shapes, sensors_of
 from jgait.estimators.combined.alike import with_sides_unlike
 from jgait.estimators.combined.compare import Comparison, comparisons, contact_notes, length_notes, regular, side_notes
-from jgait.estimators.combined.crosscheck import FOOT_ON_SHANK, crosscheck, exchanged
+from jgait.estimators.combined.crosscheck import FOOT_ON_SHANK, OF_WALKING, crosscheck, exchanged
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
 from jgait.estimators.combined.phases import FEWEST_STRIDES
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
@@ -115,6 +115,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     left_out = tuple(note for note in recording.notes if note.code == SENSOR_LEFT_OUT)
     usable = recording._replace(sensors=kept, notes=left_out)
     estimates, notes = sources(usable, body)
+    placed = list(findings.notes)
     estimates, share, turned = with_time_wrong(estimates, recording.notes)
     follows = _following((*findings.notes, *recording.notes))
     recording = recording._replace(notes=tuple(note for note in recording.notes if not follows(note)))
@@ -140,9 +141,11 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in seen if len(seen) == 1]
     elif any(source.estimate.strides is not None for source in estimates):
         differ = [NO_STRIDES(), *differ]
+        if not any(source.name == "legs" for source in estimates):  # which needs walking
+            placed = [note for note in placed if note.kind not in OF_WALKING]
     estimate = _assembled(estimates, strides, total)
     differ += [] if strides is None else _without_angles(estimate, strides)
-    every = [*findings.notes, *differ, *recording.notes, *notes, *one_sided, *unlike, *stated]
+    every = [*placed, *differ, *recording.notes, *notes, *one_sided, *unlike, *stated]
     order = sorted(without_repeats(every), key=lambda note: SEVERITIES.index(note.severity))
     valid = {
         f"angles_valid_{side}": not any(side in str(note.values["sides"]) for note in unusable)
