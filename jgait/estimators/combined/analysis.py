@@ -9,7 +9,15 @@ from jaxtyping import PyTree
 
 from jgait.estimators.checks import SENSOR_LEFT_OUT, check_shapes, sensors_of
 from jgait.estimators.combined.alike import with_sides_unlike
-from jgait.estimators.combined.compare import Comparison, comparisons, contact_notes, length_notes, regular, side_notes
+from jgait.estimators.combined.compare import (
+    Comparison,
+    comparisons,
+    contact_notes,
+    length_notes,
+    regular,
+    side_notes,
+    waist_notes,
+)
 from jgait.estimators.combined.crosscheck import FOOT_ON_SHANK, OF_WALKING, crosscheck, exchanged
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
 from jgait.estimators.combined.phases import FEWEST_STRIDES
@@ -122,7 +130,8 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     wrong = findings.doubtful | _named(recording, AXES)
     wrong |= _named(recording, ("sides_differ",)) - _spared(recording, estimates)
     estimates, unlike = with_sides_unlike(estimates, wrong)
-    strides = joined(estimates, wrong | _named(recording, CLOCKS), wrong)
+    clocks = _named(recording, CLOCKS)
+    strides = joined(estimates, wrong | clocks, wrong)
     late = _apart(recording, estimates)
     ways, one_sided = distances(estimates, usable, body, wrong, late, share)
     total, differ = walked(ways)
@@ -136,7 +145,8 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     differ += unusable
     if strides is not None:
         differ = [*length_notes(estimates, strides), *differ, *side_notes(estimates, strides)]
-        differ += [*contact_notes(estimates, strides, findings.doubtful), *paces_mixed(strides.strides)]
+        differ += [*contact_notes(estimates, strides, findings.doubtful | clocks), *paces_mixed(strides.strides)]
+        differ += waist_notes(estimates, strides, wrong | clocks)
         seen = set(np.asarray(strides.strides.side).tolist())
         differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in seen if len(seen) == 1]
     elif any(source.estimate.strides is not None for source in estimates):

@@ -61,6 +61,21 @@ def test_a_late_foot_does_not_become_a_limp_without_a_note(walked, analysis, sec
         assert abs(note.values["seconds"] - seconds) < 0.05
 
 
+def test_sensors_whose_clocks_differ_still_measure_lengths(walked):
+    recording, truth = walked
+    foot = recording.sensors["foot_right"]
+    late = {name: np.roll(getattr(foot, name), 13, axis=0) for name in ("gyr", "acc", "mask")}
+    recording = changed(only(recording, "pelvis", *FEET, "shank_right", "shank_left"), foot_right=foot._replace(**late))
+    note = delays.SENSOR_LATE(placement="foot_right", milliseconds=130.0, side="behind", other="shank_right")
+    found = jgait.analyse(recording._replace(notes=(note,)), PERSON)
+    right = np.asarray(found.estimate.strides.side) == 0
+    assert found.strides.used["feet"][right].sum() > 0.5 * right.sum()
+    assert set(np.array(found.strides.first)[right]) == {"waist"}  # whose times do not depend on these clocks
+    assert errors(found.estimate.strides, truth).mean() < 0.02
+    (named,) = of_code(found.notes, "strides_of_waist")
+    assert named.values["side"] == "right" and "foot_right" in str(named) and "feet" in named.values["sources"]
+
+
 def test_rows_written_twice_without_time_stamps_make_everything_uncertain(walked, analysis):
     draw, true = np.random.default_rng(3), float(walked[1].estimate.distance[-1])
     times = 1 + (draw.random(len(walked[0].sensors["pelvis"].time)) < 0.02)
