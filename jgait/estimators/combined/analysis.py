@@ -13,6 +13,7 @@ from jgait.estimators.combined.compare import (
     Comparison,
     comparisons,
     contact_notes,
+    even_notes,
     length_notes,
     regular,
     side_notes,
@@ -146,7 +147,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     if strides is not None:
         differ = [*length_notes(estimates, strides), *differ, *side_notes(estimates, strides)]
         differ += [*contact_notes(estimates, strides, findings.doubtful | clocks), *paces_mixed(strides.strides)]
-        differ += waist_notes(estimates, strides, wrong | clocks)
+        differ += [*even_notes(estimates, strides, wrong | clocks), *waist_notes(estimates, strides, wrong | clocks)]
         seen = set(np.asarray(strides.strides.side).tolist())
         differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in seen if len(seen) == 1]
     elif any(source.estimate.strides is not None for source in estimates):

@@ -8,7 +8,7 @@ import numpy as np
 
 from jgait.estimators.combined.distance import WalkedDistance
 from jgait.estimators.combined.sources import SourceEstimate
-from jgait.estimators.combined.strides import CONSISTENT, SAME_CONTACT, JoinedStrides
+from jgait.estimators.combined.strides import CONSISTENT, LEG_WORN, SAME_CONTACT, JoinedStrides
 from jgait.estimators.stride_flags import STRIDE_FLAGS, without
 from jgait.estimators.totals import median
 from jgait.notes import WRONG_PLACE, Kind, Note
@@ -40,12 +40,16 @@ STRIDES_OF_WAIST = Kind(
     "and left can come from the sensors: do not read it as asymmetry.",
 )  # fmt: skip
 
+CONTACTS_CONTRADICT = Kind(
+    "contacts_contradict", "check", "{side}: contacts by {source} are up to {seconds:.2f} s from those by {other} in "
+    "{strides} of {of} strides; times by {other} count there, because they make strides more even",
+    "One of the two detects contacts wrongly there, as where a sensor loses or repeats samples, or moves on the leg. "
+    "Times of these strides, and of steps beside them, are less certain; lengths hold.",
+)  # fmt: skip
+
 APART_S = 0.1
 """[s] Least difference between both legs of the time from a foot's contacts to those of the same leg's ankle or shank.
 It is 0.06 or less in undamaged walks, public and simulated of all gaits, and larger where sensors are exchanged."""
-
-LEG_WORN = ("feet", "ankles", "shanks")
-"""Sources of strides that are worn on the legs."""
 
 FEWEST = 4
 """[1] Least number of common strides or contacts for a comparison."""
@@ -153,6 +157,28 @@ def contact_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides, dou
             if abs(seconds) > APART_S:
                 words = "later" if seconds > 0.0 else "earlier"
                 notes.append(CONTACTS_APART(other=other, seconds=abs(seconds), words=words))
+    return notes
+
+
+def even_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides, doubtful: frozenset[str]) -> list[Note]:
+    """A note for each side and source on the legs in place of whose contacts those of a later source count.
+
+    Sources with a sensor in `doubtful`, whose place or clock another note explains, have none.
+    """
+    notes, first, names = [], np.array(strides.first), [source.name for source in sources]
+    for number, source in enumerate(sources):
+        if source.name not in LEG_WORN or doubtful.intersection(source.placements):
+            continue
+        at, own = strides.rows[source.name], source.estimate.strides
+        ends = [(as_float(one.start), as_float(one.end)) for one in (own, strides.strides)]
+        apart = np.max([np.abs(theirs[at] - ours) for theirs, ours in zip(*ends, strict=True)], axis=0)
+        for side, word in enumerate(SIDES):
+            mine = np.asarray(strides.strides.side) == side
+            for other in (name for name in names[number + 1 :] if name in LEG_WORN):
+                rows = mine & (at >= 0) & (first == other) & (apart > SAME_CONTACT)
+                if rows.any():
+                    values = {"seconds": apart[rows].max(), "strides": rows.sum(), "of": mine.sum()}
+                    notes.append(CONTACTS_CONTRADICT(side=word, source=source.name, other=other, **values))
     return notes
 
 

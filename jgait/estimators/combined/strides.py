@@ -22,7 +22,7 @@ from jgait.estimators.stride_flags import (
     UNSURE,
 )
 from jgait.estimators.waist.notes import UNLEARNED
-from jgait.types import SIDES, Flags, Strides, as_float
+from jgait.types import SIDES, Estimate, Flags, Legs, Strides, as_float
 
 SAME = 0.5
 """[1] Two strides of a side are the same if the time they share is more than this part of the time they cover."""
@@ -42,6 +42,9 @@ OFTEN = 1.0 / 3.0
 BRIEF = 0.6
 """[1] A stride that lasts less than this part of the median stride, and is not from or to standing, is wrong."""
 
+LEG_WORN = ("feet", "ankles", "shanks")
+"""Sources whose sensors are on the legs; contacts by a trunk are less certain than theirs."""
+
 SHARED = {frozenset(("ankles", "shanks")): 0.5}
 """Correlation of the errors of two sources [1]; chosen: ankle and shank are one segment, measured by one method."""
 
@@ -51,10 +54,13 @@ FIELDS = tuple(name for name in Strides._fields if name not in ("side", "valid")
 TIMES = ("start", "final_contact", "end", "standing", "standing_end", "speed")
 """Quantities of a stride that are of its first source, or of those that share its clock."""
 
+PITCHES = ("contact_angle", "push_off_angle")
+"""Quantities of a stride that are those at its contacts."""
+
 COMBINED = ("length", "height", "turn")
 """Quantities of a stride that are combined; others are those of the first source that has them."""
 
-FLAGS = {flag.name: flag.read for flag in (TURNING, STAIRS, HALF, UNEVEN_DURATION, CLIPPED, UNSURE, SIDE_UNKNOWN)}
+FLAGS = {flag.name: flag.read for flag in (TURNING, STAIRS, HALF, CLIPPED, UNSURE, SIDE_UNKNOWN)}
 """Flag of strides → how a source's estimate states it, (strides,) bool, or None."""
 
 
@@ -157,7 +163,9 @@ def _table(
 ) -> JoinedStrides:  # fmt: skip
     by_name = {source.name: source for source in sources}
     marks = {name: {flag: read(source.estimate) for flag, read in FLAGS.items()} for name, source in by_name.items()}
-    told = [_told(by_name, group, trusted, doubts, marks) for group in groups]
+    lasts = {s.name: as_float(s.estimate.strides.end) - as_float(s.estimate.strides.start) for s in sources}
+    usual = float(np.median([lasts[name][row] for group in groups for name, row in group.items()]))
+    told = [_told(by_name, group, trusted, doubts, marks, usual) for group in groups]
     told.sort(key=lambda one: one.values["start"])
     told = _alone(told, _walks(sources))
     n = len(told)
@@ -167,11 +175,17 @@ def _table(
     flags = {name: np.array([one.flags[name] for one in told], bool) for name in FLAGS}
     stated = {flag for own in marks.values() for flag, column in own.items() if column is not None}
     flags = {name: flag for name, flag in flags.items() if name in stated}
-    flags[DOUBTFUL.name] = np.array([one.doubtful for one in told], bool)
     if width is not None:
         flags["width_valid"] = _widths(values, spread, side, width)
+    flags[DOUBTFUL.name] = np.array([one.doubtful for one in told], bool)
+    strides, deviations = _strides(side, values), _strides(side, spread)
+    none = np.zeros(0)
+    whole = Estimate(none, Legs(None, None), None, None, none, dict(flags), strides, strides_stddev=deviations)
+    for flag in (STAIRS, HALF, UNEVEN_DURATION):  # as every table reads them
+        if (marked := flag.read(whole)) is not None:
+            flags[flag.name] = np.asarray(marked, bool)
     return JoinedStrides(
-        _strides(side, values), _strides(side, spread),
+        strides, deviations,
         {name: np.array([one.group.get(name, -1) for one in told], int).reshape(n) for name in by_name},
         {name: np.array([name in one.used for one in told], bool) for name in by_name},
         tuple(one.first for one in told), flags, np.array([one.contradicts for one in told], bool),
@@ -209,7 +223,7 @@ def _walks(sources: Sequence[SourceEstimate]) -> list[tuple[int, float, float]]:
     for source in sources:
         strides, notes = source.estimate.strides, source.estimate.diagnostics["notes"]
         unsure = {str(note.values.get("placement")) for note in notes if note.code in UNSEEN}
-        for side in range(len(SIDES)) if source.name in ("feet", "ankles", "shanks") else ():
+        for side in range(len(SIDES)) if source.name in LEG_WORN else ():
             mine = np.asarray(strides.valid, bool) & (np.asarray(strides.side) == side)
             if mine.any() and not any(name.endswith(SIDES[side]) for name in unsure):
                 begin, end = as_float(strides.start)[mine].min(), as_float(strides.end)[mine].max()
@@ -241,23 +255,33 @@ def _alone(joined: list[_Told], walks: list[tuple[int, float, float]]) -> list[_
 
 def _told(
     by_name: Mapping[str, SourceEstimate], group: dict[str, int], trusted: Mapping[tuple[str, str], bool],
-    doubts: Mapping[str, np.ndarray], marks: Mapping[str, Mapping[str, Flags]],
+    doubts: Mapping[str, np.ndarray], marks: Mapping[str, Mapping[str, Flags]], usual: float,
 ) -> _Told:  # fmt: skip
     """A stride from its row in each source; rows in doubt count only where no other source has the stride.
 
-    Of sources whose clock is in doubt, all but the times count.
+    Of sources whose clock is in doubt, all but the times count. Where contacts of two sources on the legs are not the
+    same, times are those of the one whose duration is nearer to the `usual` one [s].
     """
     every = [name for name in by_name if name in group]
     side = int(by_name[every[0]].estimate.strides.side[group[every[0]]])
     timed = [name for name in every if trusted[name, SIDES[side]]] or every
     timed = [name for name in timed if not doubts[name][group[name]]] or timed
     names = [name for name in every if not doubts[name][group[name]]] or timed
+    worn = [name for name in timed if name in LEG_WORN]
+    at = {name: np.array([_of(by_name[name], end, group[name])[0] for end in ("start", "end")]) for name in worn}
+    wrong: set[str] = set()
+    if not any(_marked(marks[name], flag, group[name]) for name in worn for flag in (HALF.name, TURNING.name)):
+        even = min(worn, key=lambda name: abs(float(np.ptp(at[name])) - usual), default="")
+        if any(np.abs(at[name] - at[worn[0]]).max() > SAME_CONTACT for name in worn):
+            wrong = {name for name in worn if np.abs(at[name] - at[even]).max() > SAME_CONTACT}
+            timed = [even, *(name for name in timed if name not in wrong and name != even)]
     first = timed[0]
     values, spread, given = {}, {}, {}
     for field in FIELDS:
-        known = {name: _of(by_name[name], field, group[name]) for name in (timed if field in TIMES else names)}
-        given[field] = next((name for name, (value, _) in known.items() if np.isfinite(value)), next(iter(known)))
-        values[field], spread[field] = known[given[field]]
+        of_field = timed if field in TIMES else [name for name in names if name not in wrong or field not in PITCHES]
+        known = {name: _of(by_name[name], field, group[name]) for name in of_field}
+        given[field] = next((name for name, (value, _) in known.items() if np.isfinite(value)), first)
+        values[field], spread[field] = known.get(given[field], (np.nan, np.nan))
     (length, length_sd), (speed, speed_sd) = (_of(by_name[first], name, group[first]) for name in ("length", "speed"))
     used, contradicts = frozenset([names[0]]), False
     for field in COMBINED:
@@ -280,8 +304,13 @@ def _told(
         values["speed"] = speed * values["length"] / length
     if length_sd > 0.0:
         spread["speed"] = speed_sd * spread["length"] / length_sd
-    flags = {flag: any(marks[n][flag] is not None and bool(marks[n][flag][group[n]]) for n in names) for flag in FLAGS}
+    flags = {flag: any(_marked(marks[name], flag, group[name]) for name in names) for flag in FLAGS}
     return _Told(first, side, group, values, spread, flags, used, contradicts, bool(doubts[names[0]][group[names[0]]]))
+
+
+def _marked(marks: Mapping[str, Flags], flag: str, row: int) -> bool:
+    """Whether a source states a flag of one of its strides."""
+    return marks[flag] is not None and bool(marks[flag][row])
 
 
 def correlation(names: Iterable[str]) -> np.ndarray:

@@ -10,17 +10,20 @@ from made.notes import codes, of_code
 import jgait
 from jgait import io, simulate
 from jgait.commands.jobs import all_sensors
+from jgait.estimators import stride_flags
 from jgait.estimators.ankle_stride.notes import SWINGS_SMALL
 from jgait.estimators.combined.analysis import ACCUSED, CLOCKS
 from jgait.estimators.combined.compare import comparisons, regular
 from jgait.estimators.combined.distance import WalkedDistance, distances
 from jgait.estimators.combined.distance import walked as walked_together
 from jgait.estimators.combined.strides import combined, joined
+from jgait.estimators.stride_flags import STRIDE_FLAGS
 from jgait.estimators.totals import joint_ranges
 from jgait.io.damage import agreement, damage_notes, delays, paces, samples, tilts, turns
 from jgait.io.summary import SUMMARY
 from jgait.notes import Kind
 from jgait.report import of_analysis
+from jgait.simulate.gaits import walking
 from jgait.simulate.sensors import OPAL
 from jgait.types import Imu, RecordingError, as_float
 
@@ -74,6 +77,32 @@ def test_sensors_whose_clocks_differ_still_measure_lengths(walked):
     assert errors(found.estimate.strides, truth).mean() < 0.02
     (named,) = of_code(found.notes, "strides_of_waist")
     assert named.values["side"] == "right" and "foot_right" in str(named) and "feet" in named.values["sources"]
+
+
+def test_times_of_a_stride_are_those_that_make_strides_even_where_contacts_contradict():
+    person = walking(simulate.Person(gait=simulate.gait(speed=1.2, stature=1.75)), "hemiparetic")
+    worn = ("pelvis", *FEET, "shank_right", "shank_left")
+    recording, truth = simulate.with_breaks(
+        jax.random.key(0), person, [simulate.straight(12.0)], [], OPAL, placements=worn
+    )
+    found = jgait.analyse(recording, PERSON)
+    (note,) = of_code(found.notes, "contacts_contradict")
+    assert note.values["side"] == "right" and note.values["strides"] == 1
+    strides, steady = found.estimate.strides, regular(found.strides)
+    for side in (0, 1):
+        contacts = np.asarray(truth.strides.end)[np.asarray(truth.strides.side) == side]
+        ours = np.asarray(strides.end)[steady & (np.asarray(strides.side) == side)]
+        assert np.abs(ours[:, None] - contacts).min(axis=1).max() < 0.1
+    assert not of_code(jgait.analyse(only(recording, "pelvis", *FEET), PERSON).notes, "contacts_contradict")
+
+
+def test_the_same_strides_are_regular_in_every_table_and_others_have_a_reason(data):
+    for walk in data("walking5m", "Elderly/20180605_4", "Young/20180621_7"):
+        found = jgait.analyse(walk.recording, PERSON)
+        table = io.analysis_to_dataframes(found)["strides"]
+        np.testing.assert_array_equal(table["regular"], stride_flags.regular(found.estimate, STRIDE_FLAGS))
+        assert (table["regular"] | (table["special"] != "")).all()
+        assert (codes(found.notes).count("contacts_contradict") > 0) == walk.recording.name.endswith("20180605_4")
 
 
 def test_rows_written_twice_without_time_stamps_make_everything_uncertain(walked, analysis):
