@@ -391,3 +391,18 @@ def test_a_range_that_repeats_its_reading_while_the_feet_move_is_masked(fault):
     left = {"stuck": passes & (time <= 6.0), "constant": passes & False}.get(fault, passes)
     assert np.array_equal(recording.feet_range.mask, left)
     assert len(found(recording, "range_stuck")) == (fault not in ("none", "steps"))
+
+
+@pytest.mark.parametrize(("stands_s", "leaves_s", "alarm"), [(0.9, 0.9, False), (3.0, 0.0, False), (3.0, None, True)])
+def test_a_standing_in_which_the_weight_shifts_accuses_no_axes(stands_s, leaves_s, alarm):
+    """A thigh that turns slowly all the time that is recorded before the first step; and one with a reversed axis."""
+    time = np.arange(1000) / 100.0 - stands_s
+    walks = np.where(time > 0.0, 0.35 * np.sin(2.0 * np.pi * time / 1.2), 0.0)
+    pitch = walks + 0.2 * np.clip(time / 0.3, 0.0, 1.0) + (0.08 * np.clip(time, -leaves_s, 0.0) if leaves_s else 0.0)
+    rate, zero = np.gradient(pitch, time), 0.0 * time
+    acc = 9.81 * np.stack([-np.sin(pitch), zero, np.cos(pitch)], axis=1)
+    gyr = np.stack([zero, rate if leaves_s is not None else -rate, zero], axis=1)
+    noise = 0.002 * np.random.default_rng(0).normal(size=(2, 1000, 3))
+    imu = Imu(time, gyr + noise[0], acc + noise[1], np.ones(1000, bool))
+    notes = tilts.tilt_notes({"thigh_right": imu}, 100.0)
+    assert bool(notes) == alarm

@@ -26,6 +26,10 @@ STANDING_S = 0.5
 STILL = 0.05, 1.0
 """[rad/s], [m/s²] Largest standard deviation of the rate and of the specific force in standing."""
 
+BIAS_S = 1.5
+"""[s] Shortest standing whose mean rate is the bias of the gyroscope: in shorter ones people shift their weight. Chosen
+on walks of `walking5m` that were cut before the first step."""
+
 BESIDE_S = 5.0
 """[s] Time before and after standing that is examined; later, errors of the gyroscope weigh more."""
 
@@ -109,8 +113,10 @@ def _beside_standing(
     broken = np.convolve(lost, np.ones(stand), "valid") > 0
     runs = true_runs((spread[0] < STILL[0]) & (spread[1] < STILL[1]) & ~broken)
     longest = sorted(runs, key=lambda run: run[0] - run[1])[:MOST_STANDINGS]
+    if not longest or (longest[0][1] - 1 + stand - longest[0][0]) * sensor.step < BIAS_S:
+        return
     # a person who comes to rest still turns slowly: the longest standing has the bias
-    bias = gyr[longest[0][0] : longest[0][1] - 1 + stand].mean(axis=0) if longest else np.zeros(3)
+    bias = gyr[longest[0][0] : longest[0][1] - 1 + stand].mean(axis=0)
     for start, end in longest:
         for way, first in ((1, end - 1), (-1, start)):
             standing = slice(first, first + stand)
