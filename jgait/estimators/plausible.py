@@ -41,8 +41,8 @@ straight. Chosen: "crouched" of `simulate.GAITS` has one of the two, the recordi
 MOST = 200.0 / 3.0
 """[%] Those two of three: strides differ more from each other where rates are filled, as while gyroscopes sleep."""
 
-FEWEST_CYCLES = 3
-"""[1] Least number of strides of a leg from which these two are judged."""
+FEWEST_CYCLES = 2
+"""[1] Least number of strides, between three swings of a leg, from which these two are judged."""
 
 STEEPEST, LEAST_RISE = 1.0, 0.5
 """[1], [m] Slope of a walk, and its rise: strides on stairs rise by 0.6 of their length."""

@@ -99,5 +99,6 @@ def test_a_wrong_zero_of_the_angles_is_noted(knee, hip, found):
     walks = estimate()._replace(legs=Legs(leg, None))
     assert codes(walks) == found
     assert codes(walks._replace(valid=TIME < 2.0)) == (found if found == ["knee_implausible"] else [])
+    assert codes(walks._replace(valid=TIME < 3.0)) == found  # two strides, as in a walk of a few metres
     uneven = LegTrajectory(leg.hip_angle, leg.knee_angle + np.deg2rad(20.0) * (TIME > 5.0), leg.x, leg.y)
     assert "knee_past_straight" not in codes(walks._replace(legs=Legs(uneven, None)))
