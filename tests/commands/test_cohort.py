@@ -2,12 +2,14 @@
 
 import importlib
 import json
+import re
 
 import jax
 import numpy as np
 import pandas as pd
 import pytest
 from made.command import run
+from made.notes import note
 
 from jgait import io
 from jgait.commands import references, tune_run
@@ -189,7 +191,14 @@ def test_losses_are_empty_where_a_reference_cannot_answer_them(table, tmp_path, 
     out, prepared = tmp_path / "out", []
     module = importlib.import_module("jgait.estimators.leg_ekf.estimator")
     prepare = module.prepare
-    monkeypatch.setattr(module, "prepare", lambda *a, **k: prepared.append(a[0].name) or prepare(*a, **k))
+
+    def prepare_noted(recording, *a, **k):
+        prepared.append(recording.name)
+        made = prepare(recording, *a, **k)
+        grave = (note("nobody walks", "stop"),) if recording.name == "walk3.csv" else ()
+        return made._replace(notes=(*made.notes, *grave))
+
+    monkeypatch.setattr(module, "prepare", prepare_noted)
     code, said = run(
         "evaluate", with_files, "--paper", "--loss", "stride_length,joint_angles,calibration", "--out", out
     )
@@ -199,6 +208,8 @@ def test_losses_are_empty_where_a_reference_cannot_answer_them(table, tmp_path, 
     empty = losses.isna()
     assert list(empty.index[empty["stride_length"]]) == ["walk1.csv"]
     assert list(empty.index[empty["joint_angles"]]) == ["walk2.csv"]
+    assert "1 of 4 recordings are in none of these errors" in said  # walk3.csv, whose losses are written all the same
+    assert losses["stride_length"].count() == 3 and re.search(r"stride_length │ [^│]* │ 2 │", said)
     assert "walk1.csv: stride_length needs a reference with strides with length" in said
     strides = pd.read_csv(out / "strides.csv").dropna().set_index("recording")["error"]
     assert losses.loc["walk0.csv", "stride_length"] == pytest.approx(
