@@ -3,7 +3,6 @@
 import csv
 import difflib
 import functools
-import hashlib
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -19,7 +18,7 @@ from jgait.commands.console import Bar, note, progress, stop
 from jgait.commands.pipeline import measures_of, not_held_out, pipeline_of, start_of
 from jgait.commands.recordings import recording_of
 from jgait.commands.references import REFERENCES, with_reference
-from jgait.commands.rows import copy_notes, label_notes
+from jgait.commands.rows import content_of, copy_notes, label_notes
 from jgait.estimators import Estimator, proportions
 from jgait.estimators.about import BodyMeasure
 from jgait.evaluate import Cohort
@@ -128,18 +127,14 @@ class Source(NamedTuple):
         return every.assign(subject=subjects)[["recording", "subject", "reason"]]
 
     def versions(self, names: Iterable[str], columns: Sequence[str] = ("file",)) -> dict[str, str]:
-        """File → SHA-256, of the files of these recordings that are in the columns of a table; else name → the mark."""
+        """File → its content, of the files of these recordings that are in the columns of a table; else name → the
+        mark.
+        """
         if not isinstance(self.read, _Files):
             return {name: f"{self.marks[name]}: {name}" for name in names if name in self.marks}
-        digests = {}
-        for name in (self.read.rows[name].get(column) for name in names for column in columns):
-            path = self.read.folder / (name or "")
-            if name and path.exists():
-                digest = hashlib.sha256()
-                for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
-                    digest.update(file.read_bytes() if file.is_file() else b"")
-                digests[name] = digest.hexdigest()
-        return digests
+        files = (self.read.rows[name].get(column) for name in names for column in columns)
+        paths = {name: self.read.folder / name for name in files if name}
+        return {name: content_of(path) for name, path in paths.items() if path.exists()}
 
     def walks(self, failures: list[tuple[str, str]], report: Callable[[int], None]) -> Iterable[Walk]:
         """Yields the walks one by one; walks that cannot be read are added to the failures."""
