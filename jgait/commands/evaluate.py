@@ -121,16 +121,13 @@ def evaluate(
         usable = results.usable()
         agreement = usable.agreement()
         judged = _judged(pipeline, source, start, names, failures) if names else None
-        try:
-            written = _write(folder.stage, results._replace(failures=failed), usable, agreement)
-            written.append(folder.stage / NOTES)
-            written[-1].write_text(_notes(source.notes, results), encoding="utf-8")
-            if judged is not None:
-                written.append(folder.stage / LOSSES)
-                judged.to_csv(written[-1], index=False)
-            files = folder.publish(written)
-        except OSError as error:
-            stop(f"nothing more could be written: {error}")
+        written = _write(folder.stage, results._replace(failures=failed), usable, agreement)
+        written.append(folder.stage / NOTES)
+        written[-1].write_text(_notes(source.notes, results), encoding="utf-8")
+        if judged is not None:
+            written.append(folder.stage / LOSSES)
+            judged.to_csv(written[-1], index=False)
+        files = folder.publish(written)
     write_json(json_file, {
         "estimator": pipeline.name, "recordings": len(results.recordings), "failures": dict(failures),
         "not_to_be_used": sorted({*results.recordings["recording"]} - {*usable.recordings["recording"]}),

@@ -97,8 +97,6 @@ def simulate(
             folder.publish([*files, io.write_csv(table, folder.stage / "cohort.csv")])
         except ValueError as error:
             stop(str(error))
-        except OSError as error:
-            stop(f"nothing more could be written to {out}: {error}")
     write_json(json_file, {"asked": asked, "walks": written})
     _show(written)
     if any(not WAIST.isdisjoint(walk["sensors"]) for walk in written.values()):

@@ -135,10 +135,7 @@ def tune(
                 stop(str(error))
         for message in dict.fromkeys(str(warning.message) for warning in caught):
             note(message)
-        try:
-            tune_report.report(title, job, results, how, folder, failures, json_file)
-        except OSError as error:
-            stop(f"nothing more could be written: {error}")
+        tune_report.report(title, job, results, how, folder, failures, json_file)
     if failures:
         console.print(f"{len(failures)} of {len(failures) + len(made.names)} recordings could not be used")
         raise typer.Exit(1)
