@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import jax
 import typer
@@ -14,7 +14,7 @@ from jaxtyping import PyTree
 
 from jgait import datasets, estimators
 from jgait import evaluate as evaluation
-from jgait.commands.console import Bar, note, progress, stop
+from jgait.commands.console import Bar, note, progress, say_failures, stop
 from jgait.commands.pipeline import measures_of, not_held_out, pipeline_of, start_of
 from jgait.commands.recordings import recording_of
 from jgait.commands.references import REFERENCES, with_reference
@@ -26,9 +26,6 @@ from jgait.evaluate.store import OtherEvaluationError
 from jgait.io.units import ACC_UNITS, GYR_UNITS, unit_scale
 from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note
 from jgait.types import RecordingError, Walk, people, reason_of
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def _measures() -> dict[str, BodyMeasure]:
@@ -116,15 +113,22 @@ class Source(NamedTuple):
     files: Sequence[Path] = ()  #: files of the user that are read.
     subjects: Mapping[str, str] = {}  #: name → subject, as far as known before the recordings are read.
 
-    def failed(self, failures: "pd.DataFrame") -> "pd.DataFrame":
-        """All `recording subject reason` of rows and recordings without a result, from those of `evaluate.cohort`."""
+    def with_failures(self, results: Cohort) -> tuple[Cohort, list[tuple[str, str]]]:
+        """Results of `evaluate.cohort` whose failures contain rows that cannot be items, and these (recording, reason),
+        which are printed; exits with code 2 if nothing could be used.
+        """
         import pandas as pd
 
         rows = pd.DataFrame(self.failures, columns=["recording", "reason"])
-        every = pd.concat([rows, failures], ignore_index=True)
+        every = pd.concat([rows, results.failures], ignore_index=True)
         known = zip(every["recording"], every["subject"].astype(object).fillna(""), strict=True)
         subjects = [self.subjects.get(name) or subject for name, subject in known]
-        return every.assign(subject=subjects)[["recording", "subject", "reason"]]
+        failures = list(zip(every["recording"], every["reason"], strict=True))
+        say_failures(failures)
+        if not len(results.recordings):
+            why = f"; {SIMULATED_WORN}" if self.read is None else ""
+            stop(f"none of the {len(failures)} recordings of {self.title} could be used{why}")
+        return results._replace(failures=every.assign(subject=subjects)[["recording", "subject", "reason"]]), failures
 
     def versions(self, names: Iterable[str], columns: Sequence[str] = ("file",)) -> dict[str, str]:
         """File → its content, of the files of these recordings that are in the columns of a table; else name → the

@@ -18,7 +18,6 @@ from jgait.commands.console import (
     count,
     note,
     say_failures,
-    stop,
     table_of,
     visible,
     write_json,
@@ -112,16 +111,11 @@ def evaluate(
         if not len(results.recordings):
             folder.forget()
         results = evaluation.Cohort(*(rows[rows["recording"].isin(source.marks)] for rows in results))
-        failed = source.failed(results.failures)
-        failures = list(zip(failed["recording"], failed["reason"], strict=True))
-        say_failures(failures)
-        if not len(results.recordings):
-            why = f"; {cohorts.SIMULATED_WORN}" if simulated else ""
-            stop(f"none of the {len(failures)} recordings of {source.title} could be used{why}")
+        results, failures = source.with_failures(results)
         usable = results.usable()
         agreement = usable.agreement()
         judged = _judged(pipeline, source, start, names, failures) if names else None
-        written = _write(folder.stage, results._replace(failures=failed), usable, agreement)
+        written = _write(folder.stage, results, usable, agreement)
         written.append(folder.stage / NOTES)
         written[-1].write_text(_notes(source.notes, results), encoding="utf-8")
         if judged is not None:
