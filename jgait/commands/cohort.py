@@ -177,7 +177,8 @@ def source(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, gyr_unit: str | None,
     acc_unit: str | None, measures: Sequence[str], params: Path | None = None,
 ) -> Source:  # fmt: skip
-    """The cohort of the command's options, of files, of a public set or simulated; exits with code 2 if there is none.
+    """The cohort of the command's options, of files, of a public set or simulated, its notes printed; exits with code 2
+    if there is none.
 
     Noted are missing `measures` of a person, which the estimator uses, and recordings on which `params` were tuned.
     """
@@ -190,9 +191,12 @@ def source(
         else:
             found = _of_dataset(dataset) if dataset is not None else _simulated(simulated or 0, seed)
         tuned = () if params is None else not_held_out(params, found.versions(found.marks), found.subjects)
-        return found._replace(notes=[*found.notes, *tuned])
     except (datasets.DatasetUnavailable, ValueError, OSError, csv.Error) as error:
         stop(str(error))
+    found = found._replace(notes=[*found.notes, *tuned])
+    for line in found.notes:
+        note(line)
+    return found
 
 
 def _simulated(people: int, seed: int) -> Source:
@@ -374,12 +378,10 @@ def opened(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, estimator: str, paper: bool,
     params: Path | None, gyr_unit: str | None, acc_unit: str | None,
 ) -> tuple[Estimator[PyTree, PyTree], PyTree, Source]:  # fmt: skip
-    """The estimator, its parameters and the cohort that the options of a command select, its notes printed; exits with
-    code 2 if there is none.
+    """The estimator, its parameters and the cohort that the options of a command select; exits with code 2 if there is
+    none.
     """
     pipeline = pipeline_of(estimator, paper, params)
     start = start_of(pipeline, params, paper)
     found = source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures_of(pipeline), params)
-    for line in found.notes:
-        note(line)
     return pipeline, start, found

@@ -81,8 +81,6 @@ def tune(
         if any(name == other or name.startswith(f"{other}.") for other in pipeline.unused):
             stop(f"--free: no number of {pipeline.name} depends on {name} with these options")
     source = cohorts.source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures_of(pipeline), params)
-    for line in source.notes:
-        note(line)
     failures = list(source.failures)
     asked_for = list(dict.fromkeys([*weights, judged]))
     check_answers(pipeline, asked_for)
