@@ -15,7 +15,7 @@ from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
 from jgait.commands.console import console, count, note, stop, wrote
 from jgait.commands.folder import keep_inputs, unfinished
-from jgait.commands.own_options import own_options, with_own_options
+from jgait.commands.own_options import stated, with_own_options
 from jgait.commands.person import PersonFile, person_in, person_of
 from jgait.commands.pipeline import Choice, chosen, measures_of
 from jgait.estimators.combined import MEASURES, analyse
@@ -97,9 +97,8 @@ def report(
     else:
         if person is not None:
             stop("--person is of one recording; for a cohort put columns into its table")
-        given = [option.option.name for option in own_options().values() if own[option.variable] is not None]
-        if given:
-            stop(f"{given[0]} is of one recording; for a cohort put a column into its table")
+        if given := stated(own):
+            stop(f"{given[0][0].option.name} is of one recording; for a cohort put a column into its table")
         page, failures = _of_cohort(
             what, dataset, simulated, seed, estimator or COHORTS_BY, paper, params, files, command, (out, json_file)
         )

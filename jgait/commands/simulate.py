@@ -14,7 +14,7 @@ from jgait import io
 from jgait import simulate as simulation
 from jgait.commands.console import Bar, console, count, note, progress, stop, table_of, visible, write_json
 from jgait.commands.folder import results_folder
-from jgait.simulate import protocols, sensors
+from jgait.simulate import protocols
 from jgait.simulate import sensors as worn_sensors
 from jgait.simulate.protocols import Walked
 from jgait.simulate.routes import Route
@@ -149,7 +149,7 @@ def _drawn(key: PRNGKeyArray, people: int, along: Route, gait: str | None, optio
     if gait is not None:
         who_walk = [simulation.walking(person, gait) for person in who_walk]
     fit = [simulation.covering(k, person, along) for k, person in zip(keys, who_walk, strict=True)]
-    asked = {"errors": sensors.MPU6000, "rate": 100.0, "placements": simulation.SEVEN, **options}
+    asked = {"errors": worn_sensors.MPU6000, "rate": 100.0, "placements": simulation.SEVEN, **options}
     walks = simulation.walks(keys, fit, [along] * people, **asked)
     distance = float(simulation.routes.walked_length(along))
     for (recording, truth), person in zip(walks, fit, strict=True):
