@@ -1,4 +1,4 @@
-"""Whether a reference, its clock and its sides are those of the recording, by knees, contacts and feet."""
+"""Whether a reference, its clock and its sides are those of the recording, by all that both measure."""
 
 from collections.abc import Callable
 from functools import partial
@@ -50,6 +50,9 @@ Without such an offset, a reference is noted if this part of its error is above 
 MOST_SAMPLES = 3000
 """Largest number of samples of a reference whose signals are compared."""
 
+LEAST_WAY = 1.0
+"""[m] Least distance whose course is compared."""
+
 LEAST_STRIDES, MOST_STRIDES = 3, 100
 """Least number of strides whose contacts or swings are compared, and largest number of a leg for its swings."""
 
@@ -59,9 +62,10 @@ def clock_notes(estimate: Estimate, reference: Estimate) -> tuple[Note, ...]:
     other times, or never.
 
     What both have is compared, of `CHECKS`; a reference of samples and strides is of two files, of which one can be
-    wrong.
+    wrong. Distances, which tell least, are compared where nothing else is noted.
     """
-    return tuple(note for check in CHECKS for note in _checked(estimate, reference, *check))
+    notes = tuple(note for check in CHECKS for note in _checked(estimate, reference, *check))
+    return notes or _checked(estimate, reference, *OF_DISTANCES)
 
 
 def _checked(estimate: Estimate, reference: Estimate, what: str, agrees: float, search: "Search") -> tuple[Note, ...]:
@@ -132,6 +136,24 @@ def _of_signal(
     return np.mean(errors, axis=0) if errors else None
 
 
+def _of_way(estimate: Estimate, reference: Estimate, shifts: np.ndarray) -> np.ndarray | None:
+    """(shifts,) difference of the distances so far, the reference shifted [s] and in any unit, over the whole distance;
+    None without both, or if nobody goes a metre.
+    """
+    known, valid = np.asarray(reference.valid, bool), np.asarray(estimate.valid, bool)
+    if estimate.distance is None or reference.distance is None or not known.any() or not valid.any():
+        return None
+    rows = np.flatnonzero(known)[:: -(-int(known.sum()) // MOST_SAMPLES)]
+    theirs = as_float(reference.distance)[rows]
+    if np.ptp(theirs) < LEAST_WAY:
+        return None
+    at = as_float(reference.time)[rows] + shifts[:, None]
+    ours = np.interp(at, as_float(estimate.time)[valid], as_float(estimate.distance)[valid])
+    ours, theirs = ours - ours.mean(axis=1, keepdims=True), theirs - theirs.mean()
+    scale = (ours @ theirs) / np.maximum(np.sum(ours**2, axis=1), LEAST_WAY)
+    return np.std(scale[:, None] * ours - theirs, axis=1) / np.ptp(theirs)
+
+
 def _of_contacts(estimate: Estimate, reference: Estimate, shifts: np.ndarray) -> np.ndarray | None:
     """(shifts,) share of the reference's contacts, shifted [s], without a contact of the estimate near."""
     ours, theirs = estimate.strides, reference.strides
@@ -192,5 +214,7 @@ CHECKS: tuple[tuple[str, float, Search], ...] = (
     ("contacts", 0.3, _of_swings),
     ("the knee's angles", 0.3, _of_their_swings),
 )
+OF_DISTANCES: tuple[str, float, Search] = ("distances", 0.05, _of_way)
 """What is compared, the error below which it agrees, and how. Errors are differences of knees about their means [rad],
-differences of speeds of feet [m/s], and shares of contacts, or of swings, that do not match."""
+differences of speeds of feet [m/s], differences over the whole distance, and shares of contacts, or of swings, that do
+not match."""
