@@ -172,14 +172,10 @@ def _show_losses(judged: "pd.DataFrame", names: list[str]) -> None:
 
 
 def _write(out: Path, results: Cohort, usable: Cohort, agreement: "pd.DataFrame") -> list[Path]:
-    tables = {
-        "recordings": results.recordings, "quantities": results.quantities, "strides": results.strides,
-        "agreement": agreement.reset_index(), "failures": results.failures,
-    }  # fmt: skip
-    files = []
-    for name, rows in tables.items():
-        files.append(out / f"{name}.csv")
-        rows.to_csv(files[-1], index=False)
+    tables = {**results._asdict(), "agreement": agreement.reset_index()}
+    files = [out / f"{name}.csv" for name in TABLES]
+    for name, file in zip(TABLES, files, strict=True):
+        tables[name].to_csv(file, index=False)
     for name, rows, words, unit in drawn(usable.paired()):
         what = name.rpartition("_")[0]
         files.append(plot.save(plot_cohort.bland_altman(rows, words, unit=unit), out / f"{what}_agreement.png"))
@@ -237,8 +233,7 @@ def _show(title: str, results: Cohort, usable: Cohort, agreement: "pd.DataFrame"
             dropped.setdefault(lacks, []).append(name.rpartition("_")[0].replace("_", " "))
         for lacks, what in dropped.items():
             note(f"{', '.join(what)}: {lacks} strides of the reference are not compared; {NOT_COMPARED[has_strides]}")
-        alike = agreement.loc[compared]
-        if (alike["icc"].isna() & (alike["n"] > 1)).any():
+        if (agreement.loc[compared, "icc"].isna() & (agreement.loc[compared, "n"] > 1)).any():
             note("ICC – : the reference does not vary, so that differences between people cannot be judged")
     rows = usable.paired()
     for name in covered:
