@@ -37,7 +37,7 @@ rise alike in different recordings; chosen."""
 
 LEAST_COLUMNS, MOST_OTHER = 3, 0.15
 """Least number of columns that vary, and [1] largest share of lines at which those of copies rise otherwise. Chosen: of
-different recordings it is a half by chance, of numbers rounded to one decimal a tenth at most."""
+different recordings it is a half by chance, and rounding to one decimal changes less."""
 
 CONTENT = re.compile(r"([0-9a-f]{64}) (\d+):([0-9a-f]+)")
 """What `content_of` gives for a table: a digest, the number of lines, and where columns rise."""

@@ -37,11 +37,11 @@ LEAST_S = 0.1
 """[s] Least offset that is noted; contacts differ by less where two methods define them."""
 
 SWING = (0.5, 0.9)
-"""[1] Part of a stride in which a knee is bent most: within a tenth of 0.6 to 0.8 in slow and fast walking, of stiff
-legs, in shuffling and in running."""
+"""[1] Part of a stride in which a knee is bent most; chosen wide, so that it holds for slow and fast walking, stiff
+legs, shuffling and running."""
 
 SCATTER = 0.1
-"""[1] Largest difference of that moment from its median over the strides of a leg, chosen: most differ by 0.03."""
+"""[1] Largest difference of that moment from its median over the strides of a leg; chosen, far above that of most."""
 
 BETTER = 0.5
 """[1] Largest part of the error, or of the contacts that do not match, that is left with the offset that is noted.
