@@ -8,6 +8,9 @@ import numpy as np
 from jgait.notes import Kind, Note
 from jgait.types import SIDES, Estimate, Feet, Legs, as_float
 
+type Search = Callable[[Estimate, Estimate, np.ndarray], np.ndarray | None]
+"""(estimate, reference, shifts of the reference [s]) → (shifts,) error; None where one of the two lacks something."""
+
 REFERENCE_CLOCK = Kind(
     "reference_clock", "check", "{what} of the reference agree with the estimate if the reference is {seconds:.2f} s "
     "{when}",
@@ -68,16 +71,16 @@ def clock_notes(estimate: Estimate, reference: Estimate) -> tuple[Note, ...]:
     return notes or _checked(estimate, reference, *OF_DISTANCES)
 
 
-def _checked(estimate: Estimate, reference: Estimate, what: str, agrees: float, search: "Search") -> tuple[Note, ...]:
-    now = search(estimate, reference, np.zeros(1))
-    if now is None or now[0] <= agrees:
-        return ()
+def _checked(estimate: Estimate, reference: Estimate, what: str, agrees: float, search: Search) -> tuple[Note, ...]:
     shifts = np.arange(-MOST_S, MOST_S + 0.5 * STEP_S, STEP_S)
-    error = search(estimate, reference, shifts)
+    now = search(estimate, reference, np.zeros(1))
+    if now is None or not now[0] > agrees or (error := search(estimate, reference, shifts)) is None:
+        return ()
+    error = np.nan_to_num(error, nan=np.inf)
     mirrored = search(estimate, _exchanged(reference), np.zeros(1))
-    if error is not None and mirrored is not None and mirrored[0] <= min(agrees, BETTER * now[0], error.min()):
+    if mirrored is not None and mirrored[0] <= min(agrees, BETTER * now[0], error.min()):
         return (REFERENCE_SIDES(what=what),)
-    if error is None or error.min() > BETTER * now[0]:
+    if error.min() > BETTER * now[0]:
         return (REFERENCE_OTHER(what=what, seconds=MOST_S),) if BETTER * now[0] > agrees else ()
     least = shifts[error <= error.min() + 1e-9]  # contacts agree as well over some shifts, and a whole stride later
     best = float(np.mean(least[np.abs(least - least[np.argmin(np.abs(least))]) < SHORTEST_S]))
@@ -203,9 +206,6 @@ def _of_their_swings(estimate: Estimate, reference: Estimate, shifts: np.ndarray
     """As `_of_swings`, of the estimate's strides and the reference's knee."""
     return _of_swings(reference, estimate, -shifts)
 
-
-type Search = Callable[[Estimate, Estimate, np.ndarray], np.ndarray | None]
-"""(estimate, reference, shifts of the reference [s]) → (shifts,) error; None where one of the two lacks something."""
 
 CHECKS: tuple[tuple[str, float, Search], ...] = (
     ("the knee's angles", np.deg2rad(8.0), partial(_of_signal, _knee)),
