@@ -107,7 +107,7 @@ def recording_in_units(
     samples = None
     for placement, signals in sensors.items():
         samples = _check_arrays(placement, signals, samples, name)
-    clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name)
+    clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name, stacked(sensors))
     notes_of: dict[str, tuple[Note, ...]] = {}
     imus, noted = {}, {}
     for placement, signals in sensors.items():
@@ -133,6 +133,11 @@ def recording_in_units(
     if not apart.mask.any():
         notes = (*notes, RANGE_EMPTY())
     return recording._replace(notes=notes, feet_range=apart)
+
+
+def stacked(sensors: Mapping[str, Mapping[str, ArrayLike]]) -> np.ndarray:
+    """(T, channels) the readings of all sensors beside each other, in the units of their source."""
+    return np.hstack([as_float(values) for each in sensors.values() for values in each.values() if values is not None])
 
 
 def _asleep(placement: str, read: Mapping[str, np.ndarray]) -> tuple[Note, ...]:

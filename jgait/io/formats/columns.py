@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jgait.io.apart import apart, largest
-from jgait.io.clock import TIME_UNITS, check_order, count_samples, unit_of_time
+from jgait.io.arrays import stacked
+from jgait.io.clock import TIME_UNITS, check_order, count_samples, unit_of_time, without_jumps
 from jgait.io.files import check_columns, check_file
 from jgait.io.formats.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_part
 from jgait.io.formats.part import Measured, Part, joined
@@ -80,6 +81,7 @@ def measured(path: Path) -> Measured:
     if time is not None and columns.time_unit is None and count_samples(time):
         time, packets = None, time
     if time is not None and len(time) > 1:
+        time = without_jumps(time, stacked(columns.sensors), None, columns.time_unit, path.name, notes)
         check_order(time, path.name, columns.time_unit)
         unit = unit_of_time(time, columns.time_unit, path.name)
         notes.append(TIME_UNIT_OF_FILE(file=path.name, unit=unit))
