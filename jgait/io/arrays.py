@@ -55,7 +55,7 @@ def recording_from_arrays(
             measured; None without such a sensor.
         sampling_rate_hz: rate [Hz], or None to take it from `time`.
         time_unit: 's', 'ms' or 'us'; None: deduced from the steps, and noted.
-        gyr_unit: 'deg/s', 'rad/s' or 'mdeg/s'.
+        gyr_unit: 'deg/s', 'rad/s', 'mdeg/s' or 'mrad/s'.
         acc_unit: 'm/s^2', 'g' or 'mg'.
         range_unit: 'm', 'cm' or 'mm'.
         name: name of the recording in tables and figures.

@@ -237,7 +237,7 @@ REFUSED = {
     ),
     "converted twice": (
         lambda t: scaled(t, "_gyr_", 180.0 / np.pi), {},
-        "given as deg/s.*, but nothing worn while walking exceeds 35 rad/s; were deg/s taken for rad/s, or converted",
+        "given as deg/s.*, but nothing worn while walking exceeds 35 rad/s; is it in mrad/s, or was it conv",
     ),
     "time repeats": (
         lambda t: t.assign(time=t.time.where(t.index % 17 != 0, t.time.shift(fill_value=-0.01))), {},
@@ -277,7 +277,9 @@ REFUSED = {
         lambda t: t, {"time_unit": "ms"},
         "samples are 1e-05 s apart, faster than 10 kHz; it seems to be in s: correct time_unit",
     ),
-    "rate's unit": (lambda t: t, {"gyr_unit": "degrees"}, "gyr_unit must be one of 'deg/s', 'rad/s', 'mdeg/s'; got"),
+    "rate's unit": (
+        lambda t: t, {"gyr_unit": "degrees"}, "gyr_unit must be one of 'deg/s', 'rad/s', 'mdeg/s', 'mrad/s'; got",
+    ),
     "force's unit": (lambda t: t, {"acc_unit": "kg"}, "acc_unit must be one of 'm/s\\^2', 'g', 'mg'; got 'kg'"),
     "time's unit": (lambda t: t, {"time_unit": "ns"}, "time_unit must be one of 's', 'ms', 'us'; got 'ns'"),
     "misspelt": (
@@ -321,8 +323,8 @@ LEFT_OUT = {
     ),
     "converted twice": (
         lambda t: scaled(t, "thigh_right_gyr", 180.0 / np.pi),
-        "rad/s (99th percentile, given as deg/s), but nothing worn while walking exceeds 35 rad/s; were deg/s taken "
-        "for rad/s, or converted twice? Correct its columns in the file",
+        "rad/s (99th percentile, given as deg/s), but nothing worn while walking exceeds 35 rad/s; is it in mrad/s, "
+        "or was it converted twice? State the unit, or correct its columns in the file",
     ),
     "another scale": (
         lambda t: scaled(t, "thigh_right_acc", 2.0),

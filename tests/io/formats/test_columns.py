@@ -132,14 +132,15 @@ def test_the_unit_of_a_sensor_that_is_shaken_hard(tmp_path):
         io.read(path)
 
 
-def test_rates_in_milli_degrees_are_recognised_by_their_size(tmp_path):
+@pytest.mark.parametrize(("unit", "size"), [("mdeg/s", 1e3 * 180.0 / np.pi), ("mrad/s", 1e3)])
+def test_rates_in_thousandths_are_recognised_by_their_size(tmp_path, unit, size):
     path, table = named(tmp_path)
     usual = io.read(path)
     rates = [column for column in table if "_gyr_" in column]
-    table[rates] *= 1e3 * np.rad2deg(np.max([imu.gyr for imu in usual.sensors.values()])) / table[rates].max().max()
+    table[rates] *= size * np.max([imu.gyr for imu in usual.sensors.values()]) / table[rates].max().max()
     table.to_csv(path, index=False)
     found = io.read(path)
-    assert any("unit of angular rate; mdeg/s" in text for text in texts(found.notes))
+    assert any(f"unit of angular rate; {unit}" in text for text in texts(found.notes))
     for name, imu in found.sensors.items():
         np.testing.assert_allclose(imu.gyr, usual.sensors[name].gyr, rtol=1e-6, atol=1e-9)
 
