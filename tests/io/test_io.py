@@ -88,6 +88,23 @@ def test_dates_and_durations_of_pandas_are_a_clock(kind, as_index):
     np.testing.assert_allclose(recording.sensors["thigh_right"].time, np.arange(600) / 100, atol=1e-9)
 
 
+@pytest.mark.parametrize("form", ["%Y-%m-%d %H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S.%fZ", "%H:%M:%S.%f"])
+def test_dates_and_times_of_day_in_a_file_are_a_clock(tmp_path, form):
+    stamps = pd.Timestamp("2026-05-03 10:00") + pd.to_timedelta(table()["time"], unit="s")
+    frame = table().assign(time=stamps.dt.strftime(form))
+    frame.to_csv(tmp_path / "walk.csv", index=False)
+    for recording in (read(frame), io.read_csv(tmp_path / "walk.csv"), io.read(tmp_path / "walk.csv")):
+        np.testing.assert_allclose(recording.sensors["thigh_right"].time, np.arange(600) / 100, atol=1e-6)
+
+
+def test_dates_in_another_order_are_refused():
+    stamps = pd.Timestamp("2026-05-03 10:00") + pd.to_timedelta(table()["time"], unit="s")
+    fails(
+        "write dates as 2026-05-03 10:00:00.25, or seconds",
+        table().assign(time=stamps.dt.strftime("%d.%m.%Y %H:%M:%S.%f")),
+    )
+
+
 def test_a_clock_of_a_time_zone_and_an_index_of_any_name_are_read():
     stamps = pd.Timestamp("2026-05-03 10:00", tz="Europe/Berlin") + pd.to_timedelta(table()["time"], unit="s")
     for frame in (table().assign(time=stamps), table(time=False).set_index(pd.DatetimeIndex(stamps, name="date"))):
