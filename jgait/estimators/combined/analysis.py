@@ -24,6 +24,7 @@ from jgait.estimators.plausible import (
     PACES_MIXED,
     paces_mixed,
 )
+from jgait.estimators.stride_flags import STRIDE_FLAGS, marks, regular, stride_notes
 from jgait.mounting.leg import SIDES_EXCHANGED
 from jgait.mounting.shank import LABELS_EXCHANGED
 from jgait.notes import NO_WALKING, SEVERITIES, Kind, Note
@@ -133,9 +134,11 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in seen if len(seen) == 1]
     elif any(source.estimate.strides is not None for source in estimates):
         differ = [NO_STRIDES(), *differ]
+    estimate = _assembled(estimates, strides, total)
+    if strides is not None:
+        differ += stride_notes(marks(estimate, STRIDE_FLAGS), regular(estimate, STRIDE_FLAGS))
     every = [*findings.notes, *differ, *recording.notes, *notes, *one_sided, *unlike, *stated]
     order = sorted(without_repeats(every), key=lambda note: SEVERITIES.index(note.severity))
-    estimate = _assembled(estimates, strides, total)
     valid = {
         f"angles_valid_{side}": not any(side in str(note.values["sides"]) for note in unusable)
         for side in SIDES if getattr(estimate.legs, side) is not None
