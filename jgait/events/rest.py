@@ -26,7 +26,8 @@ LEGS_LOST_S = 0.25
 """[s] Longest loss of samples in which a person still stands, if they stand before and after."""
 
 LEGS_RATE = 0.25
-"""[rad/s] Threshold on the fastest leg gyroscope while a person stands; twice as much is accepted with a note."""
+"""[rad/s] Threshold on the fastest leg gyroscope while a person stands; twice as much is accepted if nothing is slower,
+and a note of the estimator names the leg that moves."""
 
 LEGS_WINDOW_S = 0.25
 """[s] Time before and after a sample in which all leg gyroscopes must stay below the threshold."""
@@ -80,7 +81,6 @@ class Rest(NamedTuple):
     time: float  #: duration of rest, √Σ t² of the windows [s].
 
 
-STANDING_MOVES = Kind("standing_moves", "check", "the quietest standing still moves at up to {rate:g} rad/s", FEW_RESTS)
 SITS = Kind(
     "sits",
     "info",
@@ -198,7 +198,7 @@ def standing_of_legs(
     for limit in (LEGS_RATE, 2.0 * LEGS_RATE):
         still = around < limit
         tilts = {run: _tilt(accs, walks, run, sampling_rate_hz) for run in true_runs(still)}
-        upright, notes = still.copy(), [STANDING_MOVES(rate=limit)] if limit > LEGS_RATE else []
+        upright, notes = still.copy(), list[Note]()
         for (first, after), tilt in tilts.items():
             upright[first:after] &= tilt < UPRIGHT
             if tilt >= UPRIGHT and after - first >= LEGS_SHORTEST_S * sampling_rate_hz:

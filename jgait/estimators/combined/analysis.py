@@ -9,8 +9,16 @@ from jaxtyping import PyTree
 
 from jgait.estimators.checks import SENSOR_LEFT_OUT, check_shapes, sensors_of
 from jgait.estimators.combined.alike import with_sides_unlike
-from jgait.estimators.combined.compare import Comparison, comparisons, contact_notes, length_notes, side_notes
-from jgait.estimators.combined.crosscheck import FOOT_ON_SHANK, crosscheck, exchanged
+from jgait.estimators.combined.compare import (
+    Comparison,
+    comparisons,
+    contact_notes,
+    length_notes,
+    regular,
+    side_notes,
+    waist_notes,
+)
+from jgait.estimators.combined.crosscheck import FOOT_ON_SHANK, OF_WALKING, crosscheck, exchanged
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
 from jgait.estimators.combined.phases import FEWEST_STRIDES
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
@@ -24,11 +32,11 @@ from jgait.estimators.plausible import (
     PACES_MIXED,
     paces_mixed,
 )
-from jgait.estimators.stride_flags import STRIDE_FLAGS, marks, regular, stride_notes
+from jgait.estimators.stride_flags import STRIDE_FLAGS, marks, stride_notes, without
 from jgait.mounting.leg import SIDES_EXCHANGED
 from jgait.mounting.shank import LABELS_EXCHANGED
 from jgait.notes import NO_WALKING, SEVERITIES, Kind, Note
-from jgait.types import SIDES, AnyArray, Estimate, Legs, Recording, RecordingError, as_float, check_recording
+from jgait.types import SIDES, AnyArray, Estimate, Flags, Legs, Recording, RecordingError, as_float, check_recording
 
 ANGLES_DOUBTFUL = Kind(
     "angles_doubtful",
@@ -36,6 +44,13 @@ ANGLES_DOUBTFUL = Kind(
     "hip and knee angles ({sides}) are not usable, because of doubts about {sensors}",
     "Wrong axes, labels or clocks of a thigh or shank sensor, or one whose numbers are wrong, shift the angles or turn "
     "them upside down, the hip's too. Their stated deviations do not contain that.",
+)
+NO_ANGLES_OF_STRIDES = Kind(
+    "no_angles_of_strides",
+    "check",
+    "{side}: no regular stride has hip and knee angles, because samples of the thigh or the shank are missing in each",
+    "Extremes of angles are of whole strides. The summary has none of this leg, and no row of a joint if neither leg "
+    "has any; ranges over the recording are those of the samples that are there.",
 )
 NO_STRIDES = Kind("no_strides", "stop", "no walking was found: no sensor measured a stride", NO_WALKING)
 ONE_LEG_SEEN = Kind(
@@ -109,13 +124,15 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     left_out = tuple(note for note in recording.notes if note.code == SENSOR_LEFT_OUT)
     usable = recording._replace(sensors=kept, notes=left_out)
     estimates, notes = sources(usable, body)
+    placed = list(findings.notes)
     estimates, share, turned = with_time_wrong(estimates, recording.notes)
     follows = _following((*findings.notes, *recording.notes))
     recording = recording._replace(notes=tuple(note for note in recording.notes if not follows(note)))
     wrong = findings.doubtful | _named(recording, AXES)
     wrong |= _named(recording, ("sides_differ",)) - _spared(recording, estimates)
     estimates, unlike = with_sides_unlike(estimates, wrong)
-    strides = joined(estimates, wrong | _named(recording, CLOCKS), wrong)
+    clocks = _named(recording, CLOCKS)
+    strides = joined(estimates, wrong | clocks, wrong)
     late = _apart(recording, estimates)
     ways, one_sided = distances(estimates, usable, body, wrong, late, share)
     total, differ = walked(ways)
@@ -129,15 +146,20 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     differ += unusable
     if strides is not None:
         differ = [*length_notes(estimates, strides), *differ, *side_notes(estimates, strides)]
-        differ += [*contact_notes(estimates, strides, findings.doubtful), *paces_mixed(strides.strides)]
+        differ += [*contact_notes(estimates, strides, findings.doubtful | clocks), *paces_mixed(strides.strides)]
+        differ += waist_notes(estimates, strides, wrong | clocks)
         seen = set(np.asarray(strides.strides.side).tolist())
         differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in seen if len(seen) == 1]
     elif any(source.estimate.strides is not None for source in estimates):
         differ = [NO_STRIDES(), *differ]
+        if not any(source.name == "legs" for source in estimates):  # which needs walking
+            placed = [note for note in placed if note.kind not in OF_WALKING]
     estimate = _assembled(estimates, strides, total)
     if strides is not None:
-        differ += stride_notes(marks(estimate, STRIDE_FLAGS), regular(estimate, STRIDE_FLAGS))
-    every = [*findings.notes, *differ, *recording.notes, *notes, *one_sided, *unlike, *stated]
+        differ += _without_angles(estimate, strides)
+        marked = marks(estimate, STRIDE_FLAGS)
+        differ += stride_notes(marked, without(marked, STRIDE_FLAGS, len(strides.first)))
+    every = [*placed, *differ, *recording.notes, *notes, *one_sided, *unlike, *stated]
     order = sorted(without_repeats(every), key=lambda note: SEVERITIES.index(note.severity))
     valid = {
         f"angles_valid_{side}": not any(side in str(note.values["sides"]) for note in unusable)
@@ -235,6 +257,21 @@ def _angles(estimates: list[SourceEstimate], notes: list[Note], wrong: frozenset
     return [ANGLES_DOUBTFUL(sides=" and ".join(sides), sensors=", ".join(names))] if names else []
 
 
+def _without_angles(estimate: Estimate, strides: JoinedStrides) -> list[Note]:
+    """A note for each measured leg of whose regular strides each lacks angles."""
+    time, usual = as_float(estimate.time), regular(strides)
+    notes = []
+    for number, side in enumerate(SIDES):
+        rows = np.flatnonzero(usual & (np.asarray(strides.strides.side) == number))
+        if (leg := getattr(estimate.legs, side)) is None or not len(rows):
+            continue
+        lacks = ~np.isfinite(as_float(leg.knee_angle))
+        spans = zip(as_float(strides.strides.start)[rows], as_float(strides.strides.end)[rows], strict=True)
+        if all(lacks[(time >= start) & (time <= end)].any() for start, end in spans):
+            notes.append(NO_ANGLES_OF_STRIDES(side=side))
+    return notes
+
+
 def _assembled(
     estimates: list[SourceEstimate], strides: JoinedStrides | None, total: WalkedDistance | None
 ) -> Estimate:
@@ -256,30 +293,32 @@ def _assembled(
         diagnostics |= {**strides.flags, "contradicts": strides.contradicts}
     if total is not None:
         diagnostics["distance_stddev"] = np.asarray([total.stddev])
+    of_legs = {side: legs.diagnostics[f"stated_{side}"] for side in SIDES if legs and getattr(legs.legs, side)}
     valid = np.zeros(time.shape, bool)
-    for part in (base, legs, feet, waist):
-        valid |= False if part is None else np.asarray(part.valid, bool)
+    for there in (*(part.valid for part in (base, feet, waist) if part is not None), *of_legs.values()):
+        valid |= np.asarray(there, bool)
 
-    def stated(part: Estimate | None, field: str) -> PyTree:
-        """A field over time of a source, NaN where this source states nothing, though others may."""
-        if part is None:
-            return None
-        there = np.asarray(part.valid, bool)
+    def stated(values: PyTree, there: Flags) -> PyTree:
+        """Values over time, NaN where their source states nothing, though others may."""
 
-        def gapped(values: AnyArray) -> np.ndarray:
-            return np.where(there.reshape(-1, *(1,) * (np.ndim(values) - 1)), as_float(values), np.nan)
+        def gapped(leaf: AnyArray) -> np.ndarray:
+            known = np.asarray(there, bool).reshape(-1, *(1,) * (np.ndim(leaf) - 1))
+            return np.where(known, as_float(leaf), np.nan)
 
-        return jax.tree.map(gapped, getattr(part, field))
+        return jax.tree.map(gapped, values)
+
+    def sides_of(values: Legs) -> Legs:
+        return Legs(*(stated(getattr(values, side), of_legs[side]) if side in of_legs else None for side in SIDES))
 
     return Estimate(
         time=time,
-        legs=Legs(None, None) if legs is None else stated(legs, "legs"),
-        stddev=stated(legs, "stddev"),
+        legs=Legs(None, None) if legs is None else sides_of(legs.legs),
+        stddev=None if legs is None or legs.stddev is None else sides_of(legs.stddev),
         distance=None if total is None else np.interp(time, total.time, total.distance),
         valid=valid,
         diagnostics=diagnostics,
         strides=None if strides is None else strides.strides,
-        feet=stated(feet, "feet"),
-        feet_stddev=stated(feet, "feet_stddev"),
+        feet=None if feet is None else stated(feet.feet, feet.valid),
+        feet_stddev=None if feet is None else stated(feet.feet_stddev, feet.valid),
         strides_stddev=None if strides is None else strides.stddev,
     )

@@ -33,9 +33,19 @@ CONTACTS_APART = Kind(
     "hold.",
 )  # fmt: skip
 
+STRIDES_OF_WAIST = Kind(
+    "strides_of_waist", "check",
+    "{side}: strides have times of the waist and lengths of {sources}, because {sensors} are in doubt",
+    "The waist's sensor measures contacts and lengths less exactly than sensors on the leg. What differs between right "
+    "and left can come from the sensors: do not read it as asymmetry.",
+)  # fmt: skip
+
 APART_S = 0.1
 """[s] Least difference between both legs of the time from a foot's contacts to those of the same leg's ankle or shank.
 It is 0.06 or less in undamaged walks, public and simulated of all gaits, and larger where sensors are exchanged."""
+
+LEG_WORN = ("feet", "ankles", "shanks")
+"""Sources of strides that are worn on the legs."""
 
 FEWEST = 4
 """[1] Least number of common strides or contacts for a comparison."""
@@ -143,6 +153,20 @@ def contact_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides, dou
             if abs(seconds) > APART_S:
                 words = "later" if seconds > 0.0 else "earlier"
                 notes.append(CONTACTS_APART(other=other, seconds=abs(seconds), words=words))
+    return notes
+
+
+def waist_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides, doubtful: frozenset[str]) -> list[Note]:
+    """A note for each side whose strides have the waist's times, although doubtful sensors on the leg measure them."""
+    notes = []
+    waist = np.array([name == "waist" for name in strides.first], bool)
+    for number, side in enumerate(SIDES):
+        own = np.asarray(strides.strides.side) == number
+        worn = {name for source in sources if source.name in LEG_WORN for name in source.placements}
+        sensors = [name for name in sorted(worn & doubtful) if name.endswith(side)]
+        if sensors and own.any() and waist[own].mean() > 0.5:
+            names = [name for name, used in strides.used.items() if used[own].mean() > 0.5] or ["waist"]
+            notes.append(STRIDES_OF_WAIST(side=side, sources=" and ".join(names), sensors=" and ".join(sensors)))
     return notes
 
 

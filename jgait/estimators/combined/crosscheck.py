@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.estimators.checks import fast_rate, force_unit
-from jgait.estimators.combined.phases import OFFSETS, WRONG_CLOCK, kind_of, swing_phases
+from jgait.estimators.combined.phases import CLOCK_OFF, LEGS_TOGETHER, OFFSETS, WRONG_CLOCK, kind_of, swing_phases
 from jgait.mounting.leg import SIDES_EXCHANGED, SWAPPED
 from jgait.mounting.shank import LABELS_EXCHANGED
 from jgait.notes import WRONG_PLACE, Kind, Note
@@ -44,11 +44,18 @@ TRUNK_CLOCK_OFF = Kind(
     "the legs rest, and rests when they move", WRONG_CLOCK,
 )  # fmt: skip
 
+OF_WALKING = (SIDES_EXCHANGED, LABELS_EXCHANGED, FOOT_ON_SHANK, TRUNK_CLOCK_OFF, CLOCK_OFF, LEGS_TOGETHER)
+"""Kinds of notes that say nothing where nobody walks: other movements do not tell a sensor's place or clock."""
+
 USUAL_RATE = {"foot": 7.5, "ankle": 5.6, "shank": 5.4, "thigh": 3.2, "wrist": 3.2, "": 1.7}
 """[rad/s] 99th percentile of the norm of the rate in walking; "" for the trunk and the head. From public recordings."""
 
 UNIT_RATIO = 7.5
 """[1] Threshold on the ratio of a sensor's rate to the expected rate: the root of 180 / π, half way to another unit."""
+
+LEAST_WALK = 0.25
+"""[1] Least ratio of some sensor's rate to `USUAL_RATE` with which a person walks. Chosen: between those of people who
+stand before the walks of `walking5m`, and of simulated people who walk a fifth as fast as usual."""
 
 RESTING, RESTS_S, WALKS, RESTS_MORE = 0.4, 2.0, 0.4, 0.05
 """[rad/s], [s], [1], [1] Rate below which a sensor rests; time over which its square is averaged, and share of the
@@ -124,9 +131,16 @@ def crosscheck(recording: Recording) -> Findings:
         recording: sensors with known placements; each on its own clock.
 
     Returns:
-        The contradictions; none if there are too few sensors or strides to tell.
+        The contradictions; none if there are too few sensors or strides to tell. Of a person who does not walk, only
+        units of accelerometers and sensors upside down.
     """
-    notes, unusable = _units(recording.sensors)
+    rates = {name: fast_rate(imu) / USUAL_RATE[kind_of(name)] for name, imu in recording.sensors.items()}
+    walks = any(rate > LEAST_WALK for name, rate in rates.items() if kind_of(name) != "wrist")
+    notes, unusable = _units(recording.sensors, rates if walks else dict.fromkeys(rates, 0.0))
+    if not walks:
+        return Findings(
+            (*notes, *_upside_down(recording.sensors)), frozenset(unusable), frozenset(), dict(recording.sensors)
+        )
     sensors = {name: imu for name, imu in recording.sensors.items() if name not in unusable}
     every = dict(recording.sensors)
     for note in _exchanges(sensors):
@@ -146,11 +160,13 @@ def _kept(imu: Imu, values: AnyArray) -> np.ndarray:
     return as_float(values)[np.asarray(imu.mask, bool)]
 
 
-def _units(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
-    """Notes about sensors in other units than the rest, and their placements."""
+def _units(sensors: Mapping[str, Imu], rates: Mapping[str, float]) -> tuple[list[Note], set[str]]:
+    """Notes about sensors in other units than the rest, and their placements.
+
+    `rates` are ratios to `USUAL_RATE`; a sensor with 0 is not judged by its gyroscope.
+    """
     notes: list[Note] = []
     wrong: set[str] = set()
-    rates = {name: fast_rate(imu) / USUAL_RATE[kind_of(name)] for name, imu in sensors.items()}
     known = np.sort(np.log([rate for rate in rates.values() if rate > 0.0]))
     # if half of the sensors contradict the other half, those nearer to the usual rate are right
     middle_two = known[(known.size - 1) // 2 : known.size // 2 + 1]

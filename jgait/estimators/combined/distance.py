@@ -9,7 +9,6 @@ from jgait.estimators.ankle_stride.notes import STRIDES_QUICK, SWINGS_SMALL
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import CONSISTENT, UNLIKE, combined, correlation
 from jgait.estimators.ends import MID_STANCE, SHORT, WALKING_AFTER, WALKING_BEFORE
-from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED
 from jgait.estimators.losses import lost_between, not_bridged
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, impossible
@@ -292,8 +291,7 @@ def _whole(source: SourceEstimate, way: np.ndarray, sd: float, doubtful: bool, u
     if used:
         unknown = float(np.mean([one.unknown for one in used]))
     else:
-        notes = (note for note in estimate.diagnostics["notes"] if note.code == NOT_ESTIMATED.code)
-        unknown = USUAL_SPEED * sum(float(note.values["seconds"]) for note in notes)
+        unknown = USUAL_SPEED * float(np.median(np.diff(time)) * np.sum(~np.asarray(estimate.valid, bool)))
     unseen = float(np.linalg.norm([unknown, CUT_SD * added["cut"], LOSS_SD * added["bridged"]]))
     lacking = float(np.mean([one.lacking for one in used])) if used else 0.0
     spread = float(np.linalg.norm([sd, unseen, lacking]))

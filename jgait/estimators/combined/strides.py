@@ -48,6 +48,9 @@ SHARED = {frozenset(("ankles", "shanks")): 0.5}
 FIELDS = tuple(name for name in Strides._fields if name not in ("side", "valid"))
 """Quantities of a stride."""
 
+TIMES = ("start", "final_contact", "end", "standing", "standing_end", "speed")
+"""Quantities of a stride that are of its first source, or of those that share its clock."""
+
 COMBINED = ("length", "height", "turn")
 """Quantities of a stride that are combined; others are those of the first source that has them."""
 
@@ -91,8 +94,9 @@ def joined(
 
     Args:
         sources: in the order in which times are preferred.
-        doubtful: placements whose strides are not combined with those of other sources, unless nothing else is left.
-        wrong: those of them whose strides are in doubt themselves, and not only their times.
+        doubtful: placements whose times do not count, unless nothing else is left.
+        wrong: those of them whose strides are in doubt themselves, and not only their times. Lengths of the others
+            count for the strides that they are the same as.
     """
     having = [source for source in sources if source.estimate.strides is not None and source.name != "width"]
     if not having:
@@ -107,6 +111,8 @@ def joined(
         for source in order:
             if trusted[source.name, side] or alone or not of_side:
                 _add(of_side, source, number)
+            elif _trusted(source, side, wrong):
+                _add(of_side, source, number, new=False)
         groups += [group for *_, group in of_side]
     if not groups:
         return None
@@ -122,8 +128,10 @@ def _trusted(source: SourceEstimate, side: str, doubtful: frozenset[str]) -> boo
     return not doubtful.intersection(placements)
 
 
-def _add(groups: list[tuple[float, float, dict[str, int]]], source: SourceEstimate, side: int) -> None:
-    """Add the strides of a source and a side to the strides that they are the same as, or as new ones."""
+def _add(
+    groups: list[tuple[float, float, dict[str, int]]], source: SourceEstimate, side: int, *, new: bool = True
+) -> None:
+    """Add the strides of a source and a side to the strides that they are the same as, or as `new` ones."""
     strides, unknown = source.estimate.strides, source.estimate.diagnostics.get("side_unknown")
     rows = np.flatnonzero((np.asarray(strides.side) == side) & np.asarray(strides.valid, bool))
     before = list(groups)
@@ -139,7 +147,7 @@ def _add(groups: list[tuple[float, float, dict[str, int]]], source: SourceEstima
         best = int(np.argmax(alike)) if alike else -1
         if best >= 0 and alike[best] > SAME and source.name not in before[best][2]:
             before[best][2][source.name] = int(row)
-        elif not alike or max(shared) < ALONE * (end - start):
+        elif new and (not alike or max(shared) < ALONE * (end - start)):
             groups.append((start, end, {source.name: int(row)}))
 
 
@@ -235,19 +243,23 @@ def _told(
     by_name: Mapping[str, SourceEstimate], group: dict[str, int], trusted: Mapping[tuple[str, str], bool],
     doubts: Mapping[str, np.ndarray], marks: Mapping[str, Mapping[str, Flags]],
 ) -> _Told:  # fmt: skip
-    """A stride from its row in each source; rows in doubt count only where no other source has the stride."""
-    names = [name for name in by_name if name in group]
-    side = int(by_name[names[0]].estimate.strides.side[group[names[0]]])
-    names = [name for name in names if trusted[name, SIDES[side]]] or names
-    names = [name for name in names if not doubts[name][group[name]]] or names
-    first = names[0]
+    """A stride from its row in each source; rows in doubt count only where no other source has the stride.
+
+    Of sources whose clock is in doubt, all but the times count.
+    """
+    every = [name for name in by_name if name in group]
+    side = int(by_name[every[0]].estimate.strides.side[group[every[0]]])
+    timed = [name for name in every if trusted[name, SIDES[side]]] or every
+    timed = [name for name in timed if not doubts[name][group[name]]] or timed
+    names = [name for name in every if not doubts[name][group[name]]] or timed
+    first = timed[0]
     values, spread, given = {}, {}, {}
     for field in FIELDS:
-        known = {name: _of(by_name[name], field, group[name]) for name in names}
-        given[field] = next((name for name, (value, _) in known.items() if np.isfinite(value)), first)
+        known = {name: _of(by_name[name], field, group[name]) for name in (timed if field in TIMES else names)}
+        given[field] = next((name for name, (value, _) in known.items() if np.isfinite(value)), next(iter(known)))
         values[field], spread[field] = known[given[field]]
     (length, length_sd), (speed, speed_sd) = (_of(by_name[first], name, group[first]) for name in ("length", "speed"))
-    used, contradicts = frozenset([first]), False
+    used, contradicts = frozenset([names[0]]), False
     for field in COMBINED:
         known = {name: _of(by_name[name], field, group[name]) for name in names}
         known = {name: (value, sd) for name, (value, sd) in known.items() if np.isfinite(value) and sd > 0.0}
@@ -269,7 +281,7 @@ def _told(
     if length_sd > 0.0:
         spread["speed"] = speed_sd * spread["length"] / length_sd
     flags = {flag: any(marks[n][flag] is not None and bool(marks[n][flag][group[n]]) for n in names) for flag in FLAGS}
-    return _Told(first, side, group, values, spread, flags, used, contradicts, bool(doubts[first][group[first]]))
+    return _Told(first, side, group, values, spread, flags, used, contradicts, bool(doubts[names[0]][group[names[0]]]))
 
 
 def correlation(names: Iterable[str]) -> np.ndarray:

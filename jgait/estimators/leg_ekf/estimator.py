@@ -4,6 +4,7 @@ from functools import partial, reduce
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jgait import filtering
 from jgait.estimators import ankle_stride, trust
@@ -16,7 +17,7 @@ from jgait.estimators.leg_ekf.inputs import SHORT_GAP, LegInputs, LegSignals, Se
 from jgait.estimators.leg_ekf.model import STANDING, LegControl, LegModelParams, LegObservation, LegState
 from jgait.estimators.leg_ekf.notes import SHANKS_APART
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_side, with_body
-from jgait.estimators.leg_ekf.prepare import SHANKS, prepare
+from jgait.estimators.leg_ekf.prepare import SHANKS, long_gaps, prepare
 from jgait.estimators.sides import stacked
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.vectors import vector
@@ -55,7 +56,8 @@ def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOpti
     observed, controls, mask = inclination.observed(segment, vector(segment.gyr[0]), inputs, options.standing)
     inferred = filtering.infer(
         inclination.MODEL, p.inclination, observed, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
-        initial=inclination.prior(vector(segment.bias), inputs.start_variance), covariance=inclination.NEEDED,
+        initial=inclination.prior(vector(segment.bias), inputs.start_variance, segment.unrest),
+        covariance=inclination.NEEDED,
     )  # fmt: skip
     return inclination.read_out(inferred.mean, inferred.cov, observed.gyr)
 
@@ -71,7 +73,7 @@ def observe(
 
     Observations that the options turn off have a constant False mask, so that the filter does not compute them.
     """
-    there = inputs.valid | (leg.thigh.lost > 0.0) | (leg.shank.lost > 0.0)
+    there = leg.thigh.measured | (leg.thigh.lost > 0.0)  # all but padding
     hip, knee, gain = p.standing_hip, p.standing_knee, p.thigh_gain
     zero = jnp.zeros_like(inputs.dt)
     if inclinations is not None:
@@ -98,7 +100,7 @@ def observe(
         control = LegControl(zero + 2.7e-3, zero + 2.7e-3)
         angles = (zero + STANDING + hip, zero + STANDING + hip - knee)
         rates = (-leg.thigh.gyr[..., 1], -leg.shank.gyr[..., 1])
-        tilted = inputs.still & inputs.valid if options.standing else False
+        tilted = inputs.still & there if options.standing else False
         close = jnp.ones_like(there)
     closed = there & close if options.closure else False
     observation = LegObservation(*rates, zero, zero, *angles)
@@ -253,8 +255,16 @@ def _one_leg(
 
 
 def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:
-    """The estimate with notes if strides of a shank are in doubt, or the distances of both shanks differ too much."""
-    found, shanks = result.diagnostics, made.inputs.shanks
+    """The estimate with `stated_<side>` (T,), False in long gaps of that leg's sensors, and with notes if strides of a
+    shank are in doubt, or the distances of both shanks differ too much.
+    """
+    found, shanks = dict(result.diagnostics), made.inputs.shanks
+    for side in SIDES:
+        if (leg := getattr(made.inputs, side)) is not None:
+            # where only the other leg lacks samples, `valid` is False, and this leg is known
+            found[f"stated_{side}"] = np.asarray(result.valid | ~made.inputs.valid)
+            for start, stop in long_gaps(leg, made.inputs.time):
+                found[f"stated_{side}"][start:stop] = False
     notes: list[Note] = []
     for side in SIDES:
         if shanks is not None and f"shank_nis_{side}" in found:
@@ -266,7 +276,7 @@ def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:
         right, left = (float(found[f"shank_distance_{side}"]) for side in SIDES)
         if abs(right - left) > max(STEPS_APART, APART * max(right, left)):
             notes.append(SHANKS_APART(right=right, left=left))
-    return result._replace(diagnostics={**found, "notes": (*found.get("notes", ()), *notes)}) if notes else result
+    return result._replace(diagnostics={**found, "notes": (*found.get("notes", ()), *notes)})
 
 
 def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:

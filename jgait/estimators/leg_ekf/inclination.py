@@ -18,7 +18,7 @@ from typing import Annotated, NamedTuple
 
 import jax.numpy as jnp
 
-from jgait.estimators.leg_ekf.inputs import LegInputs, Segment
+from jgait.estimators.leg_ekf.inputs import UNREST_S, LegInputs, Segment
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.vectors import GRAVITY, Vector, cross, dot, scale, vector
 from jgait.params import Param, Parameter, documented, positive
@@ -43,12 +43,14 @@ class InclinationControl(NamedTuple):
     """Inputs of a sample: mean rate over the interval [rad/s], whether the person stands, whether it was measured.
 
     `lost` is the time since the last measured sample [s], where the sample was not measured; None: one interval.
+    `unrest` is a further variance of the gyroscope about its bias while standing [rad²/s²]; None: zero.
     """
 
     rate: Vector
     still: Flags
     measured: Flags
     lost: Maybe[Values] = None
+    unrest: Maybe[Values] = None
 
 
 @documented
@@ -78,7 +80,7 @@ def _rotate_back(u: Vector, w: Vector) -> Vector:
 
 def _initial(params: InclinationNoise) -> Belief:
     zero = jnp.zeros_like(jnp.asarray(params.gyro_noise))
-    return prior(Vector(zero, zero, zero), 1e-4)
+    return prior(Vector(zero, zero, zero), 1e-4, 0.0)
 
 
 def _transition(
@@ -118,7 +120,7 @@ def _observation_noise(
 ) -> InclinationObservation:
     del state
     acc = jnp.where(control.still, params.standing_acceleration**2, params.walking_acceleration**2)
-    rate = params.standing_rate**2
+    rate = params.standing_rate**2 + (0.0 if control.unrest is None else control.unrest)
     return InclinationObservation(Vector(acc, acc, acc), Vector(rate, rate, rate))
 
 
@@ -153,12 +155,14 @@ def read_out(state: InclinationState, cov: Covariance, rate: Vector) -> Inclinat
     return Inclination(angle, slope, variance)
 
 
-def prior(bias: Vector, start_variance: Values) -> Belief:
-    """The belief before the first sample: segment vertical [variance in rad²], gyroscope bias at rest [rad/s]."""
+def prior(bias: Vector, start_variance: Values, unrest: Values) -> Belief:
+    """The belief before the first sample: segment vertical [variance in rad²], gyroscope bias at rest [rad/s], whose
+    variance is the larger by the `unrest` of the standing from which the bias is computed [rad²/s²].
+    """
     zero = jnp.zeros_like(bias.z)
     spread = Vector(*(zero + start_variance,) * 3)
     mean = InclinationState(Vector(zero, zero, zero + 1.0), bias)
-    return Belief(mean, Covariance.from_variances(InclinationState(spread, Vector(*(zero + 1e-5,) * 3))))
+    return Belief(mean, Covariance.from_variances(InclinationState(spread, Vector(*(zero + 1e-5 + unrest,) * 3))))
 
 
 def observed(
@@ -173,5 +177,7 @@ def observed(
     still = inputs.still if standing else jnp.zeros_like(inputs.still)
     at_rest = still & measured if standing else False
     mask = InclinationObservation(Vector(measured, measured, measured), Vector(at_rest, at_rest, at_rest))
-    control = InclinationControl(mean, still, measured, segment.lost)
+    # turns that go on for some time do not average out from sample to sample
+    unrest = segment.unrest * UNREST_S / jnp.maximum(inputs.dt, 1e-3)
+    control = InclinationControl(mean, still, measured, segment.lost, unrest)
     return InclinationObservation(scale(1.0 / GRAVITY, vector(segment.acc)), rate), control, mask

@@ -8,6 +8,9 @@ from jgait.estimators.ankle_stride.inputs import AnkleInputs
 from jgait.estimators.axes import Axis, Sampled, Times
 from jgait.types import Values
 
+UNREST_S = 0.5
+"""[s] Time for which the turns of a leg that does not stand still go on; of a shift of weight."""
+
 SHORT_GAP = 0.1
 """[s] Longest gap that the leg's filter bridges by its own prediction of the rates; a swing lasts 0.4 s."""
 
@@ -21,6 +24,8 @@ class Segment(NamedTuple):
     bias: np.ndarray  #: (3,) gyroscope bias at rest [rad/s].
     variance: np.ndarray  #: sagittal gyroscope variance at rest [rad²/s²].
     lost: Sampled  #: (T,) time since the last measured sample [s]; 0 where a sample is measured.
+    #: variance of the segment's turns in the standing that calibrates, over that of quiet standing [rad²/s²].
+    unrest: np.ndarray
 
 
 class LegSignals(NamedTuple):
@@ -38,7 +43,7 @@ class LegInputs(NamedTuple):
     time: Times  #: (T,) [s].
     dt: Sampled  #: (T,) time since the previous sample [s]; 0 at the first and in padding.
     still: Annotated[Values, Axis("one")]  #: (T,) bool, the person stands.
-    valid: Sampled  #: (T,) bool, False for padding and for long gaps in the signals of a leg.
+    valid: Sampled  #: (T,) bool, False for padding and for long gaps in the signals of any leg.
     #: variance of the pose at the first sample [rad²]; small if the recording starts standing.
     start_variance: np.ndarray
     #: inputs of the strapdown of the shanks' sensors; None without their accelerometers.

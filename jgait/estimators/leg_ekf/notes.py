@@ -10,6 +10,15 @@ THIGH_UNSURE = Kind(
     "whole strides settles it.",
 )
 
+STANDING_MOVES = Kind(
+    "standing_moves",
+    "check",
+    "{side}: hip and knee angles are less certain: in the standing from which they count, the leg moves at up to "
+    "{rate:.2f} rad/s",
+    "The pose from which the angles of this leg count is not held, and the errors of its gyroscopes are known less "
+    "well; stated deviations contain the latter. Next time, stand still for two seconds before walking off.",
+)
+
 SEGMENTS_SWAPPED = Kind(
     "segments_swapped",
     "check",
@@ -20,8 +29,8 @@ SEGMENTS_SWAPPED = Kind(
 NOT_ESTIMATED = Kind(
     "not_estimated",
     "check",
-    "nothing is stated for {seconds:.2f} s from {begin_s:.2f} s, where samples are missing; angles after it start "
-    "again from gravity and are less certain, and the distance of the legs alone lacks the steps in it",
+    "{side}: no angles are stated for {seconds:.2f} s from {begin_s:.2f} s, where samples are missing; angles after it "
+    "start again from gravity and are less certain, and the distance of the legs alone lacks the steps in it",
     LOSSES,
 )
 

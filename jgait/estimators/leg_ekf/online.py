@@ -42,7 +42,7 @@ def start(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOpt
 
     Of the leg's signals only biases, variances and the first rates are used.
     """
-    thigh, shank = (inclination.prior(vector(segment.bias), start_variance).joined() for segment in leg)
+    thigh, shank = (inclination.prior(vector(one.bias), start_variance, one.unrest).joined() for one in leg)
     belief = prior_of(p, leg, start_variance, options).joined()
     rates = tuple(vector(segment.gyr[0]) for segment in leg)
     return LegOnlineState(thigh, shank, belief, (rates[0], rates[1]))

@@ -4,6 +4,7 @@ This module detects quiet standing and finds the mediolateral axis of each senso
 `leg_ekf.run` is differentiable for given standing and axes.
 """
 
+import itertools
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -21,14 +22,15 @@ from jgait.estimators.leg_ekf.notes import (
     ONE_LEG,
     SEGMENT_ALONE,
     SEGMENTS_SWAPPED,
+    STANDING_MOVES,
     STANDS_OTHERWISE,
     THIGH_UNSURE,
 )
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions
 from jgait.estimators.notes import ACCELEROMETER_OFF, CLIPPED, NO_ACCELEROMETER, NO_FIRST_STANDING
-from jgait.events.rest import LEGS_SHORTEST_S, LegRest, standing_of_legs
+from jgait.events.rest import LEGS_RATE, LEGS_SHORTEST_S, LegRest, standing_of_legs
 from jgait.geometry.vectors import GRAVITY
-from jgait.mounting.leg import leg_mounting, measured
+from jgait.mounting.leg import leg_mounting, measured, smooth
 from jgait.notes import Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError, as_float
@@ -137,6 +139,27 @@ class SegmentMounting(NamedTuple):
     scale: float  #: factor on the accelerometer, so that it reads standard gravity in standing [1]; 0 without one.
     bias: np.ndarray  #: (3,) gyroscope bias at rest, in the segment's axes [rad/s].
     variance: np.ndarray  #: sagittal gyroscope variance at rest [rad²/s²].
+    unrest: np.ndarray  #: variance of its turns at rest, over that of quiet standing [rad²/s²].
+
+
+QUIET_RATE, TURN_S = 0.02, 0.1
+"""[rad/s], [s] Root mean square of the turns of a segment in quiet standing, as `InclinationNoise.standing_rate`; and
+the window whose means are turns: noise from sample to sample is not."""
+
+
+def _unrest(gyr: np.ndarray, acc: np.ndarray | None, rate: float) -> np.ndarray:
+    """By how much the variance of the turns of a segment at rest is above that of quiet standing [rad²/s²].
+
+    Turns are those of the gyroscope (T, 3) [rad/s] about its mean, and the mean turn that the direction of gravity
+    shows, from the force (T, 3) in the first quarter and in the last one.
+    """
+    variance = np.stack([smooth(column, TURN_S, rate) for column in gyr.T], axis=1).var(axis=0).sum()
+    if acc is not None:
+        quarter = max(1, len(acc) // 4)
+        ups = np.stack([acc[:quarter].mean(axis=0), acc[-quarter:].mean(axis=0)])
+        ups = ups / np.maximum(np.linalg.norm(ups, axis=1, keepdims=True), 1e-9)
+        variance += np.sum((ups[1] - ups[0]) ** 2) * (rate / max(1, len(acc) - quarter)) ** 2
+    return np.maximum(variance - QUIET_RATE**2, 0.0)
 
 
 def mounted(
@@ -162,8 +185,13 @@ def mounted(
         # A coarsely quantised gyroscope has a constant reading at rest, but its noise is not 0.
         variance = np.maximum(np.var((as_float(imu.gyr) @ axes.T)[rests, 1]), SMALLEST_VARIANCE)
         bias = axes @ worn.gyr_bias[segment]
-        segments[segment] = SegmentMounting(worn.placements[segment], axes, scale, bias, variance)
+        unrest = _unrest(as_float(imu.gyr)[rests], None if imu.acc is None else as_float(imu.acc)[rests], rate)
+        segments[segment] = SegmentMounting(worn.placements[segment], axes, scale, bias, variance, unrest)
     notes = [SEGMENTS_SWAPPED(side=side)] if worn.swapped else []
+    rates = (as_float(sensors[name].gyr)[measured(sensors[name], standing)] for name in worn.placements.values())
+    fastest = max(float(np.linalg.norm(each, axis=1).max()) for each in rates)
+    if fastest > LEGS_RATE:
+        notes.append(STANDING_MOVES(side=side, rate=fastest))
     return segments, notes if worn.sure else [*notes, THIGH_UNSURE(placement=worn.placements["thigh"])]
 
 
@@ -172,7 +200,7 @@ def in_segment(imu: Imu, worn: SegmentMounting) -> Segment:
     gyr = as_float(imu.gyr) @ worn.axes.T
     acc = np.zeros_like(gyr) if imu.acc is None else as_float(imu.acc) @ worn.axes.T * worn.scale
     mask = np.asarray(imu.mask, bool)
-    return Segment(gyr, acc, mask, worn.bias, worn.variance, lost_time(np.asarray(imu.time), mask))
+    return Segment(gyr, acc, mask, worn.bias, worn.variance, lost_time(np.asarray(imu.time), mask), worn.unrest)
 
 
 def rates_between(segment: Segment, time: np.ndarray) -> Segment:
@@ -192,16 +220,24 @@ def lost_time(time: np.ndarray, measured: np.ndarray) -> np.ndarray:
     return np.where(measured, 0.0, np.maximum(since, np.median(np.diff(time))))
 
 
-def _told(legs: dict[str, LegSignals], time: np.ndarray) -> tuple[np.ndarray, list[Note]]:
-    """(T,) bool, True where an estimate exists, False in long gaps; and a note for each gap."""
-    lost = ~np.all([segment.measured for leg in legs.values() for segment in leg], axis=0)
-    heard, step = np.ones(time.size, bool), float(np.median(np.diff(time)))
-    notes: list[Note] = []
-    for start, stop in true_runs(lost):
-        if (stop - start) * step >= LONG_GAP:
-            heard[start:stop] = False
-            notes.append(NOT_ESTIMATED(seconds=(stop - start) * step, begin_s=time[start] - time[0]))
-    return heard, notes
+def long_gaps(leg: LegSignals, time: np.ndarray) -> list[tuple[int, int]]:
+    """Half-open ranges of samples in which nothing is stated of a leg, because one of its sensors lacks samples."""
+    step = float(np.median(np.diff(time)))
+    lost = ~(leg.thigh.measured & leg.shank.measured)
+    return [(start, stop) for start, stop in true_runs(lost) if (stop - start) * step >= LONG_GAP]
+
+
+def _gap_notes(gaps: Mapping[str, list[tuple[int, int]]], time: np.ndarray) -> list[Note]:
+    """A note for each long gap, with the sides that it is of."""
+    step = float(np.median(np.diff(time)))
+    every = sorted({gap for of_side in gaps.values() for gap in of_side})
+    return [
+        NOT_ESTIMATED(
+            side=" and ".join(side for side in SIDES if (start, stop) in gaps.get(side, [])),
+            seconds=(stop - start) * step, begin_s=time[start] - time[0],
+        )
+        for start, stop in every
+    ]  # fmt: skip
 
 
 OTHERWISE_DEG = 10.0
@@ -279,10 +315,13 @@ def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[Leg
     notes += more
     if len(sides) == 1 and shanks is None:
         notes.append(ONE_LEG(side=sides[0]))
-    heard, more = _told(legs, time)
+    gaps = {side: long_gaps(leg, time) for side, leg in legs.items()}
+    heard = np.ones(time.size, bool)
+    for start, stop in itertools.chain(*gaps.values()):
+        heard[start:stop] = False
     dt = np.concatenate([[0.0], np.diff(time)])
     variance = np.asarray(1e-4 if upright[0] else SEATED if still[0] else 0.1)
     inputs = LegInputs(legs.get("right"), legs.get("left"), time, dt, still, heard, variance, shanks)
-    notes += more
+    notes += _gap_notes(gaps, time)
     gravity = options.gravity and not bare
     return Prepared(inputs, options._replace(gravity=gravity), tuple(notes), standing)

@@ -48,6 +48,7 @@ class LegsConstants(NamedTuple):
     scale: Values  #: (n, 2) factor on the accelerometer [1].
     bias: Values  #: (n, 2, 3) gyroscope bias at rest, in the segment's axes [rad/s].
     variance: Values  #: (n, 2) sagittal gyroscope variance at rest [rad²/s²].
+    unrest: Values  #: (n, 2) variance of turns in the standing that calibrates, see `Segment` [rad²/s²].
     window: Counts  #: samples for which all gyroscopes must be slow in standing.
     start_variance: Values  #: variance of the pose at the first sample [rad²].
 
@@ -98,6 +99,7 @@ def device(p: LegParams, recording: Recording) -> tuple[Device, tuple[Note, ...]
         scale=as_float(worn.scale).reshape(-1, 2),
         bias=worn.bias.reshape(-1, 2, 3),
         variance=worn.variance.reshape(-1, 2),
+        unrest=worn.unrest.reshape(-1, 2),
         window=standing_samples(rate),
         start_variance=as_float(START_VARIANCE),
     )
@@ -113,7 +115,7 @@ def _signals(c: LegsConstants, samples: Readings, lost: Values) -> LegSignals:
     acc = jnp.einsum("nsij,bnsj->snbi", c.axes, samples.acc.reshape(shape)) * c.scale.T[:, :, None, None]
     measured, lost = (jnp.moveaxis(v, 0, 2).swapaxes(0, 1) for v in (samples.turned.reshape(lost.shape), lost))
     return LegSignals(
-        *(Segment(gyr[s], acc[s], measured[s], c.bias[:, s], c.variance[:, s], lost[s]) for s in range(2))
+        *(Segment(gyr[s], acc[s], measured[s], c.bias[:, s], c.variance[:, s], lost[s], c.unrest[:, s]) for s in (0, 1))
     )
 
 

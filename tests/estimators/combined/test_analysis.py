@@ -22,7 +22,7 @@ from jgait.io.summary import SUMMARY
 from jgait.notes import Kind
 from jgait.report import of_analysis
 from jgait.simulate.sensors import OPAL
-from jgait.types import Imu, RecordingError
+from jgait.types import Imu, RecordingError, as_float
 
 PLACEMENTS = (*simulate.SEVEN, "ankle_right", "ankle_left")
 FEET = ("foot_right", "foot_left")
@@ -59,6 +59,21 @@ def test_a_late_foot_does_not_become_a_limp_without_a_note(walked, analysis, sec
     for note in found:
         assert note.values["words"] == "earlier"
         assert abs(note.values["seconds"] - seconds) < 0.05
+
+
+def test_sensors_whose_clocks_differ_still_measure_lengths(walked):
+    recording, truth = walked
+    foot = recording.sensors["foot_right"]
+    late = {name: np.roll(getattr(foot, name), 13, axis=0) for name in ("gyr", "acc", "mask")}
+    recording = changed(only(recording, "pelvis", *FEET, "shank_right", "shank_left"), foot_right=foot._replace(**late))
+    note = delays.SENSOR_LATE(placement="foot_right", milliseconds=130.0, side="behind", other="shank_right")
+    found = jgait.analyse(recording._replace(notes=(note,)), PERSON)
+    right = np.asarray(found.estimate.strides.side) == 0
+    assert found.strides.used["feet"][right].sum() > 0.5 * right.sum()
+    assert set(np.array(found.strides.first)[right]) == {"waist"}  # whose times do not depend on these clocks
+    assert errors(found.estimate.strides, truth).mean() < 0.02
+    (named,) = of_code(found.notes, "strides_of_waist")
+    assert named.values["side"] == "right" and "foot_right" in str(named) and "feet" in named.values["sources"]
 
 
 def test_rows_written_twice_without_time_stamps_make_everything_uncertain(walked, analysis):
@@ -461,6 +476,31 @@ def test_a_leg_that_a_sensor_no_longer_measures_has_no_angles_although_feet_go_o
     assert table["distance_m"].notna().all() and table.filter(regex="^foot.*right").iloc[-1].notna().all()
     low, high = joint_ranges(found.estimate)["knee right"]
     assert -10.0 < low < high < 90.0
+
+
+def test_a_gap_of_one_leg_takes_no_angles_from_the_other(walked, analysis):
+    recording, _ = walked
+    shank = recording.sensors["shank_right"]
+    time = np.asarray(shank.time)
+    begin, step = float(time[len(time) // 2]), float(time[1] - time[0])
+    one = jgait.analyse(changed(recording, shank_right=masked(shank, (time < begin) | (time >= begin + 0.4))), PERSON)
+    whole, lossy = (as_float(found.estimate.legs.left.knee_angle) for found in (analysis, one))
+    np.testing.assert_allclose(lossy, whole, atol=1e-6)
+    gap = ~np.isfinite(as_float(one.estimate.legs.right.knee_angle))
+    assert gap.sum() == pytest.approx(0.4 / step, abs=1)
+    assert [note.values["side"] for note in of_code(one.notes, "not_estimated")] == ["right"]
+    assert not of_code(one.notes, "no_angles_of_strides")
+
+
+def test_a_leg_without_angles_in_any_stride_is_named(walked):
+    recording, _ = walked
+    shank = recording.sensors["shank_right"]
+    time = np.asarray(shank.time)
+    measured = (time % 1.0 < 0.6) | (time < 3.2)
+    found = jgait.analyse(changed(recording, shank_right=masked(shank, measured)), PERSON)
+    assert [note.values["side"] for note in of_code(found.notes, "no_angles_of_strides")] == ["right"]
+    summary = io.analysis_to_dataframes(found)["summary"].set_index("measure")
+    assert np.isnan(summary.loc["knee_flexion_max", "right"]) and np.isfinite(summary.loc["knee_flexion_max", "left"])
 
 
 def test_a_source_without_any_stride_does_not_stop_the_others(walked):

@@ -48,6 +48,18 @@ def test_short_bouts_whose_strides_mostly_end_in_standing_raise_nothing():
     assert note.code == "sides_exchanged"
 
 
+def test_nothing_is_said_of_places_units_and_clocks_of_a_person_who_stands(recording):
+    stands = np.asarray(recording.sensors["pelvis"].time) < 2.8
+    rng, sensors = np.random.default_rng(1), {}
+    for number, (name, imu) in enumerate(recording.sensors.items()):
+        sway = (0.002 * 3.0 ** (number % 3)) * rng.normal(size=(stands.sum(), 3))  # some sensors move more than others
+        gyr = np.asarray(imu.gyr)[stands] * 3.0 ** -(number % 2) + sway
+        sensors[name] = Imu(imu.time[stands], gyr, imu.acc[stands], imu.mask[stands])
+    standing = recording._replace(sensors=sensors)
+    for one in (standing, exchanged(standing, "thigh_left", "shank_left")):
+        assert crosscheck(one).notes == ()
+
+
 def test_one_sensor_alone_raises_nothing(recording):
     for name in ("pelvis", "foot_left", "shank_right"):
         assert crosscheck(only(recording, name)).notes == ()

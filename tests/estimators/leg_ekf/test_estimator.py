@@ -420,7 +420,7 @@ def test_of_long_gaps_nothing_is_stated_and_one_leg_is_noted(walk):
     lossy = without(recording, (begin - 0.5) / rate, 0.8, "shank_right")
     found = leg_ekf.prepared(without(lossy, begin / rate - 1.0, 0.1, "shank_right"))
     np.testing.assert_array_equal(np.flatnonzero(~found.inputs.valid), np.arange(begin, begin + round(0.8 * rate)))
-    assert any(note.startswith("nothing is stated for 0.80 s from") for note in texts(found.notes))
+    assert any(note.startswith("right: no angles are stated for 0.80 s from") for note in texts(found.notes))
     assert leg_ekf.prepared(recording).inputs.valid.all()
 
     three = only(recording, "thigh_right", "shank_right", "shank_left")

@@ -1,5 +1,5 @@
 """A person who sits before the walk: the standing after it calibrates, and sitting is stated as sitting. A sensor that
-slips in the walk tilts otherwise in the standing after it.
+slips in the walk tilts otherwise in the standing after it. A person who leans in a short standing moves no zero.
 """
 
 import jax
@@ -77,3 +77,48 @@ def test_a_sensor_that_slips_is_noted(walk, placement, degrees):
     notes = [note for note in leg_ekf.prepared(recording).notes if note.code == "stands_otherwise"]
     found = [(note.values["placement"], round(abs(float(note.values["degrees"])))) for note in notes]
     assert found == ([(placement, abs(degrees))] if degrees else [])
+
+
+def leaning(walk, begin_s, end_s, degrees):
+    """The recording of a person who is tilted forward at first, and comes upright before the walk."""
+    sensors = {}
+    for name, imu in walk.sensors.items():
+        time = np.asarray(imu.time)
+        share = np.clip((time - begin_s) / (end_s - begin_s), 0.0, 1.0)
+        angle = -np.radians(degrees) * 0.5 * (1.0 + np.cos(np.pi * share))
+        acc = Rotation.from_rotvec(np.outer(angle, [0.0, 1.0, 0.0])).inv().apply(imu.acc)
+        gyr = imu.gyr + np.outer(np.gradient(angle, time), [0.0, 1.0, 0.0])
+        sensors[name] = imu._replace(gyr=gyr, acc=acc)
+    return walk._replace(sensors=sensors)
+
+
+@pytest.mark.parametrize(("begin_s", "end_s", "degrees"), [(2.3, 2.9, 3.0), (2.0, 2.9, 3.0), (2.2, 3.0, -3.0)])
+def test_a_short_standing_in_which_the_person_leans_does_not_turn_the_angles(walk, begin_s, end_s, degrees):
+    first, last, walks = round(2.2 * RATE), round(9.0 * RATE), round(4.0 * RATE)
+    moved = leaning(walk, begin_s, end_s, degrees)
+    short = {name: Imu(*(part[first:last] for part in imu)) for name, imu in moved.sensors.items()}
+    plain, leant = (
+        leg_ekf.estimator().estimate(leg_ekf.estimator().params, one) for one in (walk, walk._replace(sensors=short))
+    )
+    for angle in ("hip_angle", "knee_angle"):
+        a, b = (np.asarray(getattr(one.legs.right, angle)) for one in (plain, leant))
+        np.testing.assert_allclose(b[walks - first :], a[walks:last], rtol=0, atol=np.radians(2.5))
+
+
+@pytest.mark.parametrize(("side", "others"), [("right", "left"), ("left", "right")])
+def test_the_leg_that_moves_in_the_standing_is_named_with_its_angles(side, others):
+    errors = MPU6000._replace(mounting=0.0, packet_loss=0.0)
+    placements = tuple(f"{segment}_{leg}" for segment in ("thigh", "shank") for leg in ("right", "left"))
+    recording = simulate.cohort(jax.random.key(2), 1, simulate.straight(12.0), errors, RATE, placements)[0][0]
+    sensors = {}
+    for name, imu in recording.sensors.items():
+        stands = np.asarray(imu.time) < 3.0
+        shakes = 0.3 * np.sin(2.0 * np.pi * 3.0 * np.asarray(imu.time)) * stands
+        last = round(9.0 * RATE)
+        gyr = imu.gyr + np.outer(shakes * name.endswith(side), [0.0, 1.0, 0.0])
+        sensors[name] = Imu(*(part[:last] for part in imu._replace(gyr=gyr)))
+    notes = [
+        note for note in leg_ekf.prepared(recording._replace(sensors=sensors)).notes if note.code == "standing_moves"
+    ]
+    assert [note.values["side"] for note in notes] == [side] and others not in str(notes[0])
+    assert "hip and knee angles" in str(notes[0])
