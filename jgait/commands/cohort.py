@@ -3,11 +3,10 @@
 import csv
 import difflib
 import functools
-import hashlib
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import jax
 import typer
@@ -15,11 +14,11 @@ from jaxtyping import PyTree
 
 from jgait import datasets, estimators
 from jgait import evaluate as evaluation
-from jgait.commands.console import Bar, note, progress, stop
+from jgait.commands.console import Bar, note, progress, say_failures, stop
 from jgait.commands.pipeline import measures_of, not_held_out, pipeline_of, start_of
 from jgait.commands.recordings import recording_of
 from jgait.commands.references import REFERENCES, with_reference
-from jgait.commands.rows import copy_notes, label_notes
+from jgait.commands.rows import content_of, copy_notes, label_notes
 from jgait.estimators import Estimator, proportions
 from jgait.estimators.about import BodyMeasure
 from jgait.evaluate import Cohort
@@ -27,9 +26,6 @@ from jgait.evaluate.store import OtherEvaluationError
 from jgait.io.units import ACC_UNITS, GYR_UNITS, unit_scale
 from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note
 from jgait.types import RecordingError, Walk, people, reason_of
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def _measures() -> dict[str, BodyMeasure]:
@@ -117,29 +113,32 @@ class Source(NamedTuple):
     files: Sequence[Path] = ()  #: files of the user that are read.
     subjects: Mapping[str, str] = {}  #: name → subject, as far as known before the recordings are read.
 
-    def failed(self, failures: "pd.DataFrame") -> "pd.DataFrame":
-        """All `recording subject reason` of rows and recordings without a result, from those of `evaluate.cohort`."""
+    def with_failures(self, results: Cohort) -> tuple[Cohort, list[tuple[str, str]]]:
+        """Results of `evaluate.cohort` whose failures contain rows that cannot be items, and these (recording, reason),
+        which are printed; exits with code 2 if nothing could be used.
+        """
         import pandas as pd
 
         rows = pd.DataFrame(self.failures, columns=["recording", "reason"])
-        every = pd.concat([rows, failures], ignore_index=True)
+        every = pd.concat([rows, results.failures], ignore_index=True)
         known = zip(every["recording"], every["subject"].astype(object).fillna(""), strict=True)
         subjects = [self.subjects.get(name) or subject for name, subject in known]
-        return every.assign(subject=subjects)[["recording", "subject", "reason"]]
+        failures = list(zip(every["recording"], every["reason"], strict=True))
+        say_failures(failures)
+        if not len(results.recordings):
+            why = f"; {SIMULATED_WORN}" if self.read is None else ""
+            stop(f"none of the {len(failures)} recordings of {self.title} could be used{why}")
+        return results._replace(failures=every.assign(subject=subjects)[["recording", "subject", "reason"]]), failures
 
     def versions(self, names: Iterable[str], columns: Sequence[str] = ("file",)) -> dict[str, str]:
-        """File → SHA-256, of the files of these recordings that are in the columns of a table; else name → the mark."""
+        """File → its content, of the files of these recordings that are in the columns of a table; else name → the
+        mark.
+        """
         if not isinstance(self.read, _Files):
             return {name: f"{self.marks[name]}: {name}" for name in names if name in self.marks}
-        digests = {}
-        for name in (self.read.rows[name].get(column) for name in names for column in columns):
-            path = self.read.folder / (name or "")
-            if name and path.exists():
-                digest = hashlib.sha256()
-                for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
-                    digest.update(file.read_bytes() if file.is_file() else b"")
-                digests[name] = digest.hexdigest()
-        return digests
+        files = (self.read.rows[name].get(column) for name in names for column in columns)
+        paths = {name: self.read.folder / name for name in files if name}
+        return {name: content_of(path) for name, path in paths.items() if path.exists()}
 
     def walks(self, failures: list[tuple[str, str]], report: Callable[[int], None]) -> Iterable[Walk]:
         """Yields the walks one by one; walks that cannot be read are added to the failures."""
@@ -178,7 +177,8 @@ def source(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, gyr_unit: str | None,
     acc_unit: str | None, measures: Sequence[str], params: Path | None = None,
 ) -> Source:  # fmt: skip
-    """The cohort of the command's options, of files, of a public set or simulated; exits with code 2 if there is none.
+    """The cohort of the command's options, of files, of a public set or simulated, its notes printed; exits with code 2
+    if there is none.
 
     Noted are missing `measures` of a person, which the estimator uses, and recordings on which `params` were tuned.
     """
@@ -191,9 +191,12 @@ def source(
         else:
             found = _of_dataset(dataset) if dataset is not None else _simulated(simulated or 0, seed)
         tuned = () if params is None else not_held_out(params, found.versions(found.marks), found.subjects)
-        return found._replace(notes=[*found.notes, *tuned])
     except (datasets.DatasetUnavailable, ValueError, OSError, csv.Error) as error:
         stop(str(error))
+    found = found._replace(notes=[*found.notes, *tuned])
+    for line in found.notes:
+        note(line)
+    return found
 
 
 def _simulated(people: int, seed: int) -> Source:
@@ -375,12 +378,10 @@ def opened(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, estimator: str, paper: bool,
     params: Path | None, gyr_unit: str | None, acc_unit: str | None,
 ) -> tuple[Estimator[PyTree, PyTree], PyTree, Source]:  # fmt: skip
-    """The estimator, its parameters and the cohort that the options of a command select, its notes printed; exits with
-    code 2 if there is none.
+    """The estimator, its parameters and the cohort that the options of a command select; exits with code 2 if there is
+    none.
     """
     pipeline = pipeline_of(estimator, paper, params)
     start = start_of(pipeline, params, paper)
     found = source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures_of(pipeline), params)
-    for line in found.notes:
-        note(line)
     return pipeline, start, found

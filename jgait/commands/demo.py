@@ -65,12 +65,9 @@ def demo(
             tuning = pool.submit(demo_run.neura_sparse, folder.stage, Bar(bars), steps=steps)
         else:
             tuning = pool.submit(demo_run.simulated, folder.stage, Bar(bars), subjects=subjects, steps=steps)
-        try:
-            first = None if walk is None else walk.result()
-            result = tuning.result()
-            figures = folder.publish([*([] if first is None else first.figures), *result.figures])
-        except OSError as error:
-            stop(f"the figures could not be written to {out}: {error}")
+        first = None if walk is None else walk.result()
+        result = tuning.result()
+        figures = folder.publish([*([] if first is None else first.figures), *result.figures])
     if first is not None:
         table = table_of("quantity", "all sensors", "each alone", "motion capture", left=4, title=first.title)
         for line in first.lines:

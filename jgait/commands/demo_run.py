@@ -221,8 +221,6 @@ def neura_sparse(out: Path, report: Report, *, steps: int = 30) -> Demo:
     """
     report("reading neura_sparse", 0, 1)
     walk = datasets.load("neura_sparse")[0]
-    if walk.reference is None:
-        raise datasets.DatasetUnavailable("the recording of neura_sparse lacks its reference")
     start = leg_ekf.with_body(leg_ekf.LegParams(), datasets.body(walk))
     names = ("standing_hip", "standing_knee", "thigh_gain", "thigh_pull", "distance_scale")
     item, unseen = (

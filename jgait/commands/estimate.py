@@ -153,10 +153,7 @@ def _each(
             errors.print(f"[bold red]{visible(item.key)}:[/] {visible(reason)}", highlight=False, soft_wrap=True)
             failures[item.key] = reason
             continue
-        try:
-            written = folder.publish(job.write(made, folder.stage, item.name))
-        except OSError as error:
-            stop(f"nothing more could be written to {folder.path}: {error}")
+        written = folder.publish(job.write(made, folder.stage, item.name))
         for line in grouped(one for one in job.notes(made) if one.severity not in DOUBTS):
             note(f"{item.label}: {str(line).removeprefix(f'{item.file.name}: ')}")
         flags = job.flags(made)

@@ -18,7 +18,6 @@ from jgait.commands.console import (
     count,
     note,
     say_failures,
-    stop,
     table_of,
     visible,
     write_json,
@@ -49,6 +48,9 @@ NOT_COMPARED = (
     "no estimated stride fits their times: the estimate lacks them, or the reference is of other times",
 )
 """Why strides are not compared, without and with strides of the estimate."""
+
+NOT_USED = "their notes say that the result should not be used (see below); quantities.csv and strides.csv have them"
+"""Why recordings are not compared."""
 
 TABLES = ("recordings", "quantities", "strides", "agreement", "failures")
 FIGURES = ("agreement", "per_subject")
@@ -109,32 +111,26 @@ def evaluate(
         if not len(results.recordings):
             folder.forget()
         results = evaluation.Cohort(*(rows[rows["recording"].isin(source.marks)] for rows in results))
-        failed = source.failed(results.failures)
-        failures = list(zip(failed["recording"], failed["reason"], strict=True))
-        say_failures(failures)
-        if not len(results.recordings):
-            why = f"; {cohorts.SIMULATED_WORN}" if simulated else ""
-            stop(f"none of the {len(failures)} recordings of {source.title} could be used{why}")
-        agreement = results.agreement()
+        results, failures = source.with_failures(results)
+        usable = results.usable()
+        agreement = usable.agreement()
         judged = _judged(pipeline, source, start, names, failures) if names else None
-        try:
-            written = _write(folder.stage, results._replace(failures=failed), agreement)
-            written.append(folder.stage / NOTES)
-            written[-1].write_text(_notes(source.notes, results), encoding="utf-8")
-            if judged is not None:
-                written.append(folder.stage / LOSSES)
-                judged.to_csv(written[-1], index=False)
-            files = folder.publish(written)
-        except OSError as error:
-            stop(f"nothing more could be written: {error}")
+        written = _write(folder.stage, results, usable, agreement)
+        written.append(folder.stage / NOTES)
+        written[-1].write_text(_notes(source.notes, results), encoding="utf-8")
+        if judged is not None:
+            written.append(folder.stage / LOSSES)
+            judged.to_csv(written[-1], index=False)
+        files = folder.publish(written)
     write_json(json_file, {
         "estimator": pipeline.name, "recordings": len(results.recordings), "failures": dict(failures),
+        "not_to_be_used": sorted({*results.recordings["recording"]} - {*usable.recordings["recording"]}),
         "agreement": agreement.astype(object).to_dict("index"), "files": list(map(str, files)),
     })  # fmt: skip
-    _show(f"{pipeline.name}{', the paper’s pipeline' if paper else ''} on {source.title}", results, agreement,
+    _show(f"{pipeline.name}{', the paper’s pipeline' if paper else ''} on {source.title}", results, usable, agreement,
           has_strides="stride_time" in (pipeline.about.losses or ()))  # fmt: skip
     if judged is not None:
-        _show_losses(judged, names)
+        _show_losses(judged[judged["recording"].isin(usable.recordings["recording"])], names)
     every = f"column notes of {out / 'recordings.csv'}, or jgait report {out}"
     say_warnings(results.recordings[["recording", "notes"]].itertuples(index=False, name=None), every)
     wrote(files)
@@ -175,16 +171,12 @@ def _show_losses(judged: "pd.DataFrame", names: list[str]) -> None:
     console.print(shown)
 
 
-def _write(out: Path, results: Cohort, agreement: "pd.DataFrame") -> list[Path]:
-    tables = {
-        "recordings": results.recordings, "quantities": results.quantities, "strides": results.strides,
-        "agreement": agreement.reset_index(), "failures": results.failures,
-    }  # fmt: skip
-    files = []
-    for name, rows in tables.items():
-        files.append(out / f"{name}.csv")
-        rows.to_csv(files[-1], index=False)
-    for name, rows, words, unit in drawn(results.paired()):
+def _write(out: Path, results: Cohort, usable: Cohort, agreement: "pd.DataFrame") -> list[Path]:
+    tables = {**results._asdict(), "agreement": agreement.reset_index()}
+    files = [out / f"{name}.csv" for name in TABLES]
+    for name, file in zip(TABLES, files, strict=True):
+        tables[name].to_csv(file, index=False)
+    for name, rows, words, unit in drawn(usable.paired()):
         what = name.rpartition("_")[0]
         files.append(plot.save(plot_cohort.bland_altman(rows, words, unit=unit), out / f"{what}_agreement.png"))
         files.append(plot.save(plot_cohort.per_subject(rows, words, unit=unit), out / f"{what}_per_subject.png"))
@@ -210,8 +202,8 @@ def _span(low: float, high: float) -> str:
     return "–" if not math.isfinite(low) else f"{significant(low)} … {significant(high)}"
 
 
-def _show(title: str, results: Cohort, agreement: "pd.DataFrame", *, has_strides: bool) -> None:
-    """Print the results in tables that fit a terminal."""
+def _show(title: str, results: Cohort, usable: Cohort, agreement: "pd.DataFrame", *, has_strides: bool) -> None:
+    """Print the results in tables that fit a terminal, errors of the usable ones."""
     recordings = results.recordings
     console.print(
         f"{visible(title)}: {count(len(recordings), 'recording', 'recordings')} of "
@@ -241,10 +233,9 @@ def _show(title: str, results: Cohort, agreement: "pd.DataFrame", *, has_strides
             dropped.setdefault(lacks, []).append(name.rpartition("_")[0].replace("_", " "))
         for lacks, what in dropped.items():
             note(f"{', '.join(what)}: {lacks} strides of the reference are not compared; {NOT_COMPARED[has_strides]}")
-        alike = agreement.loc[compared]
-        if (alike["icc"].isna() & (alike["n"] > 1)).any():
+        if (agreement.loc[compared, "icc"].isna() & (agreement.loc[compared, "n"] > 1)).any():
             note("ICC – : the reference does not vary, so that differences between people cannot be judged")
-    rows = results.paired()
+    rows = usable.paired()
     for name in covered:
         share = rows.loc[rows["quantity"] == name, "estimate"].dropna()
         console.print(
@@ -260,7 +251,10 @@ def _show(title: str, results: Cohort, agreement: "pd.DataFrame", *, has_strides
         )  # fmt: skip
     if shapes:
         _show_shapes(rows, shapes)
-    without = len(recordings) - rows.loc[rows["estimate"].notna(), "recording"].nunique()
+    left_out = len(recordings) - len(usable.recordings)
+    if left_out:
+        note(f"{left_out} of {len(recordings)} recordings are in none of these errors: {NOT_USED}")
+    without = len(usable.recordings) - rows.loc[rows["estimate"].notna(), "recording"].nunique()
     if without:
         note(f"{without} of {len(recordings)} recordings have no reference to be compared with")
 

@@ -140,7 +140,7 @@ def results_folder(
     json_file: Path | None = None,
     fresh: bool = False,
 ) -> Iterator[ResultsFolder]:
-    """The folder of a command's results, made and locked; exits with code 2 if it cannot be used.
+    """The folder of a command's results, made and locked; exits with code 2 if it cannot be used, or written to.
 
     Args:
         out: the folder.
@@ -176,6 +176,8 @@ def results_folder(
         except KeyboardInterrupt:
             note("interrupted" + "; the same command continues where it stopped" * folder.run.exists())
             raise
+        except OSError as error:
+            stop(f"nothing more could be written to {out}: {error}")
 
 
 def _remove_empty(folder: Path) -> None:

@@ -125,14 +125,17 @@ def _line(name: str) -> str:
     return f"{name}: {about.title}. {'Columns: ' + about.needs if about.needs else ''}".rstrip()
 
 
+def stated(values: Mapping[str, PyTree]) -> list[tuple[OwnOption, PyTree]]:
+    """The options that are given, each with its value; `values` are arguments, see `with_own_options`."""
+    pairs = ((known, values.get(known.variable)) for known in own_options().values())
+    return [(known, value) for known, value in pairs if value is not None]
+
+
 def given_of(name: str, values: Mapping[str, PyTree]) -> dict[str, Any]:
     """Given options → parsed values; exits with code 2 for an option that the estimator does not have."""
     given: dict[str, Any] = {}
     mine = options_of(estimators.about_of(name))
-    for known in own_options().values():
-        value = values.get(known.variable)
-        if value is None:
-            continue
+    for known, value in stated(values):
         if known.option.name not in mine:
             refuse(known.option.name, known.estimators, name)
         option = mine[known.option.name]

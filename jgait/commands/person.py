@@ -10,7 +10,7 @@ from jaxtyping import PyTree
 
 from jgait import estimators
 from jgait.commands.console import stop
-from jgait.commands.own_options import outside, own_options
+from jgait.commands.own_options import outside, stated
 
 PersonFile = Annotated[
     Path | None,
@@ -52,10 +52,7 @@ def _measures() -> dict[str, tuple[float, float]]:
 def person_of(file: Path | None, values: Mapping[str, PyTree]) -> dict[str, PyTree]:
     """The measures of a file and of the options of `with_own_options`; exits with code 2 for an option that is none."""
     person = person_in(file)
-    for known in own_options().values():
-        value = values.get(known.variable)
-        if value is None:
-            continue
+    for known, value in stated(values):
         abouts = [estimators.about_of(name) for name in known.estimators]
         names = {measure.name for about in abouts for measure in about.measures if measure.option == known.option.name}
         if not names:

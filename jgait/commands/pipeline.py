@@ -10,6 +10,7 @@ from jaxtyping import PyTree
 from jgait import estimators, io
 from jgait.commands.console import note, stop
 from jgait.commands.own_options import given_of, refuse
+from jgait.commands.rows import Contents
 from jgait.estimators import About, Estimator, proportions
 from jgait.estimators.about import Settings
 from jgait.notes import DEFAULT_MEASURE, Kind, Note
@@ -181,7 +182,8 @@ def not_held_out(
         return ()
     judged: Any = first.get("held_out")
     others = ""
-    if judged and not any({*first["data"].values()} & {*one["data"].values()} for one in before):
+    own = Contents(first.get("data", {}).values())
+    if judged and not any(own.find(content) for one in before for content in one["data"].values()):
         others = (
             f"; with {first.get('left_out', 'people')} left out in turn, the median {judged['error']} was "
             f"{judged['before']:.3g} {judged['unit']} before and {judged['after']:.3g} {judged['unit']} after"
@@ -190,8 +192,8 @@ def not_held_out(
     cohort = " and ".join(dict.fromkeys(Path(str(one["cohort"])).name for one in (first, *before)))
     which = "errors on people of that cohort are"
     if versions is not None and "subjects" in first:
-        tuned = {version for one in (first, *before) for version in one["data"].values()}
-        used = {one for one, version in versions.items() if version in tuned}
+        tuned = Contents(content for one in (first, *before) for content in one["data"].values())
+        used = {one for one, content in versions.items() if tuned.find(content)}
         unused = [who for one, who in (subjects or {}).items() if one in versions.keys() - used]
         known = sorted({who for one in (first, *before) for who in one["subjects"]})
         names = people([*known, *unused])

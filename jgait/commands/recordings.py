@@ -16,7 +16,7 @@ Rate = Annotated[float | None, typer.Option(help="Samples a second [Hz]; needed 
 RangeUnit = Annotated[str, typer.Option(help="Of the column feet_range: m, cm or mm.")]
 GyrUnit = Annotated[
     str | None,
-    typer.Option(help="deg/s, rad/s or mdeg/s; default what the file states, for tables else deg/s."),
+    typer.Option(help="deg/s, rad/s, mdeg/s or mrad/s; default what the file states, for tables else deg/s."),
 ]
 AccUnit = Annotated[
     str | None, typer.Option(help="m/s^2, g or mg; default what the file states, for tables else m/s^2.")

@@ -13,9 +13,9 @@ from jgait import datasets
 from jgait import report as reports
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
-from jgait.commands.console import console, count, note, say_failures, stop, wrote
+from jgait.commands.console import console, count, note, stop, wrote
 from jgait.commands.folder import keep_inputs, unfinished
-from jgait.commands.own_options import own_options, with_own_options
+from jgait.commands.own_options import stated, with_own_options
 from jgait.commands.person import PersonFile, person_in, person_of
 from jgait.commands.pipeline import Choice, chosen, measures_of
 from jgait.estimators.combined import MEASURES, analyse
@@ -97,9 +97,8 @@ def report(
     else:
         if person is not None:
             stop("--person is of one recording; for a cohort put columns into its table")
-        given = [option.option.name for option in own_options().values() if own[option.variable] is not None]
-        if given:
-            stop(f"{given[0]} is of one recording; for a cohort put a column into its table")
+        if given := stated(own):
+            stop(f"{given[0][0].option.name} is of one recording; for a cohort put a column into its table")
         page, failures = _of_cohort(
             what, dataset, simulated, seed, estimator or COHORTS_BY, paper, params, files, command, (out, json_file)
         )
@@ -179,12 +178,7 @@ def _of_cohort(
         table, dataset, simulated, seed, estimator, paper, params, files["gyr_unit"], files["acc_unit"]
     )
     keep_inputs(outputs, source.files)
-    results = cohorts.evaluated(pipeline, start, source)
-    results = results._replace(failures=source.failed(results.failures))
-    failures = list(zip(results.failures["recording"], results.failures["reason"], strict=True))
-    say_failures(failures)
-    if not len(results.recordings):
-        stop(f"none of the {len(failures)} recordings of {source.title} could be used")
+    results, failures = source.with_failures(cohorts.evaluated(pipeline, start, source))
     made = reports.Made(
         pipeline.name, start, pipeline.params, "the paper's" if paper else "", source.title, command,
         tuple(source.notes),

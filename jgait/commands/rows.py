@@ -1,10 +1,10 @@
 """What is doubtful about the rows of a table: labels of people and days that look alike, and copied recordings."""
 
 import hashlib
+import itertools
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -31,9 +31,16 @@ COPIED = Kind(
 COMPARED = 32
 """Number of lines of two files that are compared, evenly spread; chosen: people and walks differ in each line."""
 
-LEAST_NUMBERS = 32
-"""Least number of different numbers in these lines without which two files that are not equal in every character are
-not taken as copies: signals that are all rounded to a few values are alike by chance; chosen."""
+VARIES = (0.25, 0.75)
+"""[1] Share of these lines at which a column rises from the line before. Beyond are columns such as the time, which
+rise alike in different recordings; chosen."""
+
+LEAST_COLUMNS, MOST_OTHER = 3, 0.15
+"""Least number of columns that vary, and [1] largest share of lines at which those of copies rise otherwise. Chosen: of
+different recordings it is a half by chance, and rounding to one decimal changes less."""
+
+CONTENT = re.compile(r"([0-9a-f]{64}) (\d+):([0-9a-f]+)")
+"""What `content_of` gives for a table: a digest, the number of lines, and where columns rise."""
 
 DATE = re.compile(r"\d{1,4}([-./ ])\d{1,2}\1\d{1,4}")
 """Dates in numbers."""
@@ -66,70 +73,75 @@ def copy_notes(files: Mapping[str, Path]) -> list[Note]:
     """Notes on recordings, by name, whose files are copies, also with rounded numbers; files that cannot be read are
     no copies.
     """
-    known: dict[int, list[tuple[str, _Content]]] = {}
-    notes = []
+    known, names, notes = Contents(), dict[str, str](), []
     for name, path in files.items():
         try:
-            content = _content(path)
+            content = content_of(path)
         except OSError:
             continue
-        same = known.setdefault(content.length, [])
-        for other, theirs in same:
-            if content.digest == theirs.digest or _rounded(content.lines, theirs.lines):
-                rounded = "" if content.digest == theirs.digest else ", with numbers rounded or written otherwise"
-                notes.append(COPIED(recording=name, other=other, rounded=rounded))
-                break
+        if same := known.find(content):
+            rounded = "" if content == same else ", with numbers rounded or written otherwise"
+            notes.append(COPIED(recording=name, other=names[same], rounded=rounded))
         else:
-            same.append((name, content))
+            known.add(content)
+            names[content] = name
     return notes
 
 
-class _Content(NamedTuple):
-    """A file, or all files of a folder: number of lines, digest, and some of the lines."""
-
-    length: int
-    digest: bytes
-    lines: Sequence[bytes]
-
-
-def _content(path: Path) -> _Content:
+def content_of(path: Path) -> str:
+    """The SHA-256 of a file, or of all files of a folder; of tables also the number of lines, and at which of
+    `COMPARED` lines each column rises, which numbers that are rounded or in another unit do as well.
+    """
     files = sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
-    data = b"\n".join(file.read_bytes() for file in files)
-    lines = data.splitlines()
-    some = np.unique(np.linspace(0, len(lines) - 1, COMPARED).astype(int)) if lines else np.zeros(0, int)
-    return _Content(len(lines), hashlib.sha256(data).digest(), [lines[number] for number in some])
+    data = [file.read_bytes() for file in files]
+    digest = hashlib.sha256(b"".join(data)).hexdigest()
+    lines = [line for part in data for line in part.splitlines()]
+    if len(lines) < COMPARED:
+        return digest
+    some = [re.split(rb"[,;\t]", lines[row]) for row in np.linspace(0, len(lines) - 1, COMPARED).astype(int)]
+    cells = np.array([[*map(_number, row)] for row in itertools.zip_longest(*some, fillvalue=b"")])
+    return f"{digest} {len(lines)}:{np.packbits(cells[:, 1:] > cells[:, :-1], axis=1).tobytes().hex()}"
 
 
-def _rounded(ours: Sequence[bytes], theirs: Sequence[bytes]) -> bool:
-    """Whether lines hold the same numbers, equal when rounded to as many decimals as the one with fewer has."""
-    numbers: set[float] = set()
-    for line, other in zip(ours, theirs, strict=True):
-        cells, known = (re.split(rb"[,;\t]", each) for each in (line, other))
-        if len(cells) != len(known):
-            return False
-        for cell, like in zip(cells, known, strict=True):
-            if cell.strip(b' "') == like.strip(b' "'):
-                continue
-            one, two = map(_number, (cell, like))
-            if one is None and two is None:
-                continue  # names of columns
-            if one is None or two is None:
-                return False
-            step = 10.0 ** -min(map(_decimals, (cell, like)))
-            if not abs(one - two) <= 0.501 * step:
-                return False
-            numbers |= {one, two}
-    return len(numbers) >= LEAST_NUMBERS
+class Contents:
+    """Recordings, as `content_of` states their content, among which copies of others are looked for."""
+
+    def __init__(self, contents: Iterable[str] = ()) -> None:
+        self._digests: dict[str, str] = {}
+        self._tables: dict[tuple[str, int], list[tuple[str, np.ndarray]]] = {}  # by numbers of lines and of columns
+        for content in contents:
+            self.add(content)
+
+    def add(self, content: str) -> None:
+        """Add a recording."""
+        digest, length, rises = _parts(content)
+        self._digests[digest] = content
+        self._tables.setdefault((length, len(rises)), []).append((content, rises))
+
+    def find(self, content: str) -> str | None:
+        """The content of the recording of which this is a copy; None if there is none."""
+        digest, length, rises = _parts(content)
+        alike = (other for other, theirs in self._tables.get((length, len(rises)), ()) if _rise_alike(rises, theirs))
+        return self._digests.get(digest) or next(alike, None)
 
 
-def _number(cell: bytes) -> float | None:
+def _parts(content: str) -> tuple[str, str, np.ndarray]:
+    """The digest, the number of lines, and (columns, lines) 1 where a column rises; what is no table has no columns."""
+    table = CONTENT.fullmatch(content)
+    if table is None:
+        return content, "", np.zeros((0, COMPARED - 1))
+    rises = np.unpackbits(np.frombuffer(bytes.fromhex(table[3]), np.uint8))
+    return table[1], table[2], rises.reshape(-1, COMPARED)[:, : COMPARED - 1]
+
+
+def _rise_alike(ours: np.ndarray, theirs: np.ndarray) -> bool:
+    shares = np.stack([ours, theirs]).mean(axis=-1)
+    vary = np.all((shares > VARIES[0]) & (shares < VARIES[1]), axis=0)
+    return bool(vary.sum() >= LEAST_COLUMNS and np.mean(ours[vary] != theirs[vary]) <= MOST_OTHER)
+
+
+def _number(cell: bytes) -> float:
     try:
         return float(cell)
     except ValueError:
-        return None
-
-
-def _decimals(cell: bytes) -> int:
-    """Number of decimals of a number as it is written."""
-    digits, _, power = cell.strip().lower().partition(b"e")
-    return len(digits.partition(b".")[2]) - int(power or 0)
+        return np.nan

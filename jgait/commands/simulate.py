@@ -14,7 +14,7 @@ from jgait import io
 from jgait import simulate as simulation
 from jgait.commands.console import Bar, console, count, note, progress, stop, table_of, visible, write_json
 from jgait.commands.folder import results_folder
-from jgait.simulate import protocols, sensors
+from jgait.simulate import protocols
 from jgait.simulate import sensors as worn_sensors
 from jgait.simulate.protocols import Walked
 from jgait.simulate.routes import Route
@@ -97,8 +97,6 @@ def simulate(
             folder.publish([*files, io.write_csv(table, folder.stage / "cohort.csv")])
         except ValueError as error:
             stop(str(error))
-        except OSError as error:
-            stop(f"nothing more could be written to {out}: {error}")
     write_json(json_file, {"asked": asked, "walks": written})
     _show(written)
     if any(not WAIST.isdisjoint(walk["sensors"]) for walk in written.values()):
@@ -151,7 +149,7 @@ def _drawn(key: PRNGKeyArray, people: int, along: Route, gait: str | None, optio
     if gait is not None:
         who_walk = [simulation.walking(person, gait) for person in who_walk]
     fit = [simulation.covering(k, person, along) for k, person in zip(keys, who_walk, strict=True)]
-    asked = {"errors": sensors.MPU6000, "rate": 100.0, "placements": simulation.SEVEN, **options}
+    asked = {"errors": worn_sensors.MPU6000, "rate": 100.0, "placements": simulation.SEVEN, **options}
     walks = simulation.walks(keys, fit, [along] * people, **asked)
     distance = float(simulation.routes.walked_length(along))
     for (recording, truth), person in zip(walks, fit, strict=True):

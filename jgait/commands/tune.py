@@ -81,8 +81,6 @@ def tune(
         if any(name == other or name.startswith(f"{other}.") for other in pipeline.unused):
             stop(f"--free: no number of {pipeline.name} depends on {name} with these options")
     source = cohorts.source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures_of(pipeline), params)
-    for line in source.notes:
-        note(line)
     failures = list(source.failures)
     asked_for = list(dict.fromkeys([*weights, judged]))
     check_answers(pipeline, asked_for)
@@ -135,10 +133,7 @@ def tune(
                 stop(str(error))
         for message in dict.fromkeys(str(warning.message) for warning in caught):
             note(message)
-        try:
-            tune_report.report(title, job, results, how, folder, failures, json_file)
-        except OSError as error:
-            stop(f"nothing more could be written: {error}")
+        tune_report.report(title, job, results, how, folder, failures, json_file)
     if failures:
         console.print(f"{len(failures)} of {len(failures) + len(made.names)} recordings could not be used")
         raise typer.Exit(1)

@@ -40,9 +40,10 @@ def say_warnings(recordings: Iterable[tuple[str, str]], where: str) -> None:
     if not kinds:
         return
 
-    def rank(kind: tuple[str, str]) -> tuple[int, bool, int]:
+    def rank(kind: tuple[str, str]) -> tuple[int, bool, bool, int]:
         _, warning = example[kind]
-        return SEVERITIES.index(warning.severity), warning.meaning in USUAL, -kinds[kind]
+        of_reference = warning.code.startswith("reference_")  # all errors against it are wrong
+        return SEVERITIES.index(warning.severity), not of_reference, warning.meaning in USUAL, -kinds[kind]
 
     more = f"; the results of {unusable} should not be used" if unusable else ""
     verb = "has" if doubted == 1 else "have"

@@ -6,6 +6,7 @@ from types import ModuleType
 import numpy as np
 
 from jgait.estimators.about import StrideFlag
+from jgait.notes import Kind, Note
 from jgait.types import SIDES, Estimate, Flags, Strides, Values, as_float
 
 LARGEST_TURN = 0.35
@@ -24,6 +25,14 @@ UNEVEN, AROUND = 1.5, 3
 """[1], [strides] Largest factor between the durations of an even stride and of those around it, so many before and so
 many after it, of both legs; their median counts. Chosen: steady strides differ by some hundredths, one with a pause
 by far more."""
+
+FEW = 10
+"""Smallest number of regular strides without a note that means are uncertain."""
+
+FEW_REGULAR = Kind(
+    "few_regular_strides", "check", "only {strides} regular {strides:stride|strides}",
+    "Means and standard deviations of few strides vary from walk to walk; a longer walk makes them firm.",
+)  # fmt: skip
 
 FEWEST_STRIDES = 3
 """Least number of strides around another by whose duration it is judged."""
@@ -57,6 +66,14 @@ def marks(estimate: Estimate, flags: tuple[StrideFlag, ...]) -> dict[str, np.nda
 def regular(estimate: Estimate, flags: tuple[StrideFlag, ...]) -> np.ndarray:
     """(rows,) bool, strides that count in means, for the rows of the table of strides: without flags that do not."""
     return without(marks(estimate, flags), flags, in_order(estimate).size)
+
+
+def stride_notes(marked: Mapping[str, np.ndarray], counted: np.ndarray) -> list[Note]:
+    """Notes about uneven strides, and about few that count in means, from flags of strides and which count (rows,)."""
+    kept = int(counted.sum())
+    uneven = int(marked[UNEVEN_DURATION.name].sum()) if UNEVEN_DURATION.name in marked else 0
+    notes = [STRIDES_UNEVEN(uneven=uneven, strides=len(counted))] if uneven else []
+    return [*notes, FEW_REGULAR(strides=kept)] if 0 < kept < FEW else notes
 
 
 def without(marked: Mapping[str, np.ndarray], flags: tuple[StrideFlag, ...], count: int) -> np.ndarray:
@@ -242,6 +259,10 @@ WIDTH = StrideFlag(
     "width", "width unsure", "width unsure",
     "The distance between the feet is not known well enough there; these widths are not in the means.",
     _width, leaves_out=("stride_width_m", "step_length_m"),
+)  # fmt: skip
+
+STRIDES_UNEVEN = Kind(
+    "strides_uneven", "check", "{uneven} of {strides} strides: uneven", UNEVEN_DURATION.meaning
 )  # fmt: skip
 
 STRIDE_FLAGS = (TURNING, STAIRS, CLIPPED, HALF, UNEVEN_DURATION, UNSURE, SIDE_UNKNOWN, DOUBTFUL, WIDTH)

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.evaluate.statistics import agreement
+from jgait.notes import from_json
 from jgait.types import people
 
 if TYPE_CHECKING:
@@ -69,6 +70,16 @@ class Cohort(NamedTuple):
     quantities: "pd.DataFrame"
     strides: "pd.DataFrame"
     failures: "pd.DataFrame"
+
+    def usable(self) -> "Cohort":
+        """The cohort without recordings whose notes say not to use the result, such as of people who do not walk."""
+        grave = [any(one.severity == "stop" for one in from_json(notes)) for notes in self.recordings["notes"]]
+        left_out = self.recordings.loc[grave, "recording"]
+        recordings, quantities, strides = (
+            rows[~rows["recording"].isin(left_out)].reset_index(drop=True)
+            for rows in (self.recordings, self.quantities, self.strides)
+        )
+        return Cohort(recordings, quantities, strides, self.failures)
 
     def paired(self) -> "pd.DataFrame":
         """All rows that have a reference, of recordings and of strides, in one long table."""

@@ -55,7 +55,7 @@ def recording_from_arrays(
             measured; None without such a sensor.
         sampling_rate_hz: rate [Hz], or None to take it from `time`.
         time_unit: 's', 'ms' or 'us'; None: deduced from the steps, and noted.
-        gyr_unit: 'deg/s', 'rad/s' or 'mdeg/s'.
+        gyr_unit: 'deg/s', 'rad/s', 'mdeg/s' or 'mrad/s'.
         acc_unit: 'm/s^2', 'g' or 'mg'.
         range_unit: 'm', 'cm' or 'mm'.
         name: name of the recording in tables and figures.
@@ -107,7 +107,7 @@ def recording_in_units(
     samples = None
     for placement, signals in sensors.items():
         samples = _check_arrays(placement, signals, samples, name)
-    clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name)
+    clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name, stacked(sensors))
     notes_of: dict[str, tuple[Note, ...]] = {}
     imus, noted = {}, {}
     for placement, signals in sensors.items():
@@ -133,6 +133,11 @@ def recording_in_units(
     if not apart.mask.any():
         notes = (*notes, RANGE_EMPTY())
     return recording._replace(notes=notes, feet_range=apart)
+
+
+def stacked(sensors: Mapping[str, Mapping[str, ArrayLike]]) -> np.ndarray:
+    """(T, channels) the readings of all sensors beside each other, in the units of their source."""
+    return np.hstack([as_float(values) for each in sensors.values() for values in each.values() if values is not None])
 
 
 def _asleep(placement: str, read: Mapping[str, np.ndarray]) -> tuple[Note, ...]:

@@ -8,12 +8,13 @@ from jgait.estimators.checks import FASTEST, busy, fast_rate
 from jgait.geometry.vectors import GRAVITY
 from jgait.io.damage.agreement import LONG_GAP_S
 from jgait.io.damage.samples import COARSE, finest_step
-from jgait.io.units import ACC_UNITS, Unit, Units, unit_of_gravity
+from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit, Units, unit_of_gravity
 from jgait.notes import CLIPPING, LOSSES, Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError
 
 IN_RADIANS = 12.0  # [unit of the file] fast rate below which it is in rad/s; in deg/s a walking limb has more
+USUAL_RATE = 6.0  # [rad/s] usual fast rate of a leg, between shank and foot
 SLOWEST_WALK = 0.3  # [rad/s] smallest fast rate of a moving person; the trunk of a slow walker turns faster
 MOVING_ACC = 0.5  # [m/s²] standard deviation of |acc| above which the person moves; 0.05 when standing
 GRAVITY_RANGE = (0.8, 1.2)  # [g] specific force of a worn accelerometer where it is calm
@@ -23,7 +24,7 @@ CLIP_FLOOR = {"gyr": 1.0, "acc": 1.5 * GRAVITY}  # smallest clipped value; quiet
 CLIP_EDGE = 5.0  # [steps] least change beside a run of a coarse sensor; three samples at a rounded peak have up to 5
 RANGE_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 WEAK = ": gravity seems to have been taken off; the raw specific force is needed"
-TWICE = "; were deg/s taken for rad/s, or converted twice? Correct its columns in the file"
+TWICE = "; is it in mrad/s, or was it converted twice? State the unit, or correct its columns in the file"
 FEET_APART = (0.02, 1.5)  # [m] median distance of one leg from the other where a range between them is measured
 
 SENSOR_LEFT_OUT = Kind(
@@ -118,7 +119,11 @@ def _too_fast(sensors: Mapping[str, Imu], units: Units, name: str) -> dict[str, 
         return {}
     others = [placement for placement, rate in rates.items() if SLOWEST_WALK < rate < IN_RADIANS]
     limit = f"nothing worn while walking exceeds {FASTEST:g} rad/s"
-    meant = {placement: _rate_meant(rate, units[placement]["gyr"]) for placement, rate in fast.items()}
+    # too fast in deg/s, it is in mrad/s or was converted twice, and these are close
+    meant = {
+        placement: "" if units[placement]["gyr"].name == "deg/s" else _rate_meant(rate, units[placement]["gyr"])
+        for placement, rate in fast.items()
+    }
     reasons = {
         placement: f"reaches {rate:.4g} rad/s (99th percentile, {units[placement]['gyr']}), but {limit}"
         f"{_advice(meant[placement], units[placement]['gyr'], others, TWICE if np.deg2rad(rate) < IN_RADIANS else '')}"
@@ -128,10 +133,10 @@ def _too_fast(sensors: Mapping[str, Imu], units: Units, name: str) -> dict[str, 
 
 
 def _rate_meant(rate: float, unit: Unit) -> str:
-    """The unit of a gyroscope that seems to turn at an impossible rate [rad/s]; "" where none explains it."""
-    if unit.name != "rad/s":
-        return ""
-    return "deg/s" if np.deg2rad(rate) < FASTEST else "mdeg/s"
+    """The unit in which an impossible rate [rad/s] is one of walking, the most usual of them; "" for none."""
+    rates = {name: scale * rate / GYR_UNITS[unit.name] for name, scale in GYR_UNITS.items()}
+    apart = {name: abs(np.log(each / USUAL_RATE)) for name, each in rates.items() if SLOWEST_WALK < each < FASTEST}
+    return min(apart, key=lambda name: apart[name], default="")
 
 
 def _check_moving(sensors: Mapping[str, Imu], units: Units, name: str) -> None:
@@ -145,7 +150,7 @@ def _check_moving(sensors: Mapping[str, Imu], units: Units, name: str) -> None:
     asserted = unit.name != "rad/s" and unit.origin in ("argument", "header")
     if asserted and rates[fastest] < SLOWEST_WALK and _moves(sensors):
         by = f", {unit}" if unit.origin == "header" else ""
-        meant = "deg/s" if unit.name == "mdeg/s" and SLOWEST_WALK < 1e3 * rates[fastest] < FASTEST else "rad/s"
+        meant = _rate_meant(rates[fastest], unit) or "rad/s"
         raise RecordingError(
             f"{name}: no gyroscope exceeds {rates[fastest]:.4g} rad/s ({np.rad2deg(rates[fastest]):.4g} deg/s, 99th "
             f"percentile, {fastest}{by}), too slow for walking: the gyroscopes seem to be in {meant}; "

@@ -139,6 +139,21 @@ def column_of(name: str) -> str | None:
     return f"{where}_{kind}_{axis}" if where else None if rest else f"{kind}_{axis}"
 
 
+def sensor_of(name: str) -> tuple[str, str] | None:
+    """The lab's name of a sensor and the channel of a column: ("IMU1", "gyr_x") of "IMU1_gyr_x"; None for others."""
+    plain = re.sub(r"[(\[{].*?[)\]}]", " ", _without_accents(split_unit(name)[0]))
+    found = list(re.finditer(WORD, plain))
+    words = [match[0].lower() for match in found]
+    signal = _signal(words)
+    kind, axis, rest = signal or ("", "", None)
+    if not rest:
+        return None
+    begin = next((i for i in range(len(words)) if words[i : i + len(rest)] == rest), None)
+    if begin is None:
+        return None
+    return plain[found[begin].start() : found[begin + len(rest) - 1].end()], f"{kind}_{axis}"
+
+
 def like_a_signal(name: str) -> bool:
     """Whether a column's name is that of a gyroscope's or an accelerometer's axis, at any place."""
     return _signal(_words(name)) is not None

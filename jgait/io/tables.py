@@ -1,6 +1,5 @@
 """Convert a user's CSV file or table to a `Recording` in SI units."""
 
-import difflib
 import os
 from collections.abc import Collection, Mapping
 from pathlib import Path
@@ -12,7 +11,8 @@ from jgait.io.arrays import recording_in_units
 from jgait.io.atomic import check_path
 from jgait.io.clock import unwrapped
 from jgait.io.files import no_numbers, reading
-from jgait.io.names import CHANNELS, COLUMNS, COUNTER, LONG_UNITS, column_of, like_a_signal, recognised, unit_in_name
+from jgait.io.misnamed import lacking_columns, no_sensor
+from jgait.io.names import CHANNELS, COUNTER, LONG_UNITS, column_of, like_a_signal, recognised, unit_in_name
 from jgait.io.rows import read_table
 from jgait.io.units import Unit, unit_of_columns
 from jgait.notes import DEDUCED, LEFT_OUT, LOSSES, Kind, Note
@@ -48,12 +48,6 @@ CELLS_WITHOUT_NUMBER = Kind(
     "{column}: {cells} {cells:cell is no number and counts|cells are no numbers and count} as missing, the first "
     "{value} in data row {row}", LOSSES,
 )  # fmt: skip
-
-ALMOST = 0.8
-"""[1] Least share of equal characters of a name that is taken for another one misspelt."""
-
-FEW = 4
-"""[1] Largest number of columns that a message lists."""
 
 
 class Columns(NamedTuple):
@@ -233,7 +227,7 @@ def _placements(position: Mapping[str, int], given: list[str], name: str) -> dic
             if len(lacking) == 3:
                 continue
             if lacking:
-                raise _lacking(lacking, expected, position, given, name)
+                raise lacking_columns(lacking, expected, position, given, name)
             if kind == "acc" and placement not in placements:
                 raise RecordingError(
                     f"{name} has {placement}_acc_x, _y, _z but no {placement}_gyr_x, _y, _z; "
@@ -241,66 +235,8 @@ def _placements(position: Mapping[str, int], given: list[str], name: str) -> dic
                 )
             placements.setdefault(placement, []).append(kind)
     if not placements:
-        raise _no_sensor(position, given, name)
+        raise no_sensor(position, given, name)
     return placements
-
-
-def _lacking(
-    lacking: list[str], expected: list[str], position: Mapping[str, int], given: list[str], name: str
-) -> RecordingError:
-    """The error about a sensor without some of its columns; it names unrecognised columns that may be meant."""
-    unknown = _unrecognised(position, given)
-    meant = []
-    for column in lacking:
-        likely = [column]
-        for sibling in (other for other in expected if other in position):  # the lab's own spelling of this axis
-            spelt = given[position[sibling]].lower()
-            last = spelt.rfind(sibling[-1])
-            likely.append(f"{spelt[:last]}{column[-1]}{spelt[last + 1 :]}")
-        near = _nearest(likely, unknown)
-        meant += [f"{near!r} looks like {column!r}"] if near else []
-    hint = f"; {', '.join(meant)}: correct the header of the file" if meant else ""
-    rest = f"; columns not recognised: {_few(unknown)}" if unknown else ""
-    return RecordingError(f"{name} lacks {', '.join(lacking)}{hint}; expected columns {expected}{rest}")
-
-
-def _no_sensor(position: Mapping[str, int], given: list[str], name: str) -> RecordingError:
-    """The error about a table in which no column is recognised as a sensor's; it says how columns are named."""
-    if any(column_of(column) in CHANNELS for column in given):
-        return RecordingError(
-            f"{name} lacks the place of its sensor: found {_few(given)}; for one sensor with bare names give its "
-            "place, such as {argument}",
-            argument="placement",
-            value="waist",
-        )
-    signals = sorted(COLUMNS - {"time", "feet_range"})
-    near = {column: _nearest([column.strip().lower()], signals) for column in _unrecognised(position, given)}
-    meant = [f"{column!r} looks like {known!r}" for column, known in near.items() if known]
-    hint = f"; {', '.join(meant[:3])}: correct the header of the file" if meant else ""
-    return RecordingError(
-        f"{name} has no column that is recognised as a sensor's: found {_few(given)}{hint}; columns are named "
-        "<placement>_gyr_x to <placement>_acc_z, such as foot_left_gyr_x"
-    )
-
-
-def _unrecognised(position: Mapping[str, int], given: list[str]) -> list[str]:
-    known = {index for column, index in position.items() if column in COLUMNS}
-    return [column for index, column in enumerate(given) if index not in known]
-
-
-def _nearest(likely: list[str], among: list[str]) -> str | None:
-    """The name among some that is spelt almost as one of the likely names (lower case); None if there is none."""
-    alike = {
-        name: max(difflib.SequenceMatcher(None, one, name.strip().lower()).ratio() for one in likely) for name in among
-    }
-    best = max(alike, key=lambda name: alike[name], default=None)
-    return best if best is not None and alike[best] > ALMOST else None
-
-
-def _few(names: list[str]) -> str:
-    """The first few of some names, and how many more there are."""
-    more = f" and {len(names) - FEW} more" if len(names) > FEW else ""
-    return ", ".join(map(repr, names[:FEW])) + more
 
 
 def _no_number(column: "pd.Series", label: str) -> Note | None:
@@ -315,7 +251,7 @@ def _no_number(column: "pd.Series", label: str) -> Note | None:
 def _hint(value: str) -> str:
     """What to do about a cell that is no number."""
     if ":" in value:
-        return ": a date or time of day is not read; write seconds, or leave the column out and give the sampling rate"
+        return ": write dates as 2026-05-03 10:00:00.25, or seconds, or leave the column out and give the sampling rate"
     if "," in value:
         return ": for decimal commas, separate the columns by semicolons"
     return ""
@@ -333,9 +269,14 @@ def _with_time(table: "pd.DataFrame") -> "pd.DataFrame":
 
 
 def _seconds(column: "pd.Series") -> np.ndarray | None:
-    """Dates or durations from the first one on, in s; None for a column of anything else."""
+    """Dates or durations, or texts of these, from the first one on, in s; None for a column of anything else."""
     import pandas as pd
 
+    if ":" in str(next(iter(column.dropna()), "")) and not pd.api.types.is_timedelta64_dtype(column.dtype):
+        dates = pd.to_datetime(column, format="ISO8601", errors="coerce", utc=True)
+        column = pd.to_timedelta(column, errors="coerce") if dates.isna().all() else dates
+        if column.isna().all():
+            return None
     if pd.api.types.is_datetime64_any_dtype(column.dtype):
         column = column - column.min()
     if not pd.api.types.is_timedelta64_dtype(column.dtype):

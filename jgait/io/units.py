@@ -10,7 +10,7 @@ import numpy as np
 from jgait.geometry.vectors import GRAVITY
 from jgait.types import RecordingError
 
-GYR_UNITS = {"deg/s": np.pi / 180.0, "rad/s": 1.0, "mdeg/s": np.pi / 180e3}
+GYR_UNITS = {"deg/s": np.pi / 180.0, "rad/s": 1.0, "mdeg/s": np.pi / 180e3, "mrad/s": 1e-3}
 """Unit of an angular rate → rad/s."""
 
 ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}
@@ -20,6 +20,7 @@ SPELT = {
     "deg/s": ("°/s", "o/s", "°s-1", "dps", "degps", "degs-1", "grad/s"),
     "rad/s": ("rads-1", "radps"),
     "mdeg/s": ("mdps", "m°/s"),
+    "mrad/s": ("mrads-1", "mradps"),
     "m/s^2": ("m/s2", "m/s/s", "ms-2", "mps2"),
 }
 """Unit → other ways to write it, as `_plain` leaves them."""

@@ -1,10 +1,13 @@
 """Figures of legs with their reference: joint angles, the foot relative to the hip, and distance."""
 
+from typing import Any
+
 import numpy as np
 
 from jgait.plot.style import (
     DEGREES,
     ESTIMATE,
+    RED,
     REFERENCE,
     Axes,
     Figure,
@@ -35,7 +38,16 @@ TINY = 1e-6
 def _worn(estimate: Estimate) -> list[tuple[str, LegTrajectory, LegTrajectory | None]]:
     spreads = estimate.stddev or (None, None)
     rows = zip(SIDES, estimate.legs, spreads, strict=True)
-    return [(side, leg, spread) for side, leg, spread in rows if leg is not None]
+    worn = [(side, leg, spread) for side, leg, spread in rows if leg is not None]
+    if not worn:
+        raise ValueError("the estimate has no joint angles; they need walking, and sensors on thigh and shank of a leg")
+    return worn
+
+
+def _name(axis: Axes, estimate: Estimate, side: str, **place: Any) -> None:
+    """Write the side above an axis, and whether an analysis found that its angles are not usable."""
+    usable = estimate.diagnostics.get(f"angles_valid_{side}", True)
+    axis.set_title(f"{side} leg" if usable else f"{side} leg: do not use", color="black" if usable else RED, **place)
 
 
 def _shown(estimate: Estimate) -> Estimate:
@@ -59,7 +71,8 @@ def joint_angles(
 ) -> Figure:
     """Hip and knee flexion of each leg with a band of two standard deviations, over the reference, dashed.
 
-    The window `seconds` is from and to [s]; None draws everything.
+    The window `seconds` is from and to [s]; None draws everything. A leg whose angles `analyse` found not to be
+    usable has the words "do not use" above it.
 
     Raises:
         ValueError: if the estimate has no joint angles, or none in the window.
@@ -84,8 +97,6 @@ def _over_time(
     """A figure with a row for each field of the legs' trajectories and a column for each leg."""
     estimate, reference = _shown(estimate), None if reference is None else _shown(reference)
     worn = _worn(estimate)
-    if not worn:
-        raise ValueError("the estimate has no joint angles; they need sensors on thigh and shank of a leg")
     if seconds is not None:
         check_overlap(estimate.time, seconds)
     figure, axes = panels(len(fields), len(worn), 5.2 * len(worn) + 0.6, 5.6, sharey="row")
@@ -103,7 +114,7 @@ def _over_time(
             axis.set_ylabel(unit)
             axis.tick_params(labelleft=True)
             if row == 0:
-                axis.set_title(f"{side} leg", loc="left")
+                _name(axis, estimate, side, loc="left")
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
     above = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": 3, "frameon": False}
@@ -135,7 +146,7 @@ def foot_path(
         axis.plot(100 * np.asarray(leg.x)[part], 100 * np.asarray(leg.y)[part], label="jgait", **ESTIMATE)
         axis.set_aspect("equal", adjustable="datalim")
         axis.set_xlabel("ankle forward of hip [cm]")
-        axis.set_title(f"{side} leg")
+        _name(axis, estimate, side)
     axes[0, 0].set_ylabel("ankle above hip [cm]")
     axes[0, 0].legend(loc="upper center", fontsize=8, framealpha=0.9)
     titled(figure, title)
@@ -154,7 +165,12 @@ def distance(
 
     The band of two standard deviations is drawn if the diagnostics have `distance_stddev` and no window is given. A
     deviation of the whole distance alone is drawn in proportion to the distance so far.
+
+    Raises:
+        ValueError: if the estimate has no distance, or the window no sample.
     """
+    if estimate.distance is None:
+        raise ValueError("the estimate has no distance: no walking was found, or its sensors do not measure it")
     if seconds is not None:
         check_overlap(estimate.time, seconds)
     figure, axes = panels(1, 1, 6.4, 3.8)

@@ -82,9 +82,11 @@ def of_cohort(
     failures = [(without_folders(str(name)), without_folders(str(reason))) for name, reason in failures]
     if not len(cohort.recordings) and not failures:
         raise ValueError("a report needs recordings; the cohort has none, not even one that failed")
-    paired = cohort.paired()
-    agreement = cohort.agreement()
-    raised = flags.ordered([*_failed(cohort, failures), *_few(cohort, paired), *_notes(cohort, made)])
+    usable = cohort.usable()
+    paired, agreement = usable.paired(), usable.agreement()
+    raised = flags.ordered([
+        *_failed(cohort, failures), *_left_out(cohort, usable), *_few(usable, paired), *_notes(cohort, made)
+    ])  # fmt: skip
     used, people = len(cohort.recordings), cohort.recordings["subject"].nunique()
     facts = [
         ("Recordings used", f"{used} of {used + len(failures)}", f"of {people} people"),
@@ -100,7 +102,7 @@ def of_cohort(
     numbers = {
         "kind": "cohort", "cohort": title, "recordings": used, "people": people, "failures": dict(failures),
         "agreement": agreement.astype(object).to_dict("index"), "flags": [flag._asdict() for flag in raised],
-        "people_table": cohort.by_subject().to_dict("records"), "made": made.numbers(),
+        "people_table": usable.by_subject().to_dict("records"), "made": made.numbers(),
     }  # fmt: skip
     return Report(Content(
         Path(title).name, "Cohort report", lead, facts, flags.verdict(raised), raised,
@@ -118,6 +120,17 @@ def _failed(cohort: Cohort, failures: Sequence[tuple[str, str]]) -> list[Flag]:
     )
     grade = "check" if len(cohort.recordings) else "stop"
     return [Flag(grade, f"{len(failures)} of {whole} recordings could not be used", meaning)]
+
+
+def _left_out(cohort: Cohort, usable: Cohort) -> list[Flag]:
+    many, whole = len(cohort.recordings) - len(usable.recordings), len(cohort.recordings)
+    if not many:
+        return []
+    meaning = (
+        "They are in the table of recordings, with the reason, and in none of the errors. If results are not usable "
+        "because of how a person walks, the errors are those of a biased sample."
+    )
+    return [Flag("check", f"{many} of {whole} recordings are not compared: their result should not be used", meaning)]
 
 
 def _few(cohort: Cohort, paired: "pd.DataFrame") -> list[Flag]:

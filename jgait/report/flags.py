@@ -9,13 +9,11 @@ import numpy as np
 
 from jgait.estimators.about import StrideFlag
 from jgait.estimators.notes import without_repeats
+from jgait.estimators.stride_flags import UNEVEN_DURATION, stride_notes
 from jgait.notes import Note, grouped
 from jgait.report.page import GRADES, Flag, without_folders
 from jgait.report.strides import ReportStrides, strides_of
 from jgait.types import Estimate
-
-FEW = 10
-"""Smallest number of regular strides without a warning that means are uncertain."""
 
 MOSTLY = 0.95
 """Smallest share of samples with a result without a warning."""
@@ -28,9 +26,9 @@ DOUBTS = ("stop", "check")
 def of_result(estimate: Estimate, notes: Iterable[Note], of: ReportStrides | None = None) -> list[Flag]:
     """All flags of one recording, the most serious first: of its notes, its samples and its strides (`strides_of`)."""
     of = strides_of(estimate) if of is None else of
+    notes = [*notes, *stride_notes(of.marks, of.regular)]
     return ordered([
-        *explained(without_repeats(notes)), *of_samples(estimate),
-        *of_strides(len(of.table), of.marks, int(of.regular.sum()), of.flags),
+        *explained(without_repeats(notes)), *of_samples(estimate), *of_strides(len(of.table), of.marks, of.flags),
     ])  # fmt: skip
 
 
@@ -54,17 +52,13 @@ def ordered(flags: Iterable[Flag]) -> list[Flag]:
     return sorted(flags, key=lambda flag: list(GRADES).index(flag.grade))
 
 
-def of_strides(rows: int, marks: dict[str, np.ndarray], regular: int, flags: Iterable[StrideFlag]) -> list[Flag]:
-    """Flags of the strides (flag → (rows,) bool): how many are special, and whether enough regular strides are left."""
-    raised = []
-    for flag in flags:
-        many = int(marks[flag.name].sum()) if flag.name in marks else 0
-        if many:
-            raised.append(Flag(flag.grade, f"{many} of {rows} strides: {flag.label}", flag.meaning))
-    if 0 < regular < FEW:
-        meaning = "Means and standard deviations of few strides vary from walk to walk; a longer walk makes them firm."
-        raised.append(Flag("check", f"Only {regular} regular {'stride' if regular == 1 else 'strides'}", meaning))
-    return raised
+def of_strides(rows: int, marks: dict[str, np.ndarray], flags: Iterable[StrideFlag]) -> list[Flag]:
+    """Flags of the strides (flag → (rows,) bool): how many are special, without those that have a note."""
+    many = {flag: int(marks[flag.name].sum()) for flag in flags if flag.name in marks and flag != UNEVEN_DURATION}
+    return [
+        Flag(flag.grade, f"{count} of {rows} strides: {flag.label}", flag.meaning)
+        for flag, count in many.items() if count
+    ]  # fmt: skip
 
 
 def of_samples(estimate: Estimate) -> list[Flag]:

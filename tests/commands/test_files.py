@@ -72,12 +72,15 @@ def test_a_bad_file_is_refused_in_words_and_leaves_nothing(walk, tmp_path, spoil
     assert not (tmp_path / "results").exists()
 
 
-def test_columns_of_unknown_names_are_listed(walk):
+def test_columns_of_unknown_names_are_listed_or_placed(walk, tmp_path):
     walk.write_text(walk.read_text().replace("shank_right", "Wade_re").replace("thigh_right", "Bein_re"))
-    code, said = run("estimate", walk, "--place", "Wade_re=shank_right")
+    code, said = run("estimate", walk, "--out", tmp_path / "results")
     assert code == 2
     assert "found 'time', 'Bein_re_gyr_x'" in said
     assert "columns are named <placement>_gyr_x to <placement>_acc_z, such as foot_left_gyr_x" in said
+    assert "place sensors by --place 'Bein_re=shank_right'" in said
+    code, said = run("estimate", walk, "--place", "Wade_re=shank_right", "--out", tmp_path / "results")
+    assert code == 0 and "the sensor 'Wade_re' is taken to have sat at shank_right" in said
 
 
 def test_a_file_that_may_not_be_read_is_named(walk, tmp_path):

@@ -56,6 +56,7 @@ def files(tmp_path, **tables):
         (lambda table: table, ""),
         (lambda table: table.round(4), ", with numbers rounded or written otherwise"),
         (lambda table: table.round(2).rename(columns={"a": "x"}), ", with numbers rounded or written otherwise"),
+        (lambda table: 9.81 * table.round(1), ", with numbers rounded or written otherwise"),
     ],
 )
 def test_copies_are_noted_by_their_names(tmp_path, change, rounded):
@@ -65,7 +66,7 @@ def test_copies_are_noted_by_their_names(tmp_path, change, rounded):
 
 def test_other_recordings_are_no_copies(tmp_path):
     still = signals(0).round(0) * 0.0
-    paths = files(tmp_path, a=signals(0), b=signals(1), c=signals(0, 199), d=signals(0) + 0.01, e=still, f=still + 0.3)
+    paths = files(tmp_path, a=signals(0), b=signals(1), c=signals(0, 199), d=still, e=still + 0.3)
     assert copy_notes(paths | {"g": tmp_path / "nowhere.csv"}) == []
     (tmp_path / "x.bin").write_bytes(bytes(range(256)))
     (tmp_path / "y.bin").write_bytes(bytes(range(255)) + b"\n")

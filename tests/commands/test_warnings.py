@@ -8,6 +8,7 @@ from made.command import run
 from jgait import io
 from jgait.commands import warnings
 from jgait.commands.warnings import say_warnings
+from jgait.evaluate.clocks import REFERENCE_OTHER
 from jgait.events.rest import STANDING_MOVES
 from jgait.notes import ORIGIN, WRONG_PLACE, Kind, to_json
 from jgait.simulate import protocols
@@ -50,6 +51,14 @@ def test_few_kinds_and_no_long_sentence_are_printed(said):
     assert len(lines) == 2 + warnings.MOST_KINDS
     assert all(len(line) < 260 for line in lines[1:-1])
     assert lines[-1].startswith("2 more kinds, and all sentences: ")
+
+
+def test_a_wrong_reference_of_one_recording_is_among_the_kinds_that_are_printed(said):
+    kinds = [Kind(f"kind_{number}", "check", f"{number}", WRONG_PLACE)() for number in range(warnings.MOST_KINDS)]
+    other = REFERENCE_OTHER(what="contacts", seconds=5.0)
+    lines = said({"a.csv": kinds, "b.csv": [*kinds, other], "c.csv": [NO_LEGS()]})
+    assert lines[1].endswith("no legs move")
+    assert lines[2] == f"  check, 1 recording, such as b.csv: {other}"
 
 
 def test_a_damaged_walk_of_a_cohort_is_named(tmp_path):

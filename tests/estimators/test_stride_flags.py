@@ -7,7 +7,15 @@ from made.estimators import only
 
 from jgait import simulate
 from jgait.estimators import ankle_stride
-from jgait.estimators.stride_flags import durations, half_strides, in_order, marks, regular, uneven_strides
+from jgait.estimators.stride_flags import (
+    durations,
+    half_strides,
+    in_order,
+    marks,
+    regular,
+    stride_notes,
+    uneven_strides,
+)
 from jgait.simulate.sensors import MPU6000
 from jgait.types import Strides
 
@@ -17,6 +25,13 @@ def test_a_stride_is_compared_with_those_around_it():
     assert list(np.flatnonzero(uneven_strides(lasts))) == [3, 6]
     slower = np.linspace(1.0, 2.0, 15)  # who becomes slower is not uneven
     assert not uneven_strides(slower).any()
+
+
+def test_uneven_strides_and_few_that_count_have_notes():
+    uneven = np.arange(12) < 2
+    texts = [note.text for note in stride_notes({"uneven": uneven}, ~uneven & (np.arange(12) < 3))]
+    assert texts == ["2 of 12 strides: uneven", "only 1 regular stride"]
+    assert not stride_notes({"uneven": np.zeros(12, bool)}, np.ones(12, bool))
 
 
 def test_few_strides_and_unknown_durations_are_compared_with_nothing():

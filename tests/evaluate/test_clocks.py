@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from jgait.evaluate.clocks import clock_notes
-from jgait.types import Estimate, Legs, LegTrajectory, Strides
+from jgait.types import Estimate, Feet, FootTrajectory, Legs, LegTrajectory, Strides
 
 TIME = np.arange(0.0, 20.0, 0.01)
 
 
 def knee(late=0.0, noise=0.0, stride=1.1):
-    """A knee that stands for 3 s and then bends once a stride."""
+    """A knee that stands for 3 s and then bends once a stride, most at 0.7 of it."""
     at = TIME - 3.0 - late
     walks = np.clip(at, 0.0, 1.0)
-    bends = walks * np.deg2rad(30.0) * (1.0 - np.cos(2.0 * np.pi * at / stride))
+    bends = walks * np.deg2rad(30.0) * (1.0 + np.cos(2.0 * np.pi * (at / stride - 0.7)))
     return np.where(at > 0.0, bends, 0.0) + noise * np.random.default_rng(0).normal(size=TIME.size)
 
 
@@ -31,8 +31,25 @@ def strides(late=0.0, drop=(), stride=1.1):
     return Estimate(TIME, Legs(None, None), None, None, np.ones(TIME.size, bool), {}, table)
 
 
+def feet(**made):
+    """A foot that swings as the knee bends, in one direction."""
+    way = np.cumsum(3.0 * np.maximum(knee(**made), 0.0)) * 0.01
+    place = np.stack([np.cos(1.0) * way, np.sin(1.0) * way, 0.0 * way], axis=1)
+    return legs()._replace(legs=Legs(None, None), feet=Feet(FootTrajectory(place, None, None), None))
+
+
+def way(late=0.0, lasts=5.0, stops=0.0, speed=1.0):
+    """The distance of a person who walks from 6 s on, and stops after half of the time."""
+    at = TIME - 6.0 - late
+    gone = np.clip(at, 0.0, 0.5 * lasts) + np.clip(at - 0.5 * lasts - stops, 0.0, 0.5 * lasts)
+    return legs()._replace(legs=Legs(None, None), distance=speed * gone)
+
+
+MADE = [(legs, "the knee's angles"), (strides, "contacts"), (feet, "speeds of the feet")]
+
+
 @pytest.mark.parametrize("late", [-1.3, 0.8, 0.3])
-@pytest.mark.parametrize(("made", "what"), [(legs, "the knee's angles"), (strides, "contacts")])
+@pytest.mark.parametrize(("made", "what"), MADE)
 def test_another_clock_is_noted_with_its_offset(made, what, late):
     (note,) = clock_notes(made(), made(late=late))
     assert note.values["what"] == what and note.values["when"] == ("earlier" if late > 0.0 else "later")
@@ -56,7 +73,7 @@ def test_exchanged_sides_are_noted_and_not_taken_for_another_clock():
     assert note.code == "reference_clock"
 
 
-@pytest.mark.parametrize(("made", "what"), [(legs, "the knee's angles"), (strides, "contacts")])
+@pytest.mark.parametrize(("made", "what"), MADE)
 def test_a_reference_of_another_walk_agrees_at_no_time(made, what):
     for one, other in (({}, {"stride": 1.4}), ({"stride": 1.3}, {})):
         (note,) = clock_notes(made(**one), made(**other))
@@ -64,7 +81,40 @@ def test_a_reference_of_another_walk_agrees_at_no_time(made, what):
     assert str(note) == f"{what} of the reference agree with the estimate at no time within 5 s"
 
 
+def test_strides_beside_the_samples_of_a_reference_are_compared_too():
+    """A knee is bent most in the swings of the strides, whichever of both the estimate has."""
+    knees, own, other = legs(), strides(), strides(stride=1.4)
+    assert not clock_notes(knees, knees._replace(strides=own.strides))
+    (note,) = clock_notes(knees, knees._replace(strides=other.strides))
+    assert note.code == "reference_other" and note.values["what"] == "contacts"
+    (note,) = clock_notes(own, legs(stride=1.4)._replace(strides=own.strides))
+    assert note.code == "reference_other" and note.values["what"] == "the knee's angles"
+    for late in (-0.3, 0.5):  # less than half a stride: a whole one later, both are alike again
+        (note,) = clock_notes(knees, strides(late=late))
+        assert note.code == "reference_clock" and note.values["seconds"] == pytest.approx(abs(late), abs=0.1)
+        assert note.values["when"] == ("earlier" if late > 0.0 else "later")
+
+
+def test_distances_of_another_walk_or_on_another_clock_are_noted():
+    for late in (-2.0, 1.5):
+        (note,) = clock_notes(way(), way(late=late))
+        assert note.code == "reference_clock" and note.values["what"] == "distances"
+        assert note.values["seconds"] == pytest.approx(abs(late), abs=0.03)
+    (note,) = clock_notes(way(lasts=2.0), way(lasts=2.0, stops=4.0))
+    assert note.code == "reference_other" and note.values["what"] == "distances"
+    ends = way()._replace(valid=(TIME < 0.25) | (TIME > 19.75))
+    assert not clock_notes(way(late=3.0), ends)  # of the whole distance alone nothing is known between
+
+
+def test_distances_that_are_not_finite_are_not_compared():
+    one = way()
+    for bad in (TIME > -1.0, TIME > 19.0):
+        assert not clock_notes(one._replace(distance=np.where(bad, np.nan, one.distance)), way(late=2.0))
+
+
 def test_errors_on_the_same_clock_are_not():
+    assert not clock_notes(feet(), feet(noise=np.deg2rad(2.0)))
+    assert not clock_notes(way(), way(speed=3.0)) and not clock_notes(way(), way(late=0.2))
     assert not clock_notes(legs(), legs(noise=np.deg2rad(12.0)))
     assert not clock_notes(legs(), legs(late=0.05))
     assert not clock_notes(strides(drop=(0, 1, 2, 3, 4)), strides())

@@ -88,6 +88,23 @@ def test_dates_and_durations_of_pandas_are_a_clock(kind, as_index):
     np.testing.assert_allclose(recording.sensors["thigh_right"].time, np.arange(600) / 100, atol=1e-9)
 
 
+@pytest.mark.parametrize("form", ["%Y-%m-%d %H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S.%fZ", "%H:%M:%S.%f"])
+def test_dates_and_times_of_day_in_a_file_are_a_clock(tmp_path, form):
+    stamps = pd.Timestamp("2026-05-03 10:00") + pd.to_timedelta(table()["time"], unit="s")
+    frame = table().assign(time=stamps.dt.strftime(form))
+    frame.to_csv(tmp_path / "walk.csv", index=False)
+    for recording in (read(frame), io.read_csv(tmp_path / "walk.csv"), io.read(tmp_path / "walk.csv")):
+        np.testing.assert_allclose(recording.sensors["thigh_right"].time, np.arange(600) / 100, atol=1e-6)
+
+
+def test_dates_in_another_order_are_refused():
+    stamps = pd.Timestamp("2026-05-03 10:00") + pd.to_timedelta(table()["time"], unit="s")
+    fails(
+        "write dates as 2026-05-03 10:00:00.25, or seconds",
+        table().assign(time=stamps.dt.strftime("%d.%m.%Y %H:%M:%S.%f")),
+    )
+
+
 def test_a_clock_of_a_time_zone_and_an_index_of_any_name_are_read():
     stamps = pd.Timestamp("2026-05-03 10:00", tz="Europe/Berlin") + pd.to_timedelta(table()["time"], unit="s")
     for frame in (table().assign(time=stamps), table(time=False).set_index(pd.DatetimeIndex(stamps, name="date"))):
@@ -237,7 +254,7 @@ REFUSED = {
     ),
     "converted twice": (
         lambda t: scaled(t, "_gyr_", 180.0 / np.pi), {},
-        "given as deg/s.*, but nothing worn while walking exceeds 35 rad/s; were deg/s taken for rad/s, or converted",
+        "given as deg/s.*, but nothing worn while walking exceeds 35 rad/s; is it in mrad/s, or was it conv",
     ),
     "time repeats": (
         lambda t: t.assign(time=t.time.where(t.index % 17 != 0, t.time.shift(fill_value=-0.01))), {},
@@ -277,7 +294,9 @@ REFUSED = {
         lambda t: t, {"time_unit": "ms"},
         "samples are 1e-05 s apart, faster than 10 kHz; it seems to be in s: correct time_unit",
     ),
-    "rate's unit": (lambda t: t, {"gyr_unit": "degrees"}, "gyr_unit must be one of 'deg/s', 'rad/s', 'mdeg/s'; got"),
+    "rate's unit": (
+        lambda t: t, {"gyr_unit": "degrees"}, "gyr_unit must be one of 'deg/s', 'rad/s', 'mdeg/s', 'mrad/s'; got",
+    ),
     "force's unit": (lambda t: t, {"acc_unit": "kg"}, "acc_unit must be one of 'm/s\\^2', 'g', 'mg'; got 'kg'"),
     "time's unit": (lambda t: t, {"time_unit": "ns"}, "time_unit must be one of 's', 'ms', 'us'; got 'ns'"),
     "misspelt": (
@@ -321,8 +340,8 @@ LEFT_OUT = {
     ),
     "converted twice": (
         lambda t: scaled(t, "thigh_right_gyr", 180.0 / np.pi),
-        "rad/s (99th percentile, given as deg/s), but nothing worn while walking exceeds 35 rad/s; were deg/s taken "
-        "for rad/s, or converted twice? Correct its columns in the file",
+        "rad/s (99th percentile, given as deg/s), but nothing worn while walking exceeds 35 rad/s; is it in mrad/s, "
+        "or was it converted twice? State the unit, or correct its columns in the file",
     ),
     "another scale": (
         lambda t: scaled(t, "thigh_right_acc", 2.0),

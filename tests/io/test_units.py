@@ -34,6 +34,7 @@ def same(recording):
 @pytest.mark.parametrize(
     ("kind", "unit", "between", "known"),
     [("gyr", "rad/s", " [{}]", "rad/s"), ("gyr", "deg/s", " ({})", "deg/s"), ("gyr", "mdps", " {{{}}}", "mdeg/s"),
+     ("gyr", "mrad/s", " ({})", "mrad/s"),
      ("acc", "g", " [{}]", "g"), ("acc", "mg", " ({})", "mg"), ("acc", "m/s²", " [{}]", "m/s^2"),
      ("acc", "m/(s^2)", " [{}]", "m/s^2"), ("gyr", "dps", "_{}", "deg/s"), ("gyr", "rad_s", "_{}", "rad/s"),
      ("gyr", "deg_per_s", "_{}", "deg/s"), ("gyr", "rad/s", " {}", "rad/s"), ("acc", "mps2", "_{}", "m/s^2"),
@@ -84,6 +85,9 @@ CONTRADICTED = {
                 "header, or pass gyr_unit='deg/s'"),
     "radians": ("gyr", "deg/s", "rad/s", r"shank_right, deg/s by the header\), too slow for walking: the gyroscopes "
                 "seem to be in rad/s; correct the header, or pass gyr_unit='rad/s'"),
+    "milliradians": ("gyr", "mdeg/s", "mrad/s", r"mdeg/s by the header\), too slow .* seem to be in mrad/s; correct"),
+    "milliradians as degrees": ("gyr", "deg/s", "mrad/s", r"deg/s by the header.*; is it in mrad/s, or was"),
+    "milliradians as radians": ("gyr", "rad/s", "mrad/s", r"rad/s by the header.* seems to be in mrad/s; correct"),
     "milli": ("gyr", "mdeg/s", "deg/s", r"mdeg/s by the header\), too slow .* seem to be in deg/s; correct"),
     "metres": ("acc", "g", "m/s^2", r"calm \(g by the header\).* seems to be in m/s²; correct the header, or pass "
                r"acc_unit='m/s\^2'"),

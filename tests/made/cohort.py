@@ -44,7 +44,7 @@ def run(p: Params, inputs: Inputs, options: Any) -> Estimate:
     way = jnp.where(inputs.valid, p.scale * inputs.speed, 0.0) * 0.01
     way = jnp.where(inputs.speed < -5.0, jnp.sqrt(jnp.where(inputs.speed < -5.0, -1.0, 1.0)), way)
     angle = jnp.sin(inputs.time) + p.offset * jnp.where(options, 2.0, 1.0)
-    leg = LegTrajectory(angle, angle, 0.1 * angle, 0.2 * angle)
+    leg = LegTrajectory(angle, 0.6 + 0.4 * angle, 0.1 * angle, 0.2 * angle)
     distance = jnp.cumsum(way)
     return Estimate(inputs.time, Legs(leg, None), None, distance, inputs.valid, {"nis_right": jnp.mean(way)})
 

@@ -34,6 +34,23 @@ def test_padding_is_not_drawn(padded, draw):
         assert np.abs(axis.get_ylim()).max() < 60.0
 
 
+@pytest.mark.parametrize("draw", [plot.joint_angles, plot.foot_path, plot.foot_displacement])
+def test_legs_whose_angles_are_not_usable_are_marked(padded, draw):
+    both = padded._replace(legs=Legs(padded.legs.right, padded.legs.right), stddev=None)
+    figure = draw(both._replace(diagnostics={"angles_valid_right": False, "angles_valid_left": True}))
+    titles = [axis.get_title(loc) for axis in figure.axes for loc in ("left", "center")]
+    assert [title for title in titles if title] == ["right leg: do not use", "left leg"]
+
+
+def test_figures_of_what_an_estimate_lacks_are_refused_in_words(padded):
+    nobody = padded._replace(legs=Legs(None, None), stddev=None, distance=None)
+    with pytest.raises(ValueError, match="the estimate has no distance: no walking was found"):
+        plot.distance(nobody)
+    for draw in (plot.joint_angles, plot.foot_path):
+        with pytest.raises(ValueError, match="the estimate has no joint angles; they need walking"):
+            draw(nobody)
+
+
 def test_the_band_of_a_distance_with_one_deviation_grows_with_the_way():
     t = np.arange(100) / 10.0
     way = np.clip(t - 2.0, 0.0, 5.0)

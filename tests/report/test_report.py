@@ -10,6 +10,7 @@ import subprocess
 
 import jax
 import numpy as np
+import pandas as pd
 import pytest
 from made import cohort as made_cohort
 from made import notes as made_notes
@@ -343,7 +344,7 @@ def evaluated(tmp_path_factory):
     """An evaluation of twelve walks, one of which cannot be read, as `jgait evaluate` leaves it, and in memory."""
     out = tmp_path_factory.mktemp("cohort") / "out"
     found = evaluate.cohort(made_cohort.FAKE, range(5, 17), read=made_cohort.read, own=own, out=out / "run")
-    evaluate_command._write(out, found, found.agreement())
+    evaluate_command._write(out, found, found, found.agreement())
     return out, found
 
 
@@ -526,6 +527,40 @@ def test_a_cohort_that_is_computed_now(tmp_path, monkeypatch, evaluated):
     expected = evaluated[1].agreement().loc["distance_m"]
     assert written["agreement"]["distance_m"]["bias"] == pytest.approx(expected["bias"], rel=1e-12)
     assert "the paper&#39;s" in page.read_text(encoding="utf-8")
+
+
+def test_recordings_whose_result_should_not_be_used_are_in_no_error(tmp_path, monkeypatch):
+    def read(number):
+        item = made_cohort.read(number)
+        grave = (made_notes.note("nobody walks", "stop"),) if number in ("7", "9") else ()
+        return item._replace(recording=item.recording._replace(notes=(*item.recording.notes, *grave)))
+
+    items = [str(number) for number in range(5, 13)]
+    source = Source("walks", items, read, dict.fromkeys(items, ""), [], [])
+    monkeypatch.setattr(command.cohorts, "pipeline_of", lambda name, paper, params: made_cohort.FAKE)
+    monkeypatch.setattr(command.cohorts, "source", lambda *words: source)
+    monkeypatch.setattr(command.cohorts, "body", lambda walk, measures: own(walk))
+    out, numbers, page = tmp_path / "out", tmp_path / "numbers.json", tmp_path / "page.html"
+    code, said = run("evaluate", "walks.csv", "--out", out, "--json", numbers)
+    assert code == 0, said
+    assert "2 of 8 recordings are in none of these errors: their notes say that the result should not be used" in said
+    written = json.loads(numbers.read_text(encoding="utf-8"))
+    assert written["recordings"] == 8 and written["not_to_be_used"] == ["7", "9"]
+    rows = pd.read_csv(out / "quantities.csv", dtype={"recording": str}).query("quantity == 'distance_m'")
+    kept = rows[~rows["recording"].isin(["7", "9"])]
+    assert len(rows) == 8
+    row = pd.read_csv(out / "agreement.csv").set_index("quantity").loc["distance_m"]
+    assert (row["n"], row["bias"]) == (6, pytest.approx(kept["error"].mean(), rel=1e-9))
+    code, said = run("report", out, "--out", page, "--json", numbers)
+    assert code == 0, said
+    written = json.loads(numbers.read_text(encoding="utf-8"))
+    assert written["agreement"]["distance_m"]["bias"] == pytest.approx(row["bias"], rel=1e-9)
+    assert sum(one["n"] for one in written["people_table"] if one["quantity"] == "distance_m") == 6
+    assert "2 of 8 recordings are not compared" in "".join(Parsed(page.read_text(encoding="utf-8")).words)
+    monkeypatch.setattr(command.cohorts, "source", lambda *words: source._replace(items=["7", "9"]))
+    code, said = run("evaluate", "walks.csv", "--out", tmp_path / "none")
+    assert code == 0 and "2 of 2 recordings are in none of these errors" in said and "agreement with" not in said
+    assert run("report", tmp_path / "none", "--out", page)[0] == 0
 
 
 WATCH = """<script>

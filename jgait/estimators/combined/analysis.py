@@ -33,6 +33,7 @@ from jgait.estimators.plausible import (
     PACES_MIXED,
     paces_mixed,
 )
+from jgait.estimators.stride_flags import STRIDE_FLAGS, marks, stride_notes, without
 from jgait.mounting.leg import SIDES_EXCHANGED
 from jgait.mounting.shank import LABELS_EXCHANGED
 from jgait.notes import NO_WALKING, SEVERITIES, Kind, Note
@@ -155,7 +156,10 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         if not any(source.name == "legs" for source in estimates):  # which needs walking
             placed = [note for note in placed if note.kind not in OF_WALKING]
     estimate = _assembled(estimates, strides, total)
-    differ += [] if strides is None else _without_angles(estimate, strides)
+    if strides is not None:
+        differ += _without_angles(estimate, strides)
+        marked = marks(estimate, STRIDE_FLAGS)
+        differ += stride_notes(marked, without(marked, STRIDE_FLAGS, len(strides.first)))
     every = [*placed, *differ, *recording.notes, *notes, *one_sided, *unlike, *stated]
     order = sorted(without_repeats(every), key=lambda note: SEVERITIES.index(note.severity))
     valid = {

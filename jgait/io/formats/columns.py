@@ -18,17 +18,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jgait.io.apart import apart, largest
-from jgait.io.clock import TIME_UNITS, check_order, count_samples, unit_of_time
+from jgait.io.arrays import stacked
+from jgait.io.clock import TIME_UNITS, check_order, count_samples, unit_of_time, without_jumps
 from jgait.io.files import check_columns, check_file
 from jgait.io.formats.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_part
 from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.formats.text import check_lengths
-from jgait.io.names import CHANNELS, column_of, placement_of
+from jgait.io.names import CHANNELS, column_of, placement_of, sensor_of
 from jgait.io.rows import header_at, read_table
-from jgait.io.tables import columns_of
+from jgait.io.tables import COLUMNS_MATCHED, columns_of
+from jgait.io.units import stated_unit
 from jgait.io.write import PARQUET
 from jgait.notes import DEDUCED, ORIGIN, Kind, Note
-from jgait.types import RecordingError
+from jgait.types import PLACEMENTS, RecordingError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,12 +76,16 @@ def measured(path: Path) -> Measured:
         columns = columns_of(table, placement="waist", name=path.name)
         labels = {"waist": path.stem}
     else:
-        columns, labels = columns_of(table, name=path.name), {}
-    notes, time = [*cut, *columns.notes], columns.time
+        table, labels = _placed_anywhere(table)
+        columns = columns_of(table, name=path.name)
+    # of columns that were renamed there is nothing to say
+    matched = [note for note in columns.notes if not (labels and note.code == COLUMNS_MATCHED.code)]
+    notes, time = [*cut, *matched], columns.time
     packets = None
     if time is not None and columns.time_unit is None and count_samples(time):
         time, packets = None, time
     if time is not None and len(time) > 1:
+        time = without_jumps(time, stacked(columns.sensors), None, columns.time_unit, path.name, notes)
         check_order(time, path.name, columns.time_unit)
         unit = unit_of_time(time, columns.time_unit, path.name)
         notes.append(TIME_UNIT_OF_FILE(file=path.name, unit=unit))
@@ -98,6 +104,26 @@ def measured(path: Path) -> Measured:
         for where, signals in columns.sensors.items()
     ]
     return Measured(parts, path.stem, notes=tuple(notes), feet_range=columns.feet_range)
+
+
+def _placed_anywhere(table: "pd.DataFrame") -> tuple["pd.DataFrame", dict[str, str]]:
+    """A table in which no name of a column states a placement, with some placement for each sensor that is named, and
+    the names of the sensors by these placements; any other table as it is.
+    """
+    names = [str(column) for column in table.columns]
+    if any(column_of(name) not in (None, "time") for name in names):
+        return table, {}
+    found = {name: sensor for name in names if (sensor := sensor_of(name))}
+    channels: dict[str, list[str]] = {}
+    for label, channel in found.values():
+        channels.setdefault(label, []).append(channel)
+    whole = [label for label, own in channels.items() if sorted(own) in (sorted(CHANNELS), sorted(CHANNELS[:3]))]
+    where = dict(zip(whole, PLACEMENTS, strict=False))
+    renamed = {
+        name: f"{where[label]}_{channel}" + (f" [{unit}]" if (unit := stated_unit(name)) else "")
+        for name, (label, channel) in found.items() if label in where
+    }  # fmt: skip
+    return table.rename(columns=renamed), {placement: label for label, placement in where.items()}
 
 
 def foreign(path: Path) -> bool:

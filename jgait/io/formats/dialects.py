@@ -54,7 +54,7 @@ def recording_from_gaitmap(
             state the frame: sensor (`acc_x`, …) or body (`acc_pa`, …), which is mirrored between the feet.
         sampling_rate_hz: of the data [Hz].
         placements: gaitmap's name of a sensor → its placement.
-        gyr_unit: 'deg/s', 'rad/s' or 'mdeg/s', for data that are not in gaitmap's unit; None: deg/s.
+        gyr_unit: 'deg/s', 'rad/s', 'mdeg/s' or 'mrad/s', for data that are not in gaitmap's unit; None: deg/s.
         acc_unit: 'm/s^2', 'g' or 'mg', likewise; None: m/s².
         name: name of the recording in tables and figures.
         subject: name of the person.
@@ -96,7 +96,7 @@ def recording_from_mobgap(
         table: `acc_x` … `gyr_z`, or `acc_is` … `gyr_pa`; m/s² and deg/s.
         sampling_rate_hz: of the data [Hz].
         placement: placement of the sensor.
-        gyr_unit: 'deg/s', 'rad/s' or 'mdeg/s', for data that are not in mobgap's unit; None: deg/s.
+        gyr_unit: 'deg/s', 'rad/s', 'mdeg/s' or 'mrad/s', for data that are not in mobgap's unit; None: deg/s.
         acc_unit: 'm/s^2', 'g' or 'mg', likewise; None: m/s².
         name: name of the recording in tables and figures.
         subject: name of the person.

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from jgait.io.formats.part import Measured, Part
-from jgait.io.formats.settle import SLOW, sizes
+from jgait.io.formats.settle import RATES, sizes
 from jgait.io.formats.text import AXES, Rows, TextFormat
 from jgait.io.names import COLUMNS, column_of
 from jgait.notes import DEDUCED, Kind
@@ -96,7 +96,7 @@ def _content(rows: Rows) -> Measured:
     stated = RATE.search("\n".join(rows.before))
     serial = SERIAL.search(stem)
     size = sizes(gyr)
-    likely = not size.size or float(np.percentile(size, 99.0)) < SLOW
+    likely = not size.size or float(np.percentile(size, 99.0)) < RATES["rad/s"][1]
     return Measured(
         [
             Part(

@@ -107,7 +107,7 @@ def read(
         format: one of `FORMATS`; None: recognised by the file's name and first bytes.
         placement: where the sensor sat, for a file of one sensor.
         placements: the file's name of a sensor → its placement.
-        gyr_unit: 'deg/s', 'rad/s' or 'mdeg/s', overrules the file.
+        gyr_unit: 'deg/s', 'rad/s', 'mdeg/s' or 'mrad/s', overrules the file.
         acc_unit: 'm/s^2', 'g' or 'mg', overrules the file.
         sampling_rate_hz: [Hz] for files that do not state it.
         name: name of the recording in tables and figures; None: the file's.

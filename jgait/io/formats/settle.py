@@ -11,21 +11,17 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jgait.estimators.checks import FASTEST
 from jgait.io.arrays import recording_in_units
 from jgait.io.checks import FEET_APART, RANGE_UNITS
 from jgait.io.formats.clocks import on_one_counter, one_clock
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
-from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit, unit_of_gravity
+from jgait.io.units import ACC_UNITS, Unit, unit_of_gravity
 from jgait.notes import DEDUCED, LEFT_OUT, ORIGIN, Kind, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError
 
-SLOW, FAST = 12.0, 30.0
-"""[unit of the file] 99th percentile of a walking sensor's rate: below the first rad/s, above the second deg/s."""
-
-MILLI = 1e4
-"""[1] Threshold on the 99th percentile of angular rates without a unit, above which they are in mdeg/s."""
+RATES = {"rad/s": (1.0, 12.0), "deg/s": (30.0, 2e3), "mrad/s": (2e3, 1.2e4), "mdeg/s": (3.5e4, np.inf)}
+"""Unit → limits [unit of the file] of the 99th percentile of a walking sensor's rate; chosen, none in two units."""
 
 MOST_SHAKEN = 0.6, 2.0
 """[g] Limits of the median specific force of a sensor in walking; gravity is checked where the sensor is calm."""
@@ -197,12 +193,12 @@ def _rate_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes
     reached = {where: float(np.percentile(size, 99.0)) if size.size else 0.0 for where, size in rates.items()}
     fastest = max(reached, key=lambda where: reached[where], default="")
     most = reached.get(fastest, 0.0)
-    unit = "mdeg/s" if most > MILLI else "deg/s" if most > FAST else "rad/s" if 1.0 < most < SLOW else None
+    unit = next((name for name, (low, high) in RATES.items() if low < most <= high), None)
     if reached and unit is None:
         raise RecordingError(
             f"{name}: the file states no unit of angular rate, and the size of {fastest} does not decide (99th "
-            f"percentile {most:.4g}; above {FAST:g} it would be deg/s, from 1 to {SLOW:g} rad/s; at most "
-            f"{FASTEST:g} rad/s occur in walking); give {{argument}}, one of {', '.join(GYR_UNITS)}",
+            f"percentile {most:.4g}; walking has {' or '.join(f'{a:g} to {b:g} {u}' for u, (a, b) in RATES.items())}); "
+            "give {argument}",
             argument="gyr_unit",
         )
     for where in reached:

@@ -561,6 +561,19 @@ def test_a_single_step_has_tables(walked):
     assert 1 <= len(tables["strides"]) <= 4 and len(tables["bouts"]) == 1
 
 
+def test_notes_contain_that_strides_are_uneven_or_few_and_commands_print_it_once(walked, analysis):
+    recording = walked[0]
+    begin = float(analysis.strides.strides.start[len(analysis.strides.first) // 2])
+    sensors = {name: Imu(*(part[imu.time < begin] for part in imu)) for name, imu in recording.sensors.items()}
+    found = jgait.analyse(recording._replace(sensors=sensors), PERSON)
+    kept = int(io.analysis_to_dataframes(found)["strides"]["regular"].sum())
+    (few,) = of_code(found.notes, "few_regular_strides")
+    assert (few.values["strides"], few.severity) == (kept, "check") and 0 < kept < 10
+    assert not of_code(analysis.notes, "strides_uneven") and not of_code(found.notes, "strides_uneven")
+    shown = [flag.text for flag in all_sensors({}, "csv").flags(found)]
+    assert [text for text in shown if "regular stride" in text] == [f"Only {kept} regular strides"]
+
+
 def test_a_person_who_only_stands_has_tables_and_a_note_but_no_strides(walked):
     found = jgait.analyse(standing(walked[0]), PERSON)
     assert found.strides is None and found.estimate.strides is None

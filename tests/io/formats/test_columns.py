@@ -36,6 +36,23 @@ def test_what_is_said_overrules_and_what_contradicts_the_signals_is_refused(tmp_
         io.read(path, acc_unit="ft/s^2")
 
 
+@pytest.mark.parametrize("unit", ["", " (deg/s)"])
+def test_sensors_that_are_named_by_no_place_are_placed_by_the_caller(tmp_path, unit):
+    path, table = named(tmp_path)
+    spelt = {c: c.replace("foot_right", "IMU1").replace("gyr", "Gyro") for c in table}
+    table = table.rename(columns={c: new + (unit if "Gyro" in new else "") for c, new in spelt.items()})
+    table.assign(**{f"IMU10_Gyro_{axis}{unit}": 0.0 for axis in "xyz"}).to_csv(path, index=False)
+    recording = io.read(path, placements={"IMU1": "foot_right"})
+    assert made_files.check(recording).all()
+    assert list(recording.sensors) == ["foot_right"]
+    assert "left out, for their placement is not known: 'IMU10'" in texts(recording.notes)
+    assert not any("head_" in text for text in texts(recording.notes))
+    with pytest.raises(RecordingError, match=r"pass placements=.*; its sensors are \['IMU1', 'IMU10'\]"):
+        io.read(path)
+    with pytest.raises(RecordingError, match="io.read and the commands place sensors by placements={'IMU1': 'shank_"):
+        io.read_csv(path)
+
+
 def test_time_in_milliseconds_and_columns_that_say_nothing(tmp_path):
     path, table = named(tmp_path)
     table["time"] *= 1e3
@@ -132,14 +149,15 @@ def test_the_unit_of_a_sensor_that_is_shaken_hard(tmp_path):
         io.read(path)
 
 
-def test_rates_in_milli_degrees_are_recognised_by_their_size(tmp_path):
+@pytest.mark.parametrize(("unit", "size"), [("mdeg/s", 1e3 * 180.0 / np.pi), ("mrad/s", 1e3)])
+def test_rates_in_thousandths_are_recognised_by_their_size(tmp_path, unit, size):
     path, table = named(tmp_path)
     usual = io.read(path)
     rates = [column for column in table if "_gyr_" in column]
-    table[rates] *= 1e3 * np.rad2deg(np.max([imu.gyr for imu in usual.sensors.values()])) / table[rates].max().max()
+    table[rates] *= size * np.max([imu.gyr for imu in usual.sensors.values()]) / table[rates].max().max()
     table.to_csv(path, index=False)
     found = io.read(path)
-    assert any("unit of angular rate; mdeg/s" in text for text in texts(found.notes))
+    assert any(f"unit of angular rate; {unit}" in text for text in texts(found.notes))
     for name, imu in found.sensors.items():
         np.testing.assert_allclose(imu.gyr, usual.sensors[name].gyr, rtol=1e-6, atol=1e-9)
 
