@@ -8,8 +8,8 @@ from made.command import run
 from jgait import io
 from jgait.commands import warnings
 from jgait.commands.warnings import say_warnings
+from jgait.estimators.leg_ekf.notes import STANDING_MOVES
 from jgait.evaluate.clocks import REFERENCE_OTHER
-from jgait.events.rest import STANDING_MOVES
 from jgait.notes import ORIGIN, WRONG_PLACE, Kind, to_json
 from jgait.simulate import protocols
 
@@ -32,7 +32,7 @@ def test_no_warnings_are_no_lines(said):
 
 
 def test_grave_kinds_come_before_common_ones(said):
-    moves = STANDING_MOVES(rate=0.3)
+    moves = STANDING_MOVES(side="right", rate=0.3)
     down = [UPSIDE_DOWN(placement=f"shank_{side}") for side in ("right", "left")]
     rows = {"a.csv": [moves, ORIGINS()], "b.csv": [moves, *down], "c.csv": [moves, down[1], NO_LEGS()], "d.csv": []}
     assert said(rows) == [

@@ -1,6 +1,6 @@
 """Kinds of notes of `leg_ekf` about a recording."""
 
-from jgait.notes import LEFT_OUT, LOSSES, WRONG_PLACE, Kind
+from jgait.notes import FEW_RESTS, LEFT_OUT, LOSSES, WRONG_PLACE, Kind
 
 THIGH_UNSURE = Kind(
     "thigh_forward_unsure",
@@ -15,8 +15,7 @@ STANDING_MOVES = Kind(
     "check",
     "{side}: hip and knee angles are less certain: in the standing from which they count, the leg moves at up to "
     "{rate:.2f} rad/s",
-    "The pose from which the angles of this leg count is not held, and the errors of its gyroscopes are known less "
-    "well; stated deviations contain the latter. Next time, stand still for two seconds before walking off.",
+    FEW_RESTS,
 )
 
 SEGMENTS_SWAPPED = Kind(
