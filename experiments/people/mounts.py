@@ -1,4 +1,4 @@
-"""Where people of the sets wear their sensors on thigh and shank: where sensors and joints lie to each other.
+"""Where people of the sets wear their sensors on thigh, shank and foot: where sensors and joints lie to each other.
 
 Two segments agree on the acceleration of the joint between them, whatever it is: of the points that are fixed to both
 sensors, the joint is the one at which the size of the acceleration differs least (Seel, Raisch and Schauer, Sensors 14,

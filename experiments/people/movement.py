@@ -2,12 +2,13 @@
 
 Compared are the rates of thigh, shank and foot and their specific forces ahead and up, over a stride in harmonics
 (`waves`): a difference counts over the standard deviation between people. Above `JITTER` harmonics people differ more
-in phase than in size, so the size of single strides counts there. Peaks that are figures of gait count as well, and hip
-and knee at landing, which rates leave open. Free are parameters of the gait, the table of the feet, and what sensors do
-over the bone; the pelvis moves as those of lower backs (`pelvis`). Tables have slopes over the length and the rate of
-the stride, some parameters grow with a power of its length. The mean and the slopes are found by Gauss-Newton's method;
-a last step for each person alone gives what this person differs by. The principal directions of these differences are
-the styles.
+in phase than in size, so the size of single strides counts there. Peaks that are figures of gait count as well,
+angles of hip and knee, which rates leave open, and how fast thigh and shank turn above the harmonics that are compared,
+which a perfect sensor at 200 Hz must follow. Free are parameters of the gait, times in the motion of the feet, the
+table of the feet, and what sensors do over the bone; the pelvis moves as those of lower backs (`pelvis`). Tables have
+slopes over the length and the rate of the stride, some parameters grow with a power of its length. The mean and the
+slopes are found by Gauss-Newton's method; a last step for each person alone gives what this person differs by. The
+principal directions of these differences are the styles.
 
 `python -m experiments.people.movement` changes these parts of the file; `shapes` runs it.
 """
@@ -28,7 +29,8 @@ from jgait import datasets, simulate
 from jgait.geometry.segments import Motion, Segments
 from jgait.simulate import RECORDED, Body, Gait, Person, shapes
 from jgait.simulate.population import manner
-from jgait.simulate.shapes import WORN, Movement
+from jgait.simulate.shapes import WORN, Instants, Movement
+from jgait.simulate.tables import TABLES
 from jgait.simulate.walker import Frames, moved, planned, ticks
 from jgait.simulate.worn import felt
 from jgait.types import SIDES, Values
@@ -38,6 +40,11 @@ GAIT = {
     "hip_ahead": 0.6,
 }  # fmt: skip
 """Free parameters of the gait → prior standard deviation of their logarithm."""
+WHEN = {
+    "heel_early": 0.3, "heel_rises": 0.15, "heel_after": 0.15, "heel_down": 0.3, "toes_rise": 0.2, "toes": 0.1,
+    "toes_up": 0.15, "toes_turn": 0.5, "gather": 0.15, "late_lift": 0.4, "lowers": 0.08, "hard": 0.3, "soft": 0.2,
+}  # fmt: skip
+"""The same of times in the motion of a foot, see `shapes.Instants`."""
 GROWS = ("toe_up", "heel_up", "landing_speed")
 """Those that grow with the length of the stride."""
 FEET, TERMS = (0.15, 0.3, 0.05, 0.5), 11
@@ -46,13 +53,18 @@ CURVES = tuple((segment, name) for segment in SEGMENTS for name in WORN[:3])
 """Segment, and pitch rate or specific force ahead or up."""
 PEAKS = ("shank_swing", "shank_back", "thigh_forward", "thigh_back", "foot_swing", "foot_push_off", "shank_strike",
          "foot_strike")  # fmt: skip
-LANDING = ((5.0, 4.0), (27.0, 6.0), (20.0, 4.0))
-"""[°] Flexion of knee and hip and pitch of the foot at landing, and how far people are from it."""
+POSTURE = ((5.0, 4.0), (27.0, 6.0), (20.0, 4.0), (63.0, 4.0), (-12.0, 4.0))
+"""[°] Angles of knee, thigh and foot at landing, the knee's largest and the thigh's least, and how far people are from
+it."""
 JITTER = 6
 STEADY = (0.15, 2.0, 2.0)
 """[1] Prior precision of the mean and of both slopes, in the priors above."""
-MOST, ENOUGH = 20, 2e-3
+MOST, ENOUGH = 40, 5e-4
 """Iterations at most; relative gain of the cost below which they end."""
+
+FOLLOWED, ORDER = 0.03, 7
+"""[rad/s] Size of the first harmonic above `LAST` of a rate of thigh or shank that counts one; [1] power of its number
+with which a harmonic above counts: the order with which sums over samples converge (`experiments.simulator.checks`)."""
 
 KNOWN = SETS[-1]
 """A set of people to whom the tables are fitted."""
@@ -63,7 +75,7 @@ stride a second; [1] part of it at the shank in its first harmonics: by motion c
 shanks turn much less over the bone than those on thighs."""
 FIRST, BONE, LAST = 2, 7, 24
 """[1] First free harmonic of the skin; the first in which it moves as freely at the shank as at the thigh; the last."""
-COUNT = len(GAIT) + len(FEET) * TERMS + 12 * (LAST - FIRST + 1)
+COUNT = len(GAIT) + len(WHEN) + len(FEET) * TERMS + 12 * (LAST - FIRST + 1)
 
 
 class Target(NamedTuple):
@@ -127,7 +139,7 @@ def targets(people: list[Recorded]) -> list[Target]:
     """
     every = np.array([one.waves for one in people])
     spread, size = every.std(axis=0), np.sqrt(np.mean(np.sum(np.abs(every) ** 2, axis=2), axis=0))
-    share = np.array([[1.0 if name == "pitch" else 0.7] for _, name in CURVES])
+    share = np.array([[1.0 if name == "pitch" or segment == "foot" else 0.7] for segment, name in CURVES])
     weights = share / (spread + 0.02 * size[:, None])
     peak_weights = np.array([1.2 / np.std([one.medians[name] for one in people]) for name in PEAKS])
     return [
@@ -146,11 +158,14 @@ MONOMIALS = np.array([
 """Coefficients of 1, x, x² … of each of Chebyshev's polynomials, in which the fit counts."""
 
 
-def free(values: Any, feet: Any) -> tuple[dict[str, Any], Any, Any]:
-    """Factors of the gait, and the tables of feet and skin, from numbers in prior standard deviations; the table of the
-    feet is around a given one."""
-    of_gait, of_feet, of_skin = jnp.split(values, np.cumsum([len(GAIT), len(FEET) * TERMS]))
-    factors = {name: jnp.exp(of_gait[i] * spread) for i, (name, spread) in enumerate(GAIT.items())}
+def free(values: Any, feet: Any) -> tuple[dict[str, Any], dict[str, Any], Any, Any]:
+    """Factors of the gait, of times in the motion of a foot, and the tables of feet and skin, from numbers in prior
+    standard deviations; the table of the feet is around a given one."""
+    of_gait, of_when, of_feet, of_skin = jnp.split(values, np.cumsum([len(GAIT), len(WHEN), len(FEET) * TERMS]))
+    factors, times = (
+        {name: jnp.exp(own[i] * spread) for i, (name, spread) in enumerate(spreads.items())}
+        for own, spreads in ((of_gait, GAIT), (of_when, WHEN))
+    )
     fine = np.asarray(FEET)[:, None] / (1.0 + 0.15 * np.arange(TERMS))
     feet = feet + (of_feet.reshape(fine.shape) * fine) @ MONOMIALS
     number = np.arange(FIRST, LAST + 1)
@@ -160,7 +175,7 @@ def free(values: Any, feet: Any) -> tuple[dict[str, Any], Any, Any]:
     whole = jnp.pad(skin, ((0, 0), (0, 0), (0, 0), (FIRST - 1, 2 * shapes.HARMONICS - LAST)))
     table = jnp.asarray(shapes.SKIN[0]).reshape(3, len(shapes.WORN), -1)
     table = table.at[:2, : len(SKIN)].set(whole.reshape(2, len(SKIN), -1))
-    return factors, feet, table.reshape(shapes.SKIN[0].shape)
+    return factors, times, feet, table.reshape(shapes.SKIN[0].shape)
 
 
 def usual(leg: Values, stride_time: Values, stride_length: Values) -> Person:
@@ -178,34 +193,37 @@ def walked_stride(who: Person, shape: Movement) -> tuple[tuple[Values, Values], 
     time = laid.contact[4] + who.gait.stride_time * jnp.arange(POINTS) / POINTS
     moving = moved(who, laid, *ticks(laid, time))
     placements = [f"{segment}_right" for segment in SEGMENTS]
-    return felt(moving, sensors_of(who.body, placements, jnp.asarray([KNOWN.thigh, KNOWN.shank]))), moving
+    return felt(moving, sensors_of(who.body, placements, jnp.asarray([KNOWN.thigh, KNOWN.shank, KNOWN.foot]))), moving
 
 
 class Made(NamedTuple):
     """A simulated stride of the right leg from its landing: the curves (curves, POINTS), the size of the specific force
-    at shank and foot (2, POINTS) [m/s²], and knee, hip and foot at landing (3,) [rad]."""
+    at shank and foot (2, POINTS) [m/s²], and angles as in `POSTURE` (5,) [rad]."""
 
     curves: Any
     force: Any
-    landing: Any
+    posture: Any
 
 
 def stride(values: Any, base: Any, given: Target) -> Made:
     """The simulated stride at numbers as of `free`."""
-    factors, feet, skin = free(values, base)
+    factors, times, feet, skin = free(values, base)
+    when = Instants(**TABLES["instants"])
+    when = when._replace(**{name: getattr(when, name) * factor for name, factor in times.items()})
     body, gait = usual(given.leg, given.stride_time, given.stride_length)
     who = Person(body, gait._replace(**{name: getattr(gait, name) * factor for name, factor in factors.items()}))
-    (gyr, acc), moving = walked_stride(who, Movement(shapes.PELVIS * shapes.sizes(who), feet, skin))
+    (gyr, acc), moving = walked_stride(who, Movement(shapes.PELVIS * shapes.sizes(who), feet, skin, when))
     mean = jnp.mean(acc[..., ::2], axis=1)
     ahead, up = jnp.moveaxis(mean / jnp.linalg.norm(mean, axis=1, keepdims=True), 1, 0)[..., None]
     forces = acc[..., 0] * up - acc[..., 2] * ahead, acc[..., 0] * ahead + acc[..., 2] * up
-    thigh, shank = (moving.pose[3, :, Segments._fields.index(name), 0] for name in ("thigh_right", "shank_right"))
+    thigh, shank = (moving.pose[3, :, Segments._fields.index(name)] for name in ("thigh_right", "shank_right"))
     hip, tilt = (jnp.arctan2(-up[0], up[2]) for up in (thigh, shank))
     foot = jnp.arcsin(moving.pose[1, 2, Segments._fields.index("foot_right"), 0])
     return Made(
         jnp.stack([gyr[..., 1], *forces], axis=1).reshape(len(CURVES), POINTS),
-        jnp.sqrt(jnp.sum(acc[1:] ** 2, axis=-1)), jnp.stack([hip - tilt, hip, foot]),
-    )  # fmt: skip
+        jnp.sqrt(jnp.sum(acc[1:] ** 2, axis=-1)),
+        jnp.stack([hip[0] - tilt[0], hip[0], foot, jnp.max(hip - tilt), jnp.min(hip)]),
+    )
 
 
 PHASED = np.interp(HARMONICS, [JITTER - 2, 2 * JITTER - 2], [1.0, 0.1])
@@ -213,6 +231,8 @@ SIZED = np.interp(HARMONICS, [JITTER - 2, 2 * JITTER - 2], [0.0, 1.2])
 """[1] What a difference counts, and a difference in size, in each harmonic."""
 SLOW = 18
 """[1] Harmonics of a rate in which its peaks are looked for."""
+FAST = np.arange(HARMONICS[-1] + 1, POINTS // 2)
+"""[1] Numbers of the harmonics above those that are compared."""
 RATES = [row for row, (_, name) in enumerate(CURVES) if name == "pitch"]
 
 
@@ -228,9 +248,11 @@ def residuals(values: Any, base: Any, given: Target) -> Any:
     ends = [extreme(smooth[SEGMENTS.index(segment)]) for segment in ("shank", "thigh", "foot")
             for extreme in (jnp.max, jnp.min)]  # fmt: skip
     peaks = (jnp.stack([*ends, *around.max(axis=1)]) - given.peaks) * given.peak_weights
-    usual = jnp.asarray(LANDING)
-    posture = (jnp.degrees(made.landing) - usual[:, 0]) / usual[:, 1]
-    return jnp.concatenate([apart.real.ravel(), apart.imag.ravel(), size.ravel(), peaks, posture])
+    fast = jnp.abs(jnp.fft.rfft(made.curves[jnp.asarray(RATES[:2])], axis=1)[:, FAST] / POINTS) + 1e-9
+    fast = fast * (FAST / FAST[0]) ** ORDER / FOLLOWED
+    usual = jnp.asarray(POSTURE)
+    posture = (jnp.degrees(made.posture) - usual[:, 0]) / usual[:, 1]
+    return jnp.concatenate([apart.real.ravel(), apart.imag.ravel(), size.ravel(), peaks, fast.ravel(), posture])
 
 
 def phase(values: np.ndarray, base: Any, given: Target) -> float:
@@ -257,6 +279,7 @@ def fit(people: list[Target], base: Any) -> np.ndarray:
     """(3, COUNT) mean and slopes, in prior standard deviations of `free`."""
     values = np.zeros((3, COUNT))
     precision = np.repeat(np.array(STEADY)[:, None], COUNT, axis=1)
+    precision[1:, len(GAIT) : len(GAIT) + len(WHEN)] = 1e6
     precision[2, : len(GAIT)] = 1e6  # parameters of the gait follow the length of the stride alone, and not all do
     precision[1, [list(GAIT).index(name) for name in GAIT if name not in GROWS]] = 1e6
     precision = precision.ravel()
@@ -322,17 +345,18 @@ def main() -> None:
     base = now["feet"][0]
     values = fit(people, base)
     directions = styles(people, base, values, len(shapes.STYLES))
-    factors, *mean = free(values[0], base)
+    factors, times, *mean = free(values[0], base)
     blocks = [mean] + [
-        [moved - part for moved, part in zip(free(values[0] + one, base)[1:], mean, strict=True)]
+        [moved - part for moved, part in zip(free(values[0] + one, base)[2:], mean, strict=True)]
         for one in (*values[1:], *directions)
     ]
     feet, skin = (np.array([np.asarray(block[i]) for block in blocks]) for i in range(2))
     gait = {name: float(f"{now['gait'][name] * float(factor):.4g}") for name, factor in factors.items()}
     grow = {name: values[1, list(GAIT).index(name)] * GAIT[name] / shapes.UNIT for name in GROWS}
     powers = {name: round(power + float(grow.get(name, 0.0)), 2) for name, power in now["powers"].items()}
-    print(gait, powers)
-    write(now | {"gait": gait, "powers": powers, "feet": feet, "skin": skin})
+    when = {name: float(f"{number * float(times.get(name, 1.0)):.4g}") for name, number in now["instants"].items()}
+    print(gait, when, powers)
+    write(now | {"gait": gait, "instants": when, "powers": powers, "feet": feet, "skin": skin})
 
 
 if __name__ == "__main__":

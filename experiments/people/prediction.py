@@ -213,7 +213,7 @@ def lines(people: int) -> list[Line]:
 
 def rows(quick: bool) -> list[Row]:
     """Every number of simulated people over that of recordings; the largest factors."""
-    people = 2 if quick else 16
+    people = 2 if quick else 48
     known = {row["metric"]: row["value"] for one in summary.load().values() for row in one["rows"]}
     cells, factors = [], {False: [], True: []}
     for line in lines(people):

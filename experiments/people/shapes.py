@@ -1,7 +1,7 @@
 """What simulated people have of recorded ones: `python -m experiments.people.shapes` derives it and writes the file.
 
 One program after another reads `movement.json`, changes its part of it, and writes it: `pelvis`, `movement` and
-`out_of_plane`, see there. They begin with the gait of `START` and with empty tables.
+`out_of_plane`, see there. They begin with the gait of `START`, with feet that move by the rules, and with empty tables.
 
 Pelvis: harmonics of the lower backs of every second person of `ipol_gait`, over strides from a contact to the next but
 one, on straight parts. The angular rates give the angles; the specific force, less gravity that the tilt turns into it,
@@ -139,13 +139,10 @@ def lower_backs() -> dict[str, list[tuple[np.ndarray, float]]]:
 
 
 START = {
-    "toe_up": 0.36, "heel_up": 1.4, "foot_flat": 0.064, "heel_off": 0.37, "swing_lift": 0.015, "landing_speed": 0.36,
-    "hip_ahead": 0.015,
+    "toe_up": 0.36, "heel_up": 1.1, "foot_flat": 0.064, "heel_off": 0.37, "swing_lift": 0.015, "landing_speed": 0.36,
+    "hip_ahead": 0.01,
 }  # fmt: skip
-"""Parameters of the gait with which `movement` begins, see `Gait`."""
-LANDS = 0.25
-"""[1] `landing_speed` after the fit, which finds 0.44: a knee that is nearly straight at landing would turn faster than
-a perfect sensor at 200 Hz can follow within a millimetre a minute (`cost`)."""
+"""Parameters of the gait with which `movement` begins, see `Gait`; the feet begin as those by the rules."""
 PROGRAMS = ("pelvis", "movement", "out_of_plane")
 
 
@@ -161,14 +158,11 @@ def main() -> None:
         "pelvis: lower backs of every second person of ipol_gait; gait, feet and skin: legs of every second person of "
         "walking5m, means, slopes and principal directions; derived by experiments.people.shapes"
     )
-    write({"source": source, "gait": START, "powers": powers, **empty})
+    write({"source": source, "gait": START, "instants": shapes.Instants()._asdict(), "powers": powers, **empty})
     print("PELVIS_SPREAD", {name: round(deviation, 2) for name, deviation in spread.items()}, flush=True)
     for program in PROGRAMS:
         print(program, flush=True)
         subprocess.run([sys.executable, "-m", f"experiments.people.{program}"], check=True)
-        if program == "movement":
-            found = tables()
-            write(found | {"gait": found["gait"] | {"landing_speed": LANDS}})
 
 
 if __name__ == "__main__":

@@ -17,9 +17,10 @@ from jgait.geometry.segments import in_world
 from jgait.geometry.vectors import GRAVITY, Vector
 from jgait.params import positive
 from jgait.simulate import SEVEN, Body, Gait, Person, Truth
-from jgait.simulate.feet import LINGER, Instants
+from jgait.simulate.feet import LINGER
 from jgait.simulate.footsteps import FIRST
 from jgait.simulate.sensors import IDEAL, MPU6000
+from jgait.simulate.shapes import shape_of
 from jgait.simulate.walker import ticks
 from jgait.types import SIDES, Recording
 from tests import strapdown
@@ -98,7 +99,7 @@ def stance_motion(truth: Truth, person: Person) -> float:
     phases = (
         Stance((-body.heel_length,), 0.0, flat),
         Stance((-body.heel_length, body.ball_length), flat, off),
-        Stance((body.ball_length,), off, leave - Instants().toes_rise),
+        Stance((body.ball_length,), off, leave - float(shape_of(person).when.toes_rise)),
     )
     worst = 0.0
     left_is_new = np.asarray(truth.plan.side)[entry] > 0.0

@@ -41,38 +41,6 @@ LINGER = 0.1
 """[steps] Time in which the tip of the toes leaves the ground: in this time it moves by a few millimetres."""
 
 
-class Instants(NamedTuple):
-    """Times and shares in the motion of a foot, by the rules."""
-
-    heel_early: Values = 0.08  #: share of the slow rise of the heel [1].
-    heel_rises: Values = 0.34  #: start of the heel's fast rise before toe-off [steps].
-    heel_after: Values = 0.24  #: its end after toe-off [steps]; the heel begins to come down at toe-off.
-    heel_down: Values = 0.16  #: time before landing at which the heel is down again [steps].
-    heel_share: Values = 1.0  #: share of the heel's two rises in its largest pitch [1].
-    toes_rise: Values = 0.14  #: time from the ball's leaving the ground to toe-off [steps].
-    toes: Values = 0.95  #: pitch of the toes over the pitch of the heel [1].
-    toes_up: Values = 0.45  #: time before landing at which the toes begin to rise above the heel [steps].
-    toes_turn: Values = 0.16  #: the same at which they begin to come down again [steps].
-    gather: Values = 0.42  #: share of swing in which the foot accelerates [1].
-    late_lift: Values = 0.5  #: late lift over early lift [1].
-    lowers: Values = 0.74  #: share of swing after which the foot falls [1].
-    hard: Values = 0.15  #: share of swing in which the ground decelerates the foot [1].
-    soft: Values = 0.44  #: share of swing in which the leg does [1].
-
-
-RECORDED = Instants(
-    heel_early=0.058, heel_rises=0.238, heel_after=0.229, heel_down=0.114, heel_share=0.8, toes_rise=0.092, toes=0.89,
-    toes_up=0.504, toes_turn=0.148, gather=0.344, late_lift=0.352, lowers=0.74, hard=0.179, soft=0.381,
-)  # fmt: skip
-"""Those of recorded people, around which `shapes.added` was fitted; `lowers` was 0.81 in the fit, see
-`person.RECORDED`."""
-
-
-def instants(gait: Gait) -> Instants:
-    """Those of a gait, between the rules and recorded people."""
-    return Instants(*(rule + gait.recorded * (of - rule) for rule, of in zip(Instants(), RECORDED, strict=True)))
-
-
 class Phases(NamedTuple):
     """Shares [1] of the motions of a foot, (2, T)."""
 
@@ -101,7 +69,7 @@ def phases(gait: Gait, shape: Movement, off: Values, leave: Values, lands: Value
     """
     # Heel up, toes up, both back; toes up before landing, down after it; on the way, stopped by the ground or the leg;
     # and the times in which recorded feet move besides.
-    when, flat = instants(gait), 2.0 * gait.foot_flat
+    when, flat = shape.when, 2.0 * gait.foot_flat
     rises = jnp.maximum(leave - when.heel_rises, off)
     begins = (
         rises, leave - when.toes_rise, leave, lands - when.toes_up, lands - when.toes_turn, leave,
@@ -127,7 +95,7 @@ def phases(gait: Gait, shape: Movement, off: Values, leave: Values, lands: Value
     slow, late, lowers, lies = parts(smooth_step(stacked(steps)))
     rise = slow * when.heel_early + fast * (1.0 - when.heel_early) - back
     return Phases(
-        rise=rise * when.heel_share + more_rise,
+        rise=rise + more_rise,
         toes=toes - back,
         down=up - turn + more_down,
         way=hard * gait.landing_speed + soft * (1.0 - gait.landing_speed) + more_way,
@@ -153,7 +121,7 @@ def feet(body: Body, gait: Gait, shape: Movement, origin: Foothold, target: Foot
     yaw, incline = part(place, 3), part(place, 4)
     down, rise = share.down * jnp.where(moves, target.toe_up, origin.toe_up), share.rise * origin.heel_up
     angles = kept(
-        stacked([down, rise, share.toes * (origin.heel_up * instants(gait).toes), incline, yaw, incline + down - rise])
+        stacked([down, rise, share.toes * (origin.heel_up * shape.when.toes), incline, yaw, incline + down - rise])
     )
     sines, cosines = sin_cos(angles)
     s_down, s_rise, s_toes, s_slope, sy, sp = parts(sines)

@@ -13,10 +13,10 @@ from jax import lax
 from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 
 from jgait.simulate import routes
-from jgait.simulate.feet import LINGER, Instants
+from jgait.simulate.feet import LINGER
 from jgait.simulate.person import Body, Gait, Person
 from jgait.simulate.routes import Route
-from jgait.simulate.shapes import Movement, shape_of
+from jgait.simulate.shapes import Instants, Movement, shape_of
 from jgait.simulate.smooth import CURVE, pieces
 from jgait.types import Flags, Values
 

@@ -45,6 +45,24 @@ out of the leg's plane, outwards positive: roll, its upper end outwards, yaw, it
 side [m]."""
 
 
+class Instants(NamedTuple):
+    """Times and shares in the motion of a foot, see `feet.phases`; the defaults are those by the rules."""
+
+    heel_early: Values = 0.08  #: share of the slow rise of the heel [1].
+    heel_rises: Values = 0.34  #: start of the heel's fast rise before toe-off [steps].
+    heel_after: Values = 0.24  #: its end after toe-off [steps]; the heel begins to come down at toe-off.
+    heel_down: Values = 0.16  #: time before landing at which the heel is down again [steps].
+    toes_rise: Values = 0.14  #: time from the ball's leaving the ground to toe-off [steps].
+    toes: Values = 0.95  #: pitch of the toes over the pitch of the heel [1].
+    toes_up: Values = 0.45  #: time before landing at which the toes begin to rise above the heel [steps].
+    toes_turn: Values = 0.16  #: the same at which they begin to come down again [steps].
+    gather: Values = 0.42  #: share of swing in which the foot accelerates [1].
+    late_lift: Values = 0.5  #: late lift over early lift [1].
+    lowers: Values = 0.74  #: share of swing after which the foot falls [1].
+    hard: Values = 0.15  #: share of swing in which the ground decelerates the foot [1].
+    soft: Values = 0.44  #: share of swing in which the leg does [1].
+
+
 class Movement(NamedTuple):
     """Shapes of a person's movement, see `shape_of`."""
 
@@ -55,6 +73,7 @@ class Movement(NamedTuple):
     #: (18, 4 HARMONICS) cosines, then sines, of how what sensors are worn on moves over the bone of the thigh, of the
     #: shank and of the foot, in the stride of their leg; six rows each, see `WORN`.
     skin: Values
+    when: Instants  #: times in the motion of a foot, between the rules and recorded people.
 
 
 def pace(person: Person) -> tuple[Values, Values]:
@@ -119,7 +138,9 @@ def shape_of(person: Person) -> Movement:
     )
     recorded = gait.recorded
     mixed = ruled(gait) * (1.0 - recorded) + jnp.asarray(PELVIS, counts.dtype) * sizes(person) * recorded
-    return Movement(mixed, feet * recorded, skin * gait.soft_tissue)
+    pairs = zip(Instants(), Instants(**TABLES["instants"]), strict=True)
+    when = Instants(*(rule + recorded * (own - rule) for rule, own in pairs))
+    return Movement(mixed, feet * recorded, skin * gait.soft_tissue, when)
 
 
 def waves(r: Jet) -> Jet:

@@ -11,10 +11,11 @@ from jgait import simulate
 from jgait.geometry.segments import Frame, in_world
 from jgait.geometry.vectors import GRAVITY, Vector
 from jgait.simulate import RECORDED, Gait, Person
-from jgait.simulate.feet import LINGER, Instants
+from jgait.simulate.feet import LINGER
 from jgait.simulate.footsteps import FIRST
 from jgait.simulate.recorded import limits
 from jgait.simulate.sensors import IDEAL, ImuErrors
+from jgait.simulate.shapes import shape_of
 from jgait.simulate.walker import moved, plan, separated, ticks
 from jgait.types import SIDES
 
@@ -84,7 +85,7 @@ def test_feet_that_stand_are_at_rest(walked):
     entry, moving = ticks(truth.plan, jnp.asarray(truth.estimate.time))
     entry, r = np.asarray(entry), np.asarray(moving.pose)
     flat_from, off = 2.0 * gait.foot_flat, 2.0 * gait.heel_off
-    rolls = 2.0 * gait.stance_fraction - LINGER - Instants().toes_rise
+    rolls = 2.0 * gait.stance_fraction - LINGER - float(shape_of(who).when.toes_rise)
     least = 1 if gait.stance_fraction < 0.5 else 5 if gait.recorded == 0.0 else 3  # samples of a phase
     checked = 0
     for landed in range(1, 8):  # footholds that are landed on and left again
