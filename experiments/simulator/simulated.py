@@ -72,8 +72,8 @@ SETS = (
     Set("walking5m", "Young", 100.0, thigh=(-0.01, 0.86), shank=(-0.015, 0.43), foot=(0.0, -0.095)),
     Set("walking5m", "Elderly", 100.0, thigh=(-0.01, 0.86), shank=(-0.015, 0.43), foot=(0.0, -0.095)),
 )
-"""Sensors on shoes of `walking5m` come out below the sole: the ankle's axis is not quite fixed to a shoe. With this
-place `experiments.people.movement` fits their forces better than with one on the sole."""
+"""Sensors on shoes of `walking5m` come out below the sole, so that their place may be biased; still,
+`experiments.people.movement` fits better with it than with one on the sole."""
 
 
 WORN_AT = ("thigh", "shank", "foot")

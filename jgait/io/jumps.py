@@ -106,7 +106,7 @@ def interleaved(stamps: np.ndarray, readings: np.ndarray, step: float) -> tuple[
     places = places[late[places - ROOM] - late[places + ROOM] > MORE_ROWS]
     if not len(places):
         return None
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d  # takes a quarter of a second to import
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d  # takes time to import
 
     # of a row and those before it; of a row and those after it
     earliest = minimum_filter1d(late, BEFORE + 1, origin=BEFORE // 2, mode="constant", cval=np.inf)

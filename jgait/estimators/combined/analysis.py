@@ -33,7 +33,7 @@ from jgait.estimators.plausible import (
     PACES_MIXED,
     paces_mixed,
 )
-from jgait.estimators.stride_flags import STRIDE_FLAGS, marks, stride_notes, without
+from jgait.estimators.stride_flags import stride_notes
 from jgait.mounting.leg import SIDES_EXCHANGED
 from jgait.mounting.shank import LABELS_EXCHANGED
 from jgait.notes import NO_WALKING, SEVERITIES, Kind, Note
@@ -158,8 +158,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     estimate = _assembled(estimates, strides, total)
     if strides is not None:
         differ += _without_angles(estimate, strides)
-        marked = marks(estimate, STRIDE_FLAGS)
-        differ += stride_notes(marked, without(marked, STRIDE_FLAGS, len(strides.first)))
+        differ += stride_notes(strides.flags, regular(strides))
     every = [*placed, *differ, *recording.notes, *notes, *one_sided, *unlike, *stated]
     order = sorted(without_repeats(every), key=lambda note: SEVERITIES.index(note.severity))
     valid = {
