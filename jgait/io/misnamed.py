@@ -32,6 +32,16 @@ def lacking_columns(
     return RecordingError(f"{name} lacks {', '.join(lacking)}{hint}; expected columns {expected}{rest}")
 
 
+def without_gyroscope(placement: str, position: Mapping[str, int], given: list[str], name: str) -> RecordingError:
+    """The error about a sensor of which only the accelerometer is recognised; it names columns that may be meant."""
+    unknown = _unrecognised(position, given)
+    meant = [column for column in unknown if sensor_of(column)] or unknown
+    rest = f"; columns not recognised: {_few(meant)}" if meant else ""
+    return RecordingError(
+        f"{name} has {placement}_acc_x, _y, _z but no {placement}_gyr_x, _y, _z; a sensor needs its gyroscope{rest}"
+    )
+
+
 def no_sensor(position: Mapping[str, int], given: list[str], name: str) -> RecordingError:
     """The error about a table in which no column is recognised as a sensor's; it says how columns are named."""
     if any(column_of(column) in CHANNELS for column in given):

@@ -18,7 +18,9 @@ KINDS = {
 }  # fmt: skip
 """Kind of signal → words for this kind, without accents; a word comes before those that it contains."""
 
-TIMES = re.compile(r"(time|timestamp|zeit|temps|tiempo|tempo|tijd)(s|ms|us|min|h)?|t(ms|us)?|seconds")
+TIMES = re.compile(
+    r"(date|datum)?(time|timestamp|zeit|zeitstempel|uhrzeit|temps|tiempo|tempo|tijd)(s|ms|us|min|h)?|t(ms|us)?|seconds"
+)
 """Words for the clock, perhaps with a unit."""
 
 NOT_RAW = ("free", "linear", "user", "filtered")
@@ -187,4 +189,8 @@ def recognised(given: list[str], renamed: list[str], placement: str | None) -> d
             known = None if placement is None else f"{placement}_{known}"
         if known is not None and known not in renamed:
             names[index] = known
+    clocks = [index for index, known in names.items() if known == "time"]
+    dates = [index for index in clocks if given[index].strip().lower().startswith("dat")]
+    for index in dates if len(dates) < len(clocks) else ():  # a clock beside the date is finer
+        del names[index]
     return {index: name for index, name in names.items() if list(names.values()).count(name) == 1}

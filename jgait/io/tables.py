@@ -10,8 +10,9 @@ import numpy as np
 from jgait.io.arrays import recording_in_units
 from jgait.io.atomic import check_path
 from jgait.io.clock import unwrapped
+from jgait.io.dates import dated
 from jgait.io.files import no_numbers, reading
-from jgait.io.misnamed import lacking_columns, no_sensor
+from jgait.io.misnamed import lacking_columns, no_sensor, without_gyroscope
 from jgait.io.names import CHANNELS, COUNTER, LONG_UNITS, column_of, like_a_signal, recognised, unit_in_name
 from jgait.io.rows import read_table
 from jgait.io.units import Unit, unit_of_columns
@@ -60,6 +61,7 @@ class Columns(NamedTuple):
     notes: tuple[Note, ...]  #: notes about cells without a number, rows of several people or walks, names of columns.
     time_unit: str | None  #: unit of `time`: "s" of dates, min and h, "ms" or "us" of a name; None: not stated.
     units: dict[str, dict[str, str]]  #: placement → "gyr", "acc" → unit, as far as the names of the columns state it.
+    begin_s: float | None = None  #: [s] from 1970 to the first date, from which on `time` counts; None without dates.
 
 
 def recording_from_dataframe(
@@ -185,11 +187,12 @@ def columns_of(
         if len(whose) > 1:
             first, second = map(str, whose[:2])
             notes.append(ROWS_OF_SEVERAL(column=given[index], values=len(whose), first=first, second=second))
-    time, unit = None, None
+    time, unit, begin_s = None, None, None
     if "time" in position:
         clock = table.iloc[:, position["time"]]
-        time, unit = _seconds(clock), "s"
-        if time is None:
+        if (dates := dated(clock)) is not None:
+            (time, begin_s), unit = dates, "s"
+        else:
             time, unit = _numbers(clock, "time", name), unit_in_name(given[position["time"]])
         if unit in LONG_UNITS:
             time, unit = time * LONG_UNITS[unit], "s"
@@ -199,7 +202,7 @@ def columns_of(
         apart = _numbers(table.iloc[:, position["feet_range"]], "feet_range", name)
     others = [column for index, column in enumerate(given) if index not in used]
     notes += _about([(given[index], renamed[index]) for index in sorted(used & set(ours))], others)
-    return Columns(sensors, time, apart, others, tuple(notes), unit, units)
+    return Columns(sensors, time, apart, others, tuple(notes), unit, units, begin_s)
 
 
 def _about(matched: list[tuple[str, str]], others: list[str]) -> list[Note]:
@@ -229,10 +232,7 @@ def _placements(position: Mapping[str, int], given: list[str], name: str) -> dic
             if lacking:
                 raise lacking_columns(lacking, expected, position, given, name)
             if kind == "acc" and placement not in placements:
-                raise RecordingError(
-                    f"{name} has {placement}_acc_x, _y, _z but no {placement}_gyr_x, _y, _z; "
-                    "a sensor needs its gyroscope"
-                )
+                raise without_gyroscope(placement, position, given, name)
             placements.setdefault(placement, []).append(kind)
     if not placements:
         raise no_sensor(position, given, name)
@@ -251,7 +251,7 @@ def _no_number(column: "pd.Series", label: str) -> Note | None:
 def _hint(value: str) -> str:
     """What to do about a cell that is no number."""
     if ":" in value:
-        return ": write dates as 2026-05-03 10:00:00.25, or seconds, or leave the column out and give the sampling rate"
+        return ": write times as 2026-05-03 10:00:00.25, or seconds, or leave the column out and give the sampling rate"
     if "," in value:
         return ": for decimal commas, separate the columns by semicolons"
     return ""
@@ -266,22 +266,6 @@ def _with_time(table: "pd.DataFrame") -> "pd.DataFrame":
     if not clock or any(column_of(str(column)) == "time" for column in table.columns):
         return table
     return table.reset_index(names=str(index.name) if column_of(str(index.name)) == "time" else "time")
-
-
-def _seconds(column: "pd.Series") -> np.ndarray | None:
-    """Dates or durations, or texts of these, from the first one on, in s; None for a column of anything else."""
-    import pandas as pd
-
-    if ":" in str(next(iter(column.dropna()), "")) and not pd.api.types.is_timedelta64_dtype(column.dtype):
-        dates = pd.to_datetime(column, format="ISO8601", errors="coerce", utc=True)
-        column = pd.to_timedelta(column, errors="coerce") if dates.isna().all() else dates
-        if column.isna().all():
-            return None
-    if pd.api.types.is_datetime64_any_dtype(column.dtype):
-        column = column - column.min()
-    if not pd.api.types.is_timedelta64_dtype(column.dtype):
-        return None
-    return column.dt.total_seconds().to_numpy(np.float64)
 
 
 def _numbers(column: "pd.Series", label: str, name: str) -> np.ndarray:

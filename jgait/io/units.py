@@ -17,11 +17,11 @@ ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}
 """Unit of a specific force → m/s²."""
 
 SPELT = {
-    "deg/s": ("°/s", "o/s", "°s-1", "dps", "degps", "degs-1", "grad/s"),
-    "rad/s": ("rads-1", "radps"),
+    "deg/s": ("°/s", "o/s", "°s-1", "dps", "degps", "degs", "degs-1", "grad/s"),
+    "rad/s": ("rads", "rads-1", "radps"),
     "mdeg/s": ("mdps", "m°/s"),
-    "mrad/s": ("mrads-1", "mradps"),
-    "m/s^2": ("m/s2", "m/s/s", "ms-2", "mps2"),
+    "mrad/s": ("mrads", "mrads-1", "mradps"),
+    "m/s^2": ("m/s2", "m/s/s", "ms2", "ms-2", "mps2"),
 }
 """Unit → other ways to write it, as `_plain` leaves them."""
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from made.frames import table
 from made.notes import texts
 
 from jgait import io
@@ -33,6 +34,11 @@ from jgait.types import RecordingError
         ("timestamp", "time"),
         ("Zeit_s", "time"),
         ("t_ms", "time"),
+        ("Datetime", "time"),
+        ("DateTime", "time"),
+        ("Date Time", "time"),
+        ("Datum_Uhrzeit", "time"),
+        ("LF_gyro_x_rads", "foot_left_gyr_x"),
         ("GyroUnterschenkelLinks_z", "shank_left_gyr_z"),
         ("Fuß_li_acc_y", "foot_left_acc_y"),
         ("Knöchel re Gyr X", "ankle_right_gyr_x"),
@@ -60,8 +66,8 @@ def test_codes_of_two_letters_give_a_placement(name, placement):
 
 @pytest.mark.parametrize(
     "name",
-    ["", "Quat_x", "mag_x", "Temp", "Packet counter", "FreeAcc_X", "Pelvis Linear Acceleration X", "tigh_right_gyr_x",
-     "thigh_gyr_x", "gyr", "heart rate", "thigh_right_gyr"],
+    ["", "Date", "Quat_x", "mag_x", "Temp", "Packet counter", "FreeAcc_X", "Pelvis Linear Acceleration X",
+     "tigh_right_gyr_x", "thigh_gyr_x", "gyr", "heart rate", "thigh_right_gyr"],
 )  # fmt: skip
 def test_other_names_of_columns_have_no_placement(name):
     assert column_of(name) is None
@@ -106,3 +112,14 @@ def test_a_column_that_is_lacking_is_named_with_one_that_may_be_meant(names, sai
     with pytest.raises(RecordingError) as caught:
         io.recording_from_dataframe(walking(names))
     assert said in str(caught.value) and never not in str(caught.value)
+
+
+def test_the_clock_beside_a_date_is_the_time():
+    frame = table().rename(columns={"time": "Timestamp"}).assign(DateTime="2026-05-03 10:00")
+    assert io.recording_from_dataframe(frame).sampling_rate_hz == pytest.approx(100.0)
+
+
+def test_names_that_are_not_recognised_are_named_where_the_gyroscope_lacks():
+    frame = table().rename(columns={f"shank_right_gyr_{axis}": f"shank_right_gyr_{axis}_rev" for axis in "xyz"})
+    with pytest.raises(RecordingError, match="no shank_right_gyr_x.*not recognised: 'shank_right_gyr_x_rev', "):
+        io.recording_from_dataframe(frame)

@@ -38,7 +38,8 @@ def same(recording):
      ("acc", "g", " [{}]", "g"), ("acc", "mg", " ({})", "mg"), ("acc", "m/s²", " [{}]", "m/s^2"),
      ("acc", "m/(s^2)", " [{}]", "m/s^2"), ("gyr", "dps", "_{}", "deg/s"), ("gyr", "rad_s", "_{}", "rad/s"),
      ("gyr", "deg_per_s", "_{}", "deg/s"), ("gyr", "rad/s", " {}", "rad/s"), ("acc", "mps2", "_{}", "m/s^2"),
-     ("acc", "g", "_{}", "g"), ("acc", "m_s2", "_{}", "m/s^2")],
+     ("acc", "g", "_{}", "g"), ("acc", "m_s2", "_{}", "m/s^2"), ("gyr", "rads", "_{}", "rad/s"),
+     ("gyr", "radps", "_{}", "rad/s"), ("gyr", "degs", "_{}", "deg/s"), ("acc", "ms2", "_{}", "m/s^2")],
 )  # fmt: skip
 def test_the_unit_in_the_names_of_columns_is_used(tmp_path, read, kind, unit, between, known):
     stated(kind, unit, between=between, true=known).to_csv(tmp_path / "walk.csv", index=False)

@@ -100,6 +100,7 @@ def measured(path: Path) -> Measured:
             acc_unit=columns.units[where].get("acc"),
             packets=packets,
             units_by="header",
+            begin_s=columns.begin_s,
         )
         for where, signals in columns.sensors.items()
     ]

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.notes import Note
+from jgait.types import RecordingError
 
 
 class Part(NamedTuple):
@@ -26,6 +27,7 @@ class Part(NamedTuple):
     packets: np.ndarray | None = None
     packets_wrap: int | None = None  #: what the sensors' counter counts to before it begins again; None: it does not.
     units_by: str = "file"  #: what states the units, a key of `jgait.io.units.STATES`.
+    begin_s: float | None = None  #: [s] from 1970 to 0 of `time`, where the file has dates.
 
 
 class Measured(NamedTuple):
@@ -41,7 +43,13 @@ class Measured(NamedTuple):
 
 
 def joined(every: Sequence[Measured], name: str | None = None) -> Measured:
-    """Files of one walk as one, each note once; sensors that are called the same are called by their files."""
+    """Files of one walk as one, each note once; sensors that are called the same are called by their files.
+
+    Times of files with dates count from where the last file begins.
+
+    Raises:
+        RecordingError: if some files have dates and others numbers, or dates have nothing in common.
+    """
     notes = tuple(dict.fromkeys(note for measured in every for note in measured.notes))
     labels = [part.label for measured in every for part in measured.parts]
     parts = [
@@ -49,4 +57,37 @@ def joined(every: Sequence[Measured], name: str | None = None) -> Measured:
         for measured in every
         for part in measured.parts
     ]
-    return Measured(parts, name or every[0].name, every[0].subject, notes)
+    called = name or every[0].name
+    return Measured(_by_dates(parts, called), called, every[0].subject, notes)
+
+
+def _by_dates(parts: list[Part], name: str) -> list[Part]:
+    """The parts with one 0 of their times, where the last of them begins, if they have dates."""
+    spans = [
+        (part.begin_s, part.begin_s + float(np.nanmax(part.time)), part.label)
+        for part in parts if part.begin_s is not None and part.time is not None
+    ]  # fmt: skip
+    if not spans:
+        return parts
+    if numbers := [part.label for part in parts if part.time is not None and part.begin_s is None]:
+        raise RecordingError(
+            f"{name}: the time of {spans[0][2]} has dates, that of {numbers[0]} has none; they cannot be joined: write "
+            "the same kind of times in all files"
+        )
+    begin_s, _, last = max(spans)
+    _, end_s, first = min(spans, key=lambda span: span[1])
+    if begin_s >= end_s:
+        raise RecordingError(
+            f"{name}: the sensors' clocks do not overlap: {last} begins at {_date(begin_s)}, {first} ends at "
+            f"{_date(end_s)}"
+        )
+    return [
+        part
+        if part.begin_s is None or part.time is None
+        else part._replace(time=np.round(part.time + (part.begin_s - begin_s), 6), begin_s=begin_s)  # double since 1970
+        for part in parts
+    ]
+
+
+def _date(since_1970: float) -> str:
+    return str(np.datetime64(round(1e3 * since_1970), "ms")).replace("T", " ")

@@ -98,6 +98,38 @@ def test_one_sensor_a_file(tmp_path):
     made_files.check(io.read({"thigh_left": path}), "thigh_left")
 
 
+def dated(folder, starts, form="%Y-%m-%d %H:%M:%S.%f"):
+    """Files of one sensor each, of the same walk, that begin some rows late, with dates."""
+    for place, start in starts.items():
+        path = made_files.named(folder / f"{place}.csv", prefix="")
+        rows = pd.read_csv(path)
+        stamps = pd.Timestamp("2026-05-03 10:00") + pd.to_timedelta(rows["time"], unit="s")
+        rows.assign(time=stamps.dt.strftime(form) if form else rows["time"])[start:].to_csv(path, index=False)
+
+
+@pytest.mark.parametrize("form", ["%Y-%m-%d %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S.%f", "%H:%M:%S.%f", None])
+def test_sensors_of_files_with_dates_are_on_one_clock(tmp_path, form):
+    dated(tmp_path, {"foot_left": 0, "foot_right": 8, "shank_right": 3}, form)
+    files = {place: tmp_path / f"{place}.csv" for place in ("foot_left", "foot_right", "shank_right")}
+    for recording in (io.read(tmp_path), io.read(files)):
+        assert {len(imu.time) for imu in recording.sensors.values()} == {len(made_files.walk()[0]) - 8}
+        for imu in recording.sensors.values():
+            np.testing.assert_allclose(imu.gyr, made_files.walk()[1][8:], atol=1e-6)
+        starts = any("times count from the first sample" in text for text in texts(recording.notes))
+        assert starts is (form in ("%H:%M:%S.%f", None))  # a date is no number that could be added
+
+
+def test_files_with_dates_that_have_nothing_in_common_are_refused(tmp_path):
+    dated(tmp_path, {"foot_left": 0})
+    dated(tmp_path, {"foot_right": 0}, "%Y-%m-04 %H:%M:%S.%f")
+    said = r"do not overlap: foot_right begins at 2026-05-04 10:00:00.000, foot_left ends at 2026-05-03 10:00:"
+    with pytest.raises(RecordingError, match=said):
+        io.read(tmp_path)
+    dated(tmp_path, {"foot_right": 0}, None)
+    with pytest.raises(RecordingError, match="the time of foot_left has dates, that of foot_right has none"):
+        io.read(tmp_path)
+
+
 def test_a_quiet_sensor_has_the_unit_of_the_others(tmp_path):
     path, table = named(tmp_path)
     for axis in "xyz":
