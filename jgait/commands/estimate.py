@@ -1,6 +1,5 @@
 """`jgait estimate`: joint angles, foot paths, strides and widths of a user's own recordings."""
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -72,9 +71,9 @@ def estimate(
         placement=placement, placements=placements,
     )  # fmt: skip
     names = _names(files)
-    called = Counter(file.name for file in names)
+    above = _folders(files, lambda file: file.name)
     items = [
-        item._replace(folder=file.resolve().parent.name if called[file.name] > 1 else "")
+        item._replace(folder="/".join(above[file]))
         for file, name in names.items() for item in recordings.trials_of(file, name, format, trial)
     ]  # fmt: skip
     planned = {
@@ -114,16 +113,28 @@ def _job(
 
 
 def _names(files: list[Path]) -> dict[Path, str]:
-    """File → the first part of the names of its results: its stem, after its folder's name where others share it."""
-    stems = [file.stem.casefold() for file in files]
-    names = {
-        file: file.stem if stems.count(stem) == 1 else f"{file.resolve().parent.name}_{file.stem}"
-        for file, stem in zip(files, stems, strict=True)
-    }
+    """File → the first part of the names of its results: its stem, after the folders that tell it from other files."""
+    names = {file: "_".join([*above, file.stem]) for file, above in _folders(files, lambda file: file.stem).items()}
     if len({name.casefold() for name in names.values()}) < len(files):
+        stems = [file.stem.casefold() for file in files]
         shared = ", ".join(str(file) for file, stem in zip(files, stems, strict=True) if stems.count(stem) > 1)
         stop(f"the results of these files would have the same names: {shared}; estimate each into another --out")
     return names
+
+
+def _folders(files: list[Path], called: Callable[[Path], str]) -> dict[Path, tuple[str, ...]]:
+    """File → as many folders above it as tell all files apart that are called the same; none where one is enough."""
+    groups: dict[str, list[tuple[Path, tuple[str, ...]]]] = {}
+    for file in files:
+        groups.setdefault(called(file).casefold(), []).append((file, file.resolve().parent.parts[1:]))
+    found: dict[Path, tuple[str, ...]] = {}
+    for group in groups.values():
+        for levels in range(max(len(above) for _, above in group) + 1):
+            named = {file: above[max(len(above) - levels, 0) :] for file, above in group}
+            if len({tuple(map(str.casefold, above)) for above in named.values()}) == len(group):
+                break
+        found |= named
+    return found
 
 
 def _each(

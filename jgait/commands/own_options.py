@@ -11,9 +11,7 @@ from jaxtyping import PyTree
 from jgait import estimators
 from jgait.commands.console import stop
 from jgait.estimators.about import About, BodyMeasure, CommandOption
-
-SMALLER = {"cm": 100.0, "mm": 1000.0}
-"""Unit of length that may have been meant → how many are a metre."""
+from jgait.estimators.proportions import outside
 
 
 class OwnOption(NamedTuple):
@@ -74,15 +72,6 @@ def with_own_options(command: Callable[..., None]) -> Callable[..., None]:
     lines = [_line(name) for name in estimators.names()]
     wrapped.__doc__ = inspect.cleandoc(command.__doc__ or "").replace("{estimators}", "\n\n".join(lines))
     return wrapped
-
-
-def outside(name: str, value: float, low: float, high: float) -> str:
-    """The sentence about a measure in metres outside its range, with the unit that may have been meant; else ""."""
-    if low <= value <= high:
-        return ""
-    meant = [f"in {unit}? then {value / many:g}" for unit, many in SMALLER.items() if low <= value / many <= high]
-    hint = f" ({meant[0]})" if meant else ""
-    return f"{name} must be between {low:g} and {high:g} m; got {value:g}{hint}"
 
 
 def _parameter(known: OwnOption) -> inspect.Parameter:

@@ -10,7 +10,8 @@ from jaxtyping import PyTree
 
 from jgait import estimators
 from jgait.commands.console import stop
-from jgait.commands.own_options import outside, stated
+from jgait.commands.own_options import stated
+from jgait.estimators.proportions import outside
 
 PersonFile = Annotated[
     Path | None,

@@ -95,7 +95,7 @@ class Item(NamedTuple):
     name: str  #: first part of the names of its results.
     #: name of the trial in a file with several; None: the file is one recording, or the reader decides.
     trial: str | None = None
-    folder: str = ""  #: name of the file's folder, if another file has the same name; else empty.
+    folder: str = ""  #: names of the folders that tell the file from others of the same name; else empty.
 
     @property
     def key(self) -> str:
@@ -104,7 +104,7 @@ class Item(NamedTuple):
 
     @property
     def label(self) -> str:
-        """As `key`, with the last folder only where it tells the file from another one, and else without folders."""
+        """As `key`, with folders only as far as they tell the file from another one."""
         shown = str(Path(self.folder) / self.file.name)
         return f"{shown}: {self.trial}" if self.trial else shown
 

@@ -4,6 +4,7 @@ Source: R. Drillis, R. Contini, "Body segment parameters", 1966, as usual in bio
 of the height. Chosen: segments of adults of one height differ by 1 % of the height (one standard deviation).
 """
 
+import math
 from collections.abc import Collection, Mapping
 
 from jaxtyping import PyTree
@@ -24,6 +25,9 @@ SENSOR_SHARE, SENSOR_SD = 0.6, 0.02
 HEIGHTS = (0.8, 2.4)
 """[m] Smallest and largest height of a person that is accepted."""
 
+SMALLER = {"cm": 100.0, "mm": 1000.0}
+"""Unit of length that may have been meant → how many are a metre."""
+
 FROM_HEIGHT = Kind(
     "measures_from_height", "info", "from the height of {height:.2f} m, by usual proportions: {measures}",
     f"{DEFAULT_MEASURE} Standard deviations include how much people of one height differ.",
@@ -35,6 +39,15 @@ HEIGHT_ABSENT = Kind(
     f"{DEFAULT_MEASURE} Lengths and distance of a child by a waist's sensor are then too large by half and more, and "
     "so is the distance by thighs and shanks.",
 )  # fmt: skip
+
+
+def outside(name: str, value: float, low: float, high: float) -> str:
+    """The sentence about a measure in metres outside its range, with the unit that may have been meant; else ""."""
+    if low <= value <= high:
+        return ""
+    meant = [f" (in {unit}? then {value / many:g})" for unit, many in SMALLER.items() if low <= value / many <= high]
+    hint = ": leave out what is unknown" if math.isnan(value) else (meant or [""])[0]
+    return f"{name} must be between {low:g} and {high:g} m; got {value:g}{hint}"
 
 
 def gives(wanted: Collection[str]) -> bool:
@@ -57,9 +70,8 @@ def with_proportions(body: Mapping[str, PyTree], wanted: Collection[str]) -> dic
     height = known.get("height")
     if height is None or not gives(wanted):
         return known
-    low, high = HEIGHTS
-    if isinstance(height, int | float) and not low <= height <= high:
-        raise ValueError(f"height must be {low:g} to {high:g} m; got {height:g}")
+    if isinstance(height, int | float) and (wrong := outside("height", height, *HEIGHTS)):
+        raise ValueError(wrong)
     if "height" not in wanted:
         del known["height"]
     return {**{name: share * height for name, share in SHARES.items() if name in wanted}, **known}

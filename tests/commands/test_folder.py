@@ -4,6 +4,7 @@ import contextlib
 import fcntl
 import json
 import os
+from pathlib import Path
 
 import jax
 import pytest
@@ -12,6 +13,7 @@ from typer.testing import CliRunner
 
 from jgait import io
 from jgait.cli import app
+from jgait.commands.estimate import _names
 from jgait.commands.folder import STAGE, keep_inputs, results_folder, unfinished
 from jgait.io.atomic import write_text
 from jgait.simulate import protocols
@@ -182,6 +184,18 @@ def test_files_of_one_stem_are_called_by_their_folders(tmp_path):
     assert result.exit_code == 2  # they hold no walk
     assert "would have the same names" not in result.output
     assert set(json.loads((tmp_path / "n.json").read_text())["failures"]) == {"a/walk.csv", "b/walk.csv"}
+
+
+@pytest.mark.usefixtures("tables")
+def test_as_many_folders_are_named_as_tell_files_apart(tmp_path):
+    for name in ("S1/T1", "S2/T1", "S1/T2"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "walk.csv").write_text("nothing\n1\n")
+    files = ["S1/T1/walk.csv", "S2/T1/walk.csv", "S1/T2/walk.csv", "recordings.csv"]
+    result = CliRunner(env={"COLUMNS": "300"}).invoke(app, ["estimate", *files, "--out", "o", "--json", "n.json"])
+    assert set(json.loads((tmp_path / "n.json").read_text())["failures"]) == set(files), result.output
+    names = _names([Path(file) for file in files])
+    assert list(names.values()) == ["S1_T1_walk", "S2_T1_walk", "S1_T2_walk", "recordings"]
 
 
 NASTY = "a$_{$[bold]\x1b[2J\udcff"  # the last is a byte that is no text

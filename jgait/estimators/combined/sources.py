@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import PyTree
 
@@ -12,7 +13,7 @@ from jgait.estimators.checks import sensors_of
 from jgait.estimators.interface import Estimator
 from jgait.estimators.leg_ekf.notes import SEGMENT_ALONE
 from jgait.estimators.notes import RATES_OFF
-from jgait.estimators.proportions import gives, told
+from jgait.estimators.proportions import gives, outside, told
 from jgait.estimators.stride_width_ekf.notes import RANGE_OFFSET_ABSENT
 from jgait.estimators.waist.params import SITES
 from jgait.notes import LEFT_OUT, Kind, Note
@@ -113,6 +114,7 @@ def sources(recording: Recording, person: Mapping[str, PyTree]) -> tuple[list[So
     unknown = [name for name in person if name not in known]
     if unknown:
         raise ValueError(f"a person has {', '.join(sorted(known))}; got {unknown[0]!r}")
+    _check_measures(person)
     estimates: list[SourceEstimate] = []
     notes: list[Note] = []
     reasons: list[str] = []
@@ -143,6 +145,18 @@ def sources(recording: Recording, person: Mapping[str, PyTree]) -> tuple[list[So
             f"lower_back or pelvis; {sensors_of(recording)}"
         )
     return estimates, [*notes, *_unused(recording, estimates), *told(person, measures)]
+
+
+def _check_measures(person: Mapping[str, PyTree]) -> None:
+    """Refuse a measure of a person that is no number, or outside its range, by its name. Raises ValueError."""
+    ranges = {m.name: (m.low, m.high) for way in WAYS for m in way.make().about.measures if m.unit == "m"}
+    for name, value in person.items():
+        for number in value if isinstance(value, tuple | list) else np.ravel(value).tolist():
+            if not isinstance(number, int | float | np.number | jax.Array):
+                hint = ": leave out what is unknown" if number is None else ""
+                raise ValueError(f"{name} must be a number; got {number!r}{hint}")
+            if name in ranges and (wrong := outside(name, float(number), *ranges[name])):
+                raise ValueError(wrong)
 
 
 def _unused(recording: Recording, estimates: list[SourceEstimate]) -> list[Note]:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, NamedTuple
 import jax
 from jaxtyping import PyTree
 
-from jgait.estimators.proportions import SENSOR_SD, SENSOR_SHARE
+from jgait.estimators.proportions import HEIGHTS, SENSOR_SD, SENSOR_SHARE, outside
 from jgait.estimators.waist.velocity_update import VelocityUpdateParams
 from jgait.events.trunk import LITERAL, PaperRule, Peaks
 from jgait.events.trunk_soft import Soft
@@ -138,24 +138,27 @@ def with_body(p: WaistParams, body: dict[str, Any]) -> WaistParams:
         body: "sensor_height" [m] or "height" [m], as far as known, and "pendulum_constant" [1].
 
     Raises:
-        ValueError: if it names anything else, or a measure is not finite and positive.
+        ValueError: if it names anything else, a measure is not finite and positive, or the height is outside `HEIGHTS`.
     """
     known = ("sensor_height", "height", "pendulum_constant")
     unknown = [name for name in body if name not in known]
     if unknown:
         raise ValueError(f"the waist's estimator takes {', '.join(known)} of a person; got {unknown[0]!r}")
 
-    def one(value: Values) -> PyTree:
+    def one(name: str) -> PyTree:
+        value: Values = body[name]
         if isinstance(value, jax.Array):
             return value
+        if name == "height" and (wrong := outside(name, value, *HEIGHTS)):
+            raise ValueError(wrong)
         if not (math.isfinite(value) and value > 0.0):
-            raise ValueError(f"a person's measures must be finite and positive; got {value}: leave out what is unknown")
+            raise ValueError(f"{name} must be finite and positive; got {value}: leave out what is unknown")
         return float(value)
 
     if "height" in body:
-        p = p._replace(pendulum_length=SENSOR_SHARE * one(body["height"]), pendulum_length_sd=SENSOR_SD)
+        p = p._replace(pendulum_length=SENSOR_SHARE * one("height"), pendulum_length_sd=SENSOR_SD)
     if "sensor_height" in body:
-        p = p._replace(pendulum_length=one(body["sensor_height"]), pendulum_length_sd=TAPE_SD)
+        p = p._replace(pendulum_length=one("sensor_height"), pendulum_length_sd=TAPE_SD)
     if "pendulum_constant" in body:
-        p = p._replace(pendulum_constant=one(body["pendulum_constant"]))
+        p = p._replace(pendulum_constant=one("pendulum_constant"))
     return p

@@ -660,8 +660,22 @@ def test_what_cannot_be_done_is_said(walked):
         jgait.analyse(only(walked[0], "thigh_right"))
     with pytest.raises(ValueError, match=r"a person has .*height.*; got 'size'"):
         jgait.analyse(walked[0], {"size": 1.8})
-    with pytest.raises(ValueError, match="height must be"):
-        jgait.analyse(walked[0], {"height": 175.0})
+
+
+@pytest.mark.parametrize(
+    ("person", "said"),
+    [
+        ({"height": 175.0}, r"^height must be between 0.8 and 2.4 m; got 175 \(in cm\? then 1.75\)$"),
+        ({"height": float("nan")}, r"^height must be .* m; got nan: leave out what is unknown$"),
+        ({"height": None}, "^height must be a number; got None: leave out what is unknown$"),
+        ({"height": "1.75"}, "^height must be a number; got '1.75'$"),
+        ({"thigh_length": (0.4, 42.0)}, r"^thigh_length must be between 0.2 and 0.7 m; got 42 \(in cm\? then 0.42\)$"),
+    ],
+)
+def test_measures_that_cannot_be_a_person_s_are_refused_by_their_names(walked, person, said):
+    for recording in (walked[0], only(walked[0], "pelvis")):
+        with pytest.raises(ValueError, match=said):
+            jgait.analyse(recording, person)
 
 
 HALF, PAIR = np.array([[1.0, 0.5], [0.5, 1.0]]), np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]])

@@ -407,8 +407,10 @@ def test_options_parameters_and_measures_that_are_none_are_refused(straight):
         estimated(recording, options=WaistOptions(distance="far"))
     with pytest.raises(ValueError, match="detector must be one of soft.*; got 'eye'"):
         estimated(recording, options=WaistOptions(detector="eye"))
-    with pytest.raises(ValueError, match="finite and positive; got nan: leave out what is unknown"):
-        waist.with_body(WaistParams(), {"height": float("nan")})
+    with pytest.raises(ValueError, match="sensor_height must be finite and positive; got nan: leave out what is unkn"):
+        waist.with_body(WaistParams(), {"sensor_height": float("nan")})
+    with pytest.raises(ValueError, match=r"height must be between 0.8 and 2.4 m; got 175 \(in cm\? then 1.75\)"):
+        waist.with_body(WaistParams(), {"height": 175.0})
     assert waist.with_body(WaistParams(), {"height": 1.8}).pendulum_length == pytest.approx(1.08)
     assert waist.with_body(WaistParams(), {"height": 1.8, "sensor_height": 1.0}).pendulum_length == 1.0
 
