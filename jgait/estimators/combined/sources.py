@@ -179,11 +179,9 @@ ROWS_SHARE = 0.1
 """[1] Deviation of a length over itself where rows are missing or written twice. Chosen: with a fiftieth of the rows,
 lengths of recorded walks were off by 4 to 13 %."""
 
-ROWS = {"rows_lost": "places", "rows_twice": "rows"}
-"""Code of a reader's note on rows → its number of rows; a few places of a joined file change no other stride."""
-
-MANY_ROWS = 10
-"""[1] Number of rows from which on all strides are uncertain."""
+ROWS = {"rows_lost": ("places", 10), "rows_twice": ("rows", 10), "rows_skipped": ("places", 1)}
+"""Code of a reader's note on rows → its number of rows, and from which number on all strides are uncertain; a few
+places of a joined file change no other stride."""
 
 
 def with_time_wrong(
@@ -202,8 +200,8 @@ def with_time_wrong(
         str(note.values["placement"]): trust.rates_share(note)
         for source in estimates for note in source.estimate.diagnostics["notes"] if note.code == RATES_OFF.code
     }  # fmt: skip
-    rows = [note for note in recording_notes if note.code in ROWS]
-    many = any(as_float(note.values[ROWS[note.code]]) >= MANY_ROWS for note in rows)
+    rows = [(note, *ROWS[note.code]) for note in recording_notes if note.code in ROWS]
+    many = any(as_float(note.values[number]) >= least for note, number, least in rows)
     if not many and (not off or set(off) != worn):
         return estimates, 0.0, frozenset(off)
     share = ROWS_SHARE if many else float(np.mean(list(off.values())))
