@@ -254,6 +254,13 @@ def test_rows_missing_in_blocks_are_noticed(rows, places):
     assert not found(harm.read(in_blocks(few, 0.04)._replace(sensors=few.sensors, time=few.time), "walk"))
 
 
+def test_strides_without_any_difference_and_standing_leave_out_nothing():
+    time = np.arange(3000)[:, None] / 100.0
+    same = 4.0 * np.sin(2.0 * np.pi * time / 1.1 + np.arange(3))
+    for rates in (same, np.zeros((3000, 3)), np.random.default_rng(0).normal(size=(3000, 3))):
+        assert skips.skip_notes([rates], np.ones(2999, bool), 100.0) == ()
+
+
 @pytest.mark.parametrize("name", ["14-1", "2-1"])
 def test_rows_missing_in_blocks_of_recorded_walks_are_noticed(data, name):
     (walk,) = data("ipol_gait", name)

@@ -38,8 +38,9 @@ MOST_ROWS = 2048
 LEAST_HZ = 80.0
 """[Hz] Least sampling rate; with fewer rows, a landing is as short as a step."""
 
-MOVING = 0.5
-"""[1] Least squared change from before a step to after it, over the usual one, for the step to count. Chosen."""
+MOVING, SAME = 0.2, 1e-3
+"""[1], [1] Least squared change from before a step to after it, over the mean one, for the step to count; and what is
+added to misfits, over the same, so that strides without any difference do not count. Chosen."""
 
 TINY = 1e-4
 """[1] Added to sizes that divide."""
@@ -126,7 +127,7 @@ def _advantages(part: np.ndarray, window: int, most: int, apart: int) -> tuple[n
     misfit = _misfits(part, window)
     starts = np.arange(len(misfit) - window)
     moved = misfit[starts, starts + window]
-    starts = starts[moved > MOVING * np.median(moved)]
+    starts, same = starts[moved > MOVING * moved.mean()], SAME * moved.mean()
     others = np.arange(2 * most, len(misfit) - window - 2 * most)
     joint = misfit[starts][:, others] + misfit[starts + window][:, others + window]
     joint[np.abs(others - starts[:, None]) < apart] = np.inf
@@ -139,7 +140,8 @@ def _advantages(part: np.ndarray, window: int, most: int, apart: int) -> tuple[n
     shifts = np.arange(-most, most + 1)
     before = misfit[starts[:, None, None], at + shifts]
     after = misfit[(starts + window)[:, None, None], at + window + np.arange(-2 * most, 2 * most + 1)]
-    fits = np.stack([(before + after[:, :, shifts + between + 2 * most]).min(axis=2) for between in shifts], axis=2)
+    least = [(before + after[:, :, shifts + between + 2 * most]).min(axis=2) for between in shifts]
+    fits = np.stack(least, axis=2) + same
     logs = np.where(known[:, :, None], 0.5 * np.log(fits[:, :, most, None] / fits), np.nan)
     logs = np.nan_to_num(np.nanmedian(np.where(known.any(axis=1)[:, None, None], logs, 0.0), axis=1))
     return starts + window - 1, logs
