@@ -96,6 +96,9 @@ class Item(NamedTuple):
     #: name of the trial in a file with several; None: the file is one recording, or the reader decides.
     trial: str | None = None
     folder: str = ""  #: name of the file's folder, if another file has the same name; else empty.
+    table: Path | None = None  #: the table of recordings that lists the file.
+    cell: str = ""  #: the file as the table names it.
+    subject: str = ""  #: the person by the table.
 
     @property
     def key(self) -> str:
@@ -105,8 +108,13 @@ class Item(NamedTuple):
     @property
     def label(self) -> str:
         """As `key`, with the last folder only where it tells the file from another one, and else without folders."""
-        shown = str(Path(self.folder) / self.file.name)
+        shown = self.cell or str(Path(self.folder) / self.file.name)
         return f"{shown}: {self.trial}" if self.trial else shown
+
+    @property
+    def recording(self) -> str:
+        """The recording in tables of several: the file as its table names it, else as the results of each begin."""
+        return self.label if self.cell else self.name
 
 
 def trials_of(file: Path, name: str, format: str | None, trial: str | None) -> list[Item]:

@@ -151,7 +151,7 @@ def tables(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("a/walk.csv", "b/walk.csv", "recordings.csv", "report.html"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text("file\na/walk.csv\n")
+        (tmp_path / name).write_text("file\na/walk.csv\n" if name == "recordings.csv" else "a\nb\n")
 
 
 @pytest.mark.usefixtures("tables")
