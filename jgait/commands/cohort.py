@@ -136,7 +136,7 @@ class Source(NamedTuple):
         """File → its content, of the files of these recordings that are in the columns of a table; else name → the
         mark.
         """
-        if not isinstance(self.read, Files):
+        if not isinstance(self.read, CohortFiles):
             return {name: f"{self.marks[name]}: {name}" for name in names if name in self.marks}
         files = (self.read.rows[name].get(column) for name in names for column in columns)
         paths = {name: self.read.folder / name for name in files if name}
@@ -234,7 +234,7 @@ def _of_dataset(name: str) -> Source:
     return Source(name, names, _Set(name), dict.fromkeys(names, name), [], notes)
 
 
-class Files:
+class CohortFiles:
     """Reads the rows of a table; its `repr` has the units only, because the rows are stored with the results."""
 
     def __init__(
@@ -325,7 +325,7 @@ def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: 
         row["subject"] = name
     notes = _notes(names, rows, measures) + copy_notes({file: path.parent / file for file in rows})
     marks = {file: _mark(path.parent, row) for file, row in rows.items()}
-    return Source(path.name, list(rows), Files(path.parent, rows, gyr_unit, acc_unit), marks, failures, notes,
+    return Source(path.name, list(rows), CohortFiles(path.parent, rows, gyr_unit, acc_unit), marks, failures, notes,
                   [file for row in rows.values() for file in _files(path.parent, row)],
                   {file: row["subject"] for file, row in rows.items() if row.get("subject")})  # fmt: skip
 

@@ -33,7 +33,7 @@ STYLES = {"stop": "bold red", "check": "yellow"}
 """Grade of a flag → its style in the terminal."""
 
 
-class Made(NamedTuple):
+class Outcome(NamedTuple):
     """What became of a recording."""
 
     recording: str  #: its name in tables of several, the same as in those of `jgait evaluate` if a table lists it.
@@ -91,7 +91,8 @@ def estimate(
 
     Every estimator that has its sensors runs; strides that several of them measure are combined by their variances, and
     sensors that contradict each other are named. --height of the person is enough for all of them. With --estimator,
-    one method runs alone. The person should stand still for a second or more somewhere in the recording. Exit code 0:
+    one method runs alone. Of several recordings, one table each of all strides, bouts and so on is written, too, and
+    recordings.csv, which lists all, also those that failed. The person should stand still for a second or more somewhere in the recording. Exit code 0:
     all recordings have results, also without any stride, which is printed as "do not use"; 1: some could not be used,
     such as without walking where leg_ekf or duty_cycled_gyro runs alone; 2: none.
 
@@ -112,7 +113,7 @@ def estimate(
 
     def read(item: Item) -> tuple[Recording, Mapping[str, PyTree]]:
         rows = tables[item.table].read if item.table else None
-        if isinstance(rows, cohorts.Files):
+        if isinstance(rows, cohorts.CohortFiles):
             return rows.recording(item.cell, trial=item.trial, **how)
         return recordings.recording_of(item.file, trial=item.trial, **how), {}
 
@@ -128,7 +129,7 @@ def estimate(
     inputs = [*files, params, person, *(file for table in tables.values() for file in table.files)]
     unread = [failure for table in tables.values() for failure in table.failures]
     say_failures(unread)
-    made = [Made(row, "", row, row, reason) for row, reason in unread]
+    made = [Outcome(row, "", row, row, reason) for row, reason in unread]
     with results_folder(out, "estimate", None, planned=planned, inputs=inputs, json_file=json_file) as folder:
         made += [_one(item, read, job, folder) for item in items]
         if several:
@@ -206,7 +207,7 @@ def _names(files: list[Path]) -> dict[Path, str]:
 
 def _one(
     item: Item, read: Callable[[Item], tuple[Recording, Mapping[str, PyTree]]], job: EstimateJob, folder: ResultsFolder
-) -> Made:
+) -> Outcome:
     """Estimate and write one recording, and print its notes, but for those that put it in doubt."""
     subject = item.subject or item.file.stem
     try:
@@ -220,13 +221,13 @@ def _one(
     except Exception as error:  # whatever a damaged file leads to must not stop the others
         reason = reason_of(error)
         errors.print(f"[bold red]{visible(item.key)}:[/] {visible(reason)}", highlight=False, soft_wrap=True)
-        return Made(item.recording, subject, item.key, item.label, reason)
+        return Outcome(item.recording, subject, item.key, item.label, reason)
     tables = job.tables(made)
     files = [io.write_table(rows, folder.stage / f"{item.name}_{name}.{job.ending}") for name, rows in tables.items()]
     written = folder.publish(files + job.draw(made, folder.stage, item.name))
     for line in grouped(one for one in job.notes(made) if one.severity not in DOUBTS):
         note(f"{item.label}: {str(line).removeprefix(f'{item.file.name}: ')}")
-    result = Made(item.recording, subject, item.key, item.label, "", job.flags(made),
+    result = Outcome(item.recording, subject, item.key, item.label, "", job.flags(made),
                   {name: rows for name, rows in tables.items() if name in job.joined})  # fmt: skip
     for number, row in enumerate([*_doubt_row(result.doubts()), *job.rows(made)]):
         job.table.add_row("" if number else visible(item.name), *row)
@@ -235,7 +236,7 @@ def _one(
     return result._replace(numbers={**job.numbers(made, written), "flags": flags})
 
 
-def _together(made: Sequence[Made], names: Iterable[str]) -> dict[str, "pd.DataFrame"]:
+def _together(made: Sequence[Outcome], names: Iterable[str]) -> dict[str, "pd.DataFrame"]:
     """The tables of all recordings: `recordings`, a row each, and those of each one below the other."""
     import pandas as pd
 
