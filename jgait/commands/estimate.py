@@ -92,9 +92,10 @@ def estimate(
     Every estimator that has its sensors runs; strides that several of them measure are combined by their variances, and
     sensors that contradict each other are named. --height of the person is enough for all of them. With --estimator,
     one method runs alone. Of several recordings, one table each of all strides, bouts and so on is written, too, and
-    recordings.csv, which lists all, also those that failed. The person should stand still for a second or more somewhere in the recording. Exit code 0:
-    all recordings have results, also without any stride, which is printed as "do not use"; 1: some could not be used,
-    such as without walking where leg_ekf or duty_cycled_gyro runs alone; 2: none.
+    recordings.csv, which lists all, also those that failed. The person should stand still for a second or more
+    somewhere in the recording. Exit code 0: all recordings have results, also without any stride, which is printed as
+    "do not use"; 1: some could not be used, such as without walking where leg_ekf or duty_cycled_gyro runs alone; 2:
+    none.
 
     {estimators}
     """
