@@ -219,22 +219,21 @@ def _one(
             recording, known = read(item)
             subject = recording.subject
             made = job.compute(recording, known)
+            tables, flags = job.tables(made), job.flags(made)
     except Exception as error:  # whatever a damaged file leads to must not stop the others
         reason = reason_of(error)
         errors.print(f"[bold red]{visible(item.key)}:[/] {visible(reason)}", highlight=False, soft_wrap=True)
         return Outcome(item.recording, subject, item.key, item.label, reason)
-    tables = job.tables(made)
     files = [io.write_table(rows, folder.stage / f"{item.name}_{name}.{job.ending}") for name, rows in tables.items()]
     written = folder.publish(files + job.draw(made, folder.stage, item.name))
     for line in grouped(one for one in job.notes(made) if one.severity not in DOUBTS):
         note(f"{item.label}: {str(line).removeprefix(f'{item.file.name}: ')}")
-    result = Outcome(item.recording, subject, item.key, item.label, "", job.flags(made),
+    result = Outcome(item.recording, subject, item.key, item.label, "", flags,
                   {name: rows for name, rows in tables.items() if name in job.joined})  # fmt: skip
     for number, row in enumerate([*_doubt_row(result.doubts()), *job.rows(made)]):
         job.table.add_row("" if number else visible(item.name), *row)
     wrote(written)
-    flags = [flag._asdict() for flag in result.flags]
-    return result._replace(numbers={**job.numbers(made, written), "flags": flags})
+    return result._replace(numbers={**job.numbers(made, written), "flags": [flag._asdict() for flag in flags]})
 
 
 def _together(made: Sequence[Outcome], names: Iterable[str]) -> dict[str, "pd.DataFrame"]:

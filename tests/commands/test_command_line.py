@@ -12,7 +12,7 @@ from made.command import run
 
 from experiments.__main__ import main
 from jgait import estimators, io
-from jgait.commands import own_options, person
+from jgait.commands import own_options, person, results
 from jgait.simulate import protocols
 
 
@@ -153,6 +153,21 @@ def test_a_table_of_recordings_gives_one_table_of_all(table, csv, tmp_path, endi
     assert not (out / f"samples.{ending}").exists()
     lengths = read(out / f"sources.{ending}").query("quantity == 'distance' and source == 'legs'")["value"]
     assert lengths.iloc[0] == pytest.approx(lengths.iloc[1] * 1.8 / 1.6, rel=0.01)
+
+
+def test_a_recording_without_tables_does_not_cost_the_others(csv, tmp_path, monkeypatch):
+    def failing(estimate, about, tables=results.tables):
+        calls.append(about)
+        return tables(estimate, about) if len(calls) > 1 else 1 / 0
+
+    calls = []
+    monkeypatch.setattr(results, "tables", failing)
+    again = csv.with_name("again.csv")
+    again.write_bytes(csv.read_bytes())
+    assert run("estimate", csv, again, "--estimator", "ankle_stride", "--out", tmp_path / "out")[0] == 1
+    recordings = pd.read_csv(tmp_path / "out" / "recordings.csv").set_index("recording")
+    assert recordings.loc["walk", "result"] == "failed" and "division by zero" in recordings.loc["walk", "reason"]
+    assert recordings.loc["again", "result"] != "failed"
 
 
 def test_several_files_give_one_table_of_all_and_the_next_ones_replace_it(csv, tmp_path):
