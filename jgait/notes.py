@@ -135,6 +135,20 @@ def by_reason(failures: Iterable[tuple[str, str]]) -> dict[str, str]:
     return {reason: of[0] + ends.get(len(of), f" and {len(of) - 1} others") for reason, of in names.items()}
 
 
+def of_recordings(many: int, whole: int, singular: str = "", plural: str = "") -> str:
+    """How many of all recordings, and a verb: "1 of 3 recordings has", "1 of 1 recording has"."""
+    return (
+        f"{many} of {whole} {'recording' if whole == 1 else 'recordings'} {singular if many == 1 else plural}".strip()
+    )
+
+
+def listed(texts: Iterable[str], longest: int | None = None) -> str:
+    """The first two of several texts, and how many more there are; together with at most so many characters."""
+    first, rest = (every := list(texts))[:2], len(every) - 2
+    shown = [printable(text, longest and longest // len(first)) for text in first]
+    return "; ".join([*shown, f"and {rest} more"] if rest > 0 else shown)
+
+
 def _joined(same: list[Note]) -> list[Note]:
     """Notes of one kind on several sensors as one, with ranges of numbers; else equal ones."""
     names = tuple(dict.fromkeys(str(note.values.get("placement")) for note in same))

@@ -13,7 +13,8 @@ import pytest
 from made.notes import kinds
 
 import jgait
-from jgait.notes import SEVERITIES, Kind, Note, from_json, grouped, to_json
+from jgait.commands import cohort
+from jgait.notes import SEVERITIES, Kind, Note, from_json, grouped, listed, of_recordings, to_json
 
 ROOT = Path(jgait.__file__).parent
 KINDS = kinds()
@@ -128,3 +129,18 @@ def test_no_code_reads_facts_out_of_sentences():
         if searches.search(line) or rewrites.search(line)
     ]
     assert found == []
+
+
+@pytest.mark.parametrize(
+    ("many", "whole", "words"),
+    [(1, 1, "1 of 1 recording is"), (1, 3, "1 of 3 recordings is"), (2, 3, "2 of 3 recordings are")],
+)
+def test_recordings_are_counted_in_the_singular_and_the_plural(many, whole, words):
+    assert of_recordings(many, whole, "is", "are") == words
+    note = cohort.MEASURE_OF_SOME(without=many, recordings=whole, column="height_m")
+    assert str(note).startswith(words.replace("is", "has").replace("are", "have"))
+
+
+def test_of_several_texts_two_are_shown():
+    assert listed(["a"]) == "a" and listed("ab") == "a; b" and listed("abcd") == "a; b; and 2 more"
+    assert len(listed(["a" * 300, "b" * 300], 200)) < 210

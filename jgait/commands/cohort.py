@@ -23,9 +23,10 @@ from jgait.estimators import Estimator, proportions
 from jgait.estimators.about import BodyMeasure
 from jgait.evaluate import Cohort
 from jgait.evaluate.store import OtherEvaluationError
+from jgait.io.names import like_a_signal
 from jgait.io.units import ACC_UNITS, GYR_UNITS, unit_scale
 from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note
-from jgait.types import RecordingError, Walk, people, reason_of
+from jgait.types import Recording, RecordingError, Walk, people, reason_of
 
 
 def _measures() -> dict[str, BodyMeasure]:
@@ -91,7 +92,8 @@ SUBJECTS_UNKNOWN = Kind(
 MEASURE_OF_SOME = Kind(
     "measure_of_some",
     "check",
-    "{without} of {recordings} recordings have no {column}: the default length is taken for them",
+    "{without} of {recordings} {recordings:recording|recordings} {without:has|have} no {column}: the default length is "
+    "taken for {without:it|them}",
     DEFAULT_MEASURE,
 )
 WALK_REPEATED = Kind(
@@ -134,7 +136,7 @@ class Source(NamedTuple):
         """File → its content, of the files of these recordings that are in the columns of a table; else name → the
         mark.
         """
-        if not isinstance(self.read, _Files):
+        if not isinstance(self.read, CohortFiles):
             return {name: f"{self.marks[name]}: {name}" for name in names if name in self.marks}
         files = (self.read.rows[name].get(column) for name in names for column in columns)
         paths = {name: self.read.folder / name for name in files if name}
@@ -162,7 +164,7 @@ def body(walk: Walk, measures: Sequence[str]) -> dict[str, Any]:
 
 
 def is_cohort(path: Path) -> bool:
-    """Whether a table has a column `file`; False for a file that cannot be read."""
+    """Whether a table has a column `file`, and none of a sensor; False for a file that cannot be read."""
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as stream:
             header = stream.readline(100_000)
@@ -170,7 +172,8 @@ def is_cohort(path: Path) -> bool:
         return False
     for separator in ",;\t":
         header = header.replace(separator, "\n")
-    return "file" in (name.strip().strip('"').lower() for name in header.splitlines())
+    names = [name.strip().strip('"').lower() for name in header.splitlines()]
+    return "file" in names and not any(map(like_a_signal, names))
 
 
 def source(
@@ -231,7 +234,7 @@ def _of_dataset(name: str) -> Source:
     return Source(name, names, _Set(name), dict.fromkeys(names, name), [], notes)
 
 
-class _Files:
+class CohortFiles:
     """Reads the rows of a table; its `repr` has the units only, because the rows are stored with the results."""
 
     def __init__(
@@ -244,18 +247,22 @@ class _Files:
         return ", ".join(f"{what} in {unit or 'the unit of the file'}" for what, unit in given.items())
 
     def __call__(self, file: str) -> Walk:
+        """The walk of a row, with its reference."""
+        row = self.rows[file]
+        recording, known = self.recording(file, gyr_unit=self.gyr_unit, acc_unit=self.acc_unit)
+        files = [self.folder / row[name] if row.get(name) else None for name in REFERENCES]
+        return with_reference(recording, _number(row, "distance_m"), files, {"body": known, "day": row.get("day")})
+
+    def recording(self, file: str, **how: Any) -> tuple[Recording, dict[str, float]]:
+        """The recording of a row, read by `recording_of` with further arguments, and the measures of its person."""
         row = self.rows[file]
         numbers = {name: _number(row, name) for name in (*MEASURES, *OTHERS)}
         path = self.folder / file
         if not path.exists():
             raise FileNotFoundError(f"there is no such file: {path}")
-        recording = recording_of(
-            path, rate=numbers["sampling_rate_hz"], name=file, subject=row.get("subject") or file,
-            gyr_unit=self.gyr_unit, acc_unit=self.acc_unit,
-        )  # fmt: skip
-        known = {measure.name: numbers[name] for name, measure in MEASURES.items() if numbers[name] is not None}
-        files = [self.folder / row[name] if row.get(name) else None for name in REFERENCES]
-        return with_reference(recording, numbers["distance_m"], files, {"body": known, "day": row.get("day")})
+        how["rate"] = numbers["sampling_rate_hz"] or how.get("rate")
+        recording = recording_of(path, name=file, subject=row.get("subject") or file, **how)
+        return recording, {one.name: value for name, one in MEASURES.items() if (value := numbers[name]) is not None}
 
 
 def _number(row: dict[str, str], name: str) -> float | None:
@@ -318,7 +325,7 @@ def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: 
         row["subject"] = name
     notes = _notes(names, rows, measures) + copy_notes({file: path.parent / file for file in rows})
     marks = {file: _mark(path.parent, row) for file, row in rows.items()}
-    return Source(path.name, list(rows), _Files(path.parent, rows, gyr_unit, acc_unit), marks, failures, notes,
+    return Source(path.name, list(rows), CohortFiles(path.parent, rows, gyr_unit, acc_unit), marks, failures, notes,
                   [file for row in rows.values() for file in _files(path.parent, row)],
                   {file: row["subject"] for file, row in rows.items() if row.get("subject")})  # fmt: skip
 

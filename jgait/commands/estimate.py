@@ -1,35 +1,70 @@
 """`jgait estimate`: joint angles, foot paths, strides and widths of a user's own recordings."""
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
+from jaxtyping import PyTree
 
+from jgait import io
 from jgait.commands import cohort as cohorts
 from jgait.commands import jobs, recordings
-from jgait.commands.console import Bar, console, errors, note, progress, stop, visible, write_json, wrote
+from jgait.commands.console import Bar, console, errors, note, progress, say_failures, stop, visible, write_json, wrote
 from jgait.commands.folder import ResultsFolder, results_folder
 from jgait.commands.jobs import EstimateJob
 from jgait.commands.own_options import remarks, with_own_options
 from jgait.commands.person import PersonFile, person_in, person_of
 from jgait.commands.pipeline import chosen
+from jgait.commands.recordings import Item
 from jgait.estimators import programs
-from jgait.notes import grouped
+from jgait.notes import grouped, of_recordings
 from jgait.report.flags import DOUBTS, verdict
 from jgait.report.page import GRADES, Flag
 from jgait.types import Recording, reason_of
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 STYLES = {"stop": "bold red", "check": "yellow"}
 """Grade of a flag → its style in the terminal."""
+
+
+class Outcome(NamedTuple):
+    """What became of a recording."""
+
+    recording: str  #: its name in tables of several, the same as in those of `jgait evaluate` if a table lists it.
+    subject: str
+    key: str = ""  #: its file, with its trial if the file has several.
+    label: str = ""  #: the same in printed lines.
+    reason: str = ""  #: why it could not be used; empty if it could.
+    flags: Sequence[Flag] = ()
+    tables: "Mapping[str, pd.DataFrame]" = MappingProxyType({})  #: its tables of which there is one of all recordings.
+    numbers: Mapping[str, Any] = MappingProxyType({})  #: for the JSON file.
+
+    def doubts(self) -> list[Flag]:
+        """The flags that put it in doubt, the gravest first."""
+        return [flag for flag in self.flags if flag.grade in DOUBTS]
+
+    def row(self) -> tuple[str, ...]:
+        """Its row in the table of recordings."""
+        doubts = self.doubts()
+        result = "failed" if self.reason else GRADES[doubts[0].grade].lower() if doubts else "good"
+        lines = (line for flag in doubts for line in flag.text.splitlines())
+        return self.recording, self.subject, self.key, result, self.reason or "; ".join(lines)
 
 
 @with_own_options
 def estimate(
     files: Annotated[
         list[Path],
-        typer.Argument(help="One recording each: CSV, Parquet, or as a measuring system writes it, also a folder."),
+        typer.Argument(
+            help="One recording each: CSV, Parquet, or as a measuring system writes it, also a folder; or a table of "
+            "recordings with a column file, as of jgait evaluate."
+        ),
     ],
     estimator: cohorts.OneEstimator = None,
     rate: recordings.Rate = None,
@@ -56,9 +91,11 @@ def estimate(
 
     Every estimator that has its sensors runs; strides that several of them measure are combined by their variances, and
     sensors that contradict each other are named. --height of the person is enough for all of them. With --estimator,
-    one method runs alone. The person should stand still for a second or more somewhere in the recording. Exit code 0:
-    all recordings have results, also without any stride, which is printed as "do not use"; 1: some could not be used,
-    such as without walking where leg_ekf or duty_cycled_gyro runs alone; 2: none.
+    one method runs alone. Of several recordings, one table each of all strides, bouts and so on is written, too, and
+    recordings.csv, which lists all, also those that failed. The person should stand still for a second or more
+    somewhere in the recording. Exit code 0: all recordings have results, also without any stride, which is printed as
+    "do not use"; 1: some could not be used, such as without walking where leg_ekf or duty_cycled_gyro runs alone; 2:
+    none.
 
     {estimators}
     """
@@ -66,34 +103,52 @@ def estimate(
         stop(f"--table-format is {', '.join(jobs.ENDINGS)}; got '{table_format}'")
     job = _job(estimator, paper, params, person, table_format, own)
     placement, placements = recordings.places_of(place)
-    read = partial(
-        recordings.recording_of, rate=rate, gyr_unit=gyr_unit, acc_unit=acc_unit, range_unit=range_unit, format=format,
-        placement=placement, placements=placements,
-    )  # fmt: skip
-    names = _names(files)
-    above = _folders(files, lambda file: file.name)
-    items = [
-        item._replace(folder="/".join(above[file]))
-        for file, name in names.items() for item in recordings.trials_of(file, name, format, trial)
-    ]  # fmt: skip
+    tables = {
+        file: cohorts.source(file, None, None, 0, gyr_unit, acc_unit, ())
+        for file in files if cohorts.is_cohort(file)
+    }  # fmt: skip
+    how: dict[str, Any] = {
+        "rate": rate, "gyr_unit": gyr_unit, "acc_unit": acc_unit, "range_unit": range_unit, "format": format,
+        "placement": placement, "placements": placements,
+    }  # fmt: skip
+
+    def read(item: Item) -> tuple[Recording, Mapping[str, PyTree]]:
+        rows = tables[item.table].read if item.table else None
+        if isinstance(rows, cohorts.CohortFiles):
+            return rows.recording(item.cell, trial=item.trial, **how)
+        return recordings.recording_of(item.file, trial=item.trial, **how), {}
+
+    items = _items(files, tables, format, trial)
     planned = {
         output: item._replace(file=item.file.resolve()).key for item in items for output in job.planned(item.name)
     }
     if len(planned) < len(items) * len(job.planned("")):
         stop("two of these files have results of the same names; give them different --out")
-    inputs = [*files, params, person]
-    doubts: dict[str, list[Flag]] = {}
+    several = len(items) > 1 or bool(tables)
+    if several:
+        planned |= {f"{name}.{table_format}": "all recordings" for name in ("recordings", *job.joined)}
+    inputs = [*files, params, person, *(file for table in tables.values() for file in table.files)]
+    unread = [failure for table in tables.values() for failure in table.failures]
+    say_failures(unread)
+    made = [Outcome(row, "", row, row, reason) for row, reason in unread]
     with results_folder(out, "estimate", None, planned=planned, inputs=inputs, json_file=json_file) as folder:
-        numbers, failures = _each(items, read, job, folder, doubts)
+        made += [_one(item, read, job, folder) for item in items]
+        if several:
+            every = _together(made, job.joined).items()
+            files = [io.write_table(rows, folder.stage / f"{name}.{table_format}") for name, rows in every]
+            wrote(folder.publish(files))
     if job.table.rows:
         console.print(job.table)
         console.print(job.caption, style="dim")
-    for label, flags in doubts.items():
-        _say_doubts(label, flags)
+    for one in made:
+        if doubtful := one.doubts():
+            _say_doubts(one.label, doubtful)
+    failures = {one.key: one.reason for one in made if one.reason}
+    numbers = {one.key: one.numbers for one in made if not one.reason}
     write_json(json_file, {"estimator": job.name, "recordings": numbers, "failures": failures})
     if failures:
-        errors.print(f"{len(failures)} of {len(items)} recordings could not be used", highlight=False)
-        raise typer.Exit(1 if len(failures) < len(items) else 2)
+        errors.print(f"{of_recordings(len(failures), len(made))} could not be used", highlight=False)
+        raise typer.Exit(1 if numbers else 2)
 
 
 def _job(
@@ -106,76 +161,93 @@ def _job(
                 stop(f"{option} is of one estimator; give --estimator as well")
         return jobs.all_sensors(person_of(person, own), ending)
     choice = chosen(estimator, paper, params, own)
-    p, lacking = choice.personal(person_in(person))
-    for line in (*remarks(estimator, own), *(one for one in lacking if one.severity not in DOUBTS)):
+    for line in remarks(estimator, own):
         note(line)
-    return jobs.one_estimator(choice, p, estimator + (", the paper's pipeline" if paper else ""), ending, lacking)
+    return jobs.one_estimator(choice, person_in(person), f"{estimator}{', the paper’s pipeline' * paper}", ending)
+
+
+def _items(
+    files: list[Path], tables: Mapping[Path, cohorts.Source], format: str | None, trial: str | None
+) -> list[Item]:
+    """The recordings in files, and in the files that tables list; their results begin with the file's stem, after the
+    names of as many of its folders as others share it.
+    """
+    listed: list[tuple[Path, Path | None, str]] = []
+    for file in files:
+        if file in tables:
+            listed += [(file.parent / cell, file, cell) for cell in tables[file].items]
+        else:
+            listed.append((file, None, ""))
+    paths = [file for file, _, _ in listed]
+    names = _names(paths)
+    called = Counter(file.name for file in paths)
+    items = []
+    for file, table, cell in listed:
+        subject = tables[table].subjects.get(cell, cell) if table else ""
+        folder = file.resolve().parent.name if called[file.name] > 1 else ""
+        every = recordings.trials_of(file, names[file], format, trial)
+        items += [item._replace(folder=folder, table=table, cell=cell, subject=subject) for item in every]
+    return items
 
 
 def _names(files: list[Path]) -> dict[Path, str]:
-    """File → the first part of the names of its results: its stem, after the folders that tell it from other files."""
-    names = {file: "_".join([*above, file.stem]) for file, above in _folders(files, lambda file: file.stem).items()}
+    """File → the first part of the names of its results; exits with code 2 if that of two files would be the same."""
+    names = {file: file.stem for file in files}
+    parts = {file: [*file.resolve().parent.parts[1:], file.stem] for file in files}
+    for depth in range(2, max(map(len, parts.values()), default=0) + 1):
+        many = Counter(name.casefold() for name in names.values())
+        names = {
+            file: "_".join(parts[file][-depth:]) if many[name.casefold()] > 1 else name for file, name in names.items()
+        }
     if len({name.casefold() for name in names.values()}) < len(files):
-        stems = [file.stem.casefold() for file in files]
-        shared = ", ".join(str(file) for file, stem in zip(files, stems, strict=True) if stems.count(stem) > 1)
+        called = Counter(file.stem.casefold() for file in files)
+        shared = ", ".join(str(file) for file in files if called[file.stem.casefold()] > 1)
         stop(f"the results of these files would have the same names: {shared}; estimate each into another --out")
     return names
 
 
-def _folders(files: list[Path], called: Callable[[Path], str]) -> dict[Path, tuple[str, ...]]:
-    """File → as many folders above it as tell all files apart that are called the same; none where one is enough."""
-    groups: dict[str, list[tuple[Path, tuple[str, ...]]]] = {}
-    for file in files:
-        groups.setdefault(called(file).casefold(), []).append((file, file.resolve().parent.parts[1:]))
-    found: dict[Path, tuple[str, ...]] = {}
-    for group in groups.values():
-        for levels in range(max(len(above) for _, above in group) + 1):
-            named = {file: above[max(len(above) - levels, 0) :] for file, above in group}
-            if len({tuple(map(str.casefold, above)) for above in named.values()}) == len(group):
-                break
-        found |= named
-    return found
+def _one(
+    item: Item, read: Callable[[Item], tuple[Recording, Mapping[str, PyTree]]], job: EstimateJob, folder: ResultsFolder
+) -> Outcome:
+    """Estimate and write one recording, and print its notes, but for those that put it in doubt."""
+    subject = item.subject or item.file.stem
+    try:
+        with progress() as bars:
+            bar = Bar(bars)
+            bar(f"{item.label}: reading and computing", 0, None)
+            programs.before_compiling(partial(bar, f"{item.label}: compiling (first time only)", 0, None))
+            recording, known = read(item)
+            subject = recording.subject
+            made = job.compute(recording, known)
+            tables, flags = job.tables(made), job.flags(made)
+    except Exception as error:  # whatever a damaged file leads to must not stop the others
+        reason = reason_of(error)
+        errors.print(f"[bold red]{visible(item.key)}:[/] {visible(reason)}", highlight=False, soft_wrap=True)
+        return Outcome(item.recording, subject, item.key, item.label, reason)
+    files = [io.write_table(rows, folder.stage / f"{item.name}_{name}.{job.ending}") for name, rows in tables.items()]
+    written = folder.publish(files + job.draw(made, folder.stage, item.name))
+    for line in grouped(one for one in job.notes(made) if one.severity not in DOUBTS):
+        note(f"{item.label}: {str(line).removeprefix(f'{item.file.name}: ')}")
+    result = Outcome(item.recording, subject, item.key, item.label, "", flags,
+                  {name: rows for name, rows in tables.items() if name in job.joined})  # fmt: skip
+    for number, row in enumerate([*_doubt_row(result.doubts()), *job.rows(made)]):
+        job.table.add_row("" if number else visible(item.name), *row)
+    wrote(written)
+    return result._replace(numbers={**job.numbers(made, written), "flags": [flag._asdict() for flag in flags]})
 
 
-def _each(
-    items: list[recordings.Item], read: Callable[..., Recording], job: EstimateJob, folder: ResultsFolder,
-    doubts: dict[str, list[Flag]],
-) -> tuple[dict[str, Any], dict[str, str]]:  # fmt: skip
-    """Estimate, write and print every recording: its file → numbers, or the reason why it could not be used.
+def _together(made: Sequence[Outcome], names: Iterable[str]) -> dict[str, "pd.DataFrame"]:
+    """The tables of all recordings: `recordings`, a row each, and those of each one below the other."""
+    import pandas as pd
 
-    What puts a recording in doubt is added to `doubts`, by its label; other notes are printed.
-    """
-    numbers: dict[str, Any] = {}
-    failures: dict[str, str] = {}
-    for item in items:
-        try:
-            with progress() as bars:
-                bar = Bar(bars)
-                bar(f"{item.label}: reading and computing", 0, None)
-                programs.before_compiling(partial(bar, f"{item.label}: compiling (first time only)", 0, None))
-                made = job.compute(read(item.file, trial=item.trial))
-        except Exception as error:  # whatever a damaged file leads to must not stop the others
-            reason = reason_of(error)
-            if cohorts.is_cohort(item.file):
-                reason = (
-                    "this is a table of recordings, with a column 'file', and no recording; "
-                    f"jgait evaluate {item.file} and jgait report {item.file} take it"
-                )
-            errors.print(f"[bold red]{visible(item.key)}:[/] {visible(reason)}", highlight=False, soft_wrap=True)
-            failures[item.key] = reason
-            continue
-        written = folder.publish(job.write(made, folder.stage, item.name))
-        for line in grouped(one for one in job.notes(made) if one.severity not in DOUBTS):
-            note(f"{item.label}: {str(line).removeprefix(f'{item.file.name}: ')}")
-        flags = job.flags(made)
-        doubtful = [flag for flag in flags if flag.grade in DOUBTS]
-        if doubtful:
-            doubts[item.label] = doubtful
-        for number, row in enumerate([*_doubt_row(doubtful), *job.rows(made)]):
-            job.table.add_row("" if number else visible(item.name), *row)
-        numbers[item.key] = {**job.numbers(made, written), "flags": [flag._asdict() for flag in flags]}
-        wrote(written)
-    return numbers, failures
+    columns = ["recording", "subject", "file", "result", "reason"]
+    tables = {"recordings": pd.DataFrame([one.row() for one in made], columns=columns)}
+    for name in names:
+        parts = {(one.recording, one.subject): one.tables[name] for one in made if len(one.tables.get(name, ()))}
+        if parts:
+            whole = pd.concat(parts, names=["recording", "subject"])
+            tables[name] = whole.reset_index(level=[0, 1]).reset_index(drop=True)
+    return tables
 
 
 def _doubt_row(flags: Sequence[Flag]) -> list[list[str]]:

@@ -30,7 +30,7 @@ from jgait.estimators import Estimator
 from jgait.estimators.stride_flags import STRIDE_COLUMNS
 from jgait.evaluate import Cohort
 from jgait.evaluate.store import REGULAR
-from jgait.notes import Note, from_json
+from jgait.notes import Note, from_json, of_recordings
 from jgait.plot import cohort as plot_cohort
 from jgait.report.cohort import DRAWN, drawn
 from jgait.report.page import significant
@@ -49,7 +49,7 @@ NOT_COMPARED = (
 )
 """Why strides are not compared, without and with strides of the estimate."""
 
-NOT_USED = "their notes say that the result should not be used (see below); quantities.csv and strides.csv have them"
+NOT_USED = "the notes say that the result should not be used (see below); quantities.csv and strides.csv have them"
 """Why recordings are not compared."""
 
 TABLES = ("recordings", "quantities", "strides", "agreement", "failures")
@@ -135,7 +135,7 @@ def evaluate(
     say_warnings(results.recordings[["recording", "notes"]].itertuples(index=False, name=None), every)
     wrote(files)
     if failures:
-        console.print(f"{len(failures)} of {len(failures) + len(results.recordings)} recordings could not be used")
+        console.print(f"{of_recordings(len(failures), len(failures) + len(results.recordings))} could not be used")
         raise typer.Exit(1)
 
 
@@ -253,10 +253,10 @@ def _show(title: str, results: Cohort, usable: Cohort, agreement: "pd.DataFrame"
         _show_shapes(rows, shapes)
     left_out = len(recordings) - len(usable.recordings)
     if left_out:
-        note(f"{left_out} of {len(recordings)} recordings are in none of these errors: {NOT_USED}")
+        note(f"{of_recordings(left_out, len(recordings), 'is', 'are')} in none of these errors: {NOT_USED}")
     without = len(usable.recordings) - rows.loc[rows["estimate"].notna(), "recording"].nunique()
     if without:
-        note(f"{without} of {len(recordings)} recordings have no reference to be compared with")
+        note(f"{of_recordings(without, len(recordings), 'has', 'have')} no reference to be compared with")
 
 
 def _show_shapes(rows: "pd.DataFrame", names: list[str]) -> None:

@@ -1,9 +1,9 @@
 """What `jgait estimate` does with each recording: one estimator, or all that the sensors allow."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import PyTree
@@ -33,6 +33,9 @@ from jgait.report.flags import of_result
 from jgait.report.page import Flag
 from jgait.types import Recording
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 ENDINGS = ("csv", "parquet", "json")
 """Formats of tables."""
 
@@ -50,22 +53,26 @@ class EstimateJob(NamedTuple):
     name: str  #: name of the estimator, or "all".
     table: Table  #: table that is printed, without rows.
     caption: str  #: text below the table.
+    ending: str  #: format of the tables, of `ENDINGS`.
     planned: Callable[[str], list[str]]  #: first part of the names of files → the files that may be written.
-    compute: Callable[[Recording], PyTree]  #: recording → result.
+    joined: tuple[str, ...]  #: tables of which there is one of all recordings; those of samples are left out.
+    compute: Callable[[Recording, Mapping[str, PyTree]], PyTree]  #: (recording, measures of its person) → result.
     notes: Callable[[PyTree], tuple[Note, ...]]  #: result → notes.
     flags: Callable[[PyTree], list[Flag]]  #: result → what a reader should know before using its numbers, as on a page.
-    write: Callable[[PyTree, Path, str], list[Path]]  #: (result, folder, first part of the names) → files written.
+    tables: Callable[[PyTree], "dict[str, pd.DataFrame]"]  #: result → table that is written, by the end of its name.
+    draw: Callable[[PyTree, Path, str], list[Path]]  #: (result, folder, first part of the names) → figures written.
     rows: Callable[[PyTree], list[list[str]]]  #: result → rows of the printed table, without the recording.
     numbers: Callable[[PyTree, list[Path]], dict[str, PyTree]]  #: (result, files) → numbers for the JSON file.
 
 
-def one_estimator(choice: Choice, p: PyTree, title: str, ending: str, lacking: Sequence[Note] = ()) -> EstimateJob:
-    """The estimator that the options select; `lacking` are notes about measures of the person."""
+def one_estimator(choice: Choice, person: Mapping[str, PyTree], title: str, ending: str) -> EstimateJob:
+    """The estimator that the options select."""
     about = choice.estimator.about
 
-    def compute(recording: Recording) -> EstimatedRecording:
+    def compute(recording: Recording, known: Mapping[str, PyTree]) -> EstimatedRecording:
+        p, lacking = choice.personal({**known, **person})
         result = choice.estimate(p, recording)
-        notes = without_repeats((*recording.notes, *result.diagnostics["notes"]))
+        notes = (*without_repeats((*recording.notes, *result.diagnostics["notes"])), *lacking)
         result = result._replace(diagnostics={**result.diagnostics, "notes": notes})
         return EstimatedRecording(recording, result, p, choice.settings)
 
@@ -76,10 +83,12 @@ def one_estimator(choice: Choice, p: PyTree, title: str, ending: str, lacking: S
     table = table_of("recording", "quantity", "value", left=3, title=title)
     caption = "; ".join(filter(None, (about.caption.format(**choice.settings), CAPTION)))
     return EstimateJob(
-        choice.estimator.name, table, caption,
-        lambda name: results.planned(about, name, ending), compute, lambda made: made.estimate.diagnostics["notes"],
-        lambda made: of_result(made.estimate, (*made.estimate.diagnostics["notes"], *lacking)),
-        lambda made, out, name: results.written(made, about, out, name, ending), rows,
+        choice.estimator.name, table, caption, ending, lambda name: results.planned(about, name, ending),
+        tuple(table.name for table in about.tables if table.rows != "samples"), compute,
+        lambda made: made.estimate.diagnostics["notes"],
+        lambda made: of_result(made.estimate, made.estimate.diagnostics["notes"]),
+        lambda made: results.tables(made.estimate, about),
+        lambda made, out, name: results.drawn(made, out, name, about.figures), rows,
         lambda made, files: results.numbers(made.estimate, about, files),
     )  # fmt: skip
 
@@ -90,16 +99,16 @@ def all_sensors(person: Mapping[str, PyTree], ending: str) -> EstimateJob:
     def planned(name: str) -> list[str]:
         return [f"{name}_{table}.{ending}" for table in TABLES] + [f"{name}_{figure.file}.png" for figure in FIGURES]
 
-    def write(made: Analysis, out: Path, name: str) -> list[Path]:
-        tables = io.analysis_to_dataframes(made).items()
-        kept = [(key, rows) for key, rows in tables if len(rows) or key == "summary"]  # tables of many are joined
-        files = [io.write_table(rows, out / f"{name}_{key}.{ending}") for key, rows in kept]
-        return files + results.drawn(made, FIGURES, out, name)
+    def tables(made: Analysis) -> "dict[str, pd.DataFrame]":
+        every = io.analysis_to_dataframes(made).items()
+        return {key: rows for key, rows in every if len(rows) or key == "summary"}  # tables of many are joined
 
     table = table_of("recording", "quantity", "combined", "each alone", left=4, title="all sensors together")
     return EstimateJob(
-        "all", table, CAPTION, planned, partial(analyse, person=person), lambda made: made.notes,
-        lambda made: of_result(made.estimate, made.notes), write, _rows, _numbers,
+        "all", table, CAPTION, ending, planned, TABLES[:-1],
+        lambda recording, known: analyse(recording, {**known, **person}), lambda made: made.notes,
+        lambda made: of_result(made.estimate, made.notes), tables, partial(results.drawn, figures=FIGURES), _rows,
+        _numbers,
     )  # fmt: skip
 
 

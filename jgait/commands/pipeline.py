@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait import estimators, io
-from jgait.commands.console import note, stop
+from jgait.commands.console import count, note, stop
 from jgait.commands.own_options import given_of, refuse
 from jgait.commands.rows import Contents
 from jgait.estimators import About, Estimator, proportions
@@ -25,7 +25,8 @@ NOT_HELD_OUT = Kind(
 )  # fmt: skip
 HELD_OUT = Kind(
     "held_out", "info",
-    "the parameters in {file} were tuned on {cohort}: none of these {recordings} recordings is of that tuning{others}",
+    "the parameters in {file} were tuned on {cohort}: of {recordings} {recordings:recording|recordings}, none is of "
+    "that tuning{others}",
     "Recordings are compared by their content, people by their names: a person with another name is not noticed.",
 )  # fmt: skip
 MEASURES_ABSENT = Kind("measures_absent", "check", "{options}: {consequence}", DEFAULT_MEASURE)
@@ -202,7 +203,7 @@ def not_held_out(
             return (HELD_OUT(file=name, cohort=cohort, recordings=len(versions), others=others),)
         parts = {"used there": len(used), "of people with names used there": same}
         each = " and ".join(f"{number} {what}" for what, number in parts.items() if number)
-        which = f"of these {len(versions)} recordings, {each}, so that errors on them are"
+        which = f"of {count(len(versions), 'recording', 'recordings')}, {each}, so that errors on them are"
     return (NOT_HELD_OUT(file=name, cohort=cohort, which=which, others=others),)
 
 

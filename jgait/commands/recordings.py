@@ -95,7 +95,10 @@ class Item(NamedTuple):
     name: str  #: first part of the names of its results.
     #: name of the trial in a file with several; None: the file is one recording, or the reader decides.
     trial: str | None = None
-    folder: str = ""  #: names of the folders that tell the file from others of the same name; else empty.
+    folder: str = ""  #: name of the file's folder, if another file has the same name; else empty.
+    table: Path | None = None  #: the table of recordings that lists the file.
+    cell: str = ""  #: the file as the table names it.
+    subject: str = ""  #: the person by the table.
 
     @property
     def key(self) -> str:
@@ -104,9 +107,14 @@ class Item(NamedTuple):
 
     @property
     def label(self) -> str:
-        """As `key`, with folders only as far as they tell the file from another one."""
-        shown = str(Path(self.folder) / self.file.name)
+        """As `key`, with the last folder only where it tells the file from another one, and else without folders."""
+        shown = self.cell or str(Path(self.folder) / self.file.name)
         return f"{shown}: {self.trial}" if self.trial else shown
+
+    @property
+    def recording(self) -> str:
+        """The recording in tables of several: the file as its table names it, else as the results of each begin."""
+        return self.label if self.cell else self.name
 
 
 def trials_of(file: Path, name: str, format: str | None, trial: str | None) -> list[Item]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from jaxtyping import PyTree
 
 from jgait import io, plot
-from jgait.estimators.about import About, EstimatedRecording, EstimateFigure, EstimateTable
+from jgait.estimators.about import About, EstimateFigure, EstimateTable
 from jgait.estimators.stride_flags import marks, regular
 from jgait.notes import Note
 from jgait.types import Estimate
@@ -18,23 +18,18 @@ if TYPE_CHECKING:
 
 
 def planned(about: About, name: str, ending: str = "csv") -> list[str]:
-    """The names of the files that `written` may write."""
+    """The names of the files of `tables` and `drawn`, if all are written."""
     return [f"{name}_{table.name}.{ending}" for table in about.tables] + [
         f"{name}_{figure.file}.png" for figure in about.figures
     ]
 
 
-def written(made: EstimatedRecording, about: About, out: Path, name: str, ending: str = "csv") -> list[Path]:
-    """Write tables and figures of one recording into a folder; their names begin with `name`. Returns their paths."""
-    files = [
-        io.write_table(rows_of(table, made.estimate, about), out / f"{name}_{table.name}.{ending}")
-        for table in about.tables
-        if table.when(made.estimate)
-    ]
-    return files + drawn(made, about.figures, out, name)
+def tables(estimate: Estimate, about: About) -> "dict[str, pd.DataFrame]":
+    """The tables of one recording that are written, by the end of their names."""
+    return {table.name: rows_of(table, estimate, about) for table in about.tables if table.when(estimate)}
 
 
-def drawn(made: PyTree, figures: Sequence[EstimateFigure], out: Path, name: str) -> list[Path]:
+def drawn(made: PyTree, out: Path, name: str, figures: Sequence[EstimateFigure]) -> list[Path]:
     """Draw the figures that there are into a folder; returns their paths."""
     files = []
     for figure in figures:

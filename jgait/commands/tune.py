@@ -19,7 +19,7 @@ from jgait.commands.rows import COPIED
 from jgait.commands.warnings import say_warnings
 from jgait.estimators import Estimator
 from jgait.evaluate.scores import DISTANCE_OFF, STRIDES_OFF
-from jgait.notes import from_json
+from jgait.notes import from_json, of_recordings
 from jgait.params import freed
 from jgait.tune import Lessons
 from jgait.tune.checkpoint import OtherFitError
@@ -135,7 +135,7 @@ def tune(
             note(message)
         tune_report.report(title, job, results, how, folder, failures, json_file)
     if failures:
-        console.print(f"{len(failures)} of {len(failures) + len(made.names)} recordings could not be used")
+        console.print(f"{of_recordings(len(failures), len(failures) + len(made.names))} could not be used")
         raise typer.Exit(1)
 
 

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from jgait.commands.console import count, note
-from jgait.notes import DEFAULT_MEASURE, FEW_RESTS, LOSSES, SEVERITIES, Note, from_json, printable
+from jgait.notes import DEFAULT_MEASURE, FEW_RESTS, LOSSES, SEVERITIES, Note, from_json, grouped, listed, of_recordings
 
 ADVICE = {"stop": "do not use the result", "check": "check"}
 """Severity that is printed → what to do."""
@@ -16,7 +16,7 @@ MOST_KINDS = 5
 """Largest number of kinds that are printed."""
 
 LONGEST_EXAMPLE = 200
-"""[characters] Longest sentence that is printed of a kind."""
+"""[characters] Longest text that is printed of a kind, of one or two sentences."""
 
 
 def say_warnings(recordings: Iterable[tuple[str, str]], where: str) -> None:
@@ -24,14 +24,13 @@ def say_warnings(recordings: Iterable[tuple[str, str]], where: str) -> None:
     `where` all sentences are; nothing if there are none.
     """
     kinds: Counter[tuple[str, str]] = Counter()
-    example: dict[tuple[str, str], tuple[str, Note]] = {}
+    example: dict[tuple[str, str], tuple[str, list[Note]]] = {}
     doubted = unusable = whole = 0
     for name, text in recordings:
-        grave = {
-            (warning.severity, warning.code): (name, warning)
-            for warning in from_json(text)
-            if warning.severity in ADVICE
-        }
+        grave: dict[tuple[str, str], tuple[str, list[Note]]] = {}
+        for warning in grouped(from_json(text)):
+            if warning.severity in ADVICE:
+                grave.setdefault((warning.severity, warning.code), (name, []))[1].append(warning)
         kinds.update(grave.keys())
         example = grave | example
         whole += 1
@@ -41,20 +40,17 @@ def say_warnings(recordings: Iterable[tuple[str, str]], where: str) -> None:
         return
 
     def rank(kind: tuple[str, str]) -> tuple[int, bool, bool, int]:
-        _, warning = example[kind]
+        warning = example[kind][1][0]
         of_reference = warning.code.startswith("reference_")  # all errors against it are wrong
         return SEVERITIES.index(warning.severity), not of_reference, warning.meaning in USUAL, -kinds[kind]
 
     more = f"; the results of {unusable} should not be used" if unusable else ""
-    verb = "has" if doubted == 1 else "have"
-    note(f"\n{doubted} of {count(whole, 'recording', 'recordings')} {verb} warnings{more}:")
+    note(f"\n{of_recordings(doubted, whole, 'has', 'have')} warnings{more}:")
     ordered = sorted(kinds, key=rank)
     for kind in ordered[:MOST_KINDS]:
-        name, warning = example[kind]
-        sentence = printable(" ".join(warning.text.split()), LONGEST_EXAMPLE)
-        note(
-            f"  {ADVICE[warning.severity]}, {count(kinds[kind], 'recording', 'recordings')}, such as {name}: {sentence}"
-        )
+        name, same = example[kind]
+        sentences = listed((" ".join(warning.text.split()) for warning in same), LONGEST_EXAMPLE)
+        note(f"  {ADVICE[kind[0]]}, {count(kinds[kind], 'recording', 'recordings')}, such as {name}: {sentences}")
     left = len(ordered) - MOST_KINDS
     rest = f"{count(left, 'more kind', 'more kinds')}, and all sentences" if left > 0 else "all sentences"
     note(f"{rest}: {where}")

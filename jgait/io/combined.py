@@ -25,11 +25,12 @@ BESIDE_S = 1.0
 
 STRIDES = [
     "s_id", "side", "start_s", "final_contact_s", "end_s", "stride_length_m", "stride_length_std_m",
-    "stride_duration_s", "walking_speed_mps", "hip_flexion_min_deg", "hip_flexion_max_deg", "knee_flexion_min_deg",
-    "knee_flexion_max_deg", "angles_valid", "wb_id", "source", "combined", "special", "regular",
+    "stride_duration_s", "walking_speed_mps", "hip_flexion_min_deg", "hip_flexion_max_deg", "hip_flexion_range_deg",
+    "knee_flexion_min_deg", "knee_flexion_max_deg", "knee_flexion_range_deg", "angles_valid", "wb_id", "source",
+    "combined", "special", "regular",
 ]  # fmt: skip
-BOUTS = ["wb_id", "start_s", "end_s", "duration_s", "n_strides", "n_regular", "distance_m", "stride_length_m",
-         "walking_speed_mps", "cadence_spm"]  # fmt: skip
+BOUTS = ["wb_id", "start_s", "end_s", "duration_s", "n_strides", "n_regular", "distance_m", "distance_std_m",
+         "stride_length_m", "walking_speed_mps", "cadence_spm"]  # fmt: skip
 SOURCES = ["quantity", "unit", "source", "value", "std", "n_strides"]
 """Columns of tables without rows; with rows, the table of strides has those that its sensors measure."""
 
@@ -38,17 +39,20 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     """The tables of an analysis; without strides, those of strides, their summary and bouts have no rows.
 
     `strides`: columns of `strides_to_dataframe`, then `stance_duration_s swing_duration_s`, smallest and largest
-    `hip_flexion_…_deg knee_flexion_…_deg` in the stride where thigh and shank are measured, with their deviations
-    `…_std_deg`, mostly of the standing pose and so the same in all strides, `angles_valid`, False if these angles are
+    `hip_flexion_…_deg knee_flexion_…_deg` in the stride where thigh and shank are measured and the range between them,
+    with their deviations `…_std_deg`, see `joint_extremes`, `angles_valid`, False if these angles are
     not usable, `wb_id` of the walking bout, `source` of the times, `combined` sources of the length,
     `special` flags in words, and `regular`, True if the stride counts in medians: not in a turn, on stairs, from or to
     standing, clipped, uneven, or in doubt. A regular stride can have other flags, such as "sources contradict".
-    `summary`: mean, variability and asymmetry of each measure over the steady strides, see `io.summary.summary`.
+    `summary`: mean, variability and asymmetry of each measure over the steady strides, and the distance, see
+    `io.summary.summary`.
     `contacts`: `time_s side event source`, initial and final contacts; side "unknown" where it is not certain.
-    `bouts`: `wb_id start_s end_s duration_s n_strides n_regular distance_m stride_length_m walking_speed_mps
-    cadence_spm`; a bout ends with a break of more than 3 s; lengths, speeds and cadence are medians over its
-    `n_regular` regular strides, which say little about a bout on stairs or in turns; `distance_m` is the bout's part of
-    the combined distance. The bouts add up to it, unless samples are lost between them.
+    `bouts`: `wb_id start_s end_s duration_s n_strides n_regular distance_m distance_std_m stride_length_m
+    walking_speed_mps cadence_spm`; a bout ends with a break of more than 3 s; lengths, speeds and cadence are medians
+    over its `n_regular` regular strides, which say little about a bout on stairs or in turns; `distance_m` is the
+    bout's part of the combined distance. The bouts add up to it, unless samples are lost between them. `distance_std_m`
+    is the same part of the distance's deviation: as there, errors of strides are taken to have one cause, so that they
+    add up. Errors of single strides do not, and a bout of a few strides can be off by more.
     `sources`: `quantity unit source value std n_strides`, each quantity as each source measures it, and combined.
     `samples`: columns of `to_dataframe`.
     """
@@ -60,7 +64,10 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
         every = _strides(analysis, analysis.strides)
         tables["strides"] = every.dropna(axis="columns", how="all")
         unknown = marks(analysis.estimate, (SIDE_UNKNOWN,)).get(SIDE_UNKNOWN.name, np.zeros(len(every), bool))
-        tables["summary"] = summary(tables["strides"].assign(side_known=~unknown))
+        whole = [one for one in analysis.comparisons if (one.source, one.quantity) == ("combined", "distance")]
+        tables["summary"] = summary(
+            tables["strides"].assign(side_known=~unknown), [(one.value, one.stddev) for one in whole]
+        )
         tables["bouts"] = _bouts(every, analysis.estimate)
     tables["contacts"] = _contacts(analysis)
     rows = [
@@ -100,8 +107,13 @@ def _strides(analysis: "Analysis", joined: "JoinedStrides") -> "pd.DataFrame":
 
 
 def joint_extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.ndarray]:
-    """Smallest and largest flexion of hip and knee [°] in each stride, of its own leg, each with the standard deviation
-    of that sample if the estimate states it; NaN where a sample lacks.
+    """Smallest and largest flexion of hip and knee [°] in each stride, of its own leg, and the range between them; NaN
+    where a sample lacks. Each has its standard deviation if the estimate states that of the angles.
+
+    The deviation of the smallest or largest is that of its sample: it is mostly of the standing pose, and so the same
+    in all strides. That of a range takes the errors of both samples as not correlated. The part of the standing pose
+    cancels in a range, so that the deviation is too large by it. Without this part it would be too small on the
+    recording with motion capture, where soft tissue moves more than the estimate states.
     """
     extremes: dict[str, np.ndarray] = {}
     time = as_float(estimate.time)
@@ -114,15 +126,15 @@ def joint_extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.nd
             if not there.any() or not known[there].all():  # the extreme may lie where there is no angle
                 there = np.zeros_like(there)
             for joint in ("hip", "knee"):
-                angle = as_float(getattr(leg, f"{joint}_angle"))[there]
-                for word, of in (("min", np.argmin), ("max", np.argmax)):
-                    for end, one in (("", leg), ("_std", spread)):
-                        if one is None:
-                            continue
+                angles = [as_float(getattr(one, f"{joint}_angle"))[there] for one in (leg, spread) if one is not None]
+                angles = [np.rad2deg(one) if one.size else np.full(1, np.nan) for one in angles]
+                first, last = np.argmin(angles[0]), np.argmax(angles[0])
+                low, high = [one[first] for one in angles], [one[last] for one in angles]
+                between = [high[0] - low[0], *np.hypot(low[1:], high[1:])]
+                for word, values in (("min", low), ("max", high), ("range", between)):
+                    for end, value in zip(("", "_std"), values, strict=False):
                         name = f"{joint}_flexion_{word}{end}_deg"
-                        column = extremes.setdefault(name, np.full(len(table), np.nan))
-                        if angle.size:
-                            column[row] = np.rad2deg(as_float(getattr(one, f"{joint}_angle"))[there][of(angle)])
+                        extremes.setdefault(name, np.full(len(table), np.nan))[row] = value
     return extremes
 
 
@@ -132,22 +144,23 @@ def _bouts(strides: "pd.DataFrame", estimate: Estimate) -> "pd.DataFrame":
 
     bouts = [(number, of_bout, of_bout["start_s"].min(), of_bout["end_s"].max())
              for number, of_bout in strides.groupby("wb_id")]  # fmt: skip
-    if estimate.distance is None:
-        distances = np.full(len(bouts), np.nan)
-    else:
+    distances, error = np.full(len(bouts), np.nan), np.nan
+    if estimate.distance is not None:
         time, way = as_float(estimate.time), as_float(estimate.distance)
         middles = [0.5 * (before[3] + after[2]) for before, after in itertools.pairwise(bouts)]
         first, last = (np.array([bout[at] for bout in bouts]) for at in (2, 3))
         begin = np.maximum(first - BESIDE_S, [time[0], *middles])
         end = np.minimum(last + BESIDE_S, [*middles, time[-1]])
         distances = np.interp(end, time, way) - np.interp(begin, time, way)
+        error = float(as_float(estimate.diagnostics["distance_stddev"])[-1]) / way[-1] if way[-1] > 0.0 else np.nan
     rows = []
     for (number, of_bout, start, end), distance in zip(bouts, distances, strict=True):
         whole = of_bout[of_bout["regular"]]
         length = float(whole["stride_length_m"].median())
         rows.append({
             "wb_id": number, "start_s": start, "end_s": end, "duration_s": end - start, "n_strides": len(of_bout),
-            "n_regular": len(whole), "distance_m": distance, "stride_length_m": length,
+            "n_regular": len(whole), "distance_m": distance, "distance_std_m": error * distance,
+            "stride_length_m": length,
             "walking_speed_mps": float(whole["walking_speed_mps"].median()),
             "cadence_spm": float(120.0 / whole["stride_duration_s"].median()),
         })  # fmt: skip

@@ -1,5 +1,6 @@
 """Mean, variability and asymmetry of the strides of a recording: the table that studies compare people by."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,14 +18,15 @@ SUMMARY = ["measure", "unit", "n_strides", "steady", "mean", "std", "cv_pct", "e
 MEASURES = {
     "stride_length": "m", "stride_duration": "s", "cadence": "spm", "walking_speed": "mps", "step_length": "m",
     "step_duration": "s", "stance": "pct", "stride_width": "m", "lift": "m", "contact_angle": "deg",
-    "push_off_angle": "deg", "hip_flexion_max": "deg", "hip_flexion_min": "deg", "knee_flexion_max": "deg",
-    "knee_flexion_min": "deg",
+    "push_off_angle": "deg", "hip_flexion_max": "deg", "hip_flexion_min": "deg", "hip_flexion_range": "deg",
+    "knee_flexion_max": "deg", "knee_flexion_min": "deg", "knee_flexion_range": "deg",
 }  # fmt: skip
 """Measure → its unit; with `_` between, the column of the table of strides, but for `cadence`, `step_duration` and
 `stance`."""
 
-OF_POSE = tuple(f"{joint}_flexion_{end}" for joint in ("hip", "knee") for end in ("max", "min"))
-"""Measures whose error is mostly that of the standing pose, the same in all strides: it hides no variability."""
+OF_POSE = tuple(f"{joint}_flexion_{end}" for joint in ("hip", "knee") for end in ("max", "min", "range"))
+"""Measures whose error is mostly that of the standing pose, or of sensors that move with the skin, the same in all
+strides: it hides no variability."""
 
 USABLE = {"stride_width": "width_valid", "step_length": "width_valid", **dict.fromkeys(OF_POSE, "angles_valid")}
 """Measure → the column that is False in strides in which it is not usable."""
@@ -51,8 +53,8 @@ CONTACT_S = 0.01
 Chosen on `ipol_gait`, whose contacts are marked by hand: `experiments.unseen.asymmetry` prints what it covers."""
 
 
-def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
-    """One row for each measure, over the steady strides of a recording.
+def summary(strides: "pd.DataFrame", distance: Sequence[tuple[float, float | None]] = ()) -> "pd.DataFrame":
+    """One row for each measure, over the steady strides of a recording, and one for the distance.
 
     A stride is steady if it and its neighbours of the same side are regular, and no stride between it and the begin or
     the end of its bout lasts otherwise, see `PACE`: strides in which a person speeds up or slows down, beside standing,
@@ -78,9 +80,12 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
     with the foot on the ground. Both are stated of shoes alone: at a shank or the waist the measured contacts depend on
     how each leg moves, so that sides differ falsely. `step_length` needs the range between the feet.
 
+    `distance` is that of the whole recording, with all its strides: `mean` is the distance, `error_std` its deviation.
+
     Args:
         strides: the table `strides` of `analysis_to_dataframes`; a column `side_known` may be False where the side is a
             guess.
+        distance: distance and its standard deviation [m]; empty without a distance.
 
     Source: within-side variability, and the mean of both sides: B. Galna, S. Lord, L. Rochester, Gait & Posture 37(2),
     2013.
@@ -130,6 +135,8 @@ def summary(strides: "pd.DataFrame") -> "pd.DataFrame":
             "asymmetry_pct": 100.0 * (right - left) / mean if np.isfinite(unsure) else np.nan,
             "asymmetry_std_pct": 100.0 * unsure / mean,
         })  # fmt: skip
+    whole = {"measure": "distance", "unit": "m", "n_strides": len(strides), "steady": False}
+    rows += [{**whole, "mean": metres, "error_std": error} for metres, error in distance]
     return pd.DataFrame(rows, columns=SUMMARY)
 
 

@@ -36,7 +36,8 @@ def of_analysis(
     """
     tables = io.analysis_to_dataframes(analysis)
     more = [_sources(analysis), *_bouts(tables["bouts"])]
-    return of_estimate(analysis.estimate, recording, reference=reference, made=made, more=more, means=tables["summary"])
+    means = tables["summary"].query("measure != 'distance'")  # which the page has above
+    return of_estimate(analysis.estimate, recording, reference=reference, made=made, more=more, means=means)
 
 
 def _sources(analysis: Analysis) -> Section:

@@ -11,7 +11,7 @@ from jaxtyping import PyTree
 from jgait.estimators import about_of
 from jgait.evaluate import Cohort
 from jgait.evaluate.store import REGULAR
-from jgait.notes import from_json
+from jgait.notes import from_json, listed, of_recordings
 from jgait.plot import cohort as plot_cohort
 from jgait.report import flags
 from jgait.report.made import Made
@@ -119,7 +119,7 @@ def _failed(cohort: Cohort, failures: Sequence[tuple[str, str]]) -> list[Flag]:
         "walks, the remaining recordings are a biased sample."
     )
     grade = "check" if len(cohort.recordings) else "stop"
-    return [Flag(grade, f"{len(failures)} of {whole} recordings could not be used", meaning)]
+    return [Flag(grade, f"{of_recordings(len(failures), whole)} could not be used", meaning)]
 
 
 def _left_out(cohort: Cohort, usable: Cohort) -> list[Flag]:
@@ -130,7 +130,8 @@ def _left_out(cohort: Cohort, usable: Cohort) -> list[Flag]:
         "They are in the table of recordings, with the reason, and in none of the errors. If results are not usable "
         "because of how a person walks, the errors are those of a biased sample."
     )
-    return [Flag("check", f"{many} of {whole} recordings are not compared: their result should not be used", meaning)]
+    text = f"{of_recordings(many, whole, 'is', 'are')} not compared: the result should not be used"
+    return [Flag("check", text, meaning)]
 
 
 def _few(cohort: Cohort, paired: "pd.DataFrame") -> list[Flag]:
@@ -143,7 +144,8 @@ def _few(cohort: Cohort, paired: "pd.DataFrame") -> list[Flag]:
         raised.append(Flag("check", "No recording has a reference", meaning))
     elif without:
         meaning = "They are in the table of recordings and in none of the comparisons."
-        raised.append(Flag("info", f"{without} of {len(cohort.recordings)} recordings have no reference", meaning))
+        text = of_recordings(without, len(cohort.recordings), "has", "have")
+        raised.append(Flag("info", f"{text} no reference", meaning))
     people = compared["subject"].nunique()
     if 0 < people < FEW_PEOPLE:
         meaning = "Limits of agreement of few people are uncertain themselves; their intervals are drawn beside them."
@@ -157,13 +159,13 @@ def _notes(cohort: Cohort, made: Made) -> list[Flag]:
     example: dict[tuple[str, str], str] = {}
     for name, text in zip(cohort.recordings["recording"], cohort.recordings["notes"], strict=True):
         lines = {
-            (flag.grade, flag.meaning): f"{without_folders(str(name))}: {flag.text.splitlines()[0]}"
+            (flag.grade, flag.meaning): f"{without_folders(str(name))}: {listed(flag.text.splitlines())}"
             for flag in _noted(str(text))
         }
         counts.update(lines.keys())
         example = lines | example
     gathered = [
-        Flag(grade, f"{count} of {len(cohort.recordings)} recordings, such as {example[grade, meaning]}", meaning)
+        Flag(grade, f"{of_recordings(count, len(cohort.recordings))}, such as {example[grade, meaning]}", meaning)
         for (grade, meaning), count in counts.most_common()
     ]
     # a "stop" of a single recording does not make the cohort unusable

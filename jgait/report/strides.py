@@ -175,7 +175,9 @@ def mean_table(rows: "pd.DataFrame") -> Table:
     both = bool(rows["asymmetry_pct"].notna().any())
     made = []
     for row in rows.to_dict("records"):
-        measure = known[f"{row['measure']}_{row['unit']}"]
+        measure = known.get(f"{row['measure']}_{row['unit']}")
+        if measure is None:  # a range, which is between two others that are shown
+            continue
         cells = [Cell(measure.heading), Cell(mean_text(row, measure))]
         cells += [cell(measure.scale * row[side], measure.digits) for side in SIDES]
         cells.append(cell(measure.scale * row["error_std"], max(measure.digits, 1)))

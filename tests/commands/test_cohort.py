@@ -208,7 +208,7 @@ def test_losses_are_empty_where_a_reference_cannot_answer_them(table, tmp_path, 
     empty = losses.isna()
     assert list(empty.index[empty["stride_length"]]) == ["walk1.csv"]
     assert list(empty.index[empty["joint_angles"]]) == ["walk2.csv"]
-    assert "1 of 4 recordings are in none of these errors" in said  # walk3.csv, whose losses are written all the same
+    assert "1 of 4 recordings is in none of these errors" in said  # walk3.csv, whose losses are written all the same
     assert losses["stride_length"].count() == 3 and re.search(r"stride_length │ [^│]* │ 2 │", said)
     assert "walk1.csv: stride_length needs a reference with strides with length" in said
     strides = pd.read_csv(out / "strides.csv").dropna().set_index("recording")["error"]
@@ -378,7 +378,7 @@ def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walk
         "evaluate", evaluated[3], "--paper", "--params", file, "--loss", "distance", "--out", tmp_path / "out"
     )
     assert code == 1, said
-    assert said.count("of these 6 recordings, 5 used there, so that errors on them are not held out") == 1
+    assert said.count("of 6 recordings, 5 used there, so that errors on them are not held out") == 1
     rows = pd.read_csv(tmp_path / "out" / "quantities.csv").query("quantity == 'distance_m'").set_index("recording")
     errors = pd.read_csv(tmp_path / "out" / "losses.csv").set_index("recording")["distance"]
     percent = 100.0 * (rows["estimate"] / rows["reference"] - 1.0).abs()
@@ -420,11 +420,11 @@ def test_recordings_of_the_tuning_are_known_by_their_content_and_people_by_their
         frame.round(9 - 2 * number).to_csv(walks[0] / f"again{number}.csv", index=False)
     for files, people, expected in (
         (["again0.csv", "again3.csv"], ["p7", "p8"],
-         "of these 2 recordings, 2 used there, so that errors on them are not held out;"),
+         "of 2 recordings, 2 used there, so that errors on them are not held out;"),
         (["walk0.csv", "other0.csv", "other3.csv"], ["p0", "p8", "P1"],
-         "of these 3 recordings, 1 used there and 1 of people with names used there, so that errors on them are not"),
+         "of 3 recordings, 1 used there and 1 of people with names used there, so that errors on them are not"),
         (["other0.csv", "other3.csv", "gone.csv"], ["p8", "p9", "p0"],
-         "none of these 2 recordings is of that tuning;"),
+         "of 2 recordings, none is of that tuning;"),
     ):  # fmt: skip
         mine = table(lambda f, files=files, people=people: f.head(len(files)).assign(
             file=files, subject=people, reference_strides="strides0.csv"), "mine.csv")  # fmt: skip

@@ -12,7 +12,7 @@ from made.command import run
 
 from experiments.__main__ import main
 from jgait import estimators, io
-from jgait.commands import own_options, person
+from jgait.commands import own_options, person, results
 from jgait.simulate import protocols
 
 
@@ -117,6 +117,68 @@ def test_one_bad_file_does_not_cost_the_others(csv, tmp_path):
     assert "empty" in said
     assert "1 of 2 recordings could not be used" in said
     assert (tmp_path / "results" / "walk_samples.csv").exists()
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_a_table_of_recordings_gives_one_table_of_all(table, csv, tmp_path, ending):
+    for folder in ("a/walks", "b/walks"):
+        (tmp_path / folder).mkdir(parents=True)
+        table.to_csv(tmp_path / folder / "walk.csv", index=False)
+    table.filter(regex="^time|left").to_csv(tmp_path / "b" / "walks" / "walk.csv", index=False)
+    places = {
+        "walk.csv": f"{tmp_path.name}_walk",
+        "a/walks/walk.csv": "a_walks_walk",
+        "b/walks/walk.csv": "b_walks_walk",
+    }
+    rows = [f"{cell},{cell[0]},{1.8 if cell[0] == 'w' else 1.6}" for cell in places]
+    rows += ["none.csv,cleo,", "walk.csv,dan,", "a/x.csv,cleo,tall"]
+    (tmp_path / "cohort.csv").write_text("\n".join(["file,subject,height_m", *rows]))
+    out = tmp_path / "out"
+    code, said = run("estimate", tmp_path / "cohort.csv", "--table-format", ending, "--out", out)
+    assert code == 1 and "3 of 6 recordings could not be used" in said, said
+    read = {"csv": pd.read_csv, "parquet": pd.read_parquet}[ending]
+    recordings = read(out / f"recordings.{ending}").set_index("recording")
+    assert (recordings["result"] == "failed").sum() == 3 and recordings.loc["walk.csv", "result"] == "check"
+    assert recordings.loc["none.csv", "subject"] == "cleo"
+    assert recordings.loc["none.csv", "reason"].startswith("there is no such file")
+    assert recordings.loc["line 6", "reason"] == "walk.csv is listed twice"
+    for name in ("strides", "summary", "bouts", "contacts", "sources"):
+        whole = read(out / f"{name}.{ending}")
+        assert list(whole.columns[:2]) == ["recording", "subject"]
+        for cell, begin in places.items():
+            mine, alone = whole[whole["recording"] == cell], read(out / f"{begin}_{name}.{ending}")
+            assert set(mine["subject"]) == {cell[0]} and len(mine) == len(alone)
+            numbers = alone.select_dtypes("number")
+            np.testing.assert_array_equal(mine[numbers.columns].to_numpy(float), numbers.to_numpy(float))
+    assert not (out / f"samples.{ending}").exists()
+    lengths = read(out / f"sources.{ending}").query("quantity == 'distance' and source == 'legs'")["value"]
+    assert lengths.iloc[0] == pytest.approx(lengths.iloc[1] * 1.8 / 1.6, rel=0.01)
+
+
+def test_a_recording_without_tables_does_not_cost_the_others(csv, tmp_path, monkeypatch):
+    def failing(estimate, about, tables=results.tables):
+        calls.append(about)
+        return tables(estimate, about) if len(calls) > 1 else 1 / 0
+
+    calls = []
+    monkeypatch.setattr(results, "tables", failing)
+    again = csv.with_name("again.csv")
+    again.write_bytes(csv.read_bytes())
+    assert run("estimate", csv, again, "--estimator", "ankle_stride", "--out", tmp_path / "out")[0] == 1
+    recordings = pd.read_csv(tmp_path / "out" / "recordings.csv").set_index("recording")
+    assert recordings.loc["walk", "result"] == "failed" and "division by zero" in recordings.loc["walk", "reason"]
+    assert recordings.loc["again", "result"] != "failed"
+
+
+def test_several_files_give_one_table_of_all_and_the_next_ones_replace_it(csv, tmp_path):
+    again = csv.with_name("again.csv")
+    again.write_bytes(csv.read_bytes())
+    for files in ((csv, again), (again, csv)):
+        assert run("estimate", *files, "--estimator", "ankle_stride", "--out", tmp_path / "out")[0] == 0
+        strides = pd.read_csv(tmp_path / "out" / "strides.csv")
+        assert list(strides["recording"].unique()) == [file.stem for file in files]
+    run("estimate", csv, "--out", tmp_path / "alone")
+    assert not (tmp_path / "alone" / "recordings.csv").exists()
 
 
 def test_lost_samples_are_noted(table, csv, tmp_path):

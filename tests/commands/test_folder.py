@@ -153,7 +153,7 @@ def tables(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("a/walk.csv", "b/walk.csv", "recordings.csv", "report.html"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text("file\na/walk.csv\n")
+        (tmp_path / name).write_text("file\na/walk.csv\n" if name == "recordings.csv" else "a\nb\n")
 
 
 @pytest.mark.usefixtures("tables")
@@ -191,11 +191,11 @@ def test_as_many_folders_are_named_as_tell_files_apart(tmp_path):
     for name in ("S1/T1", "S2/T1", "S1/T2"):
         (tmp_path / name).mkdir(parents=True)
         (tmp_path / name / "walk.csv").write_text("nothing\n1\n")
-    files = ["S1/T1/walk.csv", "S2/T1/walk.csv", "S1/T2/walk.csv", "recordings.csv"]
+    files = ["S1/T1/walk.csv", "S2/T1/walk.csv", "S1/T2/walk.csv", "report.html"]
     result = CliRunner(env={"COLUMNS": "300"}).invoke(app, ["estimate", *files, "--out", "o", "--json", "n.json"])
     assert set(json.loads((tmp_path / "n.json").read_text())["failures"]) == set(files), result.output
     names = _names([Path(file) for file in files])
-    assert list(names.values()) == ["S1_T1_walk", "S2_T1_walk", "S1_T2_walk", "recordings"]
+    assert list(names.values()) == ["S1_T1_walk", "S2_T1_walk", "T2_walk", "report"]
 
 
 NASTY = "a$_{$[bold]\x1b[2J\udcff"  # the last is a byte that is no text

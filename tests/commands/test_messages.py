@@ -20,10 +20,11 @@ from jgait.types import RecordingError, reason_of
 def without_estimates(monkeypatch):
     """`jgait estimate` reads the files and prints their notes; the function that computes can be replaced."""
 
-    def replaced(compute=lambda recording: recording):
+    def replaced(compute=lambda recording, known: recording):
         job = jobs.EstimateJob(
-            "all", Table(), "", lambda name: [f"{name}.csv"], compute, lambda made: made.notes,
-            lambda made: explained(made.notes), lambda made, out, name: [], lambda made: [], lambda made, files: {},
+            "all", Table(), "", "csv", lambda name: [f"{name}.csv"], (), compute, lambda made: made.notes,
+            lambda made: explained(made.notes), lambda made: {}, lambda made, out, name: [], lambda made: [],
+            lambda made, files: {},
         )  # fmt: skip
         monkeypatch.setattr(jobs, "all_sensors", lambda person, ending: job)
 
@@ -98,15 +99,6 @@ def test_a_file_without_time_says_what_came(recording, walk, tmp_path, without_e
         io.recording_from_arrays({"waist": {"gyr": np.ones((20, 3))}}, name="walk")
 
 
-def test_a_table_of_recordings_is_for_other_commands(tmp_path):
-    (tmp_path / "cohort.csv").write_text("file,subject\nwalk.csv,a\n")
-    code, said = run("estimate", tmp_path / "cohort.csv", "--out", tmp_path / "out")
-    assert code == 2
-    assert "cohort.csv: this is a table of recordings, with a column 'file'" in said
-    assert f"jgait evaluate {tmp_path / 'cohort.csv'} and jgait report {tmp_path / 'cohort.csv'} take it" in said
-    assert "rename" not in said
-
-
 def test_a_recording_may_have_a_column_of_that_name(walk, tmp_path, without_estimates):
     pd.read_csv(walk).assign(file="trial 1").to_csv(walk, index=False)
     code, said = run("estimate", walk, "--out", tmp_path / "out")
@@ -138,7 +130,7 @@ BROKEN = jax.errors.JaxRuntimeError("INTERNAL: Symbols not found: [ fusion.1 ]")
 
 
 def test_a_compiled_program_that_fails_points_to_the_cache(walk, tmp_path, without_estimates):
-    def fail(_):
+    def fail(*_):
         raise BROKEN
 
     without_estimates(fail)

@@ -38,7 +38,7 @@ def test_grave_kinds_come_before_common_ones(said):
     assert said(rows) == [
         "3 of 4 recordings have warnings; the results of 1 should not be used:",
         "  do not use the result, 1 recording, such as c.csv: no legs move",
-        "  check, 2 recordings, such as b.csv: shank_left is upside down",
+        "  check, 2 recordings, such as b.csv: shank_right is upside down; shank_left is upside down",
         f"  check, 3 recordings, such as a.csv: {moves}",
         "all sentences: in the table",
     ]

@@ -503,6 +503,7 @@ def test_a_table_of_recordings_is_distinguished_from_a_recording(tmp_path):
         ("file;subject\na.csv;x", True),
         ('"File",subject', True),
         ("time,thigh_right_gyr_x", False),
+        ("file,time,thigh_right_gyr_x", False),
     ):
         path = tmp_path / "table.csv"
         path.write_text(text)
@@ -543,7 +544,7 @@ def test_recordings_whose_result_should_not_be_used_are_in_no_error(tmp_path, mo
     out, numbers, page = tmp_path / "out", tmp_path / "numbers.json", tmp_path / "page.html"
     code, said = run("evaluate", "walks.csv", "--out", out, "--json", numbers)
     assert code == 0, said
-    assert "2 of 8 recordings are in none of these errors: their notes say that the result should not be used" in said
+    assert "2 of 8 recordings are in none of these errors: the notes say that the result should not be used" in said
     written = json.loads(numbers.read_text(encoding="utf-8"))
     assert written["recordings"] == 8 and written["not_to_be_used"] == ["7", "9"]
     rows = pd.read_csv(out / "quantities.csv", dtype={"recording": str}).query("quantity == 'distance_m'")

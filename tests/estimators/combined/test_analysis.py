@@ -287,7 +287,20 @@ def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
     angles = tables["summary"].set_index("measure").loc["knee_flexion_max"]
     assert angles["error_std"] > 3.0 and np.isfinite(angles["std"])
     assert "step_length_m" in strides and "step_length" not in set(tables["summary"]["measure"])  # without a range
-    assert tables["bouts"]["distance_m"].item() == pytest.approx(analysis.estimate.distance[-1])
+    metres, error = analysis.estimate.distance[-1], analysis.estimate.diagnostics["distance_stddev"][-1]
+    bout, of_walk = tables["bouts"].iloc[0], tables["summary"].set_index("measure").loc["distance"]
+    assert bout["distance_m"] == pytest.approx(metres) and bout["distance_std_m"] == pytest.approx(error)
+    assert of_walk["mean"] == pytest.approx(metres) and of_walk["error_std"] == pytest.approx(error)
+    assert of_walk["n_strides"] == len(strides)
+    for joint in ("hip", "knee"):
+        low, high, between = (f"{joint}_flexion_{word}" for word in ("min", "max", "range"))
+        np.testing.assert_allclose(strides[f"{between}_deg"], strides[f"{high}_deg"] - strides[f"{low}_deg"])
+        ends = strides[[f"{low}_std_deg", f"{high}_std_deg"]].to_numpy()
+        np.testing.assert_allclose(strides[f"{between}_std_deg"], np.hypot(*ends.T))
+        of_range = tables["summary"].set_index("measure").loc[between]
+        assert np.isfinite(of_range["std"]) and of_range["error_std"] == pytest.approx(
+            np.sqrt(np.mean(strides.query("regular")[f"{between}_std_deg"] ** 2)), rel=0.05
+        )
     contacts = tables["contacts"]
     assert (np.diff(contacts["time_s"]) >= 0.0).all()
     initial = contacts[contacts["event"] == "initial"]
@@ -596,7 +609,7 @@ def test_a_person_who_only_stands_has_tables_and_a_note_but_no_strides(walked):
     assert "No strides were found" in of_analysis(found, walked[0]).html
 
 
-def test_without_a_regular_stride_no_means_are_stated(analysis, tmp_path):
+def test_without_a_regular_stride_no_means_are_stated(analysis):
     half = {**analysis.strides.flags, "half": np.ones(len(analysis.strides.first), bool)}
     strides = analysis.strides._replace(flags=half)
     rows = comparisons(analysis.sources, strides, [], None)
@@ -606,8 +619,7 @@ def test_without_a_regular_stride_no_means_are_stated(analysis, tmp_path):
     said = {row[0]: row[1] for row in all_sensors({}, "csv").rows(changed)}
     assert said["strides"].endswith(", 0 regular")
     assert {said[name] for name in ("stride length", "walking speed", "cadence", "stance")} == {"–"}
-    all_sensors({}, "csv").write(changed, tmp_path, "walk")
-    written = pd.read_csv(tmp_path / "walk_summary.csv")
+    written = all_sensors({}, "csv").tables(changed)["summary"]
     assert not len(written) and list(written) == SUMMARY
 
 
@@ -734,3 +746,13 @@ def test_tables_are_written_in_every_format(analysis, tmp_path, ending):
     path = io.write_table(table, tmp_path / f"strides.{ending}")
     read = {"csv": pd.read_csv, "parquet": pd.read_parquet, "json": pd.read_json}[ending](path)
     np.testing.assert_allclose(read["stride_length_m"], table["stride_length_m"], rtol=1e-8)
+
+
+def test_bouts_share_the_deviation_of_the_distance(walked):
+    feet = only(walked[0], *FEET)
+    gait = jgait.analyse(in_a_row(feet, standing(feet), feet))
+    bouts, way = io.analysis_to_dataframes(gait)["bouts"], gait.estimate.distance[-1]
+    error = gait.estimate.diagnostics["distance_stddev"][-1]
+    assert len(bouts) == 2
+    assert bouts["distance_std_m"].sum() == pytest.approx(error, rel=0.01)
+    np.testing.assert_allclose(bouts["distance_std_m"] / bouts["distance_m"], error / way)
