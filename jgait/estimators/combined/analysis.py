@@ -22,6 +22,7 @@ from jgait.estimators.combined.compare import (
 from jgait.estimators.combined.crosscheck import FOOT_ON_SHANK, OF_WALKING, crosscheck, exchanged
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
 from jgait.estimators.combined.phases import FEWEST_STRIDES
+from jgait.estimators.combined.replaced import with_replaced_doubted
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
 from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.notes import without_repeats
@@ -133,10 +134,12 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     wrong |= _named(recording, ("sides_differ",)) - _spared(recording, estimates)
     estimates, unlike = with_sides_unlike(estimates, wrong)
     clocks = _named(recording, CLOCKS)
-    strides = joined(estimates, wrong | clocks, wrong)
+    differ: list[Note] = []
+    if (strides := joined(estimates, wrong | clocks, wrong)) is not None:
+        strides, differ = with_replaced_doubted(strides)
     late = _apart(recording, estimates)
     ways, one_sided = distances(estimates, usable, body, wrong, late, share)
-    total, differ = walked(ways)
+    total, apart = walked(ways)
     if total is not None:  # an error of the time is the same in all sources
         total = total._replace(stddev=max(total.stddev, share * float(total.distance[-1])))
     stated = [
@@ -144,7 +147,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         if not follows(note) and note.kind is not PACES_MIXED
     ]  # fmt: skip
     unusable = _angles(estimates, stated, findings.doubtful | _named(recording, AXES) | late | turned)
-    differ += unusable
+    differ += [*apart, *unusable]
     if strides is not None:
         differ = [*length_notes(estimates, strides), *differ, *side_notes(estimates, strides)]
         differ += [*contact_notes(estimates, strides, findings.doubtful | clocks), *paces_mixed(strides.strides)]

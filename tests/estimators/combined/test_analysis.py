@@ -79,6 +79,24 @@ def test_sensors_whose_clocks_differ_still_measure_lengths(walked):
     assert named.values["side"] == "right" and "foot_right" in str(named) and "feet" in named.values["sources"]
 
 
+def test_strides_of_the_waist_that_contradict_the_walk_around_them_are_in_doubt(walked):
+    recording, _ = walked
+    worn = only(recording, "pelvis", *FEET)
+    assert not of_code(jgait.analyse(worn, PERSON).notes, "replaced_strides_unlike")
+    time = np.asarray(recording.sensors["pelvis"].time)
+    lost = (time > 7.5) & (time < 10.5) & (np.random.default_rng(0).random(len(time)) < 0.25)
+
+    def numbered_on(imu):
+        kept = jax.tree.map(lambda values: np.asarray(values)[~lost], imu)
+        return kept._replace(time=time[: len(kept.time)])
+
+    found = jgait.analyse(worn._replace(sensors={k: numbered_on(imu) for k, imu in worn.sensors.items()}), PERSON)
+    assert of_code(found.notes, "replaced_strides_unlike")
+    strides, steady = found.estimate.strides, regular(found.strides)
+    lasts = (np.asarray(strides.end) - np.asarray(strides.start))[steady]
+    assert steady.sum() >= 8 and lasts.min() > 0.9 * np.median(lasts)
+
+
 def test_times_of_a_stride_are_those_that_make_strides_even_where_contacts_contradict():
     person = walking(simulate.Person(gait=simulate.gait(speed=1.2, stature=1.75)), "hemiparetic")
     worn = ("pelvis", *FEET, "shank_right", "shank_left")
