@@ -66,7 +66,8 @@ class Analysis(NamedTuple):
     Attributes:
         estimate: the joined estimate: strides of both sides with standard deviations, distance, joint angles, paths of
             the feet, as far as the sensors measure them; `diagnostics` has the flags of strides, contacts of the waist,
-            `distance_stddev` [m], and `angles_valid_<side>`, False if the side's joint angles are not usable.
+            `distance_stddev` [m], `angles_valid_<side>`, False if the side's joint angles are not usable, and
+            `slipped_<side>` (T,), True after a thigh's or shank's sensor slipped, so that they are not usable either.
         sources: what each group of sensors says alone, in the order in which their times are preferred.
         strides: for each stride which sources measured it and which were combined; None without strides.
         comparisons: each quantity as each source measures it, and combined.
@@ -292,6 +293,8 @@ def _assembled(
     diagnostics: dict[str, PyTree] = {"standing": base.diagnostics.get("standing")}
     for source in estimates:
         diagnostics |= {k: v for k, v in source.estimate.diagnostics.items() if k.startswith("initial_contact")}
+    if legs is not None:
+        diagnostics |= {k: v for k, v in legs.diagnostics.items() if k.startswith("slipped_")}
     if strides is not None:
         diagnostics |= {**strides.flags, "contradicts": strides.contradicts}
     if total is not None:
