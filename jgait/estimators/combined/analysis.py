@@ -23,6 +23,7 @@ from jgait.estimators.combined.crosscheck import FOOT_ON_SHANK, OF_WALKING, cros
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
 from jgait.estimators.combined.phases import FEWEST_STRIDES
 from jgait.estimators.combined.replaced import with_replaced_doubted
+from jgait.estimators.combined.shoes import put_right
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
 from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.notes import without_repeats
@@ -127,7 +128,10 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     left_out = tuple(note for note in recording.notes if note.code == SENSOR_LEFT_OUT)
     usable = recording._replace(sensors=kept, notes=left_out)
     estimates, notes = sources(usable, body)
-    placed = list(findings.notes)
+    usable, exchanges = put_right(usable, estimates)
+    if exchanges:
+        estimates, notes = sources(usable, body)
+    placed = [*findings.notes, *exchanges]
     estimates, share, turned = with_time_wrong(estimates, recording.notes)
     follows = _following((*findings.notes, *recording.notes))
     recording = recording._replace(notes=tuple(note for note in recording.notes if not follows(note)))

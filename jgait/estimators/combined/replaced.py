@@ -10,8 +10,8 @@ from jgait.types import as_float
 
 REPLACED_UNLIKE = Kind(
     "replaced_strides_unlike", "check",
-    "{replaced} of {of} strides are by the waist's sensor in place of those on the legs; {strides} of them are in "
-    "doubt, because such ones last {times:.2f} times as long as the strides around them",
+    "{replaced} of {of} strides are by the waist's sensor in place of those on the legs; {strides} of them "
+    "{strides:is|are} in doubt, because strides by the waist last {times:.2f} times as long as those around them",
     "Sensors on the legs are in doubt there, or have no strides, and those of the waist do not go on as the walk "
     "before and after: samples are lost or repeated without a gap in the time, or the person did not walk. Times, and "
     "lengths, which follow from them, are wrong there; these strides are not in the means.",
@@ -19,7 +19,7 @@ REPLACED_UNLIKE = Kind(
 
 UNLIKE = 1.0 / 0.85
 """[1] Factor between the durations of a stride by the trunk and of those by the legs around it, beyond which they
-contradict each other. Chosen: of 36 walks of `ipol_gait` it is 1.08 at most where no samples are lost."""
+contradict each other; chosen, above that in walks of `ipol_gait` where no samples are lost."""
 
 MANY = 0.1
 """[1] Share of the strides by the trunk that follow each other, beyond which all of these are in doubt: the durations

@@ -41,11 +41,13 @@ class Moved(NamedTuple):
     Attributes:
         note: the note on it.
         pause: (2,) [s], the last stance before, and the first after.
+        at: time between them from which on it leans so [s].
         before after: (3,) mean direction of gravity in stances, of length 1.
     """
 
     note: Note
     pause: np.ndarray
+    at: float
     before: np.ndarray
     after: np.ndarray
 
@@ -70,10 +72,17 @@ def moved(placement: str, strides: Strides, side: int, time: np.ndarray, acc: np
         return None
     first = int(np.argmax(degrees > OTHERWISE_DEG)) + STANCES // 2
     note = LEANS_OTHERWISE(placement=placement, at_s=at[first] - time[0], degrees=degrees[worst])
-    later = up @ (middle[worst] - middle[0]) > 0.0  # the first stance after is where fewest stances are on a wrong side
+    change = middle[worst] - middle[0]
+    begin = int(np.clip(_first(up @ change > 0.0), 1, len(at) - 1))
+    pause = at[[begin - 1, begin]]
+    rows = np.searchsorted(time, pause)
+    return Moved(note, pause, time[rows[0] + _first(acc[slice(*rows)] @ change > 0.0)], middle[0], middle[worst])
+
+
+def _first(later: np.ndarray) -> int:
+    """Where to begin the later part of (n,) bool, so that fewest in it are False, and fewest before it True."""
     wrong = np.cumsum(np.concatenate([[0], later])) + np.cumsum(np.concatenate([[0], ~later[::-1]]))[::-1]
-    begin = int(np.clip(np.argmin(wrong), 1, len(at) - 1))
-    return Moved(note, at[[begin - 1, begin]], middle[0], middle[worst])
+    return int(np.argmin(wrong))
 
 
 def exchanged(right: Moved | None, left: Moved | None) -> float | None:
@@ -82,7 +91,7 @@ def exchanged(right: Moved | None, left: Moved | None) -> float | None:
         return None
     begin, end = max(right.pause[0], left.pause[0]), min(right.pause[1], left.pause[1])
     apart = _degrees(right.after, left.before), _degrees(left.after, right.before)
-    return None if begin >= end or max(apart) > OTHERWISE_DEG else float(0.5 * (begin + end))
+    return None if begin >= end or max(apart) > OTHERWISE_DEG else 0.5 * (right.at + left.at)
 
 
 def _degrees(one: np.ndarray, other: np.ndarray) -> np.ndarray:

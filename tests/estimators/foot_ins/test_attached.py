@@ -61,5 +61,5 @@ def test_after_both_sensors_were_exchanged_in_a_pause_the_side_of_a_stride_is_no
     assert len(of_code(notes, "leans_otherwise")) == 2
     assert len(of_code(notes, "shoes_exchanged")) == swapped
     if swapped:
-        assert of_code(notes, "shoes_exchanged")[0].values["at_s"] == pytest.approx(at, abs=2.5)
+        assert of_code(notes, "shoes_exchanged")[0].values["at_s"] == pytest.approx(at, abs=0.1)
         np.testing.assert_array_equal(found.diagnostics["side_unknown"], np.asarray(found.strides.end) > at)
