@@ -206,8 +206,8 @@ def uneven_strides(lasts: np.ndarray) -> np.ndarray:
 
 
 def _unsure(estimate: Estimate) -> Flags:
-    # if the speed comes from the pendulum model, the uncertain integration is not used
-    return None if "pendulum_constant" in estimate.diagnostics else stated(estimate, "unsure")
+    # a model that estimates the bias weighs integration with the pendulum; its deviations hold for all strides alike
+    return None if "acc_bias" in estimate.diagnostics else stated(estimate, "unsure")
 
 
 def _width(estimate: Estimate) -> Values:

@@ -9,7 +9,7 @@ from jaxtyping import PyTree
 from jgait.estimators.about import BodyMeasure, CommandOption, EstimateFigure, MissingMeasure, StrideFlag
 from jgait.estimators.plausible import distance_implausible
 from jgait.estimators.stride_flags import BREAK, durations, in_order, marks, pauses, regular
-from jgait.types import SIDES, Estimate, LegTrajectory, as_float
+from jgait.types import SIDES, Estimate, as_float
 
 THIGH = BodyMeasure("thigh_length", "m", 0.2, 0.7, "thigh length, hip to knee", "--thigh", 0.43)
 SHANK = BodyMeasure("shank_length", "m", 0.2, 0.7, "shank length, knee to ankle", "--shank", 0.43)
@@ -149,19 +149,27 @@ def _text(value: float | None, deviation: float | None, digits: int, unit: str) 
 def joint_ranges(estimate: Estimate) -> dict[str, tuple[float, float] | None]:
     """Joint and side → smallest and largest flexion [°] where it is stated; None where it never is."""
     ranges: dict[str, tuple[float, float] | None] = {}
-    for side, leg in zip(SIDES, estimate.legs, strict=True):
+    for side in SIDES:
         for joint in ("hip", "knee"):
-            angle = stated_angle(estimate, leg, joint)
+            angle = stated_angle(estimate, side, joint)
             ranges[f"{joint} {side}"] = (float(angle.min()), float(angle.max())) if angle.size else None
     return ranges
 
 
-def stated_angle(estimate: Estimate, leg: LegTrajectory | None, joint: str) -> np.ndarray:
-    """(n,) flexion of a joint, "hip" or "knee", at the samples at which it is stated [°]."""
-    if leg is None:
+def stated_angle(estimate: Estimate, side: str, joint: str) -> np.ndarray:
+    """(n,) flexion of a joint, "hip" or "knee", at the samples at which it is stated, before a sensor slipped [°]."""
+    if (leg := getattr(estimate.legs, side)) is None:
         return np.zeros(0)
     angle = np.degrees(as_float(getattr(leg, f"{joint}_angle")))
-    return np.asarray(angle[np.asarray(estimate.valid, bool) & np.isfinite(angle)])
+    holds = np.asarray(estimate.valid, bool) & ~np.asarray(estimate.diagnostics.get(f"slipped_{side}", False), bool)
+    return np.asarray(angle[holds & np.isfinite(angle)])
+
+
+def angles_usable(estimate: Estimate, side: str) -> np.ndarray:
+    """(T,) bool, whether joint angles of a side are usable: unless notes say that they are not, or a sensor slipped."""
+    usable = bool(estimate.diagnostics.get(f"angles_valid_{side}", True))
+    slipped = np.asarray(estimate.diagnostics.get(f"slipped_{side}", False), bool)
+    return np.asarray(np.broadcast_to(usable & ~slipped, np.shape(estimate.time)))
 
 
 def median(values: npt.ArrayLike | None, rows: PyTree = slice(None)) -> float | None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jgait.estimators.stride_flags import SIDE_UNKNOWN, STRIDE_FLAGS, marks
+from jgait.estimators.totals import angles_usable
 from jgait.io.strides import bout_numbers, strides_to_dataframe
 from jgait.io.summary import SUMMARY, summary
 from jgait.io.write import to_dataframe
@@ -94,7 +95,8 @@ def _strides(analysis: "Analysis", joined: "JoinedStrides") -> "pd.DataFrame":
     for name, values in extremes.items():
         table[name] = values
     if extremes:
-        table["angles_valid"] = [estimate.diagnostics.get(f"angles_valid_{side}", False) for side in table["side"]]
+        judged = [f"angles_valid_{side}" in estimate.diagnostics for side in table["side"]]
+        table["angles_valid"] = angles_sound(estimate, table) & judged
     table["wb_id"] = bout_numbers(table["start_s"].to_numpy(), table["end_s"].to_numpy())
     table["source"] = list(joined.first)
     table["combined"] = ["+".join(name for name, used in joined.used.items() if used[i]) for i in range(len(table))]
@@ -104,6 +106,13 @@ def _strides(analysis: "Analysis", joined: "JoinedStrides") -> "pd.DataFrame":
     table["special"] = ["; ".join(w for w, values in flagged.items() if values[i]) for i in range(len(table))]
     table["regular"] = regular(joined)
     return table
+
+
+def angles_sound(estimate: Estimate, table: "pd.DataFrame") -> np.ndarray:
+    """(strides,) bool, whether joint angles of the stride's leg are usable all over it."""
+    time, usable = as_float(estimate.time), {side: angles_usable(estimate, side) for side in SIDES}
+    spans = zip(table["side"], table["start_s"], table["end_s"], strict=True)
+    return np.array([usable[side][(time >= start) & (time <= end)].all() for side, start, end in spans], bool)
 
 
 def joint_extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.ndarray]:

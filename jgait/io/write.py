@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait.estimators.totals import angles_usable
 from jgait.io.atomic import check_path, replaced
 from jgait.io.files import library
 from jgait.types import SIDES, Estimate, RangeReadings, Recording
@@ -29,9 +30,9 @@ def to_dataframe(estimate: Estimate) -> "pd.DataFrame":
     `y_<side>_m`; for each measured foot `position_x_<side>_m` … `position_z`, `velocity_x_<side>_mps` …, and the unit
     quaternion `orientation_w_<side>` … `orientation_z` that rotates the sensor's vectors to the world; standard
     deviations, where the estimate has them, with `_std` before the unit, of an orientation
-    `orientation_x_<side>_std_deg` … of the rotation about the world's axes; `angles_valid_<side>`, False if the hip and
-    knee angles of that leg are not usable, where `jgait.analyse` computes it; `distance_m`; `valid`. A quantity that is
-    not estimated has no column; where `valid` is False the numbers are NaN. For strides see `strides_to_dataframe`.
+    `orientation_x_<side>_std_deg` … of the rotation about the world's axes; `angles_valid_<side>`, False where hip and
+    knee angles of that leg are not usable, if `jgait.analyse` computes it; `distance_m`; `valid`. What is not
+    estimated has no column; where `valid` is False the numbers are NaN. For strides see `strides_to_dataframe`.
 
     Args:
         estimate: of one recording, arrays of (T,).
@@ -50,9 +51,8 @@ def to_dataframe(estimate: Estimate) -> "pd.DataFrame":
             for field, unit in _LEG_COLUMNS:
                 values = np.asarray(getattr(leg, field))
                 columns[f"{field}_{side}{suffix}_{unit}"] = np.rad2deg(values) if unit == "deg" else values
-        usable = estimate.diagnostics.get(f"angles_valid_{side}")
-        if usable is not None:
-            columns[f"angles_valid_{side}"] = np.full(time.shape, usable)
+        if f"angles_valid_{side}" in estimate.diagnostics:
+            columns[f"angles_valid_{side}"] = angles_usable(estimate, side)
         columns |= _foot_columns(estimate, side)
     if estimate.distance is not None:
         columns["distance_m"] = np.asarray(estimate.distance)

@@ -60,7 +60,7 @@ def _legs(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
     spans = []
     for side, leg in zip(SIDES, estimate.legs, strict=True):
         for joint in () if leg is None else ("hip", "knee"):
-            values = stated_angle(estimate, leg, joint)
+            values = stated_angle(estimate, side, joint)
             if values.size:
                 spans.append(f"{side} {joint} {values.min():.0f} to {values.max():.0f}°")
     ranges = "; ".join(spans).replace("-", "−")

@@ -10,7 +10,7 @@ from jgait.estimators import stride_flags
 from jgait.estimators.about import StrideFlag
 from jgait.estimators.cycles import swing_cycles
 from jgait.estimators.stride_flags import STRIDE_FLAGS
-from jgait.io.combined import joint_extremes
+from jgait.io.combined import angles_sound, joint_extremes
 from jgait.io.summary import CONTACTS, summary
 from jgait.report.page import Cell, Table, cell, number
 from jgait.types import SIDES, Estimate, as_float
@@ -88,8 +88,7 @@ def strides_of(estimate: Estimate, flags: tuple[StrideFlag, ...] = STRIDE_FLAGS)
         table = table.assign(cadence_spm=120.0 / duration)
     if not cycles:
         for name, values in joint_extremes(estimate, table).items():
-            sound = [bool(estimate.diagnostics.get(f"angles_valid_{side}", True)) for side in table["side"]]
-            table[name] = np.where(sound, values, np.nan)
+            table[name] = np.where(angles_sound(estimate, table), values, np.nan)
     regular = np.ones(len(table), bool) if cycles else stride_flags.regular(estimate, flags)
     return ReportStrides(table, marks, flags, regular, cycles, "legs" if estimate.feet is None else CONTACTS)
 

@@ -349,6 +349,18 @@ def test_an_unusual_gait_is_no_damage(gait):
     assert not told & {"accelerometer_late", "sensor_late", "tilts_apart"}
 
 
+@pytest.mark.parametrize(("name", "walk"), [("walking5m", "Elderly/20180403_9"), ("neura_sparse", "S02-Trial-Walk-1")])
+def test_of_every_second_sample_delays_are_as_usual_and_a_late_sensor_is_named(data, name, walk):
+    (one,) = (found for found in data(name) if found.recording.name == walk)
+    half = {name: jax.tree.map(lambda values: np.asarray(values)[::2], imu)
+            for name, imu in one.recording.sensors.items() if imu.acc is not None}  # fmt: skip
+    assert not delays.delay_notes(half, 50.0)
+    shank = half["shank_left"]
+    late = shank._replace(gyr=np.roll(shank.gyr, 8, axis=0), acc=np.roll(shank.acc, 8, axis=0))
+    told = [note.code for note in delays.delay_notes({**half, "shank_left": late}, 50.0)]
+    assert "sensor_late" in told
+
+
 def test_strides_of_short_bouts_are_no_longer_than_they_are():
     """Three bouts of four strides: few samples have a counterpart three strides later, and these are more alike."""
     person = simulate.person_of(simulate.population(jax.random.key(50), 3, recorded=True), 0)

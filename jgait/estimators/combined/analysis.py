@@ -22,6 +22,8 @@ from jgait.estimators.combined.compare import (
 from jgait.estimators.combined.crosscheck import FOOT_ON_SHANK, OF_WALKING, crosscheck, exchanged
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
 from jgait.estimators.combined.phases import FEWEST_STRIDES
+from jgait.estimators.combined.replaced import with_replaced_doubted
+from jgait.estimators.combined.shoes import put_right
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
 from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.notes import without_repeats
@@ -65,7 +67,8 @@ class Analysis(NamedTuple):
     Attributes:
         estimate: the joined estimate: strides of both sides with standard deviations, distance, joint angles, paths of
             the feet, as far as the sensors measure them; `diagnostics` has the flags of strides, contacts of the waist,
-            `distance_stddev` [m], and `angles_valid_<side>`, False if the side's joint angles are not usable.
+            `distance_stddev` [m], `angles_valid_<side>`, False if the side's joint angles are not usable, and
+            `slipped_<side>` (T,), True after a thigh's or shank's sensor slipped, so that they are not usable either.
         sources: what each group of sensors says alone, in the order in which their times are preferred.
         strides: for each stride which sources measured it and which were combined; None without strides.
         comparisons: each quantity as each source measures it, and combined.
@@ -125,7 +128,10 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     left_out = tuple(note for note in recording.notes if note.code == SENSOR_LEFT_OUT)
     usable = recording._replace(sensors=kept, notes=left_out)
     estimates, notes = sources(usable, body)
-    placed = list(findings.notes)
+    usable, exchanges = put_right(usable, estimates)
+    if exchanges:
+        estimates, notes = sources(usable, body)
+    placed = [*findings.notes, *exchanges]
     estimates, share, turned = with_time_wrong(estimates, recording.notes)
     follows = _following((*findings.notes, *recording.notes))
     recording = recording._replace(notes=tuple(note for note in recording.notes if not follows(note)))
@@ -133,10 +139,12 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     wrong |= _named(recording, ("sides_differ",)) - _spared(recording, estimates)
     estimates, unlike = with_sides_unlike(estimates, wrong)
     clocks = _named(recording, CLOCKS)
-    strides = joined(estimates, wrong | clocks, wrong)
+    differ: list[Note] = []
+    if (strides := joined(estimates, wrong | clocks, wrong)) is not None:
+        strides, differ = with_replaced_doubted(strides)
     late = _apart(recording, estimates)
     ways, one_sided = distances(estimates, usable, body, wrong, late, share)
-    total, differ = walked(ways)
+    total, apart = walked(ways)
     if total is not None:  # an error of the time is the same in all sources
         total = total._replace(stddev=max(total.stddev, share * float(total.distance[-1])))
     stated = [
@@ -144,7 +152,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         if not follows(note) and note.kind is not PACES_MIXED
     ]  # fmt: skip
     unusable = _angles(estimates, stated, findings.doubtful | _named(recording, AXES) | late | turned)
-    differ += unusable
+    differ += [*apart, *unusable]
     if strides is not None:
         differ = [*length_notes(estimates, strides), *differ, *side_notes(estimates, strides)]
         differ += [*contact_notes(estimates, strides, findings.doubtful | clocks), *paces_mixed(strides.strides)]
@@ -289,6 +297,8 @@ def _assembled(
     diagnostics: dict[str, PyTree] = {"standing": base.diagnostics.get("standing")}
     for source in estimates:
         diagnostics |= {k: v for k, v in source.estimate.diagnostics.items() if k.startswith("initial_contact")}
+    if legs is not None:
+        diagnostics |= {k: v for k, v in legs.diagnostics.items() if k.startswith("slipped_")}
     if strides is not None:
         diagnostics |= {**strides.flags, "contradicts": strides.contradicts}
     if total is not None:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.estimators.ankle_stride.notes import STRIDES_QUICK, SWINGS_SMALL
+from jgait.estimators.combined.lying import lying
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import CONSISTENT, UNLIKE, combined, correlation
 from jgait.estimators.ends import MID_STANCE, SHORT, WALKING_AFTER, WALKING_BEFORE
@@ -27,7 +28,7 @@ DISTANCES_DIFFER = Kind(
 )  # fmt: skip
 DISTANCE_OF_ONE_SIDE = Kind(
     "distance_of_one_side", "corrected", "distance by {source}: only the {side} side counts, because the sensor of the "
-    "other side is in doubt or lost samples", LEFT_OUT,
+    "other side is in doubt, lost samples or lay still", LEFT_OUT,
 )  # fmt: skip
 
 DISTANCE_EXTENDED = Kind(
@@ -162,7 +163,9 @@ def distances(
             share = SHARE_SD / SHARES["thigh_length"] if "height" in person else 0.0
             sd = total * float(np.sqrt(LEG_DISTANCE_SD**2 + share**2 + rates_share**2))
         doubted = _stopped(source) | _mostly_doubtful(source) | (wrong if source.name != "legs" else wrong | late)
-        sides = _sides(source, recording, doubted)
+        still, lies = lying(source, recording.sensors)
+        sides = _sides(source, recording, doubted, still)
+        notes += lies
         used = _best(sides)
         way, doubtful = as_float(estimate.distance), bool(doubted.intersection(source.placements)) or _lacking(source)
         doubtful |= runs and source.name == "legs"  # in the flight phase no foot carries the hip
@@ -218,8 +221,12 @@ def _apart(sides: list[_Side]) -> float:
     return apart if apart > max(FAR_APART * mean, 2.0 * max(one.stride, other.stride)) else 0.0
 
 
-def _sides(source: SourceEstimate, recording: Recording, doubted: frozenset[str]) -> list[_Side]:
-    """The sides of a source whose strides are measured by one sensor each, or the trunk; none without strides."""
+def _sides(
+    source: SourceEstimate, recording: Recording, doubted: frozenset[str], still: dict[str, float]
+) -> list[_Side]:
+    """The sides of a source whose strides are measured by one sensor each, or the trunk; none without strides. `still`
+    has the time in which a sensor does not move while the other leg walks, by placement [s].
+    """
     strides = source.estimate.strides
     sides: list[_Side] = []
     if strides is None or not np.any(strides.valid):
@@ -234,8 +241,8 @@ def _sides(source: SourceEstimate, recording: Recording, doubted: frozenset[str]
         whole = np.flatnonzero(mine & ~beyond)
         whole = whole[np.argsort(start[whole], kind="stable")]
         seconds, bridged = _not_seen(recording.sensors[name], start[whole], end[whole], length[whole], usual)
-        unknown = USUAL_SPEED * seconds + float(np.nansum(length[mine & beyond]))
         lengths, speed = float(np.nansum(length[mine])), _speed(strides, mine)
+        unknown = USUAL_SPEED * seconds + float(np.nansum(length[mine & beyond])) + speed * still.get(name, 0.0)
         stride = float(np.nanmedian(length[mine])) if mine.any() else 0.0
         lacking, cut = SMALL * stride * _small(source, name), _cut(source, name)
         sides.append(_Side(side, lengths, unknown, name in doubted, speed, stride, lacking, cut, bridged))

@@ -1,4 +1,9 @@
-"""Whether a shoe's sensor is fixed to the shoe all the time: in every stance it leans as in the first ones."""
+"""Whether a shoe's sensor is fixed to the shoe all the time: in every stance it leans as in the first ones.
+
+If both lean otherwise from one moment on, and each as the other one did before, they are exchanged.
+"""
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,22 +24,76 @@ LEANS_OTHERWISE = Kind(
 )
 
 
-def leans(placement: str, strides: Strides, side: int, time: np.ndarray, acc: np.ndarray) -> list[Note]:
-    """A note if the sensor of a side leans otherwise in later stances; `acc` (T, 3) [m/s²] at `time` (T,) [s]."""
+SHOES_EXCHANGED = Kind(
+    "shoes_exchanged",
+    "check",
+    "foot_right and foot_left seem to be exchanged from {at_s:.0f} s on: each leans in stance as the other one did "
+    "before",
+    "The sensors, or their names, have changed places in a pause. Which foot took a stride is not known after that, so "
+    "that no asymmetry is stated; lengths and distances hold. Cut the recording there, name the sensors anew, and "
+    "analyse both parts.",
+)
+
+
+class Moved(NamedTuple):
+    """A sensor that leans otherwise from one stance on.
+
+    Attributes:
+        note: the note on it.
+        pause: (2,) [s], the last stance before, and the first after.
+        at: time between them from which on it leans so [s].
+        before after: (3,) mean direction of gravity in stances, of length 1.
+    """
+
+    note: Note
+    pause: np.ndarray
+    at: float
+    before: np.ndarray
+    after: np.ndarray
+
+
+def moved(placement: str, strides: Strides, side: int, time: np.ndarray, acc: np.ndarray) -> Moved | None:
+    """How the sensor of a side leans otherwise in later stances, if it does; `acc` (T, 3) [m/s²] at `time` (T,) [s]."""
     if strides.standing is None:
-        return []
+        return None
     mine = np.asarray(strides.valid, bool) & (np.asarray(strides.side) == side)
     at = as_float(strides.standing)[mine]
     at = np.sort(at[np.isfinite(at)])
     if len(at) < 2 * STANCES:
-        return []
+        return None
     up = acc[np.clip(np.searchsorted(time, at), 0, len(time) - 1)]
+    up = up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9)
     rows = np.arange(len(at) - STANCES + 1)[:, None] + np.arange(STANCES)
-    middle = np.median((up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9))[rows], axis=1)
+    middle = np.median(up[rows], axis=1)
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
-    degrees = np.rad2deg(np.arccos(np.clip(middle @ middle[0], -1.0, 1.0)))
+    degrees = _degrees(middle, middle[0])
     worst = int(np.argmax(degrees))
     if degrees[worst] <= OTHERWISE_DEG:
-        return []
+        return None
     first = int(np.argmax(degrees > OTHERWISE_DEG)) + STANCES // 2
-    return [LEANS_OTHERWISE(placement=placement, at_s=at[first] - time[0], degrees=degrees[worst])]
+    note = LEANS_OTHERWISE(placement=placement, at_s=at[first] - time[0], degrees=degrees[worst])
+    change = middle[worst] - middle[0]
+    begin = int(np.clip(_first(up @ change > 0.0), 1, len(at) - 1))
+    pause = at[[begin - 1, begin]]
+    rows = np.searchsorted(time, pause)
+    return Moved(note, pause, time[rows[0] + _first(acc[slice(*rows)] @ change > 0.0)], middle[0], middle[worst])
+
+
+def _first(later: np.ndarray) -> int:
+    """Where to begin the later part of (n,) bool, so that fewest in it are False, and fewest before it True."""
+    wrong = np.cumsum(np.concatenate([[0], later])) + np.cumsum(np.concatenate([[0], ~later[::-1]]))[::-1]
+    return int(np.argmin(wrong))
+
+
+def exchanged(right: Moved | None, left: Moved | None) -> float | None:
+    """The time [s] from which both shoes' sensors have changed places, if each leans as the other one did before."""
+    if right is None or left is None:
+        return None
+    begin, end = max(right.pause[0], left.pause[0]), min(right.pause[1], left.pause[1])
+    apart = _degrees(right.after, left.before), _degrees(left.after, right.before)
+    return None if begin >= end or max(apart) > OTHERWISE_DEG else 0.5 * (right.at + left.at)
+
+
+def _degrees(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Angle between directions (…, 3) of length 1 [deg]."""
+    return np.asarray(np.rad2deg(np.arccos(np.clip(one @ other, -1.0, 1.0))))

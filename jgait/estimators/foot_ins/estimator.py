@@ -17,7 +17,7 @@ from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins import readout as foot_strides
 from jgait.estimators.foot_ins import windows as foot_windows
 from jgait.estimators.foot_ins.about import ABOUT
-from jgait.estimators.foot_ins.attached import leans
+from jgait.estimators.foot_ins.attached import SHOES_EXCHANGED, exchanged, moved
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals
 from jgait.estimators.foot_ins.model import FootControl, FootError, FootModelParams, FootObservation
 from jgait.estimators.foot_ins.params import DEFAULT, FootOptions, FootParams, with_body
@@ -27,6 +27,7 @@ from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.notes import NO_STEPS
 from jgait.estimators.programs import compiled
 from jgait.estimators.sides import of_turns, stacked
+from jgait.estimators.stride_flags import SIDE_UNKNOWN
 from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion
 from jgait.geometry.vectors import Vector, vector
@@ -246,12 +247,16 @@ def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
     walks = set(np.asarray(result.strides.side)[np.asarray(result.strides.valid, bool)].tolist())
     none = (NO_STEPS(placement=name) for side, name in worn.items() if side not in walks)
     time = as_float(result.time)
-    turned = [
-        note for side, foot in feet.items()
-        for note in leans(worn[side], result.strides, side, time, np.asarray(foot.acc)[: len(time)])
-    ]  # fmt: skip
-    notes = (*result.diagnostics["notes"], *cut, *none, *turned)
-    result = result._replace(diagnostics={**result.diagnostics, "notes": notes})
+    turned = {
+        side: moved(worn[side], result.strides, side, time, np.asarray(foot.acc)[: len(time)])
+        for side, foot in feet.items()
+    }
+    notes = [*result.diagnostics["notes"], *cut, *none, *(one.note for one in turned.values() if one is not None)]
+    if (changed := exchanged(turned.get(0), turned.get(1))) is not None:
+        notes.append(SHOES_EXCHANGED(at_s=changed - time[0]))
+        unknown = as_float(result.strides.end) > changed
+        result = result._replace(diagnostics={**result.diagnostics, SIDE_UNKNOWN.name: unknown})
+    result = result._replace(diagnostics={**result.diagnostics, "notes": tuple(notes)})
     if made.options.soft:  # its noise is tuned, and limits for it are not known
         return result
     nis = {side: float(result.diagnostics[f"nis_{SIDES[side]}"]) for side in worn}

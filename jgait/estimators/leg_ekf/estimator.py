@@ -18,11 +18,12 @@ from jgait.estimators.leg_ekf.model import STANDING, LegControl, LegModelParams,
 from jgait.estimators.leg_ekf.notes import SHANKS_APART
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_side, with_body
 from jgait.estimators.leg_ekf.prepare import SHANKS, long_gaps, prepare
+from jgait.estimators.leg_ekf.slips import slipped
 from jgait.estimators.sides import stacked
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.vectors import vector
 from jgait.notes import Note
-from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values
+from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values, as_float
 
 STEPS_APART, APART = 1.6, 0.1
 """[m], [1] Difference of the distances of both shanks beyond which one of them is wrong: a long stride, a share."""
@@ -255,8 +256,8 @@ def _one_leg(
 
 
 def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:
-    """The estimate with `stated_<side>` (T,), False in long gaps of that leg's sensors, and with notes if strides of a
-    shank are in doubt, or the distances of both shanks differ too much.
+    """The estimate with `stated_<side>` (T,), False in long gaps of that leg's sensors, `slipped_<side>` (T,) if one of
+    them slipped, True after it, and notes if strides of a shank are in doubt, or distances of both differ too much.
     """
     found, shanks = dict(result.diagnostics), made.inputs.shanks
     for side in SIDES:
@@ -265,6 +266,8 @@ def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:
             found[f"stated_{side}"] = np.asarray(result.valid | ~made.inputs.valid)
             for start, stop in long_gaps(leg, made.inputs.time):
                 found[f"stated_{side}"][start:stop] = False
+            if (after := slipped(made.notes, side, as_float(made.inputs.time))).any():
+                found[f"slipped_{side}"] = after
     notes: list[Note] = []
     for side in SIDES:
         if shanks is not None and f"shank_nis_{side}" in found:

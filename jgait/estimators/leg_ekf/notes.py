@@ -54,6 +54,15 @@ STANDS_OTHERWISE = Kind(
     "before and after, and leave out what follows the slip.",
 )
 
+SLIPPED = Kind(
+    "sensor_slipped",
+    "check",
+    "{placement}: it slipped on the segment: from {from_s:.1f} s on its tilt differs by {degrees:.0f}° from that in "
+    "the standing that calibrates it",
+    "Angles of hip and knee of this leg are wrong by as much from then on, and do not count. Cut the recording there, "
+    "and analyse both parts, if the person stands in each.",
+)
+
 SHANKS_APART = Kind(
     "shanks_apart",
     "check",

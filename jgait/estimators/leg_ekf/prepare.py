@@ -23,12 +23,12 @@ from jgait.estimators.leg_ekf.notes import (
     SEGMENT_ALONE,
     SEGMENTS_SWAPPED,
     STANDING_MOVES,
-    STANDS_OTHERWISE,
     THIGH_UNSURE,
 )
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions
+from jgait.estimators.leg_ekf.slips import slips
 from jgait.estimators.notes import ACCELEROMETER_OFF, CLIPPED, NO_ACCELEROMETER, NO_FIRST_STANDING
-from jgait.events.rest import LEGS_RATE, LEGS_SHORTEST_S, LegRest, standing_of_legs
+from jgait.events.rest import LEGS_RATE, LegRest, standing_of_legs
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.leg import leg_mounting, measured, smooth
 from jgait.notes import Note
@@ -240,29 +240,6 @@ def _gap_notes(gaps: Mapping[str, list[tuple[int, int]]], time: np.ndarray) -> l
     ]  # fmt: skip
 
 
-OTHERWISE_DEG = 10.0
-"""[deg] Largest change of a segment's tilt between two times of standing; chosen, above that of legs of public sets."""
-
-
-def _otherwise(sensors: Mapping[str, Imu], upright: np.ndarray, standing: slice, time: np.ndarray) -> list[Note]:
-    """Notes on sensors that are tilted otherwise in another standing than in the one that calibrates."""
-    least = LEGS_SHORTEST_S / float(np.median(np.diff(time)))
-    runs = [slice(first, after) for first, after in true_runs(upright) if after - first >= least]
-    notes = []
-    for name, imu in sensors.items():
-        if imu.acc is None or not runs:
-            continue
-        force = as_float(imu.acc)
-        down = force[standing].mean(axis=0)
-        others = np.stack([force[run].mean(axis=0) for run in runs])
-        cosines = others @ down / np.maximum(np.linalg.norm(others, axis=1) * np.linalg.norm(down), 1e-9)
-        worst = int(np.argmin(cosines))
-        degrees = float(np.rad2deg(np.arccos(np.clip(cosines[worst], -1.0, 1.0))))
-        if degrees > OTHERWISE_DEG:
-            notes.append(STANDS_OTHERWISE(placement=name, degrees=degrees, at_s=time[runs[worst].start] - time[0]))
-    return notes
-
-
 SHANKS = AnkleOptions(site="shank")
 """Options of the strapdown of the shanks' sensors."""
 
@@ -300,7 +277,7 @@ def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[Leg
         segments = [in_segment(sensors[one.placement], one) for one in worn.values()]
         legs[side] = LegSignals(*(rates_between(one, time) if options.smooth else one for one in segments))
         notes += more
-    notes += _otherwise(sensors, upright, slice(*standing), time)
+    notes += slips(sensors, upright, slice(*standing), time)
     if bare := any(imu.acc is None for imu in sensors.values()):
         notes.append(NO_ACCELEROMETER())
     if not still[0]:

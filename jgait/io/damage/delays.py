@@ -32,6 +32,11 @@ CLEARER: dict[str | tuple[str, str], float] = {"foot": 0.05, ("shank", "foot"): 
 """[1] Least gain of the correlation at a delay over the largest one at usual delays. A foot that shuffles or drags is
 shaken twice in a step, and two delays fit equally well. Chosen: recorded signals with delays of 0.08 s gain more."""
 
+COARSE = 0.05
+"""[1] The same for all sensors where `STEP_S` is less than one and a half samples: swings then are as
+sharp as impacts, and a delay is known to a sample. Chosen, above that of undamaged
+recordings at 50 and 64 Hz."""
+
 IN_SENSOR = {"foot": (-0.035, 0.032), "ankle": (-0.05, 0.027), "shank": (-0.05, 0.027), "thigh": (-0.06, 0.05)}
 """[s] Range of the delay of the accelerometer behind the gyroscope, by segment. In undamaged public and simulated
 recordings it is −0.025 to 0.02 at the foot, −0.039 to 0.02 at the shank, −0.04 to 0.03 at the thigh."""
@@ -128,6 +133,7 @@ def delay_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
     notes: list[Note] = []
     long = {name: imu for name, imu in sensors.items() if imu.acc is not None and len(imu.time) > SHORTEST_S * rate_hz}
     step, longest = max(round(STEP_S * rate_hz), 1), int(LONGEST_S * rate_hz)
+    coarse = COARSE if step < 2 else 0.0
     for placement, imu in long.items():
         segment = placement.partition("_")[0]
         if segment not in IN_SENSOR:
@@ -136,15 +142,16 @@ def delay_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
         low, high = IN_SENSOR[segment]
         # below 40 Hz, a delay by one sample is longer than the range
         low, high = min(low, -1.0 / rate_hz), max(high, 1.0 / rate_hz)
-        delay, alike = _late(_changes(gyr, step), _changes(acc, step), rate_hz, (low, high), CLEARER.get(segment, 0.0))
+        gain = max(CLEARER.get(segment, 0.0), coarse)
+        delay, alike = _late(_changes(gyr, step), _changes(acc, step), rate_hz, (low, high), gain)
         # a delay is known to half a sample; one at an end of the range has been found without any gain
         if not low - 0.5 / rate_hz <= delay <= high + 0.5 / rate_hz and alike > LEAST_ALIKE:
             notes.append(ACCELEROMETER_LATE(placement=placement, **_told(delay)))
-    return (*notes, *_in_legs(long, rate_hz))
+    return (*notes, *_in_legs(long, rate_hz, coarse))
 
 
-def _in_legs(sensors: Mapping[str, Imu], rate_hz: float) -> list[Note]:
-    """Notes about exchanged sensors, and about delays between the others of each leg."""
+def _in_legs(sensors: Mapping[str, Imu], rate_hz: float, coarse: float) -> list[Note]:
+    """Notes about exchanged sensors, and about delays between the others of each leg; `coarse` is 0 or `COARSE`."""
     samples, longest = max(round(CALM_S * rate_hz), 3), int(LONGEST_S * rate_hz)
     segments = dict.fromkeys(segment for pair in BETWEEN for segment in pair)
     shaken = {
@@ -153,12 +160,14 @@ def _in_legs(sensors: Mapping[str, Imu], rate_hz: float) -> list[Note]:
     }  # fmt: skip
     if len({len(signal) for signal in shaken.values()}) > 1:
         return []
-    crossed = {pair: _crossed(shaken, pair, farthest, rate_hz) for pair, farthest in BETWEEN.items()}
+    # a coarse delay is known to a sample
+    usual = {pair: (int(far * rate_hz) + 1) / rate_hz if coarse else far for pair, far in BETWEEN.items()}
+    crossed = {pair: _crossed(shaken, pair, farthest, rate_hz) for pair, farthest in usual.items()}
     notes = _exchanged(crossed)
-    for (upper, lower), farthest in BETWEEN.items():
+    for (upper, lower), farthest in usual.items():
         if notes and crossed[upper, lower] is not False:
             continue
-        gain = CLEARER.get((upper, lower), 0.0)
+        gain = max(CLEARER.get((upper, lower), 0.0), coarse)
         for side in SIDES:
             names = f"{upper}_{side}", f"{lower}_{side}"
             if all(name in shaken for name in names):

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 from made.estimators import changed, exchanged, in_a_row, masked, only
 from made.notes import codes, of_code
+from scipy.spatial.transform import Rotation
 
 import jgait
 from jgait import io, simulate
@@ -77,6 +78,59 @@ def test_sensors_whose_clocks_differ_still_measure_lengths(walked):
     assert errors(found.estimate.strides, truth).mean() < 0.02
     (named,) = of_code(found.notes, "strides_of_waist")
     assert named.values["side"] == "right" and "foot_right" in str(named) and "feet" in named.values["sources"]
+
+
+def test_strides_of_the_waist_that_contradict_the_walk_around_them_are_in_doubt(walked):
+    recording, _ = walked
+    worn = only(recording, "pelvis", *FEET)
+    assert not of_code(jgait.analyse(worn, PERSON).notes, "replaced_strides_unlike")
+    time = np.asarray(recording.sensors["pelvis"].time)
+    lost = (time > 7.5) & (time < 10.5) & (np.random.default_rng(0).random(len(time)) < 0.25)
+
+    def numbered_on(imu):
+        kept = jax.tree.map(lambda values: np.asarray(values)[~lost], imu)
+        return kept._replace(time=time[: len(kept.time)])
+
+    found = jgait.analyse(worn._replace(sensors={k: numbered_on(imu) for k, imu in worn.sensors.items()}), PERSON)
+    assert of_code(found.notes, "replaced_strides_unlike")
+    strides, steady = found.estimate.strides, regular(found.strides)
+    lasts = (np.asarray(strides.end) - np.asarray(strides.start))[steady]
+    assert steady.sum() >= 8 and lasts.min() > 0.9 * np.median(lasts)
+
+
+@pytest.mark.parametrize("swapped", [True, False])
+def test_shoes_that_change_places_are_put_right_where_the_waist_says_so_too(swapped):
+    person = simulate.person_of(simulate.population(jax.random.key(3), 1), 0)
+    recording, truth = simulate.with_breaks(
+        jax.random.key(4), person, [simulate.straight(12.0)] * 2, [5.0], OPAL, placements=("pelvis", *FEET)
+    )
+    sensors, lean = recording.sensors, Rotation.from_euler("x", 40.0, degrees=True)
+    contacts = np.sort(np.asarray(truth.strides.end)[np.asarray(truth.strides.valid)])
+    later = (np.asarray(sensors["foot_left"].time) > contacts[np.argmax(np.diff(contacts))] + 2.5)[:, None]
+    # the left sensor leans; then both change places, or each is put on anew so that it leans as the other one did
+    worn = {}
+    for own, mate, leans in ((*FEET, False), (*FEET[::-1], True)):
+        after = sensors[mate if swapped else own]
+        worn[own] = sensors[own]._replace(**{
+            name: np.where(
+                later,
+                getattr(after, name) if leans else lean.apply(getattr(after, name)),
+                lean.apply(getattr(sensors[own], name)) if leans else getattr(sensors[own], name),
+            )
+            for name in ("gyr", "acc")
+        })  # fmt: skip
+    found = jgait.analyse(changed(recording, **worn), PERSON)
+    assert len(of_code(found.notes, "shoes_put_right")) == swapped
+    assert len(of_code(found.notes, "shoes_exchanged")) == (not swapped)
+    if swapped:
+        assert not of_code(found.notes, "leans_otherwise")
+        for side in (0, 1):
+            ours, theirs = (
+                np.asarray(table.end)[np.asarray(table.side) == side]
+                for table in (found.estimate.strides, truth.strides)
+            )
+            steady = ours[regular(found.strides)[np.asarray(found.estimate.strides.side) == side]]
+            assert len(steady) > 8 and np.abs(steady[:, None] - theirs).min(axis=1).max() < 0.1
 
 
 def test_times_of_a_stride_are_those_that_make_strides_even_where_contacts_contradict():

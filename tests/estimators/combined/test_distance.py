@@ -221,6 +221,25 @@ def test_a_bout_that_only_one_side_saw_has_its_whole_length():
     assert found.estimate.distance[-1] == pytest.approx(truth.estimate.distance[-1], rel=0.02)
 
 
+def test_a_sensor_that_falls_off_and_lies_still_is_named_and_the_distance_is_that_of_the_other_leg():
+    person = simulate.person_of(simulate.population(jax.random.key(3), 1), 0)
+    recording, truth = simulate.recording(
+        jax.random.key(4), simulate.covering(jax.random.key(4), person, simulate.straight(20.0)),
+        simulate.straight(20.0), OPAL, placements=("foot_right", "foot_left"),
+    )  # fmt: skip
+    assert not of_code(jgait.analyse(recording).notes, "lies_still")
+    right = recording.sensors["foot_right"]
+    lies = (right.time > 0.5 * right.time[-1])[:, None]
+    fallen = right._replace(gyr=np.where(lies, 0.003, right.gyr), acc=np.where(lies, [3.0, 4.0, 8.44], right.acc))
+    found = jgait.analyse(recording._replace(sensors={**recording.sensors, "foot_right": fallen}))
+    (note,) = of_code(found.notes, "lies_still")
+    assert note.values["placement"] == "foot_right"
+    assert note.values["from_s"] == pytest.approx(0.5 * right.time[-1], abs=2.0)
+    assert [one.values["side"] for one in of_code(found.notes, "distance_of_one_side")] == ["left"]
+    assert found.estimate.distance[-1] == pytest.approx(truth.estimate.distance[-1], rel=0.02)
+    assert found.estimate.diagnostics["distance_stddev"][-1] < 0.06 * truth.estimate.distance[-1]
+
+
 VARIES = {"length_variability": 0.02, "time_variability": 0.02}
 CREEPING = simulate.gait(speed=0.12, stride_length=0.25, length_variability=0.05, time_variability=0.05)
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jgait import simulate
+import jgait
+from jgait import io, simulate
 from jgait.estimators import duty_cycled_gyro, leg_ekf
 from jgait.simulate.sensors import MPU6000
 from jgait.types import Imu, RecordingError
@@ -74,9 +75,32 @@ def test_a_sensor_that_slips_is_noted(walk, placement, degrees):
     slip = Rotation.from_euler("y", degrees, degrees=True)
     gyr, acc = (np.where(later[:, None], slip.apply(np.asarray(part)), part) for part in (imu.gyr, imu.acc))
     recording = walk._replace(sensors={**walk.sensors, placement: imu._replace(gyr=gyr, acc=acc)})
-    notes = [note for note in leg_ekf.prepared(recording).notes if note.code == "stands_otherwise"]
-    found = [(note.values["placement"], round(abs(float(note.values["degrees"])))) for note in notes]
-    assert found == ([(placement, abs(degrees))] if degrees else [])
+    codes = ("stands_otherwise", "sensor_slipped")
+    notes = [note for note in leg_ekf.prepared(recording).notes if note.code in codes]
+    found = [(note.code, note.values["placement"], round(abs(float(note.values["degrees"])))) for note in notes]
+    assert found == ([("sensor_slipped", placement, abs(degrees))] if degrees else [])
+    for note in notes:
+        assert -2.5 < note.values["from_s"] - 0.5 * imu.time[-1] < 1.0
+
+
+def test_a_person_who_stands_otherwise_at_the_end_has_usable_angles_and_one_whose_sensor_slipped_does_not(walk):
+    imu = walk.sensors["thigh_right"]
+    time = np.asarray(imu.time)
+    ends = jgait.analyse(walk, {"height": 1.75}).estimate.strides.end
+    for at, slips in ((0.5 * time[-1], True), (float(np.max(ends)) + 0.5, False)):
+        turn = Rotation.from_euler("y", 25.0, degrees=True)
+        gyr, acc = (np.where(time[:, None] > at, turn.apply(np.asarray(part)), part) for part in (imu.gyr, imu.acc))
+        moved = walk._replace(sensors={**walk.sensors, "thigh_right": imu._replace(gyr=gyr, acc=acc)})
+        found = jgait.analyse(moved, {"height": 1.75})
+        assert [note.code for note in found.notes if note.code in ("stands_otherwise", "sensor_slipped")] == [
+            "sensor_slipped" if slips else "stands_otherwise"
+        ]
+        table = io.analysis_to_dataframes(found)
+        right, later = table["strides"]["side"] == "right", table["strides"]["end_s"] > at
+        assert table["strides"]["angles_valid"][~right].all()
+        assert table["strides"]["angles_valid"][right & ~later].any()
+        assert not table["strides"]["angles_valid"][right & later].any()
+        assert table["samples"]["angles_valid_right"].all() != slips
 
 
 def leaning(walk, begin_s, end_s, degrees):

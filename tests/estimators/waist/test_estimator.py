@@ -10,7 +10,7 @@ from made.trunk import about_vertical, cut, imu_of, joined, rotation, turned, wa
 
 from jgait import simulate
 from jgait.estimators import waist
-from jgait.estimators.stride_flags import in_order, regular
+from jgait.estimators.stride_flags import UNSURE, in_order, regular
 from jgait.estimators.waist import FLAGS, WaistOptions, WaistParams
 from jgait.estimators.waist.about import ABOUT
 from jgait.simulate import sensors
@@ -182,6 +182,9 @@ def test_a_turn_is_flagged_and_makes_integration_less_certain(bent):
     assert flags["turning"].any() and not flags["turning"][[0, 1, 2, -3, -2, -1]].any()
     first = int(np.argmax(flags["unsure"]))
     assert 5 < first < 10 and flags["unsure"][first:].all()
+    assert UNSURE.read(estimate) is None  # lengths hold all the same, as stated
+    alone = estimated(made.recording, options=WaistOptions(distance="update"))
+    assert np.asarray(UNSURE.read(alone))[first:].all()
     np.testing.assert_allclose(np.sum(strides.turn[::2]), np.pi, atol=0.1)
     # a person can also turn on the spot
     assert np.all(estimate.strides_stddev.length[flags["turning"]] > 0.35 * estimate.strides.length[flags["turning"]])

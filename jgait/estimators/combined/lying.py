@@ -1,0 +1,49 @@
+"""Whether a sensor on one leg lies still while the other leg walks: it fell off, or is not worn yet."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from jgait.estimators.combined.sources import SourceEstimate
+from jgait.notes import Kind, Note
+from jgait.types import SIDES, Imu, as_float
+
+LIES_STILL = Kind(
+    "lies_still", "check", "{placement} is still from {from_s:.0f} to {to_s:.0f} s, while the other leg walks: it fell "
+    "off, or is not worn then",
+    "No strides of this leg are measured there. The distance is that of the other leg.",
+)  # fmt: skip
+
+STILL, MOSTLY = 0.3, 0.9
+"""[rad/s], [1] Rate below which a sensor is still, and least share of the time: a leg in walking swings longer."""
+
+FEWEST = 3
+"""[1] Least number of strides of the other leg in a row."""
+
+
+def lying(source: SourceEstimate, sensors: Mapping[str, Imu]) -> tuple[dict[str, float], list[Note]]:
+    """Placement → time in which its sensor is still while the other leg walks [s], and notes on these times."""
+    strides = source.estimate.strides
+    seconds: dict[str, float] = {}
+    notes: list[Note] = []
+    if strides is None or len(source.placements) != len(SIDES):
+        return seconds, notes
+    spans = np.stack([as_float(strides.start), as_float(strides.end)], axis=1)
+    valid, sides = np.asarray(strides.valid, bool), np.asarray(strides.side)
+    for name in source.placements:
+        of = next(number for number, side in enumerate(SIDES) if name.endswith(side))
+        own, other = (spans[valid & (sides == side)] for side in (of, 1 - of))
+        own = own[np.argsort(own[:, 0])]
+        after = np.concatenate([[-np.inf], np.maximum.accumulate(own[:, 1])])
+        for begin, until in zip(after, [*own[:, 0], np.inf], strict=True) if len(own) else ():
+            alone = other[(other[:, 0] >= begin) & (other[:, 1] <= until)]
+            if len(alone) < FEWEST:
+                continue
+            first, last = float(alone[:, 0].min()), float(alone[:, 1].max())
+            imu, time = sensors[name], as_float(sensors[name].time)
+            there = (time >= first) & (time <= last) & np.asarray(imu.mask, bool)
+            still = np.linalg.norm(as_float(imu.gyr)[there], axis=1) < STILL
+            if still.size and still.mean() > MOSTLY:
+                seconds[name] = seconds.get(name, 0.0) + last - first
+                notes.append(LIES_STILL(placement=name, from_s=first - time[0], to_s=last - time[0]))
+    return seconds, notes

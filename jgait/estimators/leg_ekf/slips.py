@@ -1,0 +1,78 @@
+"""Whether sensors on thighs and shanks stay where they are: a segment that stands, and then walks, leans as before."""
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from jgait.estimators.leg_ekf.notes import SLIPPED, STANDS_OTHERWISE
+from jgait.events.rest import LEGS_SHORTEST_S
+from jgait.notes import Note
+from jgait.signal.windows import true_runs
+from jgait.types import Imu, as_float
+
+OTHERWISE_DEG = 10.0
+"""[deg] Largest change of a segment's tilt between two times of standing; chosen, above that of legs of public sets."""
+
+WINDOW_S = 1.0
+"""[s] Time over which a segment's specific force is averaged, in which accelerations of walking vanish."""
+
+SHARE = 0.5
+"""[1] Share of a change of the tilt in standing that is seen in movement, too, from which on the sensor slipped."""
+
+
+def slips(sensors: Mapping[str, Imu], upright: np.ndarray, standing: slice, time: np.ndarray) -> list[Note]:
+    """Notes on sensors that are tilted otherwise in another standing than in the one that calibrates.
+
+    If the last standing is such a one, and the person moves so before it, the sensor slipped, see `_since`.
+    """
+    step = float(np.median(np.diff(time)))
+    runs = [slice(first, after) for first, after in true_runs(upright) if after - first >= LEGS_SHORTEST_S / step]
+    notes = []
+    for name, imu in sensors.items():
+        if imu.acc is None or not runs:
+            continue
+        force = as_float(imu.acc)
+        down = force[standing].mean(axis=0)
+        others = np.stack([force[run].mean(axis=0) for run in runs])
+        cosines = others @ down / np.maximum(np.linalg.norm(others, axis=1) * np.linalg.norm(down), 1e-9)
+        degrees = np.rad2deg(np.arccos(np.clip(cosines, -1.0, 1.0)))
+        worst = int(np.argmax(degrees))
+        if degrees[worst] <= OTHERWISE_DEG:
+            continue
+        since = None
+        if degrees[-1] > OTHERWISE_DEG and runs[-1].start >= standing.stop:
+            moving = np.flatnonzero(np.asarray(imu.mask, bool) & ~upright)
+            moving = moving[(moving >= standing.stop) & (moving < runs[-1].start)]
+            since = _since(force, moving, round(WINDOW_S / step), down, others[-1])
+        if since is None:
+            notes.append(
+                STANDS_OTHERWISE(placement=name, degrees=degrees[worst], at_s=time[runs[worst].start] - time[0])
+            )
+        else:
+            notes.append(SLIPPED(placement=name, degrees=degrees[-1], from_s=time[since] - time[0]))
+    return notes
+
+
+def _since(force: np.ndarray, moving: np.ndarray, width: int, before: np.ndarray, after: np.ndarray) -> int | None:
+    """The sample from which on a sensor is tilted as in the standing `after` (3,), and not as in that `before`.
+
+    It splits windows of the samples in which the person moves so that their tilts vary least around the mean of either
+    part. None if the parts differ by less than `SHARE` of the change in standing, and if none is after.
+    """
+    count = len(moving) // width
+    if count < 2:
+        return None
+    change = after - before
+    kept = moving[: count * width].reshape(count, width)
+    tilts = (force[kept].mean(axis=1) - before) @ change / (change @ change)
+    values = np.concatenate([[0.0], tilts])  # the standing before, from which a sensor may slip before the walk
+    parts = [(values[:number], values[number:]) for number in range(1, len(values))]
+    best = min(range(len(parts)), key=lambda one: sum(len(part) * float(np.var(part)) for part in parts[one]))
+    first, last = parts[best]
+    return None if last.mean() - first.mean() < SHARE else int(kept[max(best - 1, 0), 0])
+
+
+def slipped(notes: Iterable[Note], side: str, time: np.ndarray) -> np.ndarray:
+    """(T,) bool, the samples after a sensor on the leg of a side slipped, by notes."""
+    of_side = (note for note in notes if note.kind is SLIPPED and str(note.values["placement"]).endswith(side))
+    return np.asarray(time - time[0] >= min((as_float(note.values["from_s"]) for note in of_side), default=np.inf))
