@@ -1,10 +1,10 @@
 """Whether errors on simulated people predict those on recorded ones: foot, ankle, shank, waist and legs.
 
-Simulated people move as recorded ones do (`simulate.population(recorded=True)`) with Opal sensors, on shoes those of
-`ON_SHOE`, and walk the ways of the recorded ones. The same measures are taken of them as stand in the table of all
-experiments for the recordings. Where a reference has an error of its own, the simulated one errs as much: the waist's
-distances are compared with those of the shoes, as in `ipol_gait`. A factor is the larger of both numbers over the
-smaller.
+Simulated people move as recorded ones do (`simulate.population(recorded=True)`) with sensors of `WORN`, on shoes those
+of `ON_SHOE`, and walk the ways of the recorded ones; what is learned for recordings is learned here, too. The same
+measures are taken of them as stand in the table of all experiments for the recordings. Where a reference has an error
+of its own, the simulated one errs as much: the waist's distances are compared with those of the shoes, as in
+`ipol_gait`. A factor is the larger of both numbers over the smaller.
 """
 
 import math
@@ -16,17 +16,30 @@ import numpy as np
 
 from experiments.common import summary
 from experiments.common.matching import nearest
-from experiments.common.recordings import attempt
+from experiments.common.recordings import attempt, available
 from experiments.common.row import Row, show
+from experiments.common.shanks import Leg, Reference, rested
 from experiments.kose2011 import contacts
 from experiments.kose2011.walks import Walk as WaistWalk
 from experiments.kose2011.walks import there_and_back
-from experiments.silva2017.lever import REFERENCE_SD
+from experiments.silva2017.lever import (
+    AT_ANKLE,
+    BOTH_LEVERS,
+    LEVERS,
+    REFERENCE_SD,
+    lever_of,
+    prepared,
+    references,
+    run,
+    together,
+)
 from experiments.unseen import waist
 from experiments.unseen.legs import REFERENCE_SD as DISTANCE_SD
-from jgait import simulate
-from jgait.estimators import ankle_stride, foot_ins, leg_ekf
+from jgait import datasets, simulate
+from jgait.estimators import foot_ins, leg_ekf
 from jgait.evaluate.windows import judge
+from jgait.geometry.vectors import GRAVITY
+from jgait.mounting import shank as shank_axes
 from jgait.simulate import Body, Person, Route, Truth
 from jgait.simulate.sensors import ON_SHOE, OPAL
 from jgait.types import SIDES, Estimate, Recording, Walk, as_float
@@ -39,11 +52,16 @@ LONG, SHORT = simulate.straight(20.0), simulate.straight(5.0)
 """Ways of most sets and of `walking5m`."""
 BACK = simulate.about_turn(10.0)
 """The way of `ipol_gait`."""
-TURN = {"length": 2.6, "turn": math.pi, "on_spot": 1.0}
+TURN = {"length": 2.6, "turn": math.pi, "on_spot": 0.54}
 NEURA, STANDS = simulate.route({"length": 3.3}, TURN, {"length": 4.2}), 9.0
-"""The way of `neura_sparse`; [s] standing before it."""
+"""The way of `neura_sparse`, whose pelvis moves 1.2 m in the turn; [s] standing before it."""
+WORN = OPAL._replace(acc_noise=0.02, acc_bias=0.1, acc_range=16.0 * GRAVITY, acc_resolution=32.0 / 2**16 * GRAVITY)
+"""Sensors on legs and back: accelerometers as recorded ones of `neura_sparse`, `walking5m` and `tripod` are at rest
+(`at_rest`)."""
 CONTACT_SD, STATURE = 0.012, 1.75
 """[s] Standard deviation of the checked contacts of `ipol_gait` (`kose2011.contacts`); [m] of the usual body."""
+STILL = 0.02
+"""[rad/s] Deviation of the rate of a sensor that does not move."""
 SAME_S, SHORTEST = 0.3, 0.5
 """[s] Largest difference of the ends of a stride and of its reference; [m] shortest stride that counts."""
 
@@ -63,6 +81,24 @@ class Compared(NamedTuple):
     stated: np.ndarray
 
 
+def at_rest() -> list[list[Any]]:
+    """Of sets: sensors, how far the size of the specific force is from gravity, and its noise, in the stillest second
+    (root of the mean square and median) [m/s²]."""
+    found = []
+    for name in ("neura_sparse", "walking5m", "tripod") if available("walking5m") else ():
+        bias, noise = [], []
+        for walk in datasets.load(name):
+            for imu in walk.recording.sensors.values():
+                length, (acc, gyr) = round(walk.recording.sampling_rate_hz), map(np.asarray, (imu.acc, imu.gyr))
+                parts = [slice(i, i + length) for i in range(0, len(acc) - length, length // 2)]
+                still = min(parts, key=lambda part: np.nan_to_num(gyr[part].std(axis=0).max(), nan=np.inf))
+                if gyr[still].std(axis=0).max() < STILL:
+                    bias.append(np.linalg.norm(acc[still].mean(axis=0)) - GRAVITY)
+                    noise.append(np.diff(acc[still], axis=0).std() / math.sqrt(2.0))
+        found.append([name, len(bias), float(np.sqrt(np.mean(np.square(bias)))), float(np.median(noise))])
+    return found
+
+
 def walked(people: int, along: Route, stands: float | None = None) -> list[Walked]:
     """Walks of people drawn anew, who stand for a time before [s]; one who cannot walk like that is left out, and
     printed."""
@@ -73,7 +109,7 @@ def walked(people: int, along: Route, stands: float | None = None) -> list[Walke
         person = simulate.covering(key, simulate.person_of(drawn, i), along)
         if stands is not None:
             person = person._replace(gait=person.gait._replace(quiet_before=stands))
-        recording, truth = simulate.recording(key, person, along, OPAL, RATE_HZ, placements=PLACEMENTS)
+        recording, truth = simulate.recording(key, person, along, WORN, RATE_HZ, placements=PLACEMENTS)
         shoes, _ = simulate.recording(key, person, along, ON_SHOE, RATE_HZ, placements=SHOES)
         return Walked(person, recording._replace(sensors=recording.sensors | shoes.sensors), truth)
 
@@ -81,20 +117,50 @@ def walked(people: int, along: Route, stands: float | None = None) -> list[Walke
     return [walk for walk in found if walk is not None]
 
 
-def strides(estimator: Any, p: Any, placement: str, deviation: float, walks: Sequence[Walked]) -> Compared:
-    """Lengths [m] of strides by one sensor of each leg, beside a reference that errs by a deviation [m]."""
-    rng, error, stated = np.random.default_rng(7), [], []
+def strides(walks: Sequence[Walked]) -> Compared:
+    """Lengths [m] of strides by one sensor on each shoe."""
+    error, stated = [], []
     for walk in walks:
         for number, side in enumerate(SIDES):
-            name = f"{placement}_{side}"
+            name = f"foot_{side}"
             alone = walk.recording._replace(sensors={name: walk.recording.sensors[name]})
-            found, true = estimator.estimate(p, alone), walk.truth.strides
+            found, true = foot_ins.estimate(foot_ins.FootParams(), alone), walk.truth.strides
             counts = np.asarray(true.valid) & (np.asarray(true.side) == number) & (as_float(true.length) > SHORTEST)
             end, length = (as_float(values)[counts] for values in (true.end, true.length))
             for i, j in nearest(as_float(found.strides.end), end, SAME_S):
-                error.append(float(found.strides.length[i]) - length[j] + deviation * rng.standard_normal())
-                stated.append(np.hypot(float(found.strides_stddev.length[i]), deviation))
+                error.append(float(found.strides.length[i]) - length[j])
+                stated.append(float(found.strides_stddev.length[i]))
     return Compared(np.array(error), np.array(stated))
+
+
+def shanks(group: str, walks: Sequence[Walked], deviation: float = 0.0) -> Compared:
+    """Lengths [m] of strides by one sensor on each shank or at each ankle, as those of a set (`silva2017.lever`).
+
+    The lever is learned on the person's other leg, or on other people in `walking5m`; the reference errs by a
+    deviation [m].
+    """
+    rng, legs = np.random.default_rng(7), []
+    placement = "ankle" if group in AT_ANKLE else "shank"
+    for person, walk in enumerate(walks):
+        strides = walk.truth.strides
+        for number, side in enumerate(SIDES):
+            rows = np.asarray(strides.valid) & (np.asarray(strides.side) == number)
+            begin, end, length = (as_float(part)[rows] for part in (strides.start, strides.end, strides.length))
+            length = length + deviation * rng.standard_normal(length.size)
+            imu = rested(walk.recording.sensors[f"{placement}_{side}"], RATE_HZ)
+            axes = shank_axes.functional_axes(imu)
+            if axes is not None:
+                true = Reference(end, length, begin, None, (0.0, float(imu.time[-1])))
+                legs.append(Leg(group, f"{person}", f"{person}", side, imu, axes, RATE_HZ, None, true, ()))
+    inputs = together([prepared(leg, np.zeros(3), np.eye(3)) for leg in legs])
+    true, full = references(legs, inputs)
+    people, sides = (np.array([getattr(leg, name) for leg in legs]) for name in ("subject", "side"))
+    same = people[:, None] == people
+    teaches = ~same if group == "walking5m" else same & (sides[:, None] != sides)
+    pair = LEVERS.get(group, BOTH_LEVERS)
+    told = [run(group, np.full(len(legs), lever), inputs)["length"] for lever in pair]
+    found = run(group, np.array([lever_of(pair, told, true, full & one[:, None]) for one in teaches]), inputs)
+    return Compared((found["length"] - true)[full], np.hypot(found["sd"], deviation)[full])
 
 
 def distances(estimates: Sequence[Estimate], walks: Sequence[Walked], deviation: float) -> Compared:
@@ -176,14 +242,13 @@ def within(found: Compared) -> float:
 
 def lines(people: int) -> list[Line]:
     """Of all estimators."""
-    far, near = walked(people, LONG), walked(people, SHORT)
-    foot, ankle = (foot_ins, foot_ins.FootParams()), (ankle_stride, ankle_stride.AnkleParams())
+    far, near, turning = walked(people, LONG), walked(people, SHORT), walked(people, NEURA, STANDS)
     sets: list[tuple[str, Callable[[], Compared], tuple[str, ...], tuple[str, ...]]] = [
-        ("foot", lambda: strides(*foot, "foot", 0.0, far), ("gaitmap_example", "neura_sparse", "footprints"),
+        ("foot", lambda: strides(far), ("gaitmap_example", "neura_sparse", "footprints"),
          ("foot_stride_mae_cm_{}", "within_two_sigma_pct_foot_ins_{}")),
-        ("ankle", lambda: strides(*ankle, "ankle", 0.0, far), ("neura_ankle",), ("{}_stride_mae_cm",)),
-        ("shank", lambda: strides(*ankle, "shank", 0.0, far), ("neura_shank",), ("{}_stride_mae_cm",)),
-        ("shank, 5 m", lambda: strides(*ankle, "shank", REFERENCE_SD["walking5m"], near), ("walking5m",),
+        ("ankle", lambda: shanks("neura_ankle", turning), ("neura_ankle",), ("{}_stride_mae_cm",)),
+        ("shank", lambda: shanks("neura_shank", turning), ("neura_shank",), ("{}_stride_mae_cm",)),
+        ("shank, 5 m", lambda: shanks("walking5m", near, REFERENCE_SD["walking5m"]), ("walking5m",),
          ("{}_stride_mae_cm", "within_two_sigma_pct_ankle_stride_{}")),
     ]  # fmt: skip
     found = []
@@ -196,7 +261,7 @@ def lines(people: int) -> list[Line]:
             about = ("strides within 2σ", "%") if covers else ("stride length, mean error", "cm")
             found.append(Line(name, *about, value, tuple(metric.format(part) for part in where), covers))
     back = of_waist([checked(walk, i) for i, walk in enumerate(walked(people, BACK))])
-    angles = of_legs(walked(people, NEURA, STANDS))
+    angles = of_legs(turning)
     legs, sides = distances([estimated(walk) for walk in near], near, DISTANCE_SD), ("right", "left")
     return [
         *found,
@@ -215,6 +280,8 @@ def rows(quick: bool) -> list[Row]:
     """Every number of simulated people over that of recordings; the largest factors."""
     people = 2 if quick else 48
     known = {row["metric"]: row["value"] for one in summary.load().values() for row in one["rows"]}
+    if not quick:
+        show("Recorded accelerometers at rest, m/s²", ["set", "n", "bias", "noise"], at_rest())
     cells, factors = [], {False: [], True: []}
     for line in lines(people):
         recorded = [known[metric] for metric in line.metrics if metric in known]
