@@ -72,8 +72,8 @@ SETS = (
     Set("walking5m", "Young", 100.0, thigh=(-0.01, 0.86), shank=(-0.015, 0.43), foot=(0.0, -0.095)),
     Set("walking5m", "Elderly", 100.0, thigh=(-0.01, 0.86), shank=(-0.015, 0.43), foot=(0.0, -0.095)),
 )
-"""Sensors on shoes of `walking5m` come out below the sole, so that their place may be biased; still,
-`experiments.people.movement` fits better with it than with one on the sole."""
+"""Sensors on shoes of `walking5m` come out below the sole of a bare foot, perhaps since shoes lift the ankle;
+`experiments.people.movement` fits better with this place than with one on the sole."""
 
 
 WORN_AT = ("thigh", "shank", "foot")
