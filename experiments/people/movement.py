@@ -55,7 +55,8 @@ PEAKS = ("shank_swing", "shank_back", "thigh_forward", "thigh_back", "foot_swing
          "foot_strike")  # fmt: skip
 POSTURE = ((5.0, 4.0), (27.0, 6.0), (20.0, 4.0), (63.0, 4.0), (-12.0, 4.0))
 """[°] Angles of knee, thigh and foot at landing, the knee's largest and the thigh's least, and how far people are from
-it."""
+it. Those of the thigh are usual against the pelvis, which leans forward; against the vertical, as here, they are some
+degrees less, so that thighs lean too far ahead and knees bend too much."""
 JITTER = 6
 STEADY = (0.15, 2.0, 2.0)
 """[1] Prior precision of the mean and of both slopes, in the priors above."""

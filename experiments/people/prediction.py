@@ -85,7 +85,7 @@ def at_rest() -> list[list[Any]]:
     """Of sets: sensors, how far the size of the specific force is from gravity, and its noise, in the stillest second
     (root of the mean square and median) [m/s²]."""
     found = []
-    for name in ("neura_sparse", "walking5m", "tripod") if available("walking5m") else ():
+    for name in filter(available, ("neura_sparse", "walking5m", "tripod")):
         bias, noise = [], []
         for walk in datasets.load(name):
             for imu in walk.recording.sensors.values():

@@ -163,7 +163,8 @@ def _job(
     choice = chosen(estimator, paper, params, own)
     for line in remarks(estimator, own):
         note(line)
-    return jobs.one_estimator(choice, person_in(person), f"{estimator}{', the paper’s pipeline' * paper}", ending)
+    title = f"{estimator}, the paper's pipeline" if paper else estimator
+    return jobs.one_estimator(choice, person_in(person), title, ending)
 
 
 def _items(
@@ -179,31 +180,34 @@ def _items(
         else:
             listed.append((file, None, ""))
     paths = [file for file, _, _ in listed]
-    names = _names(paths)
-    called = Counter(file.name for file in paths)
+    called = _called(paths)
     items = []
     for file, table, cell in listed:
         subject = tables[table].subjects.get(cell, cell) if table else ""
-        folder = file.resolve().parent.name if called[file.name] > 1 else ""
-        every = recordings.trials_of(file, names[file], format, trial)
+        every = recordings.trials_of(file, "_".join(called[file]), format, trial)
+        folder = "/".join(called[file][:-1])
         items += [item._replace(folder=folder, table=table, cell=cell, subject=subject) for item in every]
     return items
 
 
-def _names(files: list[Path]) -> dict[Path, str]:
-    """File → the first part of the names of its results; exits with code 2 if that of two files would be the same."""
-    names = {file: file.stem for file in files}
-    parts = {file: [*file.resolve().parent.parts[1:], file.stem] for file in files}
-    for depth in range(2, max(map(len, parts.values()), default=0) + 1):
-        many = Counter(name.casefold() for name in names.values())
-        names = {
-            file: "_".join(parts[file][-depth:]) if many[name.casefold()] > 1 else name for file, name in names.items()
-        }
-    if len({name.casefold() for name in names.values()}) < len(files):
-        called = Counter(file.stem.casefold() for file in files)
-        shared = ", ".join(str(file) for file in files if called[file.stem.casefold()] > 1)
+def _called(files: list[Path]) -> dict[Path, list[str]]:
+    """File → its stem, after as many of its folders as tell it from the others: joined, the first part of the names of
+    its results; exits with code 2 if that of two files would be the same.
+    """
+
+    def first(parts: list[str]) -> str:
+        return "_".join(parts).casefold()
+
+    whole = {file: [*file.resolve().parent.parts[1:], file.stem] for file in files}
+    called = {file: parts[-1:] for file, parts in whole.items()}
+    for depth in range(2, max(map(len, whole.values()), default=0) + 1):
+        many = Counter(map(first, called.values()))
+        called = {file: whole[file][-depth:] if many[first(parts)] > 1 else parts for file, parts in called.items()}
+    if len(set(map(first, called.values()))) < len(files):
+        many = Counter(first(called[file]) for file in files)
+        shared = ", ".join(str(file) for file in files if many[first(called[file])] > 1)
         stop(f"the results of these files would have the same names: {shared}; estimate each into another --out")
-    return names
+    return called
 
 
 def _one(

@@ -95,7 +95,7 @@ class Item(NamedTuple):
     name: str  #: first part of the names of its results.
     #: name of the trial in a file with several; None: the file is one recording, or the reader decides.
     trial: str | None = None
-    folder: str = ""  #: name of the file's folder, if another file has the same name; else empty.
+    folder: str = ""  #: names of the file's folders that tell it from another of the same name; else empty.
     table: Path | None = None  #: the table of recordings that lists the file.
     cell: str = ""  #: the file as the table names it.
     subject: str = ""  #: the person by the table.
@@ -107,7 +107,7 @@ class Item(NamedTuple):
 
     @property
     def label(self) -> str:
-        """As `key`, with the last folder only where it tells the file from another one, and else without folders."""
+        """As `key`, with the folders only that tell the file from another one."""
         shown = self.cell or str(Path(self.folder) / self.file.name)
         return f"{shown}: {self.trial}" if self.trial else shown
 

@@ -65,10 +65,9 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
         every = _strides(analysis, analysis.strides)
         tables["strides"] = every.dropna(axis="columns", how="all")
         unknown = marks(analysis.estimate, (SIDE_UNKNOWN,)).get(SIDE_UNKNOWN.name, np.zeros(len(every), bool))
-        whole = [one for one in analysis.comparisons if (one.source, one.quantity) == ("combined", "distance")]
-        tables["summary"] = summary(
-            tables["strides"].assign(side_known=~unknown), [(one.value, one.stddev) for one in whole]
-        )
+        whole = [(one.value, one.stddev) for one in analysis.comparisons
+                 if (one.source, one.quantity) == ("combined", "distance")]  # fmt: skip
+        tables["summary"] = summary(tables["strides"].assign(side_known=~unknown), whole[0] if whole else None)
         tables["bouts"] = _bouts(every, analysis.estimate)
     tables["contacts"] = _contacts(analysis)
     rows = [

@@ -1,6 +1,5 @@
 """Mean, variability and asymmetry of the strides of a recording: the table that studies compare people by."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -53,7 +52,7 @@ CONTACT_S = 0.01
 Chosen on `ipol_gait`, whose contacts are marked by hand: `experiments.unseen.asymmetry` prints what it covers."""
 
 
-def summary(strides: "pd.DataFrame", distance: Sequence[tuple[float, float | None]] = ()) -> "pd.DataFrame":
+def summary(strides: "pd.DataFrame", distance: tuple[float, float | None] | None = None) -> "pd.DataFrame":
     """One row for each measure, over the steady strides of a recording, and one for the distance.
 
     A stride is steady if it and its neighbours of the same side are regular, and no stride between it and the begin or
@@ -85,7 +84,7 @@ def summary(strides: "pd.DataFrame", distance: Sequence[tuple[float, float | Non
     Args:
         strides: the table `strides` of `analysis_to_dataframes`; a column `side_known` may be False where the side is a
             guess.
-        distance: distance and its standard deviation [m]; empty without a distance.
+        distance: distance and its standard deviation [m]; None without a distance.
 
     Source: within-side variability, and the mean of both sides: B. Galna, S. Lord, L. Rochester, Gait & Posture 37(2),
     2013.
@@ -136,7 +135,8 @@ def summary(strides: "pd.DataFrame", distance: Sequence[tuple[float, float | Non
             "asymmetry_std_pct": 100.0 * unsure / mean,
         })  # fmt: skip
     whole = {"measure": "distance", "unit": "m", "n_strides": len(strides), "steady": False}
-    rows += [{**whole, "mean": metres, "error_std": error} for metres, error in distance]
+    if distance is not None:
+        rows.append({**whole, "mean": distance[0], "error_std": distance[1]})
     return pd.DataFrame(rows, columns=SUMMARY)
 
 

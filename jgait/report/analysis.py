@@ -36,8 +36,7 @@ def of_analysis(
     """
     tables = io.analysis_to_dataframes(analysis)
     more = [_sources(analysis), *_bouts(tables["bouts"])]
-    means = tables["summary"].query("measure != 'distance'")  # which the page has above
-    return of_estimate(analysis.estimate, recording, reference=reference, made=made, more=more, means=means)
+    return of_estimate(analysis.estimate, recording, reference=reference, made=made, more=more, means=tables["summary"])
 
 
 def _sources(analysis: Analysis) -> Section:

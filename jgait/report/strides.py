@@ -175,7 +175,7 @@ def mean_table(rows: "pd.DataFrame") -> Table:
     made = []
     for row in rows.to_dict("records"):
         measure = known.get(f"{row['measure']}_{row['unit']}")
-        if measure is None:  # a range, which is between two others that are shown
+        if measure is None:  # the distance and ranges of motion: the page shows them, or their two ends, elsewhere
             continue
         cells = [Cell(measure.heading), Cell(mean_text(row, measure))]
         cells += [cell(measure.scale * row[side], measure.digits) for side in SIDES]

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from jgait import io
 from jgait.cli import app
-from jgait.commands.estimate import _names
+from jgait.commands.estimate import _called
 from jgait.commands.folder import STAGE, keep_inputs, results_folder, unfinished
 from jgait.io.atomic import write_text
 from jgait.simulate import protocols
@@ -194,8 +194,8 @@ def test_as_many_folders_are_named_as_tell_files_apart(tmp_path):
     files = ["S1/T1/walk.csv", "S2/T1/walk.csv", "S1/T2/walk.csv", "report.html"]
     result = CliRunner(env={"COLUMNS": "300"}).invoke(app, ["estimate", *files, "--out", "o", "--json", "n.json"])
     assert set(json.loads((tmp_path / "n.json").read_text())["failures"]) == set(files), result.output
-    names = _names([Path(file) for file in files])
-    assert list(names.values()) == ["S1_T1_walk", "S2_T1_walk", "T2_walk", "report"]
+    called = _called([Path(file) for file in files])
+    assert ["_".join(parts) for parts in called.values()] == ["S1_T1_walk", "S2_T1_walk", "T2_walk", "report"]
 
 
 NASTY = "a$_{$[bold]\x1b[2J\udcff"  # the last is a byte that is no text

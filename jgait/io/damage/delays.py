@@ -33,9 +33,8 @@ CLEARER: dict[str | tuple[str, str], float] = {"foot": 0.05, ("shank", "foot"): 
 shaken twice in a step, and two delays fit equally well. Chosen: recorded signals with delays of 0.08 s gain more."""
 
 COARSE = 0.05
-"""[1] The same for all sensors where `STEP_S` is less than one and a half samples: swings then are as
-sharp as impacts, and a delay is known to a sample. Chosen, above that of undamaged
-recordings at 50 and 64 Hz."""
+"""[1] The same for all sensors where `STEP_S` is less than one and a half samples: swings then are as sharp as impacts,
+and a delay is known to a sample. Chosen, above that of undamaged recordings at 50 and 64 Hz."""
 
 IN_SENSOR = {"foot": (-0.035, 0.032), "ankle": (-0.05, 0.027), "shank": (-0.05, 0.027), "thigh": (-0.06, 0.05)}
 """[s] Range of the delay of the accelerometer behind the gyroscope, by segment. In undamaged public and simulated

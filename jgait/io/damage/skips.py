@@ -30,7 +30,7 @@ SUDDEN = 0.3
 
 LEAST, OVER = 4, 3
 """[1], [1] Least number of places where rows are missing, and its least ratio to that of places where rows would be too
-many, which shows how well strides repeat. Of undamaged public recordings none reaches both."""
+many, which shows how well strides repeat. Chosen: hardly any undamaged public recording reaches both."""
 
 MOST_ROWS = 2048
 """[1] Number of rows of the stretch that is examined, the one that moves most: the time goes with its square."""
