@@ -67,7 +67,10 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
         unknown = marks(analysis.estimate, (SIDE_UNKNOWN,)).get(SIDE_UNKNOWN.name, np.zeros(len(every), bool))
         whole = [(one.value, one.stddev) for one in analysis.comparisons
                  if (one.source, one.quantity) == ("combined", "distance")]  # fmt: skip
-        tables["summary"] = summary(tables["strides"].assign(side_known=~unknown), whole[0] if whole else None)
+        tables["summary"] = summary(
+            tables["strides"].assign(side_known=~unknown), whole[0] if whole else None,
+            bool(analysis.estimate.diagnostics.get("clocks_apart", False)),
+        )  # fmt: skip
         tables["bouts"] = _bouts(every, analysis.estimate)
     tables["contacts"] = _contacts(analysis)
     rows = [

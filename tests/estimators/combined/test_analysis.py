@@ -63,6 +63,23 @@ def test_a_late_foot_does_not_become_a_limp_without_a_note(walked, analysis, sec
     for note in found:
         assert note.values["words"] == "earlier"
         assert abs(note.values["seconds"] - seconds) < 0.05
+    before, after = (io.analysis_to_dataframes(one)["summary"].set_index("measure") for one in (analysis, now))
+    sided = ["right", "left", "asymmetry_pct", "asymmetry_std_pct"]
+    assert before.loc["step_duration", sided].notna().all() and after.loc["step_duration", sided].isna().all()
+    assert after.loc["step_duration", "mean"] == pytest.approx(before.loc["step_duration", "mean"], abs=0.02)
+    assert after.loc["stance", sided].notna().all()  # of one clock
+
+
+def test_steps_of_shoes_alone_that_are_uneven_are_a_limp_or_clocks(walked):
+    recording = only(walked[0], *FEET)
+    foot = recording.sensors["foot_right"]
+    late = {name: np.roll(getattr(foot, name), 7, axis=0) for name in ("gyr", "acc", "mask")}
+    even, uneven = (jgait.analyse(one) for one in (recording, changed(recording, foot_right=foot._replace(**late))))
+    assert not of_code(even.notes, "steps_uneven")
+    (note,) = of_code(uneven.notes, "steps_uneven")
+    assert note.severity == "check" and note.values["seconds"] == pytest.approx(0.07, abs=0.02)
+    summary = io.analysis_to_dataframes(uneven)["summary"].set_index("measure")
+    assert summary.loc["step_duration", "asymmetry_pct"] > 15.0  # as if the person limped
 
 
 def test_sensors_whose_clocks_differ_still_measure_lengths(walked):
