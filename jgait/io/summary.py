@@ -79,8 +79,8 @@ def summary(
 
     `step_duration` is the time from a contact of the other foot to that of the side, `stance` the share of the stride
     with the foot on the ground. Both are stated of shoes alone: at a shank or the waist the measured contacts depend on
-    how each leg moves, so that sides differ falsely. Where other sensors show that the clock of a shoe may be off, the sides
-    of `step_duration` and its asymmetry are empty. `step_length` needs the range between the feet.
+    how each leg moves, so that sides differ falsely. Where other sensors show that the clock of a shoe may be off, the
+    sides of `step_duration` and its asymmetry are empty. `step_length` needs the range between the feet.
 
     `distance` is that of the whole recording, with all its strides: `mean` is the distance, `error_std` its deviation.
 

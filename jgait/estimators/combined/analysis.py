@@ -69,8 +69,9 @@ class Analysis(NamedTuple):
     Attributes:
         estimate: the joined estimate: strides of both sides with standard deviations, distance, joint angles, paths of
             the feet, as far as the sensors measure them; `diagnostics` has the flags of strides, contacts of the waist,
-            `clocks_apart`, True if the clocks of the shoes are not known to be one, `distance_stddev` [m], `angles_valid_<side>`, False if the side's joint angles are not usable, and
-            `slipped_<side>` (T,), True after a thigh's or shank's sensor slipped, so that they are not usable either.
+            `clocks_apart`, True if other sensors show that the clock of a shoe may be off, `distance_stddev` [m],
+            `angles_valid_<side>`, False if the side's joint angles are not usable, and `slipped_<side>` (T,), True
+            after a thigh's or shank's sensor slipped, so that they are not usable either.
         sources: what each group of sensors says alone, in the order in which their times are preferred.
         strides: for each stride which sources measured it and which were combined; None without strides.
         comparisons: each quantity as each source measures it, and combined.

@@ -34,8 +34,8 @@ CONTACTS_APART = Kind(
 )  # fmt: skip
 
 STEPS_UNEVEN = Kind(
-    "steps_uneven", "check", "steps of the right foot last {right:.2f} s and those of the left {left:.2f} s: either the "
-    "person limps, or the clocks of the two shoes differ by {seconds:.2f} s",
+    "steps_uneven", "check", "steps of the right foot last {right:.2f} s and those of the left {left:.2f} s: either "
+    "the person limps, or the clocks of the two shoes differ by {seconds:.2f} s",
     "If both shoes have one clock, the durations of the steps hold. If their clocks differ, steps are even, and what "
     "differs between right and left in time is wrong; strides and lengths hold.",
 )  # fmt: skip
@@ -172,7 +172,7 @@ def contact_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides, dou
 
 
 def step_notes(strides: JoinedStrides) -> list[Note]:
-    """A note if steps of the shoes last longer on one side than on the other: by shoes alone, it may be their clocks."""
+    """A note if steps of one shoe last longer than those of the other, because of the person or of their clocks."""
     from_feet = np.array(strides.first) == "feet"
     side, start, end = (np.asarray(getattr(strides.strides, name)) for name in ("side", "start", "end"))
     lasts = []
