@@ -124,7 +124,8 @@ def joint_extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.nd
     The deviation of the smallest or largest is that of its sample: it is mostly of the standing pose, and so the same
     in all strides. That of a range takes the errors of both samples as not correlated. The part of the standing pose
     cancels in a range, so that the deviation is too large by it. Without this part it would be too small on the
-    recording with motion capture, where soft tissue moves more than the estimate states.
+    recording with motion capture, where soft tissue moves more than the estimate states, and makes ranges of the knee
+    too large in every stride.
     """
     extremes: dict[str, np.ndarray] = {}
     time = as_float(estimate.time)

@@ -110,8 +110,10 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     Args:
         recording: the signals, placements as in `jgait.PLACEMENTS`; one sensor is enough.
         person: measures of the person [m], as far as known: "height" gives those that are missing by usual proportions;
-            "thigh_length", "shank_length", "sensor_height" (of the waist's sensor), "lever_ankle", "lever_shank",
-            "pivot_height", "range_offset". Values are numbers or (right, left).
+            "thigh_length", "shank_length"; "sensor_height" of the waist's sensor over the ground; "lever_ankle" and
+            "lever_shank", heights of sensors over the ankle; "pivot_height", of a shoe's sensor over the point about
+            which the foot turns on the ground; "range_offset" of the distance between the feet; "pendulum_constant" of
+            the waist [1], such as a tuned one. Values are numbers or (right, left).
 
     Raises:
         RecordingError: if no estimator has its sensors, or none can use them, or arrays of a sensor differ in length.

@@ -17,6 +17,7 @@ from jgait.estimators.combined.analysis import ACCUSED, CLOCKS
 from jgait.estimators.combined.compare import comparisons, regular
 from jgait.estimators.combined.distance import WalkedDistance, distances
 from jgait.estimators.combined.distance import walked as walked_together
+from jgait.estimators.combined.sources import MEASURES
 from jgait.estimators.combined.strides import combined, joined
 from jgait.estimators.stride_flags import STRIDE_FLAGS
 from jgait.estimators.totals import joint_ranges
@@ -749,6 +750,31 @@ def test_what_cannot_be_done_is_said(walked):
         jgait.analyse(only(walked[0], "thigh_right"))
     with pytest.raises(ValueError, match=r"a person has .*height.*; got 'size'"):
         jgait.analyse(walked[0], {"size": 1.8})
+    with pytest.raises(ValueError, match="got 'distance_scale', a parameter of leg_ekf, which leg_ekf.estimate"):
+        jgait.analyse(walked[0], {"distance_scale": 1.05})
+
+
+def test_every_measure_that_is_accepted_is_in_the_help():
+    assert [name for names in MEASURES.values() for name in names if f'"{name}"' not in jgait.analyse.__doc__] == []
+
+
+def test_a_sensor_near_the_knee_has_strides_as_long_by_its_lever(walked):
+    """Moved up the shank by a rigid body's law; the lever of the table of measures is taken."""
+    recording = only(walked[0], "shank_right", "shank_left")
+    more = 0.12
+    moved = {}
+    for name, imu in recording.sensors.items():
+        gyr, acc = as_float(imu.gyr), as_float(imu.acc)
+        up = acc[:80].mean(axis=0)
+        arm = np.broadcast_to(more * up / np.linalg.norm(up), gyr.shape)
+        turn = np.cross(np.gradient(gyr, axis=0) * recording.sampling_rate_hz, arm)
+        moved[name] = imu._replace(acc=acc + turn + np.cross(gyr, np.cross(gyr, arm)))
+    usual = as_float(jgait.analyse(recording, {"lever_shank": 0.18}).estimate.distance)[-1]
+    above = recording._replace(sensors=moved)
+    wrong, right = (
+        as_float(jgait.analyse(above, {"lever_shank": lever}).estimate.distance)[-1] for lever in (0.18, 0.18 + more)
+    )
+    assert abs(right / usual - 1.0) < 0.01 < abs(wrong / usual - 1.0)
 
 
 @pytest.mark.parametrize(
@@ -758,6 +784,7 @@ def test_what_cannot_be_done_is_said(walked):
         ({"height": float("nan")}, r"^height must be .* m; got nan: leave out what is unknown$"),
         ({"height": None}, "^height must be a number; got None: leave out what is unknown$"),
         ({"height": "1.75"}, "^height must be a number; got '1.75'$"),
+        ({"lever_shank": 0.45}, r"^lever_shank must be between 0 and 0.4 m; got 0.45$"),
         ({"thigh_length": (0.4, 42.0)}, r"^thigh_length must be between 0.2 and 0.7 m; got 42 \(in cm\? then 0.42\)$"),
     ],
 )
