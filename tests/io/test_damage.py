@@ -155,6 +155,23 @@ def test_an_accelerometer_that_is_slower_than_its_rows_is_not_held(every):
         assert lost.mean() == pytest.approx(0.75, abs=0.01) and np.array_equal(new["acc"][~lost], acc[~lost])
 
 
+def test_readings_of_one_sensor_that_are_missing_are_no_missing_rows():
+    """Every fourth reading of one sensor, or row of both, is left out, as when tables of two rates are merged."""
+    time = np.arange(4000) / 128.0
+    turns = 2.0 * np.pi * (1.0 + 0.02 * np.sin(0.3 * time)) * time
+
+    def sensor(phase, rows):
+        swings = np.maximum(np.sin(turns + phase), 0.0) ** 4  # one rests while the other swings
+        gyr = (swings[:, None] * np.stack([np.sin(9.0 * time), np.cos(9.0 * time), 0.0 * time], axis=1))[rows]
+        return Imu(time[: len(gyr)], gyr, None, np.ones(len(gyr), bool))
+
+    fewer = np.flatnonzero(np.arange(4000) % 4 != 3)
+    both = {f"foot_{side}": sensor(phase, fewer) for side, phase in (("right", 0.0), ("left", np.pi))}
+    one = {**both, "foot_left": sensor(np.pi, np.arange(len(fewer)))}
+    assert [note.code for note in splices.splice_notes(both, 100.0)] == ["rows_lost"]
+    assert splices.splice_notes(one, 100.0) == ()
+
+
 @pytest.mark.parametrize(("slow", "code"), [(100.0, "samples_repeated"), (128.0, None)])
 def test_tables_of_two_rates_that_were_merged_lack_no_rows(walk, slow, code):
     """The left foot's table has 128 or 100 rows a second, and the other one's times: `merge_asof` with the last one."""
