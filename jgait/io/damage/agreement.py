@@ -61,8 +61,8 @@ LEAST_MOVING = 0.2
 """[rad/s] Least root mean square rate of a sensor that moves: those of standing people differ by their noise."""
 
 LIES = 0.05, 0.3
-"""[rad/s], [m/s²] Standard deviation of the rate and of the specific force over `WINDOW_S` below which a sensor lies, or
-stands: it is not compared with one that moves then, for it is not worn yet, or that one is in a hand. A gyroscope that
+"""[rad/s], [m/s²] Standard deviation of the rate and of the specific force over `WINDOW_S` below which a sensor lies
+still: it is not compared with one that moves then, for it is not worn yet, or that one is in a hand. A gyroscope that
 does not record shows by the force."""
 
 SIDES_APART = 1.6

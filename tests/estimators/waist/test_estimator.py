@@ -119,7 +119,8 @@ def test_a_sensor_that_lies_on_the_floor_is_noted(straight):
     fallen = (time > 6.0)[:, None]
     acc, gyr = np.where(fallen, [0.0, 9.8, 0.3], imu.acc), np.where(fallen, 0.0, imu.gyr)
     told = notes(estimated(worn(made.recording, gyr=gyr, acc=acc)))
-    assert re.search(rf"for {time[-1] - 6.0:.0f}\.\d s, first at 6\.\d s, the sensor is turned by up to \d+°", told), told
+    lies = rf"for {time[-1] - 6.0:.0f}\.\d s, first at 6\.\d s, the sensor is turned by up to \d+°"
+    assert re.search(lies, told), told
     assert "the gyroscope" not in told
     assert "is turned by" not in notes(plain)
 
