@@ -63,11 +63,12 @@ sit or lean turn less."""
 LEANS, VARIES = np.deg2rad(25.0), np.deg2rad(10.0)
 """[rad] Angle of the same from which on a sensor does not walk, if its directions there differ by more than the second,
 as their root mean square: it is handled, or the person sits down or bends. A sensor that slipped keeps its direction.
-Walks of `ipol_gait`, `tripod` and `neura_sparse` and the straight ones of `mobgap_lab` stay below 14°."""
+Chosen, above all walks of `ipol_gait`, `tripod` and `neura_sparse` and the straight ones of `mobgap_lab`, whose
+people sit down and bend in the others."""
 
 TILTS = 0.3
-"""[rad/s] Mean rate against gravity over `OVER_S` from which on, beside such a lean, a sensor is still handled. From
-0.2 to 0.4 rad/s the same strides were left out of walks before or after which a sensor was handled, but for a few."""
+"""[rad/s] Mean rate against gravity over `OVER_S` from which on, beside such a lean, a sensor is still handled. Chosen;
+with less or more by a third, hardly any other strides were left out."""
 
 OVER_S, TURNED_S, UPRIGHT_S = 1.0, 2.0, 3.0
 """[s] Length of the window of both means; least time for which the sensor is turned over; and time for which a sensor

@@ -137,7 +137,6 @@ def test_steps_are_not_of_a_hand_that_puts_the_sensor_on_or_takes_it_off(straigh
     assert "sensor_turned_over" in codes(told.diagnostics["notes"])
 
 
-
 @pytest.mark.parametrize("hurry", [1.0, 0.75])
 def test_a_pelvis_that_hardly_leans_is_no_reversed_gyroscope(hurry):
     """Its likelihood grows with the sign reversed, the more the larger the accelerations; sides would be exchanged."""
