@@ -26,6 +26,8 @@ from jgait.estimators.combined.replaced import with_replaced_doubted
 from jgait.estimators.combined.shoes import put_right
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
 from jgait.estimators.combined.strides import JoinedStrides, joined
+from jgait.estimators.combined.unworn import without_unworn
+from jgait.estimators.leg_ekf.notes import NOT_WORN
 from jgait.estimators.notes import without_repeats
 from jgait.estimators.plausible import (
     KNEE_IMPLAUSIBLE,
@@ -131,7 +133,12 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     usable, exchanges = put_right(usable, estimates)
     if exchanges:
         estimates, notes = sources(usable, body)
-    placed = [*findings.notes, *exchanges]
+    worn, metres = without_unworn(usable, estimates)
+    unworn = []
+    if worn is not usable:
+        unworn = [note for one in estimates for note in one.estimate.diagnostics["notes"] if note.kind is NOT_WORN]
+        estimates, notes = sources(worn, body)
+    placed = [*findings.notes, *exchanges, *unworn]
     estimates, share, turned = with_time_wrong(estimates, recording.notes)
     follows = _following((*findings.notes, *recording.notes))
     recording = recording._replace(notes=tuple(note for note in recording.notes if not follows(note)))
@@ -146,7 +153,8 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     ways, one_sided = distances(estimates, usable, body, wrong, late, share)
     total, apart = walked(ways)
     if total is not None:  # an error of the time is the same in all sources
-        total = total._replace(stddev=max(total.stddev, share * float(total.distance[-1])))
+        spread = max(total.stddev, share * float(total.distance[-1]))
+        total = total._replace(stddev=float(np.hypot(spread, metres)))
     stated = [
         note for source in estimates for note in source.estimate.diagnostics["notes"]
         if not follows(note) and note.kind is not PACES_MIXED
