@@ -10,6 +10,7 @@ from jaxtyping import PyTree
 from jgait.estimators.checks import SENSOR_LEFT_OUT, check_shapes, sensors_of
 from jgait.estimators.combined.alike import with_sides_unlike
 from jgait.estimators.combined.compare import (
+    STRIDES_OF_WAIST,
     Comparison,
     comparisons,
     contact_notes,
@@ -17,6 +18,7 @@ from jgait.estimators.combined.compare import (
     length_notes,
     regular,
     side_notes,
+    source_notes,
     waist_notes,
 )
 from jgait.estimators.combined.crosscheck import FOOT_ON_SHANK, OF_WALKING, crosscheck, exchanged
@@ -165,6 +167,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         differ = [*length_notes(estimates, strides), *differ, *side_notes(estimates, strides)]
         differ += [*contact_notes(estimates, strides, findings.doubtful | clocks), *paces_mixed(strides.strides)]
         differ += [*even_notes(estimates, strides, wrong | clocks), *waist_notes(estimates, strides, wrong | clocks)]
+        differ += [] if any(note.kind is STRIDES_OF_WAIST for note in differ) else source_notes(strides)
         seen = set(np.asarray(strides.strides.side).tolist())
         differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in seen if len(seen) == 1]
     elif any(source.estimate.strides is not None for source in estimates):
