@@ -218,14 +218,25 @@ def freed[P](transforms: P, *free: str) -> P:
     return jax.tree.unflatten(treedef, [t if n in chosen else fixed for n, t in zip(every, flat, strict=True)])
 
 
-def check_params(params: PyTree, transforms: PyTree) -> None:
+def check_params(params: PyTree, transforms: PyTree, usual: PyTree = None) -> None:
     """Raise if a concrete value lies outside its range, and name the parameter.
+
+    Args:
+        params: NamedTuple of values, natural units.
+        transforms: the same type, holding a `Transform` for each.
+        usual: parameters of one person, of which each has as many axes as those that are checked; None: not compared.
 
     Raises:
         TypeError: if the structures differ.
-        ValueError: if a value is not finite, or outside the open range of its transform.
+        ValueError: if a value is not finite, outside the open range of its transform, or of several people.
     """
-    names, values, flat, _ = _pairs(params, transforms)
+    names, values, flat, treedef = _pairs(params, transforms)
+    for name, value, one in zip(names, values, values if usual is None else treedef.flatten_up_to(usual), strict=True):
+        if np.ndim(value) > np.ndim(one):
+            raise ValueError(
+                f"parameter '{name}' has the shape {np.shape(value)}, that of one person {np.shape(one)}: of a fit "
+                "with values per subject, take those of one person, fit.of(subject)"
+            )
     for name, value, transform in zip(names, values, flat, strict=True):
         if value is None or isinstance(value, jax.core.Tracer):
             continue

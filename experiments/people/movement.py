@@ -5,12 +5,14 @@ Compared are the rates of thigh, shank and foot and their specific forces ahead 
 in phase than in size, so the size of single strides counts there. Peaks that are figures of gait count as well,
 angles of hip and knee, which rates leave open, and how fast thigh and shank turn above the harmonics that are compared,
 which a perfect sensor at 200 Hz must follow. Free are parameters of the gait, times in the motion of the feet, the
-table of the feet, and what sensors do over the bone; the pelvis moves as those of lower backs (`pelvis`). Tables have
+table of the feet, what sensors do over the bone, and the lowest harmonics of the pelvis, around those of lower backs
+(`pelvis`), whose landings are labelled contacts: where it is at a landing decides how straight legs are. Tables have
 slopes over the length and the rate of the stride, some parameters grow with a power of its length. The mean and the
 slopes are found by Gauss-Newton's method; a last step for each person alone gives what this person differs by. The
 principal directions of these differences are the styles.
 
-`python -m experiments.people.movement` changes these parts of the file; `shapes` runs it.
+`python -m experiments.people.movement` changes these parts of the file; `shapes` runs it twice. In the first run the
+pelvis stays as lower backs move, in the second one the times in the motion of the feet stay.
 """
 
 from typing import Any, NamedTuple
@@ -53,10 +55,10 @@ CURVES = tuple((segment, name) for segment in SEGMENTS for name in WORN[:3])
 """Segment, and pitch rate or specific force ahead or up."""
 PEAKS = ("shank_swing", "shank_back", "thigh_forward", "thigh_back", "foot_swing", "foot_push_off", "shank_strike",
          "foot_strike")  # fmt: skip
-POSTURE = ((5.0, 4.0), (27.0, 6.0), (20.0, 4.0), (63.0, 4.0), (-12.0, 4.0))
+POSTURE = ((5.0, 4.0), (20.0, 4.0), (20.0, 4.0), (63.0, 4.0), (-16.0, 4.0))
 """[°] Angles of knee, thigh and foot at landing, the knee's largest and the thigh's least, and how far people are from
-it. Those of the thigh are usual against the pelvis, which leans forward; against the vertical, as here, they are some
-degrees less, so that thighs lean too far ahead and knees bend too much."""
+it. Thigh and foot count from the vertical and the ground, not from the pelvis, which leans forward (textbooks: the
+thigh 20° ahead at landing, 10 to 20° behind at the end of stance)."""
 JITTER = 6
 STEADY = (0.15, 2.0, 2.0)
 """[1] Prior precision of the mean and of both slopes, in the priors above."""
@@ -76,7 +78,12 @@ stride a second; [1] part of it at the shank in its first harmonics: by motion c
 shanks turn much less over the bone than those on thighs."""
 FIRST, BONE, LAST = 2, 7, 24
 """[1] First free harmonic of the skin; the first in which it moves as freely at the shank as at the thigh; the last."""
-COUNT = len(GAIT) + len(WHEN) + len(FEET) * TERMS + 12 * (LAST - FIRST + 1)
+HIPS, SWINGS = 0.002, 3
+"""[m] Prior deviation of the motion of the pelvis forward and up from that of lower backs, in its first harmonic; in a
+next one it is this over its number; [1] number of harmonics."""
+COUNTS = (len(GAIT), len(WHEN), 4 * SWINGS, len(FEET) * TERMS, 12 * (LAST - FIRST + 1))
+"""[1] Numbers of the gait, of times, and of the tables of pelvis, feet and skin."""
+COUNT = sum(COUNTS)
 
 
 class Target(NamedTuple):
@@ -159,10 +166,13 @@ MONOMIALS = np.array([
 """Coefficients of 1, x, x² … of each of Chebyshev's polynomials, in which the fit counts."""
 
 
-def free(values: Any, feet: Any) -> tuple[dict[str, Any], dict[str, Any], Any, Any]:
-    """Factors of the gait, of times in the motion of a foot, and the tables of feet and skin, from numbers in prior
-    standard deviations; the table of the feet is around a given one."""
-    of_gait, of_when, of_feet, of_skin = jnp.split(values, np.cumsum([len(GAIT), len(WHEN), len(FEET) * TERMS]))
+def free(values: Any, feet: Any) -> tuple[dict[str, Any], dict[str, Any], Any, Any, Any]:
+    """Factors of the gait, of times in the motion of a foot, and the tables of pelvis, feet and skin, from numbers in
+    prior standard deviations; the table of the feet is around a given one."""
+    of_gait, of_when, of_pelvis, of_feet, of_skin = jnp.split(values, np.cumsum(COUNTS[:-1]))
+    moves = of_pelvis.reshape(2, 2, SWINGS) * HIPS / np.arange(1.0, SWINGS + 1.0)
+    moves = jnp.pad(moves, ((0, 4), (0, 0), (0, shapes.HARMONICS - SWINGS)))
+    pelvis = shapes.PELVIS + moves.reshape(shapes.PELVIS.shape)
     factors, times = (
         {name: jnp.exp(own[i] * spread) for i, (name, spread) in enumerate(spreads.items())}
         for own, spreads in ((of_gait, GAIT), (of_when, WHEN))
@@ -176,7 +186,7 @@ def free(values: Any, feet: Any) -> tuple[dict[str, Any], dict[str, Any], Any, A
     whole = jnp.pad(skin, ((0, 0), (0, 0), (0, 0), (FIRST - 1, 2 * shapes.HARMONICS - LAST)))
     table = jnp.asarray(shapes.SKIN[0]).reshape(3, len(shapes.WORN), -1)
     table = table.at[:2, : len(SKIN)].set(whole.reshape(2, len(SKIN), -1))
-    return factors, times, feet, table.reshape(shapes.SKIN[0].shape)
+    return factors, times, pelvis, feet, table.reshape(shapes.SKIN[0].shape)
 
 
 def usual(leg: Values, stride_time: Values, stride_length: Values) -> Person:
@@ -208,12 +218,12 @@ class Made(NamedTuple):
 
 def stride(values: Any, base: Any, given: Target) -> Made:
     """The simulated stride at numbers as of `free`."""
-    factors, times, feet, skin = free(values, base)
+    factors, times, pelvis, feet, skin = free(values, base)
     when = Instants(**TABLES["instants"])
     when = when._replace(**{name: getattr(when, name) * factor for name, factor in times.items()})
     body, gait = usual(given.leg, given.stride_time, given.stride_length)
     who = Person(body, gait._replace(**{name: getattr(gait, name) * factor for name, factor in factors.items()}))
-    (gyr, acc), moving = walked_stride(who, Movement(shapes.PELVIS * shapes.sizes(who), feet, skin, when))
+    (gyr, acc), moving = walked_stride(who, Movement(pelvis * shapes.sizes(who), feet, skin, when))
     mean = jnp.mean(acc[..., ::2], axis=1)
     ahead, up = jnp.moveaxis(mean / jnp.linalg.norm(mean, axis=1, keepdims=True), 1, 0)[..., None]
     forces = acc[..., 0] * up - acc[..., 2] * ahead, acc[..., 0] * ahead + acc[..., 2] * up
@@ -277,10 +287,16 @@ def slopes_of(given: Target) -> np.ndarray:
 
 
 def fit(people: list[Target], base: Any) -> np.ndarray:
-    """(3, COUNT) mean and slopes, in prior standard deviations of `free`."""
+    """(3, COUNT) mean and slopes, in prior standard deviations of `free`.
+
+    In the first run, with an empty table of the feet, the pelvis stays; in the second one the times in the motion of
+    the feet do.
+    """
     values = np.zeros((3, COUNT))
     precision = np.repeat(np.array(STEADY)[:, None], COUNT, axis=1)
-    precision[1:, len(GAIT) : len(GAIT) + len(WHEN)] = 1e6
+    _, when, pelvis = (slice(end - count, end) for count, end in zip(COUNTS[:3], np.cumsum(COUNTS[:3]), strict=True))
+    precision[1:, when.start : pelvis.stop] = 1e6
+    precision[0, when if np.any(base) else pelvis] = 1e6
     precision[2, : len(GAIT)] = 1e6  # parameters of the gait follow the length of the stride alone, and not all do
     precision[1, [list(GAIT).index(name) for name in GAIT if name not in GROWS]] = 1e6
     precision = precision.ravel()
@@ -346,9 +362,9 @@ def main() -> None:
     base = now["feet"][0]
     values = fit(people, base)
     directions = styles(people, base, values, len(shapes.STYLES))
-    factors, times, *mean = free(values[0], base)
+    factors, times, pelvis, *mean = free(values[0], base)
     blocks = [mean] + [
-        [moved - part for moved, part in zip(free(values[0] + one, base)[2:], mean, strict=True)]
+        [moved - part for moved, part in zip(free(values[0] + one, base)[3:], mean, strict=True)]
         for one in (*values[1:], *directions)
     ]
     feet, skin = (np.array([np.asarray(block[i]) for block in blocks]) for i in range(2))
@@ -357,7 +373,8 @@ def main() -> None:
     powers = {name: round(power + float(grow.get(name, 0.0)), 2) for name, power in now["powers"].items()}
     when = {name: float(f"{number * float(times.get(name, 1.0)):.4g}") for name, number in now["instants"].items()}
     print(gait, when, powers)
-    write(now | {"gait": gait, "instants": when, "powers": powers, "feet": feet, "skin": skin})
+    derived = {"gait": gait, "instants": when, "powers": powers, "pelvis": np.asarray(pelvis)}
+    write(now | derived | {"feet": feet, "skin": skin})
 
 
 if __name__ == "__main__":

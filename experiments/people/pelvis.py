@@ -1,10 +1,13 @@
 """How the pelvis of the usual person moves: as lower backs do, at every harmonic of the stride.
 
 `python -m experiments.people.pelvis` derives the means of the table of the pelvis from every second person of
-`ipol_gait`, and writes the file; `shapes` runs it. What a sensor at the lower back of the
-usual simulated person, at the strides of these people, lacks is added to the table as motion. The phase of a harmonic
-is that of the mean over people, its size the median over people of that of single strides, which jitter does not blur.
-What differs between left and right steps is left out: the table has none of it.
+`ipol_gait`, and writes the file; `shapes` runs it. What a sensor at the lower back of the usual simulated person, at
+the strides of these people, lacks is added to the table as motion. The phase of a harmonic is that of the mean over
+people, its size the median over people of that of single strides, which jitter does not blur. Run again, after
+`movement`, it keeps the phases, and gives every harmonic its size.
+
+The table has nothing of what differs between left and right steps. In forces its power counts at the harmonics beside
+it, from `UNEVEN` on, where phases begin to differ from person to person.
 """
 
 from typing import Any
@@ -23,7 +26,8 @@ from jgait.simulate.walker import moved as motion_of
 from jgait.simulate.walker import planned, ticks
 from jgait.simulate.worn import felt, sensors_at
 
-ROUNDS = 4
+ROUNDS, UNEVEN = 4, 4
+"""[1] Rounds; first harmonic of the forces that has the power of those of unequal steps beside it."""
 EVEN, ODD = (0, 2, 4), (1, 3, 5)
 """Motions forward, up and pitch, which have even harmonics alone, and those to the left, yaw and roll, which have odd
 ones; forces and rates of both kinds stand at the same places."""
@@ -69,10 +73,15 @@ def derived(table: np.ndarray) -> np.ndarray:
     mean = np.mean([one.mean(axis=0) for one in each], axis=0)
     size = np.median([np.sqrt(np.mean(np.abs(one) ** 2, axis=0)) for one in each], axis=0)
     has = np.isin(np.arange(6), EVEN)[:, None] == (NUMBERS % 2 == 0)
+    beside = np.pad(np.where(has, 0.0, size**2), ((0, 0), (1, 1)))
+    counts = (np.arange(6)[:, None] < 3) & (NUMBERS >= UNEVEN)
+    size = np.sqrt(size**2 + np.where(counts, 0.5 * (beside[:, :-2] + beside[:, 2:]), 0.0))
+    keeps = bool(table.any())
     for number in range(ROUNDS):
         own = np.array([made(table, who) for who in people])
         phase = own.mean(axis=0) / (np.abs(own.mean(axis=0)) + 1e-12)
-        lacks = (size * mean / np.abs(mean) - np.median(np.abs(own), axis=0) * phase) * has
+        wanted = phase if keeps else mean / np.abs(mean)
+        lacks = (size * wanted - np.median(np.abs(own), axis=0) * phase) * has
         force, rate = (np.sqrt(np.sum(np.abs(part) ** 2)) for part in np.split(lacks, 2))
         print(f"round {number + 1}: lacks {force:.3f} m/s² and {rate:.4f} rad/s", flush=True)
         table = table + rows_of(moved(lacks, float(np.mean(times))))

@@ -1,9 +1,9 @@
 """Whether errors on simulated people predict those on recorded ones: foot, ankle, shank, waist and legs.
 
 Simulated people move as recorded ones do (`simulate.population(recorded=True)`) with sensors of `WORN`, on shoes those
-of `ON_SHOE`, and walk the ways of the recorded ones; what is learned for recordings is learned here, too. The same
-measures are taken of them as stand in the table of all experiments for the recordings. Where a reference has an error
-of its own, the simulated one errs as much: the waist's distances are compared with those of the shoes, as in
+of `ON_SHOE`, at the places and on the ways of the recorded ones; what is learned for recordings is learned here, too.
+The same measures are taken of them as stand in the table of all experiments for the recordings. Where a reference has
+an error of its own, the simulated one errs as much: the waist's distances are compared with those of the shoes, as in
 `ipol_gait`. A factor is the larger of both numbers over the smaller.
 """
 
@@ -33,6 +33,7 @@ from experiments.silva2017.lever import (
     run,
     together,
 )
+from experiments.simulator.simulated import SETS, Set
 from experiments.unseen import waist
 from experiments.unseen.legs import REFERENCE_SD as DISTANCE_SD
 from jgait import datasets, simulate
@@ -58,6 +59,8 @@ NEURA, STANDS = simulate.route({"length": 3.3}, TURN, {"length": 4.2}), 9.0
 WORN = OPAL._replace(acc_noise=0.02, acc_bias=0.1, acc_range=16.0 * GRAVITY, acc_resolution=32.0 / 2**16 * GRAVITY)
 """Sensors on legs and back: accelerometers as recorded ones of `neura_sparse`, `walking5m` and `tripod` are at rest
 (`at_rest`)."""
+UNLIKE = 0.0275
+"""[m] Standard deviation of the height of the shank's sensor over people of `walking5m` (`people.mounts`, young)."""
 CONTACT_SD, STATURE = 0.012, 1.75
 """[s] Standard deviation of the checked contacts of `ipol_gait` (`kose2011.contacts`); [m] of the usual body."""
 STILL = 0.02
@@ -99,9 +102,20 @@ def at_rest() -> list[list[Any]]:
     return found
 
 
-def walked(people: int, along: Route, stands: float | None = None) -> list[Walked]:
-    """Walks of people drawn anew, who stand for a time before [s]; one who cannot walk like that is left out, and
-    printed."""
+def places(number: int, body: Body, given: Set) -> dict[str, list[float]]:
+    """Where a person wears the sensors on thighs and shanks: as people of a set do."""
+    draws = iter(np.random.default_rng([33, number]).standard_normal(4))
+    higher = UNLIKE if given.name == "walking5m" else 0.0
+    usual = ("thigh", given.thigh, body.thigh_length), ("shank", given.shank, body.shank_length)
+    return {
+        f"{segment}_{side}": [ahead, 0.0, higher * float(next(draws)) - down * float(length)]
+        for segment, (ahead, down), length in usual for side in SIDES
+    }  # fmt: skip
+
+
+def walked(people: int, along: Route, stands: float | None = None, given: Set | None = None) -> list[Walked]:
+    """Walks of people drawn anew, who stand for a time before [s] and wear sensors on legs where those of a set do; one
+    who cannot walk like that is left out, and printed."""
     drawn = simulate.population(jax.random.key(31), people, recorded=True)
 
     def one(i: int) -> Walked:
@@ -109,7 +123,8 @@ def walked(people: int, along: Route, stands: float | None = None) -> list[Walke
         person = simulate.covering(key, simulate.person_of(drawn, i), along)
         if stands is not None:
             person = person._replace(gait=person.gait._replace(quiet_before=stands))
-        recording, truth = simulate.recording(key, person, along, WORN, RATE_HZ, placements=PLACEMENTS)
+        worn = None if given is None else places(i, person.body, given)
+        recording, truth = simulate.recording(key, person, along, WORN, RATE_HZ, placements=PLACEMENTS, places=worn)
         shoes, _ = simulate.recording(key, person, along, ON_SHOE, RATE_HZ, placements=SHOES)
         return Walked(person, recording._replace(sensors=recording.sensors | shoes.sensors), truth)
 
@@ -242,7 +257,8 @@ def within(found: Compared) -> float:
 
 def lines(people: int) -> list[Line]:
     """Of all estimators."""
-    far, near, turning = walked(people, LONG), walked(people, SHORT), walked(people, NEURA, STANDS)
+    far, near = walked(people, LONG), walked(people, SHORT, given=SETS[-1])
+    turning = walked(people, NEURA, STANDS, SETS[0])
     sets: list[tuple[str, Callable[[], Compared], tuple[str, ...], tuple[str, ...]]] = [
         ("foot", lambda: strides(far), ("gaitmap_example", "neura_sparse", "footprints"),
          ("foot_stride_mae_cm_{}", "within_two_sigma_pct_foot_ins_{}")),

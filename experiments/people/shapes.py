@@ -1,7 +1,8 @@
 """What simulated people have of recorded ones: `python -m experiments.people.shapes` derives it and writes the file.
 
-One program after another reads `movement.json`, changes its part of it, and writes it: `pelvis`, `movement` and
-`out_of_plane`, see there. They begin with the gait of `START`, with feet that move by the rules, and with empty tables.
+One program after another reads `movement.json`, changes its part of it, and writes it: `pelvis`, `movement` twice,
+`pelvis` again and `out_of_plane`, see there. They begin with the gait of `START`, with feet that move by the rules, and
+with empty tables.
 
 Pelvis: harmonics of the lower backs of every second person of `ipol_gait`, over strides from a contact to the next but
 one, on straight parts. The angular rates give the angles; the specific force, less gravity that the tilt turns into it,
@@ -98,6 +99,7 @@ def spreads() -> tuple[dict[str, float], dict[str, float]]:
     """Powers of the length of the stride with which each motion of the pelvis grows, and the standard deviations
     between the people of `ipol_gait` of the logarithm of the rest.
 
+    Printed is the power of the first harmonic with which the accelerations of the higher ones grow, beside the length.
     Differences count up to three deviations as the median absolute one states them, since one person hardly turns the
     pelvis. They are those of the normal distribution that has them when it is truncated at two deviations.
     """
@@ -105,14 +107,20 @@ def spreads() -> tuple[dict[str, float], dict[str, float]]:
     strides = {name: motions(one) for name, one in lower_backs().items() if one and name in lengths}
     long = np.log([lengths[name] for name in strides])
     design = np.column_stack([np.ones_like(long), long])
-    powers, found = {}, {}
+    powers, found, higher = {}, {}, {}
     for motion, (row, harmonic) in MOTIONS.items():
         size = np.log([np.abs(one.mean(axis=0)[row, harmonic]) for one in strides.values()])
+        above = slice(harmonic + 2, None, 2)
+        fine = [
+            np.log(np.linalg.norm(one[:, row, above] * NUMBERS[above] ** 2, axis=1).mean()) for one in strides.values()
+        ]
+        higher[motion] = round(float(np.linalg.lstsq(np.column_stack([design, size]), fine, rcond=None)[0][2]), 2)
         line = np.linalg.lstsq(design, size, rcond=None)[0]
         powers[motion], rest = round(float(line[1]), 2), size - design @ line
         most = 3.0 * 1.4826 * float(np.median(np.abs(rest - np.median(rest))))
         degrees = len(rest) - design.shape[1]
         found[motion] = float(np.sqrt(np.sum(np.clip(rest, -most, most) ** 2) / degrees) / truncnorm(-2.0, 2.0).std())
+    print("higher harmonics grow with these powers of the first:", higher)
     return powers, found
 
 
@@ -143,7 +151,7 @@ START = {
     "hip_ahead": 0.01,
 }  # fmt: skip
 """Parameters of the gait with which `movement` begins, see `Gait`; the feet begin as those by the rules."""
-PROGRAMS = ("pelvis", "movement", "out_of_plane")
+PROGRAMS = ("pelvis", "movement", "movement", "pelvis", "out_of_plane")
 
 
 def main() -> None:

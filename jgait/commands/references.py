@@ -11,7 +11,7 @@ from jgait.io.clock import CLOCK_FROM_FIRST
 from jgait.io.rows import read_table
 from jgait.io.strides import TIMES
 from jgait.notes import Kind
-from jgait.types import Estimate, Legs, Recording, Walk
+from jgait.types import Recording, Walk
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,10 +21,6 @@ REFERENCES = ("reference_samples", "reference_strides")
 
 REFERENCE_TIMES = ("time_s", *(f"{name}_s" for name in TIMES))
 """Columns of times in these files."""
-
-AT_ENDS = 0.25
-"""[s] Length of the standing at both ends of a recording, where the distance is 0 and the whole distance."""
-
 
 DISTANCE_NOT_USED = Kind(
     "reference_distance_not_used", "check", "distance_m of the table is not used, because {file} has no such column",
@@ -47,9 +43,9 @@ def with_reference(
     recording: Recording, way: float | None, files: Sequence[Path | None], info: dict[str, object]
 ) -> Walk:
     """A recording with the reference of its row: a distance [m], or None, and files of samples and of strides."""
-    if not any(files):
-        return Walk(recording, None if way is None else _walked(recording, way), info)
     time = np.asarray(next(iter(recording.sensors.values())).time, float)
+    if not any(files):
+        return Walk(recording, None if way is None else io.reference_from_tables(time, distance=way), info)
     begins = next((note.values["begin_s"] for note in recording.notes if note.code == CLOCK_FROM_FIRST.code), 0.0)
     absent = next((file for file in files if file is not None and not file.exists()), None)
     if absent is not None:
@@ -68,7 +64,7 @@ def with_reference(
         if files[0] is not None:
             note = DISTANCE_NOT_USED(file=files[0].name)
             return Walk(recording._replace(notes=(*recording.notes, note)), found, info)
-        whole = _walked(recording, way)
+        whole = io.reference_from_tables(time, distance=way)
         found = found._replace(distance=whole.distance, valid=whole.valid)
     return Walk(recording, found, info)
 
@@ -77,11 +73,3 @@ def _from_first(table: "pd.DataFrame", begins: float) -> "pd.DataFrame":
     """A table of a reference whose times count from a sample with this time in the file [s]."""
     times = {name: table[name] - begins for name in table.columns if name in REFERENCE_TIMES}
     return table.assign(**times) if begins else table
-
-
-def _walked(recording: Recording, way: float) -> Estimate:
-    """A reference with the whole distance only: 0 m at the start of the recording, the whole distance at the end."""
-    time = np.asarray(next(iter(recording.sensors.values())).time, float)
-    start, end = time <= time[0] + AT_ENDS, time >= time[-1] - AT_ENDS
-    distance = np.where(start, 0.0, way)
-    return Estimate(time, Legs(None, None), None, distance, (start | end) & (start != end), {})

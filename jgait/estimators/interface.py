@@ -97,7 +97,7 @@ class Estimator[P, I](NamedTuple):
         kind = type(self.params)
         check_kind(p, kind, f"the first argument must be parameters, {kind.__name__}")
         check_recording(recording)
-        check_params(p, self.transforms)
+        check_params(p, self.transforms, self.params)
         prepared = self.prepare(recording)
         return self.solve(p, prepared._replace(notes=(*recording.notes, *prepared.notes)))
 

@@ -45,7 +45,8 @@ def outside(name: str, value: float, low: float, high: float) -> str:
     """The sentence about a measure in metres outside its range, with the unit that may have been meant; else ""."""
     if low <= value <= high:
         return ""
-    meant = [f" (in {unit}? then {value / many:g})" for unit, many in SMALLER.items() if low <= value / many <= high]
+    units = SMALLER.items() if value >= 1.0 else ()  # nobody measures a part of a person in parts of a centimetre
+    meant = [f" (in {unit}? then {value / many:g})" for unit, many in units if low <= value / many <= high]
     hint = ": leave out what is unknown" if math.isnan(value) else (meant or [""])[0]
     return f"{name} must be between {low:g} and {high:g} m; got {value:g}{hint}"
 

@@ -113,7 +113,7 @@ def _params(job: CohortJob, walk: Walk) -> PyTree:
     if job.own is not None:
         params = job.estimator.own(params, job.own(walk))
     if job.own is not None or callable(job.params):
-        check_params(params, job.estimator.transforms)
+        check_params(params, job.estimator.transforms, job.estimator.params)
     return params
 
 

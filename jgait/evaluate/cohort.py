@@ -71,7 +71,8 @@ def cohort(
         estimator: from `jgait.estimators`.
         items: walks, or items that `read` converts to walks (paths, names); any iterable, taken one by one. The name
             of a walk is its recording's name, that of another item is `str(item)`; names must be unique.
-        params: the estimator's parameters, natural units; None for its defaults; or walk → parameters.
+        params: the estimator's parameters, natural units; None for its defaults; or walk → parameters, such as
+            `lambda walk: fit.of(walk.recording.subject)` of a fit with values per subject.
         own: walk → body measures to put into the parameters by `estimator.own`, for example
             `lambda walk: {"thigh_length": walk.info["thigh_length"]}`; None does not change the parameters.
         read: item → walk.
@@ -107,7 +108,7 @@ def cohort(
         raise ValueError(f"{processes} processes need a folder out that all of them see, to put their results together")
     params = estimator.params if params is None else params
     if not callable(params):
-        check_params(params, estimator.transforms)
+        check_params(params, estimator.transforms, estimator.params)
     local = devices.checked_mesh(mesh)
     if isinstance(items, Sized):
         batch = min(batch, max(1, -(-len(items) // processes)))

@@ -107,12 +107,14 @@ def recording_in_units(
     samples = None
     for placement, signals in sensors.items():
         samples = _check_arrays(placement, signals, samples, name)
-    clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name, stacked(sensors))
     notes_of: dict[str, tuple[Note, ...]] = {}
     imus, noted = {}, {}
+    every = stacked(sensors)
+    clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name, every)
+    twice = ~np.diff(every, axis=0).any(axis=1) if len(sensors) > 1 else None
     for placement, signals in sensors.items():
         read = _in_si(signals, scales[placement])
-        masked, notes_of[placement] = without_damage(placement, read, scales[placement], clock.sampling_rate_hz)
+        masked, notes_of[placement] = without_damage(placement, read, scales[placement], clock.sampling_rate_hz, twice)
         imus[placement] = _imu(masked, clock)
         notes_of[placement] += _asleep(placement, read)
         damaged = np.any([np.isfinite(v) & np.isnan(masked[k]) for k, v in read.items()], axis=(0, 2))

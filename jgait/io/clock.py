@@ -52,6 +52,11 @@ CLOCK_FROM_FIRST = Kind(
     "clock_from_first", "info", "times count from the first sample, which has the time {begin_s:.3f} s in the file",
     "Add this time to those of the tables and figures to compare them with the file, or with another system's clock.",
 )  # fmt: skip
+CLOCK_FROM_DATE = Kind(
+    "clock_from_date", "info", "times count from {date}, the date of the first sample",
+    "Add times of the results to this date to compare them with the file; dates with a time zone are in UTC. Of a date "
+    "such as 03/04/2026 day and month may have changed places.",
+)  # fmt: skip
 STAMPS_REPEATED = Kind(
     "stamps_repeated", "check",
     "{rows} {rows:row that repeats|rows that repeat} the time before {rows:is|are} left out, the first in row {row} "

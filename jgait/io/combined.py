@@ -67,7 +67,10 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
         unknown = marks(analysis.estimate, (SIDE_UNKNOWN,)).get(SIDE_UNKNOWN.name, np.zeros(len(every), bool))
         whole = [(one.value, one.stddev) for one in analysis.comparisons
                  if (one.source, one.quantity) == ("combined", "distance")]  # fmt: skip
-        tables["summary"] = summary(tables["strides"].assign(side_known=~unknown), whole[0] if whole else None)
+        tables["summary"] = summary(
+            tables["strides"].assign(side_known=~unknown), whole[0] if whole else None,
+            bool(analysis.estimate.diagnostics.get("clocks_apart", False)),
+        )  # fmt: skip
         tables["bouts"] = _bouts(every, analysis.estimate)
     tables["contacts"] = _contacts(analysis)
     rows = [
@@ -121,7 +124,8 @@ def joint_extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.nd
     The deviation of the smallest or largest is that of its sample: it is mostly of the standing pose, and so the same
     in all strides. That of a range takes the errors of both samples as not correlated. The part of the standing pose
     cancels in a range, so that the deviation is too large by it. Without this part it would be too small on the
-    recording with motion capture, where soft tissue moves more than the estimate states.
+    recording with motion capture, where soft tissue moves more than the estimate states, and makes ranges of the knee
+    too large in every stride.
     """
     extremes: dict[str, np.ndarray] = {}
     time = as_float(estimate.time)

@@ -25,6 +25,11 @@ class Dated(NamedTuple):
     begin_s: float | None  #: [s] from 1970 to the first date; None for times of day and durations.
 
 
+def date_of(since_1970: float) -> str:
+    """The date at a time [s] since 1970."""
+    return str(np.datetime64(round(1e3 * since_1970), "ms")).replace("T", " ")
+
+
 def dated(column: "pd.Series") -> Dated | None:
     """Dates, times of day or durations, or texts of these, in s; None for a column of anything else.
 
@@ -71,7 +76,8 @@ def _spelt(texts: "pd.Series") -> "tuple[pd.Series, float | None]":
         return time, HOUR_S if hours.isna().all() else HALF_DAY_S
     each = date.dropna().unique()
     readings = []
-    for day_first in (False, True):
+    dots = any("." in one for one in each)  # dates with dots begin with the day
+    for day_first in (dots, not dots):
         days = pd.Series(
             [pd.to_datetime(one, dayfirst=day_first, errors="coerce", format="mixed") for one in each], each
         )

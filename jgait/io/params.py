@@ -34,7 +34,7 @@ def write_params(
 
     Args:
         path: of the file.
-        params: NamedTuple of numbers, natural units.
+        params: NamedTuple of numbers, natural units; of a fit with values per subject those of one person, `Fit.of`.
         estimator: name of the estimator.
         stderr: name of a parameter (see `units`) → its standard error, where known.
         made: how the parameters were computed; any JSON value.
@@ -85,7 +85,10 @@ def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -
             raise RecordingError(f"{file} states {name} in {stated[name]!r}; {unit!r} is wanted, with the value in it")
     for name, (_, value) in zip(names, flat, strict=True):
         if np.shape(rows.get(name, value)) != np.shape(value):
-            raise RecordingError(f"{file} has {name} of shape {np.shape(rows[name])}; {np.shape(value)} is wanted")
+            raise RecordingError(
+                f"{file} has {name} of shape {np.shape(rows[name])}; {np.shape(value)} is wanted; of a fit with values "
+                "per subject, write those of one person, fit.of(subject)"
+            )
     values = [rows.get(name, value) for name, (_, value) in zip(names, flat, strict=True)]
     return jax.tree.unflatten(structure, values), whole["made"]
 

@@ -49,6 +49,9 @@ FARTHEST = 2.0
 """[1] Largest distance to a sample of the table, in its median interval, at which the reference is valid."""
 
 
+AT_ENDS = 0.25
+"""[s] Length of the standing at both ends of a recording, where the distance is 0 and the whole distance."""
+
 SLOWEST_S = 0.5
 """[s] Longest median interval of the samples of a reference."""
 
@@ -71,8 +74,9 @@ ALIKE = 0.85
 
 
 def reference_from_tables(
-    time: Float[AnyArray, "time"], samples: "pd.DataFrame | None" = None, strides: "pd.DataFrame | None" = None
-) -> Estimate:
+    time: Float[AnyArray, "time"], samples: "pd.DataFrame | None" = None, strides: "pd.DataFrame | None" = None,
+    distance: float | None = None,
+) -> Estimate:  # fmt: skip
     """A reference for `evaluate` and `tune`, from a motion capture system, a walkway or a simulation.
 
     Args:
@@ -83,18 +87,24 @@ def reference_from_tables(
             empty cell are not valid. A foot path that is not given is NaN.
         strides: columns `side` (right, left), `start_s` and `end_s` (initial contacts, on the recording's clock),
             `stride_length_m`, and any other of `strides_to_dataframe`.
+        distance: distance walked in the whole recording [m], as by a tape; a table of samples has it in `distance_m`.
 
     Raises:
         RecordingError: a column that is needed is missing or misspelt, cells that are no numbers, a side that is none,
             times that do not increase or are those of another recording, numbers in another unit, strides that overlap,
             are negative, zero or steps, or no table at all.
     """
-    if samples is None and strides is None:
-        raise RecordingError("a reference needs a table of samples or of strides; got none")
+    if samples is None and strides is None and distance is None:
+        raise RecordingError("a reference needs a table of samples or of strides, or a distance; got none")
+    if distance is not None and (samples is not None or not 0.0 < distance < np.inf):
+        raise RecordingError(
+            "distance is that of the whole recording [m], above 0, without a table of samples, which has a column "
+            f"'distance_m'; got {distance!r}{'' if samples is None else ' and a table of samples'}"
+        )
     at = as_float(time)
     legs: dict[str, LegTrajectory | None] = dict.fromkeys(SIDES)
     feet: dict[str, FootTrajectory | None] = dict.fromkeys(SIDES)
-    distance, valid = None, np.ones(len(at), bool)
+    way, valid = None, np.ones(len(at), bool)
     if samples is not None:
         columns, valid = _at(at, samples)
         if not valid.any():
@@ -111,13 +121,16 @@ def reference_from_tables(
             place = [columns.get(f"position_{axis}_{side}_m") for axis in "xyz"]
             if not any(axis is None for axis in place):
                 feet[side] = FootTrajectory(np.stack([part for part in place if part is not None], axis=1), None, None)
-        distance = columns.get("distance_m")
+        way = columns.get("distance_m")
     reference = Estimate(
-        at, Legs(**legs), None, distance, valid, {}, None if strides is None else strides_from_dataframe(strides),
+        at, Legs(**legs), None, way, valid, {}, None if strides is None else strides_from_dataframe(strides),
         Feet(**feet) if any(foot is not None for foot in feet.values()) else None,
     )  # fmt: skip
     _check_units(reference)
-    return reference
+    if distance is None:
+        return reference
+    start, end = at <= at[0] + AT_ENDS, at >= at[-1] - AT_ENDS
+    return reference._replace(distance=np.where(start, 0.0, distance), valid=(start | end) & (start != end))
 
 
 def _check_units(reference: Estimate) -> None:
@@ -228,7 +241,10 @@ def _at(time: np.ndarray, samples: "pd.DataFrame") -> tuple[dict[str, np.ndarray
     if len(given) < 2 or not np.all(np.diff(given) > 0.0):
         raise RecordingError("column 'time_s' of a reference must have two times or more, which increase")
     if (step := float(np.median(np.diff(given)))) > SLOWEST_S:
-        raise RecordingError(f"column 'time_s' of a reference is in seconds; its samples are {step:.4g} apart")
+        raise RecordingError(
+            f"column 'time_s' of a reference is in seconds, with {1.0 / SLOWEST_S:g} samples a second or more; its "
+            f"samples are {step:.4g} s apart; if the distance is known at the end alone, give distance= without samples"
+        )
     names = [name for name in SAMPLES if name in samples]
     columns = {name: _numbers(samples, name) for name in names}
     known = np.logical_and.reduce([np.isfinite(values) for values in columns.values()] or [np.zeros(len(given), bool)])

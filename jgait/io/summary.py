@@ -56,7 +56,9 @@ CONTACT_S = 0.01
 Chosen on `ipol_gait`, whose contacts are marked by hand: `experiments.unseen.asymmetry` prints what it covers."""
 
 
-def summary(strides: "pd.DataFrame", distance: tuple[float, float | None] | None = None) -> "pd.DataFrame":
+def summary(
+    strides: "pd.DataFrame", distance: tuple[float, float | None] | None = None, clocks_apart: bool = False
+) -> "pd.DataFrame":
     """One row for each measure, over the steady strides of a recording, and one for the distance.
 
     A stride is steady if it and its neighbours of the same side are regular, and no stride between it and the begin or
@@ -83,7 +85,8 @@ def summary(strides: "pd.DataFrame", distance: tuple[float, float | None] | None
 
     `step_duration` is the time from a contact of the other foot to that of the side, `stance` the share of the stride
     with the foot on the ground. Both are stated of shoes alone: at a shank or the waist the measured contacts depend on
-    how each leg moves, so that sides differ falsely. `step_length` needs the range between the feet.
+    how each leg moves, so that sides differ falsely. Where other sensors show that the clock of a shoe may be off, the
+    sides of `step_duration` and its asymmetry are empty. `step_length` needs the range between the feet.
 
     `distance` is that of the whole recording, with all its strides: `mean` is the distance, `error_std` its deviation.
 
@@ -91,6 +94,7 @@ def summary(strides: "pd.DataFrame", distance: tuple[float, float | None] | None
         strides: the table `strides` of `analysis_to_dataframes`; a column `side_known` may be False where the side is a
             guess.
         distance: distance and its standard deviation [m]; None without a distance.
+        clocks_apart: whether the clocks of both sides are not known to be one.
 
     Source: within-side variability, and the mean of both sides: B. Galna, S. Lord, L. Rochester, Gait & Posture 37(2),
     2013.
@@ -136,6 +140,8 @@ def summary(strides: "pd.DataFrame", distance: tuple[float, float | None] | None
         std = np.nan if error > HIDDEN * std and name not in OF_POSE else std
         both = _at_the_same_time(table.loc[values.index]) if all(map(len, by_side)) else values.index
         right, left = (float(one.mean()) if len(one) else np.nan for one in (v[v.index.isin(both)] for v in by_side))
+        if clocks_apart and name == "step_duration":  # their mean holds: it is half a stride
+            right, left = np.nan, np.nan
         unsure = _side_error(name, error, table) if alike and np.isfinite(right - left) else np.nan
         rows.append({
             "measure": name, "unit": unit, "n_strides": len(values), "steady": enough, "mean": mean, "std": std,

@@ -9,8 +9,8 @@ import numpy as np
 
 from jgait.io.arrays import recording_in_units
 from jgait.io.atomic import check_path
-from jgait.io.clock import unwrapped
-from jgait.io.dates import dated
+from jgait.io.clock import CLOCK_FROM_DATE, unwrapped
+from jgait.io.dates import date_of, dated
 from jgait.io.files import no_numbers, reading
 from jgait.io.misnamed import lacking_columns, no_sensor, without_gyroscope
 from jgait.io.names import CHANNELS, COUNTER, LONG_UNITS, column_of, like_a_signal, recognised, unit_in_name
@@ -107,6 +107,9 @@ def recording_from_dataframe(
     )
     if content.time is None and sampling_rate_hz is None:
         rest = f"; columns that are not of sensors: {', '.join(content.others)}" if content.others else ""
+        index = table.index
+        if index.name is None and index.dtype.kind == "f" and index.is_monotonic_increasing:
+            rest += "; if the index without a name is the time, name it: table.rename_axis('time')"
         raise RecordingError(
             f"{name} has {len(table)} rows and no column called 'time', so {{argument}} is needed; it was not "
             f"given{rest}",
@@ -130,7 +133,8 @@ def recording_from_dataframe(
         name=name,
         subject=subject,
     )
-    return recording._replace(notes=(*recording.notes, *content.notes))
+    dates = () if content.begin_s is None else (CLOCK_FROM_DATE(date=date_of(content.begin_s)),)
+    return recording._replace(notes=(*dates, *recording.notes, *content.notes))
 
 
 def columns_of(

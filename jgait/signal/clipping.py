@@ -40,14 +40,30 @@ IN_PLANE, PLANE = 6, 1e-4
 """[1] Least number of the largest readings in one plane, and their largest distance from it over the largest reading,
 if the axes were turned after clipping; chosen, undamaged public recordings have fewer."""
 
+HELD, AGAIN_MOST = 0.1, 4
+"""[1], [samples] Share of samples that repeat the one before in all axes from which on a sensor is slower than its
+signal, and readings that are written again are no limit; longer runs of equal readings do not count, as of a sensor at
+rest. Undamaged gyroscopes repeat 4 %."""
+
 UNSURE = 0.5
 """[1] Standard deviation of a restored peak over what was restored; one error for all samples of a peak."""
 
 
+def _first(values: Float[AnyArray, "time axis"]) -> Bool[np.ndarray, "time"]:
+    """Samples but those that repeat the one before, if a sensor is slower than its signal, see `HELD`."""
+    again = np.concatenate([[False], ~np.diff(as_float(values), axis=0).any(axis=1)])[: len(values)]
+    for first, last in true_runs(again):
+        again[first:last] = last - first < AGAIN_MOST
+    return ~again if again.sum() > HELD * len(again) and np.shape(values)[1] > 1 else np.ones(len(again), bool)
+
+
 def at_limit(values: Float[AnyArray, "time axis"], above: float, least: int = 2) -> Bool[np.ndarray, "time"]:
     """Samples in runs of `least` or more equal readings within 0.1 % of the largest of their axis, if `above` it."""
+    every, new = as_float(values), _first(values)
+    if not new.all():
+        return at_limit(every[new], above, least)[np.cumsum(new) - 1]
     flags = np.zeros(len(values), bool)
-    for axis in as_float(values).T:
+    for axis in every.T:
         top = np.abs(axis).max(initial=0.0)
         if top > above:
             equal = (np.diff(axis) == 0.0) & (np.abs(axis[1:]) >= 0.999 * top)
@@ -59,7 +75,9 @@ def at_limit(values: Float[AnyArray, "time axis"], above: float, least: int = 2)
 
 def forces_clipped(acc: Float[AnyArray, "time axis"], above: float, least: int = 2) -> Bool[np.ndarray, "time"]:
     """Samples of an accelerometer at its limit, in its own axes or in axes that were turned afterwards."""
-    return at_limit(acc, above, least) | cut_short(acc, above) | in_planes(acc, above)
+    new = _first(acc)
+    once = as_float(acc)[new]
+    return (at_limit(once, above, least) | cut_short(once, above) | in_planes(once, above))[np.cumsum(new) - 1]
 
 
 def in_planes(values: Float[AnyArray, "time axis"], above: float) -> Bool[np.ndarray, "time"]:

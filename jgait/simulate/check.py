@@ -1,7 +1,7 @@
 """Permitted ranges of a person and a gait: each error names the limit."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import jax
 import numpy as np
@@ -94,6 +94,16 @@ def check_sensors(errors: ImuErrors, rate: float, placements: Sequence[str]) -> 
         raise ValueError(f"placements must be one or more names in a list, such as ['foot_right']; got {placements!r}")
     for placement in placements:
         segment_of(placement)
+
+
+def check_places(places: Mapping[str, Sequence[float]] | None, placements: Sequence[str]) -> None:
+    """Check that places of sensors are three numbers each, below a metre, and belong to placements; else ValueError."""
+    for name, place in (places or {}).items():
+        if name not in placements:
+            raise ValueError(f"places has {name!r}, which is not among the placements {', '.join(placements)}")
+        numbers = np.asarray(place, float)
+        if numbers.shape != (3,) or not np.all(np.abs(numbers) < 1.0):
+            raise ValueError(f"places[{name!r}] must be three numbers in m, each below 1 in size; got {place!r}")
 
 
 def check_slack(person: Person, left: Slack, where: str) -> None:

@@ -22,6 +22,7 @@ class Foothold(NamedTuple):
 
     place: Values
     toe_up: Values
+    early: Values
     heel_up: Values
     off: Values
     leave: Values
@@ -40,6 +41,10 @@ class FootPair(NamedTuple):
 LINGER = 0.1
 """[steps] Time in which the tip of the toes leaves the ground: in this time it moves by a few millimetres."""
 
+STOPS = 0.05
+"""[steps] How long before a landing on a flat foot its way ends. The heel comes down until the landing, as in closing
+steps of recorded people (`experiments.people.shoes`)."""
+
 
 class Phases(NamedTuple):
     """Shares [1] of the motions of a foot, (2, T)."""
@@ -52,7 +57,7 @@ class Phases(NamedTuple):
     free: Jet  #: 0 while the sole is on the ground, 1 in swing.
 
 
-def phases(gait: Gait, shape: Movement, off: Values, leave: Values, lands: Values, s: Jet) -> Phases:
+def phases(gait: Gait, shape: Movement, off: Values, leave: Values, early: Values, lands: Values, s: Jet) -> Phases:
     """Progress of stance and swing.
 
     The heel rises slowly in single support and fast at the contact of the other foot; then the ball of the foot rises
@@ -64,21 +69,23 @@ def phases(gait: Gait, shape: Movement, off: Values, leave: Values, lands: Value
         shape: shapes of the movement.
         off: (2, T) steps after landing at which the heel begins to rise [1].
         leave: (2, T) steps after landing at which the toes leave [1].
+        early: (2, T) 1 where the heel is down before the next landing, 0 where it comes down with it.
         lands: (2, T) the landing, last or next, to which the foot is pitched, in steps since the last landing [1].
         s: (2, T) steps since the last landing [1].
     """
     # Heel up, toes up, both back; toes up before landing, down after it; on the way, stopped by the ground or the leg;
     # and the times in which recorded feet move besides.
     when, flat = shape.when, 2.0 * gait.foot_flat
+    down, stops = early * when.heel_down, 2.0 - leave - (1.0 - early) * STOPS
     rises = jnp.maximum(leave - when.heel_rises, off)
     begins = (
         rises, leave - when.toes_rise, leave, lands - when.toes_up, lands - when.toes_turn, leave,
         leave, off, lands - when.toes_up, leave, leave,
     )  # fmt: skip
     lasts = (
-        leave + when.heel_after - rises, when.toes_rise + when.heel_after, 2.0 - leave - when.heel_down,
-        when.toes_up - when.toes_turn + 0.1, when.toes_turn + flat, 2.0 - leave, 2.0 - leave,
-        2.0 - off - when.heel_down, when.toes_up + flat, 2.0 - leave, 2.0 - leave,
+        leave + when.heel_after - rises, when.toes_rise + when.heel_after, 2.0 - leave - down,
+        when.toes_up - when.toes_turn + 0.1, when.toes_turn + flat, stops, stops,
+        2.0 - off - down, when.toes_up + flat, stops, 2.0 - leave,
     )  # fmt: skip
     over = 1.0 / jnp.stack([jnp.broadcast_to(last, leave.shape) for last in lasts])
     u = (part(s, None) - jnp.stack(begins)) * over
@@ -116,7 +123,8 @@ def feet(body: Body, gait: Gait, shape: Movement, origin: Foothold, target: Foot
         moves: (2, T) False for the foot that landed last.
         s: (2, T) steps since the last landing, in [0, 1] for the foot that landed last, in [1, 2] for the other foot.
     """
-    share = kept(phases(gait, shape, origin.off, origin.leave, jnp.where(moves, 2.0, 0.0).astype(origin.off.dtype), s))
+    lands = jnp.where(moves, 2.0, 0.0).astype(origin.off.dtype)
+    share = kept(phases(gait, shape, origin.off, origin.leave, target.early, lands, s))
     place = part(share.way, None) * (target.place - origin.place) + origin.place
     yaw, incline = part(place, 3), part(place, 4)
     down, rise = share.down * jnp.where(moves, target.toe_up, origin.toe_up), share.rise * origin.heel_up

@@ -44,6 +44,7 @@ class Plan(NamedTuple):
         slope: pitch of the ground along the foot [rad].
         side: 1 for a foothold of the left foot, −1 for one of the right.
         toe_up: pitch of the foot at landing [rad].
+        early: 1 where the heel is down before the landing, 0 where it comes down with the landing, on a flat foot.
         heel_up: pitch of the foot at toe-off, heel up [rad].
         off: steps after landing at which the heel begins to rise [1].
         leave: steps after landing at which the toes begin to leave [1]; they are off `feet.LINGER` later.
@@ -70,6 +71,7 @@ class Plan(NamedTuple):
     slope: Values
     side: Values
     toe_up: Values
+    early: Values
     heel_up: Values
     off: Values
     leave: Values
@@ -156,6 +158,7 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
         slope=jnp.arctan(routes.value_at(along, along.slope, distance)),
         side=side,
         toe_up=jnp.where(takes, gait.toe_up * lands * whole_foot * jnp.sqrt(speed) * (1.0 - stiff), 0.0),
+        early=jnp.where(takes, whole_foot, 0.0),
         heel_up=jnp.where(
             k < n - 0.5,
             gait.heel_up

@@ -137,10 +137,9 @@ class Gait(NamedTuple):
 
 RECORDED = Gait(
     pelvis_rise=0.0323, pelvis_sway=0.028, pelvis_surge=0.011, pelvis_rotation=3.2 * DEGREE, pelvis_drop=2.5 * DEGREE,
-    pelvis_nod=0.35 * DEGREE, pelvis_shock=0.0, knee_stance=7.0 * DEGREE, recorded=1.0, **TABLES["gait"],
+    pelvis_nod=0.35 * DEGREE, pelvis_shock=0.0, recorded=1.0, **TABLES["gait"],
 )  # fmt: skip
-"""The mean gait of recorded people, by `experiments.people.shapes`, but for `knee_stance`, which is chosen: a leg that
-is nearly straight turns the knee faster than people do."""
+"""The mean gait of recorded people, by `experiments.people.shapes`."""
 
 
 class Person(NamedTuple):

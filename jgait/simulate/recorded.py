@@ -5,7 +5,7 @@ samples and sensors are padded to lengths that walks share.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ from jaxtyping import Float, PRNGKeyArray, PyTree
 
 from jgait.estimators.programs import bucket, compiled
 from jgait.geometry.segments import Motion
-from jgait.simulate.check import check_sensors, check_slack, check_values
+from jgait.simulate.check import check_places, check_sensors, check_slack, check_values
 from jgait.simulate.footsteps import Plan
 from jgait.simulate.person import Person
 from jgait.simulate.routes import Route, padded, straight
@@ -27,6 +27,7 @@ from jgait.types import AnyArray, Estimate, Imu, Recording, Values, as_float, ch
 def recording(
     key: PRNGKeyArray, person: Person | None = None, along: Route | None = None, errors: ImuErrors = IDEAL,
     rate: float = 100.0, *, placements: Sequence[str] = SEVEN, name: str = "simulated", subject: str = "simulated",
+    places: Mapping[str, Sequence[float]] | None = None,
 ) -> tuple[Recording, Truth]:  # fmt: skip
     """Simulate one walk and return records of the library.
 
@@ -40,6 +41,8 @@ def recording(
         placements: where sensors are worn, see `jgait.PLACEMENTS`.
         name: name of the recording in tables and figures.
         subject: name of the subject.
+        places: placement → position of that sensor in the axes of its segment: forward, left and up from the upper
+            joint [m], and from the ankle for a foot; None for the usual ones (`simulate.mount`).
 
     Returns:
         The recording, and the truth at the same times, in NumPy arrays.
@@ -52,18 +55,19 @@ def recording(
     check_key(key)
     check_values(person)
     check_sensors(errors, rate, placements)
+    check_places(places, placements)
     steps = round(float(person.gait.steps))
     check_kind(along, (Route, type(None)), "along must be a Route, such as jgait.simulate.straight(10.0)")
     along = straight(max(1.0, steps * float(person.gait.stride_length))) if along is None else along
     laid, last, left = limits(key, person, along)
     check_slack(person, left, "on this route")
-    worn, true = simulated(key, person, laid, last, errors, rate, placements)
+    worn, true = simulated(key, person, laid, last, errors, rate, placements, places)
     return Recording(worn, rate, name, subject), true
 
 
 def simulated(
     key: PRNGKeyArray, person: Person, laid: Plan, last: float, errors: ImuErrors, rate: float,
-    placements: Sequence[str],
+    placements: Sequence[str], places: Mapping[str, Sequence[float]] | None = None,
 ) -> tuple[dict[str, Imu], Truth]:  # fmt: skip
     """One planned walk of `last` seconds, in NumPy arrays.
 
@@ -72,12 +76,13 @@ def simulated(
     samples = samples_in(last, rate)
     time = jnp.asarray(np.arange(bucket(samples)) / rate)
     walker, erring = jax.tree.map(float, (person, errors))
-    sensors = sensors_at(walker.body, [*placements, *("pelvis",) * (len(SEVEN) - len(placements))])
+    worn = [*placements, *("pelvis",) * (len(SEVEN) - len(placements))]
+    sensors = sensors_at(walker.body, worn, places=places)
     program = compiled(_walk, quick=True)
     read, moving, known = jax.tree.map(np.asarray, program(key, walker, laid, time, erring, sensors))
     whole = Truth(known, Motion(*map(separated, moving)), laid)
-    worn, true = trimmed(named(read, read.time, placements), whole, samples)
-    return {name: worn[name] for name in placements}, true
+    imus, true = trimmed(named(read, read.time, placements), whole, samples)
+    return {name: imus[name] for name in placements}, true
 
 
 def _walk(

@@ -86,9 +86,15 @@ def pace(person: Person) -> tuple[Values, Values]:
 
 
 def sizes(person: Person) -> Values:
-    """(6, 1) size of each row of the table of the pelvis, over the usual one."""
+    """(6, 2 HARMONICS) size of each harmonic of the table of the pelvis, over the usual one.
+
+    The size of a motion is that of its first harmonic. The higher ones are jolts that follow the length of the stride:
+    in recorded people most of them grow little with the first (`experiments.people.shapes` prints how much).
+    """
     gait = person.gait
-    return jnp.stack([jnp.asarray(getattr(gait, name) / getattr(RECORDED, name)) for name in SIZES])[:, None]
+    first = jnp.stack([jnp.asarray(getattr(gait, name) / getattr(RECORDED, name)) for name in SIZES])
+    others = jnp.broadcast_to(1.0 + UNIT * pace(person)[0], (len(SIZES), HARMONICS - 1)).astype(first.dtype)
+    return jnp.tile(jnp.concatenate([first[:, None], others], axis=1), (1, 2))
 
 
 SURGE = (0.99, 0.135)

@@ -4,7 +4,7 @@
 returns the same as records of the library.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -92,9 +92,11 @@ def worn_on(placement: str) -> int:
     return bone if placement.startswith("ankle") else SKIN.get(segment, bone)
 
 
-def sensors_at(body: Body, placements: Sequence[str], dtype: Any = float) -> Sensors:
-    """The sensors at placements on a body, of which one may occur more than once."""
-    points = [list(mount(body, placement)) for placement in placements]
+def sensors_at(
+    body: Body, placements: Sequence[str], dtype: Any = float, places: Mapping[str, Sequence[float]] | None = None
+) -> Sensors:
+    """The sensors at placements on a body, of which one may occur more than once; at other places where given."""
+    points = [list((places or {}).get(placement, mount(body, placement))) for placement in placements]
     return Sensors(np.array([worn_on(placement) for placement in placements]), jnp.asarray(points, dtype))
 
 

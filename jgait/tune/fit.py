@@ -13,7 +13,8 @@ from jax.sharding import Mesh
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 
-from jgait.params import constrain
+from jgait.params import Transform, constrain
+from jgait.params import names as names_of
 from jgait.tune import checkpoint
 from jgait.tune.checks import check_data, check_loss, check_priors, numbered, over_transforms, spread_out, start
 from jgait.tune.descent import Carry, Settings, Trace, flat
@@ -22,7 +23,7 @@ from jgait.tune.identity import described
 from jgait.tune.lanes import Report, descend
 from jgait.tune.problem import Context, Items, Problem, of_subject, place
 from jgait.tune.words import is_interval
-from jgait.types import AnyArray, Maybe, check_key, check_kind
+from jgait.types import AnyArray, Maybe, check_key, check_kind, people
 
 
 class Fit[P](NamedTuple):
@@ -42,6 +43,7 @@ class Fit[P](NamedTuple):
         left_out: numbers of the items left out, because their loss or gradient was not finite at the start.
         subjects: labels of the subjects, in the order of the leading axis of parameters per subject.
         not_learned: names of the free parameters that kept their start, for their gradient vanishes; see the warning.
+        per_subject: names of the parameters that have a value for each subject.
     """
 
     params: P
@@ -54,6 +56,28 @@ class Fit[P](NamedTuple):
     left_out: tuple[int, ...]
     subjects: tuple[str, ...]
     not_learned: tuple[str, ...] = ()
+    per_subject: tuple[str, ...] = ()
+
+    def of(self, subject: Hashable) -> P:
+        """The parameters of one person: of those per subject this person's values, of the others the shared ones.
+
+        Args:
+            subject: one of `subjects`; capitals and spaces do not count, see `jgait.types.people`.
+
+        Raises:
+            KeyError: if the fit did not use this person.
+        """
+        name = people([*self.subjects, subject])[-1]
+        if name not in self.subjects:
+            raise KeyError(f"the fit has no subject {subject!r}; it has {', '.join(self.subjects) or 'none'}")
+        number = self.subjects.index(name)
+
+        def mine(path: tuple[PyTree, ...], value: PyTree) -> PyTree:
+            own = jax.tree_util.keystr(path).lstrip(".") in self.per_subject
+            return np.asarray(value)[number] if own else value
+
+        params: P = jax.tree_util.tree_map_with_path(mine, self.params)
+        return params
 
 
 def scattered(key: Maybe[PRNGKeyArray], free: PyTree, count: int, spread: float) -> PyTree:
@@ -305,8 +329,10 @@ def _result[P](
     own = lane(carry, best)
     losses, norms, accepted, scores = (column[best, : int(own.taken)] for column in trace)
     transforms = problem.transforms
+    every, marks = names_of(transforms), jax.tree.leaves(transforms, is_leaf=lambda one: isinstance(one, Transform))
+    own_ones = tuple(name for name, mark in zip(every, marks, strict=True) if mark.own)
     flat_ones = warn_of_flat(transforms, lane(begin, best), own.best, own.reach, 4) if accepted.any() else ()
     return Fit(
         constrain(own.best, transforms, params), own.best, losses, norms, accepted, float(own.best_score), scores,
-        left_out, labels, flat_ones,
+        left_out, labels, flat_ones, own_ones,
     )  # fmt: skip

@@ -81,6 +81,11 @@ class Lessons(NamedTuple):
     names: tuple[str, ...]
     failures: tuple[tuple[str, str], ...]
 
+    def __repr__(self) -> str:
+        left = "; ".join(f"{names}: {reason}" for reason, names in by_reason(self.failures).items())
+        told = f"; {len(self.failures)} left out, {left}" if left else ""
+        return f"Lessons({len(self.names)} walks of {len(set(self.subjects))} people{told})"
+
     def one(self, number: int) -> Lesson:
         """The lesson with this number."""
         return jax.tree.map(lambda leaf: leaf[number], self.data)
@@ -269,8 +274,8 @@ def lessons(
 ) -> Lessons:
     """Prepare walks for a fit; a walk that cannot be used is a failure and does not stop the others.
 
-    A walk that cannot be stacked with most of the walks (another leg, no accelerometer, a reference without angles) is
-    a failure too; such walks need a separate fit.
+    A walk that cannot be stacked with most of the walks (another leg, no accelerometer, a reference without angles, a
+    person without a measure that `own` gives of most) is a failure too; such walks need a separate fit.
 
     Args:
         estimator: from `jgait.estimators`.

@@ -155,6 +155,43 @@ def test_an_accelerometer_that_is_slower_than_its_rows_is_not_held(every):
         assert lost.mean() == pytest.approx(0.75, abs=0.01) and np.array_equal(new["acc"][~lost], acc[~lost])
 
 
+def test_readings_of_one_sensor_that_are_missing_are_no_missing_rows():
+    """Every fourth reading of one sensor, or row of both, is left out, as when tables of two rates are merged."""
+    time = np.arange(4000) / 128.0
+    turns = 2.0 * np.pi * (1.0 + 0.02 * np.sin(0.3 * time)) * time
+
+    def sensor(phase, rows):
+        swings = np.maximum(np.sin(turns + phase), 0.0) ** 4  # one rests while the other swings
+        gyr = (swings[:, None] * np.stack([np.sin(9.0 * time), np.cos(9.0 * time), 0.0 * time], axis=1))[rows]
+        return Imu(time[: len(gyr)], gyr, None, np.ones(len(gyr), bool))
+
+    fewer = np.flatnonzero(np.arange(4000) % 4 != 3)
+    both = {f"foot_{side}": sensor(phase, fewer) for side, phase in (("right", 0.0), ("left", np.pi))}
+    one = {**both, "foot_left": sensor(np.pi, np.arange(len(fewer)))}
+    assert [note.code for note in splices.splice_notes(both, 100.0)] == ["rows_lost"]
+    assert splices.splice_notes(one, 100.0) == ()
+
+
+@pytest.mark.parametrize(("slow", "code"), [(100.0, "samples_repeated"), (128.0, None)])
+def test_tables_of_two_rates_that_were_merged_lack_no_rows(walk, slow, code):
+    """The left foot's table has 128 or 100 rows a second, and the other one's times: `merge_asof` with the last one."""
+    fast = {100.0: 128.0, 128.0: 100.0}[slow]
+
+    def at(imu, rate):
+        time = np.arange(0.0, float(imu.time[-1]), 1.0 / rate)
+        columns = np.hstack([imu.gyr, imu.acc]).T
+        return time, np.stack([np.interp(time, imu.time, column) for column in columns], axis=1)
+
+    right, left = (walk.sensors[f"foot_{side}"] for side in ("right", "left"))
+    (time, one), (theirs, other) = at(right, fast), at(left, slow)
+    held = other[np.searchsorted(theirs, time + 1e-9, side="right") - 1]
+    sensors = {name: {"gyr": values[:, :3], "acc": values[:, 3:]}
+               for name, values in (("foot_right", one), ("foot_left", held))}  # fmt: skip
+    recording = io.recording_from_arrays(sensors, time=time, gyr_unit="rad/s")
+    notes = [note for note in recording.notes if note.code in NEW]
+    assert {(note.code, note.values["placement"]) for note in notes} == ({(code, "foot_left")} if code else set())
+
+
 @pytest.mark.parametrize(
     ("name", "placement", "code", "words"),
     [

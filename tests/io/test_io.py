@@ -126,6 +126,30 @@ def test_a_clock_of_a_time_zone_and_an_index_of_any_name_are_read():
         assert read(frame).sampling_rate_hz == pytest.approx(100.0)
 
 
+def test_where_times_of_results_begin_is_noted():
+    """Numbers by their first one, dates by their date, in UTC where the zone is known."""
+    stamps = pd.Timestamp("2026-05-03 10:00") + pd.to_timedelta(table()["time"], unit="s")
+    naive = table(time=False).set_index(pd.DatetimeIndex(stamps))
+    for frame, values in (
+        (table(), None),
+        (table().assign(time=table()["time"] + 3600.0), ("clock_from_first", {"begin_s": 3600.0})),
+        (naive, ("clock_from_date", {"date": "2026-05-03 10:00:00.000"})),
+        (naive.tz_localize("Europe/Berlin"), ("clock_from_date", {"date": "2026-05-03 08:00:00.000"})),
+    ):
+        notes = io.recording_from_dataframe(frame).notes
+        found = [(note.code, note.values) for note in notes if note.code in ("clock_from_first", "clock_from_date")]
+        assert found == ([] if values is None else [values])
+
+
+def test_an_index_of_times_needs_a_name():
+    seconds = table(time=False).set_index((table()["time"] + 50.0).to_numpy())
+    with pytest.raises(RecordingError, match=r"if the index without a name is the time, name it: table.rename_axis"):
+        io.recording_from_dataframe(seconds)
+    assert io.recording_from_dataframe(seconds.rename_axis("time")).sampling_rate_hz == pytest.approx(100.0)
+    with pytest.raises(RecordingError, match=r"it was not given$"):
+        io.recording_from_dataframe(table(time=False))
+
+
 def test_an_index_called_time_is_the_clock_and_units_have_several_spellings():
     frame = table().set_index("time")
     recording = read(frame, gyr_unit="°/s", acc_unit="m/s²")

@@ -45,6 +45,19 @@ def test_angles_alone_are_a_reference_without_a_foot_path_and_enough_for_their_l
     assert np.isnan(float(trajectory(made, back)))
 
 
+def test_a_distance_alone_is_a_reference_of_the_whole_recording():
+    """It is what a table row of a cohort with `distance_m` gives; a table of a few samples leads to it."""
+    back = io.reference_from_tables(TIME, distance=12.0)
+    assert back.distance[0] == 0.0 and back.distance[-1] == 12.0
+    assert back.valid[0] and back.valid[-1] and not back.valid[100:400].any()
+    few = pd.DataFrame({"time_s": [0.0, 2.0, 9.0, 10.0], "distance_m": [0.0, 0.0, 12.0, 12.0]})
+    with pytest.raises(RecordingError, match="known at the end alone, give distance= without samples"):
+        io.reference_from_tables(TIME, few)
+    for wrong in ({"distance": 0.0}, {"distance": float("nan")}, {"distance": 12.0, "samples": few}):
+        with pytest.raises(RecordingError, match="distance is that of the whole recording"):
+            io.reference_from_tables(TIME, **wrong)
+
+
 def test_strides_and_positions_come_back(feet):
     table = io.strides_to_dataframe(feet)
     table["side"] = table["side"].str.upper().str[0]  # R and L
@@ -90,14 +103,14 @@ def test_strides_that_are_none_are_refused(feet, change, message):
         (lambda t: t.drop(columns="time_s"), "needs a column 'time_s'"),
         (lambda t: t.iloc[::-1], "'time_s' of a reference must have two times or more, which increase"),
         (lambda t: t[["time_s"]], "needs a sample in which every column of the reference has a number"),
-        (lambda t: None, "needs a table of samples or of strides; got none"),
+        (lambda t: None, "needs a table of samples or of strides, or a distance; got none"),
         (
             lambda t: t.rename(columns={"knee_angle_left_deg": "knee_angel_left_deg"}),
             "did you mean 'knee_angle_left_deg'",
         ),
         (
             lambda t: t.assign(time_s=1e3 * t["time_s"]),
-            "'time_s' of a reference is in seconds; its samples are 20 apart",
+            "'time_s' of a reference is in seconds.*; its samples are 20 s apart",
         ),
         (
             lambda t: t.assign(time_s=t["time_s"] + 60.0),

@@ -88,3 +88,13 @@ def test_readings_clipped_before_the_axes_were_turned_lie_in_planes():
     assert not clipping.forces_clipped(acc @ mount, 18.0).any()
     assert not clipping.forces_clipped(clipped @ mount, 70.0).any()
     assert not clipping.in_planes(clipped[:, [0, 0, 1]], 18.0).any()
+
+
+def test_readings_that_are_written_twice_are_no_limit():
+    """A table at a higher rate holds some readings; the largest of them is not cut off, those at the limit are."""
+    rate = swings(5.0)
+    rows = np.arange(int(1.28 * len(rate))) * 100 // 128
+    rate[rows[1:][np.diff(rows) == 0][100], 1] = 5.5  # the largest one is written twice
+    assert not clipping.at_limit(rate[rows], 4.0).any() and not clipping.forces_clipped(rate[rows], 4.0).any()
+    cut = np.clip(rate, -4.5, 4.5)
+    np.testing.assert_array_equal(clipping.at_limit(cut[rows], 4.0), clipping.at_limit(cut, 4.0)[rows])

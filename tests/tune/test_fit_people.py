@@ -11,8 +11,10 @@ import pytest
 from made.people import OWN, PEOPLE, READINGS, START, TRUE, Leg, likelihood
 
 from experiments.tuning import killed
-from jgait import tune
+from jgait import evaluate, io, params, tune
+from jgait.estimators import leg_ekf
 from jgait.params import fixed, interval, lognormal, normal, per_subject, positive, real
+from jgait.types import RecordingError
 
 OWN_MEANS = [READINGS[[i for i, one in enumerate(PEOPLE) if one == name]].mean() for name in ("ann", "bob", "cy")]
 
@@ -23,6 +25,29 @@ def test_shared_noise_and_own_lengths_in_one_fit():
     np.testing.assert_allclose(fit.params.length, OWN_MEANS, rtol=1e-6)
     residual = READINGS - np.array([dict(zip(fit.subjects, OWN_MEANS, strict=True))[name] for name in PEOPLE])[:, None]
     assert float(fit.params.noise) == pytest.approx(np.mean(residual**2), rel=1e-5)
+
+
+def test_the_values_of_one_person_are_parameters_of_their_own(tmp_path):
+    """They are written, read and used; those of all people together are refused in words."""
+    usual = leg_ekf.estimator()
+    fit = tune.fit(
+        lambda p, item: jnp.mean((item - p.distance_scale) ** 2) + p.rollover_radius**2, usual.params,
+        params.freed(usual.transforms, "rollover_radius")._replace(distance_scale=per_subject(positive)),
+        READINGS + 0.5, optax.lbfgs(), steps=30, subjects=PEOPLE,
+    )  # fmt: skip
+    bob = fit.of(" BOB ")
+    assert float(bob.distance_scale) == pytest.approx(OWN_MEANS[1] + 0.5, rel=1e-4)
+    assert float(bob.rollover_radius) == pytest.approx(float(fit.params.rollover_radius))
+    read, _ = io.read_params(io.write_params(tmp_path / "bob.json", bob, estimator="leg_ekf"), usual.params,
+                             estimator="leg_ekf")  # fmt: skip
+    assert read.distance_scale == pytest.approx(float(bob.distance_scale))
+    with pytest.raises(KeyError, match="no subject 'dee'; it has ann, bob, cy"):
+        fit.of("dee")
+    every = io.write_params(tmp_path / "all.json", fit.params, estimator="leg_ekf")
+    with pytest.raises(RecordingError, match=r"write those of one person, fit\.of\(subject\)"):
+        io.read_params(every, usual.params, estimator="leg_ekf")
+    with pytest.raises(ValueError, match=r"'distance_scale' has the shape \(3,\).*fit\.of\(subject\)"):
+        evaluate.cohort(usual, [], fit.params)
 
 
 def test_own_values_may_be_known_and_different():

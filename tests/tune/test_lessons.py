@@ -1,5 +1,7 @@
 """From walks to lessons: what is resampled, padded, stacked and refused, and what is minimised over them."""
 
+import re
+
 import jax
 import numpy as np
 import pytest
@@ -40,6 +42,16 @@ def test_walks_of_different_length_are_stacked_with_their_references(made):
         assert int(one.reference.strides.valid.sum()) == strides
         assert not one.reference.strides.length[walk.reference.strides.length.size :].any()
     assert set(made.data.reference.diagnostics) == {"offset"}
+
+
+def test_lessons_say_who_was_left_out(made):
+    """A person of whom fewer measures are known than of most is one that `evaluate.cohort` uses."""
+    found = tune.lessons(
+        made_cohort.FAKE, [made_cohort.walk(i) for i in (1, 2, 3)],
+        own=lambda walk: body(walk) if walk.info["number"] != 2 else {},
+    )  # fmt: skip
+    assert repr(made) == "Lessons(3 walks of 3 people)"
+    assert re.fullmatch(r"Lessons\(2 walks of 2 people; 1 left out, walk_002: .*it lacks own\W+offset.*\)", repr(found))
 
 
 def test_a_walk_has_what_the_losses_ask_for_or_is_refused_in_words():

@@ -34,7 +34,7 @@ ABOUT = About(
     default=DEFAULT,
     measures=(
         BodyMeasure("lever_ankle", "m", -0.05, 0.2, f"{_HEIGHT}, of a sensor at the ankle", "--lever", 0.03),
-        BodyMeasure("lever_shank", "m", -0.05, 0.2, f"{_HEIGHT}, of a sensor on the shank", "--lever", 0.18),
+        BodyMeasure("lever_shank", "m", 0.0, 0.4, f"{_HEIGHT}, of a sensor on the shank", "--lever", 0.18),
         HEIGHT,
     ),
     missing=(
@@ -46,7 +46,8 @@ ABOUT = About(
     ),
     options=(
         CommandOption(
-            "--lever", f"{_HEIGHT} [m]; 0.03 at the ankle, 0.18 on the shank.", low=-0.05, high=0.2, params=_lever
+            "--lever", f"{_HEIGHT} [m]; 0.03 at the ankle, 0.18 on the shank; nearer to the knee give lever_shank by "
+            "--person.", low=-0.05, high=0.2, params=_lever
         ),
     ),
     tables=(EstimateTable("strides", "strides", json="strides"),),

@@ -10,6 +10,7 @@ from jaxtyping import PyTree
 from jgait.estimators.checks import SENSOR_LEFT_OUT, check_shapes, sensors_of
 from jgait.estimators.combined.alike import with_sides_unlike
 from jgait.estimators.combined.compare import (
+    CONTACTS_APART,
     STRIDES_OF_WAIST,
     Comparison,
     comparisons,
@@ -19,11 +20,12 @@ from jgait.estimators.combined.compare import (
     regular,
     side_notes,
     source_notes,
+    step_notes,
     waist_notes,
 )
 from jgait.estimators.combined.crosscheck import FOOT_ON_SHANK, OF_WALKING, crosscheck, exchanged
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
-from jgait.estimators.combined.phases import FEWEST_STRIDES
+from jgait.estimators.combined.phases import CLOCK_OFF, FEWEST_STRIDES, LEGS_TOGETHER
 from jgait.estimators.combined.replaced import with_replaced_doubted
 from jgait.estimators.combined.shoes import put_right
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
@@ -71,8 +73,9 @@ class Analysis(NamedTuple):
     Attributes:
         estimate: the joined estimate: strides of both sides with standard deviations, distance, joint angles, paths of
             the feet, as far as the sensors measure them; `diagnostics` has the flags of strides, contacts of the waist,
-            `distance_stddev` [m], `angles_valid_<side>`, False if the side's joint angles are not usable, and
-            `slipped_<side>` (T,), True after a thigh's or shank's sensor slipped, so that they are not usable either.
+            `clocks_apart`, True if other sensors show that the clock of a shoe may be off, `distance_stddev` [m],
+            `angles_valid_<side>`, False if the side's joint angles are not usable, and `slipped_<side>` (T,), True
+            after a thigh's or shank's sensor slipped, so that they are not usable either.
         sources: what each group of sensors says alone, in the order in which their times are preferred.
         strides: for each stride which sources measured it and which were combined; None without strides.
         comparisons: each quantity as each source measures it, and combined.
@@ -111,8 +114,10 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     Args:
         recording: the signals, placements as in `jgait.PLACEMENTS`; one sensor is enough.
         person: measures of the person [m], as far as known: "height" gives those that are missing by usual proportions;
-            "thigh_length", "shank_length", "sensor_height" (of the waist's sensor), "lever_ankle", "lever_shank",
-            "pivot_height", "range_offset". Values are numbers or (right, left).
+            "thigh_length", "shank_length"; "sensor_height" of the waist's sensor over the ground; "lever_ankle" and
+            "lever_shank", heights of sensors over the ankle; "pivot_height", of a shoe's sensor over the point about
+            which the foot turns on the ground; "range_offset" of the distance between the feet; "pendulum_constant" of
+            the waist [1], such as a tuned one. Values are numbers or (right, left).
 
     Raises:
         RecordingError: if no estimator has its sensors, or none can use them, or arrays of a sensor differ in length.
@@ -179,12 +184,16 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         differ += _without_angles(estimate, strides)
         differ += stride_notes(strides.flags, regular(strides))
     every = [*placed, *differ, *recording.notes, *notes, *one_sided, *unlike, *stated]
+    apart_in_time = any(note.code in SHOES and (note.code == CONTACTS_APART.code or _of_foot(note)) for note in every)
+    if strides is not None and not apart_in_time and "sides_out_of_step" not in {note.code for note in every}:
+        every += step_notes(strides)
     order = sorted(without_repeats(every), key=lambda note: SEVERITIES.index(note.severity))
     valid = {
         f"angles_valid_{side}": not any(side in str(note.values["sides"]) for note in unusable)
         for side in SIDES if getattr(estimate.legs, side) is not None
     }  # fmt: skip
-    estimate = estimate._replace(diagnostics={**estimate.diagnostics, **valid, "notes": tuple(order)})
+    facts = {**valid, "clocks_apart": apart_in_time, "notes": tuple(order)}
+    estimate = estimate._replace(diagnostics={**estimate.diagnostics, **facts})
     rows = comparisons(estimates, strides, ways, total)
     return Analysis(estimate, tuple(estimates), strides, tuple(rows), tuple(order), body)
 
@@ -205,6 +214,10 @@ lengths hold."""
 
 PAIRS = tuple(code for code in CLOCKS if code != "sides_out_of_step")
 """Those of them that may compare two sensors of one leg; a person who limps is out of step too."""
+
+SHOES = ("accelerometer_late", "sensor_late", "clocks_drift", CLOCK_OFF.code, LEGS_TOGETHER.code, CONTACTS_APART.code)
+"""Codes of notes by which another sensor shows that the clock of a shoe, if they name one, may be off: what differs
+between right and left in time is then not known. A person who limps is out of step too, and keeps what is measured."""
 
 FOLLOWS = {
     SIDES_EXCHANGED.code: (*PAIRS, KNEE_IMPLAUSIBLE.code, KNEE_PAST_STRAIGHT.code, LEG_NEVER_STRAIGHT.code),
@@ -228,6 +241,11 @@ def _following(notes: tuple[Note, ...]) -> Callable[[Note], bool]:
 def _both(note: Note) -> set[str]:
     """The two placements that a note compares."""
     return {str(note.values.get("placement")), str(note.values.get("other"))}
+
+
+def _of_foot(note: Note) -> bool:
+    """Whether a note names the sensor of a shoe."""
+    return any(name.startswith("foot_") for name in _both(note))
 
 
 def _named(recording: Recording, codes: Collection[str]) -> frozenset[str]:

@@ -33,6 +33,13 @@ CONTACTS_APART = Kind(
     "hold.",
 )  # fmt: skip
 
+STEPS_UNEVEN = Kind(
+    "steps_uneven", "check", "steps of the right foot last {right:.2f} s and those of the left {left:.2f} s: either "
+    "the person limps, or the clocks of the two shoes differ by {seconds:.2f} s",
+    "If both shoes have one clock, the durations of the steps hold. If their clocks differ, steps are even, and what "
+    "differs between right and left in time is wrong; strides and lengths hold.",
+)  # fmt: skip
+
 STRIDES_OF_WAIST = Kind(
     "strides_of_waist", "check",
     "{side}: strides have times of the waist and lengths of {sources}, because {sensors} are in doubt",
@@ -59,6 +66,10 @@ CONTACTS_CONTRADICT = Kind(
 APART_S = 0.1
 """[s] Least difference between both legs of the time from a foot's contacts to those of the same leg's ankle or shank.
 It is 0.06 or less in undamaged walks, public and simulated of all gaits, and larger where sensors are exchanged."""
+
+UNEVEN_S = 0.085
+"""[s] Least difference of the durations of right and left steps that is noted: three of the deviations that a summary
+states of it."""
 
 FEWEST = 4
 """[1] Least number of common strides or contacts for a comparison."""
@@ -167,6 +178,24 @@ def contact_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides, dou
                 words = "later" if seconds > 0.0 else "earlier"
                 notes.append(CONTACTS_APART(other=other, seconds=abs(seconds), words=words))
     return notes
+
+
+def step_notes(strides: JoinedStrides) -> list[Note]:
+    """A note if steps of one shoe last longer than those of the other, because of the person or of their clocks."""
+    from_feet = np.array(strides.first) == "feet"
+    side, start, end = (np.asarray(getattr(strides.strides, name)) for name in ("side", "start", "end"))
+    lasts = []
+    for one in range(len(SIDES)):
+        theirs = from_feet & (side != one)
+        contacts = np.unique(np.concatenate([start[theirs], end[theirs]]))
+        rows = np.flatnonzero(from_feet & (side == one) & regular(strides))
+        last = np.append(-np.inf, contacts)[np.searchsorted(contacts, end[rows])]  # the last one before the end
+        lasts.append((end[rows] - last)[last > start[rows]])
+    if min(map(len, lasts)) < FEWEST:
+        return []
+    right, left = (float(np.median(each)) for each in lasts)
+    apart = abs(right - left)
+    return [STEPS_UNEVEN(right=right, left=left, seconds=0.5 * apart)] if apart > UNEVEN_S else []
 
 
 def even_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides, doubtful: frozenset[str]) -> list[Note]:

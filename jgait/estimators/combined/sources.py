@@ -7,6 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait import params
 from jgait.estimators import ankle_stride, foot_ins, leg_ekf, stride_width_ekf, trust, waist
 from jgait.estimators.ankle_stride import AnkleOptions
 from jgait.estimators.checks import sensors_of
@@ -113,7 +114,9 @@ def sources(recording: Recording, person: Mapping[str, PyTree]) -> tuple[list[So
     known = {name for names in MEASURES.values() for name in names}
     unknown = [name for name in person if name not in known]
     if unknown:
-        raise ValueError(f"a person has {', '.join(sorted(known))}; got {unknown[0]!r}")
+        tuned = [way.make().name for way in WAYS if unknown[0] in params.names(way.make().transforms)]
+        hint = f", a parameter of {tuned[0]}, which {tuned[0]}.estimate(params, recording) takes" if tuned else ""
+        raise ValueError(f"a person has {', '.join(sorted(known))}; got {unknown[0]!r}{hint}")
     _check_measures(person)
     estimates: list[SourceEstimate] = []
     notes: list[Note] = []

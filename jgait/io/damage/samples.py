@@ -86,6 +86,10 @@ REPEATS = 0.4
 """[1] Share of samples equal to the one before in all axes from which on the sensor is slower than its file; of an
 accelerometer, of those at which the sensor turns. Undamaged gyroscopes repeat 4 % of their readings."""
 
+HELD = 0.12
+"""[1] Share of samples at which a whole sensor, and not all of them, repeats its reading, from which on it is slower
+than its file too: tables of two rates were merged, or lost readings held. Chosen, above `REPEATS`' undamaged ones."""
+
 LEAST_HZ = 45.0
 """[Hz] Rate of new readings below which the repeated ones are masked; steps of feet and shanks come out wrong there."""
 
@@ -143,8 +147,9 @@ SIGNALS = {"gyr": ("gyroscope", "rad/s"), "acc": ("accelerometer", "m/s²")}
 
 
 def without_damage(
-    placement: str, signals: dict[str, np.ndarray], scales: dict[str, float], rate_hz: float
-) -> tuple[dict[str, np.ndarray], tuple[Note, ...]]:
+    placement: str, signals: dict[str, np.ndarray], scales: dict[str, float], rate_hz: float,
+    twice: np.ndarray | None = None,
+) -> tuple[dict[str, np.ndarray], tuple[Note, ...]]:  # fmt: skip
     """One sensor's signals, NaN where samples cannot have been measured, and the notes about it.
 
     Args:
@@ -152,10 +157,14 @@ def without_damage(
         signals: "gyr" (T, 3) [rad/s], perhaps "acc" (T, 3) [m/s²]; NaN where samples are missing.
         scales: "gyr", "acc" → SI units per unit of the file.
         rate_hz: rate of the rows [Hz].
+        twice: (T − 1,) bool, True before a row that repeats the one before in all sensors: rows may be written twice
+            there; None if the sensor is the only one.
     """
     signals = {kind: values.copy() for kind, values in signals.items()}
     notes: list[Note] = []
     frozen: dict[tuple[int, int], list[str]] = {}
+    held = np.all([~np.diff(values, axis=0).any(axis=1) for values in signals.values()], axis=0)
+    held &= False if twice is None else ~twice
     with np.errstate(invalid="ignore"):
         _impossible(placement, signals, rate_hz, notes)
         _placeholders(placement, signals, scales, rate_hz, notes)
@@ -170,7 +179,7 @@ def without_damage(
                 frozen.setdefault((start, end), []).append(kind)
             for start, end in (*runs, *stuck):
                 values[start + 1 : end + 1] = np.nan
-            _between_new(placement, kind, values, change, signals["gyr"], rate_hz, notes)
+            _between_new(placement, kind, values, change, signals["gyr"], held, rate_hz, notes)
         for (start, end), kinds in sorted(frozen.items()):
             words = " and ".join(f"the {SIGNALS[kind][0]}" for kind in kinds)
             seconds = (end - start + 1) / rate_hz
@@ -316,17 +325,19 @@ def _frozen(
 
 
 def _between_new(
-    placement: str, kind: str, values: np.ndarray, change: np.ndarray, gyr: np.ndarray, rate: float, notes: list[Note]
-) -> None:
+    placement: str, kind: str, values: np.ndarray, change: np.ndarray, gyr: np.ndarray, held: np.ndarray, rate: float,
+    notes: list[Note],
+) -> None:  # fmt: skip
     """If so many readings repeat the one before that the sensor is slower than its file, replace these by straight
-    lines between the new ones, or mask them if new ones are rarer than `LEAST_HZ`.
+    lines between the new ones, or mask them if new ones are rarer than `LEAST_HZ`. `held` (T − 1,) is True where the
+    whole sensor, but not all of them, repeats its reading.
     """
     same = ~change.any(axis=1)
     turns = np.linalg.norm(gyr[1:], axis=1) > TURNING if kind == "acc" else np.ones(len(same), bool)
     for start, end in _long_runs(same, rate):
         same[start:end] = False
     share = np.sum(same & turns) / max(np.sum(turns), 1)
-    if share <= REPEATS:
+    if share <= REPEATS and np.mean(same & held) <= HELD:
         return
     again = 1 + np.flatnonzero(same)
     new = np.setdiff1d(np.flatnonzero(np.isfinite(values).all(axis=1)), again)

@@ -33,6 +33,10 @@ SLOWEST = 0.3
 TWO_STEPS, LONGER = np.log([1.6, 2.6]), np.log([1.2, 1.6])
 """[1] Logarithm of a change over the expected one if one row is missing, and if the change is only somewhat longer."""
 
+AGREE = 0.25
+"""[1] Least share of double steps of a sensor over that of another: else readings of one are missing, not rows, as
+where tables of two rates were merged. Chosen."""
+
 LEAST_SHARE, FEWEST = 0.02, 10
 """[1] Least share and number of steps over which rows are missing."""
 
@@ -152,7 +156,8 @@ def _jump(change: np.ndarray) -> np.ndarray:
 
 
 def _double_steps(changes: list[np.ndarray], whole: np.ndarray, rate_hz: float) -> np.ndarray | None:
-    """(n,) bool, steps over which a row is missing; None unless they are frequent or apart from other steps.
+    """(n,) bool, steps over which a row is missing; None unless they are frequent or apart from other steps, and some
+    are double in each of the sensors.
 
     The expected change is interpolated, by a cubic, from two steps on either side.
     """
@@ -177,7 +182,8 @@ def _double_steps(changes: list[np.ndarray], whole: np.ndarray, rate_hz: float) 
     double, longer = ((middle > low) & (middle < high) for low, high in (TWO_STEPS, LONGER))
     number, usual = int(double.sum()), LEAST_RATIO[rate_hz >= FAST_HZ[many]]
     if number >= max(FEWEST, LEAST_SHARE * counts.sum()) and number >= usual * longer.sum():
-        return np.asarray(double)
+        each = np.sum((ratios > TWO_STEPS[0]) & (ratios < TWO_STEPS[1]), axis=1) / np.maximum(known.sum(axis=1), 1)
+        return np.asarray(double) if each.min() >= AGREE * each.max() else None
     peak, before = ((middle > low) & (middle < high) for low, high in (PEAK, BEFORE_PEAK))
     shown = rate_hz >= PEAK_HZ and peak.sum() >= max(FEWEST, PEAK_RATIO * before.sum())
     return np.asarray(peak) if shown else None

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.io.dates import date_of
 from jgait.notes import Note
 from jgait.types import RecordingError
 
@@ -78,8 +79,8 @@ def _by_dates(parts: list[Part], name: str) -> list[Part]:
     _, end_s, first = min(spans, key=lambda span: span[1])
     if begin_s >= end_s:
         raise RecordingError(
-            f"{name}: the sensors' clocks do not overlap: {last} begins at {_date(begin_s)}, {first} ends at "
-            f"{_date(end_s)}"
+            f"{name}: the sensors' clocks do not overlap: {last} begins at {date_of(begin_s)}, {first} ends at "
+            f"{date_of(end_s)}"
         )
     return [
         part
@@ -87,7 +88,3 @@ def _by_dates(parts: list[Part], name: str) -> list[Part]:
         else part._replace(time=np.round(part.time + (part.begin_s - begin_s), 6), begin_s=begin_s)  # double since 1970
         for part in parts
     ]
-
-
-def _date(since_1970: float) -> str:
-    return str(np.datetime64(round(1e3 * since_1970), "ms")).replace("T", " ")

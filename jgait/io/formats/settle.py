@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 
 from jgait.io.arrays import recording_in_units
 from jgait.io.checks import FEET_APART, RANGE_UNITS
+from jgait.io.clock import CLOCK_FROM_DATE
+from jgait.io.dates import date_of
 from jgait.io.formats.clocks import on_one_counter, one_clock
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
@@ -106,6 +108,9 @@ def settle(
         name=called,
         subject=(measured.subject or called) if subject is None else subject,
     )
+    begins = {part.begin_s for part in placed.values()}
+    if time is not None and len(begins) == 1 and (begin_s := begins.pop()) is not None:
+        notes.append(CLOCK_FROM_DATE(date=date_of(begin_s + float(time[0]))))
     return recording._replace(notes=(*notes, *recording.notes))
 
 

@@ -17,6 +17,7 @@ from jgait.estimators.combined.analysis import ACCUSED, CLOCKS
 from jgait.estimators.combined.compare import comparisons, regular
 from jgait.estimators.combined.distance import WalkedDistance, distances
 from jgait.estimators.combined.distance import walked as walked_together
+from jgait.estimators.combined.sources import MEASURES
 from jgait.estimators.combined.strides import combined, joined
 from jgait.estimators.stride_flags import STRIDE_FLAGS
 from jgait.estimators.totals import joint_ranges
@@ -63,6 +64,23 @@ def test_a_late_foot_does_not_become_a_limp_without_a_note(walked, analysis, sec
     for note in found:
         assert note.values["words"] == "earlier"
         assert abs(note.values["seconds"] - seconds) < 0.05
+    before, after = (io.analysis_to_dataframes(one)["summary"].set_index("measure") for one in (analysis, now))
+    sided = ["right", "left", "asymmetry_pct", "asymmetry_std_pct"]
+    assert before.loc["step_duration", sided].notna().all() and after.loc["step_duration", sided].isna().all()
+    assert after.loc["step_duration", "mean"] == pytest.approx(before.loc["step_duration", "mean"], abs=0.02)
+    assert after.loc["stance", sided].notna().all()  # of one clock
+
+
+def test_steps_of_shoes_alone_that_are_uneven_are_a_limp_or_clocks(walked):
+    recording = only(walked[0], *FEET)
+    foot = recording.sensors["foot_right"]
+    late = {name: np.roll(getattr(foot, name), 7, axis=0) for name in ("gyr", "acc", "mask")}
+    even, uneven = (jgait.analyse(one) for one in (recording, changed(recording, foot_right=foot._replace(**late))))
+    assert not of_code(even.notes, "steps_uneven")
+    (note,) = of_code(uneven.notes, "steps_uneven")
+    assert note.severity == "check" and note.values["seconds"] == pytest.approx(0.07, abs=0.02)
+    summary = io.analysis_to_dataframes(uneven)["summary"].set_index("measure")
+    assert summary.loc["step_duration", "asymmetry_pct"] > 15.0  # as if the person limped
 
 
 def test_sensors_whose_clocks_differ_still_measure_lengths(walked):
@@ -742,6 +760,31 @@ def test_what_cannot_be_done_is_said(walked):
         jgait.analyse(only(walked[0], "thigh_right"))
     with pytest.raises(ValueError, match=r"a person has .*height.*; got 'size'"):
         jgait.analyse(walked[0], {"size": 1.8})
+    with pytest.raises(ValueError, match="got 'distance_scale', a parameter of leg_ekf, which leg_ekf.estimate"):
+        jgait.analyse(walked[0], {"distance_scale": 1.05})
+
+
+def test_every_measure_that_is_accepted_is_in_the_help():
+    assert [name for names in MEASURES.values() for name in names if f'"{name}"' not in jgait.analyse.__doc__] == []
+
+
+def test_a_sensor_near_the_knee_has_strides_as_long_by_its_lever(walked):
+    """Moved up the shank by a rigid body's law; the lever of the table of measures is taken."""
+    recording = only(walked[0], "shank_right", "shank_left")
+    more = 0.12
+    moved = {}
+    for name, imu in recording.sensors.items():
+        gyr, acc = as_float(imu.gyr), as_float(imu.acc)
+        up = acc[:80].mean(axis=0)
+        arm = np.broadcast_to(more * up / np.linalg.norm(up), gyr.shape)
+        turn = np.cross(np.gradient(gyr, axis=0) * recording.sampling_rate_hz, arm)
+        moved[name] = imu._replace(acc=acc + turn + np.cross(gyr, np.cross(gyr, arm)))
+    usual = as_float(jgait.analyse(recording, {"lever_shank": 0.18}).estimate.distance)[-1]
+    above = recording._replace(sensors=moved)
+    wrong, right = (
+        as_float(jgait.analyse(above, {"lever_shank": lever}).estimate.distance)[-1] for lever in (0.18, 0.18 + more)
+    )
+    assert abs(right / usual - 1.0) < 0.01 < abs(wrong / usual - 1.0)
 
 
 @pytest.mark.parametrize(
@@ -751,6 +794,7 @@ def test_what_cannot_be_done_is_said(walked):
         ({"height": float("nan")}, r"^height must be .* m; got nan: leave out what is unknown$"),
         ({"height": None}, "^height must be a number; got None: leave out what is unknown$"),
         ({"height": "1.75"}, "^height must be a number; got '1.75'$"),
+        ({"lever_shank": 0.45}, r"^lever_shank must be between 0 and 0.4 m; got 0.45$"),
         ({"thigh_length": (0.4, 42.0)}, r"^thigh_length must be between 0.2 and 0.7 m; got 42 \(in cm\? then 0.42\)$"),
     ],
 )

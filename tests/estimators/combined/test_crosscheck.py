@@ -173,7 +173,7 @@ def test_exchanged_feet_of_a_person_who_limps_are_not_feet_on_shanks():
 def test_the_foot_and_the_other_shank_of_a_person_who_limps_have_not_changed_places(gait):
     """The shank of the sound leg rests more than the foot of the other, but leans otherwise each time."""
     along = simulate.u_turn(8.0)
-    person = simulate.person_of(simulate.population(jax.random.key(50), 3, recorded=True), 1)
+    person = simulate.person_of(simulate.population(jax.random.key(50), 4, recorded=True), 3)
     walker = simulate.covering(jax.random.key(52), simulate.walking(person, gait), along)
     walked, _ = simulate.recording(jax.random.key(52), walker, along, placements=LEGS)
     for foot, shank in (("foot_right", "shank_left"), ("foot_left", "shank_right"), ("foot_right", "shank_right")):

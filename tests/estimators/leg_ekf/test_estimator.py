@@ -166,7 +166,7 @@ def test_a_shank_that_cannot_be_right_is_noted(walk, change, code):
 
 
 def test_very_slow_steps_within_a_walk_count(walk):
-    way, key = simulate.faster(5.0, 1.0, 0.2), jax.random.key(0)
+    way, key = simulate.faster(5.0, 1.0, 0.25), jax.random.key(0)
     person = simulate.covering(key, simulate.Person(), way)
     recording, truth = simulate.recording(key, person, way, rate=50.0, placements=simulate.FOUR)
     result = leg_ekf.estimate(parameters(truth.estimate), recording)

@@ -269,19 +269,23 @@ def test_in_a_short_stop_nobody_gets_ahead(stop):
     assert np.median(share) < 0.1 and estimate.diagnostics["distance_stddev"][-1] < 0.1 * true[-1]
 
 
-@pytest.mark.parametrize("number", [2, 4])
-def test_in_a_bout_of_few_steps_forward_is_where_the_person_went(number):
-    """By the phase of the steps alone forward was 120° and 160° off, and distances 35 and 44 % too short."""
-    key, way = jax.random.fold_in(jax.random.key(51), number), simulate.straight(3.0)
-    person = simulate.person_of(simulate.population(jax.random.key(50), 5, recorded=True), number)
-    person = simulate.covering(key, person, way)
-    recording, truth = simulate.recording(key, person, way, placements=("lower_back",))
-    estimate = waist.estimate(WaistParams(), recording)
-    found = codes(estimate.diagnostics["notes"])
-    assert "forward_unsure" not in found
-    (axes,) = of_code(estimate.diagnostics["notes"], "axes_corrected")
-    assert axes.values["forward"] == "x" and axes.values["turned_deg"] < 15.0
-    np.testing.assert_allclose(estimate.distance[-1], truth.estimate.distance[-1], rtol=0.12)
+def test_in_a_bout_of_few_steps_forward_is_where_the_person_went_or_the_distance_is_unsure():
+    """By the phase of the steps alone forward was up to 160° off, and distances up to 44 % too short."""
+    people, way, right = simulate.population(jax.random.key(50), 6, recorded=True), simulate.straight(3.0), 0
+    for number in range(6):
+        key = jax.random.fold_in(jax.random.key(51), number)
+        person = simulate.covering(key, simulate.person_of(people, number), way)
+        recording, truth = simulate.recording(key, person, way, placements=("lower_back",))
+        estimate = waist.estimate(WaistParams(), recording)
+        found, true = estimate.diagnostics["notes"], float(truth.estimate.distance[-1])
+        (axes,) = of_code(found, "axes_corrected")
+        if axes.values["forward"] == "x" and axes.values["turned_deg"] < 15.0:
+            assert "forward_unsure" not in codes(found)
+            right += 1
+            np.testing.assert_allclose(estimate.distance[-1], true, rtol=0.12)
+        else:
+            assert abs(estimate.distance[-1] - true) < 2.0 * estimate.diagnostics["distance_stddev"][-1]
+    assert right >= 5
 
 
 @pytest.mark.parametrize("riser, slope", [(0.17, 0.0), (-0.17, 0.0), (0.0, 0.08)])

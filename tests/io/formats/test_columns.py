@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made import files as made_files
-from made.notes import texts
+from made.notes import of_code, texts
 
 from jgait import io
 from jgait.types import Imu, RangeReadings, Recording, RecordingError
@@ -117,6 +117,8 @@ def test_sensors_of_files_with_dates_are_on_one_clock(tmp_path, form):
             np.testing.assert_allclose(imu.gyr, made_files.walk()[1][8:], atol=1e-6)
         starts = any("times count from the first sample" in text for text in texts(recording.notes))
         assert starts is (form in ("%H:%M:%S.%f", None))  # a date is no number that could be added
+        dates = [note.values["date"] for note in of_code(recording.notes, "clock_from_date")]
+        assert dates == ([] if starts else ["2026-05-03 10:00:00.080"])
 
 
 def test_files_with_dates_that_have_nothing_in_common_are_refused(tmp_path):
