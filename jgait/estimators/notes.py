@@ -36,7 +36,7 @@ STRIDES_MISSING = Kind(
 SCALE_CORRECTED = Kind(
     "accelerometer_scale",
     "corrected",
-    "the accelerometer of {placement} reads {percent:+.1f} % of gravity at rest; corrected",
+    "the accelerometer of {placement} reads {percent:+.1f} % of gravity {when}; corrected",
     SCALE,
 )
 
@@ -47,7 +47,7 @@ more; sensors that are calibrated stay far below it."""
 ACCELEROMETER_OFF = Kind(
     "accelerometer_off",
     "check",
-    "the accelerometer of {placement} reads {percent:+.1f} % of gravity at rest, a scale or a bias that is not usual",
+    "the accelerometer of {placement} reads {percent:+.1f} % of gravity {when}, a scale or a bias that is not usual",
     "One attitude cannot separate a wrong scale from a bias. If it is the scale, all lengths are wrong by as much; "
     "their deviations are larger for it. Calibrate the sensor, or look at its unit and range.",
 )

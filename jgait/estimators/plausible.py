@@ -139,12 +139,13 @@ def implausible(estimate: Estimate) -> tuple[Note, ...]:
     for side, leg in zip(SIDES, estimate.legs, strict=True):
         if leg is None:
             continue
+        valid = np.asarray(estimate.valid, bool) & np.asarray(estimate.diagnostics.get(f"worn_{side}", True), bool)
         knee = np.rad2deg(as_float(leg.knee_angle)[valid])
         lost = int(np.sum(~np.isfinite(knee)))
         if lost:
             notes.append(NOT_FINITE(side=side, samples=lost))
             continue
-        beyond = (knee < KNEE_DEG[0]) | (knee > KNEE_DEG[1])
+        beyond = knee_beyond(leg)[valid]
         if beyond.size and beyond.mean() > KNEE_SHARE:
             notes.append(
                 KNEE_IMPLAUSIBLE(side=side, low=knee.min(), high=knee.max(), percent=max(100.0 * beyond.mean(), 1.0))
@@ -161,6 +162,12 @@ def implausible(estimate: Estimate) -> tuple[Note, ...]:
         if not distance <= FASTEST_RUN * max(seconds, 1.0):
             notes.append(SPEED_IMPLAUSIBLE(distance=distance, seconds=seconds))
     return tuple(notes)
+
+
+def knee_beyond(leg: LegTrajectory) -> np.ndarray:
+    """(T,) bool, samples with knee angles that no person has."""
+    knee = np.rad2deg(as_float(leg.knee_angle))
+    return np.asarray((knee < KNEE_DEG[0]) | (knee > KNEE_DEG[1]))
 
 
 def _zero(side: str, time: np.ndarray, leg: LegTrajectory, valid: np.ndarray) -> list[Note]:

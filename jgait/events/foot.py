@@ -221,7 +221,8 @@ def _in_slow_swing(rate: np.ndarray, valleys: np.ndarray, sampling_rate_hz: floa
 
 
 def _suppressed(valleys: np.ndarray, rate: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
-    """The valleys without those inside swings: too near a deeper valley, or much higher than both neighbours.
+    """The valleys without those inside swings: too near a deeper valley, or much higher than both neighbours; and
+    without one at either end of the recording that is much higher than its neighbour: a swing or landing that is cut.
 
     The nearer the neighbours are to each other, the less a valley between them may be higher.
     """
@@ -241,6 +242,10 @@ def _suppressed(valleys: np.ndarray, rate: np.ndarray, sampling_rate_hz: float) 
             del kept[k], depth[k]
         else:
             k += 1
+    edge = round(SHORTEST * sampling_rate_hz)
+    for end, beside, at_end in ((-1, -2, kept and kept[-1] >= len(rate) - edge), (0, 1, kept and kept[0] < edge)):
+        if at_end and len(kept) > 1 and depth[end] > max(STILL, WORSE * depth[beside]):
+            del kept[end], depth[end]
     return np.array(kept, int)
 
 

@@ -37,6 +37,10 @@ HIDDEN = 2.0
 """[1] Stated error of a stride over the variability, above which the variability is not stated. Chosen so that lengths
 from the waist are above it on recorded walks, those from shoes and shanks below."""
 
+COARSE = 3.0
+"""[1] Stated error of a side's strides, where another source measures them, over that of the other side's, above which
+only the other's count: sensors are as unlike as one at the waist and one on a shoe. Chosen."""
+
 PACE = 0.15
 """[1] Largest difference of the duration of a stride from the median of its side and bout, over that; a person whose
 strides last longer or shorter at an end of a bout speeds up or slows down there."""
@@ -66,6 +70,8 @@ def summary(
         measure unit n_strides steady: the measure, and how many strides of which kind count.
         right left: means of the sides, over strides at the time of which the other side has one that counts as well:
             else the sides would differ because one of them measured other bouts. Of a single side, over all strides.
+            Of a side whose errors are stated to be `COARSE` times as large, or more, there is none: it is measured by
+            another sensor, as by that of the waist beside one shoe.
         mean: mean of the means of both sides, each over all of its strides, or that of the only side, or of all strides
             where some are of an unknown side.
         std cv_pct: variability from stride to stride within a side and a walking bout, the root of the mean of both
@@ -121,11 +127,14 @@ def summary(
         values = values[usable].dropna().astype(float)
         if not len(values):
             continue
-        by_side = [values[(table["side"] == side) & known] for side in SIDES]
+        errors = table.get(f"{name}_std_{unit}", pd.Series(np.nan, table.index))[values.index].dropna()
+        if sided and (coarse := _coarse(errors, table)):
+            values = values[table.loc[values.index, "side"] != coarse]
+            errors = errors[errors.index.isin(values.index)]
+        by_side = [values[(table.loc[values.index, "side"] == side) & known[values.index]] for side in SIDES]
         groups = [one for one in by_side if len(one)] if sided else [values]
         mean = float(np.mean([one.mean() for one in groups]))
         variances = [v for one in groups if np.isfinite(v := _variance(one, bouts))]
-        errors = table.get(f"{name}_std_{unit}", pd.Series(np.nan, table.index))[values.index].dropna()
         error = float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else np.nan
         std = float(np.sqrt(np.mean(variances))) if variances and enough else np.nan
         std = np.nan if error > HIDDEN * std and name not in OF_POSE else std
@@ -144,6 +153,15 @@ def summary(
     if distance is not None:
         rows.append({**whole, "mean": distance[0], "error_std": distance[1]})
     return pd.DataFrame(rows, columns=SUMMARY)
+
+
+def _coarse(errors: "pd.Series", table: "pd.DataFrame") -> str | None:
+    """The side whose strides another source measures far less exactly than those of the other side, or None."""
+    of_side = errors.groupby(table.loc[errors.index, "side"])
+    each, source = of_side.median(), table.groupby("side")["source"].agg(lambda names: names.mode().iloc[0])
+    if len(each) < len(SIDES) or source.nunique() < len(SIDES) or not each.max() > COARSE * each.min():
+        return None
+    return str(each.idxmax())
 
 
 def _beside_regular(strides: "pd.DataFrame") -> "pd.Series":

@@ -90,10 +90,11 @@ class TrunkAxes(NamedTuple):
         return self.went or bool(abs(self.phase - 0.5 * np.pi) < np.deg2rad(SURE))
 
 
-def functional_axes(imu: Imu, sampling_rate_hz: float) -> TrunkAxes | None:
+def functional_axes(imu: Imu, sampling_rate_hz: float, worn: np.ndarray | None = None) -> TrunkAxes | None:
     """Forward, left and up in a sensor's axes, from its accelerations in walking; None if nobody walks.
 
-    Lost samples are filled, see `mounting.shank.filled`.
+    Lost samples are filled, see `mounting.shank.filled`. `worn` (T,) bool is False where the sensor is not on the
+    trunk; None: it always is.
 
     Raises:
         RecordingError: if there is no accelerometer.
@@ -102,7 +103,7 @@ def functional_axes(imu: Imu, sampling_rate_hz: float) -> TrunkAxes | None:
         raise RecordingError("the axes of a trunk need an accelerometer; the sensor has a gyroscope only")
     acc = as_float(imu.acc)
     # only the walking part: in sitting or lying the trunk leans differently
-    walking = _walking(acc, sampling_rate_hz)
+    walking = _walking(acc, sampling_rate_hz) & (worn is None or worn)
     if not walking.any():
         return None
     runs = walking & _running(acc, sampling_rate_hz)

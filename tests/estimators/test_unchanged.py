@@ -9,7 +9,8 @@ power of two of samples had none, and one that ended in mid-stride found another
 `leg_ekf` has what is walked after the last stride where a recording ends in walking, as the first 20 s of S02 do. The
 waist's step frequency is chosen by the sway, too, which moved contacts by less than a microsecond. The waist's steps
 next to standing are integrated, and its integration is trusted more, which moved lengths by a few hundredths. Where a
-leg moves in the standing that calibrates, `leg_ekf` knows its gyroscopes' bias less well, which moved angles.
+leg moves in the standing that calibrates, `leg_ekf` knows its gyroscopes' bias less well, which moved angles. A
+swing that an end of a recording cuts is no stance of a foot, which took away a stride of four parts of recordings.
 """
 
 import json

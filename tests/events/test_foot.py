@@ -105,6 +105,19 @@ def test_the_first_and_last_step_of_a_slow_walk_are_whole(speed, length, seed, p
     np.testing.assert_allclose(strides.length[strides.valid], true, atol=0.02)
 
 
+@pytest.mark.parametrize(("beginning", "stances_of_it"), [(1.6, 0), (0.7, 1)])
+def test_a_swing_that_an_end_of_the_recording_cuts_is_no_stance(beginning, stances_of_it):
+    """The foot turns fast where its zero velocity would be assumed; one that has stood just before turns slowly."""
+    rate = np.full(500, 0.3)
+    for start in (30, 140, 250, 360):
+        rate[start : start + 50] = 7.0
+    rate[:30] = np.concatenate([np.full(10, beginning), np.full(20, 7.0)])
+    for turns in (rate, rate[::-1]):
+        gyr = np.stack([turns, 0 * turns, 0 * turns], axis=1)
+        stances = events.stances(gyr, np.tile([0.0, 0.0, 9.81], (500, 1)), 100.0)
+        assert len(stances.start) == 4 + stances_of_it
+
+
 def test_a_short_unrest_in_a_slow_swing_is_no_stance():
     counts = []
     for samples in (14, 44):

@@ -337,6 +337,21 @@ def test_of_two_sensors_that_turn_apart_the_wrong_one_is_named(turning):
     assert not found(damaged(alone, "gyroscope's sign", "foot_left"), "turns_apart")
 
 
+@pytest.mark.parametrize("turns", [False, True])
+def test_a_sensor_that_is_taken_off_and_lies_still_is_not_wrong(walk, turning, turns):
+    """From the middle of a walk on it does not turn with the person, nor as fast as that of the other leg."""
+    made = harm.read(turning, "walk") if turns else walk
+    two = made._replace(sensors={p: s for p, s in made.sensors.items() if p.startswith("foot")})
+    imu = two.sensors["foot_left"]
+    foot = np.sum(np.asarray(two.sensors["foot_right"].gyr) ** 2, axis=1)
+    at = int(np.searchsorted(np.cumsum(foot), 0.3 * foot.sum()))
+    noise = np.random.default_rng(0).normal(size=(2, len(imu.time) - at, 3))
+    gyr, acc = np.array(imu.gyr), np.array(imu.acc)
+    gyr[at:], acc[at:] = 0.003 * noise[0], [0.1, 0.2, 9.8] + 0.03 * noise[1]
+    off = two._replace(sensors={**two.sensors, "foot_left": imu._replace(gyr=gyr, acc=acc)}, notes=())
+    assert not {note.code for note in damage_notes(off)} & {"one_turns_apart", "turns_apart", "sides_differ"}
+
+
 def test_a_runner_is_not_refused_for_the_mean_of_the_force(rows):
     """Where a foot is calm it measures gravity, whatever the median."""
     hard = {p: {**s, "acc": s["acc"] + 12.0 * (np.abs(s["gyr"]).max(axis=1, keepdims=True) > 40.0)} for p, s in

@@ -119,6 +119,20 @@ def test_sides_of_different_sensors_are_not_compared():
     assert np.isnan(found.loc["stance", "left"]) and found.loc["stance", "right"] == pytest.approx(60.0)
 
 
+@pytest.mark.parametrize(
+    ("error", "source", "counts"), [(0.08, "waist", False), (0.03, "waist", True), (0.08, "feet", True)]
+)
+def test_a_side_that_another_sensor_measures_far_less_exactly_does_not_count(error, source, counts):
+    """The mean with strides of the waist was worse than that of the shoe alone."""
+    table = strides(stride_length_std_m=0.02)
+    left = table["side"] == "left"
+    table.loc[left, ["source", "stride_length_std_m"]] = source, error
+    found = rows(table).loc["stride_length"]
+    assert [found["mean"], found["right"]] == pytest.approx([1.28 if counts else 1.33, 1.33])
+    assert np.isnan(found["left"]) != counts
+    assert rows(table).loc["stride_duration", ["right", "left"]].notna().all()
+
+
 def test_steps_stances_and_step_lengths_need_shoes():
     table = strides(final_contact_s=FINAL, step_length_m=0.6, source="waist")
     assert {"step_duration", "stance", "step_length"}.isdisjoint(rows(table).index)

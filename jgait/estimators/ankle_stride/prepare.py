@@ -207,7 +207,7 @@ def _leg(
     if options.standing and still is not None:
         off = float(np.linalg.norm(as_float(whole.acc)[slice(*still)].mean(axis=0))) / GRAVITY - 1.0
         if abs(off) > FAR_OFF:
-            notes.append(ACCELEROMETER_OFF(placement=name, percent=100.0 * off))
+            notes.append(ACCELEROMETER_OFF(placement=name, percent=100.0 * off, when="at rest"))
     for what, flags in (("gyroscope", turned), ("accelerometer", forced)):
         if flags.any():
             notes.append(CLIPPED(signal=what, placement=name, samples=flags.sum()))

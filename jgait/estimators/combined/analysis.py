@@ -11,6 +11,7 @@ from jgait.estimators.checks import SENSOR_LEFT_OUT, check_shapes, sensors_of
 from jgait.estimators.combined.alike import with_sides_unlike
 from jgait.estimators.combined.compare import (
     CONTACTS_APART,
+    STRIDES_OF_WAIST,
     Comparison,
     comparisons,
     contact_notes,
@@ -18,6 +19,7 @@ from jgait.estimators.combined.compare import (
     length_notes,
     regular,
     side_notes,
+    source_notes,
     step_notes,
     waist_notes,
 )
@@ -28,6 +30,8 @@ from jgait.estimators.combined.replaced import with_replaced_doubted
 from jgait.estimators.combined.shoes import put_right
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
 from jgait.estimators.combined.strides import JoinedStrides, joined
+from jgait.estimators.combined.unworn import without_unworn
+from jgait.estimators.leg_ekf.notes import NOT_WORN
 from jgait.estimators.notes import without_repeats
 from jgait.estimators.plausible import (
     KNEE_IMPLAUSIBLE,
@@ -136,7 +140,12 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     usable, exchanges = put_right(usable, estimates)
     if exchanges:
         estimates, notes = sources(usable, body)
-    placed = [*findings.notes, *exchanges]
+    worn, metres = without_unworn(usable, estimates)
+    unworn = []
+    if worn is not usable:
+        unworn = [note for one in estimates for note in one.estimate.diagnostics["notes"] if note.kind is NOT_WORN]
+        estimates, notes = sources(worn, body)
+    placed = [*findings.notes, *exchanges, *unworn]
     estimates, share, turned = with_time_wrong(estimates, recording.notes)
     follows = _following((*findings.notes, *recording.notes))
     recording = recording._replace(notes=tuple(note for note in recording.notes if not follows(note)))
@@ -151,7 +160,8 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     ways, one_sided = distances(estimates, usable, body, wrong, late, share)
     total, apart = walked(ways)
     if total is not None:  # an error of the time is the same in all sources
-        total = total._replace(stddev=max(total.stddev, share * float(total.distance[-1])))
+        spread = max(total.stddev, share * float(total.distance[-1]))
+        total = total._replace(stddev=float(np.hypot(spread, metres)))
     stated = [
         note for source in estimates for note in source.estimate.diagnostics["notes"]
         if not follows(note) and note.kind is not PACES_MIXED
@@ -162,6 +172,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         differ = [*length_notes(estimates, strides), *differ, *side_notes(estimates, strides)]
         differ += [*contact_notes(estimates, strides, findings.doubtful | clocks), *paces_mixed(strides.strides)]
         differ += [*even_notes(estimates, strides, wrong | clocks), *waist_notes(estimates, strides, wrong | clocks)]
+        differ += [] if any(note.kind is STRIDES_OF_WAIST for note in differ) else source_notes(strides)
         seen = set(np.asarray(strides.strides.side).tolist())
         differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in seen if len(seen) == 1]
     elif any(source.estimate.strides is not None for source in estimates):

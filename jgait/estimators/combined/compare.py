@@ -47,6 +47,15 @@ STRIDES_OF_WAIST = Kind(
     "and left can come from the sensors: do not read it as asymmetry.",
 )  # fmt: skip
 
+SIDES_UNLIKE_MEASURED = Kind(
+    "sides_measured_otherwise", "info",
+    "strides of the {side} leg are measured by the waist alone, those of the {other} leg by {source}: what differs "
+    "between right and left comes from the sensors",
+    "The waist's sensor measures lengths and contacts less exactly than sensors on the leg, with an error that is the "
+    "same in all strides: do not read a difference as asymmetry. In the summary, lengths and speeds are those of the "
+    "leg with the better sensor, if its errors are far smaller.",
+)  # fmt: skip
+
 CONTACTS_CONTRADICT = Kind(
     "contacts_contradict", "check", "{side}: contacts by {source} are up to {seconds:.2f} s from those by {other} in "
     "{strides} of {of} strides; times by {other} count there, because they make strides more even",
@@ -223,6 +232,21 @@ def waist_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides, doubt
             names = [name for name, used in strides.used.items() if used[own].mean() > 0.5] or ["waist"]
             notes.append(STRIDES_OF_WAIST(side=side, sources=" and ".join(names), sensors=" and ".join(sensors)))
     return notes
+
+
+def source_notes(strides: JoinedStrides) -> list[Note]:
+    """A note if most strides of one side are of the waist, and most of the other side's of a sensor on that leg."""
+    sides, usual = np.asarray(strides.strides.side), regular(strides)
+    most = []
+    for side in range(len(SIDES)):
+        names = [name for name, mine in zip(strides.first, usual & (sides == side), strict=True) if mine]
+        most.append(max(sorted(set(names)), key=names.count, default=""))
+    waist = [number for number, name in enumerate(most) if name == "waist"]
+    if len(waist) != 1 or most[1 - waist[0]] not in LEG_WORN:
+        return []
+    return [
+        SIDES_UNLIKE_MEASURED(side=SIDES[waist[0]], other=SIDES[1 - waist[0]], source=most[1 - waist[0]])
+    ]  # fmt: skip
 
 
 def side_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> list[Note]:

@@ -32,7 +32,7 @@ from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
 from jgait.notes import FEW_RESTS, Kind, Note
 from jgait.signal import clipping
-from jgait.signal.windows import over_losses, window_maximum
+from jgait.signal.windows import held_mean, over_losses, window_maximum, window_size
 from jgait.types import SIDES, Imu, Recording, RecordingError
 
 SLOWEST_HZ = 45.0
@@ -43,6 +43,12 @@ OFF_SCALE = 0.12
 
 SCALE_SPREAD, BIAS_SPREAD = 0.005, 0.1
 """[1], [m/s²] Usual errors of accelerometers, by which a difference from gravity is divided into scale and bias."""
+
+QUIET_STANCE, STANCE_S, FEWEST_STANCES, STANCE_OFF = 0.3, 0.1, 3, 0.02
+"""[rad/s], [s], [1], [1] Rate below which a foot in stance feels hardly more than gravity, window of that force, least
+number of such stances, and least difference from gravity that is corrected. Of feet of public sets that rest as well,
+hardly one has a larger difference between such stances and rest; in stances of running, which turn more, many have.
+"""
 
 LOST_RATE, LOST_FORCE = (0.3, 1e-3), (3.3, 1e-3)
 """([rad/s], [s]), ([m/s²], [s]) Error of linear interpolation over lost samples, see `bridged`; less than on feet
@@ -129,6 +135,8 @@ def _foot(
     nominal = float(np.median(step[1:]))
     hz = 1.0 / nominal
     at_rest = rest(gyr, acc, ~not_bridged(~mask, time), hz)
+    if not at_rest.windows:
+        at_rest = at_rest._replace(force=force_in_stances(gyr, acc, hz))
     scale, acc_bias = errors_at_rest(at_rest, name, notes)
     acc = acc * scale
     stances = events.stances(gyr - at_rest.gyr_bias, acc, hz)
@@ -193,24 +201,36 @@ def _foot(
     return signals, notes, longest
 
 
+def force_in_stances(gyr: np.ndarray, acc: np.ndarray, hz: float) -> float:
+    """Size of the specific force of a foot that never rests [m/s²]: the median over stances in which it hardly turns,
+    see `QUIET_STANCE`; 0 if there are too few.
+    """
+    stances = events.stances(gyr, acc, hz)
+    quiet = stances.stillest[stances.rate < QUIET_STANCE]
+    force = np.linalg.norm(held_mean(acc, window_size(STANCE_S, hz)), axis=1)
+    return float(np.median(force[quiet])) if len(quiet) >= FEWEST_STANCES else 0.0
+
+
 def errors_at_rest(at_rest: Rest, name: str, notes: list[Note]) -> tuple[float, float]:
     """Scale factor of the accelerometer, and its bias along the vertical [m/s²].
 
     One attitude cannot separate scale from bias; the difference is divided by the usual sizes of both errors.
     """
+    off, when = at_rest.force / GRAVITY - 1.0, "at rest"
     if not at_rest.windows:
         notes.append(NEVER_RESTS(placement=name))
-        return 1.0, 0.0
-    off = at_rest.force / GRAVITY - 1.0
+        when = "in stances"
+        if not STANCE_OFF < abs(off) < OFF_SCALE:
+            return 1.0, 0.0
     if abs(off) > OFF_SCALE:
         raise RecordingError(
             f"acc of '{name}' must read {GRAVITY:.2f} m/s² at rest; it reads {at_rest.force:.3g}: another unit, or a "
             "sensor that was moved while the rate was low"
         )
     if abs(off) > FAR_OFF:
-        notes.append(ACCELEROMETER_OFF(placement=name, percent=100.0 * off))
+        notes.append(ACCELEROMETER_OFF(placement=name, percent=100.0 * off, when=when))
     elif abs(off) > 0.01:
-        notes.append(SCALE_CORRECTED(placement=name, percent=100.0 * off))
+        notes.append(SCALE_CORRECTED(placement=name, percent=100.0 * off, when=when))
     share = SCALE_SPREAD**2 / (SCALE_SPREAD**2 + (BIAS_SPREAD / GRAVITY) ** 2)
     scale = 1.0 / (1.0 + share * off)
     return scale, scale * at_rest.force - GRAVITY

@@ -19,6 +19,7 @@ from jgait.estimators.leg_ekf.notes import SHANKS_APART
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_side, with_body
 from jgait.estimators.leg_ekf.prepare import SHANKS, long_gaps, prepare
 from jgait.estimators.leg_ekf.slips import slipped
+from jgait.estimators.leg_ekf.worn import unworn
 from jgait.estimators.sides import stacked
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.vectors import vector
@@ -260,15 +261,22 @@ def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:
     them slipped, True after it, and notes if strides of a shank are in doubt, or distances of both differ too much.
     """
     found, shanks = dict(result.diagnostics), made.inputs.shanks
+    notes: list[Note] = []
     for side in SIDES:
         if (leg := getattr(made.inputs, side)) is not None:
             # where only the other leg lacks samples, `valid` is False, and this leg is known
             found[f"stated_{side}"] = np.asarray(result.valid | ~made.inputs.valid)
             for start, stop in long_gaps(leg, made.inputs.time):
                 found[f"stated_{side}"][start:stop] = False
+            worn = getattr(result.legs, side), np.asarray(result.valid, bool), np.asarray(made.inputs.still, bool)
+            off, more = unworn(side, as_float(made.inputs.time), *worn)
+            if off.any():
+                found |= {f"stated_{side}": found[f"stated_{side}"] & ~off, f"worn_{side}": ~off}
+                gained = np.diff(as_float(result.distance), prepend=0.0)
+                result = result._replace(distance=np.cumsum(np.where(off, 0.0, gained)))
+                notes += more
             if (after := slipped(made.notes, side, as_float(made.inputs.time))).any():
                 found[f"slipped_{side}"] = after
-    notes: list[Note] = []
     for side in SIDES:
         if shanks is not None and f"shank_nis_{side}" in found:
             keys = ("nis", "stride_stddev", "doubtful")

@@ -63,6 +63,15 @@ SLIPPED = Kind(
     "and analyse both parts, if the person stands in each.",
 )
 
+NOT_WORN = Kind(
+    "not_worn",
+    "check",
+    "{side}: no angles are stated from {from_s:.1f} to {to_s:.1f} s, where the knee would bend as none does, and not "
+    "in the rest of the walk",
+    "The thigh's or the shank's sensor was not yet worn, was put on, or came off. Other angles hold if the person "
+    "stood upright with both sensors worn. Strides of shanks are left out where neither leg's sensors are worn.",
+)
+
 SHANKS_APART = Kind(
     "shanks_apart",
     "check",

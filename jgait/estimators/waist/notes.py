@@ -57,10 +57,10 @@ WALKING_MISSED = Kind(
 LIES_TURNED = Kind(
     "sensor_turned_over",
     "check",
-    "{placement}: for {seconds:.1f} s, first at {begin_s:.1f} s, the sensor is turned by {degrees:.0f}° against its "
-    "pose in walking",
-    "The sensor came off, was not yet worn, or the person lay or bent down. Steps in that time are not measured: "
-    "strides and distance are those of the rest of the recording.",
+    "{placement}: for {seconds:.1f} s, first at {begin_s:.1f} s, the sensor is turned by up to {degrees:.0f}° "
+    "against its pose in walking",
+    "The sensor came off, was put on or taken off, or the person lay, sat or bent down. Steps in that time are not "
+    "measured: strides and distance are those of the rest of the recording.",
 )
 
 NO_CONTACTS = Kind("no_contacts", "stop", "nobody walks: no initial contact was found", NO_WALKING)

@@ -60,8 +60,19 @@ TURNED_OVER = np.deg2rad(60.0)
 """[rad] Least angle between a sensor's mean force and the vertical of walking at which it is turned over; trunks that
 sit or lean turn less."""
 
-OVER_S, TURNED_S = 1.0, 2.0
-"""[s] Length of the window of that mean, and least time for which the sensor is turned over."""
+LEANS, VARIES = np.deg2rad(25.0), np.deg2rad(10.0)
+"""[rad] Angle of the same from which on a sensor does not walk, if its directions there differ by more than the second,
+as their root mean square: it is handled, or the person sits down or bends. A sensor that slipped keeps its direction.
+Chosen, above all walks of `ipol_gait`, `tripod` and `neura_sparse` and the straight ones of `mobgap_lab`, whose
+people sit down and bend in the others."""
+
+TILTS = 0.3
+"""[rad/s] Mean rate against gravity over `OVER_S` from which on, beside such a lean, a sensor is still handled. Chosen;
+with less or more by a third, hardly any other strides were left out."""
+
+OVER_S, TURNED_S, UPRIGHT_S = 1.0, 2.0, 3.0
+"""[s] Length of the window of both means; least time for which the sensor is turned over; and time for which a sensor
+that is handled can be upright in between, too short to walk."""
 
 SILENCE = 10.0
 """[s] Least length of the padding in which contacts are searched: the slowest filter then does not feel its end."""
@@ -107,7 +118,10 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
         return Prepared(nobody, options, (*notes, NO_TRUNK_STEPS(placement=name)), None)
     worn, whole = whole, trunk_axes.centred(whole, axes.rows, rate)
     axes = trunk_axes.functional_axes(whole, rate) or axes
-    angle, over = _turned_over(as_float(whole.acc), axes.rows[2], rate)
+    angle, over = _turned_over(whole, axes.rows[2], rate)
+    if over.any():
+        axes = trunk_axes.functional_axes(whole, rate, ~over) or axes
+        angle, over = _turned_over(whole, axes.rows[2], rate)
     mask &= ~over
     one_pose = not over.any()
     if not axes.sure:
@@ -122,7 +136,7 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
         notes.append(
             LIES_TURNED(
                 placement=name, seconds=np.sum(over) / rate, begin_s=time[over][0],
-                degrees=np.rad2deg(np.median(angle[over])),
+                degrees=np.rad2deg(angle[over].max()),
             )
         )  # fmt: skip
     whole, rested, motion = _motion(whole, axes, time, mask, rate, name, notes, one_pose)
@@ -200,14 +214,27 @@ def _motion(
     return turned, rested, motion
 
 
-def _turned_over(acc: np.ndarray, up: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+def _turned_over(imu: Imu, up: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
     """Angle of the sensor's mean force to the vertical of walking, in its axes (3,), for each sample [rad], and samples
-    at which it is turned over; none if they are few.
+    at which it is turned over or handled; none if they are few.
     """
-    force = held_mean(acc, window_size(OVER_S, rate))
-    angle = np.arccos(np.clip(force @ up / np.maximum(np.linalg.norm(force, axis=1), 1e-9), -1.0, 1.0))
-    over = angle > TURNED_OVER
+    force, turns = (held_mean(as_float(values), window_size(OVER_S, rate)) for values in (imu.acc, imu.gyr))
+    force = force / np.maximum(np.linalg.norm(force, axis=1, keepdims=True), 1e-9)
+    angle = np.arccos(np.clip(force @ up, -1.0, 1.0))
+    over, leans = angle > TURNED_OVER, _without_gaps(angle > LEANS, UPRIGHT_S * rate)
+    tilts = leans | (np.linalg.norm(np.cross(turns, force), axis=1) > TILTS)
+    for a, b in true_runs(_without_gaps(tilts, OVER_S * rate)):
+        if len(there := force[a:b][leans[a:b]]):
+            over[a:b] |= np.sqrt(there.var(axis=0).sum()) > VARIES
     return angle, over & (np.sum(over) >= TURNED_S * rate)
+
+
+def _without_gaps(flags: np.ndarray, size: float) -> np.ndarray:
+    """The flags (T,) bool, True in gaps between them and at the ends that have fewer samples than `size`."""
+    filled = flags.copy()
+    for a, b in true_runs(~flags) if flags.any() else ():
+        filled[a:b] = b - a < size
+    return filled
 
 
 def _contacts(motion: TrunkMotion, mask: np.ndarray, rate: float, options: WaistOptions) -> trunk_events.Contacts:

@@ -14,8 +14,8 @@ from jgait.geometry.rotation import Quaternion, conjugate, product
 from jgait.geometry.vectors import GRAVITY
 from jgait.io.units import Unit
 from jgait.notes import Kind, Note
-from jgait.signal.windows import over_losses, true_runs
-from jgait.types import SIDES, Imu
+from jgait.signal.windows import held_spread, over_losses, true_runs, window_size, window_sum
+from jgait.types import SIDES, Imu, as_float
 
 RATE_HZ = 25.0
 """[Hz] Least rate of the samples that are averaged before they are turned."""
@@ -59,6 +59,11 @@ SHAKEN = 1.0
 
 LEAST_MOVING = 0.2
 """[rad/s] Least root mean square rate of a sensor that moves: those of standing people differ by their noise."""
+
+LIES = 0.05, 0.3
+"""[rad/s], [m/s²] Standard deviation of the rate and of the specific force over `WINDOW_S` below which a sensor lies
+still: it is not compared with one that moves then, for it is not worn yet, or that one is in a hand. A gyroscope that
+does not record shows by the force."""
 
 SIDES_APART = 1.6
 """[1] Largest ratio of the root mean square rates of the same segment of both legs. Undamaged recordings reach 1.36."""
@@ -118,6 +123,13 @@ def in_long_gaps(imu: Imu, rate_hz: float) -> np.ndarray:
     for start, end in true_runs(~mask):
         lost[start:end] = end - start > LONG_GAP_S * rate_hz
     return lost
+
+
+def lies(imu: Imu, rate_hz: float) -> np.ndarray:
+    """(T,) bool, samples in windows in which a sensor with an accelerometer does not move, see `LIES`."""
+    size = window_size(WINDOW_S, rate_hz)
+    spread = [held_spread(as_float(part), size) < most for part, most in zip((imu.gyr, imu.acc), LIES, strict=True)]
+    return window_sum((spread[0] & spread[1]).astype(float), size) > 0.5
 
 
 class Averaged(NamedTuple):
@@ -243,8 +255,21 @@ def agreement_notes(sensors: Mapping[str, Imu], rate_hz: float, units: Mapping[s
     for segment in AGREEING:
         right, left = (f"{segment}_{side}" for side in SIDES)
         if right in rates and left in rates and min(rates[right], rates[left]) > 0.0:
+            rates |= _while_both_move(sensors, right, left, rate_hz)
             faster, slower = (right, left) if rates[right] > rates[left] else (left, right)
             ratio = rates[faster] / rates[slower]
             if ratio > SIDES_APART and rates[faster] > LEAST_MOVING:
                 notes.append(SIDES_DIFFER(placement=faster, ratio=ratio, other=slower))
     return tuple(notes)
+
+
+def _while_both_move(sensors: Mapping[str, Imu], right: str, left: str, rate_hz: float) -> dict[str, float]:
+    """Root mean square rates of two sensors in the time in which both are worn; none if this is too short."""
+    pair = {name: sensors[name] for name in (right, left)}
+    lengths = {len(imu.time) for imu in pair.values()}
+    if len(lengths) > 1 or any(imu.acc is None for imu in pair.values()):
+        return {}
+    counts = np.all([np.asarray(imu.mask, bool) & ~lies(imu, rate_hz) for imu in pair.values()], axis=0)
+    if counts.sum() < 2.0 * WINDOW_S * rate_hz:
+        return {}
+    return {name: float(np.sqrt(np.mean(np.sum(as_float(imu.gyr)[counts] ** 2, axis=1)))) for name, imu in pair.items()}

@@ -9,7 +9,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from jgait.io.damage.agreement import WINDOW_S, in_long_gaps, moving_means
+from jgait.io.damage.agreement import WINDOW_S, in_long_gaps, lies, moving_means
 from jgait.notes import Kind, Note
 from jgait.types import Imu, as_float
 
@@ -25,6 +25,10 @@ recordings it is 0.58 to 1.2 at the foot, which turns in steps, and 0.82 to 1.33
 
 SEGMENTS = ("foot", "ankle", "shank", "thigh", "pelvis", "lower", "waist")
 """First words of the placements of the trunk and the legs, which turn together."""
+
+ALONE = 0.25
+"""[1] Largest difference of the shares of a window in which two sensors lie still, with which their turns are compared:
+one that is put on late, or taken off early, does not turn with the person."""
 
 CUT_OFF = 2
 """[1] Number of first and last windows in which the largest turn is not whole: the recording begins or ends within it,
@@ -59,6 +63,12 @@ def turns_of(imu: Imu, rate_hz: float) -> np.ndarray:
     return np.where(lost > 0.5 / samples, np.nan, np.sum(gyr * up, axis=1) * WINDOW_S)
 
 
+def _rests(imu: Imu, rate_hz: float) -> np.ndarray:
+    """(n,) share of the windows of `turns_of` in which a sensor lies or stands still [1]."""
+    samples = round(WINDOW_S * rate_hz)
+    return moving_means(lies(imu, rate_hz).astype(float)[:, None], samples)[:: max(samples // 8, 1), 0]
+
+
 def turn_notes(sensors: Mapping[str, Imu], rate_hz: float, suspects: Collection[str] = ()) -> tuple[Note, ...]:
     """Notes about sensors that turn otherwise than the person does.
 
@@ -73,6 +83,9 @@ def turn_notes(sensors: Mapping[str, Imu], rate_hz: float, suspects: Collection[
     if len(worn) < 2 or len(lengths) > 1 or lengths.pop() < 2.0 * WINDOW_S * rate_hz:
         return ()
     turns = {placement: turns_of(imu, rate_hz) for placement, imu in worn.items()}
+    rests = np.array([_rests(imu, rate_hz) for imu in worn.values()])
+    for placement, alone in zip(turns, np.abs(rests - np.median(rests, axis=0)) > 0.5 * ALONE, strict=True):
+        turns[placement][alone] = np.nan
     if len(turns) == 2:
         return _of_two(turns, suspects)
     every = np.array(list(turns.values()))

@@ -459,6 +459,16 @@ def test_exchanged_feet_contradict_the_waist(walked):
     assert "waist and feet say the opposite" in str(note)
 
 
+def test_a_shoe_beside_the_waist_is_noted_and_the_lengths_are_its_own(walked, analysis):
+    found = jgait.analyse(only(walked[0], "pelvis", "foot_right"), PERSON)
+    (note,) = of_code(found.notes, "sides_measured_otherwise")
+    assert (note.values["side"], note.values["other"], note.values["source"]) == ("left", "right", "feet")
+    both = jgait.analyse(only(walked[0], "pelvis", *FEET), PERSON)
+    assert not {"sides_measured_otherwise"} & {*codes(both.notes), *codes(analysis.notes)}
+    length = io.analysis_to_dataframes(found)["summary"].set_index("measure").loc["stride_length"]
+    assert length["mean"] == length["right"] and np.isnan(length["left"])
+
+
 def test_walking_backwards_is_named_where_the_waist_or_the_knees_contradict(walked):
     backwards = {
         name: imu._replace(gyr=-imu.gyr[::-1], acc=imu.acc[::-1], mask=imu.mask[::-1])

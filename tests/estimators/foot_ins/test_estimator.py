@@ -347,3 +347,21 @@ def test_strides_whose_impacts_are_clipped_for_one_sample_are_less_certain():
         far += list((found.strides.length[i] - true.length[same]) / found.strides_stddev.length[i])
     assert len(far) > 20
     assert np.mean(np.abs(far) > 3.0) < 0.1
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.05, 0.96])
+def test_an_accelerometer_is_scaled_by_stances_in_a_walk_without_rest(scale):
+    """A part of a walk was in doubt as a whole for a scale that is usual and that rest would have shown."""
+    key, way = jax.random.key(4), simulate.straight(12.0)
+    person = simulate.covering(key, simulate.person_of(simulate.population(key, 1, recorded=True), 0), way)
+    recording, _ = simulate.recording(key, person, way, placements=("foot_left",))
+    imu = recording.sensors["foot_left"]
+    walks = (imu.time > 4.0) & (imu.time < 9.0)
+    fields = {name: np.asarray(getattr(imu, name))[walks] for name in ("time", "gyr", "acc", "mask")}
+    right, wrong = (
+        foot_ins.estimate(FootParams(), worn(recording, **{**fields, "acc": k * fields["acc"]})) for k in (1.0, scale)
+    )
+    found = " | ".join(texts(wrong.diagnostics["notes"]))
+    assert "never rests" in found and "does not seem to stand still" not in found
+    assert (f"reads {100.0 * (scale - 1.0):+.1f} % of gravity in stances; corrected" in found) == (scale != 1.0)
+    np.testing.assert_allclose(wrong.strides.length, right.strides.length, rtol=0.03)
