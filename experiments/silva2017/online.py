@@ -106,7 +106,7 @@ def calls_us(p: AnkleParams, worn: Any, state: Any, gyr: Any, acc: Any, calls: i
 
     def plain(state: Any, gyr: Any, acc: Any) -> Any:
         state, now = ankle_online.over(p, worn, state, gyr[None], acc[None])
-        return state, (now.stride[0], now.distance[0], now.strides.length[0])
+        return state, (now.stride[0], now.strides.length[0])
 
     structure = Structure.of(state)
 
@@ -117,7 +117,7 @@ def calls_us(p: AnkleParams, worn: Any, state: Any, gyr: Any, acc: Any, calls: i
             return packed(after), told
 
         zero = jnp.zeros_like(gyr[0])
-        return jax.lax.fori_loop(0, times, turn, (parts, (jnp.asarray(False), zero, zero)))
+        return jax.lax.fori_loop(0, times, turn, (parts, (jnp.asarray(False), zero)))
 
     readings = list(np.asarray(gyr[:500])), list(np.asarray(acc[:500]))
     tree = call_us(compiled(plain, donate_argnums=0), jax.tree.map(jnp.array, state), *readings, calls)

@@ -129,8 +129,10 @@ def _walks(
 ) -> Callable[[], Iterator[Walked]]:
     """A function that simulates walks one by one; exits with code 2 for an unknown route, gait or protocol."""
     key = jax.random.key(seed)
-    if gait is not None and (gait not in GAITS or protocol is not None):
-        stop(f"--gait must be one of {', '.join(GAITS)}, without --protocol; got {gait!r}")
+    if gait is not None and gait not in GAITS:
+        stop(f"--gait must be one of {', '.join(GAITS)}; got {gait!r}")
+    if gait is not None and protocol is not None:
+        stop(f"--gait goes with --route; the protocol {protocol!r} has gaits of its own")
     if protocol is not None:
         if protocol not in PROTOCOLS:
             stop(f"--protocol must be one of {', '.join(PROTOCOLS)}; got {protocol!r}")

@@ -101,8 +101,8 @@ def check_places(places: Mapping[str, Sequence[float]] | None, placements: Seque
     for name, place in (places or {}).items():
         if name not in placements:
             raise ValueError(f"places has {name!r}, which is not among the placements {', '.join(placements)}")
-        numbers = np.asarray(place, float)
-        if numbers.shape != (3,) or not np.all(np.abs(numbers) < 1.0):
+        numbers = np.asarray(place)
+        if numbers.dtype.kind not in "if" or numbers.shape != (3,) or not np.all(np.abs(numbers) < 1.0):
             raise ValueError(f"places[{name!r}] must be three numbers in m, each below 1 in size; got {place!r}")
 
 

@@ -54,6 +54,7 @@ class Phases(NamedTuple):
     down: Jet  #: pitch of the foot before and after landing, over its pitch at landing.
     way: Jet  #: share of the way from foothold to foothold.
     lift: Jet  #: lift in swing, over the early lift.
+    more_lift: Jet  #: what recorded feet lift besides, over the early lift on level ground.
     free: Jet  #: 0 while the sole is on the ground, 1 in swing.
 
 
@@ -106,7 +107,8 @@ def phases(gait: Gait, shape: Movement, off: Values, leave: Values, early: Value
         toes=toes - back,
         down=up - turn + more_down,
         way=hard * gait.landing_speed + soft * (1.0 - gait.landing_speed) + more_way,
-        lift=smooth_bump(tau / 0.5) + (late - lowers) * when.late_lift + more_lift,
+        lift=smooth_bump(tau / 0.5) + (late - lowers) * when.late_lift,
+        more_lift=more_lift,
         free=slow - lies + 1.0,
     )
 
@@ -139,7 +141,8 @@ def feet(body: Body, gait: Gait, shape: Movement, origin: Foothold, target: Foot
     heel, ball, toe, high = body.heel_length, body.ball_length, body.toe_length, body.ankle_height
     ahead = c_down * heel - s_down * high - c_rise * ball + s_rise * high - c_toes * toe
     up = s_down * heel + c_down * high + s_rise * ball + c_rise * high + s_toes * toe
-    height = up + high + share.lift * origin.lift
+    # The lift over a riser is in addition.
+    height = up + high + share.lift * origin.lift + share.more_lift * jnp.minimum(origin.lift, gait.swing_lift)
     by_ahead, by_height = map(parts, parts(outer(stacked([ahead, height]), stacked([c_slope, s_slope]))))
     level, rises = kept((by_ahead[0] - by_height[1], by_ahead[1] + by_height[0]))
     by_cosine, by_sine = map(parts, parts(outer(stacked([cy, sy]), stacked([level, cp, sp]))))

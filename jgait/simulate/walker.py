@@ -17,7 +17,7 @@ from jgait.geometry.segments import Frame, Motion, Segments
 from jgait.geometry.vectors import Vector, kept
 from jgait.simulate.feet import Foothold, FootPair, feet
 from jgait.simulate.footsteps import FIRST, Plan, footholds, reach, standing_ahead
-from jgait.simulate.person import Body, Person
+from jgait.simulate.person import DEGREE, Body, Person
 from jgait.simulate.routes import Route
 from jgait.simulate.shapes import SENSED, Movement, oscillation, softness, swings, waves, worn
 from jgait.simulate.smooth import coefficients, pieces, polynomial, smooth_bump, smooth_curve
@@ -171,24 +171,41 @@ def planned(
     now = carried(person, laid, at_entry, Jet(at_share[None]))
     line = now.hips.value - now.feet.frame.value[0]  # (3, 2, K, phase)
     level = line[0] * line[0] + line[1] * line[1]
-    knee = reach(body, jnp.asarray(gait.knee_stance))
+    k = jnp.arange(-1, capacity + 3, dtype=dtype)
+    walks = (k > 0.5) & (k < gait.steps + 1.5)
+    # Between standing and walking, knees may be as straight as in usual walking.
+    bent = jnp.where((walks[:-1] & walks[1:])[FIRST:], gait.knee_stance, jnp.minimum(gait.knee_stance, STRAIGHT))
+    knee = reach(body, bent)[None, :, None]
     # How much higher a leg of full length lets the hips be.
     at = (jnp.sqrt(jnp.maximum(knee * knee - level, 1e-4)) - line[2])[..., : SAMPLES + 2]
     at = at + jnp.where(jnp.arange(SAMPLES + 2) < SAMPLES, 0.0, 1.0 - gait.recorded)[None, None]
-    least = -SHARP * jax.nn.logsumexp(-at / SHARP, axis=(0, 2))
-    k = jnp.arange(-1, capacity + 3, dtype=dtype)
-    walks = (k > 0.5) & (k < gait.steps + 1.5)
+    # Heights count from the ground, which rises evenly from step to step on stairs.
+    ground = 0.5 * (laid.z + jnp.concatenate([laid.z[:1], laid.z[:-1]]))
+    below = ground[FIRST:-1, None] + r[None, : SAMPLES + 2] * (ground[FIRST + 1 :] - ground[FIRST:-1])[:, None]
+    least = -SHARP * jax.nn.logsumexp((below[None] - at) / SHARP, axis=(0, 2))
     # At the border of two steps the pelvis has the lower of the two heights.
     steps = jnp.concatenate([least[:1], least[:1], least, least[-1:]])
     walking = -SHARP * jnp.logaddexp(-steps[:-1] / SHARP, -steps[1:] / SHARP)
-    high = jnp.where(walks, walking, laid.z + body.ankle_height + _standing_leg(person))
-    curve = pieces(high, walks.astype(high.dtype), monotone=True)
+    high = jnp.where(walks, ground + walking, laid.z + body.ankle_height + _standing_leg(person))
+    moving = walks.astype(high.dtype)
     # Where the curve between two heights is higher than the legs allow, the pelvis dips.
     weight = _dip(Jet(r[None])).value
     weight, whole = weight[: SAMPLES + 2], weight
-    deep = weight > 0.05
-    path, _, _ = polynomial(jnp.moveaxis(curve[FIRST:, None], -1, 0), r[None, :])
-    over = path[:, : SAMPLES + 2] - jnp.min(at, axis=0)
+    deep, early = weight > 0.05, r[: SAMPLES + 2] < 0.5
+    lowest = jnp.min(at, axis=0)
+
+    def path_of(curve: Values) -> Values:
+        return polynomial(jnp.moveaxis(curve[FIRST:, None], -1, 0), r[None, :])[0]
+
+    # Near a border it hardly does: there, on stairs, both heights are less.
+    near = jnp.where(deep[None, :], 0.0, path_of(pieces(high, moving, monotone=True))[:, : SAMPLES + 2] - lowest)
+    climbs = ground[FIRST + 1 :] != ground[FIRST:-1]
+    near = jnp.where(climbs[:, None], jnp.maximum(near, 0.0), 0.0)
+    begins, ends = (jnp.max(jnp.where(part[None, :], near, 0.0), axis=1) for part in (early, ~early))
+    lower = jnp.maximum(jnp.pad(begins, (FIRST, 1)), jnp.pad(ends, (FIRST + 1, 0)))
+    curve = pieces(high - jnp.where(walks, MORE * lower, 0.0), moving, monotone=True)
+    path = path_of(curve)
+    over = path[:, : SAMPLES + 2] - lowest
     needed = jnp.where(deep[None, :], over / jnp.where(deep, weight, 1.0)[None, :], -1.0)
     needed = jnp.concatenate([needed, jnp.zeros_like(needed[:, :1])], axis=1)
     dip = SHARP * jax.nn.logsumexp(needed / SHARP, axis=1)
@@ -214,6 +231,10 @@ def _standing_leg(person: Person) -> Values:
 SAMPLES, SHARP, CHECKED = 24, 0.0005, 32
 """[1] Instants of a step at which the legs' reach is computed; [m] width of the soft minimum over these instants; [1]
 instants of a step at which the legs' limits are checked."""
+
+STRAIGHT, MORE = 10.0 * DEGREE, 1.5
+"""[rad] Knee flexion that suffices between standing and walking; [1] how much more than they are too high the heights
+on stairs are lowered."""
 
 SHAKEN = 0.24
 """[steps] Duration of the impact motion of the pelvis after a contact."""

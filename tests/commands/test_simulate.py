@@ -106,7 +106,7 @@ def test_every_gait_can_be_asked_for():
         (["--route", "straight:0"], "from 1 to 1000 m"),
         (["--protocol", "smith"], "--protocol must be one of bennett"),
         (["--gait", "sneaking"], "--gait must be one of slow, fast"),
-        (["--gait", "slow", "--protocol", "kose"], "without --protocol; got 'slow'"),
+        (["--gait", "slow", "--protocol", "kose"], "--gait goes with --route; the protocol 'kose'"),
         (["--sensors", "wii"], "--sensors must be one of"),
         (["--rate", "2"], "--rate must be between 10 and 1000 Hz"),
         (["--placements", "knee"], "there is no 'knee'"),

@@ -310,6 +310,27 @@ def test_legs_close_on_slopes_stairs_and_turns(along, changes, rise):
     assert climbed.max() == pytest.approx(0.0, abs=1e-12) if rise == 0.0 else climbed.max() > rise
 
 
+@pytest.mark.parametrize("base", [Gait(), RECORDED], ids=["rules", "recorded"])
+def test_people_climb_stairs_with_a_leg_that_gets_straight_and_feet_near_the_treads(base):
+    along = simulate.route({"length": 2.0}, {"length": 2.4, "riser": 0.17, "speed": 0.25}, {"length": 2.0})
+    who = simulate.covering(jax.random.key(0), Person(gait=base), along)
+    _, truth = simulate.recording(jax.random.key(0), who, along)
+    height = np.stack([stacked(getattr(truth.motion.pose, f"foot_{side}").origin)[:, 2] for side in SIDES])
+    speed = np.linalg.norm([stacked(getattr(truth.motion.rate, f"foot_{side}").origin) for side in SIDES], axis=2)
+    knee = np.degrees([getattr(truth.estimate.legs, side).knee_angle for side in SIDES])
+    stands = (speed < 0.02) & (height > height.min() + 0.1) & (height < height.max() - 0.1)
+    assert knee.max() < 110.0 and knee[stands].min() < 25.0
+
+
+def test_a_crouched_walk_begins_and_ends_without_a_squat():
+    who = simulate.walking(Person(), "crouched")
+    _, truth = simulate.recording(jax.random.key(0), simulate.covering(jax.random.key(0), who, STRAIGHT), STRAIGHT)
+    pelvis = stacked(truth.motion.pose.pelvis.origin)[:, 2]
+    assert np.abs(stacked(truth.motion.acceleration.pelvis.origin)[:, 2]).max() < 8.0
+    assert pelvis.min() > pelvis[0] - 0.15
+    assert max(getattr(truth.estimate.legs, side).knee_angle.max() for side in SIDES) < np.radians(95.0)
+
+
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
@@ -343,6 +364,8 @@ def test_impossible_bodies_sensors_and_rates_are_refused(unchecked):
         simulate.recording(jax.random.key(0), placements=("foot_right",), places={"shank_left": (0.0, 0.0, 0.0)})
     with pytest.raises(ValueError, match=r"places\['foot_right'\] must be three numbers in m, .* got \(4, 0, 0\)"):
         simulate.recording(jax.random.key(0), placements=("foot_right",), places={"foot_right": (4, 0, 0)})
+    with pytest.raises(ValueError, match=r"places\['foot_right'\] must be three numbers in m, .* got 'low'"):
+        simulate.recording(jax.random.key(0), placements=("foot_right",), places={"foot_right": "low"})
     with pytest.raises(TypeError, match=r"a person is Person\(body=Body"):
         simulate.recording(jax.random.key(0), Gait())
     wall = simulate.route({"length": 1.0}, {"length": 4.0, "riser": 0.9}, {"length": 1.0})
