@@ -27,9 +27,9 @@ def test_peaks_are_restored_and_say_how_unsure_they_are(softness):
     cut = np.abs(true[:, 1]) > LIMIT
     assert cut.sum() > 100 and (found.clipped & cut).sum() > 0.95 * cut.sum()
     assert (found.clipped & ~cut).sum() <= 0.1 * cut.sum()
-    np.testing.assert_array_equal(found.gyr[~found.clipped], read[~found.clipped])
+    np.testing.assert_array_equal(found.signal[~found.clipped], read[~found.clipped])
     # What is missing of the angle over a peak: most of it is restored, the rest agrees with the deviation.
-    before, after = (np.sum((true - rate)[:, 1] * found.clipped) / RATE / 10.0 for rate in (read, found.gyr))
+    before, after = (np.sum((true - rate)[:, 1] * found.clipped) / RATE / 10.0 for rate in (read, found.signal))
     assert abs(after) < 0.25 * abs(before)
     assert 0.2 * before**2 < np.sum((found.doubt / RATE) ** 2) / 10.0 < 2.0 * before**2
 
@@ -37,7 +37,7 @@ def test_peaks_are_restored_and_say_how_unsure_they_are(softness):
 @pytest.mark.parametrize("rate", [swings(), swings(3.0), np.zeros((50, 3)), np.zeros((0, 3))])
 def test_a_rate_within_the_range_stays_as_it_is(rate):
     found = clipping.restored(rate)
-    np.testing.assert_array_equal(found.gyr, rate)
+    np.testing.assert_array_equal(found.signal, rate)
     assert not found.clipped.any() and not found.doubt.any()
 
 

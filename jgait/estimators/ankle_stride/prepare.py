@@ -169,8 +169,9 @@ def _leg(
     read_gyr, read_acc = (np.where(mask[:, None], as_float(values), 0.0) for values in (imu.gyr, imu.acc))
     whole = shank_axes.filled(imu)
     peaks = clipping.restored(whole.gyr)
-    whole = whole._replace(gyr=peaks.gyr)
     forced = clipping.forces_clipped(read_acc, CLIPS_ABOVE_FORCE, CLIPS_FOR)
+    forces = clipping.restored_forces(whole.acc, forced)
+    whole = whole._replace(gyr=peaks.signal, acc=forces.signal)
     equal = clipping.at_limit(read_gyr, CLIPS_ABOVE_RATE, CLIPS_FOR) & ~peaks.clipped
     turned = equal | peaks.clipped
     still = longest_still(imu.gyr, rate_hz, mask=mask, threshold=shank_axes.RESTING, at_least_s=0.5)
@@ -231,7 +232,7 @@ def _leg(
     signals = AnkleSignals(
         **(leg_signals | {"dt": over.dt}),
         gyr_doubt=np.maximum(peaks.doubt, np.maximum(over.rate, CLIPPED_RATE * equal)),
-        acc_doubt=np.maximum(over.force, CLIPPED_FORCE * forced),
+        acc_doubt=np.maximum(over.force, np.where(forces.clipped, forces.doubt, CLIPPED_FORCE * forced)),
         stands=stands,
         rate_hz=np.asarray(float(rate_hz)),
         gyr_bias=axes.rows @ bias,

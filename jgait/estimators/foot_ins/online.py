@@ -256,7 +256,7 @@ def _strides(
     spread = [posterior.cov[f"position.{a}", f"position.{b}"] for a, b in ("xx", "xy", "yy", "zz")]
     nis = since[:, 1] / jnp.maximum(since[:, 2], 1.0)
     follows = walks_on(event.landed, swing.final, initial)
-    strides, stddev = timed(p, known, way, spread, event.landed, follows, yaw, nis)
+    strides, stddev = timed(p, known, way, spread, event.landed, follows, yaw, nis, jnp.zeros_like(nis))
     return strides, stddev, (trust.doubtful(strides, stddev, nis) | event.restless) & strides.valid
 
 

@@ -130,7 +130,11 @@ def _foot(
     mask = np.asarray(imu.mask, bool)
     gyr, acc = (over_losses(np.arange(len(time)), values, mask) for values in (imu.gyr, imu.acc))
     peaks = clipping.restored(gyr)
-    gyr = peaks.gyr
+    gyr = peaks.signal
+    read_gyr, read_acc = (np.where(mask[:, None], np.asarray(v, np.float64), 0.0) for v in (imu.gyr, imu.acc))
+    clips = clipping.forces_clipped(read_acc, CLIPS_ABOVE_FORCE)
+    forces = clipping.restored_forces(acc, clips)
+    acc = forces.signal
     step = np.diff(time, prepend=time[0])
     nominal = float(np.median(step[1:]))
     hz = 1.0 / nominal
@@ -149,8 +153,6 @@ def _foot(
     lost = ~mask | (step > 1.5 * nominal)
     stands, margin = _standing(gyr - at_rest.gyr_bias, acc, mask, stances, hz, detector)
     stands, margin = stands & ~lost, np.where(lost, NEVER, np.clip(margin, NEVER, -NEVER))
-    read_gyr, read_acc = (np.where(mask[:, None], np.asarray(v, np.float64), 0.0) for v in (imu.gyr, imu.acc))
-    clips = clipping.forces_clipped(read_acc, CLIPS_ABOVE_FORCE)
     equal = clipping.at_limit(read_gyr, CLIPS_ABOVE_RATE) & ~peaks.clipped
     turned = equal | peaks.clipped
     for what, flags in (("accelerometer", clips), ("gyroscope", turned)):
@@ -180,7 +182,7 @@ def _foot(
         gyr_jump=jumps[0],
         acc_jump=jumps[1],
         gyr_doubt=np.maximum(peaks.doubt, np.maximum(over.rate, CLIPPED_RATE * equal)),
-        acc_doubt=np.maximum(over.force, CLIPPED_FORCE * clips),
+        acc_doubt=np.maximum(over.force, np.where(forces.clipped, forces.doubt, CLIPPED_FORCE * clips)),
         rate=np.linalg.norm(gyr - at_rest.gyr_bias, axis=1),
         stands=stands,
         margin=margin,

@@ -139,7 +139,8 @@ def _strides(
     landed = jnp.concatenate([leaves[:1], touches[:-1]])
     follows = jnp.concatenate([jnp.zeros_like(valid[:1]), valid[:-1]])
     follows &= walks_on(landed, leaves, touches)
-    strides, deviations = timed(p, known, way, between, landed, follows, variance_there - variance_here, nis)
+    yaw = variance_there - variance_here
+    strides, deviations = timed(p, known, way, between, landed, follows, yaw, nis, _unmeasured(foot, time))
     return strides, deviations._replace(contact_angle=contact_sd, push_off_angle=push_off_sd, step_length=nothing)
 
 
@@ -150,7 +151,7 @@ def walks_on(landed: Values, leaves: Values, touches: Values) -> Flags:
 
 def timed(
     p: FootParams, known: Strides, way: Vector, spread: Sequence[Values], landed: Values, follows: Flags,
-    yaw: Values, nis: Values,
+    yaw: Values, nis: Values, unmeasured: Values,
 ) -> tuple[Strides, Strides]:  # fmt: skip
     """Strides with their starts and speeds, and their standard deviations.
 
@@ -164,6 +165,7 @@ def timed(
         follows: bool.
         yaw: change of the variance of the heading [rad²].
         nis: normalised innovation squared [1].
+        unmeasured: variance of the lengths by forces that were not measured [m²].
     """
     length, (xx, xy, yy, zz) = known.length, spread
     x, y = way.x / jnp.maximum(length, 1e-6), way.y / jnp.maximum(length, 1e-6)
@@ -171,7 +173,7 @@ def timed(
     unknown = (p.stride_noise * length) ** 2
     start = jnp.where(follows, landed, known.final_contact)
     duration = jnp.maximum(jnp.where(follows, known.end - start, known.standing_end - known.standing), 1e-3)
-    stddev = stated(along_way + unknown, nis, known.turn)
+    stddev = stated(along_way + unknown, nis, known.turn, unmeasured)
     return known._replace(start=start, speed=length / duration), Strides(
         side=known.side, start=None, final_contact=None, end=None, length=stddev, width=known.width,
         height=root(zz + unknown), valid=known.valid, turn=root(jnp.abs(yaw)),
@@ -179,21 +181,36 @@ def timed(
     )  # fmt: skip
 
 
-def stated(variance: Values, nis: Values, turn: Values) -> Values:
+def _unmeasured(foot: FootSignals, time: Values) -> Values:
+    """Variance of the length of each stride (K − 1,) [m²] by forces in its swing that were lost or clipped.
+
+    Changes of velocity that are not known, of variance q at times t, add up to none from stance to stance. So they move
+    the foot by a variance of Σ q t² − (Σ q t)² / Σ q.
+    """
+    rows = foot.foothold.shape[0]
+    stride = jnp.clip(jnp.cumsum(foot.restart).astype(jnp.int32), 0, rows)
+    since = time - time[foot.foothold][jnp.maximum(stride - 1, 0)]
+    q = (foot.acc_doubt * foot.dt) ** 2
+    sums = jnp.zeros((rows + 1, 3), q.dtype).at[stride].add(jnp.stack([q, q * since, q * since**2], axis=1))[1:rows]
+    return jnp.maximum(sums[:, 2] - sums[:, 1] ** 2 / jnp.maximum(sums[:, 0], 1e-12), 0.0)
+
+
+def stated(variance: Values, nis: Values, turn: Values, unmeasured: Values) -> Values:
     """Standard deviation of the length of strides (n,) [m]: √(v NIS + (`TURN_NOISE` · turn)²), or with √NIS below 1.
 
     The noise of the zero velocity is that of errors which stay the same over a stance. Most stances are better, so that
     the filter's variance v is too large. NIS shows by how much: of 1024 strides of four sets, the squared error over v
     goes as √NIS, from `LEAST_NIS` to 2; exponents fitted without one of the sets are .52 to .69. What v is above
-    `KNOWN`², as after seconds without a stance, is not reduced.
+    `KNOWN`², as after seconds without a stance, is not reduced, nor what is `unmeasured`: stances do not show it.
 
     Args:
         variance: (n,) of the filter and `FootParams.stride_noise` [m²].
         nis: (n,) normalised innovation squared of the strides [1].
         turn: (n,) [rad].
+        unmeasured: (n,) the part of the variance by forces that were not measured [m²].
     """
     less = 1.0 - jnp.sqrt(jnp.clip(nis, LEAST_NIS, 1.0))
-    corrected = variance * jnp.maximum(nis, 1.0) - jnp.minimum(variance, KNOWN**2) * less
+    corrected = variance * jnp.maximum(nis, 1.0) - jnp.clip(variance - unmeasured, 0.0, KNOWN**2) * less
     return root(corrected + (TURN_NOISE * turn) ** 2)
 
 
