@@ -234,8 +234,9 @@ LOSSES = (
 """Meaning of kinds that report lost samples."""
 
 CLIPPING = (
-    "The movement was faster or harder than the sensor can measure, and its peaks are cut off. Lengths and angles "
-    "around them are too small; a sensor with a larger range avoids this."
+    "The movement was faster or harder than the sensor can measure, and its peaks are cut off. What is missing is "
+    "estimated from their flanks, and lengths have larger deviations for it. Lengths and angles are rather too small; "
+    "a sensor with a larger range avoids this."
 )
 """Meaning of kinds that report a signal at the limit of its sensor."""
 

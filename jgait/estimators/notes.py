@@ -9,7 +9,8 @@ NO_STEPS = Kind("no_walking", "stop", "{placement} does not walk", NO_WALKING)
 CLIPPED = Kind(
     "signal_clipped",
     "check",
-    "{placement}: the {signal} clips in {samples} {samples:sample, which counts|samples, which count} for less",
+    "{placement}: the {signal} clips in {samples} {samples:sample|samples}; lengths of strides there are less certain, "
+    "and rather too small",
     CLIPPING,
 )
 

@@ -53,9 +53,9 @@ UNSURE = 0.5
 """[1] Standard deviation of a restored peak over what was restored; one error for all samples of a peak."""
 
 UNSURE_FORCE, UNSURE_IMPACT = 0.7, 1.5
-"""[1] The same of a peak of fewer than `FLAT` samples. On feet of five public sets that were clipped at 4 to 8 g the
-velocity that peaks lack is 0.1 to 0.5 of the slope of their flanks times the square of their duration; a parabola has
-one sixth."""
+"""[1] The same of a specific force, and of its peaks of fewer than `FLAT` samples. A parabola restores a sixth of the
+slope of the flanks times the square of the duration; recorded and simulated feet lack 0.1 to 0.5 of that product. Peaks
+of one swing are alike, and so are their errors."""
 
 
 def _first(values: Float[AnyArray, "time axis"]) -> Bool[np.ndarray, "time"]:
@@ -161,7 +161,8 @@ def restored(gyr: Float[AnyArray, "time axis"]) -> Restored:
 def restored_forces(acc: Float[AnyArray, "time axis"], clipped: Bool[AnyArray, "time"]) -> Restored:
     """Restore the peaks of a specific force (T, 3) [m/s²] where samples are `clipped`, see `forces_clipped`.
 
-    A parabola continues the mean slope of both flanks of a peak. Readings whose axes were turned after clipping are not
+    Lost samples that are interpolated between two at the limit belong to a peak if they count as clipped. A parabola
+    continues the mean slope of both flanks of a peak. Readings whose axes were turned after clipping are not
     flat, and stay as they are.
     """
     force = as_float(acc)

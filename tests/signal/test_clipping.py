@@ -98,3 +98,23 @@ def test_readings_that_are_written_twice_are_no_limit():
     assert not clipping.at_limit(rate[rows], 4.0).any() and not clipping.forces_clipped(rate[rows], 4.0).any()
     cut = np.clip(rate, -4.5, 4.5)
     np.testing.assert_array_equal(clipping.at_limit(cut[rows], 4.0), clipping.at_limit(cut, 4.0)[rows])
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 200.0])
+def test_peaks_of_the_specific_force_are_restored_and_say_how_unsure_they_are(rate_hz):
+    """More than half of the velocity that clipping takes is given back."""
+    time = np.arange(0.0, 20.0, 1.0 / rate_hz)
+    within = time % 1.0 - 0.5
+    true = np.stack([0.0 * time, 70.0 * np.exp(-((within / 0.03) ** 2)), np.full(time.size, 9.81)], axis=1)
+    true += 0.05 * np.random.default_rng(0).normal(size=true.shape)
+    read = np.clip(true, -39.24, 39.24)
+    clipped = clipping.forces_clipped(read, 18.0)
+    np.testing.assert_array_equal(clipped, (true > 39.24).any(axis=1))
+    found = clipping.restored_forces(read, clipped)
+    np.testing.assert_array_equal(found.clipped, clipped)
+    np.testing.assert_array_equal(found.signal[~found.clipped], read[~found.clipped])
+    before, after = ((true - force)[:, 1].sum() / rate_hz / 20.0 for force in (read, found.signal))
+    assert before > 0.5 and abs(after) < 0.5 * before
+    spread = np.sqrt(np.sum(found.doubt**2) / 20.0) / rate_hz
+    assert abs(after) < spread < before
+    assert not clipping.restored_forces(read, np.zeros(len(read), bool)).clipped.any()

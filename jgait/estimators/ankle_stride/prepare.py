@@ -170,7 +170,7 @@ def _leg(
     whole = shank_axes.filled(imu)
     peaks = clipping.restored(whole.gyr)
     forced = clipping.forces_clipped(read_acc, CLIPS_ABOVE_FORCE, CLIPS_FOR)
-    forces = clipping.restored_forces(whole.acc, forced)
+    forces = clipping.restored_forces(whole.acc, forced | ~mask)
     whole = whole._replace(gyr=peaks.signal, acc=forces.signal)
     equal = clipping.at_limit(read_gyr, CLIPS_ABOVE_RATE, CLIPS_FOR) & ~peaks.clipped
     turned = equal | peaks.clipped

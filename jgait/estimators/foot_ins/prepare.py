@@ -133,7 +133,7 @@ def _foot(
     gyr = peaks.signal
     read_gyr, read_acc = (np.where(mask[:, None], np.asarray(v, np.float64), 0.0) for v in (imu.gyr, imu.acc))
     clips = clipping.forces_clipped(read_acc, CLIPS_ABOVE_FORCE)
-    forces = clipping.restored_forces(acc, clips)
+    forces = clipping.restored_forces(acc, clips | ~mask)
     acc = forces.signal
     step = np.diff(time, prepend=time[0])
     nominal = float(np.median(step[1:]))

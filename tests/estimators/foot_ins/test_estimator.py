@@ -149,12 +149,14 @@ def test_options_that_are_none_are_refused(options, message):
 def test_the_stated_deviation_follows_the_innovations():
     variance, turn = 0.02**2, jnp.zeros(5)
     nis = jnp.array([0.0, 0.0625, 0.25, 1.0, 4.0])
-    ratio = readout.stated(variance, nis, turn) / 0.02
+    ratio = readout.stated(variance, nis, turn, 0.0) / 0.02
     np.testing.assert_allclose(ratio, [readout.LEAST_NIS**0.25, 0.5, 0.25**0.25, 1.0, 2.0], rtol=1e-6)
-    long = readout.stated(jnp.full(5, 0.5**2), nis, turn)
+    long = readout.stated(jnp.full(5, 0.5**2), nis, turn, 0.0)
     assert np.all(long > 0.99 * 0.5 * np.sqrt(np.maximum(nis, 1.0)))
-    turned = readout.stated(variance, nis, turn + 1.0)
+    turned = readout.stated(variance, nis, turn + 1.0, 0.0)
     np.testing.assert_allclose(turned, np.hypot(0.02 * ratio, readout.TURN_NOISE), rtol=1e-6)
+    lost = readout.stated(variance, nis, turn, variance) / 0.02
+    np.testing.assert_allclose(lost, np.sqrt(np.maximum(nis, 1.0)), rtol=1e-6)
 
 
 def with_hole(made, after, seconds):
