@@ -44,7 +44,8 @@ Lower rates count as this one in the ratio."""
 
 BRIEF, WHOLE, APART = 0.4, 0.15, 1.2
 """[1], [s], [s] A stance lies in a slow swing if it lasts a smaller share of both stances beside it, is `ABOVE` times
-as restless, and they last longer than the second and are less than the third apart."""
+as restless, and they last longer than the second and are less than the third apart; or less than `BETWEEN`, if it lasts
+less than the second itself."""
 
 LONGEST = 2.0
 """[s] Duration of two strides of fast walking; see `WORSE`."""
@@ -151,7 +152,8 @@ def _without_brief(rows: np.ndarray, restless: np.ndarray, sampling_rate_hz: flo
     shorter = np.minimum(lasts[:-2], lasts[2:])
     brief[1:-1] = (lasts[1:-1] < BRIEF * shorter) & (shorter > WHOLE * sampling_rate_hz)
     brief[1:-1] &= depth[1:-1] > ABOVE * np.maximum(depth[:-2], depth[2:])
-    brief[1:-1] &= rows[2:, 0] - rows[:-2, 1] < APART * sampling_rate_hz
+    apart = np.where(lasts[1:-1] < WHOLE * sampling_rate_hz, BETWEEN, APART)
+    brief[1:-1] &= rows[2:, 0] - rows[:-2, 1] < apart * sampling_rate_hz
     return rows[~brief]
 
 

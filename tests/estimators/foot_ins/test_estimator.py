@@ -367,3 +367,18 @@ def test_an_accelerometer_is_scaled_by_stances_in_a_walk_without_rest(scale):
     assert "never rests" in found and "does not seem to stand still" not in found
     assert (f"reads {100.0 * (scale - 1.0):+.1f} % of gravity in stances; corrected" in found) == (scale != 1.0)
     np.testing.assert_allclose(wrong.strides.length, right.strides.length, rtol=0.03)
+
+
+@pytest.mark.parametrize("row", [0, 2])
+def test_a_very_slow_first_step_is_one_swing(row):
+    """Just before it lies flat, a foot that is set down slowly hardly turns: the first half-step seemed to end there."""
+    people = simulate.population(jax.random.key(11), 12, recorded=True)
+    person, along = simulate.person_of(people, row), simulate.straight(2.0)
+    usual = person.gait.stride_length / person.gait.stride_time
+    walker = simulate.covering(jax.random.key(0), simulate.paced(person, float(np.sqrt(0.3 / usual))), along)
+    feet = ("foot_left", "foot_right")
+    recording, truth = simulate.recording(jax.random.key(100 + row), walker, along, placements=feet)
+    found = foot_ins.estimate(foot_ins.FootParams(), recording)
+    k = int(np.argmin(np.where(truth.strides.valid, truth.strides.end, np.inf)))
+    here = np.flatnonzero(np.asarray(found.strides.valid) & (np.asarray(found.strides.side) == truth.strides.side[k]))
+    assert found.strides.length[here[0]] == pytest.approx(float(truth.strides.length[k]), abs=0.06)
