@@ -23,6 +23,10 @@ from jgait.types import AnyArray, Flags, Values, as_float
 EARLIEST, LATEST = 0.12, 0.85
 """[1] Limits of the valley, as shares of the time between two swings: between the peaks of landing and push-off."""
 
+VALLEY = 0.4
+"""[1] Usual share of a valley. A rise of the rate up to it is that of the landing: in slow steps, before the foot lies
+flat, the rate is less than in the valley."""
+
 PAUSE_S = 1.5
 """[s] A longer time between two swings is a pause, if the shank rests in it."""
 
@@ -108,6 +112,8 @@ def _valley(x: np.ndarray, norm: np.ndarray, low: int, high: int) -> int:
     span = high - low
     first, last = low + int(EARLIEST * span), high - int((1.0 - LATEST) * span)
     last = max(last, first + 1)
+    falls = np.flatnonzero(np.diff(x[first : low + int(VALLEY * span)]) < 0.0)
+    first += int(falls[0]) if falls.size else 0
     at = first + int(np.argmin(x[first:last]))
     return at if norm[at] <= RESTS else first + int(np.argmin(norm[first:last]))
 

@@ -224,3 +224,17 @@ def test_legs_that_swing_while_sitting_falsify_the_lever_which_is_named_and_in_t
     assert walks.sum() == len(usual)
     assert np.all(np.abs(found.strides.length[walks] - usual) < 3.0 * found.strides_stddev.length[walks])
     assert np.all(found.strides_stddev.length[walks][1:-1] > 2.0 * calm.strides_stddev.length[1:-1])
+
+
+@pytest.mark.parametrize("row", [2, 3])
+def test_slow_half_steps_end_after_the_foot_lies_flat(row):
+    """At 0.5 m/s the shank turns least before the foot lies flat: walks of three steps were too short."""
+    people = simulate.population(jax.random.key(11), 12, recorded=True)
+    person = simulate.person_of(people, row)
+    usual = person.gait.stride_length / person.gait.stride_time
+    person = simulate.paced(person, float(np.sqrt(0.5 / usual)))
+    person = person._replace(gait=person.gait._replace(steps=3.0))
+    legs = ("shank_right", "shank_left")
+    recording, truth = simulate.recording(jax.random.key(100 + row), person, None, rate=100.0, placements=legs)
+    found = ankle_stride.estimate(AnkleParams(lever_shank=0.18), recording)
+    assert float(found.distance[-1]) == pytest.approx(float(truth.estimate.distance[-1]), rel=0.055)
