@@ -371,7 +371,7 @@ def test_an_accelerometer_is_scaled_by_stances_in_a_walk_without_rest(scale):
 
 @pytest.mark.parametrize("row", [0, 2])
 def test_a_very_slow_first_step_is_one_swing(row):
-    """Just before it lies flat, a foot that is set down slowly hardly turns: the first half-step seemed to end there."""
+    """A foot that is set down slowly hardly turns just before it lies flat: the first half-step seemed to end there."""
     people = simulate.population(jax.random.key(11), 12, recorded=True)
     person, along = simulate.person_of(people, row), simulate.straight(2.0)
     usual = person.gait.stride_length / person.gait.stride_time
