@@ -53,9 +53,8 @@ UNSURE = 0.5
 """[1] Standard deviation of a restored peak over what was restored; one error for all samples of a peak."""
 
 UNSURE_FORCE, UNSURE_IMPACT = 0.7, 1.5
-"""[1] The same of a specific force, and of its peaks of fewer than `FLAT` samples. A parabola restores a sixth of the
-slope of the flanks times the square of the duration; recorded and simulated feet lack 0.1 to 0.5 of that product. Peaks
-of one swing are alike, and so are their errors."""
+"""[1] The same of a specific force, and of its peaks of fewer than `FLAT` samples. Chosen on recorded feet
+that were clipped by hand, and simulated ones. Peaks of one swing are alike, and so are their errors."""
 
 
 def _first(values: Float[AnyArray, "time axis"]) -> Bool[np.ndarray, "time"]:
