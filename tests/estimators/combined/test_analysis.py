@@ -323,11 +323,11 @@ def test_running_between_walks_is_named_and_turns_nothing_round():
 
 
 def test_what_a_trunk_alone_finds_after_the_walk_is_in_doubt():
-    """A crouched person who stops sways as in a step."""
+    """A fast person who stops sways as in a step."""
     key = jax.random.key(5)
     gait = simulate.gait(speed=1.25, stature=1.75)._replace(steps=20.0, length_variability=0.02, time_variability=0.02)
-    person = simulate.walking(simulate.Person(gait=gait), "crouched")
-    recording, truth = simulate.recording(key, person, simulate.straight(20.0), placements=PLACEMENTS)
+    person = simulate.walking(simulate.Person(gait=gait), "fast")
+    recording, truth = simulate.recording(key, person, simulate.straight(30.0), placements=PLACEMENTS)
     found = jgait.analyse(recording, {"height": 1.75})
     table = io.analysis_to_dataframes(found)["strides"]
     alone = table[table["combined"] == "waist"]
