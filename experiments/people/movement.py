@@ -5,11 +5,11 @@ Compared are the rates of thigh, shank and foot and their specific forces ahead 
 in phase than in size, so the size of single strides counts there. Peaks that are figures of gait count as well,
 angles of hip and knee, which rates leave open, and how fast thigh and shank turn above the harmonics that are compared,
 which a perfect sensor at 200 Hz must follow. Free are parameters of the gait, times in the motion of the feet, the
-table of the feet, what sensors do over the bone, and the lowest harmonics of the pelvis, around those of lower backs
-(`pelvis`), whose landings are labelled contacts: where it is at a landing decides how straight legs are. Tables have
-slopes over the length and the rate of the stride, some parameters grow with a power of its length. The mean and the
-slopes are found by Gauss-Newton's method; a last step for each person alone gives what this person differs by. The
-principal directions of these differences are the styles.
+table of the feet, what sensors do over the bone, and the lowest harmonics of the pelvis. These stay near those of lower
+backs (`pelvis`), whose landings are labelled by hand and not exact in time; the height of the pelvis at a landing
+decides how straight legs are. Tables have slopes over the length and the rate of the stride, some parameters grow with
+a power of its length. The mean and the slopes are found by Gauss-Newton's method; a last step for each person alone
+gives what this person differs by. The principal directions of these differences are the styles.
 
 `python -m experiments.people.movement` changes these parts of the file; `shapes` runs it twice. In the first run the
 pelvis stays as lower backs move, in the second one the times in the motion of the feet stay.

@@ -60,7 +60,8 @@ WORN = OPAL._replace(acc_noise=0.02, acc_bias=0.1, acc_range=16.0 * GRAVITY, acc
 """Sensors on legs and back: accelerometers as recorded ones of `neura_sparse`, `walking5m` and `tripod` are at rest
 (`at_rest`)."""
 UNLIKE = 0.0275
-"""[m] Standard deviation of the height of the shank's sensor over people of `walking5m` (`people.mounts`, young)."""
+"""[m] Standard deviation of the height of the shank's sensor over people of `walking5m` (`people.mounts`, young), taken
+for that of the thigh's sensor, too, which changes no result: its gyroscope alone counts."""
 CONTACT_SD, STATURE = 0.012, 1.75
 """[s] Standard deviation of the checked contacts of `ipol_gait` (`kose2011.contacts`); [m] of the usual body."""
 STILL = 0.02

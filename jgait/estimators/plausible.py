@@ -139,20 +139,20 @@ def implausible(estimate: Estimate) -> tuple[Note, ...]:
     for side, leg in zip(SIDES, estimate.legs, strict=True):
         if leg is None:
             continue
-        valid = np.asarray(estimate.valid, bool) & np.asarray(estimate.diagnostics.get(f"worn_{side}", True), bool)
-        knee = np.rad2deg(as_float(leg.knee_angle)[valid])
+        worn = valid & np.asarray(estimate.diagnostics.get(f"worn_{side}", True), bool)
+        knee = np.rad2deg(as_float(leg.knee_angle)[worn])
         lost = int(np.sum(~np.isfinite(knee)))
         if lost:
             notes.append(NOT_FINITE(side=side, samples=lost))
             continue
-        beyond = knee_beyond(leg)[valid]
+        beyond = knee_beyond(leg)[worn]
         if beyond.size and beyond.mean() > KNEE_SHARE:
             notes.append(
                 KNEE_IMPLAUSIBLE(side=side, low=knee.min(), high=knee.max(), percent=max(100.0 * beyond.mean(), 1.0))
             )
         else:
-            notes += _zero(side, time, leg, valid)
-        hip = np.rad2deg(as_float(leg.hip_angle)[valid])
+            notes += _zero(side, time, leg, worn)
+        hip = np.rad2deg(as_float(leg.hip_angle)[worn])
         moves = [float(np.ptp(np.percentile(angle, (1, 99)))) if angle.size else 0.0 for angle in (knee, hip)]
         if moves[0] < KNEE_STIFF_DEG and moves[1] > HIP_SWINGS_DEG:
             notes.append(KNEE_STIFF(side=side, knee=moves[0], hip=moves[1]))

@@ -197,7 +197,7 @@ def planned(
     def path_of(curve: Values) -> Values:
         return polynomial(jnp.moveaxis(curve[FIRST:, None], -1, 0), r[None, :])[0]
 
-    # Near a border it hardly does: there, on stairs, both heights are less.
+    # It hardly dips near the border of two steps: where the ground rises or falls, the height there is less instead.
     near = jnp.where(deep[None, :], 0.0, path_of(pieces(high, moving, monotone=True))[:, : SAMPLES + 2] - lowest)
     climbs = ground[FIRST + 1 :] != ground[FIRST:-1]
     near = jnp.where(climbs[:, None], jnp.maximum(near, 0.0), 0.0)
@@ -233,8 +233,8 @@ SAMPLES, SHARP, CHECKED = 24, 0.0005, 32
 instants of a step at which the legs' limits are checked."""
 
 STRAIGHT, MORE = 10.0 * DEGREE, 1.5
-"""[rad] Knee flexion that suffices between standing and walking; [1] how much more than they are too high the heights
-on stairs are lowered."""
+"""[rad] Flexion of the knee that is enough in the steps from and to standing, also of people who walk with bent knees;
+[1] factor by which heights on stairs and slopes are lowered more than they are too large."""
 
 SHAKEN = 0.24
 """[steps] Duration of the impact motion of the pelvis after a contact."""

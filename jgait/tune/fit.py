@@ -71,12 +71,12 @@ class Fit[P](NamedTuple):
         if name not in self.subjects:
             raise KeyError(f"the fit has no subject {subject!r}; it has {', '.join(self.subjects) or 'none'}")
         number = self.subjects.index(name)
-
-        def mine(path: tuple[PyTree, ...], value: PyTree) -> PyTree:
-            own = jax.tree_util.keystr(path).lstrip(".") in self.per_subject
-            return np.asarray(value)[number] if own else value
-
-        params: P = jax.tree_util.tree_map_with_path(mine, self.params)
+        values, structure = jax.tree.flatten(self.params)
+        mine = [
+            np.asarray(value)[number] if one in self.per_subject else value
+            for one, value in zip(names_of(self.params), values, strict=True)
+        ]
+        params: P = jax.tree.unflatten(structure, mine)
         return params
 
 

@@ -311,7 +311,7 @@ def test_legs_close_on_slopes_stairs_and_turns(along, changes, rise):
 
 
 @pytest.mark.parametrize("base", [Gait(), RECORDED], ids=["rules", "recorded"])
-def test_people_climb_stairs_with_a_leg_that_gets_straight_and_feet_near_the_treads(base):
+def test_people_climb_stairs_with_a_leg_that_gets_straight(base):
     along = simulate.route({"length": 2.0}, {"length": 2.4, "riser": 0.17, "speed": 0.25}, {"length": 2.0})
     who = simulate.covering(jax.random.key(0), Person(gait=base), along)
     _, truth = simulate.recording(jax.random.key(0), who, along)

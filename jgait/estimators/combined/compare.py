@@ -244,9 +244,8 @@ def source_notes(strides: JoinedStrides) -> list[Note]:
     waist = [number for number, name in enumerate(most) if name == "waist"]
     if len(waist) != 1 or most[1 - waist[0]] not in LEG_WORN:
         return []
-    return [
-        SIDES_UNLIKE_MEASURED(side=SIDES[waist[0]], other=SIDES[1 - waist[0]], source=most[1 - waist[0]])
-    ]  # fmt: skip
+    mine, other = waist[0], 1 - waist[0]
+    return [SIDES_UNLIKE_MEASURED(side=SIDES[mine], other=SIDES[other], source=most[other])]
 
 
 def side_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> list[Note]:
