@@ -27,6 +27,7 @@ from jgait.estimators.ankle_stride.inputs import AnkleInputs
 
 SET = "walking5m"
 SPLIT = "walking5m, people left out, six folds"
+FORWARD = ankle_stride.DEFAULT._replace(method=filtering.EKF(derivative="forward"))
 FREE = ("velocity_noise", "rate_noise", "acc_noise", "gyr_noise")
 FOLDS, STEPS = 6, 3
 WRONG = 0.02
@@ -72,7 +73,7 @@ class Tuning:
 
     def _linear(self, free: Any, leg: AnkleInputs) -> tuple[Any, Any]:
         def lengths(at: Any) -> Any:
-            return ankle_stride.run(self.params(at), leg).strides.length
+            return ankle_stride.run(self.params(at), leg, FORWARD).strides.length
 
         values, slopes = jax.vmap(lambda direction: jax.jvp(lengths, (free,), (direction,)))(
             jnp.eye(free.size, dtype=free.dtype)

@@ -151,7 +151,7 @@ def rows(quick: bool) -> list[Row]:
         found = tune.cross_validate(
             loss_of(weight), START, params.freed(RANGES, *free), data,
             optax.adam(optax.cosine_decay_schedule(STEP, STEPS)), subjects=subjects, error=absolute,
-            priors=PRIORS, steps=STEPS, gradient="reverse",
+            priors=PRIORS, steps=STEPS,
         )  # fmt: skip
         tables.append(found)
         after = np.average(found.items["error_after"], weights=count)

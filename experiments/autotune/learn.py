@@ -62,7 +62,7 @@ def _programs(loss: Terms) -> tuple[Any, Any]:
 
     def total(moved: Any, start: Any, data: Any, weights: Any) -> Any:
         """One lesson after another, so that one lesson's trajectories are in memory; those of weight 0 do not run."""
-        each = tune.value_and_grad(one, "reverse")
+        each = jax.value_and_grad(one)
         nothing = jax.tree.map(jnp.zeros_like, (jnp.zeros((), jnp.float32), moved))
 
         def of(item: Any) -> Any:

@@ -64,9 +64,7 @@ def foot(count: int, samples: int, dtype: Any) -> Problem:
     observed = foot_model.FootObservation(Vector(zero, zero, zero), None)
     batch = observed, controls, foot_model.FootObservation(Vector(rest, rest, rest), None)
     logs = jnp.log(jnp.asarray([0.05, 1e-9, 1e-8, 1e-4], dtype))
-    model = foot_model.MODEL._replace(
-        observation=_velocity, observation_noise=_velocity_noise, error_observation=_velocity_error
-    )
+    model = foot_model.MODEL._replace(observation=_velocity, observation_noise=_velocity_noise)
     return Problem(model, logs, batch, dt, ("position", "velocity", "attitude"), foot_model.FootModelParams)
 
 
@@ -76,10 +74,6 @@ def _velocity(*arguments: Any) -> Any:
 
 def _velocity_noise(*arguments: Any) -> Any:
     return foot_model.observation_noise(*arguments)._replace(height=None)
-
-
-def _velocity_error(*arguments: Any) -> Any:
-    return foot_model.error_observation(*arguments)._replace(height=None)
 
 
 def leg(count: int, samples: int, dtype: Any) -> Problem:

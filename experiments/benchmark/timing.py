@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from experiments.benchmark.candidates import Candidate
-from jgait import filtering, tune
+from jgait import filtering
 
 JOBS = {
     "filter": "filtered means and log-likelihood",
@@ -134,7 +135,22 @@ def function_of(candidate: Candidate, job: str, batched: bool, gradient: str = "
         return lambda theta, r, path: mapped(lambda one: candidate.filtered(theta, one), r, batched, (1, 0))
     if job == "smoother":
         return lambda theta, r, path: mapped(lambda one: candidate.smoothed(theta, one), r, batched, 1)
-    return tune.value_and_grad(objective(candidate, job, batched), gradient)
+    loss = objective(candidate, job, batched)
+    return jax.value_and_grad(loss) if gradient == "reverse" else along_tangents(loss, together=gradient == "together")
+
+
+def along_tangents(loss: Callable[..., Any], *, together: bool) -> Callable[..., Any]:
+    """Value and gradient by the first argument (n,) in forward mode, one tangent after another or all `together`."""
+
+    def both(free: Any, *rest: Any) -> tuple[Any, Any]:
+        def along(direction: Any) -> tuple[Any, Any]:
+            return jax.jvp(lambda v: loss(v, *rest), (free,), (direction,))
+
+        directions = jnp.eye(free.size, dtype=free.dtype)
+        value, slopes = jax.vmap(along)(directions) if together else lax.map(along, directions)
+        return value[0], slopes
+
+    return both
 
 
 def compiled(candidate: Candidate, job: str, data: Data, gradient: str = "reverse", try_all: bool = True) -> Program:

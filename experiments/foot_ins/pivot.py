@@ -84,9 +84,7 @@ def learned(items: Sequence[Ready], quick: bool, samples: int | None = None) -> 
     options = DEFAULT._replace(smooth=not quick)
     steps = 3 if quick else 12
     rate = optax.cosine_decay_schedule(0.3, steps, alpha=0.05)
-    fit = tune.fit(
-        Loss(options), FootParams(), FREE, data, optax.adam(rate), steps=steps, gradient="forward", chunk=steps
-    )
+    fit = tune.fit(Loss(options), FootParams(), FREE, data, optax.adam(rate), steps=steps, chunk=steps)
     return float(fit.params.pivot_height)
 
 

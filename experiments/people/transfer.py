@@ -128,7 +128,7 @@ def of_waist(quick: bool) -> list[Row]:
     learned = tune.fit(
         contacts.loss_of(weight), contacts.START, params.freed(contacts.RANGES, *Soft._fields[:-1]), made,
         optax.adam(optax.cosine_decay_schedule(contacts.STEP, contacts.STEPS)), priors=contacts.PRIORS,
-        steps=contacts.STEPS, gradient="reverse",
+        steps=contacts.STEPS,
     ).params  # fmt: skip
     count = data.known.sum(axis=1)
 

@@ -253,7 +253,7 @@ def fit_errors(people: int, steps: int, samples: int = 384) -> np.ndarray:
     rate = optax.cosine_decay_schedule(0.006, steps)
     found = tune.fit(
         loss, jax.tree.map(jnp.asarray, start), Free(*(positive for _ in FREE)), (drawn, observed),
-        optax.adam(rate), steps=steps, batched=False, gradient="reverse",
+        optax.adam(rate), steps=steps, batched=False,
     )  # fmt: skip
     return np.asarray(found.params.stride_length) - true.stride_length
 

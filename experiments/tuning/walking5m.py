@@ -95,7 +95,6 @@ def rows(quick: bool) -> list[Row]:
     data, subjects, reasons = filtered_walks(every[:4] if quick else every)
     found = tune.cross_validate(
         robust, DEFAULTS, RANGES, data, optax.adam(0.05), subjects=subjects, error=absolute, priors=PRIORS, steps=200,
-        gradient="reverse",
     )  # fmt: skip
     table = found.table
     gain = evaluate.paired_difference(table["error_before"], table["error_after"], table.index, seed=0)
@@ -107,7 +106,7 @@ def rows(quick: bool) -> list[Row]:
             for name, row in table.iterrows()
         ],
     )
-    fit = tune.fit(robust, DEFAULTS, RANGES, data, optax.adam(0.05), steps=200, priors=PRIORS, gradient="reverse")
+    fit = tune.fit(robust, DEFAULTS, RANGES, data, optax.adam(0.05), steps=200, priors=PRIORS)
     said = tune.identifiability(robust, fit.params, RANGES, data, information="sandwich")
     print("\n".join(f"  {sentence}" for sentence in said.sentences))
     for reason in reasons:

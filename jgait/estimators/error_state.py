@@ -6,7 +6,7 @@ attitude is a rotation vector in the world, δ with q' = exp(δ) q, that of a ve
 
 from jaxtyping import PyTree
 
-from jgait.geometry.rotation import Quaternion, conjugate, jacobian_product, logarithm, product, small_turn
+from jgait.geometry.rotation import Quaternion, conjugate, product, small_logarithm, small_turn
 from jgait.geometry.vectors import Vector, add, subtract
 
 
@@ -27,12 +27,6 @@ def retract(s: PyTree, e: PyTree) -> PyTree:
 def differences(reference: PyTree, s: PyTree) -> list[Vector]:
     """The fields of the error of the state `s` relative to `reference`."""
     return [
-        logarithm(product(value, conjugate(from_))) if isinstance(value, Quaternion) else subtract(value, from_)
+        small_logarithm(product(value, conjugate(from_))) if isinstance(value, Quaternion) else subtract(value, from_)
         for from_, value in zip(reference, s, strict=True)
     ]
-
-
-def error_shift(reference: PyTree, delta: PyTree, e: PyTree) -> PyTree:
-    """The error `e` on top of the error `delta`: rotation vectors do not add, exp(δ + e) = exp(J(δ) e) exp(δ)."""
-    del reference
-    return e._replace(attitude=jacobian_product(delta.attitude, e.attitude))

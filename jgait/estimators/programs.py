@@ -19,10 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import numpy as np
 from jaxtyping import PyTree
 
-from jgait.estimators.staged import Staged, staged
 from jgait.filtering.compile import backend, compiler_options, host, processor
 
 LIMIT = 1_000_000_000
@@ -120,15 +118,8 @@ class Program:
 
     def _compiled(self, arrays: PyTree, static: dict[str, Any], options: PyTree) -> Callable[..., PyTree]:
         """The function of a short recording as steps; of a long one, or if it compiles quickly, one program."""
-        short = max((max(np.shape(leaf), default=1) for leaf in jax.tree.leaves(arrays)), default=1) <= BUCKET
-        if self.options or not short or backend() != "cpu":
-            whole: Callable[..., PyTree] = self._jit(tuple(static), options).lower(*arrays, **static).compile()
-            return whole
-
-        def compiled(function: Callable[..., PyTree], shapes: Sequence[PyTree]) -> Any:
-            return jax.jit(function, compiler_options=options).lower(*shapes).compile()
-
-        return staged(functools.partial(self.function, **static), arrays, compiled)
+        whole: Callable[..., PyTree] = self._jit(tuple(static), options).lower(*arrays, **static).compile()
+        return whole
 
     def _file(self, key: Hashable) -> Path | None:
         """The file of a program; None where none is kept, or where nothing names the function or its arguments."""
@@ -210,7 +201,7 @@ def _read(file: Path, structure: Any) -> Callable[..., PyTree] | None:
             for payload, count, result in kept
         ]
         os.utime(file)
-        program: Callable[..., PyTree] = programs[0] if plan is None else Staged(plan, programs)
+        program: Callable[..., PyTree] = programs[0]
     except Exception:  # whatever another version wrote there
         return None
     return program
@@ -221,8 +212,8 @@ def _write(file: Path, program: PyTree) -> None:
     from jax.experimental.serialize_executable import serialize
 
     with contextlib.suppress(Exception):
-        plan = program.plan if isinstance(program, Staged) else None
-        every: Sequence[Any] = [program] if plan is None else program.programs
+        plan = None
+        every: Sequence[Any] = [program]
         kept = []
         for one in every:
             payload, arguments, result = serialize(one)

@@ -1,17 +1,18 @@
-"""State estimation on named scalar states, independent of gait.
+"""State estimation on named states, independent of gait.
 
-A `Model` is a set of functions on NamedTuples of scalars. `kalman_filter` and `kalman_smoother` run over a
-recording, `infer` runs the filter or the smoother, `step` filters one sample online. The argument `method` selects
-the linearisation (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`, and for smoothers `IteratedSmoother`).
+A `Model` is a set of functions on NamedTuples of scalars, arrays and rotations. `kalman_filter` and `kalman_smoother`
+run over a recording, `infer` runs the filter or the smoother, `step` filters one sample online. The argument `method`
+selects the linearisation (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`, and for smoothers `IteratedSmoother`).
 """
 
 from jgait.filtering.compile import compiled
-from jgait.filtering.covariance import Covariance, names_of
-from jgait.filtering.filter import FIELDS, KEEP, Posterior, Step, Updated, kalman_filter, step
+from jgait.filtering.covariance import Covariance
+from jgait.filtering.filter import Step, Updated, infer, kalman_filter, kalman_smoother, step
+from jgait.filtering.layout import names_of
 from jgait.filtering.methods import CKF, EKF, KF, UKF, IteratedEKF, IteratedSmoother, Method
 from jgait.filtering.model import Belief, Model
+from jgait.filtering.posterior import FIELDS, KEEP, SUMMARY, Inferred, Posterior
 from jgait.filtering.sample import draw
-from jgait.filtering.smoother import SUMMARY, Inferred, infer, kalman_smoother
 
 __all__ = [
     "CKF",

@@ -4,19 +4,22 @@ No check raises inside compiled code: structures and shapes are known while trac
 where they are concrete.
 """
 
+import math
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
-from jaxtyping import PyTree
+from jaxtyping import Array, PyTree
 
-from jgait.filtering.covariance import Covariance, names_of
-from jgait.filtering.methods import Method
+from jgait.filtering.covariance import Covariance
+from jgait.filtering.layout import Layout, names_of
+from jgait.filtering.methods import IteratedSmoother, Method
 from jgait.filtering.model import Belief, Model
-from jgait.types import Values
 
 
-def common_dtype(*trees: PyTree) -> PyTree:
+def common_dtype(*trees: PyTree) -> Any:
     """The widest float type among the leaves; Python numbers and integers have no influence."""
     leaves = jax.tree.leaves(trees)
     with jax.numpy_dtype_promotion("standard"):
@@ -33,18 +36,24 @@ def in_dtype(tree: PyTree, dtype: DTypeLike) -> PyTree:
     return jax.tree.map(cast, tree)
 
 
-EXECUTIONS = ("auto", "core", "fast")
-"""The ways to run a filter, see `jgait.filtering.execution`."""
+def known_false(leaf: Any) -> bool:
+    """Whether a mask's leaf is the constant False: its component is never measured."""
+    return isinstance(leaf, bool | np.bool_) and not leaf
 
 
 def check_arguments(
-    model: PyTree, method: PyTree, keep: tuple[str, ...], fields: tuple[str, ...], execution: str = "auto"
-) -> None:
-    """Raise if a static argument of a filter is not valid.
+    model: Any,
+    method: Any,
+    keep: tuple[str, ...],
+    fields: tuple[str, ...],
+    covariance: Any,
+    smooth: bool,
+) -> tuple[str, ...]:
+    """Raise if a static argument of a filter is not valid; `keep` as a tuple.
 
     Raises:
         ValueError: if the model is not a hashable `Model`, `method` is not a method, `keep` has a name that is not a
-            field, or `execution` is not one of `EXECUTIONS`.
+            field, or `covariance` is neither a flag nor names.
     """
     if not isinstance(model, Model):
         raise ValueError(f"model must be a jgait.filtering.Model; got {model!r}")
@@ -52,22 +61,23 @@ def check_arguments(
         hash(model)
     except TypeError as error:
         raise ValueError(f"a model must be hashable, its functions at module level or frozen; {error}") from error
-    if not isinstance(method, Method):
+    if not isinstance(method, Method | IteratedSmoother if smooth else Method):
         raise ValueError(f"method must be KF(), EKF(), IteratedEKF(k), UKF() or CKF(); got {method!r}")
-    if execution not in EXECUTIONS:
-        raise ValueError(f"execution must be one of {', '.join(EXECUTIONS)}; got {execution!r}")
+    if not isinstance(covariance, bool | tuple):
+        raise ValueError(f"covariance is True, False or a tuple of names; got {covariance!r}")
     if isinstance(keep, str):
         raise ValueError(f"keep is a tuple of names, such as ({keep!r},); got the string {keep!r}")
     unknown = [name for name in keep if name not in fields]
     if unknown:
         raise ValueError(f"keep names fields of Posterior ({', '.join(fields)}); got {unknown[0]!r}")
+    return tuple(keep)
 
 
 STAMPS = 5
 """[1] Intervals that all grow, from so many on, are times."""
 
 
-def check_values(observations: PyTree, controls: PyTree, dt: Values) -> None:
+def check_values(observations: PyTree, controls: PyTree, dt: Any) -> None:
     """Raise if concrete values cannot be used by any filter.
 
     Raises:
@@ -109,49 +119,52 @@ def _is_list(leaf: PyTree) -> bool:
     return isinstance(leaf, list) and all(isinstance(value, int | float) for value in leaf)
 
 
-def check_belief(belief: PyTree) -> None:
-    """Raise if a belief's mean is not a tuple of scalars, or its covariance is not a `Covariance`.
+def check_belief(belief: Any) -> None:
+    """Raise if a belief is not a tuple with a `Covariance`.
 
     Raises:
-        ValueError: the message names the leaf.
+        ValueError: the message says what came.
     """
     if not isinstance(belief, Belief) or not isinstance(belief.cov, Covariance):
         raise ValueError(f"a belief is a jgait.filtering.Belief(mean, Covariance); got {belief!r}")
-    for name, leaf in zip(names_of(belief.mean), jax.tree.leaves(belief.mean), strict=True):
-        if jnp.shape(leaf) != ():
-            raise ValueError(f"a state is a tuple of scalars; '{name}' has shape {jnp.shape(leaf)}")
 
 
-def check_observation(model: Model, params: PyTree, mean: PyTree, control: PyTree, observation: PyTree) -> None:
-    """Raise if the observations' type is not that of the model's observations.
+def observed_layout(model: Model, params: PyTree, mean: PyTree, control: PyTree, observation: PyTree) -> Layout:
+    """The layout of the model's observations.
 
     Raises:
-        ValueError: the message names the expected and the given type.
+        ValueError: if the observations have another type or shape; the message names the field.
     """
     expected = jax.eval_shape(model.observation, params, mean, control)
-    structure: PyTree = jax.tree.structure(expected)
-    given: PyTree = jax.tree.structure(observation)
-    if structure != given:
-        name, fields = type(expected).__name__, names_of(expected)
-        bare = given.num_nodes == 1 and given.num_leaves == 1
+    layout, given = Layout.of(expected), Layout.of(observation, axes=1)
+    name, fields = type(expected).__name__, layout.names
+    if layout.structure != given.structure:
+        bare = given.structure.num_nodes == 1 and given.structure.num_leaves == 1
         got = (
             f"a bare array; pass {name}({fields[0]}=…)"
             if bare
-            else f"a {type(observation).__name__} of ({', '.join(names_of(observation))})"
+            else f"a {type(observation).__name__} of ({', '.join(given.names)})"
         )
         raise ValueError(f"the model observes a {name} of ({', '.join(fields)}); got {got}")
+    for field, own, other in zip(fields, layout.shapes, given.shapes, strict=True):
+        if own != other:
+            raise ValueError(
+                f"observation '{field}' must have shape (T{''.join(f', {n}' for n in own) or ','}), one value a "
+                f"sample; got (T{''.join(f', {n}' for n in other) or ','})"
+            )
+    return layout
 
 
 def series(tree: PyTree, kind: str, length: int | None) -> tuple[PyTree, int]:
-    """Check that all leaves are (T,) of the same length; return them as arrays, and T.
+    """Check that all leaves have the same number of samples T; return them as arrays, and T.
 
     Raises:
         ValueError: the message names the leaf with another shape.
     """
     for name, leaf in zip(names_of(tree), jax.tree.leaves(tree), strict=True):
         shape = jnp.shape(leaf)
-        if len(shape) != 1:
-            raise ValueError(f"{kind} '{name}' must have shape (T,), one value a sample; got {shape}")
+        if not shape:
+            raise ValueError(f"{kind} '{name}' must have shape (T,) or (T, …), one value a sample; got {shape}")
         if length is None:
             length = shape[0]
         if shape[0] != length:
@@ -161,7 +174,7 @@ def series(tree: PyTree, kind: str, length: int | None) -> tuple[PyTree, int]:
     return jax.tree.map(jnp.asarray, tree), length
 
 
-def interval(dt: Values, length: int, dtype: DTypeLike) -> PyTree:
+def interval(dt: Any, length: int, dtype: DTypeLike) -> Array:
     """The interval dt, () or (T,); raises ValueError if its shape is another."""
     shape = jnp.shape(dt)
     if shape not in ((), (length,)):
@@ -169,29 +182,41 @@ def interval(dt: Values, length: int, dtype: DTypeLike) -> PyTree:
     return jnp.asarray(dt, dtype)
 
 
-def mask_leaves(mask: PyTree, observation: PyTree, shape: tuple[int, ...]) -> list[PyTree]:
-    """The mask of each component of the observation: an array of bools, or True if there is no mask.
+def mask_components(mask: PyTree, observed: Layout, length: int) -> tuple[list[Any], set[int]]:
+    """The mask of each component of the observation, an array (T,) of bools or True; and those never measured.
+
+    A component is never measured if its mask is Python's or NumPy's scalar False. If none is measured, one stays,
+    masked everywhere.
 
     Raises:
-        ValueError: if the mask is neither one bool array of the shape nor an observation tuple of such arrays.
+        ValueError: if the mask is neither one bool array (T,) nor an observation tuple of such arrays; an array of the
+            observation may have a mask for each entry.
     """
-    names = names_of(observation)
-    structure: PyTree = jax.tree.structure(observation)
     if mask is None:
-        return [True] * len(names)
-    given: PyTree = jax.tree.structure(mask)
-    if given == structure:
+        return [True] * observed.size, set()
+    given: Any = jax.tree.structure(mask)
+    if given == observed.structure:
         leaves = jax.tree.leaves(mask)
     elif given.num_nodes == 1 and given.num_leaves == 1:
-        leaves = [mask] * len(names)
+        leaves = [mask] * len(observed.shapes)
     else:
+        kind = type(observed.structure.unflatten([None] * len(observed.shapes))).__name__
         raise ValueError(
-            f"the mask is one array of bools or a {type(observation).__name__} of them ({', '.join(names)}); "
+            f"the mask is one array of bools or a {kind} of them ({', '.join(observed.names)}); "
             f"got a {type(mask).__name__} of ({', '.join(names_of(mask))})"
         )
-    for name, leaf in zip(names, leaves, strict=True):
-        if jnp.shape(leaf) != shape or jnp.result_type(leaf) != jnp.bool_:
+    found, hidden = list[Any](), set[int]()
+    for name, leaf, shape in zip(observed.names, leaves, observed.shapes, strict=True):
+        size = math.prod(shape)
+        if known_false(leaf):
+            hidden |= set(range(len(found), len(found) + size))
+            found += [jnp.zeros(length, bool)] * size
+            continue
+        if jnp.shape(leaf) not in ((length,), (length, *shape)) or jnp.result_type(leaf) != jnp.bool_:
             raise ValueError(
-                f"the mask of '{name}' must be bool of shape {shape}; got {jnp.result_type(leaf)} of {jnp.shape(leaf)}"
+                f"the mask of '{name}' must be bool of shape ({length},); got {jnp.result_type(leaf)} of "
+                f"{jnp.shape(leaf)}"
             )
-    return [jnp.asarray(leaf) for leaf in leaves]
+        leaf = jnp.asarray(leaf)
+        found += [leaf] * size if leaf.shape == (length,) else list(jnp.unstack(leaf.reshape(length, size), axis=1))
+    return found, hidden if len(hidden) < observed.size else hidden - {0}

@@ -1,80 +1,85 @@
 """Covariances whose entries are addressed by the names of the components."""
 
-from collections.abc import Mapping
-from functools import lru_cache
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree, PyTreeDef
+from jaxtyping import Array, Float, PyTree
 
-from jgait.types import AnyArray, Values
+from jgait.filtering.layout import Layout, Scalar
 
-
-def names_of(tree: PyTree) -> tuple[str, ...]:
-    """Names of a tuple's leaves in order; nested names are joined by dots: `up.forward`."""
-    paths, _ = jax.tree_util.tree_flatten_with_path(tree)
-    return tuple(jax.tree_util.keystr(path, simple=True, separator=".") for path, _ in paths)
-
-
-@lru_cache(maxsize=256)
-def structure_names(structure: PyTreeDef) -> tuple[str, ...]:
-    """Names of the leaves of a tree structure, see `names_of`."""
-    return names_of(jax.tree.unflatten(structure, range(structure.num_leaves)))
+type Places = tuple[tuple[int, int], ...]
+"""Rows and columns, row ≤ column, of entries that are equal."""
 
 
 @jax.tree_util.register_pytree_node_class
 class Covariance:
     """A symmetric matrix addressed by names.
 
-    `cov["x", "thigh_angle"]` is an entry, with a leading time axis if there is one; `variances()` and `stddev()`
-    return the tuple type of the covariance's components.
+    `cov["x", "thigh_angle"]` is an entry, with a leading time axis if there is one, and `cov["position", "velocity"]`
+    the block of two arrays; `variances()` and `stddev()` return the tuple type of the covariance's components.
     """
 
-    __slots__ = ("entries", "structure")
+    __slots__ = ("layout", "places", "values")
 
-    def __init__(self, entries: tuple[PyTree, ...] | AnyArray, structure: PyTreeDef) -> None:
-        """Take the entries and the tree structure of the tuple of components.
+    def __init__(self, values: Sequence[PyTree], layout: Layout, places: tuple[Places, ...] | None = None) -> None:
+        """Take the values, and the layout of the tuple of components.
 
-        The entries are the upper triangle row by row (i ≤ j), each of its own, so that zeros stay known, or an array
-        (..., n, n), which is one output of a program instead of n (n + 1) / 2.
+        The values are one array (..., n, n); or scalars, each of them the entry at all of its `places`: others are
+        known to be zero.
         """
-        self.entries = entries
-        self.structure = structure
+        self.values, self.layout, self.places = tuple(values), layout, places
 
-    def tree_flatten(self) -> tuple[tuple[PyTree, ...], tuple[PyTreeDef, bool]]:
+    def tree_flatten(self) -> tuple[tuple[PyTree, ...], tuple[Layout, tuple[Places, ...] | None]]:
         """Leaves and structure, for jax."""
-        if isinstance(self.entries, tuple):
-            return self.entries, (self.structure, False)
-        return (self.entries,), (self.structure, True)
+        return self.values, (self.layout, self.places)
 
     @classmethod
-    def tree_unflatten(cls, form: tuple[PyTreeDef, bool], leaves: PyTree) -> "Covariance":
+    def tree_unflatten(cls, form: tuple[Layout, tuple[Places, ...] | None], leaves: PyTree) -> "Covariance":
         """Inverse of `tree_flatten`, without checks, because JAX also passes placeholders as leaves."""
-        structure, whole = form
-        return cls(leaves[0] if whole else tuple(leaves), structure)
-
-    @property
-    def upper(self) -> tuple[PyTree, ...]:
-        """The upper triangle row by row (i ≤ j)."""
-        if isinstance(self.entries, tuple):
-            return self.entries
-        size = self.structure.num_leaves
-        return tuple(self.entries[..., i, j] for i in range(size) for j in range(i, size))
+        return cls(leaves, *form)
 
     @classmethod
     def from_variances(cls, variances: PyTree) -> "Covariance":
         """The covariance of independent components with the given variances.
 
         Args:
-            variances: tuple of the error's type.
-
-        Returns:
-            A covariance whose other entries are Python zeros, so that a trace detects the structural zeros.
+            variances: tuple of the error's type; a number for an array is the variance of each of its entries.
         """
-        leaves, structure = jax.tree.flatten(variances)
-        size = len(leaves)
-        return cls(tuple(leaves[i] if i == j else 0.0 for i in range(size) for j in range(i, size)), structure)
+        layout = Layout.of(variances)
+        entries = dict[tuple[int, int], Any]()
+        for leaf in jax.tree.leaves(variances):
+            for value in [leaf] if jnp.shape(leaf) == () else jnp.unstack(jnp.reshape(leaf, -1)):
+                entries[len(entries), len(entries)] = value
+        return cls.of(entries, layout)
+
+    def expanded(self, layout: Layout) -> "Covariance":
+        """The same covariance for a tuple with arrays where this one has numbers, which hold for each entry.
+
+        Raises:
+            ValueError: if the tuples have other names, or arrays of other shapes.
+        """
+        if self.layout == layout:
+            return self
+        own, numbers = list[list[int]](), 0
+        if self.layout.structure == layout.structure:
+            for name, shape, given in zip(layout.names, layout.shapes, self.layout.shapes, strict=True):
+                if given not in ((), shape):
+                    raise ValueError(f"'{name}' of shape () or {shape}; got {given}")
+                every = list(range(numbers, numbers + math.prod(shape)))
+                own += [every] if given == () else [[i] for i in every]
+                numbers += len(every)
+        else:
+            raise ValueError(f"a covariance of ({', '.join(layout.names)}); got {self!r}")
+        entries = dict[tuple[int, int], Any]()
+        for (i, j), value in self.entries().items():
+            if len(own[i]) != len(own[j]):
+                raise ValueError(f"entries of equal shapes; got one number for {layout.names} at {i}, {j}")
+            entries |= dict.fromkeys(zip(own[i], own[j], strict=True), value)
+        return self.of(entries, layout)
 
     @classmethod
     def from_dense(cls, matrix: PyTree, like: PyTree) -> "Covariance":
@@ -82,69 +87,93 @@ class Covariance:
 
         Args:
             matrix: (..., n, n), components in the order of `names`.
-            like: any tuple of components, or its tree structure.
+            like: any tuple of components, or its `Layout`.
 
         Raises:
             ValueError: if the matrix does not have the size of the tuple.
         """
         matrix = jnp.asarray(matrix)
-        structure = like if isinstance(like, jax.tree_util.PyTreeDef) else jax.tree.structure(like)
-        size = structure.num_leaves
+        layout = like if isinstance(like, Layout) else Layout.of(like)
+        size = layout.size
         if matrix.shape[-2:] != (size, size):
             raise ValueError(
-                f"a covariance of {size} components ({', '.join(structure_names(structure))}) needs a matrix of shape "
+                f"a covariance of {size} components ({', '.join(layout.names)}) needs a matrix of shape "
                 f"(..., {size}, {size}); got {matrix.shape}"
             )
-        return cls(matrix, structure)
+        return cls((matrix,), layout)
+
+    @classmethod
+    def of(cls, entries: Mapping[tuple[int, int], Any], layout: Layout) -> "Covariance":
+        """From (row, column), row ≤ column → scalar; equal objects become one value with several places."""
+        distinct: dict[int, tuple[Any, list[tuple[int, int]]]] = {}
+        for place, value in entries.items():
+            if not (isinstance(value, float | int) and value == 0.0):
+                distinct.setdefault(id(value), (value, []))[1].append(place)
+        found = [*distinct.values()]
+        return cls([value for value, _ in found], layout, tuple(tuple(where) for _, where in found))
+
+    def entries(self) -> dict[tuple[int, int], Any]:
+        """(row, column), row ≤ column → entry; those that are known to be zero are left out."""
+        if self.places is None:
+            size = self.layout.size
+            return {(i, j): self.values[0][..., i, j] for i in range(size) for j in range(i, size)}
+        return {place: value for value, where in zip(self.values, self.places, strict=True) for place in where}
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the components, in order."""
-        return structure_names(self.structure)
+        return self.layout.names
 
-    def _place(self, pair: tuple[str, str]) -> tuple[int, int]:
-        names = self.names
+    def _pair(self, pair: tuple[str, str]) -> tuple[list[int], list[int]]:
         if not (isinstance(pair, tuple) and len(pair) == 2):
+            names = self.names
             raise KeyError(f"an entry has two names, such as cov[{names[0]!r}, {names[-1]!r}]; got {pair!r}")
-        for name in pair:
-            if name not in names:
-                raise KeyError(f"no component {name!r}; there are {', '.join(names)}")
-        i, j = sorted(names.index(name) for name in pair)
-        return i, j
+        return self.layout.places(pair[0]), self.layout.places(pair[1])
 
-    def _number(self, i: int, j: int) -> int:
-        """The number of entry (i, j), i ≤ j, in the upper triangle."""
-        return i * self.structure.num_leaves - i * (i - 1) // 2 + j - i
-
-    def _entry(self, i: int, j: int) -> PyTree:
-        return self.entries[self._number(i, j)] if isinstance(self.entries, tuple) else self.entries[..., i, j]
-
-    def __getitem__(self, pair: tuple[str, str]) -> PyTree:
-        """The covariance of two named components, in either order."""
-        return self._entry(*self._place(pair))
+    def __getitem__(self, pair: tuple[str, str]) -> Any:
+        """The covariance of two named components, in either order; of arrays a block of both shapes."""
+        rows, columns = self._pair(pair)
+        shape = (*self.layout.shape_of(pair[0]), *self.layout.shape_of(pair[1]))
+        if shape == () and self.places is not None:
+            i, j = sorted((rows[0], columns[0]))
+            return self.entries().get((i, j), 0.0)
+        block = self.dense()[..., rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        return block.reshape(*block.shape[:-2], *shape)
 
     def with_entries(self, entries: Mapping[tuple[str, str], PyTree]) -> "Covariance":
         """The same covariance with some entries replaced, each for both orders of its two names.
 
         Args:
-            entries: pair of names, in either order → value.
+            entries: pair of names, in either order → value. Of two arrays: a block (rows, columns); or one number, the
+                covariance of each entry of the first with the same entry of the second.
 
         Raises:
             KeyError: if a name is not a component.
             ValueError: if an entry is given in both orders.
         """
-        upper = list(self.upper)
-        indices = [self._number(*self._place(pair)) for pair in entries]
-        if len(set(indices)) < len(indices):
+        replaced: dict[tuple[int, int], Any] = {}
+        given = {frozenset(pair) for pair in entries}
+        if len(given) < len(entries):
             raise ValueError(f"an entry is given twice, in both orders of its names: {', '.join(map(str, entries))}")
-        for index, value in zip(indices, entries.values(), strict=True):
-            upper[index] = value
-        return Covariance(tuple(upper), self.structure)
+        for pair, value in entries.items():
+            rows, columns = self._pair(pair)
+            one = jnp.shape(value) == () and len(rows) > 1
+            block = None if jnp.shape(value) == () else jnp.reshape(value, (len(rows), len(columns)))
+            for a, i in enumerate(rows):
+                for b, j in enumerate(columns):
+                    if block is not None:
+                        replaced[min(i, j), max(i, j)] = block[a, b]
+                    else:
+                        replaced[min(i, j), max(i, j)] = value if a == b or not one else 0.0
+        return self.of(self.entries() | replaced, self.layout)
 
     def variances(self) -> PyTree:
         """The diagonal, as a tuple of the error's type."""
-        size = self.structure.num_leaves
-        return jax.tree.unflatten(self.structure, [self._entry(i, i) for i in range(size)])
+        if self.places is None:
+            size = self.layout.size
+            return self.layout.split(self.values[0].reshape(*self.values[0].shape[:-2], size * size)[..., :: size + 1])
+        entries = self.entries()
+        return self.layout.tuple([entries.get((i, i), 0.0) for i in range(self.layout.size)])
 
     def stddev(self) -> PyTree:
         """Standard deviations, as a tuple of the error's type; 0, with gradient 0, where a variance is not positive."""
@@ -152,22 +181,27 @@ class Covariance:
 
     def dense(self) -> Float[Array, "*batch state state"]:
         """The whole matrix (..., n, n), components in the order of `names`."""
-        size = self.structure.num_leaves
-        above = np.triu(np.ones((size, size), bool))
-        if not isinstance(self.entries, tuple):
-            return jnp.where(above, self.entries, jnp.swapaxes(self.entries, -1, -2))
-        entries = jnp.broadcast_arrays(*(jnp.asarray(entry) for entry in self.entries))
-        stacked = jnp.stack([entry.astype(jnp.result_type(*self.entries)) for entry in entries], axis=-1)
-        place = np.zeros((size, size), np.int32)
-        place[above] = np.arange(len(entries))
-        return stacked[..., np.maximum(place, place.T)]
+        size = self.layout.size
+        if self.places is None:
+            above = np.triu(np.ones((size, size), bool))
+            return jnp.where(above, self.values[0], jnp.swapaxes(self.values[0], -1, -2))
+        if not self.values:
+            return jnp.zeros((size, size))
+        dtype = jnp.result_type(*self.values)
+        total: Any = jnp.zeros((size, size), dtype)
+        for value, where in zip(self.values, self.places, strict=True):
+            pattern = np.zeros((size, size), bool)
+            rows, columns = np.transpose(where)
+            pattern[rows, columns] = pattern[columns, rows] = True
+            total = jnp.where(pattern, jnp.asarray(value, dtype)[..., None, None], total)
+        return total
 
     def __repr__(self) -> str:
         """The names of the components, without the entries."""
         return f"Covariance({', '.join(self.names)})"
 
 
-def _root(variance: Values) -> Values:
+def _root(variance: Scalar) -> Array:
     variance = jnp.asarray(variance)
     positive = variance > 0.0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, variance, 1.0)), 0.0)

@@ -1,63 +1,55 @@
-"""The inputs of a filter: a model and a recording, checked, in one float type, as components and as arrays."""
+"""The inputs of a filter: a model and a recording, checked, in one float type, as arrays."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.typing import DTypeLike
-from jaxtyping import PyTree
+from jaxtyping import Array, Float, PyTree
 
 from jgait.filtering import checks
-from jgait.filtering.component_model import (
-    ComponentModel,
-    Shape,
-    component_model,
-    error_structure,
-    noise_matrix,
-    scalars,
-)
-from jgait.filtering.components import Matrix
-from jgait.filtering.model import Belief, Model
-from jgait.types import Values
+from jgait.filtering.covariance import Covariance
+from jgait.filtering.dependence import depends_on_place
+from jgait.filtering.layout import Layout, Scalar
+from jgait.filtering.methods import KF
+from jgait.filtering.model import Belief, Model, Shape
 
 
 class Inputs(NamedTuple):
     """A filter's arguments, component by component."""
 
-    shape: Shape  #: the model, and the tree structures of its tuples.
-    params: PyTree  #: its parameters.
-    cm: ComponentModel  #: the model on lists of scalars.
-    mean: list[PyTree]  #: initial mean (k scalars; known scalars are Python floats).
-    cov: Matrix  #: initial covariance (n × n scalars).
-    measured: list[PyTree]  #: observation (m arrays (T,)).
-    controls: PyTree  #: control tuple of (T,) arrays, or None.
-    dt: Values  #: intervals, () or (T,).
-    seen: list[PyTree]  #: the mask (m arrays (T,) of bools, or True if every sample of the component is measured).
-    dtype: DTypeLike  #: dtype of all floats.
-    length: int  #: T, number of samples.
+    shape: Shape
+    params: PyTree
+    mean: list[Scalar]  #: initial mean (k scalars).
+    cov: dict[tuple[int, int], Scalar]  #: entries of the initial covariance, see `Covariance.entries`.
+    measured: list[Array]  #: the observed components that are ever measured, arrays (T,).
+    controls: list[Array]  #: components of the control, arrays (T,).
+    dt: Float[Array, "..."]  #: intervals [s], () or (T,).
+    seen: list[Any]  #: the mask of `measured`: arrays (T,) of bools, or True if every sample is measured.
 
-    def arrays(self) -> list[PyTree]:
-        """The arguments of `core.Filter`, without a batch axis."""
-        size, shape = len(self.cov), (self.length,)
+    @property
+    def length(self) -> int:
+        """T, the number of samples."""
+        return len(self.measured[0])
+
+    def arrays(self) -> list[Array]:
+        """The arguments of `Recorded`, without a batch axis."""
+        size, length, dtype = self.shape.error.size, (self.length,), self.shape.dtype
+        cov: Any = jnp.zeros((size, size), dtype)
+        if self.cov:
+            cov = Covariance.of(self.cov, self.shape.error).dense().astype(dtype)
         return [
             *jax.tree.leaves(self.params),
-            jnp.stack([jnp.asarray(value, self.dtype) for value in self.mean]),
-            jnp.stack([jnp.asarray(value, self.dtype) for row in self.cov for value in row]).reshape(size, size),
+            jnp.stack([jnp.asarray(value, dtype) for value in self.mean]),
+            cov,
             jnp.stack(self.measured, axis=-1),
-            *(jnp.broadcast_to(leaf, shape) for leaf in jax.tree.leaves(self.controls)),
-            jnp.broadcast_to(self.dt, shape),
-            jnp.stack([jnp.broadcast_to(jnp.asarray(leaf), shape) for leaf in self.seen], axis=-1),
+            *(jnp.broadcast_to(leaf, length) for leaf in self.controls),
+            jnp.broadcast_to(self.dt, length),
+            jnp.stack([jnp.broadcast_to(jnp.asarray(leaf), length) for leaf in self.seen], axis=-1),
         ]
 
 
 def inputs(
-    model: Model,
-    params: PyTree,
-    observations: PyTree,
-    controls: PyTree,
-    dt: Values,
-    mask: PyTree,
-    initial: Belief | None,
+    model: Model, params: PyTree, observations: PyTree, controls: PyTree, dt: Any, mask: PyTree, initial: Belief | None
 ) -> Inputs:
     """Check structure and shapes, and cast everything to one dtype; raises as `kalman_filter`."""
     observations, length = checks.series(observations, "observation", None)
@@ -67,23 +59,67 @@ def inputs(
     belief = model.initial(params) if initial is None else initial
     checks.check_belief(belief)
     first = jax.tree.map(lambda leaf: leaf[0], controls)
-    checks.check_observation(model, params, checks.in_dtype(belief.mean, dtype), first, observations)
-    state: PyTree = jax.tree.structure(belief.mean)
+    mean = checks.in_dtype(belief.mean, dtype)
+    observed = checks.observed_layout(model, params, mean, first, observations)
+    seen, hidden = checks.mask_components(mask, observed, length)
+    state = Layout.of(belief.mean)
     shape = Shape(
-        model, jax.tree.structure(params), jax.tree.structure(controls), state, error_structure(model, state, dtype),
-        jax.tree.structure(observations), jnp.dtype(dtype),
+        model, jax.tree.structure(params), Layout.of(controls, axes=1), state, error_layout(model, state, dtype),
+        observed, tuple(i for i in range(observed.size) if i not in hidden), jnp.dtype(dtype),
     )  # fmt: skip
-    cm = component_model(shape, params)
+    measured = _series(checks.in_dtype(observations, dtype), length)
     return Inputs(
-        shape,
-        params,
-        cm,
-        scalars(belief.mean, cm.state, dtype, "the mean of a belief"),
-        noise_matrix(belief.cov, cm.error, dtype, "the covariance of a belief"),
-        [leaf.astype(dtype) for leaf in jax.tree.leaves(observations)],
-        controls,
-        checks.interval(dt, length, dtype),
-        checks.mask_leaves(mask, observations, (length,)),
-        dtype,
-        length,
-    )
+        shape, params, state.components(belief.mean, dtype, "the mean of a belief"),
+        shape.noise(belief.cov, shape.error, "the covariance of a belief"),
+        [measured[i] for i in shape.measured], _series(controls, length), checks.interval(dt, length, dtype),
+        [seen[i] for i in shape.measured],
+    )  # fmt: skip
+
+
+def _series(tree: PyTree, length: int) -> list[Array]:
+    """The components of a tuple of arrays (T, …), each (T,)."""
+    return [part for leaf in jax.tree.leaves(tree) for part in jnp.unstack(leaf.reshape(length, -1), axis=1)]
+
+
+def error_layout(model: Model, state: Layout, dtype: Any) -> Layout:
+    """The layout of the error tuple: that of the state, or that of the result of `local`.
+
+    Raises:
+        ValueError: if only one of `retract` and `local` is defined.
+    """
+    if (model.retract is None) != (model.local is None):
+        given = "retract" if model.local is None else "local"
+        raise ValueError(f"a model gives both retract and local, or neither; this one gives only {given}")
+    if model.local is None:
+        return state
+    like = state.structure.unflatten([jax.ShapeDtypeStruct(shape, dtype) for shape in state.shapes])
+    return Layout.of(jax.eval_shape(model.local, like, like))
+
+
+def check_linear(given: Inputs, method: Any) -> None:
+    """Raise if the method is `KF` and the model is nonlinear.
+
+    Raises:
+        ValueError: if a Jacobian depends on the state; the message names the function.
+    """
+    if not isinstance(method, KF):
+        return
+    shape, model = given.shape, given.shape.model
+    control = shape.control.tuple([leaf[0] for leaf in given.controls])
+    dt = given.dt[0] if jnp.ndim(given.dt) else given.dt
+    functions = {
+        "transition": (shape.state, lambda x: model.transition(given.params, shape.state.split(x), control, dt)),
+        "observation": (shape.observed, lambda x: model.observation(given.params, shape.state.split(x), control)),
+    }
+    for field, (layout, function) in functions.items():
+
+        def vector(x: Array, layout: Any = layout, function: Any = function, field: str = field) -> Array:
+            return jnp.stack(shape.arrays(layout.components(function(x), shape.dtype, f"what {field} returns")))
+
+        if depends_on_place(vector, jnp.zeros(shape.state.size, shape.dtype)):
+            name = getattr(getattr(model, field), "__name__", "")
+            named = field if name.lstrip("_") in ("", field) else f"{field} ({name})"
+            raise ValueError(
+                f"the KF needs a linear model, but the Jacobian of {named} depends on the state; use EKF(), UKF() or "
+                "CKF()"
+            )

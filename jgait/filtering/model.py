@@ -1,15 +1,19 @@
-"""A state-space model: functions on tuples of named scalars, and distributions of such tuples.
+"""A state-space model: functions on tuples of named numbers and arrays, and distributions of such tuples.
 
-States, observations and controls are NamedTuples of scalars (nested NamedTuples are allowed). The same names
-address the entries of a covariance. Vectors and matrices exist only inside the filters.
+States, observations and controls are NamedTuples whose fields are scalars, arrays, or tuples of these; a rotation may
+be an object of another library that is a pytree of arrays. The same names address the entries of a covariance.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
-from jaxtyping import PyTree
+import jax
+import jax.numpy as jnp
+from jaxtyping import PyTree, PyTreeDef
 
 from jgait.filtering.covariance import Covariance
+from jgait.filtering.layout import Layout, Scalar
 
 
 class Belief(NamedTuple):
@@ -20,7 +24,7 @@ class Belief(NamedTuple):
 
     def joined(self) -> "Belief":
         """The same belief in the structure of a filter's results, for loops that begin with it."""
-        return Belief(self.mean, Covariance.from_dense(self.cov.dense(), self.cov.structure))
+        return Belief(self.mean, Covariance.from_dense(self.cov.dense(), self.cov.layout))
 
 
 class Model(NamedTuple):
@@ -38,16 +42,7 @@ class Model(NamedTuple):
         local: (reference, state) → error with retract(reference, local(reference, state)) = state; None: difference.
         residual: (measured, predicted) → their difference, for angles that wrap; None: plain subtraction.
 
-    A model with `retract` and `local` may define the propagation of errors, so that the zeros and ones of Jacobians
-    are known; otherwise Jacobians are computed through these two, at several times the cost. To first order in `error`:
-
-    Attributes:
-        error_transition: (params, state, error, control, dt) → error after dt about the state after dt; or a tuple of
-            such functions, each applied to the result of the previous: if each changes only a few components of the
-            error, they need fewer operations than a single function.
-        error_observation: (params, state, error, control) → observation tuple, the change of the observation.
-        error_shift: (reference, delta, error) → error, relative to reference ⊕ delta, of the state reference ⊕ (delta +
-            error).
+    In a tuple of variances one number stands for all entries of an array. All Jacobians come from autodiff.
     """
 
     initial: Callable[..., Belief]
@@ -58,6 +53,78 @@ class Model(NamedTuple):
     retract: Callable[..., PyTree] | None = None
     local: Callable[..., PyTree] | None = None
     residual: Callable[..., PyTree] | None = None
-    error_transition: Callable[..., PyTree] | tuple[Callable[..., PyTree], ...] | None = None
-    error_observation: Callable[..., PyTree] | None = None
-    error_shift: Callable[..., PyTree] | None = None
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What a filter knows of a model before it is compiled.
+
+    Attributes:
+        model: state-space model.
+        params: tree structure of its parameters.
+        control, state, error, observed: layouts of its tuples.
+        measured: numbers of the observation's components that are ever measured.
+        dtype: dtype of all floats.
+    """
+
+    model: Model
+    params: PyTreeDef
+    control: Layout
+    state: Layout
+    error: Layout
+    observed: Layout
+    measured: tuple[int, ...]
+    dtype: Any
+
+    @property
+    def curved(self) -> bool:
+        """Whether the state is on a manifold."""
+        return self.model.local is not None
+
+    def retract(self, x: list[Any], e: list[Any]) -> list[Any]:
+        """The components of x ⊕ e."""
+        if self.model.retract is None:
+            return [a + b for a, b in zip(x, e, strict=True)]
+        moved = self.model.retract(self.state.tuple(x), self.error.tuple(e))
+        return self.arrays(self.state.components(moved, self.dtype, "what retract returns"))
+
+    def local(self, reference: list[Any], x: list[Any]) -> list[Any]:
+        """The components of x ⊖ reference."""
+        if self.model.local is None:
+            return [a - b for a, b in zip(x, reference, strict=True)]
+        error = self.model.local(self.state.tuple(reference), self.state.tuple(x))
+        return self.arrays(self.error.components(error, self.dtype, "what local returns"))
+
+    def residual(self, measured: list[Any], expected: list[Any]) -> list[Any]:
+        """The components of measured − expected, of those that are ever measured."""
+        if self.model.residual is None:
+            return [a - b for a, b in zip(measured, expected, strict=True)]
+        zero = jnp.zeros((), self.dtype)
+
+        def whole(values: list[Any]) -> PyTree:
+            known = dict(zip(self.measured, values, strict=True))
+            return self.observed.tuple([known.get(i, zero) for i in range(self.observed.size)])
+
+        difference = self.model.residual(whole(measured), whole(expected))
+        every = self.arrays(self.observed.components(difference, self.dtype, "what residual returns"))
+        return [every[i] for i in self.measured]
+
+    def noise(self, noise: PyTree, layout: Layout, what: str) -> dict[tuple[int, int], Scalar]:
+        """(row, column), row ≤ column → entry of a `Covariance`, or of a tuple of variances.
+
+        Raises:
+            ValueError: if it is of another type than expected.
+        """
+        if not isinstance(noise, Covariance):
+            if jax.tree.structure(noise) != layout.structure:
+                layout.components(noise, self.dtype, f"{what}, where it is no Covariance,")  # raises
+            noise = Covariance.from_variances(noise)
+        try:
+            noise = noise.expanded(layout)
+        except ValueError as error:
+            raise ValueError(f"{what} must have {error}") from None
+        return noise.entries()
+
+    def arrays(self, components: list[Scalar]) -> list[Any]:
+        """Components as arrays of the dtype."""
+        return [jnp.asarray(value, self.dtype) for value in components]

@@ -1,20 +1,22 @@
 """Random states and observations of a model."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.typing import DTypeLike
-from jaxtyping import PRNGKeyArray, PyTree
+from jaxtyping import Array, PRNGKeyArray, PyTree
 
 from jgait.filtering import checks
-from jgait.filtering.component_model import Shape, component_model, error_structure, scalars
-from jgait.filtering.components import Matrix
-from jgait.filtering.model import Model
-from jgait.types import Values
+from jgait.filtering.covariance import Covariance
+from jgait.filtering.inputs import error_layout
+from jgait.filtering.layout import Layout
+from jgait.filtering.model import Model, Shape
 
 
 def draw(
-    key: PRNGKeyArray, model: Model, params: PyTree, samples: int, *, controls: PyTree = None, dt: Values = 1.0
+    key: PRNGKeyArray, model: Model, params: PyTree, samples: int, *, dt: Any, controls: PyTree = None
 ) -> tuple[PyTree, PyTree]:
     """Draw one random recording from a model, for tests, power studies, and checks that a fit recovers parameters.
 
@@ -38,37 +40,46 @@ def draw(
     first = None if controls is None else jax.tree.map(lambda leaf: leaf[0], controls)
     dtype = checks.common_dtype(params, belief.mean, controls)
     reading = model.observation(params, belief.mean, first)
-    state: PyTree = jax.tree.structure(belief.mean)
-    shape = Shape(model, None, None, state, error_structure(model, state, dtype), jax.tree.structure(reading), dtype)
-    cm = component_model(shape, params)
+    state, observed = Layout.of(belief.mean), Layout.of(reading)
+    shape = Shape(
+        model, jax.tree.structure(params), Layout.of(controls, 1), state, error_layout(model, state, dtype), observed,
+        tuple(range(observed.size)), jnp.dtype(dtype),
+    )  # fmt: skip
+
+    def moved(x: Array, cov: PyTree, layout: Layout, normal: Array, what: str) -> Array:
+        """The state (k,) with a random error."""
+        error = _shocks(_dense(shape.noise(cov, layout, what), layout, dtype), normal)
+        return jnp.stack(shape.retract(list(x), list(error)))
+
     begin, process, sensing = jax.random.split(key, 3)
-    _, size, observed = shape.sizes
-    start = scalars(belief.mean, state, dtype, "the mean of a belief")
-    start = cm.retract(start, list(_shocks(belief.cov.dense(), jax.random.normal(begin, (size,), dtype))))
-    shocks = jax.random.normal(process, (samples, size), dtype)
-    errors = jax.random.normal(sensing, (samples, observed), dtype)
+    mean = jnp.stack(shape.arrays(state.components(belief.mean, dtype, "the mean of a belief")))
+    normal = jax.random.normal(begin, (shape.error.size,), dtype)
+    start = moved(mean, belief.cov, shape.error, normal, "the covariance of a belief")
+    shocks = jax.random.normal(process, (samples, shape.error.size), dtype)
+    errors = jax.random.normal(sensing, (samples, observed.size), dtype)
     interval = jnp.broadcast_to(jnp.asarray(dt, dtype), (samples,))
 
-    def body(x: PyTree, sample: PyTree) -> tuple[PyTree, PyTree]:
+    def body(x: Array, sample: PyTree) -> tuple[Array, PyTree]:
         shock, error, control, step = sample
-        noise = _shocks(_dense(cm.transition_noise(list(x), control, step), dtype), shock)
-        x = _typed(cm.retract(cm.transition(list(x), control, step), list(noise)), dtype)
-        error = _shocks(_dense(cm.observation_noise(x, control), dtype), error)
-        return x, (x, [a + e for a, e in zip(cm.observation(x, control), error, strict=True)])
+        now = state.split(x)
+        noise = model.transition_noise(params, now, control, step)
+        after = state.components(model.transition(params, now, control, step), dtype, "what transition returns")
+        x = moved(jnp.stack(shape.arrays(after)), noise, shape.error, shock, "what transition_noise returns")
+        now = state.split(x)
+        spread = shape.noise(model.observation_noise(params, now, control), observed, "what observation_noise returns")
+        error = _shocks(_dense(spread, observed, dtype), error)
+        reading = observed.components(model.observation(params, now, control), dtype, "what observation returns")
+        return x, (x, jnp.stack(shape.arrays(reading)) + error)
 
-    _, (states, observations) = lax.scan(body, _typed(start, dtype), (shocks, errors, controls, interval))
-    return shape.state.unflatten(states), shape.observed.unflatten(observations)
+    _, (states, observations) = lax.scan(body, start, (shocks, errors, controls, interval))
+    return state.split(states), observed.split(observations)
 
 
-def _shocks(cov: PyTree, normal: PyTree) -> PyTree:
+def _shocks(cov: Array, normal: Array) -> Array:
     """A draw with the covariance (n, n), which may be singular, from independent normal numbers (n,)."""
     values, vectors = jnp.linalg.eigh(jnp.asarray(cov, normal.dtype))
     return (vectors * jnp.sqrt(jnp.maximum(values, 0.0))[None, :]) @ normal
 
 
-def _typed(values: list[PyTree], dtype: DTypeLike) -> list[PyTree]:
-    return [jnp.asarray(value, dtype) for value in values]
-
-
-def _dense(matrix: Matrix, dtype: DTypeLike) -> PyTree:
-    return jnp.stack([jnp.stack(_typed(row, dtype)) for row in matrix])
+def _dense(entries: dict[tuple[int, int], Any], layout: Layout, dtype: DTypeLike) -> Array:
+    return Covariance.of(entries, layout).dense().astype(dtype)

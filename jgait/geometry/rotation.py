@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jgait.geometry.vectors import Vector, add, cross, dot, horner, scale, subtract
+from jgait.geometry.vectors import Vector, add, cross, dot, horner, kept, scale, subtract
 from jgait.types import AnyArray, Scalar, Values
 
 
@@ -51,12 +51,12 @@ class Quaternion(NamedTuple):
 
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
     """The quaternion a b: the rotation b, followed by the rotation a."""
-    return Quaternion(
+    return kept(Quaternion(
         a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z,
         a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
         a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
         a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w,
-    )
+    ))  # fmt: skip
 
 
 def conjugate(q: Quaternion) -> Quaternion:
@@ -73,10 +73,9 @@ def normalised(q: Quaternion) -> Quaternion:
 def rotated(q: Quaternion, v: Vector) -> Vector:
     """The vector q v q*, v + 2 w (u × v) + 2 u × (u × v) with u = (x, y, z)."""
     u = Vector(q.x, q.y, q.z)
-    t = cross(u, v)
-    t = Vector(2.0 * t.x, 2.0 * t.y, 2.0 * t.z)
+    t = kept(scale(2.0, cross(u, v)))
     s = cross(u, t)
-    return Vector(v.x + q.w * t.x + s.x, v.y + q.w * t.y + s.y, v.z + q.w * t.z + s.z)
+    return kept(Vector(v.x + q.w * t.x + s.x, v.y + q.w * t.y + s.y, v.z + q.w * t.z + s.z))
 
 
 def rows(q: Quaternion) -> tuple[Vector, Vector, Vector]:
@@ -109,10 +108,11 @@ def exponential(v: Vector) -> Quaternion:
 
 def small_turn(v: Vector) -> Quaternion:
     """`exponential` by fewer terms, to 1e-10 up to half a radian and 1e-8 up to 1 rad; the caller normalises it."""
-    a = 0.25 * (v.x * v.x + v.y * v.y + v.z * v.z)
+    a = kept(0.25 * (v.x * v.x + v.y * v.y + v.z * v.z))
     half = 0.5 + a * (-1.0 / 12.0 + a * (1.0 / 240.0 - a * (1.0 / 10080.0)))
     w = 1.0 + a * (-1.0 / 2.0 + a * (1.0 / 24.0 + a * (-1.0 / 720.0 + a * (1.0 / 40320.0))))
-    return Quaternion(w, half * v.x, half * v.y, half * v.z)
+    half = kept(half)
+    return kept(Quaternion(w, half * v.x, half * v.y, half * v.z))
 
 
 def jacobian_product(v: Vector, e: Vector) -> Vector:
@@ -125,6 +125,13 @@ def jacobian_product(v: Vector, e: Vector) -> Vector:
     first = 0.5 - a * (1.0 / 24.0 - a * (1.0 / 720.0 - a * (1.0 / 40320.0)))
     second = 1.0 / 6.0 - a * (1.0 / 120.0 - a * (1.0 / 5040.0 - a * (1.0 / 362880.0)))
     return add(e, add(scale(first, once), scale(second, cross(v, once))))
+
+
+def small_logarithm(q: Quaternion) -> Vector:
+    """`logarithm` by a series without branches, for rotations up to a radian: to 1e-10 up to 0.2, 1e-6 up to 1 rad."""
+    a = q.x * q.x + q.y * q.y + q.z * q.z
+    factor = 2.0 + a * (1.0 / 3.0 + a * (3.0 / 20.0 + a * (5.0 / 56.0 + a * (35.0 / 576.0 + a * (63.0 / 1408.0)))))
+    return Vector(factor * q.x, factor * q.y, factor * q.z)
 
 
 def logarithm(q: Quaternion) -> Vector:

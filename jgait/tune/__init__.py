@@ -2,7 +2,6 @@
 
 from jgait.tune.cross_validate import CrossValidation, cross_validate
 from jgait.tune.fit import Fit, fit
-from jgait.tune.gradient import value_and_grad
 from jgait.tune.identifiability import Identifiability, identifiability
 from jgait.tune.lanes import Progress, Report
 from jgait.tune.lessons import Lesson, Lessons, Windows, lessons, named_windows
@@ -35,5 +34,4 @@ __all__ = [
     "objective",
     "parsed",
     "profile",
-    "value_and_grad",
 ]

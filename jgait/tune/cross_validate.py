@@ -27,7 +27,6 @@ from jgait.tune.fit import (
     supported,
     warn_of_flat,
 )
-from jgait.tune.gradient import check_mode
 from jgait.tune.identity import described
 from jgait.tune.lanes import Report, descend
 from jgait.tune.lessons import Lesson
@@ -118,7 +117,6 @@ def cross_validate[P](
     folds: int | Sequence[Hashable] | None = None,
     error: Callable[[P, PyTree], PyTree] | None = None,
     steps: int = 100,
-    gradient: str = "auto",
     priors: P | None = None,
     starts: int = 1,
     spread: float = 0.5,
@@ -153,11 +151,10 @@ def cross_validate[P](
     _check_twins(data, named)
     if any(t.own and t.to_natural is not None for t in transforms_of(transforms)):
         raise ValueError("a subject's own parameters cannot be learned from others: fix them, or share them")
-    check_mode(gradient)
     check_priors(priors, transforms)
     check_mesh(mesh, minibatch, "the number of items", n)
     params = spread_out(params, transforms, len(labels))
-    problem, items = Problem(loss, transforms, priors, gradient, mesh), Items(data, number)
+    problem, items = Problem(loss, transforms, priors, mesh), Items(data, number)
     free, dtype = start(params, transforms), loss_type(problem, params, items)
     kinds = list(dict.fromkeys(fold_of))
     learned = np.asarray([[of != fold for of in fold_of] for fold in kinds])
@@ -165,7 +162,7 @@ def cross_validate[P](
     settings = Settings(steps, minibatch, 1 if minibatch is None else -(-n // minibatch), None)
     mark = {} if checkpoint_file is None else checkpoint.fingerprint(
         data=items, params=params, transforms=transforms, priors=priors, settings=settings, folds=learned, key=key,
-        starts=(starts, spread), gradient=gradient, loss=described(loss), optimizer=optimizer_mark(optimizer, free),
+        starts=(starts, spread), loss=described(loss), optimizer=optimizer_mark(optimizer, free),
     )  # fmt: skip
     around = scattered(key, free, starts, spread)
     carry, _ = descend(

@@ -10,7 +10,6 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PyTree
 
 from jgait.params import Transform, constrain
-from jgait.tune.gradient import value_and_grad
 from jgait.tune.problem import Problem, penalty
 from jgait.types import AnyArray
 
@@ -31,7 +30,6 @@ def program(
     priors: tuple[PyTree, ...] | None,
     leaves: tuple[Transform, ...],
     treedef: PyTree,
-    gradient: str,
     second: bool,
 ) -> Callable[..., Curvature]:
     """(free, params, data) → `Curvature`, jitted; the last few programs are cached, so later calls compile nothing.
@@ -39,7 +37,7 @@ def program(
     `leaves` are the transforms, `priors` those beside them; `second` asks for second derivatives.
     """
     transforms, told = (None if part is None else jax.tree.unflatten(treedef, part) for part in (leaves, priors))
-    problem = Problem(loss, transforms, told, gradient, None)
+    problem = Problem(loss, transforms, told, None)
 
     def run(free: PyTree, params: PyTree, data: PyTree) -> Curvature:
         flat, unflatten = ravel_pytree(free)
@@ -48,7 +46,7 @@ def program(
             return loss(constrain(unflatten(vector), transforms, params), item)
 
         def both(vector: Float[Array, "free"]) -> tuple[Array, Array]:
-            return jax.vmap(value_and_grad(item_loss, gradient), in_axes=(None, 0))(vector, data)
+            return jax.vmap(jax.value_and_grad(item_loss), in_axes=(None, 0))(vector, data)
 
         def along(direction: Float[Array, "free"]) -> tuple[Array, ...]:
             (losses, scores), (_, bends) = jax.jvp(both, (flat,), (direction,))

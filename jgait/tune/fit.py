@@ -18,7 +18,6 @@ from jgait.params import names as names_of
 from jgait.tune import checkpoint
 from jgait.tune.checks import check_data, check_loss, check_priors, numbered, over_transforms, spread_out, start
 from jgait.tune.descent import Carry, Settings, Trace, flat
-from jgait.tune.gradient import check_mode
 from jgait.tune.identity import described
 from jgait.tune.lanes import Report, descend
 from jgait.tune.problem import Context, Items, Problem, of_subject, place
@@ -178,7 +177,6 @@ def fit[P](
     *,
     steps: int = 100,
     batched: bool = True,
-    gradient: str = "auto",
     subjects: Sequence[Hashable] | None = None,
     priors: P | None = None,
     starts: int = 1,
@@ -209,7 +207,6 @@ def fit[P](
         optimizer: from optax, for example `optax.adam(0.05)` or `optax.lbfgs()`.
         steps: largest number of steps.
         batched: whether `data` has an axis of items.
-        gradient: how to differentiate, see `value_and_grad`.
         subjects: (n,) subject of each item; needed for parameters per subject.
         priors: the type of `params`, holding a `jgait.params.Prior` or None for each. Minus the logarithm of their
             density is added, divided by n: with a loss in nats the result is the maximum of the posterior density.
@@ -241,11 +238,10 @@ def fit[P](
     """
     data, n = check_data(data, batched)
     labels, number = numbered(subjects, n)
-    check_mode(gradient)
     check_priors(priors, transforms)
     params = spread_out(params, transforms, len(labels))
     free = start(params, transforms)
-    problem = Problem(loss, transforms, priors, gradient, mesh)
+    problem = Problem(loss, transforms, priors, mesh)
     items = Items(data, number)
     dtype = loss_type(problem, params, items)
     learn, judge, numbers = _split(items, validation, n)
@@ -257,7 +253,7 @@ def fit[P](
     optimizer = supported(optimizer)
     mark = {} if checkpoint_file is None else checkpoint.fingerprint(
         data=items, params=params, transforms=transforms, priors=priors, settings=settings, validation=validation,
-        starts=(starts, spread), key=key, gradient=gradient, loss=described(loss),
+        starts=(starts, spread), key=key, loss=described(loss),
         optimizer=optimizer_mark(optimizer, free),
     )  # fmt: skip
     begin = scattered(key, free, starts, spread)

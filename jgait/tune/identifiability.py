@@ -16,7 +16,6 @@ from jaxtyping import PyTree
 from jgait.tune.checks import check_data, check_loss, check_priors, is_transform
 from jgait.tune.coordinates import Coordinates, coordinates, natural_numbers
 from jgait.tune.curvature import Curvature, program
-from jgait.tune.gradient import check_mode
 from jgait.tune.words import Direction, direction, sentences
 
 if TYPE_CHECKING:
@@ -174,7 +173,6 @@ def identifiability(
     data: PyTree,
     *,
     batched: bool = True,
-    gradient: str = "auto",
     information: str = "hessian",
     level: float = 0.95,
     limit: float = 1.0,
@@ -198,7 +196,6 @@ def identifiability(
         transforms: the same type, holding a `Transform` for each.
         data: pytree of arrays with a leading axis of items; one item without that axis if not `batched`.
         batched: whether `data` has an axis of items.
-        gradient: how to differentiate, see `value_and_grad`; second derivatives are forward mode over it.
         information: one of `INFORMATION`.
         level: confidence level of the intervals, which are symmetric in free coordinates and so inside the bounds.
         limit: largest standard error in free coordinates that counts as determined.
@@ -218,7 +215,6 @@ def identifiability(
         raise ValueError(f"information must be one of {', '.join(INFORMATION)}; got {information!r}")
     if not (0.0 < level < 1.0 and 0.0 < limit < math.inf):
         raise ValueError(f"level must lie in (0, 1) and limit be positive; got level={level}, limit={limit}")
-    check_mode(gradient)
     check_priors(priors, transforms)
     at = coordinates(params, transforms)
     data, count = check_data(data, batched)
@@ -226,7 +222,7 @@ def identifiability(
     structure: PyTree
     leaves, structure = jax.tree.flatten(transforms, is_leaf=is_transform)
     told = None if priors is None else tuple(structure.flatten_up_to(priors))
-    curvature = program(loss, told, tuple(leaves), structure, gradient, information != "scores")(at.tree, params, data)
+    curvature = program(loss, told, tuple(leaves), structure, information != "scores")(at.tree, params, data)
     total = float(np.sum(np.asarray(curvature.losses, float))) + float(curvature.prior[0])
     if not math.isfinite(total):
         raise ValueError(f"the loss is not finite at these parameters (total {total})")

@@ -18,7 +18,6 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, PyTree
 
 from jgait.params import Prior, Transform, constrain
 from jgait.tune.checks import over_transforms
-from jgait.tune.gradient import value_and_grad
 from jgait.types import AnyArray, Integer, Maybe, Scalar, Values
 
 
@@ -28,7 +27,6 @@ class Problem(NamedTuple):
     loss: Callable[..., PyTree]
     transforms: PyTree
     priors: PyTree
-    gradient: str
     mesh: Mesh | None
 
 
@@ -146,7 +144,7 @@ def total(
     Σ wᵢ lossᵢ / Σ wᵢ + penalty / count: with losses in nats, the logarithm of the posterior density per item. `count`
     is the sum of the weights of all items; if `forgiving`, items that are not finite are left out.
     """
-    both = value_and_grad(partial(_one, problem), problem.gradient)
+    both = jax.value_and_grad(partial(_one, problem))
     losses, slopes = _everyone(problem, both)(free, params, items)
     axes = [jnp.isfinite(s).reshape((s.shape[0], -1)).all(axis=1) for s in jax.tree.leaves(slopes)]
     sound = jax.tree.reduce(jnp.logical_and, axes, jnp.isfinite(losses))

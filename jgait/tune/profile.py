@@ -145,7 +145,6 @@ def profile(
     *,
     steps: int = 100,
     batched: bool = True,
-    gradient: str = "auto",
 ) -> Profile:
     """The loss with one parameter held at each value in turn and all other free parameters fitted.
 
@@ -176,7 +175,7 @@ def profile(
     start = _Held(
         jnp.tile(others, (len(held), 1)), jnp.asarray(_free(at.transforms[number], held), at.vector.dtype)
     )  # fmt: skip
-    problem, items = Problem(of_others, _Held(real, real), None, gradient, None), Items(data, np.zeros(count, np.int32))
+    problem, items = Problem(of_others, _Held(real, real), None, None), Items(data, np.zeros(count, np.int32))
     one = lane(start, 0)
     carry, trace = descend(
         problem, supported(optimizer), Settings(steps, None, 1, None), Context(one, place(problem, items), None, None),

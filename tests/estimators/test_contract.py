@@ -4,6 +4,7 @@ Most of the time goes into compiling, so the laws share programs: that of every 
 one of a batch of shorter inputs with the derivative along a direction of the parameters, in two where that takes less.
 """
 
+import dataclasses
 import functools
 import math
 from collections.abc import Callable
@@ -238,7 +239,8 @@ def derivative_program(name: str) -> Callable[..., Any]:
     tree = jax.tree.structure(case.params)
 
     def f(v: Any, i: Any) -> tuple[dict[str, Any], Any]:
-        result = run(jax.tree.unflatten(tree, list(v)), i, case.light)
+        method = dataclasses.replace(case.light.method, derivative="forward")
+        result = run(jax.tree.unflatten(tree, list(v)), i, case.light._replace(method=method))
         return numbers(result), result
 
     def slope(v: Any, w: Any, i: Any) -> Any:

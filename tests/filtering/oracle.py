@@ -1,7 +1,7 @@
 """The oracle: a filter and a Bryson–Frazier smoother in plain matrices of NumPy, one sample after another.
 
-Only the model's own functions are JAX: they are taken as functions of vectors, with Jacobians by `jax.jacfwd`; what a
-model states of its errors is not used. What is not seen is deleted.
+Only the model's own functions are JAX: they are taken as functions of vectors, with Jacobians by
+`jax.jacfwd`. What is not seen is deleted.
 """
 
 import functools
@@ -80,9 +80,8 @@ class Vectors:
 
 
 def vectors(c: Any) -> Vectors:
-    """Of a case; those of one model are compiled once, whatever it states of its errors."""
-    model = c.model._replace(error_transition=None, error_observation=None, error_shift=None)
-    return _vectors(model, tuple(np.asarray(c.params).tolist()), jax.tree.structure(c.observations))
+    """Of a case; those of one model are compiled once."""
+    return _vectors(c.model, tuple(np.asarray(c.params).tolist()), jax.tree.structure(c.observations))
 
 
 @functools.cache

@@ -151,17 +151,6 @@ HEADING = Model(
 )
 
 
-STATED = HEADING._replace(
-    error_transition=(
-        lambda p, s, e, u, dt: Turn(e.angle + dt * e.rate, e.rate),
-        lambda p, s, e, u, dt: Turn(e.angle, (1.0 - p[2] * dt) * e.rate),
-    ),
-    error_observation=lambda p, s, e, u: Reading(e.angle, (1.0 + p[3]) * e.rate),
-    error_shift=lambda s, delta, e: Turn(e.angle, e.rate + delta.angle * e.angle),
-)
-"""The same model, which states how its errors move, in two steps."""
-
-
 class Place(NamedTuple):
     """Where on a line."""
 
@@ -197,7 +186,7 @@ class Case(NamedTuple):
     mask: Any
 
 
-MODELS = {"cart": CART, "bent": BENT, "heading": HEADING, "stated": STATED}
+MODELS = {"cart": CART, "bent": BENT, "heading": HEADING}
 
 
 def case(name: str, samples: int = SAMPLES, masked: bool = True) -> Case:
@@ -278,7 +267,9 @@ def _solved(function: Any, c: Case, initial: Any, **settings: Any) -> Any:
     return _program(function, c.model, tuple(sorted(settings.items())))(c.params, c.observations, arrays)
 
 
-def filtered(c: Case, execution: str = "core", method: Any = ONCE, keep: Any = FIELDS, initial: Any = None) -> Any:
+def filtered(
+    c: Case, execution: str = "core", method: Any = ONCE, keep: Any = FIELDS, initial: Any = None,
+) -> Any:  # fmt: skip
     return _solved(filtering.kalman_filter, c, initial, execution=execution, method=method, keep=keep)
 
 
@@ -287,8 +278,8 @@ def smoothed(
     covariance: Any = True,
 ) -> Any:  # fmt: skip
     return _solved(
-        filtering.kalman_smoother, c, initial, execution=execution, method=method, keep=keep, covariance=covariance
-    )
+        filtering.kalman_smoother, c, initial, execution=execution, method=method, keep=keep, covariance=covariance,
+    )  # fmt: skip
 
 
 def same(ours: Any, theirs: Any, tolerance: float = 1e-9) -> None:

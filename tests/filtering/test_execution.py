@@ -12,10 +12,12 @@ from filtering.problems import BENT, SAMPLES, Case, Reading, case, filtered, sam
 from filtering.test_core import WRONG, broken
 
 from jgait import filtering
-from jgait.filtering import EKF, KF, UKF, IteratedEKF, fast
-from jgait.filtering.components import known
+from jgait.filtering import EKF, KF, UKF, IteratedEKF
+from jgait.filtering.fast.components import known
+from jgait.filtering.fast.scan import SEGMENTED_FROM
+from jgait.filtering.fast.step import ScalarModel
+from jgait.filtering.fast.tracing import Expansion
 from jgait.filtering.inputs import inputs
-from jgait.filtering.tracing import Expansion
 
 EVERY = [("cart", KF(), True), ("cart", EKF(), False), ("bent", EKF(), True), ("leg", EKF(), True),
          ("rates", EKF(), False)]  # fmt: skip
@@ -64,7 +66,7 @@ def core_of_length() -> Any:
 
 @pytest.mark.parametrize("samples", LENGTHS)
 def test_segments_change_nothing(samples):
-    assert samples >= fast.SEGMENTED_FROM
+    assert samples >= SEGMENTED_FROM
     c = case("bent", samples)
     weight = np.ones(samples)
     arrays = jax.tree.map(lambda v: np.pad(v, (0, max(LENGTHS) - samples)), (*c[2:], weight))
@@ -147,7 +149,10 @@ NONLINEAR = "the KF needs a linear model.* Jacobian of transition .* depends on 
     ("more", "message"),
     [
         ({"execution": "fast", "method": UKF()}, r"KF\(\) and EKF\(\).*this call has the method UKF.* needs 'core'"),
-        ({"execution": "fast", "method": IteratedEKF(2)}, r"this call has the method EKF\(iterations=2\), and needs"),
+        (
+            {"execution": "fast", "method": IteratedEKF(2)},
+            r"has the method EKF\(iterations=2, .*\), and needs",
+        ),
         ({"execution": "swift"}, "execution must be one of auto, core, fast; got 'swift'"),
         ({"execution": "fast", "method": KF()}, NONLINEAR),
         ({"execution": "core", "method": KF()}, NONLINEAR),
@@ -166,12 +171,12 @@ def test_lists_and_columns_of_tables_are_refused(convert):
     changed = Reading(c.observations.near, convert(np.asarray(c.observations.far).tolist()))
     message = f"must be an array; got a {convert.__name__}: convert it by numpy.asarray"
     with pytest.raises(ValueError, match=f"observation 'far' {message}"):
-        filtering.kalman_filter(c.model, c.params, changed, controls=c.controls)
+        filtering.kalman_filter(c.model, c.params, changed, controls=c.controls, dt=0.02)
     with pytest.raises(ValueError, match=f"dt must be a number or an array; got a {convert.__name__}: convert it"):
         filtering.kalman_filter(c.model, c.params, c.observations, controls=c.controls, dt=convert([0.02] * SAMPLES))
     pushed = c.controls._replace(acceleration=convert(np.asarray(c.controls.acceleration).tolist()))
     with pytest.raises(ValueError, match=f"control 'acceleration' {message}"):
-        filtering.kalman_filter(c.model, c.params, c.observations, controls=pushed)
+        filtering.kalman_filter(c.model, c.params, c.observations, controls=pushed, dt=0.02)
 
 
 def test_constants_of_a_jacobian_are_found():
@@ -179,9 +184,10 @@ def test_constants_of_a_jacobian_are_found():
     given = inputs(c.model, c.params, c.observations, c.controls, 0.02, None, None)
     control = jax.tree.map(lambda leaf: leaf[0], c.controls)
     x = [jnp.asarray(0.1 * i) for i in range(8)]
-    _, matrix = Expansion(jnp.float64).jacobian(lambda x: given.cm.transition(x, control, 0.02), x)
+    model = ScalarModel(given.shape, given.params)
+    _, matrix = Expansion(jnp.float64).jacobian(lambda x: model.transition(x, control, 0.02), x)
     found = np.array([[entry if known(entry) else np.nan for entry in row] for row in matrix])
-    slope = jax.jit(jax.jacfwd(lambda v: jnp.stack(given.cm.transition(list(v), control, 0.02))))
+    slope = jax.jit(jax.jacfwd(lambda v: jnp.stack(model.transition(list(v), control, 0.02))))
     truth = np.asarray(slope(np.stack(x)))
     assert np.isnan(found).sum() == 8
     np.testing.assert_array_equal(found[~np.isnan(found)], truth[~np.isnan(found)])

@@ -8,7 +8,7 @@ from filtering.problems import case
 
 from jgait import filtering
 from jgait.estimators.leg_ekf import model as leg_model
-from jgait.filtering.hidden import without_hidden
+from jgait.filtering.inputs import inputs
 
 SAMPLES = 30
 _, PARAMS, OBSERVATIONS, CONTROLS, _, _ = case("leg", SAMPLES, masked=False)
@@ -52,10 +52,8 @@ def test_a_sample_online():
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12), ours, theirs)
 
 
-def test_the_reduced_model_is_one():
-    one, two = (without_hidden(leg_model.MODEL, OBSERVATIONS, masks(np.False_))[0] for _ in range(2))
-    assert one is two and one is not leg_model.MODEL
-    assert without_hidden(leg_model.MODEL, OBSERVATIONS, masks(HERE))[0] is leg_model.MODEL
-    none = leg_model.LegObservation(*(False,) * 6)
-    _, left, mask = without_hidden(leg_model.MODEL, OBSERVATIONS, none)
-    assert len(jax.tree.leaves(left)) == 1 and not np.any(jax.tree.leaves(mask)[0])
+def test_what_is_never_measured_is_known_before_compiling():
+    def measured(mask):
+        return inputs(leg_model.MODEL, PARAMS, OBSERVATIONS, CONTROLS, 0.02, mask, None).shape.measured
+
+    assert measured(masks(np.False_)) == (0, 1, 4, 5) and measured(masks(HERE)) == (0, 1, 2, 3, 4, 5)

@@ -11,7 +11,7 @@ from jgait.tune.identifiability import identifiability
 
 
 def level_loss(params, values):
-    kept = kalman_filter(LOCAL_LEVEL, params, Level(values), method=KF(), keep=("log_likelihood",))
+    kept = kalman_filter(LOCAL_LEVEL, params, Level(values), method=KF(), dt=1.0, keep=("log_likelihood",))
     return -jnp.sum(kept.log_likelihood)
 
 

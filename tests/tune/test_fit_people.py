@@ -157,16 +157,6 @@ def test_an_item_without_any_number_is_left_out_though_its_loss_is_zero():
     np.testing.assert_allclose(fit.losses, kept.losses, rtol=1e-12)
 
 
-def test_line_searches_use_the_gradient_that_was_asked_for():
-    """A loss that refuses reverse mode is still minimised by L-BFGS, forward."""
-
-    def loop(p, item):  # reverse mode through a while loop is impossible
-        return jax.lax.while_loop(lambda s: s[0] < 3, lambda s: (s[0] + 1, s[1] + (p.x - item) ** 2), (0, 0.0 * p.x))[1]
-
-    fit = tune.fit(loop, Spot(0.0), Spot(real), np.array([2.0, 4.0]), optax.lbfgs(), steps=10, gradient="forward")
-    assert float(fit.params.x) == pytest.approx(3.0, abs=1e-6)
-
-
 @pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     ("change", "message"),

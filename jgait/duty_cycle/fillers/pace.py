@@ -14,8 +14,8 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jgait.duty_cycle.fillers.base import PERIODS, Filled, Signals, finished, past, reversed_behind
-from jgait.filtering.padding import held_on, scanned
 from jgait.params import Param
+from jgait.signal.counted import held_on, scanned
 from jgait.signal.windows import vertex
 
 RATE_SCALE, ACC_SCALE = 2.0, 6.0

@@ -20,12 +20,12 @@ E. Foxlin, "Pedestrian tracking with shoe-mounted inertial sensors", IEEE CG&A 2
 
 from typing import NamedTuple
 
-from jgait.estimators.error_state import differences, error_shift, retract
+from jgait.estimators.error_state import differences, retract
 from jgait.estimators.foot_ins import model as foot_model
-from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootError, FootModelParams, FootState
+from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootModelParams, FootState
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.rotation import Quaternion, rotated
-from jgait.geometry.vectors import Vector, add, cross, subtract
+from jgait.geometry.vectors import Vector, cross, subtract
 from jgait.types import Values
 
 
@@ -65,23 +65,6 @@ def transition(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Values) -
     return AnkleState(*moved._replace(position=subtract(moved.position, swung)), s.lever)
 
 
-def error_transition(p: FootModelParams, s: AnkleState, e: AnkleError, u: AnkleControl, dt: Values) -> AnkleError:
-    """The sensor's error as of the foot; the ankle's is less by that of R' r − R r, δ(R r) = δ_θ × R r + R δ_r."""
-    sensor = _sensor(s)
-    moved = foot_model.transition(p, sensor, u.over, dt)
-    foot_error = FootError(e.position, e.velocity, e.attitude, e.gyr_bias, e.acc_bias)
-    for change in (foot_model.turn_error, foot_model.move_error):
-        foot_error = change(p, sensor, foot_error, u.over, dt)
-    after, before = (
-        add(cross(turned, rotated(q, s.lever)), rotated(q, e.lever))
-        for turned, q in ((foot_error.attitude, moved.attitude), (e.attitude, s.attitude))
-    )
-    position = subtract(foot_error.position, subtract(after, before))
-    return AnkleError(
-        position, foot_error.velocity, foot_error.attitude, foot_error.gyr_bias, foot_error.acc_bias, e.lever
-    )
-
-
 def transition_noise(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Values) -> Covariance:
     """Process noise as of the foot's sensor; the lever's, a nanometre, only keeps the covariance's rank.
 
@@ -104,15 +87,6 @@ def observation(p: FootModelParams, s: AnkleState, u: AnkleControl) -> Vector:
     del p
     through = rotated(s.attitude, cross(subtract(u.rate, s.gyr_bias), s.lever))
     return subtract(s.velocity, through)
-
-
-def error_observation(p: FootModelParams, s: AnkleState, e: AnkleError, u: AnkleControl) -> Vector:
-    """Change of the observation by an error: δ_v − δ_θ × R (ω × r) − R (ω × δ_r − δ_bg × r)."""
-    del p
-    rate = subtract(u.rate, s.gyr_bias)
-    through = rotated(s.attitude, cross(rate, s.lever))
-    velocity_error = rotated(s.attitude, subtract(cross(rate, e.lever), cross(e.gyr_bias, s.lever)))
-    return subtract(subtract(e.velocity, cross(e.attitude, through)), velocity_error)
 
 
 def observation_noise(p: FootModelParams, s: AnkleState, u: AnkleControl) -> Vector:
@@ -151,7 +125,6 @@ def _sensor(s: AnkleState) -> FootState:
 
 
 MODEL = Model(
-    initial, transition, transition_noise, observation, observation_noise, retract, local, None,
-    error_transition, error_observation, error_shift,
+    initial, transition, transition_noise, observation, observation_noise, retract, local,
 )  # fmt: skip
 """The model of one ankle."""

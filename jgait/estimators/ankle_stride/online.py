@@ -42,10 +42,10 @@ from jgait.estimators.notes import LONGEST_LOSS
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.filtering import Belief
-from jgait.filtering.padding import scanned
 from jgait.geometry.rotation import between
 from jgait.geometry.vectors import Vector, vector, wrapped
 from jgait.signal import butterworth
+from jgait.signal.counted import scanned
 from jgait.signal.marks import latest
 from jgait.types import Counts, Flags, Strides, Values
 

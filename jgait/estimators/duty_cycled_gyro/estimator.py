@@ -104,7 +104,7 @@ def _leg(
     inputs_of_leg = DutyInputs(
         planar["thigh"], planar["shank"], inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance
     )
-    result = duty_model.run(p, inputs_of_leg, felt=options.felt)
+    result = duty_model.run(p, inputs_of_leg, felt=options.felt, method=options.method)
     found = {segment: one for segment, one in zip(SEGMENTS, result, strict=True) if one is not None}
     return (
         {segment: (rates[segment], one) for segment, one in found.items()},

@@ -279,6 +279,7 @@ def standing(
 def over(
     p: DutyCycledParams, segments: tuple[PlanarSegment | None, ...],
     beliefs: tuple[Belief | None, ...], dt: Values, still: Flags, valid: Flags, *, felt: bool = True,
+    method: filtering.Method = filtering.EKF(),
 ) -> tuple[DutyEstimate, tuple[Posterior | None, ...]]:  # fmt: skip
     """Estimates of a leg's thigh and shank over samples, from the beliefs before them, and the filters' results."""
     every, posteriors = list[SegmentEstimate | None](), list[Posterior | None]()
@@ -291,7 +292,14 @@ def over(
         told: PyTree = observe(p, segment, dt, still, valid, felt=felt)
         observations, controls, mask = told if thigh is None else _below(told, thigh, dt, valid)
         found = filtering.kalman_filter(
-            THIGH if thigh is None else SHIN, params, observations, controls=controls, dt=dt, mask=mask, initial=before
+            THIGH if thigh is None else SHIN,
+            params,
+            observations,
+            controls=controls,
+            dt=dt,
+            mask=mask,
+            initial=before,
+            method=method,
         )
         mean, deviation = found.mean, found.cov.stddev()
         every.append(SegmentEstimate(
@@ -302,7 +310,9 @@ def over(
     return DutyEstimate(*every), tuple(posteriors)
 
 
-def run(p: DutyCycledParams, inputs: DutyInputs, *, felt: bool = True) -> DutyEstimate:
+def run(
+    p: DutyCycledParams, inputs: DutyInputs, *, felt: bool = True, method: filtering.Method = filtering.EKF()
+) -> DutyEstimate:
     """Angle and rate of one leg's segments under a gyroscope mask: pure, for jit, vmap and grad.
 
     A shank without a thigh sensor has the model of the thigh: one segment that hangs from a fixed joint. Without the
@@ -316,4 +326,4 @@ def run(p: DutyCycledParams, inputs: DutyInputs, *, felt: bool = True) -> DutyEs
         raise ValueError("the duty-cycled filters need a thigh or a shank sensor; got neither")
     biases = None if thigh is None else thigh.bias, None if shank is None else shank.bias
     beliefs = standing(p, biases, inputs.start_variance)
-    return over(p, (thigh, shank), beliefs, inputs.dt, inputs.still, inputs.valid, felt=felt)[0]
+    return over(p, (thigh, shank), beliefs, inputs.dt, inputs.still, inputs.valid, felt=felt, method=method)[0]

@@ -2,6 +2,7 @@
 
 from typing import Annotated, Any, NamedTuple
 
+from jgait import filtering
 from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS
 from jgait.duty_cycle.power import GYROSCOPE, Schedule, Sensor
 from jgait.duty_cycle.recording import check_filler
@@ -83,6 +84,7 @@ class DutyCycledOptions(NamedTuple):
         sampling_rate_hz: sampling rate [Hz]; set by `prepared`, as are `gaps` and `felt`.
         gaps: whether any gyroscope sample is missing.
         felt: whether every sensor has an accelerometer; without, angles come from the gyroscopes alone and drift.
+        method: how the filters linearise, see `jgait.filtering`.
     """
 
     filler: str = "neighbours"
@@ -93,6 +95,7 @@ class DutyCycledOptions(NamedTuple):
     sampling_rate_hz: float = 50.0
     gaps: bool = True
     felt: bool = True
+    method: filtering.Method = filtering.EKF()
 
 
 DEFAULT = DutyCycledOptions()

@@ -22,10 +22,10 @@ the source of their foot trajectories. The pivot and the noise that grows with t
 
 from typing import NamedTuple
 
-from jgait.estimators.error_state import differences, error_shift, near_unit, retract
+from jgait.estimators.error_state import differences, near_unit, retract
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.rotation import Quaternion, product, rotated, rows, small_turn
-from jgait.geometry.vectors import GRAVITY, Vector, add, cross, dots, scale, subtract
+from jgait.geometry.rotation import Quaternion, product, rotated, small_turn
+from jgait.geometry.vectors import GRAVITY, Vector, add, scale, subtract
 from jgait.types import Flags, Values
 
 
@@ -103,42 +103,6 @@ def _midway(s: FootState, u: FootControl, dt: Values) -> tuple[Quaternion, Quate
     return half, middle, rotated(middle, subtract(u.acc, s.acc_bias))
 
 
-def turn_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, dt: Values) -> FootError:
-    """First part, velocity and half of the position: δ_v' = δ_v + h δ_a, δ_p' = (1 − restart) δ_p + h/2 δ_v.
-
-    With φ = h (ω − b_g) and R half way, δ_a = δ_θm × R (f − b_a) − R δ_ba, δ_θm = δ_θ − h R (1/2 − φ×/8 + φ×²/48) δ_bg.
-    """
-    del p
-    _, middle, force = _midway(s, u, dt)
-    phi = scale(dt, subtract(u.gyr, s.gyr_bias))
-    turning = rows(middle)
-
-    def half_way(row: Vector) -> Vector:
-        """The row of R (1/2 − φ×/8 + φ×²/48) from that of R."""
-        once = cross(row, phi)
-        return add(scale(0.5, row), subtract(scale(1.0 / 48.0, cross(once, phi)), scale(0.125, once)))
-
-    x, y, z = map(half_way, turning)
-    attitude = subtract(e.attitude, scale(dt, dots((x, y, z), e.gyr_bias)))
-    acceleration = subtract(cross(attitude, force), dots(turning, e.acc_bias))
-    since = scale(1.0 - u.restart, e.position)
-    return e._replace(
-        position=add(since, scale(0.5 * dt, e.velocity)), velocity=add(e.velocity, scale(dt, acceleration))
-    )
-
-
-def move_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, dt: Values) -> FootError:
-    """Second part, the rest of the errors: δ_p' = δ_p + h/2 δ_v, and δ_θ' = δ_θ − h R (1 + φ×²/24) δ_bg."""
-    del p
-    _, middle, _ = _midway(s, u, dt)
-    phi = scale(dt, subtract(u.gyr, s.gyr_bias))
-    x, y, z = (add(row, scale(1.0 / 24.0, cross(cross(row, phi), phi))) for row in rows(middle))
-    return e._replace(
-        position=add(e.position, scale(0.5 * dt, e.velocity)),
-        attitude=subtract(e.attitude, scale(dt, dots((x, y, z), e.gyr_bias))),
-    )
-
-
 def transition_noise(p: FootModelParams, s: FootState, u: FootControl, dt: Values) -> Covariance:
     """White noise of both sensors, the same in all directions, and random walks of their biases."""
     del s
@@ -160,15 +124,6 @@ def observation(p: FootModelParams, s: FootState, u: FootControl) -> FootObserva
     r = p.pivot_height
     v = s.velocity
     return FootObservation(Vector(v.x - r * rate.y, v.y + r * rate.x, v.z), s.position.z)
-
-
-def error_observation(p: FootModelParams, s: FootState, e: FootError, u: FootControl) -> FootObservation:
-    """Change of the observation by an error: δ_ω = δ_θ × R (ω − b_g) − R δ_bg changes the velocity of the pivot."""
-    rate = rotated(s.attitude, subtract(u.gyr, s.gyr_bias))
-    change = subtract(cross(e.attitude, rate), dots(rows(s.attitude), e.gyr_bias))
-    r = p.pivot_height
-    v = e.velocity
-    return FootObservation(Vector(v.x - r * change.y, v.y + r * change.x, v.z), e.position.z)
 
 
 def observation_noise(p: FootModelParams, s: FootState, u: FootControl) -> FootObservation:
@@ -200,7 +155,6 @@ def _three(value: Values) -> Vector:
 
 
 MODEL = Model(
-    initial, transition, transition_noise, observation, observation_noise, retract, local, None,
-    (turn_error, move_error), error_observation, error_shift,
+    initial, transition, transition_noise, observation, observation_noise, retract, local,
 )  # fmt: skip
 """State-space model of one foot."""

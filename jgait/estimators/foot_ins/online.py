@@ -50,9 +50,9 @@ from jgait.estimators.foot_ins.readout import SHORTEST, timed, walks_on
 from jgait.estimators.losses import held_bridge
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.events import foot as events
-from jgait.filtering.padding import scanned
 from jgait.geometry.rotation import Quaternion, as_array
 from jgait.geometry.vectors import Vector, root, wrapped
+from jgait.signal.counted import scanned
 from jgait.signal.marks import latest
 from jgait.types import Counts, Flags, Strides, Values
 

@@ -59,7 +59,7 @@ def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOpti
     inferred = filtering.infer(
         inclination.MODEL, p.inclination, observed, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
         initial=inclination.prior(vector(segment.bias), inputs.start_variance, segment.unrest),
-        covariance=inclination.NEEDED,
+        covariance=inclination.NEEDED, method=filtering.EKF(derivative=options.method.derivative),
     )  # fmt: skip
     return inclination.read_out(inferred.mean, inferred.cov, observed.gyr)
 

@@ -53,8 +53,9 @@ def _filtered(
     across = inputs.distance + p.range_offset
     return filtering.infer(
         model, model_params(p), WidthObservation(across, jnp.zeros_like(across) + p.passing_offset), smooth=smooth,
-        controls=WidthControl(inputs.right, inputs.left), mask=inputs.seen & inputs.valid, method=options.method,
-        initial=prior_of(p, inputs), keep=(*filtering.SUMMARY, "innovation", "innovation_stddev"),
+        dt=1.0, controls=WidthControl(inputs.right, inputs.left), mask=inputs.seen & inputs.valid,
+        method=options.method, initial=prior_of(p, inputs),
+        keep=(*filtering.SUMMARY, "innovation", "innovation_stddev"),
     )  # fmt: skip
 
 

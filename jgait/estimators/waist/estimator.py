@@ -84,7 +84,7 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
         ValueError: options that are none.
     """
     check_options(options, KNOWN)
-    motion = waist_motion.motion(p, inputs, smooth=options.smooth)
+    motion = waist_motion.motion(p, inputs, smooth=options.smooth, method=options.method)
     intervals = waist_steps.intervals(p, inputs, motion)
     if options.distance == "fused":
         walked = waist_distance.fused(p, inputs, intervals, options)

@@ -39,9 +39,11 @@ class TrunkMotion(NamedTuple):
     roll_rate: PyTree  #: angular rate about the walking direction, the left side rising positive [rad/s].
 
 
-def motion(p: WaistParams, inputs: WaistInputs, *, smooth: bool = True) -> TrunkMotion:
+def motion(
+    p: WaistParams, inputs: WaistInputs, *, smooth: bool = True, method: filtering.Method = filtering.EKF()
+) -> TrunkMotion:
     """Motion of the trunk; with `smooth`, later samples correct earlier attitudes. Decisions on steps are not used."""
-    return _seen(p, inputs, _attitude(p, inputs, smooth=smooth).mean)
+    return _seen(p, inputs, _attitude(p, inputs, method, smooth=smooth).mean)
 
 
 def motion_and_misfit(p: WaistParams, inputs: WaistInputs) -> tuple[TrunkMotion, Values]:
@@ -50,7 +52,7 @@ def motion_and_misfit(p: WaistParams, inputs: WaistInputs) -> tuple[TrunkMotion,
 
     A gyroscope with the wrong sign increases it: the leans from accelerometer and gyroscope then have opposite signs.
     """
-    posterior = _attitude(p, inputs, smooth=False)
+    posterior = _attitude(p, inputs, filtering.EKF(), smooth=False)
     return _seen(p, inputs, posterior.mean), jnp.sum(posterior.nis)
 
 
@@ -76,7 +78,7 @@ def _seen(p: WaistParams, inputs: WaistInputs, state: TrunkState) -> TrunkMotion
     )  # fmt: skip
 
 
-def _attitude(p: WaistParams, inputs: WaistInputs, *, smooth: bool) -> Values:
+def _attitude(p: WaistParams, inputs: WaistInputs, method: filtering.Method, *, smooth: bool) -> Values:
     """Attitude and biases at each sample, by the filter or the smoother."""
     gyr = vector(0.5 * (inputs.gyr + jnp.concatenate([inputs.gyr[:1], inputs.gyr[:-1]])))
     lost = jnp.where(inputs.measured, 0.0, LOST_RATE)
@@ -103,4 +105,5 @@ def _attitude(p: WaistParams, inputs: WaistInputs, *, smooth: bool) -> Values:
         dt=inputs.dt,
         mask=inputs.measured,
         initial=start,
+        method=method,
     )

@@ -21,10 +21,10 @@ and parameters are not printed.
 
 from typing import NamedTuple
 
-from jgait.estimators.error_state import differences, error_shift, retract
+from jgait.estimators.error_state import differences, retract
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.rotation import Quaternion, exponential, jacobian_product, product, rotated
-from jgait.geometry.vectors import GRAVITY, Vector, cross, scale, subtract
+from jgait.geometry.rotation import Quaternion, exponential, product, rotated
+from jgait.geometry.vectors import GRAVITY, Vector, scale, subtract
 from jgait.types import Values
 
 
@@ -73,13 +73,6 @@ def transition(p: TrunkNoise, s: TrunkState, u: TrunkControl, dt: Values) -> Tru
     return TrunkState(turned, s.gyr_bias, s.acc_bias)
 
 
-def error_transition(p: TrunkNoise, s: TrunkState, e: TrunkError, u: TrunkControl, dt: Values) -> TrunkError:
-    """An error after the interval: the bias turns the attitude."""
-    del p
-    turn = scale(dt, jacobian_product(scale(dt, subtract(u.gyr, s.gyr_bias)), e.gyr_bias))
-    return e._replace(attitude=subtract(e.attitude, rotated(s.attitude, turn)))
-
-
 def transition_noise(p: TrunkNoise, s: TrunkState, u: TrunkControl, dt: Values) -> TrunkError:
     """Process noise of the attitude, from the rate's error over the interval, and of both biases."""
     del s
@@ -92,13 +85,6 @@ def observation(p: TrunkNoise, s: TrunkState, u: TrunkControl) -> TrunkObservati
     del p
     force = rotated(s.attitude, subtract(u.acc, s.acc_bias))
     return TrunkObservation(Vector(force.x, force.y, force.z - GRAVITY))
-
-
-def error_observation(p: TrunkNoise, s: TrunkState, e: TrunkError, u: TrunkControl) -> TrunkObservation:
-    """Change of the observation by an error."""
-    del p
-    force = rotated(s.attitude, subtract(u.acc, s.acc_bias))
-    return TrunkObservation(subtract(cross(e.attitude, force), rotated(s.attitude, e.acc_bias)))
 
 
 def observation_noise(p: TrunkNoise, s: TrunkState, u: TrunkControl) -> TrunkObservation:
@@ -127,7 +113,6 @@ def belief(attitude: Quaternion, gyr_bias: Vector, variances: TrunkError) -> Bel
 
 
 MODEL = Model(
-    initial, transition, transition_noise, observation, observation_noise, retract, local, None,
-    error_transition, error_observation, error_shift,
+    initial, transition, transition_noise, observation, observation_noise, retract, local,
 )  # fmt: skip
 """The model of one sensor on the trunk."""

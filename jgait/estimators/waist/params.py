@@ -6,6 +6,7 @@ from typing import Annotated, Any, NamedTuple
 import jax
 from jaxtyping import PyTree
 
+from jgait import filtering
 from jgait.estimators.proportions import HEIGHTS, SENSOR_SD, SENSOR_SHARE, outside
 from jgait.estimators.waist.velocity_update import VelocityUpdateParams
 from jgait.events.trunk import LITERAL, PaperRule, Peaks
@@ -109,11 +110,13 @@ class WaistOptions(NamedTuple):
             "update": the paper's method (direct and reverse integration with the velocity update).
         detector: of initial contacts, see `events.trunk`: "soft", "peaks", "paper" or "literal".
         smooth: Rauch–Tung–Striebel smoothing (offline).
+        method: how the filter linearises, see `jgait.filtering`.
     """
 
     distance: str = "fused"
     detector: str = "soft"
     smooth: bool = True
+    method: filtering.Method = filtering.EKF()
 
 
 DEFAULT = WaistOptions()

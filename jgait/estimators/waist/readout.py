@@ -165,7 +165,7 @@ def fused(p: WaistParams, inputs: WaistInputs, intervals: Intervals, options: Wa
     known = model_params(p, jnp.any(inputs.still))
     inferred = filtering.infer(
         waist_model.MODEL, known, observed, smooth=options.smooth, controls=controls, dt=intervals.duration, mask=mask,
-        initial=waist_model.initial(known),
+        initial=waist_model.initial(known), method=options.method,
     )  # fmt: skip
     mean, variance = inferred.mean, inferred.cov.variances()
     last = jnp.maximum(inputs.count - 1, 0)

@@ -177,37 +177,6 @@ def test_the_filter_until_the_last_sample_knows_no_padding():
     assert np.abs(short - both).max() > 1e-3
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_stated_errors_of_the_attitude_are_the_derivatives_of_the_functions(seed):
-    rng = np.random.default_rng(seed)
-    q = rng.normal(size=4)
-    three = lambda size: Vector(*(size * rng.normal(size=3)))  # noqa: E731
-    state = waist_orientation.TrunkState(Quaternion(*q / np.linalg.norm(q)), three(0.02), three(0.1))
-    control, delta = TrunkControl(three(5.0), three(10.0), 1e-6, 1e-2), TrunkError(three(0.2), three(0.01), three(0.1))
-    p, dt, model = TrunkNoise(1e-8, 1e-8), 0.01, waist_orientation.MODEL
-    like, zero = jax.tree.structure(delta), jnp.zeros(9)
-
-    def flat(tree):
-        return jnp.stack([jnp.asarray(leaf, float) for leaf in jax.tree.leaves(tree)])
-
-    def derivative(function, at=zero):
-        return jax.jacfwd(lambda e: flat(function(like.unflatten(e))))(at)
-
-    after, beside = model.transition(p, state, control, dt), model.retract(state, delta)
-    stated = (
-        derivative(lambda e: model.error_transition(p, state, e, control, dt)),
-        derivative(lambda e: model.error_observation(p, state, e, control)),
-        derivative(lambda e: model.error_shift(state, delta, e)),
-    )
-    found = (
-        derivative(lambda e: model.local(after, model.transition(p, model.retract(state, e), control, dt))),
-        derivative(lambda e: model.observation(p, model.retract(state, e), control)),
-        derivative(lambda d: model.local(beside, model.retract(state, d)), flat(delta)),
-    )
-    for ours, theirs in zip(stated, found, strict=True):
-        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9)
-
-
 def test_steps_beside_standing_and_at_the_end_of_a_bout_are_less_certain():
     p, no = WaistParams(), np.zeros(ROWS, bool)
     fresh, stands = no.copy(), no.copy()

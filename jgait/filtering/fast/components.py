@@ -5,42 +5,42 @@ is a list of rows; a symmetric matrix has the same object at (i, j) and (j, i).
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import PyTree
 
-from jgait.filtering.batched_call import replaced
+from jgait.filtering.batch import replaced
 
-Matrix = list[list[PyTree]]
+Matrix = list[list[Any]]
 
 
-def known(value: PyTree) -> bool:
+def known(value: Any) -> bool:
     """Whether a component is a constant of the trace."""
     return isinstance(value, float)
 
 
-def is_zero(value: PyTree) -> bool:
+def is_zero(value: Any) -> bool:
     """Whether a component is known to be zero."""
     return isinstance(value, float) and value == 0.0
 
 
-def plus(a: PyTree, b: PyTree) -> PyTree:
+def plus(a: Any, b: Any) -> Any:
     """A + b."""
     if is_zero(a):
         return b
     return a if is_zero(b) else a + b
 
 
-def minus(a: PyTree, b: PyTree) -> PyTree:
+def minus(a: Any, b: Any) -> Any:
     """A − b."""
     if is_zero(b):
         return a
     return -b if is_zero(a) else a - b
 
 
-def times(a: PyTree, b: PyTree) -> PyTree:
+def times(a: Any, b: Any) -> Any:
     """A · b; zero if either factor is a known zero, even if the other is not finite."""
     if is_zero(a) or is_zero(b):
         return 0.0
@@ -51,15 +51,15 @@ def times(a: PyTree, b: PyTree) -> PyTree:
     return a * b
 
 
-def total(values: Iterable[PyTree]) -> PyTree:
+def total(values: Iterable[Any]) -> Any:
     """The sum of components, from left to right."""
-    result: PyTree = 0.0
+    result: Any = 0.0
     for value in values:
         result = plus(result, value)
     return result
 
 
-def dot(a: Sequence[PyTree], b: Sequence[PyTree]) -> PyTree:
+def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
     """Σ a_k b_k."""
     return total(times(x, y) for x, y in zip(a, b, strict=True))
 
@@ -75,7 +75,7 @@ def transposed(a: Matrix) -> Matrix:
     return [list(column) for column in zip(*a, strict=True)]
 
 
-def symmetric(size: int, entry: Callable[[int, int], PyTree]) -> Matrix:
+def symmetric(size: int, entry: Callable[[int, int], Any]) -> Matrix:
     """A symmetric matrix from a function of (i, j), called for i ≤ j only."""
     rows: Matrix = [[0.0] * size for _ in range(size)]
     for i in range(size):
@@ -89,7 +89,7 @@ def congruence(a: Matrix, p: Matrix) -> Matrix:
     left = product(a, p)
     filled = [sum(not is_zero(e) for e in row) for row in a]
 
-    def entry(i: int, j: int) -> PyTree:
+    def entry(i: int, j: int) -> Any:
         return dot(left[j], a[i]) if filled[i] < filled[j] else dot(left[i], a[j])
 
     return symmetric(len(a), entry)
@@ -105,18 +105,18 @@ def identity(size: int) -> Matrix:
     return symmetric(size, lambda i, j: 1.0 if i == j else 0.0)
 
 
-def upper(p: Matrix) -> list[PyTree]:
+def upper(p: Matrix) -> list[Any]:
     """The upper triangle of a matrix, row by row."""
     return [p[i][j] for i in range(len(p)) for j in range(i, len(p))]
 
 
-def from_upper(entries: Sequence[PyTree], size: int) -> Matrix:
+def from_upper(entries: Sequence[Any], size: int) -> Matrix:
     """The symmetric matrix of an upper triangle."""
     rest = iter(entries)
     return symmetric(size, lambda i, j: next(rest))
 
 
-def where(condition: PyTree, value: PyTree, otherwise: PyTree) -> PyTree:
+def where(condition: Any, value: Any, otherwise: Any) -> Any:
     """`jnp.where`, skipped if both values are equal; the condition may be a Python bool."""
     if isinstance(condition, bool):
         return value if condition else otherwise
@@ -125,7 +125,7 @@ def where(condition: PyTree, value: PyTree, otherwise: PyTree) -> PyTree:
     return jnp.where(condition, value, otherwise)
 
 
-def barred(*trees: PyTree) -> PyTree:
+def barred(*trees: Any) -> Any:
     """The same values behind an `optimization_barrier`; known values stay Python floats."""
     leaves, structure = jax.tree.flatten(trees)
     places = [i for i, leaf in enumerate(leaves) if not isinstance(leaf, float | bool)]
@@ -133,6 +133,6 @@ def barred(*trees: PyTree) -> PyTree:
     return jax.tree.unflatten(structure, replaced(leaves, places, behind))
 
 
-def sound(health: PyTree) -> PyTree:
+def sound(health: Any) -> Any:
     """Whether a float is finite; a Python bool if the float is known."""
     return True if known(health) else jnp.abs(health) < jnp.inf

@@ -8,6 +8,7 @@ are computed once; sine and cosine become one polynomial pair; and results of ex
 
 import operator
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,9 +16,8 @@ import numpy as np
 from jax import lax
 from jax.extend.core import Literal
 from jax.typing import DTypeLike
-from jaxtyping import PyTree
 
-from jgait.filtering.components import Matrix, known
+from jgait.filtering.fast.components import Matrix, known
 from jgait.geometry.trigonometry import sincos
 
 EXPENSIVE = frozenset({
@@ -26,7 +26,7 @@ EXPENSIVE = frozenset({
 })  # fmt: skip
 """Primitives that cost more than a store and a load, so that their results are stored and not computed again."""
 
-_NUMPY: dict[str, Callable[..., PyTree]] = {
+_NUMPY: dict[str, Callable[..., Any]] = {
     "add": operator.add, "add_any": operator.add, "sub": operator.sub, "mul": operator.mul, "neg": operator.neg,
     "max": max, "min": min, "abs": abs, "eq": operator.eq, "ne": operator.ne, "lt": operator.lt, "le": operator.le,
     "gt": operator.gt, "ge": operator.ge, "sin": np.sin, "cos": np.cos, "square": lambda a: a * a,
@@ -44,41 +44,39 @@ class Expansion:
     def __init__(self, dtype: DTypeLike) -> None:
         """Take the float type of the state."""
         self.dtype = dtype
-        self._done: dict[PyTree, tuple[PyTree, PyTree]] = {}
+        self._done: dict[Any, tuple[Any, Any]] = {}
 
-    def call(self, function: Callable[..., Sequence[PyTree]], *arguments: Sequence[PyTree]) -> list[PyTree]:
+    def call(self, function: Callable[..., Sequence[Any]], *arguments: Sequence[Any]) -> list[Any]:
         """The outputs of a function of lists of scalars."""
         closed = jax.make_jaxpr(function)(*([self._like(value) for value in values] for values in arguments))
         return self._run(closed, [value for values in arguments for value in values])
 
-    def jacobian(
-        self, function: Callable[[list[PyTree]], Sequence[PyTree]], at: Sequence[PyTree]
-    ) -> tuple[list[PyTree], Matrix]:
+    def jacobian(self, function: Callable[[list[Any]], Sequence[Any]], at: Sequence[Any]) -> tuple[list[Any], Matrix]:
         """Value (m,) and Jacobian (m, n) of a function of n scalars, from the trace of its derivative."""
         size = len(at)
 
-        def pushforward(point: list[PyTree], tangent: list[PyTree]) -> PyTree:
+        def pushforward(point: list[Any], tangent: list[Any]) -> Any:
             return jax.jvp(lambda x: list(function(x)), (point,), (tangent,))
 
         like = [self._like(value) for value in at]
         closed = jax.make_jaxpr(pushforward)(like, [self._like(0.0)] * size)
         columns = []
-        value: list[PyTree] = []
+        value: list[Any] = []
         for j in range(size):
             results = self._run(closed, [*at, *(1.0 if k == j else 0.0 for k in range(size))])
             value = results[: len(results) // 2]
             columns.append(results[len(results) // 2 :])
         return value, [list(row) for row in zip(*columns, strict=True)]
 
-    def _like(self, value: PyTree) -> PyTree:
+    def _like(self, value: Any) -> Any:
         return jax.ShapeDtypeStruct((), self.dtype if known(value) else jnp.result_type(value))
 
-    def _run(self, closed: PyTree, arguments: Sequence[PyTree]) -> list[PyTree]:
+    def _run(self, closed: Any, arguments: Sequence[Any]) -> list[Any]:
         jaxpr = closed.jaxpr
-        values: dict[PyTree, PyTree] = dict(zip(jaxpr.constvars, closed.consts, strict=True))
+        values: dict[Any, Any] = dict(zip(jaxpr.constvars, closed.consts, strict=True))
         values.update(zip(jaxpr.invars, arguments, strict=True))
 
-        def read(variable: PyTree) -> PyTree:
+        def read(variable: Any) -> Any:
             return _constant(variable.val) if isinstance(variable, Literal) else values[variable]
 
         for equation in jaxpr.eqns:
@@ -86,7 +84,7 @@ class Expansion:
             values.update(zip(equation.outvars, outputs, strict=True))
         return [read(variable) for variable in jaxpr.outvars]
 
-    def _equation(self, equation: PyTree, inputs: list[PyTree]) -> Sequence[PyTree]:
+    def _equation(self, equation: Any, inputs: list[Any]) -> Sequence[Any]:
         name = equation.primitive.name
         if name in INLINED:
             return self._run(equation.params.get("jaxpr", equation.params.get("call_jaxpr")), inputs)
@@ -101,7 +99,7 @@ class Expansion:
             self._done[key] = (outputs, inputs)  # keeps the inputs alive, so that no other object gets their ids
         return outputs
 
-    def _bound(self, name: str, equation: PyTree, inputs: list[PyTree]) -> Sequence[PyTree]:
+    def _bound(self, name: str, equation: Any, inputs: list[Any]) -> Sequence[Any]:
         arrays = [_array(value, variable.aval) for value, variable in zip(inputs, equation.invars, strict=True)]
         if name in ("sin", "cos") and equation.invars[0].aval.dtype in (jnp.float32, jnp.float64):
             key = ("sincos", id(inputs[0]))
@@ -114,7 +112,7 @@ class Expansion:
         return list(lax.optimization_barrier(tuple(outputs))) if name in EXPENSIVE else outputs
 
 
-def _constant(value: PyTree) -> PyTree:
+def _constant(value: Any) -> Any:
     """A literal as a known value: a Python float or bool if it is a scalar."""
     if np.ndim(value) != 0 or isinstance(value, jax.core.Tracer):
         return value
@@ -124,12 +122,12 @@ def _constant(value: PyTree) -> PyTree:
     return bool(value) if kind == "b" else value
 
 
-def _array(value: PyTree, aval: PyTree) -> PyTree:
+def _array(value: Any, aval: Any) -> Any:
     """A value as an array of the type that a primitive expects."""
     return np.asarray(value, aval.dtype) if isinstance(value, bool | float) else value
 
 
-def _key(equation: PyTree, inputs: Sequence[PyTree]) -> PyTree:
+def _key(equation: Any, inputs: Sequence[Any]) -> Any:
     """A key that is the same for equal equations; None if equality cannot be determined."""
     if equation.effects:
         return None
@@ -143,7 +141,7 @@ def _key(equation: PyTree, inputs: Sequence[PyTree]) -> PyTree:
     return equation.primitive.name, params, operands, types
 
 
-def _folded(name: str, equation: PyTree, inputs: list[PyTree]) -> PyTree:
+def _folded(name: str, equation: Any, inputs: list[Any]) -> Any:
     """The result of an equation on scalars if no operation is needed at run time, else None."""
     aval = equation.outvars[0].aval
     if len(equation.outvars) != 1 or aval.shape != ():
@@ -161,7 +159,7 @@ def _folded(name: str, equation: PyTree, inputs: list[PyTree]) -> PyTree:
     return _simplified(name, inputs)
 
 
-def _simplified(name: str, inputs: list[PyTree]) -> PyTree:
+def _simplified(name: str, inputs: list[Any]) -> Any:
     zeros = [known(value) and value == 0.0 for value in inputs]
     ones = [known(value) and value == 1.0 for value in inputs]
     if name in ("add", "add_any") and any(zeros):
@@ -177,14 +175,14 @@ def _simplified(name: str, inputs: list[PyTree]) -> PyTree:
     return None
 
 
-def _converted(equation: PyTree, value: PyTree) -> PyTree:
+def _converted(equation: Any, value: Any) -> Any:
     before, after = equation.invars[0].aval, equation.outvars[0].aval
     if isinstance(value, bool | float):
         return _constant(np.asarray(value, after.dtype)) if after.dtype.kind in "fb" else None
     return value if before.dtype == after.dtype else None
 
 
-def _selected(inputs: list[PyTree]) -> PyTree:
+def _selected(inputs: list[Any]) -> Any:
     which, *cases = inputs
     if isinstance(which, bool):
         return cases[int(which)]

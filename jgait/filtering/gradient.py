@@ -1,0 +1,232 @@
+r"""The gradient of a filter and of its smoother in closed form: a scan back over the samples, and one forward.
+
+With a bar for cotangents, K = P⁻ Hᵀ G, z = G e, u = Kᵀ δ̄, and P̄ that of the covariance after the update,
+
+    ē = u,   S̄ = Kᵀ P̄ K − sym(u zᵀ),   C̄ = z δ̄ᵀ − 2 Kᵀ P̄ + S̄ H  (of C = H P⁻),   H̄ = (C̄ + S̄ H) P⁻,
+    P̄⁻ = P̄ + sym(Hᵀ C̄),   Ā = 2 P̄⁻ A P,   Q̄ = P̄⁻,   and P̄ of the sample before: Aᵀ P̄⁻ A,
+
+and further terms where the outputs of the sample have cotangents of their own. The model's functions are
+differentiated by `jax.vjp` of their linearisation.
+
+Source: C. Parellier, A. Barrau, S. Bonnabel, "Speeding-up backpropagation of gradients through the Kalman filter via
+closed-form expressions", IEEE TAC 68(12), 2023 (arXiv 2303.16846), for the form of the backward scan.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from jgait.filtering.batch import replaced
+from jgait.filtering.lanes import (
+    applied,
+    diagonal_matrix,
+    held,
+    lifted,
+    outer,
+    product,
+    product_transposed,
+    symmetrised,
+    transposed,
+    unheld_product,
+    where,
+)
+from jgait.filtering.linear import Linear
+from jgait.filtering.scan import Sample, repeated, scanned, taken, without_skipped
+from jgait.filtering.step import predict
+
+type Named = dict[str, Array]
+"""Outputs of a scan, or their cotangents, by name."""
+
+
+def filter_gradient(
+    linear: Linear, start: Any, samples: Sample, busy: Int[Array, ""], known: Named, ct: Named,
+    moving: Sequence[int],
+) -> list[Array]:  # fmt: skip
+    """Cotangents of the arguments `moving` of `Recorded`.
+
+    Args:
+        linear: the model.
+        start: (x, δ, P) before the first sample.
+        samples: the recording.
+        busy: number of samples without its padding.
+        known: the outputs x, delta, cov, G and z of the filter's scan.
+        ct: cotangents of outputs of the filter's scan.
+        moving: numbers of the arguments.
+    """
+    slots = Slots(linear, moving)
+    ct = {name: without_skipped(value, busy) for name, value in ct.items()}
+    before = [jnp.concatenate([a[None], known[n][:-1]]) for a, n in zip(start, ("x", "delta", "cov"), strict=True)]
+
+    def body(carry: Any, item: Any) -> Any:
+        back, total = carry
+        found, params_ct, sample_ct = _adjoint(linear, slots, item, back)
+        return (found, [a + b for a, b in zip(total, params_ct, strict=True)]), sample_ct
+
+    zero = tuple(jnp.zeros_like(v) for v in start)
+    none = [jnp.zeros((*linear.wide[i].shape[:-1], linear.lanes), linear.wide[i].dtype) for i in slots.params]
+    items = before, samples, {name: known[name] for name in ("G", "z")}, ct
+    (first, sums), found = scanned(body, (zero, none), items, busy, reverse=True)
+    gradients = dict(zip(slots.params, sums, strict=True)) | dict(zip(slots.samples, found, strict=True))
+    gradients |= {slots.start: first[0], slots.start + 1: first[2][: linear.size, : linear.size]}
+    return [gradients[i] for i in moving]
+
+
+def _adjoint(linear: Linear, slots: "Slots", item: Any, back: Any) -> tuple[Any, list[Array], list[Array]]:
+    """Cotangents of (x, δ, P) before a sample, of the moving parameters, and of the moving parts of the sample."""
+    (before, delta, P), sample, known, ct = item
+    parts = slots.parts_of(sample)
+    wide = [jnp.broadcast_to(linear.wide[i], (*linear.wide[i].shape[:-1], linear.lanes)) for i in slots.params]
+
+    def transition(before: Any, delta: Any, moving: Any, parts: Any) -> Any:
+        now = slots.with_parts(sample, parts)
+        return slots.with_params(moving).transition(before, delta, P, now.control, now.dt)
+
+    def observation(x: Any, moving: Any, parts: Any) -> Any:
+        now = slots.with_parts(sample, parts)
+        return slots.with_params(moving).observation(list(x), now.control, list(now.measured), list(now.seen))
+
+    # Two parts, so that an observation that is not finite does not spoil the derivatives of its prediction.
+    (A, Q, x), pull = jax.vjp(transition, list(before), list(delta), wide, parts)
+    (H, R, e), pull_seen = jax.vjp(observation, x, wide, parts)
+    A, Q, x, H = held(A, Q, x, H)
+    del R, e
+    prior, finite = predict(P, A, Q, x)
+    G, z = known["G"], known["z"]
+    valid = held(finite & (G[0, 0] > 0.0))
+    H = where(valid, H, 0.0)
+    K = held(product(transposed(product(H, prior)), G))
+    x_ct, delta_ct, P_ct = back
+    x_ct, delta_ct = x_ct + ct.get("x", 0.0), delta_ct + ct.get("delta", 0.0)
+    P_ct = symmetrised(P_ct + ct["cov"]) if "cov" in ct else P_ct
+    A_ct, H_ct, e_ct, S_ct, prior_ct = _updated(ct, H, prior, G, z, K, A, delta_ct, P_ct, valid)
+    half = product(prior_ct, A)
+    A_ct = product(2.0 * half, P, A_ct)
+    on_x, *seen_ct = pull_seen(held(*(where(valid, v, 0.0) for v in (H_ct, S_ct, e_ct))))
+    # A component that is not seen tells nothing, even where its derivative is not finite.
+    whole = jnp.all(sample.seen, axis=0)
+    on_x, seen_ct = jax.tree.map(lambda v: where(whole, v, jnp.where(jnp.isfinite(v), v, 0.0)), (on_x, seen_ct))
+    x_back, delta_back, *moved_ct = pull(held(A_ct, prior_ct, x_ct + where(valid, on_x, 0.0)))
+    state = jnp.stack(x_back), jnp.stack(delta_back), unheld_product(transposed(A), half)
+    # What was not finite did not change the belief, and says nothing of the parameters.
+    back = tuple(where(finite, f, p) for f, p in zip(state, (x_ct, delta_ct, P_ct), strict=True))
+    params_ct, parts_ct = jax.tree.map(
+        lambda m, s: where(finite, m, 0.0) + where(valid, s, 0.0), tuple(moved_ct), tuple(seen_ct)
+    )
+    return back, params_ct, parts_ct
+
+
+def _updated(
+    ct: Named, H: Array, prior: Array, G: Array, z: Array, K: Array, A: Array, delta_ct: Array, P_ct: Array,
+    valid: Bool[Array, "B"],
+) -> tuple[Any, Array, Array, Array, Array]:  # fmt: skip
+    """Cotangents of A by the output M (None without it), of H, e, S and P⁻."""
+    e_ct = applied(transposed(K), delta_ct)
+    spread = product(transposed(K), P_ct)
+    C_ct, from_gain = outer(z, delta_ct) - 2.0 * spread, spread
+    A_ct: Any = None
+    H_ct: Any = 0.0
+    if "M" in ct or "J" in ct:  # J = H A, M = A − K J
+        J = product(H, A)
+        M_ct, J_ct = ct.get("M", jnp.zeros_like(P_ct)), ct.get("J", jnp.zeros_like(H))
+        whitened = -product_transposed(G, product_transposed(M_ct, J))
+        C_ct, from_gain = C_ct + whitened, spread - whitened
+        J_ct = J_ct - product(transposed(K), M_ct)
+        H_ct = product_transposed(J_ct, A)
+        A_ct = product(transposed(H), J_ct, M_ct)
+    along = e_ct
+    if "z" in ct:
+        pulled = applied(G, ct["z"])
+        e_ct, along = e_ct + pulled, along + pulled
+    if "nis" in ct:
+        pulled = lifted(ct["nis"], z) * z
+        e_ct, along = e_ct + 2.0 * pulled, along + pulled
+    if "innovation" in ct:
+        e_ct = e_ct + ct["innovation"]
+    S_ct = symmetrised(product(from_gain, K, -outer(along, z)))
+    if "G" in ct:
+        S_ct = S_ct - product(product(G, symmetrised(ct["G"])), G)
+    if "log_det" in ct:
+        S_ct = S_ct + lifted(ct["log_det"], G) * G
+    if "variance" in ct:
+        S_ct = S_ct + diagonal_matrix(ct["variance"])
+    rows = product(held(S_ct), H)
+    C_ct = held(where(valid, C_ct + rows, 0.0))
+    H_ct = product(C_ct + rows, prior, H_ct)
+    prior_ct = held(P_ct + symmetrised(product(transposed(H), C_ct)))
+    if "prior" in ct:
+        prior_ct = held(prior_ct + symmetrised(ct["prior"]))
+    return A_ct, H_ct, e_ct, S_ct, prior_ct
+
+
+class Slots:
+    """Where the moving arguments of `Recorded` are: parameters, the start, parts of a sample."""
+
+    def __init__(self, linear: Linear, moving: Sequence[int]) -> None:
+        self.linear, self.start = linear, len(linear.params)
+        self.params = [i for i in moving if i < self.start]
+        self.samples = [i for i in moving if i > self.start + 1]
+
+    def parts_of(self, sample: Sample) -> list[Array]:
+        """The moving parts of a sample, for each recording."""
+        every = [sample.measured, *sample.control, sample.dt]
+        parts = [every[i - self.start - 2] for i in self.samples]
+        return [jnp.broadcast_to(v, (*v.shape[:-1], self.linear.lanes)) for v in parts]
+
+    def with_parts(self, sample: Sample, parts: list[Array]) -> Sample:
+        """The sample, its moving parts replaced."""
+        every = [sample.measured, *sample.control, sample.dt]
+        measured, *control, dt = replaced(every, [i - self.start - 2 for i in self.samples], parts)
+        return Sample(measured, tuple(control), dt, sample.seen)
+
+    def with_params(self, moving: list[Array]) -> Linear:
+        """The model, its moving parameters replaced."""
+        linear = self.linear
+        params = replaced(linear.wide, self.params, moving)
+        return Linear(linear.shape, params, linear.lanes, linear.method, linear.width)
+
+
+def smoother_gradient(named: Named, chosen: tuple[int, ...], busy: Int[Array, ""], ct: Named, lanes: int) -> Named:
+    """Cotangents of the filter's outputs cov, M, J, G and z, by a scan forward over the samples."""
+    if not ct:
+        return {}
+    second = bool(chosen) and ("smoothed" in ct or "Lam" in ct)
+
+    def body(carry: Any, item: Any) -> Any:
+        lam_ct, Lam_ct = carry  # cotangents of λ and Λ before this sample
+        (P, M, J, G, z), later, ct = item
+        lam, Lam = later["lam"], later.get("Lam")
+        M_ct, J_ct = outer(lam, lam_ct), -outer(z, lam_ct)
+        z_ct, G_ct = -applied(J, lam_ct), jnp.zeros_like(G)
+        back, P_ct = applied(M, lam_ct), jnp.zeros_like(P)
+        if second:
+            half, part = product(M, Lam_ct), product(J, Lam_ct)
+            M_ct, J_ct = M_ct + 2.0 * product(Lam, half), J_ct + 2.0 * product(G, part)
+            G_ct, Lam_ct = product_transposed(part, J), product_transposed(half, M)
+            if "smoothed" in ct:
+                change, place = symmetrised(ct["smoothed"]), jnp.asarray(chosen)
+                some = taken(P, chosen)
+                half = product(change, some)
+                P_ct = P_ct.at[place[:, None], place[None]].add(change).at[place].add(-2.0 * product(half, Lam))
+                Lam_ct = Lam_ct - product(transposed(some), half)
+            if "Lam" in ct:
+                Lam_ct = Lam_ct + symmetrised(ct["Lam"])
+        if "move" in ct:
+            P_ct, back = P_ct - symmetrised(outer(ct["move"], lam)), back - applied(P, ct["move"])
+        if "lam" in ct:
+            back = back + ct["lam"]
+        return (back, Lam_ct), {"cov": P_ct, "M": M_ct, "J": J_ct, "G": G_ct, "z": z_ct}
+
+    def unchanged(last: Any, part: Any) -> Any:
+        zero = jax.tree.map(jnp.zeros_like, repeated(last, part))
+        ct, place = part[2]["smoothed"], jnp.asarray(chosen)
+        change = 0.5 * (ct + jnp.swapaxes(ct, 1, 2))
+        return zero | {"cov": zero["cov"].at[:, place[:, None], place[None]].add(change)}
+
+    n, dtype = named["cov"].shape[1], named["cov"].dtype
+    none = jnp.zeros((n, lanes), dtype), (jnp.zeros((n, n, lanes), dtype) if second else 0.0)
+    later = {name: named[name] for name in ("lam", "Lam") if name in named and (second or name == "lam")}
+    parts = tuple(named[name] for name in ("cov", "M", "J", "G", "z"))
+    return scanned(body, none, (parts, later, ct), busy, skipped=unchanged if "smoothed" in ct else None)[1]

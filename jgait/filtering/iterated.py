@@ -1,0 +1,137 @@
+"""Smoothing that linearises the model again about the smoothed trajectory, pass after pass.
+
+Each pass is the filter and smoother of a linear model whose A, c, Q, H, e and R are known for all samples; the limit is
+the most probable trajectory.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array
+
+from jgait.filtering.batch import Batched, differentiable
+from jgait.filtering.inputs import Inputs
+from jgait.filtering.lanes import applied, product, product_transposed, summed, where
+from jgait.filtering.linear import Linear, distinct, placed
+from jgait.filtering.methods import EKF, IteratedSmoother
+from jgait.filtering.posterior import NEEDS, fields_of
+from jgait.filtering.recentre import closure, covariances, states
+from jgait.filtering.recorded import Recorded
+from jgait.filtering.scan import Sample, nothing_after, smoother_scan
+from jgait.filtering.step import predict, update
+
+
+@dataclass(frozen=True)
+class LinearSmoother(Batched):
+    """Smoothed means (T, n), and covariances of some components, of linear models: A, c, Q, H, e, R over samples.
+
+    The belief before the first sample is zero, without variance.
+    """
+
+    chosen: tuple[int, ...]
+
+    @property
+    def block(self) -> int:
+        """Recordings computed at once."""
+        return 8
+
+    def value(self, *arguments: Array) -> list[Array]:
+        """The outputs, time axis in front and batch behind."""
+        lanes, dtype, n = max(v.shape[-1] for v in arguments), arguments[1].dtype, arguments[1].shape[1]
+        everywhere = jnp.ones(lanes, bool)
+
+        def body(carry: Any, sample: Any) -> Any:
+            mean, P = carry
+            A, c, Q, H, e, R = sample
+            mean = applied(A, mean) + c
+            P, _ = predict(P, A, Q, mean)
+            new = update(P, H, R, e - applied(H, mean), everywhere)
+            J = product(new.H, A)
+            kept = {"mean": mean + new.delta, "cov": new.P, "M": A - product(new.K, J), "J": J, "G": new.G, "z": new.z}
+            return (mean + new.delta, new.P), kept
+
+        none = jnp.zeros((n, lanes), dtype), jnp.zeros((n, n, lanes), dtype)
+        wide = [jnp.broadcast_to(v, (*v.shape[:-1], lanes)) for v in arguments]
+        named = lax.scan(body, none, wide)[1]
+        start = nothing_after(n, lanes, dtype, bool(self.chosen))
+        keep = ("move", "smoothed") if self.chosen else ("move",)
+        back = smoother_scan(named, self.chosen, start, keep, None)[1]
+        return [named["mean"] + back["move"], *([back["smoothed"]] if self.chosen else [])]
+
+
+def iterated(
+    given: Inputs, method: IteratedSmoother, fields: tuple[str, ...], chosen: tuple[int, ...]
+) -> dict[str, Any]:
+    """Smoothed mean and covariance after the last pass, and the fields of the first pass, the EKF's, by name."""
+    shape, arrays = given.shape, [value[..., None] for value in given.arrays()]
+    names = tuple(dict.fromkeys((*(n for field in fields for n in NEEDS[field]), "x", "delta", "move")))
+    outputs = differentiable(Recorded(shape, EKF(), names), method.derivative)(*arrays)
+    found = fields_of(given, fields, (), dict(zip(names, (v[..., 0] for v in outputs), strict=True)))
+    params, (start, cov), samples = Recorded(shape, EKF(), names).split(arrays)
+    inner, length = closure(shape, chosen), given.length + 1
+    # The initial belief is the first sample: nothing moves into it, and nothing is measured.
+    longer = jax.tree.map(lambda v: jnp.concatenate([v[:1], v])[..., 0], samples)
+    longer = longer._replace(seen=longer.seen.at[0].set(False))
+    linear, smooth = Linear(shape, params, length, EKF()), differentiable(LinearSmoother(inner), method.derivative)
+
+    def smoothed_again(carry: Any, _: None) -> tuple[Any, None]:
+        at = states(shape, *carry[:2])
+        elements = about(linear, at, (start, cov), longer)
+        return (at, *(v[..., 0] for v in smooth(*(v[..., None] for v in elements)))), None
+
+    at = jnp.concatenate([start[:, 0][None], found["smoothed_mean"]])
+    zero = jnp.zeros((length, shape.error.size), shape.dtype)
+    covs = [jnp.zeros((length, len(inner), len(inner)), shape.dtype)] if inner else []
+    at, delta, *covs = (v[1:] for v in lax.scan(smoothed_again, (at, zero, *covs), length=method.passes - 1)[0])
+    found["smoothed_mean"] = states(shape, at, delta)
+    if inner:
+        found["smoothed_cov"] = covariances(shape, inner, at, delta, covs[0]), inner
+    return found
+
+
+def about(linear: Linear, at: Array, start: Any, samples: Sample) -> list[Array]:
+    """A, c, Q, H, e and R of errors about a trajectory (T, k), time in front; `start`: initial mean and covariance.
+
+    The noise is r = x ⊖ f(x'), of errors about f(x'). With T = ∂e/∂r, errors move by e = T (∂r/∂e' e' − r + w).
+    """
+    shape, places = linear.shape, list[Any]()
+
+    def one(params: Any, values: Any, column: Any) -> Any:
+        before, now, first, begins, u, dt = values
+        p, u = shape.params.unflatten(params), shape.control.tuple(u)
+        zero = [jnp.zeros_like(v) for v in column]
+
+        def moved(e: list[Any]) -> list[Any]:
+            state = shape.state.tuple(shape.retract(before, e))
+            after = shape.model.transition(p, state, u, dt)
+            return shape.arrays(shape.state.components(after, shape.dtype, "what transition returns"))
+
+        came = moved(zero)
+        finite = jnp.isfinite(sum(came))
+        arrived = [jnp.where(begins, a, jnp.where(finite, b, c)) for a, b, c in zip(first, came, before, strict=True)]
+        gap = shape.local(arrived, now)
+        slope = jax.jvp(lambda e: shape.local(moved(e), now), (zero,), (column,))[1]
+        place = shape.retract(arrived, gap)
+        turn = jax.jvp(lambda d: shape.local(place, shape.retract(arrived, d)), (gap,), (column,))[1]
+        noise = shape.model.transition_noise(p, shape.state.tuple(before), u, dt)
+        entries = shape.noise(noise, shape.error, "what transition_noise returns")
+        return gap, [-v for v in slope], turn, distinct(entries, places=places, shape=shape)
+
+    x = list(at.T)
+    begins = jnp.arange(len(at)) == 0
+    controls = [*samples.control]
+    values = [jnp.concatenate([v[:1], v[:-1]]) for v in x], x, [v[0] for v in start[0]], begins, controls, samples.dt
+    gap, slope, turn, noise = linear.over(one, *values, columns=linear.directions, out=(None, 0, 0, None))
+    D, T, Q = jnp.stack(slope), jnp.stack(turn), placed(noise, places, shape.error.size)
+    # A transition that is not finite leaves the state where it was, as in the filter.
+    finite = jnp.isfinite(summed(D) + summed(Q))
+    D = where(finite, D, jnp.eye(len(D), dtype=D.dtype)[:, :, None])
+    D = where(begins, jnp.zeros_like(D), D)
+    Q = where(finite, Q, 0.0)
+    Q = where(begins, jnp.broadcast_to(start[1], Q.shape), Q)
+    H, R, e = linear.observation(x, controls, list(samples.measured.T), list(samples.seen.T))
+    elements = product(T, D), -applied(T, jnp.stack(gap)), product_transposed(product(T, Q), T), H, e, R
+    return [jnp.moveaxis(v, -1, 0) for v in elements]

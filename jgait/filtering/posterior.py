@@ -1,0 +1,203 @@
+"""What a filter and a smoother return, from the outputs of their scans."""
+
+import math
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, PyTree
+
+from jgait.filtering.covariance import Covariance
+from jgait.filtering.inputs import Inputs
+from jgait.filtering.layout import Layout
+from jgait.filtering.model import Belief, Shape
+from jgait.filtering.recentre import covariances, states, turned
+from jgait.types import Counts, Maybe
+
+
+class Posterior(NamedTuple):
+    """A filtered recording; every leaf has the time axis in front, and a field not in `keep` is None.
+
+    Attributes:
+        mean: filtered mean, in the state's type.
+        cov: covariance of `mean`.
+        predicted_mean: mean before each sample.
+        predicted_cov: covariance of `predicted_mean`.
+        innovation: measured − predicted, in the observation's type; 0 where masked.
+        innovation_stddev: standard deviation of `innovation`, in the observation's type; 1 where masked.
+        log_likelihood: (T,) log-density of each sample given the past [nat], linearised at the prediction; NaN if a
+            parameter is NaN.
+        nis: (T,) normalised innovation squared, χ² with `count` degrees of freedom, linearised at the prediction.
+        count: (T,) number of measured components, as a float.
+        valid: (T,) False where the numbers were not finite and the prediction was kept; the five fields above are
+            then 0.
+    """
+
+    mean: PyTree = None
+    cov: Any = None
+    predicted_mean: PyTree = None
+    predicted_cov: Any = None
+    innovation: PyTree = None
+    innovation_stddev: PyTree = None
+    log_likelihood: Maybe[Float[Array, "*batch time"]] = None
+    nis: Maybe[Float[Array, "*batch time"]] = None
+    count: PyTree = None
+    valid: Maybe[Bool[Array, "*batch time"]] = None
+
+    def belief(self, at: Counts) -> Belief:
+        """The belief after sample `at`."""
+        return Belief(*jax.tree.map(lambda leaf: leaf[at], (self.mean, self.cov)))
+
+    def student_t(self, freedom: float) -> Float[Array, "*batch time"]:
+        """(T,) log-density of each sample [nat] under Student's t with the innovation's covariance for its scale.
+
+        With few degrees of freedom, samples far from their prediction count little; with many it is `log_likelihood`.
+        """
+        size = self.count
+        log_det = -2.0 * self.log_likelihood - self.nis - size * math.log(2.0 * math.pi)
+        constant = jax.lax.lgamma(0.5 * (freedom + size)) - math.lgamma(0.5 * freedom)
+        constant -= 0.5 * size * math.log(math.pi * freedom)
+        return constant - 0.5 * log_det - 0.5 * (freedom + size) * jnp.log1p(self.nis / freedom)
+
+
+FIELDS = Posterior._fields
+"""The names of the fields that a filter can return, see `Posterior`."""
+
+KEEP = ("mean", "cov", "innovation", "log_likelihood", "nis", "count", "valid")
+"""The fields of a posterior that a filter returns by default."""
+
+SUMMARY = ("log_likelihood", "nis", "count", "valid")
+"""Fields of the filter's posterior that measure how well the model fits."""
+
+NEEDS = {
+    "mean": ("x", "delta"), "cov": ("x", "delta", "cov"), "predicted_mean": ("x", "delta", "valid"),
+    "predicted_cov": ("x", "delta", "cov", "prior", "valid"), "innovation": ("innovation",),
+    "innovation_stddev": ("variance",), "log_likelihood": ("nis", "log_det", "valid"), "nis": ("nis",),
+    "count": ("valid",), "valid": ("valid",),
+}  # fmt: skip
+"""Field of `Posterior` → outputs of the scan that it is computed from."""
+
+LOG_2PI = math.log(2.0 * math.pi)
+
+
+class Inferred(NamedTuple):
+    """A filtered or smoothed recording.
+
+    Attributes:
+        mean: mean in the state's type, time axis in front.
+        cov: covariance of `mean`, or None if `covariance` is False.
+        filtered: the filter's `Posterior`, with the fields in `keep`.
+    """
+
+    mean: PyTree
+    cov: Any
+    filtered: Posterior
+
+    @property
+    def log_likelihood(self) -> Float[Array, "*batch"]:
+        """Log-likelihood of all observations, each given the past [nat]."""
+        return jnp.sum(self.filtered.log_likelihood)
+
+    @property
+    def nis(self) -> Float[Array, "*batch"]:
+        """Mean normalised innovation squared: 1 if the model's noise is equal to the noise of the observations."""
+        return jnp.sum(self.filtered.nis) / jnp.maximum(jnp.sum(self.filtered.count), 1.0)
+
+
+def places_of(covariance: bool | tuple[str, ...], error: Layout) -> tuple[int, ...]:
+    """The numbers of the error components with the given names; raises ValueError for an unknown name."""
+    if isinstance(covariance, bool):
+        return tuple(range(error.size)) if covariance else ()
+    wanted = set[int]()
+    for name in covariance:
+        try:
+            wanted.update(error.places(name))
+        except KeyError as unknown:
+            names = ", ".join(error.names)
+            raise ValueError(f"covariance names components of the error ({names}); got {name!r}") from unknown
+    return tuple(sorted(wanted))
+
+
+def fields_of(given: Inputs, fields: tuple[str, ...], inner: tuple[int, ...], outputs: dict[str, Array]) -> Any:
+    """Fields of `Posterior`, and the smoothed "move" and "smoothed", from the outputs of `Recorded` (T, …)."""
+    shape, out = given.shape, outputs
+    found: dict[str, Any] = {}
+    every = tuple(range(shape.error.size))
+    mean: Any = states(shape, out["x"], out["delta"]) if "x" in out else None
+    for name in fields:
+        match name:
+            case "mean":
+                value = mean
+            case "predicted_mean":
+                value = jnp.where(out["valid"][:, None], out["x"], mean)
+            case "cov" | "predicted_cov":
+                value = covariances(shape, every, out["x"], out["delta"], out["cov"])
+                if name == "predicted_cov":
+                    value = jnp.where(out["valid"][:, None, None], out["prior"], value)
+            case "innovation_stddev":
+                positive = out["variance"] > 0.0
+                value = jnp.where(positive, jnp.sqrt(jnp.where(positive, out["variance"], 1.0)), 0.0)
+                value = jnp.where(out["valid"][:, None], value, 0.0)
+            case "count" | "log_likelihood":
+                seen = jnp.stack([jnp.broadcast_to(jnp.asarray(s), given.length) for s in given.seen], axis=1)
+                value = jnp.where(out["valid"], jnp.sum(seen, axis=1, dtype=shape.dtype), 0.0)
+                if name == "log_likelihood":
+                    terms = out["nis"] + out["log_det"] + value * LOG_2PI
+                    value = jnp.where(out["valid"], -0.5 * terms, 0.0)
+            case _:
+                value = out[name]
+        found[name] = value
+    if "move" in out:
+        error = turned(shape, out["x"], out["delta"], out["move"])
+        found["smoothed_mean"] = states(shape, mean, error)
+        if inner:
+            about = covariances(shape, inner, out["x"], out["delta"], out["smoothed"])
+            found["smoothed_cov"] = covariances(shape, inner, mean, error, about), inner
+    return found
+
+
+def inferred(
+    given: Inputs, found: dict[str, Any], keep: tuple[str, ...], chosen: tuple[int, ...], smooth: bool
+) -> Inferred:
+    """The result from the fields by name: arrays (T, size), of covariances (T, n, n), or (T,)."""
+    shape = given.shape
+    if "log_likelihood" in found:
+        params = [leaf for leaf in jax.tree.leaves(given.params) if jnp.issubdtype(leaf.dtype, jnp.floating)]
+        if params:  # no update is valid, and none counts: the sum would be 0
+            lost = jnp.any(jnp.stack([jnp.any(jnp.isnan(leaf)) for leaf in params]))
+            found["log_likelihood"] = jnp.where(lost, jnp.nan, found["log_likelihood"])
+    named = dict.fromkeys(("mean", "predicted_mean"), shape.state.split)
+    named |= dict.fromkeys(("innovation", "innovation_stddev"), partial(_measured, shape))
+    named |= dict.fromkeys(("cov", "predicted_cov"), partial(Covariance.from_dense, like=shape.error))
+    fields = {name: named[name](v) if name in named else v for name, v in found.items() if name in FIELDS}
+    if not smooth:
+        posterior = Posterior(**{name: value for name, value in fields.items() if name in (*keep, "mean", "cov")})
+        return Inferred(posterior.mean, posterior.cov, posterior)
+    posterior = Posterior(**{name: fields[name] for name in keep})
+    cov = None
+    if chosen:
+        matrix, inner = found["smoothed_cov"]
+        place = jnp.asarray([inner.index(i) for i in chosen])
+        matrix = matrix if inner == chosen else matrix[:, place[:, None], place[None]]
+        cov = Covariance.from_dense(matrix, part_of(shape.error, chosen))
+    return Inferred(shape.state.split(found["smoothed_mean"]), cov, posterior)
+
+
+def _measured(shape: Shape, values: Array) -> PyTree:
+    """An observation tuple of arrays (T, measured components); None for a leaf that is never measured."""
+    if len(shape.measured) == shape.observed.size:
+        return shape.observed.split(values)
+    part = part_of(shape.observed, shape.measured)
+    return part.split(values)
+
+
+def part_of(layout: Layout, chosen: tuple[int, ...]) -> Layout:
+    """The layout of a tuple with None for the leaves of which no component is chosen."""
+    leaves, shapes, first = [], [], 0
+    for shape in layout.shapes:
+        here = [i for i in chosen if first <= i < first + math.prod(shape)]
+        first += math.prod(shape)
+        leaves.append(0 if here else None)
+        shapes += [shape if len(here) == math.prod(shape) else (len(here),)] if here else []
+    return Layout(jax.tree.structure(layout.structure.unflatten(leaves)), tuple(shapes))

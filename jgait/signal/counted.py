@@ -1,0 +1,41 @@
+"""Loops over the first samples of arrays that are longer."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Int
+
+
+def scanned(
+    body: Callable[[Any, Any], tuple[Any, Any]], start: Any, samples: Any, count: Int[Array, ""] | None
+) -> tuple[Any, Any]:
+    """`lax.scan` over the first `count` samples, or over all; outputs beyond are zeros.
+
+    JAX cannot differentiate it in reverse mode where a count is given.
+    """
+    if count is None:
+        return lax.scan(body, start, samples)
+    length = jax.tree.leaves(samples)[0].shape[0]
+    body = jax.jit(body, inline=True)  # traced once, for the shapes and for the loop
+
+    def sample(i: Any) -> Any:
+        return jax.tree.map(lambda v: lax.dynamic_index_in_dim(v, i, keepdims=False), samples)
+
+    def step(i: Any, kept: Any) -> Any:
+        carry, found = body(kept[0], sample(i))
+        put = jax.tree.map(lambda all, one: lax.dynamic_update_index_in_dim(all, one, i, 0), kept[1], found)
+        return carry, put
+
+    shapes = jax.eval_shape(lambda: body(start, sample(0))[1])
+    outputs = jax.tree.map(lambda one: jnp.zeros((length, *one.shape), one.dtype), shapes)
+    return lax.fori_loop(0, count, step, (start, outputs))
+
+
+def held_on(values: Array, count: Int[Array, ""]) -> Array:
+    """Outputs (T, …) of which those from `count` on repeat the one before."""
+    last = lax.dynamic_index_in_dim(values, count - 1, keepdims=False)
+    own = jnp.arange(values.shape[0]) < count
+    return jnp.where(own.reshape(-1, *(1,) * (values.ndim - 1)), values, last)
