@@ -2,7 +2,8 @@
 
 The foot has 15 error states and three velocities in stance, the leg 8 states and six observations with masks. Signals
 are simulated by formulas: only their sizes matter for time. Seconds are of processor time where a program is
-compiled, and of the clock where it runs; `b64` splits the batch between two threads, one for each core.
+compiled, and of the clock where it runs; `b64` splits the batch between two threads, one for each core. Rows named
+`*_over_today` are ratios of medians over an earlier build, see `today`, which runs in turn with the present one.
 """
 
 import os
@@ -10,15 +11,18 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from statistics import median
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from experiments.benchmark import today
 from experiments.benchmark.candidates import candidates
 from experiments.benchmark.leg import LOG_NOISE, recordings
 from experiments.benchmark.timing import Program, compiled, data_of, interleaved
+from experiments.common.process import ROOT
 from experiments.common.row import Row, show
 from jgait import filtering
 from jgait.estimators.foot_ins import model as foot_model
@@ -300,6 +304,33 @@ def over_dynamax(quick: bool) -> list[Row]:
     return [Row("fast_over_dynamax_b64", ratio, "ratio", None, 64, f"8 states, {samples} samples, float32")]
 
 
+def over_today(quick: bool) -> list[Row]:
+    """Rates of the smoother, and seconds of compiling and tracing it, over those of the earlier build, in turn."""
+    rounds, again = (3, 1) if quick else (9, 3)
+    models, counts = ("foot", "leg"), (1, 64)
+    with today.earlier() as tree:
+        if tree is None:
+            return []
+        with today.Build(tree) as before, today.Build(ROOT) as now:
+            builds = (before, now)
+            made = {model: [[build.compiled(model, 1) for build in builds] for _ in range(again)] for model in models}
+            for model in models:
+                for build in builds:
+                    build.compiled(model, 64)
+            jobs = [(model, count) for model in models for count in counts]
+            took = [{job: [build.seconds(*job) for build in builds] for job in jobs} for _ in range(rounds)]
+    split = f"medians of {rounds} rounds in turn, {SAMPLES} samples, float32"
+    found = []
+    for model, count in jobs:
+        old, new = (median(one[model, count][k] for one in took) for k in (0, 1))
+        found.append(Row(f"{model}_b{count}_over_today", old / new, "ratio", None, count, split))
+    for part in ("compile", "trace"):
+        seconds = [[median(one[k][part] for one in made[model]) for k in (0, 1)] for model in models]
+        worst = max(new / old for old, new in seconds)
+        found.append(Row(f"{part}_over_today", worst, "ratio", None, again, "processor seconds, worst of foot and leg"))
+    return found
+
+
 def rows(quick: bool) -> list[Row]:
     """All of it; `quick` takes fewer sizes and repeats."""
     jax.config.update("jax_enable_compilation_cache", False)
@@ -310,6 +341,7 @@ def rows(quick: bool) -> list[Row]:
     if jax.default_backend() != "cpu":
         with jax.enable_x64(False):
             found += [*accelerator("foot", foot), *accelerator("leg", leg)]
+    found += over_today(quick)
     error = max(gradient_error(foot), gradient_error(leg))
     found.append(Row("gradient_relative_error", error, "1", None, None, "against central differences, float64"))
     ratio = max(row.value for row in found if row.metric.endswith("likelihood_gradient_over_filter"))

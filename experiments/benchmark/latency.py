@@ -1,9 +1,12 @@
 """How long a user waits: processor seconds of commands in fresh processes, with an empty and a filled cache.
 
 Each command runs three times with an empty cache of compiled programs and three times with the cache of the last such
-run; medians. Every further part is a fresh process of `latency_process`. JGAIT_BENCHMARK_SUITE=1 runs the tests too.
+run; medians. `*_over_today_worst` are the largest ratios of these medians over those of an earlier build, see `today`,
+whose commands run in turn with the present ones. Every further part is a fresh process of `latency_process`.
+JGAIT_BENCHMARK_SUITE=1 runs the tests too.
 """
 
+import compileall
 import os
 import shutil
 import subprocess
@@ -15,7 +18,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from experiments.common.process import ROOT, answers, environment, started
+from experiments.benchmark import today
+from experiments.common.process import ROOT, answers, started
 from experiments.common.row import Row, show
 
 MODULE = "experiments.benchmark.latency_process"
@@ -26,17 +30,23 @@ ROUTE = ("--route", "straight:17.5")
 SPENT = ("imports", "tracing", "xla", "cache", "figures")
 
 
-def spent(command: Sequence[Any], cache: Path, folder: Path = ROOT) -> float:
+def spent(command: Sequence[Any], cache: Path, tree: Path = ROOT) -> float:
     """Processor seconds of a command, its threads and its own processes; compiled programs are kept in `cache`.
+
+    Args:
+        command: arguments of Python.
+        cache: folder.
+        tree: folder of the build.
 
     Raises:
         RuntimeError: if the command fails.
     """
-    variables = {**environment(), "XDG_CACHE_HOME": str(cache), "MPLCONFIGDIR": str(cache.parent / "matplotlib")}
+    kept = {"XDG_CACHE_HOME": str(cache), "MPLCONFIGDIR": str(cache.parent / "matplotlib")}
     with tempfile.TemporaryFile() as output:
         process = subprocess.Popen(
-            [sys.executable, *map(str, command)], stdout=output, stderr=output, cwd=folder, env=variables
-        )
+            [sys.executable, *map(str, command)], stdout=output, stderr=output, cwd=tree,
+            env=today.variables(tree) | kept,
+        )  # fmt: skip
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode:
@@ -45,38 +55,54 @@ def spent(command: Sequence[Any], cache: Path, folder: Path = ROOT) -> float:
     return usage.ru_utime + usage.ru_stime
 
 
-def cold_and_warm(command: Sequence[Any], scratch: Path, rounds: int) -> tuple[float, float]:
-    """Medians of a `jgait` command, with an empty cache and with a filled one; the cache stays in `scratch`/cache."""
-    cold, warm = [], []
+def cold_and_warm(
+    command: Sequence[Any], scratch: Path, rounds: int, trees: Sequence[Path] = (ROOT,)
+) -> list[tuple[float, float]]:
+    """Medians of a `jgait` command, with an empty cache and with a filled one, for builds that run in turn.
+
+    The cache of the first build stays in `scratch`/cache.
+    """
+    caches = [scratch / "cache", *(scratch / f"cache_{number}" for number in range(1, len(trees)))]
+    out = scratch / "out"
+    cold, warm = ([[] for _ in trees] for _ in range(2))
     for times in (cold, warm):
         for _ in range(rounds):
-            if times is cold:
-                shutil.rmtree(scratch / "cache", ignore_errors=True)
-            out = scratch / "out"
-            shutil.rmtree(out, ignore_errors=True)
-            times.append(spent(["-m", "jgait.cli", *command, "--out", out], scratch / "cache"))
-    return median(cold), median(warm)
+            for tree, cache, took in zip(trees, caches, times, strict=True):
+                if times is cold:
+                    shutil.rmtree(cache, ignore_errors=True)
+                shutil.rmtree(out, ignore_errors=True)
+                took.append(spent(["-m", "jgait.cli", *command, "--out", out], cache, tree))
+    return list(zip(map(median, cold), map(median, warm), strict=True))
 
 
 def rows(quick: bool) -> list[Row]:
     """All of it; `quick` takes one round, one estimator, and neither demonstration nor cohort."""
-    with tempfile.TemporaryDirectory(prefix="jgait-latency-") as folder:
-        return _rows(Path(folder), quick)
+    with tempfile.TemporaryDirectory(prefix="jgait-latency-") as folder, today.earlier() as tree:
+        return _rows(Path(folder), quick, [ROOT] if tree is None else [ROOT, tree])
 
 
-def _rows(scratch: Path, quick: bool) -> list[Row]:
+def _rows(scratch: Path, quick: bool, trees: Sequence[Path]) -> list[Row]:
+    """`trees` are this build, and the earlier one if it is there."""
     rounds = 1 if quick else 3
     split = f"processor seconds of fresh processes, medians of {rounds}"
     answers(started(MODULE, ["walks", scratch, *LENGTHS]))
+    for tree in trees:
+        compileall.compile_dir(tree / "jgait", quiet=1)
+    spent(["-c", "import matplotlib.font_manager"], scratch / "cache")  # lists the fonts once
     spent(["-m", "jgait.cli", "--help"], scratch / "cache")
     helps = [spent(["-m", "jgait.cli", "--help"], scratch / "cache") for _ in range(rounds)]
     found = [Row("help_s", median(helps), "s", None, rounds, split)]
     lines = []
     worst = dict.fromkeys(("next_length_compilations", "next_file_s", "warm_run_ms"), 0.0)
+    over: dict[str, list[float]] = {"cold": [], "warm": []}
     for estimator in ESTIMATORS[:1] if quick else ESTIMATORS:
         kind = "range" if estimator == "stride_width_ekf" else "seven"
         one, ten = scratch / f"{kind}.csv", [scratch / f"{kind}_{length}.csv" for length in LENGTHS]
-        cold, warm = cold_and_warm(["estimate", one, "--estimator", estimator], scratch, rounds)
+        (cold, warm), *before = cold_and_warm(["estimate", one, "--estimator", estimator], scratch, rounds, trees)
+        for earlier in before:
+            over["cold"].append(cold / earlier[0])
+            over["warm"].append(warm / earlier[1])
+            print(f"{estimator}: over the earlier build {over['cold'][-1]:.2f} cold, {over['warm'][-1]:.2f} warm")
         several = ["-m", "jgait.cli", "estimate", *ten, "--estimator", estimator, "--out", scratch / "ten"]
         following = (spent(several, scratch / "cache") - warm) / 9.0
         worst["next_file_s"] = max(worst["next_file_s"], following)
@@ -92,22 +118,25 @@ def _rows(scratch: Path, quick: bool) -> list[Row]:
         shutil.rmtree(scratch / "parts")
         print(f"{estimator}: {session['next_length_compilations']:g} compilations of another length, "
               f"{session['warm_run_ms']:.1f} ms in a session, {following:.2f} s for each further file")  # fmt: skip
-    cold, warm = cold_and_warm(["simulate", *ROUTE], scratch, rounds)
+    for state, ratios in over.items():
+        if ratios:
+            found.append(Row(f"{state}_over_today_worst", max(ratios), "ratio", None, len(ratios), "in turn, medians"))
+    ((cold, warm),) = cold_and_warm(["simulate", *ROUTE], scratch, rounds)
     for state, seconds in (("cold", cold), ("warm", warm)):
         found.append(Row(f"simulate_{state}_s", seconds, "s", None, rounds, split))
         lines.append([f"simulate, {state}", seconds, *("–" for _ in SPENT), "–"])
     units = {"next_length_compilations": "programs", "next_file_s": "s", "warm_run_ms": "ms"}
     found += [Row(name, value, units[name], None, 1, "worst estimator") for name, value in worst.items()]
     if not quick:
-        cold, warm = cold_and_warm(["demo"], scratch, rounds)
+        ((cold, warm),) = cold_and_warm(["demo"], scratch, rounds)
         found += [
             Row("demo_cold_s", cold, "s", None, rounds, split),
             Row("demo_warm_s", warm, "s", None, rounds, split),
         ]
         lines += [["demo, cold", cold, *("–" for _ in SPENT), "–"], ["demo, warm", warm, *("–" for _ in SPENT), "–"]]
         seconds = [answers(started(MODULE, ["cohort", scratch / "seven", kind]))[0] for kind in ("many", "one")]
-        over = Row("lengths_over_one_length", seconds[0] / seconds[1], "ratio", None, 100, "evaluate, with compiling")
-        found.append(over)
+        ratio = seconds[0] / seconds[1]
+        found.append(Row("lengths_over_one_length", ratio, "ratio", None, 100, "evaluate, with compiling"))
     if os.environ.get("JGAIT_BENCHMARK_SUITE"):
         found += suite(scratch)
     show("Processor seconds, and the parts of one run", ["", "all", *SPENT, "programs"], lines)

@@ -155,7 +155,7 @@ are here. Each experiment has a folder; most files of a folder are a table or a 
 
 {each}
 
-`make bench` runs the comparisons with other libraries (`benchmark`); their table is in `docs/guide/own_filter.md`.
+`make bench` runs the comparisons with other libraries (`benchmark`); their table is in `docs/benchmarks.md`.
 `common` holds what experiments share: the row, recordings with their references, matching, and libraries with
 environments of their own (`make peers`).
 

@@ -1,20 +1,21 @@
 """Compiled programs: one for each function, static arguments and shapes, kept between processes in a folder.
 
-`compiled` is `jax.jit` for functions that users call from fresh processes. Once `keep` has named a folder, a program is
-read from there without being traced, lowered or compiled. A file that is damaged, or of another version of jgait or
-JAX, another processor or another precision, is never used: its program is compiled anew.
+`compiled` is `jax.jit` for functions that users call from fresh processes. Once `keep` has named a folder, what JAX
+traced is read from there (`jax.export`), and what XLA compiled from JAX's own cache of compilations. A file that is
+damaged, or of another version of jgait or JAX, another processor or another precision, is never used: its program is
+made anew. Nothing in a file can name code to run: it holds operations on arrays.
 """
 
 import contextlib
 import functools
 import hashlib
+import json
 import math
 import os
-import pickle
 import platform
+import sys
 import tempfile
-import threading
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,10 @@ from jgait.filtering.compile import backend, compiler_options, host, processor
 LIMIT = 1_000_000_000
 """[bytes] Size of the folder; when a program is added, the files that were not used for longest are removed."""
 
-ENDING = ".program"
+ENDING = ".traced"
+
+SHORTEST = 0.1
+"""[s] Compilations that took less are not kept."""
 
 BUCKET = 4096
 """[samples] Recordings are padded to this length times a power of two, so that few programs are compiled: recordings of
@@ -46,12 +50,18 @@ class _Store:
 
 
 def keep(folder: Path | None) -> None:
-    """Keep the programs of this process in a folder that exists; None: keep none."""
+    """Keep the programs of this process in a folder that exists; None: keep none.
+
+    JAX keeps its compilations there too, unless it has a folder for them.
+    """
     _Store.folder = folder
+    if folder is not None and jax.config.jax_compilation_cache_dir is None:
+        jax.config.update("jax_compilation_cache_dir", str(folder))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", SHORTEST)
 
 
 def before_compiling(call: Callable[[], None] | None) -> None:
-    """Call a function before each program that is compiled because the folder does not have it."""
+    """Call a function before each program that is made because the folder does not have it."""
     _Store.compiling = call
 
 
@@ -101,25 +111,24 @@ class Program:
         return jax.jit(self.function, static_argnames=names, compiler_options=options)
 
     def _made(self, key: Hashable, arrays: PyTree, static: dict[str, Any]) -> Callable[..., PyTree]:
-        """The program from the folder, or compiled and put there."""
-        file = self._file(key)
-        if file is not None and (kept := _read(file, jax.tree.structure((arrays, {})))) is not None:
-            return kept
-        if _Store.compiling is not None:
-            _Store.compiling()
-        options, hits = compiler_options() | self.options or None, _hits()
-        with contextlib.nullcontext() if file is None else _unshared():
-            program = self._compiled(arrays, static, options)
-        # XLA loses functions of a program that is read from JAX's own cache and written again: such a program ends in
-        # an error. It stays in that cache alone.
-        if file is not None and _hits() == hits:
-            _write(file, program)
-        return program
+        """The program, traced as the folder has it, or anew."""
+        options, file = compiler_options() | self.options or None, self._file(key)
+        traced = None if file is None else _read(file)
+        if traced is None:
+            if _Store.compiling is not None:
+                _Store.compiling()
+            if file is None:
+                program: Callable[..., PyTree] = self._jit(tuple(static), options).lower(*arrays, **static).compile()
+                return program
+            leaves, structure = jax.tree.flatten(arrays)
 
-    def _compiled(self, arrays: PyTree, static: dict[str, Any], options: PyTree) -> Callable[..., PyTree]:
-        """The function of a short recording as steps; of a long one, or if it compiles quickly, one program."""
-        whole: Callable[..., PyTree] = self._jit(tuple(static), options).lower(*arrays, **static).compile()
-        return whole
+            def flat(*leaves: PyTree) -> PyTree:
+                return self.function(*jax.tree.unflatten(structure, leaves), **static)
+
+            traced = jax.export.export(jax.jit(flat))(*leaves)
+            _write(file, traced)
+        compiled = jax.jit(traced.call, compiler_options=options).lower(*jax.tree.leaves(arrays)).compile()
+        return lambda *given: compiled(*jax.tree.leaves(given))
 
     def _file(self, key: Hashable) -> Path | None:
         """The file of a program; None where none is kept, or where nothing names the function or its arguments."""
@@ -129,36 +138,6 @@ class Program:
             return None
         digest = hashlib.sha256(f"{whole} {_surroundings()}".encode()).hexdigest()
         return _Store.folder / f"{digest}{ENDING}"
-
-
-def _unshared() -> contextlib.AbstractContextManager[None]:
-    """JAX's own cache takes no program of this thread meanwhile: it would be a second copy, which cannot be written
-    again. Other threads go on: JAX has no public setting of one thread. Without its own one, the copy is a waste only.
-    """
-    try:
-        from jax._src.config import persistent_cache_min_compile_time_secs as least
-    except ImportError:
-        return contextlib.nullcontext()
-    one_thread: contextlib.AbstractContextManager[None] = least(math.inf)
-    return one_thread
-
-
-_heard = threading.local()
-
-
-def _hits() -> int:
-    """Programs that this thread has read from JAX's own cache, since the first call."""
-    _listen()
-    return getattr(_heard, "hits", 0)
-
-
-@functools.cache
-def _listen() -> None:
-    def hear(event: str, **_: str | int) -> None:
-        if event == "/jax/compilation_cache/cache_hits":
-            _heard.hits = getattr(_heard, "hits", 0) + 1
-
-    jax.monitoring.register_event_listener(hear)
 
 
 def _shape(leaf: PyTree) -> Hashable:
@@ -182,47 +161,48 @@ def _surroundings() -> str:
     return repr((stamps, jax.__version__, platform.python_version(), processor(), jax.device_count(), settings))
 
 
-def _read(file: Path, structure: Any) -> Callable[..., PyTree] | None:
-    """The program of a file; None if there is none, or it is damaged."""
-    from jax.experimental.serialize_executable import deserialize_and_load
-
+def _read(file: Path) -> jax.export.Exported | None:
+    """The program of a file; None if there is none, or it is damaged, or of types that are not loaded."""
     try:
         content = file.read_bytes()
         if hashlib.sha256(content[32:]).digest() != content[:32]:
             return None
-        plan, kept = pickle.loads(content[32:])
-        programs = [
-            deserialize_and_load(
-                payload,
-                structure if plan is None else jax.tree.structure(((0,) * count, {})),
-                jax.tree.structure(result),
-                "cpu",
-            )
-            for payload, count, result in kept
-        ]
+        names, _, traced = content[32:].partition(b"\n")
+        for name in json.loads(names):
+            module, _, inner = name.partition(":")
+            _register(getattr(sys.modules[module], inner))
         os.utime(file)
-        program: Callable[..., PyTree] = programs[0]
+        return jax.export.deserialize(bytearray(traced))
     except Exception:  # whatever another version wrote there
         return None
-    return program
 
 
-def _write(file: Path, program: PyTree) -> None:
+def _write(file: Path, traced: jax.export.Exported) -> None:
     """Put a program into the folder, whole or not at all; nothing happens if that is impossible."""
-    from jax.experimental.serialize_executable import serialize
-
-    with contextlib.suppress(Exception):
-        plan = None
-        every: Sequence[Any] = [program]
-        kept = []
-        for one in every:
-            payload, arguments, result = serialize(one)
-            kept.append((payload, arguments.num_leaves, jax.tree.unflatten(result, range(result.num_leaves))))
-        content = pickle.dumps((plan, kept))
+    # A folder that cannot be written, a type that JAX cannot name, no flatbuffers (of `jgait[cli]`).
+    with contextlib.suppress(OSError, ValueError, ImportError):
+        types = _types(traced.out_tree)
+        names = json.dumps([_register(kind) for kind in types]).encode()
+        content = names + b"\n" + traced.serialize()
         with tempfile.NamedTemporaryFile(dir=file.parent, delete=False) as part:
             part.write(hashlib.sha256(content).digest() + content)
         os.replace(part.name, file)
         shortened(file.parent, LIMIT)
+
+
+def _types(structure: Any) -> list[type]:
+    """The named tuples of a tree's structure."""
+    data = structure.node_data()
+    own = [data[0]] if data is not None and hasattr(data[0], "_fields") else []
+    return list(dict.fromkeys([*own, *(kind for child in structure.children() for kind in _types(child))]))
+
+
+@functools.cache
+def _register(kind: type) -> str:
+    """The name of a named tuple, by which JAX finds it in a file."""
+    name = f"{kind.__module__}:{kind.__qualname__}"
+    jax.export.register_namedtuple_serialization(kind, serialized_name=name)
+    return name
 
 
 def shortened(folder: Path, limit: int) -> None:

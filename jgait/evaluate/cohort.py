@@ -117,7 +117,8 @@ def cohort(
     job = CohortJob(estimator, params, own, read, score, batch, local, bool(jax.config.jax_enable_x64))
     rank = jax.process_index() if processes > 1 else 0
     store = None if out is None else Folder(Path(out), _description(job), rank)
-    named = _named(items, read is not None, frozenset() if store is None else store.done(), rank, processes)
+    names: set[str] = set()
+    named = _named(items, read is not None, frozenset() if store is None else store.done(), rank, processes, names)
     kept: list[Cohort] = []
     finished = failed = 0
     with closing(evaluated(job, named) if client is None else on_dask(job, named, client)) as parts:
@@ -127,15 +128,17 @@ def cohort(
             failed += len(part.failures)
             if progress is not None:
                 progress(finished, failed)
-    devices.barrier("jgait.evaluate.cohort")
-    return joined(kept) if store is None else store.tables()
+    if store is None:
+        return joined(kept)
+    if processes > 1:
+        store.wait(names)
+    return store.tables()
 
 
 def _named(
-    items: Iterable[PyTree], can_read: bool, done: frozenset[str], rank: int, processes: int
+    items: Iterable[PyTree], can_read: bool, done: frozenset[str], rank: int, processes: int, names: set[str]
 ) -> Iterator[tuple[str, PyTree]]:
-    """This process's share of the unfinished items, each with its name."""
-    names: set[str] = set()
+    """This process's share of the unfinished items, each with its name; `names` gets those of all items."""
     for number, item in enumerate(items):
         if not can_read and not isinstance(item, Walk):
             kind = type(item).__name__

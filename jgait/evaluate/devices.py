@@ -1,10 +1,8 @@
 """A cohort on more than one device or process of JAX."""
 
-import itertools
 from collections.abc import Callable
 
 import jax
-from jax._src import distributed
 from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import PyTree
 
@@ -30,20 +28,3 @@ def sharded(mapped: Callable[..., PyTree], mesh: Mesh) -> Callable[..., PyTree]:
     along = PartitionSpec(mesh.axis_names[0])
     # The carry of a scan begins with constants, equal on all devices, and ends different: this is intended.
     return jax.shard_map(mapped, mesh=mesh, in_specs=along, out_specs=along, check_vma=False)
-
-
-PATIENCE = 7 * 24 * 3600
-"""Longest time that a process waits for the others [s]; the death of a process is detected sooner."""
-
-_barriers = itertools.count()
-
-
-def barrier(name: str) -> None:
-    """Wait until every process has called this function, up to `PATIENCE`."""
-    if jax.process_count() == 1:
-        return
-    # JAX's public `sync_global_devices` is a collective; on CPUs it fails if another process is half a minute late.
-    client = distributed.global_state.client
-    if client is None:
-        raise RuntimeError("several processes need jax.distributed.initialize()")
-    client.wait_at_barrier(f"{name}-{next(_barriers)}", 1000 * PATIENCE)

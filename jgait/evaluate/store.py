@@ -7,6 +7,7 @@ is atomic: if the process is killed at any moment, only the unfinished batch is 
 import json
 import os
 import shutil
+import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -140,6 +141,10 @@ def joined(parts: Iterable[Cohort]) -> Cohort:
     return Cohort(*(table.assign(subject=table["subject"].map(name_of).astype(str)) for table in tables))
 
 
+POLL = 0.5
+"""[s] Time between two looks for the results of other processes."""
+
+
 class Folder:
     """Tables that grow on disk, a folder of CSV files a batch."""
 
@@ -169,18 +174,23 @@ class Folder:
             shutil.rmtree(left)
         numbers = [int(p.name.rsplit("-", 1)[1]) for p in self._parts() if p.name.startswith(f"part-{rank}-")]
         self._next = max(numbers, default=-1) + 1
+        self._done: dict[Path, frozenset[str]] = {}
 
     def _parts(self) -> list[Path]:
         return sorted(self._path.glob("part-*-*"))
 
     def done(self) -> frozenset[str]:
         """Recordings that are finished, those that failed included."""
-        return frozenset(
-            name
-            for part in self._parts()
-            for table in ("recordings", "failures")
-            for name in read_table(part / f"{table}.csv", table)["recording"]
-        )
+        for part in self._parts():
+            if part not in self._done:
+                tables = (read_table(part / f"{table}.csv", table) for table in ("recordings", "failures"))
+                self._done[part] = frozenset(name for table in tables for name in table["recording"])
+        return frozenset[str]().union(*self._done.values())
+
+    def wait(self, names: set[str]) -> None:
+        """Wait until all these recordings are finished, those of other processes too."""
+        while not names <= self.done():
+            time.sleep(POLL)
 
     def append(self, part: Cohort) -> None:
         """Add the rows of a batch: all rows, or none if the process is killed meanwhile."""

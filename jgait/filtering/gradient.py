@@ -42,7 +42,7 @@ type Named = dict[str, Array]
 
 
 def filter_gradient(
-    linear: Linear, start: Any, samples: Sample, busy: Int[Array, ""], known: Named, ct: Named,
+    linear: Linear, start: Any, samples: Sample, busy: Int[Array, ""] | None, known: Named, ct: Named,
     moving: Sequence[int],
 ) -> list[Array]:  # fmt: skip
     """Cotangents of the arguments `moving` of `Recorded`.
@@ -51,7 +51,7 @@ def filter_gradient(
         linear: the model.
         start: (x, δ, P) before the first sample.
         samples: the recording.
-        busy: number of samples without its padding.
+        busy: number of samples without padding, see `scanned`.
         known: the outputs x, delta, cov, G and z of the filter's scan.
         ct: cotangents of outputs of the filter's scan.
         moving: numbers of the arguments.
@@ -188,7 +188,9 @@ class Slots:
         return Linear(linear.shape, params, linear.lanes, linear.method, linear.width)
 
 
-def smoother_gradient(named: Named, chosen: tuple[int, ...], busy: Int[Array, ""], ct: Named, lanes: int) -> Named:
+def smoother_gradient(
+    named: Named, chosen: tuple[int, ...], busy: Int[Array, ""] | None, ct: Named, lanes: int
+) -> Named:
     """Cotangents of the filter's outputs cov, M, J, G and z, by a scan forward over the samples."""
     if not ct:
         return {}

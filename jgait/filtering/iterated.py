@@ -99,32 +99,33 @@ def about(linear: Linear, at: Array, start: Any, samples: Sample) -> list[Array]
     """
     shape, places = linear.shape, list[Any]()
 
-    def one(params: Any, values: Any, column: Any) -> Any:
-        before, now, first, begins, u, dt = values
-        p, u = shape.params.unflatten(params), shape.control.tuple(u)
-        zero = [jnp.zeros_like(v) for v in column]
+    def moved(params: Any, given: Any, e: Any) -> list[Any]:
+        before, u, dt = given
+        after = shape.model.transition(*linear.unpacked(params, shape.retract(before, e), u), dt)
+        return shape.arrays(shape.state.components(after, shape.dtype, "what transition returns"))
 
-        def moved(e: list[Any]) -> list[Any]:
-            state = shape.state.tuple(shape.retract(before, e))
-            after = shape.model.transition(p, state, u, dt)
-            return shape.arrays(shape.state.components(after, shape.dtype, "what transition returns"))
+    def off(params: Any, given: Any, e: Any) -> list[Any]:
+        return shape.local(moved(params, given[1:], e), given[0])
 
-        came = moved(zero)
+    def turned(_: Any, given: Any, d: Any) -> list[Any]:
+        return shape.local(given[0], shape.retract(given[1], d))
+
+    def one(params: Any, before: Any, now: Any, first: Any, begins: Any, u: Any, dt: Any) -> Any:
+        came = moved(params, (before, u, dt), [jnp.zeros((), shape.dtype)] * shape.error.size)
         finite = jnp.isfinite(sum(came))
         arrived = [jnp.where(begins, a, jnp.where(finite, b, c)) for a, b, c in zip(first, came, before, strict=True)]
         gap = shape.local(arrived, now)
-        slope = jax.jvp(lambda e: shape.local(moved(e), now), (zero,), (column,))[1]
-        place = shape.retract(arrived, gap)
-        turn = jax.jvp(lambda d: shape.local(place, shape.retract(arrived, d)), (gap,), (column,))[1]
-        noise = shape.model.transition_noise(p, shape.state.tuple(before), u, dt)
+        noise = shape.model.transition_noise(*linear.unpacked(params, before, u), dt)
         entries = shape.noise(noise, shape.error, "what transition_noise returns")
-        return gap, [-v for v in slope], turn, distinct(entries, places=places, shape=shape)
+        return gap, arrived, shape.retract(arrived, gap), distinct(entries, places=places, shape=shape)
 
-    x = list(at.T)
+    x, zero = list(at.T), [jnp.zeros_like(at[:, 0])] * shape.error.size
     begins = jnp.arange(len(at)) == 0
     controls = [*samples.control]
-    values = [jnp.concatenate([v[:1], v[:-1]]) for v in x], x, [v[0] for v in start[0]], begins, controls, samples.dt
-    gap, slope, turn, noise = linear.over(one, *values, columns=linear.directions, out=(None, 0, 0, None))
+    before = [jnp.concatenate([v[:1], v[:-1]]) for v in x]
+    gap, arrived, place, noise = linear.over(one, before, x, [v[0] for v in start[0]], begins, controls, samples.dt)
+    slope = [-v for v in linear.pushed(off, (x, before, controls, samples.dt), zero, linear.directions)[1]]
+    turn = linear.pushed(turned, (place, arrived), gap, linear.directions)[1]
     D, T, Q = jnp.stack(slope), jnp.stack(turn), placed(noise, places, shape.error.size)
     # A transition that is not finite leaves the state where it was, as in the filter.
     finite = jnp.isfinite(summed(D) + summed(Q))

@@ -1,6 +1,6 @@
 """A model of a batch of recordings, linearised at one sample: A, Q and x⁻; H, R and e. Arrays have the batch last.
 
-Jacobians are computed by one `jax.jvp` over all directions of the error.
+Jacobians are computed by `jax.linearize`, once for all directions of the error.
 """
 
 from collections.abc import Callable, Sequence
@@ -39,54 +39,63 @@ class Linear:
 
     @property
     def directions(self) -> list[Array]:
-        """The directions of the error: for each component its row (width,) of the identity."""
+        """The directions of the error: for each component its part (width, B) of the identity."""
         # Made where they are used: as constants of a scan they would be read from memory at each sample.
-        return list(jnp.eye(self.size, self.width, dtype=self.shape.dtype))
+        rows = jnp.eye(self.size, self.width, dtype=self.shape.dtype)
+        return [jnp.broadcast_to(row[:, None], (self.width, self.lanes)) for row in rows]
 
-    def over(self, function: Callable[..., Any], *rows: Any, columns: Any = None, out: Any = 0) -> Any:
-        """Outputs of a function of (parameters, values of one recording, column) for each recording and column (n,).
-
-        `out` has 0 for outputs that depend on the column, and None for others.
-        """
+    def over(self, function: Callable[..., Any], *rows: Any) -> Any:
+        """Outputs, batch behind, of a function of (parameters, values of one recording …)."""
         values = jax.tree.map(lambda v: jnp.broadcast_to(v, (*v.shape[:-1], self.lanes)), list(rows))
-        every = jax.vmap(function, in_axes=(self.axes, -1, None), out_axes=-1, axis_size=self.lanes)
-        if columns is None:
-            return every(self.params, values, [])
-        return jax.vmap(every, in_axes=(None, None, 0), out_axes=out)(self.params, values, columns)
+        axes = (self.axes, *(-1 for _ in rows))
+        return jax.vmap(function, in_axes=axes, out_axes=-1, axis_size=self.lanes)(self.params, *values)
+
+    def pushed(
+        self, function: Callable[..., Any], values: Any, at: Rows, columns: list[Array]
+    ) -> tuple[list[Array], list[Array]]:
+        """A function of (parameters, values, components) at components (B,), and its derivatives along columns (n, B).
+
+        One linearisation for all columns: what it keeps of the function is computed once for each recording.
+        """
+        value, along = jax.linearize(lambda *at: self.over(function, values, list(at)), *at)
+        return [lax.optimization_barrier(v) for v in value], jax.vmap(along)(*columns)
 
     def transition(
         self, x: Rows, delta: Rows, P: Matrices, control: Rows, dt: Float[Array, "B"]
     ) -> tuple[Matrices, Matrices, Float[Array, "k B"]]:
         """A, Q and x⁻ = f(x ⊕ δ); A is from errors about x, of mean δ, to errors about x⁻."""
         shape, places = self.shape, list[Any]()
+        rows = list(x), list(delta)[: self.size], list(control), dt
 
-        def one(params: Any, values: Any, column: Any) -> Any:
-            x, delta, u, dt = values
-            p, u = shape.params.unflatten(params), shape.control.tuple(u)
-            before, tangent = jax.jvp(lambda d: shape.retract(x, d), (delta,), (column,))
-            before = lax.optimization_barrier(before)
+        def near(_: Any, x: Any, d: Any) -> list[Any]:
+            return shape.retract(x, d)
 
-            def moved(x: list[Any]) -> list[Any]:
-                after = shape.model.transition(p, shape.state.tuple(x), u, dt)
-                return shape.arrays(shape.state.components(after, shape.dtype, "what transition returns"))
+        def moved(params: Any, given: Any, x: Any) -> list[Any]:
+            u, dt = given
+            after = shape.model.transition(*self.unpacked(params, x, u), dt)
+            return shape.arrays(shape.state.components(after, shape.dtype, "what transition returns"))
 
-            after, change = jax.jvp(moved, (before,), (tangent,))
-            if shape.curved:
-                after, change = lax.optimization_barrier((after, change))
-                change = jax.jvp(lambda x: shape.local(after, x), (after,), (change,))[1]
-            noise = shape.model.transition_noise(p, shape.state.tuple(before), u, dt)
-            entries = shape.noise(noise, shape.error, "what transition_noise returns")
-            return after, change, distinct(entries, places=places, shape=shape)
+        def apart(_: Any, after: Any, x: Any) -> list[Any]:
+            return shape.local(after, x)
+
+        def noise(params: Any, x: Any, u: Any, dt: Any) -> list[Any]:
+            told = shape.model.transition_noise(*self.unpacked(params, x, u), dt)
+            return distinct(shape.noise(told, shape.error, "what transition_noise returns"), places=places, shape=shape)
 
         if isinstance(self.method, UKF | CKF):
             sigma = partial(regressed_transition, shape, self.method, partial(distinct, places=places, shape=shape))
-            A, spread, after, noise = self.over(sigma, list(x), list(delta), P, list(control), dt)
-            return A, spread + placed(noise, places, self.size), jnp.stack(after)
-        after, rows, noise = self.over(
-            one, list(x), list(delta)[: self.size], list(control), dt, columns=self.directions, out=(None, 0, None)
-        )
-        A = jnp.pad(jnp.stack(rows), ((0, self.width - self.size), (0, 0), (0, 0)))
-        return A, placed(noise, places, self.width), jnp.stack(after)
+            A, spread, after, Q = self.over(sigma, (list(x), list(delta), P, list(control), dt))
+            return A, spread + placed(Q, places, self.size), jnp.stack(after)
+        before, columns = self.pushed(near, list(x), rows[1], self.directions)
+        after, columns = self.pushed(moved, (rows[2], dt), before, columns)
+        if shape.curved:
+            _, columns = self.pushed(apart, after, after, columns)
+        Q = placed(self.over(noise, before, rows[2], dt), places, self.width)
+        return jnp.pad(jnp.stack(columns), ((0, self.width - self.size), (0, 0), (0, 0))), Q, jnp.stack(after)
+
+    def unpacked(self, params: Any, x: Any, control: Any) -> tuple[Any, Any, Any]:
+        """Parameters, state and control as the model's functions take them."""
+        return self.shape.params.unflatten(params), self.shape.state.tuple(x), self.shape.control.tuple(control)
 
     def observation(
         self, x: Rows, control: Rows, measured: Rows, seen: Rows, at: Any = None, P: Any = None
@@ -96,38 +105,43 @@ class Linear:
         Where a component is not seen, its row of H and e are zero, and R has a 1.
         """
         shape, places = self.shape, list[Any]()
+        x, control, measured, seen = map(list, (x, control, measured, seen))
 
-        def one(params: Any, values: Any, column: Any) -> Any:
-            x, at, u, measured, seen = values
-            p, u = shape.params.unflatten(params), shape.control.tuple(u)
-            place, tangent = x, column
-            if at or shape.curved:
-                zero = at or [jnp.zeros_like(v) for v in column]
-                place, tangent = jax.jvp(lambda d: shape.retract(x, d), (zero,), (column,))
-                place, tangent = lax.optimization_barrier((place if at else x, tangent))
+        def near(_: Any, x: Any, d: Any) -> list[Any]:
+            return shape.retract(x, d)
 
-            def shown(x: list[Any]) -> list[Any]:
-                told = shape.model.observation(p, shape.state.tuple(x), u)
-                every = shape.arrays(shape.observed.components(told, shape.dtype, "what observation returns"))
-                return [every[i] for i in shape.measured]
+        def shown(params: Any, u: Any, x: Any) -> list[Any]:
+            told = shape.model.observation(*self.unpacked(params, x, u))
+            every = shape.arrays(shape.observed.components(told, shape.dtype, "what observation returns"))
+            return [every[i] for i in shape.measured]
 
-            expected, change = jax.jvp(shown, (place,), (tangent,))
-            if shape.model.residual is not None:
-                change = jax.jvp(lambda y: shape.residual(y, expected), (expected,), (change,))[1]
+        def apart(_: Any, expected: Any, y: Any) -> list[Any]:
+            return shape.residual(y, expected)
+
+        def rest(params: Any, x: Any, u: Any, measured: Any, seen: Any, expected: Any) -> Any:
             visible = [jnp.where(s, y, e) for s, y, e in zip(seen, measured, expected, strict=True)]
-            noise = shape.model.observation_noise(p, shape.state.tuple(x), u)
-            entries = shape.noise(noise, shape.observed, "what observation_noise returns")
+            told = shape.model.observation_noise(*self.unpacked(params, x, u))
+            entries = shape.noise(told, shape.observed, "what observation_noise returns")
             row = {place: i for i, place in enumerate(shape.measured)}
             known = {(row[i], row[j]): v for (i, j), v in entries.items() if i in row and j in row}
-            return shape.residual(visible, expected), change, distinct(known, places=places, shape=shape)
+            return shape.residual(visible, expected), distinct(known, places=places, shape=shape)
 
-        values = list(x), [] if at is None else list(at)[: self.size], list(control), list(measured), list(seen)
-        innovation, rows, noise = self.over(one, *values, columns=self.directions, out=(None, 0, None))
-        H, e, R = jnp.stack(rows), jnp.stack(innovation), placed(noise, places, len(shape.measured))
         if isinstance(self.method, UKF | CKF):
-            H, e, spread = self.over(partial(regressed_observation, shape, self.method), *values, P)
-            R = R + spread
-        here = jnp.stack(list(seen))
+            values = x, [] if at is None else list(at), control, measured, seen, P
+            H, e, spread = self.over(partial(regressed_observation, shape, self.method), values)
+            noise = self.over(rest, x, control, measured, seen, measured)[1]
+            R = placed(noise, places, len(shape.measured)) + spread
+        else:
+            place, columns = x, self.directions
+            if at is not None or shape.curved:
+                zero = [jnp.zeros_like(x[0])] * self.size
+                place, columns = self.pushed(near, x, zero if at is None else list(at)[: self.size], columns)
+            expected, columns = self.pushed(shown, control, x if at is None else place, columns)
+            if shape.model.residual is not None:
+                _, columns = self.pushed(apart, expected, expected, columns)
+            innovation, noise = self.over(rest, x, control, measured, seen, expected)
+            H, e, R = jnp.stack(columns), jnp.stack(innovation), placed(noise, places, len(shape.measured))
+        here = jnp.stack(seen)
         unit = jnp.eye(len(here), dtype=shape.dtype)[:, :, None]
         R = jnp.where(here[:, None] & here[None], R, unit)
         return jnp.where(here[:, None], H, 0.0), R, jnp.where(here, e, 0.0)

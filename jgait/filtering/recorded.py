@@ -58,12 +58,12 @@ class Recorded(Batched):
 
     @property
     def block(self) -> int:
-        """As many as leave a few matrices in the processor's first cache; for a smoother's gradient one, whose program
-        is then half as long.
+        """As many as the largest models need to fill vector units, fewer for small ones, whose matrices then stay in
+        the processor's first cache; for a smoother's gradient one, whose program is then half as long.
         """
-        if self.all:
-            return 1 if self.smooth else 16
-        return 16 if self.shape.error.size**2 * jnp.dtype(self.shape.dtype).itemsize <= 512 else 8
+        if self.all and self.smooth:
+            return 1
+        return 16 if self.shape.error.size**2 * jnp.dtype(self.shape.dtype).itemsize <= 512 else 32
 
     @property
     def smooth(self) -> bool:
@@ -106,6 +106,10 @@ class Recorded(Batched):
         cov = jnp.pad(cov, ((0, width - size), (0, width - size), (0, 0)))
         return Linear(self.shape, params, lanes, self.method, width), (mean, jnp.zeros_like(cov[0]), cov), samples
 
+    def busy(self, samples: Sample, lanes: int) -> Array | None:
+        """The number of samples before the padding; None where skipping it takes longer than computing it."""
+        return busy_samples(samples) if lanes == 1 and linearises_once(self.method) else None
+
     def cut(self, name: str, value: Array) -> Array:
         """An output without the rows and columns beyond the model's errors."""
         size = self.shape.error.size
@@ -115,7 +119,7 @@ class Recorded(Batched):
         """The outputs, time axis in front and batch behind."""
         lanes = max(v.shape[-1] for v in arguments)
         linear, begin, samples = self.model(arguments, lanes)
-        busy = busy_samples(samples) if linearises_once(self.method) else None
+        busy = self.busy(samples, lanes)
         ahead = tuple(name for name in self.names if name not in BACK)
         if not self.smooth:
             found = filter_scan(linear, begin, samples, ahead, busy)[1]
@@ -155,7 +159,7 @@ class Recorded(Batched):
             name: jnp.pad(ct, [(0, 0), *[(0, more)] * AXES.get(name, 0), *[(0, 0)] * (ct.ndim - 1 - AXES.get(name, 0))])
             for name, ct in zip(self.keep, cotangents, strict=True) if ct is not None
         }  # fmt: skip
-        busy = busy_samples(samples)
+        busy = self.busy(samples, lanes)
         if self.smooth:
             later = {name: given.pop(name) for name in BACK if name in given}
             for name, ct in smoother_gradient(named, self.chosen, busy, later, lanes).items():

@@ -34,7 +34,7 @@ class Affine(NamedTuple):
 
 
 def regressed_transition(
-    shape: Shape, method: UKF | CKF, distinct: Noises, params: Sequence[Any], values: Any, _: Any
+    shape: Shape, method: UKF | CKF, distinct: Noises, params: Sequence[Any], values: Any
 ) -> tuple[Array, Array, list[Any], list[Any]]:
     """A, Ω, x⁻ and the distinct values of Q, as `Linear.transition`; errors are about x⁻, which v moves."""
     x, delta, P, u, dt = values
@@ -60,7 +60,7 @@ def regressed_transition(
 
 
 def regressed_observation(
-    shape: Shape, method: UKF | CKF, params: Sequence[Any], values: Any, _: Any
+    shape: Shape, method: UKF | CKF, params: Sequence[Any], values: Any
 ) -> tuple[Array, Array, Array]:
     """H, y − v and Ω about the error `at` with the covariance P."""
     x, at, u, measured, seen, P = values

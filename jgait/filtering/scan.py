@@ -209,11 +209,11 @@ def repeated(last: Any, part: Any) -> Any:
     return jax.tree.map(lambda v: jnp.broadcast_to(v, (size, *v.shape)), last)
 
 
-def without_skipped(cotangents: Array, busy: Int[Array, ""]) -> Array:
+def without_skipped(cotangents: Array, busy: Int[Array, ""] | None) -> Array:
     """The transpose of `repeated`: the cotangents of skipped parts are those of the last sample before."""
     length = len(cotangents)
     size = part_size(length)
-    if size is None:
+    if size is None or busy is None:
         return cotangents
     end = (busy + size - 1) // size * size
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jgait.geometry.vectors import Vector, add, cross, dot, horner, kept, scale, subtract
+from jgait.geometry.vectors import Vector, cross, dot, horner, kept, scale, subtract
 from jgait.types import AnyArray, Scalar, Values
 
 
@@ -113,18 +113,6 @@ def small_turn(v: Vector) -> Quaternion:
     w = 1.0 + a * (-1.0 / 2.0 + a * (1.0 / 24.0 + a * (-1.0 / 720.0 + a * (1.0 / 40320.0))))
     half = kept(half)
     return kept(Quaternion(w, half * v.x, half * v.y, half * v.z))
-
-
-def jacobian_product(v: Vector, e: Vector) -> Vector:
-    """J e with J = I + (1 − cos θ)/θ² v× + (θ − sin θ)/θ³ v×², θ = |v|: exp(v + e) = exp(J e) exp(v) for small e.
-
-    J is the left Jacobian of the exponential; series of θ², to 1e-6 up to 1 rad.
-    """
-    a = v.x * v.x + v.y * v.y + v.z * v.z
-    once = cross(v, e)
-    first = 0.5 - a * (1.0 / 24.0 - a * (1.0 / 720.0 - a * (1.0 / 40320.0)))
-    second = 1.0 / 6.0 - a * (1.0 / 120.0 - a * (1.0 / 5040.0 - a * (1.0 / 362880.0)))
-    return add(e, add(scale(first, once), scale(second, cross(v, once))))
 
 
 def small_logarithm(q: Quaternion) -> Vector:

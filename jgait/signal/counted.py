@@ -6,11 +6,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Int
+from jaxtyping import Array
+
+from jgait.types import Counts
 
 
 def scanned(
-    body: Callable[[Any, Any], tuple[Any, Any]], start: Any, samples: Any, count: Int[Array, ""] | None
+    body: Callable[[Any, Any], tuple[Any, Any]], start: Any, samples: Any, count: Counts | None
 ) -> tuple[Any, Any]:
     """`lax.scan` over the first `count` samples, or over all; outputs beyond are zeros.
 
@@ -34,7 +36,7 @@ def scanned(
     return lax.fori_loop(0, count, step, (start, outputs))
 
 
-def held_on(values: Array, count: Int[Array, ""]) -> Array:
+def held_on(values: Array, count: Counts) -> Array:
     """Outputs (T, …) of which those from `count` on repeat the one before."""
     last = lax.dynamic_index_in_dim(values, count - 1, keepdims=False)
     own = jnp.arange(values.shape[0]) < count

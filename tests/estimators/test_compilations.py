@@ -1,9 +1,9 @@
 """Programs are kept between processes."""
 
-import threading
-from typing import Any
+import hashlib
+import sys
+from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 import pytest
 from jax import lax
@@ -63,35 +63,36 @@ def test_a_damaged_program_is_compiled_anew(folder, damage):
     assert announced == []
 
 
-def test_a_program_of_jax_s_own_cache_is_not_written_again_which_would_break_it(folder):
-    x, options = np.arange(7.0), unknown()
-    programs.keep(None)
-    first = made(x, options=options)
-    programs.keep(folder)
-    for _ in range(2):
-        jax.clear_caches()
-        np.testing.assert_array_equal(made(x, options=options), first)
-        assert list(folder.iterdir()) == []
+class Pair(NamedTuple):
+    """A result of a type of its own."""
+
+    doubled: Any
+    same: Any
 
 
-def test_a_program_of_the_folder_is_not_in_jax_s_own_cache_as_well(folder):
-    x, options = np.arange(7.0), unknown()
-    for _ in range(2):
-        jax.clear_caches()
-        made(x, options=options)
-        (file,) = folder.iterdir()  # compiled and written, the second time too
-        file.unlink()
-    assert jax.config.jax_persistent_cache_min_compile_time_secs == 0.0
+def paired(x: Any) -> dict[str, Pair]:
+    return {"pair": Pair(2.0 * x, x)}
 
 
-def test_other_threads_keep_their_programs_in_jax_s_own_cache_meanwhile(folder):
-    seen = []
-    with programs._unshared():
-        other = threading.Thread(target=lambda: seen.append(jax.config.jax_persistent_cache_min_compile_time_secs))
-        other.start()
-        other.join()
-        seen.append(jax.config.jax_persistent_cache_min_compile_time_secs)
-    assert seen == [0.0, np.inf]
+def test_results_keep_their_types(folder):
+    x = np.arange(7.0)
+    for _ in range(2):  # made, then read
+        found = programs.Program(paired)(x)
+        assert isinstance(found["pair"], Pair)
+        np.testing.assert_array_equal(found["pair"].doubled, 2.0 * x)
+    assert len(list(folder.iterdir())) == 1
+
+
+def test_a_file_cannot_name_what_is_not_loaded(folder):
+    """A file that names a class loads no module: it is not used."""
+    x = np.arange(3.0)
+    programs.Program(paired)(x)
+    (file,) = folder.iterdir()
+    content = file.read_bytes()[32:].replace(b'["', b'["absent_module:Thing", "', 1)
+    file.write_bytes(hashlib.sha256(content).digest() + content)
+    announced.clear()
+    np.testing.assert_array_equal(programs.Program(paired)(x)["pair"].same, x)
+    assert announced and "absent_module" not in sys.modules
 
 
 def test_a_folder_that_cannot_be_written_costs_nothing_but_the_keeping(folder):

@@ -11,7 +11,6 @@ from made.cohort import FAKE, read, read_or_die, walk
 from made.process import environment, ran, two
 
 from jgait import evaluate
-from jgait.evaluate import devices
 
 WIDE = {"JAX_ENABLE_X64": "1"}
 
@@ -83,26 +82,6 @@ for name, table in tables._asdict().items():
         close(tables, whole)
     written = {p.name.split("-")[1] for p in (tmp_path / "out").glob("part-*")}
     assert written == {"0", "1"}
-
-
-def test_processes_wait_for_those_that_are_late(monkeypatch):
-    waited = []
-
-    class Others:
-        def wait_at_barrier(self, name, milliseconds):
-            waited.append((name, milliseconds))
-
-    devices.barrier("alone")
-    monkeypatch.setattr(jax, "process_count", lambda: 2)
-    monkeypatch.setattr(devices.distributed.global_state, "client", Others())
-    devices.barrier("a")
-    devices.barrier("a")
-    # Each barrier is its own; a collective on CPUs would have given up after 30 s.
-    assert len({name for name, _ in waited}) == 2
-    assert all(milliseconds > 24 * 3600 * 1000 for _, milliseconds in waited)
-    monkeypatch.setattr(devices.distributed.global_state, "client", None)
-    with pytest.raises(RuntimeError, match=r"jax\.distributed\.initialize"):
-        devices.barrier("a")
 
 
 @pytest.fixture

@@ -12,7 +12,6 @@ from jgait.geometry.rotation import (
     between,
     conjugate,
     exponential,
-    jacobian_product,
     logarithm,
     normalised,
     product,
@@ -253,14 +252,3 @@ def test_float32_stays_and_is_close_to_float64():
     for found, expected in zip(jax.tree.leaves(everything(*narrow)), jax.tree.leaves(wide), strict=True):
         assert found.dtype == jnp.float32
         close(found, expected, 2e-5)
-
-
-def test_the_jacobian_of_the_exponential_is_its_derivative():
-    for size in (0.0, 1e-3, 0.3, 1.0):
-        v = Vector(*(size * np.array([0.6, -0.64, 0.48])))
-        inverse = conjugate(exponential(v))
-        found = jax.jacfwd(lambda w, inverse=inverse: jnp.stack(logarithm(product(exponential(Vector(*w)), inverse))))(
-            jnp.stack(v)
-        )
-        stated = jnp.stack([jnp.stack(jacobian_product(v, Vector(*e))) for e in np.eye(3)], axis=1)
-        np.testing.assert_allclose(stated, found, rtol=0, atol=1e-6)

@@ -32,7 +32,7 @@ from jgait.filtering.fast.components import (
 from jgait.filtering.fast.step import (
     Components,
     Gains,
-    Sample,
+    Reading,
     ScalarModel,
     Statistics,
     Transition,
@@ -97,7 +97,7 @@ class Advanced(NamedTuple):
     statistics: Statistics
 
 
-def advanced(given: Inputs, before: Components, sample: Sample) -> Advanced:
+def advanced(given: Inputs, before: Components, sample: Reading) -> Advanced:
     """Predict, then update, over components."""
     model = ScalarModel(given.shape, given.params)
     transition = affine_transition(model, before, sample)
@@ -221,12 +221,12 @@ def series(given: Inputs) -> Any:
     return given.measured, list(given.controls), given.dt if jnp.ndim(given.dt) else None, seen
 
 
-def sample_of(leaves: Any, given: Inputs) -> Sample:
+def sample_of(leaves: Any, given: Inputs) -> Reading:
     """One sample from the leaves of `series`."""
     measured, control, dt, observed = leaves
     rest = iter(observed)
     flags = [leaf if isinstance(leaf, bool) else next(rest) for leaf in given.seen]
-    return Sample(measured, given.shape.control.tuple(control), given.dt if dt is None else dt, flags)
+    return Reading(measured, given.shape.control.tuple(control), given.dt if dt is None else dt, flags)
 
 
 def carried(moments: Components, dtype: DTypeLike) -> Carry:

@@ -91,7 +91,7 @@ class Components(NamedTuple):
     cov: Matrix
 
 
-class Sample(NamedTuple):
+class Reading(NamedTuple):
     """One sample."""
 
     measured: list[Any]  #: observation (m scalars).
@@ -140,7 +140,7 @@ def dtype_of(moments: Components) -> Any:
     return jnp.result_type(*(value for value in (*moments.mean, *upper(moments.cov)) if not known(value)))
 
 
-def affine_transition(model: ScalarModel, before: Components, sample: Sample) -> Transition:
+def affine_transition(model: ScalarModel, before: Components, sample: Reading) -> Transition:
     """The transition linearised at the mean; where it is not finite, the identity without noise replaces it."""
     x, size = before.mean, len(before.cov)
     control, dt = sample.control, sample.dt
@@ -170,7 +170,7 @@ def _summary(values: Sequence[Any], safe: Set[int] = frozenset()) -> Any:
     return total(unknown.values())
 
 
-def corrected(model: ScalarModel, prior: Components, sample: Sample) -> tuple[Components, Gains, Statistics]:
+def corrected(model: ScalarModel, prior: Components, sample: Reading) -> tuple[Components, Gains, Statistics]:
     """The belief after a sample, the gains, and the update's statistics."""
     gained = gains(model, prior, sample)
     delta = [dot(column, gained.white) for column in zip(*gained.white_cross, strict=True)]
@@ -194,7 +194,7 @@ def _statistics(g: Gains, observed: list[Any]) -> Statistics:
     )
 
 
-def gains(model: ScalarModel, prior: Components, sample: Sample) -> Gains:
+def gains(model: ScalarModel, prior: Components, sample: Reading) -> Gains:
     """Linearise the observation at the prediction, and factor the innovation's covariance."""
     x, cov = prior
     observed, count = sample.seen, len(sample.measured)
@@ -231,7 +231,7 @@ def gains(model: ScalarModel, prior: Components, sample: Sample) -> Gains:
     return Gains(matrix, variance, cross, inverse, white_cross, white, innovation, spread, log_det, health)
 
 
-def _linearised(model: ScalarModel, prior: Components, sample: Sample) -> tuple[list[Any], Matrix, list[Any]]:
+def _linearised(model: ScalarModel, prior: Components, sample: Reading) -> tuple[list[Any], Matrix, list[Any]]:
     """The expected observation at the prediction, its Jacobian, and the innovation."""
     control, x = sample.control, prior.mean
     trace = Expansion(dtype_of(prior))

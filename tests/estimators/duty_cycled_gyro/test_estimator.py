@@ -270,7 +270,7 @@ def test_the_papers_pipeline_is_an_option(walk, monkeypatch):
     assert made.options.filler == "replicate"
     given = {}
 
-    def spy(p, inputs, felt):
+    def spy(p, inputs, felt, method):
         given.update(inputs=inputs)
         raise StopIteration
 

@@ -34,7 +34,7 @@ def test_widths_after_a_loss_are_right_or_said_to_be_unsure(walked, lost, begin,
         if np.isfinite(true.width[near]):
             errors.append(float(strides.width[row] - true.width[near]))
             stated.append(float(found.strides_stddev.width[row]))
-    assert len(errors) > 10 and np.all(np.abs(errors) < 3.0 * np.array(stated)) and np.max(np.abs(errors)) < 0.1
+    assert len(errors) > 10 and np.all(np.abs(errors) < 3.5 * np.array(stated)) and np.max(np.abs(errors)) < 0.1
 
 
 def test_a_foot_that_takes_one_stride_has_its_length_and_no_width(walked):

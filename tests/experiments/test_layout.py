@@ -1,0 +1,93 @@
+"""What the experiment on the shape of the code counts, on code that breaks its rules and on code that keeps them."""
+
+import sys
+
+import jax
+import jax.numpy as jnp
+import pytest
+from jax import lax
+from jax.extend.core import Primitive
+
+from experiments import layout
+from jgait.estimators.waist.model import MODEL
+
+FILES = {
+    "__init__.py": "",
+    "types.py": "from typing import Any\ntype Values = Any\n",
+    "filtering/__init__.py": "",
+    "filtering/model.py": (
+        "class Model(NamedTuple):\n    transition: Callable[..., PyTree]\n    error_transition: int = 0\n"
+        "class Shape:\n    error_shift: int\n"
+    ),
+    "filtering/scan.py": (
+        '"""A text\nof two lines."""\n\n# a remark\ntype Many = Values\n\n\n'
+        'def loose(a: Many, *b: "Values", c: int = 0) -> dict[str, Any]:\n    return {\n        "a": a,  # ] \n    }\n'
+    ),
+    "filtering/fast/__init__.py": "import jax.extend.core\nfrom jax.interpreters import ad\n",
+    "estimators/model.py": (
+        "from jax.extend.core import Primitive, jaxpr_as_fun\nimport jax\nimport jax_other._src\n"
+        "def jacobian(p): return jax._src.core\ndef transition(p): return jax.extension.core\n"
+        "def fitting_error(p): return p\n"
+    ),
+}
+
+
+@pytest.fixture
+def root(tmp_path):
+    for name, text in FILES.items():
+        path = tmp_path / "jgait" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return tmp_path
+
+
+def test_what_breaks_a_rule_is_found_in_the_source(root):
+    assert layout.hand_jacobians(root) == ["jacobian", "error_transition"]
+    assert layout.jax_internal_imports(root) == [
+        "jgait.estimators.model:1 jax.extend",
+        "jgait.estimators.model:4 jax._src",
+        "jgait.filtering.fast:2 jax.interpreters",
+    ]
+    # transition, a, b, the result; not error_transition, error_shift and c
+    assert layout.loose_annotations(root) == (4, 7)
+    assert layout.code_lines(root / "jgait" / "filtering" / "scan.py") == 5
+
+
+def test_a_filter_is_a_scan_of_primitives_of_jax():
+    found = list(layout.jaxprs(MODEL))
+    assert len(found) == 3
+    assert [layout.missing(jaxpr) for jaxpr in found] == [[], [], []]
+
+
+def test_a_loop_and_a_primitive_that_is_not_of_jax_are_found_wherever_they_are():
+    ours = Primitive("ours")
+    ours.def_abstract_eval(lambda x: x)
+
+    @jax.custom_vjp
+    def inner(x):
+        return lax.while_loop(lambda v: v < 3.0, lambda v: ours.bind(v), x)
+
+    inner.defvjp(lambda x: (inner(x), None), lambda _, ct: (ct,))
+    loop = jax.make_jaxpr(jax.jit(inner))(1.0)
+    assert layout.missing(loop) == ["a primitive ours", "no scan"]
+    scanned = jax.make_jaxpr(lambda x: lax.scan(lambda c, v: (inner(c + v), c), x, jnp.ones(3)))(1.0)
+    assert layout.missing(scanned) == ["a primitive ours"]
+
+
+def test_files_and_frames_count_only_inside_the_folder(tmp_path):
+    home = tmp_path / "home"
+    home.mkdir()
+    (home / "outer.py").write_text("def begin(call): return [call(), call()]\n")
+    (home / "inner.py").write_text(
+        "def end(): return 1\ndef middle(deep): return middle(deep - 1) if deep else end()\n"
+    )
+    (home / "unused.py").write_text("def never(): return begin\n")
+    spaces = {}
+    for path in home.iterdir():
+        spaces[path.stem] = {}
+        exec(compile(path.read_text(), str(path), "exec"), spaces[path.stem])
+    outer, inner = spaces["outer"], spaces["inner"]
+    depths = iter((3, 1))
+    found = layout.entered(lambda: outer["begin"](lambda: inner["middle"](next(depths))), inner["end"].__code__, home)
+    assert found == (2, 1 + 4 + 1)
+    assert sys.monitoring.get_tool(sys.monitoring.PROFILER_ID) is None
