@@ -79,15 +79,15 @@ def parts(cache: str, *command: str) -> dict[str, float]:
 
     del estimate, plot
     imports = time.process_time() - begun + BEFORE
-    watch, figures, written = Watch(), [0.0], results.written
+    watch, figures, drawn = Watch(), [0.0], results.drawn
 
     def timed(*arguments: Any) -> Any:
         start = time.process_time()
-        files = written(*arguments)
+        files = drawn(*arguments)
         figures[0] += time.process_time() - start
         return files
 
-    results.written = timed
+    results.drawn = timed
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_compilation_cache_dir", cache)
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)

@@ -61,7 +61,7 @@ class Batched:
         return list(pull([jnp.broadcast_to(c, o.shape) for c, o in zip(given, shown, strict=True)]))
 
 
-def replaced(values: Sequence[Any], places: Sequence[int], others: Sequence[Any]) -> list[Any]:
+def replaced[T](values: Sequence[T], places: Sequence[int], others: Sequence[T]) -> list[T]:
     """The values, those at some places replaced."""
     every = list(values)
     for i, value in zip(places, others, strict=True):
@@ -158,9 +158,11 @@ def _mapped(function: Batched, lanes: int = 1) -> Callable[..., list[Array]]:
         apart = [jnp.moveaxis(o.reshape(*o.shape[:-1], lanes, size), -1, 0) for o in outputs]
         return apart, [True] * len(apart)
 
-    derived = jax.custom_jvp(lambda *arguments: run(*arguments))
+    derived = jax.custom_jvp(run)
 
-    def ahead(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[list[Array], list[Any]]:
+    def ahead(
+        primals: Sequence[Array], tangents: Sequence[Array | SymbolicZero]
+    ) -> tuple[list[Array], list[Array | np.ndarray]]:
         moving = tuple(i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero))
         outputs, tangent = derived(*primals), _mapped(_Tangent(function, moving, len(primals)), lanes)
         changes = iter(tangent(*primals, *(tangents[i] for i in moving)))

@@ -11,15 +11,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
-from jaxtyping import Array, PyTree
+from jaxtyping import Array, Bool, Float
 
 from jgait.filtering.covariance import Covariance
-from jgait.filtering.layout import Layout, names_of
+from jgait.filtering.layout import Layout, Numbers, Tree, names_of
 from jgait.filtering.methods import IteratedSmoother, Method
 from jgait.filtering.model import Belief, Model
 
 
-def common_dtype(*trees: PyTree) -> Any:
+def common_dtype(*trees: Tree | Belief) -> np.dtype[np.floating]:
     """The widest float type among the leaves; Python numbers and integers have no influence."""
     leaves = jax.tree.leaves(trees)
     with jax.numpy_dtype_promotion("standard"):
@@ -27,26 +27,26 @@ def common_dtype(*trees: PyTree) -> Any:
     return dtype if jnp.issubdtype(dtype, jnp.floating) else jnp.result_type(float)
 
 
-def in_dtype(tree: PyTree, dtype: DTypeLike) -> PyTree:
+def in_dtype[T](tree: T, dtype: DTypeLike) -> T:
     """The same tree with every floating leaf cast to the dtype; integers and booleans do not change."""
 
-    def cast(leaf: PyTree) -> PyTree:
+    def cast(leaf: Numbers) -> Array:
         return jnp.asarray(leaf, dtype) if jnp.issubdtype(jnp.result_type(leaf), jnp.floating) else jnp.asarray(leaf)
 
     return jax.tree.map(cast, tree)
 
 
-def known_false(leaf: Any) -> bool:
+def known_false(leaf: object) -> bool:
     """Whether a mask's leaf is the constant False: its component is never measured."""
     return isinstance(leaf, bool | np.bool_) and not leaf
 
 
 def check_arguments(
-    model: Any,
-    method: Any,
+    model: object,
+    method: object,
     keep: tuple[str, ...],
     fields: tuple[str, ...],
-    covariance: Any,
+    covariance: object,
     smooth: bool,
 ) -> tuple[str, ...]:
     """Raise if a static argument of a filter is not valid; `keep` as a tuple.
@@ -77,7 +77,7 @@ STAMPS = 5
 """[1] Intervals that all grow, from so many on, are times."""
 
 
-def check_values(observations: PyTree, controls: PyTree, dt: Any) -> None:
+def check_values(observations: Tree, controls: Tree, dt: Numbers) -> None:
     """Raise if concrete values cannot be used by any filter.
 
     Raises:
@@ -114,12 +114,12 @@ def check_values(observations: PyTree, controls: PyTree, dt: Any) -> None:
             )
 
 
-def _is_list(leaf: PyTree) -> bool:
+def _is_list(leaf: object) -> bool:
     """Whether this is a list of numbers, which JAX would take for so many observations."""
     return isinstance(leaf, list) and all(isinstance(value, int | float) for value in leaf)
 
 
-def check_belief(belief: Any) -> None:
+def check_belief(belief: object) -> None:
     """Raise if a belief is not a tuple with a `Covariance`.
 
     Raises:
@@ -129,7 +129,7 @@ def check_belief(belief: Any) -> None:
         raise ValueError(f"a belief is a jgait.filtering.Belief(mean, Covariance); got {belief!r}")
 
 
-def observed_layout(model: Model, params: PyTree, mean: PyTree, control: PyTree, observation: PyTree) -> Layout:
+def observed_layout(model: Model, params: Tree, mean: Tree, control: Tree, observation: Tree) -> Layout:
     """The layout of the model's observations.
 
     Raises:
@@ -155,7 +155,7 @@ def observed_layout(model: Model, params: PyTree, mean: PyTree, control: PyTree,
     return layout
 
 
-def series(tree: PyTree, kind: str, length: int | None) -> tuple[PyTree, int]:
+def series[T: Tree](tree: T, kind: str, length: int | None) -> tuple[T, int]:
     """Check that all leaves have the same number of samples T; return them as arrays, and T.
 
     Raises:
@@ -174,7 +174,7 @@ def series(tree: PyTree, kind: str, length: int | None) -> tuple[PyTree, int]:
     return jax.tree.map(jnp.asarray, tree), length
 
 
-def interval(dt: Any, length: int, dtype: DTypeLike) -> Array:
+def interval(dt: Numbers, length: int, dtype: DTypeLike) -> Float[Array, "..."]:
     """The interval dt, () or (T,); raises ValueError if its shape is another."""
     shape = jnp.shape(dt)
     if shape not in ((), (length,)):
@@ -182,7 +182,7 @@ def interval(dt: Any, length: int, dtype: DTypeLike) -> Array:
     return jnp.asarray(dt, dtype)
 
 
-def mask_components(mask: PyTree, observed: Layout, length: int) -> tuple[list[Any], set[int]]:
+def mask_components(mask: Tree, observed: Layout, length: int) -> tuple[list[Bool[Array, "time"] | bool], set[int]]:
     """The mask of each component of the observation, an array (T,) of bools or True; and those never measured.
 
     A component is never measured if its mask is Python's or NumPy's scalar False. If none is measured, one stays,
@@ -205,7 +205,7 @@ def mask_components(mask: PyTree, observed: Layout, length: int) -> tuple[list[A
             f"the mask is one array of bools or a {kind} of them ({', '.join(observed.names)}); "
             f"got a {type(mask).__name__} of ({', '.join(names_of(mask))})"
         )
-    found, hidden = list[Any](), set[int]()
+    found, hidden = list[Array | bool](), set[int]()
     for name, leaf, shape in zip(observed.names, leaves, observed.shapes, strict=True):
         size = math.prod(shape)
         if known_false(leaf):

@@ -4,10 +4,8 @@ import functools
 import platform
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import jax
-from jaxtyping import PyTree
 
 
 def host() -> jax.Device | None:
@@ -30,7 +28,7 @@ def backend() -> str:
     return jax.default_backend() if device is None else str(getattr(device, "platform", device))
 
 
-def compiler_options() -> dict[str, Any]:
+def compiler_options() -> dict[str, str | int]:
     """Compiler options for what computes: on a CPU no calls of a library for small sums, and wide vectors.
 
     For sums as short as those of a filter, calling XLA's library YNNPACK takes longer than the sum. With AVX-512
@@ -40,10 +38,10 @@ def compiler_options() -> dict[str, Any]:
 
 
 @functools.cache
-def _options(computes: str) -> dict[str, Any]:
+def _options(computes: str) -> dict[str, str | int]:
     if computes != "cpu":
         return {}
-    options: dict[str, Any] = {"xla_cpu_experimental_ynn_fusion_type": ""}
+    options: dict[str, str | int] = {"xla_cpu_experimental_ynn_fusion_type": ""}
     if " avx512f " in processor():
         options["xla_cpu_prefer_vector_width"] = 512
     try:
@@ -63,7 +61,7 @@ def processor() -> str:
     return "\n".join(sorted({f"{line} " for line in lines if line.startswith(("model name", "flags", "Features"))}))
 
 
-def compiled(function: Callable[..., PyTree], *, static_argnames: tuple[str, ...] = ()) -> Callable[..., PyTree]:
+def compiled[**P, R](function: Callable[P, R], *, static_argnames: tuple[str, ...] = ()) -> Callable[P, R]:
     """`jax.jit` of a function, compiled with `compiler_options`.
 
     Compiler options apply to the outermost `jit` only: inside another `jit`, this is a plain `jax.jit`.
@@ -78,11 +76,11 @@ def compiled(function: Callable[..., PyTree], *, static_argnames: tuple[str, ...
     plain = jax.jit(function, static_argnames=static_argnames)
 
     @functools.cache
-    def wide() -> PyTree:
+    def wide() -> Callable[P, R]:
         return jax.jit(function, static_argnames=static_argnames, compiler_options=compiler_options() or None)
 
     @functools.wraps(function)
-    def call(*args: PyTree, **kwargs: PyTree) -> PyTree:
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
         traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((args, kwargs)))
         return (plain if traced else wide())(*args, **kwargs)
 

@@ -9,10 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-from jgait.filtering.layout import Layout, Scalar
+from jgait.filtering.layout import Layout, Numbers, Scalar, Tree
+from jgait.types import AnyArray
 
 type Places = tuple[tuple[int, int], ...]
 """Rows and columns, row ≤ column, of entries that are equal."""
+
+type Entries = dict[tuple[int, int], Scalar]
+"""(row, column), row ≤ column → entry."""
 
 
 @jax.tree_util.register_pytree_node_class
@@ -43,14 +47,14 @@ class Covariance:
         return cls(leaves, *form)
 
     @classmethod
-    def from_variances(cls, variances: PyTree) -> "Covariance":
+    def from_variances(cls, variances: Tree) -> "Covariance":
         """The covariance of independent components with the given variances.
 
         Args:
             variances: tuple of the error's type; a number for an array is the variance of each of its entries.
         """
         layout = Layout.of(variances)
-        entries = dict[tuple[int, int], Any]()
+        entries = dict[tuple[int, int], Scalar]()
         for leaf in jax.tree.leaves(variances):
             for value in [leaf] if jnp.shape(leaf) == () else jnp.unstack(jnp.reshape(leaf, -1)):
                 entries[len(entries), len(entries)] = value
@@ -74,7 +78,7 @@ class Covariance:
                 numbers += len(every)
         else:
             raise ValueError(f"a covariance of ({', '.join(layout.names)}); got {self!r}")
-        entries = dict[tuple[int, int], Any]()
+        entries = dict[tuple[int, int], Scalar]()
         for (i, j), value in self.entries().items():
             if len(own[i]) != len(own[j]):
                 raise ValueError(f"entries of equal shapes; got one number for {layout.names} at {i}, {j}")
@@ -82,7 +86,7 @@ class Covariance:
         return self.of(entries, layout)
 
     @classmethod
-    def from_dense(cls, matrix: PyTree, like: PyTree) -> "Covariance":
+    def from_dense(cls, matrix: Float[AnyArray, "*batch state state"], like: Tree | Layout) -> "Covariance":
         """The covariance from the upper triangle of a symmetric matrix (..., n, n).
 
         Args:
@@ -103,17 +107,17 @@ class Covariance:
         return cls((matrix,), layout)
 
     @classmethod
-    def of(cls, entries: Mapping[tuple[int, int], Any], layout: Layout) -> "Covariance":
-        """From (row, column), row ≤ column → scalar; equal objects become one value with several places."""
-        distinct: dict[int, tuple[Any, list[tuple[int, int]]]] = {}
+    def of(cls, entries: Entries, layout: Layout) -> "Covariance":
+        """From entries; equal objects become one value with several places."""
+        distinct: dict[int, tuple[Scalar, list[tuple[int, int]]]] = {}
         for place, value in entries.items():
             if not (isinstance(value, float | int) and value == 0.0):
                 distinct.setdefault(id(value), (value, []))[1].append(place)
         found = [*distinct.values()]
         return cls([value for value, _ in found], layout, tuple(tuple(where) for _, where in found))
 
-    def entries(self) -> dict[tuple[int, int], Any]:
-        """(row, column), row ≤ column → entry; those that are known to be zero are left out."""
+    def entries(self) -> Entries:
+        """The entries; those that are known to be zero are left out."""
         if self.places is None:
             size = self.layout.size
             return {(i, j): self.values[0][..., i, j] for i in range(size) for j in range(i, size)}
@@ -130,7 +134,7 @@ class Covariance:
             raise KeyError(f"an entry has two names, such as cov[{names[0]!r}, {names[-1]!r}]; got {pair!r}")
         return self.layout.places(pair[0]), self.layout.places(pair[1])
 
-    def __getitem__(self, pair: tuple[str, str]) -> Any:
+    def __getitem__(self, pair: tuple[str, str]) -> Float[Array, "..."] | float:
         """The covariance of two named components, in either order; of arrays a block of both shapes."""
         rows, columns = self._pair(pair)
         shape = (*self.layout.shape_of(pair[0]), *self.layout.shape_of(pair[1]))
@@ -140,7 +144,7 @@ class Covariance:
         block = self.dense()[..., rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
         return block.reshape(*block.shape[:-2], *shape)
 
-    def with_entries(self, entries: Mapping[tuple[str, str], PyTree]) -> "Covariance":
+    def with_entries(self, entries: Mapping[tuple[str, str], Numbers]) -> "Covariance":
         """The same covariance with some entries replaced, each for both orders of its two names.
 
         Args:
@@ -188,7 +192,7 @@ class Covariance:
         if not self.values:
             return jnp.zeros((size, size))
         dtype = jnp.result_type(*self.values)
-        total: Any = jnp.zeros((size, size), dtype)
+        total = jnp.zeros((size, size), dtype)
         for value, where in zip(self.values, self.places, strict=True):
             pattern = np.zeros((size, size), bool)
             rows, columns = np.transpose(where)

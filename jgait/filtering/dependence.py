@@ -7,10 +7,10 @@ import jax
 from jaxtyping import Array, Float
 
 
-def depends_on_place(g: Callable[[Any], Any], at: Float[Array, "n"]) -> bool:
+def depends_on_place(g: Callable[[Array], Array], at: Float[Array, "n"]) -> bool:
     """Whether the Jacobian of g depends on g's argument, determined from the trace of the derivative."""
 
-    def directional(x: Any, tangent: Any) -> Any:
+    def directional(x: Array, tangent: Array) -> Array:
         return jax.jvp(g, (x,), (tangent,))[1]
 
     closed = jax.make_jaxpr(directional)(at, at)

@@ -16,6 +16,7 @@ from jgait.filtering.compile import compiled
 from jgait.filtering.execution import Execution, execution_of
 from jgait.filtering.inputs import check_linear, inputs
 from jgait.filtering.iterated import iterated
+from jgait.filtering.layout import Numbers, Tree
 from jgait.filtering.methods import EKF, IteratedSmoother, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.posterior import FIELDS, KEEP, NEEDS, SUMMARY, Inferred, Posterior, fields_of, inferred, places_of
@@ -48,8 +49,8 @@ class Step(NamedTuple):
 
 
 def step(
-    model: Model, params: PyTree, belief: Belief, observation: PyTree, *, dt: Any, control: PyTree = None,
-    mask: PyTree = None, method: Method = EKF(),
+    model: Model, params: Tree, belief: Belief, observation: Tree, *, dt: Numbers, control: Tree = None,
+    mask: Tree = None, method: Method = EKF(),
 ) -> Step:  # fmt: skip
     """Predict over dt, then update: one sample online, jitted; `kalman_filter` scans the same step.
 
@@ -63,7 +64,7 @@ def step(
         ValueError: if an argument does not have the type that the model needs, or the observation has NaN.
     """
 
-    def alone(tree: PyTree) -> PyTree:
+    def alone[T](tree: T) -> T:
         return jax.tree.map(lambda leaf: leaf if checks.known_false(leaf) else jnp.asarray(leaf)[None], tree)
 
     sample = infer(
@@ -79,8 +80,8 @@ def step(
 
 
 def infer(
-    model: Model, params: PyTree, observations: PyTree, *, smooth: bool, dt: Any, controls: PyTree = None,
-    mask: PyTree = None, method: Method | IteratedSmoother = EKF(), initial: Belief | None = None,
+    model: Model, params: Tree, observations: Tree, *, smooth: bool, dt: Numbers, controls: Tree = None,
+    mask: Tree = None, method: Method | IteratedSmoother = EKF(), initial: Belief | None = None,
     keep: tuple[str, ...] = SUMMARY, covariance: bool | tuple[str, ...] = True, execution: Execution = "auto",
 ) -> Inferred:  # fmt: skip
     """Filter a recording, and smooth it if `smooth` is True; `smooth` is static.
@@ -122,7 +123,7 @@ def infer(
 
 
 def _jitted(
-    params: PyTree, observations: PyTree, controls: PyTree, dt: Any, mask: PyTree, initial: Belief | None, *,
+    params: Tree, observations: Tree, controls: Tree, dt: Numbers, mask: Tree, initial: Belief | None, *,
     constant: tuple[bool, ...], **static: Any,
 ) -> Inferred:  # fmt: skip
     leaves, structure = jax.tree.flatten(mask)
@@ -138,7 +139,7 @@ _program = compiled(
 
 
 def kalman_filter(
-    model: Model, params: PyTree, observations: PyTree, *, dt: Any, controls: PyTree = None, mask: PyTree = None,
+    model: Model, params: Tree, observations: Tree, *, dt: Numbers, controls: Tree = None, mask: Tree = None,
     method: Method = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = KEEP, execution: Execution = "auto",
 ) -> Posterior:  # fmt: skip
     """Filter a recording: a jitted `lax.scan` over its samples, differentiable by all its arguments.
@@ -176,7 +177,7 @@ def kalman_filter(
 
 
 def kalman_smoother(
-    model: Model, params: PyTree, observations: PyTree, *, dt: Any, controls: PyTree = None, mask: PyTree = None,
+    model: Model, params: Tree, observations: Tree, *, dt: Numbers, controls: Tree = None, mask: Tree = None,
     method: Method | IteratedSmoother = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = KEEP,
     covariance: bool | tuple[str, ...] = True, execution: Execution = "auto",
 ) -> Inferred:  # fmt: skip

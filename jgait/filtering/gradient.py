@@ -33,16 +33,22 @@ from jgait.filtering.lanes import (
     unheld_product,
     where,
 )
-from jgait.filtering.linear import Linear
-from jgait.filtering.scan import Sample, repeated, scanned, taken, without_skipped
+from jgait.filtering.linear import Linear, Matrices
+from jgait.filtering.scan import After, Belief, Sample, repeated, scanned, taken, without_skipped
 from jgait.filtering.step import predict
 
 type Named = dict[str, Array]
 """Outputs of a scan, or their cotangents, by name."""
 
+type Item = tuple[list[Array], Sample, Named, Named]
+"""x, δ and P before a sample, the sample, known outputs, cotangents."""
+
+type Later = tuple[tuple[Array, ...], Named, Named]
+"""Outputs of the filter, λ and Λ after a sample, cotangents."""
+
 
 def filter_gradient(
-    linear: Linear, start: Any, samples: Sample, busy: Int[Array, ""] | None, known: Named, ct: Named,
+    linear: Linear, start: Belief, samples: Sample, busy: Int[Array, ""] | None, known: Named, ct: Named,
     moving: Sequence[int],
 ) -> list[Array]:  # fmt: skip
     """Cotangents of the arguments `moving` of `Recorded`.
@@ -60,31 +66,33 @@ def filter_gradient(
     ct = {name: without_skipped(value, busy) for name, value in ct.items()}
     before = [jnp.concatenate([a[None], known[n][:-1]]) for a, n in zip(start, ("x", "delta", "cov"), strict=True)]
 
-    def body(carry: Any, item: Any) -> Any:
+    def body(carry: tuple[Belief, list[Array]], item: Item) -> tuple[tuple[Belief, list[Array]], list[Array]]:
         back, total = carry
         found, params_ct, sample_ct = _adjoint(linear, slots, item, back)
         return (found, [a + b for a, b in zip(total, params_ct, strict=True)]), sample_ct
 
-    zero = tuple(jnp.zeros_like(v) for v in start)
+    zero = jax.tree.map(jnp.zeros_like, start)
     none = [jnp.zeros((*linear.wide[i].shape[:-1], linear.lanes), linear.wide[i].dtype) for i in slots.params]
-    items = before, samples, {name: known[name] for name in ("G", "z")}, ct
+    items: Item = before, samples, {name: known[name] for name in ("G", "z")}, ct
     (first, sums), found = scanned(body, (zero, none), items, busy, reverse=True)
     gradients = dict(zip(slots.params, sums, strict=True)) | dict(zip(slots.samples, found, strict=True))
     gradients |= {slots.start: first[0], slots.start + 1: first[2][: linear.size, : linear.size]}
     return [gradients[i] for i in moving]
 
 
-def _adjoint(linear: Linear, slots: "Slots", item: Any, back: Any) -> tuple[Any, list[Array], list[Array]]:
+def _adjoint(linear: Linear, slots: "Slots", item: Item, back: Belief) -> tuple[Belief, list[Array], list[Array]]:
     """Cotangents of (x, δ, P) before a sample, of the moving parameters, and of the moving parts of the sample."""
     (before, delta, P), sample, known, ct = item
     parts = slots.parts_of(sample)
     wide = [jnp.broadcast_to(linear.wide[i], (*linear.wide[i].shape[:-1], linear.lanes)) for i in slots.params]
 
-    def transition(before: Any, delta: Any, moving: Any, parts: Any) -> Any:
+    def transition(
+        before: list[Array], delta: list[Array], moving: list[Array], parts: list[Array]
+    ) -> tuple[Array, Array, Array]:
         now = slots.with_parts(sample, parts)
         return slots.with_params(moving).transition(before, delta, P, now.control, now.dt)
 
-    def observation(x: Any, moving: Any, parts: Any) -> Any:
+    def observation(x: Array, moving: list[Array], parts: list[Array]) -> tuple[Array, Array, Array]:
         now = slots.with_parts(sample, parts)
         return slots.with_params(moving).observation(list(x), now.control, list(now.measured), list(now.seen))
 
@@ -111,22 +119,22 @@ def _adjoint(linear: Linear, slots: "Slots", item: Any, back: Any) -> tuple[Any,
     x_back, delta_back, *moved_ct = pull(held(A_ct, prior_ct, x_ct + where(valid, on_x, 0.0)))
     state = jnp.stack(x_back), jnp.stack(delta_back), unheld_product(transposed(A), half)
     # What was not finite did not change the belief, and says nothing of the parameters.
-    back = tuple(where(finite, f, p) for f, p in zip(state, (x_ct, delta_ct, P_ct), strict=True))
+    x_ct, delta_ct, P_ct = (where(finite, f, p) for f, p in zip(state, (x_ct, delta_ct, P_ct), strict=True))
     params_ct, parts_ct = jax.tree.map(
         lambda m, s: where(finite, m, 0.0) + where(valid, s, 0.0), tuple(moved_ct), tuple(seen_ct)
     )
-    return back, params_ct, parts_ct
+    return (x_ct, delta_ct, P_ct), params_ct, parts_ct
 
 
 def _updated(
     ct: Named, H: Array, prior: Array, G: Array, z: Array, K: Array, A: Array, delta_ct: Array, P_ct: Array,
     valid: Bool[Array, "B"],
-) -> tuple[Any, Array, Array, Array, Array]:  # fmt: skip
+) -> tuple[Matrices | None, Array, Array, Array, Array]:  # fmt: skip
     """Cotangents of A by the output M (None without it), of H, e, S and P⁻."""
     e_ct = applied(transposed(K), delta_ct)
     spread = product(transposed(K), P_ct)
     C_ct, from_gain = outer(z, delta_ct) - 2.0 * spread, spread
-    A_ct: Any = None
+    A_ct: Matrices | None = None
     H_ct: Any = 0.0
     if "M" in ct or "J" in ct:  # J = H A, M = A − K J
         J = product(H, A)
@@ -196,14 +204,15 @@ def smoother_gradient(
         return {}
     second = bool(chosen) and ("smoothed" in ct or "Lam" in ct)
 
-    def body(carry: Any, item: Any) -> Any:
+    def body(carry: After, item: Later) -> tuple[After, Named]:
         lam_ct, Lam_ct = carry  # cotangents of λ and Λ before this sample
         (P, M, J, G, z), later, ct = item
-        lam, Lam = later["lam"], later.get("Lam")
+        lam = later["lam"]
         M_ct, J_ct = outer(lam, lam_ct), -outer(z, lam_ct)
         z_ct, G_ct = -applied(J, lam_ct), jnp.zeros_like(G)
         back, P_ct = applied(M, lam_ct), jnp.zeros_like(P)
         if second:
+            Lam = later["Lam"]
             half, part = product(M, Lam_ct), product(J, Lam_ct)
             M_ct, J_ct = M_ct + 2.0 * product(Lam, half), J_ct + 2.0 * product(G, part)
             G_ct, Lam_ct = product_transposed(part, J), product_transposed(half, M)
@@ -221,14 +230,14 @@ def smoother_gradient(
             back = back + ct["lam"]
         return (back, Lam_ct), {"cov": P_ct, "M": M_ct, "J": J_ct, "G": G_ct, "z": z_ct}
 
-    def unchanged(last: Any, part: Any) -> Any:
+    def unchanged(last: Named, part: Later) -> Named:
         zero = jax.tree.map(jnp.zeros_like, repeated(last, part))
         ct, place = part[2]["smoothed"], jnp.asarray(chosen)
         change = 0.5 * (ct + jnp.swapaxes(ct, 1, 2))
         return zero | {"cov": zero["cov"].at[:, place[:, None], place[None]].add(change)}
 
     n, dtype = named["cov"].shape[1], named["cov"].dtype
-    none = jnp.zeros((n, lanes), dtype), (jnp.zeros((n, n, lanes), dtype) if second else 0.0)
-    later = {name: named[name] for name in ("lam", "Lam") if name in named and (second or name == "lam")}
+    none = jnp.zeros((n, lanes), dtype), jnp.zeros((n, n, lanes) if second else (), dtype)
+    later: Named = {name: named[name] for name in ("lam", "Lam") if name in named and (second or name == "lam")}
     parts = tuple(named[name] for name in ("cov", "M", "J", "G", "z"))
     return scanned(body, none, (parts, later, ct), busy, skipped=unchanged if "smoothed" in ct else None)[1]

@@ -1,15 +1,17 @@
 """The inputs of a filter: a model and a recording, checked, in one float type, as arrays."""
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PyTree
+from jax.typing import DTypeLike
+from jaxtyping import Array, Bool, Float
 
 from jgait.filtering import checks
-from jgait.filtering.covariance import Covariance
+from jgait.filtering.covariance import Covariance, Entries
 from jgait.filtering.dependence import depends_on_place
-from jgait.filtering.layout import Layout, Scalar
+from jgait.filtering.layout import Layout, Numbers, Scalar, Tree
 from jgait.filtering.methods import KF
 from jgait.filtering.model import Belief, Model, Shape
 
@@ -18,13 +20,13 @@ class Inputs(NamedTuple):
     """A filter's arguments, component by component."""
 
     shape: Shape
-    params: PyTree
+    params: Tree
     mean: list[Scalar]  #: initial mean (k scalars).
-    cov: dict[tuple[int, int], Scalar]  #: entries of the initial covariance, see `Covariance.entries`.
-    measured: list[Array]  #: the observed components that are ever measured, arrays (T,).
-    controls: list[Array]  #: components of the control, arrays (T,).
+    cov: Entries  #: of the initial covariance.
+    measured: list[Float[Array, "time"]]  #: the observed components that are ever measured.
+    controls: list[Float[Array, "time"]]  #: components of the control.
     dt: Float[Array, "..."]  #: intervals [s], () or (T,).
-    seen: list[Any]  #: the mask of `measured`: arrays (T,) of bools, or True if every sample is measured.
+    seen: list[Bool[Array, "time"] | bool]  #: the mask of `measured`, True if every sample is measured.
 
     @property
     def length(self) -> int:
@@ -34,7 +36,7 @@ class Inputs(NamedTuple):
     def arrays(self) -> list[Array]:
         """The arguments of `Recorded`, without a batch axis."""
         size, length, dtype = self.shape.error.size, (self.length,), self.shape.dtype
-        cov: Any = jnp.zeros((size, size), dtype)
+        cov = jnp.zeros((size, size), dtype)
         if self.cov:
             cov = Covariance.of(self.cov, self.shape.error).dense().astype(dtype)
         return [
@@ -49,7 +51,7 @@ class Inputs(NamedTuple):
 
 
 def inputs(
-    model: Model, params: PyTree, observations: PyTree, controls: PyTree, dt: Any, mask: PyTree, initial: Belief | None
+    model: Model, params: Tree, observations: Tree, controls: Tree, dt: Numbers, mask: Tree, initial: Belief | None
 ) -> Inputs:
     """Check structure and shapes, and cast everything to one dtype; raises as `kalman_filter`."""
     observations, length = checks.series(observations, "observation", None)
@@ -76,12 +78,12 @@ def inputs(
     )  # fmt: skip
 
 
-def _series(tree: PyTree, length: int) -> list[Array]:
+def _series(tree: Tree, length: int) -> list[Array]:
     """The components of a tuple of arrays (T, …), each (T,)."""
     return [part for leaf in jax.tree.leaves(tree) for part in jnp.unstack(leaf.reshape(length, -1), axis=1)]
 
 
-def error_layout(model: Model, state: Layout, dtype: Any) -> Layout:
+def error_layout(model: Model, state: Layout, dtype: DTypeLike) -> Layout:
     """The layout of the error tuple: that of the state, or that of the result of `local`.
 
     Raises:
@@ -96,7 +98,7 @@ def error_layout(model: Model, state: Layout, dtype: Any) -> Layout:
     return Layout.of(jax.eval_shape(model.local, like, like))
 
 
-def check_linear(given: Inputs, method: Any) -> None:
+def check_linear(given: Inputs, method: object) -> None:
     """Raise if the method is `KF` and the model is nonlinear.
 
     Raises:
@@ -113,7 +115,9 @@ def check_linear(given: Inputs, method: Any) -> None:
     }
     for field, (layout, function) in functions.items():
 
-        def vector(x: Array, layout: Any = layout, function: Any = function, field: str = field) -> Array:
+        def vector(
+            x: Array, layout: Layout = layout, function: Callable[[Array], Tree] = function, field: str = field
+        ) -> Array:
             return jnp.stack(shape.arrays(layout.components(function(x), shape.dtype, f"what {field} returns")))
 
         if depends_on_place(vector, jnp.zeros(shape.state.size, shape.dtype)):

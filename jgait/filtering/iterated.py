@@ -10,9 +10,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from jgait.filtering.batch import Batched, differentiable
+from jgait.filtering.covariance import Places
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.lanes import applied, product, product_transposed, summed, where
 from jgait.filtering.linear import Linear, distinct, placed
@@ -22,6 +23,9 @@ from jgait.filtering.recentre import closure, covariances, states
 from jgait.filtering.recorded import Recorded
 from jgait.filtering.scan import Sample, nothing_after, smoother_scan
 from jgait.filtering.step import predict, update
+
+type Before = tuple[list[Float[Array, ""]], list[Float[Array, ""]], Float[Array, ""]]
+"""State before an interval, control, dt."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +47,7 @@ class LinearSmoother(Batched):
         lanes, dtype, n = max(v.shape[-1] for v in arguments), arguments[1].dtype, arguments[1].shape[1]
         everywhere = jnp.ones(lanes, bool)
 
-        def body(carry: Any, sample: Any) -> Any:
+        def body(carry: tuple[Array, Array], sample: list[Array]) -> tuple[tuple[Array, Array], dict[str, Array]]:
             mean, P = carry
             A, c, Q, H, e, R = sample
             mean = applied(A, mean) + c
@@ -77,7 +81,7 @@ def iterated(
     longer = longer._replace(seen=longer.seen.at[0].set(False))
     linear, smooth = Linear(shape, params, length, EKF()), differentiable(LinearSmoother(inner), method.derivative)
 
-    def smoothed_again(carry: Any, _: None) -> tuple[Any, None]:
+    def smoothed_again(carry: tuple[Array, ...], _: None) -> tuple[tuple[Array, ...], None]:
         at = states(shape, *carry[:2])
         elements = about(linear, at, (start, cov), longer)
         return (at, *(v[..., 0] for v in smooth(*(v[..., None] for v in elements)))), None
@@ -92,25 +96,28 @@ def iterated(
     return found
 
 
-def about(linear: Linear, at: Array, start: Any, samples: Sample) -> list[Array]:
-    """A, c, Q, H, e and R of errors about a trajectory (T, k), time in front; `start`: initial mean and covariance.
+def about(linear: Linear, at: Float[Array, "time k"], start: tuple[Array, Array], samples: Sample) -> list[Array]:
+    """A, c, Q, H, e and R of errors about a trajectory, time in front; `start`: initial mean and covariance.
 
     The noise is r = x ⊖ f(x'), of errors about f(x'). With T = ∂e/∂r, errors move by e = T (∂r/∂e' e' − r + w).
     """
-    shape, places = linear.shape, list[Any]()
+    shape, places = linear.shape, list[Places]()
 
-    def moved(params: Any, given: Any, e: Any) -> list[Any]:
+    def moved(params: list[Array], given: Before, e: list[Array]) -> list[Array]:
         before, u, dt = given
         after = shape.model.transition(*linear.unpacked(params, shape.retract(before, e), u), dt)
         return shape.arrays(shape.state.components(after, shape.dtype, "what transition returns"))
 
-    def off(params: Any, given: Any, e: Any) -> list[Any]:
+    def off(params: list[Array], given: tuple[list[Array], *Before], e: list[Array]) -> list[Array]:
         return shape.local(moved(params, given[1:], e), given[0])
 
-    def turned(_: Any, given: Any, d: Any) -> list[Any]:
+    def turned(_: list[Array], given: tuple[list[Array], list[Array]], d: list[Array]) -> list[Array]:
         return shape.local(given[0], shape.retract(given[1], d))
 
-    def one(params: Any, before: Any, now: Any, first: Any, begins: Any, u: Any, dt: Any) -> Any:
+    def one(
+        params: list[Array], before: list[Array], now: list[Array], first: list[Array], begins: Array, u: list[Array],
+        dt: Array,
+    ) -> tuple[list[Array], list[Array], list[Array], list[Array]]:  # fmt: skip
         came = moved(params, (before, u, dt), [jnp.zeros((), shape.dtype)] * shape.error.size)
         finite = jnp.isfinite(sum(came))
         arrived = [jnp.where(begins, a, jnp.where(finite, b, c)) for a, b, c in zip(first, came, before, strict=True)]

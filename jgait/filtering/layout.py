@@ -1,20 +1,38 @@
 """Tuples of named numbers and arrays as lists of scalars: the order of components in vectors and matrices."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import Field
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float, PyTree, PyTreeDef
+
+from jgait.types import AnyArray
 
 Scalar = Float[Array, ""] | float
 """One component: an array without axes, or a number that is known while a function is traced."""
 
+type Numbers = AnyArray | np.number | np.bool | float | int
+"""An array of any shape, or one number of Python or NumPy."""
 
-def names_of(tree: PyTree) -> tuple[str, ...]:
+
+@runtime_checkable
+class Record(Protocol):
+    """A dataclass that is registered with JAX as a pytree."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[object]]]
+
+
+type Tree = Numbers | Sequence[Tree] | Mapping[str, Tree] | Record | None
+"""A user's tuple of numbers, arrays and tuples of these: parameters, a state, an observation or a control."""
+
+
+def names_of(tree: Tree) -> tuple[str, ...]:
     """Names of a tuple's leaves in order; nested names are joined by dots: `up.forward`."""
     paths, _ = jax.tree_util.tree_flatten_with_path(tree)
     return tuple(jax.tree_util.keystr(path, simple=True, separator=".") for path, _ in paths)
@@ -37,7 +55,7 @@ class Layout(NamedTuple):
     shapes: tuple[tuple[int, ...], ...]
 
     @classmethod
-    def of(cls, tree: PyTree, axes: int = 0) -> "Layout":
+    def of(cls, tree: Tree, axes: int = 0) -> "Layout":
         """The layout of a tuple of numbers and arrays, whose first `axes` axes (time, batch) are no part of it."""
         leaves, structure = jax.tree.flatten(tree)
         return cls(structure, tuple(jnp.shape(leaf)[axes:] for leaf in leaves))
@@ -72,7 +90,7 @@ class Layout(NamedTuple):
         """The shape of a leaf; of several leaves below a name, the number of their components."""
         return self.shapes[self.names.index(name)] if name in self.names else (len(self.places(name)),)
 
-    def components(self, tree: PyTree, dtype: DTypeLike, what: str) -> list[Scalar]:
+    def components(self, tree: Tree, dtype: DTypeLike, what: str) -> list[Scalar]:
         """The scalars of a tuple: Python numbers as floats, all else as arrays of the dtype.
 
         Raises:
@@ -95,7 +113,7 @@ class Layout(NamedTuple):
                 found.extend(jnp.unstack(jnp.asarray(leaf, dtype).reshape(-1)))
         return found
 
-    def tuple(self, components: Sequence[Any]) -> PyTree:
+    def tuple(self, components: Sequence[Scalar]) -> PyTree:
         """The tuple of scalars, inverse of `components`."""
         leaves, rest = [], iter(components)
         for shape in self.shapes:

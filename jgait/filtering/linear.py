@@ -13,6 +13,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
+from jgait.filtering.covariance import Entries, Places
+from jgait.filtering.layout import Scalar, Tree
 from jgait.filtering.methods import CKF, UKF, Method
 from jgait.filtering.model import Shape
 from jgait.filtering.regression import regressed_observation, regressed_transition
@@ -44,14 +46,14 @@ class Linear:
         rows = jnp.eye(self.size, self.width, dtype=self.shape.dtype)
         return [jnp.broadcast_to(row[:, None], (self.width, self.lanes)) for row in rows]
 
-    def over(self, function: Callable[..., Any], *rows: Any) -> Any:
+    def over[T](self, function: Callable[..., T], *rows: Tree) -> T:
         """Outputs, batch behind, of a function of (parameters, values of one recording …)."""
         values = jax.tree.map(lambda v: jnp.broadcast_to(v, (*v.shape[:-1], self.lanes)), list(rows))
         axes = (self.axes, *(-1 for _ in rows))
         return jax.vmap(function, in_axes=axes, out_axes=-1, axis_size=self.lanes)(self.params, *values)
 
     def pushed(
-        self, function: Callable[..., Any], values: Any, at: Rows, columns: list[Array]
+        self, function: Callable[..., list[Array]], values: Tree, at: Rows, columns: list[Array]
     ) -> tuple[list[Array], list[Array]]:
         """A function of (parameters, values, components) at components (B,), and its derivatives along columns (n, B).
 
@@ -64,28 +66,28 @@ class Linear:
         self, x: Rows, delta: Rows, P: Matrices, control: Rows, dt: Float[Array, "B"]
     ) -> tuple[Matrices, Matrices, Float[Array, "k B"]]:
         """A, Q and x⁻ = f(x ⊕ δ); A is from errors about x, of mean δ, to errors about x⁻."""
-        shape, places = self.shape, list[Any]()
+        shape, places = self.shape, list[Places]()
         rows = list(x), list(delta)[: self.size], list(control), dt
 
-        def near(_: Any, x: Any, d: Any) -> list[Any]:
+        def near(_: Tree, x: list[Array], d: list[Array]) -> list[Array]:
             return shape.retract(x, d)
 
-        def moved(params: Any, given: Any, x: Any) -> list[Any]:
+        def moved(params: list[Array], given: tuple[list[Array], Array], x: list[Array]) -> list[Array]:
             u, dt = given
             after = shape.model.transition(*self.unpacked(params, x, u), dt)
             return shape.arrays(shape.state.components(after, shape.dtype, "what transition returns"))
 
-        def apart(_: Any, after: Any, x: Any) -> list[Any]:
+        def apart(_: Tree, after: list[Array], x: list[Array]) -> list[Array]:
             return shape.local(after, x)
 
-        def noise(params: Any, x: Any, u: Any, dt: Any) -> list[Any]:
+        def noise(params: list[Array], x: list[Array], u: list[Array], dt: Array) -> list[Array]:
             told = shape.model.transition_noise(*self.unpacked(params, x, u), dt)
             return distinct(shape.noise(told, shape.error, "what transition_noise returns"), places=places, shape=shape)
 
         if isinstance(self.method, UKF | CKF):
             sigma = partial(regressed_transition, shape, self.method, partial(distinct, places=places, shape=shape))
-            A, spread, after, Q = self.over(sigma, (list(x), list(delta), P, list(control), dt))
-            return A, spread + placed(Q, places, self.size), jnp.stack(after)
+            A, spread, after, told = self.over(sigma, (list(x), list(delta), P, list(control), dt))
+            return A, spread + placed(told, places, self.size), jnp.stack(after)
         before, columns = self.pushed(near, list(x), rows[1], self.directions)
         after, columns = self.pushed(moved, (rows[2], dt), before, columns)
         if shape.curved:
@@ -93,32 +95,35 @@ class Linear:
         Q = placed(self.over(noise, before, rows[2], dt), places, self.width)
         return jnp.pad(jnp.stack(columns), ((0, self.width - self.size), (0, 0), (0, 0))), Q, jnp.stack(after)
 
-    def unpacked(self, params: Any, x: Any, control: Any) -> tuple[Any, Any, Any]:
+    def unpacked(self, params: list[Array], x: list[Array], control: list[Array]) -> tuple[Tree, Tree, Tree]:
         """Parameters, state and control as the model's functions take them."""
         return self.shape.params.unflatten(params), self.shape.state.tuple(x), self.shape.control.tuple(control)
 
     def observation(
-        self, x: Rows, control: Rows, measured: Rows, seen: Rows, at: Any = None, P: Any = None
+        self, x: Rows, control: Rows, measured: Rows, seen: Rows, at: Rows | None = None, P: Matrices | None = None
     ) -> tuple[Matrices, Matrices, Float[Array, "m B"]]:
         """H, R and e = y − h(x ⊕ at) about an error `at` of the predicted state, by default 0.
 
         Where a component is not seen, its row of H and e are zero, and R has a 1.
         """
-        shape, places = self.shape, list[Any]()
+        shape, places = self.shape, list[Places]()
         x, control, measured, seen = map(list, (x, control, measured, seen))
 
-        def near(_: Any, x: Any, d: Any) -> list[Any]:
+        def near(_: Tree, x: list[Array], d: list[Array]) -> list[Array]:
             return shape.retract(x, d)
 
-        def shown(params: Any, u: Any, x: Any) -> list[Any]:
+        def shown(params: list[Array], u: list[Array], x: list[Array]) -> list[Array]:
             told = shape.model.observation(*self.unpacked(params, x, u))
             every = shape.arrays(shape.observed.components(told, shape.dtype, "what observation returns"))
             return [every[i] for i in shape.measured]
 
-        def apart(_: Any, expected: Any, y: Any) -> list[Any]:
+        def apart(_: Tree, expected: list[Array], y: list[Array]) -> list[Array]:
             return shape.residual(y, expected)
 
-        def rest(params: Any, x: Any, u: Any, measured: Any, seen: Any, expected: Any) -> Any:
+        def rest(
+            params: list[Array], x: list[Array], u: list[Array], measured: list[Array], seen: list[Array],
+            expected: list[Array],
+        ) -> tuple[list[Array], list[Array]]:  # fmt: skip
             visible = [jnp.where(s, y, e) for s, y, e in zip(seen, measured, expected, strict=True)]
             told = shape.model.observation_noise(*self.unpacked(params, x, u))
             entries = shape.noise(told, shape.observed, "what observation_noise returns")
@@ -147,17 +152,17 @@ class Linear:
         return jnp.where(here[:, None], H, 0.0), R, jnp.where(here, e, 0.0)
 
 
-def distinct(entries: dict[tuple[int, int], Any], *, places: list[Any], shape: Shape) -> list[Any]:
+def distinct(entries: Entries, *, places: list[Places], shape: Shape) -> list[Array]:
     """The distinct values of a noise matrix as arrays; `places` gets the rows and columns of each."""
-    found: dict[Any, tuple[Any, list[tuple[int, int]]]] = {}
+    found: dict[object, tuple[Scalar, list[tuple[int, int]]]] = {}
     for place, value in entries.items():
         key = ("number", value) if isinstance(value, float | int) else id(value)
         found.setdefault(key, (value, []))[1].append(place)
-    places[:] = [where for _, where in found.values()]
+    places[:] = [tuple(where) for _, where in found.values()]
     return shape.arrays([value for value, _ in found.values()])
 
 
-def placed(values: Sequence[Float[Array, "B"]], places: Sequence[Any], size: int) -> Matrices:
+def placed(values: Sequence[Float[Array, "B"]], places: Sequence[Places], size: int) -> Matrices:
     """The symmetric matrices that have each value at its places, and zeros."""
     total: Any = 0.0
     for value, where_ in zip(values, places, strict=True):

@@ -10,16 +10,17 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import PyTree, PyTreeDef
+import numpy as np
+from jaxtyping import Array, PyTreeDef
 
-from jgait.filtering.covariance import Covariance
-from jgait.filtering.layout import Layout, Scalar
+from jgait.filtering.covariance import Covariance, Entries
+from jgait.filtering.layout import Layout, Scalar, Tree
 
 
 class Belief(NamedTuple):
     """A distribution of a state: the mean, and the covariance of the error about the mean."""
 
-    mean: PyTree
+    mean: Any
     cov: Covariance
 
     def joined(self) -> "Belief":
@@ -46,13 +47,13 @@ class Model(NamedTuple):
     """
 
     initial: Callable[..., Belief]
-    transition: Callable[..., PyTree]
-    transition_noise: Callable[..., PyTree]
-    observation: Callable[..., PyTree]
-    observation_noise: Callable[..., PyTree]
-    retract: Callable[..., PyTree] | None = None
-    local: Callable[..., PyTree] | None = None
-    residual: Callable[..., PyTree] | None = None
+    transition: Callable[..., Tree]
+    transition_noise: Callable[..., Covariance | Tree]
+    observation: Callable[..., Tree]
+    observation_noise: Callable[..., Covariance | Tree]
+    retract: Callable[..., Tree] | None = None
+    local: Callable[..., Tree] | None = None
+    residual: Callable[..., Tree] | None = None
 
 
 @dataclass(frozen=True)
@@ -74,34 +75,34 @@ class Shape:
     error: Layout
     observed: Layout
     measured: tuple[int, ...]
-    dtype: Any
+    dtype: np.dtype[np.floating]
 
     @property
     def curved(self) -> bool:
         """Whether the state is on a manifold."""
         return self.model.local is not None
 
-    def retract(self, x: list[Any], e: list[Any]) -> list[Any]:
+    def retract(self, x: list[Array], e: list[Array]) -> list[Array]:
         """The components of x ⊕ e."""
         if self.model.retract is None:
             return [a + b for a, b in zip(x, e, strict=True)]
         moved = self.model.retract(self.state.tuple(x), self.error.tuple(e))
         return self.arrays(self.state.components(moved, self.dtype, "what retract returns"))
 
-    def local(self, reference: list[Any], x: list[Any]) -> list[Any]:
+    def local(self, reference: list[Array], x: list[Array]) -> list[Array]:
         """The components of x ⊖ reference."""
         if self.model.local is None:
             return [a - b for a, b in zip(x, reference, strict=True)]
         error = self.model.local(self.state.tuple(reference), self.state.tuple(x))
         return self.arrays(self.error.components(error, self.dtype, "what local returns"))
 
-    def residual(self, measured: list[Any], expected: list[Any]) -> list[Any]:
+    def residual(self, measured: list[Array], expected: list[Array]) -> list[Array]:
         """The components of measured − expected, of those that are ever measured."""
         if self.model.residual is None:
             return [a - b for a, b in zip(measured, expected, strict=True)]
         zero = jnp.zeros((), self.dtype)
 
-        def whole(values: list[Any]) -> PyTree:
+        def whole(values: list[Array]) -> Tree:
             known = dict(zip(self.measured, values, strict=True))
             return self.observed.tuple([known.get(i, zero) for i in range(self.observed.size)])
 
@@ -109,8 +110,8 @@ class Shape:
         every = self.arrays(self.observed.components(difference, self.dtype, "what residual returns"))
         return [every[i] for i in self.measured]
 
-    def noise(self, noise: PyTree, layout: Layout, what: str) -> dict[tuple[int, int], Scalar]:
-        """(row, column), row ≤ column → entry of a `Covariance`, or of a tuple of variances.
+    def noise(self, noise: Covariance | Tree, layout: Layout, what: str) -> Entries:
+        """The entries of a `Covariance`, or of a tuple of variances.
 
         Raises:
             ValueError: if it is of another type than expected.
@@ -125,6 +126,6 @@ class Shape:
             raise ValueError(f"{what} must have {error}") from None
         return noise.entries()
 
-    def arrays(self, components: list[Scalar]) -> list[Any]:
+    def arrays(self, components: list[Scalar]) -> list[Array]:
         """Components as arrays of the dtype."""
         return [jnp.asarray(value, self.dtype) for value in components]

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, PyTree
 
 from jgait.filtering.covariance import Covariance
 from jgait.filtering.inputs import Inputs
-from jgait.filtering.layout import Layout
+from jgait.filtering.layout import Layout, Tree
 from jgait.filtering.model import Belief, Shape
 from jgait.filtering.recentre import covariances, states, turned
 from jgait.types import Counts, Maybe
@@ -35,9 +35,9 @@ class Posterior(NamedTuple):
     """
 
     mean: PyTree = None
-    cov: Any = None
+    cov: Maybe[Covariance] = None
     predicted_mean: PyTree = None
-    predicted_cov: Any = None
+    predicted_cov: Maybe[Covariance] = None
     innovation: PyTree = None
     innovation_stddev: PyTree = None
     log_likelihood: Maybe[Float[Array, "*batch time"]] = None
@@ -91,7 +91,7 @@ class Inferred(NamedTuple):
     """
 
     mean: PyTree
-    cov: Any
+    cov: Maybe[Covariance]
     filtered: Posterior
 
     @property
@@ -119,7 +119,9 @@ def places_of(covariance: bool | tuple[str, ...], error: Layout) -> tuple[int, .
     return tuple(sorted(wanted))
 
 
-def fields_of(given: Inputs, fields: tuple[str, ...], inner: tuple[int, ...], outputs: dict[str, Array]) -> Any:
+def fields_of(
+    given: Inputs, fields: tuple[str, ...], inner: tuple[int, ...], outputs: dict[str, Array]
+) -> dict[str, Any]:
     """Fields of `Posterior`, and the smoothed "move" and "smoothed", from the outputs of `Recorded` (T, …)."""
     shape, out = given.shape, outputs
     found: dict[str, Any] = {}
@@ -184,8 +186,8 @@ def inferred(
     return Inferred(shape.state.split(found["smoothed_mean"]), cov, posterior)
 
 
-def _measured(shape: Shape, values: Array) -> PyTree:
-    """An observation tuple of arrays (T, measured components); None for a leaf that is never measured."""
+def _measured(shape: Shape, values: Float[Array, "time measured"]) -> Tree:
+    """An observation tuple of arrays; None for a leaf that is never measured."""
     if len(shape.measured) == shape.observed.size:
         return shape.observed.split(values)
     part = part_of(shape.observed, shape.measured)

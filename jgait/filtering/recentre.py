@@ -6,7 +6,6 @@ T = ∂/∂e of (x ⊕ (δ + e)) ⊖ (x ⊕ δ). Arrays have the time axis in fr
 
 import functools
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -49,7 +48,7 @@ def covariances(
     seeds = np.zeros((len(columns), shape.error.size))
     seeds[range(len(columns)), [chosen[j] for j in columns]] = 1.0
 
-    def some(x: list[Any], delta: list[Any], seed: list[Any]) -> list[Any]:
+    def some(x: list[Array], delta: list[Array], seed: list[Array]) -> list[Array]:
         every = _turned(shape, x, delta, seed)
         return [every[chosen[i]] for i in rows]
 
@@ -84,12 +83,12 @@ def influences(shape: Shape) -> tuple[Bool[np.ndarray, "n n"], Bool[np.ndarray, 
     return np.array(touched).T, np.array(reached(jaxpr, {*jaxpr.invars[: k + n]}))
 
 
-def _turned(shape: Shape, x: list[Any], delta: list[Any], error: list[Any]) -> list[Any]:
+def _turned(shape: Shape, x: list[Array], delta: list[Array], error: list[Array]) -> list[Array]:
     """T e, the components of one error."""
     at = shape.retract(x, delta)
     return jax.jvp(lambda d: shape.local(at, shape.retract(x, d)), (delta,), (error,))[1]
 
 
-def _over_time(function: Callable[..., list[Any]], *arrays: Float[Array, "time size"]) -> list[Any]:
+def _over_time(function: Callable[..., list[Array]], *arrays: Float[Array, "time size"]) -> list[Array]:
     """The outputs (T,) of a function of lists of scalars at each sample of arrays (T, size)."""
     return jax.vmap(function)(*(list(jnp.unstack(v, axis=-1)) for v in arrays))

@@ -1,7 +1,7 @@
 """A filter, or a filter and its smoother, over whole recordings as one function of a batch, with its gradient."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +13,7 @@ from jgait.filtering.gradient import filter_gradient, smoother_gradient
 from jgait.filtering.linear import Linear
 from jgait.filtering.methods import EKF, KF, IteratedSmoother, Method
 from jgait.filtering.model import Shape
-from jgait.filtering.scan import Sample, busy_samples, filter_scan, nothing_after, smoother_scan
+from jgait.filtering.scan import After, Belief, Sample, busy_samples, filter_scan, nothing_after, smoother_scan
 
 FOR_SMOOTHER = ("cov", "M", "J", "G", "z")
 FOR_GRADIENT = ("x", "delta", "cov", "G", "z")
@@ -85,13 +85,13 @@ class Recorded(Batched):
         """The outputs without those that the gradient needs."""
         return [self.cut(name, value) for name, value in zip(self.keep, outputs, strict=False)]
 
-    def split(self, arguments: Any) -> tuple[list[Array], tuple[Array, Array], Sample]:
+    def split(self, arguments: Sequence[Array]) -> tuple[list[Array], tuple[Array, Array], Sample]:
         """Parameters, mean and covariance at the start, samples."""
         count, controls = self.shape.params.num_leaves, self.shape.control.size
         mean, cov, measured, *rest = arguments[count:]
         return list(arguments[:count]), (mean, cov), Sample(measured, tuple(rest[:controls]), *rest[controls:])
 
-    def model(self, arguments: Any, lanes: int) -> tuple[Linear, tuple[Array, Array, Array], Sample]:
+    def model(self, arguments: Sequence[Array], lanes: int) -> tuple[Linear, Belief, Sample]:
         """The model, (x, δ, P) before the first sample, and the samples.
 
         A single recording has matrices whose rows fill vector units, if that adds few: with 15 errors it takes half of
@@ -128,7 +128,7 @@ class Recorded(Batched):
         none = nothing_after(linear.width, lanes, self.shape.dtype, bool(self.chosen))
         every = tuple(dict.fromkeys((*ahead, *FOR_SMOOTHER)))
 
-        def both(begin: Any, none: Any, samples: Sample, busy: Any) -> tuple[Any, dict[str, Array]]:
+        def both(begin: Belief, none: After, samples: Sample, busy: Array | None) -> tuple[After, dict[str, Array]]:
             named = filter_scan(linear, begin, samples, every, busy)[1]
             later, back = smoother_scan(named, self.chosen, none, behind, busy)
             found = named | back

@@ -9,19 +9,20 @@ Sources: S. Särkkä, "Bayesian Filtering and Smoothing" (2013), chapters 5 and 
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jgait.filtering.covariance import Entries
 from jgait.filtering.methods import CKF, UKF
 from jgait.filtering.model import Shape
 
 SIGMA_JITTER = 100.0
 """Least pivot of the correlation matrix from which sigma points are computed [epsilons of the dtype]."""
 
-type Noises = Callable[[dict[tuple[int, int], Any]], list[Any]]
+type Noises = Callable[[Entries], list[Array]]
 """Entries of a noise matrix → its distinct values."""
 
 
@@ -34,15 +35,16 @@ class Affine(NamedTuple):
 
 
 def regressed_transition(
-    shape: Shape, method: UKF | CKF, distinct: Noises, params: Sequence[Any], values: Any
-) -> tuple[Array, Array, list[Any], list[Any]]:
+    shape: Shape, method: UKF | CKF, distinct: Noises, params: Sequence[Array],
+    values: tuple[list[Array], list[Array], Array, list[Array], Array],
+) -> tuple[Array, Array, list[Array], list[Array]]:  # fmt: skip
     """A, Ω, x⁻ and the distinct values of Q, as `Linear.transition`; errors are about x⁻, which v moves."""
     x, delta, P, u, dt = values
     p, u = shape.params.unflatten(params), shape.control.tuple(u)
     before = shape.retract(x, delta)
     turned = _turn(shape, x, jnp.stack(delta))
 
-    def moved(x: list[Any]) -> list[Any]:
+    def moved(x: list[Array]) -> list[Array]:
         after = shape.model.transition(p, shape.state.tuple(x), u, dt)
         return shape.arrays(shape.state.components(after, shape.dtype, "what transition returns"))
 
@@ -60,14 +62,15 @@ def regressed_transition(
 
 
 def regressed_observation(
-    shape: Shape, method: UKF | CKF, params: Sequence[Any], values: Any
-) -> tuple[Array, Array, Array]:
+    shape: Shape, method: UKF | CKF, params: Sequence[Array],
+    values: tuple[list[Array], list[Array], list[Array], list[Array], list[Array], Array],
+) -> tuple[Array, Array, Array]:  # fmt: skip
     """H, y − v and Ω about the error `at` with the covariance P."""
     x, at, u, measured, seen, P = values
     p, u = shape.params.unflatten(params), shape.control.tuple(u)
     mean = jnp.stack(at) if at else jnp.zeros_like(P[0])
 
-    def shown(e: Any) -> list[Any]:
+    def shown(e: Array) -> list[Array]:
         told = shape.model.observation(p, shape.state.tuple(shape.retract(x, list(e))), u)
         every = shape.arrays(shape.observed.components(told, shape.dtype, "what observation returns"))
         return [every[i] for i in shape.measured]
@@ -83,7 +86,7 @@ def regressed_observation(
     return affine.matrix, jnp.stack(shape.residual(visible, expected)) - affine.value, affine.spread
 
 
-def _turn(shape: Shape, x: list[Any], delta: Array) -> Array:
+def _turn(shape: Shape, x: list[Array], delta: Array) -> Array:
     """(n, n) from errors δ + e about x to errors about x ⊕ δ."""
     if not shape.curved:
         return jnp.eye(len(delta), dtype=delta.dtype)

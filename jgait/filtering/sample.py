@@ -1,7 +1,5 @@
 """Random states and observations of a model."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -9,14 +7,14 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, PRNGKeyArray, PyTree
 
 from jgait.filtering import checks
-from jgait.filtering.covariance import Covariance
+from jgait.filtering.covariance import Covariance, Entries
 from jgait.filtering.inputs import error_layout
-from jgait.filtering.layout import Layout
+from jgait.filtering.layout import Layout, Numbers, Tree
 from jgait.filtering.model import Model, Shape
 
 
 def draw(
-    key: PRNGKeyArray, model: Model, params: PyTree, samples: int, *, dt: Any, controls: PyTree = None
+    key: PRNGKeyArray, model: Model, params: Tree, samples: int, *, dt: Numbers, controls: Tree = None
 ) -> tuple[PyTree, PyTree]:
     """Draw one random recording from a model, for tests, power studies, and checks that a fit recovers parameters.
 
@@ -46,7 +44,7 @@ def draw(
         tuple(range(observed.size)), jnp.dtype(dtype),
     )  # fmt: skip
 
-    def moved(x: Array, cov: PyTree, layout: Layout, normal: Array, what: str) -> Array:
+    def moved(x: Array, cov: Covariance | Tree, layout: Layout, normal: Array, what: str) -> Array:
         """The state (k,) with a random error."""
         error = _shocks(_dense(shape.noise(cov, layout, what), layout, dtype), normal)
         return jnp.stack(shape.retract(list(x), list(error)))
@@ -59,7 +57,7 @@ def draw(
     errors = jax.random.normal(sensing, (samples, observed.size), dtype)
     interval = jnp.broadcast_to(jnp.asarray(dt, dtype), (samples,))
 
-    def body(x: Array, sample: PyTree) -> tuple[Array, PyTree]:
+    def body(x: Array, sample: tuple[Array, Array, Tree, Array]) -> tuple[Array, tuple[Array, Array]]:
         shock, error, control, step = sample
         now = state.split(x)
         noise = model.transition_noise(params, now, control, step)
@@ -81,5 +79,5 @@ def _shocks(cov: Array, normal: Array) -> Array:
     return (vectors * jnp.sqrt(jnp.maximum(values, 0.0))[None, :]) @ normal
 
 
-def _dense(entries: dict[tuple[int, int], Any], layout: Layout, dtype: DTypeLike) -> Array:
+def _dense(entries: Entries, layout: Layout, dtype: DTypeLike) -> Array:
     return Covariance.of(entries, layout).dense().astype(dtype)

@@ -16,16 +16,17 @@ F. Tung, C. Striebel (1965), AIAA Journal 3(8).
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
 
 from jgait.filtering.lanes import applied, held, product, product_transposed, summed, transposed, where
 from jgait.filtering.linear import Linear
-from jgait.filtering.step import predict, unseen, update
+from jgait.filtering.step import Update, predict, unseen, update
 
 PART = 128
 """[samples] Largest length of the parts in which padding is skipped."""
@@ -42,6 +43,9 @@ class Sample(NamedTuple):
 
 type Belief = tuple[Float[Array, "k B"], Float[Array, "n B"], Float[Array, "n n B"]]
 """x, δ, P."""
+
+type After = tuple[Float[Array, "n B"], Float[Array, "..."]]
+"""λ, and Λ (n, n, B), or 0 where no covariances are smoothed."""
 
 
 def filter_scan(
@@ -62,7 +66,7 @@ def filter_scan(
         prior, finite = predict(P, A, Q, after)
         x = where(finite, after, x)
 
-        def observed() -> tuple[Any, Array]:
+        def observed() -> tuple[Update, Array]:
             return updated(linear, x, prior, sample, finite)
 
         if linear.lanes == 1:  # a single recording need not compute an update where nothing is measured
@@ -85,7 +89,7 @@ def filter_scan(
     return scanned(body, start, samples, busy, skipped=repeated)
 
 
-def updated(linear: Linear, x: Array, prior: Array, sample: Sample, finite: Array) -> tuple[Any, Array]:
+def updated(linear: Linear, x: Array, prior: Array, sample: Sample, finite: Array) -> tuple[Update, Array]:
     """The update of a prediction, and the innovation; iterated, each time of the same P⁻, if the method says so."""
     H, R, e = held(*linear.observation(x, sample.control, sample.measured, sample.seen, None, prior))
     first = new = update(prior, H, R, e, finite)
@@ -97,8 +101,8 @@ def updated(linear: Linear, x: Array, prior: Array, sample: Sample, finite: Arra
 
 
 def smoother_scan(
-    named: dict[str, Array], chosen: tuple[int, ...], start: Any, keep: Sequence[str], busy: Int[Array, ""] | None
-) -> tuple[Any, dict[str, Array]]:
+    named: dict[str, Array], chosen: tuple[int, ...], start: After, keep: Sequence[str], busy: Int[Array, ""] | None
+) -> tuple[After, dict[str, Array]]:
     """From the last sample to the first; λ and Λ before the first sample, and the outputs `keep`.
 
     move       −P λ, to be added to δ
@@ -106,7 +110,7 @@ def smoother_scan(
     lam, Lam   λ and Λ of the samples after each
     """
 
-    def body(carry: Any, sample: tuple[Array, ...]) -> tuple[Any, dict[str, Array]]:
+    def body(carry: After, sample: tuple[Array, ...]) -> tuple[After, dict[str, Array]]:
         lam, Lam = carry
         P, M, J, G, z = sample
         move = -applied(P, lam)
@@ -122,7 +126,7 @@ def smoother_scan(
         lam = applied(transposed(M), lam) - applied(transposed(J), z)
         return (lam, Lam), {name: outputs[name] for name in keep}
 
-    def unchanged(last: Any, part: tuple[Array, ...]) -> dict[str, Array]:
+    def unchanged(last: dict[str, Array], part: tuple[Array, ...]) -> dict[str, Array]:
         """The outputs where no later sample tells anything."""
         outputs = jax.tree.map(jnp.zeros_like, repeated(last, part))
         if chosen:
@@ -134,9 +138,11 @@ def smoother_scan(
     return scanned(body, start, known, busy, reverse=True, skipped=unchanged if chosen else None)
 
 
-def nothing_after(size: int, lanes: int, dtype: Any, covariances: bool) -> tuple[Array, Any]:
+def nothing_after(size: int, lanes: int, dtype: DTypeLike, covariances: bool) -> After:
     """λ and Λ after the last sample."""
-    return jnp.zeros((size, lanes), dtype), jnp.zeros((size, size, lanes), dtype) if covariances else 0.0
+    return jnp.zeros((size, lanes), dtype), jnp.zeros((size, size, lanes), dtype) if covariances else jnp.zeros(
+        (), dtype
+    )
 
 
 def taken(matrix: Array, rows: tuple[int, ...]) -> Array:
@@ -163,10 +169,10 @@ def part_size(length: int) -> int | None:
     return size if PART // 4 <= size < length else None
 
 
-def scanned(
-    body: Callable[[Any, Any], tuple[Any, Any]], start: Any, samples: Any, busy: Int[Array, ""] | None, *,
-    reverse: bool = False, skipped: Callable[[Any, Any], Any] | None = None,
-) -> tuple[Any, Any]:  # fmt: skip
+def scanned[C, S, Y](
+    body: Callable[[C, S], tuple[C, Y]], start: C, samples: S, busy: Int[Array, ""] | None, *,
+    reverse: bool = False, skipped: Callable[[Y, S], Y] | None = None,
+) -> tuple[C, Y]:  # fmt: skip
     """`lax.scan` of the parts in which the first `busy` samples are, so that padding costs nothing.
 
     Outputs of other parts are skipped(last outputs before them, part), or 0. Without `busy` all samples are scanned,
@@ -178,24 +184,24 @@ def scanned(
         return lax.scan(body, start, samples, reverse=reverse)
     body = jax.jit(body, inline=True)  # traced once, for the shapes and for the scan
 
-    def part(number: Any) -> Any:
+    def part(number: Array) -> S:
         return jax.tree.map(lambda v: lax.dynamic_slice_in_dim(v, number * size, size), samples)
 
-    def put(outputs: Any, number: Any, found: Any) -> Any:
+    def put(outputs: Y, number: Array, found: Y) -> Y:
         return jax.tree.map(lambda a, b: lax.dynamic_update_slice_in_dim(a, b, number * size, 0), outputs, found)
 
-    def compute(step: Any, kept: Any) -> Any:
+    def compute(step: Array, kept: tuple[C, Y]) -> tuple[C, Y]:
         number = parts - 1 - step if reverse else step
         carry, found = lax.scan(body, kept[0], part(number), reverse=reverse)
         return carry, put(kept[1], number, found)
 
-    def skip(number: Any, outputs: Any) -> Any:
+    def skip(number: Array, outputs: Y) -> Y:
         last = jax.tree.map(lambda v: lax.dynamic_index_in_dim(v, parts * size - 1, keepdims=False), outputs)
         assert skipped is not None
         return put(outputs, number, skipped(last, part(number)))
 
     parts = (busy + size - 1) // size
-    shapes = jax.eval_shape(lambda: body(start, jax.tree.map(lambda v: v[0], samples))[1])
+    shapes = jax.eval_shape(body, start, jax.tree.map(lambda v: v[0], samples))[1]
     outputs = jax.tree.map(lambda v: jnp.zeros((length, *v.shape), v.dtype), shapes)
     carry, outputs = lax.fori_loop(0, parts, compute, (start, outputs))
     if skipped is not None:
@@ -203,7 +209,7 @@ def scanned(
     return carry, outputs
 
 
-def repeated(last: Any, part: Any) -> Any:
+def repeated[Y](last: Y, part: object) -> Y:
     """The outputs of padding: those of the sample before it."""
     size = len(jax.tree.leaves(part)[0])
     return jax.tree.map(lambda v: jnp.broadcast_to(v, (size, *v.shape)), last)
@@ -217,7 +223,7 @@ def without_skipped(cotangents: Array, busy: Int[Array, ""] | None) -> Array:
         return cotangents
     end = (busy + size - 1) // size * size
 
-    def at(i: Any) -> Array:
+    def at(i: Array) -> Array:
         return lax.dynamic_index_in_dim(cotangents, i, keepdims=False)
 
     total = lax.fori_loop(end, length, lambda i, kept: kept + at(i), at(end - 1))

@@ -15,10 +15,13 @@ import math
 from collections.abc import Sequence, Set
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import Array, PyTree
 
 from jgait.filtering.fast.components import (
+    Flag,
     Matrix,
     barred,
     congruence,
@@ -39,6 +42,7 @@ from jgait.filtering.fast.components import (
     where,
 )
 from jgait.filtering.fast.tracing import Expansion
+from jgait.filtering.layout import Scalar
 from jgait.filtering.model import Shape
 
 LOG_2PI = math.log(2.0 * math.pi)
@@ -48,76 +52,57 @@ class ScalarModel(NamedTuple):
     """The functions of a model, with its parameters, on lists of scalars; see `jgait.filtering.Model`."""
 
     shape: Shape
-    params: Any
+    params: PyTree
 
-    def transition(self, x: Sequence[Any], control: Any, dt: Any) -> list[Any]:
+    def transition(self, x: Sequence[Scalar], control: PyTree, dt: Scalar) -> list[Scalar]:
         """The state after dt."""
         s = self.shape
         moved = s.model.transition(self.params, s.state.tuple(x), control, dt)
         return s.state.components(moved, s.dtype, "what transition returns")
 
-    def transition_noise(self, x: Sequence[Any], control: Any, dt: Any) -> Matrix:
+    def transition_noise(self, x: Sequence[Scalar], control: PyTree, dt: Scalar) -> Matrix:
         """Q."""
         s = self.shape
         noise = s.model.transition_noise(self.params, s.state.tuple(x), control, dt)
         return self.matrix(s.noise(noise, s.error, "what transition_noise returns"), range(s.error.size))
 
-    def observation(self, x: Sequence[Any], control: Any) -> list[Any]:
+    def observation(self, x: Sequence[Scalar], control: PyTree) -> list[Scalar]:
         """The expected observation."""
         s = self.shape
         shown = s.model.observation(self.params, s.state.tuple(x), control)
         every = s.observed.components(shown, s.dtype, "what observation returns")
         return [every[i] for i in s.measured]
 
-    def observation_noise(self, x: Sequence[Any], control: Any) -> Matrix:
+    def observation_noise(self, x: Sequence[Scalar], control: PyTree) -> Matrix:
         """R."""
         s = self.shape
         noise = s.model.observation_noise(self.params, s.state.tuple(x), control)
         return self.matrix(s.noise(noise, s.observed, "what observation_noise returns"), s.measured)
 
-    def matrix(self, entries: dict[tuple[int, int], Any], rows: Sequence[int]) -> Matrix:
+    def matrix(self, entries: dict[tuple[int, int], Scalar], rows: Sequence[int]) -> Matrix:
         """Some rows and columns of a noise matrix; numbers are known."""
-        values = {
-            place: float(v) if isinstance(v, int | float) else jnp.asarray(v, self.shape.dtype)
-            for place, v in entries.items()
-        }
-        return symmetric(len(rows), lambda i, j: values.get((rows[i], rows[j]), 0.0))
+
+        def entry(i: int, j: int) -> Scalar:
+            value = entries.get((rows[i], rows[j]), 0.0)
+            return float(value) if isinstance(value, int | float) else jnp.asarray(value, self.shape.dtype)
+
+        return symmetric(len(rows), entry)
 
 
 class Components(NamedTuple):
     """Mean (k scalars), and covariance of the error about the mean (n × n scalars)."""
 
-    mean: list[Any]
+    mean: list[Scalar]
     cov: Matrix
 
 
 class Reading(NamedTuple):
     """One sample."""
 
-    measured: list[Any]  #: observation (m scalars).
-    control: Any  #: control tuple, or None.
-    dt: Any  #: interval [s].
-    seen: list[Any]  #: which components are measured (m bools; True without a mask).
-
-
-class Transition(NamedTuple):
-    """A linearised transition."""
-
-    mean: list[Any]  #: the predicted state.
-    matrix: Matrix  #: A.
-    noise: Matrix  #: Q.
-    health: Any  #: finite where the transition was finite.
-
-
-class Statistics(NamedTuple):
-    """Statistics of an update; see `jgait.filtering.Updated`."""
-
-    innovation: list[Any]
-    stddev: list[Any]
-    log_likelihood: Any
-    nis: Any
-    count: Any
-    health: Any
+    measured: list[Scalar]  #: observation (m scalars).
+    control: PyTree  #: control tuple, or None.
+    dt: Scalar  #: interval [s].
+    seen: list[Flag]  #: which components are measured (m bools; True without a mask).
 
 
 class Gains(NamedTuple):
@@ -128,123 +113,117 @@ class Gains(NamedTuple):
     cross: Matrix  #: H P⁻ without the mask (m × n).
     inverse: Matrix  #: L⁻¹, lower triangle.
     white_cross: Matrix  #: L⁻¹ H P⁻ (m × n).
-    white: list[Any]  #: L⁻¹ (y − ŷ) (m).
-    innovation: list[Any]  #: y − ŷ (m), 0 where masked.
+    white: list[Scalar]  #: L⁻¹ (y − ŷ) (m).
+    innovation: list[Scalar]  #: y − ŷ (m), 0 where masked.
     spread: Matrix  #: S (m × m), 1 on the diagonal where masked.
-    log_det: Any  #: logarithm of the determinant of S.
-    health: Any  #: finite where all numbers are and S could be factored; elsewhere the belief is left unchanged.
+    log_det: Scalar  #: logarithm of the determinant of S.
+    health: Scalar  #: finite where all numbers are and S could be factored; elsewhere the belief is left unchanged.
 
 
-def dtype_of(moments: Components) -> Any:
-    """The float type of a belief."""
-    return jnp.result_type(*(value for value in (*moments.mean, *upper(moments.cov)) if not known(value)))
+def advanced(model: ScalarModel, before: Components, sample: Reading) -> tuple[dict[str, Any], Matrix, Gains]:
+    """Predict, then update: fields of `Posterior` (covariances as upper triangles), A, and the terms of the update."""
+    prior, matrix, health = predicted(model, before, sample)
+    g = gains(model, prior, sample)
+    moves = [dot(column, g.white) for column in transposed(g.white_cross)]
+    plan = pivots(g.matrix)
+    cov = _joseph(prior.cov, g) if plan is None else _in_measured_coordinates(prior.cov, g, sample.seen, plan)
+    good, nis, count = sound(g.health), dot(g.white, g.white), total(where(s, 1.0, 0.0) for s in sample.seen)
+    statistics = {
+        "innovation": g.innovation,
+        "innovation_stddev": [lax.sqrt(row[a]) for a, row in enumerate(g.spread)],
+        "log_likelihood": -0.5 * (nis + g.log_det + count * LOG_2PI),
+        "nis": nis,
+        "count": count,
+    }
+    fields = {
+        "mean": [plus(a, d) for a, d in zip(prior.mean, moves, strict=True)],
+        "cov": upper(cov),
+        "predicted_mean": prior.mean,
+        "predicted_cov": upper(prior.cov),
+        "valid": sound(plus(g.health, health)),
+        **jax.tree.map(lambda value: where(good, value, 0.0), statistics),
+    }
+    return fields, matrix, g
 
 
-def affine_transition(model: ScalarModel, before: Components, sample: Reading) -> Transition:
-    """The transition linearised at the mean; where it is not finite, the identity without noise replaces it."""
+def predicted(model: ScalarModel, before: Components, sample: Reading) -> tuple[Components, Matrix, Scalar]:
+    """The prediction, A, and a float that is finite where the transition was.
+
+    The transition is linearised at the mean; where it is not finite, the identity without noise replaces it.
+    """
     x, size = before.mean, len(before.cov)
     control, dt = sample.control, sample.dt
-    trace = Expansion(dtype_of(before))
-    mean, matrix = trace.jacobian(lambda x: model.transition(x, control, dt), x)
+    trace = Expansion(model.shape.dtype)
+    moved, slopes = trace.jacobian(lambda x: model.transition(x, control, dt), x)
     entries = trace.call(lambda x: upper(model.transition_noise(x, control, dt)), x)
-    noise = from_upper(entries, size)
     safe = {id(value) for value in (*x, dt)}
-    health = plus(_summary((*mean, *(e for row in matrix for e in row)), safe), _summary(entries))
-    health = barred(health)[0]
+    health = barred(plus(_summary((*moved, *(e for row in slopes for e in row)), safe), _summary(entries)))
     good = sound(health)
-    matrix = [
-        [a if known(a) and a == b else where(good, a, b) for a, b in zip(row, unit, strict=True)]
-        for row, unit in zip(matrix, identity(size), strict=True)
-    ]
-    return Transition(
-        [where(good, a, b) for a, b in zip(mean, x, strict=True)],
-        barred(matrix)[0],
-        symmetric(size, lambda i, j: where(good, noise[i][j], 0.0)),
-        health,
-    )
+    pairs = zip(slopes, identity(size), strict=True)
+    matrix = barred([[where(good, a, b) for a, b in zip(row, unit, strict=True)] for row, unit in pairs])
+    mean = [where(good, a, b) for a, b in zip(moved, x, strict=True)]
+    noise = from_upper([where(good, e, 0.0) for e in entries], size)
+    spread = congruence(matrix, before.cov)
+    return Components(mean, symmetric(size, lambda i, j: plus(spread[i][j], noise[i][j]))), matrix, health
 
 
-def _summary(values: Sequence[Any], safe: Set[int] = frozenset()) -> Any:
+def _summary(values: Sequence[Scalar], safe: Set[int] = frozenset()) -> Scalar:
     """The sum of all distinct unknown values: finite if all are finite; a sum that overflows counts as a failure."""
-    unknown = {id(value): value for value in values if not known(value) and id(value) not in safe}
-    return total(unknown.values())
-
-
-def corrected(model: ScalarModel, prior: Components, sample: Reading) -> tuple[Components, Gains, Statistics]:
-    """The belief after a sample, the gains, and the update's statistics."""
-    gained = gains(model, prior, sample)
-    delta = [dot(column, gained.white) for column in zip(*gained.white_cross, strict=True)]
-    after = Components(
-        [plus(a, d) for a, d in zip(prior.mean, delta, strict=True)], updated_covariance(prior.cov, gained, sample.seen)
-    )
-    return after, gained, _statistics(gained, sample.seen)
-
-
-def _statistics(g: Gains, observed: list[Any]) -> Statistics:
-    good = sound(g.health)
-    count = total(where(s, 1.0, 0.0) for s in observed)
-    nis = dot(g.white, g.white)
-    return Statistics(
-        [where(good, e, 0.0) for e in g.innovation],
-        [where(good, lax.sqrt(g.spread[a][a]), 0.0) for a in range(len(observed))],
-        where(good, -0.5 * (nis + g.log_det + count * LOG_2PI), 0.0),
-        where(good, nis, 0.0),
-        where(good, count, 0.0),
-        g.health,
-    )
+    return total({id(value): value for value in values if not known(value) and id(value) not in safe}.values())
 
 
 def gains(model: ScalarModel, prior: Components, sample: Reading) -> Gains:
     """Linearise the observation at the prediction, and factor the innovation's covariance."""
-    x, cov = prior
-    observed, count = sample.seen, len(sample.measured)
+    seen, count = sample.seen, len(sample.measured)
     expected, matrix, innovation = _linearised(model, prior, sample)
-    entries = Expansion(dtype_of(prior)).call(lambda x: upper(model.observation_noise(x, sample.control)), x)
-    noise = from_upper(entries, count)
-    linear = [all(known(e) for e in row) for row in matrix]
+    trace = Expansion(model.shape.dtype)
+    entries = trace.call(lambda x: upper(model.observation_noise(x, sample.control)), prior.mean)
     # What is not seen tells nothing, even where it is not finite.
-    matrix = [[e if known(e) else where(s, e, 0.0) for e in row] for s, row in zip(observed, matrix, strict=True)]
-    doubtful = [where(s, e, 0.0) for s, e, straight in zip(observed, expected, linear, strict=True) if not straight]
-    variance = symmetric(count, lambda a, b: where(observed[a] & observed[b], noise[a][b], 1.0 if a == b else 0.0))
-    noise = variance
-    summary = _summary((*doubtful, *(e for row in matrix for e in row), *upper(variance)))
-    if not known(summary):
-        summary = barred(summary)[0]
-        usable = sound(summary)
-        matrix = [[e if known(e) else where(usable, e, 0.0) for e in row] for row in matrix]
-        variance = symmetric(count, lambda a, b: where(usable, noise[a][b], 1.0 if a == b else 0.0))
-    innovation = [where(s, e, 0.0) for s, e in zip(observed, innovation, strict=True)]
-    cross = barred(product(matrix, cov))[0]
+    matrix = [[e if known(e) else where(s, e, 0.0) for e in row] for s, row in zip(seen, matrix, strict=True)]
+    both = symmetric(count, lambda a, b: seen[a] if a == b else seen[a] & seen[b])
+    noise, unit = from_upper(entries, count), identity(count)
+    shown = symmetric(count, lambda a, b: where(both[a][b], noise[a][b], unit[a][b]))
+    curved = [where(s, e, 0.0) for s, e, row in zip(seen, expected, matrix, strict=True) if not all(map(known, row))]
+    summary = barred(_summary((*curved, *(e for row in matrix for e in row), *upper(shown))))
+    usable = sound(summary)
+    matrix = [[e if known(e) else where(usable, e, 0.0) for e in row] for row in matrix]
+    noise = symmetric(count, lambda a, b: where(usable, shown[a][b], unit[a][b]))
+    innovation = [where(s, e, 0.0) for s, e in zip(seen, innovation, strict=True)]
+    cross = barred(product(matrix, prior.cov))
 
-    def spread_entry(a: int, b: int) -> Any:
-        entry = plus(dot(cross[a], matrix[b]), variance[a][b])
-        if a == b:
-            return where(observed[a], entry, 1.0)
-        return where(observed[a], where(observed[b], entry, 0.0), 0.0)
+    def spread_entry(a: int, b: int) -> Scalar:
+        return where(both[a][b], plus(dot(cross[a], matrix[b]), noise[a][b]), unit[a][b])
 
-    innovation, spread = barred(innovation, symmetric(count, spread_entry))
+    innovation, spread = barred((innovation, symmetric(count, spread_entry)))
     inverse, log_det, health = inverse_factor(spread, plus(summary, total(innovation)))
-    error = [where(sound(e), e, 0.0) for e in innovation]
-    inverse, error = barred(inverse, error)
-    masked = [[where(s, e, 0.0) for e in row] for s, row in zip(observed, cross, strict=True)]
-    white_cross, white = barred(product(inverse, masked), [dot(row, error) for row in inverse])
-    return Gains(matrix, variance, cross, inverse, white_cross, white, innovation, spread, log_det, health)
+    inverse, error = barred((inverse, [where(sound(e), e, 0.0) for e in innovation]))
+    white_cross, white = barred((product(inverse, _masked(seen, cross)), [dot(row, error) for row in inverse]))
+    return Gains(matrix, noise, cross, inverse, white_cross, white, innovation, spread, log_det, health)
 
 
-def _linearised(model: ScalarModel, prior: Components, sample: Reading) -> tuple[list[Any], Matrix, list[Any]]:
+def _masked(seen: list[Flag], rows: Matrix) -> Matrix:
+    """Rows that are zero where they are not seen."""
+    return [[where(s, e, 0.0) for e in row] for s, row in zip(seen, rows, strict=True)]
+
+
+def _linearised(model: ScalarModel, prior: Components, sample: Reading) -> tuple[list[Scalar], Matrix, list[Scalar]]:
     """The expected observation at the prediction, its Jacobian, and the innovation."""
-    control, x = sample.control, prior.mean
-    trace = Expansion(dtype_of(prior))
-    if model.shape.model.residual is None:
+    control, x, shape = sample.control, prior.mean, model.shape
+    trace = Expansion(shape.dtype)
+    if shape.model.residual is None:
         expected, matrix = trace.jacobian(lambda x: model.observation(x, control), x)
         return expected, matrix, [minus(y, e) for y, e in zip(sample.measured, expected, strict=True)]
     expected = trace.call(lambda x: model.observation(x, control), x)
-    matrix = trace.jacobian(lambda x: model.shape.residual(model.observation(x, control), expected), x)[1]
+
+    def shift(shown: list[Scalar], reference: list[Scalar]) -> list[Array]:
+        return shape.residual(shape.arrays(shown), shape.arrays(reference))
+
+    matrix = trace.jacobian(lambda x: shift(model.observation(x, control), expected), x)[1]
     measured = [where(s, y, e) for s, y, e in zip(sample.seen, sample.measured, expected, strict=True)]
-    return expected, matrix, trace.call(model.shape.residual, measured, expected)
+    return expected, matrix, trace.call(shift, measured, expected)
 
 
-def inverse_factor(spread: Matrix, summary: Any) -> tuple[Matrix, Any, Any]:
+def inverse_factor(spread: Matrix, summary: Scalar) -> tuple[Matrix, Scalar, Scalar]:
     """L⁻¹ for spread = L Lᵀ, the logarithm of its determinant, and a float that is finite if the factor exists.
 
     If the factor does not exist, L⁻¹ is zero. A pivot that is not positive is replaced before its square root is
@@ -253,18 +232,15 @@ def inverse_factor(spread: Matrix, summary: Any) -> tuple[Matrix, Any, Any]:
     size = len(spread)
     health = plus(summary, total(spread[j][j] for j in range(size)))
     lower: Matrix = [[0.0] * size for _ in range(size)]  # L below its diagonal
-    roots: list[Any] = []  # reciprocals of the diagonal
-    pivots: list[Any] = []
+    roots: list[Scalar] = []  # reciprocals of the diagonal
     for j in range(size):
-        pivots.append(minus(spread[j][j], total(times(lower[j][k], lower[j][k]) for k in range(j))))
-        roots.append(lax.rsqrt(jnp.where(pivots[j] > 0.0, pivots[j], 1.0)))
-        for i in range(j + 1, size):
-            below = minus(spread[i][j], total(times(lower[i][k], lower[j][k]) for k in range(j)))
-            lower[i][j] = times(below, roots[j])
-        if j % 2 == 1 and j + 1 < size:
-            lower, roots = barred(lower, roots)
-    for pivot in pivots:
+        pivot = minus(spread[j][j], dot(lower[j][:j], lower[j][:j]))
+        roots.append(lax.rsqrt(jnp.where(pivot > 0.0, pivot, 1.0)))
         health = jnp.where(pivot > 0.0, health, jnp.inf)
+        for i in range(j + 1, size):
+            lower[i][j] = times(minus(spread[i][j], dot(lower[i][:j], lower[j][:j])), roots[j])
+        if j % 2 == 1 and j + 1 < size:
+            lower, roots = barred((lower, roots))
     log_det = -2.0 * total(jnp.log(value) for value in roots)
     good = sound(health)
     inverse: Matrix = [[0.0] * size for _ in range(size)]
@@ -276,23 +252,14 @@ def inverse_factor(spread: Matrix, summary: Any) -> tuple[Matrix, Any, Any]:
     return inverse, log_det, health
 
 
-def updated_covariance(cov: Matrix, g: Gains, observed: list[Any]) -> Matrix:
-    """The covariance after the update, of errors about the predicted state; `observed`: m bools."""
-    plan = pivots(g.matrix)
-    return _joseph(cov, g) if plan is None else _in_measured_coordinates(cov, g, observed, plan)
-
-
 def _joseph(cov: Matrix, g: Gains) -> Matrix:
     """(I − K H) P (I − K H)ᵀ + K R Kᵀ."""
-    size = len(cov)
-    gain = barred(product(transposed(g.white_cross), g.inverse))[0]
-    left = [
-        [minus(1.0 if i == j else 0.0, e) for j, e in enumerate(row)] for i, row in enumerate(product(gain, g.matrix))
-    ]
-    left = barred(left)[0]
-    half = barred(product(left, cov))[0]
+    gain = barred(product(transposed(g.white_cross), g.inverse))
+    pairs = zip(identity(len(cov)), product(gain, g.matrix), strict=True)
+    left = barred([[minus(a, e) for a, e in zip(unit, row, strict=True)] for unit, row in pairs])
+    half = barred(product(left, cov))
     noisy = product(gain, g.noise)
-    return symmetric(size, lambda i, j: plus(dot(half[i], left[j]), dot(noisy[i], gain[j])))
+    return symmetric(len(cov), lambda i, j: plus(dot(half[i], left[j]), dot(noisy[i], gain[j])))
 
 
 def pivots(matrix: Matrix) -> list[tuple[int, int]] | None:
@@ -319,34 +286,24 @@ def pivots(matrix: Matrix) -> list[tuple[int, int]] | None:
     return taken[::-1]
 
 
-def _in_measured_coordinates(cov: Matrix, g: Gains, observed: list[Any], plan: list[tuple[int, int]]) -> Matrix:
+def _in_measured_coordinates(cov: Matrix, g: Gains, seen: list[Flag], plan: list[tuple[int, int]]) -> Matrix:
     """The covariance after the update, from the covariance of the unmeasured components and z = H x."""
-    size, count = len(cov), len(observed)
     solved = {column for _, column in plan}
-    free = [j for j in range(size) if j not in solved]
+    free = [j for j in range(len(cov)) if j not in solved]
     before = [[row[j] for j in free] + [dot(row, h) for h in g.matrix] for row in g.cross]  # [G E]
-    masked = [[where(s, e, 0.0) for e in row] for s, row in zip(observed, before, strict=True)]
-    white = [
-        [g.white_cross[a][j] for j in free] + row[len(free) :]
-        for a, row in enumerate(product(g.inverse, masked))
-    ]  # fmt: skip
+    rows = zip(g.white_cross, product(g.inverse, _masked(seen, before)), strict=True)
+    white = [[cross[j] for j in free] + row[len(free) :] for cross, row in rows]
     measured = product(g.noise, product(transposed(g.inverse), white))
-    good = sound(g.health)
-    columns = transposed(white)
+    good, columns = sound(g.health), transposed(white)
 
-    def of_z(a: int, c: int) -> Any:
-        unseen = before[a][c]
-        if not isinstance(observed[a], bool):
-            unseen = minus(unseen, dot(columns[len(free) + a], columns[c]))
-            return where(observed[a] & good, measured[a][c], unseen)
-        return where(good, measured[a][c], unseen)
+    def entry(i: int, j: int) -> Scalar:
+        a = j - len(free)
+        if a < 0:
+            return minus(cov[free[i]][free[j]], dot(columns[i], columns[j]))
+        unseen = before[a][i] if seen[a] is True else minus(before[a][i], dot(columns[j], columns[i]))
+        return where(seen[a] & good, measured[a][i], unseen)
 
-    def entry(i: int, j: int) -> Any:
-        if j >= len(free):
-            return of_z(j - len(free), i)
-        return minus(cov[free[i]][free[j]], dot(columns[i], columns[j]))
-
-    return congruence(_solution(g.matrix, free, plan), symmetric(len(free) + count, entry))
+    return congruence(_solution(g.matrix, free, plan), symmetric(len(columns), entry))
 
 
 def _solution(matrix: Matrix, free: list[int], plan: list[tuple[int, int]]) -> Matrix:
@@ -356,7 +313,7 @@ def _solution(matrix: Matrix, free: list[int], plan: list[tuple[int, int]]) -> M
     for place, j in enumerate(free):
         rows[j][place] = 1.0
     for a, column in plan:
-        row = [1.0 if k == len(free) + a else 0.0 for k in range(width)]
+        row: list[Scalar] = [1.0 if k == len(free) + a else 0.0 for k in range(width)]
         for k, entry in enumerate(matrix[a]):
             if k != column and not is_zero(entry):
                 row = [minus(r, times(entry, t)) for r, t in zip(row, rows[k], strict=True)]

@@ -7,17 +7,19 @@ are computed once; sine and cosine become one polynomial pair; and results of ex
 """
 
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.extend.core import Literal
-from jax.typing import DTypeLike
+from jax.extend.core import JaxprEqn, Literal, Var
+from jax.typing import ArrayLike, DTypeLike
+from jaxtyping import Array
 
-from jgait.filtering.fast.components import Matrix, known
+from jgait.filtering.fast.components import Matrix, identity, is_zero, known, same, transposed, unknown
+from jgait.filtering.layout import Scalar
 from jgait.geometry.trigonometry import sincos
 
 EXPENSIVE = frozenset({
@@ -44,39 +46,34 @@ class Expansion:
     def __init__(self, dtype: DTypeLike) -> None:
         """Take the float type of the state."""
         self.dtype = dtype
-        self._done: dict[Any, tuple[Any, Any]] = {}
+        self._done: dict[Hashable, tuple[Sequence[Array], list[ArrayLike]]] = {}
 
-    def call(self, function: Callable[..., Sequence[Any]], *arguments: Sequence[Any]) -> list[Any]:
+    def call(self, function: Callable[..., Sequence[Scalar]], *arguments: Sequence[Scalar]) -> list[Scalar]:
         """The outputs of a function of lists of scalars."""
         closed = jax.make_jaxpr(function)(*([self._like(value) for value in values] for values in arguments))
         return self._run(closed, [value for values in arguments for value in values])
 
-    def jacobian(self, function: Callable[[list[Any]], Sequence[Any]], at: Sequence[Any]) -> tuple[list[Any], Matrix]:
+    def jacobian(
+        self, function: Callable[[list[Scalar]], Sequence[Scalar]], at: Sequence[Scalar]
+    ) -> tuple[list[Scalar], Matrix]:
         """Value (m,) and Jacobian (m, n) of a function of n scalars, from the trace of its derivative."""
-        size = len(at)
 
-        def pushforward(point: list[Any], tangent: list[Any]) -> Any:
+        def pushforward(point: list[Scalar], tangent: list[Scalar]) -> Any:
             return jax.jvp(lambda x: list(function(x)), (point,), (tangent,))
 
-        like = [self._like(value) for value in at]
-        closed = jax.make_jaxpr(pushforward)(like, [self._like(0.0)] * size)
-        columns = []
-        value: list[Any] = []
-        for j in range(size):
-            results = self._run(closed, [*at, *(1.0 if k == j else 0.0 for k in range(size))])
-            value = results[: len(results) // 2]
-            columns.append(results[len(results) // 2 :])
-        return value, [list(row) for row in zip(*columns, strict=True)]
+        closed = jax.make_jaxpr(pushforward)([self._like(value) for value in at], [self._like(0.0)] * len(at))
+        results = [self._run(closed, [*at, *seed]) for seed in identity(len(at))]
+        size = len(results[0]) // 2
+        return results[-1][:size], transposed([result[size:] for result in results])
 
-    def _like(self, value: Any) -> Any:
+    def _like(self, value: Scalar) -> jax.ShapeDtypeStruct:
         return jax.ShapeDtypeStruct((), self.dtype if known(value) else jnp.result_type(value))
 
-    def _run(self, closed: Any, arguments: Sequence[Any]) -> list[Any]:
+    def _run(self, closed: Any, arguments: Sequence[ArrayLike]) -> list[Any]:
         jaxpr = closed.jaxpr
-        values: dict[Any, Any] = dict(zip(jaxpr.constvars, closed.consts, strict=True))
-        values.update(zip(jaxpr.invars, arguments, strict=True))
+        values = dict(zip([*jaxpr.constvars, *jaxpr.invars], [*closed.consts, *arguments], strict=True))
 
-        def read(variable: Any) -> Any:
+        def read(variable: Var | Literal) -> ArrayLike:
             return _constant(variable.val) if isinstance(variable, Literal) else values[variable]
 
         for equation in jaxpr.eqns:
@@ -84,35 +81,42 @@ class Expansion:
             values.update(zip(equation.outvars, outputs, strict=True))
         return [read(variable) for variable in jaxpr.outvars]
 
-    def _equation(self, equation: Any, inputs: list[Any]) -> Sequence[Any]:
-        name = equation.primitive.name
-        if name in INLINED:
-            return self._run(equation.params.get("jaxpr", equation.params.get("call_jaxpr")), inputs)
-        folded = _folded(name, equation, inputs)
+    def _equation(self, equation: JaxprEqn, inputs: list[ArrayLike]) -> Sequence[ArrayLike]:
+        if equation.primitive.name in INLINED:
+            params = equation.params
+            return self._run(params["jaxpr" if "jaxpr" in params else "call_jaxpr"], inputs)
+        folded = _folded(equation, inputs)
         if folded is not None:
             return [folded]
-        key = _key(equation, inputs)
-        if key is not None and key in self._done:
-            return self._done[key][0]
-        outputs = self._bound(name, equation, inputs)
-        if key is not None:
-            self._done[key] = (outputs, inputs)  # keeps the inputs alive, so that no other object gets their ids
-        return outputs
+        return self._once(_key(equation, inputs), inputs, lambda: self._bound(equation, inputs))
 
-    def _bound(self, name: str, equation: Any, inputs: list[Any]) -> Sequence[Any]:
-        arrays = [_array(value, variable.aval) for value, variable in zip(inputs, equation.invars, strict=True)]
-        if name in ("sin", "cos") and equation.invars[0].aval.dtype in (jnp.float32, jnp.float64):
+    def _once(self, key: Hashable, inputs: list[ArrayLike], compute: Callable[[], Sequence[Array]]) -> Sequence[Array]:
+        """What was computed for the key; inputs are kept alive, so that no other object gets their ids."""
+        if key not in self._done:
+            self._done[key] = (compute(), inputs)
+        return self._done[key][0]
+
+    def _bound(self, equation: JaxprEqn, inputs: list[ArrayLike]) -> Sequence[Array]:
+        primitive, variables = equation.primitive, equation.invars
+        arrays = [
+            value if unknown(value) else np.asarray(value, _type(variable).dtype)
+            for value, variable in zip(inputs, variables, strict=True)
+        ]
+        if primitive.name in ("sin", "cos") and _type(variables[0]).dtype in (jnp.float32, jnp.float64):
             key = ("sincos", id(inputs[0]))
-            if key not in self._done:
-                self._done[key] = (lax.optimization_barrier(sincos(arrays[0])), inputs)
-            return [self._done[key][0][0 if name == "sin" else 1]]
-        primitive = equation.primitive
+            pair = self._once(key, inputs, lambda: lax.optimization_barrier(sincos(arrays[0])))
+            return [pair[0 if primitive.name == "sin" else 1]]
         results = primitive.bind(*arrays, **primitive.get_bind_params(equation.params))
         outputs = list(results) if primitive.multiple_results else [results]
-        return list(lax.optimization_barrier(tuple(outputs))) if name in EXPENSIVE else outputs
+        return lax.optimization_barrier(outputs) if primitive.name in EXPENSIVE else outputs
 
 
-def _constant(value: Any) -> Any:
+def _type(variable: Var | Literal) -> Any:
+    """Shape and dtype of an operand or a result."""
+    return variable.aval
+
+
+def _constant(value: Any) -> ArrayLike:
     """A literal as a known value: a Python float or bool if it is a scalar."""
     if np.ndim(value) != 0 or isinstance(value, jax.core.Tracer):
         return value
@@ -122,46 +126,39 @@ def _constant(value: Any) -> Any:
     return bool(value) if kind == "b" else value
 
 
-def _array(value: Any, aval: Any) -> Any:
-    """A value as an array of the type that a primitive expects."""
-    return np.asarray(value, aval.dtype) if isinstance(value, bool | float) else value
-
-
-def _key(equation: Any, inputs: Sequence[Any]) -> Any:
-    """A key that is the same for equal equations; None if equality cannot be determined."""
-    if equation.effects:
-        return None
+def _key(equation: JaxprEqn, inputs: Sequence[ArrayLike]) -> Hashable:
+    """A key that is the same for equal equations, and for no other if equality cannot be determined."""
+    operands = tuple(id(value) if unknown(value) else value for value in inputs)
+    types = tuple(_type(variable).dtype for variable in equation.invars)
+    key = equation.primitive.name, tuple(sorted(equation.params.items())), operands, types
     try:
-        params = tuple(sorted((name, value) for name, value in equation.params.items()))
-        hash(params)
+        hash(key)
     except TypeError:
-        return None
-    operands = tuple(value if isinstance(value, bool | float) else id(value) for value in inputs)
-    types = tuple(variable.aval.dtype for variable in equation.invars)
-    return equation.primitive.name, params, operands, types
+        return object()
+    return object() if equation.effects else key
 
 
-def _folded(name: str, equation: Any, inputs: list[Any]) -> Any:
+def _folded(equation: JaxprEqn, inputs: list[ArrayLike]) -> ArrayLike | None:
     """The result of an equation on scalars if no operation is needed at run time, else None."""
-    aval = equation.outvars[0].aval
+    name, aval = equation.primitive.name, _type(equation.outvars[0])
     if len(equation.outvars) != 1 or aval.shape != ():
         return None
+    if name == "convert_element_type" and unknown(inputs[0]):
+        return inputs[0] if _type(equation.invars[0]).dtype == aval.dtype else None
     if name == "convert_element_type":
-        return _converted(equation, inputs[0])
+        return _constant(np.asarray(inputs[0], aval.dtype)) if aval.dtype.kind in "fb" else None
     if name in ("broadcast_in_dim", "reshape", "squeeze"):
-        return inputs[0] if equation.invars[0].aval.shape == () else None
+        return inputs[0] if _type(equation.invars[0]).shape == () else None
     if name == "select_n":
-        return _selected(inputs)
-    if all(isinstance(value, bool | float) for value in inputs) and name in _NUMPY:
+        return _selected(*inputs)
+    if name in _NUMPY and not any(map(unknown, inputs)):
         return _constant(np.asarray(_NUMPY[name](*inputs), aval.dtype))
-    if not jnp.issubdtype(aval.dtype, jnp.floating):
-        return None
-    return _simplified(name, inputs)
+    return _simplified(name, inputs) if jnp.issubdtype(aval.dtype, jnp.floating) else None
 
 
-def _simplified(name: str, inputs: list[Any]) -> Any:
-    zeros = [known(value) and value == 0.0 for value in inputs]
-    ones = [known(value) and value == 1.0 for value in inputs]
+def _simplified(name: str, inputs: list[ArrayLike]) -> ArrayLike | None:
+    zeros = list(map(is_zero, inputs))
+    ones = [same(value, 1.0) for value in inputs]
     if name in ("add", "add_any") and any(zeros):
         return inputs[1] if zeros[0] else inputs[0]
     if name == "sub" and zeros[1]:
@@ -170,22 +167,10 @@ def _simplified(name: str, inputs: list[Any]) -> Any:
         return 0.0
     if name in ("mul", "div") and ones[1]:
         return inputs[0]
-    if name == "mul" and ones[0]:
-        return inputs[1]
-    return None
+    return inputs[1] if name == "mul" and ones[0] else None
 
 
-def _converted(equation: Any, value: Any) -> Any:
-    before, after = equation.invars[0].aval, equation.outvars[0].aval
-    if isinstance(value, bool | float):
-        return _constant(np.asarray(value, after.dtype)) if after.dtype.kind in "fb" else None
-    return value if before.dtype == after.dtype else None
-
-
-def _selected(inputs: list[Any]) -> Any:
-    which, *cases = inputs
+def _selected(which: ArrayLike, *cases: ArrayLike) -> ArrayLike | None:
     if isinstance(which, bool):
-        return cases[int(which)]
-    first = cases[0]
-    same = all(case is first or (known(case) and known(first) and case == first) for case in cases)
-    return first if same else None
+        return cases[which]
+    return cases[0] if all(same(case, cases[0]) for case in cases) else None
