@@ -7,7 +7,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-REDUCED = 16
+REDUCED = 32
 """Terms of the longest sum of products of one recording that XLA's reductions vectorise."""
 
 
