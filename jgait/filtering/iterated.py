@@ -108,8 +108,8 @@ def about(linear: Linear, at: Float[Array, "time k"], start: tuple[Array, Array]
         after = shape.model.transition(*linear.unpacked(params, shape.retract(before, e), u), dt)
         return shape.arrays(shape.state.components(after, shape.dtype, "what transition returns"))
 
-    def off(params: list[Array], given: tuple[list[Array], *Before], e: list[Array]) -> list[Array]:
-        return shape.local(moved(params, given[1:], e), given[0])
+    def off(params: list[Array], given: tuple[list[Array], Before], e: list[Array]) -> list[Array]:
+        return shape.local(moved(params, given[1], e), given[0])
 
     def turned(_: list[Array], given: tuple[list[Array], list[Array]], d: list[Array]) -> list[Array]:
         return shape.local(given[0], shape.retract(given[1], d))
@@ -131,7 +131,7 @@ def about(linear: Linear, at: Float[Array, "time k"], start: tuple[Array, Array]
     controls = [*samples.control]
     before = [jnp.concatenate([v[:1], v[:-1]]) for v in x]
     gap, arrived, place, noise = linear.over(one, before, x, [v[0] for v in start[0]], begins, controls, samples.dt)
-    slope = [-v for v in linear.pushed(off, (x, before, controls, samples.dt), zero, linear.directions)[1]]
+    slope = [-v for v in linear.pushed(off, (x, (before, controls, samples.dt)), zero, linear.directions)[1]]
     turn = linear.pushed(turned, (place, arrived), gap, linear.directions)[1]
     D, T, Q = jnp.stack(slope), jnp.stack(turn), placed(noise, places, shape.error.size)
     # A transition that is not finite leaves the state where it was, as in the filter.

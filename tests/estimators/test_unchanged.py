@@ -69,7 +69,7 @@ PARTS = {
     "mobgap_lab": Part(("HA/001/Test5/Trial1", "HA/001/Test5/Trial2"), None, ("waist",)),
 }  # fmt: skip
 
-TOLERANCE = 1e-9
+TOLERANCE = 1e-8
 """[1] Largest difference from a stored number, as a share of the mean absolute value of its array.
 
 XLA's optimisations move the numbers by at most 1e-11: no estimator amplifies rounding beyond that.
