@@ -1,7 +1,7 @@
 """Filters and smoothers of recordings: one `lax.scan` of predict and update, and one back.
 
-The scans are in `jgait.filtering.scan`, predict and update in `jgait.filtering.step`, and the Jacobians, each by one
-`jax.jvp`, in `jgait.filtering.linear`.
+The scans are in `jgait.filtering.scan`, predict and update in `jgait.filtering.step`, and the Jacobians, by
+`jax.linearize`, in `jgait.filtering.linear`.
 """
 
 from typing import Any, NamedTuple

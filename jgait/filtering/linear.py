@@ -69,9 +69,6 @@ class Linear:
         shape, places = self.shape, list[Places]()
         rows = list(x), list(delta)[: self.size], list(control), dt
 
-        def near(_: Tree, x: list[Array], d: list[Array]) -> list[Array]:
-            return shape.retract(x, d)
-
         def moved(params: list[Array], given: tuple[list[Array], Array], x: list[Array]) -> list[Array]:
             u, dt = given
             after = shape.model.transition(*self.unpacked(params, x, u), dt)
@@ -88,12 +85,16 @@ class Linear:
             sigma = partial(regressed_transition, shape, self.method, partial(distinct, places=places, shape=shape))
             A, spread, after, told = self.over(sigma, (list(x), list(delta), P, list(control), dt))
             return A, spread + placed(told, places, self.size), jnp.stack(after)
-        before, columns = self.pushed(near, list(x), rows[1], self.directions)
+        before, columns = self.pushed(self.near, list(x), rows[1], self.directions)
         after, columns = self.pushed(moved, (rows[2], dt), before, columns)
         if shape.curved:
             _, columns = self.pushed(apart, after, after, columns)
         Q = placed(self.over(noise, before, rows[2], dt), places, self.width)
         return jnp.pad(jnp.stack(columns), ((0, self.width - self.size), (0, 0), (0, 0))), Q, jnp.stack(after)
+
+    def near(self, _: list[Array], x: list[Array], d: list[Array]) -> list[Array]:
+        """The components of x ⊕ d, as `pushed` takes a function."""
+        return self.shape.retract(x, d)
 
     def unpacked(self, params: list[Array], x: list[Array], control: list[Array]) -> tuple[Tree, Tree, Tree]:
         """Parameters, state and control as the model's functions take them."""
@@ -108,9 +109,6 @@ class Linear:
         """
         shape, places = self.shape, list[Places]()
         x, control, measured, seen = map(list, (x, control, measured, seen))
-
-        def near(_: Tree, x: list[Array], d: list[Array]) -> list[Array]:
-            return shape.retract(x, d)
 
         def shown(params: list[Array], u: list[Array], x: list[Array]) -> list[Array]:
             told = shape.model.observation(*self.unpacked(params, x, u))
@@ -140,7 +138,7 @@ class Linear:
             place, columns = x, self.directions
             if at is not None or shape.curved:
                 zero = [jnp.zeros_like(x[0])] * self.size
-                place, columns = self.pushed(near, x, zero if at is None else list(at)[: self.size], columns)
+                place, columns = self.pushed(self.near, x, zero if at is None else list(at)[: self.size], columns)
             expected, columns = self.pushed(shown, control, x if at is None else place, columns)
             if shape.model.residual is not None:
                 _, columns = self.pushed(apart, expected, expected, columns)

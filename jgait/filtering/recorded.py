@@ -58,8 +58,8 @@ class Recorded(Batched):
 
     @property
     def block(self) -> int:
-        """As many as the largest models need to fill vector units, fewer for small ones, whose matrices then stay in
-        the processor's first cache; for a smoother's gradient one, whose program is then half as long.
+        """Of large models 32, which fill vector units; of small ones 16, whose matrices stay in the processor's first
+        cache; in a smoother's gradient one, for its program is then half as long.
         """
         if self.all and self.smooth:
             return 1

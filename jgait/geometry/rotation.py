@@ -116,7 +116,7 @@ def small_turn(v: Vector) -> Quaternion:
 
 
 def small_logarithm(q: Quaternion) -> Vector:
-    """`logarithm` by a series without branches, for rotations up to a radian: to 1e-10 up to 0.2, 1e-6 up to 1 rad."""
+    """`logarithm` by a series without branches, to 1e-9 up to half a radian and 5e-6 up to 1 rad."""
     a = q.x * q.x + q.y * q.y + q.z * q.z
     factor = 2.0 + a * (1.0 / 3.0 + a * (3.0 / 20.0 + a * (5.0 / 56.0 + a * (35.0 / 576.0 + a * (63.0 / 1408.0)))))
     return Vector(factor * q.x, factor * q.y, factor * q.z)

@@ -18,6 +18,7 @@ from jgait.geometry.rotation import (
     rotated,
     rotation,
     rows,
+    small_logarithm,
     small_turn,
     turn,
 )
@@ -126,6 +127,12 @@ def test_exponential_is_as_exact_as_stated(angle, tolerance):
 def test_small_turn_is_the_exponential_as_exact_as_stated(angle, tolerance):
     v = vectors(angle)
     close(joined(normalised(small_turn(split(v)))), joined(exponential(split(v))), tolerance)
+
+
+@pytest.mark.parametrize(("angle", "tolerance"), [(0.0, 1e-15), (0.5, 1e-9), (1.0, 5e-6)])
+def test_small_logarithm_undoes_exponential_as_exact_as_stated(angle, tolerance):
+    v = vectors(angle)
+    close(joined(small_logarithm(exponential(split(v)))), v, tolerance)
 
 
 def test_logarithm_undoes_exponential():
