@@ -15,7 +15,6 @@ from jgait import report as reports
 from jgait.estimators import Prepared, leg_ekf
 from jgait.estimators.combined import analyse
 from jgait.estimators.leg_ekf import BySide, LegParams
-from jgait.estimators.programs import compiled
 from jgait.evaluate import FIELDS
 from jgait.evaluate.windows import Judged, judge
 from jgait.simulate import protocols
@@ -56,7 +55,7 @@ class Demo(NamedTuple):
 
 def _estimate(p: LegParams, item: tune.Lesson) -> Estimate:
     own = jax.tree.map(np.asarray, leg_ekf.with_body(p, item.own))
-    estimate: Estimate = compiled(leg_ekf.run)(own, jax.tree.map(np.asarray, item.inputs), options=OPTIONS)
+    estimate: Estimate = leg_ekf.run(own, jax.tree.map(np.asarray, item.inputs), OPTIONS)
     return estimate
 
 

@@ -7,12 +7,12 @@ attitude is a rotation vector in the world, δ with q' = exp(δ) q, that of a ve
 from jaxtyping import PyTree
 
 from jgait.geometry.rotation import Quaternion, conjugate, product, small_logarithm, small_turn
-from jgait.geometry.vectors import Vector, add, subtract
+from jgait.geometry.vectors import Vector, add, kept, subtract
 
 
 def near_unit(q: Quaternion) -> Quaternion:
     """Normalise a quaternion of nearly unit length by one Newton step for 1/√, without root and division."""
-    factor = 1.5 - 0.5 * (q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z)
+    factor = kept(1.5 - 0.5 * (q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z))
     return Quaternion(factor * q.w, factor * q.x, factor * q.y, factor * q.z)
 
 

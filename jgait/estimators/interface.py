@@ -7,10 +7,11 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait.arrays import on_host
 from jgait.estimators.about import About
 from jgait.estimators.axes import pad
 from jgait.estimators.plausible import implausible, paces_mixed
-from jgait.estimators.programs import bucket, compiled
+from jgait.estimators.programs import bucket
 from jgait.estimators.proportions import gives, with_proportions
 from jgait.notes import Note
 from jgait.params import check_params, ranges
@@ -103,11 +104,11 @@ class Estimator[P, I](NamedTuple):
 
     def solve(self, p: P, prepared: Prepared[I]) -> Estimate:
         """The estimate of a prepared recording; as `estimate`."""
-        inputs, options = prepared.inputs, prepared.options
-        samples = len(inputs.time)  # type: ignore[attr-defined]
-        result = None if self.in_parts is None else self.in_parts(p, inputs, options)
-        if result is None:
-            result = compiled(self.run)(p, pad(inputs, bucket(samples)), options=options)
+        p, inputs, options = on_host(p), on_host(prepared.inputs), prepared.options
+        with np.errstate(all="ignore"):  # padding, and samples that are not valid
+            result = None if self.in_parts is None else self.in_parts(p, inputs, options)
+            if result is None:
+                result = self.run(p, pad(inputs, bucket(len(inputs.time))), options)
         return self.finished(result, prepared)
 
     def finished(self, result: Estimate, prepared: Prepared[I]) -> Estimate:

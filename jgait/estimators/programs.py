@@ -22,6 +22,7 @@ from typing import Any
 import jax
 from jaxtyping import PyTree
 
+from jgait.arrays import on_host
 from jgait.filtering.compile import backend, compiler_options, host, processor
 
 LIMIT = 1_000_000_000
@@ -79,8 +80,8 @@ def compiled(function: Callable[..., PyTree], *, quick: bool = False) -> "Progra
 class Program:
     """A function of arrays, given by position, and of static arguments, given by name and hashable.
 
-    It computes as `jax.jit` of the function does, and inside another `jit` it is just that. It computes on the CPU
-    unless a default device is set (`jgait.filtering.compile.host`).
+    It computes as `jax.jit` of the function does, with NumPy's arrays for results; inside another `jit` it is just
+    that. It computes on the CPU unless a default device is set (`jgait.filtering.compile.host`).
     """
 
     def __init__(self, function: Callable[..., PyTree], options: dict[str, Any] | None = None) -> None:
@@ -104,8 +105,7 @@ class Program:
         program = self._ready.get(key)
         if program is None:
             program = self._ready[key] = self._made(key, arrays, static)
-        result: PyTree = program(*arrays)
-        return result
+        return on_host(program(*arrays))
 
     def _jit(self, names: tuple[str, ...], options: dict[str, Any] | None = None) -> Any:
         return jax.jit(self.function, static_argnames=names, compiler_options=options)

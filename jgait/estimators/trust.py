@@ -8,9 +8,9 @@ is about 0.05; limits below are for the default noise.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
+from jgait.arrays import xp
 from jgait.estimators.notes import ACCELEROMETER_OFF, LEVER_IMPLAUSIBLE, RATES_OFF, SAMPLED_SLOWLY
 from jgait.notes import Kind, Note
 from jgait.types import Counts, Estimate, Flags, Strides, Values, as_float
@@ -97,10 +97,10 @@ def nis_between(nis: Values, count: Counts, begin: Counts, end: Counts) -> Value
         begin: (n,) first sample of each stride, exclusive.
         end: (n,) last sample.
     """
-    values = jnp.where(jnp.isfinite(nis), nis, 0.0)
-    both = jnp.cumsum(jnp.stack([values, count.astype(nis.dtype)], axis=1), axis=0)
+    values = xp.where(xp.isfinite(nis), nis, 0.0)
+    both = xp.cumsum(xp.stack([values, count.astype(nis.dtype)], axis=1), axis=0)
     squares, many = (both[end] - both[begin]).T
-    return squares / jnp.maximum(many, 1.0)
+    return squares / xp.maximum(many, 1.0)
 
 
 def doubtful(strides: Strides, deviations: Strides, nis: Values) -> Flags:

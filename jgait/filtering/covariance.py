@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
+from jgait.arrays import xp
 from jgait.filtering.layout import Layout, Numbers, Scalar, Tree
 from jgait.types import AnyArray
 
@@ -96,7 +97,7 @@ class Covariance:
         Raises:
             ValueError: if the matrix does not have the size of the tuple.
         """
-        matrix = jnp.asarray(matrix)
+        matrix = xp.asarray(matrix)
         layout = like if isinstance(like, Layout) else Layout.of(like)
         size = layout.size
         if matrix.shape[-2:] != (size, size):
@@ -188,7 +189,7 @@ class Covariance:
         size = self.layout.size
         if self.places is None:
             above = np.triu(np.ones((size, size), bool))
-            return jnp.where(above, self.values[0], jnp.swapaxes(self.values[0], -1, -2))
+            return xp.where(above, self.values[0], xp.swapaxes(self.values[0], -1, -2))
         if not self.values:
             return jnp.zeros((size, size))
         dtype = jnp.result_type(*self.values)
@@ -206,6 +207,6 @@ class Covariance:
 
 
 def _root(variance: Scalar) -> Array:
-    variance = jnp.asarray(variance)
+    variance = xp.asarray(variance)
     positive = variance > 0.0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, variance, 1.0)), 0.0)
+    return xp.where(positive, xp.sqrt(xp.where(positive, variance, 1.0)), 0.0)

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PyTree
 
+from jgait.arrays import xp
 from jgait.filtering.covariance import Covariance
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.layout import Layout, Tree
@@ -97,12 +98,12 @@ class Inferred(NamedTuple):
     @property
     def log_likelihood(self) -> Float[Array, "*batch"]:
         """Log-likelihood of all observations, each given the past [nat]."""
-        return jnp.sum(self.filtered.log_likelihood)
+        return xp.sum(self.filtered.log_likelihood)
 
     @property
     def nis(self) -> Float[Array, "*batch"]:
         """Mean normalised innovation squared: 1 if the model's noise is equal to the noise of the observations."""
-        return jnp.sum(self.filtered.nis) / jnp.maximum(jnp.sum(self.filtered.count), 1.0)
+        return xp.sum(self.filtered.nis) / xp.maximum(xp.sum(self.filtered.count), 1.0)
 
 
 def places_of(covariance: bool | tuple[str, ...], error: Layout) -> tuple[int, ...]:

@@ -5,10 +5,10 @@ A quaternion `q_ws` takes vectors of the sensor (s) to the world (w); its indice
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jgait.arrays import xp
 from jgait.geometry.vectors import Vector, cross, dot, horner, kept, scale, subtract
 from jgait.types import AnyArray, Scalar, Values
 
@@ -24,20 +24,20 @@ def rotation(vector: Float[AnyArray, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
     square = x * x + y * y + z * z
     near = square < 1e-4
-    angle = jnp.sqrt(jnp.where(near, jnp.ones_like(square), square))
-    a = jnp.where(near, 1.0 - square / 6.0 + square * square / 120.0, jnp.sin(angle) / angle)
-    b = jnp.where(near, 0.5 - square / 24.0 + square * square / 720.0, 2.0 * (jnp.sin(angle / 2.0) / angle) ** 2)
+    angle = xp.sqrt(xp.where(near, xp.ones_like(square), square))
+    a = xp.where(near, 1.0 - square / 6.0 + square * square / 120.0, xp.sin(angle) / angle)
+    b = xp.where(near, 0.5 - square / 24.0 + square * square / 720.0, 2.0 * (xp.sin(angle / 2.0) / angle) ** 2)
     rows = (
         (1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y),
         (b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x),
         (b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)),
     )
-    return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
+    return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def turn(axis: Float[AnyArray, "3"], angle: Scalar) -> Float[Array, "3 3"]:
     """The rotation matrix about an axis of any length, by an angle [rad]."""
-    return rotation(axis / jnp.sqrt(jnp.sum(axis * axis)) * angle)
+    return rotation(axis / xp.sqrt(xp.sum(axis * axis)) * angle)
 
 
 class Quaternion(NamedTuple):
@@ -66,7 +66,7 @@ def conjugate(q: Quaternion) -> Quaternion:
 
 def normalised(q: Quaternion) -> Quaternion:
     """The quaternion divided by its norm."""
-    norm = jnp.sqrt(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z)
+    norm = xp.sqrt(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z)
     return Quaternion(q.w / norm, q.x / norm, q.y / norm, q.z / norm)
 
 
@@ -124,20 +124,20 @@ def small_logarithm(q: Quaternion) -> Vector:
 
 def logarithm(q: Quaternion) -> Vector:
     """The rotation vector of a unit quaternion, shorter than π: the inverse of `exponential`, smooth at zero."""
-    sign = jnp.where(q.w < 0.0, -1.0, 1.0).astype(jnp.result_type(q.w))
+    sign = xp.where(q.w < 0.0, -1.0, 1.0).astype(xp.result_type(q.w))
     w, square = sign * q.w, q.x * q.x + q.y * q.y + q.z * q.z
     near = square < 1e-4
-    length = jnp.sqrt(jnp.where(near, jnp.ones_like(square), square))
-    far = 2.0 * jnp.arctan2(length, w) / length
+    length = xp.sqrt(xp.where(near, xp.ones_like(square), square))
+    far = 2.0 * xp.arctan2(length, w) / length
     # asin(n) / n as a series of n²
     series = 2.0 * (1.0 + square / 6.0 + 3.0 * square**2 / 40.0 + 15.0 * square**3 / 336.0)
-    factor = sign * jnp.where(near, series, far)
+    factor = sign * xp.where(near, series, far)
     return Vector(factor * q.x, factor * q.y, factor * q.z)
 
 
 def as_array(q: Quaternion) -> Float[Array, "*batch 4"]:
     """The components along a last axis, w first."""
-    return jnp.stack(q, axis=-1)
+    return xp.stack(q, axis=-1)
 
 
 def between(a: Vector, b: Vector) -> Quaternion:
@@ -152,21 +152,21 @@ def between(a: Vector, b: Vector) -> Quaternion:
     d, c = dot(a, b), cross(a, b)
     p = subtract(c, scale(dot(c, a), a))
     square = dot(p, p)
-    none = square < jnp.finfo(jnp.result_type(square)).eps ** 2
+    none = square < xp.finfo(xp.result_type(square)).eps ** 2
     along = a.x * a.x > 0.5
     some = Vector(
-        jnp.where(along, -a.z, jnp.zeros_like(a.x)),
-        jnp.where(along, jnp.zeros_like(a.y), a.z),
-        jnp.where(along, a.x, -a.y),
+        xp.where(along, -a.z, xp.zeros_like(a.x)),
+        xp.where(along, xp.zeros_like(a.y), a.z),
+        xp.where(along, a.x, -a.y),
     )
-    p = _direction(Vector(*(jnp.where(none, new, old) for new, old in zip(some, p, strict=True))))
+    p = _direction(Vector(*(xp.where(none, new, old) for new, old in zip(some, p, strict=True))))
     far = Quaternion(dot(c, p), *scale(1.0 - d, p))
     near = Quaternion(1.0 + d, *c)
-    return normalised(Quaternion(*(jnp.where(d < 0.0, new, old) for new, old in zip(far, near, strict=True))))
+    return normalised(Quaternion(*(xp.where(d < 0.0, new, old) for new, old in zip(far, near, strict=True))))
 
 
 def _direction(v: Vector) -> Vector:
-    return scale(1.0 / jnp.sqrt(dot(v, v)), v)
+    return scale(1.0 / xp.sqrt(dot(v, v)), v)
 
 
 def level(up: np.ndarray) -> np.ndarray:

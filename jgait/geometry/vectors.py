@@ -2,10 +2,10 @@
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Float
 
+from jgait.arrays import of_jax, xp
 from jgait.types import AnyArray, Values
 
 GRAVITY = 9.80665
@@ -22,7 +22,7 @@ class Vector(NamedTuple):
 
 def kept[T](values: T) -> T:
     """The same values, computed once: without this barrier the compiler repeats the computation at every use."""
-    return lax.optimization_barrier(values)
+    return lax.optimization_barrier(values) if of_jax(values) else values
 
 
 def vector(values: Float[AnyArray, "*batch 3"]) -> Vector:
@@ -63,7 +63,7 @@ def cross(a: Vector, b: Vector) -> Vector:
 def root(square: Values) -> Values:
     """The square root; 0, with gradient 0, for values that are not positive."""
     positive = square > 0.0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, jnp.ones_like(square))), 0.0)
+    return xp.where(positive, xp.sqrt(xp.where(positive, square, xp.ones_like(square))), 0.0)
 
 
 def horner(coefficients: tuple[float, ...], x: Values) -> Values:
@@ -76,4 +76,4 @@ def horner(coefficients: tuple[float, ...], x: Values) -> Values:
 
 def wrapped(angle: Values) -> Values:
     """An angle from −π to π [rad]."""
-    return angle - 2.0 * jnp.pi * jnp.round(angle / (2.0 * jnp.pi))
+    return angle - 2.0 * xp.pi * xp.round(angle / (2.0 * xp.pi))

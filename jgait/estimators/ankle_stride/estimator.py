@@ -1,7 +1,7 @@
 """Strides of the shanks from prepared inputs."""
 
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait import filtering
+from jgait.arrays import alike, for_each, xp
 from jgait.estimators import trust
 from jgait.estimators.ankle_stride import model as ankle_model
 from jgait.estimators.ankle_stride import readout as ankle_strides
@@ -30,12 +31,13 @@ from jgait.estimators.ends import cut_notes
 from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootModelParams
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.notes import LEVER_IMPLAUSIBLE
+from jgait.estimators.programs import compiled
 from jgait.estimators.sides import along, of_turns, stacked
 from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion, rotated
 from jgait.geometry.vectors import Vector, cross, dot, root, subtract, vector
 from jgait.signal import butterworth
-from jgait.types import SIDES, Counts, Estimate, Legs, Recording, Strides, Values
+from jgait.types import SIDES, Counts, Estimate, Flags, Legs, Recording, Strides, Values
 
 LARGEST_MEAN_NIS = 0.5
 """[1] NIS of a leg from which on all of its results are in doubt; of good walks it is below 0.2."""
@@ -65,7 +67,7 @@ def model_params(p: AnkleParams) -> FootModelParams:
 
 
 def _mean_over_interval(values: Values) -> Values:
-    return jnp.concatenate([values[:1], 0.5 * (values[1:] + values[:-1])])
+    return xp.concatenate([values[:1], 0.5 * (values[1:] + values[:-1])])
 
 
 def control(p: AnkleParams, now: PyTree, rate: Vector, gyr: Vector, acc: Vector) -> AnkleControl:
@@ -77,7 +79,7 @@ def control(p: AnkleParams, now: PyTree, rate: Vector, gyr: Vector, acc: Vector)
     """
     h = now.dt
     free = subtract(rate, vector(now.gyr_bias))
-    together = jnp.maximum(TOGETHER_S * now.rate_hz, 1.0)
+    together = xp.maximum(TOGETHER_S * now.rate_hz, 1.0)
     over = FootControl(
         gyr=gyr,
         acc=acc,
@@ -92,7 +94,7 @@ def control(p: AnkleParams, now: PyTree, rate: Vector, gyr: Vector, acc: Vector)
 def prior_of(p: AnkleParams, leg: AnkleSignals, gyr: Values) -> Belief:
     """The belief at the first stance: tilt from gravity, the ankle at rest, the lever of the sensor's placement."""
     attitude = Quaternion(*(leg.attitude[i] for i in range(4)))
-    return standing_prior(p, leg, attitude, vector(gyr[jnp.argmax(leg.valid)]))
+    return standing_prior(p, leg, attitude, vector(gyr[xp.argmax(leg.valid)]))
 
 
 def standing_prior(p: AnkleParams, leg: PyTree, attitude: Quaternion, rate: Vector) -> Belief:
@@ -102,12 +104,12 @@ def standing_prior(p: AnkleParams, leg: PyTree, attitude: Quaternion, rate: Vect
     """
     dtype = rate.x.dtype
     bias = vector(leg.gyr_bias)
-    lever = Vector(*(jnp.asarray(v, dtype) for v in ankle_strides.lever_of(p, leg)))
+    lever = Vector(*(xp.asarray(v, dtype) for v in ankle_strides.lever_of(p, leg)))
     velocity = rotated(attitude, cross(subtract(rate, bias), lever))
     stood = leg.still_time > 0.0
-    rested = p.gyr_bias**2 + (p.sway / jnp.where(stood, leg.still_time, 1.0)) ** 2
-    biased = jnp.where(stood, rested, p.gyr_bias_unknown**2)
-    zero = jnp.zeros((), dtype)
+    rested = p.gyr_bias**2 + (p.sway / xp.where(stood, leg.still_time, 1.0)) ** 2
+    biased = xp.where(stood, rested, p.gyr_bias_unknown**2)
+    zero = xp.zeros((), dtype)
     along, across, tilt = (zero + v**2 for v in (p.lever_along_sd, p.lever_across_sd, p.tilt))
     variances = AnkleError(
         position=Vector(*(zero + AGAIN,) * 3),
@@ -123,7 +125,7 @@ def standing_prior(p: AnkleParams, leg: PyTree, attitude: Quaternion, rate: Vect
 def _filtered(
     p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values, options: AnkleOptions, levers: bool
 ) -> filtering.Inferred:
-    zero = jnp.zeros_like(leg.dt)
+    zero = xp.zeros_like(leg.dt)
     stands = leg.stands & leg.valid
     return filtering.infer(
         ankle_model.MODEL, model_params(p), Vector(zero, zero, zero), smooth=options.smooth,
@@ -133,30 +135,73 @@ def _filtered(
     )  # fmt: skip
 
 
-def _of_leg(
-    p: AnkleParams, leg: AnkleSignals, side: Counts, options: AnkleOptions, levers: bool
-) -> tuple[Strides, Strides | None, dict[str, Values], dict[str, Values], Values]:
-    """Strides of one leg, their standard deviations, flags, diagnostics, and the samples (T,) with valid results."""
-    both = jnp.concatenate([leg.gyr, leg.acc], axis=1)
-    smooth = butterworth.low_pass_until(both, p.cutoff_hz, leg.rate_hz, leg.last)
-    gyr, acc = smooth[:, :3], smooth[:, 3:]
-    if options.length != "filter":
-        strides, flags = ankle_strides.by_method(p, leg, gyr, acc, side, options.length)
-        return strides, None, flags, {}, leg.valid
-    inferred = _filtered(p, leg, gyr, acc, options, levers)
-    strides, deviations, flags = ankle_strides.from_filter(p, leg, inferred.mean, inferred.cov, side)
-    flags["stride_nis"] = trust.nis_between(inferred.filtered.nis, inferred.filtered.count, leg.begin, leg.end)
+def _signals(p: AnkleParams, legs: AnkleSignals) -> Values:
+    """Angular rates and forces (…, T, 6) of legs along a first axis, low-passed."""
+
+    def smooth(leg: AnkleSignals) -> Values:
+        both = jnp.concatenate([leg.gyr, leg.acc], axis=1)
+        return butterworth.low_pass_until(both, p.cutoff_hz, leg.rate_hz, leg.last)
+
+    return jax.vmap(smooth)(legs)
+
+
+def _states(p: AnkleParams, legs: AnkleSignals, options: AnkleOptions, levers: bool) -> filtering.Inferred:
+    """The states of legs along a first axis."""
+
+    def one(leg: AnkleSignals, smooth: Values) -> filtering.Inferred:
+        return _filtered(p, leg, smooth[:, :3], smooth[:, 3:], options, levers)
+
+    return jax.vmap(one)(legs, _signals(p, legs))
+
+
+class _Walked(NamedTuple):
+    """Strides of one leg, their standard deviations, flags, diagnostics, and the samples (T,) with valid results.
+
+    `ways` is the distance along the strides (T, 1) [m], or with its variance and the deviation by turns (T, 3); they
+    grow evenly over the swing of each stride.
+    """
+
+    strides: Strides
+    deviations: Strides | None
+    flags: dict[str, Values]
+    told: dict[str, Values]
+    valid: Flags
+    ways: Values
+
+
+def _of_leg(p: AnkleParams, leg: AnkleSignals, side: Counts, states: filtering.Inferred, time: Values) -> _Walked:
+    """What the states of one leg show."""
+    strides, deviations, flags = ankle_strides.from_filter(p, leg, states.mean, states.cov, side)
+    flags["stride_nis"] = trust.nis_between(states.filtered.nis, states.filtered.count, leg.begin, leg.end)
     last = leg.last
-    diagnostics = {
-        "log_likelihood": inferred.log_likelihood,
-        "nis": inferred.nis,
-        "lever": jnp.stack([part[last] for part in inferred.mean.lever]),
-        "lever_off": ankle_strides.off(inferred.mean.lever, ankle_strides.lever_of(p, leg))[last],
-        "gyr_bias": jnp.stack([part[last] for part in inferred.mean.gyr_bias]),
+    told = {
+        "log_likelihood": states.log_likelihood,
+        "nis": states.nis,
+        "lever": xp.stack([part[last] for part in states.mean.lever]),
+        "lever_off": ankle_strides.off(states.mean.lever, ankle_strides.lever_of(p, leg))[last],
+        "gyr_bias": xp.stack([part[last] for part in states.mean.gyr_bias]),
     }
-    if levers:
-        diagnostics["lever_stddev"] = jnp.stack([part[last] for part in inferred.cov.stddev().lever])
-    return strides, deviations, flags, diagnostics, leg.valid & inferred.filtered.valid
+    spread = states.cov.stddev().lever
+    if spread.x is not None:
+        told["lever_stddev"] = xp.stack([part[last] for part in spread])
+    way, turned = of_turns(strides.length, strides.turn)
+    ways = _along(time, strides, [way, deviations.length**2, turned])
+    return _Walked(strides, deviations, flags, told, leg.valid & states.filtered.valid, ways)
+
+
+def _by_method(p: AnkleParams, legs: AnkleSignals, sides: Counts, time: Values, method: str) -> _Walked:
+    """What a method of `ankle_stride.length` shows of legs along a first axis."""
+
+    def one(leg: AnkleSignals, side: Counts, smooth: Values) -> _Walked:
+        strides, flags = ankle_strides.by_method(p, leg, smooth[:, :3], smooth[:, 3:], side, method)
+        return _Walked(strides, None, flags, {}, leg.valid, _along(time, strides, [strides.length]))
+
+    return jax.vmap(one)(legs, sides, _signals(p, legs))
+
+
+def _along(time: Values, strides: Strides, added: list[Values]) -> Values:
+    lengths = xp.where(strides.valid[:, None], xp.stack(added, axis=1), 0.0)
+    return along(time, strides.final_contact, strides.end, strides.final_contact < strides.end, lengths)
 
 
 def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT, *, levers: bool = True) -> Estimate:
@@ -173,38 +218,27 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT, *,
         ValueError: options that are none.
     """
     check_options(options, KNOWN)
+    p, inputs = alike(p, inputs)
     worn = {side: leg for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None}
-    sides = jnp.asarray(list(worn), jnp.int32)
-    every, ways = jax.vmap(lambda leg, side: _walked(inputs.time, *_of_leg(p, leg, side, options, levers)))(
-        stacked(*worn.values()), sides
-    )
-    strides, deviations, flags = jax.tree.map(lambda leaf: leaf.reshape(-1), every[:3])
-    paths, there = every[3:]
+    legs, sides, time = stacked(*worn.values()), np.asarray(list(worn), np.int32), inputs.time
+    if options.length == "filter":
+        states = compiled(_states)(p, legs, options=options, levers=levers)
+        found = for_each(lambda leg, side, own: _of_leg(p, leg, side, own, time), legs, sides, states)
+    else:
+        found = compiled(_by_method)(p, legs, sides, time, method=options.length)
+    strides, deviations, flags = jax.tree.map(lambda leaf: leaf.reshape(-1), found[:3])
     diagnostics: dict[str, Any] = {
-        f"{name}_{SIDES[side]}": value[number] for number, side in enumerate(worn) for name, value in paths.items()
+        f"{name}_{SIDES[side]}": value[number] for number, side in enumerate(worn) for name, value in found.told.items()
     }
-    distance = jnp.mean(ways[..., 0], axis=0)
+    ways = found.ways
+    distance = xp.mean(ways[..., 0], axis=0)
     if deviations is not None:
-        each, turned = jnp.sum(ways[..., 1], axis=0) / len(worn) ** 2, jnp.mean(ways[..., 2], axis=0)
+        each, turned = xp.sum(ways[..., 1], axis=0) / len(worn) ** 2, xp.mean(ways[..., 2], axis=0)
         diagnostics["distance_stddev"] = root(each + turned**2 + (p.distance_noise * distance) ** 2)
     return Estimate(
-        inputs.time, Legs(None, None), None, distance, jnp.any(there, axis=0),
+        inputs.time, Legs(None, None), None, distance, xp.any(found.valid, axis=0),
         {**diagnostics, **flags}, strides, strides_stddev=deviations,
     )  # fmt: skip
-
-
-def _walked(time: Values, *leg_results: PyTree) -> tuple[tuple[PyTree, ...], Values]:
-    """What `_of_leg` found, and the distance along the strides (T, 1) [m], or with its variance and the deviation by
-    turns (T, 3); they grow evenly over the swing of each stride.
-    """
-    strides, deviations, *_ = leg_results
-    added = [strides.length]
-    if deviations is not None:
-        way, turned = of_turns(strides.length, strides.turn)
-        added = [way, deviations.length**2, turned]
-    lengths = jnp.where(strides.valid[:, None], jnp.stack(added, axis=1), 0.0)
-    real = strides.final_contact < strides.end
-    return leg_results, along(time, strides.final_contact, strides.end, real, lengths)
 
 
 def estimator(options: AnkleOptions = DEFAULT) -> Estimator[AnkleParams, AnkleInputs]:

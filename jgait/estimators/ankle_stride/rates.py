@@ -12,7 +12,7 @@ from jgait.estimators.ankle_stride.inputs import AnkleInputs, AnkleSignals
 from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
 from jgait.estimators.axes import pad
 from jgait.estimators.notes import RATES_OFF
-from jgait.estimators.programs import bucket, compiled
+from jgait.estimators.programs import bucket
 from jgait.notes import Note
 from jgait.types import SIDES, Estimate
 
@@ -50,7 +50,7 @@ def rates_notes(
     for factor in FACTORS:
         now = inputs._replace(**{SIDES[side]: _scaled(leg, factor) for side, leg in legs.items()})
         padded = pad(now, bucket(len(inputs.time)))
-        found.append(compiled(run)(AnkleParams(), padded, options=options))
+        found.append(run(AnkleParams(), padded, options))
     notes = []
     for side in asked:
         each = np.array([float(one.diagnostics[f"nis_{SIDES[side]}"]) for one in found])

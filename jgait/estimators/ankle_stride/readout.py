@@ -4,9 +4,9 @@ given the events.
 
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 from jaxtyping import PyTree
 
+from jgait.arrays import xp
 from jgait.estimators.ankle_stride import length as stride_length
 from jgait.estimators.ankle_stride.inputs import AnkleSignals
 from jgait.estimators.ankle_stride.model import AnkleState
@@ -76,28 +76,28 @@ def across(cov: Covariance) -> tuple[Values, Values, Values, Values]:
 def measured(way: Vector, entries: tuple[Values, Values, Values, Values]) -> Way:
     """A stride from the ankle's position at the stride's end, counted from the stride's begin; entries of `across`."""
     length = root(way.x * way.x + way.y * way.y)
-    x, y = (part / jnp.maximum(length, 1e-6) for part in (way.x, way.y))
+    x, y = (part / xp.maximum(length, 1e-6) for part in (way.x, way.y))
     xx, xy, yy, zz = entries
-    return Way(length, way.z, jnp.maximum(x * x * xx + 2.0 * x * y * xy + y * y * yy, 0.0), zz)
+    return Way(length, way.z, xp.maximum(x * x * xx + 2.0 * x * y * xy + y * y * yy, 0.0), zz)
 
 
 def heading(state: AnkleState, cov: Covariance) -> Heading:
     """The heading of states."""
-    ones, zeros = jnp.ones_like(state.attitude.w), jnp.zeros_like(state.attitude.w)
+    ones, zeros = xp.ones_like(state.attitude.w), xp.zeros_like(state.attitude.w)
     forward = rotated(state.attitude, Vector(ones, zeros, zeros))
-    return Heading(jnp.arctan2(forward.y, forward.x), cov["attitude.z", "attitude.z"])
+    return Heading(xp.arctan2(forward.y, forward.x), cov["attitude.z", "attitude.z"])
 
 
 def deviations(p: AnkleParams, strides: Strides, way: Way, here: Heading, there: Heading, duration: Values) -> Strides:
     """Standard deviations of strides, given the headings at their begin and end and their duration [s]."""
     # a sensor beside the ankle moves, relative to the ankle, by the chord of the leg's turn
-    chord = p.lever_turn_sd * 2.0 * jnp.sin(0.5 * strides.turn)
+    chord = p.lever_turn_sd * 2.0 * xp.sin(0.5 * strides.turn)
     length_sd = root(way.length_variance + p.stride_noise**2 + chord**2)
     speed_sd = root((length_sd / duration) ** 2 + (way.length * TIMING / duration**2) ** 2)
     return strides._replace(
-        start=None, final_contact=None, end=None, length=length_sd, width=jnp.full_like(way.length, jnp.nan),
+        start=None, final_contact=None, end=None, length=length_sd, width=xp.full_like(way.length, xp.nan),
         height=root(way.height_variance + p.stride_noise**2), speed=speed_sd, standing=None, standing_end=None,
-        turn=root(jnp.abs(there.variance - here.variance)),
+        turn=root(xp.abs(there.variance - here.variance)),
     )  # fmt: skip
 
 
@@ -108,10 +108,10 @@ def by_method(
 
     `gyr` [rad/s], with the gyroscope bias, and specific force `acc` [m/s²] are filtered, (T, 3), in the segment's axes.
     """
-    samples, there = gyr.shape[0], jnp.arange(leg.begin.shape[0], dtype=jnp.int32) < leg.count
+    samples, there = gyr.shape[0], xp.arange(leg.begin.shape[0], dtype=xp.int32) < leg.count
     lever = lever_of(p, leg)
     known = stride_length.StrideLengthParams(
-        p.leg_length, p.angle_gain, p.time_gain, Vector(*(jnp.asarray(v, gyr.dtype) for v in lever))
+        p.leg_length, p.angle_gain, p.time_gain, Vector(*(xp.asarray(v, gyr.dtype) for v in lever))
     )
     gyr, raw = gyr - leg.gyr_bias[None, :], leg.gyr - leg.gyr_bias[None, :]
     dt = 1.0 / leg.rate_hz
@@ -131,8 +131,8 @@ def off(lever: Vector, known: Vector) -> Values:
     """How far estimated levers are off [m], across the segment or half as much along it, where sensors are worn less
     alike.
     """
-    forward, left, up = (jnp.abs(part - value) for part, value in zip(lever, known, strict=True))
-    return jnp.maximum(jnp.maximum(forward, left), 0.5 * up)
+    forward, left, up = (xp.abs(part - value) for part, value in zip(lever, known, strict=True))
+    return xp.maximum(xp.maximum(forward, left), 0.5 * up)
 
 
 def lever_of(p: AnkleParams, leg: PyTree) -> Vector:
@@ -148,15 +148,15 @@ def durations(leg: AnkleSignals) -> tuple[Values, Values]:
     A stride starts with the contact that ends the stride before, and lasts from contact to contact. If no stride comes
     before, the stride starts with the shank's swing, and the speed is over the time from standing to standing.
     """
-    before = jnp.concatenate([leg.leaves[:1], leg.lands[:-1]])
-    start = jnp.where(leg.follows, before, leg.leaves)
+    before = xp.concatenate([leg.leaves[:1], leg.lands[:-1]])
+    start = xp.where(leg.follows, before, leg.leaves)
     stood = (leg.end - leg.begin).astype(leg.lands.dtype) / leg.rate_hz
-    return start, jnp.maximum(jnp.where(leg.follows, leg.lands - start, stood), 1e-3)
+    return start, xp.maximum(xp.where(leg.follows, leg.lands - start, stood), 1e-3)
 
 
 def told(leg: AnkleSignals, side: Counts, length: Values, height: Values, turn: Values) -> Strides:
     """The table of strides from the measured quantities and the decided events."""
-    there = jnp.arange(leg.begin.shape[0], dtype=jnp.int32) < leg.count
+    there = xp.arange(leg.begin.shape[0], dtype=xp.int32) < leg.count
     start, duration = durations(leg)
     return table(side, (start, leg.leaves, leg.lands), duration, length, height, turn, there)
 
@@ -173,13 +173,13 @@ def table(
     """Strides of one leg, or a single stride, from start, final contact and end [s] and the measured quantities."""
     start, leaves, lands = times
     return Strides(
-        side=jnp.full(length.shape, side, jnp.int32), start=start, final_contact=leaves, end=lands, length=length,
-        width=jnp.full_like(length, jnp.nan), height=height, valid=there & (length > SHORTEST),
+        side=xp.full(length.shape, side, xp.int32), start=start, final_contact=leaves, end=lands, length=length,
+        width=xp.full_like(length, xp.nan), height=height, valid=there & (length > SHORTEST),
         speed=length / duration, turn=turn,
     )  # fmt: skip
 
 
 def flags(strides: Strides, **decided: PyTree) -> dict[str, Any]:
     """Flags of each stride, those of `decided` included; True only if the stride is valid."""
-    flagged = {"turning": jnp.abs(strides.turn) > TURNING, "stairs": jnp.abs(strides.height) > STAIRS_M, **decided}
+    flagged = {"turning": xp.abs(strides.turn) > TURNING, "stairs": xp.abs(strides.height) > STAIRS_M, **decided}
     return {name: flag & strides.valid for name, flag in flagged.items()}

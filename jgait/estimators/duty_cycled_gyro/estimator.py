@@ -10,6 +10,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import PyTree
 
+from jgait.arrays import xp
 from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filled, Thigh
 from jgait.duty_cycle.fillers.registry import fillers
@@ -35,6 +36,7 @@ from jgait.estimators.duty_cycled_gyro.prepare import LOST, prepare
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.leg_ekf.params import one_side
 from jgait.estimators.plausible import QUICK_S
+from jgait.estimators.programs import compiled
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values
 
@@ -150,8 +152,8 @@ def run(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOption
         Angles with standard deviations; `diagnostics`: see the package; also the log-likelihood of the innovations
         and their mean normalised square for every sensor, and the filler's latency [s].
     """
-    results = _legs(p, inputs, options)
-    valid: Flags = jnp.asarray(inputs.valid)
+    results = compiled(_legs)(p, inputs, options=options)
+    valid: Flags = inputs.valid
     diagnostics: dict[str, Any] = {}
     angles: list[tuple[LegTrajectory | None, LegTrajectory | None]] = []
     for side, (segments, leg) in zip(SIDES, results, strict=True):
@@ -164,8 +166,8 @@ def run(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOption
                 f"rate_{name}": one.rate,
                 f"gyro_{name}": filled.rate,
                 f"how_{name}": filled.how,
-                f"log_likelihood_{name}": jnp.sum(one.log_likelihood),
-                f"nis_{name}": jnp.sum(one.nis) / jnp.maximum(jnp.sum(one.count), 1.0),
+                f"log_likelihood_{name}": xp.sum(one.log_likelihood),
+                f"nis_{name}": xp.sum(one.nis) / xp.maximum(xp.sum(one.count), 1.0),
                 "latency": filled.latency.astype(one.angle.dtype) / options.sampling_rate_hz,
             }
             valid = valid & one.valid

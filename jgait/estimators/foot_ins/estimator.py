@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait import filtering
+from jgait.arrays import alike, for_each
 from jgait.estimators import noise, trust
 from jgait.estimators.ends import cut_notes
 from jgait.estimators.foot_ins import headings
@@ -133,14 +134,14 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
         `feet`, `strides` and their standard deviations; `distance` is the distance along the footholds, mean
         of the feet; `diagnostics` holds log-likelihood, mean normalised innovation squared and pitch of each foot.
     """
-    feet = _worn(inputs)
-    time = jnp.asarray(inputs.time)
-    every = jax.vmap(lambda foot: _one_foot(p, foot, time, options))(stacked(*feet.values()))
+    p, inputs = alike(p, inputs)
+    feet, time = _worn(inputs), inputs.time
+    every = _paths(p, stacked(*feet.values()), time, options)
     results = {side: jax.tree.map(lambda leaf, k=number: leaf[k], every) for number, side in enumerate(feet)}
     path = every.path
     rows = path.nis.shape[1]
     return _assembled(
-        time, results, jnp.repeat(jnp.asarray(list(feet), jnp.int32), rows),
+        time, results, np.repeat(np.asarray(list(feet), np.int32), rows),
         *jax.tree.map(lambda leaf: leaf.reshape(-1), (path.strides, path.strides_stddev, path.nis)),
     )  # fmt: skip
 
@@ -183,12 +184,24 @@ class _Found(NamedTuple):
     valid: Flags
 
 
-def _one_foot(p: FootParams, foot: FootSignals, time: Values, options: FootOptions) -> _Found:
-    result = _foot(p, foot, options, _stands(foot, options))
-    path = foot_strides.path_of(p, foot, time, result, flatten=options.level == "auto")
-    valid = foot.valid & foot.known & result.filtered.valid
+def _filtered(p: FootParams, feet: FootSignals, options: FootOptions) -> filtering.Inferred:
+    """The states of each of some feet along a first axis."""
+    return jax.vmap(lambda foot: _foot(p, foot, options, _stands(foot, options)))(feet)
+
+
+def _paths(p: FootParams, feet: FootSignals, time: Values, options: FootOptions) -> _Found:
+    """The paths of some feet along a first axis."""
+    states = compiled(_filtered)(p, feet, options=options)
+    return for_each(lambda foot, own: _one_foot(p, foot, own, time, options), feet, states)
+
+
+def _one_foot(
+    p: FootParams, foot: FootSignals, states: filtering.Inferred, time: Values, options: FootOptions
+) -> _Found:
+    path = foot_strides.path_of(p, foot, time, states, flatten=options.level == "auto")
+    valid = foot.valid & foot.known & states.filtered.valid
     way = foot_strides.walked(path.strides, foot.count - 1, time)
-    return _Found(path, {"log_likelihood": result.log_likelihood, "nis": result.nis}, way, valid)
+    return _Found(path, {"log_likelihood": states.log_likelihood, "nis": states.nis}, way, valid)
 
 
 def _assembled(
@@ -268,7 +281,7 @@ def _with_distance_stddev(result: Estimate, feet: int) -> Estimate:
     valid = np.asarray(result.strides.valid, bool)
     length, spread, turn = (as_float(part)[valid] for part in
                             (result.strides.length, result.strides_stddev.length, result.strides.turn))  # fmt: skip
-    turned = as_float(of_turns(length, turn, np)[1]).sum() / feet
+    turned = as_float(of_turns(length, turn)[1]).sum() / feet
     way, total = as_float(result.distance), max(float(result.distance[-1]), 1e-9)
     share = np.hypot(spread.sum() / max(length.sum(), 1e-9), turned / total)
     return result._replace(diagnostics={**result.diagnostics, "distance_stddev": share * way})
@@ -280,8 +293,8 @@ def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Esti
         return None
 
     def one(window: FootSignals, time: Values) -> PyTree:
-        found = compiled(_one_foot)(p, window, time, options=options)
-        return found.path, found.told["nis"], found.valid
+        found = _paths(p, stacked(window), time, options)
+        return jax.tree.map(lambda leaf: leaf[0], (found.path, found.told["nis"], found.valid))
 
     results = {}
     for side, foot in _worn(inputs).items():

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 from jaxtyping import PyTree
 
+from jgait.arrays import interpolated, put, xp
 from jgait.estimators.foot_ins.inputs import FootSignals
 from jgait.estimators.foot_ins.model import FootState
 from jgait.estimators.foot_ins.params import FootParams
@@ -71,13 +71,13 @@ def path_of(p: FootParams, foot: FootSignals, time: Values, inferred: Inferred, 
     """
     state, cov = inferred.mean, inferred.cov
     here, there = foot.foothold[:-1], foot.foothold[1:]
-    real = jnp.arange(here.shape[0], dtype=jnp.int32) < foot.count - 1
+    real = xp.arange(here.shape[0], dtype=xp.int32) < foot.count - 1
     way = _at(state.position, there)
     length = root(way.x * way.x + way.y * way.y)
     valid = real & (length > SHORTEST) & foot.whole[:-1]
     forward = _forward(state.attitude, way, length, here, valid)
-    first = jnp.argmax(valid)  # the first row if none is valid
-    heading = jnp.arctan2(way.y[first], way.x[first])
+    first = xp.argmax(valid)  # the first row if none is valid
+    heading = xp.arctan2(way.y[first], way.x[first])
     nis = nis_between(inferred.filtered.nis, inferred.filtered.count, here, there)
     strides, deviations = _strides(p, foot, time, state, cov, forward, way, length, valid, nis)
     tilted = rotated(state.attitude, _spread(forward, state.attitude.w))
@@ -85,19 +85,19 @@ def path_of(p: FootParams, foot: FootSignals, time: Values, inferred: Inferred, 
     if flatten:
         way_since = way_since._replace(z=_flattened(way_since.z, foot, time, way.z, valid))
     attitude = _yawed(state.attitude, heading)
-    since = jnp.stack(add(_turned(way_since, heading), rotated(attitude, p.tracked_point)), axis=1)
+    since = xp.stack(add(_turned(way_since, heading), rotated(attitude, p.tracked_point)), axis=1)
     start = since[foot.foothold[0]]
     trajectory = FootTrajectory(
-        position=jnp.where(foot.valid[:, None], since - start[None, :], jnp.zeros_like(since)),
-        velocity=jnp.stack(_turned(state.velocity, heading), axis=1),
-        orientation=jnp.stack(attitude, axis=1),
+        position=xp.where(foot.valid[:, None], since - start[None, :], xp.zeros_like(since)),
+        velocity=xp.stack(_turned(state.velocity, heading), axis=1),
+        orientation=xp.stack(attitude, axis=1),
     )
     spread = cov.stddev()
     deviation = FootTrajectory(
-        *(jnp.stack(_rotated_stddev(cov, part, heading, getattr(spread, part)), axis=1)
+        *(xp.stack(_rotated_stddev(cov, part, heading, getattr(spread, part)), axis=1)
           for part in ("position", "velocity", "attitude"))
     )  # fmt: skip
-    return Path(trajectory, deviation, strides, deviations, jnp.arcsin(jnp.clip(tilted.z, -1.0, 1.0)),
+    return Path(trajectory, deviation, strides, deviations, xp.arcsin(xp.clip(tilted.z, -1.0, 1.0)),
                 nis)  # fmt: skip
 
 
@@ -107,10 +107,10 @@ def walked(strides: Strides, rows: PyTree, time: Values) -> Values:
     `rows` is the number of strides that are not padding.
     """
     if not strides.length.shape[0]:
-        return jnp.zeros_like(time)
-    real = jnp.arange(strides.length.shape[0], dtype=jnp.int32) < rows
-    end = jnp.maximum(strides.end, strides.final_contact + 1e-6)
-    lengths = jnp.where(strides.valid, of_turns(strides.length, strides.turn)[0], 0.0)
+        return xp.zeros_like(time)
+    real = xp.arange(strides.length.shape[0], dtype=xp.int32) < rows
+    end = xp.maximum(strides.end, strides.final_contact + 1e-6)
+    lengths = xp.where(strides.valid, of_turns(strides.length, strides.turn)[0], 0.0)
     return along(time, strides.final_contact, end, real, lengths[:, None])[:, 0]
 
 
@@ -122,22 +122,22 @@ def _strides(
     here, there = foot.foothold[:-1], foot.foothold[1:]
     entries = [cov[f"position.{a}", f"position.{b}"] for a, b in ("xx", "xy", "yy", "zz")]
     axis = rotated(state.attitude, _spread(forward, state.attitude.w))
-    pitch, yaw = jnp.arcsin(jnp.clip(axis.z, -1.0, 1.0)), jnp.arctan2(axis.y, axis.x)
+    pitch, yaw = xp.arcsin(xp.clip(axis.z, -1.0, 1.0)), xp.arctan2(axis.y, axis.x)
     signals = (pitch, yaw, cov["attitude.z", "attitude.z"], root(_across(cov, axis)), time)
     standing_pitch, yaw_here, variance_here, *_ = picked(here, *signals)
     *between, next_pitch, yaw_there, variance_there, _, _ = picked(there, *entries, *signals)
     push_off, _, _, push_off_sd, leaves = picked(foot.final_contact[:-1], *signals)
     contact, _, _, contact_sd, touches = picked(foot.initial_contact[:-1], *signals)
-    nothing = jnp.full_like(length, jnp.nan)
+    nothing = xp.full_like(length, xp.nan)
     known = Strides(
-        side=jnp.zeros(length.shape, jnp.int32), start=None, final_contact=leaves, end=touches, length=length,
+        side=xp.zeros(length.shape, xp.int32), start=None, final_contact=leaves, end=touches, length=length,
         width=nothing, height=way.z, valid=valid, standing=time[foot.leaves[:-1]],
         standing_end=time[foot.arrives[1:]], turn=wrapped(yaw_there - yaw_here),
         lift=_lift(state.position.z, foot, way.z), contact_angle=contact - next_pitch,
         push_off_angle=push_off - standing_pitch, step_length=nothing,
     )  # fmt: skip
-    landed = jnp.concatenate([leaves[:1], touches[:-1]])
-    follows = jnp.concatenate([jnp.zeros_like(valid[:1]), valid[:-1]])
+    landed = xp.concatenate([leaves[:1], touches[:-1]])
+    follows = xp.concatenate([xp.zeros_like(valid[:1]), valid[:-1]])
     follows &= walks_on(landed, leaves, touches)
     yaw = variance_there - variance_here
     strides, deviations = timed(p, known, way, between, landed, follows, yaw, nis, _unmeasured(foot, time))
@@ -146,7 +146,7 @@ def _strides(
 
 def walks_on(landed: Values, leaves: Values, touches: Values) -> Flags:
     """Whether the stance from `landed` until the foot `leaves`, before it `touches` again [s], is no standing."""
-    return leaves - landed <= jnp.maximum(PAUSE_S, LONG_STANCE * (touches - leaves))
+    return leaves - landed <= xp.maximum(PAUSE_S, LONG_STANCE * (touches - leaves))
 
 
 def timed(
@@ -168,15 +168,15 @@ def timed(
         unmeasured: variance of the lengths by forces that were not measured [m²].
     """
     length, (xx, xy, yy, zz) = known.length, spread
-    x, y = way.x / jnp.maximum(length, 1e-6), way.y / jnp.maximum(length, 1e-6)
+    x, y = way.x / xp.maximum(length, 1e-6), way.y / xp.maximum(length, 1e-6)
     along_way = x * x * xx + 2.0 * x * y * xy + y * y * yy
     unknown = (p.stride_noise * length) ** 2
-    start = jnp.where(follows, landed, known.final_contact)
-    duration = jnp.maximum(jnp.where(follows, known.end - start, known.standing_end - known.standing), 1e-3)
+    start = xp.where(follows, landed, known.final_contact)
+    duration = xp.maximum(xp.where(follows, known.end - start, known.standing_end - known.standing), 1e-3)
     stddev = stated(along_way + unknown, nis, known.turn, unmeasured)
     return known._replace(start=start, speed=length / duration), Strides(
         side=known.side, start=None, final_contact=None, end=None, length=stddev, width=known.width,
-        height=root(zz + unknown), valid=known.valid, turn=root(jnp.abs(yaw)),
+        height=root(zz + unknown), valid=known.valid, turn=root(xp.abs(yaw)),
         speed=root((stddev / duration) ** 2 + (length / duration**2 * TIMING) ** 2),
     )  # fmt: skip
 
@@ -188,11 +188,12 @@ def _unmeasured(foot: FootSignals, time: Values) -> Values:
     the foot by a variance of Σ q t² − (Σ q t)² / Σ q.
     """
     rows = foot.foothold.shape[0]
-    stride = jnp.clip(jnp.cumsum(foot.restart).astype(jnp.int32), 0, rows)
-    since = time - time[foot.foothold][jnp.maximum(stride - 1, 0)]
+    stride = xp.clip(xp.cumsum(foot.restart).astype(xp.int32), 0, rows)
+    since = time - time[foot.foothold][xp.maximum(stride - 1, 0)]
     q = (foot.acc_doubt * foot.dt) ** 2
-    sums = jnp.zeros((rows + 1, 3), q.dtype).at[stride].add(jnp.stack([q, q * since, q * since**2], axis=1))[1:rows]
-    return jnp.maximum(sums[:, 2] - sums[:, 1] ** 2 / jnp.maximum(sums[:, 0], 1e-12), 0.0)
+    moments = xp.stack([q, q * since, q * since**2], axis=1)
+    sums = put(xp.zeros((rows + 1, 3), q.dtype), stride, moments, "add")[1:rows]
+    return xp.maximum(sums[:, 2] - sums[:, 1] ** 2 / xp.maximum(sums[:, 0], 1e-12), 0.0)
 
 
 def stated(variance: Values, nis: Values, turn: Values, unmeasured: Values) -> Values:
@@ -209,29 +210,30 @@ def stated(variance: Values, nis: Values, turn: Values, unmeasured: Values) -> V
         turn: (n,) [rad].
         unmeasured: (n,) the part of the variance by forces that were not measured [m²].
     """
-    less = 1.0 - jnp.sqrt(jnp.clip(nis, LEAST_NIS, 1.0))
-    corrected = variance * jnp.maximum(nis, 1.0) - jnp.clip(variance - unmeasured, 0.0, KNOWN**2) * less
+    less = 1.0 - xp.sqrt(xp.clip(nis, LEAST_NIS, 1.0))
+    corrected = variance * xp.maximum(nis, 1.0) - xp.clip(variance - unmeasured, 0.0, KNOWN**2) * less
     return root(corrected + (TURN_NOISE * turn) ** 2)
 
 
 def _flattened(height: Values, foot: FootSignals, time: Values, rise: Values, valid: Flags) -> Values:
     """Heights (T,), with every foothold at zero if the ground counts as level."""
-    count = jnp.maximum(jnp.sum(valid), 1).astype(rise.dtype)
-    mean = jnp.sum(jnp.where(valid, rise, 0.0)) / count
-    most = jnp.max(jnp.where(valid, jnp.abs(rise), 0.0))
-    flat = (jnp.abs(mean) < FLAT_RISE) & (most < FLAT_STEP)
+    count = xp.maximum(xp.sum(valid), 1).astype(rise.dtype)
+    mean = xp.sum(xp.where(valid, rise, 0.0)) / count
+    most = xp.max(xp.where(valid, xp.abs(rise), 0.0))
+    flat = (xp.abs(mean) < FLAT_RISE) & (most < FLAT_STEP)
     # padding repeats the last foothold, but an interpolation needs increasing times
-    behind = jnp.maximum(jnp.arange(foot.foothold.shape[0], dtype=jnp.int32) - foot.count + 1, 0)
+    behind = xp.maximum(xp.arange(foot.foothold.shape[0], dtype=xp.int32) - foot.count + 1, 0)
     knots = time[foot.foothold] + behind.astype(time.dtype)
-    return height - jnp.where(flat, jnp.interp(time, knots, height[foot.foothold]), 0.0)
+    return height - xp.where(flat, interpolated(time, knots, height[foot.foothold][:, None])[:, 0], 0.0)
 
 
 def _lift(height: Values, foot: FootSignals, rise: Values) -> Values:
     """Largest height of the sensor above the higher foothold of each stride (K − 1,) [m]."""
     rows = foot.foothold.shape[0]
-    stride = jnp.cumsum(foot.restart).astype(jnp.int32)
-    highest = jnp.zeros(rows + 1, height.dtype).at[jnp.clip(stride, 0, rows)].max(jnp.where(foot.valid, height, 0.0))
-    return highest[1:rows] - jnp.maximum(rise, 0.0)
+    stride = xp.cumsum(foot.restart).astype(xp.int32)
+    above = xp.where(foot.valid, height, 0.0)
+    highest = put(xp.zeros(rows + 1, height.dtype), xp.clip(stride, 0, rows), above, "max")
+    return highest[1:rows] - xp.maximum(rise, 0.0)
 
 
 def _forward(attitude: Quaternion, way: Vector, length: Values, here: PyTree, valid: Flags) -> Vector:
@@ -239,38 +241,38 @@ def _forward(attitude: Quaternion, way: Vector, length: Values, here: PyTree, va
 
     Without a valid stride it is the sensor's x axis.
     """
-    unit = jnp.maximum(length, SHORTEST)
-    ahead = Vector(way.x / unit, way.y / unit, jnp.zeros_like(way.x))
+    unit = xp.maximum(length, SHORTEST)
+    ahead = Vector(way.x / unit, way.y / unit, xp.zeros_like(way.x))
     forward = rotated(conjugate(_at(attitude, here)), ahead)
     straight = valid & (length > STRAIGHT_FROM)
-    used = jnp.where(jnp.any(straight), straight, valid)
-    mean = Vector(*(jnp.sum(jnp.where(used, part, 0.0)) for part in forward))
-    mean = mean._replace(x=jnp.where(jnp.any(used), mean.x, 1.0))
-    norm = jnp.sqrt(mean.x**2 + mean.y**2 + mean.z**2 + 1e-12)
+    used = xp.where(xp.any(straight), straight, valid)
+    mean = Vector(*(xp.sum(xp.where(used, part, 0.0)) for part in forward))
+    mean = mean._replace(x=xp.where(xp.any(used), mean.x, 1.0))
+    norm = xp.sqrt(mean.x**2 + mean.y**2 + mean.z**2 + 1e-12)
     return Vector(mean.x / norm, mean.y / norm, mean.z / norm)
 
 
 def _accumulated(position: Vector, foot: FootSignals) -> Vector:
     """Positions from the start of the recording."""
-    ended = jnp.where(foot.restart[1:, None] > 0.5, jnp.stack(position, axis=1)[:-1], 0.0)
-    begun = jnp.pad(jnp.cumsum(ended, axis=0), ((1, 0), (0, 0)))
+    ended = xp.where(foot.restart[1:, None] > 0.5, xp.stack(position, axis=1)[:-1], 0.0)
+    begun = xp.pad(xp.cumsum(ended, axis=0), ((1, 0), (0, 0)))
     return Vector(*(part + begun[:, axis] for axis, part in enumerate(position)))
 
 
 def _turned(v: Vector, heading: Values) -> Vector:
     """A vector in a world whose x axis lies along a heading."""
-    c, s = jnp.cos(heading), jnp.sin(heading)
+    c, s = xp.cos(heading), xp.sin(heading)
     return Vector(c * v.x + s * v.y, c * v.y - s * v.x, v.z)
 
 
 def _yawed(q: Quaternion, heading: Values) -> Quaternion:
-    c, s = jnp.cos(0.5 * heading), jnp.sin(0.5 * heading)
+    c, s = xp.cos(0.5 * heading), xp.sin(0.5 * heading)
     return Quaternion(c * q.w + s * q.z, c * q.x + s * q.y, c * q.y - s * q.x, c * q.z - s * q.w)
 
 
 def _rotated_stddev(cov: Covariance, part: str, heading: Values, spread: Vector) -> Vector:
     """Standard deviations along the world axes of `_turned`."""
-    c, s = jnp.cos(heading), jnp.sin(heading)
+    c, s = xp.cos(heading), xp.sin(heading)
     xx, yy, xy = (cov[f"{part}.{a}", f"{part}.{b}"] for a, b in ("xx", "yy", "xy"))
     return Vector(root(c * c * xx + 2 * c * s * xy + s * s * yy), root(s * s * xx - 2 * c * s * xy + c * c * yy),
                   spread.z)  # fmt: skip
@@ -278,7 +280,7 @@ def _rotated_stddev(cov: Covariance, part: str, heading: Values, spread: Vector)
 
 def _across(cov: Covariance, axis: Vector) -> Values:
     """Variance of the rotation about the horizontal axis to the left of the foot's front (T,) [rad²]."""
-    norm = jnp.sqrt(axis.x**2 + axis.y**2 + 1e-12)
+    norm = xp.sqrt(axis.x**2 + axis.y**2 + 1e-12)
     x, y = -axis.y / norm, axis.x / norm
     xx, yy, xy = (cov[f"attitude.{a}", f"attitude.{b}"] for a, b in ("xx", "yy", "xy"))
     return x * x * xx + 2.0 * x * y * xy + y * y * yy
@@ -289,4 +291,4 @@ def _at(values: PyTree, index: PyTree) -> PyTree:
 
 
 def _spread(v: Vector, like: Values) -> Vector:
-    return Vector(*(jnp.broadcast_to(part, like.shape) for part in v))
+    return Vector(*(xp.broadcast_to(part, like.shape) for part in v))

@@ -3,10 +3,10 @@
 from functools import partial, reduce
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jgait import filtering
+from jgait.arrays import alike, for_each, xp
 from jgait.estimators import ankle_stride, trust
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.leg_ekf import inclination
@@ -20,6 +20,7 @@ from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_
 from jgait.estimators.leg_ekf.prepare import SHANKS, long_gaps, prepare
 from jgait.estimators.leg_ekf.slips import slipped
 from jgait.estimators.leg_ekf.worn import unworn
+from jgait.estimators.programs import compiled
 from jgait.estimators.sides import stacked
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.vectors import vector
@@ -77,18 +78,18 @@ def observe(
     """
     there = leg.thigh.measured | (leg.thigh.lost > 0.0)  # all but padding
     hip, knee, gain = p.standing_hip, p.standing_knee, p.thigh_gain
-    zero = jnp.zeros_like(inputs.dt)
+    zero = xp.zeros_like(inputs.dt)
     if inclinations is not None:
         thigh, shank = inclinations
         # Errors of the inclination persist for about 1 s; equivalent white noise has the variance times 1 s / dt.
-        spread = 1.0 / jnp.maximum(inputs.dt, 1e-3)
+        spread = 1.0 / xp.maximum(inputs.dt, 1e-3)
         # In a gap the leg follows its inclination; its own prediction is worth nothing.
-        lost = jnp.maximum(leg.thigh.lost, leg.shank.lost)
-        spread = jnp.where(lost > SHORT_GAP, 1.0, spread)
+        lost = xp.maximum(leg.thigh.lost, leg.shank.lost)
+        spread = xp.where(lost > SHORT_GAP, 1.0, spread)
         # gain · sensor = thigh + pull · (thigh − shank), all from standing
         share, pulled = gain / (1.0 + p.thigh_pull), p.thigh_pull / (1.0 + p.thigh_pull)
         uncertain = share**2 * thigh.variance + pulled**2 * shank.variance
-        unknown = jnp.where(lost > SHORT_GAP, inclination.unknown_turn(jnp.maximum(lost, inputs.dt), inputs.dt), 0.0)
+        unknown = xp.where(lost > SHORT_GAP, inclination.unknown_turn(xp.maximum(lost, inputs.dt), inputs.dt), 0.0)
         control = LegControl(uncertain * spread, shank.variance * spread, unknown)
         angles = (STANDING + hip + share * thigh.angle + pulled * shank.angle, STANDING + hip - knee + shank.angle)
         rates = (share * thigh.rate + pulled * shank.rate, shank.rate)
@@ -96,14 +97,14 @@ def observe(
         tilted: Values = there
         # A leg whose inclination is far off moves x and y along a wrong direction, from which the closure would wrongly
         # learn the angles.
-        close = jnp.maximum(thigh.variance, shank.variance) < CLOSES_SD**2
+        close = xp.maximum(thigh.variance, shank.variance) < CLOSES_SD**2
     else:
         # In each quiet standing the pose is assumed to be the calibration pose, to about three degrees.
         control = LegControl(zero + 2.7e-3, zero + 2.7e-3)
         angles = (zero + STANDING + hip, zero + STANDING + hip - knee)
         rates = (-leg.thigh.gyr[..., 1], -leg.shank.gyr[..., 1])
         tilted = inputs.still & there if options.standing else False
-        close = jnp.ones_like(there)
+        close = xp.ones_like(there)
     closed = there & close if options.closure else False
     observation = LegObservation(*rates, zero, zero, *angles)
     return observation, control, LegObservation(leg.thigh.measured, leg.shank.measured, closed, closed, tilted, tilted)
@@ -114,7 +115,7 @@ def prior_of(p: LegParams, leg: LegSignals, start_variance: Values, options: Leg
 
     With `options.gravity` the inclination filter has already removed the biases.
     """
-    zero = jnp.zeros_like(start_variance)
+    zero = xp.zeros_like(start_variance)
     thigh_bias, shin_bias = (zero, zero) if options.gravity else (-leg.thigh.bias[1], -leg.shank.bias[1])
     return leg_model.standing_belief(
         model_params(p, leg), STANDING + p.standing_hip, -p.standing_knee, thigh_bias, shin_bias, start_variance
@@ -132,7 +133,7 @@ def _variance(name: str, cov: Covariance, filtered: Covariance | None) -> Values
     if filtered is None:
         return variance
     most = filtered[name, name]
-    return jnp.where((variance >= 0.0) & (variance <= most), variance, most)
+    return xp.where((variance >= 0.0) & (variance <= most), variance, most)
 
 
 def deviation_of(p: LegParams, state: LegState, cov: Covariance, filtered: Covariance | None = None) -> LegTrajectory:
@@ -146,20 +147,20 @@ def deviation_of(p: LegParams, state: LegState, cov: Covariance, filtered: Covar
     thigh, shank = soft_tissue_variances(p, state)
     a1, a2 = p.thigh_length, p.shank_length
     x1, x2, y1, y2 = (
-        a1 * jnp.sin(state.thigh_angle),
-        a2 * jnp.sin(shin),
-        a1 * jnp.cos(state.thigh_angle),
-        a2 * jnp.cos(shin),
+        a1 * xp.sin(state.thigh_angle),
+        a2 * xp.sin(shin),
+        a1 * xp.cos(state.thigh_angle),
+        a2 * xp.cos(shin),
     )
     hip, knee = p.standing_hip_sd**2, p.standing_knee_sd**2
     # an error of the standing hip turns the whole leg, one of the standing knee the shank
     along = x1**2 * thigh + x2**2 * shank + (x1 + x2) ** 2 * hip + x2**2 * knee
     upward = y1**2 * thigh + y2**2 * shank + (y1 + y2) ** 2 * hip + y2**2 * knee
     return LegTrajectory(
-        jnp.sqrt(_variance("thigh_angle", cov, filtered) + thigh + hip),
-        jnp.sqrt(_variance("knee_angle", cov, filtered) + thigh + shank + knee),
-        jnp.sqrt(_variance("x", cov, filtered) + along),
-        jnp.sqrt(_variance("y", cov, filtered) + upward),
+        xp.sqrt(_variance("thigh_angle", cov, filtered) + thigh + hip),
+        xp.sqrt(_variance("knee_angle", cov, filtered) + thigh + shank + knee),
+        xp.sqrt(_variance("x", cov, filtered) + along),
+        xp.sqrt(_variance("y", cov, filtered) + upward),
     )
 
 
@@ -192,20 +193,18 @@ def walked(p: LegParams, legs: Legs, inputs: LegInputs, options: LegOptions) -> 
         shank_params = ankle_stride.AnkleParams(lever_shank=p.lever_shank, distance_noise=p.distance_noise)
         shanks = ankle_stride.run(shank_params, inputs.shanks, SHANKS._replace(smooth=options.smooth), levers=False)
         worn = [leg for leg in inputs.shanks[1:] if leg is not None]
-        strides = reduce(jnp.logical_and, [leg.count > 0 for leg in worn])
-        way = jnp.where(
-            strides, leg_distance.rescaled(way, inputs.still & inputs.valid, worn, shanks.distance[-1]), way
-        )
-        spread = jnp.where(strides, shanks.diagnostics["distance_stddev"], spread)
+        strides = reduce(xp.logical_and, [leg.count > 0 for leg in worn])
+        way = xp.where(strides, leg_distance.rescaled(way, inputs.still & inputs.valid, worn, shanks.distance[-1]), way)
+        spread = xp.where(strides, shanks.diagnostics["distance_stddev"], spread)
         spreads = shanks.strides_stddev
         doubtful = trust.doubtful(shanks.strides, spreads, shanks.diagnostics["stride_nis"])
         for side, name in enumerate(SIDES):
             own = shanks.strides.valid & (shanks.strides.side == side)
-            diagnostics[f"shank_distance_{name}"] = jnp.sum(jnp.where(own, shanks.strides.length, 0.0))
+            diagnostics[f"shank_distance_{name}"] = xp.sum(xp.where(own, shanks.strides.length, 0.0))
             if f"nis_{name}" in shanks.diagnostics:
                 diagnostics[f"shank_nis_{name}"] = shanks.diagnostics[f"nis_{name}"]
-                diagnostics[f"shank_stride_stddev_{name}"] = jnp.max(jnp.where(own, spreads.length, 0.0))
-                diagnostics[f"shank_doubtful_{name}"] = jnp.sum(own & doubtful)
+                diagnostics[f"shank_stride_stddev_{name}"] = xp.max(xp.where(own, spreads.length, 0.0))
+                diagnostics[f"shank_doubtful_{name}"] = xp.sum(own & doubtful)
     return p.distance_scale * way, {"distance_stddev": p.distance_scale * spread, **diagnostics}
 
 
@@ -219,9 +218,11 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
         leg, and of each shank's strapdown the latter, the sum of its strides [m], the largest of their deviations [m],
         and the number of those in doubt.
     """
+    p, inputs = alike(p, inputs)
     worn = [(side, leg) for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None]
-    both = stacked(*((one_side(p, side), leg) for side, leg in worn))
-    results = jax.vmap(lambda one: _one_leg(one[0], one[1], inputs, options, model))(both)
+    params, signals = stacked(*((one_side(p, side), leg) for side, leg in worn))
+    states = compiled(_filtered)(params, signals, inputs._replace(shanks=None), options=options, model=model)
+    results = for_each(_read_out, params, states)
     trajectories: list[LegTrajectory | None] = [None, None]
     deviations: list[LegTrajectory | None] = [None, None]
     diagnostics: dict[str, Values] = {}
@@ -229,31 +230,37 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
         trajectories[side], deviations[side], log_likelihood, nis, _ = jax.tree.map(lambda v, k=number: v[k], results)
         diagnostics |= {f"log_likelihood_{SIDES[side]}": log_likelihood, f"nis_{SIDES[side]}": nis}
     legs = Legs(*trajectories)
-    valid = inputs.valid & jnp.all(results[-1], axis=0)
+    valid = inputs.valid & xp.all(results[-1], axis=0)
     distance, more = walked(p, legs, inputs, options)
     diagnostics |= more
     return Estimate(inputs.time, legs, Legs(*deviations), distance, valid, diagnostics)
 
 
-def _one_leg(
-    p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions, model: Model
-) -> tuple[LegTrajectory, LegTrajectory, Values, Values, Flags]:
-    """Trajectory and deviations of one leg, log-likelihood, mean NIS, and (T,) bool of valid samples."""
+def _filtered(
+    p: LegParams, legs: LegSignals, inputs: LegInputs, options: LegOptions, model: Model
+) -> filtering.Inferred:
+    """The states of legs along a first axis, each with parameters of its own."""
+    return jax.vmap(lambda p, leg: _one_leg(p, leg, inputs, options, model))(p, legs)
+
+
+def _one_leg(p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions, model: Model) -> filtering.Inferred:
     inclinations = None
     if options.gravity:
-        segments = jax.tree.map(lambda *both: jnp.stack(both), *leg)
-        pair = jax.vmap(lambda segment: _incline(p, segment, inputs, options))(segments)
+        pair = jax.vmap(lambda segment: _incline(p, segment, inputs, options))(stacked(*leg))
         inclinations = (jax.tree.map(lambda v: v[0], pair), jax.tree.map(lambda v: v[1], pair))
     observations, controls, mask = observe(p, leg, inclinations, inputs, options)
-    rough = options.smooth and jnp.asarray(inputs.dt).dtype == jnp.float32  # rounding errors are worth a check
-    result = filtering.infer(
+    rough = options.smooth and inputs.dt.dtype == np.float32  # rounding errors are worth a check
+    return filtering.infer(
         model, model_params(p, leg), observations, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
         method=options.method, initial=prior_of(p, leg, inputs.start_variance, options),
         keep=(*(("cov",) if rough else ()), *filtering.SUMMARY), covariance=SPREAD,
     )  # fmt: skip
-    filtered = result.filtered.cov if rough else None
-    deviation = deviation_of(p, result.mean, result.cov, filtered)
-    return trajectory_of(result.mean), deviation, result.log_likelihood, result.nis, result.filtered.valid
+
+
+def _read_out(p: LegParams, states: filtering.Inferred) -> tuple[LegTrajectory, LegTrajectory, Values, Values, Flags]:
+    """Trajectory and deviations of one leg, log-likelihood, mean NIS, and (T,) bool of valid samples."""
+    deviation = deviation_of(p, states.mean, states.cov, states.filtered.cov)
+    return trajectory_of(states.mean), deviation, states.log_likelihood, states.nis, states.filtered.valid
 
 
 def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:

@@ -6,8 +6,8 @@ Source: Bennett et al. (2013), section V, for the accumulated displacement of th
 from collections.abc import Sequence
 
 import jax
-import jax.numpy as jnp
 
+from jgait.arrays import xp
 from jgait.estimators.ankle_stride.inputs import AnkleSignals
 from jgait.types import Flags, Legs, LegTrajectory, Values
 
@@ -22,9 +22,9 @@ def accumulated(leg: LegTrajectory, *, vertical: bool = True) -> Values:
     Of the possible vertical displacements, Σ |Δy| gives results closest to the paper's figures (deviation 6). The
     distance has a systematic error: it omits the movement of the hip during the swing of the foot.
     """
-    x, y = (jnp.diff(values, prepend=values[:1]) for values in (leg.x, leg.y))
-    forward = jnp.maximum(x, 0.0)
-    return jnp.cumsum(forward + jnp.abs(y) if vertical else forward)
+    x, y = (xp.diff(values, prepend=values[:1]) for values in (leg.x, leg.y))
+    forward = xp.maximum(x, 0.0)
+    return xp.cumsum(forward + xp.abs(y) if vertical else forward)
 
 
 def backward(leg: LegTrajectory, before: LegTrajectory, rollover_radius: Values) -> Values:
@@ -46,15 +46,15 @@ def stance_carried(legs: Legs, rollover_radius: Values, still: Flags) -> Values:
     distance.
     """
     worn = [leg for leg in (legs.right, legs.left) if leg is not None]
-    earlier = [jax.tree.map(lambda v: jnp.concatenate([v[:1], v[:-1]]), leg) for leg in worn]
+    earlier = [jax.tree.map(lambda v: xp.concatenate([v[:1], v[:-1]]), leg) for leg in worn]
     ways = [backward(leg, before, rollover_radius) for leg, before in zip(worn, earlier, strict=True)]
     if len(ways) == 2:
-        return jnp.cumsum(jnp.where(still, 0.0, jnp.maximum(jnp.maximum(ways[0], ways[1]), 0.0)))
-    back = jnp.where(still, 0.0, jnp.maximum(ways[0], 0.0))
-    moving = ~still & (jnp.abs(ways[0]) > MOVES_M)
-    count = jnp.maximum(jnp.sum(moving.astype(back.dtype)), 1.0)
-    share = jnp.sum((moving & (ways[0] > 0.0)).astype(back.dtype)) / count
-    return jnp.cumsum(back) / jnp.maximum(share, LEAST_SHARE)
+        return xp.cumsum(xp.where(still, 0.0, xp.maximum(xp.maximum(ways[0], ways[1]), 0.0)))
+    back = xp.where(still, 0.0, xp.maximum(ways[0], 0.0))
+    moving = ~still & (xp.abs(ways[0]) > MOVES_M)
+    count = xp.maximum(xp.sum(moving.astype(back.dtype)), 1.0)
+    share = xp.sum((moving & (ways[0] > 0.0)).astype(back.dtype)) / count
+    return xp.cumsum(back) / xp.maximum(share, LEAST_SHARE)
 
 
 def rescaled(way: Values, still: Flags, shanks: Sequence[AnkleSignals], total: Values) -> Values:
@@ -64,10 +64,10 @@ def rescaled(way: Values, still: Flags, shanks: Sequence[AnkleSignals], total: V
     between its first and its last foothold. If the person does not stand before or after them, the recording begins or
     ends in walking, and what is walked there is in the distance too. `still` (T,) is True where the person stands.
     """
-    covered, stood = [], jnp.cumsum(still)
+    covered, stood = [], xp.cumsum(still)
     for shank in shanks:
         begin, end = shank.begin[0], shank.end[shank.count - 1]
-        before = jnp.where((stood[begin] > 0) | shank.half[0], 0.0, way[begin])
-        after = jnp.where((stood[-1] > stood[end]) | shank.half[shank.count - 1], 0.0, way[-1] - way[end])
+        before = xp.where((stood[begin] > 0) | shank.half[0], 0.0, way[begin])
+        after = xp.where((stood[-1] > stood[end]) | shank.half[shank.count - 1], 0.0, way[-1] - way[end])
         covered.append(way[-1] - before - after)
-    return way * (total / jnp.maximum(jnp.mean(jnp.stack(covered)), 1e-6))
+    return way * (total / xp.maximum(xp.mean(xp.stack(covered)), 1e-6))

@@ -25,7 +25,7 @@ class StridesWay:
 
     def add(self, strides: Strides) -> float:
         """The distance after strides (n,) that have become known, in order [m]."""
-        ways = of_turns(strides.length, strides.turn, np)[0]
+        ways = of_turns(strides.length, strides.turn)[0]
         for side, way in zip(np.asarray(strides.side), ways, strict=True):
             if side != self._side:
                 # before the first stride of all, the other side has not had one either

@@ -6,9 +6,12 @@ import jax
 import jax.numpy as jnp
 
 from jgait import filtering
+from jgait.arrays import alike, xp
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins.params import FootOptions, FootParams
 from jgait.estimators.interface import Estimator, Prepared, with_measures
+from jgait.estimators.programs import compiled
+from jgait.estimators.sides import stacked
 from jgait.estimators.stride_width_ekf import model as stride_width_model
 from jgait.estimators.stride_width_ekf import readout as stride_width_readout
 from jgait.estimators.stride_width_ekf.about import ABOUT
@@ -47,16 +50,19 @@ def prior_of(p: WidthParams, inputs: WidthInputs) -> Belief:
     return stride_width_model.start_belief(right, left, p.start_width, p.start_across, p.start_along, p.start_heading)
 
 
-def _filtered(
-    p: WidthParams, inputs: WidthInputs, options: WidthOptions, model: Model, *, smooth: bool
-) -> filtering.Inferred:
-    across = inputs.distance + p.range_offset
-    return filtering.infer(
-        model, model_params(p), WidthObservation(across, jnp.zeros_like(across) + p.passing_offset), smooth=smooth,
-        dt=1.0, controls=WidthControl(inputs.right, inputs.left), mask=inputs.seen & inputs.valid,
-        method=options.method, initial=prior_of(p, inputs),
-        keep=(*filtering.SUMMARY, "innovation", "innovation_stddev"),
-    )  # fmt: skip
+def _filtered(p: WidthParams, ways: WidthInputs, options: WidthOptions, model: Model) -> filtering.Inferred:
+    """The states for each of some inputs along a first axis."""
+
+    def one(inputs: WidthInputs) -> filtering.Inferred:
+        across = inputs.distance + p.range_offset
+        return filtering.infer(
+            model, model_params(p), WidthObservation(across, jnp.zeros_like(across) + p.passing_offset),
+            smooth=options.smooth, dt=1.0, controls=WidthControl(inputs.right, inputs.left),
+            mask=inputs.seen & inputs.valid, method=options.method, initial=prior_of(p, inputs),
+            keep=(*filtering.SUMMARY, "innovation", "innovation_stddev"),
+        )  # fmt: skip
+
+    return jax.vmap(one)(ways)
 
 
 def _evidence(inferred: filtering.Inferred, other: filtering.Inferred) -> Values:
@@ -65,14 +71,14 @@ def _evidence(inferred: filtering.Inferred, other: filtering.Inferred) -> Values
     It is divided by the smaller mean normalised innovation squared of both, if that is above 1.
     """
     gained = inferred.log_likelihood - other.log_likelihood
-    return gained / jnp.maximum(jnp.minimum(inferred.nis, other.nis), 1.0)
+    return gained / xp.maximum(xp.minimum(inferred.nis, other.nis), 1.0)
 
 
 def _misfits(inferred: filtering.Inferred) -> Values:
     """Number of ranges with an innovation above `MISFIT`, across or along, whichever is larger."""
     filtered = inferred.filtered  # where masked, innovations are 0 and their deviations 1
     pairs = zip(filtered.innovation, filtered.innovation_stddev, strict=True)
-    return jnp.max(jnp.stack([jnp.sum(jnp.abs(innovation) > MISFIT * stddev) for innovation, stddev in pairs]))
+    return xp.max(xp.stack([xp.sum(xp.abs(innovation) > MISFIT * stddev) for innovation, stddev in pairs]))
 
 
 def run(
@@ -88,20 +94,20 @@ def run(
         and of `misfits` among them, see `MISFIT`; `log_likelihood` of the innovations and their mean normalised square
         `nis`; `swap_evidence`.
     """
+    p, inputs = alike(p, inputs)
     ways = (inputs, exchanged(inputs)) if options.check_swap else (inputs,)
-    together = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves]), *ways)
-    every = jax.vmap(lambda start: _filtered(p, start, options, model, smooth=options.smooth))(together)
+    every = compiled(_filtered)(p, stacked(*ways), options=options, model=model)
     inferred, *others = (jax.tree.map(lambda leaf, row=row: leaf[row], every) for row in range(len(ways)))
     mean, cov = inferred.mean, inferred.cov
-    used, misfits = jnp.sum(inputs.seen & inputs.valid), _misfits(inferred)
+    used, misfits = xp.sum(inputs.seen & inputs.valid), _misfits(inferred)
     values, spread = stride_width_readout.strides(p, inputs.strides, mean, cov)
     dtype = values.width.dtype
-    fits = misfits.astype(dtype) <= jnp.maximum(MOST_MISFITS * used.astype(dtype), 1.0)
+    fits = misfits.astype(dtype) <= xp.maximum(MOST_MISFITS * used.astype(dtype), 1.0)
     diagnostics = {
         **stride_width_readout.distances(p, mean, cov),
         "double_support": inputs.double_support,
         "turning": inputs.turning,
-        "width_valid": fits & jnp.isfinite(values.width) & (spread.width <= options.widest_stddev),
+        "width_valid": fits & xp.isfinite(values.width) & (spread.width <= options.widest_stddev),
         "ranges": used,
         "misfits": misfits,
         "log_likelihood": inferred.log_likelihood,
@@ -109,7 +115,7 @@ def run(
     }
     if others:
         diagnostics["swap_evidence"] = _evidence(inferred, *others)
-    level = jnp.zeros_like(inputs.height_right)
+    level = xp.zeros_like(inputs.height_right)
     feet = Feet(
         _track(mean.x_right, mean.y_right, inputs.height_right),
         _track(mean.x_right + mean.apart_x, mean.y_right + mean.apart_y, inputs.height_left),
@@ -126,7 +132,7 @@ def run(
 
 def _track(x: Values, y: Values, height: Values) -> FootTrajectory:
     """Position of a foot, without velocity and orientation."""
-    return FootTrajectory(jnp.stack([x, y, height], axis=1), None, None)
+    return FootTrajectory(xp.stack([x, y, height], axis=1), None, None)
 
 
 def _of_sum(cov: Covariance, a: str, b: str) -> Values:

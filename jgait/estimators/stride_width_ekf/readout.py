@@ -6,6 +6,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jgait.arrays import xp
+from jgait.estimators.programs import compiled
 from jgait.estimators.stride_width_ekf.inputs import StrideRows
 from jgait.estimators.stride_width_ekf.model import WidthState, between
 from jgait.estimators.stride_width_ekf.params import WidthParams
@@ -23,9 +25,16 @@ def with_stddev(
     """Functions of the state at every moment (N,), and their standard deviations by linearisation, for covariances
     (N, 10, 10).
     """
+    values, rows = compiled(_with_slopes)(states, read=read)
+    return values, [root(xp.sum(g[:, :, None] * cov * g[:, None, :], axis=(1, 2))) for g in rows]
+
+
+def _with_slopes(
+    states: WidthState, read: Callable[[WidthState], tuple[Values, ...]]
+) -> tuple[tuple[Values, ...], list[Values]]:
+    """Functions of each state, and their gradients (N, 10)."""
     values, slopes = jax.vmap(lambda state: (read(state), jax.jacrev(read)(state)))(states)
-    rows = [jnp.stack(jax.tree.leaves(slope), axis=-1) for slope in slopes]
-    return values, [root(jnp.sum(g[:, :, None] * cov * g[:, None, :], axis=(1, 2))) for g in rows]
+    return values, [jnp.stack(jax.tree.leaves(slope), axis=-1) for slope in slopes]
 
 
 def distances(p: WidthParams, states: WidthState, cov: Covariance) -> dict[str, Any]:
@@ -34,8 +43,8 @@ def distances(p: WidthParams, states: WidthState, cov: Covariance) -> dict[str, 
     return {
         "z1": z1,
         "z2": z2,
-        "z1_stddev": jnp.hypot(z1_stddev, p.offset_noise),
-        "z2_stddev": jnp.hypot(z2_stddev, p.passing_offset_noise),
+        "z1_stddev": xp.hypot(z1_stddev, p.offset_noise),
+        "z2_stddev": xp.hypot(z2_stddev, p.passing_offset_noise),
     }
 
 
@@ -48,25 +57,25 @@ def strides(p: WidthParams, rows: StrideRows, states: WidthState, cov: Covarianc
     between.
     """
     at, left = rows.moment, rows.side == 1
-    ends = jnp.stack(states, axis=1)[at]
-    order, sign = jnp.asarray(_EXCHANGED), jnp.asarray(_SIGNS, ends.dtype)
-    of_foot = WidthState(*jnp.where(left[:, None], sign[None] * ends[:, order], ends).T)
+    ends = xp.stack(states, axis=1)[at]
+    order, sign = xp.asarray(_EXCHANGED), xp.asarray(_SIGNS, ends.dtype)
+    of_foot = WidthState(*xp.where(left[:, None], sign[None] * ends[:, order], ends).T)
     dense = cov.dense()[at]
-    turned = jnp.where(left[:, None, None], jnp.outer(sign, sign)[None] * dense[:, order][:, :, order], dense)
+    turned = xp.where(left[:, None, None], xp.outer(sign, sign)[None] * dense[:, order][:, :, order], dense)
     (length, width, step), (length_stddev, width_stddev, step_stddev) = with_stddev(_of_right, of_foot, turned)
     line = rows.valid & rows.passed & (length >= SHORTEST_LINE)
-    side = jnp.where(left, -1.0, 1.0).astype(width.dtype)
-    nothing, zero = jnp.nan, jnp.zeros_like(width)
+    side = xp.where(left, -1.0, 1.0).astype(width.dtype)
+    nothing, zero = xp.nan, xp.zeros_like(width)
     values = Strides(
-        rows.side, rows.start, rows.final_contact, rows.end, jnp.where(rows.valid, length, zero),
-        jnp.where(line, side * width, nothing), rows.height, rows.valid, rows.standing, rows.standing_end,
-        jnp.where(rows.valid, length / jnp.where(rows.valid, rows.standing_end - rows.standing, 1.0), zero),
-        rows.turn, step_length=jnp.where(line, step, nothing),
+        rows.side, rows.start, rows.final_contact, rows.end, xp.where(rows.valid, length, zero),
+        xp.where(line, side * width, nothing), rows.height, rows.valid, rows.standing, rows.standing_end,
+        xp.where(rows.valid, length / xp.where(rows.valid, rows.standing_end - rows.standing, 1.0), zero),
+        rows.turn, step_length=xp.where(line, step, nothing),
     )  # fmt: skip
     spread = Strides(
-        rows.side, zero, zero, zero, jnp.where(rows.valid, length_stddev, zero),
-        jnp.where(line, jnp.hypot(width_stddev, p.offset_noise), nothing), zero, rows.valid,
-        step_length=jnp.where(line, jnp.hypot(step_stddev, p.passing_offset_noise), nothing),
+        rows.side, zero, zero, zero, xp.where(rows.valid, length_stddev, zero),
+        xp.where(line, xp.hypot(width_stddev, p.offset_noise), nothing), zero, rows.valid,
+        step_length=xp.where(line, xp.hypot(step_stddev, p.passing_offset_noise), nothing),
     )  # fmt: skip
     return values, spread
 
@@ -89,7 +98,7 @@ def _of_right(state: WidthState) -> tuple[Values, Values, Values]:
     x, y = state.moved_x_right, state.moved_y_right
     square = x * x + y * y
     some = square > 0.0
-    length = jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), 1e-6)
+    length = xp.where(some, xp.sqrt(xp.where(some, square, 1.0)), 1e-6)
     other_x = state.apart_x - state.moved_x_left + x
     other_y = state.apart_y - state.moved_y_left + y
     return length, (x * other_y - y * other_x) / length, (x * other_x + y * other_y) / length

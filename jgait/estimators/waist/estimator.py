@@ -3,13 +3,13 @@
 import itertools
 from functools import partial
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait.arrays import alike, interpolated, xp
 from jgait.estimators.checks import check_options
 from jgait.estimators.interface import Estimator, Prepared
+from jgait.estimators.programs import compiled
 from jgait.estimators.trust import wider
 from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist import readout as waist_distance
@@ -84,6 +84,7 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
         ValueError: options that are none.
     """
     check_options(options, KNOWN)
+    p, inputs = alike(p, inputs)
     motion = waist_motion.motion(p, inputs, smooth=options.smooth, method=options.method)
     intervals = waist_steps.intervals(p, inputs, motion)
     if options.distance == "fused":
@@ -91,23 +92,23 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
     elif options.distance == "pendulum":
         walked = waist_distance.by_pendulum(p, inputs, intervals)
     else:
-        speed, held = waist_distance.integrated_speed(p, inputs, motion, intervals)
-        start_sd = p.start_speed_sd * jnp.where(inputs.stood, 0.0, 1.0)
+        speed, held = compiled(waist_distance.integrated_speed)(p, inputs, motion, intervals)
+        start_sd = p.start_speed_sd * xp.where(inputs.stood, 0.0, 1.0)
         walked = waist_distance.by_integration(p, inputs, intervals, speed, held, start_sd)
     return stated(inputs, motion, intervals, walked)
 
 
 def stated(inputs: WaistInputs, motion: TrunkMotion, intervals: Intervals, walked: WaistWalk) -> Estimate:
     """The estimate that `run` returns: motion of the trunk, intervals between nodes and distances over them."""
-    row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
+    row = xp.arange(inputs.at.shape[0], dtype=xp.int32)
     there = row < inputs.count
-    distance, spread = _along(inputs, jnp.stack([walked.distance, walked.distance_sd], axis=1), there).T
+    distance, spread = _along(inputs, xp.stack([walked.distance, walked.distance_sd], axis=1), there).T
     strides, deviations, flags = _strides(inputs, intervals, walked, there)
     diagnostics = {
         **walked.told,
         **flags,
         "distance_stddev": spread,
-        "trunk_acceleration": jnp.stack([motion.forward, motion.left, motion.upward], axis=1),
+        "trunk_acceleration": xp.stack([motion.forward, motion.left, motion.upward], axis=1),
         "initial_contact": inputs.contact,
         "initial_contact_side": inputs.side,
         "initial_contact_side_probability": inputs.likely,
@@ -121,12 +122,12 @@ def stated(inputs: WaistInputs, motion: TrunkMotion, intervals: Intervals, walke
 
 def _along(inputs: WaistInputs, values: Values, there: PyTree) -> Values:
     """(T, m) values at nodes (n, m), interpolated linearly in time between nodes."""
-    row = jnp.arange(values.shape[0], dtype=jnp.int32).astype(values.dtype)
-    final = jnp.where(inputs.count > 0, values[jnp.maximum(inputs.count - 1, 0)], 0.0)
+    row = xp.arange(values.shape[0], dtype=xp.int32).astype(values.dtype)
+    final = xp.where(inputs.count > 0, values[xp.maximum(inputs.count - 1, 0)], 0.0)
     beyond = inputs.time[-1] + 1.0 + row
-    when = jnp.where(there, inputs.time[inputs.at], beyond)
-    known = jnp.where(there[:, None], values, final)
-    return jax.vmap(lambda column: jnp.interp(inputs.time, when, column), 1, 1)(known)
+    when = xp.where(there, inputs.time[inputs.at], beyond)
+    known = xp.where(there[:, None], values, final)
+    return interpolated(inputs.time, when, known)
 
 
 def _strides(
@@ -135,9 +136,9 @@ def _strides(
     """Strides of both feet, their standard deviations and flags; one row per node."""
     valid = inputs.stride & there
     start, end = earlier(inputs.contact, 2), inputs.contact
-    duration = jnp.maximum(end - start, 1e-3)
+    duration = xp.maximum(end - start, 1e-3)
     turn = intervals.turn + earlier(intervals.turn, 1)
-    nothing = jnp.full_like(end, jnp.nan)
+    nothing = xp.full_like(end, xp.nan)
     strides = Strides(
         side=inputs.side, start=start, final_contact=nothing, end=end, length=walked.stride, width=nothing,
         height=nothing, valid=valid, speed=walked.stride / duration, turn=turn, step_length=earlier(walked.step, 1),
@@ -147,7 +148,7 @@ def _strides(
         step_length=earlier(walked.step_sd, 1),
     )  # fmt: skip
     flags = {
-        "turning": valid & (jnp.abs(turn) > TURNING),
+        "turning": valid & (xp.abs(turn) > TURNING),
         "half": valid & closing(inputs),
         "unsure": valid & walked.unsure,
         "side_unknown": valid & (inputs.likely < SIDE_KNOWN),

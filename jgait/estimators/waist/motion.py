@@ -8,13 +8,14 @@ The walking direction is the low-passed direction of h: a low-pass on the headin
 separates turns of the walk from turns of the pelvis. The horizontal accelerations are rotated by the difference.
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import PyTree
 
 from jgait import filtering
+from jgait.arrays import xp
+from jgait.estimators.programs import compiled
 from jgait.estimators.waist import orientation as waist_orientation
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.orientation import TrunkControl, TrunkError, TrunkNoise, TrunkObservation, TrunkState
@@ -22,7 +23,7 @@ from jgait.estimators.waist.params import WaistParams
 from jgait.geometry.rotation import Quaternion, rotated
 from jgait.geometry.vectors import GRAVITY, Vector, subtract, vector
 from jgait.signal import butterworth
-from jgait.types import Values
+from jgait.types import Flags, Values
 
 LOST_RATE = 0.5
 """[rad/s] Standard deviation of the angular rate's error at lost samples."""
@@ -43,67 +44,65 @@ def motion(
     p: WaistParams, inputs: WaistInputs, *, smooth: bool = True, method: filtering.Method = filtering.EKF()
 ) -> TrunkMotion:
     """Motion of the trunk; with `smooth`, later samples correct earlier attitudes. Decisions on steps are not used."""
-    return _seen(p, inputs, _attitude(p, inputs, method, smooth=smooth).mean)
+    return _seen(p, inputs, _attitude(p, inputs, smooth, method).mean)
 
 
-def motion_and_misfit(p: WaistParams, inputs: WaistInputs) -> tuple[TrunkMotion, Values]:
+def motion_and_misfit(
+    p: WaistParams, inputs: WaistInputs, *, smooth: bool = True, method: filtering.Method = filtering.EKF()
+) -> tuple[TrunkMotion, Values]:
     """Motion of the trunk by the filter alone, and the sum of the normalised squared innovations of the accelerometer's
-    readings.
+    readings; the program is that of `motion`.
 
     A gyroscope with the wrong sign increases it: the leans from accelerometer and gyroscope then have opposite signs.
     """
-    posterior = _attitude(p, inputs, filtering.EKF(), smooth=False)
-    return _seen(p, inputs, posterior.mean), jnp.sum(posterior.nis)
+    filtered = _attitude(p, inputs, smooth, method).filtered
+    return _seen(p, inputs, filtered.mean), xp.sum(filtered.nis)
 
 
 def _seen(p: WaistParams, inputs: WaistInputs, state: TrunkState) -> TrunkMotion:
     """Motion of the trunk from an attitude and the readings of gyroscope and accelerometer."""
-    ones, zeros = jnp.ones_like(inputs.dt), jnp.zeros_like(inputs.dt)
+    ones, zeros = xp.ones_like(inputs.dt), xp.zeros_like(inputs.dt)
     force = rotated(state.attitude, subtract(vector(inputs.acc), state.acc_bias))
     rate = rotated(state.attitude, subtract(vector(inputs.gyr), state.gyr_bias))
     ahead = rotated(state.attitude, Vector(ones, zeros, zeros))
     counts = inputs.measured
-    x, y, z = (jnp.where(counts, part, 0.0) for part in (force.x, force.y, force.z - GRAVITY))
-    roll, pitch, yaw_rate = (jnp.where(counts, part, 0.0) for part in rate)
+    x, y, z = (xp.where(counts, part, 0.0) for part in (force.x, force.y, force.z - GRAVITY))
+    roll, pitch, yaw_rate = (xp.where(counts, part, 0.0) for part in rate)
     # the heading without jumps by a whole turn: the first heading plus the integral of the yaw rate
-    first = jnp.arctan2(ahead.y[0], ahead.x[0])
-    yaw = first + jnp.cumsum(yaw_rate * inputs.dt)
-    heading = butterworth.low_pass_until(yaw, p.heading_hz, inputs.rate_hz, inputs.last)
+    first = xp.arctan2(ahead.y[0], ahead.x[0])
+    yaw = first + xp.cumsum(yaw_rate * inputs.dt)
+    heading = compiled(butterworth.low_pass_until)(yaw, p.heading_hz, inputs.rate_hz, inputs.last)
     off = heading - yaw
-    level = jnp.sqrt(jnp.maximum(ahead.x * ahead.x + ahead.y * ahead.y, 1e-12))
+    level = xp.sqrt(xp.maximum(ahead.x * ahead.x + ahead.y * ahead.y, 1e-12))
     c, s = ahead.x / level, ahead.y / level
-    cosine, sine = c * jnp.cos(off) - s * jnp.sin(off), s * jnp.cos(off) + c * jnp.sin(off)
+    cosine, sine = c * xp.cos(off) - s * xp.sin(off), s * xp.cos(off) + c * xp.sin(off)
     return TrunkMotion(
         cosine * x + sine * y, cosine * y - sine * x, z, yaw_rate, heading, cosine * roll + sine * pitch
     )  # fmt: skip
 
 
-def _attitude(p: WaistParams, inputs: WaistInputs, method: filtering.Method, *, smooth: bool) -> Values:
-    """Attitude and biases at each sample, by the filter or the smoother."""
-    gyr = vector(0.5 * (inputs.gyr + jnp.concatenate([inputs.gyr[:1], inputs.gyr[:-1]])))
-    lost = jnp.where(inputs.measured, 0.0, LOST_RATE)
-    density = jnp.where(inputs.still, p.standing_noise**2, p.acc_noise**2)
+def _attitude(p: WaistParams, inputs: WaistInputs, smooth: bool, method: filtering.Method) -> filtering.Inferred:
+    """Attitude and biases at each sample, by the filter and, if `smooth`, by the smoother."""
+    gyr = vector(0.5 * (inputs.gyr + xp.concatenate([inputs.gyr[:1], inputs.gyr[:-1]])))
+    lost = xp.where(inputs.measured, 0.0, LOST_RATE)
+    density = xp.where(inputs.still, p.standing_noise**2, p.acc_noise**2)
     controls = TrunkControl(gyr, vector(inputs.acc), p.gyr_noise**2 + lost * lost * inputs.dt, density * inputs.rate_hz)
-    zero = jnp.zeros_like(inputs.dt)
     settled = p.gyr_noise * p.acc_noise / GRAVITY + inputs.start_variance
-    known = [jnp.zeros_like(inputs.rate_hz) + v for v in (settled, p.gyr_bias**2, p.sensor_bias**2)]
+    known = [xp.zeros_like(inputs.rate_hz) + v for v in (settled, p.gyr_bias**2, p.sensor_bias**2)]
     start = waist_orientation.belief(
         Quaternion(*(inputs.attitude[i] for i in range(4))), vector(inputs.gyr_bias),
         TrunkError(*(Vector(v, v, v) for v in known)),
     )  # fmt: skip
-    # covariances are not used
-    solve = (
-        partial(filtering.kalman_smoother, keep=(), covariance=False)
-        if smooth
-        else (partial(filtering.kalman_filter, keep=("mean", "nis")))
-    )
-    return solve(
-        waist_orientation.MODEL,
-        TrunkNoise(p.gyr_bias_walk**2, p.sensor_bias_walk**2),
-        TrunkObservation(Vector(zero, zero, zero)),
-        controls=controls,
-        dt=inputs.dt,
-        mask=inputs.measured,
-        initial=start,
-        method=method,
-    )
+    noise = TrunkNoise(p.gyr_bias_walk**2, p.sensor_bias_walk**2)
+    return compiled(_states)(noise, controls, inputs.dt, inputs.measured, start, smooth=smooth, method=method)
+
+
+def _states(
+    noise: TrunkNoise, controls: TrunkControl, dt: Values, measured: Flags, start: filtering.Belief, smooth: bool,
+    method: filtering.Method,
+) -> filtering.Inferred:  # fmt: skip
+    zero = jnp.zeros_like(dt)
+    return filtering.infer(
+        waist_orientation.MODEL, noise, TrunkObservation(Vector(zero, zero, zero)), smooth=smooth, controls=controls,
+        dt=dt, mask=measured, initial=start, method=method, keep=("mean", "nis"), covariance=False,
+    )  # fmt: skip

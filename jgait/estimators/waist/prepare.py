@@ -187,13 +187,13 @@ def _motion(
     A gyroscope that contradicts the accelerometer (see `CONTRADICTS`) is replaced: in a turn it would tip the trunk
     over, and no contact would be found behind the turn.
 
-    The motion is by the filter alone: smoothing moves contacts by a millisecond, and takes twice as long to compile.
+    The motion is by the filter alone: smoothing moves contacts by a millisecond.
     """
 
     def moved(turned: Imu, rested: TrunkRest) -> tuple[TrunkMotion, float]:
         inputs = _assembled(turned, axes, time, mask, rate, rested, NO_NODES)
         inputs = pad(inputs, bucket(len(time) + round(SILENCE * rate)))
-        motion, misfit = compiled(waist_motion.motion_and_misfit)(WaistParams(), inputs)
+        motion, misfit = waist_motion.motion_and_misfit(WaistParams(), inputs)
         return motion, float(misfit)
 
     candidates = []

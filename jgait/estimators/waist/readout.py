@@ -7,12 +7,12 @@ with its initial speed, zero from standing.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
-from jax import lax
 from jaxtyping import Array, PyTree
 
 from jgait import filtering
+from jgait.arrays import largest_so_far, put, xp
 from jgait.estimators.notes import LONGEST_LOSS
+from jgait.estimators.programs import compiled
 from jgait.estimators.waist import model as waist_model
 from jgait.estimators.waist import velocity_update
 from jgait.estimators.waist.inputs import WaistInputs
@@ -49,7 +49,7 @@ class WaistWalk(NamedTuple):
 
 def earlier(values: AnyArray, rows: int) -> Array:
     """(K,) values of a number of rows before; the first rows keep their values."""
-    return jnp.concatenate([values[:rows], values[:-rows]])
+    return xp.concatenate([values[:rows], values[:-rows]])
 
 
 def constant_variance(p: WaistParams) -> Values:
@@ -60,7 +60,7 @@ def constant_variance(p: WaistParams) -> Values:
 
 def model_params(p: WaistParams, stood: PyTree) -> WaistModelParams:
     """The model's parameters; `stood`: the person stood still, so that the accelerometer's bias is better known."""
-    known = jnp.where(stood, p.acc_bias, p.acc_bias_unknown)
+    known = xp.where(stood, p.acc_bias, p.acc_bias_unknown)
     return WaistModelParams(
         p.speed_noise**2, known**2, p.acc_bias_walk**2, p.acc_bias_turn**2, p.start_speed,
         p.start_speed_sd**2, p.standing_speed**2, p.pendulum_constant,
@@ -69,16 +69,16 @@ def model_params(p: WaistParams, stood: PyTree) -> WaistModelParams:
 
 def begun(inputs: WaistInputs) -> Values:
     """(K,) the row at which the bout of each node begins."""
-    row = jnp.arange(inputs.fresh.shape[0], dtype=jnp.int32)
-    return lax.cummax(jnp.where(inputs.fresh, row, 0))
+    row = xp.arange(inputs.fresh.shape[0], dtype=xp.int32)
+    return largest_so_far(xp.where(inputs.fresh, row, 0))
 
 
 def _turned(inputs: WaistInputs, intervals: Intervals) -> Values:
     """(K,) bool: the walk has turned by more than `TURNED` since the bout began."""
-    heading, first = jnp.cumsum(intervals.turn), begun(inputs)
-    row = jnp.arange(first.shape[0], dtype=jnp.int32)
-    away = jnp.abs(heading - heading[first]) > TURNED
-    return lax.cummax(jnp.where(away, row, -1)) >= first
+    heading, first = xp.cumsum(intervals.turn), begun(inputs)
+    row = xp.arange(first.shape[0], dtype=xp.int32)
+    away = xp.abs(heading - heading[first]) > TURNED
+    return largest_so_far(xp.where(away, row, -1)) >= first
 
 
 def bouts_begin(p: WaistParams, inputs: WaistInputs, like: Values) -> tuple[Values, Values]:
@@ -86,10 +86,9 @@ def bouts_begin(p: WaistParams, inputs: WaistInputs, like: Values) -> tuple[Valu
 
     The speeds have the dtype of `like` (T,).
     """
-    at = jnp.where(inputs.fresh, inputs.at, like.shape[0])
-    known = jnp.zeros_like(inputs.valid).at[at].set(True, mode="drop")
-    starts = jnp.where(inputs.stands, 0.0, p.start_speed)
-    return known, jnp.zeros_like(like).at[at].set(starts.astype(like.dtype), mode="drop")
+    at = xp.where(inputs.fresh, inputs.at, like.shape[0])
+    starts = xp.where(inputs.stands, 0.0, p.start_speed)
+    return put(xp.zeros_like(inputs.valid), at, True), put(xp.zeros_like(like), at, starts.astype(like.dtype))
 
 
 def integrated_speed(
@@ -101,24 +100,24 @@ def integrated_speed(
     cycles = Cycles(inputs.cycle_begin, inputs.cycle_end, inputs.cycles)
     covered = way(p.update, motion.forward, cycles, inputs.dt, start, mask=inputs.valid, known=known)
     here = covered.displacement[inputs.at]
-    duration = jnp.where(intervals.duration > 0.0, intervals.duration, 1.0)
-    ends = jnp.zeros_like(inputs.valid).at[inputs.cycle_end].max(covered.kept > 0.5)
+    duration = xp.where(intervals.duration > 0.0, intervals.duration, 1.0)
+    ends = put(xp.zeros_like(inputs.valid), inputs.cycle_end, covered.kept > 0.5, "max")
     ended = ends[inputs.at]
-    held = ended | jnp.concatenate([ended[1:], jnp.zeros_like(ended[:1])])
+    held = ended | xp.concatenate([ended[1:], xp.zeros_like(ended[:1])])
     return (here - earlier(here, 1)) / duration, held & inputs.steps
 
 
 def _beside(flags: Flags) -> Flags:
     """(K,) bool, within `EDGE_STEPS` nodes of one of these."""
-    none = jnp.zeros_like(flags[:1])
+    none = xp.zeros_like(flags[:1])
     for _ in range(EDGE_STEPS):
-        flags = flags | jnp.concatenate([none, flags[:-1]]) | jnp.concatenate([flags[1:], none])
+        flags = flags | xp.concatenate([none, flags[:-1]]) | xp.concatenate([flags[1:], none])
     return flags
 
 
 def closing(inputs: WaistInputs) -> Flags:
     """(K,) bool: the person stands at the next node, so that the step to this one closes a bout."""
-    return jnp.concatenate([inputs.stands[1:], jnp.zeros_like(inputs.stands[:1])]) & inputs.steps
+    return xp.concatenate([inputs.stands[1:], xp.zeros_like(inputs.stands[:1])]) & inputs.steps
 
 
 def _step_variance(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> Values:
@@ -126,13 +125,13 @@ def _step_variance(p: WaistParams, inputs: WaistInputs, intervals: Intervals) ->
 
     A bout ends in stopping also where no standing is detected after it: the person shuffles or sways there.
     """
-    row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
-    ends = jnp.concatenate([inputs.fresh[1:], jnp.zeros_like(inputs.fresh[:1])]) | (row == inputs.count - 1)
+    row = xp.arange(inputs.at.shape[0], dtype=xp.int32)
+    ends = xp.concatenate([inputs.fresh[1:], xp.zeros_like(inputs.fresh[:1])]) | (row == inputs.count - 1)
     edge = _beside(inputs.stands | (ends & inputs.moves))
-    lost = jnp.cumsum(jnp.where(inputs.measured, 0.0, inputs.dt))[inputs.at]
+    lost = xp.cumsum(xp.where(inputs.measured, 0.0, inputs.dt))[inputs.at]
     edge = edge | (lost - earlier(lost, 1) > LONGEST_LOSS)
     turned = (p.turn_noise * intervals.turn) ** 2
-    return p.step_noise**2 + turned + jnp.where(edge, p.edge_noise**2, 0.0)
+    return p.step_noise**2 + turned + xp.where(edge, p.edge_noise**2, 0.0)
 
 
 def fused(p: WaistParams, inputs: WaistInputs, intervals: Intervals, options: WaistOptions) -> WaistWalk:
@@ -145,11 +144,11 @@ def fused(p: WaistParams, inputs: WaistInputs, intervals: Intervals, options: Wa
     long, while the trunk, which was behind the foot, goes farther. The deviation of an integrated stride contains its
     difference from the pendulum's.
     """
-    row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
+    row = xp.arange(inputs.at.shape[0], dtype=xp.int32)
     there = row < inputs.count
     unsure = ~inputs.stood | _turned(inputs, intervals)
     dtype = intervals.gained.dtype
-    zero = jnp.zeros_like(intervals.gained)
+    zero = xp.zeros_like(intervals.gained)
     controls = WaistControl(
         gained=intervals.gained,
         went=intervals.went,
@@ -162,42 +161,49 @@ def fused(p: WaistParams, inputs: WaistInputs, intervals: Intervals, options: Wa
     stepped = inputs.steps & (intervals.pendulum > 0.0) & ~integrated & there
     mask = WaistObservation(stepped, inputs.stands & there)
     observed = WaistObservation(zero, zero)
-    known = model_params(p, jnp.any(inputs.still))
-    inferred = filtering.infer(
-        waist_model.MODEL, known, observed, smooth=options.smooth, controls=controls, dt=intervals.duration, mask=mask,
-        initial=waist_model.initial(known), method=options.method,
-    )  # fmt: skip
+    known = model_params(p, xp.any(inputs.still))
+    inferred = compiled(_states)(known, observed, controls, intervals.duration, mask, options=options)
     mean, variance = inferred.mean, inferred.cov.variances()
-    last = jnp.maximum(inputs.count - 1, 0)
+    last = xp.maximum(inputs.count - 1, 0)
     diagnostics = {"acc_bias": mean.bias[last], "log_likelihood": inferred.log_likelihood, "nis": inferred.nis}
     distance_sd, step_sd, stride_sd = (
         root(spread + constant_variance(p) * way**2) for way, spread in zip(mean[:3], variance[:3], strict=True)
     )
     swung = p.pendulum_constant * intervals.pendulum
     closes = closing(inputs)
-    stride = jnp.where(closes, earlier(mean.step, 1), mean.stride)
-    apart = stride - jnp.where(closes, 0.0, swung) - earlier(swung, 1)
-    stride_sd = root(stride_sd**2 + jnp.where(integrated | earlier(integrated, 1), apart, 0.0) ** 2)
+    stride = xp.where(closes, earlier(mean.step, 1), mean.stride)
+    apart = stride - xp.where(closes, 0.0, swung) - earlier(swung, 1)
+    stride_sd = root(stride_sd**2 + xp.where(integrated | earlier(integrated, 1), apart, 0.0) ** 2)
     return WaistWalk(mean.distance, distance_sd, mean.step, step_sd, stride, stride_sd, unsure, diagnostics)
+
+
+def _states(
+    known: WaistModelParams, observed: WaistObservation, controls: WaistControl, dt: Values, mask: WaistObservation,
+    options: WaistOptions,
+) -> filtering.Inferred:  # fmt: skip
+    return filtering.infer(
+        waist_model.MODEL, known, observed, smooth=options.smooth, controls=controls, dt=dt, mask=mask,
+        initial=waist_model.initial(known), method=options.method,
+    )  # fmt: skip
 
 
 def by_pendulum(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> WaistWalk:
     """Distance by the pendulum's steps alone; an interval from standing is half of the step after it."""
-    lengths = jnp.where(inputs.steps, p.pendulum_constant * intervals.pendulum, 0.0)
-    beside = jnp.maximum(jnp.concatenate([lengths[1:], lengths[:1]]), jnp.concatenate([lengths[:1], lengths[:-1]]))
+    lengths = xp.where(inputs.steps, p.pendulum_constant * intervals.pendulum, 0.0)
+    beside = xp.maximum(xp.concatenate([lengths[1:], lengths[:1]]), xp.concatenate([lengths[:1], lengths[:-1]]))
     begins = inputs.moves & ~inputs.steps & ~inputs.stands
-    step = jnp.where(begins, 0.5 * beside, lengths)
-    variance = jnp.where(inputs.moves, _step_variance(p, inputs, intervals), 0.0)
-    distance, share = jnp.cumsum(step), root(constant_variance(p))
+    step = xp.where(begins, 0.5 * beside, lengths)
+    variance = xp.where(inputs.moves, _step_variance(p, inputs, intervals), 0.0)
+    distance, share = xp.cumsum(step), root(constant_variance(p))
     stride, white = step + earlier(step, 1), variance + earlier(variance, 1)
     return WaistWalk(
         distance=distance,
-        distance_sd=root(jnp.cumsum(variance) + (share * distance) ** 2),
+        distance_sd=root(xp.cumsum(variance) + (share * distance) ** 2),
         step=step,
         step_sd=root(variance + (share * step) ** 2),
         stride=stride,
         stride_sd=root(white + (share * stride) ** 2),
-        unsure=jnp.zeros_like(inputs.steps),
+        unsure=xp.zeros_like(inputs.steps),
         told={},
     )
 
@@ -212,15 +218,15 @@ def by_integration(
     unknown, with the standard deviation `start_sd` (K,) [m/s]. Errors of bouts are taken to add up, because all bouts
     have the same bias. `speed` (K,) is the mean over each interval [m/s]; `held`: OFDRI holds it there.
     """
-    step = jnp.where(inputs.moves, intervals.duration * speed, 0.0)
-    distance = jnp.cumsum(step)
+    step = xp.where(inputs.moves, intervals.duration * speed, 0.0)
+    distance = xp.cumsum(step)
     turned = _turned(inputs, intervals)
-    known = jnp.where(jnp.any(inputs.still), p.acc_bias, p.acc_bias_unknown)
-    free = jnp.where(inputs.moves & (~held | ~inputs.stood), intervals.duration, 0.0)
-    bias = known + jnp.where(turned, p.acc_bias_turn, 0.0)
-    drifted = jnp.cumsum(bias * free)
+    known = xp.where(xp.any(inputs.still), p.acc_bias, p.acc_bias_unknown)
+    free = xp.where(inputs.moves & (~held | ~inputs.stood), intervals.duration, 0.0)
+    bias = known + xp.where(turned, p.acc_bias_turn, 0.0)
+    drifted = xp.cumsum(bias * free)
     wrong = start_sd + drifted - drifted[begun(inputs)]
-    off = jnp.cumsum(jnp.where(inputs.moves, wrong * intervals.duration, 0.0))
+    off = xp.cumsum(xp.where(inputs.moves, wrong * intervals.duration, 0.0))
     stride, two = step + earlier(step, 1), intervals.duration + earlier(intervals.duration, 1)
     spread = wrong * intervals.duration
     return WaistWalk(distance, off, step, spread, stride, wrong * two, ~inputs.stood | turned, {})

@@ -15,12 +15,14 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import PyTree
 
+from jgait.arrays import put, xp
+from jgait.estimators.programs import compiled
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.params import WaistParams
 from jgait.geometry.vectors import GRAVITY
 from jgait.signal import butterworth
-from jgait.types import Values
+from jgait.types import Flags, Values
 
 SURGE_HZ = 6.0
 """[Hz] Cut-off of the low-pass on the forward acceleration; it removes impacts at contacts from the trunk's speed."""
@@ -42,18 +44,35 @@ def intervals(p: WaistParams, inputs: WaistInputs, motion: TrunkMotion) -> Inter
     steps = inputs.dt
 
     def fast(x: Values) -> Values:
-        return x - butterworth.low_pass_until(x, p.excursion_hz, rate, last)
+        return x - compiled(butterworth.low_pass_until)(x, p.excursion_hz, rate, last)
 
     def integral(x: Values) -> Values:
-        return jnp.cumsum(0.5 * steps[:, None] * (x + jnp.concatenate([x[:1], x[:-1]])), axis=0)
+        return xp.cumsum(0.5 * steps[:, None] * (x + xp.concatenate([x[:1], x[:-1]])), axis=0)
 
-    upward = jnp.where(inputs.valid, motion.upward, 0.0)
-    forward = jnp.where(inputs.valid, motion.forward, 0.0)
-    gentle = butterworth.low_pass_until(forward, SURGE_HZ, rate, last)
-    velocity = fast(integral(fast(jnp.stack([upward, gentle], axis=1))))
+    upward = xp.where(inputs.valid, motion.upward, 0.0)
+    forward = xp.where(inputs.valid, motion.forward, 0.0)
+    gentle = compiled(butterworth.low_pass_until)(forward, SURGE_HZ, rate, last)
+    velocity = fast(integral(fast(xp.stack([upward, gentle], axis=1))))
     height, speed = fast(integral(velocity[:, :1]))[:, 0], velocity[:, 1]
-    node = jnp.zeros_like(inputs.valid).at[inputs.at].set(True)
-    after = jnp.concatenate([jnp.ones_like(node[:1]), node[:-1]])
+    node = put(xp.zeros_like(inputs.valid), inputs.at, True)
+    after = xp.concatenate([xp.ones_like(node[:1]), node[:-1]])
+
+    ranges_of = compiled(_ranges)(after, steps, forward, height, speed)
+    row = xp.arange(inputs.at.shape[0], dtype=xp.int32)
+    there = (row > 0) & (row < inputs.count)
+    before = inputs.at[xp.maximum(row - 1, 0)]
+    gained, went, excursion, surge = (xp.where(there, values[inputs.at], 0.0) for values in ranges_of)
+    duration = xp.where(there, (inputs.at - before).astype(forward.dtype) / rate, 0.0)
+    turn = xp.where(there, motion.heading[inputs.at] - motion.heading[before], 0.0)
+    steps_of = xp.exp(-p.turn_shortening * xp.abs(turn)) * pendulum(p, excursion, surge)
+    return Intervals(duration, gained, went, steps_of, turn)
+
+
+def _ranges(after: Flags, steps: Values, forward: Values, height: Values, speed: Values) -> tuple[Values, ...]:
+    """(T,) each: forward acceleration integrated since the last node, once and twice; ranges of height and speed.
+
+    `after` (T,) is True where a node was the sample before.
+    """
 
     def one(carry: PyTree, sample: PyTree) -> PyTree:
         change, way, top, bottom, fastest, slowest, before = carry
@@ -72,23 +91,15 @@ def intervals(p: WaistParams, inputs: WaistInputs, motion: TrunkMotion) -> Inter
 
     zero = jnp.zeros_like(forward[0])
     first = (zero, zero, height[0], height[0], speed[0], speed[0], (forward[0], height[0], speed[0]))
-    ranges_of = lax.scan(one, first, (after, steps, forward, height, speed))[1]
-    row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
-    there = (row > 0) & (row < inputs.count)
-    before = inputs.at[jnp.maximum(row - 1, 0)]
-    gained, went, excursion, surge = (jnp.where(there, values[inputs.at], 0.0) for values in ranges_of)
-    duration = jnp.where(there, (inputs.at - before).astype(forward.dtype) / rate, 0.0)
-    turn = jnp.where(there, motion.heading[inputs.at] - motion.heading[before], 0.0)
-    steps_of = jnp.exp(-p.turn_shortening * jnp.abs(turn)) * pendulum(p, excursion, surge)
-    return Intervals(duration, gained, went, steps_of, turn)
+    return lax.scan(one, first, (after, steps, forward, height, speed))[1]
 
 
 def pendulum(p: WaistParams, excursion: Values, surge: Values) -> Values:
     """λ of steps [m] from the ranges of the trunk's height and forward speed [m, m/s]; 0 where one is almost zero."""
-    high = jnp.minimum(excursion / p.pendulum_length, 1.0)
-    quick = surge / jnp.sqrt(GRAVITY * p.pendulum_length)
+    high = xp.minimum(excursion / p.pendulum_length, 1.0)
+    quick = surge / xp.sqrt(GRAVITY * p.pendulum_length)
     there = (high > 1e-6) & (quick > 1e-6)
-    high, quick = jnp.where(there, high, 0.1), jnp.where(there, quick, 0.1)
-    chord = jnp.log(2.0) + 0.5 * jnp.log(high * (2.0 - high))
-    relative = jnp.exp(p.excursion_power * chord + p.surge_power * jnp.log(quick))
-    return jnp.where(there, p.pendulum_length * relative, 0.0)
+    high, quick = xp.where(there, high, 0.1), xp.where(there, quick, 0.1)
+    chord = xp.log(2.0) + 0.5 * xp.log(high * (2.0 - high))
+    relative = xp.exp(p.excursion_power * chord + p.surge_power * xp.log(quick))
+    return xp.where(there, p.pendulum_length * relative, 0.0)
