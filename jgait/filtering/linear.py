@@ -48,9 +48,13 @@ class Linear:
 
     def over[T](self, function: Callable[..., T], *rows: Tree) -> T:
         """Outputs, batch behind, of a function of (parameters, values of one recording …)."""
-        values = jax.tree.map(lambda v: jnp.broadcast_to(v, (*v.shape[:-1], self.lanes)), list(rows))
-        axes = (self.axes, *(-1 for _ in rows))
-        return jax.vmap(function, in_axes=axes, out_axes=-1, axis_size=self.lanes)(self.params, *values)
+        return self._batched(function, len(rows))(self.params, *self._wide(list(rows)))
+
+    def _batched[T](self, function: Callable[..., T], rows: int) -> Callable[..., T]:
+        return jax.vmap(function, in_axes=(self.axes, *[-1] * rows), out_axes=-1, axis_size=self.lanes)
+
+    def _wide(self, rows: Tree) -> Tree:
+        return jax.tree.map(lambda v: jnp.broadcast_to(v, (*v.shape[:-1], self.lanes)), rows)
 
     def pushed(
         self, function: Callable[..., list[Array]], values: Tree, at: Rows, columns: list[Array]
@@ -59,8 +63,9 @@ class Linear:
 
         One linearisation for all columns: what it keeps of the function is computed once for each recording.
         """
-        value, along = jax.linearize(lambda *at: self.over(function, values, list(at)), *at)
-        return [lax.optimization_barrier(v) for v in value], jax.vmap(along)(*columns)
+        given = partial(self._batched(function, 2), self.params, self._wide(values))
+        value, along = jax.linearize(given, self._wide(list(at)))
+        return [lax.optimization_barrier(v) for v in value], jax.vmap(along)(columns)
 
     def transition(
         self, x: Rows, delta: Rows, P: Matrices, control: Rows, dt: Float[Array, "B"]

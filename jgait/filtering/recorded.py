@@ -77,6 +77,21 @@ class Recorded(Batched):
         return tuple(dict.fromkeys((*self.keep, *more))) if self.all else self.keep
 
     @property
+    def ahead(self) -> tuple[str, ...]:
+        """The outputs of the filter's scan, with what the smoother's needs."""
+        own = (name for name in self.names if name not in BACK)
+        return tuple(dict.fromkeys((*own, *(FOR_SMOOTHER if self.smooth else ()))))
+
+    @property
+    def behind(self) -> tuple[str, ...]:
+        """The outputs of the smoother's scan."""
+        return tuple(name for name in self.names if name in BACK)
+
+    def last(self, linear: Linear) -> After:
+        """λ and Λ after the last sample."""
+        return nothing_after(linear.width, linear.lanes, self.shape.dtype, bool(self.chosen))
+
+    @property
     def whole(self) -> "Recorded":
         """The same with the outputs that the gradient needs."""
         return replace(self, all=True) if linearises_once(self.method) else self
@@ -119,31 +134,27 @@ class Recorded(Batched):
         """The outputs, time axis in front and batch behind."""
         lanes = max(v.shape[-1] for v in arguments)
         linear, begin, samples = self.model(arguments, lanes)
-        busy = self.busy(samples, lanes)
-        ahead = tuple(name for name in self.names if name not in BACK)
-        if not self.smooth:
-            found = filter_scan(linear, begin, samples, ahead, busy)[1]
+        busy, length = self.busy(samples, lanes), len(samples.dt)
+        if self.all or not self.smooth or length <= self.segment:
+            found = filter_scan(linear, begin, samples, self.ahead, busy)[1]
+            if self.smooth:
+                found |= smoother_scan(found, self.chosen, self.last(linear), self.behind, busy)[1]
             return [found[name] if self.all else self.cut(name, found[name]) for name in self.names]
-        behind = tuple(name for name in self.names if name in BACK)
-        none = nothing_after(linear.width, lanes, self.shape.dtype, bool(self.chosen))
-        every = tuple(dict.fromkeys((*ahead, *FOR_SMOOTHER)))
 
-        def both(begin: Belief, none: After, samples: Sample, busy: Array | None) -> tuple[After, dict[str, Array]]:
-            named = filter_scan(linear, begin, samples, every, busy)[1]
-            later, back = smoother_scan(named, self.chosen, none, behind, busy)
-            found = named | back
-            return later, {name: found[name] if self.all else self.cut(name, found[name]) for name in self.names}
+        def smoothed(later: After, part: tuple[Belief, Sample, Array | None]) -> tuple[After, list[Array]]:
+            begin, samples, busy = part
+            found = filter_scan(linear, begin, samples, self.ahead, busy)[1]
+            later, back = smoother_scan(found, self.chosen, later, self.behind, busy)
+            found |= back
+            return later, [self.cut(name, found[name]) for name in self.names]
 
-        if self.all or len(samples.dt) <= self.segment:
-            found = both(begin, none, samples, busy)[1]
-            return [found[name] for name in self.names]
         # From the last segment to the first, each filtered again from the belief before it.
-        length, count = len(samples.dt), -(-len(samples.dt) // self.segment)
+        count = -(-length // self.segment)
         parts = jax.tree.map(lambda v: _folded(v, count, self.segment), samples)
         busy = jax.vmap(busy_samples)(parts) if busy is not None else None
         begins = lax.scan(lambda b, part: (filter_scan(linear, b, part[0], (), part[1])[0], b), begin, (parts, busy))[1]
-        outputs = lax.scan(lambda later, s: both(s[0], later, *s[1:]), none, (begins, parts, busy), reverse=True)[1]
-        return [outputs[name].reshape(-1, *outputs[name].shape[2:])[:length] for name in self.names]
+        outputs = lax.scan(smoothed, self.last(linear), (begins, parts, busy), reverse=True)[1]
+        return [v.reshape(-1, *v.shape[2:])[:length] for v in outputs]
 
     def reverse(
         self, moving: tuple[int, ...], arguments: list[Array], outputs: list[Array], cotangents: list[Array | None]

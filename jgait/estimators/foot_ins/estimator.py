@@ -111,13 +111,10 @@ def prior_of(p: FootParams, foot: FootSignals) -> Belief:
     return Belief(belief.mean._replace(acc_bias=vector(foot.acc_bias)), belief.cov.with_entries(bias))
 
 
-def _stands(foot: FootSignals, options: FootOptions) -> Flags:
-    """(T,) bool of the samples at which zero velocity is observed."""
-    return foot.valid if options.soft else foot.stands & foot.valid
-
-
-def _foot(p: FootParams, foot: FootSignals, options: FootOptions, stands: Flags) -> filtering.Inferred:
+def _states(p: FootParams, foot: FootSignals, once: Flags | bool = True, *, options: FootOptions) -> filtering.Inferred:
+    """The states of one foot; zero velocity is observed in stances, of samples that are `once`."""
     zero = jnp.zeros_like(foot.rate)
+    stands = (foot.valid if options.soft else foot.stands & foot.valid) & once
     return filtering.infer(
         foot_model.MODEL, model_params(p), FootObservation(Vector(zero, zero, zero), zero), smooth=options.smooth,
         controls=controls(p, foot, options), dt=foot.dt,
@@ -161,10 +158,10 @@ def likelihood(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT
     first = number != jnp.concatenate([number[:1] - 1.0, number[:-1]])
 
     def one(foot: FootSignals) -> Values:
-        alike = ALIKE * jnp.sum(jnp.sign(foot.dt)) / jnp.maximum(jnp.sum(foot.dt), ALIKE)
-        less = jnp.sqrt(jnp.maximum(alike, 1.0))
+        near = ALIKE * jnp.sum(jnp.sign(foot.dt)) / jnp.maximum(jnp.sum(foot.dt), ALIKE)
+        less = jnp.sqrt(jnp.maximum(near, 1.0))
         q = p._replace(velocity_noise=p.velocity_noise / less, rate_noise=p.rate_noise / less)
-        found = _foot(q, foot, options._replace(smooth=False), _stands(foot, options) & first).filtered
+        found = _states(q, foot, first, options=options._replace(smooth=False)).filtered
         return jnp.sum(found.student_t(FREEDOM))
 
     return jnp.sum(jax.vmap(one)(stacked(*_worn(inputs).values())))
@@ -186,7 +183,7 @@ class _Found(NamedTuple):
 
 def _filtered(p: FootParams, feet: FootSignals, options: FootOptions) -> filtering.Inferred:
     """The states of each of some feet along a first axis."""
-    return jax.vmap(lambda foot: _foot(p, foot, options, _stands(foot, options)))(feet)
+    return jax.vmap(partial(_states, options=options), (None, 0))(p, feet)
 
 
 def _paths(p: FootParams, feet: FootSignals, time: Values, options: FootOptions) -> _Found:
