@@ -27,7 +27,6 @@ from experiments.common.row import Row, show
 from jgait import filtering
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.leg_ekf import model as leg_model
-from jgait.geometry.vectors import Vector
 
 SAMPLES = 1024
 CORES = min(2, os.cpu_count() or 1)
@@ -57,16 +56,15 @@ def foot(count: int, samples: int, dtype: Any) -> Problem:
     acc = [swing * wave for wave in (3.0 * np.cos(2 * phase), 0.5 * np.sin(phase), 2.0 * np.sin(2 * phase))]
     acc[2] = acc[2] + 9.81
 
-    def noisy(waves: list[Any], noise: float) -> Vector:
-        return Vector(*(jnp.asarray(w + noise * rng.standard_normal(w.shape), dtype) for w in waves))
+    def noisy(waves: list[Any], noise: float) -> Any:
+        return jnp.stack([jnp.asarray(w + noise * rng.standard_normal(w.shape), dtype) for w in waves], axis=-1)
 
     restart = np.diff(swing.astype(float), axis=1, prepend=0.0) > 0.0
     every = [jnp.full((count, samples), value, dtype) for value in (1e-6, 1e-4, 1e-4)]
     controls = foot_model.FootControl(noisy(gyr, 0.01), noisy(acc, 0.02), *every, jnp.asarray(restart, dtype))
     rest = jnp.asarray(~swing)
-    zero = jnp.zeros((count, samples), dtype)
-    observed = foot_model.FootObservation(Vector(zero, zero, zero), None)
-    batch = observed, controls, foot_model.FootObservation(Vector(rest, rest, rest), None)
+    observed = foot_model.FootObservation(jnp.zeros((count, samples, 3), dtype), None)
+    batch = observed, controls, foot_model.FootObservation(rest, None)
     logs = jnp.log(jnp.asarray([0.05, 1e-9, 1e-8, 1e-4], dtype))
     model = foot_model.MODEL._replace(observation=_velocity, observation_noise=_velocity_noise)
     return Problem(model, logs, batch, dt, ("position", "velocity", "attitude"), foot_model.FootModelParams)

@@ -1,13 +1,14 @@
 """States of vectors and an attitude, and their errors: filters of motion share how one changes the other.
 
-A state is a tuple whose fields are `Vector`s and a `Quaternion`; in its error each field is a `Vector`: that of the
-attitude is a rotation vector in the world, δ with q' = exp(δ) q, that of a vector its difference.
+A state is a tuple of vectors (3,) and a quaternion (4,); in its error each field is a vector: that of the attitude is
+a rotation vector in the world, δ with q' = exp(δ) q, that of a vector its difference.
 """
 
 from jaxtyping import PyTree
 
-from jgait.geometry.rotation import Quaternion, conjugate, product, small_logarithm, small_turn
-from jgait.geometry.vectors import Vector, add, kept, subtract
+from jgait.geometry.rotation import Quaternion, conjugate, product, quaternion, small_logarithm, small_turn
+from jgait.geometry.vectors import as_array, kept, vector
+from jgait.types import Values
 
 
 def near_unit(q: Quaternion) -> Quaternion:
@@ -18,15 +19,21 @@ def near_unit(q: Quaternion) -> Quaternion:
 
 def retract(s: PyTree, e: PyTree) -> PyTree:
     """The state `s` changed by the error `e`, whose rotation is below a radian, see `rotation.small_turn`."""
-    return type(s)(*(
-        near_unit(product(small_turn(error), value)) if isinstance(value, Quaternion) else add(value, error)
-        for value, error in zip(s, e, strict=True)
-    ))  # fmt: skip
+    return type(s)(*(_moved(value, error) for value, error in zip(s, e, strict=True)))
 
 
-def differences(reference: PyTree, s: PyTree) -> list[Vector]:
+def _moved(value: Values, error: Values) -> Values:
+    if value.shape[-1] == 3:
+        return value + error
+    return as_array(near_unit(product(small_turn(vector(error)), quaternion(value))))
+
+
+def differences(reference: PyTree, s: PyTree) -> list[Values]:
     """The fields of the error of the state `s` relative to `reference`."""
-    return [
-        small_logarithm(product(value, conjugate(from_))) if isinstance(value, Quaternion) else subtract(value, from_)
-        for from_, value in zip(reference, s, strict=True)
-    ]
+    return [_between(from_, value) for from_, value in zip(reference, s, strict=True)]
+
+
+def _between(from_: Values, value: Values) -> Values:
+    if value.shape[-1] == 3:
+        return value - from_
+    return as_array(small_logarithm(product(quaternion(value), conjugate(quaternion(from_)))))

@@ -5,6 +5,7 @@ import math
 import jax
 
 from jgait.arrays import interpolated, xp
+from jgait.filtering import Covariance
 from jgait.types import Counts, Flags, Values
 
 
@@ -17,6 +18,12 @@ def stacked[Record](*records: Record) -> Record:
 def picked(index: Counts, *values: Values) -> tuple[Values, ...]:
     """The samples `index` (n,) of each of some signals (T,), by one function."""
     return tuple(xp.stack(values, axis=1)[index].T)
+
+
+def entries(cov: Covariance, name: str, pairs: tuple[str, ...]) -> list[Values]:
+    """Entries of the covariance (…, 3, 3) of a vector, by pairs of axes: "xx", "xy"."""
+    block: Values = cov[name, name]
+    return [block[..., "xyz".index(pair[0]), "xyz".index(pair[1])] for pair in pairs]
 
 
 def of_turns(length: Values, turn: Values) -> tuple[Values, Values]:

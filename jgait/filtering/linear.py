@@ -48,12 +48,13 @@ class Linear:
 
     def over[T](self, function: Callable[..., T], *rows: Tree) -> T:
         """Outputs, batch behind, of a function of (parameters, values of one recording …)."""
-        return self._batched(function, len(rows))(self.params, *self._wide(list(rows)))
+        values: list[Tree] = self._wide(list(rows))
+        return self._batched(function, len(rows))(self.params, *values)
 
     def _batched[T](self, function: Callable[..., T], rows: int) -> Callable[..., T]:
         return jax.vmap(function, in_axes=(self.axes, *[-1] * rows), out_axes=-1, axis_size=self.lanes)
 
-    def _wide(self, rows: Tree) -> Tree:
+    def _wide[T](self, rows: T) -> T:
         return jax.tree.map(lambda v: jnp.broadcast_to(v, (*v.shape[:-1], self.lanes)), rows)
 
     def pushed(

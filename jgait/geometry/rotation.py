@@ -49,6 +49,11 @@ class Quaternion(NamedTuple):
     z: Values
 
 
+def quaternion(values: Float[AnyArray, "*batch 4"]) -> Quaternion:
+    """The last axis (4,) of an array as components, w first; `vectors.as_array` is the inverse."""
+    return Quaternion(*(values[..., i] for i in range(4)))
+
+
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
     """The quaternion a b: the rotation b, followed by the rotation a."""
     return kept(Quaternion(
@@ -98,7 +103,7 @@ def exponential(v: Vector) -> Quaternion:
     """The quaternion of a rotation vector, (cos |v|/2, v/|v| sin |v|/2), by power series of |v|²/4.
 
     The series has no branches and is smooth at zero. It is for the rotation within one sample: the error is 1e-13 up
-    to 1 rad and 1e-7 up to π; the result is normalised. For larger rotations use `quaternion(rotation(v))`.
+    to 1 rad and 1e-7 up to π; the result is normalised.
     """
     square = 0.25 * (v.x * v.x + v.y * v.y + v.z * v.z)
     sine, cosine = (horner(terms, square) for terms in (_SINE, _COSINE))
@@ -133,11 +138,6 @@ def logarithm(q: Quaternion) -> Vector:
     series = 2.0 * (1.0 + square / 6.0 + 3.0 * square**2 / 40.0 + 15.0 * square**3 / 336.0)
     factor = sign * xp.where(near, series, far)
     return Vector(factor * q.x, factor * q.y, factor * q.z)
-
-
-def as_array(q: Quaternion) -> Float[Array, "*batch 4"]:
-    """The components along a last axis, w first."""
-    return xp.stack(q, axis=-1)
 
 
 def between(a: Vector, b: Vector) -> Quaternion:

@@ -30,6 +30,11 @@ def vector(values: Float[AnyArray, "*batch 3"]) -> Vector:
     return Vector(values[..., 0], values[..., 1], values[..., 2])
 
 
+def as_array(v: tuple[Values, ...]) -> Float[AnyArray, "*batch component"]:
+    """The components of a vector or a quaternion along a last axis."""
+    return xp.stack(v, axis=-1)
+
+
 def add(a: Vector, b: Vector) -> Vector:
     """The sum a + b."""
     return Vector(a.x + b.x, a.y + b.y, a.z + b.z)

@@ -11,7 +11,6 @@ from jgait import filtering
 from jgait.estimators.leg_ekf import inclination
 from jgait.estimators.leg_ekf import model as leg_model
 from jgait.filtering import EKF, FIELDS, Belief, Covariance, Model
-from jgait.geometry.vectors import Vector
 
 SAMPLES = 12
 ONCE = EKF()
@@ -210,10 +209,10 @@ def case(name: str, samples: int = SAMPLES, masked: bool = True) -> Case:
         arrays = seen, Push(series(), Fault(*(np.zeros(samples),) * 3)), dt, mask(seen)
         return Case(LINE, jnp.asarray(3.0), *on_device(arrays))
     if name == "inclination":
-        up = Vector(series(0.1), series(0.1), 1.0 + series(0.1))
-        seen = inclination.InclinationObservation(up, Vector(series(0.1), series(0.1), series(0.1)))
+        up = np.stack([series(0.1), series(0.1), 1.0 + series(0.1)], axis=1)
+        seen = inclination.InclinationObservation(up, np.stack([series(0.1) for _ in range(3)], axis=1))
         still = rng.random(samples) > 0.5
-        rate = Vector(series(), series(), series())
+        rate = np.stack([series() for _ in range(3)], axis=1)
         arrays = seen, inclination.InclinationControl(rate, still, here), 0.2 * dt, mask(seen)
         return Case(inclination.MODEL, inclination.InclinationNoise(), *on_device(arrays))
     params = leg_model.LegModelParams(0.4, 0.41, 1e-6, 1.0, 1e-8, 1e-3, 2e-3, 1e-4)

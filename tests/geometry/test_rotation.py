@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from jgait.geometry.rotation import (
     Quaternion,
-    as_array,
     between,
     conjugate,
     exponential,
@@ -22,7 +21,7 @@ from jgait.geometry.rotation import (
     small_turn,
     turn,
 )
-from jgait.geometry.vectors import Vector
+from jgait.geometry.vectors import Vector, as_array
 
 RNG = np.random.default_rng(0)
 START = RNG.bit_generator.state

@@ -15,7 +15,7 @@ from jgait.estimators.ankle_stride import model as ankle_model
 from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.about import ABOUT
 from jgait.estimators.ankle_stride.inputs import AnkleInputs, AnkleSignals
-from jgait.estimators.ankle_stride.model import AnkleControl, AnkleError
+from jgait.estimators.ankle_stride.model import AnkleControl, AnkleError, AnkleObservation
 from jgait.estimators.ankle_stride.params import (
     DEFAULT,
     KNOWN,
@@ -34,8 +34,8 @@ from jgait.estimators.notes import LEVER_IMPLAUSIBLE
 from jgait.estimators.programs import compiled
 from jgait.estimators.sides import along, of_turns, stacked
 from jgait.filtering import Belief
-from jgait.geometry.rotation import Quaternion, rotated
-from jgait.geometry.vectors import Vector, cross, dot, root, subtract, vector
+from jgait.geometry.rotation import quaternion, rotated
+from jgait.geometry.vectors import as_array, cross, dot, root, subtract, vector
 from jgait.signal import butterworth
 from jgait.types import SIDES, Counts, Estimate, Flags, Legs, Recording, Strides, Values
 
@@ -70,15 +70,15 @@ def _mean_over_interval(values: Values) -> Values:
     return xp.concatenate([values[:1], 0.5 * (values[1:] + values[:-1])])
 
 
-def control(p: AnkleParams, now: PyTree, rate: Vector, gyr: Vector, acc: Vector) -> AnkleControl:
-    """Readings of the sensor and variances of their errors, for one sample or, elementwise, for many.
+def control(p: AnkleParams, now: PyTree, rate: Values, gyr: Values, acc: Values) -> AnkleControl:
+    """Readings of the sensor (…, 3) and variances of their errors, for one sample or for many.
 
     An error that is white over an interval h has the density σ² h. `now` has the jumps, doubts, dt, restart, rate_hz
     and gyr_bias of `AnkleSignals`; `rate` is the angular rate at the sample, `gyr` the mean over the interval [rad/s],
     `acc` the mean specific force over it [m/s²].
     """
     h = now.dt
-    free = subtract(rate, vector(now.gyr_bias))
+    free = subtract(vector(rate), vector(now.gyr_bias))
     together = xp.maximum(TOGETHER_S * now.rate_hz, 1.0)
     over = FootControl(
         gyr=gyr,
@@ -93,45 +93,42 @@ def control(p: AnkleParams, now: PyTree, rate: Vector, gyr: Vector, acc: Vector)
 
 def prior_of(p: AnkleParams, leg: AnkleSignals, gyr: Values) -> Belief:
     """The belief at the first stance: tilt from gravity, the ankle at rest, the lever of the sensor's placement."""
-    attitude = Quaternion(*(leg.attitude[i] for i in range(4)))
-    return standing_prior(p, leg, attitude, vector(gyr[xp.argmax(leg.valid)]))
+    return standing_prior(p, leg, leg.attitude, gyr[xp.argmax(leg.valid)])
 
 
-def standing_prior(p: AnkleParams, leg: PyTree, attitude: Quaternion, rate: Vector) -> Belief:
+def standing_prior(p: AnkleParams, leg: PyTree, attitude: Values, rate: Values) -> Belief:
     """The belief at a stance, without any information from before it, for an attitude from gravity and a rate [rad/s].
 
     `leg` has the gyr_bias, still_time and mid_shank of `AnkleSignals`.
     """
-    dtype = rate.x.dtype
-    bias = vector(leg.gyr_bias)
-    lever = Vector(*(xp.asarray(v, dtype) for v in ankle_strides.lever_of(p, leg)))
-    velocity = rotated(attitude, cross(subtract(rate, bias), lever))
+    dtype = rate.dtype
+    lever = xp.stack([xp.asarray(v, dtype) for v in ankle_strides.lever_of(p, leg)])
+    velocity = rotated(quaternion(attitude), cross(vector(rate - leg.gyr_bias), vector(lever)))
     stood = leg.still_time > 0.0
     rested = p.gyr_bias**2 + (p.sway / xp.where(stood, leg.still_time, 1.0)) ** 2
     biased = xp.where(stood, rested, p.gyr_bias_unknown**2)
-    zero = xp.zeros((), dtype)
-    along, across, tilt = (zero + v**2 for v in (p.lever_along_sd, p.lever_across_sd, p.tilt))
+    along, across, tilt = (xp.asarray(v, dtype) ** 2 for v in (p.lever_along_sd, p.lever_across_sd, p.tilt))
+    zero = xp.zeros_like(lever)
     variances = AnkleError(
-        position=Vector(*(zero + AGAIN,) * 3),
-        velocity=Vector(*(zero + 0.04,) * 3),
-        attitude=Vector(tilt, tilt, zero + 1e-8),
-        gyr_bias=Vector(*(zero + biased,) * 3),
-        acc_bias=Vector(*(zero + p.acc_bias**2,) * 3),
-        lever=Vector(across, across, along),
+        position=zero + AGAIN,
+        velocity=zero + 0.04,
+        attitude=xp.stack([tilt, tilt, xp.asarray(1e-8, dtype)]),
+        gyr_bias=zero + biased,
+        acc_bias=zero + p.acc_bias**2,
+        lever=xp.stack([across, across, along]),
     )
-    return ankle_model.standing_belief(attitude, velocity, bias, lever, variances)
+    return ankle_model.standing_belief(attitude, as_array(velocity), leg.gyr_bias, lever, variances)
 
 
 def _filtered(
     p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values, options: AnkleOptions, levers: bool
 ) -> filtering.Inferred:
-    zero = xp.zeros_like(leg.dt)
     stands = leg.stands & leg.valid
     return filtering.infer(
-        ankle_model.MODEL, model_params(p), Vector(zero, zero, zero), smooth=options.smooth,
-        controls=control(p, leg, vector(gyr), *(vector(_mean_over_interval(v)) for v in (gyr, acc))), dt=leg.dt,
-        mask=Vector(stands, stands, stands), method=options.method, initial=prior_of(p, leg, gyr),
-        covariance=("position", "attitude.z", *(("lever",) if levers else ())),
+        ankle_model.MODEL, model_params(p), AnkleObservation(xp.zeros_like(gyr)), smooth=options.smooth,
+        controls=control(p, leg, gyr, *(_mean_over_interval(v) for v in (gyr, acc))), dt=leg.dt,
+        mask=AnkleObservation(stands), method=options.method, initial=prior_of(p, leg, gyr),
+        covariance=("position", "attitude", *(("lever",) if levers else ())),
     )  # fmt: skip
 
 
@@ -177,13 +174,13 @@ def _of_leg(p: AnkleParams, leg: AnkleSignals, side: Counts, states: filtering.I
     told = {
         "log_likelihood": states.log_likelihood,
         "nis": states.nis,
-        "lever": xp.stack([part[last] for part in states.mean.lever]),
-        "lever_off": ankle_strides.off(states.mean.lever, ankle_strides.lever_of(p, leg))[last],
-        "gyr_bias": xp.stack([part[last] for part in states.mean.gyr_bias]),
+        "lever": states.mean.lever[last],
+        "lever_off": ankle_strides.off(vector(states.mean.lever), ankle_strides.lever_of(p, leg))[last],
+        "gyr_bias": states.mean.gyr_bias[last],
     }
     spread = states.cov.stddev().lever
-    if spread.x is not None:
-        told["lever_stddev"] = xp.stack([part[last] for part in spread])
+    if spread is not None:
+        told["lever_stddev"] = spread[last]
     way, turned = of_turns(strides.length, strides.turn)
     ways = _along(time, strides, [way, deviations.length**2, turned])
     return _Walked(strides, deviations, flags, told, leg.valid & states.filtered.valid, ways)

@@ -20,49 +20,62 @@ E. Foxlin, "Pedestrian tracking with shoe-mounted inertial sensors", IEEE CG&A 2
 
 from typing import NamedTuple
 
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
 from jgait.estimators.error_state import differences, retract
 from jgait.estimators.foot_ins import model as foot_model
-from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootModelParams, FootState
+from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootModelParams, FootState, Three
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.rotation import Quaternion, rotated
-from jgait.geometry.vectors import Vector, cross, subtract
-from jgait.types import Values
+from jgait.geometry.rotation import quaternion, rotated
+from jgait.geometry.vectors import as_array, cross, subtract, vector
+from jgait.types import AnyArray, Values
 
 
 class AnkleState(NamedTuple):
     """Ankle's position since the stride began [m], sensor's velocity [m/s], q_ws, biases [rad/s], [m/s²], r [m]."""
 
-    position: Vector
-    velocity: Vector
-    attitude: Quaternion
-    gyr_bias: Vector
-    acc_bias: Vector
-    lever: Vector
+    position: Three
+    velocity: Three
+    attitude: Float[AnyArray, "*batch 4"]
+    gyr_bias: Three
+    acc_bias: Three
+    lever: Three
 
 
 class AnkleError(NamedTuple):
-    """Error of an `AnkleState`; the error of the attitude is a rotation vector in the world [rad]."""
+    """Error of an `AnkleState`; the error of the attitude is a rotation vector in the world [rad].
 
-    position: Vector
-    velocity: Vector
-    attitude: Vector
-    gyr_bias: Vector
-    acc_bias: Vector
-    lever: Vector
+    As variances: a number is the variance of each component.
+    """
+
+    position: Three | Values
+    velocity: Three | Values
+    attitude: Three | Values
+    gyr_bias: Three | Values
+    acc_bias: Three | Values
+    lever: Three | Values
 
 
 class AnkleControl(NamedTuple):
     """Mean readings over the interval up to the sample, see `FootControl`, and the rate at the sample [rad/s]."""
 
     over: FootControl
-    rate: Vector
+    rate: Three
+
+
+class AnkleObservation(NamedTuple):
+    """Velocity of the ankle while it stands [m/s]; as a mask, whether it stands."""
+
+    velocity: Three | Values | Bool[AnyArray, "*batch"]
 
 
 def transition(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Values) -> AnkleState:
     """Strapdown of the sensor over one interval, and the displacement of the ankle."""
     moved = foot_model.transition(p, _sensor(s), u.over, dt)
-    swung = subtract(rotated(moved.attitude, s.lever), rotated(s.attitude, s.lever))
-    return AnkleState(*moved._replace(position=subtract(moved.position, swung)), s.lever)
+    after, before = (rotated(quaternion(q), vector(s.lever)) for q in (moved.attitude, s.attitude))
+    return AnkleState(*moved._replace(position=moved.position - as_array(subtract(after, before))), s.lever)
 
 
 def transition_noise(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Values) -> Covariance:
@@ -72,27 +85,25 @@ def transition_noise(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Val
     """
     foot_noise = foot_model.transition_noise(p, _sensor(s), u.over, dt)
     v = foot_noise.variances()
-    every = AnkleError(v.position, v.velocity, v.attitude, v.gyr_bias, v.acc_bias, Vector(_STILL, _STILL, _STILL))
-    crossed = {
-        (f"position.{axis}", f"velocity.{axis}"): foot_noise[f"position.{axis}", f"velocity.{axis}"] for axis in "xyz"
-    }
+    every = AnkleError(v.position, v.velocity, v.attitude, v.gyr_bias, v.acc_bias, _STILL)
+    crossed = {("position", "velocity"): foot_noise["position", "velocity"]}
     return Covariance.from_variances(every).with_entries(crossed)
 
 
 _STILL = 1e-18
 
 
-def observation(p: FootModelParams, s: AnkleState, u: AnkleControl) -> Vector:
+def observation(p: FootModelParams, s: AnkleState, u: AnkleControl) -> AnkleObservation:
     """Velocity of the ankle [m/s], zero while it stands."""
     del p
-    through = rotated(s.attitude, cross(subtract(u.rate, s.gyr_bias), s.lever))
-    return subtract(s.velocity, through)
+    through = rotated(quaternion(s.attitude), cross(vector(u.rate - s.gyr_bias), vector(s.lever)))
+    return AnkleObservation(s.velocity - as_array(through))
 
 
-def observation_noise(p: FootModelParams, s: AnkleState, u: AnkleControl) -> Vector:
+def observation_noise(p: FootModelParams, s: AnkleState, u: AnkleControl) -> AnkleObservation:
     """Variance of the zero velocity, for each sample from the control."""
     del p, s
-    return Vector(*(u.over.velocity_variance,) * 3)
+    return AnkleObservation(u.over.velocity_variance)
 
 
 def local(reference: AnkleState, s: AnkleState) -> AnkleError:
@@ -103,19 +114,15 @@ def local(reference: AnkleState, s: AnkleState) -> AnkleError:
 def initial(p: FootModelParams) -> Belief:
     """The belief of a sensor at rest and level, its z axis up, the ankle 0.1 m below it."""
     del p
-    nothing = Vector(0.0, 0.0, 0.0)
-    return standing_belief(
-        Quaternion(1.0, 0.0, 0.0, 0.0), nothing, nothing, Vector(0.0, 0.0, 0.1),
-        AnkleError(*(Vector(v, v, v) for v in (AGAIN, 1e-2, 4e-4, 1e-6, 4e-4, 1e-4))),
-    )  # fmt: skip
+    variances = AnkleError(AGAIN, 1e-2, 4e-4, 1e-6, 4e-4, 1e-4)
+    return standing_belief(np.eye(4)[0], np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 0.1]), variances)
 
 
 def standing_belief(
-    attitude: Quaternion, velocity: Vector, gyr_bias: Vector, lever: Vector, variances: AnkleError
+    attitude: Values, velocity: Values, gyr_bias: Values, lever: Values, variances: AnkleError
 ) -> Belief:
     """The belief at a stance, before its sample: the sensor's velocity [m/s] and lever from the ankle [m]."""
-    zero = 0.0 * gyr_bias.x
-    nothing = Vector(zero, zero, zero)
+    nothing = jnp.zeros_like(gyr_bias)
     mean = AnkleState(nothing, velocity, attitude, gyr_bias, nothing, lever)
     return Belief(mean, Covariance.from_variances(variances))
 

@@ -33,6 +33,7 @@ from jgait.estimators import trust
 from jgait.estimators.ankle_stride import model as ankle_model
 from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.estimator import control, model_params, standing_prior
+from jgait.estimators.ankle_stride.model import AnkleObservation
 from jgait.estimators.ankle_stride.params import AnkleParams
 from jgait.estimators.ankle_stride.prepare import LOST_FORCE, LOST_RATE, STANDING
 from jgait.estimators.ankle_stride.readout import Heading
@@ -43,7 +44,7 @@ from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.filtering import Belief
 from jgait.geometry.rotation import between
-from jgait.geometry.vectors import Vector, vector, wrapped
+from jgait.geometry.vectors import Vector, as_array, vector, wrapped
 from jgait.signal import butterworth
 from jgait.signal.counted import scanned
 from jgait.signal.marks import latest
@@ -155,7 +156,7 @@ def level_prior(p: AnkleParams, worn: Worn, x: Values) -> Belief:
     """The belief of a leg that stands, with the tilt from the specific force."""
     ones, zeros = jnp.ones_like(x[0]), jnp.zeros_like(x[0])
     attitude = between(vector(x[3:]), Vector(zeros, zeros, ones))
-    return standing_prior(p, worn, attitude, vector(x[:3])).joined()
+    return standing_prior(p, worn, as_array(attitude), x[:3]).joined()
 
 
 class _Delayed(NamedTuple):
@@ -284,15 +285,14 @@ def _filtered(
     goes, turned, moved = held_bridge(event.row[:, 8], event.lost, 1.0 / worn.rate_hz, LOST_RATE, LOST_FORCE)
     dt = jnp.where(goes, dt, 0.0)
     now = _Delayed(*jumps, turned, moved, dt, event.restart, worn.rate_hz, worn.gyr_bias)
-    driven = control(p, now, vector(event.row[:, :3]), vector(mean[:, :3]), vector(mean[:, 3:]))
-    zero, observed = jnp.zeros_like(dt), event.stands & real
+    driven = control(p, now, event.row[:, :3], mean[:, :3], mean[:, 3:])
     return filtering.kalman_filter(
         ankle_model.MODEL,
         model_params(p),
-        Vector(zero, zero, zero),
+        AnkleObservation(jnp.zeros_like(mean[:, :3])),
         controls=driven,
         dt=dt,
-        mask=Vector(observed, observed, observed),
+        mask=AnkleObservation(event.stands & real),
         initial=initial,
         keep=("mean", "cov", "nis", "count", "valid"),
     )
@@ -313,7 +313,7 @@ def _strides(
     """The strides that would end at each of the filter's samples (T,), standard deviations, flags; `here` is the
     heading at which each begins, `nis` the mean normalised innovation squared since then.
     """
-    way = ankle_strides.measured(posterior.mean.position, ankle_strides.across(posterior.cov))
+    way = ankle_strides.measured(vector(posterior.mean.position), ankle_strides.across(posterior.cov))
     there = ankle_strides.heading(posterior.mean, posterior.cov)
     swung = event.swung
     follows = swung.leaves - event.landed <= shank_stance.PAUSE_S
@@ -324,7 +324,7 @@ def _strides(
     ends = event.ends & event.began & (event.lost <= LONGEST_LOSS)
     strides = ankle_strides.table(worn.side, times, duration, way.length, way.height, turn, ends)
     stddev = ankle_strides.deviations(p, strides, way, here, there, duration)
-    away = ankle_strides.off(posterior.mean.lever, ankle_strides.lever_of(p, worn)) > ankle_strides.FARTHEST_OFF
+    away = ankle_strides.off(vector(posterior.mean.lever), ankle_strides.lever_of(p, worn)) > ankle_strides.FARTHEST_OFF
     doubt = trust.doubtful(strides, stddev, nis) | away | event.long
     return strides, stddev, ankle_strides.flags(strides, half=~follows | event.half, doubtful=doubt)
 

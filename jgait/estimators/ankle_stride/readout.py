@@ -11,11 +11,11 @@ from jgait.estimators.ankle_stride import length as stride_length
 from jgait.estimators.ankle_stride.inputs import AnkleSignals
 from jgait.estimators.ankle_stride.model import AnkleState
 from jgait.estimators.ankle_stride.params import AnkleParams
-from jgait.estimators.sides import picked
+from jgait.estimators.sides import entries, picked
 from jgait.estimators.stride_flags import STAIRS_M
 from jgait.filtering import Covariance
-from jgait.geometry.rotation import rotated
-from jgait.geometry.vectors import Vector, root, wrapped
+from jgait.geometry.rotation import quaternion, rotated
+from jgait.geometry.vectors import Vector, root, vector, wrapped
 from jgait.signal import marks
 from jgait.types import Counts, Strides, Values
 
@@ -40,8 +40,8 @@ def from_filter(
 ) -> tuple[Strides, Strides, dict[str, Values]]:
     """Strides of one leg (0 right, 1 left) from the states of the filter, their standard deviations, and flags."""
     yaw = heading(state, cov)
-    x, y, z, *entries = picked(leg.end, *state.position, *across(cov))
-    way = measured(Vector(x, y, z), tuple(entries))
+    x, y, z, *spread = picked(leg.end, *vector(state.position), *across(cov))
+    way = measured(Vector(x, y, z), tuple(spread))
     here, there = (Heading(*picked(at, *yaw)) for at in (leg.begin, leg.end))
     strides = told(leg, side, way.length, way.height, wrapped(there.angle - here.angle))
     return (
@@ -69,23 +69,24 @@ class Heading(NamedTuple):
 
 def across(cov: Covariance) -> tuple[Values, Values, Values, Values]:
     """The entries of a position's covariance that `measured` takes."""
-    xx, xy, yy, zz = (cov[f"position.{a}", f"position.{b}"] for a, b in ("xx", "xy", "yy", "zz"))
+    xx, xy, yy, zz = entries(cov, "position", ("xx", "xy", "yy", "zz"))
     return xx, xy, yy, zz
 
 
-def measured(way: Vector, entries: tuple[Values, Values, Values, Values]) -> Way:
+def measured(way: Vector, spread: tuple[Values, Values, Values, Values]) -> Way:
     """A stride from the ankle's position at the stride's end, counted from the stride's begin; entries of `across`."""
     length = root(way.x * way.x + way.y * way.y)
     x, y = (part / xp.maximum(length, 1e-6) for part in (way.x, way.y))
-    xx, xy, yy, zz = entries
+    xx, xy, yy, zz = spread
     return Way(length, way.z, xp.maximum(x * x * xx + 2.0 * x * y * xy + y * y * yy, 0.0), zz)
 
 
 def heading(state: AnkleState, cov: Covariance) -> Heading:
     """The heading of states."""
-    ones, zeros = xp.ones_like(state.attitude.w), xp.zeros_like(state.attitude.w)
-    forward = rotated(state.attitude, Vector(ones, zeros, zeros))
-    return Heading(xp.arctan2(forward.y, forward.x), cov["attitude.z", "attitude.z"])
+    attitude = quaternion(state.attitude)
+    ones, zeros = xp.ones_like(attitude.w), xp.zeros_like(attitude.w)
+    forward = rotated(attitude, Vector(ones, zeros, zeros))
+    return Heading(xp.arctan2(forward.y, forward.x), *entries(cov, "attitude", ("zz",)))
 
 
 def deviations(p: AnkleParams, strides: Strides, way: Way, here: Heading, there: Heading, duration: Values) -> Strides:

@@ -30,8 +30,6 @@ from jgait.estimators.programs import compiled
 from jgait.estimators.sides import of_turns, stacked
 from jgait.estimators.stride_flags import SIDE_UNKNOWN
 from jgait.filtering import Belief
-from jgait.geometry.rotation import Quaternion
-from jgait.geometry.vectors import Vector, vector
 from jgait.types import SIDES, Counts, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Strides, Values, as_float
 
 PER_STRIDE = ("stride_nis", "doubtful")
@@ -72,8 +70,8 @@ def controls(p: FootParams, foot: FootSignals, options: FootOptions = DEFAULT) -
     """Signals and noise densities for the filter: an error that is constant over an interval h has the density σ² h."""
     h = foot.dt
     return FootControl(
-        gyr=vector(foot.gyr),
-        acc=vector(foot.acc),
+        gyr=foot.gyr,
+        acc=foot.acc,
         gyr_density=p.gyr_noise**2 + ((p.gyr_jump_noise * foot.gyr_jump) ** 2 + foot.gyr_doubt**2) * h,
         acc_density=p.acc_noise**2 + ((p.acc_jump_noise * foot.acc_jump) ** 2 + foot.acc_doubt**2) * h,
         velocity_variance=velocity_variance(p, foot, options.soft),
@@ -88,37 +86,32 @@ def prior_of(p: FootParams, foot: FootSignals) -> Belief:
     vertical gets the smaller variance, which includes a slow rotation of the foot during rest (`sway`).
     """
     dtype = foot.gyr.dtype
-    zero = jnp.zeros((), dtype)
-    tilt, still = jnp.asarray(p.tilt, dtype) ** 2, jnp.asarray(1e-6, dtype)
+    tilt = jnp.asarray(p.tilt, dtype) ** 2
     vertical = p.gyr_bias**2 + (p.sway / foot.still_time) ** 2
     level = jnp.maximum(vertical, p.gyr_bias_tilt**2)
-    up = vector(foot.up)
-    bias = {
-        (f"gyr_bias.{a}", f"gyr_bias.{b}"): (level if a == b else 0.0)
-        + (vertical - level) * getattr(up, a) * getattr(up, b)
-        for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")
-    }
+    bias = level * jnp.eye(3, dtype=dtype) + (vertical - level) * jnp.outer(foot.up, foot.up)
+    zero = jnp.zeros(3, dtype)
     variances = FootError(
-        position=Vector(zero + foot_model.AGAIN, zero + foot_model.AGAIN, zero + foot_model.AGAIN),
-        velocity=Vector(100.0 * still, 100.0 * still, 100.0 * still),
-        attitude=Vector(tilt, tilt, 1e-2 * still),
-        gyr_bias=Vector(zero, zero, zero),
-        acc_bias=Vector(*(zero + p.acc_bias**2 + jnp.sum(foot.acc_bias**2),) * 3),
+        position=zero + foot_model.AGAIN,
+        velocity=zero + 1e-4,
+        attitude=jnp.stack([tilt, tilt, jnp.asarray(1e-8, dtype)]),
+        gyr_bias=zero,
+        # the horizontal accelerometer bias is assumed to be as large as the measured vertical bias
+        acc_bias=zero + p.acc_bias**2 + jnp.sum(foot.acc_bias**2),
     )
-    attitude = Quaternion(*(foot.attitude[i] for i in range(4)))
-    belief = foot_model.standing_belief(attitude, vector(foot.gyr_bias), variances)
-    # the horizontal accelerometer bias is assumed to be as large as the measured vertical bias
-    return Belief(belief.mean._replace(acc_bias=vector(foot.acc_bias)), belief.cov.with_entries(bias))
+    belief = foot_model.standing_belief(foot.attitude, foot.gyr_bias, variances)
+    cov = belief.cov.with_entries({("gyr_bias", "gyr_bias"): bias})
+    return Belief(belief.mean._replace(acc_bias=foot.acc_bias), cov)
 
 
 def _states(p: FootParams, foot: FootSignals, once: Flags | bool = True, *, options: FootOptions) -> filtering.Inferred:
     """The states of one foot; zero velocity is observed in stances, of samples that are `once`."""
-    zero = jnp.zeros_like(foot.rate)
+    zero = jnp.zeros_like(foot.gyr)
     stands = (foot.valid if options.soft else foot.stands & foot.valid) & once
     return filtering.infer(
-        foot_model.MODEL, model_params(p), FootObservation(Vector(zero, zero, zero), zero), smooth=options.smooth,
+        foot_model.MODEL, model_params(p), FootObservation(zero, zero[:, 0]), smooth=options.smooth,
         controls=controls(p, foot, options), dt=foot.dt,
-        mask=FootObservation(Vector(stands, stands, stands), stands if options.level is True else False),
+        mask=FootObservation(stands, stands if options.level is True else False),
         method=options.method, initial=prior_of(p, foot),
         covariance=("position", "velocity", "attitude"),
     )  # fmt: skip

@@ -22,48 +22,61 @@ the source of their foot trajectories. The pivot and the noise that grows with t
 
 from typing import NamedTuple
 
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
 from jgait.estimators.error_state import differences, near_unit, retract
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.rotation import Quaternion, product, rotated, small_turn
-from jgait.geometry.vectors import GRAVITY, Vector, add, scale, subtract
-from jgait.types import Flags, Values
+from jgait.geometry.rotation import product, quaternion, rotated, small_turn
+from jgait.geometry.vectors import GRAVITY, as_array, vector
+from jgait.types import AnyArray, Values
+
+type Three = Float[AnyArray, "*batch 3"]
+"""A vector, or the error of an attitude."""
 
 
 class FootState(NamedTuple):
     """The sensor: position [m] from the last foothold, velocity [m/s], attitude q_ws, biases [rad/s], [m/s²]."""
 
-    position: Vector
-    velocity: Vector
-    attitude: Quaternion
-    gyr_bias: Vector
-    acc_bias: Vector
+    position: Three
+    velocity: Three
+    attitude: Float[AnyArray, "*batch 4"]
+    gyr_bias: Three
+    acc_bias: Three
 
 
 class FootError(NamedTuple):
-    """Error of a `FootState`; the attitude error is a rotation vector in the world [rad]."""
+    """Error of a `FootState`; the attitude error is a rotation vector in the world [rad].
 
-    position: Vector
-    velocity: Vector
-    attitude: Vector
-    gyr_bias: Vector
-    acc_bias: Vector
+    As variances: a number is the variance of each component.
+    """
+
+    position: Three | Values
+    velocity: Three | Values
+    attitude: Three | Values
+    gyr_bias: Three | Values
+    acc_bias: Three | Values
 
 
 class FootControl(NamedTuple):
     """Signals of the sensor over one interval, and the variances of their errors."""
 
-    gyr: Vector  #: mean angular rate [rad/s].
-    acc: Vector  #: mean specific force [m/s²].
+    gyr: Three  #: mean angular rate [rad/s].
+    acc: Three  #: mean specific force [m/s²].
     gyr_density: Values  #: spectral density of the rate's error [rad²/s].
     acc_density: Values  #: spectral density of the force's error [m²/s³].
     velocity_variance: Values  #: of the zero-velocity observation at this sample [m²/s²].
-    restart: Flags  #: 1 where the interval begins at a foothold, at which the position is set to zero; else 0.
+    restart: Values  #: 1 where the interval begins at a foothold, at which the position is set to zero; else 0.
 
 
 class FootObservation(NamedTuple):
-    """Observation in stance: velocity minus that of the rotation about the pivot [m/s], and height [m]; both zero."""
+    """Observation in stance: velocity minus that of the rotation about the pivot [m/s], and height [m]; both zero.
 
-    velocity: Vector
+    As a mask: whether each is observed.
+    """
+
+    velocity: Three | Values | Bool[AnyArray, "*batch"]
     height: Values
 
 
@@ -83,24 +96,17 @@ AGAIN = 1e-12
 def transition(p: FootModelParams, s: FootState, u: FootControl, dt: Values) -> FootState:
     """Strapdown integration over one interval; the attitude at mid-interval rotates the specific force."""
     del p
-    half, middle, force = _midway(s, u, dt)
-    acceleration = Vector(force.x, force.y, force.z - GRAVITY)
-    went = add(scale(dt, s.velocity), scale(0.5 * dt * dt, acceleration))
-    since = scale(1.0 - u.restart, s.position)
+    half = small_turn(vector(0.5 * dt * (u.gyr - s.gyr_bias)))
+    middle = product(quaternion(s.attitude), half)
+    force = as_array(rotated(middle, vector(u.acc - s.acc_bias)))
+    acceleration = force - jnp.asarray([0.0, 0.0, GRAVITY], force.dtype)
     return FootState(
-        position=add(since, went),
-        velocity=add(s.velocity, scale(dt, acceleration)),
-        attitude=near_unit(product(middle, half)),
+        position=(1.0 - u.restart) * s.position + (dt * s.velocity + 0.5 * dt * dt * acceleration),
+        velocity=s.velocity + dt * acceleration,
+        attitude=as_array(near_unit(product(middle, half))),
         gyr_bias=s.gyr_bias,
         acc_bias=s.acc_bias,
     )
-
-
-def _midway(s: FootState, u: FootControl, dt: Values) -> tuple[Quaternion, Quaternion, Vector]:
-    """The rotation of half an interval, and at mid-interval the attitude and the specific force in the world."""
-    half = small_turn(scale(0.5 * dt, subtract(u.gyr, s.gyr_bias)))
-    middle = product(s.attitude, half)
-    return half, middle, rotated(middle, subtract(u.acc, s.acc_bias))
 
 
 def transition_noise(p: FootModelParams, s: FootState, u: FootControl, dt: Values) -> Covariance:
@@ -108,28 +114,26 @@ def transition_noise(p: FootModelParams, s: FootState, u: FootControl, dt: Value
     del s
     a = u.acc_density * dt
     every = FootError(
-        position=_three(a * dt * dt / 3.0 + AGAIN * u.restart),
-        velocity=_three(a),
-        attitude=_three(u.gyr_density * dt),
-        gyr_bias=_three(p.gyr_bias_walk * dt),
-        acc_bias=_three(p.acc_bias_walk * dt),
+        position=a * dt * dt / 3.0 + AGAIN * u.restart,
+        velocity=a,
+        attitude=u.gyr_density * dt,
+        gyr_bias=p.gyr_bias_walk * dt,
+        acc_bias=p.acc_bias_walk * dt,
     )
-    crossed = {(f"position.{axis}", f"velocity.{axis}"): 0.5 * a * dt for axis in "xyz"}
-    return Covariance.from_variances(every).with_entries(crossed)
+    return Covariance.from_variances(every).with_entries({("position", "velocity"): 0.5 * a * dt})
 
 
 def observation(p: FootModelParams, s: FootState, u: FootControl) -> FootObservation:
     """Velocity minus that of the rotation about the pivot, and height above the last foothold."""
-    rate = rotated(s.attitude, subtract(u.gyr, s.gyr_bias))
-    r = p.pivot_height
-    v = s.velocity
-    return FootObservation(Vector(v.x - r * rate.y, v.y + r * rate.x, v.z), s.position.z)
+    rate = rotated(quaternion(s.attitude), vector(u.gyr - s.gyr_bias))
+    r, v = p.pivot_height, vector(s.velocity)
+    return FootObservation(as_array((v.x - r * rate.y, v.y + r * rate.x, v.z)), s.position[..., 2])
 
 
 def observation_noise(p: FootModelParams, s: FootState, u: FootControl) -> FootObservation:
     """Variances of the zero velocity, from the control, and of the height of level ground."""
     del s
-    return FootObservation(_three(u.velocity_variance), p.height_variance)
+    return FootObservation(u.velocity_variance, p.height_variance)
 
 
 def local(reference: FootState, s: FootState) -> FootError:
@@ -140,18 +144,13 @@ def local(reference: FootState, s: FootState) -> FootError:
 def initial(p: FootModelParams) -> Belief:
     """The belief of a sensor at rest with its z axis vertical."""
     del p
-    variances = FootError(*map(_three, (1e-8, 1e-6, 4e-4, 1e-7, 4e-4)))
-    return standing_belief(Quaternion(1.0, 0.0, 0.0, 0.0), Vector(0.0, 0.0, 0.0), variances)
+    return standing_belief(np.eye(4)[0], np.zeros(3), FootError(1e-8, 1e-6, 4e-4, 1e-7, 4e-4))
 
 
-def standing_belief(attitude: Quaternion, gyr_bias: Vector, variances: FootError) -> Belief:
+def standing_belief(attitude: Values, gyr_bias: Values, variances: FootError) -> Belief:
     """The belief about a sensor at rest, before the first sample; gyroscope bias [rad/s]."""
-    zero = _three(0.0 * gyr_bias.x)
+    zero = jnp.zeros_like(gyr_bias)
     return Belief(FootState(zero, zero, attitude, gyr_bias, zero), Covariance.from_variances(variances))
-
-
-def _three(value: Values) -> Vector:
-    return Vector(value, value, value)
 
 
 MODEL = Model(

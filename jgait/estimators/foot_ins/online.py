@@ -49,9 +49,10 @@ from jgait.estimators.foot_ins.prepare import LOST_FORCE, LOST_RATE, REACH, REST
 from jgait.estimators.foot_ins.readout import SHORTEST, timed, walks_on
 from jgait.estimators.losses import held_bridge
 from jgait.estimators.notes import LONGEST_LOSS
+from jgait.estimators.sides import entries
 from jgait.events import foot as events
-from jgait.geometry.rotation import Quaternion, as_array
-from jgait.geometry.vectors import Vector, root, wrapped
+from jgait.geometry.rotation import quaternion
+from jgait.geometry.vectors import root, vector, wrapped
 from jgait.signal.counted import scanned
 from jgait.signal.marks import latest
 from jgait.types import Counts, Flags, Strides, Values
@@ -209,11 +210,11 @@ def _filtered(
         gyr=mean[:, :3], acc=mean[:, 3:6], gyr_jump=event.jumps[:, 0], acc_jump=event.jumps[:, 1], gyr_doubt=turned,
         acc_doubt=moved, rate=rate, features=jnp.zeros_like(mean[:, :1]), restart=event.restart, dt=dt,
     )  # fmt: skip
-    zero, observed = jnp.zeros_like(dt), event.stands & real
+    zero = jnp.zeros_like(mean[:, :3])
     return filtering.kalman_filter(
-        foot_model.MODEL, model_params(p), FootObservation(Vector(zero, zero, zero), zero),
+        foot_model.MODEL, model_params(p), FootObservation(zero, zero[:, 0]),
         controls=controls(p, now), dt=dt,
-        mask=FootObservation(Vector(observed, observed, observed), False), initial=initial,
+        mask=FootObservation(event.stands & real, False), initial=initial,
         keep=("mean", "cov", "nis", "count", "valid"),
     )  # fmt: skip
 
@@ -223,7 +224,7 @@ def _summed(
 ) -> tuple[Values, Values]:
     """`FootOnlineState.since` after the last sample, and (T, 3) before each foothold is reset."""
     used = event.began | event.stands
-    columns = (posterior.mean.position.z, posterior.nis, posterior.count.astype(posterior.nis.dtype))
+    columns = (posterior.mean.position[:, 2], posterior.nis, posterior.count.astype(posterior.nis.dtype))
     rows = jnp.stack([jnp.where(used, column, 0.0) for column in columns], axis=1)
 
     def add(total: Values, sample: tuple[Values, Flags]) -> tuple[Values, Values]:
@@ -242,7 +243,7 @@ def _strides(
 
     `turn` is the change of the heading since the last foothold [rad], `yaw` that of its variance [rad²].
     """
-    way, swing = posterior.mean.position, event.swing
+    way, swing = vector(posterior.mean.position), event.swing
     length = root(way.x * way.x + way.y * way.y)
     initial = _landing(swing, event.time)
     known = Strides(
@@ -253,7 +254,7 @@ def _strides(
         standing_end=jnp.minimum(event.time, jnp.maximum(swing.stands, initial) + REACH),
         turn=turn, lift=since[:, 0] - jnp.maximum(way.z, 0.0),
     )  # fmt: skip
-    spread = [posterior.cov[f"position.{a}", f"position.{b}"] for a, b in ("xx", "xy", "yy", "zz")]
+    spread = entries(posterior.cov, "position", ("xx", "xy", "yy", "zz"))
     nis = since[:, 1] / jnp.maximum(since[:, 2], 1.0)
     follows = walks_on(event.landed, swing.final, initial)
     strides, stddev = timed(p, known, way, spread, event.landed, follows, yaw, nis, jnp.zeros_like(nis))
@@ -288,9 +289,9 @@ def over(
     after, event = scanned(partial(_decided, worn), state, (gyr, acc, there), count)
     posterior = _filtered(p, worn, state, event, real)
     foothold = event.foothold & real
-    q: Quaternion = posterior.mean.attitude
+    mean, q = posterior.mean, quaternion(posterior.mean.attitude)
     yaw = jnp.arctan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
-    headings = jnp.stack([yaw, posterior.cov["attitude.z", "attitude.z"]], axis=1)
+    headings = jnp.stack([yaw, *entries(posterior.cov, "attitude", ("zz",))], axis=1)
     since, before = _summed(state.since, posterior, event, count)
     before_each, heading = latest(state.heading, headings, foothold)
     change = headings - before_each
@@ -303,8 +304,7 @@ def over(
         since=since,
         count=number[-1],
     )
-    position, velocity = (jnp.stack(list(v), axis=1) for v in (posterior.mean.position, posterior.mean.velocity))
     return after, FootNow(
         stride, strides, stddev, {"doubtful": doubtful}, number, event.stands, foothold,
-        event.began | event.stands, position, velocity, as_array(q), posterior.valid,
+        event.began | event.stands, mean.position, mean.velocity, mean.attitude, posterior.valid,
     )  # fmt: skip

@@ -14,8 +14,8 @@ from jgait.estimators.foot_ins.prepare import checked_clock, errors_at_rest
 from jgait.events import foot as events
 from jgait.events.rest import rest
 from jgait.filtering import Belief
-from jgait.geometry.rotation import as_array, between
-from jgait.geometry.vectors import Vector, vector
+from jgait.geometry.rotation import between
+from jgait.geometry.vectors import Vector, as_array, vector
 from jgait.signal.windows import over_losses
 from jgait.types import SIDES, Counts, Flags, Recording, RecordingError, Strides, Values
 

@@ -7,14 +7,13 @@ from jaxtyping import PyTree
 
 from jgait.arrays import interpolated, put, xp
 from jgait.estimators.foot_ins.inputs import FootSignals
-from jgait.estimators.foot_ins.model import FootState
 from jgait.estimators.foot_ins.params import FootParams
-from jgait.estimators.sides import along, of_turns, picked
+from jgait.estimators.sides import along, entries, of_turns, picked
 from jgait.estimators.trust import nis_between
 from jgait.events.shank_stance import PAUSE_S
 from jgait.filtering import Covariance, Inferred
-from jgait.geometry.rotation import Quaternion, conjugate, rotated
-from jgait.geometry.vectors import Vector, add, root, wrapped
+from jgait.geometry.rotation import Quaternion, conjugate, quaternion, rotated
+from jgait.geometry.vectors import Vector, add, as_array, root, vector, wrapped
 from jgait.types import Flags, FootTrajectory, Strides, Values
 
 SHORTEST = 0.1
@@ -70,31 +69,32 @@ def path_of(p: FootParams, foot: FootSignals, time: Values, inferred: Inferred, 
     `flatten` gives all footholds of the trajectory one height where the ground counts as level.
     """
     state, cov = inferred.mean, inferred.cov
+    position, velocity, attitude = vector(state.position), vector(state.velocity), quaternion(state.attitude)
     here, there = foot.foothold[:-1], foot.foothold[1:]
     real = xp.arange(here.shape[0], dtype=xp.int32) < foot.count - 1
-    way = _at(state.position, there)
+    way = _at(position, there)
     length = root(way.x * way.x + way.y * way.y)
     valid = real & (length > SHORTEST) & foot.whole[:-1]
-    forward = _forward(state.attitude, way, length, here, valid)
+    forward = _forward(attitude, way, length, here, valid)
     first = xp.argmax(valid)  # the first row if none is valid
     heading = xp.arctan2(way.y[first], way.x[first])
     nis = nis_between(inferred.filtered.nis, inferred.filtered.count, here, there)
-    strides, deviations = _strides(p, foot, time, state, cov, forward, way, length, valid, nis)
-    tilted = rotated(state.attitude, _spread(forward, state.attitude.w))
-    way_since = _accumulated(state.position, foot)
+    strides, deviations = _strides(p, foot, time, (position.z, attitude), cov, forward, way, length, valid, nis)
+    tilted = rotated(attitude, _spread(forward, attitude.w))
+    way_since = _accumulated(position, foot)
     if flatten:
         way_since = way_since._replace(z=_flattened(way_since.z, foot, time, way.z, valid))
-    attitude = _yawed(state.attitude, heading)
+    attitude = _yawed(attitude, heading)
     since = xp.stack(add(_turned(way_since, heading), rotated(attitude, p.tracked_point)), axis=1)
     start = since[foot.foothold[0]]
     trajectory = FootTrajectory(
         position=xp.where(foot.valid[:, None], since - start[None, :], xp.zeros_like(since)),
-        velocity=xp.stack(_turned(state.velocity, heading), axis=1),
-        orientation=xp.stack(attitude, axis=1),
+        velocity=as_array(_turned(velocity, heading)),
+        orientation=as_array(attitude),
     )
     spread = cov.stddev()
     deviation = FootTrajectory(
-        *(xp.stack(_rotated_stddev(cov, part, heading, getattr(spread, part)), axis=1)
+        *(as_array(_rotated_stddev(cov, part, heading, vector(getattr(spread, part))))
           for part in ("position", "velocity", "attitude"))
     )  # fmt: skip
     return Path(trajectory, deviation, strides, deviations, xp.arcsin(xp.clip(tilted.z, -1.0, 1.0)),
@@ -115,17 +115,21 @@ def walked(strides: Strides, rows: PyTree, time: Values) -> Values:
 
 
 def _strides(
-    p: FootParams, foot: FootSignals, time: Values, state: FootState, cov: Covariance, forward: Vector, way: Vector,
-    length: Values, valid: Flags, nis: Values,
+    p: FootParams, foot: FootSignals, time: Values, state: tuple[Values, Quaternion], cov: Covariance, forward: Vector,
+    way: Vector, length: Values, valid: Flags, nis: Values,
 ) -> tuple[Strides, Strides]:  # fmt: skip
-    """Strides of one foot and their standard deviations, from the way and its length between footholds."""
+    """Strides of one foot and their standard deviations, from the way and its length between footholds.
+
+    `state` are heights (T,) [m] and attitudes.
+    """
+    height, attitude = state
     here, there = foot.foothold[:-1], foot.foothold[1:]
-    entries = [cov[f"position.{a}", f"position.{b}"] for a, b in ("xx", "xy", "yy", "zz")]
-    axis = rotated(state.attitude, _spread(forward, state.attitude.w))
+    spread = entries(cov, "position", ("xx", "xy", "yy", "zz"))
+    axis = rotated(attitude, _spread(forward, attitude.w))
     pitch, yaw = xp.arcsin(xp.clip(axis.z, -1.0, 1.0)), xp.arctan2(axis.y, axis.x)
-    signals = (pitch, yaw, cov["attitude.z", "attitude.z"], root(_across(cov, axis)), time)
+    signals = (pitch, yaw, *entries(cov, "attitude", ("zz",)), root(_across(cov, axis)), time)
     standing_pitch, yaw_here, variance_here, *_ = picked(here, *signals)
-    *between, next_pitch, yaw_there, variance_there, _, _ = picked(there, *entries, *signals)
+    *between, next_pitch, yaw_there, variance_there, _, _ = picked(there, *spread, *signals)
     push_off, _, _, push_off_sd, leaves = picked(foot.final_contact[:-1], *signals)
     contact, _, _, contact_sd, touches = picked(foot.initial_contact[:-1], *signals)
     nothing = xp.full_like(length, xp.nan)
@@ -133,7 +137,7 @@ def _strides(
         side=xp.zeros(length.shape, xp.int32), start=None, final_contact=leaves, end=touches, length=length,
         width=nothing, height=way.z, valid=valid, standing=time[foot.leaves[:-1]],
         standing_end=time[foot.arrives[1:]], turn=wrapped(yaw_there - yaw_here),
-        lift=_lift(state.position.z, foot, way.z), contact_angle=contact - next_pitch,
+        lift=_lift(height, foot, way.z), contact_angle=contact - next_pitch,
         push_off_angle=push_off - standing_pitch, step_length=nothing,
     )  # fmt: skip
     landed = xp.concatenate([leaves[:1], touches[:-1]])
@@ -273,7 +277,7 @@ def _yawed(q: Quaternion, heading: Values) -> Quaternion:
 def _rotated_stddev(cov: Covariance, part: str, heading: Values, spread: Vector) -> Vector:
     """Standard deviations along the world axes of `_turned`."""
     c, s = xp.cos(heading), xp.sin(heading)
-    xx, yy, xy = (cov[f"{part}.{a}", f"{part}.{b}"] for a, b in ("xx", "yy", "xy"))
+    xx, yy, xy = entries(cov, part, ("xx", "yy", "xy"))
     return Vector(root(c * c * xx + 2 * c * s * xy + s * s * yy), root(s * s * xx - 2 * c * s * xy + c * c * yy),
                   spread.z)  # fmt: skip
 
@@ -282,7 +286,7 @@ def _across(cov: Covariance, axis: Vector) -> Values:
     """Variance of the rotation about the horizontal axis to the left of the foot's front (T,) [rad²]."""
     norm = xp.sqrt(axis.x**2 + axis.y**2 + 1e-12)
     x, y = -axis.y / norm, axis.x / norm
-    xx, yy, xy = (cov[f"attitude.{a}", f"attitude.{b}"] for a, b in ("xx", "yy", "xy"))
+    xx, yy, xy = entries(cov, "attitude", ("xx", "yy", "xy"))
     return x * x * xx + 2.0 * x * y * xy + y * y * yy
 
 

@@ -23,7 +23,6 @@ from jgait.estimators.leg_ekf.worn import unworn
 from jgait.estimators.programs import compiled
 from jgait.estimators.sides import stacked
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.vectors import vector
 from jgait.notes import Note
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values, as_float
 
@@ -56,10 +55,10 @@ def model_params(p: LegParams, leg: LegSignals) -> LegModelParams:
 
 def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOptions) -> inclination.Inclination:
     """Inclination of one segment."""
-    observed, controls, mask = inclination.observed(segment, vector(segment.gyr[0]), inputs, options.standing)
+    observed, controls, mask = inclination.observed(segment, segment.gyr[0], inputs, options.standing)
     inferred = filtering.infer(
         inclination.MODEL, p.inclination, observed, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
-        initial=inclination.prior(vector(segment.bias), inputs.start_variance, segment.unrest),
+        initial=inclination.prior(segment.bias, inputs.start_variance, segment.unrest),
         covariance=inclination.NEEDED, method=filtering.EKF(derivative=options.method.derivative),
     )  # fmt: skip
     return inclination.read_out(inferred.mean, inferred.cov, observed.gyr)

@@ -17,26 +17,31 @@ Sensors 11(2), doi 10.3390/s110201489.
 from typing import Annotated, NamedTuple
 
 import jax.numpy as jnp
+from jaxtyping import Float
 
 from jgait.estimators.leg_ekf.inputs import UNREST_S, LegInputs, Segment
+from jgait.estimators.sides import entries
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.vectors import GRAVITY, Vector, cross, dot, scale, vector
+from jgait.geometry.vectors import GRAVITY, Vector, as_array, cross, dot, vector
 from jgait.params import Param, Parameter, documented, positive
-from jgait.types import Flags, Maybe, Values
+from jgait.types import AnyArray, Flags, Maybe, Values
+
+type Three = Float[AnyArray, "*batch 3"]
+"""A vector."""
 
 
 class InclinationState(NamedTuple):
     """Direction of up [1] and gyroscope bias [rad/s], in segment axes."""
 
-    up: Vector
-    bias: Vector
+    up: Three | Values
+    bias: Three | Values
 
 
 class InclinationObservation(NamedTuple):
     """Accelerometer in units of gravity [1], and the gyroscope's reading while standing [rad/s]."""
 
-    acc: Vector
-    gyr: Vector
+    acc: Three | Values
+    gyr: Three | Values
 
 
 class InclinationControl(NamedTuple):
@@ -46,7 +51,7 @@ class InclinationControl(NamedTuple):
     `unrest` is a further variance of the gyroscope about its bias while standing [rad²/s²]; None: zero.
     """
 
-    rate: Vector
+    rate: Three
     still: Flags
     measured: Flags
     lost: Maybe[Values] = None
@@ -79,16 +84,15 @@ def _rotate_back(u: Vector, w: Vector) -> Vector:
 
 
 def _initial(params: InclinationNoise) -> Belief:
-    zero = jnp.zeros_like(jnp.asarray(params.gyro_noise))
-    return prior(Vector(zero, zero, zero), 1e-4, 0.0)
+    return prior(jnp.zeros(3, jnp.result_type(params.gyro_noise)), 1e-4, 0.0)
 
 
 def _transition(
     params: InclinationNoise, state: InclinationState, control: InclinationControl, dt: Values
 ) -> InclinationState:
     del params
-    w = Vector(*((rate - bias) * dt for rate, bias in zip(control.rate, state.bias, strict=True)))
-    return InclinationState(_rotate_back(state.up, w), state.bias)
+    w = vector((control.rate - state.bias) * dt)
+    return InclinationState(as_array(_rotate_back(vector(state.up), w)), state.bias)
 
 
 def unknown_turn(since: Values, dt: Values) -> Values:
@@ -105,7 +109,7 @@ def _transition_noise(
     since = dt if control.lost is None else jnp.maximum(control.lost, dt)
     angle = params.gyro_noise**2 * dt + jnp.where(control.measured, 0.0, unknown_turn(since, dt))
     walk = params.bias_walk**2 * dt
-    return InclinationState(Vector(angle, angle, angle), Vector(walk, walk, walk))
+    return InclinationState(angle, walk)
 
 
 def _observation(
@@ -121,7 +125,7 @@ def _observation_noise(
     del state
     acc = jnp.where(control.still, params.standing_acceleration**2, params.walking_acceleration**2)
     rate = params.standing_rate**2 + (0.0 if control.unrest is None else control.unrest)
-    return InclinationObservation(Vector(acc, acc, acc), Vector(rate, rate, rate))
+    return InclinationObservation(acc, rate)
 
 
 MODEL = Model(_initial, _transition, _transition_noise, _observation, _observation_noise)
@@ -135,49 +139,48 @@ class Inclination(NamedTuple):
     variance: Values  #: (T,) [rad²] of `angle`.
 
 
-NEEDED = ("up.x", "up.z")
-"""Components of which `read_out` uses the covariances."""
+NEEDED = ("up",)
+"""Parts of the state of which `read_out` uses the covariances."""
 
 
-def read_out(state: InclinationState, cov: Covariance, rate: Vector) -> Inclination:
+def read_out(state: InclinationState, cov: Covariance, rate: Values) -> Inclination:
     """Sagittal angle, rate and variance of the angle, for one sample or a whole recording.
 
     The rate is the derivative of atan2(u_x, u_z) under u̇ = −ω × u:
     θ̇ = −ω_y + u_y (u_z ω_z + u_x ω_x) / (u_x² + u_z²), so turning does not change the angle of an inclined segment.
     """
-    u = state.up
-    w = Vector(*(r - b for r, b in zip(rate, state.bias, strict=True)))
+    u, w = vector(state.up), vector(rate - state.bias)
     square = jnp.maximum(u.x * u.x + u.z * u.z, 1e-6)
     angle = jnp.arctan2(u.x, u.z)
     slope = u.y * (u.z * w.z + u.x * w.x) / square - w.y
     dx, dz = u.z / square, -u.x / square
-    variance = dx * dx * cov["up.x", "up.x"] + dz * dz * cov["up.z", "up.z"] + 2.0 * dx * dz * cov["up.x", "up.z"]
+    xx, zz, xz = entries(cov, "up", ("xx", "zz", "xz"))
+    variance = dx * dx * xx + dz * dz * zz + 2.0 * dx * dz * xz
     return Inclination(angle, slope, variance)
 
 
-def prior(bias: Vector, start_variance: Values, unrest: Values) -> Belief:
+def prior(bias: Values, start_variance: Values, unrest: Values) -> Belief:
     """The belief before the first sample: segment vertical [variance in rad²], gyroscope bias at rest [rad/s], whose
     variance is the larger by the `unrest` of the standing from which the bias is computed [rad²/s²].
     """
-    zero = jnp.zeros_like(bias.z)
-    spread = Vector(*(zero + start_variance,) * 3)
-    mean = InclinationState(Vector(zero, zero, zero + 1.0), bias)
-    return Belief(mean, Covariance.from_variances(InclinationState(spread, Vector(*(zero + 1e-5 + unrest,) * 3))))
+    zero = jnp.zeros_like(bias)
+    mean = InclinationState(zero.at[2].set(1.0), bias)
+    return Belief(mean, Covariance.from_variances(InclinationState(zero + start_variance, zero + 1e-5 + unrest)))
 
 
 def observed(
-    segment: Segment, before: Vector, inputs: LegInputs, standing: bool
+    segment: Segment, before: Values, inputs: LegInputs, standing: bool
 ) -> tuple[InclinationObservation, InclinationControl, InclinationObservation]:
     """Observation, control and mask of samples (T,) of a segment: gravity always, the bias in standing if `standing`.
 
     `before` is the rate at the sample before the first [rad/s].
     """
-    rate, measured = vector(segment.gyr), segment.measured
-    mean = Vector(*(0.5 * (b + jnp.concatenate([a[None], b[:-1]])) for a, b in zip(before, rate, strict=True)))
+    rate, measured = segment.gyr, segment.measured
+    mean = 0.5 * (rate + jnp.concatenate([before[None], rate[:-1]]))
     still = inputs.still if standing else jnp.zeros_like(inputs.still)
     at_rest = still & measured if standing else False
-    mask = InclinationObservation(Vector(measured, measured, measured), Vector(at_rest, at_rest, at_rest))
+    mask = InclinationObservation(measured, at_rest)
     # turns that go on for some time do not average out from sample to sample
     unrest = segment.unrest * UNREST_S / jnp.maximum(inputs.dt, 1e-3)
     control = InclinationControl(mean, still, measured, segment.lost, unrest)
-    return InclinationObservation(scale(1.0 / GRAVITY, vector(segment.acc)), rate), control, mask
+    return InclinationObservation(segment.acc / GRAVITY, rate), control, mask

@@ -16,7 +16,6 @@ from jgait.estimators.leg_ekf.estimator import deviation_of, model_params, obser
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
 from jgait.estimators.leg_ekf.params import LegOptions, LegParams
 from jgait.filtering import Belief
-from jgait.geometry.vectors import Vector, vector
 from jgait.types import Counts, Flags, LegTrajectory, Values
 
 
@@ -26,7 +25,7 @@ class LegOnlineState(NamedTuple):
     thigh: Belief  #: belief about the thigh's inclination.
     shank: Belief  #: belief about the shank's inclination.
     leg: Belief  #: belief about the leg.
-    rates: tuple[Vector, Vector]  #: the last rates of thigh and shank [rad/s], for the mean over the interval.
+    rates: tuple[Values, Values]  #: the last rates of thigh and shank [rad/s], for the mean over the interval.
 
 
 class LegNow(NamedTuple):
@@ -42,14 +41,13 @@ def start(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOpt
 
     Of the leg's signals only biases, variances and the first rates are used.
     """
-    thigh, shank = (inclination.prior(vector(one.bias), start_variance, one.unrest).joined() for one in leg)
+    thigh, shank = (inclination.prior(one.bias, start_variance, one.unrest).joined() for one in leg)
     belief = prior_of(p, leg, start_variance, options).joined()
-    rates = tuple(vector(segment.gyr[0]) for segment in leg)
-    return LegOnlineState(thigh, shank, belief, (rates[0], rates[1]))
+    return LegOnlineState(thigh, shank, belief, (leg.thigh.gyr[0], leg.shank.gyr[0]))
 
 
 def _incline(
-    p: LegParams, belief: Belief, before: Vector, segment: Segment, inputs: LegInputs, options: LegOptions,
+    p: LegParams, belief: Belief, before: Values, segment: Segment, inputs: LegInputs, options: LegOptions,
     newest: Counts,
 ) -> tuple[Belief, inclination.Inclination]:  # fmt: skip
     """Belief after the newest sample, and the inclination of one segment at all."""
@@ -94,6 +92,6 @@ def over(
         leg_model.MODEL, model_params(p, leg), observations, controls=controls, dt=inputs.dt, mask=mask,
         method=options.method, initial=state.leg, keep=("mean", "cov", "valid"),
     )  # fmt: skip
-    rates = (vector(leg.thigh.gyr[newest]), vector(leg.shank.gyr[newest]))
+    rates = leg.thigh.gyr[newest], leg.shank.gyr[newest]
     now = LegNow(trajectory_of(posterior.mean), deviation_of(p, posterior.mean, posterior.cov), posterior.valid)
     return LegOnlineState(thigh, shank, posterior.belief(newest), rates), now

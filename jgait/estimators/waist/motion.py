@@ -20,8 +20,8 @@ from jgait.estimators.waist import orientation as waist_orientation
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.orientation import TrunkControl, TrunkError, TrunkNoise, TrunkObservation, TrunkState
 from jgait.estimators.waist.params import WaistParams
-from jgait.geometry.rotation import Quaternion, rotated
-from jgait.geometry.vectors import GRAVITY, Vector, subtract, vector
+from jgait.geometry.rotation import quaternion, rotated
+from jgait.geometry.vectors import GRAVITY, Vector, vector
 from jgait.signal import butterworth
 from jgait.types import Flags, Values
 
@@ -62,9 +62,10 @@ def motion_and_misfit(
 def _seen(p: WaistParams, inputs: WaistInputs, state: TrunkState) -> TrunkMotion:
     """Motion of the trunk from an attitude and the readings of gyroscope and accelerometer."""
     ones, zeros = xp.ones_like(inputs.dt), xp.zeros_like(inputs.dt)
-    force = rotated(state.attitude, subtract(vector(inputs.acc), state.acc_bias))
-    rate = rotated(state.attitude, subtract(vector(inputs.gyr), state.gyr_bias))
-    ahead = rotated(state.attitude, Vector(ones, zeros, zeros))
+    attitude = quaternion(state.attitude)
+    force = rotated(attitude, vector(inputs.acc - state.acc_bias))
+    rate = rotated(attitude, vector(inputs.gyr - state.gyr_bias))
+    ahead = rotated(attitude, Vector(ones, zeros, zeros))
     counts = inputs.measured
     x, y, z = (xp.where(counts, part, 0.0) for part in (force.x, force.y, force.z - GRAVITY))
     roll, pitch, yaw_rate = (xp.where(counts, part, 0.0) for part in rate)
@@ -83,16 +84,13 @@ def _seen(p: WaistParams, inputs: WaistInputs, state: TrunkState) -> TrunkMotion
 
 def _attitude(p: WaistParams, inputs: WaistInputs, smooth: bool, method: filtering.Method) -> filtering.Inferred:
     """Attitude and biases at each sample, by the filter and, if `smooth`, by the smoother."""
-    gyr = vector(0.5 * (inputs.gyr + xp.concatenate([inputs.gyr[:1], inputs.gyr[:-1]])))
+    gyr = 0.5 * (inputs.gyr + xp.concatenate([inputs.gyr[:1], inputs.gyr[:-1]]))
     lost = xp.where(inputs.measured, 0.0, LOST_RATE)
     density = xp.where(inputs.still, p.standing_noise**2, p.acc_noise**2)
-    controls = TrunkControl(gyr, vector(inputs.acc), p.gyr_noise**2 + lost * lost * inputs.dt, density * inputs.rate_hz)
+    controls = TrunkControl(gyr, inputs.acc, p.gyr_noise**2 + lost * lost * inputs.dt, density * inputs.rate_hz)
     settled = p.gyr_noise * p.acc_noise / GRAVITY + inputs.start_variance
     known = [xp.zeros_like(inputs.rate_hz) + v for v in (settled, p.gyr_bias**2, p.sensor_bias**2)]
-    start = waist_orientation.belief(
-        Quaternion(*(inputs.attitude[i] for i in range(4))), vector(inputs.gyr_bias),
-        TrunkError(*(Vector(v, v, v) for v in known)),
-    )  # fmt: skip
+    start = waist_orientation.belief(inputs.attitude, inputs.gyr_bias, TrunkError(*known))
     noise = TrunkNoise(p.gyr_bias_walk**2, p.sensor_bias_walk**2)
     return compiled(_states)(noise, controls, inputs.dt, inputs.measured, start, smooth=smooth, method=method)
 
@@ -101,8 +99,7 @@ def _states(
     noise: TrunkNoise, controls: TrunkControl, dt: Values, measured: Flags, start: filtering.Belief, smooth: bool,
     method: filtering.Method,
 ) -> filtering.Inferred:  # fmt: skip
-    zero = jnp.zeros_like(dt)
     return filtering.infer(
-        waist_orientation.MODEL, noise, TrunkObservation(Vector(zero, zero, zero)), smooth=smooth, controls=controls,
-        dt=dt, mask=measured, initial=start, method=method, keep=("mean", "nis"), covariance=False,
+        waist_orientation.MODEL, noise, TrunkObservation(jnp.zeros_like(controls.acc)), smooth=smooth,
+        controls=controls, dt=dt, mask=measured, initial=start, method=method, keep=("mean", "nis"), covariance=False,
     )  # fmt: skip

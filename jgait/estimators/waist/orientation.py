@@ -21,34 +21,44 @@ and parameters are not printed.
 
 from typing import NamedTuple
 
+import numpy as np
+from jaxtyping import Float
+
+from jgait.arrays import xp
 from jgait.estimators.error_state import differences, retract
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.rotation import Quaternion, exponential, product, rotated
-from jgait.geometry.vectors import GRAVITY, Vector, scale, subtract
-from jgait.types import Values
+from jgait.geometry.rotation import exponential, product, quaternion, rotated
+from jgait.geometry.vectors import GRAVITY, as_array, vector
+from jgait.types import AnyArray, Values
+
+type Three = Float[AnyArray, "*batch 3"]
+"""A vector, or the error of an attitude."""
 
 
 class TrunkState(NamedTuple):
     """Attitude q_ws, biases of gyroscope [rad/s] and accelerometer [m/s²] in the sensor's axes."""
 
-    attitude: Quaternion
-    gyr_bias: Vector
-    acc_bias: Vector
+    attitude: Float[AnyArray, "*batch 4"]
+    gyr_bias: Three
+    acc_bias: Three
 
 
 class TrunkError(NamedTuple):
-    """Error of a `TrunkState`; the error of the attitude is a rotation vector in the world [rad]."""
+    """Error of a `TrunkState`; the error of the attitude is a rotation vector in the world [rad].
 
-    attitude: Vector
-    gyr_bias: Vector
-    acc_bias: Vector
+    As variances: a number is the variance of each component.
+    """
+
+    attitude: Three | Values
+    gyr_bias: Three | Values
+    acc_bias: Three | Values
 
 
 class TrunkControl(NamedTuple):
     """Readings of the sensor and variances of their errors."""
 
-    gyr: Vector  #: mean angular rate over the interval [rad/s].
-    acc: Vector  #: specific force at the sample [m/s²].
+    gyr: Three  #: mean angular rate over the interval [rad/s].
+    acc: Three  #: specific force at the sample [m/s²].
     gyr_density: Values  #: spectral density of the rate's error [rad²/s].
     acc_variance: Values  #: variance of the trunk's acceleration, taken as white from sample to sample [m²/s⁴].
 
@@ -56,7 +66,7 @@ class TrunkControl(NamedTuple):
 class TrunkObservation(NamedTuple):
     """Specific force in the world minus gravity [m/s²], zero on average."""
 
-    force: Vector
+    force: Three | Values
 
 
 class TrunkNoise(NamedTuple):
@@ -69,28 +79,27 @@ class TrunkNoise(NamedTuple):
 def transition(p: TrunkNoise, s: TrunkState, u: TrunkControl, dt: Values) -> TrunkState:
     """The attitude rotated by the angular rate over one interval."""
     del p
-    turned = product(s.attitude, exponential(scale(dt, subtract(u.gyr, s.gyr_bias))))
-    return TrunkState(turned, s.gyr_bias, s.acc_bias)
+    turned = product(quaternion(s.attitude), exponential(vector(dt * (u.gyr - s.gyr_bias))))
+    return TrunkState(as_array(turned), s.gyr_bias, s.acc_bias)
 
 
 def transition_noise(p: TrunkNoise, s: TrunkState, u: TrunkControl, dt: Values) -> TrunkError:
     """Process noise of the attitude, from the rate's error over the interval, and of both biases."""
     del s
-    turned, gyr, acc = u.gyr_density * dt, p.gyr_bias_walk * dt, p.acc_bias_walk * dt
-    return TrunkError(Vector(turned, turned, turned), Vector(gyr, gyr, gyr), Vector(acc, acc, acc))
+    return TrunkError(u.gyr_density * dt, p.gyr_bias_walk * dt, p.acc_bias_walk * dt)
 
 
 def observation(p: TrunkNoise, s: TrunkState, u: TrunkControl) -> TrunkObservation:
     """The specific force in the world, without gravity."""
     del p
-    force = rotated(s.attitude, subtract(u.acc, s.acc_bias))
-    return TrunkObservation(Vector(force.x, force.y, force.z - GRAVITY))
+    force = rotated(quaternion(s.attitude), vector(u.acc - s.acc_bias))
+    return TrunkObservation(as_array((force.x, force.y, force.z - GRAVITY)))
 
 
 def observation_noise(p: TrunkNoise, s: TrunkState, u: TrunkControl) -> TrunkObservation:
     """Variance of the trunk's acceleration."""
     del p, s
-    return TrunkObservation(Vector(u.acc_variance, u.acc_variance, u.acc_variance))
+    return TrunkObservation(u.acc_variance)
 
 
 def local(reference: TrunkState, s: TrunkState) -> TrunkError:
@@ -101,15 +110,12 @@ def local(reference: TrunkState, s: TrunkState) -> TrunkError:
 def initial(p: TrunkNoise) -> Belief:
     """The belief of an upright trunk, the sensor's z axis up, biases zero with small variances."""
     del p
-    nothing = Vector(0.0, 0.0, 0.0)
-    return belief(Quaternion(1.0, 0.0, 0.0, 0.0), nothing, TrunkError(*(Vector(v, v, v) for v in (1e-3, 1e-4, 1e-2))))
+    return belief(np.eye(4)[0], np.zeros(3), TrunkError(1e-3, 1e-4, 1e-2))
 
 
-def belief(attitude: Quaternion, gyr_bias: Vector, variances: TrunkError) -> Belief:
+def belief(attitude: Values, gyr_bias: Values, variances: TrunkError) -> Belief:
     """The belief before the first sample: attitude q_ws with arbitrary heading, gyroscope bias [rad/s]."""
-    zero = 0.0 * gyr_bias.x
-    mean = TrunkState(attitude, gyr_bias, Vector(zero, zero, zero))
-    return Belief(mean, Covariance.from_variances(variances))
+    return Belief(TrunkState(attitude, gyr_bias, xp.zeros_like(gyr_bias)), Covariance.from_variances(variances))
 
 
 MODEL = Model(

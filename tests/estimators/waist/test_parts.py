@@ -23,7 +23,7 @@ from jgait.estimators.waist.model import WaistControl, WaistModelParams, WaistOb
 from jgait.estimators.waist.orientation import TrunkControl, TrunkError, TrunkNoise, TrunkObservation
 from jgait.estimators.waist.readout import constant_variance
 from jgait.events.trunk import Contacts
-from jgait.geometry.rotation import Quaternion, rotated
+from jgait.geometry.rotation import quaternion, rotated
 from jgait.geometry.vectors import GRAVITY, Vector, vector
 from jgait.signal import butterworth
 
@@ -105,14 +105,10 @@ def trunk():
     @jax.jit
     def told(gyr, acc, acc_bias):
         even = np.full(SAMPLES, 1.0)
-        zero = np.zeros(SAMPLES)
-        controls = TrunkControl(vector(gyr), vector(acc), 1e-8 * even, 1e-2 * even)
-        start = waist_orientation.belief(
-            Quaternion(*np.eye(4)[0]), Vector(*np.zeros(3)),
-            TrunkError(*(Vector(v, v, v) for v in (0.1, 1e-12, acc_bias**2))),
-        )  # fmt: skip
+        controls = TrunkControl(gyr, acc, 1e-8 * even, 1e-2 * even)
+        start = waist_orientation.belief(np.eye(4)[0], np.zeros(3), TrunkError(0.1, 1e-12, acc_bias**2))
         return filtering.kalman_filter(
-            waist_orientation.MODEL, TrunkNoise(0.0, 0.0), TrunkObservation(Vector(zero, zero, zero)),
+            waist_orientation.MODEL, TrunkNoise(0.0, 0.0), TrunkObservation(np.zeros((SAMPLES, 3))),
             controls=controls, dt=np.r_[0.0, np.full(SAMPLES - 1, 1.0 / RATE)], initial=start,
         ).mean  # fmt: skip
 
@@ -123,7 +119,7 @@ def test_gravity_gives_a_constant_tilt(trunk):
     tilt = np.deg2rad(10.0)
     acc = np.tile(GRAVITY * np.array([np.sin(tilt), 0.0, np.cos(tilt)]), (SAMPLES, 1))
     told = trunk(np.zeros((SAMPLES, 3)), acc, 1e-6)
-    up = rotated(told.attitude, vector(acc))
+    up = rotated(quaternion(told.attitude), vector(acc))
     np.testing.assert_allclose([up.x[-1], up.y[-1], up.z[-1]], [0.0, 0.0, GRAVITY], atol=1e-3)
 
 
@@ -132,7 +128,7 @@ def test_a_constant_rate_turns_the_heading(trunk):
     gyr = np.tile([0.0, 0.0, rate], (SAMPLES, 1))
     told = trunk(gyr, np.tile([0.0, 0.0, GRAVITY], (SAMPLES, 1)), 1e-6)
     one, none = np.ones(SAMPLES), np.zeros(SAMPLES)
-    ahead = rotated(told.attitude, Vector(one, none, none))
+    ahead = rotated(quaternion(told.attitude), Vector(one, none, none))
     np.testing.assert_allclose(ahead.x, np.cos(rate * TIME), atol=1e-6)
     np.testing.assert_allclose(ahead.y, np.sin(rate * TIME), atol=1e-6)
 
