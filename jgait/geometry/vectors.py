@@ -12,6 +12,10 @@ GRAVITY = 9.80665
 """Standard gravity [m/s²]."""
 
 
+type Three = Float[AnyArray, "*batch 3"]
+"""A vector, or a rotation vector, as an array."""
+
+
 class Vector(NamedTuple):
     """Three components along x, y and z, each of any one shape."""
 

@@ -15,7 +15,7 @@ from jgait.estimators.ankle_stride import online as ankle_online
 from jgait.estimators.duty_cycled_gyro import DutyCycledOptions
 from jgait.estimators.foot_ins import FootParams, prepared
 from jgait.estimators.foot_ins import online as foot_online
-from jgait.estimators.foot_ins.estimator import _foot
+from jgait.estimators.foot_ins.estimator import _states
 from jgait.estimators.online import duty, legs
 from jgait.estimators.online.clock import LONGEST_GAP_S
 from jgait.estimators.online.device import BLOCK
@@ -206,9 +206,9 @@ def test_strides_of_feet_are_those_of_the_filter(walked, feet):
         features=np.zeros((len(time), 1)), gyr_doubt=np.zeros(len(time)), acc_doubt=np.zeros(len(time)),
         gyr_jump=largest[0], acc_jump=largest[1],
     )  # fmt: skip
-    found = jax.jit(lambda p, one: _foot(p, one, foot_online.ONLINE, one.stands & one.valid))(own, foot)
+    found = jax.jit(lambda p, one: _states(p, one, options=foot_online.ONLINE))(own, foot)
     at = np.flatnonzero(foothold)
-    way = [np.asarray(part)[at] for part in found.mean.position]
+    way = np.asarray(found.mean.position)[at].T
     offline = np.hypot(way[0], way[1])
     offline, rise = offline[offline > 0.1], way[2][offline > 0.1]
     mine = jax.tree.map(lambda v: v[table_of(news, "feet").strides.side == 0], table_of(news, "feet").strides)

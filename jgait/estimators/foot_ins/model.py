@@ -29,11 +29,8 @@ from jaxtyping import Bool, Float
 from jgait.estimators.error_state import differences, near_unit, retract
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.rotation import product, quaternion, rotated, small_turn
-from jgait.geometry.vectors import GRAVITY, as_array, vector
+from jgait.geometry.vectors import GRAVITY, Three, as_array, vector
 from jgait.types import AnyArray, Values
-
-type Three = Float[AnyArray, "*batch 3"]
-"""A vector, or the error of an attitude."""
 
 
 class FootState(NamedTuple):

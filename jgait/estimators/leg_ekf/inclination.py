@@ -17,17 +17,13 @@ Sensors 11(2), doi 10.3390/s110201489.
 from typing import Annotated, NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Float
 
 from jgait.estimators.leg_ekf.inputs import UNREST_S, LegInputs, Segment
 from jgait.estimators.sides import entries
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.vectors import GRAVITY, Vector, as_array, cross, dot, vector
+from jgait.geometry.vectors import GRAVITY, Three, Vector, as_array, cross, dot, vector
 from jgait.params import Param, Parameter, documented, positive
-from jgait.types import AnyArray, Flags, Maybe, Values
-
-type Three = Float[AnyArray, "*batch 3"]
-"""A vector."""
+from jgait.types import Flags, Maybe, Values
 
 
 class InclinationState(NamedTuple):

@@ -28,11 +28,8 @@ from jgait.arrays import xp
 from jgait.estimators.error_state import differences, retract
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.rotation import exponential, product, quaternion, rotated
-from jgait.geometry.vectors import GRAVITY, as_array, vector
+from jgait.geometry.vectors import GRAVITY, Three, as_array, vector
 from jgait.types import AnyArray, Values
-
-type Three = Float[AnyArray, "*batch 3"]
-"""A vector, or the error of an attitude."""
 
 
 class TrunkState(NamedTuple):
