@@ -139,8 +139,8 @@ def test_a_turn_parts_the_accelerometers_bias_from_a_lean(trunk):
     turning = np.zeros((SAMPLES, 3))
     turning[:, 2] = np.pi / TIME[-1]
     ahead, round_ = (trunk(gyr, acc, 0.3).acc_bias for gyr in (np.zeros((SAMPLES, 3)), turning))
-    np.testing.assert_allclose([round_.x[-1], round_.y[-1]], bias[:2], atol=0.03)
-    assert abs(ahead.x[-1]) < 0.5 * bias[0]
+    np.testing.assert_allclose(round_[-1, :2], bias[:2], atol=0.03)
+    assert abs(ahead[-1, 0]) < 0.5 * bias[0]
 
 
 def test_the_pendulum_of_zijlstra_and_hof():
