@@ -64,7 +64,7 @@ _DOUBLE = _Recipe(
     ),
 )  # fmt: skip
 _QUARTER = 0.7858
-"""[rad] Limit on |r|, a little more than π/4, for an x so large that k is not exact."""
+"""[rad] Limit on |r|, a little more than π/4; it acts where x is so large that k is not exact."""
 
 
 @jax.custom_jvp
