@@ -99,9 +99,9 @@ def _check_signals(imu: Imu, name: str) -> None:
 
 
 BLOCK, BUSIEST, RESTS, RARE = 100, 60, 0.2, 0.3
-"""[samples], [blocks], [1], [1] A block counts as rest if its mean rate is below a share of that of the 60th of the
-busiest blocks, or of the median one in short recordings: a minute at 100 Hz of handling does not set the measure. Rest
-is left out only where less than 0.3 of a recording moves."""
+"""[samples] Length of a block. It is rest if its mean rate is below `RESTS` [1] times that of block number `BUSIEST`,
+in the order of falling rates, or of the median block of a short recording; so a minute of handling at 100 Hz has no
+effect. Rest is left out only if less than `RARE` [1] of a recording moves."""
 
 
 def busy(imu: Imu) -> np.ndarray:

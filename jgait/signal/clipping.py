@@ -65,7 +65,7 @@ def _first(values: Float[AnyArray, "time axis"]) -> Bool[np.ndarray, "time"]:
 
 
 def at_limit(values: Float[AnyArray, "time axis"], above: float, least: int = 2) -> Bool[np.ndarray, "time"]:
-    """(T,) bool, runs of `least` equal readings within 0.1 % of the largest of their axis, if that is `above` a limit."""
+    """(T,) bool, runs of `least` equal readings within 0.1 % of their axis's largest, if that is `above` a limit."""
     every, new = as_float(values), _first(values)
     if not new.all():
         return at_limit(every[new], above, least)[np.cumsum(new) - 1]

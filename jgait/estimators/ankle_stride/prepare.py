@@ -66,8 +66,8 @@ USUAL_HZ = 35.0
 """[Hz] Sampling rate below which strides are less certain than their filter states."""
 
 SMALL = shank_events.LOBES._replace(threshold=np.deg2rad(20.0), least_angle=np.deg2rad(10.0))
-"""Slower and smaller swings than those of strides. Of 42 legs of `walking5m`, `tripod` and `neura_sparse` none has more
-than one that is not counted as a stride; wiggles in very slow stances turn the shank by less."""
+"""Detector of swings that are slower and smaller than those of strides. Of 42 legs of `walking5m`, `tripod` and
+`neura_sparse` none has more than one that is not counted as a stride; in very slow stances the shank moves less."""
 
 MANY_SMALL = 0.1
 """[1] Number of small swings over that of strides above which a note names them, if there is more than one."""
@@ -129,7 +129,7 @@ def _padded(values: np.ndarray) -> np.ndarray:
 
 
 def _gentle(values: Values, rate_hz: float) -> np.ndarray:
-    """The signal (T, 3) as the search for stances sees it."""
+    """The signal (T, 3), low-passed for the search for stances."""
     low_pass = compiled(butterworth.low_pass_both_ways)
     slow = low_pass(_padded(as_float(values)), shank_stance.CUTOFF_HZ, float(rate_hz))
     return np.asarray(slow)[: len(values)]

@@ -5,8 +5,8 @@ next one. A foot that rests at both has v = 0; near s = 1, v ≈ v(1) + (s − 1
 
     s = 1 − v(1)·v′ / v′·v′.
 
-A time that passes too slowly or too fast turns the foot by too much or too little as well: s is the scale of the rates
-times the interval between samples.
+A wrong interval between samples turns the foot by too much or too little as well: s is the scale of the rates times the
+interval.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ MOST_BAD = 0.1
 """[1] Largest share of a stride's samples that were not measured or are clipped; chosen."""
 
 LEAST_EFFECT = 1.5
-"""[m/s] Least velocity v′, median over strides: a foot that hardly turns does not tell the scale of its rates."""
+"""[m/s] Least velocity v′, median over strides: a foot that hardly turns does not show the scale of its rates."""
 
 UNEVEN = 0.25
 """[1] Largest quartile range of s over strides."""
@@ -42,7 +42,7 @@ AROUND_S = 0.03
 def gyroscope_scale(
     gyr: np.ndarray, acc: np.ndarray, footholds: np.ndarray, bad: np.ndarray, hz: float
 ) -> float | None:
-    """Factor of the rates [1] with which strides end at rest, median over strides; None if it cannot be told.
+    """Factor of the rates [1] with which strides end at rest, median over strides; None if it cannot be computed.
 
     Args:
         gyr: (T, 3) [rad/s], without bias.

@@ -45,7 +45,7 @@ ITERATIONS = 4
 """Gauss–Newton steps; the angle δ t is small. An optimiser of SciPy takes longer to import than a walk to estimate."""
 
 ALLOWED = 3.0
-"""[1] Deviations by which δ may differ from 0; beyond, a foot's way is wrong in another manner, and nothing is done."""
+"""[1] Largest |δ| in standard deviations that is corrected; beyond it a foot's way is wrong for another reason."""
 
 UNKNOWN = 0.3
 """[rad] Largest stated deviation of a heading at the end; beyond, one rate for the whole recording is not enough."""

@@ -40,10 +40,10 @@ Deviations from the paper:
        Hᵀ and the predicted covariance.
     2. The filter runs over moments at which something happens (stances, ranges, double support) and not over samples:
        within a stride displacements add up exactly, so the result is the same, some twenty times sooner.
-    3. R, the noise of the displacements, grows with the way moved, and that of the heading comes with each stride.
+    3. R, the noise of the displacements, grows with the way moved; the noise of the heading is added at each stride.
     4. How far each foot has moved since it stood is part of the state, see `stride_width_ekf.model`.
-    5. Readings of one passing count once, at the middle of when the feet hear each other; those unlike their
-       neighbours are left out. Positions are taken at the time of the reading, not at the nearest sample.
+    5. Readings of one passing count once, at the middle of their times; those unlike their neighbours are left out.
+       Positions are taken at the time of the reading, not at the nearest sample.
     6. Updates are iterated: where little is known of the start, the first range moves the feet so far that one
        linearisation is off by several centimetres. Smoothing, after the paper's future work.
     7. Double support is the moment between two stances at which both feet are stillest; the paper takes it from the

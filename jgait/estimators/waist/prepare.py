@@ -61,21 +61,22 @@ TURNED_OVER = np.deg2rad(60.0)
 sit or lean turn less."""
 
 LEANS, VARIES = np.deg2rad(25.0), np.deg2rad(10.0)
-"""[rad] Angle of the same from which on a sensor does not walk, if its directions there differ by more than the second,
-as their root mean square: it is handled, or the person sits down or bends. A sensor that slipped keeps its direction.
+"""[rad] Angle between mean force and vertical above which the person does not walk, if the directions there differ by
+more than `VARIES` (root mean square): the sensor is handled, or the person sits down or bends. A sensor that slipped
+keeps its direction.
 Chosen, above all walks of `ipol_gait`, `tripod` and `neura_sparse` and the straight ones of `mobgap_lab`, whose
 people sit down and bend in the others."""
 
 TILTS = 0.3
-"""[rad/s] Mean rate against gravity over `OVER_S` from which on, beside such a lean, a sensor is still handled. Chosen;
-with less or more by a third, hardly any other strides were left out."""
+"""[rad/s] Mean rate against gravity over `OVER_S` above which a sensor beside such a lean is still handled. Chosen; a
+limit that is a third smaller or larger leaves out nearly the same strides."""
 
 OVER_S, TURNED_S, UPRIGHT_S = 1.0, 2.0, 3.0
-"""[s] Length of the window of both means; least time for which the sensor is turned over; and time for which a sensor
-that is handled can be upright in between, too short to walk."""
+"""[s] Window of both means; least time for which a sensor is turned over; and longest time for which a sensor that is
+handled is upright in between, too short for walking."""
 
 SILENCE = 10.0
-"""[s] Least length of the padding in which contacts are searched: the slowest filter then does not feel its end."""
+"""[s] Least padding for the search for contacts, so long that its end does not affect the slowest filter."""
 
 NO_NODES = waist_bouts.nodes([])
 
