@@ -9,13 +9,11 @@ rates are
 
 δ comes from least squares: the way of the left foot, turned by δ t, by a constant angle and shifted, is that of the
 right foot, but for the width between them and an error of `APART` at each foothold. What both feet have in common stays
-unknown. `estimate` does this once the filters are done; `run`, cohorts and live filters, which know less than a whole
-recording or have no host code, do not.
+unknown. `estimate` corrects the headings after the filters; `run`, cohorts and live filters do not.
 
 Source: this library. A bound on the distance between both feet is used by I. Skog, J.-O. Nilsson, D. Zachariah and
 P. Händel, "Fusing the information from two navigation systems using an upper bound on their maximum spatial
-separation", IPIN 2012; here the rate of the headings alone is corrected, so that strides do not depend on the other
-foot.
+separation", IPIN 2012. Here only headings are corrected, so that strides do not depend on the other foot.
 """
 
 from collections.abc import Sequence

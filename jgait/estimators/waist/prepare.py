@@ -45,12 +45,10 @@ LIKE_GRAVITY = (0.6, 1.6)
 """[1] Allowed range of the specific force's median norm over gravity; outside it the unit is unknown."""
 
 MIRRORED = 0.12
-"""[1] Threshold on the growth of the log-likelihood for each sample when the gyroscope's sign is reversed, at the noise
-of the accelerometer at which it is greatest, 3/2 log(misfit / misfit of the reversed sign); above it the reversal is
-kept. At a fixed noise, the accelerations of quick walking, which the model does not explain with either sign, would
-decide. With the right sign it falls on every recorded walk of `ipol_gait`, `mobgap_lab`, `neura_sparse` and `tripod`;
-in simulated people, whose pelvis leans little against gravity, it can grow, by less. With the wrong sign it grows by as
-much as it falls with the right one."""
+"""[1] Growth of the log-likelihood of each sample by a reversed sign of the gyroscope, 3/2 log(misfit / misfit of the
+reversed sign), above which the reversal is kept. The noise of the accelerometer is the most likely one, so that quick
+walking, which neither sign explains, does not decide. With the right sign the log-likelihood falls on every recorded
+walk of `ipol_gait`, `mobgap_lab`, `neura_sparse` and `tripod`; with the wrong sign it grows by as much."""
 
 CONTRADICTS = np.deg2rad(15.0)
 """[rad] Threshold on `mounting.trunk.tilted` of the attitude from gyroscope and accelerometer, above which the
@@ -63,9 +61,8 @@ sit or lean turn less."""
 LEANS, VARIES = np.deg2rad(25.0), np.deg2rad(10.0)
 """[rad] Angle between mean force and vertical above which the person does not walk, if the directions there differ by
 more than `VARIES` (root mean square): the sensor is handled, or the person sits down or bends. A sensor that slipped
-keeps its direction.
-Chosen, above all walks of `ipol_gait`, `tripod` and `neura_sparse` and the straight ones of `mobgap_lab`, whose
-people sit down and bend in the others."""
+keeps its direction. Chosen above all walks of `ipol_gait`, `tripod`, `neura_sparse` and the straight ones of
+`mobgap_lab`."""
 
 TILTS = 0.3
 """[rad/s] Mean rate against gravity over `OVER_S` above which a sensor beside such a lean is still handled. Chosen; a
