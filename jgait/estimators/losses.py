@@ -16,8 +16,7 @@ FROZEN = 1e-3
 """[s] Interval of a filter over a sample of a long loss."""
 
 MOST_RATE, MOST_FORCE = 5.0, 10.0
-"""[rad/s], [m/s²] Upper limit on the mean error over a loss that is computed from slopes; chosen: a swing's rate,
-gravity."""
+"""[rad/s], [m/s²] Upper limit on the mean error that slopes give for a loss; chosen: a swing's rate, gravity."""
 
 HELD = 1.5
 """[1] Error of the integral over a loss if the reading is held, over the error if it is interpolated: median over

@@ -93,8 +93,7 @@ STRIDE_COLUMNS: dict[str, tuple[str, float]] = {
     "contact_angle_deg": ("contact_angle", 180.0 / np.pi),
     "push_off_angle_deg": ("push_off_angle", 180.0 / np.pi),
 }
-"""Column of a stride in tables → field of `Strides` ("" for the duration), and the factor from its SI unit to the unit
-of the column."""
+"""Column of a table of strides → field of `Strides` ("" for the duration), and factor from the SI unit."""
 
 
 def durations(strides: Strides) -> np.ndarray:

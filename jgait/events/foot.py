@@ -55,8 +55,7 @@ SETTLED, SETTLES_S, CALMER = 0.3, 0.35, 10.0
 [s], where `unrest` exceeds `SETTLED` [rad/s] and `CALMER` [1] times the unrest that follows."""
 
 BETWEEN = 1.6
-"""[s] Longest time between the rests before and after a slow swing; the rate of a valley in the swing is `WORSE` times
-that of both rests."""
+"""[s] Longest time between the rests beside a slow swing; a valley in it has `WORSE` times the rate of both rests."""
 
 QUICKER = 1.2
 """[s] Shortest duration of two strides at any cadence; a run has 1.3. A valley lies in a swing if its neighbours are
@@ -84,8 +83,7 @@ STILLEST, UNDECIDED = 1e-3, 1e-3
 """[rad/s], [1] Least statistic and least size of a margin, see `margin`."""
 
 EROSION = (0.06, 0.02)
-"""[s] Time removed from start and end of a stance. Without it footholds are 5 mm too high, because the foot still
-sinks."""
+"""[s] Time removed from start and end of a stance. Without it footholds are 5 mm too high: the foot still sinks."""
 
 
 class Stances(NamedTuple):

@@ -31,8 +31,7 @@ PAUSE_S = 1.5
 """[s] A longer time between two swings is a pause, if the shank rests in it."""
 
 RESTS_S, RESTS_BELOW = 0.5, 0.1
-"""[s] Shortest rest of a shank in a pause, and [rad/s] the rate below which a shank rests; in a very slow step it keeps
-turning over the foot."""
+"""[s] Shortest rest of a shank in a pause; [rad/s] rate below which it rests. In a very slow step it keeps turning."""
 
 NEAR_S, FAR_S = 0.1, 0.9
 """[s] Shortest and longest time between a swing and the still sample of standing."""

@@ -171,8 +171,7 @@ class Cue(NamedTuple):
 
 
 SWAY, DROP, TURN = Cue(0.0, 1.0, 1 / 16), Cue(0.0, 0.3, 1 / 16), Cue(0.4, 1.4, 1 / 4)
-"""The three cues. No person of 14 has sway or drop exchanged (1/16 by Laplace's rule); three turn the pelvis the other
-way."""
+"""The three cues. No person of 14 has sway or drop exchanged (1/16 by Laplace's rule), three the turn."""
 
 
 def sides(

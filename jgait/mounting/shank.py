@@ -27,8 +27,7 @@ LEAST_ASYMMETRY = 0.3
 """[1] Skewness of the sagittal rate below which its sign is uncertain; walks have 1.0 to 2.6."""
 
 LEAST_SWING = 0.5
-"""[rad/s] Least 99th percentile of the rate of a walking leg; in standing only noise decides which sensor turns
-faster."""
+"""[rad/s] Least 99th percentile of the rate of a walking leg; in standing, noise decides which sensor turns faster."""
 
 
 class Axes(NamedTuple):

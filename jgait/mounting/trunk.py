@@ -61,15 +61,13 @@ FREE, OVER_S = 0.35, 0.05
 it is near 0 once in each step; walks of `ipol_gait` and `mobgap_lab` stay far above it."""
 
 STEP_S, ENOUGH_S = 0.5, 5.0
-"""[s] Longest time from free fall to other samples of the same running. [s] Duration of walking from which running is
-ignored."""
+"""[s] Longest time from free fall to other samples of running. [s] Walking above which running is ignored."""
 
 SLOW_S = 4.0
 """[s] Window of the mean forces that show a wrong attitude, see `tilted`."""
 
 GRAVITY_S = 1.5
-"""[s] Window of the mean that reduces the specific force to gravity, longer than a stride; `by_gravity` applies it
-twice."""
+"""[s] Window of the mean that leaves gravity of the force, longer than a stride; `by_gravity` applies it twice."""
 
 UPRIGHT = np.deg2rad(25.0)
 """[rad] Largest angle between gravity and the trunk's vertical in the windows that `tilted` uses."""

@@ -20,8 +20,7 @@ FACTORS = (0.85, 1.0, 1.18)
 """[1] Scales of the rates for which the filter is run."""
 
 NIS_FROM = 0.03
-"""[1] Least NIS of a leg for which scales are tried. That of most good walks is below; with rates off by 15 %, all are
-above."""
+"""[1] Least NIS of a leg for which scales are tried; most good walks are below, all with rates off by 15 % above."""
 
 BETTER, OFF_FROM = 0.6, 0.1
 """[1] Limits for a wrong scale: largest NIS with the best scale over that with the scale 1, and least logarithm of the

@@ -29,8 +29,7 @@ TIMING = 0.02
 """[s] Standard deviation of the duration of a stride, for the standard deviation of its speed."""
 
 FARTHEST_OFF = 0.08
-"""[m] Largest distance of an estimated lever from that of the parameters, see `off`; chosen above that of public
-walks."""
+"""[m] Largest distance of an estimated lever from that of the parameters, see `off`; chosen above public walks."""
 
 FLAGS = ("turning", "stairs", "clipped", "half")
 """Names of the flags in `diagnostics`, each (n,) bool in the order of the strides."""

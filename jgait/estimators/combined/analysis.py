@@ -208,8 +208,7 @@ AXES = tuple(code for code in ACCUSED if code != "sides_differ")
 """Those of `ACCUSED` that make joint angles wrong; not a difference of the sides, which a stiff leg also causes."""
 
 CLOCKS = ("sensor_late", "clocks_drift", "sides_out_of_step")
-"""Codes of readers' notes that a sensor's clock is wrong: times of its strides differ from those of other sensors,
-lengths hold."""
+"""Codes of readers' notes that a sensor's clock is wrong: the times of its strides are wrong, their lengths hold."""
 
 PAIRS = tuple(code for code in CLOCKS if code != "sides_out_of_step")
 """Those of `CLOCKS` that a limp does not cause; they may compare two sensors of one leg."""

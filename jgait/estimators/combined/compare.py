@@ -68,8 +68,7 @@ APART_S = 0.1
 It is 0.06 or less in undamaged walks, public and simulated of all gaits, and larger where sensors are exchanged."""
 
 UNEVEN_S = 0.085
-"""[s] Least difference of the durations of right and left steps that is noted: three standard deviations of a
-summary."""
+"""[s] Least difference of right and left step durations that is noted: three standard deviations of a summary."""
 
 FEWEST = 4
 """[1] Least number of common strides or contacts for a comparison."""

@@ -45,8 +45,7 @@ TRUNK_CLOCK_OFF = Kind(
 )  # fmt: skip
 
 OF_WALKING = (SIDES_EXCHANGED, LABELS_EXCHANGED, FOOT_ON_SHANK, TRUNK_CLOCK_OFF, CLOCK_OFF, LEGS_TOGETHER)
-"""Kinds of notes that are left out if nobody walks, because other movements show neither place nor clock of a
-sensor."""
+"""Kinds of notes that are left out if nobody walks: other movements show neither place nor clock of a sensor."""
 
 USUAL_RATE = {"foot": 7.5, "ankle": 5.6, "shank": 5.4, "thigh": 3.2, "wrist": 3.2, "": 1.7}
 """[rad/s] 99th percentile of the norm of the rate in walking; "" for the trunk and the head. From public recordings."""

@@ -28,8 +28,7 @@ SAME = 0.5
 """[1] Two strides of a side are the same if the time they share is more than this part of the time they cover."""
 
 SAME_CONTACT = 0.25
-"""[s] Two contacts of a side, from two sensors, that are closer than this are the same; so are strides that end with
-them."""
+"""[s] Contacts of a side, from two sensors, that are closer than this are the same; so are strides that end there."""
 
 ALONE = 0.3
 """[1] A stride that is not in the first sources is added if it overlaps their strides by less than this part of it."""

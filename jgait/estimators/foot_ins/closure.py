@@ -29,8 +29,7 @@ UNEVEN = 0.25
 """[1] Largest quartile range of s over strides."""
 
 OFF_FROM = 0.15
-"""[1] Least logarithm of the scale that is noted. It is 0.13 or less in undamaged recordings, public and simulated, of
-all gaits."""
+"""[1] Least logarithm of the scale that is noted; undamaged recordings, public and simulated, have up to 0.13."""
 
 STEP = 0.05
 """[1] Change of s over which v is differentiated; chosen."""

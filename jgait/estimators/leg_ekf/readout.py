@@ -12,8 +12,7 @@ from jgait.estimators.ankle_stride.inputs import AnkleSignals
 from jgait.types import Flags, Legs, LegTrajectory, Values
 
 MOVES_M, LEAST_SHARE = 1e-3, 0.2
-"""[m] Displacement in an interval above which a foot moves; [1] least share of walking time in which a foot moves
-backward."""
+"""[m] Displacement in an interval above which a foot moves; [1] least share of walking in which it moves backward."""
 
 
 def accumulated(leg: LegTrajectory, *, vertical: bool = True) -> Values:

@@ -66,8 +66,7 @@ UNUSED = {
     "pendulum": (*_SPEED, *_FUSION, "update"),
     "update": _ALONE,
 }
-"""Distance method → parameters on which neither the distance nor its standard deviation depends, so that their gradient
-is zero."""
+"""Distance method → parameters without effect on the distance and its standard deviation: their gradient is zero."""
 
 
 def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) -> Estimate:

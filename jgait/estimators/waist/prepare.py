@@ -55,8 +55,7 @@ CONTRADICTS = np.deg2rad(15.0)
 gyroscope is not used. Undamaged walks of `ipol_gait`, `mobgap_lab`, `neura_sparse` and `tripod` reach 8°."""
 
 TURNED_OVER = np.deg2rad(60.0)
-"""[rad] Least angle between a sensor's mean force and the vertical of walking at which it is turned over; trunks that
-sit or lean turn less."""
+"""[rad] Least angle of the mean force from the vertical of walking of a sensor turned over; sitting has less."""
 
 LEANS, VARIES = np.deg2rad(25.0), np.deg2rad(10.0)
 """[rad] Angle between mean force and vertical above which the person does not walk, if the directions there differ by
