@@ -132,7 +132,7 @@ def force_unit(imu: Imu) -> tuple[float, str]:
 
 
 def check_options(options: PyTree, known: Mapping[str, Collection[str]]) -> None:
-    """Raise ValueError for unknown options, naming what there is and what came; `known` has the values of each."""
+    """Raise ValueError for an unknown option, with the known ones; `known` maps each option to its values."""
     for name, values in known.items():
         if getattr(options, name) not in values:
             raise ValueError(f"{name} must be one of {', '.join(values)}; got {getattr(options, name)!r}")

@@ -13,7 +13,7 @@ BRIDGED = 0.05
 """[s] Longest loss that is bridged by interpolation, and does not count as lost; chosen: 5 samples at 100 Hz."""
 
 FROZEN = 1e-3
-"""[s] Interval of a filter over a sample of a long loss."""
+"""[s] Interval between samples that a filter uses within a long loss: its state hardly changes."""
 
 MOST_RATE, MOST_FORCE = 5.0, 10.0
 """[rad/s], [m/s²] Upper limit on the mean error that slopes give for a loss; chosen: a swing's rate, gravity."""

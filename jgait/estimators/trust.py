@@ -72,7 +72,7 @@ DOUBTS = (INCONSISTENT.code, STRIDES_DOUBTFUL.code, STANCES_RARE.code)
 
 
 class Trust(NamedTuple):
-    """Whether an estimate can be trusted as far as its stated deviations say."""
+    """Whether the stated deviations of an estimate can be trusted."""
 
     #: (n,) bool, in the order of `Estimate.strides`; None if the estimator does not judge strides.
     strides: np.ndarray | None

@@ -16,7 +16,8 @@ WALKING_RATE = 0.6
 """[rad/s] Smallest root mean square rate of a shank in walking."""
 
 TURNING_RATE = 0.6
-"""[rad/s] Threshold on the low-passed rate about the vertical: a turn, whose samples do not show the sagittal axis."""
+"""[rad/s] Threshold on the low-passed rate about the vertical; above it the person turns, and the sagittal axis is
+hidden."""
 
 SWAPPED = 1.25
 """[1] Ratio of the thigh's to the shank's turning rate above which the two sensors are exchanged."""

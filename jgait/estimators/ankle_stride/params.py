@@ -105,7 +105,7 @@ DEFAULT = AnkleOptions()
 
 
 KNOWN = {"length": LENGTHS, "detector": DETECTORS, "site": SITES}
-"""Option → its values."""
+"""Option → its allowed values."""
 
 MEASURES = ("lever_ankle", "lever_shank", "leg_length")
 """Parameters that are body measures."""

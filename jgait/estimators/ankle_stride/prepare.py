@@ -51,8 +51,8 @@ moving shanks of three data sets (experiment `damage.gaps`) 0.9 rad/s and 3.2 m/
 and half as much again for people who walk faster."""
 
 CLIPPED_RATE, CLIPPED_FORCE = 2.0, 40.0
-"""[rad/s], [m/s²] Standard deviation of the error of a clipped reading that is not restored. Chosen: what a range of
-±4 g cuts off at the shanks of simulated runners."""
+"""[rad/s], [m/s²] Standard deviation of the error of a clipped reading that is not restored. Chosen: the part that a
+range of ±4 g cuts off at the shanks of simulated runners."""
 
 CLIPS_ABOVE_RATE, CLIPS_ABOVE_FORCE = 4.0, 18.0
 """[rad/s], [m/s²] Threshold on an axis's largest reading; above it, equal largest readings in a row are clipped."""

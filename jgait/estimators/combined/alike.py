@@ -24,7 +24,7 @@ walks of `tripod`, `gaitmap_example`, `ipol_gait` and `walking5m`, and below sim
 whose distance is off by more than three stated deviations."""
 
 APART_M = 0.3
-"""[m] Largest distance of the feet's paths: on a curve the outer foot goes so much farther per radian of turn."""
+"""[m] Largest distance of the feet's paths: by it the outer foot goes farther per radian of turn."""
 
 FEWEST_PAIRS = 6
 """Least number of pairs of a right and a left stride."""

@@ -113,7 +113,7 @@ class Findings(NamedTuple):
 
 
 def exchanged(notes: Iterable[Note]) -> set[str]:
-    """Placements of sensors that have changed places by notes: with the other side, or with another segment."""
+    """Placements of exchanged sensors, from notes: with those of the other side, or of another segment."""
     names: set[str] = set()
     for note in notes:
         if note.code == SIDES_EXCHANGED.code:

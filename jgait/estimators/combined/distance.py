@@ -84,8 +84,8 @@ DOUBTFUL_SD = 0.1
 (experiment `people.gaits`)."""
 
 FAR_APART = 0.2
-"""[1] Largest difference of the distances of both sides over their mean: in a circle with a radius of a metre the outer
-foot walks so much farther than the inner one."""
+"""[1] Largest difference of the distances of both sides over their mean: that of the outer and the inner foot in a
+circle with a radius of a metre."""
 
 MOSTLY = 0.5
 """[1] Share of doubtful strides of a side above which the side's distance is in doubt."""
@@ -118,7 +118,7 @@ type Spans = list[tuple[float, float]]
 
 
 class _Side(NamedTuple):
-    """What the sensor of one side, or of the trunk, says about the distance."""
+    """The distance by the sensor of one side, or of the trunk."""
 
     name: str
     length: float  #: sum of stride lengths [m].

@@ -110,9 +110,7 @@ def _phase(imu: Imu, begins: np.ndarray, ends: np.ndarray, offset: float) -> _Ph
 
 
 def _strides_of(imu: Imu, begins: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """(n, 64) squared rate at `SHARES` of each stride about its mean; without strides of which more than `LOST` is
-    lost.
-    """
+    """(n, 64) squared rate at `SHARES` of each stride about its mean, of strides with at most `LOST` lost samples."""
     time, power = as_float(imu.time), np.sum(as_float(imu.gyr) ** 2, axis=1)
     at = begins[:, None] + (ends - begins)[:, None] * SHARES
     at = at[np.interp(at, time, ~np.asarray(imu.mask, bool)).mean(axis=1) <= LOST]

@@ -163,7 +163,7 @@ def _check_measures(person: Mapping[str, PyTree]) -> None:
 
 
 def _unused(recording: Recording, estimates: list[SourceEstimate]) -> list[Note]:
-    """Notes about sensors that no estimator takes, if no estimator says so itself."""
+    """Notes about sensors that no estimator takes and no note of an estimator names."""
     taken = {name for way in WAYS for name in way.uses(recording)}
     said = {note.values.get("placement") for one in estimates for note in one.estimate.diagnostics["notes"]}
     notes = []

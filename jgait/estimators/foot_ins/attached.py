@@ -41,7 +41,7 @@ class Moved(NamedTuple):
     Attributes:
         note: the note on it.
         pause: (2,) [s], the last stance before, and the first after.
-        at: time between them from which on it leans so [s].
+        at: time between them at which the lean changes [s].
         before after: (3,) mean direction of gravity in stances, of length 1.
     """
 

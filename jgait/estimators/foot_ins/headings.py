@@ -26,8 +26,8 @@ from jgait.estimators.foot_ins.windows import turned, yawed
 from jgait.types import SIDES, Estimate, Feet, FootTrajectory
 
 DRIFT = 1.2e-3
-"""[rad/s] Standard deviation of b beside the filter's; the likeliest for 20 walks of `pyshoe_vicon`, `footprints` and
-`neura_sparse` (running, fast walking and creeping left out)."""
+"""[rad/s] Standard deviation of b in addition to the filter's; the most likely value for 20 walks of `pyshoe_vicon`,
+`footprints` and `neura_sparse` (running, fast walking and creeping left out)."""
 
 APART = 0.2
 """[m] By how much a foothold is off the way of the other foot, width excepted. Errors of neighbours are alike, so it is

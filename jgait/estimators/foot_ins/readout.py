@@ -38,8 +38,8 @@ TIMING = 0.02
 
 
 LONG_STANCE = 4.0
-"""[1] A stance longer than `PAUSE_S` and than so many swings is standing, from which the next stride starts: a foot
-that shuffles stands for three of its swings."""
+"""[1] A stance longer than `PAUSE_S` and this number of swings is standing, from which the next stride starts; in
+shuffling, a stance lasts three swings."""
 
 
 class Path(NamedTuple):
@@ -157,7 +157,7 @@ def timed(
 
     Args:
         p: parameters.
-        known: what else is known of the strides.
+        known: other quantities of the strides.
         way: displacement from foothold to foothold [m].
         spread: its covariances xx, xy, yy and zz [m²].
         landed: initial contact at which a stride starts that `follows` another [s]; a first one starts at its final

@@ -136,7 +136,7 @@ class Inclination(NamedTuple):
 
 
 NEEDED = ("up.x", "up.z")
-"""Components of which `read_out` uses the covariances."""
+"""Components whose covariances `read_out` uses."""
 
 
 def read_out(state: InclinationState, cov: Covariance, rate: Vector) -> Inclination:

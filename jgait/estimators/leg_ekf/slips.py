@@ -73,6 +73,6 @@ def _since(force: np.ndarray, moving: np.ndarray, width: int, before: np.ndarray
 
 
 def slipped(notes: Iterable[Note], side: str, time: np.ndarray) -> np.ndarray:
-    """(T,) bool, the samples after a sensor on the leg of a side slipped, by notes."""
+    """(T,) bool, the samples after a sensor on the leg of a side slipped, from notes."""
     of_side = (note for note in notes if note.kind is SLIPPED and str(note.values["placement"]).endswith(side))
     return np.asarray(time - time[0] >= min((as_float(note.values["from_s"]) for note in of_side), default=np.inf))

@@ -181,7 +181,7 @@ SHAKES, RHYTHM, LAGS = 0.7, 0.4, (0.75, 1.3)
 at one of these lags, above which the trunk moves as in walking: a sensor that is handled has no rhythm."""
 
 BESIDE, FAR = 1.0, 1.5
-"""[steps] Time to the nearest contact up to which the trunk walks, and from which on no contact is near."""
+"""[steps] Time to the nearest contact: up to `BESIDE` the trunk walks, above `FAR` no contact is near."""
 
 LEAST_S = 2.0
 """[s] Duration above which walking counts as missing. Undamaged recordings of `ipol_gait`, `mobgap_lab`, `neura_sparse`

@@ -129,7 +129,7 @@ PAPER = WaistOptions(distance="update", detector="paper")
 
 
 KNOWN = {"distance": DISTANCES, "detector": DETECTORS}
-"""Option → its values."""
+"""Option → its allowed values."""
 
 TAPE_SD = 0.01
 """[m] Standard deviation of the sensor's height where it was measured."""
