@@ -1,7 +1,8 @@
 """A wrong scale of a shank's rates, or of the interval between samples, detected from innovations.
 
 With rates that are too large or too small the integrated inclination of a standing shank contradicts gravity. The NIS
-of a leg is nearly a parabola of the rates' scale; its vertex is the scale that fits."""
+of a leg is nearly a parabola of the rates' scale; its vertex is the scale that fits.
+"""
 
 from collections.abc import Callable
 
