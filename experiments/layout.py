@@ -1,7 +1,8 @@
 """The shape of the code: names, imports, lengths of files, and how many places a new part touches.
 
 What follows from the text is counted from the source. A length is a number of lines of a file; `jgait_code_lines` are
-those without blanks, docstrings and comments. An import counts wherever it stands: at the top of a file, inside a
+those without blanks, docstrings and comments. `names_not_allowed` counts each name of `NOT_ALLOWED` once for each file
+of the library that gives it to something. An import counts wherever it stands: at the top of a file, inside a
 function, or for type checkers only. `any_annotations` counts every annotation or alias that names `Any`; an annotation
 is loose if it names `Any`, `PyTree`, or an alias that stands for one of them. `places_*` counts, for a toy of each kind
 in `tests/extending.py`, the new files or folders and the changed files; the test beside it runs the whole chain with
