@@ -1,7 +1,7 @@
-"""States of vectors and an attitude, and the errors of such states, for the filters of motion.
+"""States of vectors and an attitude, and their errors: filters of motion share how one changes the other.
 
-A state is a tuple whose fields are `Vector`s and a `Quaternion`. The error has a `Vector` for each field: the
-difference of a vector, and for the attitude a rotation vector δ in the world, with q' = exp(δ) q.
+A state is a tuple whose fields are `Vector`s and a `Quaternion`; in its error each field is a `Vector`: that of the
+attitude is a rotation vector in the world, δ with q' = exp(δ) q, that of a vector its difference.
 """
 
 from jaxtyping import PyTree

@@ -136,7 +136,7 @@ class Inclination(NamedTuple):
 
 
 NEEDED = ("up.x", "up.z")
-"""Components whose covariances `read_out` uses."""
+"""Components of which `read_out` uses the covariances."""
 
 
 def read_out(state: InclinationState, cov: Covariance, rate: Vector) -> Inclination:
