@@ -1,7 +1,8 @@
 """The shape of the code: names, imports, lengths of files, and how many places a new part touches.
 
 What follows from the text is counted from the source. A length is a number of lines of a file; `jgait_code_lines` are
-those without blanks, docstrings and comments. An import counts wherever it stands: at the top of a file, inside a
+those without blanks, docstrings and comments. `names_not_allowed` counts each name of `NOT_ALLOWED` once for each file
+of the library that gives it to something. An import counts wherever it stands: at the top of a file, inside a
 function, or for type checkers only. `any_annotations` counts every annotation or alias that names `Any`; an annotation
 is loose if it names `Any`, `PyTree`, or an alias that stands for one of them. `places_*` counts, for a toy of each kind
 in `tests/extending.py`, the new files or folders and the changed files; the test beside it runs the whole chain with
@@ -49,6 +50,11 @@ INTERNAL = re.compile(rf"jax\.({'|'.join(NOT_PUBLIC)})(?=\.|$)")
 JACOBIAN = re.compile(r"error_(transition|observation|shift)|(turn|move)_error$|jacobian")
 """Names of functions and model fields that give a Jacobian, or move an error."""
 
+NOT_ALLOWED = frozenset(
+    ("told", "found", "own", "one", "seen", "said", "felt", "heard", "LEAST", "SHORTEST", "FEWEST", "ALIKE", "REACH")
+)
+"""Names that do not say what they stand for."""
+
 
 def lines(path: Path) -> int:
     return len(path.read_text(encoding="utf-8").splitlines())
@@ -70,6 +76,21 @@ def files_in(*parts: str, root: Path = ROOT) -> list[Path]:
 def any_annotations() -> int:
     """Places of the library that name `Any`: annotations, aliases and casts; imports of the name do not count."""
     return sum(isinstance(node, ast.Name) and node.id == "Any" for node in parsed(files_in()))
+
+
+def names_not_allowed(root: Path = ROOT) -> list[str]:
+    """Variables, arguments, fields, functions and classes with a name of `NOT_ALLOWED`; once in each file."""
+    names = {(path, _defined(node)) for path in files_in(root=root) for node in parsed([path])}
+    return sorted(f"{path.relative_to(root)}: {name}" for path, name in names if name in NOT_ALLOWED)
+
+
+def _defined(node: ast.AST) -> str | None:
+    """The name that a node gives to something."""
+    if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+        return node.id
+    if isinstance(node, ast.arg):
+        return node.arg
+    return node.name if isinstance(node, ast.FunctionDef | ast.ClassDef) else None
 
 
 def code_lines(path: Path) -> int:
@@ -294,7 +315,9 @@ def rows(quick: bool) -> list[Row]:
         ("median_file", statistics.median(of.values()), "lines"),
         ("any_annotations", any_annotations(), "annotations"),
         ("repeated_class_names", len(repeated), "names"),
+        ("names_not_allowed", len(names_not_allowed()), "identifiers"),
         ("readme_lines", lines(ROOT / "README.md"), "lines"),
+        ("changelog_lines", lines(ROOT / "CHANGELOG.md"), "lines"),
         ("jgait_lines", sum(of.values()), "lines"),
         ("jgait_code_lines", sum(map(code_lines, of)), "lines"),
         ("tests_lines", sum(lines(path) for path in (ROOT / "tests").rglob("*.py")), "lines"),

@@ -82,7 +82,9 @@ def test_the_wheel_holds_the_package_its_types_and_its_licence(tmp_path):
 
 
 def test_top_level():
-    needed = {"CHANGELOG.md", "LICENSE", "Makefile", "README.md", "pyproject.toml", "requirements.lock"}
+    needed = {
+        "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "Makefile", "README.md", "pyproject.toml", "requirements.lock",
+    }  # fmt: skip
     hidden = {".ci", ".gitignore", ".python-version"}
     top = {path.parts[0] for path in tracked()}
     assert needed | hidden | {"jgait", "tests"} <= top
@@ -99,7 +101,7 @@ def test_no_file_knows_the_machine_it_was_written_on():
     assert found == []
 
 
-@pytest.mark.parametrize("name", ["README.md", ".ci/run"])
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", ".ci/run"])
 def test_every_make_command_that_is_named_exists(name):
     targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     commands = re.findall(r"(?:^[ $]*|`)make ([a-z]+)\b", (ROOT / name).read_text(), re.MULTILINE)

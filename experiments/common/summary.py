@@ -11,7 +11,7 @@ import json
 import math
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from experiments import EXPERIMENTS
 from experiments.common.row import Row
@@ -26,13 +26,59 @@ BARE = ("", "1", "ratio", "F1", "bool")
 """Units that the table does not print."""
 
 BEGIN, END = "<!-- table: written by `make summary` -->", "<!-- end of the table -->"
+
+
+class Headline(NamedTuple):
+    """A row of the README's table. Numbers are named by their metrics.
+
+    Attributes:
+        quantity: what was measured, and by which sensors.
+        errors: what a number is → its metric.
+        worst: the metric of the largest error; "" where none is measured.
+        guess: what a guess without sensors is → its metric.
+        where: the kind of walk, after the number of cases.
+    """
+
+    quantity: str
+    errors: dict[str, str]
+    worst: str
+    guess: dict[str, str]
+    where: str
+
+
 HEADLINES = (
-    "default_whole_hip_deg_right", "default_whole_x_cm_right", "leg_distance_pct", "flags_missed_pct",
-    "flags_false_pct",
-    "foot_stride_mae_cm_gaitmap_example", "foot_stride_mae_cm_pyshoe_vicon", "width_mae_cm_rts",
-    "tripod_distance_error_pct", "ic_f1_ipol_gait", "distance_mae_pct_ipol_straight", "walking5m_median_err_duty50",
+    Headline(
+        "hip and knee angles; sensors on thigh and shank",
+        {"right hip": "default_whole_hip_deg_right", "left hip": "default_whole_hip_deg_left",
+         "right knee": "default_whole_knee_deg_right", "left knee": "default_whole_knee_deg_left"},
+        "", {}, "with a U-turn, beside motion capture; root mean squares",
+    ),
+    Headline(
+        "stride length; a sensor on the shoe",
+        {"mean": "foot_stride_mae_cm_pyshoe_vicon"}, "foot_stride_worst_cm_pyshoe_vicon", {},
+        "from slow steps to running, beside motion capture",
+    ),
+    Headline(
+        "walked distance; sensors on thigh and shank",
+        {"median": "walking5m_loso_distance_median_pct", "mean": "walking5m_loso_distance_mae_pct"},
+        "walking5m_loso_distance_worst_pct", {"mean": "leg_distance_pct_guess"}, "who walked 5 m",
+    ),
+    Headline(
+        "walked distance; one sensor at the waist",
+        {"median": "distance_median_pct_ipol_straight", "mean": "distance_mae_pct_ipol_straight"},
+        "distance_worst_pct_ipol_straight",
+        {"mean": "waist_distance_pct_guess", "worst": "waist_distance_worst_pct_guess"}, "on straight ways",
+    ),
+    Headline(
+        "time of initial contacts; one sensor at the waist",
+        {"mean": "waist_ic_mae_ms"}, "", {}, "of straight walks, checked by hand",
+    ),
+    Headline(
+        "strides wrong by more than three stated standard deviations without a warning",
+        {"share": "flags_missed_pct"}, "", {}, "of all public sets; shoe, shank or waist",
+    ),
 )  # fmt: skip
-"""Metrics whose lines the README shows."""
+"""The rows of the README's table."""
 
 Known = dict[str, dict[str, Any]]
 """Experiment → `version` of jgait, and `rows`: those with a line in the table."""
@@ -76,6 +122,11 @@ def number(value: float) -> str:
     return text.replace("-", "−").replace(",", " ")
 
 
+def count(row: Row) -> str:
+    """How many cases a number is made of."""
+    return f"{row.n:,} {row.of}".replace(",", " ").strip()
+
+
 def cell(rows: list[Row], paper: bool = False) -> str:
     """The numbers of a line in one column, each with what it is."""
     if paper:
@@ -91,7 +142,7 @@ def lines(name: str, rows: list[Row]) -> list[list[str]]:
     found = []
     for (line, unit), some in grouped.items():
         by = {data: [row for row in some if row.data == data] for data in ("simulation", "recordings")}
-        counts = dict.fromkeys(f"{row.n:,} {row.of}".replace(",", " ").strip() for part in by.values() for row in part)
+        counts = dict.fromkeys(count(row) for part in by.values() for row in part)
         label = line if unit in BARE else f"{line} [{unit}]"
         found.append([label, cell(some, paper=True), *map(cell, by.values()), "; ".join(counts), f"`{name}`"])
     return found
@@ -104,13 +155,18 @@ def table(known: Known) -> str:
 
 
 def headlines(known: Known) -> str:
-    """The lines of the README: what was measured, the numbers on recordings, n, and the experiment."""
-    found = [["", "on recordings", "n", "experiment"], ["---"] * 4]
-    for name, one in known.items():
-        rows = [Row(**row) for row in one["rows"]]
-        wanted = {row.line for row in rows if row.metric in HEADLINES}
-        some = [row for row in rows if row.line in wanted and row.data == "recordings"]
-        found += [[label, cell, n, home] for label, _, _, cell, n, home in lines(name, some)]
+    """The table of the README."""
+    rows = {row["metric"]: Row(**row) for one in known.values() for row in one["rows"]}
+
+    def numbers(metrics: dict[str, str]) -> str:
+        return "; ".join(f"{part} {number(rows[metric].value)}" for part, metric in metrics.items()) or "–"
+
+    found = [["error of", "usual", "worst", "a guess without sensors", "measured on"], ["---"] * 5]
+    for one in HEADLINES:
+        first = rows[next(iter(one.errors.values()))]
+        worst = number(rows[one.worst].value) if one.worst else "–"
+        cells = [numbers(one.errors), worst, numbers(one.guess), f"{count(first)} {one.where}"]
+        found.append([f"{one.quantity} [{first.unit}]", *cells])
     return markdown(found)
 
 

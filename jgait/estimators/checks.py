@@ -99,9 +99,9 @@ def _check_signals(imu: Imu, name: str) -> None:
 
 
 BLOCK, BUSIEST, RESTS, RARE = 100, 60, 0.2, 0.3
-"""[samples], [blocks], [1], [1] A block counts as rest if its mean rate is below a share of that of the 60th of the
-busiest blocks, or of the median one in short recordings: a minute at 100 Hz of handling does not set the measure. Rest
-is left out only where less than 0.3 of a recording moves."""
+"""[samples] Length of a block. It is rest if its mean rate is below `RESTS` [1] times that of block number `BUSIEST`,
+in the order of falling rates, or of the median block of a short recording; so a minute of handling at 100 Hz has no
+effect. Rest is left out only if less than `RARE` [1] of a recording moves."""
 
 
 def busy(imu: Imu) -> np.ndarray:
@@ -132,7 +132,7 @@ def force_unit(imu: Imu) -> tuple[float, str]:
 
 
 def check_options(options: PyTree, known: Mapping[str, Collection[str]]) -> None:
-    """Raise ValueError for unknown options, naming what there is and what came; `known` has the values of each."""
+    """Raise ValueError for an unknown option, with the known ones; `known` maps each option to its values."""
     for name, values in known.items():
         if getattr(options, name) not in values:
             raise ValueError(f"{name} must be one of {', '.join(values)}; got {getattr(options, name)!r}")

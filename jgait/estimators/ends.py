@@ -20,12 +20,12 @@ STANDS, SWINGS = 0.75, 2.0
 """[1], [rad/s] Share of a stride after which a foot has left the ground in walking, and a rate that it then reaches."""
 
 SHORT = 0.5
-"""[1] Share of the median length below which a first or last stride is one from or to standing; strides in turns, which
-are short too, reach more."""
+"""[1] Share of the median length below which a first or last stride starts or ends in standing; the strides in turns,
+which are short too, are longer."""
 
 LEAST, MOST = 0.2, 1.5
-"""[1] Limits of what is cut off, in strides: a person who stands for a moment at first is not taken to walk, nor one
-who does something else for longer."""
+"""[strides] Limits of the walking that a recording cuts off: in less, a person stands for a moment; in more, the
+activity is another one."""
 
 CUT_MEANING = (
     "The part of a stride there is in no stride of the table. The distance of one estimator does not count it; that of "
@@ -43,7 +43,7 @@ WALKING_AFTER = Kind(
 
 
 def cut_notes(estimate: Estimate, sensors: Mapping[int, tuple[str, AnyArray]]) -> tuple[Note, ...]:
-    """Notes of sensors with whose recording a stride is cut off; their values have `seconds` [s].
+    """Notes about sensors whose recording cuts off a stride; their values have `seconds` [s].
 
     Args:
         estimate: without padding, with strides.

@@ -54,8 +54,8 @@ class Estimator[P, I](NamedTuple):
             recording that is not long; on the host.
         unused: names of the parameters, or of groups of parameters, on which no number of the estimate depends, so
             that its gradient is zero by construction.
-        likelihood: (params, inputs, options) → log-likelihood of the measurements [nat] for tuning, where that is
-            another one than the sum of the diagnostics `log_likelihood…`; pure, `options` static.
+        likelihood: (params, inputs, options) → log-likelihood of the measurements [nat] for tuning; pure, `options`
+        static. None: the sum of the diagnostics `log_likelihood…`.
     """
 
     name: str
@@ -109,7 +109,7 @@ class Estimator[P, I](NamedTuple):
         return self.finished(result, prepared)
 
     def finished(self, result: Estimate, prepared: Prepared[I]) -> Estimate:
-        """The estimate that `estimate` gives, from that of `run` for the padded inputs of a prepared recording."""
+        """The result of `estimate`, from the result of `run` for the padded inputs of a prepared recording."""
         result = trimmed(result, len(prepared.inputs.time), self.per_stride)  # type: ignore[attr-defined]
         facts = {"notes": prepared.notes, "standing": prepared.standing}
         result = result._replace(diagnostics={**result.diagnostics, **facts})

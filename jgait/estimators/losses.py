@@ -13,18 +13,18 @@ BRIDGED = 0.05
 """[s] Longest loss that is bridged by interpolation, and does not count as lost; chosen: 5 samples at 100 Hz."""
 
 FROZEN = 1e-3
-"""[s] Interval of a filter over a sample of a long loss."""
+"""[s] Interval between samples that a filter uses within a long loss: its state hardly changes."""
 
 MOST_RATE, MOST_FORCE = 5.0, 10.0
-"""[rad/s], [m/s²] Largest mean error of a reading over a loss that its slopes tell; chosen: a swing's rate, gravity."""
+"""[rad/s], [m/s²] Upper limit on the mean error that slopes give for a loss; chosen: a swing's rate, gravity."""
 
 HELD = 1.5
-"""[1] Integrals of a reading that is held over a loss err by this factor more than those of one that is interpolated:
-median over moving feet and shanks and losses of 0.1 to 0.9 s (experiment `damage.gaps`)."""
+"""[1] Error of the integral over a loss if the reading is held, over the error if it is interpolated: median over
+moving feet and shanks and losses of 0.1 to 0.9 s (experiment `damage.gaps`)."""
 
 
 def not_bridged(lost: np.ndarray, time: np.ndarray, longest: float = BRIDGED) -> np.ndarray:
-    """(T,) bool, the lost samples in a row for more than `longest` [s]: in short losses a signal is nearly straight."""
+    """(T,) bool, True in losses longer than `longest` [s]; in shorter ones a signal is nearly straight."""
     step = np.diff(time, prepend=time[0])
     gone = np.zeros(len(time), bool)
     for first, after in true_runs(lost):
@@ -33,7 +33,7 @@ def not_bridged(lost: np.ndarray, time: np.ndarray, longest: float = BRIDGED) ->
 
 
 def longest_loss(lost: np.ndarray, time: np.ndarray) -> float:
-    """Longest time [s] that is lost in a row, by flags of lost samples (T,); 0 without losses."""
+    """Duration [s] of the longest loss, from flags of lost samples (T,); 0 without losses."""
     step = np.diff(time, prepend=time[0])
     return max((float(step[first:after].sum()) for first, after in true_runs(lost)), default=0.0)
 
@@ -50,7 +50,7 @@ def bend_error(values: np.ndarray, time: np.ndarray, first: int, after: int) -> 
     """Size of the error of the integral of signals (T, k), interpolated over the lost samples `first` to `after`.
 
     By the formula of Euler and Maclaurin a straight line errs by T² / 12 times the change of the slope over the time T.
-    What a loss hides of an impact is far more than the usual error. 0 at an end of the recording.
+    An impact within the loss has a far larger error. 0 at an end of the recording.
     """
     if first < 2 or after + 1 >= len(time):
         return 0.0
@@ -75,8 +75,8 @@ def bridged(
     """Over up to `LONGEST_LOSS`, interpolated readings are integrated, with errors of the sizes of `integral_error` and
     `bend_error`.
 
-    Over a longer loss the state stays as it was, with the errors that held readings have after `LONGEST_LOSS`: a leg
-    keeps its posture better than an integral of readings that it did not have.
+    Over a longer loss the state does not change, and has the errors of held readings after `LONGEST_LOSS`: a leg's
+    posture changes less than an integral without readings would.
     """
     step = np.diff(time, prepend=time[0])
     bridge = Bridge(dt.copy(), np.zeros(len(time)), np.zeros(len(time)))
@@ -96,7 +96,7 @@ def bridged(
 def held_bridge(
     lost: Array, seconds: Array, step: Array, rate: tuple[float, float], force: tuple[float, float]
 ) -> tuple[Array, Array, Array]:
-    """As `bridged`, sample by sample with readings that are held: whether time goes on, and both deviations.
+    """`bridged` sample by sample, with held readings: whether the sample is integrated, and both standard deviations.
 
     Args:
         lost: (T,) 1 where a sample is lost, else 0.

@@ -16,36 +16,35 @@ RUNNING_S = 0.95
 """[s] Strides that last longer are walked: runners take more than 126 steps a minute."""
 
 QUICK_S, JOGGING, SLOWER, FEWEST = 0.75, 1.5, 1.2, 5
-"""[s], [m/s] Strides that last less (160 steps a minute) and are faster are of running, see also `STRIDES_QUICK` of
-`ankle_stride`; steps in turns are as short, but slow. [1] Least median duration of the others over theirs; small
-children walk as quickly, but all the time. [1] Least number of each."""
+"""Strides are of running if they last less than `QUICK_S` [s] (160 steps a minute) and are faster than `JOGGING` [m/s],
+see also `STRIDES_QUICK` of `ankle_stride`; steps in turns are as short, but slow. [1] Least ratio of the other strides'
+median duration to theirs; small children walk as quickly all the time. Least number of each."""
 
 KNEE_DEG = (-20.0, 160.0)
-"""[deg] Smallest and largest knee angle, with a wrong zero of 10° and more allowed for."""
+"""[deg] Smallest and largest knee angle of a person, with a margin of 10° and more for a wrong zero."""
 
 KNEE_SHARE = 0.01
-"""[1] Share of the valid samples of a leg with such knee angles from which on they are reported."""
+"""[1] Share of a leg's valid samples with such knee angles above which they are reported."""
 
 KNEE_STIFF_DEG, HIP_SWINGS_DEG = 5.0, 20.0
-"""[deg] Range of a knee that is stiff, while its hip swings by more than this: from the 1st to the 99th percentile."""
+"""[deg] Largest range of a stiff knee, and least range of its hip, from the 1st to the 99th percentile."""
 
 PAST_STRAIGHT_DEG = -10.0
-"""[deg] Smallest knee angle below which two of three strides must be for the zero to seem wrong. Chosen below the
-medians of all legs of `walking5m` and `neura_sparse`, of which the lowest are near, and above those of simulated people
-whose knees were bent by 20° in standing."""
+"""[deg] The zero seems wrong if the smallest knee angle of two of three strides is below this. Chosen below the medians
+of all legs of `walking5m` and `neura_sparse`, and above those of simulated people who stand with knees bent by 20°."""
 
 BENT_DEG = (25.0, 10.0)
-"""[deg] Smallest knee and hip angle above which two of three strides must be, both at once, for a leg to be never
-straight. Chosen: "crouched" of `simulate.GAITS` has one of the two, the recordings named above have neither."""
+"""[deg] A leg is never straight if in two of three strides the smallest knee angle and the smallest hip angle are both
+above these. Chosen: the gait "crouched" of `simulate.GAITS` has one of the two, the recordings above have neither."""
 
 MOST = 200.0 / 3.0
-"""[%] Those two of three: strides differ more from each other where rates are filled, as while gyroscopes sleep."""
+"""[%] Two of three strides; not all, because strides differ more while rates are filled for sleeping gyroscopes."""
 
 FEWEST_CYCLES = 2
-"""[1] Least number of strides, between three swings of a leg, from which these two are judged."""
+"""Least number of strides of a leg for these two limits: those between three swings."""
 
 STEEPEST, LEAST_RISE = 1.0, 0.5
-"""[1], [m] Slope of a walk, and its rise: strides on stairs rise by 0.6 of their length."""
+"""[1], [m] Steepest slope of a walk, and least rise that is reported; strides on stairs rise by 0.6 of their length."""
 
 CAUSES = (
     "Likely causes: a wrong unit or sampling rate, a sensor at the limit of its range, samples that are lost or "
@@ -130,7 +129,7 @@ NO_ANGLES = (KNEE_IMPLAUSIBLE.code, NOT_FINITE.code)
 
 
 def implausible(estimate: Estimate) -> tuple[Note, ...]:
-    """Notes about what no person does in an estimate of one recording, without padding; on the host."""
+    """Notes about results that no person can have walked, in an estimate without padding; on the host."""
     notes: list[Note] = []
     valid = np.asarray(estimate.valid, bool)
     time = as_float(estimate.time)
@@ -197,7 +196,7 @@ def paces_mixed(strides: Strides) -> list[Note]:
 
 
 def distance_implausible(estimate: Estimate) -> bool:
-    """Whether no person walks the distance of an estimate, or the strides that it is the sum of."""
+    """True if no person can have walked the distance of an estimate, or the strides whose sum it is."""
     return bool({STRIDES_IMPLAUSIBLE, SPEED_IMPLAUSIBLE}.intersection(note.kind for note in implausible(estimate)))
 
 
@@ -220,7 +219,7 @@ def _paces(strides: Strides) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _strides(strides: Strides, stddev: Strides | None) -> list[Note]:
-    """Notes about the strides of both feet; a width is negative if it is so by two of its deviations."""
+    """Notes about the strides of both feet; a width counts as negative if it is below 0 by two standard deviations."""
     notes = []
     used, wrong = np.asarray(strides.valid, bool), impossible(strides)
     length, _, speed = _paces(strides)

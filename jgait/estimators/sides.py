@@ -30,15 +30,16 @@ def of_turns(length: Values, turn: Values) -> tuple[Values, Values]:
     """Way of the person over strides that turn, and its standard deviation [m].
 
     Length (n,) is the chord from foothold to foothold [m], turn (n,) that of the foot [rad]. On a curve the person
-    walks the arc; who turns on the spot walks the chord or less. The way is the mean of both, its deviation that of a
-    uniform distribution between them.
+    walks the arc, in turning on the spot the chord or less. The way is the mean of arc and chord, with the standard
+    deviation of a uniform distribution between them.
     """
     arc = length / xp.sinc(xp.clip(turn / (2.0 * math.pi), -0.5, 0.5))
     return 0.5 * (length + arc), (arc - length) / math.sqrt(12.0)
 
 
 def along(time: Values, start: Values, end: Values, real: Flags, lengths: Values) -> Values:
-    """Sums (T, m) of what strides (n, m) add, which grow linearly from the start [s] to the end [s] of each stride.
+    """Running sums (T, m) of values of strides (n, m), each added linearly from the start [s] to the end [s] of its
+    stride.
 
     The strides are in the order of their starts and do not overlap; those that are not `real` follow the others, and
     add nothing.

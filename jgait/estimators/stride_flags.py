@@ -22,9 +22,8 @@ AS_FAR = 0.1
 """[1] Largest relative difference between distance gained and stride length at which the two are compared."""
 
 UNEVEN, AROUND = 1.5, 3
-"""[1], [strides] Largest factor between the durations of an even stride and of those around it, so many before and so
-many after it, of both legs; their median counts. Chosen: steady strides differ by some hundredths, one with a pause
-by far more."""
+"""[1] Largest ratio between the duration of an even stride and the median of the `AROUND` strides before and after it,
+of both legs. Chosen: steady strides differ by some hundredths, a stride with a pause by far more."""
 
 FEW = 10
 """Smallest number of regular strides without a note that means are uncertain."""
@@ -35,7 +34,7 @@ FEW_REGULAR = Kind(
 )  # fmt: skip
 
 FEWEST_STRIDES = 3
-"""Least number of strides around another by whose duration it is judged."""
+"""Least number of strides around a stride for a judgement of its duration."""
 
 
 def stated(estimate: Estimate, name: str) -> np.ndarray | None:
@@ -94,8 +93,7 @@ STRIDE_COLUMNS: dict[str, tuple[str, float]] = {
     "contact_angle_deg": ("contact_angle", 180.0 / np.pi),
     "push_off_angle_deg": ("push_off_angle", 180.0 / np.pi),
 }
-"""Column of a stride in tables → field of `Strides` ("" for the duration), and the factor from its SI unit to the unit
-of the column."""
+"""Column of a table of strides → field of `Strides` ("" for the duration), and factor from the SI unit."""
 
 
 def durations(strides: Strides) -> np.ndarray:
@@ -121,8 +119,9 @@ def pauses(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 def as_far(strides: Strides, gained: Values, xp: ModuleType = np) -> Flags:
     """(strides,) bool, the valid strides from contact to contact in which the body advances as far as the foot.
 
-    These are the strides whose length a reference's distance gains, `gained` (strides,) [m], to `AS_FAR`; where that is
-    NaN, those that are not short as from and to standing. `xp` is NumPy, or `jax.numpy` under jit.
+    In these strides the reference's distance grows by the stride's length, within `AS_FAR`; `gained` (strides,) [m] is
+    that growth. Where it is NaN, strides that are short, as from and to standing, are left out. `xp` is NumPy, or
+    `jax.numpy` under jit.
     """
     length, known = xp.asarray(strides.length), xp.asarray(strides.valid)
     usual = xp.nanmedian(xp.where(known, length, xp.nan))

@@ -23,18 +23,18 @@ RISE, RISES_FROM = 2.5, 0.15
 measured with a small NIS."""
 
 UNCERTAIN = 0.25
-"""[m] Deviation of a stride's length from which on the stride is in doubt: there was no stance for seconds."""
+"""[m] Standard deviation of a stride's length above which the stride is in doubt, as after seconds without a stance."""
 
 SLOW_SHARE = 0.05
-"""[1] Deviation of a stride's length over itself where a sensor is sampled slowly. Chosen by simulated shanks at 25 and
-30 Hz."""
+"""[1] Relative standard deviation of a stride's length if the sensor is sampled slowly; chosen with simulated shanks at
+25 and 30 Hz."""
 
 SCALE_SHARE = 0.65
-"""[1] Deviation of a stride's length over itself, over the error of the accelerometer at rest, which may be one of its
-scale or a bias. Chosen by simulated feet and shanks with scales of 0.9 to 1.1."""
+"""[1] Relative standard deviation of a stride's length, per relative error of the accelerometer at rest, which may come
+from its scale or its bias; chosen with simulated feet and shanks with scales of 0.9 to 1.1."""
 
 RATES_SHARE = 2.0
-"""[1] Deviation of a stride's length over itself, over the logarithm of the factor of the rates: lengths go with the
+"""[1] Relative standard deviation of a stride's length, per logarithm of the factor of the rates; lengths grow with the
 square of the interval between samples."""
 
 _MEANING = (
@@ -72,7 +72,7 @@ DOUBTS = (INCONSISTENT.code, STRIDES_DOUBTFUL.code, STANCES_RARE.code)
 
 
 class Trust(NamedTuple):
-    """Whether an estimate can be trusted as far as its stated deviations say."""
+    """Whether the stated deviations of an estimate can be trusted."""
 
     #: (n,) bool, in the order of `Estimate.strides`; None if the estimator does not judge strides.
     strides: np.ndarray | None
@@ -115,7 +115,7 @@ def judged(result: Estimate, placements: dict[int, str], limit: float, nis: dict
     Args:
         result: without padding, with `stride_nis` (n,) in its diagnostics.
         placements: side (0 right, 1 left) → placement of the sensor.
-        limit: NIS [1] of a sensor from which on its results are in doubt, and then strides with twice this NIS.
+        limit: NIS [1] of a sensor above which its results are in doubt, and with them the strides with twice this NIS.
         nis: side → NIS of all observations of the sensor [1].
     """
     result = _of_sensors(result, placements)
@@ -146,13 +146,13 @@ def _of_sensors(result: Estimate, placements: dict[int, str]) -> Estimate:
 
 
 def rates_share(note: Note) -> float:
-    """Deviation of a stride's length over itself [1], by a note `RATES_OFF`."""
+    """Relative standard deviation of stride lengths [1], from a note `RATES_OFF`."""
     return RATES_SHARE * abs(float(np.log(as_float(note.values["factor"]))))
 
 
 LEVER_SHARE = 0.7
-"""[1/m] Deviation of a stride's length over itself, over the distance by which the sensor's estimated place is off.
-Chosen by simulated shanks with seated movements and cycling between walks."""
+"""[1/m] Relative standard deviation of a stride's length, per error of the sensor's estimated place; chosen with
+simulated shanks with seated movements and cycling between walks."""
 
 SHARES: dict[str, Callable[[Note], float]] = {
     ACCELEROMETER_OFF.code: lambda note: SCALE_SHARE * float(np.abs(as_float(note.values["percent"]))) / 100.0,
@@ -160,11 +160,11 @@ SHARES: dict[str, Callable[[Note], float]] = {
     SAMPLED_SLOWLY.code: lambda _: SLOW_SHARE,
     LEVER_IMPLAUSIBLE.code: lambda note: LEVER_SHARE * float(as_float(note.values["off_m"])),
 }
-"""Code of a note on a sensor → deviation of its strides' lengths over themselves [1]."""
+"""Code of a note on a sensor → relative standard deviation of the lengths of its strides [1]."""
 
 
 def wider(result: Estimate, share: np.ndarray) -> Estimate:
-    """The estimate with a further deviation of strides, over themselves (n,) [1], and of what they are of the distance.
+    """The estimate with an additional relative deviation (n,) [1] of strides, and of their part of the distance.
 
     Errors of strides are taken to have one cause, so that they add up in the distance.
     """
@@ -200,4 +200,4 @@ def doubts_of(placement: str, limit: float, nis: float, deviation: float, many: 
 
 
 DOUBTED_SHARE = 0.2
-"""[1] Share of a sensor's strides in doubt from which on a note names them."""
+"""[1] Share of a sensor's strides in doubt above which a note names them."""

@@ -27,10 +27,10 @@ STANCE = 2.5
 """[rad/s] Largest rate of a valley that counts as a stance: the valley of a run."""
 
 STILL = 0.8
-"""[rad/s] A foot with a lower rate always counts as standing; between heel-off and contact the rate is above 2."""
+"""[rad/s] A foot with a lower rate always stands; between heel-off and contact the rate is above 2."""
 
 ABOVE = 1.5
-"""[1] A stance ends where the rate is more than `STILL` and than so many times the rate of its valley."""
+"""[1] A stance ends where the rate exceeds `STILL` and this multiple of the rate in its valley."""
 
 JOLT = 5.0
 """[m/s²] Spread of the specific force that weighs as much as an angular rate of 1 rad/s."""
@@ -39,42 +39,42 @@ SHORTEST = 0.45
 """[s] Shortest time from one stance to the next; a run has 0.65."""
 
 WORSE, LEAST_DEPTH = 3.0, 0.1
-"""[1] Largest ratio of a valley's rate to that of both neighbours, if all three valleys lie within `LONGEST`. [rad/s]
-Lower rates count as this one in the ratio."""
+"""[1] Largest ratio of a valley's rate to the rates of both neighbours, if all three valleys lie within `LONGEST`.
+[rad/s] Least rate in that ratio; lower rates are replaced by it."""
 
 BRIEF, WHOLE, APART = 0.4, 0.15, 1.2
-"""[1], [s], [s] A stance lies in a slow swing if it lasts a smaller share of both stances beside it, is `ABOVE` times
-as restless, and they last longer than the second and are less than the third apart; or less than `BETWEEN`, if it lasts
-less than the second itself."""
+"""Limits of a false stance in a slow swing. It is shorter than `BRIEF` [1] times either stance beside it, and `ABOVE`
+times as restless. Both of these last longer than `WHOLE` [s], and lie less than `APART` [s] apart, or less than
+`BETWEEN` if the false stance is shorter than `WHOLE`."""
 
 LONGEST = 2.0
 """[s] Duration of two strides of fast walking; see `WORSE`."""
 
 SETTLED, SETTLES_S, CALMER = 0.3, 0.35, 10.0
-"""[rad/s], [s], [1] A foot that comes down flat and softly moves on without turning until it is stopped: `unrest` above
-the first shows that, for so long after the stance has begun by its rate, if it is so many times what follows."""
+"""A foot that comes down flat and softly still moves without turning. Its stance begins later, by at most `SETTLES_S`
+[s], where `unrest` exceeds `SETTLED` [rad/s] and `CALMER` [1] times the unrest that follows."""
 
 BETWEEN = 1.6
-"""[s] Longest time from rest to rest of one slow swing: a valley in it is `WORSE` times as high as both rests."""
+"""[s] Longest time between the rests beside a slow swing; a valley in it has `WORSE` times the rate of both rests."""
 
 QUICKER = 1.2
-"""[s] Two strides take longer at any cadence: a run has 1.3. A valley whose neighbours are nearer to each other than
-that, and which is more than `STILL` and than `ABOVE` times both of them, lies in a swing.
+"""[s] Shortest duration of two strides at any cadence; a run has 1.3. A valley lies in a swing if its neighbours are
+less than this apart and its rate exceeds `STILL` and `ABOVE` times the rates of both.
 """
 
 SLOW, SLOW_SWING, SLOW_STILL, SLOW_REST, SLOW_EDGE = 1.5, 0.25, 0.15, 0.4, 0.1
-"""[s], [rad/s], [rad/s], [s], [s] A foot that is lifted slowly, in place or in creeping, never turns as fast as
-`SWING`. Where no swing is found for longer than `SLOW`, `unrest` above `SLOW_SWING` between two rests is one. In a rest
-it is below `SLOW_STILL` for `SLOW_REST` at least, longer than in the middle of a swing; the stance is the rest without
-`SLOW_EDGE` at either end, where the foot begins to move.
+"""Limits of slow steps, in which a foot never turns as fast as `SWING`. Where no swing is found for longer than `SLOW`
+[s], `unrest` above `SLOW_SWING` [rad/s] between two rests is a swing. In a rest, `unrest` is below `SLOW_STILL` [rad/s]
+for at least `SLOW_REST` [s], longer than in the middle of a swing. The stance is the rest without `SLOW_EDGE` [s] at
+either end.
 """
 
 LANDED = 0.1
 """[1] Share of its peak in late swing by which the pitch of the foot has fallen at initial contact."""
 
 FLAT_S, LANDS_S = 0.03, 0.18
-"""[s] An initial contact is found at least so long before the stance begins, for the foot comes to lie flat in between.
-[s] Where the pitch shows none, the usual time, as the reference of `ipol_gait` has it."""
+"""[s] Least time from an initial contact to the stance: the foot comes to lie flat in between. [s] The time that is
+assumed if the pitch shows no contact, from the reference of `ipol_gait`."""
 
 REACH = 0.25
 """[s] Contacts are searched from this time before the end of a stance to this time after the start of the next."""
@@ -223,10 +223,10 @@ def _in_slow_swing(rate: np.ndarray, valleys: np.ndarray, sampling_rate_hz: floa
 
 
 def _suppressed(valleys: np.ndarray, rate: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
-    """The valleys without those inside swings: too near a deeper valley, or much higher than both neighbours; and
-    without one at either end of the recording that is much higher than its neighbour: a swing or landing that is cut.
+    """The valleys without those inside swings, which are too near a deeper valley or much higher than both neighbours.
 
-    The nearer the neighbours are to each other, the less a valley between them may be higher.
+    A valley at either end of the recording is left out if it is much higher than its neighbour: a swing or landing that
+    the recording cuts. The nearer the neighbours are to each other, the smaller is the ratio that is allowed.
     """
     kept, depth = list(valleys), list(rate[valleys])
     while len(kept) > 1:
@@ -264,7 +264,7 @@ def margin(
 ) -> np.ndarray:
     """(T,) logarithm of the threshold of the nearest stance over `unrest`; large while a foot is still.
 
-    It is near 0, above or below as `inside` decides, where the statistic alone would decide otherwise.
+    Where the statistic alone contradicts `inside`, the margin is near 0, with the sign of `inside`.
     """
     restless = unrest(gyr, acc, sampling_rate_hz)
     middles = 0.5 * (stances.stillest[1:] + stances.stillest[:-1])

@@ -51,8 +51,8 @@ TRUNK_RATE, TRUNK_FORCE = 0.12, 0.25
 """[rad/s], [m/s²] Thresholds on the spread of the trunk's angular rate and specific force while a person stands."""
 
 NOISY = 0.125
-"""[m/s²] Noise of an accelerometer, from sample to sample, from which on it does not count as movement of the trunk.
-Recorded trunks at rest have 0.05, accelerometers for 200 g alone have more."""
+"""[m/s²] Noise of an accelerometer from sample to sample above which the noise is subtracted from the trunk's movement.
+Trunks at rest have 0.05; only accelerometers with a range of 200 g have more."""
 
 LEAST_REST_S = 2.0
 """[s] Shortest rest from which the bias of the trunk's gyroscope is computed; a shorter rest gives a worse bias."""
@@ -61,15 +61,15 @@ BIAS_KNOWN = 0.06
 """[rad/s] Largest expected bias of a gyroscope; a larger mean rate means that the trunk turns."""
 
 UPRIGHT = math.radians(50.0)
-"""[rad] Angle of a leg's sensor at rest from its mean direction in walking, from which on the person does not stand: in
-sitting a thigh is nearly level, and in standing both segments are nearly as upright as in the mean of walking."""
+"""[rad] Angle between a leg sensor's directions at rest and in the mean of walking above which the person does not
+stand: a thigh is nearly level in sitting, and both segments are nearly upright in standing."""
 
 WALKS_RATE, WALKS_WITHIN_S, LEAST_WALK_S = 2.0, 0.5, 2.0
-"""[rad/s], [s], [s] The fastest leg turns faster than this, at most so long before or after each sample of walking; the
-least time of walking that tells which way is upright."""
+"""[rad/s] Rate that the fastest leg exceeds within `WALKS_WITHIN_S` [s] of every sample of walking. [s] Least duration
+of walking from which the upright direction is computed."""
 
 BRIDGED_S = 0.1
-"""[s] A loss of samples that is not longer does not end a rest."""
+"""[s] Longest loss of samples that does not end a rest."""
 
 
 class Rest(NamedTuple):
@@ -139,8 +139,8 @@ def longest_still(
 ) -> tuple[int, int] | None:
     """The longest stretch (start, end) [samples], half-open, in which a segment stands still.
 
-    It does where the gyroscope's root mean square over a centred window is low, √(Σ m |ω|² / Σ m) < threshold, m the
-    mask; the ends of the recording are reflected.
+    The segment stands still where the gyroscope's root mean square over a centred window is low,
+    √(Σ m |ω|² / Σ m) < threshold, m the mask; the ends of the recording are reflected.
 
     Args:
         gyr: (T, 3) angular rate [rad/s], finite.

@@ -24,15 +24,14 @@ EARLIEST, LATEST = 0.12, 0.85
 """[1] Limits of the valley, as shares of the time between two swings: between the peaks of landing and push-off."""
 
 VALLEY = 0.4
-"""[1] Usual share of a valley. A rise of the rate up to it is that of the landing: in slow steps, before the foot lies
-flat, the rate is less than in the valley."""
+"""[1] Usual position of a valley, as a share of the time between two swings. A rise of the rate before it belongs to
+the landing: in slow steps the rate is lower before the foot lies flat than in the valley."""
 
 PAUSE_S = 1.5
 """[s] A longer time between two swings is a pause, if the shank rests in it."""
 
 RESTS_S, RESTS_BELOW = 0.5, 0.1
-"""[s], [rad/s] Shortest time for which a shank rests in a pause, and the rate below which it rests; over the foot of a
-very slow step it keeps turning."""
+"""[s] Shortest rest of a shank in a pause; [rad/s] rate below which it rests. In a very slow step it keeps turning."""
 
 NEAR_S, FAR_S = 0.1, 0.9
 """[s] Shortest and longest time between a swing and the still sample of standing."""
@@ -45,8 +44,9 @@ RESTS = 1.5
 can be least while the leg swings."""
 
 SWINGS = 1.0
-"""[rad/s] Forward rate from which on a shank swings, next to the first and the last swing that are whole; at the very
-end of the recording `STILL`. Beside a rest a shank that straightens up is as fast; a closing step is above `RESTS`."""
+"""[rad/s] Forward rate above which a shank swings before the first or after the last whole swing; at the very end of
+the recording the limit is `STILL`. Beside a rest the norm of the rate must also exceed `RESTS`, because a shank that
+straightens up is as fast."""
 
 CUTOFF_HZ = 4.0
 """[Hz] Cut-off of the low-pass filter of the rates, applied both ways."""
@@ -123,9 +123,9 @@ def _at_end(
 ) -> tuple[int, bool, bool]:
     """The instant after a swing's end (1) or before its start (−1), whether it is in standing, and whether it rests.
 
-    `limit` is the next swing after a pause; None: the recording has none. Then the instant is a valley if a swing that
-    does not count comes before the person rests, or a part of one is there where the recording begins or ends in
-    walking; there is none if the stance is cut off.
+    `limit` is the next swing after a pause, or None. Without one, the instant is a valley if an uncounted swing comes
+    before the person rests, or if the recording begins or ends within a swing; a stance that the recording cuts has no
+    instant.
     """
     edge = (len(norm) - 1 if way > 0 else 0) if limit is None else limit
     near = int(NEAR_S * rate_hz)

@@ -161,7 +161,7 @@ class Cue(NamedTuple):
     """One sign of the side of a contact.
 
     Attributes:
-        begin, end: of the part of the step that the cue is read from, after the contact [steps].
+        begin, end: limits of the part of the step from which the cue is computed, after the contact [steps].
         exchanged: share of people in whom left and right are exchanged [1].
     """
 
@@ -171,8 +171,7 @@ class Cue(NamedTuple):
 
 
 SWAY, DROP, TURN = Cue(0.0, 1.0, 1 / 16), Cue(0.0, 0.3, 1 / 16), Cue(0.4, 1.4, 1 / 4)
-"""The three cues. No person of 14 walks against the first or the second (one in sixteen by Laplace's rule), three turn
-the pelvis the other way."""
+"""The three cues. No person of 14 has sway or drop exchanged (1/16 by Laplace's rule), three the turn."""
 
 
 def sides(

@@ -35,15 +35,15 @@ USUAL, OCTAVES = 1.8, 0.6
 """[Hz], [octaves] Centre and width of the Gaussian weight that separates a step from a stride or half a step."""
 
 AS_WELL = 0.2
-"""[1] Autocorrelation after half a lag over that after the lag, above which the sway decides which one is a step. Walks
-that are alike on both sides have nearly 1; with less, as in limping, the whole lag is kept. Chosen: small."""
+"""[1] Ratio of the autocorrelation at half a lag to that at the lag above which the sway decides which of the two is a
+step. Symmetric walks have nearly 1. At a lower ratio, as in limping, the whole lag is kept. Chosen low."""
 
 CUTOFFS = np.array([0.5, *np.geomspace(1.1, 5.0, 6)])
 """[Hz] Cut-offs of the low-pass filters; a filter with a changing cut-off is interpolated between them."""
 
 WINDOW, WIDE = 5.0, 20.0
-"""[s] Windows of the root mean squares with which the height of maxima is compared: about the maximum, and so wide that
-the sway of who has just stopped is compared with the walking before."""
+"""[s] Windows of the root mean squares with which the height of a maximum is compared: one about the maximum, and a
+wide one that still contains the walking when the person has just stopped."""
 
 NEAREST, FURTHEST = 0.65, 1.6
 """[steps] Least and greatest time from a contact to a closing step; the least also from it to the next contact."""
@@ -56,8 +56,8 @@ place of both. On three straight walks of `mobgap_lab` it is 1.
 """
 
 LEAST, SHARE, FLOOR = 0.5, 0.9, 0.5
-"""[m/s²], [1], [1] Least height of a maximum above the minima beside it: itself, and over the root mean squares of
-`WINDOW` and of `WIDE`."""
+"""Least height of a maximum above the minima beside it: [m/s²] absolute, and [1] over the root mean squares of `WINDOW`
+and of `WIDE`."""
 
 WEAK = 0.5
 """[1] Share of the least height that a closing step, about one step after a tall maximum, needs."""

@@ -40,7 +40,7 @@ LEAST = 1.0
 """[m/s³], [m/s²] Added in quadrature to the root mean squares, so that the score of standing still is finite."""
 
 BLOW_HZ = 10.0
-"""[Hz] Lower limit of the band of the blow."""
+"""[Hz] Lower limit of the band of the impact of the foot."""
 
 
 class Soft(NamedTuple):

@@ -1,8 +1,7 @@
 """Jets: numbers that carry their first and second derivative with respect to time through arithmetic.
 
-A function with the operators +, −, * and / and the functions of this file computes its own derivatives, exact by the
-rules of the product and of the chain. Only what moves is a jet; numbers and arrays beside jets are constant. The orders
-are one array, so that the compiler sees one operation where three numbers are computed.
+A function of +, −, *, / and the functions of this file then computes its own derivatives, exactly. Numbers and arrays
+that are no jets are constant. All orders are one array, so that the compiler sees one operation instead of three.
 """
 
 from collections.abc import Sequence

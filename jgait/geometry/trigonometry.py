@@ -4,15 +4,9 @@ x = k π/2 + r with |r| ≤ π/4: k by adding a constant that shifts the fractio
 into parts whose products with k are exact; then one odd and one even minimax polynomial of r, exchanged and negated
 after the last two bits of k.
 
-The largest error, found by comparing with values of higher precision:
-
-    float32   1.0e-7  for |x| ≤ 6433 (1000 turns),       beyond it half a unit in the last place of x
-    float64   2.1e-16 for |x| ≤ 1.6e6 (250 000 turns),   beyond it half a unit in the last place of x
-
-Beyond these limits the error is that of rounding x to its float type, where the compiler fuses multiplications with
-additions, as it does by default; without fusion the error is up to twice as large. From 6.5e6 (float32) and 3.5e15
-(float64) on, the rounding error of x is a large part of a turn and only |sin|, |cos| ≤ 1 holds.
-Infinity gives NaN. Derivatives use the same values: (sin)' = cos, (cos)' = −sin.
+The largest error, compared with values of higher precision, is 1.0e-7 for |x| ≤ 6433 (float32, 1000 turns) and 2.1e-16
+for |x| ≤ 1.6e6 (float64). Beyond, it is half a unit in the last place of x, or one unit if the compiler does not fuse
+multiplications with additions. Infinity gives NaN. Derivatives use the same values: (sin)' = cos, (cos)' = −sin.
 """
 
 from typing import NamedTuple
@@ -64,7 +58,7 @@ _DOUBLE = _Recipe(
     ),
 )  # fmt: skip
 _QUARTER = 0.7858
-"""[rad] Limit on |r|, a little more than π/4, for an x so large that k is not exact."""
+"""[rad] Limit on |r|, a little more than π/4; it acts where x is so large that k is not exact."""
 
 
 @jax.custom_jvp

@@ -16,21 +16,22 @@ WALKING_RATE = 0.6
 """[rad/s] Smallest root mean square rate of a shank in walking."""
 
 TURNING_RATE = 0.6
-"""[rad/s] Threshold on the low-passed rate about the vertical: a turn, whose samples do not show the sagittal axis."""
+"""[rad/s] Threshold on the low-passed rate about the vertical; above it the person turns, and the sagittal axis is
+hidden."""
 
 SWAPPED = 1.25
-"""[1] The shank turns faster than the thigh; a sensor called thigh that turns faster by this factor is on the shank."""
+"""[1] Ratio of the thigh's to the shank's turning rate above which the two sensors are exchanged."""
 
 THIGH_LEAD = 0.145
 """[1] Share of a stride by which the forward swing of the thigh precedes that of the shank: with it, the correlation of
 the rates is .3 to .9 on all 36 legs of `walking5m`, and .4 to .7 in simulated walks of 0.2 to 1.7 m/s. With a lead in
-seconds alone the sign turns in slow walks."""
+seconds the sign is wrong in slow walks."""
 
 LEAST_CORRELATION = 0.15
-"""[1] Correlation of both rates below which it is not certain which way is forward for the thigh."""
+"""[1] Correlation of both rates below which the forward direction of the thigh is uncertain."""
 
 STRIDE_TIMES, USUAL_STRIDE_TIME = (0.6, 4.0), 1.1
-"""[s] Limits of the stride time that is looked for, and the stride time of a walk that shows none."""
+"""[s] Limits of the stride time in the search, and the stride time that is assumed if the search finds none."""
 
 SIDES_EXCHANGED = Kind(
     "sides_exchanged", "check", "the right and left {kind} sensors seem exchanged: they swing half a stride before or "
@@ -66,7 +67,7 @@ def smooth(values: np.ndarray, seconds: float, sampling_rate_hz: float) -> np.nd
 
 
 def stride_time(rate: np.ndarray, sampling_rate_hz: float) -> float:
-    """Stride time [s] of a shank's sagittal rate (T,) [rad/s]: the first lag at which it repeats itself.
+    """Stride time [s] from the sagittal rate of a shank (T,) [rad/s]: the first lag at which the rate repeats.
 
     That is the first maximum of its autocorrelation within `STRIDE_TIMES` of at least 0.7 of the highest;
     `USUAL_STRIDE_TIME` if there is none.
@@ -119,7 +120,7 @@ def segment_axes(right: np.ndarray, up: np.ndarray | None) -> np.ndarray:
 
 
 def measured(imu: Imu, standing: slice) -> np.ndarray:
-    """The measured samples of a standing; all of them if none is measured."""
+    """The samples of a standing that were measured; all samples if none was."""
     samples = np.arange(len(imu.mask))[standing]
     there = samples[np.asarray(imu.mask, bool)[samples]]
     return there if there.size else samples

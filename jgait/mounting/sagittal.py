@@ -1,4 +1,4 @@
-"""The sagittal rate of a segment of the leg from a recording, for filters of one's own; NumPy, on the host."""
+"""The sagittal rate of a leg segment from a recording, for filters that users write; NumPy, on the host."""
 
 from typing import NamedTuple
 
@@ -23,9 +23,9 @@ class SagittalRate(NamedTuple):
 def sagittal_rate(recording: Recording, placement: str) -> SagittalRate:
     """The rate of a thigh, shank or ankle about its sagittal axis, without the bias at rest.
 
-    Axis and sign come from the walk: the axis is that of most rotation, perpendicular to gravity. A shank's or ankle's
-    swing is faster forward, which gives the sign; a thigh's follows from the shank of the same side, so that both
-    sensors and a standing are needed.
+    The axis is the axis of most rotation in the walk, perpendicular to gravity. The sign of a shank or ankle follows
+    from its forward swing, which is the faster one. The sign of a thigh follows from the shank of the same side, so
+    both sensors and a standing are needed.
 
     Args:
         recording: a walk; SI units, sensors in any orientation.

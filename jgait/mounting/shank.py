@@ -27,8 +27,7 @@ LEAST_ASYMMETRY = 0.3
 """[1] Skewness of the sagittal rate below which its sign is uncertain; walks have 1.0 to 2.6."""
 
 LEAST_SWING = 0.5
-"""[rad/s] A leg whose rate has a lower 99th percentile does not walk; in standing, which of two sensors turns faster is
-noise."""
+"""[rad/s] Least 99th percentile of the rate of a walking leg; in standing, noise decides which sensor turns faster."""
 
 
 class Axes(NamedTuple):
@@ -76,8 +75,8 @@ def functional_axes(imu: Imu) -> Axes | None:
 def rest_bias(imu: Imu, sampling_rate_hz: float) -> np.ndarray | None:
     """The gyroscope bias while the leg stands, calibrated as in the paper: (3,) [rad/s].
 
-    The median over the longest rest of half a second or more; None if there is none. No other measurement corrects the
-    bias of a stride: 0.02 rad/s change the stride length by 2 %.
+    The median over the longest rest of at least half a second; None without such a rest. A bias of 0.02 rad/s changes
+    the stride length by 2 %, and no other measurement corrects it.
     """
     run = longest_still(imu.gyr, sampling_rate_hz, mask=imu.mask, threshold=RESTING, at_least_s=0.5)
     if run is None:

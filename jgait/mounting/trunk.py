@@ -29,48 +29,48 @@ SLOWEST, FASTEST = 1.2, 2.8
 """[Hz] Least and greatest step frequency of the search in the accelerations of all axes."""
 
 QUICKEST, TWICE = 3.5, 1.75
-"""[Hz] Greatest step frequency of the search in the vertical acceleration, of quick children; [1] its frequency over
-that of all axes from which on this one is the stride's: the sway to the sides. A sensor at the side of the waist also
-rises and falls three times a stride, which is less."""
+"""[Hz] Greatest step frequency of the search in the vertical acceleration, for children who walk quickly. [1] Ratio of
+this frequency to that of all axes above which the latter is the stride frequency, from sway; a sensor at the side of
+the waist, which moves up three times a stride, has a smaller ratio."""
 
 BAND = (0.75, 1.3)
 """[1] Limits of the band of the step frequency, as multiples of the step frequency."""
 
 LEAST = 0.25
-"""[m/s²] Threshold on the root mean square acceleration at the step frequency: below it nobody walks."""
+"""[m/s²] Least root mean square acceleration of walking at the step frequency."""
 
 SURE = 40.0
 """[deg] Largest difference of the phase from a quarter of a step with which forward and backward are certain; in 36
 walks of `ipol_gait` and 4 of `mobgap_lab` the difference is up to 33°."""
 
 WENT_S, WENT_M = 30.0, 1.0
-"""[s], [m] Longest time between two rests over which a velocity is integrated, and least distance from one rest to the
-next that has a direction."""
+"""[s] Longest time between two rests over which velocity is integrated. [m] Least distance between two rests from which
+a direction is computed."""
 
 ASIDE = 0.1
-"""[1] Share of the power of the forward and upward accelerations in walking that comes from turns of the trunk, from
-which on a sensor is moved to the middle. On lower backs of `ipol_gait` and `mobgap_lab` it is less, of simulated people
-at the side of the waist it is more if their pelvis moves as those of recorded people do."""
+"""[1] Share of the power of the forward and upward accelerations that comes from turns of the trunk, above which a
+sensor is moved to the middle. Lower backs of `ipol_gait` and `mobgap_lab` have less; simulated people who move as
+recorded ones and wear the sensor at the side of the waist have more."""
 
 TURNS_S = (0.05, 0.1, 1.0)
 """[s] Windows of means: of the angular rate before it is differentiated; and of what is faster and slower than steps
 when the distance from the middle is computed."""
 
 FREE, OVER_S = 0.35, 0.05
-"""[1], [s] Specific force over gravity, as a mean over `OVER_S`, below which the trunk falls freely: in running it is
-near 0 once in each step, and recorded walks of `ipol_gait` and `mobgap_lab` stay far above it."""
+"""[1] Mean specific force over gravity, in a window of `OVER_S` [s], below which the trunk is in free fall. In running
+it is near 0 once in each step; walks of `ipol_gait` and `mobgap_lab` stay far above it."""
 
 STEP_S, ENOUGH_S = 0.5, 5.0
-"""[s] Longest time from a step in free fall to other samples of running. [s] Walking that decides alone."""
+"""[s] Longest time from free fall to other samples of running. [s] Walking above which running is ignored."""
 
 SLOW_S = 4.0
-"""[s] Window of mean forces by which a wrong attitude shows, see `tilted`."""
+"""[s] Window of the mean forces that show a wrong attitude, see `tilted`."""
 
 GRAVITY_S = 1.5
-"""[s] Window of a mean that leaves gravity of the specific force: more than a stride; `by_gravity` takes it twice."""
+"""[s] Window of the mean that leaves gravity of the force, longer than a stride; `by_gravity` applies it twice."""
 
 UPRIGHT = np.deg2rad(25.0)
-"""[rad] Largest angle of gravity from the trunk's vertical in windows that count in `tilted`."""
+"""[rad] Largest angle between gravity and the trunk's vertical in the windows that `tilted` uses."""
 
 NAMES = ("x", "y", "z")
 
@@ -146,10 +146,10 @@ def moved_between(acc: np.ndarray, still: np.ndarray, sampling_rate_hz: float) -
 
 
 def where_one_went(axes: TrunkAxes, level: np.ndarray, still: np.ndarray, sampling_rate_hz: float) -> TrunkAxes:
-    """The axes with forward where the person went from one rest to the next, by the integrated accelerations.
+    """The axes, with the forward axis along the person's displacement between two rests, by integrated accelerations.
 
     Args:
-        axes: whose forward axis is replaced; they stay as they are if nobody went farther than `WENT_M`.
+        axes: their forward axis is replaced, unless no displacement exceeds `WENT_M`.
         level: (T, 2) forward and leftward acceleration in these axes, without gravity [m/s²].
         still: (T,) bool, the person stands.
         sampling_rate_hz: sampling rate [Hz].
@@ -164,7 +164,7 @@ def where_one_went(axes: TrunkAxes, level: np.ndarray, still: np.ndarray, sampli
 
 
 def centred(imu: Imu, rows: np.ndarray, sampling_rate_hz: float) -> Imu:
-    """The sensor as if worn in the middle of the trunk, if its turns show that it is worn at a side; else as it is.
+    """The sensor, moved to the middle of the trunk if turns of the trunk show that it is worn at a side.
 
     A point y to the left of the middle is accelerated further by −y ω̇_u forward and by y ω̇_f upward. These parts
     reverse from step to step, those of the middle repeat, so that least squares over the walk give y. `rows` (3, 3) are
@@ -197,11 +197,11 @@ def step_frequency(acc: np.ndarray, sampling_rate_hz: float) -> float:
 
 
 def tilted(forces: np.ndarray, acc: np.ndarray, sampling_rate_hz: float) -> float:
-    """Largest angle [rad] from the vertical of the mean specific force over `SLOW_S`, from forces (T, 3) in the world,
-    z up; it is small if the attitude is right, for nobody speeds up for so long.
+    """Largest angle [rad] of the mean force over `SLOW_S` from the vertical, of forces (T, 3) in the world, z up.
 
-    Only windows count in and beside which `acc` (T, 3), in the trunk's axes, is nearly upright, see `UPRIGHT`: a sensor
-    in a hand has no known attitude at first. 0 without such a window.
+    The angle is small if the attitude is right, because nobody accelerates for so long. Only windows are used in and
+    beside which `acc` (T, 3), in the trunk's axes, is nearly upright (`UPRIGHT`), as a sensor held in a hand is not. 0
+    without such a window.
     """
     size = window_size(SLOW_S, sampling_rate_hz)
     if len(forces) < size:
@@ -219,8 +219,8 @@ def _from_vertical(vectors: np.ndarray) -> np.ndarray:
 def by_gravity(imu: Imu, sampling_rate_hz: float) -> Imu:
     """The sensor with the angular rate that its accelerometer shows, for a gyroscope whose axes or signs are wrong.
 
-    The slow turn of gravity gives the rate about horizontal axes. About the vertical it is the slow rate of the
-    gyroscope along the axis about which it turns most, whichever this is: its size is right, its sign may be wrong.
+    The slow turn of gravity gives the rate about horizontal axes. The rate about the vertical is the slow rate of the
+    gyroscope about its axis of most rotation: its size is right, its sign may be wrong.
     """
     size = window_size(GRAVITY_S, sampling_rate_hz)
     up, rate = (held_mean(held_mean(as_float(values), size), size) for values in (imu.acc, imu.gyr))
@@ -266,13 +266,13 @@ def _walking(acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
 
 
 def _running(acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
-    """(T,) bool: less than `STEP_S` from a sample at which the trunk falls freely."""
+    """(T,) bool: less than `STEP_S` from a sample at which the trunk is in free fall."""
     felt = held_mean(np.linalg.norm(acc, axis=1), window_size(OVER_S, sampling_rate_hz)) / GRAVITY
     return np.asarray(window_sum((felt < FREE).astype(float), window_size(2.0 * STEP_S, sampling_rate_hz)) > 0.5)
 
 
 def worn(axes: TrunkAxes) -> dict[str, str | float]:
-    """How the sensor is worn: the sensor axes `up` and `forward` that point there, such as "z" or "−x", and angles [°].
+    """How the sensor is worn: the sensor axes that point up and forward, such as "z" or "−x", and two angles [°].
 
     `lean_deg` is that of `up` from the vertical, `turned_deg` that of `forward` from the direction of walking, in the
     horizontal plane.

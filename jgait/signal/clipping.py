@@ -1,4 +1,4 @@
-"""Clipped samples: a sensor at the limit of its range, and what it cut off its peaks. On the host, in NumPy.
+"""Samples that a sensor clips at the limit of its range, and the peaks that it cuts off. On the host, in NumPy.
 
 Some sensors filter, average or calibrate their readings after clipping, so that the readings at the limit are almost,
 not exactly, equal. A peak counts as cut off if it is flat at the limit although its flanks are steep.
@@ -17,7 +17,7 @@ LOWEST_RANGE = 4.0
 """[rad/s] No gyroscope for gait has a smaller range; 250 °/s are 4.4 rad/s."""
 
 NEAR, AXES = 0.98, 0.9
-"""[1] A flat peak lies above the first share of its axis's largest reading, and above the second of the sensor's."""
+"""[1] Least height of a flat peak, over the largest reading of its axis (`NEAR`) and of the sensor (`AXES`)."""
 
 FLAT = 3
 """[samples] Lower limit on the length of a flat peak."""
@@ -26,39 +26,38 @@ CUT_OFF = 0.02
 """[1] Least part of the largest reading by which the flanks must overshoot a flat peak."""
 
 PEAKS = 2
-"""[1] Fewer flat peaks in a recording are chance."""
+"""Least number of flat peaks in a clipped recording; fewer occur by chance."""
 
 AGAIN = 3
-"""[samples] Least number of equal largest readings of impacts that are cut off."""
+"""Least number of equal largest readings in a recording whose impacts are cut off."""
 
 FINE = 1e-3
-"""[1] Largest step of a sensor over its largest reading with which separate impacts do not reach equal readings."""
+"""[1] Largest resolution of a sensor, over its largest reading, with which separate impacts have different readings."""
 
 STEEP = 0.1
-"""[1] Least change beside such a reading, over it: a peak that is not cut off is round."""
+"""[1] Least change of the signal beside a cut-off reading, over that reading; a peak that is not cut off is round."""
 
 IN_PLANE, PLANE = 6, 1e-4
-"""[1] Least number of the largest readings in one plane, and their largest distance from it over the largest reading,
-if the axes were turned after clipping; chosen, undamaged public recordings have fewer."""
+"""For readings whose axes were turned after clipping: least number of the largest readings in one plane, and [1] their
+largest distance from the plane, over the largest reading. Undamaged public recordings have fewer."""
 
 HELD, AGAIN_MOST = 0.1, 4
-"""[1], [samples] Share of samples that repeat the one before in all axes from which on a sensor is slower than its
-signal, and readings that are written again are no limit; longer runs of equal readings do not count, as of a sensor at
-rest. Undamaged gyroscopes repeat 4 %."""
+"""[1] Share of samples equal to the sample before, in all axes, above which a sensor is slower than its signal;
+undamaged gyroscopes have 4 %. [samples] Longer runs of equal readings do not count: the sensor rests."""
 
 MOST = 2.0
-"""[1] Largest part of a specific force above its limit that is restored, over the limit; chosen."""
+"""[1] Largest restored part of a specific force, over the limit at which it was cut off; chosen."""
 
 UNSURE = 0.5
-"""[1] Standard deviation of a restored peak over what was restored; one error for all samples of a peak."""
+"""[1] Standard deviation of the restored part of a peak, over that part; all samples of a peak share the error."""
 
 UNSURE_FORCE, UNSURE_IMPACT = 0.7, 1.5
-"""[1] The same of a specific force, and of its peaks of fewer than `FLAT` samples. Chosen on recorded feet
-that were clipped by hand, and simulated ones. Peaks of one swing are alike, and so are their errors."""
+"""[1] `UNSURE` for a specific force, and for its peaks of fewer than `FLAT` samples; chosen on recorded and simulated
+feet that were clipped afterwards. Peaks of one swing have similar errors."""
 
 
 def _first(values: Float[AnyArray, "time axis"]) -> Bool[np.ndarray, "time"]:
-    """Samples but those that repeat the one before, if a sensor is slower than its signal, see `HELD`."""
+    """(T,) bool, False where a sensor that is slower than its signal repeats the sample before, see `HELD`."""
     again = np.concatenate([[False], ~np.diff(as_float(values), axis=0).any(axis=1)])[: len(values)]
     for first, last in true_runs(again):
         again[first:last] = last - first < AGAIN_MOST
@@ -66,7 +65,7 @@ def _first(values: Float[AnyArray, "time axis"]) -> Bool[np.ndarray, "time"]:
 
 
 def at_limit(values: Float[AnyArray, "time axis"], above: float, least: int = 2) -> Bool[np.ndarray, "time"]:
-    """Samples in runs of `least` or more equal readings within 0.1 % of the largest of their axis, if `above` it."""
+    """(T,) bool, runs of `least` equal readings within 0.1 % of their axis's largest, if that is `above` a limit."""
     every, new = as_float(values), _first(values)
     if not new.all():
         return at_limit(every[new], above, least)[np.cumsum(new) - 1]
@@ -89,10 +88,10 @@ def forces_clipped(acc: Float[AnyArray, "time axis"], above: float, least: int =
 
 
 def in_planes(values: Float[AnyArray, "time axis"], above: float) -> Bool[np.ndarray, "time"]:
-    """Samples at the limit of axes other than the signal's, where the limit is `above` a value.
+    """Samples that were clipped, `above` a value, before the axes of the signal were turned.
 
-    As many of the outermost readings as `IN_PLANE` lie in one plane there. Without fine steps they do so by chance, and
-    none are found.
+    At least `IN_PLANE` of the largest readings then lie in one plane. A signal of coarse resolution has such planes by
+    chance: none of its samples is returned.
     """
     from scipy.spatial import ConvexHull, QhullError
 
@@ -115,10 +114,10 @@ def in_planes(values: Float[AnyArray, "time axis"], above: float) -> Bool[np.nda
 
 
 def cut_short(values: Float[AnyArray, "time axis"], above: float) -> Bool[np.ndarray, "time"]:
-    """Samples of impacts that a sensor's range, if `above` a limit, cuts off for one or two samples.
+    """Samples of impacts that a sensor cuts off, `above` a limit, for one or two samples.
 
-    All axes have one range: `AGAIN` readings or more of exactly the same size, the largest of all, between which the
-    signal changes steeply. Without fine steps separate peaks can be equal, and none are found.
+    At least `AGAIN` readings then have exactly the largest size of all axes, and the signal changes steeply beside
+    them. In a signal of coarse resolution separate peaks can be equal: none of its samples is returned.
     """
     signal = as_float(values)
     size = np.abs(signal)
@@ -145,8 +144,8 @@ class Restored(NamedTuple):
 def restored(gyr: Float[AnyArray, "time axis"]) -> Restored:
     """Restore the peaks of an angular rate (T, 3) [rad/s] that the gyroscope's range cut off.
 
-    A cubic through the two readings before and the two after a flat peak takes its place, where it is higher. A
-    recording with fewer than `PEAKS` of them is returned as it is.
+    A cubic through the two readings before and the two after a flat peak replaces the peak where the cubic is higher. A
+    recording with fewer than `PEAKS` flat peaks is returned unchanged.
     """
     rate = as_float(gyr)
     largest = np.abs(rate).max(initial=0.0)
@@ -160,9 +159,8 @@ def restored(gyr: Float[AnyArray, "time axis"]) -> Restored:
 def restored_forces(acc: Float[AnyArray, "time axis"], clipped: Bool[AnyArray, "time"]) -> Restored:
     """Restore the peaks of a specific force (T, 3) [m/s²] where samples are `clipped`, see `forces_clipped`.
 
-    Lost samples that are interpolated between two at the limit belong to a peak if they count as clipped. A parabola
-    continues the mean slope of both flanks of a peak. Readings whose axes were turned after clipping are not
-    flat, and stay as they are.
+    A parabola continues the mean slope of both flanks of a peak. Interpolated samples between two clipped ones belong
+    to the peak if `clipped` contains them. Readings whose axes were turned after clipping are not changed.
     """
     force = as_float(acc)
     peaks = []
@@ -182,7 +180,7 @@ def restored_forces(acc: Float[AnyArray, "time axis"], clipped: Bool[AnyArray, "
 def _with(
     signal: np.ndarray, peaks: list[tuple[int, float, int, np.ndarray]], unsure: float, unsure_short: float
 ) -> Restored:
-    """The signal with what is missing of peaks: their axes, signs, first samples, and what is missing of each."""
+    """The signal with the missing parts of its peaks; a peak has an axis, a sign, a first sample and a missing part."""
     whole, doubt = signal.copy() if peaks else signal, np.zeros(len(signal))
     for axis, sign, first, missing in peaks:
         here = slice(first, first + len(missing))
@@ -194,7 +192,7 @@ def _with(
 
 
 def _cut_off(values: np.ndarray, least: float) -> list[tuple[int, np.ndarray]]:
-    """The first sample of each flat peak, and what is missing of its samples."""
+    """The first sample of each flat peak, and the missing part at each of its samples."""
     top = float(values.max(initial=0.0))
     runs = []
     for first, last in true_runs(values >= NEAR * top) if top > least else []:

@@ -1,4 +1,4 @@
-"""Loops over the first samples of arrays that are longer."""
+"""Loops over the first samples of longer arrays."""
 
 from collections.abc import Callable
 from typing import Any
@@ -37,7 +37,7 @@ def scanned(
 
 
 def held_on(values: Array, count: Counts) -> Array:
-    """Outputs (T, …) of which those from `count` on repeat the one before."""
+    """The outputs (T, …); from `count` on they repeat the output before."""
     last = lax.dynamic_index_in_dim(values, count - 1, keepdims=False)
     own = jnp.arange(values.shape[0]) < count
     return jnp.where(own.reshape(-1, *(1,) * (values.ndim - 1)), values, last)

@@ -38,7 +38,7 @@ def marks(
 def latest[T: PyTree](first: T, there: T, instant: Flags) -> tuple[T, T]:
     """Values at the last instant before each sample (T,), and at the last instant of all.
 
-    `first` holds the values at the last instant before the samples, `there` those at them.
+    `first` are the values at the last instant before the first sample, `there` the values at the samples.
     """
     count = instant.shape[0]
     number = lax.cummax(jnp.where(instant, jnp.arange(1, count + 1, dtype=jnp.int32), 0))

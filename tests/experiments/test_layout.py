@@ -27,7 +27,7 @@ FILES = {
     "estimators/model.py": (
         "from jax.extend.core import Primitive, jaxpr_as_fun\nimport jax\nimport jax_other._src\n"
         "def jacobian(p): return jax._src.core\ndef transition(p): return jax.extension.core\n"
-        "def fitting_error(p): return p\n"
+        "def fitting_error(one): told, one = one; return told.found\n"
     ),
 }
 
@@ -42,6 +42,8 @@ def root(tmp_path):
 
 
 def test_what_breaks_a_rule_is_found_in_the_source(root):
+    where = "jgait/estimators/model.py"
+    assert layout.names_not_allowed(root) == [f"{where}: one", f"{where}: told"]  # once each; not what is only used
     assert layout.hand_jacobians(root) == ["jacobian", "error_transition"]
     assert layout.jax_internal_imports(root) == [
         "jgait.estimators.model:1 jax.extend",

@@ -57,8 +57,14 @@ def test_every_versioned_row_has_a_line_a_number_and_a_count():
             assert row["line"] and row["of"] and row["n"] >= 1, row
             assert math.isfinite(row["value"]) and summary.rounded(row) == row, row
             assert "|" not in row["line"] + row["part"], row
-    metrics = {row["metric"] for one in known.values() for row in one["rows"]}
-    assert set(summary.HEADLINES) <= metrics
+
+
+def test_the_table_of_the_readme_has_six_rows_of_recordings():
+    metrics = {row["metric"]: row["data"] for one in summary.load().values() for row in one["rows"]}
+    assert len(summary.HEADLINES) == 6
+    for one in summary.HEADLINES:
+        named = [*one.errors.values(), *one.guess.values(), *filter(None, [one.worst])]
+        assert {metrics[name] for name in named} == {"recordings"}, one.quantity
 
 
 def test_a_number_that_changed_changes_the_table():

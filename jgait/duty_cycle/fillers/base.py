@@ -8,8 +8,8 @@ Every filler has the same arguments and the same result,
 and awake, `thigh` has the signals of a sensor on the thigh. A filler is causal, or reports its latency in samples. It
 is a `lax.scan` over the samples with fixed shapes, so it works under `jit` and `vmap`, and it is differentiable in its
 parameters. Measured samples are passed on unchanged. As long as fewer than `least_strides` strides were measured, the
-last measured value is held and `how` is `HELD`; `HELD`, too, is a sample for which `neighbours` has measured nothing
-alike, as in a turn or when a person stops. `check_signals` and `started` list the errors.
+last measured value is held and `how` is `HELD`; `how` is also `HELD` at samples for which `neighbours` finds nothing
+similar, as in a turn or when a person stops. `check_signals` and `started` list the errors.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Float, Int, PyTree, Shaped
 from jgait.types import AnyArray, Maybe
 
 MEASURED, FILLED, HELD = 0, 1, 2
-"""Origin of a sample: the gyroscope; the filler; neither, since too little or nothing alike was measured before."""
+"""Origin of a sample: the gyroscope; the filler; neither, because too little or nothing similar was measured before."""
 
 RATES = (25.0, 400.0)
 """[Hz] Least and greatest sampling rate that the fillers support."""

@@ -40,7 +40,7 @@ from jgait.signal import butterworth
 from jgait.types import SIDES, Counts, Estimate, Flags, Legs, Recording, Strides, Values
 
 LARGEST_MEAN_NIS = 0.5
-"""[1] NIS of a leg from which on all of its results are in doubt; of good walks it is below 0.2."""
+"""[1] NIS of a leg above which all of its results are in doubt; good walks have less than 0.2."""
 
 TOGETHER_S = 0.06
 """[s] Correlation time of zero velocities: those within this time count as one, whatever the sampling rate."""
@@ -167,7 +167,7 @@ class _Walked(NamedTuple):
 
 
 def _of_leg(p: AnkleParams, leg: AnkleSignals, side: Counts, states: filtering.Inferred, time: Values) -> _Walked:
-    """What the states of one leg show."""
+    """Strides of one leg, from the states of its filter."""
     strides, deviations, flags = ankle_strides.from_filter(p, leg, states.mean, states.cov, side)
     flags["stride_nis"] = trust.nis_between(states.filtered.nis, states.filtered.count, leg.begin, leg.end)
     last = leg.last
@@ -187,7 +187,7 @@ def _of_leg(p: AnkleParams, leg: AnkleSignals, side: Counts, states: filtering.I
 
 
 def _by_method(p: AnkleParams, legs: AnkleSignals, sides: Counts, time: Values, method: str) -> _Walked:
-    """What a method of `ankle_stride.length` shows of legs along a first axis."""
+    """Strides of legs along a first axis, by a method of `ankle_stride.length`."""
 
     def one(leg: AnkleSignals, side: Counts, smooth: Values) -> _Walked:
         strides, flags = ankle_strides.by_method(p, leg, smooth[:, :3], smooth[:, 3:], side, method)
@@ -208,11 +208,11 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT, *,
     Returns:
         `strides`, with the filter `strides_stddev`; `distance` is the mean over the legs with a sensor; `diagnostics`
         holds `FLAGS` for each stride, with the filter `distance_stddev` (T,) [m], and for each leg log-likelihood, mean
-        normalised innovation squared, the estimated lever [m] and gyroscope's bias [rad/s] (forward, left, up), and how
-        far the lever is off that of the parameters, `lever_off` [m].
+        normalised innovation squared, the estimated lever [m] and gyroscope's bias [rad/s] (forward, left, up), and its
+        distance from the lever of the parameters, `lever_off` [m].
 
     Raises:
-        ValueError: options that are none.
+        ValueError: an unknown option.
     """
     check_options(options, KNOWN)
     p, inputs = alike(p, inputs)
@@ -255,7 +255,7 @@ def estimate(p: AnkleParams, recording: Recording, options: AnkleOptions = DEFAU
 
     Raises:
         RecordingError: see `prepare`.
-        ValueError: a parameter outside its range, an option that is none.
+        ValueError: a parameter outside its range, or an unknown option.
     """
     return estimator(options).estimate(p, recording)
 

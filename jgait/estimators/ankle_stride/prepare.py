@@ -51,8 +51,8 @@ moving shanks of three data sets (experiment `damage.gaps`) 0.9 rad/s and 3.2 m/
 and half as much again for people who walk faster."""
 
 CLIPPED_RATE, CLIPPED_FORCE = 2.0, 40.0
-"""[rad/s], [m/s²] Standard deviation of the error of a clipped reading that is not restored. Chosen: what a range of
-±4 g cuts off at the shanks of simulated runners."""
+"""[rad/s], [m/s²] Standard deviation of the error of a clipped reading that is not restored. Chosen: the part that a
+range of ±4 g cuts off at the shanks of simulated runners."""
 
 CLIPS_ABOVE_RATE, CLIPS_ABOVE_FORCE = 4.0, 18.0
 """[rad/s], [m/s²] Threshold on an axis's largest reading; above it, equal largest readings in a row are clipped."""
@@ -66,8 +66,8 @@ USUAL_HZ = 35.0
 """[Hz] Sampling rate below which strides are less certain than their filter states."""
 
 SMALL = shank_events.LOBES._replace(threshold=np.deg2rad(20.0), least_angle=np.deg2rad(10.0))
-"""Slower and smaller swings than those of strides. Of 42 legs of `walking5m`, `tripod` and `neura_sparse` none has more
-than one that is not counted as a stride; wiggles in very slow stances turn the shank by less."""
+"""Detector of swings that are slower and smaller than those of strides. Of 42 legs of `walking5m`, `tripod` and
+`neura_sparse` none has more than one that is not counted as a stride; in very slow stances the shank moves less."""
 
 MANY_SMALL = 0.1
 """[1] Number of small swings over that of strides above which a note names them, if there is more than one."""
@@ -129,7 +129,7 @@ def _padded(values: np.ndarray) -> np.ndarray:
 
 
 def _gentle(values: Values, rate_hz: float) -> np.ndarray:
-    """The signal (T, 3) as the search for stances sees it."""
+    """The signal (T, 3), low-passed for the search for stances."""
     low_pass = compiled(butterworth.low_pass_both_ways)
     slow = low_pass(_padded(as_float(values)), shank_stance.CUTOFF_HZ, float(rate_hz))
     return np.asarray(slow)[: len(values)]

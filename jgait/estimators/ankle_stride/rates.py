@@ -1,7 +1,7 @@
-"""Whether a shank's rates, or the interval between samples, have a wrong scale: innovations tell it.
+"""A wrong scale of a shank's rates, or of the interval between samples, detected from innovations.
 
-With rates that are too large or too small the shank stands at another inclination than gravity says. The NIS of a leg
-is nearly a parabola of the rates' scale; its vertex is the scale that fits.
+With rates that are too large or too small the integrated inclination of a standing shank contradicts gravity. The NIS
+of a leg is nearly a parabola of the rates' scale; its vertex is the scale that fits.
 """
 
 from collections.abc import Callable
@@ -20,15 +20,14 @@ FACTORS = (0.85, 1.0, 1.18)
 """[1] Scales of the rates for which the filter is run."""
 
 NIS_FROM = 0.03
-"""[1] Least NIS of a leg for which scales are tried. That of most good walks is below; with rates off by 15 %, all are
-above."""
+"""[1] Least NIS of a leg for which scales are tried; most good walks are below, all with rates off by 15 % above."""
 
 BETTER, OFF_FROM = 0.6, 0.1
-"""[1] Largest least NIS over that of the rates as they are, and least logarithm of the scale that fits, for rates that
-are off. Undamaged shanks, public and simulated, have 0.9 and 0.05; one has 0.15, but hardly a smaller NIS."""
+"""[1] Limits for a wrong scale: largest NIS with the best scale over that with the scale 1, and least logarithm of the
+best scale. Undamaged shanks, public and simulated, have 0.9 and 0.05; one has 0.15, but hardly a smaller NIS."""
 
 FARTHEST = 1.4
-"""[1] Largest scale, and inverse of the smallest one, that is stated: far from the tried ones it is hardly known."""
+"""[1] Largest scale that is stated, and inverse of the smallest: a scale far from `FACTORS` is hardly known."""
 
 FEWEST = 4
 """[1] Least number of strides of a leg."""

@@ -29,7 +29,7 @@ TIMING = 0.02
 """[s] Standard deviation of the duration of a stride, for the standard deviation of its speed."""
 
 FARTHEST_OFF = 0.08
-"""[m] Largest distance of an estimated lever from that of the parameters, see `off`; chosen, above public walks."""
+"""[m] Largest distance of an estimated lever from that of the parameters, see `off`; chosen above public walks."""
 
 FLAGS = ("turning", "stairs", "clipped", "half")
 """Names of the flags in `diagnostics`, each (n,) bool in the order of the strides."""
@@ -129,8 +129,8 @@ def by_method(
 
 
 def off(lever: Vector, known: Vector) -> Values:
-    """How far estimated levers are off [m], across the segment or half as much along it, where sensors are worn less
-    alike.
+    """Distance of the estimated lever from that of the parameters [m]: the largest component, with half of that along
+    the segment, where the places of sensors differ more.
     """
     forward, left, up = (xp.abs(part - value) for part, value in zip(lever, known, strict=True))
     return xp.maximum(xp.maximum(forward, left), 0.5 * up)

@@ -1,4 +1,4 @@
-"""Whether both feet go as far by a source that measures each with a sensor of its own."""
+"""Sources with a sensor on each side whose stride lengths differ between the sides."""
 
 from collections.abc import Sequence
 
@@ -19,15 +19,15 @@ SIDES_UNLIKE = Kind(
 )  # fmt: skip
 
 UNLIKE_SHARE = 0.1
-"""[1] Difference of the stride lengths of both sides over their mean, beyond which one is wrong. Chosen: above walks of
-`tripod`, `gaitmap_example`, `ipol_gait` and `walking5m`, and below simulated hemiparetic walks with shanks whose
-distance is off by more than three stated deviations."""
+"""[1] Difference of the stride lengths of both sides, over their mean, above which one side is wrong. Chosen: above
+walks of `tripod`, `gaitmap_example`, `ipol_gait` and `walking5m`, and below simulated hemiparetic walks with shanks
+whose distance is off by more than three stated deviations."""
 
 APART_M = 0.3
-"""[m] Largest distance of the feet's paths: on a curve the outer foot goes so much farther per radian of turn."""
+"""[m] Largest distance of the feet's paths: by it the outer foot goes farther per radian of turn."""
 
 FEWEST_PAIRS = 6
-"""[1] Least number of pairs of strides of both sides."""
+"""Least number of pairs of a right and a left stride."""
 
 
 def with_sides_unlike(
@@ -35,8 +35,8 @@ def with_sides_unlike(
 ) -> tuple[list[SourceEstimate], list[Note]]:
     """The sources, with larger deviations where both sides' strides differ in length, and a note for each such source.
 
-    A stride counts with the one of the other side whose middle is nearest, if they share time and neither is in a turn
-    or in doubt. Sources with a sensor in `wrong`, which another note explains, are as they were.
+    A stride is paired with the stride of the other side whose middle is nearest, if both share time and neither is in a
+    turn or in doubt. Sources with a sensor in `wrong`, which another note explains, do not change.
     """
     found, notes = list(sources), []
     for number, source in enumerate(sources):

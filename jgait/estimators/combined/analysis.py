@@ -76,7 +76,7 @@ class Analysis(NamedTuple):
             `clocks_apart`, True if other sensors show that the clock of a shoe may be off, `distance_stddev` [m],
             `angles_valid_<side>`, False if the side's joint angles are not usable, and `slipped_<side>` (T,), True
             after a thigh's or shank's sensor slipped, so that they are not usable either.
-        sources: what each group of sensors says alone, in the order in which their times are preferred.
+        sources: the result of each group of sensors alone, in the order in which their times are preferred.
         strides: for each stride which sources measured it and which were combined; None without strides.
         comparisons: each quantity as each source measures it, and combined.
         notes: decisions about the recording, its problems and contradictions between its sensors, gravest first.
@@ -202,22 +202,20 @@ ACCUSED = (
     "gyroscope_disagrees", "gyroscope_slow", "sides_differ", "accelerometer_late", "channel_wrapped", "tilts_apart",
     "turns_apart", "one_turns_apart",
 )  # fmt: skip
-"""Codes of readers' notes by which the signals of a whole sensor are wrong, not some samples; where a note names two
-sensors, either may be the wrong one."""
+"""Codes of readers' notes that a whole sensor is wrong, not some samples; of two named sensors, either may be wrong."""
 
 AXES = tuple(code for code in ACCUSED if code != "sides_differ")
-"""Those of them by which joint angles are wrong; a leg that is spared also differs from the other one."""
+"""Those of `ACCUSED` that make joint angles wrong; not a difference of the sides, which a stiff leg also causes."""
 
 CLOCKS = ("sensor_late", "clocks_drift", "sides_out_of_step")
-"""Codes of readers' notes by which a sensor's clock is wrong: its strides do not meet those of other sensors, but their
-lengths hold."""
+"""Codes of readers' notes that a sensor's clock is wrong: the times of its strides are wrong, their lengths hold."""
 
 PAIRS = tuple(code for code in CLOCKS if code != "sides_out_of_step")
-"""Those of them that may compare two sensors of one leg; a person who limps is out of step too."""
+"""Those of `CLOCKS` that a limp does not cause; they may compare two sensors of one leg."""
 
 SHOES = ("accelerometer_late", "sensor_late", "clocks_drift", CLOCK_OFF.code, LEGS_TOGETHER.code, CONTACTS_APART.code)
-"""Codes of notes by which another sensor shows that the clock of a shoe, if they name one, may be off: what differs
-between right and left in time is then not known. A person who limps is out of step too, and keeps what is measured."""
+"""Codes of notes in which another sensor shows that the clock of a shoe may be off. Differences in time between right
+and left are then not known. Notes that a limp also causes are not among them."""
 
 FOLLOWS = {
     SIDES_EXCHANGED.code: (*PAIRS, KNEE_IMPLAUSIBLE.code, KNEE_PAST_STRAIGHT.code, LEG_NEVER_STRAIGHT.code),
@@ -228,7 +226,7 @@ FOLLOWS = {
 
 
 def _following(notes: tuple[Note, ...]) -> Callable[[Note], bool]:
-    """Whether a note follows from sensors that are exchanged by some of these notes, see `FOLLOWS`."""
+    """True if a note follows from an exchange of sensors that one of these notes names, see `FOLLOWS`."""
     known = [(exchanged([note]), FOLLOWS[note.code]) for note in notes if note.code in FOLLOWS]
 
     def follows(note: Note) -> bool:
@@ -244,25 +242,25 @@ def _both(note: Note) -> set[str]:
 
 
 def _of_foot(note: Note) -> bool:
-    """Whether a note names the sensor of a shoe."""
+    """True if a note names the sensor of a shoe."""
     return any(name.startswith("foot_") for name in _both(note))
 
 
 def _named(recording: Recording, codes: Collection[str]) -> frozenset[str]:
-    """Placements that a reader's notes of some codes name."""
+    """Placements that a reader's notes with some codes name."""
     noted = [note for note in recording.notes if note.code in codes]
     named = {name for note in noted for name in (*_both(note), str(note.values.get("channel")))}
     return frozenset(name for name in recording.sensors if any(f"{word}_".startswith(f"{name}_") for word in named))
 
 
 SPARED = 0.05
-"""[1] Largest difference of the strides of both sides with which sensors that turn unlike each other are not wrong. A
-foot whose rates are too small by the least ratio that is noted measures strides that differ by more."""
+"""[1] Largest relative difference of the strides of both sides with which sensors that turn differently are not wrong.
+A foot whose rates are too small by the least ratio that is noted has a larger difference."""
 
 
 def _spared(recording: Recording, estimates: list[SourceEstimate]) -> frozenset[str]:
-    """Sensors that turn unlike those of the other leg, but measure strides of the same length, as of a stiff leg: with
-    a wrong unit, or on another segment, lengths would differ too.
+    """Sensors that turn unlike those of the other leg but measure strides of the same length, as on a stiff leg. A
+    wrong unit or another segment would change lengths too.
     """
     spared: set[str] = set()
     for pair in (_both(note) for note in recording.notes if note.code == "sides_differ"):
@@ -279,14 +277,14 @@ def _spared(recording: Recording, estimates: list[SourceEstimate]) -> frozenset[
 
 
 def _apart(recording: Recording, estimates: list[SourceEstimate]) -> frozenset[str]:
-    """Sensors of thighs and shanks whose clocks differ from one another by a reader's notes."""
+    """Sensors of thighs and shanks whose clocks differ, by a reader's notes."""
     worn = {name for source in estimates if source.name == "legs" for name in source.placements}
     pairs = [_both(note) for note in recording.notes if note.code in PAIRS]
     return frozenset().union(*(pair for pair in pairs if pair <= worn))
 
 
 def _angles(estimates: list[SourceEstimate], notes: list[Note], wrong: frozenset[str]) -> list[Note]:
-    """A note if a sensor from which joint angles are computed is in doubt, or if no knee bends as the angles say."""
+    """A note if a sensor of the joint angles is in doubt, or if no knee can bend as the angles say."""
     beyond = tuple(str(note.values["side"]) for note in notes if note.code in NO_ANGLES)
     worn = [name for source in estimates if source.name == "legs" for name in source.placements]
     names = [name for name in worn if name in wrong or name.endswith(beyond)]
@@ -295,7 +293,7 @@ def _angles(estimates: list[SourceEstimate], notes: list[Note], wrong: frozenset
 
 
 def _without_angles(estimate: Estimate, strides: JoinedStrides) -> list[Note]:
-    """A note for each measured leg of whose regular strides each lacks angles."""
+    """A note for each measured leg whose regular strides all lack angles."""
     time, usual = as_float(estimate.time), regular(strides)
     notes = []
     for number, side in enumerate(SIDES):
@@ -338,7 +336,7 @@ def _assembled(
         valid |= np.asarray(there, bool)
 
     def stated(values: PyTree, there: Flags) -> PyTree:
-        """Values over time, NaN where their source states nothing, though others may."""
+        """Values over time, NaN where their source states nothing."""
 
         def gapped(leaf: AnyArray) -> np.ndarray:
             known = np.asarray(there, bool).reshape(-1, *(1,) * (np.ndim(leaf) - 1))

@@ -1,4 +1,4 @@
-"""What several sources say of one quantity of a walk, side by side, and notes about contradictions."""
+"""Quantities of a walk by several sources, and notes about contradictions between the sources."""
 
 import itertools
 from collections.abc import Sequence
@@ -64,12 +64,11 @@ CONTACTS_CONTRADICT = Kind(
 )  # fmt: skip
 
 APART_S = 0.1
-"""[s] Least difference between both legs of the time from a foot's contacts to those of the same leg's ankle or shank.
+"""[s] Least difference between the legs in the time from a foot's contacts to the contacts of its ankle or shank.
 It is 0.06 or less in undamaged walks, public and simulated of all gaits, and larger where sensors are exchanged."""
 
 UNEVEN_S = 0.085
-"""[s] Least difference of the durations of right and left steps that is noted: three of the deviations that a summary
-states of it."""
+"""[s] Least difference of right and left step durations that is noted: three standard deviations of a summary."""
 
 FEWEST = 4
 """[1] Least number of common strides or contacts for a comparison."""
@@ -157,7 +156,7 @@ def length_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> l
 
 
 def contact_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides, doubtful: frozenset[str]) -> list[Note]:
-    """A note if the contacts of feet and of ankles or shanks are not as far apart on one leg as on the other.
+    """A note if the time between the contacts of foot and ankle or shank differs between the legs.
 
     Sources with a sensor in `doubtful`, whose place or clock another note explains, are not compared.
     """
@@ -199,7 +198,7 @@ def step_notes(strides: JoinedStrides) -> list[Note]:
 
 
 def even_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides, doubtful: frozenset[str]) -> list[Note]:
-    """A note for each side and source on the legs in place of whose contacts those of a later source count.
+    """A note for each side and source on the legs whose contacts are replaced by those of a later source.
 
     Sources with a sensor in `doubtful`, whose place or clock another note explains, have none.
     """
@@ -221,7 +220,7 @@ def even_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides, doubtf
 
 
 def waist_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides, doubtful: frozenset[str]) -> list[Note]:
-    """A note for each side whose strides have the waist's times, although doubtful sensors on the leg measure them."""
+    """A note for each side whose strides have the waist's times because the sensors on the leg are in doubt."""
     notes = []
     waist = np.array([name == "waist" for name in strides.first], bool)
     for number, side in enumerate(SIDES):

@@ -45,7 +45,7 @@ TRUNK_CLOCK_OFF = Kind(
 )  # fmt: skip
 
 OF_WALKING = (SIDES_EXCHANGED, LABELS_EXCHANGED, FOOT_ON_SHANK, TRUNK_CLOCK_OFF, CLOCK_OFF, LEGS_TOGETHER)
-"""Kinds of notes that say nothing where nobody walks: other movements do not tell a sensor's place or clock."""
+"""Kinds of notes that are left out if nobody walks: other movements show neither place nor clock of a sensor."""
 
 USUAL_RATE = {"foot": 7.5, "ankle": 5.6, "shank": 5.4, "thigh": 3.2, "wrist": 3.2, "": 1.7}
 """[rad/s] 99th percentile of the norm of the rate in walking; "" for the trunk and the head. From public recordings."""
@@ -54,18 +54,17 @@ UNIT_RATIO = 7.5
 """[1] Threshold on the ratio of a sensor's rate to the expected rate: the root of 180 / π, half way to another unit."""
 
 LEAST_WALK = 0.25
-"""[1] Least ratio of some sensor's rate to `USUAL_RATE` with which a person walks. Chosen: between those of people who
+"""[1] Least ratio of any sensor's rate to `USUAL_RATE` in walking. Chosen: between those of people who
 stand before the walks of `walking5m`, and of simulated people who walk a fifth as fast as usual."""
 
 RESTING, RESTS_S, WALKS, RESTS_MORE = 0.4, 2.0, 0.4, 0.05
-"""[rad/s], [s], [1], [1] Rate below which a sensor rests; time over which its square is averaged, and share of the
-largest mean from which on a person walks; and least difference of the shares of rest by which a shank's or thigh's
-sensor rests more than the foot's. In undamaged public walks the foot of the same leg rests more, by 0.11 or more."""
+"""[rad/s] Rate below which a sensor rests. [s] Window over which the squared rate is averaged, and [1] share of the
+largest mean above which a person walks. [1] Least difference of the shares of rest with which a shank or thigh rests
+more than the foot; in undamaged public walks the foot of the leg rests more, by at least 0.11."""
 
 RESTS_FLAT = 0.1
-"""[1] Least share of rest of a foot's sensor that is not on the shank if its lean varies less while it rests: that of a
-foot which lies flat does. The shank of a sound leg can rest more than a stiff leg's foot. Shanks of public walks rest
-less."""
+"""[1] Least share of rest of a sensor on a foot that lies flat: if its lean varies less while it rests, it is not on
+the shank, although the shank of a sound leg can rest more than a stiff leg's foot. Shanks of public walks rest less."""
 
 SEGMENTS = "thigh", "shank", "foot"
 
@@ -76,7 +75,7 @@ INTENSITY_S = 1.0
 """[s] Duration of the window over which the intensity of movement is averaged; about a stride, so that steps vanish."""
 
 LARGEST_FORCE = 3.0
-"""[m/s²] Largest difference of a specific force from its median that counts in the intensity."""
+"""[m/s²] Limit on the difference of a specific force from its median in the intensity."""
 
 LATE_S, LONGEST_DELAY = 0.3, 1.5
 """[s] Threshold on the delay of the trunk's intensity relative to that of the legs, and the longest delay tried; of 43
@@ -114,7 +113,7 @@ class Findings(NamedTuple):
 
 
 def exchanged(notes: Iterable[Note]) -> set[str]:
-    """Placements of sensors that have changed places by notes: with the other side, or with another segment."""
+    """Placements of exchanged sensors, from notes: with those of the other side, or of another segment."""
     names: set[str] = set()
     for note in notes:
         if note.code == SIDES_EXCHANGED.code:
@@ -131,8 +130,8 @@ def crosscheck(recording: Recording) -> Findings:
         recording: sensors with known placements; each on its own clock.
 
     Returns:
-        The contradictions; none if there are too few sensors or strides to tell. Of a person who does not walk, only
-        units of accelerometers and sensors upside down.
+        The contradictions; none if there are too few sensors or strides. If the person does not walk, only units of
+        accelerometers and sensors upside down are checked.
     """
     rates = {name: fast_rate(imu) / USUAL_RATE[kind_of(name)] for name, imu in recording.sensors.items()}
     walks = any(rate > LEAST_WALK for name, rate in rates.items() if kind_of(name) != "wrist")
@@ -161,7 +160,7 @@ def _kept(imu: Imu, values: AnyArray) -> np.ndarray:
 
 
 def _units(sensors: Mapping[str, Imu], rates: Mapping[str, float]) -> tuple[list[Note], set[str]]:
-    """Notes about sensors in other units than the rest, and their placements.
+    """Notes about sensors in other units than the other sensors, and their placements.
 
     `rates` are ratios to `USUAL_RATE`; a sensor with 0 is not judged by its gyroscope.
     """
@@ -194,7 +193,7 @@ def _up(imu: Imu) -> np.ndarray | None:
 
 
 def _upside_down(sensors: Mapping[str, Imu]) -> list[Note]:
-    """Notes about sensors of which one looks up where the same axis of its counterpart looks down."""
+    """Notes about sensors whose upward axis points down in their counterpart."""
     ups = {name: up for name, imu in sensors.items() if (up := _up(imu)) is not None}
     segments = {name: up for name, up in ups.items() if kind_of(name) in ("thigh", "shank", "ankle")}
     notes: list[Note] = []
@@ -217,8 +216,8 @@ def _upside_down(sensors: Mapping[str, Imu]) -> list[Note]:
 def _exchanges(sensors: Mapping[str, Imu]) -> list[Note]:
     """A note if two sensors of different segments and legs have changed places; else those about single legs.
 
-    Such a pair is named only if no sensor swings at another time than the others once it is the other way round. Where
-    sides are exchanged, the rest of a foot and of a shank of two legs, which differs in limping, proves nothing.
+    Such a pair is named only if, after the exchange, all sensors swing at consistent times. Where sides are exchanged,
+    the rests of a foot and a shank of two legs prove nothing, because they differ in limping.
     """
     notes, (late, doubtful) = _segments(sensors), swing_phases(sensors)
     if notes and not doubtful:
@@ -238,7 +237,7 @@ def _exchanges(sensors: Mapping[str, Imu]) -> list[Note]:
 
 
 def _segments(sensors: Mapping[str, Imu]) -> list[Note]:
-    """Notes about two sensors of a leg that have changed places, each to be put right before the next."""
+    """Notes about two sensors of a leg that have changed places, each exchanged back before the next is looked for."""
     notes = []
     for side in SIDES:
         names = [f"{kind}_{side}" for kind in SEGMENTS]
@@ -268,7 +267,7 @@ def _out_of_place(leg: Mapping[str, _Motion], thigh: str, shank: str, foot: str)
 
 
 def _motion(imu: Imu) -> _Motion:
-    """How a sensor moves in walking; it rests at less than `RESTING`, and never if it does not move at all."""
+    """How a sensor moves in walking; it rests below `RESTING`, but not if it never moves."""
     square = np.sum(_kept(imu, imu.gyr) ** 2, axis=1)
     width = max(1, round(RESTS_S / max(float(np.median(np.diff(as_float(imu.time)))), 1e-6)))
     level = np.convolve(square, np.ones(width) / width, mode="same") if len(square) >= width else np.zeros(len(square))
@@ -286,7 +285,8 @@ def _motion(imu: Imu) -> _Motion:
 def _intensity(imu: Imu, grid: np.ndarray, step: float) -> np.ndarray:
     """Intensity of a sensor's movement on a time grid: the specific force's difference from its median, of mean 1.
 
-    The difference is limited to `LARGEST_FORCE`, so that all of walking counts alike, and averaged over `INTENSITY_S`.
+    The difference is limited to `LARGEST_FORCE`, so that all parts of walking have the same weight, and averaged over
+    `INTENSITY_S`.
     """
     force = np.linalg.norm(as_float(imu.acc), axis=1)
     moved = np.minimum(np.abs(force - np.median(force)), LARGEST_FORCE)

@@ -1,4 +1,4 @@
-"""The distance of a walk by each source and by all together; what is in doubt counts only if there is no other."""
+"""The distance of a walk by each source and by all together; doubtful sources count only if there are no others."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -50,45 +50,45 @@ SIDES_APART = Kind(
 )  # fmt: skip
 
 LACKING = (SPEED_IMPLAUSIBLE.code, WALKING_MISSED.code, *UNLIKE)
-"""Codes of an estimator's notes by which its distance is in doubt."""
+"""Codes of an estimator's notes that put its distance in doubt."""
 
 SMALL = 0.5
-"""[1] Standard deviation of what one swing that is too small to be counted adds to the distance, over the median
-stride. Chosen: steps that a shank missed in simulated walks of 0.1 to 0.15 m/s are 0.4 to 1 of it, trembling none."""
+"""[1] Standard deviation of the distance by one swing that is too small to be counted, over the median stride. Chosen:
+steps that a shank missed in simulated walks of 0.1 to 0.15 m/s have 0.4 to 1, trembling has none."""
 
 LEG_DISTANCE_SD = 0.06
-"""[1] Standard deviation of the distance of `leg_ekf` over the distance, with measured segments and without a scale
-learned on the person; errors on people left out by `experiments/unseen`."""
+"""[1] Relative standard deviation of the distance of `leg_ekf`, with measured segments and without a scale of the
+person; errors on people left out by `experiments/unseen`."""
 
 USUAL_SPEED, USUAL_STRIDE_S = 1.2, 1.1
 """[m/s], [s] Walking speed and duration of a stride, for the distance that a sensor did not see."""
 
 CUT_SD = 0.2
-"""[1] Standard deviation of what is walked where the recording cuts a stride off, over it: speed and time differ."""
+"""[1] Relative standard deviation of the distance that is walked where the recording cuts a stride off."""
 
 LOSS_SD = 0.3
-"""[1] The same for a loss, in which a person can also stand still; chosen."""
+"""[1] `CUT_SD` for a loss of samples, in which a person can also stand still; chosen."""
 
 MOVES = 0.5
 """[1] Least mean rate of a sensor beside a loss, over that in strides, with which the person walks beside it."""
 
 MISSING, NEAR = 0.6, 3.0
-"""[strides] Least time between two strides of one leg in which one is missing; longest time without strides beside a
-loss in walking: a stance that is lost or cut off takes two strides away, and a part of a third."""
+"""[strides] Least time between two strides of one leg in which a stride is missing; and longest time without strides
+beside a loss in walking: a lost stance removes two strides and a part of a third."""
 
 ALIKE = 0.5
-"""[m] Largest difference of what the two sides did not see, with which both count in the distance."""
+"""[m] Largest difference of the distances that the two sides lost, with which both sides count."""
 
 DOUBTFUL_SD = 0.1
-"""[1] Standard deviation of a distance over itself, if every source of it is in doubt; chosen by simulated runners
+"""[1] Relative standard deviation of a distance if all of its sources are in doubt; chosen with simulated runners
 (experiment `people.gaits`)."""
 
 FAR_APART = 0.2
-"""[1] Largest difference of the distances of both sides over their mean: in a circle with a radius of a metre the outer
-foot walks so much farther than the inner one."""
+"""[1] Largest difference of the distances of both sides over their mean: that of the outer and the inner foot in a
+circle with a radius of a metre."""
 
 MOSTLY = 0.5
-"""[1] Share of the strides of a side that are in doubt, beyond which the side's distance is."""
+"""[1] Share of doubtful strides of a side above which the side's distance is in doubt."""
 
 ONE_SIDE = 0.03
 """[1] Deviation of one side's sum of stride lengths from the mean of both, over that mean: 0.02 to 0.03 on 18 walks of
@@ -96,7 +96,7 @@ ONE_SIDE = 0.03
 
 
 TINY = 1e-12
-"""[m²] Least variance of a distance, so that the variances of several can be compared."""
+"""[m²] Least variance of a distance, so that variances can be compared."""
 
 
 class WalkedDistance(NamedTuple):
@@ -118,7 +118,7 @@ type Spans = list[tuple[float, float]]
 
 
 class _Side(NamedTuple):
-    """What the sensor of one side, or of the trunk, says about the distance."""
+    """The distance by the sensor of one side, or of the trunk."""
 
     name: str
     length: float  #: sum of stride lengths [m].
@@ -137,16 +137,15 @@ def distances(
 ) -> tuple[list[WalkedDistance], list[Note]]:  # fmt: skip
     """The distance of every source that has one, the most certain first, and notes about sides that do not count.
 
-    Errors of a source's strides are taken to have one cause, so that they add up. The part of the walk that a source
-    did not see, because samples are lost, and strides that no person walks count in its deviation. Of two sides the
-    distance is the mean, unless one is in doubt or saw less.
+    Errors of a source's strides are taken to have one cause, so that they add up. Its deviation contains lost samples
+    and strides that no person walks. The distance is the mean of two sides, unless one is in doubt or lost more.
 
     Args:
         sources: the sources.
         recording: the signals.
         person: measures of the person.
         wrong: placements whose signals, label or unit are in doubt.
-        late: placements whose clock is; the strides of a single sensor hold nevertheless.
+        late: placements whose clock is in doubt; the strides of a single sensor hold nevertheless.
         rates_share: see `with_time_wrong`.
     """
     walked_distances, notes = [], []
@@ -183,13 +182,13 @@ def distances(
 
 
 def _stopped(source: SourceEstimate) -> frozenset[str]:
-    """Placements of a source whose numbers are not to be used by the source's own notes."""
+    """Placements whose numbers are not to be used, by the notes of their source."""
     stops = [note for note in source.estimate.diagnostics["notes"] if note.severity == "stop"]
     return frozenset(name for note in stops for name in source.placements if note.values.get("placement", name) == name)
 
 
 def _mostly_doubtful(source: SourceEstimate) -> frozenset[str]:
-    """Placements of a source of whose strides more than `MOSTLY` are in doubt."""
+    """Placements of a source with more than `MOSTLY` of their strides in doubt."""
     doubtful, strides = DOUBTFUL.read(source.estimate), source.estimate.strides
     if doubtful is None:
         return frozenset()
@@ -200,22 +199,22 @@ def _mostly_doubtful(source: SourceEstimate) -> frozenset[str]:
 
 
 def _lacking(source: SourceEstimate, side: str = "") -> bool:
-    """Whether a source's own notes, of a side only those that concern it, say that steps are missing, or measured
-    beyond what the source can measure.
+    """True if notes of a source (for a side: those that concern it) say that steps are missing, or beyond what it can
+    measure.
     """
     notes = (note for note in source.estimate.diagnostics["notes"] if note.code in LACKING)
     return any(str(note.values.get("placement", side)).endswith(side) for note in notes)
 
 
 def _best(sides: list[_Side]) -> list[_Side]:
-    """The sides with strides that are not in doubt, if there are any; of these, those that saw the most of the walk."""
+    """The sides with strides that are not in doubt, or else all; of these, those that lost least of the walk."""
     sound = [side for side in sides if not side.doubtful and side.length > 0.0] or sides
     missing = [side.unknown + side.speed * sum(end - begin for begin, end in side.bridged) for side in sound]
     return [side for side, metres in zip(sound, missing, strict=True) if metres <= min(missing) + ALIKE]
 
 
 def _apart(sides: list[_Side]) -> float:
-    """Difference of the distances of two sides [m], if it is so large that strides of one are missing; else 0."""
+    """Difference of the distances of two sides [m] if strides of one must be missing, else 0."""
     one, other = sides
     apart, mean = abs(one.length - other.length), 0.5 * (one.length + other.length)
     return apart if apart > max(FAR_APART * mean, 2.0 * max(one.stride, other.stride)) else 0.0
@@ -279,9 +278,9 @@ def _speed(strides: Strides, of_side: np.ndarray) -> float:
 
 
 def _whole(source: SourceEstimate, way: np.ndarray, sd: float, doubtful: bool, used: list[_Side]) -> WalkedDistance:
-    """The distance of a source with what is walked in time that no stride of its sides covers.
+    """The distance of a source, with the distance walked in times that no stride of its sides covers.
 
-    That of the trunk goes on over short losses, in which its strides are left out.
+    The distance of the trunk contains short losses, in which its strides are left out.
     """
     estimate = source.estimate
     time, own = as_float(estimate.time), way
@@ -306,8 +305,8 @@ def _whole(source: SourceEstimate, way: np.ndarray, sd: float, doubtful: bool, u
 
 
 def _by_strides(source: SourceEstimate, side: _Side, total: float) -> np.ndarray:
-    """(T,) [m] the distance along the strides of one side, `total` at its end: bouts that only that side saw would have
-    a part of their length in the mean of both.
+    """(T,) [m] distance along the strides of one side, `total` at its end. In the mean of both sides, a bout that only
+    one side measured would have a part of its length.
     """
     strides, time = source.estimate.strides, as_float(source.estimate.time)
     rows = np.flatnonzero(np.asarray(strides.valid, bool) & (np.asarray(strides.side) == SIDES.index(side.name)))
@@ -322,7 +321,8 @@ def _by_strides(source: SourceEstimate, side: _Side, total: float) -> np.ndarray
 
 
 def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray, length: np.ndarray, usual: float) -> tuple[float, Spans]:
-    """What is lost between strides, given by start [s], end [s] and length [m] in the order of their starts.
+    """Walking that is lost between strides, which are given by start [s], end [s] and length [m] in the order of their
+    starts.
 
     A stride is measured from one stance to the next, so that a loss up to the middle of the stance after its end can
     take it away. `usual` is the duration of a stride [s].
@@ -359,9 +359,9 @@ def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray, length: np.ndarray, 
 def walked(distances: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, list[Note]]:
     """The distances of several sources combined by their variances, and a note for each that contradicts the first.
 
-    What no source saw has the same error in all of them. The combined distance follows the most certain source in
-    time. Doubtful sources count if there are no others; then half of the difference between them, and `DOUBTFUL_SD`,
-    are part of the deviation.
+    Walking that no source measured has the same error in all of them. The combined distance follows the most certain
+    source in time. Doubtful sources count if there are no others; then half of the difference between them, and
+    `DOUBTFUL_SD`, are part of the deviation.
     """
     if not distances:
         return None, []

@@ -1,4 +1,4 @@
-"""Whether a sensor on one leg lies still while the other leg walks: it fell off, or is not worn yet."""
+"""Sensors on one leg that lie still while the other leg walks: they fell off, or are not worn yet."""
 
 from collections.abc import Mapping
 
@@ -18,11 +18,11 @@ STILL, MOSTLY = 0.3, 0.9
 """[rad/s], [1] Rate below which a sensor is still, and least share of the time: a leg in walking swings longer."""
 
 FEWEST = 3
-"""[1] Least number of strides of the other leg in a row."""
+"""Least number of successive strides of the other leg."""
 
 
 def lying(source: SourceEstimate, sensors: Mapping[str, Imu]) -> tuple[dict[str, float], list[Note]]:
-    """Placement → time in which its sensor is still while the other leg walks [s], and notes on these times."""
+    """Placement → duration for which its sensor is still while the other leg walks [s], and notes on it."""
     strides = source.estimate.strides
     seconds: dict[str, float] = {}
     notes: list[Note] = []

@@ -1,4 +1,4 @@
-"""When each sensor on the legs swings within a stride, and which of them contradict the others; on the host."""
+"""The phase of a stride at which each leg sensor swings, and sensors that contradict the others; on the host."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -31,15 +31,15 @@ APART = 0.25
 """[strides] Threshold on the phase of a sensor relative to the others; half way from a correct to an exchanged one."""
 
 EITHER = 0.4
-"""[strides] Phase from which on a clock may be late as well as early, because strides repeat."""
+"""[strides] Phase above which a clock may be late as well as early, because strides repeat."""
 
 LEAST_COHERENCE, LEAST_SHARE = 0.6, 0.08
 """[1] Least coherence of a sensor's phase from stride to stride, and least share of the stride frequency in its
 movement; a sensor with less does not take part in the comparison of phases."""
 
 SURE, SURE_THIGH = 0.8, 0.3
-"""[1] Least coherence of a phase that names a wrong clock. [1] Least share of a thigh's phase that does: below it the
-phase of a limping leg may be that of the backward swing."""
+"""[1] Least coherence of a phase for a note on a wrong clock. [1] Least share of a thigh's phase for it: a limping leg
+with less may show the phase of its backward swing."""
 
 ALIKE, UNLIKE, SHIFTED = 0.85, 0.5, 0.3
 """[1], [1], [strides] Least correlation of the strides of both thighs after a shift, largest one without it, and least
@@ -62,9 +62,9 @@ STRIDE_S = (0.7, 2.2)
 """[s] Shortest and longest stride."""
 
 PAUSES, MOSTLY = 1.5, 0.5
-"""[1] Least time to the next swing over the duration of a stride that ends in standing: its last swing only draws the
-foot beside the other, so that thighs move otherwise in it. [1] Share of such strides beyond which the phase of a thigh
-is not sure."""
+"""[1] Least time to the next swing, over the stride's duration, of a stride that ends in standing; its last swing only
+moves the foot beside the other, so that thighs move otherwise. [1] Share of such strides above which the phase of a
+thigh is not sure."""
 
 
 class _Phase(NamedTuple):
@@ -110,9 +110,7 @@ def _phase(imu: Imu, begins: np.ndarray, ends: np.ndarray, offset: float) -> _Ph
 
 
 def _strides_of(imu: Imu, begins: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """(n, 64) squared rate at `SHARES` of each stride about its mean; without strides of which more than `LOST` is
-    lost.
-    """
+    """(n, 64) squared rate at `SHARES` of each stride about its mean, of strides with at most `LOST` lost samples."""
     time, power = as_float(imu.time), np.sum(as_float(imu.gyr) ** 2, axis=1)
     at = begins[:, None] + (ends - begins)[:, None] * SHARES
     at = at[np.interp(at, time, ~np.asarray(imu.mask, bool)).mean(axis=1) <= LOST]
@@ -121,8 +119,8 @@ def _strides_of(imu: Imu, begins: np.ndarray, ends: np.ndarray) -> np.ndarray:
 
 
 def _thighs_shifted(sensors: Mapping[str, Imu], begins: np.ndarray, ends: np.ndarray) -> float:
-    """By how much the right thigh moves later in its stride than the left one in its own [strides]; 0 unless both move
-    alike after a shift, and only after it.
+    """Delay of the right thigh in its stride relative to the left thigh in its own [strides]; 0 unless both move alike
+    after that shift, and only then.
     """
     strides = [_strides_of(sensors[f"thigh_{side}"], begins, ends) for side in SIDES]
     if min(map(len, strides)) < FEWEST_STRIDES:
@@ -178,7 +176,7 @@ def swing_phases(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
 
 
 def _named(phases: dict[str, float], stride: float, unsure: set[str]) -> tuple[list[Note], set[str]]:
-    """Which phases contradict the others, in words; those that are `unsure` do not name a wrong clock."""
+    """The phases that contradict the others, in words; `unsure` ones give no note on a clock."""
     if len(phases) < 2:
         return [], set()
     names = list(phases)

@@ -1,4 +1,4 @@
-"""Whether strides of a trunk that stand in for those of the legs go on as the rest of the walk."""
+"""Strides of the trunk that replace strides of the legs, compared with the rest of the walk."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ REPLACED_UNLIKE = Kind(
 )  # fmt: skip
 
 UNLIKE = 1.0 / 0.85
-"""[1] Factor between the durations of a stride by the trunk and of those by the legs around it, beyond which they
+"""[1] Ratio between the durations of a stride by the trunk and the strides by the legs around it, above which they
 contradict each other; chosen, above that in walks of `ipol_gait` where no samples are lost."""
 
 MANY = 0.1
@@ -27,7 +27,8 @@ of steady strides differ so much in far fewer."""
 
 
 def with_replaced_doubted(joined: JoinedStrides) -> tuple[JoinedStrides, list[Note]]:
-    """The strides, those by a trunk in doubt that last longer or less long than those by the legs around, and a note.
+    """The strides, with doubt on strides by the trunk that last longer or shorter than those by the legs around, and a
+    note.
 
     Strides in a turn, and from or to standing, are not compared. Strides follow each other until the next of the legs
     that is not in doubt, so that those of one leg whose sensor is loose each stand alone.

@@ -1,4 +1,4 @@
-"""Sensors of both shoes that change places in a pause, put right where the waist's sensor says so, too."""
+"""Sensors of both shoes that are exchanged in a pause, and exchanged back if the waist's sensor confirms it."""
 
 from collections.abc import Sequence
 
@@ -19,9 +19,9 @@ SHOES_PUT_RIGHT = Kind(
 
 
 def put_right(recording: Recording, sources: Sequence[SourceEstimate]) -> tuple[Recording, list[Note]]:
-    """The recording, with the shoes' sensors the other way round after they changed places, and a note if they did.
+    """The recording with the shoes' sensors exchanged back after they changed places, and a note if they did.
 
-    The sides of contacts by the waist have to be those of the feet before, and the opposite ones after.
+    The sides of contacts by the waist have to agree with the feet before the pause, and to be opposite after it.
     """
     by_name = {source.name: source for source in sources}
     if not {"feet", "waist"} <= by_name.keys():

@@ -40,7 +40,7 @@ MEASURES = {
 
 
 class SourceEstimate(NamedTuple):
-    """Sensors that measure gait by themselves, and what an estimator makes of them.
+    """A group of sensors that measures gait alone, and its estimate.
 
     Attributes:
         name: "feet", "ankles", "shanks", "waist", "legs" or "width".
@@ -101,7 +101,7 @@ WAYS = (
     _Way("legs", lambda: leg_ekf.estimator(KINEMATICS), _legs),
     _Way("width", stride_width_ekf.estimator, _ranged),
 )
-"""All sources; of strides that several sources measure, times come from the first."""
+"""All sources; if several measure a stride, its times come from the first."""
 
 
 def sources(recording: Recording, person: Mapping[str, PyTree]) -> tuple[list[SourceEstimate], list[Note]]:
@@ -163,7 +163,7 @@ def _check_measures(person: Mapping[str, PyTree]) -> None:
 
 
 def _unused(recording: Recording, estimates: list[SourceEstimate]) -> list[Note]:
-    """Notes about sensors that no estimator takes, if no estimator says so itself."""
+    """Notes about sensors that no estimator takes and no note of an estimator names."""
     taken = {name for way in WAYS for name in way.uses(recording)}
     said = {note.values.get("placement") for one in estimates for note in one.estimate.diagnostics["notes"]}
     notes = []
@@ -179,24 +179,24 @@ def _unused(recording: Recording, estimates: list[SourceEstimate]) -> list[Note]
 
 
 ROWS_SHARE = 0.1
-"""[1] Deviation of a length over itself where rows are missing or written twice. Chosen: with a fiftieth of the rows,
-lengths of recorded walks were off by 4 to 13 %."""
+"""[1] Relative standard deviation of a length if rows are missing or written twice. Chosen: with a fiftieth of the
+rows, lengths of recorded walks were off by 4 to 13 %."""
 
 ROWS = {"rows_lost": ("places", 10), "rows_twice": ("rows", 10), "rows_skipped": ("places", 1)}
-"""Code of a reader's note on rows → its number of rows, and from which number on all strides are uncertain; a few
+"""Code of a reader's note on rows → its number of rows, and the number above which all strides are uncertain; a few
 places of a joined file change no other stride."""
 
 
 def with_time_wrong(
     estimates: list[SourceEstimate], recording_notes: Sequence[Note]
 ) -> tuple[list[SourceEstimate], float, frozenset[str]]:
-    """What it means for all sources that time between samples is wrong, or that rates of sensors on the legs are off.
+    """The sources, with the effect of wrong times between samples, or of wrong rates of sensors on the legs.
 
     If the rates of every foot, ankle and shank are off, the sampling rate of all sensors may be wrong.
 
     Returns:
-        The sources, then with larger deviations; the deviation of a length over itself [1] by which they are larger, or
-        zero; the placements whose angles are wrong.
+        The sources, perhaps with larger deviations; the relative deviation of lengths [1] that was added, or zero; the
+        placements whose angles are wrong.
     """
     worn = {name for one in estimates if one.estimator in ("foot_ins", "ankle_stride") for name in one.placements}
     off = {

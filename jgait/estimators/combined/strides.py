@@ -1,4 +1,4 @@
-"""One table of strides from several sources: strides that are the same, and quantities combined by their variances."""
+"""One table of strides from several sources: common strides are matched, and quantities combined by their variances."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
@@ -28,16 +28,16 @@ SAME = 0.5
 """[1] Two strides of a side are the same if the time they share is more than this part of the time they cover."""
 
 SAME_CONTACT = 0.25
-"""[s] Two contacts of a side from two sensors that are nearer are the same; so are two strides that end with them."""
+"""[s] Contacts of a side, from two sensors, that are closer than this are the same; so are strides that end there."""
 
 ALONE = 0.3
 """[1] A stride that is not in the first sources is added if it overlaps their strides by less than this part of it."""
 
 CONSISTENT = 3.0
-"""[1] Values of a stride are combined if they differ by less than so many standard deviations of their difference."""
+"""[1] Values of a stride are combined if they differ by fewer standard deviations of their difference than this."""
 
 OFTEN = 1.0 / 3.0
-"""[1] Share of the strides that a source shares with others, beyond which it contradicts them often; chosen."""
+"""[1] Share of a source's common strides that contradict others, above which the source contradicts often; chosen."""
 
 BRIEF = 0.6
 """[1] A stride that lasts less than this part of the median stride, and is not from or to standing, is wrong."""
@@ -52,16 +52,16 @@ FIELDS = tuple(name for name in Strides._fields if name not in ("side", "valid")
 """Quantities of a stride."""
 
 TIMES = ("start", "final_contact", "end", "standing", "standing_end", "speed")
-"""Quantities of a stride that are of its first source, or of those that share its clock."""
+"""Quantities of a stride from its first source, or from sources with the same clock."""
 
 PITCHES = ("contact_angle", "push_off_angle")
-"""Quantities of a stride that are those at its contacts."""
+"""Quantities of a stride at its contacts."""
 
 COMBINED = ("length", "height", "turn")
 """Quantities of a stride that are combined; others are those of the first source that has them."""
 
 FLAGS = {flag.name: flag.read for flag in (TURNING, STAIRS, HALF, CLIPPED, UNSURE, SIDE_UNKNOWN)}
-"""Flag of strides → how a source's estimate states it, (strides,) bool, or None."""
+"""Flag of strides → function of a source's estimate: (strides,) bool, or None."""
 
 
 UNSEEN = (STRIDES_UNCERTAIN.code, STRIDES_MISSING.code, WALKING_BEFORE.code, WALKING_AFTER.code, SWINGS_SMALL.code)
@@ -193,7 +193,7 @@ def _table(
 
 
 def _doubted(source: SourceEstimate, wrong: frozenset[str]) -> np.ndarray:
-    """(n,) bool, strides that contradict the source's model, that nobody walks, or of a sensor that is wrong."""
+    """(n,) bool, strides that contradict the source's model, that nobody walks, or that a wrong sensor measured."""
     strides = source.estimate.strides
     lasts = as_float(strides.end) - as_float(strides.start)
     brief = lasts < BRIEF * np.median(lasts) if len(lasts) else np.zeros(0, bool)
@@ -204,7 +204,7 @@ def _doubted(source: SourceEstimate, wrong: frozenset[str]) -> np.ndarray:
 
 
 class _Told(NamedTuple):
-    """One stride: what its sources say."""
+    """One stride, with the values of its sources."""
 
     first: str
     side: int
@@ -232,8 +232,8 @@ def _walks(sources: Sequence[SourceEstimate]) -> list[tuple[int, float, float]]:
 
 
 def _alone(joined: list[_Told], walks: list[tuple[int, float, float]]) -> list[_Told]:
-    """The strides, in doubt where their length is only from sources that often contradict others, or from a trunk alone
-    before or after the walking of that leg by its own sensors.
+    """The strides, with doubt where the length comes only from sources that often contradict others, or from the trunk
+    before or after the walking that the leg's own sensors measure.
     """
     shared = [stride for stride in joined if len(stride.group) > 1]
     left = {
@@ -259,8 +259,8 @@ def _told(
 ) -> _Told:  # fmt: skip
     """A stride from its row in each source; rows in doubt count only where no other source has the stride.
 
-    Of sources whose clock is in doubt, all but the times count. Where contacts of two sources on the legs are not the
-    same, times are those of the one whose duration is nearer to the `usual` one [s].
+    If the clock of a source is in doubt, all but its times count. Where contacts of two sources on the legs differ,
+    times are those of the source whose duration is nearer to the `usual` one [s].
     """
     every = [name for name in by_name if name in group]
     side = int(by_name[every[0]].estimate.strides.side[group[every[0]]])
@@ -322,12 +322,14 @@ def correlation(names: Iterable[str]) -> np.ndarray:
 def combined(
     values: np.ndarray, deviations: np.ndarray, correlation: np.ndarray | None = None
 ) -> tuple[float, float, np.ndarray]:
-    """Weighted mean of measurements (k,) with the least variance, its deviation, and (k,) bool: which it uses.
+    """Weighted mean of measurements (k,) with the least variance, its standard deviation, and (k,) bool, the
+    measurements used.
 
-    Two measurements agree if they differ by at most `CONSISTENT` standard deviations of the difference. The mean is of
-    the measurement that the most independent ones agree with, and of those; of several such, of the most certain one.
-    Correlated measurements do not count as two, because sources that share a method share its errors. The others are
-    not used; if as many independent ones support one of them, the deviation includes half of the difference from it.
+    Two measurements agree if they differ by at most `CONSISTENT` standard deviations of the difference. The mean
+    contains the measurement with which most independent ones agree, and these; if several have as many, the most
+    certain of them.
+    Correlated measurements count as fewer, because sources with the same method share its errors. The others are not
+    used; if as many independent ones support one of them, the deviation includes half of the difference from it.
     `correlation` (k, k) is that of the errors; None: independent.
     """
     cov = np.outer(deviations, deviations) * (np.eye(len(values)) if correlation is None else correlation)
@@ -344,7 +346,7 @@ def combined(
 
 
 def _independent(cov: np.ndarray) -> int:
-    """Number of independent measurements that are worth as much as correlated ones, rounded down."""
+    """Number of independent measurements with the same information as correlated ones, rounded down."""
     deviations = np.sqrt(np.diag(cov))
     return int(np.linalg.solve(cov / np.outer(deviations, deviations), np.ones(len(cov))).sum() + 1e-9)
 

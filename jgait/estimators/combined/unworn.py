@@ -1,4 +1,4 @@
-"""Recordings in which the sensors of both legs are put on or taken off, without the time in which they are not worn."""
+"""Times in which the sensors of both legs are not worn, removed from a recording."""
 
 import numpy as np
 
@@ -7,8 +7,9 @@ from jgait.types import SIDES, Recording, as_float
 
 
 def without_unworn(recording: Recording, estimates: list[SourceEstimate]) -> tuple[Recording, float]:
-    """The recording with samples of thighs and shanks masked where neither leg's are worn, as `leg_ekf` says by their
-    angles; and what shanks walk in that time, if it is walking [m]. A single sensor that is not worn changes no other.
+    """The recording, with samples of thighs and shanks masked where neither leg's sensors are worn, by the angles of
+    `leg_ekf`; and the distance of the shanks in that time, if it is walking [m]. A single sensor that is not worn
+    changes no other.
     """
     by_name = {source.name: source for source in estimates}
     if "legs" not in by_name or "shanks" not in by_name:

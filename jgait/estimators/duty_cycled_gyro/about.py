@@ -17,7 +17,7 @@ from jgait.types import SIDES, Estimate, as_float
 WORDS = {MEASURED: "measured", FILLED: "filled", HELD: "held"}
 
 UNITS = 10
-"""[1] Largest denominator of a duty cycle; the period of a schedule has at most so many units."""
+"""[1] Largest denominator of a duty cycle, and so the largest number of units in the period of a schedule."""
 
 SHOWN_S = 15.0
 """[s] Time that the figure of a long recording shows, from shortly before the first gap."""

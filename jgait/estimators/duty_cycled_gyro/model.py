@@ -29,23 +29,23 @@ Deviations from the paper:
     2. Q of the thigh chains v, θ and ω, which A does not; Q of the shin is printed with 13 rows and 11 columns, of
        which the first 11 rows are taken here. With A and H repaired, 1 and 2 alone cost 20 to 24° (thigh).
     3. A second derivative moves the position by T²/2: A of the thigh leaves the term out, that of the shin the half.
-       Not felt in the angles, which no position reaches.
+       The angles are not affected, because no position enters them.
     4. A of the thigh adds θ to z, and H takes θ from both velocities where the velocity bias v belongs, which no row
        reaches then. The thigh's angle is lost: 150 to 176°.
     5. The shin's states stand in the order (θ₁, ω₁, θ₂, ω₂) in A's vector and (θ₁, θ₂, ω₁, ω₂) in H's, and the rows of
        ẋ and ż never reach the velocity states. The shank's angle is lost: 102 to 121°.
     6. Rank of the observability matrix: 5 of 9 (thigh) and 4 of 11 (shin) as printed, and still 5 of 9 with A, H and Q
-       repaired: nothing tells a position, or an angle other than by integration. this model puts sensor and joint on
-       one rigid link and leaves gravity in the accelerometer: 9 of 9 and 11 of 11; 8 and 10 while the gyroscope is
-       off, whose bias nothing tells then.
+       repaired: no observation determines a position, or an angle except by integration. This model puts sensor and
+       joint on one rigid link and leaves gravity in the accelerometer: 9 of 9 and 11 of 11; 8 and 10 while the
+       gyroscope is off, because its bias is not observed then.
     7. Gravity is taken off with the integrated angle, and what is left stays in the sensor's turning axes though A
-       integrates it as ẍ and ż. this model observes the specific force itself. Not measured apart.
+       integrates it as ẍ and ż. This model observes the specific force itself. Not measured apart.
     8. One reading of the gyroscope comes in three times, as ẋ, ż and ω, with independent noise, and v comes into two of
-       them. this model observes it once; v is the bias as velocity of the sensor across its link, which is the
+       them. This model observes it once; v is the bias as velocity of the sensor across its link, which is the
        printed row of ż for a segment that hangs. Not measured apart.
     9. The shin's velocity in section 4.3 has the thigh's sensor at the knee, d_s1 for the thigh's length a₁. Not
        measured apart.
-    10. The shin's filter knows of the thigh by those velocities only; this model gives it angle and rate of the
+    10. The shin's filter gets only those velocities of the thigh; this model gives it angle and rate of the
         thigh's filter with their variances.
     11. The gyroscope "in deg/s" would make velocities 57 times too large; all is in radians here too. The sensor's z
         axis "laterally" would leave the sagittal plane; z is forward.
@@ -253,7 +253,7 @@ def observe(
 def _below(
     told: tuple[ThighObservation, DutyControl, ThighObservation], thigh: SegmentEstimate, dt: Values, valid: Flags
 ) -> tuple[ShinObservation, DutyControl, ShinObservation]:
-    """What `observe` tells of a shank, with the thigh's estimate at the same samples."""
+    """The result of `observe` for a shank, with the thigh's estimate at the same samples."""
     seen, control, mask = told
     # Errors of the thigh's angle persist for about 1 s; equivalent white noise has the variance times 1 s / dt.
     spread = 1.0 / jnp.maximum(dt, 1e-3)

@@ -21,10 +21,8 @@ class DutyCycledParams(NamedTuple):
 
     thigh_length: Annotated[Param, Parameter(interval(0.2, 0.7), "m", "hip to knee")] = BySide(0.43, 0.43)
     shank_length: Annotated[Param, Parameter(interval(0.2, 0.7), "m", "knee to ankle")] = BySide(0.43, 0.43)
-    thigh_place: Annotated[Param, Parameter(interval(0.05, 1.0), "1", "of the thigh's sensor, from hip to knee")] = 0.5
-    shank_place: Annotated[Param, Parameter(
-        interval(0.05, 1.0), "1", "of the shank's sensor, from knee to ankle",
-    )] = 0.5  # fmt: skip
+    thigh_place: Annotated[Param, Parameter(interval(0.05, 1.0), "1", "sensor: 0 at the hip, 1 at the knee")] = 0.5
+    shank_place: Annotated[Param, Parameter(interval(0.05, 1.0), "1", "sensor: 0 at the knee, 1 at the ankle")] = 0.5
     angle_noise: Annotated[Param, Parameter(
         positive, "rad²/s³", "σ of the angles, spectral density of the angular acceleration",
     )] = 100.0  # fmt: skip
@@ -35,38 +33,38 @@ class DutyCycledParams(NamedTuple):
         positive, "m²/s³", "σ of the velocity bias, spectral density of its random walk",
     )] = 1e-10  # fmt: skip
     gyro_noise: Annotated[Param, Parameter(
-        positive, "1", "multiplies R, the gyroscope's variance while standing",
+        positive, "1", "factor on R, the variance of the gyroscope while standing",
     )] = 1.0  # fmt: skip
     joint_acceleration: Annotated[Param, Parameter(
-        positive, "m/s²", "standard deviation of the joint's own acceleration, which the model leaves out",
+        positive, "m/s²", "standard deviation of the joint's acceleration, which the model does not contain",
     )] = GRAVITY  # fmt: skip
     standing_acceleration: Annotated[Param, Parameter(
         positive, "m/s²", "standard deviation of accelerations about 0 while standing",
     )] = 0.1  # fmt: skip
     position_closure: Annotated[Param, Parameter(
-        positive, "m", "standard deviation of the sensor's position about the rigid link's",
+        positive, "m", "standard deviation of the sensor's position about that of the rigid link",
     )] = 0.03  # fmt: skip
-    velocity_closure: Annotated[Param, Parameter(positive, "m/s", "the same of its velocity")] = 0.03
+    velocity_closure: Annotated[Param, Parameter(positive, "m/s", "the same for the velocity")] = 0.03
     swing_noise: Annotated[Param, Parameter(
         positive, "rad √s",
-        "how far the segment swings from the vertical, as white noise; used while its gyroscope is off, so "
-        "that no gap turns it over",
+        "swing of the segment about the vertical, as white noise; keeps the segment upright while its gyroscope "
+        "is off",
     )] = 0.13  # fmt: skip
     turn_tilt: Annotated[Param, Parameter(
-        positive, "rad", "tilt of the segment to the side while the person turns: the part of the turn that the one "
-        "axis measures",
+        positive, "rad", "sideways tilt of the segment in turns, by which the gyroscope's axis measures a part of the "
+        "turn",
     )] = 0.2  # fmt: skip
     filled_noise: Annotated[Param, Parameter(
         positive, "rad/√s",
-        "white noise of a filled rate, beyond the gyroscope's own, at distance 1; the variance grows with the distance",
+        "white noise of a filled rate, beyond the gyroscope's, at a distance of 1; its variance grows with distance",
     )] = 0.5  # fmt: skip
     standing_hip_sd: Annotated[Param, Parameter(
-        positive, "rad", "standard deviation of the hip's angle in standing, which counts as 0; stated errors only",
+        positive, "rad", "standard deviation of the hip angle in standing; used for the stated errors only",
     )] = leg_params.LegParams().standing_hip_sd  # fmt: skip
     standing_knee_sd: Annotated[Param, Parameter(
-        positive, "rad", "standard deviation of the knee's angle in standing; stated errors only",
+        positive, "rad", "standard deviation of the knee angle in standing; used for the stated errors only",
     )] = leg_params.LegParams().standing_knee_sd  # fmt: skip
-    filler: Annotated[Values, Parameter(None, "", "parameters of the filler, see there for their units")] = NEIGHBOURS
+    filler: Annotated[Values, Parameter(None, "", "parameters of the filler")] = NEIGHBOURS
 
 
 class DutyCycledOptions(NamedTuple):
@@ -77,13 +75,12 @@ class DutyCycledOptions(NamedTuple):
             The default has the smallest error on a treadmill and for a shank sensor alone; over ground with the
             thigh's sensor "blend" has a smaller error.
         schedule: hides samples of shanks while the gyroscope is off, a `power.Schedule` or duty cycle [1]; None: none.
-        warm_up: time for which gyroscopes are on before the schedule, which starts with an off-time [s]; fillers need
-            two measured strides, and rates are not used before.
+        warm_up: time for which the gyroscopes are on before the schedule starts [s]; fillers need two measured strides.
         above: use the signals of the thigh in the filler of the shank, if the thigh has a sensor.
         gyroscope: power and wake-up time of a gyroscope.
         sampling_rate_hz: sampling rate [Hz]; set by `prepared`, as are `gaps` and `felt`.
-        gaps: whether any gyroscope sample is missing.
-        felt: whether every sensor has an accelerometer; without, angles come from the gyroscopes alone and drift.
+        gaps: True if any sample of a gyroscope is missing.
+        felt: True if every sensor has an accelerometer; otherwise angles come from the gyroscopes alone and drift.
         method: how the filters linearise, see `jgait.filtering`.
     """
 
@@ -99,7 +96,7 @@ class DutyCycledOptions(NamedTuple):
 
 
 DEFAULT = DutyCycledOptions()
-"""Corrected filters with the filler "neighbours"."""
+"""The default pipeline: the filters with their misprints corrected, and the filler "neighbours"."""
 
 PAPER = DutyCycledOptions(filler="replicate", above=False)
 """The paper's filler, which repeats the last cycle."""
@@ -141,7 +138,7 @@ class GapLeg(NamedTuple):
 
 
 class DutyCycledInputs(NamedTuple):
-    """Inputs of `duty_cycled_gyro.run`; as `leg_ekf.inputs.LegInputs`."""
+    """Inputs of `duty_cycled_gyro.run`; fields as those of `leg_ekf.inputs.LegInputs`."""
 
     right: GapLeg | None
     left: GapLeg | None

@@ -92,7 +92,7 @@ def worn_leg(
     recording: Recording, side: str, used: Mapping[str, Masks], still: np.ndarray, standing: slice,
     gyro_on: Mapping[str, Values],
 ) -> tuple[dict[str, tuple[Imu, SegmentMounting]], list[Note]]:  # fmt: skip
-    """Segment → its sensor, without what its gyroscope read while it was off, and how it is worn; and notes."""
+    """Segment → its sensor, without readings of the gyroscope while it was off, and its mounting; and notes."""
     names = {segment: f"{segment}_{side}" for segment in SEGMENTS if f"{segment}_{side}" in used}
     asleep = ~np.all([used[name].usable for name in names.values()], axis=0)
 

@@ -1,4 +1,4 @@
-"""How fast a person turns, and what a turn adds to the noise of a gyroscope's sagittal axis.
+"""The rate at which a person turns, and the noise that a turn adds to the sagittal axis of a gyroscope.
 
 One axis does not measure turns, but a segment that is tilted to the side measures a part of them, as if it swung: on
 `neura_sparse` a U-turn moved the thigh's angle by up to 35°.

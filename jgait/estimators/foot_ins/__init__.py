@@ -21,10 +21,10 @@ Outputs:
 Deviations from the paper:
     The paper names its filter but does not print it. Effects are those of `experiments/foot_ins`.
 
-    1. The foot turns about a pivot while it stands (`pivot_height`); 0 brings the still foot back.
+    1. The foot turns about a pivot while it stands (`pivot_height`); with 0 it does not move.
     2. Noise of both sensors grows with their change from sample to sample.
     3. Stances are found by a threshold that follows the stride, see `jgait.events.foot`.
-    4. The filter takes the ground for level only if `level` says so.
+    4. The filter assumes level ground only if `level` says so.
     5. Smoothing; `smooth=False` gives the filter.
     6. Standard deviations of stride lengths are the filter's times a factor from the innovations of the stride.
     7. With smoothing, the headings of two feet are kept from drifting apart, see `jgait.estimators.foot_ins.headings`;

@@ -1,6 +1,6 @@
-"""Whether a shoe's sensor is fixed to the shoe all the time: in every stance it leans as in the first ones.
+"""Sensors that move on the shoe: in later stances they lean otherwise than in the first ones.
 
-If both lean otherwise from one moment on, and each as the other one did before, they are exchanged.
+If from one time on each of both sensors leans as the other one did before, the sensors are exchanged.
 """
 
 from typing import NamedTuple
@@ -11,8 +11,8 @@ from jgait.notes import Kind, Note
 from jgait.types import Strides, as_float
 
 STANCES, OTHERWISE_DEG = 6, 20.0
-"""[1], [deg] Stances in a row whose median direction of gravity is compared, and largest difference from that of the
-first ones; chosen, above all of feet of public walks, which lie flat in stance."""
+"""Number of successive stances whose median direction of gravity is compared, and [deg] its largest difference from
+that of the first stances; chosen above those of all feet of public walks, which lie flat in stance."""
 
 LEANS_OTHERWISE = Kind(
     "leans_otherwise",
@@ -41,7 +41,7 @@ class Moved(NamedTuple):
     Attributes:
         note: the note on it.
         pause: (2,) [s], the last stance before, and the first after.
-        at: time between them from which on it leans so [s].
+        at: time between them at which the lean changes [s].
         before after: (3,) mean direction of gravity in stances, of length 1.
     """
 
@@ -53,7 +53,7 @@ class Moved(NamedTuple):
 
 
 def moved(placement: str, strides: Strides, side: int, time: np.ndarray, acc: np.ndarray) -> Moved | None:
-    """How the sensor of a side leans otherwise in later stances, if it does; `acc` (T, 3) [m/s²] at `time` (T,) [s]."""
+    """The sensor of a side if it leans otherwise in later stances; `acc` (T, 3) [m/s²] at `time` (T,) [s]."""
     if strides.standing is None:
         return None
     mine = np.asarray(strides.valid, bool) & (np.asarray(strides.side) == side)
@@ -80,13 +80,13 @@ def moved(placement: str, strides: Strides, side: int, time: np.ndarray, acc: np
 
 
 def _first(later: np.ndarray) -> int:
-    """Where to begin the later part of (n,) bool, so that fewest in it are False, and fewest before it True."""
+    """The index that splits (n,) bool with the fewest True before it and the fewest False from it on."""
     wrong = np.cumsum(np.concatenate([[0], later])) + np.cumsum(np.concatenate([[0], ~later[::-1]]))[::-1]
     return int(np.argmin(wrong))
 
 
 def exchanged(right: Moved | None, left: Moved | None) -> float | None:
-    """The time [s] from which both shoes' sensors have changed places, if each leans as the other one did before."""
+    """The time [s] from which each shoe's sensor leans as the other one did before, because they were exchanged."""
     if right is None or left is None:
         return None
     begin, end = max(right.pause[0], left.pause[0]), min(right.pause[1], left.pause[1])

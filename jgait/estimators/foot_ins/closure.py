@@ -5,8 +5,8 @@ next one. A foot that rests at both has v = 0; near s = 1, v ≈ v(1) + (s − 1
 
     s = 1 − v(1)·v′ / v′·v′.
 
-A time that passes too slowly or too fast turns the foot by too much or too little as well: s is the scale of the rates
-times the interval between samples.
+A wrong interval between samples turns the foot by too much or too little as well: s is the scale of the rates times the
+interval.
 """
 
 import numpy as np
@@ -23,14 +23,13 @@ MOST_BAD = 0.1
 """[1] Largest share of a stride's samples that were not measured or are clipped; chosen."""
 
 LEAST_EFFECT = 1.5
-"""[m/s] Least velocity v′, median over strides: a foot that hardly turns does not tell the scale of its rates."""
+"""[m/s] Least velocity v′, median over strides: a foot that hardly turns does not show the scale of its rates."""
 
 UNEVEN = 0.25
 """[1] Largest quartile range of s over strides."""
 
 OFF_FROM = 0.15
-"""[1] Least logarithm of the scale that is noted. It is 0.13 or less in undamaged recordings, public and simulated, of
-all gaits."""
+"""[1] Least logarithm of the scale that is noted; undamaged recordings, public and simulated, have up to 0.13."""
 
 STEP = 0.05
 """[1] Change of s over which v is differentiated; chosen."""
@@ -42,7 +41,7 @@ AROUND_S = 0.03
 def gyroscope_scale(
     gyr: np.ndarray, acc: np.ndarray, footholds: np.ndarray, bad: np.ndarray, hz: float
 ) -> float | None:
-    """Factor of the rates [1] with which strides end at rest, median over strides; None if it cannot be told.
+    """Factor of the rates [1] with which strides end at rest, median over strides; None if it cannot be computed.
 
     Args:
         gyr: (T, 3) [rad/s], without bias.

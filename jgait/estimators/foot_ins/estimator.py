@@ -36,10 +36,10 @@ PER_STRIDE = ("stride_nis", "doubtful")
 """Diagnostics with an entry for each stride."""
 
 LARGEST_MEAN_NIS = 0.15
-"""[1] NIS of a foot from which on all of its results are in doubt; of good walks and runs it is below 0.14."""
+"""[1] NIS of a foot above which all of its results are in doubt; good walks and runs have less than 0.14."""
 
 ALIKE = 0.1
-"""[s] Over which the velocity of a standing foot is much alike, see `likelihood`."""
+"""[s] Time over which the velocity of a standing foot is nearly constant, see `likelihood`."""
 
 FREEDOM = 4.0
 """[1] Degrees of freedom of the density of an innovation, see `likelihood`."""
@@ -139,10 +139,10 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
 def likelihood(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Values:
     """Log-likelihood of the velocity of standing feet, summed over the feet [nat], for tuning without a reference.
 
-    The velocity of a standing foot is much alike over `ALIKE`. So one sample in `ALIKE` counts, with the variance of
-    the mean of them all; if every sample counted, the most likely foot would not move at all in stance. The density is
+    The velocity of a standing foot is nearly constant over `ALIKE`. So one sample in `ALIKE` counts, with the variance
+    of the mean of all; if every sample counted, the most likely foot would not move in stance. The density is
     Student's t with `FREEDOM` degrees of freedom and the filter's covariance as its scale, so that a few hard landings
-    do not rule the noise.
+    do not determine the noise.
 
     Source: K. L. Lange, R. J. A. Little and J. M. G. Taylor, "Robust statistical modeling using the t distribution",
     Journal of the American Statistical Association 84(408), 1989.

@@ -9,13 +9,11 @@ rates are
 
 δ comes from least squares: the way of the left foot, turned by δ t, by a constant angle and shifted, is that of the
 right foot, but for the width between them and an error of `APART` at each foothold. What both feet have in common stays
-unknown. `estimate` does this once the filters are done; `run`, cohorts and live filters, which know less than a whole
-recording or have no host code, do not.
+unknown. `estimate` corrects the headings after the filters; `run`, cohorts and live filters do not.
 
 Source: this library. A bound on the distance between both feet is used by I. Skog, J.-O. Nilsson, D. Zachariah and
 P. Händel, "Fusing the information from two navigation systems using an upper bound on their maximum spatial
-separation", IPIN 2012; here the rate of the headings alone is corrected, so that strides do not depend on the other
-foot.
+separation", IPIN 2012. Here only headings are corrected, so that strides do not depend on the other foot.
 """
 
 from collections.abc import Sequence
@@ -28,8 +26,8 @@ from jgait.estimators.foot_ins.windows import turned, yawed
 from jgait.types import SIDES, Estimate, Feet, FootTrajectory
 
 DRIFT = 1.2e-3
-"""[rad/s] Standard deviation of b beside the filter's; the likeliest for 20 walks of `pyshoe_vicon`, `footprints` and
-`neura_sparse` (running, fast walking and creeping left out)."""
+"""[rad/s] Standard deviation of b in addition to the filter's; the most likely value for 20 walks of `pyshoe_vicon`,
+`footprints` and `neura_sparse` (running, fast walking and creeping left out)."""
 
 APART = 0.2
 """[m] By how much a foothold is off the way of the other foot, width excepted. Errors of neighbours are alike, so it is
@@ -45,7 +43,7 @@ ITERATIONS = 4
 """Gauss–Newton steps; the angle δ t is small. An optimiser of SciPy takes longer to import than a walk to estimate."""
 
 ALLOWED = 3.0
-"""[1] Deviations by which δ may differ from 0; beyond, a foot's way is wrong in another manner, and nothing is done."""
+"""[1] Largest |δ| in standard deviations that is corrected; beyond it a foot's way is wrong for another reason."""
 
 UNKNOWN = 0.3
 """[rad] Largest stated deviation of a heading at the end; beyond, one rate for the whole recording is not enough."""

@@ -15,61 +15,62 @@ class FootParams(NamedTuple):
 
     pivot_height: Annotated[Param, Parameter(
         interval(0.0 - 1e-9, 0.3), "m",
-        "of the sensor over the point that a standing foot turns about; 0: it stands quite still",
+        "height of the sensor over the point about which a standing foot turns; 0: the foot does not turn",
     )] = 0.08  # fmt: skip
     velocity_noise: Annotated[Param, Parameter(
         positive, "m/s", "standard deviation of the zero velocity", lognormal(0.01, 2.0),
     )] = 0.01  # fmt: skip
     rate_noise: Annotated[Param, Parameter(
-        positive, "m/s per rad/s", "by how much that grows with the foot's own rate", lognormal(0.03, 2.0),
+        positive, "m/s per rad/s", "increase of `velocity_noise` with the rate of the foot", lognormal(0.03, 2.0),
     )] = 0.03  # fmt: skip
     acc_noise: Annotated[Param, Parameter(
         positive, "m/s²/√Hz", "root of the spectral density of the accelerometer's error", lognormal(0.05, 2.0),
     )] = 0.05  # fmt: skip
     gyr_noise: Annotated[Param, Parameter(
-        positive, "rad/s/√Hz", "the same of the gyroscope's", lognormal(0.002, 2.0),
+        positive, "rad/s/√Hz", "the same of the gyroscope's error", lognormal(0.002, 2.0),
     )] = 0.002  # fmt: skip
     acc_jump_noise: Annotated[Param, Parameter(
-        positive, "1", "error of the specific force over its change from sample to sample", lognormal(0.15, 2.0),
+        positive, "1", "error of the specific force over its change between samples", lognormal(0.15, 2.0),
     )] = 0.15  # fmt: skip
     gyr_jump_noise: Annotated[Param, Parameter(
         positive, "1", "the same of the angular rate", lognormal(0.07, 2.0),
     )] = 0.07  # fmt: skip
     acc_bias_walk: Annotated[Param, Parameter(
-        positive, "m/s²·√Hz", "root of the spectral density of the accelerometer bias's walk",
+        positive, "m/s²·√Hz", "root of the spectral density of the random walk of the accelerometer's bias",
     )] = 1e-4  # fmt: skip
-    gyr_bias_walk: Annotated[Param, Parameter(positive, "rad/s·√Hz", "the same of the gyroscope's")] = 1e-5
+    gyr_bias_walk: Annotated[Param, Parameter(positive, "rad/s·√Hz", "the same of the gyroscope's bias")] = 1e-5
     acc_bias: Annotated[Param, Parameter(
         positive, "m/s²", "standard deviation of the accelerometer's bias at the start",
     )] = 0.02  # fmt: skip
     gyr_bias: Annotated[Param, Parameter(
-        positive, "rad/s", "of the gyroscope's, after ever so long a standing, about the vertical",
+        positive, "rad/s", "standard deviation of the gyroscope's bias about the vertical, after a long standing",
     )] = 3e-4  # fmt: skip
     gyr_bias_tilt: Annotated[Param, Parameter(
-        positive, "rad/s", "the least about horizontal axes, where gravity corrects it",
+        positive, "rad/s", "smallest standard deviation of the gyroscope's bias about horizontal axes",
     )] = 3e-3  # fmt: skip
     sway: Annotated[Param, Parameter(
-        positive, "rad", "by how much a foot turns unseen while it is taken to stand still",
+        positive, "rad", "standard deviation of the foot's rotation during a detected standing",
     )] = 1.5e-3  # fmt: skip
-    tilt: Annotated[Param, Parameter(positive, "rad", "of the attitude at the first stance")] = 0.05
+    tilt: Annotated[Param, Parameter(
+        positive, "rad", "standard deviation of the attitude at the first stance",
+    )] = 0.05  # fmt: skip
     height_noise: Annotated[Param, Parameter(
-        positive, "m", "of level ground from one foothold to the next; where `FootOptions.level` says it is level",
+        positive, "m", "standard deviation of level ground from one foothold to the next, see `FootOptions.level`",
     )] = 0.01  # fmt: skip
     stride_noise: Annotated[Param, Parameter(
         positive, "1",
-        "error of a stride that the model knows nothing of, per metre of it; enters the stated standard "
-        "deviations only",
+        "error of a stride that the model does not contain, per metre; used for the stated errors only",
     )] = 0.01  # fmt: skip
     tracked_point: Annotated[Vector, Parameter(
-        interval(-0.3, 0.3), "m", "of the foot whose path is given, in the sensor's axes from the sensor: where a "
-        "marker is, or the heel; strides do not depend on it", normal(0.0, 0.05),
+        interval(-0.3, 0.3), "m", "point of the foot whose path is returned, such as a marker or the heel, from the "
+        "sensor in its axes; strides do not depend on it", normal(0.0, 0.05),
     )] = Vector(0.0, 0.0, 0.0)  # fmt: skip
     softness: Annotated[Param, Parameter(
-        positive, "1", "width of the change from stance to swing, in logarithms of the detector's statistic; where "
-        "`FootOptions.soft` is set", lognormal(0.2, 2.0),
+        positive, "1", "width of the change from stance to swing, in the logarithm of the detector's statistic; "
+        "used if `FootOptions.soft` is set", lognormal(0.2, 2.0),
     )] = 0.2  # fmt: skip
     threshold_factor: Annotated[Param, Parameter(
-        positive, "1", "factor on the threshold of the detector, likewise", lognormal(1.0, 2.0),
+        positive, "1", "factor on the detector's threshold; used if `FootOptions.soft` is set", lognormal(1.0, 2.0),
     )] = 1.0  # fmt: skip
     noise: Annotated[Any, Parameter(
         None, "", "noise model of the zero velocity, see `jgait.estimators.noise`",
@@ -84,8 +85,8 @@ class FootOptions(NamedTuple):
         level: True: the filter assumes level ground; False: it assumes nothing about the ground; "auto": as False, but
             if strides rise by less than 3 cm on average and 8 cm each, as errors do on level ground, all footholds
             of the trajectory get one height. Strides keep their measured heights.
-        detector: "adaptive": a threshold that adapts to each stride, see `jgait.events.foot`; or the name of a detector
-            of `jgait.events.zero_velocity`, with its default threshold and the footholds of the adaptive detector.
+        detector: "adaptive": a threshold that adapts to each stride, see `jgait.events.foot`; or a detector of
+            `jgait.events.zero_velocity` by name, with its default threshold and the adaptive detector's footholds.
         method: how the filter linearises, see `jgait.filtering`.
         soft: False: zero velocity is observed in stances alone. True: at every sample, with a variance that grows
             smoothly as the detector's statistic exceeds its threshold, so that a gradient reaches the decision; the

@@ -45,15 +45,16 @@ SCALE_SPREAD, BIAS_SPREAD = 0.005, 0.1
 """[1], [m/s²] Usual errors of accelerometers, by which a difference from gravity is divided into scale and bias."""
 
 QUIET_STANCE, STANCE_S, FEWEST_STANCES, STANCE_OFF = 0.3, 0.1, 3, 0.02
-"""[rad/s], [s], [1], [1] Rate below which a foot in stance feels hardly more than gravity, window of that force, least
-number of such stances, and least difference from gravity that is corrected. Of feet of public sets that rest as well,
-hardly one has a larger difference between such stances and rest; in stances of running, which turn more, many have.
+"""[rad/s], [s], [1], [1] Rate below which the sensor of a foot in stance measures hardly more than gravity, window of
+that force, least number of such stances, and least difference from gravity that is corrected. Of feet of public sets
+that rest as well, hardly one has a larger difference between such stances and rest; in stances of running, which turn
+more, many have.
 """
 
 LOST_RATE, LOST_FORCE = (0.3, 1e-3), (3.3, 1e-3)
 """([rad/s], [s]), ([m/s²], [s]) Error of linear interpolation over lost samples, see `bridged`; less than on feet
-of five data sets (experiment `damage.gaps`: 1.4 rad/s and 5.5 m/s² over 0.2 s). With those, the filter explains by a
-tilt that a runner's foot does not stand: strides after a loss of 0.2 s were wrong by a metre, without a large
+of five data sets (experiment `damage.gaps`: 1.4 rad/s and 5.5 m/s² over 0.2 s). With those values the filter explained
+the motion of a runner's foot by a tilt: strides after a loss of 0.2 s were wrong by a metre, without a large
 innovation."""
 
 CLIPPED_RATE, CLIPPED_FORCE = 3.0, 30.0
@@ -264,7 +265,7 @@ def _more_footholds(stances: events.Stances, hz: float) -> events.Stances:
 
 
 def _measured(stances: events.Stances, gone: np.ndarray) -> events.Stances:
-    """The stances with their footholds at measured samples, where they have any; `gone` (T,) are not."""
+    """The stances, with footholds at measured samples where the stance has any; `gone` (T,) is True at lost samples."""
     stillest = stances.stillest.copy()
     for row in np.flatnonzero(gone[stillest]):
         there = stances.start[row] + np.flatnonzero(~gone[stances.start[row] : stances.end[row]])

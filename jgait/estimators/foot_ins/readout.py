@@ -30,15 +30,15 @@ LEAST_NIS = 0.05
 """[1] A smaller NIS of a stride counts as this one, which is that of good strides."""
 
 KNOWN = 0.07
-"""[m] Largest deviation by the filter of the strides by which `stated` was chosen."""
+"""[m] Largest standard deviation by the filter among the strides with which `stated` was chosen."""
 
 TIMING = 0.02
 """[s] Standard deviation of the duration of a stride, from 15 ms for each of its two contacts."""
 
 
 LONG_STANCE = 4.0
-"""[1] A stance longer than `PAUSE_S` and than so many swings is standing, from which the next stride starts: a foot
-that shuffles stands for three of its swings."""
+"""[1] A stance longer than `PAUSE_S` and this number of swings is standing, from which the next stride starts; in
+shuffling, a stance lasts three swings."""
 
 
 class Path(NamedTuple):
@@ -149,7 +149,7 @@ def _strides(
 
 
 def walks_on(landed: Values, leaves: Values, touches: Values) -> Flags:
-    """Whether the stance from `landed` until the foot `leaves`, before it `touches` again [s], is no standing."""
+    """True if the stance from `landed` until the foot `leaves`, before it `touches` again [s], is part of walking."""
     return leaves - landed <= xp.maximum(PAUSE_S, LONG_STANCE * (touches - leaves))
 
 
@@ -161,7 +161,7 @@ def timed(
 
     Args:
         p: parameters.
-        known: what else is known of the strides.
+        known: other quantities of the strides.
         way: displacement from foothold to foothold [m].
         spread: its covariances xx, xy, yy and zz [m²].
         landed: initial contact at which a stride starts that `follows` another [s]; a first one starts at its final
@@ -188,8 +188,8 @@ def timed(
 def _unmeasured(foot: FootSignals, time: Values) -> Values:
     """Variance of the length of each stride (K − 1,) [m²] by forces in its swing that were lost or clipped.
 
-    Changes of velocity that are not known, of variance q at times t, add up to none from stance to stance. So they move
-    the foot by a variance of Σ q t² − (Σ q t)² / Σ q.
+    Unknown changes of velocity, of variance q at times t, sum to zero from stance to stance. So they move the foot by a
+    variance of Σ q t² − (Σ q t)² / Σ q.
     """
     rows = foot.foothold.shape[0]
     stride = xp.clip(xp.cumsum(foot.restart).astype(xp.int32), 0, rows)
@@ -205,8 +205,9 @@ def stated(variance: Values, nis: Values, turn: Values, unmeasured: Values) -> V
 
     The noise of the zero velocity is that of errors which stay the same over a stance. Most stances are better, so that
     the filter's variance v is too large. NIS shows by how much: of 1024 strides of four sets, the squared error over v
-    goes as √NIS, from `LEAST_NIS` to 2; exponents fitted without one of the sets are .52 to .69. What v is above
-    `KNOWN`², as after seconds without a stance, is not reduced, nor what is `unmeasured`: stances do not show it.
+    goes as √NIS, from `LEAST_NIS` to 2; exponents fitted without one of the sets are .52 to .69. The part of v above
+    `KNOWN`², as after seconds without a stance, and the `unmeasured` part are not reduced, because stances do not show
+    them.
 
     Args:
         variance: (n,) of the filter and `FootParams.stride_noise` [m²].

@@ -1,10 +1,9 @@
 """Long recordings of a foot in overlapping windows, which limits memory and uses every core.
 
-The length of a stride depends on its two stances and a few neighbours; heading and position only accumulate. So a
-recording of an hour is cut at footholds into windows that overlap by `OVERLAP`; each window is estimated separately
-and the middle parts are joined: each window is rotated and shifted onto the window before it, at a foothold in the
-middle of the overlap. Stride lengths differ from those of one run over the recording by 0.1 mm, at most 1 mm. The
-gyroscope bias of a window is not passed to the next: headings, and their standard deviations, drift somewhat more.
+The length of a stride depends on its two stances and a few neighbours; heading and position only accumulate. So a long
+recording is cut at footholds into windows that overlap by `OVERLAP`. Each window is estimated separately, then rotated
+and shifted onto the window before it, at a foothold in the middle of the overlap. Stride lengths differ from those of
+one run by 0.1 mm, at most 1 mm; headings, whose gyroscope bias is not passed on, drift somewhat more.
 
 Windows are computed in single precision, which takes two thirds of the time and half of the memory. Stride lengths of
 recorded feet change by 0.04 mm at most (experiment `foot_ins.speed`).

@@ -2,8 +2,8 @@ r"""Hip and knee angles, foot displacement and walked distance from gyroscopes o
 
 The paper's extended Kalman filter, with additions that real walks need: a functional sagittal axis, exchange of
 swapped sensors, inclination from gravity, kinematic closure, standing, smoothing, and another distance: the movement of
-the hip over the stance leg, in proportion to the strides of the shanks' accelerometers, as `ankle_stride` computes
-them. `LegOptions` turns the parts on and off; `PAPER` is the paper's method.
+the hip over the stance leg, scaled to the strides that the shanks' accelerometers measure (`ankle_stride`).
+`LegOptions` turns the parts on and off; `PAPER` is the paper's method.
 
 Source: T. Bennett, R. Jafari, N. Gans, "An extended Kalman filter to estimate human gait parameters and walking
 distance", ACC 2013. The model is in `leg_ekf.model`; `mounting.leg` finds the axes of the sensors.

@@ -9,7 +9,7 @@ from jgait.estimators.axes import Axis, Sampled, Times
 from jgait.types import Values
 
 UNREST_S = 0.5
-"""[s] Time for which the turns of a leg that does not stand still go on; of a shift of weight."""
+"""[s] Duration of a turn of a leg that does not stand still, such as in a shift of weight."""
 
 SHORT_GAP = 0.1
 """[s] Longest gap that the leg's filter bridges by its own prediction of the rates; a swing lasts 0.4 s."""

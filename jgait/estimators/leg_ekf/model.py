@@ -26,8 +26,8 @@ STANDING = -math.pi / 2
 """θ₁ of a thigh that hangs straight down [rad]."""
 
 ANKLE_ACCELERATION = 20.0
-"""[m/s²] Acceleration of the ankle relative to the hip in swing. Half of it times T² is what the Euler step of
-equation 5 leaves out: 1 mm at 100 Hz, 4 mm at 50 Hz. Without it the closure turns the angles: knees of simulated walks
+"""[m/s²] Acceleration of the ankle relative to the hip in swing. The Euler step of equation 5 leaves out half of it
+times T²: 1 mm at 100 Hz, 4 mm at 50 Hz. Without it the closure turns the angles: knees of simulated walks
 at 50 Hz were 1.6° too straight on average, and are 0.1° off with it."""
 
 
@@ -169,8 +169,8 @@ def standing_belief(
     """The belief before the first sample of a person who stands in a known pose.
 
     θ₁ and θ₂ [rad] have one variance [rad²]; the biases of both gyroscopes at rest are in rad/s. x and y start on the
-    forward kinematics (deviation 4), and are as uncertain as angles make a straight leg: were they certain, the closure
-    would keep a wrong pose.
+    forward kinematics (deviation 4), with the uncertainty that the angles give a straight leg: if x and y were certain,
+    the closure would keep a wrong pose.
     """
     zero = jnp.zeros_like(jnp.asarray(thigh_bias) + thigh_angle)
     mean = LegState(*(zero + v for v in (0.0, 0.0, thigh_angle, 0.0, knee_angle, 0.0, thigh_bias, shin_bias)))

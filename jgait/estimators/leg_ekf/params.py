@@ -29,10 +29,10 @@ class LegParams(NamedTuple):
         interval(-0.4, 0.8), "rad", "knee flexion in the calibrating stance",
     )] = BySide(0.0, 0.0)  # fmt: skip
     thigh_gain: Annotated[Param, Parameter(
-        interval(0.6, 1.6), "1", "thigh rotation per rotation of the thigh sensor, which skin and muscle hold back",
+        interval(0.6, 1.6), "1", "rotation of the thigh per rotation of its sensor, which skin and muscle reduce",
     )] = BySide(1.0, 1.0)  # fmt: skip
     thigh_pull: Annotated[Param, Parameter(
-        interval(-0.4, 0.4), "1", "rotation of the thigh sensor per radian of knee flexion, which moves the muscle",
+        interval(-0.4, 0.4), "1", "rotation of the thigh's sensor per radian of knee flexion, by the muscle below it",
     )] = BySide(0.0, 0.0)  # fmt: skip
     position_noise: Annotated[Param, Parameter(positive, "m²", "σ_xy, variance added to x and y each sample")] = 1e-6
     angle_noise: Annotated[Param, Parameter(
@@ -42,43 +42,43 @@ class LegParams(NamedTuple):
         positive, "rad²/s²", "σ_β, variance added to the gyroscope biases each sample",
     )] = 1e-12  # fmt: skip
     gyro_noise: Annotated[Param, Parameter(
-        positive, "1", "multiplies R, the gyroscopes' variance while standing",
+        positive, "1", "factor on R, the variance of the gyroscopes while standing",
     )] = 1.0  # fmt: skip
     closure_noise: Annotated[Param, Parameter(
         positive, "m", "standard deviation of x and y about the forward kinematics",
     )] = 1e-3  # fmt: skip
     inclination: Annotated[Values, Parameter(
-        None, "", "noise of the gravity direction, see `InclinationNoise`",
+        None, "", "noise of the direction of gravity, see `InclinationNoise`",
     )] = InclinationNoise()  # fmt: skip
     standing_hip_sd: Annotated[Param, Parameter(
-        positive, "rad", "standard deviation of `standing_hip`; it enters the stated errors only, as the next five do",
+        positive, "rad", "standard deviation of `standing_hip`; like the next five, used for the stated errors only",
     )] = 0.09  # fmt: skip
     standing_knee_sd: Annotated[Param, Parameter(positive, "rad", "standard deviation of `standing_knee`")] = 0.07
     thigh_gain_sd: Annotated[Param, Parameter(
         positive, "1", "standard deviation of `thigh_gain`, over the angle from standing",
     )] = 0.1  # fmt: skip
-    shank_gain_sd: Annotated[Param, Parameter(positive, "1", "the same of the shank, whose skin moves less")] = 0.04
+    shank_gain_sd: Annotated[Param, Parameter(positive, "1", "the same for the shank, whose skin moves less")] = 0.04
     soft_tissue_thigh: Annotated[Param, Parameter(
-        positive, "rad", "standard deviation of the thigh about its sensor, at any angle",
+        positive, "rad", "standard deviation of the angle between thigh and sensor, at any angle",
     )] = 0.02  # fmt: skip
-    soft_tissue_shank: Annotated[Param, Parameter(positive, "rad", "the same of the shank")] = 0.01
+    soft_tissue_shank: Annotated[Param, Parameter(positive, "rad", "the same for the shank")] = 0.01
     rollover_radius: Annotated[Param, Parameter(
         interval(0.0 - 1e-9, 0.3), "m", "how far the ankle moves forward per radian of the shank in stance",
     )] = 0.07  # fmt: skip
     distance_scale: Annotated[Param, Parameter(positive, "1", "personal scale of the walked distance")] = 1.0
     lever_shank: Annotated[Param, Parameter(
-        interval(0.0, 0.4), "m", "height of the shank's sensor over the ankle, before the walk tells more",
+        interval(0.0, 0.4), "m", "height of the shank's sensor over the ankle; the walk corrects it",
     )] = 0.18  # fmt: skip
     distance_noise: Annotated[Param, Parameter(
-        positive, "1", "error that all strides of a walk share, over the distance by strapdown; stated deviation only",
+        positive, "1", "relative error that all strides share, of the strapdown distance; for the stated error only",
     )] = 0.025  # fmt: skip
     kinematic_noise: Annotated[Param, Parameter(
-        positive, "1", "error of the distance by the leg's kinematics, over the distance; stated deviation only",
+        positive, "1", "relative error of the distance by the leg's kinematics; used for the stated error only",
     )] = 0.12  # fmt: skip
 
 
 class LegOptions(NamedTuple):
-    """Which improvements are on; each is measured alone by `experiments/bennett2013`.
+    """The improvements that are used; the effect of each is measured by `experiments/bennett2013`.
 
     Attributes:
         perpendicular_axis: make the functional sagittal axis perpendicular to gravity.
@@ -86,11 +86,10 @@ class LegOptions(NamedTuple):
         closure: observe x and y as equal to the forward kinematics.
         standing: correct inclination and gyroscope bias in quiet standing.
         smooth: Rauch–Tung–Striebel smoothing (offline).
-        distance: "strapdown": "stance" in proportion to the strides of the shanks' sensors, whose accelerometers are
-            integrated from stance to stance of the ankle; "stance" alone for a recording without such accelerometers
-            or strides. "stance": movement of the hip over the stance leg; "accumulate": the paper's Σ Δx⁺ + Σ |Δy|;
-            "forward": Σ Δx⁺ alone, the forward displacement of the foot relative to the hip.
-        rate_hz: resample to this rate first [Hz]; the distance is then "stance" at best. None keeps the rate.
+        distance: "stance": movement of the hip over the stance leg; "strapdown": the same, scaled to the strides that
+            the shanks' accelerometers measure, or "stance" where there are none; "accumulate": the paper's
+            Σ Δx⁺ + Σ |Δy|; "forward": Σ Δx⁺ alone, the forward displacement of the foot relative to the hip.
+        rate_hz: resample to this rate first [Hz]; "strapdown" is then computed as "stance". None keeps the rate.
         median: width of a median filter on the gyroscopes in samples; 1 for no filter.
         method: how the filter linearises, see `jgait.filtering`.
     """

@@ -12,8 +12,7 @@ from jgait.estimators.ankle_stride.inputs import AnkleSignals
 from jgait.types import Flags, Legs, LegTrajectory, Values
 
 MOVES_M, LEAST_SHARE = 1e-3, 0.2
-"""[m], [1] Displacement of a foot in an interval from which on the foot moves; least share of walking time in which a
-foot moves backward."""
+"""[m] Displacement in an interval above which a foot moves; [1] least share of walking in which it moves backward."""
 
 
 def accumulated(leg: LegTrajectory, *, vertical: bool = True) -> Values:
@@ -58,7 +57,7 @@ def stance_carried(legs: Legs, rollover_radius: Values, still: Flags) -> Values:
 
 
 def rescaled(way: Values, still: Flags, shanks: Sequence[AnkleSignals], total: Values) -> Values:
-    """A distance by kinematics (T,) [m] in proportion, so that it agrees with the strides, whose `total` [m] is known.
+    """A kinematic distance (T,) [m], scaled so that it agrees with strides whose sum `total` [m] is known.
 
     Kinematics show at which moments a person advances, strapdown shows only whole strides: those of each shank lie
     between its first and its last foothold. If the person does not stand before or after them, the recording begins or

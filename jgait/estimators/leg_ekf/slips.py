@@ -1,4 +1,4 @@
-"""Whether sensors on thighs and shanks stay where they are: a segment that stands, and then walks, leans as before."""
+"""Sensors on thighs and shanks that slip: the tilt of the segment changes, in standing and in movement."""
 
 from collections.abc import Iterable, Mapping
 
@@ -17,13 +17,13 @@ WINDOW_S = 1.0
 """[s] Time over which a segment's specific force is averaged, in which accelerations of walking vanish."""
 
 SHARE = 0.5
-"""[1] Share of a change of the tilt in standing that is seen in movement, too, from which on the sensor slipped."""
+"""[1] Least share of the change of tilt between standings that the movement of a sensor that slipped also shows."""
 
 
 def slips(sensors: Mapping[str, Imu], upright: np.ndarray, standing: slice, time: np.ndarray) -> list[Note]:
-    """Notes on sensors that are tilted otherwise in another standing than in the one that calibrates.
+    """Notes on sensors whose tilt in another standing differs from that in the calibrating one.
 
-    If the last standing is such a one, and the person moves so before it, the sensor slipped, see `_since`.
+    If the last standing has such a tilt, and the movement before it too, the sensor slipped, see `_since`.
     """
     step = float(np.median(np.diff(time)))
     runs = [slice(first, after) for first, after in true_runs(upright) if after - first >= LEGS_SHORTEST_S / step]
@@ -73,6 +73,6 @@ def _since(force: np.ndarray, moving: np.ndarray, width: int, before: np.ndarray
 
 
 def slipped(notes: Iterable[Note], side: str, time: np.ndarray) -> np.ndarray:
-    """(T,) bool, the samples after a sensor on the leg of a side slipped, by notes."""
+    """(T,) bool, the samples after a sensor on the leg of a side slipped, from notes."""
     of_side = (note for note in notes if note.kind is SLIPPED and str(note.values["placement"]).endswith(side))
     return np.asarray(time - time[0] >= min((as_float(note.values["from_s"]) for note in of_side), default=np.inf))

@@ -17,7 +17,7 @@ MODELS: dict[str, NoiseModel] = {"constant": Constant(), "log_linear": LogLinear
 
 
 def model_of(name: str) -> NoiseModel:
-    """The noise model of this name, at its start. Raises ValueError if there is none."""
+    """The noise model of this name, with its start values. Raises ValueError for an unknown name."""
     if name not in MODELS:
         raise ValueError(f"the noise model must be one of {', '.join(MODELS)}; got {name!r}")
     return MODELS[name]

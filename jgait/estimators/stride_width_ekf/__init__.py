@@ -18,20 +18,18 @@ Outputs:
     ranges and double support [m], with standard deviations; trajectories of both feet in one world frame.
 
 How far to trust it:
-    Without ranges, the standard deviation of widths grows with the distance walked: `diagnostics["width_valid"]` is
-    False for each stride whose standard deviation of width is above `WidthOptions.widest_stddev`.
+    Without ranges, the standard deviation of widths grows with the distance walked; `diagnostics["width_valid"]` is
+    False where it is above `WidthOptions.widest_stddev`.
     No width is valid, and a note says so, if more than a quarter of the passings have ranges that are too long or
     unlike those around, or if more than 30 % of the ranges do not fit the paths of the feet. A constant error of the
     range, such as a wrong offset or scale, cannot be detected.
-    Exchanged sensors of left and right foot are detected in turns, in which the outer foot moves farther, and by steps
-    of varying width: a wider step must increase the range. `diagnostics["swap_evidence"]` is the log-likelihood of the
-    ranges with the feet as labelled minus that with the feet exchanged [nat]; near 0 (a short straight walk with even
-    steps) it decides nothing. Below −6 a note states that the feet seem to be exchanged; the labels are not changed.
-    If the range's clock is late, the feet are alternately before and behind each other at a range; the delay is
-    estimated and removed. A difference δ between the clocks of the feet cannot be separated from unequal steps: the
-    steps of one foot are too long and those of the other too short by v δ / 2, with v the relative speed of the feet
-    at the passing (8 cm for 50 ms in the paper's protocol); widths outside of turns stay within 4 mm.
-    A range sensor that points forward or back has the same effect on steps (`WidthParams.passing_offset`).
+    Exchanged sensors of left and right foot are detected in turns and by steps of varying width.
+    `diagnostics["swap_evidence"]` is the log-likelihood of the ranges with the feet as labelled minus that with the
+    feet exchanged [nat]; below −6 a note states that the feet seem to be exchanged, and the labels are not changed.
+    A delay of the range's clock is estimated and removed. A difference δ between the clocks of the feet cannot be
+    separated from unequal steps: the steps of one foot are too long and those of the other too short by v δ / 2, with v
+    the relative speed of the feet at the passing (8 cm for 50 ms in the paper's protocol); widths outside of turns stay
+    within 4 mm. A range sensor that points forward or back has the same effect (`WidthParams.passing_offset`).
 
 Deviations from the paper:
     `experiments/potter/literal.py` has the first one's signs as printed.
@@ -40,10 +38,10 @@ Deviations from the paper:
        Hᵀ and the predicted covariance.
     2. The filter runs over moments at which something happens (stances, ranges, double support) and not over samples:
        within a stride displacements add up exactly, so the result is the same, some twenty times sooner.
-    3. R, the noise of the displacements, grows with the way moved, and that of the heading comes with each stride.
+    3. R, the noise of the displacements, grows with the way moved; the noise of the heading is added at each stride.
     4. How far each foot has moved since it stood is part of the state, see `stride_width_ekf.model`.
-    5. Readings of one passing count once, at the middle of when the feet hear each other; those unlike their
-       neighbours are left out. Positions are taken at the time of the reading, not at the nearest sample.
+    5. Readings of one passing count once, at the middle of their times; those unlike their neighbours are left out.
+       Positions are taken at the time of the reading, not at the nearest sample.
     6. Updates are iterated: where little is known of the start, the first range moves the feet so far that one
        linearisation is off by several centimetres. Smoothing, after the paper's future work.
     7. Double support is the moment between two stances at which both feet are stillest; the paper takes it from the

@@ -6,8 +6,9 @@ r"""State-space model of two feet in the plane: their displacements, and the ran
 Δx and Δy are components in the frame of the foot's stride, whose x axis points from one stance to the next; Δθ is the
 change of heading between strides. z₁ is the distance across, to the right of the left foot, z₂ that along.
 
-The state holds the place of the left foot from the right one instead of both places: the widths are those, and their
-variance does not grow with the way, as the variances of both places do, whose small difference single precision loses.
+The state holds the place of the left foot relative to the right one instead of both places. Widths depend on it alone,
+and its variance does not grow with the way; the variances of both places do, and single precision would lose their
+small difference.
 
 In addition to the paper's six states it contains the displacement of each foot since its last stance: the width of a
 stride depends on three positions at three times, and their joint covariance is then known at the end of the stride,

@@ -13,45 +13,44 @@ class WidthParams(NamedTuple):
 
     range_offset: Annotated[Param, Parameter(
         interval(-0.2, 0.4), "m",
-        "what the foot sensors are farther apart, across the walk, than the range says: from the left foot's "
-        "sensor to the range sensor, and from the skin of the right leg to its foot's sensor. To be measured "
-        "on the person: its error is the width's",
+        "distance between the sensors of the feet, across the walk, less the measured range; to be measured on "
+        "the person, because its error is an error of the width",
     )] = 0.08  # fmt: skip
     offset_noise: Annotated[Param, Parameter(
-        fixed, "m", "standard deviation of that measurement; enters the stated errors only",
+        fixed, "m", "standard deviation of `range_offset`; used for the stated errors only",
     )] = 0.01  # fmt: skip
     passing_offset: Annotated[Param, Parameter(
         interval(-0.2, 0.2), "m",
-        "how far the right foot is ahead of the left one when a range comes; above 0 where the range sensor "
-        "looks forward because its wearer's toes point out. Step lengths shift by it, widths do not",
+        "distance of the right foot ahead of the left one when a range is measured; above 0 if the toes point "
+        "outward. It changes step lengths, not widths",
     )] = 0.0  # fmt: skip
     passing_offset_noise: Annotated[Param, Parameter(
-        fixed, "m", "standard deviation of it; enters the stated errors only",
+        fixed, "m", "standard deviation of `passing_offset`; used for the stated errors only",
     )] = 0.03  # fmt: skip
     position_noise: Annotated[Param, Parameter(
-        positive, "m/√m", "standard deviation of a foot's displacement per square root of the way moved",
+        positive, "m/√m", "standard deviation of a foot's displacement, per square root of its length",
     )] = 0.01  # fmt: skip
     heading_noise: Annotated[Param, Parameter(
         positive, "rad", "standard deviation of the change of heading from stride to stride",
     )] = 0.01  # fmt: skip
     turn_noise: Annotated[Param, Parameter(
-        positive, "1", "more of it, for each radian that the heading changes",
+        positive, "1", "increase of `heading_noise` per radian of turn",
     )] = 0.03  # fmt: skip
     range_noise: Annotated[Param, Parameter(
-        positive, "m", "standard deviation of the range as the distance across",
+        positive, "m", "standard deviation of the range as a measure of the distance across",
     )] = 0.01  # fmt: skip
     passing_noise: Annotated[Param, Parameter(
         fixed, "m",
-        "standard deviation of how far the right foot is ahead when a range comes. Nobody measures it, so no "
-        "likelihood can learn it: it would shrink to millimetres",
+        "standard deviation of the distance of the right foot ahead of the left one when a range is measured; "
+        "fixed, because nothing measures it and a likelihood would shrink it to millimetres",
     )] = 0.04  # fmt: skip
-    start_width: Annotated[Param, Parameter(fixed, "m", "distance across at the start")] = 0.15
-    start_across: Annotated[Param, Parameter(fixed, "m", "its standard deviation")] = 0.15
+    start_width: Annotated[Param, Parameter(fixed, "m", "distance of the feet across at the start")] = 0.15
+    start_across: Annotated[Param, Parameter(fixed, "m", "standard deviation of `start_width`")] = 0.15
     start_along: Annotated[Param, Parameter(
-        fixed, "m", "standard deviation of the distance along at the start, 0 expected",
+        fixed, "m", "standard deviation about 0 of the distance of the feet along the walk at the start",
     )] = 0.5  # fmt: skip
     start_heading: Annotated[Param, Parameter(
-        fixed, "rad", "standard deviation of the angle between both feet's first strides, 0 expected",
+        fixed, "rad", "standard deviation about 0 of the angle between the first strides of the feet",
     )] = 0.2  # fmt: skip
 
 
@@ -61,7 +60,7 @@ class WidthOptions(NamedTuple):
     Attributes:
         method: how the filter linearises, see `jgait.filtering`.
         smooth: Rauch–Tung–Striebel smoothing (offline).
-        longest_range: longer ranges are not of the other leg and are left out [m].
+        longest_range: longer ranges are not those to the other leg and are left out [m].
         turn: change of heading between strides above which a foot is in a turn; ranges in turns are left out [rad].
         outlier: ranges that differ more than this from the median of the nine around them are left out [m].
         align_range: estimate the delay of the range's clock, and remove it.

@@ -1,7 +1,7 @@
 """Walking bouts from initial contacts and standing, their nodes (see `WaistInputs`), and walking without contacts.
 
-NumPy, on the host. Walking without contacts is searched by the size of the specific force alone, which does not depend
-on axes or on the gyroscope, so that it shows steps that wrong ones take away.
+NumPy, on the host. Walking without contacts is detected from the size of the specific force alone, which depends
+neither on axes nor on the gyroscope: steps are missing if these are wrong.
 """
 
 from typing import NamedTuple
@@ -24,20 +24,20 @@ START_S = 2.5
 """[s] Upper limit on the time from standing to the first contact if a bout begins from standing; also at its end."""
 
 CLOSING, SETTLING = 0.9, (1.25, 1.6)
-"""[steps] Time of the closing step, whose foot comes to rest beside the other with hardly a jolt; and time after which
-a jolt that ends a bout is the trunk's settling after it. On 36 walks of `ipol_gait` the time is 0.9 with a standard
-deviation of 0.15."""
+"""[steps] Duration of the closing step, whose foot comes to rest beside the other almost without an impact; and time
+after which a last impact is the settling of the trunk after that step. On 36 walks of `ipol_gait` the time is 0.9 with
+a standard deviation of 0.15."""
 
 UNCLOSED = 2.0
-"""[steps] If standing begins later than this after the last contact that was found, a closing step came between."""
+"""[steps] If standing begins later than this after the last detected contact, there was a closing step in between."""
 
 SETTING_OFF_S = 0.5
-"""[s] Least time from standing to the first contact: a foot swings. What is found sooner is the shift of weight, as on
-walks of `ipol_gait` and of simulated people, whose first contacts come later but where very slow ones hardly move."""
+"""[s] Least time from standing to the first contact, in which a foot swings; an earlier detection is a shift of weight.
+First contacts of `ipol_gait` and of simulated people come later, except in very slow walks."""
 
 MOVES, STEP = 0.5, 0.6
-"""[1], [strides] Spread of the specific force over that in walking, from which on a person walks on after the last
-contact; and time that has a whole step, so that the spread shows it."""
+"""[1] Spread of the specific force, over that in walking, above which a person walks on after the last contact; and
+[strides] window of the spread, which contains a whole step."""
 
 
 class Node(NamedTuple):
@@ -181,12 +181,12 @@ SHAKES, RHYTHM, LAGS = 0.7, 0.4, (0.75, 1.3)
 at one of these lags, above which the trunk moves as in walking: a sensor that is handled has no rhythm."""
 
 BESIDE, FAR = 1.0, 1.5
-"""[steps] Time to the nearest contact up to which the trunk walks, and from which on no contact is near."""
+"""[steps] Time to the nearest contact: up to `BESIDE` the trunk walks, above `FAR` no contact is near."""
 
 LEAST_S = 2.0
-"""[s] Duration from which on walking is missing. Undamaged recordings of `ipol_gait`, `mobgap_lab`, `neura_sparse` and
-`tripod` have none; a sensor that is handled before the walk has up to 1.2 s; where a walk of them disappears behind a
-turn, most have 3.5 s and more."""
+"""[s] Duration above which walking counts as missing. Undamaged recordings of `ipol_gait`, `mobgap_lab`, `neura_sparse`
+and `tripod` have none; a sensor that is handled before the walk has up to 1.2 s; where a walk of them disappears behind
+a turn, most have 3.5 s and more."""
 
 
 def missed(acc: np.ndarray, measured: np.ndarray, time: np.ndarray, contact: np.ndarray) -> np.ndarray:

@@ -66,8 +66,7 @@ UNUSED = {
     "pendulum": (*_SPEED, *_FUSION, "update"),
     "update": _ALONE,
 }
-"""Distance method → parameters on which neither the distance nor its standard deviation depends, so that their gradient
-is zero."""
+"""Distance method → parameters without effect on the distance and its standard deviation: their gradient is zero."""
 
 
 def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) -> Estimate:
@@ -81,7 +80,7 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
         innovation.
 
     Raises:
-        ValueError: options that are none.
+        ValueError: an unknown option.
     """
     check_options(options, KNOWN)
     p, inputs = alike(p, inputs)
@@ -181,7 +180,7 @@ def estimate(p: WaistParams, recording: Recording, options: WaistOptions = DEFAU
 
     Raises:
         RecordingError: see `prepare`.
-        ValueError: a parameter outside its range, an option that is none.
+        ValueError: a parameter outside its range, or an unknown option.
     """
     return estimator(options).estimate(p, recording)
 
@@ -196,13 +195,13 @@ this estimator gives them, are 1.06 to 1.59 m and 0.87 to 1.57 m/s."""
 
 
 SLOW, FEW = 0.6, 4
-"""[m/s], [1] Speed below which a stride is unlike those that were learned, also in a walk that is faster on the whole;
-and number of them that is not noted: straight strides of `ipol_gait` are faster but the last ones of a walk."""
+"""[m/s] Speed below which a stride is unlike those that were learned, also in a walk that is faster on the whole; and
+number of such strides that is not noted. Straight strides of `ipol_gait` are faster, except the last ones of a walk."""
 
 
 LONGER = 1.2
-"""[1] Duration of a stride over the median of those walked, from which on it is of a slower part, or beside a stop
-that was not found; it is noted if more than `FEW` are. In such parts of simulated walks lengths are too large, in those
+"""[1] Duration of a stride, over the median, above which it belongs to a slower part or is beside a stop that was not
+detected; more than `FEW` such strides are noted. In such parts of simulated walks lengths are too large, in those
 of `tripod` they are not. Chosen: hardly any straight strides of `ipol_gait` and `mobgap_lab` last as long."""
 
 
@@ -211,17 +210,17 @@ EVERY_SECOND = 0.65
 `ipol_gait`, `mobgap_lab` and `tripod`. In limping, only the step of one leg may be found."""
 
 RISES = 0.25
-"""[m] Rise or fall of a stride from which on it is of stairs, if more than `FEW` are. Flat stairs have more, usual
-slopes less; on recorded walks on level ground hardly a stride has more."""
+"""[m] Rise or fall above which a stride is on stairs, if more than `FEW` are. Flat stairs have more, usual slopes less;
+on recorded walks on level ground hardly a stride has more."""
 
 UNLIKE_SD = 0.35
-"""[1] Standard deviation of lengths and distance over themselves in walks unlike those from which the pendulum was
-learned, and of strides that turn, which may be steps on the spot. Chosen by simulated people who shuffle, limp or run
+"""[1] Relative standard deviation of lengths and distance in walks unlike those from which the pendulum was learned,
+and of strides that turn, which may be steps on the spot. Chosen by simulated people who shuffle, limp or run
 (experiment `people.gaits`)."""
 
 
 CLIMBS_SD = 0.6
-"""[1] The same of strides on stairs: a tread is about as much shorter than a usual step."""
+"""[1] `UNLIKE_SD` for strides on stairs: a tread is shorter than a usual step by about this share."""
 
 
 def _felt(result: Estimate, contacts: np.ndarray) -> np.ndarray:
@@ -289,7 +288,7 @@ def _doubts(result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs])
 
 
 def _rise(result: Estimate, still: np.ndarray) -> np.ndarray:
-    """(strides,) [m] by how much the trunk is higher at the end of each stride; 0 where rests are too far to tell."""
+    """(strides,) [m] rise of the trunk over each stride; 0 where rests are too far away to compute it."""
     time, strides = as_float(result.time), result.strides
     up = as_float(result.diagnostics["trunk_acceleration"])[:, 2:]
     height = moved_between(up, still, (len(time) - 1) / float(np.ptp(time)))[:, 0]

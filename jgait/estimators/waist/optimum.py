@@ -61,7 +61,7 @@ def _least(
     top = lax.stop_gradient(most)
 
     def slopes(f: Values, given: Values = still) -> Values:
-        """Residual and its slope along f."""
+        """The residual at f, and its derivative with respect to f."""
         return jax.jvp(lambda x: residual(x, given), (f,), (jnp.ones_like(f),))
 
     def curved(f: Values) -> Values:

@@ -28,56 +28,56 @@ class WaistParams(NamedTuple):
         positive, "rad/s/√Hz", "root of the spectral density of the gyroscope's error",
     )] = 1e-3  # fmt: skip
     gyr_bias: Annotated[Param, Parameter(
-        positive, "rad/s", "standard deviation of the gyroscope's bias about what it reads at rest",
+        positive, "rad/s", "standard deviation of the gyroscope's bias about its mean reading at rest",
     )] = 3e-3  # fmt: skip
     gyr_bias_walk: Annotated[Param, Parameter(
-        positive, "rad/s·√Hz", "root of the spectral density of its walk",
+        positive, "rad/s·√Hz", "root of the spectral density of the random walk of the gyroscope's bias",
     )] = 1e-5  # fmt: skip
     sensor_bias: Annotated[Param, Parameter(
         positive, "m/s²", "standard deviation of the accelerometer's bias along each axis",
     )] = 0.3  # fmt: skip
     sensor_bias_walk: Annotated[Param, Parameter(
-        positive, "m/s²·√Hz", "root of the spectral density of its walk",
+        positive, "m/s²·√Hz", "root of the spectral density of the random walk of the accelerometer's bias",
     )] = 1e-4  # fmt: skip
     acc_noise: Annotated[Param, Parameter(
         positive, "m/s²/√Hz",
-        "the same of the specific force about gravity while walking; over `gyr_noise` · g it is the time in seconds "
-        "after which tilt is gravity's",
+        "root of the spectral density of the specific force about gravity while walking; `acc_noise` / "
+        "(`gyr_noise` · g) is the time in seconds after which gravity determines the tilt",
     )] = 0.15  # fmt: skip
-    standing_noise: Annotated[Param, Parameter(positive, "m/s²/√Hz", "the same while standing")] = 0.01
+    standing_noise: Annotated[Param, Parameter(positive, "m/s²/√Hz", "`acc_noise` while standing")] = 0.01
     heading_hz: Annotated[Param, Parameter(
-        interval(0.05, 1.0), "Hz", "slower turns than this are of the walk, faster ones of the trunk",
+        interval(0.05, 1.0), "Hz", "turns slower than this belong to the walk, faster ones to the trunk",
     )] = 0.35  # fmt: skip
     excursion_hz: Annotated[Param, Parameter(
-        interval(0.05, 1.0), "Hz", "of the high-pass on the height of the trunk",
+        interval(0.05, 1.0), "Hz", "cut-off of the high-pass on the height of the trunk",
     )] = 0.5  # fmt: skip
-    pendulum_length: Annotated[Param, Parameter(interval(0.3, 1.6), "m", "of the sensor above the ground")] = 0.97
+    pendulum_length: Annotated[Param, Parameter(interval(0.3, 1.6), "m", "height of the sensor above ground")] = 0.97
     pendulum_length_sd: Annotated[Param, Parameter(
-        positive, "m", "its standard deviation; `with_body` lowers it where a measure is known",
+        positive, "m", "standard deviation of `pendulum_length`; smaller where `with_body` gets a measure",
     )] = 0.06  # fmt: skip
     pendulum_constant: Annotated[Param, Parameter(
-        positive, "1", "K, length of a step over that of the pendulum's",
+        positive, "1", "K, length of a step over the step length of the pendulum",
     )] = 1.23  # fmt: skip
     pendulum_constant_sd: Annotated[Param, Parameter(
-        positive, "1", "standard deviation of its logarithm among people",
+        positive, "1", "standard deviation of log K among people",
     )] = 0.05  # fmt: skip
     excursion_power: Annotated[Param, Parameter(
-        interval(0.0, 2.0), "1", "α, how a step grows with the chord of the inverted pendulum",
+        interval(0.0, 2.0), "1", "α, exponent of the chord of the inverted pendulum in the step length",
     )] = 0.6  # fmt: skip
     surge_power: Annotated[Param, Parameter(
-        interval(-1.0, 2.0), "1", "β, how it grows with the change of speed within it",
+        interval(-1.0, 2.0), "1", "β, exponent of the change of speed within a step in the step length",
     )] = 0.1  # fmt: skip
     turn_shortening: Annotated[Param, Parameter(
-        positive, "1/rad", "how much shorter than the pendulum's a step is that turns, for every radian",
+        positive, "1/rad", "by how much a step is shorter than the pendulum's for each radian of turn",
     )] = 0.5  # fmt: skip
     step_noise: Annotated[Param, Parameter(
-        positive, "m", "error of the pendulum's step, white from step to step",
+        positive, "m", "standard deviation of the pendulum's step length, white from step to step",
     )] = 0.03  # fmt: skip
     turn_noise: Annotated[Param, Parameter(
-        positive, "m/rad", "by how much that grows with the turn over the step",
+        positive, "m/rad", "increase of `step_noise` with the turn over the step",
     )] = 0.3  # fmt: skip
     edge_noise: Annotated[Param, Parameter(
-        positive, "m", "error of the pendulum's step in setting off from standing and in stopping",
+        positive, "m", "standard deviation of the pendulum's step length next to standing",
     )] = 0.2  # fmt: skip
     speed_noise: Annotated[Param, Parameter(
         positive, "m/s²/√Hz", "root of the spectral density of the forward acceleration's error",
@@ -85,25 +85,27 @@ class WaistParams(NamedTuple):
     acc_bias: Annotated[Param, Parameter(
         positive, "m/s²", "standard deviation of the forward acceleration's bias after standing",
     )] = 0.1  # fmt: skip
-    acc_bias_unknown: Annotated[Param, Parameter(positive, "m/s²", "the same without any standing")] = 0.3
-    acc_bias_walk: Annotated[Param, Parameter(positive, "m/s²·√Hz", "root of the spectral density of its walk")] = 0.02
+    acc_bias_unknown: Annotated[Param, Parameter(positive, "m/s²", "`acc_bias` without any standing")] = 0.3
+    acc_bias_walk: Annotated[Param, Parameter(
+        positive, "m/s²·√Hz", "root of the spectral density of the random walk of the forward acceleration's bias",
+    )] = 0.02  # fmt: skip
     acc_bias_turn: Annotated[Param, Parameter(
-        positive, "m/s²", "by how much it changes, at most, in turning round",
+        positive, "m/s²", "largest change of the forward acceleration's bias in turning round",
     )] = 0.3  # fmt: skip
     start_speed: Annotated[Param, Parameter(
-        positive, "m/s", "of walking where it begins otherwise than from standing",
+        positive, "m/s", "speed at the start of walking that does not begin from standing",
     )] = 1.1  # fmt: skip
-    start_speed_sd: Annotated[Param, Parameter(positive, "m/s", "its standard deviation")] = 0.4
+    start_speed_sd: Annotated[Param, Parameter(positive, "m/s", "standard deviation of `start_speed`")] = 0.4
     standing_speed: Annotated[Param, Parameter(
         positive, "m/s", "standard deviation of the speed while standing",
     )] = 0.03  # fmt: skip
     update: Annotated[VelocityUpdateParams, Parameter(
-        None, "", "of the velocity update, see `VelocityUpdateParams`",
+        None, "", "parameters of the velocity update, see `VelocityUpdateParams`",
     )] = VelocityUpdateParams()  # fmt: skip
 
 
 class WaistOptions(NamedTuple):
-    """Which parts are on.
+    """The parts of the method that are used.
 
     Attributes:
         distance: "fused": the state-space model over speed, bias and pendulum; "pendulum": the pendulum's steps alone;
@@ -120,14 +122,14 @@ class WaistOptions(NamedTuple):
 
 
 DEFAULT = WaistOptions()
-"""The best pipeline."""
+"""The default pipeline, the most accurate one."""
 
 PAPER = WaistOptions(distance="update", detector="paper")
-"""The paper's pipeline, in the readings of `events.trunk` and `velocity_update`."""
+"""The paper's pipeline, as `events.trunk` and `velocity_update` read it."""
 
 
 KNOWN = {"distance": DISTANCES, "detector": DETECTORS}
-"""Option → its values."""
+"""Option → its allowed values."""
 
 TAPE_SD = 0.01
 """[m] Standard deviation of the sensor's height where it was measured."""
@@ -138,10 +140,10 @@ def with_body(p: WaistParams, body: dict[str, Any]) -> WaistParams:
 
     Args:
         p: parameters.
-        body: "sensor_height" [m] or "height" [m], as far as known, and "pendulum_constant" [1].
+        body: any of "sensor_height" [m], "height" [m] and "pendulum_constant" [1].
 
     Raises:
-        ValueError: if it names anything else, a measure is not finite and positive, or the height is outside `HEIGHTS`.
+        ValueError: if `body` has another name, a measure is not positive, or the height is outside `HEIGHTS`.
     """
     known = ("sensor_height", "height", "pendulum_constant")
     unknown = [name for name in body if name not in known]

@@ -45,37 +45,34 @@ LIKE_GRAVITY = (0.6, 1.6)
 """[1] Allowed range of the specific force's median norm over gravity; outside it the unit is unknown."""
 
 MIRRORED = 0.12
-"""[1] Threshold on the growth of the log-likelihood for each sample when the gyroscope's sign is reversed, at the noise
-of the accelerometer at which it is greatest, 3/2 log(misfit / misfit of the reversed sign); above it the reversal is
-kept. At a fixed noise, the accelerations of quick walking, which the model does not explain with either sign, would
-decide. With the right sign it falls on every recorded walk of `ipol_gait`, `mobgap_lab`, `neura_sparse` and `tripod`;
-in simulated people, whose pelvis leans little against gravity, it can grow, by less. With the wrong sign it grows by as
-much as it falls with the right one."""
+"""[1] Growth of the log-likelihood of each sample by a reversed sign of the gyroscope, 3/2 log(misfit / misfit of the
+reversed sign), above which the reversal is kept. The noise of the accelerometer is the most likely one, so that quick
+walking, which neither sign explains, does not decide. With the right sign the log-likelihood falls on every recorded
+walk of `ipol_gait`, `mobgap_lab`, `neura_sparse` and `tripod`; with the wrong sign it grows by as much."""
 
 CONTRADICTS = np.deg2rad(15.0)
 """[rad] Threshold on `mounting.trunk.tilted` of the attitude from gyroscope and accelerometer, above which the
 gyroscope is not used. Undamaged walks of `ipol_gait`, `mobgap_lab`, `neura_sparse` and `tripod` reach 8°."""
 
 TURNED_OVER = np.deg2rad(60.0)
-"""[rad] Least angle between a sensor's mean force and the vertical of walking at which it is turned over; trunks that
-sit or lean turn less."""
+"""[rad] Least angle of the mean force from the vertical of walking of a sensor turned over; sitting has less."""
 
 LEANS, VARIES = np.deg2rad(25.0), np.deg2rad(10.0)
-"""[rad] Angle of the same from which on a sensor does not walk, if its directions there differ by more than the second,
-as their root mean square: it is handled, or the person sits down or bends. A sensor that slipped keeps its direction.
-Chosen, above all walks of `ipol_gait`, `tripod` and `neura_sparse` and the straight ones of `mobgap_lab`, whose
-people sit down and bend in the others."""
+"""[rad] Angle between mean force and vertical above which the person does not walk, if the directions there differ by
+more than `VARIES` (root mean square): the sensor is handled, or the person sits down or bends. A sensor that slipped
+keeps its direction. Chosen above all walks of `ipol_gait`, `tripod`, `neura_sparse` and the straight ones of
+`mobgap_lab`."""
 
 TILTS = 0.3
-"""[rad/s] Mean rate against gravity over `OVER_S` from which on, beside such a lean, a sensor is still handled. Chosen;
-with less or more by a third, hardly any other strides were left out."""
+"""[rad/s] Mean rate against gravity over `OVER_S` above which a sensor beside such a lean is still handled. Chosen; a
+limit that is a third smaller or larger leaves out nearly the same strides."""
 
 OVER_S, TURNED_S, UPRIGHT_S = 1.0, 2.0, 3.0
-"""[s] Length of the window of both means; least time for which the sensor is turned over; and time for which a sensor
-that is handled can be upright in between, too short to walk."""
+"""[s] Window of both means; least time for which a sensor is turned over; and longest time for which a sensor that is
+handled is upright in between, too short for walking."""
 
 SILENCE = 10.0
-"""[s] Least length of the padding in which contacts are searched: the slowest filter then does not feel its end."""
+"""[s] Least padding for the search for contacts, so long that its end does not affect the slowest filter."""
 
 NO_NODES = waist_bouts.nodes([])
 

@@ -73,9 +73,9 @@ class Covered(NamedTuple):
 class Sampled(NamedTuple):
     """The inputs that all methods of this module share, at samples (T,) or of cycles (K,).
 
-    OFI restarts where the velocity is `given`, or a cycle begins or ends; `change` is J since then [m/s], `start` the
-    last known velocity, `behind` whether that was known after the last cycle ended. `anew` (K,): a velocity was known
-    between the cycle before and this one, or there is no cycle before; `begin` (K,) is that velocity [m/s].
+    OFI restarts where the velocity is `given` and where a cycle begins or ends. `change` is J since then [m/s], `start`
+    the last known velocity; `behind` is True if that velocity was known after the last cycle ended. `anew` (K,) is True
+    if a velocity `begin` (K,) [m/s] was known between the cycle before and this one, or if there is no cycle before.
     """
 
     acc: Values
