@@ -206,7 +206,7 @@ def _simulated(people: int, seed: int) -> Source:
     from jgait import simulate
     from jgait.simulate.sensors import IDG300
 
-    ways = [simulate.straight(float(metres)) for metres in np.linspace(3.1, 4.0, people)]
+    ways = [simulate.straight(3.1 + 0.9 * number / people) for number in range(people)]
     simulated = simulate.cohort(jax.random.key(seed), people, ways, IDG300, 50.0, simulate.FOUR)
     walks = [Walk(recording, truth.estimate, {}) for recording, truth in simulated]
     marks = {walk.recording.name: f"simulated people, seed {seed}" for walk in walks}

@@ -92,7 +92,7 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 15, 
     (medians over them), and figures of one person.
     """
     report("simulating people", 0, 1)
-    ways = [simulate.straight(float(metres)) for metres in np.linspace(3.1, 4.0, subjects)]
+    ways = [simulate.straight(3.1 + 0.9 * number / subjects) for number in range(subjects)]
     drawn = simulate.cohort(jax.random.key(seed), subjects, ways, IDG300, RATE_HZ, simulate.FOUR)
     walks = [Walk(recording, truth.estimate, {}) for recording, truth in drawn]
     made = tune.lessons(leg_ekf.estimator(OPTIONS), walks, own=datasets.body, windows=_walking)
