@@ -27,7 +27,7 @@ from xdist.scheduler import LoadScopeScheduling
 # Functions check the shapes and types in their annotations at each call or trace.
 jaxtyping.install_import_hook(typechecker.MODULES, "typechecker.check")
 
-from jgait import datasets  # noqa: E402
+from experiments.common.sets import datasets  # noqa: E402
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -46,7 +46,7 @@ TOYS = (
     Toy(
         "dataset",
         ("jgait/datasets/toy_walks.py", "jgait/datasets/toy_walks.json"),
-        {"jgait/datasets/registry.py": (('"mobgap_lab",\n', '"mobgap_lab", "toy_walks",\n'),)},
+        {"jgait/datasets/registry.py": (('"pyshoe_vicon")', '"pyshoe_vicon", "toy_walks")'),)},
     ),
     Toy(
         "format",

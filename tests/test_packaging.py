@@ -185,7 +185,7 @@ print(json.dumps([names, failed]))
 """
     names, failed = loaded(installed, code, tmp_path)
     assert len(names) > 100
-    assert {"jgait.io.tables", "jgait.plot", "jgait.evaluate.cohort", "jgait.datasets.tripod"} <= set(names)
+    assert {"jgait.io.tables", "jgait.plot", "jgait.evaluate.cohort", "jgait.datasets.walking5m"} <= set(names)
     assert [name for name in failed if not name.startswith(COMMANDS)] == []
     assert "jgait.cli" in failed
 
@@ -226,7 +226,7 @@ def test_the_command_says_which_extra_it_needs(installed, tmp_path):
     [
         ("from jgait import io; io.read_csv('walk.csv')", "pandas"),
         ("from jgait import plot; plot.style.blank(1, 1, 3.0, 3.0)", "matplotlib"),
-        ("from jgait import datasets; datasets.fetch('tripod')", "pooch"),
+        ("from jgait import datasets; datasets.fetch('footprints')", "pooch"),
     ],
 )
 def test_what_an_extra_would_bring_is_named(installed, tmp_path, code, package):

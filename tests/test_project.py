@@ -73,7 +73,7 @@ def test_the_wheel_holds_the_package_its_types_and_its_licence(tmp_path):
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
     info = f"jgait-{jgait.__version__}.dist-info"
-    assert {"jgait/__init__.py", "jgait/py.typed", "jgait/datasets/tripod.json"} <= names
+    assert {"jgait/__init__.py", "jgait/py.typed", "jgait/datasets/walking5m.json"} <= names
     assert {f"{info}/licenses/LICENSE", f"{info}/entry_points.txt"} <= names
     assert {name.split("/")[0] for name in names} == {"jgait", info}
 

@@ -129,7 +129,6 @@ def test_a_person_has_one_name_however_it_is_written():
         (lambda: evaluate.cohort(foot_ins.estimator(), EMPTY), r"several walks in a list; got one Recording"),
         (lambda: evaluate.cohort(foot_ins.estimator(), [EMPTY]), r"items must be walks, .*; item 0 is Recording"),
         (lambda: tune.lessons(foot_ins.estimator(), [EMPTY]), r"walks must be jgait.types.Walk.*; got Recording"),
-        (lambda: simulate.fitted(EMPTY, 1.75), r"person must be a dictionary of measures, .*; got 1.75"),
         (lambda: io.read(3), r"path must be the path of a file, such as 'walk.csv'; got int 3"),
         (lambda: io.read_csv(pd.DataFrame({"t": [0.0]})), r"recording_from_dataframe takes tables in memory; got"),
         (lambda: io.write_csv("walk.csv", EMPTY), r"path must be the path of a file, .*; got Recording"),
@@ -148,7 +147,6 @@ def test_a_person_has_one_name_however_it_is_written():
         (lambda: simulate.recording(KEY, errors="mpu6000"), r"errors must be ImuErrors, .*; got str 'mpu6000'"),
         (lambda: simulate.recording(KEY, rate="100"), r"rate must be a number of samples per second; got str '100'"),
         (lambda: simulate.gait(speed="1.3", cadence=110.0), r"speed must be a number; got str '1.3'"),
-        (lambda: simulate.fitted(np.zeros((9, 3))), r"recording must be a jgait.types.Recording, .*; got ndarray"),
     ],
 )  # fmt: skip
 @pytest.mark.usefixtures("unchecked")

@@ -7,7 +7,8 @@ import optax
 from experiments.bennett2013.neura_sparse import person
 from experiments.common.recordings import available, walks
 from experiments.common.row import Row, show
-from jgait import datasets, params, tune
+from experiments.common.sets import datasets
+from jgait import params, tune
 from jgait.estimators import leg_ekf
 from jgait.evaluate.windows import Judged, judge
 from jgait.types import SIDES

@@ -35,12 +35,12 @@ def cut(recording: Any, seconds: float) -> Any:
 
 def walks(folder: str, *lengths: str) -> float:
     """Write the walks."""
+    from experiments.common import protocols
     from jgait import io, simulate
-    from jgait.simulate import protocols
     from jgait.simulate.sensors import MPU6000
 
     who, how = jax.random.split(jax.random.key(0))
-    route, person = simulate.straight(30.0), simulate.person_of(simulate.population(who, 1), 0)
+    route, person = simulate.straight(30.0), simulate.person_of(simulate.population(who, 1, recorded=False), 0)
     fit = simulate.covering(how, person, route)
     seven, _ = simulate.recording(how, fit, route, errors=MPU6000, rate=100.0, placements=simulate.SEVEN)
     made = {"seven": seven, "range": next(iter(protocols.potter(who, 1))).recording}

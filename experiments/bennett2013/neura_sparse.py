@@ -9,7 +9,8 @@ import optax
 from experiments.bennett2013 import literal
 from experiments.common.recordings import available, walks
 from experiments.common.row import Row, show
-from jgait import datasets, params, tune
+from experiments.common.sets import datasets
+from jgait import params, tune
 from jgait.commands import demo_run as demo
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegOptions, LegParams

@@ -5,10 +5,10 @@ from typing import Any
 import jax
 import numpy as np
 
+from experiments.common import protocols
 from experiments.common.row import Row, show
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegOptions, LegParams
-from jgait.simulate import protocols
 from jgait.types import Recording, as_float
 
 LINES = {

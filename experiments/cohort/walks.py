@@ -59,7 +59,7 @@ def walkers(seed: int, first: int, last: int, seconds: tuple[float, float]) -> I
     For a person who cannot walk so, it yields the reason.
     """
     who, how = jax.random.split(jax.random.key(seed))
-    drawn = jax.tree.map(np.asarray, simulate.population(who, last))
+    drawn = jax.tree.map(np.asarray, simulate.population(who, last, recorded=False))
     keys = jax.vmap(lambda i: jax.random.fold_in(how, i))(jnp.arange(last))
     for number in range(first, last):
         person, kind = simulate.person_of(drawn, number), list(TURNS)[number % len(TURNS)]

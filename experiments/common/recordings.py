@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jgait import datasets
+from experiments.common.sets import datasets
 from jgait.types import SIDES, Walk
 
 MAIN_WALK = {"gaitmap_example": "imu_sample"}

@@ -69,7 +69,9 @@ def legs(p: leg_ekf.LegParams, estimate: Estimate, truth: Estimate) -> Covered:
 def people(errors: ImuErrors, rate: float, seed: int, count: int) -> Iterator[Covered]:
     """Coverage of each of some people."""
     p = leg_ekf.LegParams()
-    drawn = simulate.cohort(jax.random.key(seed), count, simulate.u_turn(ROUTE_M), errors, rate, PLACEMENTS)
+    drawn = simulate.cohort(
+        jax.random.key(seed), count, simulate.u_turn(ROUTE_M), errors, rate, PLACEMENTS, recorded=False
+    )
     for recording, truth in drawn:
         found = legs(p, leg_ekf.estimate(p, recording), truth.estimate)
         for site in ("ankle", "shank"):

@@ -7,13 +7,12 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from experiments.common import recordings
+from experiments.common import protocols, recordings
 from experiments.common.row import Row, show
 from experiments.damage.harm import DAMAGES, Damage, Rows, read, rows_of
 from jgait import simulate
 from jgait.estimators import ankle_stride, duty_cycled_gyro, foot_ins, leg_ekf, stride_width_ekf, waist
 from jgait.estimators.combined import analyse
-from jgait.simulate import protocols
 from jgait.simulate.sensors import IDG300, MPU6000, OPAL
 from jgait.types import SIDES, Estimate, RangeReadings, Recording, RecordingError, as_float
 
@@ -86,7 +85,7 @@ def walks(quick: bool) -> Iterator[tuple[str, Recording, tuple[str, ...]]]:
         return
     without = (*(name for name in MODULES if name != "stride_width_ekf"), "combined")
     for name, key, way, errors, rate in SIMULATED:
-        yield name, simulate.cohort(jax.random.key(key), 1, way, errors, rate)[0][0], without
+        yield name, simulate.cohort(jax.random.key(key), 1, way, errors, rate, recorded=False)[0][0], without
     if recordings.available("neura_sparse"):
         yield "neura_sparse", next(iter(recordings.walks("neura_sparse"))).recording, without
     if recordings.available("walking5m"):

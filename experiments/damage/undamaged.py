@@ -9,8 +9,9 @@ import jax
 import jgait
 from experiments.common import recordings
 from experiments.common.row import Row, show
+from experiments.common.sets import datasets
 from experiments.damage.harm import read, rows_of
-from jgait import datasets, simulate
+from jgait import simulate
 from jgait.estimators.combined import compare
 from jgait.estimators.combined.crosscheck import FOOT_ON_SHANK
 from jgait.estimators.notes import RATES_OFF
@@ -51,7 +52,9 @@ def walks(quick: bool) -> Iterator[tuple[str, Recording]]:
             for walk in datasets.load(name, list(datasets.names(name))[: 3 if quick else None]):
                 yield name, walk.recording
     for seed, (name, (errors, rate, way)) in enumerate(SIMULATED.items()):
-        for recording, _ in simulate.cohort(jax.random.key(200 + seed), 3 if quick else PEOPLE, way, errors, rate):
+        for recording, _ in simulate.cohort(
+            jax.random.key(200 + seed), 3 if quick else PEOPLE, way, errors, rate, recorded=False
+        ):
             yield name, recording
 
 

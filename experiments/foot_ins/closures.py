@@ -6,7 +6,7 @@ import numpy as np
 
 from experiments.common.recordings import attempt, available, walks
 from experiments.common.row import Row, show
-from jgait import datasets
+from experiments.common.sets import datasets
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import FootParams
 

@@ -87,7 +87,7 @@ def feet_of(key: Any, people: int, along: Route, errors: Any, what: str) -> list
     found = []
     for i in range(people):
         own = jax.random.fold_in(key, i)
-        person = simulate.person_of(simulate.population(key, people), i)
+        person = simulate.person_of(simulate.population(key, people, recorded=False), i)
 
         def one(own: Any = own, person: Any = person) -> list[Compared]:
             fit = simulate.covering(own, person, along)

@@ -54,7 +54,7 @@ def walked(length: float, rate: float = RATE) -> Recording:
     """A simulated walk straight ahead, Opal sensors on both feet."""
     key = jax.random.key(0)
     along = simulate.straight(length)
-    person = simulate.covering(key, simulate.person_of(simulate.population(key, 1), 0), along)
+    person = simulate.covering(key, simulate.person_of(simulate.population(key, 1, recorded=False), 0), along)
     return simulate.recording(key, person, along, sensors.OPAL, rate, placements=FEET)[0]
 
 

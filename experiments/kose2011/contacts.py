@@ -10,6 +10,8 @@ from experiments.common.row import Row, show
 from experiments.kose2011.walks import SETS, Walk, Windows, inside, sets
 from jgait.estimators import waist as waist_ofdri
 from jgait.estimators.waist import DEFAULT
+from jgait.estimators.waist import params as waist_params
+from jgait.events.trunk import PaperRule, Peaks
 
 TOLERANCE = 0.2
 """[s] Between a detection and a contact, after the set's median offset is taken off."""
@@ -18,6 +20,8 @@ FAR = 0.3
 """[s] Detections farther from a contact are not used for the offset."""
 
 DETECTORS = ("soft", "peaks", "paper", "literal")
+waist_params.DETECTORS.update(peaks=Peaks(), literal=PaperRule(relative_to="max", hard=True))
+"""Those that only this table compares: the baseline, and the paper by the letter, with maxima and hard thresholds."""
 
 
 class Found(NamedTuple):

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from experiments.common import protocols
 from experiments.common.row import Row
 from jgait import plot
 from jgait.estimators import waist
@@ -16,7 +17,6 @@ from jgait.estimators.waist.params import WaistOptions, WaistParams
 from jgait.estimators.waist.readout import bouts_begin
 from jgait.plot.style import DASHED, RED, Figure, Seconds, Style, blank, check_overlap, legend, windowed
 from jgait.plot.waist import contacts_of
-from jgait.simulate import protocols
 from jgait.types import Estimate, Recording, as_float
 
 ACCELERATION: Style = {"color": "0.35", "linewidth": 0.8}

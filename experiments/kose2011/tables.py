@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from experiments.common import protocols
 from experiments.common.row import Row, show
 from experiments.kose2011 import contacts, distances
 from experiments.kose2011.contacts import Found
@@ -21,7 +22,6 @@ from jgait.estimators.waist import WaistParams, velocity_update
 from jgait.estimators.waist.ofdri import Cycles
 from jgait.estimators.waist.velocity_update import VelocityUpdateParams
 from jgait.geometry.segments import in_world
-from jgait.simulate import protocols
 from jgait.simulate.worn import mount
 from jgait.types import as_float
 

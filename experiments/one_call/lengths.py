@@ -85,7 +85,7 @@ def simulated(people: int) -> tuple[list[dict[str, np.ndarray]], int]:
     """Errors on walks of people drawn anew, 15 m out and back; walks with a note that results contradict each other."""
     found, alarms = [], 0
     walks: list[tuple[Recording, simulate.Truth]] = simulate.cohort(
-        jax.random.key(PEOPLE_KEY), people, simulate.u_turn(15.0), OPAL, 100.0, PLACEMENTS
+        jax.random.key(PEOPLE_KEY), people, simulate.u_turn(15.0), OPAL, 100.0, PLACEMENTS, recorded=False
     )
     for recording, truth in walks:
         analysis = analyse(recording, SIMULATED)

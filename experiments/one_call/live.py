@@ -48,7 +48,7 @@ def rows(quick: bool) -> list[Row]:
     """Microseconds a sample of each estimator, and of the slowest."""
     placements = tuple(dict.fromkeys(name for names in PLACEMENTS.values() for name in names))
     key = jax.random.key(PEOPLE_KEY)
-    ((recording, _),) = simulate.cohort(key, 1, simulate.straight(10.0), OPAL, 100.0, placements)
+    ((recording, _),) = simulate.cohort(key, 1, simulate.straight(10.0), OPAL, 100.0, placements, recorded=False)
     lines, found = [], {}
     for name, worn in PLACEMENTS.items():
         own = recording._replace(sensors={one: recording.sensors[one] for one in worn})

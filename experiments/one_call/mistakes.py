@@ -86,7 +86,9 @@ def correct_walks(people: int) -> Iterator[Recording]:
     key = jax.random.key(PEOPLE_KEY)
     left = people
     for number, (route, errors) in enumerate((r, e) for r in routes for e in (OPAL, MPU6000)):
-        for recording, _ in simulate.cohort(jax.random.fold_in(key, number), min(each, left), route, errors, 100.0):
+        for recording, _ in simulate.cohort(
+            jax.random.fold_in(key, number), min(each, left), route, errors, 100.0, recorded=False
+        ):
             yield recording
         left -= min(each, left)
         if left < 1:

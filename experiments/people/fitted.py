@@ -1,4 +1,4 @@
-"""Walkers fitted to recordings (`simulate.fitted`): what do sensors read that the fit did not see?
+"""Walkers fitted to recordings (`experiments.common.fitting`): what do sensors read that the fit did not see?
 
 Sensors on thighs and shanks are fitted; those on ankles and feet are predicted, and compared with what was recorded in
 the same strides, in the first harmonics of the stride. Beside the fitted walker stands the usual one at this stride: it
@@ -12,11 +12,11 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from experiments.common.fitting import LOW, PersonFit, StrideSignals, fitted, mean_strides, unexplained, virtual
 from experiments.common.recordings import attempt, available, walks
 from experiments.common.row import Row, show
 from jgait import simulate
-from jgait.simulate import Person, PersonFit
-from jgait.simulate.fitting import LOW, StrideSignals, mean_strides, unexplained, virtual
+from jgait.simulate import Person
 from jgait.simulate.sensors import OPAL
 from jgait.types import Recording
 
@@ -80,7 +80,7 @@ def simulated(people: int) -> Iterator[tuple[str, Recording, dict[str, float] | 
 def judged(recording: Recording, body: dict[str, float] | None) -> list[dict[str, Predicted]]:
     """Sensor → prediction by the fitted walker, and by the usual one."""
     sensors = recording.sensors
-    fit = simulate.fitted(recording._replace(sensors={name: sensors[name] for name in simulate.FOUR}), body)
+    fit = fitted(recording._replace(sensors={name: sensors[name] for name in simulate.FOUR}), body)
     others = {name: sensors[name] for name in OTHERS if name in sensors}
     seen = mean_strides(recording._replace(sensors=others), fit.strides)
     return [predicted(person, fit.late, seen) for person in (fit.person, usual(fit))]

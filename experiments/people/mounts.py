@@ -15,11 +15,11 @@ from scipy import optimize, signal
 
 from experiments.common.recordings import available
 from experiments.common.row import Row, show
+from experiments.common.sets import datasets
 from experiments.people.legs import Leg, legs_of
 from experiments.people.waves import axes
 from experiments.simulator.gait import find_strides, sagittal_rates
 from experiments.simulator.simulated import SETS, names_of
-from jgait import datasets
 from jgait.geometry.vectors import GRAVITY
 
 JOINTS = (("knee", "thigh", "shank"), ("ankle", "shank", "foot"))

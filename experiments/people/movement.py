@@ -22,12 +22,13 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from experiments.common.sets import datasets
 from experiments.people.legs import legs_of
 from experiments.people.tables import tables, write
 from experiments.people.waves import HARMONICS, POINTS, SEGMENTS, harmonics, late, mean_stride
 from experiments.simulator.gait import Truth, figures, pool, summary
 from experiments.simulator.simulated import SETS, Set, names_of, sensors_of
-from jgait import datasets, simulate
+from jgait import simulate
 from jgait.geometry.segments import Motion, Segments
 from jgait.simulate import RECORDED, Body, Gait, Person, shapes
 from jgait.simulate.population import manner

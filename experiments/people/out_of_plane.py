@@ -16,11 +16,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from experiments.common.sets import datasets
 from experiments.people import movement
 from experiments.people.legs import legs_of
 from experiments.people.tables import tables, write
 from experiments.people.waves import HARMONICS, POINTS, SEGMENTS, Waves, harmonics, late, mean_stride, signals
-from jgait import datasets
 from jgait.simulate import Person, shapes
 from jgait.simulate.shapes import WORN, shape_of
 

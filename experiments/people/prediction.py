@@ -18,6 +18,7 @@ from experiments.common import summary
 from experiments.common.matching import nearest
 from experiments.common.recordings import attempt, available
 from experiments.common.row import Row, show
+from experiments.common.sets import datasets
 from experiments.common.shanks import Leg, Reference, rested
 from experiments.kose2011 import contacts
 from experiments.kose2011.walks import Walk as WaistWalk
@@ -36,7 +37,7 @@ from experiments.silva2017.lever import (
 from experiments.simulator.simulated import SETS, Set
 from experiments.unseen import waist
 from experiments.unseen.legs import REFERENCE_SD as DISTANCE_SD
-from jgait import datasets, simulate
+from jgait import simulate
 from jgait.estimators import foot_ins, leg_ekf
 from jgait.evaluate.windows import judge
 from jgait.geometry.vectors import GRAVITY

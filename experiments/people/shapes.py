@@ -20,10 +20,10 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.stats import truncnorm
 
+from experiments.common.sets import datasets
 from experiments.kose2011.walks import of_set
 from experiments.people import movement
 from experiments.people.tables import tables, write
-from jgait import datasets
 from jgait.geometry.vectors import GRAVITY
 from jgait.simulate import Body, shapes
 from jgait.types import Walk

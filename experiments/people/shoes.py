@@ -16,8 +16,8 @@ from scipy.signal import welch
 
 from experiments.common.recordings import available
 from experiments.common.row import Row, show
+from experiments.common.sets import datasets
 from experiments.people.transfer import FOOT_HZ, walkers
-from jgait import datasets
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import FootParams
 from jgait.simulate.sensors import IDEAL, ON_SHOE

@@ -19,6 +19,7 @@ from scipy.signal import welch
 
 from experiments.common.recordings import available
 from experiments.common.row import Row, show
+from experiments.common.sets import datasets
 from experiments.people.legs import Leg, legs_of
 from experiments.people.pelvis import known
 from experiments.people.shapes import stride_lengths
@@ -38,7 +39,7 @@ from experiments.simulator.simulated import (
     walks_of,
     window,
 )
-from jgait import datasets, simulate
+from jgait import simulate
 from jgait.simulate import Person
 from jgait.simulate.population import manner
 from jgait.types import SIDES

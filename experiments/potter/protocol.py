@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jgait.simulate import Body, protocols
+from experiments.common import protocols
+from jgait.simulate import Body
 from jgait.types import Estimate, Recording
 
 SECTION = 28.0

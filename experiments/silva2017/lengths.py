@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from experiments.common.shanks import Leg
+from experiments.silva2017 import literal
 from experiments.silva2017.detect import padded, pairs, strides_of
 from experiments.silva2017.li import planar
 from jgait.estimators.ankle_stride import length as stride_length
@@ -130,7 +131,8 @@ def stacked(items: list[Signals], room: int = 1) -> Signals:
 def _one(method: str, p: StrideLengthParams, cutoff: Any, s: Signals) -> Any:
     """(n,) lengths of a leg's strides."""
     if method in ("SL1", "SL2", "SL2 of all axes"):
-        swung = stride_length.pendulum(p, s.gyr, s.swing, s.dt, all_axes=method == "SL2 of all axes")
+        gyr = literal.all_axes(s.gyr) if method == "SL2 of all axes" else s.gyr
+        swung = stride_length.pendulum(p, gyr, s.swing, s.dt)
         return (swung.chord if method == "SL1" else swung.arc)[s.swing_end]
     if method == "swing":
         swung = stride_length.pendulum(p, s.gyr, s.swing, s.dt)
@@ -141,9 +143,8 @@ def _one(method: str, p: StrideLengthParams, cutoff: Any, s: Signals) -> Any:
         gyr, acc = (stride_length.smoothed(v, cutoff, rate_hz) for v in taken)
         return planar(p, gyr, acc, s.stride, s.dt).length[s.end]
     gyr, acc = (stride_length.smoothed(v, cutoff, rate_hz) for v in (s.gyr, s.acc))
-    told = stride_length.inertial(
-        p, gyr, acc, s.stride, s.dt, euler=method == "3-D as printed", sample_up=method == "3-D as printed"
-    )
+    inertial = literal.inertial if method == "3-D as printed" else stride_length.inertial
+    told = inertial(p, gyr, acc, s.stride, s.dt)
     return {"3-D level": told.level, "rise": told.rise, "turn": told.turn}.get(method, told.length)[s.end]
 
 

@@ -15,11 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from experiments.common.row import Row, show
+from experiments.common.sets import datasets
 from experiments.common.shanks import Leg
 from experiments.silva2017.detect import f1, pairs, score
 from experiments.silva2017.groups import load, measured
 from experiments.silva2017.lever import LEARNED_SD, held_out, prepared, together
-from jgait import datasets
 from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride import online as ankle_online

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from experiments.common import protocols
 from experiments.common.row import Row, show
 from experiments.common.shanks import Leg, Reference, rested
 from experiments.silva2017.detect import DETECTORS, strides_of
@@ -17,7 +18,6 @@ from experiments.silva2017.lengths import CUTOFF_HZ, lengths, signals, stacked, 
 from experiments.silva2017.lever import prepared, run, together
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting import shank as shank_axes
-from jgait.simulate import protocols
 from jgait.simulate.sensors import MPU6000
 from jgait.types import as_float
 

@@ -7,6 +7,7 @@ import jax
 import numpy as np
 from jax import Array, lax
 
+from experiments.common import protocols
 from experiments.common.row import Row
 from jgait import plot
 from jgait.estimators import ankle_stride
@@ -29,7 +30,6 @@ from jgait.plot.style import (
     windowed,
 )
 from jgait.signal import butterworth
-from jgait.simulate import protocols
 from jgait.types import SIDES, Recording, Scalar, as_float
 
 RAW: Style = {"color": "0.6", "linewidth": 0.9}

@@ -221,7 +221,7 @@ def fit_errors(people: int, steps: int, samples: int = 384) -> np.ndarray:
     The signals have the noise and biases of an MPU-6000, well aligned.
     """
     rng = np.random.default_rng(5)
-    drawn = simulate.population(jax.random.key(11), people)
+    drawn = simulate.population(jax.random.key(11), people, recorded=False)
     usual = drawn.gait._replace(
         steps=jnp.full((people,), 4.0), quiet_before=jnp.full((people,), 0.3), quiet_after=jnp.full((people,), 0.3),
         **{name: jnp.zeros((people,)) for name in UNEVEN},

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from experiments.common.sets import datasets
 from experiments.simulator import real
 from experiments.simulator.gait import (
     Figures,
@@ -23,7 +24,6 @@ from experiments.simulator.gait import (
     sagittal_rates,
 )
 from experiments.simulator.real import RESTING, Spread
-from jgait import datasets
 from jgait.geometry.segments import Motion, in_world
 from jgait.geometry.vectors import GRAVITY, Vector
 from jgait.plot.style import blank

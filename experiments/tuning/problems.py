@@ -8,12 +8,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jgait import datasets, filtering, params, simulate, tune
+from experiments.common import protocols
+from experiments.common.sets import datasets
+from jgait import filtering, params, simulate, tune
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import PAPER
 from jgait.estimators.leg_ekf import model as leg_model
 from jgait.estimators.leg_ekf.model import LegModelParams, LegState
-from jgait.simulate import protocols
 from jgait.tune import Lesson, Lessons, losses
 from jgait.types import Estimate, Walk
 

@@ -3,12 +3,12 @@
 from pathlib import Path
 
 from experiments.common.row import Row
+from experiments.udaya2010.curves import Series, error_over_duty, error_over_saving
 from experiments.udaya2010.fillers import fillers
 from experiments.udaya2010.table2 import ERRORS, SAVINGS
 from experiments.udaya2010.tradeoff import tradeoff
 from jgait import plot
 from jgait.duty_cycle import power
-from jgait.plot.power import Series
 
 PANELS = {
     "tripod": "tripod, treadmill, paper's protocol (14 s, units of 1.4 s)",
@@ -45,7 +45,7 @@ def draw(rows: list[Row], folder: Path, quick: bool) -> None:
     told = {row.metric: row.value for row in rows}
     seen = {name: title for name, title in PANELS.items() if any(m.startswith(f"{name}_neighbours") for m in told)}
     over_duty = {title: _lines(name, told, saving=False) for name, title in seen.items()}
-    drawn = {"duty_error": plot.error_over_duty(over_duty, title="What sleep costs, by filler: median over legs")}
+    drawn = {"duty_error": error_over_duty(over_duty, title="What sleep costs, by filler: median over legs")}
     over_saving = {}
     for name in (n for n in ("tripod", "walking5m") if n in seen):
         lines = _lines(name, told, saving=True)
@@ -62,8 +62,6 @@ def draw(rows: list[Row], folder: Path, quick: bool) -> None:
                 [1.0 - energy / 100.0], [level], "policy"
             )
         over_saving[seen[name]] = lines
-    drawn["duty_pareto"] = plot.error_over_saving(
-        over_saving, power=power.GYROSCOPE.on, title="Error against energy saved"
-    )
+    drawn["duty_pareto"] = error_over_saving(over_saving, power=power.GYROSCOPE.on, title="Error against energy saved")
     for name, figure in drawn.items():
         print(plot.save(figure, folder / f"{name}.png"))

@@ -9,9 +9,9 @@ import numpy as np
 
 from experiments.common.recordings import available, walks
 from experiments.common.row import Row, show
+from experiments.common.sets import datasets
 from experiments.udaya2010.behind import _rms_deg
 from experiments.udaya2010.walked import Walked, neura
-from jgait import datasets
 from jgait.duty_cycle.recording import fill_recording
 from jgait.estimators import leg_ekf
 from jgait.types import SIDES, Estimate, as_float, leg_of

@@ -12,12 +12,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from experiments.common import protocols
 from experiments.common.recordings import names, walks
 from experiments.common.shanks import rested
 from jgait.duty_cycle import power
 from jgait.mounting import shank as shank_axes
 from jgait.signal import butterworth
-from jgait.simulate import protocols
 from jgait.types import SIDES, Imu, Recording, as_float
 
 RATE_HZ = 50.0

@@ -5,13 +5,13 @@ from pathlib import Path
 import jax
 import numpy as np
 
+from experiments.common import protocols
 from experiments.common.row import Row
 from jgait import plot
 from jgait.duty_cycle.fillers.base import MEASURED
 from jgait.estimators import duty_cycled_gyro
 from jgait.plot.duty import shade_sleep
 from jgait.plot.style import RED, Axes, Figure, Seconds, Style, blank, check_overlap, legend, over_time, windowed
-from jgait.simulate import protocols
 from jgait.types import PLACEMENTS, Estimate, as_float
 
 READ: Style = {"color": "0.8", "linewidth": 4.0}

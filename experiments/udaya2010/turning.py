@@ -35,7 +35,7 @@ SPLIT = "constants chosen in view of these walks"
 
 def _walks(quick: bool) -> dict[str, list[tuple[Recording, Estimate]]]:
     key, route = jax.random.key(3), simulate.u_turn(6.0)
-    made = simulate.cohort(key, 1 if quick else 5, route, OPAL, 100.0, simulate.FOUR)
+    made = simulate.cohort(key, 1 if quick else 5, route, OPAL, 100.0, simulate.FOUR, recorded=False)
     sets = {"simulation": [(recording, truth.estimate) for recording, truth in made]}
     if not quick and available("neura_sparse"):
         sets["neura_sparse"] = [(one.recording, one.truth) for one in neura()]

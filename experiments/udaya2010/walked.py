@@ -6,12 +6,12 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from experiments.common import protocols
 from experiments.common.recordings import walks
 from experiments.udaya2010.legs import RATE_HZ, SWINGING, sagittal, stride_samples
 from experiments.udaya2010.power_tradeoff import Plan, Shank, masks_of
 from jgait.duty_cycle import power
 from jgait.mounting import shank as shank_axes
-from jgait.simulate import protocols
 from jgait.types import SIDES, Estimate, Recording, as_float
 
 

@@ -63,8 +63,8 @@ Dataset = Annotated[str | None, typer.Option(help="A public data set instead, su
 Simulated = Annotated[int | None, typer.Option(min=1, help="Number of simulated people on walks of 3 to 4 m instead.")]
 
 SIMULATED_WORN = (
-    "people of --simulated wear sensors on thighs and shanks; run jgait simulate --protocol potter (shoes), silva "
-    "(ankles) or kose (waist), and give the table that it writes"
+    "people of --simulated wear sensors on thighs and shanks; run jgait simulate --placements foot_right,foot_left (or "
+    "ankle_right, or waist), and give the table that it writes"
 )
 """Where a cohort of `Simulated` has sensors, for messages."""
 
@@ -203,10 +203,12 @@ def source(
 
 
 def _simulated(people: int, seed: int) -> Source:
-    from jgait.simulate import protocols
+    from jgait import simulate
+    from jgait.simulate.sensors import IDG300
 
-    simulated = protocols.bennett(jax.random.key(seed), people)
-    walks = [Walk(walked.recording, walked.truth.estimate, {}) for walked in simulated]
+    ways = [simulate.straight(3.1 + 0.9 * number / people) for number in range(people)]
+    simulated = simulate.cohort(jax.random.key(seed), people, ways, IDG300, 50.0, simulate.FOUR)
+    walks = [Walk(recording, truth.estimate, {}) for recording, truth in simulated]
     marks = {walk.recording.name: f"simulated people, seed {seed}" for walk in walks}
     return Source(f"{people} simulated people", walks, None, marks, [], [])
 

@@ -10,14 +10,14 @@ import numpy as np
 import optax
 from jaxtyping import PyTree
 
-from jgait import datasets, params, plot, tune
+from jgait import datasets, params, plot, simulate, tune
 from jgait import report as reports
 from jgait.estimators import Prepared, leg_ekf
 from jgait.estimators.combined import analyse
 from jgait.estimators.leg_ekf import BySide, LegParams
 from jgait.evaluate import FIELDS
 from jgait.evaluate.windows import Judged, judge
-from jgait.simulate import protocols
+from jgait.simulate.sensors import IDG300
 from jgait.types import SIDES, Estimate, Walk
 
 RATE_HZ = 50.0
@@ -92,8 +92,9 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 15, 
     (medians over them), and figures of one person.
     """
     report("simulating people", 0, 1)
-    drawn = protocols.bennett(jax.random.key(seed), subjects, rate=RATE_HZ)
-    walks = [Walk(walked.recording, walked.truth.estimate, walked.extra) for walked in drawn]
+    ways = [simulate.straight(3.1 + 0.9 * number / subjects) for number in range(subjects)]
+    drawn = simulate.cohort(jax.random.key(seed), subjects, ways, IDG300, RATE_HZ, simulate.FOUR)
+    walks = [Walk(recording, truth.estimate, {}) for recording, truth in drawn]
     made = tune.lessons(leg_ekf.estimator(OPTIONS), walks, own=datasets.body, windows=_walking)
     start = leg_ekf.LegParams()
     names = ("standing_hip", "standing_knee", "distance_scale")
@@ -111,7 +112,7 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 15, 
         errors = (judge(one, item.reference, item.look, item.standing) for one in estimates)
         tables.append(_lines(f"median of {subjects - half} people", False, *errors))
     title = "a simulated walk left out of the tuning"
-    figures = _figures(out, "simulated", estimates[1], drawn[-1].truth.estimate, title, None, None)
+    figures = _figures(out, "simulated", estimates[1], drawn[-1][1].estimate, title, None, None)
     tuned = _tuned(names, start, fit.params)
     losses = [float(v) for v in fit.losses]
     return Demo(f"Simulated: {subjects} people, tuned on {half}", _medians(tables), tuned, figures, losses)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import jax
 import numpy as np
@@ -12,13 +12,11 @@ from jaxtyping import PRNGKeyArray
 
 from jgait import io
 from jgait import simulate as simulation
-from jgait.commands.console import Bar, console, count, note, progress, stop, table_of, visible, write_json
+from jgait.commands.console import Bar, console, count, progress, stop, table_of, visible, write_json
 from jgait.commands.folder import results_folder
-from jgait.simulate import protocols
 from jgait.simulate import sensors as worn_sensors
-from jgait.simulate.protocols import Walked
 from jgait.simulate.routes import Route
-from jgait.types import PLACEMENTS
+from jgait.types import PLACEMENTS, Recording
 
 ROUTES = {
     "straight": (1, "length"), "u_turn": (1, "length"), "about_turn": (1, "length"), "rectangle": (2, "a,b"),
@@ -30,9 +28,16 @@ ROUTES = {
 GAITS = (
     "slow", "fast", "shuffling", "limping", "stiff_leg", "hemiparetic", "unsteady", "crouched", "running", "toes_out",
 )  # fmt: skip
-PROTOCOLS = ("bennett", "udaya_shankar", "silva", "potter", "kose")
 HIGHEST_RATE_HZ = 1000.0
-WAIST = {"waist", "lower_back", "pelvis"}
+
+
+class Walked(NamedTuple):
+    """A simulated walk: the readings, the truth, who walked, and the length of the route [m]."""
+
+    recording: Recording
+    truth: simulation.Truth
+    person: simulation.Person
+    distance: float
 
 
 def simulate(
@@ -44,19 +49,11 @@ def simulate(
         ),
     ] = "straight:20",
     gait: Annotated[str | None, typer.Option(help=f"A gait that is not the usual one: {', '.join(GAITS)}.")] = None,
-    protocol: Annotated[
-        str | None,
-        typer.Option(help=f"The protocol of a paper instead of a route: {', '.join(PROTOCOLS)}."),
-    ] = None,
     sensors: Annotated[
         str | None,
-        typer.Option(
-            help="Such as ideal, mpu6000, opal (its range of 200 g), idg300; default mpu6000, or that of the paper."
-        ),
+        typer.Option(help="Such as ideal, mpu6000, opal (its range of 200 g), idg300; default mpu6000."),
     ] = None,
-    rate: Annotated[
-        float | None, typer.Option(help="Samples a second [Hz]; default 100, or that of the paper.")
-    ] = None,
+    rate: Annotated[float | None, typer.Option(help="Samples a second [Hz]; default 100.")] = None,
     placements: Annotated[
         str | None,
         typer.Option(help="Where sensors are worn, such as thigh_right,shank_right; default seven."),
@@ -72,15 +69,15 @@ def simulate(
 
     Writes NAME.csv (the signals), NAME_truth.csv (angles, paths of ankles and of sensors on feet, distance),
     NAME_strides.csv, and cohort.csv, which `jgait evaluate` and `jgait tune` take. The same options give the same
-    files; names of people end with the seed if it is not 0. These people walk by rules: their steps, measured at the
-    waist, come out too long, because its pendulum was learned from recorded people.
+    files; names of people end with the seed if it is not 0. Feet, pelvis and sensors move as those of recorded people
+    do.
     """
     worn = None if placements is None else tuple(name.strip() for name in placements.split(",") if name.strip())
     asked: dict[str, Any] = {
-        "people": people, "route": None if protocol else route, "gait": gait, "protocol": protocol,
-        "sensors": sensors, "rate": rate, "placements": worn and list(worn), "seed": seed,
+        "people": people, "route": route, "gait": gait, "sensors": sensors, "rate": rate,
+        "placements": worn and list(worn), "seed": seed,
     }  # fmt: skip
-    walks = _walks(people, route, gait, protocol, _options(sensors, rate, worn), seed)
+    walks = _walks(people, route, gait, _options(sensors, rate, worn), seed)
     written: dict[str, Any] = {}
     with (
         results_folder(out, "simulate", asked, planned=["cohort.csv"], json_file=json_file, fresh=fresh) as folder,
@@ -99,8 +96,6 @@ def simulate(
             stop(str(error))
     write_json(json_file, {"asked": asked, "walks": written})
     _show(written)
-    if any(not WAIST.isdisjoint(walk["sensors"]) for walk in written.values()):
-        note("these people walk by rules, and their steps measured at the waist come out too long (see --help)")
     cohort = visible(out / "cohort.csv")
     console.print(
         f"wrote {count(len(written), 'recording', 'recordings')}, each with its truth, and {cohort} "
@@ -125,21 +120,13 @@ def _options(sensors: str | None, rate: float | None, worn: tuple[str, ...] | No
 
 
 def _walks(
-    people: int, route: str, gait: str | None, protocol: str | None, options: dict[str, Any], seed: int
+    people: int, route: str, gait: str | None, options: dict[str, Any], seed: int
 ) -> Callable[[], Iterator[Walked]]:
-    """A function that simulates walks one by one; exits with code 2 for an unknown route, gait or protocol."""
-    key = jax.random.key(seed)
+    """A function that simulates walks one by one; exits with code 2 for an unknown route or gait."""
     if gait is not None and gait not in GAITS:
         stop(f"--gait must be one of {', '.join(GAITS)}; got {gait!r}")
-    if gait is not None and protocol is not None:
-        stop(f"--gait goes with --route; the protocol {protocol!r} has gaits of its own")
-    if protocol is not None:
-        if protocol not in PROTOCOLS:
-            stop(f"--protocol must be one of {', '.join(PROTOCOLS)}; got {protocol!r}")
-        simulated = getattr(protocols, protocol)
-        return lambda: iter(simulated(key, people, **options))
     along = _route(route)
-    return lambda: _drawn(key, people, along, gait, options)
+    return lambda: _drawn(jax.random.key(seed), people, along, gait, options)
 
 
 def _drawn(key: PRNGKeyArray, people: int, along: Route, gait: str | None, options: dict[str, Any]) -> Iterator[Walked]:
@@ -155,7 +142,7 @@ def _drawn(key: PRNGKeyArray, people: int, along: Route, gait: str | None, optio
     walks = simulation.walks(keys, fit, [along] * people, **asked)
     distance = float(simulation.routes.walked_length(along))
     for (recording, truth), person in zip(walks, fit, strict=True):
-        yield Walked(recording, truth, {"person": person, "distance": distance})
+        yield Walked(recording, truth, person, distance)
 
 
 def _route(text: str) -> Route:
@@ -183,8 +170,8 @@ def _of_seed(walk: Walked, seed: int) -> Walked:
 
 def _written(walk: Walked, out: Path, files: list[Path]) -> dict[str, Any]:
     """Write the files of a walk, and add them to the list; returns the numbers of the walk."""
-    recording, truth, extra = walk
-    body = extra["person"].body
+    recording, truth, person, distance = walk
+    body = person.body
     name = recording.name
     files += [
         io.write_csv(recording, out / f"{name}.csv"),
@@ -198,7 +185,7 @@ def _written(walk: Walked, out: Path, files: list[Path]) -> dict[str, Any]:
         "thigh_length_m": float(body.thigh_length),
         "shank_length_m": float(body.shank_length),
         "sensor_height_m": float(body.sensor_height),
-        "distance_m": float(extra["distance"]),
+        "distance_m": distance,
         "sampling_rate_hz": float(recording.sampling_rate_hz),
         "reference_samples": f"{name}_truth.csv",
         "reference_strides": f"{name}_strides.csv",

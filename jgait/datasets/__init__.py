@@ -17,6 +17,7 @@ from jgait.datasets.registry import (
     loader,
     missing,
     path,
+    register,
     unavailable_reason,
 )
 from jgait.datasets.walks import Failure, Walks, body, load_each
@@ -39,6 +40,7 @@ __all__ = [
     "missing",
     "names",
     "path",
+    "register",
     "repeated",
     "unavailable_reason",
 ]

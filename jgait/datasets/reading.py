@@ -23,8 +23,6 @@ FILE_ABSENT = Kind("file_absent", "info", "{dataset} lacks {file}; jgait.dataset
 
 SENSOR_FILE_ABSENT = Kind("sensor_file_absent", "info", "no file for {placements}", LEFT_OUT)
 
-UNITS_CONVERTED = Kind("units_converted", "info", "g and deg/s upstream", ORIGIN)
-
 SIDE_UNKNOWN = Kind(
     "side_unknown",
     "info",

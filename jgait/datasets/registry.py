@@ -1,7 +1,8 @@
 """Sources and folders of the public recordings: address, sha256, local folder.
 
 Every file is named by its upstream address (repository, commit, path) and its sha256. A data set NAME is three things:
-its name in `NAMES`, its description and files in `NAME.json`, and its reader `NAME.py`, see `loader`.
+its name in `NAMES`, its description and files in `NAME.json`, and its reader `NAME.py`, see `loader`. Another package
+makes its own sets known by `register`.
 Nothing is downloaded unless `fetch` is called. Files are looked for in `$JGAIT_DATA_DIR/<set>/<upstream path>`
 when that folder exists, otherwise in the download cache.
 """
@@ -18,11 +19,11 @@ from types import ModuleType
 from typing import NamedTuple
 from urllib.parse import quote
 
-NAMES = (
-    "neura_sparse", "walking5m", "gaitmap_example", "tripod", "footprints", "pyshoe_vicon", "xio_gait", "ipol_gait",
-    "mobgap_lab",
-)  # fmt: skip
-"""The data sets; each has a module and a JSON file of its name in this folder."""
+NAMES = ("neura_sparse", "walking5m", "footprints", "pyshoe_vicon")
+"""The data sets of jgait; each has a module and a JSON file of its name in this folder."""
+
+_homes = dict.fromkeys(NAMES, "jgait.datasets")
+"""Data set → the package that has its module and its JSON file."""
 
 DATA_DIR_VARIABLE = "JGAIT_DATA_DIR"
 
@@ -81,13 +82,20 @@ def loader(name: str) -> ModuleType:
     Raises:
         ValueError: if the data set is not known.
     """
-    return importlib.import_module(f"jgait.datasets.{info(name).name}")
+    known = info(name).name
+    return importlib.import_module(f"{_homes[known]}.{known}")
 
 
 @functools.cache
 def _registry() -> dict[str, DatasetInfo]:
-    folder = resources.files("jgait.datasets")
-    return {name: DatasetInfo(name, **json.loads(folder.joinpath(f"{name}.json").read_text("utf-8"))) for name in NAMES}
+    files = {name: resources.files(home).joinpath(f"{name}.json") for name, home in _homes.items()}
+    return {name: DatasetInfo(name, **json.loads(file.read_text("utf-8"))) for name, file in files.items()}
+
+
+def register(package: str, *names: str) -> None:
+    """Let jgait know data sets of another package: each NAME is `NAME.py` and `NAME.json` in it, see `loader`."""
+    _homes.update(dict.fromkeys(names, package))
+    _registry.cache_clear()
 
 
 def list_datasets() -> tuple[str, ...]:

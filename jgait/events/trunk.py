@@ -77,10 +77,6 @@ class PaperRule(NamedTuple):
     offset: float = 0.0
 
 
-LITERAL = PaperRule(relative_to="max", hard=True)
-"""The paper taken literally: a magnitude is a maximum, and thresholds are hard."""
-
-
 class Peaks(NamedTuple):
     """Setting of the baseline."""
 

@@ -9,7 +9,7 @@ from jgait.io.checks import quality_notes
 from jgait.io.combined import analysis_to_dataframes
 from jgait.io.exports import MobgapTables, to_gaitmap_parameters, to_mobgap
 from jgait.io.formats.c3d import read_c3d
-from jgait.io.formats.c3d_axes import Capture, CaptureEvent, joint_centres
+from jgait.io.formats.c3d_axes import Capture, CaptureEvent
 from jgait.io.formats.dialects import recording_from_gaitmap, recording_from_mobgap
 from jgait.io.formats.mobilised import mobilised_trials, read_mobilised
 from jgait.io.formats.opensim import OpenSimMotion, opensim_reference, read_opensim
@@ -30,7 +30,6 @@ __all__ = [
     "OpenSimMotion",
     "analysis_to_dataframes",
     "format_of",
-    "joint_centres",
     "made_of",
     "mobilised_trials",
     "opensim_reference",

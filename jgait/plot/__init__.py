@@ -9,19 +9,17 @@ figures of the library. Functions for the papers' figures of data:
 | | 5, 6: foot relative to the hip | `foot_displacement`; as a path `foot_path` |
 | | 7: displacement forward | `distance` |
 | Udaya Shankar | 6: rates with sleep | `sleeping_gyroscopes` |
-| | 7: error over power savings | `error_over_saving`, `error_over_duty` |
 | Köse | 1, 2: accelerations, events, wavelet | `trunk_contacts` |
 | Potter | 6: each foot in a separate world frame | `foot_paths` of `foot_ins` |
 | | 7, 8, 9: both feet, in sections, width over time | `two_feet` |
 
-`experiments` draws what only a paper shows: Udaya Shankar's Figures 5 and 6, Köse's Figure 4, and Silva's Figure 3.
+`experiments` draws what only a paper shows: Udaya Shankar's Figures 5, 6 and 7, Köse's Figure 4, and Silva's Figure 3.
 """
 
 from jgait.plot.cohort import before_after, bland_altman, per_subject
 from jgait.plot.duty import sleeping_gyroscopes
 from jgait.plot.feet import foot_height, foot_paths, leg_strides, stride_series
 from jgait.plot.legs import distance, foot_displacement, foot_path, joint_angles
-from jgait.plot.power import error_over_duty, error_over_saving
 from jgait.plot.style import save
 from jgait.plot.tuning import correlation, profile, training
 from jgait.plot.waist import trunk_contacts
@@ -33,8 +31,6 @@ __all__ = [
     "bland_altman",
     "correlation",
     "distance",
-    "error_over_duty",
-    "error_over_saving",
     "foot_displacement",
     "foot_height",
     "foot_path",

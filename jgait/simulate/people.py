@@ -52,13 +52,14 @@ def walks(
 
 
 def cohort(
-    key: PRNGKeyArray, n: int, along: Route | None = None, errors: ImuErrors = IDEAL, rate: float = 100.0,
-    placements: Sequence[str] = SEVEN,
+    key: PRNGKeyArray, n: int, along: Route | list[Route] | None = None, errors: ImuErrors = IDEAL,
+    rate: float = 100.0, placements: Sequence[str] = SEVEN, *, recorded: bool = True,
 ) -> list[tuple[Recording, Truth]]:  # fmt: skip
-    """Simulate one walk of each of `n` people drawn from `population`, with individual steps along the same route.
+    """Simulate one walk of each of `n` people drawn from `population`, with individual steps along a route.
 
-    `along` None is 20 m straight ahead; other arguments as of `recording`. The truth of a minute at 100 Hz takes some
-    12 MB; for many people, use `walks`, which returns walks one by one.
+    `along` is the route of all people or a list with that of each; None is 20 m straight ahead. `recorded` as of
+    `population`, other arguments as of `recording`. The truth of a minute at 100 Hz takes some 12 MB; for many people,
+    use `walks`, which returns walks one by one.
 
     Returns:
         Recording and truth of each person, with the names subject_0001 and so on.
@@ -66,9 +67,9 @@ def cohort(
     Raises:
         ValueError: if `n` is not positive, or as `walks`.
     """
-    along = straight(20.0) if along is None else along
+    ways = along if isinstance(along, list) else [straight(20.0) if along is None else along] * n
     who, how = jax.random.split(key)
-    people = population(who, n)
+    people = population(who, n, recorded)
     keys = [jax.random.fold_in(how, i) for i in range(n)]
-    fit = [covering(one, person_of(people, i), along) for i, one in enumerate(keys)]
-    return list(walks(keys, fit, [along] * n, errors, rate, placements))
+    fit = [covering(one, person_of(people, i), way) for i, (one, way) in enumerate(zip(keys, ways, strict=True))]
+    return list(walks(keys, fit, ways, errors, rate, placements))

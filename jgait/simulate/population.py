@@ -211,7 +211,7 @@ def _adults(key: PRNGKeyArray, *, n: int, recorded: bool) -> Person:
     return jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, float), (n,)), drawn)
 
 
-def population(key: PRNGKeyArray, n: int, recorded: bool = False) -> Person:
+def population(key: PRNGKeyArray, n: int, recorded: bool = True) -> Person:
     """Draw `n` healthy adults of 20 to 79 years, half of them women; every field of the result is (n,).
 
     The first people are the same for any n. Lengths of the body are proportional to stature H, as in `Body`, each with
@@ -219,9 +219,9 @@ def population(key: PRNGKeyArray, n: int, recorded: bool = False) -> Person:
     length over cadence is w H, spread 5 %, so the stride grows with H and speed. Pitch of the feet, surge and rise of
     the pelvis depend on the stride over the leg (`manner`).
 
-    By the rules sensors are fixed to bones. With `recorded`, feet, pelvis and sensors move as those of recorded people
-    do (`RECORDED`), each person in a style of its own, with a pelvis that moves more or less (`PELVIS_SPREAD`); steps
-    resemble the ones before, and the pitch of the foot varies.
+    Feet, pelvis and sensors move as those of recorded people do (`RECORDED`), each person in a style of its own, with a
+    pelvis that moves more or less (`PELVIS_SPREAD`); steps resemble the ones before, and the pitch of the foot varies.
+    Without `recorded`, they move by simpler rules, and sensors are fixed to bones.
 
     All spreads are standard deviations of normal distributions, truncated at two standard deviations.
 

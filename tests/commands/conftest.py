@@ -3,8 +3,8 @@
 import jax
 import pytest
 
+from experiments.common import protocols
 from jgait import io
-from jgait.simulate import protocols
 
 
 @pytest.fixture(scope="session")

@@ -11,11 +11,11 @@ import pytest
 from made.command import run
 from made.notes import note
 
+from experiments.common import protocols
 from jgait import io
 from jgait.commands import references, tune_run
 from jgait.commands.rows import CONTENT, COPIED
 from jgait.estimators import leg_ekf
-from jgait.simulate import protocols
 
 RIGHT = ("thigh_right", "shank_right")
 """One leg: its programs are half as large."""
@@ -263,7 +263,7 @@ def test_a_cohort_in_which_nothing_can_be_used_leaves_nothing(table, tmp_path):
         (("--dataset", "mine"), "there is no data set 'mine'"),
         (("--simulated", 1, "--estimator", "mine"), "estimator must be one of leg_ekf"),
         (("--simulated", 1, "--params", "nowhere.json"), "--params: "),
-        (("--simulated", 1, "--estimator", "stride_width_ekf"), "run jgait simulate --protocol potter (shoes)"),
+        (("--simulated", 1, "--estimator", "stride_width_ekf"), "run jgait simulate --placements foot_right,foot_left"),
     ],
     ids=["nothing", "two", "no file", "no set", "no estimator", "no params", "no shoes"],
 )

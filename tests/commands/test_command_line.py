@@ -11,9 +11,9 @@ import typer
 from made.command import run
 
 from experiments.__main__ import main
+from experiments.common import protocols
 from jgait import estimators, io
 from jgait.commands import own_options, person, results
-from jgait.simulate import protocols
 
 
 @pytest.fixture(scope="module")
@@ -193,7 +193,7 @@ def test_lost_samples_are_noted(table, csv, tmp_path):
 def test_data_sets_are_listed():
     code, said = run("datasets", "list")
     assert code == 0
-    for name in ("neura_sparse", "walking5m", "gaitmap_example", "footprints", "pyshoe_vicon", "xio_gait"):
+    for name in ("neura_sparse", "walking5m", "footprints", "pyshoe_vicon"):
         assert name in said
 
 

@@ -11,12 +11,12 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from experiments.common import protocols
 from jgait import io
 from jgait.cli import app
 from jgait.commands.estimate import _called
 from jgait.commands.folder import STAGE, keep_inputs, results_folder, unfinished
 from jgait.io.atomic import write_text
-from jgait.simulate import protocols
 
 
 def put(out, arguments, *names, content="a", fresh=False, command="make", **more):

@@ -71,12 +71,6 @@ def test_the_same_again_writes_nothing_anew_and_another_simulation_is_refused(ma
     assert code == 2 and "seed was “0”, now “1”" in said
 
 
-def test_where_a_waist_is_worn_walks_by_rules_are_named(made, tmp_path):
-    code, said = run(*SMALL, "--placements", "lower_back", "--out", tmp_path)
-    assert code == 0 and "their steps measured at the waist come out too long" in " ".join(said.split()), said
-    assert "at the waist" not in made[0][1]
-
-
 def test_people_of_two_seeds_have_different_names(made, tmp_path):
     assert run(*SMALL, "--seed", 3, "--out", tmp_path)[0] == 0
     cohorts = [pd.read_csv(folder / "cohort.csv") for folder in (made[1], tmp_path)]
@@ -104,9 +98,7 @@ def test_every_gait_can_be_asked_for():
         (["--route", "zigzag:3"], "--route is straight:LENGTH"),
         (["--route", "rectangle:3"], "--route is straight:LENGTH"),
         (["--route", "straight:0"], "from 1 to 1000 m"),
-        (["--protocol", "smith"], "--protocol must be one of bennett"),
         (["--gait", "sneaking"], "--gait must be one of slow, fast"),
-        (["--gait", "slow", "--protocol", "kose"], "--gait goes with --route; the protocol 'kose'"),
         (["--sensors", "wii"], "--sensors must be one of"),
         (["--rate", "2"], "--rate must be between 10 and 1000 Hz"),
         (["--placements", "knee"], "there is no 'knee'"),

@@ -5,13 +5,13 @@ import pandas as pd
 import pytest
 from made.command import run
 
+from experiments.common import protocols
 from jgait import io
 from jgait.commands import warnings
 from jgait.commands.warnings import say_warnings
 from jgait.estimators.leg_ekf.notes import STANDING_MOVES
 from jgait.evaluate.clocks import REFERENCE_OTHER
 from jgait.notes import ORIGIN, WRONG_PLACE, Kind, to_json
-from jgait.simulate import protocols
 
 UPSIDE_DOWN = Kind("upside_down", "check", "{placement} is upside down", WRONG_PLACE)
 NO_LEGS = Kind("no_legs", "stop", "no legs move", WRONG_PLACE)

@@ -55,7 +55,7 @@ def test_every_filler_keeps_the_interface(name):
     np.testing.assert_array_equal(t.rate[3][off], np.asarray(t.rates[3])[STRIDE - 1])
 
 
-@pytest.mark.parametrize("name", ["neighbours", "ridge", "ridge_later", "blend"])
+@pytest.mark.parametrize("name", ["neighbours", "ridge", "blend"])
 def test_the_accelerometer_is_asked_for_where_it_is_needed(name):
     one = fillers()[name]
     assert one.needs_acc

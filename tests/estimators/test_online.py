@@ -35,7 +35,7 @@ ANGLES = ("hip_angle", "knee_angle", "x", "y")
 @pytest.fixture(scope="module")
 def walked():
     route = simulate.straight(7.0)
-    ((recording, truth),) = simulate.cohort(jax.random.key(11), 1, route, OPAL, 100.0, simulate.SEVEN)
+    ((recording, truth),) = simulate.cohort(jax.random.key(11), 1, route, OPAL, 100.0, simulate.SEVEN, recorded=False)
     return recording, truth
 
 

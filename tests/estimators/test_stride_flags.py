@@ -54,7 +54,7 @@ def test_half_steps_of_a_short_walk_are_short_beside_its_whole_strides():
 
 @pytest.mark.parametrize("seconds", [0.2, 0.4])
 def test_a_hesitation_that_shanks_do_not_see_as_standing_is_in_no_regular_stride(seconds):
-    person = simulate.person_of(simulate.population(jax.random.key(60), 1), 0)
+    person = simulate.person_of(simulate.population(jax.random.key(60), 1, recorded=False), 0)
     bouts = [simulate.straight(7.0)] * 3
     walked, truth = simulate.with_breaks(
         jax.random.key(8), person, bouts, [seconds] * 2, MPU6000, placements=("shank_right", "shank_left")

@@ -12,12 +12,12 @@ import pytest
 from made.cohort import FAKE, TRACED, Params, read, run, walk
 from made.notes import note, texts
 
+from experiments.common import protocols
 from jgait import evaluate
 from jgait.estimators import leg_ekf
 from jgait.evaluate import buckets, devices, scores, store
 from jgait.evaluate.store import Folder
 from jgait.notes import Kind, from_json
-from jgait.simulate import protocols
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, Strides, Walk
 
 ERRORS = ["error", "abs_error", "rel_error"]

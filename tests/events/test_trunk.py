@@ -8,7 +8,7 @@ import pytest
 from jgait.events import trunk as trunk_events
 from jgait.events import trunk_rhythm
 from jgait.events import trunk_soft as trunk_contacts_soft
-from jgait.events.trunk import LITERAL, PaperRule, Peaks, Soft, initial_contacts
+from jgait.events.trunk import PaperRule, Peaks, Soft, initial_contacts
 from jgait.signal import butterworth
 
 RATE, STEP = 100.0, 0.55
@@ -142,11 +142,11 @@ def test_what_the_mask_leaves_out_has_no_effect(detect):
     assert int(clean.valid.sum()) == STEPS
 
 
-@pytest.mark.parametrize(("rate", "settings"), [(25.0, Soft()), (400.0, LITERAL)])
+@pytest.mark.parametrize(("rate", "settings"), [(25.0, Soft()), (400.0, PaperRule(relative_to="max", hard=True))])
 def test_supported_rates_find_the_same_contacts_in_single_precision(detect, rate, settings):
     single = [x.astype(np.float32) for x in trunk(rate, 10.0)]
     found = rows(jax.jit(lambda *x: initial_contacts(*x, rate, settings))(*single))
-    usual = rows(detect("paper" if settings is LITERAL else "soft", trunk()))
+    usual = rows(detect("paper" if isinstance(settings, PaperRule) else "soft", trunk()))
     assert found.time.dtype == np.float32
     assert len(found.time) == STEPS
     np.testing.assert_array_equal(found.side, LEFT)

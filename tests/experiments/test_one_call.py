@@ -12,7 +12,7 @@ from jgait.simulate.sensors import OPAL
 
 @pytest.fixture(scope="module")
 def recording():
-    return next(iter(simulate.cohort(jax.random.key(8), 1, simulate.straight(10.0), OPAL, 100.0)))[0]
+    return next(iter(simulate.cohort(jax.random.key(8), 1, simulate.straight(10.0), OPAL, 100.0, recorded=False)))[0]
 
 
 def test_every_mistake_changes_the_recording_and_is_named(recording):

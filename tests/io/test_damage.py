@@ -22,7 +22,7 @@ NEW = {kind.code for module in (agreement, delays, paces, samples, skips, splice
 
 @pytest.fixture(scope="module")
 def walk():
-    return simulate.cohort(jax.random.key(5), 1, simulate.straight(20.0), OPAL)[0][0]
+    return simulate.cohort(jax.random.key(5), 1, simulate.straight(20.0), OPAL, recorded=False)[0][0]
 
 
 @pytest.fixture(scope="module")
@@ -229,7 +229,7 @@ def test_sensors_that_contradict_themselves_or_others_are_named(rows, name, plac
 
 @pytest.fixture(scope="module")
 def turning():
-    walk = simulate.cohort(jax.random.key(6), 1, simulate.u_turn(6.0), OPAL)[0][0]
+    walk = simulate.cohort(jax.random.key(6), 1, simulate.u_turn(6.0), OPAL, recorded=False)[0][0]
     return harm.rows_of(walk, tuple(walk.sensors))
 
 
@@ -395,7 +395,7 @@ def test_an_unusual_gait_is_no_damage(gait):
     """Of these people the thigh comes to rest slowly, and the foot is shaken twice in a step."""
     who, how = jax.random.split(jax.random.key(5))
     along, key = simulate.straight(20.0), jax.random.fold_in(how, 0)
-    person = simulate.walking(simulate.person_of(simulate.population(who, 6), 0), gait)
+    person = simulate.walking(simulate.person_of(simulate.population(who, 6, recorded=False), 0), gait)
     recording, _ = simulate.recording(key, simulate.covering(key, person, along), along, MPU6000)
     told = {note.code for note in damage_notes(recording)}
     assert not told & {"accelerometer_late", "sensor_late", "tilts_apart"}

@@ -16,13 +16,13 @@ LEGS = tuple(f"{segment}_{side}" for segment in ("thigh", "shank") for side in S
 
 @pytest.fixture(scope="module")
 def rows():
-    walk = simulate.cohort(jax.random.key(5), 1, simulate.straight(20.0), OPAL)[0][0]
+    walk = simulate.cohort(jax.random.key(5), 1, simulate.straight(20.0), OPAL, recorded=False)[0][0]
     return harm.rows_of(walk, tuple(walk.sensors))
 
 
 @pytest.fixture(scope="module")
 def turning():
-    walk = simulate.cohort(jax.random.key(6), 1, simulate.u_turn(6.0), OPAL)[0][0]
+    walk = simulate.cohort(jax.random.key(6), 1, simulate.u_turn(6.0), OPAL, recorded=False)[0][0]
     return harm.rows_of(walk, tuple(walk.sensors))
 
 

@@ -18,7 +18,7 @@ RATE_HZ = 100.0
 @pytest.fixture(scope="module")
 def walk():
     """A table of 20 m of walking, whose sensors stand at both ends."""
-    walk = simulate.cohort(jax.random.key(5), 1, simulate.straight(20.0), OPAL)[0][0]
+    walk = simulate.cohort(jax.random.key(5), 1, simulate.straight(20.0), OPAL, recorded=False)[0][0]
     rows = harm.rows_of(walk, WORN)
     table = {"time": rows.time}
     for placement, signals in rows.sensors.items():

@@ -10,13 +10,13 @@ from made import footsteps, trunk
 from made.foot import foot
 from made.shank import shank
 
+from experiments.common import protocols
 from jgait import estimators, simulate
 from jgait.duty_cycle.power import Schedule
 from jgait.estimators import duty_cycled_gyro, leg_ekf, stride_width_ekf
 from jgait.estimators.ankle_stride import AnkleOptions
 from jgait.estimators.axes import pad
 from jgait.estimators.waist import WaistOptions
-from jgait.simulate import protocols
 from jgait.simulate.sensors import IDG300
 from jgait.types import Imu, Recording
 

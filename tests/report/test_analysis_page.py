@@ -18,7 +18,7 @@ def analysed():
     """A simulated walk with sensors on both feet and shanks, and all of them together."""
     placements = ("foot_right", "foot_left", *simulate.FOUR)
     key, route = jax.random.key(3), simulate.straight(6.0)
-    ((recording, _),) = simulate.cohort(key, 1, route, OPAL, 100.0, placements)
+    ((recording, _),) = simulate.cohort(key, 1, route, OPAL, 100.0, placements, recorded=False)
     return recording, jgait.analyse(recording, {"height": 1.75})
 
 

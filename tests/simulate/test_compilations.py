@@ -11,7 +11,7 @@ KEY = jax.random.key(2)
 
 
 def walk(number, along, **others):
-    people = simulate.population(KEY, number + 1)
+    people = simulate.population(KEY, number + 1, recorded=False)
     person = simulate.covering(KEY, simulate.person_of(people, number), along)
     return simulate.recording(KEY, person, along, MPU6000, **others)
 

@@ -12,12 +12,14 @@ from jgait.simulate.recorded import limits
 
 @pytest.fixture(scope="module")
 def people():
-    return simulate.population(jax.random.key(0), 300)
+    return simulate.population(jax.random.key(0), 300, recorded=False)
 
 
 @pytest.fixture(scope="module")
 def cohort():
-    return simulate.cohort(jax.random.key(1), 3, simulate.straight(5.0), rate=50.0, placements=simulate.FOUR)
+    return simulate.cohort(
+        jax.random.key(1), 3, simulate.straight(5.0), rate=50.0, placements=simulate.FOUR, recorded=False
+    )
 
 
 def test_everyone_drawn_can_walk(people):
@@ -33,7 +35,7 @@ def test_everyone_drawn_like_recorded_people_can_walk_in_a_style_of_their_own():
     assert np.all(np.abs(styles.mean(axis=1)) < 0.5) and np.all((styles.std(axis=1) > 0.6) & (styles.std(axis=1) < 1.1))
     assert np.all(people.gait.recorded == 1.0) and np.all(people.gait.soft_tissue > 0.5)
     # Who walks, and how fast, is drawn as by the rules.
-    plain = simulate.population(jax.random.key(5), 40)
+    plain = simulate.population(jax.random.key(5), 40, recorded=False)
     np.testing.assert_allclose(people.gait.stride_length, plain.gait.stride_length)
     np.testing.assert_allclose(people.body.thigh_length, plain.body.thigh_length)
     fast = simulate.paced(simulate.person_of(people, 0), 1.1)
@@ -61,10 +63,10 @@ def test_people_have_the_figures_of_the_norms(people):
 
 
 def test_who_comes_first_does_not_depend_on_how_many_are_drawn(people):
-    few = simulate.population(jax.random.key(0), 2)
+    few = simulate.population(jax.random.key(0), 2, recorded=False)
     for a, b in zip(jax.tree.leaves(few), jax.tree.leaves(people), strict=True):
         np.testing.assert_allclose(a, b[:2], rtol=1e-12)
-    other = simulate.population(jax.random.key(9), 2)
+    other = simulate.population(jax.random.key(9), 2, recorded=False)
     assert not np.allclose(other.gait.stride_length, few.gait.stride_length)
 
 
@@ -167,7 +169,7 @@ def test_a_cohort_walks_the_route_and_its_truth_states_it(cohort):
 
 def test_who_else_walks_changes_nothing(cohort):
     who, how = jax.random.split(jax.random.key(1))
-    drawn, key, along = simulate.population(who, 3), jax.random.fold_in(how, 2), simulate.straight(5.0)
+    drawn, key, along = simulate.population(who, 3, recorded=False), jax.random.fold_in(how, 2), simulate.straight(5.0)
     person = simulate.covering(key, simulate.person_of(drawn, 2), along)
     alone = simulate.walks([key] * 2, [person] * 2, [along] * 2, rate=50.0, placements=simulate.FOUR)
     for one in alone:
@@ -202,7 +204,7 @@ def test_a_route_that_overstretches_a_leg_is_refused_by_the_name_of_who_walks():
 def test_bad_cohorts_are_refused():
     person = Person()
     with pytest.raises(ValueError, match="at least one person; got n=0"):
-        simulate.population(jax.random.key(0), 0)
+        simulate.population(jax.random.key(0), 0, recorded=False)
     with pytest.raises(ValueError, match="a key and a route for each person; got 1, 0, 1"):
         simulate.walks([jax.random.key(0)], [person], [])
     one = ([jax.random.key(0)], [person], [simulate.straight(4.0)])

@@ -106,12 +106,6 @@ def _filled(s: Signals, p: Ridge, sampling_rate_hz: float, latency: int) -> Fill
     return filled_once_enough(s, predicted, sampling_rate_hz, p.least_strides, latency)
 
 
-LATER_S = 0.4
-"""[s] Latency of the variant that uses later samples."""
-
-_later = partial(ridge, latency_s=LATER_S)
-
-
 @documented
 class Blend(NamedTuple):
     """Parameters of `blend`."""
@@ -143,6 +137,5 @@ def blend(
 
 FILLERS = {
     "ridge": Filler(ridge, RIDGE, ranges(RIDGE), needs_acc=True),
-    "ridge_later": Filler(_later, RIDGE, ranges(RIDGE), needs_acc=True),
     "blend": Filler(blend, BLEND, ranges(BLEND), needs_acc=True),
 }

@@ -23,13 +23,14 @@ unit", 2017, equations 1 to 6.
 Deviations from the paper:
     Effects, where they were measured, are those of `experiments/silva2017`.
 
-    1. θ is about the sagittal axis; the rate's norm over all axes (`all_axes`) is 3 to 15 % longer and breaks in turns.
+    1. θ is about the sagittal axis; the rate's norm over all axes is 3 to 15 % longer and breaks in turns.
     2. SL₂' has a swing-time term, which makes up for what the supporting leg adds: with e of other people, c learned at
        one speed holds at another to 1.4 % instead of 3.4 % (`tripod`).
-    3. The rotation of an interval is exact; equation 3 (`euler`), not normalised, adds 1.6 to 3.5 cm a stride.
+    3. The rotation of an interval is exact; equation 3, not normalised, adds 1.6 to 3.5 cm a stride
+       (`experiments/silva2017/literal.py` has 3 and 5 as printed).
     4. The initial velocity is ω × r, not zero, and the stride is that of the ankle, not of the sensor (r = 0): mid
        shank 2.6 instead of 10 cm (`neura_sparse`), 3.6 with the velocity alone.
-    5. Up is the mean specific force over the stride instead of one sample of it (`sample_up`). The length |s| is the
+    5. Up is the mean specific force over the stride instead of one sample of it. The length |s| is the
        same, and its gradient in that sample is zero, as in the events'.
     6. The cut-off is an argument (`smoothed`): with the true lever the paper's 4 Hz make simulated strides 2 to 3.5 cm
        too long, 8 Hz half a centimetre at most; a lever learned at 4 Hz makes up for it.
@@ -93,17 +94,15 @@ def smoothed(signal: ArrayLike, cutoff_hz: Scalar | None, sampling_rate_hz: floa
     return values if cutoff_hz is None else butterworth.low_pass_both_ways(values, cutoff_hz, sampling_rate_hz)
 
 
-def pendulum(p: StrideLengthParams, gyr: ArrayLike, swings: Marks, dt: ArrayLike, *, all_axes: bool = False) -> Swung:
+def pendulum(p: StrideLengthParams, gyr: ArrayLike, swings: Marks, dt: ArrayLike) -> Swung:
     """SL₁ and SL₂ of each swing, (T,) each, at the samples at which swings of the shank end.
 
-    `gyr` (T, 3) is the unfiltered rate in the segment's axes [rad/s]; `all_axes` takes the paper's norm of the rate
-    instead of the sagittal rate.
+    `gyr` (T, 3) is the unfiltered rate in the segment's axes [rad/s].
 
     Raises:
         ValueError: if the shapes do not fit.
     """
-    w = subtract(_vector(gyr, swings), p.gyr_bias)
-    rate = root(dot(w, w)) if all_axes else -w.y
+    rate = -(_vector(gyr, swings).y - p.gyr_bias.y)
     index = jnp.arange(rate.shape[0], dtype=jnp.int32)
     since = lax.cummax(jnp.where(swings.begin, index, -1))
     since = jnp.concatenate([jnp.full_like(since[:1], -1), since[:-1]])  # the last begin before each sample
@@ -116,30 +115,26 @@ def pendulum(p: StrideLengthParams, gyr: ArrayLike, swings: Marks, dt: ArrayLike
     return Swung(*(jnp.where(swings.end, value, 0.0) for value in swung))
 
 
-def inertial(
-    p: StrideLengthParams, gyr: ArrayLike, acc: ArrayLike, strides: Marks, dt: ArrayLike, *,
-    euler: bool = False, sample_up: bool = False,
-) -> Travelled:  # fmt: skip
+def inertial(p: StrideLengthParams, gyr: ArrayLike, acc: ArrayLike, strides: Marks, dt: ArrayLike) -> Travelled:
     """Length, rise and turn of each stride by strapdown from stance to stance, (T,) each, at the samples at which they
     end.
 
     `gyr` [rad/s] and `acc` [m/s²], (T, 3), are in the segment's axes, see `smoothed`; strides begin and end while the
-    ankle stands. `euler` takes the paper's equation 3, `sample_up` its direction of gravity from one sample.
+    ankle stands.
 
     Raises:
         ValueError: if the shapes do not fit.
     """
-    one = partial(_step, p, dt=dt, euler=euler, sample_up=sample_up)
-    return scanned(one, partial(_begun, p), p, gyr, acc, strides)
+    return scanned(partial(_step, p, dt=dt), partial(begun, p), p, gyr, acc, strides)
 
 
 def scanned(
-    step_function: Callable[[PyTree, PyTree], tuple[PyTree, Travelled]], begun: Callable[[Vector, Vector], PyTree],
+    step_function: Callable[[PyTree, PyTree], tuple[PyTree, Travelled]], begin: Callable[[Vector, Vector], PyTree],
     p: StrideLengthParams, gyr: ArrayLike, acc: ArrayLike, strides: Marks,
 ) -> Travelled:  # fmt: skip
     """A scan of a method's step over the samples: (state, (rate, force, marks)) → state and stride.
 
-    `begun` gives the state at the begin of a stride from rate and force; biases are taken off before. Other arguments
+    `begin` gives the state at the begin of a stride from rate and force; biases are taken off before. Other arguments
     as of `inertial`.
     """
     rate = subtract(_vector(gyr, strides), p.gyr_bias)
@@ -149,10 +144,10 @@ def scanned(
     def step(state: PyTree, sample: PyTree) -> tuple[PyTree, Travelled]:
         going, travelled = step_function(state, sample)
         travelled = Travelled(*(jnp.where(sample[2].end, value, 0.0) for value in travelled))
-        return jax.tree.map(lambda a, b: jnp.where(sample[2].begin, a, b), begun(*sample[:2]), going), travelled
+        return jax.tree.map(lambda a, b: jnp.where(sample[2].begin, a, b), begin(*sample[:2]), going), travelled
 
     first = jax.tree.map(lambda v: v[0], samples)
-    state = begun(*first[:2])
+    state = begin(*first[:2])
     # in the dtypes that a step returns, because parameters and signals may differ in precision
     after = jax.eval_shape(lambda s, x: step(s, x)[0], state, first)
     state = jax.tree.map(lambda value, like: jnp.asarray(value, like.dtype), state, after)
@@ -176,16 +171,16 @@ class StrideState(NamedTuple):
     way: Vector  #: ∫ of `velocity` [m].
     duration: Values  #: time since the stride began [s].
     start: Vector  #: velocity ω × r at the first sample [m/s].
-    sampled: Vector  #: specific force at the first sample [m/s²].
     gyr: Vector  #: rate of the sample before [rad/s].
     force: Vector  #: specific force of the sample before, in the first axes [m/s²].
 
 
-def _begun(p: StrideLengthParams, w: Vector, f: Vector) -> StrideState:
+def begun(p: StrideLengthParams, w: Vector, f: Vector) -> StrideState:
+    """The state at the begin of a stride, from rate [rad/s] and specific force [m/s²]."""
     nothing = jnp.zeros_like(w.x)
     none = Vector(nothing, nothing, nothing)
     level = Quaternion(jnp.ones_like(nothing), nothing, nothing, nothing)
-    return StrideState(level, none, none, nothing, cross(w, p.lever), f, w, f)
+    return StrideState(level, none, none, nothing, cross(w, p.lever), w, f)
 
 
 def _trapezoid(total: Vector, dt: Values, before: Vector, now: Vector) -> Vector:
@@ -193,33 +188,33 @@ def _trapezoid(total: Vector, dt: Values, before: Vector, now: Vector) -> Vector
 
 
 def _step(
-    p: StrideLengthParams, s: StrideState, sample: tuple[Vector, Vector, Marks], *, dt: Values, euler: bool,
-    sample_up: bool,
-) -> tuple[StrideState, Travelled]:  # fmt: skip
+    p: StrideLengthParams, s: StrideState, sample: tuple[Vector, Vector, Marks], *, dt: Values
+) -> tuple[StrideState, Travelled]:
     """One sample of the 3-D method: the state after it, and the stride from its begin to here."""
     w, f, _ = sample
-    if euler:
-        small = product(s.attitude, Quaternion(0.0, *scale(0.5 * dt, w)))
-        attitude = Quaternion(*(a + b for a, b in zip(s.attitude, small, strict=True)))
-    else:
-        attitude = product(s.attitude, exponential(scale(0.5 * dt, add(s.gyr, w))))
+    going = advanced(s, product(s.attitude, exponential(scale(0.5 * dt, add(s.gyr, w)))), w, f, dt)
+    # A stride of zero duration has zero length; dividing by 1 s keeps the gradient finite.
+    long = jnp.where(going.duration > 0.0, going.duration, 1.0)
+    stop = rotated(going.attitude, cross(w, p.lever))
+    return going, read(p, going, scale(1.0 / long, subtract(going.velocity, subtract(stop, going.start))))
+
+
+def advanced(s: StrideState, attitude: Quaternion, w: Vector, f: Vector, dt: Values) -> StrideState:
+    """The state after a sample of rate [rad/s] and specific force [m/s²] with this attitude."""
     force = rotated(attitude, f)
     velocity = _trapezoid(s.velocity, dt, s.force, force)
-    way = _trapezoid(s.way, dt, s.velocity, velocity)
-    duration = s.duration + dt
-    going = StrideState(attitude, velocity, way, duration, s.start, s.sampled, w, force)
-    return going, _read(p, going, sample_up=sample_up)
+    return StrideState(
+        attitude, velocity, _trapezoid(s.way, dt, s.velocity, velocity), s.duration + dt, s.start, w, force
+    )
 
 
-def _read(p: StrideLengthParams, s: StrideState, *, sample_up: bool) -> Travelled:
-    # A stride of zero duration has zero length; dividing by 1 s keeps the gradient finite.
-    long = jnp.where(s.duration > 0.0, s.duration, 1.0)
+def read(p: StrideLengthParams, s: StrideState, up: Vector) -> Travelled:
+    """The stride from its begin to a state; `up` points up, in the axes of the first sample, of any length."""
     stop = rotated(s.attitude, cross(s.gyr, p.lever))
     drift = scale(-0.5 * s.duration, s.velocity)
     sensor = add(add(s.way, drift), scale(0.5 * s.duration, add(s.start, stop)))
     # The displacement of the ankle, from that of the sensor.
     moved = subtract(sensor, subtract(rotated(s.attitude, p.lever), p.lever))
-    up = s.sampled if sample_up else scale(1.0 / long, subtract(s.velocity, subtract(stop, s.start)))
     norm = root(dot(up, up))
     up = scale(1.0 / jnp.where(norm > 0.0, norm, 1.0), up)
     rise = dot(moved, up)

@@ -23,7 +23,7 @@ Deviations from the paper:
 
     1. `distance="fused"` instead of the velocity update, which needs a forward acceleration without bias, so a tilt
        known to hundredths of a degree. `distance="update"` is the paper.
-    2. Contacts by a soft argmax; `detector="paper"` is the paper's midpoint rule, "literal" by the letter.
+    2. Contacts by a soft argmax; `detector="paper"` is the paper's midpoint rule.
     3. The paper's orientation filter is cited, not printed: here a filter on the direction of gravity.
 
 Parameters whose gradient is zero by construction:

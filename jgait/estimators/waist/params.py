@@ -9,13 +9,14 @@ from jaxtyping import PyTree
 from jgait import filtering
 from jgait.estimators.proportions import HEIGHTS, SENSOR_SD, SENSOR_SHARE, outside
 from jgait.estimators.waist.velocity_update import VelocityUpdateParams
-from jgait.events.trunk import LITERAL, PaperRule, Peaks
+from jgait.events.trunk import PaperRule, Peaks
 from jgait.events.trunk_soft import Soft
 from jgait.params import Param, Parameter, documented, interval, positive
 from jgait.types import Values
 
 DISTANCES = ("fused", "pendulum", "update")
-DETECTORS = {"soft": Soft(), "peaks": Peaks(), "paper": PaperRule(), "literal": LITERAL}
+DETECTORS: dict[str, Soft | Peaks | PaperRule] = {"soft": Soft(), "paper": PaperRule()}
+"""Detector of initial contacts → its settings, see `events.trunk`."""
 SITES = ("waist", "lower_back", "pelvis")
 """Placements; the first that the recording has is used."""
 
@@ -110,7 +111,7 @@ class WaistOptions(NamedTuple):
     Attributes:
         distance: "fused": the state-space model over speed, bias and pendulum; "pendulum": the pendulum's steps alone;
             "update": the paper's method (direct and reverse integration with the velocity update).
-        detector: of initial contacts, see `events.trunk`: "soft", "peaks", "paper" or "literal".
+        detector: of initial contacts, see `events.trunk`: "soft" or "paper".
         smooth: Rauch–Tung–Striebel smoothing (offline).
         method: how the filter linearises, see `jgait.filtering`.
     """

@@ -64,7 +64,7 @@ UP_DEDUCED = Kind("up_deduced", "info", "{axis} points up, for {why}", DEDUCED)
 
 
 def read_c3d(path: str | os.PathLike[str], *, unit: str | None = None, up: str | None = None) -> Capture:
-    """Markers, analog signals and events of a C3D file; `joint_centres` makes a body's joints of the markers.
+    """Markers, analog signals and events of a C3D file.
 
     Args:
         path: the file.

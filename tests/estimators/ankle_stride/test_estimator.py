@@ -197,7 +197,7 @@ def test_options_parameters_and_measures_that_are_none_are_refused():
 
 def test_legs_that_swing_while_sitting_falsify_the_lever_which_is_named_and_in_the_deviations():
     """Between two walks the shank swings about the knee for a minute, as on a high chair."""
-    person = simulate.person_of(simulate.population(jax.random.key(3), 1), 0)
+    person = simulate.person_of(simulate.population(jax.random.key(3), 1, recorded=False), 0)
     walked, truth = simulate.with_breaks(
         jax.random.key(4), person, [simulate.straight(15.0)] * 2, [64.0], placements=("shank_right",)
     )

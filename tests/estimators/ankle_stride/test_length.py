@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from experiments.silva2017 import literal
 from jgait.estimators.ankle_stride import length as stride_length
 from jgait.estimators.ankle_stride.length import StrideLengthParams
 from jgait.geometry.rotation import turn
@@ -58,7 +59,7 @@ def felt(time):
 
 GYR, ACC = jax.jit(jax.vmap(felt))(TIME)
 P = StrideLengthParams(lever=Vector(*LEVER))
-inertial = jax.jit(stride_length.inertial, static_argnames=("euler", "sample_up"))
+inertial = jax.jit(stride_length.inertial)
 
 
 def test_the_known_path_is_measured():
@@ -93,16 +94,17 @@ def test_turning_the_sensor_with_its_lever_changes_nothing():
         np.testing.assert_allclose(ours, theirs, atol=1e-10)
 
 
-def test_a_length_does_not_need_to_know_where_up_is():
-    ours, theirs = (inertial(P, GYR, ACC, AT, 1.0 / RATE, sample_up=flag) for flag in (False, True))
-    np.testing.assert_allclose(ours.length, theirs.length, rtol=1e-14)
-    tilted = np.abs(np.asarray(theirs.rise - ours.rise)[END])
+def test_a_constant_acceleration_changes_no_length():
+    push = jax.vmap(lambda time: attitude(time).T @ jnp.asarray([0.3, -0.2, 1.0]))(TIME)
+    pushed, ours = (inertial(P, GYR, ACC + by, AT, 1.0 / RATE).length[END] for by in (push, 0.0))
+    np.testing.assert_allclose(pushed, ours, atol=1e-4)
+
+
+def test_as_printed_it_is_longer_and_tilted():
+    printed, ours = (f(P, GYR, ACC, AT, 1.0 / RATE) for f in (literal.inertial, inertial))
+    assert np.all(printed.length[END] - np.hypot(LENGTH, RISE) > 2e-3)
+    tilted = np.abs(np.asarray(printed.rise - ours.rise)[END])
     assert np.all(tilted > 0.01)  # one sample of a force that is not gravity alone points elsewhere
-
-
-def test_equation_3_is_longer():
-    printed = inertial(P, GYR, ACC, AT, 1.0 / RATE, euler=True).length[END]
-    assert np.all(printed - np.hypot(LENGTH, RISE) > 2e-3)
 
 
 def test_gradients_are_those_of_differences():
@@ -141,7 +143,7 @@ def test_pendulum_knows_the_angle_of_each_swing():
     np.testing.assert_allclose(told.duration, [0.3, 0.4], rtol=1e-10)
     np.testing.assert_allclose(told.chord, 1.8 * np.sin([0.5, 0.6]), rtol=1e-10)
     np.testing.assert_allclose(told.arc, 0.9 * np.array([0.88 + 0.1 / 0.3, 1.2 * (0.88 + 0.1 / 0.4)]), rtol=1e-10)
-    norm = stride_length.pendulum(p, gyr, at, 1.0 / RATE, all_axes=True).angle[ends]
+    norm = stride_length.pendulum(p, literal.all_axes(gyr), at, 1.0 / RATE).angle[ends]
     assert np.all(norm > 1.005 * told.angle)
 
     def arc(values):

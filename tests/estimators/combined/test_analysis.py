@@ -44,7 +44,9 @@ CONTRADICTIONS = {
 
 @pytest.fixture(scope="module")
 def walked():
-    ((recording, truth),) = simulate.cohort(jax.random.key(4), 1, simulate.straight(12.0), OPAL, 100.0, PLACEMENTS)
+    ((recording, truth),) = simulate.cohort(
+        jax.random.key(4), 1, simulate.straight(12.0), OPAL, 100.0, PLACEMENTS, recorded=False
+    )
     return recording, truth
 
 
@@ -118,7 +120,7 @@ def test_strides_of_the_waist_that_contradict_the_walk_around_them_are_in_doubt(
 
 @pytest.mark.parametrize("swapped", [True, False])
 def test_shoes_that_change_places_are_put_right_where_the_waist_says_so_too(swapped):
-    person = simulate.person_of(simulate.population(jax.random.key(3), 1), 0)
+    person = simulate.person_of(simulate.population(jax.random.key(3), 1, recorded=False), 0)
     recording, truth = simulate.with_breaks(
         jax.random.key(4), person, [simulate.straight(12.0)] * 2, [5.0], OPAL, placements=("pelvis", *FEET)
     )
@@ -728,7 +730,7 @@ def test_a_missing_height_is_said_only_where_it_matters(walked):
 
 
 def test_a_stiff_leg_turns_less_and_counts_and_a_wrong_unit_does_not():
-    usual = simulate.person_of(simulate.population(jax.random.key(0), 1), 0)
+    usual = simulate.person_of(simulate.population(jax.random.key(0), 1, recorded=False), 0)
     way, key = simulate.straight(16.0), jax.random.key(1)
     person = simulate.covering(key, simulate.walking(usual, "stiff_leg"), way)
     recording, _ = simulate.recording(key, person, way, placements=(*FEET, "shank_right", "shank_left"))

@@ -22,7 +22,9 @@ HALF_TURN = np.array([-1.0, 1.0, -1.0])
 
 @pytest.fixture(scope="module")
 def recording():
-    ((walked, _),) = simulate.cohort(jax.random.key(3), 1, simulate.straight(12.0), OPAL, 100.0, PLACEMENTS)
+    ((walked, _),) = simulate.cohort(
+        jax.random.key(3), 1, simulate.straight(12.0), OPAL, 100.0, PLACEMENTS, recorded=False
+    )
     return walked
 
 

@@ -162,7 +162,7 @@ def test_a_side_whose_strides_are_mostly_in_doubt_does_not_count():
 
 def test_sides_that_walk_different_distances_are_named_and_the_deviation_contains_it():
     """A sensor turned by a right angle about its long axis in a pause finds no more strides."""
-    person = simulate.person_of(simulate.population(jax.random.key(3), 1), 0)
+    person = simulate.person_of(simulate.population(jax.random.key(3), 1, recorded=False), 0)
     recording, truth = simulate.with_breaks(
         jax.random.key(4), person, [simulate.straight(12.0)] * 2, [3.0], OPAL, placements=("shank_right", "shank_left")
     )
@@ -205,7 +205,7 @@ def test_sides_whose_strides_differ_in_length_are_named_and_the_deviations_conta
 
 def test_a_bout_that_only_one_side_saw_has_its_whole_length():
     """The left shoe's sensor stops between two bouts: the distance is by the right one, and so is each bout."""
-    person = simulate.person_of(simulate.population(jax.random.key(3), 1), 0)
+    person = simulate.person_of(simulate.population(jax.random.key(3), 1, recorded=False), 0)
     recording, truth = simulate.with_breaks(
         jax.random.key(4), person, [simulate.straight(12.0), simulate.straight(9.0)], [6.0], OPAL,
         placements=("foot_right", "foot_left"),
@@ -222,7 +222,7 @@ def test_a_bout_that_only_one_side_saw_has_its_whole_length():
 
 
 def test_a_sensor_that_falls_off_and_lies_still_is_named_and_the_distance_is_that_of_the_other_leg():
-    person = simulate.person_of(simulate.population(jax.random.key(3), 1), 0)
+    person = simulate.person_of(simulate.population(jax.random.key(3), 1, recorded=False), 0)
     recording, truth = simulate.recording(
         jax.random.key(4), simulate.covering(jax.random.key(4), person, simulate.straight(20.0)),
         simulate.straight(20.0), OPAL, placements=("foot_right", "foot_left"),

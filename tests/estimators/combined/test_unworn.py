@@ -18,7 +18,9 @@ PERSON = {"height": 1.75}
 
 @pytest.fixture(scope="module")
 def walked():
-    ((recording, _),) = simulate.cohort(jax.random.key(4), 1, simulate.straight(12.0), OPAL, 100.0, simulate.FOUR)
+    ((recording, _),) = simulate.cohort(
+        jax.random.key(4), 1, simulate.straight(12.0), OPAL, 100.0, simulate.FOUR, recorded=False
+    )
     return recording, jgait.analyse(recording, PERSON)
 
 

@@ -4,7 +4,7 @@ import jax
 import pytest
 
 import jgait
-from jgait.simulate import protocols
+from experiments.common import protocols
 
 
 @pytest.fixture(scope="module")

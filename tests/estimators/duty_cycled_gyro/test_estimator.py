@@ -7,6 +7,7 @@ import pytest
 from made.estimators import altered, hidden, part, times, without
 from made.notes import texts
 
+from experiments.common import protocols
 from jgait import estimators, io, simulate
 from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
@@ -16,7 +17,6 @@ from jgait.estimators import duty_cycled_gyro, leg_ekf
 from jgait.estimators.duty_cycled_gyro import DEFAULT, PAPER, DutyCycledOptions, DutyCycledParams
 from jgait.estimators.duty_cycled_gyro.estimator import _fill, _finished, _planar
 from jgait.params import names
-from jgait.simulate import protocols
 from jgait.simulate.sensors import IDEAL
 from jgait.types import SIDES, RecordingError
 

@@ -7,6 +7,7 @@ import pytest
 import strapdown
 from made.observability import observability_matrix, observability_rank
 
+from experiments.common import protocols
 from jgait import filtering, simulate
 from jgait.duty_cycle import power
 from jgait.estimators import leg_ekf
@@ -23,7 +24,6 @@ from jgait.estimators.duty_cycled_gyro.model_params import (
 )
 from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams, levers
 from jgait.geometry.vectors import GRAVITY
-from jgait.simulate import protocols
 from jgait.simulate.sensors import IDEAL
 
 RATE = 50.0

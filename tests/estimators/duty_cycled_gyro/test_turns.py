@@ -32,7 +32,9 @@ def test_the_rate_of_a_turn_is_the_mean_of_the_segments_that_measure_it():
 
 
 def test_angles_after_a_u_turn_lie_within_their_deviations():
-    ((recording, truth),) = simulate.cohort(jax.random.key(3), 1, u_turn(4.0), IDEAL, 50.0, simulate.FOUR)
+    ((recording, truth),) = simulate.cohort(
+        jax.random.key(3), 1, u_turn(4.0), IDEAL, 50.0, simulate.FOUR, recorded=False
+    )
     true = truth.estimate
 
     def beyond_and_error(p):

@@ -20,7 +20,7 @@ def pause_of(truth):
 
 @pytest.mark.parametrize("degrees", [0.0, 30.0])
 def test_a_sensor_that_was_put_on_anew_is_named_and_one_that_stays_is_not(degrees):
-    person = simulate.person_of(simulate.population(jax.random.key(3), 1), 0)
+    person = simulate.person_of(simulate.population(jax.random.key(3), 1, recorded=False), 0)
     walked, truth = simulate.with_breaks(
         jax.random.key(4), person, [simulate.straight(15.0)] * 2, [5.0], OPAL, placements=("foot_right",)
     )
@@ -38,7 +38,7 @@ def test_a_sensor_that_was_put_on_anew_is_named_and_one_that_stays_is_not(degree
 
 @pytest.mark.parametrize("swapped", [True, False])
 def test_after_both_sensors_were_exchanged_in_a_pause_the_side_of_a_stride_is_not_known(swapped):
-    person = simulate.person_of(simulate.population(jax.random.key(3), 1), 0)
+    person = simulate.person_of(simulate.population(jax.random.key(3), 1, recorded=False), 0)
     walked, truth = simulate.with_breaks(
         jax.random.key(4), person, [simulate.straight(15.0)] * 2, [5.0], OPAL, placements=("foot_right", "foot_left")
     )

@@ -338,7 +338,7 @@ def test_strides_whose_impacts_are_clipped_for_one_sample_are_less_certain():
     """An accelerometer of ±4 g on a person who shuffles: without larger deviations most strides were off by four."""
     who, how = jax.random.split(jax.random.key(5))
     along, key = simulate.straight(10.0), jax.random.fold_in(how, 0)
-    person = simulate.walking(simulate.person_of(simulate.population(who, 6), 0), "shuffling")
+    person = simulate.walking(simulate.person_of(simulate.population(who, 6, recorded=False), 0), "shuffling")
     person = simulate.covering(key, person, along)
     recording, truth = simulate.recording(key, person, along, MPU6000, placements=("foot_right", "foot_left"))
     found = foot_ins.estimate(foot_ins.FootParams(), recording)

@@ -8,6 +8,7 @@ from made.estimators import altered, only, part, times, without
 from made.notes import texts
 from made.trunk import rotation
 
+from experiments.common import protocols
 from jgait import simulate
 from jgait.estimators import ankle_stride, leg_ekf, programs
 from jgait.estimators.axes import pad
@@ -18,7 +19,6 @@ from jgait.estimators.leg_ekf.estimator import observe, walked
 from jgait.estimators.leg_ekf.inclination import Inclination
 from jgait.estimators.leg_ekf.inputs import LegInputs
 from jgait.filtering import UKF
-from jgait.simulate import protocols
 from jgait.simulate.sensors import IDEAL
 from jgait.tune import losses
 from jgait.types import SIDES, Recording, RecordingError

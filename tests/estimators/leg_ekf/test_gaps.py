@@ -17,7 +17,7 @@ BEGIN = 700
 @pytest.fixture(scope="module")
 def walk():
     recording, _ = simulate.cohort(
-        jax.random.key(2), 1, simulate.straight(12.0), OPAL, 100.0, ("thigh_right", "shank_right")
+        jax.random.key(2), 1, simulate.straight(12.0), OPAL, 100.0, ("thigh_right", "shank_right"), recorded=False
     )[0]
     return recording
 

@@ -22,7 +22,9 @@ BEFORE = round((SITS_S + RISES_S) * RATE)
 def walk():
     errors = MPU6000._replace(mounting=0.0, packet_loss=0.0)
     placements = ("thigh_right", "shank_right")
-    return simulate.cohort(jax.random.key(2), 1, simulate.straight(12.0), errors, RATE, placements)[0][0]
+    return simulate.cohort(jax.random.key(2), 1, simulate.straight(12.0), errors, RATE, placements, recorded=False)[0][
+        0
+    ]
 
 
 def seated(walk, stands_s=3.0):
@@ -133,7 +135,9 @@ def test_a_short_standing_in_which_the_person_leans_does_not_turn_the_angles(wal
 def test_the_leg_that_moves_in_the_standing_is_named_with_its_angles(side, others):
     errors = MPU6000._replace(mounting=0.0, packet_loss=0.0)
     placements = tuple(f"{segment}_{leg}" for segment in ("thigh", "shank") for leg in ("right", "left"))
-    recording = simulate.cohort(jax.random.key(2), 1, simulate.straight(12.0), errors, RATE, placements)[0][0]
+    recording = simulate.cohort(
+        jax.random.key(2), 1, simulate.straight(12.0), errors, RATE, placements, recorded=False
+    )[0][0]
     sensors = {}
     for name, imu in recording.sensors.items():
         stands = np.asarray(imu.time) < 3.0

@@ -7,12 +7,12 @@ import pytest
 from made.footsteps import OFFSET, WIDTH, Footsteps, distances, drifting, footsteps, widths
 from made.notes import texts
 
+from experiments.common import protocols
 from jgait import filtering, params
 from jgait.estimators import stride_width_ekf as sw
 from jgait.estimators.stride_width_ekf import model, readout
 from jgait.estimators.stride_width_ekf.estimator import model_params
 from jgait.filtering import EKF
-from jgait.simulate import protocols
 from jgait.types import Feet, FootTrajectory, RangeReadings
 
 KNOWN = sw.WidthParams(range_offset=OFFSET)
@@ -260,11 +260,11 @@ def test_a_simulated_person_with_a_real_range_sensor():
     mids = [middles(time, ankle) for ankle in ankles]
     p = sw.WidthParams(range_offset=walked.extra["offset"])
     feet = Feet(*(FootTrajectory(ankle, None, None) for ankle in ankles))
-    estimate = sw.estimator().solve(p, sw.prepare_from_feet(time, feet, tuple(mids), walked.extra["range"]))
+    estimate = sw.estimator().solve(p, sw.prepare_from_feet(time, feet, tuple(mids), walked.recording.feet_range))
     width = np.asarray(estimate.strides.width)
     there = np.isfinite(width) & np.asarray(estimate.diagnostics["width_valid"])
     assert np.sum(there) > 15
-    truth = Footsteps(time, tuple(ankles), tuple(mids), walked.extra["range"])
+    truth = Footsteps(time, tuple(ankles), tuple(mids), walked.recording.feet_range)
     gap = (width - widths(truth, estimate.strides)[0])[there]
     assert abs(np.mean(gap)) < 0.01 and np.std(gap) < 0.012
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from made.estimators import part, without
 
+from experiments.common import protocols
 from jgait.estimators import stride_width_ekf as sw
-from jgait.simulate import protocols
 from jgait.types import SIDES
 
 

@@ -6,8 +6,7 @@ import pytest
 from made.notes import texts
 
 from jgait import RecordingError, io
-from jgait.io.formats.c3d_axes import UPRIGHT, joint_centres
-from jgait.simulate.replay import body_motion
+from jgait.io.formats.c3d_axes import UPRIGHT
 
 RATE, SAMPLES, FIRST, PER_FRAME = 100.0, 120, 51, 10
 SIDEWAYS = {"R": -0.1, "L": 0.1}
@@ -118,8 +117,6 @@ def test_names_that_tell_nothing_leave_the_floor_or_nothing(tmp_path, truth):
     capture = io.read_c3d(write(tmp_path / "high.c3d", high, screen=None))
     assert capture.up is None and any(note.code == "up_unknown" for note in capture.notes)
     equals(capture, high, 5e-7)
-    with pytest.raises(RecordingError, match="which axis points up is not known; give up to read_c3d"):
-        joint_centres(capture)
 
 
 @pytest.mark.parametrize("unit, factor", [("mm", 1e3), ("m", 1.0), ("cm", 1e2), ("in", 1.0 / 0.0254)])
@@ -151,36 +148,6 @@ def test_what_was_not_seen_is_nan_and_outputs_of_a_model_are_kept_apart(tmp_path
     assert (capture.outputs["RKneeAngles"] == 61.0).all()
     assert list(np.flatnonzero(np.isnan(capture.markers["RHEE"]).all(axis=1))) == list(range(10, 20))
     assert list(np.flatnonzero(np.isnan(capture.markers["LTOE"]).any(axis=1))) == [30]
-
-
-def test_joint_centres_move_a_body(tmp_path, truth):
-    capture = io.read_c3d(write(tmp_path / "walk.c3d", truth, screen="+Z"))
-    centres = joint_centres(capture)
-    np.testing.assert_array_equal(centres.right.knee, capture.markers["RKJC"])
-    np.testing.assert_array_equal(centres.left.toe, capture.markers["LTOE"])
-    np.testing.assert_array_equal(centres.pelvis.back_left, capture.markers["LPSI"])
-    # One leg is enough to show that a replay takes them, and compiles in a third of the time.
-    one = centres._replace(left=None, pelvis=None, heading=np.zeros(SAMPLES))
-    replayed = body_motion(one, capture.time[10:-10])
-    np.testing.assert_allclose(replayed.points["knee_right"], truth["RKJC"][10:-10], atol=2e-3)
-    assert replayed.valid.foot_right.all() and replayed.motion.pose.thigh_left is None
-
-
-def test_joints_by_name_and_from_two_sides(tmp_path, truth):
-    apart = np.array([0.0, 0.05, 0.0])
-    own = {"hip": truth["RHJC"], "outer": truth["RKJC"] - apart, "inner": truth["RKJC"] + apart}
-    own |= {"RANK": truth["RAJC"] - apart, "RMED": truth["RAJC"] + apart}
-    capture = io.read_c3d(write(tmp_path / "own.c3d", own))
-    with pytest.raises(RecordingError, match="has no leg: expected markers RHJC or RFEP, .*it has hip, outer"):
-        joint_centres(capture)
-    centres = joint_centres(capture, {"hip_right": "hip", "knee_right": ("outer", "inner")})
-    np.testing.assert_allclose(centres.right.knee, truth["RKJC"], atol=2e-7)
-    np.testing.assert_allclose(centres.right.ankle, truth["RAJC"], atol=2e-7)
-    assert centres.left is None and centres.right.heel is None and centres.pelvis is None
-    with pytest.raises(RecordingError, match="has no marker nobody .named for hip_right."):
-        joint_centres(capture, {"hip_right": "nobody"})
-    with pytest.raises(RecordingError, match="there is no point 'elbow'"):
-        joint_centres(capture, {"elbow": "hip"})
 
 
 def test_files_that_are_something_else(tmp_path, truth):

@@ -9,15 +9,14 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PRNGKeyArray, PyTree
+from jaxtyping import PRNGKeyArray
 
 from jgait import simulate
 from jgait.geometry.vectors import GRAVITY
 from jgait.simulate import Person, Route, Truth
-from jgait.simulate.sensors import FREESENSE, HC_SR04, IDG300, MPU6000, OPAL, ImuErrors
-from jgait.simulate.sensors.range import measure_range, nearest_point
+from jgait.simulate.ranged import SKIN
+from jgait.simulate.sensors import FREESENSE, IDG300, MPU6000, OPAL, ImuErrors
 from jgait.types import Recording
 
 
@@ -38,7 +37,7 @@ class Walked(NamedTuple):
 def _keys(key: PRNGKeyArray, people: int) -> tuple[list[Person], list[PRNGKeyArray], list[PRNGKeyArray]]:
     """People, a key for the walk of each person, and a key of each person for other random values."""
     who, how, other = jax.random.split(key, 3)
-    drawn = simulate.population(who, people)
+    drawn = simulate.population(who, people, recorded=False)
     numbers = range(people)
     walks, others = ([jax.random.fold_in(k, i) for i in numbers] for k in (how, other))
     return [simulate.person_of(drawn, i) for i in numbers], walks, others
@@ -178,10 +177,6 @@ def silva(
     return _walked(walks, persons, [along] * people, errors, rate, placements, f"silva_{route}_{speed}")
 
 
-SKIN = 0.04
-"""Distance from the axis of a shank to its inner side, above the ankle [m]; chosen."""
-
-
 def potter(
     key: PRNGKeyArray, people: int = 1, *, errors: ImuErrors = OPAL, rate: float = 128.0,
     placements: Sequence[str] = ("foot_right", "foot_left"), straight: float = 50.0, after: float = 25.0,
@@ -192,10 +187,9 @@ def potter(
     `after` the corner are in m; other arguments as `bennett`.
 
     Returns:
-        The walks, with `feet_range` in their recordings; `extra` as in `bennett`, and `range` (equal to `feet_range`),
-        the true distance between the skin of both legs `range_distance` (T,) [m], the positions `sender` and `receiver`
-        (T, 3) [m], `offset`, the distance of the shanks' axes minus that of the skin [m], and `corner`, the distances
-        along the route at which the corner begins and ends (2,) [m].
+        The walks, with `feet_range` in their recordings; `extra` as in `bennett`, and the true distance between the
+        skin of both legs `range_distance` (T,) [m], `offset`, the distance of the shanks' axes minus that of the skin
+        [m], and `corner`, the distances along the route at which the corner begins and ends (2,) [m].
 
     Source: Potter's filter for stride width: section III-A (Opal on each instep, 128 Hz; HC-SR04 at the left ankle, 30
     Hz), III-B (50 m, 90°, 25 m; tiles that make a width of 0.30 m and steps of 0.61 m). Chosen: the radius of the
@@ -211,36 +205,13 @@ def potter(
         marked.append(Person(paced.body, paced.gait._replace(**onto)))
     walked = _walked(walks, marked, [along] * people, errors, rate, placements, "potter")
     corner = (straight, straight + float(along.length[1]))
-    ranged = [_ranged(other, walk.truth) for other, walk in zip(others, walked, strict=True)]
-    return [
-        walk._replace(
-            recording=walk.recording._replace(feet_range=readings["range"]),
-            extra={**walk.extra, **readings, "corner": corner},
-        )
-        for walk, readings in zip(walked, ranged, strict=True)
-    ]
+    found = []
+    for other, walk in zip(others, walked, strict=True):
+        read, apart = simulate.feet_range(other, walk.truth)
+        extra = {**walk.extra, "range_distance": apart, "offset": 2.0 * SKIN, "corner": corner}
+        found.append(walk._replace(recording=walk.recording._replace(feet_range=read), extra=extra))
+    return found
 
-
-def _ranged(key: PRNGKeyArray, truth: Truth) -> dict[str, Any]:
-    """True distance from the inner side of the left ankle to the right leg, and the readings of the range sensor."""
-    segments = truth.motion.pose
-
-    def rows(vector: PyTree) -> Float[Array, "time 3"]:
-        return jnp.stack([jnp.asarray(part) for part in vector], axis=1)
-
-    ankle, looks = rows(segments.foot_left.origin), -rows(segments.shank_left.y)
-    sender = ankle + 0.04 * rows(segments.shank_left.z) + SKIN * looks
-    bone = nearest_point(sender, rows(segments.shank_right.origin), rows(segments.foot_right.origin))
-    towards = sender - bone
-    away = jnp.sqrt(jnp.sum(towards * towards, axis=1, keepdims=True))
-    receiver = bone + SKIN / away * towards
-    time = jnp.asarray(truth.estimate.time)
-    read = _range(key, time, sender, receiver, looks, HC_SR04)
-    out = {"range": read, "range_distance": away[:, 0] - SKIN, "sender": sender, "receiver": receiver}
-    return {**jax.tree.map(np.asarray, out), "offset": 2.0 * SKIN}
-
-
-_range = jax.jit(measure_range)
 
 SIDEWAYS = 2.0 * math.pi / 3.0 / math.sqrt(3.0)
 RIGHT_SIDE = FREESENSE._replace(mounting_x=SIDEWAYS, mounting_y=SIDEWAYS, mounting_z=-SIDEWAYS)

@@ -6,7 +6,7 @@ import pytest
 from made.notes import texts
 from made.sets import loaded, refused
 
-from jgait import datasets, io
+from jgait import datasets
 from jgait.commands import cohort
 
 RATE, MOCAP = 204.8, 100.0
@@ -100,17 +100,6 @@ def test_strides_from_the_markers(folder, monkeypatch):
     np.testing.assert_allclose(walk.info["mocap"]["left"]["heel"], heel("left", walk.info["mocap_time"]), atol=1e-9)
 
 
-def test_missing_files_are_reported(folder, monkeypatch):
-    written(folder, monkeypatch)
-    (folder / "stride_events_sample.csv").unlink()
-    walk = datasets.load("gaitmap_example", ["imu_sample"])[0]
-    assert walk.reference is not None and walk.info["strides"] == {}
-    assert any("stride_events_sample.csv" in note for note in texts(walk.recording.notes))
-    (folder / "mocap_sample.csv").unlink()
-    walk = datasets.load("gaitmap_example", ["imu_sample"])[0]
-    assert walk.reference is None and "mocap_sample.csv" in walk.info["no_reference"]
-
-
 def test_the_same_walk_in_other_axes_counts_once(folder, monkeypatch):
     written(folder, monkeypatch)
     both = ["imu_sample", "imu_sample_not_rotated"]
@@ -136,17 +125,6 @@ def test_bad_files_are_named_and_the_others_are_not_lost(folder):
     refused("gaitmap_example", ["imu_sample_new"], expected)
 
 
-def test_one_foot_with_lost_samples(folder):
-    table = pd.DataFrame({f"{kind}_{axis}": np.ones(50) for kind in ("acc", "gyr") for axis in "xyz"})
-    table.loc[3, "gyr_x"] = np.nan
-    table.to_csv(folder / "imu_sample_ms_new_right.csv")
-    recording = datasets.load("gaitmap_example", ["imu_sample_ms_new_right"])[0].recording
-    assert list(recording.sensors) == ["foot_right"] and texts(recording.notes) == ["no sensor on the left foot"]
-    assert recording.sampling_rate_hz == 102.4 and recording.subject == "ms_new"
-    imu = recording.sensors["foot_right"]
-    assert np.flatnonzero(~imu.mask).tolist() == [3] and np.all(imu.acc[3] == 0)
-
-
 # --- the real files ---
 
 
@@ -164,38 +142,3 @@ def test_the_main_walk_is_twice_twenty_metres(walk):
     for side in ("right", "left"):
         toes = walk.info["strides"][side]["width_toe"]
         assert np.nanmedian(toes) == pytest.approx(0.11, abs=0.01)
-
-
-def test_axes_and_clock_of_the_shoes_are_the_markers(walk):
-    """The pitch of the line from heel to toe turns as the gyroscope about y does, and no sample earlier or later."""
-    for side in ("right", "left"):
-        markers, imu = walk.info["mocap"][side], walk.recording.sensors[f"foot_{side}"]
-        line = markers["toe"] - markers["heel"]
-        pitch = -np.arctan2(line[:, 2], np.hypot(line[:, 0], line[:, 1]))  # toe down, about the left
-        rate = np.gradient(pitch) * MOCAP
-        gyr = np.interp(walk.info["mocap_time"], imu.time, imu.gyr[:, 1])
-        agreement = {lag: np.corrcoef(np.roll(gyr, -lag), rate)[0, 1] for lag in range(-3, 4)}
-        assert agreement[0] > 0.97
-        assert max(agreement, key=lambda lag: agreement[lag]) == 0
-
-
-def test_the_reference_speaks_of_feet_and_strides(folder, monkeypatch):
-    walk = written(folder, monkeypatch)[0]
-    known, rate = walk.reference, walk.recording.sampling_rate_hz
-    strides = known.strides
-    count = {side: len(walk.info["strides"][side]["length"]) for side in ("right", "left")}
-    assert np.bincount(strides.side).tolist() == list(count.values()) and strides.valid.all()
-    np.testing.assert_allclose(strides.length, LENGTH, atol=1e-9)
-    np.testing.assert_allclose(strides.speed, LENGTH / PERIOD, atol=1e-6)
-    there = np.isfinite(strides.step_length)  # the left foot leads, and the right one closes up
-    np.testing.assert_allclose(strides.step_length[there], np.where(strides.side[there] == 0, LENGTH, 0.0), atol=1e-9)
-    lists = io.to_gaitmap(known, rate)
-    for side, own in (("right", lists["right_sensor"]), ("left", lists["left_sensor"])):
-        events = walk.info["events"][side]
-        for name in own.columns:
-            np.testing.assert_array_equal(own[name], np.round(events[name]))
-        marks = walk.info["mocap"][side]
-        middle = (marks["heel"] + marks["toe"] + marks["fm5"]) / 3.0
-        foot = getattr(known.feet, side)
-        at = np.interp(known.time[100], walk.info["mocap_time"], middle[:, 1])
-        assert foot.position[100, 1] == pytest.approx(at) and foot.velocity is None and foot.orientation is None

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
+from experiments.common.replay.body import JointCentres, LegCentres, Replay, body_motion, median
+from experiments.common.replay.spline import CUTOFF_HZ, MAX_GAP, checked_time, covered, evaluate
 from jgait.geometry.sagittal import PATH_SMOOTHING_S, leg_in_plane, low_pass_heading
 from jgait.geometry.segments import Motion, in_segment, inertial, segment_of
 from jgait.geometry.vectors import Vector
-from jgait.simulate.replay.body import JointCentres, LegCentres, Replay, body_motion, median
-from jgait.simulate.replay.spline import CUTOFF_HZ, MAX_GAP, checked_time, covered, evaluate
 from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Recording, as_float
 
 _PLACES = ("pelvis", *(f"{part}_{side}" for part in ("thigh", "shank", "ankle", "foot") for side in SIDES))

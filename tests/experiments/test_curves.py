@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from jgait import plot
-from jgait.plot.power import Series
+from experiments.udaya2010 import curves
+from experiments.udaya2010.curves import Series
 
 DUTY = np.array([0.9, 0.5, 0.1])
 
@@ -19,7 +19,7 @@ def lines():
 
 
 def test_both_figures_draw_every_series_in_percent_with_units():
-    for draw, options in ((plot.error_over_duty, {}), (plot.error_over_saving, {"power": 30e-3})):
+    for draw, options in ((curves.error_over_duty, {}), (curves.error_over_saving, {"power": 30e-3})):
         figure = draw({"a": lines(), "b": lines()}, **options)
         assert len(figure.axes) == 2
         for axis in figure.axes:
@@ -37,8 +37,8 @@ def test_both_figures_draw_every_series_in_percent_with_units():
 
 def test_what_does_not_fit_together_is_refused():
     with pytest.raises(ValueError, match="panel"):
-        plot.error_over_duty({})
+        curves.error_over_duty({})
     with pytest.raises(ValueError, match="'hold'"):
-        plot.error_over_duty({"a": {"hold": Series(DUTY, [0.1])}})
+        curves.error_over_duty({"a": {"hold": Series(DUTY, [0.1])}})
     with pytest.raises(ValueError, match="role"):
-        plot.error_over_duty({"a": {"hold": Series(DUTY, DUTY, "theirs")}})
+        curves.error_over_duty({"a": {"hold": Series(DUTY, DUTY, "theirs")}})

@@ -7,9 +7,8 @@ import jax
 import numpy as np
 import pytest
 
+from experiments.common import protocols
 from jgait import simulate
-from jgait.simulate import protocols
-from jgait.simulate.sensors.imu import rotation
 
 
 def sound(walked, rate, placements, distance):
@@ -51,15 +50,6 @@ def test_bennett_walks_three_to_four_metres_between_two_rests(short):
         feet = [own[f"foot_displacement_{side}"][-1] for side in ("right", "left")]
         assert feet == pytest.approx([distance] * 2, abs=0.02)  # toes turned out, feet put down a little aside
     assert short[0].extra["distance"] != short[1].extra["distance"]
-
-
-def test_the_same_key_gives_the_same_walk(short):
-    again, other = protocols.bennett(jax.random.key(0), 2), protocols.bennett(jax.random.key(1), 2)
-    for a, b in zip(
-        jax.tree.leaves(short[1].recording.sensors), jax.tree.leaves(again[1].recording.sensors), strict=True
-    ):
-        np.testing.assert_array_equal(a, b)
-    assert other[0].extra["distance"] != short[0].extra["distance"]
 
 
 def test_udaya_shankar_walks_at_least_as_long_as_asked():
@@ -122,29 +112,11 @@ def test_potter_steps_on_marks_and_hears_the_other_leg():
     assert 0.5 * extra["person"].gait.stride_length == pytest.approx(0.61, rel=0.02)  # no whole number of them fits
     np.testing.assert_allclose(forward, 0.5 * extra["person"].gait.stride_length, atol=0.016)
     np.testing.assert_allclose(aside, 0.30, atol=0.04)
-    heard = extra["range"].mask
-    time, read = truth.estimate.time[heard], extra["range"].distance[heard]
-    np.testing.assert_allclose(np.diff(time).min(), 1.0 / 30.0, atol=0.008)
-    late = read - extra["range_distance"][heard] > 0.05
-    assert np.mean(late) < 0.1
-    assert np.std((read - extra["range_distance"][heard])[~late]) < 0.004
     # Seen in at least four strides of five, as the paper's was.
+    time = truth.estimate.time[recording.feet_range.mask]
     contacts = plan.contact[2 : steps + 2]
     seen = [np.any((time > a) & (time < b)) for a, b in zip(contacts[:-2:2], contacts[2::2], strict=False)]
     assert np.mean(seen) > 0.8
-    # While the legs pass each other, the range and the offset make the width.
-    inside = (truth.estimate.distance > 1.0) & (truth.estimate.distance < 8.0) & heard
-    middle = np.median(extra["range_distance"][inside]) + extra["offset"]
-    assert middle == pytest.approx(0.30, abs=0.04)
-    assert recording.sensors["foot_left"].gyr.shape[0] == extra["sender"].shape[0]
-
-
-def test_potters_whole_route_takes_steps_of_61_cm():
-    (person,) = [simulate.person_of(simulate.population(jax.random.key(0), 1), 0)]
-    person = jax.tree.map(float, simulate.paced(person, 1.22 / person.gait.stride_length))
-    found = simulate.covering(jax.random.key(0), person, simulate.corner(50.0, 0.5 * math.pi, 25.0, 0.8))
-    assert found.gait.steps == 125
-    assert 0.5 * found.gait.stride_length == pytest.approx(0.61, abs=0.01)
 
 
 def test_kose_walks_faster_on_every_piece():
@@ -159,12 +131,3 @@ def test_kose_walks_faster_on_every_piece():
     rest = walked.recording.sensors["waist"].acc[:200].mean(axis=0)
     assert rest[0] == pytest.approx(-9.81, abs=1.0)
     assert np.abs(rest[1:]).max() < 1.5
-
-
-def test_a_freesense_is_worn_as_printed():
-
-    vector = np.array(
-        [protocols.RIGHT_SIDE.mounting_x, protocols.RIGHT_SIDE.mounting_y, protocols.RIGHT_SIDE.mounting_z]
-    )
-    axes = np.asarray(rotation(vector))
-    np.testing.assert_allclose(axes.T, [[0, 0, -1], [1, 0, 0], [0, -1, 0]], atol=1e-12)  # down, forward, right

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from experiments.common.replay.spline import CUTOFF_HZ, MAX_GAP, Trajectory, checked_time, covered, evaluate, smooth
 from jgait.geometry.segments import Frame, Motion, Segments, differentiated
 from jgait.geometry.vectors import Vector, add, cross, dot, scale, subtract
-from jgait.simulate.replay.spline import CUTOFF_HZ, MAX_GAP, Trajectory, checked_time, covered, evaluate, smooth
 from jgait.types import SIDES, AnyArray, Maybe, Values, as_float
 
 

@@ -41,8 +41,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import PyTree
 
+from experiments.common.sets.xio_gait import UNITS_CONVERTED
 from jgait.datasets import registry
-from jgait.datasets.reading import SAMPLES_MASKED, UNITS_CONVERTED, Files, foot_imu
+from jgait.datasets.reading import SAMPLES_MASKED, Files, foot_imu
 from jgait.geometry.vectors import GRAVITY
 from jgait.notes import LEFT_OUT, ORIGIN, Kind, Note
 from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, Recording, RecordingError, Strides, Walk

@@ -15,11 +15,12 @@ already smooth: cut-offs from 10 to 25 Hz give the same. With white noise of 1 m
 0.6 m/s² at 10 Hz (foot 0.9), and 0.13 to 0.37 m/s² with `noise=1e-3`, which chose 3 to 5 Hz.
 """
 
-from jgait.simulate.replay.body import JointCentres, LegCentres, PelvisMarkers, Replay, body_motion, frames
-from jgait.simulate.replay.spline import CUTOFF_HZ, MAX_GAP, Trajectory, covered, evaluate, smooth
-from jgait.simulate.replay.wear import from_walk, mount, replay
+from experiments.common.replay.body import JointCentres, LegCentres, PelvisMarkers, Replay, body_motion, frames
+from experiments.common.replay.capture import joint_centres
+from experiments.common.replay.spline import CUTOFF_HZ, MAX_GAP, Trajectory, covered, evaluate, smooth
+from experiments.common.replay.wear import from_walk, mount, replay
 
 __all__ = [
     "CUTOFF_HZ", "MAX_GAP", "JointCentres", "LegCentres", "PelvisMarkers", "Replay", "Trajectory",
-    "body_motion", "covered", "evaluate", "frames", "from_walk", "mount", "replay", "smooth",
+    "body_motion", "covered", "evaluate", "frames", "from_walk", "joint_centres", "mount", "replay", "smooth",
 ]  # fmt: skip

@@ -50,14 +50,6 @@ def test_of_a_walk_that_this_version_does_not_know_no_loop_is_claimed(folder):
     assert walk.info["no_reference"] == "nothing is known"
 
 
-def test_lost_samples_are_masked(folder):
-    given = table()
-    given.loc[7, made_files.XIO[1]] = np.nan
-    given.to_csv(folder / "one_walk.csv", index=False)
-    imu = loaded("xio_gait")[0].recording.sensors["foot_right"]
-    assert np.flatnonzero(~imu.mask).tolist() == [7] and np.all(imu.acc[7] == 0)
-
-
 def test_bad_files_are_named_and_the_others_are_not_lost(folder):
     table().to_csv(folder / "good_walk.csv", index=False)
     table().drop(columns="Time (s)").to_csv(folder / "a_walk.csv", index=False)

@@ -4,9 +4,18 @@ import jax
 import numpy as np
 import pytest
 
+from experiments.common.fitting import (
+    POINTS,
+    StrideSignals,
+    fitted,
+    mean_strides,
+    not_fitted,
+    turned,
+    unexplained,
+    virtual,
+)
 from experiments.people.fitted import OTHERS, usual
 from jgait import simulate
-from jgait.simulate.fitting import POINTS, StrideSignals, mean_strides, not_fitted, turned, unexplained, virtual
 from jgait.simulate.sensors import OPAL
 from jgait.types import Imu, Recording
 
@@ -30,7 +39,7 @@ def someone():
     along, key = simulate.straight(12.0), jax.random.key(3)
     who = simulate.covering(key, drawn, along)
     recording, _ = simulate.recording(key, who, along, OPAL, placements=simulate.FOUR)
-    return who, simulate.fitted(recording, lengths(who.body))
+    return who, fitted(recording, lengths(who.body))
 
 
 def test_a_walker_is_recovered_from_sensors_on_the_legs(someone):
@@ -100,7 +109,7 @@ def test_standing_cannot_be_fitted():
         sensors={name: Imu(*(part[:250] for part in imu)) for name, imu in recording.sensors.items()}
     )
     with pytest.raises(ValueError, match="two or more regular strides of one foot; there are 0 of the right"):
-        simulate.fitted(still)
+        fitted(still)
 
 
 def test_ankles_of_a_recorded_person_are_predicted_from_thighs_and_shanks(data):
@@ -108,7 +117,7 @@ def test_ankles_of_a_recorded_person_are_predicted_from_thighs_and_shanks(data):
     (walk,) = data("neura_sparse")
     sensors, body = walk.recording.sensors, np.mean(list(walk.info["lengths"].values()), axis=0)
     legs = walk.recording._replace(sensors={name: sensors[name] for name in simulate.FOUR})
-    fit = simulate.fitted(legs, dict(zip(("thigh_length", "shank_length"), body, strict=True)))
+    fit = fitted(legs, dict(zip(("thigh_length", "shank_length"), body, strict=True)))
     ankles = walk.recording._replace(sensors={name: sensors[name] for name in OTHERS[:2]})
     seen = mean_strides(ankles, fit.strides)
     (rate, force), (rate_usual, force_usual) = (shares(one, seen, fit.late) for one in (fit.person, usual(fit)))

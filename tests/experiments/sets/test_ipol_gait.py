@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 from made.notes import texts
 from made.sets import loaded, refused
-from scipy.signal import butter, sosfiltfilt
 
+from experiments.common.sets import ipol_gait
 from jgait import datasets
-from jgait.datasets import ipol_gait
-from jgait.mounting.shank import filled
-from jgait.mounting.trunk import functional_axes
 
 HEADER = "PacketCounter\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\tMag_X\tMag_Y\tMag_Z\n"
 ABOUT = {
@@ -100,91 +97,6 @@ def test_events_are_packets_and_lost_packets_are_masked(folder):
     assert walk.info["initial_contacts"][0] == pytest.approx(0.55) and walk.info["trial"] == pytest.approx((0.35, 2.55))
 
 
-def test_feet_whose_sensors_were_exchanged_are_put_right(folder):
-    """As in 4-1: the right foot's sensor raises its right edge late in swing, as a left foot does."""
-    about = {**ABOUT, "RightFootEvents": ABOUT["RightFootEvents"][:-1]}
-    for factor, exchanged in ((1.0, False), (-1.0, True)):
-        feet = {"rf": table(), "lf": table()}
-        for code, key, toward in (("rf", "RightFootEvents", 1.0), ("lf", "LeftFootEvents", -1.0)):
-            for off, strike in about[key]:
-                feet[code][off:strike, 4:7] += factor * toward * np.array([-0.4, 0.0, 1.9])
-        write(folder, about=about, **feet)
-        walk = load()
-        assert walk.info["feet_exchanged"] is exchanged
-        assert any(note.code == "feet_exchanged" for note in walk.recording.notes) is exchanged
-        sides = [0, 1, 0, 1, 0, 1, 1]
-        np.testing.assert_array_equal(walk.info["initial_contact_sides"], np.array(sides) ^ exchanged)
-        first = walk.recording.sensors["foot_left" if exchanged else "foot_right"]
-        np.testing.assert_allclose(first.gyr[:, 0], feet["rf"][:, 4])
-
-
-def test_steps_after_the_trial_belong_to_no_bout(folder):
-    """As in 3-3: the trial ends, and the person who stands takes another step."""
-    write(folder, about={**ABOUT, "TrialBoundaries": [40, 220]})
-    walk = load()
-    info, strides = walk.info, walk.reference.strides
-    assert info["initial_contacts"][-1] == pytest.approx(2.6)
-    np.testing.assert_array_equal(strides.valid, strides.end < 2.21)
-    assert (~strides.valid).sum() == 1
-    np.testing.assert_allclose(info["straight_parts"], [[0.6, 1.4], [1.7, 2.2]])
-    np.testing.assert_allclose(info["bouts"]["end"], [2.2])
-
-
-def test_a_packet_that_the_counter_repeats_is_masked(folder):
-    """As in 11-1. The packets of the others, and so the events, stay where they were."""
-    again = table()
-    again[30, 0] = 29
-    write(folder, lb=again)
-    walk = load()
-    masks = {name: np.flatnonzero(~imu.mask).tolist() for name, imu in walk.recording.sensors.items()}
-    assert masks == {"lower_back": [29, 30], "foot_right": [], "foot_left": []}
-    assert "lower_back: packet numbers that occur twice are masked: 29" in texts(walk.recording.notes)
-    assert walk.info["initial_contacts"][0] == pytest.approx(0.6)
-
-
-def test_measures_that_are_not_known_are_none(folder):
-    """Upstream writes NaN for them: height and mass of persons 10 and 14, mass of person 2."""
-    for unknown in (float("nan"), None, "", 0):
-        write(folder, about={**ABOUT, "Height": unknown, "Weight": unknown})
-        info = load().info
-        assert info["height"] is None and info["mass"] is None and info["age"] == 40
-
-
-def test_a_stride_over_a_contact_that_is_lacking_is_not_valid(folder):
-    right = [pair for pair in ABOUT["RightFootEvents"] if pair != [90, 110]]
-    write(folder, about={**ABOUT, "RightFootEvents": right})
-    strides = load().reference.strides
-    np.testing.assert_allclose(strides.start, [0.6, 1.65, 0.85, 1.35, 1.92])
-    np.testing.assert_array_equal(strides.valid, [False, True, True, True, True])
-
-
-def test_events_that_cannot_be_are_left_out_and_named(folder):
-    right = [[40, 60], [110, 90], [150, 165], [160, 220], [240, 300]]
-    write(folder, about={**ABOUT, "RightFootEvents": right, "UTurnBoundaries": [170, 140]})
-    walk = load()
-    strides = walk.reference.strides
-    np.testing.assert_array_equal(strides.side, [0, 1, 1, 1])
-    np.testing.assert_array_equal(strides.valid, [False, True, True, True])
-    notes = texts(walk.recording.notes)
-    assert "3-1.json: RightFootEvents: 3 of 5 left out, outside the recording or not in order" in notes
-    assert "3-1.json: UTurnBoundaries [170, 140] is no part of the recording's 300 samples" in notes
-    assert walk.info["straight_parts"].shape == (0, 2) and len(walk.info["turns"]["start"]) == 0
-
-
-def test_what_is_missing_is_named(folder):
-    write(folder, lf=None, about=None)
-    walk = load()
-    assert set(walk.recording.sensors) == {"lower_back", "foot_right"} and walk.recording.subject == "3"
-    assert walk.reference is None and "lacks GaitData/3-1.json" in walk.info["no_reference"]
-    assert any("lacks GaitData/3-1_lf.txt" in note for note in texts(walk.recording.notes))
-    assert len(walk.info["initial_contacts"]) == 0 and walk.info["trial"] is None and walk.info["height"] is None
-    assert len(walk.info["bouts"]["start"]) == 0 and walk.info["straight_parts"].shape == (0, 2)
-    write(folder, about={**ABOUT, "RightFootEvents": [], "LeftFootEvents": [], "Height": None})
-    walk = load()
-    assert walk.reference is None and walk.info["no_reference"] == "3-1.json has no events"
-    assert walk.info["height"] is None
-
-
 def test_bad_files_are_named_and_the_others_are_not_lost(folder):
     write(folder, "3-1")
     write(folder, "3-2", header=HEADER.replace("Gyr_Y", "Rate_Y"))
@@ -238,44 +150,6 @@ def test_axes_of_the_back_are_as_stated(walks):
         assert abs(turned) == pytest.approx(np.pi, abs=0.6), "gravity tells the axis of the U-turn"
 
 
-def test_feet_push_off_and_swing_about_their_y(walks):
-    """At foot off the heel rises, a turn to the negative about a y that points right.
-
-    x rises backwards with the instep: gravity has 4.5 to 7.5 m/s² along it, and 3.5 in person 3, whose sensors lie
-    flatter.
-    """
-    for walk in walks:
-        for number, side in enumerate(("right", "left")):
-            imu = walk.recording.sensors[f"foot_{side}"]
-            of = walk.info["final_contact_sides"] == number
-            off = np.rint(walk.info["final_contacts"][of] * 100).astype(int)
-            assert np.median([imu.gyr[at - 8 : at + 2, 1].mean() for at in off]) < -4
-            assert np.all(imu.acc[50:250].mean(axis=0)[[0, 2]] > 3)
-
-
-def test_the_trunk_is_pushed_away_from_the_foot_that_carries_it(walks):
-    """Sides of the reference against the back, which no foot sensor reaches.
-
-    From a contact on, the trunk is accelerated away from the foot, more than in the steps before and after. In 4-1 and
-    4-2 that holds only with upstream's feet exchanged.
-    """
-    high = butter(2, 0.3, "high", fs=100.0, output="sos")
-    for walk in walks:
-        info, imu = walk.info, filled(walk.recording.sensors["lower_back"])
-        axes = functional_axes(imu, 100.0)
-        roll = sosfiltfilt(high, np.cumsum(imu.gyr @ axes.rows[0]) / 100)
-        leftward = sosfiltfilt(high, imu.acc @ axes.rows[1] - 9.81 * roll)
-        ends = info["initial_contacts"][:, None] + np.arange(-1, 3) / axes.step_frequency
-        gained = np.diff(np.interp(ends, np.arange(len(leftward)) / 100, np.cumsum(leftward) / 100), axis=1)
-        away = (gained[:, 1] - 0.5 * (gained[:, 0] + gained[:, 2])) * np.where(
-            info["initial_contact_sides"] == 0, 1, -1
-        )
-        walked = info["initial_contacts"] < info["trial"][1]
-        assert np.mean(away[walked] > 0) > 0.85, walk.recording.name
-    there = {walk.recording.name for walk in walks}
-    assert {walk.recording.name for walk in walks if walk.info["feet_exchanged"]} == {"4-1", "4-2"} & there
-
-
 def test_contacts_alternate_and_last_as_long_as_swings_do(walks):
     """Within the trial. After its end the person stands, and takes single steps in 12 recordings (3-3, 12-3 …)."""
     for walk in walks:
@@ -303,23 +177,6 @@ def test_contacts_alternate_and_last_as_long_as_swings_do(walks):
         parts = info["straight_parts"]
         assert parts.shape == (2, 2) and np.all(np.diff(parts) > 5) and np.all(np.diff(parts) < 15)
         np.testing.assert_allclose((parts[1, 1], info["bouts"]["end"][0]), end)
-
-
-def test_the_events_of_a_recording_that_lost_a_packet_fit_its_signals(walks):
-    """Rates of the foot about each foot off, against their median before the loss, at the shift that fits best."""
-    if "8-4" not in [walk.recording.name for walk in walks]:
-        pytest.skip("8-4 is not there")
-    walk = next(walk for walk in walks if walk.recording.name == "8-4")
-    assert np.flatnonzero(~walk.recording.sensors["lower_back"].mask).tolist() == [1120]
-    shifts = []
-    for number, side in enumerate(("right", "left")):
-        gyr = walk.recording.sensors[f"foot_{side}"].gyr
-        off = np.rint(walk.info["final_contacts"][walk.info["final_contact_sides"] == number] * 100).astype(int)
-        about = gyr[off[:, None, None] + np.arange(-3, 4)[:, None] + np.arange(-15, 15)]
-        template = np.median(about[1:5, 3], axis=0)
-        later = about[5:-1][off[5:-1] > 1150]
-        shifts.extend(np.argmin(np.sum((later - template) ** 2, axis=(2, 3)), axis=1) - 3)
-    assert len(shifts) > 15 and abs(np.mean(shifts)) < 0.5
 
 
 def test_the_known_files_are_verified(walks):

@@ -1,14 +1,13 @@
 """Replayed motion capture: analytic motions come back, gaps are masked, and a real walk feels like its sensors."""
 
-import itertools
-
 import numpy as np
 import pytest
 
+from experiments.common import replay
+from experiments.common.replay import JointCentres, LegCentres, PelvisMarkers
 from jgait.geometry.vectors import GRAVITY
-from jgait.simulate import replay
-from jgait.simulate.replay import JointCentres, LegCentres, PelvisMarkers
-from jgait.types import SIDES
+from jgait.io.formats.c3d_axes import Capture
+from jgait.types import SIDES, RecordingError
 
 DEGREE = np.pi / 180.0
 THIGH, SHANK = 0.42, 0.40
@@ -126,27 +125,6 @@ def test_signals_are_those_of_the_motion_in_closed_form(walked):
     assert acc < 1e-3
 
 
-def test_the_error_falls_with_the_rate():
-    errors = []
-    for rate in (25.0, 50.0, 100.0):
-        points = centres(np.arange(int(6 * rate) + 1) / rate)
-        errors.append(worst(replay.replay(points, 100.0, cutoff_hz=rate / 5.0)[0]))
-    for coarse, fine in itertools.pairwise(errors):
-        # The cut-off doubles with the rate: 2⁶ = 64.
-        assert coarse[0] > 40.0 * fine[0]
-        assert coarse[1] > 40.0 * fine[1]
-
-
-def test_any_rate_can_be_had():
-    # As many samples as the other walks have, whose programs then serve.
-    recording, truth = replay.replay(centres(TIME[:181]), 1000.0 / 3.0, placements=["shank_left"])
-    assert len(truth.time) == 601
-    assert truth.time[1] - truth.time[0] == pytest.approx(0.003)
-    gyr, acc = worst(recording, 1.8)
-    assert gyr < 1e-4
-    assert acc < 1e-3
-
-
 def test_truth_is_the_angles_and_the_path(walked):
     _, truth = walked
     at = places(TIME)
@@ -162,38 +140,6 @@ def test_truth_is_the_angles_and_the_path(walked):
     np.testing.assert_allclose(heading[INNER], facing(TIME)[INNER], atol=3e-3)
     assert truth.distance[-1] == pytest.approx(6.6, rel=0.01)
     assert truth.valid.all()
-
-
-def test_turning_the_laboratory_changes_no_sensor(walked):
-    s, c = np.sin(2.0), np.cos(2.0)
-    turned = replay.replay(centres(TIME, lambda _, p: p @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1.0]])), 100.0)
-    for placement, imu in walked[0].sensors.items():
-        np.testing.assert_allclose(turned[0].sensors[placement].gyr, imu.gyr, atol=1e-8)
-        np.testing.assert_allclose(turned[0].sensors[placement].acc, imu.acc, atol=1e-7)
-
-
-def test_axes_stay_orthonormal_and_their_rates_have_the_norm_of_the_angular_rate(walked):
-    body = replay.body_motion(centres(TIME), TIME)
-    for segment, frame in body.motion.pose._asdict().items():
-        a = np.stack([np.stack(axis, axis=1) for axis in frame[1:]])
-        np.testing.assert_allclose(np.einsum("atk,btk->tab", a, a), np.tile(np.eye(3), (601, 1, 1)), atol=1e-12)
-        np.testing.assert_allclose(np.linalg.det(a.transpose(1, 0, 2)), 1.0, atol=1e-12)
-        rate = getattr(body.motion.rate, segment)
-        squared = sum(np.sum(np.stack(axis) ** 2, axis=0) for axis in rate[1:]) / 2.0
-        gyr = walked[0].sensors[segment].gyr
-        np.testing.assert_allclose(np.sqrt(squared), np.linalg.norm(gyr, axis=1), atol=1e-10)
-
-
-def test_standing_reads_gravity_along_the_leg_and_no_rate():
-    stand = {}
-    for side, y in (("right", -0.1), ("left", 0.1)):
-        rows = [(0, y, 0.9), (0, y, 0.48), (0, y, 0.08), (-0.05, y, 0.02), (0.15, y, 0.02)]
-        stand[side] = LegCentres(*(np.tile(np.asarray(row, float), (601, 1)) for row in rows))
-    recording, truth = replay.replay(JointCentres(TIME, **stand), 100.0)
-    for imu in recording.sensors.values():
-        np.testing.assert_allclose(imu.gyr, 0.0, atol=1e-9)
-        np.testing.assert_allclose(imu.acc, np.tile([0.0, 0.0, GRAVITY], (601, 1)), atol=1e-7)
-    np.testing.assert_allclose(truth.distance, 0.0, atol=1e-9)
 
 
 # --- what says where a body faces ---
@@ -227,72 +173,6 @@ def test_markers_tilt_the_pelvis():
     np.testing.assert_allclose(recording.sensors["pelvis"].gyr[INNER, 1], expected[INNER], atol=1e-3)
 
 
-def test_a_toe_turned_out_does_not_turn_the_shank():
-    yaw = 12.0 * DEGREE
-
-    def out(name, values):
-        if name not in ("heel_right", "toe_right"):
-            return values
-        foot = angles(TIME, "right")[2]
-        x, z = (-0.05, -0.06) if name == "heel_right" else (0.15, -0.06)
-        ankle = places(TIME)["ankle_right"]
-        return ankle + inside(TIME, foot, x * np.cos(yaw), -x * np.sin(yaw), z)
-
-    recording, _ = replay.replay(centres(TIME, out), 100.0, placements=["shank_right"])
-    true, _ = felt("shank_right", TIME)
-    # Pitching a foot that is turned out turns it about the shank a little.
-    error = np.sqrt(np.mean((recording.sensors["shank_right"].gyr[:, 1] - true[:, 1])[INNER] ** 2))
-    assert error < 0.02 * np.sqrt(np.mean(true[INNER, 1] ** 2))
-
-
-# --- noise ---
-
-
-def acceleration_noise(noise, rate, cutoff):
-    """σ_a of the second derivative: σ_a² = σ² / f_s ∫ (2πν)⁴ / (1 + (ν/f)⁶)² dν = σ² / f_s (2π)⁴ f⁵ π / 9."""
-    return noise * np.sqrt((2.0 * np.pi) ** 4 * cutoff**5 * np.pi / 9.0 / rate)
-
-
-def test_noise_of_the_second_derivative_is_as_predicted():
-    rng = np.random.default_rng(0)
-    time = np.arange(4000) / 100.0
-    for cutoff in (5.0, 10.0):
-        spline = replay.smooth(time, 1e-3 * rng.standard_normal((4000, 3)), cutoff_hz=cutoff)
-        measured = replay.evaluate(spline, time[200:-200]).acceleration.std()
-        # About 2 f T = 400 independent values a coordinate: 6σ of a standard deviation are 12 %.
-        assert measured == pytest.approx(acceleration_noise(1e-3, 100.0, cutoff), rel=0.12)
-
-
-def test_the_gain_is_half_at_the_cut_off():
-    time = np.arange(2000) / 100.0
-    wave = np.stack([np.sin(2 * np.pi * f * time) for f in (2.5, 5.0, 10.0)], axis=1)
-    inner = slice(400, -400)
-    smoothed = replay.evaluate(replay.smooth(time, wave, cutoff_hz=5.0), time).pose
-    gain = np.sum(smoothed[inner] * wave[inner], axis=0) / np.sum(wave[inner] ** 2, axis=0)
-    np.testing.assert_allclose(gain, 1.0 / (1.0 + np.array([0.5, 1.0, 2.0]) ** 6), atol=1e-3)
-
-
-def test_known_noise_chooses_the_cut_off_and_bounds_the_error():
-    rng = np.random.default_rng(1)
-    noisy = centres(TIME, lambda _, values: values + 1e-3 * rng.standard_normal(values.shape))
-    fixed, truth = replay.replay(noisy, 100.0)
-    chosen, tuned = replay.replay(noisy, 100.0, noise=1e-3)
-
-    def rms(recording):
-        return {p: np.sqrt(np.mean((imu.acc - felt(p, TIME)[1])[INNER] ** 2)) for p, imu in recording.sensors.items()}
-
-    predicted = acceleration_noise(1e-3, 100.0, 10.0)
-    for placement, error in rms(fixed).items():
-        # Sensors between two joints average their noise; the foot's axes, 0.2 m long, add g times their tilt.
-        assert 0.4 * predicted < error < 2.0 * predicted, placement
-    for placement, error in rms(chosen).items():
-        assert error < 0.8 * rms(fixed)[placement], placement
-        assert error < 0.6, placement
-    assert tuned.diagnostics["residual_knee_left"] == pytest.approx(1e-3, rel=0.01)
-    assert truth.diagnostics["cutoff_hz_knee_left"] == 10.0
-    assert 2.0 < tuned.diagnostics["cutoff_hz_knee_left"] < 10.0
-
-
 # --- gaps ---
 
 
@@ -324,28 +204,6 @@ def test_a_short_gap_is_bridged_and_a_long_one_masked(walked):
         away[250:410] = away[:60] = away[-90:] = False
         np.testing.assert_allclose(imu.gyr[away], walked[0].sensors[placement].gyr[away], atol=0.02)
         np.testing.assert_allclose(imu.acc[away], walked[0].sensors[placement].acc[away], atol=0.5)
-
-
-def test_longest_gap_that_is_bridged_can_be_chosen():
-    values = np.stack([np.sin(TIME)] * 3, axis=1)
-    values[200:230] = np.nan
-    for max_gap, expected in ((0.1, False), (0.31, True)):
-        spline = replay.smooth(TIME, values, max_gap=max_gap)
-        assert replay.covered(spline, TIME[215:216])[0] == expected
-        assert replay.covered(spline, TIME[[199, 230]]).all()
-    np.testing.assert_allclose(replay.evaluate(spline, TIME).pose[:, 0], np.sin(TIME), atol=1e-4)
-
-
-# --- sensors ---
-
-
-def test_places():
-    points = centres(TIME)
-    body = replay.body_motion(points, TIME)
-    np.testing.assert_allclose(replay.mount(body, "pelvis"), [-0.1, 0.0, 0.0])
-    np.testing.assert_allclose(replay.mount(body, "thigh_left"), [0.0, 0.0, -0.5 * THIGH], atol=1e-4)
-    np.testing.assert_allclose(replay.mount(body, "ankle_left"), [0.0, 0.0, -0.9 * SHANK], atol=1e-4)
-    np.testing.assert_allclose(replay.mount(body, "foot_left"), [0.05, 0.0, -0.01], atol=1e-4)
 
 
 # --- what cannot be used is refused ---
@@ -385,6 +243,23 @@ def test_times_outside_and_walks_without_joints_are_refused(data):
         replay.from_walk(data("neura_sparse")[0]._replace(info={}))
 
 
+def test_joint_centres_are_markers_or_their_means():
+    at, apart = places(TIME), np.array([0.0, 0.05, 0.0])
+    markers = {"RHJC": at["hip_right"], "KNEE_OUT": at["knee_right"] - apart, "KNEE_IN": at["knee_right"] + apart}
+    markers |= {"RANK": at["ankle_right"] - apart, "RMED": at["ankle_right"] + apart}
+    capture = Capture(TIME, 100.0, markers, "+z", {}, TIME, 0.0, {}, {}, (), {}, "walk", "ann", ())
+    with pytest.raises(RecordingError, match="has no leg: expected markers RHJC or RFEP, .*it has RHJC, KNEE_OUT"):
+        replay.joint_centres(capture)
+    found = replay.joint_centres(capture, {"knee_right": ("KNEE_OUT", "KNEE_IN")})
+    for joint in ("hip", "knee", "ankle"):
+        np.testing.assert_allclose(getattr(found.right, joint), at[f"{joint}_right"], atol=1e-12)
+    assert found.left is None and found.right.heel is None and found.pelvis is None
+    with pytest.raises(RecordingError, match=r"has no marker nobody .named for hip_right."):
+        replay.joint_centres(capture, {"hip_right": "nobody"})
+    with pytest.raises(RecordingError, match="which axis points up is not known"):
+        replay.joint_centres(capture._replace(up=None))
+
+
 # --- a real walk ---
 
 
@@ -416,34 +291,6 @@ def test_sagittal_rates_are_those_of_the_worn_gyroscopes(real, part, least):
         axis, *_ = np.linalg.lstsq(worn, ideal[:, 1], rcond=None)
         assert np.corrcoef(ideal[:, 1], worn @ axis)[0, 1] > least
         assert np.linalg.norm(axis) == pytest.approx(1.0, abs=0.12)
-
-
-@pytest.mark.parametrize("part", ["shank", "ankle", "foot"])
-def test_rates_have_the_size_of_the_worn_ones(real, part):
-    for side in SIDES:
-        ideal, worn, _, _ = pairs(real, f"{part}_{side}", "whole")
-        ideal, worn = (np.linalg.norm(gyr, axis=1) for gyr in (ideal, worn))
-        assert np.corrcoef(ideal, worn)[0, 1] > 0.94
-        assert ideal.mean() == pytest.approx(worn.mean(), rel=0.15)
-
-
-@pytest.mark.parametrize("part, least", [("shank", 0.5), ("ankle", 0.8), ("foot", 0.6)])
-def test_accelerations_have_the_size_of_the_worn_ones(real, part, least):
-    for side in SIDES:
-        _, _, ideal, worn = pairs(real, f"{part}_{side}", "whole")
-        ideal, worn = (np.linalg.norm(acc, axis=1) for acc in (ideal, worn))
-        assert np.corrcoef(ideal, worn)[0, 1] > least
-        # Impacts are faster than the markers' low-pass, so the replayed ones are the weaker.
-        assert 0.6 < ideal.std() / worn.std() < 1.0
-        assert ideal.mean() == pytest.approx(worn.mean(), rel=0.1)
-
-
-def test_standing_still_reads_gravity(real):
-    walk, recording, _ = real
-    stand = slice(*walk.info["windows"]["standing"])
-    for imu in recording.sensors.values():
-        assert np.linalg.norm(imu.acc[stand], axis=1).mean() == pytest.approx(GRAVITY, abs=0.02)
-        assert np.abs(imu.gyr[stand]).mean() < 0.05
 
 
 def test_truth_is_the_reference_of_the_data_set(real):

@@ -22,13 +22,15 @@ from pathlib import Path
 import numpy as np
 
 from jgait.datasets import registry
-from jgait.datasets.reading import SIDE_UNKNOWN, UNITS_CONVERTED, foot_imu
+from jgait.datasets.reading import SIDE_UNKNOWN, foot_imu
 from jgait.geometry.vectors import GRAVITY
 from jgait.io.formats import xio
 from jgait.notes import ORIGIN, Kind
 from jgait.types import Recording, RecordingError, Walk
 
 CLOSED = {"short_walk": 0.082, "long_walk": 0.421}  # publisher's closure [m]
+
+UNITS_CONVERTED = Kind("units_converted", "info", "g and deg/s upstream", ORIGIN)
 
 TIME_STEPS = Kind("time_steps", "info", "time steps {least_ms:.1f} to {most_ms:.1f} ms", ORIGIN)
 

@@ -3,11 +3,10 @@
 import numpy as np
 import pandas as pd
 import pytest
-from made.notes import texts
 from made.sets import loaded, refused
 
+from experiments.common.sets import tripod
 from jgait import datasets
-from jgait.datasets import tripod
 
 RATE = 128.0
 SECONDS, START, PERIOD = 150.0, 6.0, 1.2
@@ -112,15 +111,6 @@ def test_zebris_and_the_belt(folder):
     assert np.all(reference.distance[: start + 1] == 0) and np.all(np.diff(reference.distance)[steady[1] :] == 0)
 
 
-def test_the_person_when_upstream_states_it(folder, root):
-    (root / "MetaInfo.csv").write_text(
-        "Subject Alias;Leg length (cm);PWS (km/h);PWS+20 (km/h);PWS-20 (km/h)\nAB;82,5;4,5;5,4;3,6\nCD;90;4;5;3\n"
-    )
-    walk = load()
-    assert walk.info["leg_length"] == pytest.approx(0.825)
-    assert walk.info["speed"] == pytest.approx(1.0)
-
-
 def test_optogaits_strides_and_clock(folder):
     walk = load()
     for side in ("right", "left"):
@@ -133,36 +123,6 @@ def test_optogaits_strides_and_clock(folder):
         kept = of["kept"]
         np.testing.assert_allclose(of["stride_length"][kept], 1.3)
         assert 85 <= kept.sum() <= 91 and not kept[:8].any() and not kept[-1]
-
-
-def test_missing_files_are_reported(folder):
-    (folder / "OptoGait" / "optogait.csv").unlink()
-    (folder / "Zebris" / "gait_report" / "parameters.csv").unlink()
-    (folder / "IMU" / "SA.csv").unlink()
-    walk = load()
-    assert texts(walk.recording.notes) == [
-        "no file for pelvis", "no parameters.csv", "no optogait.csv", "no MetaInfo.csv"
-    ]  # fmt: skip
-    assert walk.reference is None
-    assert walk.info["no_reference"] == "neither MetaInfo.csv nor Zebris states the belt's speed"
-    assert walk.info["optogait"] == {} and walk.info["zebris"] == {}
-    (folder / "Zebris" / "gait_report" / "parameters.csv").write_text("type,Velocity, km/h\nparameter values,3.6\n")
-    for code in ("LS", "RS"):
-        (folder / "IMU" / f"{code}.csv").unlink()
-    walk = load()
-    assert walk.info["windows"] == {}
-    assert walk.info["no_reference"] == "no shank sensor shows when the walk begins"
-
-
-def test_lost_samples_and_sensors_that_start_apart(folder):
-    table = sensor("LF", first=4)
-    write_sensor(folder, "LF", np.delete(table, [100, 101], axis=0))
-    walk = load()
-    foot, shank = walk.recording.sensors["foot_left"], walk.recording.sensors["shank_right"]
-    assert len(foot.time) == len(shank.time) == round(SECONDS * RATE) - 3
-    assert np.flatnonzero(~foot.mask).tolist() == [100, 101]
-    assert f"foot_left: 2 of {len(foot.mask)} samples are masked" in texts(walk.recording.notes)
-    assert np.argmax(shank.gyr[:1100, 2]) == pytest.approx(swings("right")[0] * RATE - 3, abs=1)
 
 
 def test_bad_files_are_named_and_the_others_are_not_lost(folder, root):
@@ -198,26 +158,3 @@ def test_the_known_person_walks_at_the_published_speeds(walks):
         if walk.recording.name in published:
             assert walk.info["verified"] is True
             assert walk.info["speed"] * 3.6 == pytest.approx(published[walk.recording.name], abs=0.03)
-
-
-def test_steady_is_steady_and_the_axes_are_as_stated(walks):
-    for walk in walks:
-        first, last = walk.info["windows"]["steady"]
-        for side, sign in (("right", 1), ("left", -1)):
-            rate = sign * walk.recording.sensors[f"shank_{side}"].gyr[first:last, 2]
-            assert rate.max() > -rate.min(), "the shank swings forward faster than back"
-            middles = tripod._swings(walk.recording.sensors[f"shank_{side}"].gyr[:, 2], side) * RATE
-            time = np.diff(middles[(middles >= first) & (middles < last)]) / RATE
-            assert np.abs(time / np.median(time) - 1).max() < 0.12
-            of = walk.info["optogait"][side]
-            began = of["time"][of["kept"]]
-            after = began - np.array([middles[middles / RATE < instant][-1] / RATE for instant in began])
-            assert after.min() > 0.02 and after.max() < 0.45, "each contact follows its swing"
-
-
-def test_units_by_gravity(walks):
-    for walk in walks:
-        standing = slice(0, 128)
-        for imu in walk.recording.sensors.values():
-            assert np.linalg.norm(imu.acc[standing].mean(axis=0)) == pytest.approx(9.81, rel=0.02)
-            assert imu.mask.all()
