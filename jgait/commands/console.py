@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterable
 from datetime import timedelta
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import typer
 from rich.console import Console
@@ -15,6 +15,9 @@ from rich.table import Table
 from rich.text import Text
 
 from jgait.notes import by_reason, printable
+
+if TYPE_CHECKING:
+    from jgait.report import Report
 
 console = Console()
 errors = Console(stderr=True)
@@ -119,3 +122,14 @@ def table_of(*headings: str, left: int = 1, title: str | None = None) -> Table:
     for number, heading in enumerate(headings):
         table.add_column(escape(heading), justify="left" if number < left else "right")
     return table
+
+
+def page_tables(page: "Report", *headings: str) -> None:
+    """Print the tables of these sections of a page."""
+    for section in page.content.sections:
+        for part in section.parts if section.heading in headings else ():
+            if isinstance(part, tuple) and hasattr(part, "columns"):
+                table = table_of(*part.columns, title=section.heading)
+                for row in part.rows:
+                    table.add_row(*(visible(cell.text) for cell in row))
+                console.print(table)

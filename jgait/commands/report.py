@@ -12,11 +12,10 @@ from jaxtyping import PyTree
 from jgait import datasets
 from jgait import report as reports
 from jgait.commands import cohort as cohorts
+from jgait.commands import options as own
 from jgait.commands import recordings
 from jgait.commands.console import console, count, note, stop, wrote
 from jgait.commands.folder import keep_inputs, unfinished
-from jgait.commands.own_options import stated, with_own_options
-from jgait.commands.person import PersonFile, person_in, person_of
 from jgait.commands.pipeline import Choice, chosen, measures_of
 from jgait.estimators.combined import MEASURES, analyse
 from jgait.notes import grouped
@@ -28,11 +27,12 @@ from jgait.types import Walk, reason_of
 ENDINGS = (".html", ".htm")
 """Endings of the name of a page."""
 
+EPILOG = own.epilog()
+
 COHORTS_BY = "leg_ekf"
 """The estimator of a cohort if none is named."""
 
 
-@with_own_options
 def report(
     context: typer.Context,
     what: Annotated[
@@ -50,7 +50,11 @@ def report(
     estimator: cohorts.OneEstimator = None,
     paper: cohorts.Paper = False,
     params: cohorts.Params = None,
-    person: PersonFile = None,
+    person: own.PersonFile = None,
+    height: own.Height = None,
+    thigh: own.Thigh = None,
+    shank: own.Shank = None,
+    option: own.Options = None,
     rate: recordings.Rate = None,
     gyr_unit: recordings.GyrUnit = None,
     acc_unit: recordings.AccUnit = None,
@@ -62,7 +66,6 @@ def report(
     out: Annotated[Path, typer.Option(help="The page.")] = Path("report.html"),
     show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
-    **own: Any,
 ) -> None:
     """One self-contained HTML page about a recording or a cohort: summary, warnings in plain words, figures, tables.
 
@@ -80,7 +83,7 @@ def report(
     placement, placements = recordings.places_of(place)
     files = {"rate": rate, "gyr_unit": gyr_unit, "acc_unit": acc_unit, "range_unit": range_unit, "format": format,
              "placement": placement, "placements": placements, "trial": trial}  # fmt: skip
-    command = command_of(context.obj)
+    command, given = command_of(context.obj), own.given(option, height, thigh, shank)
     failures: list[tuple[str, str]] = []
     if recording is not None and dataset is None:
         stop("--recording names a recording of a --dataset; there is none")
@@ -90,15 +93,15 @@ def report(
         walk = _walk(what, dataset, recording, files)
         data = str(what or f"{dataset}: {recording}")
         if estimator is None and not paper and params is None:
-            page = _of_all(walk, data, person_of(person, own), command)
+            page = of_all(walk, data, own.person_of(person, given), command)
         else:
-            choice = chosen(estimator or COHORTS_BY, paper, params, own)
-            page = _of_one(walk, data, choice, person_in(person), command)
+            choice = chosen(estimator or COHORTS_BY, paper, params, given)
+            page = _of_one(walk, data, choice, own.person_in(person), command)
     else:
         if person is not None:
             stop("--person is of one recording; for a cohort put columns into its table")
-        if given := stated(own):
-            stop(f"{given[0][0].option.name} is of one recording; for a cohort put a column into its table")
+        for name in given:
+            stop(f"{own.named(name)} is of one recording; for a cohort put a column into its table")
         page, failures = _of_cohort(
             what, dataset, simulated, seed, estimator or COHORTS_BY, paper, params, files, command, (out, json_file)
         )
@@ -156,7 +159,7 @@ def _of_one(walk: Walk, data: str, choice: Choice, person: dict[str, PyTree], co
     return reports.of_estimate(result, walk.recording, reference=walk.reference, made=made)
 
 
-def _of_all(walk: Walk, data: str, person: dict[str, PyTree], command: str) -> Report:
+def of_all(walk: Walk, data: str, person: dict[str, PyTree], command: str) -> Report:
     """The page of one recording by all its sensors; exits with code 2 if it cannot be used."""
     known = cohorts.body(walk, tuple({name for names in MEASURES.values() for name in names}))
     try:

@@ -1,88 +1,158 @@
-"""The tables, figures and numbers that `jgait estimate` writes, as the estimator's `about` defines them."""
+"""What `jgait estimate` writes and prints of each recording, by one estimator or by all that the sensors allow."""
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
 from jaxtyping import PyTree
+from rich.table import Table
 
 from jgait import io, plot
-from jgait.estimators.about import About, EstimateFigure, EstimateTable
-from jgait.estimators.stride_flags import marks, regular
+from jgait.commands.console import table_of
+from jgait.commands.pipeline import Choice
+from jgait.estimators.about import About, EstimatedRecording, EstimateFigure
+from jgait.estimators.combined import Analysis, analyse
+from jgait.estimators.notes import without_repeats
+from jgait.estimators.stride_flags import STRIDE_FLAGS, regular
+from jgait.estimators.totals import CAPTION, FOOT_PATH, JOINT_ANGLES, LEG_STRIDES, WAY, has_legs, has_strides, totals
+from jgait.io.strides import special
 from jgait.notes import Note
-from jgait.types import Estimate
+from jgait.report.analysis import QUANTITIES
+from jgait.report.flags import of_result
+from jgait.report.page import Flag
+from jgait.types import Estimate, Recording
 
 if TYPE_CHECKING:
     import pandas as pd
 
-
-def planned(about: About, name: str, ending: str = "csv") -> list[str]:
-    """The names of the files of `tables` and `drawn`, if all are written."""
-    return [f"{name}_{table.name}.{ending}" for table in about.tables] + [
-        f"{name}_{figure.file}.png" for figure in about.figures
-    ]
-
-
-def tables(estimate: Estimate, about: About) -> "dict[str, pd.DataFrame]":
-    """The tables of one recording that are written, by the end of their names."""
-    return {table.name: rows_of(table, estimate, about) for table in about.tables if table.when(estimate)}
+TABLES = ("strides", "summary", "bouts", "contacts", "sources", "samples")
+FIGURES = (
+    LEG_STRIDES, JOINT_ANGLES._replace(when=has_legs), FOOT_PATH._replace(when=has_legs),
+    WAY._replace(when=lambda estimate: estimate.distance is not None and has_strides(estimate)),
+)  # fmt: skip
+"""Tables and figures of all sensors together."""
 
 
-def drawn(made: PyTree, out: Path, name: str, figures: Sequence[EstimateFigure]) -> list[Path]:
-    """Draw the figures that there are into a folder; returns their paths."""
-    files = []
-    for figure in figures:
-        if figure.when(made.estimate):
-            arguments, words = figure.arguments(made)
-            whole = getattr(plot, figure.plot)(*arguments, title=name, **words)
-            files.append(plot.save(whole, out / f"{name}_{figure.file}.png"))
-    return files
+class Results(NamedTuple):
+    """The results of one recording."""
+
+    made: PyTree  #: an `Analysis` or an `EstimatedRecording`, from which figures are drawn.
+    notes: tuple[Note, ...]
+    tables: "Mapping[str, pd.DataFrame]"  #: table that is written, by the end of its name.
+    rows: list[list[str]]  #: of the printed table, without the recording.
+    numbers: Mapping[str, PyTree]  #: for the JSON file.
+
+    def flags(self) -> list[Flag]:
+        """What a reader should know before using the numbers, as on a page."""
+        return of_result(self.made.estimate, self.notes)
+
+    def drawn(self, out: Path, name: str, figures: tuple[EstimateFigure, ...]) -> list[Path]:
+        """Draw the figures that there are into a folder; returns their paths."""
+        files = []
+        for figure in figures:
+            if figure.when(self.made.estimate):
+                arguments, words = figure.arguments(self.made)
+                whole = getattr(plot, figure.plot)(*arguments, title=name, **words)
+                files.append(plot.save(whole, out / f"{name}_{figure.file}.png"))
+        return files
 
 
-def rows_of(table: EstimateTable, estimate: Estimate, about: About) -> "pd.DataFrame":
-    """The rows of one of the estimator's tables."""
+class EstimateJob(NamedTuple):
+    """The work on one recording after another."""
+
+    name: str  #: name of the estimator, or "all".
+    table: Table  #: table that is printed, without rows.
+    caption: str  #: text below the table.
+    tables: tuple[str, ...]  #: ends of the names of tables that may be written.
+    joined: tuple[str, ...]  #: tables of which there is one of all recordings; those of samples are left out.
+    figures: tuple[EstimateFigure, ...]
+    compute: Callable[[Recording, Mapping[str, PyTree]], Results]  #: (recording, measures of its person) → results.
+
+    def planned(self, name: str, ending: str) -> list[str]:
+        """The names of the files of a recording that may be written, by their first part."""
+        return [f"{name}_{one}.{ending}" for one in self.tables] + [f"{name}_{one.file}.png" for one in self.figures]
+
+
+def one_estimator(choice: Choice, person: Mapping[str, PyTree], title: str) -> EstimateJob:
+    """The estimator that the options select."""
+    about = choice.estimator.about
+
+    def compute(recording: Recording, known: Mapping[str, PyTree]) -> Results:
+        p, lacking = choice.personal({**known, **person})
+        estimate = choice.estimate(p, recording)
+        notes = (*without_repeats((*recording.notes, *estimate.diagnostics["notes"])), *lacking)
+        return of_estimate(EstimatedRecording(recording, estimate, p, choice.settings), about, notes)
+
+    table = table_of("recording", "quantity", "value", left=3, title=title)
+    caption = "; ".join(filter(None, (about.caption.format(**choice.settings), CAPTION)))
+    joined = tuple(table.name for table in about.tables if table.rows != "samples")
+    names = tuple(table.name for table in about.tables)
+    return EstimateJob(choice.estimator.name, table, caption, names, joined, about.figures, compute)
+
+
+def all_sensors(person: Mapping[str, PyTree]) -> EstimateJob:
+    """Every estimator that has its sensors."""
+    table = table_of("recording", "quantity", "combined", "each alone", left=4, title="all sensors together")
+    return EstimateJob(
+        "all", table, CAPTION, TABLES, TABLES[:-1], FIGURES,
+        lambda recording, known: of_analysis(analyse(recording, {**known, **person})),
+    )  # fmt: skip
+
+
+def of_estimate(made: EstimatedRecording, about: About, notes: tuple[Note, ...]) -> Results:
+    """The results of one estimator, whose `about` states the tables and numbers."""
+    estimate = made.estimate
+    tables = {one.name: _rows(one.rows, estimate, about) for one in about.tables if one.when(estimate)}
+    words = [[one.words, one.text] for one in totals(estimate, about.flags)]
+    listed = {one.json: _records(tables[one.name]) for one in about.tables if one.json and one.name in tables}
+    distance = {"distance_m": None if estimate.distance is None else float(estimate.distance[-1])}
+    numbers = {**_numbers(estimate, notes), **distance, **about.numbers(estimate), **listed}
+    return Results(made, notes, tables, [*words, *map(list, about.facts(estimate))], numbers)
+
+
+def _rows(rows: Any, estimate: Estimate, about: About) -> "pd.DataFrame":
+    """One of an estimator's tables, see `EstimateTable.rows`."""
     import pandas as pd
 
-    if table.rows == "samples":
+    if rows == "samples":
         return io.to_dataframe(estimate)
-    if table.rows == "strides":
+    if rows == "strides":
         strides = io.strides_to_dataframe(estimate)
-        words = ["; ".join(words) for words in special(estimate, about)]
-        return strides.assign(special=words, regular=regular(estimate, about.flags))
-    return pd.DataFrame(table.rows(estimate))
+        return strides.assign(special=special(estimate, about.flags), regular=regular(estimate, about.flags))
+    return pd.DataFrame(rows(estimate))
 
 
-def special(estimate: Estimate, about: About) -> list[list[str]]:
-    """The flags of each stride in words, in the order of the table of strides."""
-    flagged = marks(estimate, about.flags)
-    words = {flag.name: flag.word for flag in about.flags}
-    rows = range(len(io.strides_to_dataframe(estimate)))
-    return [[words[name] for name, values in flagged.items() if values[row]] for row in rows]
+def of_analysis(made: Analysis) -> Results:
+    """The results of all sensors: a row for each quantity, combined with its standard deviation, and of each source."""
+    alone: dict[str, list[str]] = {}
+    for one in made.comparisons:
+        if one.source != "combined":
+            alone.setdefault(one.quantity, []).append(f"{one.source} {one.value:.{QUANTITIES[one.quantity][2]}f}")
+    seen = None if made.strides is None else np.array(made.strides.first) == "feet"
+    rows = [
+        [one.words, one.text, ", ".join(alone.get(one.quantity, ()))]
+        for one in totals(made.estimate, STRIDE_FLAGS, seen)
+    ]
+    distance = next((c for c in made.comparisons if (c.source, c.quantity) == ("combined", "distance")), None)
+    tables = io.analysis_to_dataframes(made)
+    numbers = {
+        **_numbers(made.estimate, made.notes),
+        "distance_m": distance and distance.value, "distance_std_m": distance and distance.stddev,
+        "person": made.person,
+        **{name: _records(rows) for name, rows in tables.items() if name != "samples" and len(rows)},
+    }  # fmt: skip
+    kept = {name: table for name, table in tables.items() if len(table) or name == "summary"}  # many are joined
+    return Results(made, made.notes, kept, rows, numbers)
 
 
-def numbers(estimate: Estimate, about: About, files: list[Path]) -> dict[str, Any]:
-    """The JSON numbers of one recording."""
-    tables = {}
-    for table in (table for table in about.tables if table.json):
-        rows = rows_of(table, estimate, about)
-        tables[table.json] = records(
-            rows.assign(special=special(estimate, about)) if table.rows == "strides" else rows
-        )  # fmt: skip
-    distance = {"distance_m": None if estimate.distance is None else float(estimate.distance[-1])}
-    return {**of_any(estimate, estimate.diagnostics["notes"], files), **distance, **about.numbers(estimate), **tables}
+def _numbers(estimate: Estimate, notes: tuple[Note, ...]) -> dict[str, Any]:
+    duration = float(estimate.time[-1] - estimate.time[0])
+    return {"duration_s": duration, "notes": [note.to_dict() for note in notes]}
 
 
-def of_any(estimate: Estimate, notes: Iterable[Note], files: list[Path]) -> dict[str, Any]:
-    """The JSON numbers that every result has."""
-    return {
-        "duration_s": float(estimate.time[-1] - estimate.time[0]),
-        "notes": [note.to_dict() for note in notes],
-        "files": [str(path) for path in files],
-    }
-
-
-def records(table: "pd.DataFrame") -> list[dict[str, Any]]:
+def _records(table: "pd.DataFrame") -> list[dict[str, Any]]:
     """The rows of a table as JSON values."""
     rows: list[dict[str, Any]] = json.loads(table.to_json(orient="records", double_precision=6))
     return rows

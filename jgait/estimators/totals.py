@@ -29,7 +29,7 @@ LEVELS: dict[str, bool | str] = {"auto": "auto", "yes": True, "no": False}
 def level_of(text: str) -> bool | str:
     """`FootOptions.level` for a word of the command line. Raises ValueError if the word is not in `LEVELS`."""
     if text not in LEVELS:
-        raise ValueError(f"--level is {', '.join(LEVELS)}; got {text!r}")
+        raise ValueError(f"--option level is {', '.join(LEVELS)}; got {text!r}")
     return LEVELS[text]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from jgait.estimators.stride_flags import SIDE_UNKNOWN, STRIDE_FLAGS, marks
 from jgait.estimators.totals import angles_usable
-from jgait.io.strides import bout_numbers, strides_to_dataframe
+from jgait.io.strides import bout_numbers, special, strides_to_dataframe
 from jgait.io.summary import SUMMARY, summary
 from jgait.io.write import to_dataframe
 from jgait.types import SIDES, Estimate, as_float
@@ -102,10 +102,7 @@ def _strides(analysis: "Analysis", joined: "JoinedStrides") -> "pd.DataFrame":
     table["wb_id"] = bout_numbers(table["start_s"].to_numpy(), table["end_s"].to_numpy())
     table["source"] = list(joined.first)
     table["combined"] = ["+".join(name for name, used in joined.used.items() if used[i]) for i in range(len(table))]
-    words = {flag.name: flag.word for flag in STRIDE_FLAGS}
-    flagged = {words[name]: values for name, values in marks(estimate, STRIDE_FLAGS).items()}
-    flagged["sources contradict"] = joined.contradicts
-    table["special"] = ["; ".join(w for w, values in flagged.items() if values[i]) for i in range(len(table))]
+    table["special"] = special(estimate, STRIDE_FLAGS, **{"sources contradict": joined.contradicts})
     table["regular"] = regular(joined)
     return table
 
