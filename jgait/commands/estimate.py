@@ -162,8 +162,8 @@ def _job(
 ) -> EstimateJob:
     """The work that the options ask for; exits with code 2 for options that do not go together."""
     if estimator is None:
-        for option, given in (("--params", params is not None), ("--paper", paper)):
-            if given:
+        for option, asked in (("--params", params is not None), ("--paper", paper)):
+            if asked:
                 stop(f"{option} is of one estimator; give --estimator as well")
         return results.all_sensors(own.person_of(person, given))
     title = f"{estimator}, the paper's pipeline" if paper else estimator
