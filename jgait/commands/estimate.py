@@ -16,7 +16,6 @@ from jgait.commands import options as own
 from jgait.commands import recordings, results
 from jgait.commands.console import Bar, console, errors, note, progress, say_failures, stop, visible, write_json, wrote
 from jgait.commands.folder import ResultsFolder, results_folder
-from jgait.commands.pipeline import chosen
 from jgait.commands.recordings import Item
 from jgait.commands.results import EstimateJob
 from jgait.estimators import programs
@@ -40,10 +39,8 @@ STYLES = {"stop": "bold red", "check": "yellow"}
 class Outcome(NamedTuple):
     """What became of a recording."""
 
-    recording: str  #: its name in tables of several, the same as in those of `jgait evaluate` if a table lists it.
+    item: Item
     subject: str
-    key: str = ""  #: its file, with its trial if the file has several.
-    label: str = ""  #: the same in printed lines.
     reason: str = ""  #: why it could not be used; empty if it could.
     flags: Sequence[Flag] = ()
     tables: "Mapping[str, pd.DataFrame]" = MappingProxyType({})  #: its tables of which there is one of all recordings.
@@ -58,7 +55,7 @@ class Outcome(NamedTuple):
         doubts = self.doubts()
         result = "failed" if self.reason else GRADES[doubts[0].grade].lower() if doubts else "good"
         lines = (line for flag in doubts for line in flag.text.splitlines())
-        return self.recording, self.subject, self.key, result, self.reason or "; ".join(lines)
+        return self.item.recording, self.subject, self.item.key, result, self.reason or "; ".join(lines)
 
 
 def estimate(
@@ -105,7 +102,10 @@ def estimate(
     """
     if table_format not in ENDINGS:
         stop(f"--table-format is {', '.join(ENDINGS)}; got '{table_format}'")
-    job = _job(estimator, paper, params, person, own.given(option, height, thigh, shank))
+    for name, asked in (("--params", params is not None), ("--paper", paper)):
+        if asked and estimator is None:
+            stop(f"{name} is of one estimator; give --estimator as well")
+    job = results.job_of(estimator, paper, params, person, own.given(option, height, thigh, shank))
     placement, placements = recordings.places_of(place)
     tables = {
         file: cohorts.source(file, None, None, 0, gyr_unit, acc_unit, ())
@@ -136,7 +136,7 @@ def estimate(
     inputs = [*files, params, person, *(file for table in tables.values() for file in table.files)]
     unread = [failure for table in tables.values() for failure in table.failures]
     say_failures(unread)
-    made = [Outcome(row, "", row, row, reason) for row, reason in unread]
+    made = [Outcome(Item(Path(row), row), "", reason) for row, reason in unread]
     with results_folder(out, "estimate", None, planned=planned, inputs=inputs, json_file=json_file) as folder:
         made += [_one(item, read, job, folder, table_format) for item in items]
         if several:
@@ -148,26 +148,13 @@ def estimate(
         console.print(job.caption, style="dim")
     for one in made:
         if doubtful := one.doubts():
-            _say_doubts(one.label, doubtful)
-    failures = {one.key: one.reason for one in made if one.reason}
-    numbers = {one.key: one.numbers for one in made if not one.reason}
+            _say_doubts(one.item.label, doubtful)
+    failures = {one.item.key: one.reason for one in made if one.reason}
+    numbers = {one.item.key: one.numbers for one in made if not one.reason}
     write_json(json_file, {"estimator": job.name, "recordings": numbers, "failures": failures})
     if failures:
         errors.print(f"{of_recordings(len(failures), len(made))} could not be used", highlight=False)
         raise typer.Exit(1 if numbers else 2)
-
-
-def _job(
-    estimator: str | None, paper: bool, params: Path | None, person: Path | None, given: dict[str, str]
-) -> EstimateJob:
-    """The work that the options ask for; exits with code 2 for options that do not go together."""
-    if estimator is None:
-        for option, asked in (("--params", params is not None), ("--paper", paper)):
-            if asked:
-                stop(f"{option} is of one estimator; give --estimator as well")
-        return results.all_sensors(own.person_of(person, given))
-    title = f"{estimator}, the paper's pipeline" if paper else estimator
-    return results.one_estimator(chosen(estimator, paper, params, given), own.person_in(person), title)
 
 
 def _items(
@@ -234,12 +221,12 @@ def _one(
     except Exception as error:  # whatever a damaged file leads to must not stop the others
         reason = reason_of(error)
         errors.print(f"[bold red]{visible(item.key)}:[/] {visible(reason)}", highlight=False, soft_wrap=True)
-        return Outcome(item.recording, subject, item.key, item.label, reason)
+        return Outcome(item, subject, reason)
     files = [io.write_table(rows, folder.stage / f"{item.name}_{name}.{ending}") for name, rows in made.tables.items()]
     written = folder.publish(files + made.drawn(folder.stage, item.name, job.figures))
     for line in grouped(one for one in made.notes if one.severity not in DOUBTS):
         note(f"{item.label}: {str(line).removeprefix(f'{item.file.name}: ')}")
-    result = Outcome(item.recording, subject, item.key, item.label, "", flags,
+    result = Outcome(item, subject, "", flags,
                   {name: rows for name, rows in made.tables.items() if name in job.joined})  # fmt: skip
     for number, row in enumerate([*_doubt_row(result.doubts()), *made.rows]):
         job.table.add_row("" if number else visible(item.name), *row)
@@ -255,7 +242,7 @@ def _together(made: Sequence[Outcome], names: Iterable[str]) -> dict[str, "pd.Da
     columns = ["recording", "subject", "file", "result", "reason"]
     tables = {"recordings": pd.DataFrame([one.row() for one in made], columns=columns)}
     for name in names:
-        parts = {(one.recording, one.subject): one.tables[name] for one in made if len(one.tables.get(name, ()))}
+        parts = {(one.item.recording, one.subject): one.tables[name] for one in made if len(one.tables.get(name, ()))}
         if parts:
             whole = pd.concat(parts, names=["recording", "subject"])
             tables[name] = whole.reset_index(level=[0, 1]).reset_index(drop=True)

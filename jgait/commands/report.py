@@ -7,19 +7,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from jaxtyping import PyTree
 
 from jgait import datasets
 from jgait import report as reports
 from jgait.commands import cohort as cohorts
 from jgait.commands import options as own
-from jgait.commands import recordings
+from jgait.commands import recordings, results
 from jgait.commands.console import console, count, note, stop, wrote
 from jgait.commands.folder import keep_inputs, unfinished
-from jgait.commands.pipeline import Choice, chosen, measures_of
-from jgait.estimators.combined import MEASURES, analyse
+from jgait.estimators.combined import MEASURES, Analysis
 from jgait.notes import grouped
-from jgait.params import check_params
 from jgait.report import Report
 from jgait.report import folder as folders
 from jgait.types import Walk, reason_of
@@ -91,12 +88,9 @@ def report(
         page, failures = _of_folder(what, command)
     elif recording is not None or (what is not None and not (dataset or simulated) and not cohorts.is_cohort(what)):
         walk = _walk(what, dataset, recording, files)
-        data = str(what or f"{dataset}: {recording}")
-        if estimator is None and not paper and params is None:
-            page = of_all(walk, data, own.person_of(person, given), command)
-        else:
-            choice = chosen(estimator or COHORTS_BY, paper, params, given)
-            page = _of_one(walk, data, choice, own.person_in(person), command)
+        alone = estimator or (COHORTS_BY if paper or params else None)
+        job = results.job_of(alone, paper, params, person, given)
+        page = of_walk(walk, job, str(what or f"{dataset}: {recording}"), command)
     else:
         if person is not None:
             stop("--person is of one recording; for a cohort put columns into its table")
@@ -141,35 +135,20 @@ def _walk(file: Path | None, dataset: str | None, name: str | None, files: dict[
         stop(f"{file or dataset}: {reason_of(error)}")
 
 
-def _of_one(walk: Walk, data: str, choice: Choice, person: dict[str, PyTree], command: str) -> Report:
-    """The page of one recording by one estimator; exits with code 2 if it cannot be used."""
-    estimator = choice.estimator
-    p, missing = choice.personal({**cohorts.body(walk, measures_of(estimator)), **person})
-    for line in missing:
-        note(line)
-    try:
-        check_params(p, estimator.transforms)
-        result = choice.estimate(p, walk.recording)
-    except Exception as error:
-        stop(f"{data}: {reason_of(error)}")
-    for line in result.diagnostics["notes"]:
-        note(line)
-    pipeline = "the paper's" if choice.paper else ""
-    made = reports.Made(estimator.name, p, estimator.params, pipeline, data, command, tuple(missing))
-    return reports.of_estimate(result, walk.recording, reference=walk.reference, made=made)
-
-
-def of_all(walk: Walk, data: str, person: dict[str, PyTree], command: str) -> Report:
-    """The page of one recording by all its sensors; exits with code 2 if it cannot be used."""
+def of_walk(walk: Walk, job: results.EstimateJob, data: str, command: str) -> Report:
+    """The page of one recording; exits with code 2 if it cannot be used."""
     known = cohorts.body(walk, tuple({name for names in MEASURES.values() for name in names}))
     try:
-        analysis = analyse(walk.recording, {**known, **person})
+        found = job.compute(walk.recording, known)
     except Exception as error:
         stop(f"{data}: {reason_of(error)}")
-    for line in grouped(analysis.notes):
+    for line in grouped(found.notes):
         note(line)
-    made = reports.Made("all sensors together", file=data, command=command)
-    return reports.of_analysis(analysis, walk.recording, reference=walk.reference, made=made)
+    made = job.made._replace(file=data, command=command)
+    if isinstance(found.made, Analysis):
+        return reports.of_analysis(found.made, walk.recording, reference=walk.reference, made=made)
+    made = made._replace(params=found.made.params)
+    return reports.of_estimate(found.made.estimate, walk.recording, reference=walk.reference, made=made)
 
 
 def _of_cohort(
@@ -181,12 +160,12 @@ def _of_cohort(
         table, dataset, simulated, seed, estimator, paper, params, files["gyr_unit"], files["acc_unit"]
     )
     keep_inputs(outputs, source.files)
-    results, failures = source.with_failures(cohorts.evaluated(pipeline, start, source))
+    rows, failures = source.with_failures(cohorts.evaluated(pipeline, start, source))
     made = reports.Made(
         pipeline.name, start, pipeline.params, "the paper's" if paper else "", source.title, command,
         tuple(source.notes),
     )  # fmt: skip
-    return reports.of_cohort(results, title=source.title, failures=failures, made=made), failures
+    return reports.of_cohort(rows, title=source.title, failures=failures, made=made), failures
 
 
 def _of_folder(folder: Path, command: str) -> tuple[Report, list[tuple[str, str]]]:
@@ -194,9 +173,9 @@ def _of_folder(folder: Path, command: str) -> tuple[Report, list[tuple[str, str]
     try:
         if unfinished(folder, "evaluate"):
             stop(f"{folder} holds an evaluation that did not end; repeat it")
-        results, failures = folders.read(folder)
+        rows, failures = folders.read(folder)
         made = folders.made(folder)._replace(command=command)
-        return reports.of_cohort(results, title=folder.resolve().name, failures=failures, made=made), failures
+        return reports.of_cohort(rows, title=folder.resolve().name, failures=failures, made=made), failures
     except typer.Exit:
         raise
     except FileNotFoundError as error:

@@ -10,8 +10,10 @@ from jaxtyping import PyTree
 from rich.table import Table
 
 from jgait import io, plot
+from jgait import report as reports
+from jgait.commands import options
 from jgait.commands.console import table_of
-from jgait.commands.pipeline import Choice
+from jgait.commands.pipeline import Choice, chosen
 from jgait.estimators.about import About, EstimatedRecording, EstimateFigure
 from jgait.estimators.combined import Analysis, analyse
 from jgait.estimators.notes import without_repeats
@@ -69,27 +71,42 @@ class EstimateJob(NamedTuple):
     joined: tuple[str, ...]  #: tables of which there is one of all recordings; those of samples are left out.
     figures: tuple[EstimateFigure, ...]
     compute: Callable[[Recording, Mapping[str, PyTree]], Results]  #: (recording, measures of its person) → results.
+    made: reports.Made  #: how the results are made, for a page.
 
     def planned(self, name: str, ending: str) -> list[str]:
         """The names of the files of a recording that may be written, by their first part."""
         return [f"{name}_{one}.{ending}" for one in self.tables] + [f"{name}_{one.file}.png" for one in self.figures]
 
 
-def one_estimator(choice: Choice, person: Mapping[str, PyTree], title: str) -> EstimateJob:
+def job_of(
+    estimator: str | None, paper: bool, params: Path | None, person: Path | None, given: dict[str, str]
+) -> EstimateJob:
+    """The work that the options ask for, by one estimator or by all; exits with code 2 if they do not go together."""
+    if estimator is None:
+        return all_sensors(options.person_of(person, given))
+    choice = chosen(estimator, paper, params, given)
+    return one_estimator(choice, options.person_in(person))
+
+
+def one_estimator(choice: Choice, person: Mapping[str, PyTree]) -> EstimateJob:
     """The estimator that the options select."""
-    about = choice.estimator.about
+    about, name = choice.estimator.about, choice.estimator.name
 
     def compute(recording: Recording, known: Mapping[str, PyTree]) -> Results:
         p, lacking = choice.personal({**known, **person})
         estimate = choice.estimate(p, recording)
         notes = (*without_repeats((*recording.notes, *estimate.diagnostics["notes"])), *lacking)
-        return of_estimate(EstimatedRecording(recording, estimate, p, choice.settings), about, notes)
+        estimate = estimate._replace(diagnostics={**estimate.diagnostics, "notes": notes})
+        return of_estimate(EstimatedRecording(recording, estimate, p, choice.settings), about)
 
-    table = table_of("recording", "quantity", "value", left=3, title=title)
+    table = table_of(
+        "recording", "quantity", "value", left=3, title=f"{name}, the paper's pipeline" if choice.paper else name
+    )
     caption = "; ".join(filter(None, (about.caption.format(**choice.settings), CAPTION)))
     joined = tuple(table.name for table in about.tables if table.rows != "samples")
     names = tuple(table.name for table in about.tables)
-    return EstimateJob(choice.estimator.name, table, caption, names, joined, about.figures, compute)
+    made = reports.Made(name, None, choice.estimator.params, "the paper's" if choice.paper else "")
+    return EstimateJob(name, table, caption, names, joined, about.figures, compute, made)
 
 
 def all_sensors(person: Mapping[str, PyTree]) -> EstimateJob:
@@ -98,12 +115,13 @@ def all_sensors(person: Mapping[str, PyTree]) -> EstimateJob:
     return EstimateJob(
         "all", table, CAPTION, TABLES, TABLES[:-1], FIGURES,
         lambda recording, known: of_analysis(analyse(recording, {**known, **person})),
+        reports.Made("all sensors together"),
     )  # fmt: skip
 
 
-def of_estimate(made: EstimatedRecording, about: About, notes: tuple[Note, ...]) -> Results:
+def of_estimate(made: EstimatedRecording, about: About) -> Results:
     """The results of one estimator, whose `about` states the tables and numbers."""
-    estimate = made.estimate
+    estimate, notes = made.estimate, tuple(made.estimate.diagnostics.get("notes", ()))
     tables = {one.name: _rows(one.rows, estimate, about) for one in about.tables if one.when(estimate)}
     words = [[one.words, one.text] for one in totals(estimate, about.flags)]
     listed = {one.json: _records(tables[one.name]) for one in about.tables if one.json and one.name in tables}

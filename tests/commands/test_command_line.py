@@ -159,9 +159,9 @@ def test_a_table_of_recordings_gives_one_table_of_all(table, csv, tmp_path, endi
 
 
 def test_a_recording_without_tables_does_not_cost_the_others(csv, tmp_path, monkeypatch):
-    def failing(made, about, notes, of_estimate=results.of_estimate):
+    def failing(made, about, of_estimate=results.of_estimate):
         calls.append(about)
-        return of_estimate(made, about, notes) if len(calls) > 1 else 1 / 0
+        return of_estimate(made, about) if len(calls) > 1 else 1 / 0
 
     calls = []
     monkeypatch.setattr(results, "of_estimate", failing)

@@ -13,6 +13,7 @@ from jgait.estimators.about import EstimatedRecording
 from jgait.estimators.notes import STRIDES_UNCERTAIN, without_repeats
 from jgait.io.clock import GAPS_FILLED
 from jgait.io.damage.samples import IMPOSSIBLE
+from jgait.report import Made
 from jgait.types import Estimate, Legs, RecordingError, reason_of
 
 
@@ -26,7 +27,7 @@ def without_estimates(monkeypatch):
         return results.Results(made, recording.notes, {}, [], {})
 
     def replaced(compute=read):
-        job = results.EstimateJob("all", Table(), "", (), (), (), compute)
+        job = results.EstimateJob("all", Table(), "", (), (), (), compute, Made())
         monkeypatch.setattr(results, "all_sensors", lambda person: job)
 
     replaced()
