@@ -75,7 +75,7 @@ def parts(cache: str, *command: str) -> dict[str, float]:
     begun = time.process_time()
     from jgait import cli, plot
     from jgait.commands import estimate
-    from jgait.commands.results import Results
+    from jgait.commands.jobs import Results
     from jgait.estimators import programs
 
     del estimate, plot

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from jgait import datasets
-from jgait.commands import report, results
+from jgait.commands import jobs, report
 from jgait.commands.console import console, page_tables, stop, write_json, wrote
 from jgait.commands.evaluate import evaluate
 from jgait.commands.folder import results_folder
@@ -44,7 +44,7 @@ def demo(
         command = f"jgait report --dataset neura_sparse --recording {walk.recording.name}"
         _say(f"{command} --out {out / PAGE}")
         with results_folder(out, "demo", {}, planned=[PAGE], json_file=json_file) as folder:
-            page = report.of_walk(walk, results.all_sensors({}), "neura_sparse", command)
+            page = report.of_walk(walk, jobs.all_sensors({}), "neura_sparse", command)
             wrote(folder.publish([page.save(folder.stage / PAGE)]))
         page_tables(page, "What each sensor says", "Against the reference")
         numbers = page.numbers

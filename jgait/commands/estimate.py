@@ -12,12 +12,12 @@ from jaxtyping import PyTree
 
 from jgait import io
 from jgait.commands import cohort as cohorts
+from jgait.commands import jobs, recordings
 from jgait.commands import options as own
-from jgait.commands import recordings, results
 from jgait.commands.console import Bar, console, errors, note, progress, say_failures, stop, visible, write_json, wrote
 from jgait.commands.folder import ResultsFolder, results_folder
+from jgait.commands.jobs import EstimateJob
 from jgait.commands.recordings import Item
-from jgait.commands.results import EstimateJob
 from jgait.estimators import programs
 from jgait.notes import grouped, of_recordings
 from jgait.report.flags import DOUBTS, verdict
@@ -105,7 +105,7 @@ def estimate(
     for name, asked in (("--params", params is not None), ("--paper", paper)):
         if asked and estimator is None:
             stop(f"{name} is of one estimator; give --estimator as well")
-    job = results.job_of(estimator, paper, params, person, own.given(option, height, thigh, shank))
+    job = jobs.job_of(estimator, paper, params, person, own.given(option, height, thigh, shank))
     placement, placements = recordings.places_of(place)
     tables = {
         file: cohorts.source(file, None, None, 0, gyr_unit, acc_unit, ())

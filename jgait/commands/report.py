@@ -11,8 +11,8 @@ import typer
 from jgait import datasets
 from jgait import report as reports
 from jgait.commands import cohort as cohorts
+from jgait.commands import jobs, recordings
 from jgait.commands import options as own
-from jgait.commands import recordings, results
 from jgait.commands.console import console, count, note, stop, wrote
 from jgait.commands.folder import keep_inputs, unfinished
 from jgait.estimators.combined import MEASURES, Analysis
@@ -89,7 +89,7 @@ def report(
     elif recording is not None or (what is not None and not (dataset or simulated) and not cohorts.is_cohort(what)):
         walk = _walk(what, dataset, recording, files)
         alone = estimator or (COHORTS_BY if paper or params else None)
-        job = results.job_of(alone, paper, params, person, given)
+        job = jobs.job_of(alone, paper, params, person, given)
         page = of_walk(walk, job, str(what or f"{dataset}: {recording}"), command)
     else:
         if person is not None:
@@ -135,7 +135,7 @@ def _walk(file: Path | None, dataset: str | None, name: str | None, files: dict[
         stop(f"{file or dataset}: {reason_of(error)}")
 
 
-def of_walk(walk: Walk, job: results.EstimateJob, data: str, command: str) -> Report:
+def of_walk(walk: Walk, job: jobs.EstimateJob, data: str, command: str) -> Report:
     """The page of one recording; exits with code 2 if it cannot be used."""
     known = cohorts.body(walk, tuple({name for names in MEASURES.values() for name in names}))
     try:

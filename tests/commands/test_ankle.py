@@ -9,7 +9,7 @@ from made import command
 from made import shank as made_shank
 
 from jgait import io, plot
-from jgait.commands import results
+from jgait.commands import jobs
 from jgait.estimators import ankle_stride
 from jgait.estimators.about import EstimatedRecording
 from jgait.estimators.ankle_stride.about import ABOUT
@@ -138,7 +138,7 @@ def test_both_legs_have_a_row_and_a_colour():
         },
     )  # fmt: skip
     assert totals(both, ABOUT.flags)[0].text == "12, 4 regular"
-    table = results.of_estimate(EstimatedRecording(walked().recording, both, None, {}), ABOUT).tables["strides"]
+    table = jobs.of_estimate(EstimatedRecording(walked().recording, both, None, {}), ABOUT).tables["strides"]
     assert list(table["side"][:4]) == ["right", "right", "left", "left"]  # each first stride is short
     for side in ("right", "left"):
         assert list(table["special"][table["side"] == side]) == ["half-step", "", "turning", "stairs", "", "half-step"]

@@ -12,7 +12,7 @@ from made.command import run
 
 from experiments.__main__ import main
 from jgait import estimators, io
-from jgait.commands import demo, options, results
+from jgait.commands import demo, jobs, options
 from jgait.simulate import protocols
 
 
@@ -159,12 +159,12 @@ def test_a_table_of_recordings_gives_one_table_of_all(table, csv, tmp_path, endi
 
 
 def test_a_recording_without_tables_does_not_cost_the_others(csv, tmp_path, monkeypatch):
-    def failing(made, about, of_estimate=results.of_estimate):
+    def failing(made, about, of_estimate=jobs.of_estimate):
         calls.append(about)
         return of_estimate(made, about) if len(calls) > 1 else 1 / 0
 
     calls = []
-    monkeypatch.setattr(results, "of_estimate", failing)
+    monkeypatch.setattr(jobs, "of_estimate", failing)
     again = csv.with_name("again.csv")
     again.write_bytes(csv.read_bytes())
     assert run("estimate", csv, again, "--estimator", "ankle_stride", "--out", tmp_path / "out")[0] == 1

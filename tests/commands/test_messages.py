@@ -8,7 +8,7 @@ from made.command import run
 from rich.table import Table
 
 from jgait import cli, io
-from jgait.commands import results
+from jgait.commands import jobs
 from jgait.estimators.about import EstimatedRecording
 from jgait.estimators.notes import STRIDES_UNCERTAIN, without_repeats
 from jgait.io.clock import GAPS_FILLED
@@ -24,11 +24,11 @@ def without_estimates(monkeypatch):
     def read(recording, known):
         time = next(iter(recording.sensors.values())).time
         made = EstimatedRecording(recording, Estimate(time, Legs(None, None), None, None, time > -1.0, {}), None, {})
-        return results.Results(made, recording.notes, {}, [], {})
+        return jobs.Results(made, recording.notes, {}, [], {})
 
     def replaced(compute=read):
-        job = results.EstimateJob("all", Table(), "", (), (), (), compute, Made())
-        monkeypatch.setattr(results, "all_sensors", lambda person: job)
+        job = jobs.EstimateJob("all", Table(), "", (), (), (), compute, Made())
+        monkeypatch.setattr(jobs, "all_sensors", lambda person: job)
 
     replaced()
     return replaced

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import jgait
 from jgait import io, simulate
-from jgait.commands.results import of_analysis as results_of
+from jgait.commands.jobs import of_analysis as results_of
 from jgait.estimators import stride_flags
 from jgait.estimators.ankle_stride.notes import SWINGS_SMALL
 from jgait.estimators.combined.analysis import ACCUSED, CLOCKS
