@@ -18,12 +18,22 @@ from jgait.estimators.about import About, EstimatedRecording, EstimateFigure
 from jgait.estimators.combined import Analysis, analyse
 from jgait.estimators.notes import without_repeats
 from jgait.estimators.stride_flags import STRIDE_FLAGS, regular
-from jgait.estimators.totals import CAPTION, FOOT_PATH, JOINT_ANGLES, LEG_STRIDES, WAY, has_legs, has_strides, totals
+from jgait.estimators.totals import (
+    CAPTION,
+    FOOT_PATH,
+    JOINT_ANGLES,
+    LEG_STRIDES,
+    WAY,
+    distance_of,
+    has_legs,
+    has_strides,
+    totals,
+)
 from jgait.io.strides import special
 from jgait.notes import Note
-from jgait.report.analysis import QUANTITIES
 from jgait.report.flags import of_result
 from jgait.report.page import Flag
+from jgait.results import QUANTITIES
 from jgait.types import Estimate, Recording
 
 if TYPE_CHECKING:
@@ -125,8 +135,7 @@ def of_estimate(made: EstimatedRecording, about: About) -> Results:
     tables = {one.name: _rows(one.rows, estimate, about) for one in about.tables if one.when(estimate)}
     words = [[one.words, one.text] for one in totals(estimate, about.flags)]
     listed = {one.json: _records(tables[one.name]) for one in about.tables if one.json and one.name in tables}
-    distance = {"distance_m": None if estimate.distance is None else float(estimate.distance[-1])}
-    numbers = {**_numbers(estimate, notes), **distance, **about.numbers(estimate), **listed}
+    numbers = {**_numbers(estimate, notes), **about.numbers(estimate), **listed}
     return Results(made, notes, tables, [*words, *map(list, about.facts(estimate))], numbers)
 
 
@@ -147,17 +156,15 @@ def of_analysis(made: Analysis) -> Results:
     alone: dict[str, list[str]] = {}
     for one in made.comparisons:
         if one.source != "combined":
-            alone.setdefault(one.quantity, []).append(f"{one.source} {one.value:.{QUANTITIES[one.quantity][2]}f}")
+            alone.setdefault(one.quantity, []).append(f"{one.source} {one.value:.{QUANTITIES[one.quantity].digits}f}")
     seen = None if made.strides is None else np.array(made.strides.first) == "feet"
     rows = [
         [one.words, one.text, ", ".join(alone.get(one.quantity, ()))]
         for one in totals(made.estimate, STRIDE_FLAGS, seen)
     ]
-    distance = next((c for c in made.comparisons if (c.source, c.quantity) == ("combined", "distance")), None)
     tables = io.analysis_to_dataframes(made)
     numbers = {
         **_numbers(made.estimate, made.notes),
-        "distance_m": distance and distance.value, "distance_std_m": distance and distance.stddev,
         "person": made.person,
         **{name: _records(rows) for name, rows in tables.items() if name != "samples" and len(rows)},
     }  # fmt: skip
@@ -166,8 +173,11 @@ def of_analysis(made: Analysis) -> Results:
 
 
 def _numbers(estimate: Estimate, notes: tuple[Note, ...]) -> dict[str, Any]:
-    duration = float(estimate.time[-1] - estimate.time[0])
-    return {"duration_s": duration, "notes": [note.to_dict() for note in notes]}
+    distance, deviation = distance_of(estimate) or (None, None)
+    return {
+        "duration_s": float(estimate.time[-1] - estimate.time[0]), "notes": [note.to_dict() for note in notes],
+        "distance_m": distance, "distance_std_m": deviation,
+    }  # fmt: skip
 
 
 def _records(table: "pd.DataFrame") -> list[dict[str, Any]]:

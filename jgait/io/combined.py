@@ -10,16 +10,13 @@ from jgait.estimators.totals import angles_usable
 from jgait.io.strides import bout_numbers, special, strides_to_dataframe
 from jgait.io.summary import SUMMARY, summary
 from jgait.io.write import to_dataframe
+from jgait.results import QUANTITIES
 from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from jgait.estimators.combined import Analysis, JoinedStrides
-
-UNITS = {"stride_length": "m", "walking_speed": "mps", "distance": "m", "strides": "1"}
-"""Quantity of a `Comparison` → its unit, as at the end of names of columns."""
-
 
 BESIDE_S = 1.0
 """[s] Time before the first and after the last stride of a bout that is part of it."""
@@ -74,10 +71,8 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
         tables["bouts"] = _bouts(every, analysis.estimate)
     tables["contacts"] = _contacts(analysis)
     rows = [
-        {"quantity": c.quantity, "unit": UNITS[c.quantity], "source": c.source, "value": c.value, "std": c.stddev,
-         "n_strides": c.strides}
-        for c in analysis.comparisons
-    ]  # fmt: skip
+        (c.quantity, QUANTITIES[c.quantity].unit, c.source, c.value, c.stddev, c.strides) for c in analysis.comparisons
+    ]
     tables["sources"] = pd.DataFrame(rows, columns=SOURCES)
     tables["samples"] = to_dataframe(analysis.estimate)
     return tables

@@ -8,6 +8,7 @@ import numpy as np
 
 from jgait.estimators.about import StrideFlag
 from jgait.estimators.stride_flags import BREAK, STRIDE_COLUMNS, durations, in_order, marks, pauses
+from jgait.results import COLUMNS
 from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:
@@ -56,9 +57,8 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
         columns[column] = scale * as_float(values)[rows]
         spread = None if stated is None or not field else getattr(stated, field)
         if spread is not None:
-            name, _, unit = column.rpartition("_")
             deviation = scale * as_float(spread)[rows]
-            columns[f"{name}_std_{unit}"] = np.where(deviation > 0.0, deviation, np.nan)
+            columns[COLUMNS[column].deviation] = np.where(deviation > 0.0, deviation, np.nan)
     trusted = estimate.diagnostics.get("width_valid")
     if trusted is not None and np.shape(trusted) == np.shape(strides.side):
         columns["width_valid"] = np.asarray(trusted, bool)[rows]

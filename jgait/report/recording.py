@@ -9,13 +9,14 @@ import numpy as np
 from jgait.estimators import about_of, stride_flags
 from jgait.estimators.about import EstimatedRecording
 from jgait.estimators.plausible import distance_implausible
-from jgait.estimators.totals import totals
+from jgait.estimators.totals import distance_of, totals
 from jgait.evaluate.scores import score
 from jgait.report import flags, strides
 from jgait.report.figures import pictures
 from jgait.report.made import Made
 from jgait.report.page import Cell, Content, Flag, Report, Section, Table, number, significant
-from jgait.types import SIDES, Estimate, Recording, Walk, as_float
+from jgait.results import QUANTITIES, UNITS
+from jgait.types import SIDES, Estimate, Recording, Walk
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -75,19 +76,6 @@ def of_estimate(
     ))  # fmt: skip
 
 
-def distance_of(estimate: Estimate) -> tuple[float, float | None] | None:
-    """Distance walked [m], and its standard deviation if the estimate has one; None if the distance is not known."""
-    if estimate.distance is None:
-        return None
-    way = as_float(estimate.distance)[np.asarray(estimate.valid, bool)]
-    way = way[np.isfinite(way)]
-    if not way.size:
-        return None
-    spread = estimate.diagnostics.get("distance_stddev")
-    sd = None if spread is None or not np.size(spread) else float(np.ravel(spread)[-1])
-    return float(way[-1] - way[0]), sd
-
-
 def _facts(
     estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: "pd.DataFrame",
     total: tuple[float, float | None] | None,
@@ -112,12 +100,10 @@ def _facts(
     ]
     facts.append(("Strides", str(len(of.table)), ", ".join(by_side)))
     if of.cycles:
-        known = {m.name: m for m in strides.MEASURES}
         for row in rows.to_dict("records"):
-            name = f"{row['measure']}_{row['unit']}"
-            if name in ("stride_length_m", "stride_duration_s", "cadence_spm", "walking_speed_mps"):
-                measure, words = known[name], f"mean ± SD of {row['n_strides']} cycles"
-                text = f"{strides.mean_text(row, measure)} {measure.unit}"
+            if row["measure"] in ("stride_length", "stride_duration", "cadence", "walking_speed"):
+                measure, words = QUANTITIES[row["measure"]], f"mean ± SD of {row['n_strides']} cycles"
+                text = f"{strides.mean_text(row, measure)} {measure.shown}"
                 facts.append((measure.words.capitalize(), text, words))
     else:  # as the terminal prints them
         for words in ("stride length", "walking speed", "cadence"):
@@ -159,10 +145,9 @@ def _against(estimate: Estimate, recording: Recording, reference: Estimate) -> S
 
 def readable(name: str) -> tuple[str, str]:
     """A quantity's name in words, and its unit."""
-    units = {"m": "m", "s": "s", "mps": "m/s", "deg": "°", "cm": "cm", "percent": "%", "spm": "steps/min"}
     parts = name.split("_")
     side = parts.pop() if parts[-1] in SIDES else ""
-    unit = units.get(parts[-1], "")
+    unit = UNITS.get(parts[-1], "")
     parts = parts[:-1] if unit else parts
     if "rmse" in parts:
         parts = [CURVES.get("_".join(parts[:-1]), " ".join(parts[:-1]))]

@@ -13,54 +13,17 @@ from jgait.estimators.stride_flags import STRIDE_FLAGS
 from jgait.io.combined import angles_sound, joint_extremes
 from jgait.io.summary import CONTACTS, summary
 from jgait.report.page import Cell, Table, cell, number
+from jgait.results import COLUMNS, QUANTITIES, Column
 from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-class Measure(NamedTuple):
-    """A column of the table of strides: its name, its heading, and its number format."""
-
-    name: str
-    words: str
-    unit: str
-    digits: int
-    scale: float = 1.0
-
-    @property
-    def heading(self) -> str:
-        """The heading with its unit."""
-        return f"{self.words} [{self.unit}]"
-
-
-MEASURES = (
-    Measure("stride_length_m", "stride length", "m", 2),
-    Measure("stride_duration_s", "stride time", "s", 2),
-    Measure("cadence_spm", "cadence", "steps/min", 0),
-    Measure("walking_speed_mps", "speed", "m/s", 2),
-    Measure("step_length_m", "step length", "m", 2),
-    Measure("step_duration_s", "step time", "s", 2),
-    Measure("stance_pct", "stance", "%", 0),
-    Measure("stride_width_m", "stride width", "cm", 1, 100.0),
-    Measure("stride_height_m", "rise", "cm", 1, 100.0),
-    Measure("turn_deg", "turn", "°", 0),
-    Measure("lift_m", "sensor's lift", "cm", 1, 100.0),
-    Measure("contact_angle_deg", "foot angle at contact", "°", 0),
-    Measure("push_off_angle_deg", "foot angle at push-off", "°", 0),
-    Measure("hip_flexion_max_deg", "largest hip flexion", "°", 0),
-    Measure("hip_flexion_min_deg", "smallest hip flexion", "°", 0),
-    Measure("knee_flexion_max_deg", "largest knee flexion", "°", 0),
-    Measure("knee_flexion_min_deg", "smallest knee flexion", "°", 0),
-)
-"""The columns of the table of strides, in order."""
-
 CYCLES = (
     "Cycles of each leg, from the largest bend of the swinging knee to the next; the length is how far the distance "
     "grows meanwhile."
 )
-
-NOT_BY_STRIDE = ("cadence_spm",)
 
 
 class ReportStrides(NamedTuple):
@@ -125,7 +88,7 @@ def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
 
 def stride_table(of: ReportStrides) -> Table:
     """All strides, a row each, with standard deviations and remarks."""
-    shown = [m for m in MEASURES if m.name not in NOT_BY_STRIDE and m.name in of.table]
+    shown = [m for m in COLUMNS.values() if m.listed and m.name != "cadence_spm" and m.name in of.table]
     known = [m for m in shown if of.table[m.name].notna().any()]
     rows: list[list[Cell]] = []
     legs = sides(of)
@@ -133,9 +96,7 @@ def stride_table(of: ReportStrides) -> Table:
         start = stride.get("start_s", stride.get("standing_s"))
         cells = [Cell(str(k + 1), k + 1.0), Cell(legs[k] or "–"), cell(start, 2)]
         for measure in known:
-            name, _, unit = measure.name.rpartition("_")
-            spread = stride.get(f"{name}_std_{unit}")
-            spread = None if spread is None else measure.scale * spread
+            spread = measure.scale * stride.get(measure.deviation, np.nan)
             cells.append(cell(measure.scale * stride[measure.name], measure.digits, spread))
         words = [flag.label for flag in of.flags if flag.name in of.marks and of.marks[flag.name][k]]
         rows.append([*cells, Cell(", ".join(words))])
@@ -162,7 +123,7 @@ def means(of: ReportStrides) -> "pd.DataFrame":
     return summary(table)
 
 
-def mean_text(row: dict[str, Any], measure: Measure) -> str:
+def mean_text(row: dict[str, Any], measure: Column) -> str:
     """The mean of a row of `means` with its standard deviation between strides."""
     spread = f" ± {number(measure.scale * row['std'], max(measure.digits, 1))}" if np.isfinite(row["std"]) else ""
     return number(measure.scale * row["mean"], measure.digits) + spread
@@ -170,12 +131,11 @@ def mean_text(row: dict[str, Any], measure: Measure) -> str:
 
 def mean_table(rows: "pd.DataFrame") -> Table:
     """Table of the means of strides and of each side, and of the differences between the sides; from `means`."""
-    known = {m.name: m for m in MEASURES}
     both = bool(rows["asymmetry_pct"].notna().any())
     made = []
     for row in rows.to_dict("records"):
-        measure = known.get(f"{row['measure']}_{row['unit']}")
-        if measure is None:  # the distance and ranges of motion: the page shows them, or their two ends, elsewhere
+        measure = QUANTITIES[row["measure"]]
+        if not measure.listed:  # the distance and ranges of motion: the page shows them, or their two ends, elsewhere
             continue
         cells = [Cell(measure.heading), Cell(mean_text(row, measure))]
         cells += [cell(measure.scale * row[side], measure.digits) for side in SIDES]
