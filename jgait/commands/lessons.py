@@ -116,6 +116,7 @@ def lessons_of(
                 raise ValueError(
                     f"no recording of {source.title} can answer all of {', '.join(losses)}; "
                     + "; ".join(f"{part}: {many} have none" for part, many in lacking.items())
+                    + "; learn from losses that the same recordings can answer"
                 ) from None
             raise
     failures += [*lacks, *made.failures]
