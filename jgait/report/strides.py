@@ -71,7 +71,11 @@ def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
                 "hip_flexion_max_deg": hip.max(), "hip_flexion_min_deg": hip.min(),
                 "knee_flexion_max_deg": knee[0], "knee_flexion_min_deg": knee.min(),
             })  # fmt: skip
-    table = pd.DataFrame(rows).dropna(axis="columns", how="all") if rows else pd.DataFrame({"side": [], "start_s": []})
+    table = (
+        pd.DataFrame(rows).dropna(axis="columns", how="all")
+        if rows
+        else pd.DataFrame(columns=["side", "start_s", "end_s"])
+    )
     table = table.sort_values("start_s", kind="stable", ignore_index=True)
     table.insert(0, "s_id", np.arange(len(table)))
     return table
