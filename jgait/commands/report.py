@@ -81,7 +81,7 @@ def report(
     files = {"rate": rate, "gyr_unit": gyr_unit, "acc_unit": acc_unit, "range_unit": range_unit, "format": format,
              "placement": placement, "placements": placements, "trial": trial}  # fmt: skip
     command, given = command_of(context.obj), own.given(option, height, thigh, shank)
-    failures: list[tuple[str, str]] = []
+    failures = 0
     if recording is not None and dataset is None:
         stop("--recording names a recording of a --dataset; there is none")
     if what is not None and dataset is None and simulated is None and what.is_dir():
@@ -103,7 +103,7 @@ def report(
     if show:
         webbrowser.open(out.resolve().as_uri())
     if failures:
-        console.print(f"{count(len(failures), 'recording', 'recordings')} could not be used", highlight=False)
+        console.print(f"{count(failures, 'recording', 'recordings')} could not be used", highlight=False)
         raise typer.Exit(1)
 
 
@@ -154,28 +154,28 @@ def of_walk(walk: Walk, job: jobs.EstimateJob, data: str, command: str) -> Repor
 def _of_cohort(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, estimator: str, paper: bool,
     params: Path | None, files: dict[str, Any], command: str, outputs: tuple[Path | None, ...],
-) -> tuple[Report, list[tuple[str, str]]]:  # fmt: skip
+) -> tuple[Report, int]:  # fmt: skip
     """The page of a cohort whose results are computed now."""
     pipeline, start, source = cohorts.opened(
         table, dataset, simulated, seed, estimator, paper, params, files["gyr_unit"], files["acc_unit"]
     )
     keep_inputs(outputs, source.files)
-    rows, failures = source.with_failures(cohorts.evaluated(pipeline, start, source))
+    rows, _ = source.with_failures(cohorts.evaluated(pipeline, start, source))
     made = reports.Made(
         pipeline.name, start, pipeline.params, "the paper's" if paper else "", source.title, command,
         tuple(source.notes),
     )  # fmt: skip
-    return reports.of_cohort(rows, title=source.title, failures=failures, made=made), failures
+    return reports.of_cohort(rows, title=source.title, made=made), len(rows.failures)
 
 
-def _of_folder(folder: Path, command: str) -> tuple[Report, list[tuple[str, str]]]:
+def _of_folder(folder: Path, command: str) -> tuple[Report, int]:
     """The page of the results of `jgait evaluate` in a folder."""
     try:
         if unfinished(folder, "evaluate"):
             stop(f"{folder} holds an evaluation that did not end; repeat it")
-        rows, failures = folders.read(folder)
-        made = folders.made(folder)._replace(command=command)
-        return reports.of_cohort(rows, title=folder.resolve().name, failures=failures, made=made), failures
+        rows, made = folders.read(folder)
+        page = reports.of_cohort(rows, title=folder.resolve().name, made=made._replace(command=command))
+        return page, len(rows.failures)
     except typer.Exit:
         raise
     except FileNotFoundError as error:
