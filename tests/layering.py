@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ORDER = (
-    "version", "arrays", "notes", "types", "results", "params", "geometry", "signal", "filtering", "events", "mounting",
+    "version", "arrays", "notes", "types", "params", "geometry", "signal", "filtering", "events", "mounting",
     "duty_cycle", "estimators", "simulate", "tune", "evaluate", "io", "datasets", "plot", "report", "commands", "cli",
 )  # fmt: skip
 """Files and folders of `jgait`, lowest first: each imports only from those before it."""

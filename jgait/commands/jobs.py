@@ -15,6 +15,7 @@ from jgait.commands import options
 from jgait.commands.console import table_of
 from jgait.commands.pipeline import Choice, chosen
 from jgait.estimators.about import About, EstimatedRecording, EstimateFigure
+from jgait.estimators.columns import QUANTITIES
 from jgait.estimators.combined import Analysis, analyse
 from jgait.estimators.notes import without_repeats
 from jgait.estimators.stride_flags import STRIDE_FLAGS, regular
@@ -33,7 +34,6 @@ from jgait.io.strides import special
 from jgait.notes import Note
 from jgait.report.flags import of_result
 from jgait.report.page import Flag
-from jgait.results import QUANTITIES
 from jgait.types import Estimate, Recording
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ FIGURES = (
 """Tables and figures of all sensors together."""
 
 
-class Results(NamedTuple):
+class RecordingResults(NamedTuple):
     """The results of one recording."""
 
     made: PyTree  #: an `Analysis` or an `EstimatedRecording`, from which figures are drawn.
@@ -80,7 +80,9 @@ class EstimateJob(NamedTuple):
     tables: tuple[str, ...]  #: ends of the names of tables that may be written.
     joined: tuple[str, ...]  #: tables of which there is one of all recordings; those of samples are left out.
     figures: tuple[EstimateFigure, ...]
-    compute: Callable[[Recording, Mapping[str, PyTree]], Results]  #: (recording, measures of its person) → results.
+    compute: Callable[
+        [Recording, Mapping[str, PyTree]], RecordingResults
+    ]  #: (recording, measures of a person) → results.
     made: reports.Made  #: how the results are made, for a page.
 
     def planned(self, name: str, ending: str) -> list[str]:
@@ -102,7 +104,7 @@ def one_estimator(choice: Choice, person: Mapping[str, PyTree]) -> EstimateJob:
     """The estimator that the options select."""
     about, name = choice.estimator.about, choice.estimator.name
 
-    def compute(recording: Recording, known: Mapping[str, PyTree]) -> Results:
+    def compute(recording: Recording, known: Mapping[str, PyTree]) -> RecordingResults:
         p, lacking = choice.personal({**known, **person})
         estimate = choice.estimate(p, recording)
         notes = (*without_repeats((*recording.notes, *estimate.diagnostics["notes"])), *lacking)
@@ -129,14 +131,14 @@ def all_sensors(person: Mapping[str, PyTree]) -> EstimateJob:
     )  # fmt: skip
 
 
-def of_estimate(made: EstimatedRecording, about: About) -> Results:
+def of_estimate(made: EstimatedRecording, about: About) -> RecordingResults:
     """The results of one estimator, whose `about` states the tables and numbers."""
     estimate, notes = made.estimate, tuple(made.estimate.diagnostics.get("notes", ()))
     tables = {one.name: _rows(one.rows, estimate, about) for one in about.tables if one.when(estimate)}
     words = [[one.words, one.text] for one in totals(estimate, about.flags)]
     listed = {one.json: _records(tables[one.name]) for one in about.tables if one.json and one.name in tables}
     numbers = {**_numbers(estimate, notes), **about.numbers(estimate), **listed}
-    return Results(made, notes, tables, [*words, *map(list, about.facts(estimate))], numbers)
+    return RecordingResults(made, notes, tables, [*words, *map(list, about.facts(estimate))], numbers)
 
 
 def _rows(rows: Any, estimate: Estimate, about: About) -> "pd.DataFrame":
@@ -151,7 +153,7 @@ def _rows(rows: Any, estimate: Estimate, about: About) -> "pd.DataFrame":
     return pd.DataFrame(rows(estimate))
 
 
-def of_analysis(made: Analysis) -> Results:
+def of_analysis(made: Analysis) -> RecordingResults:
     """The results of all sensors: a row for each quantity, combined with its standard deviation, and of each source."""
     alone: dict[str, list[str]] = {}
     for one in made.comparisons:
@@ -169,7 +171,7 @@ def of_analysis(made: Analysis) -> Results:
         **{name: _records(rows) for name, rows in tables.items() if name != "samples" and len(rows)},
     }  # fmt: skip
     kept = {name: table for name, table in tables.items() if len(table) or name == "summary"}  # many are joined
-    return Results(made, made.notes, kept, rows, numbers)
+    return RecordingResults(made, made.notes, kept, rows, numbers)
 
 
 def _numbers(estimate: Estimate, notes: tuple[Note, ...]) -> dict[str, Any]:

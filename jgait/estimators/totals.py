@@ -7,9 +7,9 @@ import numpy.typing as npt
 from jaxtyping import PyTree
 
 from jgait.estimators.about import BodyMeasure, CommandOption, EstimateFigure, MissingMeasure, StrideFlag
+from jgait.estimators.columns import COLUMNS
 from jgait.estimators.plausible import distance_implausible
 from jgait.estimators.stride_flags import BREAK, durations, in_order, marks, pauses, regular
-from jgait.results import COLUMNS
 from jgait.types import SIDES, Estimate, as_float
 
 THIGH = BodyMeasure("thigh_length", "m", 0.2, 0.7, "thigh length, hip to knee", "--thigh", 0.43)

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jgait.estimators.columns import QUANTITIES
 from jgait.estimators.stride_flags import SIDE_UNKNOWN, STRIDE_FLAGS, marks
 from jgait.estimators.totals import angles_usable
 from jgait.io.strides import bout_numbers, special, strides_to_dataframe
 from jgait.io.summary import SUMMARY, summary
 from jgait.io.write import to_dataframe
-from jgait.results import QUANTITIES
 from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jgait.estimators.about import StrideFlag
+from jgait.estimators.columns import COLUMNS
 from jgait.estimators.stride_flags import BREAK, STRIDE_COLUMNS, durations, in_order, marks, pauses
-from jgait.results import COLUMNS
 from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:

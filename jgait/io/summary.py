@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jgait.estimators.columns import COLUMNS
 from jgait.io.strides import bout_numbers
-from jgait.results import COLUMNS
 from jgait.types import SIDES
 
 if TYPE_CHECKING:

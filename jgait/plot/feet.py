@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from jgait.estimators import stride_flags
+from jgait.estimators.columns import COLUMNS
 from jgait.estimators.stride_flags import STRIDE_COLUMNS
 from jgait.evaluate.errors import common_samples, yaw_aligned
 from jgait.plot.style import FOOT, FOOTHOLD, RED, Axes, Figure, Seconds, Style, legend, panels, windowed
-from jgait.results import COLUMNS
 from jgait.types import SIDES, Estimate, FootTrajectory, as_float
 
 REFERENCE: dict[str, Style] = {

@@ -3,11 +3,11 @@
 from typing import TYPE_CHECKING
 
 from jgait import io
+from jgait.estimators.columns import COLUMNS, QUANTITIES
 from jgait.estimators.combined import Analysis
 from jgait.report.made import Made
 from jgait.report.page import Cell, Report, Section, Table, number
 from jgait.report.recording import of_estimate
-from jgait.results import COLUMNS, QUANTITIES
 from jgait.types import Estimate, Recording
 
 if TYPE_CHECKING:

@@ -8,6 +8,7 @@ import numpy as np
 
 from jgait.estimators import about_of, stride_flags
 from jgait.estimators.about import EstimatedRecording
+from jgait.estimators.columns import QUANTITIES, UNITS
 from jgait.estimators.plausible import distance_implausible
 from jgait.estimators.totals import distance_of, totals
 from jgait.evaluate.scores import score
@@ -15,7 +16,6 @@ from jgait.report import flags, strides
 from jgait.report.figures import pictures
 from jgait.report.made import Made
 from jgait.report.page import Cell, Content, Flag, Report, Section, Table, number, significant
-from jgait.results import QUANTITIES, UNITS
 from jgait.types import SIDES, Estimate, Recording, Walk
 
 if TYPE_CHECKING:

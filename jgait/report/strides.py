@@ -6,12 +6,12 @@ import numpy as np
 
 from jgait import io
 from jgait.estimators import stride_flags
+from jgait.estimators.columns import COLUMNS, QUANTITIES, Column
 from jgait.estimators.cycles import swing_cycles
 from jgait.estimators.stride_flags import STRIDE_FLAGS
 from jgait.io.combined import angles_sound, joint_extremes
 from jgait.io.summary import CONTACTS, summary
 from jgait.report.page import Cell, Table, cell, number
-from jgait.results import COLUMNS, QUANTITIES, Column
 from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ def without_estimates(monkeypatch):
     def read(recording, known):
         time = next(iter(recording.sensors.values())).time
         made = EstimatedRecording(recording, Estimate(time, Legs(None, None), None, None, time > -1.0, {}), None, {})
-        return jobs.Results(made, recording.notes, {}, [], {})
+        return jobs.RecordingResults(made, recording.notes, {}, [], {})
 
     def replaced(compute=read):
         job = jobs.EstimateJob("all", Table(), "", (), (), (), compute, Made())
