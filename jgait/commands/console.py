@@ -41,14 +41,19 @@ def stop(message: str) -> NoReturn:
 
 def write_json(file: Path | None, content: object) -> None:
     """Write the numbers as JSON if a file is given; exits with code 2 if it cannot be written."""
-    if file is None:
-        return
+    if file is not None:
+        from jgait.report.page import plain
+
+        write(file, json.dumps(plain(content), indent=1, ensure_ascii=False, default=str) + "\n")
+
+
+def write(file: Path, text: str) -> None:
+    """Write a text into a folder that is made; exits with code 2 if it cannot be written."""
     from jgait.io.atomic import write_text
-    from jgait.report.page import plain
 
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        write_text(file, json.dumps(plain(content), indent=1, ensure_ascii=False, default=str) + "\n")
+        write_text(file, text)
     except OSError as error:
         stop(f"{file} could not be written: {error}")
 

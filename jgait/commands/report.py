@@ -8,12 +8,11 @@ from typing import Annotated, Any
 
 import typer
 
-from jgait import datasets
 from jgait import report as reports
 from jgait.commands import cohort as cohorts
 from jgait.commands import jobs, recordings
 from jgait.commands import options as own
-from jgait.commands.console import console, count, note, stop, wrote
+from jgait.commands.console import console, count, note, stop, write, write_json, wrote
 from jgait.commands.folder import keep_inputs, unfinished
 from jgait.estimators.combined import MEASURES, Analysis
 from jgait.notes import grouped
@@ -99,7 +98,9 @@ def report(
         page, failures = _of_cohort(
             what, dataset, simulated, seed, estimator or COHORTS_BY, paper, params, files, command, (out, json_file)
         )
-    _write(page, out, json_file)
+    write(out, page.html)
+    write_json(json_file, page.numbers)
+    wrote([out, *([] if json_file is None else [json_file])])
     if show:
         webbrowser.open(out.resolve().as_uri())
     if failures:
@@ -120,17 +121,12 @@ def _by_name(word: str) -> str:
 
 def _walk(file: Path | None, dataset: str | None, name: str | None, files: dict[str, Any]) -> Walk:
     """One recording of a file or of a data set; exits with code 2 if it cannot be used."""
+    if file is not None and dataset is not None:
+        stop("give one of: a file, --dataset NAME; got both")
     try:
         if dataset is None:
             return Walk(recordings.recording_of(Path(str(file)), **files), None, {})
-        if file is not None:
-            stop("give one of: a file, --dataset NAME; got both")
-        walks = datasets.load(dataset, only=(str(name),))
-        if not walks:
-            stop(walks.failures[0].reason if walks.failures else f"{dataset} has no recording {name!r}")
-        return walks[0]
-    except typer.Exit:
-        raise
+        return cohorts.DataSet(dataset)(str(name))
     except Exception as error:
         stop(f"{file or dataset}: {reason_of(error)}")
 
@@ -186,15 +182,3 @@ def _of_folder(folder: Path, command: str) -> tuple[Report, int]:
         )
     except Exception as error:
         stop(f"{folder} is no folder that jgait evaluate wrote: {reason_of(error)}")
-
-
-def _write(page: Report, out: Path, json_file: Path | None) -> None:
-    """Write the page, and the numbers if a file is given; exits with code 2 if they cannot be written."""
-    written = [(page.save, out)] + ([(page.save_numbers, json_file)] if json_file is not None else [])
-    for save, path in written:
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            save(path)
-        except OSError as error:
-            stop(f"{path} could not be written: {error}")
-    wrote(path for _, path in written)
