@@ -221,6 +221,7 @@ class DataSet:
         return f"data set {self.name}"
 
     def __call__(self, recording: str) -> Walk:
+        """The recording of this name. Raises RecordingError if it cannot be read, or there is none."""
         walks = datasets.load(self.name, only=(recording,))
         if not walks:
             raise RecordingError(walks.failures[0].reason if walks.failures else f"there is no recording {recording!r}")
