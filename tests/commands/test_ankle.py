@@ -55,11 +55,13 @@ def words(tmp_path):
 
 def test_strides_totals_flags_and_figures_of_a_leg(csv, tmp_path, words):
     numbers = tmp_path / "made" / "numbers.json"
-    code, said = run(csv(), *words, "--lever", HEIGHT, "--json", numbers)
+    code, said = run(csv(), *words, "--option", f"lever={HEIGHT}", "--json", numbers)
     assert code == 0, said
     assert "│ walk │ doubts │ 2, see below" in said and "│ strides │ 6, 2 regular" in said and "distance │ 6.2" in said
     assert "1 turning, 1 stairs, 2 half-step" in said
-    assert "no --lever" not in said and "does not walk" not in said and "clips" not in said and "upside" not in said
+    assert (
+        "lever: a sensor" not in said and "does not walk" not in said and "clips" not in said and "upside" not in said
+    )
     assert {path.name for path in (tmp_path / "out").glob("[!.]*")} == {
         "walk_strides.csv", "walk_strides.png", "walk_distance.png",
     }  # fmt: skip
@@ -85,7 +87,7 @@ BACKWARDS = np.diag([-1.0, -1.0, 1.0])
 def test_a_sensor_worn_otherwise_costs_nothing(csv, tmp_path, words, mount):
     code, said = run(csv(mount=mount), *words)
     assert code == 0, said
-    assert "Check: No --lever: a sensor at the ankle is taken to sit 0.03 m above it" in said
+    assert "Check: No --option lever: a sensor at the ankle is taken to sit 0.03 m above it" in said
     np.testing.assert_allclose(strides_of(tmp_path)["stride_length_m"], LENGTHS, atol=0.02)
 
 
