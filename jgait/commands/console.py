@@ -131,9 +131,11 @@ def table_of(*headings: str, left: int = 1, title: str | None = None) -> Table:
 
 def page_tables(page: "Report", *headings: str) -> None:
     """Print the tables of these sections of a page."""
+    from jgait.report import page as pages
+
     for section in page.content.sections:
         for part in section.parts if section.heading in headings else ():
-            if isinstance(part, tuple) and hasattr(part, "columns"):
+            if isinstance(part, pages.Table):
                 table = table_of(*part.columns, title=section.heading)
                 for row in part.rows:
                     table.add_row(*(visible(cell.text) for cell in row))

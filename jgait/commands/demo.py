@@ -1,7 +1,7 @@
 """`jgait demo`: a real walk by one call beside its reference; then tune by gradient, and judge on other people."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -38,7 +38,7 @@ def demo(
             datasets.fetch("neura_sparse", progress=True)
         except Exception as error:
             stop(f"neura_sparse could not be fetched: {error}")
-    numbers = {}
+    numbers: dict[str, Any] = {}
     if dataset != "simulated" and datasets.available("neura_sparse"):
         walk = datasets.load("neura_sparse")[0]
         command = f"jgait report --dataset neura_sparse --recording {walk.recording.name}"

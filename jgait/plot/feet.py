@@ -216,7 +216,7 @@ APART_S = 10.0
 """[s] Least time between the ends of two strides of a side that no line joins: a pause, not a missed stride."""
 
 RING: Style = {"linestyle": "none", "markerfacecolor": "none", "color": "black", "zorder": 4}
-SPECIAL = {
+SPECIAL: dict[str, Style] = {
     flag.name: {"marker": marker, "markersize": size, "markeredgewidth": width, "label": flag.label}
     for flag, marker, size, width in (
         (stride_flags.TURNING, "D", 10, 1.0), (stride_flags.STAIRS, "^", 12, 1.0), (stride_flags.CLIPPED, "x", 9, 1.4),

@@ -63,7 +63,9 @@ def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
     way = np.full(time.size, np.nan) if estimate.distance is None else as_float(estimate.distance)
     rows = []
     for side, leg in zip(SIDES, estimate.legs, strict=True):
-        for a, b in () if leg is None else swing_cycles(time, leg, estimate.valid):
+        if leg is None:
+            continue
+        for a, b in swing_cycles(time, leg, estimate.valid):
             knee, hip = (np.rad2deg(as_float(angle)[a:b]) for angle in (leg.knee_angle, leg.hip_angle))
             rows.append({
                 "side": side, "start_s": time[a], "end_s": time[b], "stride_length_m": way[b] - way[a],
