@@ -63,7 +63,7 @@ class Commands(TyperGroup):
         if cmd_name == "datasets":
             return typer.main.get_command(module.sets)
         one = typer.Typer(rich_markup_mode=None, add_completion=False)
-        one.command(cmd_name)(getattr(module, function))
+        one.command(cmd_name, epilog=getattr(module, "EPILOG", None))(getattr(module, function))
         return typer.main.get_command(one)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:

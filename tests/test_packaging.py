@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 pytestmark = pytest.mark.release
 RUNTIME = {"jax", "jaxlib", "jaxtyping", "numpy", "optax", "pywavelets"}
 EXTRAS = ("ezc3d", "h5py", "jinja2", "matplotlib", "pandas", "pooch", "pyarrow", "python-calamine", "rich", "typer")
-COMMANDS = ("jgait.cli", "jgait.commands", "jgait.commands.demo_run")
+COMMANDS = ("jgait.cli", "jgait.commands", "jgait.commands.demo")
 """Modules that only the command needs, with the extra `cli`."""
 
 NO_INDEX = re.compile(r"No matching distribution found|Could not find a version|Max retries|Name or service not known")

@@ -74,12 +74,13 @@ def parts(cache: str, *command: str) -> dict[str, float]:
     """Run a command in this process."""
     begun = time.process_time()
     from jgait import cli, plot
-    from jgait.commands import estimate, results
+    from jgait.commands import estimate
+    from jgait.commands.jobs import RecordingResults
     from jgait.estimators import programs
 
     del estimate, plot
     imports = time.process_time() - begun + BEFORE
-    watch, figures, drawn = Watch(), [0.0], results.drawn
+    watch, figures, drawn = Watch(), [0.0], RecordingResults.drawn
 
     def timed(*arguments: Any) -> Any:
         start = time.process_time()
@@ -87,7 +88,7 @@ def parts(cache: str, *command: str) -> dict[str, float]:
         figures[0] += time.process_time() - start
         return files
 
-    results.drawn = timed
+    RecordingResults.drawn = timed  # type: ignore[method-assign]
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_compilation_cache_dir", cache)
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)

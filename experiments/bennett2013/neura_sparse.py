@@ -11,7 +11,6 @@ from experiments.common.recordings import available, walks
 from experiments.common.row import Row, show
 from experiments.common.sets import datasets
 from jgait import params, tune
-from jgait.commands import demo_run as demo
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegOptions, LegParams
 from jgait.evaluate import FIELDS
@@ -132,7 +131,7 @@ def improvements(judged: Any, p: LegParams) -> None:
 
 def held_out(walk: datasets.Walk, p: LegParams) -> list[Row]:
     """Tune on the walk out (S1), judge on the walk back (S2)."""
-    options = demo.OPTIONS
+    options = DEFAULT._replace(rate_hz=50.0)
     item, unseen = (
         tune.lessons(leg_ekf.estimator(options), [walk], own=datasets.body, windows=tune.named_windows(look)).one(0)
         for look in ("straight_1", "straight_2")

@@ -213,7 +213,7 @@ def _simulated(people: int, seed: int) -> Source:
     return Source(f"{people} simulated people", walks, None, marks, [], [])
 
 
-class _Set:
+class DataSet:
     """Reads the recordings of a public set; its `repr` is the same in every run."""
 
     def __init__(self, name: str) -> None:
@@ -223,9 +223,10 @@ class _Set:
         return f"data set {self.name}"
 
     def __call__(self, recording: str) -> Walk:
+        """The recording of this name. Raises RecordingError if it cannot be read, or there is none."""
         walks = datasets.load(self.name, only=(recording,))
         if not walks:
-            raise RecordingError(walks.failures[0].reason)
+            raise RecordingError(walks.failures[0].reason if walks.failures else f"there is no recording {recording!r}")
         return walks[0]
 
 
@@ -233,7 +234,7 @@ def _of_dataset(name: str) -> Source:
     again = datasets.repeated(name)  # the message of DatasetUnavailable states how to get the set
     names = [recording for recording in datasets.names(name) if recording not in again]
     notes = [WALK_REPEATED(recording=recording, other=other) for recording, other in again.items()]
-    return Source(name, names, _Set(name), dict.fromkeys(names, name), [], notes)
+    return Source(name, names, DataSet(name), dict.fromkeys(names, name), [], notes)
 
 
 class CohortFiles:

@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterable
 from datetime import timedelta
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import typer
 from rich.console import Console
@@ -15,6 +15,9 @@ from rich.table import Table
 from rich.text import Text
 
 from jgait.notes import by_reason, printable
+
+if TYPE_CHECKING:
+    from jgait.report import Report
 
 console = Console()
 errors = Console(stderr=True)
@@ -38,14 +41,19 @@ def stop(message: str) -> NoReturn:
 
 def write_json(file: Path | None, content: object) -> None:
     """Write the numbers as JSON if a file is given; exits with code 2 if it cannot be written."""
-    if file is None:
-        return
+    if file is not None:
+        from jgait.report.page import plain
+
+        write(file, json.dumps(plain(content), indent=1, ensure_ascii=False, default=str) + "\n")
+
+
+def write(file: Path, text: str) -> None:
+    """Write a text into a folder that is made; exits with code 2 if it cannot be written."""
     from jgait.io.atomic import write_text
-    from jgait.report.page import plain
 
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        write_text(file, json.dumps(plain(content), indent=1, ensure_ascii=False, default=str) + "\n")
+        write_text(file, text)
     except OSError as error:
         stop(f"{file} could not be written: {error}")
 
@@ -119,3 +127,16 @@ def table_of(*headings: str, left: int = 1, title: str | None = None) -> Table:
     for number, heading in enumerate(headings):
         table.add_column(escape(heading), justify="left" if number < left else "right")
     return table
+
+
+def page_tables(page: "Report", *headings: str) -> None:
+    """Print the tables of these sections of a page."""
+    from jgait.report import page as pages
+
+    for section in page.content.sections:
+        for part in section.parts if section.heading in headings else ():
+            if isinstance(part, pages.Table):
+                table = table_of(*part.columns, title=section.heading)
+                for row in part.rows:
+                    table.add_row(*(visible(cell.text) for cell in row))
+                console.print(table)

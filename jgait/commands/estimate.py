@@ -13,12 +13,10 @@ from jaxtyping import PyTree
 from jgait import io
 from jgait.commands import cohort as cohorts
 from jgait.commands import jobs, recordings
+from jgait.commands import options as own
 from jgait.commands.console import Bar, console, errors, note, progress, say_failures, stop, visible, write_json, wrote
 from jgait.commands.folder import ResultsFolder, results_folder
 from jgait.commands.jobs import EstimateJob
-from jgait.commands.own_options import remarks, with_own_options
-from jgait.commands.person import PersonFile, person_in, person_of
-from jgait.commands.pipeline import chosen
 from jgait.commands.recordings import Item
 from jgait.estimators import programs
 from jgait.notes import grouped, of_recordings
@@ -29,6 +27,11 @@ from jgait.types import Recording, reason_of
 if TYPE_CHECKING:
     import pandas as pd
 
+ENDINGS = ("csv", "parquet", "json")
+"""Formats of tables."""
+
+EPILOG = own.epilog()
+
 STYLES = {"stop": "bold red", "check": "yellow"}
 """Grade of a flag → its style in the terminal."""
 
@@ -36,10 +39,8 @@ STYLES = {"stop": "bold red", "check": "yellow"}
 class Outcome(NamedTuple):
     """What became of a recording."""
 
-    recording: str  #: its name in tables of several, the same as in those of `jgait evaluate` if a table lists it.
+    item: Item
     subject: str
-    key: str = ""  #: its file, with its trial if the file has several.
-    label: str = ""  #: the same in printed lines.
     reason: str = ""  #: why it could not be used; empty if it could.
     flags: Sequence[Flag] = ()
     tables: "Mapping[str, pd.DataFrame]" = MappingProxyType({})  #: its tables of which there is one of all recordings.
@@ -54,10 +55,9 @@ class Outcome(NamedTuple):
         doubts = self.doubts()
         result = "failed" if self.reason else GRADES[doubts[0].grade].lower() if doubts else "good"
         lines = (line for flag in doubts for line in flag.text.splitlines())
-        return self.recording, self.subject, self.key, result, self.reason or "; ".join(lines)
+        return self.item.recording, self.subject, self.item.key, result, self.reason or "; ".join(lines)
 
 
-@with_own_options
 def estimate(
     files: Annotated[
         list[Path],
@@ -76,7 +76,11 @@ def estimate(
     trial: recordings.Trial = None,
     params: cohorts.Params = None,
     paper: cohorts.Paper = False,
-    person: PersonFile = None,
+    person: own.PersonFile = None,
+    height: own.Height = None,
+    thigh: own.Thigh = None,
+    shank: own.Shank = None,
+    option: own.Options = None,
     table_format: Annotated[str, typer.Option(help="Of the tables: csv, parquet or json.")] = "csv",
     out: Annotated[
         Path,
@@ -85,7 +89,6 @@ def estimate(
         ),
     ] = Path("jgait-results"),
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
-    **own: Any,
 ) -> None:
     """Estimate gait from recordings in files, and write tables and figures.
 
@@ -96,12 +99,13 @@ def estimate(
     somewhere in the recording. Exit code 0: all recordings have results, also without any stride, which is printed as
     "do not use"; 1: some could not be used, such as without walking where leg_ekf or duty_cycled_gyro runs alone; 2:
     none.
-
-    {estimators}
     """
-    if table_format not in jobs.ENDINGS:
-        stop(f"--table-format is {', '.join(jobs.ENDINGS)}; got '{table_format}'")
-    job = _job(estimator, paper, params, person, table_format, own)
+    if table_format not in ENDINGS:
+        stop(f"--table-format is {', '.join(ENDINGS)}; got '{table_format}'")
+    for name, asked in (("--params", params is not None), ("--paper", paper)):
+        if asked and estimator is None:
+            stop(f"{name} is of one estimator; give --estimator as well")
+    job = jobs.job_of(estimator, paper, params, person, own.given(option, height, thigh, shank))
     placement, placements = recordings.places_of(place)
     tables = {
         file: cohorts.source(file, None, None, 0, gyr_unit, acc_unit, ())
@@ -120,9 +124,11 @@ def estimate(
 
     items = _items(files, tables, format, trial)
     planned = {
-        output: item._replace(file=item.file.resolve()).key for item in items for output in job.planned(item.name)
+        output: item._replace(file=item.file.resolve()).key
+        for item in items
+        for output in job.planned(item.name, table_format)
     }
-    if len(planned) < len(items) * len(job.planned("")):
+    if len(planned) < len(items) * len(job.planned("", "")):
         stop("two of these files have results of the same names; give them different --out")
     several = len(items) > 1 or bool(tables)
     if several:
@@ -130,9 +136,9 @@ def estimate(
     inputs = [*files, params, person, *(file for table in tables.values() for file in table.files)]
     unread = [failure for table in tables.values() for failure in table.failures]
     say_failures(unread)
-    made = [Outcome(row, "", row, row, reason) for row, reason in unread]
+    made = [Outcome(Item(Path(row), row), "", reason) for row, reason in unread]
     with results_folder(out, "estimate", None, planned=planned, inputs=inputs, json_file=json_file) as folder:
-        made += [_one(item, read, job, folder) for item in items]
+        made += [_one(item, read, job, folder, table_format) for item in items]
         if several:
             every = _together(made, job.joined).items()
             files = [io.write_table(rows, folder.stage / f"{name}.{table_format}") for name, rows in every]
@@ -142,29 +148,13 @@ def estimate(
         console.print(job.caption, style="dim")
     for one in made:
         if doubtful := one.doubts():
-            _say_doubts(one.label, doubtful)
-    failures = {one.key: one.reason for one in made if one.reason}
-    numbers = {one.key: one.numbers for one in made if not one.reason}
+            _say_doubts(one.item.label, doubtful)
+    failures = {one.item.key: one.reason for one in made if one.reason}
+    numbers = {one.item.key: one.numbers for one in made if not one.reason}
     write_json(json_file, {"estimator": job.name, "recordings": numbers, "failures": failures})
     if failures:
         errors.print(f"{of_recordings(len(failures), len(made))} could not be used", highlight=False)
         raise typer.Exit(1 if numbers else 2)
-
-
-def _job(
-    estimator: str | None, paper: bool, params: Path | None, person: Path | None, ending: str, own: dict[str, Any]
-) -> EstimateJob:
-    """The work that the options ask for; exits with code 2 for options that do not go together."""
-    if estimator is None:
-        for option, given in (("--params", params is not None), ("--paper", paper)):
-            if given:
-                stop(f"{option} is of one estimator; give --estimator as well")
-        return jobs.all_sensors(person_of(person, own), ending)
-    choice = chosen(estimator, paper, params, own)
-    for line in remarks(estimator, own):
-        note(line)
-    title = f"{estimator}, the paper's pipeline" if paper else estimator
-    return jobs.one_estimator(choice, person_in(person), title, ending)
 
 
 def _items(
@@ -211,7 +201,11 @@ def _called(files: list[Path]) -> dict[Path, list[str]]:
 
 
 def _one(
-    item: Item, read: Callable[[Item], tuple[Recording, Mapping[str, PyTree]]], job: EstimateJob, folder: ResultsFolder
+    item: Item,
+    read: Callable[[Item], tuple[Recording, Mapping[str, PyTree]]],
+    job: EstimateJob,
+    folder: ResultsFolder,
+    ending: str,
 ) -> Outcome:
     """Estimate and write one recording, and print its notes, but for those that put it in doubt."""
     subject = item.subject or item.file.stem
@@ -223,21 +217,22 @@ def _one(
             recording, known = read(item)
             subject = recording.subject
             made = job.compute(recording, known)
-            tables, flags = job.tables(made), job.flags(made)
+            flags = made.flags()
     except Exception as error:  # whatever a damaged file leads to must not stop the others
         reason = reason_of(error)
         errors.print(f"[bold red]{visible(item.key)}:[/] {visible(reason)}", highlight=False, soft_wrap=True)
-        return Outcome(item.recording, subject, item.key, item.label, reason)
-    files = [io.write_table(rows, folder.stage / f"{item.name}_{name}.{job.ending}") for name, rows in tables.items()]
-    written = folder.publish(files + job.draw(made, folder.stage, item.name))
-    for line in grouped(one for one in job.notes(made) if one.severity not in DOUBTS):
+        return Outcome(item, subject, reason)
+    files = [io.write_table(rows, folder.stage / f"{item.name}_{name}.{ending}") for name, rows in made.tables.items()]
+    written = folder.publish(files + made.drawn(folder.stage, item.name, job.figures))
+    for line in grouped(one for one in made.notes if one.severity not in DOUBTS):
         note(f"{item.label}: {str(line).removeprefix(f'{item.file.name}: ')}")
-    result = Outcome(item.recording, subject, item.key, item.label, "", flags,
-                  {name: rows for name, rows in tables.items() if name in job.joined})  # fmt: skip
-    for number, row in enumerate([*_doubt_row(result.doubts()), *job.rows(made)]):
+    result = Outcome(item, subject, "", flags,
+                  {name: rows for name, rows in made.tables.items() if name in job.joined})  # fmt: skip
+    for number, row in enumerate([*_doubt_row(result.doubts()), *made.rows]):
         job.table.add_row("" if number else visible(item.name), *row)
     wrote(written)
-    return result._replace(numbers={**job.numbers(made, written), "flags": [flag._asdict() for flag in flags]})
+    listed = {"files": list(map(str, written)), "flags": [flag._asdict() for flag in flags]}
+    return result._replace(numbers={**made.numbers, **listed})
 
 
 def _together(made: Sequence[Outcome], names: Iterable[str]) -> dict[str, "pd.DataFrame"]:
@@ -247,7 +242,7 @@ def _together(made: Sequence[Outcome], names: Iterable[str]) -> dict[str, "pd.Da
     columns = ["recording", "subject", "file", "result", "reason"]
     tables = {"recordings": pd.DataFrame([one.row() for one in made], columns=columns)}
     for name in names:
-        parts = {(one.recording, one.subject): one.tables[name] for one in made if len(one.tables.get(name, ()))}
+        parts = {(one.item.recording, one.subject): one.tables[name] for one in made if len(one.tables.get(name, ()))}
         if parts:
             whole = pd.concat(parts, names=["recording", "subject"])
             tables[name] = whole.reset_index(level=[0, 1]).reset_index(drop=True)

@@ -1,43 +1,43 @@
-"""What `jgait estimate` does with each recording: one estimator, or all that the sensors allow."""
+"""What `jgait estimate` writes and prints of each recording, by one estimator or by all that the sensors allow."""
 
+import json
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import PyTree
 from rich.table import Table
 
-from jgait import io
-from jgait.commands import results
+from jgait import io, plot
+from jgait import report as reports
+from jgait.commands import options
 from jgait.commands.console import table_of
-from jgait.commands.pipeline import Choice
-from jgait.estimators.about import EstimatedRecording
+from jgait.commands.pipeline import Choice, chosen
+from jgait.estimators.about import About, EstimatedRecording, EstimateFigure
+from jgait.estimators.columns import QUANTITIES
 from jgait.estimators.combined import Analysis, analyse
 from jgait.estimators.notes import without_repeats
-from jgait.estimators.stride_flags import STRIDE_FLAGS
+from jgait.estimators.stride_flags import STRIDE_FLAGS, regular
 from jgait.estimators.totals import (
     CAPTION,
     FOOT_PATH,
     JOINT_ANGLES,
     LEG_STRIDES,
     WAY,
+    distance_of,
     has_legs,
     has_strides,
     totals,
 )
+from jgait.io.strides import special
 from jgait.notes import Note
-from jgait.report.analysis import QUANTITIES
 from jgait.report.flags import of_result
 from jgait.report.page import Flag
-from jgait.types import Recording
+from jgait.types import Estimate, Recording
 
 if TYPE_CHECKING:
     import pandas as pd
-
-ENDINGS = ("csv", "parquet", "json")
-"""Formats of tables."""
 
 TABLES = ("strides", "summary", "bouts", "contacts", "sources", "samples")
 FIGURES = (
@@ -47,92 +47,142 @@ FIGURES = (
 """Tables and figures of all sensors together."""
 
 
+class RecordingResults(NamedTuple):
+    """The results of one recording."""
+
+    made: PyTree  #: an `Analysis` or an `EstimatedRecording`, from which figures are drawn.
+    notes: tuple[Note, ...]
+    tables: "Mapping[str, pd.DataFrame]"  #: table that is written, by the end of its name.
+    rows: list[list[str]]  #: of the printed table, without the recording.
+    numbers: Mapping[str, PyTree]  #: for the JSON file.
+
+    def flags(self) -> list[Flag]:
+        """What a reader should know before using the numbers, as on a page."""
+        return of_result(self.made.estimate, self.notes)
+
+    def drawn(self, out: Path, name: str, figures: tuple[EstimateFigure, ...]) -> list[Path]:
+        """Draw the figures that there are into a folder; returns their paths."""
+        files = []
+        for figure in figures:
+            if figure.when(self.made.estimate):
+                arguments, words = figure.arguments(self.made)
+                whole = getattr(plot, figure.plot)(*arguments, title=name, **words)
+                files.append(plot.save(whole, out / f"{name}_{figure.file}.png"))
+        return files
+
+
 class EstimateJob(NamedTuple):
     """The work on one recording after another."""
 
     name: str  #: name of the estimator, or "all".
     table: Table  #: table that is printed, without rows.
     caption: str  #: text below the table.
-    ending: str  #: format of the tables, of `ENDINGS`.
-    planned: Callable[[str], list[str]]  #: first part of the names of files → the files that may be written.
+    tables: tuple[str, ...]  #: ends of the names of tables that may be written.
     joined: tuple[str, ...]  #: tables of which there is one of all recordings; those of samples are left out.
-    compute: Callable[[Recording, Mapping[str, PyTree]], PyTree]  #: (recording, measures of its person) → result.
-    notes: Callable[[PyTree], tuple[Note, ...]]  #: result → notes.
-    flags: Callable[[PyTree], list[Flag]]  #: result → what a reader should know before using its numbers, as on a page.
-    tables: Callable[[PyTree], "dict[str, pd.DataFrame]"]  #: result → table that is written, by the end of its name.
-    draw: Callable[[PyTree, Path, str], list[Path]]  #: (result, folder, first part of the names) → figures written.
-    rows: Callable[[PyTree], list[list[str]]]  #: result → rows of the printed table, without the recording.
-    numbers: Callable[[PyTree, list[Path]], dict[str, PyTree]]  #: (result, files) → numbers for the JSON file.
+    figures: tuple[EstimateFigure, ...]
+    compute: Callable[
+        [Recording, Mapping[str, PyTree]], RecordingResults
+    ]  #: (recording, measures of a person) → results.
+    made: reports.Made  #: how the results are made, for a page.
+
+    def planned(self, name: str, ending: str) -> list[str]:
+        """The names of the files of a recording that may be written, by their first part."""
+        return [f"{name}_{one}.{ending}" for one in self.tables] + [f"{name}_{one.file}.png" for one in self.figures]
 
 
-def one_estimator(choice: Choice, person: Mapping[str, PyTree], title: str, ending: str) -> EstimateJob:
+def job_of(
+    estimator: str | None, paper: bool, params: Path | None, person: Path | None, given: dict[str, str]
+) -> EstimateJob:
+    """The work that the options ask for, by one estimator or by all; exits with code 2 if they do not go together."""
+    if estimator is None:
+        return all_sensors(options.person_of(person, given))
+    choice = chosen(estimator, paper, params, given)
+    return one_estimator(choice, options.person_in(person))
+
+
+def one_estimator(choice: Choice, person: Mapping[str, PyTree]) -> EstimateJob:
     """The estimator that the options select."""
-    about = choice.estimator.about
+    about, name = choice.estimator.about, choice.estimator.name
 
-    def compute(recording: Recording, known: Mapping[str, PyTree]) -> EstimatedRecording:
+    def compute(recording: Recording, known: Mapping[str, PyTree]) -> RecordingResults:
         p, lacking = choice.personal({**known, **person})
-        result = choice.estimate(p, recording)
-        notes = (*without_repeats((*recording.notes, *result.diagnostics["notes"])), *lacking)
-        result = result._replace(diagnostics={**result.diagnostics, "notes": notes})
-        return EstimatedRecording(recording, result, p, choice.settings)
+        estimate = choice.estimate(p, recording)
+        notes = (*without_repeats((*recording.notes, *estimate.diagnostics["notes"])), *lacking)
+        estimate = estimate._replace(diagnostics={**estimate.diagnostics, "notes": notes})
+        return of_estimate(EstimatedRecording(recording, estimate, p, choice.settings), about)
 
-    def rows(made: EstimatedRecording) -> list[list[str]]:
-        found = [(one.words, one.text) for one in totals(made.estimate, about.flags)]
-        return [[*row] for row in [*found, *about.facts(made.estimate)]]
-
-    table = table_of("recording", "quantity", "value", left=3, title=title)
+    table = table_of(
+        "recording", "quantity", "value", left=3, title=f"{name}, the paper's pipeline" if choice.paper else name
+    )
     caption = "; ".join(filter(None, (about.caption.format(**choice.settings), CAPTION)))
-    return EstimateJob(
-        choice.estimator.name, table, caption, ending, lambda name: results.planned(about, name, ending),
-        tuple(table.name for table in about.tables if table.rows != "samples"), compute,
-        lambda made: made.estimate.diagnostics["notes"],
-        lambda made: of_result(made.estimate, made.estimate.diagnostics["notes"]),
-        lambda made: results.tables(made.estimate, about),
-        lambda made, out, name: results.drawn(made, out, name, about.figures), rows,
-        lambda made, files: results.numbers(made.estimate, about, files),
-    )  # fmt: skip
+    joined = tuple(table.name for table in about.tables if table.rows != "samples")
+    names = tuple(table.name for table in about.tables)
+    made = reports.Made(name, None, choice.estimator.params, "the paper's" if choice.paper else "")
+    return EstimateJob(name, table, caption, names, joined, about.figures, compute, made)
 
 
-def all_sensors(person: Mapping[str, PyTree], ending: str) -> EstimateJob:
+def all_sensors(person: Mapping[str, PyTree]) -> EstimateJob:
     """Every estimator that has its sensors."""
-
-    def planned(name: str) -> list[str]:
-        return [f"{name}_{table}.{ending}" for table in TABLES] + [f"{name}_{figure.file}.png" for figure in FIGURES]
-
-    def tables(made: Analysis) -> "dict[str, pd.DataFrame]":
-        every = io.analysis_to_dataframes(made).items()
-        return {key: rows for key, rows in every if len(rows) or key == "summary"}  # tables of many are joined
-
     table = table_of("recording", "quantity", "combined", "each alone", left=4, title="all sensors together")
     return EstimateJob(
-        "all", table, CAPTION, ending, planned, TABLES[:-1],
-        lambda recording, known: analyse(recording, {**known, **person}), lambda made: made.notes,
-        lambda made: of_result(made.estimate, made.notes), tables, partial(results.drawn, figures=FIGURES), _rows,
-        _numbers,
+        "all", table, CAPTION, TABLES, TABLES[:-1], FIGURES,
+        lambda recording, known: of_analysis(analyse(recording, {**known, **person})),
+        reports.Made("all sensors together"),
     )  # fmt: skip
 
 
-def _rows(made: Analysis) -> list[list[str]]:
-    """A row for each quantity: the combined value with its standard deviation, and the value of each source."""
+def of_estimate(made: EstimatedRecording, about: About) -> RecordingResults:
+    """The results of one estimator, whose `about` states the tables and numbers."""
+    estimate, notes = made.estimate, tuple(made.estimate.diagnostics.get("notes", ()))
+    tables = {one.name: _rows(one.rows, estimate, about) for one in about.tables if one.when(estimate)}
+    words = [[one.words, one.text] for one in totals(estimate, about.flags)]
+    listed = {one.json: _records(tables[one.name]) for one in about.tables if one.json and one.name in tables}
+    numbers = {**_numbers(estimate, notes), **about.numbers(estimate), **listed}
+    return RecordingResults(made, notes, tables, [*words, *map(list, about.facts(estimate))], numbers)
+
+
+def _rows(rows: Any, estimate: Estimate, about: About) -> "pd.DataFrame":
+    """One of an estimator's tables, see `EstimateTable.rows`."""
+    import pandas as pd
+
+    if rows == "samples":
+        return io.to_dataframe(estimate)
+    if rows == "strides":
+        strides = io.strides_to_dataframe(estimate)
+        return strides.assign(special=special(estimate, about.flags), regular=regular(estimate, about.flags))
+    return pd.DataFrame(rows(estimate))
+
+
+def of_analysis(made: Analysis) -> RecordingResults:
+    """The results of all sensors: a row for each quantity, combined with its standard deviation, and of each source."""
     alone: dict[str, list[str]] = {}
     for one in made.comparisons:
         if one.source != "combined":
-            alone.setdefault(one.quantity, []).append(f"{one.source} {one.value:.{QUANTITIES[one.quantity][2]}f}")
+            alone.setdefault(one.quantity, []).append(f"{one.source} {one.value:.{QUANTITIES[one.quantity].digits}f}")
     seen = None if made.strides is None else np.array(made.strides.first) == "feet"
-    return [
+    rows = [
         [one.words, one.text, ", ".join(alone.get(one.quantity, ()))]
         for one in totals(made.estimate, STRIDE_FLAGS, seen)
     ]
-
-
-def _numbers(made: Analysis, files: list[Path]) -> dict[str, PyTree]:
-    """The JSON numbers of an analysis: its tables but for the samples, notes, and the person."""
-    distance = next((c for c in made.comparisons if (c.source, c.quantity) == ("combined", "distance")), None)
-    tables = io.analysis_to_dataframes(made).items()
-    return {
-        **results.of_any(made.estimate, made.notes, files),
-        "distance_m": None if distance is None else distance.value,
-        "distance_std_m": None if distance is None else distance.stddev,
+    tables = io.analysis_to_dataframes(made)
+    numbers = {
+        **_numbers(made.estimate, made.notes),
         "person": made.person,
-        **{name: results.records(rows) for name, rows in tables if name != "samples" and len(rows)},
-    }
+        **{name: _records(rows) for name, rows in tables.items() if name != "samples" and len(rows)},
+    }  # fmt: skip
+    kept = {name: table for name, table in tables.items() if len(table) or name == "summary"}  # many are joined
+    return RecordingResults(made, made.notes, kept, rows, numbers)
+
+
+def _numbers(estimate: Estimate, notes: tuple[Note, ...]) -> dict[str, Any]:
+    distance, deviation = distance_of(estimate) or (None, None)
+    return {
+        "duration_s": float(estimate.time[-1] - estimate.time[0]), "notes": [note.to_dict() for note in notes],
+        "distance_m": distance, "distance_std_m": deviation,
+    }  # fmt: skip
+
+
+def _records(table: "pd.DataFrame") -> list[dict[str, Any]]:
+    """The rows of a table as JSON values."""
+    rows: list[dict[str, Any]] = json.loads(table.to_json(orient="records", double_precision=6))
+    return rows

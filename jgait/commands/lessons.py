@@ -73,11 +73,8 @@ def lessons_of(
     parameters = {m.name: m.parameter or m.name for m in pipeline.about.measures if m.name in measures_of(pipeline)}
     learned |= {name for name, parameter in parameters.items() if parameter in learned}
     measures = tuple(parameters)
-    if learned & set(measures):
-        note(
-            f"{', '.join(sorted(learned & set(measures)))}: a single value is learned for all people, not one for each "
-            "person"
-        )
+    if of_all := sorted(learned & set(measures)):
+        note(f"{', '.join(of_all)}: a single value is learned for all people, not one for each person")
 
     def body_of(walk: Walk) -> dict[str, np.ndarray]:
         # All lessons must have the same measures, so unknown measures get their default.
@@ -94,17 +91,13 @@ def lessons_of(
         return {name: value for name, value in both.items() if name not in learned}
 
     lacks: list[tuple[str, str]] = []
-    unanswered: Counter[str] = Counter()
-    answered: set[str] = set(pipeline.about.losses or ())
 
     def answering(walks: Iterable[Walk]) -> Iterator[Walk]:
         for walk in walks:
-            answered.difference_update([name for name in answered if tuning.lacking(name, walk.reference)])
             try:
                 yield tuning.asked(walk, losses)
             except RecordingError as error:
                 lacks.append((walk.recording.name, str(error)))
-                unanswered.update(name for name in losses if tuning.lacking(name, walk.reference))
 
     with progress() as bars:
         bar, total = Bar(bars), len(source.items)
@@ -114,17 +107,16 @@ def lessons_of(
             made = tuning.lessons(pipeline, answering(walks), own=body_of, reference=needed)
         except ValueError:
             if len({reason for _, reason in lacks}) == 1:
-                other = [name for name in pipeline.about.losses or () if name in answered]
-                told = f"; {pipeline.name} can learn from {', '.join(other)}" if other else ""
-                raise ValueError(f"{lacks[0][1]}; no reference of {source.title} has that{told}") from None
+                raise ValueError(f"{lacks[0][1]}; no reference of {source.title} has that") from None
             failures += lacks
             if not source.items:
                 raise ValueError(f"no recording of {source.title} could be used") from None
             if len(lacks) == len(source.items):
-                needed_by = (f"{tuning.lacking(name, None)}: {of} have none" for name, of in unanswered.items())
+                lacking = Counter(part for _, reason in lacks for part in reason.split("; "))
                 raise ValueError(
-                    f"no recording of {source.title} can answer all of {', '.join(losses)}; {'; '.join(needed_by)}; "
-                    "learn from losses that the same recordings can answer"
+                    f"no recording of {source.title} can answer all of {', '.join(losses)}; "
+                    + "; ".join(f"{part}: {many} have none" for part, many in lacking.items())
+                    + "; learn from losses that the same recordings can answer"
                 ) from None
             raise
     failures += [*lacks, *made.failures]

@@ -9,7 +9,7 @@ from jaxtyping import PyTree
 
 from jgait import estimators, io
 from jgait.commands.console import count, note, stop
-from jgait.commands.own_options import given_of, refuse
+from jgait.commands.options import given_of, named
 from jgait.commands.rows import Contents
 from jgait.estimators import About, Estimator, proportions
 from jgait.estimators.about import Settings
@@ -73,7 +73,7 @@ def missing(about: About, body: Mapping[str, Any], params: PyTree, default: PyTr
         for name in group.measures:
             parameter = measures[name].parameter or name
             if name not in body and np.all(np.equal(getattr(params, parameter), getattr(default, parameter))):
-                lacking.append(measures[name].option)
+                lacking.append(named(measures[name].option))
         if not lacking or (group.any_one and len(lacking) < len(group.measures)):
             continue
         options = list(dict.fromkeys(lacking))
@@ -85,12 +85,15 @@ def missing(about: About, body: Mapping[str, Any], params: PyTree, default: PyTr
 def chosen(name: str, paper: bool, file: Path | None, values: Mapping[str, Any]) -> Choice:
     """The choice that the options select; exits with code 2 if it does not exist.
 
-    `values` are the options that only some estimators have, as arguments, see `with_own_options`.
+    `values` are the options that only some estimators have, see `jgait.commands.options.given`.
     """
     pipeline_of(name, paper, file)
     given = given_of(name, values)
     about = estimators.about_of(name)
     settings = settings_of(about, paper, file)
+    for option in about.options:
+        if option.remark is not None and (text := option.remark(given.get(option.name))):
+            note(text)
     for line in not_held_out(file):
         note(line)
     for option in about.options:
@@ -128,7 +131,8 @@ def pipeline_of(
     or no pipeline of a paper.
     """
     if paper and name in estimators.names() and estimators.about_of(name).paper is None:
-        refuse("--paper", tuple(n for n in estimators.names() if estimators.about_of(n).paper is not None), name)
+        known = [one for one in estimators.names() if estimators.about_of(one).paper is not None]
+        stop(f"--paper is an option of {' and '.join(known)}; got --estimator {name}")
     try:
         settings = settings_of(estimators.about_of(name), paper, file)
         if noise is not None:

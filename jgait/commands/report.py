@@ -7,20 +7,15 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from jaxtyping import PyTree
 
-from jgait import datasets
 from jgait import report as reports
 from jgait.commands import cohort as cohorts
-from jgait.commands import recordings
-from jgait.commands.console import console, count, note, stop, wrote
+from jgait.commands import jobs, recordings
+from jgait.commands import options as own
+from jgait.commands.console import console, count, note, stop, write, write_json, wrote
 from jgait.commands.folder import keep_inputs, unfinished
-from jgait.commands.own_options import stated, with_own_options
-from jgait.commands.person import PersonFile, person_in, person_of
-from jgait.commands.pipeline import Choice, chosen, measures_of
-from jgait.estimators.combined import MEASURES, analyse
+from jgait.estimators.combined import MEASURES, Analysis
 from jgait.notes import grouped
-from jgait.params import check_params
 from jgait.report import Report
 from jgait.report import folder as folders
 from jgait.types import Walk, reason_of
@@ -28,11 +23,12 @@ from jgait.types import Walk, reason_of
 ENDINGS = (".html", ".htm")
 """Endings of the name of a page."""
 
+EPILOG = own.epilog()
+
 COHORTS_BY = "leg_ekf"
 """The estimator of a cohort if none is named."""
 
 
-@with_own_options
 def report(
     context: typer.Context,
     what: Annotated[
@@ -50,7 +46,11 @@ def report(
     estimator: cohorts.OneEstimator = None,
     paper: cohorts.Paper = False,
     params: cohorts.Params = None,
-    person: PersonFile = None,
+    person: own.PersonFile = None,
+    height: own.Height = None,
+    thigh: own.Thigh = None,
+    shank: own.Shank = None,
+    option: own.Options = None,
     rate: recordings.Rate = None,
     gyr_unit: recordings.GyrUnit = None,
     acc_unit: recordings.AccUnit = None,
@@ -62,7 +62,6 @@ def report(
     out: Annotated[Path, typer.Option(help="The page.")] = Path("report.html"),
     show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
-    **own: Any,
 ) -> None:
     """One self-contained HTML page about a recording or a cohort: summary, warnings in plain words, figures, tables.
 
@@ -80,33 +79,32 @@ def report(
     placement, placements = recordings.places_of(place)
     files = {"rate": rate, "gyr_unit": gyr_unit, "acc_unit": acc_unit, "range_unit": range_unit, "format": format,
              "placement": placement, "placements": placements, "trial": trial}  # fmt: skip
-    command = command_of(context.obj)
-    failures: list[tuple[str, str]] = []
+    command, given = command_of(context.obj), own.given(option, height, thigh, shank)
+    failures = 0
     if recording is not None and dataset is None:
         stop("--recording names a recording of a --dataset; there is none")
     if what is not None and dataset is None and simulated is None and what.is_dir():
         page, failures = _of_folder(what, command)
     elif recording is not None or (what is not None and not (dataset or simulated) and not cohorts.is_cohort(what)):
         walk = _walk(what, dataset, recording, files)
-        data = str(what or f"{dataset}: {recording}")
-        if estimator is None and not paper and params is None:
-            page = _of_all(walk, data, person_of(person, own), command)
-        else:
-            choice = chosen(estimator or COHORTS_BY, paper, params, own)
-            page = _of_one(walk, data, choice, person_in(person), command)
+        alone = estimator or (COHORTS_BY if paper or params else None)
+        job = jobs.job_of(alone, paper, params, person, given)
+        page = of_walk(walk, job, str(what or f"{dataset}: {recording}"), command)
     else:
         if person is not None:
             stop("--person is of one recording; for a cohort put columns into its table")
-        if given := stated(own):
-            stop(f"{given[0][0].option.name} is of one recording; for a cohort put a column into its table")
+        for name in given:
+            stop(f"{own.named(name)} is of one recording; for a cohort put a column into its table")
         page, failures = _of_cohort(
             what, dataset, simulated, seed, estimator or COHORTS_BY, paper, params, files, command, (out, json_file)
         )
-    _write(page, out, json_file)
+    write(out, page.html)
+    write_json(json_file, page.numbers)
+    wrote([out, *([] if json_file is None else [json_file])])
     if show:
         webbrowser.open(out.resolve().as_uri())
     if failures:
-        console.print(f"{count(len(failures), 'recording', 'recordings')} could not be used", highlight=False)
+        console.print(f"{count(failures, 'recording', 'recordings')} could not be used", highlight=False)
         raise typer.Exit(1)
 
 
@@ -123,77 +121,57 @@ def _by_name(word: str) -> str:
 
 def _walk(file: Path | None, dataset: str | None, name: str | None, files: dict[str, Any]) -> Walk:
     """One recording of a file or of a data set; exits with code 2 if it cannot be used."""
+    if file is not None and dataset is not None:
+        stop("give one of: a file, --dataset NAME; got both")
     try:
         if dataset is None:
             return Walk(recordings.recording_of(Path(str(file)), **files), None, {})
-        if file is not None:
-            stop("give one of: a file, --dataset NAME; got both")
-        walks = datasets.load(dataset, only=(str(name),))
-        if not walks:
-            stop(walks.failures[0].reason if walks.failures else f"{dataset} has no recording {name!r}")
-        return walks[0]
-    except typer.Exit:
-        raise
+        return cohorts.DataSet(dataset)(str(name))
     except Exception as error:
         stop(f"{file or dataset}: {reason_of(error)}")
 
 
-def _of_one(walk: Walk, data: str, choice: Choice, person: dict[str, PyTree], command: str) -> Report:
-    """The page of one recording by one estimator; exits with code 2 if it cannot be used."""
-    estimator = choice.estimator
-    p, missing = choice.personal({**cohorts.body(walk, measures_of(estimator)), **person})
-    for line in missing:
-        note(line)
-    try:
-        check_params(p, estimator.transforms)
-        result = choice.estimate(p, walk.recording)
-    except Exception as error:
-        stop(f"{data}: {reason_of(error)}")
-    for line in result.diagnostics["notes"]:
-        note(line)
-    pipeline = "the paper's" if choice.paper else ""
-    made = reports.Made(estimator.name, p, estimator.params, pipeline, data, command, tuple(missing))
-    return reports.of_estimate(result, walk.recording, reference=walk.reference, made=made)
-
-
-def _of_all(walk: Walk, data: str, person: dict[str, PyTree], command: str) -> Report:
-    """The page of one recording by all its sensors; exits with code 2 if it cannot be used."""
+def of_walk(walk: Walk, job: jobs.EstimateJob, data: str, command: str) -> Report:
+    """The page of one recording; exits with code 2 if it cannot be used."""
     known = cohorts.body(walk, tuple({name for names in MEASURES.values() for name in names}))
     try:
-        analysis = analyse(walk.recording, {**known, **person})
+        found = job.compute(walk.recording, known)
     except Exception as error:
         stop(f"{data}: {reason_of(error)}")
-    for line in grouped(analysis.notes):
+    for line in grouped(found.notes):
         note(line)
-    made = reports.Made("all sensors together", file=data, command=command)
-    return reports.of_analysis(analysis, walk.recording, reference=walk.reference, made=made)
+    made = job.made._replace(file=data, command=command)
+    if isinstance(found.made, Analysis):
+        return reports.of_analysis(found.made, walk.recording, reference=walk.reference, made=made)
+    made = made._replace(params=found.made.params)
+    return reports.of_estimate(found.made.estimate, walk.recording, reference=walk.reference, made=made)
 
 
 def _of_cohort(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, estimator: str, paper: bool,
     params: Path | None, files: dict[str, Any], command: str, outputs: tuple[Path | None, ...],
-) -> tuple[Report, list[tuple[str, str]]]:  # fmt: skip
+) -> tuple[Report, int]:  # fmt: skip
     """The page of a cohort whose results are computed now."""
     pipeline, start, source = cohorts.opened(
         table, dataset, simulated, seed, estimator, paper, params, files["gyr_unit"], files["acc_unit"]
     )
     keep_inputs(outputs, source.files)
-    results, failures = source.with_failures(cohorts.evaluated(pipeline, start, source))
+    rows, _ = source.with_failures(cohorts.evaluated(pipeline, start, source))
     made = reports.Made(
         pipeline.name, start, pipeline.params, "the paper's" if paper else "", source.title, command,
         tuple(source.notes),
     )  # fmt: skip
-    return reports.of_cohort(results, title=source.title, failures=failures, made=made), failures
+    return reports.of_cohort(rows, title=source.title, made=made), len(rows.failures)
 
 
-def _of_folder(folder: Path, command: str) -> tuple[Report, list[tuple[str, str]]]:
+def _of_folder(folder: Path, command: str) -> tuple[Report, int]:
     """The page of the results of `jgait evaluate` in a folder."""
     try:
         if unfinished(folder, "evaluate"):
             stop(f"{folder} holds an evaluation that did not end; repeat it")
-        results, failures = folders.read(folder)
-        made = folders.made(folder)._replace(command=command)
-        return reports.of_cohort(results, title=folder.resolve().name, failures=failures, made=made), failures
+        rows, made = folders.read(folder)
+        page = reports.of_cohort(rows, title=folder.resolve().name, made=made._replace(command=command))
+        return page, len(rows.failures)
     except typer.Exit:
         raise
     except FileNotFoundError as error:
@@ -204,15 +182,3 @@ def _of_folder(folder: Path, command: str) -> tuple[Report, list[tuple[str, str]
         )
     except Exception as error:
         stop(f"{folder} is no folder that jgait evaluate wrote: {reason_of(error)}")
-
-
-def _write(page: Report, out: Path, json_file: Path | None) -> None:
-    """Write the page, and the numbers if a file is given; exits with code 2 if they cannot be written."""
-    written = [(page.save, out)] + ([(page.save_numbers, json_file)] if json_file is not None else [])
-    for save, path in written:
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            save(path)
-        except OSError as error:
-            stop(f"{path} could not be written: {error}")
-    wrote(path for _, path in written)

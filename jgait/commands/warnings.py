@@ -1,6 +1,5 @@
 """The warnings of `jgait evaluate` and `jgait tune`: what the notes of a cohort's recordings say, gravest first."""
 
-from collections import Counter
 from collections.abc import Iterable
 
 from jgait.commands.console import count, note
@@ -23,34 +22,30 @@ def say_warnings(recordings: Iterable[tuple[str, str]], where: str) -> None:
     """Print how many recordings (name, notes in JSON) have notes of the severities in `ADVICE`, their kinds, and
     `where` all sentences are; nothing if there are none.
     """
-    kinds: Counter[tuple[str, str]] = Counter()
-    example: dict[tuple[str, str], tuple[str, list[Note]]] = {}
-    doubted = unusable = whole = 0
-    for name, text in recordings:
-        grave: dict[tuple[str, str], tuple[str, list[Note]]] = {}
+    kinds: dict[tuple[str, str], dict[str, list[Note]]] = {}  # severity and code → recording → notes
+    every = list(recordings)
+    for name, text in every:
         for warning in grouped(from_json(text)):
             if warning.severity in ADVICE:
-                grave.setdefault((warning.severity, warning.code), (name, []))[1].append(warning)
-        kinds.update(grave.keys())
-        example = grave | example
-        whole += 1
-        doubted += bool(grave)
-        unusable += any(severity == "stop" for severity, _ in grave)
+                kinds.setdefault((warning.severity, warning.code), {}).setdefault(name, []).append(warning)
     if not kinds:
         return
 
     def rank(kind: tuple[str, str]) -> tuple[int, bool, bool, int]:
-        warning = example[kind][1][0]
-        of_reference = warning.code.startswith("reference_")  # all errors against it are wrong
-        return SEVERITIES.index(warning.severity), not of_reference, warning.meaning in USUAL, -kinds[kind]
+        meaning = next(iter(kinds[kind].values()))[0].meaning
+        of_reference = kind[1].startswith("reference_")  # all errors against it are wrong
+        return SEVERITIES.index(kind[0]), not of_reference, meaning in USUAL, -len(kinds[kind])
 
-    more = f"; the results of {unusable} should not be used" if unusable else ""
-    note(f"\n{of_recordings(doubted, whole, 'has', 'have')} warnings{more}:")
+    doubted = {name for of_kind in kinds.values() for name in of_kind}
+    unusable = {name for (severity, _), of_kind in kinds.items() for name in of_kind if severity == "stop"}
+    more = f"; the results of {len(unusable)} should not be used" if unusable else ""
+    note(f"\n{of_recordings(len(doubted), len(every), 'has', 'have')} warnings{more}:")
     ordered = sorted(kinds, key=rank)
     for kind in ordered[:MOST_KINDS]:
-        name, same = example[kind]
+        name, same = next(iter(kinds[kind].items()))
         sentences = listed((" ".join(warning.text.split()) for warning in same), LONGEST_EXAMPLE)
-        note(f"  {ADVICE[kind[0]]}, {count(kinds[kind], 'recording', 'recordings')}, such as {name}: {sentences}")
+        many = count(len(kinds[kind]), "recording", "recordings")
+        note(f"  {ADVICE[kind[0]]}, {many}, such as {name}: {sentences}")
     left = len(ordered) - MOST_KINDS
     rest = f"{count(left, 'more kind', 'more kinds')}, and all sentences" if left > 0 else "all sentences"
     note(f"{rest}: {where}")

@@ -7,6 +7,7 @@ import numpy.typing as npt
 from jaxtyping import PyTree
 
 from jgait.estimators.about import BodyMeasure, CommandOption, EstimateFigure, MissingMeasure, StrideFlag
+from jgait.estimators.columns import COLUMNS
 from jgait.estimators.plausible import distance_implausible
 from jgait.estimators.stride_flags import BREAK, durations, in_order, marks, pauses, regular
 from jgait.types import SIDES, Estimate, as_float
@@ -29,7 +30,7 @@ LEVELS: dict[str, bool | str] = {"auto": "auto", "yes": True, "no": False}
 def level_of(text: str) -> bool | str:
     """`FootOptions.level` for a word of the command line. Raises ValueError if the word is not in `LEVELS`."""
     if text not in LEVELS:
-        raise ValueError(f"--level is {', '.join(LEVELS)}; got {text!r}")
+        raise ValueError(f"--option level is {', '.join(LEVELS)}; got {text!r}")
     return LEVELS[text]
 
 
@@ -63,13 +64,6 @@ class Total(NamedTuple):
     text: str
     quantity: str = ""
 
-
-MEDIANS = (
-    ("length", "stride length", "m", 3, 1.0, "stride_length"),
-    ("speed", "walking speed", "m/s", 2, 1.0, "walking_speed"),
-    ("width", "stride width", "cm", 1, 100.0, ""),
-)
-"""Field of `Strides`, its words, unit, digits, factor to the unit, and quantity."""
 
 UNUSABLE = ", not usable"
 """Text behind a number that a note forbids to use."""
@@ -106,22 +100,18 @@ def totals(estimate: Estimate, flags: tuple[StrideFlag, ...], seen: np.ndarray |
         breaks = pauses(start, end)[pauses(start, end) > BREAK]
         lasts, bouts = np.nanmax(end) - start[0] - breaks.sum(), len(breaks) + 1
         rows.append(Total("walking", f"{lasts:.1f} s in {bouts} {'bout' if bouts == 1 else 'bouts'}"))
-    if estimate.distance is not None:
-        stated = estimate.diagnostics.get("distance_stddev")
-        deviation = None if stated is None else float(np.ravel(stated)[-1])
+    if (whole := distance_of(estimate)) is not None:
         usable = "" if not distance_implausible(estimate) else UNUSABLE
-        rows.append(Total("distance", _text(float(estimate.distance[-1]), deviation, 2, "m") + usable, "distance"))
-    for field, name, unit, digits, scale, quantity in MEDIANS if order.size else ():
+        rows.append(Total("distance", COLUMNS["distance_m"].text(*whole) + usable, "distance"))
+    for field, name in (("length", "stride_length_m"), ("speed", "walking_speed_mps"), ("width", "stride_width_m")):
         values, stated = (None if table is None else getattr(table, field) for table in (strides, spread))
-        there = usual
-        if field == "width":
+        there, column = usual, COLUMNS[name]
+        if field == "width" and order.size:
             trusted = np.asarray(estimate.diagnostics.get("width_valid", np.ones(np.size(strides.side))), bool)
             there = usual[trusted[usual]]
-            if values is None or not np.isfinite(as_float(values)).any():
-                continue
-        middle, deviation = median(values, there), median(stated, there)
-        text = _text(middle and scale * middle, deviation and scale * deviation, digits, unit)
-        rows.append(Total(name, text, quantity))
+        if order.size and (field != "width" or (values is not None and np.isfinite(as_float(values)).any())):
+            text = column.text(median(values, there), median(stated, there))
+            rows.append(Total(column.words, text, "" if field == "width" else column.quantity))
     if order.size and strides.start is not None and strides.end is not None:
         lasts = durations(strides)
         lasted = median(lasts, usual)
@@ -139,11 +129,15 @@ def totals(estimate: Estimate, flags: tuple[StrideFlag, ...], seen: np.ndarray |
     return rows
 
 
-def _text(value: float | None, deviation: float | None, digits: int, unit: str) -> str:
-    if value is None:
-        return "–"
-    spread = f" ± {deviation:.{digits}f}" if deviation and np.isfinite(deviation) else ""
-    return f"{value:z.{digits}f}{spread} {unit}"
+def distance_of(estimate: Estimate) -> tuple[float, float | None] | None:
+    """Distance walked [m], and its standard deviation if the estimate has one; None without a distance."""
+    if estimate.distance is None:
+        return None
+    way = as_float(estimate.distance)
+    known = way[np.asarray(estimate.valid, bool) & np.isfinite(way)]
+    known = known if known.size else way
+    spread = estimate.diagnostics.get("distance_stddev")
+    return float(known[-1] - known[0]), None if spread is None or not np.size(spread) else float(np.ravel(spread)[-1])
 
 
 def joint_ranges(estimate: Estimate) -> dict[str, tuple[float, float] | None]:

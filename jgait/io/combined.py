@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jgait.estimators.columns import QUANTITIES
 from jgait.estimators.stride_flags import SIDE_UNKNOWN, STRIDE_FLAGS, marks
 from jgait.estimators.totals import angles_usable
-from jgait.io.strides import bout_numbers, strides_to_dataframe
+from jgait.io.strides import bout_numbers, special, strides_to_dataframe
 from jgait.io.summary import SUMMARY, summary
 from jgait.io.write import to_dataframe
 from jgait.types import SIDES, Estimate, as_float
@@ -16,10 +17,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from jgait.estimators.combined import Analysis, JoinedStrides
-
-UNITS = {"stride_length": "m", "walking_speed": "mps", "distance": "m", "strides": "1"}
-"""Quantity of a `Comparison` → its unit, as at the end of names of columns."""
-
 
 BESIDE_S = 1.0
 """[s] Time before the first and after the last stride of a bout that is part of it."""
@@ -74,10 +71,8 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
         tables["bouts"] = _bouts(every, analysis.estimate)
     tables["contacts"] = _contacts(analysis)
     rows = [
-        {"quantity": c.quantity, "unit": UNITS[c.quantity], "source": c.source, "value": c.value, "std": c.stddev,
-         "n_strides": c.strides}
-        for c in analysis.comparisons
-    ]  # fmt: skip
+        (c.quantity, QUANTITIES[c.quantity].unit, c.source, c.value, c.stddev, c.strides) for c in analysis.comparisons
+    ]
     tables["sources"] = pd.DataFrame(rows, columns=SOURCES)
     tables["samples"] = to_dataframe(analysis.estimate)
     return tables
@@ -102,10 +97,7 @@ def _strides(analysis: "Analysis", joined: "JoinedStrides") -> "pd.DataFrame":
     table["wb_id"] = bout_numbers(table["start_s"].to_numpy(), table["end_s"].to_numpy())
     table["source"] = list(joined.first)
     table["combined"] = ["+".join(name for name, used in joined.used.items() if used[i]) for i in range(len(table))]
-    words = {flag.name: flag.word for flag in STRIDE_FLAGS}
-    flagged = {words[name]: values for name, values in marks(estimate, STRIDE_FLAGS).items()}
-    flagged["sources contradict"] = joined.contradicts
-    table["special"] = ["; ".join(w for w, values in flagged.items() if values[i]) for i in range(len(table))]
+    table["special"] = special(estimate, STRIDE_FLAGS, **{"sources contradict": joined.contradicts})
     table["regular"] = regular(joined)
     return table
 

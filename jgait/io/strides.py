@@ -1,11 +1,14 @@
 """Strides as tables: in metres and degrees, and as gaitmap's stride lists in samples."""
 
 import itertools
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jgait.estimators.stride_flags import BREAK, STRIDE_COLUMNS, durations, pauses
+from jgait.estimators.about import StrideFlag
+from jgait.estimators.columns import COLUMNS
+from jgait.estimators.stride_flags import BREAK, STRIDE_COLUMNS, durations, in_order, marks, pauses
 from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:
@@ -54,9 +57,8 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
         columns[column] = scale * as_float(values)[rows]
         spread = None if stated is None or not field else getattr(stated, field)
         if spread is not None:
-            name, _, unit = column.rpartition("_")
             deviation = scale * as_float(spread)[rows]
-            columns[f"{name}_std_{unit}"] = np.where(deviation > 0.0, deviation, np.nan)
+            columns[COLUMNS[column].deviation] = np.where(deviation > 0.0, deviation, np.nan)
     trusted = estimate.diagnostics.get("width_valid")
     if trusted is not None and np.shape(trusted) == np.shape(strides.side):
         columns["width_valid"] = np.asarray(trusted, bool)[rows]
@@ -75,9 +77,14 @@ def _rows(estimate: Estimate) -> np.ndarray:
         raise ValueError("the estimate has no strides, not even an empty table of them")
     if np.ndim(strides.side) != 1:
         raise ValueError(f"strides must be of one recording, fields (n,); got shape {np.shape(strides.side)}")
-    valid = np.flatnonzero(np.asarray(strides.valid, bool))
-    first = strides.standing if strides.start is None else strides.start
-    return valid[np.argsort(as_float(first)[valid], kind="stable")]
+    return in_order(estimate)
+
+
+def special(estimate: Estimate, flags: Sequence[StrideFlag], **more: np.ndarray) -> list[str]:
+    """The flags of each stride in words, for the rows of the table of strides; `more` are further words and flags."""
+    words = {flag.name: flag.word for flag in flags}
+    flagged = {words[name]: values for name, values in marks(estimate, tuple(flags)).items()} | more
+    return ["; ".join(w for w, values in flagged.items() if values[row]) for row in range(in_order(estimate).size)]
 
 
 def to_gaitmap(estimate: Estimate, sampling_rate_hz: float) -> "dict[str, pd.DataFrame]":

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jgait.estimators.columns import COLUMNS
 from jgait.io.strides import bout_numbers
 from jgait.types import SIDES
 
@@ -14,14 +15,7 @@ SUMMARY = ["measure", "unit", "n_strides", "steady", "mean", "std", "cv_pct", "e
            "asymmetry_std_pct"]  # fmt: skip
 """Columns of the table, also if it has no rows."""
 
-MEASURES = {
-    "stride_length": "m", "stride_duration": "s", "cadence": "spm", "walking_speed": "mps", "step_length": "m",
-    "step_duration": "s", "stance": "pct", "stride_width": "m", "lift": "m", "contact_angle": "deg",
-    "push_off_angle": "deg", "hip_flexion_max": "deg", "hip_flexion_min": "deg", "hip_flexion_range": "deg",
-    "knee_flexion_max": "deg", "knee_flexion_min": "deg", "knee_flexion_range": "deg",
-}  # fmt: skip
-"""Measure → its unit; with `_` between, the column of the table of strides, but for `cadence`, `step_duration` and
-`stance`."""
+MEASURES = tuple(column for column in COLUMNS.values() if column.summarised)
 
 OF_POSE = tuple(f"{joint}_flexion_{end}" for joint in ("hip", "knee") for end in ("max", "min", "range"))
 """Measures whose error is mostly that of the standing pose, or of sensors that move with the skin, the same in all
@@ -112,22 +106,22 @@ def summary(
     known = table.get("side_known", pd.Series(True, table.index)).astype(bool)
     sided = bool(known.all())
     alike = enough and sided and len({frozenset(of["source"]) for _, of in table.groupby("side")}) == 1
-    columns = {f"{name}_{unit}": table.get(f"{name}_{unit}") for name, unit in MEASURES.items()}
+    columns = {column.name: table.get(column.name) for column in MEASURES}
     columns |= {"step_duration_s": _step_durations(table, strides), "stance_pct": _stances(table)}
     if "stride_duration_s" in table:
         columns["cadence_spm"] = 120.0 / table["stride_duration_s"]
     if "stride_width_m" not in table:
         columns["step_length_m"] = None
     rows = []
-    for name, unit in MEASURES.items():
-        values = columns[f"{name}_{unit}"]
+    for column in MEASURES:
+        name, unit, values = column.quantity, column.unit, columns[column.name]
         if values is None:
             continue
         usable = table.get(USABLE.get(name, ""), pd.Series(True, table.index)).astype(bool)
         values = values[usable].dropna().astype(float)
         if not len(values):
             continue
-        errors = table.get(f"{name}_std_{unit}", pd.Series(np.nan, table.index))[values.index].dropna()
+        errors = table.get(column.deviation, pd.Series(np.nan, table.index))[values.index].dropna()
         if sided and (coarse := _coarse(errors, table)):
             values = values[table.loc[values.index, "side"] != coarse]
             errors = errors[errors.index.isin(values.index)]

@@ -8,15 +8,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from jgait.estimators import stride_flags
+from jgait.estimators.columns import COLUMNS
+from jgait.estimators.stride_flags import STRIDE_COLUMNS
 from jgait.evaluate.errors import common_samples, yaw_aligned
-from jgait.plot.style import DEGREES, FOOT, FOOTHOLD, RED, Axes, Figure, Seconds, Style, legend, panels, windowed
+from jgait.plot.style import FOOT, FOOTHOLD, RED, Axes, Figure, Seconds, Style, legend, panels, windowed
 from jgait.types import SIDES, Estimate, FootTrajectory, as_float
 
 REFERENCE: dict[str, Style] = {
     "right": {"color": "#7b1d12", "linewidth": 1.0, "linestyle": (0, (5, 2))},
     "left": {"color": RED, "linewidth": 1.1, "linestyle": (0, (1, 1.4))},
 }
-SERIES = (("length", "length [m]", 1.0), ("width", "width [cm]", 100.0), ("height", "rise [cm]", 100.0))
+SERIES = ("stride_length_m", "stride_width_m", "stride_height_m")
+PANELS = ("stride_length_m", "stride_duration_s", "stride_height_m", "turn_deg")
+"""Columns of the table of strides that `stride_series` and `leg_strides` draw."""
 
 
 def feet_of(estimate: Estimate) -> dict[str, FootTrajectory]:
@@ -146,27 +150,27 @@ def stride_series(estimate: Estimate, *, title: str = "") -> Figure:
     Raises:
         ValueError: if the estimate has no strides, or none of them is valid.
     """
-    figure, drawn = _series(estimate, SERIES, "foot")
-    for axis, field, scale in drawn:
-        _marks(axis, estimate, rows_of(estimate), field, scale)
+    figure, _ = _series(estimate, SERIES, "foot")
     legend(figure, title, columns=5)
     return figure
 
 
-def _series(
-    estimate: Estimate, quantities: Sequence[tuple[str, str, float]], part: str
-) -> tuple[Figure, list[tuple[Axes, str, float]]]:
-    """A figure with one row for each quantity that any stride has; its axes with field and scale."""
+def _series(estimate: Estimate, columns: Sequence[str], part: str) -> tuple[Figure, list[tuple[Axes, str, float]]]:
+    """A figure with one row for each column that any stride has; its axes with field and scale."""
     rows = rows_of(estimate)
     if not rows.size:
         raise ValueError("no stride is valid: there is nothing to draw")
-    present = [one for one in quantities if has(estimate, one[0], rows)]
+    every = [(STRIDE_COLUMNS[name][0] or "duration", COLUMNS[name], STRIDE_COLUMNS[name][1]) for name in columns]
+    present = [one for one in every if has(estimate, one[0], rows)]
     figure, axes = panels(len(present), 1, 8.6, 1.9 * len(present) + 1.0, sharex=True)
-    for number, (axis, (field, unit, scale)) in enumerate(zip(axes[:, 0], present, strict=True)):
-        series_of(axis, estimate, rows, field, scale, labelled=number == 0, part=part)
-        axis.set_ylabel(unit)
+    drawn = []
+    for number, (axis, (field, column, scale)) in enumerate(zip(axes[:, 0], present, strict=True)):
+        drawn.append((axis, field, scale * column.scale))
+        series_of(axis, estimate, rows, field, scale * column.scale, labelled=number == 0, part=part)
+        axis.set_ylabel(column.heading)
+        _marks(axis, estimate, rows, field, scale * column.scale)
     axes[-1, 0].set_xlabel("time [s]")
-    return figure, [(axis, field, scale) for axis, (field, _, scale) in zip(axes[:, 0], present, strict=True)]
+    return figure, drawn
 
 
 def values_of(estimate: Estimate, field: str) -> np.ndarray:
@@ -208,28 +212,19 @@ def series_of(
         axis.plot(when[bad], values[bad], label=f"{side} {part}, not trusted" if bad.size else None, **hollow)
 
 
-PANELS = (
-    ("length", "stride length [m]", 1.0),
-    ("duration", "stride time [s]", 1.0),
-    ("height", "rise [cm]", 100.0),
-    ("turn", "turn [°]", DEGREES),
-)
-"""Field of `Strides` (the duration is end − start), label of the axis, and factor from SI to the unit of the axis."""
-
 APART_S = 10.0
 """[s] Least time between the ends of two strides of a side that no line joins: a pause, not a missed stride."""
 
 RING: Style = {"linestyle": "none", "markerfacecolor": "none", "color": "black", "zorder": 4}
 SPECIAL: dict[str, Style] = {
-    "turning": {"marker": "D", "markersize": 10, "markeredgewidth": 1.0, "label": stride_flags.TURNING.label},
-    "stairs": {"marker": "^", "markersize": 12, "markeredgewidth": 1.0, "label": stride_flags.STAIRS.label},
-    "clipped": {"marker": "x", "markersize": 9, "markeredgewidth": 1.4, "label": stride_flags.CLIPPED.label},
-    "half": {"marker": "s", "markersize": 8, "markeredgewidth": 1.0, "label": stride_flags.HALF.label},
-    "uneven": {"marker": "p", "markersize": 13, "markeredgewidth": 1.0, "label": stride_flags.UNEVEN_DURATION.label},
-    "unsure": {"marker": "v", "markersize": 12, "markeredgewidth": 1.0, "label": stride_flags.UNSURE.label},
-    "side_unknown": {"marker": "o", "markersize": 10, "markeredgewidth": 1.0, "label": stride_flags.SIDE_UNKNOWN.label},
-    "doubtful": {"marker": "+", "markersize": 13, "markeredgewidth": 1.2, "label": stride_flags.DOUBTFUL.label},
-}
+    flag.name: {"marker": marker, "markersize": size, "markeredgewidth": width, "label": flag.label}
+    for flag, marker, size, width in (
+        (stride_flags.TURNING, "D", 10, 1.0), (stride_flags.STAIRS, "^", 12, 1.0), (stride_flags.CLIPPED, "x", 9, 1.4),
+        (stride_flags.HALF, "s", 8, 1.0), (stride_flags.UNEVEN_DURATION, "p", 13, 1.0),
+        (stride_flags.UNSURE, "v", 12, 1.0), (stride_flags.SIDE_UNKNOWN, "o", 10, 1.0),
+        (stride_flags.DOUBTFUL, "+", 13, 1.2),
+    )
+}  # fmt: skip
 """Flag of strides → the mark around a stride with this flag; marks differ in shape, not in colour."""
 
 
@@ -247,7 +242,6 @@ def leg_strides(estimate: Estimate, *, title: str = "") -> Figure:
         if field in ("height", "turn"):
             axis.axhline(0.0, color="0.6", linewidth=0.8)
         _joined(axis, estimate, rows, field, scale)
-        _marks(axis, estimate, rows, field, scale)
         axis.margins(y=0.15)
     legend(figure, title)
     return figure

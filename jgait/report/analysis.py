@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 from jgait import io
+from jgait.estimators.columns import COLUMNS, QUANTITIES
 from jgait.estimators.combined import Analysis
 from jgait.report.made import Made
 from jgait.report.page import Cell, Report, Section, Table, number
@@ -12,20 +13,11 @@ from jgait.types import Estimate, Recording
 if TYPE_CHECKING:
     import pandas as pd
 
-QUANTITIES = {
-    "strides": ("strides", "", 0), "distance": ("distance", "m", 2), "stride_length": ("stride length", "m", 3),
-    "walking_speed": ("walking speed", "m/s", 2),
-}  # fmt: skip
-"""Quantity of a comparison → its words, unit and digits."""
-
-
-BOUTS = {
-    "start_s": ("start [s]", 1), "duration_s": ("duration [s]", 1), "n_strides": ("strides", 0),
-    "n_regular": ("regular", 0),
-    "distance_m": ("distance [m]", 2), "stride_length_m": ("stride length [m]", 2),
-    "walking_speed_mps": ("speed [m/s]", 2), "cadence_spm": ("cadence [steps/min]", 0),
-}  # fmt: skip
-"""Column of the table of bouts → its heading and digits, as many as fit on paper."""
+BOUTS = (
+    "start_s", "duration_s", "n_strides", "n_regular", "distance_m", "stride_length_m", "walking_speed_mps",
+    "cadence_spm",
+)  # fmt: skip
+"""Columns of the table of bouts that the page shows, as many as fit on paper."""
 
 
 def of_analysis(
@@ -42,7 +34,8 @@ def of_analysis(
 def _sources(analysis: Analysis) -> Section:
     rows = []
     for comparison in analysis.comparisons:
-        words, unit, digits = QUANTITIES[comparison.quantity]
+        column = QUANTITIES[comparison.quantity]
+        words, unit, digits = column.words, column.shown, column.digits
         spread = "–" if comparison.stddev is None else number(comparison.stddev, digits)
         many = str(comparison.strides) if comparison.strides and comparison.quantity != "strides" else "–"
         rows.append([
@@ -62,12 +55,13 @@ def _bouts(table: "pd.DataFrame") -> list[Section]:
     """The bouts of walking; none without strides."""
     if not len(table):
         return []
+    shown = [COLUMNS[name] for name in BOUTS]
     rows = [
-        [Cell(str(bout["wb_id"] + 1)), *(Cell(number(bout[name], digits)) for name, (_, digits) in BOUTS.items())]
+        [Cell(str(bout["wb_id"] + 1)), *(Cell(number(bout[column.name], column.digits)) for column in shown)]
         for bout in table.to_dict("records")
     ]
     caption = (
         "Walking between pauses; stride length, speed and cadence are medians over the regular strides of the bout."
     )
-    headings = ("no.", *(heading for heading, _ in BOUTS.values()))
+    headings = ("no.", *(column.heading for column in shown))
     return [Section("Bouts of walking", "", [Table(caption, headings, rows)])]

@@ -55,19 +55,12 @@ FEW_PEOPLE = 10
 """Smallest number of people without a warning that the limits of agreement are uncertain."""
 
 
-def of_cohort(
-    cohort: Cohort,
-    *,
-    title: str = "cohort",
-    failures: Sequence[tuple[str, str]] | None = None,
-    made: Made | None = None,
-) -> Report:
+def of_cohort(cohort: Cohort, *, title: str = "cohort", made: Made | None = None) -> Report:
     """The page of a cohort: agreement with the reference, Bland–Altman, people, recordings, and failures.
 
     Args:
         cohort: result of `jgait.evaluate.cohort`.
         title: name of the cohort.
-        failures: (recording, reason) of recordings that could not be used; None: the failures of `cohort`.
         made: how the results were made; None leaves this out.
 
     Raises:
@@ -75,18 +68,15 @@ def of_cohort(
         ImportError: without the extra `cli`.
     """
     made = Made() if made is None else made
-    if failures is None:
-        failures = list(zip(cohort.failures["recording"], cohort.failures["reason"], strict=True))
-    whose = dict(zip(cohort.failures["recording"], cohort.failures["subject"], strict=True))
-    lost = Counter(str(whose.get(name, "")) for name, _ in failures)
-    failures = [(without_folders(str(name)), without_folders(str(reason))) for name, reason in failures]
+    failures = [
+        (without_folders(str(name)), without_folders(str(reason)))
+        for name, reason in zip(cohort.failures["recording"], cohort.failures["reason"], strict=True)
+    ]
     if not len(cohort.recordings) and not failures:
         raise ValueError("a report needs recordings; the cohort has none, not even one that failed")
     usable = cohort.usable()
     paired, agreement = usable.paired(), usable.agreement()
-    raised = flags.ordered([
-        *_failed(cohort, failures), *_left_out(cohort, usable), *_few(usable, paired), *_notes(cohort, made)
-    ])  # fmt: skip
+    raised = flags.ordered([*_doubts(cohort, usable, paired), *_notes(cohort, made)])
     used, people = len(cohort.recordings), cohort.recordings["subject"].nunique()
     facts = [
         ("Recordings used", f"{used} of {used + len(failures)}", f"of {people} people"),
@@ -95,7 +85,7 @@ def of_cohort(
     ]  # fmt: skip
     sections = [
         _agreement(agreement, made), Section("Bland–Altman", HOW, _figures(paired)) if len(paired) else None,
-        _people(cohort, paired, lost), _recordings(cohort), _failures(failures), _parameters(made),
+        _people(cohort, paired), _recordings(cohort), _failures(failures), _parameters(made),
     ]  # fmt: skip
     about = about_of(made.estimator).title
     lead = f"{about}, compared with an independent measurement." if len(paired) else f"{about}; no reference is known."
@@ -110,47 +100,30 @@ def of_cohort(
     ))  # fmt: skip
 
 
-def _failed(cohort: Cohort, failures: Sequence[tuple[str, str]]) -> list[Flag]:
-    if not failures:
-        return []
-    whole = len(cohort.recordings) + len(failures)
-    meaning = (
-        "They are in none of the numbers; the reasons are listed below. If recordings fail because of how a person "
-        "walks, the remaining recordings are a biased sample."
-    )
-    grade = "check" if len(cohort.recordings) else "stop"
-    return [Flag(grade, f"{of_recordings(len(failures), whole)} could not be used", meaning)]
-
-
-def _left_out(cohort: Cohort, usable: Cohort) -> list[Flag]:
-    many, whole = len(cohort.recordings) - len(usable.recordings), len(cohort.recordings)
-    if not many:
-        return []
-    meaning = (
-        "They are in the table of recordings, with the reason, and in none of the errors. If results are not usable "
-        "because of how a person walks, the errors are those of a biased sample."
-    )
-    text = f"{of_recordings(many, whole, 'is', 'are')} not compared: the result should not be used"
-    return [Flag("check", text, meaning)]
-
-
-def _few(cohort: Cohort, paired: "pd.DataFrame") -> list[Flag]:
-    """The flags of a missing reference and of few people."""
+def _doubts(cohort: Cohort, usable: Cohort, paired: "pd.DataFrame") -> Iterator[Flag]:
+    """The flags of recordings that are in no number, of a missing reference and of few people."""
+    used, failed, kept = (len(rows) for rows in (cohort.recordings, cohort.failures, usable.recordings))
+    biased = "because of how a person walks, the others are a biased sample."
+    if failed:
+        meaning = f"They are in none of the numbers; the reasons are listed below. If recordings fail {biased}"
+        yield Flag("check" if used else "stop", f"{of_recordings(failed, used + failed)} could not be used", meaning)
+    if kept < used:
+        text = f"{of_recordings(used - kept, used, 'is', 'are')} not compared: the result should not be used"
+        meaning = (
+            f"The table has them, with the reason; they are in none of the errors. If results are not usable {biased}"
+        )
+        yield Flag("check", text, meaning)
     compared = paired.loc[paired["estimate"].notna()]
-    without = len(cohort.recordings) - compared["recording"].nunique()
-    raised = []
-    if len(cohort.recordings) and without == len(cohort.recordings):
+    without, people = kept - compared["recording"].nunique(), compared["subject"].nunique()
+    if kept and without == kept:
         meaning = "This cohort cannot show how well the numbers agree with the truth."
-        raised.append(Flag("check", "No recording has a reference", meaning))
+        yield Flag("check", "No recording has a reference", meaning)
     elif without:
         meaning = "They are in the table of recordings and in none of the comparisons."
-        text = of_recordings(without, len(cohort.recordings), "has", "have")
-        raised.append(Flag("info", f"{text} no reference", meaning))
-    people = compared["subject"].nunique()
+        yield Flag("info", f"{of_recordings(without, kept, 'has', 'have')} no reference", meaning)
     if 0 < people < FEW_PEOPLE:
         meaning = "Limits of agreement of few people are uncertain themselves; their intervals are drawn beside them."
-        raised.append(Flag("check", f"Only {people} {'person' if people == 1 else 'people'} compared", meaning))
-    return raised
+        yield Flag("check", f"Only {people} {'person' if people == 1 else 'people'} compared", meaning)
 
 
 def _notes(cohort: Cohort, made: Made) -> list[Flag]:
@@ -260,8 +233,9 @@ def _figures(paired: "pd.DataFrame") -> list[Picture]:
     return made
 
 
-def _people(cohort: Cohort, paired: "pd.DataFrame", lost: Counter[str]) -> Section:
-    """One row for each person: recordings used and failed, and mean errors; `lost` counts failures by subject."""
+def _people(cohort: Cohort, paired: "pd.DataFrame") -> Section:
+    """One row for each person: recordings used and failed, and mean errors."""
+    lost = Counter(map(str, cohort.failures["subject"].fillna("")))
     used = cohort.recordings.groupby("subject")["recording"].count()
     quantities = [name for name in BY_SUBJECT if paired.loc[paired["quantity"] == name, "error"].notna().any()]
     errors = {

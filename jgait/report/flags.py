@@ -7,9 +7,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from jgait.estimators.about import StrideFlag
 from jgait.estimators.notes import without_repeats
-from jgait.estimators.stride_flags import UNEVEN_DURATION, stride_notes
+from jgait.estimators.stride_flags import STRIDE_FLAGS, UNEVEN_DURATION, stride_notes
 from jgait.notes import Note, grouped
 from jgait.report.page import GRADES, Flag, without_folders
 from jgait.report.strides import ReportStrides, strides_of
@@ -28,7 +27,7 @@ def of_result(estimate: Estimate, notes: Iterable[Note], of: ReportStrides | Non
     of = strides_of(estimate) if of is None else of
     notes = [*notes, *stride_notes(of.marks, of.regular)]
     return ordered([
-        *explained(without_repeats(notes)), *of_samples(estimate), *of_strides(len(of.table), of.marks, of.flags),
+        *explained(without_repeats(notes)), *of_samples(estimate), *of_strides(len(of.table), of.marks),
     ])  # fmt: skip
 
 
@@ -52,9 +51,10 @@ def ordered(flags: Iterable[Flag]) -> list[Flag]:
     return sorted(flags, key=lambda flag: list(GRADES).index(flag.grade))
 
 
-def of_strides(rows: int, marks: dict[str, np.ndarray], flags: Iterable[StrideFlag]) -> list[Flag]:
+def of_strides(rows: int, marks: dict[str, np.ndarray]) -> list[Flag]:
     """Flags of the strides (flag → (rows,) bool): how many are special, without those that have a note."""
-    many = {flag: int(marks[flag.name].sum()) for flag in flags if flag.name in marks and flag != UNEVEN_DURATION}
+    known = [flag for flag in STRIDE_FLAGS if flag.name in marks and flag != UNEVEN_DURATION]
+    many = {flag: int(marks[flag.name].sum()) for flag in known}
     return [
         Flag(flag.grade, f"{count} of {rows} strides: {flag.label}", flag.meaning)
         for flag, count in many.items() if count

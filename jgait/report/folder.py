@@ -12,26 +12,16 @@ from jgait.notes import from_json
 from jgait.report.made import Made
 
 
-def read(folder: Path) -> tuple[Cohort, list[tuple[str, str]]]:
-    """The tables of an evaluation that `jgait evaluate` wrote, and (recording, reason) of those that could not be used.
+def read(folder: Path) -> tuple[Cohort, Made]:
+    """The tables of an evaluation that `jgait evaluate` wrote, and its settings.
 
     Raises:
-        FileNotFoundError: if recordings.csv, quantities.csv, strides.csv or failures.csv is missing.
-        ValueError: if a table lacks a column, or has text instead of numbers.
+        FileNotFoundError: if a table or the settings are missing.
+        ValueError: if a table lacks a column, or has text instead of numbers, or the settings state no estimator.
     """
     cohort = Cohort(*(read_table(folder / f"{name}.csv", name) for name in Cohort._fields))
     for text in cohort.recordings["notes"]:
         from_json(text)
-    return cohort, list(zip(cohort.failures["recording"], cohort.failures["reason"], strict=True))
-
-
-def made(folder: Path) -> Made:
-    """The settings of an evaluation, read from the folder that `jgait evaluate` wrote.
-
-    Raises:
-        OSError: if the folder cannot be read.
-        ValueError: if the folder does not contain the settings.
-    """
     about = json.loads((folder / "run" / "cohort.json").read_text(encoding="utf-8"))
     if not isinstance(about, dict) or "estimator" not in about:
         raise ValueError("run/cohort.json does not state how the evaluation was made")
@@ -44,7 +34,8 @@ def made(folder: Path) -> Made:
     stated = folder / "notes.json"
     every = json.loads(stated.read_text(encoding="utf-8")) if stated.is_file() else []
     notes = from_json(json.dumps([one for one in every if one.get("recording") is None]))  # the others are in the table
-    return Made(name, params, default, file=folder.resolve().name, notes=notes, version=str(about.get("jgait", "")))
+    version = str(about.get("jgait", ""))
+    return cohort, Made(name, params, default, file=folder.resolve().name, notes=notes, version=version)
 
 
 def values_of(text: str) -> dict[str, float]:

@@ -101,6 +101,7 @@ class Report:
 
     def __init__(self, content: Content) -> None:
         """Render the content."""
+        self.content = content
         self.html = rendered(content)
         self.numbers = content.numbers
 

@@ -8,14 +8,15 @@ import numpy as np
 
 from jgait.estimators import about_of, stride_flags
 from jgait.estimators.about import EstimatedRecording
+from jgait.estimators.columns import QUANTITIES, UNITS
 from jgait.estimators.plausible import distance_implausible
-from jgait.estimators.totals import totals
+from jgait.estimators.totals import distance_of, totals
 from jgait.evaluate.scores import score
 from jgait.report import flags, strides
 from jgait.report.figures import pictures
 from jgait.report.made import Made
 from jgait.report.page import Cell, Content, Flag, Report, Section, Table, number, significant
-from jgait.types import SIDES, Estimate, Recording, Walk, as_float
+from jgait.types import SIDES, Estimate, Recording, Walk
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,7 +52,6 @@ def of_estimate(
     of = strides.strides_of(estimate)
     rows = strides.means(of) if means is None else means
     raised = flags.of_result(estimate, (*estimate.diagnostics.get("notes", recording.notes), *made.notes), of)
-    total = distance_of(estimate)
     about = about_of(made.estimator)
     params = made.params if made.params is not None else made.default
     settings = {"options": about.paper if made.pipeline else about.default}
@@ -70,62 +70,41 @@ def of_estimate(
     who = "" if recording.subject in ("", "subject", recording.name) else f", {recording.subject}"
     lead = f"{about.title}{who}."
     return Report(Content(
-        title, "Gait report", lead, _facts(estimate, recording, of, rows, total), flags.verdict(raised), raised,
-        sections, made.settings(), made.command, _numbers(estimate, recording, of, rows, total, raised, made),
+        title, "Gait report", lead, _facts(estimate, recording, of, rows), flags.verdict(raised), raised,
+        sections, made.settings(), made.command, _numbers(estimate, recording, of, rows, raised, made),
     ))  # fmt: skip
 
 
-def distance_of(estimate: Estimate) -> tuple[float, float | None] | None:
-    """Distance walked [m], and its standard deviation if the estimate has one; None if the distance is not known."""
-    if estimate.distance is None:
-        return None
-    way = as_float(estimate.distance)[np.asarray(estimate.valid, bool)]
-    way = way[np.isfinite(way)]
-    if not way.size:
-        return None
-    spread = estimate.diagnostics.get("distance_stddev")
-    sd = None if spread is None or not np.size(spread) else float(np.ravel(spread)[-1])
-    return float(way[-1] - way[0]), sd
-
-
 def _facts(
-    estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: "pd.DataFrame",
-    total: tuple[float, float | None] | None,
-) -> list[tuple[str, str, str]]:  # fmt: skip
+    estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: "pd.DataFrame"
+) -> list[tuple[str, str, str]]:
+    """Facts above the page: the totals that the terminal prints, or means of cycles of leg angles."""
+    words = {
+        "walking": f"without breaks of more than {stride_flags.BREAK:g} s",
+        "distance": "± one standard deviation, as stated",
+    }
+    if distance_implausible(estimate):
+        words["distance"] = "not usable: strides are longer or faster than a person walks"
+    elif "distance_stddev" not in estimate.diagnostics:
+        words["distance"] = "its uncertainty is not stated"
+    usual = "median over regular strides, ± one standard deviation as stated"
+    words |= dict.fromkeys(("stride length", "walking speed", "cadence"), usual)
     rate = f"at {significant(recording.sampling_rate_hz, 4)} Hz"
     facts = [("Duration", f"{number(float(estimate.time[-1] - estimate.time[0]), 1)} s", rate)]
-    told = {one.words: one.text for one in totals(estimate, of.flags)}
-    if "walking" in told:
-        facts.append(("Walking", told["walking"], f"without breaks of more than {stride_flags.BREAK:g} s"))
-    if total is not None:
-        sd, words = "", "its uncertainty is not stated"
-        if total[1] is not None:
-            sd, words = f" ± {number(total[1], 2)}", "± one standard deviation, as stated"
-        if distance_implausible(estimate):
-            words = "not usable: strides are longer or faster than a person walks"
-        facts.append(("Distance", f"{number(total[0], 2)}{sd} m", words))
+    known = {one.words: one.text for one in totals(estimate, stride_flags.STRIDE_FLAGS)}
+    facts += [(name.capitalize(), known[name], explained) for name, explained in words.items() if name in known]
     of_sides = strides.sides(of)
     by_side = [
-        f"{int(np.sum(of_sides == side))} {words}"
-        for side, words in (*((side, side) for side in SIDES), ("", stride_flags.SIDE_UNKNOWN.label))
+        f"{int(np.sum(of_sides == side))} {label}"
+        for side, label in (*((side, side) for side in SIDES), ("", stride_flags.SIDE_UNKNOWN.label))
         if (of_sides == side).any()
     ]
     facts.append(("Strides", str(len(of.table)), ", ".join(by_side)))
-    if of.cycles:
-        known = {m.name: m for m in strides.MEASURES}
-        for row in rows.to_dict("records"):
-            name = f"{row['measure']}_{row['unit']}"
-            if name in ("stride_length_m", "stride_duration_s", "cadence_spm", "walking_speed_mps"):
-                measure, words = known[name], f"mean ± SD of {row['n_strides']} cycles"
-                text = f"{strides.mean_text(row, measure)} {measure.unit}"
-                facts.append((measure.words.capitalize(), text, words))
-    else:  # as the terminal prints them
-        for words in ("stride length", "walking speed", "cadence"):
-            if words in told:
-                spread = ", ± one standard deviation as stated" if "±" in told[words] else ""
-                facts.append((words.capitalize(), told[words], f"median over regular strides{spread}"))
-    placed = ", ".join(_place(name) for name in recording.sensors)
-    return [*facts, ("Sensors", str(len(recording.sensors)), placed)]
+    for row in rows.to_dict("records") if of.cycles else ():
+        if row["measure"] in ("stride_length", "stride_duration", "cadence", "walking_speed"):
+            measure, many = QUANTITIES[row["measure"]], f"mean ± SD of {row['n_strides']} cycles"
+            facts.append((measure.words.capitalize(), f"{strides.mean_text(row, measure)} {measure.shown}", many))
+    return [*facts, ("Sensors", str(len(recording.sensors)), ", ".join(map(_place, recording.sensors)))]
 
 
 def _strides(of: strides.ReportStrides, rows: "pd.DataFrame") -> list[Section]:
@@ -159,10 +138,9 @@ def _against(estimate: Estimate, recording: Recording, reference: Estimate) -> S
 
 def readable(name: str) -> tuple[str, str]:
     """A quantity's name in words, and its unit."""
-    units = {"m": "m", "s": "s", "mps": "m/s", "deg": "°", "cm": "cm", "percent": "%", "spm": "steps/min"}
     parts = name.split("_")
     side = parts.pop() if parts[-1] in SIDES else ""
-    unit = units.get(parts[-1], "")
+    unit = UNITS.get(parts[-1], "")
     parts = parts[:-1] if unit else parts
     if "rmse" in parts:
         parts = [CURVES.get("_".join(parts[:-1]), " ".join(parts[:-1]))]
@@ -198,8 +176,9 @@ def _place(name: str) -> str:
 
 def _numbers(
     estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: "pd.DataFrame",
-    total: tuple[float, float | None] | None, raised: list[Flag], made: Made,
+    raised: list[Flag], made: Made,
 ) -> dict[str, Any]:  # fmt: skip
+    distance, deviation = distance_of(estimate) or (None, None)
     return {
         "kind": "recording",
         "recording": Path(recording.name).name,
@@ -207,8 +186,8 @@ def _numbers(
         "duration_s": float(estimate.time[-1] - estimate.time[0]),
         "sampling_rate_hz": float(recording.sampling_rate_hz),
         "sensors": list(recording.sensors),
-        "distance_m": None if total is None else total[0],
-        "distance_std_m": None if total is None else total[1],
+        "distance_m": distance,
+        "distance_std_m": deviation,
         "strides": len(of.table),
         "strides_regular": int(of.regular.sum()),
         "means": rows.astype(object).where(rows.notna(), None).to_dict("records"),

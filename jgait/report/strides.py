@@ -3,11 +3,10 @@
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from jaxtyping import PyTree
 
 from jgait import io
 from jgait.estimators import stride_flags
-from jgait.estimators.about import StrideFlag
+from jgait.estimators.columns import COLUMNS, QUANTITIES, Column
 from jgait.estimators.cycles import swing_cycles
 from jgait.estimators.stride_flags import STRIDE_FLAGS
 from jgait.io.combined import angles_sound, joint_extremes
@@ -19,48 +18,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-class Measure(NamedTuple):
-    """A column of the table of strides: its name, its heading, and its number format."""
-
-    name: str
-    words: str
-    unit: str
-    digits: int
-    scale: float = 1.0
-
-    @property
-    def heading(self) -> str:
-        """The heading with its unit."""
-        return f"{self.words} [{self.unit}]"
-
-
-MEASURES = (
-    Measure("stride_length_m", "stride length", "m", 2),
-    Measure("stride_duration_s", "stride time", "s", 2),
-    Measure("cadence_spm", "cadence", "steps/min", 0),
-    Measure("walking_speed_mps", "speed", "m/s", 2),
-    Measure("step_length_m", "step length", "m", 2),
-    Measure("step_duration_s", "step time", "s", 2),
-    Measure("stance_pct", "stance", "%", 0),
-    Measure("stride_width_m", "stride width", "cm", 1, 100.0),
-    Measure("stride_height_m", "rise", "cm", 1, 100.0),
-    Measure("turn_deg", "turn", "°", 0),
-    Measure("lift_m", "sensor's lift", "cm", 1, 100.0),
-    Measure("contact_angle_deg", "foot angle at contact", "°", 0),
-    Measure("push_off_angle_deg", "foot angle at push-off", "°", 0),
-    Measure("hip_flexion_max_deg", "largest hip flexion", "°", 0),
-    Measure("hip_flexion_min_deg", "smallest hip flexion", "°", 0),
-    Measure("knee_flexion_max_deg", "largest knee flexion", "°", 0),
-    Measure("knee_flexion_min_deg", "smallest knee flexion", "°", 0),
-)
-"""The columns of the table of strides, in order."""
-
 CYCLES = (
     "Cycles of each leg, from the largest bend of the swinging knee to the next; the length is how far the distance "
     "grows meanwhile."
 )
-
-NOT_BY_STRIDE = ("cadence_spm",)
 
 
 class ReportStrides(NamedTuple):
@@ -68,56 +29,55 @@ class ReportStrides(NamedTuple):
 
     #: a row a stride, in the order in which they start; `io.strides_to_dataframe` with `cadence_spm`.
     table: "pd.DataFrame"
-    marks: dict[str, np.ndarray]  #: flag → (rows,) bool.
-    flags: tuple[StrideFlag, ...]  #: meanings of the flags.
+    marks: dict[str, np.ndarray]  #: flag of `STRIDE_FLAGS` → (rows,) bool.
     regular: np.ndarray  #: (rows,) bool; the strides in the means.
     cycles: bool  #: whether these are cycles of leg angles instead of strides between contacts.
     source: str  #: "feet" for strides of shoes, whose contacts are those of both sides alike.
 
 
-def strides_of(estimate: Estimate, flags: tuple[StrideFlag, ...] = STRIDE_FLAGS) -> ReportStrides:
-    """The strides of an estimate, or the cycles of its leg angles, see `leg_cycles`.
-
-    The length of a cycle is the gain of the distance in its time.
-    """
+def strides_of(estimate: Estimate) -> ReportStrides:
+    """The strides of an estimate, or the cycles of its leg angles, see `leg_cycles`."""
     cycles = estimate.strides is None
     table = leg_cycles(estimate) if cycles else io.strides_to_dataframe(estimate)
-    marks = stride_flags.marks(estimate, flags)
+    marks = stride_flags.marks(estimate, STRIDE_FLAGS)
     if "stride_duration_s" in table:
         duration = table["stride_duration_s"].where(~marks.get("half", np.zeros(len(table), bool)))
         table = table.assign(cadence_spm=120.0 / duration)
     if not cycles:
         for name, values in joint_extremes(estimate, table).items():
             table[name] = np.where(angles_sound(estimate, table), values, np.nan)
-    regular = np.ones(len(table), bool) if cycles else stride_flags.regular(estimate, flags)
-    return ReportStrides(table, marks, flags, regular, cycles, "legs" if estimate.feet is None else CONTACTS)
+    regular = stride_flags.without(marks, STRIDE_FLAGS, len(table))
+    return ReportStrides(table, marks, regular, cycles, "legs" if estimate.feet is None else CONTACTS)
 
 
 def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
     """The cycles of leg angles, from the largest knee flexion of a swing to the largest of the next swing.
 
-    Columns as of `io.strides_to_dataframe`, as far as known, and the extremes of each joint [°]. The knee flexion of a
-    cycle is that of the swing at its start, so that each swing counts once; the last swing of a leg has no cycle.
+    Columns as of `io.strides_to_dataframe`, as far as known, and the extremes of each joint [°]. The length of a cycle
+    is the gain of the distance in its time. The knee flexion of a cycle is that of the swing at its start, so that each
+    swing counts once; the last swing of a leg has no cycle.
     """
     import pandas as pd
 
     time = as_float(estimate.time)
-    rows: list[dict[str, PyTree]] = []
+    way = np.full(time.size, np.nan) if estimate.distance is None else as_float(estimate.distance)
+    rows = []
     for side, leg in zip(SIDES, estimate.legs, strict=True):
         if leg is None:
             continue
-        knee, hip = as_float(leg.knee_angle), as_float(leg.hip_angle)
         for a, b in swing_cycles(time, leg, estimate.valid):
-            way = None if estimate.distance is None else float(estimate.distance[b] - estimate.distance[a])
-            lasts = float(time[b] - time[a])
+            knee, hip = (np.rad2deg(as_float(angle)[a:b]) for angle in (leg.knee_angle, leg.hip_angle))
             rows.append({
-                "side": side, "start_s": time[a], "end_s": time[b],
-                **({} if way is None else {"stride_length_m": way}), "stride_duration_s": lasts,
-                **({} if way is None else {"walking_speed_mps": way / lasts}),
-                "hip_flexion_max_deg": np.rad2deg(hip[a:b].max()), "hip_flexion_min_deg": np.rad2deg(hip[a:b].min()),
-                "knee_flexion_max_deg": np.rad2deg(knee[a]), "knee_flexion_min_deg": np.rad2deg(knee[a:b].min()),
+                "side": side, "start_s": time[a], "end_s": time[b], "stride_length_m": way[b] - way[a],
+                "stride_duration_s": time[b] - time[a], "walking_speed_mps": (way[b] - way[a]) / (time[b] - time[a]),
+                "hip_flexion_max_deg": hip.max(), "hip_flexion_min_deg": hip.min(),
+                "knee_flexion_max_deg": knee[0], "knee_flexion_min_deg": knee.min(),
             })  # fmt: skip
-    table = pd.DataFrame(rows, columns=list(rows[0]) if rows else ["side", "start_s", "end_s"])
+    table = (
+        pd.DataFrame(rows).dropna(axis="columns", how="all")
+        if rows
+        else pd.DataFrame(columns=["side", "start_s", "end_s"])
+    )
     table = table.sort_values("start_s", kind="stable", ignore_index=True)
     table.insert(0, "s_id", np.arange(len(table)))
     return table
@@ -125,7 +85,7 @@ def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
 
 def stride_table(of: ReportStrides) -> Table:
     """All strides, a row each, with standard deviations and remarks."""
-    shown = [m for m in MEASURES if m.name not in NOT_BY_STRIDE and m.name in of.table]
+    shown = [m for m in COLUMNS.values() if m.listed and m.name != "cadence_spm" and m.name in of.table]
     known = [m for m in shown if of.table[m.name].notna().any()]
     rows: list[list[Cell]] = []
     legs = sides(of)
@@ -133,11 +93,9 @@ def stride_table(of: ReportStrides) -> Table:
         start = stride.get("start_s", stride.get("standing_s"))
         cells = [Cell(str(k + 1), k + 1.0), Cell(legs[k] or "–"), cell(start, 2)]
         for measure in known:
-            name, _, unit = measure.name.rpartition("_")
-            spread = stride.get(f"{name}_std_{unit}")
-            spread = None if spread is None else measure.scale * spread
+            spread = measure.scale * stride.get(measure.deviation, np.nan)
             cells.append(cell(measure.scale * stride[measure.name], measure.digits, spread))
-        words = [flag.label for flag in of.flags if flag.name in of.marks and of.marks[flag.name][k]]
+        words = [flag.label for flag in STRIDE_FLAGS if flag.name in of.marks and of.marks[flag.name][k]]
         rows.append([*cells, Cell(", ".join(words))])
     spread = any("_std_" in name for name in of.table)
     caption = CYCLES if of.cycles else "Strides, from one contact of a foot to its next."
@@ -155,14 +113,14 @@ def sides(of: ReportStrides) -> np.ndarray:
 def means(of: ReportStrides) -> "pd.DataFrame":
     """The summary of the strides, see `io.summary.summary`; flagged strides lack what their flag leaves out."""
     table = of.table.assign(regular=of.regular, source=of.source, side_known=sides(of) != "")
-    for flag in of.flags:
+    for flag in STRIDE_FLAGS:
         for column in flag.leaves_out if flag.name in of.marks else ():
             if column in table:
                 table.loc[of.marks[flag.name], column] = np.nan
     return summary(table)
 
 
-def mean_text(row: dict[str, Any], measure: Measure) -> str:
+def mean_text(row: dict[str, Any], measure: Column) -> str:
     """The mean of a row of `means` with its standard deviation between strides."""
     spread = f" ± {number(measure.scale * row['std'], max(measure.digits, 1))}" if np.isfinite(row["std"]) else ""
     return number(measure.scale * row["mean"], measure.digits) + spread
@@ -170,12 +128,11 @@ def mean_text(row: dict[str, Any], measure: Measure) -> str:
 
 def mean_table(rows: "pd.DataFrame") -> Table:
     """Table of the means of strides and of each side, and of the differences between the sides; from `means`."""
-    known = {m.name: m for m in MEASURES}
     both = bool(rows["asymmetry_pct"].notna().any())
     made = []
     for row in rows.to_dict("records"):
-        measure = known.get(f"{row['measure']}_{row['unit']}")
-        if measure is None:  # the distance and ranges of motion: the page shows them, or their two ends, elsewhere
+        measure = QUANTITIES[row["measure"]]
+        if not measure.listed:  # the distance and ranges of motion: the page shows them, or their two ends, elsewhere
             continue
         cells = [Cell(measure.heading), Cell(mean_text(row, measure))]
         cells += [cell(measure.scale * row[side], measure.digits) for side in SIDES]

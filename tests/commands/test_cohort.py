@@ -395,7 +395,7 @@ def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walk
     assert (tmp_path / "out.html").read_text().count("in tuned.json were tuned on bad.csv") >= 2
     walk = walks[0] / walks[1][0]["file"]
     ways = []
-    for more in ((), ("--params", file), ("--params", file, "--scale", 1.0)):
+    for more in ((), ("--params", file), ("--params", file, "--option", "scale=1.0")):
         code, said = run("estimate", walk, "--estimator", "leg_ekf", "--paper", "--out", tmp_path / "one", *more)
         assert code == 0, said
         ways.append(pd.read_csv(tmp_path / "one" / f"{walk.stem}_legs.csv")["distance_m"].iloc[-1])

@@ -12,8 +12,8 @@ from made.command import run
 
 from experiments.__main__ import main
 from experiments.common import protocols
-from jgait import estimators, io
-from jgait.commands import own_options, person, results
+from jgait import cli, estimators, io
+from jgait.commands import demo, jobs, options
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def test_a_person_comes_from_a_file_and_options_win(csv, tmp_path):
     ("words", "reason"),
     [
         (("--paper",), "--paper is of one estimator; give --estimator as well"),
-        (("--duty", 0.5), "--duty is an option of duty_cycled_gyro; give --estimator as well"),
+        (("--option", "duty=0.5"), "--option duty is an option of duty_cycled_gyro; give --estimator as well"),
         (("--table-format", "xlsx"), "--table-format is csv, parquet, json; got 'xlsx'"),
         (("--person", "size.json"), "a person has"),
         (("--person", "high.json"), "height must be between 0.8 and 2.4 m; got 175 (in cm? then 1.75)"),
@@ -77,7 +77,10 @@ def test_a_person_comes_from_a_file_and_options_win(csv, tmp_path):
         (("--height", 175), "height must be between 0.8 and 2.4 m; got 175 (in cm? then 1.75)"),
         (("--height", "nan"), "height must be between 0.8 and 2.4 m; got nan"),
         (("--thigh", 5), "thigh must be between 0.2 and 0.7 m; got 5"),
-        (("--scale", 0), "0.1"),
+        (("--height", "1,75"), "'1,75' is no number; write a decimal point, 1.75"),
+        (("--estimator", "leg_ekf", "--option", "scale=0"), "--option scale must be at least 0.1; got 0"),
+        (("--option", "scle=1"), "one of the names duty, filler, height, level,"),
+        (("--option", "scale"), "--option is NAME=VALUE"),
         (("--person", "none.json"), "No such file"),
     ],
 )
@@ -95,18 +98,18 @@ def test_options_that_do_not_fit_are_refused(csv, tmp_path, monkeypatch, words, 
 def test_options_of_other_estimators_are_refused_by_name(capsys):
     """Every option that only some have, with each of the others, and without --estimator where it is no measure."""
     measures = {measure.option for name in estimators.names() for measure in estimators.about_of(name).measures}
-    for option, known in own_options.own_options().items():
-        owners = f"{option} is an option of {' and '.join(known.estimators)}; "
-        others = [name for name in estimators.names() if name not in known.estimators]
-        calls = [(partial(own_options.given_of, name), f"got --estimator {name}") for name in others]
-        calls += [] if option in measures else [(partial(person.person_of, None), "give --estimator as well")]
+    every = {option for name in estimators.names() for option in options.options_of(estimators.about_of(name))}
+    for option in every:
+        known = options.owners(option)
+        owners = f"{options.named(option)} is an option of {' and '.join(known)}; "
+        others = [name for name in estimators.names() if name not in known]
+        calls = [(partial(options.given_of, name), f"got --estimator {name}") for name in others]
+        calls += [] if option in measures else [(partial(options.person_of, None), "give --estimator as well")]
         for call, end in calls:
             with pytest.raises(typer.Exit):
-                call({known.variable: 1})
+                call({option: "1"})
             assert owners + end in " ".join(capsys.readouterr().err.split())
-    assert own_options.own_options()["--lever"].estimators == ("ankle_stride",)
-    assert own_options.own_options()["--duty"].estimators == ("duty_cycled_gyro",)
-    assert own_options.own_options()["--pivot"].estimators == ("foot_ins", "stride_width_ekf")
+    assert options.owners("--pivot") == ["foot_ins", "stride_width_ekf"]
 
 
 def test_one_bad_file_does_not_cost_the_others(csv, tmp_path):
@@ -156,12 +159,12 @@ def test_a_table_of_recordings_gives_one_table_of_all(table, csv, tmp_path, endi
 
 
 def test_a_recording_without_tables_does_not_cost_the_others(csv, tmp_path, monkeypatch):
-    def failing(estimate, about, tables=results.tables):
+    def failing(made, about, of_estimate=jobs.of_estimate):
         calls.append(about)
-        return tables(estimate, about) if len(calls) > 1 else 1 / 0
+        return of_estimate(made, about) if len(calls) > 1 else 1 / 0
 
     calls = []
-    monkeypatch.setattr(results, "tables", failing)
+    monkeypatch.setattr(jobs, "of_estimate", failing)
     again = csv.with_name("again.csv")
     again.write_bytes(csv.read_bytes())
     assert run("estimate", csv, again, "--estimator", "ankle_stride", "--out", tmp_path / "out")[0] == 1
@@ -197,45 +200,43 @@ def test_data_sets_are_listed():
         assert name in said
 
 
-def test_demo_judges_tunes_and_draws(tmp_path):
-    numbers = tmp_path / "demo.json"
-    words = ("--dataset", "simulated", "--subjects", 2, "--steps", 2, "--out", tmp_path / "figures", "--json", numbers)
-    code, said = run("demo", *words)
+def test_the_demo_prints_the_commands_that_it_calls(tmp_path, monkeypatch):
+    called = []
+    monkeypatch.setattr(demo, "tune", lambda free, **how: called.append(("tune", {"free": free, **how})))
+    monkeypatch.setattr(demo, "evaluate", lambda **how: called.append(("evaluate", how)))
+    code, said = run("demo", "--dataset", "simulated", "--subjects", 2, "--steps", 3, "--out", tmp_path)
+    assert code == 0 and len(called) == 3, said
+    commands = typer.main.get_command(cli.app)
+    for line, (name, how) in zip(said.split("$ jgait ")[1:], called, strict=True):
+        first, *words = line.split()
+        assert first == name
+        given = commands.get_command(None, name).make_context(name, words).params
+        del how["fresh"]  # which a user does not need in a new folder
+        assert {key: given[key] for key in how} == how
+
+
+@pytest.mark.release
+def test_the_demo_tunes_and_judges_on_other_people(tmp_path):
+    code, said = run("demo", "--dataset", "simulated", "--subjects", 2, "--steps", 2, "--out", tmp_path)
     assert code == 0, said
-    assert "tuned by gradient" in said
-    assert len(list((tmp_path / "figures").glob("*.png"))) == 3
-    (part,) = json.loads(numbers.read_text()).values()
-    assert all(np.isfinite([line["before"], line["after"]]).all() for line in part["lines"])
-    assert part["tuned"]["distance_scale"][0] != part["tuned"]["distance_scale"][1]
+    assert "learned from all people" in said
+    rows = [pd.read_csv(tmp_path / name / "agreement.csv")["n"].sum() for name in ("default", "others")]
+    assert rows[0] == rows[1] > 0
+    tuned = json.loads((tmp_path / "tuned" / "tuned.json").read_text())["parameters"]
+    assert tuned["distance_scale"]["value"] != 1.0
 
 
 @pytest.mark.release
-def test_the_demo_begins_with_a_real_walk_beside_its_reference(data, tmp_path):
+def test_the_demo_begins_with_a_real_walk_beside_its_reference(data, tmp_path, monkeypatch):
     data("neura_sparse")
-    from jgait.commands import demo_run
-
-    walk = demo_run.real_walk(tmp_path, lambda *_: None)
-    assert [line[0] for line in walk.lines[:2]] == ["distance [m]", "stride length [m]"]
-    assert "feet" in walk.lines[1][2]
-    ours, theirs = walk.numbers["stride_length"]
-    assert abs(ours - theirs) < 0.05
-    ours, theirs = walk.numbers["distance"]
-    assert abs(ours / theirs - 1.0) < 0.03
-    assert {"hip right", "knee right", "hip left", "knee left"} < set(walk.numbers)
-    assert [file.name for file in walk.figures] == ["real_walk_angles.png", "real_walk.html"]
-    assert all(file.stat().st_size > 10_000 for file in walk.figures)
-
-
-@pytest.mark.release
-def test_the_demo_tunes_on_the_walk_out_and_halves_the_knee_s_error_of_the_walk_back(data, tmp_path):
-    data("neura_sparse")
-    from jgait.commands import demo_run
-
-    made = demo_run.neura_sparse(tmp_path, lambda *_: None)
-    assert len(made.figures) == 3
-    knee = [line for line in made.lines if line.walk == "back" and line.what == "knee, °"]
-    assert len(knee) == 2
-    assert all(not line.tuned_on and line.after < 0.6 * line.before for line in knee)
+    monkeypatch.setattr(demo, "tune", lambda *_, **__: None)
+    monkeypatch.setattr(demo, "evaluate", lambda **_: None)
+    numbers = tmp_path / "demo.json"
+    code, said = run("demo", "--out", tmp_path / "out", "--json", numbers)
+    assert code == 0, said
+    assert "What each sensor says" in said and "Against the reference" in said
+    assert (tmp_path / "out" / "real_walk.html").stat().st_size > 10_000
+    assert json.loads(numbers.read_text())["distance_m"] > 10.0
 
 
 def test_demo_refuses_an_unknown_data_set():

@@ -89,7 +89,8 @@ def test_tables_totals_and_a_figure(csv, tmp_path, monkeypatch):
 
     monkeypatch.setattr(Choice, "estimate", estimate)
     out = tmp_path / "out"
-    words = ("--method", "duty_cycled_gyro", "--duty", 0.5, "--filler", "ridge", "--warm-up", 5, "--thigh", 0.4)
+    words = ("--method", "duty_cycled_gyro", "--thigh", 0.4)
+    words += tuple(word for text in ("duty=0.5", "filler=ridge", "warm-up=5") for word in ("--option", text))
     code, said = run(csv, *words, "--out", out, "--json", out / "numbers.json")
     assert code == 0, said
     assert seen["options"].schedule == 0.5 and seen["options"].warm_up == 5.0 and seen["options"].filler == "ridge"
@@ -114,7 +115,7 @@ def test_tables_totals_and_a_figure(csv, tmp_path, monkeypatch):
 
 
 def test_what_cannot_be_followed_is_refused(csv, tmp_path):
-    code, said = run(csv, "--estimator", "duty_cycled_gyro", "--duty", 0, "--out", tmp_path / "out")
+    code, said = run(csv, "--estimator", "duty_cycled_gyro", "--option", "duty=0", "--out", tmp_path / "out")
     assert code == 2 and "duty must lie in (0, 1]: the part of the time that is measured; got 0.0" in said, said
     assert not (tmp_path / "out").exists()
 

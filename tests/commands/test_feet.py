@@ -45,7 +45,7 @@ def walk(tmp_path_factory):
 
 
 def test_strides_and_ways_of_both_feet(walk, tmp_path):
-    code, said = run("estimate", walk, "--estimator", "foot_ins", "--pivot", 0, "--out", tmp_path / "out")
+    code, said = run("estimate", walk, "--estimator", "foot_ins", "--option", "pivot=0", "--out", tmp_path / "out")
     assert code == 0, said
     assert {path.name for path in (tmp_path / "out").glob("[!.]*")} == {
         "walk_feet.csv", "walk_strides.csv", "walk_strides.png", "walk_paths.png", "walk_height.png",
@@ -61,16 +61,16 @@ def test_strides_and_ways_of_both_feet(walk, tmp_path):
 
 
 def test_widths_where_the_feet_hear_each_other(walk, tmp_path):
-    words = ("--estimator", "stride_width_ekf", "--pivot", 0, "--range-offset", OFFSET, "--out", tmp_path / "out")
-    code, said = run("estimate", walk, *words)
+    words = ("--estimator", "stride_width_ekf", "--option", "pivot=0", "--out", tmp_path / "out")
+    code, said = run("estimate", walk, *words, "--option", f"range-offset={OFFSET}")
     assert code == 0, said
     assert "walk_widths.png" in said and "stride width │ " in said
     strides = pd.read_csv(tmp_path / "out" / "walk_strides.csv")
     good = strides[strides["width_valid"]]
     assert len(good) >= 6
     np.testing.assert_allclose(good["stride_width_m"], APART, atol=0.03)
-    code, said = run("estimate", walk, "--estimator", "stride_width_ekf", "--pivot", 0, "--out", tmp_path / "out")
-    assert code == 0 and "Check: No --range-offset: the default of 0.08 m is taken" in said
+    code, said = run("estimate", walk, *words)
+    assert code == 0 and "Check: No --option range-offset: the default of 0.08 m is taken" in said
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_widths_where_the_feet_hear_each_other(walk, tmp_path):
     [
         (("--estimator", "foot_ins", "--thigh", 0.4), "--thigh is an option of leg_ekf and duty_cycled_gyro; got"),
         (("--estimator", "foot_ins", "--paper"), "--paper is an option of leg_ekf and stride_width_ekf"),
-        (("--estimator", "foot_ins", "--level", "perhaps"), "--level is auto, yes, no; got 'perhaps'"),
+        (("--estimator", "foot_ins", "--option", "level=perhaps"), "--option level is auto, yes, no; got 'perhaps'"),
         (("--estimator", "gaze"), "estimator must be one of leg_ekf, foot_ins, stride_width_ekf"),
         (("--estimator", "foot_ins", "--acc-unit", "g"), "it seems to be in m/s²; pass --acc-unit m/s^2"),
         (("--estimator", "foot_ins", "--range-unit", "mm"), "feet_range is 0.00012 m in the median (given as mm)"),

@@ -9,24 +9,26 @@ from rich.table import Table
 
 from jgait import cli, io
 from jgait.commands import jobs
+from jgait.estimators.about import EstimatedRecording
 from jgait.estimators.notes import STRIDES_UNCERTAIN, without_repeats
 from jgait.io.clock import GAPS_FILLED
 from jgait.io.damage.samples import IMPOSSIBLE
-from jgait.report.flags import explained
-from jgait.types import RecordingError, reason_of
+from jgait.report import Made
+from jgait.types import Estimate, Legs, RecordingError, reason_of
 
 
 @pytest.fixture
 def without_estimates(monkeypatch):
     """`jgait estimate` reads the files and prints their notes; the function that computes can be replaced."""
 
-    def replaced(compute=lambda recording, known: recording):
-        job = jobs.EstimateJob(
-            "all", Table(), "", "csv", lambda name: [f"{name}.csv"], (), compute, lambda made: made.notes,
-            lambda made: explained(made.notes), lambda made: {}, lambda made, out, name: [], lambda made: [],
-            lambda made, files: {},
-        )  # fmt: skip
-        monkeypatch.setattr(jobs, "all_sensors", lambda person, ending: job)
+    def read(recording, known):
+        time = next(iter(recording.sensors.values())).time
+        made = EstimatedRecording(recording, Estimate(time, Legs(None, None), None, None, time > -1.0, {}), None, {})
+        return jobs.RecordingResults(made, recording.notes, {}, [], {})
+
+    def replaced(compute=read):
+        job = jobs.EstimateJob("all", Table(), "", (), (), (), compute, Made())
+        monkeypatch.setattr(jobs, "all_sensors", lambda person: job)
 
     replaced()
     return replaced

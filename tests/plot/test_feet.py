@@ -76,7 +76,7 @@ def test_strides_over_time_with_their_deviations():
     trusted = np.ones(2 * COUNT, bool)
     trusted[2] = False
     figure = plot.stride_series(estimate._replace(diagnostics={"width_valid": trusted}))
-    assert [axis.get_ylabel() for axis in figure.axes] == ["length [m]", "width [cm]", "rise [cm]"]
+    assert [axis.get_ylabel() for axis in figure.axes] == ["stride length [m]", "stride width [cm]", "rise [cm]"]
     length, width, _ = figure.axes
     bars = [c.get_segments() for c in length.collections]
     np.testing.assert_allclose([np.ptp(segment[:, 1]) for segment in bars[0]], 0.08)
@@ -85,7 +85,7 @@ def test_strides_over_time_with_their_deviations():
     np.testing.assert_allclose(doubtful.get_xydata(), [[estimate.strides.end[2], 100.0 * WIDTH]])
     bare = plot.stride_series(estimate._replace(strides_stddev=None, strides=estimate.strides._replace(
         width=np.full(2 * COUNT, np.nan))))  # fmt: skip
-    assert [axis.get_ylabel() for axis in bare.axes] == ["length [m]", "rise [cm]"]
+    assert [axis.get_ylabel() for axis in bare.axes] == ["stride length [m]", "rise [cm]"]
 
 
 @pytest.mark.parametrize("draw", [plot.stride_series, plot.leg_strides])

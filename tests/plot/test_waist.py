@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from jgait import plot
-from jgait.commands import results
+from jgait.commands import jobs
 from jgait.estimators import waist
 from jgait.estimators.about import EstimatedRecording
 from jgait.estimators.waist.about import ABOUT
@@ -108,14 +108,15 @@ def test_speed_with_the_velocity_update(load_experiment, recording, estimate):
 def test_the_command_line_draws_contacts(recording, estimate, tmp_path):
     p = waist.with_body(waist.WaistParams(), {"sensor_height": 0.97})
     made = EstimatedRecording(recording, estimate, p, {"options": waist.DEFAULT})
-    written = results.drawn(made, tmp_path, "walk", ABOUT.figures)
+    written = jobs.of_estimate(made, ABOUT).drawn(tmp_path, "walk", ABOUT.figures)
     assert tmp_path / "walk_contacts.png" in written and (tmp_path / "walk_contacts.png").stat().st_size > 20_000
     still = {**estimate.diagnostics, "initial_contact": np.zeros(0), "initial_contact_side": np.zeros(0, int),
              "initial_contact_side_probability": np.zeros(0)}  # fmt: skip
     none = jax.tree.map(lambda column: column[:0], estimate.strides)
     stood = made._replace(estimate=estimate._replace(diagnostics=still, strides=none))
-    assert "contacts" in results.tables(stood.estimate, ABOUT)
-    assert "stood_contacts.png" not in [path.name for path in results.drawn(stood, tmp_path, "stood", ABOUT.figures)]
+    told = jobs.of_estimate(stood, ABOUT)
+    assert "contacts" in told.tables
+    assert "stood_contacts.png" not in [path.name for path in told.drawn(tmp_path, "stood", ABOUT.figures)]
 
 
 def test_what_is_not_there_is_refused(load_experiment, recording, estimate):

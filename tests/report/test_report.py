@@ -434,8 +434,8 @@ def test_one_recording_from_the_command_line(walk_file, tmp_path, monkeypatch):
         file,
         "--estimator",
         "ankle_stride",
-        "--lever",
-        "0.05",
+        "--option",
+        "lever=0.05",
         "--out",
         page,
         "--json",
@@ -448,7 +448,7 @@ def test_one_recording_from_the_command_line(walk_file, tmp_path, monkeypatch):
     assert told["p"].lever_ankle == 0.05 and told["p"].lever_along_sd == 0.01 and not told["paper"]
     written = json.loads(numbers.read_text(encoding="utf-8"))
     assert written["made"]["command"] == (
-        "jgait report walk.csv --estimator ankle_stride --lever 0.05 --out walk.html --json walk.json"
+        "jgait report walk.csv --estimator ankle_stride --option lever=0.05 --out walk.html --json walk.json"
     )
     assert {"lever_ankle", "lever_along_sd"} <= set(written["made"]["changed"])
     text = page.read_text(encoding="utf-8")
@@ -459,13 +459,13 @@ def test_a_missing_measure_of_a_person_is_noted():
     ankle = chosen("ankle_stride", False, None, {})
     _, missing = ankle.personal({})
     assert len(missing) == 1 and missing[0].text.startswith(
-        "no --lever: a sensor at the ankle is taken to sit 0.03 m above"
+        "no --option lever: a sensor at the ankle is taken to sit 0.03 m above"
     )
     assert [flag.grade for flag in flags.explained(missing)] == ["check"]
-    legs = chosen("leg_ekf", False, None, {"scale": 1.1, "thigh": 0.4})
+    legs = chosen("leg_ekf", False, None, {"--scale": "1.1", "--thigh": "0.4"})
     p, missing = legs.personal({"shank_length": (0.4, 0.41)})
     assert p.distance_scale == 1.1 and p.shank_length.left == 0.41 and missing == []
-    _, missing = chosen("waist", False, None, {"height": 1.7}).personal({})
+    _, missing = chosen("waist", False, None, {"--height": "1.7"}).personal({})
     assert [(note.code, note.values["height"]) for note in missing] == [("measures_from_height", 1.7)]
 
 
@@ -475,7 +475,7 @@ def test_a_missing_measure_of_a_person_is_noted():
         ((), "give one of: a table COHORT.csv, --dataset NAME, --simulated N"),
         (("nowhere.csv",), "No such file"),
         (("{file}", "--out", "page.pdf"), "ends with .html; got 'page.pdf'"),
-        (("{file}", "--lever", "0.1", "--paper"), "--lever is an option of ankle_stride; got --estimator leg_ekf"),
+        (("{file}", "--option", "lever=0.1", "--paper"), "--option lever is an option of ankle_stride; got"),
         (("--simulated", "2", "--person", "p.json"), "--person is of one recording"),
         (("{file}", "--estimator", "mine"), "estimator must be one of"),
         (("{file}", "--recording", "a"), "--recording names a recording of a --dataset"),

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import jgait
 from jgait import io, simulate
-from jgait.commands.jobs import all_sensors
+from jgait.commands.jobs import of_analysis as results_of
 from jgait.estimators import stride_flags
 from jgait.estimators.ankle_stride.notes import SWINGS_SMALL
 from jgait.estimators.combined.analysis import ACCUSED, CLOCKS
@@ -385,7 +385,7 @@ def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
         assert tables["samples"][f"angles_valid_{side}"].dtype == bool
         assert tables["samples"][f"angles_valid_{side}"].all()
     assert strides["angles_valid"].all()
-    assert "not usable" not in str(all_sensors({}, "csv").rows(analysis))
+    assert "not usable" not in str(results_of(analysis).rows)
 
 
 def test_what_only_a_contradicted_source_says_is_in_doubt(analysis):
@@ -527,7 +527,7 @@ def test_a_sensor_that_a_reader_accuses_is_left_out_of_the_combined_distance(wal
     tables = io.analysis_to_dataframes(found)
     assert not tables["samples"]["angles_valid_right"].any() and tables["samples"]["angles_valid_left"].all()
     np.testing.assert_array_equal(tables["strides"]["angles_valid"], tables["strides"]["side"] == "left")
-    printed = {row[0]: row[1] for row in all_sensors({}, "csv").rows(found)}
+    printed = {row[0]: row[1] for row in results_of(found).rows}
     assert [name for name, words in printed.items() if words.endswith("°, not usable")] == ["hip right", "knee right"]
 
 
@@ -673,7 +673,7 @@ def test_notes_contain_that_strides_are_uneven_or_few_and_commands_print_it_once
     (few,) = of_code(found.notes, "few_regular_strides")
     assert (few.values["strides"], few.severity) == (kept, "check") and 0 < kept < 10
     assert not of_code(analysis.notes, "strides_uneven") and not of_code(found.notes, "strides_uneven")
-    shown = [flag.text for flag in all_sensors({}, "csv").flags(found)]
+    shown = [flag.text for flag in results_of(found).flags()]
     assert [text for text in shown if "regular stride" in text] == [f"Only {kept} regular strides"]
 
 
@@ -687,9 +687,9 @@ def test_a_person_who_only_stands_has_tables_and_a_note_but_no_strides(walked):
     )
     shown = tables["strides"].query("regular")[["side", "stride_length_std_m", "special", "knee_flexion_max_deg"]]
     assert shown.empty
-    job = all_sensors({}, "csv")
-    assert not {"cadence", "stance"} & {row[0] for row in job.rows(found)}
-    assert job.numbers(found, [])["notes"][0]["code"] == "no_strides"
+    results = results_of(found)
+    assert not {"cadence", "stance"} & {row[0] for row in results.rows}
+    assert results.numbers["notes"][0]["code"] == "no_strides"
     assert "No strides were found" in of_analysis(found, walked[0]).html
 
 
@@ -700,20 +700,20 @@ def test_without_a_regular_stride_no_means_are_stated(analysis):
     assert {c.quantity for c in rows} == {"strides"}
     estimate = analysis.estimate._replace(diagnostics={**analysis.estimate.diagnostics, **half})
     changed = analysis._replace(estimate=estimate, strides=strides, comparisons=rows)
-    said = {row[0]: row[1] for row in all_sensors({}, "csv").rows(changed)}
+    said = {row[0]: row[1] for row in results_of(changed).rows}
     assert said["strides"].endswith(", 0 regular")
     assert {said[name] for name in ("stride length", "walking speed", "cadence", "stance")} == {"–"}
-    written = all_sensors({}, "csv").tables(changed)["summary"]
+    written = results_of(changed).tables["summary"]
     assert not len(written) and list(written) == SUMMARY
 
 
 def test_the_stance_is_stated_of_strides_that_a_foot_saw(walked, analysis):
     whole = io.analysis_to_dataframes(analysis)["strides"].query("regular")
     share = (whole["stance_duration_s"] / whole["stride_duration_s"]).groupby(whole["side"]).median().mean()
-    said = {row[0]: row[1] for row in all_sensors({}, "csv").rows(analysis)}
+    said = {row[0]: row[1] for row in results_of(analysis).rows}
     assert said["stance"] == f"{100.0 * share:.0f} % of the stride"
     found = jgait.analyse(only(walked[0], "shank_right", "shank_left"), PERSON)
-    said = {row[0]: row[1] for row in all_sensors({}, "csv").rows(found)}
+    said = {row[0]: row[1] for row in results_of(found).rows}
     assert said["stance"] == "–" and said["cadence"].endswith("steps/min")
 
 

@@ -1,0 +1,149 @@
+"""Measures of a person, and the options that only some estimators have, as their `about` states them."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from jaxtyping import PyTree
+
+from jgait import estimators
+from jgait.commands.console import stop
+from jgait.estimators.about import About, BodyMeasure, CommandOption
+from jgait.estimators.proportions import outside
+
+PersonFile = Annotated[
+    Path | None,
+    typer.Option("--person", help='Measures of the person in metres, JSON such as {"height": 1.75}; options win.'),
+]
+Height = Annotated[str | None, typer.Option(metavar="METRES", help="Of the person, 0.8 to 2.4.")]
+Thigh = Annotated[str | None, typer.Option(metavar="METRES", help="Its length, hip to knee, 0.2 to 0.7; 0.43.")]
+Shank = Annotated[str | None, typer.Option(metavar="METRES", help="Its length, knee to ankle, 0.2 to 0.7; 0.43.")]
+Options = Annotated[
+    list[str] | None,
+    typer.Option("--option", metavar="NAME=VALUE", help="Of some estimators, see below; once for each."),
+]
+PLAIN = ("--height", "--thigh", "--shank")
+"""The options of some estimators that have a name of their own on the command line."""
+
+
+def named(option: str) -> str:
+    """An option as it is written on the command line: --height, or --option level."""
+    return option if option in PLAIN else f"--option {option.removeprefix('--')}"
+
+
+def options_of(about: About) -> dict[str, CommandOption]:
+    """The options of an estimator by name: the options of its `about`, and one for each of its body measures."""
+    stated = {option.name: option for option in about.options}
+    measured = {m.option: _of_measure(m) for m in about.measures if m.option and m.option not in stated}
+    return measured | stated
+
+
+def _of_measure(measure: BodyMeasure) -> CommandOption:
+    default = "" if measure.default is None else f"; {measure.default:g}"
+    text = f"{measure.meaning} [{measure.unit}]{default}."
+    return CommandOption(measure.option, text, low=measure.low, high=measure.high)
+
+
+def owners(option: str) -> list[str]:
+    """The names of the estimators that have an option."""
+    return [name for name in estimators.names() if option in options_of(estimators.about_of(name))]
+
+
+def epilog() -> str:
+    """A paragraph for each estimator, with the columns that it needs, and one for each of its `Options`."""
+    lines = []
+    for name in estimators.names():
+        about = estimators.about_of(name)
+        lines.append(f"{name}: {about.title}. {'Columns: ' + about.needs if about.needs else ''}".rstrip())
+    known = {
+        option.name: option for name in estimators.names() for option in options_of(estimators.about_of(name)).values()
+    }
+    lines += [f"{named(name)} ({', '.join(owners(name))}): {option.help}"
+              for name, option in known.items() if name not in PLAIN]  # fmt: skip
+    return "\n\n".join(lines)
+
+
+def given(texts: list[str] | None, height: str | None, thigh: str | None, shank: str | None) -> dict[str, str]:
+    """Option, as in `about` → text; exits with code 2 for a text without "=", or an option that no estimator has."""
+    values = dict(zip(PLAIN, (height, thigh, shank), strict=True))
+    for text in texts or ():
+        name, equals, value = text.partition("=")
+        option = f"--{name.strip().replace('_', '-')}"
+        if not equals or not owners(option):
+            every = (options_of(estimators.about_of(one)) for one in estimators.names())
+            names = sorted({one.removeprefix("--") for options in every for one in options})
+            stop(f"--option is NAME=VALUE, with one of the names {', '.join(names)}; got {text!r}")
+        values[option] = value.strip()
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def given_of(name: str, values: Mapping[str, str]) -> dict[str, Any]:
+    """Option → value, for an estimator; exits with code 2 for a value out of range, or an option that it lacks."""
+    mine = options_of(estimators.about_of(name))
+    for option in values:
+        if option not in mine:
+            stop(f"{named(option)} is an option of {' and '.join(owners(option))}; got --estimator {name}")
+    return {option: _value(mine[option], text) for option, text in values.items()}
+
+
+def _value(option: CommandOption, text: str) -> Any:
+    """The value of a text; exits with code 2 if it is none."""
+    value: Any = text
+    try:
+        if option.kind is float:
+            try:
+                value = float(text)
+            except ValueError:
+                hint = f"; write a decimal point, {text.replace(',', '.')}" if text.count(",") == 1 else ""
+                raise ValueError(f"{named(option.name)}: {text!r} is no number{hint}") from None
+            low, high = option.low, option.high
+            if low is not None and high is not None:
+                wrong = outside(option.name.removeprefix("--").replace("-", " "), value, low, high)
+            else:
+                wrong = (
+                    "" if low is None or value >= low else f"{named(option.name)} must be at least {low:g}; got {text}"
+                )
+            if wrong:
+                raise ValueError(wrong)
+        return value if option.parse is None else option.parse(value)
+    except ValueError as error:
+        stop(str(error))
+
+
+def person_in(file: Path | None) -> dict[str, PyTree]:
+    """The measures in a JSON file, name → number or [right, left]; exits with code 2 if the file cannot be used."""
+    if file is None:
+        return {}
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError as error:
+        stop(f'--person {file} is no JSON file with measures, such as {{"height": 1.75}}: {error}')
+    except OSError as error:
+        stop(f"--person {file}: {error}")
+    known = {m.name: (m.low, m.high) for name in estimators.names() for m in estimators.about_of(name).measures}
+    if not isinstance(content, dict) or not content:
+        stop(f"--person {file} holds one object with measures such as height; got {str(content)[:60]!r}")
+    for name, value in content.items():
+        if name not in known:
+            stop(f"--person {file}: a person has {', '.join(sorted(known))}; got {name!r}")
+        numbers = value if isinstance(value, list) else [value]
+        low, high = known[name]
+        if len(numbers) not in (1, 2) or not all(isinstance(v, int | float) for v in numbers):
+            stop(f"--person {file}: {name} is {low:g} to {high:g} m, one number or [right, left]; got {value!r}")
+        for wrong in filter(None, (outside(name, number, low, high) for number in numbers)):
+            stop(f"--person {file}: {wrong}")
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in content.items()}
+
+
+def person_of(file: Path | None, values: Mapping[str, str]) -> dict[str, PyTree]:
+    """The measures of a file and of options, as of `given`; exits with code 2 for an option that is no measure."""
+    person = person_in(file)
+    for option, text in values.items():
+        abouts = [estimators.about_of(name) for name in owners(option)]
+        names = {measure.name for about in abouts for measure in about.measures if measure.option == option}
+        if not names:
+            stop(f"{named(option)} is an option of {' and '.join(owners(option))}; give --estimator as well")
+        person |= dict.fromkeys(names, _value(options_of(abouts[0])[option], text))
+    return person
