@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jgait.io.files import check_columns, check_width
+from jgait.io.files import check_columns, check_file, check_size, first_lines
 from jgait.io.names import like_a_signal, unit_in_name
 from jgait.io.units import known_unit, stated_unit
 from jgait.notes import ORIGIN, Kind, Note
@@ -26,9 +26,6 @@ HEADER_WITHIN = 60
 
 TIMES = ("s", "sec", "ms", "us", "µs", "min", "h")
 """Units of time in a row of units."""
-
-SHORT_CELLS = 1_000_000
-"""Number of cells that rows of a table may lack."""
 
 TAIL = 2**20
 """[bytes] Size of the end of a file that is searched for its last row."""
@@ -63,9 +60,9 @@ def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
     """
     import pandas as pd
 
+    check_file(file, "a header and one row a sample")
     try:
-        with file.open(encoding="utf-8-sig") as stream:
-            lines = list(itertools.islice(stream, HEADER_WITHIN + 3))
+        lines = first_lines(file, HEADER_WITHIN + 3)
     except UnicodeDecodeError as error:
         raise RecordingError(
             f"{file.name} is no text file in UTF-8 ({error}); save it as 'CSV UTF-8', or rename columns with umlauts"
@@ -76,9 +73,9 @@ def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
     above = header_at(lines)
     header, *body = (row for row in filled if row >= above)
     separator = max(SEPARATORS, key=lines[header].count)
-    for row in (header, *body[:2]):
-        check_width(lines[row], separator, file.name)
-    breaks = _checked_breaks(file, lines[header].count(separator) + 1)
+    check_columns(lines[header].split(separator), file.name)
+    breaks = _breaks(file)
+    check_size(8 * breaks * (lines[header].count(separator) + 1), file.name)
     units = _units(lines[body[0]], separator) if body else []
     unread = [*range(above), *body[: 1 if units else 0]]
     body = body[1 if units else 0 :]
@@ -95,7 +92,6 @@ def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
         raise RecordingError(f"{file.name} has rows with more values than the header has columns") from error
     except (pd.errors.ParserError, UnicodeDecodeError) as error:
         raise RecordingError(f"{file.name} is no table: {_why(error, lines[header])}") from error
-    check_columns([str(column) for column in table.columns], file.name)
     if not len(table):
         raise RecordingError(f"{file.name} has a header and no rows; its columns are {list(table.columns)}")
     notes = (
@@ -168,13 +164,10 @@ def _why(error: Exception, header: str) -> str:
     )
 
 
-def _checked_breaks(file: Path, columns: int) -> int:
-    """Number of line breaks; refuses a file of more rows than it can have cells: each cell or separator is a byte."""
+def _breaks(file: Path) -> int:
+    """Number of line breaks."""
     with file.open("rb") as stream:
-        rows = sum(block.count(b"\n") for block in iter(lambda: stream.read(2**20), b""))
-    if rows * columns > file.stat().st_size + SHORT_CELLS:
-        raise RecordingError(f"{file.name} has {columns} columns and {rows} rows, most of which are cut off or empty")
-    return rows
+        return sum(block.count(b"\n") for block in iter(lambda: stream.read(2**20), b""))
 
 
 def _cut_off(file: Path, separator: str, breaks: int, whole: int) -> Note | None:

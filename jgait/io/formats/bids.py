@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jgait.io.apart import apart
 from jgait.io.clock import TIME_UNITS
-from jgait.io.files import Tree, check_columns, check_file, json_object, library, no_numbers, positive
+from jgait.io.files import Tree, check_columns, check_file, check_size, json_object, library, no_numbers, positive
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
 from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit
@@ -116,11 +115,10 @@ def _inherited(path: Path, stem: str, kind: str) -> list[Path]:
 
 def _table(file: Path, **options: Any) -> "pd.DataFrame":
     """A table with tabs, its cells as text or numbers; `n/a` is NaN."""
-    return apart(_rows, file, EXPECTED, "pandas", **options)
-
-
-def _rows(file: Path, **options: Any) -> "pd.DataFrame":
     pandas = library("pandas", EXPECTED)
+    check_file(file, EXPECTED)
+    if file.suffix == ".gz":  # whose last four bytes are the length of its content
+        check_size(int.from_bytes(file.read_bytes()[-4:], "little"), file.name)
     try:
         return pandas.read_csv(file, sep="\t", na_values=["n/a"], encoding="utf-8-sig", **options)
     except (pandas.errors.ParserError, pandas.errors.EmptyDataError, ValueError, EOFError) as error:

@@ -17,10 +17,9 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jgait.io.apart import apart, largest
 from jgait.io.arrays import stacked
 from jgait.io.clock import TIME_UNITS, check_order, count_samples, unit_of_time, without_jumps
-from jgait.io.files import check_columns, check_file
+from jgait.io.files import check_columns, check_file, check_size, library
 from jgait.io.formats.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_part
 from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.formats.text import check_lengths
@@ -141,9 +140,7 @@ def _table(path: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
     import pandas as pd
 
     if path.suffix.lower() in PARQUET:
-        table = apart(_parquet, path, EXPECTED, "pyarrow.parquet")
-        check_columns([str(column) for column in table.columns], path.name)
-        return table, ()
+        return _parquet(path), ()
     table, notes = read_table(path)
     lines = path.read_text(encoding="utf-8-sig").splitlines()
     rows = [row for row, line in enumerate(lines) if line.strip()]
@@ -172,14 +169,14 @@ def _table(path: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
 
 def _parquet(path: Path) -> "pd.DataFrame":
     """A Parquet file, whose numbers may take little room there and much in memory."""
-    import pandas as pd
-    from pyarrow import parquet
-
+    parquet = library("pyarrow.parquet", EXPECTED)
     try:
         with parquet.ParquetFile(path) as file:
-            size = 8 * file.metadata.num_rows * file.metadata.num_columns
+            about = file.metadata
+            check_columns(file.schema_arrow.names, path.name)
+            unpacked = sum(about.row_group(group).total_byte_size for group in range(about.num_row_groups))
+            check_size(max(unpacked, 8 * about.num_rows * about.num_columns), path.name)
+            table: pd.DataFrame = file.read().to_pandas()
+            return table
     except (ValueError, OSError) as error:
         raise RecordingError(f"{path.name} is no Parquet file: {error}") from error
-    if size > largest(path):
-        raise RecordingError(f"{path.name} holds {size} bytes; expected at most {largest(path)} in a file of this size")
-    return pd.read_parquet(path, use_threads=False)
