@@ -107,7 +107,6 @@ def test_dates_and_times_of_day_as_they_are_spelt_elsewhere(form, begin):
     stamps = pd.Timestamp(begin) + pd.to_timedelta(table()["time"], unit="s")
     recording = read(table().assign(time=stamps.dt.strftime(form)))
     np.testing.assert_allclose(recording.sensors["thigh_right"].time, np.arange(600) / 100, atol=1e-6)
-    assert "clock_jumps" not in [note.code for note in recording.notes]
 
 
 def test_seconds_without_a_fraction_among_those_with_one_are_read():

@@ -17,8 +17,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jgait.io.arrays import stacked
-from jgait.io.clock import TIME_UNITS, check_order, count_samples, unit_of_time, without_jumps
+from jgait.io.clock import TIME_UNITS, check_order, count_samples, unit_of_time
 from jgait.io.files import check_columns, check_file, check_size, library
 from jgait.io.formats.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_part
 from jgait.io.formats.part import Measured, Part, joined
@@ -84,7 +83,6 @@ def measured(path: Path) -> Measured:
     if time is not None and columns.time_unit is None and count_samples(time):
         time, packets = None, time
     if time is not None and len(time) > 1:
-        time = without_jumps(time, stacked(columns.sensors), None, columns.time_unit, path.name, notes)
         check_order(time, path.name, columns.time_unit)
         unit = unit_of_time(time, columns.time_unit, path.name)
         notes.append(TIME_UNIT_OF_FILE(file=path.name, unit=unit))
