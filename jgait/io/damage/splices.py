@@ -8,7 +8,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from jgait.io.damage.skips import skip_notes
 from jgait.notes import Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import Imu
@@ -118,8 +117,6 @@ def splice_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]
     if twice.any():
         return (ROWS_TWICE(rows=twice.sum(), begin_s=(np.argmax(twice) + 1) / rate_hz),)
     lost = _double_steps(changes, whole[:longest], rate_hz)
-    if lost is None and (skipped := skip_notes([np.asarray(imu.gyr) for imu in sensors.values()], whole, rate_hz)):
-        return skipped
     if lost is None:
         lost = (total > SURE_JUMP * len(masks)) & whole
     if not lost.any():
