@@ -8,8 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from jgait.io.files import check_columns, check_file, check_size, first_lines
 from jgait.io.names import like_a_signal, unit_in_name
 from jgait.io.units import known_unit, stated_unit
@@ -29,12 +27,6 @@ TIMES = ("s", "sec", "ms", "us", "µs", "min", "h")
 
 TAIL = 2**20
 """[bytes] Size of the end of a file that is searched for its last row."""
-
-ROWS_BEFORE = 50
-"""[1] Number of rows before the last one with which its last cell is compared."""
-
-JUMP = 3.0
-"""[1] Smallest difference of half a number from the number before, over the largest difference of those before."""
 
 LINES_ABOVE = Kind(
     "lines_above_header", "info",
@@ -171,39 +163,17 @@ def _breaks(file: Path) -> int:
 
 
 def _cut_off(file: Path, separator: str, breaks: int, whole: int) -> Note | None:
-    """The note about a last row that is not whole; None if it is.
-
-    It is not whole if it has fewer cells than the row before, or if no line break ends it and its last cell looks like
-    half a number: it is shorter than those of all rows before, lacks the decimals that all of them have, or differs
-    from the row before by more than `JUMP` times what they differ.
-    """
+    """The note about a last row that has fewer cells than the row before; None if it has as many."""
     with file.open("rb") as stream:
         stream.seek(max(file.stat().st_size - TAIL, 0))
         end = stream.read()
     ended = end.rstrip(b"\r\n")
-    lines = [line for line in ended.decode("utf-8", "replace").splitlines() if line.strip()][-ROWS_BEFORE - 1 :]
+    lines = [line for line in ended.decode("utf-8", "replace").splitlines() if line.strip()][-2:]
     try:
-        *before, last = csv.reader(lines, delimiter=separator)
-    except csv.Error:  # a cell of more than 128 kB
+        before, last = csv.reader(lines, delimiter=separator)
+    except (csv.Error, ValueError):  # a cell of more than 128 kB, or one row
         return None
-    if not before or len(last) > len(before[-1]):
+    if len(last) >= len(before):
         return None
-    if len(last) == len(before[-1]):
-        cells = [row[-1].strip() for row in before if len(row) == len(last)]
-        if ended != end or len(cells) < ROWS_BEFORE or not _half(last[-1].strip(), cells):
-            return None
     line = breaks - end[len(ended) :].count(b"\n") + 1
-    return ROW_CUT_OFF(line=line, cells=len(last), expected=len(before[-1]), value=repr(last[-1]), rows=whole)
-
-
-def _half(cell: str, before: list[str]) -> bool:
-    """Whether a cell looks like half a number, by the cells of the rows before it."""
-    marks = [mark for mark in ".," if all(mark in other for other in before)]
-    if len(cell) < min(map(len, before)) or not all(mark in cell for mark in marks):
-        return True
-    try:
-        numbers = np.array([float(other.replace(",", ".")) for other in (*before, cell)])
-    except ValueError:  # empty cells, or words
-        return False
-    steps = np.abs(np.diff(numbers))
-    return bool(0.0 < JUMP * steps[:-1].max() < steps[-1])
+    return ROW_CUT_OFF(line=line, cells=len(last), expected=len(before), value=repr(last[-1]), rows=whole)

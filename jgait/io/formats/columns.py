@@ -18,12 +18,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jgait.io.clock import TIME_UNITS, check_order, count_samples, unit_of_time
-from jgait.io.files import check_columns, check_file, check_size, library
+from jgait.io.files import check_columns, check_file, check_size, first_lines, library
 from jgait.io.formats.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_part
 from jgait.io.formats.part import Measured, Part, joined
-from jgait.io.formats.text import check_lengths
 from jgait.io.names import CHANNELS, column_of, placement_of, sensor_of
-from jgait.io.rows import header_at, read_table
+from jgait.io.rows import HEADER_WITHIN, SEPARATORS, header_at, read_table
 from jgait.io.tables import COLUMNS_MATCHED, columns_of
 from jgait.io.units import stated_unit
 from jgait.io.write import PARQUET
@@ -140,28 +139,17 @@ def _table(path: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
     if path.suffix.lower() in PARQUET:
         return _parquet(path), ()
     table, notes = read_table(path)
-    lines = path.read_text(encoding="utf-8-sig").splitlines()
-    rows = [row for row, line in enumerate(lines) if line.strip()]
+    lines = first_lines(path, HEADER_WITHIN + 3)
     above = header_at(lines)
-    rows = [row for row in rows if row >= above]
-    separator = max((",", ";", "\t"), key=lines[rows[0]].count)
-    second = [cell.strip().lower() for cell in lines[rows[1]].split(separator)]
+    rows = [line for line in lines[above:] if line.strip()]
+    separator = max(SEPARATORS, key=rows[0].count)
+    second = [cell.strip().lower() for cell in rows[1].split(separator)]
     if set(CHANNELS[:3]) <= set(second) or set(BODY_GAITMAP[:3]) <= set(second):
-        decimal = "," if separator != "," and "," in lines[rows[-1]] else "."
         # gaitmap's own files begin a row with its number, below the names of the levels.
         numbered = None if second[0] in (*CHANNELS, *BODY_GAITMAP) else 0
-        table = pd.read_csv(
-            path,
-            sep=separator,
-            decimal=decimal,
-            header=[0, 1],
-            index_col=numbered,
-            encoding="utf-8-sig",
-            skiprows=above,
-        )
-    if not any('"' in line for line in lines):
-        body = [lines[row] for row in rows[1:]]
-        check_lengths(body, separator, lines[rows[0]].count(separator) + 1, rows[1] + 1, path.name)
+        decimal = "," if separator != "," and "," in rows[-1] else "."
+        table = pd.read_csv(path, sep=separator, decimal=decimal, header=[0, 1], index_col=numbered,
+                            encoding="utf-8-sig", skiprows=above)  # fmt: skip
     return table, notes
 
 
