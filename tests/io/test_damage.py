@@ -284,16 +284,6 @@ def test_a_sensor_that_holds_its_reading_where_one_is_lost_has_no_rows_twice(row
     assert not found(recording, "rows_twice")
 
 
-def test_few_rows_missing_from_a_fast_file_are_noticed():
-    walker = simulate.Person(gait=simulate.gait(speed=1.25, stature=1.75)._replace(steps=30.0))
-    fast, _ = simulate.recording(
-        jax.random.key(2), walker, errors=OPAL, rate=200.0, placements=("foot_right", "foot_left")
-    )
-    two = harm.rows_of(fast, tuple(fast.sensors))
-    assert not found(harm.read(two, "walk"))
-    assert found(damaged(two, "2 % of rows missing, without stamps", ""), "rows_lost")
-
-
 def test_of_two_sensors_that_turn_apart_the_wrong_one_is_named(turning):
     feet = turning._replace(sensors={p: s for p, s in turning.sensors.items() if p.startswith("foot")})
     assert not found(harm.read(feet, "walk"), "turns_apart")

@@ -47,11 +47,6 @@ LEAST_RATIO = {True: 0.45, False: 0.85}
 """[1] Least number of double steps over that of the somewhat longer ones, at `FAST_HZ` or more and below. The changes
 of undamaged recordings have one peak, and reach 0.38 and 0.82."""
 
-PEAK_HZ, PEAK, BEFORE_PEAK, PEAK_RATIO = 160.0, np.log([1.8, 2.3]), np.log([1.6, 1.8]), 1.6
-"""[Hz], [1] Rate from which on few missing rows show too: the logarithms of changes over expected ones have a peak at
-two steps; limits of the peak and of what is before it; least number within the peak over that before it. Undamaged
-recordings reach 1.14."""
-
 TWICE_SHARE, ONE_STEP = 0.008, 1.45
 """[1] Least share of rows written twice, while the sensors turn; and largest change after them over the expected one.
 In undamaged recordings, 0.003 of the rows equal the one before, mostly at the limit of a range. A sensor that holds
@@ -153,8 +148,8 @@ def _jump(change: np.ndarray) -> np.ndarray:
 
 
 def _double_steps(changes: list[np.ndarray], whole: np.ndarray, rate_hz: float) -> np.ndarray | None:
-    """(n,) bool, steps over which a row is missing; None unless they are frequent or apart from other steps, and some
-    are double in each of the sensors.
+    """(n,) bool, steps over which a row is missing; None unless they are frequent, and some are double in each of the
+    sensors.
 
     The expected change is interpolated, by a cubic, from two steps on either side.
     """
@@ -178,9 +173,7 @@ def _double_steps(changes: list[np.ndarray], whole: np.ndarray, rate_hz: float) 
     middle[counts] = np.nanmedian(ratios[:, counts], axis=0)
     double, longer = ((middle > low) & (middle < high) for low, high in (TWO_STEPS, LONGER))
     number, usual = int(double.sum()), LEAST_RATIO[rate_hz >= FAST_HZ[many]]
-    if number >= max(FEWEST, LEAST_SHARE * counts.sum()) and number >= usual * longer.sum():
-        each = np.sum((ratios > TWO_STEPS[0]) & (ratios < TWO_STEPS[1]), axis=1) / np.maximum(known.sum(axis=1), 1)
-        return np.asarray(double) if each.min() >= AGREE * each.max() else None
-    peak, before = ((middle > low) & (middle < high) for low, high in (PEAK, BEFORE_PEAK))
-    shown = rate_hz >= PEAK_HZ and peak.sum() >= max(FEWEST, PEAK_RATIO * before.sum())
-    return np.asarray(peak) if shown else None
+    if number < max(FEWEST, LEAST_SHARE * counts.sum()) or number < usual * longer.sum():
+        return None
+    each = np.sum((ratios > TWO_STEPS[0]) & (ratios < TWO_STEPS[1]), axis=1) / np.maximum(known.sum(axis=1), 1)
+    return np.asarray(double) if each.min() >= AGREE * each.max() else None
