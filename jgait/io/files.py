@@ -139,6 +139,7 @@ def library(name: str, expected: str) -> ModuleType:
 
 def json_object(file: Path) -> Tree:
     """The content of a JSON file. Raises RecordingError if it is none, or no object."""
+    check_regular(file, "a JSON file")
     try:
         content = json.loads(file.read_text(encoding="utf-8-sig"))
     except ValueError as error:

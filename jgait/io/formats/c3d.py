@@ -18,7 +18,7 @@ import numpy as np
 
 from jgait.io.files import Tree, check_file, check_size, library, numbered, plain, reading
 from jgait.io.formats.c3d_axes import UPRIGHT, Capture, CaptureEvent, told_unit, told_up
-from jgait.notes import DEDUCED, ORIGIN, Kind, Note
+from jgait.notes import DEDUCED, Kind, Note
 from jgait.types import RecordingError
 
 EXPECTED = "a C3D file"
@@ -47,7 +47,6 @@ MARKER_UNIT_DEDUCED = Kind(
     "the file states no unit of its markers; {unit}, for they are {apart:.4g} apart",
     DEDUCED,
 )
-UP_STATED = Kind("up_stated", "info", "{axis} points up by POINT:Y_SCREEN", ORIGIN)
 UP_DOUBTED = Kind(
     "up_doubted",
     "check",
@@ -60,7 +59,7 @@ UP_UNKNOWN = Kind(
     "neither the file nor its markers show which axis points up; pass up",
     "The axes are the file's own; heights and directions are not known.",
 )
-UP_DEDUCED = Kind("up_deduced", "info", "{axis} points up, for {why}", DEDUCED)
+UP_TOLD = Kind("up_told", "info", "{axis} points up {why}", DEDUCED)
 
 
 def read_c3d(path: str | os.PathLike[str], *, unit: str | None = None, up: str | None = None) -> Capture:
@@ -232,14 +231,14 @@ def _up(parameters: Tree, markers: dict[str, np.ndarray], notes: list[Note]) -> 
     stated = stated if stated[:1] in ("+", "-") else f"+{stated}"
     deduced, why = told_up(markers)
     if stated in UPRIGHT:
-        notes.append(UP_STATED(axis=stated))
+        notes.append(UP_TOLD(axis=stated, why="by POINT:Y_SCREEN"))
         if deduced is not None and deduced != stated:
             notes.append(UP_DOUBTED(axis=deduced, why=why))
         return stated
     if deduced is None:
         notes.append(UP_UNKNOWN())
         return None
-    notes.append(UP_DEDUCED(axis=deduced, why=why))
+    notes.append(UP_TOLD(axis=deduced, why=f"for {why}"))
     return deduced
 
 

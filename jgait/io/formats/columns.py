@@ -17,7 +17,9 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jgait.io.clock import TIME_UNITS, check_order, count_samples, unit_of_time
+import numpy as np
+
+from jgait.io.clock import TIME_UNIT_DEDUCED, TIME_UNITS, check_order, count_samples, unit_of_time
 from jgait.io.files import check_columns, check_file, check_size, first_lines, library
 from jgait.io.formats.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_part
 from jgait.io.formats.part import Measured, Part, joined
@@ -26,7 +28,7 @@ from jgait.io.rows import HEADER_WITHIN, SEPARATORS, header_at, read_table
 from jgait.io.tables import COLUMNS_MATCHED, columns_of
 from jgait.io.units import stated_unit
 from jgait.io.write import PARQUET
-from jgait.notes import DEDUCED, ORIGIN, Kind, Note
+from jgait.notes import ORIGIN, Kind, Note
 from jgait.types import PLACEMENTS, RecordingError
 
 if TYPE_CHECKING:
@@ -36,7 +38,6 @@ EXPECTED = "a table with columns <placement>_gyr_x, …, <placement>_acc_z, or g
 ENDINGS = (".csv", ".tsv", ".txt", *PARQUET)
 
 DIALECT = Kind("names_of_library", "info", "{names}: m/s² and deg/s, as {library} has them", ORIGIN)
-TIME_UNIT_OF_FILE = Kind("time_unit_of_file", "info", "{file}: time taken to be in {unit}", DEDUCED)
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -84,7 +85,8 @@ def measured(path: Path) -> Measured:
     if time is not None and len(time) > 1:
         check_order(time, path.name, columns.time_unit)
         unit = unit_of_time(time, columns.time_unit, path.name)
-        notes.append(TIME_UNIT_OF_FILE(file=path.name, unit=unit))
+        if columns.time_unit is None:
+            notes.append(TIME_UNIT_DEDUCED(unit=unit, step=float(np.median(np.diff(time)))))
         time = TIME_UNITS[unit] * time
     parts = [
         Part(
@@ -125,6 +127,8 @@ def _placed_anywhere(table: "pd.DataFrame") -> tuple["pd.DataFrame", dict[str, s
 
 def foreign(path: Path) -> bool:
     """Whether the head of a text table has gaitmap's two rows of names, or mobgap's names of the body's axes."""
+    if not path.is_file():
+        return False
     with path.open(encoding="utf-8-sig", errors="replace") as stream:
         head = list(itertools.islice((line for line in stream if line.strip()), 2))
     rows = [{cell.strip(' "\n').lower() for cell in re.split("[,;\t]", line)} for line in head]

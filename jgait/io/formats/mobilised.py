@@ -26,10 +26,10 @@ from jaxtyping import PyTree
 
 from jgait.io.files import Tree, check_file, check_size, library, positive, reading, three_columns
 from jgait.io.formats.clocks import CLOCKS_APART
-from jgait.io.formats.part import Measured, Part
+from jgait.io.formats.part import SENSORS_LEFT_OUT, Measured, Part
 from jgait.io.formats.settle import settle
 from jgait.io.names import placement_of
-from jgait.notes import LEFT_OUT, ORIGIN, Kind, Note
+from jgait.notes import ORIGIN, Kind, Note
 from jgait.types import Recording, RecordingError
 
 EXPECTED = "a Mobilise-D MATLAB file (data.mat)"
@@ -40,7 +40,6 @@ DEVICES = ("SU", "SU_INDIP", "SU_INDIP2")
 """Devices of a trial; if two devices have a sensor at one placement, the first is used."""
 AXES = "as the device's (worn as usual at the lower back: x up, y right, z forward)"
 
-SENSORS_LEFT_OUT = Kind("sensors_left_out", "info", "left out: {sensors}", LEFT_OUT)
 RECORDED_AT = Kind("recorded_at", "info", "recorded {date}", ORIGIN)
 STAMPS_DIFFER = Kind(
     "stamps_differ", "info",
