@@ -13,7 +13,6 @@ import numpy as np
 from experiments.common.row import Row, show
 from experiments.damage.samples import Sample, samples
 from jgait import RecordingError
-from jgait.io.apart import largest_of_process
 
 EACH = 200
 """Damaged files of each format."""
@@ -118,7 +117,7 @@ def outcome(sample: Sample, files: dict[str, bytes], folder: Path) -> Outcome:
     seconds = time.perf_counter() - begin
     if seconds > LONGEST_S:
         return Outcome("hang", f"{seconds:.1f} s; {result}")
-    grown = _memory("VmHWM") - held + largest_of_process()
+    grown = _memory("VmHWM") - held
     if grown > MEMORY + MEMORY_A_BYTE * sum(map(len, files.values())):
         return Outcome("memory", f"{grown / 1e9:.2f} GB; {result}")
     return result

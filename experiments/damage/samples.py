@@ -121,27 +121,6 @@ def _hdf5(path: Path, old: bool) -> None:
             about["Label 0"], about["Sample Rate"] = b"Right Lower Leg", 100
 
 
-def _c3d(path: Path) -> None:
-    import ezc3d
-
-    file = ezc3d.c3d()
-    labels = ["RHJC", "RKJC", "RAJC"]
-    points = np.ones((4, 3, 120))
-    points[:3] = 1e3 * np.stack([np.stack([TIME, 0.1 + 0.0 * TIME, height + 0.01 * GYR[:, 0]])
-                                 for height in (0.9, 0.5, 0.1)], axis=1)  # fmt: skip
-    file["parameters"]["POINT"]["LABELS"]["value"] = labels
-    file["parameters"]["POINT"]["RATE"]["value"] = [100.0]
-    file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
-    file["data"]["points"] = points
-    file["parameters"]["ANALOG"]["RATE"]["value"] = [100.0]
-    file["parameters"]["ANALOG"]["LABELS"]["value"] = ["Fz"]
-    file["data"]["analogs"] = 700.0 + GYR[None, None, :, 0]
-    file.add_parameter("EVENT", "TIMES", np.array([[0.0], [0.5]]))
-    file.add_parameter("EVENT", "LABELS", ["Foot Strike"])
-    file.add_parameter("EVENT", "CONTEXTS", ["Right"])
-    file.write(str(path))
-
-
 def samples(folder: Path) -> dict[str, Sample]:
     """Format → its good file.
 
@@ -157,14 +136,13 @@ def samples(folder: Path) -> dict[str, Sample]:
     savemat(folder / "plain.mat", {"data": tree})
     _hdf5(folder / "new.h5", old=False)
     _hdf5(folder / "old.h5", old=True)
-    _c3d(folder / "walk.c3d")
     columns = zip(["time", *_axes("shank_right_gyr_* shank_right_acc_*")], [TIME, *DEG.T, *ACC.T], strict=True)
     pd.DataFrame(dict(columns)).to_parquet(folder / "walk.parquet")
     io.write_params(folder / "tuned.json", leg_ekf.LegParams(), estimator="leg_ekf")
     written = {
         "parquet": ("walk.parquet", io.read), "mobilised": ("data.mat", io.read),
         "mobilised_plain": ("plain.mat", io.read), "apdm": ("new.h5", io.read),
-        "apdm_old": ("old.h5", io.read), "c3d": ("walk.c3d", io.read_c3d), "params": ("tuned.json", _params),
+        "apdm_old": ("old.h5", io.read), "params": ("tuned.json", _params),
     }  # fmt: skip
     made = {
         format: Sample({name: (folder / name).read_bytes()}, name, read) for format, (name, read) in written.items()

@@ -109,8 +109,8 @@ def recording_in_units(
         samples = _check_arrays(placement, signals, samples, name)
     notes_of: dict[str, tuple[Note, ...]] = {}
     imus, noted = {}, {}
-    every = stacked(sensors)
-    clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name, every)
+    clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name)
+    every = np.hstack([as_float(values) for each in sensors.values() for values in each.values() if values is not None])
     twice = ~np.diff(every, axis=0).any(axis=1) if len(sensors) > 1 else None
     for placement, signals in sensors.items():
         read = _in_si(signals, scales[placement])
@@ -135,11 +135,6 @@ def recording_in_units(
     if not apart.mask.any():
         notes = (*notes, RANGE_EMPTY())
     return recording._replace(notes=notes, feet_range=apart)
-
-
-def stacked(sensors: Mapping[str, Mapping[str, ArrayLike]]) -> np.ndarray:
-    """(T, channels) the readings of all sensors beside each other, in the units of their source."""
-    return np.hstack([as_float(values) for each in sensors.values() for values in each.values() if values is not None])
 
 
 def _asleep(placement: str, read: Mapping[str, np.ndarray]) -> tuple[Note, ...]:

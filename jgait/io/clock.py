@@ -6,7 +6,6 @@ import numpy as np
 import numpy.typing as npt
 
 from jgait.estimators.checks import FEWEST
-from jgait.io.jumps import ALMOST, AS_SMOOTH, LATEST, interleaved, jumps
 from jgait.notes import DEDUCED, LOSSES, Kind, Note
 from jgait.types import RecordingError, as_float
 
@@ -16,6 +15,9 @@ LONGEST_STEP_S = 0.11
 SHORTEST_STEP_S, SHORTEST_USUAL_S = 1e-4, 5e-4
 """[s], [s] Shortest sample time, and the shortest for which a unit is deduced: a clock of 32768 Hz makes steps of some
 hundred ticks, which would be 3000 Hz in us."""
+
+LATEST = 5.0
+"""[samples] Largest step backwards that the jitter of times explains; chosen, a few times the sample time."""
 
 LONGEST_GAP_S = 10.0
 MOST_INSERTED = 100  # samples for each row of a file; with more, nothing of the recording is left
@@ -69,19 +71,6 @@ STAMPS_JITTER = Kind(
     "evenly spaced",
     "A sensor samples evenly; its rows got the times at which they arrived. All times may be late by about the jitter.",
 )  # fmt: skip
-CLOCK_JUMPS = Kind(
-    "clock_jumps", "check",
-    "the clock jumps {jumps} {jumps:time|times}, first by {seconds:+.4g} s in row {row} (the first row is 0), after "
-    "{begin_s:.2f} s, but all readings go on without a break: the {jumps:jump is|jumps are} taken out",
-    "The clock was set while the sensors recorded. If samples are missing there after all, split the recording at this "
-    "row: no distance contains what is walked in them.",
-)  # fmt: skip
-CLOCK_MAY_JUMP = Kind(
-    "clock_may_jump", "check",
-    "samples are taken to be missing before row {row} (the first row is 0), but its readings fit those before it: the "
-    "clock may have jumped by {seconds:+.4g} s",
-    "If no sample is missing, distance and durations are too large: leave the time out and give the sampling rate.",
-)  # fmt: skip
 GAPS_FILLED = Kind(
     "gaps_filled", "check",
     "{gaps} {gaps:gap|gaps} in time, the longest {longest_s:.3g} s after {begin_s:.2f} s; {inserted} "
@@ -100,15 +89,13 @@ class SampleTimes(NamedTuple):
 
 
 def make_clock(
-    samples: int, time: npt.ArrayLike | None, sampling_rate_hz: float | None, time_unit: str | None, name: str,
-    readings: np.ndarray | None = None,
-) -> SampleTimes:  # fmt: skip
+    samples: int, time: npt.ArrayLike | None, sampling_rate_hz: float | None, time_unit: str | None, name: str
+) -> SampleTimes:
     """The clock of so many rows from their time stamps (samples,), a nominal rate [Hz], or both.
 
     Missing samples are inserted where time increases by more than one and a half sample times; they have no row. A unit
     that is not stated ('s', 'ms' or 'us') is deduced from the size of the steps, and noted. Numbers of samples are a
-    clock if the rate is given. Of the few rows of one time the first is taken. Times that jitter become even. A jump of
-    the clock, forward or back, over which the readings (samples, channels) go on is taken out, and noted.
+    clock if the rate is given. Of the few rows of one time the first is taken. Times that jitter become even.
 
     Raises:
         RecordingError: if there are too few samples, no clock, or time stamps that are missing, repeat often, decrease,
@@ -136,8 +123,6 @@ def make_clock(
     if stamps.shape != (samples,):
         raise RecordingError(f"{name}: time must have one value a sample, ({samples},); got shape {stamps.shape}")
     notes: list[Note] = []
-    if readings is not None:
-        stamps = without_jumps(stamps, readings, sampling_rate_hz, time_unit, name, notes)
     check_order(stamps, name, time_unit)
     fresh = np.flatnonzero(np.concatenate([[True], np.diff(stamps) > 0]))
     if len(fresh) < samples:
@@ -173,37 +158,6 @@ def make_clock(
     filled, rows = _fill_gaps(seconds, counts, name, notes)
     rows = np.where(rows < 0, -1, fresh[rows])
     return SampleTimes(filled, rows, float(sampling_rate_hz or rate), tuple(notes))
-
-
-def without_jumps(
-    stamps: np.ndarray, readings: np.ndarray, rate_hz: float | None, stated: str | None, name: str, notes: list[Note]
-) -> np.ndarray:
-    """Times (n,) without jumps of the clock over which the readings (n, channels) go on; the jumps are noted.
-
-    Raises:
-        RecordingError: if rows of two times alternate, as after sorting rows whose clock stepped back.
-    """
-    steps = np.diff(stamps)
-    if not (np.isfinite(stamps).all() and (steps > 0).any()):
-        return stamps
-    step = float(np.median(steps[steps > 0]))
-    step_s = 1.0 / rate_hz if rate_hz else step * TIME_UNITS[_likely_unit(step, stated)]
-    if (steps >= 0).all() and (mixed := interleaved(stamps, readings, step)):
-        raise RecordingError(
-            f"{name}: from row {mixed[0]} to row {mixed[1]} (the first row is 0) rows of two times alternate, as after "
-            "sorting rows whose clock stepped back: read the rows in their original order"
-        )
-    found, scale = jumps(stamps, readings, step, step_s), step_s / step
-    rows = [row for row, share in found.items() if share <= AS_SMOOTH]
-    for row, share in found.items():
-        if AS_SMOOTH < share <= ALMOST and steps[row - 1] > 0:
-            notes.append(CLOCK_MAY_JUMP(row=row, seconds=scale * (steps[row - 1] - step)))
-    for row in rows:
-        stamps = np.where(np.arange(len(stamps)) < row, stamps, stamps - steps[row - 1] + step)
-    if rows:
-        by, at = scale * (steps[rows[0] - 1] - step), scale * (stamps[rows[0] - 1] - stamps[0])
-        notes.append(CLOCK_JUMPS(jumps=len(rows), seconds=by, row=rows[0], begin_s=at))
-    return stamps
 
 
 def check_inserted(samples: int, rows: int, name: str) -> None:

@@ -1,28 +1,14 @@
 """Dates, times of day and durations in the time column of a table, as texts or as pandas' types, in seconds."""
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
     import pandas as pd
 
-HALF_DAY_S, HOUR_S = 43200.0, 3600.0
-"""[s], [s] After so long, times of day begin again at the latest where the day's half is not stated, and minutes with
-seconds do."""
-
-SPELT = (
-    r"^(?P<date>.*?)[\sT,;]*(?P<hour>\d+:)?(?P<minute>\d{1,2}):(?P<second>\d{2}(?:[.,]\d+)?)"
-    r"\s*(?:(?P<half>[AaPp])\.?\s*[Mm]\b)?"
-)
-"""Pattern of a time: perhaps a date, perhaps hours, minutes, seconds, perhaps AM or PM."""
-
-
-class Dated(NamedTuple):
-    """Times of a column."""
-
-    seconds: np.ndarray  #: (T,) [s] from the first date on, or as times of day or durations have them; NaN where empty.
-    begin_s: float | None  #: [s] from 1970 to the first date; None for times of day and durations.
+SPELT = r"^(?P<date>.*?)[\sT;]*(?P<clock>\d{1,2}:\d{2}:\d{2}(?:\.\d+)?)\s*(?P<half>[AaPp])?\.?[Mm]?\.?$"
+"""Pattern of a time that is not spelt by ISO 8601: perhaps a date, a time of day, perhaps AM or PM."""
 
 
 def date_of(since_1970: float) -> str:
@@ -30,65 +16,47 @@ def date_of(since_1970: float) -> str:
     return str(np.datetime64(round(1e3 * since_1970), "ms")).replace("T", " ")
 
 
-def dated(column: "pd.Series") -> Dated | None:
-    """Dates, times of day or durations, or texts of these, in s; None for a column of anything else.
+def dated(column: "pd.Series") -> tuple[np.ndarray, float | None] | None:
+    """Times (T,) [s] of dates, times of day or durations, or of texts of these, NaN where empty, and the first date.
 
-    Times of day pass midnight. Where day and month could change places, the dates that are closer together are taken.
+    Dates count from the first one, which is stated in seconds from 1970, None for times of day and durations. Times of
+    day pass midnight. Where day and month could change places, the dates that are closer together are taken. None for a
+    column of anything else.
     """
     import pandas as pd
 
-    turn = None
-    if ":" in str(next(iter(column.dropna()), "")) and not pd.api.types.is_timedelta64_dtype(column.dtype):
-        texts = column.astype("string")
+    if not pd.api.types.is_timedelta64_dtype(column.dtype) and ":" in str(next(iter(column.dropna()), "")):
+        texts = column.astype("string").str.strip().str.replace(",", ".")
         column = pd.to_datetime(texts, format="ISO8601", errors="coerce", utc=True)
-        if column.isna().all() and texts.str.contains("day").any():
+        if column.isna().all():
             column = pd.to_timedelta(texts, errors="coerce")
-        elif column.isna().all():
-            column, turn = _spelt(texts)
+        if column.isna().all():
+            column = _spelt(texts)
         if column.isna().all():
             return None
-    begin_s = None
     if pd.api.types.is_datetime64_any_dtype(column.dtype):
-        begin_s = float(column.min().timestamp())
-        column = column - column.min()
+        return (column - column.min()).dt.total_seconds().to_numpy(np.float64), float(column.min().timestamp())
     if not pd.api.types.is_timedelta64_dtype(column.dtype):
         return None
     seconds = column.dt.total_seconds().to_numpy(np.float64)
-    return Dated(seconds if turn is None else _going_on(seconds, turn), begin_s)
+    midnights = np.diff(seconds, prepend=seconds[:1]) < -43_200.0
+    return seconds + 86_400.0 * np.cumsum(midnights), None
 
 
-def _spelt(texts: "pd.Series") -> "tuple[pd.Series, float | None]":
-    """Dates or times of day, spelt otherwise than by ISO 8601, and when they begin again [s]; NaT for other texts."""
+def _spelt(texts: "pd.Series") -> "pd.Series":
+    """Dates, or times of day, of texts that are not spelt by ISO 8601; missing for other texts."""
     import pandas as pd
 
     parts = texts.str.extract(SPELT)
-    hours, date = parts["hour"].str.rstrip(":"), parts["date"].str.strip()
-    at_date = bool((date.fillna("") != "").any())
-    clock = hours.fillna("0") + ":" + parts["minute"] + ":" + parts["second"].str.replace(",", ".")
-    if at_date and hours.isna().all():
-        clock = parts["minute"] + ":" + parts["second"] + ":00"
-    time = pd.to_timedelta(clock, errors="coerce")
+    time = pd.to_timedelta(parts["clock"], errors="coerce")
     if parts["half"].notna().any():
-        noon = hours == "12"
-        late = parts["half"].str.lower() == "p"
-        time += pd.to_timedelta(np.where(late & ~noon, 12, np.where(noon & ~late, -12, 0)), unit="h")
-    if not at_date:
-        return time, HOUR_S if hours.isna().all() else HALF_DAY_S
-    each = date.dropna().unique()
+        half_day = pd.Timedelta(hours=12)
+        time = time % half_day + parts["half"].str.lower().eq("p").fillna(False).astype(int) * half_day
+    if parts["date"].fillna("").eq("").all():
+        return time
+    days = pd.Index(parts["date"].dropna().unique())
     readings = []
-    dots = any("." in one for one in each)  # dates with dots begin with the day
-    for day_first in (dots, not dots):
-        days = pd.Series(
-            [pd.to_datetime(one, dayfirst=day_first, errors="coerce", format="mixed") for one in each], each
-        )
-        whole = date.map(days) + time
-        readings.append((int(whole.isna().sum()), whole.max() - whole.min(), whole))
-    readings.sort(key=lambda reading: reading[:2])
-    return readings[0][2], None
-
-
-def _going_on(seconds: np.ndarray, turn: float) -> np.ndarray:
-    """Times without the steps back by which a clock begins again after some turns."""
-    steps = np.diff(seconds, prepend=seconds[:1])
-    turns = np.where(steps < -0.5 * turn, np.rint(-steps / turn), 0.0)
-    return seconds + turn * np.cumsum(turns)
+    for day_first in (True, False) if days.str.contains(".", regex=False).any() else (False, True):
+        dates = pd.to_datetime(days, dayfirst=day_first, errors="coerce", format="mixed")
+        readings.append(parts["date"].map(pd.Series(dates, days)) + time)
+    return min(readings, key=lambda dates: (dates.isna().sum(), dates.max() - dates.min()))

@@ -26,6 +26,12 @@ MOST_COLUMNS = 4096
 LONGEST_NAME = 300
 """[characters] Longest name of a column."""
 
+LONGEST_LINE = 1_000_000
+"""[characters] Longest line at the beginning of a table."""
+
+MOST_BYTES = 4_000_000_000
+"""[bytes] Largest content of a file, as its headers declare it: chosen, a day of seven sensors at 100 Hz has 2.9e9."""
+
 
 @contextlib.contextmanager
 def reading(path: Path, expected: str) -> Iterator[None]:
@@ -73,30 +79,50 @@ def check_columns(names: Sequence[str], name: str) -> None:
         raise RecordingError(f"{name} has a column name of {longest} characters; expected at most {LONGEST_NAME}")
 
 
-def check_width(line: str, separator: str, name: str) -> None:
-    """Refuse a table by its first line, before a library makes a column of each cell.
+def check_size(declared: int, name: str) -> None:
+    """Refuse content of more bytes than `MOST_BYTES`, as the file declares it, before a library makes room for it.
 
     Raises:
-        RecordingError: if the line has more cells than `MOST_COLUMNS`.
+        RecordingError: with both numbers.
     """
-    cells = line.count(separator) + 1
-    if cells > MOST_COLUMNS:
-        raise RecordingError(f"{name} has a row of {cells} cells; expected at most {MOST_COLUMNS}")
+    if declared > MOST_BYTES:
+        raise RecordingError(f"{name} declares a content of {declared} bytes; expected at most {MOST_BYTES}")
+
+
+def check_regular(path: Path, expected: str) -> None:
+    """Refuse, by a RecordingError with the `expected`, a device or a pipe, which a reader might wait for."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise RecordingError(f"{path.name} is no regular file; expected {expected}")
 
 
 def check_file(path: Path, expected: str) -> None:
-    """Refuse a path that is no file, a file without permission to read, and an empty file; messages state the
-    `expected`.
+    """Refuse a path that is no regular file, a file without permission to read, and an empty file.
 
     Raises:
         OSError: if the file does not exist, or may not be read.
-        RecordingError: if the path is a folder, or the file is empty.
+        RecordingError: if the path is a folder or a device, or the file is empty or too large; with the `expected`.
     """
+    check_regular(path, expected)
     if path.is_dir():
         raise RecordingError(f"{path.name} is a folder; expected {expected}")
     with path.open("rb") as stream:
         if not stream.read(1):
             raise RecordingError(f"{path.name} is empty; expected {expected}")
+    check_size(path.stat().st_size, path.name)
+
+
+def first_lines(path: Path, number: int) -> list[str]:
+    """The first lines of a text in UTF-8, with their ends.
+
+    Raises:
+        UnicodeDecodeError: if it is none.
+        RecordingError: if one of them is longer than `LONGEST_LINE`.
+    """
+    with path.open(encoding="utf-8-sig") as stream:
+        lines = [line for _ in range(number) if (line := stream.readline(LONGEST_LINE + 1))]
+    if max(map(len, lines), default=0) > LONGEST_LINE:
+        raise RecordingError(f"{path.name} has a line of more than {LONGEST_LINE} characters; expected a table")
+    return lines
 
 
 def library(name: str, expected: str) -> ModuleType:
@@ -113,6 +139,7 @@ def library(name: str, expected: str) -> ModuleType:
 
 def json_object(file: Path) -> Tree:
     """The content of a JSON file. Raises RecordingError if it is none, or no object."""
+    check_regular(file, "a JSON file")
     try:
         content = json.loads(file.read_text(encoding="utf-8-sig"))
     except ValueError as error:

@@ -8,9 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from jgait.io.files import check_columns, check_width
+from jgait.io.files import check_columns, check_file, check_size, first_lines
 from jgait.io.names import like_a_signal, unit_in_name
 from jgait.io.units import known_unit, stated_unit
 from jgait.notes import ORIGIN, Kind, Note
@@ -27,17 +25,8 @@ HEADER_WITHIN = 60
 TIMES = ("s", "sec", "ms", "us", "µs", "min", "h")
 """Units of time in a row of units."""
 
-SHORT_CELLS = 1_000_000
-"""Number of cells that rows of a table may lack."""
-
 TAIL = 2**20
 """[bytes] Size of the end of a file that is searched for its last row."""
-
-ROWS_BEFORE = 50
-"""[1] Number of rows before the last one with which its last cell is compared."""
-
-JUMP = 3.0
-"""[1] Smallest difference of half a number from the number before, over the largest difference of those before."""
 
 LINES_ABOVE = Kind(
     "lines_above_header", "info",
@@ -63,9 +52,9 @@ def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
     """
     import pandas as pd
 
+    check_file(file, "a header and one row a sample")
     try:
-        with file.open(encoding="utf-8-sig") as stream:
-            lines = list(itertools.islice(stream, HEADER_WITHIN + 3))
+        lines = first_lines(file, HEADER_WITHIN + 3)
     except UnicodeDecodeError as error:
         raise RecordingError(
             f"{file.name} is no text file in UTF-8 ({error}); save it as 'CSV UTF-8', or rename columns with umlauts"
@@ -76,9 +65,9 @@ def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
     above = header_at(lines)
     header, *body = (row for row in filled if row >= above)
     separator = max(SEPARATORS, key=lines[header].count)
-    for row in (header, *body[:2]):
-        check_width(lines[row], separator, file.name)
-    breaks = _checked_breaks(file, lines[header].count(separator) + 1)
+    check_columns(lines[header].split(separator), file.name)
+    breaks = _breaks(file)
+    check_size(8 * breaks * (lines[header].count(separator) + 1), file.name)
     units = _units(lines[body[0]], separator) if body else []
     unread = [*range(above), *body[: 1 if units else 0]]
     body = body[1 if units else 0 :]
@@ -95,7 +84,6 @@ def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
         raise RecordingError(f"{file.name} has rows with more values than the header has columns") from error
     except (pd.errors.ParserError, UnicodeDecodeError) as error:
         raise RecordingError(f"{file.name} is no table: {_why(error, lines[header])}") from error
-    check_columns([str(column) for column in table.columns], file.name)
     if not len(table):
         raise RecordingError(f"{file.name} has a header and no rows; its columns are {list(table.columns)}")
     notes = (
@@ -168,49 +156,24 @@ def _why(error: Exception, header: str) -> str:
     )
 
 
-def _checked_breaks(file: Path, columns: int) -> int:
-    """Number of line breaks; refuses a file of more rows than it can have cells: each cell or separator is a byte."""
+def _breaks(file: Path) -> int:
+    """Number of line breaks."""
     with file.open("rb") as stream:
-        rows = sum(block.count(b"\n") for block in iter(lambda: stream.read(2**20), b""))
-    if rows * columns > file.stat().st_size + SHORT_CELLS:
-        raise RecordingError(f"{file.name} has {columns} columns and {rows} rows, most of which are cut off or empty")
-    return rows
+        return sum(block.count(b"\n") for block in iter(lambda: stream.read(2**20), b""))
 
 
 def _cut_off(file: Path, separator: str, breaks: int, whole: int) -> Note | None:
-    """The note about a last row that is not whole; None if it is.
-
-    It is not whole if it has fewer cells than the row before, or if no line break ends it and its last cell looks like
-    half a number: it is shorter than those of all rows before, lacks the decimals that all of them have, or differs
-    from the row before by more than `JUMP` times what they differ.
-    """
+    """The note about a last row that has fewer cells than the row before; None if it has as many."""
     with file.open("rb") as stream:
         stream.seek(max(file.stat().st_size - TAIL, 0))
         end = stream.read()
     ended = end.rstrip(b"\r\n")
-    lines = [line for line in ended.decode("utf-8", "replace").splitlines() if line.strip()][-ROWS_BEFORE - 1 :]
+    lines = [line for line in ended.decode("utf-8", "replace").splitlines() if line.strip()][-2:]
     try:
-        *before, last = csv.reader(lines, delimiter=separator)
-    except csv.Error:  # a cell of more than 128 kB
+        before, last = csv.reader(lines, delimiter=separator)
+    except (csv.Error, ValueError):  # a cell of more than 128 kB, or one row
         return None
-    if not before or len(last) > len(before[-1]):
+    if len(last) >= len(before):
         return None
-    if len(last) == len(before[-1]):
-        cells = [row[-1].strip() for row in before if len(row) == len(last)]
-        if ended != end or len(cells) < ROWS_BEFORE or not _half(last[-1].strip(), cells):
-            return None
     line = breaks - end[len(ended) :].count(b"\n") + 1
-    return ROW_CUT_OFF(line=line, cells=len(last), expected=len(before[-1]), value=repr(last[-1]), rows=whole)
-
-
-def _half(cell: str, before: list[str]) -> bool:
-    """Whether a cell looks like half a number, by the cells of the rows before it."""
-    marks = [mark for mark in ".," if all(mark in other for other in before)]
-    if len(cell) < min(map(len, before)) or not all(mark in cell for mark in marks):
-        return True
-    try:
-        numbers = np.array([float(other.replace(",", ".")) for other in (*before, cell)])
-    except ValueError:  # empty cells, or words
-        return False
-    steps = np.abs(np.diff(numbers))
-    return bool(0.0 < JUMP * steps[:-1].max() < steps[-1])
+    return ROW_CUT_OFF(line=line, cells=len(last), expected=len(before), value=repr(last[-1]), rows=whole)

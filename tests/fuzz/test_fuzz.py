@@ -6,7 +6,7 @@ from experiments.damage import fuzz
 from experiments.damage.samples import samples
 
 FORMATS = ("csv", "gaitmap", "mtw", "dot", "shimmer", "xio", "physilog", "opensim", "bids", "bids_gz", "parquet",
-           "mobilised", "mobilised_plain", "apdm", "apdm_old", "c3d", "params")  # fmt: skip
+           "mobilised", "mobilised_plain", "apdm", "apdm_old", "params")  # fmt: skip
 QUICK = 10
 
 

@@ -95,6 +95,15 @@ REFUSED = {
         "the time's steps are 328, so the sampling rate would be 0.003049 Hz in s, 3.049 Hz in ms, 3049 Hz in us; "
         "expected 9.1 to 2000 Hz. Write the time in s; divide ticks",
     ),
+    "a clock that steps back": (
+        np.concatenate([np.arange(400), 150 + np.arange(200)]) / 100, None, None,
+        "another recording begins: split the recording there, and do not sort",
+    ),
+    "a clock that was set forward": (
+        np.arange(600) / 100 + np.where(np.arange(600) < 300, 0.0, 3600.0), None, None,
+        "3600.0 s are missing after row 299 .*; split the recording there",
+    ),
+    "rows in disorder": (np.roll(np.arange(600), 200) / 100, None, None, "the rows are in disorder: sort them by time"),
     "slow stamps": (np.arange(600) * 0.2, None, None, "steps are 0.2, so the sampling rate would be 5 Hz in s"),
     "slow rate": (None, 5.0, None, "sampling_rate_hz is 5 Hz; walking needs at least 9.1 Hz"),
 }  # fmt: skip

@@ -10,12 +10,12 @@ from made.notes import of_code
 
 from experiments.damage import harm
 from jgait import io, simulate
-from jgait.io.damage import agreement, damage_notes, delays, paces, samples, skips, splices, tilts, turns
+from jgait.io.damage import agreement, damage_notes, delays, paces, samples, splices, tilts, turns
 from jgait.io.names import unit_in_name
 from jgait.simulate.sensors import MPU6000, OPAL
 from jgait.types import Imu, RecordingError
 
-NEW = {kind.code for module in (agreement, delays, paces, samples, skips, splices, tilts, turns)
+NEW = {kind.code for module in (agreement, delays, paces, samples, splices, tilts, turns)
        for kind in vars(module).values() if type(kind).__name__ == "Kind"}  # fmt: skip
 """Codes of the notes about damage."""
 
@@ -272,40 +272,6 @@ def test_rows_missing_from_the_file_of_one_sensor_are_noticed(rows):
     assert found(damaged(foot, "20 % of rows missing, without stamps", "foot_right"), "rows_lost")
 
 
-def in_blocks(rows, share, seed=1):
-    """Rows of which a share is missing, two to seven in a row, without stamps."""
-    draw, kept = np.random.default_rng(seed), np.ones(len(rows.time), bool)
-    while kept.mean() > 1.0 - share:
-        first = draw.integers(len(kept))
-        kept[first : first + draw.integers(2, 8)] = False
-    sensors = {p: {kind: values[kept] for kind, values in signals.items()} for p, signals in rows.sensors.items()}
-    return rows._replace(sensors=sensors, time=None, rate_hz=100.0)
-
-
-@pytest.mark.parametrize("places", [("pelvis", "foot_right", "foot_left"), ("foot_right", "foot_left")])
-def test_rows_missing_in_blocks_are_noticed(rows, places):
-    few = rows._replace(sensors={place: rows.sensors[place] for place in places})
-    assert not found(harm.read(few, "walk"))
-    (note,) = of_code(harm.read(in_blocks(few, 0.04), "walk").notes, "rows_skipped")
-    assert 0.5 < note.values["percent"] < 4.5 and note.values["places"] >= 4
-    assert not found(harm.read(in_blocks(few, 0.04)._replace(sensors=few.sensors, time=few.time), "walk"))
-
-
-def test_strides_without_any_difference_and_standing_leave_out_nothing():
-    time = np.arange(3000)[:, None] / 100.0
-    same = 4.0 * np.sin(2.0 * np.pi * time / 1.1 + np.arange(3))
-    for rates in (same, np.zeros((3000, 3)), np.random.default_rng(0).normal(size=(3000, 3))):
-        assert skips.skip_notes([rates], np.ones(2999, bool), 100.0) == ()
-
-
-@pytest.mark.parametrize("name", ["14-1", "2-1"])
-def test_rows_missing_in_blocks_of_recorded_walks_are_noticed(data, name):
-    (walk,) = data("ipol_gait", name)
-    whole = harm.rows_of(walk.recording, tuple(walk.recording.sensors))
-    assert not found(harm.read(whole, "walk"), "rows_skipped")
-    assert found(harm.read(in_blocks(whole, 0.08), "walk"), "rows_skipped")
-
-
 def test_a_sensor_that_holds_its_reading_where_one_is_lost_has_no_rows_twice(rows):
     draw = np.random.default_rng(2)
     at = np.flatnonzero(draw.random(len(rows.time)) < 0.02)[1:]
@@ -316,16 +282,6 @@ def test_a_sensor_that_holds_its_reading_where_one_is_lost_has_no_rows_twice(row
             values[at] = values[at - 1]
     recording = harm.read(rows._replace(sensors=held), "walk")
     assert not found(recording, "rows_twice")
-
-
-def test_few_rows_missing_from_a_fast_file_are_noticed():
-    walker = simulate.Person(gait=simulate.gait(speed=1.25, stature=1.75)._replace(steps=30.0))
-    fast, _ = simulate.recording(
-        jax.random.key(2), walker, errors=OPAL, rate=200.0, placements=("foot_right", "foot_left")
-    )
-    two = harm.rows_of(fast, tuple(fast.sensors))
-    assert not found(harm.read(two, "walk"))
-    assert found(damaged(two, "2 % of rows missing, without stamps", ""), "rows_lost")
 
 
 def test_of_two_sensors_that_turn_apart_the_wrong_one_is_named(turning):

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from jgait.io.damage.skips import skip_notes
 from jgait.notes import Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import Imu
@@ -47,11 +46,6 @@ a landing is as short as a sample."""
 LEAST_RATIO = {True: 0.45, False: 0.85}
 """[1] Least number of double steps over that of the somewhat longer ones, at `FAST_HZ` or more and below. The changes
 of undamaged recordings have one peak, and reach 0.38 and 0.82."""
-
-PEAK_HZ, PEAK, BEFORE_PEAK, PEAK_RATIO = 160.0, np.log([1.8, 2.3]), np.log([1.6, 1.8]), 1.6
-"""[Hz], [1] Rate from which on few missing rows show too: the logarithms of changes over expected ones have a peak at
-two steps; limits of the peak and of what is before it; least number within the peak over that before it. Undamaged
-recordings reach 1.14."""
 
 TWICE_SHARE, ONE_STEP = 0.008, 1.45
 """[1] Least share of rows written twice, while the sensors turn; and largest change after them over the expected one.
@@ -118,8 +112,6 @@ def splice_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]
     if twice.any():
         return (ROWS_TWICE(rows=twice.sum(), begin_s=(np.argmax(twice) + 1) / rate_hz),)
     lost = _double_steps(changes, whole[:longest], rate_hz)
-    if lost is None and (skipped := skip_notes([np.asarray(imu.gyr) for imu in sensors.values()], whole, rate_hz)):
-        return skipped
     if lost is None:
         lost = (total > SURE_JUMP * len(masks)) & whole
     if not lost.any():
@@ -156,8 +148,8 @@ def _jump(change: np.ndarray) -> np.ndarray:
 
 
 def _double_steps(changes: list[np.ndarray], whole: np.ndarray, rate_hz: float) -> np.ndarray | None:
-    """(n,) bool, steps over which a row is missing; None unless they are frequent or apart from other steps, and some
-    are double in each of the sensors.
+    """(n,) bool, steps over which a row is missing; None unless they are frequent, and some are double in each of the
+    sensors.
 
     The expected change is interpolated, by a cubic, from two steps on either side.
     """
@@ -181,9 +173,7 @@ def _double_steps(changes: list[np.ndarray], whole: np.ndarray, rate_hz: float) 
     middle[counts] = np.nanmedian(ratios[:, counts], axis=0)
     double, longer = ((middle > low) & (middle < high) for low, high in (TWO_STEPS, LONGER))
     number, usual = int(double.sum()), LEAST_RATIO[rate_hz >= FAST_HZ[many]]
-    if number >= max(FEWEST, LEAST_SHARE * counts.sum()) and number >= usual * longer.sum():
-        each = np.sum((ratios > TWO_STEPS[0]) & (ratios < TWO_STEPS[1]), axis=1) / np.maximum(known.sum(axis=1), 1)
-        return np.asarray(double) if each.min() >= AGREE * each.max() else None
-    peak, before = ((middle > low) & (middle < high) for low, high in (PEAK, BEFORE_PEAK))
-    shown = rate_hz >= PEAK_HZ and peak.sum() >= max(FEWEST, PEAK_RATIO * before.sum())
-    return np.asarray(peak) if shown else None
+    if number < max(FEWEST, LEAST_SHARE * counts.sum()) or number < usual * longer.sum():
+        return None
+    each = np.sum((ratios > TWO_STEPS[0]) & (ratios < TWO_STEPS[1]), axis=1) / np.maximum(known.sum(axis=1), 1)
+    return np.asarray(double) if each.min() >= AGREE * each.max() else None

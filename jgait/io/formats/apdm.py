@@ -22,8 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jgait.io.apart import apart, largest
-from jgait.io.files import check_file, library, plain, positive, three_columns
+from jgait.io.files import check_file, check_size, library, plain, positive, three_columns
 from jgait.io.formats.part import Measured, Part
 from jgait.notes import DEDUCED, Kind, Note
 from jgait.types import RecordingError
@@ -59,11 +58,6 @@ def measured(path: Path) -> Measured:
         RecordingError: if the file is truncated, in no layout of APDM's, or a sensor lacks a signal.
     """
     check_file(path, EXPECTED)
-    return apart(_measured, path, EXPECTED, "h5py")
-
-
-def _measured(path: Path) -> Measured:
-    """As `measured`, in the process that reads binary files."""
     h5py = library("h5py", EXPECTED)
     try:
         file = h5py.File(path, "r")
@@ -71,7 +65,7 @@ def _measured(path: Path) -> Measured:
         raise RecordingError(f"{path.name} is no whole HDF5 file; expected {EXPECTED}: {error}") from error
     notes: list[Note] = []
     with file:
-        _check_links(file, h5py, path.name)
+        _check_content(file, h5py, path.name)
         try:
             sensors = _new(file, h5py, path.name) if "Sensors" in file else _old(file, h5py, path.name, notes)
         except OSError as error:  # h5py raises it for incomplete data
@@ -87,22 +81,21 @@ Sensor = tuple[Part, "np.ndarray | None", "float | None"]
 """A sensor, its time stamps as the file has them, and its rate."""
 
 
-def _check_links(file: "h5py.File", h5py: ModuleType, name: str) -> None:
-    """Refuse a file whose content lies in other files: reading it would read any file of the user."""
-    link = file.visititems_links(lambda link, kind: link if isinstance(kind, h5py.ExternalLink) else None)
-    if link is not None:
-        raise RecordingError(f"{name}: {link} links to another file; expected a file that holds its data itself")
+def _check_content(file: "h5py.File", h5py: ModuleType, name: str) -> None:
+    """Refuse a file of too many values, or whose content lies in other files: reading it would read any file."""
+    datasets: dict[str, h5py.Dataset] = {}
+    file.visititems(lambda key, item: datasets.update({key: item}) if isinstance(item, h5py.Dataset) else None)
+    check_size(sum(dataset.nbytes for dataset in datasets.values()), name)
+    elsewhere = [key for key, dataset in datasets.items() if dataset.external or dataset.is_virtual]
+    file.visititems_links(lambda key, kind: elsewhere.append(key) if isinstance(kind, h5py.ExternalLink) else None)
+    if elsewhere:
+        raise RecordingError(f"{name}: {elsewhere[0]} is in another file; expected a file that holds its data itself")
 
 
 def _values(dataset: "h5py.Dataset", where: str) -> np.ndarray:
-    """The values of a dataset that lie in this file, and are not more than its size explains."""
-    if not hasattr(dataset, "external"):
+    """The values of a dataset."""
+    if not hasattr(dataset, "nbytes"):
         raise RecordingError(f"{where} must be a dataset; it is a group")
-    if dataset.external or dataset.is_virtual:
-        raise RecordingError(f"{where} lies in another file; expected a file that holds its data itself")
-    most = largest(Path(dataset.file.filename))
-    if dataset.nbytes > most:
-        raise RecordingError(f"{where} holds {dataset.nbytes} bytes; expected at most {most} in a file of this size")
     return np.asarray(dataset[()])
 
 

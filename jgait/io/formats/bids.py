@@ -11,19 +11,19 @@ column placement. *Axes*: the channels' reference_frame and what `channels.json`
 entity `sub-`, with what `participants.tsv` states. Other tracking systems of the same walk are noted.
 """
 
+import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jgait.io.apart import apart
 from jgait.io.clock import TIME_UNITS
-from jgait.io.files import Tree, check_columns, check_file, json_object, library, no_numbers, positive
-from jgait.io.formats.part import Measured, Part
+from jgait.io.files import Tree, check_columns, check_file, check_size, json_object, library, no_numbers, positive
+from jgait.io.formats.part import SENSORS_LEFT_OUT, Measured, Part
 from jgait.io.names import placement_of
 from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit
-from jgait.notes import LEFT_OUT, ORIGIN, Kind, Note
+from jgait.notes import ORIGIN, Kind, Note
 from jgait.types import RecordingError
 
 if TYPE_CHECKING:
@@ -37,7 +37,6 @@ LEVELS = 5
 UNITS = {"GYRO": tuple(GYR_UNITS), "ACCEL": tuple(ACC_UNITS), "LATENCY": ("s", "ms")}
 """Type of channel → its units."""
 
-NO_GYROSCOPE = Kind("no_gyroscope", "info", "left out, for they have no gyroscope: {sensors}", LEFT_OUT)
 HEADER_SKIPPED = Kind(
     "header_skipped", "info", "the motion file has a header, which BIDS does not foresee; it was skipped", ORIGIN
 )
@@ -82,7 +81,7 @@ def measured(path: Path) -> Measured:
             f"{path.name} holds no gyroscope: expected channels of type GYRO, found {', '.join(kinds)}"
         )
     if left_out:
-        notes.append(NO_GYROSCOPE(sensors=left_out))
+        notes.append(SENSORS_LEFT_OUT(sensors=[f"{point} (no gyroscope)" for point in left_out]))
     notes.extend(_others(path, stem))
     entity = re.match(r"sub-([^_]+)", path.name)
     subject = entity.group(1) if entity else ""
@@ -116,11 +115,12 @@ def _inherited(path: Path, stem: str, kind: str) -> list[Path]:
 
 def _table(file: Path, **options: Any) -> "pd.DataFrame":
     """A table with tabs, its cells as text or numbers; `n/a` is NaN."""
-    return apart(_rows, file, EXPECTED, "pandas", **options)
-
-
-def _rows(file: Path, **options: Any) -> "pd.DataFrame":
     pandas = library("pandas", EXPECTED)
+    check_file(file, EXPECTED)
+    if file.suffix == ".gz":  # whose last four bytes are the length of its content
+        with file.open("rb") as stream:
+            stream.seek(-4, os.SEEK_END)
+            check_size(int.from_bytes(stream.read(), "little"), file.name)
     try:
         return pandas.read_csv(file, sep="\t", na_values=["n/a"], encoding="utf-8-sig", **options)
     except (pandas.errors.ParserError, pandas.errors.EmptyDataError, ValueError, EOFError) as error:

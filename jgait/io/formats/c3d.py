@@ -9,16 +9,16 @@ Points that a model put beside the markers (angles, moments, powers) are kept ap
 are left as they are: their signals are among the analog ones, their corners and types in `force_plates`.
 """
 
+import math
 import os
 import re
 from pathlib import Path
 
 import numpy as np
 
-from jgait.io.apart import apart
-from jgait.io.files import Tree, check_file, library, numbered, plain, reading
+from jgait.io.files import Tree, check_file, check_size, library, numbered, plain, reading
 from jgait.io.formats.c3d_axes import UPRIGHT, Capture, CaptureEvent, told_unit, told_up
-from jgait.notes import DEDUCED, ORIGIN, Kind, Note
+from jgait.notes import DEDUCED, Kind, Note
 from jgait.types import RecordingError
 
 EXPECTED = "a C3D file"
@@ -47,7 +47,6 @@ MARKER_UNIT_DEDUCED = Kind(
     "the file states no unit of its markers; {unit}, for they are {apart:.4g} apart",
     DEDUCED,
 )
-UP_STATED = Kind("up_stated", "info", "{axis} points up by POINT:Y_SCREEN", ORIGIN)
 UP_DOUBTED = Kind(
     "up_doubted",
     "check",
@@ -60,7 +59,7 @@ UP_UNKNOWN = Kind(
     "neither the file nor its markers show which axis points up; pass up",
     "The axes are the file's own; heights and directions are not known.",
 )
-UP_DEDUCED = Kind("up_deduced", "info", "{axis} points up, for {why}", DEDUCED)
+UP_TOLD = Kind("up_told", "info", "{axis} points up {why}", DEDUCED)
 
 
 def read_c3d(path: str | os.PathLike[str], *, unit: str | None = None, up: str | None = None) -> Capture:
@@ -85,9 +84,8 @@ def read_c3d(path: str | os.PathLike[str], *, unit: str | None = None, up: str |
         raise ValueError(f"up must be one of {', '.join(UPRIGHT)}; got {up!r}")
     file = Path(path)
     check_file(file, EXPECTED)
-    raw = apart(_load, file, EXPECTED, "ezc3d")
     with reading(file, EXPECTED):
-        return _capture(file, raw, unit, up)
+        return _capture(file, _load(file), unit, up)
 
 
 def _capture(file: Path, raw: Tree, unit: str | None, up: str | None) -> Capture:
@@ -127,8 +125,7 @@ def _load(file: Path) -> Tree:
     frames = raw["data"]["points"].shape[2]
     if stored is not None and frames < stored and raw["data"]["points"].shape[1]:
         raise RecordingError(f"{file.name} is truncated: its header states {stored} frames, {frames} are there")
-    data = {key: raw["data"][key] for key in ("points", "analogs")}
-    return {"header": dict(raw["header"]), "parameters": dict(raw["parameters"]), "data": data}
+    return {key: raw[key] for key in ("header", "parameters", "data")}
 
 
 def _frames_in_header(file: Path) -> int | None:
@@ -150,13 +147,20 @@ def _frames_in_header(file: Path) -> int | None:
         # Each parameter says how far the next is: length of its name, group, name, distance; 0 ends the list.
         name = abs(int(np.frombuffer(content[place : place + 1].ljust(1, b"\0"), np.int8)[0]))
         at = place + 2 + name
-        if place + 2 > len(content) or (name and at + 2 > len(content)):
+        if place + 2 > len(content) or (name and at + 4 > len(content)):
             raise RecordingError(f"{file.name} is truncated: its parameters do not end within {len(content)} bytes")
         distance = int(np.frombuffer(content[at : at + 2], order)[0]) if name else 0
         if distance == 0:
             break
+        values = np.frombuffer(content[at + 2 : at + 3], np.int8)  # -1 or the bytes of each value; then the dimensions
+        held = abs(int(values[0])) * math.prod(content[at + 4 : at + 4 + content[at + 3]])
+        if content[place + 1] < 128 and 5 + content[at + 3] + held > distance:
+            raise RecordingError(f"{file.name} is damaged: a parameter declares {held} bytes in {distance}")
         place = at + distance
-    first, last = int(words[3]), int(words[4])
+    points, analog, first, last = map(int, words[1:5])
+    if place > 512 * max(int(words[8]) - 1, 1):
+        raise RecordingError(f"{file.name} is damaged: its parameters end at byte {place}, within its data")
+    check_size(8 * (4 * points + analog) * max(last - first + 1, 0), file.name)
     return last - first + 1 if first <= last < 65535 else None
 
 
@@ -227,14 +231,14 @@ def _up(parameters: Tree, markers: dict[str, np.ndarray], notes: list[Note]) -> 
     stated = stated if stated[:1] in ("+", "-") else f"+{stated}"
     deduced, why = told_up(markers)
     if stated in UPRIGHT:
-        notes.append(UP_STATED(axis=stated))
+        notes.append(UP_TOLD(axis=stated, why="by POINT:Y_SCREEN"))
         if deduced is not None and deduced != stated:
             notes.append(UP_DOUBTED(axis=deduced, why=why))
         return stated
     if deduced is None:
         notes.append(UP_UNKNOWN())
         return None
-    notes.append(UP_DEDUCED(axis=deduced, why=why))
+    notes.append(UP_TOLD(axis=deduced, why=f"for {why}"))
     return deduced
 
 

@@ -17,19 +17,18 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jgait.io.apart import apart, largest
-from jgait.io.arrays import stacked
-from jgait.io.clock import TIME_UNITS, check_order, count_samples, unit_of_time, without_jumps
-from jgait.io.files import check_columns, check_file
+import numpy as np
+
+from jgait.io.clock import TIME_UNIT_DEDUCED, TIME_UNITS, check_order, count_samples, unit_of_time
+from jgait.io.files import check_columns, check_file, check_size, first_lines, library
 from jgait.io.formats.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_part
 from jgait.io.formats.part import Measured, Part, joined
-from jgait.io.formats.text import check_lengths
 from jgait.io.names import CHANNELS, column_of, placement_of, sensor_of
-from jgait.io.rows import header_at, read_table
+from jgait.io.rows import HEADER_WITHIN, SEPARATORS, header_at, read_table
 from jgait.io.tables import COLUMNS_MATCHED, columns_of
 from jgait.io.units import stated_unit
 from jgait.io.write import PARQUET
-from jgait.notes import DEDUCED, ORIGIN, Kind, Note
+from jgait.notes import ORIGIN, Kind, Note
 from jgait.types import PLACEMENTS, RecordingError
 
 if TYPE_CHECKING:
@@ -39,7 +38,6 @@ EXPECTED = "a table with columns <placement>_gyr_x, …, <placement>_acc_z, or g
 ENDINGS = (".csv", ".tsv", ".txt", *PARQUET)
 
 DIALECT = Kind("names_of_library", "info", "{names}: m/s² and deg/s, as {library} has them", ORIGIN)
-TIME_UNIT_OF_FILE = Kind("time_unit_of_file", "info", "{file}: time taken to be in {unit}", DEDUCED)
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -85,10 +83,10 @@ def measured(path: Path) -> Measured:
     if time is not None and columns.time_unit is None and count_samples(time):
         time, packets = None, time
     if time is not None and len(time) > 1:
-        time = without_jumps(time, stacked(columns.sensors), None, columns.time_unit, path.name, notes)
         check_order(time, path.name, columns.time_unit)
         unit = unit_of_time(time, columns.time_unit, path.name)
-        notes.append(TIME_UNIT_OF_FILE(file=path.name, unit=unit))
+        if columns.time_unit is None:
+            notes.append(TIME_UNIT_DEDUCED(unit=unit, step=float(np.median(np.diff(time)))))
         time = TIME_UNITS[unit] * time
     parts = [
         Part(
@@ -129,6 +127,8 @@ def _placed_anywhere(table: "pd.DataFrame") -> tuple["pd.DataFrame", dict[str, s
 
 def foreign(path: Path) -> bool:
     """Whether the head of a text table has gaitmap's two rows of names, or mobgap's names of the body's axes."""
+    if not path.is_file():
+        return False
     with path.open(encoding="utf-8-sig", errors="replace") as stream:
         head = list(itertools.islice((line for line in stream if line.strip()), 2))
     rows = [{cell.strip(' "\n').lower() for cell in re.split("[,;\t]", line)} for line in head]
@@ -141,45 +141,32 @@ def _table(path: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
     import pandas as pd
 
     if path.suffix.lower() in PARQUET:
-        table = apart(_parquet, path, EXPECTED, "pyarrow.parquet")
-        check_columns([str(column) for column in table.columns], path.name)
-        return table, ()
+        return _parquet(path), ()
     table, notes = read_table(path)
-    lines = path.read_text(encoding="utf-8-sig").splitlines()
-    rows = [row for row, line in enumerate(lines) if line.strip()]
+    lines = first_lines(path, HEADER_WITHIN + 3)
     above = header_at(lines)
-    rows = [row for row in rows if row >= above]
-    separator = max((",", ";", "\t"), key=lines[rows[0]].count)
-    second = [cell.strip().lower() for cell in lines[rows[1]].split(separator)]
+    rows = [line for line in lines[above:] if line.strip()]
+    separator = max(SEPARATORS, key=rows[0].count)
+    second = [cell.strip().lower() for cell in rows[1].split(separator)]
     if set(CHANNELS[:3]) <= set(second) or set(BODY_GAITMAP[:3]) <= set(second):
-        decimal = "," if separator != "," and "," in lines[rows[-1]] else "."
         # gaitmap's own files begin a row with its number, below the names of the levels.
         numbered = None if second[0] in (*CHANNELS, *BODY_GAITMAP) else 0
-        table = pd.read_csv(
-            path,
-            sep=separator,
-            decimal=decimal,
-            header=[0, 1],
-            index_col=numbered,
-            encoding="utf-8-sig",
-            skiprows=above,
-        )
-    if not any('"' in line for line in lines):
-        body = [lines[row] for row in rows[1:]]
-        check_lengths(body, separator, lines[rows[0]].count(separator) + 1, rows[1] + 1, path.name)
+        decimal = "," if separator != "," and "," in rows[-1] else "."
+        table = pd.read_csv(path, sep=separator, decimal=decimal, header=[0, 1], index_col=numbered,
+                            encoding="utf-8-sig", skiprows=above)  # fmt: skip
     return table, notes
 
 
 def _parquet(path: Path) -> "pd.DataFrame":
     """A Parquet file, whose numbers may take little room there and much in memory."""
-    import pandas as pd
-    from pyarrow import parquet
-
+    parquet = library("pyarrow.parquet", EXPECTED)
     try:
         with parquet.ParquetFile(path) as file:
-            size = 8 * file.metadata.num_rows * file.metadata.num_columns
+            about = file.metadata
+            check_columns(file.schema_arrow.names, path.name)
+            unpacked = sum(about.row_group(group).total_byte_size for group in range(about.num_row_groups))
+            check_size(max(unpacked, 8 * about.num_rows * about.num_columns), path.name)
+            table: pd.DataFrame = file.read().to_pandas()
+            return table
     except (ValueError, OSError) as error:
         raise RecordingError(f"{path.name} is no Parquet file: {error}") from error
-    if size > largest(path):
-        raise RecordingError(f"{path.name} holds {size} bytes; expected at most {largest(path)} in a file of this size")
-    return pd.read_parquet(path, use_threads=False)

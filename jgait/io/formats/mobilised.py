@@ -13,30 +13,33 @@ They are kept. *Clock*: `Timestamp` where it disagrees with `Fs` by more than ha
 Read by SciPy, which reads MATLAB's files up to version 7; version 7.3 is refused with how to convert it.
 """
 
+import contextlib
 import os
 import warnings
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.io.apart import apart
-from jgait.io.files import Tree, check_file, library, positive, reading, three_columns
+from jgait.io.files import Tree, check_file, check_size, library, positive, reading, three_columns
 from jgait.io.formats.clocks import CLOCKS_APART
-from jgait.io.formats.part import Measured, Part
+from jgait.io.formats.part import SENSORS_LEFT_OUT, Measured, Part
 from jgait.io.formats.settle import settle
 from jgait.io.names import placement_of
-from jgait.notes import LEFT_OUT, ORIGIN, Kind, Note
+from jgait.notes import ORIGIN, Kind, Note
 from jgait.types import Recording, RecordingError
 
 EXPECTED = "a Mobilise-D MATLAB file (data.mat)"
 HEADS = (b"MATLAB 5.0", b"MATLAB 7.3")
+COMPRESSED = 15
+"""Type of an element of a MATLAB file that is packed by zlib."""
 DEVICES = ("SU", "SU_INDIP", "SU_INDIP2")
 """Devices of a trial; if two devices have a sensor at one placement, the first is used."""
 AXES = "as the device's (worn as usual at the lower back: x up, y right, z forward)"
 
-SENSORS_LEFT_OUT = Kind("sensors_left_out", "info", "left out: {sensors}", LEFT_OUT)
 RECORDED_AT = Kind("recorded_at", "info", "recorded {date}", ORIGIN)
 STAMPS_DIFFER = Kind(
     "stamps_differ", "info",
@@ -112,7 +115,7 @@ def _measured(path: Path, trial: str | None) -> Measured:
 def _trials(path: Path) -> dict[str, Tree]:
     """Trial → its struct, of the trials that hold a sensor."""
     check_file(path, EXPECTED)
-    data = apart(_load, path, EXPECTED, "scipy.io")
+    data = _load(path)
     if not isinstance(data, dict | list):
         found = f"an array {np.shape(data)}" if np.ndim(data) else type(data).__name__
         raise RecordingError(f"{path.name} is not {EXPECTED}: its variable 'data' should be a struct, it is {found}")
@@ -135,6 +138,7 @@ def _load(path: Path) -> PyTree:
             "save(file, 'data', '-v7')"
         )
     scipy_io = library("scipy.io", EXPECTED)
+    check_size(_declared(path), path.name)
     try:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
@@ -149,6 +153,23 @@ def _load(path: Path) -> PyTree:
             f"{path.name} is not {EXPECTED}: it has no variable 'data', but {', '.join(there) or 'none'}"
         )
     return content["data"]
+
+
+def _declared(path: Path) -> int:
+    """[bytes] What the variables of a file of version 5 to 7 hold unpacked, by their tags of a type and a length."""
+    total = 0
+    with path.open("rb") as stream:
+        order: Literal["little", "big"] = "little" if stream.read(128)[126:] == b"IM" else "big"
+        while len(tag := stream.read(8)) == 8:
+            packed = b""
+            size = length = int.from_bytes(tag[4:], order)
+            if int.from_bytes(tag[:4], order) == COMPRESSED:
+                packed = stream.read(min(size, 1024))
+                with contextlib.suppress(zlib.error):  # SciPy says what is wrong
+                    length = int.from_bytes(zlib.decompressobj().decompress(packed, 8)[4:], order)
+            total += length
+            stream.seek(size - len(packed), os.SEEK_CUR)
+    return total
 
 
 def _descend(tree: PyTree, above: tuple[str, ...]) -> Iterator[tuple[str, Tree]]:

@@ -9,7 +9,6 @@ a walk, and it is noted. `pelvis_tilt` turns about the axis to the right, so a p
 Files of orientations (a quaternion a cell, from OpenSense) are no angles and are refused.
 """
 
-import itertools
 import os
 import re
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.io.files import check_columns, check_file, check_width, library, no_numbers, numbered, reading
+from jgait.io.files import check_columns, check_file, first_lines, library, no_numbers, numbered, reading
 from jgait.notes import DEDUCED, Kind, Note
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, RecordingError
 
@@ -173,13 +172,9 @@ def _base(column: str) -> str:
 def _header(file: Path) -> tuple[dict[str, str], int, list[str]]:
     """Its keys in small letters, how many lines before the table's rows, and the names of its columns."""
     try:
-        with file.open(encoding="utf-8-sig") as stream:
-            lines = list(itertools.islice(stream, HEADER_LINES))
+        lines = first_lines(file, HEADER_LINES)
     except UnicodeDecodeError as error:
         raise RecordingError(f"{file.name} is not {EXPECTED}, but no text: {error}") from error
-    for line in lines:
-        check_width(line, "\t", file.name)
-        check_width(line, " ", file.name)
     end = next((number for number, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
     if end is None:
         raise RecordingError(f"{file.name} is not {EXPECTED}: none of its first {len(lines)} lines is endheader")

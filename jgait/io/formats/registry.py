@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from jgait.io.atomic import check_path
-from jgait.io.files import reading
+from jgait.io.files import check_regular, reading
 from jgait.io.formats.part import Measured, joined
 from jgait.io.formats.settle import settle
 from jgait.io.formats.text import HEAD
@@ -74,9 +74,11 @@ def format_of(path: str | os.PathLike[str]) -> str | None:
     Raises:
         FileNotFoundError: if there is no such file.
         PermissionError: if it may not be read.
+        RecordingError: if it is a device or a pipe.
     """
     check_path(path)
     file = Path(path)
+    check_regular(file, "a recording")
     if file.is_dir():
         head = b""
     else:

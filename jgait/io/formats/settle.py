@@ -16,10 +16,10 @@ from jgait.io.checks import FEET_APART, RANGE_UNITS
 from jgait.io.clock import CLOCK_FROM_DATE
 from jgait.io.dates import date_of
 from jgait.io.formats.clocks import on_one_counter, one_clock
-from jgait.io.formats.part import Measured, Part
+from jgait.io.formats.part import SENSORS_LEFT_OUT, Measured, Part
 from jgait.io.names import placement_of
 from jgait.io.units import ACC_UNITS, Unit, unit_of_gravity
-from jgait.notes import DEDUCED, LEFT_OUT, ORIGIN, Kind, Note
+from jgait.notes import DEDUCED, ORIGIN, Kind, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError
 
 RATES = {"rad/s": (1.0, 12.0), "deg/s": (30.0, 2e3), "mrad/s": (2e3, 1.2e4), "mdeg/s": (3.5e4, np.inf)}
@@ -29,19 +29,7 @@ MOST_SHAKEN = 0.6, 2.0
 """[g] Limits of the median specific force of a sensor in walking; gravity is checked where the sensor is calm."""
 
 PLACED_BY_NAME = Kind("placed_by_name", "info", "the sensor {sensor!r} is taken to have sat at {placement}", DEDUCED)
-NOT_PLACED = Kind("not_placed", "info", "left out, for their placement is not known: {sensors}", LEFT_OUT)
-UNIT_DEDUCED = Kind(
-    "unit_deduced",
-    "info",
-    "{placement}: the file states no unit of {signal}; {unit}, for {measure} is {value:.4g}",
-    DEDUCED,
-)
-UNIT_SHARED = Kind(
-    "unit_shared", "info", "{placement}: the file states no unit of angular rate; {unit}, as {other}", DEDUCED
-)
-RANGE_UNIT_DEDUCED = Kind(
-    "range_unit_deduced", "info", "feet_range: the file states no unit; {unit}, for its median is {median:.4g}", DEDUCED
-)
+UNIT_DEDUCED = Kind("unit_deduced", "info", "{placement}: the file states no unit of {signal}; {unit}, {why}", DEDUCED)
 AXES_STATED = Kind("axes_stated", "info", "{placement}: axes {axes}", ORIGIN)
 AXIS_UP = Kind(
     "axis_up", "info", "{placement}: the sensor's {axis} points up ({share:.2f} of gravity){stated}", ORIGIN
@@ -155,7 +143,7 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
             value={nowhere[0]: "shank_right"},
         )
     if nowhere:
-        notes.append(NOT_PLACED(sensors=tuple(map(repr, nowhere))))
+        notes.append(SENSORS_LEFT_OUT(sensors=[f"{label!r} (its place is not known)" for label in nowhere]))
     return placed
 
 
@@ -182,9 +170,8 @@ def _force_units(placed: Mapping[str, Part], chosen: str | None, name: str, note
                 "removed",
                 argument="acc_unit",
             )
-        notes.append(
-            UNIT_DEDUCED(placement=where, signal="acceleration", unit=units[where], measure="its median", value=median)
-        )
+        why = f"for its median is {median:.4g}"
+        notes.append(UNIT_DEDUCED(placement=where, signal="acceleration", unit=units[where], why=why))
     return units
 
 
@@ -207,14 +194,8 @@ def _rate_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes
             argument="gyr_unit",
         )
     for where in reached:
-        if where == fastest:
-            notes.append(
-                UNIT_DEDUCED(
-                    placement=where, signal="angular rate", unit=unit, measure="the 99th percentile", value=most
-                )
-            )
-        else:
-            notes.append(UNIT_SHARED(placement=where, unit=unit, other=fastest))
+        why = f"for the 99th percentile is {most:.4g}" if where == fastest else f"as {fastest}"
+        notes.append(UNIT_DEDUCED(placement=where, signal="angular rate", unit=unit, why=why))
     return {where: known or str(unit) for where, known in units.items()}
 
 
@@ -232,7 +213,8 @@ def _range_unit(values: ArrayLike | None, name: str, notes: list[Note]) -> str:
             f"pass each other are {FEET_APART[0]:g} to {FEET_APART[1]:g} m apart); use read_csv and give {{argument}}",
             argument="range_unit",
         )
-    notes.append(RANGE_UNIT_DEDUCED(unit=fits[0], median=middle))
+    why = f"for its median is {middle:.4g}"
+    notes.append(UNIT_DEDUCED(placement="feet_range", signal="distances", unit=fits[0], why=why))
     return fits[0]
 
 

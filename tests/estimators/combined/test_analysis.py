@@ -179,22 +179,17 @@ def test_the_same_strides_are_regular_in_every_table_and_others_have_a_reason(da
         assert (codes(found.notes).count("contacts_contradict") > 0) == walk.recording.name.endswith("20180605_4")
 
 
-@pytest.mark.parametrize("code", ["rows_twice", "rows_skipped"])
-def test_rows_written_twice_or_missing_without_time_stamps_make_everything_uncertain(walked, analysis, code):
+def test_rows_written_twice_without_time_stamps_make_everything_uncertain(walked, analysis):
     draw, true = np.random.default_rng(3), float(walked[1].estimate.distance[-1])
     samples = len(walked[0].sensors["pelvis"].time)
     times = 1 + (draw.random(samples) < 0.02)
-    if code == "rows_skipped":
-        first = 100 * np.arange(samples // 100) + draw.integers(0, 90, samples // 100)
-        times = np.ones(samples, int)
-        times[first[:, None] + np.arange(5)] = 0
     rows = np.repeat(np.arange(len(times)), times)
     arrays = {
         name: {"gyr": np.rad2deg(np.asarray(imu.gyr))[rows], "acc": np.asarray(imu.acc)[rows]}
         for name, imu in walked[0].sensors.items()
     }
     gait = jgait.analyse(io.recording_from_arrays(arrays, sampling_rate_hz=100.0), PERSON)
-    assert code in codes(gait.notes)
+    assert "rows_twice" in codes(gait.notes)
     stddev, usual = (float(one.estimate.diagnostics["distance_stddev"][-1]) for one in (gait, analysis))
     assert stddev > 2.0 * usual
     assert stddev > 0.099 * float(gait.estimate.distance[-1])

@@ -109,7 +109,7 @@ def test_placement_frame_status_and_other_systems_are_told(tmp_path):
         "'local' (SpatialAxes ALS, RotationRule right-hand)",
         "calls imu3_ACCEL_z, imu3_ACCEL_x",
         "other systems too: sub-pp002_task-walk_tracksys-omc_motion.tsv",
-        "no gyroscope: lowerBack",
+        "lowerBack (no gyroscope)",
     ):
         assert said in every
 

@@ -28,7 +28,7 @@ def test_devices_that_are_called_by_their_places(tmp_path):
     recording = io.read(made_files.shimmer(tmp_path / "a.csv", devices=("RightFoot", "L_shank", "Spare")))
     assert sorted(recording.sensors) == ["foot_right", "shank_left"]
     made_files.check(recording, "shank_left")
-    assert "left out, for their placement is not known: 'Spare'" in texts(recording.notes)
+    assert "left out: 'Spare' (its place is not known)" in texts(recording.notes)
 
 
 def test_the_wide_range_accelerometer_where_the_other_is_at_its_limit(tmp_path):
