@@ -26,7 +26,7 @@ import tokenize
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import CodeType, FrameType
-from typing import Any
+from typing import Any, get_args
 
 import jax
 import jax.numpy as jnp
@@ -197,7 +197,15 @@ def ones(kind: Any, *axes: int) -> Any:
     """A tuple of the annotated type whose entries are 1; `axes` are in front of the shapes of its fields."""
     if hasattr(kind, "_fields"):
         return kind(*(ones(kind.__annotations__[name], *axes) for name in kind._fields))
-    return jnp.ones((*axes, *(int(axis) for axis in getattr(kind, "dim_str", "").split() if axis.isdigit())))
+    return jnp.ones((*axes, *shape(kind)))
+
+
+def shape(kind: Any) -> tuple[int, ...]:
+    """The lengths that an annotation states, of a union those of its first part."""
+    kind = getattr(kind, "__value__", kind)
+    if parts := get_args(kind):
+        return shape(parts[0])
+    return tuple(int(axis) for axis in getattr(kind, "dim_str", "").split() if axis.isdigit())
 
 
 def jaxprs(model: filtering.Model) -> Iterator[ClosedJaxpr]:

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 ORDER = (
-    "version", "arrays", "notes", "types", "params", "geometry", "signal", "filtering", "events", "mounting",
-    "duty_cycle", "estimators", "simulate", "tune", "evaluate", "io", "datasets", "plot", "report", "commands", "cli",
+    "version", "notes", "types", "params", "geometry", "signal", "filtering", "events", "mounting", "duty_cycle",
+    "estimators", "simulate", "tune", "evaluate", "io", "datasets", "plot", "report", "commands", "cli",
 )  # fmt: skip
 """Files and folders of `jgait`, lowest first: each imports only from those before it."""
 

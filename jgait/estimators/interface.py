@@ -7,12 +7,12 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.arrays import on_host
 from jgait.estimators.about import About
 from jgait.estimators.axes import pad
 from jgait.estimators.plausible import implausible, paces_mixed
 from jgait.estimators.programs import bucket
 from jgait.estimators.proportions import gives, with_proportions
+from jgait.geometry.arrays import on_host
 from jgait.notes import Note
 from jgait.params import check_params, ranges
 from jgait.types import Estimate, Recording, Values, check_kind, check_recording

@@ -22,8 +22,8 @@ from typing import Any
 import jax
 from jaxtyping import PyTree
 
-from jgait.arrays import on_host
 from jgait.filtering.compile import backend, compiler_options, host, processor
+from jgait.geometry.arrays import on_host
 
 LIMIT = 1_000_000_000
 """[bytes] Size of the folder; when a program is added, the files that were not used for longest are removed."""

@@ -4,8 +4,8 @@ import math
 
 import jax
 
-from jgait.arrays import interpolated, xp
 from jgait.filtering import Covariance
+from jgait.geometry.arrays import interpolated, xp
 from jgait.types import Counts, Flags, Values
 
 

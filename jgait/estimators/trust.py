@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jgait.arrays import xp
 from jgait.estimators.notes import ACCELEROMETER_OFF, LEVER_IMPLAUSIBLE, RATES_OFF, SAMPLED_SLOWLY
+from jgait.geometry.arrays import xp
 from jgait.notes import Kind, Note
 from jgait.types import Counts, Estimate, Flags, Strides, Values, as_float
 

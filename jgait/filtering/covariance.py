@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-from jgait.arrays import xp
 from jgait.filtering.layout import Layout, Numbers, Scalar, Tree
+from jgait.geometry.arrays import xp
 from jgait.types import AnyArray
 
 type Places = tuple[tuple[int, int], ...]

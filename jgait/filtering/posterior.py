@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PyTree
 
-from jgait.arrays import xp
 from jgait.filtering.covariance import Covariance
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.layout import Layout, Tree
 from jgait.filtering.model import Belief, Shape
 from jgait.filtering.recentre import covariances, states, turned
+from jgait.geometry.arrays import xp
 from jgait.types import Counts, Maybe
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Array, Float
 
-from jgait.arrays import xp
+from jgait.geometry.arrays import xp
 from jgait.geometry.vectors import Vector, cross, dot, horner, kept, scale, subtract
 from jgait.types import AnyArray, Scalar, Values
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from jax import lax
 from jaxtyping import Float
 
-from jgait.arrays import of_jax, xp
+from jgait.geometry.arrays import of_jax, xp
 from jgait.types import AnyArray, Values
 
 GRAVITY = 9.80665

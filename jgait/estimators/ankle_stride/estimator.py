@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait import filtering
-from jgait.arrays import alike, for_each, xp
 from jgait.estimators import trust
 from jgait.estimators.ankle_stride import model as ankle_model
 from jgait.estimators.ankle_stride import readout as ankle_strides
@@ -34,6 +33,7 @@ from jgait.estimators.notes import LEVER_IMPLAUSIBLE
 from jgait.estimators.programs import compiled
 from jgait.estimators.sides import along, of_turns, stacked
 from jgait.filtering import Belief
+from jgait.geometry.arrays import alike, for_each, xp
 from jgait.geometry.rotation import quaternion, rotated
 from jgait.geometry.vectors import as_array, cross, dot, root, subtract, vector
 from jgait.signal import butterworth

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 from jaxtyping import PyTree
 
-from jgait.arrays import xp
 from jgait.estimators.ankle_stride import length as stride_length
 from jgait.estimators.ankle_stride.inputs import AnkleSignals
 from jgait.estimators.ankle_stride.model import AnkleState
@@ -14,6 +13,7 @@ from jgait.estimators.ankle_stride.params import AnkleParams
 from jgait.estimators.sides import entries, picked
 from jgait.estimators.stride_flags import STAIRS_M
 from jgait.filtering import Covariance
+from jgait.geometry.arrays import xp
 from jgait.geometry.rotation import quaternion, rotated
 from jgait.geometry.vectors import Vector, root, vector, wrapped
 from jgait.signal import marks

@@ -10,7 +10,6 @@ import numpy as np
 from jax import lax
 from jaxtyping import PyTree
 
-from jgait.arrays import xp
 from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filled, Thigh
 from jgait.duty_cycle.fillers.registry import fillers
@@ -37,6 +36,7 @@ from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.leg_ekf.params import one_side
 from jgait.estimators.plausible import QUICK_S
 from jgait.estimators.programs import compiled
+from jgait.geometry.arrays import xp
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values
 

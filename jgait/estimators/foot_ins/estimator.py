@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait import filtering
-from jgait.arrays import alike, for_each
 from jgait.estimators import noise, trust
 from jgait.estimators.ends import cut_notes
 from jgait.estimators.foot_ins import headings
@@ -30,6 +29,7 @@ from jgait.estimators.programs import compiled
 from jgait.estimators.sides import of_turns, stacked
 from jgait.estimators.stride_flags import SIDE_UNKNOWN
 from jgait.filtering import Belief
+from jgait.geometry.arrays import alike, for_each
 from jgait.types import SIDES, Counts, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Strides, Values, as_float
 
 PER_STRIDE = ("stride_nis", "doubtful")

@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 from jaxtyping import PyTree
 
-from jgait.arrays import interpolated, put, xp
 from jgait.estimators.foot_ins.inputs import FootSignals
 from jgait.estimators.foot_ins.params import FootParams
 from jgait.estimators.sides import along, entries, of_turns, picked
 from jgait.estimators.trust import nis_between
 from jgait.events.shank_stance import PAUSE_S
 from jgait.filtering import Covariance, Inferred
+from jgait.geometry.arrays import interpolated, put, xp
 from jgait.geometry.rotation import Quaternion, conjugate, quaternion, rotated
 from jgait.geometry.vectors import Vector, add, as_array, root, vector, wrapped
 from jgait.types import Flags, FootTrajectory, Strides, Values

@@ -6,7 +6,6 @@ import jax
 import numpy as np
 
 from jgait import filtering
-from jgait.arrays import alike, for_each, xp
 from jgait.estimators import ankle_stride, trust
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.leg_ekf import inclination
@@ -23,6 +22,7 @@ from jgait.estimators.leg_ekf.worn import unworn
 from jgait.estimators.programs import compiled
 from jgait.estimators.sides import stacked
 from jgait.filtering import Belief, Covariance, Model
+from jgait.geometry.arrays import alike, for_each, xp
 from jgait.notes import Note
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values, as_float
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import jax
 
-from jgait.arrays import xp
 from jgait.estimators.ankle_stride.inputs import AnkleSignals
+from jgait.geometry.arrays import xp
 from jgait.types import Flags, Legs, LegTrajectory, Values
 
 MOVES_M, LEAST_SHARE = 1e-3, 0.2

@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 
 from jgait import filtering
-from jgait.arrays import alike, xp
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins.params import FootOptions, FootParams
 from jgait.estimators.interface import Estimator, Prepared, with_measures
@@ -22,6 +21,7 @@ from jgait.estimators.stride_width_ekf.notes import FEET_SEEM_EXCHANGED, RANGES_
 from jgait.estimators.stride_width_ekf.params import DEFAULT, WidthOptions, WidthParams
 from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
 from jgait.filtering import Belief, Covariance, Model
+from jgait.geometry.arrays import alike, xp
 from jgait.geometry.vectors import root
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, Values
 

@@ -6,12 +6,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jgait.arrays import xp
 from jgait.estimators.programs import compiled
 from jgait.estimators.stride_width_ekf.inputs import StrideRows
 from jgait.estimators.stride_width_ekf.model import WidthState, between
 from jgait.estimators.stride_width_ekf.params import WidthParams
 from jgait.filtering import Covariance
+from jgait.geometry.arrays import xp
 from jgait.geometry.vectors import root
 from jgait.types import Strides, Values
 

@@ -6,7 +6,6 @@ from functools import partial
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.arrays import alike, interpolated, xp
 from jgait.estimators.checks import check_options
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.programs import compiled
@@ -38,6 +37,7 @@ from jgait.estimators.waist.params import (
 from jgait.estimators.waist.prepare import prepare
 from jgait.estimators.waist.readout import EDGE_STEPS, WaistWalk, closing, earlier
 from jgait.estimators.waist.steps import Intervals
+from jgait.geometry.arrays import alike, interpolated, xp
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.trunk import FREE, OVER_S, moved_between, step_frequency
 from jgait.notes import Note

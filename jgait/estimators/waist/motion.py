@@ -14,12 +14,12 @@ import jax.numpy as jnp
 from jaxtyping import PyTree
 
 from jgait import filtering
-from jgait.arrays import xp
 from jgait.estimators.programs import compiled
 from jgait.estimators.waist import orientation as waist_orientation
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.orientation import TrunkControl, TrunkError, TrunkNoise, TrunkObservation, TrunkState
 from jgait.estimators.waist.params import WaistParams
+from jgait.geometry.arrays import xp
 from jgait.geometry.rotation import quaternion, rotated
 from jgait.geometry.vectors import GRAVITY, Vector, vector
 from jgait.signal import butterworth

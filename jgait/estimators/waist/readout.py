@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 from jaxtyping import Array, PyTree
 
 from jgait import filtering
-from jgait.arrays import largest_so_far, put, xp
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.programs import compiled
 from jgait.estimators.waist import model as waist_model
@@ -21,6 +20,7 @@ from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.ofdri import Cycles
 from jgait.estimators.waist.params import WaistOptions, WaistParams
 from jgait.estimators.waist.steps import Intervals
+from jgait.geometry.arrays import largest_so_far, put, xp
 from jgait.geometry.vectors import root
 from jgait.types import AnyArray, Flags, Values
 

@@ -15,11 +15,11 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import PyTree
 
-from jgait.arrays import put, xp
 from jgait.estimators.programs import compiled
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.params import WaistParams
+from jgait.geometry.arrays import put, xp
 from jgait.geometry.vectors import GRAVITY
 from jgait.signal import butterworth
 from jgait.types import Flags, Values

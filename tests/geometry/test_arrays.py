@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait.arrays import alike, for_each, interpolated, largest_so_far, on_host, put, xp
+from jgait.geometry.arrays import alike, for_each, interpolated, largest_so_far, on_host, put, xp
 
 
 def test_a_function_is_that_of_its_arguments():
