@@ -6,12 +6,13 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from experiments.common import consistency
 from experiments.common.matching import overlapping
 from experiments.common.recordings import attempt
 from experiments.common.row import Row, show
 from experiments.foot_ins import feet as real
 from experiments.foot_ins.run import estimated
-from jgait import evaluate, simulate
+from jgait import simulate
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import FootParams
 from jgait.simulate import Route, sensors
@@ -127,8 +128,8 @@ def rows(quick: bool) -> list[Row]:
 
 def route_rows(metric: str, label: str, found: Compared) -> tuple[list[Row], list[Any], list[Any]]:
     """Rows and lines of the tables for one route."""
-    nees = evaluate.nees_consistency(found.length, stddev=found.length_stddev)
-    rise = evaluate.nees_consistency(found.height, stddev=found.height_stddev)
+    nees = consistency.nees_consistency(found.length, stddev=found.length_stddev)
+    rise = consistency.nees_consistency(found.height, stddev=found.height_stddev)
     n = found.length.size
     cm, height = 100.0 * found.length, 100.0 * found.height
     mae, worst = float(np.abs(cm).mean()), float(np.abs(cm).max())

@@ -7,10 +7,11 @@ import jax
 import numpy as np
 import optax
 
+from experiments.common import consistency
 from experiments.common.row import Row, show
 from experiments.tuning import problems
 from experiments.tuning.problems import FREE, START, TRUE, Drawn, Noise, filtered, nats
-from jgait import evaluate, tune
+from jgait import tune
 from jgait.tune import Fit
 
 
@@ -63,15 +64,15 @@ def consistent(data: Drawn, before: Noise, after: Noise, people: int) -> list[Ro
 
     for name, p in (("before", before), ("after", after)):
         found = told(p)
-        nis = evaluate.nis_consistency(np.ravel(found.nis), np.ravel(found.count))
-        each = [evaluate.nis_consistency(*both) for both in zip(found.nis, found.count, strict=True)]
+        nis = consistency.nis_consistency(np.ravel(found.nis), np.ravel(found.count))
+        each = [consistency.nis_consistency(*both) for both in zip(found.nis, found.count, strict=True)]
         people_inside = float(np.mean([one.consistent for one in each]))
         white = [
             np.stack([np.asarray(v[i]) / np.asarray(s[i]) for v, s in zip(found.innovation, found.innovation_stddev,
                                                                         strict=True)], axis=1)
             for i in range(people)
         ]  # fmt: skip
-        tests = [evaluate.whiteness(values) for values in white]
+        tests = [consistency.whiteness(values) for values in white]
         inside = float(np.mean([one.share_inside for one in tests]))
         passed = float(np.mean([one.consistent for one in tests]))
         lines.append([name, nis.mean, nis.low, nis.high, people_inside, inside, passed])

@@ -1,8 +1,9 @@
 """`jgait evaluate`: an estimator on a whole cohort, compared with its reference."""
 
+import contextlib
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,6 +19,7 @@ from jgait.commands.console import (
     count,
     note,
     say_failures,
+    stop,
     table_of,
     visible,
     write_json,
@@ -36,9 +38,11 @@ from jgait.report.cohort import DRAWN, drawn
 from jgait.report.page import significant
 from jgait.report.recording import readable
 from jgait.tune import LOSSES as KNOWN
+from jgait.types import reason_of
 
 if TYPE_CHECKING:
     import pandas as pd
+    from distributed import Client
 
 WITHIN = "_within_2sd_percent"
 """End of the name of a quantity that states how many errors the stated deviations contain."""
@@ -51,6 +55,9 @@ NOT_COMPARED = (
 
 NOT_USED = "the notes say that the result should not be used (see below); quantities.csv and strides.csv have them"
 """Why recordings are not compared."""
+
+CONNECT_S = 10
+"""[s] Longest time in which a Dask scheduler has to answer."""
 
 TABLES = ("recordings", "quantities", "strides", "agreement", "failures")
 FIGURES = ("agreement", "per_subject")
@@ -79,6 +86,9 @@ def evaluate(
         str | None, typer.Option(help="Losses of jgait tune to report too, for example position,stride_length.")
     ] = None,
     batch: Annotated[int, typer.Option(min=1, help="Recordings that run at once.")] = 64,
+    dask: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler, whose workers read the files and compute.")
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for tables and figures; an interrupted run continues there.")] = (
         Path("jgait-evaluation")
     ),
@@ -103,7 +113,8 @@ def evaluate(
         out, "evaluate", source.marks, planned=PLANNED, inputs=read, json_file=json_file, fresh=fresh
     ) as folder:
         continued = any(folder.run.glob("part-*-*"))
-        results = cohorts.evaluated(pipeline, start, source, out=folder.run, batch=batch)
+        with _client(dask) as client:
+            results = cohorts.evaluated(pipeline, start, source, out=folder.run, batch=batch, client=client)
         if continued:
             console.print(
                 f"continuing an earlier run in {out}; its finished recordings were not computed again", highlight=False
@@ -139,11 +150,29 @@ def evaluate(
         raise typer.Exit(1)
 
 
+@contextlib.contextmanager
+def _client(address: str | None) -> "Iterator[Client | None]":
+    """A client of the Dask scheduler at an address, or None; exits with code 2 if there is no scheduler."""
+    if address is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+
+        client = Client(address, timeout=CONNECT_S)
+    except ImportError:
+        stop("--dask needs the package distributed: pip install 'jgait[cluster]'")
+    except (OSError, ValueError) as error:
+        stop(f"--dask: no Dask scheduler answers at {address}: {reason_of(error)}")
+    with client:
+        yield client
+
+
 def _judged(
     pipeline: Estimator[PyTree, PyTree], source: cohorts.Source, start: PyTree, names: list[str],
-    said: list[tuple[str, str]],
+    printed: list[tuple[str, str]],
 ) -> "pd.DataFrame":  # fmt: skip
-    """The errors of the recordings in each loss, empty where a reference cannot answer it; `said` are failures that
+    """The errors of the recordings in each loss, empty where a reference cannot answer it; `printed` are failures that
     were printed before.
     """
     import pandas as pd
@@ -154,7 +183,7 @@ def _judged(
         failures: list[tuple[str, str]] = []
         try:
             lessons = lessons_of(pipeline, source, start, [], failures, [name])
-            say_failures([failure for failure in failures if failure not in said])
+            say_failures([failure for failure in failures if failure not in printed])
             tables.append(evaluation.judged(pipeline, start, lessons, [name]).set_index(["recording", "subject"]))
         except ValueError as error:
             note(f"--loss: {error}")

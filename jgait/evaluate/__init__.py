@@ -1,7 +1,6 @@
 """Errors and agreement of estimates, for one recording and for a cohort; on the host, in NumPy and pandas."""
 
 from jgait.evaluate.cohort import cohort
-from jgait.evaluate.consistency import Consistency, Whiteness, nees_consistency, nis_consistency, whiteness
 from jgait.evaluate.errors import (
     FIELDS,
     DistanceError,
@@ -28,14 +27,12 @@ __all__ = [
     "AGREEMENT",
     "FIELDS",
     "Cohort",
-    "Consistency",
     "DistanceError",
     "Icc",
     "Limits",
     "PairedDifference",
     "PositionError",
     "Scores",
-    "Whiteness",
     "Window",
     "agreement",
     "cohort",
@@ -44,11 +41,8 @@ __all__ = [
     "icc21",
     "judged",
     "limits_of_agreement",
-    "nees_consistency",
-    "nis_consistency",
     "paired_difference",
     "trajectory_errors",
-    "whiteness",
     "with_errors",
     "yaw_aligned",
 ]

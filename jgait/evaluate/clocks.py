@@ -33,10 +33,10 @@ REFERENCE_OTHER = Kind(
 MOST_S, STEP_S = 5.0, 0.02
 """[s] Largest offset of a clock that is looked for, and step of the search."""
 
-SHORTEST_S = 0.6
+STRIDE_S = 0.6
 """[s] Duration of a short stride: offsets this far from the one nearest to 0 belong to another stride."""
 
-LEAST_S = 0.1
+OFFSET_S = 0.1
 """[s] Least offset that is noted; contacts differ by less where two methods define them."""
 
 SWING = (0.5, 0.9)
@@ -53,10 +53,10 @@ Without such an offset, a reference is noted if this part of its error is above 
 MOST_SAMPLES = 3000
 """Largest number of samples of a reference whose signals are compared."""
 
-LEAST_WAY = 1.0
+DISTANCE_M = 1.0
 """[m] Least distance whose course is compared."""
 
-LEAST_STRIDES, MOST_STRIDES = 3, 100
+STRIDES, STRIDES_OF_LEG = 3, 100
 """Least number of strides whose contacts or swings are compared, and largest number of a leg for its swings."""
 
 
@@ -83,9 +83,9 @@ def _checked(estimate: Estimate, reference: Estimate, what: str, agrees: float, 
     if error.min() > BETTER * now[0]:
         return (REFERENCE_OTHER(what=what, seconds=MOST_S),) if BETTER * now[0] > agrees else ()
     least = shifts[error <= error.min() + 1e-9]  # contacts agree as well over some shifts, and a whole stride later
-    best = float(np.mean(least[np.abs(least - least[np.argmin(np.abs(least))]) < SHORTEST_S]))
+    best = float(np.mean(least[np.abs(least - least[np.argmin(np.abs(least))]) < STRIDE_S]))
     note = REFERENCE_CLOCK(what=what, seconds=abs(best), when="later" if best > 0.0 else "earlier")
-    return (note,) if abs(best) > LEAST_S else ()
+    return (note,) if abs(best) > OFFSET_S else ()
 
 
 def _exchanged(reference: Estimate) -> Estimate:
@@ -148,12 +148,12 @@ def _of_way(estimate: Estimate, reference: Estimate, shifts: np.ndarray) -> np.n
         return None
     rows = np.flatnonzero(known)[:: -(-int(known.sum()) // MOST_SAMPLES)]
     theirs = as_float(reference.distance)[rows]
-    if np.ptp(theirs) < LEAST_WAY:
+    if np.ptp(theirs) < DISTANCE_M:
         return None
     at = as_float(reference.time)[rows] + shifts[:, None]
     ours = np.interp(at, as_float(estimate.time)[valid], as_float(estimate.distance)[valid])
     ours, theirs = ours - ours.mean(axis=1, keepdims=True), theirs - theirs.mean()
-    scale = (ours @ theirs) / np.maximum(np.sum(ours**2, axis=1), LEAST_WAY)
+    scale = (ours @ theirs) / np.maximum(np.sum(ours**2, axis=1), DISTANCE_M)
     return np.std(scale[:, None] * ours - theirs, axis=1) / np.ptp(theirs)
 
 
@@ -164,16 +164,16 @@ def _of_contacts(estimate: Estimate, reference: Estimate, shifts: np.ndarray) ->
         return None
     lacking, count = np.zeros(len(shifts)), 0
     for number in range(len(SIDES)):
-        found, true = (
+        estimated, true = (
             as_float(one.end)[np.asarray(one.valid, bool) & (np.asarray(one.side) == number)] for one in (ours, theirs)
         )
-        if found.size and true.size:
-            ends, at = np.concatenate([[-np.inf], np.sort(found), [np.inf]]), true + shifts[:, None]
+        if estimated.size and true.size:
+            ends, at = np.concatenate([[-np.inf], np.sort(estimated), [np.inf]]), true + shifts[:, None]
             following = np.searchsorted(ends, at)
             apart = np.minimum(ends[following] - at, at - ends[following - 1])
-            lacking += np.sum(apart > LEAST_S, axis=1)
+            lacking += np.sum(apart > OFFSET_S, axis=1)
             count += true.size
-    return lacking / count if count >= LEAST_STRIDES else None
+    return lacking / count if count >= STRIDES else None
 
 
 def _of_swings(estimate: Estimate, reference: Estimate, shifts: np.ndarray) -> np.ndarray | None:
@@ -192,14 +192,14 @@ def _of_swings(estimate: Estimate, reference: Estimate, shifts: np.ndarray) -> n
             continue
         end = as_float(strides.end)[own]
         lasts = float(np.median(end - as_float(strides.start)[own]))  # a first stride from standing begins late
-        end = end[:: -(-end.size // MOST_STRIDES)]
+        end = end[:: -(-end.size // STRIDES_OF_LEG)]
         for row, shift in enumerate(shifts):
             at = (end + shift - lasts)[:, None] + lasts * part
             most = part[np.argmax(np.interp(at, time, knee[valid]), axis=1)]
             swings = (most > SWING[0]) & (most < SWING[1]) & (np.abs(most - np.median(most)) < SCATTER)
             lacking[row] += np.sum(~swings | (at[:, 0] < time[0]) | (at[:, -1] > time[-1]))
         count += end.size
-    return lacking / count if count >= LEAST_STRIDES else None
+    return lacking / count if count >= STRIDES else None
 
 
 def _of_their_swings(estimate: Estimate, reference: Estimate, shifts: np.ndarray) -> np.ndarray | None:

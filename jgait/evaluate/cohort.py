@@ -9,8 +9,8 @@ import jax
 from jaxtyping import PyTree
 
 from jgait.estimators.interface import Estimator
-from jgait.evaluate import devices, scores
-from jgait.evaluate.buckets import CohortJob, evaluated
+from jgait.evaluate import scores
+from jgait.evaluate.buckets import CohortJob, checked_mesh, evaluated
 from jgait.evaluate.dask import on_dask
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.store import Cohort, Folder, joined
@@ -77,7 +77,8 @@ def cohort(
             `lambda walk: {"thigh_length": walk.info["thigh_length"]}`; None does not change the parameters.
         read: item → walk.
         score: (estimate, walk) → `Scores`, on the host; the estimate has no padding, the walk no sensor data.
-        out: folder for the results; None keeps them in memory.
+        out: folder for the results; None keeps them in memory. Functions are compared by name alone: give another
+            folder when their code, or what they read, has changed.
         batch: number of recordings that run at once; memory grows with it. The last batch of each length is filled
             with copies. Rounded up to a multiple of the number of devices of `mesh`.
         mesh: devices that share each batch; it has one axis.
@@ -109,7 +110,7 @@ def cohort(
     params = estimator.params if params is None else params
     if not callable(params):
         check_params(params, estimator.transforms, estimator.params)
-    local = devices.checked_mesh(mesh)
+    local = checked_mesh(mesh)
     if isinstance(items, Sized):
         batch = min(batch, max(1, -(-len(items) // processes)))
     if local is not None:
@@ -155,7 +156,7 @@ def _named(
 
 def _description(job: CohortJob) -> dict[str, str]:
     """The settings on which the results in a folder depend, as text; batch size and devices are not among them."""
-    from jgait.tune.identity import described
+    from jgait.tune.checkpoint import described
 
     estimator = job.estimator
     return {

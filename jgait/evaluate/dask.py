@@ -1,5 +1,6 @@
 """A cohort on the workers of a Dask cluster; Dask is imported only where it is used."""
 
+import time
 from collections.abc import Generator, Iterable
 from itertools import islice
 from typing import TYPE_CHECKING
@@ -14,7 +15,10 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 QUEUED = 3
-"""Tasks submitted at a time for each thread of the cluster; the other items are not read yet."""
+"""Tasks in flight for each thread that the cluster has at the moment; the other items are not read yet."""
+
+POLL = 0.05
+"""[s] Time between two looks for workers that joined, while no task is finished."""
 
 
 def task(job: CohortJob, items: list[tuple[str, PyTree]]) -> Cohort:
@@ -26,8 +30,9 @@ def task(job: CohortJob, items: list[tuple[str, PyTree]]) -> Cohort:
 def on_dask(job: CohortJob, items: Iterable[tuple[str, PyTree]], client: "Client") -> Generator[Cohort]:
     """Submit a task for each group of `job.batch` items; yields the tables of each task when it is finished.
 
-    If a worker dies, Dask runs its task on another worker. If the workers of a task die repeatedly, its items are run
-    one by one at the end, with no other task on the cluster, so that only the item that kills the worker is lost.
+    The number of tasks in flight follows the number of workers, which may join and leave at any time. If a worker dies,
+    Dask runs its task on another worker. If the workers of a task die repeatedly, its items are run one by one at the
+    end, with no other task on the cluster, so that only the item that kills the worker is lost.
     """
     from distributed import as_completed
 
@@ -36,29 +41,28 @@ def on_dask(job: CohortJob, items: Iterable[tuple[str, PyTree]], client: "Client
     # The worker keeps the job, and with the job its compiled programs.
     shared = client.submit(_same, job, pure=False)
     sent: dict[PyTree, list[tuple[str, PyTree]]] = {}
-
-    def send(group: list[tuple[str, PyTree]]) -> "Future[Cohort]":
-        future = client.submit(task, shared, group, pure=False)
-        sent[future] = group
-        return future
-
-    threads = max(1, sum(client.nthreads().values()))
-    finished = as_completed([send(group) for group in islice(groups, QUEUED * threads)])
     alone: list[tuple[str, PyTree]] = []
-    for future in finished:
-        group = sent.pop(future)
-        part = _result(future)
+    finished = as_completed()
+    while True:
+        room = QUEUED * max(1, sum(client.nthreads().values())) - len(sent)
+        for group in islice(groups, max(0, room)):
+            future = client.submit(task, shared, group, pure=False)
+            sent[future] = group
+            finished.add(future)
+        if not sent:
+            break
+        if not finished.has_ready():
+            time.sleep(POLL)
+            continue
+        future = next(finished)
+        group, part = sent.pop(future), _result(future)
         future.release()
         if part is None:
             alone += group
         else:
             yield part
-        for more in islice(groups, 1):
-            finished.add(send(more))
     for item in alone:
-        future = send([item])
-        part = _result(future)
-        sent.pop(future)
+        part = _result(client.submit(task, shared, [item], pure=False))
         killed = Failed(item[0], "", "its worker process died, time and again")
         yield tables([], [killed]) if part is None else part
 

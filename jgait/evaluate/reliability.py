@@ -1,6 +1,6 @@
 """Agreement of an estimate with its reference: intraclass correlation and limits of agreement.
 
-On the host, in NumPy; quantiles of distributions need scipy, names of subjects pandas (the extra `io`).
+On the host, in NumPy and SciPy; names of subjects need pandas (the extra `io`).
 
 Source:
     Shrout and Fleiss, Intraclass correlations: uses in assessing rater reliability, Psychological Bulletin 86 (1979).

@@ -56,7 +56,7 @@ STRIDES_HALF = Kind(
     "is corrected, the error is part of all means, and parameters are tuned to it.",
 )  # fmt: skip
 
-FACTOR, LEAST_M = 2.5, 1.0
+FACTOR, DISTANCE_M = 2.5, 1.0
 """[1] Factor above which a distance and its reference cannot both be right: chosen above the public sets' largest of
 defaults, 2.24 (daily activities, sensor at the waist), and below that of feet and metres; [m] the larger one is at
 least this."""
@@ -131,7 +131,7 @@ def _distance(estimate: Estimate, reference: Estimate, common: np.ndarray) -> di
 def distance_notes(estimate: float, reference: float) -> tuple[Note, ...]:
     """A note if a distance [m] and that of the reference cannot both be right; none where one of them is NaN."""
     low, high = sorted((estimate, reference))
-    off = high >= LEAST_M and high > FACTOR * low
+    off = high >= DISTANCE_M and high > FACTOR * low
     return (DISTANCE_OFF(reference=reference, estimate=estimate),) if off else ()
 
 

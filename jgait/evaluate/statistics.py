@@ -1,10 +1,10 @@
 """Statistics of a cohort's errors: intervals over subjects, agreement with a reference, change of errors.
 
 Strides of one person are not independent: confidence intervals are computed by resampling subjects, or from the
-variance over subjects. On the host, in NumPy and pandas; quantiles of distributions need scipy (the extra `io`).
+variance over subjects. On the host, in NumPy, SciPy and pandas.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -49,12 +49,11 @@ class PairedDifference(NamedTuple):
         return self.low > 0.0
 
 
-def _draws(count: int, seed: int, resamples: int) -> Iterator[np.ndarray]:
-    """Yields the indices (count,) of each bootstrap resample."""
+def _draws(count: int, seed: int, resamples: int) -> np.ndarray:
+    """Indices (resamples, count) of the subjects in each bootstrap resample."""
     if resamples < 1:
         raise ValueError(f"resamples must be positive; got {resamples!r}")
-    rng = np.random.default_rng(seed)
-    return (rng.integers(0, count, count) for _ in range(resamples))
+    return np.random.default_rng(seed).integers(0, count, (resamples, count))
 
 
 def _ends(values: npt.ArrayLike) -> tuple[float, float]:
@@ -90,7 +89,7 @@ def paired_difference(
     if count < 2:
         raise ValueError(f"a paired difference needs at least two subjects; got {count}")
     changes = np.bincount(codes, second - first) / np.bincount(codes)
-    low, high = _ends([np.median(changes[draw]) for draw in _draws(count, seed, RESAMPLES)])
+    low, high = _ends(np.median(changes[_draws(count, seed, RESAMPLES)], axis=1))
     better, worse = int(np.sum(changes < 0.0)), int(np.sum(changes > 0.0))
     return PairedDifference(float(np.median(changes)), low, high, count, better, worse)
 

@@ -112,10 +112,10 @@ class Cohort(NamedTuple):
 
         every, strides = self.paired(), self.strides[self.strides["regular"] & self.strides["reference"].notna()]
         regular = strides.assign(quantity=REGULAR + strides["quantity"])[every.columns]
-        found = agreement(pd.concat([every, regular], ignore_index=True), **settings)
+        table = agreement(pd.concat([every, regular], ignore_index=True), **settings)
         names = every["quantity"].unique()
         order = [name for both in zip(names, REGULAR + names, strict=True) for name in both]
-        return found.loc[[name for name in order if name in found.index]]
+        return table.loc[[name for name in order if name in table.index]]
 
 
 def frame(table: str, rows: "Sequence[Any] | dict[str, Any] | pd.DataFrame") -> "pd.DataFrame":

@@ -7,12 +7,10 @@ from jgait.tune.lanes import Progress, Report
 from jgait.tune.lessons import Lesson, Lessons, Windows, lessons, named_windows
 from jgait.tune.objective import LOSSES, Loss, Objective, asked, by_subject, lacking, objective, parsed
 from jgait.tune.profile import Profile, profile
-from jgait.tune.words import Direction
 
 __all__ = [
     "LOSSES",
     "CrossValidation",
-    "Direction",
     "Fit",
     "Identifiability",
     "Lesson",

@@ -1,8 +1,11 @@
 """The state of a fit on disk. A file is written completely or not at all; only the same fit can continue from it."""
 
+import dataclasses
+import functools
 import hashlib
 import json
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,28 +14,43 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.tune.identity import described, printed
 from jgait.version import __version__
 
 
+def described(value: object) -> str:
+    """A text of a value that is the same in every process: arrays by content, functions by name."""
+    if isinstance(value, functools.partial):
+        return f"partial{described((value.func, value.args, value.keywords))}"
+    if isinstance(value, jax.Array) and jnp.issubdtype(value.dtype, jax.dtypes.prng_key):
+        value = jax.random.key_data(value)
+    if isinstance(value, jax.Array | np.ndarray | np.generic):
+        array = np.ascontiguousarray(value)
+        if not np.ndim(value):
+            return repr(array.item())
+        return f"{array.dtype}{list(array.shape)} {hashlib.sha256(array.tobytes()).hexdigest()[:16]}"
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        return f"{type(value).__qualname__}({_pairs(fields)})"
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return f"{type(value).__qualname__}({_pairs(value._asdict())})"
+    if isinstance(value, tuple | list):
+        return f"({', '.join(map(described, value))})"
+    if isinstance(value, dict):
+        return f"{{{_pairs(value)}}}"
+    if callable(value) and hasattr(value, "__qualname__"):
+        return f"{value.__module__}.{value.__qualname__}"
+    return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
+
+
+def _pairs(values: dict[Any, Any]) -> str:
+    return ", ".join(f"{name}={described(value)}" for name, value in values.items())
+
+
 def fingerprint(**parts: object) -> dict[str, str]:
-    """A digest of each part of a fit: of the bytes of numbers, of the text of everything else; and of the version."""
-    return {name: _digest(part) for name, part in {**parts, "version of jgait": __version__}.items()}
-
-
-def _digest(part: object) -> str:
-    digest = hashlib.sha256()
-    leaves, structure = jax.tree.flatten(part)
-    digest.update(printed(structure).encode())
-    for leaf in leaves:
-        if hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
-            leaf = jax.random.key_data(leaf)
-        if hasattr(leaf, "dtype") or isinstance(leaf, int | float | bool):
-            array = np.ascontiguousarray(leaf)
-            digest.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
-        else:
-            digest.update(described(leaf).encode())
-    return digest.hexdigest()[:32]
+    """A digest of the description of each argument of a fit, and of the version of jgait."""
+    texts = {name: described((str(jax.tree.structure(part)), jax.tree.leaves(part))) for name, part in parts.items()}
+    texts["version of jgait"] = __version__
+    return {name: hashlib.sha256(text.encode()).hexdigest()[:32] for name, text in texts.items()}
 
 
 def save(path: Path, mark: dict[str, str], state: PyTree) -> None:

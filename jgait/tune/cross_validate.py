@@ -17,19 +17,20 @@ from jgait.filtering.compile import compiler_options
 from jgait.params import constrain
 from jgait.tune import checkpoint
 from jgait.tune.checks import check_data, check_priors, numbered, spread_out, start, transforms_of
-from jgait.tune.descent import Carry, Settings
+from jgait.tune.descent import Settings
 from jgait.tune.fit import (
+    best_starts,
     check_mesh,
     check_settings,
+    lane,
     loss_type,
     optimizer_mark,
     scattered,
-    supported,
     warn_of_flat,
 )
-from jgait.tune.identity import described
 from jgait.tune.lanes import Report, descend
 from jgait.tune.lessons import Lesson
+from jgait.tune.optimizers import supported
 from jgait.tune.problem import Context, Items, Problem, of_subject, place
 
 if TYPE_CHECKING:
@@ -162,7 +163,7 @@ def cross_validate[P](
     settings = Settings(steps, minibatch, 1 if minibatch is None else -(-n // minibatch), None)
     mark = {} if checkpoint_file is None else checkpoint.fingerprint(
         data=items, params=params, transforms=transforms, priors=priors, settings=settings, folds=learned, key=key,
-        starts=(starts, spread), loss=described(loss), optimizer=optimizer_mark(optimizer, free),
+        starts=(starts, spread), loss=loss, optimizer=optimizer_mark(optimizer, free),
     )  # fmt: skip
     around = scattered(key, free, starts, spread)
     carry, _ = descend(
@@ -170,31 +171,29 @@ def cross_validate[P](
         jax.tree.map(lambda leaf: jnp.concatenate([leaf] * len(kinds)), around), np.repeat(learned, starts, axis=0),
         dtype, chunk=chunk, report=progress, file=None if checkpoint_file is None else Path(checkpoint_file), mark=mark,
     )  # fmt: skip
-    best, losses, left_out = _chosen(carry, learned, starts)
+    chosen = best_starts(carry, starts)
+    if (chosen < 0).any():
+        raise ValueError("the loss or its gradient is not finite at the start, for any item of a fold")
+    best, losses = lane(carry.best, chosen), carry.best_score.reshape(-1, starts)
+    left_out = learned.sum(axis=1) - np.count_nonzero(carry.weights[chosen], axis=1)
+    if left_out.any():
+        warnings.warn(
+            f"up to {left_out.max()} of {n} items were left out of a fold: their loss or gradient is not finite at the "
+            "start",
+            stacklevel=2,
+        )
     reach = jax.tree.map(lambda leaf: leaf.max(axis=0), carry.reach)
-    warn_of_flat(transforms, free, best, reach, 3)
+    flat_ones = warn_of_flat(transforms, free, best, reach, 3)
+    stayed = np.count_nonzero(carry.best_step[chosen] == 0)
+    if stayed and len(flat_ones) < len(jax.tree.leaves(best)):
+        warnings.warn(
+            f"no step lowered the loss of {stayed} of {len(kinds)} folds, whose parameters are the start values. Try a "
+            "smaller learning rate",
+            stacklevel=2,
+        )
     problem = problem._replace(loss=loss if error is None else error)
     judged = _judged(problem, params, free, best, items, np.asarray([kinds.index(fold) for fold in fold_of]))
     return CrossValidation(*_tables(named, fold_of, *judged), constrain(best, transforms, params), losses, left_out)
-
-
-def _chosen(carry: Carry, learned: np.ndarray, starts: int) -> tuple[PyTree, np.ndarray, np.ndarray]:
-    """Free coordinates of each fold's best start, (F, starts) losses, and (F,) the number of items left out."""
-    shape = (learned.shape[0], starts)
-    losses, counted = carry.best_score.reshape(shape), np.count_nonzero(carry.weights, axis=1).reshape(shape)
-    # Losses over different numbers of items cannot be compared: only the starts with the most items are eligible.
-    eligible = (counted == counted.max(axis=1, keepdims=True)) & np.isfinite(losses)
-    if not eligible.any(axis=1).all():
-        raise ValueError("the loss or its gradient is not finite at the start, for any item of a fold")
-    number = np.argmin(np.where(eligible, losses, np.inf), axis=1)
-    left_out = learned.sum(axis=1) - counted[np.arange(shape[0]), number]
-    if left_out.any():
-        warnings.warn(
-            f"up to {left_out.max()} of {learned.shape[1]} items were left out of a fold: their loss or gradient is "
-            "not finite at the start",
-            stacklevel=3,
-        )
-    return jax.tree.map(lambda leaf: leaf[starts * np.arange(shape[0]) + number], carry.best), losses, left_out
 
 
 def _judged(
@@ -202,11 +201,11 @@ def _judged(
 ) -> tuple[PyTree, PyTree]:
     """(n,) error of every item with the starting values, and with the fit that held the item out."""
 
-    def one(at: PyTree, item: Items) -> PyTree:
-        known, mine = (of_subject(tree, problem.transforms, item.subject) for tree in (params, at))
-        return problem.loss(constrain(mine, problem.transforms, known), item.data)
+    def error_of(at: PyTree, item: Items) -> PyTree:
+        known, free_of_subject = (of_subject(tree, problem.transforms, item.subject) for tree in (params, at))
+        return problem.loss(constrain(free_of_subject, problem.transforms, known), item.data)
 
-    program = jax.jit(jax.vmap(one), compiler_options=compiler_options() or None)
+    program = jax.jit(jax.vmap(error_of), compiler_options=compiler_options() or None)
     before = jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[None], fold.size, axis=0), free)
     after = jax.tree.map(lambda leaf: leaf[fold], best)
     return np.asarray(program(before, items)), np.asarray(program(after, items))

@@ -77,8 +77,8 @@ def first(
     state = optimizer.init(free)
     weights = jnp.asarray(weights, dtype)
     stopped = jnp.zeros((), bool)
-    one = jnp.ones((), dtype)
-    return Carry(free, state, weights, infinite, slope, one, free, infinite, zero, stopped, zero, slope)
+    full = jnp.ones((), dtype)
+    return Carry(free, state, weights, infinite, slope, full, free, infinite, zero, stopped, zero, slope)
 
 
 def flat(reach: PyTree) -> PyTree:
@@ -149,7 +149,10 @@ def runner(
 
             # optax counts steps in integers; JAX's strict dtype promotion raises an error for these
             with jax.numpy_dtype_promotion("standard"):
-                return optimizer.update(c.gradient, c.optimizer, c.free, value=c.loss, grad=c.gradient, value_fn=here)
+                return optimizer.update(
+                    c.gradient, c.optimizer, c.free, value=c.loss, grad=c.gradient, value_fn=here, obj_fn=here,
+                    grad_fn=lambda free, _: jax.grad(here)(free),
+                )  # fmt: skip
 
         def move(c: Carry, step: Int[Array, ""]) -> tuple[Carry, Trace]:
             starting = step < 0

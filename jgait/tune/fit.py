@@ -13,13 +13,22 @@ from jax.sharding import Mesh
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 
-from jgait.params import Transform, constrain
+from jgait.params import constrain
 from jgait.params import names as names_of
 from jgait.tune import checkpoint
-from jgait.tune.checks import check_data, check_loss, check_priors, numbered, over_transforms, spread_out, start
+from jgait.tune.checks import (
+    check_data,
+    check_loss,
+    check_priors,
+    numbered,
+    over_transforms,
+    spread_out,
+    start,
+    transforms_of,
+)
 from jgait.tune.descent import Carry, Settings, Trace, flat
-from jgait.tune.identity import described
 from jgait.tune.lanes import Report, descend
+from jgait.tune.optimizers import supported
 from jgait.tune.problem import Context, Items, Problem, of_subject, place
 from jgait.tune.words import is_interval
 from jgait.types import AnyArray, Maybe, check_key, check_kind, people
@@ -43,6 +52,7 @@ class Fit[P](NamedTuple):
         subjects: labels of the subjects, in the order of the leading axis of parameters per subject.
         not_learned: names of the free parameters that kept their start, for their gradient vanishes; see the warning.
         per_subject: names of the parameters that have a value for each subject.
+        best_step: number of the step that led to `params`; 0: no step lowered the loss, and `params` are the start.
     """
 
     params: P
@@ -56,6 +66,7 @@ class Fit[P](NamedTuple):
     subjects: tuple[str, ...]
     not_learned: tuple[str, ...] = ()
     per_subject: tuple[str, ...] = ()
+    best_step: int = 0
 
     def of(self, subject: Hashable) -> P:
         """The parameters of one person: of those per subject this person's values, of the others the shared ones.
@@ -71,11 +82,11 @@ class Fit[P](NamedTuple):
             raise KeyError(f"the fit has no subject {subject!r}; it has {', '.join(self.subjects) or 'none'}")
         number = self.subjects.index(name)
         values, structure = jax.tree.flatten(self.params)
-        mine = [
-            np.asarray(value)[number] if one in self.per_subject else value
-            for one, value in zip(names_of(self.params), values, strict=True)
+        personal = [
+            np.asarray(value)[number] if name_of in self.per_subject else value
+            for name_of, value in zip(names_of(self.params), values, strict=True)
         ]
-        params: P = jax.tree.unflatten(structure, mine)
+        params: P = jax.tree.unflatten(structure, personal)
         return params
 
 
@@ -86,8 +97,8 @@ def scattered(key: Maybe[PRNGKeyArray], free: PyTree, count: int, spread: float)
     leaves, structure = jax.tree.flatten(free)
     keys = jax.random.split(jax.random.fold_in(key, 1), len(leaves))
 
-    def around(one: PRNGKeyArray, leaf: Array) -> Array:
-        moved = spread * jax.random.normal(one, (count, *leaf.shape), leaf.dtype)
+    def around(key: PRNGKeyArray, leaf: Array) -> Array:
+        moved = spread * jax.random.normal(key, (count, *leaf.shape), leaf.dtype)
         return leaf[None] + moved.at[0].set(0.0)
 
     return jax.tree.unflatten(structure, [around(*pair) for pair in zip(keys, leaves, strict=True)])
@@ -101,7 +112,10 @@ def optimizer_mark(optimizer: optax.GradientTransformation, free: PyTree) -> PyT
         return optax.tree.norm(at, squared=True)
 
     with jax.numpy_dtype_promotion("standard"):
-        return optimizer.update(slope, optimizer.init(free), free, value=bowl(free), grad=slope, value_fn=bowl)
+        return optimizer.update(
+            slope, optimizer.init(free), free, value=bowl(free), grad=slope, value_fn=bowl, obj_fn=bowl,
+            grad_fn=lambda at, _: jax.grad(bowl)(at),
+        )  # fmt: skip
 
 
 def check_settings(
@@ -155,13 +169,6 @@ def _filled(items: Items, mesh: Mesh | None) -> tuple[Items, np.ndarray]:
     return items, weights
 
 
-def supported(optimizer: optax.GradientTransformation) -> PyTree:
-    """The optimiser with support for extra arguments. Raises TypeError if it is not an optax optimiser."""
-    if not isinstance(optimizer, optax.GradientTransformation):
-        raise TypeError(f"optimizer must come from optax, such as optax.adam(0.05); got {optimizer!r}")
-    return optax.with_extra_args_support(optimizer)
-
-
 def loss_type(problem: Problem, params: PyTree, items: Items) -> DTypeLike:
     """The dtype of the loss of one item with its subject's parameters; raises like `check_loss`."""
     data, subject = jax.tree.map(lambda leaf: leaf[0], tuple(items))
@@ -197,14 +204,15 @@ def fit[P](
     gradient that is not finite is undone, the optimizer's state with it, and the next step has half the length; each
     accepted step doubles the length again, up to the full update. An item whose loss or gradient is not finite at the
     start is left out, with a warning, and its number is in the result. A free parameter whose gradient is always 0 is
-    named in a warning.
+    named in a warning; a warning also says when no step lowered the loss.
 
     Args:
         loss: (params, item) → scalar; pure JAX.
         params: NamedTuple of starting values in natural units.
         transforms: the same type, holding a `Transform` for each; `per_subject(…)` gives every subject a value.
         data: pytree of arrays with a leading axis of n items; one item without that axis if not `batched`.
-        optimizer: from optax, for example `optax.adam(0.05)` or `optax.lbfgs()`.
+        optimizer: any of optax, for example `optax.adam(0.05)`, `optax.lbfgs()` or `optax.lookahead(…)`; as extra
+            arguments it gets `value`, `grad`, `value_fn`, `obj_fn` and `grad_fn`.
         steps: largest number of steps.
         batched: whether `data` has an axis of items.
         subjects: (n,) subject of each item; needed for parameters per subject.
@@ -220,8 +228,8 @@ def fit[P](
         key: PRNG key of starts and minibatches.
         checkpoint_file: file in which the state is saved about twenty times. With the same file, an interrupted fit
             continues and ends with the same result; a finished fit returns its result at once. The file of another fit
-            is refused; whether the loss is another is seen from its code, the functions of its module that it calls,
-            and the numbers and arrays that it uses, but not from the code of other modules.
+            is refused; of the loss the name and the fields are compared, as of a `tune.Objective`, but not the code:
+            name another file when you edit it.
         mesh: devices of one axis, over which the items are distributed; with several processes, each process passes
             the whole `data` and returns the whole result.
         progress: function called on the host after every chunk; it has no influence on the result.
@@ -253,7 +261,7 @@ def fit[P](
     optimizer = supported(optimizer)
     mark = {} if checkpoint_file is None else checkpoint.fingerprint(
         data=items, params=params, transforms=transforms, priors=priors, settings=settings, validation=validation,
-        starts=(starts, spread), key=key, loss=described(loss),
+        starts=(starts, spread), key=key, loss=loss,
         optimizer=optimizer_mark(optimizer, free),
     )  # fmt: skip
     begin = scattered(key, free, starts, spread)
@@ -266,9 +274,20 @@ def fit[P](
     return _result(problem, params, carry, trace, begin, labels, numbers)
 
 
-def lane(tree: PyTree, number: int) -> PyTree:
-    """The part of a tree that belongs to one of several fits."""
+def lane(tree: PyTree, number: int | np.ndarray) -> PyTree:
+    """The parts of a tree that belong to one or some of several fits."""
     return jax.tree.map(lambda leaf: leaf[number], tree)
+
+
+def best_starts(carry: Carry, starts: int) -> np.ndarray:
+    """(F,) the number of the best fit of each group of `starts` fits; −1 where no fit has a finite loss.
+
+    Losses over different numbers of items cannot be compared: only the starts with the most items are eligible.
+    """
+    scores, counted = carry.best_score.reshape(-1, starts), np.count_nonzero(carry.weights, axis=1).reshape(-1, starts)
+    eligible = (counted == counted.max(axis=1, keepdims=True)) & np.isfinite(scores)
+    number = np.argmin(np.where(eligible, scores, np.inf), axis=1) + starts * np.arange(len(scores))
+    return np.where(eligible.any(axis=1), number, -1)
 
 
 EDGE = 9.2
@@ -303,17 +322,24 @@ def warn_of_flat(
     return (*nothing, *stuck)
 
 
+def _not_lowered(best: float, losses: np.ndarray, accepted: np.ndarray) -> str:
+    """Why the start is the result, in words."""
+    undone = np.count_nonzero(~accepted)
+    steps = f"; {undone} of {accepted.size} steps led to a loss or a gradient that is not finite" if undone else ""
+    return (
+        f"no step lowered the loss: the start values are the result, with a loss of {best:.3g}; the loss before the "
+        f"last step is {losses[-1]:.3g}{steps}. Try a smaller learning rate"
+    )
+
+
 def _result[P](
     problem: Problem, params: P, carry: Carry, trace: Trace, begin: PyTree, labels: tuple[str, ...], numbers: np.ndarray
 ) -> Fit[P]:
-    counted = np.count_nonzero(carry.weights[:, : numbers.size], axis=1)
-    # Losses over different numbers of items cannot be compared: only the starts with the most items are eligible.
-    eligible = (counted == counted.max()) & np.isfinite(carry.best_score)
-    if not eligible.any() and np.isfinite(carry.loss).any():
+    (best,) = best_starts(carry, len(carry.loss))
+    if best < 0 and np.isfinite(carry.loss).any():
         raise ValueError("the loss of the validation items is not finite: leave out those that cannot be computed")
-    if not eligible.any():
+    if best < 0:
         raise ValueError("the loss or its gradient is not finite at the start, for any item")
-    best = int(np.argmin(np.where(eligible, carry.best_score, np.inf)))
     left_out = tuple(int(i) for i in numbers[carry.weights[best, : numbers.size] == 0.0])
     if left_out:
         shown = ", ".join(map(str, left_out[:10])) + (", …" if len(left_out) > 10 else "")
@@ -325,10 +351,12 @@ def _result[P](
     own = lane(carry, best)
     losses, norms, accepted, scores = (column[best, : int(own.taken)] for column in trace)
     transforms = problem.transforms
-    every, marks = names_of(transforms), jax.tree.leaves(transforms, is_leaf=lambda one: isinstance(one, Transform))
+    every, marks = names_of(transforms), transforms_of(transforms)
     own_ones = tuple(name for name, mark in zip(every, marks, strict=True) if mark.own)
     flat_ones = warn_of_flat(transforms, lane(begin, best), own.best, own.reach, 4) if accepted.any() else ()
+    if not own.best_step and len(flat_ones) < len(jax.tree.leaves(own.best)):
+        warnings.warn(_not_lowered(float(own.best_score), losses, accepted), stacklevel=3)
     return Fit(
         constrain(own.best, transforms, params), own.best, losses, norms, accepted, float(own.best_score), scores,
-        left_out, labels, flat_ones, own_ones,
+        left_out, labels, flat_ones, own_ones, int(own.best_step),
     )  # fmt: skip

@@ -6,22 +6,23 @@ factor e for a positive parameter, one unit of the logit for an interval, one un
 
 import math
 from collections.abc import Callable
+from functools import partial
 from statistics import NormalDist
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import PyTree
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Float, PyTree
 
+from jgait.params import Transform, constrain
 from jgait.tune.checks import check_data, check_loss, check_priors, is_transform
 from jgait.tune.coordinates import Coordinates, coordinates, natural_numbers
-from jgait.tune.curvature import Curvature, program
+from jgait.tune.problem import Problem, penalty
 from jgait.tune.words import Direction, direction, sentences
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-INFORMATION = ("hessian", "scores", "sandwich")
+INFORMATION = ("hessian", "sandwich")
 """Ways to compute the information matrix, see `identifiability`."""
 
 TOGETHER = 0.95
@@ -32,7 +33,7 @@ ROUNDINGS = 1000.0
 
 
 class Identifiability(NamedTuple):
-    """How well the data determine p free numbers; `sentences` reports it in words, `table()` in rows.
+    """How well the data determine p free numbers; `sentences` reports it in words.
 
     Attributes:
         names: names of the numbers, such as "thigh_length.right" or "level[0]".
@@ -43,7 +44,7 @@ class Identifiability(NamedTuple):
         gradient: (p,) gradient of that sum in free coordinates.
         decrement: gᵀ B⁻¹ g over the determined directions, B the covariance of the gradient: squared length of the
             step to the optimum in standard errors. Well below 1 at an optimum.
-        information: (p, p) in free coordinates: second derivatives of the loss; outer products for "scores".
+        information: (p, p) in free coordinates: second derivatives of the loss.
         covariance: (p, p) in free coordinates; directions without information have a huge but finite variance.
         correlation: (p, p); ±1 for exactly singular pairs.
         stderr_free: (p,) standard errors in free coordinates; infinite without information.
@@ -78,20 +79,6 @@ class Identifiability(NamedTuple):
     undetermined: list[str]
     sentences: list[str]
     level: float
-
-    def table(self) -> "pd.DataFrame":
-        """One row for each number (index `name`); columns `value stderr low high stderr_free determined moves_with`."""
-        import pandas as pd
-
-        partners = [
-            ", ".join(f"{self.names[j]} ({self.correlation[i, j]:+.2f})" for j in _partners(self.correlation, i))
-            for i in range(len(self.names))
-        ]
-        columns = {
-            "value": self.values, "stderr": self.stderr, "low": self.low, "high": self.high,
-            "stderr_free": self.stderr_free, "determined": self.determined, "moves_with": partners,
-        }  # fmt: skip
-        return pd.DataFrame(columns, index=pd.Index(self.names, name="name"))
 
 
 def _partners(correlation: np.ndarray, i: int) -> list[int]:
@@ -149,21 +136,35 @@ def _ends(at: Coordinates, vector: np.ndarray, reach: np.ndarray) -> tuple[np.nd
     return np.minimum(low_end, high_end), np.maximum(low_end, high_end)
 
 
-def _information(curvature: Curvature, kind: str, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The information, and the covariance of the gradient."""
-    bent = np.asarray(curvature.prior[2], float)
-    scores = np.asarray(curvature.scores, float)
-    size = scores.shape[1]
-    if kind != "hessian" and count <= size:
-        raise ValueError(
-            f"information={kind!r} needs more items than free numbers, whose scores it compares; "
-            f"got {count} items for {size} numbers"
-        )
-    outer = scores.T @ scores
-    if kind == "scores":
-        return outer + bent, outer + bent
-    whole = np.asarray(curvature.hessian, float) + bent
-    return whole, outer if kind == "sandwich" else whole
+@partial(jax.jit, static_argnums=(0, 1, 2, 3))
+def _derivatives(
+    loss: Callable[..., PyTree], priors: tuple[PyTree, ...] | None, leaves: tuple[Transform, ...], structure: PyTree,
+    free: PyTree, params: PyTree, data: PyTree,
+) -> tuple[Array, Array, Array, tuple[Array, Array, Array]]:  # fmt: skip
+    """Each item's loss (items,) and its gradient (items, p), the second derivatives (p, p) of their sum; and the value,
+    gradient and second derivatives of the prior's penalty, all in free coordinates. `leaves` are the transforms.
+    """
+    transforms = jax.tree.unflatten(structure, leaves)
+    problem = Problem(loss, transforms, None if priors is None else jax.tree.unflatten(structure, priors), None)
+    flat, unflatten = ravel_pytree(free)
+
+    def item_loss(vector: Float[Array, "free"], item: PyTree) -> Float[Array, ""]:
+        return loss(constrain(unflatten(vector), transforms, params), item)
+
+    def both(vector: Float[Array, "free"]) -> tuple[Array, Array]:
+        return jax.vmap(jax.value_and_grad(item_loss), in_axes=(None, 0))(vector, data)
+
+    def along(direction: Float[Array, "free"]) -> tuple[Array, ...]:
+        (losses, scores), (_, bends) = jax.jvp(both, (flat,), (direction,))
+        return losses, scores, jnp.sum(bends, axis=0)
+
+    def prior(vector: Float[Array, "free"]) -> Float[Array, ""]:
+        given = jnp.zeros(()) if priors is None else penalty(problem, unflatten(vector), params)
+        return given.astype(vector.dtype)
+
+    losses, scores, bends = jax.lax.map(along, jnp.eye(flat.size, dtype=flat.dtype))  # one evaluation is compiled
+    slope = jax.jacfwd(prior)
+    return losses[0], scores[0], (bends + bends.T) / 2.0, (prior(flat), slope(flat), jax.jacfwd(slope)(flat))
 
 
 def identifiability(
@@ -181,7 +182,6 @@ def identifiability(
     """Standard errors of the best parameters, and the directions that the data do not determine.
 
         hessian    observed information Σ ∂²ℓᵢ; its inverse is the covariance. For negative log-likelihoods.
-        scores     Σ ∂ℓᵢ ∂ℓᵢᵀ; equal at the truth in large samples, and needs first derivatives only.
         sandwich   H⁻¹ (Σ ∂ℓᵢ ∂ℓᵢᵀ) H⁻¹, H = Σ ∂²ℓᵢ; for any loss of independent items, such as trajectory errors. With
                    few items n the standard errors are too small, by a factor of about √(1 − p/n).
 
@@ -221,15 +221,20 @@ def identifiability(
     check_loss(loss, params, jax.tree.map(lambda leaf: leaf[0], data))
     structure: PyTree
     leaves, structure = jax.tree.flatten(transforms, is_leaf=is_transform)
-    told = None if priors is None else tuple(structure.flatten_up_to(priors))
-    curvature = program(loss, told, tuple(leaves), structure, information != "scores")(at.tree, params, data)
-    total = float(np.sum(np.asarray(curvature.losses, float))) + float(curvature.prior[0])
+    prior_leaves = None if priors is None else tuple(structure.flatten_up_to(priors))
+    parts = _derivatives(loss, prior_leaves, tuple(leaves), structure, at.tree, params, data)
+    losses, scores, bends, prior = jax.tree.map(lambda part: np.asarray(part, float), parts)
+    total, slope, whole = losses.sum() + prior[0], scores.sum(axis=0) + prior[1], bends + prior[2]
     if not math.isfinite(total):
         raise ValueError(f"the loss is not finite at these parameters (total {total})")
-    whole, noise = _information(curvature, information, count)
-    slope = np.sum(np.asarray(curvature.scores, float), axis=0) + np.asarray(curvature.prior[1], float)
+    if information == "sandwich" and count <= slope.size:
+        raise ValueError(
+            f"information='sandwich' needs more items than free numbers, whose scores it compares; got {count} items "
+            f"for {slope.size} numbers"
+        )
+    noise = whole if information == "hessian" else scores.T @ scores
     rounding = ROUNDINGS * len(slope) * float(np.finfo(at.vector.dtype).eps)
-    return _statement(at, total, slope, whole, noise, rounding, level, limit)
+    return _statement(at, float(total), slope, whole, noise, rounding, level, limit)
 
 
 def _statement(

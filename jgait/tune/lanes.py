@@ -130,12 +130,12 @@ def _in_groups(run: Callable[..., PyTree], group: int, threads: bool) -> Callabl
             for at in starts
         ]
 
-        def one(piece: Carry) -> PyTree:
+        def finished(piece: Carry) -> PyTree:
             return jax.tree.map(np.asarray, run(piece, begin, context))
 
-        done = [one(pieces[0])]
+        done = [finished(pieces[0])]
         with ThreadPoolExecutor(max(1, os.cpu_count() or 1) if threads else 1) as pool:
-            done += pool.map(one, pieces[1:])
+            done += pool.map(finished, pieces[1:])
         return jax.tree.map(lambda *parts: np.concatenate(parts)[:lanes], *done)
 
     return every

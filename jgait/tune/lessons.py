@@ -83,8 +83,8 @@ class Lessons(NamedTuple):
 
     def __repr__(self) -> str:
         left = "; ".join(f"{names}: {reason}" for reason, names in by_reason(self.failures).items())
-        told = f"; {len(self.failures)} left out, {left}" if left else ""
-        return f"Lessons({len(self.names)} walks of {len(set(self.subjects))} people{told})"
+        left_out = f"; {len(self.failures)} left out, {left}" if left else ""
+        return f"Lessons({len(self.names)} walks of {len(set(self.subjects))} people{left_out})"
 
     def one(self, number: int) -> Lesson:
         """The lesson with this number."""
@@ -207,22 +207,23 @@ def _kind(item: _Item) -> Hashable:
 
 
 def _odd(item: _Item, usual: _Item) -> str:
-    mine, theirs = item.options, usual.options
-    if mine != theirs:
-        fields = getattr(mine, "_fields", ()) if type(mine) is type(theirs) else ()
-        differ = [(n, getattr(mine, n), getattr(theirs, n)) for n in fields if getattr(mine, n) != getattr(theirs, n)]
-        told = "; ".join(f"{name} is {a} here, {b} there" for name, a, b in differ) or f"{mine} here, {theirs} there"
-        return f"it would need another program than most of the walks ({told})"
+    options, others = item.options, usual.options
+    if options != others:
+        fields = getattr(options, "_fields", ()) if type(options) is type(others) else ()
+        both = {name: (getattr(options, name), getattr(others, name)) for name in fields}
+        differ = [f"{name} is {a} here, {b} there" for name, (a, b) in both.items() if a != b]
+        text = "; ".join(differ) or f"{options} here, {others} there"
+        return f"it would need another program than most of the walks ({text})"
 
-    def parts(one: _Item) -> set[str]:
-        paths, _ = jax.tree_util.tree_flatten_with_path(_without_counts(one.lesson))
+    def parts(other: _Item) -> set[str]:
+        paths, _ = jax.tree_util.tree_flatten_with_path(_without_counts(other.lesson))
         return {jax.tree_util.keystr(path[:3]).lstrip(".") for path, _ in paths}
 
     lacks, more = sorted(parts(usual) - parts(item)), sorted(parts(item) - parts(usual))
-    told = "; ".join(
+    text = "; ".join(
         f"{verb} {', '.join(names)}" for verb, names in (("it lacks", lacks), ("it alone has", more)) if names
     )
-    return f"it cannot be stacked with most of the walks ({told or 'shapes differ'})"
+    return f"it cannot be stacked with most of the walks ({text or 'shapes differ'})"
 
 
 def _padded(
@@ -249,8 +250,8 @@ def _rows(tables: list[Strides]) -> tuple[int, frozenset[str]] | None:
     """The rows of the longest table, and the fields that all tables have; None without tables."""
     if not tables:
         return None
-    told = (frozenset(name for name, column in table._asdict().items() if column is not None) for table in tables)
-    return max(np.size(table.valid) for table in tables), frozenset.intersection(*told)
+    fields = (frozenset(name for name, column in table._asdict().items() if column is not None) for table in tables)
+    return max(np.size(table.valid) for table in tables), frozenset.intersection(*fields)
 
 
 def _strides(strides: Strides | None, rows: int, fields: frozenset[str]) -> Strides:

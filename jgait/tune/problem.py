@@ -80,8 +80,8 @@ def _everyone(problem: Problem, function: Callable[..., PyTree]) -> Callable[...
     """Map a function of (free, params, item) over items, with the values of each item's subject; on the mesh if any."""
 
     def each(free: PyTree, params: PyTree, item: Items) -> PyTree:
-        mine, known = (of_subject(tree, problem.transforms, item.subject) for tree in (free, params))
-        return function(mine, known, item.data)
+        free_of_subject, known = (of_subject(tree, problem.transforms, item.subject) for tree in (free, params))
+        return function(free_of_subject, known, item.data)
 
     mapped = jax.vmap(each, in_axes=(None, None, 0))
     if problem.mesh is None:

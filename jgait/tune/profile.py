@@ -16,8 +16,9 @@ from jgait.params import Transform, real
 from jgait.tune.checks import check_data
 from jgait.tune.coordinates import Coordinates, coordinates, natural
 from jgait.tune.descent import Settings, norm
-from jgait.tune.fit import lane, loss_type, supported
+from jgait.tune.fit import lane, loss_type
 from jgait.tune.lanes import descend
+from jgait.tune.optimizers import supported
 from jgait.tune.problem import Context, Items, Problem, place
 
 
@@ -176,10 +177,11 @@ def profile(
         jnp.tile(others, (len(held), 1)), jnp.asarray(_free(at.transforms[number], held), at.vector.dtype)
     )  # fmt: skip
     problem, items = Problem(of_others, _Held(real, real), None, None), Items(data, np.zeros(count, np.int32))
-    one = lane(start, 0)
+    single = lane(start, 0)
+    context = Context(single, place(problem, items), None, None)
     carry, trace = descend(
-        problem, supported(optimizer), Settings(steps, None, 1, None), Context(one, place(problem, items), None, None),
-        start, np.ones((len(held), count)), loss_type(problem, one, items), chunk=None, report=None, file=None, mark={},
+        problem, supported(optimizer), Settings(steps, None, 1, None), context, start, np.ones((len(held), count)),
+        loss_type(problem, single, items), chunk=None, report=None, file=None, mark={},
     )  # fmt: skip
     if not np.array_equal(carry.best.value, start.value):
         raise ValueError("the optimizer must leave a number as it is whose gradient is 0, without a decay of weights")

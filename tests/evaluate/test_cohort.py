@@ -15,7 +15,7 @@ from made.notes import note, texts
 from experiments.common import protocols
 from jgait import evaluate
 from jgait.estimators import leg_ekf
-from jgait.evaluate import buckets, devices, scores, store
+from jgait.evaluate import buckets, scores, store
 from jgait.evaluate.store import Folder
 from jgait.notes import Kind, from_json
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, Strides, Walk
@@ -484,7 +484,7 @@ def test_refusals_state_what_was_wrong():
     with pytest.raises(ValueError, match=r"'scale' must lie in \(0, inf\); got -1"):
         evaluate.cohort(FAKE, [], Params(-1.0))
     with pytest.raises(ValueError, match="one axis"):
-        devices.checked_mesh(jax.make_mesh((1, 1), ("a", "b"), axis_types=(jax.sharding.AxisType.Auto,) * 2))
+        buckets.checked_mesh(jax.make_mesh((1, 1), ("a", "b"), axis_types=(jax.sharding.AxisType.Auto,) * 2))
     assert evaluate.cohort(FAKE, []).recordings.empty
     broken = FAKE._replace(run=lambda p, inputs, options: run(p, inputs.missing, options))
     with pytest.raises(AttributeError, match="missing") as caught:

@@ -397,7 +397,7 @@ def test_the_folder_of_an_evaluation_gives_the_same_page(evaluated, tmp_path):
 
 def test_parameters_of_an_evaluation_are_read_as_it_printed_them():
     from jgait.report.folder import values_of
-    from jgait.tune.identity import described
+    from jgait.tune.checkpoint import described
 
     p = leg_ekf.LegParams(angle_noise=3.0, thigh_length=leg_ekf.BySide(0.4, 0.41))
     assert values_of(described(p)) == report.made.flat(p)

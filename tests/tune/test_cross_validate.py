@@ -165,6 +165,6 @@ def test_it_goes_on_where_it_was_killed(tmp_path):
     with pytest.raises(ValueError, match="belongs to another fit: folds differ"):
         run(checkpoint_file=file, folds=[0, 0, 1, 1, 1, 1], chunk=5)
     other = tmp_path / "other.npz"
-    run(lambda p, item: square(p, item), checkpoint_file=other, chunk=5)
+    run(checkpoint_file=other, chunk=5)
     with pytest.raises(ValueError, match="belongs to another fit: loss differ"):
         run(lambda p, item: 2.0 * square(p, item), checkpoint_file=other, chunk=5)

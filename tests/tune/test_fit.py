@@ -146,7 +146,8 @@ def test_a_gradient_that_is_not_finite_is_rejected_too():
         return item * jnp.sqrt(jnp.abs(params.slope))
 
     start, only = START._replace(slope=0.25), Line(real, fixed, fixed)
-    fit = tune.fit(spike, start, only, jnp.ones(1), optax.sgd(0.25), steps=1)  # 0.25 − 0.25 · 1 = 0
+    with pytest.warns(UserWarning, match="no step lowered the loss.*; 1 of 1 steps led to a loss or a gradient that is"):
+        fit = tune.fit(spike, start, only, jnp.ones(1), optax.sgd(0.25), steps=1)  # 0.25 − 0.25 · 1 = 0
     assert not fit.accepted.any()
     assert float(fit.params.slope) == 0.25
 
@@ -229,8 +230,62 @@ def test_a_start_at_an_end_of_its_range_is_named():
     tune.fit(bowl, START._replace(share=1e-2), only, TARGETS, optax.adam(0.2), steps=12)  # warns of nothing
 
 
-def test_a_learning_rate_of_nothing_is_no_flat_loss():
-    tune.fit(bowl, START, FREE, TARGETS, optax.sgd(1e-18), steps=2)  # warns of nothing
+@pytest.mark.parametrize("optimizer", [optax.sgd(5.0), optax.sgd(-0.1), optax.adam(float("nan")), optax.sgd(1e-18)])
+def test_it_says_so_when_no_step_lowers_the_loss(optimizer):
+    with pytest.warns(UserWarning, match="no step lowered the loss: the start values are the result, with a loss of"):
+        fit = tune.fit(bowl, START, FREE, TARGETS, optimizer, steps=12)
+    assert fit.best_step == 0 and fit.params == START and fit.best_loss == fit.losses[0]
+    with pytest.warns(UserWarning, match="no step lowered the loss of 2 of 2 folds"):
+        tune.cross_validate(bowl, START, FREE, TARGETS, optimizer, subjects="ab", steps=4)
+
+
+OPTIMIZERS = {
+    "lookahead": optax.lookahead(optax.sgd(0.1), sync_period=5, slow_step_size=0.5),
+    "lookahead in a chain": optax.chain(optax.clip(10.0), optax.lookahead(optax.adam(0.1), 5, 0.5, reset_state=True)),
+    "several steps": optax.MultiSteps(optax.adam(0.2), 4),
+    "noise": optax.chain(optax.add_noise(1e-4, 0.55, key=jax.random.key(0)), optax.adam(0.1)),
+    "noise of a number": optax.noisy_sgd(0.05, eta=1e-4, key=1),
+    "lookahead of noise": optax.lookahead(optax.noisy_sgd(0.05, eta=1e-4, key=jax.random.key(0)), 5, 0.5),
+    "line search": optax.lbfgs(),
+    "value": optax.polyak_sgd(0.1),
+    "plateau": optax.chain(optax.adam(0.1), optax.contrib.reduce_on_plateau(patience=20)),
+    "gradient elsewhere": optax.contrib.sam(optax.sgd(0.05), optax.sgd(0.01), opaque_mode=True),
+    "objective": optax.contrib.sophia(0.1),
+    "momentum of models": optax.contrib.momo(0.3),
+    "a part each": optax.partition({"a": optax.sgd(0.05), "b": optax.adam(0.1)}, Line("a", "b", "b")),
+}
+
+
+@pytest.mark.parametrize("name", OPTIMIZERS)
+def test_any_optimiser_of_optax_goes_down_and_goes_on_from_a_checkpoint(name, tmp_path):
+    def fit(**more):
+        return tune.fit(bowl, START, FREE, TARGETS, OPTIMIZERS[name], steps=60, chunk=20, **more)
+
+    def cut(now):
+        if now.done > 30:
+            raise InterruptedError
+
+    whole = fit()
+    assert whole.best_loss < 0.5 * whole.losses[0] and whole.best_step > 0
+    with pytest.raises(InterruptedError):
+        fit(checkpoint_file=tmp_path / "fit.npz", progress=cut)
+    assert fit(checkpoint_file=tmp_path / "fit.npz").params == whole.params
+
+
+def test_lookahead_steps_as_optax_shows_it():
+    optimizer = optax.lookahead(optax.sgd(0.05), sync_period=3, slow_step_size=0.5)
+    free = jnp.asarray(START.slope)
+    both = optax.LookaheadParams.init_synced(free)
+    state = optimizer.init(both)
+    for _ in range(6):
+        slope = 2.0 * (both.fast - jnp.mean(TARGETS[:, 0]))
+        with jax.numpy_dtype_promotion("standard"):
+            change, state = optimizer.update(slope, state, both)
+        both = optax.apply_updates(both, change)
+    only = Line(real, fixed, fixed)
+    fit = tune.fit(bowl, START, only, TARGETS, optimizer, steps=7)
+    expected = np.mean([float(bowl(START._replace(slope=both.fast), target)) for target in TARGETS])
+    assert fit.losses[6] == pytest.approx(expected, rel=1e-12)
 
 
 def test_data_without_any_number_are_refused():

@@ -1,5 +1,7 @@
 """Fits with what labs have: several people, several starts, a validation part, priors, bad recordings, power cuts."""
 
+import dataclasses
+import subprocess
 import sys
 from typing import Any, NamedTuple
 
@@ -14,6 +16,7 @@ from experiments.tuning import killed
 from jgait import evaluate, io, params, tune
 from jgait.estimators import leg_ekf
 from jgait.params import fixed, interval, lognormal, normal, per_subject, positive, real
+from jgait.tune.checkpoint import described
 from jgait.types import RecordingError
 
 OWN_MEANS = [READINGS[[i for i, one in enumerate(PEOPLE) if one == name]].mean() for name in ("ann", "bob", "cy")]
@@ -248,18 +251,37 @@ def test_a_checkpoint_of_another_fit_and_another_file_are_refused(tmp_path):
         _fit(file)
 
 
-def test_a_checkpoint_of_another_loss_is_refused(tmp_path):
-    """Both losses have the name of all lambdas."""
+@dataclasses.dataclass(frozen=True)
+class Power:
+    exponent: int
 
-    def best(loss, file):
+    def __call__(self, p, x):
+        return (p.x - x) ** self.exponent
+
+
+def test_a_checkpoint_of_another_loss_is_refused(tmp_path):
+    def best(loss):
         return tune.fit(
-            loss, Spot(1.0), Spot(positive), np.full(4, 2.0), optax.adam(0.3), steps=3, checkpoint_file=file
+            loss, Spot(1.0), Spot(positive), np.full(4, 2.0), optax.adam(0.3), steps=3, checkpoint_file=tmp_path / "fit"
         )
 
-    one = best(lambda p, x: (p.x - x) ** 2, tmp_path / "fit")
-    assert best(lambda p, x: (p.x - x) ** 2, tmp_path / "fit").params == one.params
-    with pytest.raises(ValueError, match="belongs to another fit: loss differ"):
-        best(lambda p, x: (p.x - 10 * x) ** 2, tmp_path / "fit")
+    one = best(Power(2))
+    assert best(Power(2)).params == one.params
+    for other in (Power(4), bowl):
+        with pytest.raises(ValueError, match="belongs to another fit: loss differ"):
+            best(other)
+
+
+def test_a_description_is_the_same_in_another_process_and_tells_values_apart():
+    code = "from jgait.estimators import leg_ekf\nfrom jgait.tune.checkpoint import described\nimport jax, numpy\n"
+    code += "print(described((leg_ekf.estimator(), jax.random.key(1), {'a': numpy.arange(3)}, lambda x: x, object())))"
+    runs = [subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True) for _ in "ab"]
+    texts = {one.stdout for one in runs}
+    assert len(texts) == 1 and " at 0x" not in texts.pop()
+    default, paper = leg_ekf.estimator(), leg_ekf.estimator(leg_ekf.PAPER)
+    assert described(default.prepare) != described(paper.prepare) and "rate_hz=50.0" in described(paper.prepare)
+    assert described(np.arange(3.0)) != described(np.arange(1.0, 4.0))
+    assert described(Spot(np.float64(0.1))) == described(Spot(jnp.asarray(0.1))) == "Spot(x=0.1)"
 
 
 @pytest.mark.usefixtures("unchecked")

@@ -2,7 +2,7 @@
 
 If model and noise are right, innovations are zero-mean and white, and the filter's innovation covariance is theirs.
 If the filter's covariance is too small, the normalised squares lie above the band; if it is too large, below the band.
-On the host, in NumPy; the quantiles need scipy (the extra `io`).
+On the host, in NumPy and SciPy.
 
 Source:
     Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation (Wiley 2001), section 5.4.

@@ -1,0 +1,72 @@
+"""Optimisers of optax in the one form that the steps of a fit run."""
+
+import inspect
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import optax
+from jaxtyping import PyTree
+
+
+def supported(optimizer: Any) -> optax.GradientTransformationExtraArgs:
+    """An optimiser whose parameters are the free coordinates, and whose state consists of arrays of numbers.
+
+    Arguments that an optimiser does not take are dropped. The slow parameters of `optax.lookahead` become part of the
+    state, and the free coordinates are the fast ones. Random keys, as of `optax.add_noise`, are stored as their data.
+
+    Raises:
+        TypeError: if it is no optimiser of optax.
+    """
+    if isinstance(optimizer, optax.MultiSteps):
+        optimizer = optax.GradientTransformationExtraArgs(optimizer.init, optimizer.update)
+    if not isinstance(optimizer, optax.GradientTransformation):
+        raise TypeError(f"optimizer must come from optax, such as optax.adam(0.05); got {optimizer!r}")
+    inner = optax.with_extra_args_support(optimizer)
+    arguments = inspect.signature(inner.update).parameters
+    takes_all = any(argument.kind is inspect.Parameter.VAR_KEYWORD for argument in arguments.values())
+
+    def init(free: PyTree) -> PyTree:
+        slow = free if _looks_ahead(inner, free) else None
+        return jax.tree.map(_data, inner.init(_point(free, slow))), slow
+
+    def update(gradient: PyTree, state: PyTree, free: PyTree, **more: Any) -> PyTree:
+        state, slow = state
+        point = _point(free, slow)
+        like = inner.init(point)  # for the kinds of keys alone: the compiler drops the rest
+        more = more if takes_all else {name: value for name, value in more.items() if name in arguments}
+        change, new = inner.update(gradient, jax.tree.map(_restored, state, like), point, **more)
+        new = jax.tree.map(lambda leaf, old: jnp.asarray(_data(leaf), old.dtype), new, state)
+        if slow is None:
+            return change, (new, None)
+        return change.fast, (new, jax.tree.map(jnp.add, slow, change.slow))
+
+    return optax.GradientTransformationExtraArgs(init, update)
+
+
+def _point(fast: PyTree, slow: PyTree) -> PyTree:
+    return fast if slow is None else optax.LookaheadParams(fast, slow)
+
+
+def _looks_ahead(optimizer: optax.GradientTransformation, free: PyTree) -> bool:
+    """Whether the optimiser contains `optax.lookahead`, which takes two copies of the parameters."""
+    try:
+        state = jax.eval_shape(optimizer.init, optax.LookaheadParams.init_synced(free))
+    except Exception:  # such as of a mask, which fits the parameters themselves alone
+        return False
+    kind = optax.LookaheadState
+    return any(isinstance(part, kind) for part in jax.tree.leaves(state, is_leaf=lambda part: isinstance(part, kind)))
+
+
+def _is_key(leaf: PyTree) -> bool:
+    return bool(jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key))
+
+
+def _data(leaf: PyTree) -> PyTree:
+    leaf = jnp.asarray(leaf)
+    return jax.random.key_data(leaf) if _is_key(leaf) else leaf
+
+
+def _restored(data: PyTree, like: PyTree) -> PyTree:
+    like = jnp.asarray(like)
+    return jax.random.wrap_key_data(data, impl=jax.random.key_impl(like)) if _is_key(like) else data
