@@ -15,7 +15,7 @@ from jgait.duty_cycle.power import Schedule
 from jgait.duty_cycle.recording import fill_recording, gyroscope_masks
 from jgait.estimators import duty_cycled_gyro, leg_ekf
 from jgait.estimators.duty_cycled_gyro import DEFAULT, PAPER, DutyCycledOptions, DutyCycledParams
-from jgait.estimators.duty_cycled_gyro.estimator import _fill, _finished, _planar
+from jgait.estimators.duty_cycled_gyro.estimator import _fill, _finished, _legs, _planar
 from jgait.params import names
 from jgait.simulate.sensors import IDEAL
 from jgait.types import SIDES, RecordingError
