@@ -146,9 +146,7 @@ def test_a_gradient_that_is_not_finite_is_rejected_too():
         return item * jnp.sqrt(jnp.abs(params.slope))
 
     start, only = START._replace(slope=0.25), Line(real, fixed, fixed)
-    with pytest.warns(
-        UserWarning, match="no step lowered the loss.*; 1 of 1 steps led to a loss or a gradient"
-    ):
+    with pytest.warns(UserWarning, match="no step lowered the loss.*; 1 of 1 steps led to a loss or a gradient"):
         fit = tune.fit(spike, start, only, jnp.ones(1), optax.sgd(0.25), steps=1)  # 0.25 − 0.25 · 1 = 0
     assert not fit.accepted.any()
     assert float(fit.params.slope) == 0.25

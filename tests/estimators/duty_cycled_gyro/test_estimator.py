@@ -276,7 +276,7 @@ def test_the_papers_pipeline_is_an_option(walk, monkeypatch):
 
     monkeypatch.setattr(duty_cycled_gyro.duty_model, "run", spy)
     with pytest.raises(StopIteration):
-        duty_cycled_gyro.run(duty_cycled_gyro.params_of(PAPER), made.inputs, made.options)
+        _legs(duty_cycled_gyro.params_of(PAPER), made.inputs, made.options)
     assert given["inputs"].thigh is None
     how = np.asarray(given["inputs"].shank.gyro_on)
     assert how.sum() > 0 and np.max(np.asarray(given["inputs"].shank.excess)[made.inputs.right.shank.on]) < 0.1
