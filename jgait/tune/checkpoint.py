@@ -32,7 +32,7 @@ def described(value: object) -> str:
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         return f"{type(value).__qualname__}({_pairs(fields)})"
     if isinstance(value, tuple) and hasattr(value, "_fields"):
-        return f"{type(value).__qualname__}({_pairs(value._asdict())})"
+        return f"{type(value).__qualname__}({_pairs(dict(zip(value._fields, value, strict=True)))})"
     if isinstance(value, tuple | list):
         return f"({', '.join(map(described, value))})"
     if isinstance(value, dict):

@@ -112,7 +112,7 @@ def cross_validate[P](
     params: P,
     transforms: P,
     data: PyTree,
-    optimizer: optax.GradientTransformation,
+    optimizer: optax.GradientTransformation | optax.MultiSteps,
     *,
     subjects: Sequence[Hashable],
     folds: int | Sequence[Hashable] | None = None,

@@ -144,7 +144,8 @@ def runner(
         def updates(c: Carry, step: Int[Array, ""]) -> tuple[PyTree, PyTree]:
             items, own = _batch(settings, context, c.weights, jnp.maximum(step, 0))
 
-            def here(free: PyTree) -> Float[Array, ""]:
+            # line searches of optax refuse arguments that the value's function does not take
+            def here(free: PyTree, obj_fn: PyTree = None, grad_fn: PyTree = None) -> Float[Array, ""]:
                 return value(problem, free, context.params, items, own, jnp.sum(c.weights))
 
             # optax counts steps in integers; JAX's strict dtype promotion raises an error for these

@@ -108,7 +108,7 @@ def optimizer_mark(optimizer: optax.GradientTransformation, free: PyTree) -> PyT
     """The optimiser's first update for a gradient of ones, which identifies the optimiser and its learning rates."""
     slope = jax.tree.map(jnp.ones_like, free)
 
-    def bowl(at: PyTree) -> Float[Array, ""]:
+    def bowl(at: PyTree, obj_fn: PyTree = None, grad_fn: PyTree = None) -> Float[Array, ""]:
         return optax.tree.norm(at, squared=True)
 
     with jax.numpy_dtype_promotion("standard"):
@@ -180,7 +180,7 @@ def fit[P](
     params: P,
     transforms: P,
     data: PyTree,
-    optimizer: optax.GradientTransformation,
+    optimizer: optax.GradientTransformation | optax.MultiSteps,
     *,
     steps: int = 100,
     batched: bool = True,

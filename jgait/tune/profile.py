@@ -142,7 +142,7 @@ def profile(
     data: PyTree,
     name: str,
     values: npt.ArrayLike,
-    optimizer: optax.GradientTransformation,
+    optimizer: optax.GradientTransformation | optax.MultiSteps,
     *,
     steps: int = 100,
     batched: bool = True,

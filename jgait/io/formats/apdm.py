@@ -83,7 +83,7 @@ Sensor = tuple[Part, "np.ndarray | None", "float | None"]
 
 def _check_content(file: "h5py.File", h5py: ModuleType, name: str) -> None:
     """Refuse a file of too many values, or whose content lies in other files: reading it would read any file."""
-    datasets: dict[str, h5py.Dataset] = {}
+    datasets: dict[str, Any] = {}
     file.visititems(lambda key, item: datasets.update({key: item}) if isinstance(item, h5py.Dataset) else None)
     check_size(sum(dataset.nbytes for dataset in datasets.values()), name)
     elsewhere = [key for key, dataset in datasets.items() if dataset.external or dataset.is_virtual]
