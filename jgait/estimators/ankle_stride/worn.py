@@ -7,6 +7,7 @@ from jaxtyping import PyTree
 
 from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride.prepare import WINDOW_S, prepare
+from jgait.estimators.lagged import JUMP_S
 from jgait.events import shank_stance
 from jgait.signal import butterworth
 from jgait.types import SIDES, Counts, Recording, RecordingError, Values
@@ -19,9 +20,6 @@ LANDING_S = 0.25
 
 CALM_S = 0.5
 """[s] Duration of slow turning (see `prepare.STANDING`) from which on the leg counts as standing."""
-
-JUMP_S = 0.0075
-"""[s] Half width of the window whose largest change of the readings gives a reading's noise."""
 
 ONLINE = AnkleOptions(smooth=False)
 """Options of the estimator over the whole recording to which the online estimator corresponds."""
