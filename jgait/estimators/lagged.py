@@ -148,7 +148,7 @@ def over(
     posterior = of.filtered(p, signals, stands, belief)
     squares = jnp.stack([posterior.nis, posterior.count.astype(dt.dtype)], axis=1)
     used = stands & jnp.isfinite(posterior.nis)
-    sums = state.since + jnp.cumsum(jnp.where(used[:, None], squares, 0.0), axis=0)
+    sums = state.since[None] + jnp.cumsum(jnp.where(used[:, None], squares, 0.0), axis=0)
     heading = of.heading(posterior)
     (here, begun), (last, ended) = latest((state.heading, jnp.zeros_like(state.since)), (heading, sums), instant)
     nis = (sums - begun)[:, 0] / jnp.maximum((sums - begun)[:, 1], 1.0)

@@ -115,9 +115,10 @@ def begin(p: AnkleParams, worn: Worn, gyr: Values, acc: Values) -> LaggedState:
     rates = x[:3] - worn.gyr_bias
     zero, none, no = jnp.zeros_like(x[0]), jnp.zeros((), jnp.int32), jnp.zeros((), bool)
     low_passed = tuple(map(butterworth.at_rest, _filters(p, worn), (x, rates, rates[1])))
-    history = jnp.asarray(worn.history, x.dtype).at[:, :6].set(x)
+    lag, changes, _ = (values.shape[-1] for values in worn.lengths)
+    history = jnp.concatenate([jnp.zeros((lag, 6), x.dtype) + x[None], jnp.zeros((lag, 4), x.dtype)], axis=1)
     detector = AnkleDetector(
-        none - 1, jnp.stack([x, x]), low_passed, shank_events.begin(rates[1], zero), jnp.asarray(worn.jumps, x.dtype),
+        none - 1, jnp.stack([x, x]), low_passed, shank_events.begin(rates[1], zero), jnp.zeros((changes, 2), x.dtype),
         history, shank_stance.begin(rates[1]), none - 2**30, none, OnlineSwing(zero, zero, none, no), no,
         zero - jnp.inf, zero, zero,
     )  # fmt: skip
@@ -152,7 +153,7 @@ def _seen(
     slow = jnp.where(turns_slowly, jnp.minimum(state.slow, worn.calm) + 1, 0).astype(jnp.int32)
     change = 0.5 * (x - state.last[0]).reshape(2, 3)
     jumps = jnp.concatenate([state.jumps[1:], jnp.sqrt(jnp.sum(change * change, axis=1))[None]])
-    jump = jnp.max(jnp.where(worn.jump_looks[:, None], jumps, 0.0), axis=0)
+    jump = jnp.max(jumps[: worn.lengths[2].shape[-1]], axis=0)
     calm = (slow >= worn.calm).astype(x.dtype)
     late = butterworth.delay(shank_events.LOBES.cutoff_hz, worn.rate_hz)
     swung = OnlineSwing(

@@ -108,12 +108,9 @@ def _toes_up(gyr: np.ndarray, stances: events.Stances, hz: float) -> np.ndarray:
     """(3,) main axis of the rotation in swing; with its sign the heel rises before the toes in most strides."""
     swinging = ~events.inside(stances, len(gyr))
     axis = np.linalg.eigh(gyr[swinging].T @ gyr[swinging])[1][:, -1]
-    votes = 0
-    for a, b in zip(stances.stillest[:-1], stances.stillest[1:], strict=True):
-        pitch = np.cumsum(gyr[a:b] @ axis) / hz
-        pitch -= np.linspace(0.0, pitch[-1], b - a)
-        votes += 1 if np.argmax(pitch) > np.argmin(pitch) else -1
-    return np.asarray(axis if votes >= 0 else -axis)
+    final, initial = events.contacts(gyr, stances, hz)
+    pitch = np.cumsum(gyr @ axis)
+    return np.asarray(axis if np.sign(pitch[initial] - pitch[final]).sum() >= 0.0 else -axis)
 
 
 class StanceThreshold(NamedTuple):
@@ -186,7 +183,7 @@ def begin(p: FootParams, worn: FootWorn, gyr: Values, acc: Values) -> LaggedStat
     start = zero - lag(worn) / worn.rate_hz
     stored = max(window, window // 2 + hold + change // 2 + 3)
     detector = FootDetector(
-        none - 1, jnp.zeros((stored, 7), row.dtype) + row, quiet + rate - events.STILL, quiet + rate,
+        none - 1, jnp.zeros((stored, 7), row.dtype) + row[None], quiet + rate - events.STILL, quiet + rate,
         StanceThreshold(~no, rate, jnp.zeros_like(row[:2])), no, start, _not_swung(start), zero - jnp.inf, no,
     )  # fmt: skip
     return lagged.begin(STEPS, p, worn, detector, row[:6])
@@ -324,7 +321,7 @@ def _landing(swing: FootSwing, time: Values) -> Values:
 
 
 def _filtered(p: FootParams, signals: LaggedSignals, stands: Flags, belief: Belief) -> filtering.Posterior:
-    free = signals.rates - signals.gyr_bias
+    free = signals.rates - signals.gyr_bias[None]
     now: PyTree = SimpleNamespace(
         **signals._asdict(), rate=jnp.sqrt(jnp.sum(free**2, axis=1)), features=jnp.zeros_like(free[:, :1])
     )

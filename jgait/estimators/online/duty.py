@@ -24,11 +24,11 @@ from jgait.estimators.duty_cycled_gyro.prepare import LOST, checked, find_standi
 from jgait.estimators.leg_ekf.params import one_side
 from jgait.estimators.leg_ekf.prepare import SegmentMounting
 from jgait.estimators.online.device import Device, Readings
-from jgait.estimators.online.standing import lost_for, stacked_mountings, standing_samples, stood
+from jgait.estimators.online.standing import LegsNow, lost_for, stacked_mountings, standing_samples, stood
 from jgait.events.rest import LEGS_RATE
 from jgait.filtering import Belief
 from jgait.notes import Note
-from jgait.types import SIDES, Counts, Flags, LegTrajectory, Recording, Values, as_float
+from jgait.types import SIDES, Counts, Flags, Recording, Values, as_float
 
 START_VARIANCE = 0.1
 """[rad²] Variance of the angles at the first sample."""
@@ -38,7 +38,7 @@ class DutyConstants(NamedTuple):
     """Parameters of the legs; mounting of the k sensors."""
 
     own: tuple[DutyCycledParams, ...]  #: parameters of each leg.
-    worn: SegmentMounting  #: mounting, leaves (k, …).
+    worn: PyTree  #: `SegmentMounting`, leaves (k, …).
     window: Values  #: samples for which all gyroscopes must be slow in standing.
     start_variance: Values  #: variance of the angles at the first sample [rad²].
 
@@ -53,19 +53,6 @@ class DutyState(NamedTuple):
     lost: Values
     turn: turns.Turn
     trusted: Flags
-
-
-class DutyNow(NamedTuple):
-    """Results after samples (b,): the angle of each segment from the vertical and its standard deviation (b, k) [rad],
-    legs (b, n) and their deviations if each has both segments, standing, trust in the angles.
-    """
-
-    angle: Values
-    angle_stddev: Values
-    legs: LegTrajectory | None
-    stddev: LegTrajectory | None
-    stands: Flags
-    valid: Flags
 
 
 class DutyDeviceOptions(NamedTuple):
@@ -119,7 +106,7 @@ def begin(c: DutyConstants, sample: Readings, options: DutyDeviceOptions) -> Dut
 
 def advance(
     c: DutyConstants, state: DutyState, samples: Readings, count: Counts, options: DutyDeviceOptions
-) -> tuple[DutyState, DutyNow]:
+) -> tuple[DutyState, LegsNow]:
     """A block of samples, see `Device`."""
     gyr = jnp.einsum("kij,bkj->kbi", c.worn.axes, samples.gyr)
     acc = jnp.einsum("kij,bkj->kbi", c.worn.axes, samples.acc) * c.worn.scale[:, None, None]
@@ -146,10 +133,9 @@ def advance(
         angles += there
         legs += [joints(own, *there)] if len(there) == 2 else []
     each: PyTree = jax.tree.map(lambda *v: jnp.stack(v, axis=1), *angles)
-    both: PyTree = (None, None)
-    if len(legs) == len(options.legs):
-        both = jax.tree.map(lambda *v: jnp.stack(v, axis=1), *legs)
+    complete = len(legs) == len(options.legs)
+    both: PyTree = jax.tree.map(lambda *v: jnp.stack(v, axis=1), *legs) if complete else (None, None)
     trusted = state.trusted | (lax.cummax(still.astype(jnp.int32)) > 0)
     valid = jnp.all((lost < LOST) & each.valid, axis=1) & trusted
     state = DutyState(tuple(beliefs), slow, lost[count - 1], turn, trusted[-1])
-    return state, DutyNow(each.angle, each.angle_stddev, *both, still, valid)
+    return state, LegsNow(both[0], both[1], still, valid, each.angle)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.estimators.leg_ekf import online as leg_online
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
@@ -22,6 +23,7 @@ from jgait.estimators.leg_ekf.readout import LEAST_SHARE, MOVES_M, backward
 from jgait.estimators.online.device import Device, Readings
 from jgait.estimators.online.standing import (
     START_VARIANCE,
+    LegsNow,
     lost_for,
     settled,
     stacked_mountings,
@@ -42,7 +44,7 @@ class LegsConstants(NamedTuple):
 
     p: LegParams  #: parameters of the person.
     own: LegParams  #: parameters of each leg, leaves (n,).
-    worn: SegmentMounting  #: mounting of thigh and shank, leaves (n, 2, …).
+    worn: PyTree  #: `SegmentMounting` of thigh and shank, leaves (n, 2, …).
     window: Values  #: samples for which all gyroscopes must be slow in standing.
     start_variance: Values  #: variance of the pose at the first sample [rad²].
 
@@ -59,16 +61,6 @@ class LegsState(NamedTuple):
     #: (3,) displacement of the hip by the feet in stance [m]; numbers of samples in which the foot of a single leg
     #: moved, and in which it moved backward.
     sums: Values
-
-
-class LegsNow(NamedTuple):
-    """Results after samples (b,): legs (b, n), their deviations, distance [m], standing, trust in the angles."""
-
-    legs: LegTrajectory
-    stddev: LegTrajectory
-    distance: Values
-    stands: Flags
-    valid: Flags
 
 
 def device(p: LegParams, recording: Recording) -> tuple[Device, tuple[Note, ...]]:
@@ -94,7 +86,7 @@ def device(p: LegParams, recording: Recording) -> tuple[Device, tuple[Note, ...]
     return Device("legs", placements, constants, begin, advance, options, numbers), tuple(notes)
 
 
-def _signals(worn: SegmentMounting, samples: Readings, lost: Values) -> LegSignals:
+def _signals(worn: PyTree, samples: Readings, lost: Values) -> LegSignals:
     """Signals of b samples in the segments' axes, leaves (n, b, …), bias and variance (n, …)."""
     shape = (-1, *worn.axes.shape[:2], 3)
     gyr = jnp.einsum("nsij,bnsj->snbi", worn.axes, samples.gyr.reshape(shape))
@@ -135,11 +127,11 @@ def advance(
     most, walks = jnp.max(backward(leg, before, c.p.rollover_radius), axis=1), real & ~still
     moves = walks & (jnp.abs(most) > MOVES_M)
     ways = (jnp.where(walks, jnp.maximum(most, 0.0), 0.0), moves, moves & (most > 0.0))
-    sums = state.sums + jnp.cumsum(jnp.stack([v.astype(most.dtype) for v in ways], axis=1), axis=0)
+    sums = state.sums[None] + jnp.cumsum(jnp.stack([v.astype(most.dtype) for v in ways], axis=1), axis=0)
     share = sums[:, 2] / jnp.maximum(sums[:, 1], 1.0) if len(c.worn.axes) == 1 else jnp.ones_like(most)
     gone = jnp.any(lost >= LONG_GAP, axis=(1, 2))
     settling, trusted = settled(state.settling, gone, still, samples.dt, count)
     last = jax.tree.map(lambda v: v[at], leg)
     after = LegsState(legs, lost[at], slow, settling, last, jnp.ones((), bool), sums[at])
     distance = c.p.distance_scale * sums[:, 0] / jnp.maximum(share, LEAST_SHARE)
-    return after, LegsNow(leg, stddev, distance, still, jnp.all(updated, axis=1) & trusted)
+    return after, LegsNow(leg, stddev, still, jnp.all(updated, axis=1) & trusted, distance=distance)

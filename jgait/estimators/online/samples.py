@@ -99,9 +99,9 @@ class Pushes:
         if rows[:, 0].max() * self._rate_hz > LATE:
             gap = np.minimum(rows[:, 0], LONGEST_GAP_S)
             missing = np.where(gap * self._rate_hz > LATE, np.rint(gap * self._rate_hz).astype(int) - 1, 0)
-            kept = np.arange(times.size) + np.cumsum(missing)
-            every = np.zeros((int(kept[-1]) + 1, rows.shape[1]))
-            every[kept] = rows
+            kept = at = np.arange(times.size) + np.cumsum(missing)
+            every = np.zeros((int(at[-1]) + 1, rows.shape[1]))
+            every[at] = rows
             every[:, 0] = np.repeat(gap / (missing + 1), missing + 1)
             rows = every
         samples = self._samples + len(rows)

@@ -54,9 +54,6 @@ class NewContacts(NamedTuple):
     initial: np.ndarray  #: (n,) bool, True for an initial, False for a final contact.
 
 
-NO_CONTACTS = NewContacts(np.zeros(0), np.zeros(0, np.int32), np.zeros(0, bool))
-
-
 class News(NamedTuple):
     """What a block of n samples tells."""
 
@@ -130,7 +127,9 @@ class Online:
         ]
         self._clock.accept(block)
         samples, kept = block.time.size, block.kept
-        news = News(block.time, None, None, {}, np.ones(samples, bool), np.ones(samples, bool), {}, NO_CONTACTS, {}, {})
+        news = News(
+            block.time, None, None, {}, np.ones(samples, bool), np.ones(samples, bool), {}, _contacts({}), {}, {}
+        )
         for runner, columns, now in zip(self._runners, self._columns, results, strict=True):
             source, placements, sides = runner.device.source, runner.device.placements, runner.device.sides
             felt = block.rows[kept][:, columns[1:]].reshape(samples, -1, 8)[:, :, 6:] > 0.0
@@ -143,9 +142,9 @@ class Online:
             if now.legs is not None:
                 news = news._replace(legs=_legs(now.legs, sides, kept), stddev=_legs(now.stddev, sides, kept))
             news = news._replace(valid=now.valid[kept], stands=now.stands[kept])
-            if isinstance(now, duty.DutyNow):
+            if now.angle is not None:
                 news.angles.update({name: now.angle[kept, k] for k, name in enumerate(placements)})
-            else:
+            if now.distance is not None:
                 news.distance["legs"] = float(now.distance[-1])
         return news._replace(contacts=_contacts(news.strides))
 
@@ -170,8 +169,8 @@ def _strides(now: LaggedNow, offset: float) -> NewStrides:
 def _contacts(strides: Mapping[str, NewStrides]) -> NewContacts:
     """Contacts of the strides of the preferred source."""
     table = next((strides[name].strides for name in PREFERRED if name in strides), None)
-    if table is None or not len(table.end):
-        return NO_CONTACTS
+    if table is None:
+        return NewContacts(np.zeros(0), np.zeros(0, np.int32), np.zeros(0, bool))
     time = np.concatenate([table.final_contact, table.end])
     initial = np.arange(time.size) >= len(table.end)
     order = np.argsort(time, kind="stable")

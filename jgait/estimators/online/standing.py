@@ -1,4 +1,6 @@
-"""What devices of legs share: stacked mountings, standing, lost samples, and trust in angles, in a block of samples."""
+"""What devices of legs share, in a block of samples: results, mountings, standing, lost samples, trust in angles."""
+
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +10,7 @@ from jaxtyping import PyTree
 from jgait.estimators.leg_ekf.prepare import SegmentMounting
 from jgait.estimators.online.device import Readings
 from jgait.events.rest import LEGS_WINDOW_S
-from jgait.types import Counts, Flags, Values
+from jgait.types import Counts, Flags, LegTrajectory, Values
 
 START_VARIANCE = 0.3
 """[rad²] Variance of the angles at the first sample: a stream may begin in any phase of a stride."""
@@ -16,6 +18,17 @@ START_VARIANCE = 0.3
 SETTLES_S = 5.0
 """[s] Time of walking after which angles are usable though the person has not stood since the stream began, or since
 samples were lost for long. Chosen on simulated walks that begin in any phase of a stride."""
+
+
+class LegsNow(NamedTuple):
+    """Results after samples (b,) of n legs."""
+
+    legs: LegTrajectory | None  #: (b, n), if every leg has sensors on both segments.
+    stddev: LegTrajectory | None  #: their standard deviations.
+    stands: Flags  #: whether the person stands.
+    valid: Flags  #: whether the angles can be trusted.
+    angle: Values | None = None  #: (b, k) angle of the segment of each sensor from the vertical [rad].
+    distance: Values | None = None  #: [m]
 
 
 def settled(before: Values, gone: Flags, still: Flags, dt: Values, count: Counts) -> tuple[Values, Flags]:
@@ -29,12 +42,11 @@ def settled(before: Values, gone: Flags, still: Flags, dt: Values, count: Counts
     return times[count - 1], (times[:, 1] < times[:, 0]) | (times[:, 0] >= SETTLES_S)
 
 
-def stacked_mountings(worn: list[SegmentMounting]) -> tuple[tuple[str, ...], SegmentMounting]:
+def stacked_mountings(worn: list[SegmentMounting]) -> tuple[tuple[str, ...], PyTree]:
     """The placements of k sensors, and their mountings as one without a placement, its fields (k, …)."""
-    nothing: PyTree = None
-    return tuple(one.placement for one in worn), SegmentMounting(
-        nothing, *map(np.stack, list(zip(*worn, strict=True))[1:])
-    )
+    placements, *numbers = zip(*worn, strict=True)
+    columns: list[PyTree] = [None, *map(np.stack, numbers)]
+    return placements, SegmentMounting(*columns)
 
 
 def standing_samples(sampling_rate_hz: float) -> np.ndarray:
