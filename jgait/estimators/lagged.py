@@ -76,7 +76,7 @@ class LaggedNow(NamedTuple):
     instant: Flags  #: bool, positions count from the filter's sample on.
 
 
-class Motion(NamedTuple):
+class LaggedMotion(NamedTuple):
     """The filter at each sample (T, …), since the last instant, as the strides need it."""
 
     posterior: filtering.Posterior
@@ -94,7 +94,7 @@ class Steps(NamedTuple):
     #: (p, signals, stands (T,), belief before) → the filter's results.
     filtered: Callable[..., filtering.Posterior]
     heading: Callable[..., PyTree]  #: posterior → heading and its variance (T,).
-    #: (p, worn, `LaggedSample`, `Motion`) → strides that would end at each sample, their deviations, and flags.
+    #: (p, worn, `LaggedSample`, `LaggedMotion`) → strides that would end at each sample, their deviations, and flags.
     strides: Callable[..., tuple[Strides, Strides, dict[str, Values]]]
     lost: tuple[tuple[float, float], tuple[float, float]]  #: errors over lost samples, see `losses.held_bridge`.
 
@@ -154,7 +154,7 @@ def over(
     nis = (sums - begun)[:, 0] / jnp.maximum((sums - begun)[:, 1], 1.0)
     height = jnp.where(at.began | at.stands, posterior.mean.position.z, 0.0)
     highest, climbed = scanned(_climbed, state.highest, (height, instant), count)
-    strides, stddev, flags = of.strides(p, worn, at, Motion(posterior, here, heading, nis, climbed))
+    strides, stddev, flags = of.strides(p, worn, at, LaggedMotion(posterior, here, heading, nis, climbed))
     after = LaggedState(
         detector, posterior.belief(newest), last, sums[-1] - ended, highest, at.reading[newest],
         instant[newest].astype(dt.dtype),

@@ -34,7 +34,7 @@ from jgait.estimators.ankle_stride.estimator import control, model_params, stand
 from jgait.estimators.ankle_stride.params import AnkleParams
 from jgait.estimators.ankle_stride.prepare import LOST_FORCE, LOST_RATE, STANDING
 from jgait.estimators.ankle_stride.worn import ONLINE, Worn, worn
-from jgait.estimators.lagged import LaggedSample, LaggedSignals, LaggedState, Motion
+from jgait.estimators.lagged import LaggedMotion, LaggedSample, LaggedSignals, LaggedState
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
@@ -216,7 +216,7 @@ def _filtered(p: AnkleParams, signals: LaggedSignals, stands: Flags, belief: Bel
 
 
 def _strides(
-    p: AnkleParams, worn: Worn, at: LaggedSample, motion: Motion
+    p: AnkleParams, worn: Worn, at: LaggedSample, motion: LaggedMotion
 ) -> tuple[Strides, Strides, dict[str, Values]]:
     """The strides that would end at each of the filter's samples (T,), standard deviations, and flags."""
     mean, (half, ends, swung, landed, long) = motion.posterior.mean, at.events

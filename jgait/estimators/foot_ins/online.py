@@ -42,7 +42,7 @@ from jgait.estimators.foot_ins.prepare import (
     errors_at_rest,
 )
 from jgait.estimators.foot_ins.readout import SHORTEST, timed, walks_on
-from jgait.estimators.lagged import JUMP_S, LaggedSample, LaggedSignals, LaggedState, Motion
+from jgait.estimators.lagged import JUMP_S, LaggedMotion, LaggedSample, LaggedSignals, LaggedState
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.events import foot as events
 from jgait.events.rest import rest
@@ -340,7 +340,7 @@ def _heading(posterior: filtering.Posterior) -> tuple[Values, Values]:
 
 
 def _strides(
-    p: FootParams, worn: FootWorn, at: LaggedSample, motion: Motion
+    p: FootParams, worn: FootWorn, at: LaggedSample, motion: LaggedMotion
 ) -> tuple[Strides, Strides, dict[str, Values]]:
     """The strides that would end at each of the filter's samples (T,), standard deviations, and flags."""
     way, (time, last, swing, landed, restless) = motion.posterior.mean.position, at.events
