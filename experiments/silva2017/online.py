@@ -24,6 +24,7 @@ from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride import online as ankle_online
 from jgait.estimators.ankle_stride.online import ONLINE
+from jgait.estimators.lagged import LaggedNow
 from jgait.estimators.online.device import Structure, packed, unpacked
 from jgait.filtering.compile import compiler_options
 from jgait.types import Imu, Recording, Strides
@@ -57,12 +58,12 @@ def compiled(function: Callable[..., Any], **options: Any) -> Any:
 over = compiled(ankle_online.over)
 
 
-def walk(p: AnkleParams, worn: Any, gyr: Any, acc: Any, measured: Any = None) -> ankle_online.Now:
+def walk(p: AnkleParams, worn: Any, gyr: Any, acc: Any, measured: Any = None) -> LaggedNow:
     """The results after each sample (T,) of a recording, by the device's `begin` and `over`; arguments as of these."""
     return over(p, worn, ankle_online.begin(p, worn, gyr[0], acc[0]), gyr, acc, measured)[1]
 
 
-def table(now: ankle_online.Now) -> tuple[Strides, Strides, dict[str, Any]]:
+def table(now: LaggedNow) -> tuple[Strides, Strides, dict[str, Any]]:
     """Strides (n,) among the results, their standard deviations, and flags with `known`, the sample at which each
     became known."""
     at = np.flatnonzero(np.asarray(now.stride))

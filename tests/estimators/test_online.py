@@ -17,12 +17,11 @@ from jgait.estimators.foot_ins import FootParams, prepared
 from jgait.estimators.foot_ins import online as foot_online
 from jgait.estimators.foot_ins.estimator import _states
 from jgait.estimators.online import duty, legs
-from jgait.estimators.online.clock import LONGEST_GAP_S
 from jgait.estimators.online.device import BLOCK
 from jgait.estimators.online.distance import StridesWay
 from jgait.estimators.online.legs import KINEMATICS
+from jgait.estimators.online.samples import LONGEST_GAP_S, Pushes
 from jgait.estimators.online.standing import SETTLES_S, START_VARIANCE
-from jgait.estimators.online.units import Sizes
 from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
 from jgait.simulate.sensors import MPU6000, OPAL
@@ -184,14 +183,15 @@ def test_strides_of_feet_are_those_of_the_filter(walked, feet):
     """The filter over the whole walk, at the stances and footholds that were detected sample by sample."""
     (recording, truth), news = walked, feet[1]
     time, signals = signals_of(recording, ("foot_right", "foot_left"))
-    own, mounting = FootParams(), foot_online.worn(recording, "right")
+    own = FootParams()
+    mounting = foot_online.worn(own, recording, "right")
     gyr, acc = signals["foot_right"]
     start = foot_online.begin(own, mounting, gyr[0], acc[0])
     now = jax.jit(foot_online.over)(own, mounting, start, gyr, acc)[1]
     late = foot_online.lag(mounting)
-    stands, foothold = (np.append(np.asarray(v)[late:], np.zeros(late, bool)) for v in (now.stands, now.foothold))
+    stands, foothold = (np.append(np.asarray(v)[late:], np.zeros(late, bool)) for v in (now.stands, now.instant))
     first = int(np.argmax(stands))
-    around = np.arange(first + late + 1 - mounting.samples.shape[0], first + late + 1)
+    around = np.arange(first + late + 1 - start.detector.samples.shape[0], first + late + 1)
     up = (acc[np.maximum(around, 0)] * mounting.scale).mean(axis=0)
     up = up / np.linalg.norm(up)
     inputs = prepared(recording).inputs.right
@@ -400,13 +400,12 @@ def test_other_units_are_refused(walked, change, message, size):
 
 
 def test_a_flight_phase_jolts_and_lost_samples_are_no_other_unit():
-    sizes = Sizes(["foot_left"], 100.0)
-    rows = np.zeros((400, 9))
-    rows[:, 4:7], rows[:, 7:] = GRAVITY / np.sqrt(3.0), 1.0
-    rows[150:190, 4:7], rows[200:205, 1:7], rows[300:, 1:] = 0.0, 200.0, 0.0
-    for row in rows:
-        sizes.accept(sizes.after(row[None]))
-    sizes.after(rows)
+    pushes = Pushes(("foot_left",), 100.0)
+    gyr, acc = np.zeros((400, 3)), np.full((400, 3), GRAVITY / np.sqrt(3.0))
+    acc[150:190], gyr[200:205], acc[200:205], gyr[300:], acc[300:] = 0.0, 200.0, 200.0, np.nan, np.nan
+    for k in range(400):
+        pushes.accept(pushes.block(0.01 * k, {"foot_left": (gyr[k], acc[k])}))
+    assert pushes.block(4.0 + 0.01 * np.arange(400), {"foot_left": (gyr, acc)}).samples == 800
 
 
 @pytest.mark.parametrize(

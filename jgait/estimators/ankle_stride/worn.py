@@ -3,10 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import PyTree
 
 from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride.prepare import WINDOW_S, prepare
+from jgait.estimators.lagged import JUMP_S
 from jgait.events import shank_stance
 from jgait.signal import butterworth
 from jgait.types import SIDES, Counts, Recording, RecordingError, Values
@@ -19,9 +19,6 @@ LANDING_S = 0.25
 
 CALM_S = 0.5
 """[s] Duration of slow turning (see `prepare.STANDING`) from which on the leg counts as standing."""
-
-JUMP_S = 0.0075
-"""[s] Half width of the window whose largest change of the readings gives a reading's noise."""
 
 ONLINE = AnkleOptions(smooth=False)
 """Options of the estimator over the whole recording to which the online estimator corresponds."""
@@ -41,9 +38,9 @@ class Worn(NamedTuple):
     calm: Values  #: `CALM_S` in samples.
     reach: Values  #: half width of the window of zero velocities around a valley, in samples.
     shift: Values  #: delay of the stance rate relative to the integrated signals, in samples.
-    history: PyTree  #: (lag, 10) zeros, one row for each sample of the filter's lag.
-    jumps: PyTree  #: (n, 2) zeros, one row for each stored change of the readings.
-    jump_looks: PyTree  #: (n,) bool, the rows of `jumps` around the sample that is integrated.
+    #: one zero for each sample of the filter's lag, for each stored change of the readings, and for those around the
+    #: sample that is integrated: their numbers, known when a program is compiled.
+    lengths: tuple[Values, ...]
 
 
 def worn(p: AnkleParams, recording: Recording, side: str) -> Worn:
@@ -84,7 +81,5 @@ def worn(p: AnkleParams, recording: Recording, side: str) -> Worn:
         calm=calm,
         reach=reach,
         shift=np.asarray(shift, np.int32),
-        history=np.zeros((int(hold + reach) + shift, 10)),
-        jumps=np.zeros((changes, 2)),
-        jump_looks=np.arange(changes) <= 2 * around,
+        lengths=tuple(map(np.zeros, (int(hold + reach) + shift, changes, 2 * around + 1))),
     )

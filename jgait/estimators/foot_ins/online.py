@@ -24,58 +24,194 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import PyTree
 
 from jgait import filtering
-from jgait.estimators import trust
+from jgait.estimators import lagged, trust
 from jgait.estimators.foot_ins import model as foot_model
-from jgait.estimators.foot_ins.estimator import controls, model_params
+from jgait.estimators.foot_ins.estimator import controls, model_params, prior_of
 from jgait.estimators.foot_ins.model import FootObservation
-from jgait.estimators.foot_ins.online_state import (
-    ONLINE,
-    FootNow,
-    FootOnlineState,
-    FootSwing,
-    FootWorn,
-    StanceThreshold,
-    begin,
-    lag,
-    level_prior,
-    reading,
-    worn,
+from jgait.estimators.foot_ins.params import DEFAULT, FootParams
+from jgait.estimators.foot_ins.prepare import (
+    LOST_FORCE,
+    LOST_RATE,
+    REACH,
+    REST_STEP,
+    checked_clock,
+    errors_at_rest,
 )
-from jgait.estimators.foot_ins.params import FootParams
-from jgait.estimators.foot_ins.prepare import LOST_FORCE, LOST_RATE, REACH, REST_STEP
 from jgait.estimators.foot_ins.readout import SHORTEST, timed, walks_on
-from jgait.estimators.losses import held_bridge
+from jgait.estimators.lagged import JUMP_S, LaggedMotion, LaggedSample, LaggedSignals, LaggedState
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.sides import entries
 from jgait.events import foot as events
-from jgait.geometry.rotation import quaternion
-from jgait.geometry.vectors import root, vector, wrapped
-from jgait.signal.counted import scanned
-from jgait.signal.marks import latest
-from jgait.types import Counts, Flags, Strides, Values
+from jgait.events.rest import rest
+from jgait.filtering import Belief
+from jgait.geometry.rotation import between, quaternion
+from jgait.geometry.vectors import Vector, as_array, root, vector, wrapped
+from jgait.signal.windows import over_losses
+from jgait.types import SIDES, Counts, Flags, Recording, RecordingError, Strides, Values
 
-__all__ = ["ONLINE", "FootNow", "FootOnlineState", "FootWorn", "begin", "lag", "over", "worn"]
+ONLINE = DEFAULT._replace(smooth=False)
+"""Options of the estimator over the whole recording to which the online estimator corresponds."""
+
+HOLD_S = 0.1
+"""[s] Duration for which a sample must stay the stillest to be the foothold."""
 
 
-class _FootEvent(NamedTuple):
-    """What is decided at the filter's sample, before the filter runs."""
+class FootWorn(NamedTuple):
+    """Mounting of a foot's sensor, from a recording; every leaf is an array."""
 
-    time: Values  #: of the sample [s].
-    row: Values  #: (7,) the sample, see `FootWorn.samples`.
-    before: Values  #: (7,) the sample before it.
-    jumps: Values  #: (2,) largest changes of rate [rad/s] and force [m/s²] about it.
-    force: Values  #: (3,) mean specific force of the stored samples [m/s²].
-    stands: Flags  #: bool, zero velocity is observed.
-    began: Flags  #: bool, the filter had started before the sample.
-    restart: Values  #: 1 if positions count from the sample before, else 0.
-    foothold: Flags  #: bool, positions count from here.
-    last: Values  #: time of the foothold before [s].
+    scale: Values  #: factor on the accelerometer [1].
+    gyr_bias: Values  #: (3,) gyroscope bias at rest [rad/s].
+    acc_bias: Values  #: accelerometer bias along the vertical, from gravity at rest [m/s²].
+    still_time: Values  #: duration of rest over which the gyroscope bias was measured [s].
+    axis: Values  #: (3,) axis about which the foot turns, toes up positive, in the sensor's axes [1].
+    rate_hz: Values  #: sampling rate.
+    side: Counts  #: 0 right, 1 left.
+    #: one zero for each sample of the detector's window, of the hold, of the largest change, and for those removed from
+    #: the start and the end of a stance: their numbers, known when a program is compiled.
+    lengths: tuple[Values, ...]
+
+
+def worn(p: FootParams, recording: Recording, side: str) -> FootWorn:
+    """Mounting of the sensor of one side, from a recording of standing and walking; on the host; no parameter matters.
+
+    Raises:
+        RecordingError: as `foot_ins.prepare.prepare`, or if the foot does not walk.
+    """
+    del p
+    name = f"foot_{side}"
+    time = checked_clock(recording, (side,))
+    imu = recording.sensors[name]
+    mask = np.asarray(imu.mask, bool)
+    gyr, acc = (over_losses(np.arange(len(time)), values, mask) for values in (imu.gyr, imu.acc))
+    hz = 1.0 / float(np.median(np.diff(time)))
+    at_rest = rest(gyr, acc, mask, hz)
+    scale, acc_bias = errors_at_rest(at_rest, name, [])
+    free = gyr - at_rest.gyr_bias
+    stances = events.stances(free, acc * scale, hz)
+    if len(stances.start) < 3:
+        raise RecordingError(
+            f"a recording of walking is needed to know how '{name}' is worn; this one has {len(stances.start)} stances"
+        )
+    half, hold, around = (max(1, round(seconds * hz)) for seconds in (events.WINDOW / 2, HOLD_S, JUMP_S))
+    sizes = (2 * half + 1, hold, 2 * around + 1, *(round(seconds * hz) for seconds in events.EROSION))
+    return FootWorn(
+        np.asarray(scale), at_rest.gyr_bias, np.asarray(acc_bias), np.asarray(max(at_rest.time, 0.05)),
+        _toes_up(free, stances, hz), np.asarray(hz), np.asarray(SIDES.index(side), np.int32),
+        tuple(map(np.zeros, sizes)),
+    )  # fmt: skip
+
+
+def _toes_up(gyr: np.ndarray, stances: events.Stances, hz: float) -> np.ndarray:
+    """(3,) main axis of the rotation in swing; with its sign the heel rises before the toes in most strides."""
+    swinging = ~events.inside(stances, len(gyr))
+    axis = np.linalg.eigh(gyr[swinging].T @ gyr[swinging])[1][:, -1]
+    final, initial = events.contacts(gyr, stances, hz)
+    pitch = np.cumsum(gyr @ axis)
+    return np.asarray(axis if np.sign(pitch[initial] - pitch[final]).sum() >= 0.0 else -axis)
+
+
+class StanceThreshold(NamedTuple):
+    """Search for the valleys of the foot's unrest: extreme since the last turning point, and the last two valleys."""
+
+    seeking: Flags
+    extreme: Values
+    depths: Values
+
+
+class FootSwing(NamedTuple):
+    """What happened since the last foothold; times [s]."""
+
+    any: Flags  #: bool, the foot swung.
+    pitch: Values  #: pitch since the foot was still, toes up positive [rad].
+    lowest: Values  #: least pitch, at the final contact.
+    final: Values  #: its time.
+    highest: Values  #: largest pitch since then.
+    initial: Values  #: time at which the pitch has fallen by `events.foot.LANDED` from it.
+    stood: Values  #: time of the last sample of the stance before the swing.
+    stands: Values  #: time of the first sample of the stance after it.
+    lost: Values  #: duration of lost samples.
+
+
+class FootDetector(NamedTuple):
+    """State of the decisions between samples."""
+
+    index: Counts  #: index of the newest sample.
+    samples: Values  #: (n, 7) the newest samples: rate, specific force, 1 if lost.
+    quiet: Values  #: (m,) margin of the newest samples of the detector [rad/s], below 0 in a stance.
+    unrest: Values  #: (m,) the detector's statistic [rad/s].
+    threshold: StanceThreshold  #: search for the valleys of the statistic.
+    started: Flags  #: whether the foot has stood, so that the filter has started.
+    foothold: Values  #: time of the last foothold [s].
     swing: FootSwing  #: what happened since then.
-    landed: Values  #: initial contact before [s].
-    restless: Flags  #: bool, the foothold before or this one is far less still than the stances before it.
+    landed: Values  #: initial contact of the last stride [s]; −∞ before the first.
+    restless: Flags  #: bool, the last foothold is far less still than the stances before it.
+
+
+class _FootEvents(NamedTuple):
+    """What the strides need at the filter's sample: its time and the foothold before [s], what happened since then, the
+    initial contact before [s], and whether a foothold beside is far less still than the stances before it.
+    """
+
+    time: Values
+    last: Values
+    swing: FootSwing
+    landed: Values
+    restless: Flags
+
+
+def _sizes(worn: FootWorn) -> tuple[int, ...]:
+    """Number of samples of the detector's window, the hold, the largest change, and those removed from a stance."""
+    return tuple(values.shape[-1] for values in worn.lengths)
+
+
+def lag(worn: FootWorn) -> int:
+    """Number of samples by which the filter is behind the newest sample."""
+    window, hold, *_ = _sizes(worn)
+    return window // 2 + hold + 1
+
+
+def begin(p: FootParams, worn: FootWorn, gyr: Values, acc: Values) -> LaggedState:
+    """The state after a long time in which each reading equals the first, (3,) in the sensor's axes [rad/s, m/s²]."""
+    window, hold, change, after_start, _ = _sizes(worn)
+    row = _reading(worn, gyr, acc, jnp.ones((), bool))
+    zero, none, no = jnp.zeros_like(row[0]), jnp.zeros((), jnp.int32), jnp.zeros((), bool)
+    rate = jnp.sqrt(jnp.sum((row[:3] - worn.gyr_bias) ** 2))
+    quiet = jnp.zeros(after_start + hold + 2, row.dtype)
+    start = zero - lag(worn) / worn.rate_hz
+    stored = max(window, window // 2 + hold + change // 2 + 3)
+    detector = FootDetector(
+        none - 1, jnp.zeros((stored, 7), row.dtype) + row[None], quiet + rate - events.STILL, quiet + rate,
+        StanceThreshold(~no, rate, jnp.zeros_like(row[:2])), no, start, _not_swung(start), zero - jnp.inf, no,
+    )  # fmt: skip
+    return lagged.begin(STEPS, p, worn, detector, row[:6])
+
+
+def _not_swung(time: Values) -> FootSwing:
+    zero = jnp.zeros_like(time)
+    return FootSwing(jnp.zeros((), bool), zero, zero, time, zero, time, time, time, zero)
+
+
+def _reading(worn: FootWorn, gyr: Values, acc: Values, measured: Flags) -> Values:
+    """(7,) a sample as it is stored."""
+    lost = jnp.where(measured, 0.0, 1.0).astype(jnp.asarray(gyr).dtype)
+    return jnp.concatenate([jnp.asarray(gyr), jnp.asarray(acc) * worn.scale, lost[None]])
+
+
+def _prior(p: FootParams, worn: FootWorn, reading: Values) -> Belief:
+    """The belief of a foot that stands, with the tilt from the specific force."""
+    force = reading[3:]
+    up = force / jnp.sqrt(jnp.sum(force * force))
+    zeros, ones = jnp.zeros_like(up[0]), jnp.ones_like(up[0])
+    attitude = as_array(between(vector(up), Vector(zeros, zeros, ones)))
+    foot: PyTree = SimpleNamespace(
+        gyr=force, attitude=attitude, gyr_bias=worn.gyr_bias, acc_bias=worn.acc_bias * up, up=up,
+        still_time=worn.still_time,
+    )  # fmt: skip
+    return prior_of(p, foot).joined()
 
 
 def _pushed(register: Values, value: Values) -> Values:
@@ -97,7 +233,7 @@ def _searched(state: StanceThreshold, value: Values) -> StanceThreshold:
 
 def _detected(worn: FootWorn, samples: Values, threshold: StanceThreshold) -> tuple[Values, StanceThreshold]:
     """Unrest at the middle of the newest window, see `events.foot.unrest`, and the search for its valleys."""
-    size = worn.window.shape[0]
+    size = _sizes(worn)[0]
     rows = samples[-size:]
     free = rows[:, :3] - worn.gyr_bias[None]
     force = rows[:, 3:6] - jnp.mean(rows[:, 3:6], axis=0)[None]
@@ -106,12 +242,11 @@ def _detected(worn: FootWorn, samples: Values, threshold: StanceThreshold) -> tu
     return unrest, _searched(threshold, unrest)
 
 
-def _largest_change(values: Values, window: int, at: int) -> Values:
-    """Largest change between samples over a window about the sample `at` of (n, 3)."""
-    half = window // 2
-    near = values[at - half - 1 : at + half + 2]
-    change = 0.5 * (near[2:] - near[:-2])
-    return jnp.sqrt(jnp.max(jnp.sum(change * change, axis=1)))
+def _largest_changes(readings: Values, window: int, at: int) -> Values:
+    """(2,) largest change of rate and force between samples over a window about the sample `at` of (n, 6)."""
+    near = readings[at - window // 2 - 1 : at + window // 2 + 2]
+    change = 0.5 * (near[2:] - near[:-2]).reshape(window, 2, 3)
+    return jnp.sqrt(jnp.max(jnp.sum(change * change, axis=2), axis=0))
 
 
 def _swung(
@@ -141,19 +276,19 @@ def _swung(
     )
 
 
-def _decided(
-    worn: FootWorn, state: FootOnlineState, sample: tuple[Values, Values, Flags]
-) -> tuple[FootOnlineState, _FootEvent]:
+def _decide(
+    worn: FootWorn, state: FootDetector, sample: tuple[Values, Values, Flags]
+) -> tuple[FootDetector, LaggedSample]:
     """One sample: the detector at the middle of its newest window, and what follows for the filter's sample."""
     gyr, acc, there = sample
-    newest = jnp.where(there, reading(worn, gyr, acc, there), state.samples[-1].at[6].set(1.0))
+    _, _, change, k, before_end = _sizes(worn)
+    newest = jnp.where(there, _reading(worn, gyr, acc, there), state.samples[-1].at[6].set(1.0))
     index = state.index + 1
     samples = _pushed(state.samples, newest)
     statistic, threshold = _detected(worn, samples, state.threshold)
     limit = jnp.maximum(events.STILL, events.ABOVE * jnp.min(threshold.depths))
     quiet, unrest = _pushed(state.quiet, statistic - limit), _pushed(state.unrest, statistic)
-    # the filter's sample among the stored values of the detector, and among the stored samples
-    k, before_end = worn.after_start.shape[0], worn.before_end.shape[0]
+    # the filter's sample among the stored samples; among the stored values of the detector it is k
     at = samples.shape[0] - 1 - lag(worn)
     row, before = samples[at], samples[at - 1]
     time = (index - lag(worn)).astype(newest.dtype) / worn.rate_hz
@@ -161,32 +296,24 @@ def _decided(
     goes_on = jnp.all(quiet[1 : k + before_end + 2] < 0.0)
     stillest = unrest[k] <= jnp.min(unrest[k + 1 :])
     swing = _swung(worn, state.swing, row, before, time, unrest[k], stands)
-    since = time - state.foothold
-    ends = swing.any & (stillest | ~goes_on) & (since >= events.SHORTEST)
-    foothold = stands & (~state.started | ends | (~swing.any & (since >= REST_STEP)))
+    lasts = time - state.foothold
+    ends = swing.any & (stillest | ~goes_on) & (lasts >= events.SHORTEST)
+    foothold = stands & (~state.started | ends | (~swing.any & (lasts >= REST_STEP)))
     restless = unrest[k] > events.WORSE * jnp.maximum(jnp.min(threshold.depths), events.LEAST_DEPTH)
-    size = worn.jumps.shape[0]
-    jumps = jnp.stack([_largest_change(part, size, at) for part in (samples[:, :3], samples[:, 3:6])])
-    event = _FootEvent(
-        time, row, before, jumps, jnp.mean(samples[:, 3:6], axis=0), stands, state.started, state.restart, foothold,
-        state.foothold, swing, state.landed, state.restless | restless,
+    seen = LaggedSample(
+        row[:6], _largest_changes(samples[:, :6], change, at), jnp.mean(samples[:, 3:6], axis=0), row[6], swing.lost,
+        stands, state.started, foothold,
+        _FootEvents(time, state.foothold, swing, state.landed, state.restless | restless),
     )  # fmt: skip
-    none = jnp.zeros_like(time)
-    fresh = FootSwing(jnp.zeros((), bool), none, none, time, none, time, time, time, none)
-    after = state._replace(
-        index=index,
-        samples=samples,
-        quiet=quiet,
-        unrest=unrest,
-        threshold=threshold,
-        started=state.started | stands,
-        restart=foothold.astype(newest.dtype),
-        foothold=jnp.where(foothold, time, state.foothold),
-        swing=jax.tree.map(lambda new, old: jnp.where(foothold, new, old), fresh, swing),
-        landed=jnp.where(foothold & swing.any, _landing(swing, time), state.landed),
-        restless=jnp.where(foothold, restless, state.restless),
-    )
-    return after, event
+
+    def since(new: PyTree, old: PyTree) -> PyTree:
+        return jax.tree.map(lambda new, old: jnp.where(foothold, new, old), new, old)
+
+    landed = jnp.where(swing.any, _landing(swing, time), state.landed)
+    return FootDetector(
+        index, samples, quiet, unrest, threshold, state.started | stands, since(time, state.foothold),
+        since(_not_swung(time), swing), since(landed, state.landed), since(restless, state.restless),
+    ), seen  # fmt: skip
 
 
 def _landing(swing: FootSwing, time: Values) -> Values:
@@ -194,117 +321,51 @@ def _landing(swing: FootSwing, time: Values) -> Values:
     return jnp.where(swing.initial < 0.0, time, swing.initial)
 
 
-def _filtered(
-    p: FootParams, worn: FootWorn, state: FootOnlineState, event: _FootEvent, real: Flags
-) -> filtering.Posterior:
-    """The filter over the samples of events (T,), those with `real` alone."""
-    begins = real & ~event.began & event.stands
-    prior = level_prior(p, worn, event.force[jnp.argmax(begins)])
-    initial = jax.tree.map(lambda a, b: jnp.where(state.started, a, b), state.belief, prior)
-    dt = jnp.where(real & event.began, 1.0 / worn.rate_hz, 0.0)
-    mean, lost = 0.5 * (event.row + event.before), event.row[:, 6]
-    rate = jnp.sqrt(jnp.sum((event.row[:, :3] - worn.gyr_bias[None]) ** 2, axis=1))
-    goes, turned, moved = held_bridge(lost, event.swing.lost, 1.0 / worn.rate_hz, LOST_RATE, LOST_FORCE)
-    dt = jnp.where(goes, dt, 0.0)
+def _filtered(p: FootParams, signals: LaggedSignals, stands: Flags, belief: Belief) -> filtering.Posterior:
+    free = signals.rates - signals.gyr_bias[None]
     now: PyTree = SimpleNamespace(
-        gyr=mean[:, :3], acc=mean[:, 3:6], gyr_jump=event.jumps[:, 0], acc_jump=event.jumps[:, 1], gyr_doubt=turned,
-        acc_doubt=moved, rate=rate, features=jnp.zeros_like(mean[:, :1]), restart=event.restart, dt=dt,
-    )  # fmt: skip
-    zero = jnp.zeros_like(mean[:, :3])
+        **signals._asdict(), rate=jnp.sqrt(jnp.sum(free**2, axis=1)), features=jnp.zeros_like(free[:, :1])
+    )
+    zero = jnp.zeros_like(signals.gyr)
     return filtering.kalman_filter(
         foot_model.MODEL, model_params(p), FootObservation(zero, zero[:, 0]),
-        controls=controls(p, now), dt=dt,
-        mask=FootObservation(event.stands & real, False), initial=initial,
-        keep=("mean", "cov", "nis", "count", "valid"),
+        controls=controls(p, now), dt=signals.dt, mask=FootObservation(stands, False),
+        initial=belief, keep=("mean", "cov", "nis", "count", "valid"),
     )  # fmt: skip
 
 
-def _summed(
-    since: Values, posterior: filtering.Posterior, event: _FootEvent, count: Counts | None
-) -> tuple[Values, Values]:
-    """`FootOnlineState.since` after the last sample, and (T, 3) before each foothold is reset."""
-    used = event.began | event.stands
-    columns = (posterior.mean.position[:, 2], posterior.nis, posterior.count.astype(posterior.nis.dtype))
-    rows = jnp.stack([jnp.where(used, column, 0.0) for column in columns], axis=1)
-
-    def add(total: Values, sample: tuple[Values, Flags]) -> tuple[Values, Values]:
-        row, foothold = sample
-        whole = jnp.concatenate([jnp.maximum(total[:1], row[:1]), total[1:] + row[1:]])
-        return jnp.where(foothold, 0.0, whole), whole
-
-    return scanned(add, since, (rows, event.foothold), count)
+def _heading(posterior: filtering.Posterior) -> tuple[Values, Values]:
+    q = quaternion(posterior.mean.attitude)
+    yaw = jnp.arctan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    return yaw, *entries(posterior.cov, "attitude", ("zz",))
 
 
 def _strides(
-    p: FootParams, worn: FootWorn, event: _FootEvent, posterior: filtering.Posterior, since: Values, turn: Values,
-    yaw: Values,
-) -> tuple[Strides, Strides, Flags]:  # fmt: skip
-    """The strides that would end at each of the filter's samples (T,), standard deviations, and which are in doubt.
-
-    `turn` is the change of the heading since the last foothold [rad], `yaw` that of its variance [rad²].
-    """
-    way, swing = vector(posterior.mean.position), event.swing
+    p: FootParams, worn: FootWorn, at: LaggedSample, motion: LaggedMotion
+) -> tuple[Strides, Strides, dict[str, Values]]:
+    """The strides that would end at each of the filter's samples (T,), standard deviations, and flags."""
+    way, (time, last, swing, landed, restless) = vector(motion.posterior.mean.position), at.events
     length = root(way.x * way.x + way.y * way.y)
-    initial = _landing(swing, event.time)
+    initial = _landing(swing, time)
     known = Strides(
         side=jnp.full(length.shape, worn.side, jnp.int32), start=None, final_contact=swing.final, end=initial,
         length=length, width=jnp.full_like(length, jnp.nan), height=way.z,
-        valid=event.foothold & event.began & swing.any & (length > SHORTEST) & (swing.lost <= LONGEST_LOSS),
-        standing=jnp.maximum(event.last, swing.stood - REACH),
-        standing_end=jnp.minimum(event.time, jnp.maximum(swing.stands, initial) + REACH),
-        turn=turn, lift=since[:, 0] - jnp.maximum(way.z, 0.0),
+        valid=at.instant & at.began & swing.any & (length > SHORTEST) & (swing.lost <= LONGEST_LOSS),
+        standing=jnp.maximum(last, swing.stood - REACH),
+        standing_end=jnp.minimum(time, jnp.maximum(swing.stands, initial) + REACH),
+        turn=wrapped(motion.there[0] - motion.here[0]), lift=motion.highest - jnp.maximum(way.z, 0.0),
     )  # fmt: skip
-    spread = entries(posterior.cov, "position", ("xx", "xy", "yy", "zz"))
-    nis = since[:, 1] / jnp.maximum(since[:, 2], 1.0)
-    follows = walks_on(event.landed, swing.final, initial)
-    strides, stddev = timed(p, known, way, spread, event.landed, follows, yaw, nis, jnp.zeros_like(nis))
-    return strides, stddev, (trust.doubtful(strides, stddev, nis) | event.restless) & strides.valid
+    spread = entries(motion.posterior.cov, "position", ("xx", "xy", "yy", "zz"))
+    follows, yaw = walks_on(landed, swing.final, initial), motion.there[1] - motion.here[1]
+    strides, stddev = timed(p, known, way, spread, landed, follows, yaw, motion.nis, jnp.zeros_like(length))
+    doubtful = trust.doubtful(strides, stddev, motion.nis) | restless
+    return strides, stddev, {"doubtful": doubtful & strides.valid}
 
 
-def over(
-    p: FootParams, worn: FootWorn, state: FootOnlineState, gyr: Values, acc: Values, measured: Flags | None = None,
-    count: Counts | None = None,
-) -> tuple[FootOnlineState, FootNow]:  # fmt: skip
-    """The samples (T,) that follow; not compiled, for use in a compiled program.
+STEPS = lagged.Steps(
+    lambda _, worn: partial(_decide, worn), _prior, _filtered, _heading, _strides, (LOST_RATE, LOST_FORCE)
+)
+"""What this estimator does with samples."""
 
-    First a scan decides on stances and footholds, then the filter runs over the samples, then the strides are read: the
-    filter does not influence the decisions.
-
-    Args:
-        p: parameters.
-        worn: from `worn`.
-        state: from `begin` or the samples before.
-        gyr: (T, 3) in the sensor's axes [rad/s].
-        acc: (T, 3) [m/s²].
-        measured: (T,) False where a sample was lost; None: all are measured.
-        count: number of samples; later ones are ignored. None: T.
-
-    Returns:
-        The state after the last sample, and the results after each sample.
-    """
-    samples = gyr.shape[0]
-    there = jnp.ones(samples, bool) if measured is None else measured
-    newest = samples - 1 if count is None else count - 1
-    real = jnp.arange(samples, dtype=jnp.int32) <= newest
-    after, event = scanned(partial(_decided, worn), state, (gyr, acc, there), count)
-    posterior = _filtered(p, worn, state, event, real)
-    foothold = event.foothold & real
-    mean, q = posterior.mean, quaternion(posterior.mean.attitude)
-    yaw = jnp.arctan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
-    headings = jnp.stack([yaw, *entries(posterior.cov, "attitude", ("zz",))], axis=1)
-    since, before = _summed(state.since, posterior, event, count)
-    before_each, heading = latest(state.heading, headings, foothold)
-    change = headings - before_each
-    strides, stddev, doubtful = _strides(p, worn, event, posterior, before, wrapped(change[:, 0]), change[:, 1])
-    stride = strides.valid & real
-    number = state.count + jnp.cumsum(stride, dtype=jnp.int32)
-    after = after._replace(
-        belief=posterior.belief(newest),
-        heading=heading,
-        since=since,
-        count=number[-1],
-    )
-    return after, FootNow(
-        stride, strides, stddev, {"doubtful": doubtful}, number, event.stands, foothold,
-        event.began | event.stands, mean.position, mean.velocity, mean.attitude, posterior.valid,
-    )  # fmt: skip
+over = partial(lagged.over, STEPS)
+"""The samples that follow, see `lagged.over`."""

@@ -7,7 +7,6 @@ from a calibration recording, see `leg_ekf.prepare`.
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 
 from jgait import filtering
 from jgait.estimators.leg_ekf import inclination
@@ -15,6 +14,7 @@ from jgait.estimators.leg_ekf import model as leg_model
 from jgait.estimators.leg_ekf.estimator import deviation_of, model_params, observe, prior_of, trajectory_of
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
 from jgait.estimators.leg_ekf.params import LegOptions, LegParams
+from jgait.estimators.sides import stacked
 from jgait.filtering import Belief
 from jgait.types import Counts, Flags, LegTrajectory, Values
 
@@ -22,10 +22,9 @@ from jgait.types import Counts, Flags, LegTrajectory, Values
 class LegOnlineState(NamedTuple):
     """State of the online estimator between two samples."""
 
-    thigh: Belief  #: belief about the thigh's inclination.
-    shank: Belief  #: belief about the shank's inclination.
+    segments: Belief  #: beliefs about the inclinations of thigh and shank, leaves (2, …).
     leg: Belief  #: belief about the leg.
-    rates: tuple[Values, Values]  #: the last rates of thigh and shank [rad/s], for the mean over the interval.
+    rates: Values  #: the last rates of thigh and shank [rad/s], for the mean over the interval; leaves (2,).
 
 
 class LegNow(NamedTuple):
@@ -41,22 +40,10 @@ def start(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOpt
 
     Of the leg's signals only biases, variances and the first rates are used.
     """
-    thigh, shank = (inclination.prior(one.bias, start_variance, one.unrest).joined() for one in leg)
+    both = stacked(*leg)
+    segments = jax.vmap(lambda bias, unrest: inclination.prior(bias, start_variance, unrest).joined())
     belief = prior_of(p, leg, start_variance, options).joined()
-    return LegOnlineState(thigh, shank, belief, (leg.thigh.gyr[0], leg.shank.gyr[0]))
-
-
-def _incline(
-    p: LegParams, belief: Belief, before: Values, segment: Segment, inputs: LegInputs, options: LegOptions,
-    newest: Counts,
-) -> tuple[Belief, inclination.Inclination]:  # fmt: skip
-    """Belief after the newest sample, and the inclination of one segment at all."""
-    observed, controls, mask = inclination.observed(segment, before, inputs, options.standing)
-    posterior = filtering.kalman_filter(
-        inclination.MODEL, p.inclination, observed, controls=controls, dt=inputs.dt, mask=mask, initial=belief,
-        keep=("mean", "cov"),
-    )  # fmt: skip
-    return posterior.belief(newest), inclination.read_out(posterior.mean, posterior.cov, observed.gyr)
+    return LegOnlineState(segments(both.bias, both.unrest), belief, both.gyr[:, 0])
 
 
 def over(
@@ -77,21 +64,23 @@ def over(
         The state after the last sample, and the leg at every sample.
     """
     newest = leg.thigh.gyr.shape[0] - 1 if count is None else count - 1
-    thigh, shank, inclinations = state.thigh, state.shank, None
+    both, segments, inclinations = stacked(*leg), state.segments, None
+
+    def incline(belief: Belief, before: Values, segment: Segment) -> tuple[Belief, inclination.Inclination]:
+        observed, controls, mask = inclination.observed(segment, before, inputs, options.standing)
+        posterior = filtering.kalman_filter(
+            inclination.MODEL, p.inclination, observed, controls=controls, dt=inputs.dt, mask=mask, initial=belief,
+            keep=("mean", "cov"),
+        )  # fmt: skip
+        return posterior.belief(newest), inclination.read_out(posterior.mean, posterior.cov, observed.gyr)
+
     if options.gravity:
-        beliefs, before, segments = (
-            jax.tree.map(lambda *both: jnp.stack(both), *pair) for pair in ((thigh, shank), state.rates, tuple(leg))
-        )
-        after, angles = jax.vmap(
-            lambda belief, rate, segment: _incline(p, belief, rate, segment, inputs, options, newest)
-        )(beliefs, before, segments)
-        thigh, shank = (jax.tree.map(lambda v, k=k: v[k], after) for k in range(2))
+        segments, angles = jax.vmap(incline)(state.segments, state.rates, both)
         inclinations = tuple(jax.tree.map(lambda v, k=k: v[k], angles) for k in range(2))
     observations, controls, mask = observe(p, leg, inclinations, inputs, options)
     posterior = filtering.kalman_filter(
         leg_model.MODEL, model_params(p, leg), observations, controls=controls, dt=inputs.dt, mask=mask,
         method=options.method, initial=state.leg, keep=("mean", "cov", "valid"),
     )  # fmt: skip
-    rates = leg.thigh.gyr[newest], leg.shank.gyr[newest]
     now = LegNow(trajectory_of(posterior.mean), deviation_of(p, posterior.mean, posterior.cov), posterior.valid)
-    return LegOnlineState(thigh, shank, posterior.belief(newest), rates), now
+    return LegOnlineState(segments, posterior.belief(newest), both.gyr[:, newest]), now

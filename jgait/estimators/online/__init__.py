@@ -1,7 +1,7 @@
 """Estimators sample by sample, behind one object: `online` makes it, `Online.push` takes samples and tells what is new.
 
-`device` runs an estimator in a compiled loop; `legs`, `feet`, `ankles` and `duty` are the estimators that have a causal
-form; `clock` checks samples as they come; `distance` sums strides; `session` puts them together.
+`device` runs an estimator in a compiled loop; `legs`, `duty` and `strides` are the estimators that have a causal form;
+`samples` checks samples as they come; `distance` sums strides; `session` puts them together.
 """
 
 from jgait.estimators.online.device import Device

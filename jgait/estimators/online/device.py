@@ -1,7 +1,7 @@
 """An estimator that runs sample by sample: its state between blocks of samples as a few arrays, compiled once.
 
-A call of a compiled program takes a microsecond or more for each array. So the state, some 200 arrays, is kept as one
-array a type, samples and results are one matrix each, and a call processes up to `BLOCK` samples. Blocks of any size
+A call of a compiled program takes a microsecond or more for each array. So the state, some 200 arrays, and the results
+are kept as one array a type, samples are one matrix, and a call processes up to `BLOCK` samples. Blocks of any size
 share one compiled program.
 """
 
@@ -60,23 +60,29 @@ class Structure(NamedTuple):
         leaves, structure = jax.tree.flatten(tree)
         return cls(structure, tuple((tuple(leaf.shape), np.dtype(leaf.dtype)) for leaf in leaves))
 
+    def zeros(self) -> list[PyTree]:
+        """Zeros of these shapes, packed."""
+        return packed(jax.tree.unflatten(self.tree, [jnp.zeros(*leaf) for leaf in self.leaves]))
 
-def packed(tree: PyTree) -> list[PyTree]:
-    """A tree of arrays as one flat array a type."""
+
+def packed(tree: PyTree, rows: tuple[int, ...] = ()) -> list[PyTree]:
+    """A tree of arrays as one flat array a type, or one of rows if all leaves have them."""
     leaves = jax.tree.leaves(tree)
     kinds = sorted({np.dtype(leaf.dtype) for leaf in leaves}, key=str)
-    return [jnp.concatenate([leaf.ravel() for leaf in leaves if leaf.dtype == kind]) for kind in kinds]
+    return [
+        jnp.concatenate([leaf.reshape(*rows, -1) for leaf in leaves if leaf.dtype == kind], axis=-1).astype(kind)
+        for kind in kinds
+    ]
 
 
-def unpacked(parts: list[PyTree], structure: Structure) -> PyTree:
-    """Inverse of `packed`."""
-    at = {np.dtype(part.dtype): 0 for part in parts}
-    by_type = {np.dtype(part.dtype): part for part in parts}
+def unpacked(parts: list[PyTree], structure: Structure, rows: tuple[int, ...] = ()) -> PyTree:
+    """Inverse of `packed`; the structure is that of the whole tree, or of one row."""
+    by_type, at = {np.dtype(part.dtype): part for part in parts}, {np.dtype(part.dtype): 0 for part in parts}
     arrays = []
     for shape, kind in structure.leaves:
         first, size = at[kind], math.prod(shape)
         at[kind] = first + size
-        arrays.append(by_type[kind][first : first + size].reshape(shape))
+        arrays.append(by_type[kind][..., first : first + size].reshape(*rows, *shape))
     return jax.tree.unflatten(structure.tree, arrays)
 
 
@@ -86,94 +92,42 @@ def _samples(rows: Values) -> Readings:
     return Readings(rows[..., 0], sensors[..., :3], sensors[..., 3:6], sensors[..., 6] > 0.5, sensors[..., 7] > 0.5)
 
 
-def _like(tree: PyTree, other: PyTree) -> PyTree:
-    """A tree with the types of another, so that it can be carried through a loop."""
-    return jax.tree.map(lambda new, old: jnp.asarray(new, old.dtype), tree, other)
-
-
-def _strong(tree: PyTree) -> PyTree:
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.asarray(leaf).dtype), tree)
-
-
-def _begun(constants: PyTree, row: Values, *, device: tuple[PyTree, ...]) -> PyTree:
+def _begun(constants: PyTree, row: Values, *, device: tuple[PyTree, ...]) -> list[PyTree]:
     begin, _, options = device
-    return _strong(begin(constants, _samples(row), options))
-
-
-def _advanced(
-    constants: list[PyTree], parts: list[PyTree], block: Values, count: Values, *, device: tuple[PyTree, ...],
-    structures: tuple[Structure, Structure], width: int,
-) -> tuple[list[PyTree], Values]:  # fmt: skip
-    """The packed state after a block of samples, and the results as a matrix (`BLOCK`, width).
-
-    The block is the only turn of a loop: XLA compiles a small loop to one function, and a program of some 500
-    operations to as many, whose calls take longer than their arithmetic.
-    """
-    _, advance, options = device
-    fixed, moving = structures
-
-    def turn(kept: tuple[PyTree, ...]) -> tuple[PyTree, ...]:
-        # as if all depended on the number of the turn, or XLA would compute a part before the loop
-        (number, parts, _), columns, samples, real = lax.optimization_barrier((kept, constants, block, count))
-        state = unpacked(parts, moving)
-        after, outputs = advance(unpacked(columns, fixed), state, _samples(samples), real, options)
-        rows = [jnp.asarray(leaf, block.dtype).reshape(block.shape[0], -1) for leaf in jax.tree.leaves(outputs)]
-        return number + 1, packed(_like(after, state)), jnp.concatenate(rows, axis=1)
-
-    turns = jnp.minimum(count, 1)  # not a constant, or XLA would remove the loop
-    none = jnp.zeros((block.shape[0], width), block.dtype)
-    return lax.while_loop(lambda kept: kept[0] < turns, turn, (jnp.zeros_like(turns), parts, none))[1:]
-
-
-@functools.cache
-def _compiled(
-    device: tuple[PyTree, ...], structures: tuple[Structure, Structure], width: int
-) -> Callable[..., tuple[list[PyTree], Values]]:
-    """`_advanced` for a device, compiled once for all persons."""
-    fixed = functools.partial(_advanced, device=device, structures=structures, width=width)
-    options = compiler_options()
-    if options:  # a constant that is computed before the loop is one more call
-        options = options | {"xla_disable_hlo_passes": "while-loop-invariant-code-motion"}
-    return jax.jit(fixed, compiler_options=options or None)
+    return packed(begin(constants, _samples(row), options))
 
 
 _begin = compiled(_begun, static_argnames=("device",))
 
 
-type Field = tuple[jax.tree_util.PyTreeDef, list[tuple[slice, tuple[int, ...], np.dtype]]]
-"""A field of the results: its tree, and columns, shape and type of each leaf."""
+@functools.cache
+def _compiled(
+    device: tuple[PyTree, ...], fixed: Structure, moving: Structure, results: Structure
+) -> Callable[..., PyTree]:
+    """The program of a device, compiled once for all persons: (constants, state, block, count) → state and results.
 
+    The block is the only turn of a loop: XLA compiles a small loop to one function, and a program of some 500
+    operations to as many, whose calls take longer than their arithmetic.
+    """
+    _, advance, options = device
 
-def _fields(outputs: PyTree) -> tuple[dict[str, Field], int]:
-    """The fields of results (n, …), and the number of columns of their matrix."""
-    width = 0
-    fields: dict[str, Field] = {}
-    for name, value in zip(outputs._fields, outputs, strict=True):
-        leaves, tree = jax.tree.flatten(value)
-        columns = []
-        for leaf in leaves:
-            size = math.prod(leaf.shape[1:])
-            columns.append((slice(width, width + size), leaf.shape[1:], np.dtype(leaf.dtype)))
-            width += size
-        fields[name] = (tree, columns)
-    return fields, width
+    def advanced(constants: list[PyTree], parts: list[PyTree], block: Values, count: Values) -> PyTree:
+        def turn(kept: tuple[PyTree, ...]) -> tuple[PyTree, ...]:
+            # as if all depended on the number of the turn, or XLA would compute a part before the loop
+            (number, parts, _), columns, samples, real = lax.optimization_barrier((kept, constants, block, count))
+            state = unpacked(parts, moving)
+            after, found = advance(unpacked(columns, fixed), state, _samples(samples), real, options)
+            after = jax.tree.map(lambda new, old: jnp.asarray(new, old.dtype), after, state)
+            return number + 1, packed(after), packed(found, (BLOCK,))
 
+        turns = jnp.minimum(count, 1)  # not a constant, or XLA would remove the loop
+        none = [part.reshape(BLOCK, -1) for part in results.zeros()]
+        return lax.while_loop(lambda kept: kept[0] < turns, turn, (jnp.zeros_like(turns), parts, none))[1:]
 
-class Results:
-    """Results of n samples; each field is taken out of a matrix (n, width) when it is asked for."""
-
-    def __init__(self, matrix: np.ndarray, fields: dict[str, Field]) -> None:
-        self._matrix, self._fields = matrix, fields
-
-    def __contains__(self, name: str) -> bool:
-        return name in self._fields
-
-    def field(self, name: str, at: PyTree = slice(None)) -> PyTree:
-        """A field of the results, leaves (n, …), at all or some of the samples; None if it is None."""
-        tree, leaves = self._fields[name]
-        rows = self._matrix[at]
-        parts = (rows[:, columns].reshape(-1, *shape).astype(kind, copy=False) for columns, shape, kind in leaves)
-        return jax.tree.unflatten(tree, parts)
+    more = compiler_options()
+    if more:  # a constant that is computed before the loop is one more call
+        more = more | {"xla_disable_hlo_passes": "while-loop-invariant-code-motion"}
+    return jax.jit(advanced, compiler_options=more or None)
 
 
 class Runner:
@@ -187,39 +141,39 @@ class Runner:
         self._on = host() or jax.config.jax_default_device
         with jax.default_device(self._on):
             constants = jax.tree.map(jnp.asarray, device.constants)
-            self._begun = functools.partial(_begin, constants, device=functions)
             empty = np.zeros((BLOCK, 1 + 8 * len(device.placements)), self._dtype)
-            state = self._begun(empty[0])
-            shapes = jax.eval_shape(
-                lambda c, s, b: device.advance(c, s, _samples(b), np.int32(1), device.options)[1],
-                constants, state, empty,
-            )  # fmt: skip
-            self._fields, width = _fields(shapes)
+
+            def all_(constants: PyTree, rows: Values) -> tuple[PyTree, PyTree]:
+                state = device.begin(constants, _samples(rows[0]), device.options)
+                return state, device.advance(constants, state, _samples(rows), np.int32(1), device.options)[1]
+
+            state, results = jax.eval_shape(all_, constants, empty)
+            self._row = Structure.of(
+                jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype), results)
+            )
+            self._begun = functools.partial(_begin, constants, device=functions)
             self._constants = packed(constants)
-            self._loop = _compiled(functions, (Structure.of(constants), Structure.of(state)), width)
-            self._loop(self._constants, packed(state), empty, np.int32(0))
+            self._loop = _compiled(functions, *map(Structure.of, (constants, state, results)))
+            self._loop(self._constants, self._begun(empty[0]), empty, np.int32(0))
 
     @property
     def state_bytes(self) -> int:
         """Memory of the state [bytes]; 0 before the first sample."""
         return sum(part.nbytes for part in self._parts or [])
 
-    def push(self, rows: np.ndarray) -> Results:
+    def push(self, rows: np.ndarray) -> PyTree:
         """The results after each of n > 0 samples, (n, 1 + 8 k): dt, and gyr, acc, turned, felt of each sensor."""
-        with jax.default_device(self._on):
-            return self._pushed(rows)
-
-    def _pushed(self, rows: np.ndarray) -> Results:
         rows = rows.astype(self._dtype, copy=False)
-        if self._parts is None:
-            self._parts = packed(self._begun(rows[0]))
         done = []
-        for first in range(0, len(rows), BLOCK):
-            part = rows[first : first + BLOCK]
-            block = np.zeros((BLOCK, rows.shape[1]), self._dtype)
-            block[: len(part)] = part
-            self._parts, results = self._loop(self._constants, self._parts, block, np.int32(len(part)))
-            while not results.is_ready():  # a third of a millisecond; to wake a sleeping thread adds up to a half of it
-                pass
-            done.append(np.asarray(results)[: len(part)])
-        return Results(done[0] if len(done) == 1 else np.concatenate(done), self._fields)
+        with jax.default_device(self._on):
+            for first in range(0, len(rows), BLOCK):
+                part = rows[first : first + BLOCK]
+                block = np.zeros((BLOCK, rows.shape[1]), self._dtype)
+                block[: len(part)] = part
+                before = self._begun(rows[0]) if self._parts is None else self._parts
+                self._parts, results = self._loop(self._constants, before, block, np.int32(len(part)))
+                while not results[0].is_ready():  # a third of a millisecond; to wake a sleeping thread adds half of it
+                    pass
+                done.append([np.asarray(one)[: len(part)] for one in results])
+        parts = done[0] if len(done) == 1 else [np.concatenate(each) for each in zip(*done, strict=True)]
+        return unpacked(parts, self._row, (len(rows),))

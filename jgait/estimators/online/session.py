@@ -9,18 +9,23 @@ from jaxtyping import PyTree
 
 from jgait.estimators import get
 from jgait.estimators.combined.sources import MEASURES
+from jgait.estimators.lagged import LaggedNow
 from jgait.estimators.online import duty, legs, strides
-from jgait.estimators.online.clock import Pushes
-from jgait.estimators.online.device import Device, Results, Runner
+from jgait.estimators.online.device import Device, Runner
 from jgait.estimators.online.distance import LostTime, StridesWay
-from jgait.estimators.online.units import Sizes
+from jgait.estimators.online.samples import Pushes
 from jgait.estimators.proportions import gives
 from jgait.notes import Note
 from jgait.params import check_params
 from jgait.types import SIDES, AnyArray, Legs, LegTrajectory, Recording, RecordingError, Strides
 
-CAUSAL = ("foot_ins", "ankle_stride", "leg_ekf", "duty_cycled_gyro")
-"""Estimators with a form sample by sample."""
+CAUSAL: dict[str, dict[str, tuple[str, ...]]] = {
+    "foot_ins": {"feet": ("foot",)},
+    "ankle_stride": {"ankles": ("ankle",), "shanks": ("shank",)},
+    "leg_ekf": {"legs": ("thigh", "shank")},
+    "duty_cycled_gyro": {"legs": ()},
+}
+"""Estimators with a form sample by sample, their sources, and the segments that one side needs."""
 
 OFFLINE = {
     "waist": "its contacts come from wavelets over the whole walk",
@@ -47,9 +52,6 @@ class NewContacts(NamedTuple):
     time: np.ndarray  #: (n,) [s].
     side: np.ndarray  #: (n,) 0 right, 1 left.
     initial: np.ndarray  #: (n,) bool, True for an initial, False for a final contact.
-
-
-NO_CONTACTS = NewContacts(np.zeros(0), np.zeros(0, np.int32), np.zeros(0, bool))
 
 
 class News(NamedTuple):
@@ -89,8 +91,6 @@ class Online:
         self.sources = tuple(device.source for device in devices)
         self.notes = notes
         self._clock = Pushes(self.placements, sampling_rate_hz)
-        self._sizes = Sizes(self.placements, sampling_rate_hz)
-        self._none: dict[str, NewStrides] = {}
         self._walked = {device.source: StridesWay(len(device.sides)) for device in devices}
         self._lost = {device.source: LostTime() for device in devices}
         rows = {name: 1 + 8 * number for number, name in enumerate(self.placements)}
@@ -110,7 +110,7 @@ class Online:
         Args:
             time: (n,) or one number [s]; must increase from sample to sample and from block to block. Where samples
                 are missing, the filters bridge the gap by their predictions; of a gap of more than
-                `clock.LONGEST_GAP_S` only that time is bridged.
+                `samples.LONGEST_GAP_S` only that time is bridged.
             signals: placement → (gyr, acc) in the sensor's axes, (n, 3) or (3,) [rad/s], [m/s²]; exactly the
                 placements of `placements`. A sample with NaN is lost. acc is None for a sensor without accelerometer.
 
@@ -122,47 +122,31 @@ class Online:
                 first second, other units. The state is then as before the call.
         """
         block = self._clock.block(time, signals)
-        sums = self._sizes.after(block.rows)
         results = [
             runner.push(block.rows[:, columns]) for runner, columns in zip(self._runners, self._columns, strict=True)
         ]
         self._clock.accept(block)
-        self._sizes.accept(sums)
-        news: dict[str, PyTree] = {
-            "legs": None, "stddev": None, "angles": {}, "valid": np.ones(block.time.size, bool),
-            "stands": np.ones(block.time.size, bool),
-        }  # fmt: skip
-        strides: dict[str, NewStrides] = {}
-        distance: dict[str, float] = {}
-        lost: dict[str, float] = {}
+        samples, kept = block.time.size, block.kept
+        news = News(
+            block.time, None, None, {}, np.ones(samples, bool), np.ones(samples, bool), {}, _contacts({}), {}, {}
+        )
         for runner, columns, now in zip(self._runners, self._columns, results, strict=True):
-            device = runner.device
-            felt = block.rows[block.kept][:, columns[1:]].reshape(block.time.size, -1, 8)[:, :, 6:] > 0.0
-            there = felt[:, :, 0].all(axis=1) if device.source == "legs" else felt.all(axis=2).any(axis=1)
-            lost[device.source] = self._lost[device.source].after(block.time, there)
-            if device.source != "legs":
-                new = strides[device.source] = self._strides(device.source, now, block.offset)
-                distance[device.source] = self._walked[device.source].add(new.strides)
+            source, placements, sides = runner.device.source, runner.device.placements, runner.device.sides
+            felt = block.rows[kept][:, columns[1:]].reshape(samples, -1, 8)[:, :, 6:] > 0.0
+            there = felt[:, :, 0].all(axis=1) if source == "legs" else felt.all(axis=2).any(axis=1)
+            news.lost[source] = self._lost[source].after(block.time, there)
+            if source != "legs":
+                new = news.strides[source] = _strides(now, block.offset)
+                news.distance[source] = self._walked[source].add(new.strides)
                 continue
-            if (legs := now.field("legs")) is not None:
-                parts = (legs, now.field("stddev"))
-                news["legs"], news["stddev"] = (_legs(part, device.sides, block.kept) for part in parts)
-            news["valid"], news["stands"] = now.field("valid")[block.kept], now.field("stands")[block.kept]
-            if "angle" in now:
-                angles = now.field("angle")
-                news["angles"] = {name: angles[block.kept, k] for k, name in enumerate(device.placements)}
-            else:
-                distance["legs"] = float(now.field("distance", slice(-1, None))[0])
-        return News(block.time, strides=strides, contacts=_contacts(strides), distance=distance, lost=lost, **news)
-
-    def _strides(self, source: str, now: Results, offset: float) -> NewStrides:
-        """The strides in a block of results; the same empty table wherever there are none."""
-        if source in self._none and not now.field("stride").any():
-            return self._none[source]
-        strides = _strides(now, offset)
-        if not len(strides.strides.end):
-            self._none[source] = strides
-        return strides
+            if now.legs is not None:
+                news = news._replace(legs=_legs(now.legs, sides, kept), stddev=_legs(now.stddev, sides, kept))
+            news = news._replace(valid=now.valid[kept], stands=now.stands[kept])
+            if now.angle is not None:
+                news.angles.update({name: now.angle[kept, k] for k, name in enumerate(placements)})
+            if now.distance is not None:
+                news.distance["legs"] = float(now.distance[-1])
+        return news._replace(contacts=_contacts(news.strides))
 
 
 def _legs(part: LegTrajectory, sides: tuple[int, ...], kept: np.ndarray | slice) -> Legs:
@@ -173,27 +157,20 @@ def _legs(part: LegTrajectory, sides: tuple[int, ...], kept: np.ndarray | slice)
     return Legs(*both)
 
 
-_TIMES = ("start", "final_contact", "end", "standing", "standing_end")
-
-
-def _strides(now: Results, offset: float) -> NewStrides:
+def _strides(now: LaggedNow, offset: float) -> NewStrides:
     """The strides in the results of n samples of k sensors, in the order in which they became known."""
-    samples, sensors = np.nonzero(now.field("stride"))
-
-    def rows(table: PyTree) -> PyTree:
-        return jax.tree.map(lambda column: column[np.arange(samples.size), sensors], table)
-
-    strides, stddev = (rows(now.field(name, samples)) for name in ("strides", "stddev"))
-    moved = {name: getattr(strides, name) + offset for name in _TIMES if getattr(strides, name) is not None}
-    flags = rows(now.field("flags", samples))
+    at = np.nonzero(now.stride)
+    strides, stddev, flags = jax.tree.map(lambda column: column[at], (now.strides, now.stddev, now.flags))
+    times = ("start", "final_contact", "end", "standing", "standing_end")
+    moved = {name: getattr(strides, name) + offset for name in times if getattr(strides, name) is not None}
     return NewStrides(strides._replace(**moved), stddev, flags)
 
 
 def _contacts(strides: Mapping[str, NewStrides]) -> NewContacts:
     """Contacts of the strides of the preferred source."""
     table = next((strides[name].strides for name in PREFERRED if name in strides), None)
-    if table is None or not len(table.end):
-        return NO_CONTACTS
+    if table is None:
+        return NewContacts(np.zeros(0), np.zeros(0, np.int32), np.zeros(0, bool))
     time = np.concatenate([table.final_contact, table.end])
     initial = np.arange(time.size) >= len(table.end)
     order = np.argsort(time, kind="stable")
@@ -202,14 +179,11 @@ def _contacts(strides: Mapping[str, NewStrides]) -> NewContacts:
 
 def _chosen(names: str | Sequence[str] | None, recording: Recording) -> list[tuple[str, str]]:
     """Estimator and source of each device; every one that has its sensors, or those that are asked for."""
+    worn = set(recording.sensors)
     there = {
-        "foot_ins": ["feet"] * any(f"foot_{side}" in recording.sensors for side in SIDES),
-        "ankle_stride": [
-            f"{site}s" for site in ("ankle", "shank") if any(f"{site}_{side}" in recording.sensors for side in SIDES)
-        ],
-        "leg_ekf": ["legs"] * any({f"thigh_{s}", f"shank_{s}"} <= set(recording.sensors) for s in SIDES),
-        "duty_cycled_gyro": ["legs"],
-    }  # fmt: skip
+        name: [one for one, parts in every.items() if any({f"{part}_{s}" for part in parts} <= worn for s in SIDES)]
+        for name, every in CAUSAL.items()
+    }
     asked = (names,) if isinstance(names, str) else names
     for name in asked or ():
         if name in OFFLINE:

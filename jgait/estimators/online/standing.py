@@ -1,15 +1,16 @@
-"""What devices of legs share: stacked mountings, standing, lost samples, and trust in angles, in a block of samples."""
+"""What devices of legs share, in a block of samples: results, mountings, standing, lost samples, trust in angles."""
 
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jaxtyping import PyTree
 
 from jgait.estimators.leg_ekf.prepare import SegmentMounting
 from jgait.estimators.online.device import Readings
 from jgait.events.rest import LEGS_WINDOW_S
-from jgait.types import Counts, Flags, Values
+from jgait.types import Counts, Flags, LegTrajectory, Values
 
 START_VARIANCE = 0.3
 """[rad²] Variance of the angles at the first sample: a stream may begin in any phase of a stride."""
@@ -19,40 +20,41 @@ SETTLES_S = 5.0
 samples were lost for long. Chosen on simulated walks that begin in any phase of a stride."""
 
 
-class Settling(NamedTuple):
-    """What is kept between samples to know whether angles can be trusted."""
+class LegsNow(NamedTuple):
+    """Results after samples (b,) of n legs."""
 
-    unknown: Values  #: time since the angles were last unknown: since the start, or since a long loss ended [s].
-    stood: Values  #: time since the person last stood [s]; ∞ before.
+    legs: LegTrajectory | None  #: (b, n), if every leg has sensors on both segments.
+    stddev: LegTrajectory | None  #: their standard deviations.
+    stands: Flags  #: whether the person stands.
+    valid: Flags  #: whether the angles can be trusted.
+    angle: Values | None = None  #: (b, k) angle of the segment of each sensor from the vertical [rad].
+    distance: Values | None = None  #: [m]
 
 
-def unsettled(zero: Values) -> Settling:
-    """Before the first sample, of the type of `zero`."""
-    return Settling(zero, zero + jnp.inf)
-
-
-def settled(before: Settling, gone: Flags, still: Flags, dt: Values, count: Counts) -> tuple[Settling, Flags]:
+def settled(before: Values, gone: Flags, still: Flags, dt: Values, count: Counts) -> tuple[Values, Flags]:
     """Whether angles are settled at each of n samples: after standing, or `SETTLES_S` of walking, without a long loss.
 
     `gone` (n,) is True where a sensor's samples have been lost for so long that the angles are unknown, `still` (n,)
-    where the person stands; `dt` is the time since the previous sample [s], `count` the number of samples.
+    where the person stands; `dt` is the time since the previous sample [s], `count` the number of samples. `before`
+    (2,) is the time [s] since the angles were unknown, 0 at the start, and since the person stood, ∞ at the start.
     """
-    unknown, stood = (lost_for(old, flags, dt, count) for old, flags in zip(before, (gone, still), strict=True))
-    return Settling(unknown[count - 1], stood[count - 1]), (stood < unknown) | (unknown >= SETTLES_S)
+    times = lost_for(before, jnp.stack([gone, still], axis=1), dt, count)
+    return times[count - 1], (times[:, 1] < times[:, 0]) | (times[:, 0] >= SETTLES_S)
 
 
-def stacked_mountings(worn: list[SegmentMounting]) -> SegmentMounting:
-    """The mountings of k sensors as one, its fields (k, …); placements are a list."""
+def stacked_mountings(worn: list[SegmentMounting]) -> tuple[tuple[str, ...], PyTree]:
+    """The placements of k sensors, and their mountings as one without a placement, its fields (k, …)."""
     placements, *numbers = zip(*worn, strict=True)
-    return SegmentMounting(list(placements), *map(np.stack, numbers))  # type: ignore[arg-type]
+    columns: list[PyTree] = [None, *map(np.stack, numbers)]
+    return placements, SegmentMounting(*columns)
 
 
 def standing_samples(sampling_rate_hz: float) -> np.ndarray:
     """Number of samples for which all gyroscopes must be slow: the window of `events.rest.standing_of_legs`."""
-    return np.asarray(2 * max(1, round(LEGS_WINDOW_S * sampling_rate_hz)) + 1, np.int32)
+    return np.asarray(2.0 * max(1, round(LEGS_WINDOW_S * sampling_rate_hz)) + 1.0)
 
 
-def stood(slow: Counts, samples: Readings, limit: float, window: Counts, count: Counts) -> tuple[Counts, Flags]:
+def stood(slow: Values, samples: Readings, limit: float, window: Values, count: Counts) -> tuple[Values, Flags]:
     """Number of samples for which the legs have been slow, below `limit` [rad/s], and (n,) whether the person stands.
 
     `slow` is that number before the n samples, `window` that from which on the person stands, `count` the number of
@@ -60,13 +62,8 @@ def stood(slow: Counts, samples: Readings, limit: float, window: Counts, count: 
     """
     fast = jnp.sum(samples.gyr * samples.gyr, axis=2) >= limit**2
     quiet = jnp.any(samples.turned, axis=1) & ~jnp.any(fast & samples.turned, axis=1)
-    number = jnp.arange(1, quiet.shape[0] + 1, dtype=jnp.int32)
-    # the last sample that moved; a block that is quiet so far goes on with the number before it
-    moved = lax.cummax(jnp.where(quiet, 0, number))
-    ended = jnp.where(lax.cummin(quiet.astype(jnp.int32)) > 0, -slow, moved)
-    since = number - ended
-    stands = (since >= window) & (number <= count)
-    return jnp.minimum(since[count - 1], window), stands
+    since = lost_for(slow, ~quiet, jnp.ones_like(samples.dt), count)
+    return jnp.minimum(since[count - 1], window), since >= window
 
 
 def lost_for(before: Values, there: Flags, dt: Values, count: Counts) -> Values:

@@ -1,0 +1,163 @@
+"""Samples as they are pushed: checked, lost ones marked, gaps filled with lost samples."""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from jgait.estimators.checks import UNIT_FORCES
+from jgait.geometry.vectors import GRAVITY
+from jgait.types import AnyArray, as_float
+
+LONGEST_GAP_S = 5.0
+"""[s] Longest time without samples that is bridged; of a longer gap only so much."""
+
+LATE = 1.5
+"""[1] Interval over the usual one from which on samples are missing."""
+
+RATE_OFF = 1.25
+"""[1] Largest ratio of the usual interval of a block to that of the calibration."""
+
+FADES_S, LEAST_S = 2.0, 0.75
+"""[s] Time in which samples fade from the mean sizes of rate and force by 1/e; samples from which on a mean counts: a
+jolt or a flight phase tells nothing of units."""
+
+FASTEST_MEAN = 15.0
+"""[rad/s] Largest mean rate of a limb; of feet, ankles, shanks and thighs in all public sets, also running, it is 6."""
+
+LEAST_FORCE, LARGEST_FORCE = 0.5 * GRAVITY, UNIT_FORCES[-1][0]
+"""[m/s²] Least and largest mean size of the specific force; in these sets it is from 9 to 30."""
+
+
+class Block(NamedTuple):
+    """A block of pushed samples."""
+
+    time: np.ndarray  #: (n,) of the pushed samples [s].
+    #: (m, 1 + 8 k) for the devices: time since the previous sample [s], and for each sensor rate, force, whether the
+    #: rate and whether the force was measured; m > n if samples are missing.
+    rows: np.ndarray
+    kept: np.ndarray | slice  #: rows of the pushed samples, as an index.
+    samples: int  #: number of samples since the first one, at the end of the block.
+    offset: float  #: time of the newest sample less that which the devices count [s].
+    #: (k, 4) fading sums of the sizes of rate and force and of the measured samples of both.
+    sizes: np.ndarray
+
+
+class Pushes:
+    """Times, shapes and units of pushed samples."""
+
+    def __init__(self, placements: tuple[str, ...], sampling_rate_hz: float) -> None:
+        self._placements = placements
+        self._rate_hz = sampling_rate_hz
+        self._last: float | None = None
+        self._samples = 0
+        self._sizes = np.zeros((len(placements), 4))
+
+    def block(self, time: AnyArray | float, signals: Mapping[str, tuple[AnyArray, AnyArray | None]]) -> Block:
+        """The samples of one call of `Online.push`; nothing is changed until `accept`.
+
+        Raises:
+            ValueError: as `Online.push`.
+        """
+        times = np.atleast_1d(as_float(time))
+        if times.ndim != 1 or not times.size or not np.isfinite(times).all():
+            raise ValueError(f"time must be one finite number or (n,) of them, n > 0; got shape {np.shape(time)}")
+        if set(signals) != set(self._placements):
+            more = sorted(set(signals) - set(self._placements))
+            hint = f"; leave out {', '.join(more)}" if more and set(self._placements) <= set(signals) else ""
+            raise ValueError(f"push needs the samples of {', '.join(self._placements)}; got {sorted(signals)}{hint}")
+        rows = np.zeros((times.size, 1 + 8 * len(self._placements)))
+        rows[:, 0] = self._steps(times)
+        sensors = rows[:, 1:].reshape(times.size, -1, 8)
+        for number, name in enumerate(self._placements):
+            _fill(sensors[:, number], name, signals[name], (*np.shape(time), 3))
+        return self._spaced(times, rows)._replace(sizes=self._sized(sensors))
+
+    def accept(self, block: Block) -> None:
+        """The block has been processed."""
+        self._last, self._samples, self._sizes = float(block.time[-1]), block.samples, block.sizes
+
+    def _steps(self, times: np.ndarray) -> np.ndarray:
+        """Time since the previous sample of each; 0 of the first of all."""
+        step = np.diff(times, prepend=times[0] if self._last is None else self._last)
+        late = np.flatnonzero(step <= 0.0) if self._last is not None else 1 + np.flatnonzero(step[1:] <= 0.0)
+        if late.size:
+            before = self._last if late[0] == 0 else times[late[0] - 1]
+            raise ValueError(f"time must increase; {times[late[0]]:.6g} s follows {before:.6g} s")
+        if len(step) > 3 and abs(step[1:].mean() * self._rate_hz - 1.0) > 0.1:
+            ratio = float(np.median(step[1:])) * self._rate_hz  # samples may be missing
+            if not 1.0 / RATE_OFF < ratio < RATE_OFF:
+                raise ValueError(
+                    f"samples come at {self._rate_hz / ratio:.4g} Hz; the calibration has {self._rate_hz:.4g} Hz"
+                )
+        return step
+
+    def _spaced(self, times: np.ndarray, rows: np.ndarray) -> Block:
+        """The rows, with lost samples where some are missing."""
+        kept: np.ndarray | slice = slice(None)
+        if rows[:, 0].max() * self._rate_hz > LATE:
+            gap = np.minimum(rows[:, 0], LONGEST_GAP_S)
+            missing = np.where(gap * self._rate_hz > LATE, np.rint(gap * self._rate_hz).astype(int) - 1, 0)
+            kept = at = np.arange(times.size) + np.cumsum(missing)
+            every = np.zeros((int(at[-1]) + 1, rows.shape[1]))
+            every[at] = rows
+            every[:, 0] = np.repeat(gap / (missing + 1), missing + 1)
+            rows = every
+        samples = self._samples + len(rows)
+        return Block(times, rows, kept, samples, float(times[-1]) - (samples - 1) / self._rate_hz, self._sizes)
+
+    def _sized(self, sensors: np.ndarray) -> np.ndarray:
+        """The sums after samples (n, k, 8). Raises ValueError for rates or forces not in rad/s and m/s²."""
+        sums, most = self._sizes, max(round(FADES_S * self._rate_hz), 1)
+        sizes = (np.sqrt(np.square(sensors[..., part]).sum(axis=2)) for part in (slice(3), slice(3, 6)))
+        each = np.stack([*sizes, sensors[..., 6], sensors[..., 7]], axis=2)
+        for first in range(0, len(each), most):
+            part = each[first : first + most]
+            sums = sums * math.exp(-len(part) / most) + part.sum(axis=0)
+            rate, force = (sums[:, :2] / np.maximum(sums[:, 2:], 1.0)).T
+            fast, odd = rate > FASTEST_MEAN, (force < LEAST_FORCE) | (force > LARGEST_FORCE)
+            wrong = np.stack([fast, odd], axis=1) & (sums[:, 2:] > LEAST_S * self._rate_hz)
+            for name, *of_one in zip(self._placements, rate, force, *wrong.T, strict=True):
+                if of_one[2] or of_one[3]:
+                    raise ValueError(_other_unit(name, *of_one))
+        return sums
+
+
+def _fill(rows: np.ndarray, name: str, signals: tuple[AnyArray, AnyArray | None], shape: tuple[int, ...]) -> None:
+    """Rate, force and whether they were measured, of one sensor, whose signals have a shape."""
+    if not isinstance(signals, tuple) or len(signals) != 2:
+        raise ValueError(f"the samples of '{name}' must be (gyr, acc); got {type(signals).__name__}")
+    for number, (what, values) in enumerate(zip(("gyr", "acc"), signals, strict=True)):
+        if values is None:
+            if what == "acc":
+                continue
+            raise ValueError(f"'{name}' needs a gyroscope; gyr is None")
+        array = as_float(values)
+        if array.shape != shape:
+            raise ValueError(f"{what} of '{name}' must have the shape {shape}; got {array.shape}")
+        array = array.reshape(len(rows), 3)
+        there = np.isfinite(array).all(axis=1)
+        rows[:, 3 * number : 3 * number + 3] = np.where(there[:, None], array, 0.0)
+        rows[:, 6 + number] = there
+
+
+def _other_unit(name: str, rate: float, force: float, fast: bool, unlike_gravity: bool) -> str:
+    """What is wrong with a sensor's mean rate and force, and what it seems to be."""
+    if force < 0.8 * GRAVITY < rate < 3.0 * GRAVITY:
+        return (
+            f"gyr and acc of '{name}' seem to be exchanged: on average they are {rate:.3g} rad/s and {force:.3g} m/s², "
+            f"where gravity alone is {GRAVITY:.3g} m/s²"
+        )
+    words = []
+    if fast:
+        words.append(
+            f"gyr of '{name}' must be in rad/s; on average it is {rate:.4g}, and no limb exceeds {FASTEST_MEAN:g}: is "
+            "it in deg/s?"
+        )
+    if unlike_gravity:
+        unit = next((f": is it in {unit}?" for low, high, unit in UNIT_FORCES if low < force < high), "")
+        words.append(
+            f"acc of '{name}' must be in m/s²; on average it is {force:.3g}, where gravity alone is {GRAVITY:.3g}{unit}"
+        )
+    return "; ".join(words)
