@@ -57,7 +57,7 @@ def test_tables_of_an_analysis_have_headings_in_words_and_no_box_that_hides_rows
     recording, analysis = analysed
     text = of_analysis(analysis, recording).html
     assert "wb_id" not in text and "walking_speed_mps" not in text
-    for heading in ("no.", "start [s]", "distance [m]", "speed [m/s]", "cadence [steps/min]"):
+    for heading in ("no.", "start [s]", "distance [m]", "walking speed [m/s]", "cadence [steps/min]"):
         assert f">{heading}</th>" in text
     boxes = re.findall(r'<div class="(scroll[^"]*)".*?<table( class="sortable")?', text, re.DOTALL)
     assert len(boxes) > 3
