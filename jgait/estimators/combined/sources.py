@@ -182,7 +182,7 @@ ROWS_SHARE = 0.1
 """[1] Relative standard deviation of a length if rows are missing or written twice. Chosen: with a fiftieth of the
 rows, lengths of recorded walks were off by 4 to 13 %."""
 
-ROWS = {"rows_lost": ("places", 10), "rows_twice": ("rows", 10), "rows_skipped": ("places", 1)}
+ROWS = {"rows_lost": ("places", 10), "rows_twice": ("rows", 10)}
 """Code of a reader's note on rows → its number of rows, and the number above which all strides are uncertain; a few
 places of a joined file change no other stride."""
 
