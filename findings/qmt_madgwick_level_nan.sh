@@ -3,7 +3,7 @@
 # Expected: a sensor that lies exactly level and still is the easiest input; the answer is level.
 # Seen: every quaternion is NaN, from the first one on, without an error: the correction is exactly 0
 #   and is divided by its own length. One level second at the start spoils the walk after
-#   it. With a tilt of 0.1 degrees the whole result is sound; VQF gives level for both.
+#   it. With a tilt of 0.1 degrees it is sound; Mahony and VQF are sound for both.
 # For gait: real sensors are never exactly level, simulated ones nearly always are, so that
 #   tests with made-up walks fail where recordings pass.
 set -euo pipefail

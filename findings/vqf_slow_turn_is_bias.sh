@@ -5,7 +5,7 @@
 #   the gyroscope's bias, and the heading moves by less than 3 degrees. At 2.5 deg/s
 #   the whole turn is seen. With restBiasEstEnabled=False the slow turn is seen too.
 # For gait: slow, even turns (standing on a turntable for calibration, shuffling round
-#   on the spot) vanish, while their rest phases are what the default is made for.
+#   on the spot) vanish from the heading.
 set -euo pipefail
 
 work="$(mktemp -d)"
