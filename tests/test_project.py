@@ -88,7 +88,7 @@ def test_top_level():
     hidden = {".ci", ".gitignore", ".python-version"}
     top = {path.parts[0] for path in tracked()}
     assert needed | hidden | {"jgait", "tests"} <= top
-    assert top <= needed | hidden | {"docs", "jgait", "experiments", "tests", "notebooks"}
+    assert top <= needed | hidden | {"docs", "findings", "jgait", "experiments", "tests", "notebooks"}
 
 
 def test_no_file_knows_the_machine_it_was_written_on():
