@@ -100,7 +100,10 @@ class Estimator[P, I](NamedTuple):
         check_recording(recording)
         check_params(p, self.transforms, self.params)
         prepared = self.prepare(recording)
-        prepared = prepared._replace(notes=(*recording.notes, *prepared.notes))
+        return self.solve(p, prepared._replace(notes=(*recording.notes, *prepared.notes)))
+
+    def solve(self, p: P, prepared: Prepared[I]) -> Estimate:
+        """The estimate of a prepared recording; as `estimate`."""
         p, inputs, options = on_host(p), on_host(prepared.inputs), prepared.options
         with np.errstate(all="ignore"):  # padding, and samples that are not valid
             result = None if self.in_parts is None else self.in_parts(p, inputs, options)
