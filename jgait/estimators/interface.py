@@ -44,7 +44,9 @@ class Estimator[P, I](NamedTuple):
         name: name in `jgait.estimators`.
         params: default parameters, natural units, with declared ranges.
         prepare: recording → `Prepared`, on the host; raises `RecordingError` for an unusable recording.
-        run: (params, inputs, options) → `Estimate`; pure, for jit, vmap and grad, `options` static.
+        run: (params, inputs, options) → `Estimate`; pure, for jit, vmap and grad, `options` static. For one recording
+            it gets NumPy's arrays and runs on the host: it writes functions of arrays as `geometry.arrays.xp.sqrt`, and
+            calls filters and scans through `programs.compiled`.
         own: (params, body) → parameters with the measures of a person; `body` maps a name, as in the diagnostics of a
             reference ("thigh_length" [m], …), to a number or to (right, left); pure, also for JAX arrays.
         about: description of the estimator: measures, options, tables, figures, flags.

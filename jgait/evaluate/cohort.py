@@ -77,8 +77,8 @@ def cohort(
             `lambda walk: {"thigh_length": walk.info["thigh_length"]}`; None does not change the parameters.
         read: item → walk.
         score: (estimate, walk) → `Scores`, on the host; the estimate has no padding, the walk no sensor data.
-        out: folder for the results; None keeps them in memory. Functions are compared by name alone: give another
-            folder when their code, or what they read, has changed.
+        out: folder for the results; None keeps them in memory. Functions are compared by name and source: give
+            another folder when the functions that they call, or what they read, has changed.
         batch: number of recordings that run at once; memory grows with it. The last batch of each length is filled
             with copies. Rounded up to a multiple of the number of devices of `mesh`.
         mesh: devices that share each batch; it has one axis.

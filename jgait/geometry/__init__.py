@@ -1,1 +1,1 @@
-"""Vectors, rotations and rigid segments; elementwise over time and people."""
+"""Vectors, rotations and rigid segments, by NumPy or JAX; elementwise over time and people."""

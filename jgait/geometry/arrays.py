@@ -57,7 +57,7 @@ def alike[*Trees](*trees: *Trees) -> tuple[*Trees]:
 
 
 def for_each(function: Callable[..., PyTree], *records: PyTree) -> PyTree:
-    """The results of a function of records, for each along their first axis, with a first axis of their own."""
+    """The results of a function for each of some records, stacked; each record is a row of all arguments' arrays."""
     leaves = jax.tree.leaves(records)
     if of_jax(*leaves):
         return jax.vmap(function)(*records)
@@ -73,15 +73,15 @@ def interpolated(at: PyTree, knots: PyTree, values: PyTree) -> PyTree:
     return np.stack(columns, axis=1).astype(values.dtype)
 
 
-def largest_so_far(values: PyTree, *, reverse: bool = False) -> PyTree:
-    """The largest of the values (n, …) up to each one; `reverse`: from each one on."""
-    if of_jax(values):
-        return lax.cummax(values, reverse=reverse)
-    return np.maximum.accumulate(values[::-1])[::-1] if reverse else np.maximum.accumulate(values)
+def largest_so_far(values: PyTree) -> PyTree:
+    """The largest of the values (n, …) up to each one."""
+    return lax.cummax(values) if of_jax(values) else np.maximum.accumulate(values)
 
 
 def put(values: PyTree, at: PyTree, new: PyTree, how: str = "set") -> PyTree:
-    """The values with others at rows `at`, by "set", "add" or "max"; rows behind the last are left out."""
+    """A copy of the values in which rows `at` are set to `new`, or, as `how` says, their sum with it ("add") or the
+    larger of both ("max"). Rows behind the last are left out.
+    """
     if of_jax(values, at, new):
         return getattr(jnp.asarray(values).at[at], how)(new, mode="drop")
     inside = np.asarray(at) < len(values)

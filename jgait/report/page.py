@@ -4,7 +4,6 @@ import base64
 import hashlib
 import html
 import io
-import json
 import math
 import os
 import re
@@ -12,8 +11,6 @@ from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
-
-from jaxtyping import PyTree
 
 from jgait.io.atomic import write_text
 from jgait.notes import printable
@@ -109,10 +106,6 @@ class Report:
         """Write the page, completely or not at all, into a folder that exists; returns the path."""
         return write_text(path, self.html)
 
-    def save_numbers(self, path: str | os.PathLike[str]) -> Path:
-        """Write the numbers as JSON, completely or not at all, into a folder that exists; returns the path."""
-        return write_text(path, json.dumps(plain(self.numbers), indent=1, ensure_ascii=False) + "\n")
-
     def _repr_html_(self) -> str:
         return f'<iframe srcdoc="{html.escape(self.html)}" width="100%" height="800" title="jgait report"></iframe>'
 
@@ -198,14 +191,3 @@ def cell(value: Values, digits: int, spread: Values | None = None) -> Cell:
 def without_folders(text: str) -> str:
     """A text with file names without folders, because folders contain names of people and machines."""
     return FOLDERS.sub("", text)
-
-
-def plain(value: PyTree) -> PyTree:
-    """A value converted for JSON: no NumPy types, and null for numbers that are not finite."""
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, dict):
-        return {str(name): plain(inner) for name, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(inner) for inner in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -3,9 +3,11 @@
 import dataclasses
 import functools
 import hashlib
+import inspect
 import json
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,7 @@ from jgait.version import __version__
 
 
 def described(value: object) -> str:
-    """A text of a value that is the same in every process: arrays by content, functions by name."""
+    """A text of a value that is the same in every process: arrays by content, functions by name and source."""
     if isinstance(value, functools.partial):
         return f"partial{described((value.func, value.args, value.keywords))}"
     if isinstance(value, jax.Array) and jnp.issubdtype(value.dtype, jax.dtypes.prng_key):
@@ -38,8 +40,16 @@ def described(value: object) -> str:
     if isinstance(value, dict):
         return f"{{{_pairs(value)}}}"
     if callable(value) and hasattr(value, "__qualname__"):
-        return f"{value.__module__}.{value.__qualname__}"
+        return f"{value.__module__}.{value.__qualname__}{_source(value)}"
     return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
+
+
+def _source(function: Callable[..., Any]) -> str:
+    """The digest of a function's source; "" where there is none, as of a function typed into an interpreter."""
+    try:
+        return f" {hashlib.sha256(inspect.getsource(inspect.unwrap(function)).encode()).hexdigest()[:16]}"
+    except (OSError, TypeError):
+        return ""
 
 
 def _pairs(values: dict[Any, Any]) -> str:

@@ -228,8 +228,8 @@ def fit[P](
         key: PRNG key of starts and minibatches.
         checkpoint_file: file in which the state is saved about twenty times. With the same file, an interrupted fit
             continues and ends with the same result; a finished fit returns its result at once. The file of another fit
-            is refused; of the loss the name and the fields are compared, as of a `tune.Objective`, but not the code:
-            name another file when you edit it.
+            is refused. The loss is compared by its fields, as of a `tune.Objective`, and by its source: name another
+            file when the functions that it calls, or the values that it reads, have changed.
         mesh: devices of one axis, over which the items are distributed; with several processes, each process passes
             the whole `data` and returns the whole result.
         progress: function called on the host after every chunk; it has no influence on the result.

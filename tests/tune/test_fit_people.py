@@ -284,6 +284,18 @@ def test_a_description_is_the_same_in_another_process_and_tells_values_apart():
     assert described(Spot(np.float64(0.1))) == described(Spot(jnp.asarray(0.1))) == "Spot(x=0.1)"
 
 
+def test_a_function_that_was_edited_is_another(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(tmp_path))
+    texts = []
+    for power in (2, 3):
+        (tmp_path / f"edited_{power}.py").write_text(f"def loss(x):\n    return x**{power}\n")
+        function = __import__(f"edited_{power}").loss
+        function.__module__ = "edited"
+        texts.append(described(function))
+    assert texts[0] != texts[1] and all(text.startswith("edited.loss ") for text in texts)
+    assert described(eval("lambda x: x")).endswith("<lambda>")  # without a source, by its name
+
+
 @pytest.mark.usefixtures("unchecked")
 def test_an_optimiser_that_is_none_is_refused():
     with pytest.raises(TypeError, match=r"optimizer must come from optax, such as optax.adam\(0.05\); got 'adam'"):

@@ -13,13 +13,13 @@ Outputs:
 from functools import partial
 from typing import Annotated, Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jgait.estimators.toy_speed.about import ABOUT
 
 from jgait import params
 from jgait.estimators.axes import Sampled, Times
 from jgait.estimators.interface import Estimator, Prepared, with_measures
+from jgait.geometry.arrays import xp
 from jgait.types import Estimate, Legs, Recording, RecordingError
 
 
@@ -54,7 +54,7 @@ def prepare(recording: Recording) -> Prepared[ToyInputs]:
 
 def run(p: ToyParams, inputs: ToyInputs, options: None = None) -> Estimate:
     """The distance at one speed: pure, for jit, vmap and grad."""
-    return Estimate(inputs.time, Legs(None, None), None, p.toy_speed * jnp.cumsum(inputs.dt), inputs.valid, {})
+    return Estimate(inputs.time, Legs(None, None), None, p.toy_speed * xp.cumsum(inputs.dt), inputs.valid, {})
 
 
 def estimator() -> Estimator[ToyParams, ToyInputs]:
