@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import typer
+from jaxtyping import PyTree
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn
@@ -42,9 +43,18 @@ def stop(message: str) -> NoReturn:
 def write_json(file: Path | None, content: object) -> None:
     """Write the numbers as JSON if a file is given; exits with code 2 if it cannot be written."""
     if file is not None:
-        from jgait.report.page import plain
+        write(file, json.dumps(_plain(content), indent=1, ensure_ascii=False, default=str) + "\n")
 
-        write(file, json.dumps(plain(content), indent=1, ensure_ascii=False, default=str) + "\n")
+
+def _plain(value: PyTree) -> PyTree:
+    """A value converted for JSON: no NumPy types, and null for numbers that are not finite."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, dict):
+        return {str(name): _plain(inner) for name, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def write(file: Path, text: str) -> None:
