@@ -125,18 +125,21 @@ def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningRes
             "cross-validation is left out: it needs two people, or one person on two days that are known, and there is "
             "only a single person"
         )
-    elif cross:
-        bar.begin(f"learning from other {groups.many} (compiling)")
+    data, file = job.made.data, job.run / "steps.npz"
+    if cross and not why:
+        bar.begin(f"learning from all people, and from other {groups.many} (compiling)")
         validation = tuning.cross_validate(
-            job.loss, job.start, job.free, job.made.data, folds=job.folds, error=job.error, subjects=groups.labels,
+            job.loss, job.start, job.free, data, folds=job.folds, error=job.error, subjects=groups.labels,
             progress=report(f"learning from other {groups.many}", f"judging the {groups.many} left out (compiling)"),
-            checkpoint_file=job.run / "cross_validation.npz", **job.settings,
+            checkpoint_file=file, **job.settings,
         )  # fmt: skip
-    bar.begin("learning from all people (compiling)")
-    fit = tuning.fit(
-        job.loss, job.start, job.free, job.made.data, subjects=job.made.subjects,
-        progress=report("learning from all people"), checkpoint_file=job.run / "fit.npz", **job.settings,
-    )  # fmt: skip
+        fit = validation.fit
+    else:
+        bar.begin("learning from all people (compiling)")
+        fit = tuning.fit(
+            job.loss, job.start, job.free, data, subjects=job.made.subjects, checkpoint_file=file,
+            progress=report("learning from all people"), **job.settings,
+        )  # fmt: skip
     bar.begin("which parameters the data determine (compiling)")
     known, unknown, moved, errors = None, "", list[str](), None
     likelihood = set(loss) == {"likelihood"}
@@ -188,8 +191,11 @@ def _determined(job: Job, fit: Fit[PyTree], people: int, information: str) -> tu
         )
     if fit.left_out:
         return None, "standard errors are left out, because some recordings were not used"
-    loss, data = tuning.by_subject(job.loss, job.made.data, job.made.subjects)
+    data, subjects = job.made.data, job.made.subjects
     try:
-        return tuning.identifiability(loss, fit.params, job.free, data, information=information), ""
+        known = tuning.identifiability(
+            job.loss, fit.params, job.free, data, subjects=subjects, information=information
+        )  # fmt: skip
+        return known, ""
     except ValueError as error:
         return None, f"standard errors are left out: {error}"

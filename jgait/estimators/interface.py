@@ -106,15 +106,17 @@ class Estimator[P, I](NamedTuple):
 
     def solve(self, p: P, prepared: Prepared[I]) -> Estimate:
         """The estimate of a prepared recording; as `estimate`."""
+        return self.finished(self.computed(p, prepared), prepared)
+
+    def computed(self, p: P, prepared: Prepared[I]) -> Estimate:
+        """The result of `run` for the padded inputs of a prepared recording, on the host."""
         p, inputs, options = on_host(p), on_host(prepared.inputs), prepared.options
         with np.errstate(all="ignore"):  # padding, and samples that are not valid
             result = None if self.in_parts is None else self.in_parts(p, inputs, options)
-            if result is None:
-                result = self.run(p, pad(inputs, bucket(len(inputs.time))), options)
-        return self.finished(result, prepared)
+            return result or self.run(p, pad(inputs, bucket(len(inputs.time))), options)
 
     def finished(self, result: Estimate, prepared: Prepared[I]) -> Estimate:
-        """The result of `estimate`, from the result of `run` for the padded inputs of a prepared recording."""
+        """The result of `estimate`, from that of `computed`."""
         result = trimmed(result, len(prepared.inputs.time), self.per_stride)  # type: ignore[attr-defined]
         facts = {"notes": prepared.notes, "standing": prepared.standing}
         result = result._replace(diagnostics={**result.diagnostics, **facts})

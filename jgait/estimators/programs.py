@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 from jaxtyping import PyTree
 
 from jgait.filtering.compile import backend, compiler_options, host, processor
@@ -81,7 +82,8 @@ class Program:
     """A function of arrays, given by position, and of static arguments, given by name and hashable.
 
     It computes as `jax.jit` of the function does, with NumPy's arrays for results; inside another `jit` it is just
-    that. It computes on the CPU unless a default device is set (`jgait.filtering.compile.host`).
+    that, unless no result depends on an argument whose values are not known there: then it computes at once. It
+    computes on the CPU unless a default device is set (`jgait.filtering.compile.host`).
     """
 
     def __init__(self, function: Callable[..., PyTree], options: dict[str, Any] | None = None) -> None:
@@ -92,8 +94,13 @@ class Program:
     def __call__(self, *arrays: PyTree, **static: Any) -> PyTree:
         """The result of the function."""
         leaves, structure = jax.tree.flatten(arrays)
-        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
-            return self._jit(tuple(static))(*arrays, **static)
+        if unknown := [k for k, leaf in enumerate(leaves) if isinstance(leaf, jax.core.Tracer)]:
+            program = _inner(self.function, tuple(static))
+            if not _needed(program.trace(*arrays, **static).jaxpr.jaxpr).isdisjoint(unknown):
+                return program(*arrays, **static)
+            for k in unknown:
+                leaves[k] = np.zeros(leaves[k].shape, leaves[k].dtype)
+            return self(*jax.tree.unflatten(structure, leaves), **static)
         if (cpu := host()) is not None:
             # JAX moves arrays by itself, but for those that were put on a device
             fixed = [isinstance(leaf, jax.Array) and leaf.committed for leaf in leaves]
@@ -102,13 +109,10 @@ class Program:
                 return self(*jax.tree.unflatten(structure, moved), **static)
         shapes = tuple(map(_shape, leaves))
         key = (structure, shapes, tuple(sorted(static.items())), bool(jax.config.jax_enable_x64), _device())
-        program = self._ready.get(key)
-        if program is None:
-            program = self._ready[key] = self._made(key, arrays, static)
-        return on_host(program(*arrays))
-
-    def _jit(self, names: tuple[str, ...], options: dict[str, Any] | None = None) -> Any:
-        return jax.jit(self.function, static_argnames=names, compiler_options=options)
+        ready = self._ready.get(key)
+        if ready is None:
+            ready = self._ready[key] = self._made(key, arrays, static)
+        return on_host(ready(*arrays))
 
     def _made(self, key: Hashable, arrays: PyTree, static: dict[str, Any]) -> Callable[..., PyTree]:
         """The program, traced as the folder has it, or anew."""
@@ -118,7 +122,8 @@ class Program:
             if _Store.compiling is not None:
                 _Store.compiling()
             if file is None:
-                program: Callable[..., PyTree] = self._jit(tuple(static), options).lower(*arrays, **static).compile()
+                whole = jax.jit(self.function, static_argnames=tuple(static), compiler_options=options)
+                program: Callable[..., PyTree] = whole.lower(*arrays, **static).compile()
                 return program
             leaves, structure = jax.tree.flatten(arrays)
 
@@ -138,6 +143,21 @@ class Program:
             return None
         digest = hashlib.sha256(f"{whole} {_surroundings()}".encode()).hexdigest()
         return _Store.folder / f"{digest}{ENDING}"
+
+
+@functools.cache
+def _inner(function: Callable[..., PyTree], static: tuple[str, ...]) -> Any:
+    """A function as a program inside another one."""
+    return jax.jit(function, static_argnames=static)
+
+
+def _needed(operations: Any) -> set[int]:
+    """The numbers of the arguments on which the results of traced operations depend."""
+    wanted = {v for v in operations.outvars if not hasattr(v, "val")}
+    for step in reversed(operations.eqns):
+        if not wanted.isdisjoint(step.outvars):
+            wanted |= {v for v in step.invars if not hasattr(v, "val")}
+    return {k for k, v in enumerate(operations.invars) if v in wanted}
 
 
 def _shape(leaf: PyTree) -> Hashable:

@@ -215,7 +215,12 @@ def program(run: Callable[..., Estimate], options: PyTree, mesh: Mesh | None) ->
 
 
 def _started(job: CohortJob, bucket: list[Ready]) -> PyTree:
-    """Begin to compute a batch; an unfilled batch is filled with copies of a recording."""
+    """Begin to compute a batch; an unfilled batch is filled with copies of a recording, a batch of one is computed as
+    a single recording is.
+    """
+    if job.batch == 1 and job.mesh is None:
+        (row,) = bucket
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[None], job.estimator.computed(row.params, row.made))
     pairs = [(row.params, _padded(job, row.made)) for row in bucket]
     pairs += pairs[:1] * (job.batch - len(bucket))
     params, inputs = jax.tree.map(lambda *leaves: np.stack(leaves), *pairs)

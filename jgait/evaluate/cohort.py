@@ -24,6 +24,10 @@ if TYPE_CHECKING:
 Progress = Callable[[int, int], None]
 """Called after every batch with the number of recordings finished in this run, and the number that failed."""
 
+FEW = 32
+"""Largest number of recordings that run one after another: the program of a batch takes as long to compile as some
+tens of recordings take by the programs of one, which `jgait estimate` compiles too."""
+
 
 def cohort(
     estimator: Estimator[PyTree, PyTree],
@@ -80,7 +84,8 @@ def cohort(
         out: folder for the results; None keeps them in memory. Functions are compared by name and source: give
             another folder when the functions that they call, or what they read, has changed.
         batch: number of recordings that run at once; memory grows with it. The last batch of each length is filled
-            with copies. Rounded up to a multiple of the number of devices of `mesh`.
+            with copies. Rounded up to a multiple of the number of devices of `mesh`. Few items run one after another,
+            by the programs of single recordings.
         mesh: devices that share each batch; it has one axis.
         client: a `dask.distributed.Client` (the extra `cluster`); `estimator`, `read` and `score` are sent by
             cloudpickle.
@@ -112,7 +117,8 @@ def cohort(
         check_params(params, estimator.transforms, estimator.params)
     local = checked_mesh(mesh)
     if isinstance(items, Sized):
-        batch = min(batch, max(1, -(-len(items) // processes)))
+        share = -(-len(items) // processes)
+        batch = 1 if share <= FEW and local is None and client is None else min(batch, share)
     if local is not None:
         batch = -(-batch // local.size) * local.size
     job = CohortJob(estimator, params, own, read, score, batch, local, bool(jax.config.jax_enable_x64))

@@ -58,11 +58,11 @@ def alike[*Trees](*trees: *Trees) -> tuple[*Trees]:
 
 def for_each(function: Callable[..., PyTree], *records: PyTree) -> PyTree:
     """The results of a function for each of some records, stacked; each record is a row of all arguments' arrays."""
-    leaves = jax.tree.leaves(records)
-    if of_jax(*leaves):
+    if all(of_jax(*jax.tree.leaves(record)) for record in records):
         return jax.vmap(function)(*records)
-    rows = [function(*jax.tree.map(lambda leaf, k=k: leaf[k], records)) for k in range(len(leaves[0]))]
-    return jax.tree.map(lambda *parts: np.stack(parts), *rows)
+    rows = len(jax.tree.leaves(records)[0])
+    each = [function(*jax.tree.map(lambda leaf, k=k: leaf[k], records)) for k in range(rows)]
+    return jax.tree.map(lambda *parts: xp.stack(parts), *each)
 
 
 def interpolated(at: PyTree, knots: PyTree, values: PyTree) -> PyTree:

@@ -5,7 +5,7 @@ from jgait.tune.fit import Fit, fit
 from jgait.tune.identifiability import Identifiability, identifiability
 from jgait.tune.lanes import Progress, Report
 from jgait.tune.lessons import Lesson, Lessons, Windows, lessons, named_windows
-from jgait.tune.objective import LOSSES, Loss, Objective, asked, by_subject, lacking, objective, parsed
+from jgait.tune.objective import LOSSES, Loss, Objective, asked, lacking, objective, parsed
 from jgait.tune.profile import Profile, profile
 
 __all__ = [
@@ -22,7 +22,6 @@ __all__ = [
     "Report",
     "Windows",
     "asked",
-    "by_subject",
     "cross_validate",
     "fit",
     "identifiability",

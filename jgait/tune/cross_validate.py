@@ -19,12 +19,14 @@ from jgait.tune import checkpoint
 from jgait.tune.checks import check_data, check_priors, numbered, spread_out, start, transforms_of
 from jgait.tune.descent import Settings
 from jgait.tune.fit import (
+    Fit,
     best_starts,
     check_mesh,
     check_settings,
     lane,
     loss_type,
     optimizer_mark,
+    result_of,
     scattered,
     warn_of_flat,
 )
@@ -32,6 +34,7 @@ from jgait.tune.lanes import Report, descend
 from jgait.tune.lessons import Lesson
 from jgait.tune.optimizers import supported
 from jgait.tune.problem import Context, Items, Problem, of_subject, place
+from jgait.tune.remainder import reduced
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,6 +51,7 @@ class CrossValidation[P](NamedTuple):
         params: the parameters of each fold, natural units; a free parameter has a leading axis (F,).
         losses: (F, starts) training loss of every fit; the start with the lowest one gives the fold's parameters.
         left_out: (F,) number of items in a fold's training part that were left out, see `tune.fit`.
+        fit: the fit to all items, beside those of the folds in one program; as `tune.fit` gives it.
     """
 
     table: "pd.DataFrame"
@@ -55,6 +59,7 @@ class CrossValidation[P](NamedTuple):
     params: P
     losses: np.ndarray
     left_out: np.ndarray
+    fit: Fit[P]
 
 
 def _check_split(subjects: Sequence[Hashable], folds: Sequence[Hashable]) -> None:
@@ -128,7 +133,8 @@ def cross_validate[P](
     progress: Report | None = None,
     chunk: int | None = None,
 ) -> CrossValidation[P]:
-    """For every fold, fit on the other folds' subjects and compute the error on the fold's subjects, in one program.
+    """For every fold, fit on the other folds' subjects and compute the error on the fold's subjects, in one program;
+    the fit to all items is made beside.
 
     A fold with several starts uses the start with the lowest training loss; the items held out have no influence on
     that choice. `params` are the starting values, with which `error_before` is computed as well; known values per
@@ -155,10 +161,11 @@ def cross_validate[P](
     check_priors(priors, transforms)
     check_mesh(mesh, minibatch, "the number of items", n)
     params = spread_out(params, transforms, len(labels))
-    problem, items = Problem(loss, transforms, priors, mesh), Items(data, number)
-    free, dtype = start(params, transforms), loss_type(problem, params, items)
+    given, items, free = Problem(loss, transforms, priors, mesh), Items(data, number), start(params, transforms)
+    problem, known = reduced(given, params, free, items)
+    dtype = loss_type(problem, params, known)
     kinds = list(dict.fromkeys(fold_of))
-    learned = np.asarray([[of != fold for of in fold_of] for fold in kinds])
+    learned = np.asarray([*([of != fold for of in fold_of] for fold in kinds), [True] * n])
     optimizer = supported(optimizer)
     settings = Settings(steps, minibatch, 1 if minibatch is None else -(-n // minibatch), None)
     mark = {} if checkpoint_file is None else checkpoint.fingerprint(
@@ -166,11 +173,16 @@ def cross_validate[P](
         starts=(starts, spread), loss=loss, optimizer=optimizer_mark(optimizer, free),
     )  # fmt: skip
     around = scattered(key, free, starts, spread)
-    carry, _ = descend(
-        problem, optimizer, settings, Context(params, place(problem, items), None, key),
-        jax.tree.map(lambda leaf: jnp.concatenate([leaf] * len(kinds)), around), np.repeat(learned, starts, axis=0),
+    carry, trace = descend(
+        problem, optimizer, settings, Context(params, place(problem, known), None, key),
+        jax.tree.map(lambda leaf: jnp.concatenate([leaf] * len(learned)), around), np.repeat(learned, starts, axis=0),
         dtype, chunk=chunk, report=progress, file=None if checkpoint_file is None else Path(checkpoint_file), mark=mark,
     )  # fmt: skip
+    every = slice(len(kinds) * starts, None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what is told of the folds below
+        fit = result_of(problem, params, lane(carry, every), lane(trace, every), around, labels, np.arange(n))
+    carry, learned = lane(carry, slice(every.start)), learned[:-1]
     chosen = best_starts(carry, starts)
     if (chosen < 0).any():
         raise ValueError("the loss or its gradient is not finite at the start, for any item of a fold")
@@ -191,9 +203,11 @@ def cross_validate[P](
             "smaller learning rate",
             stacklevel=2,
         )
-    problem = problem._replace(loss=loss if error is None else error)
-    judged = _judged(problem, params, free, best, items, np.asarray([kinds.index(fold) for fold in fold_of]))
-    return CrossValidation(*_tables(named, fold_of, *judged), constrain(best, transforms, params), losses, left_out)
+    if error is not None:
+        problem, known = reduced(given._replace(loss=error), params, free, items)
+    judged = _judged(problem, params, free, best, known, np.asarray([kinds.index(fold) for fold in fold_of]))
+    natural = constrain(best, transforms, params)
+    return CrossValidation(*_tables(named, fold_of, *judged), natural, losses, left_out, fit)
 
 
 def _judged(

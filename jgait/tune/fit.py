@@ -30,6 +30,7 @@ from jgait.tune.descent import Carry, Settings, Trace, flat
 from jgait.tune.lanes import Report, descend
 from jgait.tune.optimizers import supported
 from jgait.tune.problem import Context, Items, Problem, of_subject, place
+from jgait.tune.remainder import reduced
 from jgait.tune.words import is_interval
 from jgait.types import AnyArray, Maybe, check_key, check_kind, people
 
@@ -251,8 +252,9 @@ def fit[P](
     free = start(params, transforms)
     problem = Problem(loss, transforms, priors, mesh)
     items = Items(data, number)
-    dtype = loss_type(problem, params, items)
-    learn, judge, numbers = _split(items, validation, n)
+    problem, known = reduced(problem, params, free, items)
+    dtype = loss_type(problem, params, known)
+    learn, judge, numbers = _split(known, validation, n)
     check_settings(steps, chunk, starts, key, minibatch, numbers.size)
     check_mesh(mesh, minibatch, "the number of validation items", 0 if judge is None else judge.subject.size)
     learn, weights = _filled(learn, mesh)
@@ -271,10 +273,10 @@ def fit[P](
         begin, np.tile(weights, (starts, 1)), dtype, chunk=chunk, report=progress,
         file=None if checkpoint_file is None else Path(checkpoint_file), mark=mark,
     )  # fmt: skip
-    return _result(problem, params, carry, trace, begin, labels, numbers)
+    return result_of(problem, params, carry, trace, begin, labels, numbers)
 
 
-def lane(tree: PyTree, number: int | np.ndarray) -> PyTree:
+def lane(tree: PyTree, number: int | slice | np.ndarray) -> PyTree:
     """The parts of a tree that belong to one or some of several fits."""
     return jax.tree.map(lambda leaf: leaf[number], tree)
 
@@ -332,9 +334,10 @@ def _not_lowered(best: float, losses: np.ndarray, accepted: np.ndarray) -> str:
     )
 
 
-def _result[P](
+def result_of[P](
     problem: Problem, params: P, carry: Carry, trace: Trace, begin: PyTree, labels: tuple[str, ...], numbers: np.ndarray
 ) -> Fit[P]:
+    """The result of fits from several starts to the items with these numbers."""
     (best,) = best_starts(carry, len(carry.loss))
     if best < 0 and np.isfinite(carry.loss).any():
         raise ValueError("the loss of the validation items is not finite: leave out those that cannot be computed")
@@ -353,7 +356,9 @@ def _result[P](
     transforms = problem.transforms
     every, marks = names_of(transforms), transforms_of(transforms)
     own_ones = tuple(name for name, mark in zip(every, marks, strict=True) if mark.own)
-    flat_ones = warn_of_flat(transforms, lane(begin, best), own.best, own.reach, 4) if accepted.any() else ()
+    flat_ones = (
+        warn_of_flat(transforms, lane(begin, best), own.best, own.reach, 4) if accepted.any() else ()
+    )
     if not own.best_step and len(flat_ones) < len(jax.tree.leaves(own.best)):
         warnings.warn(_not_lowered(float(own.best_score), losses, accepted), stacklevel=3)
     return Fit(

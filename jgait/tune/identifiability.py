@@ -5,7 +5,7 @@ factor e for a positive parameter, one unit of the logit for an interval, one un
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Sequence
 from functools import partial
 from statistics import NormalDist
 from typing import NamedTuple
@@ -17,9 +17,10 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PyTree
 
 from jgait.params import Transform, constrain
-from jgait.tune.checks import check_data, check_loss, check_priors, is_transform
+from jgait.tune.checks import check_data, check_loss, check_priors, is_transform, numbered
 from jgait.tune.coordinates import Coordinates, coordinates, natural_numbers
-from jgait.tune.problem import Problem, penalty
+from jgait.tune.problem import Items, Problem, penalty
+from jgait.tune.remainder import reduced
 from jgait.tune.words import Direction, direction, sentences
 
 INFORMATION = ("hessian", "sandwich")
@@ -174,6 +175,7 @@ def identifiability(
     data: PyTree,
     *,
     batched: bool = True,
+    subjects: Sequence[Hashable] | None = None,
     information: str = "hessian",
     level: float = 0.95,
     limit: float = 1.0,
@@ -183,7 +185,7 @@ def identifiability(
 
         hessian    observed information Σ ∂²ℓᵢ; its inverse is the covariance. For negative log-likelihoods.
         sandwich   H⁻¹ (Σ ∂ℓᵢ ∂ℓᵢᵀ) H⁻¹, H = Σ ∂²ℓᵢ; for any loss of independent items, such as trajectory errors. With
-                   few items n the standard errors are too small, by a factor of about √(1 − p/n).
+                   few items, or subjects, n the standard errors are too small, by a factor of about √(1 − p/n).
 
     A direction (an eigenvector of the information) is not determined when its standard deviation exceeds `limit` in
     free coordinates or its eigenvalue is not positive beyond rounding; a parameter when its standard error does so.
@@ -196,6 +198,8 @@ def identifiability(
         transforms: the same type, holding a `Transform` for each.
         data: pytree of arrays with a leading axis of items; one item without that axis if not `batched`.
         batched: whether `data` has an axis of items.
+        subjects: (n,) subject of each item; items of one subject are not independent, and count as one in "sandwich".
+            None: every item is independent.
         information: one of `INFORMATION`.
         level: confidence level of the intervals, which are symmetric in free coordinates and so inside the bounds.
         limit: largest standard error in free coordinates that counts as determined.
@@ -218,19 +222,23 @@ def identifiability(
     check_priors(priors, transforms)
     at = coordinates(params, transforms)
     data, count = check_data(data, batched)
-    check_loss(loss, params, jax.tree.map(lambda leaf: leaf[0], data))
+    whose = np.arange(count) if subjects is None else numbered(subjects, count)[1]
+    problem = Problem(loss, transforms, priors, None)
+    problem, items = reduced(problem, params, at.tree, Items(data, np.zeros(count, np.int32)))
+    check_loss(problem.loss, params, jax.tree.map(lambda leaf: leaf[0], items.data))
     structure: PyTree
     leaves, structure = jax.tree.flatten(transforms, is_leaf=is_transform)
     prior_leaves = None if priors is None else tuple(structure.flatten_up_to(priors))
-    parts = _derivatives(loss, prior_leaves, tuple(leaves), structure, at.tree, params, data)
+    parts = _derivatives(problem.loss, prior_leaves, tuple(leaves), structure, at.tree, params, items.data)
     losses, scores, bends, prior = jax.tree.map(lambda part: np.asarray(part, float), parts)
     total, slope, whole = losses.sum() + prior[0], scores.sum(axis=0) + prior[1], bends + prior[2]
     if not math.isfinite(total):
         raise ValueError(f"the loss is not finite at these parameters (total {total})")
-    if information == "sandwich" and count <= slope.size:
+    scores = np.stack([scores[whose == subject].sum(axis=0) for subject in range(whose.max() + 1)])
+    if information == "sandwich" and len(scores) <= slope.size:
         raise ValueError(
-            f"information='sandwich' needs more items than free numbers, whose scores it compares; got {count} items "
-            f"for {slope.size} numbers"
+            "information='sandwich' needs more items, or subjects, than free numbers, whose scores it compares; got "
+            f"{len(scores)} for {slope.size} numbers"
         )
     noise = whole if information == "hessian" else scores.T @ scores
     rounding = ROUNDINGS * len(slope) * float(np.finfo(at.vector.dtype).eps)

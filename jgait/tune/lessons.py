@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Bool, Int, PyTree
 
+from jgait.estimators.axes import pad
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.notes import by_reason
 from jgait.types import (
@@ -226,24 +227,28 @@ def _odd(item: _Item, usual: _Item) -> str:
     return f"it cannot be stacked with most of the walks ({text or 'shapes differ'})"
 
 
-def _padded(
-    estimator: Estimator[PyTree, PyTree], lesson: Lesson, samples: int,
-    strides: tuple[int, frozenset[str]] | None, known: set[str],
-) -> Lesson:  # fmt: skip
-    """A lesson padded with invalid samples and stride rows, with only the diagnostics and fields of all lessons."""
+def lengthened(lesson: Lesson, samples: int) -> Lesson:
+    """A lesson with invalid samples at its end, up to a number of samples; they change no loss."""
     more = samples - lesson.look.size
-    inputs = estimator.pad(lesson.inputs, samples)
-    truth = lesson.reference
+    inputs, truth = pad(lesson.inputs, samples), lesson.reference
     if truth is not None:
-        rows = None if strides is None else _strides(truth.strides, *strides)
-        numbers = {name: truth.diagnostics[name] for name in sorted(known)}
         bare = truth._replace(time=None, valid=None, diagnostics=None, strides=None)
         longer = jax.tree.map(lambda v: np.pad(v, [(0, more)] + [(0, 0)] * (np.ndim(v) - 1), mode="edge"), bare)
         truth = longer._replace(
-            time=as_float(inputs.time), valid=np.pad(truth.valid, (0, more)), diagnostics=numbers, strides=rows
-        )
+            time=as_float(inputs.time), valid=np.pad(truth.valid, (0, more)), diagnostics=truth.diagnostics,
+            strides=truth.strides,
+        )  # fmt: skip
     look, standing = (np.pad(mask, (0, more)) for mask in (lesson.look, lesson.standing))
     return lesson._replace(inputs=inputs, reference=truth, look=look, standing=standing)
+
+
+def _alike(lesson: Lesson, samples: int, strides: tuple[int, frozenset[str]] | None, known: set[str]) -> Lesson:
+    """A lesson of so many samples and stride rows, with only the diagnostics and fields of all lessons."""
+    if lesson.reference is not None:
+        rows = None if strides is None else _strides(lesson.reference.strides, *strides)
+        numbers = {name: lesson.reference.diagnostics[name] for name in sorted(known)}
+        lesson = lesson._replace(reference=lesson.reference._replace(strides=rows, diagnostics=numbers))
+    return lengthened(lesson, samples)
 
 
 def _rows(tables: list[Strides]) -> tuple[int, frozenset[str]] | None:
@@ -322,7 +327,7 @@ def lessons(
     truths = [item.lesson.reference for item in kept if item.lesson.reference is not None]
     rows = _rows([truth.strides for truth in truths if truth.strides is not None])
     known = set.intersection(*(set(truth.diagnostics) for truth in truths)) if truths else set()
-    padded = [_padded(estimator, item.lesson, longest, rows, known) for item in kept]
+    padded = [_alike(item.lesson, longest, rows, known) for item in kept]
     data = jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *padded)
     subjects, days = (tuple(people(getattr(item, field) for item in kept)) for field in ("subject", "day"))
     return Lessons(data, kept[0].options, subjects, days, tuple(item.name for item in kept), tuple(failures))

@@ -12,7 +12,6 @@ from jaxtyping import Array, Float, PyTree
 
 from jgait.estimators.interface import Estimator
 from jgait.tune import losses
-from jgait.tune.checks import numbered
 from jgait.tune.lessons import Lesson
 from jgait.types import Estimate, Legs, RecordingError, Walk
 
@@ -25,7 +24,7 @@ def _percent(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
     if estimate.distance is None or lesson.reference is None or lesson.reference.distance is None:
         raise ValueError("a distance error needs a distance of the estimator and of the reference")
     ours, theirs = (jnp.asarray(record.distance) for record in (estimate, lesson.reference))
-    walked, true = (way[lesson.last] - way[lesson.first] for way in (ours, theirs))
+    walked, true = (jnp.take(way, lesson.last) - jnp.take(way, lesson.first) for way in (ours, theirs))
     return 100.0 * (walked / true - 1.0)
 
 
@@ -290,36 +289,3 @@ def objective(
             raise ValueError(f"{estimator.name} cannot answer {loss!r}; it answers {', '.join(answers)}")
     parts = tuple((n, _weight(n, w)) for n, w in weights.items())
     return Objective(estimator.run, estimator.own, options, parts, estimator.likelihood)
-
-
-@dataclass(frozen=True)
-class _OfSubject:
-    """(params, (items, counts)) → sum of a loss over the items of one subject; `counts` is False for padding."""
-
-    loss: Callable[[PyTree, PyTree], PyTree]
-
-    def __call__(self, params: PyTree, own: tuple[PyTree, PyTree]) -> PyTree:
-        items, counts = own
-        each: PyTree = jax.vmap(lambda item: self.loss(params, item))(items)
-        return jnp.sum(jnp.where(counts, each, jnp.zeros_like(each)))
-
-
-def by_subject(
-    loss: Callable[[PyTree, PyTree], PyTree], data: PyTree, subjects: Sequence[Hashable]
-) -> tuple[Callable[[PyTree, PyTree], PyTree], PyTree]:
-    """The sum of a loss over each subject's items, for `tune.identifiability`: walks of a person are not independent.
-
-    Returns:
-        (params, items of a subject) → scalar, and the data with a leading axis of subjects, in order of appearance.
-
-    Raises:
-        ValueError: if there is not one subject for each item.
-    """
-    n = np.shape(jax.tree.leaves(data)[0])[0]
-    names, number = numbered(subjects, n)
-    rows = [np.flatnonzero(number == person).tolist() for person in range(len(names))]
-    most = max(map(len, rows))
-    index = np.asarray([own + own[:1] * (most - len(own)) for own in rows])
-    counts = np.asarray([[i < len(own) for i in range(most)] for own in rows])
-    whole: PyTree = _OfSubject(loss)
-    return whole, (jax.tree.map(lambda leaf: np.asarray(leaf)[index], data), counts)

@@ -306,7 +306,7 @@ def test_one_item_needs_no_leading_axis():
         (
             {"data": np.ones(2), "information": "sandwich"},
             ValueError,
-            "more items than free numbers.*got 2 items for 2",
+            "more items, or subjects, than free numbers.*got 2 for 2",
         ),
         ({"priors": (None,)}, TypeError, "priors and transforms must have the same structure"),
         ({"priors": Gauss(None, 3.0)}, TypeError, "Prior or None for every parameter; got 3.0"),

@@ -251,15 +251,3 @@ def test_names_that_are_free():
 
 def _is_transform(node):
     return isinstance(node, params.Transform)
-
-
-def test_a_subject_s_items_are_summed_once_each():
-    made = tune.lessons(made_cohort.FAKE, [made_cohort.walk(i) for i in (1, 5, 2, 9)])
-    assert made.subjects == ("001", "001", "002", "001")
-    loss = tune.objective(made_cohort.FAKE._replace(own=lambda p, body: p), made.options, "distance")
-    each = [float(loss(made_cohort.Params(), made.one(i))) for i in range(4)]
-    whole, data = tune.by_subject(loss, made.data, made.subjects)
-    sums = jax.vmap(lambda item: whole(made_cohort.Params(), item))(data)
-    np.testing.assert_allclose(sums, [each[0] + each[1] + each[3], each[2]], rtol=1e-12)
-    with pytest.raises(ValueError, match="one label for each of the 4 items; got 3"):
-        tune.by_subject(loss, made.data, made.subjects[:3])

@@ -33,7 +33,7 @@ from jgait.estimators.notes import LEVER_IMPLAUSIBLE
 from jgait.estimators.programs import compiled
 from jgait.estimators.sides import along, of_turns, stacked
 from jgait.filtering import Belief
-from jgait.geometry.arrays import alike, for_each, xp
+from jgait.geometry.arrays import for_each, xp
 from jgait.geometry.rotation import quaternion, rotated
 from jgait.geometry.vectors import as_array, cross, dot, root, subtract, vector
 from jgait.signal import butterworth
@@ -215,7 +215,6 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT, *,
         ValueError: an unknown option.
     """
     check_options(options, KNOWN)
-    p, inputs = alike(p, inputs)
     worn = {side: leg for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None}
     legs, sides, time = stacked(*worn.values()), np.asarray(list(worn), np.int32), inputs.time
     if options.length == "filter":

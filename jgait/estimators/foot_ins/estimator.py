@@ -29,7 +29,7 @@ from jgait.estimators.programs import compiled
 from jgait.estimators.sides import of_turns, stacked
 from jgait.estimators.stride_flags import SIDE_UNKNOWN
 from jgait.filtering import Belief
-from jgait.geometry.arrays import alike, for_each
+from jgait.geometry.arrays import for_each
 from jgait.types import SIDES, Counts, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Strides, Values, as_float
 
 PER_STRIDE = ("stride_nis", "doubtful")
@@ -124,7 +124,6 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
         `feet`, `strides` and their standard deviations; `distance` is the distance along the footholds, mean
         of the feet; `diagnostics` holds log-likelihood, mean normalised innovation squared and pitch of each foot.
     """
-    p, inputs = alike(p, inputs)
     feet, time = _worn(inputs), inputs.time
     every = _paths(p, stacked(*feet.values()), time, options)
     results = {side: jax.tree.map(lambda leaf, k=number: leaf[k], every) for number, side in enumerate(feet)}

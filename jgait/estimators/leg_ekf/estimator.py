@@ -22,7 +22,7 @@ from jgait.estimators.leg_ekf.worn import unworn
 from jgait.estimators.programs import compiled
 from jgait.estimators.sides import stacked
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.arrays import alike, for_each, xp
+from jgait.geometry.arrays import for_each, xp
 from jgait.notes import Note
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values, as_float
 
@@ -217,7 +217,6 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
         leg, and of each shank's strapdown the latter, the sum of its strides [m], the largest of their deviations [m],
         and the number of those in doubt.
     """
-    p, inputs = alike(p, inputs)
     worn = [(side, leg) for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None]
     params, signals = stacked(*((one_side(p, side), leg) for side, leg in worn))
     states = compiled(_filtered)(params, signals, inputs._replace(shanks=None), options=options, model=model)

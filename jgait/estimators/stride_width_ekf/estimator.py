@@ -21,7 +21,7 @@ from jgait.estimators.stride_width_ekf.notes import FEET_SEEM_EXCHANGED, RANGES_
 from jgait.estimators.stride_width_ekf.params import DEFAULT, WidthOptions, WidthParams
 from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.arrays import alike, xp
+from jgait.geometry.arrays import xp
 from jgait.geometry.vectors import root
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, Values
 
@@ -94,7 +94,6 @@ def run(
         and of `misfits` among them, see `MISFIT`; `log_likelihood` of the innovations and their mean normalised square
         `nis`; `swap_evidence`.
     """
-    p, inputs = alike(p, inputs)
     ways = (inputs, exchanged(inputs)) if options.check_swap else (inputs,)
     every = compiled(_filtered)(p, stacked(*ways), options=options, model=model)
     inferred, *others = (jax.tree.map(lambda leaf, row=row: leaf[row], every) for row in range(len(ways)))

@@ -37,7 +37,7 @@ from jgait.estimators.waist.params import (
 from jgait.estimators.waist.prepare import prepare
 from jgait.estimators.waist.readout import EDGE_STEPS, WaistWalk, closing, earlier
 from jgait.estimators.waist.steps import Intervals
-from jgait.geometry.arrays import alike, interpolated, xp
+from jgait.geometry.arrays import interpolated, xp
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.trunk import FREE, OVER_S, moved_between, step_frequency
 from jgait.notes import Note
@@ -83,7 +83,6 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
         ValueError: an unknown option.
     """
     check_options(options, KNOWN)
-    p, inputs = alike(p, inputs)
     motion = waist_motion.motion(p, inputs, smooth=options.smooth, method=options.method)
     intervals = waist_steps.intervals(p, inputs, motion)
     if options.distance == "fused":
