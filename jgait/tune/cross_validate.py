@@ -24,7 +24,6 @@ from jgait.tune.fit import (
     check_mesh,
     check_settings,
     lane,
-    loss_type,
     optimizer_mark,
     result_of,
     scattered,
@@ -162,8 +161,7 @@ def cross_validate[P](
     check_mesh(mesh, minibatch, "the number of items", n)
     params = spread_out(params, transforms, len(labels))
     given, items, free = Problem(loss, transforms, priors, mesh), Items(data, number), start(params, transforms)
-    problem, known = reduced(given, params, free, items)
-    dtype = loss_type(problem, params, known)
+    problem, known, dtype = reduced(given, params, free, items)
     kinds = list(dict.fromkeys(fold_of))
     learned = np.asarray([*([of != fold for of in fold_of] for fold in kinds), [True] * n])
     optimizer = supported(optimizer)
@@ -204,7 +202,9 @@ def cross_validate[P](
             stacklevel=2,
         )
     if error is not None:
-        problem, known = reduced(given._replace(loss=error), params, free, items)
+        again = problem.loss is not loss
+        given = given._replace(loss=error)
+        problem, known = reduced(given, params, free, items)[:2] if again else (given, items)
     judged = _judged(problem, params, free, best, known, np.asarray([kinds.index(fold) for fold in fold_of]))
     natural = constrain(best, transforms, params)
     return CrossValidation(*_tables(named, fold_of, *judged), natural, losses, left_out, fit)

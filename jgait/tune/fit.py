@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from jax.sharding import Mesh
-from jax.typing import DTypeLike
 from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 
 from jgait.params import constrain
@@ -18,7 +17,6 @@ from jgait.params import names as names_of
 from jgait.tune import checkpoint
 from jgait.tune.checks import (
     check_data,
-    check_loss,
     check_priors,
     numbered,
     over_transforms,
@@ -29,7 +27,7 @@ from jgait.tune.checks import (
 from jgait.tune.descent import Carry, Settings, Trace, flat
 from jgait.tune.lanes import Report, descend
 from jgait.tune.optimizers import supported
-from jgait.tune.problem import Context, Items, Problem, of_subject, place
+from jgait.tune.problem import Context, Items, Problem, place
 from jgait.tune.remainder import reduced
 from jgait.tune.words import is_interval
 from jgait.types import AnyArray, Maybe, check_key, check_kind, people
@@ -170,12 +168,6 @@ def _filled(items: Items, mesh: Mesh | None) -> tuple[Items, np.ndarray]:
     return items, weights
 
 
-def loss_type(problem: Problem, params: PyTree, items: Items) -> DTypeLike:
-    """The dtype of the loss of one item with its subject's parameters; raises like `check_loss`."""
-    data, subject = jax.tree.map(lambda leaf: leaf[0], tuple(items))
-    return check_loss(lambda p, item: problem.loss(of_subject(p, problem.transforms, subject), item), params, data)
-
-
 def fit[P](
     loss: Callable[[P, PyTree], PyTree],
     params: P,
@@ -252,8 +244,7 @@ def fit[P](
     free = start(params, transforms)
     problem = Problem(loss, transforms, priors, mesh)
     items = Items(data, number)
-    problem, known = reduced(problem, params, free, items)
-    dtype = loss_type(problem, params, known)
+    problem, known, dtype = reduced(problem, params, free, items)
     learn, judge, numbers = _split(known, validation, n)
     check_settings(steps, chunk, starts, key, minibatch, numbers.size)
     check_mesh(mesh, minibatch, "the number of validation items", 0 if judge is None else judge.subject.size)
@@ -356,9 +347,7 @@ def result_of[P](
     transforms = problem.transforms
     every, marks = names_of(transforms), transforms_of(transforms)
     own_ones = tuple(name for name, mark in zip(every, marks, strict=True) if mark.own)
-    flat_ones = (
-        warn_of_flat(transforms, lane(begin, best), own.best, own.reach, 4) if accepted.any() else ()
-    )
+    flat_ones = warn_of_flat(transforms, lane(begin, best), own.best, own.reach, 4) if accepted.any() else ()
     if not own.best_step and len(flat_ones) < len(jax.tree.leaves(own.best)):
         warnings.warn(_not_lowered(float(own.best_score), losses, accepted), stacklevel=3)
     return Fit(

@@ -17,7 +17,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PyTree
 
 from jgait.params import Transform, constrain
-from jgait.tune.checks import check_data, check_loss, check_priors, is_transform, numbered
+from jgait.tune.checks import check_data, check_priors, is_transform, numbered
 from jgait.tune.coordinates import Coordinates, coordinates, natural_numbers
 from jgait.tune.problem import Items, Problem, penalty
 from jgait.tune.remainder import reduced
@@ -224,8 +224,7 @@ def identifiability(
     data, count = check_data(data, batched)
     whose = np.arange(count) if subjects is None else numbered(subjects, count)[1]
     problem = Problem(loss, transforms, priors, None)
-    problem, items = reduced(problem, params, at.tree, Items(data, np.zeros(count, np.int32)))
-    check_loss(problem.loss, params, jax.tree.map(lambda leaf: leaf[0], items.data))
+    problem, items, _ = reduced(problem, params, at.tree, Items(data, np.zeros(count, np.int32)))
     structure: PyTree
     leaves, structure = jax.tree.flatten(transforms, is_leaf=is_transform)
     prior_leaves = None if priors is None else tuple(structure.flatten_up_to(priors))

@@ -16,10 +16,11 @@ from jgait.params import Transform, real
 from jgait.tune.checks import check_data
 from jgait.tune.coordinates import Coordinates, coordinates, natural
 from jgait.tune.descent import Settings, norm
-from jgait.tune.fit import lane, loss_type
+from jgait.tune.fit import lane
 from jgait.tune.lanes import descend
 from jgait.tune.optimizers import supported
 from jgait.tune.problem import Context, Items, Problem, place
+from jgait.tune.remainder import loss_type, reduced
 
 
 class Profile(NamedTuple):
@@ -164,19 +165,21 @@ def profile(
     at = coordinates(params, transforms)
     number, held = _values(at, name, values)
     data, count = check_data(data, batched)
+    given = Problem(loss, transforms, None, None)
+    known, items, _ = reduced(given, params, at.tree, Items(data, np.zeros(count, np.int32)))
 
     def whole(part: _Held) -> Float[Array, "free"]:
         return jnp.concatenate([part.others[:number], part.value[None], part.others[number:]])
 
     def of_others(part: _Held, item: PyTree) -> PyTree:
         fixed = part._replace(value=jax.lax.stop_gradient(part.value))
-        return loss(natural(at, whole(fixed), transforms, params), item)
+        return known.loss(natural(at, whole(fixed), transforms, params), item)
 
     others = jnp.delete(at.vector, number)
     start = _Held(
         jnp.tile(others, (len(held), 1)), jnp.asarray(_free(at.transforms[number], held), at.vector.dtype)
     )  # fmt: skip
-    problem, items = Problem(of_others, _Held(real, real), None, None), Items(data, np.zeros(count, np.int32))
+    problem = Problem(of_others, _Held(real, real), None, None)
     single = lane(start, 0)
     context = Context(single, place(problem, items), None, None)
     carry, trace = descend(
@@ -185,11 +188,11 @@ def profile(
     )  # fmt: skip
     if not np.array_equal(carry.best.value, start.value):
         raise ValueError("the optimizer must leave a number as it is whose gradient is 0, without a decay of weights")
-    known = (carry.weights > 0.0).all(axis=1) & np.isfinite(carry.best_score)
-    if not known.any():
+    finite = (carry.weights > 0.0).all(axis=1) & np.isfinite(carry.best_score)
+    if not finite.any():
         raise ValueError(f"the loss or its gradient is not finite at any of the values of '{name}'")
     norms = np.append(trace.norm, jax.vmap(norm)(carry.gradient)[:, None], axis=1)
     slopes = norms[np.arange(len(held)), np.minimum(carry.best_step, norms.shape[1] - 1)]
     fits = natural(at, jax.vmap(whole)(carry.best), transforms, params)
-    losses = np.where(known, count * carry.best_score, np.inf)
+    losses = np.where(finite, count * carry.best_score, np.inf)
     return Profile(name, held, losses, fits, count * slopes, at.transforms[number])

@@ -7,15 +7,16 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 from jaxtyping import Array, Float, PyTree
 
 from jgait.estimators.programs import bucket
 from jgait.geometry.arrays import on_host
 from jgait.params import Transform
-from jgait.tune.checks import over_transforms
+from jgait.tune.checks import check_loss, over_transforms
 from jgait.tune.lessons import Lesson, lengthened
 from jgait.tune.objective import Objective
-from jgait.tune.problem import Items, Problem
+from jgait.tune.problem import Items, Problem, of_subject
 
 LOOPS = frozenset({"scan", "while"})
 
@@ -41,8 +42,8 @@ class Remainder:
         return jnp.asarray(loss)
 
 
-def reduced(problem: Problem, params: PyTree, free: PyTree, items: Items) -> tuple[Problem, Items]:
-    """The problem whose loss computes only what depends on the free parameters, and its items; the same values.
+def reduced(problem: Problem, params: PyTree, free: PyTree, items: Items) -> tuple[Problem, Items, DTypeLike]:
+    """The problem whose loss computes only what depends on the free parameters, its items, and the loss's dtype.
 
     A loss of `tune.objective` computes on the host whatever is known there, by the programs that estimates share. What
     is left, traced for each item, replaces it if it has no loop over samples, as of a filter, and is the same for all
@@ -53,22 +54,35 @@ def reduced(problem: Problem, params: PyTree, free: PyTree, items: Items) -> tup
         params: parameters in natural units; those per subject with a leading axis.
         free: free coordinates, None where fixed.
         items: every leaf has a leading axis.
+
+    Raises:
+        ValueError: if the loss of an item is not one floating-point number.
     """
     if not (isinstance(problem.loss, Objective) and isinstance(items.data, Lesson)):
-        return problem, items
+        return problem, items, loss_type(problem, params, items)
     first, made = None, []
     for k in range(items.subject.size):
         traced = _traced(problem, params, free, jax.tree.map(lambda leaf, k=k: np.asarray(leaf)[k], items))
         if first is None:
             if not LOOPS.isdisjoint(_names(traced.jaxpr)):
-                return problem, items
+                return problem, items, traced.out_avals[0].dtype
             first = traced.jaxpr
             form = _form(first)
         elif _form(traced.jaxpr) != form:
-            return problem, items
+            return problem, items, traced.out_avals[0].dtype
         made.append(_constants(traced))
     data = jax.tree.map(lambda *parts: np.stack(parts), *made)
-    return problem._replace(loss=Remainder(problem.transforms, first)), Items(data, items.subject)
+    return (
+        problem._replace(loss=Remainder(problem.transforms, first)),
+        Items(data, items.subject),
+        traced.out_avals[0].dtype,
+    )
+
+
+def loss_type(problem: Problem, params: PyTree, items: Items) -> DTypeLike:
+    """The dtype of the loss of one item with its subject's parameters; raises like `check_loss`."""
+    data, subject = jax.tree.map(lambda leaf: leaf[0], tuple(items))
+    return check_loss(lambda p, item: problem.loss(of_subject(p, problem.transforms, subject), item), params, data)
 
 
 def _moving(transforms: PyTree, params: PyTree) -> list[PyTree]:

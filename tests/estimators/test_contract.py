@@ -16,13 +16,16 @@ import numpy as np
 import pytest
 from made.estimators import CASES, OTHER_OPTIONS, Case, behind, lossy, part, with_values
 
-from jgait import estimators, params
+from jgait import estimators, params, tune
 from jgait.estimators import programs
 from jgait.estimators.ankle_stride.inputs import AnkleSignals, capacity
 from jgait.estimators.axes import axes_of, pad
 from jgait.estimators.interface import trimmed
 from jgait.estimators.leg_ekf.inputs import LegInputs
 from jgait.tune import LOSSES, Lesson
+from jgait.tune.checks import start
+from jgait.tune.problem import Items, Problem, item_losses
+from jgait.tune.remainder import reduced
 
 ANGLE = ".diagnostics['angle_"
 every_estimator = pytest.mark.parametrize("name", estimators.names())
@@ -136,6 +139,34 @@ def test_the_losses_of_the_record_are_those_that_its_estimates_answer(name):
     for loss, value in values.items():
         assert np.isfinite(value)
         assert (float(value) != 0.0) == (loss in losses), loss
+
+
+READ_OUT = {
+    "leg_ekf": ("distance", "distance_scale"), "foot_ins": ("position", "tracked_point.x"),
+    "ankle_stride": ("calibration", "stride_noise"), "waist": ("calibration", "pendulum_constant_sd"),
+}  # fmt: skip
+"""Estimator → a loss, and a parameter of the read-out on which it depends."""
+
+
+@pytest.mark.parametrize("name", READ_OUT)
+def test_tuning_computes_once_what_a_parameter_of_the_read_out_leaves_as_it_is(name):
+    case, record, (loss, parameter) = case_of(name), estimators.get(name), READ_OUT[name]
+    samples, result = case.samples[0], jax.tree.map(np.asarray, estimates(name)[0])
+    everywhere = np.arange(result.time.size) < samples
+    inputs = pad(case.inputs[0], result.time.size)
+    ends = [np.asarray(samples - 1), np.asarray(samples - 40)]
+    lessons = [Lesson(inputs, displaced(result), everywhere, ~everywhere, np.asarray(0), end, {}) for end in ends]
+    ranges = params.freed(record.transforms, parameter)
+    whole = Problem(tune.objective(record, case.options, loss), ranges, None, None)
+    free = start(case.params, ranges)
+    items = Items(jax.tree.map(lambda *v: np.stack(v), *lessons), np.zeros(2, np.int32))
+    part, left, _ = reduced(whole, case.params, free, items)
+    assert part.loss is not whole.loss
+    moved = jax.tree.map(lambda v: v + 0.1, free)
+    at = params.constrain(moved, ranges, case.params)
+    expected = [float(whole.loss(jax.tree.map(np.asarray, at), one)) for one in lessons]
+    np.testing.assert_allclose(item_losses(part, moved, case.params, left), expected, rtol=1e-9)
+    assert not np.allclose(item_losses(part, free, case.params, left), expected, rtol=1e-6)
 
 
 # --- compiled, mapped, padded, masked ---
