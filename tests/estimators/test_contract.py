@@ -26,7 +26,13 @@ from jgait.tune import LOSSES, Lesson
 
 ANGLE = ".diagnostics['angle_"
 every_estimator = pytest.mark.parametrize("name", estimators.names())
-with_other_options = pytest.mark.parametrize("name", [*estimators.names(), *OTHER_OPTIONS])
+LARGE = {"ankle_stride", "foot_ins", "leg_ekf"}
+"""Estimators whose derivatives take a minute to compile."""
+with_other_options = pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.release] * (name in {*LARGE, *OTHER_OPTIONS}))
+     for name in (*estimators.names(), *OTHER_OPTIONS)],
+)  # fmt: skip
 
 
 # --- what the laws share ---

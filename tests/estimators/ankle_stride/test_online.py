@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made.shank import REST, shank
 
-from experiments.silva2017.online import over, table, walk
+from experiments.silva2017.online import table, walk
 from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride import online as ankle_online
@@ -72,25 +72,6 @@ def test_near_what_knows_the_whole_walk(straight, smooth):
         np.testing.assert_allclose(getattr(strides, name), getattr(whole.strides, name), atol=0.03)
     if not smooth:
         np.testing.assert_allclose(stddev.length, whole.strides_stddev.length, rtol=0.1)
-
-
-def test_sample_by_sample_as_over_the_recording_in_constant_memory(calibrated, straight):
-    made, now = straight
-    imu = made.recording.sensors["shank_right"]
-    state = ankle_online.begin(P, calibrated, imu.gyr[0], imu.acc[0])
-    sizes = [(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(state)]
-    told = []
-    for gyr, acc in zip(imu.gyr, imu.acc, strict=True):
-        state, one = over(P, calibrated, state, gyr[None], acc[None])
-        told.append(one)
-    assert [(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(state)] == sizes
-    assert sum(leaf.nbytes for leaf in jax.tree.leaves(state)) < 6000
-    online = jax.tree.map(lambda *leaves: np.concatenate(leaves), *told)
-    assert online.stride.sum() == 4
-    for name in ("stride", "stands"):
-        np.testing.assert_array_equal(getattr(online, name), getattr(now, name)[: len(told)])
-    for mine, scanned in zip(table(online), table(now), strict=True):
-        jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9), mine, scanned)
 
 
 def test_turns_and_stairs(calibrated):

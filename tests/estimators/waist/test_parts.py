@@ -6,26 +6,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made.trunk import cut, walk
 
 from jgait import filtering
-from jgait.estimators import waist
-from jgait.estimators.axes import pad
 from jgait.estimators.waist import WaistParams, with_body
 from jgait.estimators.waist import model as waist_model
-from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist import orientation as waist_orientation
 from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
 from jgait.estimators.waist.bouts import CLOSING, bouts, leave_out, nodes
-from jgait.estimators.waist.inputs import PER_NODE
 from jgait.estimators.waist.model import WaistControl, WaistModelParams, WaistObservation
 from jgait.estimators.waist.orientation import TrunkControl, TrunkError, TrunkNoise, TrunkObservation
 from jgait.estimators.waist.readout import constant_variance
 from jgait.events.trunk import Contacts
 from jgait.geometry.rotation import quaternion, rotated
 from jgait.geometry.vectors import GRAVITY, Vector, vector
-from jgait.signal import butterworth
 
 ROWS, STEP_S = 12, 0.5
 MODEL = WaistModelParams(
@@ -159,20 +153,6 @@ def test_the_pendulum_of_zijlstra_and_hof():
     np.testing.assert_allclose(waist_steps.pendulum(both, 0.03, 0.3), expected, rtol=1e-12)
 
 
-def test_the_filter_until_the_last_sample_knows_no_padding():
-    rng = np.random.default_rng(0)
-    values, last = rng.normal(size=400), 299
-    until = jax.jit(lambda x: butterworth.low_pass_until(x, 1.0, RATE, last))
-    spoilt = np.where(np.arange(400) <= last, values, 1e3)
-    np.testing.assert_array_equal(until(values)[: last + 1], until(spoilt)[: last + 1])
-    short = jax.jit(lambda x: butterworth.low_pass_until(x, 1.0, RATE, last))(values[: last + 1])
-    np.testing.assert_allclose(until(values)[: last + 1], short, atol=1e-12)
-    # ends are another matter: they are held, where both ways alone reflect them
-    both = butterworth.low_pass_both_ways(values[: last + 1], 1.0, RATE)
-    np.testing.assert_allclose(short[100:200], both[100:200], atol=1e-4)
-    assert np.abs(short - both).max() > 1e-3
-
-
 def test_steps_beside_standing_and_at_the_end_of_a_bout_are_less_certain():
     p, no = WaistParams(), np.zeros(ROWS, bool)
     fresh, stands = no.copy(), no.copy()
@@ -270,50 +250,3 @@ def test_a_stride_that_begins_in_a_loss_is_left_out():
     columns = nodes([bout_of([0, 1, 2, 3], 4.4)], time)
     assert leave_out(columns, np.abs(time - 2.0) < 0.05, time) == 1
     assert list(np.flatnonzero(columns["stride"])) == [4]
-
-
-PADDED = 1024  # of everything that the compiled programs see
-
-
-def doubled(inputs, seen):
-    """One recording behind itself: its samples, nodes and cycles."""
-    samples, nodes, cycles = (int(n) for n in (inputs.valid.sum(), inputs.count, inputs.cycles))
-
-    def twice(values, count, size, shift=0):
-        values = np.concatenate([values[:count], values[:count] + shift if shift else values[:count]])
-        return np.pad(values, [(0, size - len(values))] + [(0, 0)] * (values.ndim - 1))
-
-    moved = dict.fromkeys(("at", "cycle_begin", "cycle_end"), samples)
-    per_node = {
-        name: twice(
-            getattr(inputs, name), cycles if name.startswith("cycle") else nodes, len(inputs.at), moved.get(name, 0)
-        )
-        for name in PER_NODE
-    }
-    per_sample = {name: twice(getattr(inputs, name), samples, PADDED) for name in ("valid", "dt", "measured", "still")}
-    both = inputs._replace(**per_node, **per_sample, count=np.int32(2 * nodes), cycles=np.int32(2 * cycles))
-    last = np.int32(2 * samples - 1)
-    return both._replace(last=last), jax.tree.map(lambda v: twice(np.asarray(v), samples, PADDED), seen)
-
-
-def test_integration_begins_anew_with_every_bout():
-    one = pad(waist.prepared(cut(walk(steps=6, quiet=5.5).recording, 2.5)).inputs, PADDED)
-    p = WaistParams()
-    seen = jax.jit(waist_motion.motion_and_misfit)(p, one)[0]
-
-    @jax.jit
-    def told(inputs, seen):
-        found = waist_steps.intervals(p, inputs, seen)
-        speed, held = waist_distance.integrated_speed(p, inputs, seen, found)
-        start_sd = p.start_speed_sd * jnp.where(inputs.stood, 0.0, 1.0)
-        return waist_distance.by_integration(p, inputs, found, speed, held, start_sd)
-
-    first, both = told(one, seen), told(*doubled(one, seen))
-    nodes = int(one.count)
-    assert first.distance[-1] > 0.5 and not first.unsure[:nodes].any()
-    for name in ("step", "stride", "stride_sd"):
-        values = getattr(both, name)[2:nodes], getattr(both, name)[nodes + 2 : 2 * nodes]
-        np.testing.assert_allclose(values[0], getattr(first, name)[2:nodes], atol=1e-9)
-        np.testing.assert_allclose(values[1], values[0], atol=1e-9)
-    for name in ("distance", "distance_sd"):
-        np.testing.assert_allclose(getattr(both, name)[2 * nodes - 1], 2.0 * getattr(first, name)[nodes - 1], atol=1e-9)

@@ -116,20 +116,6 @@ def test_the_recursion_is_the_papers(methods):
     np.testing.assert_allclose(found.displacement, way(velocity), atol=1e-10)
 
 
-def test_a_jump_of_velocity_at_a_mark_belongs_to_the_next_cycle(methods):
-    """Frozen behind a gap in which one sped up: the gap's last interval ends with OFI's velocity."""
-    begin = MARKS[:-1].copy()
-    begin[6] += 40
-    cycles = Cycles(jnp.asarray(begin, jnp.int32), jnp.asarray(MARKS[1:], jnp.int32), 8)
-    at = np.arange(SAMPLES)
-    push = np.where((at > MARKS[6]) & (at <= begin[6]), 1.0, 0.0)
-    found = jax.jit(lambda acc: frozen(P, acc, cycles, DT, optimum=False))(WALK + push)
-    before, length = float(found.velocity[begin[6]]), float(found.length[6])
-    assert before - float(found.start[6]) > 0.2
-    alone = np.concatenate([[float(found.start[6])], np.asarray(found.velocity)[begin[6] + 1 : MARKS[7] + 1]])
-    np.testing.assert_allclose(length, way(alone)[-1], atol=1e-12)
-
-
 def test_the_best_cutoff_takes_the_change_out_by_itself(methods):
     acc = WALK + jnp.where(jnp.arange(SAMPLES) > int(MARKS[2]), 0.1, 0.0)
     found = methods["optimum"](P, acc)
@@ -141,20 +127,6 @@ def test_the_best_cutoff_takes_the_change_out_by_itself(methods):
     assert np.abs(found.velocity - plain.velocity).max() > 1e-3
 
 
-def test_gradients_are_those_of_differences(methods):
-    def total(values):
-        p = P._replace(threshold=values[0], cutoff_hz=values[1])
-        return methods["hard"](p, FASTER * values[2]).displacement[-1]
-
-    at = jnp.asarray([0.3, 0.02, 1.0])
-    ours, value = jax.jit(jax.grad(total))(at), jax.jit(total)
-    assert float(ours[0]) == 0.0  # the gate decides, and has no gradient
-    for k in (1, 2):
-        by = jnp.zeros(3).at[k].set(1e-6)
-        np.testing.assert_allclose(ours[k], (value(at + by) - value(at - by)) / 2e-6, rtol=1e-6)
-        assert abs(float(ours[k])) > 1e-3
-
-
 def test_no_cycle_is_plain_integration(methods):
     none = Cycles(jnp.zeros(3, jnp.int32), jnp.zeros(3, jnp.int32), 0)
     plain = methods["integrated"](P, WALK)
@@ -164,7 +136,7 @@ def test_no_cycle_is_plain_integration(methods):
         assert not np.any(found.valid) and not np.any(found.updated) and not np.any(found.length)
 
 
-WAYS = {"updated": updated, "frozen": frozen, "integrated": integrated}
+WAYS = {"updated": updated, "integrated": integrated}
 
 
 @pytest.mark.parametrize("name", WAYS)
@@ -205,12 +177,3 @@ def test_every_bout_begins_anew_where_its_velocity_is_known(name):
     np.testing.assert_allclose(known.start[8], 1.0, atol=1e-12)
     within = way(both, cycles, nowhere, at == int(begin[3]) + 20)
     np.testing.assert_allclose(within.velocity, blind.velocity, atol=1e-12)
-
-
-def test_wrong_values_are_refused():
-    with pytest.raises(ValueError, match=r"begin and end of cycles must be \(K,\)"):
-        updated(P, WALK, CYCLES._replace(end=CYCLES.end[:-1]), DT)
-    with pytest.raises(
-        ValueError, match=r"known must be \(1100,\) as the signal, start that or one number; got \(3,\)"
-    ):
-        updated(P, WALK, CYCLES, DT, known=jnp.zeros(3, bool))
