@@ -1,7 +1,6 @@
 """Figures of sleeping sensors show every series, on axes with units, and refuse what does not fit together."""
 
 import numpy as np
-import pytest
 
 from experiments.udaya2010 import curves
 from experiments.udaya2010.curves import Series
@@ -33,12 +32,3 @@ def test_both_figures_draw_every_series_in_percent_with_units():
             above = figure.axes[0].child_axes[0]
             assert "[mW]" in above.get_xlabel()
             assert [t.get_text() for t in above.get_xticklabels()][:2] == ["30", "24"]
-
-
-def test_what_does_not_fit_together_is_refused():
-    with pytest.raises(ValueError, match="panel"):
-        curves.error_over_duty({})
-    with pytest.raises(ValueError, match="'hold'"):
-        curves.error_over_duty({"a": {"hold": Series(DUTY, [0.1])}})
-    with pytest.raises(ValueError, match="role"):
-        curves.error_over_duty({"a": {"hold": Series(DUTY, DUTY, "theirs")}})

@@ -7,33 +7,16 @@ import pytest
 
 from experiments.udaya2010.relaxed import relaxed_masks, relaxed_power
 from jgait.duty_cycle import power
-from jgait.duty_cycle.power import GYROSCOPE
 
 RATE = 50.0
 
 
-def test_what_no_schedule_has_is_refused():
-    for duty in (0.0, -0.2, 1.2, float("nan")):
-        with pytest.raises(ValueError, match=r"duty must lie in \(0, 1\]"):
-            relaxed_power(duty, 2.8)
-        with pytest.raises(ValueError, match=r"duty must lie in \(0, 1\]"):
-            relaxed_masks(jnp.arange(3.0), duty, 2.8)
-    with pytest.raises(ValueError, match="period must be a positive number"):
-        relaxed_power(0.5, 0.0)
-
-
-@pytest.mark.parametrize("duty", range(10, 100, 10))
+@pytest.mark.parametrize("duty", [10, 50, 90])
 def test_the_smooth_power_is_the_exact_one_where_edges_are_far_apart(duty):
     schedule = power.schedule_of_duty(duty / 100)
     smooth = relaxed_power(schedule.duty, schedule.period, softness=0.005)
     # What is left of the rounding: exp(−0.2 s / 5 ms).
     assert float(smooth) == pytest.approx(power.mean_power(schedule), rel=1e-12)
-
-
-def test_the_smooth_power_goes_over_into_always_on():
-    near = relaxed_power(jnp.asarray([0.9999, 1.0]), 2.0, softness=0.02)
-    assert float(near[1]) == pytest.approx(GYROSCOPE.on, rel=1e-12)
-    assert float(near[0]) == pytest.approx(GYROSCOPE.on, rel=1e-3)
 
 
 def test_soft_masks_tend_to_the_schedule_and_cost_what_it_costs():
@@ -65,9 +48,3 @@ def test_slopes_of_the_smooth_form_are_those_of_differences(duty, period):
         step = h * jnp.eye(2)[i]
         assert float(slope[i]) == pytest.approx(float((both(at + step) - both(at - step)) / (2 * h)), rel=1e-5)
     assert np.all(np.isfinite(slope))
-
-
-def test_a_longer_period_costs_less_for_the_same_duty():
-    slope = jax.jit(jax.grad(relaxed_power, argnums=1))(0.5, 4.0)
-    # −p w / c², the wake-up spread over more time; exp(−0.2 s / 20 ms) is left of the rounding.
-    assert float(slope) == pytest.approx(-GYROSCOPE.on * GYROSCOPE.wake_up / 4.0**2, rel=1e-5)

@@ -22,15 +22,6 @@ def test_missed_and_false_flags_are_counted():
     assert told["within_two_sigma_pct_set"] == pytest.approx(100.0 * 4.0 / 6.0)
 
 
-def test_the_reliability_of_a_set_is_drawn_over_the_normal_distribution():
-    some = [flags.Judged("foot_ins, set", "a", np.array([0.2, 0.9, 1.5, 2.5]), np.zeros(4, bool), *LENGTHS[:, :4])]
-    assert flags.covered("foot_ins, set", some).value == 75.0
-    normal, line = flags.reliability(some).axes[0].get_lines()
-    np.testing.assert_array_equal(line.get_ydata(), [0.0, 25.0, 50.0, 75.0, 100.0])
-    np.testing.assert_array_equal(normal.get_ydata(), [0.0, *flags.NORMAL])
-    assert line.get_label() == "set (4)"
-
-
 def test_a_trial_is_off_beyond_half_a_metre_or_three_deviations():
     trials = [
         trials_part.Trial("far", 0.6, 1.0, True), trials_part.Trial("unsure", 0.4, 0.1, False),

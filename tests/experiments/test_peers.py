@@ -206,15 +206,6 @@ def test_mobgap_finds_a_contact_for_every_step_of_a_made_walk(mobgap_found):
     assert not any(name.startswith("given") for name in mobgap_found["two"])
 
 
-def test_mobgap_distinguishes_left_from_right_by_the_turning_of_the_trunk(mobgap_found):
-    found = mobgap_found["whole"]
-    sides = found["given_sides_mccamley"]
-    # The trunk turns to the left, as the right leg swings forwards, when the right foot lands.
-    np.testing.assert_array_equal(sides, np.arange(len(sides)) % 2)
-    assert np.isin(found["given_sides_ullrich"], (0, 1)).all()
-    np.testing.assert_array_equal(np.abs(np.diff(found["given_sides_ullrich"])), 1)
-
-
 def test_mobgap_s_step_length_is_an_inverted_pendulum_s(mobgap_found):
     found = mobgap_found["whole"]
     np.testing.assert_array_equal(found["given_contacts"], np.arange(100, 1101, 50))
@@ -226,24 +217,3 @@ def test_mobgap_s_step_length_is_an_inverted_pendulum_s(mobgap_found):
         np.testing.assert_allclose(steps[3:-4], factor * pendulum, rtol=0.05)
         assert found[f"given_distances_{setting}"] == pytest.approx(np.nansum(steps))
         assert found[f"given_speeds_{setting}"] == pytest.approx(np.nanmean(steps) / STEP, rel=0.05)
-
-
-def test_mobgap_treats_each_bout_by_itself(mobgap_found):
-    found = mobgap_found["two"]
-    for detector in ("ionescu", "shin", "hklee"):
-        contacts, bouts = found[f"{detector}_contacts"], found[f"{detector}_bouts"]
-        assert np.all((contacts >= 50) & (contacts < 1150) & ~((contacts >= 450) & (contacts < 650)))
-        np.testing.assert_array_equal(bouts, contacts >= 650)
-        lengths = found[f"{detector}_step_lengths_ms_all"]
-        np.testing.assert_array_equal(np.isnan(lengths), np.append(np.diff(bouts) == 1, True))
-        sums = [np.nansum(lengths[bouts == bout]) for bout in (0, 1)]
-        np.testing.assert_allclose(found[f"{detector}_distances_ms_all"], sums)
-
-
-def test_a_bout_that_mobgap_cannot_use_is_named(peers):
-    if not peers.available("mobgap"):
-        pytest.skip(peers.unavailable_reason("mobgap"))
-    acc, gyr = trunk_walk(3.0)
-    job = {"acc": acc, "gyr": gyr, "sampling_rate_hz": RATE_HZ, "sensor_height": HEIGHT, "bouts": [[280, 310]]}
-    with pytest.raises(RuntimeError, match=r"inside the 300 samples are needed; got \[\[280, 310\]\]"):
-        peers.run("mobgap_trunk", {"short": job})

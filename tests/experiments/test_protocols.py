@@ -10,6 +10,8 @@ import pytest
 from experiments.common import protocols
 from jgait import simulate
 
+pytestmark = pytest.mark.release
+
 
 def sound(walked, rate, placements, distance):
     """What holds of every protocol."""

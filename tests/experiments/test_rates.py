@@ -31,13 +31,3 @@ def test_rates_with_and_without_sleep(slept, tmp_path):
     np.testing.assert_allclose(alone.lines[0].get_ydata() - alone.lines[1].get_ydata(), 0.01, atol=1e-12)
     assert not alone.patches
     assert plot.save(figure, tmp_path / "rates.png").stat().st_size > 20_000
-
-
-def test_rates_that_do_not_belong_together_are_refused(slept):
-    asleep, awake = slept
-    with pytest.raises(ValueError, match="has no gyroscope of 'thigh_left'"):
-        rates.filtered_rates(asleep, placement="thigh_left")
-    with pytest.raises(ValueError, match="same recording; the one that is awake has other times"):
-        rates.filtered_rates(asleep, awake._replace(time=awake.time + 1.0))
-    with pytest.raises(ValueError, match="the one that is awake does not have shank_left"):
-        rates.filtered_rates(asleep, awake._replace(diagnostics={}))

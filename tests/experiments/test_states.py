@@ -43,12 +43,3 @@ def test_states_events_and_thresholds(made, tmp_path):
     strict = shank_events.PAPER._replace(threshold=10.0)
     none = states.swing_states(made.recording, detector=strict, seconds=(0.0, 6.0)).axes[0]
     assert not any(m.get_xdata().size for m in none.lines if m.get_marker() in ("^", "D", "v"))
-
-
-def test_what_is_not_there_is_refused(made):
-    with pytest.raises(ValueError, match="the left leg was not measured; the right one was"):
-        states.swing_states(made.recording, side="left")
-    with pytest.raises(ValueError, match="side must be 'right' or 'left'; got 'both'"):
-        states.swing_states(made.recording, side="both")
-    with pytest.raises(ValueError, match="seconds must overlap the recording"):
-        states.swing_states(made.recording, seconds=(50.0, 60.0))

@@ -1,7 +1,5 @@
 """From walks to lessons: what is resampled, padded, stacked and refused, and what is minimised over them."""
 
-import re
-
 import jax
 import numpy as np
 import pytest
@@ -42,16 +40,6 @@ def test_walks_of_different_length_are_stacked_with_their_references(made):
         assert int(one.reference.strides.valid.sum()) == strides
         assert not one.reference.strides.length[walk.reference.strides.length.size :].any()
     assert set(made.data.reference.diagnostics) == {"offset"}
-
-
-def test_lessons_say_who_was_left_out(made):
-    """A person of whom fewer measures are known than of most is one that `evaluate.cohort` uses."""
-    found = tune.lessons(
-        made_cohort.FAKE, [made_cohort.walk(i) for i in (1, 2, 3)],
-        own=lambda walk: body(walk) if walk.info["number"] != 2 else {},
-    )  # fmt: skip
-    assert repr(made) == "Lessons(3 walks of 3 people)"
-    assert re.fullmatch(r"Lessons\(2 walks of 2 people; 1 left out, walk_002: .*it lacks own\W+offset.*\)", repr(found))
 
 
 def test_a_walk_has_what_the_losses_ask_for_or_is_refused_in_words():
@@ -120,13 +108,6 @@ def test_without_references_all_can_be_used():
     found = tune.lessons(made_cohort.FAKE, walks, reference=False)
     assert found.names == ("walk_001", "walk_002")
     assert found.data.reference is None
-
-
-def test_too_long_for_the_samples_asked_for():
-    sizes = [made_cohort.walk(i).reference.time.size for i in (1, 2)]
-    found = tune.lessons(made_cohort.FAKE, [made_cohort.walk(i) for i in (1, 2)], samples=min(sizes))
-    assert len(found.names) == 1
-    assert "more than" in found.failures[0][1]
 
 
 def test_nothing_to_learn_from():
@@ -211,14 +192,6 @@ def test_terms_that_are_not_known():
 def test_weights_are_positive_numbers(weight):
     with pytest.raises(ValueError, match=f"the weight of 'distance' must be a positive number; got {weight}"):
         tune.objective(made_cohort.FAKE, None, {"distance": weight})
-
-
-def test_lessons_of_one_person_have_one_name():
-    walks = [made_cohort.walk(i) for i in (1, 2, 3)]
-    named = [
-        w._replace(recording=w.recording._replace(subject=n)) for w, n in zip(walks, ("Al", "al ", "B"), strict=True)
-    ]
-    assert tune.lessons(made_cohort.FAKE, named).subjects == ("Al", "Al", "B")
 
 
 def test_equal_objectives_are_one_to_what_keeps_programs():

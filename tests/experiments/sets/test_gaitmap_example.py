@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made.notes import texts
-from made.sets import loaded, refused
+from made.sets import loaded
 
 from jgait import datasets
 from jgait.commands import cohort
@@ -113,16 +113,6 @@ def test_the_same_walk_in_other_axes_counts_once(folder, monkeypatch):
     assert texts(source.notes) == ["imu_sample_not_rotated is left out: it is the same walk as imu_sample"]
     (folder / "imu_sample.csv").unlink()
     assert [walk.recording.name for walk in datasets.load("gaitmap_example")] == ["imu_sample_new", both[1]]
-
-
-def test_bad_files_are_named_and_the_others_are_not_lost(folder):
-    sensor_table([one for one in ORDER if one != ("left", "gyr", "y")]).to_csv(folder / "imu_sample_lacks.csv")
-    pd.DataFrame({"acc_x": [1.0]}).to_csv(folder / "imu_sample_strange.csv")
-    expected = {
-        "imu_sample_lacks": "imu_sample_lacks.csv, left_sensor lacks gyr_y",
-        "imu_sample_strange": "imu_sample_strange.csv lacks the place of its sensor",
-    }
-    refused("gaitmap_example", ["imu_sample_new"], expected)
 
 
 # --- the real files ---

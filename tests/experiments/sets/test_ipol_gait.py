@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from made.notes import texts
-from made.sets import loaded, refused
+from made.sets import loaded
 
 from experiments.common.sets import ipol_gait
 from jgait import datasets
@@ -95,34 +95,6 @@ def test_events_are_packets_and_lost_packets_are_masked(folder):
     write(folder, **{code: table(295, first=5) for code in ipol_gait.SENSORS})
     walk = load()
     assert walk.info["initial_contacts"][0] == pytest.approx(0.55) and walk.info["trial"] == pytest.approx((0.35, 2.55))
-
-
-def test_bad_files_are_named_and_the_others_are_not_lost(folder):
-    write(folder, "3-1")
-    write(folder, "3-2", header=HEADER.replace("Gyr_Y", "Rate_Y"))
-    write(folder, "3-3", lb=table(1))
-    write(folder, "3-4", rf=table()[::-1])
-    often = table()
-    often[:, 0] //= 2
-    write(folder, "3-0", rf=often)
-    write(folder, "3-5", rate="Acquisition frequency: 50 Hz\n")
-    write(folder, "3-6", about={"LeftFootEvents": []})
-    write(folder, "3-7", about={**ABOUT, "LeftFootEvents": [[1, 2, 3]]})
-    write(folder, "3-8", lb=np.concatenate([table(10), table(10, first=5000)]))
-    write(folder, "3-9")
-    (folder / "3-9.json").write_text("{")
-    write(folder, "3-10", rate="")
-    (folder / "4-1.json").write_text("{}")
-    assert datasets.names("ipol_gait")[-2:] == ("3-10", "4-1")
-    expected = {
-        "3-2": "3-2_lb.txt lacks the column 'Gyr_Y'", "3-3": "3-3_lb.txt has 1 samples",
-        "3-4": "3-4_rf.txt: PacketCounter must count upwards; in row 1 it is 298",
-        "3-5": "3-5_lb.txt was recorded at 50 Hz; 100 Hz is expected", "3-6": "3-6.json has no RightFootEvents",
-        "3-0": "3-0_rf.txt: PacketCounter must count upwards; in row 1 it is 0",
-        "3-7": "3-7.json: LeftFootEvents must be pairs", "3-8": "PacketCounter spans 5010 packets, and there are 20",
-        "3-9": "3-9.json is no JSON", "4-1": "4-1 has none of the sensors lower_back",
-    }  # fmt: skip
-    refused("ipol_gait", ["3-1", "3-10"], expected)
 
 
 # --- the real walks ---

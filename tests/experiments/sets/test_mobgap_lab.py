@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from made.sets import loaded, refused
+from made.sets import loaded
 
 from experiments.common.sets import mobgap_lab
 
@@ -98,31 +98,6 @@ def test_contacts_strides_and_distance_of_a_bout(root):
     np.testing.assert_allclose(reference.distance[[0, 199, 349, 499, 799]], [0, 0, 1.8, 3.6, 3.6], atol=1e-12)
     np.testing.assert_array_equal(np.flatnonzero(reference.valid), np.arange(199, 500))
     assert info["reference_system"] == "Stereophoto" and list(info["systems"]) == ["Stereophoto"]
-
-
-def test_trials_are_known_without_the_list_and_bad_files_are_named(root):
-    good = {"Test5": {"Trial1": trial(optical=bout())}}
-    write(root, good, "XX/001", index=False)
-    folder = write(root, good, "XX/002", index=False)
-    (folder / "data.mat").write_bytes((folder / "data.mat").read_bytes()[:300])
-    folder = write(root, good, "XX/003")
-    (folder / "data.mat").write_bytes(b"not MATLAB")
-    (write(root, good, "XX/004") / "test_list.json").write_text("{")
-    write(root, {"Test5": {"Trial1": trial(Gyr=np.zeros((3, 3)))}}, "XX/005")
-    write(
-        root, {"Test5": {"Trial1": trial(optical=bout(InitialContact_LeftRight=np.array(["Left"], object)))}}, "XX/006"
-    )
-    write(root, {"Test5": {"Trial1": trial(Fs={"Acc": 100, "Gyr": 50})}}, "XX/007")
-    folder = write(root, good, "XX/008", index=False)
-    (folder / "test_list.json").write_text('{"data": [{"key": ["TimeMeasure1", "Test5", "Trial9"]}]}')
-    (root / "XX" / "010").mkdir()
-    expected = {
-        "XX/002": "XX/002/data.mat is no whole MATLAB file", "XX/003/Test5/Trial1": "data.mat is no whole MATLAB file",
-        "XX/005/Test5/Trial1": r"gyroscope \(T, 3\)", "XX/006/Test5/Trial1": "InitialContact_LeftRight must be Left or",
-        "XX/007/Test5/Trial1": "accelerometer and gyroscope must share a rate",
-        "XX/008/Test5/Trial9": "XX/008/data.mat has no Trial9; it has Trial1",
-    }  # fmt: skip
-    refused("mobgap_lab", ["XX/001/Test5/Trial1", "XX/004/Test5/Trial1"], expected)
 
 
 # --- the real walks ---

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from made.sets import loaded, refused
+from made.sets import loaded
 
 from experiments.common.sets import tripod
 from jgait import datasets
@@ -123,11 +123,6 @@ def test_optogaits_strides_and_clock(folder):
         kept = of["kept"]
         np.testing.assert_allclose(of["stride_length"][kept], 1.3)
         assert 85 <= kept.sum() <= 91 and not kept[:8].any() and not kept[-1]
-
-
-def test_bad_files_are_named_and_the_others_are_not_lost(folder, root):
-    write_sensor(root / "Sub_AB" / "PWS", "LS", np.zeros((1, 14)))
-    refused("tripod", ["Sub_AB/PWS-20"], {"Sub_AB/PWS": "LS.csv has no accelerometer, or less than two rows"})
 
 
 # --- the real trials ---

@@ -6,7 +6,7 @@ import pytest
 from foot_heading import heading
 from made import files as made_files
 from made.notes import texts
-from made.sets import loaded, refused
+from made.sets import loaded
 
 from jgait.datasets.foot_reference import foot_path
 
@@ -41,26 +41,6 @@ def test_units_and_the_file_s_own_clock(folder):
     assert any("which foot" in note for note in texts(walk.recording.notes))
     assert walk.reference is None and "ends where it began" in walk.info["no_reference"]
     assert (walk.info["closes"], walk.info["publisher_closure"], walk.info["verified"]) == (True, 0.421, False)
-
-
-def test_of_a_walk_that_this_version_does_not_know_no_loop_is_claimed(folder):
-    table().to_csv(folder / "other_walk.csv", index=False)
-    walk = loaded("xio_gait")[0]
-    assert walk.info["closes"] is False and walk.info["publisher_closure"] is None
-    assert walk.info["no_reference"] == "nothing is known"
-
-
-def test_bad_files_are_named_and_the_others_are_not_lost(folder):
-    table().to_csv(folder / "good_walk.csv", index=False)
-    table().drop(columns="Time (s)").to_csv(folder / "a_walk.csv", index=False)
-    table().iloc[::-1].to_csv(folder / "b_walk.csv", index=False)
-    table(1).to_csv(folder / "c_walk.csv", index=False)
-    expected = {
-        "a_walk": r"a_walk.csv has no time; expected a column Time \(s\)",
-        "b_walk": "time must run forwards; it does not after sample 0",
-        "c_walk": "c_walk.csv must have at least 2 samples of time",
-    }
-    refused("xio_gait", ["good_walk"], expected)
 
 
 # --- the real file ---
