@@ -91,17 +91,6 @@ def test_standing_counts_for_no_stride():
     assert (np.asarray(found.how)[~on] == HELD).all()
 
 
-def test_float32_stays_close_to_float64():
-    rate, acc = walk(seed=4)
-    on, one = schedule(), fillers()
-    for name in ("ridge", "neighbours"):
-        fill, params = one[name].fill, one[name].params
-        wide = fill(rate, on, acc, RATE_HZ, params)
-        narrow = fill(rate.astype(np.float32), on, acc.astype(np.float32), RATE_HZ, params)
-        assert narrow.rate.dtype == np.float32
-        np.testing.assert_allclose(narrow.rate, wide.rate, atol=2e-3)
-
-
 def test_a_real_shank_is_filled_better_than_the_paper_fills_it(data):
     """First 14 s of the steady walk, ten units of 1.4 s, four of ten on; the paper has 0.267, replicate 0.18."""
     walk = data("tripod", "Sub_FZ/PWS")[0]

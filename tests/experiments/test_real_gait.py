@@ -88,30 +88,6 @@ def test_how_the_sensors_sit_does_not_matter(gait, seed):
     check(gait.figures(signals, RATE, windows, gait.Truth(**truth)), gait)
 
 
-def test_a_foot_alone(gait):
-    for turn in (np.eye(3), np.diag([-1.0, -1.0, 1.0])):
-        signals, _, windows = leg(turn)
-        found = gait.figures({"foot": signals["foot"]}, RATE, windows)
-        np.testing.assert_allclose(found.foot_push_off, -9.0, rtol=0.05)
-        np.testing.assert_allclose(found.foot_swing, 5.0, rtol=0.05)
-        np.testing.assert_allclose(found.stride_time, PERIOD, atol=0.011)
-        assert len(found.shank_swing) == len(found.speed) == len(found.stance) == 0
-    with pytest.raises(ValueError, match=r"strides need 'shank' or 'foot'; got \['pelvis'\]"):
-        gait.figures({"pelvis": signals["pelvis"]}, RATE, windows)
-
-
-def test_spread_is_over_people_or_over_the_strides_of_one(gait):
-    def person(swing):
-        return gait.NONE._replace(stride_time=np.ones(3), shank_swing=np.array(swing), shank_strike=np.arange(101.0))
-
-    one = gait.spread_of([("a", person([4.0, 5.0, 6.0]))])
-    assert one["shank_swing"] == (5.0, pytest.approx(4.1), pytest.approx(5.9), 3, "strides")
-    assert one["shank_strike_p99"].median == pytest.approx(99.0)
-    several = gait.spread_of([(str(k), person([k, k + 1.0, 50.0])) for k in range(11)])
-    assert several["shank_swing"] == (6.0, pytest.approx(1.5), pytest.approx(10.5), 11, "people")
-    assert "thigh_forward" not in several
-
-
 # --- people ---
 
 BOUNDS = {

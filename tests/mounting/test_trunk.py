@@ -124,14 +124,6 @@ def test_which_axes_look_up_and_forward(rows, up, forward):
     np.testing.assert_allclose([found["lean_deg"], found["turned_deg"]], 0.0, atol=1e-6)
 
 
-def test_leaning_and_turning():
-    leaning = worn(functional_axes(trunk(lean=np.deg2rad(20.0)), RATE))
-    np.testing.assert_allclose([leaning["lean_deg"], leaning["turned_deg"]], [20.0, 1.0], atol=0.5)
-    c, s = np.cos(np.deg2rad(30.0)), np.sin(np.deg2rad(30.0))
-    turned = worn(functional_axes(trunk(mount=np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])), RATE))
-    assert turned["turned_deg"] == pytest.approx(31.0, abs=0.5)
-
-
 @pytest.mark.parametrize("name, ahead", [("ipol_gait", -1.0), ("mobgap_lab", 1.0)])
 def test_real_backs_look_the_way_they_were_mounted(data, name, ahead):
     """Both sets: x up, leaning with the back; z backwards in the one, forwards in the other.

@@ -66,12 +66,6 @@ def test_magnitudes_count_what_the_mask_counts():
     assert np.isfinite(jax.grad(lambda y: wavelet.magnitude(y, "rms"))(np.zeros(6))).all()
 
 
-def test_float32_stays_float32_and_close():
-    single = wavelet.from_details(X.astype(np.float32), SHARES)
-    assert single.dtype == jnp.float32
-    np.testing.assert_allclose(single, wavelet.from_details(X, SHARES), atol=1e-5)
-
-
 @pytest.mark.parametrize("samples", [5, 700, 1024])
 def test_padding_is_symmetric_and_takes_turns_when_short(samples):
     ours, before = wavelet.padded(X[:samples])

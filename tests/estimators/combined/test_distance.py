@@ -70,15 +70,6 @@ def test_a_loss_after_the_last_stride_counts_in_the_deviation_alone():
     assert found.estimate.diagnostics["distance_stddev"][-1] > whole.diagnostics["distance_stddev"][-1] + 0.3
 
 
-@pytest.mark.parametrize("begin", [2.0, 2.6])
-def test_few_strides_beside_a_loss_state_a_speed_all_the_same(begin):
-    """Of strides from and to standing no speed is known; then the usual one is taken."""
-    made = shank(strides=6, length=[0.6, 1.2, 1.2, 1.2, 1.2, 0.6])
-    found = jgait.analyse(without(made.recording, begin, 2.5))
-    distance, deviation = found.estimate.distance[-1], found.estimate.diagnostics["distance_stddev"][-1]
-    assert abs(distance - 6.0) < 2.0 * deviation
-
-
 PERIOD_S = 1.1
 
 
@@ -102,13 +93,6 @@ def test_what_is_cut_off_counts_in_the_distance(at):
     assert of_code(found.notes, "distance_extended")
     assert found.estimate.distance[0] == pytest.approx(0.0, abs=1e-9)
     assert np.all(np.diff(found.estimate.distance) > -1e-9)
-
-
-def test_standing_at_both_ends_cuts_nothing():
-    made = shank(strides=5)
-    found = jgait.analyse(made.recording)
-    assert cuts(found.notes) == [0.0, 0.0]
-    np.testing.assert_allclose(found.estimate.distance[-1], 5 * LENGTH, atol=0.02)
 
 
 def test_the_way_of_a_turn_lies_between_chord_and_arc():

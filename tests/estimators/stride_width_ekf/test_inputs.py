@@ -102,17 +102,6 @@ def test_controls_add_up_to_the_trajectories(walk):
         assert np.sum(inputs.right.dy[inside]) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_contacts_lie_in_order(walk):
-    rows = ready(walk).inputs.strides
-    there = rows.valid
-    for earlier, later in (("start", "final_contact"), ("final_contact", "end"), ("end", "standing_end")):
-        assert np.all(getattr(rows, earlier)[there] <= getattr(rows, later)[there])
-    right = there & (rows.side == 0)
-    np.testing.assert_allclose(rows.start[right][1:], rows.end[right][:-1])
-    # Swing takes half of a stride here, its slow ends left out.
-    np.testing.assert_allclose((rows.end - rows.final_contact)[there], 0.5 * 1.12, atol=0.14)
-
-
 def test_a_passing_counts_once_and_a_late_echo_not(walk):
     before = ready(walk)
     heard = np.flatnonzero(walk.read.mask)

@@ -394,18 +394,6 @@ def test_a_slower_part_of_a_walk_is_noted_and_uncertain(speed, noted):
     assert (not noted or np.all(share[long] > 0.35)) and np.all(share[2:12] < 0.1)
 
 
-def test_in_a_walk_that_is_slow_on_the_whole_only_slow_strides_are_counted_and_all_are_uncertain():
-    estimate = estimated(joined(walk(steps=8).recording, walk(speed=0.5).recording))
-    (note,) = of_code(estimate.diagnostics["notes"], "short_or_slow_strides")
-    length, speed = estimate.strides.length, estimate.strides.speed
-    slow = (length < note.values["least_m"]) | (speed < note.values["slowest"])
-    slow &= ~estimate.diagnostics["half"]
-    assert 0 < note.values["strides"] == slow.sum() < note.values["of"] == slow.size
-    assert note.values["length_m"] == pytest.approx(np.median(length[slow]))
-    assert note.values["speed"] == pytest.approx(np.median(speed[slow]))
-    assert np.all(estimate.strides_stddev.length > 0.35 * length)
-
-
 def test_lost_samples_are_noted_and_hardly_change_the_distance(straight):
     made, plain = straight
     mask = imu_of(made.recording).mask.copy()

@@ -7,7 +7,6 @@ import pytest
 
 from experiments.kose2011.ways import frozen, integrated
 from jgait.estimators.waist.ofdri import Cycles
-from jgait.estimators.waist.optimum import optimum_cutoffs
 from jgait.estimators.waist.velocity_update import VelocityUpdateParams, updated
 
 DT, SAMPLES, PERIOD, FIRST = 0.01, 1100, 105, 180
@@ -114,66 +113,3 @@ def test_the_recursion_is_the_papers(methods):
     assert 1 < sum(told) < 8
     np.testing.assert_allclose(found.velocity, velocity, atol=1e-11)
     np.testing.assert_allclose(found.displacement, way(velocity), atol=1e-10)
-
-
-def test_the_best_cutoff_takes_the_change_out_by_itself(methods):
-    acc = WALK + jnp.where(jnp.arange(SAMPLES) > int(MARKS[2]), 0.1, 0.0)
-    found = methods["optimum"](P, acc)
-    plain = methods["hard"](P, acc)
-    cutoffs = jax.jit(lambda a: optimum_cutoffs(a, CYCLES, 0.0, DT, P.highest_hz))(acc)
-    assert np.any(np.asarray(cutoffs[2:8]) > 0.05) and np.all(np.asarray(cutoffs) < 1.0)
-    np.testing.assert_array_equal(found.updated, plain.updated)
-    np.testing.assert_allclose(np.asarray(found.velocity)[MARKS], np.asarray(plain.velocity)[MARKS], atol=1e-12)
-    assert np.abs(found.velocity - plain.velocity).max() > 1e-3
-
-
-def test_no_cycle_is_plain_integration(methods):
-    none = Cycles(jnp.zeros(3, jnp.int32), jnp.zeros(3, jnp.int32), 0)
-    plain = methods["integrated"](P, WALK)
-    for method in (updated, frozen):
-        found = jax.jit(lambda acc, m=method: m(P, acc, none, DT, optimum=False))(WALK)
-        np.testing.assert_allclose(found.displacement, plain.displacement, atol=1e-12)
-        assert not np.any(found.valid) and not np.any(found.updated) and not np.any(found.length)
-
-
-WAYS = {"updated": updated, "integrated": integrated}
-
-
-@pytest.mark.parametrize("name", WAYS)
-def test_every_bout_begins_anew_where_its_velocity_is_known(name):
-    """Two recordings one behind the other are what each is alone, whatever the speed that the first was left with."""
-
-    settings = {} if name == "integrated" else {"optimum": False}
-
-    @jax.jit
-    def way(acc, cycles, start, known=None):
-        return WAYS[name](P, acc, cycles, DT, start=start, known=known, **settings)
-
-    walk, pause = WALK + jnp.where(jnp.arange(SAMPLES) > 50, 0.05, 0.0), 7
-    nothing = jnp.zeros(SAMPLES + pause)
-    both = jnp.concatenate([walk, nothing[:pause], FASTER])
-    second = SAMPLES + pause
-    begin, end = (np.concatenate([marks, second + marks]) for marks in (MARKS[:-1], MARKS[1:]))
-    start = jnp.zeros(both.size).at[second].set(0.3)
-    cycles = Cycles(jnp.asarray(begin, jnp.int32), jnp.asarray(end, jnp.int32), len(begin))
-    at, nowhere = jnp.arange(both.size), jnp.zeros(both.size)
-    told = way(both, cycles, start, at == second)
-    # Each alone is in an array as long, with as many cycles, of which the first eight are valid: one program.
-    marks = (jnp.asarray(np.concatenate([own, 0 * own]), jnp.int32) for own in (MARKS[:-1], MARKS[1:]))
-    one = Cycles(*marks, len(MARKS) - 1)
-    alone = [
-        way(jnp.concatenate([acc, nothing]), one, nowhere + first, at < 0)
-        for acc, first in ((walk, 0.0), (FASTER, 0.3))
-    ]
-    for k, (first, one) in enumerate(zip((0, second), alone, strict=True)):
-        np.testing.assert_allclose(told.velocity[first + 1 : first + SAMPLES], one.velocity[1:SAMPLES], atol=1e-11)
-        for field in ("start", "change", "kept", "updated", "length"):
-            np.testing.assert_allclose(getattr(told, field)[8 * k : 8 * k + 8], getattr(one, field)[:8], atol=1e-11)
-    # it is not that the first bout leaves no trace
-    blind = way(both, cycles, nowhere, nowhere > 0.0)
-    assert np.abs(blind.length[8:] - told.length[8:]).max() > 0.1
-    # a speed that is known where a cycle begins needs no way up to it; known within cycles it is not looked at
-    known = way(both, cycles, nowhere + 1.0, at == int(begin[8]))
-    np.testing.assert_allclose(known.start[8], 1.0, atol=1e-12)
-    within = way(both, cycles, nowhere, at == int(begin[3]) + 20)
-    np.testing.assert_allclose(within.velocity, blind.velocity, atol=1e-12)

@@ -111,20 +111,6 @@ def test_zebris_and_the_belt(folder):
     assert np.all(reference.distance[: start + 1] == 0) and np.all(np.diff(reference.distance)[steady[1] :] == 0)
 
 
-def test_optogaits_strides_and_clock(folder):
-    walk = load()
-    for side in ("right", "left"):
-        of = walk.info["optogait"][side]
-        ends = swings(side) + 0.19
-        np.testing.assert_allclose(of["time"], ends, atol=0.015)
-        np.testing.assert_allclose(of["stride_time"][:-1], np.diff(ends), atol=1e-9)
-        np.testing.assert_allclose(of["stance_time"], 0.8)
-        np.testing.assert_allclose((of["swing_time"] + of["stance_time"])[:-1], np.diff(ends), atol=1e-9)
-        kept = of["kept"]
-        np.testing.assert_allclose(of["stride_length"][kept], 1.3)
-        assert 85 <= kept.sum() <= 91 and not kept[:8].any() and not kept[-1]
-
-
 # --- the real trials ---
 
 
