@@ -113,6 +113,7 @@ def test_angles_are_valid_after_standing_or_when_they_have_settled(walked):
             assert off[again - begin :][valid[again - begin :]].max() < 3.0
 
 
+@pytest.mark.release
 def test_sleeping_gyroscopes_give_valid_angles_after_standing_alone(walked):
     live = jgait.online(walked[0], PERSON, "duty_cycled_gyro")
     time, signals = signals_of(walked[0], live.placements)
@@ -146,6 +147,7 @@ def test_a_stride_of_a_shank_that_hides_small_steps_in_a_turn_is_in_doubt():
     assert not flags["doubtful"][-6:].any()  # walking straight on
 
 
+@pytest.mark.release
 def test_angles_with_sleeping_gyroscopes_are_those_of_the_filter_that_holds(walked):
     recording = walked[0]
     live = jgait.online(recording, PERSON, "duty_cycled_gyro")

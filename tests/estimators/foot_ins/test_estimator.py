@@ -249,6 +249,7 @@ def test_a_foot_that_only_steps_in_place_has_finite_gradients():
     assert np.all(np.isfinite(jax.tree.leaves(slope)))
 
 
+@pytest.mark.release
 def test_a_recording_in_windows_is_that_of_one_run(monkeypatch):
     made = foot(strides=26, length=1.1, turns=[0.12] * 26, bias=(0.01, -0.01, 0.02), seed=4, stance=0.45)
     whole = foot_ins.estimate(STILL, made.recording)

@@ -201,6 +201,7 @@ def test_turning_the_sensor_with_its_mount_changes_nothing(noisy, plain):
     assert float(plain.distance[-1]) == pytest.approx(float(turned.distance[-1]), rel=1e-3)
 
 
+@pytest.mark.release
 def test_without_accelerometers_the_gyroscopes_alone_serve(noisy):
     recording, truth = noisy
     result = leg_ekf.estimate(parameters(truth), altered(recording, acc=lambda _: None))
