@@ -105,19 +105,6 @@ def test_no_reference_has_a_reason(folder):
     assert walk.info["no_reference"] == f"right: {reason}; left: {reason}"
 
 
-def test_numbers_that_are_text_or_missing(folder):
-    table = columns()
-    table["  Gyro_read_x_3"][5] = " 0.140000"
-    table["  Gyro_read_y_3"][100] = "bad"
-    table["  Gyro_read_y_3"][101] = None
-    walk = load(folder, table)
-    thigh = walk.recording.sensors["thigh_right"]
-    assert thigh.gyr[5, 0] == pytest.approx(np.deg2rad(0.0014))
-    assert thigh.mask.all(), "two lost samples are interpolated"
-    assert thigh.gyr[100, 1] == pytest.approx(np.deg2rad(0.1))
-    assert "thigh_right: 2 rows without a number dropped" in texts(walk.recording.notes)
-
-
 def test_gaps_are_interpolated_when_short_and_masked_when_long(folder):
     table = columns()
     for k in (*range(100, 103), *range(200, 220)):

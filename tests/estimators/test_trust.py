@@ -12,7 +12,7 @@ from made.trunk import imu_of, worn
 from jgait import estimators
 from jgait.estimators import ankle_stride, foot_ins
 from jgait.estimators.foot_ins import FootParams
-from jgait.estimators.losses import HELD, bend_error, bridged, held_bridge, integral_error
+from jgait.estimators.losses import HELD, bridged, held_bridge, integral_error
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.stride_flags import DOUBTFUL
 from jgait.estimators.trust import STANCES_RARE, doubtful, judged, trust
@@ -120,24 +120,6 @@ def test_errors_over_a_loss_add_up_to_those_of_interpolation_and_a_long_loss_is_
     assert np.sum(~np.asarray(goes)) == 5
     total = np.sqrt(np.sum((np.asarray(noises[0]) * 0.01) ** 2))
     assert total == pytest.approx(HELD * integral_error(LONGEST_LOSS, 2.0, 0.1))
-
-
-def test_the_error_of_a_loss_grows_with_the_change_of_slope_over_it():
-    """A straight line over a parabola t² errs by T³ / 6."""
-    time = 0.01 * np.arange(100)
-    bent = np.stack([time**2, 0.0 * time], axis=1)
-    first, after = 50, 60
-    whole = time[after] - time[first - 1]
-    line = 0.5 * (bent[first - 1, 0] + bent[after, 0]) * whole
-    off = line - (time[after] ** 3 - time[first - 1] ** 3) / 3.0
-    assert bend_error(bent, time, first, after) == pytest.approx(off, rel=0.1)  # slopes are those of whole samples
-    assert bend_error(bent, time, 1, 5) == bend_error(bent, time, 90, 99) == 0.0
-    lost = (time > time[first - 1]) & (time < time[after])
-    step, still = np.full(100, 0.01), np.zeros((100, 3))
-    usual, more = (
-        bridged(lost, time, step, v, still, (0.01, 0.0), (1.0, 0.0)).rate.max() for v in (still, 100.0 * bent)
-    )
-    assert more > 10.0 * usual
 
 
 @pytest.mark.parametrize(

@@ -142,13 +142,6 @@ def test_exchanged_labels_are_noticed():
         shank_axes.worn_on_shank(right, "left")
 
 
-def test_bias_at_rest():
-    biased = worn(np.eye(3))
-    biased = biased._replace(gyr=biased.gyr + np.array([0.01, -0.02, 0.03]))
-    np.testing.assert_allclose(shank_axes.rest_bias(biased, RATE), [0.01, -0.02, 0.03], atol=1e-12)
-    assert shank_axes.rest_bias(biased._replace(gyr=biased.gyr + 1.0), RATE) is None
-
-
 def test_a_swing_in_which_the_sagittal_rate_is_least_is_no_stance():
     time = np.arange(0.0, 3.0, 1.0 / RATE)
     rate = 0.5 + np.zeros(time.size)  # rolls over the foot

@@ -7,11 +7,11 @@ import pytest
 from made.gaps import varying
 
 from experiments.udaya2010 import power_descent, power_tradeoff
-from experiments.udaya2010.power_descent import Plan, Settings
-from experiments.udaya2010.power_tradeoff import Shank, judge, masks_of, pareto
+from experiments.udaya2010.power_descent import Settings
+from experiments.udaya2010.power_tradeoff import Shank, judge, pareto
 from experiments.udaya2010.relaxed import relaxed_masks
 from jgait.duty_cycle.fillers.base import Thigh
-from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, neighbours
+from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS
 from jgait.duty_cycle.power import GYROSCOPE
 
 pytestmark = pytest.mark.release
@@ -26,25 +26,6 @@ def shank(seed: int, thigh: bool = False) -> Shank:
     rate, acc, phase, size = varying(COUNT, STRIDE, seed, seed)
     worn = Thigh(np.cos(phase) * size, 0.5 * acc) if thigh else None
     return Shank(rate, acc, BEGIN, STRIDE / RATE_HZ, worn)
-
-
-@pytest.mark.parametrize("thigh", [False, True])
-def test_the_soft_error_at_hard_masks_is_that_of_the_filler(thigh):
-    one = shank(1, thigh)
-    usable = masks_of(Plan(0.4, 0.9), one, RATE_HZ, 0.3).usable
-    p = NEIGHBOURS._replace(least_strides=1.0)
-    filled = neighbours(np.where(usable, one.rate, 0.0), usable, one.acc, RATE_HZ, p, thigh=one.thigh).rate
-    part = slice(BEGIN, None)
-    expected = np.mean((np.asarray(filled) - one.rate)[part] ** 2) / np.mean(one.rate[part] ** 2)
-    stack = power_tradeoff._stacked([one])
-    far = power_descent.distances(stack.apart[0], p, 1.0 / RATE_HZ)
-    rows = jnp.arange(COUNT)
-    told = power_descent.relaxed_error(
-        jnp.asarray(usable, float), stack.rate[0], far, rows, rows >= BEGIN, p
-    )  # fmt: skip
-    assert float(expected) > 1e-4
-    # What a sample that was not measured still counts, a millionth, and rounding of the distances.
-    assert float(told) == pytest.approx(float(expected), rel=1e-4)
 
 
 def test_the_gradient_of_the_soft_error_is_that_of_differences():

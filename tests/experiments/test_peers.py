@@ -204,16 +204,3 @@ def test_mobgap_finds_a_contact_for_every_step_of_a_made_walk(mobgap_found):
         np.testing.assert_allclose(np.diff(contacts)[1:-1], STEP * RATE_HZ, atol=3)
         assert found[f"{detector}_cadences"] == pytest.approx(1 / STEP, rel=0.03)
     assert not any(name.startswith("given") for name in mobgap_found["two"])
-
-
-def test_mobgap_s_step_length_is_an_inverted_pendulum_s(mobgap_found):
-    found = mobgap_found["whole"]
-    np.testing.assert_array_equal(found["given_contacts"], np.arange(100, 1101, 50))
-    pendulum = 2 * np.sqrt(2 * HEIGHT * RISE - RISE**2)
-    for setting, factor in (("ms_all", 4.739 / 4), ("ms_ms", 4.587 / 4)):
-        steps = found[f"given_step_lengths_{setting}"]
-        assert np.isnan(steps[-1])
-        # mobgap integrates what it has cut, and filters it: the outer steps suffer.
-        np.testing.assert_allclose(steps[3:-4], factor * pendulum, rtol=0.05)
-        assert found[f"given_distances_{setting}"] == pytest.approx(np.nansum(steps))
-        assert found[f"given_speeds_{setting}"] == pytest.approx(np.nanmean(steps) / STEP, rel=0.05)

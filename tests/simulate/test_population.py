@@ -80,14 +80,6 @@ def test_a_gait_from_any_two_figures_is_the_same():
     assert by_length.stride_length == pytest.approx(1.2)
 
 
-def test_a_gait_from_speed_and_stature_keeps_the_walk_ratio():
-    for speed, stature in ((0.9, 1.55), (1.3, 1.75), (1.6, 1.9)):
-        found = simulate.gait(speed=speed, stature=stature)
-        cadence = 120.0 / found.stride_time
-        assert found.stride_length / found.stride_time == pytest.approx(speed)
-        assert 0.5 * found.stride_length / cadence == pytest.approx(0.0033 * stature)
-
-
 @pytest.mark.parametrize(
     ("given", "words"),
     [

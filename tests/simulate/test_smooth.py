@@ -10,7 +10,6 @@ from jgait.simulate.smooth import (
     ORDER,
     bump,
     curve_at,
-    glide,
     pieces,
     polynomial,
     smooth_bump,
@@ -40,18 +39,6 @@ def test_a_step_is_flat_outside_and_its_derivatives_are_exact_inside():
                             U, np.array([0.0, 1.0]))  # fmt: skip
     np.testing.assert_allclose(first, numeric, atol=1e-7)
     assert np.all(np.abs(ends) < 1e-9)
-
-
-def test_a_glide_arrives_and_keeps_its_speed_in_the_middle():
-    def orders(u):
-        return glide(Jet(jnp.stack([u, jnp.ones_like(u), jnp.zeros_like(u)])), 0.3, 0.4).orders
-
-    # The four ends, then the middle.
-    value, speed, bend = computed(orders, np.array([-1.0, 0.0, 1.0, 2.0, 0.31, 0.45, 0.59]))
-    np.testing.assert_allclose(value[:4], [0.0, 0.0, 1.0, 1.0], atol=1e-14)
-    speed, bend = speed[4:], bend[4:]
-    np.testing.assert_allclose(speed, 1.0 / (1.0 - 0.35), rtol=1e-12)
-    np.testing.assert_allclose(bend, 0.0, atol=1e-12)
 
 
 def test_smooth_functions_of_jets_have_the_derivatives_of_numbers():

@@ -131,20 +131,6 @@ def test_an_item_that_cannot_be_computed_is_left_out_and_named(minibatch):
     assert float(fit.params.x) == pytest.approx(float(clean.params.x), abs=0.0 if minibatch is None else 0.2)
 
 
-def test_an_item_without_any_number_is_left_out_though_its_loss_is_zero():
-    data = (np.array([[1.0, 2.0], [np.nan, np.nan], [4.0, np.nan]]), np.array([1, 2, 3]))
-
-    def masked(p, item):
-        there = jnp.isfinite(item[0])
-        return jnp.sum(jnp.where(there, (p.x - jnp.where(there, item[0], 0.0)) ** 2, 0.0))
-
-    with pytest.warns(UserWarning, match=r"1 of 3 items were left out.*\(items 1\)"):
-        fit = tune.fit(masked, Spot(0.0), Spot(real), data, optax.sgd(0.05), steps=3)
-    kept = tune.fit(masked, Spot(0.0), Spot(real), jax.tree.map(lambda v: v[[0, 2]], data), optax.sgd(0.05), steps=3)
-    assert fit.left_out == (1,)
-    np.testing.assert_allclose(fit.losses, kept.losses, rtol=1e-12)
-
-
 @pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     ("change", "message"),
@@ -280,9 +266,3 @@ def test_a_function_that_was_edited_is_another(tmp_path, monkeypatch):
 def test_an_optimiser_that_is_none_is_refused():
     with pytest.raises(TypeError, match=r"optimizer must come from optax, such as optax.adam\(0.05\); got 'adam'"):
         tune.fit(bowl, Spot(0.0), Spot(real), np.ones(2), "adam")
-
-
-def test_validation_that_cannot_be_computed_is_reported():
-    data = np.array([1.0, 2.0, np.nan])
-    with pytest.raises(ValueError, match="the loss of the validation items is not finite"):
-        tune.fit(bowl, Spot(0.0), Spot(real), data, optax.sgd(0.1), steps=3, validation=np.isnan(data))

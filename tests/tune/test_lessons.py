@@ -8,7 +8,7 @@ from made import cohort as made_cohort
 from jgait import params, tune
 from jgait.tune.lessons import resampled
 from jgait.tune.losses import TrajectoryWeights
-from jgait.types import Feet, FootTrajectory, RecordingError, Walk
+from jgait.types import RecordingError, Walk
 
 
 def body(walk: Walk) -> dict[str, float]:
@@ -51,37 +51,6 @@ def test_a_walk_has_what_the_losses_ask_for_or_is_refused_in_words():
     assert tune.asked(whole, ["likelihood"]).reference is None
     with pytest.raises(RecordingError, match="position needs a reference with feet"):
         tune.asked(whole, ["stride_length", "position"])
-
-
-def test_feet_and_the_strides_fields_that_all_references_have_go_along():
-    walks = []
-    for number, more in ((1, ("speed", "turn")), (2, ("speed",))):
-        walk = made_cohort.walk(number)
-        time, strides = walk.reference.time, walk.reference.strides
-        place = np.stack([time, 2.0 * time, 0.0 * time], axis=1)
-        half = 0.2 * time  # the quaternion's sign is arbitrary from sample to sample
-        sign = np.where(np.arange(time.size) % 3 == 0, -1.0, 1.0)
-        attitude = sign[:, None] * np.stack([np.cos(half), 0.0 * half, 0.0 * half, np.sin(half)], axis=1)
-        strides = strides._replace(**{name: np.full(strides.length.size, 1.2) for name in more})
-        feet = Feet(FootTrajectory(place, None, attitude), None)
-        walks.append(walk._replace(reference=walk.reference._replace(strides=strides, feet=feet)))
-    bare = made_cohort.walk(3)
-    feet = walks[0].reference.feet
-    found = tune.lessons(made_cohort.FAKE, [*walks, bare])
-    assert "it lacks" in dict(found.failures)["walk_003"] and found.names == ("walk_001", "walk_002")
-    rows = found.data.reference.strides
-    assert rows.turn is None and rows.standing is None
-    assert rows.speed.shape == rows.length.shape == rows.valid.shape
-    for number, walk in enumerate(walks):
-        count = walk.reference.strides.length.size
-        assert (rows.speed[number, :count] == 1.2).all() and not rows.valid[number, count:].any()
-    samples = walks[0].reference.time.size
-    assert found.data.reference.feet.right.position.shape == (2, found.data.look.shape[1], 3)
-    np.testing.assert_array_equal(found.one(0).reference.feet.right.position[:samples], feet.right.position)
-    middle = walks[0].reference.time[:-1] + 0.005
-    turned = resampled(walks[0].reference, middle).feet.right.orientation
-    wanted = np.stack([np.cos(0.2 * middle), np.sin(0.2 * middle)], axis=1)
-    np.testing.assert_allclose(np.abs(np.sum(turned[:, [0, 3]] * wanted, axis=1)), 1.0, atol=1e-9)
 
 
 def test_one_bad_walk_costs_no_other():

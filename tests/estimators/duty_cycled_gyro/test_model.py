@@ -115,27 +115,6 @@ def test_every_state_is_observable_and_only_the_bias_is_lost_with_the_gyroscope(
         np.testing.assert_allclose(rows @ bias, 0.0, atol=1e-12)
 
 
-def linearised(function, state):
-    """Jacobian of a function of a state tuple, by columns."""
-    flat = jnp.asarray(list(state))
-    return np.asarray(jax.jacfwd(lambda x: jnp.stack([*map(jnp.asarray, function(type(state)(*x)))]))(flat))
-
-
-@pytest.mark.parametrize("number", [0, 1])
-def test_the_noise_over_two_intervals_is_that_of_each(number):
-    """Q(2T) = A Q(T) Aᵀ + Q(T), as white noise has it."""
-    model, state = BOTH[number]
-    a = linearised(lambda s: model.transition(LINK, s, CONTROL, T), state)
-
-    def noise(which, p, dt):
-        return np.asarray(which.transition_noise(p, state, None, dt).dense())
-
-    once = noise(model, LINK, T)
-    np.testing.assert_allclose(a @ once @ a.T + once, noise(model, LINK, 2 * T), rtol=1e-10, atol=1e-18)
-    scale = 1.0 / np.sqrt(np.diag(once))
-    assert np.linalg.eigvalsh(scale[:, None] * once * scale[None, :]).min() > 1e-3
-
-
 def test_the_observation_is_that_of_a_swinging_link():
     """Position, velocity and specific force of both sensors from the angles by autodiff alone."""
 

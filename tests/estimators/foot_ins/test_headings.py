@@ -45,13 +45,6 @@ def test_feet_that_go_together_stay_as_they_are_and_a_common_drift_is_not_seen(d
     assert abs(found.right - found.left) < most
 
 
-def test_ways_that_contradict_each_other_and_few_footholds_are_left_alone():
-    time, ways, steps = walked((0.0, 0.04))
-    assert headings.rates(time, ways, steps, (2e-3, 2e-3)) is None
-    time, ways, steps = walked()
-    assert headings.rates(time, ways, [steps[0][:5], steps[1]], (2e-3, 2e-3)) is None
-
-
 @pytest.fixture(scope="module")
 def real():
     if not datasets.available("gaitmap_example"):

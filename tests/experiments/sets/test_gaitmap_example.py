@@ -71,19 +71,6 @@ def written(folder, monkeypatch):
     return loaded("gaitmap_example", "imu_sample")
 
 
-def test_units_and_a_file_that_this_version_does_not_know(folder):
-    assert datasets.names("gaitmap_example") == ("imu_sample_new",)
-    walk = datasets.load("gaitmap_example")[0]
-    assert walk.recording.sampling_rate_hz == RATE and walk.recording.subject == "new"
-    assert walk.reference is None and walk.info["no_reference"] == "no motion capture was recorded"
-    assert walk.info["verified"] is False and walk.info["strides"] == {}
-    for side in ("right", "left"):
-        imu = walk.recording.sensors[f"foot_{side}"]
-        np.testing.assert_allclose(imu.gyr[7], [0, 0, np.pi / 2])
-        np.testing.assert_allclose(imu.acc[7], [0, 0, 9.81])
-        assert imu.mask.all() and imu.time[1] == pytest.approx(1 / RATE)
-
-
 def test_strides_from_the_markers(folder, monkeypatch):
     (walk,) = written(folder, monkeypatch)
     for side in ("right", "left"):

@@ -8,7 +8,6 @@ from made.notes import texts
 from made.sets import loaded
 
 from experiments.common.sets import ipol_gait
-from jgait import datasets
 
 HEADER = "PacketCounter\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\tMag_X\tMag_Y\tMag_Z\n"
 ABOUT = {
@@ -44,20 +43,6 @@ def write(folder, name="3-1", about=ABOUT, rate="Acquisition frequency: 100 Hz\n
 
 def load():
     return loaded("ipol_gait", "3-1")[0]
-
-
-def test_sensors_in_the_axes_and_units_of_the_files(folder):
-    write(folder)
-    walk = load()
-    assert set(walk.recording.sensors) == {"lower_back", "foot_right", "foot_left"}
-    for imu in walk.recording.sensors.values():
-        np.testing.assert_allclose(imu.acc[0], [9.5, -0.5, 2.0])
-        np.testing.assert_allclose(imu.gyr[0], [0.1, 0.2, -0.3])
-        np.testing.assert_allclose(imu.time, np.arange(300) / 100)
-        assert imu.mask.all()
-    assert (walk.recording.subject, walk.recording.sampling_rate_hz) == ("3", 100.0)
-    assert walk.info["verified"] is False and walk.info["no_reference"] is None
-    assert walk.info["height"] == pytest.approx(1.7) and walk.info["mass"] == 60 and walk.info["sensor_height"] is None
 
 
 def test_contacts_strides_and_the_turn(folder):
@@ -149,9 +134,3 @@ def test_contacts_alternate_and_last_as_long_as_swings_do(walks):
         parts = info["straight_parts"]
         assert parts.shape == (2, 2) and np.all(np.diff(parts) > 5) and np.all(np.diff(parts) < 15)
         np.testing.assert_allclose((parts[1, 1], info["bouts"]["end"][0]), end)
-
-
-def test_the_known_files_are_verified(walks):
-    known = {file.split("/")[-1].removesuffix(".json") for file in datasets.info("ipol_gait").files if ".json" in file}
-    assert {walk.recording.name for walk in walks if walk.info["verified"]} == known & {w.recording.name for w in walks}
-    assert len(known) == 7

@@ -61,19 +61,6 @@ def load(name="HA/009/Test5/Trial1"):
     return loaded("mobgap_lab", name)[0]
 
 
-def test_units_and_the_person(root):
-    write(root, {"Test5": {"Trial1": trial(optical=bout())}})
-    walk = load()
-    imu = walk.recording.sensors["lower_back"]
-    np.testing.assert_allclose(imu.acc[0], [9.80665, 0, -0.980665])
-    np.testing.assert_allclose(imu.gyr[0], [np.pi / 2, 0, -np.pi])
-    np.testing.assert_allclose(imu.time, np.arange(800) / 100)
-    assert (walk.recording.subject, walk.recording.sampling_rate_hz) == ("HA/009", 100.0)
-    info = walk.info
-    assert (info["height"], info["sensor_height"], info["mass"]) == pytest.approx((1.7, 0.985, 65))
-    assert (info["test"], info["trial_name"], info["straight"], info["verified"]) == ("Test5", "Trial1", True, False)
-
-
 def test_contacts_strides_and_distance_of_a_bout(root):
     write(root, {"Test5": {"Trial1": trial(optical=bout())}})
     walk = load()

@@ -6,7 +6,6 @@ import pytest
 from made.sets import loaded
 
 from experiments.common.sets import tripod
-from jgait import datasets
 
 RATE = 128.0
 SECONDS, START, PERIOD = 150.0, 6.0, 1.2
@@ -84,17 +83,6 @@ def folder(root):
 
 def load():
     return loaded("tripod", "Sub_AB/PWS-20")[0]
-
-
-def test_units_placements_and_a_trial_that_this_version_does_not_know(folder):
-    assert datasets.names("tripod") == ("Sub_AB/PWS-20",)
-    walk = load()
-    assert set(walk.recording.sensors) == set(tripod.SENSORS.values())
-    assert walk.recording.subject == "Sub_AB" and walk.recording.sampling_rate_hz == RATE
-    assert walk.info["verified"] is False
-    shank = walk.recording.sensors["shank_left"]
-    np.testing.assert_allclose(shank.acc, np.tile([0, 9.80665, 0], (len(shank.time), 1)))
-    assert shank.gyr[:, 2].min() == pytest.approx(-5.0, abs=0.01)
 
 
 def test_zebris_and_the_belt(folder):
