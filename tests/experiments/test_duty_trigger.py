@@ -114,13 +114,6 @@ def test_the_plan_is_the_best_of_all(lead):
     assert len(found) >= 2
 
 
-def test_an_infinite_threshold_never_wakes_it_again_and_one_of_zero_leaves_it_on(told):
-    never, always = told["never"], told["always"]
-    assert never.powered[:WARM].all() and not never.powered[WARM:].any()
-    assert always.powered.all() and always.usable.all()
-    np.testing.assert_array_equal(always.rate, always.true)
-
-
 def test_the_budget_is_kept_at_every_sample(told):
     t = told["budget"]
     spent = np.cumsum(t.powered[WARM:]) * GYROSCOPE.on / RATE_HZ

@@ -52,6 +52,7 @@ def test_a_blow_counts_by_its_logarithm(recording):
     assert 0.0 < heavy[0] - heavy[1] < 0.01 * (gaussian[0] - gaussian[1])
 
 
+@pytest.mark.release
 def test_the_loss_of_a_tuning_is_this_likelihood(recording):
     made = tune.lessons(ESTIMATOR, [Walk(recording, None, {})], reference=False)
     assert not made.failures
