@@ -1,7 +1,5 @@
 """The ankle's estimator a sample at a time: as over the recording, and near the one that knows the whole walk."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from made.shank import REST, shank
@@ -10,7 +8,6 @@ from experiments.silva2017.online import table, walk
 from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride import AnkleParams
 from jgait.estimators.ankle_stride import online as ankle_online
-from jgait.events import shank_stance
 from jgait.types import Imu, Recording, RecordingError
 
 P = AnkleParams()
@@ -103,27 +100,6 @@ def test_who_stands_makes_no_strides(calibrated):
     now = walked(still, calibrated)
     assert not now.stride.any()
     assert now.stands[-1]
-
-
-def test_the_valley_is_the_first_minimum_that_lasts():
-    time = np.arange(120)
-    # the foot comes down until 20, in two bumps with a deep dip between; the valley is at 45; push-off, swing
-    rate = np.interp(time, [0, 6, 10, 16, 45, 70, 90, 119], [0.0, 1.0, 0.1, 2.0, 0.5, 2.5, -3.0, -3.0])
-    leaves = time > 70
-    step = jax.jit(shank_stance.step)
-
-    def found(hold, landing):
-        state, at = shank_stance.begin(jnp.asarray(rate[0])), []
-        for k in time:
-            phase = shank_stance.Phase(jnp.asarray(k == 0), jnp.asarray(leaves[k]))
-            state, lasted = step(state, k, rate[k], phase, hold, landing)
-            at += [(int(state.at), int(k))] if lasted else []
-        return at
-
-    assert found(20, 20) == [(45, 65)]
-    assert found(4, 8) == [(10, 14)]  # one that is not asked to last is taken in by the dip
-    assert found(20, 12) == [(10, 30)]  # and so is one that thinks that the foot is down before it is
-    assert found(60, 20) == [(45, 105)]  # what comes after push-off does not count
 
 
 def test_a_recording_without_a_walk_of_that_leg_is_refused():
