@@ -200,6 +200,7 @@ def pairs(real, placement, window="straight"):
     return ideal.gyr[keep], worn.gyr[keep], ideal.acc[keep], worn.acc[keep]
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(
     "part, least", [("thigh", 0.93), ("shank", 0.99), ("ankle", 0.99), ("foot", 0.98)]
 )  # measured: 0.941, 0.994, 0.995, 0.990
