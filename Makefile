@@ -54,7 +54,7 @@ demo: $(STAMP) ## a real walk by one call, tuning, judging: tables, and figures 
 test: lint types ## lint, check the types, run the tests; ARGS="-k leg" for some of the tests
 	@$(BIN)/python -m pytest -n $(JOBS) -m "not release" $(ARGS)
 
-release: $(STAMP) ## run the tests that a release needs: packages over the network, the site, notebooks, the guide, quick experiments
+release: $(STAMP) ## run the tests that take minutes: packages, the site, notebooks, the guide, experiments, large programs
 	@$(BIN)/python -m pytest -n $(JOBS) -m release $(ARGS)
 
 lint: $(STAMP) ## ruff: rules and format

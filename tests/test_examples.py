@@ -29,9 +29,8 @@ def run(code, folder):
     return done.stdout
 
 
-@pytest.mark.parametrize(
-    "page", [page if page == "README.md" else pytest.param(page, marks=pytest.mark.release) for page in PAGES]
-)
+@pytest.mark.release
+@pytest.mark.parametrize("page", PAGES)
 def test_the_python_of_a_page_runs_as_written(page, tmp_path):
     code = blocks(page)
     assert code

@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 import tomllib
-import zipfile
 from pathlib import Path
 
 import pytest
@@ -64,18 +63,6 @@ changed = [name for name, value in jax.config.values.items() if settings.get(nam
 print(json.dumps([first, then, changed, dict(os.environ) == environment, list(warnings.filters) == filters]))
 """
     assert json.loads(python(code)) == [[], [], [], True, True]
-
-
-def test_the_wheel_holds_the_package_its_types_and_its_licence(tmp_path):
-    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
-    (wheel,) = tmp_path.glob("*.whl")
-    with zipfile.ZipFile(wheel) as archive:
-        names = set(archive.namelist())
-    info = f"jgait-{jgait.__version__}.dist-info"
-    assert {"jgait/__init__.py", "jgait/py.typed", "jgait/datasets/walking5m.json"} <= names
-    assert {f"{info}/licenses/LICENSE", f"{info}/entry_points.txt"} <= names
-    assert {name.split("/")[0] for name in names} == {"jgait", info}
 
 
 # --- the checkout ---

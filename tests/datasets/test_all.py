@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from jgait import datasets
+from jgait.estimators import checks
 
 
 @pytest.mark.parametrize("name", datasets.list_datasets())
@@ -20,3 +21,4 @@ def test_every_recording_gives_a_walk(data, name):
         for imu in walk.recording.sensors.values():
             assert all(np.isfinite(part).all() for part in imu if part is not None)
             assert len({len(part) for part in imu if part is not None}) == 1
+            assert checks.fast_rate(imu) < 0.5 * checks.FASTEST and checks.force_unit(imu)[1] == ""  # no other unit

@@ -90,14 +90,6 @@ def test_a_quiet_moment_in_a_slow_swing_is_no_stance():
     assert path.length[0] == pytest.approx(1.2, abs=0.03)
 
 
-def test_masked_strides_are_left_out():
-    imu = foot([1.0, 1.1, 1.2])
-    mask = imu.mask.copy()
-    mask[190] = False  # in the second swing, 1.6 to 2.2 s
-    path = foot_path(imu._replace(mask=mask), RATE)
-    np.testing.assert_allclose(path.length, [1.0, 1.2], rtol=TRAPEZOID)
-
-
 @pytest.mark.parametrize(
     "change, message",
     [
@@ -109,11 +101,6 @@ def test_masked_strides_are_left_out():
 def test_a_walk_without_strides_is_reported_with_the_reason(change, message):
     with pytest.raises(ValueError, match=message):
         foot_path(change(foot([1.0])), RATE)
-
-
-def test_a_foot_that_only_shifts():
-    with pytest.raises(ValueError, match="the foot stands 2 times and never strides between"):
-        foot_path(foot([0.03]), RATE)
 
 
 def test_steps_on_the_spot_after_a_walk_are_left_out():

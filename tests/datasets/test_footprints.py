@@ -92,29 +92,6 @@ def test_footprints_that_the_publisher_calls_wrong_are_not_used(folder):
     assert "not measured, or not correctly" in walk.info["no_reference"]
 
 
-def test_lost_samples_are_masked(folder):
-    imu = np.ones((1200, 6))
-    imu[7, 4] = np.nan
-    write(folder, imu_data=imu)
-    sensor = datasets.load("footprints")[0].recording.sensors["foot_right"]
-    assert np.flatnonzero(~sensor.mask).tolist() == [7] and np.all(sensor.gyr[7] == 0) and np.all(sensor.acc[7] == 0)
-
-
-@pytest.mark.parametrize(
-    "change, said",
-    [
-        ({"imu_data": None}, "has no variable imu_data"),
-        ({"imu_data": np.ones((1200, 5))}, r"imu_data must be \(T, 6\).*got \(1200, 5\)"),
-        ({"imu_data": np.ones((1100, 6))}, r"got \(1200,\), \(1100, 3\)"),
-        ({"timestamps": np.ones(1200)}, "time must run forwards; it does not after sample 0"),
-        ({"timestamps": np.arange(1200) * 0.01}, "off the sample that it names"),
-    ],
-)
-def test_a_bad_recording_is_named_and_the_others_are_not_lost(folder, change, said):
-    write(folder, "SensorConnectData_80", **change)
-    refused("footprints", [NAME], {"SensorConnectData_80": said})
-
-
 @pytest.mark.parametrize(
     "change, said",
     [

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made.notes import texts
-from made.sets import loaded, refused
+from made.sets import loaded
 from scipy.io import savemat
 
 from jgait import datasets
@@ -131,16 +131,6 @@ def test_angles_position_distance_and_windows(written):
     assert np.flatnonzero(~contact).tolist() == list(range(450, 550))
 
 
-def test_one_trial_that_lacks_its_vicon_file_is_named(written):
-    (written / "vicon" / f"{NAME}.mat").unlink()
-    refused("neura_sparse", [], {NAME: f"neura_sparse lacks data/sample/vicon/{NAME}.mat"})
-
-
-def test_a_sensor_file_that_is_cut_off(written):
-    (written / "rawimu" / f"{NAME}-000_00B40C35.txt").write_text("// x\nPacketCounter,Gyr_X\n1,2\n")
-    refused("neura_sparse", [], {NAME: f"{NAME}-000_00B40C35.txt has no such header: expected Xsens MTw text"})
-
-
 def test_a_recording_that_is_not_there(written):
     with pytest.raises(ValueError, match=f"neura_sparse has no recording 'S1'; there are {NAME}"):
         loaded("neura_sparse", "S1")
@@ -176,15 +166,6 @@ def test_the_shank_gyroscope_is_the_shank_angles_rate_and_not_a_sample_off(walk,
     agreement = {lag: np.corrcoef(gyr[start + lag : end + lag], rate[start:end])[0, 1] for lag in range(-3, 4)}
     assert agreement[0] > 0.99
     assert max(agreement, key=lambda lag: agreement[lag]) == 0
-
-
-def test_standing_is_upright_and_walking_bends_the_knee(walk):
-    for side in ("right", "left"):
-        leg = leg_of(walk.reference.legs, side)
-        standing = slice(*walk.info["windows"]["standing"])
-        assert np.rad2deg(np.abs(leg.knee_angle[standing])).max() < 8
-        assert leg.y[standing].mean() == pytest.approx(-sum(walk.info["lengths"][side]), abs=0.015)
-        assert 55 < np.rad2deg(leg.knee_angle.max()) < 75
 
 
 def test_distance_is_the_path_of_the_pelvis(walk):

@@ -65,9 +65,7 @@ def test_an_address_elsewhere():
         elsewhere.address("x")
 
 
-@pytest.mark.parametrize(
-    "name", ["neura_sparse", "walking5m", "footprints", "pyshoe_vicon", "xio_gait", "ipol_gait", "mobgap_lab"]
-)
+@pytest.mark.parametrize("name", ["neura_sparse", "ipol_gait"])
 def test_an_absent_set_states_how_to_get_it(empty, monkeypatch, name):
     assert not datasets.available(name)
     assert set(datasets.missing(name)) == set(datasets.info(name).files)

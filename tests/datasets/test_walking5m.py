@@ -6,7 +6,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 import pytest
 from made.notes import texts
-from made.sets import loaded, refused
+from made.sets import loaded
 
 from jgait.datasets import walking5m
 
@@ -105,19 +105,6 @@ def test_no_reference_has_a_reason(folder):
     assert walk.info["no_reference"] == f"right: {reason}; left: {reason}"
 
 
-def test_numbers_that_are_text_or_missing(folder):
-    table = columns()
-    table["  Gyro_read_x_3"][5] = " 0.140000"
-    table["  Gyro_read_y_3"][100] = "bad"
-    table["  Gyro_read_y_3"][101] = None
-    walk = load(folder, table)
-    thigh = walk.recording.sensors["thigh_right"]
-    assert thigh.gyr[5, 0] == pytest.approx(np.deg2rad(0.0014))
-    assert thigh.mask.all(), "two lost samples are interpolated"
-    assert thigh.gyr[100, 1] == pytest.approx(np.deg2rad(0.1))
-    assert "thigh_right: 2 rows without a number dropped" in texts(walk.recording.notes)
-
-
 def test_gaps_are_interpolated_when_short_and_masked_when_long(folder):
     table = columns()
     for k in (*range(100, 103), *range(200, 220)):
@@ -155,20 +142,6 @@ def test_a_sensor_at_half_the_rate_is_interpolated(folder):
     np.testing.assert_allclose(recording.sensors["foot_left"].gyr[310:, 2][: len(expected)], expected, atol=0.005)
 
 
-def test_additional_walks_are_of_one_person(folder):
-    walk = load(folder, columns(), "Additional/Long Distance/20180101_1")
-    assert walk.info["group"] == "long_distance" and walk.info["lengths"] is None
-    assert walk.recording.subject == "Additional/long_distance"
-
-
-def test_a_sensor_that_lacks_columns_is_left_out(folder):
-    table = {name: values for name, values in columns().items() if name != "  Gyro_read_z_1"}
-    walk = load(folder, table)
-    assert "foot_right" not in walk.recording.sensors
-    assert "foot_right left out: no column Gyro_read_z_1" in texts(walk.recording.notes)
-    assert "right: there is no foot sensor" in walk.info["no_reference"]
-
-
 def test_swapped_thigh_and_shank_are_noticed(folder):
     table = columns()
     for number in (2, 5):
@@ -178,22 +151,6 @@ def test_swapped_thigh_and_shank_are_noticed(folder):
     walk = load(folder, table, "Young/new_2")
     assert walk.info["misplaced"] == (("thigh_left", "shank_left"),)
     assert "thigh_left and shank_left seem to have changed places" in texts(walk.recording.notes)
-
-
-def test_bad_files_are_named_and_the_others_are_not_lost(folder):
-    load(folder, columns())
-    (folder / "Young" / "broken.xlsx").write_bytes(b"this is no workbook")
-    write_xlsx(folder / "Young" / "short.xlsx", ["Time_1"], [[1.0]])
-    write_xlsx(folder / "Young" / "strange.xlsx", ["a", "b"], [[1.0, 2.0]] * 5)
-    table = columns()
-    table["Time_1"] = [time + 1e6 for time in table["Time_1"]]
-    write_xlsx(folder / "Young" / "apart.xlsx", list(table), list(zip(*table.values(), strict=True)))
-    expected = {
-        "Young/broken": "", "Young/short": "short.xlsx has 1 rows of data; at least 2 are needed",
-        "Young/strange": "strange.xlsx has no leg sensor; expected columns such as Gyro_read_x_1",
-        "Young/apart": "the sensors of apart.xlsx have 0.00 s in common",
-    }  # fmt: skip
-    refused("walking5m", ["Young/new_1"], expected)
 
 
 # --- the real walks ---

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from made.gaps import COUNT, RATE_HZ, STRIDE, schedule, walk
 
-from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Thigh, check_signals
+from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, check_signals
 from jgait.duty_cycle.fillers.pace import pace
-from jgait.duty_cycle.fillers.plain import Replicate, hold, replicate
+from jgait.duty_cycle.fillers.plain import hold, replicate
 from jgait.duty_cycle.fillers.registry import fillers
 from jgait.mounting import shank as shank_axes
 from jgait.params import check_params
@@ -63,30 +63,6 @@ def test_the_accelerometer_is_asked_for_where_it_is_needed(name):
         one.fill(walk(120)[0], schedule(120), None, RATE_HZ, one.params)
 
 
-@pytest.mark.parametrize("name", ["replicate", "ridge", "neighbours"])
-def test_gradients_agree_with_finite_differences(name):
-    rate, acc = walk(200, 54.6, seed=2)
-    on, one = schedule(200), fillers()[name]
-
-    @jax.jit
-    @jax.value_and_grad
-    def loss(params):
-        found = one.fill(jnp.asarray(rate), jnp.asarray(on), jnp.asarray(acc), RATE_HZ, params)
-        return jnp.mean((found.rate - rate) ** 2)
-
-    params = jax.tree.map(jnp.asarray, one.params)
-    slopes = loss(params)[1]
-    for field in params._fields:
-        if field == "least_strides" or field.startswith("thigh"):
-            assert getattr(slopes, field) == 0.0  # a decision; a sensor that is not worn
-            continue
-        size = 1e-5 * getattr(params, field)
-        up, down = (loss(params._replace(**{field: getattr(params, field) + s * size}))[0] for s in (1, -1))
-        # Replicate's interpolation has kinks, one sample apart.
-        np.testing.assert_allclose(getattr(slopes, field), (up - down) / (2 * size), rtol=1e-4, atol=1e-7)
-        assert getattr(slopes, field) != 0.0
-
-
 def test_hold_keeps_the_last_measured_value_and_replicate_repeats_an_even_walk_exactly():
     rate, acc = walk()
     np.testing.assert_array_equal(hold(rate, schedule(), acc, RATE_HZ).rate[130:135], rate[129])
@@ -113,41 +89,6 @@ def test_standing_counts_for_no_stride():
     on = np.arange(500) < 300 + STRIDE
     found = replicate(*(still[0], jnp.asarray(on), still[1]), RATE_HZ)
     assert (np.asarray(found.how)[~on] == HELD).all()
-
-
-def test_one_stride_suffices_where_the_caller_says_so():
-    rate, acc = walk()
-    on = np.arange(COUNT) < 70
-    found = replicate(rate, jnp.asarray(on), acc, RATE_HZ, Replicate(least_strides=1.0))
-    assert (np.asarray(found.how)[~on] == FILLED).all()
-
-
-def test_float32_stays_close_to_float64():
-    rate, acc = walk(seed=4)
-    on, one = schedule(), fillers()
-    for name in ("ridge", "neighbours"):
-        fill, params = one[name].fill, one[name].params
-        wide = fill(rate, on, acc, RATE_HZ, params)
-        narrow = fill(rate.astype(np.float32), on, acc.astype(np.float32), RATE_HZ, params)
-        assert narrow.rate.dtype == np.float32
-        np.testing.assert_allclose(narrow.rate, wide.rate, atol=2e-3)
-
-
-def test_bad_input_is_refused():
-    rate, acc = walk(100)
-    on = np.ones(100, bool)
-    for arguments, message in (
-        ((rate, on, acc, 10.0), "sampling rate"),
-        ((rate, on[:50], acc, RATE_HZ), r"usable must be \(100,\)"),
-        ((rate, on.astype(float), acc, RATE_HZ), "bool"),
-        ((rate, on, acc[:, :2], RATE_HZ), "acc must have shape"),
-        ((rate[:, None], on, acc, RATE_HZ), r"rate must be \(T,\)"),
-        ((np.arange(100), on, acc, RATE_HZ), "floating"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            hold(*arguments)
-    with pytest.raises(ValueError, match=r"thigh\.rate"):
-        hold(rate, on, acc, RATE_HZ, thigh=Thigh(rate[:9], acc))
 
 
 def test_a_real_shank_is_filled_better_than_the_paper_fills_it(data):

@@ -29,7 +29,15 @@ from jgait.tune.remainder import reduced
 
 ANGLE = ".diagnostics['angle_"
 every_estimator = pytest.mark.parametrize("name", estimators.names())
-with_other_options = pytest.mark.parametrize("name", [*estimators.names(), *OTHER_OPTIONS])
+RARE = {"ankle_stride", "foot_ins", "leg_ekf", *OTHER_OPTIONS}
+"""Estimators whose batches, derivatives and single precision belong to the release group: they compile for minutes."""
+
+
+def often_unless_rare(*more: str) -> pytest.MarkDecorator:
+    """Each estimator, and more cases, of which the rare ones belong to the release group."""
+    names = (*estimators.names(), *more)
+    marks = {name: [pytest.mark.release] * (name in RARE) for name in names}
+    return pytest.mark.parametrize("name", [pytest.param(name, marks=marks[name]) for name in names])
 
 
 # --- what the laws share ---
@@ -189,7 +197,7 @@ def test_a_recording_of_another_length_compiles_nothing(name, compiled):
     assert compiled == []
 
 
-@every_estimator
+@often_unless_rare()
 def test_vmap_equals_a_loop_and_more_padding_changes_nothing(name):
     for number, alone in enumerate(estimates(name)):
         row = jax.tree.map(lambda v, number=number: v[number], batch(name))
@@ -247,7 +255,7 @@ def operations(jaxpr: Any) -> list[str]:
 # --- precision and derivatives ---
 
 
-@every_estimator
+@often_unless_rare()
 def test_single_precision_stays_single_and_is_near_to_double(name):
     case = case_of(name)
     padded = pad(case.inputs[0], programs.bucket(case.inputs[0].time.size))
@@ -342,7 +350,7 @@ def moving(found: dict[str, np.ndarray]) -> np.ndarray:
     return np.any([np.any(v.reshape(len(v), -1) != 0.0, axis=1) for v in found.values()], axis=0)
 
 
-@with_other_options
+@often_unless_rare(*OTHER_OPTIONS)
 def test_the_gradient_is_zero_for_the_listed_parameters_and_no_others(name):
     names, values, size = parameters(name)
     moves = moving(slopes(name))
@@ -354,7 +362,7 @@ def test_the_gradient_is_zero_for_the_listed_parameters_and_no_others(name):
     assert found == set(names) - without_effect(name) - idle
 
 
-@with_other_options
+@often_unless_rare(*OTHER_OPTIONS)
 def test_gradients_are_finite_and_equal_to_finite_differences(name):
     names, values, size = parameters(name)
     h, moves = 1e-5, np.flatnonzero(moving(slopes(name)))

@@ -72,6 +72,7 @@ def test_the_hard_decision_is_the_limit_of_the_soft_one(detector, recording):
     assert np.all(np.diff(np.asarray(wide / hard)[np.argsort(signals.margin)]) <= 1e-9)  # a smooth weight falls
 
 
+@pytest.mark.release
 def test_the_soft_estimate_tends_to_the_hard_one(recording):
     hard = foot_ins.estimate(FootParams(), recording)
 

@@ -18,14 +18,13 @@ from jgait.estimators.foot_ins import online as foot_online
 from jgait.estimators.foot_ins.estimator import _states
 from jgait.estimators.online import duty, legs
 from jgait.estimators.online.device import BLOCK
-from jgait.estimators.online.distance import StridesWay
 from jgait.estimators.online.legs import KINEMATICS
 from jgait.estimators.online.samples import LONGEST_GAP_S, Pushes
 from jgait.estimators.online.standing import SETTLES_S, START_VARIANCE
 from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
 from jgait.simulate.sensors import MPU6000, OPAL
-from jgait.types import RecordingError, Strides
+from jgait.types import RecordingError
 
 PERSON = {"height": 1.75}
 ANGLES = ("hip_angle", "knee_angle", "x", "y")
@@ -114,6 +113,7 @@ def test_angles_are_valid_after_standing_or_when_they_have_settled(walked):
             assert off[again - begin :][valid[again - begin :]].max() < 3.0
 
 
+@pytest.mark.release
 def test_sleeping_gyroscopes_give_valid_angles_after_standing_alone(walked):
     live = jgait.online(walked[0], PERSON, "duty_cycled_gyro")
     time, signals = signals_of(walked[0], live.placements)
@@ -147,6 +147,7 @@ def test_a_stride_of_a_shank_that_hides_small_steps_in_a_turn_is_in_doubt():
     assert not flags["doubtful"][-6:].any()  # walking straight on
 
 
+@pytest.mark.release
 def test_angles_with_sleeping_gyroscopes_are_those_of_the_filter_that_holds(walked):
     recording = walked[0]
     live = jgait.online(recording, PERSON, "duty_cycled_gyro")
@@ -290,17 +291,6 @@ def test_blocks_of_any_size_give_the_same_and_the_memory_is_constant(feet):
     np.testing.assert_allclose(np.sort(contacts[0]), np.sort(contacts[1]), atol=1e-9)
 
 
-def test_one_sample_at_a_time(walked):
-    live = jgait.online(walked[0], PERSON, ("leg_ekf",))
-    time, signals = signals_of(walked[0], live.placements)
-    for k in range(3):
-        news = live.push(time[k], {name: (gyr[k], acc[k]) for name, (gyr, acc) in signals.items()})
-        assert news.time.tolist() == [time[k]]
-        assert news.legs.right.knee_angle.shape == (1,)
-    assert not news.strides
-    assert news.contacts.time.size == 0
-
-
 def test_a_gap_is_bridged_and_a_long_one_costs_its_strides_alone(feet):
     recording, news = feet
     live = jgait.online(recording, PERSON, "foot_ins")
@@ -341,19 +331,6 @@ def test_seconds_without_any_foot_are_told(feet):
     lost = [one.lost["feet"] for one in pushed(live, time, signals)]
     assert lost[49] == 0.0 and lost[59] == pytest.approx(1.0)
     assert lost[-1] == pytest.approx(1.51)
-
-
-def test_strides_alone_on_one_side_count_as_those_of_both():
-    def total(*sides):
-        walked = StridesWay(2)
-        ones = np.ones(len(sides))
-        table = Strides(*(None for _ in Strides._fields))
-        return walked.add(table._replace(side=np.array(sides), length=ones, turn=0.0 * ones))
-
-    assert total(0, 1, 0, 1) == 2.0
-    assert total(0, 1, 1, 0) == 2.0  # a pause, or a missed stride
-    assert total(0, 1, 1, 1, 1) == 4.0
-    assert total(1, 1, 1, 1) == 4.0
 
 
 @pytest.mark.parametrize(

@@ -69,6 +69,9 @@ PARTS = {
     "mobgap_lab": Part(("HA/001/Test5/Trial1", "HA/001/Test5/Trial2"), None, ("waist",)),
 }  # fmt: skip
 
+OFTEN = ("neura_sparse", "gaitmap_example with a range", "mobgap_lab")
+"""Parts with all estimators between them; the others belong to the release group."""
+
 TOLERANCE = 1e-8
 """[1] Largest difference from a stored number, as a share of the mean absolute value of its array.
 
@@ -186,7 +189,13 @@ def differences(stored: dict[str, list[Any]], result: dict[str, list[Any]]) -> d
 
 
 @pytest.mark.parametrize(
-    "part, name", [(part, name) for part in PARTS for name in PARTS[part].estimators], ids=lambda text: text
+    "part, name",
+    [
+        pytest.param(part, name, marks=[pytest.mark.release] * (part not in OFTEN))
+        for part in PARTS
+        for name in PARTS[part].estimators
+    ],
+    ids=lambda text: text,
 )
 def test_estimates_are_those_stored(data, part, name):
     names, seconds, _ = PARTS[part]

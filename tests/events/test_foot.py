@@ -166,21 +166,6 @@ def test_a_foot_that_comes_down_without_turning_does_not_stand_yet():
     assert sunk.start[-1] > a + 15
 
 
-def test_contacts_lie_in_order():
-    made = foot(strides=6)
-    imu = made.recording.sensors["foot_right"]
-    stances = found(made)
-    final, initial = events.contacts(imu.gyr, stances, 100.0)
-    assert np.all(stances.stillest[:-1] < final)
-    assert np.all(final < initial)
-    assert np.all(initial < stances.stillest[1:])
-
-
-def test_inside_is_true_in_stances_alone():
-    stances = events.Stances(np.array([0, 5]), np.array([2, 7]), np.array([1, 6]), np.zeros(2))
-    np.testing.assert_array_equal(events.inside(stances, 8), [1, 1, 0, 0, 0, 1, 1, 0])
-
-
 def test_no_stance_of_fast_gait_is_lost_under_vicon(data):
     """Of people on their feet. On 2018-02-09 they creep, kneel and crawl, at less than 0.3 m/s.
 

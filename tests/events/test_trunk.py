@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 
 from jgait.events import trunk as trunk_events
-from jgait.events import trunk_rhythm
-from jgait.events import trunk_soft as trunk_contacts_soft
 from jgait.events.trunk import PaperRule, Peaks, Soft, initial_contacts
-from jgait.signal import butterworth
 
 RATE, STEP = 100.0, 0.55
 SAMPLES = 2750  # of everything that the compiled detectors see
@@ -152,49 +149,6 @@ def test_supported_rates_find_the_same_contacts_in_single_precision(detect, rate
     np.testing.assert_array_equal(found.side, LEFT)
     # Half a sample of 25 Hz; a jolt of 20 ms is hardly seen in such.
     assert np.abs(found.time - usual.time).max() < 0.02
-
-
-def test_maxima_stand_out_on_both_sides():
-    x = np.array([5.0, 0.0, 1.0, 0.5, 3.0, 2.5, 2.9, 0.0, 1.9, 0.1, 4.0])
-    certain, where = trunk_rhythm.maxima(x, np.full(x.size, 1.5))
-    # Neither the start nor the end is one: on one side of each nothing is known.
-    np.testing.assert_array_equal(np.asarray(where)[np.asarray(certain)], [4, 8])
-
-
-def test_a_changing_cut_off_is_the_filter_where_it_does_not_change():
-    x = np.cumsum(np.random.default_rng(0).normal(size=300))
-    bank = jax.jit(lambda y: trunk_rhythm.low_passed(y, RATE))(x)
-    corners = trunk_rhythm.CUTOFFS
-    for k in (0, 3):
-        expected = butterworth.low_pass_both_ways(x, float(corners[k]), RATE)
-        np.testing.assert_allclose(bank[k], expected, rtol=1e-9)
-        np.testing.assert_allclose(trunk_rhythm.between(bank, np.full(300, corners[k])), expected, rtol=1e-9)
-    middle = trunk_rhythm.between(bank, np.full(300, np.sqrt(corners[3] * corners[4])))
-    np.testing.assert_allclose(middle, 0.5 * (bank[3] + bank[4]), rtol=1e-9)
-
-
-def test_soft_contacts_have_the_gradient_of_differences():
-    forward, upward, _ = trunk(seconds=6.0, contacts=CONTACTS[:6], left=LEFT[:6])
-    coarse, often, push = (
-        CONTACTS[:6] + 0.04,
-        np.full(6, 1.0 / STEP),
-        np.random.default_rng(1).normal(size=forward.size),
-    )
-
-    @jax.jit
-    def loss(settings, ahead):
-        found = trunk_contacts_soft.instants(ahead, upward, RATE, coarse, often, settings)
-        return jnp.sum((found - CONTACTS[:6]) ** 2) * 1e3
-
-    settings, by = jax.tree.map(jnp.asarray, Soft()), 1e-5
-    ours, ahead = jax.jit(jax.grad(loss, (0, 1)))(settings, forward)
-    for name in Soft._fields:
-        value = getattr(settings, name)
-        up, down = (loss(settings._replace(**{name: value + d}), forward) for d in (by, -by))
-        np.testing.assert_allclose(getattr(ours, name), (up - down) / (2.0 * by), rtol=1e-5, atol=1e-7)
-    along = (loss(settings, forward + by * push) - loss(settings, forward - by * push)) / (2.0 * by)
-    np.testing.assert_allclose(jnp.sum(ahead * push), along, rtol=1e-5)
-    assert min(abs(float(g)) for g in ours) > 0.0  # everything can be learned
 
 
 def test_a_trunk_signal_that_cannot_be_used_is_refused_with_the_reason():

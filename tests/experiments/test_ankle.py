@@ -1,19 +1,11 @@
 """What the ankle experiment finds on real legs: every stride, exchanged sensors, and lengths held out."""
 
-import numpy as np
 import pytest
 
 from experiments.common import shanks as legs
-from experiments.silva2017 import detect, groups, lengths, lever, methods, routes
+from experiments.silva2017 import detect, groups, lengths, methods
 
 pytestmark = pytest.mark.release
-
-
-def test_detections_and_contacts_are_matched_once():
-    joined = detect.pairs(np.array([1.0, 1.3, 5.0]), np.array([1.25, 3.0, 5.3]))
-    assert joined == [(1, 0), (2, 2)]
-    nothing = np.zeros(0)
-    assert detect.f1([detect.Score(3, 1, 0, nothing, nothing)]) == pytest.approx(6.0 / 7.0)
 
 
 def test_every_stride_of_the_reference_walk_and_its_length(data):
@@ -41,40 +33,3 @@ def test_exchanged_sensors_are_noticed_without_their_names(data):
     noticed = [(leg.walk, leg.side) for leg in found if leg.notes]
     assert noticed == [("Elderly/20180417_2", "left")]
     assert detect.f1([detect.score(leg, detect.strides_of(leg).end, half_steps=True) for leg in found]) == 1.0
-
-
-def test_the_lever_is_computed_from_strides_with_two_levers():
-    rng = np.random.default_rng(0)
-    slope, true = rng.uniform(0.4, 0.6, (3, 40)), rng.uniform(1.0, 1.4, (3, 40))
-    told = [true + slope * (height - 0.13) for height in lever.BOTH_LEVERS]
-    looked = np.ones((3, 40), bool)
-    true[:, 0] += 0.4  # wrong references decide little
-    assert lever.lever_of(lever.BOTH_LEVERS, told, true, looked) == pytest.approx(0.13, abs=0.01)
-
-
-def test_the_papers_tables_from_known_counts_and_distances(capsys):
-    true, far = np.array([30, 40, 50]), np.full(3, 42.05)
-    counts = {way.title: true.copy() for way in routes.COUNTS}
-    counts["Jiménez"] = true + [3, -2, 10]
-    ways = {way.title: far.copy() for way in routes.DISTANCES}
-    ways["filter"] = 1.01 * far
-    ways["Li 2-D"] = far * [0.9, 0.95, 1.0]
-    found = [routes.Measured(f"route B, {pace}", true, far, counts, ways, np.full(3, 0.04)) for pace in routes.PACES]
-    rows = {row.metric: row for row in routes.cohort_table(found)}
-    assert rows["sim_count_error_pct"].value == rows["sim_distance_error_pct"].value == 0.0
-    assert rows["sim_count_jimenez_error_pct"].value == pytest.approx(35.0 / 3.0)
-    assert rows["sim_count_jimenez_error_pct_max"].value == pytest.approx(20.0)
-    assert rows["sim_distance_filter_error_pct"].value == pytest.approx(1.0)
-    assert rows["sim_distance_li_error_pct"].value == pytest.approx(5.0) and rows["sim_distance_li_error_pct"].n == 6
-    two = {row.metric: row for row in routes.table_one(found, [0, 1]) + routes.table_two(found, [0, 1])}
-    assert two["sim_two_count_jimenez_error_pct"].value == pytest.approx(7.5)  # 10 % of A's, 5 % of B's
-    assert two["sim_two_distance_li_error_pct"].value == pytest.approx(7.5)
-    assert two["sim_two_distance_li_error_pct"].paper == pytest.approx((5.7 + 11.1) / 2.0)
-    said = capsys.readouterr().out
-    assert "+3 -2" in said and "-4.20 -10.0%" in said
-
-
-def test_the_two_subjects_are_those_with_the_papers_legs():
-    cohort = [legs.Leg(*(None,) * 7, tall, None, ()) for tall in (0.70, 0.855, 0.83, 0.95)]
-    assert routes.alike(cohort) == [2, 1]
-    assert routes.alike(cohort[:2]) == [1, 0]  # never the same one twice

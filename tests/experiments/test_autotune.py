@@ -5,11 +5,6 @@ from made.foot import foot
 from scipy.spatial.transform import Rotation
 
 from experiments.autotune import evidence, marker, pyshoe
-from experiments.autotune.walks import kind
-
-
-def test_kinds_of_gait_by_speed():
-    assert [kind(v) for v in (None, 0.59, 0.6, 1.29, 1.3)] == ["creeping", "creeping", "walking", "walking", "fast"]
 
 
 def test_the_peer_s_filter_finds_the_path_of_a_foot():
@@ -34,17 +29,6 @@ def test_the_simplest_candidate_within_a_standard_error_of_the_best_is_taken():
     assert evidence.simplest(clear, days) == "half"
     chance = {"by hand": noise, "full": noise - np.repeat([1.0, 0.0, 0.0, 0.0, 0.0, -0.5], 5)}
     assert evidence.simplest(chance, days) == "by hand"
-
-
-def test_errors_that_people_share_count_less():
-    rng = np.random.default_rng(1)
-    people = np.repeat(np.arange(200), 10)
-    own = np.repeat(rng.normal(size=200), 10)
-    assert evidence.independent(rng.normal(size=2000), people) > 0.9
-    np.testing.assert_allclose(
-        evidence.independent(own + rng.normal(size=2000), people), 1.0 / (1.0 + 9.0 * 0.5), rtol=0.2
-    )
-    assert evidence.independent(own + 1e-3 * rng.normal(size=2000), people) < 0.11
 
 
 def test_a_marker_is_found_from_the_path_of_a_foot_that_turns():

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.cohort import report, run, same, walks
+from experiments.cohort import report, same, walks
 from experiments.cohort import timed as experiment
 from experiments.common import process
 from jgait import evaluate
@@ -57,17 +57,6 @@ def test_walks_come_back_as_they_were_made(folder):
     assert len(truth.strides.length) == pytest.approx(one.person.gait.steps + 1)
 
 
-def test_everyone_is_somebody_else_and_ways_differ():
-    found = list(walks.walkers(5, 0, 3, (6.0, 6.5)))
-    assert [one.name.split("_")[1] for one in found] == ["straight", "corner", "back"]
-    assert len({one.person.body.thigh_length for one in found}) == 3
-    turned = [float(np.sum(one.along.turn)) for one in found]
-    assert turned == pytest.approx([0.0, np.pi / 2, -np.pi])
-    # Who a person is does not depend on who else is simulated.
-    (alone,) = walks.walkers(5, 2, 3, (6.0, 6.5))
-    assert alone.person == found[2].person and bool(alone.key == found[2].key)
-
-
 def test_the_quality_that_is_reported(tables):
     rows = {row.metric: row.value for row in report.quality(tables, "here")}
     distance = tables.quantities.query("quantity == 'distance_m'")["rel_error"].abs()
@@ -101,24 +90,6 @@ def test_the_comparison_finds_every_change(tables):
             difference(changed(table, row, column, value), tables)
     with pytest.raises(ValueError, match="strides differ"):
         difference(tables._replace(strides=tables.strides.iloc[1:]), tables)
-
-
-def test_the_time_of_stages_adds_up():
-    watch = run.Watch()
-    seen = []
-    with watch.on({"kind": (report, "kind_of")}):
-        with pytest.raises(AttributeError):
-            report.kind_of(None)
-        seen.append(watch.stages["kind"].calls)
-    assert seen == [1] and not hasattr(report.kind_of, "__wrapped__")
-    stage = {"wall": 2.0, "own": 1.0, "calls": 1}
-    names = ("read", "prepared", "compiled", "started", "waited", "finished", "appended", "tables")
-    held = dict.fromkeys(names, stage) | {"prepared": {**stage, "wall": 5.0}, "started": {**stage, "wall": 2.5}}
-    lines = {line[0]: line for line in report.stages({"stages": held, "seconds": 20.0, "processor_seconds": 9.0}, 100)}
-    assert lines["prepare, pad"][2:] == [3.0, 0.0, 30.0]
-    assert lines["stack, start batches"][2] == 0.5
-    main = [line[2] for line in lines.values() if line[1] == "main"]
-    assert sum(main) == pytest.approx(20.0)
 
 
 def test_processes_start_without_this_one_s_settings(monkeypatch, tmp_path):

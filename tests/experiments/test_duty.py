@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from experiments.common.row import Row
-from experiments.udaya2010 import figures, legs, tradeoff, walked
+from experiments.udaya2010 import figures, legs, tradeoff
 from experiments.udaya2010 import table2 as table
 from jgait.duty_cycle.fillers.registry import fillers
-from jgait.types import Imu, Recording
 
 
 @pytest.fixture(scope="module")
@@ -62,25 +61,6 @@ def test_the_error_of_holding_by_hand_whatever_it_is_padded_with(walker):
         assert error == pytest.approx(np.sqrt(np.mean(off**2) / np.mean(true[case.judged :] ** 2)), rel=1e-12)
 
 
-def test_what_the_filler_is_given_holds_nothing_of_the_gaps(walker):
-    case = legs.papers_case(walker, 40)
-
-    def given(rate, usable, acc, rate_hz, params, *, thigh=None):
-        return fillers()["hold"].fill(rate, usable, acc, rate_hz, params)._replace(rate=rate)
-
-    true = case.leg.rate
-    hidden = np.sqrt(np.sum(true[~case.usable] ** 2) / np.sum(true**2))
-    of = fillers()["hold"]._replace(fill=given)
-    assert table.relative_errors(of, [case], least_strides=2.0, thigh=False)[0] == pytest.approx(hidden, rel=1e-12)
-
-
-def test_strides_before_a_filler_is_trusted_reach_every_filler():
-    for name, filler in fillers().items():
-        p = table._params(filler, 1.0)
-        inner = [p.neighbours, p.ridge] if name == "blend" else [p]
-        assert all(getattr(part, "least_strides", 1.0) == 1.0 for part in inner)
-
-
 def test_neighbours_beat_the_paper_on_a_leg_that_they_were_not_tuned_on(data):
     walks = {walk.recording.name for walk in data("tripod")}
     name = next((walk for walk in walks if walk.endswith("PWS+20")), None)
@@ -92,19 +72,6 @@ def test_neighbours_beat_the_paper_on_a_leg_that_they_were_not_tuned_on(data):
     told = table.relative_errors(fillers()["neighbours"], cases, least_strides=1.0, thigh=False)
     # Measured .05 and .08; the paper has .267 and .302.
     assert told[0] < 0.10 and told[1] < 0.17
-
-
-def test_the_shin_sleeps_from_where_it_is_told_by_half_strides():
-    time = np.arange(700) / 100.0
-    worn = Imu(time, np.zeros((700, 3)), None, np.ones(700, bool))
-    recording = Recording({"shank_right": worn}, 100.0)
-    one = walked.Walked(recording, None, (0, 1), {"right": 200}, {"right": 1.0}, 700)
-    on = one.on(20)["shank_right"]
-    assert on[:200].all()
-    # One of five units of half a second.
-    np.testing.assert_array_equal(on[200:], np.arange(500) % 250 < 50)
-    late = one.on(20, 0.5)["shank_right"]
-    np.testing.assert_array_equal(late[200:], (np.arange(500) + 125) % 250 < 50)
 
 
 def test_figures_show_what_the_rows_say(monkeypatch, tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made.gaps import COUNT, RATE_HZ, STRIDE, schedule, walk
 
-from experiments.udaya2010.oscillator import EXTRAPOLATION, FILLERS, extrapolate
+from experiments.udaya2010.oscillator import FILLERS
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
 from jgait.params import check_params
 
@@ -28,17 +28,3 @@ def test_the_interface_of_all_fillers_and_the_error_of_a_known_walk(name, most):
     assert (np.asarray(found.how[2])[~little] == HELD).all() and np.isfinite(found.rate).all()
     check_params(one.params, one.transforms)
     assert np.sqrt(np.mean((np.asarray(found.rate[0]) - walk()[0])[~on] ** 2) / np.mean(rate**2)) < most
-
-
-def test_the_accelerometer_is_asked_for_where_it_is_needed():
-    assert [name for name, one in FILLERS.items() if one.needs_acc] == ["oscillate"]
-
-
-def test_extrapolation_dies_away_as_its_model_does():
-    rate, acc = walk()
-    on = schedule()
-    found = np.asarray(extrapolate(rate, on, acc, RATE_HZ).rate)[130:160]
-    a = np.exp(-1.0 / (RATE_HZ * EXTRAPOLATION.rate_decay_s))
-    b = np.exp(-1.0 / (RATE_HZ * EXTRAPOLATION.slope_decay_s))
-    np.testing.assert_allclose(found[2:], (a + b) * found[1:-1] - a * b * found[:-2], atol=1e-12)
-    assert abs(found[0] - rate[130]) < 0.3

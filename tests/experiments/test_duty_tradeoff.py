@@ -7,12 +7,11 @@ import pytest
 from made.gaps import varying
 
 from experiments.udaya2010 import power_descent, power_tradeoff
-from experiments.udaya2010.power_descent import Plan, Settings
-from experiments.udaya2010.power_tradeoff import Shank, judge, masks_of, pareto, rounded, undominated
+from experiments.udaya2010.power_descent import Settings
+from experiments.udaya2010.power_tradeoff import Shank, judge, pareto
 from experiments.udaya2010.relaxed import relaxed_masks
-from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers.base import Thigh
-from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, neighbours
+from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS
 from jgait.duty_cycle.power import GYROSCOPE
 
 pytestmark = pytest.mark.release
@@ -27,25 +26,6 @@ def shank(seed: int, thigh: bool = False) -> Shank:
     rate, acc, phase, size = varying(COUNT, STRIDE, seed, seed)
     worn = Thigh(np.cos(phase) * size, 0.5 * acc) if thigh else None
     return Shank(rate, acc, BEGIN, STRIDE / RATE_HZ, worn)
-
-
-@pytest.mark.parametrize("thigh", [False, True])
-def test_the_soft_error_at_hard_masks_is_that_of_the_filler(thigh):
-    one = shank(1, thigh)
-    usable = masks_of(Plan(0.4, 0.9), one, RATE_HZ, 0.3).usable
-    p = NEIGHBOURS._replace(least_strides=1.0)
-    filled = neighbours(np.where(usable, one.rate, 0.0), usable, one.acc, RATE_HZ, p, thigh=one.thigh).rate
-    part = slice(BEGIN, None)
-    expected = np.mean((np.asarray(filled) - one.rate)[part] ** 2) / np.mean(one.rate[part] ** 2)
-    stack = power_tradeoff._stacked([one])
-    far = power_descent.distances(stack.apart[0], p, 1.0 / RATE_HZ)
-    rows = jnp.arange(COUNT)
-    told = power_descent.relaxed_error(
-        jnp.asarray(usable, float), stack.rate[0], far, rows, rows >= BEGIN, p
-    )  # fmt: skip
-    assert float(expected) > 1e-4
-    # What a sample that was not measured still counts, a millionth, and rounding of the distances.
-    assert float(told) == pytest.approx(float(expected), rel=1e-4)
 
 
 def test_the_gradient_of_the_soft_error_is_that_of_differences():
@@ -69,26 +49,6 @@ def test_the_gradient_of_the_soft_error_is_that_of_differences():
         assert float(slope) == pytest.approx(float(by_hand), rel=1e-4)
 
 
-def test_a_plan_is_rounded_to_samples_and_leaves_time_to_wake_up():
-    schedule = rounded(Plan(0.5, 1.25), 1.1, RATE_HZ)
-    assert (schedule.on, schedule.off) == (28, 69)
-    short = rounded(Plan(0.01, 0.02), 1.1, RATE_HZ)
-    assert (short.on, short.off) == (10, 10)  # the wake-up of 0.2 s, both
-    power.check_schedule(short, GYROSCOPE)
-
-
-def test_undominated_by_hand():
-    cost = [1.0, 2.0, 2.0, 3.0, 1.0]
-    error = [5.0, 4.0, 6.0, 4.0, 5.0]
-    np.testing.assert_array_equal(undominated(cost, error), [True, True, False, False, False])
-
-
-def test_the_objective_with_a_large_norm_is_the_larger_of_both():
-    told = [float(power_descent.traded(0.04, p, 0.5, 60.0)) for p in (0.1, 0.8)]
-    assert told == pytest.approx([0.2, 0.4], rel=0.02)
-    assert float(power_descent.traded(0.04, 0.8, 0.5, 1.0)) == pytest.approx(0.6)
-
-
 def test_a_front_falls_pays_for_wake_ups_and_judges_what_it_did_not_see():
     own, other = [shank(k) for k in (1, 2, 3)], [shank(k) for k in (4, 5)]
     settings = Settings(steps=25, periods=(1.2,), batch=2)
@@ -100,18 +60,3 @@ def test_a_front_falls_pays_for_wake_ups_and_judges_what_it_did_not_see():
         assert (error, drawn) == (point.error, point.power)
         assert point.saving == pytest.approx(1.0 - point.power / GYROSCOPE.on)
         assert point.power > GYROSCOPE.on * point.duty - 4e-3  # a walk of three strides ends anywhere in a period
-
-
-def test_what_cannot_be_traded_is_refused():
-    one = shank(1)
-    for walks, prices, words in (
-        ([], (0.1,), "empty"),
-        ([one], (), "empty"),
-        ([one], (-0.1,), "positive"),
-        ([one._replace(begin=COUNT)], (0.1,), "begin"),
-        ([one._replace(unit=0.0)], (0.1,), "unit"),
-    ):
-        with pytest.raises(ValueError, match=words):
-            pareto(walks, [one], prices, RATE_HZ)
-    with pytest.raises(ValueError, match="none"):
-        pareto([one, shank(2, thigh=True)], [one], (0.1,), RATE_HZ)

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from made.gaps import varying
 
-from experiments.udaya2010.trigger import TRANSFORMS, TRIGGER, _planned, triggered
+from experiments.udaya2010.trigger import TRIGGER, _planned, triggered
 from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers.base import FILLED, MEASURED
 from jgait.duty_cycle.power import GYROSCOPE
-from jgait.params import check_params
+
+pytestmark = pytest.mark.release
 
 RATE_HZ = 50.0
 STRIDE = 55  # samples
@@ -81,15 +82,6 @@ def test_the_wake_up_is_waited_for(told, name):
     np.testing.assert_array_equal(t.usable, expected)
 
 
-def test_once_woken_it_measures(told):
-    t = told["usual"]
-    edges = np.diff(np.concatenate([[0], t.powered.astype(int), [0]]))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    whole = ends < COUNT
-    assert whole.sum() >= 2
-    assert ((ends - starts)[whole][1:] > LEAD).all()
-
-
 def least_cost(errors, price, lead, first):
     """Over all ways to be powered; `first`: whether the first sample is, and it was on (awake) or off before."""
     best = {True: np.inf, False: np.inf}
@@ -122,55 +114,9 @@ def test_the_plan_is_the_best_of_all(lead):
     assert len(found) >= 2
 
 
-def test_the_predicted_error_has_gradients():
-    rate, acc = (jnp.asarray(x[:WARM], jnp.float32) for x in walk())
-    must = jnp.ones(WARM, bool)
-
-    def loss(p):
-        return triggered(rate, acc, RATE_HZ, p, must=must).predicted.mean()
-
-    found = jax.jit(jax.grad(loss))(jax.tree.map(jnp.float32, TRIGGER))
-    for name in ("risk", "own", "trust", "doubt", "doubt_s", "shadow", "calibrate_s"):
-        leaves = np.asarray(jax.tree.leaves(getattr(found, name)))
-        assert np.isfinite(leaves).all() and (leaves != 0.0).all(), name
-
-
-def test_an_infinite_threshold_never_wakes_it_again_and_one_of_zero_leaves_it_on(told):
-    never, always = told["never"], told["always"]
-    assert never.powered[:WARM].all() and not never.powered[WARM:].any()
-    assert always.powered.all() and always.usable.all()
-    np.testing.assert_array_equal(always.rate, always.true)
-
-
 def test_the_budget_is_kept_at_every_sample(told):
     t = told["budget"]
     spent = np.cumsum(t.powered[WARM:]) * GYROSCOPE.on / RATE_HZ
     allowed = BUCKET + BUDGET * np.arange(1, COUNT - WARM + 1) / RATE_HZ
     assert (spent <= allowed + 1e-12).all()
     assert spent[-1] > 0.6 * allowed[-1]  # and used: the threshold of zero wants all of it
-
-
-def test_it_sees_nothing_of_the_gaps_and_its_energy_is_that_of_the_masks(told):
-    t = told["usual"]
-    energy = float(power.mask_energy(t.used, RATE_HZ))
-    assert energy == pytest.approx(GYROSCOPE.on * t.powered.sum() / RATE_HZ)
-    assert energy < 0.95 * GYROSCOPE.on * COUNT / RATE_HZ
-    rate, acc = walk()
-    hidden = jnp.asarray(np.where(t.usable, rate, 1e3))
-    p = TRIGGER._replace(wake=WAKE, bucket=BUCKET)
-    again = triggered(hidden, jnp.asarray(acc), RATE_HZ, p, must=jnp.arange(COUNT) < WARM)
-    np.testing.assert_array_equal(np.asarray(again.used.powered), t.powered)
-    np.testing.assert_allclose(np.asarray(again.filled.rate), t.rate, rtol=1e-9, atol=1e-9)
-
-
-def test_refusals_and_parameters():
-    check_params(TRIGGER, TRANSFORMS)
-    rate, must = jnp.zeros(100), jnp.ones(100, bool)
-    with pytest.raises(ValueError, match="accelerometer"):
-        triggered(rate, None, RATE_HZ, must=must)
-    with pytest.raises(ValueError, match="ahead_s"):
-        triggered(rate, jnp.zeros((100, 3)), RATE_HZ, must=must, ahead_s=0.2)
-    with pytest.raises(ValueError, match="save something"):
-        triggered(rate, jnp.zeros((100, 3)), RATE_HZ, must=must, sensor=GYROSCOPE._replace(off=GYROSCOPE.on))
-    with pytest.raises(ValueError, match="usable must be"):
-        triggered(rate, jnp.zeros((100, 3)), RATE_HZ, must=must[:-1])

@@ -5,19 +5,18 @@ import numpy as np
 import pytest
 
 from experiments.common.fitting import (
-    POINTS,
     StrideSignals,
     fitted,
     mean_strides,
-    not_fitted,
-    turned,
     unexplained,
     virtual,
 )
 from experiments.people.fitted import OTHERS, usual
 from jgait import simulate
 from jgait.simulate.sensors import OPAL
-from jgait.types import Imu, Recording
+from jgait.types import Imu
+
+pytestmark = pytest.mark.release
 
 
 def lengths(body):
@@ -70,37 +69,6 @@ def test_other_sensors_of_the_fitted_walker_read_what_they_would_have(someone):
     assert np.all(ours < 0.7 * theirs)
     read, _ = simulate.recording(jax.random.key(0), fit.person, placements=OTHERS)
     assert all(np.isfinite(imu.acc).all() for imu in read.sensors.values())
-
-
-def test_the_rotation_of_a_sensor_is_found_and_the_bias_of_its_gyroscope_does_not_count():
-    random = np.random.default_rng(0)
-    made = StrideSignals(random.normal(size=(2, POINTS, 3)), random.normal(size=(2, POINTS, 3)) + [0.0, 0.0, 9.8])
-    turn = np.linalg.qr(random.normal(size=(2, 3, 3)))[0]
-    turn *= np.linalg.det(turn)[:, None, None]
-    seen = StrideSignals(*(np.einsum("sij,spj->spi", turn, part) for part in made))
-    np.testing.assert_allclose(turned(made, seen), turn, atol=1e-12)
-    share, found = unexplained(made, seen._replace(gyr=seen.gyr + 0.1))
-    np.testing.assert_allclose(share, 0.0, atol=1e-24)
-    np.testing.assert_allclose(found, turn, atol=1e-12)
-
-
-def test_a_stride_with_lost_samples_does_not_count():
-    time = np.arange(500) * 0.01
-    wave = np.stack([np.sin(2.0 * np.pi * time)] * 3, axis=1)
-    broken = np.where(time[:, None] < 1.0, 99.0, wave)
-    mask = np.ones(500, bool)
-    mask[50] = False
-    windows = np.stack([np.arange(4.0), np.arange(4.0) + 1.0], axis=1)
-    recording = Recording(
-        {"waist": Imu(time, broken, wave, mask), "foot_left": Imu(time, wave, wave, mask)}, 100.0, "", ""
-    )
-    found = mean_strides(recording, windows)
-    np.testing.assert_allclose(found["waist"].gyr[:, 0], np.sin(2.0 * np.pi * np.arange(POINTS) / POINTS), atol=1e-9)
-    assert list(mean_strides(recording, windows[:2])) == []
-    first, second = not_fitted(recording, ["waist"], [])
-    assert "waist took no part in the fit: no more than 7 sensors" in str(first)
-    assert "foot_left took no part in the fit: it has fewer than two regular strides" in str(second)
-    assert not not_fitted(recording, recording.sensors, recording.sensors)
 
 
 def test_standing_cannot_be_fitted():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.unseen import asymmetry, flags, variability
+from experiments.unseen import asymmetry, flags
 from experiments.unseen import trials as trials_part
 
 LENGTHS = np.ones((2, 4))
@@ -22,15 +22,6 @@ def test_missed_and_false_flags_are_counted():
     assert told["within_two_sigma_pct_set"] == pytest.approx(100.0 * 4.0 / 6.0)
 
 
-def test_the_reliability_of_a_set_is_drawn_over_the_normal_distribution():
-    some = [flags.Judged("foot_ins, set", "a", np.array([0.2, 0.9, 1.5, 2.5]), np.zeros(4, bool), *LENGTHS[:, :4])]
-    assert flags.covered("foot_ins, set", some).value == 75.0
-    normal, line = flags.reliability(some).axes[0].get_lines()
-    np.testing.assert_array_equal(line.get_ydata(), [0.0, 25.0, 50.0, 75.0, 100.0])
-    np.testing.assert_array_equal(normal.get_ydata(), [0.0, *flags.NORMAL])
-    assert line.get_label() == "set (4)"
-
-
 def test_a_trial_is_off_beyond_half_a_metre_or_three_deviations():
     trials = [
         trials_part.Trial("far", 0.6, 1.0, True), trials_part.Trial("unsure", 0.4, 0.1, False),
@@ -38,20 +29,6 @@ def test_a_trial_is_off_beyond_half_a_metre_or_three_deviations():
     ]  # fmt: skip
     told = {row.metric: row.value for row in trials_part.of_trials(trials)}
     assert told["trials_missed"] == 1.0 and told["trials_false"] == 1.0
-
-
-def test_the_variability_of_a_walk_leaves_out_flagged_strides_and_turns():
-    true = np.array([1.0, 1.02, 0.98, 1.01, 0.99, 1.03, 0.97, 1.0, 0.5, 1.0])
-    ours = np.where(np.arange(10) < 8, 1.0 + 2.0 * (true - 1.0), 3.0)
-    flagged = np.arange(10) == 9
-    one = flags.Judged("foot_ins, set", "a", np.zeros(10), flagged, ours, true)
-    told = {row.metric: row.value for row in variability.of_walks([one])}
-    assert told["cv_ratio_foot_ins_set"] == pytest.approx(2.0)
-    assert told["cv_error_foot_ins_set_points"] == pytest.approx(100.0 * np.std(true[:8], ddof=1))
-    assert variability.of_walks([one._replace(noise=0.01)])[0].value > 2.1  # the reference itself varies less
-    assert variability.of_walks([one._replace(noise=0.03)]) == []
-    short = flags.Judged("waist, set", "b", np.zeros(7), np.zeros(7, bool), ours[:7], true[:7])
-    assert variability.of_walks([short]) == []
 
 
 def test_asymmetries_within_two_stated_deviations_are_counted():

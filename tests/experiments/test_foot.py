@@ -6,11 +6,9 @@ import jax
 import numpy as np
 import pytest
 
-from experiments.common import recordings as common_recordings
 from experiments.foot_ins import closures, pivot
 from experiments.foot_ins import feet as real
 from experiments.foot_ins import run as running
-from experiments.foot_ins.ablation import overlooked
 from jgait import datasets, simulate
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import FootParams
@@ -33,24 +31,6 @@ def walk():
     ends = swings + np.array([-0.3, 0.2])
     time = np.asarray(truth.estimate.time)
     return real.Foot("simulated", "one right", "right", recording, ends, strides.length[own], time, position)
-
-
-def matched(error, stddev=0.02, rmse=0.1, lost=0):
-    error = np.asarray(error)
-    return real.Matched(error, np.ones_like(error), np.full_like(error, stddev), lost, rmse, np.arange(error.size))
-
-
-def test_scores_pool_strides_and_average_recordings():
-    found = running.score([matched([0.01, -0.03]), matched([0.05], rmse=0.3, lost=2)])
-    assert (found.n, found.lost) == (3, 2)
-    np.testing.assert_allclose(found[:5], [3.0, 1.0, 3.0, 5.0, 200.0 / 3.0])
-    np.testing.assert_allclose(found.rmse, np.sqrt(0.05))
-    names = {row.metric: row.value for row in running.rows_of("footprints", found, "untuned")}
-    assert names["foot_stride_mae_cm_footprints"] == found.mae
-    assert names["foot_position_rmse_m_footprints"] == found.rmse
-    nothing = running.score([matched([], lost=4)])
-    assert nothing.lost == 4
-    assert np.isnan(nothing.mae)
 
 
 def test_a_simulated_foot_is_found_cut_and_learned_from(walk, monkeypatch):
@@ -80,18 +60,6 @@ def test_a_simulated_foot_is_found_cut_and_learned_from(walk, monkeypatch):
     np.testing.assert_allclose(loss, size, rtol=1e-9)
 
 
-def test_one_bad_recording_costs_no_other(walk, capsys):
-    still = walk.recording.sensors["foot_right"]
-    still = still._replace(gyr=np.full_like(still.gyr, 9.0))
-    broken = walk._replace(name="broken", recording=walk.recording._replace(sensors={"foot_right": still}))
-    assert common_recordings.attempt("broken", lambda: foot_ins.prepared(broken.recording)) is None
-    assert "broken left out: RecordingError" in capsys.readouterr().out
-    good = running.Ready(walk, foot_ins.prepared(walk.recording).inputs)
-    rows = running.scored(FootParams(), [good, good._replace(inputs=None)])
-    assert rows.n == len(walk.length)
-    assert "one right left out" in capsys.readouterr().out
-
-
 def test_sets_that_are_absent_are_named(monkeypatch, tmp_path, capsys):
     monkeypatch.setenv(datasets.registry.DATA_DIR_VARIABLE, str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
@@ -102,18 +70,6 @@ def test_sets_that_are_absent_are_named(monkeypatch, tmp_path, capsys):
     said = capsys.readouterr().out
     assert "left out: data set 'footprints' is not there" in said
     assert "left out: data set 'xio_gait' is not there" in said
-
-
-def test_a_detector_that_overlooks_stances_is_found_out(walk):
-    usual = running.Ready(walk, foot_ins.prepared(walk.recording).inputs)
-    signals = usual.inputs.right
-    count = int(signals.count)
-    assert overlooked(usual, usual) == (0, 0, count)
-    never = signals._replace(stands=np.zeros_like(signals.stands))
-    always = signals._replace(stands=np.ones_like(signals.stands))
-    never, always = (usual._replace(inputs=usual.inputs._replace(right=one)) for one in (never, always))
-    assert overlooked(usual, never) == (count, 0, count)
-    assert overlooked(usual, always) == (0, count - 1, count)
 
 
 def test_quick_form(load_experiment, data):

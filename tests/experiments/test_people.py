@@ -4,46 +4,18 @@ import numpy as np
 import pytest
 
 from experiments.people import (
-    figures,
     fitted,
     legs,
     mounts,
     out_of_plane,
-    prediction,
     shoes,
     strides,
     tables,
     transfer,
     waves,
 )
-from experiments.simulator import gait, simulated
+from experiments.simulator import simulated
 from jgait.simulate.sensors import IDEAL, ON_SHOE
-
-
-def test_power_is_found_in_the_band_of_its_frequency_and_does_not_depend_on_axes():
-    time = np.arange(0.0, 20.0, 0.01)
-    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
-    signal = np.column_stack([np.sin(2.0 * np.pi * 3.0 * time), np.zeros_like(time), np.full_like(time, 9.8)])
-    leg = strides.Leg({"foot": (signal, 2.0 * signal @ turn)}, [(0, len(time))], 0, None, "right")
-    found = strides.spectra([leg], 100.0)
-    band = int(np.searchsorted(strides.BANDS, 3.0)) - 1
-    assert found["foot gyr"].argmax() == band
-    assert found["foot gyr"][band] > 0.9 * found["foot gyr"].sum()
-    np.testing.assert_allclose(found["foot acc"], 4.0 * found["foot gyr"], rtol=1e-9, atol=1e-12)
-
-
-def test_pieces_with_lost_samples_are_left_out():
-    good = np.ones(2000, bool)
-    good[700] = False
-    leg = strides.Leg({"foot": (np.ones((2000, 3)), np.ones((2000, 3)))}, [(0, 1000)], 0, good, "right")
-    assert strides.spectra([leg], 100.0) == {}
-
-
-def test_the_area_counts_pairs_in_order_and_half_of_ties():
-    labels = np.array([0.0, 0.0, 1.0, 1.0])
-    assert strides.area(np.array([0.0, 1.0, 2.0, 3.0]), labels) == 1.0
-    assert strides.area(np.array([0.0, 2.0, 2.0, 3.0]), labels) == 0.875
-    assert strides.area(np.zeros(4), labels) == 0.5
 
 
 def test_the_classifier_is_judged_on_people_whom_it_did_not_see():
@@ -59,28 +31,7 @@ def test_the_classifier_is_judged_on_people_whom_it_did_not_see():
     assert strides.left_out_area(peculiar[:, None], labels, people) < 0.75
 
 
-def test_recorded_people_are_held_against_others_with_strides_like_theirs():
-    alone, many = figures.SETS[2], figures.SETS[4]
-
-    def strides(time, swing):
-        return gait.NONE._replace(
-            stride_time=np.full(5, time), stride_length=np.full(5, 1.2), shank_swing=swing + 0.1 * np.arange(5)
-        )
-
-    people = [(str(i), strides(1.1, 6.0 + 0.1 * i)) for i in range(9)]
-    recorded = {alone: [("one", strides(1.1, 6.4))], many: [*people, ("slow", strides(1.5, 6.4))]}
-    # Of nine people the outermost two lie outside of the others' band; the slow one is not like them.
-    assert figures.of_others(many, recorded) == (8, 10)
-    # Four of the nine lie within the strides of the one, who is not held against himself.
-    inside, count = figures.of_others(alone, recorded)
-    assert count == 9 and 3 <= inside <= 5
-
-
-def test_a_number_of_simulated_people_is_within_its_deviation_or_not():
-    found = prediction.Compared(np.array([0.5, -1.9, 2.1, -5.0]), np.ones(4))
-    assert prediction.within(found) == 50.0
-
-
+@pytest.mark.release
 def test_a_person_predicts_own_sensors_in_any_orientation_and_other_people_less():
     one, other = (
         fitted.simulate.Person(gait=fitted.simulate.RECORDED._replace(soft_tissue=1.0, style_1=style))
@@ -95,6 +46,7 @@ def test_a_person_predicts_own_sensors_in_any_orientation_and_other_people_less(
         assert differs.gyr > 0.01 and differs.acc > 0.01
 
 
+@pytest.mark.release
 def test_simulated_walks_to_learn_from_have_the_path_of_the_sensor_and_contacts():
     (walk,), (known,) = transfer.walkers(1), transfer.waists(1)
     path = np.asarray(walk.reference.feet.right.position)
@@ -110,6 +62,7 @@ def test_simulated_walks_to_learn_from_have_the_path_of_the_sensor_and_contacts(
     assert len(inside) == len(known.contacts) - 2 and 0.4 < np.diff(inside).min() <= np.diff(inside).max() < 0.8
 
 
+@pytest.mark.release
 def test_a_shoe_on_which_a_sensor_sways_rests_less_and_its_landings_shake_it():
     perfect, worn = (
         shoes.medians(list(walk.recording.sensors.values()) for walk in transfer.walkers(1, errors))
@@ -140,6 +93,7 @@ def test_the_tables_are_written_as_they_were_read(tmp_path, monkeypatch):
     assert tables.FILE.read_text(encoding="utf-8") == text
 
 
+@pytest.mark.release
 def test_the_ankle_is_found_between_sensors_of_shank_and_foot():
     given = simulated.Set("", None, 100.0, thigh=(0.02, 0.8), shank=(-0.01, 0.4))
     person = simulated.person_at(1.1, 1.3)

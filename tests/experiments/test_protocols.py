@@ -10,6 +10,8 @@ import pytest
 from experiments.common import protocols
 from jgait import simulate
 
+pytestmark = pytest.mark.release
+
 
 def sound(walked, rate, placements, distance):
     """What holds of every protocol."""
@@ -52,25 +54,6 @@ def test_bennett_walks_three_to_four_metres_between_two_rests(short):
     assert short[0].extra["distance"] != short[1].extra["distance"]
 
 
-def test_udaya_shankar_walks_at_least_as_long_as_asked():
-    # Both legs and no more than 512 samples, as bennett, so that nothing is compiled anew.
-    walked, _ = protocols.udaya_shankar(jax.random.key(0), 2, 3.0, placements=simulate.FOUR)
-    assert protocols.udaya_shankar.__kwdefaults__["placements"] == ("thigh_right", "shank_right")
-    person = walked.extra["person"]
-    sound(walked, 50.0, simulate.FOUR, walked.extra["steps"] * 0.5 * stride_of(walked))
-    lasts = walked.truth.estimate.time[-1] - person.gait.quiet_before - person.gait.quiet_after
-    assert 3.0 <= lasts < 3.0 + 3.0 * person.gait.stride_time
-    acc = walked.recording.sensors["shank_right"].acc
-    assert np.abs(acc).max() <= 2.0 * 9.80665 + 1e-9
-    with pytest.raises(ValueError, match="duration must be a positive"):
-        protocols.udaya_shankar(jax.random.key(0), 1, -1.0)
-
-
-def stride_of(walked):
-    """Mean of twice the steps that were walked."""
-    return 2.0 * walked.truth.estimate.distance[-1] / walked.extra["steps"]
-
-
 def test_the_routes_of_silva_have_their_printed_lengths():
     for name, length, turn in (("A", 127.6, 0.0), ("B", 42.05, 2.0 * math.pi), ("C", 136.1, 1.5 * math.pi)):
         route = protocols.silva_route(name)
@@ -84,21 +67,6 @@ def test_the_routes_of_silva_have_their_printed_lengths():
     stairs = protocols.silva_route("C")
     assert float(np.sum(stairs.riser)) == pytest.approx(0.0)
     assert float(np.abs(stairs.riser).max()) == 0.15
-
-
-def test_silva_walks_round_the_hall_at_two_paces():
-    (slow,) = protocols.silva(jax.random.key(3), 1, "B")
-    # At a rate at which the shorter walk has about as many samples: one program.
-    (fast,) = protocols.silva(jax.random.key(3), 1, "B", "fast", rate=130.0)
-    for walked, rate in ((slow, 100.0), (fast, 130.0)):
-        sound(walked, rate, ("ankle_right",), 42.05)
-    assert slow.recording.name == "silva_B_normal_0001"
-    assert slow.extra["person"].body == fast.extra["person"].body
-    assert slow.extra["steps"] / fast.extra["steps"] == pytest.approx(protocols.FAST, rel=0.05)
-    assert fast.truth.estimate.time[-1] < 0.8 * slow.truth.estimate.time[-1]
-    for wrong, words in (({"speed": "slow"}, "'normal' or 'fast'; got 'slow'"), ({"route": "D"}, "got 'D'")):
-        with pytest.raises(ValueError, match=words):
-            protocols.silva(jax.random.key(2), 1, **wrong)
 
 
 def test_potter_steps_on_marks_and_hears_the_other_leg():

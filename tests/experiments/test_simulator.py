@@ -41,53 +41,6 @@ def test_the_checks_find_a_fault(long):
     assert checks.strapdown_rows(wrong, truth, person)[0].value > 1e3
 
 
-def leg(rate_hz, strides):
-    """A shank that swings once every 1.2 s, with the figures' own shape of a stride."""
-    time = np.arange(round(strides * 1.2 * rate_hz)) / rate_hz
-    phase = time % 1.2
-
-    def bump(at, width):
-        return np.exp(-0.5 * (((phase - at + 0.6) % 1.2 - 0.6) / width) ** 2)
-
-    rate = 6.0 * bump(0.6, 0.09) - 3.0 * bump(0.83, 0.04) - 3.5 * bump(0.36, 0.05)
-    gyr = np.stack([np.zeros_like(rate), rate, np.zeros_like(rate)], axis=1)
-    acc = np.tile([0.0, 0.0, 9.81], (len(time), 1))
-    return {"shank": (gyr, acc)}, time
-
-
-def test_curves_are_cut_from_swing_to_swing():
-    simulated = experiment.simulated
-    sensors, time = leg(100.0, 8)
-    truth = simulated.Truth(hip=np.zeros_like(time), knee=np.radians(60.0) * np.ones_like(time), height=np.sin(time))
-    cut = simulated.curves(sensors, 100.0, [(0, len(time))], truth)
-    assert set(cut) == {"shank", "shank_acc", "hip", "knee", "height"}
-    assert cut["shank"].shape == (7, 101)
-    np.testing.assert_allclose(cut["shank"][:, [0, -1]], 6.0, atol=0.3)
-    np.testing.assert_allclose(cut["knee"], 60.0)
-    np.testing.assert_allclose(cut["height"].mean(axis=1), 0.0, atol=1e-9)
-    drawn = simulated.overlay(simulated.SETS[0], cut, cut)
-    assert [axis.get_title() for axis in drawn.axes if axis.get_visible()] == [simulated.CURVES[name] for name in cut]
-
-
-def test_what_is_given_or_has_no_spread_is_not_counted():
-    one = experiment.Spread(1.0, 0.9, 1.1, 5, "people")
-    real = {"speed": one, "shank_swing": one, "foot_strike_p99": one, "knee_range": one._replace(n=1), "stance": one}
-    rows = experiment.compared(experiment.SETS[2], real, dict.fromkeys(real, 1.05) | {"stance": 1.2})
-    assert {row.metric: row.value for row in rows} == {
-        "inside_tripod_pws_shank_swing": 1.0,
-        "inside_tripod_pws_stance": 0.0,
-    }
-
-
-def test_a_parameter_that_helps_is_found():
-    one = experiment.Spread(1.0, 0.9, 1.1, 5, "people")
-    mine = [(v, 2.0 - v, 3) for v in np.linspace(0.0, 1.2, 7)]
-    _, name, now, best, count = experiment._try("heel_up", mine, one, 0.2, 1.8, 1.1)
-    assert (name, now, count) == ("heel_up", 0.2, 3)
-    assert best == pytest.approx(0.9, abs=0.01)
-    assert experiment._try("toe_out", [(v, 1.8, 3) for v in (0.0, 1.0)], one, 0.2, 1.8, 1.1) is None
-
-
 @pytest.fixture(scope="module")
 def walked():
     given = experiment.SETS[0]

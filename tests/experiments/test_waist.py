@@ -7,7 +7,6 @@ import pytest
 
 from jgait import datasets
 from jgait.estimators import waist
-from jgait.types import Imu, Recording, Strides
 
 pytestmark = pytest.mark.release
 
@@ -28,44 +27,6 @@ def made(parts, contacts, subject="one", **changes):
         np.nan,
     )  # fmt: skip
     return walk._replace(**changes)
-
-
-def test_contacts_and_detections_are_matched_once_and_edges_forgiven(parts):
-    walk = made(parts, [0.5, 1.0, 2.0, 3.0, 9.0, 9.3])
-    time = np.array([0.55, 1.05, 1.08, 2.05, 5.0, 9.05, 9.7])
-    found = parts.contacts.Found(time, np.array([0, 1, 0, 1, 0, 0, 0]))
-    one = parts.contacts.matched(walk, found, walk.straight, 0.05)
-    # 0.5 and 9.3 are not looked for; 3.0 is missed; 1.08 and 5.0 are none, 9.7 is not judged
-    assert (len(one.late), one.missed, one.extra) == (3, 1, 2)
-    np.testing.assert_allclose(one.late, 0.05)
-    np.testing.assert_array_equal(one.right, [True, False, True])
-
-
-def test_an_offset_is_that_of_the_other_people(parts):
-    times = np.arange(1.0, 9.0, 0.5)
-    walks = [made(parts, times, subject) for subject in ("one", "one", "other")]
-    founds = [parts.contacts.Found(times + late, np.arange(16) % 2) for late in (0.02, 0.02, 0.06)]
-    s = parts.contacts.score(walks, founds)
-    assert (s.f1, s.sides, s.n) == (1.0, 100.0, 48)
-    assert s.offset == pytest.approx(20.0)
-    assert s.mae == pytest.approx(40.0)
-    assert s.plain == pytest.approx((20.0 + 20.0 + 60.0) / 3.0)
-    alone = parts.contacts.score(walks[:2], founds[:2])
-    assert alone.f1 == 1.0 and np.isnan(alone.mae)
-
-
-def test_strides_between_checked_contacts_only(parts):
-    n = 5
-    start = np.array([0.4, 1.5, 2.6, 3.7, 1.0])
-    end = np.array([1.5, 2.6, 3.75, 4.8, 2.1])
-    side = np.array([0, 0, 0, 0, 1])
-    valid = np.ones(n, bool)
-    strides = Strides(side, start, start, end, np.arange(1.0, 6.0), start, start, valid)
-    contacts = np.array([1.5, 2.0, 2.6, 3.7, 4.8])
-    found = parts.walks.between_contacts(strides, contacts, np.array([0, 1, 0, 0, 0]), np.array([1.0, 4.0]))
-    # the first begins as the foot leaves the ground, the fourth ends behind the part, the left one begins nowhere
-    np.testing.assert_allclose(found.length, [2.0, 3.0])
-    np.testing.assert_allclose(found.ends, [[1.5, 2.6], [2.6, 3.75]])
 
 
 def measured_as(parts, per_constant, integrated=0.9):
@@ -101,27 +62,6 @@ def test_the_constant_is_learned_on_others(parts, monkeypatch):
     assert parts.distances.within(ofi, items)[""].tolist() == [True] * 4
 
 
-def test_mobgap_is_given_its_axes_and_measured_between_its_contacts(parts):
-    time = np.arange(1200) / 100.0
-    imu = Imu(time, np.ones((1200, 3)), np.ones((1200, 3)), np.ones(1200, bool))
-    recording = Recording({"lower_back": imu}, 100.0)
-    walk = made(parts, [1.0, 2.0], recording=recording, body={"height": 2.0}, set="ipol_gait")
-    job = parts.mobgap.job(walk)
-    np.testing.assert_array_equal(job["bouts"], [[0, 1000]])
-    np.testing.assert_array_equal(job["acc"][0], [1.0, -1.0, -1.0])
-    assert job["sensor_height"] == pytest.approx(1.06)
-    steps = np.full(10, 0.5)
-    answer = {
-        "shin_contacts": np.array([50, 150, 250, 350, 450, 550, 650, 750, 850, 950]),
-        "shin_step_lengths_ms_all": np.append(steps[:-1], np.nan),
-        "shin_bouts": np.zeros(10, int),
-        "shin_sides_ullrich": np.arange(10) % 2,
-    }
-    assert parts.mobgap.ratio(answer, walk, "shin", "ms_all", 0.0) == pytest.approx(0.5)
-    assert parts.mobgap.ratio(answer, walk, "shin", "ms_all", -0.2) == pytest.approx(0.5)
-    np.testing.assert_allclose(parts.mobgap.found_by(answer, walk, "shin", "ullrich").time[:2], [0.5, 1.5])
-
-
 def test_absent_mobgap_and_absent_sets_are_named(parts, monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(parts.mobgap.peers, "available", lambda _: False)
     assert parts.mobgap.compared({"mobgap_lab": []}) == []
@@ -130,16 +70,6 @@ def test_absent_mobgap_and_absent_sets_are_named(parts, monkeypatch, tmp_path, c
     assert parts.walks.of_set("ipol_gait") == []
     said = capsys.readouterr().out
     assert "left out: mobgap is absent" in said and "data set 'ipol_gait' is not there" in said
-
-
-def test_the_threshold_is_learned_on_others(parts):
-    errors = np.array([[1.0, -8.0, -9.0], [-7.0, 2.0, 3.0]])
-    np.testing.assert_array_equal(parts.tables.learned_threshold(errors), [1, 0, 0])
-    table = dict(zip(parts.tables.THRESHOLDS, np.linspace(20.0, 4.0, 9), strict=True))
-    told = parts.tables.by_integration(lambda i, kind, eps: table[eps] * (1 + i), 2, quick=False)
-    np.testing.assert_allclose(told["update"], [20.0, 40.0])
-    np.testing.assert_allclose(told["learned"], [4.0, 8.0])
-    np.testing.assert_array_equal(told["epsilon"], parts.tables.THRESHOLDS[-1])
 
 
 def test_what_the_papers_way_makes_of_a_known_walk(parts):
@@ -189,40 +119,3 @@ def test_a_real_bout(parts, data):
     rows = np.flatnonzero(told["initial_contact_valid"])
     np.testing.assert_array_equal(np.asarray(told["initial_contact"])[rows], found.time)
     np.testing.assert_array_equal(np.asarray(told["initial_contact_side"])[rows], found.side)
-
-
-def test_where_contacts_are_not_listed_nothing_is_judged(parts):
-    time = np.arange(1000) / 100.0
-    swings = np.zeros((1000, 3))
-    swings[700:720, 1] = 5.0  # a step after the trial, which ends at 6 s
-    foot = Imu(time, swings, swings, np.ones(1000, bool))
-    contacts, sides = np.array([1.0, 2.0, 3.0, 4.0, 6.0]), np.array([0, 1, 0, 0, 1])
-    known = parts.walks.listed(time, {"foot_left": foot}, contacts, sides, 6.0)
-    unknown = parts.walks.runs(time, ~known)
-    # between two contacts of the right foot, and from the swing to half a second after it
-    np.testing.assert_allclose(unknown, [[3.1, 3.9], [7.0, 7.68]], atol=0.011)
-
-
-def test_a_delay_grows_with_the_step_time(load_experiment):
-    unseen = load_experiment("unseen.waist")
-    step = np.linspace(0.45, 0.75, 200)
-    late = 0.02 + 0.1 * step
-    late[::20] += 0.5  # far detections teach nothing
-    np.testing.assert_allclose(unseen.delay(late, step), [0.02, 0.1], atol=1e-9)
-    errors = unseen.guessed(np.array([10.0, 10.0, 20.0, np.nan]), np.array(["a", "a", "b", "c"]))
-    np.testing.assert_allclose(errors, [100.0, 100.0, -50.0, np.nan])
-
-
-def test_a_scale_of_the_legs_is_that_of_the_other_people(load_experiment):
-    legs = load_experiment("unseen.legs")
-    true = np.array([4.0, 5.0, 6.0])
-    rows = zip("abc", true, strict=True)
-    found = [legs.Distances(name, t, (1.25 * t, 0.1 * t), (9.0 - t, 2.0)) for name, t in rows]
-    told = {row.metric: row.value for row in legs.of_distances(found)}
-    assert told["leg_distance_pct_scaled"] == pytest.approx(0.0) and told["leg_distance_pct"] == pytest.approx(25.0)
-    assert told["leg_raw_bias_pct"] == pytest.approx(25.0) and told["leg_distance_correlation"] == pytest.approx(1.0)
-    assert told["leg_within_two_sigma_pct"] == 0.0
-    # the guess is the median of the others: 5.5 for 4, 5 for 5, 4.5 for 6
-    assert told["leg_distance_pct_guess"] == pytest.approx(100.0 * (1.5 / 4.0 + 0.0 + 1.5 / 6.0) / 3.0)
-    assert told["kinematic_distance_correlation"] == pytest.approx(-1.0)
-    assert told["kinematic_within_two_sigma_pct"] == pytest.approx(100.0)

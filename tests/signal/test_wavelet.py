@@ -13,8 +13,7 @@ X = RNG.normal(size=1024)
 SHARES = (1 / 5, 1 / 4, 1 / 3)
 
 
-@pytest.mark.parametrize("name", ["haar", "db2", "db5", "sym4", "coif2", "bior2.4", "rbio3.1"])
-@pytest.mark.parametrize("levels", [1, 3, 10])
+@pytest.mark.parametrize(("name", "levels"), [("haar", 1), ("db5", 10), ("sym4", 3), ("bior2.4", 3)])
 def test_there_and_back_as_pywavelets(name, levels):
     expected = pywt.swt(X, name, level=levels)
     ours = wavelet.transform(X, name, levels)
@@ -25,14 +24,6 @@ def test_there_and_back_as_pywavelets(name, levels):
     changed = [(RNG.normal(size=X.size), RNG.normal(size=X.size)) for _ in expected]
     made = wavelet.Decomposition(jnp.asarray(changed[0][0]), tuple(jnp.asarray(d) for _, d in reversed(changed)))
     np.testing.assert_allclose(wavelet.inverse(made, name), pywt.iswt(changed, name), rtol=0.0, atol=1e-12)
-
-
-def test_taps_may_reach_round_a_short_signal():
-    short = X[:16]
-    expected = pywt.swt(short, "db5", level=4)
-    ours = wavelet.transform(short, "db5", 4)
-    np.testing.assert_allclose(ours.approximation, expected[0][0], rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(ours.details[3], expected[0][1], rtol=0.0, atol=1e-12)
 
 
 def test_three_levels_give_exactly_what_ten_give():
@@ -73,28 +64,6 @@ def test_magnitudes_count_what_the_mask_counts():
     assert float(wavelet.magnitude(x, "rms", mask)) == 2.5
     assert float(wavelet.magnitude(x, "rms", np.zeros(6, bool))) == 0.0
     assert np.isfinite(jax.grad(lambda y: wavelet.magnitude(y, "rms"))(np.zeros(6))).all()
-
-
-def test_gradients_are_those_of_differences():
-    x, push = X[:200], RNG.normal(size=200)
-
-    @jax.jit
-    def loss(shares, y):
-        return jnp.sum(wavelet.from_details(y, shares) ** 3)
-
-    shares, by = jnp.asarray(SHARES), 1e-6
-    ours, along = jax.jit(jax.grad(loss, (0, 1)))(shares, x)
-    for k in range(3):
-        step = by * jnp.eye(3)[k]
-        np.testing.assert_allclose(ours[k], (loss(shares + step, x) - loss(shares - step, x)) / (2.0 * by), rtol=1e-5)
-    slope = (loss(shares, x + by * push) - loss(shares, x - by * push)) / (2.0 * by)
-    np.testing.assert_allclose(jnp.sum(along * push), slope, rtol=1e-5)
-
-
-def test_float32_stays_float32_and_close():
-    single = wavelet.from_details(X.astype(np.float32), SHARES)
-    assert single.dtype == jnp.float32
-    np.testing.assert_allclose(single, wavelet.from_details(X, SHARES), atol=1e-5)
 
 
 @pytest.mark.parametrize("samples", [5, 700, 1024])

@@ -25,19 +25,6 @@ def test_another_walk_compiles_nothing(compiled):
     assert compiled == []
 
 
-def test_padding_changes_no_piece_of_a_route():
-    along = simulate.route({"length": 2.0, "turn": 1.0}, {"length": 3.0, "slope": 0.1, "speed": 0.7, "riser": 0.1})
-    wide, distance = simulate.routes.padded(along), np.linspace(-1.0, 7.0, 33)
-    assert len(wide.length) == 16
-    at = jax.jit(simulate.routes.at)
-    for one, other in zip(at(along, distance), at(wide, distance), strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-14)
-    value_at = jax.jit(simulate.routes.value_at)
-    for field in ("slope", "speed", "riser"):
-        values = (value_at(route, getattr(route, field), distance) for route in (along, wide))
-        np.testing.assert_allclose(*values, atol=1e-14)
-
-
 @pytest.mark.parametrize("samples", [40, 57])
 def test_noise_does_not_depend_on_padding(samples):
     time = np.arange(64) / 100.0

@@ -80,26 +80,6 @@ def test_a_gait_from_any_two_figures_is_the_same():
     assert by_length.stride_length == pytest.approx(1.2)
 
 
-def test_a_gait_from_speed_and_stature_keeps_the_walk_ratio():
-    for speed, stature in ((0.9, 1.55), (1.3, 1.75), (1.6, 1.9)):
-        found = simulate.gait(speed=speed, stature=stature)
-        cadence = 120.0 / found.stride_time
-        assert found.stride_length / found.stride_time == pytest.approx(speed)
-        assert 0.5 * found.stride_length / cadence == pytest.approx(0.0033 * stature)
-
-
-def test_short_strides_lift_less_and_the_usual_stride_gives_the_defaults():
-    usual = simulate.gait(stride_length=simulate.Gait().stride_length, cadence=110.0)
-    short = simulate.gait(stride_length=0.5 * simulate.Gait().stride_length, cadence=110.0)
-    tiny, tinier = (simulate.gait(stride_length=length, cadence=110.0) for length in (0.3, 0.2))
-    for name, share in (("heel_up", 0.5), ("toe_up", 0.5), ("pelvis_surge", 0.5), ("pelvis_rise", 0.25)):
-        assert getattr(usual, name) == pytest.approx(getattr(simulate.Gait(), name))
-        assert getattr(short, name) == pytest.approx(share * getattr(usual, name))
-        assert getattr(tiny, name) == getattr(tinier, name) > 0.0  # the floor
-    simulate.check_person(Person(gait=tiny))
-    assert simulate.gait(stride_length=1.0, cadence=110.0, heel_up=0.3).heel_up == 0.3
-
-
 @pytest.mark.parametrize(
     ("given", "words"),
     [
@@ -114,16 +94,6 @@ def test_short_strides_lift_less_and_the_usual_stride_gives_the_defaults():
 def test_insufficient_or_contradictory_figures_are_refused(given, words):
     with pytest.raises(ValueError, match=words):
         simulate.gait(**given)
-
-
-def test_pacing_keeps_the_walk_ratio_and_squares_the_speed(people):
-    person = simulate.person_of(people, 0)
-    fast = simulate.paced(person, 1.1)
-    before, after = person.gait, fast.gait
-    assert after.stride_length / after.stride_time == pytest.approx(1.21 * before.stride_length / before.stride_time)
-    assert after.stride_length * after.stride_time == pytest.approx(before.stride_length * before.stride_time)
-    assert float(after.pelvis_rise) == pytest.approx(1.21 * before.pelvis_rise)
-    assert float(simulate.paced(person, 1.0).gait.heel_up) == pytest.approx(before.heel_up)
 
 
 @pytest.mark.parametrize(
@@ -179,18 +149,6 @@ def test_who_else_walks_changes_nothing(cohort):
             np.testing.assert_allclose(imu.acc, cohort[2][0].sensors[name].acc, atol=1e-6)
 
 
-def test_knees_bend_more_for_a_long_step_and_only_then(people):
-    key, person, along = jax.random.key(5), simulate.person_of(people, 3), simulate.straight(7.0)
-    found = simulate.covering(key, person, along)
-    assert found.gait.knee_stance == person.gait.knee_stance
-    straight = person._replace(gait=person.gait._replace(knee_stance=np.deg2rad(1.0)))
-    eased = simulate.covering(key, straight, along)
-    assert np.deg2rad(1.5) < eased.gait.knee_stance < np.deg2rad(5.0)
-    as_asked = eased._replace(gait=eased.gait._replace(knee_stance=straight.gait.knee_stance))
-    before, after = (limits(key, who, along)[2].stretched for who in (as_asked, eased))
-    assert before < 0.0 < after < 3e-4  # no more than it takes
-
-
 def test_a_route_that_overstretches_a_leg_is_refused_by_the_name_of_who_walks():
     keys = [jax.random.key(0)] * 2
     wall = simulate.route({"length": 1.0}, {"length": 4.0, "riser": 0.9}, {"length": 1.0})
@@ -199,18 +157,3 @@ def test_a_route_that_overstretches_a_leg_is_refused_by_the_name_of_who_walks():
     words = r"a leg of 0\.859 m would be overstretched by .* mm on the route of second; raise knee_stance"
     with pytest.raises(ValueError, match=words):
         simulate.walks(keys, [Person()] * 2, [level, wall], names=["first", "second"])
-
-
-def test_bad_cohorts_are_refused():
-    person = Person()
-    with pytest.raises(ValueError, match="at least one person; got n=0"):
-        simulate.population(jax.random.key(0), 0, recorded=False)
-    with pytest.raises(ValueError, match="a key and a route for each person; got 1, 0, 1"):
-        simulate.walks([jax.random.key(0)], [person], [])
-    one = ([jax.random.key(0)], [person], [simulate.straight(4.0)])
-    with pytest.raises(ValueError, match="rate must be a positive"):
-        simulate.walks(*one, rate=0.0)
-    with pytest.raises(ValueError, match="got 'wrist_left'"):
-        simulate.walks(*one, placements=("wrist_left",))
-    with pytest.raises(ValueError, match="too short for strides"):
-        simulate.walks(one[0], [Person(gait=simulate.Gait(stride_length=1.9))], [simulate.faster(4.0, 1.0, 2.2)])

@@ -1,5 +1,4 @@
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -56,14 +55,6 @@ def test_slopes_rise_and_speeds_change_over_half_a_metre():
     np.testing.assert_allclose(there(way, 1.0, 2.0, 5.0)[0].z, [0.0, 0.0, 0.3], atol=1e-12)
     _, speed = there(way, 0.0, 1.7, 2.0, 2.3, 4.0)
     np.testing.assert_allclose(speed, [1.0, 1.0, 1.25, 1.5, 1.5], atol=1e-12)
-
-
-def test_places_are_differentiable_where_the_route_is_straight():
-    def x(turn):
-        way = routes.straight(4.0)._replace(turn=jnp.stack([turn]))
-        return routes.at(way, jnp.array([4.0])).y[0]
-
-    assert float(jax.jit(jax.grad(x))(0.0)) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize(

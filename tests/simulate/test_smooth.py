@@ -10,10 +10,8 @@ from jgait.simulate.smooth import (
     ORDER,
     bump,
     curve_at,
-    glide,
     pieces,
     polynomial,
-    ramp,
     smooth_bump,
     smooth_curve,
     smooth_step,
@@ -43,26 +41,6 @@ def test_a_step_is_flat_outside_and_its_derivatives_are_exact_inside():
     assert np.all(np.abs(ends) < 1e-9)
 
 
-def test_a_ramp_is_the_integral_of_a_step():
-    h = 1e-5
-    steps, (above, below) = computed(step, U), (computed(ramp, U + s * h) for s in (1, -1))
-    np.testing.assert_allclose((above - below) / (2.0 * h), steps, atol=1e-8)
-    np.testing.assert_allclose(computed(ramp, np.array([-1.0, 0.0, 1.0, 3.0])), [0.0, 0.0, 0.5, 2.5], atol=1e-15)
-    np.testing.assert_allclose(computed(jax.vmap(jax.grad(ramp)), U), steps, atol=1e-14)
-
-
-def test_a_glide_arrives_and_keeps_its_speed_in_the_middle():
-    def orders(u):
-        return glide(Jet(jnp.stack([u, jnp.ones_like(u), jnp.zeros_like(u)])), 0.3, 0.4).orders
-
-    # The four ends, then the middle.
-    value, speed, bend = computed(orders, np.array([-1.0, 0.0, 1.0, 2.0, 0.31, 0.45, 0.59]))
-    np.testing.assert_allclose(value[:4], [0.0, 0.0, 1.0, 1.0], atol=1e-14)
-    speed, bend = speed[4:], bend[4:]
-    np.testing.assert_allclose(speed, 1.0 / (1.0 - 0.35), rtol=1e-12)
-    np.testing.assert_allclose(bend, 0.0, atol=1e-12)
-
-
 def test_smooth_functions_of_jets_have_the_derivatives_of_numbers():
     u = np.linspace(-0.2, 1.2, 29)
     table = computed(pieces, np.random.default_rng(1).normal(size=(2, 4)), np.ones((2, 4)))
@@ -88,12 +66,6 @@ def test_smooth_functions_of_jets_have_the_derivatives_of_numbers():
             np.testing.assert_allclose(ours, known, rtol=1e-9, atol=1e-10)
 
 
-def test_a_bump_is_one_in_the_middle_and_nothing_outside():
-    np.testing.assert_allclose(
-        computed(bump, np.array([-0.1, 0.0, 0.5, 1.0, 1.1])), [0.0, 0.0, 1.0, 0.0, 0.0], atol=1e-15
-    )
-
-
 def test_pieces_pass_through_their_points_and_meet_smoothly():
     values = np.random.default_rng(0).normal(size=9) + 1e3
     moving = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0])
@@ -114,14 +86,3 @@ def test_pieces_pass_through_their_points_and_meet_smoothly():
     for before, after in itertools.pairwise(range(len(table))):
         np.testing.assert_allclose(ends[before, 1:], starts[after, 1:], atol=1e-6)
     assert starts[1, 1:] == pytest.approx([0.0] * 4, abs=1e-9)
-
-
-def test_a_line_stays_a_line():
-    table = computed(pieces, np.arange(6.0), np.ones(6))
-    r = np.linspace(0.0, 1.0, 5)
-    curve, orders = jax.jit(curve_at), jax.jit(polynomial)
-    for entry in (1, 2, 3):
-        np.testing.assert_allclose(curve(table, np.full(5, entry), r), entry + r, atol=1e-12)
-        _, slope, bend = orders(table[entry][:, None], r)
-        np.testing.assert_allclose(slope, 1.0, atol=1e-10)
-        np.testing.assert_allclose(bend, 0.0, atol=1e-8)

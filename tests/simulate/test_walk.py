@@ -14,7 +14,7 @@ from jgait.simulate import RECORDED, Gait, Person
 from jgait.simulate.feet import LINGER
 from jgait.simulate.footsteps import FIRST
 from jgait.simulate.recorded import limits
-from jgait.simulate.sensors import IDEAL, ImuErrors
+from jgait.simulate.sensors import IDEAL
 from jgait.simulate.shapes import shape_of
 from jgait.simulate.walker import moved, plan, separated, ticks
 from jgait.types import SIDES
@@ -233,6 +233,7 @@ FREE = (
 )  # fmt: skip
 
 
+@pytest.mark.release
 def test_gradients_of_a_signal_loss_equal_finite_differences():
     time = jnp.asarray(np.arange(3.0, 7.0, 0.08))
     base = person(
@@ -259,6 +260,7 @@ def test_gradients_of_a_signal_loss_equal_finite_differences():
         np.testing.assert_allclose(gradient[i], numeric, rtol=1e-5, atol=1e-6 * scale, err_msg=name)
 
 
+@pytest.mark.release
 def test_mapping_over_people_equals_a_loop_and_single_precision_is_close():
     people = [person(stride_length=length, **VARIED) for length in (1.1, 1.3)]
     time = np.arange(2.0, 6.0, 0.05)
@@ -279,14 +281,6 @@ def test_mapping_over_people_equals_a_loop_and_single_precision_is_close():
     for a, b in zip(narrow, jax.jit(of)(steady, time).shank_right.origin, strict=True):
         assert a.dtype == jnp.float32
         np.testing.assert_allclose(a, b, atol=2e-4)
-
-
-def test_equal_keys_give_equal_walks_and_other_keys_others():
-    who = person(**VARIED)
-    walks = [simulated(seed, who, errors=ImuErrors(gyr_noise=0.01)) for seed in (3, 3, 4)]
-    a, b, c = (walk[0].sensors["shank_left"].gyr for walk in walks)
-    assert np.array_equal(a, b)
-    assert a.shape != c.shape or not np.array_equal(a, c)
 
 
 @pytest.mark.parametrize(
@@ -320,15 +314,6 @@ def test_people_climb_stairs_with_a_leg_that_gets_straight(base):
     knee = np.degrees([getattr(truth.estimate.legs, side).knee_angle for side in SIDES])
     stands = (speed < 0.02) & (height > height.min() + 0.1) & (height < height.max() - 0.1)
     assert knee.max() < 110.0 and knee[stands].min() < 25.0
-
-
-def test_a_crouched_walk_begins_and_ends_without_a_squat():
-    who = simulate.walking(Person(), "crouched")
-    _, truth = simulate.recording(jax.random.key(0), simulate.covering(jax.random.key(0), who, STRAIGHT), STRAIGHT)
-    pelvis = stacked(truth.motion.pose.pelvis.origin)[:, 2]
-    assert np.abs(stacked(truth.motion.acceleration.pelvis.origin)[:, 2]).max() < 8.0
-    assert pelvis.min() > pelvis[0] - 0.15
-    assert max(getattr(truth.estimate.legs, side).knee_angle.max() for side in SIDES) < np.radians(95.0)
 
 
 @pytest.mark.parametrize(
@@ -401,36 +386,6 @@ def test_soft_tissue_moves_sensors_over_bones_that_stay_as_they_are():
         assert 1e-3 < apart.max() < 0.06
         assert apart[-1] < 1e-4
         assert np.abs(np.asarray(path.axes)[-1] - axes[-1]).max() < 1e-5
-
-
-def test_legs_turn_out_of_their_plane_as_mirror_images():
-    """Half a stride later, a sensor of the other side turns equally in the plane and oppositely out of it."""
-    seen = simulated(0, person(RECORDED, soft_tissue=1.0, quiet_before=0.53))[0].sensors
-    half = round(0.5 * RECORDED.stride_time * 100.0)
-    begin = 4 * half
-    for kind in ("thigh", "shank", "foot"):
-        first, second = (np.asarray(seen[f"{kind}_{side}"].gyr) for side in ("right", "left"))
-        first, second = first[begin : begin + 2 * half], second[begin + half : begin + 3 * half]
-        np.testing.assert_allclose(second, first * np.array([-1.0, 1.0, -1.0]), atol=2e-3)
-        assert np.abs(first[:, (0, 2)]).max(axis=0).min() > 0.3
-
-
-def test_an_ankle_has_no_soft_tissue():
-    gaits = (RECORDED._replace(steps=3.0, soft_tissue=size) for size in (0.0, 1.0))
-    rigid, soft = (
-        simulate.recording(jax.random.key(1), Person(gait=gait), placements=("ankle_left", "shank_left"))[0].sensors
-        for gait in gaits
-    )
-    np.testing.assert_array_equal(soft["ankle_left"].acc, rigid["ankle_left"].acc)
-    assert np.abs(soft["shank_left"].acc - rigid["shank_left"].acc).max() > 1.0
-
-
-def test_styles_change_how_a_person_moves_and_not_where_the_feet_stand():
-    plain, other = (simulated(0, person(RECORDED, style_1=size))[1] for size in (0.0, 2.0))
-    np.testing.assert_allclose(other.strides.length, plain.strides.length, atol=1e-12)
-    np.testing.assert_allclose(other.strides.end, plain.strides.end, atol=1e-12)
-    knees = [np.rad2deg(truth.estimate.legs.right.knee_angle) for truth in (plain, other)]
-    assert 1.0 < np.abs(knees[0] - knees[1]).max() < 20.0
 
 
 def test_recorded_people_land_with_a_knee_nearly_straight():

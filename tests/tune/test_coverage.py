@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from made.models import LOCAL_LEVEL, Level, Noise
 
 from jgait.filtering import KF, kalman_filter
@@ -15,6 +16,7 @@ def level_loss(params, values):
     return -jnp.sum(kept.log_likelihood)
 
 
+@pytest.mark.release
 def test_intervals_of_noise_variances_cover_the_truth_at_the_nominal_rate():
     """Of 95 % intervals, 300 replicates cover in 87.5 % to 100 % of the cases (6 σ): 85 % would be found out."""
     replicates, samples, truth = 300, 150, np.log([1.0, 1.0])

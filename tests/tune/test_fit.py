@@ -41,12 +41,6 @@ def test_it_finds_the_bottom_of_a_quadratic_averaged_over_the_items():
     assert fit.losses[0] == pytest.approx(np.mean([float(bowl(START, t)) for t in TARGETS]))
 
 
-def test_one_item_needs_no_leading_axis():
-    one = tune.fit(bowl, START, FREE, TARGETS[0], optax.adam(0.1), steps=20, batched=False)
-    many = tune.fit(bowl, START, FREE, TARGETS[:1], optax.adam(0.1), steps=20)
-    np.testing.assert_allclose(one.losses, many.losses, rtol=1e-12)
-
-
 def test_gradient_norms_are_those_of_the_free_coordinates():
     fit = tune.fit(bowl, START, FREE, TARGETS[0], optax.sgd(1e-3), steps=3, batched=False)
     by_hand = [2.0 * (0.5 + 2.0), 2.0 * (1.0 - 2.0) * 1.0, 2.0 * (0.5 - 0.1) * 0.25]
@@ -243,17 +237,13 @@ def test_it_says_so_when_no_step_lowers_the_loss(optimizer):
 
 
 OPTIMIZERS = {
-    "lookahead": optax.lookahead(optax.sgd(0.1), sync_period=5, slow_step_size=0.5),
     "lookahead in a chain": optax.chain(optax.clip(10.0), optax.lookahead(optax.adam(0.1), 5, 0.5, reset_state=True)),
     "several steps": optax.MultiSteps(optax.adam(0.2), 4),
     "noise": optax.chain(optax.add_noise(1e-4, 0.55, key=jax.random.key(0)), optax.adam(0.1)),
-    "noise of a number": optax.noisy_sgd(0.05, eta=1e-4, key=1),
-    "lookahead of noise": optax.lookahead(optax.noisy_sgd(0.05, eta=1e-4, key=jax.random.key(0)), 5, 0.5),
     "line search": optax.lbfgs(),
     "value": optax.polyak_sgd(0.1),
     "plateau": optax.chain(optax.adam(0.1), optax.contrib.reduce_on_plateau(patience=20)),
     "gradient elsewhere": optax.contrib.sam(optax.sgd(0.05), optax.sgd(0.01), opaque_mode=True),
-    "objective": optax.contrib.sophia(0.1),
     "momentum of models": optax.contrib.momo(0.3),
     "a part each": optax.partition({"a": optax.sgd(0.05), "b": optax.adam(0.1)}, Line("a", "b", "b")),
 }

@@ -58,6 +58,7 @@ def test_four_devices_share_six_items(tmp_path):
     close(tmp_path / "four.npz", alone())
 
 
+@pytest.mark.release
 def test_two_processes_share_the_items_and_both_get_the_result(tmp_path):
     two(MESH + FIT, tmp_path / "two.npz", devices=1)
     batches = alone(starts=2, validation=np.arange(6) >= 2, minibatch=2, key=jax.random.key(0))

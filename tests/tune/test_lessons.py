@@ -1,7 +1,5 @@
 """From walks to lessons: what is resampled, padded, stacked and refused, and what is minimised over them."""
 
-import re
-
 import jax
 import numpy as np
 import pytest
@@ -10,7 +8,7 @@ from made import cohort as made_cohort
 from jgait import params, tune
 from jgait.tune.lessons import resampled
 from jgait.tune.losses import TrajectoryWeights
-from jgait.types import Feet, FootTrajectory, RecordingError, Walk
+from jgait.types import RecordingError, Walk
 
 
 def body(walk: Walk) -> dict[str, float]:
@@ -44,16 +42,6 @@ def test_walks_of_different_length_are_stacked_with_their_references(made):
     assert set(made.data.reference.diagnostics) == {"offset"}
 
 
-def test_lessons_say_who_was_left_out(made):
-    """A person of whom fewer measures are known than of most is one that `evaluate.cohort` uses."""
-    found = tune.lessons(
-        made_cohort.FAKE, [made_cohort.walk(i) for i in (1, 2, 3)],
-        own=lambda walk: body(walk) if walk.info["number"] != 2 else {},
-    )  # fmt: skip
-    assert repr(made) == "Lessons(3 walks of 3 people)"
-    assert re.fullmatch(r"Lessons\(2 walks of 2 people; 1 left out, walk_002: .*it lacks own\W+offset.*\)", repr(found))
-
-
 def test_a_walk_has_what_the_losses_ask_for_or_is_refused_in_words():
     whole = made_cohort.walk(1)
     kept = tune.asked(whole, ["stride_length"]).reference
@@ -63,37 +51,6 @@ def test_a_walk_has_what_the_losses_ask_for_or_is_refused_in_words():
     assert tune.asked(whole, ["likelihood"]).reference is None
     with pytest.raises(RecordingError, match="position needs a reference with feet"):
         tune.asked(whole, ["stride_length", "position"])
-
-
-def test_feet_and_the_strides_fields_that_all_references_have_go_along():
-    walks = []
-    for number, more in ((1, ("speed", "turn")), (2, ("speed",))):
-        walk = made_cohort.walk(number)
-        time, strides = walk.reference.time, walk.reference.strides
-        place = np.stack([time, 2.0 * time, 0.0 * time], axis=1)
-        half = 0.2 * time  # the quaternion's sign is arbitrary from sample to sample
-        sign = np.where(np.arange(time.size) % 3 == 0, -1.0, 1.0)
-        attitude = sign[:, None] * np.stack([np.cos(half), 0.0 * half, 0.0 * half, np.sin(half)], axis=1)
-        strides = strides._replace(**{name: np.full(strides.length.size, 1.2) for name in more})
-        feet = Feet(FootTrajectory(place, None, attitude), None)
-        walks.append(walk._replace(reference=walk.reference._replace(strides=strides, feet=feet)))
-    bare = made_cohort.walk(3)
-    feet = walks[0].reference.feet
-    found = tune.lessons(made_cohort.FAKE, [*walks, bare])
-    assert "it lacks" in dict(found.failures)["walk_003"] and found.names == ("walk_001", "walk_002")
-    rows = found.data.reference.strides
-    assert rows.turn is None and rows.standing is None
-    assert rows.speed.shape == rows.length.shape == rows.valid.shape
-    for number, walk in enumerate(walks):
-        count = walk.reference.strides.length.size
-        assert (rows.speed[number, :count] == 1.2).all() and not rows.valid[number, count:].any()
-    samples = walks[0].reference.time.size
-    assert found.data.reference.feet.right.position.shape == (2, found.data.look.shape[1], 3)
-    np.testing.assert_array_equal(found.one(0).reference.feet.right.position[:samples], feet.right.position)
-    middle = walks[0].reference.time[:-1] + 0.005
-    turned = resampled(walks[0].reference, middle).feet.right.orientation
-    wanted = np.stack([np.cos(0.2 * middle), np.sin(0.2 * middle)], axis=1)
-    np.testing.assert_allclose(np.abs(np.sum(turned[:, [0, 3]] * wanted, axis=1)), 1.0, atol=1e-9)
 
 
 def test_one_bad_walk_costs_no_other():
@@ -120,13 +77,6 @@ def test_without_references_all_can_be_used():
     found = tune.lessons(made_cohort.FAKE, walks, reference=False)
     assert found.names == ("walk_001", "walk_002")
     assert found.data.reference is None
-
-
-def test_too_long_for_the_samples_asked_for():
-    sizes = [made_cohort.walk(i).reference.time.size for i in (1, 2)]
-    found = tune.lessons(made_cohort.FAKE, [made_cohort.walk(i) for i in (1, 2)], samples=min(sizes))
-    assert len(found.names) == 1
-    assert "more than" in found.failures[0][1]
 
 
 def test_nothing_to_learn_from():
@@ -211,14 +161,6 @@ def test_terms_that_are_not_known():
 def test_weights_are_positive_numbers(weight):
     with pytest.raises(ValueError, match=f"the weight of 'distance' must be a positive number; got {weight}"):
         tune.objective(made_cohort.FAKE, None, {"distance": weight})
-
-
-def test_lessons_of_one_person_have_one_name():
-    walks = [made_cohort.walk(i) for i in (1, 2, 3)]
-    named = [
-        w._replace(recording=w.recording._replace(subject=n)) for w, n in zip(walks, ("Al", "al ", "B"), strict=True)
-    ]
-    assert tune.lessons(made_cohort.FAKE, named).subjects == ("Al", "Al", "B")
 
 
 def test_equal_objectives_are_one_to_what_keeps_programs():

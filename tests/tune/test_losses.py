@@ -134,18 +134,6 @@ def test_stride_lengths_are_read_off_the_distance_between_the_strides_ends():
         losses.stride(walked, walked, "length")
 
 
-def test_only_strides_in_which_a_body_goes_as_far_as_the_foot_are_read_off_the_distance():
-    walked = estimate(distance=0.1 * np.arange(T))  # 5 m/s
-    table = rows([0.0, 0.02, 0.04], [0.02, 0.04, 0.09], [0.05, 0.1, 0.25], np.ones(3, bool))
-    whole = estimate()._replace(strides=table)
-    assert float(stride(walked, whole, "length")) == pytest.approx(0.0, abs=1e-12)  # the first is short
-    standing = whole._replace(strides=table._replace(length=np.full(3, 0.2), final_contact=np.zeros(3)))
-    assert np.isnan(losses.stride(walked, standing._replace(strides=standing.strides._replace(start=np.full(3, 0.01))),
-                           "length", empty=np.nan))  # fmt: skip
-    known = whole._replace(distance=0.1 * np.arange(T), strides=table._replace(length=np.array([0.3, 0.105, 0.26])))
-    assert float(stride(walked, known, "length")) == pytest.approx((0.005**2 + 0.01**2) / 2)
-
-
 def several(shift=0.0, **fields):
     """Four strides of both feet in turns; the third is no stride."""
     start = np.arange(4) * 0.6

@@ -56,17 +56,6 @@ def test_a_flat_profile_is_reported():
     close(found.params.a1 * found.params.rollover_radius, np.full(4, 1.2), rtol=1e-3)
 
 
-def test_a_profile_may_have_one_end_only():
-    def loss(params, item):
-        return item / params.scale  # any scale that is large enough
-
-    found = profile(loss, Gauss(0.0, 1.0), Gauss(fixed, positive), np.ones(1), "scale",
-                    np.geomspace(0.05, 1000.0, 200), optax.sgd(0.1))  # fmt: skip
-    low, high = found.interval()
-    assert high is None
-    assert low == pytest.approx(1.0 / (Z**2 / 2.0 + 1e-3), rel=1e-3)
-
-
 def test_steps_into_the_void_are_taken_back_and_values_in_the_void_are_outside_the_interval():
     def loss(params, item):  # not a number where mean or scale are above 1.5
         bad = (params.mean > 1.5) | (params.scale > 1.5)

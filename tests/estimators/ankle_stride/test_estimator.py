@@ -106,7 +106,7 @@ def test_mounting_changes_nothing(straight):
             np.testing.assert_allclose(getattr(turned.strides, name), getattr(plain.strides, name), atol=1e-6)
 
 
-@pytest.mark.parametrize("at", np.arange(0.0, 1.1, 0.1))
+@pytest.mark.parametrize("at", [0.0, 0.3, 0.6, 0.9])
 def test_a_recording_that_begins_and_ends_in_walking_and_a_sensor_that_stops_in_it(at):
     recording = shank(strides=8).recording
     whole = ankle_stride.estimate(P, cut(recording, 1.9 + at, 1.9 + at + 5.49))
@@ -116,15 +116,6 @@ def test_a_recording_that_begins_and_ends_in_walking_and_a_sensor_that_stops_in_
     for estimate in (whole, stops):
         assert 4 <= len(estimate.strides.length) <= 5
         np.testing.assert_array_less(abs(estimate.strides.length - 1.2), 3.0 * estimate.strides_stddev.length)
-
-
-def test_a_stride_of_which_much_is_lost_is_left_out():
-    made = shank(strides=5)
-    estimate = ankle_stride.estimate(P, without(made.recording, made.lift_off[2] + 0.05, 0.3))  # of the third swing
-    np.testing.assert_allclose(estimate.strides.length, made.length[[0, 1, 3, 4]], atol=0.03)
-    assert "more than 0.25 s of it, or the stance before or after, is lost" in " ".join(
-        texts(estimate.diagnostics["notes"])
-    )
 
 
 def test_swings_too_small_to_be_strides_are_noted():
@@ -170,6 +161,7 @@ def test_lost_samples_and_clipped_swings_are_noted():
 METHODS = {"3d": 0.02, "sl1": 0.7, "sl2": 0.7}
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("method", METHODS)
 def test_the_papers_methods_measure_and_state_no_deviations(method):
     made = shank()

@@ -7,12 +7,11 @@ import pytest
 from made.estimators import without
 from made.notes import of_code
 from made.shank import shank
-from made.trunk import cut, imu_of
+from made.trunk import cut
 from made.trunk import walk as trunk_walk
 
 import jgait
 from jgait import simulate
-from jgait.estimators import ankle_stride
 from jgait.estimators.combined.alike import SIDES_UNLIKE, with_sides_unlike
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.sides import of_turns
@@ -26,8 +25,7 @@ def over_losses(found):
     return [note.values for note in of_code(found.notes, "distance_over_loss")]
 
 
-@pytest.mark.parametrize("seconds", [1.5, 4.0])
-@pytest.mark.parametrize("begin", [6.0, 6.5])
+@pytest.mark.parametrize(("begin", "seconds"), [(6.0, 1.5), (6.5, 4.0)])
 def test_a_loss_in_walking_is_walked_through(begin, seconds):
     made = shank(strides=STRIDES)
     found = jgait.analyse(without(made.recording, begin, seconds))
@@ -40,11 +38,11 @@ def test_a_loss_in_walking_is_walked_through(begin, seconds):
     assert np.all(np.diff(found.estimate.distance) > -1e-9)
 
 
-@pytest.mark.parametrize("seconds", [0.15, 0.2, 0.3, 0.45])
+@pytest.mark.parametrize("seconds", [0.2, 0.45])
 def test_a_short_loss_at_any_phase_of_a_stride_takes_nothing_away(seconds):
     """A stance that is lost, or that is cut off between push-off and swing, begins and ends no stride."""
     made = shank(strides=STRIDES)
-    for begin in np.arange(6.0, 7.3, 0.08):
+    for begin in np.arange(6.0, 7.3, 0.16):
         found = jgait.analyse(without(made.recording, begin, seconds)).estimate
         distance, deviation = found.distance[-1], found.diagnostics["distance_stddev"][-1]
         assert abs(distance - STRIDES * LENGTH) < 3.0 * deviation < 0.3 * STRIDES * LENGTH, begin
@@ -72,15 +70,6 @@ def test_a_loss_after_the_last_stride_counts_in_the_deviation_alone():
     assert found.estimate.diagnostics["distance_stddev"][-1] > whole.diagnostics["distance_stddev"][-1] + 0.3
 
 
-@pytest.mark.parametrize("begin", [2.0, 2.6, 3.2])
-def test_few_strides_beside_a_loss_state_a_speed_all_the_same(begin):
-    """Of strides from and to standing no speed is known; then the usual one is taken."""
-    made = shank(strides=6, length=[0.6, 1.2, 1.2, 1.2, 1.2, 0.6])
-    found = jgait.analyse(without(made.recording, begin, 2.5))
-    distance, deviation = found.estimate.distance[-1], found.estimate.diagnostics["distance_stddev"][-1]
-    assert abs(distance - 6.0) < 2.0 * deviation
-
-
 PERIOD_S = 1.1
 
 
@@ -91,7 +80,7 @@ def cuts(notes):
     return [found.get(code, 0.0) for code in kinds]
 
 
-@pytest.mark.parametrize("at", [0.0, 0.25, 0.5, 0.75, 1.0])
+@pytest.mark.parametrize("at", [0.0, 0.25, 0.75])
 def test_what_is_cut_off_counts_in_the_distance(at):
     """The walk is the same in each period, so five periods are five strides, wherever they begin."""
     first = 2.5 + at
@@ -104,21 +93,6 @@ def test_what_is_cut_off_counts_in_the_distance(at):
     assert of_code(found.notes, "distance_extended")
     assert found.estimate.distance[0] == pytest.approx(0.0, abs=1e-9)
     assert np.all(np.diff(found.estimate.distance) > -1e-9)
-
-
-def test_standing_at_both_ends_cuts_nothing():
-    made = shank(strides=5)
-    found = jgait.analyse(made.recording)
-    assert cuts(found.notes) == [0.0, 0.0]
-    np.testing.assert_allclose(found.estimate.distance[-1], 5 * LENGTH, atol=0.02)
-
-
-def test_one_end():
-    made = shank(strides=6).recording
-    for first, last, number in ((2.75, np.inf, 0), (0.0, imu_of(made).time[-1] - 2.8, 1)):
-        estimate = ankle_stride.estimate(ankle_stride.AnkleParams(), cut(made, first, last))
-        found = cuts(estimate.diagnostics["notes"])
-        assert found[number] > 0.2 and found[1 - number] == 0.0
 
 
 def test_the_way_of_a_turn_lies_between_chord_and_arc():

@@ -1,22 +1,19 @@
 """Leg angles while gyroscopes sleep: the truth, what is hidden, flags, energies, bad input, and what every one owes."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from made.estimators import altered, hidden, part, times, without
+from made.estimators import altered, hidden, part, times
 from made.notes import texts
 
 from experiments.common import protocols
-from jgait import estimators, io, simulate
+from jgait import io, simulate
 from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
 from jgait.duty_cycle.power import Schedule
 from jgait.duty_cycle.recording import fill_recording, gyroscope_masks
 from jgait.estimators import duty_cycled_gyro, leg_ekf
-from jgait.estimators.duty_cycled_gyro import DEFAULT, PAPER, DutyCycledOptions, DutyCycledParams
-from jgait.estimators.duty_cycled_gyro.estimator import _fill, _finished, _legs, _planar
-from jgait.params import names
+from jgait.estimators.duty_cycled_gyro import DEFAULT, DutyCycledOptions, DutyCycledParams
 from jgait.simulate.sensors import IDEAL
 from jgait.types import SIDES, RecordingError
 
@@ -109,11 +106,6 @@ def test_what_a_schedule_hides_is_looked_at_nowhere(walk, sleepy):
         np.testing.assert_array_equal(one.sensors[name].gyr, other.sensors[name].gyr)
 
 
-def test_lost_samples_are_not_measured(walk):
-    told = duty_cycled_gyro.estimate(P, without(shank_only(walk[0]), 300 / RATE, 6 / RATE))
-    assert np.all(told.diagnostics["how_shank_right"][300:306] != MEASURED)
-
-
 def test_before_two_strides_rates_are_held_and_flagged(walk, always):
     early = duty_cycled_gyro.estimate(P, walk[0], SLEEPY._replace(warm_up=3.8))
     how, rate = (np.asarray(early.diagnostics[f"{what}_shank_right"]) for what in ("how", "gyro"))
@@ -131,33 +123,8 @@ def test_before_two_strides_rates_are_held_and_flagged(walk, always):
     assert not any(note.code == "rate_held" for note in always.diagnostics["notes"])
 
 
-@pytest.mark.parametrize("strides_a_second", [1.0, 1.45])
-def test_running_is_noted_from_the_cycles_of_the_knee(walk, always, strides_a_second):
-    prepared = duty_cycled_gyro.prepared(walk[0], SLEEPY)
-    knee = np.deg2rad(35.0 - 30.0 * np.cos(2.0 * np.pi * strides_a_second * always.time))
-    legs = jax.tree.map(lambda _: knee, always.legs)
-    told = _finished(SLEEPY, always._replace(legs=legs), prepared).diagnostics["notes"]
-    quick = [note.values["placement"] for note in told if note.code == "strides_quick"]
-    assert quick == (["shank_right", "shank_left"] if strides_a_second > 4.0 / 3.0 else [])
-
-
 def shank_only(recording):
     return recording._replace(sensors={"shank_right": recording.sensors["shank_right"]})
-
-
-MOVED = ("shank_place", "angle_noise", "velocity_closure", "swing_noise", "filled_noise")
-OF_FILLER = ("bandwidth", "history_s")
-
-
-def with_values(values):
-    """The usual parameters with some of them changed."""
-    changed = {name: values[name] for name in MOVED}
-    return P._replace(filler=P.filler._replace(**{name: values[name] for name in OF_FILLER}), **changed)
-
-
-def usual():
-    own = {name: jnp.asarray(getattr(P, name), float) for name in MOVED}
-    return own | {name: jnp.asarray(getattr(P.filler, name), float) for name in OF_FILLER}
 
 
 def test_a_shank_alone_has_an_angle_and_no_joints(walk, always):
@@ -168,34 +135,6 @@ def test_a_shank_alone_has_an_angle_and_no_joints(walk, always):
     slept = found.valid & (found.time > WARM)
     stated = found.diagnostics["angle_stddev_shank_right"]
     assert np.sqrt(np.mean((error[slept] / stated[slept]) ** 2)) < 1.2
-
-
-def test_filled_rates_and_their_variance_have_the_same_derivative_forward_and_in_reverse(walk):
-    """Of the filling and its variance; the reverse mode through the Kalman filter takes the compiler a minute."""
-    made = duty_cycled_gyro.prepared(shank_only(walk[0]), SLEEPY)
-    inputs = jax.tree.map(jnp.asarray, made.inputs)
-
-    def told(values):
-        p = with_values(values)
-        filled = _fill(p, inputs.right.shank, None, inputs.valid, made.options)
-        seen = _planar(p, inputs.right.shank, filled, 0.0 * inputs.dt, inputs.dt)
-        return jnp.mean((seen.gyr - 0.3) ** 2 + seen.excess)
-
-    at = usual()
-    way = {name: here * (1.0 + 0.1 * k) for k, (name, here) in enumerate(sorted(at.items()))}
-    backwards = jax.jit(jax.grad(told))(at)
-    forwards = jax.jit(lambda a, w: jax.jvp(told, (a,), (w,))[1])(at, way)
-    assert float(forwards) == pytest.approx(sum(float(backwards[n] * way[n]) for n in at), rel=1e-9)
-    assert all(abs(float(backwards[name])) > 0.0 for name in (*OF_FILLER, "filled_noise"))
-
-
-def test_parameters_have_units_ranges_and_a_persons_own_lengths():
-    ranges = estimators.get("duty_cycled_gyro").transforms
-    assert {name.split(".")[0] for name in names(ranges)} == set(DutyCycledParams._fields)
-    found = estimators.get("duty_cycled_gyro", DEFAULT._replace(filler="ridge"))
-    assert found.name == "duty_cycled_gyro" and found.params.filler._fields == found.transforms.filler._fields
-    own = found.own(found.params, {"thigh_length": (0.4, 0.41), "shank_length": 0.45})
-    assert own.thigh_length == (0.4, 0.41) and own.shank_length == (0.45, 0.45)
 
 
 def test_a_filled_recording_is_taken_by_others(walk):
@@ -263,23 +202,6 @@ def test_recordings_and_masks_that_do_not_fit_are_refused(walk):
         duty_cycled_gyro.estimate(P, recording, DEFAULT._replace(filler="ridge"))
     with pytest.raises(ValueError, match="parameter 'filled_noise' must lie in"):
         duty_cycled_gyro.estimate(P._replace(filled_noise=-1.0), recording)
-
-
-def test_the_papers_pipeline_is_an_option(walk, monkeypatch):
-    made = duty_cycled_gyro.prepared(shank_only(walk[0]), PAPER._replace(schedule=0.5))
-    assert made.options.filler == "replicate"
-    given = {}
-
-    def spy(p, inputs, felt, method):
-        given.update(inputs=inputs)
-        raise StopIteration
-
-    monkeypatch.setattr(duty_cycled_gyro.duty_model, "run", spy)
-    with pytest.raises(StopIteration):
-        _legs(duty_cycled_gyro.params_of(PAPER), made.inputs, made.options)
-    assert given["inputs"].thigh is None
-    how = np.asarray(given["inputs"].shank.gyro_on)
-    assert how.sum() > 0 and np.max(np.asarray(given["inputs"].shank.excess)[made.inputs.right.shank.on]) < 0.1
 
 
 def test_a_file_whose_gyroscope_slept_keeps_its_accelerometer(walk, tmp_path):

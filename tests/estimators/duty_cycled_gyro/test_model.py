@@ -8,7 +8,7 @@ import strapdown
 from made.observability import observability_matrix, observability_rank
 
 from experiments.common import protocols
-from jgait import filtering, simulate
+from jgait import simulate
 from jgait.duty_cycle import power
 from jgait.estimators import leg_ekf
 from jgait.estimators.duty_cycled_gyro import model as duty_model
@@ -22,7 +22,7 @@ from jgait.estimators.duty_cycled_gyro.model_params import (
     ThighObservation,
     ThighState,
 )
-from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams, levers
+from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams
 from jgait.geometry.vectors import GRAVITY
 from jgait.simulate.sensors import IDEAL
 
@@ -115,27 +115,6 @@ def test_every_state_is_observable_and_only_the_bias_is_lost_with_the_gyroscope(
         np.testing.assert_allclose(rows @ bias, 0.0, atol=1e-12)
 
 
-def linearised(function, state):
-    """Jacobian of a function of a state tuple, by columns."""
-    flat = jnp.asarray(list(state))
-    return np.asarray(jax.jacfwd(lambda x: jnp.stack([*map(jnp.asarray, function(type(state)(*x)))]))(flat))
-
-
-@pytest.mark.parametrize("number", [0, 1])
-def test_the_noise_over_two_intervals_is_that_of_each(number):
-    """Q(2T) = A Q(T) Aᵀ + Q(T), as white noise has it."""
-    model, state = BOTH[number]
-    a = linearised(lambda s: model.transition(LINK, s, CONTROL, T), state)
-
-    def noise(which, p, dt):
-        return np.asarray(which.transition_noise(p, state, None, dt).dense())
-
-    once = noise(model, LINK, T)
-    np.testing.assert_allclose(a @ once @ a.T + once, noise(model, LINK, 2 * T), rtol=1e-10, atol=1e-18)
-    scale = 1.0 / np.sqrt(np.diag(once))
-    assert np.linalg.eigvalsh(scale[:, None] * once * scale[None, :]).min() > 1e-3
-
-
 def test_the_observation_is_that_of_a_swinging_link():
     """Position, velocity and specific force of both sensors from the angles by autodiff alone."""
 
@@ -190,40 +169,3 @@ def test_a_gap_widens_the_belief_and_the_truth_stays_in_it(walk, integrated, gap
     assert np.sqrt(np.mean((found.shank.rate - rate)[off] ** 2)) < 0.8 * np.sqrt(np.mean(rate[off] ** 2))
     walking = ~prepared.still
     assert float(jnp.mean(found.shank.rate_stddev[off])) > 10.0 * float(jnp.mean(found.shank.rate_stddev[walking & on]))
-
-
-def test_samples_that_are_less_sure_weigh_less(walk, gaps):
-    prepared, p = walk
-    on, inputs, found = gaps
-    filled = inputs.shank._replace(
-        gyro_on=jnp.ones_like(inputs.shank.gyro_on), excess=jnp.asarray(np.where(on, 0.0, 0.25))
-    )
-    sure = RUN(p, inputs._replace(shank=filled))
-    off = ~on & ~prepared.still
-    assert float(jnp.mean(sure.shank.rate_stddev[off])) < 0.6
-    assert np.all(sure.shank.rate_stddev[off] < found.shank.rate_stddev[off])
-
-
-def test_sample_by_sample_is_the_same(walk, gaps):
-    _, p = walk
-    _, inputs, found = gaps
-    link = duty_model.link_params(p, levers(p)[0])
-    belief = duty_model.thigh_standing(link, 0.0, inputs.thigh.bias, inputs.start_variance)
-
-    @jax.jit
-    def after(belief, segment, dt, still, valid):
-        told, control, mask = duty_model.observe(p, segment, dt, still, valid)
-        return filtering.step(duty_model.THIGH, link, belief, told, control=control, dt=dt, mask=mask).belief
-
-    inputs = jax.tree.map(np.asarray, inputs)
-    for k in range(130):
-        segment = jax.tree.map(lambda v, k=k: v[k] if np.ndim(v) else v, inputs.thigh)
-        belief = after(belief, segment, inputs.dt[k], inputs.still[k], inputs.valid[k])
-    assert float(belief.mean.angle) == pytest.approx(float(found.thigh.angle[129]), abs=1e-10)
-    assert float(belief.cov.stddev().rate) == pytest.approx(float(found.thigh.rate_stddev[129]), rel=1e-8)
-
-
-def test_bad_input_is_refused_with_the_reason(walk):
-    prepared, p = walk
-    with pytest.raises(ValueError, match="need a thigh or a shank sensor; got neither"):
-        duty_model.run(p, inputs_of(prepared)._replace(thigh=None, shank=None))

@@ -34,32 +34,3 @@ def test_a_sensor_that_was_put_on_anew_is_named_and_one_that_stays_is_not(degree
     for note in notes:
         assert note.values["degrees"] == pytest.approx(degrees, abs=1.0)
         assert note.values["at_s"] == pytest.approx(at, abs=6.0)
-
-
-@pytest.mark.parametrize("swapped", [True, False])
-def test_after_both_sensors_were_exchanged_in_a_pause_the_side_of_a_stride_is_not_known(swapped):
-    person = simulate.person_of(simulate.population(jax.random.key(3), 1, recorded=False), 0)
-    walked, truth = simulate.with_breaks(
-        jax.random.key(4), person, [simulate.straight(15.0)] * 2, [5.0], OPAL, placements=("foot_right", "foot_left")
-    )
-    at, turn = pause_of(truth), Rotation.from_euler("x", 60.0, degrees=True)
-    feet = walked.sensors
-    later = (feet["foot_left"].time > at)[:, None]
-    # the left sensor leans by 60° more, until they change places, or both are turned about
-    over = Rotation.from_euler("x", 120.0, degrees=True)
-    changed = {}
-    for own, mate, mount in (("foot_right", "foot_left", None), ("foot_left", "foot_right", turn)):
-        imu, source = feet[own], feet[mate if swapped else own]
-        after = over if not swapped else turn if mount is None else Rotation.identity()
-        before = Rotation.identity() if mount is None else mount
-        changed[own] = imu._replace(**{
-            name: np.where(later, after.apply(getattr(source, name)), before.apply(getattr(imu, name)))
-            for name in ("gyr", "acc")
-        })  # fmt: skip
-    found = foot_ins.estimate(FootParams(), walked._replace(sensors=changed))
-    notes = found.diagnostics["notes"]
-    assert len(of_code(notes, "leans_otherwise")) == 2
-    assert len(of_code(notes, "shoes_exchanged")) == swapped
-    if swapped:
-        assert of_code(notes, "shoes_exchanged")[0].values["at_s"] == pytest.approx(at, abs=0.1)
-        np.testing.assert_array_equal(found.diagnostics["side_unknown"], np.asarray(found.strides.end) > at)

@@ -8,7 +8,6 @@ from made.rates import changed, factors_of
 import jgait
 from jgait import simulate
 from jgait.estimators import foot_ins
-from jgait.estimators.foot_ins.closure import gyroscope_scale
 from jgait.simulate.sensors import MPU6000
 
 FEET = ("foot_right", "foot_left")
@@ -50,12 +49,3 @@ def test_a_wrong_rate_of_all_sensors_makes_the_other_sensors_uncertain_too(walk)
     assert stddev > 3.0 * before
     short = abs(float(gait.estimate.distance[-1] - truth.estimate.distance[-1]))
     assert short < 2.0 * float(np.ravel(gait.estimate.diagnostics["distance_stddev"])[-1])
-
-
-def test_what_says_nothing_gives_no_scale():
-    hz, footholds = 100.0, np.arange(0, 1200, 110)
-    rest = np.tile([0.0, 0.0, 9.8], (1200, 1))
-    none = np.zeros(1200, bool)
-    assert gyroscope_scale(np.zeros((1200, 3)), rest, footholds, none, hz) is None  # never turns
-    assert gyroscope_scale(np.zeros((1200, 3)), rest, footholds[:4], none, hz) is None  # too few strides
-    assert gyroscope_scale(np.ones((1200, 3)), rest, footholds, ~none, hz) is None  # nothing measured

@@ -2,7 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made.estimators import hidden, part, without
+from made.estimators import hidden, without
 from made.foot import foot
 from made.notes import texts
 from made.trunk import rotation, worn
@@ -10,11 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from jgait import estimators, simulate, tune
 from jgait.estimators import foot_ins
-from jgait.estimators.foot_ins import FootOptions, FootParams, readout
+from jgait.estimators.foot_ins import FootOptions, FootParams
 from jgait.estimators.foot_ins import windows as foot_windows
-from jgait.estimators.foot_ins.params import TEXTBOOK
 from jgait.estimators.stride_flags import marks
-from jgait.events.rest import rest
 from jgait.geometry.vectors import Vector
 from jgait.simulate.sensors import MPU6000
 from jgait.types import Imu, Recording, RecordingError, Walk
@@ -112,6 +110,7 @@ def test_a_foot_that_rolls_over_the_ground_needs_the_pivot():
     assert errors[0.08] < 0.5 * errors[0.0]
 
 
+@pytest.mark.release
 def test_the_filter_can_take_the_ground_as_level():
     made = foot(strides=6, seed=2)
     strides = estimated(made, options=FootOptions(level=True)).strides
@@ -144,19 +143,6 @@ def test_a_fixed_detector_instead_of_the_adaptive_one(straight):
 def test_options_that_are_none_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
         foot_ins.estimator(FootOptions(**options))
-
-
-def test_the_stated_deviation_follows_the_innovations():
-    variance, turn = 0.02**2, jnp.zeros(5)
-    nis = jnp.array([0.0, 0.0625, 0.25, 1.0, 4.0])
-    ratio = readout.stated(variance, nis, turn, 0.0) / 0.02
-    np.testing.assert_allclose(ratio, [readout.LEAST_NIS**0.25, 0.5, 0.25**0.25, 1.0, 2.0], rtol=1e-6)
-    long = readout.stated(jnp.full(5, 0.5**2), nis, turn, 0.0)
-    assert np.all(long > 0.99 * 0.5 * np.sqrt(np.maximum(nis, 1.0)))
-    turned = readout.stated(variance, nis, turn + 1.0, 0.0)
-    np.testing.assert_allclose(turned, np.hypot(0.02 * ratio, readout.TURN_NOISE), rtol=1e-6)
-    lost = readout.stated(variance, nis, turn, variance) / 0.02
-    np.testing.assert_allclose(lost, np.sqrt(np.maximum(nis, 1.0)), rtol=1e-6)
 
 
 def with_hole(made, after, seconds):
@@ -194,11 +180,6 @@ def test_both_feet_share_a_program_and_an_estimate(straight):
     for side in (0, 1):
         np.testing.assert_allclose(both.strides.length[both.strides.side == side], plain.strides.length, atol=1e-9)
     np.testing.assert_allclose(both.distance, plain.distance, atol=1e-9)
-
-
-def test_the_pivot_is_a_measure_of_the_person_and_the_textbook_has_none():
-    assert estimators.get("foot_ins").own(FootParams(), {"pivot_height": 0.1}).pivot_height == 0.1
-    assert TEXTBOOK.pivot_height == 0.0
 
 
 def changed(**fields):
@@ -253,6 +234,7 @@ def test_strides_of_a_shuffling_foot_have_turns_and_angles():
     assert np.all(long.contact_angle > 0.05)
 
 
+@pytest.mark.release
 def test_a_foot_that_only_steps_in_place_has_finite_gradients():
     walk = Walk(foot(strides=4, length=0.03, mount=rotation()).recording, None, {})
     lesson = tune.lessons(estimators.get("foot_ins"), [walk], reference=False).one(0)
@@ -267,37 +249,7 @@ def test_a_foot_that_only_steps_in_place_has_finite_gradients():
     assert np.all(np.isfinite(jax.tree.leaves(slope)))
 
 
-def test_rest_weighs_windows_by_their_length():
-    rng = np.random.default_rng(0)
-    gyr = rng.normal(scale=0.005, size=(2000, 3)) + np.array([0.02, 0.0, -0.01])
-    gyr[400:1500] += 3.0 * np.sin(np.arange(1100) / 10.0)[:, None]
-    acc = np.tile([0.0, 0.0, 9.9], (2000, 1))
-    found = rest(gyr, acc, np.ones(2000, bool), 100.0)
-    np.testing.assert_allclose(found.gyr_bias, [0.02, 0.0, -0.01], atol=1e-3)
-    assert found.force == pytest.approx(9.9)
-    assert found.time > 4.0
-
-
-def test_the_fast_trial_and_the_slow_one_within_what_was_measured(data):
-    """Of their first 20 s."""
-
-    def begun(name):
-        (walk,) = data("pyshoe_vicon", name)
-        return walk, foot_ins.estimate(FootParams(), part(walk.recording, slice(4096)))
-
-    walk, estimate = begun("2017-11-22-11-22-03")
-    marks = walk.info["footprints"]
-    reached = marks["position"][marks["time"] < estimate.time[-1], :2]
-    true = np.linalg.norm(np.diff(reached, axis=0), axis=1)
-    assert len(estimate.strides.length) == len(true) > 10
-    assert np.median(np.abs(estimate.strides.length - true)) < 0.01
-    # a foot that is lifted slowly to half a metre again and again, and set down where it stood
-    walk, estimate = begun("2018-02-09-11-16-53")
-    path = estimate.feet.right.position
-    true = walk.reference.feet.right.position[walk.reference.time < estimate.time[-1]]
-    assert np.all(np.abs(np.ptp(path, axis=0) - np.nanmax(true, axis=0) + np.nanmin(true, axis=0)) < 0.12)
-
-
+@pytest.mark.release
 def test_a_recording_in_windows_is_that_of_one_run(monkeypatch):
     made = foot(strides=26, length=1.1, turns=[0.12] * 26, bias=(0.01, -0.01, 0.02), seed=4, stance=0.45)
     whole = foot_ins.estimate(STILL, made.recording)
@@ -351,7 +303,7 @@ def test_strides_whose_impacts_are_clipped_for_one_sample_are_less_certain():
     assert np.mean(np.abs(far) > 3.0) < 0.1
 
 
-@pytest.mark.parametrize("scale", [1.0, 1.05, 0.96])
+@pytest.mark.parametrize("scale", [1.0, 0.96])
 def test_an_accelerometer_is_scaled_by_stances_in_a_walk_without_rest(scale):
     """A part of a walk was in doubt as a whole for a scale that is usual and that rest would have shown."""
     key, way = jax.random.key(4), simulate.straight(12.0)

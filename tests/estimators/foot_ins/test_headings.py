@@ -45,28 +45,6 @@ def test_feet_that_go_together_stay_as_they_are_and_a_common_drift_is_not_seen(d
     assert abs(found.right - found.left) < most
 
 
-def test_a_straight_walk_of_few_strides_says_little_and_changes_little():
-    time, ways, steps = walked((-3e-3, 2e-3), turn_at=STRIDES)
-    short = [own[:7] for own in steps]
-    found = headings.rates(time, ways, short, (2e-3, 2e-3))
-    assert found.remaining > 0.8
-    assert abs(found.right) < 1e-3
-
-
-def test_feet_that_never_leave_the_place_change_nothing():
-    time, ways, steps = walked()
-    found = headings.rates(time, [0.0 * way for way in ways], steps, (2e-3, 2e-3))
-    assert found.right == found.left == 0.0
-    assert found.remaining == pytest.approx(1.0)
-
-
-def test_ways_that_contradict_each_other_and_few_footholds_are_left_alone():
-    time, ways, steps = walked((0.0, 0.04))
-    assert headings.rates(time, ways, steps, (2e-3, 2e-3)) is None
-    time, ways, steps = walked()
-    assert headings.rates(time, ways, [steps[0][:5], steps[1]], (2e-3, 2e-3)) is None
-
-
 @pytest.fixture(scope="module")
 def real():
     if not datasets.available("gaitmap_example"):

@@ -11,6 +11,7 @@ from jgait.estimators.foot_ins import FootParams
 from jgait.types import Walk
 
 ESTIMATOR = foot_ins.estimator()
+LIKELIHOOD = jax.jit(ESTIMATOR.likelihood, static_argnums=2)
 
 
 @pytest.fixture(scope="module")
@@ -30,13 +31,13 @@ def blow(recording, size):
 
 def test_one_sample_in_a_tenth_of_a_second_counts(recording):
     made = ESTIMATOR.prepare(recording)
-    told = jax.jit(lambda inputs: ESTIMATOR.likelihood(FootParams(), inputs, made.options))
     whole = made.inputs._replace(time=made.inputs.time + 0.003)  # no sample at a multiple of .1 s
     stands, first = whole.right.stands, np.diff(np.floor(whole.time / 0.1), prepend=-1.0) != 0.0
     sparse, other = (whole._replace(right=whole.right._replace(stands=stands & some)) for some in (first, ~first))
-    assert np.isfinite(told(whole))
-    np.testing.assert_allclose(told(sparse), told(whole), rtol=1e-12)
-    assert told(other) == pytest.approx(0.0, abs=1e-12)
+    values = [LIKELIHOOD(FootParams(), inputs, made.options) for inputs in (whole, sparse, other)]
+    assert np.isfinite(values[0])
+    np.testing.assert_allclose(values[1], values[0], rtol=1e-12)
+    assert values[2] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_blow_counts_by_its_logarithm(recording):
@@ -45,17 +46,18 @@ def test_a_blow_counts_by_its_logarithm(recording):
     for size in (100.0, 200.0):
         made = ESTIMATOR.prepare(blow(recording, size))
         p = FootParams(acc_jump_noise=1e-9)
-        heavy.append(float(ESTIMATOR.likelihood(p, made.inputs, made.options)))
-        gaussian.append(float(foot_ins.run(p, made.inputs, made.options).diagnostics["log_likelihood_right"]))
+        heavy.append(float(LIKELIHOOD(p, made.inputs, made.options)))
+        gaussian.append(float(ESTIMATOR.solve(p, made).diagnostics["log_likelihood_right"]))
     assert gaussian[0] - gaussian[1] > 1000.0
     assert 0.0 < heavy[0] - heavy[1] < 0.01 * (gaussian[0] - gaussian[1])
 
 
+@pytest.mark.release
 def test_the_loss_of_a_tuning_is_this_likelihood(recording):
     made = tune.lessons(ESTIMATOR, [Walk(recording, None, {})], reference=False)
     assert not made.failures
     loss = tune.objective(ESTIMATOR, made.options, "likelihood")
     lesson = made.one(0)
-    value, slope = jax.value_and_grad(loss)(jax.tree.map(float, FootParams()), lesson)
-    np.testing.assert_allclose(value, -ESTIMATOR.likelihood(FootParams(), lesson.inputs, made.options), rtol=1e-12)
+    value, slope = jax.jit(jax.value_and_grad(loss))(jax.tree.map(float, FootParams()), lesson)
+    np.testing.assert_allclose(value, -LIKELIHOOD(FootParams(), lesson.inputs, made.options), rtol=1e-12)
     assert all(getattr(slope, name) != 0.0 for name in ("velocity_noise", "acc_noise", "gyr_noise", "acc_jump_noise"))

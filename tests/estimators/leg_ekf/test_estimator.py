@@ -14,11 +14,9 @@ from jgait.estimators import ankle_stride, leg_ekf, programs
 from jgait.estimators.axes import pad
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegParams, one_side
 from jgait.estimators.leg_ekf import model as leg_model
-from jgait.estimators.leg_ekf import online as leg_online
 from jgait.estimators.leg_ekf.estimator import observe, walked
 from jgait.estimators.leg_ekf.inclination import Inclination
 from jgait.estimators.leg_ekf.inputs import LegInputs
-from jgait.filtering import UKF
 from jgait.simulate.sensors import IDEAL
 from jgait.tune import losses
 from jgait.types import SIDES, Recording, RecordingError
@@ -176,22 +174,16 @@ def test_very_slow_steps_within_a_walk_count(walk):
     assert len(ankles.strides.length) == int(np.sum(truth.strides.valid))
 
 
-def test_distance_of_a_simulated_walk_is_near_before_any_calibration(walk):
-    recording, truth = walk
-    result = leg_ekf.estimate(parameters(truth), recording)
-    assert abs(float(result.distance[-1]) / float(np.asarray(truth.distance)[-1]) - 1.0) < 0.10
-
-
 def test_distance_with_one_leg_and_by_every_read_out(walk):
     recording, truth = walk
     p, true = parameters(truth), float(np.asarray(truth.distance)[-1])
-    result = leg_ekf.estimate(p, right_leg(recording), FILTER)
+    result = leg_ekf.estimate(p, right_leg(recording))
     inputs, way = prepared(right_leg(recording)), jax.jit(walked, static_argnums=3)
     found = {  # of the same trajectory of the leg
-        how: float(way(p, result.legs, inputs, FILTER._replace(distance=how))[0][-1])
+        how: float(way(p, result.legs, inputs, DEFAULT._replace(distance=how))[0][-1])
         for how in ("strapdown", "stance", "accumulate", "forward")
     }
-    assert found["stance"] == pytest.approx(float(result.distance[-1]), rel=1e-9)
+    assert found["strapdown"] == pytest.approx(float(result.distance[-1]), rel=1e-9)
     assert abs(found["strapdown"] / true - 1.0) < 0.05
     assert abs(found["stance"] / true - 1.0) < 0.25
     assert abs(found["accumulate"] / true - 1.0) < 0.25
@@ -208,15 +200,7 @@ def test_turning_the_sensor_with_its_mount_changes_nothing(noisy, plain):
     assert float(plain.distance[-1]) == pytest.approx(float(turned.distance[-1]), rel=1e-3)
 
 
-def test_swapped_sensors_of_a_leg_are_noticed_and_put_right(noisy, plain):
-    recording, truth = noisy
-    sensors = dict(recording.sensors)
-    sensors["thigh_left"], sensors["shank_left"] = sensors["shank_left"], sensors["thigh_left"]
-    swapped = leg_ekf.estimate(parameters(truth), recording._replace(sensors=sensors))
-    assert any("left thigh and shank sensors look swapped" in note for note in texts(swapped.diagnostics["notes"]))
-    np.testing.assert_allclose(plain.legs.left.knee_angle, swapped.legs.left.knee_angle, atol=1e-9)
-
-
+@pytest.mark.release
 def test_without_accelerometers_the_gyroscopes_alone_serve(noisy):
     recording, truth = noisy
     result = leg_ekf.estimate(parameters(truth), altered(recording, acc=lambda _: None))
@@ -224,47 +208,12 @@ def test_without_accelerometers_the_gyroscopes_alone_serve(noisy):
     assert np.degrees(worst(result, truth, "hip_angle")) < 10.0
 
 
+@pytest.mark.release
 def test_paper_pipeline_runs_at_50_hz_and_drifts_more(noisy, plain):
     recording, truth = noisy
     paper = leg_ekf.estimate(parameters(truth), recording, PAPER)
     assert worst(plain, truth, "hip_angle") < worst(paper, truth, "hip_angle")
     assert 1.0 / np.median(np.diff(paper.time)) == pytest.approx(50.0)
-
-
-def test_online_equals_offline_without_gravity(noisy):
-    recording, truth = noisy
-    options = FILTER._replace(gravity=False)
-    p = parameters(truth)
-    whole = prepared(right_leg(recording))
-    inputs = jax.tree.map(lambda v: v[120:180] if np.ndim(v) and len(v) == whole.time.size else v, whole)
-    inputs = inputs._replace(dt=np.r_[0.0, inputs.dt[1:]])
-    offline = run(p, inputs, options)
-    own = one_side(p, 0)
-    state, parts = leg_online.start(own, inputs.right, inputs.start_variance, options), []
-    one = jax.jit(leg_online.over, static_argnames=("options",))
-    for k in range(0, 60, 20):
-        here = slice(k, k + 20)
-        leg = jax.tree.map(lambda v, here=here: v[here] if np.ndim(v) and len(v) == 60 else v, inputs.right)
-        now = inputs._replace(dt=inputs.dt[here], still=inputs.still[here], valid=inputs.valid[here])
-        state, found = one(own, state, leg, now, options=options)
-        parts.append(found)
-    online = jax.tree.map(lambda *v: np.concatenate(v), *parts)
-    for field in ("hip_angle", "knee_angle", "x", "y"):
-        for mine, other in ((online.leg, offline.legs.right), (online.stddev, offline.stddev.right)):
-            np.testing.assert_allclose(getattr(mine, field), getattr(other, field)[:60], rtol=0.0, atol=1e-10)
-
-
-def test_a_tenth_of_a_second_without_the_shank_is_bridged(noisy):
-    recording, truth = noisy
-    p = parameters(truth)
-    inputs = prepared(recording)
-    lost = np.arange(inputs.time.size) // 5 == 40
-    shank = inputs.right.shank._replace(measured=inputs.right.shank.measured & ~lost)
-    gap = run(p, inputs._replace(right=inputs.right._replace(shank=shank)), DEFAULT)
-    whole = run(p, inputs, DEFAULT)
-    assert bool(np.all(np.isfinite(gap.legs.right.knee_angle)))
-    assert np.degrees(np.max(np.abs(gap.legs.right.knee_angle - whole.legs.right.knee_angle))) < 25.0
-    assert float(gap.stddev.right.knee_angle[202]) > float(whole.stddev.right.knee_angle[202])
 
 
 def padded(recording: Recording) -> LegInputs:
@@ -288,6 +237,7 @@ def _objective(inputs: LegInputs, truth, options):
     return loss
 
 
+@pytest.mark.release
 def test_gradients_of_a_loss_by_the_reverse_mode_equal_finite_differences(noisy):
     recording, truth = noisy
     p = parameters(truth)
@@ -305,6 +255,7 @@ def test_gradients_of_a_loss_by_the_reverse_mode_equal_finite_differences(noisy)
     assert np.all(np.abs(gradient) > 0.0)
 
 
+@pytest.mark.release
 def test_gradients_of_a_loss_are_finite_in_float32(noisy):
     recording, truth = noisy
     p = parameters(truth)
@@ -317,16 +268,6 @@ def test_gradients_of_a_loss_are_finite_in_float32(noisy):
         jnp.array([p.thigh_length.right, p.shank_length.right, 0.0, 0.0], jnp.float32), p32
     )
     assert bool(np.all(np.isfinite(gradient)))
-
-
-def test_sigma_points_give_nearly_the_same_leg(noisy):
-    # They move the knee by less than 0.1° (six people); iterating the update by 1.3° to 2.1° at worst.
-    recording, truth = noisy
-    p, inputs = parameters(truth), prepared(right_leg(recording))
-    base = run(p, inputs, FILTER)
-    other = run(p, inputs, FILTER._replace(method=UKF()))
-    assert np.degrees(np.max(np.abs(base.legs.right.knee_angle - other.legs.right.knee_angle))) < 0.5
-    assert np.max(np.abs(base.legs.right.x - other.legs.right.x)) < 0.005
 
 
 def test_the_transition_is_equation_5_and_its_jacobian_equation_6():
@@ -398,6 +339,7 @@ def test_options_that_do_not_fit_are_refused(noisy, options, error, message):
         leg_ekf.estimate(LegParams(), noisy[0], DEFAULT._replace(**options))
 
 
+@pytest.mark.release
 def test_stated_deviations_survive_float32(data):
     """On a real walk smoothing leaves nothing of some covariances in float32; the filter's stand for them."""
     recording = data("neura_sparse")[0].recording

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made.footsteps import STRIDE, drifting, footsteps
+from made.footsteps import drifting, footsteps
 from made.notes import texts
 
 from jgait.estimators import stride_width_ekf as sw
@@ -81,14 +81,6 @@ def test_process_noise_is_that_of_the_controls():
     np.testing.assert_allclose(Q, (V * jnp.asarray(variances)[None, :]) @ V.T, atol=1e-15)
 
 
-def test_the_start_is_side_by_side():
-    belief = model.start_belief(0.5 * np.pi, 0.5 * np.pi, 0.2, 0.15, 0.5, 0.1)
-    assert (belief.mean.apart_x, belief.mean.apart_y) == pytest.approx((-0.2, 0.0), abs=1e-12)
-    assert np.sqrt([belief.cov["apart_x", "apart_x"], belief.cov["apart_y", "apart_y"]]) == pytest.approx([0.15, 0.5])
-    turned = model.start_belief(0.3, 0.3, 0.2, 0.15, 0.5, 0.1).cov.dense()[3:5, 3:5]
-    np.testing.assert_allclose(np.sort(np.linalg.eigvalsh(turned)), [0.15**2, 0.5**2], atol=1e-12)
-
-
 def test_controls_add_up_to_the_trajectories(walk):
     inputs = ready(walk).inputs
     for side, control in enumerate((inputs.right, inputs.left)):
@@ -108,17 +100,6 @@ def test_controls_add_up_to_the_trajectories(walk):
     for first, last in zip(inputs.strides.standing[own], inputs.strides.standing_end[own], strict=True):
         inside = (inputs.time > first + 1e-9) & (inputs.time <= last + 1e-9)
         assert np.sum(inputs.right.dy[inside]) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_contacts_lie_in_order(walk):
-    rows = ready(walk).inputs.strides
-    there = rows.valid
-    for earlier, later in (("start", "final_contact"), ("final_contact", "end"), ("end", "standing_end")):
-        assert np.all(getattr(rows, earlier)[there] <= getattr(rows, later)[there])
-    right = there & (rows.side == 0)
-    np.testing.assert_allclose(rows.start[right][1:], rows.end[right][:-1])
-    # Swing takes half of a stride here, its slow ends left out.
-    np.testing.assert_allclose((rows.end - rows.final_contact)[there], 0.5 * 1.12, atol=0.14)
 
 
 def test_a_passing_counts_once_and_a_late_echo_not(walk):
@@ -200,22 +181,6 @@ def test_what_cannot_be_used_is_refused(walk):
     with pytest.raises(ValueError, match="takes range_offset and passing_offset of a person; got 'thigh_length'"):
         sw.with_body(sw.WidthParams(), {"thigh_length": 0.4})
     assert sw.with_body(sw.WidthParams(), {"range_offset": 0.1}).range_offset == 0.1
-
-
-def test_a_foot_that_shifts_on_the_spot_keeps_its_heading():
-    walk = footsteps(before=9, turn=2, after=5)
-    mids = walk.mids[0]
-    shuffled = np.concatenate([[mids[0] - 30], mids])  # stood there before, and moved nothing
-    made = ready(walk, mids=(shuffled, walk.mids[1]))
-    inputs = made.inputs
-    rows = inputs.strides.valid & (inputs.strides.side == 0)
-    assert np.sum(rows) == len(mids)
-    assert np.abs(inputs.strides.turn[rows][:5]).max() < 0.05
-    estimate = solved(made)
-    own = np.flatnonzero(np.asarray(estimate.strides.side) == 0)
-    assert float(estimate.strides.length[own[0]]) < 0.15
-    assert np.isnan(float(estimate.strides.width[own[0]]))
-    assert float(estimate.strides.length[own[1]]) == pytest.approx(STRIDE, abs=0.05)
 
 
 @pytest.mark.parametrize("fault", ["far", "random"])

@@ -16,8 +16,7 @@ def walked():
     return one.recording, one.truth.estimate.strides, sw.with_body(sw.WidthParams(), {"range_offset": 0.08})
 
 
-@pytest.mark.parametrize("lost", [SIDES, ("left",)])
-@pytest.mark.parametrize(("begin", "seconds"), [(6.0, 0.5), (5.0, 3.0)])
+@pytest.mark.parametrize(("lost", "begin", "seconds"), [(SIDES, 6.0, 0.5), (SIDES, 5.0, 3.0), (("left",), 5.0, 3.0)])
 def test_widths_after_a_loss_are_right_or_said_to_be_unsure(walked, lost, begin, seconds):
     recording, true, p = walked
     record = sw.estimator(sw.DEFAULT)

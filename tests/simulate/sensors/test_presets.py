@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jgait.simulate import sensors
-from jgait.simulate.sensors import DEGREE, FREESENSE, GRAVITY, HC_SR04, IDEAL, IDG300, MPU6000, ON_SHOE, OPAL
+from jgait.simulate.sensors import FREESENSE, HC_SR04, IDEAL, IDG300, MPU6000, ON_SHOE, OPAL
 
 
 def test_every_preset_is_allowed():
@@ -21,8 +21,3 @@ def test_converters_have_whole_bits():
         np.testing.assert_allclose(np.log2(steps), bits, atol=0.005)
     # the whole of 2.5 V is more than the ±1 V that the gyroscope uses
     assert np.log2(2 * IDG300.gyr_range / IDG300.gyr_resolution) == pytest.approx(12 + np.log2(2.0 / 2.5), abs=1e-9)
-
-
-def test_noise_of_the_mote_is_a_fifth_of_a_degree_a_second():
-    assert IDG300.gyr_noise * np.sqrt(25.0) / DEGREE == pytest.approx(0.2, abs=0.01)
-    assert IDG300.acc_range == pytest.approx(6.0 * GRAVITY)
