@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 Progress = Callable[[int, int], None]
 """Called after every batch with the number of recordings finished in this run, and the number that failed."""
 
+BATCH = 64
+"""Number of recordings that run at once."""
+
 FEW = 32
 """Largest number of recordings that run one after another: the program of a batch takes as long to compile as some
 tens of recordings take by the programs of one, which `jgait estimate` compiles too."""
@@ -38,7 +41,7 @@ def cohort(
     read: Callable[[PyTree], Walk] | None = None,
     score: Callable[[Estimate, Walk], Scores] = scores.score,
     out: Path | str | None = None,
-    batch: int = 64,
+    batch: int | None = None,
     mesh: jax.sharding.Mesh | None = None,
     client: "Client | None" = None,
     progress: Progress | None = None,
@@ -84,8 +87,8 @@ def cohort(
         out: folder for the results; None keeps them in memory. Functions are compared by name and source: give
             another folder when the functions that they call, or what they read, has changed.
         batch: number of recordings that run at once; memory grows with it. The last batch of each length is filled
-            with copies. Rounded up to a multiple of the number of devices of `mesh`. Few items run one after another,
-            by the programs of single recordings.
+            with copies. Rounded up to a multiple of the number of devices of `mesh`. None: 64; a list of at most 32
+            runs one after another, by the programs of single recordings.
         mesh: devices that share each batch; it has one axis.
         client: a `dask.distributed.Client` (the extra `cluster`); `estimator`, `read` and `score` are sent by
             cloudpickle.
@@ -105,7 +108,7 @@ def cohort(
     for name, function in (("own", own), ("read", read), ("score", score)):
         if function is not None and not callable(function):
             raise TypeError(f"{name} must be a function; got {type(function).__name__}")
-    if batch < 1:
+    if batch is not None and batch < 1:
         raise ValueError(f"batch must be at least 1; got {batch}")
     processes = jax.process_count()
     if client is not None and (mesh is not None or processes > 1):
@@ -117,8 +120,10 @@ def cohort(
         check_params(params, estimator.transforms, estimator.params)
     local = checked_mesh(mesh)
     if isinstance(items, Sized):
-        share = -(-len(items) // processes)
-        batch = 1 if share <= FEW and local is None and client is None else min(batch, share)
+        share = max(1, -(-len(items) // processes))
+        alone = batch is None and share <= FEW and local is None and client is None
+        batch = 1 if alone else min(batch or BATCH, share)
+    batch = batch or BATCH
     if local is not None:
         batch = -(-batch // local.size) * local.size
     job = CohortJob(estimator, params, own, read, score, batch, local, bool(jax.config.jax_enable_x64))
