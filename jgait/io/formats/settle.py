@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jgait.io.arrays import recording_in_units
-from jgait.io.checks import FEET_APART, RANGE_UNITS
+from jgait.io.checks.sizes import FEET_APART, RANGE_UNITS
 from jgait.io.clock import CLOCK_FROM_DATE
 from jgait.io.dates import date_of
 from jgait.io.formats.clocks import on_one_counter, one_clock
