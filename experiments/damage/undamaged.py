@@ -24,7 +24,7 @@ from jgait.types import Recording, RecordingError
 CODES = {
     kind.code for module in (gravity, order, pace, readings, sides)
     for kind in vars(module).values() if isinstance(kind, Kind)
-}  # fmt: skip
+} - {"channel_clipped", "channel_constant", "accelerometer_coarse", "range_stuck"}  # fmt: skip
 """Codes of the readers' notes about damage."""
 
 ANALYSED = {

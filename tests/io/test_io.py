@@ -13,7 +13,7 @@ from made.notes import texts
 
 from jgait import io, simulate
 from jgait.estimators import leg_ekf
-from jgait.io import checks
+from jgait.io.checks import sizes
 from jgait.io.units import Unit
 from jgait.types import Estimate, Imu, Legs, LegTrajectory, RecordingError
 
@@ -408,11 +408,11 @@ def test_a_trunk_that_never_rests_keeps_its_sensor_and_one_without_gravity_does_
     (imu,) = simulate.recording(jax.random.key(0), person, placements=("pelvis",))[0].sensors.values()
     walks = (imu.time > 4.5) & (imu.time < imu.time[-1] - 3.5)
     imu = Imu(imu.time[walks], imu.gyr[walks], imu.acc[walks], imu.mask[walks])
-    assert checks.calm_force(imu.acc, 100.0) < 0.8 * 9.81
-    assert list(checks.usable_sensors({"pelvis": imu}, SI, "walk")[0]) == ["pelvis"]
+    assert sizes.calm_force(imu.acc, 100.0) < 0.8 * 9.81
+    assert list(sizes.usable_sensors({"pelvis": imu}, SI, "walk")[0]) == ["pelvis"]
     without = imu._replace(acc=imu.acc - imu.acc.mean(axis=0))
     with pytest.raises(RecordingError, match=r"accelerometer of pelvis reads .* gravity alone"):
-        checks.usable_sensors({"pelvis": without}, SI, "walk")
+        sizes.usable_sensors({"pelvis": without}, SI, "walk")
 
 
 def test_a_method_that_needs_a_sensor_that_was_left_out_says_why():

@@ -145,8 +145,8 @@ IN_SENSOR_S = {"foot": (-0.035, 0.032), "ankle": (-0.05, 0.027), "shank": (-0.05
 BETWEEN_S, SHARED = {("thigh", "shank"): 0.07, ("shank", "ankle"): 0.06, ("shank", "foot"): 0.13}, "shank"
 """[s] Delay between two sensors of a leg (0.05); the segment of every pair."""
 
-DRIFT_S, DRIFTED_S = 0.085, 12.0
-"""[s] Change of that delay from the first to the last third of a walk (0.06); shortest walk."""
+DRIFTED_S = 12.0
+"""[s] Shortest walk whose last third is compared alone: a clock that is fast is late there."""
 
 SENSORS_OF_JUMP, SURE_JUMP, BESIDE_JUMP = 4, 0.8, 3
 """[1] Sensors that jump at one place; mean logarithm of their changes over others up to so many samples beside

@@ -27,13 +27,6 @@ SENSOR_LATE = Kind(
     "{placement} is {milliseconds:.0f} ms {side} {other}; one of the two clocks is wrong",
     "Angles between two segments, and what is computed from them, need sensors on one clock.",
 )
-CLOCKS_DRIFT = Kind(
-    "clocks_drift",
-    "check",
-    "{placement} drifts {milliseconds:.0f} ms {side} {other} from the first to the last third of the walk; "
-    "one of the two clocks is fast or loses samples",
-    "Angles between two segments, and what is computed from them, need sensors on one clock.",
-)
 ROWS_LOST = Kind(
     "rows_lost",
     "check",
@@ -190,27 +183,25 @@ def accelerometer_late(placement: str, imu: Imu, rate_hz: float) -> list[Note]:
 
 
 def sensors_late(upper: str, lower: str, sensors: Mapping[str, Imu], rate_hz: float) -> list[Note]:
-    """Notes about two sensors of a leg of which one is late, or drifts behind the other."""
+    """The note about two sensors of a leg of which one is late: in all, or in the last third of the walk, as where a
+    clock is fast.
+    """
     longest, samples = int(at.LONGEST_S * rate_hz), max(round(at.CALM_S * rate_hz), 3)
     first, second = (shaking(as_float(sensors[name].acc)[:longest], samples) for name in (upper, lower))
-    if len(first) != len(second) or len(first) <= at.SHORTEST_S * rate_hz:
+    if len(first) <= at.SHORTEST_S * rate_hz:
         return []
     pair = upper.partition("_")[0], lower.partition("_")[0]
     coarse = max(round(at.CHANGE_S * rate_hz), 1) < 2
     farthest = (int(at.BETWEEN_S[pair] * rate_hz) + 1) / rate_hz if coarse else at.BETWEEN_S[pair]
     gain = max(at.CLEARER[1] if pair[1] == "foot" else 0.0, at.COARSE_DELAY if coarse else 0.0)
-    notes = []
-    delay, alike = delay_between(first, second, rate_hz, (-farthest, farthest), gain)
-    if abs(delay) > farthest and alike > at.LEAST_ALIKE:
-        notes.append(_late(SENSOR_LATE, lower, delay, other=upper))
-    walks = np.flatnonzero(np.convolve(first, np.ones(round(rate_hz)) / round(rate_hz), "same")
-                           > at.WALKING * first.mean())  # fmt: skip
+    shaken = np.convolve(first, np.ones(round(rate_hz)) / round(rate_hz), "same")
+    walks = np.flatnonzero(shaken > at.WALKING * first.mean())
     third = (walks[-1] + 1 - walks[0]) // 3 if walks.size else 0
+    cuts = [(slice(None), gain)]
     if 3 * third > at.DRIFTED_S * rate_hz:
-        ends = slice(walks[0], walks[0] + third), slice(walks[-1] + 1 - third, walks[-1] + 1)
-        (begin, _), far = delay_between(first[ends[0]], second[ends[0]], rate_hz), at.DRIFT_S
-        end, one = delay_between(first[ends[1]], second[ends[1]], rate_hz, (begin - far, begin + far), gain)
-        begin, other = delay_between(first[ends[0]], second[ends[0]], rate_hz, (end - far, end + far), gain)
-        if abs(end - begin) > far and min(one, other) > at.LEAST_ALIKE:
-            notes.append(_late(CLOCKS_DRIFT, lower, end - begin, other=upper))
-    return notes
+        cuts.append((slice(walks[-1] + 1 - third, walks[-1] + 1), max(gain, at.COARSE_DELAY)))
+    for cut, least in cuts:
+        delay, alike = delay_between(first[cut], second[cut], rate_hz, (-farthest, farthest), least)
+        if abs(delay) > farthest and alike > at.LEAST_ALIKE:
+            return [_late(SENSOR_LATE, lower, delay, other=upper)]
+    return []

@@ -242,7 +242,6 @@ def _stuck(kind: str, values: np.ndarray, gyr: np.ndarray, axis: int | None, rat
     low, high = np.nanmin(column, axis=0), np.nanmax(column, axis=0)
     # a turn about its own axis does not change an accelerometer's reading
     across = gyr if kind == "gyr" or axis is None else np.delete(gyr, axis, axis=1)
-    coarse = kind == "acc" and at.COARSE <= resolution.min() < np.inf
     others = max((e - s for s, e in true_runs(whole) if e < len(whole)), default=1)
     stuck = []
     for start, end in runs:
@@ -253,7 +252,8 @@ def _stuck(kind: str, values: np.ndarray, gyr: np.ndarray, axis: int | None, rat
         jumps = any(((e > at.FROZEN_STEPS * resolution) & (e > at.FROZEN_CHANGE[kind])).any() for e in ends)
         late = axis is None and end == len(whole) and start >= at.STOPPED_S * rate
         long = end - start >= max(at.STOPPED_S * rate, at.STOPPED * others)
-        rests = coarse and np.nansum(np.abs(np.diff(gyr[start : end + 1], axis=0))) > 0.0
+        # a coarse accelerometer repeats its reading in standing
+        rests = kind == "acc" and np.nansum(np.abs(np.diff(gyr[start : end + 1], axis=0))) > 0.0
         if (turns and jumps and not clipped) or (late and long and not rests):
             stuck.append((start, end))
     return stuck
