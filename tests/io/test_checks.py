@@ -222,7 +222,7 @@ def test_short_bouts_standing_and_slow_or_short_recordings_are_not_judged(walk):
     assert not codes(contradictions(short)) & {"pace_unusual", "sides_out_of_step"}
     draw = np.random.default_rng(3)
     down = np.tile([0.0, 0.0, 9.81], (len(walk.sensors["pelvis"].time), 1))
-    still = {p: imu._replace(gyr=1e-3 * draw.normal(size=imu.gyr.shape), acc=down) for p, imu in walk.sensors.items()}  # fmt: skip
+    still = {p: imu._replace(gyr=1e-3 * draw.normal(size=down.shape), acc=down) for p, imu in walk.sensors.items()}
     cut = {p: imu._replace(**{n: getattr(imu, n)[:90] for n in ("time", "gyr", "acc", "mask")})
            for p, imu in walk.sensors.items()}  # fmt: skip
     without = {p: imu._replace(acc=None) for p, imu in walk.sensors.items()}

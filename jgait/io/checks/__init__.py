@@ -64,7 +64,8 @@ def contradictions(recording: Recording, units: Mapping[str, Unit] | None = None
             if segment == "foot" and right in paces and left in paces:
                 stride = round(float(np.median([pace.seconds for pace in paces.values()])) * rate_hz)
                 notes += out_of_step(right, left, worn, stride, int(limits.LONGEST_S * rate_hz))
-    notes += turn_notes(sensors, lost, rate_hz, {p for p, found in itself.items() if found} - slow)
+    accused = {placement for placement, found in itself.items() if found}
+    notes += [n for n in turn_notes(sensors, lost, rate_hz, accused) if n.values["placement"] not in slow]
     wrong = exchanged(sensors, rate_hz) if len(next(iter(lost.values()))) > limits.SHORTEST_S * rate_hz else []
     apart = {word for note in wrong for word in str(note.values["kind"]).split(" or ")}
     for placement, imu in sensors.items():

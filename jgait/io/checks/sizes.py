@@ -1,6 +1,7 @@
 """Units by the size of signals: rates of a moving limb, gravity where an accelerometer is calm, ranges between feet."""
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,29 @@ GRAVITY_RANGE = (0.8, 1.2)  # [g] specific force of a worn accelerometer where i
 CALM_S, CALM_SHARE = 0.2, 0.2  # [s], [1] length of the windows that are compared, and share of the calmest of them
 RANGE_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 FEET_APART = (0.02, 1.5)  # [m] median distance of one leg from the other where a range between them is measured
+
+
+class Sizes(NamedTuple):
+    """By what a signal's size decides its unit in a file that states none."""
+
+    signal: str  #: in words.
+    what: str  #: the size that decides.
+    percentile: float  #: [%] the same as a number.
+    limits: Mapping[str, tuple[float, float]]  #: unit → limits of this size in walking.
+    hint: str = ""  #: what else to do.
+
+
+BY_SIZE = {
+    "gyr": Sizes("angular rate", "99th percentile", 99.0,
+                 {"rad/s": (1.0, 12.0), "deg/s": (30.0, 2e3), "mrad/s": (2e3, 1.2e4), "mdeg/s": (3.5e4, np.inf)}),
+    "acc": Sizes("acceleration", "median", 50.0,
+                 {unit: (0.6 * GRAVITY / scale, 2.0 * GRAVITY / scale) for unit, scale in ACC_UNITS.items()},
+                 "find the raw signal if gravity was removed, or "),
+    "feet_range": Sizes("distances", "median", 50.0,
+                        {unit: (FEET_APART[0] / scale, FEET_APART[1] / scale) for unit, scale in RANGE_UNITS.items()},
+                        "use read_csv and "),
+}  # fmt: skip
+"""Signal → sizes in walking; none of the gyroscope's and the accelerometer's are in two units."""
 
 SENSOR_LEFT_OUT = Kind(
     "sensor_left_out",
