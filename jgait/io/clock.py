@@ -177,8 +177,15 @@ def count_samples(stamps: np.ndarray) -> bool:
 
 
 def unwrapped(counts: np.ndarray) -> np.ndarray | None:
-    """(n,) numbers of samples of a counter that begins again at `COUNTER_TURN`; None if it counts something else."""
+    """(n,) numbers of samples of a counter that begins again at `COUNTER_TURN`; None if it counts something else.
+
+    A counter of packets, each of the same number of samples, gives their numbers as well.
+    """
     numbers = np.unwrap(counts, period=COUNTER_TURN)
+    begins = np.flatnonzero(np.diff(numbers, prepend=numbers[:1] - 1))
+    sizes = np.diff(begins, append=len(numbers))
+    if len(sizes) > 1 and (sizes[:-1] == sizes[0]).all() and sizes[-1] <= sizes[0]:
+        numbers = sizes[0] * numbers + np.arange(len(numbers)) - np.repeat(begins, sizes)
     return numbers if count_samples(numbers) else None
 
 

@@ -3,15 +3,16 @@ order and rate of samples; sides and places. What cannot be right is masked, lef
 itself or others gets a note.
 """
 
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
 
 from jgait.io.checks import limits
-from jgait.io.checks.gravity import gravity_notes
+from jgait.io.checks.gravity import GYROSCOPE_SLOW, gravity_notes
 from jgait.io.checks.losses import in_long_gaps, loss_notes
 from jgait.io.checks.order import accelerometer_late, row_notes, sensors_late
-from jgait.io.checks.pace import pace_notes, paces_of
+from jgait.io.checks.pace import Pace, pace_notes, paces_of
 from jgait.io.checks.readings import channel_notes
 from jgait.io.checks.sides import exchanged, out_of_step, sides_differ, turn_notes
 from jgait.io.units import Unit
@@ -51,30 +52,41 @@ def contradictions(recording: Recording, units: Mapping[str, Unit] | None = None
     sensors = {placement: _bridged(imu, lost[placement]) for placement, imu in recording.sensors.items()}
     itself = {p: gravity_notes(p, imu, lost[p], rate_hz, (units or {}).get(p)) for p, imu in sensors.items()}
     # a gyroscope that hardly turns contradicts every other sensor: its note explains that
-    slow = {p for p, found in itself.items() if any(note.code == "gyroscope_slow" for note in found)}
+    slow = {p for p, found in itself.items() if any(note.code == GYROSCOPE_SLOW.code for note in found)}
     worn = {placement: imu for placement, imu in sensors.items() if placement not in slow}
-    notes = [note for found in itself.values() for note in found]
-    pairs = {(f"{upper}_{side}", f"{lower}_{side}") for upper, lower in limits.BETWEEN_S for side in SIDES}
+    turns = turn_notes(sensors, lost, rate_hz, {placement for placement, found in itself.items() if found})
     paces = paces_of(worn, lost, rate_hz)
-    notes += pace_notes(paces)
-    for segment in dict.fromkeys(placement.removesuffix("_right") for placement in worn):
+    notes = [*itertools.chain(*itself.values()), *pace_notes(paces), *_of_sides(worn, paces, rate_hz)]
+    notes += [note for note in turns if note.values["placement"] not in slow]
+    notes += itertools.chain(*(accelerometer_late(placement, imu, rate_hz) for placement, imu in sensors.items()))
+    return (*notes, *_of_legs(sensors, rate_hz), *row_notes(sensors, rate_hz))
+
+
+def _of_sides(sensors: Mapping[str, Imu], paces: Mapping[str, Pace], rate_hz: float) -> list[Note]:
+    """Notes about the same segment of both legs."""
+    notes = []
+    for segment in limits.TILTED_DEG:
         right, left = (f"{segment}_{side}" for side in SIDES)
-        if right in worn and left in worn and segment in limits.TILTED_DEG:
-            notes += sides_differ(right, left, worn, rate_hz)
+        if right in sensors and left in sensors:
+            notes += sides_differ(right, left, sensors, rate_hz)
             if segment == "foot" and right in paces and left in paces:
                 stride = round(float(np.median([pace.seconds for pace in paces.values()])) * rate_hz)
-                notes += out_of_step(right, left, worn, stride, int(limits.LONGEST_S * rate_hz))
-    accused = {placement for placement, found in itself.items() if found}
-    notes += [n for n in turn_notes(sensors, lost, rate_hz, accused) if n.values["placement"] not in slow]
-    wrong = exchanged(sensors, rate_hz) if len(next(iter(lost.values()))) > limits.SHORTEST_S * rate_hz else []
-    apart = {word for note in wrong for word in str(note.values["kind"]).split(" or ")}
-    for placement, imu in sensors.items():
-        notes += accelerometer_late(placement, imu, rate_hz)
-    for upper, lower in sorted(pairs):
-        both = all(name in sensors and sensors[name].acc is not None for name in (upper, lower))
-        if both and not {upper.partition("_")[0], lower.partition("_")[0]} & apart:
+                notes += out_of_step(right, left, sensors, stride, int(limits.LONGEST_S * rate_hz))
+    return notes
+
+
+def _of_legs(sensors: Mapping[str, Imu], rate_hz: float) -> list[Note]:
+    """Notes about exchanged sensors, and about delays between the others of each leg."""
+    if len(next(iter(sensors.values())).time) <= limits.SHORTEST_S * rate_hz:
+        return []
+    notes = exchanged(sensors, rate_hz)
+    apart = {word for note in notes for word in str(note.values["kind"]).split(" or ")}
+    with_acc = {placement for placement, imu in sensors.items() if imu.acc is not None}
+    for pair, side in itertools.product(limits.BETWEEN_S, SIDES):
+        upper, lower = (f"{segment}_{side}" for segment in pair)
+        if {upper, lower} <= with_acc and not set(pair) & apart:
             notes += sensors_late(upper, lower, sensors, rate_hz)
-    return (*notes, *wrong, *row_notes(sensors, rate_hz))
+    return notes
 
 
 def _bridged(imu: Imu, lost: np.ndarray) -> Imu:

@@ -188,8 +188,6 @@ def sensors_late(upper: str, lower: str, sensors: Mapping[str, Imu], rate_hz: fl
     """
     longest, samples = int(at.LONGEST_S * rate_hz), max(round(at.CALM_S * rate_hz), 3)
     first, second = (shaking(as_float(sensors[name].acc)[:longest], samples) for name in (upper, lower))
-    if len(first) <= at.SHORTEST_S * rate_hz:
-        return []
     pair = upper.partition("_")[0], lower.partition("_")[0]
     coarse = max(round(at.CHANGE_S * rate_hz), 1) < 2
     farthest = (int(at.BETWEEN_S[pair] * rate_hz) + 1) / rate_hz if coarse else at.BETWEEN_S[pair]
