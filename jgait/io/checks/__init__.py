@@ -12,7 +12,7 @@ from jgait.io.checks import limits
 from jgait.io.checks.gravity import GYROSCOPE_SLOW, gravity_notes
 from jgait.io.checks.losses import in_long_gaps, loss_notes
 from jgait.io.checks.order import accelerometer_late, row_notes, sensors_late
-from jgait.io.checks.pace import Pace, pace_notes, paces_of
+from jgait.io.checks.pace import LegPace, pace_notes, paces_of
 from jgait.io.checks.readings import channel_notes
 from jgait.io.checks.sides import exchanged, out_of_step, sides_differ, turn_notes
 from jgait.io.units import Unit
@@ -62,7 +62,7 @@ def contradictions(recording: Recording, units: Mapping[str, Unit] | None = None
     return (*notes, *_of_legs(sensors, rate_hz), *row_notes(sensors, rate_hz))
 
 
-def _of_sides(sensors: Mapping[str, Imu], paces: Mapping[str, Pace], rate_hz: float) -> list[Note]:
+def _of_sides(sensors: Mapping[str, Imu], paces: Mapping[str, LegPace], rate_hz: float) -> list[Note]:
     """Notes about the same segment of both legs."""
     notes = []
     for segment in limits.TILTED_DEG:

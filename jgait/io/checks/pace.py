@@ -24,7 +24,7 @@ PACE_UNUSUAL = Kind(
 )
 
 
-class Pace(NamedTuple):
+class LegPace(NamedTuple):
     """Of a sensor in walking: duration of a stride [s], and angle and shaking over the usual."""
 
     seconds: float
@@ -32,7 +32,7 @@ class Pace(NamedTuple):
     shaking: float
 
 
-def paces_of(sensors: Mapping[str, Imu], lost: Mapping[str, np.ndarray], rate_hz: float) -> dict[str, Pace]:
+def paces_of(sensors: Mapping[str, Imu], lost: Mapping[str, np.ndarray], rate_hz: float) -> dict[str, LegPace]:
     """Placement → pace of the sensors of the legs that agree about the duration of a stride.
 
     It is the median of pieces of a recording: of walking and running, two strides of one can look like one of the
@@ -55,7 +55,7 @@ def paces_of(sensors: Mapping[str, Imu], lost: Mapping[str, np.ndarray], rate_hz
     return {place: pace for place, pace in paces.items() if abs(pace.seconds / seconds - 1.0) < at.SAME_STRIDE}
 
 
-def pace_notes(paces: Mapping[str, Pace]) -> list[Note]:
+def pace_notes(paces: Mapping[str, LegPace]) -> list[Note]:
     """The note about legs that do not move as in walking."""
     if not paces:
         return []
@@ -67,7 +67,7 @@ def pace_notes(paces: Mapping[str, Pace]) -> list[Note]:
 
 def _pace(
     gyr: np.ndarray, force: np.ndarray, walks: np.ndarray, rate_hz: float, usual: tuple[float, float]
-) -> Pace | None:
+) -> LegPace | None:
     """The pace of rates (T, 3) and forces (T,) in walking (T,); None if it does not repeat itself, or too seldom."""
     if not walks.any():
         return None
@@ -90,7 +90,7 @@ def _pace(
     if at.FEWEST_STRIDES * stride > walks.sum():
         return None
     seconds = stride / rate_hz
-    return Pace(seconds, moves * seconds / usual[0], shakes * seconds**2 / usual[1])
+    return LegPace(seconds, moves * seconds / usual[0], shakes * seconds**2 / usual[1])
 
 
 def _cause(seconds: float, angle: float, shaking: float) -> str:
