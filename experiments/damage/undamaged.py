@@ -16,15 +16,15 @@ from jgait.estimators.combined import compare
 from jgait.estimators.combined.crosscheck import FOOT_ON_SHANK
 from jgait.estimators.notes import RATES_OFF
 from jgait.estimators.waist.notes import GYROSCOPE_CONTRADICTS, WALKING_MISSED
-from jgait.io.damage import agreement, delays, paces, samples, splices, tilts, turns
+from jgait.io.checks import gravity, order, pace, readings, sides
 from jgait.notes import Kind
 from jgait.simulate.sensors import IDG300, MPU6000, OPAL
 from jgait.types import Recording, RecordingError
 
 CODES = {
-    kind.code for module in (agreement, delays, paces, samples, splices, tilts, turns)
+    kind.code for module in (gravity, order, pace, readings, sides)
     for kind in vars(module).values() if isinstance(kind, Kind)
-}  # fmt: skip
+} - {"channel_clipped", "channel_constant", "accelerometer_coarse", "range_stuck"}  # fmt: skip
 """Codes of the readers' notes about damage."""
 
 ANALYSED = {

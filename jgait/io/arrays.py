@@ -6,10 +6,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jgait.io.checks import RANGE_UNITS, check_range, quality_notes, usable_sensors
+from jgait.io.checks import contradictions, quality_notes
+from jgait.io.checks.readings import without_damage, without_repeats
+from jgait.io.checks.sizes import RANGE_UNITS, check_range, usable_sensors
 from jgait.io.clock import SampleTimes, make_clock
-from jgait.io.damage import damage_notes, without_damage
-from jgait.io.damage.ranges import without_repeats
 from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit, Units, known_unit, unit_scale
 from jgait.notes import NO_RANGE, ORIGIN, Kind, Note
 from jgait.signal.windows import over_losses
@@ -124,7 +124,7 @@ def recording_in_units(
     damage = [note for placement in imus for note in notes_of[placement]]
     notes = (
         *clock.notes, *_by_header(units, sensors), *left_out, *damage, *quality_notes(recording, noted),
-        *damage_notes(recording, {placement: units[placement]["gyr"] for placement in imus}),
+        *contradictions(recording, {placement: units[placement]["gyr"] for placement in imus}),
     )  # fmt: skip
     if feet_range is None:
         return recording._replace(notes=notes)

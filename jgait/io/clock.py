@@ -103,26 +103,17 @@ def make_clock(
     """
     if samples < FEWEST:
         raise RecordingError(f"{name} has {samples} samples; at least {FEWEST} are needed")
-    if sampling_rate_hz is not None and not (np.isfinite(sampling_rate_hz) and sampling_rate_hz > 0):
-        raise RecordingError(
-            f"{name}: {{argument}} must be positive; got {sampling_rate_hz}", argument="sampling_rate_hz"
-        )
-    if sampling_rate_hz is not None and sampling_rate_hz * LONGEST_STEP_S < 1.0:
-        raise RecordingError(
-            f"{name}: {{argument}} is {sampling_rate_hz:.4g} Hz; walking needs at least {1.0 / LONGEST_STEP_S:.2g} Hz",
-            argument="sampling_rate_hz",
-        )
+    if sampling_rate_hz is not None:
+        _check_rate(sampling_rate_hz, name)
     if time is None:
         if sampling_rate_hz is None:
-            raise RecordingError(
-                f"{name} has {samples} samples without time stamps, so {{argument}} is needed; it was not given",
-                argument="sampling_rate_hz",
+            raise _rate_needed(
+                f"{name} has {samples} samples without time stamps, so {{argument}} is needed; it was not given"
             )
         return SampleTimes(np.arange(samples) / sampling_rate_hz, np.arange(samples), float(sampling_rate_hz), ())
-    stamps = as_float(time)
+    stamps, notes = as_float(time), list[Note]()
     if stamps.shape != (samples,):
         raise RecordingError(f"{name}: time must have one value a sample, ({samples},); got shape {stamps.shape}")
-    notes: list[Note] = []
     check_order(stamps, name, time_unit)
     fresh = np.flatnonzero(np.concatenate([[True], np.diff(stamps) > 0]))
     if len(fresh) < samples:
@@ -131,18 +122,16 @@ def make_clock(
         stamps = stamps[fresh]
     if time_unit is None and count_samples(stamps):
         if sampling_rate_hz is None:
-            raise RecordingError(
+            raise _rate_needed(
                 f"{name}: time counts the samples ({stamps[0]:.15g}, {stamps[1]:.15g}, …), so {{argument}} is needed; "
-                "if it is in ms at 1000 Hz, call the column 'time_ms'",
-                argument="sampling_rate_hz",
+                "if it is in ms at 1000 Hz, call the column 'time_ms'"
             )
         stamps, time_unit = (stamps - stamps[0]) / sampling_rate_hz, "s"
     unit = unit_of_time(stamps, time_unit, name)
     if not time_unit:
         notes.append(TIME_UNIT_DEDUCED(unit=unit, step=float(np.median(np.diff(stamps)))))
     seconds = (stamps - stamps[0]) * TIME_UNITS[unit]
-    step = float(np.median(np.diff(seconds)))
-    if abs(begin := float(stamps[0]) * TIME_UNITS[unit]) > 1.5 * step:
+    if abs(begin := float(stamps[0]) * TIME_UNITS[unit]) > 1.5 * float(np.median(np.diff(seconds))):
         notes.append(CLOCK_FROM_FIRST(begin_s=begin))
     seconds, counts, step = steadied(seconds, notes)
     # without the rounding of sums, which differs between recordings of different length
@@ -150,14 +139,24 @@ def make_clock(
     if sampling_rate_hz is None:
         notes.append(RATE_DEDUCED(rate_hz=rate))
     elif abs(rate / sampling_rate_hz - 1.0) > RATE_OFF:
-        raise RecordingError(
+        raise _rate_needed(
             f"{name}: the time stamps run at {rate:.4g} Hz, but {{argument}} is {sampling_rate_hz:.4g}; "
-            "give one of the two, or correct time_unit",
-            argument="sampling_rate_hz",
+            "give one of the two, or correct time_unit"
         )
     filled, rows = _fill_gaps(seconds, counts, name, notes)
-    rows = np.where(rows < 0, -1, fresh[rows])
-    return SampleTimes(filled, rows, float(sampling_rate_hz or rate), tuple(notes))
+    return SampleTimes(filled, np.where(rows < 0, -1, fresh[rows]), float(sampling_rate_hz or rate), tuple(notes))
+
+
+def _rate_needed(text: str) -> RecordingError:
+    return RecordingError(text, argument="sampling_rate_hz")
+
+
+def _check_rate(rate_hz: float, name: str) -> None:
+    if not (np.isfinite(rate_hz) and rate_hz > 0):
+        raise _rate_needed(f"{name}: {{argument}} must be positive; got {rate_hz}")
+    if rate_hz * LONGEST_STEP_S < 1.0:
+        least = 1.0 / LONGEST_STEP_S
+        raise _rate_needed(f"{name}: {{argument}} is {rate_hz:.4g} Hz; walking needs at least {least:.2g} Hz")
 
 
 def check_inserted(samples: int, rows: int, name: str) -> None:
@@ -178,13 +177,22 @@ def count_samples(stamps: np.ndarray) -> bool:
 
 
 def unwrapped(counts: np.ndarray) -> np.ndarray | None:
-    """(n,) numbers of samples of a counter that begins again at `COUNTER_TURN`; None if it counts something else."""
+    """(n,) numbers of samples of a counter that begins again at `COUNTER_TURN`; None if it counts something else.
+
+    A counter of packets, each of the same number of samples, gives their numbers as well.
+    """
     numbers = np.unwrap(counts, period=COUNTER_TURN)
+    begins = np.flatnonzero(np.diff(numbers, prepend=numbers[:1] - 1))
+    sizes = np.diff(begins, append=len(numbers))
+    if len(sizes) > 1 and (sizes[:-1] == sizes[0]).all() and sizes[-1] <= sizes[0]:
+        numbers = sizes[0] * numbers + np.arange(len(numbers)) - np.repeat(begins, sizes)
     return numbers if count_samples(numbers) else None
 
 
 def check_order(stamps: np.ndarray, name: str, stated: str | None = None) -> None:
     """Refuse time stamps that are missing, decrease, or repeat the one before in more than the share `REPEATED`.
+
+    A clock that stepped back is told from rows in disorder, which can be sorted: sorting mixes the rows of two times.
 
     Raises:
         RecordingError: with the number of the first such row.
@@ -200,14 +208,12 @@ def check_order(stamps: np.ndarray, name: str, stated: str | None = None) -> Non
     wrong = np.flatnonzero(step < 0 if few else step <= 0)
     if not len(wrong):
         return
-    row = int(wrong[0]) + 1
-    what = "repeats" if step[row - 1] == 0 else "runs backwards"
+    row, ordered = int(wrong[0]) + 1, np.diff(np.sort(stamps))
+    what, usual = "repeats" if step[row - 1] == 0 else "runs backwards", float(np.median(ordered))
     where = (
         f"{name}: time {what} at row {row} (the first row is 0): {stamps[row]:.15g} follows {stamps[row - 1]:.15g}; "
         f"{len(wrong)} such rows in all"
     )
-    ordered = np.diff(np.sort(stamps))
-    usual = float(np.median(ordered))
     if usual > 0 and ordered.min() > 0.5 * usual and (len(wrong) > 1 or ordered.max() < 1.5 * usual):
         raise RecordingError(f"{where}: the rows are in disorder: sort them by time")
     if stamps[-1] <= stamps[0] or -step.min() > LATEST * (stamps[-1] - stamps[0]) / len(step):
@@ -215,37 +221,43 @@ def check_order(stamps: np.ndarray, name: str, stated: str | None = None) -> Non
             f"{where}: the clock stepped back, or another recording begins: split the recording there, and do not sort "
             "the rows, which mixes those of two times"
         )
-    raise RecordingError(
+    rows = _rows_a_second(float(step.mean()), stated)
+    raise _rate_needed(
         f"{where}. If they are samples of their own (packets, coarse stamps), leave out the time and give "
-        f"{{argument}}: {_rows_a_second(step, stated)}. Drop rows only if they are copies",
-        argument="sampling_rate_hz",
+        f"{{argument}}: {rows}. Drop rows only if they are copies"
     )
-
-
-def _rows_a_second(steps: np.ndarray, stated: str | None) -> str:
-    """How many rows there are in a second, in words; of times without a unit, in the unit that this makes likely."""
-    mean = float(steps.mean())
-    return f"there are {1.0 / (mean * TIME_UNITS[_likely_unit(mean, stated)]):.4g} rows a second"
 
 
 def _likely_unit(step: float, stated: str | None) -> str:
     """The unit of steps of this length: the stated one if it is known, or else the largest that is not too long."""
-    if stated in TIME_UNITS:
-        return str(stated)
-    return next((unit for unit, scale in TIME_UNITS.items() if step * scale <= LONGEST_STEP_S), "us")
+    likely = (unit for unit, scale in TIME_UNITS.items() if step * scale <= LONGEST_STEP_S)
+    return stated if stated in TIME_UNITS else next(likely, "us")
+
+
+def _rows_a_second(step: float, stated: str | None) -> str:
+    return f"there are {1.0 / (step * TIME_UNITS[_likely_unit(step, stated)]):.4g} rows a second"
 
 
 def unit_of_time(stamps: np.ndarray, stated: str | None, name: str) -> str:
     """The unit of increasing time stamps (n,), n > 1: the stated one, or else the one that their steps suggest.
 
     Raises:
-        RecordingError: for an unknown unit, for one in which no sensor samples, and for stamps that come in bursts.
+        RecordingError: for an unknown unit, for one in which no sensor samples, and for stamps that come in bursts, as
+            of packets, whose samples have the time at which the packet arrived, almost.
     """
-    step = float(np.median(np.diff(stamps)))
-    _check_bursts(np.diff(stamps), step, stated, name)
-    usual = [unit for unit, scale in TIME_UNITS.items() if SHORTEST_USUAL_S <= step * scale <= LONGEST_STEP_S]
+    steps = np.diff(stamps)
+    step, long = float(np.median(steps)), steps > BURST * float(np.median(steps))
+    if steps.mean() > BURST * step and long.mean() >= PACKETS:
+        mean, period = float(steps.mean()), float(np.median(steps[long]))
+        unit = _likely_unit(mean, stated)
+        raise _rate_needed(
+            f"{name}: the time stamps come in bursts: rows are {step:.3g} {unit} apart, then {period:.3g} {unit}, as "
+            f"in packets sent by radio; {_rows_a_second(mean, stated)}. Leave out the time and give {{argument}}"
+        )
+    lengths = {unit: step * scale for unit, scale in TIME_UNITS.items()}
+    usual = [unit for unit, length in lengths.items() if SHORTEST_USUAL_S <= length <= LONGEST_STEP_S]
     if not stated and not usual:
-        rates = ", ".join(f"{1.0 / (step * scale):.4g} Hz in {unit}" for unit, scale in TIME_UNITS.items())
+        rates = ", ".join(f"{1.0 / length:.4g} Hz in {unit}" for unit, length in lengths.items())
         raise RecordingError(
             f"{name}: the time's steps are {step:.4g}, so the sampling rate would be {rates}; "
             f"expected {1.0 / LONGEST_STEP_S:.2g} to {1.0 / SHORTEST_USUAL_S:g} Hz. Write the time in s; divide ticks "
@@ -254,29 +266,15 @@ def unit_of_time(stamps: np.ndarray, stated: str | None, name: str) -> str:
     unit = stated or usual[0]
     if unit not in TIME_UNITS:
         raise RecordingError(f"{name}: time_unit must be one of {', '.join(map(repr, TIME_UNITS))}; got {unit!r}")
-    length = step * TIME_UNITS[unit]
-    if SHORTEST_STEP_S <= length <= LONGEST_STEP_S:
+    fits = [one for one, length in lengths.items() if SHORTEST_STEP_S <= length <= LONGEST_STEP_S]
+    if unit in fits:
         return unit
-    fits = [unit for unit, scale in TIME_UNITS.items() if SHORTEST_STEP_S <= step * scale <= LONGEST_STEP_S]
     hint = f"; it seems to be in {' or '.join(fits)}: correct {{argument}}" if fits else ""
-    wrong = f"; walking needs at most {LONGEST_STEP_S} s" if length > LONGEST_STEP_S else ", faster than 10 kHz"
+    slow = lengths[unit] > LONGEST_STEP_S
+    wrong = f"; walking needs at most {LONGEST_STEP_S} s" if slow else ", faster than 10 kHz"
     raise RecordingError(
-        f"{name}: with time in {unit}, samples are {length:.4g} s apart{wrong}{hint}",
+        f"{name}: with time in {unit}, samples are {lengths[unit]:.4g} s apart{wrong}{hint}",
         argument="time_unit" if fits else "",
-    )
-
-
-def _check_bursts(steps: np.ndarray, median: float, stated: str | None, name: str) -> None:
-    """Refuse stamps of packets, whose samples have the time at which the packet arrived, almost."""
-    long = steps > BURST * median
-    if steps.mean() <= BURST * median or long.mean() < PACKETS:
-        return
-    period = float(np.median(steps[long]))
-    unit = _likely_unit(float(steps.mean()), stated)
-    raise RecordingError(
-        f"{name}: the time stamps come in bursts: rows are {median:.3g} {unit} apart, then {period:.3g} {unit}, as in "
-        f"packets sent by radio; {_rows_a_second(steps, stated)}. Leave out the time and give {{argument}}",
-        argument="sampling_rate_hz",
     )
 
 

@@ -1,4 +1,4 @@
-"""Errors about tables whose columns are not recognised: they name what may be meant."""
+"""The error about a table whose columns are not recognised: it names those that may be meant."""
 
 import difflib
 from collections.abc import Mapping
@@ -13,53 +13,41 @@ FEW = 4
 """[1] Largest number of columns that a message lists."""
 
 
-def lacking_columns(
-    lacking: list[str], expected: list[str], position: Mapping[str, int], given: list[str], name: str
-) -> RecordingError:
-    """The error about a sensor without some of its columns; it names unrecognised columns that may be meant."""
-    unknown = _unrecognised(position, given)
-    meant = []
-    for column in lacking:
-        likely = [column]
-        for sibling in (other for other in expected if other in position):  # the lab's own spelling of this axis
-            spelt = given[position[sibling]].lower()
-            last = spelt.rfind(sibling[-1])
-            likely.append(f"{spelt[:last]}{column[-1]}{spelt[last + 1 :]}")
-        near = _nearest(likely, unknown)
-        meant += [f"{near!r} looks like {column!r}"] if near else []
-    hint = f"; {', '.join(meant)}: correct the header of the file" if meant else ""
-    rest = f"; columns not recognised: {_few(unknown)}" if unknown else ""
-    return RecordingError(f"{name} lacks {', '.join(lacking)}{hint}; expected columns {expected}{rest}")
+def not_recognised(lacking: list[str], position: Mapping[str, int], given: list[str], name: str) -> RecordingError:
+    """The error about columns that are lacking, or about a table in which no column is that of a sensor.
 
-
-def without_gyroscope(placement: str, position: Mapping[str, int], given: list[str], name: str) -> RecordingError:
-    """The error about a sensor of which only the accelerometer is recognised; it names columns that may be meant."""
-    unknown = _unrecognised(position, given)
-    meant = [column for column in unknown if sensor_of(column)] or unknown
-    rest = f"; columns not recognised: {_few(meant)}" if meant else ""
-    return RecordingError(
-        f"{name} has {placement}_acc_x, _y, _z but no {placement}_gyr_x, _y, _z; a sensor needs its gyroscope{rest}"
-    )
-
-
-def no_sensor(position: Mapping[str, int], given: list[str], name: str) -> RecordingError:
-    """The error about a table in which no column is recognised as a sensor's; it says how columns are named."""
-    if any(column_of(column) in CHANNELS for column in given):
+    Args:
+        lacking: names of columns that are expected; empty if no sensor is recognised.
+        position: recognised name → number of the column.
+        given: names of all columns.
+        name: of the table.
+    """
+    known = {index for column, index in position.items() if column in COLUMNS}
+    unknown = [column for index, column in enumerate(given) if index not in known]
+    if not lacking and any(column_of(column) in CHANNELS for column in given):
         return RecordingError(
             f"{name} lacks the place of its sensor: found {_few(given)}; for one sensor with bare names give its "
             "place, such as {argument}",
             argument="placement",
             value="waist",
         )
-    signals = sorted(COLUMNS - {"time", "feet_range"})
-    sensors = {column: found[0] for column in _unrecognised(position, given) if (found := sensor_of(column))}
-    strange = [sensor for sensor in sensors.values() if not _nearest([sensor.lower()], list(PLACEMENTS))]
-    near = {
-        column: _nearest([column.strip().lower()], signals)
-        for column in _unrecognised(position, given) if sensors.get(column) not in strange
-    }  # fmt: skip
-    meant = [f"{column!r} looks like {known!r}" for column, known in near.items() if known]
-    hint = f"; {', '.join(meant[:3])}: correct the header of the file" if meant else ""
+    sensors = [found[0] for column in unknown if (found := sensor_of(column))]
+    strange = [sensor for sensor in sensors if _nearest(sensor, PLACEMENTS) is None]
+    # the lab's own names of the other axes, with the letter of one that lacks
+    spelt = {_with_axis(given[index], wanted[-1]): wanted for wanted in lacking
+             for column, index in position.items() if column[:-1] == wanted[:-1]}  # fmt: skip
+    likely = spelt | {column: column for column in lacking or sorted(COLUMNS - {"time", "feet_range"})}
+    meant = {column: near for column in unknown if (near := _nearest(column, likely))}
+    hint = ", ".join(f"{column!r} looks like {likely[near]!r}" for column, near in list(meant.items())[:3])
+    hint = f"; {hint}: correct the header of the file" if hint else ""
+    if lacking:
+        rest = f"; columns not recognised: {_few([c for c in unknown if sensor_of(c)] or unknown)}" if unknown else ""
+        place = lacking[0].rpartition("_gyr_")[0]
+        if len(lacking) == 3 and place:
+            have = f"has {place}_acc_x, _y, _z but no {place}_gyr_x, _y, _z; a sensor needs its gyroscope"
+            return RecordingError(f"{name} {have}{hint}{rest}")
+        expected = [f"{lacking[0][:-1]}{axis}" for axis in "xyz"]
+        return RecordingError(f"{name} lacks {', '.join(lacking)}{hint}; expected columns {expected}{rest}")
     named = "; io.read and the commands place sensors by {argument}" if strange and not hint else ""
     return RecordingError(
         f"{name} has no column that is recognised as a sensor's: found {_few(given)}{hint}; columns are named "
@@ -69,18 +57,16 @@ def no_sensor(position: Mapping[str, int], given: list[str], name: str) -> Recor
     )
 
 
-def _unrecognised(position: Mapping[str, int], given: list[str]) -> list[str]:
-    known = {index for column, index in position.items() if column in COLUMNS}
-    return [column for index, column in enumerate(given) if index not in known]
+def _with_axis(spelt: str, axis: str) -> str:
+    """A lab's name of a column, in lower case, with another axis at its last x, y or z."""
+    last = max(spelt.lower().rfind(letter) for letter in "xyz")
+    return f"{spelt[:last]}{axis}{spelt[last + 1 :]}".lower()
 
 
-def _nearest(likely: list[str], among: list[str]) -> str | None:
-    """The name among some that is spelt almost as one of the likely names (lower case); None if there is none."""
-    alike = {
-        name: max(difflib.SequenceMatcher(None, one, name.strip().lower()).ratio() for one in likely) for name in among
-    }
-    best = max(alike, key=lambda name: alike[name], default=None)
-    return best if best is not None and alike[best] > ALMOST else None
+def _nearest(spelt: str, among: Mapping[str, str] | tuple[str, ...]) -> str | None:
+    """The name among some (lower case) that is almost as spelt; None if there is none."""
+    near = difflib.get_close_matches(spelt.strip().lower(), list(among), 1, ALMOST)
+    return near[0] if near else None
 
 
 def _few(names: list[str]) -> str:

@@ -71,7 +71,7 @@ def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
     units = _units(lines[body[0]], separator) if body else []
     unread = [*range(above), *body[: 1 if units else 0]]
     body = body[1 if units else 0 :]
-    decimal = "," if separator != "," and "," in lines[body[0] if body else header] else "."
+    decimal = "," if separator != "," and any("," in lines[row] for row in body or [header]) else "."
     try:
         with warnings.catch_warnings():
             # Without index_col=False, rows that are longer than the header would shift all columns by one, silently.

@@ -12,7 +12,7 @@ from jgait.io.atomic import check_path
 from jgait.io.clock import CLOCK_FROM_DATE, unwrapped
 from jgait.io.dates import date_of, dated
 from jgait.io.files import no_numbers, reading
-from jgait.io.misnamed import lacking_columns, no_sensor, without_gyroscope
+from jgait.io.misnamed import not_recognised
 from jgait.io.names import CHANNELS, COUNTER, LONG_UNITS, column_of, like_a_signal, recognised, unit_in_name
 from jgait.io.rows import read_table
 from jgait.io.units import Unit, unit_of_columns
@@ -233,13 +233,13 @@ def _placements(position: Mapping[str, int], given: list[str], name: str) -> dic
             lacking = [column for column in expected if column not in position]
             if len(lacking) == 3:
                 continue
-            if lacking:
-                raise lacking_columns(lacking, expected, position, given, name)
             if kind == "acc" and placement not in placements:
-                raise without_gyroscope(placement, position, given, name)
+                lacking = lacking or [column.replace("_acc_", "_gyr_") for column in expected]
+            if lacking:
+                raise not_recognised(lacking, position, given, name)
             placements.setdefault(placement, []).append(kind)
     if not placements:
-        raise no_sensor(position, given, name)
+        raise not_recognised([], position, given, name)
     return placements
 
 

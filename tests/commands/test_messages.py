@@ -11,8 +11,8 @@ from jgait import cli, io
 from jgait.commands import jobs
 from jgait.estimators.about import EstimatedRecording
 from jgait.estimators.notes import STRIDES_UNCERTAIN, without_repeats
+from jgait.io.checks.readings import IMPOSSIBLE
 from jgait.io.clock import GAPS_FILLED
-from jgait.io.damage.samples import IMPOSSIBLE
 from jgait.report import Made
 from jgait.types import Estimate, Legs, RecordingError, reason_of
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jgait.io.clock import make_clock
+from jgait.io.clock import make_clock, unwrapped
 from jgait.io.formats.clocks import CLOCKS_JOINED, one_clock
 from jgait.io.formats.part import Part
 from jgait.types import RecordingError
@@ -75,6 +75,14 @@ def test_numbers_of_samples_are_a_clock_if_the_rate_is_given():
     np.testing.assert_allclose(clock.time, np.arange(100) / 50.0)
     assert list(np.flatnonzero(clock.rows < 0)) == [40]
     assert make_clock(100, np.arange(100.0), None, "ms", "walk").sampling_rate_hz == 1000.0
+
+
+def test_a_counter_of_packets_counts_the_samples_in_them():
+    packets = np.repeat(np.delete(np.arange(2**16 - 30, 2**16 + 30), [20, 21]) % 2**16, 10)[:-3]
+    numbers = unwrapped(packets)
+    np.testing.assert_array_equal(np.flatnonzero(np.diff(numbers) != 1), [199])
+    assert numbers[200] - numbers[199] == 21
+    assert unwrapped(np.repeat([1, 2, 3], [10, 4, 10])) is None
 
 
 REFUSED = {

@@ -207,13 +207,13 @@ ACCUSED = (
 AXES = tuple(code for code in ACCUSED if code != "sides_differ")
 """Those of `ACCUSED` that make joint angles wrong; not a difference of the sides, which a stiff leg also causes."""
 
-CLOCKS = ("sensor_late", "clocks_drift", "sides_out_of_step")
+CLOCKS = ("sensor_late", "sides_out_of_step")
 """Codes of readers' notes that a sensor's clock is wrong: the times of its strides are wrong, their lengths hold."""
 
 PAIRS = tuple(code for code in CLOCKS if code != "sides_out_of_step")
 """Those of `CLOCKS` that a limp does not cause; they may compare two sensors of one leg."""
 
-SHOES = ("accelerometer_late", "sensor_late", "clocks_drift", CLOCK_OFF.code, LEGS_TOGETHER.code, CONTACTS_APART.code)
+SHOES = ("accelerometer_late", "sensor_late", CLOCK_OFF.code, LEGS_TOGETHER.code, CONTACTS_APART.code)
 """Codes of notes in which another sensor shows that the clock of a shoe may be off. Differences in time between right
 and left are then not known. Notes that a limp also causes are not among them."""
 

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from jgait.io.checks.sizes import BY_SIZE
 from jgait.io.formats.part import Measured, Part
-from jgait.io.formats.settle import RATES, sizes
 from jgait.io.formats.text import AXES, Rows, TextFormat
 from jgait.io.names import COLUMNS, column_of
 from jgait.notes import DEDUCED, Kind
@@ -95,8 +95,9 @@ def _content(rows: Rows) -> Measured:
     packets = counted(rows, COUNTER, COUNTER_BITS)
     stated = RATE.search("\n".join(rows.before))
     serial = SERIAL.search(stem)
-    size = sizes(gyr)
-    likely = not size.size or float(np.percentile(size, 99.0)) < RATES["rad/s"][1]
+    size = np.linalg.norm(gyr, axis=1)
+    fast = np.nanpercentile(size, 99.0) if np.isfinite(size).any() else 0.0
+    likely = bool(fast < BY_SIZE["gyr"].limits["rad/s"][1])
     return Measured(
         [
             Part(

@@ -41,7 +41,7 @@ class Measured(NamedTuple):
     subject: str = ""  #: name of the person; "" where the file states none.
     notes: tuple[Note, ...] = ()  #: notes of the reader.
     #: (T,) distance of the left ankle from the right leg at the samples of the sensors, which must be on one clock, NaN
-    #: where nothing was measured; or None. Its unit, one of `jgait.io.checks.RANGE_UNITS`, is told.
+    #: where nothing was measured; or None. Its unit, one of `jgait.io.checks.sizes.RANGE_UNITS`, is told.
     feet_range: np.ndarray | None = None
 
 

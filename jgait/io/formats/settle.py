@@ -9,24 +9,17 @@ caller, or from the name that the file gives the sensor, which is noted too.
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from jgait.io.arrays import recording_in_units
-from jgait.io.checks import FEET_APART, RANGE_UNITS
+from jgait.io.checks.sizes import BY_SIZE
 from jgait.io.clock import CLOCK_FROM_DATE
 from jgait.io.dates import date_of
 from jgait.io.formats.clocks import on_one_counter, one_clock
 from jgait.io.formats.part import SENSORS_LEFT_OUT, Measured, Part
 from jgait.io.names import placement_of
-from jgait.io.units import ACC_UNITS, Unit, unit_of_gravity
+from jgait.io.units import Unit
 from jgait.notes import DEDUCED, ORIGIN, Kind, Note
-from jgait.types import PLACEMENTS, Recording, RecordingError
-
-RATES = {"rad/s": (1.0, 12.0), "deg/s": (30.0, 2e3), "mrad/s": (2e3, 1.2e4), "mdeg/s": (3.5e4, np.inf)}
-"""Unit → limits [unit of the file] of the 99th percentile of a walking sensor's rate; chosen, none in two units."""
-
-MOST_SHAKEN = 0.6, 2.0
-"""[g] Limits of the median specific force of a sensor in walking; gravity is checked where the sensor is calm."""
+from jgait.types import PLACEMENTS, Recording, RecordingError, as_float
 
 PLACED_BY_NAME = Kind("placed_by_name", "info", "the sensor {sensor!r} is taken to have sat at {placement}", DEDUCED)
 UNIT_DEDUCED = Kind("unit_deduced", "info", "{placement}: the file states no unit of {signal}; {unit}, {why}", DEDUCED)
@@ -66,15 +59,9 @@ def settle(
     notes = list(measured.notes)
     placed = _placed(measured.parts, placements or {}, called, notes)
     placed = on_one_counter(placed, called, notes)
-    units_gyr = _rate_units(placed, gyr_unit, called, notes)
-    units_acc = _force_units(placed, acc_unit, called, notes)
-    units = {
-        where: {
-            "gyr": Unit(units_gyr[where], _origin(gyr_unit, part.gyr_unit, part.units_by)),
-            "acc": Unit(units_acc[where], _origin(acc_unit, part.acc_unit, part.units_by)),
-        }
-        for where, part in placed.items()
-    }
+    given = {"gyr": gyr_unit, "acc": acc_unit}
+    found = {kind: _units(placed, kind, unit, called, notes) for kind, unit in given.items()}
+    units = {where: {kind: found[kind][where] for kind in given} for where in placed}
     for where, part in placed.items():
         notes += _which_way_up(part, where)
     sensors = {
@@ -90,7 +77,9 @@ def settle(
         units,
         time=time,
         feet_range=measured.feet_range,
-        range_unit=_range_unit(measured.feet_range, called, notes),
+        range_unit=_by_size("feet_range", {"feet_range": as_float(measured.feet_range)}, called, notes)["feet_range"]
+        if measured.feet_range is not None and np.isfinite(as_float(measured.feet_range)).any()
+        else "m",
         time_unit=None if time is None else "s",
         sampling_rate_hz=rate_hz,
         name=called,
@@ -100,11 +89,6 @@ def settle(
     if time is not None and len(begins) == 1 and (begin_s := begins.pop()) is not None:
         notes.append(CLOCK_FROM_DATE(date=date_of(begin_s + float(time[0]))))
     return recording._replace(notes=(*notes, *recording.notes))
-
-
-def _origin(given: str | None, stated: str | None, by: str) -> str:
-    """What states a unit: the argument, the file, or else the signals."""
-    return "argument" if given is not None else by if stated is not None else "signals"
 
 
 def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: list[Note]) -> dict[str, Part]:
@@ -147,75 +131,42 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
     return placed
 
 
-def sizes(values: ArrayLike | None) -> np.ndarray:
-    """The sizes of vectors (T, 3) that are finite."""
-    size = np.linalg.norm(np.zeros((0, 3)) if values is None else np.asarray(values, np.float64), axis=1)
-    return size[np.isfinite(size)]
-
-
-def _force_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes: list[Note]) -> dict[str, str]:
-    """Placement → the accelerometer's unit: given, stated, or deduced from gravity, which is near its median."""
-    units: dict[str, str] = {}
+def _units(placed: Mapping[str, Part], kind: str, chosen: str | None, name: str, notes: list[Note]) -> dict[str, Unit]:
+    """Placement → unit of a signal: given, stated by the file, or deduced from its size."""
+    units, unknown = {}, {}
     for where, part in placed.items():
-        size = sizes(part.acc)
-        units[where] = chosen or part.acc_unit or ("" if size.size else "m/s^2")
-        if units[where]:
-            continue
-        median = float(np.median(size))
-        units[where] = unit_of_gravity(median, MOST_SHAKEN)
-        if not units[where]:
-            raise RecordingError(
-                f"{name}: the file states no unit of acceleration, and the median of {where} is {median:.4g}, which is "
-                f"gravity in none of {', '.join(ACC_UNITS)}; give {{argument}}, or find the raw signal if gravity was "
-                "removed",
-                argument="acc_unit",
-            )
-        why = f"for its median is {median:.4g}"
-        notes.append(UNIT_DEDUCED(placement=where, signal="acceleration", unit=units[where], why=why))
-    return units
+        stated = part.gyr_unit if kind == "gyr" else part.acc_unit
+        values = np.linalg.norm(np.zeros((0, 3)) if (own := getattr(part, kind)) is None else as_float(own), axis=1)
+        if chosen is None and stated is None and np.isfinite(values).any():
+            unknown[where] = values
+        by = "argument" if chosen is not None else part.units_by if stated is not None else "signals"
+        units[where] = Unit(chosen or stated or next(iter(BY_SIZE[kind].limits)), by)
+    return units | {where: Unit(unit, "signals") for where, unit in _by_size(kind, unknown, name, notes).items()}
 
 
-def _rate_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes: list[Note]) -> dict[str, str]:
-    """Placement → the gyroscope's unit: given, stated, or deduced from its size, which needs walking.
+def _by_size(kind: str, values: Mapping[str, np.ndarray], name: str, notes: list[Note]) -> dict[str, str]:
+    """Sensor → unit of its sizes (T,), as those of the sensor with the largest decide: one system writes one unit.
 
-    One system writes one unit: the unit of the sensor with the largest rate is used for all sensors without a unit.
+    Raises:
+        RecordingError: if they are those of none of the units, or of several.
     """
-    units = {where: chosen or part.gyr_unit for where, part in placed.items()}
-    rates = {where: sizes(part.gyr) for where, part in placed.items() if units[where] is None}
-    reached = {where: float(np.percentile(size, 99.0)) if size.size else 0.0 for where, size in rates.items()}
-    fastest = max(reached, key=lambda where: reached[where], default="")
-    most = reached.get(fastest, 0.0)
-    unit = next((name for name, (low, high) in RATES.items() if low < most <= high), None)
-    if reached and unit is None:
-        raise RecordingError(
-            f"{name}: the file states no unit of angular rate, and the size of {fastest} does not decide (99th "
-            f"percentile {most:.4g}; walking has {' or '.join(f'{a:g} to {b:g} {u}' for u, (a, b) in RATES.items())}); "
-            "give {argument}",
-            argument="gyr_unit",
-        )
-    for where in reached:
-        why = f"for the 99th percentile is {most:.4g}" if where == fastest else f"as {fastest}"
-        notes.append(UNIT_DEDUCED(placement=where, signal="angular rate", unit=unit, why=why))
-    return {where: known or str(unit) for where, known in units.items()}
-
-
-def _range_unit(values: ArrayLike | None, name: str, notes: list[Note]) -> str:
-    """The unit of a range between feet, deduced from the size of the distances."""
-    ranges = np.asarray([] if values is None else values, np.float64)
-    ranges = ranges[np.isfinite(ranges)]
-    if not ranges.size:
-        return "m"
-    middle = float(np.median(ranges))
-    fits = [unit for unit, metres in RANGE_UNITS.items() if FEET_APART[0] <= middle * metres <= FEET_APART[1]]
+    signal, what, share, limits, hint = BY_SIZE[kind]
+    sizes = {where: float(np.percentile(own[np.isfinite(own)], share)) for where, own in values.items()}
+    if not sizes:
+        return {}
+    largest = max(sizes, key=lambda where: sizes[where])
+    fits = [unit for unit, (low, high) in limits.items() if low < sizes[largest] <= high]
     if len(fits) != 1:
+        usual = " or ".join(f"{low:.4g} to {high:.4g} {unit}" for unit, (low, high) in limits.items())
         raise RecordingError(
-            f"{name}: the file states no unit of feet_range, and its median, {middle:.4g}, does not decide (feet that "
-            f"pass each other are {FEET_APART[0]:g} to {FEET_APART[1]:g} m apart); use read_csv and give {{argument}}",
-            argument="range_unit",
+            f"{name}: the file states no unit of {signal}, and the size of {largest} does not decide ({what} "
+            f"{sizes[largest]:.4g}; walking has {usual}); {hint}give {{argument}}",
+            argument="range_unit" if kind == "feet_range" else f"{kind}_unit",
         )
-    why = f"for its median is {middle:.4g}"
-    notes.append(UNIT_DEDUCED(placement="feet_range", signal="distances", unit=fits[0], why=why))
-    return fits[0]
+    for where in sizes:
+        why = f"for the {what} is {sizes[largest]:.4g}" if where == largest else f"as {largest}"
+        notes.append(UNIT_DEDUCED(placement=where, signal=signal, unit=fits[0], why=why))
+    return dict.fromkeys(sizes, fits[0])
 
 
 def _which_way_up(part: Part, where: str) -> list[Note]:

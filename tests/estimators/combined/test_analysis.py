@@ -17,7 +17,7 @@ from jgait.estimators.combined.distance import distances
 from jgait.estimators.combined.sources import MEASURES
 from jgait.estimators.combined.strides import combined
 from jgait.estimators.stride_flags import STRIDE_FLAGS
-from jgait.io.damage import agreement, damage_notes, delays, paces, samples, tilts, turns
+from jgait.io.checks import contradictions, gravity, order, pace, readings, sides
 from jgait.io.summary import SUMMARY
 from jgait.notes import Kind
 from jgait.report import of_analysis
@@ -86,7 +86,7 @@ def test_sensors_whose_clocks_differ_still_measure_lengths(walked):
     foot = recording.sensors["foot_right"]
     late = {name: np.roll(getattr(foot, name), 13, axis=0) for name in ("gyr", "acc", "mask")}
     recording = changed(only(recording, "pelvis", *FEET, "shank_right", "shank_left"), foot_right=foot._replace(**late))
-    note = delays.SENSOR_LATE(placement="foot_right", milliseconds=130.0, side="behind", other="shank_right")
+    note = order.SENSOR_LATE(placement="foot_right", milliseconds=130.0, side="behind", other="shank_right")
     found = jgait.analyse(recording._replace(notes=(note,)), PERSON)
     right = np.asarray(found.estimate.strides.side) == 0
     assert found.strides.used["feet"][right].sum() > 0.5 * right.sum()
@@ -284,7 +284,7 @@ def test_running_between_walks_is_named_and_turns_nothing_round():
         parts.append(simulate.recording(key, walks, way, placements=(*FEET, "pelvis")))
     recording = in_a_row(*[part for part, _ in parts])
     found = jgait.analyse(recording)
-    assert not of_code((*found.notes, *damage_notes(recording)), "pace_unusual", "sides_out_of_step")
+    assert not of_code((*found.notes, *contradictions(recording)), "pace_unusual", "sides_out_of_step")
     assert not of_code(found.notes, "feet_of_contacts_differ")
     (mixed,) = of_code(found.notes, "paces_mixed")
     ran = int(np.sum(parts[1][1].strides.valid))
@@ -362,7 +362,7 @@ def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
 
 def test_exchanged_shanks_are_named_and_not_combined(walked):
     recording, truth = walked
-    late = delays.SENSOR_LATE(placement="shank_right", milliseconds=170.0, side="behind", other="thigh_right")
+    late = order.SENSOR_LATE(placement="shank_right", milliseconds=170.0, side="behind", other="thigh_right")
     found = jgait.analyse(exchanged(recording, "shank_right", "shank_left")._replace(notes=(late,)), PERSON)
     assert late not in found.notes
     (note,) = of_code(found.notes, "sides_exchanged")
@@ -377,8 +377,8 @@ def test_exchanged_shanks_are_named_and_not_combined(walked):
 @pytest.mark.parametrize("kind", ["foot", "thigh"])
 def test_sensors_exchanged_within_a_leg_change_nothing_but_a_note(walked, analysis, kind):
     follow = (
-        delays.SENSOR_LATE(placement="ankle_right", milliseconds=100.0, side="ahead of", other="shank_right"),
-        agreement.SIDES_DIFFER(placement="shank_right", ratio=1.7, other="shank_left"),
+        order.SENSOR_LATE(placement="ankle_right", milliseconds=100.0, side="ahead of", other="shank_right"),
+        sides.SIDES_DIFFER(placement="shank_right", ratio=1.7, other="shank_left"),
     )
     found = jgait.analyse(exchanged(walked[0], f"{kind}_right", "shank_right")._replace(notes=follow), PERSON)
     (note,) = set(found.notes) - set(analysis.notes)
@@ -590,7 +590,7 @@ def test_without_a_regular_stride_no_means_are_stated(analysis):
 
 
 def test_every_code_by_which_a_sensor_is_accused_is_that_of_a_check():
-    kinds = {kind.code for module in (agreement, delays, paces, samples, tilts, turns) for kind in vars(module).values()
+    kinds = {kind.code for module in (gravity, order, pace, readings, sides) for kind in vars(module).values()
              if isinstance(kind, Kind)}  # fmt: skip
     assert {*ACCUSED, *CLOCKS} <= kinds
 
@@ -609,7 +609,7 @@ def test_a_stiff_leg_turns_less_and_counts_and_a_wrong_unit_does_not():
     foot = recording.sensors["foot_right"]
     for factor, counts in ((1.0, True), (0.4, False)):
         wrong = changed(recording, foot_right=foot._replace(gyr=factor * foot.gyr))
-        notes = tuple(of_code(damage_notes(wrong), "sides_differ"))
+        notes = tuple(of_code(contradictions(wrong), "sides_differ"))
         assert len(notes) == 1
         noted, plain = (
             float(jgait.analyse(wrong._replace(notes=said)).estimate.diagnostics["distance_stddev"][-1])

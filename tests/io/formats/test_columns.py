@@ -174,12 +174,12 @@ def test_the_unit_of_a_sensor_that_is_shaken_hard(tmp_path):
         table[f"shank_left_gyr_{axis}"] = table[f"foot_right_gyr_{axis}"]
         table[f"shank_left_acc_{axis}"] = 1.5 * table[f"foot_right_acc_{axis}"]
     table.to_csv(path, index=False)
-    told = "shank_left: the file states no unit of acceleration; m/s^2, for its median is 14."
+    told = "shank_left: the file states no unit of acceleration; m/s^2, for the median is 14."
     assert any(text.startswith(told) for text in texts(io.read(path).notes))
     for axis in "xyz":
         table[f"shank_left_acc_{axis}"] *= 3.0
     table.to_csv(path, index=False)
-    with pytest.raises(RecordingError, match="the median of shank_left is"):
+    with pytest.raises(RecordingError, match="the size of shank_left does not decide .median"):
         io.read(path)
 
 
@@ -201,7 +201,7 @@ def test_a_range_whose_unit_cannot_be_told(tmp_path):
     table = pd.read_csv(path)
     table["feet_range"] *= 100.0
     table.to_csv(path, index=False)
-    with pytest.raises(RecordingError, match="its median, .*, does not decide .* use read_csv and give range_unit"):
+    with pytest.raises(RecordingError, match="size of feet_range does not decide .* use read_csv and give range_unit"):
         io.read(path)
     assert io.read_csv(path, range_unit="cm").feet_range.distance.max() == pytest.approx(0.25, abs=0.01)
 

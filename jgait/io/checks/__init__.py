@@ -1,0 +1,97 @@
+"""Checks of the sensors of a recording, by whole kinds: range, stuck and clipped readings; losses; gravity and units;
+order and rate of samples; sides and places. What cannot be right is masked, left out or refused, what contradicts
+itself or others gets a note.
+"""
+
+import itertools
+from collections.abc import Mapping
+
+import numpy as np
+
+from jgait.io.checks import limits
+from jgait.io.checks.gravity import GYROSCOPE_SLOW, gravity_notes
+from jgait.io.checks.losses import in_long_gaps, loss_notes
+from jgait.io.checks.order import accelerometer_late, row_notes, sensors_late
+from jgait.io.checks.pace import LegPace, pace_notes, paces_of
+from jgait.io.checks.readings import channel_notes
+from jgait.io.checks.sides import exchanged, out_of_step, sides_differ, turn_notes
+from jgait.io.units import Unit
+from jgait.notes import Note
+from jgait.signal.windows import over_losses
+from jgait.types import SIDES, Imu, Recording, as_float
+
+__all__ = ["contradictions", "quality_notes"]
+
+
+def quality_notes(recording: Recording, noted: Mapping[str, np.ndarray] | None = None) -> tuple[Note, ...]:
+    """Notes about doubtful signals of a structurally sound recording: missing samples, clipped or constant channels.
+
+    Args:
+        recording: the recording.
+        noted: placement → (T,) bool, missing samples that other notes report.
+    """
+    notes: list[Note] = []
+    for placement, imu in recording.sensors.items():
+        present = np.asarray(imu.mask) | (False if noted is None else noted[placement])
+        notes += loss_notes(placement, present, imu, recording.sampling_rate_hz)
+        notes += channel_notes(placement, imu)
+    return tuple(notes)
+
+
+def contradictions(recording: Recording, units: Mapping[str, Unit] | None = None) -> tuple[Note, ...]:
+    """Notes about sensors that contradict themselves or each other: scale, sign, axes, delays, rows without stamps.
+
+    Args:
+        recording: the recording, its sensors of one length.
+        units: placement → unit in which its gyroscope was read, for messages.
+    """
+    rate_hz = recording.sampling_rate_hz
+    if rate_hz < limits.SLOWEST_HZ or len({len(imu.time) for imu in recording.sensors.values()}) != 1:
+        return ()
+    lost = {placement: in_long_gaps(imu, rate_hz) for placement, imu in recording.sensors.items()}
+    sensors = {placement: _bridged(imu, lost[placement]) for placement, imu in recording.sensors.items()}
+    itself = {p: gravity_notes(p, imu, lost[p], rate_hz, (units or {}).get(p)) for p, imu in sensors.items()}
+    # a gyroscope that hardly turns contradicts every other sensor: its note explains that
+    slow = {p for p, found in itself.items() if any(note.code == GYROSCOPE_SLOW.code for note in found)}
+    worn = {placement: imu for placement, imu in sensors.items() if placement not in slow}
+    turns = turn_notes(sensors, lost, rate_hz, {placement for placement, found in itself.items() if found})
+    paces = paces_of(worn, lost, rate_hz)
+    notes = [*itertools.chain(*itself.values()), *pace_notes(paces), *_of_sides(worn, paces, rate_hz)]
+    notes += [note for note in turns if note.values["placement"] not in slow]
+    notes += itertools.chain(*(accelerometer_late(placement, imu, rate_hz) for placement, imu in sensors.items()))
+    return (*notes, *_of_legs(sensors, rate_hz), *row_notes(sensors, rate_hz))
+
+
+def _of_sides(sensors: Mapping[str, Imu], paces: Mapping[str, LegPace], rate_hz: float) -> list[Note]:
+    """Notes about the same segment of both legs."""
+    notes = []
+    for segment in limits.TILTED_DEG:
+        right, left = (f"{segment}_{side}" for side in SIDES)
+        if right in sensors and left in sensors:
+            notes += sides_differ(right, left, sensors, rate_hz)
+            if segment == "foot" and right in paces and left in paces:
+                stride = round(float(np.median([pace.seconds for pace in paces.values()])) * rate_hz)
+                notes += out_of_step(right, left, sensors, stride, int(limits.LONGEST_S * rate_hz))
+    return notes
+
+
+def _of_legs(sensors: Mapping[str, Imu], rate_hz: float) -> list[Note]:
+    """Notes about exchanged sensors, and about delays between the others of each leg."""
+    if len(next(iter(sensors.values())).time) <= limits.SHORTEST_S * rate_hz:
+        return []
+    notes = exchanged(sensors, rate_hz)
+    apart = {word for note in notes for word in str(note.values["kind"]).split(" or ")}
+    with_acc = {placement for placement, imu in sensors.items() if imu.acc is not None}
+    for pair, side in itertools.product(limits.BETWEEN_S, SIDES):
+        upper, lower = (f"{segment}_{side}" for segment in pair)
+        if {upper, lower} <= with_acc and not set(pair) & apart:
+            notes += sensors_late(upper, lower, sensors, rate_hz)
+    return notes
+
+
+def _bridged(imu: Imu, lost: np.ndarray) -> Imu:
+    """The sensor with its gyroscope interpolated over short gaps; it is 0 in long ones."""
+    mask = np.asarray(imu.mask)
+    if mask.all() or not mask.any():
+        return imu
+    return imu._replace(gyr=np.where(lost[:, None], 0.0, over_losses(np.arange(len(mask)), as_float(imu.gyr), mask)))

@@ -1,0 +1,177 @@
+"""Gravity and units of one sensor: whether its gyroscope and its accelerometer agree.
+
+Turned by the gyroscope to the axes at the start of a window of two strides, the accelerometer's mean is gravity: what
+the body accelerates has no mean over whole strides. If the gyroscope turns the wrong way, about the wrong axis, or by
+the wrong amount, the mean has another size, or another direction than in the standing before or after the strides. It
+needs no calibration.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jgait.geometry.rotation import Quaternion, conjugate, product
+from jgait.geometry.vectors import GRAVITY
+from jgait.io.checks import limits as at
+from jgait.io.units import Unit
+from jgait.notes import Kind, Note
+from jgait.signal.windows import held_spread, true_runs, window_size
+from jgait.types import Imu, as_float
+
+GYROSCOPE_DISAGREES = Kind(
+    "gyroscope_disagrees",
+    "check",
+    "{placement}: gyroscope and accelerometer do not agree: turned by the gyroscope, the mean acceleration over two "
+    "strides is {ratio:.2f} of gravity; {causes}",
+    "Sign, order or handedness of the axes, the unit or the scale of the gyroscope, or the sampling rate is wrong for "
+    "this sensor. What is computed from it is wrong as well.",
+)
+GYROSCOPE_SLOW = Kind(
+    "gyroscope_slow",
+    "check",
+    "{placement}: the gyroscope reaches only {rate:.3g} rad/s (99th percentile{stated}) while the accelerometer is "
+    "shaken as in walking; its unit differs from that of the other sensors (rad/s in place of deg/s?), or it did not "
+    "record",
+    "With a rate that is many times too small, angles and lengths of this sensor are worthless.",
+)
+TILTS_APART = Kind(
+    "tilts_apart",
+    "check",
+    "{placement}: between standing and walking its gyroscope and its accelerometer tilt by up to {degrees:.0f}° more "
+    "or less than each other; the sign, order or handedness of the axes of one of them is wrong",
+    "Angles of this sensor, and what is computed from them, are wrong.",
+)
+
+TRIALS = {
+    "the gyroscope may be 2 times too small": (2.0, 2.0, 2.0),
+    "the gyroscope may be 2 times too large": (0.5, 0.5, 0.5),
+    "its x axis may be turned round": (-1.0, 1.0, 1.0),
+    "its y axis may be turned round": (1.0, -1.0, 1.0),
+    "its z axis may be turned round": (1.0, 1.0, -1.0),
+    "its sign or the handedness of its axes may be wrong": (-1.0, -1.0, -1.0),
+}
+"""Likely causes, and what the gyroscope is multiplied by to undo them."""
+
+
+class _Means(NamedTuple):
+    """Means of a few samples each, which are turned; `step` [s] is the time between them."""
+
+    gyr: np.ndarray  #: (n, 3) [rad/s].
+    acc: np.ndarray  #: (n, 3) [m/s²].
+    lost: np.ndarray  #: (n,) bool, in a gap.
+    step: float
+
+
+def gravity_notes(placement: str, imu: Imu, lost: np.ndarray, rate_hz: float, unit: Unit | None = None) -> list[Note]:
+    """Notes about one sensor of legs or trunk whose gyroscope and accelerometer contradict each other.
+
+    Args:
+        placement: placement of the sensor.
+        imu: the sensor, short gaps of its gyroscope bridged.
+        lost: (T,) bool, samples in long gaps.
+        rate_hz: sampling rate [Hz].
+        unit: unit in which the gyroscope was read; the note names the header that states it.
+    """
+    segment, length = placement.partition("_")[0], min(len(imu.time), int(at.LONGEST_S * rate_hz))
+    if segment not in at.TILTED_DEG or imu.acc is None or length < at.WINDOW_S * rate_hz:
+        return []
+    trunk, mask = segment in at.TRUNK, np.asarray(imu.mask)
+    fast = float(np.percentile(np.linalg.norm(as_float(imu.gyr)[mask], axis=1), 99.0)) if mask.any() else 0.0
+    shaken = float(np.linalg.norm(as_float(imu.acc)[mask], axis=1).std()) if mask.any() else 0.0
+    if not trunk and fast < at.SLOW_GYR and shaken > at.SHAKEN and length >= 2.0 * at.WINDOW_S * rate_hz:
+        stated = f", {unit}" if unit is not None and unit.origin == "header" else ""
+        return [GYROSCOPE_SLOW(placement=placement, rate=fast, stated=stated)]
+    count = max(int(rate_hz / at.TURNED_HZ), 1)
+    length = length // count
+    gyr, acc = (as_float(part)[: length * count].reshape(length, count, 3).mean(axis=1) for part in (imu.gyr, imu.acc))
+    means = _Means(gyr, acc, lost[: length * count].reshape(length, count).any(axis=1), count / rate_hz)
+    notes = []
+    if segment in at.AGREEING and length * count >= 2.0 * at.WINDOW_S * rate_hz:
+        notes += _size(placement, means, *at.AGREEING[segment], 0.0 if trunk else at.FASTEST_WINDOW)
+    if rate_hz >= at.TILT_HZ:
+        angle = smallest_tilt(means, at.MOVING_TRUNK if trunk else at.FASTEST_WINDOW)
+        if angle is not None and angle > at.TILTED_DEG[segment]:
+            notes.append(TILTS_APART(placement=placement, degrees=angle))
+    return notes
+
+
+def _turned(rates: np.ndarray, forces: np.ndarray, step: float) -> np.ndarray:
+    """Forces (…, n, 3), each turned by the rates before it to the axes at the beginning; (3, …, n)."""
+    half = 0.5 * step * rates
+    angle = np.sqrt(np.sum(half * half, axis=-1))
+    q = np.concatenate([np.cos(angle)[None], np.moveaxis(half, -1, 0) * np.sinc(angle / np.pi)])
+    q[..., 1:] = q[..., :-1].copy()
+    q[..., 0] = np.array([1.0, 0.0, 0.0, 0.0]).reshape(4, *[1] * (angle.ndim - 1))
+    width = 1
+    while width < q.shape[-1]:  # products of neighbours, of pairs, of fours …
+        q[..., width:] = product(Quaternion(*q[..., :-width]), Quaternion(*q[..., width:]))
+        width *= 2
+    whole, zero = Quaternion(*q), np.zeros(angle.shape)
+    still = Quaternion(zero, *np.broadcast_to(np.moveaxis(forces, -1, 0), (3, *angle.shape)))
+    return np.stack(product(product(whole, still), conjugate(whole))[1:])
+
+
+def _windows(length: int, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (windows, samples) of windows half a window apart, and the weights of their samples, a raised cosine, which
+    leaves out what repeats every stride.
+    """
+    samples = round(at.WINDOW_S / step)
+    weight = np.hanning(samples + 2)[1:-1]
+    begins = np.arange(0, length - samples + 1, max(samples // 2, 1))
+    return begins[:, None] + np.arange(samples), weight / weight.sum()
+
+
+def _size(placement: str, means: _Means, low: float, high: float, fastest: float) -> list[Note]:
+    """The note about a turned mean that has not the size of gravity; `fastest` [rad/s] is the least rms rate."""
+    rows, weight = _windows(len(means.gyr), means.step)
+    square = np.where(means.lost[rows].any(axis=1), 0.0, np.sum(means.gyr[rows] ** 2, axis=2).mean(axis=1))
+    rows = rows[(square > at.ACTIVE * square.max(initial=0.0)) & (square > fastest**2)]
+    if not len(rows):
+        return []
+    factors = np.array([(1.0, 1.0, 1.0), *TRIALS.values()])
+
+    def ratios(trials: np.ndarray) -> np.ndarray:
+        rates = means.gyr[rows] * trials[:, None, None, :]
+        mean = _turned(rates, means.acc[rows][None], means.step) @ weight
+        return np.asarray(np.median(np.linalg.norm(mean, axis=0), axis=1) / GRAVITY)
+
+    ratio, more = float(ratios(factors[:1])[0]), at.FEW_WINDOWS / float(np.sqrt(len(rows)))
+    if low - more <= ratio <= high + more:
+        return []
+    undone = ratios(factors[1:])
+    fits = [cause for cause, value in zip(TRIALS, undone, strict=True) if abs(value - 1.0) < at.UNDONE]
+    causes = ", or ".join(fits[:3]) or "its axes, unit or scale, or the sampling rate, may be wrong"
+    return [GYROSCOPE_DISAGREES(placement=placement, ratio=ratio, causes=causes)]
+
+
+def smallest_tilt(means: _Means, moving: float) -> float | None:
+    """Smallest angle between the mean forces of a standing and of the walking beside it [deg]; None without both.
+
+    A person who comes to rest still turns slowly, so that the longest standing has the bias. `moving` [rad/s] is the
+    least rms rate of walking. Walking before a standing is turned backwards in time.
+    """
+    gyr, acc, lost, step = means
+    size = window_size(at.STANDING_S, 1.0 / step)
+    still = (held_spread(gyr, size) < at.STILL[0]) & (held_spread(acc, size) < at.STILL[1]) & ~lost
+    standings = sorted(true_runs(still), key=lambda run: run[0] - run[1])[: at.STANDINGS]
+    if not standings or (standings[0][1] - standings[0][0]) * step < at.BIAS_S - at.STANDING_S:
+        return None
+    bias, half, beside = gyr[slice(*standings[0])].mean(axis=0), size // 2, round(at.BESIDE_S / step)
+    angles = []
+    for start, end in standings:
+        for way, middle in ((1, end - 1), (-1, start)):
+            down = acc[max(middle - half, 0) : middle + half + 1].mean(axis=0)
+            first = middle + way * (half + 1)
+            rows = np.arange(first, np.clip(first + way * beside, -1, len(gyr)), way)
+            rows = rows[: int(np.argmax(lost[rows]))] if lost[rows].any() else rows
+            windows, weight = _windows(len(rows), step)
+            if not len(windows):
+                continue
+            square = np.sum(gyr[rows[windows]] ** 2, axis=2).mean(axis=1)
+            walks = windows[square > max(at.ACTIVE * square.max(), moving**2)][:2]
+            if len(walks):
+                back = _turned(way * (gyr[rows] - bias), acc[rows], step).T
+                mean = np.einsum("w,kwi->ki", weight, back[walks])
+                cosine = mean @ down / (np.linalg.norm(mean, axis=1) * np.linalg.norm(down))
+                angles.append(float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))).mean()))
+    return min(angles, default=None)

@@ -1,0 +1,345 @@
+"""Range, stuck and clipped readings of one sensor: what it cannot have measured is masked, with a note."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from jgait.io.checks import limits as at
+from jgait.notes import CLIPPING, LOSSES, NO_RANGE, Kind, Note
+from jgait.signal.windows import true_runs
+from jgait.types import SIDES, Imu, RangeReadings, as_float
+
+IMPOSSIBLE = Kind(
+    "samples_impossible",
+    "check",
+    "{placement}: {samples} {samples:sample holds a value|samples hold values} that no sensor reads, {value:.4g} "
+    "{unit} at {begin_s:.2f} s; masked",
+    LOSSES,
+)
+PLACEHOLDERS = Kind(
+    "samples_placeholder",
+    "check",
+    "{placement}: {samples} {samples:sample holds|samples hold} {value:g} in place of a reading, first at "
+    "{begin_s:.2f} s; masked",
+    LOSSES,
+)
+SPIKES = Kind(
+    "samples_spike",
+    "check",
+    "{placement}: {samples} {samples:sample|samples} of the {signal} {samples:jumps|jump} away from the neighbours "
+    "by up to {size:.4g} {unit}, "
+    "first at {begin_s:.2f} s; masked",
+    LOSSES,
+)
+FROZEN = Kind(
+    "samples_frozen",
+    "check",
+    "{placement}: one reading of {signals} is repeated for {seconds:.2f} s from {begin_s:.2f} s; masked",
+    LOSSES,
+)
+STUCK = Kind(
+    "axis_stuck",
+    "check",
+    "{channel} repeats one reading {times} {times:time|times} while the sensor turns, for {seconds:.2f} s in all, "
+    "first at {begin_s:.2f} s; masked",
+    LOSSES,
+)
+WRAPPED = Kind(
+    "channel_wrapped",
+    "check",
+    "{channel} jumps {times} {times:time|times} from one end of its range ({value:.4g} {unit}) to the other",
+    "The movement was faster than the sensor's range, and its peaks come out with the wrong sign. The results of this "
+    "sensor are wrong; a sensor with a larger range avoids this.",
+)
+SLOWER = Kind(
+    "samples_repeated",
+    "check",
+    "{placement}: {percent:.0f} % of the readings of the {signal} repeat the one before; the sensor is slower than the "
+    "file states; {taken}",
+    "Readings that are written twice add no information, and hold up the signal by half of their time. Over a slow "
+    "sensor's readings, impacts and fast movements are not known.",
+)
+CHANNEL_CONSTANT = Kind(
+    "channel_constant",
+    "check",
+    "{channel} is constant at {value:.4g} {unit}",
+    "One axis of a sensor gives the same value all the time: it is broken, or was not recorded.",
+)
+ACCELEROMETER_COARSE = Kind(
+    "accelerometer_coarse",
+    "info",
+    "{placement}: the accelerometer reads in steps of {step:.2g} m/s²",
+    "Standing may not be found, tilts are less certain, and lengths and distances may change by several per cent. "
+    "Record with a finer resolution, or export more digits.",
+)
+CHANNEL_CLIPPED = Kind(
+    "channel_clipped",
+    "check",
+    "{placement}: {channel} is clipped at ±{value:.4g} {unit} in {samples} {samples:sample|samples}",
+    CLIPPING,
+)
+RANGE_STUCK = Kind(
+    "range_stuck",
+    "check",
+    "feet_range repeats one reading {times} {times:time|times} while the feet move, for {seconds:.2f} s in all, first "
+    "at {begin_s:.2f} s; masked",
+    NO_RANGE,
+)
+SIGNALS = {"gyr": ("gyroscope", "rad/s"), "acc": ("accelerometer", "m/s²")}
+
+
+def without_damage(
+    placement: str, signals: dict[str, np.ndarray], scales: dict[str, float], rate_hz: float,
+    twice: np.ndarray | None = None,
+) -> tuple[dict[str, np.ndarray], tuple[Note, ...]]:  # fmt: skip
+    """One sensor's signals, NaN where samples cannot have been measured, and the notes about it.
+
+    Args:
+        placement: placement of the sensor.
+        signals: "gyr" (T, 3) [rad/s], perhaps "acc" (T, 3) [m/s²]; NaN where samples are missing.
+        scales: "gyr", "acc" → SI units per unit of the file.
+        rate_hz: rate of the rows [Hz].
+        twice: (T − 1,) bool, True before a row that repeats the one before in all sensors: rows may be written twice
+            there; None if the sensor is the only one.
+    """
+    signals = {kind: values.copy() for kind, values in signals.items()}
+    notes: list[Note] = []
+    frozen: dict[tuple[int, int], list[str]] = {}
+    held = np.all([~np.diff(values, axis=0).any(axis=1) for values in signals.values()], axis=0)
+    held &= False if twice is None else ~twice
+    with np.errstate(invalid="ignore"):
+        _impossible(placement, signals, rate_hz, notes)
+        _placeholders(placement, signals, scales, rate_hz, notes)
+        for kind, values in signals.items():
+            notes += _wraps(placement, kind, values)
+            spikes = _spikes(placement, kind, values, signals["gyr"], rate_hz, notes)
+            whole = _stuck(kind, values, signals["gyr"], None, rate_hz)
+            slower = _repeats(kind, values, signals["gyr"], held, rate_hz)
+            stuck = {axis: _stuck(kind, values, signals["gyr"], axis, rate_hz) for axis in range(3)}
+            values[spikes] = np.nan
+            for run in whole:
+                frozen.setdefault(run, []).append(f"the {SIGNALS[kind][0]}")
+            for axis, runs in stuck.items():
+                if runs:
+                    seconds = sum(end - start + 1 for start, end in runs) / rate_hz
+                    channel, begin = f"{placement} {kind}_{'xyz'[axis]}", runs[0][0] / rate_hz
+                    notes.append(STUCK(channel=channel, times=len(runs), seconds=seconds, begin_s=begin))
+            for start, end in (*whole, *(run for runs in stuck.values() for run in runs)):
+                values[start + 1 : end + 1] = np.nan
+            if slower is not None:
+                notes.append(_between_new(placement, kind, values, *slower, rate_hz))
+        for (start, end), names in sorted(frozen.items()):
+            words, seconds = " and ".join(names), (end - start + 1) / rate_hz
+            notes.append(FROZEN(placement=placement, signals=words, seconds=seconds, begin_s=start / rate_hz))
+    return signals, tuple(notes)
+
+
+def finest_step(values: np.ndarray) -> float:
+    """The least change that is not 0 between neighbouring samples of any axis; 0 where nothing changes."""
+    steps = np.abs(np.diff(values, axis=0))
+    return float(steps[steps > 0.0].min(initial=np.inf)) if (steps > 0.0).any() else 0.0
+
+
+def _impossible(placement: str, signals: dict[str, np.ndarray], rate: float, notes: list[Note]) -> None:
+    """Mask samples beyond the range of any sensor, if they are few."""
+    for kind, values in signals.items():
+        wrong = (np.abs(values) > at.READINGS[kind]).any(axis=1)
+        if 0 < wrong.sum() <= max(at.MOST_IMPOSSIBLE * len(values), 1):
+            first = int(np.argmax(wrong))
+            worst, unit = values[first][np.argmax(np.abs(values[first]))], SIGNALS[kind][1]
+            notes.append(
+                IMPOSSIBLE(placement=placement, samples=wrong.sum(), value=worst, unit=unit, begin_s=first / rate)
+            )
+            values[wrong] = np.nan
+
+
+def _placeholders(
+    placement: str, signals: dict[str, np.ndarray], scales: dict[str, float], rate: float, notes: list[Note]
+) -> None:
+    """Mask samples that hold the number of a missing value, and samples that are zero in all axes."""
+    found: dict[float, np.ndarray] = {}
+    zero = np.all([~values.any(axis=1) for values in signals.values()], axis=0)  # NaN counts as not zero
+    for kind, values in signals.items():
+        for number in at.PLACEHOLDERS if np.nanmax(np.abs(values), initial=0.0) >= 998.0 * scales[kind] else ():
+            same = np.abs(values / scales[kind] - number) < 1e-6
+            # one axis may read such a number while it passes by; then its neighbours are near
+            jump = np.abs(np.diff(values, axis=0, prepend=values[:1])) > 0.5 * abs(number) * scales[kind]
+            wrong = same.all(axis=1) | (same & jump).any(axis=1)
+            if wrong.any() and abs(number) * scales[kind] >= at.LEAST_PLACEHOLDER[kind]:
+                found[number] = found.get(number, False) | wrong
+    if "acc" in signals and zero.any() and zero.mean() < at.MOST_ZEROS:
+        found[0.0] = zero
+    for number, wrong in found.items():
+        begin = np.argmax(wrong) / rate
+        notes.append(PLACEHOLDERS(placement=placement, samples=wrong.sum(), value=number, begin_s=begin))
+        for values in signals.values():
+            values[wrong] = np.nan
+
+
+def _spikes(
+    placement: str, kind: str, values: np.ndarray, gyr: np.ndarray, rate: float, notes: list[Note]
+) -> np.ndarray:
+    """(T,) bool, one or two samples far away from the median around them, where the signal is calm otherwise."""
+    least = at.SPIKE[kind][not placement.startswith("foot")]
+    spikes, size, change = np.zeros(len(values), bool), 0.0, np.diff(values, axis=0)
+    if not np.nanmax(np.abs(change), initial=0.0) > least:
+        return spikes
+    padded = np.pad(np.where(np.isfinite(values), values, 0.0), [(2, 2), (0, 0)], mode="edge")
+    away = np.abs(values - np.median([padded[k : k + len(values)] for k in range(5)], axis=0))
+    odd = away > least
+    # steps to and from odd samples do not count
+    steps = np.where(odd[1:] | odd[:-1] | ~np.isfinite(change), 0.0, np.abs(change))
+    near = at.AROUND // 2
+    for row, axis in np.argwhere(odd):
+        around = steps[max(row - at.AROUND, 0) : row + at.AROUND, axis]
+        turns = np.abs(np.diff(gyr[max(row - near, 0) : row + near + 1], axis=0))
+        struck = kind == "acc" and (np.isnan(turns).all() or np.nanmax(turns) >= at.IMPACT * away[row, axis])
+        if not struck and away[row, axis] > at.CALM_AROUND * around.max(initial=1e-9):
+            spikes[row], size = True, max(size, float(away[row, axis]))
+    if spikes.any():
+        signal, unit = SIGNALS[kind]
+        count, begin = spikes.sum(), np.argmax(spikes) / rate
+        notes.append(SPIKES(placement=placement, samples=count, signal=signal, size=size, unit=unit, begin_s=begin))
+    return spikes
+
+
+def _wraps(placement: str, kind: str, values: np.ndarray) -> list[Note]:
+    """Notes about channels that jump from one end of a common range to the other, and do not stay there, as clipped."""
+    notes = []
+    for axis, column in enumerate(values.T):
+        extent = np.nanmax(np.abs(column), initial=0.0)
+        edges = [limit for limit in at.RANGES[kind] if extent <= 1.001 * limit]
+        size = np.abs(np.diff(column))
+        if not edges or not np.nanmax(size, initial=0.0) > at.WRAP_STEP * extent:
+            continue
+        limit, low, high = float(edges[0]), np.nanmin(column), np.nanmax(column)
+        jumps = int(np.sum((size > at.WRAP_STEP * limit) & (size < 0.9999 * (high - low))))
+        clips = np.sum((column == low) | (column == high)) >= jumps
+        if jumps >= at.WRAPS and min(high, -low) >= at.WRAP_EDGE * limit and not clips:
+            channel = f"{placement} {kind}_{'xyz'[axis]}"
+            notes.append(WRAPPED(channel=channel, times=jumps, value=limit, unit=SIGNALS[kind][1]))
+    return notes
+
+
+def _long_runs(same: np.ndarray, rate: float) -> list[tuple[int, int]]:
+    """The stretches of True that are too long for a sensor that works."""
+    least = max(at.FROZEN_RUN, at.FROZEN_S * rate)
+    return [(start, end) for start, end in true_runs(same) if end - start >= least]
+
+
+def _stuck(kind: str, values: np.ndarray, gyr: np.ndarray, axis: int | None, rate: float) -> list[tuple[int, int]]:
+    """First and last samples of stretches in which a sensor, or one axis of it, repeats its reading although the sensor
+    turns, and then jumps; or repeats it to the end of the recording.
+    """
+    change = np.abs(np.diff(values, axis=0))
+    whole = ~change.any(axis=1)
+    runs = _long_runs(whole if axis is None else change[:, axis] == 0.0, rate)
+    runs = [(s, e) for s, e in runs if axis is None or (~whole[s:e]).mean() > 0.5]
+    if not runs:
+        return []
+    column, steps = (values, change) if axis is None else (values[:, [axis]], change[:, [axis]])
+    resolution = np.min(steps, axis=0, where=steps > 0.0, initial=np.inf)
+    low, high = np.nanmin(column, axis=0), np.nanmax(column, axis=0)
+    # a turn about its own axis does not change an accelerometer's reading
+    across = gyr if kind == "gyr" or axis is None else np.delete(gyr, axis, axis=1)
+    others = max((e - s for s, e in true_runs(whole) if e < len(whole)), default=1)
+    stuck = []
+    for start, end in runs:
+        reading, rates = column[start], np.abs(across[start : end + 1])
+        clipped = (((reading == low) | (reading == high)) & (np.abs(reading) > at.FROZEN_CHANGE[kind])).any()
+        turns = np.isnan(rates).all() or np.nanmean(rates) >= at.TURNING or (kind == "gyr" and axis is None)
+        ends = [steps[k] for k in (start - 1, end) if 0 <= k < len(steps)]
+        jumps = any(((e > at.FROZEN_STEPS * resolution) & (e > at.FROZEN_CHANGE[kind])).any() for e in ends)
+        late = axis is None and end == len(whole) and start >= at.STOPPED_S * rate
+        long = end - start >= max(at.STOPPED_S * rate, at.STOPPED * others)
+        # a coarse accelerometer repeats its reading in standing
+        rests = kind == "acc" and np.nansum(np.abs(np.diff(gyr[start : end + 1], axis=0))) > 0.0
+        if (turns and jumps and not clipped) or (late and long and not rests):
+            stuck.append((start, end))
+    return stuck
+
+
+def _repeats(
+    kind: str, values: np.ndarray, gyr: np.ndarray, held: np.ndarray, rate: float
+) -> tuple[np.ndarray, float] | None:
+    """Rows that repeat the one before, and their share, if they are so many that the sensor is slower than its file.
+
+    `held` (T − 1,) is True where the whole sensor, but not all of them, repeats its reading.
+    """
+    same = ~np.diff(values, axis=0).any(axis=1)
+    turns = np.linalg.norm(gyr[1:], axis=1) > at.TURNING if kind == "acc" else np.ones(len(same), bool)
+    for start, end in _long_runs(same, rate):
+        same[start:end] = False
+    share = float(np.sum(same & turns) / max(np.sum(turns), 1))
+    slower = share > at.REPEATS or np.mean(same & held) > at.HELD
+    return (1 + np.flatnonzero(same), share) if slower else None
+
+
+def _between_new(placement: str, kind: str, values: np.ndarray, again: np.ndarray, share: float, rate: float) -> Note:
+    """Replace repeated readings by straight lines between the new ones, or mask them if these are too rare."""
+    new = np.setdiff1d(np.flatnonzero(np.isfinite(values).all(axis=1)), again)
+    dense = new.size > 0 and rate * (1.0 - share) >= 0.99 * at.LEAST_HZ  # a clock is a little off its nominal rate
+    values[again] = np.stack([np.interp(again, new, column[new]) for column in values.T], axis=1) if dense else np.nan
+    taken = "straight lines are taken between new readings" if dense else "masked, since new ones are too rare"
+    return SLOWER(placement=placement, signal=SIGNALS[kind][0], percent=100.0 * share, taken=taken)
+
+
+def channel_notes(placement: str, imu: Imu) -> list[Note]:
+    """Notes about constant and clipped channels of a sensor, and about a coarse accelerometer."""
+    mask, notes = np.asarray(imu.mask, bool), []
+    step = 0.0 if imu.acc is None else finest_step(np.asarray(imu.acc)[mask])
+    if step >= at.COARSE:
+        notes.append(ACCELEROMETER_COARSE(placement=placement, step=step))
+    for kind, signal in (("gyr", imu.gyr), ("acc", imu.acc)):
+        for axis, values in zip("xyz", np.zeros((3, 0)) if signal is None else as_float(signal).T, strict=True):
+            there, channel, unit = values[mask[: len(values)]], f"{kind}_{axis}", SIGNALS[kind][1]
+            if not len(there):
+                continue
+            if np.ptp(there) == 0.0:
+                notes.append(CHANNEL_CONSTANT(channel=f"{placement} {channel}", value=there[0], unit=unit))
+                continue
+            coarse = finest_step(there) if kind == "acc" else 0.0
+            clips = {abs(float(limit)): n for limit in (there.max(), there.min())
+                     if abs(limit) >= at.CLIP_FLOOR[kind] and (n := _clipped(values, mask, limit, coarse))}  # fmt: skip
+            if clips:
+                value, count = max(clips), sum(clips.values())
+                notes.append(
+                    CHANNEL_CLIPPED(placement=placement, channel=channel, value=value, unit=unit, samples=count)
+                )
+    return notes
+
+
+def _clipped(values: np.ndarray, mask: np.ndarray, limit: float, step: float) -> int:
+    """Number of samples of a channel that stay at its extreme value; its readings are `step` apart."""
+    runs = [(s, e) for s, e in true_runs(mask & (np.abs(values - limit) <= 1e-6 * abs(limit))) if e - s >= at.CLIP_RUN]
+    if step >= at.COARSE:
+        change = np.abs(np.diff(values, prepend=values[:1], append=values[-1:]))
+        runs = [run for run in runs if change[list(run)].max() > at.CLIP_EDGE * step]
+    return sum(end - start for start, end in runs)
+
+
+def without_repeats(read: RangeReadings, imus: Mapping[str, Imu]) -> tuple[RangeReadings, tuple[Note, ...]]:
+    """A range between the feet with repeated readings masked, and the note about them.
+
+    Args:
+        read: the range, on the clock of `imus`.
+        imus: sensors by placement; without one at a foot, nothing is masked.
+    """
+    feet = [imus[f"foot_{side}"] for side in SIDES if f"foot_{side}" in imus]
+    rows = np.flatnonzero(read.mask)
+    if not feet or not rows.size:
+        return read, ()
+    rate = np.max([np.where(foot.mask, np.linalg.norm(as_float(foot.gyr), axis=1), 0.0) for foot in feet], axis=0)
+    time, mask, runs = as_float(read.time), np.array(read.mask, bool), []
+    for run in np.split(rows, np.flatnonzero(np.diff(read.distance[rows]) != 0.0) + 1):
+        lasts, gapless = time[run[-1]] - time[run[0]], run[-1] - run[0] == run.size - 1
+        stuck = lasts >= at.STUCK_RANGE_S and run.size >= at.FEWEST_READINGS
+        held = gapless and lasts > at.HELD_RANGE_S
+        if (stuck or held) and np.mean(rate[run[0] : run[-1] + 1]) > at.FEET_MOVE:
+            mask[run if stuck else run[1:]] = False
+            runs.append(run)
+    if not runs:
+        return read, ()
+    seconds = sum(float(time[run[-1]] - time[run[0]]) for run in runs)
+    note = RANGE_STUCK(times=len(runs), seconds=seconds, begin_s=float(time[runs[0][0]] - time[0]))
+    return read._replace(distance=np.where(mask, read.distance, 0.0), mask=mask), (note,)

@@ -1,0 +1,190 @@
+"""Sides and places: whether the sensors of a person move together, as those of one body.
+
+Both legs turn alike, half a stride apart. In a turn, every segment turns by the same angle about the vertical. Impacts
+pass through one leg and hardly reach the other.
+"""
+
+from collections.abc import Collection, Mapping
+
+import numpy as np
+
+from jgait.io.checks import limits as at
+from jgait.io.checks.order import delay_between, shaking
+from jgait.mounting.leg import SIDES_EXCHANGED
+from jgait.notes import Kind, Note
+from jgait.signal.windows import held_spread, window_size, window_sum
+from jgait.types import SIDES, Imu, as_float
+
+SIDES_DIFFER = Kind(
+    "sides_differ",
+    "check",
+    "{placement} turns {ratio:.2f} times as fast as {other}: unless one leg is spared, the scale or unit of one of the "
+    "two gyroscopes is wrong, or one of the two sensors sat on another segment",
+    "Both legs of a person turn alike, also in most illnesses that affect one side.",
+)
+SIDES_OUT_OF_STEP = Kind(
+    "sides_out_of_step",
+    "check",
+    "{placement} follows {other} by {share:.2f} of a stride in place of a half: one of the two clocks is wrong, or the "
+    "person limps",
+    "What is computed from both feet together needs sensors on one clock.",
+)
+TURNS_APART = Kind(
+    "turns_apart",
+    "check",
+    "{placement}: in a turn by {degrees:.0f}° it turns {ratio:.2f} times as far as {others}; its gyroscope has a wrong "
+    "sign, order of axes, unit or scale",
+    "All segments of a person turn together. What is computed from this sensor is wrong as well.",
+)
+ONE_TURNS_APART = Kind(
+    "one_turns_apart",
+    "check",
+    "{placement} and {other}: in a turn by {degrees:.0f}° one turns {ratio:.2f} times as far as the other; a "
+    "sign, the order of axes, the unit or the scale is wrong in one of the two",
+    "All segments of a person turn together. What is computed from one of the two sensors is wrong as well.",
+)
+
+
+def lies(imu: Imu, rate_hz: float) -> np.ndarray:
+    """(T,) bool, windows in which a sensor with an accelerometer does not move: it is not worn, or its person stands.
+
+    It is not compared with one that moves then.
+    """
+    size = window_size(at.WINDOW_S, rate_hz)
+    spread = [held_spread(as_float(part), size) < most for part, most in zip((imu.gyr, imu.acc), at.LIES, strict=True)]
+    return window_sum((spread[0] & spread[1]).astype(float), size) > 0.5
+
+
+def sides_differ(right: str, left: str, sensors: Mapping[str, Imu], rate_hz: float) -> list[Note]:
+    """The note about the same segment of both legs if one turns faster, in the time in which both move."""
+    counts = np.all([np.asarray(sensors[name].mask, bool) for name in (right, left)], axis=0)
+    if all(sensors[name].acc is not None for name in (right, left)):
+        both = counts & ~lies(sensors[right], rate_hz) & ~lies(sensors[left], rate_hz)
+        counts = both if both.sum() > 2.0 * at.WINDOW_S * rate_hz else counts
+    if counts.sum() < 2.0 * at.WINDOW_S * rate_hz:
+        return []
+    rates = {name: float(np.sqrt(np.mean(np.sum(as_float(sensors[name].gyr)[counts] ** 2, axis=1))))
+             for name in (right, left)}  # fmt: skip
+    slower, faster = sorted(rates, key=lambda name: rates[name])
+    if not rates[slower] > 0.0 or rates[faster] < at.LEAST_MOVING or rates[faster] < at.SIDES_APART * rates[slower]:
+        return []
+    return [SIDES_DIFFER(placement=faster, ratio=rates[faster] / rates[slower], other=slower)]
+
+
+def out_of_step(right: str, left: str, sensors: Mapping[str, Imu], stride: int, longest: int) -> list[Note]:
+    """The note about feet that are not half a stride [samples] apart; what lasts longer than a stride, as pauses do,
+    does not count.
+    """
+    sizes = [np.linalg.norm(as_float(sensors[name].gyr)[:longest], axis=1) for name in (right, left)]
+    moves = [one - np.convolve(one, np.ones(stride) / stride, "same") for one in sizes]
+    a, b = (np.fft.rfft(one, 1 << int(2 * len(one)).bit_length()) for one in moves)
+    alike = np.fft.irfft(np.conj(a) * b)
+    lags = np.arange(stride)
+    share = float(np.argmax(alike[lags] + alike[lags - stride])) / stride
+    apart = abs(share - 0.5) > at.OUT_OF_STEP
+    return [SIDES_OUT_OF_STEP(placement=left, other=right, share=share)] if apart else []
+
+
+def turn_notes(
+    sensors: Mapping[str, Imu], lost: Mapping[str, np.ndarray], rate_hz: float, accused: Collection[str]
+) -> list[Note]:
+    """Notes about sensors that turn otherwise than the person does, which is the median of all; a straight walk shows
+    nothing.
+
+    Over a window of two strides the swing of the legs has no mean, and the mean specific force points up: the mean rate
+    about it is the person's, whatever the mounting.
+
+    Args:
+        sensors: sensors of one length, with accelerometers.
+        lost: placement → (T,) bool, samples in long gaps.
+        rate_hz: sampling rate [Hz].
+        accused: placements of sensors that contradict themselves; of two sensors without a third, the one among them
+            is named.
+    """
+    samples = round(at.WINDOW_S * rate_hz)
+    every, turns, rests = max(samples // 8, 1), {}, []
+    for placement, imu in sensors.items():
+        if placement.partition("_")[0] not in at.TILTED_DEG or imu.acc is None or len(imu.time) < 2 * samples:
+            continue
+        still = np.stack([lies(imu, rate_hz), lost[placement]], axis=1).astype(float)
+        gyr, acc, share = (_means(part, samples)[::every] for part in (as_float(imu.gyr), as_float(imu.acc), still))
+        up = acc / np.maximum(np.linalg.norm(acc, axis=1, keepdims=True), 1e-9)
+        turns[placement] = np.where(share[:, 1] > 0.5 / samples, np.nan, np.sum(gyr * up, axis=1) * at.WINDOW_S)
+        rests.append(share[:, 0])
+    if len(turns) < 2 or len({len(turn) for turn in turns.values()}) > 1:
+        return []
+    alone = np.abs(np.array(rests) - np.median(rests, axis=0)) > at.RESTS_ALONE
+    angles = {placement: np.where(rests, np.nan, turn) for (placement, turn), rests in
+              zip(turns.items(), alone, strict=True)}  # fmt: skip
+    if len(angles) == 2:
+        return _of_two(angles, accused)
+    table = np.array(list(angles.values()))
+    known = np.isfinite(table).sum(axis=0) > 2
+    person = np.full(table.shape[1], np.nan)
+    person[known] = np.nanmedian(table[:, known], axis=0)
+    notes = []
+    for placement, angle in angles.items():
+        turn, ratio, whole = _compared(angle, person)
+        low, high = at.TURN_FOOT if placement.startswith("foot") or not whole else at.TURN
+        if turn >= at.LEAST_TURN and not low <= ratio <= high:
+            others = "the person's other sensors"
+            notes.append(TURNS_APART(placement=placement, degrees=np.rad2deg(turn), ratio=ratio, others=others))
+    return notes
+
+
+def _of_two(angles: Mapping[str, np.ndarray], accused: Collection[str]) -> list[Note]:
+    """The note if two sensors turn apart: about the one that contradicts itself, or about both."""
+    first, second = sorted(angles, key=lambda placement: placement not in accused)
+    turn, ratio, _ = _compared(angles[first], angles[second])
+    back = _compared(angles[second], angles[first])
+    low, high = at.TURN_OF_TWO
+    if not any(size >= at.LEAST_TURN and not low <= each <= high for size, each, _ in ((turn, ratio, True), back)):
+        return []
+    if (first in accused) != (second in accused):
+        return [TURNS_APART(placement=first, degrees=np.rad2deg(turn), ratio=ratio, others=second)]
+    return [ONE_TURNS_APART(placement=first, other=second, degrees=np.rad2deg(turn), ratio=ratio)]
+
+
+def _means(values: np.ndarray, samples: int) -> np.ndarray:
+    """Means (T − samples + 1, n) over windows of some samples."""
+    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    return np.asarray((sums[samples:] - sums[:-samples]) / samples)
+
+
+def _compared(sensor: np.ndarray, person: np.ndarray) -> tuple[float, float, bool]:
+    """Largest turn of the person [rad], a sensor's turn over it, and whether it lies within the recording."""
+    both = np.flatnonzero(np.isfinite(sensor) & np.isfinite(person))
+    size = np.abs(person[both])
+    if not size.size or not size.max() > 0.0:
+        return 0.0, 1.0, True
+    large = both[size > 0.5 * size.max()]
+    ratio = float(sensor[large] @ person[large] / (person[large] @ person[large]))
+    return float(size.max()), ratio, at.CUT_OFF <= int(both[np.argmax(size)]) < len(person) - at.CUT_OFF
+
+
+def exchanged(sensors: Mapping[str, Imu], rate_hz: float) -> list[Note]:
+    """Notes about segments whose right and left sensors are exchanged: each is shaken like the sensors of the other
+    leg. Of the segments that contradict each other, the fewer ones are named.
+    """
+    samples, longest = max(round(at.CALM_S * rate_hz), 3), int(at.LONGEST_S * rate_hz)
+    shaken = {name: shaking(as_float(imu.acc)[:longest], samples) for name, imu in sensors.items()
+              if imu.acc is not None}  # fmt: skip
+    away, here = set[str](), {at.SHARED}
+    for (upper, lower), farthest in at.BETWEEN_S.items():
+        if any(f"{segment}_{side}" not in shaken for segment in (upper, lower) for side in SIDES):
+            continue
+        own, other = (
+            [delay_between(shaken[f"{upper}_{a}"], shaken[f"{lower}_{b}"], rate_hz)
+             for a, b in zip(SIDES, order, strict=True)] for order in (SIDES, SIDES[::-1])
+        )  # fmt: skip
+        for found, like, unlike in ((away, other, own), (here, own, other)):
+            least = max(at.LEAST_ALIKE, *(alike + at.MORE_ALIKE for _, alike in unlike))
+            if all(abs(delay) <= farthest and alike > least for delay, alike in like):
+                found |= {upper, lower} - {at.SHARED}
+    if not away:
+        return []
+    few, many = sorted((away, here), key=len)
+    if len(few) == len(many):
+        return [SIDES_EXCHANGED(kind=" or ".join(sorted(few | many)), others="the other sensors")]
+    others = ", ".join(f"{segment}_{side}" for segment in sorted(many) for side in SIDES)
+    return [SIDES_EXCHANGED(kind=segment, others=others) for segment in sorted(few)]
