@@ -1,6 +1,5 @@
 """Read the results of `jgait evaluate` from a folder."""
 
-import ast
 import json
 from pathlib import Path
 
@@ -27,7 +26,10 @@ def read(folder: Path) -> tuple[Cohort, Made]:
         raise ValueError("run/cohort.json does not state how the evaluation was made")
     name = str(about["estimator"])
     default = estimators.get(name).params if name in estimators.names() else None
-    values = values_of(str(about.get("params", "")))
+    stored = json.loads(about["params"])
+    values = (
+        {name: value for name, value in stored.items() if isinstance(value, float)} if isinstance(stored, dict) else {}
+    )
     params = jax.tree_util.tree_map_with_path(
         lambda where, old: values.get(jax.tree_util.keystr(where).lstrip("."), old), default
     )
@@ -36,26 +38,3 @@ def read(folder: Path) -> tuple[Cohort, Made]:
     notes = from_json(json.dumps([one for one in every if one.get("recording") is None]))  # the others are in the table
     version = str(about.get("jgait", ""))
     return cohort, Made(name, params, default, file=folder.resolve().name, notes=notes, version=version)
-
-
-def values_of(text: str) -> dict[str, float]:
-    """Name → number of a NamedTuple as `jgait.evaluate` prints it; other values are left out."""
-    values: dict[str, float] = {}
-
-    def walk(node: ast.expr, prefix: str) -> None:
-        if isinstance(node, ast.Call):
-            for word in node.keywords:
-                walk(word.value, f"{prefix}.{word.arg}".lstrip("."))
-            return
-        try:
-            value = ast.literal_eval(node)
-        except ValueError:
-            return
-        if isinstance(value, int | float):
-            values[prefix] = float(value)
-
-    try:
-        walk(ast.parse(text, mode="eval").body, "")
-    except SyntaxError:
-        return {}
-    return values
