@@ -10,7 +10,7 @@ from experiments.common.row import Row, show
 from experiments.common.sets import datasets
 from jgait import params, tune
 from jgait.estimators import leg_ekf
-from jgait.evaluate.windows import Judged, judge
+from experiments.common.windows import Judged, judge
 from jgait.types import SIDES
 
 SET = "neura_sparse"

@@ -14,7 +14,7 @@ from jgait import params, tune
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegOptions, LegParams
 from jgait.evaluate import FIELDS
-from jgait.evaluate.windows import Judged, judge
+from experiments.common.windows import Judged, judge
 from jgait.types import SIDES, as_float
 
 IMPROVEMENTS: dict[str, dict[str, Any]] = {

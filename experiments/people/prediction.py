@@ -39,7 +39,7 @@ from experiments.unseen import waist
 from experiments.unseen.legs import REFERENCE_SD as DISTANCE_SD
 from jgait import simulate
 from jgait.estimators import foot_ins, leg_ekf
-from jgait.evaluate.windows import judge
+from experiments.common.windows import judge
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting import shank as shank_axes
 from jgait.simulate import Body, Person, Route, Truth

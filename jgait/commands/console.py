@@ -160,9 +160,11 @@ def say_flags(flags: "Sequence[page.Flag]", where: str, most: int = 5) -> None:
 
 
 @contextlib.contextmanager
-def refused(what: str = "") -> Iterator[None]:
-    """Exit with code 2 if the block raises because of a value, a type or a file; `what` begins the message."""
+def refused(what: str = "", *more: type[Exception]) -> Iterator[None]:
+    """Exit with code 2 if the block raises because of a value, a type or a file, or one of `more`; `what` begins the
+    message.
+    """
     try:
         yield
-    except (ValueError, TypeError, OSError) as error:
+    except (ValueError, TypeError, OSError, *more) as error:
         stop(f"{what}{error}")

@@ -261,8 +261,8 @@ def test_the_quick_experiment_writes_its_rows(tmp_path, monkeypatch, capsys):
 
 
 def test_the_readme_says_what_the_recordings_give(data):
+    from experiments.common.windows import judge
     from jgait.estimators import leg_ekf
-    from jgait.evaluate.windows import judge
 
     walk = data("neura_sparse")[0]
     lengths, windows = walk.info["lengths"], walk.info["windows"]

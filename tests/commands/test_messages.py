@@ -9,7 +9,7 @@ from rich.table import Table
 
 from jgait import cli, io
 from jgait.commands import jobs
-from jgait.estimators.about import EstimatedRecording
+from jgait.estimators.about import About, EstimatedRecording
 from jgait.estimators.notes import STRIDES_UNCERTAIN, without_repeats
 from jgait.io.clock import GAPS_FILLED
 from jgait.io.damage.samples import IMPOSSIBLE
@@ -27,7 +27,7 @@ def without_estimates(monkeypatch):
         return jobs.RecordingResults(made, recording.notes, {}, [], {})
 
     def replaced(compute=read):
-        job = jobs.EstimateJob("all", Table(), "", (), (), (), compute, Made())
+        job = jobs.EstimateJob("all", About(tables=()), Table(), "", compute, Made())
         monkeypatch.setattr(jobs, "all_sensors", lambda person: job)
 
     replaced()

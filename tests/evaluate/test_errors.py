@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from experiments.common.windows import judge
 from jgait import evaluate
-from jgait.evaluate.windows import judge
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, LegTrajectory
 
 DEGREE = np.pi / 180.0
