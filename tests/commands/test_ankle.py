@@ -14,7 +14,6 @@ from jgait.estimators import ankle_stride
 from jgait.estimators.about import EstimatedRecording
 from jgait.estimators.ankle_stride.about import ABOUT
 from jgait.estimators.totals import totals
-from jgait.types import Imu, Recording
 
 LENGTHS = np.r_[0.7, np.full(4, 1.2), 0.7]
 TURNS, RISES = np.r_[0.0, 0.0, 0.6, 0.0, 0.0, 0.0], np.r_[0.0, 0.0, 0.0, 0.17, 0.0, 0.0]
@@ -149,13 +148,3 @@ def test_both_legs_have_a_row_and_a_colour():
     assert names == ["in a turn", "on stairs", "half-step", "right leg, ±2σ", "left leg, ±2σ"]
     labels = [axis.get_ylabel() for axis in figure.axes]
     assert labels == ["stride length [m]", "stride time [s]", "rise [cm]", "turn [°]"]
-
-
-def test_a_figure_of_no_strides_is_refused():
-    recording = walked().recording
-    imu = recording.sensors["ankle_right"]
-    still = Imu(imu.time, np.zeros_like(imu.gyr), np.tile([0.0, 0.0, 9.81], (len(imu.time), 1)), imu.mask)
-    result = ankle_stride.estimate(ankle_stride.AnkleParams(), Recording({"ankle_right": still}, 100.0))
-    assert [one.text for one in totals(result, ABOUT.flags)] == ["0, 0 regular", "0.00 m"]
-    with pytest.raises(ValueError, match="no stride is valid"):
-        plot.leg_strides(result)

@@ -112,16 +112,6 @@ def test_options_of_other_estimators_are_refused_by_name(capsys):
     assert options.owners("--pivot") == ["foot_ins", "stride_width_ekf"]
 
 
-def test_one_bad_file_does_not_cost_the_others(csv, tmp_path):
-    bad = tmp_path / "empty.csv"
-    bad.write_text("")
-    code, said = run("estimate", bad, csv, "--out", tmp_path / "results")
-    assert code == 1
-    assert "empty" in said
-    assert "1 of 2 recordings could not be used" in said
-    assert (tmp_path / "results" / "walk_samples.csv").exists()
-
-
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_a_table_of_recordings_gives_one_table_of_all(table, csv, tmp_path, ending):
     for folder in ("a/walks", "b/walks"):
@@ -184,15 +174,6 @@ def test_several_files_give_one_table_of_all_and_the_next_ones_replace_it(csv, t
     assert not (tmp_path / "alone" / "recordings.csv").exists()
 
 
-def test_lost_samples_are_noted(table, csv, tmp_path):
-    lossy = table.copy()
-    lossy.loc[150:155, [c for c in table.columns if c.startswith("thigh_right")]] = np.nan
-    lossy.to_csv(csv, index=False)
-    code, said = run("estimate", csv, "--out", tmp_path / "results")
-    assert code == 0, said
-    assert "thigh_right" in said
-
-
 def test_data_sets_are_listed():
     code, said = run("datasets", "list")
     assert code == 0
@@ -237,12 +218,6 @@ def test_the_demo_begins_with_a_real_walk_beside_its_reference(data, tmp_path, m
     assert "What each sensor says" in said and "Against the reference" in said
     assert (tmp_path / "out" / "real_walk.html").stat().st_size > 10_000
     assert json.loads(numbers.read_text())["distance_m"] > 10.0
-
-
-def test_demo_refuses_an_unknown_data_set():
-    code, said = run("demo", "--dataset", "mine")
-    assert code == 2
-    assert "auto, simulated or neura_sparse; got 'mine'" in said
 
 
 @pytest.mark.release

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import typer
 from made.command import run
 
 from jgait import io
-from jgait.commands.recordings import in_options, recording_of
+from jgait.commands.recordings import in_options, places_of, recording_of
 from jgait.io import atomic
 from jgait.types import RecordingError
 
@@ -121,13 +122,6 @@ def test_a_full_disk_leaves_nothing_half_written(walk, tmp_path, command, monkey
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["walk.csv"]
 
 
-def test_a_json_file_that_cannot_be_written_is_said(walk, tmp_path):
-    (tmp_path / "numbers").write_text("a file")
-    code, said = run("estimate", walk, "--out", tmp_path / "results", "--json", tmp_path / "numbers" / "x.json")
-    assert code == 2
-    assert "could not be written" in said
-
-
 def shimmer(recording, path):
     """As Consensys exports two devices that are called after their places."""
     names, units, columns = [], [], []
@@ -175,20 +169,6 @@ def test_bare_names_need_a_place_and_the_option_gives_it(recording, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("places", "words"),
-    [
-        (["knee"], "there is no placement 'knee'"),
-        (["a=shank_right", "thigh_right"], "got both"),
-        (["shank_right", "thigh_right"], "there can be one placement"),
-    ],
-)
-def test_places_that_cannot_be_are_refused(walk, places, words):
-    code, said = run("estimate", walk, *(word for place in places for word in ("--place", place)))
-    assert code == 2
-    assert words in said
-
-
-@pytest.mark.parametrize(
     ("error", "python", "command"),
     [
         (RecordingError("pass {argument}", argument="gyr_unit", value="rad/s"), "gyr_unit='rad/s'", "--gyr-unit rad/s"),
@@ -208,13 +188,8 @@ def test_messages_name_options(error, python, command):
 
 def test_the_shell_completes_commands():
     asked = {"_JGAIT_COMPLETE": "complete_bash", "COMP_WORDS": "jgait est", "COMP_CWORD": "1"}
-    done = subprocess.run(
-        [Path(sys.executable).with_name("jgait")],
-        env={**os.environ, **asked},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    jgait = Path(sys.executable).with_name("jgait")
+    done = subprocess.run([jgait], env={**os.environ, **asked}, capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["estimate"]
 
 
@@ -247,3 +222,18 @@ def test_gaitmaps_and_mobgaps_tables_are_read_by_the_command_too(recording, tmp_
     assert list(feet.sensors) == ["foot_left"]
     assert list(recording_of(tmp_path / "gaitmap.csv", rate=50.0).sensors) == ["foot_left"]
     assert list(recording_of(tmp_path / "mobgap.csv", rate=50.0).sensors) == ["lower_back"]
+
+
+def test_a_json_file_that_cannot_be_written_is_said(walk, tmp_path):
+    (tmp_path / "numbers").write_text("a file")
+    code, said = run("estimate", walk, "--out", tmp_path / "results", "--json", tmp_path / "numbers" / "x.json")
+    assert code == 2
+    assert "could not be written" in said
+
+
+def test_places_that_cannot_be_are_refused(capsys):
+    for places, words in ((["knee"], "there is no placement 'knee'"), (["a=shank_right", "thigh_right"], "got both"),
+                          (["shank_right", "thigh_right"], "there can be one placement")):  # fmt: skip
+        with pytest.raises(typer.Exit):
+            places_of(places)
+        assert words in " ".join(capsys.readouterr().err.split())

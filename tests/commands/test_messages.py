@@ -101,12 +101,6 @@ def test_a_file_without_time_says_what_came(recording, walk, tmp_path, without_e
         io.recording_from_arrays({"waist": {"gyr": np.ones((20, 3))}}, name="walk")
 
 
-def test_a_recording_may_have_a_column_of_that_name(walk, tmp_path, without_estimates):
-    pd.read_csv(walk).assign(file="trial 1").to_csv(walk, index=False)
-    code, said = run("estimate", walk, "--out", tmp_path / "out")
-    assert code == 0, said
-
-
 def test_a_folder_that_is_no_evaluation_is_refused_with_what_is_needed(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "walks").mkdir()

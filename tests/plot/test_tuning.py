@@ -1,7 +1,5 @@
 """Pictures of a tuning show what was found, and mark what is not determined and what was taken back."""
 
-from typing import Any, NamedTuple
-
 import jax.numpy as jnp
 import numpy as np
 import optax
@@ -42,18 +40,6 @@ def test_correlations_are_written_in_their_squares_and_what_is_not_determined_is
     assert plot.save(figure, tmp_path / "correlation.png").stat().st_size > 5000
 
 
-def test_many_parameters_are_drawn_without_numbers():
-    class Many(NamedTuple):
-        level: Any
-
-    found = tune.identifiability(
-        lambda p, item: jnp.sum((p.level - item) ** 2), Many(jnp.zeros(14)), Many(real), np.zeros((2, 14))
-    )
-    axis = plot_tuning.correlation(found).axes[0]
-    assert not axis.texts and axis.get_xlabel() == ""
-    assert [label.get_text() for label in axis.get_yticklabels()][-1] == "level[13]"
-
-
 def test_a_profile_is_drawn_with_its_line_and_its_ends(lengths, tmp_path):
     free = FREE._replace(rollover_radius=fixed, noise=fixed)
     found = tune.profile(total_length, AT, free, lengths, "a1", np.linspace(0.37, 0.42, 6), optax.sgd(0.1))
@@ -79,16 +65,12 @@ def test_a_profile_is_drawn_with_its_line_and_its_ends(lengths, tmp_path):
     plot.save(figure, tmp_path / "profile.png")
 
 
-def test_a_flat_profile_is_reported(lengths, tmp_path):
+def test_a_flat_profile_is_reported(lengths):
     free = Pair(positive, positive, fixed)
     found = tune.profile(total_length, AT, free, lengths, "a1", [0.04, 0.2, 0.4], optax.adam(0.05), steps=150)
-    figure = plot_tuning.profile(found)
-    (axis,) = figure.axes
+    (axis,) = plot_tuning.profile(found).axes
     assert [text.get_text() for text in axis.texts] == ["not determined by these data"]
-    assert axis.get_ylim()[1] > 1.92  # the line is seen even so
-    assert axis.get_xscale() == "log"
-    assert axis.get_xlabel() == "a1"
-    plot.save(figure, tmp_path / "flat.png")
+    assert axis.get_ylim()[1] > 1.92 and axis.get_xscale() == "log"  # the line is seen even so
 
 
 def test_a_training_shows_loss_gradient_and_what_was_taken_back(lengths, tmp_path):
@@ -112,15 +94,6 @@ def test_a_training_shows_loss_gradient_and_what_was_taken_back(lengths, tmp_pat
     assert [text.get_text() for text in above.get_legend().texts] == labels
     assert np.append(fit.losses, fit.best_loss)[best] == fit.best_loss
     plot.save(figure, tmp_path / "training.png")
-
-
-def test_a_logarithmic_axis_of_a_training_has_plain_numbers(lengths, tmp_path):
-    fit = tune.fit(total_length, AT._replace(a1=0.2), Pair(real, fixed, fixed), lengths, optax.sgd(1e-4), steps=10)
-    figure = plot_tuning.training(fit._replace(gradient_norms=np.geomspace(1e-3, 1e5, 10)))
-    plot.save(figure, tmp_path / "training.png")
-    labels = [text.get_text() for text in figure.axes[1].get_yticklabels(which="both")]
-    assert "1000" in labels
-    assert not any("$" in text for text in labels)
 
 
 def test_a_training_judged_on_other_items_shows_their_loss_where_it_was_looked_at(lengths, tmp_path):
