@@ -20,7 +20,6 @@ from jgait.estimators.combined import Analysis, analyse
 from jgait.estimators.notes import without_repeats
 from jgait.estimators.stride_flags import STRIDE_FLAGS, regular
 from jgait.estimators.totals import (
-    CAPTION,
     FOOT_PATH,
     JOINT_ANGLES,
     LEG_STRIDES,
@@ -28,9 +27,9 @@ from jgait.estimators.totals import (
     distance_of,
     has_legs,
     has_strides,
-    totals,
 )
 from jgait.io.strides import special
+from jgait.io.totals import CAPTION, totals
 from jgait.notes import Note
 from jgait.report.flags import of_result
 from jgait.report.page import Flag

@@ -1,10 +1,13 @@
 """`jgait tune`: parameters from a cohort by gradient, judged on people from whom they were not learned."""
 
+import dataclasses
 import warnings
 from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Any
 
+import jax
+import optax
 import typer
 from jaxtyping import PyTree
 
@@ -19,9 +22,9 @@ from jgait.commands.rows import COPIED
 from jgait.estimators import Estimator
 from jgait.evaluate.scores import DISTANCE_OFF, STRIDES_OFF
 from jgait.notes import from_json, of_recordings
-from jgait.params import freed
+from jgait.params import freed, priors
 from jgait.report.cohort import of_notes
-from jgait.tune import Lessons, objective, parsed
+from jgait.tune import LOSSES, Lessons, objective, parsed
 from jgait.tune.checkpoint import OtherFitError
 
 SOFT = frozenset({"softness", "threshold_factor"})
@@ -126,8 +129,14 @@ def tune(
         out, "tune", asked, planned=tune_report.PLANNED, inputs=read, json_file=json_file, fresh=fresh
     ) as folder:
         _say_notes(ready, start, walks, made, weights)
-        job = tune_run.job_of(
-            pipeline, start, learned, made, weights, judged, steps, rate, starts, folds, seed, folder.run
+        judging, terms = LOSSES[judged], objective(pipeline, made.options, weights)
+        settings = {
+            "optimizer": optax.adam(optax.cosine_decay_schedule(rate, steps)), "steps": steps, "starts": starts,
+            "key": jax.random.key(seed), "priors": priors(start),
+        }  # fmt: skip
+        job = tune_run.Job(
+            pipeline, start, learned, made, groups, terms, dataclasses.replace(terms, terms=((judging.error, 1.0),)),
+            judging.unit, judging.words, settings, folds, folder.run,
         )  # fmt: skip
         with progress() as bars, warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")

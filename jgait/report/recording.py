@@ -10,8 +10,9 @@ from jgait.estimators import about_of, stride_flags
 from jgait.estimators.about import EstimatedRecording
 from jgait.estimators.columns import QUANTITIES, UNITS
 from jgait.estimators.plausible import distance_implausible
-from jgait.estimators.totals import distance_of, totals
+from jgait.estimators.totals import distance_of
 from jgait.evaluate.scores import score
+from jgait.io.totals import totals
 from jgait.report import flags, strides
 from jgait.report.figures import pictures
 from jgait.report.made import Made

@@ -13,7 +13,7 @@ from jgait.commands import jobs
 from jgait.estimators import ankle_stride
 from jgait.estimators.about import EstimatedRecording
 from jgait.estimators.ankle_stride.about import ABOUT
-from jgait.estimators.totals import totals
+from jgait.io.totals import totals
 
 LENGTHS = np.r_[0.7, np.full(4, 1.2), 0.7]
 TURNS, RISES = np.r_[0.0, 0.0, 0.6, 0.0, 0.0, 0.0], np.r_[0.0, 0.0, 0.0, 0.17, 0.0, 0.0]

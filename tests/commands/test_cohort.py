@@ -225,7 +225,7 @@ class Toy(NamedTuple):
 
 def test_one_person_has_days_and_numbers_that_are_not_determined(tmp_path):
     names = ("a", "b", "c", "d")
-    made = Lessons(np.arange(4.0), None, ("me",) * 4, ("1", "1", "2", "2"), names, ())
+    made = Lessons(np.full(4, 3.0), None, ("me",) * 4, ("1", "1", "2", "2"), names, ())
     assert tune_run.groups_of(made) == (made.days, "day", "days")
     assert tune_run.groups_of(made._replace(days=("1", "", "2", ""))).one == "person"
 
@@ -240,7 +240,7 @@ def test_one_person_has_days_and_numbers_that_are_not_determined(tmp_path):
     with console.progress() as bars:
         results = tune_run.learned(job, console.Bar(bars), True, ["distance"])
     assert results.validation is None and results.known is None and results.undetermined == ["unused"]
-    assert results.errors[1] < results.errors[0] == pytest.approx(1.0)
+    assert results.errors[1] < results.errors[0] == pytest.approx(4.0)
     assert "it needs two people, or one person on two days" in results.left_out[0]
     assert "2 numbers were learned from 1 person" in results.left_out[1]
 

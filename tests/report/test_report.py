@@ -25,9 +25,9 @@ from jgait.estimators import ankle_stride
 from jgait.estimators.about import EstimatedRecording, EstimateFigure
 from jgait.estimators.notes import NO_FIRST_STANDING, NO_STEPS
 from jgait.estimators.stride_flags import STRIDE_FLAGS
-from jgait.estimators.totals import totals
 from jgait.evaluate.scores import DISTANCE_OFF
 from jgait.io.atomic import write_text
+from jgait.io.totals import totals
 from jgait.notes import SEVERITIES, Kind, to_json
 from jgait.report import figures, flags, strides
 from jgait.report.page import without_folders
