@@ -17,7 +17,6 @@ from jgait.commands.folder import keep_inputs, unfinished
 from jgait.estimators.combined import MEASURES, Analysis
 from jgait.notes import grouped
 from jgait.report import Report
-from jgait.report import folder as folders
 from jgait.types import Walk, reason_of
 
 ENDINGS = (".html", ".htm")
@@ -167,7 +166,7 @@ def _of_folder(folder: Path, command: str) -> tuple[Report, int]:
     try:
         if unfinished(folder, "evaluate"):
             stop(f"{folder} holds an evaluation that did not end; repeat it")
-        rows, made = folders.read(folder)
+        rows, made = reports.cohort.read_folder(folder)
         page = reports.of_cohort(rows, title=folder.resolve().name, made=made._replace(command=command))
         return page, len(rows.failures)
     except typer.Exit:

@@ -29,37 +29,16 @@ def of_text(change):
     return lambda path: path.write_text(change(path.read_text()))
 
 
-def of_lines(change):
-    return lambda path: path.write_text(change(path.read_text().splitlines(keepends=True)))
-
-
 def scaled(kind, factor):
     return of_table(lambda table: table.assign(**{n: table[n] * factor for n in table.columns if kind in n}))
 
 
 SPOILT = {
     "in g": (scaled("_acc_", 1.0 / 9.81), "it seems to be in g; pass --acc-unit g"),
-    "in radians": (scaled("_gyr_", np.pi / 180.0), "rad/s"),
-    "backwards": (
-        of_table(lambda table: table.assign(time=table["time"].where(table.index != 50, table["time"][48]))),
-        "time runs backwards at row 50",
-    ),
-    "unknown columns": (of_text(lambda text: text.replace("gyr", "omega")), "gyr"),
-    "misspelt": (
-        of_text(lambda text: text.replace("thigh_right_gyr_x", "tigh_right_gyr_x", 1)),
-        "'tigh_right_gyr_x' looks like 'thigh_right_gyr_x': correct the header of the file",
-    ),
     "no shank": (of_text(lambda text: text.replace("shank_right", "wrist_right")), "no estimator has its sensors"),
     "empty": (of_text(lambda _: ""), "walk.csv is empty"),
-    "header alone": (of_lines(lambda lines: lines[0]), "has a header and no rows"),
-    "torn": (
-        of_lines(lambda lines: "".join(lines[:5]) + lines[5].strip() + ",1,2,3\n"),
-        "line 6 has 16 values",
-    ),
-    "cut off": (of_lines(lambda lines: "".join(lines[:8])[:-40]), "6 samples; at least 10 are needed"),
     "binary": (lambda path: path.write_bytes(bytes(range(256)) * 8), "walk.csv is in no format that jgait reads"),
     "a folder": (lambda path: (path.unlink(), path.mkdir()), "walk.csv is a folder, and none of a format"),
-    "gone": (Path.unlink, "No such file"),
 }
 
 

@@ -148,12 +148,9 @@ def tables(tmp_path, monkeypatch):
     [
         ("evaluate recordings.csv --out .", "recordings.csv is read by this command"),
         ("evaluate recordings.csv --out o --json o/quantities.csv", "is one of the files that this command writes"),
-        ("evaluate recordings.csv --out o --json recordings.csv", "recordings.csv is read by this command"),
-        ("evaluate recordings.csv --out o --json a/walk.csv", "walk.csv is read by this command"),
         ("estimate a/walk.csv --json a/walk.csv", "walk.csv is read by this command"),
         ("estimate a/walk.csv a/walk.csv", "would have the same names: a/walk.csv, a/walk.csv"),
         ("report report.html --out report.html", "report.html is read by this command"),
-        ("report a/walk.csv --json a/walk.csv", "walk.csv is read by this command"),
         ("report recordings.csv --json a/walk.csv", "walk.csv is read by this command"),
         ("report a/walk.csv --out p.html --json p.html", "--json and --out are the same file"),
     ],

@@ -433,14 +433,11 @@ def test_a_missing_measure_of_a_person_is_noted():
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ((), "give one of: a table COHORT.csv, --dataset NAME, --simulated N"),
         (("nowhere.csv",), "No such file"),
         (("{file}", "--out", "page.pdf"), "ends with .html; got 'page.pdf'"),
         (("{file}", "--option", "lever=0.1", "--paper"), "--option lever is an option of ankle_stride; got"),
         (("--simulated", "2", "--person", "p.json"), "--person is of one recording"),
-        (("{file}", "--estimator", "mine"), "estimator must be one of"),
         (("{file}", "--recording", "a"), "--recording names a recording of a --dataset"),
-        (("--simulated", "2", "--thigh", "0.4"), "--thigh is of one recording"),
         (("{folder}",), "is no folder that jgait evaluate wrote"),
         (("{file}", "--estimator", "ankle_stride", "--out", "{file}/page.html"), "could not be written"),
     ],
