@@ -114,7 +114,7 @@ def of_cohort(cohort: Cohort, *, title: str = "cohort", made: Made | None = None
     ]  # fmt: skip
     sections = [
         _agreement(usable, agreement, made), Section("Bland–Altman", HOW, _figures(paired)) if len(paired) else None,
-        _people(cohort, paired), _recordings(cohort), _failures(failures), _parameters(made),
+        _people(cohort, usable), _recordings(cohort), _failures(failures), _parameters(made),
     ]  # fmt: skip
     about = about_of(made.estimator).title
     lead = f"{about}, compared with an independent measurement." if len(paired) else f"{about}; no reference is known."
@@ -309,22 +309,18 @@ def _figures(paired: "pd.DataFrame") -> list[Picture]:
     return made
 
 
-def _people(cohort: Cohort, paired: "pd.DataFrame") -> Section:
+def _people(cohort: Cohort, usable: Cohort) -> Section:
     """One row for each person: recordings used and failed, and mean errors."""
     lost = Counter(map(str, cohort.failures["subject"].fillna("")))
     used = cohort.recordings.groupby("subject")["recording"].count()
-    quantities = [name for name in BY_SUBJECT if paired.loc[paired["quantity"] == name, "error"].notna().any()]
-    errors = {
-        name: paired[paired["quantity"] == name].groupby("subject")[["error", "abs_error"]].mean()
-        for name in quantities
-    }
+    errors = usable.by_subject().dropna(subset="error").pivot(index="subject", columns="quantity")
+    quantities = [name for name in BY_SUBJECT if ("error", name) in errors]
     rows = []
     for subject in sorted({*map(str, used.index), *(name for name in lost if name)}):
-        cells = [Cell(subject), _count(used.get(subject, 0)), _count(lost.get(subject, 0))]
-        for name in quantities:
-            mean = errors[name].loc[subject] if subject in errors[name].index else {"error": None, "abs_error": None}
-            cells += [cell(mean["error"], 3), cell(mean["abs_error"], 3)]
-        rows.append(cells)
+        means = errors.loc[subject] if subject in errors.index else {}
+        each = [means.get((kind, name)) for name in quantities for kind in ("error", "abs_error")]
+        counts = (cell(float(count), 0) for count in (used.get(subject, 0), lost.get(subject, 0)))
+        rows.append([Cell(subject), *counts, *(cell(mean, 3) for mean in each)])
     heads = []
     for name in quantities:
         words, unit = readable(name)
@@ -334,10 +330,6 @@ def _people(cohort: Cohort, paired: "pd.DataFrame") -> Section:
     failed = f"{unknown} recordings that failed belong" if unknown > 1 else "One recording that failed belongs"
     text = f"{failed} to nobody who is known." if unknown else ""
     return Section("People", text, [Table(caption, ("person", "used", "failed", *heads), rows, True)])
-
-
-def _count(value: PyTree) -> Cell:
-    return Cell(str(int(value)), float(value))
 
 
 def _recordings(cohort: Cohort) -> Section:

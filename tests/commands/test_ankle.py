@@ -78,18 +78,6 @@ def test_strides_totals_flags_and_figures_of_a_leg(csv, tmp_path, words):
     assert all(one["stride_length_std_m"] > 0.0 for one in told["strides"])
 
 
-UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0])
-BACKWARDS = np.diag([-1.0, -1.0, 1.0])
-
-
-@pytest.mark.parametrize("mount", [UPSIDE_DOWN, BACKWARDS])
-def test_a_sensor_worn_otherwise_costs_nothing(csv, tmp_path, words, mount):
-    code, said = run(csv(mount=mount), *words)
-    assert code == 0, said
-    assert "Check: No --option lever: a sensor at the ankle is taken to sit 0.03 m above it" in said
-    np.testing.assert_allclose(strides_of(tmp_path)["stride_length_m"], LENGTHS, atol=0.02)
-
-
 def test_a_clipped_swing_is_flagged(csv, tmp_path, words, monkeypatch):
     monkeypatch.setattr(made_shank, "LEAN", 1.0)  # a swing at 5 rad/s, as a brisk walk has
 

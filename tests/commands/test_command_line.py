@@ -13,7 +13,7 @@ from made.command import run
 from experiments.__main__ import main
 from experiments.common import protocols
 from jgait import cli, estimators, io
-from jgait.commands import demo, jobs, options
+from jgait.commands import demo, options
 
 
 @pytest.fixture(scope="module")
@@ -140,21 +140,6 @@ def test_a_table_of_recordings_gives_one_table_of_all(table, csv, tmp_path, endi
     assert lengths.iloc[0] == pytest.approx(lengths.iloc[1] * 1.8 / 1.6, rel=0.01)
 
 
-def test_a_recording_without_tables_does_not_cost_the_others(csv, tmp_path, monkeypatch):
-    def failing(made, about, of_estimate=jobs.of_estimate):
-        calls.append(about)
-        return of_estimate(made, about) if len(calls) > 1 else 1 / 0
-
-    calls = []
-    monkeypatch.setattr(jobs, "of_estimate", failing)
-    again = csv.with_name("again.csv")
-    again.write_bytes(csv.read_bytes())
-    assert run("estimate", csv, again, "--estimator", "ankle_stride", "--out", tmp_path / "out")[0] == 1
-    recordings = pd.read_csv(tmp_path / "out" / "recordings.csv").set_index("recording")
-    assert recordings.loc["walk", "result"] == "failed" and "division by zero" in recordings.loc["walk", "reason"]
-    assert recordings.loc["again", "result"] != "failed"
-
-
 def test_several_files_give_one_table_of_all_and_the_next_ones_replace_it(csv, tmp_path):
     again = csv.with_name("again.csv")
     again.write_bytes(csv.read_bytes())
@@ -186,17 +171,6 @@ def test_the_demo_prints_the_commands_that_it_calls(tmp_path, monkeypatch):
         given = commands.get_command(None, name).make_context(name, words).params
         del how["fresh"]  # which a user does not need in a new folder
         assert {key: given[key] for key in how} == how
-
-
-@pytest.mark.release
-def test_the_demo_tunes_and_judges_on_other_people(tmp_path):
-    code, said = run("demo", "--dataset", "simulated", "--subjects", 2, "--steps", 2, "--out", tmp_path)
-    assert code == 0, said
-    assert "learned from all people" in said
-    rows = [pd.read_csv(tmp_path / name / "agreement.csv")["n"].sum() for name in ("default", "others")]
-    assert rows[0] == rows[1] > 0
-    tuned = json.loads((tmp_path / "tuned" / "tuned.json").read_text())["parameters"]
-    assert tuned["distance_scale"]["value"] != 1.0
 
 
 @pytest.mark.release

@@ -114,12 +114,6 @@ def test_tables_totals_and_a_figure(csv, tmp_path, monkeypatch):
     assert told["gyroscope_energy_saved"] == 0.4 and told["distance_m"] is None
 
 
-def test_what_cannot_be_followed_is_refused(csv, tmp_path):
-    code, said = run(csv, "--estimator", "duty_cycled_gyro", "--option", "duty=0", "--out", tmp_path / "out")
-    assert code == 2 and "duty must lie in (0, 1]: the part of the time that is measured; got 0.0" in said, said
-    assert not (tmp_path / "out").exists()
-
-
 def test_without_a_leg_of_both_segments_there_is_no_table_of_legs(csv, tmp_path, monkeypatch):
     monkeypatch.setattr(Choice, "estimate", lambda *_: made(flags(), joints=False))
     code, said = run(csv, "--estimator", "duty_cycled_gyro", "--paper", "--out", tmp_path / "out")

@@ -187,16 +187,6 @@ def test_no_length_of_a_stride_whose_way_is_not_as_long():
     assert np.isnan(scores.stride_rows(estimate, from_standing)["estimate"][[0, 3]]).all()
 
 
-def test_no_length_of_a_stride_in_which_the_estimate_was_not_valid():
-    item = walk(2)
-    time = item.reference.time
-    estimate = item.reference._replace(strides=None, valid=~((time > 0.3) & (time < 0.4)))
-    rows = scores.stride_rows(estimate, item.reference)
-    assert np.isnan(rows["estimate"][0]) and np.isfinite(rows["estimate"][1:]).all()
-    rows = scores.stride_rows(estimate._replace(time=time + 0.6), item.reference)
-    assert np.isnan(rows["estimate"][0])
-
-
 @pytest.fixture
 def short(monkeypatch):
     """Padded lengths so short that the walks have several."""

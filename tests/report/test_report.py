@@ -1,10 +1,8 @@
 """Reports: their numbers, what they say of doubts, that they stand alone, and how a browser takes them."""
 
-import errno
 import html.parser
 import json
 import re
-import resource
 import shutil
 import subprocess
 
@@ -26,7 +24,6 @@ from jgait.estimators.about import EstimatedRecording, EstimateFigure
 from jgait.estimators.notes import NO_FIRST_STANDING, NO_STEPS
 from jgait.estimators.stride_flags import STRIDE_FLAGS
 from jgait.evaluate.scores import DISTANCE_OFF
-from jgait.io.atomic import write_text
 from jgait.io.totals import totals
 from jgait.notes import SEVERITIES, Kind, to_json
 from jgait.report import figures, flags, strides
@@ -303,24 +300,6 @@ def test_strides_of_an_unknown_side_are_of_neither_leg():
     assert "Marks around a stride" in page.html
 
 
-def test_a_full_disk_leaves_what_was_there(ankles, tmp_path):
-    page = tmp_path / "report.html"
-    page.write_text("before")
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
-    try:
-        with pytest.raises(OSError, match="too large") as caught:
-            ankles.save(page)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert caught.value.errno == errno.EFBIG
-    assert page.read_text() == "before" and [one.name for one in tmp_path.iterdir()] == ["report.html"]
-    ankles.save(page)
-    assert page.read_text(encoding="utf-8") == ankles.html
-    with pytest.raises(FileNotFoundError, match="does not exist"):
-        write_text(tmp_path / "none" / "page.html", "")
-
-
 @pytest.fixture(scope="module")
 def evaluated(tmp_path_factory):
     """An evaluation of twelve walks, one of which cannot be read, as `jgait evaluate` leaves it, and in memory."""
@@ -546,8 +525,7 @@ def browse(page, folder, *options):
 def test_a_browser_shows_every_picture_sorts_and_asks_nobody(ankles, tmp_path):
     page = ankles.save(tmp_path / "page.html")
     dom, said = browse(page, tmp_path)
-    assert said == []
-    assert 'role="button"' in dom  # the page's own script ran under its own policy
+    assert said == [] and 'role="button"' in dom  # the page's own script ran under its own policy
     watched = tmp_path / "watched.html"
     policy = re.sub(r"script-src '[^']*'", "script-src 'unsafe-inline'", ankles.html)
     assert policy != ankles.html
