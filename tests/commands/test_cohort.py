@@ -381,7 +381,7 @@ def test_recordings_of_the_tuning_are_known_by_their_content_and_people_by_their
         (("--free", "distance_scale", "--loss", "speed"), "--loss: a loss is one of distance, trajectory"),
         (
             ("--free", "distance_scale", "--loss", "trajectory"),
-            "trajectory needs a reference with legs; no reference of cohort.csv has that",
+            "can answer all of trajectory: trajectory needs a reference with legs (walk0.csv and 3 others)",
         ),
         (("--free", "distance_scale", "--loss", "position"), "leg_ekf cannot answer 'position'; it answers distance"),
         (("--free", "distance_scale", "--folds", 3), "--folds must be between 2 and the 2 people; got 3"),
