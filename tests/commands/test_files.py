@@ -140,11 +140,9 @@ def test_bare_names_need_a_place_and_the_option_gives_it(recording, tmp_path):
     code, said = run("estimate", bare, "--estimator", "ankle_stride", "--out", tmp_path / "results")
     assert code == 2
     assert "for one sensor with bare names give its place, such as --place" in said
-    code, said = run(
-        "estimate", bare, "--estimator", "foot_ins", "--place", "shank_right", "--out", tmp_path / "results"
-    )
-    assert "needs" in said
-    assert "shank_right" in said
+    words = ("--estimator", "foot_ins", "--place", "shank_right", "--out", tmp_path / "results")
+    code, said = run("estimate", bare, *words)
+    assert "needs" in said and "shank_right" in said
 
 
 @pytest.mark.parametrize(
