@@ -141,11 +141,12 @@ def table_of(*headings: str, left: int = 1, title: str | None = None) -> Table:
 
 
 def show_table(made: "page.Table", title: str | None = None) -> None:
-    """Print a table of a page."""
+    """Print a table of a page, and how to read it."""
     table = table_of(*made.columns, title=title)
     for row in made.rows:
         table.add_row(*(visible(cell.text) for cell in row))
     console.print(table)
+    console.print(visible(made.caption), style="dim", highlight=False)
 
 
 def say_flags(flags: "Sequence[page.Flag]", where: str, most: int = 5) -> None:
@@ -154,9 +155,9 @@ def say_flags(flags: "Sequence[page.Flag]", where: str, most: int = 5) -> None:
 
     for flag in flags[:most]:
         note(f"{GRADES[flag.grade]}: {flag.text}")
+    left = max(len(flags) - most, 0)
     if flags:
-        left = len(flags) - most
-        note(f"{count(left, 'more', 'more') + ', and all' if left > 0 else 'all'} of their sentences: {where}")
+        note(f"{f'{left} more, and ' if left else ''}all sentences: {where}")
 
 
 @contextlib.contextmanager

@@ -132,7 +132,7 @@ def evaluate(
     })  # fmt: skip
     _show(f"{pipeline.name}{', the paper’s pipeline' if paper else ''} on {source.title}", results)
     for one in reports.cohort.agreement_tables(agreement):
-        show_table(one)
+        show_table(one, "agreement with the reference")
     for line in reports.cohort.remarks(usable, agreement, "stride_time" in (pipeline.about.losses or ())):
         console.print(visible(line), highlight=False, soft_wrap=True)
     if judged is not None:

@@ -33,7 +33,7 @@ def test_grave_kinds_come_before_common_ones_and_those_that_all_errors_depend_on
         "Check: 1 of 4 recordings, whose result should not be used, such as c.csv: No legs move",
         "Check: 2 of 4 recordings, such as b.csv: shank_right is upside down; shank_left is upside down",
         f"Check: 3 of 4 recordings, such as a.csv: {str(moves)[:1].upper()}{str(moves)[1:]}",
-        "all of their sentences: in the table",
+        "all sentences: in the table",
     ]
     assert said(rows) == lines
     assert said({**rows, "d.csv": [other]})[1] == "Check: 1 of 4 recordings, such as d.csv: Contacts" + str(other)[8:]
@@ -42,5 +42,5 @@ def test_grave_kinds_come_before_common_ones_and_those_that_all_errors_depend_on
 def test_few_kinds_and_no_long_sentence_are_printed(said):
     kinds = [Kind(f"kind_{number}", "check", f"{number} {'x' * 400}", f"{number}") for number in range(7)]
     lines = said({"a.csv": [kind() for kind in kinds]})
-    assert len(lines) == 6 and lines[-1].startswith("2 more, and all of their sentences: ")
+    assert len(lines) == 6 and lines[-1].startswith("2 more, and all sentences: ")
     assert all(len(line) < LONGEST_EXAMPLE + 60 for line in lines[:-1])
