@@ -165,7 +165,8 @@ def refused(what: str = "", *more: type[Exception]) -> Iterator[None]:
     """Exit with code 2 if the block raises because of a value, a type or a file, or one of `more`; `what` begins the
     message.
     """
+    kinds: tuple[type[Exception], ...] = (ValueError, TypeError, OSError, *more)
     try:
         yield
-    except (ValueError, TypeError, OSError, *more) as error:
+    except kinds as error:
         stop(f"{what}{error}")

@@ -11,6 +11,7 @@ from jgait.commands.console import console, show_table, stop, write_json, wrote
 from jgait.commands.evaluate import evaluate
 from jgait.commands.folder import results_folder
 from jgait.commands.tune import tune
+from jgait.report.page import Table
 
 PAGE = "real_walk.html"
 
@@ -47,8 +48,9 @@ def demo(
             page = report.of_walk(walk, jobs.all_sensors({}), "neura_sparse", command)
             wrote(folder.publish([page.save(folder.stage / PAGE)]))
         for section in page.content.sections:
-            for part in section.parts if section.heading in ("What each sensor says", "Against the reference") else ():
-                show_table(part, section.heading)
+            for part in section.parts:
+                if section.heading in ("What each sensor says", "Against the reference") and isinstance(part, Table):
+                    show_table(part, section.heading)
         numbers = page.numbers
     elif dataset == "auto":
         console.print("neura_sparse (real walks with motion capture) is not here: --dataset neura_sparse fetches it")

@@ -134,10 +134,10 @@ def pipeline_of(
     with refused():
         settings = settings_of(estimators.about_of(name), paper, file)
         options: Any = settings.get("options")
-        known = getattr(options, "_fields", ())
-        if noise is not None and "noise" not in known:
+        fields = getattr(options, "_fields", ())
+        if noise is not None and "noise" not in fields:
             stop(f"{name} has no noise models to choose from")
-        asked = ({} if noise is None else {"noise": noise}) | ({"soft": True} if soft and "soft" in known else {})
+        asked = ({} if noise is None else {"noise": noise}) | ({"soft": True} if soft and "soft" in fields else {})
         return estimators.get(name, **({"options": options._replace(**asked)} if asked else settings))
 
 
