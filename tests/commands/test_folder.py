@@ -15,7 +15,7 @@ from experiments.common import protocols
 from jgait import io
 from jgait.cli import app
 from jgait.commands.estimate import _called
-from jgait.commands.folder import STAGE, results_folder, unfinished
+from jgait.commands.folder import STAGE, keep_inputs, results_folder, unfinished
 from jgait.io.atomic import write_text
 
 
