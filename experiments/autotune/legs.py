@@ -8,9 +8,9 @@ from experiments.bennett2013.neura_sparse import person
 from experiments.common.recordings import available, walks
 from experiments.common.row import Row, show
 from experiments.common.sets import datasets
+from experiments.common.windows import Judged, judge
 from jgait import params, tune
 from jgait.estimators import leg_ekf
-from jgait.evaluate.windows import Judged, judge
 from jgait.types import SIDES
 
 SET = "neura_sparse"

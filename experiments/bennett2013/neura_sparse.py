@@ -10,11 +10,11 @@ from experiments.bennett2013 import literal
 from experiments.common.recordings import available, walks
 from experiments.common.row import Row, show
 from experiments.common.sets import datasets
+from experiments.common.windows import Judged, judge
 from jgait import params, tune
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegOptions, LegParams
 from jgait.evaluate import FIELDS
-from jgait.evaluate.windows import Judged, judge
 from jgait.types import SIDES, as_float
 
 IMPROVEMENTS: dict[str, dict[str, Any]] = {

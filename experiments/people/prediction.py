@@ -20,6 +20,7 @@ from experiments.common.recordings import attempt, available
 from experiments.common.row import Row, show
 from experiments.common.sets import datasets
 from experiments.common.shanks import Leg, Reference, rested
+from experiments.common.windows import judge
 from experiments.kose2011 import contacts
 from experiments.kose2011.walks import Walk as WaistWalk
 from experiments.kose2011.walks import there_and_back
@@ -39,7 +40,6 @@ from experiments.unseen import waist
 from experiments.unseen.legs import REFERENCE_SD as DISTANCE_SD
 from jgait import simulate
 from jgait.estimators import foot_ins, leg_ekf
-from jgait.evaluate.windows import judge
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting import shank as shank_axes
 from jgait.simulate import Body, Person, Route, Truth

@@ -14,7 +14,7 @@ from jaxtyping import PyTree
 
 from jgait import datasets, estimators
 from jgait import evaluate as evaluation
-from jgait.commands.console import Bar, note, progress, say_failures, stop
+from jgait.commands.console import Bar, note, progress, refused, say_failures, stop
 from jgait.commands.pipeline import measures_of, not_held_out, pipeline_of, start_of
 from jgait.commands.recordings import recording_of
 from jgait.commands.references import REFERENCES, with_reference
@@ -41,8 +41,11 @@ def _measures() -> dict[str, BodyMeasure]:
 
 
 MEASURES = _measures()
-OTHERS = {"distance_m": "a distance in m above 0", "sampling_rate_hz": "a rate in Hz above 0"}
-"""Column of positive numbers → their meaning."""
+OTHERS = {
+    "distance_m": BodyMeasure("distance", "m", 0.01, 1e6, "distance walked"),
+    "sampling_rate_hz": BodyMeasure("sampling_rate", "Hz", 0.1, 1e6, "sampling rate"),
+}
+"""Other columns of numbers."""
 
 COLUMNS = ("file", "subject", "day", *MEASURES, *OTHERS, *REFERENCES)
 ASKED_FOR = {
@@ -188,14 +191,12 @@ def source(
     given = [name for name, value in (("a table", table), ("--dataset", dataset), ("--simulated", simulated)) if value]
     if len(given) != 1:
         stop(f"give one of: a table COHORT.csv, --dataset NAME, --simulated N; got {' and '.join(given) or 'none'}")
-    try:
+    with refused("", datasets.DatasetUnavailable, csv.Error):
         if table is not None:
             found = _of_table(table, gyr_unit, acc_unit, measures)
         else:
             found = _of_dataset(dataset) if dataset is not None else _simulated(simulated or 0, seed)
         tuned = () if params is None else not_held_out(params, found.versions(found.marks), found.subjects)
-    except (datasets.DatasetUnavailable, ValueError, OSError, csv.Error) as error:
-        stop(str(error))
     found = found._replace(notes=[*found.notes, *tuned])
     for line in found.notes:
         note(line)
@@ -213,28 +214,19 @@ def _simulated(people: int, seed: int) -> Source:
     return Source(f"{people} simulated people", walks, None, marks, [], [])
 
 
-class DataSet:
-    """Reads the recordings of a public set; its `repr` is the same in every run."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-
-    def __repr__(self) -> str:
-        return f"data set {self.name}"
-
-    def __call__(self, recording: str) -> Walk:
-        """The recording of this name. Raises RecordingError if it cannot be read, or there is none."""
-        walks = datasets.load(self.name, only=(recording,))
-        if not walks:
-            raise RecordingError(walks.failures[0].reason if walks.failures else f"there is no recording {recording!r}")
-        return walks[0]
+def of_set(name: str, recording: str) -> Walk:
+    """The recording of this name of a public set. Raises RecordingError if it cannot be read, or there is none."""
+    walks = datasets.load(name, only=(recording,))
+    if not walks:
+        raise RecordingError(walks.failures[0].reason if walks.failures else f"there is no recording {recording!r}")
+    return walks[0]
 
 
 def _of_dataset(name: str) -> Source:
     again = datasets.repeated(name)  # the message of DatasetUnavailable states how to get the set
     names = [recording for recording in datasets.names(name) if recording not in again]
     notes = [WALK_REPEATED(recording=recording, other=other) for recording, other in again.items()]
-    return Source(name, names, DataSet(name), dict.fromkeys(names, name), [], notes)
+    return Source(name, names, functools.partial(of_set, name), dict.fromkeys(names, name), [], notes)
 
 
 class CohortFiles:
@@ -269,21 +261,16 @@ class CohortFiles:
 
 
 def _number(row: dict[str, str], name: str) -> float | None:
-    text = row.get(name, "")
+    """The number in a column, None where the cell is empty. Raises ValueError if it is none, or out of its range."""
+    measure, text = {**MEASURES, **OTHERS}[name], row.get(name, "")
     if not text:
         return None
     try:
         value = float(text.replace(",", "."))
     except ValueError:
         value = math.nan
-    measure = MEASURES.get(name)
-    if measure is None:
-        good, what = 0.0 < value < math.inf, OTHERS.get(name, "")
-    else:
-        good = measure.low <= value <= measure.high
-        what = f"between {measure.low:g} and {measure.high:g} {measure.unit}"
-    if not good:
-        raise ValueError(f"{name} must be {what}; got {text!r}")
+    if not measure.low <= value <= measure.high:
+        raise ValueError(f"{name} must be between {measure.low:g} and {measure.high:g} {measure.unit}; got {text!r}")
     return value
 
 
@@ -327,9 +314,11 @@ def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: 
     for row, name in zip(of_somebody, people(row["subject"] for row in of_somebody), strict=True):
         row["subject"] = name
     notes = _notes(names, rows, measures) + copy_notes({file: path.parent / file for file in rows})
-    marks = {file: _mark(path.parent, row) for file, row in rows.items()}
-    return Source(path.name, list(rows), CohortFiles(path.parent, rows, gyr_unit, acc_unit), marks, failures, notes,
-                  [file for row in rows.values() for file in _files(path.parent, row)],
+    files = {file: [path.parent / row[name] for name in ("file", *REFERENCES) if row.get(name)]
+             for file, row in rows.items()}  # fmt: skip
+    return Source(path.name, list(rows), CohortFiles(path.parent, rows, gyr_unit, acc_unit),
+                  {file: _mark(row, files[file]) for file, row in rows.items()}, failures, notes,
+                  [one for every in files.values() for one in every],
                   {file: row["subject"] for file, row in rows.items() if row.get("subject")})  # fmt: skip
 
 
@@ -351,14 +340,9 @@ def _notes(names: list[str], rows: dict[str, dict[str, str]], measures: Sequence
     return notes
 
 
-def _files(folder: Path, row: dict[str, str]) -> list[Path]:
-    """The files of a row: the recording, and those of its reference."""
-    return [folder / row[name] for name in ("file", *REFERENCES) if row.get(name)]
-
-
-def _mark(folder: Path, row: dict[str, str]) -> str:
+def _mark(row: dict[str, str], files: Iterable[Path]) -> str:
     """A text for a row and the versions of its files."""
-    states = [file.stat() if file.exists() else None for file in _files(folder, row)]
+    states = [file.stat() if file.exists() else None for file in files]
     stamp = "; ".join(
         "missing" if state is None else f"{state.st_size} bytes of {state.st_mtime_ns}" for state in states
     )
@@ -372,16 +356,15 @@ def evaluated(pipeline: Estimator[PyTree, PyTree], start: PyTree, source: Source
     with progress() as bars:
         bar, total = Bar(bars), len(source.items)
         bar("reading and computing", 0, total)
-        try:
-            return evaluation.cohort(
-                pipeline, source.items, start, own=body_of, read=source.read,
-                progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
-                **settings,
-            )  # fmt: skip
-        except OtherEvaluationError as error:
-            stop(f"{error}, as --fresh does")
-        except (ValueError, OSError) as error:
-            stop(str(error))
+        with refused():
+            try:
+                return evaluation.cohort(
+                    pipeline, source.items, start, own=body_of, read=source.read,
+                    progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
+                    **settings,
+                )  # fmt: skip
+            except OtherEvaluationError as error:
+                stop(f"{error}, as --fresh does")
 
 
 def opened(

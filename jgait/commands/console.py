@@ -1,8 +1,9 @@
 """Output of the commands: messages, JSON files, progress bars, and exit with an error message."""
 
+import contextlib
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -18,7 +19,7 @@ from rich.text import Text
 from jgait.notes import by_reason, printable
 
 if TYPE_CHECKING:
-    from jgait.report import Report
+    from jgait.report import page
 
 console = Console()
 errors = Console(stderr=True)
@@ -139,14 +140,33 @@ def table_of(*headings: str, left: int = 1, title: str | None = None) -> Table:
     return table
 
 
-def page_tables(page: "Report", *headings: str) -> None:
-    """Print the tables of these sections of a page."""
-    from jgait.report import page as pages
+def show_table(made: "page.Table", title: str | None = None) -> None:
+    """Print a table of a page, and how to read it."""
+    table = table_of(*made.columns, title=title)
+    for row in made.rows:
+        table.add_row(*(visible(cell.text) for cell in row))
+    console.print(table)
+    console.print(visible(made.caption), style="dim", highlight=False)
 
-    for section in page.content.sections:
-        for part in section.parts if section.heading in headings else ():
-            if isinstance(part, pages.Table):
-                table = table_of(*part.columns, title=section.heading)
-                for row in part.rows:
-                    table.add_row(*(visible(cell.text) for cell in row))
-                console.print(table)
+
+def say_flags(flags: "Sequence[page.Flag]", where: str, most: int = 5) -> None:
+    """Print the first flags of a cohort, and `where` all are; nothing if there are none."""
+    from jgait.report.page import GRADES
+
+    for flag in flags[:most]:
+        note(f"{GRADES[flag.grade]}: {flag.text}")
+    left = max(len(flags) - most, 0)
+    if flags:
+        note(f"{f'{left} more, and ' if left else ''}all sentences: {where}")
+
+
+@contextlib.contextmanager
+def refused(what: str = "", *more: type[Exception]) -> Iterator[None]:
+    """Exit with code 2 if the block raises because of a value, a type or a file, or one of `more`; `what` begins the
+    message.
+    """
+    kinds: tuple[type[Exception], ...] = (ValueError, TypeError, OSError, *more)
+    try:
+        yield
+    except kinds as error:
+        stop(f"{what}{error}")

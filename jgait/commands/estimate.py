@@ -223,12 +223,16 @@ def _one(
         errors.print(f"[bold red]{visible(item.key)}:[/] {visible(reason)}", highlight=False, soft_wrap=True)
         return Outcome(item, subject, reason)
     files = [io.write_table(rows, folder.stage / f"{item.name}_{name}.{ending}") for name, rows in made.tables.items()]
-    written = folder.publish(files + made.drawn(folder.stage, item.name, job.figures))
+    written = folder.publish(files + made.drawn(folder.stage, item.name, job.about.figures))
     for line in grouped(one for one in made.notes if one.severity not in DOUBTS):
         note(f"{item.label}: {str(line).removeprefix(f'{item.file.name}: ')}")
     result = Outcome(item, subject, "", flags,
                   {name: rows for name, rows in made.tables.items() if name in job.joined})  # fmt: skip
-    for number, row in enumerate([*_doubt_row(result.doubts()), *made.rows]):
+    rows = made.rows
+    if doubtful := result.doubts():
+        lines = sum(len(flag.text.splitlines()) for flag in doubtful)
+        rows = [["doubts", f"{'not usable' if doubtful[0].grade == 'stop' else lines}, see below"], *rows]
+    for number, row in enumerate(rows):
         job.table.add_row("" if number else visible(item.name), *row)
     wrote(written)
     listed = {"files": list(map(str, written)), "flags": [flag._asdict() for flag in flags]}
@@ -247,14 +251,6 @@ def _together(made: Sequence[Outcome], names: Iterable[str]) -> dict[str, "pd.Da
             whole = pd.concat(parts, names=["recording", "subject"])
             tables[name] = whole.reset_index(level=[0, 1]).reset_index(drop=True)
     return tables
-
-
-def _doubt_row(flags: Sequence[Flag]) -> list[list[str]]:
-    """The row of the printed table about the flags that put a recording in doubt; none without such flags."""
-    if not flags:
-        return []
-    stop, lines = any(flag.grade == "stop" for flag in flags), sum(len(flag.text.splitlines()) for flag in flags)
-    return [["doubts", f"{'not usable' if stop else lines}, see below"]]
 
 
 def _say_doubts(label: str, flags: Sequence[Flag]) -> None:

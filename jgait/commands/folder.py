@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jgait.commands.console import count, note, stop
+from jgait.commands.console import count, note, refused, stop
 from jgait.io.atomic import write_text
 
 STAGE = ".jgait.part"
@@ -85,7 +85,7 @@ class ResultsFolder:
         self._check(new)
         again = set(new.values()) - {""}
         gone = sorted(name for name in self._files.keys() - new.keys() if self._bound or self._files[name] in again)
-        self._files = {**self._files, **new}
+        self._files |= new
         self._write(False)
         for file in files:
             target = self.path / file.name
@@ -160,7 +160,7 @@ def results_folder(
         if os.path.exists(part) and not os.path.isdir(part):
             stop(f"--out needs a folder; {part} is a file")
     with contextlib.ExitStack() as stack:
-        try:
+        with refused(f"{out} cannot be used: ", AttributeError):
             if not out.exists():
                 stack.callback(_remove_empty, out)
             out.mkdir(parents=True, exist_ok=True)
@@ -169,8 +169,6 @@ def results_folder(
             folder = ResultsFolder(out, command, arguments, sources)
             stack.callback(shutil.rmtree, folder.stage, ignore_errors=True)
             folder.begin(fresh)
-        except (OSError, ValueError, AttributeError, TypeError) as error:
-            stop(f"{out} cannot be used: {error}")
         try:
             yield folder
         except KeyboardInterrupt:

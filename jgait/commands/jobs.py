@@ -14,13 +14,12 @@ from jgait import report as reports
 from jgait.commands import options
 from jgait.commands.console import table_of
 from jgait.commands.pipeline import Choice, chosen
-from jgait.estimators.about import About, EstimatedRecording, EstimateFigure
+from jgait.estimators.about import About, EstimatedRecording, EstimateFigure, EstimateTable
 from jgait.estimators.columns import QUANTITIES
 from jgait.estimators.combined import Analysis, analyse
 from jgait.estimators.notes import without_repeats
 from jgait.estimators.stride_flags import STRIDE_FLAGS, regular
 from jgait.estimators.totals import (
-    CAPTION,
     FOOT_PATH,
     JOINT_ANGLES,
     LEG_STRIDES,
@@ -28,9 +27,9 @@ from jgait.estimators.totals import (
     distance_of,
     has_legs,
     has_strides,
-    totals,
 )
 from jgait.io.strides import special
+from jgait.io.totals import CAPTION, totals
 from jgait.notes import Note
 from jgait.report.flags import of_result
 from jgait.report.page import Flag
@@ -39,12 +38,18 @@ from jgait.types import Estimate, Recording
 if TYPE_CHECKING:
     import pandas as pd
 
-TABLES = ("strides", "summary", "bouts", "contacts", "sources", "samples")
-FIGURES = (
-    LEG_STRIDES, JOINT_ANGLES._replace(when=has_legs), FOOT_PATH._replace(when=has_legs),
-    WAY._replace(when=lambda estimate: estimate.distance is not None and has_strides(estimate)),
+ALL = About(
+    caption=CAPTION,
+    tables=(
+        *(EstimateTable(name, lambda _: ()) for name in ("strides", "summary", "bouts", "contacts", "sources")),
+        EstimateTable("samples", "samples"),
+    ),
+    figures=(
+        LEG_STRIDES, JOINT_ANGLES._replace(when=has_legs), FOOT_PATH._replace(when=has_legs),
+        WAY._replace(when=lambda estimate: estimate.distance is not None and has_strides(estimate)),
+    ),
 )  # fmt: skip
-"""Tables and figures of all sensors together."""
+"""Tables, of `io.analysis_to_dataframes`, and figures of all sensors together."""
 
 
 class RecordingResults(NamedTuple):
@@ -75,19 +80,23 @@ class EstimateJob(NamedTuple):
     """The work on one recording after another."""
 
     name: str  #: name of the estimator, or "all".
+    about: About  #: states tables and figures.
     table: Table  #: table that is printed, without rows.
     caption: str  #: text below the table.
-    tables: tuple[str, ...]  #: ends of the names of tables that may be written.
-    joined: tuple[str, ...]  #: tables of which there is one of all recordings; those of samples are left out.
-    figures: tuple[EstimateFigure, ...]
     compute: Callable[
         [Recording, Mapping[str, PyTree]], RecordingResults
     ]  #: (recording, measures of a person) → results.
     made: reports.Made  #: how the results are made, for a page.
 
+    @property
+    def joined(self) -> list[str]:
+        """The tables of which there is one of all recordings; those of samples are left out."""
+        return [one.name for one in self.about.tables if one.rows != "samples"]
+
     def planned(self, name: str, ending: str) -> list[str]:
         """The names of the files of a recording that may be written, by their first part."""
-        return [f"{name}_{one}.{ending}" for one in self.tables] + [f"{name}_{one.file}.png" for one in self.figures]
+        tables = [f"{name}_{one.name}.{ending}" for one in self.about.tables]
+        return tables + [f"{name}_{one.file}.png" for one in self.about.figures]
 
 
 def job_of(
@@ -115,42 +124,38 @@ def one_estimator(choice: Choice, person: Mapping[str, PyTree]) -> EstimateJob:
         "recording", "quantity", "value", left=3, title=f"{name}, the paper's pipeline" if choice.paper else name
     )
     caption = "; ".join(filter(None, (about.caption.format(**choice.settings), CAPTION)))
-    joined = tuple(table.name for table in about.tables if table.rows != "samples")
-    names = tuple(table.name for table in about.tables)
     made = reports.Made(name, None, choice.estimator.params, "the paper's" if choice.paper else "")
-    return EstimateJob(name, table, caption, names, joined, about.figures, compute, made)
+    return EstimateJob(name, about, table, caption, compute, made)
 
 
 def all_sensors(person: Mapping[str, PyTree]) -> EstimateJob:
     """Every estimator that has its sensors."""
     table = table_of("recording", "quantity", "combined", "each alone", left=4, title="all sensors together")
     return EstimateJob(
-        "all", table, CAPTION, TABLES, TABLES[:-1], FIGURES,
-        lambda recording, known: of_analysis(analyse(recording, {**known, **person})),
+        "all", ALL, table, CAPTION, lambda recording, known: of_analysis(analyse(recording, {**known, **person})),
         reports.Made("all sensors together"),
     )  # fmt: skip
 
 
 def of_estimate(made: EstimatedRecording, about: About) -> RecordingResults:
     """The results of one estimator, whose `about` states the tables and numbers."""
+    import pandas as pd
+
     estimate, notes = made.estimate, tuple(made.estimate.diagnostics.get("notes", ()))
-    tables = {one.name: _rows(one.rows, estimate, about) for one in about.tables if one.when(estimate)}
+
+    def strides() -> "pd.DataFrame":
+        table = io.strides_to_dataframe(estimate)
+        return table.assign(special=special(estimate, about.flags), regular=regular(estimate, about.flags))
+
+    kinds: dict[Any, Callable[[], pd.DataFrame]] = {"samples": lambda: io.to_dataframe(estimate), "strides": strides}
+    tables = {
+        one.name: kinds[one.rows]() if isinstance(one.rows, str) else pd.DataFrame(one.rows(estimate))
+        for one in about.tables if one.when(estimate)
+    }  # fmt: skip
     words = [[one.words, one.text] for one in totals(estimate, about.flags)]
     listed = {one.json: _records(tables[one.name]) for one in about.tables if one.json and one.name in tables}
     numbers = {**_numbers(estimate, notes), **about.numbers(estimate), **listed}
     return RecordingResults(made, notes, tables, [*words, *map(list, about.facts(estimate))], numbers)
-
-
-def _rows(rows: Any, estimate: Estimate, about: About) -> "pd.DataFrame":
-    """One of an estimator's tables, see `EstimateTable.rows`."""
-    import pandas as pd
-
-    if rows == "samples":
-        return io.to_dataframe(estimate)
-    if rows == "strides":
-        strides = io.strides_to_dataframe(estimate)
-        return strides.assign(special=special(estimate, about.flags), regular=regular(estimate, about.flags))
-    return pd.DataFrame(rows(estimate))
 
 
 def of_analysis(made: Analysis) -> RecordingResults:

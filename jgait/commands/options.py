@@ -9,8 +9,8 @@ import typer
 from jaxtyping import PyTree
 
 from jgait import estimators
-from jgait.commands.console import stop
-from jgait.estimators.about import About, BodyMeasure, CommandOption
+from jgait.commands.console import refused, stop
+from jgait.estimators.about import About, CommandOption
 from jgait.estimators.proportions import outside
 
 PersonFile = Annotated[
@@ -35,15 +35,11 @@ def named(option: str) -> str:
 
 def options_of(about: About) -> dict[str, CommandOption]:
     """The options of an estimator by name: the options of its `about`, and one for each of its body measures."""
-    stated = {option.name: option for option in about.options}
-    measured = {m.option: _of_measure(m) for m in about.measures if m.option and m.option not in stated}
-    return measured | stated
-
-
-def _of_measure(measure: BodyMeasure) -> CommandOption:
-    default = "" if measure.default is None else f"; {measure.default:g}"
-    text = f"{measure.meaning} [{measure.unit}]{default}."
-    return CommandOption(measure.option, text, low=measure.low, high=measure.high)
+    measured = {}
+    for m in filter(lambda measure: measure.option, about.measures):
+        default = "" if m.default is None else f"; {m.default:g}"
+        measured[m.option] = CommandOption(m.option, f"{m.meaning} [{m.unit}]{default}.", low=m.low, high=m.high)
+    return measured | {option.name: option for option in about.options}
 
 
 def owners(option: str) -> list[str]:
@@ -91,37 +87,28 @@ def given_of(name: str, values: Mapping[str, str]) -> dict[str, Any]:
 def _value(option: CommandOption, text: str) -> Any:
     """The value of a text; exits with code 2 if it is none."""
     value: Any = text
-    try:
+    with refused():
         if option.kind is float:
             try:
                 value = float(text)
             except ValueError:
                 hint = f"; write a decimal point, {text.replace(',', '.')}" if text.count(",") == 1 else ""
-                raise ValueError(f"{named(option.name)}: {text!r} is no number{hint}") from None
+                stop(f"{named(option.name)}: {text!r} is no number{hint}")
             low, high = option.low, option.high
             if low is not None and high is not None:
-                wrong = outside(option.name.removeprefix("--").replace("-", " "), value, low, high)
-            else:
-                wrong = (
-                    "" if low is None or value >= low else f"{named(option.name)} must be at least {low:g}; got {text}"
-                )
-            if wrong:
-                raise ValueError(wrong)
+                if wrong := outside(option.name.removeprefix("--").replace("-", " "), value, low, high):
+                    stop(wrong)
+            elif low is not None and not value >= low:
+                stop(f"{named(option.name)} must be at least {low:g}; got {text}")
         return value if option.parse is None else option.parse(value)
-    except ValueError as error:
-        stop(str(error))
 
 
 def person_in(file: Path | None) -> dict[str, PyTree]:
     """The measures in a JSON file, name → number or [right, left]; exits with code 2 if the file cannot be used."""
     if file is None:
         return {}
-    try:
+    with refused(f'--person {file} is no JSON file with measures, such as {{"height": 1.75}}: '):
         content = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError as error:
-        stop(f'--person {file} is no JSON file with measures, such as {{"height": 1.75}}: {error}')
-    except OSError as error:
-        stop(f"--person {file}: {error}")
     known = {m.name: (m.low, m.high) for name in estimators.names() for m in estimators.about_of(name).measures}
     if not isinstance(content, dict) or not content:
         stop(f"--person {file} holds one object with measures such as height; got {str(content)[:60]!r}")

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait import estimators, io
-from jgait.commands.console import count, note, stop
+from jgait.commands.console import count, note, refused, stop
 from jgait.commands.options import given_of, named
 from jgait.commands.rows import Contents
 from jgait.estimators import About, Estimator, proportions
@@ -111,10 +111,8 @@ def settings_of(about: About, paper: bool, file: Path | None = None) -> Settings
     options: Any = about.paper if paper else about.default
     tuned: dict[str, Any] = {}
     if file is not None:
-        try:
+        with refused("--params: "):
             of, made = io.made_of(file)
-        except (ValueError, OSError) as error:
-            stop(f"--params: {error}")
         if of in estimators.names() and estimators.about_of(of) != about:
             stop(f"--params: {file} holds parameters of {of}; give --estimator {of}, or a file of this estimator")
         tuned = dict(made.get("options", {}))
@@ -133,18 +131,14 @@ def pipeline_of(
     if paper and name in estimators.names() and estimators.about_of(name).paper is None:
         known = [one for one in estimators.names() if estimators.about_of(one).paper is not None]
         stop(f"--paper is an option of {' and '.join(known)}; got --estimator {name}")
-    try:
+    with refused():
         settings = settings_of(estimators.about_of(name), paper, file)
-        if noise is not None:
-            options: Any = settings.get("options")
-            if "noise" not in getattr(options, "_fields", ()):
-                raise ValueError(f"{name} has no noise models to choose from")
-            settings = {"options": options._replace(noise=noise)}
-        if soft and "soft" in getattr(settings.get("options"), "_fields", ()):
-            settings = {"options": settings["options"]._replace(soft=True)}
-        return estimators.get(name, **settings)
-    except ValueError as error:
-        stop(str(error))
+        options: Any = settings.get("options")
+        fields = getattr(options, "_fields", ())
+        if noise is not None and "noise" not in fields:
+            stop(f"{name} has no noise models to choose from")
+        asked = ({} if noise is None else {"noise": noise}) | ({"soft": True} if soft and "soft" in fields else {})
+        return estimators.get(name, **({"options": options._replace(**asked)} if asked else settings))
 
 
 def measures_of(estimator: Estimator[PyTree, PyTree]) -> tuple[str, ...]:
@@ -157,14 +151,12 @@ def start_of(estimator: Estimator[PyTree, PyTree], file: Path | None, paper: boo
     """The estimator's default parameters, or those of a file; exits with code 2 if the file cannot be used."""
     if file is None:
         return estimator.params
-    try:
+    with refused("--params: "):
         params, made = io.read_params(file, estimator.params, estimator=estimator.name)
         check_params(params, estimator.transforms)
-    except (ValueError, OSError) as error:
-        stop(f"--params: {error}")
-    tuned_for = made.get("pipeline")
-    if tuned_for not in (None, _name(paper)):
-        note(f"{file} was tuned for the pipeline {tuned_for!r}; this one is {_name(paper)!r}")
+    tuned_for, name = made.get("pipeline"), "paper" if paper else "default"
+    if tuned_for not in (None, name):
+        note(f"{file} was tuned for the pipeline {tuned_for!r}; this one is {name!r}")
     return params
 
 
@@ -209,7 +201,3 @@ def not_held_out(
         each = " and ".join(f"{number} {what}" for what, number in parts.items() if number)
         which = f"of {count(len(versions), 'recording', 'recordings')}, {each}, so that errors on them are"
     return (NOT_HELD_OUT(file=name, cohort=cohort, which=which, others=others),)
-
-
-def _name(paper: bool) -> str:
-    return "paper" if paper else "default"

@@ -71,21 +71,17 @@ def in_options(error: RecordingError, *names: str) -> RecordingError:
 
 def places_of(given: list[str] | None) -> tuple[str | None, dict[str, str]]:
     """The placement for files of one sensor, and sensor → placement; exits with code 2 for any other text."""
-    alone: str | None = None
     places: dict[str, str] = {}
     for text in given or ():
-        sensor, equals, where = text.rpartition("=")
+        sensor, _, where = text.rpartition("=")
         if where not in PLACEMENTS:
             stop(f"--place: there is no placement {where!r}; known are {', '.join(PLACEMENTS)}")
-        if equals:
-            places[sensor] = where
-        elif alone is None:
-            alone = where
-        else:
-            stop(f"--place: without the sensor's name there can be one placement; got {alone} and {where}")
-    if alone is not None and places:
-        stop("--place: give SENSOR=PLACE for each sensor, or a placement alone for files of one sensor; got both")
-    return alone, places
+        if places and (not sensor or "" in places):
+            which = f"there can be one placement; got {' and '.join([*places.values(), where])}"
+            both = "give SENSOR=PLACE for each sensor, or a placement alone for files of one sensor; got both"
+            stop(f"--place: {f'without the sensor’s name {which}' if not sensor and '' in places else both}")
+        places[sensor] = where
+    return places.pop("", None), places
 
 
 class Item(NamedTuple):

@@ -17,7 +17,6 @@ from jgait.commands.folder import keep_inputs, unfinished
 from jgait.estimators.combined import MEASURES, Analysis
 from jgait.notes import grouped
 from jgait.report import Report
-from jgait.report import folder as folders
 from jgait.types import Walk, reason_of
 
 ENDINGS = (".html", ".htm")
@@ -110,13 +109,11 @@ def report(
 
 def command_of(words: Sequence[str]) -> str:
     """The command line of the words after `jgait`, with file names without folders."""
-    shown = ["jgait", *(_by_name(word) for word in words if word != "--open")]
-    return shlex.join(shown)
-
-
-def _by_name(word: str) -> str:
-    option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
-    return option + equals + (Path(value).name if "/" in value or "\\" in value else value)
+    shown = ["jgait"]
+    for word in words:
+        option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
+        shown.append(option + equals + (Path(value).name if "/" in value or "\\" in value else value))
+    return shlex.join(word for word in shown if word != "--open")
 
 
 def _walk(file: Path | None, dataset: str | None, name: str | None, files: dict[str, Any]) -> Walk:
@@ -126,7 +123,7 @@ def _walk(file: Path | None, dataset: str | None, name: str | None, files: dict[
     try:
         if dataset is None:
             return Walk(recordings.recording_of(Path(str(file)), **files), None, {})
-        return cohorts.DataSet(dataset)(str(name))
+        return cohorts.of_set(dataset, str(name))
     except Exception as error:
         stop(f"{file or dataset}: {reason_of(error)}")
 
@@ -169,7 +166,7 @@ def _of_folder(folder: Path, command: str) -> tuple[Report, int]:
     try:
         if unfinished(folder, "evaluate"):
             stop(f"{folder} holds an evaluation that did not end; repeat it")
-        rows, made = folders.read(folder)
+        rows, made = reports.cohort.read_folder(folder)
         page = reports.of_cohort(rows, title=folder.resolve().name, made=made._replace(command=command))
         return page, len(rows.failures)
     except typer.Exit:

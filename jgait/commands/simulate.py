@@ -1,8 +1,8 @@
 """`jgait simulate`: walks with known truth, as the files that a lab would record."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import jax
 import numpy as np
@@ -12,7 +12,7 @@ from jaxtyping import PRNGKeyArray
 
 from jgait import io
 from jgait import simulate as simulation
-from jgait.commands.console import Bar, console, count, progress, stop, table_of, visible, write_json
+from jgait.commands.console import Bar, console, count, progress, refused, stop, table_of, visible, write_json
 from jgait.commands.folder import results_folder
 from jgait.simulate import sensors as worn_sensors
 from jgait.simulate.routes import Route
@@ -29,15 +29,6 @@ GAITS = (
     "slow", "fast", "shuffling", "limping", "stiff_leg", "hemiparetic", "unsteady", "crouched", "running", "toes_out",
 )  # fmt: skip
 HIGHEST_RATE_HZ = 1000.0
-
-
-class Walked(NamedTuple):
-    """A simulated walk: the readings, the truth, who walked, and the length of the route [m]."""
-
-    recording: Recording
-    truth: simulation.Truth
-    person: simulation.Person
-    distance: float
 
 
 def simulate(
@@ -77,23 +68,25 @@ def simulate(
         "people": people, "route": route, "gait": gait, "sensors": sensors, "rate": rate,
         "placements": worn and list(worn), "seed": seed,
     }  # fmt: skip
-    walks = _walks(people, route, gait, _options(sensors, rate, worn), seed)
+    if gait is not None and gait not in GAITS:
+        stop(f"--gait must be one of {', '.join(GAITS)}; got {gait!r}")
+    walks = _drawn(jax.random.key(seed), people, _route(route), gait, _options(sensors, rate, worn))
     written: dict[str, Any] = {}
     with (
         results_folder(out, "simulate", asked, planned=["cohort.csv"], json_file=json_file, fresh=fresh) as folder,
         progress() as bars,
+        refused(),
     ):
         bar, files = Bar(bars), list[Path]()
         bar("simulating (the first walk compiles)", 0, people)
-        try:
-            for number, walk in enumerate(walks(), 1):
-                walk = _of_seed(walk, seed)
-                written[walk.recording.name] = _written(walk, folder.stage, files)
-                bar("simulating", number, people)
-            table = pd.DataFrame(list(written.values())).drop(columns=["duration_s", "strides", "sensors"])
-            folder.publish([*files, io.write_csv(table, folder.stage / "cohort.csv")])
-        except ValueError as error:
-            stop(str(error))
+        for number, (recording, truth, person, distance) in enumerate(walks, 1):
+            if seed:  # people of two seeds are others
+                name, subject = f"{recording.name}_seed{seed}", f"{recording.subject}_seed{seed}"
+                recording = recording._replace(name=name, subject=subject)
+            written[recording.name] = _written(recording, truth, person, distance, folder.stage, files)
+            bar("simulating", number, people)
+        table = pd.DataFrame(list(written.values())).drop(columns=["duration_s", "strides", "sensors"])
+        folder.publish([*files, io.write_csv(table, folder.stage / "cohort.csv")])
     write_json(json_file, {"asked": asked, "walks": written})
     _show(written)
     cohort = visible(out / "cohort.csv")
@@ -119,18 +112,12 @@ def _options(sensors: str | None, rate: float | None, worn: tuple[str, ...] | No
     return {name: value for name, value in given.items() if value is not None}
 
 
-def _walks(
-    people: int, route: str, gait: str | None, options: dict[str, Any], seed: int
-) -> Callable[[], Iterator[Walked]]:
-    """A function that simulates walks one by one; exits with code 2 for an unknown route or gait."""
-    if gait is not None and gait not in GAITS:
-        stop(f"--gait must be one of {', '.join(GAITS)}; got {gait!r}")
-    along = _route(route)
-    return lambda: _drawn(jax.random.key(seed), people, along, gait, options)
-
-
-def _drawn(key: PRNGKeyArray, people: int, along: Route, gait: str | None, options: dict[str, Any]) -> Iterator[Walked]:
-    """People drawn from the norms on one route, in a gait that is not the usual one if it is given."""
+def _drawn(
+    key: PRNGKeyArray, people: int, along: Route, gait: str | None, options: dict[str, Any]
+) -> Iterator[tuple[Recording, simulation.Truth, simulation.Person, float]]:
+    """Walks of people drawn from the norms on one route, in a gait that is not the usual one if it is given: readings,
+    truth, who walked, and the length of the route [m].
+    """
     who, how = jax.random.split(key)
     drawn = simulation.population(who, people)
     keys = [jax.random.fold_in(how, i) for i in range(people)]
@@ -142,7 +129,7 @@ def _drawn(key: PRNGKeyArray, people: int, along: Route, gait: str | None, optio
     walks = simulation.walks(keys, fit, [along] * people, **asked)
     distance = float(simulation.routes.walked_length(along))
     for (recording, truth), person in zip(walks, fit, strict=True):
-        yield Walked(recording, truth, person, distance)
+        yield recording, truth, person, distance
 
 
 def _route(text: str) -> Route:
@@ -160,39 +147,24 @@ def _route(text: str) -> Route:
     return getattr(simulation, name)(*metres)
 
 
-def _of_seed(walk: Walked, seed: int) -> Walked:
-    """The walk, its names with the seed if it is not 0: people of two seeds are others."""
-    if not seed:
-        return walk
-    name, subject = (f"{text}_seed{seed}" for text in (walk.recording.name, walk.recording.subject))
-    return walk._replace(recording=walk.recording._replace(name=name, subject=subject))
-
-
-def _written(walk: Walked, out: Path, files: list[Path]) -> dict[str, Any]:
+def _written(
+    recording: Recording, truth: simulation.Truth, person: simulation.Person, distance: float, out: Path,
+    files: list[Path],
+) -> dict[str, Any]:  # fmt: skip
     """Write the files of a walk, and add them to the list; returns the numbers of the walk."""
-    recording, truth, person, distance = walk
-    body = person.body
-    name = recording.name
+    body, name = person.body, recording.name
     files += [
         io.write_csv(recording, out / f"{name}.csv"),
         io.write_csv(truth.estimate, out / f"{name}_truth.csv"),
         io.write_csv(io.strides_to_dataframe(truth.estimate), out / f"{name}_strides.csv"),
     ]
-    time = next(iter(recording.sensors.values())).time
+    lengths = {f"{part}_m": float(getattr(body, part)) for part in ("thigh_length", "shank_length", "sensor_height")}
     return {
-        "file": f"{name}.csv",
-        "subject": recording.subject,
-        "thigh_length_m": float(body.thigh_length),
-        "shank_length_m": float(body.shank_length),
-        "sensor_height_m": float(body.sensor_height),
-        "distance_m": distance,
-        "sampling_rate_hz": float(recording.sampling_rate_hz),
-        "reference_samples": f"{name}_truth.csv",
-        "reference_strides": f"{name}_strides.csv",
-        "duration_s": float(time[-1]),
-        "strides": int(np.count_nonzero(truth.strides.valid)),
-        "sensors": list(recording.sensors),
-    }
+        "file": f"{name}.csv", "subject": recording.subject, **lengths, "distance_m": distance,
+        "sampling_rate_hz": float(recording.sampling_rate_hz), "reference_samples": f"{name}_truth.csv",
+        "reference_strides": f"{name}_strides.csv", "duration_s": float(truth.estimate.time[-1]),
+        "strides": int(np.count_nonzero(truth.strides.valid)), "sensors": list(recording.sensors),
+    }  # fmt: skip
 
 
 def _show(written: dict[str, Any], most: int = 20) -> None:

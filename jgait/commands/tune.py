@@ -1,27 +1,30 @@
 """`jgait tune`: parameters from a cohort by gradient, judged on people from whom they were not learned."""
 
+import dataclasses
 import warnings
 from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Any
 
+import jax
+import optax
 import typer
 from jaxtyping import PyTree
 
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings, tune_report, tune_run
-from jgait.commands.console import Bar, console, note, progress, say_failures, stop
+from jgait.commands.console import Bar, console, note, progress, refused, say_failures, say_flags, stop
 from jgait.commands.folder import results_folder
-from jgait.commands.lessons import check_answers, lessons_of, losses_of, prepared
+from jgait.commands.lessons import lessons_of, prepared
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of, tunings
 from jgait.commands.references import REFERENCES
 from jgait.commands.rows import COPIED
-from jgait.commands.warnings import say_warnings
 from jgait.estimators import Estimator
 from jgait.evaluate.scores import DISTANCE_OFF, STRIDES_OFF
 from jgait.notes import from_json, of_recordings
-from jgait.params import freed
-from jgait.tune import Lessons
+from jgait.params import freed, priors
+from jgait.report.cohort import of_notes
+from jgait.tune import LOSSES, Lessons, objective, parsed
 from jgait.tune.checkpoint import OtherFitError
 
 SOFT = frozenset({"softness", "threshold_factor"})
@@ -71,19 +74,25 @@ def tune(
     Writes tuned.json (for `jgait evaluate --params` and `jgait estimate --params`), held_out.csv and figures. Exit
     code 0: all recordings were used; 1: some could not be used; 2: nothing could be learned.
     """
-    weights = losses_of("--loss", loss)
-    judged = next(iter(weights if judge is None else losses_of("--judge", judge)))
+    with refused("--loss: "):
+        weights = parsed(loss)
+    with refused("--judge: "):
+        judged = next(iter(weights if judge is None else parsed(judge)))
     names = [name.strip() for name in free.split(",") if name.strip()]
     pipeline = pipeline_of(estimator, paper, params, noise, soft=not SOFT.isdisjoint(names))
     start = start_of(pipeline, params, paper)
-    freed = _freed(pipeline, names)
+    if not names:
+        stop("--free names nothing to learn")
+    with refused("--free: "):
+        learned = freed(pipeline.transforms, *names)
     for name in names:
         if any(name == other or name.startswith(f"{other}.") for other in pipeline.unused):
             stop(f"--free: no number of {pipeline.name} depends on {name} with these options")
     source = cohorts.source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures_of(pipeline), params)
     failures = list(source.failures)
     asked_for = list(dict.fromkeys([*weights, judged]))
-    check_answers(pipeline, asked_for)
+    with refused():
+        objective(pipeline, None, dict.fromkeys(asked_for, 1.0))
     walks, ready = prepared(source, pipeline, failures)
     try:
         made = lessons_of(ready, walks, start, names, failures, asked_for)
@@ -120,17 +129,22 @@ def tune(
         out, "tune", asked, planned=tune_report.PLANNED, inputs=read, json_file=json_file, fresh=fresh
     ) as folder:
         _say_notes(ready, start, walks, made, weights)
-        job = tune_run.job_of(
-            pipeline, start, freed, made, weights, judged, steps, rate, starts, folds, seed, folder.run
+        judging, terms = LOSSES[judged], objective(pipeline, made.options, weights)
+        settings = {
+            "optimizer": optax.adam(optax.cosine_decay_schedule(rate, steps)), "steps": steps, "starts": starts,
+            "key": jax.random.key(seed), "priors": priors(start),
+        }  # fmt: skip
+        job = tune_run.Job(
+            pipeline, start, learned, made, groups, terms, dataclasses.replace(terms, terms=((judging.error, 1.0),)),
+            judging.unit, judging.words, settings, folds, folder.run,
         )  # fmt: skip
         with progress() as bars, warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            try:
-                results = tune_run.learned(job, Bar(bars), cross, weights)
-            except OtherFitError as error:
-                stop(f"{error}; --fresh starts anew")
-            except (ValueError, TypeError, OSError) as error:
-                stop(str(error))
+            with refused():
+                try:
+                    results = tune_run.learned(job, Bar(bars), cross, weights)
+                except OtherFitError as error:
+                    stop(f"{error}; --fresh starts anew")
         for message in dict.fromkeys(str(warning.message) for warning in caught):
             note(message)
         tune_report.report(title, job, results, how, folder, failures, json_file)
@@ -156,16 +170,4 @@ def _say_notes(
             f"the references of all {len(off)} recordings contradict the estimates, such as {name}: {first}. "
             f"{first.meaning}"
         )
-    say_warnings(
-        rows[["recording", "notes"]].itertuples(index=False, name=None), "jgait evaluate of the same recordings"
-    )
-
-
-def _freed(pipeline: Estimator[PyTree, PyTree], names: list[str]) -> PyTree:
-    """The transforms of the learned parameters; exits with code 2 for an unknown name."""
-    if not names:
-        stop("--free names nothing to learn")
-    try:
-        return freed(pipeline.transforms, *names)
-    except ValueError as error:
-        stop(f"--free: {error}")
+    say_flags(of_notes(rows), "jgait evaluate of the same recordings")

@@ -1,7 +1,7 @@
 """The output of `jgait tune`: printed tables and written files."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,17 +29,6 @@ ENOUGH = 6
 """Smallest number of people for a verdict: fewer change in the same direction by chance in more than 5 % of cases."""
 
 
-class LearnedNumber(NamedTuple):
-    """A learned number before and after, in its unit; its standard error and the ends of its 95 % interval, or None."""
-
-    unit: str
-    before: float
-    after: float
-    stderr: float | None = None
-    low: float | None = None
-    high: float | None = None
-
-
 def report(
     title: str, job: Job, results: TuningResults, how: dict[str, Any], folder: ResultsFolder,
     failures: list[tuple[str, str]], json_file: Path | None,
@@ -47,7 +36,7 @@ def report(
     """Write and print everything."""
     out = folder.stage
     values = _values(job, results)
-    spreads = {name: row.stderr for name, row in values.items() if row.stderr is not None}
+    spreads = {name: row["stderr"] for name, row in values.items() if row["stderr"] is not None}
     doubts = {"not_learned": list(results.fit.not_learned), "not_determined": results.undetermined}
     held_out = None
     if results.validation is not None:
@@ -55,15 +44,10 @@ def report(
         medians = {name: float(each[f"error_{name}"].median()) for name in ("before", "after")}
         held_out = {"error": job.judged, "unit": job.unit, "n": len(each), **medians}  # of people, or of days
     files = [
-        io.write_params(
-            out / "tuned.json",
-            results.fit.params,
-            estimator=job.pipeline.name,
-            stderr=spreads,
-            made=how | doubts | {"held_out": held_out},
-        ),
+        io.write_params(out / "tuned.json", results.fit.params, estimator=job.pipeline.name, stderr=spreads,
+                        made=how | doubts | {"held_out": held_out}),
         plot.save(plot_tuning.training(results.fit, title=title), out / "training.png"),
-    ]
+    ]  # fmt: skip
     change = None
     if results.validation is not None:
         table = results.validation.table
@@ -114,23 +98,24 @@ def report(
         note(line)
     wrote(files)
     write_json(json_file, {
-        **how, **doubts, "values": {name: row._asdict() for name, row in values.items()},
+        **how, **doubts, "values": values,
         "held_out": None if change is None else change._asdict() | {"unit": job.unit},
         "losses": [float(v) for v in results.fit.losses], "failures": dict(failures), "files": list(map(str, files)),
     })  # fmt: skip
 
 
-def _values(job: Job, results: TuningResults) -> dict[str, LearnedNumber]:
-    """Every learned number: its value before and after, and its standard error."""
-    units = io.units(job.start)
+def _values(job: Job, results: TuningResults) -> dict[str, dict[str, Any]]:
+    """Every learned number: unit, value before and after; standard error and ends of its 95 % interval, or None."""
+    units, known = io.units(job.start), results.known
     free, before, after = (flat(params) for params in (results.fit.free, job.start, results.fit.params))
-    rows = {name: LearnedNumber(units[name], before[name], after[name]) for name in after if name in free}
-    if results.known is not None:
-        for i, name in enumerate(results.known.names):
-            columns = (results.known.stderr, results.known.low, results.known.high)
-            stderr, low, high = (float(column[i]) for column in columns)
-            if np.isfinite([stderr, low, high]).all():
-                rows[name] = rows[name]._replace(stderr=stderr, low=low, high=high)
+    rows = {
+        name: {"unit": units[name], "before": before[name], "after": after[name], "stderr": None, "low": None,
+               "high": None}
+        for name in after if name in free
+    }  # fmt: skip
+    for name, *numbers in () if known is None else zip(known.names, known.stderr, known.low, known.high, strict=True):
+        if np.isfinite(numbers).all():
+            rows[name] |= dict(zip(("stderr", "low", "high"), map(float, numbers), strict=True))
     return rows
 
 
@@ -160,12 +145,12 @@ def _show_held_out(table: "pd.DataFrame", job: Job, change: PairedDifference) ->
     console.print(f"{verdict}: {change_words} ({ends}); {sides}", highlight=False)
 
 
-def _show_values(values: dict[str, LearnedNumber]) -> None:
+def _show_values(values: dict[str, dict[str, Any]]) -> None:
     """Print every learned number before and after, with its standard error."""
     console.print("\nlearned from all people", style="italic")
     shown = table_of("parameter", "unit", "before", "after", "standard error", "95 % interval", left=2)
     for name, row in values.items():
-        spread = "–" if row.stderr is None else significant(row.stderr, 2)
-        ends = "–" if row.low is None or row.high is None else f"{significant(row.low)} … {significant(row.high)}"
-        shown.add_row(name, row.unit, significant(row.before), significant(row.after, 4), spread, ends)
+        ends = "–" if row["low"] is None else f"{significant(row['low'])} … {significant(row['high'])}"
+        numbers = (significant(row["before"]), significant(row["after"], 4), significant(row["stderr"], 2))
+        shown.add_row(name, row["unit"], *numbers, ends)
     console.print(shown)

@@ -1,6 +1,5 @@
 """The computations of `jgait tune`: cross-validation, the fit to all people, and standard errors of the parameters."""
 
-import dataclasses
 import math
 from collections.abc import Callable, Collection
 from pathlib import Path
@@ -9,13 +8,12 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 from jaxtyping import Array, Float, PyTree
 
 from jgait import tune as tuning
 from jgait.commands.console import Bar, console, count
 from jgait.estimators import Estimator
-from jgait.params import freed, priors
+from jgait.params import freed
 from jgait.tune import CrossValidation, Fit, Identifiability, Lessons, Objective, Progress
 from jgait.tune.coordinates import coordinates, natural
 
@@ -85,26 +83,6 @@ class TuningResults(NamedTuple):
     errors: tuple[float, float] | None
 
 
-def job_of(
-    pipeline: Estimator[PyTree, PyTree], start: PyTree, free: PyTree, made: Lessons, loss: dict[str, float],
-    judge: str, steps: int, rate: float, starts: int, folds: int | None, seed: int, run: Path,
-) -> Job:  # fmt: skip
-    """The task of the options.
-
-    Raises:
-        ValueError: if the estimator cannot answer the loss or the error.
-    """
-    judging = tuning.LOSSES[judge]
-    objective = tuning.objective(pipeline, made.options, loss)
-    error = dataclasses.replace(objective, terms=((judging.error, 1.0),))
-    optimizer = optax.adam(optax.cosine_decay_schedule(rate, steps))
-    settings = {
-        "optimizer": optimizer, "steps": steps, "starts": starts, "key": jax.random.key(seed), "priors": priors(start),
-    }  # fmt: skip
-    groups = groups_of(made)
-    return Job(pipeline, start, free, made, groups, objective, error, judging.unit, judging.words, settings, folds, run)
-
-
 def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningResults:
     """Cross-validate, fit, and compute which parameters the data determine."""
     people, groups = len(set(job.made.subjects)), job.groups
@@ -141,19 +119,20 @@ def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningRes
             progress=report("learning from all people"), **job.settings,
         )  # fmt: skip
     bar.begin("which parameters the data determine (compiling)")
-    known, unknown, moved, errors = None, "", list[str](), None
+    results = TuningResults(validation, fit, None, [why] if why else [], [], None)
     likelihood = set(loss) == {"likelihood"}
     free = [jax.tree_util.keystr(path).lstrip(".") for path, _ in jax.tree_util.tree_leaves_with_path(fit.free)]
     learned = [name for name in free if name not in fit.not_learned]
     if learned:  # what is not learned has been told
         job = job._replace(free=freed(job.free, *learned))
         known, unknown = _determined(job, fit, people, "hessian" if likelihood else "sandwich")
+        results = results._replace(known=known, left_out=[*results.left_out, *([unknown] if unknown else [])])
         if known is None or validation is None:
             moved, errors = _moved(job, fit, likelihood)
-    return TuningResults(
-        validation, fit, known, [line for line in (why, unknown) if line],
-        moved if known is None else known.undetermined, errors if validation is None else None,
-    )  # fmt: skip
+            results = results._replace(undetermined=moved, errors=errors if validation is None else None)
+        if known is not None:
+            results = results._replace(undetermined=known.undetermined)
+    return results
 
 
 def _moved(job: Job, fit: Fit[PyTree], nats: bool) -> tuple[list[str], tuple[float, float]]:

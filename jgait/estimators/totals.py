@@ -1,15 +1,10 @@
 """Measures, totals and figures that several estimators share in their `about`."""
 
-from typing import NamedTuple
-
 import numpy as np
 import numpy.typing as npt
 from jaxtyping import PyTree
 
-from jgait.estimators.about import BodyMeasure, CommandOption, EstimateFigure, MissingMeasure, StrideFlag
-from jgait.estimators.columns import COLUMNS
-from jgait.estimators.plausible import distance_implausible
-from jgait.estimators.stride_flags import BREAK, durations, in_order, marks, pauses, regular
+from jgait.estimators.about import BodyMeasure, CommandOption, EstimateFigure, MissingMeasure
 from jgait.types import SIDES, Estimate, as_float
 
 THIGH = BodyMeasure("thigh_length", "m", 0.2, 0.7, "thigh length, hip to knee", "--thigh", 0.43)
@@ -55,78 +50,6 @@ JOINT_ANGLES = EstimateFigure("joint_angles", "angles")
 FOOT_PATH = EstimateFigure("foot_path", "foot_path")
 WAY = EstimateFigure("distance", "distance")
 LEG_STRIDES = EstimateFigure("leg_strides", "strides", has_strides)
-
-
-class Total(NamedTuple):
-    """A number of a whole recording: what it is in words, the number as text, and its `Comparison.quantity` or ""."""
-
-    words: str
-    text: str
-    quantity: str = ""
-
-
-UNUSABLE = ", not usable"
-"""Text behind a number that a note forbids to use."""
-
-CAPTION = (
-    "± one standard deviation, of one stride or of the distance; medians over regular strides (no turns, stairs, "
-    "half-steps, clipped swings, uneven or doubtful ones), stance of those that a foot's sensor saw, mean of both "
-    "sides; angles: smallest … largest flexion; whole tables in the files"
-)
-"""Text below the numbers of `totals`."""
-
-
-def totals(estimate: Estimate, flags: tuple[StrideFlag, ...], seen: np.ndarray | None = None) -> list[Total]:
-    """The numbers of a whole recording, for people: strides, distance, medians over regular strides, ranges of angles.
-
-    Args:
-        estimate: of one recording.
-        flags: flags of its strides.
-        seen: (strides,) bool, whether a foot's sensor saw the stride; a shank's shows the final contact too late. None:
-            all, if the estimate has feet.
-    """
-    rows: list[Total] = []
-    strides, spread = estimate.strides, estimate.strides_stddev
-    order = np.zeros(0, int) if strides is None else in_order(estimate)
-    usual = order[regular(estimate, flags)] if strides is not None else order
-    if strides is not None:
-        rows.append(Total("strides", f"{order.size}, {usual.size} regular", "strides"))
-        words = {flag.name: flag.word for flag in flags}
-        counts = {words[name]: int(flagged.sum()) for name, flagged in marks(estimate, flags).items()}
-        special = ", ".join(f"{count} {word}" for word, count in counts.items() if count)
-        rows += [Total("special strides", special)] if special else []
-    if order.size and strides.start is not None and strides.end is not None:
-        start, end = as_float(strides.start)[order], as_float(strides.end)[order]
-        breaks = pauses(start, end)[pauses(start, end) > BREAK]
-        lasts, bouts = np.nanmax(end) - start[0] - breaks.sum(), len(breaks) + 1
-        rows.append(Total("walking", f"{lasts:.1f} s in {bouts} {'bout' if bouts == 1 else 'bouts'}"))
-    if (whole := distance_of(estimate)) is not None:
-        usable = "" if not distance_implausible(estimate) else UNUSABLE
-        rows.append(Total("distance", COLUMNS["distance_m"].text(*whole) + usable, "distance"))
-    for field, name in (("length", "stride_length_m"), ("speed", "walking_speed_mps"), ("width", "stride_width_m")):
-        values, stated = (None if table is None else getattr(table, field) for table in (strides, spread))
-        there, column = usual, COLUMNS[name]
-        if field == "width" and order.size:
-            trusted = np.asarray(estimate.diagnostics.get("width_valid", np.ones(np.size(strides.side))), bool)
-            there = usual[trusted[usual]]
-        if order.size and (field != "width" or (values is not None and np.isfinite(as_float(values)).any())):
-            text = column.text(median(values, there), median(stated, there))
-            rows.append(Total(column.words, text, "" if field == "width" else column.quantity))
-    if order.size and strides.start is not None and strides.end is not None:
-        lasts = durations(strides)
-        lasted = median(lasts, usual)
-        rows.append(Total("cadence", "–" if lasted is None else f"{120.0 / lasted:.0f} steps/min"))
-        feet = np.full(lasts.size, estimate.feet is not None) if seen is None else seen
-        toe_off = np.nan if strides.final_contact is None else as_float(strides.final_contact)
-        stands, sides = (toe_off - as_float(strides.start)) / lasts, np.asarray(strides.side)
-        both = [median(stands, usual[feet[usual] & (sides[usual] == side)]) for side in range(len(SIDES))]
-        stance = median([of_side for of_side in both if of_side is not None])  # of two, the mean
-        rows.append(Total("stance", "–" if stance is None else f"{100.0 * stance:.0f} % of the stride"))
-    for joint, pair in joint_ranges(estimate).items():
-        if pair is not None:
-            usable = estimate.diagnostics.get(f"angles_valid_{joint.split()[1]}", True)
-            rows.append(Total(joint, f"{pair[0]:z.0f} … {pair[1]:z.0f} °{'' if usable else UNUSABLE}"))
-    return rows
 
 
 def distance_of(estimate: Estimate) -> tuple[float, float | None] | None:

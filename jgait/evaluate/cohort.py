@@ -1,11 +1,13 @@
 """One estimator on a cohort: a bad recording does not stop the others, and an interrupted run can be continued."""
 
+import json
 from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import jax
+import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators.interface import Estimator
@@ -170,11 +172,14 @@ def _description(job: CohortJob) -> dict[str, str]:
     from jgait.tune.checkpoint import described
 
     estimator = job.estimator
+    leaves = [] if callable(job.params) else jax.tree_util.tree_leaves_with_path(job.params)
+    params = {jax.tree_util.keystr(path).lstrip("."): leaf for path, leaf in leaves}
+    numbers = {name: described(leaf) if np.ndim(leaf) else float(leaf) for name, leaf in params.items()}
     return {
         "jgait": __version__,
         "estimator": estimator.name,
         "functions": ", ".join(described(f) for f in (estimator.prepare, estimator.run)),
-        "params": described(job.params),
+        "params": json.dumps(described(job.params) if callable(job.params) else numbers),
         "own": described(job.own),
         "own_function": described(estimator.own),
         "read": described(job.read),

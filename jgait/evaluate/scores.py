@@ -98,7 +98,7 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
     if reference is not None:
         common = common_samples(estimate, reference)
         quantities |= _distance(estimate, reference, common) | _trajectories(estimate, reference, common)
-        quantities |= _places(estimate, reference) | within_two_sd(estimate, reference)
+        quantities |= within_two_sd(estimate, reference)
         strides, notes = stride_rows(estimate, reference), clock_notes(estimate, reference)
         notes += distance_notes(*quantities.get("distance_m", (NAN, NAN))) + _strides_notes(
             strides, estimate, reference
@@ -122,9 +122,7 @@ def _distance(estimate: Estimate, reference: Estimate, common: np.ndarray) -> di
         return {}
     first, last = np.flatnonzero(common)[[0, -1]]
     ours = np.interp(as_float(reference.time), as_float(estimate.time), as_float(estimate.distance))
-    if reference.distance is None:
-        return {"distance_m": (float(ours[last] - ours[first]), NAN)}
-    theirs = as_float(reference.distance)
+    theirs = np.full(ours.size, NAN) if reference.distance is None else as_float(reference.distance)
     return {"distance_m": (float(ours[last] - ours[first]), float(theirs[last] - theirs[first]))}
 
 
@@ -168,16 +166,11 @@ def _trajectories(estimate: Estimate, reference: Estimate, common: np.ndarray) -
         known = error[common & np.isfinite(error)]
         if known.size:
             quantities[f"{part}_rmse_{suffix}_{side}"] = (float(np.sqrt(np.mean(known**2))), 0.0)
-    return quantities
-
-
-def _places(estimate: Estimate, reference: Estimate) -> dict[str, tuple[float, float]]:
-    quantities = {}
     for side in SIDES:
-        error = foot_position_error(estimate, reference, side)
-        if error is not None:
-            quantities[f"foot_rmse_cm_{side}"] = (100.0 * error.plan, 0.0)
-            quantities[f"foot_height_rmse_cm_{side}"] = (100.0 * error.height, 0.0)
+        of_foot = foot_position_error(estimate, reference, side)
+        if of_foot is not None:
+            quantities[f"foot_rmse_cm_{side}"] = (100.0 * of_foot.plan, 0.0)
+            quantities[f"foot_height_rmse_cm_{side}"] = (100.0 * of_foot.height, 0.0)
     return quantities
 
 
@@ -238,16 +231,13 @@ def within_two_sd(estimate: Estimate, reference: Estimate) -> dict[str, tuple[fl
     match = matched(ours, theirs)
     quantities = {}
     for name, (field, _) in STRIDE_COLUMNS.items():
-        values, truth = values_of(ours, name), values_of(theirs, name)
-        spread = values_of(stated, name) if field else None
-        if values is None or truth is None or spread is None:
-            continue
-        error = np.append(values, NAN)[match] - truth
-        allowed = 2.0 * np.append(spread, NAN)[match]
-        usable = np.isfinite(error) & (allowed > 0.0)
-        if usable.any():
-            share = 100.0 * float(np.mean(np.abs(error[usable]) <= allowed[usable]))
-            quantities[f"{name.rpartition('_')[0]}_within_2sd_percent"] = (share, WITHIN)
+        values, truth, spread = (values_of(one, name) for one in (ours, theirs, stated))
+        if field and values is not None and truth is not None and spread is not None:
+            error, allowed = np.append(values, NAN)[match] - truth, 2.0 * np.append(spread, NAN)[match]
+            usable = np.isfinite(error) & (allowed > 0.0)
+            if usable.any():
+                share = 100.0 * float(np.mean(np.abs(error[usable]) <= allowed[usable]))
+                quantities[f"{name.rpartition('_')[0]}_within_2sd_percent"] = (share, WITHIN)
     return quantities
 
 

@@ -179,26 +179,18 @@ def _contacts(analysis: "Analysis") -> "pd.DataFrame":
     from jgait.estimators.waist import SIDE_KNOWN
 
     rows: list[tuple[float, str, str, str]] = []
-    strides, joined = analysis.estimate.strides, analysis.strides
-    diagnostics = analysis.estimate.diagnostics
-    alone = joined is None or set(joined.first) <= {"waist"}
-    if "initial_contact" in diagnostics and alone:
-        likely = as_float(diagnostics["initial_contact_side_probability"])
-        for time, side, p in zip(
-            diagnostics["initial_contact"], diagnostics["initial_contact_side"], likely, strict=True
-        ):
-            rows.append((float(time), SIDES[int(side)] if p >= SIDE_KNOWN else "unknown", "initial", "waist"))
+    diagnostics, joined = analysis.estimate.diagnostics, analysis.strides
+    if "initial_contact" in diagnostics and (joined is None or set(joined.first) <= {"waist"}):
+        names = ("initial_contact", "initial_contact_side", "initial_contact_side_probability")
+        for time, side, likely in zip(*(diagnostics[name] for name in names), strict=True):
+            rows.append((float(time), SIDES[int(side)] if likely >= SIDE_KNOWN else "unknown", "initial", "waist"))
     elif joined is not None:
-        final = (
-            as_float(strides.final_contact) if strides.final_contact is not None else np.full(len(joined.first), np.nan)
-        )
-        for i, source in enumerate(joined.first):
-            side, start, end = SIDES[int(strides.side[i])], float(strides.start[i]), float(strides.end[i])
-            rows.append((end, side, "initial", source))
-            if np.isfinite(final[i]):
-                rows.append((float(final[i]), side, "final", source))
-            if not np.isfinite(final[i]) or start < final[i]:
-                rows.append((start, side, "initial", source))
+        table = strides_to_dataframe(analysis.estimate)
+        final = table.get("final_contact_s", pd.Series(np.nan, table.index))
+        begins = table["start_s"].where(~(table["start_s"] >= final))  # a stride from standing has no contact before it
+        for event, times in (("initial", table["end_s"]), ("final", final), ("initial", begins)):
+            every = zip(times, table["side"], joined.first, strict=True)
+            rows += [(time, side, event, source) for time, side, source in every if np.isfinite(time)]
     order = [source.name for source in analysis.sources]
     once: list[tuple[float, str, str, str]] = []
     for row in sorted(rows, key=lambda row: (order.index(row[3]), row[0])):

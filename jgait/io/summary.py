@@ -95,10 +95,13 @@ def summary(
     """
     import pandas as pd
 
-    regular = strides["regular"].astype(bool)
-    bouts = _bouts(strides)
+    start, end = ("start_s", "end_s") if "start_s" in strides else ("standing_s", "standing_end_s")
+    strides = strides.assign(begins=strides[start], ends=strides[end])
+    regular, ordered = strides["regular"].astype(bool), strides.sort_values("begins")
+    bouts = bout_numbers(ordered["begins"].to_numpy(float), ordered["ends"].to_numpy(float))
+    strides["bout"] = pd.Series(bouts, ordered.index)
     steady = regular & _beside_regular(strides)
-    steady &= _at_pace(strides[steady], bouts).reindex(strides.index, fill_value=False)
+    steady &= _at_pace(strides[steady]).reindex(strides.index, fill_value=False)
     table = strides[steady]
     told = strides.loc[regular, "side"].unique()
     enough = bool(len(told)) and bool((table["side"].value_counts().reindex(told, fill_value=0) >= FEWEST).all())
@@ -128,7 +131,7 @@ def summary(
         by_side = [values[(table.loc[values.index, "side"] == side) & known[values.index]] for side in SIDES]
         groups = [one for one in by_side if len(one)] if sided else [values]
         mean = float(np.mean([one.mean() for one in groups]))
-        variances = [v for one in groups if np.isfinite(v := _variance(one, bouts))]
+        variances = [v for one in groups if np.isfinite(v := _variance(one, strides["bout"]))]
         error = float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else np.nan
         std = float(np.sqrt(np.mean(variances))) if variances and enough else np.nan
         std = np.nan if error > HIDDEN * std and name not in OF_POSE else std
@@ -163,41 +166,25 @@ def _beside_regular(strides: "pd.DataFrame") -> "pd.Series":
     import pandas as pd
 
     found = pd.Series(False, strides.index)
-    start, end = _times(strides)
     for _, one in strides.groupby("side"):
-        beside = one.sort_values(start)
+        beside = one.sort_values("begins")
         regular = beside["regular"].astype(bool)
-        joins = (beside[start] - beside[end].shift()).abs() < JOINS_S  # with the stride before it
+        joins = (beside["begins"] - beside["ends"].shift()).abs() < JOINS_S  # with the stride before it
         found[beside.index] = joins & regular.shift(fill_value=False) & (joins & regular).shift(-1, fill_value=False)
     return found
 
 
-def _at_pace(strides: "pd.DataFrame", bouts: "pd.Series") -> "pd.Series":
+def _at_pace(strides: "pd.DataFrame") -> "pd.Series":
     """Which strides are not before the first or after the last ones of their side and bout that last as most do."""
     import pandas as pd
 
-    start, end = _times(strides)
     found = pd.Series(True, strides.index)
-    for _, one in strides.groupby([strides["side"], bouts[strides.index]]):
-        rows = one.sort_values(start)
-        lasts = rows[end] - rows[start]
+    for _, one in strides.groupby(["side", "bout"]):
+        rows = one.sort_values("begins")
+        lasts = rows["ends"] - rows["begins"]
         usual = ((lasts / lasts.median() - 1.0).abs() <= PACE).to_numpy()
         found[rows.index] = np.maximum.accumulate(usual) & np.maximum.accumulate(usual[::-1])[::-1]
     return found
-
-
-def _times(strides: "pd.DataFrame") -> tuple[str, str]:
-    """The columns of the begin and the end of a stride."""
-    return ("start_s", "end_s") if "start_s" in strides else ("standing_s", "standing_end_s")
-
-
-def _bouts(strides: "pd.DataFrame") -> "pd.Series":
-    """The number of the walking bout of each stride."""
-    import pandas as pd
-
-    start, end = _times(strides)
-    rows = strides.sort_values(start)
-    return pd.Series(bout_numbers(rows[start].to_numpy(float), rows[end].to_numpy(float)), rows.index)
 
 
 def _variance(values: "pd.Series", bouts: "pd.Series") -> float:
@@ -209,14 +196,13 @@ def _variance(values: "pd.Series", bouts: "pd.Series") -> float:
 
 def _at_the_same_time(strides: "pd.DataFrame") -> "pd.Index":
     """The strides that share time with one of the other side."""
-    start, end = _times(strides)
     shares = np.zeros(len(strides), bool)
     right = strides["side"].to_numpy() == SIDES[0]
     for mine, theirs in ((right, ~right), (~right, right)):
-        other = strides[theirs].sort_values(start)
-        until = np.maximum.accumulate(np.append(-np.inf, other[end].to_numpy(float)))
-        before = np.searchsorted(other[start].to_numpy(float), strides.loc[mine, end].to_numpy(float))
-        shares[mine] = until[before] > strides.loc[mine, start].to_numpy(float)
+        other = strides[theirs].sort_values("begins")
+        until = np.maximum.accumulate(np.append(-np.inf, other["ends"].to_numpy(float)))
+        before = np.searchsorted(other["begins"].to_numpy(float), strides.loc[mine, "ends"].to_numpy(float))
+        shares[mine] = until[before] > strides.loc[mine, "begins"].to_numpy(float)
     return strides.index[shares]
 
 

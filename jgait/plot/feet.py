@@ -4,15 +4,19 @@ The right foot is black with dots, the left foot light blue with squares: they a
 """
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jgait.estimators import stride_flags
-from jgait.estimators.columns import COLUMNS
-from jgait.estimators.stride_flags import STRIDE_COLUMNS
+from jgait.estimators.columns import COLUMNS, Column
 from jgait.evaluate.errors import common_samples, yaw_aligned
+from jgait.io.strides import strides_to_dataframe
 from jgait.plot.style import FOOT, FOOTHOLD, RED, Axes, Figure, Seconds, Style, legend, panels, windowed
 from jgait.types import SIDES, Estimate, FootTrajectory, as_float
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 REFERENCE: dict[str, Style] = {
     "right": {"color": "#7b1d12", "linewidth": 1.0, "linestyle": (0, (5, 2))},
@@ -38,7 +42,8 @@ def rows_of(estimate: Estimate) -> np.ndarray:
     if strides is None:
         raise ValueError("the estimate has no strides")
     rows = np.flatnonzero(np.asarray(strides.valid, bool))
-    return rows[np.argsort(_when(estimate)[rows], kind="stable")]
+    ends = as_float(strides.standing_end if strides.end is None else strides.end)
+    return rows[np.argsort(ends[rows], kind="stable")]
 
 
 def footholds(estimate: Estimate, side: str, seconds: Seconds = None) -> np.ndarray:
@@ -150,66 +155,71 @@ def stride_series(estimate: Estimate, *, title: str = "") -> Figure:
     Raises:
         ValueError: if the estimate has no strides, or none of them is valid.
     """
-    figure, _ = _series(estimate, SERIES, "foot")
+    figure = _series(estimate, SERIES, "foot", joined=False)
     legend(figure, title, columns=5)
     return figure
 
 
-def _series(estimate: Estimate, columns: Sequence[str], part: str) -> tuple[Figure, list[tuple[Axes, str, float]]]:
-    """A figure with one row for each column that any stride has; its axes with field and scale."""
-    rows = rows_of(estimate)
-    if not rows.size:
+def leg_strides(estimate: Estimate, *, title: str = "") -> Figure:
+    """Length, time, rise and turn of every stride over time, bars of two standard deviations, flags as marks.
+
+    The estimate is of `ankle_stride`, or any with `strides`, with or without the flags of `SPECIAL`.
+
+    Raises:
+        ValueError: if the estimate has no strides, or none of them is valid.
+    """
+    figure = _series(estimate, PANELS, "leg", joined=True)
+    legend(figure, title)
+    return figure
+
+
+def _series(estimate: Estimate, columns: Sequence[str], part: str, *, joined: bool) -> Figure:
+    """A figure with one row for each column of the table of strides that any stride has."""
+    table = strides_to_dataframe(estimate)
+    if not len(table):
         raise ValueError("no stride is valid: there is nothing to draw")
-    every = [(STRIDE_COLUMNS[name][0] or "duration", COLUMNS[name], STRIDE_COLUMNS[name][1]) for name in columns]
-    present = [one for one in every if has(estimate, one[0], rows)]
+    present = [COLUMNS[name] for name in columns if name in table and table[name].notna().any()]
     figure, axes = panels(len(present), 1, 8.6, 1.9 * len(present) + 1.0, sharex=True)
-    drawn = []
-    for number, (axis, (field, column, scale)) in enumerate(zip(axes[:, 0], present, strict=True)):
-        drawn.append((axis, field, scale * column.scale))
-        series_of(axis, estimate, rows, field, scale * column.scale, labelled=number == 0, part=part)
+    marked = special(estimate)
+    for number, (axis, column) in enumerate(zip(axes[:, 0], present, strict=True)):
+        series_of(axis, table, column, labelled=number == 0, part=part, joined=joined)
         axis.set_ylabel(column.heading)
-        _marks(axis, estimate, rows, field, scale * column.scale)
+        when, values = _when(table), column.scale * table[column.name]
+        for name, flags in marked.items():
+            if (there := flags & values.notna()).any():
+                axis.plot(when[there], values[there], **RING, **SPECIAL[name])
+        if joined:
+            axis.margins(y=0.15)
+            if column.quantity in ("stride_height", "turn"):
+                axis.axhline(0.0, color="0.6", linewidth=0.8)
     axes[-1, 0].set_xlabel("time [s]")
-    return figure, drawn
-
-
-def values_of(estimate: Estimate, field: str) -> np.ndarray:
-    """(strides,) a field of `Strides`, or the duration as in the table; NaN where the estimate lacks the value."""
-    strides = estimate.strides
-    if field == "duration" and strides.start is not None and strides.end is not None:
-        return stride_flags.durations(strides)
-    values = getattr(strides, field, None)
-    return np.full(np.shape(strides.side), np.nan) if values is None else as_float(values)
-
-
-def has(estimate: Estimate, field: str, rows: np.ndarray) -> bool:
-    """Whether any of the strides has a value of the field."""
-    return bool(np.isfinite(values_of(estimate, field)[rows]).any())
+    return figure
 
 
 def series_of(
-    axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float, *, labelled: bool, part: str = "foot"
+    axis: Axes, table: "pd.DataFrame", column: Column, *, labelled: bool, part: str = "foot", joined: bool = False
 ) -> None:
-    """One quantity of the strides of both sides over time; rows without a value are left out."""
-    strides, stated = estimate.strides, estimate.strides_stddev
-    when = _when(estimate)
-    values = scale * values_of(estimate, field)
-    spread = None if stated is None or field == "duration" else getattr(stated, field)
-    bars = np.zeros_like(values) if spread is None else np.nan_to_num(2.0 * scale * as_float(spread))
-    trusted = np.ones(values.size, bool)
-    flags = estimate.diagnostics.get("width_valid")
-    if field == "width" and flags is not None and np.shape(flags) == values.shape:
-        trusted = np.asarray(flags, bool)
+    """One column of the table of strides of both sides over time; strides without a value are left out. With `joined`,
+    a line goes through the strides of a side, with a gap where they are `APART_S` or more apart.
+    """
     for side in SIDES:
-        of_side = rows[np.asarray(strides.side)[rows] == SIDES.index(side)]
-        if not of_side.size:
+        rows = table[table["side"] == side]
+        values, when = column.scale * rows[column.name], _when(rows)
+        trusted = rows.get("width_valid", values.notna()) if column.quantity == "stride_width" else values.notna()
+        bars = 2.0 * column.scale * rows[column.deviation].fillna(0.0) if column.deviation in rows else 0.0 * values
+        if not len(rows):
             continue
-        good, bad = of_side[trusted[of_side]], of_side[~trusted[of_side] & np.isfinite(values[of_side])]
-        style = {**FOOTHOLD[side], "elinewidth": 1.0, "ecolor": FOOT[side]["color"]}
-        axis.errorbar(when[good], values[good], yerr=bars[good] if bars.any() else None,
-                      label=f"{side} {part}{', ±2σ' if bars.any() else ''}" if labelled else None, **style)  # fmt: skip
+        good, bad = values.notna() & trusted, values.notna() & ~trusted
+        stated = bool(bars.any())
+        axis.errorbar(when[good], values[good], yerr=bars[good] if stated else None,
+                      label=f"{side} {part}{', ±2σ' if stated else ''}" if labelled else None,
+                      **FOOTHOLD[side], elinewidth=1.0, ecolor=FOOT[side]["color"])  # fmt: skip
         hollow = {**FOOTHOLD[side], "markerfacecolor": "white"}
-        axis.plot(when[bad], values[bad], label=f"{side} {part}, not trusted" if bad.size else None, **hollow)
+        axis.plot(when[bad], values[bad], label=f"{side} {part}, not trusted" if bad.any() else None, **hollow)
+        if joined:
+            gaps = np.flatnonzero(np.diff(when) >= APART_S) + 1
+            times, heights = (np.insert(line.to_numpy(float), gaps, np.nan) for line in (when, values))
+            axis.plot(times, heights, color=FOOT[side]["color"], linewidth=0.6, alpha=0.6)
 
 
 APART_S = 10.0
@@ -228,53 +238,12 @@ SPECIAL: dict[str, Style] = {
 """Flag of strides → the mark around a stride with this flag; marks differ in shape, not in colour."""
 
 
-def leg_strides(estimate: Estimate, *, title: str = "") -> Figure:
-    """Length, time, rise and turn of every stride over time, bars of two standard deviations, flags as marks.
-
-    The estimate is of `ankle_stride`, or any with `strides`, with or without the flags of `SPECIAL`.
-
-    Raises:
-        ValueError: if the estimate has no strides, or none of them is valid.
-    """
-    figure, drawn = _series(estimate, PANELS, "leg")
-    rows = rows_of(estimate)
-    for axis, field, scale in drawn:
-        if field in ("height", "turn"):
-            axis.axhline(0.0, color="0.6", linewidth=0.8)
-        _joined(axis, estimate, rows, field, scale)
-        axis.margins(y=0.15)
-    legend(figure, title)
-    return figure
-
-
-def _joined(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float) -> None:
-    """Draw a line through the strides of each side, with a gap where they are `APART_S` or more apart."""
-    when, values = as_float(estimate.strides.end), values_of(estimate, field)
-    for number, side in enumerate(SIDES):
-        of_side = rows[np.asarray(estimate.strides.side)[rows] == number]
-        gaps = np.flatnonzero(np.diff(when[of_side]) >= APART_S) + 1
-        times, heights = (np.insert(line, gaps, np.nan) for line in (when[of_side], scale * values[of_side]))
-        axis.plot(times, heights, color=FOOT[side]["color"], linewidth=0.6, alpha=0.6)
-
-
-def _marks(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float) -> None:
-    """Draw a mark around every flagged stride; the legend lists only flags that occur."""
-    when, values = _when(estimate), values_of(estimate, field)
-    for name, flags in special(estimate).items():
-        marked = rows[flags[rows] & np.isfinite(values[rows])]
-        if marked.size:
-            axis.plot(when[marked], scale * values[marked], **RING, **SPECIAL[name])
-
-
 def special(estimate: Estimate) -> dict[str, np.ndarray]:
-    """Flag of `SPECIAL` → (strides,) bool, as in the table of strides; only flags that a valid stride has."""
-    valid = np.asarray(estimate.strides.valid, bool)
-    read = {flag.name: flag.read(estimate) for flag in stride_flags.STRIDE_FLAGS if flag.name in SPECIAL}
-    marked = {name: np.asarray(flags, bool) & valid for name, flags in read.items() if flags is not None}
-    return {name: flags for name, flags in marked.items() if flags.any()}
+    """Flag of `SPECIAL` → (rows,) bool for the rows of the table of strides; only flags that a stride has."""
+    marked = stride_flags.marks(estimate, stride_flags.STRIDE_FLAGS)
+    return {name: flags for name, flags in marked.items() if name in SPECIAL and flags.any()}
 
 
-def _when(estimate: Estimate) -> np.ndarray:
-    """(strides,) time at which each stride is drawn [s]: its end."""
-    strides = estimate.strides
-    return as_float(strides.standing_end if strides.end is None else strides.end)
+def _when(table: "pd.DataFrame") -> "pd.Series":
+    """Time at which each stride is drawn [s]: its end."""
+    return table["end_s" if "end_s" in table else "standing_end_s"]

@@ -4,7 +4,9 @@ import itertools
 
 import numpy as np
 
-from jgait.plot.feet import feet_of, footholds, has, height_of, places_at, plan_of, rows_of, series_of, shown
+from jgait.estimators.columns import COLUMNS
+from jgait.io.strides import strides_to_dataframe
+from jgait.plot.feet import feet_of, footholds, height_of, places_at, plan_of, rows_of, series_of, shown
 from jgait.plot.style import FOOT, FOOTHOLD, RED, Axes, Figure, Seconds, Style, legend, panels
 from jgait.types import SIDES, Estimate, as_float
 
@@ -34,7 +36,7 @@ def two_feet(estimate: Estimate, *, title: str = "") -> Figure:
     if len(feet) < 2:
         raise ValueError(f"two_feet needs both feet; the estimate has the {next(iter(feet))} one alone")
     rows = rows_of(estimate)
-    if not has(estimate, "width", rows):
+    if not np.isfinite(as_float(estimate.strides.width)[rows]).any():
         raise ValueError("no stride of the estimate has a width; stride_width_ekf gives them")
     widths = _width_lines(estimate, rows)
     sections = _straight(estimate, rows)
@@ -55,7 +57,7 @@ def two_feet(estimate: Estimate, *, title: str = "") -> Figure:
         axis.grid(alpha=0.3)
         if number == 0:
             axis.set_ylabel("across [m]")
-    series_of(over_time, estimate, rows, "width", 100.0, labelled=False)
+    series_of(over_time, strides_to_dataframe(estimate), COLUMNS["stride_width_m"], labelled=False)
     over_time.set_ylabel("stride width [cm]")
     over_time.tick_params(labelbottom=False)
     _moving(moving, estimate, rows)

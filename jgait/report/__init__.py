@@ -4,10 +4,9 @@
 of many people; all give a `Report`, which a notebook shows and `save` writes. `jgait report` does the same from files.
 """
 
-from jgait.report.analysis import of_analysis
 from jgait.report.cohort import of_cohort
 from jgait.report.made import Made
 from jgait.report.page import Report
-from jgait.report.recording import of_estimate
+from jgait.report.recording import of_analysis, of_estimate
 
 __all__ = ["Made", "Report", "of_analysis", "of_cohort", "of_estimate"]

@@ -1,17 +1,31 @@
 """The page of a cohort."""
 
+import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import jax
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait import estimators
 from jgait.estimators import about_of
+from jgait.estimators.stride_flags import STRIDE_COLUMNS
 from jgait.evaluate import Cohort
-from jgait.evaluate.store import REGULAR
-from jgait.notes import from_json, listed, of_recordings
+from jgait.evaluate.store import REGULAR, read_table
+from jgait.notes import (
+    DEFAULT_MEASURE,
+    FEW_RESTS,
+    LOSSES,
+    SEVERITIES,
+    Note,
+    from_json,
+    grouped,
+    listed,
+    of_recordings,
+)
 from jgait.plot import cohort as plot_cohort
 from jgait.report import flags
 from jgait.report.made import Made
@@ -51,6 +65,21 @@ HOW = (
 TUNED = ("not_held_out", "held_out")
 """Codes of the notes whether parameters were tuned on the recordings."""
 
+WITHIN = "_within_2sd_percent"
+"""End of the name of a quantity that states how many errors the stated deviations contain."""
+
+NOT_COMPARED = (
+    "the body's way, which is estimated, differs from the foot's from and to standing and in turns",
+    "no estimated stride fits their times: the estimate lacks them, or the reference is of other times",
+)
+"""Why strides are not compared, without and with strides of the estimate."""
+
+USUAL = (LOSSES, FEW_RESTS, DEFAULT_MEASURE)
+"""Meanings of notes that most cohorts have without any fault; of one severity they come last."""
+
+LONGEST_EXAMPLE = 200
+"""[characters] Longest text of the notes of a recording that is an example, of one or two sentences."""
+
 FEW_PEOPLE = 10
 """Smallest number of people without a warning that the limits of agreement are uncertain."""
 
@@ -76,7 +105,7 @@ def of_cohort(cohort: Cohort, *, title: str = "cohort", made: Made | None = None
         raise ValueError("a report needs recordings; the cohort has none, not even one that failed")
     usable = cohort.usable()
     paired, agreement = usable.paired(), usable.agreement()
-    raised = flags.ordered([*_doubts(cohort, usable, paired), *_notes(cohort, made)])
+    raised = flags.ordered([*flags.explained(made.notes), *doubts(cohort, usable)])
     used, people = len(cohort.recordings), cohort.recordings["subject"].nunique()
     facts = [
         ("Recordings used", f"{used} of {used + len(failures)}", f"of {people} people"),
@@ -84,8 +113,8 @@ def of_cohort(cohort: Cohort, *, title: str = "cohort", made: Made | None = None
         *_headline(paired, agreement),
     ]  # fmt: skip
     sections = [
-        _agreement(agreement, made), Section("Bland–Altman", HOW, _figures(paired)) if len(paired) else None,
-        _people(cohort, paired), _recordings(cohort), _failures(failures), _parameters(made),
+        _agreement(usable, agreement, made), Section("Bland–Altman", HOW, _figures(paired)) if len(paired) else None,
+        _people(cohort, usable), _recordings(cohort), _failures(failures), _parameters(made),
     ]  # fmt: skip
     about = about_of(made.estimator).title
     lead = f"{about}, compared with an independent measurement." if len(paired) else f"{about}; no reference is known."
@@ -100,7 +129,12 @@ def of_cohort(cohort: Cohort, *, title: str = "cohort", made: Made | None = None
     ))  # fmt: skip
 
 
-def _doubts(cohort: Cohort, usable: Cohort, paired: "pd.DataFrame") -> Iterator[Flag]:
+def doubts(cohort: Cohort, usable: Cohort) -> list[Flag]:
+    """What puts the numbers of a cohort in doubt, the most serious first: for the page and the terminal."""
+    return flags.ordered([*_of_numbers(cohort, usable), *of_notes(cohort.recordings)])
+
+
+def _of_numbers(cohort: Cohort, usable: Cohort) -> Iterator[Flag]:
     """The flags of recordings that are in no number, of a missing reference and of few people."""
     used, failed, kept = (len(rows) for rows in (cohort.recordings, cohort.failures, usable.recordings))
     biased = "because of how a person walks, the others are a biased sample."
@@ -113,6 +147,7 @@ def _doubts(cohort: Cohort, usable: Cohort, paired: "pd.DataFrame") -> Iterator[
             f"The table has them, with the reason; they are in none of the errors. If results are not usable {biased}"
         )
         yield Flag("check", text, meaning)
+    paired = usable.paired()
     compared = paired.loc[paired["estimate"].notna()]
     without, people = kept - compared["recording"].nunique(), compared["subject"].nunique()
     if kept and without == kept:
@@ -126,29 +161,32 @@ def _doubts(cohort: Cohort, usable: Cohort, paired: "pd.DataFrame") -> Iterator[
         yield Flag("check", f"Only {people} {'person' if people == 1 else 'people'} compared", meaning)
 
 
-def _notes(cohort: Cohort, made: Made) -> list[Flag]:
-    """The notes of readers and estimators by meaning: the number of recordings, and one of the notes."""
-    counts: Counter[tuple[str, str]] = Counter()
-    example: dict[tuple[str, str], str] = {}
-    for name, text in zip(cohort.recordings["recording"], cohort.recordings["notes"], strict=True):
-        lines = {
-            (flag.grade, flag.meaning): f"{without_folders(str(name))}: {listed(flag.text.splitlines())}"
-            for flag in _noted(str(text))
-        }
-        counts.update(lines.keys())
-        example = lines | example
-    gathered = [
-        Flag(grade, f"{of_recordings(count, len(cohort.recordings))}, such as {example[grade, meaning]}", meaning)
-        for (grade, meaning), count in counts.most_common()
-    ]
-    # a "stop" of a single recording does not make the cohort unusable
-    gathered = [flag._replace(grade="check") if flag.grade == "stop" else flag for flag in gathered]
-    return [*flags.explained(made.notes), *gathered]
+def of_notes(recordings: "pd.DataFrame") -> list[Flag]:
+    """The notes that put recordings in doubt, by meaning: how many recordings, and an example; those that all errors
+    depend on first, those that most cohorts have last. One recording that is not usable does not spoil the cohort.
+    """
+    kinds: dict[tuple[str, str], dict[str, list[Note]]] = {}
+    for name, text in zip(recordings["recording"], recordings["notes"], strict=True):
+        for note in _doubtful(str(text)):
+            kinds.setdefault((note.severity, note.meaning), {}).setdefault(str(name), []).append(note)
+
+    def rank(kind: tuple[str, str]) -> tuple[int, bool, bool, int]:
+        code = next(iter(kinds[kind].values()))[0].code
+        return SEVERITIES.index(kind[0]), not code.startswith("reference_"), kind[1] in USUAL, -len(kinds[kind])
+
+    found = []
+    for severity, meaning in sorted(kinds, key=rank):
+        name, same = next(iter(kinds[severity, meaning].items()))
+        sentences = listed(map(flags.sentence, same), LONGEST_EXAMPLE)
+        many = of_recordings(len(kinds[severity, meaning]), len(recordings))
+        usable = "" if severity == "check" else ", whose result should not be used"
+        found.append(Flag("check", f"{many}{usable}, such as {without_folders(name)}: {sentences}", meaning))
+    return found
 
 
-def _noted(text: str) -> list[Flag]:
-    """The notes of a recording that are more than information."""
-    return [flag for flag in flags.explained(from_json(text)) if flag.grade != "info"]
+def _doubtful(text: str) -> list[Note]:
+    """The notes of a recording, as JSON, that put it in doubt."""
+    return [note for note in grouped(from_json(text)) if note.severity in flags.DOUBTS]
 
 
 def _headline(paired: "pd.DataFrame", agreement: "pd.DataFrame") -> list[tuple[str, str, str]]:
@@ -166,23 +204,29 @@ def _headline(paired: "pd.DataFrame", agreement: "pd.DataFrame") -> list[tuple[s
     return facts
 
 
-def _agreement(agreement: "pd.DataFrame", made: Made) -> Section | None:
-    """Bias, limits and ICC of every quantity, and errors of whole curves; and whether parameters were tuned on them."""
+def _agreement(usable: Cohort, agreement: "pd.DataFrame", made: Made) -> Section | None:
+    """The tables of agreement with what is to be known of them, and whether parameters were tuned on the recordings."""
+    tuned = [f"{note.text[:1].upper()}{note.text[1:]}." for note in made.notes if note.code in TUNED]
+    tables, has_strides = agreement_tables(agreement), "stride_time" in (about_of(made.estimator).losses or ())
+    text = " ".join([*tuned, *remarks(usable, agreement, has_strides)])
+    return Section("Agreement with the reference", text, tables) if tables else None
+
+
+def agreement_tables(agreement: "pd.DataFrame") -> list[Table]:
+    """Bias, limits and ICC of every quantity, and errors of whole curves: for the page and the terminal."""
     rows, curves = [], []
-    for name, row in agreement.iterrows():
-        if not row["n"]:
-            continue
+    for name, row in agreement[agreement["n"] > 0].iterrows():
         words, unit = readable(str(name))
-        words = f"{words} [{unit}]" if unit else words
-        many = Cell(f"{row['n']:.0f} / {row['n_subjects']:.0f}", float(row["n"]))
+        cells = [Cell(f"{words} [{unit}]" if unit else words),
+                 Cell(f"{row['n']:.0f} / {row['n_subjects']:.0f}", float(row["n"]))]  # fmt: skip
         if "_rmse_" in str(name):
-            curves.append([Cell(words), many, *(_significant(row[c]) for c in ("bias", "max_abs"))])
+            curves.append([*cells, *(_significant(row[c]) for c in ("bias", "max_abs"))])
             continue
         rows.append([
-            Cell(words), many, _interval(row, "bias"), Cell(_span(row["loa_low"], row["loa_high"]), row["loa_high"]),
+            *cells, _interval(row, "bias"), Cell(_span(row["loa_low"], row["loa_high"]), row["loa_high"]),
             _interval(row, "mae"), _significant(row["max_abs"]), _interval(row, "icc"),
         ])  # fmt: skip
-    parts = []
+    tables = []
     if rows:
         caption = (
             "Estimate − reference, each quantity in its own unit; in brackets 95 % intervals, over people. ICC(2,1) "
@@ -191,12 +235,44 @@ def _agreement(agreement: "pd.DataFrame", made: Made) -> Section | None:
             "standing make the ICC of all strides' lengths larger."
         )
         columns = ("quantity", "n / people", "bias", "95 % limits", "mean |error|", "worst |error|", "ICC(2,1)")
-        parts.append(Table(caption, columns, rows))
+        tables.append(Table(caption, columns, rows))
     if curves:
-        caption = "Root mean square difference of whole curves, over recordings."
-        parts.append(Table(caption, ("curve", "n / people", "mean", "worst"), curves))
-    tuned = " ".join(f"{note.text[:1].upper()}{note.text[1:]}." for note in made.notes if note.code in TUNED)
-    return Section("Agreement with the reference", tuned, parts) if parts else None
+        caption = (
+            "Root mean square difference of whole curves, over recordings: of angles with the offsets while standing, "
+            "of feet after they are turned and shifted to fit."
+        )
+        tables.append(Table(caption, ("curve", "n / people", "mean", "worst"), curves))
+    return tables
+
+
+def remarks(usable: Cohort, agreement: "pd.DataFrame", has_strides: bool) -> list[str]:
+    """Sentences about the agreement: strides that are not compared, stated deviations, errors of the distance.
+
+    `has_strides` tells whether the estimator has strides, or only a distance that is compared with them.
+    """
+    lines, rows = [], usable.paired()
+    lacking: dict[str, list[str]] = {}
+    for name in agreement.index.intersection(list(STRIDE_COLUMNS)):
+        n, dropped = agreement.loc[name, ["n", "n_dropped"]]
+        if n and dropped:
+            lacking.setdefault(f"{dropped:.0f} of {n + dropped:.0f}", []).append(readable(name)[0])
+    for lacks, what in lacking.items():
+        why = NOT_COMPARED[has_strides]
+        lines.append(f"{', '.join(what).capitalize()}: {lacks} strides of the reference are not compared; {why}.")
+    for name in (name for name in agreement.index[agreement["n"] > 0] if name.endswith(WITHIN)):
+        share = rows.loc[rows["quantity"] == name, "estimate"].dropna()
+        what = name.removesuffix(WITHIN).replace("_", " ").capitalize()
+        lines.append(
+            f"{what}: {share.mean():.1f} % of a recording's strides within two stated standard deviations, lowest "
+            f"{share.min():.1f} % (95.4 % are to be expected)."
+        )
+    relative = 100.0 * rows.loc[rows["quantity"] == "distance_m", "rel_error"].abs().dropna()
+    if len(relative):
+        lines.append(
+            f"Distance: |error| {relative.mean():.1f} % on average, median {relative.median():.1f} %, worst "
+            f"{relative.max():.1f} %."
+        )
+    return lines
 
 
 def _significant(value: float) -> Cell:
@@ -233,22 +309,18 @@ def _figures(paired: "pd.DataFrame") -> list[Picture]:
     return made
 
 
-def _people(cohort: Cohort, paired: "pd.DataFrame") -> Section:
+def _people(cohort: Cohort, usable: Cohort) -> Section:
     """One row for each person: recordings used and failed, and mean errors."""
     lost = Counter(map(str, cohort.failures["subject"].fillna("")))
     used = cohort.recordings.groupby("subject")["recording"].count()
-    quantities = [name for name in BY_SUBJECT if paired.loc[paired["quantity"] == name, "error"].notna().any()]
-    errors = {
-        name: paired[paired["quantity"] == name].groupby("subject")[["error", "abs_error"]].mean()
-        for name in quantities
-    }
+    errors = usable.by_subject().dropna(subset="error").pivot(index="subject", columns="quantity")
+    quantities = [name for name in BY_SUBJECT if ("error", name) in errors]
     rows = []
     for subject in sorted({*map(str, used.index), *(name for name in lost if name)}):
-        cells = [Cell(subject), _count(used.get(subject, 0)), _count(lost.get(subject, 0))]
-        for name in quantities:
-            mean = errors[name].loc[subject] if subject in errors[name].index else {"error": None, "abs_error": None}
-            cells += [cell(mean["error"], 3), cell(mean["abs_error"], 3)]
-        rows.append(cells)
+        means = errors.loc[subject] if subject in errors.index else {}
+        each = [means.get((kind, name)) for name in quantities for kind in ("error", "abs_error")]
+        counts = (cell(float(count), 0) for count in (used.get(subject, 0), lost.get(subject, 0)))
+        rows.append([Cell(subject), *counts, *(cell(mean, 3) for mean in each)])
     heads = []
     for name in quantities:
         words, unit = readable(name)
@@ -260,10 +332,6 @@ def _people(cohort: Cohort, paired: "pd.DataFrame") -> Section:
     return Section("People", text, [Table(caption, ("person", "used", "failed", *heads), rows, True)])
 
 
-def _count(value: PyTree) -> Cell:
-    return Cell(str(int(value)), float(value))
-
-
 def _recordings(cohort: Cohort) -> Section:
     """One row for each recording: its length, the share with results, its notes."""
     way = cohort.quantities[cohort.quantities["quantity"] == "distance_m"].set_index("recording")
@@ -273,7 +341,7 @@ def _recordings(cohort: Cohort) -> Section:
         rows.append([
             Cell(without_folders(str(row.recording))), Cell(str(row.subject)), cell(row.seconds, 1),
             cell(100.0 * float(row.valid), 0), cell(known["estimate"], 2), cell(known["reference"], 2),
-            Cell("; ".join(line for flag in _noted(str(row.notes)) for line in flag.text.splitlines())),
+            Cell("; ".join(map(flags.sentence, _doubtful(str(row.notes))))),
         ])  # fmt: skip
     left = len(cohort.recordings) - len(rows)
     text = f"The first {len(rows)}; {left} more are in the tables of jgait evaluate." if left else ""
@@ -296,3 +364,32 @@ def _parameters(made: Made) -> Section | None:
         return None
     text = "Measures of a person that the cohort states replace these values, person by person."
     return Section("Parameters", text, [table])
+
+
+def read_folder(folder: Path) -> tuple[Cohort, Made]:
+    """The tables of an evaluation that `jgait evaluate` wrote, and its settings.
+
+    Raises:
+        FileNotFoundError: if a table or the settings are missing.
+        ValueError: if a table lacks a column, or has text instead of numbers, or the settings state no estimator.
+    """
+    cohort = Cohort(*(read_table(folder / f"{name}.csv", name) for name in Cohort._fields))
+    for text in cohort.recordings["notes"]:
+        from_json(text)
+    about = json.loads((folder / "run" / "cohort.json").read_text(encoding="utf-8"))
+    if not isinstance(about, dict) or "estimator" not in about:
+        raise ValueError("run/cohort.json does not state how the evaluation was made")
+    name = str(about["estimator"])
+    default = estimators.get(name).params if name in estimators.names() else None
+    stored = json.loads(about["params"])
+    values = (
+        {name: value for name, value in stored.items() if isinstance(value, float)} if isinstance(stored, dict) else {}
+    )
+    params = jax.tree_util.tree_map_with_path(
+        lambda where, old: values.get(jax.tree_util.keystr(where).lstrip("."), old), default
+    )
+    stated = folder / "notes.json"
+    every = json.loads(stated.read_text(encoding="utf-8")) if stated.is_file() else []
+    notes = from_json(json.dumps([one for one in every if one.get("recording") is None]))  # the others are in the table
+    version = str(about.get("jgait", ""))
+    return cohort, Made(name, params, default, file=folder.resolve().name, notes=notes, version=version)

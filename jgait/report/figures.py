@@ -7,7 +7,7 @@ import numpy as np
 from jgait import plot
 from jgait.estimators.about import EstimatedRecording, EstimateFigure
 from jgait.estimators.totals import stated_angle
-from jgait.plot.feet import has, rows_of, special
+from jgait.plot.feet import special
 from jgait.report.page import Picture, picture
 from jgait.types import SIDES, Estimate, Feet, Legs, as_float
 
@@ -94,7 +94,8 @@ def _feet(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
     made.append(picture(plot.foot_height(estimate), f"Height of the {worn} foot along its way", caption))
     if estimate.strides is None or not np.any(estimate.strides.valid):
         return made
-    has_width = has(estimate, "width", rows_of(estimate))
+    width = as_float(estimate.strides.width)[np.asarray(estimate.strides.valid, bool)]
+    has_width = bool(np.isfinite(width).any())
     caption = (
         f"Length{', width' if has_width else ''} and rise of every stride. Bars are ± two standard deviations."
         f"{_marks(estimate)}"

@@ -35,11 +35,11 @@ def explained(notes: Iterable[Note]) -> list[Flag]:
     """Notes as flags: each note once, notes of the same meaning together, the most serious first, without folders."""
     lines: dict[tuple[str, str], dict[str, None]] = {}
     for note in grouped(notes):
-        lines.setdefault((note.severity, note.meaning), {})[_sentence(note)] = None
+        lines.setdefault((note.severity, note.meaning), {})[sentence(note)] = None
     return ordered(Flag(severity, "\n".join(texts), meaning) for (severity, meaning), texts in lines.items())
 
 
-def _sentence(note: Note) -> str:
+def sentence(note: Note) -> str:
     """The text without folders and with a capital letter, unless it begins with the name of a file or a column."""
     text, file = without_folders(note.text), str(note.values.get("file", ""))
     named = "_" in text.partition(" ")[0] or (file and note.text.startswith(file))

@@ -1,4 +1,4 @@
-"""The page of one recording."""
+"""The page of one recording, by one estimator or by all its sensors."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,10 +8,13 @@ import numpy as np
 
 from jgait.estimators import about_of, stride_flags
 from jgait.estimators.about import EstimatedRecording
-from jgait.estimators.columns import QUANTITIES, UNITS
+from jgait.estimators.columns import COLUMNS, QUANTITIES, UNITS
+from jgait.estimators.combined import Analysis
 from jgait.estimators.plausible import distance_implausible
-from jgait.estimators.totals import distance_of, totals
+from jgait.estimators.totals import distance_of
 from jgait.evaluate.scores import score
+from jgait.io.combined import analysis_to_dataframes
+from jgait.io.totals import totals
 from jgait.report import flags, strides
 from jgait.report.figures import pictures
 from jgait.report.made import Made
@@ -26,6 +29,50 @@ CURVES = {
     "foot": "foot, seen from above", "foot_height": "foot, height",
 }  # fmt: skip
 """First part of the name of a root mean square error → the name of the curve."""
+
+
+NO_STRIDES = "No strides were found in this recording."
+
+BOUTS = (
+    "start_s", "duration_s", "n_strides", "n_regular", "distance_m", "stride_length_m", "walking_speed_mps",
+    "cadence_spm",
+)  # fmt: skip
+"""Columns of the table of bouts that the page shows, as many as fit on paper."""
+
+
+def of_analysis(
+    analysis: Analysis, recording: Recording, *, reference: Estimate | None = None, made: Made | None = None
+) -> Report:
+    """The page of one recording by all its sensors, from `analyse`: as `of_estimate`, with what each source says, and
+    walking bouts. Contradictions between the sources are among the warnings.
+    """
+    tables = analysis_to_dataframes(analysis)
+    rows = []
+    for comparison in analysis.comparisons:
+        column, counted = QUANTITIES[comparison.quantity], comparison.strides and comparison.quantity != "strides"
+        spread = "–" if comparison.stddev is None else number(comparison.stddev, column.digits)
+        cells = (column.words, comparison.source, number(comparison.value, column.digits), spread,
+                 str(comparison.strides) if counted else "–", column.shown)  # fmt: skip
+        rows.append([*map(Cell, cells)])
+    used = ", ".join(f"{source.name} by {source.estimator}" for source in analysis.sources)
+    caption = (
+        f"Sources: {used}. Medians over whole strides, ± one standard deviation of one stride or of the distance, as "
+        "stated; the combined value is from sources that are not in doubt, weighted by their variances if they agree."
+    )
+    parts = [Table(caption, ("", "source", "value", "± SD", "strides", "unit"), rows)]
+    more = [Section("What each sensor says", "", parts)]
+    if len(tables["bouts"]):
+        shown = [COLUMNS[name] for name in BOUTS]
+        rows = [
+            [Cell(str(bout["wb_id"] + 1)), *(Cell(number(bout[column.name], column.digits)) for column in shown)]
+            for bout in tables["bouts"].to_dict("records")
+        ]
+        caption = (
+            "Walking between pauses; stride length, speed and cadence are medians over the regular strides of the bout."
+        )
+        parts = [Table(caption, ("no.", *(column.heading for column in shown)), rows)]
+        more.append(Section("Bouts of walking", "", parts))
+    return of_estimate(analysis.estimate, recording, reference=reference, made=made, more=more, means=tables["summary"])
 
 
 def of_estimate(
@@ -57,7 +104,9 @@ def of_estimate(
     settings = {"options": about.paper if made.pipeline else about.default}
     sources = None if params is None else EstimatedRecording(recording, estimate, params, settings)
     drawn = pictures(estimate, reference, about.figures, sources)
-    sections = _strides(of, rows)
+    none = "No stride is regular, so that there are no means." if len(of.table) else NO_STRIDES
+    tables = [strides.mean_table(rows)] if len(rows) else []
+    sections = [Section("Gait at a glance", "" if tables else none, tables)]
     if drawn:
         sections.append(Section("Figures", "", drawn))
     if len(of.table):
@@ -105,15 +154,6 @@ def _facts(
             measure, many = QUANTITIES[row["measure"]], f"mean ± SD of {row['n_strides']} cycles"
             facts.append((measure.words.capitalize(), f"{strides.mean_text(row, measure)} {measure.shown}", many))
     return [*facts, ("Sensors", str(len(recording.sensors)), ", ".join(map(_place, recording.sensors)))]
-
-
-def _strides(of: strides.ReportStrides, rows: "pd.DataFrame") -> list[Section]:
-    """The section with the means of the strides, or a sentence that there are no strides."""
-    if len(rows):
-        return [Section("Gait at a glance", "", [strides.mean_table(rows)])]
-    if len(of.table):
-        return [Section("Gait at a glance", "No stride is regular, so that there are no means.")]
-    return [Section("Gait at a glance", "No strides were found in this recording.")]
 
 
 def _against(estimate: Estimate, recording: Recording, reference: Estimate) -> Section:

@@ -144,7 +144,7 @@ def mean_table(rows: "pd.DataFrame") -> Table:
     columns = ["", "mean ± SD", *(f"{side} leg" for side in SIDES), "error of one",
                *(["asymmetry [%]"] if both else []), "strides"]  # fmt: skip
     caption = (
-        "Steady strides: regular ones between regular ones." if rows["steady"].all()
+        "Steady strides: regular ones between regular ones." if rows.loc[rows["measure"] != "distance", "steady"].all()
         else "Regular strides: there are too few steady ones for variability and asymmetry."
     ) + (
         " SD: from stride to stride within a side. It contains the error of one stride, where that is known; an SD "

@@ -13,8 +13,7 @@ from jgait.commands import jobs
 from jgait.estimators import ankle_stride
 from jgait.estimators.about import EstimatedRecording
 from jgait.estimators.ankle_stride.about import ABOUT
-from jgait.estimators.totals import totals
-from jgait.types import Imu, Recording
+from jgait.io.totals import totals
 
 LENGTHS = np.r_[0.7, np.full(4, 1.2), 0.7]
 TURNS, RISES = np.r_[0.0, 0.0, 0.6, 0.0, 0.0, 0.0], np.r_[0.0, 0.0, 0.0, 0.17, 0.0, 0.0]
@@ -79,18 +78,6 @@ def test_strides_totals_flags_and_figures_of_a_leg(csv, tmp_path, words):
     assert all(one["stride_length_std_m"] > 0.0 for one in told["strides"])
 
 
-UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0])
-BACKWARDS = np.diag([-1.0, -1.0, 1.0])
-
-
-@pytest.mark.parametrize("mount", [UPSIDE_DOWN, BACKWARDS])
-def test_a_sensor_worn_otherwise_costs_nothing(csv, tmp_path, words, mount):
-    code, said = run(csv(mount=mount), *words)
-    assert code == 0, said
-    assert "Check: No --option lever: a sensor at the ankle is taken to sit 0.03 m above it" in said
-    np.testing.assert_allclose(strides_of(tmp_path)["stride_length_m"], LENGTHS, atol=0.02)
-
-
 def test_a_clipped_swing_is_flagged(csv, tmp_path, words, monkeypatch):
     monkeypatch.setattr(made_shank, "LEAN", 1.0)  # a swing at 5 rad/s, as a brisk walk has
 
@@ -149,13 +136,3 @@ def test_both_legs_have_a_row_and_a_colour():
     assert names == ["in a turn", "on stairs", "half-step", "right leg, ±2σ", "left leg, ±2σ"]
     labels = [axis.get_ylabel() for axis in figure.axes]
     assert labels == ["stride length [m]", "stride time [s]", "rise [cm]", "turn [°]"]
-
-
-def test_a_figure_of_no_strides_is_refused():
-    recording = walked().recording
-    imu = recording.sensors["ankle_right"]
-    still = Imu(imu.time, np.zeros_like(imu.gyr), np.tile([0.0, 0.0, 9.81], (len(imu.time), 1)), imu.mask)
-    result = ankle_stride.estimate(ankle_stride.AnkleParams(), Recording({"ankle_right": still}, 100.0))
-    assert [one.text for one in totals(result, ABOUT.flags)] == ["0, 0 regular", "0.00 m"]
-    with pytest.raises(ValueError, match="no stride is valid"):
-        plot.leg_strides(result)

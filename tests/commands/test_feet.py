@@ -77,9 +77,7 @@ def test_widths_where_the_feet_hear_each_other(walk, tmp_path):
     ("words", "message"),
     [
         (("--estimator", "foot_ins", "--thigh", 0.4), "--thigh is an option of leg_ekf and duty_cycled_gyro; got"),
-        (("--estimator", "foot_ins", "--paper"), "--paper is an option of leg_ekf and stride_width_ekf"),
         (("--estimator", "foot_ins", "--option", "level=perhaps"), "--option level is auto, yes, no; got 'perhaps'"),
-        (("--estimator", "gaze"), "estimator must be one of leg_ekf, foot_ins, stride_width_ekf"),
         (("--estimator", "foot_ins", "--acc-unit", "g"), "it seems to be in m/s²; pass --acc-unit m/s^2"),
         (("--estimator", "foot_ins", "--range-unit", "mm"), "feet_range is 0.00012 m in the median (given as mm)"),
         (

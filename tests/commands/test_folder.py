@@ -133,20 +133,6 @@ def test_an_unusable_folder_and_a_damaged_manifest(tmp_path, capsys):
         assert not (tmp_path / STAGE).exists()
 
 
-def test_a_link_to_an_input_counts_as_the_input(tmp_path, capsys):
-    (tmp_path / "walk.csv").write_text("")
-    os.link(tmp_path / "walk.csv", tmp_path / "page.html")
-    with refused(capsys, "page.html is read by this command"):
-        keep_inputs([None, tmp_path / "page.html"], [None, tmp_path / "walk.csv"])
-
-
-def test_what_a_killed_writer_left_is_removed(tmp_path):
-    (tmp_path / ".page.12345678.part.html").write_text("half")
-    (tmp_path / ".other.12345678.part.html").write_text("of another file")
-    write_text(tmp_path / "page.html", "whole")
-    assert names_in(tmp_path) == [".other.12345678.part.html", "page.html"]
-
-
 @pytest.fixture
 def tables(tmp_path, monkeypatch):
     """Two files of one name, and the user's own table, in the folder in which the commands run."""
@@ -162,12 +148,9 @@ def tables(tmp_path, monkeypatch):
     [
         ("evaluate recordings.csv --out .", "recordings.csv is read by this command"),
         ("evaluate recordings.csv --out o --json o/quantities.csv", "is one of the files that this command writes"),
-        ("evaluate recordings.csv --out o --json recordings.csv", "recordings.csv is read by this command"),
-        ("evaluate recordings.csv --out o --json a/walk.csv", "walk.csv is read by this command"),
         ("estimate a/walk.csv --json a/walk.csv", "walk.csv is read by this command"),
         ("estimate a/walk.csv a/walk.csv", "would have the same names: a/walk.csv, a/walk.csv"),
         ("report report.html --out report.html", "report.html is read by this command"),
-        ("report a/walk.csv --json a/walk.csv", "walk.csv is read by this command"),
         ("report recordings.csv --json a/walk.csv", "walk.csv is read by this command"),
         ("report a/walk.csv --out p.html --json p.html", "--json and --out are the same file"),
     ],
@@ -176,14 +159,6 @@ def test_commands_stop_before_they_overwrite(words, message):
     result = CliRunner(env={"COLUMNS": "300"}).invoke(app, words.split())
     assert result.exit_code == 2, result.output
     assert message in " ".join(result.output.split())
-
-
-@pytest.mark.usefixtures("tables")
-def test_files_of_one_stem_are_called_by_their_folders(tmp_path):
-    result = CliRunner().invoke(app, ["estimate", "a/walk.csv", "b/walk.csv", "--out", "o", "--json", "n.json"])
-    assert result.exit_code == 2  # they hold no walk
-    assert "would have the same names" not in result.output
-    assert set(json.loads((tmp_path / "n.json").read_text())["failures"]) == {"a/walk.csv", "b/walk.csv"}
 
 
 @pytest.mark.usefixtures("tables")
@@ -226,3 +201,17 @@ def test_fresh_deletes_the_intermediate_results_of_its_own_command(tmp_path):
     (tmp_path / "other" / "run").mkdir(parents=True)  # of the user
     put(tmp_path / "other", {"seed": 1}, command="evaluate", fresh=True)
     assert (tmp_path / "other" / "run").exists()
+
+
+def test_a_link_to_an_input_counts_as_the_input(tmp_path, capsys):
+    (tmp_path / "walk.csv").write_text("")
+    os.link(tmp_path / "walk.csv", tmp_path / "page.html")
+    with refused(capsys, "page.html is read by this command"):
+        keep_inputs([None, tmp_path / "page.html"], [None, tmp_path / "walk.csv"])
+
+
+def test_what_a_killed_writer_left_is_removed(tmp_path):
+    (tmp_path / ".page.12345678.part.html").write_text("half")
+    (tmp_path / ".other.12345678.part.html").write_text("of another file")
+    write_text(tmp_path / "page.html", "whole")
+    assert names_in(tmp_path) == [".other.12345678.part.html", "page.html"]

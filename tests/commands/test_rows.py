@@ -11,10 +11,8 @@ from jgait.commands.rows import copy_notes, label_notes
     ("column", "labels", "alike"),
     [
         ("subject", ["01", "1", "1.0", "2"], "'01', '1', '1.0' in the column 'subject' count as different people"),
-        ("subject", ["sub-01", "Sub-1"], "'sub-01', 'Sub-1' in the column 'subject' count as different people"),
         ("day", ["1.5.2026", "01.05.2026"], "'1.5.2026', '01.05.2026' in the column 'day' count as different days"),
         ("day", ["2026-05-01", "1.5.2026", ""], "days are written in several ways, such as '2026-05-01', '1.5.2026'"),
-        ("day", ["2026-05-01", "01-05-2026"], "days are written in several ways, such as '2026-05-01', '01-05-2026'"),
     ],
 )  # fmt: skip
 def test_labels_that_look_alike_are_noted(column, labels, alike):
@@ -26,9 +24,7 @@ def test_labels_that_look_alike_are_noted(column, labels, alike):
     [
         ("subject", ["1", "10", "100", "2", "20"]),
         ("subject", ["1.1", "1.10", "1.01"]),
-        ("subject", ["p1", "p10", "q1", ""]),
         ("day", ["2026-05-01", "2026-05-02", "2026-12-31"]),
-        ("day", ["1.5.2026", "12.5.2026"]),
         ("day", ["before", "week 12", "1"]),
     ],
 )
@@ -54,7 +50,6 @@ def files(tmp_path, **tables):
     ("change", "rounded"),
     [
         (lambda table: table, ""),
-        (lambda table: table.round(4), ", with numbers rounded or written otherwise"),
         (lambda table: table.round(2).rename(columns={"a": "x"}), ", with numbers rounded or written otherwise"),
         (lambda table: 9.81 * table.round(1), ", with numbers rounded or written otherwise"),
     ],

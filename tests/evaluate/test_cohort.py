@@ -1,7 +1,6 @@
 """A cohort: everyone's numbers are their own, whatever happens to others, to the run, or to the order."""
 
 import gc
-import inspect
 import json
 import weakref
 
@@ -12,9 +11,7 @@ import pytest
 from made.cohort import FAKE, TRACED, Params, read, run, walk
 from made.notes import note, texts
 
-from experiments.common import protocols
 from jgait import evaluate
-from jgait.estimators import leg_ekf
 from jgait.evaluate import buckets, scores, store
 from jgait.evaluate.store import Folder
 from jgait.notes import Kind, from_json
@@ -54,12 +51,6 @@ def test_a_distance_that_cannot_be_right_is_noted():
     said = [[note.text for note in from_json(row) if note.code == "reference_distance_off"] for row in rows]
     way = walks[1].reference.distance[-1] - walks[1].reference.distance[0]
     assert said == [[], [f"the reference says {way:.2f} m, the estimate {0.11 * way:.2f} m"]]
-
-
-def test_lengths_of_the_ladder():
-    assert [buckets.padded_length(n) for n in (1, 4096, 4097, 6144, 6145, 8192, 8193)] == [
-        4096, 4096, 6144, 6144, 8192, 8192, 12288,
-    ]  # fmt: skip
 
 
 def test_everyone_s_numbers_are_those_of_a_run_alone(twenty):
@@ -164,13 +155,6 @@ def test_only_values_of_a_stride_that_both_have_are_compared():
     np.testing.assert_allclose(rows.loc["contact_angle_deg", "reference"], np.rad2deg(0.2))
 
 
-def test_a_first_stride_from_standing_has_no_duration_to_compare():
-    strides = foot_strides(3)
-    first = strides._replace(final_contact=np.where(np.arange(3) == 0, strides.start, strides.final_contact))
-    np.testing.assert_allclose(scores.values_of(first, "stride_duration_s"), [np.nan, 1.0, 1.0])
-    np.testing.assert_allclose(scores.values_of(first, "stride_length_m"), strides.length)
-
-
 def test_feet_are_scored_where_both_have_them():
     time = np.arange(0.0, 4.0, 0.01)
     place = np.stack([time, np.sin(time), 0.0 * time], axis=1)
@@ -201,16 +185,6 @@ def test_no_length_of_a_stride_whose_way_is_not_as_long():
     np.testing.assert_allclose(scores.stride_rows(estimate, unknown)["estimate"], [1.3, 1.3, 1.3, np.nan], rtol=1e-12)
     from_standing = unknown._replace(strides=known._replace(final_contact=np.where(np.arange(4) == 0, starts, np.inf)))
     assert np.isnan(scores.stride_rows(estimate, from_standing)["estimate"][[0, 3]]).all()
-
-
-def test_no_length_of_a_stride_in_which_the_estimate_was_not_valid():
-    item = walk(2)
-    time = item.reference.time
-    estimate = item.reference._replace(strides=None, valid=~((time > 0.3) & (time < 0.4)))
-    rows = scores.stride_rows(estimate, item.reference)
-    assert np.isnan(rows["estimate"][0]) and np.isfinite(rows["estimate"][1:]).all()
-    rows = scores.stride_rows(estimate._replace(time=time + 0.6), item.reference)
-    assert np.isnan(rows["estimate"][0])
 
 
 @pytest.fixture
@@ -255,14 +229,6 @@ def test_what_fails_is_named_and_costs_nobody_else():
     assert len(only.failures) == 1 and only.recordings.empty and only.strides.empty
 
 
-def test_a_missing_package_is_not_the_recordings_fault():
-    def needs(item):
-        raise ModuleNotFoundError("no module named ezc3d")
-
-    with pytest.raises(ModuleNotFoundError, match="ezc3d"):
-        evaluate.cohort(FAKE, [1, 2], read=needs)
-
-
 def test_people_have_their_own_parameters():
     items = [walk(i) for i in range(6)]
     each = evaluate.cohort(FAKE, items, lambda item: Params(1.0 + 0.1 * item.info["number"], 0.0), batch=4)
@@ -277,41 +243,25 @@ def test_people_have_their_own_parameters():
     assert "'scale' must lie in (0, inf)" in wrong.failures["reason"][0]
 
 
-def test_only_a_few_batches_are_held():
-    alive: list[weakref.ref] = []
-    most = 0
+def test_a_missing_package_is_not_the_recordings_fault_and_only_a_few_batches_are_held():
+    def needs(item):
+        raise ModuleNotFoundError("no module named ezc3d")
 
-    class Tracked:
-        def __init__(self, number):
-            self.number = number
-
-        def __str__(self):
-            return str(self.number)
-
-    def make():
-        nonlocal most
-        for i in range(200):
-            item = Tracked(i)
-            alive.append(weakref.ref(item))
-            gc.collect(0)
-            most = max(most, sum(ref() is not None for ref in alive))
-            yield item
-
+    with pytest.raises(ModuleNotFoundError, match="ezc3d"):
+        evaluate.cohort(FAKE, [1, 2], read=needs)
     held: list[weakref.ref] = []
     peak = 0
 
-    def load(item):
+    def load(number):
         nonlocal peak
-        made = walk(item.number)
+        made = walk(number)
+        gc.collect(0)
         held.append(weakref.ref(made.reference.distance))
         peak = max(peak, sum(ref() is not None for ref in held))
         return made
 
-    result = evaluate.cohort(FAKE, make(), read=load, batch=8)
-    assert len(result.recordings) == 200
-    assert most <= 3
-    # Waiting for their buckets, in the queue, computing, and being scored.
-    assert peak <= (buckets.WAITING + 4) * 8
+    assert len(evaluate.cohort(FAKE, range(200), read=load, batch=8).recordings) == 200
+    assert peak <= (buckets.WAITING + 4) * 8  # waiting for their buckets, in the queue, computing, and being scored
 
 
 class Killed(BaseException):
@@ -389,7 +339,7 @@ def test_names_that_look_like_something_else_survive(tmp_path):
 def test_a_folder_of_something_else_is_refused(tmp_path):
     evaluate.cohort(FAKE, [walk(0)], out=tmp_path / "a")
     assert json.loads((tmp_path / "a" / "cohort.json").read_text())["estimator"] == "fake"
-    with pytest.raises(ValueError, match=r"differs in the parameters \(Params\(scale=1.1.*scale=2.0"):
+    with pytest.raises(ValueError, match=r'differs in the parameters .*"scale": 1.1.*"scale": 2.0'):
         evaluate.cohort(FAKE, [walk(0)], Params(2.0), out=tmp_path / "a")
     with pytest.raises(ValueError, match=r"differs in the comparison with the reference"):
         evaluate.cohort(FAKE, [walk(0)], score=lambda e, w: scores.score(e, w), out=tmp_path / "a")
@@ -446,31 +396,16 @@ def test_tables_over_subjects_and_agreement(twenty):
     row = table.query("subject == '001' and quantity == 'distance_m'").iloc[0]
     assert row["n"] == len(mine) == 5
     np.testing.assert_allclose(row[ERRORS].astype(float), mine[ERRORS].mean(), rtol=1e-12)
-    assert set(table["quantity"]) == {"distance_m", "hip_rmse_deg_right", "knee_rmse_deg_right", "stride_length_m",
-                                      "x_rmse_cm_right", "y_rmse_cm_right"}  # fmt: skip
     found = twenty.agreement(resamples=50)
     assert found.loc["distance_m", "n"] == 20 and found.loc["stride_length_m", "n"] == len(twenty.strides)
-    assert found.loc["stride_length_m", "bias"] == pytest.approx(twenty.strides["error"].mean())
     hips = twenty.quantities.query("quantity == 'hip_rmse_deg_right'")["estimate"]
     assert found.loc["hip_rmse_deg_right", "bias"] == pytest.approx(hips.mean())
-
-
-def test_a_person_has_one_name_however_it_is_written():
-    walks = [
-        w._replace(recording=w.recording._replace(subject=name))
-        for w, name in zip(map(walk, (1, 2, 3)), ("Anna", "anna ", "Ben"), strict=True)
-    ]
-    found = evaluate.cohort(FAKE, walks)
-    assert list(found.recordings["subject"]) == ["Anna", "Anna", "Ben"]
-    assert set(found.by_subject()["subject"]) == {"Anna", "Ben"}
-    assert set(found.agreement()["n_subjects"]) == {2}
-
-
-def test_walks_without_a_reference_have_estimates_and_no_errors():
-    result = evaluate.cohort(FAKE, [walk(i)._replace(reference=None) for i in range(3)])
-    distance = result.quantities.query("quantity == 'distance_m'")
-    assert (distance["estimate"] > 2.0).all() and distance["error"].isna().all()
-    assert result.strides.empty and result.by_subject().empty
+    named = [walk(i)._replace(reference=None) for i in (1, 2, 3)]
+    named = [one._replace(recording=one.recording._replace(subject=name))
+             for one, name in zip(named, ("Anna", "anna ", "Ben"), strict=True)]  # fmt: skip
+    bare = evaluate.cohort(FAKE, named)
+    assert list(bare.recordings["subject"]) == ["Anna", "Anna", "Ben"]
+    assert bare.quantities["error"].isna().all() and bare.strides.empty and bare.by_subject().empty
 
 
 @pytest.mark.usefixtures("unchecked")
@@ -492,91 +427,22 @@ def test_refusals_state_what_was_wrong():
     assert "in a batch of 1 recordings from 'walk_001'" in caught.value.__notes__
 
 
-def test_the_leg_estimator_on_simulated_walks_is_itself():
-    walked = protocols.bennett(jax.random.key(5), 3, placements=("thigh_right", "shank_right"))
-    items = [Walk(one.recording, one.truth.estimate, {}) for one in walked]
-    spoiled = items[1].recording._replace(
-        name="one leg", sensors={"thigh_right": walked[1].recording.sensors["thigh_right"]}
-    )
-    estimator = leg_ekf.estimator(leg_ekf.PAPER)
-    lengths = ("thigh_length", "shank_length")
-    result = evaluate.cohort(estimator, [*items, items[1]._replace(recording=spoiled)],
-                             own=lambda item: {name: item.reference.diagnostics[name] for name in lengths})  # fmt: skip
-    assert list(result.failures["recording"]) == ["one leg"]
-    assert "leg_ekf needs 'shank_right'" in result.failures["reason"][0]
-    item = items[0]
-    params = estimator.own(estimator.params, {name: item.reference.diagnostics[name] for name in lengths})
-    one = leg_ekf.estimate(params, item.recording, leg_ekf.PAPER)
-    table = result.quantities[result.quantities["recording"] == item.recording.name].set_index("quantity")
-    error = evaluate.distance_error(one, item.reference)
-    assert table.loc["distance_m", "error"] == pytest.approx(error.error, abs=1e-9)
-    rms = evaluate.trajectory_errors(one, item.reference)
-    assert table.loc["knee_rmse_deg_right", "estimate"] == pytest.approx(rms.loc["right", "knee_deg"], abs=1e-9)
-    assert table.loc["nis_right", "estimate"] == pytest.approx(float(one.diagnostics["nis_right"]), rel=1e-9)
-    strides = result.strides[result.strides["recording"] == item.recording.name]
-    assert len(strides) == int(np.sum(item.reference.strides.valid))
-    # The paper's read-out counts how far the foot goes forward: strides come out near their length.
-    assert strides["rel_error"].abs().median() < 0.5
-
-
-@pytest.mark.usefixtures("unchecked")
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"estimator": leg_ekf}, "estimator must be a jgait.estimators.Estimator, such as leg_ekf.estimator"),
-        ({"items": walk(0)}, "items must be several walks in a list; got one"),
-        ({"own": {"thigh_length": 0.4}}, "own must be a function; got dict"),
-    ],
-)
-def test_arguments_of_another_kind_are_refused_at_once(change, message):
-    unchecked = inspect.unwrap(evaluate.cohort)  # without the tests' own check of types
-    with pytest.raises(TypeError, match=message):
-        unchecked(**({"estimator": FAKE, "items": [walk(0)]} | change))
-
-
-@pytest.mark.parametrize(
-    ("body", "message"),
-    [
-        ({"thigh": 0.4}, "takes thigh_length, shank_length and height of a person; got 'thigh'"),
-        ({"thigh_length": (0.4, 0.4, 0.4)}, "thigh_length must be one number or .right, left.; got 3 numbers"),
-    ],
-)
-def test_measures_that_the_leg_does_not_have_are_refused(body, message):
-    with pytest.raises(ValueError, match=message):
-        leg_ekf.with_body(leg_ekf.LegParams(), body)
-
-
-def test_a_cohort_has_the_estimates_of_single_recordings_with_their_notes():
+def test_an_estimate_may_be_finished_on_other_samples_and_with_further_notes():
     told = Kind("told", "check", "the distance is told", "About this test.")
 
     def finish(result, made):
-        notes = (*result.diagnostics["notes"], told())
-        return result._replace(distance=2.0 * result.distance, diagnostics={**result.diagnostics, "notes": notes})
-
-    whole, item = FAKE._replace(finish=finish), walk(2)
-    found = evaluate.cohort(whole, [item])
-    single = whole.estimate(whole.params, item.recording)
-    gained = single.distance[single.valid][-1] - single.distance[single.valid][0]
-    rows = found.quantities.set_index("quantity")
-    assert rows["estimate"]["distance_m"] == pytest.approx(gained, rel=0.05)
-    assert "told" in [note.code for note in from_json(found.recordings["notes"][0])]
-
-
-def test_an_estimate_may_have_other_samples_than_its_inputs():
-    """`stride_width_ekf` filters moments of the feet, and merges the result into all samples."""
-
-    def finish(result, made):
         assert result.time.dtype == np.float64
-        size = result.time.size
-
-        def twice(leaf):
-            return np.repeat(leaf, 2, axis=0) if np.shape(leaf)[:1] == (size,) else leaf
-
-        bare = jax.tree.map(twice, result._replace(diagnostics={}))
-        more = np.linspace(result.time[0], result.time[-1], 2 * size)
-        return bare._replace(time=more, diagnostics=result.diagnostics)
+        size, notes = result.time.size, (*result.diagnostics["notes"], told())
+        twice = jax.tree.map(
+            lambda leaf: np.repeat(leaf, 2, axis=0) if np.shape(leaf)[:1] == (size,) else leaf,
+            result._replace(diagnostics={}),
+        )
+        time = np.linspace(result.time[0], result.time[-1], 2 * size)
+        return twice._replace(
+            time=time, distance=2.0 * twice.distance, diagnostics=result.diagnostics | {"notes": notes}
+        )
 
     plain, finished = (evaluate.cohort(one, [walk(2)]) for one in (FAKE, FAKE._replace(finish=finish)))
-    assert finished.failures.empty
     once, twice = (one.quantities.set_index("quantity")["estimate"]["distance_m"] for one in (plain, finished))
-    assert twice == pytest.approx(once, rel=1e-3)
+    assert twice == pytest.approx(2.0 * once, rel=1e-3)
+    assert "told" in [note.code for note in from_json(finished.recordings["notes"][0])]

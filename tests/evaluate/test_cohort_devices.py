@@ -47,12 +47,6 @@ print(len(result.distance.sharding.device_set), result.distance.addressable_shar
     close(four, whole)
 
 
-def test_a_mesh_of_one_device_changes_nothing():
-    mesh = jax.make_mesh((1,), ("recordings",), axis_types=(jax.sharding.AxisType.Auto,))
-    items = [walk(i) for i in range(6)]
-    close(evaluate.cohort(FAKE, items, mesh=mesh), evaluate.cohort(FAKE, items))
-
-
 def test_processes_take_their_shares_and_return_all(tmp_path):
     whole = evaluate.cohort(FAKE, range(21), read=read, batch=4)
     script = """

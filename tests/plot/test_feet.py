@@ -100,17 +100,6 @@ def test_every_figure_of_strides_marks_what_the_table_marks(draw):
         np.testing.assert_allclose(np.sort(drawn["in a turn"].get_xdata()), np.sort(ends[[6, COUNT + 6]]))
 
 
-def test_a_first_stride_from_standing_has_no_time_but_a_length():
-    estimate = walked()
-    toe_off = np.array(estimate.strides.final_contact)
-    toe_off[0] = estimate.strides.start[0]
-    first = estimate._replace(strides=estimate.strides._replace(final_contact=toe_off))
-    length, duration, *_ = plot.leg_strides(first).axes
-    for axis, gone in ((length, 0), (duration, 1)):
-        right = lines_of(axis, FOOT["right"])[-1]
-        assert np.isnan(right.get_ydata()).sum() == gone
-
-
 def test_no_line_joins_strides_of_two_bouts():
     estimate = walked()
     ends = np.asarray(estimate.strides.end)

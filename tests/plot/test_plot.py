@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from jgait import plot
-from jgait.plot import cohort, tuning
 from jgait.plot.style import legend, panels, ready
 from jgait.types import Estimate, Legs, LegTrajectory
 
@@ -75,14 +74,6 @@ def test_the_ankle_relative_to_the_hip_over_time():
     np.testing.assert_allclose(up.lines[1].get_ydata(), 100.0 * leg.y)
     band = forward.collections[0].get_paths()[0].vertices
     assert np.ptp(band[:, 1]) == pytest.approx(np.ptp(30.0 * np.sin(time)) + 4.0, rel=1e-6)
-
-
-def test_every_figure_is_called_from_one_place():
-    for name in plot.__all__:
-        assert callable(getattr(plot, name)) and getattr(plot, name).__doc__, name
-    assert plot.bland_altman is cohort.bland_altman and plot.profile is tuning.profile
-    with pytest.raises(AttributeError, match="has no attribute 'pie'"):
-        _ = plot.pie
 
 
 @pytest.mark.parametrize("shared", [False, True])

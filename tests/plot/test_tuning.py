@@ -1,14 +1,12 @@
 """Pictures of a tuning show what was found, and mark what is not determined and what was taken back."""
 
-from typing import Any, NamedTuple
-
 import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
 from made.models import Pair
 
-from jgait import plot, tune
+from jgait import tune
 from jgait.params import fixed, positive, real
 from jgait.plot import tuning as plot_tuning
 
@@ -26,7 +24,7 @@ def lengths():
     return 0.5 + 0.05 * (values - values.mean()) / values.std()
 
 
-def test_correlations_are_written_in_their_squares_and_what_is_not_determined_is_marked(lengths, tmp_path):
+def test_correlations_are_written_in_their_squares_and_what_is_not_determined_is_marked(lengths):
     found = tune.identifiability(total_length, AT, FREE, lengths)
     figure = plot_tuning.correlation(found, title="lengths")
     axis = figure.axes[0]
@@ -39,22 +37,9 @@ def test_correlations_are_written_in_their_squares_and_what_is_not_determined_is
     assert texts == [["1", "−1.00", "0"], ["−1.00", "1", "0"], ["0", "0", "1"]]
     dark = {text.get_text(): text.get_color() for text in axis.texts}
     assert dark["−1.00"] == "white" and dark["0"] == "black"  # readable on their ground
-    assert plot.save(figure, tmp_path / "correlation.png").stat().st_size > 5000
 
 
-def test_many_parameters_are_drawn_without_numbers():
-    class Many(NamedTuple):
-        level: Any
-
-    found = tune.identifiability(
-        lambda p, item: jnp.sum((p.level - item) ** 2), Many(jnp.zeros(14)), Many(real), np.zeros((2, 14))
-    )
-    axis = plot_tuning.correlation(found).axes[0]
-    assert not axis.texts and axis.get_xlabel() == ""
-    assert [label.get_text() for label in axis.get_yticklabels()][-1] == "level[13]"
-
-
-def test_a_profile_is_drawn_with_its_line_and_its_ends(lengths, tmp_path):
+def test_a_profile_is_drawn_with_its_line_and_its_ends(lengths):
     free = FREE._replace(rollover_radius=fixed, noise=fixed)
     found = tune.profile(total_length, AT, free, lengths, "a1", np.linspace(0.37, 0.42, 6), optax.sgd(0.1))
     low, high = found.interval(0.95)
@@ -62,11 +47,8 @@ def test_a_profile_is_drawn_with_its_line_and_its_ends(lengths, tmp_path):
     (axis,) = figure.axes
     need = 1.959963984540054**2 / 2.0
     assert axis.get_xlabel() == "a1" and axis.get_ylabel() == "loss above its minimum [nat]"
-    assert [text.get_text() for text in axis.get_legend().texts] == [
-        "95 %: 1.92 nat",
-        f"from {low:.4g}",
-        f"to {high:.4g}",
-    ]
+    legend = [text.get_text() for text in axis.get_legend().texts]
+    assert legend == ["95 %: 1.92 nat", f"from {low:.4g}", f"to {high:.4g}"]
     curve, points, line, *ends = axis.lines
     np.testing.assert_allclose(points.get_ydata(), found.rises)
     np.testing.assert_allclose(line.get_ydata(), need)
@@ -76,22 +58,17 @@ def test_a_profile_is_drawn_with_its_line_and_its_ends(lengths, tmp_path):
     parabola = 0.5 * ((curve.get_xdata() - 0.4) / 0.05) ** 2 * 50
     np.testing.assert_allclose(curve.get_ydata(), parabola, atol=1e-9)
     assert axis.get_xscale() == "linear"
-    plot.save(figure, tmp_path / "profile.png")
 
 
-def test_a_flat_profile_is_reported(lengths, tmp_path):
+def test_a_flat_profile_is_reported(lengths):
     free = Pair(positive, positive, fixed)
     found = tune.profile(total_length, AT, free, lengths, "a1", [0.04, 0.2, 0.4], optax.adam(0.05), steps=150)
-    figure = plot_tuning.profile(found)
-    (axis,) = figure.axes
+    (axis,) = plot_tuning.profile(found).axes
     assert [text.get_text() for text in axis.texts] == ["not determined by these data"]
-    assert axis.get_ylim()[1] > 1.92  # the line is seen even so
-    assert axis.get_xscale() == "log"
-    assert axis.get_xlabel() == "a1"
-    plot.save(figure, tmp_path / "flat.png")
+    assert axis.get_ylim()[1] > 1.92 and axis.get_xscale() == "log"  # the line is seen even so
 
 
-def test_a_training_shows_loss_gradient_and_what_was_taken_back(lengths, tmp_path):
+def test_a_training_shows_loss_gradient_and_what_was_taken_back(lengths):
     def cliff(params, item):  # not a number below 0.3
         return jnp.where(params.a1 < 0.3, jnp.nan, (params.a1 - 0.25) ** 2) + 0.0 * item
 
@@ -111,19 +88,9 @@ def test_a_training_shows_loss_gradient_and_what_was_taken_back(lengths, tmp_pat
     labels = ["loss", f"taken back ({rejected})", f"best: step {best}"]
     assert [text.get_text() for text in above.get_legend().texts] == labels
     assert np.append(fit.losses, fit.best_loss)[best] == fit.best_loss
-    plot.save(figure, tmp_path / "training.png")
 
 
-def test_a_logarithmic_axis_of_a_training_has_plain_numbers(lengths, tmp_path):
-    fit = tune.fit(total_length, AT._replace(a1=0.2), Pair(real, fixed, fixed), lengths, optax.sgd(1e-4), steps=10)
-    figure = plot_tuning.training(fit._replace(gradient_norms=np.geomspace(1e-3, 1e5, 10)))
-    plot.save(figure, tmp_path / "training.png")
-    labels = [text.get_text() for text in figure.axes[1].get_yticklabels(which="both")]
-    assert "1000" in labels
-    assert not any("$" in text for text in labels)
-
-
-def test_a_training_judged_on_other_items_shows_their_loss_where_it_was_looked_at(lengths, tmp_path):
+def test_a_training_judged_on_other_items_shows_their_loss_where_it_was_looked_at(lengths):
     free = Pair(real, fixed, fixed)
     fit = tune.fit(total_length, AT._replace(a1=0.2), free, lengths, optax.sgd(1e-4), steps=10,
                    validation=np.arange(50) >= 40, every=5)  # fmt: skip
@@ -134,4 +101,3 @@ def test_a_training_judged_on_other_items_shows_their_loss_where_it_was_looked_a
     assert len(line.get_xdata()) == 10
     assert list(judged.get_xdata()) == [5, 10]
     np.testing.assert_array_equal(judged.get_ydata(), fit.validation[[4, 9]])
-    plot.save(figure, tmp_path / "training.png")

@@ -44,15 +44,6 @@ def test_a_page_of_all_sensors_compares_them(analysed):
         assert means[column] == pytest.approx(table[column].mean(), abs=1.0)
 
 
-def test_a_page_of_all_sensors_from_the_command_line(analysed, tmp_path):
-    recording, _ = analysed
-    file = io.write_csv(recording, tmp_path / "walk.csv")
-    code, said = run("report", file, "--height", "1.75", "--out", tmp_path / "page.html")
-    assert code == 0, said
-    assert "What each sensor says" in (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert "from the height of 1.75 m" in said
-
-
 def test_tables_of_an_analysis_have_headings_in_words_and_no_box_that_hides_rows(analysed):
     recording, analysis = analysed
     text = of_analysis(analysis, recording).html

@@ -1,0 +1,81 @@
+"""The numbers of a whole recording, for people."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jgait.estimators.about import StrideFlag
+from jgait.estimators.columns import COLUMNS
+from jgait.estimators.plausible import distance_implausible
+from jgait.estimators.stride_flags import BREAK, marks, pauses, without
+from jgait.estimators.totals import distance_of, joint_ranges
+from jgait.io.strides import strides_to_dataframe
+from jgait.types import Estimate
+
+
+class Total(NamedTuple):
+    """A number of a whole recording: what it is in words, the number as text, and its `Comparison.quantity` or ""."""
+
+    words: str
+    text: str
+    quantity: str = ""
+
+
+UNUSABLE = ", not usable"
+"""Text behind a number that a note forbids to use."""
+
+CAPTION = (
+    "± one standard deviation, of one stride or of the distance; medians over regular strides (no turns, stairs, "
+    "half-steps, clipped swings, uneven or doubtful ones), stance of those that a foot's sensor saw, mean of both "
+    "sides; angles: smallest … largest flexion; whole tables in the files"
+)
+"""Text below the numbers of `totals`."""
+
+
+def totals(estimate: Estimate, flags: tuple[StrideFlag, ...], seen: np.ndarray | None = None) -> list[Total]:
+    """The numbers of a whole recording, for people: strides, distance, medians over regular strides, ranges of angles.
+
+    Args:
+        estimate: of one recording.
+        flags: flags of its strides.
+        seen: (rows,) bool, whether a foot's sensor saw the stride, for the rows of the table of strides; a shank's
+            shows the final contact too late. None: all, if the estimate has feet.
+    """
+    rows: list[Total] = []
+    if estimate.strides is not None:
+        table, marked = strides_to_dataframe(estimate), marks(estimate, flags)
+        regular = without(marked, flags, len(table))
+        rows.append(Total("strides", f"{len(table)}, {regular.sum()} regular", "strides"))
+        words = {flag.name: flag.word for flag in flags}
+        special = ", ".join(f"{flagged.sum()} {words[name]}" for name, flagged in marked.items() if flagged.any())
+        rows += [Total("special strides", special)] if special else []
+        timed = len(table) > 0 and {"start_s", "end_s"} <= set(table)
+        if timed:
+            start, end = table["start_s"].to_numpy(float), table["end_s"].to_numpy(float)
+            breaks = pauses(start, end)[pauses(start, end) > BREAK]
+            lasts, bouts = np.nanmax(end) - start[0] - breaks.sum(), len(breaks) + 1
+            rows.append(Total("walking", f"{lasts:.1f} s in {bouts} {'bout' if bouts == 1 else 'bouts'}"))
+    if (whole := distance_of(estimate)) is not None:
+        usable = "" if not distance_implausible(estimate) else UNUSABLE
+        rows.append(Total("distance", COLUMNS["distance_m"].text(*whole) + usable, "distance"))
+    if estimate.strides is not None and len(table):
+        usual = table[regular]
+        medians = usual.select_dtypes("number").median()
+        for column in (COLUMNS["stride_length_m"], COLUMNS["walking_speed_mps"]):
+            text = column.text(medians.get(column.name), medians.get(column.deviation))
+            rows.append(Total(column.words, text, column.quantity))
+        if "stride_width_m" in table and table["stride_width_m"].notna().any():
+            column = COLUMNS["stride_width_m"]
+            known = usual[usual.get("width_valid", usual["stride_width_m"].notna())].select_dtypes("number").median()
+            rows.append(Total(column.words, column.text(known[column.name], known.get(column.deviation))))
+        if timed:
+            rows.append(Total("cadence", COLUMNS["cadence_spm"].text(120.0 / medians["stride_duration_s"])))
+            stands = (usual.get("final_contact_s", np.nan) - usual["start_s"]) / usual["stride_duration_s"]
+            feet = np.full(len(table), estimate.feet is not None) if seen is None else seen
+            stance = 100.0 * stands[feet[regular]].groupby(usual["side"][feet[regular]]).median().mean()
+            rows.append(Total("stance", f"{stance:.0f} % of the stride" if np.isfinite(stance) else "–"))
+    for joint, pair in joint_ranges(estimate).items():
+        if pair is not None:
+            usable = estimate.diagnostics.get(f"angles_valid_{joint.split()[1]}", True)
+            rows.append(Total(joint, f"{pair[0]:z.0f} … {pair[1]:z.0f} °{'' if usable else UNUSABLE}"))
+    return rows
