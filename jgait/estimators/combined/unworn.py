@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 
-from jgait.estimators import ankle_stride
+from jgait.estimators.ankle_stride.estimator import PER_STRIDE
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.types import SIDES, as_float
 
@@ -23,7 +23,7 @@ def without_unworn(estimates: list[SourceEstimate]) -> tuple[list[SourceEstimate
         return estimates, 0.0
     middle = 0.5 * (as_float(shanks.strides.start) + as_float(shanks.strides.end))
     off = np.interp(middle, time, worn.astype(float)) < 0.5
-    per_stride = {name: shanks.diagnostics[name] for name in ankle_stride.PER_STRIDE if name in shanks.diagnostics}
+    per_stride = {name: shanks.diagnostics[name] for name in PER_STRIDE if name in shanks.diagnostics}
     strides, spread, per_stride = jax.tree.map(
         lambda column: column[~off], (shanks.strides, shanks.strides_stddev, per_stride)
     )
