@@ -86,7 +86,8 @@ def _filtered(
     s: FilterSection, values: Float[AnyArray, "time *rest"], *, reverse: bool = False
 ) -> Float[AnyArray, "time *rest"]:
     if not of_jax(values, *s):
-        return _on_host(*map(float, s), values[::-1])[::-1] if reverse else _on_host(*map(float, s), values)
+        host = np.asarray(values)
+        return _on_host(s, host[::-1])[::-1] if reverse else _on_host(s, host)
     # one array each for the coefficients and for the state: every array of a loop is a function more to compile
     numbers = jnp.stack([jnp.asarray(c, values.dtype) for c in s])
     typed = FilterSection(numbers[0], numbers[1], numbers[2])
@@ -96,11 +97,18 @@ def _filtered(
         return jnp.stack(after), gone
 
     start = jnp.stack(at_rest(typed, values[-1] if reverse else values[0]))
-    return lax.scan(one, start, values, reverse=reverse)[1]
+    return lax.scan(one, start, jnp.asarray(values), reverse=reverse)[1]
 
 
-def _on_host(b: float, a1: float, a2: float, values: np.ndarray) -> np.ndarray:
+def _given(x: AnyArray, least: int = 1) -> Float[AnyArray, "time *rest"]:
+    """The samples of a signal, see `samples`, as an array of the signal's library."""
+    values = samples(x, least)
+    return values if of_jax(x) else np.asarray(values)
+
+
+def _on_host(s: FilterSection, values: np.ndarray) -> np.ndarray:
     """The filter over NumPy's array (T, ...): the response to each block, and to the state before it."""
+    b, a1, a2 = (float(c) for c in s)
     x = np.asarray(values, float).reshape(len(values), -1)
     A, B = np.array([[-a1, 1.0], [-a2, 0.0]]), b * np.array([2.0 - a1, 1.0 - a2])
     powers = [np.eye(2)]
@@ -126,7 +134,7 @@ def low_pass(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar) -> Float[
     Raises:
         ValueError: as `section`; if there is no sample, or they are not floating point.
     """
-    return _filtered(section(cutoff_hz, sampling_rate_hz), samples(x))
+    return _filtered(section(cutoff_hz, sampling_rate_hz), _given(x))
 
 
 def low_pass_both_ways(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar) -> Float[AnyArray, "time *rest"]:
@@ -138,7 +146,7 @@ def low_pass_both_ways(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar)
     Raises:
         ValueError: as `low_pass`, or if there are too few samples.
     """
-    s, values = section(cutoff_hz, sampling_rate_hz), samples(x, MORE + 1)
+    s, values = section(cutoff_hz, sampling_rate_hz), _given(x, MORE + 1)
     before = 2.0 * values[:1] - values[MORE:0:-1]
     behind = 2.0 * values[-1:] - values[-2 : -MORE - 2 : -1]
     there = _filtered(s, xp.concatenate([before, values, behind]))
@@ -158,7 +166,7 @@ def low_pass_until(
         ValueError: as `low_pass`.
     """
     s = section(cutoff_hz, sampling_rate_hz)
-    forth = _filtered(s, samples(x))
+    forth = _filtered(s, _given(x))
     inside = np.arange(forth.shape[0], dtype=np.int32) <= last
     inside = inside.reshape(inside.shape + (1,) * (forth.ndim - 1))
     return _filtered(s, xp.where(inside, forth, forth[last][None]), reverse=True)

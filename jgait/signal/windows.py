@@ -1,6 +1,6 @@
 """Moving means and spreads over centred windows of an odd number of samples, and stretches of True.
 
-`moving_mean`, `between_samples` and `vertex` are JAX, `samples` as its argument; the other functions run on the host.
+`samples`, `moving_mean`, `between_samples` and `vertex` are JAX, the other functions run on the host.
 """
 
 from collections.abc import Sequence
@@ -11,13 +11,12 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Num
 
-from jgait.geometry.arrays import xp
 from jgait.types import AnyArray, Values, as_float
 
 
-def samples(x: AnyArray, least: int = 1) -> Float[AnyArray, "time *rest"]:
+def samples(x: AnyArray, least: int = 1) -> Float[Array, "time *rest"]:
     """Samples (T, ...) of a signal. Raises ValueError if they are not floating point, or fewer than `least`."""
-    values = xp.asarray(x)
+    values = jnp.asarray(x)
     if not jnp.issubdtype(values.dtype, jnp.floating):
         raise ValueError(f"x must be floating point; got {values.dtype}")
     if values.ndim == 0 or values.shape[0] < least:
