@@ -209,8 +209,10 @@ def _types(structure: Any) -> list[type]:
 
 
 def _described(structure: Any) -> Any:
-    """A tree of named tuples as JSON: the name of each with its parts, 0 for a leaf."""
+    """A tree of named tuples as JSON: the name of each with its parts, 0 for a leaf, None for a part that is absent."""
     data = structure.node_data()
+    if structure == jax.tree.structure(None):
+        return None
     if data is None:
         return 0
     if not hasattr(data[0], "_fields"):
@@ -220,7 +222,7 @@ def _described(structure: Any) -> Any:
 
 def _built(described: Any) -> Any:
     """The tree that `_described` describes."""
-    return _kinds[described[0]](*map(_built, described[1:])) if described else 0
+    return _kinds[described[0]](*map(_built, described[1:])) if described else described
 
 
 def _written_form(form: Any) -> bytes:
