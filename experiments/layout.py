@@ -127,6 +127,12 @@ def jax_internal_imports(root: Path = ROOT) -> list[str]:
     return sorted(found)
 
 
+def source_runs() -> int:
+    """Places at which an analysis of all sensors runs its estimators."""
+    nodes = parsed(files_in("estimators", "combined"))
+    return sum(isinstance(node, ast.Call) and getattr(node.func, "id", "") == "sources" for node in nodes)
+
+
 def _used(node: ast.AST) -> list[str]:
     """The dotted names that an import or an attribute names."""
     if isinstance(node, ast.Import):
@@ -335,6 +341,7 @@ def rows(quick: bool) -> list[Row]:
         ("hand_jacobians", len(by_hand), "functions"),
         ("jax_internal_imports", len(internal), "imports"),
         ("loose_annotations_filtering_pct", 100.0 * loose / annotated, "%"),
+        ("source_runs", source_runs(), "runs"),
         *((f"places_{kind}", number, "places") for kind, number in places().items()),
     ]
     traced = [

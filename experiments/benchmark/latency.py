@@ -2,7 +2,8 @@
 
 Each command runs three times with an empty cache of compiled programs and three times with the cache of the last such
 run; medians. `*_over_today_worst` are the largest ratios of these medians over those of an earlier build, see `today`,
-whose commands run in turn with the present ones. Every further part is a fresh process of `latency_process`.
+whose commands run in turn with the present ones; those of `jgait estimate` without an estimator are
+`seven_cold_over_today` and so on, by the number of sensors. Every further part is a fresh process of `latency_process`.
 JGAIT_BENCHMARK_SUITE=1 runs the tests too.
 """
 
@@ -27,7 +28,7 @@ ESTIMATORS = ("leg_ekf", "foot_ins", "ankle_stride", "waist", "stride_width_ekf"
 LENGTHS = tuple(round(12.0 + 1.9 * number, 1) for number in range(10))
 """[s] Ten lengths of files, 12 to 29 s."""
 ROUTE = ("--route", "straight:17.5")
-SPENT = ("imports", "tracing", "xla", "cache", "figures")
+SPENT = ("imports", "reading", "preparing", "tracing", "xla", "cache", "running", "tables", "figures")
 
 
 def spent(command: Sequence[Any], cache: Path, tree: Path = ROOT) -> float:
@@ -93,6 +94,16 @@ def _rows(scratch: Path, quick: bool, trees: Sequence[Path]) -> list[Row]:
     helps = [spent(["-m", "jgait.cli", "--help"], scratch / "cache") for _ in range(rounds)]
     found = [Row("help_s", median(helps), "s", None, rounds, split)]
     lines = []
+    for kind in ("seven",) if quick else ("seven", "three", "one"):
+        command = ["estimate", scratch / f"{kind}.csv"]
+        own, *before = cold_and_warm(command, scratch, rounds, trees)
+        for number, state in enumerate(("cold", "warm")):
+            if state == "cold":
+                shutil.rmtree(scratch / "cache")
+            lines.append(_line(f"{kind}, {state}", own[number], scratch, [*command, "--out", scratch / "parts"]))
+            found.append(Row(f"analyse_{state}_s_{kind}", own[number], "s", None, rounds, split))
+            found += [Row(f"{kind}_{state}_over_today", own[number] / earlier[number], "ratio", None, rounds, split)
+                      for earlier in before]  # fmt: skip
     worst = dict.fromkeys(("next_length_compilations", "next_file_s", "warm_run_ms"), 0.0)
     over: dict[str, list[float]] = {"cold": [], "warm": []}
     for estimator in ESTIMATORS[:1] if quick else ESTIMATORS:
@@ -112,8 +123,8 @@ def _rows(scratch: Path, quick: bool, trees: Sequence[Path]) -> list[Row]:
         for state, seconds in (("cold", cold), ("warm", warm)):
             if state == "cold":
                 shutil.rmtree(scratch / "cache")
-            parts = _parts(scratch, ["estimate", one, "--estimator", estimator, "--out", scratch / "parts" / state])
-            lines.append([f"{estimator}, {state}", seconds, *(parts[part] for part in SPENT), parts["programs"]])
+            command = ["estimate", one, "--estimator", estimator, "--out", scratch / "parts" / state]
+            lines.append(_line(f"{estimator}, {state}", seconds, scratch, command))
             found.append(Row(f"estimate_{state}_s_{estimator}", seconds, "s", None, rounds, split))
         shutil.rmtree(scratch / "parts")
         print(f"{estimator}: {session['next_length_compilations']:g} compilations of another length, "
@@ -143,11 +154,10 @@ def _rows(scratch: Path, quick: bool, trees: Sequence[Path]) -> list[Row]:
     return found
 
 
-def _parts(scratch: Path, command: Sequence[Any]) -> dict[str, float]:
-    """Seconds of the parts of a command, by a process that watches itself."""
-    running = started(MODULE, ["parts", scratch / "cache" / "jgait" / "compiled", *command])
-    parts: dict[str, float] = answers(running)[0]
-    return parts
+def _line(name: str, seconds: float, scratch: Path, command: Sequence[Any]) -> list[Any]:
+    """The seconds of a command, those of its parts by a process that watches itself, and its number of programs."""
+    (parts,) = answers(started(MODULE, ["parts", scratch / "cache" / "jgait" / "compiled", *command]))
+    return [name, seconds, *(parts.get(part, 0.0) for part in SPENT), parts["programs"]]
 
 
 def suite(scratch: Path) -> list[Row]:

@@ -1,6 +1,7 @@
 """One process of the benchmark of latency; prints its answer as JSON. `python -m experiments.benchmark.latency_process`
 
-walks FOLDER LENGTH…            write simulated walks of 21 s and of other lengths [s]: seven sensors; feet with a range
+walks FOLDER LENGTH…            write simulated walks of 21 s: seven sensors, three and one of them; seven, and feet
+                                with a range, also of other lengths [s]
 parts CACHE COMMAND…            run a `jgait` command; seconds of its parts, and the number of programs
 session ESTIMATOR FILES         compilations of a second recording of another length; ms of a warm `run`
 cohort FILES many|one           processor seconds to evaluate 100 recordings, of 100 lengths or of one
@@ -9,6 +10,7 @@ cohort FILES many|one           processor seconds to evaluate 100 recordings, of
 import json
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -18,6 +20,9 @@ import numpy as np
 
 SECONDS = 21.0
 """[s] Length of the recording that is estimated alone."""
+
+FEWER = {"three": ("pelvis", "foot_right", "foot_left"), "one": ("foot_right",)}
+"""Name of a file → its sensors."""
 
 
 def cut(recording: Any, seconds: float) -> Any:
@@ -43,6 +48,9 @@ def walks(folder: str, *lengths: str) -> float:
     route, person = simulate.straight(30.0), simulate.person_of(simulate.population(who, 1, recorded=False), 0)
     fit = simulate.covering(how, person, route)
     seven, _ = simulate.recording(how, fit, route, errors=MPU6000, rate=100.0, placements=simulate.SEVEN)
+    for name, worn in FEWER.items():
+        fewer = seven._replace(sensors={place: seven.sensors[place] for place in worn})
+        io.write_csv(cut(fewer, SECONDS), Path(folder) / f"{name}.csv")
     made = {"seven": seven, "range": next(iter(protocols.potter(who, 1))).recording}
     for kind, recording in made.items():
         io.write_csv(cut(recording, SECONDS), Path(folder) / f"{kind}.csv")
@@ -70,31 +78,55 @@ class Watch:
             self.seconds["xla"] -= seconds
 
 
+class Clock:
+    """Processor seconds of functions, each without those that it calls and that are watched too."""
+
+    def __init__(self) -> None:
+        self.seconds: Counter[str] = Counter()
+        self._within = [0.0]
+
+    def watch(self, part: str, owner: Any, name: str) -> None:
+        """Add the seconds of a function of a module or class to those of a part."""
+        function = getattr(owner, name)
+
+        def timed(*arguments: Any, **named: Any) -> Any:
+            start = time.process_time()
+            self._within.append(0.0)
+            try:
+                return function(*arguments, **named)
+            finally:
+                lasted = time.process_time() - start
+                self.seconds[part] += lasted - self._within.pop()
+                self._within[-1] += lasted
+
+        setattr(owner, name, timed)
+
+
 def parts(cache: str, *command: str) -> dict[str, float]:
-    """Run a command in this process."""
+    """Run a command in this process. Tracing, XLA and the cache are seconds of the clock on the wall."""
     begun = time.process_time()
-    from jgait import cli, plot
-    from jgait.commands import estimate
-    from jgait.commands.jobs import RecordingResults
+    from jgait import cli, io, plot
+    from jgait.commands import estimate, jobs, recordings
     from jgait.estimators import programs
+    from jgait.estimators.interface import Estimator
 
     del estimate, plot
     imports = time.process_time() - begun + BEFORE
-    watch, figures, drawn = Watch(), [0.0], RecordingResults.drawn
-
-    def timed(*arguments: Any) -> Any:
-        start = time.process_time()
-        files = drawn(*arguments)
-        figures[0] += time.process_time() - start
-        return files
-
-    RecordingResults.drawn = timed  # type: ignore[method-assign]
+    watch, clock = Watch(), Clock()
+    clock.watch("reading", recordings, "recording_of")
+    clock.watch("preparing", Estimator, "estimate")
+    clock.watch("running", Estimator, "solve")
+    clock.watch("running", programs.Program, "__call__")
+    clock.watch("making", programs.Program, "_made")
+    for owner, name in ((jobs, "of_analysis"), (jobs, "of_estimate"), (io, "write_table")):
+        clock.watch("tables", owner, name)
+    clock.watch("figures", jobs.RecordingResults, "drawn")
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_compilation_cache_dir", cache)
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
     programs.keep(Path(cache))
     cli.app(list(command), standalone_mode=False)
-    return {"imports": imports, **watch.seconds, "figures": figures[0], "programs": watch.programs}
+    return {"imports": imports, **watch.seconds, **clock.seconds, "programs": watch.programs}
 
 
 def session(name: str, files: str) -> dict[str, float]:

@@ -1,9 +1,10 @@
-"""Cycles of a walking leg, from its knee angle alone; NumPy and SciPy, on the host."""
+"""Cycles of a walking leg, from its knee angle alone; NumPy, on the host."""
 
 import itertools
 
 import numpy as np
 
+from jgait.signal.peaks import peaks
 from jgait.types import Flags, LegTrajectory, Values, as_float
 
 KNEE_SWING = np.deg2rad(20.0)
@@ -24,15 +25,13 @@ def swing_cycles(time: Values, leg: LegTrajectory, valid: Flags) -> list[tuple[i
     Returns:
         First sample of each cycle, and the first after it.
     """
-    from scipy.signal import find_peaks
-
     time, angle = as_float(time), as_float(leg.knee_angle)
     if time.size < 2:
         return []
     step = float(np.median(np.diff(time)))
     told = np.asarray(valid, bool) & np.isfinite(angle)
     distance = max(1, round(SHORTEST / step))
-    peaks = find_peaks(np.where(told, angle, 0.0), prominence=KNEE_SWING, distance=distance)[0]
+    at = peaks(np.where(told, angle, 0.0), prominence=KNEE_SWING, distance=distance)
     return [
-        (int(a), int(b)) for a, b in itertools.pairwise(peaks) if time[b] - time[a] <= LONGEST and told[a : b + 1].all()
+        (int(a), int(b)) for a, b in itertools.pairwise(at) if time[b] - time[a] <= LONGEST and told[a : b + 1].all()
     ]

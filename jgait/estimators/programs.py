@@ -24,6 +24,8 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.filtering.compile import backend, compiler_options, host, processor
+from jgait.filtering.covariance import Covariance
+from jgait.filtering.layout import Layout
 from jgait.geometry.arrays import on_host
 
 LIMIT = 1_000_000_000
@@ -138,7 +140,7 @@ class Program:
     def _file(self, key: Hashable) -> Path | None:
         """The file of a program; None where none is kept, or where nothing names the function or its arguments."""
         name = f"{self.function.__module__}.{getattr(self.function, '__qualname__', '<none>')}"
-        whole = f"{name} {key!r} {self.options}"
+        whole = f"{name} {_named(key)!r} {self.options}"
         if _Store.folder is None or "<" in name or " at 0x" in whole or backend() != "cpu":
             return None
         digest = hashlib.sha256(f"{whole} {_surroundings()}".encode()).hexdigest()
@@ -165,6 +167,14 @@ def _shape(leaf: PyTree) -> Hashable:
     if isinstance(leaf, bool | int | float):
         return type(leaf).__name__
     return leaf.shape, str(leaf.dtype), bool(getattr(leaf, "weak_type", False))
+
+
+def _named(value: Any) -> Any:
+    """A key with the names of jgait's own functions, of which each version of jgait has one."""
+    if isinstance(value, tuple):
+        return type(value).__name__, *map(_named, value)
+    name = f"{getattr(value, '__module__', '')}.{getattr(value, '__qualname__', '<none>')}"
+    return name if callable(value) and name.startswith("jgait.") and "<" not in name else value
 
 
 def _device() -> str:
@@ -211,10 +221,49 @@ def _write(file: Path, traced: jax.export.Exported) -> None:
 
 
 def _types(structure: Any) -> list[type]:
-    """The named tuples of a tree's structure."""
+    """The named tuples of a tree's structure, and of the components of covariances."""
     data = structure.node_data()
     own = [data[0]] if data is not None and hasattr(data[0], "_fields") else []
-    return list(dict.fromkeys([*own, *(kind for child in structure.children() for kind in _types(child))]))
+    parts = [data[1][0].structure] if data is not None and data[0] is Covariance else []
+    return list(dict.fromkeys([*own, *(kind for child in [*parts, *structure.children()] for kind in _types(child))]))
+
+
+def _described(structure: Any) -> Any:
+    """A tree of named tuples as JSON: the name of each with its parts, 0 for a leaf, None for a part that is absent."""
+    data = structure.node_data()
+    if structure == jax.tree.structure(None):
+        return None
+    if data is None:
+        return 0
+    if not hasattr(data[0], "_fields"):
+        raise ValueError("components that are not of a named tuple")
+    return [_register(data[0]), *map(_described, structure.children())]
+
+
+def _built(described: Any) -> Any:
+    """The tree that `_described` describes."""
+    return _kinds[described[0]](*map(_built, described[1:])) if described else described
+
+
+def _written_form(form: Any) -> bytes:
+    """What JAX keeps of a covariance beside its arrays, as JSON."""
+    layout, places = form
+    return json.dumps([_described(layout.structure), layout.shapes, places]).encode()
+
+
+def _form(content: bytes) -> Any:
+    """Inverse of `_written_form`."""
+    tree, shapes, places = json.loads(content)
+    layout = Layout(jax.tree.structure(_built(tree)), tuple(map(tuple, shapes)))
+    return layout, None if places is None else tuple(tuple(map(tuple, where)) for where in places)
+
+
+_kinds: dict[str, type] = {}
+"""The named tuples that are registered, by name."""
+
+jax.export.register_pytree_node_serialization(
+    Covariance, serialized_name="jgait.Covariance", serialize_auxdata=_written_form, deserialize_auxdata=_form
+)
 
 
 @functools.cache
@@ -222,6 +271,7 @@ def _register(kind: type) -> str:
     """The name of a named tuple, by which JAX finds it in a file."""
     name = f"{kind.__module__}:{kind.__qualname__}"
     jax.export.register_namedtuple_serialization(kind, serialized_name=name)
+    _kinds[name] = kind
     return name
 
 

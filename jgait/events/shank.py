@@ -231,7 +231,7 @@ def swings(rate: ArrayLike, sampling_rate_hz: float, d: Detector = LOBES) -> Sha
         ValueError: if the rate of the samples is not supported, or there are fewer than 10.
     """
     values, time = _rates(rate, sampling_rate_hz)
-    values = butterworth.low_pass_both_ways(values, d.cutoff_hz, sampling_rate_hz)
+    values = jnp.asarray(butterworth.low_pass_both_ways(values, d.cutoff_hz, sampling_rate_hz))
     return lax.scan(lambda s, x: swing_step(d, s, *x), begin(values[0], time[0]), (values, time))[1]
 
 

@@ -132,7 +132,7 @@ def details(accelerations: ArrayLike, mask: ArrayLike, sampling_rate_hz: float, 
     """
     rate, both = sampling_rate_hz, jnp.asarray(accelerations)
     if rate > PAPER_RATE:
-        both = butterworth.low_pass_both_ways(both, 0.4 * PAPER_RATE, rate)
+        both = jnp.asarray(butterworth.low_pass_both_ways(both, 0.4 * PAPER_RATE, rate))
     count = int(both.shape[0] * PAPER_RATE / rate)
     place = jnp.asarray(np.minimum(np.arange(count) * rate / PAPER_RATE, both.shape[0] - 1), both.dtype)
     every = jnp.arange(both.shape[0], dtype=both.dtype)

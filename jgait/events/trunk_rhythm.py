@@ -118,7 +118,7 @@ def low_passed(x: ArrayLike, sampling_rate_hz: float) -> Array:
     """A signal (T, ...) low-passed without delay at each of `CUTOFFS`: (number of cut-offs, T, ...)."""
     values = jnp.asarray(x)
     corners = jnp.asarray(CUTOFFS, values.dtype)
-    return jax.vmap(lambda c: butterworth.low_pass_both_ways(values, c, sampling_rate_hz))(corners)
+    return jax.vmap(lambda c: jnp.asarray(butterworth.low_pass_both_ways(values, c, sampling_rate_hz)))(corners)
 
 
 def between(bank: ArrayLike, cutoff_hz: ArrayLike) -> Array:

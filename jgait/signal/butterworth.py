@@ -5,17 +5,20 @@ By the bilinear transform, prewarped so that the cut-off is exact. With k = tan(
     y_n = b (x_n + 2 x_{n−1} + x_{n−2}) − a_1 y_{n−1} − a_2 y_{n−2},
     b = k² / (1 + d k + k²),   a_1 = 2 (k² − 1) / (1 + d k + k²),   a_2 = (1 − d k + k²) / (1 + d k + k²).
 
-Everything is JAX, usable under `jit` and `vmap`, along the first axis, and differentiable in the signal and in the
-cut-off. `low_pass` is a `lax.scan` of `step`, so that a device which calls `step` at each sample has the same result.
+Everything is usable under `jit` and `vmap`, along the first axis, and differentiable in the signal and in the cut-off.
+`low_pass` is a `lax.scan` of `step`, so that a device which calls `step` at each sample has the same result; NumPy's
+arrays are filtered on the host, in blocks, where nothing is compiled.
 """
 
 import math
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
 from jaxtyping import Float
 
+from jgait.geometry.arrays import of_jax, xp
 from jgait.signal.windows import samples
 from jgait.types import AnyArray, Integer, Scalar, Values
 
@@ -24,6 +27,10 @@ DAMPING = math.sqrt(2.0)
 
 MORE = 9
 """[samples] Continuation of a signal at both ends, three times the number of coefficients of the filter."""
+
+
+BLOCK = 64
+"""[samples] Length of the blocks of the filter on the host."""
 
 
 class FilterSection(NamedTuple):
@@ -51,7 +58,7 @@ def section(cutoff_hz: Scalar, sampling_rate_hz: Scalar) -> FilterSection:
         low, high = float(cutoff_hz), float(sampling_rate_hz)
         if not 0.0 < low < 0.5 * high:
             raise ValueError(f"cutoff_hz must lie between 0 and half the sampling rate of {high:g} Hz; got {low:g}")
-    k = jnp.tan(jnp.pi * jnp.asarray(cutoff_hz) / sampling_rate_hz)
+    k = xp.tan(xp.pi * cutoff_hz / sampling_rate_hz)
     whole = 1.0 + DAMPING * k + k * k
     return FilterSection(k * k / whole, 2.0 * (k * k - 1.0) / whole, (1.0 - DAMPING * k + k * k) / whole)
 
@@ -76,8 +83,11 @@ def step(s: FilterSection, before: SectionState, sample: Values) -> tuple[Sectio
 
 
 def _filtered(
-    s: FilterSection, values: Float[Array, "time *rest"], *, reverse: bool = False
-) -> Float[Array, "time *rest"]:
+    s: FilterSection, values: Float[AnyArray, "time *rest"], *, reverse: bool = False
+) -> Float[AnyArray, "time *rest"]:
+    if not of_jax(values, *s):
+        host = np.asarray(values)
+        return _on_host(s, host[::-1])[::-1] if reverse else _on_host(s, host)
     # one array each for the coefficients and for the state: every array of a loop is a function more to compile
     numbers = jnp.stack([jnp.asarray(c, values.dtype) for c in s])
     typed = FilterSection(numbers[0], numbers[1], numbers[2])
@@ -87,10 +97,36 @@ def _filtered(
         return jnp.stack(after), gone
 
     start = jnp.stack(at_rest(typed, values[-1] if reverse else values[0]))
-    return lax.scan(one, start, values, reverse=reverse)[1]
+    return lax.scan(one, start, jnp.asarray(values), reverse=reverse)[1]
 
 
-def low_pass(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar) -> Float[Array, "time *rest"]:
+def _given(x: AnyArray, least: int = 1) -> Float[AnyArray, "time *rest"]:
+    """The samples of a signal, see `samples`, as an array of the signal's library."""
+    values = samples(x, least)
+    return values if of_jax(x) else np.asarray(values)
+
+
+def _on_host(s: FilterSection, values: np.ndarray) -> np.ndarray:
+    """The filter over NumPy's array (T, ...): the response to each block, and to the state before it."""
+    b, a1, a2 = (float(c) for c in s)
+    x = np.asarray(values, float).reshape(len(values), -1)
+    A, B = np.array([[-a1, 1.0], [-a2, 0.0]]), b * np.array([2.0 - a1, 1.0 - a2])
+    powers = [np.eye(2)]
+    for _ in range(BLOCK):
+        powers.append(powers[-1] @ A)
+    entered = np.stack([power @ B for power in powers[:BLOCK]])
+    pulse = np.append(b, entered[:-1, 0])
+    behind = np.subtract.outer(np.arange(BLOCK), np.arange(BLOCK))
+    blocks = np.pad(x, ((0, -len(x) % BLOCK), (0, 0))).reshape(-1, BLOCK, x.shape[1])
+    gained = np.einsum("js,njk->nsk", entered[::-1], blocks)
+    states = [np.outer([1.0 - b, b - a2], x[0])]
+    for more in gained[:-1]:
+        states.append(powers[BLOCK] @ states[-1] + more)
+    y = np.where(behind >= 0, pulse[behind], 0.0) @ blocks + np.stack(powers[:BLOCK])[:, 0] @ np.stack(states)
+    return y.reshape(-1, x.shape[1])[: len(x)].reshape(values.shape).astype(values.dtype)
+
+
+def low_pass(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar) -> Float[AnyArray, "time *rest"]:
     """The causal filter over a recording; before the recording the signal is assumed constant at its first sample.
 
     `x` is (T, ...), floating point, any unit, finite; the result is delayed by `delay`.
@@ -98,10 +134,10 @@ def low_pass(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar) -> Float[
     Raises:
         ValueError: as `section`; if there is no sample, or they are not floating point.
     """
-    return _filtered(section(cutoff_hz, sampling_rate_hz), samples(x))
+    return _filtered(section(cutoff_hz, sampling_rate_hz), _given(x))
 
 
-def low_pass_both_ways(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar) -> Float[Array, "time *rest"]:
+def low_pass_both_ways(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar) -> Float[AnyArray, "time *rest"]:
     """The filter forwards and then backwards: no delay, and the squared gain of one way, 1/2 at the cut-off [Hz].
 
     Both ends of the signal (T, ...), T > 9, are continued by a point reflection of 9 samples, as SciPy's `filtfilt`
@@ -110,16 +146,16 @@ def low_pass_both_ways(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar)
     Raises:
         ValueError: as `low_pass`, or if there are too few samples.
     """
-    s, values = section(cutoff_hz, sampling_rate_hz), samples(x, MORE + 1)
+    s, values = section(cutoff_hz, sampling_rate_hz), _given(x, MORE + 1)
     before = 2.0 * values[:1] - values[MORE:0:-1]
     behind = 2.0 * values[-1:] - values[-2 : -MORE - 2 : -1]
-    there = _filtered(s, jnp.concatenate([before, values, behind]))
+    there = _filtered(s, xp.concatenate([before, values, behind]))
     return _filtered(s, there, reverse=True)[MORE:-MORE]
 
 
 def low_pass_until(
     x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar, last: Integer
-) -> Float[Array, "time *rest"]:
+) -> Float[AnyArray, "time *rest"]:
     """The filter forwards and then backwards over a recording, unchanged by the padding after its `last` sample.
 
     Before its first sample and after its last one the signal (T, ...) is assumed constant; for the backward filter,
@@ -130,7 +166,7 @@ def low_pass_until(
         ValueError: as `low_pass`.
     """
     s = section(cutoff_hz, sampling_rate_hz)
-    forth = _filtered(s, samples(x))
-    inside = jnp.arange(forth.shape[0], dtype=jnp.int32) <= last
+    forth = _filtered(s, _given(x))
+    inside = np.arange(forth.shape[0], dtype=np.int32) <= last
     inside = inside.reshape(inside.shape + (1,) * (forth.ndim - 1))
-    return _filtered(s, jnp.where(inside, forth, forth[last][None]), reverse=True)
+    return _filtered(s, xp.where(inside, forth, forth[last][None]), reverse=True)

@@ -4,11 +4,13 @@ import hashlib
 import sys
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
 
 from jgait.estimators import programs
+from jgait.filtering import Covariance
 
 announced: list[str] = []
 
@@ -70,8 +72,9 @@ class Pair(NamedTuple):
     same: Any
 
 
-def paired(x: Any) -> dict[str, Pair]:
-    return {"pair": Pair(2.0 * x, x)}
+def paired(x: Any) -> dict[str, Any]:
+    cov = Covariance.from_dense(jnp.diag(x[:4])[None], Pair(x[0], Pair(x[1], x[2:4])))
+    return {"pair": Pair(2.0 * x, x), "cov": cov, "sparse": Covariance.from_variances(Pair(x[0], None))}
 
 
 def test_results_keep_their_types(folder):
@@ -80,6 +83,8 @@ def test_results_keep_their_types(folder):
         found = programs.Program(paired)(x)
         assert isinstance(found["pair"], Pair)
         np.testing.assert_array_equal(found["pair"].doubled, 2.0 * x)
+        np.testing.assert_array_equal(found["cov"].variances().same.same[0], x[2:4])
+        assert found["sparse"].variances() == Pair(x[0], None)
     assert len(list(folder.iterdir())) == 1
 
 

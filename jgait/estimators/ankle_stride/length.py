@@ -91,7 +91,9 @@ class Travelled(NamedTuple):
 def smoothed(signal: ArrayLike, cutoff_hz: Scalar | None, sampling_rate_hz: float) -> Array:
     """Low-pass of a (T, 3) signal without delay, for the inertial methods; the paper has 4 Hz, None no filter."""
     values = jnp.asarray(signal)
-    return values if cutoff_hz is None else butterworth.low_pass_both_ways(values, cutoff_hz, sampling_rate_hz)
+    if cutoff_hz is None:
+        return values
+    return jnp.asarray(butterworth.low_pass_both_ways(values, cutoff_hz, sampling_rate_hz))
 
 
 def pendulum(p: StrideLengthParams, gyr: ArrayLike, swings: Marks, dt: ArrayLike) -> Swung:

@@ -130,9 +130,8 @@ def _padded(values: np.ndarray) -> np.ndarray:
 
 def _gentle(values: Values, rate_hz: float) -> np.ndarray:
     """The signal (T, 3), low-passed for the search for stances."""
-    low_pass = compiled(butterworth.low_pass_both_ways)
-    slow = low_pass(_padded(as_float(values)), shank_stance.CUTOFF_HZ, float(rate_hz))
-    return np.asarray(slow)[: len(values)]
+    slow = butterworth.low_pass_both_ways(_padded(as_float(values)), shank_stance.CUTOFF_HZ, float(rate_hz))
+    return np.asarray(slow[: len(values)])
 
 
 def swings_of(imu: Imu, axes: Axes, rate_hz: float, detector: str) -> tuple[np.ndarray, np.ndarray, int]:

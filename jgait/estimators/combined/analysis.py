@@ -31,7 +31,6 @@ from jgait.estimators.combined.shoes import put_right
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
 from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.combined.unworn import without_unworn
-from jgait.estimators.leg_ekf.notes import NOT_WORN
 from jgait.estimators.notes import without_repeats
 from jgait.estimators.plausible import (
     KNEE_IMPLAUSIBLE,
@@ -137,15 +136,9 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     left_out = tuple(note for note in recording.notes if note.code == SENSOR_LEFT_OUT)
     usable = recording._replace(sensors=kept, notes=left_out)
     estimates, notes = sources(usable, body)
-    usable, exchanges = put_right(usable, estimates)
-    if exchanges:
-        estimates, notes = sources(usable, body)
-    worn, metres = without_unworn(usable, estimates)
-    unworn = []
-    if worn is not usable:
-        unworn = [note for one in estimates for note in one.estimate.diagnostics["notes"] if note.kind is NOT_WORN]
-        estimates, notes = sources(worn, body)
-    placed = [*findings.notes, *exchanges, *unworn]
+    usable, estimates, exchanges = put_right(usable, estimates)
+    estimates, metres = without_unworn(estimates)
+    placed = [*findings.notes, *exchanges]
     estimates, share, turned = with_time_wrong(estimates, recording.notes)
     follows = _following((*findings.notes, *recording.notes))
     recording = recording._replace(notes=tuple(note for note in recording.notes if not follows(note)))

@@ -7,6 +7,8 @@ import numpy as np
 
 from jgait.mounting.leg import SIDES_EXCHANGED
 from jgait.notes import Kind, Note
+from jgait.signal.butterworth import low_pass_both_ways
+from jgait.signal.peaks import peaks
 from jgait.types import SIDES, Imu, as_float
 
 WRONG_CLOCK = (
@@ -83,18 +85,14 @@ def kind_of(placement: str) -> str:
 
 def _swings(imu: Imu) -> np.ndarray:
     """Times [s] of the largest rate in each stride of a sensor on a shank, at an ankle or on a foot."""
-    from scipy import signal
-
     time = as_float(imu.time)
     rate_hz = 1.0 / float(np.median(np.diff(time)))
     speed = np.linalg.norm(as_float(imu.gyr), axis=1)
     if len(speed) < 5.0 * rate_hz:
         return np.zeros(0)
-    slow = signal.sosfiltfilt(signal.butter(2, 4.0, fs=rate_hz, output="sos"), speed)
-    peaks, _ = signal.find_peaks(
-        slow, height=0.6 * float(np.percentile(slow, 98.0)), distance=max(1, round(STRIDE_S[0] * rate_hz))
-    )
-    return np.asarray(time[peaks])
+    slow = low_pass_both_ways(speed, 4.0, rate_hz)
+    least = 0.6 * float(np.percentile(slow, 98.0))
+    return np.asarray(time[peaks(slow, height=least, distance=max(1, round(STRIDE_S[0] * rate_hz)))])
 
 
 def _phase(imu: Imu, begins: np.ndarray, ends: np.ndarray, offset: float) -> _Phase:

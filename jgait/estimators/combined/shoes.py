@@ -2,14 +2,16 @@
 
 from collections.abc import Sequence
 
+import jax
 import numpy as np
 
 from jgait.estimators.combined.compare import FEWEST, OPPOSITE
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import SAME_CONTACT
-from jgait.estimators.foot_ins.attached import SHOES_EXCHANGED
+from jgait.estimators.foot_ins.attached import LEANS_OTHERWISE, SHOES_EXCHANGED
+from jgait.estimators.stride_flags import SIDE_UNKNOWN
 from jgait.notes import Kind, Note
-from jgait.types import SIDES, Recording, as_float
+from jgait.types import SIDES, AnyArray, Estimate, Feet, FootTrajectory, Recording, as_float
 
 SHOES_PUT_RIGHT = Kind(
     "shoes_put_right", "corrected", "foot_right and foot_left are exchanged from {at_s:.0f} s on: each leans in stance "
@@ -18,19 +20,21 @@ SHOES_PUT_RIGHT = Kind(
 )  # fmt: skip
 
 
-def put_right(recording: Recording, sources: Sequence[SourceEstimate]) -> tuple[Recording, list[Note]]:
-    """The recording with the shoes' sensors exchanged back after they changed places, and a note if they did.
+def put_right(
+    recording: Recording, sources: Sequence[SourceEstimate]
+) -> tuple[Recording, list[SourceEstimate], list[Note]]:
+    """The recording and the sources with the shoes exchanged back after they changed places, and a note if they did.
 
     The sides of contacts by the waist have to agree with the feet before the pause, and to be opposite after it.
     """
-    by_name = {source.name: source for source in sources}
+    by_name, unchanged = {source.name: source for source in sources}, (recording, list(sources), [])
     if not {"feet", "waist"} <= by_name.keys():
-        return recording, []
+        return unchanged
     feet, waist = by_name["feet"].estimate, by_name["waist"].estimate
     told = [note for note in feet.diagnostics["notes"] if note.kind is SHOES_EXCHANGED]
     pair = [recording.sensors[f"foot_{side}"] for side in SIDES if f"foot_{side}" in recording.sensors]
     if not told or len(pair) < len(SIDES) or len(pair[0].time) != len(pair[1].time):
-        return recording, []
+        return unchanged
     at = float(as_float(told[0].values["at_s"])) + float(feet.time[0])
     known = np.asarray(feet.strides.valid, bool)
     ends, sides = as_float(feet.strides.end)[known], np.asarray(feet.strides.side)[known]
@@ -41,14 +45,45 @@ def put_right(recording: Recording, sources: Sequence[SourceEstimate]) -> tuple[
     opposite = sides[apart.argmin(axis=1)] != np.asarray(waist.diagnostics["initial_contact_side"])[sure]
     before, after = (opposite[near & part] for part in (contacts < at, contacts >= at))
     if min(len(before), len(after)) < FEWEST or before.mean() > 1.0 - OPPOSITE or after.mean() < OPPOSITE:
-        return recording, []
-    later = as_float(pair[0].time) > at
+        return unchanged
     swapped = {
-        f"foot_{side}": own._replace(**{
-            name: np.where(later.reshape(-1, *(1,) * (np.ndim(values) - 1)), getattr(mate, name), values)
-            for name in ("gyr", "acc", "mask") if (values := getattr(own, name)) is not None
-        })
+        f"foot_{side}": _joined(own, mate, own.time, at)._replace(time=own.time)
         for side, own, mate in zip(SIDES, pair, pair[::-1], strict=True)
-    }  # fmt: skip
+    }
+    estimates = [one._replace(estimate=_exchanged(one.estimate, at)) if one.name == "feet" else one for one in sources]
     note = SHOES_PUT_RIGHT(at_s=told[0].values["at_s"])
-    return recording._replace(sensors={**recording.sensors, **swapped}), [note]
+    return recording._replace(sensors={**recording.sensors, **swapped}), estimates, [note]
+
+
+def _joined[R](own: R, mate: R, time: AnyArray, at: float) -> R:
+    """The arrays (T, ...) of one side up to a time [s], and those of the other side after it."""
+    later = as_float(time) > at
+
+    def joined(one: AnyArray, other: AnyArray) -> np.ndarray:
+        return np.where(later.reshape(-1, *(1,) * (np.ndim(one) - 1)), other, one)
+
+    return jax.tree.map(joined, own, mate)
+
+
+def _exchanged(feet: Estimate, at: float) -> Estimate:
+    """The estimate of both feet, with right and left exchanged after a time [s]; paths go on where they are then."""
+    row = int(np.searchsorted(as_float(feet.time), at, side="right"))
+
+    def path(own: FootTrajectory, mate: FootTrajectory) -> FootTrajectory:
+        there = min(row, len(own.position) - 1)
+        shifted = mate._replace(position=mate.position + (own.position[there] - mate.position[there]))
+        return _joined(own, shifted, feet.time, at)
+
+    found = {name: value for name, value in feet.diagnostics.items() if name != SIDE_UNKNOWN.name}
+    for side, other in (SIDES, SIDES[::-1]):
+        found[f"pitch_{side}"] = _joined(*(feet.diagnostics[f"pitch_{one}"] for one in (side, other)), feet.time, at)
+        own, mate = (np.asarray(feet.diagnostics[f"footholds_{one}"]) for one in (side, other))
+        found[f"footholds_{side}"] = np.concatenate([own[own < row], mate[mate >= row]])
+    found["notes"] = tuple(note for note in found["notes"] if note.kind not in (SHOES_EXCHANGED, LEANS_OTHERWISE))
+    sides = np.where(as_float(feet.strides.end) > at, 1 - np.asarray(feet.strides.side), feet.strides.side)
+    (right, left), spread = feet.feet, feet.feet_stddev
+    return feet._replace(
+        strides=feet.strides._replace(side=sides), strides_stddev=feet.strides_stddev._replace(side=sides),
+        feet=Feet(path(right, left), path(left, right)),
+        feet_stddev=Feet(*(_joined(*both, feet.time, at) for both in (spread, spread[::-1]))), diagnostics=found,
+    )  # fmt: skip

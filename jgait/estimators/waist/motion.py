@@ -70,7 +70,7 @@ def _seen(p: WaistParams, inputs: WaistInputs, state: TrunkState) -> TrunkMotion
     # the heading without jumps by a whole turn: the first heading plus the integral of the yaw rate
     first = xp.arctan2(ahead.y[0], ahead.x[0])
     yaw = first + xp.cumsum(yaw_rate * inputs.dt)
-    heading = compiled(butterworth.low_pass_until)(yaw, p.heading_hz, inputs.rate_hz, inputs.last)
+    heading = butterworth.low_pass_until(yaw, p.heading_hz, inputs.rate_hz, inputs.last)
     off = heading - yaw
     level = xp.sqrt(xp.maximum(ahead.x * ahead.x + ahead.y * ahead.y, 1e-12))
     c, s = ahead.x / level, ahead.y / level

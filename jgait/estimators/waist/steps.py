@@ -44,14 +44,14 @@ def intervals(p: WaistParams, inputs: WaistInputs, motion: TrunkMotion) -> Inter
     steps = inputs.dt
 
     def fast(x: Values) -> Values:
-        return x - compiled(butterworth.low_pass_until)(x, p.excursion_hz, rate, last)
+        return x - butterworth.low_pass_until(x, p.excursion_hz, rate, last)
 
     def integral(x: Values) -> Values:
         return xp.cumsum(0.5 * steps[:, None] * (x + xp.concatenate([x[:1], x[:-1]])), axis=0)
 
     upward = xp.where(inputs.valid, motion.upward, 0.0)
     forward = xp.where(inputs.valid, motion.forward, 0.0)
-    gentle = compiled(butterworth.low_pass_until)(forward, SURGE_HZ, rate, last)
+    gentle = butterworth.low_pass_until(forward, SURGE_HZ, rate, last)
     velocity = fast(integral(fast(xp.stack([upward, gentle], axis=1))))
     height, speed = fast(integral(velocity[:, :1]))[:, 0], velocity[:, 1]
     node = put(xp.zeros_like(inputs.valid), inputs.at, True)

@@ -16,6 +16,7 @@ from jgait.estimators.combined.compare import comparisons, regular
 from jgait.estimators.combined.distance import distances
 from jgait.estimators.combined.sources import MEASURES
 from jgait.estimators.combined.strides import combined
+from jgait.estimators.interface import Estimator
 from jgait.estimators.stride_flags import STRIDE_FLAGS
 from jgait.io.checks import contradictions, gravity, order, pace, readings, sides
 from jgait.io.summary import SUMMARY
@@ -115,7 +116,7 @@ def test_strides_of_the_waist_that_contradict_the_walk_around_them_are_in_doubt(
 
 
 @pytest.mark.parametrize("swapped", [True, False])
-def test_shoes_that_change_places_are_put_right_where_the_waist_says_so_too(swapped):
+def test_shoes_that_change_places_are_put_right_where_the_waist_says_so_too(swapped, monkeypatch):
     person = simulate.person_of(simulate.population(jax.random.key(3), 1, recorded=False), 0)
     recording, truth = simulate.with_breaks(
         jax.random.key(4), person, [simulate.straight(12.0)] * 2, [5.0], OPAL, placements=("pelvis", *FEET)
@@ -135,7 +136,10 @@ def test_shoes_that_change_places_are_put_right_where_the_waist_says_so_too(swap
             )
             for name in ("gyr", "acc")
         })  # fmt: skip
+    run, runs = Estimator.estimate, []
+    monkeypatch.setattr(Estimator, "estimate", lambda self, *given: (runs.append(self.name), run(self, *given))[1])
     found = jgait.analyse(changed(recording, **worn), PERSON)
+    assert sorted(runs) == ["foot_ins", "waist"]  # each source once
     assert len(of_code(found.notes, "shoes_put_right")) == swapped
     assert len(of_code(found.notes, "shoes_exchanged")) == (not swapped)
     if swapped:
