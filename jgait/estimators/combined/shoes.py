@@ -91,5 +91,6 @@ def _exchanged(feet: Estimate, at: float) -> Estimate:
     return feet._replace(
         strides=feet.strides._replace(side=sides), strides_stddev=deviations._replace(side=sides),
         feet=Feet(path(*paths), path(*paths[::-1])),
-        feet_stddev=Feet(_joined(spread[0], spread[1], feet.time, at), _joined(spread[1], spread[0], feet.time, at)), diagnostics=found,
+        feet_stddev=Feet(*(_joined(own, mate, feet.time, at) for own, mate in (spread, spread[::-1]))),
+        diagnostics=found,
     )  # fmt: skip
