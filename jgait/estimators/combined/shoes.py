@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.estimators.combined.compare import FEWEST, OPPOSITE
 from jgait.estimators.combined.sources import SourceEstimate
@@ -27,7 +28,8 @@ def put_right(
 
     The sides of contacts by the waist have to agree with the feet before the pause, and to be opposite after it.
     """
-    by_name, unchanged = {source.name: source for source in sources}, (recording, list(sources), [])
+    by_name = {source.name: source for source in sources}
+    unchanged: tuple[Recording, list[SourceEstimate], list[Note]] = (recording, list(sources), [])
     if not {"feet", "waist"} <= by_name.keys():
         return unchanged
     feet, waist = by_name["feet"].estimate, by_name["waist"].estimate
@@ -69,21 +71,26 @@ def _exchanged(feet: Estimate, at: float) -> Estimate:
     """The estimate of both feet, with right and left exchanged after a time [s]; paths go on where they are then."""
     row = int(np.searchsorted(as_float(feet.time), at, side="right"))
 
-    def path(own: FootTrajectory, mate: FootTrajectory) -> FootTrajectory:
+    def path(own: PyTree, mate: PyTree) -> FootTrajectory:
         there = min(row, len(own.position) - 1)
         shifted = mate._replace(position=mate.position + (own.position[there] - mate.position[there]))
-        return _joined(own, shifted, feet.time, at)
+        joined: FootTrajectory = _joined(own, shifted, feet.time, at)
+        return joined
 
     found = {name: value for name, value in feet.diagnostics.items() if name != SIDE_UNKNOWN.name}
     for side, other in (SIDES, SIDES[::-1]):
-        found[f"pitch_{side}"] = _joined(*(feet.diagnostics[f"pitch_{one}"] for one in (side, other)), feet.time, at)
+        pitch = [feet.diagnostics[f"pitch_{one}"] for one in (side, other)]
+        found[f"pitch_{side}"] = _joined(pitch[0], pitch[1], feet.time, at)
         own, mate = (np.asarray(feet.diagnostics[f"footholds_{one}"]) for one in (side, other))
         found[f"footholds_{side}"] = np.concatenate([own[own < row], mate[mate >= row]])
     found["notes"] = tuple(note for note in found["notes"] if note.kind not in (SHOES_EXCHANGED, LEANS_OTHERWISE))
     sides = np.where(as_float(feet.strides.end) > at, 1 - np.asarray(feet.strides.side), feet.strides.side)
-    (right, left), spread = feet.feet, feet.feet_stddev
+    paths: PyTree = feet.feet
+    spread: PyTree = feet.feet_stddev
+    deviations: PyTree = feet.strides_stddev
     return feet._replace(
-        strides=feet.strides._replace(side=sides), strides_stddev=feet.strides_stddev._replace(side=sides),
-        feet=Feet(path(right, left), path(left, right)),
-        feet_stddev=Feet(*(_joined(*both, feet.time, at) for both in (spread, spread[::-1]))), diagnostics=found,
+        strides=feet.strides._replace(side=sides), strides_stddev=deviations._replace(side=sides),
+        feet=Feet(path(*paths), path(*paths[::-1])),
+        feet_stddev=Feet(*(_joined(own, mate, feet.time, at) for own, mate in (spread, spread[::-1]))),
+        diagnostics=found,
     )  # fmt: skip
