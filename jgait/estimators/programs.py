@@ -102,24 +102,29 @@ class Program:
                 return self(*jax.tree.unflatten(structure, moved), **static)
         shapes = tuple(map(_shape, leaves))
         key = (structure, shapes, tuple(sorted(static.items())), bool(jax.config.jax_enable_x64), _device())
-        program = self._ready.get(key)
+        program = self._ready.get(key) or self._kept(key, arrays, static)
         if program is None:
-            program = self._ready[key] = self._made(key, arrays, static)
+            if _Store.compiling is not None:
+                _Store.compiling()
+            program = self._jit(tuple(static), self._options()).lower(*arrays, **static).compile()
+        self._ready[key] = program
         return on_host(program(*arrays))
 
     def _jit(self, names: tuple[str, ...], options: dict[str, Any] | None = None) -> Any:
         return jax.jit(self.function, static_argnames=names, compiler_options=options)
 
-    def _made(self, key: Hashable, arrays: PyTree, static: dict[str, Any]) -> Callable[..., PyTree]:
-        """The program, traced as the folder has it, or anew."""
-        options, file = compiler_options() | self.options or None, self._file(key)
-        traced = None if file is None else _read(file)
+    def _options(self) -> dict[str, Any] | None:
+        return compiler_options() | self.options or None
+
+    def _kept(self, key: Hashable, arrays: PyTree, static: dict[str, Any]) -> Callable[..., PyTree] | None:
+        """The program, traced as the folder has it, or anew and put there; None where none is kept."""
+        file = self._file(key)
+        if file is None:
+            return None
+        traced = _read(file)
         if traced is None:
             if _Store.compiling is not None:
                 _Store.compiling()
-            if file is None:
-                program: Callable[..., PyTree] = self._jit(tuple(static), options).lower(*arrays, **static).compile()
-                return program
             leaves, structure = jax.tree.flatten(arrays)
 
             def flat(*leaves: PyTree) -> PyTree:
@@ -127,7 +132,7 @@ class Program:
 
             traced = jax.export.export(jax.jit(flat))(*leaves)
             _write(file, traced)
-        compiled = jax.jit(traced.call, compiler_options=options).lower(*jax.tree.leaves(arrays)).compile()
+        compiled = jax.jit(traced.call, compiler_options=self._options()).lower(*jax.tree.leaves(arrays)).compile()
         return lambda *given: compiled(*jax.tree.leaves(given))
 
     def _file(self, key: Hashable) -> Path | None:
