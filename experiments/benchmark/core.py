@@ -134,7 +134,7 @@ def loss(problem: Problem, batch: Any, weights: Any) -> Any:
     observed = structure.unflatten([leaf + shift for leaf, shift in zip(leaves, shifts, strict=True)])
     mean, _ = smoother(problem, (observed, controls, mask), logs, variances=False)
     wave = jnp.cos(jnp.arange(jax.tree.leaves(mean)[0].shape[1], dtype=logs.dtype))
-    return sum(jnp.mean(wave * (leaf + leaf**2)) for leaf in jax.tree.leaves(mean))
+    return sum(jnp.mean(wave * jnp.moveaxis(leaf + leaf**2, 1, -1)) for leaf in jax.tree.leaves(mean))
 
 
 def weights_of(problem: Problem) -> Any:

@@ -97,9 +97,9 @@ class Program:
         """The result of the function."""
         leaves, structure = jax.tree.flatten(arrays)
         if unknown := [k for k, leaf in enumerate(leaves) if isinstance(leaf, jax.core.Tracer)]:
-            program = _inner(self.function, tuple(static))
-            if not _needed(program.trace(*arrays, **static).jaxpr.jaxpr).isdisjoint(unknown):
-                return program(*arrays, **static)
+            inner = _inner(self.function, tuple(static))
+            if not _needed(inner.trace(*arrays, **static).jaxpr.jaxpr).isdisjoint(unknown):
+                return inner(*arrays, **static)
             for k in unknown:
                 leaves[k] = np.zeros(leaves[k].shape, leaves[k].dtype)
             return self(*jax.tree.unflatten(structure, leaves), **static)
@@ -111,22 +111,27 @@ class Program:
                 return self(*jax.tree.unflatten(structure, moved), **static)
         shapes = tuple(map(_shape, leaves))
         key = (structure, shapes, tuple(sorted(static.items())), bool(jax.config.jax_enable_x64), _device())
-        ready = self._ready.get(key)
-        if ready is None:
-            ready = self._ready[key] = self._made(key, arrays, static)
-        return on_host(ready(*arrays))
+        program = self._ready.get(key) or self._kept(key, arrays, static)
+        if program is None:
+            if _Store.compiling is not None:
+                _Store.compiling()
+            whole = jax.jit(self.function, static_argnames=tuple(static), compiler_options=self._options())
+            program = whole.lower(*arrays, **static).compile()
+        self._ready[key] = program
+        return on_host(program(*arrays))
 
-    def _made(self, key: Hashable, arrays: PyTree, static: dict[str, Any]) -> Callable[..., PyTree]:
-        """The program, traced as the folder has it, or anew."""
-        options, file = compiler_options() | self.options or None, self._file(key)
-        traced = None if file is None else _read(file)
+    def _options(self) -> dict[str, Any] | None:
+        return compiler_options() | self.options or None
+
+    def _kept(self, key: Hashable, arrays: PyTree, static: dict[str, Any]) -> Callable[..., PyTree] | None:
+        """The program, traced as the folder has it, or anew and put there; None where none is kept."""
+        file = self._file(key)
+        if file is None:
+            return None
+        traced = _read(file)
         if traced is None:
             if _Store.compiling is not None:
                 _Store.compiling()
-            if file is None:
-                whole = jax.jit(self.function, static_argnames=tuple(static), compiler_options=options)
-                program: Callable[..., PyTree] = whole.lower(*arrays, **static).compile()
-                return program
             leaves, structure = jax.tree.flatten(arrays)
 
             def flat(*leaves: PyTree) -> PyTree:
@@ -134,7 +139,7 @@ class Program:
 
             traced = jax.export.export(jax.jit(flat))(*leaves)
             _write(file, traced)
-        compiled = jax.jit(traced.call, compiler_options=options).lower(*jax.tree.leaves(arrays)).compile()
+        compiled = jax.jit(traced.call, compiler_options=self._options()).lower(*jax.tree.leaves(arrays)).compile()
         return lambda *given: compiled(*jax.tree.leaves(given))
 
     def _file(self, key: Hashable) -> Path | None:

@@ -15,28 +15,7 @@ from jgait.filtering.posterior import FIELDS, KEEP, SUMMARY, Inferred, Posterior
 from jgait.filtering.sample import draw
 
 __all__ = [
-    "CKF",
-    "EKF",
-    "FIELDS",
-    "KEEP",
-    "KF",
-    "SUMMARY",
-    "UKF",
-    "Belief",
-    "Covariance",
-    "Inferred",
-    "IteratedEKF",
-    "IteratedSmoother",
-    "Method",
-    "Model",
-    "Posterior",
-    "Step",
-    "Updated",
-    "compiled",
-    "draw",
-    "infer",
-    "kalman_filter",
-    "kalman_smoother",
-    "names_of",
-    "step",
-]
+    "CKF", "EKF", "FIELDS", "KEEP", "KF", "SUMMARY", "UKF", "Belief", "Covariance", "Inferred", "IteratedEKF",
+    "IteratedSmoother", "Method", "Model", "Posterior", "Step", "Updated", "compiled", "draw", "infer",
+    "kalman_filter", "kalman_smoother", "names_of", "step",
+]  # fmt: skip

@@ -7,6 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 from jaxtyping import Array, Float, PyTree
 
 from jgait.filtering.layout import Layout, Numbers, Scalar, Tree
@@ -190,16 +191,9 @@ class Covariance:
         if self.places is None:
             above = np.triu(np.ones((size, size), bool))
             return xp.where(above, self.values[0], xp.swapaxes(self.values[0], -1, -2))
-        if not self.values:
-            return jnp.zeros((size, size))
-        dtype = jnp.result_type(*self.values)
-        total = jnp.zeros((size, size), dtype)
-        for value, where in zip(self.values, self.places, strict=True):
-            pattern = np.zeros((size, size), bool)
-            rows, columns = np.transpose(where)
-            pattern[rows, columns] = pattern[columns, rows] = True
-            total = jnp.where(pattern, jnp.asarray(value, dtype)[..., None, None], total)
-        return total
+        dtype = jnp.result_type(*self.values) if self.values else jnp.result_type(float)
+        values = [jnp.asarray(value, dtype)[..., None, None] for value in self.values]
+        return placed(values, self.places, (size, size), dtype)
 
     def __repr__(self) -> str:
         """The names of the components, without the entries."""
@@ -210,3 +204,14 @@ def _root(variance: Scalar) -> Array:
     variance = xp.asarray(variance)
     positive = variance > 0.0
     return xp.where(positive, xp.sqrt(xp.where(positive, variance, 1.0)), 0.0)
+
+
+def placed(values: Sequence[Array], places: Sequence[Places], shape: tuple[int, ...], dtype: DTypeLike) -> Array:
+    """Symmetric matrices of the shape, (n, n) or (n, n, 1), that have each value at its places, and zeros."""
+    total = jnp.zeros(shape, dtype)
+    for value, where in zip(values, places, strict=True):
+        pattern = np.zeros(shape, bool)
+        rows, columns = np.transpose(where)
+        pattern[rows, columns] = pattern[columns, rows] = True
+        total = jnp.where(pattern, value, total)
+    return total

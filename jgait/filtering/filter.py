@@ -10,17 +10,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PyTree
 
-from jgait.filtering import checks
+from jgait.filtering import posterior
 from jgait.filtering.batch import differentiable
 from jgait.filtering.compile import compiled
 from jgait.filtering.execution import Execution, execution_of
-from jgait.filtering.inputs import check_linear, inputs
+from jgait.filtering.inputs import check_arguments, check_linear, check_values, inputs, known_false
 from jgait.filtering.iterated import iterated
 from jgait.filtering.layout import Numbers, Tree
 from jgait.filtering.methods import EKF, IteratedSmoother, Method
 from jgait.filtering.model import Belief, Model
-from jgait.filtering.posterior import FIELDS, KEEP, NEEDS, SUMMARY, Inferred, Posterior, fields_of, inferred, places_of
-from jgait.filtering.recentre import closure
+from jgait.filtering.posterior import FIELDS, KEEP, SUMMARY, Inferred, Posterior
 from jgait.filtering.recorded import Recorded
 
 
@@ -65,7 +64,7 @@ def step(
     """
 
     def alone[T](tree: T) -> T:
-        return jax.tree.map(lambda leaf: leaf if checks.known_false(leaf) else jnp.asarray(leaf)[None], tree)
+        return jax.tree.map(lambda leaf: leaf if known_false(leaf) else jnp.asarray(leaf)[None], tree)
 
     sample = infer(
         model, params, alone(observation), smooth=False, dt=dt, controls=alone(control), mask=alone(mask),
@@ -94,16 +93,17 @@ def infer(
     Raises:
         ValueError: see `kalman_filter`.
     """
-    keep = checks.check_arguments(model, method, keep, FIELDS, covariance, smooth)
-    checks.check_values(observations, controls, dt)
+    check_arguments(model, method, keep, FIELDS, covariance, smooth)
+    check_values(observations, controls, dt)
+    keep = tuple(keep)
     if not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((params, observations, dt, initial))):
-        constant = tuple(map(checks.known_false, jax.tree.leaves(mask)))
+        constant = tuple(map(known_false, jax.tree.leaves(mask)))
         return _program(
             params, observations, controls, dt, mask, initial, model=model, smooth=smooth, method=method, keep=keep,
             covariance=covariance, execution=execution, constant=constant,
         )  # fmt: skip
     given = inputs(model, params, observations, controls, dt, mask, initial)
-    shape, chosen = given.shape, places_of(covariance, given.shape.error)
+    shape, chosen = given.shape, posterior.places_of(covariance, given.shape.error)
     fields = keep if smooth else tuple(dict.fromkeys(("mean", *(("cov",) if chosen else ()), *keep)))
     check_linear(given, method)
     special = execution_of(given, method, execution, smooth and bool(chosen))
@@ -112,14 +112,14 @@ def infer(
     elif isinstance(method, IteratedSmoother):
         found = iterated(given, method, fields, chosen)
     else:
-        inner = closure(shape, chosen) if smooth else ()
-        names = dict.fromkeys(name for field in fields for name in NEEDS[field])
+        inner = posterior.closure(shape, chosen) if smooth else ()
+        names = dict.fromkeys(name for field in fields for name in posterior.NEEDS[field])
         if smooth:
             names |= dict.fromkeys(("x", "delta", "move", *(("smoothed",) if inner else ())))
         run = differentiable(Recorded(shape, method, tuple(names), inner), method.derivative)
         outputs = run(*(value[..., None] for value in given.arrays()))
-        found = fields_of(given, fields, inner, dict(zip(names, (v[..., 0] for v in outputs), strict=True)))
-    return inferred(given, found, keep, chosen, smooth)
+        found = posterior.fields_of(given, fields, inner, dict(zip(names, (v[..., 0] for v in outputs), strict=True)))
+    return posterior.inferred(given, found, keep, chosen, smooth)
 
 
 def _jitted(

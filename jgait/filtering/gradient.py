@@ -30,7 +30,6 @@ from jgait.filtering.lanes import (
     product_transposed,
     symmetrised,
     transposed,
-    unheld_product,
     where,
 )
 from jgait.filtering.linear import Linear, Matrices
@@ -62,45 +61,49 @@ def filter_gradient(
         ct: cotangents of outputs of the filter's scan.
         moving: numbers of the arguments.
     """
-    slots = Slots(linear, moving)
+    count = len(linear.wide)
+    constants, series = [i for i in moving if i < count], [i for i in moving if i > count + 1]
+    places = [*constants, *(i - 2 for i in series)]  # without mean and covariance at the start
     ct = {name: without_skipped(value, busy) for name, value in ct.items()}
     before = [jnp.concatenate([a[None], known[n][:-1]]) for a, n in zip(start, ("x", "delta", "cov"), strict=True)]
 
     def body(carry: tuple[Belief, list[Array]], item: Item) -> tuple[tuple[Belief, list[Array]], list[Array]]:
         back, total = carry
-        found, params_ct, sample_ct = _adjoint(linear, slots, item, back)
-        return (found, [a + b for a, b in zip(total, params_ct, strict=True)]), sample_ct
+        back, found = _adjoint(linear, places, item, back)
+        return (back, [a + b for a, b in zip(total, found, strict=False)]), found[len(constants) :]
 
     zero = jax.tree.map(jnp.zeros_like, start)
-    none = [jnp.zeros((*linear.wide[i].shape[:-1], linear.lanes), linear.wide[i].dtype) for i in slots.params]
+    none = [jnp.zeros((*linear.wide[i].shape[:-1], linear.lanes), linear.wide[i].dtype) for i in constants]
     items: Item = before, samples, {name: known[name] for name in ("G", "z")}, ct
     (first, sums), found = scanned(body, (zero, none), items, busy, reverse=True)
-    gradients = dict(zip(slots.params, sums, strict=True)) | dict(zip(slots.samples, found, strict=True))
-    gradients |= {slots.start: first[0], slots.start + 1: first[2][: linear.size, : linear.size]}
+    gradients = dict(zip([*constants, *series], [*sums, *found], strict=True))
+    gradients |= {count: first[0], count + 1: first[2][: linear.size, : linear.size]}
     return [gradients[i] for i in moving]
 
 
-def _adjoint(linear: Linear, slots: "Slots", item: Item, back: Belief) -> tuple[Belief, list[Array], list[Array]]:
-    """Cotangents of (x, δ, P) before a sample, of the moving parameters, and of the moving parts of the sample."""
+def _adjoint(linear: Linear, places: list[int], item: Item, back: Belief) -> tuple[Belief, list[Array]]:
+    """Cotangents of (x, δ, P) before a sample, and of the `places` among parameters, observation, control and dt."""
     (before, delta, P), sample, known, ct = item
-    parts = slots.parts_of(sample)
-    wide = [jnp.broadcast_to(linear.wide[i], (*linear.wide[i].shape[:-1], linear.lanes)) for i in slots.params]
+    every, count = [*linear.wide, sample.measured, *sample.control, sample.dt], len(linear.wide)
+    moving = [jnp.broadcast_to(every[i], (*every[i].shape[:-1], linear.lanes)) for i in places]
 
-    def transition(
-        before: list[Array], delta: list[Array], moving: list[Array], parts: list[Array]
-    ) -> tuple[Array, Array, Array]:
-        now = slots.with_parts(sample, parts)
-        return slots.with_params(moving).transition(before, delta, P, now.control, now.dt)
+    def at(moving: list[Array]) -> tuple[Linear, list[Array]]:
+        """The model and the sample."""
+        values = replaced(every, places, moving)
+        return Linear(linear.shape, values[:count], linear.lanes, linear.method, linear.width), values[count:]
 
-    def observation(x: Array, moving: list[Array], parts: list[Array]) -> tuple[Array, Array, Array]:
-        now = slots.with_parts(sample, parts)
-        return slots.with_params(moving).observation(list(x), now.control, list(now.measured), list(now.seen))
+    def transition(before: list[Array], delta: list[Array], moving: list[Array]) -> tuple[Array, Array, Array]:
+        model, (_, *control, dt) = at(moving)
+        return model.transition(before, delta, P, control, dt)
+
+    def observation(x: Array, moving: list[Array]) -> tuple[Array, Array, Array]:
+        model, (measured, *control, _) = at(moving)
+        return model.observation(list(x), control, list(measured), list(sample.seen))
 
     # Two parts, so that an observation that is not finite does not spoil the derivatives of its prediction.
-    (A, Q, x), pull = jax.vjp(transition, list(before), list(delta), wide, parts)
-    (H, R, e), pull_seen = jax.vjp(observation, x, wide, parts)
+    (A, Q, x), pull = jax.vjp(transition, list(before), list(delta), moving)
+    (H, _, _), pull_seen = jax.vjp(observation, x, moving)
     A, Q, x, H = held(A, Q, x, H)
-    del R, e
     prior, finite = predict(P, A, Q, x)
     G, z = known["G"], known["z"]
     valid = held(finite & (G[0, 0] > 0.0))
@@ -112,18 +115,16 @@ def _adjoint(linear: Linear, slots: "Slots", item: Item, back: Belief) -> tuple[
     A_ct, H_ct, e_ct, S_ct, prior_ct = _updated(ct, H, prior, G, z, K, A, delta_ct, P_ct, valid)
     half = product(prior_ct, A)
     A_ct = product(2.0 * half, P, A_ct)
-    on_x, *seen_ct = pull_seen(held(*(where(valid, v, 0.0) for v in (H_ct, S_ct, e_ct))))
+    on_x, seen_ct = pull_seen(held(*(where(valid, v, 0.0) for v in (H_ct, S_ct, e_ct))))
     # A component that is not seen tells nothing, even where its derivative is not finite.
     whole = jnp.all(sample.seen, axis=0)
     on_x, seen_ct = jax.tree.map(lambda v: where(whole, v, jnp.where(jnp.isfinite(v), v, 0.0)), (on_x, seen_ct))
-    x_back, delta_back, *moved_ct = pull(held(A_ct, prior_ct, x_ct + where(valid, on_x, 0.0)))
-    state = jnp.stack(x_back), jnp.stack(delta_back), unheld_product(transposed(A), half)
+    x_back, delta_back, moved_ct = pull(held(A_ct, prior_ct, x_ct + where(valid, on_x, 0.0)))
+    state = jnp.stack(x_back), jnp.stack(delta_back), product(transposed(A), half, hold=False)
     # What was not finite did not change the belief, and says nothing of the parameters.
     x_ct, delta_ct, P_ct = (where(finite, f, p) for f, p in zip(state, (x_ct, delta_ct, P_ct), strict=True))
-    params_ct, parts_ct = jax.tree.map(
-        lambda m, s: where(finite, m, 0.0) + where(valid, s, 0.0), tuple(moved_ct), tuple(seen_ct)
-    )
-    return (x_ct, delta_ct, P_ct), params_ct, parts_ct
+    found = jax.tree.map(lambda m, s: where(finite, m, 0.0) + where(valid, s, 0.0), moved_ct, seen_ct)
+    return (x_ct, delta_ct, P_ct), found
 
 
 def _updated(
@@ -169,33 +170,6 @@ def _updated(
     return A_ct, H_ct, e_ct, S_ct, prior_ct
 
 
-class Slots:
-    """Where the moving arguments of `Recorded` are: parameters, the start, parts of a sample."""
-
-    def __init__(self, linear: Linear, moving: Sequence[int]) -> None:
-        self.linear, self.start = linear, len(linear.params)
-        self.params = [i for i in moving if i < self.start]
-        self.samples = [i for i in moving if i > self.start + 1]
-
-    def parts_of(self, sample: Sample) -> list[Array]:
-        """The moving parts of a sample, for each recording."""
-        every = [sample.measured, *sample.control, sample.dt]
-        parts = [every[i - self.start - 2] for i in self.samples]
-        return [jnp.broadcast_to(v, (*v.shape[:-1], self.linear.lanes)) for v in parts]
-
-    def with_parts(self, sample: Sample, parts: list[Array]) -> Sample:
-        """The sample, its moving parts replaced."""
-        every = [sample.measured, *sample.control, sample.dt]
-        measured, *control, dt = replaced(every, [i - self.start - 2 for i in self.samples], parts)
-        return Sample(measured, tuple(control), dt, sample.seen)
-
-    def with_params(self, moving: list[Array]) -> Linear:
-        """The model, its moving parameters replaced."""
-        linear = self.linear
-        params = replaced(linear.wide, self.params, moving)
-        return Linear(linear.shape, params, linear.lanes, linear.method, linear.width)
-
-
 def smoother_gradient(
     named: Named, chosen: tuple[int, ...], busy: Int[Array, ""] | None, ct: Named, lanes: int
 ) -> Named:
@@ -232,6 +206,8 @@ def smoother_gradient(
 
     def unchanged(last: Named, part: Later) -> Named:
         zero = jax.tree.map(jnp.zeros_like, repeated(last, part))
+        if "smoothed" not in part[2]:
+            return zero
         ct, place = part[2]["smoothed"], jnp.asarray(chosen)
         change = 0.5 * (ct + jnp.swapaxes(ct, 1, 2))
         return zero | {"cov": zero["cov"].at[:, place[:, None], place[None]].add(change)}
@@ -240,4 +216,4 @@ def smoother_gradient(
     none = jnp.zeros((n, lanes), dtype), jnp.zeros((n, n, lanes) if second else (), dtype)
     later: Named = {name: named[name] for name in ("lam", "Lam") if name in named and (second or name == "lam")}
     parts = tuple(named[name] for name in ("cov", "M", "J", "G", "z"))
-    return scanned(body, none, (parts, later, ct), busy, skipped=unchanged if "smoothed" in ct else None)[1]
+    return scanned(body, none, (parts, later, ct), busy, skipped=unchanged)[1]

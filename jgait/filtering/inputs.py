@@ -1,19 +1,23 @@
-"""The inputs of a filter: a model and a recording, checked, in one float type, as arrays."""
+"""The inputs of a filter: a model and a recording, checked, in one float type, as arrays.
 
+No check raises inside compiled code: structures and shapes are known while tracing, and values are checked only
+where they are concrete.
+"""
+
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
-from jgait.filtering import checks
 from jgait.filtering.covariance import Covariance, Entries
-from jgait.filtering.dependence import depends_on_place
-from jgait.filtering.layout import Layout, Numbers, Scalar, Tree
-from jgait.filtering.methods import KF
-from jgait.filtering.model import Belief, Model, Shape
+from jgait.filtering.layout import Layout, Numbers, Scalar, Tree, names_of
+from jgait.filtering.methods import KF, IteratedSmoother, Method
+from jgait.filtering.model import Belief, Model, Shape, depends_on_place
 
 
 class Inputs(NamedTuple):
@@ -54,26 +58,27 @@ def inputs(
     model: Model, params: Tree, observations: Tree, controls: Tree, dt: Numbers, mask: Tree, initial: Belief | None
 ) -> Inputs:
     """Check structure and shapes, and cast everything to one dtype; raises as `kalman_filter`."""
-    observations, length = checks.series(observations, "observation", None)
-    controls, _ = checks.series(controls, "control", length)
-    dtype = checks.common_dtype(params, observations, initial)
-    params, controls = checks.in_dtype((params, controls), dtype)
+    observations, length = series(observations, "observation", None)
+    controls, _ = series(controls, "control", length)
+    dtype = common_dtype(params, observations, initial)
+    params, controls = in_dtype((params, controls), dtype)
     belief = model.initial(params) if initial is None else initial
-    checks.check_belief(belief)
+    if not isinstance(belief, Belief) or not isinstance(belief.cov, Covariance):
+        raise ValueError(f"a belief is a jgait.filtering.Belief(mean, Covariance); got {belief!r}")
     first = jax.tree.map(lambda leaf: leaf[0], controls)
-    mean = checks.in_dtype(belief.mean, dtype)
-    observed = checks.observed_layout(model, params, mean, first, observations)
-    seen, hidden = checks.mask_components(mask, observed, length)
+    mean = in_dtype(belief.mean, dtype)
+    observed = observed_layout(model, params, mean, first, observations)
+    seen, hidden = mask_components(mask, observed, length)
     state = Layout.of(belief.mean)
     shape = Shape(
         model, jax.tree.structure(params), Layout.of(controls, axes=1), state, error_layout(model, state, dtype),
         observed, tuple(i for i in range(observed.size) if i not in hidden), jnp.dtype(dtype),
     )  # fmt: skip
-    measured = _series(checks.in_dtype(observations, dtype), length)
+    measured = _series(in_dtype(observations, dtype), length)
     return Inputs(
         shape, params, state.components(belief.mean, dtype, "the mean of a belief"),
         shape.noise(belief.cov, shape.error, "the covariance of a belief"),
-        [measured[i] for i in shape.measured], _series(controls, length), checks.interval(dt, length, dtype),
+        [measured[i] for i in shape.measured], _series(controls, length), interval(dt, length, dtype),
         [seen[i] for i in shape.measured],
     )  # fmt: skip
 
@@ -127,3 +132,185 @@ def check_linear(given: Inputs, method: object) -> None:
                 f"the KF needs a linear model, but the Jacobian of {named} depends on the state; use EKF(), UKF() or "
                 "CKF()"
             )
+
+
+def common_dtype(*trees: Tree | Belief) -> np.dtype[np.floating]:
+    """The widest float type among the leaves; Python numbers and integers have no influence."""
+    leaves = jax.tree.leaves(trees)
+    with jax.numpy_dtype_promotion("standard"):
+        dtype = jnp.result_type(*leaves) if leaves else jnp.result_type(float)
+    return dtype if jnp.issubdtype(dtype, jnp.floating) else jnp.result_type(float)
+
+
+def in_dtype[T](tree: T, dtype: DTypeLike) -> T:
+    """The same tree with every floating leaf cast to the dtype; integers and booleans do not change."""
+
+    def cast(leaf: Numbers) -> Array:
+        return jnp.asarray(leaf, dtype) if jnp.issubdtype(jnp.result_type(leaf), jnp.floating) else jnp.asarray(leaf)
+
+    return jax.tree.map(cast, tree)
+
+
+def known_false(leaf: object) -> bool:
+    """Whether a mask's leaf is the constant False: its component is never measured."""
+    return isinstance(leaf, bool | np.bool_) and not leaf
+
+
+def check_arguments(
+    model: object, method: object, keep: tuple[str, ...], fields: tuple[str, ...], covariance: object, smooth: bool
+) -> None:
+    """Raise if a static argument of a filter is not valid.
+
+    Raises:
+        ValueError: if the model is not a hashable `Model`, `method` is not a method, `keep` has a name that is not a
+            field, or `covariance` is neither a flag nor names.
+    """
+    if not isinstance(model, Model):
+        raise ValueError(f"model must be a jgait.filtering.Model; got {model!r}")
+    try:
+        hash(model)
+    except TypeError as error:
+        raise ValueError(f"a model must be hashable, its functions at module level or frozen; {error}") from error
+    if not isinstance(method, Method | IteratedSmoother if smooth else Method):
+        raise ValueError(f"method must be KF(), EKF(), IteratedEKF(k), UKF() or CKF(); got {method!r}")
+    if not isinstance(covariance, bool | tuple):
+        raise ValueError(f"covariance is True, False or a tuple of names; got {covariance!r}")
+    if isinstance(keep, str):
+        raise ValueError(f"keep is a tuple of names, such as ({keep!r},); got the string {keep!r}")
+    for name in keep:
+        if name not in fields:
+            raise ValueError(f"keep names fields of Posterior ({', '.join(fields)}); got {name!r}")
+
+
+STAMPS = 5
+"""[1] Intervals that all grow, from so many on, are times."""
+
+
+def check_values(observations: Tree, controls: Tree, dt: Numbers) -> None:
+    """Raise if concrete values cannot be used by any filter.
+
+    Raises:
+        ValueError: for lists, pandas' columns, non-numbers, NaN or infinity in observations or controls, and for
+            time intervals that are negative, or times.
+    """
+    for kind, tree in (("observation", observations), ("control", controls)):
+        for path, leaf in jax.tree_util.tree_flatten_with_path(tree, is_leaf=_is_table)[0]:
+            name = jax.tree_util.keystr(path, simple=True, separator=".")
+            if _is_table(leaf):
+                what = type(leaf).__name__
+                raise ValueError(f"{kind} '{name}' must be an array; got a {what}: convert it by numpy.asarray")
+            if isinstance(leaf, jax.core.Tracer | jax.ShapeDtypeStruct):
+                continue
+            array = np.asarray(leaf)
+            if array.dtype.kind not in "fiub" and not jnp.issubdtype(array.dtype, jnp.floating):
+                raise ValueError(f"{kind} '{name}' must be real numbers; got {array.dtype}")
+            if bad := np.size(array) - np.count_nonzero(np.isfinite(array)):
+                advice = "put any finite number there and False in the mask" if kind == "observation" else "fill them"
+                raise ValueError(f"{kind} '{name}' holds NaN or infinity ({bad} of {np.size(array)} values); {advice}")
+    if _is_table(dt):
+        raise ValueError(f"dt must be a number or an array; got a {type(dt).__name__}: convert it by numpy.asarray")
+    if isinstance(dt, jax.core.Tracer):
+        return
+    interval = np.asarray(dt)
+    if interval.dtype.kind not in "fiu" or not np.all(np.isfinite(interval)) or np.any(interval < 0):
+        worst = interval if interval.ndim == 0 else f"a minimum of {interval.min()}"
+        raise ValueError(f"dt must be finite and not negative, the time since the sample before [s]; got {worst}")
+    if interval.ndim == 1 and interval.size >= STAMPS and np.all(np.diff(interval) > 0):
+        raise ValueError(
+            f"dt must be the time since the sample before [s]; got times that grow from {interval[0]:g} to "
+            f"{interval[-1]:g}: take numpy.diff of them, with one value more for the first sample"
+        )
+
+
+def _is_table(leaf: object) -> bool:
+    """Whether this is a list of numbers, which JAX would take for so many observations, or a column of a table."""
+    listed = isinstance(leaf, list) and all(isinstance(value, int | float) for value in leaf)
+    return listed or hasattr(leaf, "to_numpy")
+
+
+def observed_layout(model: Model, params: Tree, mean: Tree, control: Tree, observation: Tree) -> Layout:
+    """The layout of the model's observations.
+
+    Raises:
+        ValueError: if the observations have another type or shape; the message names the field.
+    """
+    expected = jax.eval_shape(model.observation, params, mean, control)
+    layout, given = Layout.of(expected), Layout.of(observation, axes=1)
+    name, fields = type(expected).__name__, layout.names
+    if layout.structure != given.structure:
+        got = f"a {type(observation).__name__} of ({', '.join(given.names)})"
+        got = f"a bare array; pass {name}({fields[0]}=…)" if jax.tree_util.all_leaves([observation]) else got
+        raise ValueError(f"the model observes a {name} of ({', '.join(fields)}); got {got}")
+    for field, own, other in zip(fields, layout.shapes, given.shapes, strict=True):
+        if own != other:
+            raise ValueError(
+                f"observation '{field}' must have shape (T{''.join(f', {n}' for n in own) or ','}), one value a "
+                f"sample; got (T{''.join(f', {n}' for n in other) or ','})"
+            )
+    return layout
+
+
+def series[T: Tree](tree: T, kind: str, length: int | None) -> tuple[T, int]:
+    """Check that all leaves have the same number of samples T; return them as arrays, and T.
+
+    Raises:
+        ValueError: the message names the leaf with another shape.
+    """
+    for name, leaf in zip(names_of(tree), jax.tree.leaves(tree), strict=True):
+        shape = jnp.shape(leaf)
+        if not shape:
+            raise ValueError(f"{kind} '{name}' must have shape (T,) or (T, …), one value a sample; got {shape}")
+        if length is None:
+            length = shape[0]
+        if shape[0] != length:
+            raise ValueError(f"{kind} '{name}' has {shape[0]} samples; expected {length}")
+    if not length:
+        raise ValueError("a filter needs at least one sample; got none")
+    return jax.tree.map(jnp.asarray, tree), length
+
+
+def interval(dt: Numbers, length: int, dtype: DTypeLike) -> Float[Array, "..."]:
+    """The interval dt, () or (T,); raises ValueError if its shape is another."""
+    shape = jnp.shape(dt)
+    if shape not in ((), (length,)):
+        raise ValueError(f"dt must be a scalar or have shape ({length},), like the observations; got {shape}")
+    return jnp.asarray(dt, dtype)
+
+
+def mask_components(mask: Tree, observed: Layout, length: int) -> tuple[list[Bool[Array, "time"] | bool], set[int]]:
+    """The mask of each component of the observation, an array (T,) of bools or True; and those never measured.
+
+    A component is never measured if its mask is Python's or NumPy's scalar False. If none is measured, one stays,
+    masked everywhere.
+
+    Raises:
+        ValueError: if the mask is neither one bool array (T,) nor an observation tuple of such arrays; an array of the
+            observation may have a mask for each entry.
+    """
+    if mask is None:
+        return [True] * observed.size, set()
+    if jax.tree.structure(mask) == observed.structure:
+        leaves = jax.tree.leaves(mask)
+    elif jax.tree_util.all_leaves([mask]):
+        leaves = [mask] * len(observed.shapes)
+    else:
+        kind = type(observed.structure.unflatten([None] * len(observed.shapes))).__name__
+        raise ValueError(
+            f"the mask is one array of bools or a {kind} of them ({', '.join(observed.names)}); "
+            f"got a {type(mask).__name__} of ({', '.join(names_of(mask))})"
+        )
+    found, hidden = list[Array | bool](), set[int]()
+    for name, leaf, shape in zip(observed.names, leaves, observed.shapes, strict=True):
+        size = math.prod(shape)
+        if known_false(leaf):
+            hidden |= set(range(len(found), len(found) + size))
+            found += [jnp.zeros(length, bool)] * size
+            continue
+        if jnp.shape(leaf) not in ((length,), (length, *shape)) or jnp.result_type(leaf) != jnp.bool_:
+            raise ValueError(
+                f"the mask of '{name}' must be bool of shape ({length},); got {jnp.result_type(leaf)} of "
+                f"{jnp.shape(leaf)}"
+            )
+        leaf = jnp.asarray(leaf)
+        found += [leaf] * size if leaf.shape == (length,) else list(jnp.unstack(leaf.reshape(length, size), axis=1))
+    return found, hidden if len(hidden) < observed.size else hidden - {0}

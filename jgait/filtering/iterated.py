@@ -1,6 +1,6 @@
 """Smoothing that linearises the model again about the smoothed trajectory, pass after pass.
 
-Each pass is the filter and smoother of a linear model whose A, c, Q, H, e and R are known for all samples; the limit is
+Each pass is the filter and smoother of a linear model whose A, c, Q, H, R and e are known for all samples; the limit is
 the most probable trajectory.
 """
 
@@ -16,13 +16,11 @@ from jgait.filtering.batch import Batched, differentiable
 from jgait.filtering.covariance import Places
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.lanes import applied, product, product_transposed, summed, where
-from jgait.filtering.linear import Linear, distinct, placed
+from jgait.filtering.linear import Known, Linear, distinct
 from jgait.filtering.methods import EKF, IteratedSmoother
-from jgait.filtering.posterior import NEEDS, fields_of
-from jgait.filtering.recentre import closure, covariances, states
-from jgait.filtering.recorded import Recorded
-from jgait.filtering.scan import Sample, nothing_after, smoother_scan
-from jgait.filtering.step import predict, update
+from jgait.filtering.posterior import NEEDS, closure, covariances, fields_of, states
+from jgait.filtering.recorded import FOR_SMOOTHER, Recorded
+from jgait.filtering.scan import Sample, filter_scan, nothing_after, smoother_scan
 
 type Before = tuple[list[Float[Array, ""]], list[Float[Array, ""]], Float[Array, ""]]
 """State before an interval, control, dt."""
@@ -30,7 +28,7 @@ type Before = tuple[list[Float[Array, ""]], list[Float[Array, ""]], Float[Array,
 
 @dataclass(frozen=True)
 class LinearSmoother(Batched):
-    """Smoothed means (T, n), and covariances of some components, of linear models: A, c, Q, H, e, R over samples.
+    """Smoothed means (T, n), and covariances of some components, of linear models: A, c, Q, H, R, e over samples.
 
     The belief before the first sample is zero, without variance.
     """
@@ -44,26 +42,15 @@ class LinearSmoother(Batched):
 
     def value(self, *arguments: Array) -> list[Array]:
         """The outputs, time axis in front and batch behind."""
-        lanes, dtype, n = max(v.shape[-1] for v in arguments), arguments[1].dtype, arguments[1].shape[1]
-        everywhere = jnp.ones(lanes, bool)
-
-        def body(carry: tuple[Array, Array], sample: list[Array]) -> tuple[tuple[Array, Array], dict[str, Array]]:
-            mean, P = carry
-            A, c, Q, H, e, R = sample
-            mean = applied(A, mean) + c
-            P, _ = predict(P, A, Q, mean)
-            new = update(P, H, R, e - applied(H, mean), everywhere)
-            J = product(new.H, A)
-            kept = {"mean": mean + new.delta, "cov": new.P, "M": A - product(new.K, J), "J": J, "G": new.G, "z": new.z}
-            return (mean + new.delta, new.P), kept
-
-        none = jnp.zeros((n, lanes), dtype), jnp.zeros((n, n, lanes), dtype)
-        wide = [jnp.broadcast_to(v, (*v.shape[:-1], lanes)) for v in arguments]
-        named = lax.scan(body, none, wide)[1]
-        start = nothing_after(n, lanes, dtype, bool(self.chosen))
+        lanes = max(v.shape[-1] for v in arguments)
+        A, c, Q, H, R, e = (jnp.broadcast_to(v, (*v.shape[:-1], lanes)) for v in arguments)
+        samples = Sample(e, (A, c, Q, H, R), jnp.ones_like(e[:, 0]), jnp.ones_like(e, bool))
+        start = jnp.zeros_like(c[0]), jnp.zeros_like(c[0]), jnp.zeros_like(A[0])
+        named = filter_scan(Known(lanes), start, samples, ("x", "delta", *FOR_SMOOTHER), None)[1]
+        after = nothing_after(c.shape[1], lanes, c.dtype, bool(self.chosen))
         keep = ("move", "smoothed") if self.chosen else ("move",)
-        back = smoother_scan(named, self.chosen, start, keep, None)[1]
-        return [named["mean"] + back["move"], *([back["smoothed"]] if self.chosen else [])]
+        back = smoother_scan(named, self.chosen, after, keep, None)[1]
+        return [named["x"] + named["delta"] + back["move"], *([back["smoothed"]] if self.chosen else [])]
 
 
 def iterated(
@@ -97,7 +84,7 @@ def iterated(
 
 
 def about(linear: Linear, at: Float[Array, "time k"], start: tuple[Array, Array], samples: Sample) -> list[Array]:
-    """A, c, Q, H, e and R of errors about a trajectory, time in front; `start`: initial mean and covariance.
+    """A, c, Q, H, R and e of errors about a trajectory, time in front; `start`: initial mean and covariance.
 
     The noise is r = x ⊖ f(x'), of errors about f(x'). With T = ∂e/∂r, errors move by e = T (∂r/∂e' e' − r + w).
     """
@@ -133,7 +120,7 @@ def about(linear: Linear, at: Float[Array, "time k"], start: tuple[Array, Array]
     gap, arrived, place, noise = linear.over(one, before, x, [v[0] for v in start[0]], begins, controls, samples.dt)
     slope = [-v for v in linear.pushed(off, (x, (before, controls, samples.dt)), zero, linear.directions)[1]]
     turn = linear.pushed(turned, (place, arrived), gap, linear.directions)[1]
-    D, T, Q = jnp.stack(slope), jnp.stack(turn), placed(noise, places, shape.error.size)
+    D, T, Q = jnp.stack(slope), jnp.stack(turn), linear.matrix(noise, places, shape.error.size)
     # A transition that is not finite leaves the state where it was, as in the filter.
     finite = jnp.isfinite(summed(D) + summed(Q))
     D = where(finite, D, jnp.eye(len(D), dtype=D.dtype)[:, :, None])
@@ -141,5 +128,5 @@ def about(linear: Linear, at: Float[Array, "time k"], start: tuple[Array, Array]
     Q = where(finite, Q, 0.0)
     Q = where(begins, jnp.broadcast_to(start[1], Q.shape), Q)
     H, R, e = linear.observation(x, controls, list(samples.measured.T), list(samples.seen.T))
-    elements = product(T, D), -applied(T, jnp.stack(gap)), product_transposed(product(T, Q), T), H, e, R
+    elements = product(T, D), -applied(T, jnp.stack(gap)), product_transposed(product(T, Q), T), H, R, e
     return [jnp.moveaxis(v, -1, 0) for v in elements]

@@ -12,32 +12,33 @@ REDUCED = 32
 
 
 def product(
-    a: Float[Array, "i k B"], b: Float[Array, "k j B"], to: Float[Array, "i j B"] | None = None
+    a: Float[Array, "i k B"], b: Float[Array, "k j B"], to: Float[Array, "i j B"] | None = None, *, hold: bool = True
 ) -> Float[Array, "i j B"]:
-    """Matrix products, added to the matrices `to`, if there are any."""
-    result = unheld_product(a, b, to)
-    return result if _reduced(a, b) else held(result)
+    """Matrix products, added to the matrices `to`, if there are any.
 
-
-def unheld_product(
-    a: Float[Array, "i k B"], b: Float[Array, "k j B"], to: Float[Array, "i j B"] | None = None
-) -> Float[Array, "i j B"]:
-    """As `product`, for one use alone, with which XLA computes it in one loop.
-
-    For one recording XLA vectorises a reduction that is not long; else sums of products written out.
+    For one recording XLA vectorises a reduction that is not long; else sums of products written out. Without `hold`,
+    for one use alone, XLA computes the product in the loop of that use.
     """
-    if _reduced(a, b):
+    if max(a.shape[-1], b.shape[-1]) == 1 and a.shape[1] <= REDUCED:
         result = jnp.sum(a[:, :, None] * b[None], axis=1)
         return result if to is None else to + result
-    result = a[:, 0, None] * b[None, 0]
-    result = result if to is None else to + result
-    for k in range(1, a.shape[1]):
-        result = result + a[:, k, None] * b[None, k]
-    return result
+    first, *rest = (a[:, k, None] * b[None, k] for k in range(a.shape[1]))
+    result = sum(rest, first if to is None else to + first)
+    return held(result) if hold else result
 
 
-def _reduced(a: Array, b: Array) -> bool:
-    return max(a.shape[-1], b.shape[-1]) == 1 and a.shape[1] <= REDUCED
+def product_transposed(
+    a: Float[Array, "i k B"], b: Float[Array, "j k B"], to: Float[Array, "i j B"] | None = None, *, hold: bool = True
+) -> Float[Array, "i j B"]:
+    """Matrix products a bᵀ, as `product`.
+
+    For one recording bᵀ is gathered: XLA does not vectorise a product with what it sees as transposed.
+    """
+    rows, columns, lanes = b.shape
+    if max(a.shape[-1], lanes) > 1:
+        return product(a, transposed(b), to, hold=hold)
+    order = np.arange(rows * columns).reshape(rows, columns).T.ravel()
+    return product(a, held(b.reshape(-1, 1)[order]).reshape(columns, rows, 1), to, hold=hold)
 
 
 def applied(a: Float[Array, "i k B"], x: Float[Array, "k B"]) -> Float[Array, "i B"]:
@@ -64,29 +65,6 @@ def summed(a: Float[Array, "*axes B"]) -> Float[Array, "B"]:
 def transposed(a: Float[Array, "i j B"]) -> Float[Array, "j i B"]:
     """The transposed matrices."""
     return jnp.swapaxes(a, 0, 1)
-
-
-def product_transposed(
-    a: Float[Array, "i k B"], b: Float[Array, "j k B"], to: Float[Array, "i j B"] | None = None
-) -> Float[Array, "i j B"]:
-    """Matrix products a bᵀ, added to `to`."""
-    return product(a, _turned(a, b), to)
-
-
-def unheld_product_transposed(
-    a: Float[Array, "i k B"], b: Float[Array, "j k B"], to: Float[Array, "i j B"] | None = None
-) -> Float[Array, "i j B"]:
-    """As `product_transposed` and `unheld_product`."""
-    return unheld_product(a, _turned(a, b), to)
-
-
-def _turned(a: Float[Array, "i k B"], b: Float[Array, "j k B"]) -> Float[Array, "k j B"]:
-    """The matrices bᵀ; for one recording gathered: XLA does not vectorise a product with what it sees as transposed."""
-    if max(a.shape[-1], b.shape[-1]) > 1:
-        return transposed(b)
-    rows, columns = b.shape[:2]
-    order = np.arange(rows * columns).reshape(rows, columns).T.ravel()
-    return held(b.reshape(rows * columns, 1)[order]).reshape(columns, rows, 1)
 
 
 def symmetrised(a: Float[Array, "n n B"]) -> Float[Array, "n n B"]:
@@ -125,51 +103,27 @@ def inverse(s: Float[Array, "m m B"]) -> tuple[Float[Array, "m m B"], Float[Arra
     A pivot that is not positive is replaced by 1. A matrix of more than `ENTRIES` rows is inverted by halves, with the
     same pivots: number by number, its program would take long to compile.
     """
-    size = s.shape[0]
+    size, half = s.shape[0], s.shape[0] // 2
     if size > ENTRIES:
-        return _inverse_by_halves(s)
-    factor, pivots = dict[tuple[int, int], Array](), list[Array]()
-    good: Any = True
-    for j in range(size):
-        value = s[j, j]
-        for k in range(j):
-            value = value - factor[j, k] * factor[j, k] * pivots[k]
-        good = good & (value > 0.0)
-        pivots.append(jnp.where(value > 0.0, value, 1.0))
-        for i in range(j + 1, size):
-            value = s[i, j]
-            for k in range(j):
-                value = value - factor[i, k] * factor[j, k] * pivots[k]
-            factor[i, j] = value / pivots[j]
-    lower = dict[tuple[int, int], Array]()
-    for i in range(size):
-        for j in range(i):
-            value = -factor[i, j]
-            for k in range(j + 1, i):
-                value = value - factor[i, k] * lower[k, j]
-            lower[i, j] = value
-    over = [1.0 / pivot for pivot in pivots]
-    entries = dict[tuple[int, int], Array]()
-    for i in range(size):
-        for j in range(i + 1):
-            value = over[i] if i == j else over[i] * lower[i, j]
-            for k in range(i + 1, size):
-                value = value + lower[k, i] * lower[k, j] * over[k]
-            entries[i, j] = entries[j, i] = value
-    log_det: Any = sum(jnp.log(pivot) for pivot in pivots)
-    rows = [jnp.stack([entries[i, j] for j in range(size)]) for i in range(size)]
-    return jnp.stack(rows), log_det, good
-
-
-def _inverse_by_halves(s: Float[Array, "m m B"]) -> tuple[Array, Array, Array]:
-    half = s.shape[0] // 2
-    first, log_det, good = inverse(s[:half, :half])
-    beside = product(s[half:, :half], first)
-    last, log_det_last, good_last = inverse(s[half:, half:] - product_transposed(beside, s[half:, :half]))
-    corner = product(last, beside)
-    first = first + product(transposed(beside), corner)
-    rows = [jnp.concatenate([first, -transposed(corner)], axis=1), jnp.concatenate([-corner, last], axis=1)]
-    return held(symmetrised(jnp.concatenate(rows))), log_det + log_det_last, good & good_last
+        first, log_det, good = inverse(s[:half, :half])
+        beside = product(s[half:, :half], first)
+        last, log_det_last, good_last = inverse(s[half:, half:] - product_transposed(beside, s[half:, :half]))
+        corner = product(last, beside)
+        first = first + product(transposed(beside), corner)
+        rows = [jnp.concatenate([first, -transposed(corner)], axis=1), jnp.concatenate([-corner, last], axis=1)]
+        return held(symmetrised(jnp.concatenate(rows))), log_det + log_det_last, good & good_last
+    # Gauss–Jordan elimination of the lower triangle: what is left is the negative inverse.
+    left = {(i, j): s[i, j] for i in range(size) for j in range(i + 1)}
+    pivots, good = list[Array](), jnp.ones((), bool)
+    for k in range(size):
+        good = good & (left[k, k] > 0.0)
+        pivots.append(jnp.where(left[k, k] > 0.0, left[k, k], 1.0))
+        over = 1.0 / pivots[k]
+        column = {i: left[max(i, k), min(i, k)] for i in range(size) if i != k}
+        left |= {(i, j): left[i, j] - v * (column[j] * over) for i, v in column.items() for j in column if j <= i}
+        left |= {(max(i, k), min(i, k)): v * over for i, v in column.items()} | {(k, k): -over}
+    rows = [jnp.stack([-left[max(i, j), min(i, j)] for j in range(size)]) for i in range(size)]
+    return jnp.stack(rows), sum(map(jnp.log, pivots[1:]), jnp.log(pivots[0])), good
 
 
 def lifted(value: Array, like: Array) -> Array:

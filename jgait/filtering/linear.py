@@ -5,17 +5,17 @@ Jacobians are computed by `jax.linearize`, once for all directions of the error.
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
-from jgait.filtering.covariance import Entries, Places
-from jgait.filtering.layout import Scalar, Tree
-from jgait.filtering.methods import CKF, UKF, Method
+from jgait.filtering.covariance import Covariance, Entries, Places, placed
+from jgait.filtering.lanes import applied
+from jgait.filtering.layout import Tree
+from jgait.filtering.methods import CKF, EKF, UKF, Method
 from jgait.filtering.model import Shape
 from jgait.filtering.regression import regressed_observation, regressed_transition
 
@@ -73,7 +73,7 @@ class Linear:
     ) -> tuple[Matrices, Matrices, Float[Array, "k B"]]:
         """A, Q and x⁻ = f(x ⊕ δ); A is from errors about x, of mean δ, to errors about x⁻."""
         shape, places = self.shape, list[Places]()
-        rows = list(x), list(delta)[: self.size], list(control), dt
+        x, delta, control = list(x), list(delta)[: self.size], list(control)
 
         def moved(params: list[Array], given: tuple[list[Array], Array], x: list[Array]) -> list[Array]:
             u, dt = given
@@ -87,16 +87,27 @@ class Linear:
             told = shape.model.transition_noise(*self.unpacked(params, x, u), dt)
             return distinct(shape.noise(told, shape.error, "what transition_noise returns"), places=places, shape=shape)
 
-        if isinstance(self.method, UKF | CKF):
-            sigma = partial(regressed_transition, shape, self.method, partial(distinct, places=places, shape=shape))
-            A, spread, after, told = self.over(sigma, (list(x), list(delta), P, list(control), dt))
-            return A, spread + placed(told, places, self.size), jnp.stack(after)
-        before, columns = self.pushed(self.near, list(x), rows[1], self.directions)
-        after, columns = self.pushed(moved, (rows[2], dt), before, columns)
+        if isinstance(method := self.method, UKF | CKF):
+
+            def sigma(params: list[Array], x: list[Array], delta: list[Array], P: Array, *given: Any) -> Any:
+                return regressed_transition(shape, method, partial(moved, params, given), x, delta, P)
+
+            A, spread, before, after = self.over(sigma, x, delta, P, control, dt)
+            return (
+                A,
+                spread + self.matrix(self.over(noise, before, control, dt), places, self.size),
+                jnp.stack(after),
+            )
+        before, columns = self.pushed(self.near, x, delta, self.directions)
+        after, columns = self.pushed(moved, (control, dt), before, columns)
         if shape.curved:
             _, columns = self.pushed(apart, after, after, columns)
-        Q = placed(self.over(noise, before, rows[2], dt), places, self.width)
+        Q = self.matrix(self.over(noise, before, control, dt), places, self.width)
         return jnp.pad(jnp.stack(columns), ((0, self.width - self.size), (0, 0), (0, 0))), Q, jnp.stack(after)
+
+    def matrix(self, values: Sequence[Float[Array, "B"]], places: Sequence[Places], size: int) -> Matrices:
+        """The symmetric matrices that have each value at its places, and zeros."""
+        return placed([value[None, None] for value in values], places, (size, size, 1), self.shape.dtype)
 
     def near(self, _: list[Array], x: list[Array], d: list[Array]) -> list[Array]:
         """The components of x ⊕ d, as `pushed` takes a function."""
@@ -135,21 +146,25 @@ class Linear:
             known = {(row[i], row[j]): v for (i, j), v in entries.items() if i in row and j in row}
             return shape.residual(visible, expected), distinct(known, places=places, shape=shape)
 
-        if isinstance(self.method, UKF | CKF):
-            values = x, [] if at is None else list(at), control, measured, seen, P
-            H, e, spread = self.over(partial(regressed_observation, shape, self.method), values)
-            noise = self.over(rest, x, control, measured, seen, measured)[1]
-            R = placed(noise, places, len(shape.measured)) + spread
+        about = [jnp.zeros_like(x[0])] * self.size if at is None else list(at)[: self.size]
+        shift: Any = 0.0
+        spread: Any = 0.0
+        if isinstance(method := self.method, UKF | CKF):
+
+            def sigma(params: list[Array], x: list[Array], at: list[Array], P: Array, u: list[Array]) -> Any:
+                return regressed_observation(shape, method, partial(shown, params, u), x, at, P)
+
+            H, expected, shift, spread = self.over(sigma, x, about, P, control)
         else:
             place, columns = x, self.directions
             if at is not None or shape.curved:
-                zero = [jnp.zeros_like(x[0])] * self.size
-                place, columns = self.pushed(self.near, x, zero if at is None else list(at)[: self.size], columns)
+                place, columns = self.pushed(self.near, x, about, columns)
             expected, columns = self.pushed(shown, control, x if at is None else place, columns)
             if shape.model.residual is not None:
                 _, columns = self.pushed(apart, expected, expected, columns)
-            innovation, noise = self.over(rest, x, control, measured, seen, expected)
-            H, e, R = jnp.stack(columns), jnp.stack(innovation), placed(noise, places, len(shape.measured))
+            H = jnp.stack(columns)
+        innovation, noise = self.over(rest, x, control, measured, seen, expected)
+        e, R = jnp.stack(innovation) - shift, self.matrix(noise, places, len(shape.measured)) + spread
         here = jnp.stack(seen)
         unit = jnp.eye(len(here), dtype=shape.dtype)[:, :, None]
         R = jnp.where(here[:, None] & here[None], R, unit)
@@ -158,20 +173,31 @@ class Linear:
 
 def distinct(entries: Entries, *, places: list[Places], shape: Shape) -> list[Array]:
     """The distinct values of a noise matrix as arrays; `places` gets the rows and columns of each."""
-    found: dict[object, tuple[Scalar, list[tuple[int, int]]]] = {}
-    for place, value in entries.items():
-        key = ("number", value) if isinstance(value, float | int) else id(value)
-        found.setdefault(key, (value, []))[1].append(place)
-    places[:] = [tuple(where) for _, where in found.values()]
-    return shape.arrays([value for value, _ in found.values()])
+    noise = Covariance.of(entries, shape.error)
+    places[:] = noise.places or ()
+    return shape.arrays(list(noise.values))
 
 
-def placed(values: Sequence[Float[Array, "B"]], places: Sequence[Places], size: int) -> Matrices:
-    """The symmetric matrices that have each value at its places, and zeros."""
-    total: Any = 0.0
-    for value, where_ in zip(values, places, strict=True):
-        pattern = np.zeros((size, size, 1), bool)
-        rows, columns = np.transpose(where_)
-        pattern[rows, columns] = pattern[columns, rows] = True
-        total = jnp.where(pattern, value[None, None], total)
-    return total
+class Known(NamedTuple):
+    """A linear model in the place of `Linear`: a control is the matrices A, c, Q, H and R of its sample."""
+
+    lanes: int
+    method: EKF = EKF()
+
+    def transition(
+        self, x: Array, delta: Array, P: Array, control: tuple[Array, ...], dt: Array
+    ) -> tuple[Array, Array, Array]:
+        """A, Q and x⁻."""
+        A, c, Q, _, _ = control
+        return A, Q, applied(A, x + delta) + c
+
+    def observation(
+        self, x: Array, control: tuple[Array, ...], measured: Array, seen: Array, at: Array | None, P: Array
+    ) -> tuple[Array, Array, Array]:  # fmt: skip
+        """H, R and e."""
+        *_, H, R = control
+        return H, R, measured - applied(H, x)
+
+
+type Linearised = Linear | Known
+"""What a scan linearises at each sample."""

@@ -4,8 +4,9 @@ EKF       the Jacobian at the mean, by autodiff
 UKF, CKF  statistical linear regression over sigma points, see `jgait.filtering.regression`
 KF        like the EKF, for functions whose Jacobian does not depend on the state
 
-A method also says how JAX differentiates the filter first: "reverse" for `jax.grad` and for `jax.jvp` of a gradient,
-in closed form where there is one; "forward" for `jax.jvp` and `jax.jacfwd` alone.
+`iterations` is the number of linearisations of each update; every iteration updates the same prior, of UKF and CKF by
+posterior linearisation. `derivative` says how JAX differentiates the filter first: "reverse" for `jax.grad` and for
+`jax.jvp` of a gradient, in closed form where there is one; "forward" for `jax.jvp` and `jax.jacfwd` alone.
 """
 
 import math
@@ -38,12 +39,7 @@ class KF(_Method):
 
 @dataclass(frozen=True)
 class EKF(_Method):
-    """Extended Kalman filter; with more than one iteration the update is linearised again at its result.
-
-    Attributes:
-        iterations: number of linearisations of each update; every iteration updates the same prior.
-        derivative: see the module.
-    """
+    """Extended Kalman filter; with more than one iteration the update is linearised again at its result."""
 
     iterations: int = 1
     derivative: Derivative = "reverse"
@@ -59,8 +55,6 @@ class UKF(_Method):
         alpha: spread of the points; a small spread increases rounding errors: differences are divided by its square.
         beta: weight of the central point in the covariance; 2 suits Gaussian distributions.
         kappa: additional spread of the points.
-        iterations: as in `EKF` (posterior linearisation).
-        derivative: see the module.
     """
 
     alpha: float = 1.0
@@ -77,12 +71,7 @@ class UKF(_Method):
 
 @dataclass(frozen=True)
 class CKF(_Method):
-    """Cubature Kalman filter: 2n equally weighted points at √n standard deviations.
-
-    Attributes:
-        iterations: as in `EKF` (posterior linearisation).
-        derivative: see the module.
-    """
+    """Cubature Kalman filter: 2n equally weighted points at √n standard deviations."""
 
     iterations: int = 1
     derivative: Derivative = "reverse"
@@ -94,7 +83,6 @@ class IteratedSmoother(_Method):
 
     Attributes:
         passes: number of passes, with the first; their limit is the most probable trajectory.
-        derivative: see the module.
     """
 
     passes: int = 3

@@ -150,7 +150,9 @@ class Recorded(Batched):
 
         # From the last segment to the first, each filtered again from the belief before it.
         count = -(-length // self.segment)
-        parts = jax.tree.map(lambda v: _folded(v, count, self.segment), samples)
+        missing = count * self.segment - length  # filled up with padding: no interval, nothing measured
+        longer = jax.tree.map(lambda v: jnp.pad(v, [(0, missing), *[(0, 0)] * (v.ndim - 1)]), samples)
+        parts = jax.tree.map(lambda v: v.reshape(count, self.segment, *v.shape[1:]), longer)
         busy = jax.vmap(busy_samples)(parts) if busy is not None else None
         begins = lax.scan(lambda b, part: (filter_scan(linear, b, part[0], (), part[1])[0], b), begin, (parts, busy))[1]
         outputs = lax.scan(smoothed, self.last(linear), (begins, parts, busy), reverse=True)[1]
@@ -176,9 +178,3 @@ class Recorded(Batched):
             for name, ct in smoother_gradient(named, self.chosen, busy, later, lanes).items():
                 given[name] = given[name] + ct if name in given else ct
         return filter_gradient(linear, begin, samples, busy, named, given, moving)
-
-
-def _folded(values: Array, count: int, size: int) -> Array:
-    """An array over time in segments, the last filled up with padding: no interval, nothing measured."""
-    filling = jnp.zeros((count * size - len(values), *values.shape[1:]), values.dtype)
-    return jnp.concatenate([values, filling]).reshape(count, size, *values.shape[1:])

@@ -8,82 +8,49 @@ Sources: S. Särkkä, "Bayesian Filtering and Smoothing" (2013), chapters 5 and 
 """
 
 import math
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jgait.filtering.covariance import Entries
 from jgait.filtering.methods import CKF, UKF
 from jgait.filtering.model import Shape
 
 SIGMA_JITTER = 100.0
 """Least pivot of the correlation matrix from which sigma points are computed [epsilons of the dtype]."""
 
-type Noises = Callable[[Entries], list[Array]]
-"""Entries of a noise matrix → its distinct values."""
-
-
-class Affine(NamedTuple):
-    """v + A (δ − μ) + e: value (m,), matrix (m, n), covariance of e (m, m)."""
-
-    value: Float[Array, "m"]
-    matrix: Float[Array, "m n"]
-    spread: Float[Array, "m m"]
+type Components = list[Float[Array, ""]]
+type Function = Callable[[Components], Components]
 
 
 def regressed_transition(
-    shape: Shape, method: UKF | CKF, distinct: Noises, params: Sequence[Array],
-    values: tuple[list[Array], list[Array], Array, list[Array], Array],
-) -> tuple[Array, Array, list[Array], list[Array]]:  # fmt: skip
-    """A, Ω, x⁻ and the distinct values of Q, as `Linear.transition`; errors are about x⁻, which v moves."""
-    x, delta, P, u, dt = values
-    p, u = shape.params.unflatten(params), shape.control.tuple(u)
-    before = shape.retract(x, delta)
-    turned = _turn(shape, x, jnp.stack(delta))
-
-    def moved(x: list[Array]) -> list[Array]:
-        after = shape.model.transition(p, shape.state.tuple(x), u, dt)
-        return shape.arrays(shape.state.components(after, shape.dtype, "what transition returns"))
-
+    shape: Shape, method: UKF | CKF, moved: Function, x: Components, delta: Components, P: Array
+) -> tuple[Array, Array, Components, Components]:
+    """A, Ω, x ⊕ δ and x⁻, as `Linear.transition`; errors are about x⁻, which v moves."""
+    before, turned = shape.retract(x, delta), _turn(shape, x, jnp.stack(delta))
     after = moved(before)
 
     def g(e: Array) -> Array:
         return jnp.stack(shape.local(after, moved(shape.retract(before, list(e)))))
 
-    affine = regression(method, g, jnp.zeros_like(P[0]), turned @ P @ turned.T)
-    turn = _turn(shape, after, affine.value)
-    noise = shape.model.transition_noise(p, shape.state.tuple(before), u, dt)
-    entries = shape.noise(noise, shape.error, "what transition_noise returns")
-    predicted = shape.retract(after, list(affine.value))
-    return turn @ affine.matrix @ turned, turn @ affine.spread @ turn.T, predicted, distinct(entries)
+    value, matrix, spread = regression(method, g, jnp.zeros_like(P[0]), turned @ P @ turned.T)
+    turn = _turn(shape, after, value)
+    return turn @ matrix @ turned, turn @ spread @ turn.T, before, shape.retract(after, list(value))
 
 
 def regressed_observation(
-    shape: Shape, method: UKF | CKF, params: Sequence[Array],
-    values: tuple[list[Array], list[Array], list[Array], list[Array], list[Array], Array],
-) -> tuple[Array, Array, Array]:  # fmt: skip
-    """H, y − v and Ω about the error `at` with the covariance P."""
-    x, at, u, measured, seen, P = values
-    p, u = shape.params.unflatten(params), shape.control.tuple(u)
-    mean = jnp.stack(at) if at else jnp.zeros_like(P[0])
-
-    def shown(e: Array) -> list[Array]:
-        told = shape.model.observation(p, shape.state.tuple(shape.retract(x, list(e))), u)
-        every = shape.arrays(shape.observed.components(told, shape.dtype, "what observation returns"))
-        return [every[i] for i in shape.measured]
-
-    expected = shown(mean)
+    shape: Shape, method: UKF | CKF, shown: Function, x: Components, at: Components, P: Array
+) -> tuple[Array, Components, Array, Array]:
+    """H, h(x ⊕ at), v beyond it, and Ω, about the error `at` with the covariance P."""
+    expected = shown(shape.retract(x, at))
 
     def g(e: Array) -> Array:
         # The difference from the prediction at `at` keeps wrapped angles small.
-        return jnp.stack(shape.residual(shown(e), expected))
+        return jnp.stack(shape.residual(shown(shape.retract(x, list(e))), expected))
 
-    affine = regression(method, g, mean, P)
-    visible = [jnp.where(s, y, e) for s, y, e in zip(seen, measured, expected, strict=True)]
-    return affine.matrix, jnp.stack(shape.residual(visible, expected)) - affine.value, affine.spread
+    value, matrix, spread = regression(method, g, jnp.stack(at), P)
+    return matrix, expected, value, spread
 
 
 def _turn(shape: Shape, x: list[Array], delta: Array) -> Array:
@@ -94,8 +61,8 @@ def _turn(shape: Shape, x: list[Array], delta: Array) -> Array:
     return jax.jacfwd(lambda d: jnp.stack(shape.local(at, shape.retract(x, list(d)))))(delta)
 
 
-def regression(method: UKF | CKF, g: Callable[[Array], Array], mean: Array, cov: Array) -> Affine:
-    """Statistical linear regression over the points μ ± c (d L) ξ_i of a covariance d L Lᵀ d.
+def regression(method: UKF | CKF, g: Callable[[Array], Array], mean: Array, cov: Array) -> tuple[Array, Array, Array]:
+    """The value v (m,), A (m, n) and Ω (m, m), over the points μ ± c (d L) ξ_i of a covariance d L Lᵀ d.
 
     With the pairs' half differences h_i and half second differences s_i the sums over the points become
     v = g(μ) + Σ s_i / c², B = [h_1 … h_n] / c and Ω = Σ s_i s_iᵀ / c² + q e eᵀ with e = v − g(μ): the affine part of
@@ -111,7 +78,7 @@ def regression(method: UKF | CKF, g: Callable[[Array], Array], mean: Array, cov:
     excess = jnp.sum(second, axis=0) / square
     matrix = _backward_substitution(lower, half / radius).T * inverse[None, :]
     spread = jnp.sum(second[:, :, None] * second[:, None], axis=0) / square + q * (excess[:, None] * excess[None, :])
-    return Affine(centre + excess, matrix, spread)
+    return centre + excess, matrix, spread
 
 
 def _scaled_cholesky(cov: Array) -> tuple[Array, Array, Array]:

@@ -6,9 +6,8 @@ from jax import lax
 from jax.typing import DTypeLike
 from jaxtyping import Array, PRNGKeyArray, PyTree
 
-from jgait.filtering import checks
 from jgait.filtering.covariance import Covariance, Entries
-from jgait.filtering.inputs import error_layout
+from jgait.filtering.inputs import common_dtype, error_layout
 from jgait.filtering.layout import Layout, Numbers, Tree
 from jgait.filtering.model import Model, Shape
 
@@ -36,7 +35,7 @@ def draw(
     """
     belief = model.initial(params)
     first = None if controls is None else jax.tree.map(lambda leaf: leaf[0], controls)
-    dtype = checks.common_dtype(params, belief.mean, controls)
+    dtype = common_dtype(params, belief.mean, controls)
     reading = model.observation(params, belief.mean, first)
     state, observed = Layout.of(belief.mean), Layout.of(reading)
     shape = Shape(

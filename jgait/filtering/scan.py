@@ -25,7 +25,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
 
 from jgait.filtering.lanes import applied, held, product, product_transposed, summed, transposed, where
-from jgait.filtering.linear import Linear
+from jgait.filtering.linear import Linearised
 from jgait.filtering.step import Update, predict, unseen, update
 
 PART = 128
@@ -49,7 +49,7 @@ type After = tuple[Float[Array, "n B"], Float[Array, "..."]]
 
 
 def filter_scan(
-    linear: Linear, start: Belief, samples: Sample, keep: Sequence[str], busy: Int[Array, ""] | None
+    linear: Linearised, start: Belief, samples: Sample, keep: Sequence[str], busy: Int[Array, ""] | None
 ) -> tuple[Belief, dict[str, Array]]:
     """Predict and update at each sample; the last belief, and the outputs `keep`, time axis in front.
 
@@ -86,10 +86,10 @@ def filter_scan(
             outputs["M"] = A - product(new.K, outputs["J"])
         return (x, delta, new.P), {name: outputs[name] for name in keep}
 
-    return scanned(body, start, samples, busy, skipped=repeated)
+    return scanned(body, start, samples, busy)
 
 
-def updated(linear: Linear, x: Array, prior: Array, sample: Sample, finite: Array) -> tuple[Update, Array]:
+def updated(linear: Linearised, x: Array, prior: Array, sample: Sample, finite: Array) -> tuple[Update, Array]:
     """The update of a prediction, and the innovation; iterated, each time of the same P⁻, if the method says so."""
     H, R, e = held(*linear.observation(x, sample.control, sample.measured, sample.seen, None, prior))
     first = new = update(prior, H, R, e, finite)
@@ -135,14 +135,12 @@ def smoother_scan(
         return outputs
 
     known = tuple(named[name] for name in ("cov", "M", "J", "G", "z"))
-    return scanned(body, start, known, busy, reverse=True, skipped=unchanged if chosen else None)
+    return scanned(body, start, known, busy, reverse=True, skipped=unchanged)
 
 
 def nothing_after(size: int, lanes: int, dtype: DTypeLike, covariances: bool) -> After:
     """λ and Λ after the last sample."""
-    return jnp.zeros((size, lanes), dtype), jnp.zeros((size, size, lanes), dtype) if covariances else jnp.zeros(
-        (), dtype
-    )
+    return jnp.zeros((size, lanes), dtype), jnp.zeros((size, size, lanes) if covariances else (), dtype)
 
 
 def taken(matrix: Array, rows: tuple[int, ...]) -> Array:
@@ -169,14 +167,19 @@ def part_size(length: int) -> int | None:
     return size if PART // 4 <= size < length else None
 
 
+def repeated[Y](last: Y, part: object) -> Y:
+    """The outputs of padding: those of the sample before it."""
+    size = len(jax.tree.leaves(part)[0])
+    return jax.tree.map(lambda v: jnp.broadcast_to(v, (size, *v.shape)), last)
+
+
 def scanned[C, S, Y](
     body: Callable[[C, S], tuple[C, Y]], start: C, samples: S, busy: Int[Array, ""] | None, *,
-    reverse: bool = False, skipped: Callable[[Y, S], Y] | None = None,
+    reverse: bool = False, skipped: Callable[[Y, S], Y] = repeated,
 ) -> tuple[C, Y]:  # fmt: skip
     """`lax.scan` of the parts in which the first `busy` samples are, so that padding costs nothing.
 
-    Outputs of other parts are skipped(last outputs before them, part), or 0. Without `busy` all samples are scanned,
-    and JAX can differentiate the scan in reverse mode.
+    Outputs of other parts are skipped(last outputs before them, or 0, part). Without `busy` all samples are scanned.
     """
     length = len(jax.tree.leaves(samples)[0])
     size = part_size(length)
@@ -184,35 +187,18 @@ def scanned[C, S, Y](
         return lax.scan(body, start, samples, reverse=reverse)
     body = jax.jit(body, inline=True)  # traced once, for the shapes and for the scan
 
-    def part(number: Array) -> S:
-        return jax.tree.map(lambda v: lax.dynamic_slice_in_dim(v, number * size, size), samples)
+    def part(kept: tuple[C, Y], given: tuple[Array, S]) -> tuple[tuple[C, Y], Y]:
+        def run(kept: tuple[C, Y], samples: S) -> tuple[tuple[C, Y], Y]:
+            carry, outputs = lax.scan(body, kept[0], samples, reverse=reverse)
+            return (carry, jax.tree.map(lambda v: v[-1], outputs)), outputs
 
-    def put(outputs: Y, number: Array, found: Y) -> Y:
-        return jax.tree.map(lambda a, b: lax.dynamic_update_slice_in_dim(a, b, number * size, 0), outputs, found)
+        return lax.cond(given[0] < busy, run, lambda kept, part: (kept, skipped(kept[1], part)), kept, given[1])
 
-    def compute(step: Array, kept: tuple[C, Y]) -> tuple[C, Y]:
-        number = parts - 1 - step if reverse else step
-        carry, found = lax.scan(body, kept[0], part(number), reverse=reverse)
-        return carry, put(kept[1], number, found)
-
-    def skip(number: Array, outputs: Y) -> Y:
-        last = jax.tree.map(lambda v: lax.dynamic_index_in_dim(v, parts * size - 1, keepdims=False), outputs)
-        assert skipped is not None
-        return put(outputs, number, skipped(last, part(number)))
-
-    parts = (busy + size - 1) // size
     shapes = jax.eval_shape(body, start, jax.tree.map(lambda v: v[0], samples))[1]
-    outputs = jax.tree.map(lambda v: jnp.zeros((length, *v.shape), v.dtype), shapes)
-    carry, outputs = lax.fori_loop(0, parts, compute, (start, outputs))
-    if skipped is not None:
-        outputs = lax.fori_loop(parts, length // size, skip, outputs)
-    return carry, outputs
-
-
-def repeated[Y](last: Y, part: object) -> Y:
-    """The outputs of padding: those of the sample before it."""
-    size = len(jax.tree.leaves(part)[0])
-    return jax.tree.map(lambda v: jnp.broadcast_to(v, (size, *v.shape)), last)
+    none = jax.tree.map(lambda v: jnp.zeros(v.shape, v.dtype), shapes)
+    parts = jnp.arange(0, length, size), jax.tree.map(lambda v: v.reshape(-1, size, *v.shape[1:]), samples)
+    (carry, _), outputs = lax.scan(part, (start, none), parts, reverse=reverse)
+    return carry, jax.tree.map(lambda v: v.reshape(length, *v.shape[2:]), outputs)
 
 
 def without_skipped(cotangents: Array, busy: Int[Array, ""] | None) -> Array:
@@ -221,10 +207,7 @@ def without_skipped(cotangents: Array, busy: Int[Array, ""] | None) -> Array:
     size = part_size(length)
     if size is None or busy is None:
         return cotangents
-    end = (busy + size - 1) // size * size
-
-    def at(i: Array) -> Array:
-        return lax.dynamic_index_in_dim(cotangents, i, keepdims=False)
-
-    total = lax.fori_loop(end, length, lambda i, kept: kept + at(i), at(end - 1))
-    return lax.dynamic_update_index_in_dim(cotangents, total, end - 1, 0)
+    last = (busy + size - 1) // size * size - 1
+    before = jnp.reshape(jnp.arange(length) < last, (length, *[1] * (cotangents.ndim - 1)))
+    rest = jnp.sum(jnp.where(before, 0.0, cotangents), axis=0)
+    return jnp.where(before, cotangents, 0.0).at[last].set(rest)

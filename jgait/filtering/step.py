@@ -21,7 +21,6 @@ from jgait.filtering.lanes import (
     product_transposed,
     summed,
     transposed,
-    unheld_product_transposed,
     where,
 )
 
@@ -33,7 +32,7 @@ def predict(
     half = product(A, P)
     finite = held(jnp.isfinite(summed(x) + summed(half[:, 0]) + summed(diagonal(Q))))
     # Selected in the loop of the product: a loop of its own takes longer than a product.
-    return held(where(finite, unheld_product_transposed(half, A, Q), P)), finite
+    return held(where(finite, product_transposed(half, A, Q, hold=False), P)), finite
 
 
 class Update(NamedTuple):
@@ -70,7 +69,7 @@ def update(
     K = held(K)
     left = held(product(-K, product(H, P), P))
     right = product_transposed(left, H, -product(K, R))
-    after = held(unheld_product_transposed(-right, K, left))
+    after = held(product_transposed(-right, K, left, hold=False))
     return Update(after, applied(K, e), H, K, G, z, summed(e * z), diagonal(S), where(good, log_det, 0.0), good)
 
 

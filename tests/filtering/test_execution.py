@@ -13,11 +13,7 @@ from filtering.test_core import WRONG, broken
 
 from jgait import filtering
 from jgait.filtering import EKF, KF, UKF, IteratedEKF
-from jgait.filtering.fast.components import known
 from jgait.filtering.fast.scan import SEGMENTED_FROM
-from jgait.filtering.fast.step import ScalarModel
-from jgait.filtering.fast.tracing import Expansion
-from jgait.filtering.inputs import inputs
 
 EVERY = [("cart", KF(), True), ("cart", EKF(), False), ("bent", EKF(), True), ("leg", EKF(), True),
          ("rates", EKF(), False)]  # fmt: skip
@@ -177,21 +173,6 @@ def test_lists_and_columns_of_tables_are_refused(convert):
     pushed = c.controls._replace(acceleration=convert(np.asarray(c.controls.acceleration).tolist()))
     with pytest.raises(ValueError, match=f"control 'acceleration' {message}"):
         filtering.kalman_filter(c.model, c.params, c.observations, controls=pushed, dt=0.02)
-
-
-def test_constants_of_a_jacobian_are_found():
-    c = case("leg")
-    given = inputs(c.model, c.params, c.observations, c.controls, 0.02, None, None)
-    control = jax.tree.map(lambda leaf: leaf[0], c.controls)
-    x = [jnp.asarray(0.1 * i) for i in range(8)]
-    model = ScalarModel(given.shape, given.params)
-    _, matrix = Expansion(jnp.float64).jacobian(lambda x: model.transition(x, control, 0.02), x)
-    found = np.array([[entry if known(entry) else np.nan for entry in row] for row in matrix])
-    slope = jax.jit(jax.jacfwd(lambda v: jnp.stack(model.transition(list(v), control, 0.02))))
-    truth = np.asarray(slope(np.stack(x)))
-    assert np.isnan(found).sum() == 8
-    np.testing.assert_array_equal(found[~np.isnan(found)], truth[~np.isnan(found)])
-    np.testing.assert_allclose(np.array(matrix, dtype=float), truth, atol=1e-15)
 
 
 def test_compiled_for_wide_vectors_also_within_another_jit():

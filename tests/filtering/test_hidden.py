@@ -8,7 +8,6 @@ from filtering.problems import case
 
 from jgait import filtering
 from jgait.estimators.leg_ekf import model as leg_model
-from jgait.filtering.inputs import inputs
 
 SAMPLES = 30
 _, PARAMS, OBSERVATIONS, CONTROLS, _, _ = case("leg", SAMPLES, masked=False)
@@ -50,10 +49,3 @@ def test_a_sample_online():
 
     ours, theirs = step(False), step(jnp.asarray(False))
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12), ours, theirs)
-
-
-def test_what_is_never_measured_is_known_before_compiling():
-    def measured(mask):
-        return inputs(leg_model.MODEL, PARAMS, OBSERVATIONS, CONTROLS, 0.02, mask, None).shape.measured
-
-    assert measured(masks(np.False_)) == (0, 1, 4, 5) and measured(masks(HERE)) == (0, 1, 2, 3, 4, 5)

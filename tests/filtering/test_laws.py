@@ -125,6 +125,13 @@ def test_filters_are_consistent_on_a_pendulum(method):
     assert abs(nis.mean() - 1.0) < 6.0 * np.sqrt(2.0 / nis.size)
 
 
+def test_a_model_without_process_noise_is_a_regression():
+    still = CART._replace(transition_noise=lambda p, s, u, dt: Cart(0.0, 0.0))
+    c = case("cart", 5, masked=False)._replace(model=still)
+    core, fast = (smoothed(c, execution, covariance=False).mean for execution in ("core", "fast"))
+    np.testing.assert_allclose(np.stack(core), np.stack(fast), rtol=1e-9)
+
+
 def test_exactly_known_states_do_not_break_smoothing_or_sigma_points(problem):
     known = Belief(Cart(jnp.asarray(0.0), jnp.asarray(1.0)), Covariance.from_variances(Cart(0.0, 0.0)))
 

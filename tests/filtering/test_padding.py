@@ -12,7 +12,6 @@ from filtering.problems import MORE, SAMPLES, Case, case, filtered, padded, same
 from jgait.filtering import EKF, FIELDS, UKF, IteratedEKF
 from jgait.filtering.inputs import inputs
 from jgait.filtering.recorded import Recorded
-from jgait.filtering.scan import Sample, busy_samples
 
 
 def result(c: Case) -> Any:
@@ -95,17 +94,6 @@ def test_recordings_of_a_batch_have_paddings_of_their_own():
     found = jax.jit(jax.vmap(lambda dt, mask: result(c._replace(dt=dt, mask=mask))))(*stacked)
     for i, one in enumerate(every):
         same(at(found, i), result(one), 1e-12)
-
-
-@pytest.mark.parametrize(
-    ("dt", "seen", "count"),
-    [([1, 1, 1], [0, 0, 0], 3), ([1, 0, 0], [0, 0, 0], 2), ([0, 0, 0, 0], [0, 1, 0, 0], 3), ([0, 0], [0, 0], 1)],
-)
-def test_padding_begins_after_the_last_sample_with_an_interval_or_a_measurement(dt, seen, count):
-    assert (
-        int(busy_samples(Sample(None, (), np.asarray(dt, float)[:, None], np.asarray(seen, bool)[:, None, None])))
-        == count
-    )
 
 
 @pytest.mark.parametrize("differentiated", [False, True])

@@ -125,7 +125,8 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
         of the feet; `diagnostics` holds log-likelihood, mean normalised innovation squared and pitch of each foot.
     """
     feet, time = _worn(inputs), inputs.time
-    every = _paths(p, stacked(*feet.values()), time, options)
+    worn = stacked(*feet.values())
+    every = _paths(p, worn, compiled(_filtered)(p, worn, options=options), time, options)
     results = {side: jax.tree.map(lambda leaf, k=number: leaf[k], every) for number, side in enumerate(feet)}
     path = every.path
     rows = path.nis.shape[1]
@@ -178,9 +179,8 @@ def _filtered(p: FootParams, feet: FootSignals, options: FootOptions) -> filteri
     return jax.vmap(partial(_states, options=options), (None, 0))(p, feet)
 
 
-def _paths(p: FootParams, feet: FootSignals, time: Values, options: FootOptions) -> _Found:
+def _paths(p: FootParams, feet: FootSignals, states: filtering.Inferred, time: Values, options: FootOptions) -> _Found:
     """The paths of some feet along a first axis."""
-    states = compiled(_filtered)(p, feet, options=options)
     return for_each(lambda foot, own: _one_foot(p, foot, own, time, options), feet, states)
 
 
@@ -282,7 +282,8 @@ def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Esti
         return None
 
     def one(window: FootSignals, time: Values) -> PyTree:
-        found = _paths(p, stacked(window), time, options)
+        feet = stacked(window)
+        found = _paths(p, feet, compiled(_filtered)(p, feet, options=options), time, options)
         return jax.tree.map(lambda leaf: leaf[0], (found.path, found.told["nis"], found.valid))
 
     results = {}
