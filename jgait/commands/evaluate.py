@@ -72,7 +72,9 @@ def evaluate(
     loss: Annotated[
         str | None, typer.Option(help="Losses of jgait tune to report too, for example position,stride_length.")
     ] = None,
-    batch: Annotated[int, typer.Option(min=1, help="Recordings that run at once.")] = 64,
+    batch: Annotated[
+        int | None, typer.Option(min=1, help="Recordings that run at once; default 64, or one of up to 32.")
+    ] = None,
     dask: Annotated[
         str | None, typer.Option(help="Address of a Dask scheduler, whose workers read the files and compute.")
     ] = None,
