@@ -38,5 +38,6 @@ BENCHMARKS = {
     "benchmark_core": "benchmark.core",
     "benchmark_import": "benchmark.imports",
     "benchmark_latency": "benchmark.latency",
+    "benchmark_tune": "benchmark.tune",
 }
 """The same for comparisons with other libraries: they need the environment of `make bench`."""

@@ -117,7 +117,7 @@ def parts(cache: str, *command: str) -> dict[str, float]:
     clock.watch("preparing", Estimator, "estimate")
     clock.watch("running", Estimator, "solve")
     clock.watch("running", programs.Program, "__call__")
-    clock.watch("making", programs.Program, "_made")
+    clock.watch("making", programs.Program, "_kept")
     for owner, name in ((jobs, "of_analysis"), (jobs, "of_estimate"), (io, "write_table")):
         clock.watch("tables", owner, name)
     clock.watch("figures", jobs.RecordingResults, "drawn")
