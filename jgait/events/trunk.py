@@ -22,12 +22,14 @@ sign in persons 8 and 18 and hardly any in 3 and 14. Because sides alternate, ea
 a chain of two states, one chain for a cue; near contacts weigh most. A cue may be exchanged for a person, so one cue
 alone never makes a side certain, and cues that disagree leave it unknown.
 
-Everything is JAX with a fixed number of rows, usable under `jit` and `vmap` (settings of `PaperRule` are static).
+Everything has a fixed number of rows, and is usable under `jit` and `vmap` (settings of `PaperRule` are static). On
+NumPy's arrays it computes on the host.
 
 Source: A. Köse, A. Cereatti, U. Della Croce, "Estimation of traversed distance in level walking using a single inertial
 measurement unit attached to the waist", 2011, section 2.1a (`PaperRule`).
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -40,6 +42,7 @@ from jaxtyping import Int, PyTree
 from jgait.events.shank import check_rate
 from jgait.events.trunk_rhythm import SLOWEST, Rhythm, contacts_nearby
 from jgait.events.trunk_soft import SOFT, Soft, instants
+from jgait.geometry.arrays import as_given, of_jax, xp
 from jgait.signal import butterworth, wavelet
 from jgait.signal.windows import between_samples, vertex
 from jgait.types import AnyArray, Flags, Values
@@ -96,29 +99,29 @@ class Contacts(NamedTuple):
 
 
 def _near(
-    x: Array, about: Array, before: ArrayLike, after: ArrayLike, reach: tuple[float, float], rate: float
+    x: AnyArray, about: AnyArray, before: Values, after: Values, reach: tuple[float, float], rate: float
 ) -> PyTree:
     """Samples about instants: indices (n, k), values, and whether they lie within `before` and `after` [s]."""
     span = np.arange(-int(np.ceil(reach[0] * rate)) - 1, int(np.ceil(reach[1] * rate)) + 2, dtype=np.int32)
-    index = jnp.round(about * rate).astype(jnp.int32)[:, None] + span[None, :]
+    index = xp.round(about * rate).astype(np.int32)[:, None] + span[None, :]
     late = index.astype(x.dtype) / rate - about[:, None]
-    first, last = (jnp.broadcast_to(jnp.asarray(b, x.dtype), about.shape)[:, None] for b in (before, after))
+    first, last = (xp.broadcast_to(xp.asarray(b, x.dtype), about.shape)[:, None] for b in (before, after))
     inside = (late >= -first) & (late <= last) & (index >= 0) & (index < x.shape[0])
-    return index, x[jnp.clip(index, 0, x.shape[0] - 1)], inside
+    return index, x[xp.clip(index, 0, x.shape[0] - 1)], inside
 
 
 def _greatest(
-    x: Array, about: Array, before: ArrayLike, after: ArrayLike, reach: tuple[float, float], rate: float
+    x: AnyArray, about: AnyArray, before: Values, after: Values, reach: tuple[float, float], rate: float
 ) -> PyTree:
     """The time of the signal's maximum near each instant [s], interpolated by a parabola."""
     index, values, inside = _near(x, about, before, after, reach, rate)
-    rows, at = np.arange(about.shape[0]), jnp.argmax(jnp.where(inside, values, -jnp.inf), axis=1)
+    rows, at = np.arange(about.shape[0]), xp.argmax(xp.where(inside, values, -xp.inf), axis=1)
     place = index[rows, at]
-    three = (x[jnp.clip(place + k, 0, x.shape[0] - 1)] for k in (-1, 0, 1))
+    three = (x[xp.clip(place + k, 0, x.shape[0] - 1)] for k in (-1, 0, 1))
     return (place.astype(x.dtype) + vertex(*three)) / rate
 
 
-def _peaks(rhythm: Rhythm, rate: float) -> Array:
+def _peaks(rhythm: Rhythm, rate: float) -> AnyArray:
     """The time of the peak of the low-passed forward acceleration before each coarse instant [s]."""
     step = 1.0 / rhythm.frequency
     return _greatest(rhythm.forward, rhythm.time, 0.6 * step, 0.05 * step, (0.6 / SLOWEST, 0.05 / SLOWEST), rate)
@@ -141,6 +144,7 @@ def details(accelerations: ArrayLike, mask: ArrayLike, sampling_rate_hz: float, 
     return wavelet.from_details(sampled, p.shares, relative_to=p.relative_to, hard=p.hard, mask=counts)
 
 
+@partial(jax.jit, static_argnames=("rate", "p"))
 def _paper(forward: Array, upward: Array, mask: Array, rhythm: Rhythm, rate: float, p: PaperRule) -> Array:
     """The middle between the maximum of the forward and the next minimum of the upward acceleration [s]."""
     kept = details(jnp.stack([forward, upward], axis=1), mask, rate, p)
@@ -171,8 +175,8 @@ SWAY, DROP, TURN = Cue(0.0, 1.0, 1 / 16), Cue(0.0, 0.3, 1 / 16), Cue(0.4, 1.4, 1
 
 
 def sides(
-    time: ArrayLike, frequency: ArrayLike, valid: ArrayLike, sampling_rate_hz: float, yaw_rate: ArrayLike,
-    leftward: ArrayLike | None = None, roll_rate: ArrayLike | None = None,
+    time: AnyArray, frequency: AnyArray, valid: AnyArray, sampling_rate_hz: float, yaw_rate: AnyArray,
+    leftward: AnyArray | None = None, roll_rate: AnyArray | None = None,
 ) -> PyTree:  # fmt: skip
     """The side of each contact, as log odds (n,) that the contact is of the left foot [1].
 
@@ -189,13 +193,21 @@ def sides(
         leftward: (T,) [m/s²], or None.
         roll_rate: (T,) [rad/s], or None.
     """
-    at, f, there = jnp.asarray(time), jnp.asarray(frequency), jnp.asarray(valid)
-    known = [(jnp.asarray(yaw_rate), TURN)]
-    known += [] if leftward is None else [(-jnp.asarray(leftward), SWAY)]
-    known += [] if roll_rate is None else [(jnp.asarray(roll_rate), DROP)]
-    cues = jnp.asarray([[cue.begin, cue.end] for _, cue in known], at.dtype)
-    signals = jnp.stack([signal for signal, _ in known])
-    says = jax.vmap(lambda signal, cue: _leans(signal, at, f, there, sampling_rate_hz, cue))(signals, cues)
+    at, f, there = time, frequency, valid
+    known = [(yaw_rate, TURN)]
+    known += [] if leftward is None else [(-leftward, SWAY)]
+    known += [] if roll_rate is None else [(roll_rate, DROP)]
+    says = xp.stack([_leans(signal, at, f, there, sampling_rate_hz, cue) for signal, cue in known])
+    both_ways = [xp.stack([v, v[..., ::-1]]) for v in (at, f, says, there)]
+    before, after = as_given(_chains(*both_ways), *both_ways)
+    after = after[:, ::-1]
+    kept = np.asarray([1.0 - 2.0 * cue.exchanged for _, cue in known], at.dtype)[:, None]
+    return 2.0 * xp.arctanh(kept * xp.tanh(0.5 * (before + says + after))).sum(axis=0)
+
+
+@jax.jit
+def _chains(time: Array, frequency: Array, says: Array, valid: Array) -> Array:
+    """Log odds (2, cues, n) that pass to each contact from those before it, of two orders of the contacts (2, n)."""
 
     def step(carry: PyTree, item: PyTree) -> PyTree:
         odds, before = carry
@@ -214,36 +226,29 @@ def sides(
         passed: Array = lax.scan(step, start, (at, f, says.T, there))[1]
         return passed.T
 
-    both_ways = [jnp.stack([v, jnp.flip(v, axis=-1)]) for v in (at, f, says, there)]
-    before, after = jax.vmap(chain)(*both_ways)
-    after = after[:, ::-1]
-    kept = jnp.asarray([1.0 - 2.0 * cue.exchanged for _, cue in known], at.dtype)[:, None]
-    odds: Array = 2.0 * jnp.arctanh(kept * jnp.tanh(0.5 * (before + says + after))).sum(axis=0)
-    return odds
+    return jax.vmap(chain)(time, frequency, says, valid)
 
 
-def _leans(signal: Array, at: Array, f: Array, there: Array, rate: float, part: Array) -> Array:
-    """(n,) log odds from one cue at each contact alone, see `sides`; `signal` (T,) is greater after left contacts.
-
-    `part` (2,): begin and end of the part of the step [steps].
-    """
-    total = jnp.cumsum(signal - signal.mean()) / rate
-    steps = jnp.arange(-1, 2, dtype=signal.dtype)[:, None] + part[None, :]
+def _leans(signal: AnyArray, at: AnyArray, f: AnyArray, there: AnyArray, rate: float, cue: Cue) -> AnyArray:
+    """(n,) log odds from one cue at each contact alone, see `sides`; `signal` (T,) is greater after left contacts."""
+    total = xp.cumsum(signal - signal.mean()) / rate
+    part = np.asarray([cue.begin, cue.end], signal.dtype)
+    steps = np.arange(-1, 2, dtype=signal.dtype)[:, None] + part[None, :]
     place = rate * (at[None, None] + steps[..., None] / f[None, None])
-    begun, ended = jnp.moveaxis(between_samples(total, place), 1, 0)
+    begun, ended = xp.moveaxis(between_samples(total, place), 1, 0)
     gained = ended - begun
     counts = there.astype(signal.dtype)
     leans = (gained[1] - 0.5 * (gained[0] + gained[2])) * counts
-    nine = jnp.ones(9, signal.dtype)
-    power = jnp.convolve(leans * leans, nine, "full")[4:-4] / jnp.maximum(jnp.convolve(counts, nine, "full")[4:-4], 1.0)
-    says: Array = SAY * jnp.tanh(leans / jnp.sqrt(power + 1e-12))
+    nine = xp.ones(9, signal.dtype)
+    power = xp.convolve(leans * leans, nine, "full")[4:-4] / xp.maximum(xp.convolve(counts, nine, "full")[4:-4], 1.0)
+    says: AnyArray = SAY * xp.tanh(leans / xp.sqrt(power + 1e-12))
     return says
 
 
 def initial_contacts(
-    forward: ArrayLike, upward: ArrayLike, yaw_rate: ArrayLike, sampling_rate_hz: float,
-    settings: PaperRule | Peaks | Soft = SOFT, *, mask: ArrayLike | None = None, leftward: ArrayLike | None = None,
-    roll_rate: ArrayLike | None = None,
+    forward: AnyArray, upward: AnyArray, yaw_rate: AnyArray, sampling_rate_hz: float,
+    settings: PaperRule | Peaks | Soft = SOFT, *, mask: AnyArray | None = None, leftward: AnyArray | None = None,
+    roll_rate: AnyArray | None = None,
 ) -> Contacts:  # fmt: skip
     """Initial contacts of both feet from the trunk's accelerations, without gravity, in the body's axes.
 
@@ -268,27 +273,32 @@ def initial_contacts(
     """
     check_rate(sampling_rate_hz)
     given = {"forward": forward, "upward": upward, "yaw_rate": yaw_rate, "leftward": leftward, "roll_rate": roll_rate}
-    signals = {name: jnp.asarray(x) for name, x in given.items() if x is not None}
+    signals = {name: xp.asarray(x) for name, x in given.items() if x is not None}
     for name, x in signals.items():
         if x.ndim != 1 or x.shape != signals["forward"].shape or x.shape[0] < 10:
             raise ValueError(f"{', '.join(given)} must all be (T,), T >= 10; {name} has shape {x.shape}")
-        if not jnp.issubdtype(x.dtype, jnp.floating):
+        if not np.issubdtype(x.dtype, np.floating):
             raise ValueError(f"{name} must be floating point; got {x.dtype}")
-    counts = jnp.ones_like(signals["forward"], dtype=bool) if mask is None else jnp.asarray(mask)
-    signals = {name: jnp.where(counts, x, 0.0) for name, x in signals.items()}
+    counts = xp.ones_like(signals["forward"], dtype=bool) if mask is None else mask
+    signals = {name: xp.where(counts, x, 0.0).astype(x.dtype) for name, x in signals.items()}
     ahead, up = signals["forward"], signals["upward"]
     rate = float(sampling_rate_hz)
-    aside = signals.get("leftward", jnp.zeros_like(up))
+    aside = signals.get("leftward", xp.zeros_like(up))
     rows = int(ROWS * ahead.shape[0] / rate) + 2
-    rhythm = jax.tree.map(lax.stop_gradient, contacts_nearby(ahead, up, aside, rate, rows))
+    rhythm = _decided(contacts_nearby(ahead, up, aside, rate, rows))
     if isinstance(settings, PaperRule):
-        time = _paper(ahead, up, counts, rhythm, rate, settings)
+        time = as_given(_paper(ahead, up, counts, rhythm, rate, settings), ahead)
     elif isinstance(settings, Peaks):
         time = _peaks(rhythm, rate) - settings.offset
     else:
         time = instants(ahead, up, rate, rhythm.time, rhythm.frequency, settings, counts)
     cues = (signals["yaw_rate"], signals.get("leftward"), signals.get("roll_rate"))
-    odds = lax.stop_gradient(sides(rhythm.time, rhythm.frequency, rhythm.valid, rate, *cues))
-    side, certainty = (odds > 0.0).astype(jnp.int32), jnp.tanh(0.5 * jnp.abs(odds))
+    odds = _decided(sides(rhythm.time, rhythm.frequency, rhythm.valid, rate, *cues))
+    side, certainty = (odds > 0.0).astype(np.int32), xp.tanh(0.5 * xp.abs(odds))
     contacts = Contacts(time, side, rhythm.valid, rhythm.time, rhythm.frequency, certainty)
-    return Contacts(*(jnp.where(rhythm.valid, field, jnp.zeros_like(field)) for field in contacts))
+    return Contacts(*(xp.where(rhythm.valid, field, xp.zeros_like(field)) for field in contacts))
+
+
+def _decided(values: PyTree) -> PyTree:
+    """The values without gradient."""
+    return jax.tree.map(lambda value: lax.stop_gradient(value) if of_jax(value) else value, values)

@@ -18,12 +18,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
-from jax.typing import ArrayLike
 from jaxtyping import PyTree
 
+from jgait.geometry.arrays import as_given, largest_so_far, of_jax, places, put, xp
 from jgait.signal import butterworth
 from jgait.signal import windows as signal
-from jgait.types import Flags, Values
+from jgait.types import AnyArray, Flags, Values
 
 FRAME, HOP, MEMORY = 6.0, 1.0, 2.5
 """[s] Window of a step frequency, time between windows, standard deviation of the Gaussian that smooths over time."""
@@ -55,7 +55,7 @@ With this and the next six, F1 is 0.985 on 36 walks of `ipol_gait`, and 0.982 to
 place of both. On three straight walks of `mobgap_lab` it is 1.
 """
 
-LEAST, SHARE, FLOOR = 0.5, 0.9, 0.5
+HEIGHT, SHARE, FLOOR = 0.5, 0.9, 0.5
 """Least height of a maximum above the minima beside it: [m/s²] absolute, and [1] over the root mean squares of `WINDOW`
 and of `WIDE`."""
 
@@ -75,90 +75,86 @@ class Rhythm(NamedTuple):
     forward: Values  #: (T,) forward acceleration, low-passed near the step frequency [m/s²].
 
 
-def step_frequency(bank: ArrayLike, sampling_rate_hz: float) -> Array:
+def step_frequency(bank: AnyArray, sampling_rate_hz: float) -> AnyArray:
     """The step frequency (T,) [Hz] at every sample; where nobody walks, that of the walking near by.
 
     The lag l of the greatest r(l) w(l) is one step: r(l) is the mean of x_k x_{k+l} over `FRAME`, summed over the
     forward and the upward acceleration in the band between the outermost of `CUTOFFS`, w a Gaussian about `USUAL` over
     the logarithm of the frequency. It is a stride, and l / 2 a step, if the sway, the acceleration to the left, repeats
     after l and reverses after l / 2, and r(l / 2) is large enough (`AS_WELL`). The frequency is then smoothed over time
-    with the weights r(l). `bank` is from `low_passed`: (number of cut-offs, T, 3), forward, upward and to the left
-    [m/s²]; the last is 0 if unknown.
+    with the weights r(l). `bank` is low-passed at `CUTOFFS`: (number of cut-offs, T, 3), forward, upward and to the
+    left [m/s²]; the last is 0 if unknown.
     """
     rate = sampling_rate_hz
-    filters = jnp.asarray(bank)
-    band = filters[-1] - filters[0]
+    band = bank[-1] - bank[0]
     count, size = band.shape[0], round(FRAME * rate)
     hop = round(HOP * rate)
     middle = np.arange(0, count + hop - 1, hop)
     index = middle[:, None] + np.arange(size)[None, :] - size // 2
-    inside = jnp.asarray((index >= 0) & (index < count))[..., None]
-    frames = jnp.where(inside, band[np.clip(index, 0, count - 1)], 0.0)
-    power = jnp.abs(jnp.fft.rfft(frames, 2 * size, axis=1)) ** 2
+    inside = ((index >= 0) & (index < count))[..., None]
+    frames = xp.where(inside, band[np.clip(index, 0, count - 1)], 0.0)
+    fourier = jnp.fft if of_jax(frames) else np.fft
+    power = xp.abs(fourier.rfft(frames, 2 * size, axis=1)) ** 2
     lags = np.arange(int(rate / FASTEST), int(np.ceil(rate / SLOWEST)) + 1)
     terms = np.arange(size, size - lags[-1] - 2, -1)
-    means = jnp.fft.irfft(power, axis=1)[:, : len(terms)] / jnp.asarray(terms, band.dtype)[None, :, None]
+    means = fourier.irfft(power, axis=1)[:, : len(terms)] / terms.astype(band.dtype)[None, :, None]
     mean, sway = means[..., :2].sum(axis=2), means[..., 2]
     usual = np.exp(-0.5 * (np.log2(rate / lags / USUAL) / OCTAVES) ** 2)
-    at = lags[0] + jnp.argmax(mean[:, lags] * jnp.asarray(usual, band.dtype)[None, :], axis=1)
-    row, half = np.arange(len(middle)), jnp.maximum((at + 1) // 2, lags[0])
+    at = lags[0] + xp.argmax(mean[:, lags] * usual.astype(band.dtype)[None, :], axis=1)
+    row, half = np.arange(len(middle)), xp.maximum((at + 1) // 2, lags[0])
     is_stride = (sway[row, at] > 0.0) & (sway[row, half] < 0.0) & (mean[row, half] > AS_WELL * mean[row, at])
-    at = jnp.where(is_stride, half, at)
+    at = xp.where(is_stride, half, at)
     before, here, after = (mean[row, at + k] for k in (-1, 0, 1))
     frequency = rate / (at.astype(band.dtype) + signal.vertex(before, here, after))
-    weight = jnp.maximum(here, 0.0) + jnp.finfo(band.dtype).tiny ** 0.5
+    weight = xp.maximum(here, 0.0) + np.finfo(band.dtype).tiny ** 0.5
     reach = int(np.ceil(4.0 * MEMORY / HOP))
-    near = jnp.asarray(np.exp(-0.5 * (HOP * np.arange(-reach, reach + 1) / MEMORY) ** 2), band.dtype)
-    smooth = jnp.convolve(frequency * weight, near, "full") / jnp.convolve(weight, near, "full")
+    near = np.exp(-0.5 * (HOP * np.arange(-reach, reach + 1) / MEMORY) ** 2).astype(band.dtype)
+    smooth = xp.convolve(frequency * weight, near, "full") / xp.convolve(weight, near, "full")
     smooth = smooth[reach : reach + len(middle)]
-    return signal.between_samples(smooth, jnp.asarray(np.arange(count) / hop, band.dtype))
+    return signal.between_samples(smooth, (np.arange(count) / hop).astype(band.dtype))
 
 
-def low_passed(x: ArrayLike, sampling_rate_hz: float) -> Array:
-    """A signal (T, ...) low-passed without delay at each of `CUTOFFS`: (number of cut-offs, T, ...)."""
-    values = jnp.asarray(x)
-    corners = jnp.asarray(CUTOFFS, values.dtype)
-    return jax.vmap(lambda c: jnp.asarray(butterworth.low_pass_both_ways(values, c, sampling_rate_hz)))(corners)
-
-
-def between(bank: ArrayLike, cutoff_hz: ArrayLike) -> Array:
-    """The signal (T, ...) low-passed with a cut-off (T,) [Hz] that changes slowly, from the `bank` of `low_passed`.
+def between(bank: AnyArray, cutoff_hz: AnyArray) -> AnyArray:
+    """The signal (T, ...) low-passed with a cut-off (T,) [Hz] that changes slowly, from the `bank` of filters.
 
     It is interpolated between the two nearest filters, over the logarithm of the cut-off, within `CUTOFFS`.
     """
-    filters = jnp.asarray(bank)
-    number = jnp.arange(len(CUTOFFS), dtype=filters.dtype)
-    place = jnp.interp(jnp.log(jnp.asarray(cutoff_hz)), jnp.asarray(np.log(CUTOFFS), filters.dtype), number)
-    share = jnp.maximum(0.0, 1.0 - jnp.abs(place[None, :] - number[:, None]))
-    return (filters * share.reshape(*share.shape, *[1] * (filters.ndim - 2))).sum(axis=0)
+    number = np.arange(len(CUTOFFS), dtype=bank.dtype)
+    place = xp.interp(xp.log(cutoff_hz), np.log(CUTOFFS).astype(bank.dtype), number).astype(bank.dtype)
+    share = xp.maximum(0.0, 1.0 - xp.abs(place[None, :] - number[:, None]))
+    return (bank * share.reshape(*share.shape, *[1] * (bank.ndim - 2))).sum(axis=0)
 
 
-def maxima(x: ArrayLike, enough: ArrayLike) -> tuple[Array, Array]:
-    """Maxima of x (T,) whose rise from the minimum before and fall to the minimum after exceed a threshold (T,).
-
-    Returns:
-        (T,) bool, a maximum is confirmed at this sample, and (T,) the sample of that maximum [samples].
-    """
-    values = jnp.asarray(x)
-
+@jax.jit
+def _maxima(values: Array, enough: Array) -> tuple[Array, Array]:
     def step(carry: PyTree, item: PyTree) -> PyTree:
         up, extreme, at = carry
-        index, value, least = item
+        index, value, threshold = item
         further = jnp.where(up, value > extreme, value < extreme)
         extreme, at = jnp.where(further, value, extreme), jnp.where(further, index, at)
-        turned = jnp.where(up, extreme - value, value - extreme) > least
+        turned = jnp.where(up, extreme - value, value - extreme) > threshold
         after = (up != turned, jnp.where(turned, value, extreme), jnp.where(turned, index, at))
         return after, (up & turned, at)
 
     indices = jnp.arange(values.shape[0])
-    start = (jnp.asarray(False), values[0], indices[0])
-    peaks: tuple[Array, Array] = lax.scan(step, start, (indices, values, jnp.asarray(enough)))[1]
+    start = (jnp.zeros(enough.shape[1:], bool), jnp.full(enough.shape[1:], values[0]), jnp.zeros(enough.shape[1:], int))
+    peaks: tuple[Array, Array] = lax.scan(step, start, (indices, values, enough))[1]
     return peaks
 
 
-def _kept(time: Array, frequency: Array, tall: Array, there: Array) -> Array:
-    """Maxima that are tall, or follow a maximum by about one step; of these, the rows of at least `IN_A_ROW`."""
-    coming = lax.cummin(jnp.where(tall, time, jnp.inf), reverse=True)
+def maxima(x: AnyArray, enough: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Maxima of x (T,) whose rise from the minimum before and fall to the minimum after exceed thresholds (T, ...).
+
+    Returns:
+        (T, ...) bool, a maximum is confirmed at this sample, and (T, ...) the sample of that maximum [samples].
+    """
+    peaks: tuple[AnyArray, AnyArray] = as_given(_maxima(x, enough), x, enough)
+    return peaks
+
+
+@jax.jit
+def _closing(time: Array, frequency: Array, tall: Array, there: Array, coming: Array) -> Array:
+    """Maxima that are tall, or follow a maximum by about one step."""
 
     def step(carry: PyTree, item: PyTree) -> PyTree:
         before, followed = carry
@@ -169,17 +165,25 @@ def _kept(time: Array, frequency: Array, tall: Array, there: Array) -> Array:
         return (jnp.where(keep, t, before), jnp.where(keep, follows, followed)), keep
 
     start = (jnp.full_like(time[0], -jnp.inf), jnp.asarray(True))
-    keep = lax.scan(step, start, (time, frequency, tall, there, coming))[1]
-    number, rows = jnp.cumsum(keep.astype(jnp.int32)), time.shape[0]
-    order = jnp.nonzero(keep, size=rows, fill_value=-1)[0]
-    steps = jnp.diff(time[order], prepend=time[order[:1]]) * frequency[order]
-    run = jnp.cumsum(jnp.where((steps > APART) & (order >= 0), 1, 0))
-    length = jax.ops.segment_sum((order >= 0).astype(jnp.int32), run, rows + 1)
-    return keep & (length[run[jnp.maximum(number - 1, 0)]] >= IN_A_ROW)
+    keep: Array = lax.scan(step, start, (time, frequency, tall, there, coming))[1]
+    return keep
+
+
+def _kept(time: AnyArray, frequency: AnyArray, tall: AnyArray, there: AnyArray) -> AnyArray:
+    """Maxima that are tall, or follow a maximum by about one step; of these, the rows of at least `IN_A_ROW`."""
+    coming = -largest_so_far(xp.where(tall, -time, -xp.inf)[::-1])[::-1]
+    keep = as_given(_closing(time, frequency, tall, there, coming), time)
+    number, rows = xp.cumsum(keep.astype(np.int32)), time.shape[0]
+    order = places(keep, rows)
+    first = time[order[:1]]
+    steps = xp.diff(time[order], prepend=first) * frequency[order]
+    run = xp.cumsum(xp.where((steps > APART) & (order >= 0), 1, 0))
+    length = put(np.zeros(rows + 1, np.int32), run, (order >= 0).astype(np.int32), "add")
+    return keep & (length[run[xp.maximum(number - 1, 0)]] >= IN_A_ROW)
 
 
 def contacts_nearby(
-    forward: ArrayLike, upward: ArrayLike, leftward: ArrayLike, sampling_rate_hz: float, capacity: int
+    forward: AnyArray, upward: AnyArray, leftward: AnyArray, sampling_rate_hz: float, capacity: int
 ) -> Rhythm:
     """Coarse instants of initial contacts, in (capacity,) rows; without walking no row is valid.
 
@@ -187,20 +191,21 @@ def contacts_nearby(
     out.
     """
     rate = sampling_rate_hz
-    bank = low_passed(jnp.stack([jnp.asarray(x) for x in (forward, upward, leftward)], axis=1), rate)
+    bank = butterworth.low_passed(xp.stack([forward, upward, leftward], axis=1), tuple(CUTOFFS), rate)
     along = step_frequency(bank, rate)
     slow = between(bank, CUTOFF * along)
-    slope: PyTree = jnp.gradient(slow[:, 0])
-    shock = slow[:, 1] - slope * rate / (2.0 * jnp.pi * along)
-    enough = jnp.zeros_like(shock) + LEAST
+    slope = xp.gradient(slow[:, 0])
+    shock = slow[:, 1] - slope * rate / (2.0 * np.pi * along)
+    enough = xp.zeros_like(shock) + HEIGHT
     for window, share in ((WINDOW, SHARE), (WIDE, FLOOR)):
         size = min(signal.window_size(window, rate), 2 * (shock.shape[0] // 2) - 1)
-        enough = jnp.maximum(enough, share * jnp.sqrt(jnp.maximum(signal.moving_mean(shock * shock, size), 0.0)))
-    (sure, certain), (peak, where) = jax.vmap(maxima, (None, 0))(shock, jnp.stack([enough, WEAK * enough]))
-    tall = jnp.zeros_like(shock, dtype=bool).at[jnp.where(sure, peak, shock.shape[0])].set(True, mode="drop")
-    row = jnp.nonzero(certain, size=capacity, fill_value=-1)[0]
-    there, at = row >= 0, where[row]
-    sides = (jnp.clip(at + k, 0, shock.shape[0] - 1) for k in (-1, 0, 1))
+        enough = xp.maximum(enough, share * xp.sqrt(xp.maximum(signal.moving_mean(shock * shock, size), 0.0)))
+    confirmed, where = maxima(shock, xp.stack([enough, WEAK * enough], axis=1))
+    sure, certain = confirmed.T
+    tall = put(xp.zeros_like(shock, dtype=bool), xp.where(sure, where[:, 0], shock.shape[0]), True)
+    row = places(certain, capacity)
+    there, at = row >= 0, where[row, 1]
+    sides = (xp.clip(at + k, 0, shock.shape[0] - 1) for k in (-1, 0, 1))
     time = (at.astype(shock.dtype) + signal.vertex(*(shock[k] for k in sides))) / rate
     frequency = along[at]
     kept = _kept(time, frequency, there & tall[at], there)

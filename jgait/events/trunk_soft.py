@@ -16,18 +16,14 @@ Either acceleration alone has larger errors; the errors with both on real walks 
 
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
-from jax.typing import ArrayLike
-from jaxtyping import PyTree
 
+from jgait.geometry.arrays import xp
 from jgait.signal import butterworth
 from jgait.signal import windows as signal
-from jgait.types import Scalar, Values
+from jgait.types import AnyArray, Scalar, Values
 
-REACH = 0.2
+SEARCHED_S = 0.2
 """[s] Longest time between the coarse instant and its contact, before or after."""
 
 GRID = 0.01
@@ -36,7 +32,7 @@ GRID = 0.01
 WINDOW = 3.0
 """[s] Window of the local root mean squares: several steps."""
 
-LEAST = 1.0
+SMALLEST_RMS = 1.0
 """[m/s³], [m/s²] Added in quadrature to the root mean squares, so that the score of standing still is finite."""
 
 BLOW_HZ = 10.0
@@ -64,32 +60,31 @@ of 0.3 to 0.9, widths of 25 to 35 ms change errors by less than 1 ms."""
 
 
 def cues(
-    forward: ArrayLike, upward: ArrayLike, sampling_rate_hz: float, cutoff_hz: Scalar, mask: ArrayLike | None = None
-) -> Array:
+    forward: AnyArray, upward: AnyArray, sampling_rate_hz: float, cutoff_hz: Scalar, mask: AnyArray | None = None
+) -> AnyArray:
     """Rates of change of −forward and of upward acceleration, low-passed, and the blow: (T, 3), each divided by its
     local root mean square.
 
     The accelerations are (T,), upward without gravity [m/s²], finite; where `mask` is False a sample does not count.
     """
-    rate, both = sampling_rate_hz, jnp.stack([-jnp.asarray(forward), jnp.asarray(upward)], axis=1)
-    corners = jnp.stack([jnp.asarray(corner, both.dtype) for corner in (cutoff_hz, BLOW_HZ)])
-    slow, blunt = jax.vmap(lambda corner: butterworth.low_pass_both_ways(both, corner, rate))(corners)
-    slope: PyTree = jnp.gradient(slow, axis=0)
+    rate, both = sampling_rate_hz, xp.stack([-forward, upward], axis=1)
+    slow, blunt = butterworth.low_passed(both, (cutoff_hz, BLOW_HZ), rate)
+    slope = xp.gradient(slow, axis=0)
     fast = both - blunt
-    blow = butterworth.low_pass_both_ways(jnp.sqrt((fast * fast).sum(axis=1, keepdims=True) + 1e-6), cutoff_hz, rate)
-    columns: Array = jnp.concatenate([slope * rate, blow], axis=1)
+    blow = butterworth.low_pass_both_ways(xp.sqrt((fast * fast).sum(axis=1, keepdims=True) + 1e-6), cutoff_hz, rate)
+    columns = xp.concatenate([slope * rate, blow], axis=1)
     size = min(signal.window_size(WINDOW, rate), 2 * (columns.shape[0] // 2) - 1)
-    counts = jnp.ones_like(columns[:, 0]) if mask is None else jnp.asarray(mask).astype(columns.dtype)
-    counts = counts[:, None] * jnp.ones_like(columns)
+    counts = xp.ones_like(columns[:, 0]) if mask is None else mask.astype(columns.dtype)
+    counts = counts[:, None] * xp.ones_like(columns)
     weight = signal.moving_mean(counts, size)
-    power = signal.moving_mean(columns * columns * counts, size) / jnp.maximum(weight, 1.0 / size)
-    return columns / jnp.sqrt(power + LEAST**2)
+    power = signal.moving_mean(columns * columns * counts, size) / xp.maximum(weight, 1.0 / size)
+    return columns / xp.sqrt(power + SMALLEST_RMS**2)
 
 
 def instants(
-    forward: ArrayLike, upward: ArrayLike, sampling_rate_hz: float, coarse: ArrayLike, step_frequency: ArrayLike,
-    settings: Soft = SOFT, mask: ArrayLike | None = None,
-) -> Array:  # fmt: skip
+    forward: AnyArray, upward: AnyArray, sampling_rate_hz: float, coarse: AnyArray, step_frequency: AnyArray,
+    settings: Soft = SOFT, mask: AnyArray | None = None,
+) -> AnyArray:  # fmt: skip
     """The contact near each coarse instant: (n,) times from the first sample on [s].
 
     The accelerations are (T,), without gravity [m/s²], finite; where `mask` is False a sample does not count. Coarse
@@ -100,18 +95,18 @@ def instants(
 
 
 def located(
-    score: Array, sampling_rate_hz: float, coarse: ArrayLike, step_frequency: ArrayLike, settings: Soft = SOFT
-) -> Array:
+    score: AnyArray, sampling_rate_hz: float, coarse: AnyArray, step_frequency: AnyArray, settings: Soft = SOFT
+) -> AnyArray:
     """`instants` from `cues` (T, 3), whose cut-off has been applied."""
-    about, last = jnp.asarray(coarse, score.dtype), score.shape[0] - 1
-    later = jnp.asarray(GRID * np.arange(-round(REACH / GRID), round(REACH / GRID) + 1), score.dtype)
+    about, last = xp.asarray(coarse, score.dtype), score.shape[0] - 1
+    later = np.asarray(GRID * np.arange(-round(SEARCHED_S / GRID), round(SEARCHED_S / GRID) + 1), score.dtype)
     place = (about[:, None] + later[None, :]) * sampling_rate_hz
-    seen = signal.between_samples(score, place)
+    cues_at = signal.between_samples(score, place)
     aside = (later - settings.centre) / settings.width
     weights = (settings.forward, settings.upward, settings.blow)
-    logits = sum(weight * seen[..., k] for k, weight in enumerate(weights)) / settings.temperature
-    logits = jnp.where((place >= 0.0) & (place <= last), logits - 0.5 * (aside * aside)[None, :], -jnp.inf)
-    weight = jnp.exp(logits - jnp.max(logits, axis=1, keepdims=True))
+    logits = sum(weight * cues_at[..., k] for k, weight in enumerate(weights)) / settings.temperature
+    logits = xp.where((place >= 0.0) & (place <= last), logits - 0.5 * (aside * aside)[None, :], -xp.inf)
+    weight = xp.exp(logits - xp.max(logits, axis=1, keepdims=True))
     late = (weight * later[None, :]).sum(axis=1) / weight.sum(axis=1)
-    step = 1.0 / jnp.maximum(jnp.asarray(step_frequency, score.dtype), 0.1)
+    step = 1.0 / xp.maximum(xp.asarray(step_frequency, score.dtype), 0.1)
     return about + late - settings.offset - settings.loading * step

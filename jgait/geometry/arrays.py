@@ -92,3 +92,16 @@ def put(values: PyTree, at: PyTree, new: PyTree, how: str = "set") -> PyTree:
     else:
         {"add": np.add, "max": np.maximum}[how].at(result, rows, new)
     return result
+
+
+def places(flags: PyTree, size: int) -> PyTree:
+    """(size,) the places of the first flags (T,) that are True, in order; −1 behind the last."""
+    if of_jax(flags):
+        return jnp.nonzero(flags, size=size, fill_value=-1)[0]
+    there = np.flatnonzero(flags)[:size]
+    return np.pad(there, (0, size - there.size), constant_values=-1)
+
+
+def as_given(result: PyTree, *given: PyTree) -> PyTree:
+    """The result of a function of JAX, as NumPy's arrays if it was given no array of JAX."""
+    return result if of_jax(*given) else on_host(result)

@@ -11,8 +11,10 @@ arrays are filtered on the host, in blocks, where nothing is compiled.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
@@ -151,6 +153,16 @@ def low_pass_both_ways(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar)
     behind = 2.0 * values[-1:] - values[-2 : -MORE - 2 : -1]
     there = _filtered(s, xp.concatenate([before, values, behind]))
     return _filtered(s, there, reverse=True)[MORE:-MORE]
+
+
+def low_passed(
+    x: AnyArray, cutoffs_hz: Sequence[Scalar], sampling_rate_hz: Scalar
+) -> Float[AnyArray, "cutoff time *rest"]:
+    """`low_pass_both_ways` at each of several cut-offs."""
+    if not of_jax(x, *cutoffs_hz):
+        return np.stack([low_pass_both_ways(x, float(corner), sampling_rate_hz) for corner in cutoffs_hz])
+    corners = jnp.stack([jnp.asarray(corner, x.dtype) for corner in cutoffs_hz])
+    return jax.vmap(lambda corner: low_pass_both_ways(x, corner, sampling_rate_hz))(corners)
 
 
 def low_pass_until(

@@ -1,6 +1,7 @@
 """Moving means and spreads over centred windows of an odd number of samples, and stretches of True.
 
-`samples`, `moving_mean`, `between_samples` and `vertex` are JAX, the other functions run on the host.
+`moving_mean`, `between_samples` and `vertex` compute by the library of their arrays, `samples` is JAX, the other
+functions run on the host.
 """
 
 from collections.abc import Sequence
@@ -11,6 +12,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Num
 
+from jgait.geometry.arrays import of_jax, xp
 from jgait.types import AnyArray, Values, as_float
 
 
@@ -24,7 +26,7 @@ def samples(x: AnyArray, least: int = 1) -> Float[Array, "time *rest"]:
     return values
 
 
-def moving_mean(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "time *rest"]:
+def moving_mean(x: Float[AnyArray, "time *rest"], size: int) -> Float[AnyArray, "time *rest"]:
     """Mean over a centred window, y_k = Σ x_{k+i} / size, i = -h … h with h = (size-1)/2; size [samples] is odd.
 
     The ends are continued by reflection that does not repeat the edge.
@@ -32,12 +34,14 @@ def moving_mean(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "ti
     Raises:
         ValueError: if the size is even or not positive, or there are fewer than (size+1)/2 samples.
     """
-    values = jnp.asarray(x)
     if size < 1 or size % 2 == 0:
         raise ValueError(f"size must be odd and positive, so that the window has a middle; got {size}")
     half = size // 2
-    if values.ndim == 0 or values.shape[0] <= half:
-        raise ValueError(f"a window of {size} samples needs more than {half} samples; got shape {values.shape}")
+    if x.ndim == 0 or x.shape[0] <= half:
+        raise ValueError(f"a window of {size} samples needs more than {half} samples; got shape {x.shape}")
+    if not of_jax(x):
+        return (window_sum(x, size, "reflect") / size).astype(x.dtype)
+    values = jnp.asarray(x)
     padded = jnp.pad(values, [(half, half)] + [(0, 0)] * (values.ndim - 1), mode="reflect")
     window = (size,) + (1,) * (padded.ndim - 1)
     # A window sum: in float32 the difference of two cumulative sums loses precision on long recordings.
@@ -45,13 +49,13 @@ def moving_mean(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "ti
     return lax.reduce_window(padded, zero, lax.add, window, (1,) * padded.ndim, "valid") / size
 
 
-def between_samples(x: Float[AnyArray, "time *rest"], place: Float[AnyArray, "*places"]) -> Float[Array, "..."]:
+def between_samples(x: Float[AnyArray, "time *rest"], place: Float[AnyArray, "*places"]) -> Float[AnyArray, "..."]:
     """The signal at places between its samples [samples], by straight lines; constant before and after the samples."""
-    values, at = jnp.asarray(x), jnp.asarray(place)
+    values, at = (x, place) if not of_jax(x, place) else (jnp.asarray(x), jnp.asarray(place))
     last = values.shape[0] - 1
-    low = jnp.clip(jnp.floor(at), 0, max(last - 1, 0)).astype(jnp.int32)
-    share = jnp.clip(at - low.astype(at.dtype), 0.0, 1.0).reshape(at.shape + (1,) * (values.ndim - 1))
-    return values[low] * (1.0 - share) + values[jnp.minimum(low + 1, last)] * share
+    low = xp.clip(xp.floor(at), 0, max(last - 1, 0)).astype(np.int32)
+    share = xp.clip(at - low.astype(at.dtype), 0.0, 1.0).reshape(at.shape + (1,) * (values.ndim - 1))
+    return values[low] * (1.0 - share) + values[xp.minimum(low + 1, last)] * share
 
 
 def window_sum(
@@ -113,4 +117,4 @@ def over_losses(
 def vertex(before: Values, here: Values, after: Values) -> Values:
     """Position of the maximum, −1/2 to 1/2, of the parabola through three samples; `here` is the greatest sample."""
     bend = 2.0 * here - before - after
-    return jnp.where(bend > 0.0, 0.5 * (after - before) / jnp.where(bend > 0.0, bend, 1.0), 0.0).clip(-0.5, 0.5)
+    return xp.where(bend > 0.0, 0.5 * (after - before) / xp.where(bend > 0.0, bend, 1.0), 0.0).clip(-0.5, 0.5)

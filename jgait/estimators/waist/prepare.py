@@ -5,13 +5,12 @@ Decisions carry no gradient; given the decisions, `waist.run` is differentiable.
 """
 
 import numpy as np
-from jaxtyping import PyTree
 
 from jgait.estimators.axes import pad
 from jgait.estimators.checks import check_nominal_rate, check_options, common_time, sensors_of
 from jgait.estimators.interface import Prepared
 from jgait.estimators.notes import FORWARD_UNSURE, LONGEST_LOSS
-from jgait.estimators.programs import bucket, compiled
+from jgait.estimators.programs import bucket
 from jgait.estimators.waist import bouts as waist_bouts
 from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist.inputs import PER_NODE, WaistInputs, capacity
@@ -238,21 +237,14 @@ def _contacts(motion: TrunkMotion, mask: np.ndarray, rate: float, options: Waist
     """Contacts in order of time, on the host; contacts before the first or after the last sample are left out."""
     settings, samples = DETECTORS[options.detector], len(mask)
     measured = np.pad(mask, (0, motion.forward.size - samples))
-    contacts = compiled(_initial_contacts)(motion, measured, rate=float(rate), settings=settings)
-    contacts = trunk_events.Contacts(*(np.asarray(field) for field in contacts))
+    contacts = trunk_events.initial_contacts(
+        motion.forward, motion.upward, motion.yaw_rate, float(rate), settings, mask=measured, leftward=motion.left,
+        roll_rate=motion.roll_rate,
+    )  # fmt: skip
     there = np.asarray(contacts.valid) & (contacts.time >= 0.0) & (contacts.time <= (samples - 1) / rate)
     rows = np.flatnonzero(there)
     rows = rows[np.argsort(contacts.time[rows], kind="stable")]
     return trunk_events.Contacts(*(field[rows] for field in contacts))
-
-
-def _initial_contacts(
-    motion: TrunkMotion, measured: np.ndarray, rate: float, settings: PyTree
-) -> trunk_events.Contacts:
-    return trunk_events.initial_contacts(
-        motion.forward, motion.upward, motion.yaw_rate, rate, settings, mask=measured, leftward=motion.left,
-        roll_rate=motion.roll_rate,
-    )  # fmt: skip
 
 
 def _any_axes(up: np.ndarray) -> np.ndarray:
