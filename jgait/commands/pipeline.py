@@ -55,7 +55,7 @@ class Choice(NamedTuple):
             if option.params is not None and option.name in self.given:
                 p = option.params(p, self.given[option.name])
         return p, [
-            *(proportions.told(given, names) if "height" in given else ()),
+            *(proportions.height_notes(given, names) if "height" in given else ()),
             *missing(about, body, self.params, self.estimator.params),
         ]
 

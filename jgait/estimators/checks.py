@@ -8,7 +8,7 @@ from jaxtyping import PyTree
 from jgait.geometry.vectors import GRAVITY
 from jgait.types import Imu, Recording, RecordingError, as_float
 
-LEAST_S, FEWEST = 0.5, 10
+LEAST_S, FEWEST_SAMPLES = 0.5, 10
 """[s], [1] Least duration and number of samples of a recording: no step is shorter."""
 
 FASTEST = 35.0
@@ -41,11 +41,11 @@ def common_time(
             shape, NaN, all samples masked, no accelerometer, other units.
     """
     time = as_float(recording.sensors[names[0]].time)
-    if time.size < FEWEST or np.ptp(time) < least_s:
+    if time.size < FEWEST_SAMPLES or np.ptp(time) < least_s:
         lasts = float(np.ptp(time)) if time.size else 0.0
         raise RecordingError(
-            f"{caller} needs a walk, {least_s:g} s and {FEWEST} samples or more; '{names[0]}' has {time.size} samples "
-            f"in {lasts:.2g} s"
+            f"{caller} needs a walk, {least_s:g} s and {FEWEST_SAMPLES} samples or more; "
+            f"'{names[0]}' has {time.size} samples in {lasts:.2g} s"
         )
     step = np.diff(time)
     if not np.all(step > 0):

@@ -10,7 +10,7 @@ from jgait.types import Flags, LegTrajectory, Values, as_float
 KNEE_SWING = np.deg2rad(20.0)
 """[rad] Smallest prominence of a maximum of knee flexion that counts as a swing."""
 
-SHORTEST, LONGEST = 0.6, 2.5
+SHORTEST_CYCLE_S, LONGEST = 0.6, 2.5
 """[s] Shortest and longest cycle of a walking leg; longer ones contain standing."""
 
 
@@ -29,9 +29,9 @@ def swing_cycles(time: Values, leg: LegTrajectory, valid: Flags) -> list[tuple[i
     if time.size < 2:
         return []
     step = float(np.median(np.diff(time)))
-    told = np.asarray(valid, bool) & np.isfinite(angle)
-    distance = max(1, round(SHORTEST / step))
-    at = peaks(np.where(told, angle, 0.0), prominence=KNEE_SWING, distance=distance)
+    known = np.asarray(valid, bool) & np.isfinite(angle)
+    distance = max(1, round(SHORTEST_CYCLE_S / step))
+    at = peaks(np.where(known, angle, 0.0), prominence=KNEE_SWING, distance=distance)
     return [
-        (int(a), int(b)) for a, b in itertools.pairwise(at) if time[b] - time[a] <= LONGEST and told[a : b + 1].all()
+        (int(a), int(b)) for a, b in itertools.pairwise(at) if time[b] - time[a] <= LONGEST and known[a : b + 1].all()
     ]

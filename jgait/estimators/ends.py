@@ -23,7 +23,7 @@ SHORT = 0.5
 """[1] Share of the median length below which a first or last stride starts or ends in standing; the strides in turns,
 which are short too, are longer."""
 
-LEAST, MOST = 0.2, 1.5
+LEAST_CUT_STRIDES, MOST = 0.2, 1.5
 """[strides] Limits of the walking that a recording cuts off: in less, a person stands for a moment; in more, the
 activity is another one."""
 
@@ -79,7 +79,7 @@ def unseen(estimate: Estimate, side: int, gyr: AnyArray) -> tuple[float, float]:
         (time >= lands[-1], time >= lands[-1] + stance, time[-1] - lands[-1], length[-1]),
     ):
         missing = float(moment) - stance
-        walks = LEAST * lasts < missing < MOST * lasts and beside > SHORT * usual
+        walks = LEAST_CUT_STRIDES * lasts < missing < MOST * lasts and beside > SHORT * usual
         if walks:
             rests = longest_still(rates[at], hz, threshold=RESTING, at_least_s=LONGEST_REST * lasts)
             stays = moment > STANDS * lasts and not (speed[beyond] > SWINGS).any()

@@ -15,7 +15,7 @@ FASTEST_WALK, FASTEST_RUN = 4.0, 8.0
 RUNNING_S = 0.95
 """[s] Strides that last longer are walked: runners take more than 126 steps a minute."""
 
-QUICK_S, JOGGING, SLOWER, FEWEST = 0.75, 1.5, 1.2, 5
+QUICK_S, JOGGING, SLOWER, FEWEST_STRIDES = 0.75, 1.5, 1.2, 5
 """Strides are of running if they last less than `QUICK_S` [s] (160 steps a minute) and are faster than `JOGGING` [m/s],
 see also `STRIDES_QUICK` of `ankle_stride`; steps in turns are as short, but slow. [1] Least ratio of the other strides'
 median duration to theirs; small children walk as quickly all the time. Least number of each."""
@@ -187,7 +187,7 @@ def paces_mixed(strides: Strides) -> list[Note]:
     _, last, speed = _paces(strides)
     known = np.asarray(strides.valid, bool) & np.isfinite(last)
     last, quick = last[known], (last < QUICK_S)[known] & (speed > JOGGING)[known]
-    if min(quick.sum(), (~quick).sum()) < FEWEST:
+    if min(quick.sum(), (~quick).sum()) < FEWEST_STRIDES:
         return []
     seconds, others = float(np.median(last[quick])), float(np.median(last[~quick]))
     if others < SLOWER * seconds:

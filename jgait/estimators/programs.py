@@ -33,7 +33,7 @@ LIMIT = 1_000_000_000
 
 ENDING = ".traced"
 
-SHORTEST = 0.1
+SHORTEST_COMPILATION_S = 0.1
 """[s] Compilations that took less are not kept."""
 
 BUCKET = 4096
@@ -61,7 +61,7 @@ def keep(folder: Path | None) -> None:
     _Store.folder = folder
     if folder is not None and jax.config.jax_compilation_cache_dir is None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", SHORTEST)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", SHORTEST_COMPILATION_S)
 
 
 def before_compiling(call: Callable[[], None] | None) -> None:
@@ -228,9 +228,11 @@ def _write(file: Path, traced: jax.export.Exported) -> None:
 def _types(structure: Any) -> list[type]:
     """The named tuples of a tree's structure, and of the components of covariances."""
     data = structure.node_data()
-    own = [data[0]] if data is not None and hasattr(data[0], "_fields") else []
+    node_types = [data[0]] if data is not None and hasattr(data[0], "_fields") else []
     parts = [data[1][0].structure] if data is not None and data[0] is Covariance else []
-    return list(dict.fromkeys([*own, *(kind for child in [*parts, *structure.children()] for kind in _types(child))]))
+    return list(
+        dict.fromkeys([*node_types, *(kind for child in [*parts, *structure.children()] for kind in _types(child))])
+    )
 
 
 def _described(structure: Any) -> Any:

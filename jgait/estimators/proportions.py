@@ -78,7 +78,7 @@ def with_proportions(body: Mapping[str, PyTree], wanted: Collection[str]) -> dic
     return {**{name: share * height for name, share in SHARES.items() if name in wanted}, **known}
 
 
-def told(body: Mapping[str, PyTree], wanted: Collection[str]) -> tuple[Note, ...]:
+def height_notes(body: Mapping[str, PyTree], wanted: Collection[str]) -> tuple[Note, ...]:
     """The note about measures that follow from the height, or about a missing height; empty if none is needed."""
     made = [name for name in SHARES if name in wanted and name not in body]
     sensor = "sensor_height" in wanted and "sensor_height" not in body

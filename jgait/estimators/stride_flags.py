@@ -195,12 +195,12 @@ def _uneven(estimate: Estimate) -> Flags:
 def uneven_strides(lasts: np.ndarray) -> np.ndarray:
     """(n,) bool, strides of another duration than those around them, from durations in order; NaN where not known."""
     uneven = np.zeros(len(lasts), bool)
-    for i, own in enumerate(lasts):
+    for i, duration in enumerate(lasts):
         others = np.concatenate([lasts[max(i - AROUND, 0) : i], lasts[i + 1 : i + 1 + AROUND]])
         others = others[np.isfinite(others)]
-        if np.isfinite(own) and len(others) >= FEWEST_STRIDES:
+        if np.isfinite(duration) and len(others) >= FEWEST_STRIDES:
             usual = float(np.median(others))
-            uneven[i] = not usual / UNEVEN <= own <= usual * UNEVEN
+            uneven[i] = not usual / UNEVEN <= duration <= usual * UNEVEN
     return uneven
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from jgait.estimators.checks import FEWEST
+from jgait.estimators.checks import FEWEST_SAMPLES
 from jgait.notes import DEDUCED, LOSSES, Kind, Note
 from jgait.types import RecordingError, as_float
 
@@ -101,8 +101,8 @@ def make_clock(
         RecordingError: if there are too few samples, no clock, or time stamps that are missing, repeat often, decrease,
             are in none of these units, or contradict the sampling rate, or if the rate is too low for walking.
     """
-    if samples < FEWEST:
-        raise RecordingError(f"{name} has {samples} samples; at least {FEWEST} are needed")
+    if samples < FEWEST_SAMPLES:
+        raise RecordingError(f"{name} has {samples} samples; at least {FEWEST_SAMPLES} are needed")
     if sampling_rate_hz is not None:
         _check_rate(sampling_rate_hz, name)
     if time is None:
@@ -165,7 +165,7 @@ def check_inserted(samples: int, rows: int, name: str) -> None:
     Raises:
         RecordingError: if there are more than `MOST_INSERTED` samples for each row.
     """
-    if samples > MOST_INSERTED * max(rows, FEWEST):
+    if samples > MOST_INSERTED * max(rows, FEWEST_SAMPLES):
         raise RecordingError(
             f"{name}: {rows} rows are spread over {samples} samples; expected at most {MOST_INSERTED} for each row"
         )

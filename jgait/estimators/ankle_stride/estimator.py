@@ -145,10 +145,10 @@ def _signals(p: AnkleParams, legs: AnkleSignals) -> Values:
 def _states(p: AnkleParams, legs: AnkleSignals, options: AnkleOptions, levers: bool) -> filtering.Inferred:
     """The states of legs along a first axis."""
 
-    def one(leg: AnkleSignals, smooth: Values) -> filtering.Inferred:
+    def filtered_leg(leg: AnkleSignals, smooth: Values) -> filtering.Inferred:
         return _filtered(p, leg, smooth[:, :3], smooth[:, 3:], options, levers)
 
-    return jax.vmap(one)(legs, _signals(p, legs))
+    return jax.vmap(filtered_leg)(legs, _signals(p, legs))
 
 
 class _Walked(NamedTuple):
@@ -161,7 +161,7 @@ class _Walked(NamedTuple):
     strides: Strides
     deviations: Strides | None
     flags: dict[str, Values]
-    told: dict[str, Values]
+    diagnostics: dict[str, Values]
     valid: Flags
     ways: Values
 
@@ -171,7 +171,7 @@ def _of_leg(p: AnkleParams, leg: AnkleSignals, side: Counts, states: filtering.I
     strides, deviations, flags = ankle_strides.from_filter(p, leg, states.mean, states.cov, side)
     flags["stride_nis"] = trust.nis_between(states.filtered.nis, states.filtered.count, leg.begin, leg.end)
     last = leg.last
-    told = {
+    diagnostics = {
         "log_likelihood": states.log_likelihood,
         "nis": states.nis,
         "lever": states.mean.lever[last],
@@ -180,20 +180,20 @@ def _of_leg(p: AnkleParams, leg: AnkleSignals, side: Counts, states: filtering.I
     }
     spread = states.cov.stddev().lever
     if spread is not None:
-        told["lever_stddev"] = spread[last]
+        diagnostics["lever_stddev"] = spread[last]
     way, turned = of_turns(strides.length, strides.turn)
     ways = _along(time, strides, [way, deviations.length**2, turned])
-    return _Walked(strides, deviations, flags, told, leg.valid & states.filtered.valid, ways)
+    return _Walked(strides, deviations, flags, diagnostics, leg.valid & states.filtered.valid, ways)
 
 
 def _by_method(p: AnkleParams, legs: AnkleSignals, sides: Counts, time: Values, method: str) -> _Walked:
     """Strides of legs along a first axis, by a method of `ankle_stride.length`."""
 
-    def one(leg: AnkleSignals, side: Counts, smooth: Values) -> _Walked:
+    def strides_of_leg(leg: AnkleSignals, side: Counts, smooth: Values) -> _Walked:
         strides, flags = ankle_strides.by_method(p, leg, smooth[:, :3], smooth[:, 3:], side, method)
         return _Walked(strides, None, flags, {}, leg.valid, _along(time, strides, [strides.length]))
 
-    return jax.vmap(one)(legs, sides, _signals(p, legs))
+    return jax.vmap(strides_of_leg)(legs, sides, _signals(p, legs))
 
 
 def _along(time: Values, strides: Strides, added: list[Values]) -> Values:
@@ -219,20 +219,22 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT, *,
     legs, sides, time = stacked(*worn.values()), np.asarray(list(worn), np.int32), inputs.time
     if options.length == "filter":
         states = compiled(_states)(p, legs, options=options, levers=levers)
-        found = for_each(lambda leg, side, own: _of_leg(p, leg, side, own, time), legs, sides, states)
+        walked = for_each(lambda leg, side, leg_states: _of_leg(p, leg, side, leg_states, time), legs, sides, states)
     else:
-        found = compiled(_by_method)(p, legs, sides, time, method=options.length)
-    strides, deviations, flags = jax.tree.map(lambda leaf: leaf.reshape(-1), found[:3])
+        walked = compiled(_by_method)(p, legs, sides, time, method=options.length)
+    strides, deviations, flags = jax.tree.map(lambda leaf: leaf.reshape(-1), walked[:3])
     diagnostics: dict[str, Any] = {
-        f"{name}_{SIDES[side]}": value[number] for number, side in enumerate(worn) for name, value in found.told.items()
+        f"{name}_{SIDES[side]}": value[number]
+        for number, side in enumerate(worn)
+        for name, value in walked.diagnostics.items()
     }
-    ways = found.ways
+    ways = walked.ways
     distance = xp.mean(ways[..., 0], axis=0)
     if deviations is not None:
         each, turned = xp.sum(ways[..., 1], axis=0) / len(worn) ** 2, xp.mean(ways[..., 2], axis=0)
         diagnostics["distance_stddev"] = root(each + turned**2 + (p.distance_noise * distance) ** 2)
     return Estimate(
-        inputs.time, Legs(None, None), None, distance, xp.any(found.valid, axis=0),
+        inputs.time, Legs(None, None), None, distance, xp.any(walked.valid, axis=0),
         {**diagnostics, **flags}, strides, strides_stddev=deviations,
     )  # fmt: skip
 

@@ -191,7 +191,7 @@ def _decide(
     lasts, most = state.swung.lands - state.landed, LONG * state.usual
     follows = ends & (state.swung.leaves - state.landed <= shank_stance.PAUSE_S)
     known = follows & (state.usual > 0.0)
-    seen = LaggedSample(
+    lagged_sample = LaggedSample(
         row[:6], row[6:8], row[3:6], row[8], lost, stands, state.started, instant,
         _AnkleEvents(~passed, ends, state.swung, state.landed, known & (lasts > most)),
     )  # fmt: skip
@@ -204,7 +204,7 @@ def _decide(
         history=history, started=started, swung=state.swung._replace(any=state.swung.any & ~ends), usual=usual,
         landed=jnp.where(ends, state.swung.lands, state.landed), lost=jnp.where(instant, 0.0, lost),
     )  # fmt: skip
-    return after, seen
+    return after, lagged_sample
 
 
 def _filtered(p: AnkleParams, signals: LaggedSignals, stands: Flags, belief: Belief) -> filtering.Posterior:
@@ -222,7 +222,7 @@ def _strides(
     """The strides that would end at each of the filter's samples (T,), standard deviations, and flags."""
     mean, (half, ends, swung, landed, long) = motion.posterior.mean, at.events
     way = ankle_strides.measured(vector(mean.position), ankle_strides.across(motion.posterior.cov))
-    here, there = (ankle_strides.Heading(*one) for one in (motion.here, motion.there))
+    here, there = (ankle_strides.Heading(*yaw) for yaw in (motion.here, motion.there))
     follows = swung.leaves - landed <= shank_stance.PAUSE_S
     start = jnp.where(follows, landed, swung.leaves)
     duration = jnp.maximum(swung.lands - start, 1e-3)

@@ -191,9 +191,9 @@ def _leg(
     slow = _gentle(at_rest.gyr, rate_hz)
     speed = np.linalg.norm(slow, axis=1)
     lost = ~mask | (np.diff(time, prepend=time[0]) > 1.5 / rate_hz)
-    found = len(start)
+    swing_count = len(start)
     start, end, stood = _stances(slow @ axes.rows[1], speed, start, end, not_bridged(lost, time, LONGEST_LOSS), rate_hz)
-    missing = found - len(start)
+    missing = swing_count - len(start)
     stands = _standing(stood, speed, rate_hz)
     start, end, stood = _kept(stood.rests.all(axis=1), start, end, stood)
     if len(start):
@@ -320,8 +320,8 @@ def _strides(
     first, last = (np.rint(values).astype(np.int32) for values in (start, end))
     clipped = np.array([clips[a : b + 1].any() for a, b in zip(first, last, strict=True)], bool)
     follows = np.concatenate([[False], stood.begin[1:] == stood.end[:-1]])[: len(first)]
-    told = (
+    columns = (
         stood.begin.astype(np.int32), stood.end.astype(np.int32), first, last, np.interp(start, index, time),
         np.interp(end, index, time), stood.standing.any(axis=1), clipped, follows,
     )  # fmt: skip
-    return {name: np.pad(values, (0, rows - len(values))) for name, values in zip(PER_STRIDE, told, strict=True)}
+    return {name: np.pad(values, (0, rows - len(values))) for name, values in zip(PER_STRIDE, columns, strict=True)}

@@ -29,7 +29,7 @@ best scale. Undamaged shanks, public and simulated, have 0.9 and 0.05; one has 0
 FARTHEST = 1.4
 """[1] Largest scale that is stated, and inverse of the smallest: a scale far from `FACTORS` is hardly known."""
 
-FEWEST = 4
+FEWEST_STRIDES = 4
 """[1] Least number of strides of a leg."""
 
 
@@ -42,17 +42,17 @@ def rates_notes(
     `nis` maps a side (0 right, 1 left) to the NIS of all observations of the leg [1], `places` to its placement.
     """
     legs = {side: leg for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None}
-    asked = [side for side, leg in legs.items() if nis[side] > NIS_FROM and int(leg.count) >= FEWEST]
+    asked = [side for side, leg in legs.items() if nis[side] > NIS_FROM and int(leg.count) >= FEWEST_STRIDES]
     if not asked:
         return []
-    found: list[Estimate] = []
+    estimates: list[Estimate] = []
     for factor in FACTORS:
         now = inputs._replace(**{SIDES[side]: _scaled(leg, factor) for side, leg in legs.items()})
         padded = pad(now, bucket(len(inputs.time)))
-        found.append(run(AnkleParams(), padded, options))
+        estimates.append(run(AnkleParams(), padded, options))
     notes = []
     for side in asked:
-        each = np.array([float(one.diagnostics[f"nis_{SIDES[side]}"]) for one in found])
+        each = np.array([float(estimate.diagnostics[f"nis_{SIDES[side]}"]) for estimate in estimates])
         bend, slope, _ = np.polyfit(FACTORS, each, 2)
         if bend > 0.0 and each.min() < BETTER * each[1]:
             factor = float(np.clip(-0.5 * slope / bend, 1.0 / FARTHEST, FARTHEST))

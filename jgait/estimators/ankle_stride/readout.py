@@ -19,7 +19,7 @@ from jgait.geometry.vectors import Vector, root, vector, wrapped
 from jgait.signal import marks
 from jgait.types import Counts, Strides, Values
 
-SHORTEST = 0.1
+SHORTEST_STRIDE_M = 0.1
 """[m] Threshold on the stride length; below it the leg was only shifted, and the stride does not count."""
 
 TURNING = 0.35
@@ -43,7 +43,7 @@ def from_filter(
     x, y, z, *spread = picked(leg.end, *vector(state.position), *across(cov))
     way = measured(Vector(x, y, z), tuple(spread))
     here, there = (Heading(*picked(at, *yaw)) for at in (leg.begin, leg.end))
-    strides = told(leg, side, way.length, way.height, wrapped(there.angle - here.angle))
+    strides = from_events(leg, side, way.length, way.height, wrapped(there.angle - here.angle))
     return (
         strides,
         deviations(p, strides, way, here, there, durations(leg)[1]),
@@ -124,7 +124,7 @@ def by_method(
     else:
         swings = stride_length.pendulum(known, raw, swung, dt)
         length = (swings.chord if method == "sl1" else swings.arc)[leg.swing_end]
-    strides = told(leg, side, length, spatial.rise[leg.end], spatial.turn[leg.end])
+    strides = from_events(leg, side, length, spatial.rise[leg.end], spatial.turn[leg.end])
     return strides, flags(strides, clipped=leg.clips, half=leg.half)
 
 
@@ -155,7 +155,7 @@ def durations(leg: AnkleSignals) -> tuple[Values, Values]:
     return start, xp.maximum(xp.where(leg.follows, leg.lands - start, stood), 1e-3)
 
 
-def told(leg: AnkleSignals, side: Counts, length: Values, height: Values, turn: Values) -> Strides:
+def from_events(leg: AnkleSignals, side: Counts, length: Values, height: Values, turn: Values) -> Strides:
     """The table of strides from the measured quantities and the decided events."""
     there = xp.arange(leg.begin.shape[0], dtype=xp.int32) < leg.count
     start, duration = durations(leg)
@@ -175,7 +175,7 @@ def table(
     start, leaves, lands = times
     return Strides(
         side=xp.full(length.shape, side, xp.int32), start=start, final_contact=leaves, end=lands, length=length,
-        width=xp.full_like(length, xp.nan), height=height, valid=there & (length > SHORTEST),
+        width=xp.full_like(length, xp.nan), height=height, valid=there & (length > SHORTEST_STRIDE_M),
         speed=length / duration, turn=turn,
     )  # fmt: skip
 

@@ -38,7 +38,7 @@ def with_sides_unlike(
     A stride is paired with the stride of the other side whose middle is nearest, if both share time and neither is in a
     turn or in doubt. Sources with a sensor in `wrong`, which another note explains, do not change.
     """
-    found, notes = list(sources), []
+    widened, notes = list(sources), []
     for number, source in enumerate(sources):
         if len(source.placements) != len(SIDES) or source.name == "width" or wrong.intersection(source.placements):
             continue
@@ -50,9 +50,9 @@ def with_sides_unlike(
         apart, mean = abs(float(np.median(pairs[:, 0] - pairs[:, 1]))), 0.5 * (right + left)
         if apart - curve > UNLIKE_SHARE * mean:
             share = np.full(np.shape(source.estimate.strides.side), 0.5 * apart / mean)
-            found[number] = source._replace(estimate=trust.wider(source.estimate, share))
+            widened[number] = source._replace(estimate=trust.wider(source.estimate, share))
             notes.append(SIDES_UNLIKE(source=source.name, right=right, left=left, strides=len(pairs)))
-    return found, notes
+    return widened, notes
 
 
 def _pairs(source: SourceEstimate) -> np.ndarray:
@@ -70,5 +70,5 @@ def _pairs(source: SourceEstimate) -> np.ndarray:
     middle = 0.5 * (start + end)
     near = left[np.argmin(np.abs(middle[right, None] - middle[left]), axis=1)]
     at_once = (start[right] < end[near]) & (start[near] < end[right])
-    one, other = right[at_once], near[at_once]
-    return np.stack([length[one], length[other], 0.5 * (turn[one] + turn[other])], axis=1)
+    right_rows, left_rows = right[at_once], near[at_once]
+    return np.stack([length[right_rows], length[left_rows], 0.5 * (turn[right_rows] + turn[left_rows])], axis=1)

@@ -166,8 +166,8 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         differ += [*contact_notes(estimates, strides, findings.doubtful | clocks), *paces_mixed(strides.strides)]
         differ += [*even_notes(estimates, strides, wrong | clocks), *waist_notes(estimates, strides, wrong | clocks)]
         differ += [] if any(note.kind is STRIDES_OF_WAIST for note in differ) else source_notes(strides)
-        seen = set(np.asarray(strides.strides.side).tolist())
-        differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in seen if len(seen) == 1]
+        sides = set(np.asarray(strides.strides.side).tolist())
+        differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in sides if len(sides) == 1]
     elif any(source.estimate.strides is not None for source in estimates):
         differ = [NO_STRIDES(), *differ]
         if not any(source.name == "legs" for source in estimates):  # which needs walking
@@ -223,8 +223,8 @@ def _following(notes: tuple[Note, ...]) -> Callable[[Note], bool]:
     known = [(exchanged([note]), FOLLOWS[note.code]) for note in notes if note.code in FOLLOWS]
 
     def follows(note: Note) -> bool:
-        own = _both(note) | {f"{segment}_{note.values.get('side')}" for segment in ("thigh", "shank")}
-        return any(note.code in codes and names & own for names, codes in known)
+        sensors = _both(note) | {f"{segment}_{note.values.get('side')}" for segment in ("thigh", "shank")}
+        return any(note.code in codes and names & sensors for names, codes in known)
 
     return follows
 

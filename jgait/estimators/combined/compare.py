@@ -70,7 +70,7 @@ It is 0.06 or less in undamaged walks, public and simulated of all gaits, and la
 UNEVEN_S = 0.085
 """[s] Least difference of right and left step durations that is noted: three standard deviations of a summary."""
 
-FEWEST = 4
+FEWEST_COMPARED = 4
 """[1] Least number of common strides or contacts for a comparison."""
 
 OPPOSITE = 0.75
@@ -113,7 +113,9 @@ def comparisons(
                 rows += _median(quantity, name, field, at[(at >= 0) & usual], values, spread)
         counts = {name: int((at >= 0).sum()) for name, (at, *_) in tables.items()}
         rows += [Comparison("strides", name, float(count), None, count) for name, count in counts.items()]
-    rows += [Comparison("distance", one.source, float(one.distance[-1]), one.stddev, 0) for one in walked]
+    rows += [
+        Comparison("distance", distance.source, float(distance.distance[-1]), distance.stddev, 0) for distance in walked
+    ]
     if total is not None:
         rows.append(Comparison("distance", "combined", float(total.distance[-1]), total.stddev, 0))
     return rows
@@ -135,19 +137,19 @@ def _median(
 
 def length_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> list[Note]:
     """A note for each source whose stride lengths contradict those of the most certain source."""
-    told = {}
+    measured_lengths = {}
     for source in sources:
         at, tables = strides.rows.get(source.name), (source.estimate.strides, source.estimate.strides_stddev)
         if at is not None and (at >= 0).any() and tables[1] is not None:
-            told[source.name] = [np.where(at >= 0, as_float(table.length)[at], np.nan) for table in tables]
+            measured_lengths[source.name] = [np.where(at >= 0, as_float(table.length)[at], np.nan) for table in tables]
     notes = []
     usual = regular(strides)
     usual = usual if usual.any() else ~usual
-    order = sorted(told, key=lambda name: median(told[name][1]) or np.inf)
+    order = sorted(measured_lengths, key=lambda name: median(measured_lengths[name][1]) or np.inf)
     for name, other in itertools.combinations(order, 2):
-        (a, sa), (b, sb) = told[name], told[other]
+        (a, sa), (b, sb) = measured_lengths[name], measured_lengths[other]
         both = np.isfinite(a) & np.isfinite(b) & usual
-        if both.sum() >= FEWEST:
+        if both.sum() >= FEWEST_COMPARED:
             apart = abs(float(np.median((a - b)[both])))
             if apart > CONSISTENT * float(np.median(np.hypot(sa, sb)[both])):
                 lengths = {"length": np.median(a[both]), "other_length": np.median(b[both])}
@@ -171,7 +173,7 @@ def contact_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides, dou
     for other in (name for name in ("ankles", "shanks") if {name, "feet"} <= starts.keys()):
         later = starts[other] - starts["feet"]
         each = [later[np.isfinite(later) & (sides == side)] for side in range(len(SIDES))]
-        if min(map(len, each)) >= FEWEST:
+        if min(map(len, each)) >= FEWEST_COMPARED:
             seconds = float(np.median(each[0]) - np.median(each[1]))
             if abs(seconds) > APART_S:
                 words = "later" if seconds > 0.0 else "earlier"
@@ -184,13 +186,13 @@ def step_notes(strides: JoinedStrides) -> list[Note]:
     from_feet = np.array(strides.first) == "feet"
     side, start, end = (np.asarray(getattr(strides.strides, name)) for name in ("side", "start", "end"))
     lasts = []
-    for one in range(len(SIDES)):
-        theirs = from_feet & (side != one)
+    for number in range(len(SIDES)):
+        theirs = from_feet & (side != number)
         contacts = np.unique(np.concatenate([start[theirs], end[theirs]]))
-        rows = np.flatnonzero(from_feet & (side == one) & regular(strides))
+        rows = np.flatnonzero(from_feet & (side == number) & regular(strides))
         last = np.append(-np.inf, contacts)[np.searchsorted(contacts, end[rows])]  # the last one before the end
         lasts.append((end[rows] - last)[last > start[rows]])
-    if min(map(len, lasts)) < FEWEST:
+    if min(map(len, lasts)) < FEWEST_COMPARED:
         return []
     right, left = (float(np.median(each)) for each in lasts)
     apart = abs(right - left)
@@ -206,8 +208,8 @@ def even_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides, doubtf
     for number, source in enumerate(sources):
         if source.name not in LEG_WORN or doubtful.intersection(source.placements):
             continue
-        at, own = strides.rows[source.name], source.estimate.strides
-        ends = [(as_float(one.start), as_float(one.end)) for one in (own, strides.strides)]
+        at, source_strides = strides.rows[source.name], source.estimate.strides
+        ends = [(as_float(table.start), as_float(table.end)) for table in (source_strides, strides.strides)]
         apart = np.max([np.abs(theirs[at] - ours) for theirs, ours in zip(*ends, strict=True)], axis=0)
         for side, word in enumerate(SIDES):
             mine = np.asarray(strides.strides.side) == side
@@ -224,11 +226,11 @@ def waist_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides, doubt
     notes = []
     waist = np.array([name == "waist" for name in strides.first], bool)
     for number, side in enumerate(SIDES):
-        own = np.asarray(strides.strides.side) == number
+        of_side = np.asarray(strides.strides.side) == number
         worn = {name for source in sources if source.name in LEG_WORN for name in source.placements}
         sensors = [name for name in sorted(worn & doubtful) if name.endswith(side)]
-        if sensors and own.any() and waist[own].mean() > 0.5:
-            names = [name for name, used in strides.used.items() if used[own].mean() > 0.5] or ["waist"]
+        if sensors and of_side.any() and waist[of_side].mean() > 0.5:
+            names = [name for name, used in strides.used.items() if used[of_side].mean() > 0.5] or ["waist"]
             notes.append(STRIDES_OF_WAIST(side=side, sources=" and ".join(names), sensors=" and ".join(sensors)))
     return notes
 
@@ -261,6 +263,6 @@ def side_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> lis
     theirs = np.asarray(strides.strides.side)[ours][apart.argmin(axis=1)]
     contacts = int(near.sum())
     opposite = int((near & (theirs != np.asarray(diagnostics["initial_contact_side"])[sure])).sum())
-    if contacts < FEWEST or opposite < OPPOSITE * contacts:
+    if contacts < FEWEST_COMPARED or opposite < OPPOSITE * contacts:
         return []
     return [FEET_OF_CONTACTS_DIFFER(source="waist", other=" and ".join(worn), opposite=opposite, contacts=contacts)]

@@ -143,8 +143,8 @@ def crosscheck(recording: Recording) -> Findings:
     sensors = {name: imu for name, imu in recording.sensors.items() if name not in unusable}
     every = dict(recording.sensors)
     for note in _exchanges(sensors):
-        one, other = map(str, note.values.values())
-        every[one], every[other] = every[other], every[one]
+        placement, other = map(str, note.values.values())
+        every[placement], every[other] = every[other], every[placement]
         notes.append(note)
     sensors = {name: every[name] for name in sensors}
     notes += _upside_down(sensors)
@@ -224,11 +224,11 @@ def _exchanges(sensors: Mapping[str, Imu]) -> list[Note]:
         return notes
     measured = {name: _motion(imu) for name, imu in sensors.items()}
     for side, opposite in (SIDES, SIDES[::-1]):
-        for one, other in (("thigh", "shank"), ("thigh", "foot"), ("foot", "shank")):
-            pair = f"{one}_{side}", f"{other}_{opposite}"
+        for segment, other in (("thigh", "shank"), ("thigh", "foot"), ("foot", "shank")):
+            pair = f"{segment}_{side}", f"{other}_{opposite}"
             if not set(pair) <= sensors.keys():
                 continue
-            names = {one: pair[0], other: pair[1]}
+            names = {segment: pair[0], other: pair[1]}
             note = _out_of_place({name: measured[name] for name in pair}, *(names.get(k, k) for k in SEGMENTS))
             if note and not swing_phases({**sensors, pair[0]: sensors[pair[1]], pair[1]: sensors[pair[0]]})[1]:
                 return [note]
@@ -244,8 +244,8 @@ def _segments(sensors: Mapping[str, Imu]) -> list[Note]:
         leg = {name: _motion(sensors[name]) for name in names if name in sensors}
         for _ in names[1:]:  # two exchanges make every order of three
             if note := _out_of_place(leg, *names):
-                one, other = map(str, note.values.values())
-                leg[one], leg[other] = leg[other], leg[one]
+                placement, other = map(str, note.values.values())
+                leg[placement], leg[other] = leg[other], leg[placement]
                 notes.append(note)
     return notes
 
@@ -298,13 +298,16 @@ def _intensity(imu: Imu, grid: np.ndarray, step: float) -> np.ndarray:
 
 def _trunk(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
     """Notes about trunk sensors that move and rest at other times than the legs, and their placements."""
-    felt = {name: imu for name, imu in sensors.items() if imu.acc is not None}
-    legs = [[imu for name, imu in felt.items() if kind_of(name) in OFFSETS and name.endswith(side)] for side in SIDES]
-    trunk = [name for name in felt if kind_of(name) == "" and name != "head"]
+    accelerometers = {name: imu for name, imu in sensors.items() if imu.acc is not None}
+    legs = [
+        [imu for name, imu in accelerometers.items() if kind_of(name) in OFFSETS and name.endswith(side)]
+        for side in SIDES
+    ]
+    trunk = [name for name in accelerometers if kind_of(name) == "" and name != "head"]
     if not all(legs) or not trunk:
         return [], set()
     step = 0.02
-    every = [*legs[0], *legs[1], *(felt[name] for name in trunk)]
+    every = [*legs[0], *legs[1], *(accelerometers[name] for name in trunk)]
     grid = np.arange(max(float(i.time[0]) for i in every), min(float(i.time[-1]) for i in every), step)
     if grid.size * step < LEAST_SECONDS:
         return [], set()
@@ -312,7 +315,9 @@ def _trunk(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
     notes: list[Note] = []
     doubtful: set[str] = set()
     for name in trunk:
-        delay, likeness, gain = _delay(_intensity(felt[name], grid, step), of_legs, round(LONGEST_DELAY / step))
+        delay, likeness, gain = _delay(
+            _intensity(accelerometers[name], grid, step), of_legs, round(LONGEST_DELAY / step)
+        )
         seconds = delay * step
         if abs(seconds) > LATE_S and likeness > LIKE and gain > LEAST_GAIN:
             words = "late" if seconds > 0.0 else "early"

@@ -76,7 +76,7 @@ MISSING, NEAR = 0.6, 3.0
 """[strides] Least time between two strides of one leg in which a stride is missing; and longest time without strides
 beside a loss in walking: a lost stance removes two strides and a part of a third."""
 
-ALIKE = 0.5
+LOSS_DIFFERENCE_M = 0.5
 """[m] Largest difference of the distances that the two sides lost, with which both sides count."""
 
 DOUBTFUL_SD = 0.1
@@ -149,7 +149,11 @@ def distances(
         rates_share: see `with_time_wrong`.
     """
     walked_distances, notes = [], []
-    runs = any(note.code == STRIDES_QUICK.code for one in sources for note in one.estimate.diagnostics["notes"])
+    runs = any(
+        note.code == STRIDES_QUICK.code
+        for source_estimate in sources
+        for note in source_estimate.estimate.diagnostics["notes"]
+    )
     for source in sources:
         estimate = source.estimate
         if estimate.distance is None or source.name == "width":
@@ -172,13 +176,13 @@ def distances(
             sd = float(np.hypot(sd, 0.5 * apart))
             notes.append(SIDES_APART(source=source.name, **{side.name: side.length for side in used}))
         if len(used) < len(sides):
-            scale = float(np.mean([one.length for one in used]) / max(np.mean([one.length for one in sides]), 1e-6))
+            scale = float(np.mean([side.length for side in used]) / max(np.mean([side.length for side in sides]), 1e-6))
             way, sd = _by_strides(source, used[0], scale * total), scale * float(np.hypot(sd, ONE_SIDE * total))
             doubtful = used[0].doubtful or _lacking(source, used[0].name)
             notes.append(DISTANCE_OF_ONE_SIDE(source=source.name, side=used[0].name))
         if total > 0.0 and sd > 0.0:
             walked_distances.append(_whole(source, way, sd, doubtful, used))
-    return sorted(walked_distances, key=lambda one: one.stddev), notes
+    return sorted(walked_distances, key=lambda distance: distance.stddev), notes
 
 
 def _stopped(source: SourceEstimate) -> frozenset[str]:
@@ -210,14 +214,14 @@ def _best(sides: list[_Side]) -> list[_Side]:
     """The sides with strides that are not in doubt, or else all; of these, those that lost least of the walk."""
     sound = [side for side in sides if not side.doubtful and side.length > 0.0] or sides
     missing = [side.unknown + side.speed * sum(end - begin for begin, end in side.bridged) for side in sound]
-    return [side for side, metres in zip(sound, missing, strict=True) if metres <= min(missing) + ALIKE]
+    return [side for side, metres in zip(sound, missing, strict=True) if metres <= min(missing) + LOSS_DIFFERENCE_M]
 
 
 def _apart(sides: list[_Side]) -> float:
     """Difference of the distances of two sides [m] if strides of one must be missing, else 0."""
-    one, other = sides
-    apart, mean = abs(one.length - other.length), 0.5 * (one.length + other.length)
-    return apart if apart > max(FAR_APART * mean, 2.0 * max(one.stride, other.stride)) else 0.0
+    side, other = sides
+    apart, mean = abs(side.length - other.length), 0.5 * (side.length + other.length)
+    return apart if apart > max(FAR_APART * mean, 2.0 * max(side.stride, other.stride)) else 0.0
 
 
 def _sides(
@@ -283,23 +287,23 @@ def _whole(source: SourceEstimate, way: np.ndarray, sd: float, doubtful: bool, u
     The distance of the trunk contains short losses, in which its strides are left out.
     """
     estimate = source.estimate
-    time, own = as_float(estimate.time), way
+    time, measured_way = as_float(estimate.time), way
     added, bridged_s = {"cut": 0.0, "bridged": 0.0}, 0.0
     for side in used:
         for name in added:
             for begin, end in getattr(side, name):
-                gained = 0.0 if side.name else float(np.diff(np.interp([begin, end], time, own))[0])
+                gained = 0.0 if side.name else float(np.diff(np.interp([begin, end], time, measured_way))[0])
                 metres = max(side.speed * (end - begin) - gained, 0.0) / len(used)
                 way = way + np.interp(time, [begin, end], [0.0, metres])
                 added[name] += metres
                 if name == "bridged" and metres > 0.0:
                     bridged_s += (end - begin) / len(used)
     if used:
-        unknown = float(np.mean([one.unknown for one in used]))
+        unknown = float(np.mean([used_side.unknown for used_side in used]))
     else:
         unknown = USUAL_SPEED * float(np.median(np.diff(time)) * np.sum(~np.asarray(estimate.valid, bool)))
     unseen = float(np.linalg.norm([unknown, CUT_SD * added["cut"], LOSS_SD * added["bridged"]]))
-    lacking = float(np.mean([one.lacking for one in used])) if used else 0.0
+    lacking = float(np.mean([used_side.lacking for used_side in used])) if used else 0.0
     spread = float(np.linalg.norm([sd, unseen, lacking]))
     return WalkedDistance(source.name, time, way, spread, doubtful, **added, bridged_s=bridged_s, unseen=unseen)
 
@@ -372,8 +376,8 @@ def walked(distances: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, 
         apart = float(np.hypot(0.5 * np.ptp(totals), DOUBTFUL_SD * totals.mean()))
     sure = sure or list(distances)
     ends, common = np.array([distance.distance[-1] for distance in sure]), min(distance.unseen for distance in sure)
-    own = np.sqrt(np.maximum(np.square([distance.stddev for distance in sure]) - common**2, TINY))
-    value, sd, kept = combined(ends, own, correlation([distance.source for distance in sure]))
+    independent_sd = np.sqrt(np.maximum(np.square([distance.stddev for distance in sure]) - common**2, TINY))
+    value, sd, kept = combined(ends, independent_sd, correlation([distance.source for distance in sure]))
     best = next(distance for distance, keeps in zip(sure, kept, strict=True) if keeps)
     total = best.distance[-1]
     notes = [

@@ -17,7 +17,7 @@ LIES_STILL = Kind(
 STILL, MOSTLY = 0.3, 0.9
 """[rad/s], [1] Rate below which a sensor is still, and least share of the time: a leg in walking swings longer."""
 
-FEWEST = 3
+FEWEST_STRIDES = 3
 """Least number of successive strides of the other leg."""
 
 
@@ -32,12 +32,12 @@ def lying(source: SourceEstimate, sensors: Mapping[str, Imu]) -> tuple[dict[str,
     valid, sides = np.asarray(strides.valid, bool), np.asarray(strides.side)
     for name in source.placements:
         of = next(number for number, side in enumerate(SIDES) if name.endswith(side))
-        own, other = (spans[valid & (sides == side)] for side in (of, 1 - of))
-        own = own[np.argsort(own[:, 0])]
-        after = np.concatenate([[-np.inf], np.maximum.accumulate(own[:, 1])])
-        for begin, until in zip(after, [*own[:, 0], np.inf], strict=True) if len(own) else ():
+        leg_spans, other = (spans[valid & (sides == side)] for side in (of, 1 - of))
+        leg_spans = leg_spans[np.argsort(leg_spans[:, 0])]
+        after = np.concatenate([[-np.inf], np.maximum.accumulate(leg_spans[:, 1])])
+        for begin, until in zip(after, [*leg_spans[:, 0], np.inf], strict=True) if len(leg_spans) else ():
             alone = other[(other[:, 0] >= begin) & (other[:, 1] <= until)]
-            if len(alone) < FEWEST:
+            if len(alone) < FEWEST_STRIDES:
                 continue
             first, last = float(alone[:, 0].min()), float(alone[:, 1].max())
             imu, time = sensors[name], as_float(sensors[name].time)

@@ -43,7 +43,7 @@ SURE, SURE_THIGH = 0.8, 0.3
 """[1] Least coherence of a phase for a note on a wrong clock. [1] Least share of a thigh's phase for it: a limping leg
 with less may show the phase of its backward swing."""
 
-ALIKE, UNLIKE, SHIFTED = 0.85, 0.5, 0.3
+LEAST_CORRELATION, UNLIKE, SHIFTED = 0.85, 0.5, 0.3
 """[1], [1], [strides] Least correlation of the strides of both thighs after a shift, largest one without it, and least
 shift, of a thigh whose clock is off; chosen, so that people who limp or run (`simulate.GAITS`) do not reach them."""
 
@@ -127,7 +127,7 @@ def _thighs_shifted(sensors: Mapping[str, Imu], begins: np.ndarray, ends: np.nda
     left = np.roll(left, len(SHARES) // 2)
     alike = [float(np.roll(right, -shift) @ left) for shift in range(len(SHARES))]
     shift = _wrapped(float(SHARES[int(np.argmax(alike))] - SHARES[0]))
-    return shift if max(alike) > ALIKE and alike[0] < UNLIKE and abs(shift) > SHIFTED else 0.0
+    return shift if max(alike) > LEAST_CORRELATION and alike[0] < UNLIKE and abs(shift) > SHIFTED else 0.0
 
 
 def _wrapped(strides: float) -> float:
@@ -153,20 +153,20 @@ def swing_phases(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
     begins, ends = swings[:-1][whole], swings[1:][whole]
     closing = np.mean(np.append(lasts[1:] > PAUSES * lasts[:-1], True)[whole]) > MOSTLY
     phases: dict[str, float] = {}
-    found: dict[str, float] = {}
+    all_phases: dict[str, float] = {}
     unsure: set[str] = set()
     for name in legs:
         side = 0.5 * SIDES.index(name.rpartition("_")[2])
         phase = _phase(sensors[name], begins, ends, OFFSETS[kind_of(name)] + side)
-        found[name] = phase.phase
+        all_phases[name] = phase.phase
         if phase.coherence > LEAST_COHERENCE and phase.share > LEAST_SHARE:
             phases[name] = phase.phase
             if phase.coherence < SURE or (kind_of(name) == "thigh" and (closing or phase.share < SURE_THIGH)):
                 unsure.add(name)
     thighs = [f"thigh_{side}" for side in SIDES]
-    later = _thighs_shifted(sensors, begins, ends) if set(thighs) <= set(found) else 0.0
+    later = _thighs_shifted(sensors, begins, ends) if set(thighs) <= set(all_phases) else 0.0
     if later:
-        off = max(thighs, key=lambda name: abs(_wrapped(found[name])))
+        off = max(thighs, key=lambda name: abs(_wrapped(all_phases[name])))
         other = thighs[1 - thighs.index(off)]
         phases[off] = (phases.get(other, 0.0) + (later if off == thighs[0] else -later)) % 1.0
         unsure.discard(off)

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.estimators.combined.compare import FEWEST, OPPOSITE
+from jgait.estimators.combined.compare import FEWEST_COMPARED, OPPOSITE
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import SAME_CONTACT
 from jgait.estimators.foot_ins.attached import LEANS_OTHERWISE, SHOES_EXCHANGED
@@ -33,11 +33,11 @@ def put_right(
     if not {"feet", "waist"} <= by_name.keys():
         return unchanged
     feet, waist = by_name["feet"].estimate, by_name["waist"].estimate
-    told = [note for note in feet.diagnostics["notes"] if note.kind is SHOES_EXCHANGED]
+    exchange_notes = [note for note in feet.diagnostics["notes"] if note.kind is SHOES_EXCHANGED]
     pair = [recording.sensors[f"foot_{side}"] for side in SIDES if f"foot_{side}" in recording.sensors]
-    if not told or len(pair) < len(SIDES) or len(pair[0].time) != len(pair[1].time):
+    if not exchange_notes or len(pair) < len(SIDES) or len(pair[0].time) != len(pair[1].time):
         return unchanged
-    at = float(as_float(told[0].values["at_s"])) + float(feet.time[0])
+    at = float(as_float(exchange_notes[0].values["at_s"])) + float(feet.time[0])
     known = np.asarray(feet.strides.valid, bool)
     ends, sides = as_float(feet.strides.end)[known], np.asarray(feet.strides.side)[known]
     sure = as_float(waist.diagnostics["initial_contact_side_probability"]) > 0.9
@@ -46,44 +46,49 @@ def put_right(
     near = apart.min(axis=1) < SAME_CONTACT
     opposite = sides[apart.argmin(axis=1)] != np.asarray(waist.diagnostics["initial_contact_side"])[sure]
     before, after = (opposite[near & part] for part in (contacts < at, contacts >= at))
-    if min(len(before), len(after)) < FEWEST or before.mean() > 1.0 - OPPOSITE or after.mean() < OPPOSITE:
+    if min(len(before), len(after)) < FEWEST_COMPARED or before.mean() > 1.0 - OPPOSITE or after.mean() < OPPOSITE:
         return unchanged
     swapped = {
-        f"foot_{side}": _joined(own, mate, own.time, at)._replace(time=own.time)
-        for side, own, mate in zip(SIDES, pair, pair[::-1], strict=True)
+        f"foot_{side}": _joined(imu, mate, imu.time, at)._replace(time=imu.time)
+        for side, imu, mate in zip(SIDES, pair, pair[::-1], strict=True)
     }
-    estimates = [one._replace(estimate=_exchanged(one.estimate, at)) if one.name == "feet" else one for one in sources]
-    note = SHOES_PUT_RIGHT(at_s=told[0].values["at_s"])
+    estimates = [
+        source._replace(estimate=_exchanged(source.estimate, at)) if source.name == "feet" else source
+        for source in sources
+    ]
+    note = SHOES_PUT_RIGHT(at_s=exchange_notes[0].values["at_s"])
     return recording._replace(sensors={**recording.sensors, **swapped}), estimates, [note]
 
 
-def _joined[R](own: R, mate: R, time: AnyArray, at: float) -> R:
+def _joined[R](arrays: R, mate: R, time: AnyArray, at: float) -> R:
     """The arrays (T, ...) of one side up to a time [s], and those of the other side after it."""
     later = as_float(time) > at
 
-    def joined(one: AnyArray, other: AnyArray) -> np.ndarray:
-        return np.where(later.reshape(-1, *(1,) * (np.ndim(one) - 1)), other, one)
+    def joined(array: AnyArray, other: AnyArray) -> np.ndarray:
+        return np.where(later.reshape(-1, *(1,) * (np.ndim(array) - 1)), other, array)
 
-    return jax.tree.map(joined, own, mate)
+    return jax.tree.map(joined, arrays, mate)
 
 
 def _exchanged(feet: Estimate, at: float) -> Estimate:
     """The estimate of both feet, with right and left exchanged after a time [s]; paths go on where they are then."""
     row = int(np.searchsorted(as_float(feet.time), at, side="right"))
 
-    def path(own: PyTree, mate: PyTree) -> FootTrajectory:
-        there = min(row, len(own.position) - 1)
-        shifted = mate._replace(position=mate.position + (own.position[there] - mate.position[there]))
-        joined: FootTrajectory = _joined(own, shifted, feet.time, at)
+    def path(trajectory: PyTree, mate: PyTree) -> FootTrajectory:
+        there = min(row, len(trajectory.position) - 1)
+        shifted = mate._replace(position=mate.position + (trajectory.position[there] - mate.position[there]))
+        joined: FootTrajectory = _joined(trajectory, shifted, feet.time, at)
         return joined
 
-    found = {name: value for name, value in feet.diagnostics.items() if name != SIDE_UNKNOWN.name}
+    diagnostics = {name: value for name, value in feet.diagnostics.items() if name != SIDE_UNKNOWN.name}
     for side, other in (SIDES, SIDES[::-1]):
-        pitch = [feet.diagnostics[f"pitch_{one}"] for one in (side, other)]
-        found[f"pitch_{side}"] = _joined(pitch[0], pitch[1], feet.time, at)
-        own, mate = (np.asarray(feet.diagnostics[f"footholds_{one}"]) for one in (side, other))
-        found[f"footholds_{side}"] = np.concatenate([own[own < row], mate[mate >= row]])
-    found["notes"] = tuple(note for note in found["notes"] if note.kind not in (SHOES_EXCHANGED, LEANS_OTHERWISE))
+        pitch = [feet.diagnostics[f"pitch_{foot_side}"] for foot_side in (side, other)]
+        diagnostics[f"pitch_{side}"] = _joined(pitch[0], pitch[1], feet.time, at)
+        footholds, mate = (np.asarray(feet.diagnostics[f"footholds_{foot_side}"]) for foot_side in (side, other))
+        diagnostics[f"footholds_{side}"] = np.concatenate([footholds[footholds < row], mate[mate >= row]])
+    diagnostics["notes"] = tuple(
+        note for note in diagnostics["notes"] if note.kind not in (SHOES_EXCHANGED, LEANS_OTHERWISE)
+    )
     sides = np.where(as_float(feet.strides.end) > at, 1 - np.asarray(feet.strides.side), feet.strides.side)
     paths: PyTree = feet.feet
     spread: PyTree = feet.feet_stddev
@@ -91,6 +96,6 @@ def _exchanged(feet: Estimate, at: float) -> Estimate:
     return feet._replace(
         strides=feet.strides._replace(side=sides), strides_stddev=deviations._replace(side=sides),
         feet=Feet(path(*paths), path(*paths[::-1])),
-        feet_stddev=Feet(*(_joined(own, mate, feet.time, at) for own, mate in (spread, spread[::-1]))),
-        diagnostics=found,
+        feet_stddev=Feet(*(_joined(deviation, mate, feet.time, at) for deviation, mate in (spread, spread[::-1]))),
+        diagnostics=diagnostics,
     )  # fmt: skip

@@ -14,7 +14,7 @@ from jgait.estimators.checks import sensors_of
 from jgait.estimators.interface import Estimator
 from jgait.estimators.leg_ekf.notes import SEGMENT_ALONE
 from jgait.estimators.notes import RATES_OFF
-from jgait.estimators.proportions import gives, outside, told
+from jgait.estimators.proportions import gives, height_notes, outside
 from jgait.estimators.stride_width_ekf.notes import RANGE_OFFSET_ABSENT
 from jgait.estimators.waist.params import SITES
 from jgait.notes import LEFT_OUT, Kind, Note
@@ -147,7 +147,7 @@ def sources(recording: Recording, person: Mapping[str, PyTree]) -> tuple[list[So
             or "no estimator has its sensors: expected both or one of foot, ankle, shank, thigh with shank, or waist, "
             f"lower_back or pelvis; {sensors_of(recording)}"
         )
-    return estimates, [*notes, *_unused(recording, estimates), *told(person, measures)]
+    return estimates, [*notes, *_unused(recording, estimates), *height_notes(person, measures)]
 
 
 def _check_measures(person: Mapping[str, PyTree]) -> None:
@@ -165,9 +165,9 @@ def _check_measures(person: Mapping[str, PyTree]) -> None:
 def _unused(recording: Recording, estimates: list[SourceEstimate]) -> list[Note]:
     """Notes about sensors that no estimator takes and no note of an estimator names."""
     taken = {name for way in WAYS for name in way.uses(recording)}
-    said = {note.values.get("placement") for one in estimates for note in one.estimate.diagnostics["notes"]}
+    noted = {note.values.get("placement") for source in estimates for note in source.estimate.diagnostics["notes"]}
     notes = []
-    for placement in sorted(set(recording.sensors) - taken - said):
+    for placement in sorted(set(recording.sensors) - taken - noted):
         kind = placement.partition("_")[0]
         if kind == "thigh":
             notes.append(SEGMENT_ALONE(placement=placement, other="shank"))
@@ -198,7 +198,9 @@ def with_time_wrong(
         The sources, perhaps with larger deviations; the relative deviation of lengths [1] that was added, or zero; the
         placements whose angles are wrong.
     """
-    worn = {name for one in estimates if one.estimator in ("foot_ins", "ankle_stride") for name in one.placements}
+    worn = {
+        name for source in estimates if source.estimator in ("foot_ins", "ankle_stride") for name in source.placements
+    }
     off = {
         str(note.values["placement"]): trust.rates_share(note)
         for source in estimates for note in source.estimate.diagnostics["notes"] if note.code == RATES_OFF.code

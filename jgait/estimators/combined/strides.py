@@ -165,19 +165,19 @@ def _table(
     marks = {name: {flag: read(source.estimate) for flag, read in FLAGS.items()} for name, source in by_name.items()}
     lasts = {s.name: as_float(s.estimate.strides.end) - as_float(s.estimate.strides.start) for s in sources}
     usual = float(np.median([lasts[name][row] for group in groups for name, row in group.items()]))
-    told = [_told(by_name, group, trusted, doubts, marks, usual) for group in groups]
-    told.sort(key=lambda one: one.values["start"])
-    told = _alone(told, _walks(sources))
-    n = len(told)
-    side = np.array([one.side for one in told], int)
-    values = {name: np.array([one.values[name] for one in told], float) for name in FIELDS}
-    spread = {name: np.array([one.spread[name] for one in told], float) for name in FIELDS}
-    flags = {name: np.array([one.flags[name] for one in told], bool) for name in FLAGS}
-    stated = {flag for own in marks.values() for flag, column in own.items() if column is not None}
+    rows = [_told(by_name, group, trusted, doubts, marks, usual) for group in groups]
+    rows.sort(key=lambda stride: stride.values["start"])
+    rows = _alone(rows, _walks(sources))
+    n = len(rows)
+    side = np.array([stride.side for stride in rows], int)
+    values = {name: np.array([stride.values[name] for stride in rows], float) for name in FIELDS}
+    spread = {name: np.array([stride.spread[name] for stride in rows], float) for name in FIELDS}
+    flags = {name: np.array([stride.flags[name] for stride in rows], bool) for name in FLAGS}
+    stated = {flag for source_marks in marks.values() for flag, column in source_marks.items() if column is not None}
     flags = {name: flag for name, flag in flags.items() if name in stated}
     if width is not None:
         flags["width_valid"] = _widths(values, spread, side, width)
-    flags[DOUBTFUL.name] = np.array([one.doubtful for one in told], bool)
+    flags[DOUBTFUL.name] = np.array([stride.doubtful for stride in rows], bool)
     strides, deviations = _strides(side, values), _strides(side, spread)
     none = np.zeros(0)
     whole = Estimate(none, Legs(None, None), None, None, none, dict(flags), strides, strides_stddev=deviations)
@@ -186,9 +186,9 @@ def _table(
             flags[flag.name] = np.asarray(marked, bool)
     return JoinedStrides(
         strides, deviations,
-        {name: np.array([one.group.get(name, -1) for one in told], int).reshape(n) for name in by_name},
-        {name: np.array([name in one.used for one in told], bool) for name in by_name},
-        tuple(one.first for one in told), flags, np.array([one.contradicts for one in told], bool),
+        {name: np.array([stride.group.get(name, -1) for stride in rows], int).reshape(n) for name in by_name},
+        {name: np.array([name in stride.used for stride in rows], bool) for name in by_name},
+        tuple(stride.first for stride in rows), flags, np.array([stride.contradicts for stride in rows], bool),
     )  # fmt: skip
 
 
@@ -199,8 +199,8 @@ def _doubted(source: SourceEstimate, wrong: frozenset[str]) -> np.ndarray:
     brief = lasts < BRIEF * np.median(lasts) if len(lasts) else np.zeros(0, bool)
     untrusted = np.array([not _trusted(source, side, wrong) for side in SIDES])[np.asarray(strides.side)]
     doubted = impossible(strides) | (brief & ~HALF.read(source.estimate)) | untrusted
-    own = DOUBTFUL.read(source.estimate)
-    return np.asarray(doubted if own is None else doubted | own)
+    flagged = DOUBTFUL.read(source.estimate)
+    return np.asarray(doubted if flagged is None else doubted | flagged)
 
 
 class _Told(NamedTuple):
@@ -294,8 +294,8 @@ def _told(
                 used = frozenset(name for name, keeps in zip(known, kept, strict=True) if keeps)
                 contradicts = not kept.all()
     stepped = given["step_length"]
-    own, _ = _of(by_name[stepped], "length", group[stepped])
-    share = values["length"] / own if own > 0.0 else np.nan
+    stepped_length, _ = _of(by_name[stepped], "length", group[stepped])
+    share = values["length"] / stepped_length if stepped_length > 0.0 else np.nan
     if contradicts and stepped not in used:  # half of a length that is not used
         share = np.nan
     for both in (values, spread):  # a part of the combined stride
@@ -337,10 +337,10 @@ def combined(
     spread = np.sqrt(np.diag(cov)[:, None] + np.diag(cov) - 2.0 * cov)
     # of those that agree with one, only the less certain ones support it: what is uncertain agrees with everything
     agree = (apart <= CONSISTENT * spread) & (deviations[:, None] <= deviations)
-    support = [_independent(cov[np.ix_(one, one)]) for one in agree]
-    best = min(range(len(cov)), key=lambda one: (-support[one], deviations[one]))
+    support = [_independent(cov[np.ix_(members, members)]) for members in agree]
+    best = min(range(len(cov)), key=lambda number: (-support[number], deviations[number]))
     kept = agree[best]
-    rivals = [apart[best, one] for one in np.flatnonzero(~kept) if support[one] == support[best]]
+    rivals = [apart[best, number] for number in np.flatnonzero(~kept) if support[number] == support[best]]
     mean, variance = _mean(values[kept], cov[np.ix_(kept, kept)])
     return mean, float(np.hypot(np.sqrt(variance), 0.5 * min(rivals, default=0.0))), kept
 
@@ -379,7 +379,7 @@ def _widths(
 def _of(source: SourceEstimate, field: str, row: int) -> tuple[float, float]:
     """One number of a stride of a source, and its standard deviation; NaN if the source does not give it."""
     tables = source.estimate.strides, source.estimate.strides_stddev
-    value, sd = (np.nan if (column := getattr(one, field, None)) is None else float(column[row]) for one in tables)
+    value, sd = (np.nan if (column := getattr(table, field, None)) is None else float(column[row]) for table in tables)
     return value, sd
 
 

@@ -32,4 +32,4 @@ def without_unworn(estimates: list[SourceEstimate]) -> tuple[list[SourceEstimate
         strides=strides, strides_stddev=spread, distance=way, diagnostics={**shanks.diagnostics, **per_stride}
     )
     metres = float(as_float(shanks.strides.length)[off].sum()) / len(SIDES)
-    return [one._replace(estimate=left) if one.name == "shanks" else one for one in estimates], metres
+    return [source._replace(estimate=left) if source.name == "shanks" else source for source in estimates], metres

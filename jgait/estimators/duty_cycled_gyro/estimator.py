@@ -94,23 +94,27 @@ def _leg(
     """Fill the gaps and filter one leg, with the parameters of its side."""
     rates = dict[str, Filled]()
     above = None
-    for segment, one in zip(SEGMENTS, leg, strict=True):
-        if one is not None:
-            rates[segment] = _fill(p, one, above, inputs.valid, options)
+    for segment, sensor in zip(SEGMENTS, leg, strict=True):
+        if sensor is not None:
+            rates[segment] = _fill(p, sensor, above, inputs.valid, options)
             if segment == "thigh" and options.above and options.felt:
-                above = Thigh(rates[segment].rate, jnp.asarray(one.acc))
+                above = Thigh(rates[segment].rate, jnp.asarray(sensor.acc))
     planar = {
-        segment: None if one is None else _planar(p, one, rates[segment], turning, inputs.dt)
-        for segment, one in zip(SEGMENTS, leg, strict=True)
+        segment: None if signals is None else _planar(p, signals, rates[segment], turning, inputs.dt)
+        for segment, signals in zip(SEGMENTS, leg, strict=True)
     }
     inputs_of_leg = DutyInputs(
         planar["thigh"], planar["shank"], inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance
     )
     result = duty_model.run(p, inputs_of_leg, felt=options.felt, method=options.method)
-    found = {segment: one for segment, one in zip(SEGMENTS, result, strict=True) if one is not None}
+    segment_estimates = {
+        segment: segment_estimate
+        for segment, segment_estimate in zip(SEGMENTS, result, strict=True)
+        if segment_estimate is not None
+    }
     return (
-        {segment: (rates[segment], one) for segment, one in found.items()},
-        joints(p, *found.values()) if len(found) == 2 else None,
+        {segment: (rates[segment], segment_estimate) for segment, segment_estimate in segment_estimates.items()},
+        joints(p, *segment_estimates.values()) if len(segment_estimates) == 2 else None,
     )
 
 
@@ -135,13 +139,13 @@ def joints(p: DutyCycledParams, thigh: SegmentEstimate, shank: SegmentEstimate) 
 def _legs(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOptions) -> list[PyTree]:
     """Results of both legs; one program if both legs have the same sensors."""
     both = [None if leg is None else (one_side(p, side), leg) for side, leg in enumerate((inputs.right, inputs.left))]
-    worn = [None if leg is None else [one is None for one in leg] for leg in (inputs.right, inputs.left)]
+    worn = [None if leg is None else [signals is None for signals in leg] for leg in (inputs.right, inputs.left)]
     turning = _turning(inputs)
     if None in worn or worn[0] != worn[1]:
-        return [({}, None) if one is None else _leg(*one, inputs, turning, options) for one in both]
+        return [({}, None) if pair is None else _leg(*pair, inputs, turning, options) for pair in both]
     stacked = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *both)
     # one after the other: a leg without gaps at a sample does not compute what would fill them
-    result = lax.map(lambda one: _leg(one[0], one[1], inputs, turning, options), stacked)
+    result = lax.map(lambda pair: _leg(pair[0], pair[1], inputs, turning, options), stacked)
     return [jax.tree.map(lambda v, side=side: v[side], result) for side in range(2)]
 
 
@@ -158,19 +162,19 @@ def run(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOption
     angles: list[tuple[LegTrajectory | None, LegTrajectory | None]] = []
     for side, (segments, leg) in zip(SIDES, results, strict=True):
         angles.append(leg or (None, None))
-        for segment, (filled, one) in segments.items():
+        for segment, (filled, segment_estimate) in segments.items():
             name = f"{segment}_{side}"
             diagnostics |= {
-                f"angle_{name}": one.angle,
-                f"angle_stddev_{name}": one.angle_stddev,
-                f"rate_{name}": one.rate,
+                f"angle_{name}": segment_estimate.angle,
+                f"angle_stddev_{name}": segment_estimate.angle_stddev,
+                f"rate_{name}": segment_estimate.rate,
                 f"gyro_{name}": filled.rate,
                 f"how_{name}": filled.how,
-                f"log_likelihood_{name}": xp.sum(one.log_likelihood),
-                f"nis_{name}": xp.sum(one.nis) / xp.maximum(xp.sum(one.count), 1.0),
-                "latency": filled.latency.astype(one.angle.dtype) / options.sampling_rate_hz,
+                f"log_likelihood_{name}": xp.sum(segment_estimate.log_likelihood),
+                f"nis_{name}": xp.sum(segment_estimate.nis) / xp.maximum(xp.sum(segment_estimate.count), 1.0),
+                "latency": filled.latency.astype(segment_estimate.angle.dtype) / options.sampling_rate_hz,
             }
-            valid = valid & one.valid
+            valid = valid & segment_estimate.valid
     legs, spread = (Legs(*both) for both in zip(*angles, strict=True))
     return Estimate(inputs.time, legs, None if spread == (None, None) else spread, None, valid, diagnostics)
 
@@ -198,12 +202,12 @@ def energy(preparation: Prepared[DutyCycledInputs], options: DutyCycledOptions) 
     seconds, battery = len(preparation.inputs.time) / rate_hz, power.Battery.from_watt_hours(1.0)
     drawn = sum(float(power.mask_energy(masks, rate_hz, gyro)) for masks in used.values())
     always = gyro.on * seconds * len(used)
-    felt = power.ACCELEROMETER.on * len(used) if preparation.options.felt else 0.0
+    accelerometer_power = power.ACCELEROMETER.on * len(used) if preparation.options.felt else 0.0
     numbers: dict[str, Any] = {
         "gyro_energy_saved": max(0.0, 1.0 - drawn / always),
-        "mean_power": drawn / seconds + felt,
-        "battery_life": battery.life(drawn / seconds, felt),
-        "battery_life_always_on": battery.life(always / seconds, felt),
+        "mean_power": drawn / seconds + accelerometer_power,
+        "battery_life": battery.life(drawn / seconds, accelerometer_power),
+        "battery_life_always_on": battery.life(always / seconds, accelerometer_power),
         "usable_share": float(np.mean([np.mean(masks.usable) for masks in used.values()])),
     }
     schedule = schedule_of(options.schedule, gyro)

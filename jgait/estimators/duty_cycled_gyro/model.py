@@ -251,16 +251,16 @@ def observe(
 
 
 def _below(
-    told: tuple[ThighObservation, DutyControl, ThighObservation], thigh: SegmentEstimate, dt: Values, valid: Flags
+    observed: tuple[ThighObservation, DutyControl, ThighObservation], thigh: SegmentEstimate, dt: Values, valid: Flags
 ) -> tuple[ShinObservation, DutyControl, ShinObservation]:
     """The result of `observe` for a shank, with the thigh's estimate at the same samples."""
-    seen, control, mask = told
+    observation, control, mask = observed
     # Errors of the thigh's angle persist for about 1 s; equivalent white noise has the variance times 1 s / dt.
     spread = 1.0 / jnp.maximum(dt, 1e-3)
     control = control._replace(
         thigh_angle_variance=thigh.angle_stddev**2 * spread, thigh_rate_variance=thigh.rate_stddev**2
     )
-    return ShinObservation(*seen, thigh.angle, thigh.rate), control, ShinObservation(*mask, valid, valid)
+    return ShinObservation(*observation, thigh.angle, thigh.rate), control, ShinObservation(*mask, valid, valid)
 
 
 def standing(
@@ -289,9 +289,9 @@ def over(
             posteriors.append(None)
             continue
         thigh, params = every[0] if every else None, link_params(p, lever)
-        told: PyTree = observe(p, segment, dt, still, valid, felt=felt)
-        observations, controls, mask = told if thigh is None else _below(told, thigh, dt, valid)
-        found = filtering.kalman_filter(
+        observed: PyTree = observe(p, segment, dt, still, valid, felt=felt)
+        observations, controls, mask = observed if thigh is None else _below(observed, thigh, dt, valid)
+        posterior = filtering.kalman_filter(
             THIGH if thigh is None else SHIN,
             params,
             observations,
@@ -301,12 +301,12 @@ def over(
             initial=before,
             method=method,
         )
-        mean, deviation = found.mean, found.cov.stddev()
+        mean, deviation = posterior.mean, posterior.cov.stddev()
         every.append(SegmentEstimate(
             mean.angle, mean.rate, deviation.angle, deviation.rate, mean.rate - mean.velocity_bias / lever,
-            found.nis, found.count, found.log_likelihood, found.valid,
+            posterior.nis, posterior.count, posterior.log_likelihood, posterior.valid,
         ))  # fmt: skip
-        posteriors.append(found)
+        posteriors.append(posterior)
     return DutyEstimate(*every), tuple(posteriors)
 
 

@@ -110,7 +110,7 @@ def worn_leg(
     if len(names) == 1:
         worn = {segment: worn["shank"]._replace(placement=name) for segment, name in names.items()}
         notes = [WORN_ALONE(placement=either)] if "thigh" in names else []
-    return {segment: (both[one.placement], one) for segment, one in worn.items()}, notes
+    return {segment: (both[mounting.placement], mounting) for segment, mounting in worn.items()}, notes
 
 
 def _signals(imu: Imu, worn: SegmentMounting, there: np.ndarray) -> GapSegment:
@@ -159,7 +159,10 @@ def prepare(
         if any(name.endswith(side) for name in names):
             worn, more = worn_leg(recording, side, used, still, slice(start, stop), slept)
             legs[side] = GapLeg(
-                *(_signals(*worn[one], there[worn[one][1].placement]) if one in worn else None for one in SEGMENTS)
+                *(
+                    _signals(*worn[segment], there[worn[segment][1].placement]) if segment in worn else None
+                    for segment in SEGMENTS
+                )
             )
             notes += more
     if bare:

@@ -94,6 +94,6 @@ def exchanged(right: Moved | None, left: Moved | None) -> float | None:
     return None if begin >= end or max(apart) > OTHERWISE_DEG else 0.5 * (right.at + left.at)
 
 
-def _degrees(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def _degrees(direction: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Angle between directions (…, 3) of length 1 [deg]."""
-    return np.asarray(np.rad2deg(np.arccos(np.clip(one @ other, -1.0, 1.0))))
+    return np.asarray(np.rad2deg(np.arccos(np.clip(direction @ other, -1.0, 1.0))))

@@ -16,7 +16,7 @@ from jgait.geometry.vectors import GRAVITY
 SHORTEST_S, LONGEST_S = 0.5, 2.5
 """[s] Limits of the strides that count."""
 
-FEWEST, MOST = 5, 200
+FEWEST_STRIDES, MOST = 5, 200
 """[1] Least number of strides, and largest number of those that are integrated, evenly spread over a longer walk."""
 
 MOST_BAD = 0.1
@@ -55,7 +55,7 @@ def gyroscope_scale(
     seconds = (last - first) / hz
     good = so_far[last + 1] - so_far[first] <= MOST_BAD * (last - first)
     counts = (seconds > SHORTEST_S) & (seconds < LONGEST_S) & good
-    if counts.sum() < FEWEST:
+    if counts.sum() < FEWEST_STRIDES:
         return None
     at = np.flatnonzero(counts)
     at = at[np.linspace(0.0, len(at) - 1.0, min(len(at), MOST)).round().astype(int)]
@@ -65,7 +65,7 @@ def gyroscope_scale(
     size = np.linalg.norm(up, axis=1, keepdims=True)
     # the specific force in units of that at the foothold, which has no scale then
     gained = [_gained(factor * gyr, acc, first, last, hz) / size for factor in (1.0, 1.0 + STEP)]
-    rest, other = (GRAVITY * (one - up / size * seconds[:, None]) for one in gained)
+    rest, other = (GRAVITY * (velocity - up / size * seconds[:, None]) for velocity in gained)
     slope = (other - rest) / STEP
     effect = np.sum(slope * slope, axis=1)
     if not np.median(effect) > LEAST_EFFECT**2:

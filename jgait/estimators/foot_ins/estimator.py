@@ -38,13 +38,13 @@ PER_STRIDE = ("stride_nis", "doubtful")
 LARGEST_MEAN_NIS = 0.15
 """[1] NIS of a foot above which all of its results are in doubt; good walks and runs have less than 0.14."""
 
-ALIKE = 0.1
+CONSTANT_VELOCITY_S = 0.1
 """[s] Time over which the velocity of a standing foot is nearly constant, see `likelihood`."""
 
 FREEDOM = 4.0
 """[1] Degrees of freedom of the density of an innovation, see `likelihood`."""
 
-LEAST, MOST = -12.0, 25.0
+LEAST_LOG_FACTOR, MOST = -12.0, 25.0
 """[1] Limits of the logarithm of the factor on the variance of the zero velocity."""
 
 
@@ -63,7 +63,7 @@ def velocity_variance(p: FootParams, foot: FootSignals, soft: bool) -> Values:
     exponent = p.noise.log_scale(foot.features)
     if soft:
         exponent = exponent + jax.nn.softplus(-(foot.margin + jnp.log(p.threshold_factor)) / p.softness)
-    return base * jnp.exp(jnp.clip(exponent, LEAST, MOST))
+    return base * jnp.exp(jnp.clip(exponent, LEAST_LOG_FACTOR, MOST))
 
 
 def controls(p: FootParams, foot: FootSignals, options: FootOptions = DEFAULT) -> FootControl:
@@ -139,25 +139,25 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
 def likelihood(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Values:
     """Log-likelihood of the velocity of standing feet, summed over the feet [nat], for tuning without a reference.
 
-    The velocity of a standing foot is nearly constant over `ALIKE`. So one sample in `ALIKE` counts, with the variance
-    of the mean of all; if every sample counted, the most likely foot would not move in stance. The density is
-    Student's t with `FREEDOM` degrees of freedom and the filter's covariance as its scale, so that a few hard landings
-    do not determine the noise.
+    The velocity of a standing foot is nearly constant over `CONSTANT_VELOCITY_S`. So one sample in
+    `CONSTANT_VELOCITY_S` counts, with the variance of the mean of all; if every sample counted, the most likely foot
+    would not move in stance. The density is Student's t with `FREEDOM` degrees of freedom and the filter's covariance
+    as its scale, so that a few hard landings do not determine the noise.
 
     Source: K. L. Lange, R. J. A. Little and J. M. G. Taylor, "Robust statistical modeling using the t distribution",
     Journal of the American Statistical Association 84(408), 1989.
     """
-    number = jnp.floor(jnp.asarray(inputs.time) / ALIKE)
+    number = jnp.floor(jnp.asarray(inputs.time) / CONSTANT_VELOCITY_S)
     first = number != jnp.concatenate([number[:1] - 1.0, number[:-1]])
 
-    def one(foot: FootSignals) -> Values:
-        near = ALIKE * jnp.sum(jnp.sign(foot.dt)) / jnp.maximum(jnp.sum(foot.dt), ALIKE)
+    def foot_likelihood(foot: FootSignals) -> Values:
+        near = CONSTANT_VELOCITY_S * jnp.sum(jnp.sign(foot.dt)) / jnp.maximum(jnp.sum(foot.dt), CONSTANT_VELOCITY_S)
         less = jnp.sqrt(jnp.maximum(near, 1.0))
         q = p._replace(velocity_noise=p.velocity_noise / less, rate_noise=p.rate_noise / less)
-        found = _states(q, foot, first, options=options._replace(smooth=False)).filtered
-        return jnp.sum(found.student_t(FREEDOM))
+        posterior = _states(q, foot, first, options=options._replace(smooth=False)).filtered
+        return jnp.sum(posterior.student_t(FREEDOM))
 
-    return jnp.sum(jax.vmap(one)(stacked(*_worn(inputs).values())))
+    return jnp.sum(jax.vmap(foot_likelihood)(stacked(*_worn(inputs).values())))
 
 
 def _worn(inputs: FootInputs) -> dict[int, FootSignals]:
@@ -169,7 +169,7 @@ class _Found(NamedTuple):
     """One foot's path, diagnostics of its filter, distance (T,) [m], and (T,) bool of valid samples."""
 
     path: Path
-    told: dict[str, Any]
+    diagnostics: dict[str, Any]
     way: Values
     valid: Flags
 
@@ -181,7 +181,7 @@ def _filtered(p: FootParams, feet: FootSignals, options: FootOptions) -> filteri
 
 def _paths(p: FootParams, feet: FootSignals, states: filtering.Inferred, time: Values, options: FootOptions) -> _Found:
     """The paths of some feet along a first axis."""
-    return for_each(lambda foot, own: _one_foot(p, foot, own, time, options), feet, states)
+    return for_each(lambda foot, foot_states: _one_foot(p, foot, foot_states, time, options), feet, states)
 
 
 def _one_foot(
@@ -200,9 +200,9 @@ def _assembled(
     feet: list[FootTrajectory | None] = [None, None]
     spread: list[FootTrajectory | None] = [None, None]
     diagnostics: dict[str, Any] = {"stride_nis": nis}
-    for side, (path, told, _, _) in results.items():
+    for side, (path, foot_diagnostics, _, _) in results.items():
         feet[side], spread[side] = path.trajectory, path.stddev
-        diagnostics |= {f"{name}_{SIDES[side]}": value for name, value in told.items()}
+        diagnostics |= {f"{name}_{SIDES[side]}": value for name, value in foot_diagnostics.items()}
         diagnostics[f"pitch_{SIDES[side]}"] = path.pitch
     ways = [foot.way for foot in results.values()]
     valid = reduce(or_, [foot.valid for foot in results.values()])
@@ -253,7 +253,7 @@ def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
         side: moved(worn[side], result.strides, side, time, np.asarray(foot.acc)[: len(time)])
         for side, foot in feet.items()
     }
-    notes = [*result.diagnostics["notes"], *cut, *none, *(one.note for one in turned.values() if one is not None)]
+    notes = [*result.diagnostics["notes"], *cut, *none, *(lean.note for lean in turned.values() if lean is not None)]
     if (changed := exchanged(turned.get(0), turned.get(1))) is not None:
         notes.append(SHOES_EXCHANGED(at_s=changed - time[0]))
         unknown = as_float(result.strides.end) > changed
@@ -281,17 +281,17 @@ def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Esti
     if inputs.time.size <= 1.5 * foot_windows.WINDOW or not options.smooth:
         return None
 
-    def one(window: FootSignals, time: Values) -> PyTree:
+    def path_of_window(window: FootSignals, time: Values) -> PyTree:
         feet = stacked(window)
-        found = _paths(p, feet, compiled(_filtered)(p, feet, options=options), time, options)
-        return jax.tree.map(lambda leaf: leaf[0], (found.path, found.told["nis"], found.valid))
+        foot_paths = _paths(p, feet, compiled(_filtered)(p, feet, options=options), time, options)
+        return jax.tree.map(lambda leaf: leaf[0], (foot_paths.path, foot_paths.diagnostics["nis"], foot_paths.valid))
 
     results = {}
     for side, foot in _worn(inputs).items():
         cuts = foot_windows.windows(foot, inputs.time.size)
         if cuts is None:
             return None
-        path, nis, valid = foot_windows.joined(foot, np.asarray(inputs.time), cuts, one)
+        path, nis, valid = foot_windows.joined(foot, np.asarray(inputs.time), cuts, path_of_window)
         way = foot_strides.walked(path.strides, path.strides.length.shape[0], jnp.asarray(inputs.time))
         results[side] = _Found(path, {"nis": nis}, way, valid)
     paths = [foot.path for foot in results.values()]

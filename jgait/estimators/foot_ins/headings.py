@@ -36,7 +36,7 @@ more than that of one foothold. Half or twice as much changes the rates of `gait
 WIDTH = 0.2
 """[m] Standard deviation of the width between the feet."""
 
-LEAST = 6
+FEWEST_FOOTHOLDS = 6
 """Fewest footholds of a foot."""
 
 ITERATIONS = 4
@@ -60,8 +60,8 @@ class Rates(NamedTuple):
 def rates(
     time: np.ndarray, ways: Sequence[np.ndarray], steps: Sequence[np.ndarray], sd: Sequence[float]
 ) -> Rates | None:
-    """The rates of the errors of both headings; None if a foot has fewer than `LEAST` footholds while the other one
-    walks, or if the ways contradict each other.
+    """The rates of the errors of both headings; None if a foot has fewer than `FEWEST_FOOTHOLDS` footholds while the
+    other one walks, or if the ways contradict each other.
 
     Args:
         time: (T,) [s].
@@ -72,7 +72,7 @@ def rates(
     since, until = (pick(steps[0][end], steps[1][end]) for pick, end in ((max, 0), (min, -1)))
     at = np.unique(np.concatenate(steps))
     at = at[(at >= since) & (at <= until)]
-    if min(np.sum((stands >= since) & (stands <= until)) for stands in steps) < LEAST:
+    if min(np.sum((stands >= since) & (stands <= until)) for stands in steps) < FEWEST_FOOTHOLDS:
         return None
     t = time[at] - time[at[0]]
     right, left = (
@@ -127,7 +127,7 @@ def together(result: Estimate) -> Estimate:
         return result
     time = np.asarray(result.time, np.float64)
     steps = [np.asarray(result.diagnostics[f"footholds_{side}"]) for side in SIDES]
-    if min(len(stands) for stands in steps) < LEAST:
+    if min(len(stands) for stands in steps) < FEWEST_FOOTHOLDS:
         return result
     ends = [float(foot.orientation[stands[-1], 2]) for foot, stands in zip(spread, steps, strict=True)]
     if not max(ends) <= UNKNOWN or not all(np.isfinite(foot.position).all() for foot in feet):

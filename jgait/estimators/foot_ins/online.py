@@ -36,12 +36,12 @@ from jgait.estimators.foot_ins.params import DEFAULT, FootParams
 from jgait.estimators.foot_ins.prepare import (
     LOST_FORCE,
     LOST_RATE,
-    REACH,
     REST_STEP,
+    STANCE_EDGE_S,
     checked_clock,
     errors_at_rest,
 )
-from jgait.estimators.foot_ins.readout import SHORTEST, timed, walks_on
+from jgait.estimators.foot_ins.readout import SHORTEST_STRIDE_M, timed, walks_on
 from jgait.estimators.lagged import JUMP_S, LaggedMotion, LaggedSample, LaggedSignals, LaggedState
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.sides import entries
@@ -300,7 +300,7 @@ def _decide(
     ends = swing.any & (stillest | ~goes_on) & (lasts >= events.SHORTEST)
     foothold = stands & (~state.started | ends | (~swing.any & (lasts >= REST_STEP)))
     restless = unrest[k] > events.WORSE * jnp.maximum(jnp.min(threshold.depths), events.LEAST_DEPTH)
-    seen = LaggedSample(
+    lagged_sample = LaggedSample(
         row[:6], _largest_changes(samples[:, :6], change, at), jnp.mean(samples[:, 3:6], axis=0), row[6], swing.lost,
         stands, state.started, foothold,
         _FootEvents(time, state.foothold, swing, state.landed, state.restless | restless),
@@ -313,7 +313,7 @@ def _decide(
     return FootDetector(
         index, samples, quiet, unrest, threshold, state.started | stands, since(time, state.foothold),
         since(_not_swung(time), swing), since(landed, state.landed), since(restless, state.restless),
-    ), seen  # fmt: skip
+    ), lagged_sample  # fmt: skip
 
 
 def _landing(swing: FootSwing, time: Values) -> Values:
@@ -350,9 +350,9 @@ def _strides(
     known = Strides(
         side=jnp.full(length.shape, worn.side, jnp.int32), start=None, final_contact=swing.final, end=initial,
         length=length, width=jnp.full_like(length, jnp.nan), height=way.z,
-        valid=at.instant & at.began & swing.any & (length > SHORTEST) & (swing.lost <= LONGEST_LOSS),
-        standing=jnp.maximum(last, swing.stood - REACH),
-        standing_end=jnp.minimum(time, jnp.maximum(swing.stands, initial) + REACH),
+        valid=at.instant & at.began & swing.any & (length > SHORTEST_STRIDE_M) & (swing.lost <= LONGEST_LOSS),
+        standing=jnp.maximum(last, swing.stood - STANCE_EDGE_S),
+        standing_end=jnp.minimum(time, jnp.maximum(swing.stands, initial) + STANCE_EDGE_S),
         turn=wrapped(motion.there[0] - motion.here[0]), lift=motion.highest - jnp.maximum(way.z, 0.0),
     )  # fmt: skip
     spread = entries(motion.posterior.cov, "position", ("xx", "xy", "yy", "zz"))

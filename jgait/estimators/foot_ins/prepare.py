@@ -69,7 +69,7 @@ REST_STEP = 20.0
 NEVER = -20.0
 """[1] Margin of a sample that is lost: its zero velocity gets no weight."""
 
-REACH = 0.3
+STANCE_EDGE_S = 0.3
 """[s] `leaves` is at most this long before the end of a stance, `arrives` at most this long after its start."""
 
 
@@ -290,7 +290,7 @@ def _whole(stances: events.Stances, lost: np.ndarray, time: np.ndarray) -> tuple
 
 def _footholds(gyr: np.ndarray, stances: events.Stances, hz: float, samples: int) -> dict[str, np.ndarray]:
     """Samples of footholds and contacts, padded to `capacity` with the last."""
-    rows, reach = capacity(samples), int(REACH * hz)
+    rows, reach = capacity(samples), int(STANCE_EDGE_S * hz)
     final, initial = events.contacts(gyr, stances, hz)
     last = stances.end - 1
 

@@ -16,7 +16,7 @@ from jgait.geometry.rotation import Quaternion, conjugate, quaternion, rotated
 from jgait.geometry.vectors import Vector, add, as_array, root, vector, wrapped
 from jgait.types import Flags, FootTrajectory, Strides, Values
 
-SHORTEST = 0.1
+SHORTEST_STRIDE_M = 0.1
 """[m] Smallest length of a stride; a shorter one is a foot that is lifted and set down in place."""
 
 STRAIGHT_FROM = 0.4
@@ -74,7 +74,7 @@ def path_of(p: FootParams, foot: FootSignals, time: Values, inferred: Inferred, 
     real = xp.arange(here.shape[0], dtype=xp.int32) < foot.count - 1
     way = _at(position, there)
     length = root(way.x * way.x + way.y * way.y)
-    valid = real & (length > SHORTEST) & foot.whole[:-1]
+    valid = real & (length > SHORTEST_STRIDE_M) & foot.whole[:-1]
     forward = _forward(attitude, way, length, here, valid)
     first = xp.argmax(valid)  # the first row if none is valid
     heading = xp.arctan2(way.y[first], way.x[first])
@@ -246,7 +246,7 @@ def _forward(attitude: Quaternion, way: Vector, length: Values, here: PyTree, va
 
     Without a valid stride it is the sensor's x axis.
     """
-    unit = xp.maximum(length, SHORTEST)
+    unit = xp.maximum(length, SHORTEST_STRIDE_M)
     ahead = Vector(way.x / unit, way.y / unit, xp.zeros_like(way.x))
     forward = rotated(conjugate(_at(attitude, here)), ahead)
     straight = valid & (length > STRAIGHT_FROM)

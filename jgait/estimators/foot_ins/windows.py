@@ -108,20 +108,20 @@ def joined(
     `estimate` gives them for inputs and times of a window, in parallel on all cores.
     """
 
-    def one(window: Window) -> PyTree:
-        own = time[window.start : window.stop]
-        seconds = own - own[0]
+    def estimate_window(window: Window) -> PyTree:
+        window_time = time[window.start : window.stop]
+        seconds = window_time - window_time[0]
         padded = single(Axis("onwards").padded(seconds, WINDOW - seconds.size))
         path, nis, valid = estimate(cut(foot, window), padded)
         path, nis, valid = jax.tree.map(
             lambda v: np.asarray(v, time.dtype if v.dtype.kind == "f" else None), (path, nis, valid)
         )
         between = 0.5 * (seconds[1:] + seconds[:-1])
-        later = {name: own[np.searchsorted(between, getattr(path.strides, name))] for name in _TIMES}
+        later = {name: window_time[np.searchsorted(between, getattr(path.strides, name))] for name in _TIMES}
         return path._replace(strides=path.strides._replace(**later)), nis, valid
 
     with ThreadPoolExecutor(max_workers=min(len(parts), os.cpu_count() or 1)) as pool:
-        results = list(pool.map(one, parts))
+        results = list(pool.map(estimate_window, parts))
     return _together(results, parts)
 
 

@@ -198,12 +198,12 @@ def walked(p: LegParams, legs: Legs, inputs: LegInputs, options: LegOptions) -> 
         spreads = shanks.strides_stddev
         doubtful = trust.doubtful(shanks.strides, spreads, shanks.diagnostics["stride_nis"])
         for side, name in enumerate(SIDES):
-            own = shanks.strides.valid & (shanks.strides.side == side)
-            diagnostics[f"shank_distance_{name}"] = xp.sum(xp.where(own, shanks.strides.length, 0.0))
+            of_side = shanks.strides.valid & (shanks.strides.side == side)
+            diagnostics[f"shank_distance_{name}"] = xp.sum(xp.where(of_side, shanks.strides.length, 0.0))
             if f"nis_{name}" in shanks.diagnostics:
                 diagnostics[f"shank_nis_{name}"] = shanks.diagnostics[f"nis_{name}"]
-                diagnostics[f"shank_stride_stddev_{name}"] = xp.max(xp.where(own, spreads.length, 0.0))
-                diagnostics[f"shank_doubtful_{name}"] = xp.sum(own & doubtful)
+                diagnostics[f"shank_stride_stddev_{name}"] = xp.max(xp.where(of_side, spreads.length, 0.0))
+                diagnostics[f"shank_doubtful_{name}"] = xp.sum(of_side & doubtful)
     return p.distance_scale * way, {"distance_stddev": p.distance_scale * spread, **diagnostics}
 
 
@@ -265,34 +265,34 @@ def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:
     """The estimate with `stated_<side>` (T,), False in long gaps of that leg's sensors, `slipped_<side>` (T,) if one of
     them slipped, True after it, and notes if strides of a shank are in doubt, or distances of both differ too much.
     """
-    found, shanks = dict(result.diagnostics), made.inputs.shanks
+    diagnostics, shanks = dict(result.diagnostics), made.inputs.shanks
     notes: list[Note] = []
     for side in SIDES:
         if (leg := getattr(made.inputs, side)) is not None:
             # where only the other leg lacks samples, `valid` is False, and this leg is known
-            found[f"stated_{side}"] = np.asarray(result.valid | ~made.inputs.valid)
+            diagnostics[f"stated_{side}"] = np.asarray(result.valid | ~made.inputs.valid)
             for start, stop in long_gaps(leg, made.inputs.time):
-                found[f"stated_{side}"][start:stop] = False
+                diagnostics[f"stated_{side}"][start:stop] = False
             worn = getattr(result.legs, side), np.asarray(result.valid, bool), np.asarray(made.inputs.still, bool)
             off, more = unworn(side, as_float(made.inputs.time), *worn)
             if off.any():
-                found |= {f"stated_{side}": found[f"stated_{side}"] & ~off, f"worn_{side}": ~off}
+                diagnostics |= {f"stated_{side}": diagnostics[f"stated_{side}"] & ~off, f"worn_{side}": ~off}
                 gained = np.diff(as_float(result.distance), prepend=0.0)
                 result = result._replace(distance=np.cumsum(np.where(off, 0.0, gained)))
                 notes += more
             if (after := slipped(made.notes, side, as_float(made.inputs.time))).any():
-                found[f"slipped_{side}"] = after
+                diagnostics[f"slipped_{side}"] = after
     for side in SIDES:
-        if shanks is not None and f"shank_nis_{side}" in found:
+        if shanks is not None and f"shank_nis_{side}" in diagnostics:
             keys = ("nis", "stride_stddev", "doubtful")
-            nis, deviation, many = (float(found[f"shank_{key}_{side}"]) for key in keys)
+            nis, deviation, many = (float(diagnostics[f"shank_{key}_{side}"]) for key in keys)
             total, limit = int(getattr(shanks, side).count), ankle_stride.LARGEST_MEAN_NIS
             notes += trust.doubts_of(f"shank_{side}", limit, nis, deviation, round(many), total)
-    if made.inputs.right is not None and made.inputs.left is not None and "shank_distance_right" in found:
-        right, left = (float(found[f"shank_distance_{side}"]) for side in SIDES)
+    if made.inputs.right is not None and made.inputs.left is not None and "shank_distance_right" in diagnostics:
+        right, left = (float(diagnostics[f"shank_distance_{side}"]) for side in SIDES)
         if abs(right - left) > max(STEPS_APART, APART * max(right, left)):
             notes.append(SHANKS_APART(right=right, left=left))
-    return result._replace(diagnostics={**found, "notes": (*found.get("notes", ()), *notes)})
+    return result._replace(diagnostics={**diagnostics, "notes": (*diagnostics.get("notes", ()), *notes)})
 
 
 def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:

@@ -274,8 +274,8 @@ def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[Leg
     legs = {}
     for side in sides:
         worn, more = mounted(sensors, side, slice(*standing), still, rate, perpendicular=options.perpendicular_axis)
-        segments = [in_segment(sensors[one.placement], one) for one in worn.values()]
-        legs[side] = LegSignals(*(rates_between(one, time) if options.smooth else one for one in segments))
+        segments = [in_segment(sensors[mounting.placement], mounting) for mounting in worn.values()]
+        legs[side] = LegSignals(*(rates_between(signals, time) if options.smooth else signals for signals in segments))
         notes += more
     notes += slips(sensors, upright, slice(*standing), time)
     if bare := any(imu.acc is None for imu in sensors.values()):
@@ -293,12 +293,12 @@ def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[Leg
     if len(sides) == 1 and shanks is None:
         notes.append(ONE_LEG(side=sides[0]))
     gaps = {side: long_gaps(leg, time) for side, leg in legs.items()}
-    heard = np.ones(time.size, bool)
+    valid = np.ones(time.size, bool)
     for start, stop in itertools.chain(*gaps.values()):
-        heard[start:stop] = False
+        valid[start:stop] = False
     dt = np.concatenate([[0.0], np.diff(time)])
     variance = np.asarray(1e-4 if upright[0] else SEATED if still[0] else 0.1)
-    inputs = LegInputs(legs.get("right"), legs.get("left"), time, dt, still, heard, variance, shanks)
+    inputs = LegInputs(legs.get("right"), legs.get("left"), time, dt, still, valid, variance, shanks)
     notes += _gap_notes(gaps, time)
     gravity = options.gravity and not bare
     return Prepared(inputs, options._replace(gravity=gravity), tuple(notes), standing)

@@ -32,7 +32,7 @@ def backward(leg: LegTrajectory, before: LegTrajectory, rollover_radius: Values)
     The foot rolls: its ankle moves forward by r per radian that the shank leans forward, so the hip gains
     −Δx − r Δ(shank angle), shank angle positive with the ankle in front.
     """
-    shank, shank_before = (one.hip_angle - one.knee_angle for one in (leg, before))
+    shank, shank_before = (trajectory.hip_angle - trajectory.knee_angle for trajectory in (leg, before))
     return before.x - leg.x - rollover_radius * (shank - shank_before)
 
 

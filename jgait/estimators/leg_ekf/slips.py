@@ -67,7 +67,7 @@ def _since(force: np.ndarray, moving: np.ndarray, width: int, before: np.ndarray
     tilts = (force[kept].mean(axis=1) - before) @ change / (change @ change)
     values = np.concatenate([[0.0], tilts])  # the standing before, from which a sensor may slip before the walk
     parts = [(values[:number], values[number:]) for number in range(1, len(values))]
-    best = min(range(len(parts)), key=lambda one: sum(len(part) * float(np.var(part)) for part in parts[one]))
+    best = min(range(len(parts)), key=lambda number: sum(len(part) * float(np.var(part)) for part in parts[number]))
     first, last = parts[best]
     return None if last.mean() - first.mean() < SHARE else int(kept[max(best - 1, 0), 0])
 

@@ -116,9 +116,9 @@ def _compiled(
             # as if all depended on the number of the turn, or XLA would compute a part before the loop
             (number, parts, _), columns, samples, real = lax.optimization_barrier((kept, constants, block, count))
             state = unpacked(parts, moving)
-            after, found = advance(unpacked(columns, fixed), state, _samples(samples), real, options)
+            after, outputs = advance(unpacked(columns, fixed), state, _samples(samples), real, options)
             after = jax.tree.map(lambda new, old: jnp.asarray(new, old.dtype), after, state)
-            return number + 1, packed(after), packed(found, (BLOCK,))
+            return number + 1, packed(after), packed(outputs, (BLOCK,))
 
         turns = jnp.minimum(count, 1)  # not a constant, or XLA would remove the loop
         none = [part.reshape(BLOCK, -1) for part in results.zeros()]
@@ -174,6 +174,6 @@ class Runner:
                 self._parts, results = self._loop(self._constants, before, block, np.int32(len(part)))
                 while not results[0].is_ready():  # a third of a millisecond; to wake a sleeping thread adds half of it
                     pass
-                done.append([np.asarray(one)[: len(part)] for one in results])
+                done.append([np.asarray(array)[: len(part)] for array in results])
         parts = done[0] if len(done) == 1 else [np.concatenate(each) for each in zip(*done, strict=True)]
         return unpacked(parts, self._row, (len(rows),))

@@ -84,8 +84,8 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
             mountings += [mounting for _, mounting in segments.values()]
     placements, worn = stacked_mountings(mountings)
     window = standing_samples(1.0 / float(np.median(np.diff(time))))
-    own = tuple(one_side(p, side) for side in legs)
-    constants = DutyConstants(own, worn, window, as_float(START_VARIANCE))
+    leg_params = tuple(one_side(p, side) for side in legs)
+    constants = DutyConstants(leg_params, worn, window, as_float(START_VARIANCE))
     options = DutyDeviceOptions(all(imu.acc is not None for imu in sensors.values()), tuple(legs.values()))
     return Device("legs", placements, constants, begin, advance, options, tuple(legs)), tuple(notes)
 
@@ -94,9 +94,9 @@ def begin(c: DutyConstants, sample: Readings, options: DutyDeviceOptions) -> Dut
     """The state before the first sample, see `Device`."""
     del sample
 
-    def leg(own: DutyCycledParams, segments: tuple[int | None, ...]) -> tuple[Belief | None, ...]:
+    def leg(params: DutyCycledParams, segments: tuple[int | None, ...]) -> tuple[Belief | None, ...]:
         biases = tuple(None if k is None else -c.worn.bias[k, 1] for k in segments)
-        beliefs = duty_model.standing(own, biases, c.start_variance)
+        beliefs = duty_model.standing(params, biases, c.start_variance)
         return tuple(None if belief is None else belief.joined() for belief in beliefs)
 
     zeros = jnp.zeros_like(c.worn.scale)
@@ -116,22 +116,22 @@ def advance(
     on = (samples.turned & real[:, None]).T
     turn, turning = turns.turning(gyr[:, :, 2] - c.worn.bias[:, 2:], on, samples.dt, state.turn)
 
-    def planar(own: DutyCycledParams, k: int) -> PlanarSegment:
+    def planar(params: DutyCycledParams, k: int) -> PlanarSegment:
         turned, rate = samples.turned[:, k], -gyr[k, :, 1]
-        excess = turns.excess(own.turn_tilt, turning, samples.dt, jnp.zeros_like(rate))
+        excess = turns.excess(params.turn_tilt, turning, samples.dt, jnp.zeros_like(rate))
         return PlanarSegment(
             rate, acc[k, :, 0], acc[k, :, 2], turned | samples.felt[:, k], turned, excess, -c.worn.bias[k, 1],
             c.worn.variance[k],
         )  # fmt: skip
 
     beliefs, angles, legs = list[tuple[Belief | None, ...]](), list[SegmentEstimate](), list[PyTree]()
-    for own, before, places in zip(c.own, state.beliefs, options.legs, strict=True):
-        segments = tuple(None if k is None else planar(own, k) for k in places)
-        found, after = duty_model.over(own, segments, before, samples.dt, still, real, felt=options.felt)
-        beliefs.append(tuple(None if one is None else one.belief(count - 1) for one in after))
-        there = [one for one in found if one is not None]
+    for leg_params, before, places in zip(c.own, state.beliefs, options.legs, strict=True):
+        segments = tuple(None if k is None else planar(leg_params, k) for k in places)
+        estimates, after = duty_model.over(leg_params, segments, before, samples.dt, still, real, felt=options.felt)
+        beliefs.append(tuple(None if posterior is None else posterior.belief(count - 1) for posterior in after))
+        there = [estimate for estimate in estimates if estimate is not None]
         angles += there
-        legs += [joints(own, *there)] if len(there) == 2 else []
+        legs += [joints(leg_params, *there)] if len(there) == 2 else []
     each: PyTree = jax.tree.map(lambda *v: jnp.stack(v, axis=1), *angles)
     complete = len(legs) == len(options.legs)
     both: PyTree = jax.tree.map(lambda *v: jnp.stack(v, axis=1), *legs) if complete else (None, None)

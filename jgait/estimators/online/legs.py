@@ -79,8 +79,8 @@ def device(p: LegParams, recording: Recording) -> tuple[Device, tuple[Note, ...]
     numbers = tuple(SIDES.index(side) for side in sides)
     placements, worn = stacked_mountings(mountings)
     worn = jax.tree.map(lambda v: v.reshape(-1, 2, *v.shape[1:]), worn)
-    own = stacked(*(one_side(p, number) for number in numbers))
-    constants = LegsConstants(p, own, worn, standing_samples(rate), as_float(START_VARIANCE))
+    leg_params = stacked(*(one_side(p, number) for number in numbers))
+    constants = LegsConstants(p, leg_params, worn, standing_samples(rate), as_float(START_VARIANCE))
     gravity = KINEMATICS.gravity and all(imu.acc is not None for imu in sensors.values())
     options = KINEMATICS._replace(gravity=gravity)
     return Device("legs", placements, constants, begin, advance, options, numbers), tuple(notes)
@@ -119,7 +119,9 @@ def advance(
     lost = lost_for(state.lost, samples.turned.reshape(-1, *c.worn.scale.shape), samples.dt, count)
     slow, still = stood(state.slow, samples, LEGS_RATE, c.window, count)
     inputs = LegInputs(None, None, samples.dt, samples.dt, still, real, c.start_variance)
-    run = jax.vmap(lambda own, leg, one: leg_online.over(own, leg, one, inputs, options, count), out_axes=(0, 1))
+    run = jax.vmap(
+        lambda params, leg, signals: leg_online.over(params, leg, signals, inputs, options, count), out_axes=(0, 1)
+    )
     legs, (leg, stddev, updated) = run(c.own, state.legs, _signals(c.worn, samples, lost))
     before = jax.tree.map(
         lambda old, new: jnp.concatenate([jnp.where(state.begun, old, new[0])[None], new[:-1]]), state.before, leg

@@ -132,8 +132,8 @@ class Online:
         )
         for runner, columns, now in zip(self._runners, self._columns, results, strict=True):
             source, placements, sides = runner.device.source, runner.device.placements, runner.device.sides
-            felt = block.rows[kept][:, columns[1:]].reshape(samples, -1, 8)[:, :, 6:] > 0.0
-            there = felt[:, :, 0].all(axis=1) if source == "legs" else felt.all(axis=2).any(axis=1)
+            measured = block.rows[kept][:, columns[1:]].reshape(samples, -1, 8)[:, :, 6:] > 0.0
+            there = measured[:, :, 0].all(axis=1) if source == "legs" else measured.all(axis=2).any(axis=1)
             news.lost[source] = self._lost[source].after(block.time, there)
             if source != "legs":
                 new = news.strides[source] = _strides(now, block.offset)
@@ -181,7 +181,9 @@ def _chosen(names: str | Sequence[str] | None, recording: Recording) -> list[tup
     """Estimator and source of each device; every one that has its sensors, or those that are asked for."""
     worn = set(recording.sensors)
     there = {
-        name: [one for one, parts in every.items() if any({f"{part}_{s}" for part in parts} <= worn for s in SIDES)]
+        name: [
+            source for source, parts in every.items() if any({f"{part}_{s}" for part in parts} <= worn for s in SIDES)
+        ]
         for name, every in CAUSAL.items()
     }
     asked = (names,) if isinstance(names, str) else names

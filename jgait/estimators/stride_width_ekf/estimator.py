@@ -53,7 +53,7 @@ def prior_of(p: WidthParams, inputs: WidthInputs) -> Belief:
 def _filtered(p: WidthParams, ways: WidthInputs, options: WidthOptions, model: Model) -> filtering.Inferred:
     """The states for each of some inputs along a first axis."""
 
-    def one(inputs: WidthInputs) -> filtering.Inferred:
+    def inferred_states(inputs: WidthInputs) -> filtering.Inferred:
         across = inputs.distance + p.range_offset
         return filtering.infer(
             model, model_params(p), WidthObservation(across, jnp.zeros_like(across) + p.passing_offset),
@@ -62,7 +62,7 @@ def _filtered(p: WidthParams, ways: WidthInputs, options: WidthOptions, model: M
             keep=(*filtering.SUMMARY, "innovation", "innovation_stddev"),
         )  # fmt: skip
 
-    return jax.vmap(one)(ways)
+    return jax.vmap(inferred_states)(ways)
 
 
 def _evidence(inferred: filtering.Inferred, other: filtering.Inferred) -> Values:

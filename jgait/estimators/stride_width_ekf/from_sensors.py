@@ -96,10 +96,10 @@ def _strides(alone: Estimate, together: Estimate) -> tuple[Strides, Strides, np.
         )
         matches[rows] = np.where(inside, index[place], -1)
 
-    def with_widths(own: Strides, other: Strides) -> Strides:
+    def with_widths(table: Strides, other: Strides) -> Strides:
         # a stride without a row of the filter takes what is behind the last one
         width, step = (np.append(as_float(column), np.nan)[matches] for column in (other.width, other.step_length))
-        return own._replace(width=width, step_length=step)
+        return table._replace(width=width, step_length=step)
 
     return with_widths(ours, theirs), with_widths(alone.strides_stddev, together.strides_stddev), matches
 

@@ -90,12 +90,12 @@ def _usable(
             "a range needs times, distances and mask of one length; got shapes "
             f"{times.shape}, {distances.shape} and {mask.shape}"
         )
-    heard = mask.astype(bool) & np.isfinite(times) & np.isfinite(distances)
-    near = heard & (distances > 0.0) & (distances <= options.longest_range)
+    measured = mask.astype(bool) & np.isfinite(times) & np.isfinite(distances)
+    near = measured & (distances > 0.0) & (distances <= options.longest_range)
     if not near.any():
-        none = kinds.RANGE_FAR(longest=options.longest_range) if heard.any() else kinds.RANGE_SILENT()
+        none = kinds.RANGE_FAR(longest=options.longest_range) if measured.any() else kinds.RANGE_SILENT()
         return np.zeros(0), np.zeros(0), [none]
-    far = _far_passings(times[heard].astype(float), near[heard])
+    far = _far_passings(times[measured].astype(float), near[measured])
     times, distances = _passings(times[near].astype(float), distances[near].astype(float))
     odd = _outliers(distances, options.outlier)
     wrong, passings = far + int(np.sum(odd)), far + len(distances)
@@ -111,7 +111,7 @@ def _usable(
     turned = _inside(times, turning)
     usable = known & ~turned
     left_out = (
-        kinds.RANGES_LONG(ranges=np.sum(heard & ~near), longest=options.longest_range),
+        kinds.RANGES_LONG(ranges=np.sum(measured & ~near), longest=options.longest_range),
         kinds.RANGES_ODD(ranges=np.sum(odd)),
         kinds.RANGES_TURNING(ranges=np.sum(turned)),
         kinds.RANGES_UNKNOWN(ranges=np.sum(~known & ~turned)),

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.estimators.ends import LEAST, MOST, cut_note
+from jgait.estimators.ends import LEAST_CUT_STRIDES, MOST, cut_note
 from jgait.estimators.losses import lost_between
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.waist.notes import BOUTS_WITHOUT_STANDING, NO_CONTACTS
@@ -162,11 +162,11 @@ def notes_of(
     walking = force[(time >= at[0]) & (time <= at[-1])].std()
     cuts = []
     for seconds, beyond, still in (
-        (at[0] - time[0], time < at[0] - LEAST * stride_s, stands[0]),
-        (time[-1] - at[-1], time > at[-1] + LEAST * stride_s, stands[-1]),
+        (at[0] - time[0], time < at[0] - LEAST_CUT_STRIDES * stride_s, stands[0]),
+        (time[-1] - at[-1], time > at[-1] + LEAST_CUT_STRIDES * stride_s, stands[-1]),
     ):
         moves = seconds < STEP * stride_s or force[beyond].std() > MOVES * walking
-        cuts.append(float(seconds) if moves and not still and LEAST < seconds / stride_s < MOST else 0.0)
+        cuts.append(float(seconds) if moves and not still and LEAST_CUT_STRIDES < seconds / stride_s < MOST else 0.0)
     return notes + cut_note(placement, *cuts)
 
 

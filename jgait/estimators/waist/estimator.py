@@ -188,7 +188,7 @@ DOUBTFUL = 0.25
 """[1] Threshold on the distance's standard deviation over the distance; above it a note reports a useless distance."""
 
 
-SHORTEST, SLOWEST = 1.05, 0.85
+SHORTEST_LEARNED_M, SLOWEST = 1.05, 0.85
 """[m], [m/s] Limits below the strides from which the pendulum was learned: the medians of 36 walks of `ipol_gait`, as
 this estimator gives them, are 1.06 to 1.59 m and 0.87 to 1.57 m/s."""
 
@@ -241,8 +241,8 @@ def _doubts(result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs])
     (see `RISES`) or runs (see `FREE`); and (n,) the deviation of each stride over itself [1] if it is unlike those from
     which the pendulum was learned, else 0.
 
-    Strides are short or slow all together, if their median is below `SHORTEST` or `SLOWEST`, or each for itself (see
-    `SLOW`), or slower than the others (see `LONGER`); not where both steps are integrated, beside standing.
+    Strides are short or slow all together, if their median is below `SHORTEST_LEARNED_M` or `SLOWEST`, or each for
+    itself (see `SLOW`), or slower than the others (see `LONGER`); not where both steps are integrated, beside standing.
     """
     options, integrated = made.options, _integrated(made)
     strides, notes = result.strides, []
@@ -261,14 +261,16 @@ def _doubts(result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs])
         noted = slow = kept & (speed < SLOW) & ~turning & ~integrated
         whole = kept & ~np.asarray(result.diagnostics["half"], bool)
         whole = whole if whole.any() else kept
-        if np.median(length[whole]) < SHORTEST or np.median(speed[whole]) < SLOWEST:
-            noted, slow = whole & ((length < SHORTEST) | (speed < SLOWEST)), kept
+        if np.median(length[whole]) < SHORTEST_LEARNED_M or np.median(speed[whole]) < SLOWEST:
+            noted, slow = whole & ((length < SHORTEST_LEARNED_M) | (speed < SLOWEST)), kept
         lasts = as_float(strides.end) - as_float(strides.start)
         usual = float(np.median(lasts[kept & ~runs])) if (kept & ~runs).any() else np.inf
         slower = kept & (lasts > LONGER * usual) & ~turning & ~slow & ~integrated
         if slow is kept or slow.sum() > FEW:
             middle = {"length_m": np.median(length[noted]), "speed": np.median(speed[noted])}
-            notes.append(SHORT_OR_SLOW(strides=noted.sum(), of=kept.sum(), **middle, least_m=SHORTEST, slowest=SLOWEST))
+            notes.append(
+                SHORT_OR_SLOW(strides=noted.sum(), of=kept.sum(), **middle, least_m=SHORTEST_LEARNED_M, slowest=SLOWEST)
+            )
         if slower.sum() > FEW:
             seconds = float(np.median(lasts[slower]))
             notes.append(SLOWER_PART(strides=slower.sum(), of=kept.sum(), seconds=seconds, usual=usual))
@@ -322,9 +324,9 @@ def _steps_missed(result: Estimate, contacts: np.ndarray) -> Note | None:
     if len(contacts) < FEW:
         return None
     force = np.add(as_float(result.diagnostics["trunk_acceleration"]), [0.0, 0.0, GRAVITY])
-    found = 1.0 / float(np.median(np.diff(contacts)))
+    contact_rate = 1.0 / float(np.median(np.diff(contacts)))
     steps = step_frequency(force, 1.0 / float(np.median(np.diff(as_float(result.time)))))
-    return STEPS_MISSED(found=found, steps=steps) if found < EVERY_SECOND * steps else None
+    return STEPS_MISSED(found=contact_rate, steps=steps) if contact_rate < EVERY_SECOND * steps else None
 
 
 def _with_missed(result: Estimate, inputs: WaistInputs) -> Estimate:

@@ -118,7 +118,7 @@ def since(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | N
     turned = 2.0 * jnp.pi * jnp.asarray(cutoff_hz, steps.dtype) * steps
     shares = turned / (1.0 + turned)  # 1 − α
 
-    def one(state: PyTree, sample: PyTree) -> PyTree:
+    def integrate(state: PyTree, sample: PyTree) -> PyTree:
         low, change, time, before = state
         now, share, step, mark = sample
         low = low + share * (now - low)
@@ -128,7 +128,7 @@ def since(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | N
 
     nothing = jnp.zeros_like(acc[0])
     samples = (acc, shares, steps, anew)
-    return lax.scan(one, (nothing, nothing, nothing, acc[0]), samples)[1]
+    return lax.scan(integrate, (nothing, nothing, nothing, acc[0]), samples)[1]
 
 
 def per_sample(values: ArrayLike, at: Placed, dtype: DTypeLike) -> Array:

@@ -151,7 +151,7 @@ def with_body(p: WaistParams, body: dict[str, Any]) -> WaistParams:
     if unknown:
         raise ValueError(f"the waist's estimator takes {', '.join(known)} of a person; got {unknown[0]!r}")
 
-    def one(name: str) -> PyTree:
+    def measure(name: str) -> PyTree:
         value: Values = body[name]
         if isinstance(value, jax.Array):
             return value
@@ -162,9 +162,9 @@ def with_body(p: WaistParams, body: dict[str, Any]) -> WaistParams:
         return float(value)
 
     if "height" in body:
-        p = p._replace(pendulum_length=SENSOR_SHARE * one("height"), pendulum_length_sd=SENSOR_SD)
+        p = p._replace(pendulum_length=SENSOR_SHARE * measure("height"), pendulum_length_sd=SENSOR_SD)
     if "sensor_height" in body:
-        p = p._replace(pendulum_length=one("sensor_height"), pendulum_length_sd=TAPE_SD)
+        p = p._replace(pendulum_length=measure("sensor_height"), pendulum_length_sd=TAPE_SD)
     if "pendulum_constant" in body:
-        p = p._replace(pendulum_constant=one("pendulum_constant"))
+        p = p._replace(pendulum_constant=measure("pendulum_constant"))
     return p

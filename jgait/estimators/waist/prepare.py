@@ -160,9 +160,11 @@ def _checked(recording: Recording, name: str) -> np.ndarray:
         )
     time = common_time(recording, [name], "waist", "the sensor", least_s=LEAST_SECONDS)
     check_nominal_rate(time, name, rate)
-    felt = float(np.median(np.linalg.norm(as_float(imu.acc)[np.asarray(imu.mask, bool)], axis=1)))
-    if not LIKE_GRAVITY[0] * GRAVITY < felt < LIKE_GRAVITY[1] * GRAVITY:
-        raise RecordingError(f"'{name}' feels {felt:.2f} m/s² on average, where a walking person feels about 9.81")
+    median_force = float(np.median(np.linalg.norm(as_float(imu.acc)[np.asarray(imu.mask, bool)], axis=1)))
+    if not LIKE_GRAVITY[0] * GRAVITY < median_force < LIKE_GRAVITY[1] * GRAVITY:
+        raise RecordingError(
+            f"'{name}' feels {median_force:.2f} m/s² on average, where a walking person feels about 9.81"
+        )
     return time
 
 

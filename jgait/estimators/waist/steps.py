@@ -74,7 +74,7 @@ def _ranges(after: Flags, steps: Values, forward: Values, height: Values, speed:
     `after` (T,) is True where a node was the sample before.
     """
 
-    def one(carry: PyTree, sample: PyTree) -> PyTree:
+    def accumulate(carry: PyTree, sample: PyTree) -> PyTree:
         change, way, top, bottom, fastest, slowest, before = carry
         restart, dt, a, z, v = sample
         a_before, z_before, v_before = before
@@ -91,7 +91,7 @@ def _ranges(after: Flags, steps: Values, forward: Values, height: Values, speed:
 
     zero = jnp.zeros_like(forward[0])
     first = (zero, zero, height[0], height[0], speed[0], speed[0], (forward[0], height[0], speed[0]))
-    return lax.scan(one, first, (after, steps, forward, height, speed))[1]
+    return lax.scan(accumulate, first, (after, steps, forward, height, speed))[1]
 
 
 def pendulum(p: WaistParams, excursion: Values, surge: Values) -> Values:

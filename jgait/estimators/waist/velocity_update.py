@@ -116,14 +116,14 @@ def updated(
     number = jnp.arange(there.shape[0])
     first = number - lax.cummax(jnp.where(samples.anew, number, 0)) < INITIAL - 1
 
-    def one(v: Values, cycle: Values) -> PyTree:
+    def update_cycle(v: Values, cycle: Values) -> PyTree:
         anew, begin, gap, gain, gated = cycle
         kept = (gated & (jnp.abs(gain) < p.threshold)).astype(gain.dtype)
         begun = jnp.where(anew, begin, v) + gap
         return begun + (1.0 - kept) * gain, (begun, kept)
 
     rows = (samples.anew, samples.begin, before, change, there & ~first)
-    begun, kept = lax.scan(one, jnp.zeros_like(samples.acc[0]), rows)[1]
+    begun, kept = lax.scan(update_cycle, jnp.zeros_like(samples.acc[0]), rows)[1]
     return covered(p, samples, begun, kept, optimum=optimum)
 
 
