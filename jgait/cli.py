@@ -62,9 +62,9 @@ class Commands(TyperGroup):
         module = importlib.import_module(f"jgait.commands.{function}")
         if cmd_name == "datasets":
             return typer.main.get_command(module.sets)
-        one = typer.Typer(rich_markup_mode=None, add_completion=False)
-        one.command(cmd_name, epilog=getattr(module, "EPILOG", None))(getattr(module, function))
-        return typer.main.get_command(one)
+        command_app = typer.Typer(rich_markup_mode=None, add_completion=False)
+        command_app.command(cmd_name, epilog=getattr(module, "EPILOG", None))(getattr(module, function))
+        return typer.main.get_command(command_app)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """The table of commands, without their modules."""

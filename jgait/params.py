@@ -231,11 +231,13 @@ def check_params(params: PyTree, transforms: PyTree, usual: PyTree = None) -> No
         ValueError: if a value is not finite, outside the open range of its transform, or of several people.
     """
     names, values, flat, treedef = _pairs(params, transforms)
-    for name, value, one in zip(names, values, values if usual is None else treedef.flatten_up_to(usual), strict=True):
-        if np.ndim(value) > np.ndim(one):
+    for name, value, usual_value in zip(
+        names, values, values if usual is None else treedef.flatten_up_to(usual), strict=True
+    ):
+        if np.ndim(value) > np.ndim(usual_value):
             raise ValueError(
-                f"parameter '{name}' has the shape {np.shape(value)}, that of one person {np.shape(one)}: of a fit "
-                "with values per subject, take those of one person, fit.of(subject)"
+                f"parameter '{name}' has the shape {np.shape(value)}, that of one person {np.shape(usual_value)}: of a "
+                "fit with values per subject, take those of one person, fit.of(subject)"
             )
     for name, value, transform in zip(names, values, flat, strict=True):
         if value is None or isinstance(value, jax.core.Tracer):

@@ -29,7 +29,7 @@ from jgait.simulate.population import PELVIS_SPREAD, able, gait, manner
 from jgait.simulate.routes import straight
 from jgait.simulate.shapes import STYLES
 from jgait.simulate.walker import moved, planned, ticks
-from jgait.simulate.worn import SEVEN, Sensors, felt, sensors_at
+from jgait.simulate.worn import SEVEN, Sensors, ideal_readings, sensors_at
 from jgait.types import SIDES, Recording, Values, as_float
 
 SPREAD: dict[str, float] = {
@@ -153,7 +153,7 @@ def stride_of(person: Person, sensors: Sensors, phase: Values = 0.0) -> StrideSi
     who = evenly(person, 8, quiet_before=0.5)
     laid, _ = planned(jax.random.key(0), who, straight(30.0), 8)
     time = laid.contact[4] + who.gait.stride_time * (jnp.arange(POINTS) / POINTS + phase)
-    return StrideSignals(*felt(moved(who, laid, *ticks(laid, time)), sensors))
+    return StrideSignals(*ideal_readings(moved(who, laid, *ticks(laid, time)), sensors))
 
 
 def virtual(person: Person, placements: tuple[str, ...], phase: float = 0.0) -> dict[str, StrideSignals]:

@@ -35,7 +35,7 @@ from jgait.simulate.population import manner
 from jgait.simulate.shapes import WORN, Instants, Movement
 from jgait.simulate.tables import TABLES
 from jgait.simulate.walker import Frames, moved, planned, ticks
-from jgait.simulate.worn import felt
+from jgait.simulate.worn import ideal_readings
 from jgait.types import SIDES, Values
 
 GAIT = {
@@ -205,7 +205,9 @@ def walked_stride(who: Person, shape: Movement) -> tuple[tuple[Values, Values], 
     time = laid.contact[4] + who.gait.stride_time * jnp.arange(POINTS) / POINTS
     moving = moved(who, laid, *ticks(laid, time))
     placements = [f"{segment}_right" for segment in SEGMENTS]
-    return felt(moving, sensors_of(who.body, placements, jnp.asarray([KNOWN.thigh, KNOWN.shank, KNOWN.foot]))), moving
+    return ideal_readings(
+        moving, sensors_of(who.body, placements, jnp.asarray([KNOWN.thigh, KNOWN.shank, KNOWN.foot]))
+    ), moving
 
 
 class Made(NamedTuple):

@@ -24,7 +24,7 @@ from jgait.simulate import Person, shapes
 from jgait.simulate.shapes import shape_of
 from jgait.simulate.walker import moved as motion_of
 from jgait.simulate.walker import planned, ticks
-from jgait.simulate.worn import felt, sensors_at
+from jgait.simulate.worn import ideal_readings, sensors_at
 
 ROUNDS, UNEVEN = 4, 4
 """[1] Rounds; first harmonic of the forces that has the power of those of unequal steps beside it."""
@@ -44,7 +44,7 @@ def _stride(table: Any, who: Person) -> tuple[Any, Any, Any]:
     shape = shape_of(who)._replace(pelvis=table * shapes.sizes(who))
     laid, _ = planned(jax.random.key(0), who, simulate.straight(30.0), 8, shape)
     time = laid.contact[4] + who.gait.stride_time * jnp.arange(PARTS_OF_STRIDE) / PARTS_OF_STRIDE
-    gyr, acc = felt(motion_of(who, laid, *ticks(laid, time)), sensors_at(who.body, ("lower_back",)))
+    gyr, acc = ideal_readings(motion_of(who, laid, *ticks(laid, time)), sensors_at(who.body, ("lower_back",)))
     return acc[0], gyr[0], laid.side[4]
 
 

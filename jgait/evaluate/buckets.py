@@ -36,7 +36,7 @@ class CohortJob(NamedTuple):
 
     estimator: Estimator[PyTree, PyTree]
     params: PyTree
-    own: Callable[[Walk], dict[str, PyTree]] | None
+    body_measures: Callable[[Walk], dict[str, PyTree]] | None
     read: Callable[[PyTree], Walk] | None
     score: Callable[[Estimate, Walk], Scores]
     batch: int
@@ -109,9 +109,9 @@ def _padded(job: CohortJob, made: Prepared[PyTree]) -> PyTree:
 
 def _params(job: CohortJob, walk: Walk) -> PyTree:
     params = job.params(walk) if callable(job.params) else job.params
-    if job.own is not None:
-        params = job.estimator.own(params, job.own(walk))
-    if job.own is not None or callable(job.params):
+    if job.body_measures is not None:
+        params = job.estimator.own(params, job.body_measures(walk))
+    if job.body_measures is not None or callable(job.params):
         check_params(params, job.estimator.transforms, job.estimator.params)
     return params
 

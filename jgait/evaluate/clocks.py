@@ -165,7 +165,8 @@ def _of_contacts(estimate: Estimate, reference: Estimate, shifts: np.ndarray) ->
     lacking, count = np.zeros(len(shifts)), 0
     for number in range(len(SIDES)):
         estimated, true = (
-            as_float(one.end)[np.asarray(one.valid, bool) & (np.asarray(one.side) == number)] for one in (ours, theirs)
+            as_float(strides.end)[np.asarray(strides.valid, bool) & (np.asarray(strides.side) == number)]
+            for strides in (ours, theirs)
         )
         if estimated.size and true.size:
             ends, at = np.concatenate([[-np.inf], np.sort(estimated), [np.inf]]), true + shifts[:, None]
@@ -187,11 +188,11 @@ def _of_swings(estimate: Estimate, reference: Estimate, shifts: np.ndarray) -> n
     lacking, count = np.zeros(len(shifts)), 0
     for number, side in enumerate(SIDES):
         knee = _knee(estimate, side)
-        own = np.flatnonzero(np.asarray(strides.valid, bool) & (np.asarray(strides.side) == number))
-        if knee is None or not own.size:
+        leg_strides = np.flatnonzero(np.asarray(strides.valid, bool) & (np.asarray(strides.side) == number))
+        if knee is None or not leg_strides.size:
             continue
-        end = as_float(strides.end)[own]
-        lasts = float(np.median(end - as_float(strides.start)[own]))  # a first stride from standing begins late
+        end = as_float(strides.end)[leg_strides]
+        lasts = float(np.median(end - as_float(strides.start)[leg_strides]))  # a first stride from standing begins late
         end = end[:: -(-end.size // STRIDES_OF_LEG)]
         for row, shift in enumerate(shifts):
             at = (end + shift - lasts)[:, None] + lasts * part

@@ -180,7 +180,7 @@ def _description(job: CohortJob) -> dict[str, str]:
         "estimator": estimator.name,
         "functions": ", ".join(described(f) for f in (estimator.prepare, estimator.run)),
         "params": json.dumps(described(job.params) if callable(job.params) else numbers),
-        "own": described(job.own),
+        "own": described(job.body_measures),
         "own_function": described(estimator.own),
         "read": described(job.read),
         "score": described(job.score),

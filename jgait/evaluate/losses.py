@@ -43,8 +43,8 @@ def judged[P](estimator: Estimator[P, PyTree], p: P, lessons: "Lessons", names: 
 def _estimates(estimator: Estimator[PyTree, PyTree], p: PyTree, lessons: "Lessons") -> PyTree:
     """The estimates of all lessons, stacked, by a program of its own, which losses over the same recordings share."""
 
-    def own(body: dict[str, PyTree], _: PyTree) -> PyTree:
+    def subject_params(body: dict[str, PyTree], _: PyTree) -> PyTree:
         return jax.tree.map(jnp.asarray, estimator.own(p, body))
 
     data, n = lessons.data, len(lessons.names)
-    return program(estimator.run, lessons.options, None)(jax.vmap(own)(data.own, jnp.arange(n)), data.inputs)
+    return program(estimator.run, lessons.options, None)(jax.vmap(subject_params)(data.own, jnp.arange(n)), data.inputs)

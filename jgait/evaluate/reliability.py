@@ -169,9 +169,9 @@ def _variances(difference: np.ndarray, sizes: np.ndarray, codes: np.ndarray) -> 
     return variance, of_bias, spread / (4.0 * variance)
 
 
-def finite_pair(one: npt.ArrayLike, other: npt.ArrayLike, *names: str) -> tuple[np.ndarray, np.ndarray]:
+def finite_pair(column: npt.ArrayLike, other: npt.ArrayLike, *names: str) -> tuple[np.ndarray, np.ndarray]:
     """Two equally long columns of finite numbers, at least two of them."""
-    first, second = as_float(one), as_float(other)
+    first, second = as_float(column), as_float(other)
     if first.ndim != 1 or first.shape != second.shape or first.size < 2:
         raise ValueError(
             f"{names[0]} and {names[1]} must be (n,) with the same n >= 2; got {first.shape} and {second.shape}"

@@ -231,7 +231,7 @@ def within_two_sd(estimate: Estimate, reference: Estimate) -> dict[str, tuple[fl
     match = matched(ours, theirs)
     quantities = {}
     for name, (field, _) in STRIDE_COLUMNS.items():
-        values, truth, spread = (values_of(one, name) for one in (ours, theirs, stated))
+        values, truth, spread = (values_of(strides, name) for strides in (ours, theirs, stated))
         if field and values is not None and truth is not None and spread is not None:
             error, allowed = np.append(values, NAN)[match] - truth, 2.0 * np.append(spread, NAN)[match]
             usable = np.isfinite(error) & (allowed > 0.0)

@@ -74,7 +74,7 @@ class Cohort(NamedTuple):
 
     def usable(self) -> "Cohort":
         """The cohort without recordings whose notes say not to use the result, such as of people who do not walk."""
-        grave = [any(one.severity == "stop" for one in from_json(notes)) for notes in self.recordings["notes"]]
+        grave = [any(note.severity == "stop" for note in from_json(notes)) for notes in self.recordings["notes"]]
         left_out = self.recordings.loc[grave, "recording"]
         recordings, quantities, strides = (
             rows[~rows["recording"].isin(left_out)].reset_index(drop=True)

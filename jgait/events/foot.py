@@ -35,7 +35,7 @@ ABOVE = 1.5
 JOLT = 5.0
 """[m/s²] Spread of the specific force that weighs as much as an angular rate of 1 rad/s."""
 
-SHORTEST = 0.45
+SHORTEST_STRIDE_S = 0.45
 """[s] Shortest time from one stance to the next; a run has 0.65."""
 
 WORSE, LEAST_DEPTH = 3.0, 0.1
@@ -76,7 +76,7 @@ FLAT_S, LANDS_S = 0.03, 0.18
 """[s] Least time from an initial contact to the stance: the foot comes to lie flat in between. [s] The time that is
 assumed if the pitch shows no contact, from the reference of `ipol_gait`."""
 
-REACH = 0.25
+CONTACT_SEARCH_S = 0.25
 """[s] Contacts are searched from this time before the end of a stance to this time after the start of the next."""
 
 STILLEST, UNDECIDED = 1e-3, 1e-3
@@ -232,7 +232,7 @@ def _suppressed(valleys: np.ndarray, rate: np.ndarray, sampling_rate_hz: float) 
     while len(kept) > 1:
         gaps = np.diff(kept) / sampling_rate_hz
         close = int(np.argmin(gaps))
-        if gaps[close] >= SHORTEST:
+        if gaps[close] >= SHORTEST_STRIDE_S:
             break
         drop = close if depth[close] > depth[close + 1] else close + 1
         del kept[drop], depth[drop]
@@ -244,7 +244,7 @@ def _suppressed(valleys: np.ndarray, rate: np.ndarray, sampling_rate_hz: float) 
             del kept[k], depth[k]
         else:
             k += 1
-    edge = round(SHORTEST * sampling_rate_hz)
+    edge = round(SHORTEST_STRIDE_S * sampling_rate_hz)
     for end, beside, at_end in ((-1, -2, kept and kept[-1] >= len(rate) - edge), (0, 1, kept and kept[0] < edge)):
         if at_end and len(kept) > 1 and depth[end] > max(STILL, WORSE * depth[beside]):
             del kept[end], depth[end]
@@ -298,7 +298,7 @@ def contacts(
     swinging = ~inside(stances, len(gyr))
     axis = np.linalg.eigh(gyr[swinging].T @ gyr[swinging])[1][:, -1]
     about = gyr @ axis
-    reach = int(REACH * sampling_rate_hz)
+    reach = int(CONTACT_SEARCH_S * sampling_rate_hz)
     for k in range(count):
         a = max(stances.stillest[k], stances.end[k] - reach)
         b = min(stances.stillest[k + 1], stances.start[k + 1] + reach)

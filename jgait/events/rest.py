@@ -282,10 +282,10 @@ def trunk_rest(imu: Imu, rows: np.ndarray, mask: np.ndarray, rate: float) -> Tru
     scale = 1.0
     if runs:
         a, b = max(runs, key=lambda run: run[1] - run[0])
-        felt = float(np.linalg.norm(acc[a:b].mean(axis=0))) / GRAVITY
-        scale = 1.0 / felt
-        if abs(felt - 1.0) > 0.01:
-            notes.append(TRUNK_SCALE(percent=100.0 * (felt - 1.0)))
+        gravity_ratio = float(np.linalg.norm(acc[a:b].mean(axis=0))) / GRAVITY
+        scale = 1.0 / gravity_ratio
+        if abs(gravity_ratio - 1.0) > 0.01:
+            notes.append(TRUNK_SCALE(percent=100.0 * (gravity_ratio - 1.0)))
     early = next(((a, b) for a, b in runs if a < rate), None)
     first = acc[early[0] : early[1]].mean(axis=0) if early else np.array([0.0, 0.0, 1.0])
     return TrunkRest(still, bias, scale, seconds if early else 0.0, first / np.linalg.norm(first), tuple(notes))

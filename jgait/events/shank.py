@@ -213,14 +213,14 @@ def phases(rate: ArrayLike, sampling_rate_hz: float, d: Detector = MACHINE) -> S
     cascade = butterworth.section(d.cutoff_hz, sampling_rate_hz)
     late = butterworth.delay(d.cutoff_hz, sampling_rate_hz)
 
-    def one(carried: PyTree, sample: PyTree) -> PyTree:
+    def advance(carried: PyTree, sample: PyTree) -> PyTree:
         filtered, state = carried
         filtered, x = butterworth.step(cascade, filtered, sample[0])
         state, events = phase_step(d, state, x, sample[1])
         return (filtered, state), events
 
     first = (butterworth.at_rest(cascade, values[0]), begin(values[0], time[0]))
-    events: ShankEvents = lax.scan(one, first, (values, time))[1]
+    events: ShankEvents = lax.scan(advance, first, (values, time))[1]
     return events._replace(push_off=events.push_off - late, start=events.start - late, end=events.end - late)
 
 

@@ -145,8 +145,8 @@ def _at_end(
     if len(index) == 0:
         return edge, True, False
     rates = norm[index]
-    found = int(np.argmax(rates < max(STILL, 1.2 * float(rates.min()))))
-    at = int(index[found])
+    first_still = int(np.argmax(rates < max(STILL, 1.2 * float(rates.min()))))
+    at = int(index[first_still])
     outside = (
         norm[min(at, edge - near) : at + near + 1] if way > 0 else norm[max(at - near, 0) : max(at, edge + near) + 1]
     )

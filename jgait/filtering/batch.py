@@ -77,7 +77,7 @@ class _Reverse(Batched):
     moving: tuple[int, ...]
     count: int
     given: tuple[int, ...]
-    own: int
+    output_count: int
 
     @property
     def block(self) -> int:
@@ -87,9 +87,9 @@ class _Reverse(Batched):
         lanes = max(v.shape[-1] for v in values)
         arguments, rest = list(values[: self.count]), list(values[self.count :])
         outputs, cotangents = rest[: len(rest) - len(self.given)], rest[len(rest) - len(self.given) :]
-        every = replaced([None] * self.own, self.given, cotangents)
-        found = self.function.reverse(self.moving, arguments, outputs, every)
-        return [jnp.broadcast_to(f, (*f.shape[:-1], lanes)) for f in found]
+        every = replaced([None] * self.output_count, self.given, cotangents)
+        gradients = self.function.reverse(self.moving, arguments, outputs, every)
+        return [jnp.broadcast_to(f, (*f.shape[:-1], lanes)) for f in gradients]
 
 
 def differentiable(function: Batched, derivative: Derivative) -> Callable[..., list[Array]]:
@@ -115,10 +115,10 @@ def differentiable(function: Batched, derivative: Derivative) -> Callable[..., l
         if not given or not moving:
             return (None,) * len(values)
         reverse = _Reverse(function, moving, len(values), given, len(cotangents))
-        found = _mapped(reverse)(*values, *outputs, *(cotangents[i] for i in given))
+        gradients = _mapped(reverse)(*values, *outputs, *(cotangents[i] for i in given))
         # An argument that is the same for the whole batch gets the sum.
-        found = [_summed(f, values[i].shape) for i, f in zip(moving, found, strict=True)]
-        return tuple(replaced([None] * len(values), moving, found))
+        gradients = [_summed(f, values[i].shape) for i, f in zip(moving, gradients, strict=True)]
+        return tuple(replaced([None] * len(values), moving, gradients))
 
     run.defvjp(ahead, back, symbolic_zeros=True)
     return run
@@ -145,15 +145,15 @@ def _mapped(function: Batched, lanes: int = 1) -> Callable[..., list[Array]]:
 
     @run.def_vmap
     def rule(size: int, batched: Sequence[bool], *arguments: Array) -> tuple[list[Array], list[bool]]:
-        def behind(value: Array, own: bool) -> Array:
+        def behind(value: Array, has_axis: bool) -> Array:
             """The argument with the new axis as part of its last one."""
-            if not own and value.shape[-1] == 1:
+            if not has_axis and value.shape[-1] == 1:
                 return value
-            value = jnp.moveaxis(value, 0, -1) if own else value[..., None]
+            value = jnp.moveaxis(value, 0, -1) if has_axis else value[..., None]
             shape = value.shape[:-2]
             return jnp.broadcast_to(value, (*shape, lanes, size)).reshape(*shape, lanes * size)
 
-        wide = [behind(v, own) for v, own in zip(arguments, batched, strict=True)]
+        wide = [behind(v, has_axis) for v, has_axis in zip(arguments, batched, strict=True)]
         outputs = [jnp.broadcast_to(o, (*o.shape[:-1], lanes * size)) for o in _mapped(function, lanes * size)(*wide)]
         apart = [jnp.moveaxis(o.reshape(*o.shape[:-1], lanes, size), -1, 0) for o in outputs]
         return apart, [True] * len(apart)
@@ -218,13 +218,13 @@ def _in_blocks(function: Batched, count: int, *lanes: Array) -> list[Array]:
             return jnp.moveaxis(value, -1, 0)[..., None]
         return jnp.moveaxis(value.reshape(*value.shape[:-1], -1, size), -2, 0)
 
-    own = [value.shape[-1] > 1 for value in lanes]
+    per_lane = [value.shape[-1] > 1 for value in lanes]
 
     def of(some: list[Array]) -> list[Array]:
         parts = iter(some)
-        outputs = run(*(next(parts) if part else value for value, part in zip(lanes, own, strict=True)))
+        outputs = run(*(next(parts) if part else value for value, part in zip(lanes, per_lane, strict=True)))
         return [jnp.broadcast_to(o, (*o.shape[:-1], size)) for o in outputs]
 
-    outputs = lax.map(of, [folded(value) for value, part in zip(lanes, own, strict=True) if part])
+    outputs = lax.map(of, [folded(value) for value, part in zip(lanes, per_lane, strict=True) if part])
     joined = [jnp.moveaxis(o, 0, -2) for o in outputs]
     return [o.reshape(*o.shape[:-2], count + missing)[..., :count] for o in joined]

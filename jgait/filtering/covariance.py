@@ -70,21 +70,21 @@ class Covariance:
         """
         if self.layout == layout:
             return self
-        own, numbers = list[list[int]](), 0
+        components_of, numbers = list[list[int]](), 0
         if self.layout.structure == layout.structure:
             for name, shape, given in zip(layout.names, layout.shapes, self.layout.shapes, strict=True):
                 if given not in ((), shape):
                     raise ValueError(f"'{name}' of shape () or {shape}; got {given}")
                 every = list(range(numbers, numbers + math.prod(shape)))
-                own += [every] if given == () else [[i] for i in every]
+                components_of += [every] if given == () else [[i] for i in every]
                 numbers += len(every)
         else:
             raise ValueError(f"a covariance of ({', '.join(layout.names)}); got {self!r}")
         entries = dict[tuple[int, int], Scalar]()
         for (i, j), value in self.entries().items():
-            if len(own[i]) != len(own[j]):
+            if len(components_of[i]) != len(components_of[j]):
                 raise ValueError(f"entries of equal shapes; got one number for {layout.names} at {i}, {j}")
-            entries |= dict.fromkeys(zip(own[i], own[j], strict=True), value)
+            entries |= dict.fromkeys(zip(components_of[i], components_of[j], strict=True), value)
         return self.of(entries, layout)
 
     @classmethod
@@ -115,8 +115,8 @@ class Covariance:
         for place, value in entries.items():
             if not (isinstance(value, float | int) and value == 0.0):
                 distinct.setdefault(id(value), (value, []))[1].append(place)
-        found = [*distinct.values()]
-        return cls([value for value, _ in found], layout, tuple(tuple(where) for _, where in found))
+        pairs = [*distinct.values()]
+        return cls([value for value, _ in pairs], layout, tuple(tuple(where) for _, where in pairs))
 
     def entries(self) -> Entries:
         """The entries; those that are known to be zero are left out."""
@@ -163,14 +163,14 @@ class Covariance:
             raise ValueError(f"an entry is given twice, in both orders of its names: {', '.join(map(str, entries))}")
         for pair, value in entries.items():
             rows, columns = self._pair(pair)
-            one = jnp.shape(value) == () and len(rows) > 1
+            per_entry = jnp.shape(value) == () and len(rows) > 1
             block = None if jnp.shape(value) == () else jnp.reshape(value, (len(rows), len(columns)))
             for a, i in enumerate(rows):
                 for b, j in enumerate(columns):
                     if block is not None:
                         replaced[min(i, j), max(i, j)] = block[a, b]
                     else:
-                        replaced[min(i, j), max(i, j)] = value if a == b or not one else 0.0
+                        replaced[min(i, j), max(i, j)] = value if a == b or not per_entry else 0.0
         return self.of(self.entries() | replaced, self.layout)
 
     def variances(self) -> PyTree:

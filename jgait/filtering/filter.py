@@ -108,9 +108,9 @@ def infer(
     check_linear(given, method)
     special = execution_of(given, method, execution, smooth and bool(chosen))
     if special is not None:
-        found = special(given, fields, smooth)
+        field_values = special(given, fields, smooth)
     elif isinstance(method, IteratedSmoother):
-        found = iterated(given, method, fields, chosen)
+        field_values = iterated(given, method, fields, chosen)
     else:
         inner = posterior.closure(shape, chosen) if smooth else ()
         names = dict.fromkeys(name for field in fields for name in posterior.NEEDS[field])
@@ -118,8 +118,10 @@ def infer(
             names |= dict.fromkeys(("x", "delta", "move", *(("smoothed",) if inner else ())))
         run = differentiable(Recorded(shape, method, tuple(names), inner), method.derivative)
         outputs = run(*(value[..., None] for value in given.arrays()))
-        found = posterior.fields_of(given, fields, inner, dict(zip(names, (v[..., 0] for v in outputs), strict=True)))
-    return posterior.inferred(given, found, keep, chosen, smooth)
+        field_values = posterior.fields_of(
+            given, fields, inner, dict(zip(names, (v[..., 0] for v in outputs), strict=True))
+        )
+    return posterior.inferred(given, field_values, keep, chosen, smooth)
 
 
 def _jitted(
@@ -169,11 +171,11 @@ def kalman_filter(
     Raises:
         ValueError: if observations, controls, mask or dt have wrong types or shapes, or observations have NaN.
     """
-    found = infer(
+    inferred = infer(
         model, params, observations, smooth=False, dt=dt, controls=controls, mask=mask, method=method,
         initial=initial, keep=keep, covariance="cov" in keep, execution=execution,
     )  # fmt: skip
-    return found.filtered if "mean" in keep else found.filtered._replace(mean=None)
+    return inferred.filtered if "mean" in keep else inferred.filtered._replace(mean=None)
 
 
 def kalman_smoother(

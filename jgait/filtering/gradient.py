@@ -69,14 +69,14 @@ def filter_gradient(
 
     def body(carry: tuple[Belief, list[Array]], item: Item) -> tuple[tuple[Belief, list[Array]], list[Array]]:
         back, total = carry
-        back, found = _adjoint(linear, places, item, back)
-        return (back, [a + b for a, b in zip(total, found, strict=False)]), found[len(constants) :]
+        back, places_ct = _adjoint(linear, places, item, back)
+        return (back, [a + b for a, b in zip(total, places_ct, strict=False)]), places_ct[len(constants) :]
 
     zero = jax.tree.map(jnp.zeros_like, start)
     none = [jnp.zeros((*linear.wide[i].shape[:-1], linear.lanes), linear.wide[i].dtype) for i in constants]
     items: Item = before, samples, {name: known[name] for name in ("G", "z")}, ct
-    (first, sums), found = scanned(body, (zero, none), items, busy, reverse=True)
-    gradients = dict(zip([*constants, *series], [*sums, *found], strict=True))
+    (first, sums), series_ct = scanned(body, (zero, none), items, busy, reverse=True)
+    gradients = dict(zip([*constants, *series], [*sums, *series_ct], strict=True))
     gradients |= {count: first[0], count + 1: first[2][: linear.size, : linear.size]}
     return [gradients[i] for i in moving]
 
@@ -98,7 +98,7 @@ def _adjoint(linear: Linear, places: list[int], item: Item, back: Belief) -> tup
 
     def observation(x: Array, moving: list[Array]) -> tuple[Array, Array, Array]:
         model, (measured, *control, _) = at(moving)
-        return model.observation(list(x), control, list(measured), list(sample.seen))
+        return model.observation(list(x), control, list(measured), list(sample.visible))
 
     # Two parts, so that an observation that is not finite does not spoil the derivatives of its prediction.
     (A, Q, x), pull = jax.vjp(transition, list(before), list(delta), moving)
@@ -117,14 +117,14 @@ def _adjoint(linear: Linear, places: list[int], item: Item, back: Belief) -> tup
     A_ct = product(2.0 * half, P, A_ct)
     on_x, seen_ct = pull_seen(held(*(where(valid, v, 0.0) for v in (H_ct, S_ct, e_ct))))
     # A component that is not seen tells nothing, even where its derivative is not finite.
-    whole = jnp.all(sample.seen, axis=0)
+    whole = jnp.all(sample.visible, axis=0)
     on_x, seen_ct = jax.tree.map(lambda v: where(whole, v, jnp.where(jnp.isfinite(v), v, 0.0)), (on_x, seen_ct))
     x_back, delta_back, moved_ct = pull(held(A_ct, prior_ct, x_ct + where(valid, on_x, 0.0)))
     state = jnp.stack(x_back), jnp.stack(delta_back), product(transposed(A), half, hold=False)
     # What was not finite did not change the belief, and says nothing of the parameters.
     x_ct, delta_ct, P_ct = (where(finite, f, p) for f, p in zip(state, (x_ct, delta_ct, P_ct), strict=True))
-    found = jax.tree.map(lambda m, s: where(finite, m, 0.0) + where(valid, s, 0.0), moved_ct, seen_ct)
-    return (x_ct, delta_ct, P_ct), found
+    places_ct = jax.tree.map(lambda m, s: where(finite, m, 0.0) + where(valid, s, 0.0), moved_ct, seen_ct)
+    return (x_ct, delta_ct, P_ct), places_ct
 
 
 def _updated(

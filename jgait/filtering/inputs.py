@@ -30,7 +30,7 @@ class Inputs(NamedTuple):
     measured: list[Float[Array, "time"]]  #: the observed components that are ever measured.
     controls: list[Float[Array, "time"]]  #: components of the control.
     dt: Float[Array, "..."]  #: intervals [s], () or (T,).
-    seen: list[Bool[Array, "time"] | bool]  #: the mask of `measured`, True if every sample is measured.
+    visible: list[Bool[Array, "time"] | bool]  #: the mask of `measured`, True if every sample is measured.
 
     @property
     def length(self) -> int:
@@ -50,7 +50,7 @@ class Inputs(NamedTuple):
             jnp.stack(self.measured, axis=-1),
             *(jnp.broadcast_to(leaf, length) for leaf in self.controls),
             jnp.broadcast_to(self.dt, length),
-            jnp.stack([jnp.broadcast_to(jnp.asarray(leaf), length) for leaf in self.seen], axis=-1),
+            jnp.stack([jnp.broadcast_to(jnp.asarray(leaf), length) for leaf in self.visible], axis=-1),
         ]
 
 
@@ -68,7 +68,7 @@ def inputs(
     first = jax.tree.map(lambda leaf: leaf[0], controls)
     mean = in_dtype(belief.mean, dtype)
     observed = observed_layout(model, params, mean, first, observations)
-    seen, hidden = mask_components(mask, observed, length)
+    visible, hidden = mask_components(mask, observed, length)
     state = Layout.of(belief.mean)
     shape = Shape(
         model, jax.tree.structure(params), Layout.of(controls, axes=1), state, error_layout(model, state, dtype),
@@ -79,7 +79,7 @@ def inputs(
         shape, params, state.components(belief.mean, dtype, "the mean of a belief"),
         shape.noise(belief.cov, shape.error, "the covariance of a belief"),
         [measured[i] for i in shape.measured], _series(controls, length), interval(dt, length, dtype),
-        [seen[i] for i in shape.measured],
+        [visible[i] for i in shape.measured],
     )  # fmt: skip
 
 
@@ -241,10 +241,10 @@ def observed_layout(model: Model, params: Tree, mean: Tree, control: Tree, obser
         got = f"a {type(observation).__name__} of ({', '.join(given.names)})"
         got = f"a bare array; pass {name}({fields[0]}=…)" if jax.tree_util.all_leaves([observation]) else got
         raise ValueError(f"the model observes a {name} of ({', '.join(fields)}); got {got}")
-    for field, own, other in zip(fields, layout.shapes, given.shapes, strict=True):
-        if own != other:
+    for field, shape, other in zip(fields, layout.shapes, given.shapes, strict=True):
+        if shape != other:
             raise ValueError(
-                f"observation '{field}' must have shape (T{''.join(f', {n}' for n in own) or ','}), one value a "
+                f"observation '{field}' must have shape (T{''.join(f', {n}' for n in shape) or ','}), one value a "
                 f"sample; got (T{''.join(f', {n}' for n in other) or ','})"
             )
     return layout
@@ -299,12 +299,12 @@ def mask_components(mask: Tree, observed: Layout, length: int) -> tuple[list[Boo
             f"the mask is one array of bools or a {kind} of them ({', '.join(observed.names)}); "
             f"got a {type(mask).__name__} of ({', '.join(names_of(mask))})"
         )
-    found, hidden = list[Array | bool](), set[int]()
+    masks, hidden = list[Array | bool](), set[int]()
     for name, leaf, shape in zip(observed.names, leaves, observed.shapes, strict=True):
         size = math.prod(shape)
         if known_false(leaf):
-            hidden |= set(range(len(found), len(found) + size))
-            found += [jnp.zeros(length, bool)] * size
+            hidden |= set(range(len(masks), len(masks) + size))
+            masks += [jnp.zeros(length, bool)] * size
             continue
         if jnp.shape(leaf) not in ((length,), (length, *shape)) or jnp.result_type(leaf) != jnp.bool_:
             raise ValueError(
@@ -312,5 +312,5 @@ def mask_components(mask: Tree, observed: Layout, length: int) -> tuple[list[Boo
                 f"{jnp.shape(leaf)}"
             )
         leaf = jnp.asarray(leaf)
-        found += [leaf] * size if leaf.shape == (length,) else list(jnp.unstack(leaf.reshape(length, size), axis=1))
-    return found, hidden if len(hidden) < observed.size else hidden - {0}
+        masks += [leaf] * size if leaf.shape == (length,) else list(jnp.unstack(leaf.reshape(length, size), axis=1))
+    return masks, hidden if len(hidden) < observed.size else hidden - {0}

@@ -60,12 +60,12 @@ def iterated(
     shape, arrays = given.shape, [value[..., None] for value in given.arrays()]
     names = tuple(dict.fromkeys((*(n for field in fields for n in NEEDS[field]), "x", "delta", "move")))
     outputs = differentiable(Recorded(shape, EKF(), names), method.derivative)(*arrays)
-    found = fields_of(given, fields, (), dict(zip(names, (v[..., 0] for v in outputs), strict=True)))
+    field_values = fields_of(given, fields, (), dict(zip(names, (v[..., 0] for v in outputs), strict=True)))
     params, (start, cov), samples = Recorded(shape, EKF(), names).split(arrays)
     inner, length = closure(shape, chosen), given.length + 1
     # The initial belief is the first sample: nothing moves into it, and nothing is measured.
     longer = jax.tree.map(lambda v: jnp.concatenate([v[:1], v])[..., 0], samples)
-    longer = longer._replace(seen=longer.seen.at[0].set(False))
+    longer = longer._replace(visible=longer.visible.at[0].set(False))
     linear, smooth = Linear(shape, params, length, EKF()), differentiable(LinearSmoother(inner), method.derivative)
 
     def smoothed_again(carry: tuple[Array, ...], _: None) -> tuple[tuple[Array, ...], None]:
@@ -73,14 +73,14 @@ def iterated(
         elements = about(linear, at, (start, cov), longer)
         return (at, *(v[..., 0] for v in smooth(*(v[..., None] for v in elements)))), None
 
-    at = jnp.concatenate([start[:, 0][None], found["smoothed_mean"]])
+    at = jnp.concatenate([start[:, 0][None], field_values["smoothed_mean"]])
     zero = jnp.zeros((length, shape.error.size), shape.dtype)
     covs = [jnp.zeros((length, len(inner), len(inner)), shape.dtype)] if inner else []
     at, delta, *covs = (v[1:] for v in lax.scan(smoothed_again, (at, zero, *covs), length=method.passes - 1)[0])
-    found["smoothed_mean"] = states(shape, at, delta)
+    field_values["smoothed_mean"] = states(shape, at, delta)
     if inner:
-        found["smoothed_cov"] = covariances(shape, inner, at, delta, covs[0]), inner
-    return found
+        field_values["smoothed_cov"] = covariances(shape, inner, at, delta, covs[0]), inner
+    return field_values
 
 
 def about(linear: Linear, at: Float[Array, "time k"], start: tuple[Array, Array], samples: Sample) -> list[Array]:
@@ -101,7 +101,7 @@ def about(linear: Linear, at: Float[Array, "time k"], start: tuple[Array, Array]
     def turned(_: list[Array], given: tuple[list[Array], list[Array]], d: list[Array]) -> list[Array]:
         return shape.local(given[0], shape.retract(given[1], d))
 
-    def one(
+    def transition_terms(
         params: list[Array], before: list[Array], now: list[Array], first: list[Array], begins: Array, u: list[Array],
         dt: Array,
     ) -> tuple[list[Array], list[Array], list[Array], list[Array]]:  # fmt: skip
@@ -117,7 +117,9 @@ def about(linear: Linear, at: Float[Array, "time k"], start: tuple[Array, Array]
     begins = jnp.arange(len(at)) == 0
     controls = [*samples.control]
     before = [jnp.concatenate([v[:1], v[:-1]]) for v in x]
-    gap, arrived, place, noise = linear.over(one, before, x, [v[0] for v in start[0]], begins, controls, samples.dt)
+    gap, arrived, place, noise = linear.over(
+        transition_terms, before, x, [v[0] for v in start[0]], begins, controls, samples.dt
+    )
     slope = [-v for v in linear.pushed(off, (x, (before, controls, samples.dt)), zero, linear.directions)[1]]
     turn = linear.pushed(turned, (place, arrived), gap, linear.directions)[1]
     D, T, Q = jnp.stack(slope), jnp.stack(turn), linear.matrix(noise, places, shape.error.size)
@@ -127,6 +129,6 @@ def about(linear: Linear, at: Float[Array, "time k"], start: tuple[Array, Array]
     D = where(begins, jnp.zeros_like(D), D)
     Q = where(finite, Q, 0.0)
     Q = where(begins, jnp.broadcast_to(start[1], Q.shape), Q)
-    H, R, e = linear.observation(x, controls, list(samples.measured.T), list(samples.seen.T))
+    H, R, e = linear.observation(x, controls, list(samples.measured.T), list(samples.visible.T))
     elements = product(T, D), -applied(T, jnp.stack(gap)), product_transposed(product(T, Q), T), H, R, e
     return [jnp.moveaxis(v, -1, 0) for v in elements]

@@ -76,15 +76,15 @@ class Layout(NamedTuple):
         Raises:
             KeyError: if no leaf has the name.
         """
-        found, first = list[int](), 0
+        numbers, first = list[int](), 0
         for leaf, shape in zip(self.names, self.shapes, strict=True):
             size = math.prod(shape)
             if leaf == name or leaf.startswith(f"{name}."):
-                found.extend(range(first, first + size))
+                numbers.extend(range(first, first + size))
             first += size
-        if not found:
+        if not numbers:
             raise KeyError(f"no component {name!r}; there are {', '.join(self.names)}")
-        return found
+        return numbers
 
     def shape_of(self, name: str) -> tuple[int, ...]:
         """The shape of a leaf; of several leaves below a name, the number of their components."""
@@ -103,15 +103,15 @@ class Layout(NamedTuple):
                 f"{what} must be a {type(expected).__name__} of ({', '.join(self.names)}); "
                 f"got a {type(tree).__name__} of ({', '.join(names_of(tree))})"
             )
-        found = list[Scalar]()
+        scalars = list[Scalar]()
         for name, leaf, shape in zip(self.names, leaves, self.shapes, strict=True):
             if jnp.shape(leaf) != shape:
                 raise ValueError(f"{what} must have '{name}' of shape {shape}; got {jnp.shape(leaf)}")
             if shape == ():
-                found.append(float(leaf) if isinstance(leaf, int | float) else jnp.asarray(leaf, dtype))
+                scalars.append(float(leaf) if isinstance(leaf, int | float) else jnp.asarray(leaf, dtype))
             elif math.prod(shape):
-                found.extend(jnp.unstack(jnp.asarray(leaf, dtype).reshape(-1)))
-        return found
+                scalars.extend(jnp.unstack(jnp.asarray(leaf, dtype).reshape(-1)))
+        return scalars
 
     def tuple(self, components: Sequence[Scalar]) -> PyTree:
         """The tuple of scalars, inverse of `components`."""

@@ -84,8 +84,10 @@ class Linear:
             return shape.local(after, x)
 
         def noise(params: list[Array], x: list[Array], u: list[Array], dt: Array) -> list[Array]:
-            told = shape.model.transition_noise(*self.unpacked(params, x, u), dt)
-            return distinct(shape.noise(told, shape.error, "what transition_noise returns"), places=places, shape=shape)
+            covariance = shape.model.transition_noise(*self.unpacked(params, x, u), dt)
+            return distinct(
+                shape.noise(covariance, shape.error, "what transition_noise returns"), places=places, shape=shape
+            )
 
         if isinstance(method := self.method, UKF | CKF):
 
@@ -118,33 +120,33 @@ class Linear:
         return self.shape.params.unflatten(params), self.shape.state.tuple(x), self.shape.control.tuple(control)
 
     def observation(
-        self, x: Rows, control: Rows, measured: Rows, seen: Rows, at: Rows | None = None, P: Matrices | None = None
+        self, x: Rows, control: Rows, measured: Rows, visible: Rows, at: Rows | None = None, P: Matrices | None = None
     ) -> tuple[Matrices, Matrices, Float[Array, "m B"]]:
         """H, R and e = y − h(x ⊕ at) about an error `at` of the predicted state, by default 0.
 
         Where a component is not seen, its row of H and e are zero, and R has a 1.
         """
         shape, places = self.shape, list[Places]()
-        x, control, measured, seen = map(list, (x, control, measured, seen))
+        x, control, measured, visible = map(list, (x, control, measured, visible))
 
         def shown(params: list[Array], u: list[Array], x: list[Array]) -> list[Array]:
-            told = shape.model.observation(*self.unpacked(params, x, u))
-            every = shape.arrays(shape.observed.components(told, shape.dtype, "what observation returns"))
+            observation = shape.model.observation(*self.unpacked(params, x, u))
+            every = shape.arrays(shape.observed.components(observation, shape.dtype, "what observation returns"))
             return [every[i] for i in shape.measured]
 
         def apart(_: Tree, expected: list[Array], y: list[Array]) -> list[Array]:
             return shape.residual(y, expected)
 
         def rest(
-            params: list[Array], x: list[Array], u: list[Array], measured: list[Array], seen: list[Array],
+            params: list[Array], x: list[Array], u: list[Array], measured: list[Array], visible: list[Array],
             expected: list[Array],
         ) -> tuple[list[Array], list[Array]]:  # fmt: skip
-            visible = [jnp.where(s, y, e) for s, y, e in zip(seen, measured, expected, strict=True)]
-            told = shape.model.observation_noise(*self.unpacked(params, x, u))
-            entries = shape.noise(told, shape.observed, "what observation_noise returns")
+            filled = [jnp.where(s, y, e) for s, y, e in zip(visible, measured, expected, strict=True)]
+            covariance = shape.model.observation_noise(*self.unpacked(params, x, u))
+            entries = shape.noise(covariance, shape.observed, "what observation_noise returns")
             row = {place: i for i, place in enumerate(shape.measured)}
             known = {(row[i], row[j]): v for (i, j), v in entries.items() if i in row and j in row}
-            return shape.residual(visible, expected), distinct(known, places=places, shape=shape)
+            return shape.residual(filled, expected), distinct(known, places=places, shape=shape)
 
         about = [jnp.zeros_like(x[0])] * self.size if at is None else list(at)[: self.size]
         shift: Any = 0.0
@@ -163,9 +165,9 @@ class Linear:
             if shape.model.residual is not None:
                 _, columns = self.pushed(apart, expected, expected, columns)
             H = jnp.stack(columns)
-        innovation, noise = self.over(rest, x, control, measured, seen, expected)
+        innovation, noise = self.over(rest, x, control, measured, visible, expected)
         e, R = jnp.stack(innovation) - shift, self.matrix(noise, places, len(shape.measured)) + spread
-        here = jnp.stack(seen)
+        here = jnp.stack(visible)
         unit = jnp.eye(len(here), dtype=shape.dtype)[:, :, None]
         R = jnp.where(here[:, None] & here[None], R, unit)
         return jnp.where(here[:, None], H, 0.0), R, jnp.where(here, e, 0.0)
@@ -192,7 +194,7 @@ class Known(NamedTuple):
         return A, Q, applied(A, x + delta) + c
 
     def observation(
-        self, x: Array, control: tuple[Array, ...], measured: Array, seen: Array, at: Array | None, P: Array
+        self, x: Array, control: tuple[Array, ...], measured: Array, visible: Array, at: Array | None, P: Array
     ) -> tuple[Array, Array, Array]:  # fmt: skip
         """H, R and e."""
         *_, H, R = control

@@ -131,7 +131,7 @@ def fields_of(
 ) -> dict[str, Any]:
     """Fields of `Posterior`, and the smoothed "move" and "smoothed", from the outputs of `Recorded` (T, …)."""
     shape, out = given.shape, outputs
-    found: dict[str, Any] = {}
+    field_values: dict[str, Any] = {}
     every = tuple(range(shape.error.size))
     mean: Any = states(shape, out["x"], out["delta"]) if "x" in out else None
     for name in fields:
@@ -149,48 +149,48 @@ def fields_of(
                 value = jnp.where(positive, jnp.sqrt(jnp.where(positive, out["variance"], 1.0)), 0.0)
                 value = jnp.where(out["valid"][:, None], value, 0.0)
             case "count" | "log_likelihood":
-                seen = jnp.stack([jnp.broadcast_to(jnp.asarray(s), given.length) for s in given.seen], axis=1)
-                value = jnp.where(out["valid"], jnp.sum(seen, axis=1, dtype=shape.dtype), 0.0)
+                visible = jnp.stack([jnp.broadcast_to(jnp.asarray(s), given.length) for s in given.visible], axis=1)
+                value = jnp.where(out["valid"], jnp.sum(visible, axis=1, dtype=shape.dtype), 0.0)
                 if name == "log_likelihood":
                     terms = out["nis"] + out["log_det"] + value * LOG_2PI
                     value = jnp.where(out["valid"], -0.5 * terms, 0.0)
             case _:
                 value = out[name]
-        found[name] = value
+        field_values[name] = value
     if "move" in out:
         error = turned(shape, out["x"], out["delta"], out["move"])
-        found["smoothed_mean"] = states(shape, mean, error)
+        field_values["smoothed_mean"] = states(shape, mean, error)
         if inner:
             about = covariances(shape, inner, out["x"], out["delta"], out["smoothed"])
-            found["smoothed_cov"] = covariances(shape, inner, mean, error, about), inner
-    return found
+            field_values["smoothed_cov"] = covariances(shape, inner, mean, error, about), inner
+    return field_values
 
 
 def inferred(
-    given: Inputs, found: dict[str, Any], keep: tuple[str, ...], chosen: tuple[int, ...], smooth: bool
+    given: Inputs, field_values: dict[str, Any], keep: tuple[str, ...], chosen: tuple[int, ...], smooth: bool
 ) -> Inferred:
     """The result from the fields by name: arrays (T, size), of covariances (T, n, n), or (T,)."""
     shape = given.shape
-    if "log_likelihood" in found:
+    if "log_likelihood" in field_values:
         params = [leaf for leaf in jax.tree.leaves(given.params) if jnp.issubdtype(leaf.dtype, jnp.floating)]
         if params:  # no update is valid, and none counts: the sum would be 0
             lost = jnp.any(jnp.stack([jnp.any(jnp.isnan(leaf)) for leaf in params]))
-            found["log_likelihood"] = jnp.where(lost, jnp.nan, found["log_likelihood"])
+            field_values["log_likelihood"] = jnp.where(lost, jnp.nan, field_values["log_likelihood"])
     named = dict.fromkeys(("mean", "predicted_mean"), shape.state.split)
     named |= dict.fromkeys(("innovation", "innovation_stddev"), partial(_measured, shape))
     named |= dict.fromkeys(("cov", "predicted_cov"), partial(Covariance.from_dense, like=shape.error))
-    fields = {name: named[name](v) if name in named else v for name, v in found.items() if name in FIELDS}
+    fields = {name: named[name](v) if name in named else v for name, v in field_values.items() if name in FIELDS}
     if not smooth:
         posterior = Posterior(**{name: value for name, value in fields.items() if name in (*keep, "mean", "cov")})
         return Inferred(posterior.mean, posterior.cov, posterior)
     posterior = Posterior(**{name: fields[name] for name in keep})
     cov = None
     if chosen:
-        matrix, inner = found["smoothed_cov"]
+        matrix, inner = field_values["smoothed_cov"]
         place = jnp.asarray([inner.index(i) for i in chosen])
         matrix = matrix if inner == chosen else matrix[:, place[:, None], place[None]]
         cov = Covariance.from_dense(matrix, part_of(shape.error, chosen))
-    return Inferred(shape.state.split(found["smoothed_mean"]), cov, posterior)
+    return Inferred(shape.state.split(field_values["smoothed_mean"]), cov, posterior)
 
 
 def _measured(shape: Shape, values: Float[Array, "time measured"]) -> Tree:

@@ -79,8 +79,8 @@ class Recorded(Batched):
     @property
     def ahead(self) -> tuple[str, ...]:
         """The outputs of the filter's scan, with what the smoother's needs."""
-        own = (name for name in self.names if name not in BACK)
-        return tuple(dict.fromkeys((*own, *(FOR_SMOOTHER if self.smooth else ()))))
+        forward = (name for name in self.names if name not in BACK)
+        return tuple(dict.fromkeys((*forward, *(FOR_SMOOTHER if self.smooth else ()))))
 
     @property
     def behind(self) -> tuple[str, ...]:
@@ -136,17 +136,17 @@ class Recorded(Batched):
         linear, begin, samples = self.model(arguments, lanes)
         busy, length = self.busy(samples, lanes), len(samples.dt)
         if self.all or not self.smooth or length <= self.segment:
-            found = filter_scan(linear, begin, samples, self.ahead, busy)[1]
+            named = filter_scan(linear, begin, samples, self.ahead, busy)[1]
             if self.smooth:
-                found |= smoother_scan(found, self.chosen, self.last(linear), self.behind, busy)[1]
-            return [found[name] if self.all else self.cut(name, found[name]) for name in self.names]
+                named |= smoother_scan(named, self.chosen, self.last(linear), self.behind, busy)[1]
+            return [named[name] if self.all else self.cut(name, named[name]) for name in self.names]
 
         def smoothed(later: After, part: tuple[Belief, Sample, Array | None]) -> tuple[After, list[Array]]:
             begin, samples, busy = part
-            found = filter_scan(linear, begin, samples, self.ahead, busy)[1]
-            later, back = smoother_scan(found, self.chosen, later, self.behind, busy)
-            found |= back
-            return later, [self.cut(name, found[name]) for name in self.names]
+            part_outputs = filter_scan(linear, begin, samples, self.ahead, busy)[1]
+            later, back = smoother_scan(part_outputs, self.chosen, later, self.behind, busy)
+            part_outputs |= back
+            return later, [self.cut(name, part_outputs[name]) for name in self.names]
 
         # From the last segment to the first, each filtered again from the belief before it.
         count = -(-length // self.segment)

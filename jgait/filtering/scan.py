@@ -38,7 +38,7 @@ class Sample(NamedTuple):
     measured: Float[Array, "m B"]
     control: tuple[Float[Array, "B"], ...]
     dt: Float[Array, "B"]  #: [s]
-    seen: Bool[Array, "m B"]
+    visible: Bool[Array, "m B"]
 
 
 type Belief = tuple[Float[Array, "k B"], Float[Array, "n B"], Float[Array, "n n B"]]
@@ -72,7 +72,7 @@ def filter_scan(
         if linear.lanes == 1:  # a single recording need not compute an update where nothing is measured
             size = len(sample.measured)
             none = jnp.zeros_like(sample.measured)
-            new, e = lax.cond(jnp.any(sample.seen), observed, lambda: (unseen(prior, size, finite), none))
+            new, e = lax.cond(jnp.any(sample.visible), observed, lambda: (unseen(prior, size, finite), none))
         else:
             new, e = observed()
         delta = where(finite, new.delta, delta)
@@ -91,11 +91,11 @@ def filter_scan(
 
 def updated(linear: Linearised, x: Array, prior: Array, sample: Sample, finite: Array) -> tuple[Update, Array]:
     """The update of a prediction, and the innovation; iterated, each time of the same P⁻, if the method says so."""
-    H, R, e = held(*linear.observation(x, sample.control, sample.measured, sample.seen, None, prior))
+    H, R, e = held(*linear.observation(x, sample.control, sample.measured, sample.visible, None, prior))
     first = new = update(prior, H, R, e, finite)
     for _ in range(1, linear.method.iterations):
         near = prior - product(new.K, product(new.H, prior))
-        H, R, again = linear.observation(x, sample.control, sample.measured, sample.seen, new.delta, near)
+        H, R, again = linear.observation(x, sample.control, sample.measured, sample.visible, new.delta, near)
         new = update(prior, H, R, again + applied(H, new.delta), first.good & new.good)
     return new._replace(variance=first.variance, nis=first.nis, log_det=first.log_det), where(new.good, e, 0.0)
 
@@ -155,7 +155,7 @@ def busy_samples(samples: Sample) -> Int[Array, ""]:
 
     Padding is a run of samples up to the end that have neither an interval nor a measurement: nothing changes there.
     """
-    active = jnp.any(samples.dt != 0.0, axis=-1) | jnp.any(samples.seen, axis=(1, 2))
+    active = jnp.any(samples.dt != 0.0, axis=-1) | jnp.any(samples.visible, axis=(1, 2))
     length = len(active)
     last = length - 1 - jnp.argmax(active[::-1])
     return jnp.where(jnp.any(active), jnp.minimum(last + 2, length), 1)

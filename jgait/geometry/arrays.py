@@ -32,10 +32,10 @@ class _Namespace:
         def either(*args: Any, **named: Any) -> Any:
             if of_jax(*args, *named.values()):
                 return traced(*args, **named)
-            found = host(*args, **named)
+            value = host(*args, **named)
             # of numbers a number, which takes the type of the arrays that it meets
-            plain = isinstance(found, np.generic) and all(isinstance(a, float | int) for a in args)
-            return found.item() if plain else found
+            plain = isinstance(value, np.generic) and all(isinstance(a, float | int) for a in args)
+            return value.item() if plain else value
 
         setattr(self, name, either)
         return either

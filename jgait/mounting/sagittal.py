@@ -54,8 +54,8 @@ def sagittal_rate(recording: Recording, placement: str) -> SagittalRate:
         left, bias = worn.rows["thigh"][1], worn.gyr_bias["thigh"]
     else:
         whole = shank.filled(imu)
-        found = shank.rest_bias(imu, hz)
-        bias = np.zeros(3) if found is None else found
+        rest_bias = shank.rest_bias(imu, hz)
+        bias = np.zeros(3) if rest_bias is None else rest_bias
         axes = shank.functional_axes(whole._replace(gyr=as_float(whole.gyr) - bias))
         if axes is None:
             raise RecordingError(f"{placement} does not walk")

@@ -36,7 +36,7 @@ the waist, which moves up three times a stride, has a smaller ratio."""
 BAND = (0.75, 1.3)
 """[1] Limits of the band of the step frequency, as multiples of the step frequency."""
 
-LEAST = 0.25
+LEAST_WALKING_ACC = 0.25
 """[m/s²] Least root mean square acceleration of walking at the step frequency."""
 
 SURE = 40.0
@@ -117,7 +117,7 @@ def functional_axes(imu: Imu, sampling_rate_hz: float, worn: np.ndarray | None =
     steps = _step_frequency(amplitude, up, frequency)
     band = (frequency > BAND[0] * steps) & (frequency < BAND[1] * steps)
     upward = amplitude[band] @ up
-    if np.sqrt(2.0 * np.sum(np.abs(upward) ** 2) / size / walking.sum()) < LEAST:
+    if np.sqrt(2.0 * np.sum(np.abs(upward) ** 2) / size / walking.sum()) < LEAST_WALKING_ACC:
         return None
     side = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
     side = side / np.linalg.norm(side)
@@ -253,7 +253,9 @@ def _step_frequency(amplitude: np.ndarray, up: np.ndarray, frequency: np.ndarray
 
 
 def _walking(acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
-    """(T,) bool: where the magnitude of the specific force has a standard deviation over two seconds above `LEAST`."""
+    """(T,) bool: where the magnitude of the specific force has a standard deviation over two seconds above
+    `LEAST_WALKING_ACC`.
+    """
     size = np.linalg.norm(acc, axis=1)
     window = max(3, int(2.0 * sampling_rate_hz))
     if len(size) <= window:
@@ -262,13 +264,13 @@ def _walking(acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
     mean = np.convolve(size, kernel, mode="same")
     weight = np.convolve(np.ones_like(size), kernel, mode="same")
     spread = np.convolve((size - mean / weight) ** 2, kernel, mode="same") / weight
-    return np.asarray(spread > LEAST**2)
+    return np.asarray(spread > LEAST_WALKING_ACC**2)
 
 
 def _running(acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
     """(T,) bool: less than `STEP_S` from a sample at which the trunk is in free fall."""
-    felt = held_mean(np.linalg.norm(acc, axis=1), window_size(OVER_S, sampling_rate_hz)) / GRAVITY
-    return np.asarray(window_sum((felt < FREE).astype(float), window_size(2.0 * STEP_S, sampling_rate_hz)) > 0.5)
+    force_g = held_mean(np.linalg.norm(acc, axis=1), window_size(OVER_S, sampling_rate_hz)) / GRAVITY
+    return np.asarray(window_sum((force_g < FREE).astype(float), window_size(2.0 * STEP_S, sampling_rate_hz)) > 0.5)
 
 
 def worn(axes: TrunkAxes) -> dict[str, str | float]:

@@ -94,12 +94,12 @@ def _filtered(
     numbers = jnp.stack([jnp.asarray(c, values.dtype) for c in s])
     typed = FilterSection(numbers[0], numbers[1], numbers[2])
 
-    def one(state: Array, x: Array) -> tuple[Array, Array]:
+    def advance(state: Array, x: Array) -> tuple[Array, Array]:
         after, gone = step(typed, SectionState(state[0], state[1]), x)
         return jnp.stack(after), gone
 
     start = jnp.stack(at_rest(typed, values[-1] if reverse else values[0]))
-    return lax.scan(one, start, jnp.asarray(values), reverse=reverse)[1]
+    return lax.scan(advance, start, jnp.asarray(values), reverse=reverse)[1]
 
 
 def _given(x: AnyArray, least: int = 1) -> Float[AnyArray, "time *rest"]:

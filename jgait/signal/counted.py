@@ -27,17 +27,17 @@ def scanned(
         return jax.tree.map(lambda v: lax.dynamic_index_in_dim(v, i, keepdims=False), samples)
 
     def step(i: Any, kept: Any) -> Any:
-        carry, found = body(kept[0], sample(i))
-        put = jax.tree.map(lambda all, one: lax.dynamic_update_index_in_dim(all, one, i, 0), kept[1], found)
+        carry, output = body(kept[0], sample(i))
+        put = jax.tree.map(lambda all, leaf: lax.dynamic_update_index_in_dim(all, leaf, i, 0), kept[1], output)
         return carry, put
 
     shapes = jax.eval_shape(lambda: body(start, sample(0))[1])
-    outputs = jax.tree.map(lambda one: jnp.zeros((length, *one.shape), one.dtype), shapes)
+    outputs = jax.tree.map(lambda leaf: jnp.zeros((length, *leaf.shape), leaf.dtype), shapes)
     return lax.fori_loop(0, count, step, (start, outputs))
 
 
 def held_on(values: Array, count: Counts) -> Array:
     """The outputs (T, …); from `count` on they repeat the output before."""
     last = lax.dynamic_index_in_dim(values, count - 1, keepdims=False)
-    own = jnp.arange(values.shape[0]) < count
-    return jnp.where(own.reshape(-1, *(1,) * (values.ndim - 1)), values, last)
+    computed = jnp.arange(values.shape[0]) < count
+    return jnp.where(computed.reshape(-1, *(1,) * (values.ndim - 1)), values, last)

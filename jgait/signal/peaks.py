@@ -23,13 +23,13 @@ def peaks(
     end = np.append(begin[1:], len(x)) - 1
     level = x[begin]
     inner = np.flatnonzero((level[1:-1] > level[:-2]) & (level[1:-1] > level[2:])) + 1
-    found = (begin[inner] + end[inner]) // 2
-    found = found[x[found] >= height]
-    kept = np.ones(len(found), bool)
-    for highest in np.argsort(x[found])[::-1]:
+    maxima = (begin[inner] + end[inner]) // 2
+    maxima = maxima[x[maxima] >= height]
+    kept = np.ones(len(maxima), bool)
+    for highest in np.argsort(x[maxima])[::-1]:
         if kept[highest]:
-            kept &= (np.abs(found - found[highest]) >= distance) | (found == found[highest])
-    return np.array([at for at in found[kept] if _prominence(x, at) >= prominence], int)
+            kept &= (np.abs(maxima - maxima[highest]) >= distance) | (maxima == maxima[highest])
+    return np.array([at for at in maxima[kept] if _prominence(x, at) >= prominence], int)
 
 
 def _prominence(x: np.ndarray, at: int) -> float:

@@ -80,13 +80,13 @@ def joined(first: Plan, then: Plan, seconds: float) -> Plan:
     The second one is moved to where the first one ends. Its first foothold is taken when the first bout ends, and is
     the place where that foot stands; the break is the interval to its second foothold.
     """
-    one, two = (jax.tree.map(as_float, plan) for plan in (first, then))
-    count = round(float(one.end)) + FIRST  # footholds of the first bout, up to the closing step
-    ends = {name: float(np.sum(getattr(one, name)[count - 1])) for name in CURVES}
-    begins = {name: float(getattr(two, name)[FIRST, 0]) for name in CURVES}
+    earlier, later = (jax.tree.map(as_float, plan) for plan in (first, then))
+    count = round(float(earlier.end)) + FIRST  # footholds of the first bout, up to the closing step
+    ends = {name: float(np.sum(getattr(earlier, name)[count - 1])) for name in CURVES}
+    begins = {name: float(getattr(later, name)[FIRST, 0]) for name in CURVES}
     turn = ends["heading_curve"] - begins["heading_curve"]
     c, s = np.cos(turn), np.sin(turn)
-    moved = {name: getattr(two, name).copy() for name in (*NUMBERS, *CURVES)}
+    moved = {name: getattr(later, name).copy() for name in (*NUMBERS, *CURVES)}
     for x, y in (("x", "y"), ("x_curve", "y_curve")):
         moved[x], moved[y] = c * moved[x] - s * moved[y], s * moved[x] + c * moved[y]
     at = {"x": c * begins["x_curve"] - s * begins["y_curve"], "y": s * begins["x_curve"] + c * begins["y_curve"]}
@@ -103,8 +103,8 @@ def joined(first: Plan, then: Plan, seconds: float) -> Plan:
         moved[name] += offsets[curve]
     moved["contact"] += offsets["time_curve"]
     moved["contact"][0] = ends["time_curve"]
-    both = {name: np.concatenate([getattr(one, name)[:count], values]) for name, values in moved.items()}
-    return one._replace(**both, end=two.end + count)
+    both = {name: np.concatenate([getattr(earlier, name)[:count], values]) for name, values in moved.items()}
+    return earlier._replace(**both, end=later.end + count)
 
 
 def padded(laid: Plan) -> Plan:

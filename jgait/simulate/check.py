@@ -113,11 +113,11 @@ def check_slack(person: Person, left: Slack, where: str) -> None:
         ValueError: if an ankle comes too far from below the hip, or a leg is overstretched.
     """
     gait, leg = person.gait, person.body.thigh_length + person.body.shank_length
-    if not float(left.aside) < REACH:
+    if not float(left.aside) < LARGEST_ANKLE_OFFSET:
         raise ValueError(
             f"legs of {leg:.3f} m are too short for strides of {gait.stride_length:.3f} m {where}: an ankle would be "
-            f"{float(left.aside):.2f} of the leg's length from below the hip (at most {REACH}); shorten stride_length "
-            "or lengthen thigh_length and shank_length"
+            f"{float(left.aside):.2f} of the leg's length from below the hip (at most {LARGEST_ANKLE_OFFSET}); "
+            "shorten stride_length or lengthen thigh_length and shank_length"
         )
     if not float(left.stretched) > 0.0:
         raise ValueError(
@@ -126,5 +126,5 @@ def check_slack(person: Person, left: Slack, where: str) -> None:
         )
 
 
-REACH = 0.75
+LARGEST_ANKLE_OFFSET = 0.75
 """[1] Largest horizontal distance between ankle and hip, over the length of the leg."""

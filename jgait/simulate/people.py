@@ -71,5 +71,7 @@ def cohort(
     who, how = jax.random.split(key)
     people = population(who, n, recorded)
     keys = [jax.random.fold_in(how, i) for i in range(n)]
-    fit = [covering(one, person_of(people, i), way) for i, (one, way) in enumerate(zip(keys, ways, strict=True))]
+    fit = [
+        covering(walk_key, person_of(people, i), way) for i, (walk_key, way) in enumerate(zip(keys, ways, strict=True))
+    ]
     return list(walks(keys, fit, ways, errors, rate, placements))

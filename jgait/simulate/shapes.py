@@ -145,7 +145,7 @@ def shape_of(person: Person) -> Movement:
     recorded = gait.recorded
     mixed = ruled(gait) * (1.0 - recorded) + jnp.asarray(PELVIS, counts.dtype) * sizes(person) * recorded
     pairs = zip(Instants(), Instants(**TABLES["instants"]), strict=True)
-    when = Instants(*(rule + recorded * (own - rule) for rule, own in pairs))
+    when = Instants(*(rule + recorded * (table_value - rule) for rule, table_value in pairs))
     return Movement(mixed, feet * recorded, skin * gait.soft_tissue, when)
 
 

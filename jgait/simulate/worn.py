@@ -105,7 +105,7 @@ def named(read: Imu, time: Float[AnyArray, "time"], placements: Iterable[str]) -
     return {name: Imu(time, *(part[i] for part in read[1:])) for i, name in enumerate(placements)}
 
 
-def felt(moving: Motion[Frames], sensors: Sensors) -> tuple[Values, Values]:
+def ideal_readings(moving: Motion[Frames], sensors: Sensors) -> tuple[Values, Values]:
     """Angular rates and specific forces (S, T, 3) at sensors, from the motion (4, 3, 13, T) of all segments."""
     worn = (framed(part[:, :, sensors.segment]) for part in moving)
     points = Vector(*(sensors.point[:, i, None] for i in range(3)))
@@ -140,7 +140,9 @@ def walked(
     entry, r = ticks(laid, time)
     moving = kept(moved(person, laid, entry, r))
     keys = jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(sensors.point.shape[0]))
-    reads = jax.vmap(lambda key, gyr, acc: measure(key, time, gyr, acc, errors)[1:])(keys, *felt(moving, sensors))
+    reads = jax.vmap(lambda key, gyr, acc: measure(key, time, gyr, acc, errors)[1:])(
+        keys, *ideal_readings(moving, sensors)
+    )
     return Imu(time, *reads), moving, _known(person, laid, moving.pose, time, entry, r.pose)
 
 

@@ -138,15 +138,15 @@ def runner(
         def evaluate(
             free: PyTree, weights: Float[Array, "item"], step: Int[Array, ""], forgiving: Bool[Array, ""]
         ) -> tuple[Float[Array, ""], PyTree, Bool[Array, "batch"]]:
-            items, own = _batch(settings, context, weights, step)
-            return total(problem, free, context.params, items, own, jnp.sum(weights), forgiving)
+            items, batch_weights = _batch(settings, context, weights, step)
+            return total(problem, free, context.params, items, batch_weights, jnp.sum(weights), forgiving)
 
         def updates(c: Carry, step: Int[Array, ""]) -> tuple[PyTree, PyTree]:
-            items, own = _batch(settings, context, c.weights, jnp.maximum(step, 0))
+            items, batch_weights = _batch(settings, context, c.weights, jnp.maximum(step, 0))
 
             # line searches of optax refuse arguments that the value's function does not take
             def here(free: PyTree, obj_fn: PyTree = None, grad_fn: PyTree = None) -> Float[Array, ""]:
-                return value(problem, free, context.params, items, own, jnp.sum(c.weights))
+                return value(problem, free, context.params, items, batch_weights, jnp.sum(c.weights))
 
             # optax counts steps in integers; JAX's strict dtype promotion raises an error for these
             with jax.numpy_dtype_promotion("standard"):

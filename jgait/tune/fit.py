@@ -342,15 +342,17 @@ def result_of[P](
             f"start (items {shown})",
             stacklevel=3,
         )
-    own = lane(carry, best)
-    losses, norms, accepted, scores = (column[best, : int(own.taken)] for column in trace)
+    best_carry = lane(carry, best)
+    losses, norms, accepted, scores = (column[best, : int(best_carry.taken)] for column in trace)
     transforms = problem.transforms
     every, marks = names_of(transforms), transforms_of(transforms)
     own_ones = tuple(name for name, mark in zip(every, marks, strict=True) if mark.own)
-    flat_ones = warn_of_flat(transforms, lane(begin, best), own.best, own.reach, 4) if accepted.any() else ()
-    if not own.best_step and len(flat_ones) < len(jax.tree.leaves(own.best)):
-        warnings.warn(_not_lowered(float(own.best_score), losses, accepted), stacklevel=3)
+    flat_ones = (
+        warn_of_flat(transforms, lane(begin, best), best_carry.best, best_carry.reach, 4) if accepted.any() else ()
+    )
+    if not best_carry.best_step and len(flat_ones) < len(jax.tree.leaves(best_carry.best)):
+        warnings.warn(_not_lowered(float(best_carry.best_score), losses, accepted), stacklevel=3)
     return Fit(
-        constrain(own.best, transforms, params), own.best, losses, norms, accepted, float(own.best_score), scores,
-        left_out, labels, flat_ones, own_ones, int(own.best_step),
+        constrain(best_carry.best, transforms, params), best_carry.best, losses, norms, accepted,
+        float(best_carry.best_score), scores, left_out, labels, flat_ones, own_ones, int(best_carry.best_step),
     )  # fmt: skip

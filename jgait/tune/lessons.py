@@ -171,7 +171,7 @@ def _mask(span: tuple[int, int] | None, samples: int, otherwise: bool) -> np.nda
 def _item(
     estimator: Estimator[PyTree, PyTree],
     walk: Walk,
-    own: Callable[[Walk], dict[str, PyTree]] | None,
+    body_measures: Callable[[Walk], dict[str, PyTree]] | None,
     windows: Callable[[Walk, Prepared[PyTree]], Windows] | None,
     reference: bool,
 ) -> _Item:
@@ -186,7 +186,7 @@ def _item(
     judged = np.flatnonzero(look if truth is None else look & truth.valid)
     if not judged.size:
         raise RecordingError("the reference says nothing where the walk is looked at")
-    body = {} if own is None else {name: as_float(value) for name, value in own(walk).items()}
+    body = {} if body_measures is None else {name: as_float(value) for name, value in body_measures(walk).items()}
     standing = _mask(where.standing, samples, False)
     first, last = np.asarray(judged[0]), np.asarray(judged[-1])
     lesson = Lesson(made.inputs, truth, look, standing, first, last, body)

@@ -113,7 +113,7 @@ def trajectory(
 
     pairs = _pairs(estimate, reference)
     terms = [
-        w * field(a, b) for one, other in pairs for w, a, b in zip(weights, one, other, strict=True)
+        w * field(a, b) for leg, other in pairs for w, a, b in zip(weights, leg, other, strict=True)
         if not (isinstance(w, float) and w == 0.0)  # a reference of angles has no foot path
     ]  # fmt: skip
     return jax.tree.reduce(jnp.add, terms) / len(pairs)
@@ -132,7 +132,7 @@ def _matched(ours: Strides, theirs: Strides) -> tuple[Array, Array]:
     than half the duration of the reference's stride: the rule of `evaluate.scores.matched`. No gradient.
     """
     standing = theirs.start is None or (ours.standing is not None and theirs.standing is not None)
-    (first, last), (start, end) = (jax.lax.stop_gradient(_span(one, standing)) for one in (ours, theirs))
+    (first, last), (start, end) = (jax.lax.stop_gradient(_span(strides, standing)) for strides in (ours, theirs))
     apart = jnp.abs(0.5 * (start + end)[:, None] - 0.5 * (first + last)[None, :])
     side = jnp.asarray(theirs.side)[:, None] == jnp.asarray(ours.side)[None, :]
     known = jnp.asarray(theirs.valid)[:, None] & jnp.asarray(ours.valid)[None, :]
@@ -263,7 +263,7 @@ def calibration(
     terms = []
     if reference.strides is not None and estimate.strides_stddev is not None and estimate.strides is not None:
         row, matched = _matched(estimate.strides, reference.strides)
-        values, spread = (jnp.asarray(one.length)[row] for one in (estimate.strides, estimate.strides_stddev))
+        values, spread = (jnp.asarray(strides.length)[row] for strides in (estimate.strides, estimate.strides_stddev))
         terms.append(_normal(values, reference.strides.length, spread, matched, _CENTIMETRE))
     if estimate.stddev is not None:
         look = _window(estimate, reference, window)
@@ -272,7 +272,7 @@ def calibration(
             if leg is None or true is None or deviation is None:
                 continue
             for field in ("hip_angle", "knee_angle"):
-                a, b, stated = (getattr(one, field) for one in (leg, true, deviation))
+                a, b, stated = (getattr(angles, field) for angles in (leg, true, deviation))
                 offset = 0.0 if still is None else masked_mean(_difference(a, b, still), still)
                 terms.append(_normal(jnp.asarray(a) - offset, b, stated, look, _DEGREE))
     if not terms:

@@ -156,8 +156,8 @@ LOSSES: dict[str, Loss] = {
 """Losses by name; `About.losses` lists those that an estimator answers."""
 
 TERMS: dict[str, Term] = {
-    **{name: one.term for name, one in LOSSES.items()},
-    **{f"{name}_error": one.error for name, one in LOSSES.items() if one.error is not one.term},
+    **{name: loss.term for name, loss in LOSSES.items()},
+    **{f"{name}_error": loss.error for name, loss in LOSSES.items() if loss.error is not loss.term},
     "distance_percent": distance_percent,
     "trajectory_rms": LOSSES["trajectory"].error,
 }
@@ -252,12 +252,12 @@ class Objective:
 
     def __call__(self, params: PyTree, lesson: Lesson) -> Float[Array, ""]:
         """The weighted sum of the terms, with the person's body measures in the parameters."""
-        own = self.own(params, lesson.own)
-        estimate = self.run(own, lesson.inputs, self.options)
+        subject_params = self.own(params, lesson.own)
+        estimate = self.run(subject_params, lesson.inputs, self.options)
 
         def value(term: str | Term) -> PyTree:
             if term == "likelihood" and self.likelihood is not None:
-                return -self.likelihood(own, lesson.inputs, self.options)
+                return -self.likelihood(subject_params, lesson.inputs, self.options)
             return (TERMS[term] if isinstance(term, str) else term)(estimate, lesson)
 
         parts = [weight * value(term) for term, weight in self.terms]

@@ -87,9 +87,9 @@ def loss_type(problem: Problem, params: PyTree, items: Items) -> DTypeLike:
 
 def _moving(transforms: PyTree, params: PyTree) -> list[PyTree]:
     """The natural values of the free parameters."""
-    found: list[PyTree] = []
-    over_transforms(lambda t, v: found.append(v) if t.to_natural is not None else None, transforms, params)
-    return found
+    natural_values: list[PyTree] = []
+    over_transforms(lambda t, v: natural_values.append(v) if t.to_natural is not None else None, transforms, params)
+    return natural_values
 
 
 def _traced(problem: Problem, params: PyTree, free: PyTree, item: Items) -> Any:

@@ -297,7 +297,7 @@ def _decide(
     stillest = unrest[k] <= jnp.min(unrest[k + 1 :])
     swing = _swung(worn, state.swing, row, before, time, unrest[k], stands)
     lasts = time - state.foothold
-    ends = swing.any & (stillest | ~goes_on) & (lasts >= events.SHORTEST)
+    ends = swing.any & (stillest | ~goes_on) & (lasts >= events.SHORTEST_STRIDE_S)
     foothold = stands & (~state.started | ends | (~swing.any & (lasts >= REST_STEP)))
     restless = unrest[k] > events.WORSE * jnp.maximum(jnp.min(threshold.depths), events.LEAST_DEPTH)
     lagged_sample = LaggedSample(

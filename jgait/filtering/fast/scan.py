@@ -56,10 +56,10 @@ def refused(given: Inputs, method: Method | IteratedSmoother, covariances: bool)
 def solve(given: Inputs, fields: tuple[str, ...], smooth: bool) -> dict[str, Array]:
     """Fields of `Posterior` by name, and the smoothed means: arrays (T, size), (T, n, n) or (T,)."""
     kept, linear, matrices = forward(given, (*fields, "mean", "cov") if smooth else fields, smooth)
-    found = {name: kept[name] for name in fields}
+    field_values = {name: kept[name] for name in fields}
     if smooth:
-        found["smoothed_mean"] = backward(given, kept["mean"], kept["cov"], linear, matrices)
-    return {name: _stacked(name, values, given.shape.error.size) for name, values in found.items()}
+        field_values["smoothed_mean"] = backward(given, kept["mean"], kept["cov"], linear, matrices)
+    return {name: _stacked(name, values, given.shape.error.size) for name, values in field_values.items()}
 
 
 def _stacked(name: str, values: Any, size: int) -> Array:
@@ -75,13 +75,13 @@ def forward(
     """The fields `keep`; and what the smoother needs: arrays, and the function from those of a sample to matrices."""
     shape = given.shape
     size, dtype, model = shape.error.size, shape.dtype, ScalarModel(shape, given.params)
-    series, at_sample = parted((given.measured, given.controls, given.dt, given.seen), jnp.ndim)
+    series, at_sample = parted((given.measured, given.controls, given.dt, given.visible), jnp.ndim)
     matrices: list[Callable[[Iterable[Array]], Any]] = []
 
     def body(carry: Carry, leaves: list[Array]) -> tuple[Carry, tuple[dict[str, Any], list[Array]]]:
-        measured, controls, dt, seen = at_sample(leaves)
+        measured, controls, dt, visible = at_sample(leaves)
         before = Components(carry[0], from_upper(carry[1], size))
-        fields, A, g = advanced(model, before, Reading(measured, shape.control.tuple(controls), dt, seen))
+        fields, A, g = advanced(model, before, Reading(measured, shape.control.tuple(controls), dt, visible))
         linear: list[Array] = []
         if smooth:
             gain, z = product(transposed(g.white_cross), g.inverse), [dot(c, g.white) for c in transposed(g.inverse)]
@@ -111,8 +111,8 @@ def backward(
         move = [dot(row, lam) for row in from_upper(cov, size)]
         fine = jnp.isfinite(total(move))
         smoothed = [x - jnp.where(fine, d, 0.0) for x, d in zip(mean, move, strict=True)]
-        seen = [plus(a, dot(k, lam)) for a, k in zip(z, transposed(K), strict=True)]
-        rest = [minus(a, dot(h, seen)) for a, h in zip(lam, transposed(H), strict=True)]
+        correction = [plus(a, dot(k, lam)) for a, k in zip(z, transposed(K), strict=True)]
+        rest = [minus(a, dot(h, correction)) for a, h in zip(lam, transposed(H), strict=True)]
         return arrays([dot(column, rest) for column in transposed(A)], dtype), arrays(smoothed, dtype)
 
     return segmented(body, [jnp.zeros((), dtype)] * size, (means, covs, linear), reverse=True)

@@ -102,7 +102,7 @@ class Reading(NamedTuple):
     measured: list[Scalar]  #: observation (m scalars).
     control: PyTree  #: control tuple, or None.
     dt: Scalar  #: interval [s].
-    seen: list[Flag]  #: which components are measured (m bools; True without a mask).
+    visible: list[Flag]  #: which components are measured (m bools; True without a mask).
 
 
 class Gains(NamedTuple):
@@ -126,8 +126,8 @@ def advanced(model: ScalarModel, before: Components, sample: Reading) -> tuple[d
     g = gains(model, prior, sample)
     moves = [dot(column, g.white) for column in transposed(g.white_cross)]
     plan = pivots(g.matrix)
-    cov = _joseph(prior.cov, g) if plan is None else _in_measured_coordinates(prior.cov, g, sample.seen, plan)
-    good, nis, count = sound(g.health), dot(g.white, g.white), total(where(s, 1.0, 0.0) for s in sample.seen)
+    cov = _joseph(prior.cov, g) if plan is None else _in_measured_coordinates(prior.cov, g, sample.visible, plan)
+    good, nis, count = sound(g.health), dot(g.white, g.white), total(where(s, 1.0, 0.0) for s in sample.visible)
     statistics = {
         "innovation": g.innovation,
         "innovation_stddev": [lax.sqrt(row[a]) for a, row in enumerate(g.spread)],
@@ -174,21 +174,21 @@ def _summary(values: Sequence[Scalar], safe: Set[int] = frozenset()) -> Scalar:
 
 def gains(model: ScalarModel, prior: Components, sample: Reading) -> Gains:
     """Linearise the observation at the prediction, and factor the innovation's covariance."""
-    seen, count = sample.seen, len(sample.measured)
+    visible, count = sample.visible, len(sample.measured)
     expected, matrix, innovation = _linearised(model, prior, sample)
     trace = Expansion(model.shape.dtype)
     entries = trace.call(lambda x: upper(model.observation_noise(x, sample.control)), prior.mean)
     # What is not seen tells nothing, even where it is not finite.
-    matrix = [[e if known(e) else where(s, e, 0.0) for e in row] for s, row in zip(seen, matrix, strict=True)]
-    both = symmetric(count, lambda a, b: seen[a] if a == b else seen[a] & seen[b])
+    matrix = [[e if known(e) else where(s, e, 0.0) for e in row] for s, row in zip(visible, matrix, strict=True)]
+    both = symmetric(count, lambda a, b: visible[a] if a == b else visible[a] & visible[b])
     noise, unit = from_upper(entries, count), identity(count)
     shown = symmetric(count, lambda a, b: where(both[a][b], noise[a][b], unit[a][b]))
-    curved = [where(s, e, 0.0) for s, e, row in zip(seen, expected, matrix, strict=True) if not all(map(known, row))]
+    curved = [where(s, e, 0.0) for s, e, row in zip(visible, expected, matrix, strict=True) if not all(map(known, row))]
     summary = barred(_summary((*curved, *(e for row in matrix for e in row), *upper(shown))))
     usable = sound(summary)
     matrix = [[e if known(e) else where(usable, e, 0.0) for e in row] for row in matrix]
     noise = symmetric(count, lambda a, b: where(usable, shown[a][b], unit[a][b]))
-    innovation = [where(s, e, 0.0) for s, e in zip(seen, innovation, strict=True)]
+    innovation = [where(s, e, 0.0) for s, e in zip(visible, innovation, strict=True)]
     cross = barred(product(matrix, prior.cov))
 
     def spread_entry(a: int, b: int) -> Scalar:
@@ -197,13 +197,13 @@ def gains(model: ScalarModel, prior: Components, sample: Reading) -> Gains:
     innovation, spread = barred((innovation, symmetric(count, spread_entry)))
     inverse, log_det, health = inverse_factor(spread, plus(summary, total(innovation)))
     inverse, error = barred((inverse, [where(sound(e), e, 0.0) for e in innovation]))
-    white_cross, white = barred((product(inverse, _masked(seen, cross)), [dot(row, error) for row in inverse]))
+    white_cross, white = barred((product(inverse, _masked(visible, cross)), [dot(row, error) for row in inverse]))
     return Gains(matrix, noise, cross, inverse, white_cross, white, innovation, spread, log_det, health)
 
 
-def _masked(seen: list[Flag], rows: Matrix) -> Matrix:
+def _masked(visible: list[Flag], rows: Matrix) -> Matrix:
     """Rows that are zero where they are not seen."""
-    return [[where(s, e, 0.0) for e in row] for s, row in zip(seen, rows, strict=True)]
+    return [[where(s, e, 0.0) for e in row] for s, row in zip(visible, rows, strict=True)]
 
 
 def _linearised(model: ScalarModel, prior: Components, sample: Reading) -> tuple[list[Scalar], Matrix, list[Scalar]]:
@@ -219,7 +219,7 @@ def _linearised(model: ScalarModel, prior: Components, sample: Reading) -> tuple
         return shape.residual(shape.arrays(shown), shape.arrays(reference))
 
     matrix = trace.jacobian(lambda x: shift(model.observation(x, control), expected), x)[1]
-    measured = [where(s, y, e) for s, y, e in zip(sample.seen, sample.measured, expected, strict=True)]
+    measured = [where(s, y, e) for s, y, e in zip(sample.visible, sample.measured, expected, strict=True)]
     return expected, matrix, trace.call(shift, measured, expected)
 
 
@@ -286,12 +286,12 @@ def pivots(matrix: Matrix) -> list[tuple[int, int]] | None:
     return taken[::-1]
 
 
-def _in_measured_coordinates(cov: Matrix, g: Gains, seen: list[Flag], plan: list[tuple[int, int]]) -> Matrix:
+def _in_measured_coordinates(cov: Matrix, g: Gains, visible: list[Flag], plan: list[tuple[int, int]]) -> Matrix:
     """The covariance after the update, from the covariance of the unmeasured components and z = H x."""
     solved = {column for _, column in plan}
     free = [j for j in range(len(cov)) if j not in solved]
     before = [[row[j] for j in free] + [dot(row, h) for h in g.matrix] for row in g.cross]  # [G E]
-    rows = zip(g.white_cross, product(g.inverse, _masked(seen, before)), strict=True)
+    rows = zip(g.white_cross, product(g.inverse, _masked(visible, before)), strict=True)
     white = [[cross[j] for j in free] + row[len(free) :] for cross, row in rows]
     measured = product(g.noise, product(transposed(g.inverse), white))
     good, columns = sound(g.health), transposed(white)
@@ -300,8 +300,8 @@ def _in_measured_coordinates(cov: Matrix, g: Gains, seen: list[Flag], plan: list
         a = j - len(free)
         if a < 0:
             return minus(cov[free[i]][free[j]], dot(columns[i], columns[j]))
-        unseen = before[a][i] if seen[a] is True else minus(before[a][i], dot(columns[j], columns[i]))
-        return where(seen[a] & good, measured[a][i], unseen)
+        unseen = before[a][i] if visible[a] is True else minus(before[a][i], dot(columns[j], columns[i]))
+        return where(visible[a] & good, measured[a][i], unseen)
 
     return congruence(_solution(g.matrix, free, plan), symmetric(len(columns), entry))
 
