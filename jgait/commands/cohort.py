@@ -193,14 +193,14 @@ def source(
         stop(f"give one of: a table COHORT.csv, --dataset NAME, --simulated N; got {' and '.join(given) or 'none'}")
     with refused("", datasets.DatasetUnavailable, csv.Error):
         if table is not None:
-            found = _of_table(table, gyr_unit, acc_unit, measures)
+            cohort = _of_table(table, gyr_unit, acc_unit, measures)
         else:
-            found = _of_dataset(dataset) if dataset is not None else _simulated(simulated or 0, seed)
-        tuned = () if params is None else not_held_out(params, found.versions(found.marks), found.subjects)
-    found = found._replace(notes=[*found.notes, *tuned])
-    for line in found.notes:
+            cohort = _of_dataset(dataset) if dataset is not None else _simulated(simulated or 0, seed)
+        tuned = () if params is None else not_held_out(params, cohort.versions(cohort.marks), cohort.subjects)
+    cohort = cohort._replace(notes=[*cohort.notes, *tuned])
+    for line in cohort.notes:
         note(line)
-    return found
+    return cohort
 
 
 def _simulated(people: int, seed: int) -> Source:
@@ -257,7 +257,9 @@ class CohortFiles:
             raise FileNotFoundError(f"there is no such file: {path}")
         how["rate"] = numbers["sampling_rate_hz"] or how.get("rate")
         recording = recording_of(path, name=file, subject=row.get("subject") or file, **how)
-        return recording, {one.name: value for name, one in MEASURES.items() if (value := numbers[name]) is not None}
+        return recording, {
+            measure.name: value for name, measure in MEASURES.items() if (value := numbers[name]) is not None
+        }
 
 
 def _number(row: dict[str, str], name: str) -> float | None:
@@ -318,7 +320,7 @@ def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: 
              for file, row in rows.items()}  # fmt: skip
     return Source(path.name, list(rows), CohortFiles(path.parent, rows, gyr_unit, acc_unit),
                   {file: _mark(row, files[file]) for file, row in rows.items()}, failures, notes,
-                  [one for every in files.values() for one in every],
+                  [row_file for every in files.values() for row_file in every],
                   {file: row["subject"] for file, row in rows.items() if row.get("subject")})  # fmt: skip
 
 
@@ -376,5 +378,5 @@ def opened(
     """
     pipeline = pipeline_of(estimator, paper, params)
     start = start_of(pipeline, params, paper)
-    found = source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures_of(pipeline), params)
-    return pipeline, start, found
+    cohort = source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures_of(pipeline), params)
+    return pipeline, start, cohort

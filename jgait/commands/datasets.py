@@ -44,9 +44,9 @@ def fetch_set(name: str, json_file: Json = None) -> None:
     _show(name, json_file, partial(datasets.fetch, progress=True), f"{name} could not be fetched: ")
 
 
-def _show(name: str, json_file: Path | None, found: Callable[[str], Path], failed: str) -> None:
+def _show(name: str, json_file: Path | None, locate: Callable[[str], Path], failed: str) -> None:
     try:
-        folder = str(found(name))
+        folder = str(locate(name))
     except Exception as error:
         stop(f"{failed}{error}")
     console.print(visible(folder), soft_wrap=True)

@@ -12,8 +12,7 @@ from jaxtyping import PyTree
 
 from jgait import io
 from jgait.commands import cohort as cohorts
-from jgait.commands import jobs, recordings
-from jgait.commands import options as own
+from jgait.commands import jobs, options, recordings
 from jgait.commands.console import Bar, console, errors, note, progress, say_failures, stop, visible, write_json, wrote
 from jgait.commands.folder import ResultsFolder, results_folder
 from jgait.commands.jobs import EstimateJob
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
 ENDINGS = ("csv", "parquet", "json")
 """Formats of tables."""
 
-EPILOG = own.epilog()
+EPILOG = options.epilog()
 
 STYLES = {"stop": "bold red", "check": "yellow"}
 """Grade of a flag → its style in the terminal."""
@@ -76,11 +75,11 @@ def estimate(
     trial: recordings.Trial = None,
     params: cohorts.Params = None,
     paper: cohorts.Paper = False,
-    person: own.PersonFile = None,
-    height: own.Height = None,
-    thigh: own.Thigh = None,
-    shank: own.Shank = None,
-    option: own.Options = None,
+    person: options.PersonFile = None,
+    height: options.Height = None,
+    thigh: options.Thigh = None,
+    shank: options.Shank = None,
+    option: options.Options = None,
     table_format: Annotated[str, typer.Option(help="Of the tables: csv, parquet or json.")] = "csv",
     out: Annotated[
         Path,
@@ -105,7 +104,7 @@ def estimate(
     for name, asked in (("--params", params is not None), ("--paper", paper)):
         if asked and estimator is None:
             stop(f"{name} is of one estimator; give --estimator as well")
-    job = jobs.job_of(estimator, paper, params, person, own.given(option, height, thigh, shank))
+    job = jobs.job_of(estimator, paper, params, person, options.given(option, height, thigh, shank))
     placement, placements = recordings.places_of(place)
     tables = {
         file: cohorts.source(file, None, None, 0, gyr_unit, acc_unit, ())
@@ -146,11 +145,11 @@ def estimate(
     if job.table.rows:
         console.print(job.table)
         console.print(job.caption, style="dim")
-    for one in made:
-        if doubtful := one.doubts():
-            _say_doubts(one.item.label, doubtful)
-    failures = {one.item.key: one.reason for one in made if one.reason}
-    numbers = {one.item.key: one.numbers for one in made if not one.reason}
+    for outcome in made:
+        if doubtful := outcome.doubts():
+            _say_doubts(outcome.item.label, doubtful)
+    failures = {outcome.item.key: outcome.reason for outcome in made if outcome.reason}
+    numbers = {outcome.item.key: outcome.numbers for outcome in made if not outcome.reason}
     write_json(json_file, {"estimator": job.name, "recordings": numbers, "failures": failures})
     if failures:
         errors.print(f"{of_recordings(len(failures), len(made))} could not be used", highlight=False)
@@ -224,7 +223,7 @@ def _one(
         return Outcome(item, subject, reason)
     files = [io.write_table(rows, folder.stage / f"{item.name}_{name}.{ending}") for name, rows in made.tables.items()]
     written = folder.publish(files + made.drawn(folder.stage, item.name, job.about.figures))
-    for line in grouped(one for one in made.notes if one.severity not in DOUBTS):
+    for line in grouped(recording_note for recording_note in made.notes if recording_note.severity not in DOUBTS):
         note(f"{item.label}: {str(line).removeprefix(f'{item.file.name}: ')}")
     result = Outcome(item, subject, "", flags,
                   {name: rows for name, rows in made.tables.items() if name in job.joined})  # fmt: skip
@@ -244,9 +243,13 @@ def _together(made: Sequence[Outcome], names: Iterable[str]) -> dict[str, "pd.Da
     import pandas as pd
 
     columns = ["recording", "subject", "file", "result", "reason"]
-    tables = {"recordings": pd.DataFrame([one.row() for one in made], columns=columns)}
+    tables = {"recordings": pd.DataFrame([outcome.row() for outcome in made], columns=columns)}
     for name in names:
-        parts = {(one.item.recording, one.subject): one.tables[name] for one in made if len(one.tables.get(name, ()))}
+        parts = {
+            (outcome.item.recording, outcome.subject): outcome.tables[name]
+            for outcome in made
+            if len(outcome.tables.get(name, ()))
+        }
         if parts:
             whole = pd.concat(parts, names=["recording", "subject"])
             tables[name] = whole.reset_index(level=[0, 1]).reset_index(drop=True)

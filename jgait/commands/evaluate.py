@@ -118,9 +118,9 @@ def evaluate(
         agreement = usable.agreement()
         judged = _judged(pipeline, source, start, names, failures) if names else None
         written = _write(folder.stage, results, usable, agreement)
-        every = [{"recording": None, **one.to_dict()} for one in source.notes]
+        every = [{"recording": None, **cohort_note.to_dict()} for cohort_note in source.notes]
         for name, text in results.recordings[["recording", "notes"]].itertuples(index=False, name=None):
-            every += [{"recording": name, **one.to_dict()} for one in from_json(text)]
+            every += [{"recording": name, **recording_note.to_dict()} for recording_note in from_json(text)]
         written.append(folder.stage / NOTES)
         written[-1].write_text(json.dumps(every, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         if judged is not None:
@@ -133,8 +133,8 @@ def evaluate(
         "agreement": agreement.astype(object).to_dict("index"), "files": list(map(str, files)),
     })  # fmt: skip
     _show(f"{pipeline.name}{', the paper’s pipeline' if paper else ''} on {source.title}", results)
-    for one in reports.cohort.agreement_tables(agreement):
-        show_table(one, "agreement with the reference")
+    for agreement_table in reports.cohort.agreement_tables(agreement):
+        show_table(agreement_table, "agreement with the reference")
     for line in reports.cohort.remarks(usable, agreement, "stride_time" in (pipeline.about.losses or ())):
         console.print(visible(line), highlight=False, soft_wrap=True)
     if judged is not None:

@@ -91,12 +91,12 @@ class EstimateJob(NamedTuple):
     @property
     def joined(self) -> list[str]:
         """The tables of which there is one of all recordings; those of samples are left out."""
-        return [one.name for one in self.about.tables if one.rows != "samples"]
+        return [table.name for table in self.about.tables if table.rows != "samples"]
 
     def planned(self, name: str, ending: str) -> list[str]:
         """The names of the files of a recording that may be written, by their first part."""
-        tables = [f"{name}_{one.name}.{ending}" for one in self.about.tables]
-        return tables + [f"{name}_{one.file}.png" for one in self.about.figures]
+        tables = [f"{name}_{table.name}.{ending}" for table in self.about.tables]
+        return tables + [f"{name}_{figure.file}.png" for figure in self.about.figures]
 
 
 def job_of(
@@ -149,11 +149,11 @@ def of_estimate(made: EstimatedRecording, about: About) -> RecordingResults:
 
     kinds: dict[Any, Callable[[], pd.DataFrame]] = {"samples": lambda: io.to_dataframe(estimate), "strides": strides}
     tables = {
-        one.name: kinds[one.rows]() if isinstance(one.rows, str) else pd.DataFrame(one.rows(estimate))
-        for one in about.tables if one.when(estimate)
+        table.name: kinds[table.rows]() if isinstance(table.rows, str) else pd.DataFrame(table.rows(estimate))
+        for table in about.tables if table.when(estimate)
     }  # fmt: skip
-    words = [[one.words, one.text] for one in totals(estimate, about.flags)]
-    listed = {one.json: _records(tables[one.name]) for one in about.tables if one.json and one.name in tables}
+    words = [[total.words, total.text] for total in totals(estimate, about.flags)]
+    listed = {table.json: _records(tables[table.name]) for table in about.tables if table.json and table.name in tables}
     numbers = {**_numbers(estimate, notes), **about.numbers(estimate), **listed}
     return RecordingResults(made, notes, tables, [*words, *map(list, about.facts(estimate))], numbers)
 
@@ -161,13 +161,15 @@ def of_estimate(made: EstimatedRecording, about: About) -> RecordingResults:
 def of_analysis(made: Analysis) -> RecordingResults:
     """The results of all sensors: a row for each quantity, combined with its standard deviation, and of each source."""
     alone: dict[str, list[str]] = {}
-    for one in made.comparisons:
-        if one.source != "combined":
-            alone.setdefault(one.quantity, []).append(f"{one.source} {one.value:.{QUANTITIES[one.quantity].digits}f}")
-    seen = None if made.strides is None else np.array(made.strides.first) == "feet"
+    for comparison in made.comparisons:
+        if comparison.source != "combined":
+            alone.setdefault(comparison.quantity, []).append(
+                f"{comparison.source} {comparison.value:.{QUANTITIES[comparison.quantity].digits}f}"
+            )
+    by_feet = None if made.strides is None else np.array(made.strides.first) == "feet"
     rows = [
-        [one.words, one.text, ", ".join(alone.get(one.quantity, ()))]
-        for one in totals(made.estimate, STRIDE_FLAGS, seen)
+        [total.words, total.text, ", ".join(alone.get(total.quantity, ()))]
+        for total in totals(made.estimate, STRIDE_FLAGS, by_feet)
     ]
     tables = io.analysis_to_dataframes(made)
     numbers = {

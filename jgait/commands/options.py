@@ -68,8 +68,8 @@ def given(texts: list[str] | None, height: str | None, thigh: str | None, shank:
         name, equals, value = text.partition("=")
         option = f"--{name.strip().replace('_', '-')}"
         if not equals or not owners(option):
-            every = (options_of(estimators.about_of(one)) for one in estimators.names())
-            names = sorted({one.removeprefix("--") for options in every for one in options})
+            every = (options_of(estimators.about_of(estimator)) for estimator in estimators.names())
+            names = sorted({known_option.removeprefix("--") for options in every for known_option in options})
             stop(f"--option is NAME=VALUE, with one of the names {', '.join(names)}; got {text!r}")
         values[option] = value.strip()
     return {name: value for name, value in values.items() if value is not None}

@@ -129,7 +129,7 @@ def pipeline_of(
     or no pipeline of a paper.
     """
     if paper and name in estimators.names() and estimators.about_of(name).paper is None:
-        known = [one for one in estimators.names() if estimators.about_of(one).paper is not None]
+        known = [estimator for estimator in estimators.names() if estimators.about_of(estimator).paper is not None]
         stop(f"--paper is an option of {' and '.join(known)}; got --estimator {name}")
     with refused():
         settings = settings_of(estimators.about_of(name), paper, file)
@@ -179,20 +179,20 @@ def not_held_out(
         return ()
     judged: Any = first.get("held_out")
     others = ""
-    own = Contents(first.get("data", {}).values())
-    if judged and not any(own.find(content) for one in before for content in one["data"].values()):
+    first_contents = Contents(first.get("data", {}).values())
+    if judged and not any(first_contents.find(content) for tuning in before for content in tuning["data"].values()):
         others = (
             f"; with {first.get('left_out', 'people')} left out in turn, the median {judged['error']} was "
             f"{judged['before']:.3g} {judged['unit']} before and {judged['after']:.3g} {judged['unit']} after"
         )
     name = Path(file).name
-    cohort = " and ".join(dict.fromkeys(Path(str(one["cohort"])).name for one in (first, *before)))
+    cohort = " and ".join(dict.fromkeys(Path(str(tuning["cohort"])).name for tuning in (first, *before)))
     which = "errors on people of that cohort are"
     if versions is not None and "subjects" in first:
-        tuned = Contents(content for one in (first, *before) for content in one["data"].values())
-        used = {one for one, content in versions.items() if tuned.find(content)}
-        unused = [who for one, who in (subjects or {}).items() if one in versions.keys() - used]
-        known = sorted({who for one in (first, *before) for who in one["subjects"]})
+        tuned = Contents(content for tuning in (first, *before) for content in tuning["data"].values())
+        used = {recording for recording, content in versions.items() if tuned.find(content)}
+        unused = [who for recording, who in (subjects or {}).items() if recording in versions.keys() - used]
+        known = sorted({who for tuning in (first, *before) for who in tuning["subjects"]})
         names = people([*known, *unused])
         same = sum(who in names[: len(known)] for who in names[len(known) :])
         if not used and not same:

@@ -51,22 +51,22 @@ def with_reference(
     if absent is not None:
         raise FileNotFoundError(f"there is no such file: {absent}")
     tables = (None if file is None else _from_first(read_table(file)[0], float(str(begins))) for file in files)
-    found = io.reference_from_tables(time, *tables)
-    if found.distance is not None and way is not None and files[0] is not None:
-        known = np.asarray(found.valid, bool)
-        so_far = np.asarray(found.distance, float)[known]
+    reference = io.reference_from_tables(time, *tables)
+    if reference.distance is not None and way is not None and files[0] is not None:
+        known = np.asarray(reference.valid, bool)
+        so_far = np.asarray(reference.distance, float)[known]
         walked = float(so_far[-1] - so_far[0])  # as it is compared; the body sways beyond it
         part = float(np.mean(known)) < COVERED
         if walked > (1.0 + DIFFERENT) * way or (walked < (1.0 - DIFFERENT) * way and not part):
             note = DISTANCE_CONTRADICTED(stated=way, file=files[0].name, walked=walked)
             recording = recording._replace(notes=(*recording.notes, note))
-    if found.distance is None and way is not None:
+    if reference.distance is None and way is not None:
         if files[0] is not None:
             note = DISTANCE_NOT_USED(file=files[0].name)
-            return Walk(recording._replace(notes=(*recording.notes, note)), found, info)
+            return Walk(recording._replace(notes=(*recording.notes, note)), reference, info)
         whole = io.reference_from_tables(time, distance=way)
-        found = found._replace(distance=whole.distance, valid=whole.valid)
-    return Walk(recording, found, info)
+        reference = reference._replace(distance=whole.distance, valid=whole.valid)
+    return Walk(recording, reference, info)
 
 
 def _from_first(table: "pd.DataFrame", begins: float) -> "pd.DataFrame":

@@ -10,8 +10,7 @@ import typer
 
 from jgait import report as reports
 from jgait.commands import cohort as cohorts
-from jgait.commands import jobs, recordings
-from jgait.commands import options as own
+from jgait.commands import jobs, options, recordings
 from jgait.commands.console import console, count, note, stop, write, write_json, wrote
 from jgait.commands.folder import keep_inputs, unfinished
 from jgait.estimators.combined import MEASURES, Analysis
@@ -22,7 +21,7 @@ from jgait.types import Walk, reason_of
 ENDINGS = (".html", ".htm")
 """Endings of the name of a page."""
 
-EPILOG = own.epilog()
+EPILOG = options.epilog()
 
 COHORTS_BY = "leg_ekf"
 """The estimator of a cohort if none is named."""
@@ -45,11 +44,11 @@ def report(
     estimator: cohorts.OneEstimator = None,
     paper: cohorts.Paper = False,
     params: cohorts.Params = None,
-    person: own.PersonFile = None,
-    height: own.Height = None,
-    thigh: own.Thigh = None,
-    shank: own.Shank = None,
-    option: own.Options = None,
+    person: options.PersonFile = None,
+    height: options.Height = None,
+    thigh: options.Thigh = None,
+    shank: options.Shank = None,
+    option: options.Options = None,
     rate: recordings.Rate = None,
     gyr_unit: recordings.GyrUnit = None,
     acc_unit: recordings.AccUnit = None,
@@ -78,7 +77,7 @@ def report(
     placement, placements = recordings.places_of(place)
     files = {"rate": rate, "gyr_unit": gyr_unit, "acc_unit": acc_unit, "range_unit": range_unit, "format": format,
              "placement": placement, "placements": placements, "trial": trial}  # fmt: skip
-    command, given = command_of(context.obj), own.given(option, height, thigh, shank)
+    command, given = command_of(context.obj), options.given(option, height, thigh, shank)
     failures = 0
     if recording is not None and dataset is None:
         stop("--recording names a recording of a --dataset; there is none")
@@ -93,7 +92,7 @@ def report(
         if person is not None:
             stop("--person is of one recording; for a cohort put columns into its table")
         for name in given:
-            stop(f"{own.named(name)} is of one recording; for a cohort put a column into its table")
+            stop(f"{options.named(name)} is of one recording; for a cohort put a column into its table")
         page, failures = _of_cohort(
             what, dataset, simulated, seed, estimator or COHORTS_BY, paper, params, files, command, (out, json_file)
         )
@@ -132,16 +131,16 @@ def of_walk(walk: Walk, job: jobs.EstimateJob, data: str, command: str) -> Repor
     """The page of one recording; exits with code 2 if it cannot be used."""
     known = cohorts.body(walk, tuple({name for names in MEASURES.values() for name in names}))
     try:
-        found = job.compute(walk.recording, known)
+        result = job.compute(walk.recording, known)
     except Exception as error:
         stop(f"{data}: {reason_of(error)}")
-    for line in grouped(found.notes):
+    for line in grouped(result.notes):
         note(line)
     made = job.made._replace(file=data, command=command)
-    if isinstance(found.made, Analysis):
-        return reports.of_analysis(found.made, walk.recording, reference=walk.reference, made=made)
-    made = made._replace(params=found.made.params)
-    return reports.of_estimate(found.made.estimate, walk.recording, reference=walk.reference, made=made)
+    if isinstance(result.made, Analysis):
+        return reports.of_analysis(result.made, walk.recording, reference=walk.reference, made=made)
+    made = made._replace(params=result.made.params)
+    return reports.of_estimate(result.made.estimate, walk.recording, reference=walk.reference, made=made)
 
 
 def _of_cohort(

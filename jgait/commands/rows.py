@@ -10,7 +10,7 @@ import numpy as np
 
 from jgait.notes import Kind, Note
 
-ALIKE = Kind(
+LABELS_ALIKE = Kind(
     "labels_alike", "check", "{labels} in the column {column!r} count as different {many}",
     "If they are one, the same person or day is in both parts of a split, and intervals are too narrow: write it in "
     "one way in all rows.",
@@ -55,7 +55,9 @@ def label_notes(rows: Iterable[Mapping[str, str]]) -> list[Note]:
         for label in filter(None, (row.get(column) for row in rows)):
             groups.setdefault(_number_free_of_zeros(label), {})[label] = None
         notes += [
-            ALIKE(labels=list(map(repr, same)), column=column, many=many) for same in groups.values() if len(same) > 1
+            LABELS_ALIKE(labels=list(map(repr, same)), column=column, many=many)
+            for same in groups.values()
+            if len(same) > 1
         ]
     ways: dict[str, str] = {}
     for day in filter(DATE.fullmatch, (row.get("day") or "" for row in rows)):

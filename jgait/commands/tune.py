@@ -116,8 +116,8 @@ def tune(
         "recordings": len(made.names), "people": len(set(made.subjects)), "left_out": groups.many,
         "options": {name: getattr(made.options, name) for name in ("soft", "noise") if hasattr(made.options, name)},
         "subjects": sorted(set(made.subjects)), "data": source.versions(made.names, ("file", *REFERENCES)),
-        "before": [{name: one[name] for name in ("cohort", "subjects", "data")}
-                   for one in tunings(params) if "subjects" in one],
+        "before": [{name: tuning[name] for name in ("cohort", "subjects", "data")}
+                   for tuning in tunings(params) if "subjects" in tuning],
     }  # fmt: skip
     title = f"{pipeline.name}{', the paper’s pipeline,' if paper else ''} tuned on {source.title}"
     asked = {
@@ -163,7 +163,10 @@ def _say_notes(
     rows = cohorts.evaluated(ready, start, walks).recordings
     rows = rows[rows["recording"].isin(made.names)]
     wrong = {code for name, code in CONTRADICTS.items() if name in losses}
-    off = [[one for one in from_json(notes) if one.code in wrong] for notes in rows["notes"]]
+    off = [
+        [recording_note for recording_note in from_json(notes) if recording_note.code in wrong]
+        for notes in rows["notes"]
+    ]
     if len(off) > 1 and all(off):
         name, first = rows["recording"].iloc[0], off[0][0]
         stop(

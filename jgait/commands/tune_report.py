@@ -54,7 +54,7 @@ def report(
         items = results.validation.items.assign(recording=job.made.names)
         files.append(out / "held_out.csv")
         people = items.assign(
-            subject=job.made.subjects, **({"day": items["subject"]} if job.groups.one == "day" else {})
+            subject=job.made.subjects, **({"day": items["subject"]} if job.groups.singular == "day" else {})
         )
         columns = ["recording", "subject", "day", "fold", "error_before", "error_after"]
         people[[name for name in columns if name in people]].to_csv(files[-1], index=False)
@@ -62,7 +62,7 @@ def report(
         change = evaluate.paired_difference(rows["error_before"], rows["error_after"], rows["subject"], seed=0)
         drawn = plot_cohort.before_after(
             rows, unit=job.unit, name=job.judged,
-            title=f"each {job.groups.one} judged by parameters learned from other {job.groups.many}",
+            title=f"each {job.groups.singular} judged by parameters learned from other {job.groups.many}",
         )  # fmt: skip
         files.append(plot.save(drawn, out / "before_after.png"))
     files = folder.publish(files)
@@ -76,8 +76,8 @@ def report(
     if results.errors is not None:
         before, after = map(significant, results.errors)
         losses = (significant(value, 4) for value in (results.fit.losses[0], results.fit.best_loss))
-        own = f"{job.judged} [{job.unit}] of the recordings learned from, median: {before} before, {after} after"
-        console.print(visible(f"{own}; loss {' before, '.join(losses)} after"), highlight=False, soft_wrap=True)
+        error_text = f"{job.judged} [{job.unit}] of the recordings learned from, median: {before} before, {after} after"
+        console.print(visible(f"{error_text}; loss {' before, '.join(losses)} after"), highlight=False, soft_wrap=True)
     for line in [] if results.known is None else results.known.sentences:
         console.print(visible(f"· {line}"), highlight=False)
     if results.undetermined:
@@ -121,7 +121,7 @@ def _values(job: Job, results: TuningResults) -> dict[str, dict[str, Any]]:
 
 def _show_held_out(table: "pd.DataFrame", job: Job, change: PairedDifference) -> None:
     """Print the error of each person or day before and after learning from the others, and the verdict."""
-    singular, plural = job.groups.one, job.groups.many
+    singular, plural = job.groups.singular, job.groups.many
     title = f"\n{job.judged} [{job.unit}] of {plural} left out of the tuning, worst first"
     console.print(visible(title), style="italic")
     shown = table_of(singular, "recordings", "before", "after", "change")

@@ -31,11 +31,11 @@ class Groups(NamedTuple):
 
     Attributes:
         labels: (n,) the group of each recording.
-        one, many: what a group is, in words.
+        singular, many: what a group is, in words.
     """
 
     labels: tuple[str, ...]
-    one: str
+    singular: str
     many: str
 
 

@@ -50,8 +50,8 @@ HELD = 3  # [samples] fewest equal successive positions that mean that Vicon los
 STILL = 0.5  # [m/s] largest speed of a standing foot, which still rolls a little
 MEDIAN = 9  # [samples] window of the speed's median; single positions have errors of some centimetres
 FLICKER = 0.1  # [s] a movement between two stances that is shorter is removed
-SHORTEST = 0.05  # [s] shortest stance
-REACH = 0.3  # [s] a stride begins at most so long before the foot leaves, and ends so long after it arrives
+SHORTEST_STANCE_S = 0.05  # [s] shortest stance
+LONGEST_STANDING_S = 0.3  # [s] a stride begins at most so long before the foot leaves and ends so long after it arrives
 SEEN = 0.8  # [1] smallest share of valid Vicon samples between two footprints
 VICON_MIRRORED = Kind("vicon_mirrored", "info", "Vicon's axes are left-handed upstream: y changed sign", ORIGIN)
 VICON_MASKED = Kind("vicon_masked", "info", "{masked} {masked:sample|samples} of Vicon masked", LOSSES)
@@ -110,8 +110,8 @@ def load_one(name: str) -> Walk:
 
 def _strides(prints: dict[str, np.ndarray], valid: np.ndarray, time: np.ndarray) -> Strides:
     """Strides between footprints; not valid where Vicon lost the foot for long, because a footprint may be missing."""
-    left = np.maximum(prints["time"], time[prints["end"] - 1] - REACH)
-    arrived = np.minimum(prints["time"], time[prints["start"]] + REACH)
+    left = np.maximum(prints["time"], time[prints["end"] - 1] - LONGEST_STANDING_S)
+    arrived = np.minimum(prints["time"], time[prints["start"]] + LONGEST_STANDING_S)
     whole = np.array([valid[a:b].mean() > SEEN for a, b in itertools.pairwise(prints["samples"])], bool)
     return footprint_strides("right", prints["position"], arrived, left, whole)
 
@@ -140,7 +140,7 @@ def stances(position: np.ndarray, valid: np.ndarray, time: np.ndarray, rate_hz: 
     joined = still.copy()
     for start, end in true_runs(~still):
         joined[start:end] = start > 0 and end < len(still) and end - start < FLICKER * rate_hz
-    kept = [(start, end) for start, end in true_runs(joined) if end - start >= SHORTEST * rate_hz]
+    kept = [(start, end) for start, end in true_runs(joined) if end - start >= SHORTEST_STANCE_S * rate_hz]
     inside = [start + np.flatnonzero(still[start:end]) for start, end in kept]
     middle = np.array([samples[len(samples) // 2] for samples in inside], np.int64)
     edges = np.array(kept, np.int64).reshape(-1, 2)

@@ -35,7 +35,7 @@ AXES_TURNED = Kind("axes_turned", "info", "z down upstream: sensor axes turned h
 FLIP = np.array([1.0, -1.0, -1.0])
 """Half a turn about x, a proper rotation: converts readings of a sensor with z down to axes with z up."""
 
-SHORTEST = 0.1
+SHORTEST_STRIDE_M = 0.1
 """[m] Shortest stride between two footprints; at a smaller distance the foot was put down again on the spot."""
 
 
@@ -173,7 +173,7 @@ def footprint_strides(
     Footprints as in `way`. `whole` (n − 1,) is False where a footprint between two footprints may be missing.
     """
     length = np.linalg.norm(np.diff(position[:, :2], axis=0), axis=1)
-    valid = (length > SHORTEST) & (True if whole is None else whole)
+    valid = (length > SHORTEST_STRIDE_M) & (True if whole is None else whole)
     nothing = np.full(length.size, np.nan)
     return Strides(
         side=np.full(length.size, SIDES.index(side)), start=None, final_contact=None, end=None, length=length,

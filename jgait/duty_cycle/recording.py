@@ -109,17 +109,17 @@ def check_filler(name: str) -> Filler:
     return every[name]
 
 
-def felt(imu: Imu, gyro_on: On | None = None) -> Bool[np.ndarray, "time"]:
+def acc_received(imu: Imu, gyro_on: On | None = None) -> Bool[np.ndarray, "time"]:
     """(T,) bool, the accelerometer's sample is not lost, or by `gyro_on` only the gyroscope is off."""
     kept = np.asarray(imu.mask, bool)
     return kept if gyro_on is None else kept | ~np.asarray(gyro_on, bool)
 
 
 def acc_of(imu: Imu, gyro_on: On | None = None) -> Float[np.ndarray, "time 3"] | None:
-    """Specific force [m/s²]; a lost sample (see `felt`) has the value of the sample before it."""
+    """Specific force [m/s²]; a lost sample (see `acc_received`) has the value of the sample before it."""
     if imu.acc is None:
         return None
-    kept = felt(imu, gyro_on)
+    kept = acc_received(imu, gyro_on)
     last = np.maximum.accumulate(np.where(kept, np.arange(kept.size), -1))
     return as_float(imu.acc)[np.where(last < 0, int(np.argmax(kept)), last)]
 

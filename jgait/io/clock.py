@@ -266,7 +266,7 @@ def unit_of_time(stamps: np.ndarray, stated: str | None, name: str) -> str:
     unit = stated or usual[0]
     if unit not in TIME_UNITS:
         raise RecordingError(f"{name}: time_unit must be one of {', '.join(map(repr, TIME_UNITS))}; got {unit!r}")
-    fits = [one for one, length in lengths.items() if SHORTEST_STEP_S <= length <= LONGEST_STEP_S]
+    fits = [candidate for candidate, length in lengths.items() if SHORTEST_STEP_S <= length <= LONGEST_STEP_S]
     if unit in fits:
         return unit
     hint = f"; it seems to be in {' or '.join(fits)}: correct {{argument}}" if fits else ""

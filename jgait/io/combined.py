@@ -62,8 +62,8 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
         every = _strides(analysis, analysis.strides)
         tables["strides"] = every.dropna(axis="columns", how="all")
         unknown = marks(analysis.estimate, (SIDE_UNKNOWN,)).get(SIDE_UNKNOWN.name, np.zeros(len(every), bool))
-        whole = [(one.value, one.stddev) for one in analysis.comparisons
-                 if (one.source, one.quantity) == ("combined", "distance")]  # fmt: skip
+        whole = [(comparison.value, comparison.stddev) for comparison in analysis.comparisons
+                 if (comparison.source, comparison.quantity) == ("combined", "distance")]  # fmt: skip
         tables["summary"] = summary(
             tables["strides"].assign(side_known=~unknown), whole[0] if whole else None,
             bool(analysis.estimate.diagnostics.get("clocks_apart", False)),
@@ -130,10 +130,14 @@ def joint_extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.nd
             if not there.any() or not known[there].all():  # the extreme may lie where there is no angle
                 there = np.zeros_like(there)
             for joint in ("hip", "knee"):
-                angles = [as_float(getattr(one, f"{joint}_angle"))[there] for one in (leg, spread) if one is not None]
-                angles = [np.rad2deg(one) if one.size else np.full(1, np.nan) for one in angles]
+                angles = [
+                    as_float(getattr(leg_or_stddev, f"{joint}_angle"))[there]
+                    for leg_or_stddev in (leg, spread)
+                    if leg_or_stddev is not None
+                ]
+                angles = [np.rad2deg(angle) if angle.size else np.full(1, np.nan) for angle in angles]
                 first, last = np.argmin(angles[0]), np.argmax(angles[0])
-                low, high = [one[first] for one in angles], [one[last] for one in angles]
+                low, high = [angle[first] for angle in angles], [angle[last] for angle in angles]
                 between = [high[0] - low[0], *np.hypot(low[1:], high[1:])]
                 for word, values in (("min", low), ("max", high), ("range", between)):
                     for end, value in zip(("", "_std"), values, strict=False):

@@ -31,7 +31,7 @@ def not_recognised(lacking: list[str], position: Mapping[str, int], given: list[
             argument="placement",
             value="waist",
         )
-    sensors = [found[0] for column in unknown if (found := sensor_of(column))]
+    sensors = [label_and_channel[0] for column in unknown if (label_and_channel := sensor_of(column))]
     strange = [sensor for sensor in sensors if _nearest(sensor, PLACEMENTS) is None]
     # the lab's own names of the other axes, with the letter of one that lacks
     spelt = {_with_axis(given[index], wanted[-1]): wanted for wanted in lacking

@@ -120,8 +120,8 @@ def _signal(words: list[str]) -> tuple[str, str, list[str] | None] | None:
             if synonym not in joined:
                 continue
             last = not axis and joined.endswith(tuple(f"{synonym}{letter}" for letter in "xyz"))
-            found = joined[-1] if last else axis
-            return (kind, found, _without(rest, synonym + (found if last else ""))) if found else None
+            stated_axis = joined[-1] if last else axis
+            return (kind, stated_axis, _without(rest, synonym + (stated_axis if last else ""))) if stated_axis else None
     return None
 
 
@@ -144,8 +144,8 @@ def column_of(name: str) -> str | None:
 def sensor_of(name: str) -> tuple[str, str] | None:
     """The lab's name of a sensor and the channel of a column: ("IMU1", "gyr_x") of "IMU1_gyr_x"; None for others."""
     plain = re.sub(r"[(\[{].*?[)\]}]", " ", _without_accents(split_unit(name)[0]))
-    found = list(re.finditer(WORD, plain))
-    words = [match[0].lower() for match in found]
+    matches = list(re.finditer(WORD, plain))
+    words = [match[0].lower() for match in matches]
     signal = _signal(words)
     kind, axis, rest = signal or ("", "", None)
     if not rest:
@@ -153,7 +153,7 @@ def sensor_of(name: str) -> tuple[str, str] | None:
     begin = next((i for i in range(len(words)) if words[i : i + len(rest)] == rest), None)
     if begin is None:
         return None
-    return plain[found[begin].start() : found[begin + len(rest) - 1].end()], f"{kind}_{axis}"
+    return plain[matches[begin].start() : matches[begin + len(rest) - 1].end()], f"{kind}_{axis}"
 
 
 def like_a_signal(name: str) -> bool:

@@ -69,7 +69,7 @@ STEPS = 0.6
 """[1] Ratio of the strides' lengths to the distance in the same time below which they are steps, whose ratio is 0.5. In
 public references with both it is 0.99 to 1.25."""
 
-ALIKE = 0.85
+MISSPELT_SIMILARITY = 0.85
 """[1] Similarity of a column's name and a known one above which it is misspelt."""
 
 
@@ -182,7 +182,7 @@ def _check_columns(table: "pd.DataFrame", known: Collection[str], needed: Collec
     """Raise if a column that is not known is nearly one that the table lacks, or a needed one is missing."""
     lacking = [name for name in known if name not in table]
     for column in map(str, table.columns):
-        if column not in known and (near := difflib.get_close_matches(column, lacking, 1, ALIKE)):
+        if column not in known and (near := difflib.get_close_matches(column, lacking, 1, MISSPELT_SIMILARITY)):
             raise RecordingError(f"{what} has a column {column!r}, which is not read; did you mean {near[0]!r}?")
     if missing := [name for name in needed if name in lacking]:
         raise RecordingError(f"{what} needs a column {missing[0]!r}; it has {', '.join(map(repr, table.columns[:12]))}")

@@ -147,11 +147,11 @@ def _with_unit(column: str, unit: str, name: str) -> str:
 
 def _why(error: Exception, header: str) -> str:
     """The reason in words why the rows do not fit the header."""
-    found = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
-    if not found:
+    match = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
+    if not match:
         return str(error)
     return (
-        f"line {found[2]} has {found[3]} values, and the header {found[1]}: {header.strip()[:80]!r}; expected one line "
+        f"line {match[2]} has {match[3]} values, and the header {match[1]}: {header.strip()[:80]!r}; expected one line "
         "with a name for each column, such as foot_left_gyr_x, above the numbers"
     )
 

@@ -24,7 +24,7 @@ strides: it hides no variability."""
 USABLE = {"stride_width": "width_valid", "step_length": "width_valid", **dict.fromkeys(OF_POSE, "angles_valid")}
 """Measure → the column that is False in strides in which it is not usable."""
 
-FEWEST = 3
+FEWEST_STEADY_STRIDES = 3
 """[1] Steady strides of a side of which a standard deviation is stated."""
 
 HIDDEN = 2.0
@@ -57,7 +57,7 @@ def summary(
 
     A stride is steady if it and its neighbours of the same side are regular, and no stride between it and the begin or
     the end of its bout lasts otherwise, see `PACE`: strides in which a person speeds up or slows down, beside standing,
-    turns and stairs, do not count. Where a side has fewer than `FEWEST` steady strides,
+    turns and stairs, do not count. Where a side has fewer than `FEWEST_STEADY_STRIDES` steady strides,
     the regular ones count, `steady` is False, and neither variability nor asymmetry is stated.
 
     Columns:
@@ -103,8 +103,10 @@ def summary(
     steady = regular & _beside_regular(strides)
     steady &= _at_pace(strides[steady]).reindex(strides.index, fill_value=False)
     table = strides[steady]
-    told = strides.loc[regular, "side"].unique()
-    enough = bool(len(told)) and bool((table["side"].value_counts().reindex(told, fill_value=0) >= FEWEST).all())
+    sides = strides.loc[regular, "side"].unique()
+    enough = bool(len(sides)) and bool(
+        (table["side"].value_counts().reindex(sides, fill_value=0) >= FEWEST_STEADY_STRIDES).all()
+    )
     table = table if enough else strides[regular]
     known = table.get("side_known", pd.Series(True, table.index)).astype(bool)
     sided = bool(known.all())
@@ -129,14 +131,16 @@ def summary(
             values = values[table.loc[values.index, "side"] != coarse]
             errors = errors[errors.index.isin(values.index)]
         by_side = [values[(table.loc[values.index, "side"] == side) & known[values.index]] for side in SIDES]
-        groups = [one for one in by_side if len(one)] if sided else [values]
-        mean = float(np.mean([one.mean() for one in groups]))
-        variances = [v for one in groups if np.isfinite(v := _variance(one, strides["bout"]))]
+        groups = [side_values for side_values in by_side if len(side_values)] if sided else [values]
+        mean = float(np.mean([group.mean() for group in groups]))
+        variances = [v for group in groups if np.isfinite(v := _variance(group, strides["bout"]))]
         error = float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else np.nan
         std = float(np.sqrt(np.mean(variances))) if variances and enough else np.nan
         std = np.nan if error > HIDDEN * std and name not in OF_POSE else std
         both = _at_the_same_time(table.loc[values.index]) if all(map(len, by_side)) else values.index
-        right, left = (float(one.mean()) if len(one) else np.nan for one in (v[v.index.isin(both)] for v in by_side))
+        right, left = (
+            float(paired.mean()) if len(paired) else np.nan for paired in (v[v.index.isin(both)] for v in by_side)
+        )
         if clocks_apart and name == "step_duration":  # their mean holds: it is half a stride
             right, left = np.nan, np.nan
         unsure = _side_error(name, error, table) if alike and np.isfinite(right - left) else np.nan
@@ -165,33 +169,37 @@ def _beside_regular(strides: "pd.DataFrame") -> "pd.Series":
     """Which strides begin and end where regular strides of the same side end and begin."""
     import pandas as pd
 
-    found = pd.Series(False, strides.index)
-    for _, one in strides.groupby("side"):
-        beside = one.sort_values("begins")
+    joined = pd.Series(False, strides.index)
+    for _, side_strides in strides.groupby("side"):
+        beside = side_strides.sort_values("begins")
         regular = beside["regular"].astype(bool)
         joins = (beside["begins"] - beside["ends"].shift()).abs() < JOINS_S  # with the stride before it
-        found[beside.index] = joins & regular.shift(fill_value=False) & (joins & regular).shift(-1, fill_value=False)
-    return found
+        joined[beside.index] = joins & regular.shift(fill_value=False) & (joins & regular).shift(-1, fill_value=False)
+    return joined
 
 
 def _at_pace(strides: "pd.DataFrame") -> "pd.Series":
     """Which strides are not before the first or after the last ones of their side and bout that last as most do."""
     import pandas as pd
 
-    found = pd.Series(True, strides.index)
-    for _, one in strides.groupby(["side", "bout"]):
-        rows = one.sort_values("begins")
+    at_pace = pd.Series(True, strides.index)
+    for _, bout_strides in strides.groupby(["side", "bout"]):
+        rows = bout_strides.sort_values("begins")
         lasts = rows["ends"] - rows["begins"]
         usual = ((lasts / lasts.median() - 1.0).abs() <= PACE).to_numpy()
-        found[rows.index] = np.maximum.accumulate(usual) & np.maximum.accumulate(usual[::-1])[::-1]
-    return found
+        at_pace[rows.index] = np.maximum.accumulate(usual) & np.maximum.accumulate(usual[::-1])[::-1]
+    return at_pace
 
 
 def _variance(values: "pd.Series", bouts: "pd.Series") -> float:
     """Variance of a side's values about the means of their bouts; NaN of too few values."""
     of_bout = values.groupby(bouts[values.index])
     freedom = len(values) - of_bout.ngroups
-    return float(((values - of_bout.transform("mean")) ** 2).sum()) / freedom if freedom >= FEWEST - 1 else np.nan
+    return (
+        float(((values - of_bout.transform("mean")) ** 2).sum()) / freedom
+        if freedom >= FEWEST_STEADY_STRIDES - 1
+        else np.nan
+    )
 
 
 def _at_the_same_time(strides: "pd.DataFrame") -> "pd.Index":
@@ -229,8 +237,8 @@ def _step_durations(table: "pd.DataFrame", strides: "pd.DataFrame") -> "pd.Serie
 
     if "start_s" not in strides:
         return None
-    seen = strides[strides["source"] == CONTACTS]
-    contacts = {side: np.unique(seen.loc[seen["side"] == side, ["start_s", "end_s"]].dropna()) for side in SIDES}
+    by_shoe = strides[strides["source"] == CONTACTS]
+    contacts = {side: np.unique(by_shoe.loc[by_shoe["side"] == side, ["start_s", "end_s"]].dropna()) for side in SIDES}
     other = dict(zip(SIDES, reversed(SIDES), strict=True))
     durations = pd.Series(np.nan, table.index)
     for row, stride in table[table["source"] == CONTACTS].iterrows():

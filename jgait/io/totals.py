@@ -32,13 +32,13 @@ CAPTION = (
 """Text below the numbers of `totals`."""
 
 
-def totals(estimate: Estimate, flags: tuple[StrideFlag, ...], seen: np.ndarray | None = None) -> list[Total]:
+def totals(estimate: Estimate, flags: tuple[StrideFlag, ...], by_feet: np.ndarray | None = None) -> list[Total]:
     """The numbers of a whole recording, for people: strides, distance, medians over regular strides, ranges of angles.
 
     Args:
         estimate: of one recording.
         flags: flags of its strides.
-        seen: (rows,) bool, whether a foot's sensor saw the stride, for the rows of the table of strides; a shank's
+        by_feet: (rows,) bool, whether a foot's sensor saw the stride, for the rows of the table of strides; a shank's
             shows the final contact too late. None: all, if the estimate has feet.
     """
     rows: list[Total] = []
@@ -71,7 +71,7 @@ def totals(estimate: Estimate, flags: tuple[StrideFlag, ...], seen: np.ndarray |
         if timed:
             rows.append(Total("cadence", COLUMNS["cadence_spm"].text(120.0 / medians["stride_duration_s"])))
             stands = (usual.get("final_contact_s", np.nan) - usual["start_s"]) / usual["stride_duration_s"]
-            feet = np.full(len(table), estimate.feet is not None) if seen is None else seen
+            feet = np.full(len(table), estimate.feet is not None) if by_feet is None else by_feet
             stance = 100.0 * stands[feet[regular]].groupby(usual["side"][feet[regular]]).median().mean()
             rows.append(Total("stance", f"{stance:.0f} % of the stride" if np.isfinite(stance) else "–"))
     for joint, pair in joint_ranges(estimate).items():

@@ -14,7 +14,7 @@ ACROSS: Style = {"color": RED, "linewidth": 0.9}
 STRAIGHT = np.deg2rad(15.0)
 """[rad] Largest turn of a straight stride."""
 
-FEWEST = 4
+FEWEST_STRIDES = 4
 """Smallest number of strides of both feet in a section."""
 
 MOVING = 10
@@ -73,7 +73,7 @@ def _straight(estimate: Estimate, rows: np.ndarray) -> list[tuple[float, float]]
     turn = np.zeros(rows.size) if strides.turn is None else np.nan_to_num(as_float(strides.turn)[rows])
     groups = itertools.groupby(range(rows.size), key=lambda k: bool(abs(turn[k]) < STRAIGHT))
     runs = [list(members) for straight, members in groups if straight]
-    spans = [(float(first[run].min()), float(last[run].max())) for run in runs if len(run) >= FEWEST]
+    spans = [(float(first[run].min()), float(last[run].max())) for run in runs if len(run) >= FEWEST_STRIDES]
     longest = sorted(spans, key=lambda span: span[0] - span[1])[:3]
     return sorted(longest) or [(float(first.min()), float(last.max()))]
 

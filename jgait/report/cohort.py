@@ -174,14 +174,14 @@ def of_notes(recordings: "pd.DataFrame") -> list[Flag]:
         code = next(iter(kinds[kind].values()))[0].code
         return SEVERITIES.index(kind[0]), not code.startswith("reference_"), kind[1] in USUAL, -len(kinds[kind])
 
-    found = []
+    note_flags = []
     for severity, meaning in sorted(kinds, key=rank):
         name, same = next(iter(kinds[severity, meaning].items()))
         sentences = listed(map(flags.sentence, same), LONGEST_EXAMPLE)
         many = of_recordings(len(kinds[severity, meaning]), len(recordings))
         usable = "" if severity == "check" else ", whose result should not be used"
-        found.append(Flag("check", f"{many}{usable}, such as {without_folders(name)}: {sentences}", meaning))
-    return found
+        note_flags.append(Flag("check", f"{many}{usable}, such as {without_folders(name)}: {sentences}", meaning))
+    return note_flags
 
 
 def _doubtful(text: str) -> list[Note]:
@@ -390,6 +390,7 @@ def read_folder(folder: Path) -> tuple[Cohort, Made]:
     )
     stated = folder / "notes.json"
     every = json.loads(stated.read_text(encoding="utf-8")) if stated.is_file() else []
-    notes = from_json(json.dumps([one for one in every if one.get("recording") is None]))  # the others are in the table
+    # the others are in the table
+    notes = from_json(json.dumps([note for note in every if note.get("recording") is None]))
     version = str(about.get("jgait", ""))
     return cohort, Made(name, params, default, file=folder.resolve().name, notes=notes, version=version)

@@ -140,7 +140,7 @@ def _facts(
     words |= dict.fromkeys(("stride length", "walking speed", "cadence"), usual)
     rate = f"at {significant(recording.sampling_rate_hz, 4)} Hz"
     facts = [("Duration", f"{number(float(estimate.time[-1] - estimate.time[0]), 1)} s", rate)]
-    known = {one.words: one.text for one in totals(estimate, stride_flags.STRIDE_FLAGS)}
+    known = {total.words: total.text for total in totals(estimate, stride_flags.STRIDE_FLAGS)}
     facts += [(name.capitalize(), known[name], explained) for name, explained in words.items() if name in known]
     of_sides = strides.sides(of)
     by_side = [

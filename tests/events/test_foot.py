@@ -6,7 +6,7 @@ from made.foot import foot
 from made.trunk import rotation
 
 from jgait import datasets, simulate
-from jgait.datasets.reading import SHORTEST
+from jgait.datasets.reading import SHORTEST_STRIDE_M
 from jgait.estimators import foot_ins
 from jgait.events import foot as events
 from jgait.simulate.person import RECORDED
@@ -180,7 +180,7 @@ def test_no_stance_of_fast_gait_is_lost_under_vicon(data):
         stances = events.stances(imu.gyr, imu.acc, walk.recording.sampling_rate_hz)
         inside = events.inside(stances, len(imu.gyr))
         # Vicon's noise parts one stance of 2017-11-22-11-38-45 into two prints, 1 cm apart: the second counts
-        apart = np.linalg.norm(np.diff(prints["position"][:, :2], axis=0), axis=1) > SHORTEST
+        apart = np.linalg.norm(np.diff(prints["position"][:, :2], axis=0), axis=1) > SHORTEST_STRIDE_M
         for sample in prints["samples"][np.append(apart, True)]:
             near = np.abs(stances.stillest - sample).min() < 60 or inside[sample]
             assert near, f"{name}: no stance at {sample}"

@@ -137,7 +137,7 @@ def _predicted(s: Signals, p: Neighbours, sampling_rate_hz: float) -> tuple[Floa
     lags = jnp.arange(size, dtype=jnp.int32)
     later = lax.cummax((~s.usable).astype(jnp.int32), reverse=True) > 0
 
-    def one(distance: Array, sample: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
+    def fill_sample(distance: Array, sample: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
         number, now, off, any_later = sample
 
         def before(values: Shaped[Array, "longer"]) -> Shaped[Array, "memory"]:
@@ -157,7 +157,7 @@ def _predicted(s: Signals, p: Neighbours, sampling_rate_hz: float) -> tuple[Floa
         return distance, lax.cond(off, filled, lambda d: (jnp.zeros_like(d[0]),) * 2, distance)
 
     samples = (jnp.arange(count, dtype=jnp.int32), compared, ~s.usable, later)
-    return lax.scan(one, jnp.zeros(size, s.rate.dtype), samples)[1]
+    return lax.scan(fill_sample, jnp.zeros(size, s.rate.dtype), samples)[1]
 
 
 FILLERS = {"neighbours": Filler(neighbours, NEIGHBOURS, TRANSFORMS, needs_acc=True)}

@@ -10,7 +10,7 @@ import numpy as np
 
 from jgait.duty_cycle.fillers.base import RATES
 from jgait.duty_cycle.power import Masks
-from jgait.duty_cycle.recording import SEGMENTS, acc_of, check_filler, felt, gyroscope_masks
+from jgait.duty_cycle.recording import SEGMENTS, acc_of, acc_received, check_filler, gyroscope_masks
 from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
 from jgait.estimators.duty_cycled_gyro.notes import ACCELEROMETER_ABSENT, WORN_ALONE
 from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledInputs, DutyCycledOptions, GapLeg, GapSegment
@@ -154,7 +154,7 @@ def prepare(
         )
     still, upright, (start, stop), notes = find_standing(sensors, used, time)
     legs, slept = dict[str, GapLeg](), gyro_on or {}
-    there = {name: felt(recording.sensors[name], slept.get(name)) for name in names}
+    there = {name: acc_received(recording.sensors[name], slept.get(name)) for name in names}
     for side in SIDES:
         if any(name.endswith(side) for name in names):
             worn, more = worn_leg(recording, side, used, still, slice(start, stop), slept)

@@ -52,9 +52,11 @@ def contradictions(recording: Recording, units: Mapping[str, Unit] | None = None
     sensors = {placement: _bridged(imu, lost[placement]) for placement, imu in recording.sensors.items()}
     itself = {p: gravity_notes(p, imu, lost[p], rate_hz, (units or {}).get(p)) for p, imu in sensors.items()}
     # a gyroscope that hardly turns contradicts every other sensor: its note explains that
-    slow = {p for p, found in itself.items() if any(note.code == GYROSCOPE_SLOW.code for note in found)}
+    slow = {p for p, sensor_notes in itself.items() if any(note.code == GYROSCOPE_SLOW.code for note in sensor_notes)}
     worn = {placement: imu for placement, imu in sensors.items() if placement not in slow}
-    turns = turn_notes(sensors, lost, rate_hz, {placement for placement, found in itself.items() if found})
+    turns = turn_notes(
+        sensors, lost, rate_hz, {placement for placement, sensor_notes in itself.items() if sensor_notes}
+    )
     paces = paces_of(worn, lost, rate_hz)
     notes = [*itertools.chain(*itself.values()), *pace_notes(paces), *_of_sides(worn, paces, rate_hz)]
     notes += [note for note in turns if note.values["placement"] not in slow]

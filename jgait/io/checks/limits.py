@@ -111,7 +111,7 @@ trunk 6.3)."""
 USUAL_PACE = {"foot": (4.8, 10.7), "ankle": (4.0, 7.8), "shank": (3.3, 6.8), "thigh": (1.95, 5.3)}
 """[rad], [m] Rms rate times the duration of a stride, and spread of the force times its square: means of all."""
 
-STRIDE_S, UNLIKE, ALIKE, NEARLY = (0.3, 3.0), 0.3, 0.45, 0.8
+STRIDE_S, UNLIKE, LEAST_AUTOCORRELATION, NEARLY = (0.3, 3.0), 0.3, 0.45, 0.8
 """[s] Duration of a stride; [1] autocorrelation below which the first one ends, least one of a stride, and share of the
 largest from which on a shorter one is taken."""
 

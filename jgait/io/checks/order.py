@@ -89,7 +89,7 @@ def _written_twice(changes: list[np.ndarray], whole: np.ndarray) -> np.ndarray:
     same = whole & np.all([~change.any(axis=1) for change in changes], axis=0)
     same &= ~(_shifted(same, 1) | _shifted(same, -1))  # a longer stretch is a sensor at its limit, or one that stopped
     rows = np.flatnonzero(same)
-    turns, found, usual = np.zeros(len(same), bool), 0.0, 0.0
+    turns, measured, usual = np.zeros(len(same), bool), 0.0, 0.0
     for change in changes if rows.size else ():
         expected = 0.5 * (_shifted(change, 1) + _shifted(change, -2))[rows]
         size = np.linalg.norm(expected, axis=1)
@@ -97,9 +97,9 @@ def _written_twice(changes: list[np.ndarray], whole: np.ndarray) -> np.ndarray:
         counts = size > max(at.RESOLVED * np.min(steps, where=steps > 0.0, initial=np.inf), at.LEAST_CHANGE)
         turns[rows[counts]] = True
         along = np.sum(_shifted(change, -1)[rows] * expected, axis=1)
-        usual, found = usual + float(size[counts].sum()), found + float((along[counts] / size[counts]).sum())
+        usual, measured = usual + float(size[counts].sum()), measured + float((along[counts] / size[counts]).sum())
     few = turns.sum() < max(at.FEWEST_ROWS, at.TWICE_SHARE * whole.sum())
-    return np.zeros(len(same), bool) if few or found > at.ONE_STEP * usual else turns
+    return np.zeros(len(same), bool) if few or measured > at.ONE_STEP * usual else turns
 
 
 def _double_steps(changes: list[np.ndarray], whole: np.ndarray, rate_hz: float) -> np.ndarray:
@@ -111,13 +111,13 @@ def _double_steps(changes: list[np.ndarray], whole: np.ndarray, rate_hz: float) 
     if rate_hz < 0.5 * at.FAST_HZ[many]:
         return none
     ratios = np.full((len(changes), len(whole)), np.nan)
-    for own, change in zip(ratios, changes, strict=True):
+    for sensor_ratios, change in zip(ratios, changes, strict=True):
         around = 4.0 * (_shifted(change, 1) + _shifted(change, -1)) - _shifted(change, 2) - _shifted(change, -2)
         expected = around / 6.0
         along, size = np.sum(change * expected, axis=1), np.sum(expected * expected, axis=1)
         straight = along > at.STRAIGHT[many] * np.sqrt(size * np.sum(change * change, axis=1))
         counts = straight & (size > np.quantile(size, at.SLOWEST_STEPS)) & (size > at.LEAST_CHANGE**2)
-        own[counts] = np.log(along[counts] / size[counts])
+        sensor_ratios[counts] = np.log(along[counts] / size[counts])
     known = np.isfinite(ratios)
     counts = whole & (2 * known.sum(axis=0) >= len(changes))
     middle = np.zeros(len(whole))

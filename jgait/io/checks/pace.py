@@ -48,8 +48,8 @@ def paces_of(sensors: Mapping[str, Imu], lost: Mapping[str, np.ndarray], rate_hz
         mean = np.convolve(np.sum(gyr * gyr, axis=1), np.ones(width) / width, "same")
         walks = (mean > at.ACTIVE * mean.max()) & ~lost[placement][:length]
         cuts = [slice(begin, begin + size) for begin in range(0, max(length - size // 2, 1), size)]
-        found = [_pace(gyr[cut], force[cut], walks[cut], rate_hz, usual) for cut in cuts]
-        if known := [pace for pace in found if pace is not None]:
+        piece_paces = [_pace(gyr[cut], force[cut], walks[cut], rate_hz, usual) for cut in cuts]
+        if known := [pace for pace in piece_paces if pace is not None]:
             paces[placement] = sorted(known)[len(known) // 2]
     seconds = float(np.median([pace.seconds for pace in paces.values()])) if paces else 0.0
     return {place: pace for place, pace in paces.items() if abs(pace.seconds / seconds - 1.0) < at.SAME_STRIDE}
@@ -84,7 +84,7 @@ def _pace(
     first = max(int(np.argmax(low)) if low.any() else int(np.argmin(alike)), int(at.STRIDE_S[0] * rate_hz)) + 1
     inner = np.arange(first, farthest - 1)
     peaks = inner[(alike[inner] >= alike[inner - 1]) & (alike[inner] >= alike[inner + 1])]
-    if not peaks.size or not alike[peaks].max() > at.ALIKE:
+    if not peaks.size or not alike[peaks].max() > at.LEAST_AUTOCORRELATION:
         return None
     stride = int(peaks[alike[peaks] > at.NEARLY * alike[peaks].max()][0])
     if at.FEWEST_STRIDES * stride > walks.sum():

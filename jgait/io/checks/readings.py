@@ -157,7 +157,7 @@ def _placeholders(
     placement: str, signals: dict[str, np.ndarray], scales: dict[str, float], rate: float, notes: list[Note]
 ) -> None:
     """Mask samples that hold the number of a missing value, and samples that are zero in all axes."""
-    found: dict[float, np.ndarray] = {}
+    masks: dict[float, np.ndarray] = {}
     zero = np.all([~values.any(axis=1) for values in signals.values()], axis=0)  # NaN counts as not zero
     for kind, values in signals.items():
         for number in at.PLACEHOLDERS if np.nanmax(np.abs(values), initial=0.0) >= 998.0 * scales[kind] else ():
@@ -166,10 +166,10 @@ def _placeholders(
             jump = np.abs(np.diff(values, axis=0, prepend=values[:1])) > 0.5 * abs(number) * scales[kind]
             wrong = same.all(axis=1) | (same & jump).any(axis=1)
             if wrong.any() and abs(number) * scales[kind] >= at.LEAST_PLACEHOLDER[kind]:
-                found[number] = found.get(number, False) | wrong
+                masks[number] = masks.get(number, False) | wrong
     if "acc" in signals and zero.any() and zero.mean() < at.MOST_ZEROS:
-        found[0.0] = zero
-    for number, wrong in found.items():
+        masks[0.0] = zero
+    for number, wrong in masks.items():
         begin = np.argmax(wrong) / rate
         notes.append(PLACEHOLDERS(placement=placement, samples=wrong.sum(), value=number, begin_s=begin))
         for values in signals.values():

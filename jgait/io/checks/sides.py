@@ -76,8 +76,8 @@ def out_of_step(right: str, left: str, sensors: Mapping[str, Imu], stride: int, 
     does not count.
     """
     sizes = [np.linalg.norm(as_float(sensors[name].gyr)[:longest], axis=1) for name in (right, left)]
-    moves = [one - np.convolve(one, np.ones(stride) / stride, "same") for one in sizes]
-    a, b = (np.fft.rfft(one, 1 << int(2 * len(one)).bit_length()) for one in moves)
+    moves = [size - np.convolve(size, np.ones(stride) / stride, "same") for size in sizes]
+    a, b = (np.fft.rfft(move, 1 << int(2 * len(move)).bit_length()) for move in moves)
     alike = np.fft.irfft(np.conj(a) * b)
     lags = np.arange(stride)
     share = float(np.argmax(alike[lags] + alike[lags - stride])) / stride
@@ -173,14 +173,14 @@ def exchanged(sensors: Mapping[str, Imu], rate_hz: float) -> list[Note]:
     for (upper, lower), farthest in at.BETWEEN_S.items():
         if any(f"{segment}_{side}" not in shaken for segment in (upper, lower) for side in SIDES):
             continue
-        own, other = (
+        same_side, other = (
             [delay_between(shaken[f"{upper}_{a}"], shaken[f"{lower}_{b}"], rate_hz)
              for a, b in zip(SIDES, order, strict=True)] for order in (SIDES, SIDES[::-1])
         )  # fmt: skip
-        for found, like, unlike in ((away, other, own), (here, own, other)):
+        for segments, like, unlike in ((away, other, same_side), (here, same_side, other)):
             least = max(at.LEAST_ALIKE, *(alike + at.MORE_ALIKE for _, alike in unlike))
             if all(abs(delay) <= farthest and alike > least for delay, alike in like):
-                found |= {upper, lower} - {at.SHARED}
+                segments |= {upper, lower} - {at.SHARED}
     if not away:
         return []
     few, many = sorted((away, here), key=len)

@@ -112,15 +112,19 @@ def _placed_anywhere(table: "pd.DataFrame") -> tuple["pd.DataFrame", dict[str, s
     names = [str(column) for column in table.columns]
     if any(column_of(name) not in (None, "time") for name in names):
         return table, {}
-    found = {name: sensor for name in names if (sensor := sensor_of(name))}
+    sensors = {name: sensor for name in names if (sensor := sensor_of(name))}
     channels: dict[str, list[str]] = {}
-    for label, channel in found.values():
+    for label, channel in sensors.values():
         channels.setdefault(label, []).append(channel)
-    whole = [label for label, own in channels.items() if sorted(own) in (sorted(CHANNELS), sorted(CHANNELS[:3]))]
+    whole = [
+        label
+        for label, sensor_channels in channels.items()
+        if sorted(sensor_channels) in (sorted(CHANNELS), sorted(CHANNELS[:3]))
+    ]
     where = dict(zip(whole, PLACEMENTS, strict=False))
     renamed = {
         name: f"{where[label]}_{channel}" + (f" [{unit}]" if (unit := stated_unit(name)) else "")
-        for name, (label, channel) in found.items() if label in where
+        for name, (label, channel) in sensors.items() if label in where
     }  # fmt: skip
     return table.rename(columns=renamed), {placement: label for label, placement in where.items()}
 

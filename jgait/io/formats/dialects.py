@@ -142,12 +142,12 @@ def _part(values: np.ndarray, label: str, placement: str | None, axes: str) -> P
 
 def _six(table: "pd.DataFrame", body: tuple[str, ...], name: str) -> tuple[np.ndarray, bool]:
     """(T, 6) of a table, and whether its columns are named as in the body frame."""
-    found = list(map(str, table.columns))
-    in_body = not set(body).isdisjoint(found)
+    names = list(map(str, table.columns))
+    in_body = not set(body).isdisjoint(names)
     columns = body if in_body else CHANNELS
-    lacking = [column for column in columns if column not in found]
+    lacking = [column for column in columns if column not in names]
     if lacking:
-        raise RecordingError(f"{name} lacks {', '.join(lacking)}: expected columns {list(columns)}, found {found}")
+        raise RecordingError(f"{name} lacks {', '.join(lacking)}: expected columns {list(columns)}, found {names}")
     try:
         return table[list(columns)].to_numpy(np.float64), in_body
     except (TypeError, ValueError) as error:

@@ -117,8 +117,8 @@ def _trials(path: Path) -> dict[str, Tree]:
     check_file(path, EXPECTED)
     data = _load(path)
     if not isinstance(data, dict | list):
-        found = f"an array {np.shape(data)}" if np.ndim(data) else type(data).__name__
-        raise RecordingError(f"{path.name} is not {EXPECTED}: its variable 'data' should be a struct, it is {found}")
+        kind = f"an array {np.shape(data)}" if np.ndim(data) else type(data).__name__
+        raise RecordingError(f"{path.name} is not {EXPECTED}: its variable 'data' should be a struct, it is {kind}")
     every = dict(_descend(data, ()))
     trials = {key: tree for key, tree in every.items() if any(isinstance(tree.get(device), dict) for device in DEVICES)}
     if not trials:
@@ -140,12 +140,12 @@ def _load(path: Path) -> PyTree:
     scipy_io = library("scipy.io", EXPECTED)
     check_size(_declared(path), path.name)
     try:
-        with warnings.catch_warnings(record=True) as said:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             content = dict(scipy_io.loadmat(path, simplify_cells=True))
     except Exception as error:  # for a truncated file the reader may raise any exception
         raise RecordingError(f"{path.name} is no whole MATLAB file; expected {EXPECTED}: {error}") from error
-    if any('Duplicate variable name "data"' in str(each.message) for each in said):
+    if any('Duplicate variable name "data"' in str(each.message) for each in caught):
         raise RecordingError(f"{path.name} has several variables 'data', one of which hides the rest; save each alone")
     if "data" not in content:
         there = [key for key in content if not key.startswith("__")]

@@ -60,8 +60,8 @@ def settle(
     placed = _placed(measured.parts, placements or {}, called, notes)
     placed = on_one_counter(placed, called, notes)
     given = {"gyr": gyr_unit, "acc": acc_unit}
-    found = {kind: _units(placed, kind, unit, called, notes) for kind, unit in given.items()}
-    units = {where: {kind: found[kind][where] for kind in given} for where in placed}
+    units_by_kind = {kind: _units(placed, kind, unit, called, notes) for kind, unit in given.items()}
+    units = {where: {kind: units_by_kind[kind][where] for kind in given} for where in placed}
     for where, part in placed.items():
         notes += _which_way_up(part, where)
     sensors = {
@@ -136,7 +136,9 @@ def _units(placed: Mapping[str, Part], kind: str, chosen: str | None, name: str,
     units, unknown = {}, {}
     for where, part in placed.items():
         stated = part.gyr_unit if kind == "gyr" else part.acc_unit
-        values = np.linalg.norm(np.zeros((0, 3)) if (own := getattr(part, kind)) is None else as_float(own), axis=1)
+        values = np.linalg.norm(
+            np.zeros((0, 3)) if (signal := getattr(part, kind)) is None else as_float(signal), axis=1
+        )
         if chosen is None and stated is None and np.isfinite(values).any():
             unknown[where] = values
         by = "argument" if chosen is not None else part.units_by if stated is not None else "signals"
@@ -151,7 +153,9 @@ def _by_size(kind: str, values: Mapping[str, np.ndarray], name: str, notes: list
         RecordingError: if they are those of none of the units, or of several.
     """
     signal, what, share, limits, hint = BY_SIZE[kind]
-    sizes = {where: float(np.percentile(own[np.isfinite(own)], share)) for where, own in values.items()}
+    sizes = {
+        where: float(np.percentile(magnitudes[np.isfinite(magnitudes)], share)) for where, magnitudes in values.items()
+    }
     if not sizes:
         return {}
     largest = max(sizes, key=lambda where: sizes[where])

@@ -99,9 +99,9 @@ class Rows(NamedTuple):
         unit = known.pop()
         if known or unit is None:
             raw = ": raw numbers, for which the calibration is lacking; export calibrated data" if RAW in stated else ""
-            found = ", ".join(sorted(stated))
+            units = ", ".join(sorted(stated))
             raise RecordingError(
-                f"{self.name}: {columns[0]} … is in {found}; expected one of {', '.join((*GYR_UNITS, *ACC_UNITS))}{raw}"
+                f"{self.name}: {columns[0]} … is in {units}; expected one of {', '.join((*GYR_UNITS, *ACC_UNITS))}{raw}"
             )
         return values, unit
 
@@ -132,13 +132,13 @@ class TextFormat(NamedTuple):
 
     def files(self, folder: Path) -> list[Path]:
         """The files of this format in a folder, by name."""
-        found = []
+        matches = []
         for pattern in ("*", "*/*") if self.below else ("*",):
             for file in sorted(folder.glob(pattern)):
                 if file.suffix.lower() in self.endings and not file.name.startswith(".") and file.is_file():
                     with file.open("rb") as stream:
-                        found += [file] if self.recognises(file, stream.read(HEAD)) else []
-        return found
+                        matches += [file] if self.recognises(file, stream.read(HEAD)) else []
+        return matches
 
     def measured(self, path: Path) -> Measured:
         """All sensors of a file or folder.
