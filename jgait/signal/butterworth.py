@@ -102,12 +102,6 @@ def _filtered(
     return lax.scan(advance, start, jnp.asarray(values), reverse=reverse)[1]
 
 
-def _given(x: AnyArray, least: int = 1) -> Float[AnyArray, "time *rest"]:
-    """The samples of a signal, see `samples`, as an array of the signal's library."""
-    values = samples(x, least)
-    return values if of_jax(x) else np.asarray(values)
-
-
 def _on_host(s: FilterSection, values: np.ndarray) -> np.ndarray:
     """The filter over NumPy's array (T, ...): the response to each block, and to the state before it."""
     b, a1, a2 = (float(c) for c in s)
@@ -136,7 +130,7 @@ def low_pass(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar) -> Float[
     Raises:
         ValueError: as `section`; if there is no sample, or they are not floating point.
     """
-    return _filtered(section(cutoff_hz, sampling_rate_hz), _given(x))
+    return _filtered(section(cutoff_hz, sampling_rate_hz), samples(x))
 
 
 def low_pass_both_ways(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar) -> Float[AnyArray, "time *rest"]:
@@ -148,7 +142,7 @@ def low_pass_both_ways(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar)
     Raises:
         ValueError: as `low_pass`, or if there are too few samples.
     """
-    s, values = section(cutoff_hz, sampling_rate_hz), _given(x, MORE + 1)
+    s, values = section(cutoff_hz, sampling_rate_hz), samples(x, MORE + 1)
     before = 2.0 * values[:1] - values[MORE:0:-1]
     behind = 2.0 * values[-1:] - values[-2 : -MORE - 2 : -1]
     there = _filtered(s, xp.concatenate([before, values, behind]))
@@ -178,7 +172,7 @@ def low_pass_until(
         ValueError: as `low_pass`.
     """
     s = section(cutoff_hz, sampling_rate_hz)
-    forth = _filtered(s, _given(x))
+    forth = _filtered(s, samples(x))
     inside = np.arange(forth.shape[0], dtype=np.int32) <= last
     inside = inside.reshape(inside.shape + (1,) * (forth.ndim - 1))
     return _filtered(s, xp.where(inside, forth, forth[last][None]), reverse=True)

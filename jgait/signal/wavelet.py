@@ -87,7 +87,7 @@ def transform(x: AnyArray, wavelet: str, levels: int) -> Decomposition:
     Raises:
         ValueError: if there is no such wavelet or level, or the length is no multiple of 2^levels.
     """
-    filters, values = taps(wavelet), samples(x)
+    filters, values = taps(wavelet), jnp.asarray(samples(x))
     if levels < 1:
         raise ValueError(f"levels must be at least 1; got {levels}")
     if values.shape[0] % 2**levels:
@@ -110,7 +110,7 @@ def inverse(t: Decomposition, wavelet: str) -> Float[Array, "time *rest"]:
     Raises:
         ValueError: if there is no such wavelet, or the shapes do not belong together.
     """
-    filters, values = taps(wavelet), samples(t.approximation)
+    filters, values = taps(wavelet), jnp.asarray(samples(t.approximation))
     shapes = {np.shape(part) for part in (values, *t.details)}
     if not t.details or len(shapes) > 1 or values.shape[0] % 2 ** len(t.details):
         raise ValueError(
@@ -131,7 +131,7 @@ def padded(x: AnyArray) -> tuple[Float[Array, "padded *rest"], int]:
     Returns:
         The padded signal, and the number of samples added before the first; half of all added samples, rounded down.
     """
-    values = samples(x)
+    values = jnp.asarray(samples(x))
     more = -values.shape[0] % MULTIPLE
     before = more // 2
     sides = [(before, more - before)] + [(0, 0)] * (values.ndim - 1)
@@ -156,7 +156,7 @@ def magnitude(
     """
     if kind not in MAGNITUDES:
         raise ValueError(f"magnitude must be one of {', '.join(MAGNITUDES)}; got {kind!r}")
-    values = samples(x)
+    values = jnp.asarray(samples(x))
     counts = jnp.ones_like(values[:, *[0] * (values.ndim - 1)]) if mask is None else jnp.asarray(mask)
     weight = counts.astype(values.dtype).reshape(-1, *[1] * (values.ndim - 1))
     if kind == "max":

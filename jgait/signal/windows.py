@@ -1,7 +1,7 @@
 """Moving means and spreads over centred windows of an odd number of samples, and stretches of True.
 
-`moving_mean`, `between_samples` and `vertex` compute by the library of their arrays, `samples` is JAX, the other
-functions run on the host.
+`samples`, `moving_mean`, `between_samples` and `vertex` compute by the library of their arrays, other functions on the
+host.
 """
 
 from collections.abc import Sequence
@@ -10,15 +10,15 @@ from typing import Literal
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float, Num
+from jaxtyping import Bool, Float, Num
 
 from jgait.geometry.arrays import of_jax, xp
 from jgait.types import AnyArray, Values, as_float
 
 
-def samples(x: AnyArray, least: int = 1) -> Float[Array, "time *rest"]:
+def samples(x: AnyArray, least: int = 1) -> Float[AnyArray, "time *rest"]:
     """Samples (T, ...) of a signal. Raises ValueError if they are not floating point, or fewer than `least`."""
-    values = jnp.asarray(x)
+    values = xp.asarray(x)
     if not jnp.issubdtype(values.dtype, jnp.floating):
         raise ValueError(f"x must be floating point; got {values.dtype}")
     if values.ndim == 0 or values.shape[0] < least:

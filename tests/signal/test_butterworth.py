@@ -1,6 +1,7 @@
 """Butterworth filters against SciPy's, online against offline, and their gradients in the cut-off."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import signal as scipy_signal
