@@ -209,7 +209,7 @@ def test_one_person_has_days_and_numbers_that_are_not_determined(tmp_path):
     names = ("a", "b", "c", "d")
     made = Lessons(np.full(4, 3.0), None, ("me",) * 4, ("1", "1", "2", "2"), names, ())
     assert tune_run.groups_of(made) == (made.days, "day", "days")
-    assert tune_run.groups_of(made._replace(days=("1", "", "2", ""))).one == "person"
+    assert tune_run.groups_of(made._replace(days=("1", "", "2", ""))).singular == "person"
 
     def loss(p, item):
         return (p.level - item) ** 2 + 1e-9 * p.unused**2
