@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Collection
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +17,8 @@ from jgait.estimators import Estimator
 from jgait.params import freed
 from jgait.tune import CrossValidation, Fit, Identifiability, Lessons, Objective, Progress
 from jgait.tune.coordinates import coordinates, natural
+from jgait.tune.problem import Items, Problem
+from jgait.tune.remainder import reduced
 
 HARDLY = 0.05
 """Largest change of a loss with a parameter that is not determined [share of the loss], where there are no standard
@@ -146,11 +149,14 @@ def _moved(job: Job, fit: Fit[PyTree], nats: bool) -> tuple[list[str], tuple[flo
     count = best.size if best.size <= MOST_MOVED else 0
     steps = np.eye(best.size, dtype=best.dtype)[:count]
     used = np.delete(np.arange(len(job.made.names)), list(fit.left_out))
-    data = jax.tree.map(lambda leaf: np.asarray(leaf)[used], job.made.data)
+    items = Items(jax.tree.map(lambda leaf: np.asarray(leaf)[used], job.made.data), np.zeros(used.size, np.int32))
+    judged = [
+        reduced(Problem(of, job.free, None, None), job.start, begin.tree, items)[:2] for of in (job.loss, job.error)
+    ]
 
-    def both(vector: Float[Array, "free"]) -> tuple[Array, Array]:
+    def both(vector: Float[Array, "free"]) -> list[Array]:
         point = natural(at, vector, job.free, job.start)
-        return jax.vmap(lambda lesson: (job.loss(point, lesson), job.error(point, lesson)))(data)
+        return [jax.vmap(partial(problem.loss, point))(rest.data) for problem, rest in judged]
 
     points = jnp.asarray(np.concatenate([np.asarray(begin.vector)[None], best[None], best + steps, best - steps]))
     losses, errors = (np.asarray(values, float) for values in jax.jit(lambda v: jax.lax.map(both, v))(points))
