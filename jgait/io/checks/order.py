@@ -130,12 +130,6 @@ def _double_steps(changes: list[np.ndarray], whole: np.ndarray, rate_hz: float) 
     return np.asarray(double) if double.sum() >= least and each.min() >= at.EACH_SENSOR * each.max() else none
 
 
-def _late(kind: Kind, placement: str, delay: float, **values: str) -> Note:
-    """A note about a delay [s]."""
-    side = "behind" if delay > 0.0 else "ahead of"
-    return kind(placement=placement, milliseconds=1e3 * abs(delay), side=side, **values)
-
-
 def shaking(force: np.ndarray, samples: int) -> np.ndarray:
     """(T,) size of a specific force (T, 3) without its moving mean over some samples."""
     padded = np.pad(force, [(samples // 2, samples - samples // 2 - 1), (0, 0)], mode="edge")
@@ -179,7 +173,14 @@ def accelerometer_late(placement: str, imu: Imu, rate_hz: float) -> list[Note]:
     gain = max(at.CLEARER[0] if segment == "foot" else 0.0, at.COARSE_DELAY if step < 2 else 0.0)
     delay, alike = delay_between(gyr, acc, rate_hz, (low, high), gain)
     usual = low - 0.5 / rate_hz <= delay <= high + 0.5 / rate_hz
-    return [] if usual or alike <= at.LEAST_ALIKE else [_late(ACCELEROMETER_LATE, placement, delay)]
+    if usual or alike <= at.LEAST_ALIKE:
+        return []
+    return [ACCELEROMETER_LATE(placement=placement, milliseconds=1e3 * abs(delay), side=_side(delay))]
+
+
+def _side(delay: float) -> str:
+    """Where a delayed signal is, in words."""
+    return "behind" if delay > 0.0 else "ahead of"
 
 
 def sensors_late(upper: str, lower: str, sensors: Mapping[str, Imu], rate_hz: float) -> list[Note]:
@@ -201,5 +202,6 @@ def sensors_late(upper: str, lower: str, sensors: Mapping[str, Imu], rate_hz: fl
     for cut, least in cuts:
         delay, alike = delay_between(first[cut], second[cut], rate_hz, (-farthest, farthest), least)
         if abs(delay) > farthest and alike > at.LEAST_ALIKE:
-            return [_late(SENSOR_LATE, lower, delay, other=upper)]
+            milliseconds = 1e3 * abs(delay)
+            return [SENSOR_LATE(placement=lower, milliseconds=milliseconds, side=_side(delay), other=upper)]
     return []
