@@ -131,7 +131,7 @@ def test_the_wheel_holds_every_file_of_the_package_and_no_other(built):
     package = {name for name in names if name.startswith("jgait/")}
     assert package == tracked_files("jgait")
     others = [name for name in package if not name.endswith(".py")]
-    assert {"jgait/py.typed", "jgait/datasets/tripod.json", "jgait/report/templates/page.html"} <= set(others)
+    assert {"jgait/py.typed", "jgait/datasets/walking5m.json", "jgait/report/templates/page.html"} <= set(others)
     assert all(re.match(r"jgait-[\d.]+\.dist-info/", name) for name in names - package)
 
 
