@@ -162,10 +162,8 @@ def say_flags(flags: "Sequence[page.Flag]", where: str, most: int = 5) -> None:
 
 @contextlib.contextmanager
 def refused(what: str = "", *more: type[Exception]) -> Iterator[None]:
-    """Exit with code 2 if the block raises because of a value, a type or a file, or one of `more`; `what` begins the
-    message.
-    """
-    kinds: tuple[type[Exception], ...] = (ValueError, TypeError, OSError, *more)
+    """Exit with code 2 and a message that begins with `what` if a value or a file is wrong, or `more` is raised."""
+    kinds: tuple[type[Exception], ...] = (ValueError, OSError, *more)
     try:
         yield
     except kinds as error:

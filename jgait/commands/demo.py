@@ -54,11 +54,11 @@ def demo(
         numbers = page.numbers
     elif dataset == "auto":
         console.print("neura_sparse (real walks with motion capture) is not here: --dataset neura_sparse fetches it")
-    free, tuned = "distance_scale", out / "tuned"
+    free, loss, tuned = "standing_hip,standing_knee,distance_scale", "trajectory,distance", out / "tuned"
     # The start is within a few percent of the optimum: larger steps would go past it.
     how = f"--steps {steps} --learning-rate 0.01 --no-cross-validation"
-    _say(f"jgait tune --simulated {subjects} --free {free} {how} --out {tuned}")
-    tune(free, simulated=subjects, steps=steps, rate=0.01, cross=False, out=tuned, fresh=True)
+    _say(f"jgait tune --simulated {subjects} --free {free} --loss {loss} {how} --out {tuned}")
+    tune(free, simulated=subjects, loss=loss, steps=steps, rate=0.01, cross=False, out=tuned, fresh=True)
     for name, params in (("default", None), ("others", tuned / "tuned.json")):
         given = "" if params is None else f" --params {params}"
         _say(f"jgait evaluate --simulated {subjects} --seed 1{given} --out {out / name}")

@@ -73,7 +73,8 @@ def evaluate(
         str | None, typer.Option(help="Losses of jgait tune to report too, for example position,stride_length.")
     ] = None,
     batch: Annotated[
-        int | None, typer.Option(min=1, help="Recordings that run at once; default 64, or one of up to 32.")
+        int | None,
+        typer.Option(min=1, help="Recordings that run at once; default 64, but 1 for at most 32 recordings."),
     ] = None,
     dask: Annotated[
         str | None, typer.Option(help="Address of a Dask scheduler, whose workers read the files and compute.")

@@ -160,7 +160,7 @@ def results_folder(
         if os.path.exists(part) and not os.path.isdir(part):
             stop(f"--out needs a folder; {part} is a file")
     with contextlib.ExitStack() as stack:
-        with refused(f"{out} cannot be used: ", AttributeError):
+        with refused(f"{out} cannot be used: ", AttributeError, TypeError):
             if not out.exists():
                 stack.callback(_remove_empty, out)
             out.mkdir(parents=True, exist_ok=True)

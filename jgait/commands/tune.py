@@ -140,7 +140,7 @@ def tune(
         )  # fmt: skip
         with progress() as bars, warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            with refused():
+            with refused("", TypeError):
                 try:
                     results = tune_run.learned(job, Bar(bars), cross, weights)
                 except OtherFitError as error:

@@ -26,6 +26,7 @@ from jaxtyping import PyTree
 from jgait.filtering.compile import backend, compiler_options, host, processor
 from jgait.filtering.covariance import Covariance
 from jgait.filtering.layout import Layout
+from jgait.filtering.model import reached
 from jgait.geometry.arrays import on_host
 
 LIMIT = 1_000_000_000
@@ -98,7 +99,8 @@ class Program:
         leaves, structure = jax.tree.flatten(arrays)
         if unknown := [k for k, leaf in enumerate(leaves) if isinstance(leaf, jax.core.Tracer)]:
             inner = _inner(self.function, tuple(static))
-            if not _needed(inner.trace(*arrays, **static).jaxpr.jaxpr).isdisjoint(unknown):
+            operations = inner.trace(*arrays, **static).jaxpr.jaxpr
+            if any(reached(operations, {operations.invars[k] for k in unknown})):
                 return inner(*arrays, **static)
             for k in unknown:
                 leaves[k] = np.zeros(leaves[k].shape, leaves[k].dtype)
@@ -156,15 +158,6 @@ class Program:
 def _inner(function: Callable[..., PyTree], static: tuple[str, ...]) -> Any:
     """A function as a program inside another one."""
     return jax.jit(function, static_argnames=static)
-
-
-def _needed(operations: Any) -> set[int]:
-    """The numbers of the arguments on which the results of traced operations depend."""
-    wanted = {v for v in operations.outvars if not hasattr(v, "val")}
-    for step in reversed(operations.eqns):
-        if not wanted.isdisjoint(step.outvars):
-            wanted |= {v for v in step.invars if not hasattr(v, "val")}
-    return {k for k, v in enumerate(operations.invars) if v in wanted}
 
 
 def _shape(leaf: PyTree) -> Hashable:

@@ -49,13 +49,6 @@ def on_host(tree: PyTree) -> PyTree:
     return jax.tree.map(lambda leaf: np.asarray(leaf) if isinstance(leaf, jax.Array) else leaf, tree)
 
 
-def alike[*Trees](*trees: *Trees) -> tuple[*Trees]:
-    """The same trees, with arrays of JAX only where any of them has one."""
-    if not of_jax(*jax.tree.leaves(trees)):
-        return trees
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, np.ndarray) else leaf, trees)
-
-
 def for_each(function: Callable[..., PyTree], *records: PyTree) -> PyTree:
     """The results of a function for each of some records, stacked; each record is a row of all arguments' arrays."""
     if all(of_jax(*jax.tree.leaves(record)) for record in records):

@@ -33,7 +33,7 @@ class Remainder:
         arrays, numbers = constants
         left = iter(numbers)
 
-        def filled(arguments: Any) -> list[Any]:
+        def filled(arguments: Any) -> list[Any]:  # the numbers of this item in the place of those that were traced
             return [type(v)(next(left), v.aval) if _is_number(v) else v for v in arguments]
 
         steps = [step.replace(invars=filled(step.invars)) for step in self.operations.eqns]

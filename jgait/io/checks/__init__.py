@@ -81,8 +81,7 @@ def _of_legs(sensors: Mapping[str, Imu], rate_hz: float) -> list[Note]:
     """Notes about exchanged sensors, and about delays between the others of each leg."""
     if len(next(iter(sensors.values())).time) <= limits.SHORTEST_S * rate_hz:
         return []
-    notes = exchanged(sensors, rate_hz)
-    apart = {word for note in notes for word in str(note.values["kind"]).split(" or ")}
+    notes, apart = exchanged(sensors, rate_hz)
     with_acc = {placement for placement, imu in sensors.items() if imu.acc is not None}
     for pair, side in itertools.product(limits.BETWEEN_S, SIDES):
         upper, lower = (f"{segment}_{side}" for segment in pair)

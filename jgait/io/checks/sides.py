@@ -162,9 +162,9 @@ def _compared(sensor: np.ndarray, person: np.ndarray) -> tuple[float, float, boo
     return float(size.max()), ratio, at.CUT_OFF <= int(both[np.argmax(size)]) < len(person) - at.CUT_OFF
 
 
-def exchanged(sensors: Mapping[str, Imu], rate_hz: float) -> list[Note]:
-    """Notes about segments whose right and left sensors are exchanged: each is shaken like the sensors of the other
-    leg. Of the segments that contradict each other, the fewer ones are named.
+def exchanged(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[list[Note], set[str]]:
+    """Notes about segments whose right and left sensors are exchanged, and these segments: each is shaken like the
+    sensors of the other leg. Of the segments that contradict each other, the fewer ones are named.
     """
     samples, longest = max(round(at.CALM_S * rate_hz), 3), int(at.LONGEST_S * rate_hz)
     shaken = {name: shaking(as_float(imu.acc)[:longest], samples) for name, imu in sensors.items()
@@ -182,9 +182,10 @@ def exchanged(sensors: Mapping[str, Imu], rate_hz: float) -> list[Note]:
             if all(abs(delay) <= farthest and alike > least for delay, alike in like):
                 segments |= {upper, lower} - {at.SHARED}
     if not away:
-        return []
+        return [], set()
     few, many = sorted((away, here), key=len)
     if len(few) == len(many):
-        return [SIDES_EXCHANGED(kind=" or ".join(sorted(few | many)), others="the other sensors")]
+        note = SIDES_EXCHANGED(kind=" or ".join(sorted(few | many)), others="the other sensors")
+        return [note], few | many
     others = ", ".join(f"{segment}_{side}" for segment in sorted(many) for side in SIDES)
-    return [SIDES_EXCHANGED(kind=segment, others=others) for segment in sorted(few)]
+    return [SIDES_EXCHANGED(kind=segment, others=others) for segment in sorted(few)], few

@@ -80,15 +80,14 @@ type _Found = tuple[str, dict[str, tuple[str, str]], list[str]]
 
 def _dead(sensors: Mapping[str, Imu], _: Units) -> _Found:
     """Gyroscopes without data: no sample, or all axes constant."""
-    faults = {}
+    faults, part = {}, "gyroscope"
     for placement, imu in sensors.items():
         there = as_float(imu.gyr)[np.asarray(imu.mask)]
         if not len(there):
-            faults[placement] = f"has no usable sample; all {len(imu.gyr)} are missing", ""
+            faults[placement], part = (f"has no usable sample; all {len(imu.gyr)} are missing", ""), ""
         elif (np.ptp(there, axis=0) == 0.0).all():
             reading = ", ".join(f"{value:.4g}" for value in there[0])
             faults[placement] = f"is constant at ({reading}) rad/s; it recorded nothing", ""
-    part = "" if any("sample" in words for words, _ in faults.values()) else "gyroscope"
     return part, faults, list(sensors) if len(faults) < len(sensors) else []
 
 
