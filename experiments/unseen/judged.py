@@ -19,7 +19,7 @@ from experiments.foot_ins.feet import Foot
 from experiments.kose2011.walks import body
 from experiments.silva2017.lever import AT_ANKLE, REFERENCE_SD
 from jgait.estimators import ankle_stride, foot_ins, waist
-from jgait.estimators.trust import trust
+from jgait.quality import trust
 from jgait.types import SIDES, Estimate, Recording, Strides, Walk, as_float
 
 TRUNKS = ("lower_back", "pelvis")
@@ -29,7 +29,8 @@ TRUNKS = ("lower_back", "pelvis")
 class Judged(NamedTuple):
     """Strides of one sensor (n,): their errors in stated deviations, whether they are flagged, and lengths [m].
 
-    `noise` is the standard deviation of the reference in one stride, where a three-cornered hat gives it [m].
+    `noise` is the standard deviation of the reference in one stride, where a three-cornered hat gives it [m];
+    `reference` that of each stride; `rows` are its strides in the estimate; `person` is who walked.
     """
 
     group: str
@@ -38,11 +39,15 @@ class Judged(NamedTuple):
     flagged: np.ndarray
     length: np.ndarray
     true: np.ndarray
+    estimate: Estimate
+    rows: np.ndarray
+    reference: np.ndarray
+    person: str
     noise: float = 0.0
 
 
 def compared(
-    group: str, name: str, estimate: Estimate, pairs: np.ndarray, true: np.ndarray, sd: np.ndarray | float
+    group: str, name: str, who: str, estimate: Estimate, pairs: np.ndarray, true: np.ndarray, sd: np.ndarray | float
 ) -> Judged:
     """Strides `pairs[:, 1]` of an estimate beside lengths (n,) [m] of a reference with a deviation of its own [m].
 
@@ -55,7 +60,20 @@ def compared(
     length = as_float(strides.length)[rows]
     error = np.abs(length - true) / np.hypot(as_float(stated.length)[rows], sd)
     flagged = np.asarray(estimate.diagnostics.get("doubtful", np.zeros(strides.side.size, bool)), bool)
-    return Judged(group, name, error, flagged[rows], length, true, 0.0 if np.ndim(sd) else float(sd))
+    reference = np.broadcast_to(sd, true.shape)
+    return Judged(
+        group,
+        name,
+        error,
+        flagged[rows],
+        length,
+        true,
+        estimate,
+        rows,
+        reference,
+        who,
+        0.0 if np.ndim(sd) else float(sd),
+    )  # fmt: skip
 
 
 def of_foot(foot: Foot) -> Judged:
@@ -64,7 +82,15 @@ def of_foot(foot: Foot) -> Judged:
     strides = estimate.strides
     assert strides is not None
     pairs = overlapping(foot.strides, np.stack([strides.standing, strides.standing_end], axis=1))
-    return compared(f"foot_ins, {foot.set}", foot.name, estimate, pairs, foot.length[pairs[:, 0]], 0.0)
+    return compared(
+        f"foot_ins, {foot.set}",
+        foot.name,
+        foot.recording.subject or foot.name,
+        estimate,
+        pairs,
+        foot.length[pairs[:, 0]],
+        0.0,
+    )
 
 
 def of_leg(leg: Leg) -> Judged:
@@ -81,7 +107,9 @@ def of_leg(leg: Leg) -> Judged:
     known = np.isfinite(true)
     group = leg.group.split("_")[0]
     sd = REFERENCE_SD.get(group, 0.0)
-    return compared(f"ankle_stride, {group}", f"{leg.walk} {leg.side}", estimate, pairs[known], true[known], sd)
+    return compared(
+        f"ankle_stride, {group}", f"{leg.walk} {leg.side}", leg.subject, estimate, pairs[known], true[known], sd
+    )
 
 
 def of_waist(name: str, walk: Walk) -> Judged:
@@ -112,7 +140,9 @@ def of_waist(name: str, walk: Walk) -> Judged:
     pairs = np.concatenate(found)
     true = as_float(reference.length)[pairs[:, 0]]
     own = np.broadcast_to(sd, reference.length.shape)[pairs[:, 0]]
-    return compared(f"waist, {name}", walk.recording.name, estimate, pairs, true, own)
+    return compared(
+        f"waist, {name}", walk.recording.name, walk.recording.subject or walk.recording.name, estimate, pairs, true, own
+    )
 
 
 def judged(quick: bool) -> Iterator[Judged]:

@@ -12,8 +12,8 @@ from experiments.common.recordings import attempt, available, names, walks
 from experiments.common.row import Row, show
 from experiments.unseen.flags import ALLOWED
 from jgait.estimators import foot_ins
-from jgait.estimators.trust import trust
 from jgait.evaluate import yaw_aligned
+from jgait.quality import trust
 from jgait.types import Walk, as_float
 
 SET, FAR = "pyshoe_vicon", 0.5

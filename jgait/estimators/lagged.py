@@ -12,9 +12,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import PyTree
 
-from jgait import filtering
+from jgait import filtering, quality
 from jgait.estimators.losses import held_bridge
 from jgait.filtering import Belief
+from jgait.quality.stride import of_stride
 from jgait.signal.counted import scanned
 from jgait.signal.marks import latest
 from jgait.types import Counts, Flags, Strides, Values
@@ -160,6 +161,15 @@ def over(
         instant[newest].astype(dt.dtype),
     )  # fmt: skip
     return after, LaggedNow(strides.valid & real, strides, stddev, flags, at.stands, at.instant)
+
+
+def judged(estimator: str, strides: Strides, stddev: Strides, nis: Values) -> tuple[Strides, Strides, Flags]:
+    """The strides, with deviations by the evidence of each stride itself, and whether they are in doubt."""
+    evidence = of_stride(strides.length, stddev.length, nis, strides.height, stddev.height)
+    p = quality.learned(estimator)
+    times = quality.factor(p, evidence)
+    stddev = stddev._replace(length=times * stddev.length, speed=times * stddev.speed)
+    return strides, stddev, quality.doubt(p, evidence) > quality.DOUBTFUL
 
 
 def _climbed(highest: Values, sample: tuple[Values, Flags]) -> tuple[Values, Values]:

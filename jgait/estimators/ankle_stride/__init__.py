@@ -38,7 +38,7 @@ Parameters whose gradient is zero by construction:
     length; `stride_noise` and `distance_noise` enter standard deviations alone.
 """
 
-from jgait.estimators.ankle_stride.estimator import LARGEST_MEAN_NIS, UNUSED, estimate, estimator, run
+from jgait.estimators.ankle_stride.estimator import UNUSED, estimate, estimator, run
 from jgait.estimators.ankle_stride.params import DEFAULT, AnkleOptions, AnkleParams, with_body
 from jgait.estimators.ankle_stride.prepare import prepare as prepared
 from jgait.estimators.ankle_stride.readout import FLAGS
@@ -46,7 +46,6 @@ from jgait.estimators.ankle_stride.readout import FLAGS
 __all__ = [
     "DEFAULT",
     "FLAGS",
-    "LARGEST_MEAN_NIS",
     "UNUSED",
     "AnkleOptions",
     "AnkleParams",

@@ -8,8 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait import filtering
-from jgait.estimators import trust
+from jgait import filtering, quality
 from jgait.estimators.ankle_stride import model as ankle_model
 from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.about import ABOUT
@@ -36,16 +35,14 @@ from jgait.filtering import Belief
 from jgait.geometry.arrays import for_each, xp
 from jgait.geometry.rotation import quaternion, rotated
 from jgait.geometry.vectors import as_array, cross, dot, root, subtract, vector
+from jgait.quality.stride import among, by_side, nis_between, of_sensors, of_stride, share_between
 from jgait.signal import butterworth
-from jgait.types import SIDES, Counts, Estimate, Flags, Legs, Recording, Strides, Values
-
-LARGEST_MEAN_NIS = 0.5
-"""[1] NIS of a leg above which all of its results are in doubt; good walks have less than 0.2."""
+from jgait.types import SIDES, Counts, Estimate, Flags, Legs, Recording, Strides, Values, as_float
 
 TOGETHER_S = 0.06
 """[s] Correlation time of zero velocities: those within this time count as one, whatever the sampling rate."""
 
-PER_STRIDE = (*FLAGS, "stride_nis", "doubtful")
+PER_STRIDE = (*FLAGS, "stride_nis")
 """Diagnostics with an entry for each stride."""
 
 _LEVER = ("lever_ankle", "lever_shank", "lever_forward", "lever_left")
@@ -169,7 +166,7 @@ class _Walked(NamedTuple):
 def _of_leg(p: AnkleParams, leg: AnkleSignals, side: Counts, states: filtering.Inferred, time: Values) -> _Walked:
     """Strides of one leg, from the states of its filter."""
     strides, deviations, flags = ankle_strides.from_filter(p, leg, states.mean, states.cov, side)
-    flags["stride_nis"] = trust.nis_between(states.filtered.nis, states.filtered.count, leg.begin, leg.end)
+    flags["stride_nis"] = nis_between(states.filtered.nis, states.filtered.count, leg.begin, leg.end)
     last = leg.last
     diagnostics = {
         "log_likelihood": states.log_likelihood,
@@ -280,4 +277,25 @@ def _finished(result: Estimate, made: Prepared[AnkleInputs]) -> Estimate:
     farthest = ankle_strides.FARTHEST_OFF
     odd = (LEVER_IMPLAUSIBLE(placement=place, off_m=metres) for place, metres in away.items() if metres > farthest)
     result = result._replace(diagnostics={**result.diagnostics, "notes": (*notes, *off, *odd)})
-    return trust.judged(result, places, LARGEST_MEAN_NIS, nis)
+    p = quality.learned("ankle_stride")
+    return quality.with_notes(quality.judged(result, p, _evidence(result, worn, places)), p, places)
+
+
+def _evidence(result: Estimate, worn: dict[int, AnkleSignals], places: dict[int, str]) -> dict[str, np.ndarray]:
+    """The evidence about the strides, see `quality.stride`."""
+    strides, spread = result.strides, result.strides_stddev
+    side, time = np.asarray(strides.side), as_float(result.time)
+    damaged = {
+        k: share_between(
+            (leg.gyr_doubt > 0.0) | (leg.acc_doubt > 0.0), time, as_float(strides.start), as_float(strides.end)
+        )
+        for k, leg in worn.items()
+    }
+    lever = {k: float(result.diagnostics[f"lever_off_{SIDES[k]}"]) for k in worn}
+    return {
+        **of_stride(strides.length, spread.length, result.diagnostics["stride_nis"], strides.height, spread.height),
+        **among(strides),
+        **of_sensors(result, places),
+        "missing": np.select([side == k for k in damaged], list(damaged.values()), 0.0),
+        "lever": by_side(side, lever),
+    }

@@ -27,7 +27,7 @@ import jax.numpy as jnp
 from jaxtyping import PyTree
 
 from jgait import filtering
-from jgait.estimators import lagged, trust
+from jgait.estimators import lagged
 from jgait.estimators.ankle_stride import model as ankle_model
 from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.estimator import control, model_params, standing_prior
@@ -232,7 +232,8 @@ def _strides(
     )  # fmt: skip
     stddev = ankle_strides.deviations(p, strides, way, here, there, duration)
     away = ankle_strides.off(vector(mean.lever), ankle_strides.lever_of(p, worn)) > ankle_strides.FARTHEST_OFF
-    doubt = trust.doubtful(strides, stddev, motion.nis) | away | long
+    strides, stddev, doubt = lagged.judged("ankle_stride", strides, stddev, motion.nis)
+    doubt = doubt | away | long
     return strides, stddev, ankle_strides.flags(strides, half=~follows | half, doubtful=doubt)
 
 

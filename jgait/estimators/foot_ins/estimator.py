@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait import filtering
-from jgait.estimators import noise, trust
+from jgait import filtering, quality
+from jgait.estimators import noise
 from jgait.estimators.ends import cut_notes
 from jgait.estimators.foot_ins import headings
 from jgait.estimators.foot_ins import model as foot_model
@@ -30,13 +30,11 @@ from jgait.estimators.sides import of_turns, stacked
 from jgait.estimators.stride_flags import SIDE_UNKNOWN
 from jgait.filtering import Belief
 from jgait.geometry.arrays import for_each
+from jgait.quality.stride import among, of_sensors, of_stride, share_between
 from jgait.types import SIDES, Counts, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Strides, Values, as_float
 
-PER_STRIDE = ("stride_nis", "doubtful")
+PER_STRIDE = ("stride_nis",)
 """Diagnostics with an entry for each stride."""
-
-LARGEST_MEAN_NIS = 0.15
-"""[1] NIS of a foot above which all of its results are in doubt; good walks and runs have less than 0.14."""
 
 CONSTANT_VELOCITY_S = 0.1
 """[s] Time over which the velocity of a standing foot is nearly constant, see `likelihood`."""
@@ -261,8 +259,26 @@ def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
     result = result._replace(diagnostics={**result.diagnostics, "notes": tuple(notes)})
     if made.options.soft:  # its noise is tuned, and limits for it are not known
         return result
-    nis = {side: float(result.diagnostics[f"nis_{SIDES[side]}"]) for side in worn}
-    return _with_distance_stddev(trust.judged(result, worn, LARGEST_MEAN_NIS, nis), len(worn))
+    p = quality.learned("foot_ins")
+    return quality.with_notes(
+        quality.judged(_with_distance_stddev(result, len(feet)), p, _evidence(result, feet)), p, worn
+    )
+
+
+def _evidence(result: Estimate, feet: dict[int, FootSignals]) -> dict[str, np.ndarray]:
+    """The evidence about the strides, see `quality.stride`."""
+    strides, spread = result.strides, result.strides_stddev
+    side, begin, time = np.asarray(strides.side), as_float(strides.standing), as_float(result.time)
+    damaged = {
+        k: share_between((foot.gyr_doubt > 0.0) | (foot.acc_doubt > 0.0), time, begin, as_float(strides.end))
+        for k, foot in feet.items()
+    }
+    return {
+        **of_stride(strides.length, spread.length, result.diagnostics["stride_nis"], strides.height, spread.height),
+        **among(strides),
+        **of_sensors(result, {k: f"foot_{SIDES[k]}" for k in feet}),
+        "missing": np.select([side == k for k in damaged], list(damaged.values()), 0.0),
+    }
 
 
 def _with_distance_stddev(result: Estimate, feet: int) -> Estimate:

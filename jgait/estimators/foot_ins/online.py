@@ -28,7 +28,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait import filtering
-from jgait.estimators import lagged, trust
+from jgait.estimators import lagged
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins.estimator import controls, model_params, prior_of
 from jgait.estimators.foot_ins.model import FootObservation
@@ -358,7 +358,8 @@ def _strides(
     spread = entries(motion.posterior.cov, "position", ("xx", "xy", "yy", "zz"))
     follows, yaw = walks_on(landed, swing.final, initial), motion.there[1] - motion.here[1]
     strides, stddev = timed(p, known, way, spread, landed, follows, yaw, motion.nis, jnp.zeros_like(length))
-    doubtful = trust.doubtful(strides, stddev, motion.nis) | restless
+    strides, stddev, doubtful = lagged.judged("foot_ins", strides, stddev, motion.nis)
+    doubtful = doubtful | restless
     return strides, stddev, {"doubtful": doubtful & strides.valid}
 
 

@@ -8,12 +8,12 @@ from jaxtyping import PyTree
 from jgait.estimators.foot_ins.inputs import FootSignals
 from jgait.estimators.foot_ins.params import FootParams
 from jgait.estimators.sides import along, entries, of_turns, picked
-from jgait.estimators.trust import nis_between
 from jgait.events.shank_stance import PAUSE_S
 from jgait.filtering import Covariance, Inferred
 from jgait.geometry.arrays import interpolated, put, xp
 from jgait.geometry.rotation import Quaternion, conjugate, quaternion, rotated
 from jgait.geometry.vectors import Vector, add, as_array, root, vector, wrapped
+from jgait.quality.stride import nis_between
 from jgait.types import Flags, FootTrajectory, Strides, Values
 
 SHORTEST_STRIDE_M = 0.1
@@ -50,7 +50,7 @@ class Path(NamedTuple):
     strides: Strides  #: one row for each pair of consecutive footholds.
     strides_stddev: Strides
     pitch: Values  #: (T,) pitch of the foot relative to stance, toes up positive [rad].
-    nis: Values  #: mean normalised innovation squared of each stride [1], see `trust.nis_between`.
+    nis: Values  #: mean normalised innovation squared of each stride [1], see `quality.stride.nis_between`.
 
 
 FLAT_RISE, FLAT_STEP = 0.03, 0.08

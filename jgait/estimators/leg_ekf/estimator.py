@@ -5,8 +5,8 @@ from functools import partial, reduce
 import jax
 import numpy as np
 
-from jgait import filtering
-from jgait.estimators import ankle_stride, trust
+from jgait import filtering, quality
+from jgait.estimators import ankle_stride
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.leg_ekf import inclination
 from jgait.estimators.leg_ekf import model as leg_model
@@ -24,6 +24,7 @@ from jgait.estimators.sides import stacked
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.arrays import for_each, xp
 from jgait.notes import Note
+from jgait.quality.stride import of_stride
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values, as_float
 
 STEPS_APART, APART = 1.6, 0.1
@@ -196,12 +197,13 @@ def walked(p: LegParams, legs: Legs, inputs: LegInputs, options: LegOptions) -> 
         way = xp.where(strides, leg_distance.rescaled(way, inputs.still & inputs.valid, worn, shanks.distance[-1]), way)
         spread = xp.where(strides, shanks.diagnostics["distance_stddev"], spread)
         spreads = shanks.strides_stddev
-        doubtful = trust.doubtful(shanks.strides, spreads, shanks.diagnostics["stride_nis"])
+        nis, each = shanks.diagnostics["stride_nis"], shanks.strides
+        evidence = of_stride(each.length, spreads.length, nis, each.height, spreads.height)
+        doubtful = quality.doubt(quality.learned("ankle_stride"), evidence) > quality.DOUBTFUL
         for side, name in enumerate(SIDES):
             of_side = shanks.strides.valid & (shanks.strides.side == side)
             diagnostics[f"shank_distance_{name}"] = xp.sum(xp.where(of_side, shanks.strides.length, 0.0))
             if f"nis_{name}" in shanks.diagnostics:
-                diagnostics[f"shank_nis_{name}"] = shanks.diagnostics[f"nis_{name}"]
                 diagnostics[f"shank_stride_stddev_{name}"] = xp.max(xp.where(of_side, spreads.length, 0.0))
                 diagnostics[f"shank_doubtful_{name}"] = xp.sum(of_side & doubtful)
     return p.distance_scale * way, {"distance_stddev": p.distance_scale * spread, **diagnostics}
@@ -283,11 +285,9 @@ def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:
             if (after := slipped(made.notes, side, as_float(made.inputs.time))).any():
                 diagnostics[f"slipped_{side}"] = after
     for side in SIDES:
-        if shanks is not None and f"shank_nis_{side}" in diagnostics:
-            keys = ("nis", "stride_stddev", "doubtful")
-            nis, deviation, many = (float(diagnostics[f"shank_{key}_{side}"]) for key in keys)
-            total, limit = int(getattr(shanks, side).count), ankle_stride.LARGEST_MEAN_NIS
-            notes += trust.doubts_of(f"shank_{side}", limit, nis, deviation, round(many), total)
+        if shanks is not None and f"shank_doubtful_{side}" in diagnostics:
+            deviation, many = (float(diagnostics[f"shank_{key}_{side}"]) for key in ("stride_stddev", "doubtful"))
+            notes += quality.doubts_of(f"shank_{side}", deviation, round(many), int(getattr(shanks, side).count))
     if made.inputs.right is not None and made.inputs.left is not None and "shank_distance_right" in diagnostics:
         right, left = (float(diagnostics[f"shank_distance_{side}"]) for side in SIDES)
         if abs(right - left) > max(STEPS_APART, APART * max(right, left)):

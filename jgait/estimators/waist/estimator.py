@@ -6,10 +6,10 @@ from functools import partial
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait import quality
 from jgait.estimators.checks import check_options
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.programs import compiled
-from jgait.estimators.trust import wider
 from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
@@ -41,6 +41,7 @@ from jgait.geometry.arrays import interpolated, xp
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.trunk import FREE, OVER_S, moved_between, step_frequency
 from jgait.notes import Note
+from jgait.quality.stride import above, among, of_stride
 from jgait.types import Estimate, Legs, Recording, Strides, Values, as_float
 
 TURNING = 0.35
@@ -212,15 +213,6 @@ RISES = 0.25
 """[m] Rise or fall above which a stride is on stairs, if more than `FEW` are. Flat stairs have more, usual slopes less;
 on recorded walks on level ground hardly a stride has more."""
 
-UNLIKE_SD = 0.35
-"""[1] Relative standard deviation of lengths and distance in walks unlike those from which the pendulum was learned,
-and of strides that turn, which may be steps on the spot. Chosen by simulated people who shuffle, limp or run
-(experiment `people.gaits`)."""
-
-
-CLIMBS_SD = 0.6
-"""[1] `UNLIKE_SD` for strides on stairs: a tread is shorter than a usual step by about this share."""
-
 
 def _felt(result: Estimate, contacts: np.ndarray) -> np.ndarray:
     """(strides,) [1] the least upward specific force in a step over gravity, as the median over the steps of each
@@ -236,10 +228,11 @@ def _felt(result: Estimate, contacts: np.ndarray) -> np.ndarray:
     return np.array([1.0 + float(np.median(steps)) / GRAVITY if steps.size else 1.0 for steps in beside])
 
 
-def _doubts(result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs]) -> tuple[list[Note], np.ndarray]:
+def _doubts(
+    result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs]
+) -> tuple[list[Note], dict[str, np.ndarray]]:
     """Notes if the distance is unreliable (see `DOUBTFUL`), strides are short or slow, or in some the person climbs
-    (see `RISES`) or runs (see `FREE`); and (n,) the deviation of each stride over itself [1] if it is unlike those from
-    which the pendulum was learned, else 0.
+    (see `RISES`) or runs (see `FREE`); and the evidence about each stride.
 
     Strides are short or slow all together, if their median is below `SHORTEST_LEARNED_M` or `SLOWEST`, or each for
     itself (see `SLOW`), or slower than the others (see `LONGER`); not where both steps are integrated, beside standing.
@@ -248,12 +241,12 @@ def _doubts(result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs])
     strides, notes = result.strides, []
     kept = np.asarray(strides.valid, bool)
     if not kept.any():
-        return [], np.zeros(len(kept))
+        return [], {}
     way, spread = float(result.distance[-1]), float(result.diagnostics["distance_stddev"][-1])
     if not spread <= DOUBTFUL * abs(way) or way <= 0.0:
         of = "" if options.distance == "fused" else f' (distance="{options.distance}")'
         notes.append(DISTANCE_DOUBTFUL(option=of, distance_m=way, within_m=2.0 * spread))
-    unlike, force = np.zeros(len(kept), bool), _felt(result, contacts)
+    force = _felt(result, contacts)
     runs = kept & (force < FREE)
     if options.distance in ("fused", "pendulum"):
         length, speed, turn = (as_float(part) for part in (strides.length, strides.speed, strides.turn))
@@ -274,8 +267,6 @@ def _doubts(result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs])
         if slower.sum() > FEW:
             seconds = float(np.median(lasts[slower]))
             notes.append(SLOWER_PART(strides=slower.sum(), of=kept.sum(), seconds=seconds, usual=usual))
-        beside = np.convolve(slow | slower, np.ones(2 * EDGE_STEPS + 1))[EDGE_STEPS:-EDGE_STEPS] > 0.0  # a person stops
-        unlike = (kept & beside) | turning
     rise = _rise(result, made.inputs.still)
     climbs = kept & (np.abs(rise) > RISES)
     climbs &= climbs.sum() > FEW
@@ -284,8 +275,13 @@ def _doubts(result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs])
     if runs.sum() > FEW:
         share = 100.0 * max(float(np.median(force[runs])), 0.0)
         notes.append(FALLS_FREELY(strides=runs.sum(), of=kept.sum(), share_pct=share))
-        unlike |= runs
-    return notes, np.where(climbs, CLIMBS_SD, UNLIKE_SD * unlike)
+    spread = as_float(result.strides_stddev.length)
+    return notes, {
+        **of_stride(as_float(strides.length), spread, np.zeros(len(kept)), np.zeros(len(kept)), spread),
+        **among(strides),
+        "weightless": np.maximum(0.5 - force, 0.0),
+        "climb": np.maximum(np.abs(rise) - 0.1, 0.0),
+    }
 
 
 def _rise(result: Estimate, still: np.ndarray) -> np.ndarray:
@@ -303,12 +299,14 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
     for name in ("initial_contact", "initial_contact_side", "initial_contact_side_probability"):
         diagnostics[name] = diagnostics[name][contacts]
     result = _with_missed(result._replace(diagnostics=diagnostics), made.inputs)
-    doubts, share = _doubts(result, diagnostics["initial_contact"], made)
-    diagnostics = {**result.diagnostics, "notes": (*result.diagnostics["notes"], *doubts)}
-    if note := _steps_missed(result, diagnostics["initial_contact"]):
-        share = np.maximum(share, UNLIKE_SD)
-        diagnostics |= {"doubtful": np.ones(len(share), bool), "notes": (*diagnostics["notes"], note)}
-    return wider(result._replace(diagnostics=diagnostics), share)
+    doubts, evidence = _doubts(result, diagnostics["initial_contact"], made)
+    missed, noted = _steps_missed(result, diagnostics["initial_contact"])
+    evidence["sparse"] = np.full(np.shape(result.strides.side), missed)
+    notes = (*result.diagnostics["notes"], *doubts, *noted)
+    result = result._replace(diagnostics={**result.diagnostics, "notes": notes})
+    if made.options.distance not in ("fused", "pendulum"):
+        return result
+    return quality.judged(result, quality.learned("waist"), evidence)
 
 
 def _integrated(made: Prepared[WaistInputs]) -> np.ndarray:
@@ -319,14 +317,15 @@ def _integrated(made: Prepared[WaistInputs]) -> np.ndarray:
     return beside[rows] & beside[rows - 1] & (made.options.distance == "fused")
 
 
-def _steps_missed(result: Estimate, contacts: np.ndarray) -> Note | None:
-    """A note if there are far fewer contacts [s] than the trunk is moved by steps."""
+def _steps_missed(result: Estimate, contacts: np.ndarray) -> tuple[float, tuple[Note, ...]]:
+    """Logarithm of the steps by the trunk's motion over the contacts [s], not negative, and a note if it is large."""
     if len(contacts) < FEW:
-        return None
+        return 0.0, ()
     force = np.add(as_float(result.diagnostics["trunk_acceleration"]), [0.0, 0.0, GRAVITY])
     contact_rate = 1.0 / float(np.median(np.diff(contacts)))
     steps = step_frequency(force, 1.0 / float(np.median(np.diff(as_float(result.time)))))
-    return STEPS_MISSED(found=contact_rate, steps=steps) if contact_rate < EVERY_SECOND * steps else None
+    notes = (STEPS_MISSED(found=contact_rate, steps=steps),) if contact_rate < EVERY_SECOND * steps else ()
+    return float(above(steps, contact_rate)), notes
 
 
 def _with_missed(result: Estimate, inputs: WaistInputs) -> Estimate:

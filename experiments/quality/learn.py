@@ -1,0 +1,111 @@
+"""The model of doubt learned from strides beside a reference, and judged on people and sets that were left out."""
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from scipy.optimize import minimize
+
+from experiments.quality.strides import Table
+from jgait.quality import EVIDENCE, QualityParams, doubt, factor, log_likelihood
+from jgait.types import Values
+
+SHARES = (("public", 0.5), ("gait", 0.2), ("fault", 0.3))
+"""Kind of a group → its share of the weight of all strides: each set, gait and fault of a kind counts the same."""
+
+PER_RECORDING = 4.0
+"""Weight of a recording, in independent strides: those of one recording are alike."""
+
+
+def kind(group: str) -> str:
+    """ "public", "gait" or "fault"."""
+    first = group.partition(" ")[0]
+    return first if first in ("gait", "fault") else "public"
+
+
+def weights(table: Table) -> np.ndarray:
+    """(n,) weight of each stride."""
+    kinds = np.array([kind(group) for group in table.group])
+    share, total = np.zeros(len(kinds)), PER_RECORDING * len(set(table.recording))
+    for name, part in SHARES:
+        groups = [table.group == group for group in sorted(set(table.group[kinds == name]))]
+        for rows in groups:
+            share[rows] = part / len(groups) / rows.sum()
+    return total * share / share.sum()
+
+
+def learned(table: Table, rows: np.ndarray | None = None) -> QualityParams:
+    """The numbers with the largest likelihood of the errors of some rows (n,) bool, each weight with an exponential
+    prior: those that no error asks for are 0.
+    """
+    kept = np.ones(len(table.error), bool) if rows is None else rows
+    weight = np.zeros(len(kept))
+    weight[kept] = weights(chosen(table, kept))
+    data = tuple(map(jnp.asarray, (table.evidence, table.error, table.stated, table.reference, weight)))
+    start, shape = ravel_pytree(jax.tree.map(jnp.asarray, QualityParams()))
+    bounds = ravel_pytree(jax.tree.map(np.full_like, jax.tree.map(jnp.asarray, QualityParams()), LOWEST))[0]
+    fit = minimize(
+        lambda x: tuple(np.asarray(part, np.float64) for part in _cost(jnp.asarray(x), data)), np.asarray(start),
+        jac=True, method="L-BFGS-B", bounds=[(low if np.isfinite(low) else None, None) for low in np.asarray(bounds)],
+    )  # fmt: skip
+    return jax.tree.map(np.asarray, shape(jnp.asarray(fit.x)))
+
+
+LOWEST = QualityParams(0.0, 0.0, -np.inf, 0.0, 2.0)
+"""Least values of the numbers."""
+
+
+@jax.jit
+@jax.value_and_grad
+def _cost(x: Values, data: tuple[Values, ...]) -> Values:
+    """Minus the logarithm of the posterior density [nat]."""
+    evidence, error, stated, reference, weight = data
+    p = ravel_pytree(jax.tree.map(jnp.asarray, QualityParams()))[1](x)
+    named = dict(zip(EVIDENCE, evidence.T, strict=True))
+    each = jnp.where(weight > 0.0, log_likelihood(p, named, error, stated, reference), 0.0)
+    return -jnp.sum(weight * each) + jnp.sum(p.spread) + jnp.sum(p.wrong)
+
+
+def judged_by(p: QualityParams, table: Table) -> tuple[np.ndarray, np.ndarray]:
+    """Errors over the deviation that the model gives (n,), with that of the reference, and the doubt (n,)."""
+    named = dict(zip(EVIDENCE, table.evidence.T, strict=True))
+    spread = np.hypot(factor(p, named) * table.stated, table.reference)
+    return np.abs(table.error) / spread, np.asarray(doubt(p, named))
+
+
+def interval(p: QualityParams, table: Table) -> float:
+    """Deviations within which 95 % of the errors on public recordings are, each recording counting the same [1].
+
+    Split conformal prediction: the quantile is that of people whom no number of it was learned from.
+    """
+    error, _ = judged_by(p, table)
+    public = np.array([kind(group) == "public" for group in table.group])
+    if not public.any():
+        return 2.0
+    _, number, count = np.unique(table.recording[public], return_inverse=True, return_counts=True)
+    order = np.argsort(error[public])
+    total = np.cumsum((1.0 / count[number])[order])
+    return float(error[public][order][np.searchsorted(total, 0.95 * total[-1])])
+
+
+def chosen(table: Table, rows: np.ndarray | Sequence[int]) -> Table:
+    """Some rows."""
+    return Table(*(column[rows] for column in table))
+
+
+def left_out(table: Table, by: np.ndarray, folds: int | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`judged_by` of every stride, with numbers learned without its part, and whether it is in its interval: `by` names
+    a part of each stride; `folds` puts parts together, None leaves each out alone.
+    """
+    names = sorted(set(by))
+    part = {name: number % (folds or len(names)) for number, name in enumerate(names)}
+    number = np.array([part[name] for name in by])
+    error, doubts, inside = np.zeros(len(by)), np.zeros(len(by)), np.zeros(len(by), bool)
+    for fold in sorted(set(number)):
+        out = number == fold
+        p = learned(table, ~out)
+        error[out], doubts[out] = judged_by(p, chosen(table, out))
+        inside[out] = error[out] <= interval(p, chosen(table, ~out))
+    return error, doubts, inside

@@ -1,0 +1,146 @@
+"""The model of doubt: from the evidence of a stride, how much larger its error is than the method states, and how
+probably the stride is wrong.
+
+The error of a stride's length, whose method states the deviation σ, has with evidence φ ≥ 0 the density
+(1 − p) N(0, k²σ²) + p N(0, λ²k²σ²), with log k = a + Σ b φ and logit p = c + Σ d φ. No weight b or d is negative: more
+evidence never means less doubt. The numbers are learned by likelihood from strides beside a reference, see
+`log_likelihood`; `learned.json` has those of each estimator, and says from which recordings they were learned.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from typing import Annotated, Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jgait.geometry.arrays import xp
+from jgait.params import Param, Parameter, Prior, documented, interval, positive, real
+from jgait.quality.stride import EVIDENCE, StrideQuality
+from jgait.types import Estimate, Values, as_float
+
+START, LEAST = 0.1, 1e-2
+"""Weight at which a fit starts, and weight below which a fitted weight is written as 0."""
+
+LESS = Prior("exponential(1)", lambda weight: weight)
+"""Prior of each weight: evidence that does not make errors more likely gets none."""
+
+WRONG = 3.0
+"""[1] Stated deviations by which the length of a wrong stride is off."""
+
+DOUBTFUL = 0.1
+"""[1] Probability of a wrong stride above which a stride is in doubt, unless a user sets another one."""
+
+
+@documented
+class QualityParams(NamedTuple):
+    """Numbers of the model for one estimator; the arrays have a weight for each name of `EVIDENCE`."""
+
+    shift: Annotated[Param, Parameter(real, "1", "a, logarithm of the factor without evidence")] = 0.0
+    spread: Annotated[Param, Parameter(positive, "1", "b, weights of the factor", LESS)] = np.full(len(EVIDENCE), START)
+    odds: Annotated[Param, Parameter(real, "1", "c, log odds of a wrong stride without evidence")] = -5.0
+    wrong: Annotated[Param, Parameter(positive, "1", "d, weights of the log odds", LESS)] = np.full(
+        len(EVIDENCE), START
+    )
+    tail: Annotated[Param, Parameter(interval(2.0, 30.0), "1", "λ, deviation of wrong strides over others")] = 6.0
+
+
+def weighted(weights: Values, evidence: Mapping[str, Values]) -> Values:
+    """The sum of the evidence, each times its weight of (F,) in the order of `EVIDENCE`; what is not given counts 0."""
+    return sum((weights[EVIDENCE.index(name)] * values for name, values in evidence.items()), start=0.0)
+
+
+def factor(p: QualityParams, evidence: Mapping[str, Values]) -> Values:
+    """k, the deviation of the error over the stated one [1], for evidence (n,) by name."""
+    return xp.exp(p.shift + weighted(p.spread, evidence))
+
+
+def doubt(p: QualityParams, evidence: Mapping[str, Values]) -> Values:
+    """The probability that the error is larger than `WRONG` times k σ [1], for evidence (n,) by name."""
+    share = 1.0 / (1.0 + xp.exp(-(p.odds + weighted(p.wrong, evidence))))
+    return _beyond(1.0) + share * (_beyond(p.tail) - _beyond(1.0))
+
+
+def _beyond(deviation: Values) -> Values:
+    """The probability that a normal variable of this deviation is beyond `WRONG`."""
+    at = WRONG / math.sqrt(2.0) / deviation
+    return jax.scipy.special.erfc(at) if isinstance(at, jax.Array) else math.erfc(at)
+
+
+def log_likelihood(
+    p: QualityParams, evidence: Mapping[str, Values], error: Values, stated: Values, reference: Values
+) -> Values:
+    """The logarithm of the density of each error (n,) [nat], for tuning.
+
+    Args:
+        p: numbers of the model.
+        evidence: name → (n,).
+        error: of the lengths [m], (n,).
+        stated: deviations that the method states [m], (n,).
+        reference: deviation of the reference itself [m], (n,).
+    """
+    odds, usual = p.odds + weighted(p.wrong, evidence), factor(p, evidence) * stated
+
+    def density(deviation: Values) -> Values:
+        variance = deviation**2 + reference**2
+        return -0.5 * (error**2 / variance + jnp.log(2.0 * jnp.pi * variance))
+
+    right, wrong = -jax.nn.softplus(odds) + density(usual), -jax.nn.softplus(-odds) + density(p.tail * usual)
+    return jnp.logaddexp(right, wrong)
+
+
+def judged(estimate: Estimate, p: QualityParams, evidence: Mapping[str, np.ndarray]) -> Estimate:
+    """The estimate with deviations of strides and of the distance by the model, and `quality` in its diagnostics.
+
+    Args:
+        estimate: with strides and their deviations as the method states them.
+        p: numbers of the model.
+        evidence: name → (n,), in the order of the strides.
+
+    Returns:
+        The estimate; `diagnostics["quality"]` is a `StrideQuality`, `diagnostics["doubtful"]` (n,) bool is True where
+        the doubt is above `DOUBTFUL`.
+    """
+    strides, deviations, diagnostics = estimate.strides, estimate.strides_stddev, dict(estimate.diagnostics)
+    times = np.broadcast_to(as_float(factor(p, evidence)), np.shape(strides.side))
+    probability = np.broadcast_to(as_float(doubt(p, evidence)), times.shape)
+    diagnostics |= {
+        "quality": StrideQuality(probability, times, dict(evidence)),
+        "doubtful": probability > DOUBTFUL,
+    }
+    if "distance_stddev" in diagnostics and times.size:
+        lengths = np.where(np.asarray(strides.valid, bool), np.nan_to_num(as_float(strides.length)), 0.0)
+        mean = np.cumsum(times * lengths) / np.maximum(np.cumsum(lengths), 1e-9)
+        so_far = np.interp(as_float(estimate.time), as_float(strides.end), mean)
+        diagnostics["distance_stddev"] = as_float(diagnostics["distance_stddev"]) * so_far
+    scaled = {
+        name: times * as_float(spread)
+        for name in ("length", "speed", "step_length") if (spread := getattr(deviations, name)) is not None
+    }  # fmt: skip
+    return estimate._replace(strides_stddev=deviations._replace(**scaled), diagnostics=diagnostics)
+
+
+@cache
+def learned(estimator: str) -> QualityParams:
+    """The numbers that were learned for an estimator. Raises KeyError for an estimator without."""
+    stored = json.loads(files("jgait.quality").joinpath("learned.json").read_text(encoding="utf-8"))["estimators"]
+    return from_dict(stored[estimator])
+
+
+def from_dict(stored: Mapping[str, Any]) -> QualityParams:
+    """The numbers from JSON: weights by the name of their evidence, which are 0 if they are absent."""
+    arrays = {name: np.array([float(stored[name].get(kind, 0.0)) for kind in EVIDENCE]) for name in ("spread", "wrong")}
+    return QualityParams(**{name: float(stored[name]) for name in ("shift", "odds", "tail")}, **arrays)
+
+
+def to_dict(p: QualityParams) -> dict[str, Any]:
+    """Inverse of `from_dict`, without weights below `LEAST`."""
+    weights = {
+        name: {k: round(float(w), 4) for k, w in zip(EVIDENCE, getattr(p, name), strict=True) if w > LEAST}
+        for name in ("spread", "wrong")
+    }
+    return {**{name: round(float(getattr(p, name)), 4) for name in ("shift", "odds", "tail")}, **weights}
