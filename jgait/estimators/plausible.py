@@ -124,43 +124,80 @@ PACES_MIXED = Kind(
     "duration in the table of strides.",
 )
 
-NO_ANGLES = (KNEE_IMPLAUSIBLE.code, NOT_FINITE.code)
-"""Codes of the notes by which the joint angles of their side are not usable."""
-
 
 def implausible(estimate: Estimate) -> tuple[Note, ...]:
     """Notes about results that no person can have walked, in an estimate without padding; on the host."""
     notes: list[Note] = []
-    valid = np.asarray(estimate.valid, bool)
-    time = as_float(estimate.time)
     if estimate.strides is not None:
         notes += _strides(estimate.strides, estimate.strides_stddev)
-    for side, leg in zip(SIDES, estimate.legs, strict=True):
-        if leg is None:
+    for side in SIDES:
+        if (leg := getattr(estimate.legs, side)) is None:
             continue
-        worn = valid & np.asarray(estimate.diagnostics.get(f"worn_{side}", True), bool)
-        knee = np.rad2deg(as_float(leg.knee_angle)[worn])
-        lost = int(np.sum(~np.isfinite(knee)))
-        if lost:
+        worn = _worn(estimate, side)
+        if lost := _not_finite(leg, worn):
             notes.append(NOT_FINITE(side=side, samples=lost))
             continue
-        beyond = knee_beyond(leg)[worn]
-        if beyond.size and beyond.mean() > KNEE_SHARE:
-            notes.append(
-                KNEE_IMPLAUSIBLE(side=side, low=knee.min(), high=knee.max(), percent=max(100.0 * beyond.mean(), 1.0))
-            )
-        else:
-            notes += _zero(side, time, leg, worn)
-        hip = np.rad2deg(as_float(leg.hip_angle)[worn])
+        notes += knee_notes(estimate, side)
+        knee, hip = (np.rad2deg(as_float(angle)[worn]) for angle in (leg.knee_angle, leg.hip_angle))
         moves = [float(np.ptp(np.percentile(angle, (1, 99)))) if angle.size else 0.0 for angle in (knee, hip)]
         if moves[0] < KNEE_STIFF_DEG and moves[1] > HIP_SWINGS_DEG:
             notes.append(KNEE_STIFF(side=side, knee=moves[0], hip=moves[1]))
-    if estimate.distance is not None and valid.any():
-        seconds = float(np.ptp(time[valid]))
-        distance = float(as_float(estimate.distance)[valid][-1])
-        if not distance <= FASTEST_RUN * max(seconds, 1.0):
-            notes.append(SPEED_IMPLAUSIBLE(distance=distance, seconds=seconds))
+    if too_fast(estimate):
+        distance, seconds = _walked(estimate)
+        notes.append(SPEED_IMPLAUSIBLE(distance=distance, seconds=seconds))
     return tuple(notes)
+
+
+def _worn(estimate: Estimate, side: str) -> np.ndarray:
+    """(T,) bool, samples in which the angles of a leg are valid and its sensors are worn."""
+    return np.asarray(estimate.valid, bool) & np.asarray(estimate.diagnostics.get(f"worn_{side}", True), bool)
+
+
+def _not_finite(leg: LegTrajectory, worn: np.ndarray) -> int:
+    """Number of samples in which a knee angle is not finite although its sensors are worn (T,)."""
+    return int(np.sum(~np.isfinite(as_float(leg.knee_angle)[worn])))
+
+
+def _beyond(leg: LegTrajectory, worn: np.ndarray) -> float:
+    """Share of the samples in which the sensors of a leg are worn (T,) with knee angles that no person has [1]."""
+    beyond = knee_beyond(leg)[worn]
+    return float(beyond.mean()) if beyond.size else 0.0
+
+
+def angles_lost(estimate: Estimate) -> list[str]:
+    """The sides of which some angles are not finite."""
+    legs = {side: leg for side in SIDES if (leg := getattr(estimate.legs, side)) is not None}
+    return [side for side, leg in legs.items() if _not_finite(leg, _worn(estimate, side))]
+
+
+def knees_implausible(estimate: Estimate) -> list[str]:
+    """The sides whose knee bends as none does."""
+    lost = angles_lost(estimate)
+    legs = {side: leg for side in SIDES if (leg := getattr(estimate.legs, side)) is not None and side not in lost}
+    return [side for side, leg in legs.items() if _beyond(leg, _worn(estimate, side)) > KNEE_SHARE]
+
+
+def knee_notes(estimate: Estimate, side: str) -> list[Note]:
+    """A note on a leg with finite angles if its knee bends as none does, or if its zero seems wrong."""
+    leg, worn = getattr(estimate.legs, side), _worn(estimate, side)
+    if (beyond := _beyond(leg, worn)) <= KNEE_SHARE:
+        return _zero(side, as_float(estimate.time), leg, worn)
+    knee = np.rad2deg(as_float(leg.knee_angle)[worn])
+    return [KNEE_IMPLAUSIBLE(side=side, low=knee.min(), high=knee.max(), percent=max(100.0 * beyond, 1.0))]
+
+
+def _walked(estimate: Estimate) -> tuple[float, float]:
+    """Distance [m] and duration [s] of the valid samples of an estimate."""
+    valid = np.asarray(estimate.valid, bool)
+    return float(as_float(estimate.distance)[valid][-1]), float(np.ptp(as_float(estimate.time)[valid]))
+
+
+def too_fast(estimate: Estimate) -> bool:
+    """True if no person runs the distance of an estimate in its time."""
+    if estimate.distance is None or not np.any(estimate.valid):
+        return False
+    distance, seconds = _walked(estimate)
+    return not distance <= FASTEST_RUN * max(seconds, 1.0)
 
 
 def knee_beyond(leg: LegTrajectory) -> np.ndarray:
@@ -197,7 +234,10 @@ def paces_mixed(strides: Strides) -> list[Note]:
 
 def distance_implausible(estimate: Estimate) -> bool:
     """True if no person can have walked the distance of an estimate, or the strides whose sum it is."""
-    return bool({STRIDES_IMPLAUSIBLE, SPEED_IMPLAUSIBLE}.intersection(note.kind for note in implausible(estimate)))
+    strides = estimate.strides
+    return too_fast(estimate) or (
+        strides is not None and bool((impossible(strides) & np.asarray(strides.valid, bool)).any())
+    )
 
 
 def impossible(strides: Strides) -> np.ndarray:

@@ -5,14 +5,13 @@ stance. The noise of zero velocities is set for errors that stay the same over a
 is about 0.05; limits below are for the default noise.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from jgait.estimators.notes import ACCELEROMETER_OFF, LEVER_IMPLAUSIBLE, RATES_OFF, SAMPLED_SLOWLY
 from jgait.geometry.arrays import xp
 from jgait.notes import Kind, Note
+from jgait.quality import SensorQuality, merged, of_sensor
 from jgait.types import Counts, Estimate, Flags, Strides, Values, as_float
 
 LARGEST_NIS = 4.0
@@ -123,44 +122,45 @@ def judged(result: Estimate, placements: dict[int, str], limit: float, nis: dict
     each = as_float(diagnostics["stride_nis"])
     flags = doubtful(strides, deviations, each)
     notes: list[Note] = []
+    rare: dict[str, SensorQuality] = {}
     for side, placement in placements.items():
         of_side = np.asarray(strides.side) == side
         deviation = float(np.max(as_float(deviations.length)[of_side], initial=0.0))
         many, total = int(flags[of_side].sum()), int(of_side.sum())
+        rare[placement] = SensorQuality(unusable=deviation > UNCERTAIN)
         notes += doubts_of(placement, limit, nis[side], deviation, many, total)
         if nis[side] > limit:
             flags |= of_side & (each > 2.0 * limit)
-    more: dict[str, Any] = {"doubtful": flags, "notes": (*diagnostics.get("notes", ()), *notes)}
+    sensors = merged(diagnostics.get("sensors", {}), rare)
+    more: dict[str, Any] = {"doubtful": flags, "notes": (*diagnostics.get("notes", ()), *notes), "sensors": sensors}
     return result._replace(diagnostics={**diagnostics, **more})
 
 
 def _of_sensors(result: Estimate, placements: dict[int, str]) -> Estimate:
-    """The estimate with larger deviations of the strides of sensors that notes put in doubt, see `SHARES`."""
+    """The estimate with larger deviations of the strides of sensors that are in doubt, see `share_of`."""
     share = np.zeros(np.shape(result.strides.side))
-    for note in result.diagnostics.get("notes", ()):
-        if note.code in SHARES:
-            sides = [side for side, placement in placements.items() if placement == note.values["placement"]]
-            more = np.where(np.isin(result.strides.side, sides), SHARES[note.code](note), 0.0)
-            share = np.maximum(share, more)
+    for side, placement in placements.items():
+        facts = of_sensor(result.diagnostics.get("sensors", {}), placement)
+        share = np.where(np.asarray(result.strides.side) == side, share_of(facts), share)
     return wider(result, share)
 
 
-def rates_share(note: Note) -> float:
-    """Relative standard deviation of stride lengths [1], from a note `RATES_OFF`."""
-    return RATES_SHARE * abs(float(np.log(as_float(note.values["factor"]))))
+def rates_share(facts: SensorQuality) -> float:
+    """Relative standard deviation of stride lengths [1] because of rates that are off."""
+    return RATES_SHARE * abs(float(np.log(facts.rates_factor)))
 
 
 LEVER_SHARE = 0.7
 """[1/m] Relative standard deviation of a stride's length, per error of the sensor's estimated place; chosen with
 simulated shanks with seated movements and cycling between walks."""
 
-SHARES: dict[str, Callable[[Note], float]] = {
-    ACCELEROMETER_OFF.code: lambda note: SCALE_SHARE * float(np.abs(as_float(note.values["percent"]))) / 100.0,
-    RATES_OFF.code: rates_share,
-    SAMPLED_SLOWLY.code: lambda _: SLOW_SHARE,
-    LEVER_IMPLAUSIBLE.code: lambda note: LEVER_SHARE * float(as_float(note.values["off_m"])),
-}
-"""Code of a note on a sensor → relative standard deviation of the lengths of its strides [1]."""
+
+def share_of(facts: SensorQuality) -> float:
+    """Relative standard deviation of the lengths of a sensor's strides [1] because of what is wrong with the sensor."""
+    return max(
+        SCALE_SHARE * abs(facts.force_off), rates_share(facts), SLOW_SHARE * facts.sampled_slowly,
+        LEVER_SHARE * facts.lever_off,
+    )  # fmt: skip
 
 
 def wider(result: Estimate, share: np.ndarray) -> Estimate:

@@ -24,6 +24,7 @@ from jgait.estimators.sides import stacked
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.arrays import for_each, xp
 from jgait.notes import Note
+from jgait.quality import SensorQuality, merged
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values, as_float
 
 STEPS_APART, APART = 1.6, 0.1
@@ -280,13 +281,15 @@ def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:
                 gained = np.diff(as_float(result.distance), prepend=0.0)
                 result = result._replace(distance=np.cumsum(np.where(off, 0.0, gained)))
                 notes += more
-            if (after := slipped(made.notes, side, as_float(made.inputs.time))).any():
+            if (after := slipped(made.quality, side, as_float(made.inputs.time))).any():
                 diagnostics[f"slipped_{side}"] = after
     for side in SIDES:
         if shanks is not None and f"shank_nis_{side}" in diagnostics:
             keys = ("nis", "stride_stddev", "doubtful")
             nis, deviation, many = (float(diagnostics[f"shank_{key}_{side}"]) for key in keys)
             total, limit = int(getattr(shanks, side).count), ankle_stride.LARGEST_MEAN_NIS
+            rare = SensorQuality(unusable=deviation > trust.UNCERTAIN)
+            diagnostics["sensors"] = merged(diagnostics["sensors"], {f"shank_{side}": rare})
             notes += trust.doubts_of(f"shank_{side}", limit, nis, deviation, round(many), total)
     if made.inputs.right is not None and made.inputs.left is not None and "shank_distance_right" in diagnostics:
         right, left = (float(diagnostics[f"shank_distance_{side}"]) for side in SIDES)

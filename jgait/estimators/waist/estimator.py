@@ -41,6 +41,7 @@ from jgait.geometry.arrays import interpolated, xp
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.trunk import FREE, OVER_S, moved_between, step_frequency
 from jgait.notes import Note
+from jgait.quality import SensorQuality, merged
 from jgait.types import Estimate, Legs, Recording, Strides, Values, as_float
 
 TURNING = 0.35
@@ -236,10 +237,12 @@ def _felt(result: Estimate, contacts: np.ndarray) -> np.ndarray:
     return np.array([1.0 + float(np.median(steps)) / GRAVITY if steps.size else 1.0 for steps in beside])
 
 
-def _doubts(result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs]) -> tuple[list[Note], np.ndarray]:
-    """Notes if the distance is unreliable (see `DOUBTFUL`), strides are short or slow, or in some the person climbs
-    (see `RISES`) or runs (see `FREE`); and (n,) the deviation of each stride over itself [1] if it is unlike those from
-    which the pendulum was learned, else 0.
+def _doubts(
+    result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs]
+) -> tuple[SensorQuality, list[Note], np.ndarray]:
+    """Facts and notes if the distance is unreliable (see `DOUBTFUL`), strides are short or slow, or in some the person
+    climbs (see `RISES`) or runs (see `FREE`); and (n,) the deviation of each stride over itself [1] if it is unlike
+    those from which the pendulum was learned, else 0.
 
     Strides are short or slow all together, if their median is below `SHORTEST_LEARNED_M` or `SLOWEST`, or each for
     itself (see `SLOW`), or slower than the others (see `LONGER`); not where both steps are integrated, beside standing.
@@ -248,12 +251,12 @@ def _doubts(result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs])
     strides, notes = result.strides, []
     kept = np.asarray(strides.valid, bool)
     if not kept.any():
-        return [], np.zeros(len(kept))
+        return SensorQuality(), [], np.zeros(len(kept))
     way, spread = float(result.distance[-1]), float(result.diagnostics["distance_stddev"][-1])
-    if not spread <= DOUBTFUL * abs(way) or way <= 0.0:
+    if useless := not spread <= DOUBTFUL * abs(way) or way <= 0.0:
         of = "" if options.distance == "fused" else f' (distance="{options.distance}")'
         notes.append(DISTANCE_DOUBTFUL(option=of, distance_m=way, within_m=2.0 * spread))
-    unlike, force = np.zeros(len(kept), bool), _felt(result, contacts)
+    unlike, force, slowly = np.zeros(len(kept), bool), _felt(result, contacts), False
     runs = kept & (force < FREE)
     if options.distance in ("fused", "pendulum"):
         length, speed, turn = (as_float(part) for part in (strides.length, strides.speed, strides.turn))
@@ -266,7 +269,7 @@ def _doubts(result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs])
         lasts = as_float(strides.end) - as_float(strides.start)
         usual = float(np.median(lasts[kept & ~runs])) if (kept & ~runs).any() else np.inf
         slower = kept & (lasts > LONGER * usual) & ~turning & ~slow & ~integrated
-        if slow is kept or slow.sum() > FEW:
+        if slowly := slow is kept or slow.sum() > FEW:
             middle = {"length_m": np.median(length[noted]), "speed": np.median(speed[noted])}
             notes.append(
                 SHORT_OR_SLOW(strides=noted.sum(), of=kept.sum(), **middle, least_m=SHORTEST_LEARNED_M, slowest=SLOWEST)
@@ -285,7 +288,9 @@ def _doubts(result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs])
         share = 100.0 * max(float(np.median(force[runs])), 0.0)
         notes.append(FALLS_FREELY(strides=runs.sum(), of=kept.sum(), share_pct=share))
         unlike |= runs
-    return notes, np.where(climbs, CLIMBS_SD, UNLIKE_SD * unlike)
+    learned = not (slowly or climbs.any() or runs.sum() > FEW)
+    facts = SensorQuality(unusable=useless, unlike=not learned)
+    return facts, notes, np.where(climbs, CLIMBS_SD, UNLIKE_SD * unlike)
 
 
 def _rise(result: Estimate, still: np.ndarray) -> np.ndarray:
@@ -302,9 +307,13 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
     contacts = np.flatnonzero(diagnostics.pop("initial_contact_valid"))
     for name in ("initial_contact", "initial_contact_side", "initial_contact_side_probability"):
         diagnostics[name] = diagnostics[name][contacts]
-    result = _with_missed(result._replace(diagnostics=diagnostics), made.inputs)
-    doubts, share = _doubts(result, diagnostics["initial_contact"], made)
-    diagnostics = {**result.diagnostics, "notes": (*result.diagnostics["notes"], *doubts)}
+    (name,) = made.quality
+    result = _with_missed(result._replace(diagnostics=diagnostics), made.inputs, name)
+    facts, doubts, share = _doubts(result, diagnostics["initial_contact"], made)
+    diagnostics = {
+        **result.diagnostics, "notes": (*result.diagnostics["notes"], *doubts),
+        "sensors": merged(result.diagnostics["sensors"], {name: facts}),
+    }  # fmt: skip
     if note := _steps_missed(result, diagnostics["initial_contact"]):
         share = np.maximum(share, UNLIKE_SD)
         diagnostics |= {"doubtful": np.ones(len(share), bool), "notes": (*diagnostics["notes"], note)}
@@ -329,8 +338,10 @@ def _steps_missed(result: Estimate, contacts: np.ndarray) -> Note | None:
     return STEPS_MISSED(found=contact_rate, steps=steps) if contact_rate < EVERY_SECOND * steps else None
 
 
-def _with_missed(result: Estimate, inputs: WaistInputs) -> Estimate:
-    """The estimate with a note and a larger deviation of the distance if the trunk walks where no contact was found."""
+def _with_missed(result: Estimate, inputs: WaistInputs, name: str) -> Estimate:
+    """The estimate with a note, and a larger deviation of the distance, if the trunk walks where no contact was found;
+    `name` is the sensor's placement.
+    """
     diagnostics, time = dict(result.diagnostics), as_float(result.time)
     flags = missed(inputs.acc, inputs.measured, time, diagnostics["initial_contact"])
     seconds = np.cumsum(np.where(flags, inputs.dt, 0.0))
@@ -338,6 +349,7 @@ def _with_missed(result: Estimate, inputs: WaistInputs) -> Estimate:
         return result
     begin, end = time[np.flatnonzero(flags)[[0, -1]]]
     diagnostics["notes"] += (WALKING_MISSED(seconds=seconds[-1], begin_s=begin, end_s=end),)
+    diagnostics["sensors"] = merged(diagnostics["sensors"], {name: SensorQuality(missed=float(seconds[-1]))})
     speed = WaistParams().start_speed
     diagnostics["distance_stddev"] = np.hypot(as_float(diagnostics["distance_stddev"]), speed * seconds)
     return result._replace(diagnostics=diagnostics)
