@@ -1,5 +1,7 @@
 """Results that no person can have walked: strides, speeds, knees, widths and heights, each with its likely causes."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from jgait.estimators.cycles import swing_cycles
@@ -130,16 +132,14 @@ def implausible(estimate: Estimate) -> tuple[Note, ...]:
     notes: list[Note] = []
     if estimate.strides is not None:
         notes += _strides(estimate.strides, estimate.strides_stddev)
-    for side in SIDES:
-        if (leg := getattr(estimate.legs, side)) is None:
-            continue
-        worn = _worn(estimate, side)
-        if lost := _not_finite(leg, worn):
-            notes.append(NOT_FINITE(side=side, samples=lost))
+    for side, knee in knees(estimate).items():
+        if knee.lost:
+            notes.append(NOT_FINITE(side=side, samples=knee.lost))
             continue
         notes += knee_notes(estimate, side)
-        knee, hip = (np.rad2deg(as_float(angle)[worn]) for angle in (leg.knee_angle, leg.hip_angle))
-        moves = [float(np.ptp(np.percentile(angle, (1, 99)))) if angle.size else 0.0 for angle in (knee, hip)]
+        leg, worn = getattr(estimate.legs, side), _worn(estimate, side)
+        angles = (np.rad2deg(as_float(angle)[worn]) for angle in (leg.knee_angle, leg.hip_angle))
+        moves = [float(np.ptp(np.percentile(angle, (1, 99)))) if angle.size else 0.0 for angle in angles]
         if moves[0] < KNEE_STIFF_DEG and moves[1] > HIP_SWINGS_DEG:
             notes.append(KNEE_STIFF(side=side, knee=moves[0], hip=moves[1]))
     if too_fast(estimate):
@@ -148,42 +148,40 @@ def implausible(estimate: Estimate) -> tuple[Note, ...]:
     return tuple(notes)
 
 
+class Knee(NamedTuple):
+    """Knee angles of a leg that cannot be right, in the samples in which its sensors are worn."""
+
+    lost: int  #: number of samples with an angle that is not finite.
+    implausible: bool  #: True if the knee bends as none does in more than `KNEE_SHARE` of the samples.
+
+
+def knees(estimate: Estimate) -> dict[str, Knee]:
+    """Side → what is wrong with its knee angles, of each measured leg."""
+    measured = {}
+    for side in SIDES:
+        if (leg := getattr(estimate.legs, side)) is not None:
+            worn = _worn(estimate, side)
+            lost = int(np.sum(~np.isfinite(as_float(leg.knee_angle)[worn])))
+            beyond = knee_beyond(leg)[worn]
+            measured[side] = Knee(lost, not lost and beyond.size > 0 and bool(beyond.mean() > KNEE_SHARE))
+    return measured
+
+
 def _worn(estimate: Estimate, side: str) -> np.ndarray:
     """(T,) bool, samples in which the angles of a leg are valid and its sensors are worn."""
     return np.asarray(estimate.valid, bool) & np.asarray(estimate.diagnostics.get(f"worn_{side}", True), bool)
 
 
-def _not_finite(leg: LegTrajectory, worn: np.ndarray) -> int:
-    """Number of samples in which a knee angle is not finite although its sensors are worn (T,)."""
-    return int(np.sum(~np.isfinite(as_float(leg.knee_angle)[worn])))
-
-
-def _beyond(leg: LegTrajectory, worn: np.ndarray) -> float:
-    """Share of the samples in which the sensors of a leg are worn (T,) with knee angles that no person has [1]."""
-    beyond = knee_beyond(leg)[worn]
-    return float(beyond.mean()) if beyond.size else 0.0
-
-
-def angles_lost(estimate: Estimate) -> list[str]:
-    """The sides of which some angles are not finite."""
-    legs = {side: leg for side in SIDES if (leg := getattr(estimate.legs, side)) is not None}
-    return [side for side, leg in legs.items() if _not_finite(leg, _worn(estimate, side))]
-
-
-def knees_implausible(estimate: Estimate) -> list[str]:
-    """The sides whose knee bends as none does."""
-    lost = angles_lost(estimate)
-    legs = {side: leg for side in SIDES if (leg := getattr(estimate.legs, side)) is not None and side not in lost}
-    return [side for side, leg in legs.items() if _beyond(leg, _worn(estimate, side)) > KNEE_SHARE]
-
-
 def knee_notes(estimate: Estimate, side: str) -> list[Note]:
-    """A note on a leg with finite angles if its knee bends as none does, or if its zero seems wrong."""
+    """A note on a measured leg with finite angles if its knee bends as none does, or if its zero seems wrong."""
+    measured = knees(estimate).get(side)
+    if measured is None or measured.lost:
+        return []
     leg, worn = getattr(estimate.legs, side), _worn(estimate, side)
-    if (beyond := _beyond(leg, worn)) <= KNEE_SHARE:
+    if not measured.implausible:
         return _zero(side, as_float(estimate.time), leg, worn)
-    knee = np.rad2deg(as_float(leg.knee_angle)[worn])
-    return [KNEE_IMPLAUSIBLE(side=side, low=knee.min(), high=knee.max(), percent=max(100.0 * beyond, 1.0))]
+    knee, share = np.rad2deg(as_float(leg.knee_angle)[worn]), 100.0 * knee_beyond(leg)[worn].mean()
+    return [KNEE_IMPLAUSIBLE(side=side, low=knee.min(), high=knee.max(), percent=max(share, 1.0))]
 
 
 def _walked(estimate: Estimate) -> tuple[float, float]:

@@ -29,7 +29,7 @@ from jgait.estimators.combined.shoes import put_right
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
 from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.combined.unworn import without_unworn
-from jgait.estimators.plausible import angles_lost, knee_notes, knees_implausible, paces_mixed
+from jgait.estimators.plausible import knee_notes, knees, paces_mixed
 from jgait.estimators.stride_flags import stride_notes
 from jgait.notes import NO_WALKING, Kind, Note, gravest_first, without_repeats
 from jgait.quality import SensorQuality, above, merged, opposite
@@ -149,7 +149,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         spread = max(total.stddev, share * float(total.distance[-1]))
         total = total._replace(stddev=float(np.hypot(spread, metres)))
     crossed = [side for side in SIDES if findings.crossed & {f"thigh_{side}", f"shank_{side}"}]
-    bent = {note for source in estimates for note in _knee_notes(source.estimate, crossed)}
+    bent = {note for source in estimates for side in crossed for note in knee_notes(source.estimate, side)}
     stated = [note for source in estimates for note in source.estimate.diagnostics["notes"] if note not in mixed | bent]
     unusable, angle_notes = _angles(estimates, worn, crossed, axes | late | turned)
     differ += [*apart, *angle_notes]
@@ -221,21 +221,17 @@ def _spared(pairs: list[_Pair], estimates: list[SourceEstimate]) -> frozenset[st
     return spared
 
 
-def _knee_notes(estimate: Estimate, sides: list[str]) -> list[Note]:
-    """Notes on knees of some sides that bend as none does, or whose zero seems wrong."""
-    known = [side for side in sides if getattr(estimate.legs, side) is not None and side not in angles_lost(estimate)]
-    return [note for side in known for note in knee_notes(estimate, side)]
-
-
 def _angles(
     estimates: list[SourceEstimate], worn: list[str], crossed: list[str], wrong: frozenset[str]
 ) -> tuple[list[str], list[Note]]:
     """The sides whose joint angles are not usable, and a note on them, if one of their sensors (`worn`) is in doubt, or
     if no knee bends as the angles say, although the sensors of this side are not `crossed`.
     """
-    lost = [side for source in estimates for side in angles_lost(source.estimate)]
-    bent = [side for source in estimates for side in knees_implausible(source.estimate) if side not in crossed]
-    names = [name for name in worn if name in wrong or name.endswith((*lost, *bent))]
+    beyond = tuple(
+        side for source in estimates for side, knee in knees(source.estimate).items()
+        if knee.lost or (knee.implausible and side not in crossed)
+    )  # fmt: skip
+    names = [name for name in worn if name in wrong or name.endswith(beyond)]
     sides = [side for side in SIDES if any(name.endswith(side) for name in names)]
     return sides, [ANGLES_DOUBTFUL(sides=" and ".join(sides), sensors=", ".join(names))] if names else []
 

@@ -11,7 +11,7 @@ from jgait.estimators.combined.strides import CONSISTENT, combined, correlation
 from jgait.estimators.ends import MID_STANCE, SHORT
 from jgait.estimators.losses import lost_between, not_bridged
 from jgait.estimators.notes import LONGEST_LOSS
-from jgait.estimators.plausible import angles_lost, impossible, knees_implausible, too_fast
+from jgait.estimators.plausible import impossible, knees, too_fast
 from jgait.estimators.proportions import SHARE_SD, SHARES
 from jgait.estimators.stride_flags import DOUBTFUL, LARGEST_TURN, SHORT_STRIDE, durations
 from jgait.notes import LEFT_OUT, Kind, Note
@@ -179,7 +179,7 @@ def distances(
 
 def _stopped(source: SourceEstimate) -> frozenset[str]:
     """Placements whose numbers are not to be used."""
-    useless = angles_lost(source.estimate) or knees_implausible(source.estimate)
+    useless = any(knee.lost or knee.implausible for knee in knees(source.estimate).values())
     return frozenset(name for name in source.placements if useless or of_sensor(source.quality, name).unusable)
 
 

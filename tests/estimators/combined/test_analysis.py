@@ -8,6 +8,7 @@ from made.notes import codes, of_code
 from scipy.spatial.transform import Rotation
 
 import jgait
+from experiments.damage import harm
 from jgait import io, simulate
 from jgait.commands.jobs import of_analysis as results_of
 from jgait.estimators import stride_flags
@@ -194,6 +195,20 @@ def test_rows_written_twice_without_time_stamps_make_everything_uncertain(walked
     assert stddev > 0.099 * float(gait.estimate.distance[-1])
     assert abs(float(gait.estimate.distance[-1]) - true) < 2.0 * stddev
     assert not gait.estimate.diagnostics["angles_valid_right"]
+
+
+def test_no_number_depends_on_a_note(walked, analysis):
+    rows = harm.rows_of(walked[0], PLACEMENTS)
+    damage = harm.DAMAGES["sensor 0.1 s late"].change(rows, "shank_right", np.random.default_rng(1))
+    recording = harm.read(damage, "walk")
+    assert recording.quality["shank_right"].late == pytest.approx(0.1, abs=0.02)
+    assert "sensor_late" in codes(recording.notes)
+    stated, silent = (jgait.analyse(one, PERSON) for one in (recording, recording._replace(notes=())))
+    assert set(stated.notes) - set(silent.notes) <= set(recording.notes)
+    for name in ("legs", "strides", "strides_stddev", "distance", "valid"):
+        jax.tree.map(np.testing.assert_array_equal, *(getattr(one.estimate, name) for one in (stated, silent)))
+    assert not silent.estimate.diagnostics["angles_valid_right"] and analysis.estimate.diagnostics["angles_valid_right"]
+    assert silent.estimate.diagnostics["sensors"]["shank_right"].late == recording.quality["shank_right"].late
 
 
 def test_every_estimator_that_has_its_sensors_runs(analysis):
