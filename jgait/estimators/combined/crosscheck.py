@@ -151,13 +151,8 @@ def crosscheck(recording: Recording) -> Findings:
     crossed = frozenset(placement for placement, facts in recording.quality.items() if facts.other_side)
     notes, unusable = _units(recording.sensors, rates if walks else dict.fromkeys(rates, 0.0))
     if not walks:
-        return Findings(
-            (*notes, *_upside_down(recording.sensors)),
-            frozenset(unusable),
-            frozenset(),
-            dict(recording.sensors),
-            crossed,
-        )
+        over, every = _upside_down(recording.sensors), dict(recording.sensors)
+        return Findings((*notes, *over), frozenset(unusable), frozenset(), every, crossed)
     sensors = {name: imu for name, imu in recording.sensors.items() if name not in unusable}
     every = dict(recording.sensors)
     pairs = _exchanges(sensors)
