@@ -55,6 +55,11 @@ NOT_ALLOWED = frozenset(
 )
 """Names that do not say what they stand for."""
 
+SHOWS_NOTES = ("notes.py", "report/", "evaluate/store.py", "commands/estimate.py")
+"""Files and folders of the library that write notes for people or show them."""
+READS_NOTE = re.compile(r"note\w*(\[[^]]*\])?\.(code|kind|values|severity)$|\b[A-Z][A-Z_]+\.code$")
+"""What reads a note, or the code of a kind."""
+
 
 def lines(path: Path) -> int:
     return len(path.read_text(encoding="utf-8").splitlines())
@@ -105,6 +110,17 @@ def code_lines(path: Path) -> int:
 
 def _is_text(node: ast.AST) -> bool:
     return isinstance(node, ast.Constant) and isinstance(node.value, str)
+
+
+def note_readers(root: Path = ROOT) -> list[str]:
+    """Lines that read what a note states, or the code of a kind, outside the files that write and show notes."""
+    home, lines = root / "jgait", set[str]()
+    for path in files_in(root=root):
+        name = path.relative_to(home).as_posix()
+        for node in parsed([] if name.startswith(SHOWS_NOTES) else [path]):
+            if isinstance(node, ast.Attribute) and READS_NOTE.search(ast.unparse(node)):
+                lines.add(f"{name}:{node.lineno}")
+    return sorted(lines)
 
 
 def hand_jacobians(root: Path = ROOT) -> list[str]:
@@ -315,6 +331,7 @@ def rows(quick: bool) -> list[Row]:
     broken += [["upward", f"{edge.importer}:{edge.line} imports {edge.imported}"] for edge in upward]
     broken += [["repeated", f"{name}: {', '.join(where)}"] for name, where in repeated.items()]
     broken += [["Jacobian by hand", name] for name in by_hand]
+    broken += [["reads a note", where] for where in note_readers()]
     broken += [["not JAX's public API", where] for where in internal]
     broken += [["not a scan of JAX's primitives", f"{name}: {why}"] for name, why in sorted(unlike)]
     if broken:
@@ -339,6 +356,7 @@ def rows(quick: bool) -> list[Row]:
         ("fast_lines", sum(map(lines, files_in("filtering", "fast"))), "lines"),
         ("interpreter_lines", sum(map(lines, interpreter)), "lines"),
         ("hand_jacobians", len(by_hand), "functions"),
+        ("note_readers", len(note_readers()), "lines"),
         ("jax_internal_imports", len(internal), "imports"),
         ("loose_annotations_filtering_pct", 100.0 * loose / annotated, "%"),
         ("source_runs", source_runs(), "runs"),

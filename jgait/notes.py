@@ -44,6 +44,9 @@ class Kind(NamedTuple):
     #: plural for a number: "{gaps} {gaps:gap is|gaps are} filled".
     text: str
     meaning: str  #: what the fact means for the results, in one or two sentences.
+    of_all: bool = False  #: True if the fact is about all sensors of a recording.
+    #: True of a number that is not shown where another note has the same meaning for the same sensor, or for all.
+    counts: bool = False
 
     def __call__(self, **values: object) -> "Note":
         """The fact about one recording.
@@ -124,6 +127,24 @@ def grouped(notes: Iterable[Note]) -> list[Note]:
         of_sensor = note.kind.text.startswith("{placement}: ")
         groups.setdefault((note.code, str(words)) if of_sensor else note, []).append(note)
     return [line for same in groups.values() for line in _joined(same)]
+
+
+def without_repeats(notes: Iterable[Note]) -> tuple[Note, ...]:
+    """Notes for people: each once, and without numbers of one sensor that other notes explain, see `Kind.counts`."""
+    once = dict.fromkeys(notes)
+    explained = {(note.meaning, note.values.get("placement")) for note in once if not note.kind.counts}
+    everywhere = {note.meaning for note in once if note.kind.of_all}
+    return tuple(
+        note for note in once
+        if not note.kind.counts or not (
+            note.meaning in everywhere or (note.meaning, note.values["placement"]) in explained
+        )
+    )  # fmt: skip
+
+
+def gravest_first(notes: Iterable[Note]) -> tuple[Note, ...]:
+    """Notes in the order of `SEVERITIES`."""
+    return tuple(sorted(notes, key=lambda note: SEVERITIES.index(note.severity)))
 
 
 def by_reason(failures: Iterable[tuple[str, str]]) -> dict[str, str]:

@@ -92,6 +92,8 @@ class Recording(NamedTuple):
         subject: identifier of the person; all recordings of a subject are in the same part of a split.
         notes: facts that the reader of the file noticed or changed (unit conversions, dropped samples).
         feet_range: distance from the inner side of the left ankle to the right leg, or None.
+        quality: placement → facts about its sensor that the reader computed, a `jgait.quality.SensorQuality`; also of
+            sensors that the reader left out.
     """
 
     sensors: dict[str, Imu]
@@ -100,6 +102,7 @@ class Recording(NamedTuple):
     subject: str = "subject"
     notes: tuple[Note, ...] = ()
     feet_range: RangeReadings | None = None
+    quality: dict[str, Any] = {}  # noqa: RUF012
 
     def __repr__(self) -> str:
         parts = [f"{len(imu.time)} samples" for imu in list(self.sensors.values())[:1]]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 ORDER = (
     "version", "notes", "types", "params", "geometry", "signal", "filtering", "events", "mounting", "duty_cycle",
-    "estimators", "simulate", "tune", "evaluate", "io", "datasets", "plot", "report", "commands", "cli",
+    "quality", "estimators", "simulate", "tune", "evaluate", "io", "datasets", "plot", "report", "commands", "cli",
 )  # fmt: skip
 """Files and folders of `jgait`, lowest first: each imports only from those before it."""
 

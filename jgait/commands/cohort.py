@@ -18,7 +18,7 @@ from jgait.commands.console import Bar, note, progress, refused, say_failures, s
 from jgait.commands.pipeline import measures_of, not_held_out, pipeline_of, start_of
 from jgait.commands.recordings import recording_of
 from jgait.commands.references import REFERENCES, with_reference
-from jgait.commands.rows import content_of, copy_notes, label_notes
+from jgait.commands.rows import Copy, content_of, copies_among, label_notes
 from jgait.estimators import Estimator, proportions
 from jgait.estimators.about import BodyMeasure
 from jgait.evaluate import Cohort
@@ -117,6 +117,7 @@ class Source(NamedTuple):
     notes: list[Note]  #: notes for the user.
     files: Sequence[Path] = ()  #: files of the user that are read.
     subjects: Mapping[str, str] = {}  #: name → subject, as far as known before the recordings are read.
+    copies: Sequence[Copy] = ()  #: recordings whose files are copies.
 
     def with_failures(self, results: Cohort) -> tuple[Cohort, list[tuple[str, str]]]:
         """Results of `evaluate.cohort` whose failures contain rows that cannot be items, and these (recording, reason),
@@ -315,13 +316,14 @@ def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: 
     of_somebody = [row for row in rows.values() if row.get("subject")]
     for row, name in zip(of_somebody, people(row["subject"] for row in of_somebody), strict=True):
         row["subject"] = name
-    notes = _notes(names, rows, measures) + copy_notes({file: path.parent / file for file in rows})
+    copies = copies_among({file: path.parent / file for file in rows})
+    notes = [*_notes(names, rows, measures), *(copy.note for copy in copies)]
     files = {file: [path.parent / row[name] for name in ("file", *REFERENCES) if row.get(name)]
              for file, row in rows.items()}  # fmt: skip
     return Source(path.name, list(rows), CohortFiles(path.parent, rows, gyr_unit, acc_unit),
                   {file: _mark(row, files[file]) for file, row in rows.items()}, failures, notes,
                   [row_file for every in files.values() for row_file in every],
-                  {file: row["subject"] for file, row in rows.items() if row.get("subject")})  # fmt: skip
+                  {file: row["subject"] for file, row in rows.items() if row.get("subject")}, copies)  # fmt: skip
 
 
 def _notes(names: list[str], rows: dict[str, dict[str, str]], measures: Sequence[str]) -> list[Note]:

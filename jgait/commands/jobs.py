@@ -17,7 +17,6 @@ from jgait.commands.pipeline import Choice, chosen
 from jgait.estimators.about import About, EstimatedRecording, EstimateFigure, EstimateTable
 from jgait.estimators.columns import QUANTITIES
 from jgait.estimators.combined import Analysis, analyse
-from jgait.estimators.notes import without_repeats
 from jgait.estimators.stride_flags import STRIDE_FLAGS, regular
 from jgait.estimators.totals import (
     FOOT_PATH,
@@ -30,7 +29,7 @@ from jgait.estimators.totals import (
 )
 from jgait.io.strides import special
 from jgait.io.totals import CAPTION, totals
-from jgait.notes import Note
+from jgait.notes import Note, without_repeats
 from jgait.report.flags import of_result
 from jgait.report.page import Flag
 from jgait.types import Estimate, Recording

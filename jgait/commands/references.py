@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jgait import io
-from jgait.io.clock import CLOCK_FROM_FIRST
 from jgait.io.rows import read_table
 from jgait.io.strides import TIMES
 from jgait.notes import Kind
+from jgait.quality import of_sensor
 from jgait.types import Recording, Walk
 
 if TYPE_CHECKING:
@@ -43,14 +43,15 @@ def with_reference(
     recording: Recording, way: float | None, files: Sequence[Path | None], info: dict[str, object]
 ) -> Walk:
     """A recording with the reference of its row: a distance [m], or None, and files of samples and of strides."""
-    time = np.asarray(next(iter(recording.sensors.values())).time, float)
+    placement, imu = next(iter(recording.sensors.items()))
+    time = np.asarray(imu.time, float)
     if not any(files):
         return Walk(recording, None if way is None else io.reference_from_tables(time, distance=way), info)
-    begins = next((note.values["begin_s"] for note in recording.notes if note.code == CLOCK_FROM_FIRST.code), 0.0)
+    begins = of_sensor(recording.quality, placement).begin
     absent = next((file for file in files if file is not None and not file.exists()), None)
     if absent is not None:
         raise FileNotFoundError(f"there is no such file: {absent}")
-    tables = (None if file is None else _from_first(read_table(file)[0], float(str(begins))) for file in files)
+    tables = (None if file is None else _from_first(read_table(file)[0], begins) for file in files)
     reference = io.reference_from_tables(time, *tables)
     if reference.distance is not None and way is not None and files[0] is not None:
         known = np.asarray(reference.valid, bool)

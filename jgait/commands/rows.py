@@ -5,6 +5,7 @@ import itertools
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -71,23 +72,36 @@ def _number_free_of_zeros(label: str) -> str:
     return whole if re.fullmatch(r"\d*\.\d+", whole) else re.sub(r"(?<!\d)0+(?=\d)", "", whole)
 
 
-def copy_notes(files: Mapping[str, Path]) -> list[Note]:
-    """Notes on recordings, by name, whose files are copies, also with rounded numbers; files that cannot be read are
-    no copies.
+class Copy(NamedTuple):
+    """Two recordings whose files are copies."""
+
+    recording: str
+    other: str
+    rounded: bool  #: True if their numbers are rounded, or written otherwise.
+
+    @property
+    def note(self) -> Note:
+        """The copy in words."""
+        rounded = ", with numbers rounded or written otherwise" if self.rounded else ""
+        return COPIED(recording=self.recording, other=self.other, rounded=rounded)
+
+
+def copies_among(files: Mapping[str, Path]) -> list[Copy]:
+    """Recordings, by name, whose files are copies, also with rounded numbers; files that cannot be read are no
+    copies.
     """
-    known, names, notes = Contents(), dict[str, str](), []
+    known, names, copies = Contents(), dict[str, str](), []
     for name, path in files.items():
         try:
             content = content_of(path)
         except OSError:
             continue
         if same := known.find(content):
-            rounded = "" if content == same else ", with numbers rounded or written otherwise"
-            notes.append(COPIED(recording=name, other=names[same], rounded=rounded))
+            copies.append(Copy(name, names[same], rounded=content != same))
         else:
             known.add(content)
             names[content] = name
-    return notes
+    return copies
 
 
 def content_of(path: Path) -> str:

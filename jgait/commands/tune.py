@@ -20,20 +20,19 @@ from jgait.commands.pipeline import measures_of, pipeline_of, start_of, tunings
 from jgait.commands.references import REFERENCES
 from jgait.commands.rows import COPIED
 from jgait.estimators import Estimator
-from jgait.evaluate.scores import DISTANCE_OFF, STRIDES_OFF
-from jgait.notes import from_json, of_recordings
+from jgait.evaluate.scores import Scores, score
+from jgait.notes import Note, of_recordings
 from jgait.params import freed, priors
 from jgait.report.cohort import of_notes
 from jgait.tune import LOSSES, Lessons, objective, parsed
 from jgait.tune.checkpoint import OtherFitError
+from jgait.types import Estimate, Walk
 
 SOFT = frozenset({"softness", "threshold_factor"})
 """Parameters of soft stances: who frees one of them gets soft stances, for the hard decision has no gradient."""
 
-CONTRADICTS = {
-    "distance": DISTANCE_OFF.code, "stride_length": STRIDES_OFF.code, "calibration": STRIDES_OFF.code,
-}  # fmt: skip
-"""Loss → code of the note that its reference and the estimate cannot both be right."""
+COMPARED = {"distance": "distance_m", "stride_length": "stride_length_m", "calibration": "stride_length_m"}
+"""Loss → the quantity that it compares with the reference."""
 
 
 def tune(
@@ -100,8 +99,7 @@ def tune(
         say_failures(failures)
         stop(str(error))
     say_failures(failures)
-    copies = [line for line in source.notes if line.code == COPIED.code]
-    if used := [line for line in copies if {line.values["recording"], line.values["other"]} <= set(made.names)]:
+    if used := [copy.note for copy in source.copies if {copy.recording, copy.other} <= set(made.names)]:
         stop(f"{'; '.join(map(str, used))}. {COPIED.meaning}")
     groups = tune_run.groups_of(made)
     if len(set(made.subjects)) == 1 and any(made.days) and not all(made.days):
@@ -160,17 +158,21 @@ def _say_notes(
 
     Exits with code 2 if the references of all contradict the estimates, as in another unit, in what the losses compare.
     """
-    rows = cohorts.evaluated(ready, start, walks).recordings
+    compared = {quantity for loss, quantity in COMPARED.items() if loss in losses}
+    off: dict[str, Note] = {}
+
+    def judged(estimate: Estimate, walk: Walk) -> Scores:
+        result = score(estimate, walk)
+        off.update((walk.recording.name, line) for quantity, line in result.contradicts[::-1] if quantity in compared)
+        return result
+
+    rows = cohorts.evaluated(ready, start, walks, score=judged).recordings
     rows = rows[rows["recording"].isin(made.names)]
-    wrong = {code for name, code in CONTRADICTS.items() if name in losses}
-    off = [
-        [recording_note for recording_note in from_json(notes) if recording_note.code in wrong]
-        for notes in rows["notes"]
-    ]
-    if len(off) > 1 and all(off):
-        name, first = rows["recording"].iloc[0], off[0][0]
+    if len(rows) > 1 and off.keys() >= set(rows["recording"]):
+        name = rows["recording"].iloc[0]
+        first = off[name]
         stop(
-            f"the references of all {len(off)} recordings contradict the estimates, such as {name}: {first}. "
+            f"the references of all {len(rows)} recordings contradict the estimates, such as {name}: {first}. "
             f"{first.meaning}"
         )
     say_flags(of_notes(rows), "jgait evaluate of the same recordings")

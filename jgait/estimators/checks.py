@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.geometry.vectors import GRAVITY
+from jgait.quality.notes import left_out
 from jgait.types import Imu, Recording, RecordingError, as_float
 
 LEAST_S, FEWEST_SAMPLES = 0.5, 10
@@ -18,14 +19,11 @@ UNIT_FORCES = ((0.5, 2.0, "g"), (500.0, 2000.0, "mg"), (60.0, 150.0, "m/s², and
 """[m/s²], lowest and highest median specific force, and the unit that it suggests; other values are left to the
 readers' checks."""
 
-SENSOR_LEFT_OUT = "sensor_left_out"
-"""Code of a reader's note that a sensor is left out."""
-
 
 def sensors_of(recording: Recording) -> str:
     """Which sensors a recording has, and why readers left others out: the end of a message about missing sensors."""
-    left_out = [f"; {note}" for note in recording.notes if note.code == SENSOR_LEFT_OUT]
-    return f"the recording has {sorted(recording.sensors)}{''.join(left_out)}"
+    reasons = "".join(f"; {note}" for note in left_out(recording.quality))
+    return f"the recording has {sorted(recording.sensors)}{reasons}"
 
 
 def common_time(

@@ -7,6 +7,7 @@ import numpy as np
 from jgait.estimators.stride_flags import durations
 from jgait.events.rest import longest_still
 from jgait.notes import Kind, Note
+from jgait.quality import SensorQuality
 from jgait.types import AnyArray, Estimate, as_float
 
 MID_STANCE = 0.31
@@ -42,21 +43,28 @@ WALKING_AFTER = Kind(
 )  # fmt: skip
 
 
-def cut_notes(estimate: Estimate, sensors: Mapping[int, tuple[str, AnyArray]]) -> tuple[Note, ...]:
-    """Notes about sensors whose recording cuts off a stride; their values have `seconds` [s].
+def cut_off(estimate: Estimate, sensors: Mapping[int, tuple[str, AnyArray]]) -> dict[str, SensorQuality]:
+    """Walking before the first and after the last stride of each sensor.
 
     Args:
         estimate: without padding, with strides.
         sensors: side → placement, and angular rate (T,) or (T, 3) of its sensor, without bias [rad/s].
     """
-    cuts = ((placement, unseen(estimate, side, gyr)) for side, (placement, gyr) in sensors.items())
-    return tuple(note for placement, seconds in cuts for note in cut_note(placement, *seconds))
+    cuts = {placement: unseen(estimate, side, gyr) for side, (placement, gyr) in sensors.items()}
+    return {
+        placement: SensorQuality(walks_before=before, walks_after=after) for placement, (before, after) in cuts.items()
+    }
 
 
-def cut_note(placement: str, before: float, after: float) -> list[Note]:
-    """Notes if there is walking [s] before the first or after the last stride of a sensor."""
-    begins = [WALKING_BEFORE(placement=placement, seconds=before)] if before > 0.0 else []
-    return begins + ([WALKING_AFTER(placement=placement, seconds=after)] if after > 0.0 else [])
+def cut_notes(quality: Mapping[str, SensorQuality]) -> list[Note]:
+    """Notes on sensors whose recording cuts off a stride."""
+    notes = []
+    for placement, facts in quality.items():
+        if facts.walks_before > 0.0:
+            notes.append(WALKING_BEFORE(placement=placement, seconds=facts.walks_before))
+        if facts.walks_after > 0.0:
+            notes.append(WALKING_AFTER(placement=placement, seconds=facts.walks_after))
+    return notes
 
 
 def unseen(estimate: Estimate, side: int, gyr: AnyArray) -> tuple[float, float]:

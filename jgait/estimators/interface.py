@@ -15,6 +15,7 @@ from jgait.estimators.proportions import gives, with_proportions
 from jgait.geometry.arrays import on_host
 from jgait.notes import Note
 from jgait.params import check_params, ranges
+from jgait.quality import SensorQuality, merged
 from jgait.types import Estimate, Recording, Values, check_kind, check_recording
 
 
@@ -28,6 +29,7 @@ class Prepared[I](NamedTuple):
         notes: notes on decisions about the recording and its problems.
         standing: half-open range of samples of quiet standing; None if the estimator does not detect it.
         extra: further input of `finish`; it stays on the host.
+        quality: placement → facts about its sensor.
     """
 
     inputs: I
@@ -35,6 +37,7 @@ class Prepared[I](NamedTuple):
     notes: tuple[Note, ...]
     standing: tuple[int, int] | None = None
     extra: PyTree = None
+    quality: dict[str, SensorQuality] = {}  # noqa: RUF012
 
 
 class Estimator[P, I](NamedTuple):
@@ -90,7 +93,7 @@ class Estimator[P, I](NamedTuple):
 
         Returns:
             An `Estimate` of NumPy arrays; `diagnostics["notes"]` lists decisions and problems, `standing` is the
-            half-open range of samples of quiet standing, or None.
+            half-open range of samples of quiet standing, or None; `sensors` maps placements to the `SensorQuality`.
 
         Raises:
             RecordingError: an unusable recording.
@@ -102,7 +105,9 @@ class Estimator[P, I](NamedTuple):
         check_recording(recording)
         check_params(p, self.transforms, self.params)
         prepared = self.prepare(recording)
-        return self.solve(p, prepared._replace(notes=(*recording.notes, *prepared.notes)))
+        read = {name: facts for name, facts in recording.quality.items() if name in prepared.quality}
+        notes = (*recording.notes, *prepared.notes)
+        return self.solve(p, prepared._replace(notes=notes, quality=merged(read, prepared.quality)))
 
     def solve(self, p: P, prepared: Prepared[I]) -> Estimate:
         """The estimate of a prepared recording; as `estimate`."""
@@ -118,7 +123,7 @@ class Estimator[P, I](NamedTuple):
     def finished(self, result: Estimate, prepared: Prepared[I]) -> Estimate:
         """The result of `estimate`, from that of `computed`."""
         result = trimmed(result, len(prepared.inputs.time), self.per_stride)  # type: ignore[attr-defined]
-        facts = {"notes": prepared.notes, "standing": prepared.standing}
+        facts = {"notes": prepared.notes, "standing": prepared.standing, "sensors": prepared.quality}
         result = result._replace(diagnostics={**result.diagnostics, **facts})
         result = result if self.finish is None else self.finish(result, prepared)
         mixed = () if result.strides is None else paces_mixed(result.strides)

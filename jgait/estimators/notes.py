@@ -1,8 +1,6 @@
-"""Kinds of notes about a recording that several estimators use, and notes that say the same twice."""
+"""Kinds of notes about a recording that several estimators use."""
 
-from collections.abc import Iterable
-
-from jgait.notes import CLIPPING, FEW_RESTS, LOSSES, NO_GRAVITY, NO_WALKING, SCALE, UNSURE_FORWARD, Kind, Note
+from jgait.notes import CLIPPING, FEW_RESTS, LOSSES, NO_GRAVITY, NO_WALKING, SCALE, UNSURE_FORWARD, Kind
 
 NO_STEPS = Kind("no_walking", "stop", "{placement} does not walk", NO_WALKING)
 
@@ -20,6 +18,7 @@ STRIDES_UNCERTAIN = Kind(
     "{samples} {samples:sample|samples} of {placement} {samples:is|are} lost, at most {longest_s:.2f} s in a row; "
     "strides across {samples:it|them} are less certain, or are missing",
     LOSSES,
+    counts=True,
 )
 
 LONGEST_LOSS = 0.25
@@ -92,18 +91,3 @@ NO_FIRST_STANDING = Kind(
     "the recording does not start standing still; its first angles are uncertain",
     FEW_RESTS,
 )
-
-LOSSES_AGAIN = (STRIDES_UNCERTAIN.code, "waist_samples_lost")
-"""Codes with which estimators count the lost samples of a sensor."""
-
-
-def without_repeats(notes: Iterable[Note]) -> tuple[Note, ...]:
-    """Notes, each once, and without an estimator's number of lost samples where the reader's notes state the losses."""
-    once = dict.fromkeys(notes)
-    losses = [note for note in once if note.meaning == LOSSES and note.code not in LOSSES_AGAIN]
-    everywhere = any(note.code == "gaps_filled" for note in losses)
-    placements = {note.values.get("placement") for note in losses}
-    return tuple(
-        note for note in once
-        if note.code not in LOSSES_AGAIN or not (everywhere or note.values["placement"] in placements)
-    )  # fmt: skip

@@ -1,5 +1,7 @@
 """Results that no person can have walked: strides, speeds, knees, widths and heights, each with its likely causes."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from jgait.estimators.cycles import swing_cycles
@@ -124,43 +126,76 @@ PACES_MIXED = Kind(
     "duration in the table of strides.",
 )
 
-NO_ANGLES = (KNEE_IMPLAUSIBLE.code, NOT_FINITE.code)
-"""Codes of the notes by which the joint angles of their side are not usable."""
-
 
 def implausible(estimate: Estimate) -> tuple[Note, ...]:
     """Notes about results that no person can have walked, in an estimate without padding; on the host."""
     notes: list[Note] = []
-    valid = np.asarray(estimate.valid, bool)
-    time = as_float(estimate.time)
     if estimate.strides is not None:
         notes += _strides(estimate.strides, estimate.strides_stddev)
-    for side, leg in zip(SIDES, estimate.legs, strict=True):
-        if leg is None:
+    for side, knee in knees(estimate).items():
+        if knee.lost:
+            notes.append(NOT_FINITE(side=side, samples=knee.lost))
             continue
-        worn = valid & np.asarray(estimate.diagnostics.get(f"worn_{side}", True), bool)
-        knee = np.rad2deg(as_float(leg.knee_angle)[worn])
-        lost = int(np.sum(~np.isfinite(knee)))
-        if lost:
-            notes.append(NOT_FINITE(side=side, samples=lost))
-            continue
-        beyond = knee_beyond(leg)[worn]
-        if beyond.size and beyond.mean() > KNEE_SHARE:
-            notes.append(
-                KNEE_IMPLAUSIBLE(side=side, low=knee.min(), high=knee.max(), percent=max(100.0 * beyond.mean(), 1.0))
-            )
-        else:
-            notes += _zero(side, time, leg, worn)
-        hip = np.rad2deg(as_float(leg.hip_angle)[worn])
-        moves = [float(np.ptp(np.percentile(angle, (1, 99)))) if angle.size else 0.0 for angle in (knee, hip)]
+        notes += knee_notes(estimate, side)
+        leg, worn = getattr(estimate.legs, side), _worn(estimate, side)
+        angles = (np.rad2deg(as_float(angle)[worn]) for angle in (leg.knee_angle, leg.hip_angle))
+        moves = [float(np.ptp(np.percentile(angle, (1, 99)))) if angle.size else 0.0 for angle in angles]
         if moves[0] < KNEE_STIFF_DEG and moves[1] > HIP_SWINGS_DEG:
             notes.append(KNEE_STIFF(side=side, knee=moves[0], hip=moves[1]))
-    if estimate.distance is not None and valid.any():
-        seconds = float(np.ptp(time[valid]))
-        distance = float(as_float(estimate.distance)[valid][-1])
-        if not distance <= FASTEST_RUN * max(seconds, 1.0):
-            notes.append(SPEED_IMPLAUSIBLE(distance=distance, seconds=seconds))
+    if too_fast(estimate):
+        distance, seconds = _walked(estimate)
+        notes.append(SPEED_IMPLAUSIBLE(distance=distance, seconds=seconds))
     return tuple(notes)
+
+
+class Knee(NamedTuple):
+    """Knee angles of a leg that cannot be right, in the samples in which its sensors are worn."""
+
+    lost: int  #: number of samples with an angle that is not finite.
+    implausible: bool  #: True if the knee bends as none does in more than `KNEE_SHARE` of the samples.
+
+
+def knees(estimate: Estimate) -> dict[str, Knee]:
+    """Side → what is wrong with its knee angles, of each measured leg."""
+    measured = {}
+    for side in SIDES:
+        if (leg := getattr(estimate.legs, side)) is not None:
+            worn = _worn(estimate, side)
+            lost = int(np.sum(~np.isfinite(as_float(leg.knee_angle)[worn])))
+            beyond = knee_beyond(leg)[worn]
+            measured[side] = Knee(lost, not lost and beyond.size > 0 and bool(beyond.mean() > KNEE_SHARE))
+    return measured
+
+
+def _worn(estimate: Estimate, side: str) -> np.ndarray:
+    """(T,) bool, samples in which the angles of a leg are valid and its sensors are worn."""
+    return np.asarray(estimate.valid, bool) & np.asarray(estimate.diagnostics.get(f"worn_{side}", True), bool)
+
+
+def knee_notes(estimate: Estimate, side: str) -> list[Note]:
+    """A note on a measured leg with finite angles if its knee bends as none does, or if its zero seems wrong."""
+    measured = knees(estimate).get(side)
+    if measured is None or measured.lost:
+        return []
+    leg, worn = getattr(estimate.legs, side), _worn(estimate, side)
+    if not measured.implausible:
+        return _zero(side, as_float(estimate.time), leg, worn)
+    knee, share = np.rad2deg(as_float(leg.knee_angle)[worn]), 100.0 * knee_beyond(leg)[worn].mean()
+    return [KNEE_IMPLAUSIBLE(side=side, low=knee.min(), high=knee.max(), percent=max(share, 1.0))]
+
+
+def _walked(estimate: Estimate) -> tuple[float, float]:
+    """Distance [m] and duration [s] of the valid samples of an estimate."""
+    valid = np.asarray(estimate.valid, bool)
+    return float(as_float(estimate.distance)[valid][-1]), float(np.ptp(as_float(estimate.time)[valid]))
+
+
+def too_fast(estimate: Estimate) -> bool:
+    """True if no person runs the distance of an estimate in its time."""
+    if estimate.distance is None or not np.any(estimate.valid):
+        return False
+    distance, seconds = _walked(estimate)
+    return not distance <= FASTEST_RUN * max(seconds, 1.0)
 
 
 def knee_beyond(leg: LegTrajectory) -> np.ndarray:
@@ -197,7 +232,10 @@ def paces_mixed(strides: Strides) -> list[Note]:
 
 def distance_implausible(estimate: Estimate) -> bool:
     """True if no person can have walked the distance of an estimate, or the strides whose sum it is."""
-    return bool({STRIDES_IMPLAUSIBLE, SPEED_IMPLAUSIBLE}.intersection(note.kind for note in implausible(estimate)))
+    strides = estimate.strides
+    return too_fast(estimate) or (
+        strides is not None and bool((impossible(strides) & np.asarray(strides.valid, bool)).any())
+    )
 
 
 def impossible(strides: Strides) -> np.ndarray:

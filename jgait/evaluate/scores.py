@@ -24,16 +24,18 @@ class Scores(NamedTuple):
             empty without strides. `regular` as in the tables of an analysis: no turn, stairs, half-step,
             other duration or doubt.
         notes: what is doubtful about the reference.
+        contradicts: (quantity, note) of each quantity whose reference and estimate cannot both be right.
     """
 
     quantities: dict[str, tuple[float, float]]
     strides: dict[str, Any]
     notes: tuple[Note, ...] = ()
+    contradicts: tuple[tuple[str, Note], ...] = ()
 
 
 NAN = float("nan")
 
-FACTS = ("notes", "standing")
+FACTS = ("notes", "standing", "sensors")
 """Diagnostics of an estimate that are no quantities."""
 
 DISTANCE_OFF = Kind(
@@ -95,14 +97,17 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
     quantities: dict[str, tuple[float, float]] = {}
     strides: dict[str, Any] = {}
     notes: tuple[Note, ...] = ()
+    contradicts: tuple[tuple[str, Note], ...] = ()
     if reference is not None:
         common = common_samples(estimate, reference)
         quantities |= _distance(estimate, reference, common) | _trajectories(estimate, reference, common)
         quantities |= within_two_sd(estimate, reference)
         strides, notes = stride_rows(estimate, reference), clock_notes(estimate, reference)
-        notes += distance_notes(*quantities.get("distance_m", (NAN, NAN))) + _strides_notes(
-            strides, estimate, reference
-        )
+        off = distance_notes(*quantities.get("distance_m", (NAN, NAN)))
+        lengths_off, halves = _strides_notes(strides, estimate, reference)
+        notes += off + lengths_off + halves
+        wrong = {"distance_m": off, "stride_length_m": lengths_off}
+        contradicts = tuple((name, note) for name, each in wrong.items() for note in each)
     elif estimate.distance is not None:
         way = as_float(estimate.distance)[np.asarray(estimate.valid, bool)]
         quantities["distance_m"] = (float(way[-1] - way[0]), NAN) if way.size else (NAN, NAN)
@@ -110,7 +115,7 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
     for name, value in estimate.diagnostics.items():
         if name not in FACTS and _is_number(value):
             quantities[name] = (float(value), float(known[name]) if _is_number(known.get(name)) else NAN)
-    return Scores(quantities, strides, notes)
+    return Scores(quantities, strides, notes, contradicts)
 
 
 def _is_number(value: npt.ArrayLike | None) -> bool:
@@ -133,10 +138,14 @@ def distance_notes(estimate: float, reference: float) -> tuple[Note, ...]:
     return (DISTANCE_OFF(reference=reference, estimate=estimate),) if off else ()
 
 
-def _strides_notes(rows: dict[str, Any], estimate: Estimate, reference: Estimate) -> tuple[Note, ...]:
-    """A note if the lengths of strides and those of the reference cannot both be right."""
+def _strides_notes(
+    rows: dict[str, Any], estimate: Estimate, reference: Estimate
+) -> tuple[tuple[Note, ...], tuple[Note, ...]]:
+    """A note if the lengths of strides and those of the reference cannot both be right; or one if the reference seems
+    to hold halves.
+    """
     if not rows:
-        return ()
+        return (), ()
     lengths = rows["quantity"] == "stride_length_m"
     ours, theirs, lasts = rows["estimate"][lengths], rows["reference"][lengths], (rows["end"] - rows["start"])[lengths]
     if estimate.strides is None and not np.isfinite(ours).any() and reference.strides is not None:
@@ -144,19 +153,19 @@ def _strides_notes(rows: dict[str, Any], estimate: Estimate, reference: Estimate
         ours = _gained(estimate, _ordered(reference.strides))
     known = np.isfinite(ours) & np.isfinite(theirs)
     if not known.any():
-        return ()
+        return (), ()
     values = {"reference": float(np.median(theirs[known])), "estimate": float(np.median(ours[known]))}
     low, high = sorted(values.values())
     if high > FACTOR * low:
-        return (STRIDES_OFF(**values),)
+        return (STRIDES_OFF(**values),), ()
     known &= theirs > 0.0
     ratio = ours[known] / theirs[known]
     twice = (ratio > HALF[0]) & (ratio < HALF[1])
     if known.sum() < HALF_COUNT or np.mean(twice) < HALF_SHARE:
-        return ()
+        return (), ()
     # A step's length over the steps per minute, of strides that last `lasts`.
     short = float(np.median(theirs[known] * lasts[known])) / 240.0 < SHORT_WALK
-    return (STRIDES_HALF(**values),) if short else ()
+    return (), (STRIDES_HALF(**values),) if short else ()
 
 
 def _trajectories(estimate: Estimate, reference: Estimate, common: np.ndarray) -> dict[str, tuple[float, float]]:

@@ -12,6 +12,8 @@ from jgait.io.checks.sizes import RANGE_UNITS, check_range, usable_sensors
 from jgait.io.clock import SampleTimes, make_clock
 from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit, Units, known_unit, unit_scale
 from jgait.notes import NO_RANGE, ORIGIN, Kind, Note
+from jgait.quality import SensorQuality, merged
+from jgait.quality import notes as writer
 from jgait.signal.windows import over_losses
 from jgait.types import PLACEMENTS, Imu, RangeReadings, Recording, RecordingError, as_float
 
@@ -122,10 +124,13 @@ def recording_in_units(
     imus, left_out = usable_sensors(imus, units, name)
     recording = Recording(imus, clock.sampling_rate_hz, name, subject, clock.notes)
     damage = [note for placement in imus for note in notes_of[placement]]
+    wrong = contradictions(recording, {placement: units[placement]["gyr"] for placement in imus})
     notes = (
-        *clock.notes, *_by_header(units, sensors), *left_out, *damage, *quality_notes(recording, noted),
-        *contradictions(recording, {placement: units[placement]["gyr"] for placement in imus}),
+        *clock.notes, *_by_header(units, sensors), *writer.left_out(left_out), *damage,
+        *quality_notes(recording, noted), *wrong.notes,
     )  # fmt: skip
+    begin = dict.fromkeys(imus, SensorQuality(begin=clock.begin))
+    recording = recording._replace(quality=merged(left_out, begin, wrong.quality))
     if feet_range is None:
         return recording._replace(notes=notes)
     apart = _range(feet_range, metres, clock, int(samples or 0), name)

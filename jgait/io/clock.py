@@ -75,7 +75,7 @@ GAPS_FILLED = Kind(
     "gaps_filled", "check",
     "{gaps} {gaps:gap|gaps} in time, the longest {longest_s:.3g} s after {begin_s:.2f} s; {inserted} "
     "{inserted:sample|samples} inserted and masked",
-    LOSSES,
+    LOSSES, of_all=True,
 )  # fmt: skip
 
 
@@ -86,6 +86,7 @@ class SampleTimes(NamedTuple):
     rows: np.ndarray  #: (T,) row of each sample in the input, -1 where a sample was inserted into a gap.
     sampling_rate_hz: float  #: [Hz].
     notes: tuple[Note, ...]  #: notes about the deduced unit and inserted samples.
+    begin: float = 0.0  #: time of the first sample in the input, if a note states it [s].
 
 
 def make_clock(
@@ -131,7 +132,9 @@ def make_clock(
     if not time_unit:
         notes.append(TIME_UNIT_DEDUCED(unit=unit, step=float(np.median(np.diff(stamps)))))
     seconds = (stamps - stamps[0]) * TIME_UNITS[unit]
-    if abs(begin := float(stamps[0]) * TIME_UNITS[unit]) > 1.5 * float(np.median(np.diff(seconds))):
+    begin = float(stamps[0]) * TIME_UNITS[unit]
+    begin = begin if abs(begin) > 1.5 * float(np.median(np.diff(seconds))) else 0.0
+    if begin:
         notes.append(CLOCK_FROM_FIRST(begin_s=begin))
     seconds, counts, step = steadied(seconds, notes)
     # without the rounding of sums, which differs between recordings of different length
@@ -144,7 +147,8 @@ def make_clock(
             "give one of the two, or correct time_unit"
         )
     filled, rows = _fill_gaps(seconds, counts, name, notes)
-    return SampleTimes(filled, np.where(rows < 0, -1, fresh[rows]), float(sampling_rate_hz or rate), tuple(notes))
+    rate_hz = float(sampling_rate_hz or rate)
+    return SampleTimes(filled, np.where(rows < 0, -1, fresh[rows]), rate_hz, tuple(notes), begin)
 
 
 def _rate_needed(text: str) -> RecordingError:

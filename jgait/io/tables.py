@@ -143,6 +143,7 @@ def columns_of(
     placement: str | None = None,
     units_of: Collection[str] = ("gyr", "acc"),
     name: str = "recording",
+    placed: bool = False,
 ) -> Columns:
     """The signals in a table, in its units, identified by the names of its columns; see `recording_from_dataframe`.
 
@@ -151,6 +152,7 @@ def columns_of(
         placement: placement of the sensor, for a table of one sensor.
         units_of: kinds of signal whose unit is taken from the names of their columns.
         name: name of the recording in messages.
+        placed: True if the table does not state the placements, so that no note says which columns are which.
 
     Raises:
         RecordingError: if columns are missing or contain no numbers.
@@ -205,7 +207,8 @@ def columns_of(
         used.add(position["feet_range"])
         apart = _numbers(table.iloc[:, position["feet_range"]], "feet_range", name)
     others = [column for index, column in enumerate(given) if index not in used]
-    notes += _about([(given[index], renamed[index]) for index in sorted(used & set(ours))], others)
+    matched = [] if placed else [(given[index], renamed[index]) for index in sorted(used & set(ours))]
+    notes += _about(matched, others)
     return Columns(sensors, time, apart, others, tuple(notes), unit, units, begin_s)
 
 

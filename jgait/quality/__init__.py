@@ -1,14 +1,17 @@
-"""The quality of strides: how far they can be trusted, as a number, learned from strides beside a reference.
+"""The quality of what sensors measured: facts as values, evidence and doubt, and notes written from them.
 
-`stride` has the evidence, which estimators fill on the way; `model` turns it into a factor on the stated deviations and
-into the probability that a stride is wrong; `notes` writes sentences from it.
+Readers and estimators fill one `SensorQuality` for each sensor; no computation reads a note. `stride` has the evidence
+about each stride, `model` turns the evidence into a factor on the stated deviation and into the probability that the
+stride is wrong, with numbers that were learned from strides beside a reference; `judge` and `notes` write sentences.
 """
 
-from jgait.quality.model import DOUBTFUL, QualityParams, doubt, factor, judged, learned, log_likelihood
-from jgait.quality.notes import Trust, doubts_of, trust, with_notes
+from jgait.quality.judge import UNCERTAIN, Trust, doubts_of, judged, trust
+from jgait.quality.model import DOUBTFUL, QualityParams, doubt, factor, learned, log_likelihood, widened
+from jgait.quality.sensor import SOUND, SensorQuality, above, merged, of_sensor, opposite
 from jgait.quality.stride import EVIDENCE, StrideQuality
 
 __all__ = [
-    "DOUBTFUL", "EVIDENCE", "QualityParams", "StrideQuality", "Trust", "doubt", "doubts_of", "factor", "judged",
-    "learned", "log_likelihood", "trust", "with_notes",
+    "DOUBTFUL", "EVIDENCE", "SOUND", "UNCERTAIN", "QualityParams", "SensorQuality", "StrideQuality", "Trust", "above",
+    "doubt", "doubts_of", "factor", "judged", "learned", "log_likelihood", "merged", "of_sensor", "opposite", "trust",
+    "widened",
 ]  # fmt: skip

@@ -93,7 +93,7 @@ def log_likelihood(
     return jnp.logaddexp(right, wrong)
 
 
-def judged(estimate: Estimate, p: QualityParams, evidence: Mapping[str, np.ndarray]) -> Estimate:
+def with_doubt(estimate: Estimate, p: QualityParams, evidence: Mapping[str, np.ndarray]) -> Estimate:
     """The estimate with deviations of strides and of the distance by the model, and `quality` in its diagnostics.
 
     Args:
@@ -144,3 +144,25 @@ def to_dict(p: QualityParams) -> dict[str, Any]:
         for name in ("spread", "wrong")
     }
     return {**{name: round(float(getattr(p, name)), 4) for name in ("shift", "odds", "tail")}, **weights}
+
+
+def widened(estimate: Estimate, share: np.ndarray) -> Estimate:
+    """The estimate with an additional relative deviation (n,) [1] of strides, and of their part of the distance.
+
+    Errors of strides are taken to have one cause, so that they add up in the distance.
+    """
+    strides, deviations, diagnostics = estimate.strides, estimate.strides_stddev, dict(estimate.diagnostics)
+    if not share.any():
+        return estimate
+    if "distance_stddev" in diagnostics:
+        lengths = np.where(np.asarray(strides.valid, bool), as_float(strides.length), 0.0)
+        errors = np.cumsum(share * lengths) / max(float(lengths.sum()), 1e-9)
+        so_far = np.interp(as_float(estimate.time), as_float(strides.end), errors, left=0.0)
+        more = so_far * abs(float(estimate.distance[-1]))
+        diagnostics["distance_stddev"] = np.hypot(as_float(diagnostics["distance_stddev"]), more)
+    if deviations is not None:
+        deviations = deviations._replace(**{
+            name: np.hypot(as_float(spread), share * np.abs(as_float(getattr(strides, name))))
+            for name in ("length", "speed", "step_length") if (spread := getattr(deviations, name)) is not None
+        })  # fmt: skip
+    return estimate._replace(strides_stddev=deviations, diagnostics=diagnostics)

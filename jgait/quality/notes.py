@@ -1,107 +1,57 @@
-"""Notes on the quality of strides, written from its record, and the trust that follows from them."""
+"""Notes on the sensors of a recording, written from their `SensorQuality`."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
-
-import numpy as np
 
 from jgait.notes import Kind, Note
-from jgait.quality.model import QualityParams
-from jgait.quality.stride import EVIDENCE, StrideQuality
-from jgait.types import Estimate, as_float
+from jgait.quality.sensor import SensorQuality, above, opposite
 
-UNCERTAIN = 0.25
-"""[m] Standard deviation of a stride's length above which a note says so: seconds without a stance."""
-
-DOUBTED_SHARE = 0.2
-"""[1] Share of a sensor's strides in doubt above which a note names them."""
-
-REASONS = {
-    "innovation": "the foot does not seem to stand still before or after",
-    "sensor_innovation": "the foot does not seem to stand still between its swings",
-    "rise": "their rises do not fit the motion between stances",
-    "uncertainty": "stances are rare",
-    "missing": "samples are lost or clipped",
-    "uneven": "they last longer or less long than others",
-    "unlike": "they are longer or shorter than others",
-    "apart": "both sides differ",
-    "turn": "they turn",
-    "slow": "they are slow", "fast": "they are fast", "quick": "they are quick",
-    "end": "they begin or end a walk",
-    "scale": "the force at rest is not that of gravity",
-    "rates": "angular rates do not fit gravity",
-    "coarse": "the sampling rate is low",
-    "lever": "the sensor does not seem to be where it is said to be",
-    "weightless": "the person seems to run",
-    "climb": "the trunk rises or falls",
-    "sparse": "contacts are missed",
-}  # fmt: skip
-"""Evidence → what it means, in words."""
-
-STRIDES_DOUBTFUL = Kind(
-    "strides_doubtful",
+SENSOR_LEFT_OUT = Kind(
+    "sensor_left_out",
     "check",
-    "{placement}: {strides} of {total} strides {strides:is|are} in doubt: {reason}",
-    "A stride is in doubt if its length is probably off by more than three stated deviations, as learned from strides "
-    "of many people beside a reference. Sliding, kneeling, running, a loose or wrong sensor do this. Fasten the sensor "
-    "and record the walk again, or use the strides that are not in doubt.",
+    "{placement} is left out: {reason}",
+    "The numbers of this sensor cannot be right. What the other sensors measure does not depend on it.",
+)
+SIDES_DIFFER = Kind(
+    "sides_differ",
+    "check",
+    "{placement} turns {ratio:.2f} times as fast as {other}: unless one leg is spared, the scale or unit of one of the "
+    "two gyroscopes is wrong, or one of the two sensors sat on another segment",
+    "Both legs of a person turn alike, also in most illnesses that affect one side.",
+)
+SIDES_OUT_OF_STEP = Kind(
+    "sides_out_of_step",
+    "check",
+    "{placement} follows {other} by {share:.2f} of a stride in place of a half: one of the two clocks is wrong, or the "
+    "person limps",
+    "What is computed from both feet together needs sensors on one clock.",
+)
+SENSOR_LATE = Kind(
+    "sensor_late",
+    "check",
+    "{placement} is {milliseconds:.0f} ms {side} {other}; one of the two clocks is wrong",
+    "Angles between two segments, and what is computed from them, need sensors on one clock.",
 )
 
-STANCES_RARE = Kind(
-    "stances_rare",
-    "stop",
-    "{placement}: no stance for so long that a stride is known to {deviation_m:.1f} m only",
-    "The position is integrated from stance to stance, and drifts by metres without stances. Do not use positions and "
-    "lengths. Stances are missing where samples are lost; a kneeling, crawling or carried foot does not stand.",
-)
+
+def left_out(quality: Mapping[str, SensorQuality]) -> list[Note]:
+    """Notes on sensors that a reader left out."""
+    return [SENSOR_LEFT_OUT(placement=name, reason=facts.left_out) for name, facts in quality.items() if facts.left_out]
 
 
-class Trust(NamedTuple):
-    """Whether the stated deviations of an estimate can be trusted."""
-
-    #: (n,) bool, in the order of `Estimate.strides`; None if the estimator does not judge strides.
-    strides: np.ndarray | None
-    recording: bool  #: False if the whole recording is in doubt.
-    reasons: tuple[Note, ...]  #: the notes that put it in doubt.
-
-
-def trust(estimate: Estimate) -> Trust:
-    """The trust in an estimate, per stride and for the recording, from its diagnostics and notes."""
-    doubted = estimate.diagnostics.get("doubtful")
-    notes = estimate.diagnostics.get("notes", ())
-    reasons = tuple(note for note in notes if note.kind is STRIDES_DOUBTFUL or note.severity == "stop")
-    return Trust(None if doubted is None else ~np.asarray(doubted, bool), not reasons, reasons)
-
-
-def reason(p: QualityParams, quality: StrideQuality, rows: np.ndarray) -> str:
-    """What puts some strides in doubt, in words: the evidence with the largest part in it."""
-    parts = {
-        name: p.wrong[EVIDENCE.index(name)] * float(np.mean(np.broadcast_to(values, quality.doubt.shape)[rows]))
-        for name, values in quality.evidence.items()
-    }
-    return REASONS[max(parts, key=lambda name: parts[name])]
-
-
-def with_notes(estimate: Estimate, p: QualityParams, placements: Mapping[int, str]) -> Estimate:
-    """The estimate with notes on sensors whose strides are in doubt; `placements` are sides (0 right, 1 left) → name of
-    the sensor that measures them.
-    """
-    quality, doubtful = estimate.diagnostics["quality"], estimate.diagnostics["doubtful"]
-    side, deviations = np.asarray(estimate.strides.side), as_float(estimate.strides_stddev.length)
-    notes: list[Note] = []
-    for name in dict.fromkeys(placements.values()):
-        rows = np.isin(side, [number for number, placement in placements.items() if placement == name])
-        deviation = float(np.max(deviations[rows], initial=0.0))
-        why = reason(p, quality, rows & doubtful) if (rows & doubtful).any() else ""
-        notes += doubts_of(name, deviation, int(doubtful[rows].sum()), int(rows.sum()), why)
-    return estimate._replace(diagnostics={**estimate.diagnostics, "notes": (*estimate.diagnostics["notes"], *notes)})
-
-
-def doubts_of(placement: str, deviation: float, many: int, total: int, why: str = REASONS["innovation"]) -> list[Note]:
-    """Notes on a sensor, from the largest deviation of its strides' lengths [m], how many of them are in doubt, how
-    many there are, and what puts them in doubt.
-    """
-    notes = [STANCES_RARE(placement=placement, deviation_m=deviation)] if deviation > UNCERTAIN else []
-    if many > DOUBTED_SHARE * total:
-        notes.append(STRIDES_DOUBTFUL(placement=placement, strides=many, total=total, reason=why))
+def contradictions(quality: Mapping[str, SensorQuality]) -> list[Note]:
+    """Notes on contradictions between two sensors of the legs."""
+    notes = []
+    for placement, facts in quality.items():
+        if facts.faster != 1.0:
+            notes.append(SIDES_DIFFER(placement=placement, ratio=facts.faster, other=opposite(placement)))
+        if facts.step_share != 0.5:
+            notes.append(SIDES_OUT_OF_STEP(placement=placement, other=opposite(placement), share=facts.step_share))
+        if facts.late:
+            milliseconds, side = 1e3 * abs(facts.late), delayed(facts.late)
+            notes.append(SENSOR_LATE(placement=placement, milliseconds=milliseconds, side=side, other=above(placement)))
     return notes
+
+
+def delayed(delay: float) -> str:
+    """Where a delayed signal is, in words."""
+    return "behind" if delay > 0.0 else "ahead of"

@@ -24,19 +24,27 @@ that an estimator, or an online session, does not have is left out, which counts
 | `weightless` | least upward force in the steps over gravity, below half |
 | `climb` | rise of the trunk over the stride [m] |
 | `sparse` | steps by the trunk's frequency over contacts |
+| `cramped` | length times duration below 1 m s, as in shuffling |
+| `rows` | rows of the file that are missing or written twice, and one |
+| `contradicts` | 1 if the sensor's signals contradict gravity or each other |
+| `late` | delays of the accelerometer behind the gyroscope, and of the sensor behind that above it [s] |
+| `differs` | rate over that of the other leg, if it is larger than usual |
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from jgait.geometry.arrays import xp
-from jgait.types import SIDES, Counts, Estimate, Strides, Values, as_float
+from jgait.quality.sensor import SensorQuality, of_sensor
+from jgait.types import SIDES, AnyArray, Counts, Estimate, Strides, Values, as_float
 
 EVIDENCE = (
     "innovation", "sensor_innovation", "rise", "uncertainty", "missing", "uneven", "unlike", "apart", "turn", "slow",
-    "fast", "quick", "end", "scale", "rates", "coarse", "lever", "weightless", "climb", "sparse",
+    "fast", "quick", "end", "scale", "rates", "coarse", "lever", "weightless", "climb", "sparse", "cramped", "rows",
+    "contradicts", "late", "differs",
 )  # fmt: skip
 """Names of the evidence, in the order of the model's weights."""
 
@@ -46,6 +54,9 @@ learns what more than these means."""
 
 LEISURELY, BRISK, QUICK_S, INTERVAL_S = 1.0, 1.5, 0.9, 0.01
 """[m/s], [m/s], [s], [s] Where `slow`, `fast`, `quick` and `coarse` begin: most public strides are inside."""
+
+CRAMPED = 1.0
+"""[m s] Length times duration of a stride below which it is cramped: cadence and length of a person grow together."""
 
 AROUND = 3
 """Number of strides before and after a stride, with which `uneven` compares it."""
@@ -117,6 +128,7 @@ def among(strides: Strides) -> dict[str, np.ndarray]:
         "fast": np.asarray(above(speed, BRISK)),
         "quick": np.asarray(above(1.0 / np.maximum(lasts, 0.1), 1.0 / QUICK_S)),
         "end": end,
+        "cramped": np.asarray(above(1.0 / np.maximum(np.abs(length) * lasts, 0.05), 1.0 / CRAMPED)),
     }
 
 
@@ -126,33 +138,41 @@ def _apart(value: np.ndarray | float, usual: float) -> np.ndarray:
     return np.nan_to_num(np.minimum(np.abs(np.log(ratio)), 1.0))
 
 
-def share_between(flags: np.ndarray, time: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """(n,) root of the share of flagged samples between start and end [s], from flags (T,) at times (T,) [s]."""
-    total = np.concatenate([[0.0], np.cumsum(np.asarray(flags, np.float64))])
-    first, last = np.searchsorted(time, start), np.searchsorted(time, end, side="right")
-    return np.sqrt((total[last] - total[first]) / np.maximum(last - first, 1))
+def missing(strides: Strides, begin: np.ndarray, time: np.ndarray, damaged: Mapping[int, np.ndarray]) -> np.ndarray:
+    """(n,) root of the share of each stride's samples, from `begin` [s] to its end, that are lost or clipped.
+
+    `damaged` maps a side (0 right, 1 left) to flags of samples (T,) at times (T,) [s].
+    """
+    share = np.zeros(len(begin))
+    first, last = np.searchsorted(time, begin), np.searchsorted(time, as_float(strides.end), side="right")
+    for number, flags in damaged.items():
+        total = np.concatenate([[0.0], np.cumsum(np.asarray(flags, np.float64))])
+        rows = np.asarray(strides.side) == number
+        share[rows] = ((total[last] - total[first]) / np.maximum(last - first, 1))[rows]
+    return np.sqrt(share)
 
 
-def by_side(side: np.ndarray, values: dict[int, float]) -> np.ndarray:
+def by_side(side: AnyArray, values: Mapping[int, float]) -> np.ndarray:
     """(n,) of strides from a value of each side (0 right, 1 left); 0 for a side without."""
-    return np.array([values.get(number, 0.0) for number in (0, 1)], np.float64)[np.asarray(side)]
+    return np.array([values.get(number, 0.0) for number in (0, 1)], np.float64)[np.asarray(side, int)]
 
 
 def of_sensors(estimate: Estimate, placements: Mapping[int, str]) -> dict[str, np.ndarray]:
     """The evidence about the sensors that measure the strides; `placements` are sides (0 right, 1 left) → sensor."""
     diagnostics, side = estimate.diagnostics, estimate.strides.side
-    scale, rates = dict.fromkeys(placements, 0.0), dict.fromkeys(placements, 0.0)
-    for note in diagnostics.get("notes", ()):
-        for number, name in placements.items():
-            if note.values.get("placement") == name and "percent" in note.values and "accelerometer" in note.code:
-                scale[number] = abs(float(note.values["percent"])) / 100.0
-            if note.values.get("placement") == name and note.code == "rates_off":
-                rates[number] = abs(float(np.log(float(note.values["factor"]))))
+    facts = {number: of_sensor(diagnostics["sensors"], name) for number, name in placements.items()}
     nis = {k: float(above(as_float(diagnostics.get(f"nis_{SIDES[k]}", 0.0)), USUAL_NIS)) for k in placements}
     interval = float(np.median(np.diff(as_float(estimate.time))))
+    each: dict[str, Callable[[SensorQuality], float]] = {
+        "scale": lambda sensor: abs(sensor.force_off),
+        "rates": lambda sensor: abs(math.log(sensor.rates_factor)),
+        "rows": lambda sensor: math.log1p(sensor.rows_lost + sensor.rows_twice),
+        "contradicts": lambda sensor: float(sensor.contradicts),
+        "late": lambda sensor: abs(sensor.acc_late) + abs(sensor.late),
+        "differs": lambda sensor: abs(math.log(sensor.faster)),
+    }
     return {
         "sensor_innovation": by_side(side, nis),
-        "scale": by_side(side, scale),
-        "rates": by_side(side, rates),
         "coarse": np.full(np.shape(side), float(above(interval, INTERVAL_S))),
+        **{name: by_side(side, {k: value(sensor) for k, sensor in facts.items()}) for name, value in each.items()},
     }

@@ -7,9 +7,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from jgait.estimators.notes import without_repeats
 from jgait.estimators.stride_flags import STRIDE_FLAGS, UNEVEN_DURATION, stride_notes
-from jgait.notes import Note, grouped
+from jgait.notes import Note, grouped, without_repeats
 from jgait.report.page import GRADES, Flag, without_folders
 from jgait.report.strides import ReportStrides, strides_of
 from jgait.types import Estimate

@@ -20,7 +20,7 @@ from jgait.commands.lessons import lessons_of
 from jgait.commands.pipeline import chosen, pipeline_of
 from jgait.commands.rows import CONTENT, COPIED
 from jgait.estimators import leg_ekf
-from jgait.evaluate.scores import DISTANCE_OFF
+from jgait.evaluate.scores import DISTANCE_OFF, Scores
 from jgait.notes import to_json
 from jgait.tune import Lessons
 
@@ -190,9 +190,13 @@ def test_recordings_that_cannot_answer_the_losses_are_counted(table):
 def test_tuning_names_doubtful_references_and_refuses_those_that_all_contradict(table, monkeypatch, capsys):
     made = SimpleNamespace(names=("a", "b"))
     off = DISTANCE_OFF(reference=400.0, estimate=4.0)
+    walks = [SimpleNamespace(recording=SimpleNamespace(name=name)) for name in made.names]
     for loss, refused in (("distance", True), ("stride_length", False)):
         rows = SimpleNamespace(recordings=pd.DataFrame({"recording": ["a", "b"], "notes": [to_json([off])] * 2}))
-        monkeypatch.setattr(cohort, "evaluated", lambda *_, rows=rows: rows)
+        monkeypatch.setattr(tune, "score", lambda *_: Scores({}, {}, (off,), (("distance_m", off),)))
+        monkeypatch.setattr(
+            cohort, "evaluated", lambda *_, score, rows=rows: [score(None, walk) for walk in walks] and rows
+        )
         with pytest.raises(typer.Exit) if refused else contextlib.nullcontext():
             tune._say_notes(None, None, None, made, [loss])
         said = " ".join(capsys.readouterr().err.split())

@@ -10,9 +10,10 @@ from rich.table import Table
 from jgait import cli, io
 from jgait.commands import jobs
 from jgait.estimators.about import About, EstimatedRecording
-from jgait.estimators.notes import STRIDES_UNCERTAIN, without_repeats
+from jgait.estimators.notes import STRIDES_UNCERTAIN
 from jgait.io.checks.readings import IMPOSSIBLE
 from jgait.io.clock import GAPS_FILLED
+from jgait.notes import without_repeats
 from jgait.report import Made
 from jgait.types import Estimate, Legs, RecordingError, reason_of
 

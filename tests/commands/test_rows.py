@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jgait.commands.rows import copy_notes, label_notes
+from jgait.commands.rows import copies_among, label_notes
 
 
 @pytest.mark.parametrize(
@@ -55,22 +55,22 @@ def files(tmp_path, **tables):
     ],
 )
 def test_copies_are_noted_by_their_names(tmp_path, change, rounded):
-    found = copy_notes(files(tmp_path, a=signals(0), b=signals(1), c=change(signals(0)), d=change(signals(0))))
-    assert [note.text for note in found] == [f"{name} and a hold the same recording{rounded}" for name in "cd"]
+    found = copies_among(files(tmp_path, a=signals(0), b=signals(1), c=change(signals(0)), d=change(signals(0))))
+    assert [copy.note.text for copy in found] == [f"{name} and a hold the same recording{rounded}" for name in "cd"]
 
 
 def test_other_recordings_are_no_copies(tmp_path):
     still = signals(0).round(0) * 0.0
     paths = files(tmp_path, a=signals(0), b=signals(1), c=signals(0, 199), d=still, e=still + 0.3)
-    assert copy_notes(paths | {"g": tmp_path / "nowhere.csv"}) == []
+    assert copies_among(paths | {"g": tmp_path / "nowhere.csv"}) == []
     (tmp_path / "x.bin").write_bytes(bytes(range(256)))
     (tmp_path / "y.bin").write_bytes(bytes(range(255)) + b"\n")
-    assert copy_notes({name: tmp_path / f"{name}.bin" for name in "xy"}) == []
+    assert copies_among({name: tmp_path / f"{name}.bin" for name in "xy"}) == []
 
 
 def test_folders_of_sensors_are_compared_as_wholes(tmp_path):
     for name, seeds in (("a", (0, 1)), ("b", (0, 1)), ("c", (0, 2))):
         (tmp_path / name).mkdir()
         files(tmp_path / name, thigh=signals(seeds[0]), shank=signals(seeds[1]))
-    found = copy_notes({name: tmp_path / name for name in "abc"})
-    assert [note.text for note in found] == ["b and a hold the same recording"]
+    found = copies_among({name: tmp_path / name for name in "abc"})
+    assert [copy.note.text for copy in found] == ["b and a hold the same recording"]

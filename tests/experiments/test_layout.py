@@ -14,6 +14,8 @@ from jgait.estimators.waist.model import MODEL
 FILES = {
     "__init__.py": "",
     "types.py": "from typing import Any\ntype Values = Any\n",
+    "notes.py": "def text(note): return note.code\n",
+    "io/checks.py": "LOST = 1\n\ndef lost(notes, A): return [a_note.values for a_note in notes], LOST.code, A.values\n",
     "filtering/__init__.py": "",
     "filtering/model.py": (
         "class Model(NamedTuple):\n    transition: Callable[..., PyTree]\n    error_transition: int = 0\n"
@@ -44,6 +46,7 @@ def root(tmp_path):
 def test_what_breaks_a_rule_is_found_in_the_source(root):
     where = "jgait/estimators/model.py"
     assert layout.names_not_allowed(root) == [f"{where}: one", f"{where}: told"]  # once each; not what is only used
+    assert layout.note_readers(root) == ["io/checks.py:3"]  # a line once; not what writes notes
     assert layout.hand_jacobians(root) == ["jacobian", "error_transition"]
     assert layout.jax_internal_imports(root) == [
         "jgait.estimators.model:1 jax.extend",

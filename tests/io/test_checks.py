@@ -11,12 +11,14 @@ from experiments.damage import harm
 from jgait import io, simulate
 from jgait.estimators.combined import crosscheck
 from jgait.io.checks import contradictions, gravity, order, pace, readings, sides
+from jgait.quality import SOUND
+from jgait.quality import notes as writer
 from jgait.simulate.sensors import MPU6000, OPAL
 from jgait.types import SIDES, Imu
 
 LEGS = tuple(f"{segment}_{side}" for segment in ("thigh", "shank") for side in SIDES)
 FEET = ("foot_right", "foot_left")
-CONTRADICTIONS = {kind.code for module in (gravity, order, pace, sides) for kind in vars(module).values()
+CONTRADICTIONS = {kind.code for module in (gravity, order, pace, sides, writer) for kind in vars(module).values()
                   if type(kind).__name__ == "Kind"}  # fmt: skip
 
 
@@ -160,7 +162,7 @@ def test_exchanged_sensors_are_named_and_no_clock_is(rows, segment):
     (note,) = checks(wrong)
     assert note.text.startswith(f"the right and left {segment} sensors seem exchanged")
     assert crosscheck(wrong).notes == () and crosscheck(wrong).doubtful
-    assert codes(crosscheck(wrong._replace(notes=())).notes) == {"sides_exchanged"}
+    assert codes(crosscheck(wrong._replace(quality={})).notes) == {"sides_exchanged"}
     if segment != "foot":  # of two pairs either is exchanged
         (note,) = checks(harm.read(exchanged(worn(rows, *LEGS)), "walk"))
         assert note.values["kind"] == "shank or thigh"
@@ -212,14 +214,14 @@ def test_an_unusual_gait_is_no_damage(gait):
     person = UNUSUAL[gait](key, simulate.person_of(simulate.population(who, 6, recorded=False), 0))
     along = simulate.straight(20.0)
     recording, _ = simulate.recording(key, simulate.covering(key, person, along), along, MPU6000)
-    assert not codes(contradictions(recording)) & {"accelerometer_late", "sensor_late", "tilts_apart"}
+    assert not codes(contradictions(recording).notes) & {"accelerometer_late", "sensor_late", "tilts_apart"}
 
 
 def test_short_bouts_standing_and_slow_or_short_recordings_are_not_judged(walk):
     person = simulate.person_of(simulate.population(jax.random.key(50), 3, recorded=True), 0)
     key, bouts = jax.random.fold_in(jax.random.key(51), 0), [simulate.straight(5.0)] * 3
     short, _ = simulate.with_breaks(key, person, bouts, (2.0, 8.0), MPU6000, placements=FEET)
-    assert not codes(contradictions(short)) & {"pace_unusual", "sides_out_of_step"}
+    assert not codes(contradictions(short).notes) & {"pace_unusual", "sides_out_of_step"}
     draw = np.random.default_rng(3)
     down = np.tile([0.0, 0.0, 9.81], (len(walk.sensors["pelvis"].time), 1))
     still = {p: imu._replace(gyr=1e-3 * draw.normal(size=down.shape), acc=down) for p, imu in walk.sensors.items()}
@@ -227,7 +229,7 @@ def test_short_bouts_standing_and_slow_or_short_recordings_are_not_judged(walk):
            for p, imu in walk.sensors.items()}  # fmt: skip
     without = {p: imu._replace(acc=None) for p, imu in walk.sensors.items()}
     for sensors, rate_hz in ((still, 128.0), (walk.sensors, 1.0), (cut, 128.0), (without, 128.0)):
-        assert contradictions(walk._replace(sensors=sensors, sampling_rate_hz=rate_hz)) == ()
+        assert contradictions(walk._replace(sensors=sensors, sampling_rate_hz=rate_hz)).notes == ()
 
 
 def test_a_sensor_that_is_taken_off_and_lies_still_is_not_wrong(turning):
@@ -239,7 +241,7 @@ def test_a_sensor_that_is_taken_off_and_lies_still_is_not_wrong(turning):
     gyr, acc = np.array(imu.gyr), np.array(imu.acc)
     gyr[at:], acc[at:] = 0.003 * noise[0], [0.1, 0.2, 9.8] + 0.03 * noise[1]
     off = two._replace(sensors={**two.sensors, "foot_left": imu._replace(gyr=gyr, acc=acc)})
-    assert not codes(contradictions(off)) & {"one_turns_apart", "turns_apart", "sides_differ"}
+    assert not codes(contradictions(off).notes) & {"one_turns_apart", "turns_apart", "sides_differ"}
 
 
 def test_rows_are_lost_of_all_sensors_or_of_none(rows):
@@ -258,8 +260,8 @@ def test_rows_are_lost_of_all_sensors_or_of_none(rows):
 
     fewer = np.flatnonzero(np.arange(4000) % 4 != 3)
     both = {"foot_right": sensor(0.0, fewer), "foot_left": sensor(np.pi, fewer)}
-    assert codes(order.row_notes(both, 100.0)) == {"rows_lost"}
-    assert order.row_notes({**both, "foot_left": sensor(np.pi, np.arange(len(fewer)))}, 100.0) == []
+    assert codes(order.rows_wrong(both, 100.0)[1]) == {"rows_lost"}
+    assert order.rows_wrong({**both, "foot_left": sensor(np.pi, np.arange(len(fewer)))}, 100.0) == (SOUND, [])
     at = np.flatnonzero(np.random.default_rng(2).random(len(rows.time)) < 0.02)[1:]
     held = {p: {kind: v.copy() for kind, v in each.items()} for p, each in rows.sensors.items()}
     for values in (values for each in held.values() for values in each.values()):

@@ -22,20 +22,21 @@ from jgait.estimators.ankle_stride.params import (
     with_body,
 )
 from jgait.estimators.ankle_stride.prepare import prepare
-from jgait.estimators.ankle_stride.rates import rates_notes
+from jgait.estimators.ankle_stride.rates import rates_off
 from jgait.estimators.ankle_stride.readout import FLAGS
 from jgait.estimators.checks import check_options
-from jgait.estimators.ends import cut_notes
+from jgait.estimators.ends import cut_notes, cut_off
 from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootModelParams
 from jgait.estimators.interface import Estimator, Prepared
-from jgait.estimators.notes import LEVER_IMPLAUSIBLE
+from jgait.estimators.notes import LEVER_IMPLAUSIBLE, RATES_OFF
 from jgait.estimators.programs import compiled
 from jgait.estimators.sides import along, of_turns, stacked
 from jgait.filtering import Belief
 from jgait.geometry.arrays import for_each, xp
 from jgait.geometry.rotation import quaternion, rotated
 from jgait.geometry.vectors import as_array, cross, dot, root, subtract, vector
-from jgait.quality.stride import among, by_side, nis_between, of_sensors, of_stride, share_between
+from jgait.quality import SensorQuality, merged
+from jgait.quality.stride import among, by_side, missing, nis_between, of_sensors, of_stride
 from jgait.signal import butterworth
 from jgait.types import SIDES, Counts, Estimate, Flags, Legs, Recording, Strides, Values, as_float
 
@@ -266,36 +267,32 @@ def _finished(result: Estimate, made: Prepared[AnkleInputs]) -> Estimate:
         for side, leg in worn.items()
     }
     places = {side: f"{'shank' if leg.mid_shank else 'ankle'}_{SIDES[side]}" for side, leg in worn.items()}
-    cut = cut_notes(result, {side: (places[side], leg.gyr - leg.gyr_bias) for side, leg in worn.items()})
-    notes = (*result.diagnostics["notes"], *cut)
-    result = result._replace(diagnostics={**result.diagnostics, **instants, "notes": notes})
+    cut = cut_off(result, {side: (places[side], leg.gyr - leg.gyr_bias) for side, leg in worn.items()})
+    notes = (*result.diagnostics["notes"], *cut_notes(cut))
+    facts = {"notes": notes, "sensors": merged(result.diagnostics["sensors"], cut)}
+    result = result._replace(diagnostics={**result.diagnostics, **instants, **facts})
     if result.strides_stddev is None:
         return result
     nis = {side: float(result.diagnostics[f"nis_{SIDES[side]}"]) for side in worn}
-    off = rates_notes(run, made.inputs, made.options, nis, places)
+    off = rates_off(run, made.inputs, made.options, nis, places)
     away = {places[side]: float(result.diagnostics[f"lever_off_{SIDES[side]}"]) for side in worn}
     farthest = ankle_strides.FARTHEST_OFF
-    odd = (LEVER_IMPLAUSIBLE(placement=place, off_m=metres) for place, metres in away.items() if metres > farthest)
-    result = result._replace(diagnostics={**result.diagnostics, "notes": (*notes, *off, *odd)})
-    p = quality.learned("ankle_stride")
-    return quality.with_notes(quality.judged(result, p, _evidence(result, worn, places)), p, places)
+    far = {name: SensorQuality(lever_off=metres) for name, metres in away.items() if metres > farthest}
+    wrong = (RATES_OFF(placement=name, factor=sensor.rates_factor) for name, sensor in off.items())
+    odd = (LEVER_IMPLAUSIBLE(placement=name, off_m=sensor.lever_off) for name, sensor in far.items())
+    sensors = merged(result.diagnostics["sensors"], off, far)
+    result = result._replace(diagnostics={**result.diagnostics, "notes": (*notes, *wrong, *odd), "sensors": sensors})
+    return quality.judged(result, "ankle_stride", _evidence(result, worn, places), places)
 
 
 def _evidence(result: Estimate, worn: dict[int, AnkleSignals], places: dict[int, str]) -> dict[str, np.ndarray]:
     """The evidence about the strides, see `quality.stride`."""
     strides, spread = result.strides, result.strides_stddev
-    side, time = np.asarray(strides.side), as_float(result.time)
-    damaged = {
-        k: share_between(
-            (leg.gyr_doubt > 0.0) | (leg.acc_doubt > 0.0), time, as_float(strides.start), as_float(strides.end)
-        )
-        for k, leg in worn.items()
-    }
-    lever = {k: float(result.diagnostics[f"lever_off_{SIDES[k]}"]) for k in worn}
+    damaged = {k: (leg.gyr_doubt > 0.0) | (leg.acc_doubt > 0.0) for k, leg in worn.items()}
     return {
         **of_stride(strides.length, spread.length, result.diagnostics["stride_nis"], strides.height, spread.height),
         **among(strides),
         **of_sensors(result, places),
-        "missing": np.select([side == k for k in damaged], list(damaged.values()), 0.0),
-        "lever": by_side(side, lever),
+        "missing": missing(strides, as_float(strides.start), as_float(result.time), damaged),
+        "lever": by_side(strides.side, {k: float(result.diagnostics[f"lever_off_{SIDES[k]}"]) for k in worn}),
     }

@@ -1,6 +1,8 @@
 """Kinds of notes that `ankle_stride` makes about a recording."""
 
-from jgait.notes import FEW_RESTS, UNSURE_FORWARD, Kind
+from jgait.estimators.notes import ACCELEROMETER_OFF, CLIPPED, FAR_OFF
+from jgait.notes import FEW_RESTS, UNSURE_FORWARD, Kind, Note
+from jgait.quality import SensorQuality
 
 SWINGS_EVEN = Kind(
     "swings_even",
@@ -32,3 +34,16 @@ SWINGS_SMALL = Kind(
     "Strides and distance lack steps if the person took very short or very slow steps there; legs that tremble make "
     "such swings too. The deviation of the distance from all sensors contains half a stride for each.",
 )
+
+
+def shank_notes(placement: str, facts: SensorQuality) -> list[Note]:
+    """Notes on steps that a sensor lacks, on signals that are off or clip, and on running."""
+    notes = []
+    if facts.small_swings:
+        notes.append(SWINGS_SMALL(placement=placement, swings=facts.small_swings, strides=facts.swings))
+    if abs(facts.force_off) > FAR_OFF:
+        notes.append(ACCELEROMETER_OFF(placement=placement, percent=100.0 * facts.force_off, when="at rest"))
+    for signal, samples in (("gyroscope", facts.gyr_clipped), ("accelerometer", facts.acc_clipped)):
+        if samples:
+            notes.append(CLIPPED(signal=signal, placement=placement, samples=samples))
+    return notes + ([STRIDES_QUICK(placement=placement, seconds=facts.quick_stride)] if facts.runs else [])

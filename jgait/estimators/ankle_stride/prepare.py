@@ -9,16 +9,13 @@ from typing import Any
 import numpy as np
 
 from jgait.estimators.ankle_stride.inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
-from jgait.estimators.ankle_stride.notes import NEVER_STANDS, STRIDES_QUICK, SWINGS_EVEN, SWINGS_SMALL
+from jgait.estimators.ankle_stride.notes import NEVER_STANDS, SWINGS_EVEN, shank_notes
 from jgait.estimators.ankle_stride.params import DEFAULT, KNOWN, AnkleOptions
 from jgait.estimators.axes import Axis
 from jgait.estimators.checks import check_nominal_rate, check_options, common_time, sensors_of
 from jgait.estimators.interface import Prepared
 from jgait.estimators.losses import bridged, longest_loss, lost_between, not_bridged
 from jgait.estimators.notes import (
-    ACCELEROMETER_OFF,
-    CLIPPED,
-    FAR_OFF,
     LONGEST_LOSS,
     NO_STEPS,
     SAMPLED_SLOWLY,
@@ -35,6 +32,7 @@ from jgait.geometry.vectors import GRAVITY
 from jgait.mounting import shank as shank_axes
 from jgait.mounting.shank import Axes
 from jgait.notes import Note
+from jgait.quality import SensorQuality
 from jgait.signal import butterworth, clipping
 from jgait.signal.windows import true_runs, window_maximum
 from jgait.types import SIDES, Imu, Recording, RecordingError, Values, as_float
@@ -97,6 +95,7 @@ def prepare(recording: Recording, options: AnkleOptions = DEFAULT) -> Prepared[A
     time = _checked(recording, [name for name in worn.values() if name])
     legs: dict[str, AnkleSignals | None] = dict.fromkeys(SIDES)
     notes: list[Note] = []
+    quality: dict[str, SensorQuality] = {}
     standing = None
     for side, name in worn.items():
         if name is None:
@@ -106,12 +105,13 @@ def prepare(recording: Recording, options: AnkleOptions = DEFAULT) -> Prepared[A
             placement, note = shank_axes.worn_on_shank(recording, side)
             # if labels are exchanged, the other leg's sensor is not checked yet
             _checked(recording, [name, placement])
-        legs[side], leg_notes, still = _leg(
+        legs[side], quality[name], leg_notes, still = _leg(
             recording.sensors[placement], time, recording.sampling_rate_hz, name, options
         )
         notes += ([note] if note else []) + leg_notes
         standing = still if standing is None else standing
-    return Prepared(AnkleInputs(time, legs["right"], legs["left"]), options, tuple(notes), standing)
+    inputs = AnkleInputs(time, legs["right"], legs["left"])
+    return Prepared(inputs, options, tuple(notes), standing, quality=quality)
 
 
 def _checked(recording: Recording, names: list[str]) -> np.ndarray:
@@ -161,10 +161,13 @@ def swings_of(imu: Imu, axes: Axes, rate_hz: float, detector: str) -> tuple[np.n
 
 def _leg(
     imu: Imu, time: np.ndarray, rate_hz: float, name: str, options: AnkleOptions
-) -> tuple[AnkleSignals, list[Note], tuple[int, int] | None]:
-    """Signals and decisions of one leg, notes about the sensor, and the samples at which the leg stands still."""
+) -> tuple[AnkleSignals, SensorQuality, list[Note], tuple[int, int] | None]:
+    """Signals and decisions of one leg, facts and notes about the sensor, and the samples at which the leg stands
+    still.
+    """
     mask = np.asarray(imu.mask, bool)
     notes: list[Note] = []
+    quality = SensorQuality()
     read_gyr, read_acc = (np.where(mask[:, None], as_float(values), 0.0) for values in (imu.gyr, imu.acc))
     whole = shank_axes.filled(imu)
     peaks = clipping.restored(whole.gyr)
@@ -181,11 +184,12 @@ def _leg(
     start = end = np.zeros(0)
     if axes is None:
         notes.append(NO_STEPS(placement=name))
+        quality = quality._replace(unusable=True)
         axes = Axes(np.eye(3), 0.0)
     else:
         start, end, small = swings_of(at_rest, axes, rate_hz, options.detector)
         if small > max(1, MANY_SMALL * len(start)):
-            notes.append(SWINGS_SMALL(placement=name, swings=small, strides=len(start)))
+            quality = quality._replace(swings=len(start), small_swings=small)
         if abs(axes.asymmetry) < shank_axes.LEAST_ASYMMETRY:
             notes.append(SWINGS_EVEN(placement=name))
     slow = _gentle(at_rest.gyr, rate_hz)
@@ -200,17 +204,13 @@ def _leg(
         gentle = _gentle(whole.acc, rate_hz)
         valleys = stood.end[~stood.standing[:, 1]]
         axes = shank_axes.stance_up(axes, gentle, valleys if len(valleys) else stood.end)
-    if rate_hz < USUAL_HZ:
+    if slowly := rate_hz < USUAL_HZ:
         notes.append(SAMPLED_SLOWLY(placement=name, rate_hz=rate_hz, least_hz=USUAL_HZ))
     if options.standing and still is None:
         notes.append(NEVER_STANDS(placement=name))
     if options.standing and still is not None:
         off = float(np.linalg.norm(as_float(whole.acc)[slice(*still)].mean(axis=0))) / GRAVITY - 1.0
-        if abs(off) > FAR_OFF:
-            notes.append(ACCELEROMETER_OFF(placement=name, percent=100.0 * off, when="at rest"))
-    for what, flags in (("gyroscope", turned), ("accelerometer", forced)):
-        if flags.any():
-            notes.append(CLIPPED(signal=what, placement=name, samples=flags.sum()))
+        quality = quality._replace(force_off=off)
     if lost.any():
         notes.append(STRIDES_UNCERTAIN(samples=lost.sum(), placement=name, longest_s=longest_loss(lost, time)))
     stands &= ~lost
@@ -224,8 +224,12 @@ def _leg(
     if missing:
         notes.append(STRIDES_MISSING(strides=missing, placement=name, seconds=LONGEST_LOSS))
         start, end, stood = _kept(measured, start, end, stood)
-    if len(start) and (last := float(np.median(time[stood.end] - time[stood.begin]))) < QUICK_S:
-        notes.append(STRIDES_QUICK(placement=name, seconds=last))
+    last = float(np.median(time[stood.end] - time[stood.begin])) if len(start) else np.inf
+    quality = quality._replace(
+        sampled_slowly=slowly, gyr_clipped=int(turned.sum()), acc_clipped=int(forced.sum()), lost=int(lost.sum()),
+        strides_missing=missing, quick_stride=last if last < QUICK_S else np.inf,
+    )  # fmt: skip
+    notes += shank_notes(name, quality)
     over = bridged(lost, time, leg_signals["dt"], gyr, acc, LOST_RATE, LOST_FORCE)
     rests = still if options.standing else None
     signals = AnkleSignals(
@@ -241,7 +245,7 @@ def _leg(
         **_strides(start, end, stood, time, turned),
         count=np.asarray(len(start), np.int32),
     )
-    return signals, notes, still
+    return signals, quality, notes, still
 
 
 def _stances(

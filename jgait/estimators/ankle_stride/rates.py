@@ -11,9 +11,8 @@ import numpy as np
 from jgait.estimators.ankle_stride.inputs import AnkleInputs, AnkleSignals
 from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
 from jgait.estimators.axes import pad
-from jgait.estimators.notes import RATES_OFF
 from jgait.estimators.programs import bucket
-from jgait.notes import Note
+from jgait.quality import SensorQuality
 from jgait.types import SIDES, Estimate
 
 FACTORS = (0.85, 1.0, 1.18)
@@ -33,32 +32,32 @@ FEWEST_STRIDES = 4
 """[1] Least number of strides of a leg."""
 
 
-def rates_notes(
+def rates_off(
     run: Callable[..., Estimate], inputs: AnkleInputs, options: AnkleOptions, nis: dict[int, float],
     places: dict[int, str],
-) -> list[Note]:  # fmt: skip
-    """Notes about legs whose rates have a wrong scale, by `ankle_stride.run` of inputs without padding.
+) -> dict[str, SensorQuality]:  # fmt: skip
+    """Sensors whose rates have a wrong scale, by `ankle_stride.run` of inputs without padding.
 
     `nis` maps a side (0 right, 1 left) to the NIS of all observations of the leg [1], `places` to its placement.
     """
     legs = {side: leg for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None}
     asked = [side for side, leg in legs.items() if nis[side] > NIS_FROM and int(leg.count) >= FEWEST_STRIDES]
     if not asked:
-        return []
+        return {}
     estimates: list[Estimate] = []
     for factor in FACTORS:
         now = inputs._replace(**{SIDES[side]: _scaled(leg, factor) for side, leg in legs.items()})
         padded = pad(now, bucket(len(inputs.time)))
         estimates.append(run(AnkleParams(), padded, options))
-    notes = []
+    quality = {}
     for side in asked:
         each = np.array([float(estimate.diagnostics[f"nis_{SIDES[side]}"]) for estimate in estimates])
         bend, slope, _ = np.polyfit(FACTORS, each, 2)
         if bend > 0.0 and each.min() < BETTER * each[1]:
             factor = float(np.clip(-0.5 * slope / bend, 1.0 / FARTHEST, FARTHEST))
             if abs(np.log(factor)) > OFF_FROM:
-                notes.append(RATES_OFF(placement=places[side], factor=factor))
-    return notes
+                quality[places[side]] = SensorQuality(rates_factor=factor, rates_off=True)
+    return quality
 
 
 def _scaled(leg: AnkleSignals, factor: float) -> AnkleSignals:

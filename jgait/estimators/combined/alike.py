@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jgait.estimators import trust
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.stride_flags import DOUBTFUL, LARGEST_TURN
 from jgait.notes import Kind, Note
+from jgait.quality import widened
 from jgait.types import SIDES, as_float
 
 SIDES_UNLIKE = Kind(
@@ -38,7 +38,7 @@ def with_sides_unlike(
     A stride is paired with the stride of the other side whose middle is nearest, if both share time and neither is in a
     turn or in doubt. Sources with a sensor in `wrong`, which another note explains, do not change.
     """
-    widened, notes = list(sources), []
+    changed, notes = list(sources), []
     for number, source in enumerate(sources):
         if len(source.placements) != len(SIDES) or source.name == "width" or wrong.intersection(source.placements):
             continue
@@ -50,9 +50,9 @@ def with_sides_unlike(
         apart, mean = abs(float(np.median(pairs[:, 0] - pairs[:, 1]))), 0.5 * (right + left)
         if apart - curve > UNLIKE_SHARE * mean:
             share = np.full(np.shape(source.estimate.strides.side), 0.5 * apart / mean)
-            widened[number] = source._replace(estimate=trust.wider(source.estimate, share))
+            changed[number] = source._replace(estimate=widened(source.estimate, share))
             notes.append(SIDES_UNLIKE(source=source.name, right=right, left=left, strides=len(pairs)))
-    return widened, notes
+    return changed, notes
 
 
 def _pairs(source: SourceEstimate) -> np.ndarray:

@@ -1,17 +1,15 @@
 """The estimate from all sensors of a recording together."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.estimators.checks import SENSOR_LEFT_OUT, check_shapes, sensors_of
+from jgait.estimators.checks import check_shapes, sensors_of
 from jgait.estimators.combined.alike import with_sides_unlike
 from jgait.estimators.combined.compare import (
-    CONTACTS_APART,
-    STRIDES_OF_WAIST,
     Comparison,
     comparisons,
     contact_notes,
@@ -23,27 +21,19 @@ from jgait.estimators.combined.compare import (
     step_notes,
     waist_notes,
 )
-from jgait.estimators.combined.crosscheck import FOOT_ON_SHANK, OF_WALKING, crosscheck, exchanged
+from jgait.estimators.combined.crosscheck import crosscheck
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
-from jgait.estimators.combined.phases import CLOCK_OFF, FEWEST_STRIDES, LEGS_TOGETHER
+from jgait.estimators.combined.phases import FEWEST_STRIDES
 from jgait.estimators.combined.replaced import with_replaced_doubted
 from jgait.estimators.combined.shoes import put_right
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
 from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.combined.unworn import without_unworn
-from jgait.estimators.notes import without_repeats
-from jgait.estimators.plausible import (
-    KNEE_IMPLAUSIBLE,
-    KNEE_PAST_STRAIGHT,
-    LEG_NEVER_STRAIGHT,
-    NO_ANGLES,
-    PACES_MIXED,
-    paces_mixed,
-)
+from jgait.estimators.plausible import knee_notes, knees, paces_mixed
 from jgait.estimators.stride_flags import stride_notes
-from jgait.mounting.leg import SIDES_EXCHANGED
-from jgait.mounting.shank import LABELS_EXCHANGED
-from jgait.notes import NO_WALKING, SEVERITIES, Kind, Note
+from jgait.notes import NO_WALKING, Kind, Note, gravest_first, without_repeats
+from jgait.quality import SensorQuality, above, merged, opposite
+from jgait.quality import notes as writer
 from jgait.types import SIDES, AnyArray, Estimate, Flags, Legs, Recording, RecordingError, as_float, check_recording
 
 ANGLES_DOUBTFUL = Kind(
@@ -72,9 +62,10 @@ class Analysis(NamedTuple):
     Attributes:
         estimate: the joined estimate: strides of both sides with standard deviations, distance, joint angles, paths of
             the feet, as far as the sensors measure them; `diagnostics` has the flags of strides, contacts of the waist,
-            `clocks_apart`, True if other sensors show that the clock of a shoe may be off, `distance_stddev` [m],
-            `angles_valid_<side>`, False if the side's joint angles are not usable, and `slipped_<side>` (T,), True
-            after a thigh's or shank's sensor slipped, so that they are not usable either.
+            `sensors`, the `SensorQuality` of each placement, `clocks_apart`, True if other sensors show that the clock
+            of a shoe may be off, `distance_stddev` [m], `angles_valid_<side>`, False if the side's joint angles are not
+            usable, and `slipped_<side>` (T,), True after a thigh's or shank's sensor slipped, so that they are not
+            usable either.
         sources: the result of each group of sensors alone, in the order in which their times are preferred.
         strides: for each stride which sources measured it and which were combined; None without strides.
         comparisons: each quantity as each source measures it, and combined.
@@ -106,7 +97,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     consistent; otherwise the more certain one is used, and a note states the contradiction. The sensors are checked
     against each other first (units, sides, segments, clocks, see `combined.crosscheck`): a sensor in a wrong unit is
     left out, strides of sensors on a wrong side or clock are not combined with others, and sensors of two segments of a
-    leg that have changed places are taken the other way round. A sensor that a reader's note names as wrong (sign,
+    leg that have changed places are taken the other way round. A sensor that is wrong by the reader's `quality` (sign,
     axes, scale, delay) counts only where nothing else measures, and joint angles that need it are said to be not
     usable.
 
@@ -133,117 +124,78 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     if not kept:
         reasons = "; ".join(str(note) for note in findings.notes)
         raise RecordingError(reasons or f"no estimator has its sensors; {sensors_of(recording)}")
-    left_out = tuple(note for note in recording.notes if note.code == SENSOR_LEFT_OUT)
-    usable = recording._replace(sensors=kept, notes=left_out)
+    usable = recording._replace(sensors=kept, notes=tuple(writer.left_out(recording.quality)))
     estimates, notes = sources(usable, body)
+    strides_of_sources = [source.estimate.strides for source in estimates if source.estimate.strides is not None]
+    mixed = {note for strides_of_source in strides_of_sources for note in paces_mixed(strides_of_source)}
     usable, estimates, exchanges = put_right(usable, estimates)
     estimates, metres = without_unworn(estimates)
     placed = [*findings.notes, *exchanges]
-    estimates, share, turned = with_time_wrong(estimates, recording.notes)
-    follows = _following((*findings.notes, *recording.notes))
-    recording = recording._replace(notes=tuple(note for note in recording.notes if not follows(note)))
-    wrong = findings.doubtful | _named(recording, AXES)
-    wrong |= _named(recording, ("sides_differ",)) - _spared(recording, estimates)
+    estimates, share, turned = with_time_wrong(estimates, recording.quality)
+    quality = findings.explained(recording.quality)
+    sides, steps, late_pairs = _pairs(quality)
+    axes = findings.doubtful | {name for name, facts in quality.items() if facts.wrong}
+    wrong = axes | (frozenset().union(*sides) - _spared(sides, estimates))
     estimates, unlike = with_sides_unlike(estimates, wrong)
-    clocks = _named(recording, CLOCKS)
+    clocks = frozenset().union(*steps, *late_pairs)
     differ: list[Note] = []
     if (strides := joined(estimates, wrong | clocks, wrong)) is not None:
         strides, differ = with_replaced_doubted(strides)
-    late = _apart(recording, estimates)
+    worn = [name for source in estimates if source.name == "legs" for name in source.placements]
+    late = frozenset().union(*(pair for pair in late_pairs if pair.issubset(worn)))
     ways, one_sided = distances(estimates, usable, body, wrong, late, share)
     total, apart = walked(ways)
     if total is not None:  # an error of the time is the same in all sources
         spread = max(total.stddev, share * float(total.distance[-1]))
         total = total._replace(stddev=float(np.hypot(spread, metres)))
-    stated = [
-        note for source in estimates for note in source.estimate.diagnostics["notes"]
-        if not follows(note) and note.kind is not PACES_MIXED
-    ]  # fmt: skip
-    unusable = _angles(estimates, stated, findings.doubtful | _named(recording, AXES) | late | turned)
-    differ += [*apart, *unusable]
+    crossed = [side for side in SIDES if findings.crossed & {f"thigh_{side}", f"shank_{side}"}]
+    bent = {note for source in estimates for side in crossed for note in knee_notes(source.estimate, side)}
+    stated = [note for source in estimates for note in source.estimate.diagnostics["notes"] if note not in mixed | bent]
+    unusable, angle_notes = _angles(estimates, worn, crossed, axes | late | turned)
+    differ += [*apart, *angle_notes]
+    off = findings.clocks.union(*late_pairs, (name for name, facts in quality.items() if facts.acc_late))
+    contacts: list[Note] = []
     if strides is not None:
         differ = [*length_notes(estimates, strides), *differ, *side_notes(estimates, strides)]
-        differ += [*contact_notes(estimates, strides, findings.doubtful | clocks), *paces_mixed(strides.strides)]
-        differ += [*even_notes(estimates, strides, wrong | clocks), *waist_notes(estimates, strides, wrong | clocks)]
-        differ += [] if any(note.kind is STRIDES_OF_WAIST for note in differ) else source_notes(strides)
-        sides = set(np.asarray(strides.strides.side).tolist())
-        differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in sides if len(sides) == 1]
+        contacts = contact_notes(estimates, strides, findings.doubtful | clocks)
+        differ += [*contacts, *paces_mixed(strides.strides), *even_notes(estimates, strides, wrong | clocks)]
+        differ += waist_notes(estimates, strides, wrong | clocks) or source_notes(strides)
+        legs = set(np.asarray(strides.strides.side).tolist())
+        differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in legs if len(legs) == 1]
     elif any(source.estimate.strides is not None for source in estimates):
         differ = [NO_STRIDES(), *differ]
         if not any(source.name == "legs" for source in estimates):  # which needs walking
-            placed = [note for note in placed if note.kind not in OF_WALKING]
+            placed, off = [note for note in placed if note not in findings.of_walking], off - findings.clocks
     estimate = _assembled(estimates, strides, total)
     if strides is not None:
         differ += _without_angles(estimate, strides)
         differ += stride_notes(strides.flags, regular(strides))
-    every = [*placed, *differ, *recording.notes, *notes, *one_sided, *unlike, *stated]
-    apart_in_time = any(note.code in SHOES and (note.code == CONTACTS_APART.code or _of_foot(note)) for note in every)
-    if strides is not None and not apart_in_time and "sides_out_of_step" not in {note.code for note in every}:
+    follow = {*writer.contradictions(recording.quality)}.difference(writer.contradictions(quality))
+    of_reader = [note for note in recording.notes if note not in follow]
+    every = [*placed, *differ, *of_reader, *notes, *one_sided, *unlike, *stated]
+    apart_in_time = bool(contacts) or any(name.startswith("foot_") for name in off)
+    if strides is not None and not apart_in_time and not steps:
         every += step_notes(strides)
-    order = sorted(without_repeats(every), key=lambda note: SEVERITIES.index(note.severity))
-    valid = {
-        f"angles_valid_{side}": not any(side in str(note.values["sides"]) for note in unusable)
-        for side in SIDES if getattr(estimate.legs, side) is not None
-    }  # fmt: skip
-    facts = {**valid, "clocks_apart": apart_in_time, "notes": tuple(order)}
+    order = gravest_first(without_repeats(every))
+    valid = {f"angles_valid_{side}": side not in unusable for side in SIDES if getattr(estimate.legs, side) is not None}
+    sensors = merged(quality, *(source.quality for source in estimates))
+    facts = {**valid, "clocks_apart": apart_in_time, "notes": order, "sensors": sensors}
     estimate = estimate._replace(diagnostics={**estimate.diagnostics, **facts})
     rows = comparisons(estimates, strides, ways, total)
-    return Analysis(estimate, tuple(estimates), strides, tuple(rows), tuple(order), body)
+    return Analysis(estimate, tuple(estimates), strides, tuple(rows), order, body)
 
 
-ACCUSED = (
-    "gyroscope_disagrees", "gyroscope_slow", "sides_differ", "accelerometer_late", "channel_wrapped", "tilts_apart",
-    "turns_apart", "one_turns_apart",
-)  # fmt: skip
-"""Codes of readers' notes that a whole sensor is wrong, not some samples; of two named sensors, either may be wrong."""
-
-AXES = tuple(code for code in ACCUSED if code != "sides_differ")
-"""Those of `ACCUSED` that make joint angles wrong; not a difference of the sides, which a stiff leg also causes."""
-
-CLOCKS = ("sensor_late", "sides_out_of_step")
-"""Codes of readers' notes that a sensor's clock is wrong: the times of its strides are wrong, their lengths hold."""
-
-PAIRS = tuple(code for code in CLOCKS if code != "sides_out_of_step")
-"""Those of `CLOCKS` that a limp does not cause; they may compare two sensors of one leg."""
-
-SHOES = ("accelerometer_late", "sensor_late", CLOCK_OFF.code, LEGS_TOGETHER.code, CONTACTS_APART.code)
-"""Codes of notes in which another sensor shows that the clock of a shoe may be off. Differences in time between right
-and left are then not known. Notes that a limp also causes are not among them."""
-
-FOLLOWS = {
-    SIDES_EXCHANGED.code: (*PAIRS, KNEE_IMPLAUSIBLE.code, KNEE_PAST_STRAIGHT.code, LEG_NEVER_STRAIGHT.code),
-    LABELS_EXCHANGED.code: (*CLOCKS, "sides_differ"),
-    FOOT_ON_SHANK.code: (*CLOCKS, "sides_differ"),
-}  # fmt: skip
-"""Code of a note that sensors are exchanged → codes of notes on these sensors, or on knees, that follow from it."""
+type _Pair = frozenset[str]
+"""Placements of two sensors that contradict each other; either may be wrong."""
 
 
-def _following(notes: tuple[Note, ...]) -> Callable[[Note], bool]:
-    """True if a note follows from an exchange of sensors that one of these notes names, see `FOLLOWS`."""
-    known = [(exchanged([note]), FOLLOWS[note.code]) for note in notes if note.code in FOLLOWS]
-
-    def follows(note: Note) -> bool:
-        sensors = _both(note) | {f"{segment}_{note.values.get('side')}" for segment in ("thigh", "shank")}
-        return any(note.code in codes and names & sensors for names, codes in known)
-
-    return follows
-
-
-def _both(note: Note) -> set[str]:
-    """The two placements that a note compares."""
-    return {str(note.values.get("placement")), str(note.values.get("other"))}
-
-
-def _of_foot(note: Note) -> bool:
-    """True if a note names the sensor of a shoe."""
-    return any(name.startswith("foot_") for name in _both(note))
-
-
-def _named(recording: Recording, codes: Collection[str]) -> frozenset[str]:
-    """Placements that a reader's notes with some codes name."""
-    noted = [note for note in recording.notes if note.code in codes]
-    named = {name for note in noted for name in (*_both(note), str(note.values.get("channel")))}
-    return frozenset(name for name in recording.sensors if any(f"{word}_".startswith(f"{name}_") for word in named))
+def _pairs(quality: Mapping[str, SensorQuality]) -> tuple[list[_Pair], list[_Pair], list[_Pair]]:
+    """Pairs of sensors of both legs that turn otherwise; pairs that step otherwise, as in a limp; and pairs of one leg
+    whose clocks differ, so that the times of strides are wrong, and lengths hold.
+    """
+    sides = [frozenset((name, opposite(name))) for name, facts in quality.items() if facts.faster != 1.0]
+    steps = [frozenset((name, opposite(name))) for name, facts in quality.items() if facts.step_share != 0.5]
+    return sides, steps, [frozenset((name, above(name))) for name, facts in quality.items() if facts.late]
 
 
 SPARED = 0.05
@@ -251,38 +203,37 @@ SPARED = 0.05
 A foot whose rates are too small by the least ratio that is noted has a larger difference."""
 
 
-def _spared(recording: Recording, estimates: list[SourceEstimate]) -> frozenset[str]:
+def _spared(pairs: list[_Pair], estimates: list[SourceEstimate]) -> frozenset[str]:
     """Sensors that turn unlike those of the other leg but measure strides of the same length, as on a stiff leg. A
     wrong unit or another segment would change lengths too.
     """
-    spared: set[str] = set()
-    for pair in (_both(note) for note in recording.notes if note.code == "sides_differ"):
+    spared: frozenset[str] = frozenset()
+    for pair in pairs:
         for source in estimates:
             strides = source.estimate.strides
-            if strides is None or not pair <= set(source.placements):
+            if strides is None or not pair.issubset(source.placements):
                 continue
             valid, sides = np.asarray(strides.valid, bool), np.asarray(strides.side)
             each = [as_float(strides.length)[valid & (sides == side)] for side in range(len(SIDES))]
             if min(map(len, each)) >= FEWEST_STRIDES:
                 right, left = (float(np.median(lengths)) for lengths in each)
-                spared |= pair if abs(right - left) < SPARED * max(right, left) else set()
-    return frozenset(spared)
+                spared |= pair if abs(right - left) < SPARED * max(right, left) else frozenset()
+    return spared
 
 
-def _apart(recording: Recording, estimates: list[SourceEstimate]) -> frozenset[str]:
-    """Sensors of thighs and shanks whose clocks differ, by a reader's notes."""
-    worn = {name for source in estimates if source.name == "legs" for name in source.placements}
-    pairs = [_both(note) for note in recording.notes if note.code in PAIRS]
-    return frozenset().union(*(pair for pair in pairs if pair <= worn))
-
-
-def _angles(estimates: list[SourceEstimate], notes: list[Note], wrong: frozenset[str]) -> list[Note]:
-    """A note if a sensor of the joint angles is in doubt, or if no knee can bend as the angles say."""
-    beyond = tuple(str(note.values["side"]) for note in notes if note.code in NO_ANGLES)
-    worn = [name for source in estimates if source.name == "legs" for name in source.placements]
+def _angles(
+    estimates: list[SourceEstimate], worn: list[str], crossed: list[str], wrong: frozenset[str]
+) -> tuple[list[str], list[Note]]:
+    """The sides whose joint angles are not usable, and a note on them, if one of their sensors (`worn`) is in doubt, or
+    if no knee bends as the angles say, although the sensors of this side are not `crossed`.
+    """
+    beyond = tuple(
+        side for source in estimates for side, knee in knees(source.estimate).items()
+        if knee.lost or (knee.implausible and side not in crossed)
+    )  # fmt: skip
     names = [name for name in worn if name in wrong or name.endswith(beyond)]
     sides = [side for side in SIDES if any(name.endswith(side) for name in names)]
-    return [ANGLES_DOUBTFUL(sides=" and ".join(sides), sensors=", ".join(names))] if names else []
+    return sides, [ANGLES_DOUBTFUL(sides=" and ".join(sides), sensors=", ".join(names))] if names else []
 
 
 def _without_angles(estimate: Estimate, strides: JoinedStrides) -> list[Note]:

@@ -5,16 +5,18 @@ thigh. A sensor that contradicts the other sensors is named. Every check needs o
 direction of gravity, so that it does not depend on how a sensor is mounted.
 """
 
-from collections.abc import Iterable, Mapping
+import itertools
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from jgait.estimators.checks import fast_rate, force_unit
-from jgait.estimators.combined.phases import CLOCK_OFF, LEGS_TOGETHER, OFFSETS, WRONG_CLOCK, kind_of, swing_phases
-from jgait.mounting.leg import SIDES_EXCHANGED, SWAPPED
+from jgait.estimators.combined.phases import OFFSETS, WRONG_CLOCK, OutOfPhase, kind_of, swing_phases
+from jgait.mounting.leg import SWAPPED
 from jgait.mounting.shank import LABELS_EXCHANGED
 from jgait.notes import WRONG_PLACE, Kind, Note
+from jgait.quality import SOUND, SensorQuality, above, opposite
 from jgait.types import SIDES, AnyArray, Imu, Recording, as_float
 
 WRONG_UNIT = (
@@ -43,9 +45,6 @@ TRUNK_CLOCK_OFF = Kind(
     "trunk_clock_off", "check", "the clock of {placement} seems to be about {seconds:.1f} s {direction}: it moves when "
     "the legs rest, and rests when they move", WRONG_CLOCK,
 )  # fmt: skip
-
-OF_WALKING = (SIDES_EXCHANGED, LABELS_EXCHANGED, FOOT_ON_SHANK, TRUNK_CLOCK_OFF, CLOCK_OFF, LEGS_TOGETHER)
-"""Kinds of notes that are left out if nobody walks: other movements show neither place nor clock of a sensor."""
 
 USUAL_RATE = {"foot": 7.5, "ankle": 5.6, "shank": 5.4, "thigh": 3.2, "wrist": 3.2, "": 1.7}
 """[rad/s] 99th percentile of the norm of the rate in walking; "" for the trunk and the head. From public recordings."""
@@ -104,23 +103,37 @@ class Findings(NamedTuple):
         unusable: placements whose signals are in a wrong unit.
         doubtful: placements whose side, segment or clock contradicts the other sensors.
         sensors: the sensors; those of two segments of a leg that have changed places are the other way round.
+        crossed: placements of sensors that are exchanged with those of the other leg, also by the reader.
+        replaced: placements of sensors that have changed places within a leg, or across.
+        clocks: placements on the legs whose clock seems off.
+        of_walking: the notes that hold for a walk alone: other movements show neither place nor clock of a sensor.
     """
 
     notes: tuple[Note, ...]
     unusable: frozenset[str]
     doubtful: frozenset[str]
     sensors: dict[str, Imu]
+    crossed: frozenset[str]
+    replaced: frozenset[str] = frozenset()
+    clocks: frozenset[str] = frozenset()
+    of_walking: frozenset[Note] = frozenset()
+
+    def explained(self, quality: Mapping[str, SensorQuality]) -> dict[str, SensorQuality]:
+        """The quality of the sensors without contradictions that follow from an exchange of sensors: clocks, and within
+        a leg differences of the sides.
+        """
+        rest = {}
+        for placement, facts in quality.items():
+            if {placement, above(placement)} & (self.crossed | self.replaced):
+                facts = facts._replace(late=SOUND.late)
+            if {placement, opposite(placement)} & self.replaced:
+                facts = facts._replace(step_share=SOUND.step_share, faster=SOUND.faster)
+            rest[placement] = facts
+        return rest
 
 
-def exchanged(notes: Iterable[Note]) -> set[str]:
-    """Placements of exchanged sensors, from notes: with those of the other side, or of another segment."""
-    names: set[str] = set()
-    for note in notes:
-        if note.code == SIDES_EXCHANGED.code:
-            names |= {f"{kind}_{side}" for kind in str(note.values["kind"]).split(" or ") for side in SIDES}
-        elif note.code in (LABELS_EXCHANGED.code, FOOT_ON_SHANK.code):
-            names |= set(map(str, note.values.values()))
-    return names
+type _Pair = tuple[str, str]
+"""Placements of two sensors of a leg that have changed places: a thigh's and another's, or a foot's and a shank's."""
 
 
 def crosscheck(recording: Recording) -> Findings:
@@ -135,24 +148,35 @@ def crosscheck(recording: Recording) -> Findings:
     """
     rates = {name: fast_rate(imu) / USUAL_RATE[kind_of(name)] for name, imu in recording.sensors.items()}
     walks = any(rate > LEAST_WALK for name, rate in rates.items() if kind_of(name) != "wrist")
+    crossed = frozenset(placement for placement, facts in recording.quality.items() if facts.other_side)
     notes, unusable = _units(recording.sensors, rates if walks else dict.fromkeys(rates, 0.0))
     if not walks:
-        return Findings(
-            (*notes, *_upside_down(recording.sensors)), frozenset(unusable), frozenset(), dict(recording.sensors)
-        )
+        over, every = _upside_down(recording.sensors), dict(recording.sensors)
+        return Findings((*notes, *over), frozenset(unusable), frozenset(), every, crossed)
     sensors = {name: imu for name, imu in recording.sensors.items() if name not in unusable}
     every = dict(recording.sensors)
-    for note in _exchanges(sensors):
-        placement, other = map(str, note.values.values())
+    pairs = _exchanges(sensors)
+    for placement, other in pairs:
         every[placement], every[other] = every[other], every[placement]
-        notes.append(note)
+    exchanges = [_note(*pair) for pair in pairs]
     sensors = {name: every[name] for name in sensors}
-    notes += _upside_down(sensors)
-    late, doubtful = swing_phases(sensors)
+    swings = swing_phases(sensors)
+    if crossed:  # the reader, which compares all sensors, explains when they swing
+        swings = OutOfPhase((), crossed.intersection(sensors), crossed)
     off, of_trunk = _trunk(sensors)
-    if by_reader := exchanged(recording.notes):  # its note, which compares all sensors, explains when they swing
-        late, doubtful = [], by_reader & set(sensors)
-    return Findings((*notes, *late, *off), frozenset(unusable), frozenset(doubtful | of_trunk), every)
+    of_walking = (*exchanges, *swings.notes, *off)
+    return Findings(
+        (*notes, *exchanges, *_upside_down(sensors), *swings.notes, *off), frozenset(unusable),
+        swings.doubtful | of_trunk, every, swings.crossed, frozenset(itertools.chain(*pairs)), swings.clocks,
+        frozenset(of_walking),
+    )  # fmt: skip
+
+
+def _note(placement: str, other: str) -> Note:
+    """The note on two sensors of a leg that have changed places."""
+    if kind_of(placement) == "foot":
+        return FOOT_ON_SHANK(foot=placement, shank=other)
+    return LABELS_EXCHANGED(thigh=placement, other=other)
 
 
 def _kept(imu: Imu, values: AnyArray) -> np.ndarray:
@@ -213,45 +237,44 @@ def _upside_down(sensors: Mapping[str, Imu]) -> list[Note]:
     return notes + [TURNED_OVER(placement=name, other="thighs and shanks") for name in turned]
 
 
-def _exchanges(sensors: Mapping[str, Imu]) -> list[Note]:
-    """A note if two sensors of different segments and legs have changed places; else those about single legs.
+def _exchanges(sensors: Mapping[str, Imu]) -> list[_Pair]:
+    """Two sensors of different segments and legs if they have changed places; else those of single legs.
 
     Such a pair is named only if, after the exchange, all sensors swing at consistent times. Where sides are exchanged,
     the rests of a foot and a shank of two legs prove nothing, because they differ in limping.
     """
-    notes, (late, doubtful) = _segments(sensors), swing_phases(sensors)
-    if notes and not doubtful:
-        return notes
+    pairs, swings = _segments(sensors), swing_phases(sensors)
+    if pairs and not swings.doubtful:
+        return pairs
     measured = {name: _motion(imu) for name, imu in sensors.items()}
-    for side, opposite in (SIDES, SIDES[::-1]):
+    for side, mate in (SIDES, SIDES[::-1]):
         for segment, other in (("thigh", "shank"), ("thigh", "foot"), ("foot", "shank")):
-            pair = f"{segment}_{side}", f"{other}_{opposite}"
+            pair = f"{segment}_{side}", f"{other}_{mate}"
             if not set(pair) <= sensors.keys():
                 continue
             names = {segment: pair[0], other: pair[1]}
-            note = _out_of_place({name: measured[name] for name in pair}, *(names.get(k, k) for k in SEGMENTS))
-            if note and not swing_phases({**sensors, pair[0]: sensors[pair[1]], pair[1]: sensors[pair[0]]})[1]:
-                return [note]
-    crossed = exchanged(late)
-    return [note for note in notes if note.code != FOOT_ON_SHANK.code or not crossed & set(note.values.values())]
+            changed = _out_of_place({name: measured[name] for name in pair}, *(names.get(k, k) for k in SEGMENTS))
+            if changed and not swing_phases({**sensors, pair[0]: sensors[pair[1]], pair[1]: sensors[pair[0]]}).doubtful:
+                return [changed]
+    return [pair for pair in pairs if kind_of(pair[0]) != "foot" or not swings.crossed.intersection(pair)]
 
 
-def _segments(sensors: Mapping[str, Imu]) -> list[Note]:
-    """Notes about two sensors of a leg that have changed places, each exchanged back before the next is looked for."""
-    notes = []
+def _segments(sensors: Mapping[str, Imu]) -> list[_Pair]:
+    """Pairs of sensors of a leg that have changed places, each exchanged back before the next is looked for."""
+    pairs = []
     for side in SIDES:
         names = [f"{kind}_{side}" for kind in SEGMENTS]
         leg = {name: _motion(sensors[name]) for name in names if name in sensors}
         for _ in names[1:]:  # two exchanges make every order of three
-            if note := _out_of_place(leg, *names):
-                placement, other = map(str, note.values.values())
+            if pair := _out_of_place(leg, *names):
+                placement, other = pair
                 leg[placement], leg[other] = leg[other], leg[placement]
-                notes.append(note)
-    return notes
+                pairs.append(pair)
+    return pairs
 
 
-def _out_of_place(leg: Mapping[str, _Motion], thigh: str, shank: str, foot: str) -> Note | None:
-    """A note if two sensors of a leg contradict that thighs turn least, and that feet rest most and lie flat then.
+def _out_of_place(leg: Mapping[str, _Motion], thigh: str, shank: str, foot: str) -> _Pair | None:
+    """Two sensors of a leg if they contradict that thighs turn least, and that feet rest most and lie flat then.
 
     The foot of a stiff leg turns less than the thigh: only a thigh's sensor that rests more than the foot's is on it.
     """
@@ -259,11 +282,11 @@ def _out_of_place(leg: Mapping[str, _Motion], thigh: str, shank: str, foot: str)
         there = [name for name in leg if name != foot or leg[thigh].rests > leg[foot].rests + RESTS_MORE]
         slowest = min(there, key=lambda name: leg[name].rate)
         if leg[thigh].rate > SWAPPED * leg[slowest].rate:
-            return LABELS_EXCHANGED(thigh=thigh, other=slowest)
+            return thigh, slowest
     if not {foot, shank} <= leg.keys() or leg[shank].rests <= leg[foot].rests + RESTS_MORE:
         return None
     flat = leg[foot].rests > RESTS_FLAT and leg[foot].tilts < leg[shank].tilts
-    return None if flat else FOOT_ON_SHANK(foot=foot, shank=shank)
+    return None if flat else (foot, shank)
 
 
 def _motion(imu: Imu) -> _Motion:

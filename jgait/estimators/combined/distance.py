@@ -5,18 +5,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.estimators.ankle_stride.notes import STRIDES_QUICK, SWINGS_SMALL
 from jgait.estimators.combined.lying import lying
 from jgait.estimators.combined.sources import SourceEstimate
-from jgait.estimators.combined.strides import CONSISTENT, UNLIKE, combined, correlation
-from jgait.estimators.ends import MID_STANCE, SHORT, WALKING_AFTER, WALKING_BEFORE
+from jgait.estimators.combined.strides import CONSISTENT, combined, correlation
+from jgait.estimators.ends import MID_STANCE, SHORT
 from jgait.estimators.losses import lost_between, not_bridged
 from jgait.estimators.notes import LONGEST_LOSS
-from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, impossible
+from jgait.estimators.plausible import impossible, knees, too_fast
 from jgait.estimators.proportions import SHARE_SD, SHARES
 from jgait.estimators.stride_flags import DOUBTFUL, LARGEST_TURN, SHORT_STRIDE, durations
-from jgait.estimators.waist.notes import WALKING_MISSED
 from jgait.notes import LEFT_OUT, Kind, Note
+from jgait.quality import of_sensor
 from jgait.types import SIDES, Imu, Recording, Strides, as_float
 
 DISTANCES_DIFFER = Kind(
@@ -48,9 +47,6 @@ SIDES_APART = Kind(
     "Both legs walk as far. Strides of one side are missing or wrong, as of a sensor that slipped or was put on anew. "
     "The distance is the mean of both, and its deviation contains half of the difference.",
 )  # fmt: skip
-
-LACKING = (SPEED_IMPLAUSIBLE.code, WALKING_MISSED.code, *UNLIKE)
-"""Codes of an estimator's notes that put its distance in doubt."""
 
 SMALL = 0.5
 """[1] Standard deviation of the distance by one swing that is too small to be counted, over the median stride. Chosen:
@@ -149,11 +145,7 @@ def distances(
         rates_share: see `with_time_wrong`.
     """
     walked_distances, notes = [], []
-    runs = any(
-        note.code == STRIDES_QUICK.code
-        for source_estimate in sources
-        for note in source_estimate.estimate.diagnostics["notes"]
-    )
+    runs = any(facts.runs for source in sources for facts in source.quality.values())
     for source in sources:
         estimate = source.estimate
         if estimate.distance is None or source.name == "width":
@@ -186,9 +178,9 @@ def distances(
 
 
 def _stopped(source: SourceEstimate) -> frozenset[str]:
-    """Placements whose numbers are not to be used, by the notes of their source."""
-    stops = [note for note in source.estimate.diagnostics["notes"] if note.severity == "stop"]
-    return frozenset(name for note in stops for name in source.placements if note.values.get("placement", name) == name)
+    """Placements whose numbers are not to be used."""
+    useless = any(knee.lost or knee.implausible for knee in knees(source.estimate).values())
+    return frozenset(name for name in source.placements if useless or of_sensor(source.quality, name).unusable)
 
 
 def _mostly_doubtful(source: SourceEstimate) -> frozenset[str]:
@@ -203,11 +195,9 @@ def _mostly_doubtful(source: SourceEstimate) -> frozenset[str]:
 
 
 def _lacking(source: SourceEstimate, side: str = "") -> bool:
-    """True if notes of a source (for a side: those that concern it) say that steps are missing, or beyond what it can
-    measure.
-    """
-    notes = (note for note in source.estimate.diagnostics["notes"] if note.code in LACKING)
-    return any(str(note.values.get("placement", side)).endswith(side) for note in notes)
+    """True if steps of a source, or of one side of it, are missing, or are beyond what it can measure."""
+    quality = (facts for name, facts in source.quality.items() if name.endswith(side))
+    return too_fast(source.estimate) or any(facts.runs or facts.unlike or facts.missed for facts in quality)
 
 
 def _best(sides: list[_Side]) -> list[_Side]:
@@ -247,26 +237,18 @@ def _sides(
         lengths, speed = float(np.nansum(length[mine])), _speed(strides, mine)
         unknown = USUAL_SPEED * seconds + float(np.nansum(length[mine & beyond])) + speed * still.get(name, 0.0)
         stride = float(np.nanmedian(length[mine])) if mine.any() else 0.0
-        lacking, cut = SMALL * stride * _small(source, name), _cut(source, name)
+        lacking = SMALL * stride * of_sensor(source.quality, name).small_swings
+        cut = _cut(source, name)
         sides.append(_Side(side, lengths, unknown, name in doubted, speed, stride, lacking, cut, bridged))
     return sides
-
-
-def _small(source: SourceEstimate, placement: str) -> int:
-    """Number of swings of a sensor that are too small to be counted, if a note names them."""
-    notes = (note for note in source.estimate.diagnostics["notes"] if note.code == SWINGS_SMALL.code)
-    return sum(int(note.values["swings"]) for note in notes if note.values["placement"] == placement)
 
 
 def _cut(source: SourceEstimate, placement: str) -> Spans:
     """Begin and end of walking before the first and after the last stride of a sensor [s]."""
     first, last = (float(source.estimate.time[row]) for row in (0, -1))
-    spans = []
-    for note in source.estimate.diagnostics["notes"]:
-        if note.values.get("placement") == placement and note.code in (WALKING_BEFORE.code, WALKING_AFTER.code):
-            seconds = float(note.values["seconds"])
-            spans.append((first, first + seconds) if note.code == WALKING_BEFORE.code else (last - seconds, last))
-    return spans
+    facts = of_sensor(source.quality, placement)
+    before = [(first, first + facts.walks_before)] if facts.walks_before else []
+    return before + ([(last - facts.walks_after, last)] if facts.walks_after else [])
 
 
 def _speed(strides: Strides, of_side: np.ndarray) -> float:

@@ -135,21 +135,30 @@ def _wrapped(strides: float) -> float:
     return (strides + 0.5) % 1.0 - 0.5
 
 
-def swing_phases(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
-    """Notes about leg sensors that swing at another time than the other sensors, and their placements."""
+class OutOfPhase(NamedTuple):
+    """Leg sensors that swing at another time than the other sensors."""
+
+    notes: tuple[Note, ...] = ()  #: notes about them.
+    doubtful: frozenset[str] = frozenset()  #: their placements.
+    crossed: frozenset[str] = frozenset()  #: placements whose segments seem exchanged with those of the other leg.
+    clocks: frozenset[str] = frozenset()  #: placements whose clock seems off.
+
+
+def swing_phases(sensors: Mapping[str, Imu]) -> OutOfPhase:
+    """The leg sensors that swing at another time than the other sensors."""
     legs = [f"{kind}_{side}" for kind in ("shank", "foot", "ankle", "thigh") for side in SIDES]
     legs = [name for name in legs if name in sensors]
     if len(legs) < 2 or kind_of(legs[0]) == "thigh":
-        return [], set()
+        return OutOfPhase()
     swings = _swings(sensors[legs[0]])
     lasts = np.diff(swings)
     whole = (lasts > STRIDE_S[0]) & (lasts < STRIDE_S[1])
     if not whole.any():
-        return [], set()
+        return OutOfPhase()
     stride = float(np.median(lasts[whole]))
     whole &= np.abs(lasts / stride - 1.0) < 0.3
     if whole.sum() < FEWEST_STRIDES:
-        return [], set()
+        return OutOfPhase()
     begins, ends = swings[:-1][whole], swings[1:][whole]
     closing = np.mean(np.append(lasts[1:] > PAUSES * lasts[:-1], True)[whole]) > MOSTLY
     phases: dict[str, float] = {}
@@ -173,10 +182,10 @@ def swing_phases(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
     return _named(phases, stride, unsure)
 
 
-def _named(phases: dict[str, float], stride: float, unsure: set[str]) -> tuple[list[Note], set[str]]:
+def _named(phases: dict[str, float], stride: float, unsure: set[str]) -> OutOfPhase:
     """The phases that contradict the others, in words; `unsure` ones give no note on a clock."""
     if len(phases) < 2:
-        return [], set()
+        return OutOfPhase()
     names = list(phases)
 
     def away(common: float) -> list[str]:
@@ -191,14 +200,15 @@ def _named(phases: dict[str, float], stride: float, unsure: set[str]) -> tuple[l
     common += float(np.median([_wrapped(value - common) for value in near]))
     wrong = away(common)
     if not wrong:
-        return [], set()
+        return OutOfPhase()
     if len(names) == 2:
         if unsure:
-            return [], set()
+            return OutOfPhase()
         apart = abs(_wrapped(phases[names[0]] - phases[names[1]] + 0.5)) * stride
-        return [LEGS_TOGETHER(placement=names[0], other=names[1], seconds=apart, half=0.5 * stride)], set(names)
+        note = LEGS_TOGETHER(placement=names[0], other=names[1], seconds=apart, half=0.5 * stride)
+        return OutOfPhase((note,), frozenset(names), clocks=frozenset(names))
     notes: list[Note] = []
-    doubtful: set[str] = set()
+    doubtful, crossed, clocks = set[str](), set[str](), set[str]()
     for kind in OFFSETS:
         pair = [f"{kind}_{side}" for side in SIDES]
         if not all(name in wrong for name in pair):
@@ -207,14 +217,16 @@ def _named(phases: dict[str, float], stride: float, unsure: set[str]) -> tuple[l
         wrong = [name for name in wrong if name not in pair]
         if any(abs(_wrapped(phases[name] - common)) >= EXCHANGED_FROM for name in pair):
             others = [name for name in names if name not in pair]
-            words = " or ".join(sorted({kind_of(name) for name in names})) if tie else kind
-            notes.append(SIDES_EXCHANGED(kind=words, others="the other sensors" if tie else ", ".join(others)))
+            kinds = sorted({kind_of(name) for name in names}) if tie else [kind]
+            others_words = "the other sensors" if tie else ", ".join(others)
+            notes.append(SIDES_EXCHANGED(kind=" or ".join(kinds), others=others_words))
             doubtful |= set(names if tie else pair)
+            crossed |= {f"{each}_{side}" for each in kinds for side in SIDES}
     for name in sorted(set(wrong) - unsure, key=names.index):
         strides = _wrapped(phases[name] - common)
         direction = "late" if strides > 0.0 else "early"
         if abs(strides) > EITHER:
             direction = "late or early"
         notes.append(CLOCK_OFF(placement=name, seconds=abs(strides) * stride, direction=direction))
-        doubtful.add(name)
-    return notes, doubtful
+        clocks.add(name)
+    return OutOfPhase(tuple(notes), frozenset(doubtful | clocks), frozenset(crossed), frozenset(clocks))

@@ -9,9 +9,10 @@ from jaxtyping import PyTree
 from jgait.estimators.combined.compare import FEWEST_COMPARED, OPPOSITE
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import SAME_CONTACT
-from jgait.estimators.foot_ins.attached import LEANS_OTHERWISE, SHOES_EXCHANGED
+from jgait.estimators.foot_ins.attached import lean_notes
 from jgait.estimators.stride_flags import SIDE_UNKNOWN
 from jgait.notes import Kind, Note
+from jgait.quality import SOUND
 from jgait.types import SIDES, AnyArray, Estimate, Feet, FootTrajectory, Recording, as_float
 
 SHOES_PUT_RIGHT = Kind(
@@ -33,11 +34,11 @@ def put_right(
     if not {"feet", "waist"} <= by_name.keys():
         return unchanged
     feet, waist = by_name["feet"].estimate, by_name["waist"].estimate
-    exchange_notes = [note for note in feet.diagnostics["notes"] if note.kind is SHOES_EXCHANGED]
+    since = min((facts.exchanged_at for facts in feet.diagnostics["sensors"].values()), default=np.inf)
     pair = [recording.sensors[f"foot_{side}"] for side in SIDES if f"foot_{side}" in recording.sensors]
-    if not exchange_notes or len(pair) < len(SIDES) or len(pair[0].time) != len(pair[1].time):
+    if since == np.inf or len(pair) < len(SIDES) or len(pair[0].time) != len(pair[1].time):
         return unchanged
-    at = float(as_float(exchange_notes[0].values["at_s"])) + float(feet.time[0])
+    at = since + float(feet.time[0])
     known = np.asarray(feet.strides.valid, bool)
     ends, sides = as_float(feet.strides.end)[known], np.asarray(feet.strides.side)[known]
     sure = as_float(waist.diagnostics["initial_contact_side_probability"]) > 0.9
@@ -56,8 +57,7 @@ def put_right(
         source._replace(estimate=_exchanged(source.estimate, at)) if source.name == "feet" else source
         for source in sources
     ]
-    note = SHOES_PUT_RIGHT(at_s=exchange_notes[0].values["at_s"])
-    return recording._replace(sensors={**recording.sensors, **swapped}), estimates, [note]
+    return recording._replace(sensors={**recording.sensors, **swapped}), estimates, [SHOES_PUT_RIGHT(at_s=since)]
 
 
 def _joined[R](arrays: R, mate: R, time: AnyArray, at: float) -> R:
@@ -86,9 +86,12 @@ def _exchanged(feet: Estimate, at: float) -> Estimate:
         diagnostics[f"pitch_{side}"] = _joined(pitch[0], pitch[1], feet.time, at)
         footholds, mate = (np.asarray(feet.diagnostics[f"footholds_{foot_side}"]) for foot_side in (side, other))
         diagnostics[f"footholds_{side}"] = np.concatenate([footholds[footholds < row], mate[mate >= row]])
-    diagnostics["notes"] = tuple(
-        note for note in diagnostics["notes"] if note.kind not in (SHOES_EXCHANGED, LEANS_OTHERWISE)
-    )
+    leans = lean_notes(diagnostics["sensors"])
+    diagnostics["notes"] = tuple(note for note in diagnostics["notes"] if note not in leans)
+    diagnostics["sensors"] = {
+        name: facts._replace(leans_at=SOUND.leans_at, leans_deg=SOUND.leans_deg, exchanged_at=SOUND.exchanged_at)
+        for name, facts in diagnostics["sensors"].items()
+    }
     sides = np.where(as_float(feet.strides.end) > at, 1 - np.asarray(feet.strides.side), feet.strides.side)
     paths: PyTree = feet.feet
     spread: PyTree = feet.feet_stddev

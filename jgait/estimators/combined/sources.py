@@ -1,6 +1,6 @@
 """The estimators that the sensors of a recording allow, each run once: the sources of a combined estimate."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import jax
@@ -8,17 +8,17 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait import params
-from jgait.estimators import ankle_stride, foot_ins, leg_ekf, stride_width_ekf, trust, waist
+from jgait.estimators import ankle_stride, foot_ins, leg_ekf, stride_width_ekf, waist
 from jgait.estimators.ankle_stride import AnkleOptions
 from jgait.estimators.checks import sensors_of
 from jgait.estimators.interface import Estimator
 from jgait.estimators.leg_ekf.notes import SEGMENT_ALONE
-from jgait.estimators.notes import RATES_OFF
 from jgait.estimators.proportions import gives, height_notes, outside
 from jgait.estimators.stride_width_ekf.notes import RANGE_OFFSET_ABSENT
 from jgait.estimators.waist.params import SITES
 from jgait.notes import LEFT_OUT, Kind, Note
-from jgait.types import SIDES, Estimate, Recording, RecordingError, as_float
+from jgait.quality import SensorQuality, widened
+from jgait.types import SIDES, Estimate, Recording, RecordingError
 
 NOT_USED = Kind(
     "source_not_used", "check", "{source}: no estimate, because {reason}",
@@ -55,6 +55,12 @@ class SourceEstimate(NamedTuple):
     placements: tuple[str, ...]
     estimate: Estimate
     params: PyTree
+
+    @property
+    def quality(self) -> dict[str, SensorQuality]:
+        """Placement → facts about its sensor that the estimator computed."""
+        quality: dict[str, SensorQuality] = self.estimate.diagnostics["sensors"]
+        return quality
 
 
 class _Way(NamedTuple):
@@ -163,11 +169,11 @@ def _check_measures(person: Mapping[str, PyTree]) -> None:
 
 
 def _unused(recording: Recording, estimates: list[SourceEstimate]) -> list[Note]:
-    """Notes about sensors that no estimator takes and no note of an estimator names."""
+    """Notes about sensors that no estimator takes, without those that are alone on their leg, which have a note."""
     taken = {name for way in WAYS for name in way.uses(recording)}
-    noted = {note.values.get("placement") for source in estimates for note in source.estimate.diagnostics["notes"]}
+    alone = {name for source in estimates for name, facts in source.quality.items() if facts.alone}
     notes = []
-    for placement in sorted(set(recording.sensors) - taken - noted):
+    for placement in sorted(set(recording.sensors) - taken - alone):
         kind = placement.partition("_")[0]
         if kind == "thigh":
             notes.append(SEGMENT_ALONE(placement=placement, other="shank"))
@@ -182,13 +188,17 @@ ROWS_SHARE = 0.1
 """[1] Relative standard deviation of a length if rows are missing or written twice. Chosen: with a fiftieth of the
 rows, lengths of recorded walks were off by 4 to 13 %."""
 
-ROWS = {"rows_lost": ("places", 10), "rows_twice": ("rows", 10)}
-"""Code of a reader's note on rows → its number of rows, and the number above which all strides are uncertain; a few
+RATES_SHARE = 2.0
+"""[1] Relative standard deviation of a stride's length, per logarithm of the factor of the rates; lengths grow with the
+square of the interval between samples."""
+
+MANY_ROWS = 10
+"""[1] Number of places with missing rows, or of rows written twice, from which on all strides are uncertain; a few
 places of a joined file change no other stride."""
 
 
 def with_time_wrong(
-    estimates: list[SourceEstimate], recording_notes: Sequence[Note]
+    estimates: list[SourceEstimate], quality: Mapping[str, SensorQuality]
 ) -> tuple[list[SourceEstimate], float, frozenset[str]]:
     """The sources, with the effect of wrong times between samples, or of wrong rates of sensors on the legs.
 
@@ -202,11 +212,10 @@ def with_time_wrong(
         name for source in estimates if source.estimator in ("foot_ins", "ankle_stride") for name in source.placements
     }
     off = {
-        str(note.values["placement"]): trust.rates_share(note)
-        for source in estimates for note in source.estimate.diagnostics["notes"] if note.code == RATES_OFF.code
+        name: RATES_SHARE * abs(float(np.log(facts.rates_factor)))
+        for source in estimates for name, facts in source.quality.items() if facts.rates_off
     }  # fmt: skip
-    rows = [(note, *ROWS[note.code]) for note in recording_notes if note.code in ROWS]
-    many = any(as_float(note.values[number]) >= least for note, number, least in rows)
+    many = any(max(facts.rows_lost, facts.rows_twice) >= MANY_ROWS for facts in quality.values())
     if not many and (not off or set(off) != worn):
         return estimates, 0.0, frozenset(off)
     share = ROWS_SHARE if many else float(np.mean(list(off.values())))
@@ -215,7 +224,7 @@ def with_time_wrong(
         strides = source.estimate.strides
         if strides is None or off.keys() & set(source.placements):
             return source
-        return source._replace(estimate=trust.wider(source.estimate, np.full(np.shape(strides.side), share)))
+        return source._replace(estimate=widened(source.estimate, np.full(np.shape(strides.side), share)))
 
     every = frozenset(name for source in estimates for name in source.placements)
     return [wider(source) for source in estimates], share, every

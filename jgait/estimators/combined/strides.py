@@ -6,10 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.estimators.ankle_stride.notes import STRIDES_QUICK, SWINGS_SMALL
 from jgait.estimators.combined.sources import SourceEstimate
-from jgait.estimators.ends import WALKING_AFTER, WALKING_BEFORE
-from jgait.estimators.notes import STRIDES_MISSING, STRIDES_UNCERTAIN
 from jgait.estimators.plausible import impossible
 from jgait.estimators.stride_flags import (
     CLIPPED,
@@ -21,7 +18,6 @@ from jgait.estimators.stride_flags import (
     UNEVEN_DURATION,
     UNSURE,
 )
-from jgait.estimators.waist.notes import UNLEARNED
 from jgait.types import SIDES, Estimate, Flags, Legs, Strides, as_float
 
 SAME = 0.5
@@ -62,13 +58,6 @@ COMBINED = ("length", "height", "turn")
 
 FLAGS = {flag.name: flag.read for flag in (TURNING, STAIRS, HALF, CLIPPED, UNSURE, SIDE_UNKNOWN)}
 """Flag of strides → function of a source's estimate: (strides,) bool, or None."""
-
-
-UNSEEN = (STRIDES_UNCERTAIN.code, STRIDES_MISSING.code, WALKING_BEFORE.code, WALKING_AFTER.code, SWINGS_SMALL.code)
-"""Codes of notes of a sensor that can lack strides at the begin or the end of a walk."""
-
-UNLIKE = (*UNLEARNED, STRIDES_QUICK.code)
-"""Codes of an estimator's notes that a walk is unlike those that it is made for."""
 
 
 class JoinedStrides(NamedTuple):
@@ -123,7 +112,7 @@ def joined(
     if not groups:
         return None
     doubts = {source.name: _doubted(source, wrong) for source in having}
-    unlike = [s.name for s in having if any(note.code in UNLIKE for note in s.estimate.diagnostics["notes"])]
+    unlike = [s.name for s in having if any(facts.unlike or facts.runs for facts in s.quality.values())]
     if len(unlike) < len(having):
         doubts |= {name: np.ones_like(doubts[name]) for name in unlike}
     return _table(having, groups, trusted, doubts, next((s for s in sources if s.name == "width"), None))
@@ -221,8 +210,8 @@ def _walks(sources: Sequence[SourceEstimate]) -> list[tuple[int, float, float]]:
     """Side, and begin and end of walking [s] by the sensor of a leg that neither lost samples nor cuts strides off."""
     walks = []
     for source in sources:
-        strides, notes = source.estimate.strides, source.estimate.diagnostics["notes"]
-        unsure = {str(note.values.get("placement")) for note in notes if note.code in UNSEEN}
+        strides = source.estimate.strides
+        unsure = [name for name, facts in source.quality.items() if facts.incomplete]
         for side in range(len(SIDES)) if source.name in LEG_WORN else ():
             mine = np.asarray(strides.valid, bool) & (np.asarray(strides.side) == side)
             if mine.any() and not any(name.endswith(SIDES[side]) for name in unsure):

@@ -3,11 +3,13 @@
 If from one time on each of both sensors leans as the other one did before, the sensors are exchanged.
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from jgait.notes import Kind, Note
+from jgait.quality import SensorQuality
 from jgait.types import Strides, as_float
 
 STANCES, OTHERWISE_DEG = 6, 20.0
@@ -39,20 +41,20 @@ class Moved(NamedTuple):
     """A sensor that leans otherwise from one stance on.
 
     Attributes:
-        note: the note on it.
+        quality: from when on it leans otherwise, and by how much.
         pause: (2,) [s], the last stance before, and the first after.
         at: time between them at which the lean changes [s].
         before after: (3,) mean direction of gravity in stances, of length 1.
     """
 
-    note: Note
+    quality: SensorQuality
     pause: np.ndarray
     at: float
     before: np.ndarray
     after: np.ndarray
 
 
-def moved(placement: str, strides: Strides, side: int, time: np.ndarray, acc: np.ndarray) -> Moved | None:
+def moved(strides: Strides, side: int, time: np.ndarray, acc: np.ndarray) -> Moved | None:
     """The sensor of a side if it leans otherwise in later stances; `acc` (T, 3) [m/s²] at `time` (T,) [s]."""
     if strides.standing is None:
         return None
@@ -71,12 +73,12 @@ def moved(placement: str, strides: Strides, side: int, time: np.ndarray, acc: np
     if degrees[worst] <= OTHERWISE_DEG:
         return None
     first = int(np.argmax(degrees > OTHERWISE_DEG)) + STANCES // 2
-    note = LEANS_OTHERWISE(placement=placement, at_s=at[first] - time[0], degrees=degrees[worst])
+    quality = SensorQuality(leans_at=float(at[first] - time[0]), leans_deg=float(degrees[worst]))
     change = middle[worst] - middle[0]
     begin = int(np.clip(_first(up @ change > 0.0), 1, len(at) - 1))
     pause = at[[begin - 1, begin]]
     rows = np.searchsorted(time, pause)
-    return Moved(note, pause, time[rows[0] + _first(acc[slice(*rows)] @ change > 0.0)], middle[0], middle[worst])
+    return Moved(quality, pause, time[rows[0] + _first(acc[slice(*rows)] @ change > 0.0)], middle[0], middle[worst])
 
 
 def _first(later: np.ndarray) -> int:
@@ -92,6 +94,16 @@ def exchanged(right: Moved | None, left: Moved | None) -> float | None:
     begin, end = max(right.pause[0], left.pause[0]), min(right.pause[1], left.pause[1])
     apart = _degrees(right.after, left.before), _degrees(left.after, right.before)
     return None if begin >= end or max(apart) > OTHERWISE_DEG else 0.5 * (right.at + left.at)
+
+
+def lean_notes(quality: Mapping[str, SensorQuality]) -> list[Note]:
+    """Notes on sensors of shoes that lean otherwise from one time on, and on both if they changed places."""
+    notes = [
+        LEANS_OTHERWISE(placement=placement, at_s=facts.leans_at, degrees=facts.leans_deg)
+        for placement, facts in quality.items() if np.isfinite(facts.leans_at)
+    ]  # fmt: skip
+    changed = {facts.exchanged_at for facts in quality.values() if np.isfinite(facts.exchanged_at)}
+    return notes + [SHOES_EXCHANGED(at_s=at) for at in changed]
 
 
 def _degrees(direction: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -11,13 +11,13 @@ from jaxtyping import PyTree
 
 from jgait import filtering, quality
 from jgait.estimators import noise
-from jgait.estimators.ends import cut_notes
+from jgait.estimators.ends import cut_notes, cut_off
 from jgait.estimators.foot_ins import headings
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins import readout as foot_strides
 from jgait.estimators.foot_ins import windows as foot_windows
 from jgait.estimators.foot_ins.about import ABOUT
-from jgait.estimators.foot_ins.attached import SHOES_EXCHANGED, exchanged, moved
+from jgait.estimators.foot_ins.attached import exchanged, lean_notes, moved
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals
 from jgait.estimators.foot_ins.model import FootControl, FootError, FootModelParams, FootObservation
 from jgait.estimators.foot_ins.params import DEFAULT, FootOptions, FootParams, with_body
@@ -30,7 +30,8 @@ from jgait.estimators.sides import of_turns, stacked
 from jgait.estimators.stride_flags import SIDE_UNKNOWN
 from jgait.filtering import Belief
 from jgait.geometry.arrays import for_each
-from jgait.quality.stride import among, of_sensors, of_stride, share_between
+from jgait.quality import SensorQuality, merged
+from jgait.quality.stride import among, missing, of_sensors, of_stride
 from jgait.types import SIDES, Counts, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Strides, Values, as_float
 
 PER_STRIDE = ("stride_nis",)
@@ -243,41 +244,36 @@ def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
     result = result._replace(diagnostics={**result.diagnostics, **footholds})
     result = headings.together(result) if made.options.smooth else result
     worn = {side: f"foot_{SIDES[side]}" for side in feet}
-    cut = cut_notes(result, {side: (worn[side], foot.gyr - foot.gyr_bias) for side, foot in feet.items()})
+    cut = cut_off(result, {side: (worn[side], foot.gyr - foot.gyr_bias) for side, foot in feet.items()})
     walks = set(np.asarray(result.strides.side)[np.asarray(result.strides.valid, bool)].tolist())
-    none = (NO_STEPS(placement=name) for side, name in worn.items() if side not in walks)
+    none = {name: SensorQuality(unusable=True) for side, name in worn.items() if side not in walks}
     time = as_float(result.time)
-    turned = {
-        side: moved(worn[side], result.strides, side, time, np.asarray(foot.acc)[: len(time)])
-        for side, foot in feet.items()
-    }
-    notes = [*result.diagnostics["notes"], *cut, *none, *(lean.note for lean in turned.values() if lean is not None)]
+    turned = {side: moved(result.strides, side, time, np.asarray(foot.acc)[: len(time)]) for side, foot in feet.items()}
+    leans = {worn[side]: lean.quality for side, lean in turned.items() if lean is not None}
     if (changed := exchanged(turned.get(0), turned.get(1))) is not None:
-        notes.append(SHOES_EXCHANGED(at_s=changed - time[0]))
+        leans = {name: facts._replace(exchanged_at=float(changed - time[0])) for name, facts in leans.items()}
         unknown = as_float(result.strides.end) > changed
         result = result._replace(diagnostics={**result.diagnostics, SIDE_UNKNOWN.name: unknown})
-    result = result._replace(diagnostics={**result.diagnostics, "notes": tuple(notes)})
+    notes = (*cut_notes(cut), *(NO_STEPS(placement=name) for name in none), *lean_notes(leans))
+    facts = {
+        "notes": (*result.diagnostics["notes"], *notes),
+        "sensors": merged(result.diagnostics["sensors"], cut, none, leans),
+    }
+    result = result._replace(diagnostics={**result.diagnostics, **facts})
     if made.options.soft:  # its noise is tuned, and limits for it are not known
         return result
-    p = quality.learned("foot_ins")
-    return quality.with_notes(
-        quality.judged(_with_distance_stddev(result, len(feet)), p, _evidence(result, feet)), p, worn
-    )
+    return quality.judged(_with_distance_stddev(result, len(feet)), "foot_ins", _evidence(result, feet), worn)
 
 
 def _evidence(result: Estimate, feet: dict[int, FootSignals]) -> dict[str, np.ndarray]:
     """The evidence about the strides, see `quality.stride`."""
     strides, spread = result.strides, result.strides_stddev
-    side, begin, time = np.asarray(strides.side), as_float(strides.standing), as_float(result.time)
-    damaged = {
-        k: share_between((foot.gyr_doubt > 0.0) | (foot.acc_doubt > 0.0), time, begin, as_float(strides.end))
-        for k, foot in feet.items()
-    }
+    damaged = {k: (foot.gyr_doubt > 0.0) | (foot.acc_doubt > 0.0) for k, foot in feet.items()}
     return {
         **of_stride(strides.length, spread.length, result.diagnostics["stride_nis"], strides.height, spread.height),
         **among(strides),
         **of_sensors(result, {k: f"foot_{SIDES[k]}" for k in feet}),
-        "missing": np.select([side == k for k in damaged], list(damaged.values()), 0.0),
+        "missing": missing(strides, as_float(strides.standing), as_float(result.time), damaged),
     }
 
 

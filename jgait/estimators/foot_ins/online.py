@@ -89,7 +89,7 @@ def worn(p: FootParams, recording: Recording, side: str) -> FootWorn:
     gyr, acc = (over_losses(np.arange(len(time)), values, mask) for values in (imu.gyr, imu.acc))
     hz = 1.0 / float(np.median(np.diff(time)))
     at_rest = rest(gyr, acc, mask, hz)
-    scale, acc_bias = errors_at_rest(at_rest, name, [])
+    scale, acc_bias, _ = errors_at_rest(at_rest, name, [])
     free = gyr - at_rest.gyr_bias
     stances = events.stances(free, acc * scale, hz)
     if len(stances.start) < 3:

@@ -31,6 +31,7 @@ from jgait.events.rest import Rest, rest
 from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
 from jgait.notes import FEW_RESTS, Kind, Note
+from jgait.quality import SensorQuality
 from jgait.signal import clipping
 from jgait.signal.windows import held_mean, over_losses, window_maximum, window_size
 from jgait.types import SIDES, Imu, Recording, RecordingError
@@ -100,14 +101,16 @@ def prepare(recording: Recording, options: FootOptions = DEFAULT) -> Prepared[Fo
     time = checked_clock(recording, sides)
     feet: dict[str, FootSignals | None] = dict.fromkeys(SIDES)
     notes: list[Note] = []
+    quality: dict[str, SensorQuality] = {}
     standing = None
-    for side in sides:
-        feet[side], foot_notes, rests = _foot(recording.sensors[f"foot_{side}"], time, f"foot_{side}", options.detector)
+    for side, name in zip(sides, (f"foot_{side}" for side in sides), strict=True):
+        feet[side], quality[name], foot_notes, rests = _foot(recording.sensors[name], time, name, options.detector)
         notes += foot_notes
         standing = rests if standing is None else standing
     # the detector is used only here, so all detectors share one compiled program
     options = options._replace(detector=DEFAULT.detector)
-    return Prepared(FootInputs(time, feet["right"], feet["left"]), options, tuple(notes), standing)
+    inputs = FootInputs(time, feet["right"], feet["left"])
+    return Prepared(inputs, options, tuple(notes), standing, quality=quality)
 
 
 def checked_clock(recording: Recording, sides: tuple[str, ...]) -> np.ndarray:
@@ -125,8 +128,8 @@ def _mean_over_interval(values: np.ndarray) -> np.ndarray:
 
 def _foot(
     imu: Imu, time: np.ndarray, name: str, detector: str
-) -> tuple[FootSignals, list[Note], tuple[int, int] | None]:
-    """Inputs of one foot, notes, and the longest rest as a half-open range of samples."""
+) -> tuple[FootSignals, SensorQuality, list[Note], tuple[int, int] | None]:
+    """Inputs of one foot, facts and notes about its sensor, and the longest rest as a half-open range of samples."""
     notes: list[Note] = []
     mask = np.asarray(imu.mask, bool)
     gyr, acc = (over_losses(np.arange(len(time)), values, mask) for values in (imu.gyr, imu.acc))
@@ -142,7 +145,7 @@ def _foot(
     at_rest = rest(gyr, acc, ~not_bridged(~mask, time), hz)
     if not at_rest.windows:
         at_rest = at_rest._replace(force=force_in_stances(gyr, acc, hz))
-    scale, acc_bias = errors_at_rest(at_rest, name, notes)
+    scale, acc_bias, off = errors_at_rest(at_rest, name, notes)
     acc = acc * scale
     stances = events.stances(gyr - at_rest.gyr_bias, acc, hz)
     if not len(stances.start):
@@ -160,14 +163,19 @@ def _foot(
         if flags.any():
             notes.append(CLIPPED(signal=what, placement=name, samples=flags.sum()))
     factor = gyroscope_scale(gyr - at_rest.gyr_bias, acc, stances.stillest, lost | clips | turned, hz)
-    if factor is not None and abs(np.log(factor)) > OFF_FROM:
+    factor = 1.0 if factor is None else float(factor)
+    if off_rates := abs(np.log(factor)) > OFF_FROM:
         notes.append(RATES_OFF(placement=name, factor=factor))
     stances = _measured(_more_footholds(stances, hz), not_bridged(lost, time))
     whole, known = _whole(stances, lost, time)
-    if lost.any():
-        notes.append(STRIDES_UNCERTAIN(samples=lost.sum(), placement=name, longest_s=longest_loss(lost, time)))
-    if not whole.all():
-        notes.append(STRIDES_MISSING(strides=np.sum(~whole), placement=name, seconds=LONGEST_LOSS))
+    quality = SensorQuality(
+        force_off=off, rates_factor=factor, rates_off=bool(off_rates), gyr_clipped=int(turned.sum()),
+        acc_clipped=int(clips.sum()), lost=int(lost.sum()), strides_missing=int(np.sum(~whole)),
+    )  # fmt: skip
+    if quality.lost:
+        notes.append(STRIDES_UNCERTAIN(samples=quality.lost, placement=name, longest_s=longest_loss(lost, time)))
+    if quality.strides_missing:
+        notes.append(STRIDES_MISSING(strides=quality.strides_missing, placement=name, seconds=LONGEST_LOSS))
     first = int(np.flatnonzero(stands)[0]) if stands.any() else int(stances.stillest[0])
     until = min(max(stances.end[0], first + 1), first + int(hz))
     up = acc[first:until].mean(axis=0)
@@ -201,7 +209,7 @@ def _foot(
         **_footholds(gyr - at_rest.gyr_bias, stances, hz, len(time)),
     )
     longest = max(at_rest.windows, key=lambda window: window[1] - window[0], default=None)
-    return signals, notes, longest
+    return signals, quality, notes, longest
 
 
 def force_in_stances(gyr: np.ndarray, acc: np.ndarray, hz: float) -> float:
@@ -214,8 +222,9 @@ def force_in_stances(gyr: np.ndarray, acc: np.ndarray, hz: float) -> float:
     return float(np.median(force[quiet])) if len(quiet) >= FEWEST_STANCES else 0.0
 
 
-def errors_at_rest(at_rest: Rest, name: str, notes: list[Note]) -> tuple[float, float]:
-    """Scale factor of the accelerometer, and its bias along the vertical [m/s²].
+def errors_at_rest(at_rest: Rest, name: str, notes: list[Note]) -> tuple[float, float, float]:
+    """Scale factor of the accelerometer, its bias along the vertical [m/s²], and its relative difference from
+    gravity.
 
     One attitude cannot separate scale from bias; the difference is divided by the usual sizes of both errors.
     """
@@ -224,7 +233,7 @@ def errors_at_rest(at_rest: Rest, name: str, notes: list[Note]) -> tuple[float, 
         notes.append(NEVER_RESTS(placement=name))
         when = "in stances"
         if not STANCE_OFF < abs(off) < OFF_SCALE:
-            return 1.0, 0.0
+            return 1.0, 0.0, 0.0
     if abs(off) > OFF_SCALE:
         raise RecordingError(
             f"acc of '{name}' must read {GRAVITY:.2f} m/s² at rest; it reads {at_rest.force:.3g}: another unit, or a "
@@ -236,7 +245,7 @@ def errors_at_rest(at_rest: Rest, name: str, notes: list[Note]) -> tuple[float, 
         notes.append(SCALE_CORRECTED(placement=name, percent=100.0 * off, when=when))
     share = SCALE_SPREAD**2 / (SCALE_SPREAD**2 + (BIAS_SPREAD / GRAVITY) ** 2)
     scale = 1.0 / (1.0 + share * off)
-    return scale, scale * at_rest.force - GRAVITY
+    return scale, scale * at_rest.force - GRAVITY, off
 
 
 def _standing(

@@ -24,6 +24,7 @@ from jgait.estimators.sides import stacked
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.arrays import for_each, xp
 from jgait.notes import Note
+from jgait.quality import SensorQuality, merged
 from jgait.quality.stride import of_stride
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values, as_float
 
@@ -282,11 +283,13 @@ def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:
                 gained = np.diff(as_float(result.distance), prepend=0.0)
                 result = result._replace(distance=np.cumsum(np.where(off, 0.0, gained)))
                 notes += more
-            if (after := slipped(made.notes, side, as_float(made.inputs.time))).any():
+            if (after := slipped(made.quality, side, as_float(made.inputs.time))).any():
                 diagnostics[f"slipped_{side}"] = after
     for side in SIDES:
         if shanks is not None and f"shank_doubtful_{side}" in diagnostics:
             deviation, many = (float(diagnostics[f"shank_{key}_{side}"]) for key in ("stride_stddev", "doubtful"))
+            rare = SensorQuality(unusable=deviation > quality.UNCERTAIN)
+            diagnostics["sensors"] = merged(diagnostics["sensors"], {f"shank_{side}": rare})
             notes += quality.doubts_of(f"shank_{side}", deviation, round(many), int(getattr(shanks, side).count))
     if made.inputs.right is not None and made.inputs.left is not None and "shank_distance_right" in diagnostics:
         right, left = (float(diagnostics[f"shank_distance_{side}"]) for side in SIDES)

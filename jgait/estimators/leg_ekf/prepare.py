@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.estimators.ankle_stride.inputs import AnkleInputs
-from jgait.estimators.ankle_stride.notes import STRIDES_QUICK, SWINGS_SMALL
+from jgait.estimators.ankle_stride.notes import shank_notes
 from jgait.estimators.ankle_stride.params import AnkleOptions
 from jgait.estimators.ankle_stride.prepare import prepare as prepare_shanks
 from jgait.estimators.checks import common_time, sensors_of
@@ -27,11 +27,12 @@ from jgait.estimators.leg_ekf.notes import (
 )
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions
 from jgait.estimators.leg_ekf.slips import slips
-from jgait.estimators.notes import ACCELEROMETER_OFF, CLIPPED, NO_ACCELEROMETER, NO_FIRST_STANDING
+from jgait.estimators.notes import NO_ACCELEROMETER, NO_FIRST_STANDING
 from jgait.events.rest import LEGS_RATE, LegRest, standing_of_legs
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.leg import leg_mounting, measured, smooth
 from jgait.notes import Note
+from jgait.quality import SensorQuality, merged
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError, as_float
 
@@ -244,19 +245,20 @@ SHANKS = AnkleOptions(site="shank")
 """Options of the strapdown of the shanks' sensors."""
 
 
-def shanks_of(recording: Recording, sides: tuple[str, ...]) -> tuple[AnkleInputs | None, list[Note]]:
-    """The inputs of the strapdown, and notes about steps that it lacks, running, and signals that clip or are off; None
-    without accelerometers, or if the sampling rate does not suit.
+def shanks_of(
+    recording: Recording, sides: tuple[str, ...]
+) -> tuple[AnkleInputs | None, dict[str, SensorQuality], list[Note]]:
+    """The inputs of the strapdown, and facts and notes about steps that it lacks, running, and signals that clip or are
+    off; None without accelerometers, or if the sampling rate does not suit.
     """
     placements = [f"{segment}_{side}" for segment in ("thigh", "shank") for side in sides]
     shanks = recording._replace(sensors={name: recording.sensors[name] for name in placements})
     try:
         made = prepare_shanks(shanks, SHANKS)
     except RecordingError:
-        return None, []
-    return made.inputs, [
-        note for note in made.notes if note.kind in (SWINGS_SMALL, STRIDES_QUICK, CLIPPED, ACCELEROMETER_OFF)
-    ]
+        return None, {}, []
+    notes = [note for placement, facts in made.quality.items() for note in shank_notes(placement, facts)]
+    return made.inputs, made.quality, notes
 
 
 def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[LegInputs]:
@@ -277,18 +279,19 @@ def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[Leg
         segments = [in_segment(sensors[mounting.placement], mounting) for mounting in worn.values()]
         legs[side] = LegSignals(*(rates_between(signals, time) if options.smooth else signals for signals in segments))
         notes += more
-    notes += slips(sensors, upright, slice(*standing), time)
+    slipping, more = slips(sensors, upright, slice(*standing), time)
+    notes += more
     if bare := any(imu.acc is None for imu in sensors.values()):
         notes.append(NO_ACCELEROMETER())
     if not still[0]:
         notes.append(NO_FIRST_STANDING())
-    notes += [
-        SEGMENT_ALONE(placement=f"{segment}_{side}", other=other)
-        for side in SIDES for segment, other in (("thigh", "shank"), ("shank", "thigh"))
+    alone = {
+        f"{segment}_{side}": other for side in SIDES for segment, other in (("thigh", "shank"), ("shank", "thigh"))
         if side not in sides and f"{segment}_{side}" in recording.sensors
-    ]  # fmt: skip
+    }  # fmt: skip
+    notes += [SEGMENT_ALONE(placement=placement, other=other) for placement, other in alone.items()]
     strapdown = options.distance == "strapdown" and options.rate_hz is None
-    shanks, more = shanks_of(recording, sides) if strapdown else (None, [])
+    shanks, quality, more = shanks_of(recording, sides) if strapdown else (None, {}, [])
     notes += more
     if len(sides) == 1 and shanks is None:
         notes.append(ONE_LEG(side=sides[0]))
@@ -301,4 +304,5 @@ def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[Leg
     inputs = LegInputs(legs.get("right"), legs.get("left"), time, dt, still, valid, variance, shanks)
     notes += _gap_notes(gaps, time)
     gravity = options.gravity and not bare
-    return Prepared(inputs, options._replace(gravity=gravity), tuple(notes), standing)
+    quality = merged(quality, slipping, dict.fromkeys(alone, SensorQuality(alone=True)))
+    return Prepared(inputs, options._replace(gravity=gravity), tuple(notes), standing, quality=quality)

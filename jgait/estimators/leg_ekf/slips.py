@@ -1,12 +1,13 @@
 """Sensors on thighs and shanks that slip: the tilt of the segment changes, in standing and in movement."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
 from jgait.estimators.leg_ekf.notes import SLIPPED, STANDS_OTHERWISE
 from jgait.events.rest import LEGS_SHORTEST_S
 from jgait.notes import Note
+from jgait.quality import SensorQuality
 from jgait.signal.windows import true_runs
 from jgait.types import Imu, as_float
 
@@ -20,13 +21,16 @@ SHARE = 0.5
 """[1] Least share of the change of tilt between standings that the movement of a sensor that slipped also shows."""
 
 
-def slips(sensors: Mapping[str, Imu], upright: np.ndarray, standing: slice, time: np.ndarray) -> list[Note]:
-    """Notes on sensors whose tilt in another standing differs from that in the calibrating one.
+def slips(
+    sensors: Mapping[str, Imu], upright: np.ndarray, standing: slice, time: np.ndarray
+) -> tuple[dict[str, SensorQuality], list[Note]]:
+    """Sensors that slipped, and notes on those whose tilt in another standing differs from that in the calibrating one.
 
     If the last standing has such a tilt, and the movement before it too, the sensor slipped, see `_since`.
     """
     step = float(np.median(np.diff(time)))
     runs = [slice(first, after) for first, after in true_runs(upright) if after - first >= LEGS_SHORTEST_S / step]
+    quality: dict[str, SensorQuality] = {}
     notes = []
     for name, imu in sensors.items():
         if imu.acc is None or not runs:
@@ -49,8 +53,9 @@ def slips(sensors: Mapping[str, Imu], upright: np.ndarray, standing: slice, time
                 STANDS_OTHERWISE(placement=name, degrees=degrees[worst], at_s=time[runs[worst].start] - time[0])
             )
         else:
-            notes.append(SLIPPED(placement=name, degrees=degrees[-1], from_s=time[since] - time[0]))
-    return notes
+            quality[name] = SensorQuality(slips_at=float(time[since] - time[0]))
+            notes.append(SLIPPED(placement=name, degrees=degrees[-1], from_s=quality[name].slips_at))
+    return quality, notes
 
 
 def _since(force: np.ndarray, moving: np.ndarray, width: int, before: np.ndarray, after: np.ndarray) -> int | None:
@@ -72,7 +77,7 @@ def _since(force: np.ndarray, moving: np.ndarray, width: int, before: np.ndarray
     return None if last.mean() - first.mean() < SHARE else int(kept[max(best - 1, 0), 0])
 
 
-def slipped(notes: Iterable[Note], side: str, time: np.ndarray) -> np.ndarray:
-    """(T,) bool, the samples after a sensor on the leg of a side slipped, from notes."""
-    of_side = (note for note in notes if note.kind is SLIPPED and str(note.values["placement"]).endswith(side))
-    return np.asarray(time - time[0] >= min((as_float(note.values["from_s"]) for note in of_side), default=np.inf))
+def slipped(quality: Mapping[str, SensorQuality], side: str, time: np.ndarray) -> np.ndarray:
+    """(T,) bool, the samples after a sensor on the leg of a side slipped."""
+    slips_at = (facts.slips_at for placement, facts in quality.items() if placement.endswith(side))
+    return np.asarray(time - time[0] >= min(slips_at, default=np.inf))

@@ -161,7 +161,8 @@ def estimator(
             start_heading=start_heading,
         )  # fmt: skip
         notes = (*feet.diagnostics["notes"], *prepared.notes)
-        return prepared._replace(notes=notes, standing=feet.diagnostics["standing"], extra=(feet, stances))
+        standing, quality = feet.diagnostics["standing"], feet.diagnostics["sensors"]
+        return prepared._replace(notes=notes, standing=standing, extra=(feet, stances), quality=quality)
 
     return Estimator("stride_width_ekf", WidthParams(), ready, run, with_body, ABOUT, ("width_valid",), _finished)
 

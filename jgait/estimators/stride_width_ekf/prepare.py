@@ -111,12 +111,12 @@ def _usable(
     turned = _inside(times, turning)
     usable = known & ~turned
     left_out = (
-        kinds.RANGES_LONG(ranges=np.sum(measured & ~near), longest=options.longest_range),
-        kinds.RANGES_ODD(ranges=np.sum(odd)),
-        kinds.RANGES_TURNING(ranges=np.sum(turned)),
-        kinds.RANGES_UNKNOWN(ranges=np.sum(~known & ~turned)),
+        (kinds.RANGES_LONG, measured & ~near, {"longest": options.longest_range}),
+        (kinds.RANGES_ODD, odd, {}),
+        (kinds.RANGES_TURNING, turned, {}),
+        (kinds.RANGES_UNKNOWN, ~known & ~turned, {}),
     )
-    notes = [note for note in left_out if note.values["ranges"]]
+    notes = [kind(ranges=ranges.sum(), **more) for kind, ranges, more in left_out if ranges.any()]
     if abs(delay) > max(0.01, 3.0 * stddev):
         notes.append(kinds.RANGE_LATE(late_ms=1e3 * delay, stddev_ms=1e3 * stddev))
     if options.align_range and not np.isfinite(stddev) and np.sum(usable) > ENOUGH_PASSINGS:

@@ -8,12 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.estimators.ends import LEAST_CUT_STRIDES, MOST, cut_note
+from jgait.estimators.ends import LEAST_CUT_STRIDES, MOST, cut_notes
 from jgait.estimators.losses import lost_between
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.waist.notes import BOUTS_WITHOUT_STANDING, NO_CONTACTS
 from jgait.events import trunk as trunk_events
 from jgait.notes import Note
+from jgait.quality import SensorQuality
 from jgait.signal.windows import held_mean, window_size
 from jgait.types import Values, as_float
 
@@ -143,12 +144,12 @@ def leave_out(nodes: dict[str, np.ndarray], lost: np.ndarray, time: np.ndarray) 
 
 def notes_of(
     nodes: dict[str, np.ndarray], contacts: int, placement: str, time: np.ndarray, force: np.ndarray
-) -> list[Note]:
-    """Notes about the bouts of a sensor, and about walking that the recording cuts off; `time` (T,) is in s, `force`
-    (T,) the size of the specific force.
+) -> tuple[SensorQuality, list[Note]]:
+    """Walking that the recording cuts off, and notes about it and about the bouts of a sensor; `time` (T,) is in s,
+    `force` (T,) the size of the specific force.
     """
     if not contacts:
-        return [NO_CONTACTS()]
+        return SensorQuality(unusable=True), [NO_CONTACTS()]
     fresh = np.flatnonzero(nodes["fresh"])
     moving = fresh[~nodes["stands"][fresh].astype(bool)]
     notes: list[Note] = []
@@ -156,7 +157,7 @@ def notes_of(
         notes.append(BOUTS_WITHOUT_STANDING(some=len(moving), bouts=len(fresh), begin_s=nodes["contact"][moving[0]]))
     ends = np.flatnonzero(nodes["stride"])
     if not len(ends):
-        return notes
+        return SensorQuality(), notes
     at, stands = nodes["contact"], nodes["stands"]
     stride_s = float(np.median(at[ends] - at[ends - 2]))
     walking = force[(time >= at[0]) & (time <= at[-1])].std()
@@ -167,7 +168,8 @@ def notes_of(
     ):
         moves = seconds < STEP * stride_s or force[beyond].std() > MOVES * walking
         cuts.append(float(seconds) if moves and not still and LEAST_CUT_STRIDES < seconds / stride_s < MOST else 0.0)
-    return notes + cut_note(placement, *cuts)
+    cut = SensorQuality(walks_before=cuts[0], walks_after=cuts[1])
+    return cut, notes + cut_notes({placement: cut})
 
 
 REDUCED_HZ = 25.0

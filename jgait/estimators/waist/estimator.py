@@ -41,7 +41,8 @@ from jgait.geometry.arrays import interpolated, xp
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.trunk import FREE, OVER_S, moved_between, step_frequency
 from jgait.notes import Note
-from jgait.quality.stride import above, among, of_stride
+from jgait.quality import SensorQuality, merged
+from jgait.quality.stride import above, among, of_sensors, of_stride
 from jgait.types import Estimate, Legs, Recording, Strides, Values, as_float
 
 TURNING = 0.35
@@ -230,9 +231,9 @@ def _felt(result: Estimate, contacts: np.ndarray) -> np.ndarray:
 
 def _doubts(
     result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs]
-) -> tuple[list[Note], dict[str, np.ndarray]]:
-    """Notes if the distance is unreliable (see `DOUBTFUL`), strides are short or slow, or in some the person climbs
-    (see `RISES`) or runs (see `FREE`); and the evidence about each stride.
+) -> tuple[SensorQuality, list[Note], dict[str, np.ndarray]]:
+    """Facts and notes if the distance is unreliable (see `DOUBTFUL`), strides are short or slow, or in some the person
+    climbs (see `RISES`) or runs (see `FREE`); and the evidence about each stride.
 
     Strides are short or slow all together, if their median is below `SHORTEST_LEARNED_M` or `SLOWEST`, or each for
     itself (see `SLOW`), or slower than the others (see `LONGER`); not where both steps are integrated, beside standing.
@@ -241,12 +242,12 @@ def _doubts(
     strides, notes = result.strides, []
     kept = np.asarray(strides.valid, bool)
     if not kept.any():
-        return [], {}
+        return SensorQuality(), [], {}
     way, spread = float(result.distance[-1]), float(result.diagnostics["distance_stddev"][-1])
-    if not spread <= DOUBTFUL * abs(way) or way <= 0.0:
+    if useless := not spread <= DOUBTFUL * abs(way) or way <= 0.0:
         of = "" if options.distance == "fused" else f' (distance="{options.distance}")'
         notes.append(DISTANCE_DOUBTFUL(option=of, distance_m=way, within_m=2.0 * spread))
-    force = _felt(result, contacts)
+    force, slowly = _felt(result, contacts), False
     runs = kept & (force < FREE)
     if options.distance in ("fused", "pendulum"):
         length, speed, turn = (as_float(part) for part in (strides.length, strides.speed, strides.turn))
@@ -259,7 +260,7 @@ def _doubts(
         lasts = as_float(strides.end) - as_float(strides.start)
         usual = float(np.median(lasts[kept & ~runs])) if (kept & ~runs).any() else np.inf
         slower = kept & (lasts > LONGER * usual) & ~turning & ~slow & ~integrated
-        if slow is kept or slow.sum() > FEW:
+        if slowly := slow is kept or slow.sum() > FEW:
             middle = {"length_m": np.median(length[noted]), "speed": np.median(speed[noted])}
             notes.append(
                 SHORT_OR_SLOW(strides=noted.sum(), of=kept.sum(), **middle, least_m=SHORTEST_LEARNED_M, slowest=SLOWEST)
@@ -275,13 +276,18 @@ def _doubts(
     if runs.sum() > FEW:
         share = 100.0 * max(float(np.median(force[runs])), 0.0)
         notes.append(FALLS_FREELY(strides=runs.sum(), of=kept.sum(), share_pct=share))
-    spread = as_float(result.strides_stddev.length)
-    return notes, {
-        **of_stride(as_float(strides.length), spread, np.zeros(len(kept)), np.zeros(len(kept)), spread),
-        **among(strides),
-        "weightless": np.maximum(0.5 - force, 0.0),
-        "climb": np.maximum(np.abs(rise) - 0.1, 0.0),
-    }
+    stated = as_float(result.strides_stddev.length)
+    facts = SensorQuality(unusable=useless, unlike=bool(slowly or climbs.any() or runs.sum() > FEW))
+    return (
+        facts,
+        notes,
+        {
+            **of_stride(as_float(strides.length), stated, np.zeros(len(kept)), np.zeros(len(kept)), stated),
+            **among(strides),
+            "weightless": np.maximum(0.5 - force, 0.0),
+            "climb": np.maximum(np.abs(rise) - 0.1, 0.0),
+        },
+    )
 
 
 def _rise(result: Estimate, still: np.ndarray) -> np.ndarray:
@@ -298,15 +304,19 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
     contacts = np.flatnonzero(diagnostics.pop("initial_contact_valid"))
     for name in ("initial_contact", "initial_contact_side", "initial_contact_side_probability"):
         diagnostics[name] = diagnostics[name][contacts]
-    result = _with_missed(result._replace(diagnostics=diagnostics), made.inputs)
-    doubts, evidence = _doubts(result, diagnostics["initial_contact"], made)
+    (name,) = made.quality
+    result = _with_missed(result._replace(diagnostics=diagnostics), made.inputs, name)
+    facts, doubts, evidence = _doubts(result, diagnostics["initial_contact"], made)
     missed, noted = _steps_missed(result, diagnostics["initial_contact"])
-    evidence["sparse"] = np.full(np.shape(result.strides.side), missed)
-    notes = (*result.diagnostics["notes"], *doubts, *noted)
-    result = result._replace(diagnostics={**result.diagnostics, "notes": notes})
+    diagnostics = {
+        **result.diagnostics, "notes": (*result.diagnostics["notes"], *doubts, *noted),
+        "sensors": merged(result.diagnostics["sensors"], {name: facts}),
+    }  # fmt: skip
+    result = result._replace(diagnostics=diagnostics)
     if made.options.distance not in ("fused", "pendulum"):
         return result
-    return quality.judged(result, quality.learned("waist"), evidence)
+    evidence |= {**of_sensors(result, {0: name, 1: name}), "sparse": np.full(np.shape(result.strides.side), missed)}
+    return quality.judged(result, "waist", evidence, {0: name, 1: name})
 
 
 def _integrated(made: Prepared[WaistInputs]) -> np.ndarray:
@@ -328,8 +338,10 @@ def _steps_missed(result: Estimate, contacts: np.ndarray) -> tuple[float, tuple[
     return float(above(steps, contact_rate)), notes
 
 
-def _with_missed(result: Estimate, inputs: WaistInputs) -> Estimate:
-    """The estimate with a note and a larger deviation of the distance if the trunk walks where no contact was found."""
+def _with_missed(result: Estimate, inputs: WaistInputs, name: str) -> Estimate:
+    """The estimate with a note, and a larger deviation of the distance, if the trunk walks where no contact was found;
+    `name` is the sensor's placement.
+    """
     diagnostics, time = dict(result.diagnostics), as_float(result.time)
     flags = missed(inputs.acc, inputs.measured, time, diagnostics["initial_contact"])
     seconds = np.cumsum(np.where(flags, inputs.dt, 0.0))
@@ -337,6 +349,7 @@ def _with_missed(result: Estimate, inputs: WaistInputs) -> Estimate:
         return result
     begin, end = time[np.flatnonzero(flags)[[0, -1]]]
     diagnostics["notes"] += (WALKING_MISSED(seconds=seconds[-1], begin_s=begin, end_s=end),)
+    diagnostics["sensors"] = merged(diagnostics["sensors"], {name: SensorQuality(missed=float(seconds[-1]))})
     speed = WaistParams().start_speed
     diagnostics["distance_stddev"] = np.hypot(as_float(diagnostics["distance_stddev"]), speed * seconds)
     return result._replace(diagnostics=diagnostics)

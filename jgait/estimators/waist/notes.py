@@ -8,6 +8,7 @@ SAMPLES_LOST = Kind(
     "{samples} {samples:sample|samples} of {placement} {samples:is|are} lost; the filter goes on without "
     "{samples:it|them}",
     LOSSES,
+    counts=True,
 )
 
 STRIDES_IN_LOSS = Kind(
@@ -126,9 +127,6 @@ CLIMBS = Kind(
     "deviations of these strides are therefore large. Sensors on feet or shanks measure stairs. Stairs are only seen "
     "where the person stands before and behind them.",
 )
-
-UNLEARNED = (SHORT_OR_SLOW.code, FALLS_FREELY.code, CLIMBS.code)
-"""Codes of notes that a walk is unlike those from which step lengths were learned."""
 
 DISTANCE_DOUBTFUL = Kind(
     "distance_doubtful",

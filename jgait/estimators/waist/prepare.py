@@ -34,6 +34,7 @@ from jgait.mounting import shank as shank_axes
 from jgait.mounting import trunk as trunk_axes
 from jgait.mounting.trunk import TrunkAxes
 from jgait.notes import Note
+from jgait.quality import SensorQuality
 from jgait.signal.windows import held_mean, true_runs, window_size
 from jgait.types import Imu, Recording, RecordingError, as_float
 
@@ -111,7 +112,8 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
         up = as_float(whole.acc).mean(axis=0)
         axes = TrunkAxes(_any_axes(up / np.linalg.norm(up)), 0.0, 0.0)
         nobody = _assembled(whole, axes, time, mask, rate, TrunkRest.none(len(time)), NO_NODES)
-        return Prepared(nobody, options, (*notes, NO_TRUNK_STEPS(placement=name)), None)
+        notes.append(NO_TRUNK_STEPS(placement=name))
+        return Prepared(nobody, options, tuple(notes), None, quality={name: SensorQuality(unusable=True)})
     worn, whole = whole, trunk_axes.centred(whole, axes.rows, rate)
     axes = trunk_axes.functional_axes(whole, rate) or axes
     angle, over = _turned_over(whole, axes.rows[2], rate)
@@ -121,7 +123,7 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
     mask &= ~over
     one_pose = not over.any()
     if not axes.sure:
-        _, rested, motion = _motion(whole, axes, time, mask, rate, name, [], one_pose)
+        _, rested, motion, _ = _motion(whole, axes, time, mask, rate, name, [], one_pose)
         level = np.stack(motion[:2], axis=1)[: len(time)]
         axes = trunk_axes.where_one_went(axes, level, rested.still, rate)
         whole = trunk_axes.centred(worn, axes.rows, rate)
@@ -135,18 +137,21 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
                 degrees=np.rad2deg(angle[over].max()),
             )
         )  # fmt: skip
-    whole, rested, motion = _motion(whole, axes, time, mask, rate, name, notes, one_pose)
+    whole, rested, motion, by_gravity = _motion(whole, axes, time, mask, rate, name, notes, one_pose)
     notes += rested.notes
     contacts = _contacts(motion, mask, rate, options)
-    if any(note.code == GYROSCOPE_CONTRADICTS.code for note in notes):
+    if by_gravity:
         contacts = contacts._replace(certainty=np.zeros_like(contacts.certainty))
     still = [(int(a), int(b)) for a, b in true_runs(rested.still)]
     nodes = waist_bouts.nodes(waist_bouts.bouts(contacts, still, rate, np.asarray(motion.forward)), time)
-    notes += waist_bouts.notes_of(nodes, len(contacts.time), name, time, np.linalg.norm(as_float(whole.acc), axis=1))
+    force = np.linalg.norm(as_float(whole.acc), axis=1)
+    quality, more = waist_bouts.notes_of(nodes, len(contacts.time), name, time, force)
+    notes += more
     if left_out := waist_bouts.leave_out(nodes, ~mask, time):
         notes.append(STRIDES_IN_LOSS(strides=left_out, placement=name, seconds=LONGEST_LOSS))
     standing = max(still, key=lambda run: run[1] - run[0], default=None)
-    return Prepared(_assembled(whole, axes, time, mask, rate, rested, nodes), options, tuple(notes), standing)
+    inputs = _assembled(whole, axes, time, mask, rate, rested, nodes)
+    return Prepared(inputs, options, tuple(notes), standing, quality={name: quality})
 
 
 def _checked(recording: Recording, name: str) -> np.ndarray:
@@ -177,8 +182,9 @@ def _motion(
     name: str,
     notes: list[Note],
     one_pose: bool,
-) -> tuple[Imu, TrunkRest, TrunkMotion]:
-    """The sensor, its gyroscope's sign reversed if needed (see `MIRRORED`); its rest; and the motion of the trunk.
+) -> tuple[Imu, TrunkRest, TrunkMotion, bool]:
+    """The sensor, its gyroscope's sign reversed if needed (see `MIRRORED`); its rest; the motion of the trunk; and
+    whether the motion is by the accelerometer alone.
 
     The sign is only judged if the sensor has one pose on the trunk: one that falls off turns faster than it measures.
 
@@ -203,13 +209,14 @@ def _motion(
     mirrored = one_pose and growth > MIRRORED
     turned, rested, motion, _ = candidates[int(mirrored)]
     forces = np.stack([motion.forward, motion.left, motion.upward + GRAVITY], axis=1)[: len(time)]
-    if (apart := trunk_axes.tilted(forces, as_float(imu.acc) @ axes.rows.T, rate)) > CONTRADICTS:
+    apart = trunk_axes.tilted(forces, as_float(imu.acc) @ axes.rows.T, rate)
+    if by_gravity := apart > CONTRADICTS:
         notes.append(GYROSCOPE_CONTRADICTS(placement=name, degrees=np.rad2deg(apart)))
         turned, rested = trunk_axes.by_gravity(imu, rate), rested._replace(gyr_bias=np.zeros(3))
         motion = moved(turned, rested)[0]
     elif mirrored:
         notes.append(GYROSCOPE_REVERSED())
-    return turned, rested, motion
+    return turned, rested, motion, bool(by_gravity)
 
 
 def _turned_over(imu: Imu, up: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:

@@ -5,22 +5,32 @@ itself or others gets a note.
 
 import itertools
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from jgait.io.checks import limits
-from jgait.io.checks.gravity import GYROSCOPE_SLOW, gravity_notes
+from jgait.io.checks.gravity import gravity_notes
 from jgait.io.checks.losses import in_long_gaps, loss_notes
-from jgait.io.checks.order import accelerometer_late, row_notes, sensors_late
+from jgait.io.checks.order import accelerometer_late, late_behind, rows_wrong
 from jgait.io.checks.pace import LegPace, pace_notes, paces_of
 from jgait.io.checks.readings import channel_notes
 from jgait.io.checks.sides import exchanged, out_of_step, sides_differ, turn_notes
 from jgait.io.units import Unit
 from jgait.notes import Note
+from jgait.quality import SensorQuality, merged
+from jgait.quality import notes as writer
 from jgait.signal.windows import over_losses
 from jgait.types import SIDES, Imu, Recording, as_float
 
-__all__ = ["contradictions", "quality_notes"]
+__all__ = ["Contradictions", "contradictions", "quality_notes"]
+
+
+class Contradictions(NamedTuple):
+    """Sensors that contradict themselves or each other."""
+
+    quality: dict[str, SensorQuality]  #: placement → what is wrong with its sensor.
+    notes: tuple[Note, ...]  #: the same in words.
 
 
 def quality_notes(recording: Recording, noted: Mapping[str, np.ndarray] | None = None) -> tuple[Note, ...]:
@@ -38,8 +48,8 @@ def quality_notes(recording: Recording, noted: Mapping[str, np.ndarray] | None =
     return tuple(notes)
 
 
-def contradictions(recording: Recording, units: Mapping[str, Unit] | None = None) -> tuple[Note, ...]:
-    """Notes about sensors that contradict themselves or each other: scale, sign, axes, delays, rows without stamps.
+def contradictions(recording: Recording, units: Mapping[str, Unit] | None = None) -> Contradictions:
+    """Sensors that contradict themselves or each other: scale, sign, axes, delays, rows without stamps.
 
     Args:
         recording: the recording, its sensors of one length.
@@ -47,47 +57,59 @@ def contradictions(recording: Recording, units: Mapping[str, Unit] | None = None
     """
     rate_hz = recording.sampling_rate_hz
     if rate_hz < limits.SLOWEST_HZ or len({len(imu.time) for imu in recording.sensors.values()}) != 1:
-        return ()
+        return Contradictions({}, ())
     lost = {placement: in_long_gaps(imu, rate_hz) for placement, imu in recording.sensors.items()}
     sensors = {placement: _bridged(imu, lost[placement]) for placement, imu in recording.sensors.items()}
     itself = {p: gravity_notes(p, imu, lost[p], rate_hz, (units or {}).get(p)) for p, imu in sensors.items()}
     # a gyroscope that hardly turns contradicts every other sensor: its note explains that
-    slow = {p for p, sensor_notes in itself.items() if any(note.code == GYROSCOPE_SLOW.code for note in sensor_notes)}
+    slow = {placement for placement, (slowly, _) in itself.items() if slowly}
     worn = {placement: imu for placement, imu in sensors.items() if placement not in slow}
-    turns = turn_notes(
-        sensors, lost, rate_hz, {placement for placement, sensor_notes in itself.items() if sensor_notes}
-    )
+    wrong = {placement for placement, (_, notes) in itself.items() if notes}
+    turns = [turn for turn in turn_notes(sensors, lost, rate_hz, wrong) if turn[0][0] not in slow]
+    wrong |= {placement for placements, _ in turns for placement in placements}
     paces = paces_of(worn, lost, rate_hz)
-    notes = [*itertools.chain(*itself.values()), *pace_notes(paces), *_of_sides(worn, paces, rate_hz)]
-    notes += [note for note in turns if note.values["placement"] not in slow]
-    notes += itertools.chain(*(accelerometer_late(placement, imu, rate_hz) for placement, imu in sensors.items()))
-    return (*notes, *_of_legs(sensors, rate_hz), *row_notes(sensors, rate_hz))
+    of_sides = _of_sides(worn, paces, rate_hz)
+    late = {placement: accelerometer_late(placement, imu, rate_hz) for placement, imu in sensors.items()}
+    of_legs, leg_notes = _of_legs(sensors, rate_hz)
+    rows, row_notes = rows_wrong(sensors, rate_hz)
+    quality = merged(
+        {placement: SensorQuality(contradicts=placement in wrong) for placement in sensors}, of_sides,
+        {placement: delay for placement, (delay, _) in late.items()}, of_legs, dict.fromkeys(sensors, rows),
+    )  # fmt: skip
+    notes = itertools.chain(
+        *(each for _, each in itself.values()), pace_notes(paces), writer.contradictions(of_sides),
+        (note for _, note in turns), *(each for _, each in late.values()), leg_notes, row_notes,
+    )  # fmt: skip
+    return Contradictions(quality, tuple(notes))
 
 
-def _of_sides(sensors: Mapping[str, Imu], paces: Mapping[str, LegPace], rate_hz: float) -> list[Note]:
-    """Notes about the same segment of both legs."""
-    notes = []
+def _of_sides(sensors: Mapping[str, Imu], paces: Mapping[str, LegPace], rate_hz: float) -> dict[str, SensorQuality]:
+    """Sensors that contradict the same segment of the other leg."""
+    quality: dict[str, SensorQuality] = {}
     for segment in limits.TILTED_DEG:
         right, left = (f"{segment}_{side}" for side in SIDES)
         if right in sensors and left in sensors:
-            notes += sides_differ(right, left, sensors, rate_hz)
+            quality |= sides_differ(right, left, sensors, rate_hz)
             if segment == "foot" and right in paces and left in paces:
                 stride = round(float(np.median([pace.seconds for pace in paces.values()])) * rate_hz)
-                notes += out_of_step(right, left, sensors, stride, int(limits.LONGEST_S * rate_hz))
-    return notes
+                late = out_of_step(right, left, sensors, stride, int(limits.LONGEST_S * rate_hz))
+                quality = merged(quality, late)
+    return quality
 
 
-def _of_legs(sensors: Mapping[str, Imu], rate_hz: float) -> list[Note]:
-    """Notes about exchanged sensors, and about delays between the others of each leg."""
+def _of_legs(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[dict[str, SensorQuality], list[Note]]:
+    """Exchanged sensors, and delays between the others of each leg, and notes about them."""
     if len(next(iter(sensors.values())).time) <= limits.SHORTEST_S * rate_hz:
-        return []
+        return {}, []
     notes, apart = exchanged(sensors, rate_hz)
     with_acc = {placement for placement, imu in sensors.items() if imu.acc is not None}
+    late: dict[str, SensorQuality] = {}
     for pair, side in itertools.product(limits.BETWEEN_S, SIDES):
         upper, lower = (f"{segment}_{side}" for segment in pair)
         if {upper, lower} <= with_acc and not set(pair) & apart:
-            notes += sensors_late(upper, lower, sensors, rate_hz)
-    return notes
+            late[lower] = SensorQuality(late=late_behind(upper, lower, sensors, rate_hz))
+    sides = {f"{segment}_{side}": SensorQuality(other_side=True) for segment in apart for side in SIDES}
+    return merged(sides, late), [*notes, *writer.contradictions(late)]
 
 
 def _bridged(imu: Imu, lost: np.ndarray) -> Imu:

@@ -62,8 +62,11 @@ class _Means(NamedTuple):
     step: float
 
 
-def gravity_notes(placement: str, imu: Imu, lost: np.ndarray, rate_hz: float, unit: Unit | None = None) -> list[Note]:
-    """Notes about one sensor of legs or trunk whose gyroscope and accelerometer contradict each other.
+def gravity_notes(
+    placement: str, imu: Imu, lost: np.ndarray, rate_hz: float, unit: Unit | None = None
+) -> tuple[bool, list[Note]]:
+    """Whether the gyroscope of a sensor of legs or trunk hardly turns although the sensor is shaken; and notes if its
+    gyroscope and accelerometer contradict each other.
 
     Args:
         placement: placement of the sensor.
@@ -74,13 +77,13 @@ def gravity_notes(placement: str, imu: Imu, lost: np.ndarray, rate_hz: float, un
     """
     segment, length = placement.partition("_")[0], min(len(imu.time), int(at.LONGEST_S * rate_hz))
     if segment not in at.TILTED_DEG or imu.acc is None or length < at.WINDOW_S * rate_hz:
-        return []
+        return False, []
     trunk, mask = segment in at.TRUNK, np.asarray(imu.mask)
     fast = float(np.percentile(np.linalg.norm(as_float(imu.gyr)[mask], axis=1), 99.0)) if mask.any() else 0.0
     shaken = float(np.linalg.norm(as_float(imu.acc)[mask], axis=1).std()) if mask.any() else 0.0
     if not trunk and fast < at.SLOW_GYR and shaken > at.SHAKEN and length >= 2.0 * at.WINDOW_S * rate_hz:
         stated = f", {unit}" if unit is not None and unit.origin == "header" else ""
-        return [GYROSCOPE_SLOW(placement=placement, rate=fast, stated=stated)]
+        return True, [GYROSCOPE_SLOW(placement=placement, rate=fast, stated=stated)]
     count = max(int(rate_hz / at.TURNED_HZ), 1)
     length = length // count
     gyr, acc = (as_float(part)[: length * count].reshape(length, count, 3).mean(axis=1) for part in (imu.gyr, imu.acc))
@@ -92,7 +95,7 @@ def gravity_notes(placement: str, imu: Imu, lost: np.ndarray, rate_hz: float, un
         angle = smallest_tilt(means, at.MOVING_TRUNK if trunk else at.FASTEST_WINDOW)
         if angle is not None and angle > at.TILTED_DEG[segment]:
             notes.append(TILTS_APART(placement=placement, degrees=angle))
-    return notes
+    return False, notes
 
 
 def _turned(rates: np.ndarray, forces: np.ndarray, step: float) -> np.ndarray:

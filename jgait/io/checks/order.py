@@ -11,6 +11,8 @@ import numpy as np
 
 from jgait.io.checks import limits as at
 from jgait.notes import Kind, Note
+from jgait.quality import SOUND, SensorQuality
+from jgait.quality.notes import delayed
 from jgait.signal.windows import true_runs
 from jgait.types import Imu, as_float
 
@@ -20,12 +22,6 @@ ACCELEROMETER_LATE = Kind(
     "{placement}: the accelerometer is {milliseconds:.0f} ms {side} the gyroscope",
     "Gyroscope and accelerometer of one sensor have to be measured at the same time; speeds and lengths computed from "
     "both are wrong by many per cent.",
-)
-SENSOR_LATE = Kind(
-    "sensor_late",
-    "check",
-    "{placement} is {milliseconds:.0f} ms {side} {other}; one of the two clocks is wrong",
-    "Angles between two segments, and what is computed from them, need sensors on one clock.",
 )
 ROWS_LOST = Kind(
     "rows_lost",
@@ -46,14 +42,16 @@ ROWS_TWICE = Kind(
 )
 
 
-def row_notes(sensors: Mapping[str, Imu], rate_hz: float) -> list[Note]:
-    """The note about rows that are written twice, or about rows that are missing."""
+def rows_wrong(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[SensorQuality, list[Note]]:
+    """The number of rows that are written twice, or of places where rows are missing, for every sensor; and the note
+    about it.
+    """
     masks = [np.asarray(imu.mask, bool) for imu in sensors.values()]
     steps = len(masks[0]) - 1
     if len({len(mask) for mask in masks}) != 1 or steps < 10 * at.BESIDE_JUMP:
-        return []
+        return SOUND, []
     if min(mask.mean() for mask in masks) <= 1.0 - at.MOST_LOST:
-        return []
+        return SOUND, []
     near = np.zeros(steps + 1, bool)
     for start, end in (run for mask in masks for run in true_runs(~mask)):
         if end - start >= at.UNBRIDGED:
@@ -62,12 +60,14 @@ def row_notes(sensors: Mapping[str, Imu], rate_hz: float) -> list[Note]:
     changes = [np.diff(as_float(imu.gyr), axis=0) for imu in sensors.values()]
     early = slice(int(at.COUNTED_S * rate_hz))
     twice = _written_twice([change[early] for change in changes], whole[early])
-    if twice.any():
-        return [ROWS_TWICE(rows=twice.sum(), begin_s=(np.argmax(twice) + 1) / rate_hz)]
+    if rows := int(twice.sum()):
+        return SensorQuality(rows_twice=rows), [ROWS_TWICE(rows=rows, begin_s=(np.argmax(twice) + 1) / rate_hz)]
     lost = _double_steps([change[early] for change in changes], whole[early], rate_hz)
     if not lost.any() and len(changes) >= at.SENSORS_OF_JUMP:
         lost = (np.mean([_jump(change) for change in changes], axis=0) > at.SURE_JUMP) & whole
-    return [ROWS_LOST(places=lost.sum(), begin_s=(np.argmax(lost) + 1) / rate_hz)] if lost.any() else []
+    if places := int(lost.sum()):
+        return SensorQuality(rows_lost=places), [ROWS_LOST(places=places, begin_s=(np.argmax(lost) + 1) / rate_hz)]
+    return SOUND, []
 
 
 def _shifted(values: np.ndarray, by: int) -> np.ndarray:
@@ -160,11 +160,11 @@ def delay_between(
     return (best - farthest) / rate_hz, float(alike[best])
 
 
-def accelerometer_late(placement: str, imu: Imu, rate_hz: float) -> list[Note]:
-    """The note about one sensor of a leg whose accelerometer is late behind its gyroscope."""
+def accelerometer_late(placement: str, imu: Imu, rate_hz: float) -> tuple[SensorQuality, list[Note]]:
+    """The delay of the accelerometer of a sensor of a leg behind its gyroscope, and the note about it."""
     segment, longest = placement.partition("_")[0], int(at.LONGEST_S * rate_hz)
     if segment not in at.IN_SENSOR_S or imu.acc is None or len(imu.time) <= at.SHORTEST_S * rate_hz:
-        return []
+        return SOUND, []
     step = max(round(at.CHANGE_S * rate_hz), 1)
     gyr, acc = (np.linalg.norm(part[step:] - part[:-step], axis=1)
                 for part in (as_float(imu.gyr)[:longest], as_float(imu.acc)[:longest]))  # fmt: skip
@@ -174,18 +174,14 @@ def accelerometer_late(placement: str, imu: Imu, rate_hz: float) -> list[Note]:
     delay, alike = delay_between(gyr, acc, rate_hz, (low, high), gain)
     usual = low - 0.5 / rate_hz <= delay <= high + 0.5 / rate_hz
     if usual or alike <= at.LEAST_ALIKE:
-        return []
-    return [ACCELEROMETER_LATE(placement=placement, milliseconds=1e3 * abs(delay), side=_side(delay))]
+        return SOUND, []
+    note = ACCELEROMETER_LATE(placement=placement, milliseconds=1e3 * abs(delay), side=delayed(delay))
+    return SensorQuality(acc_late=delay), [note]
 
 
-def _side(delay: float) -> str:
-    """Where a delayed signal is, in words."""
-    return "behind" if delay > 0.0 else "ahead of"
-
-
-def sensors_late(upper: str, lower: str, sensors: Mapping[str, Imu], rate_hz: float) -> list[Note]:
-    """The note about two sensors of a leg of which one is late: in all, or in the last third of the walk, as where a
-    clock is fast.
+def late_behind(upper: str, lower: str, sensors: Mapping[str, Imu], rate_hz: float) -> float:
+    """The delay [s] of the lower one of two sensors of a leg behind the upper one: in all, or in the last third of the
+    walk, as where a clock is fast; 0 if it is usual.
     """
     longest, samples = int(at.LONGEST_S * rate_hz), max(round(at.CALM_S * rate_hz), 3)
     first, second = (shaking(as_float(sensors[name].acc)[:longest], samples) for name in (upper, lower))
@@ -202,6 +198,5 @@ def sensors_late(upper: str, lower: str, sensors: Mapping[str, Imu], rate_hz: fl
     for cut, least in cuts:
         delay, alike = delay_between(first[cut], second[cut], rate_hz, (-farthest, farthest), least)
         if abs(delay) > farthest and alike > at.LEAST_ALIKE:
-            milliseconds = 1e3 * abs(delay)
-            return [SENSOR_LATE(placement=lower, milliseconds=milliseconds, side=_side(delay), other=upper)]
-    return []
+            return delay
+    return 0.0

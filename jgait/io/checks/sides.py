@@ -12,23 +12,10 @@ from jgait.io.checks import limits as at
 from jgait.io.checks.order import delay_between, shaking
 from jgait.mounting.leg import SIDES_EXCHANGED
 from jgait.notes import Kind, Note
+from jgait.quality import SensorQuality
 from jgait.signal.windows import held_spread, window_size, window_sum
 from jgait.types import SIDES, Imu, as_float
 
-SIDES_DIFFER = Kind(
-    "sides_differ",
-    "check",
-    "{placement} turns {ratio:.2f} times as fast as {other}: unless one leg is spared, the scale or unit of one of the "
-    "two gyroscopes is wrong, or one of the two sensors sat on another segment",
-    "Both legs of a person turn alike, also in most illnesses that affect one side.",
-)
-SIDES_OUT_OF_STEP = Kind(
-    "sides_out_of_step",
-    "check",
-    "{placement} follows {other} by {share:.2f} of a stride in place of a half: one of the two clocks is wrong, or the "
-    "person limps",
-    "What is computed from both feet together needs sensors on one clock.",
-)
 TURNS_APART = Kind(
     "turns_apart",
     "check",
@@ -55,24 +42,26 @@ def lies(imu: Imu, rate_hz: float) -> np.ndarray:
     return window_sum((spread[0] & spread[1]).astype(float), size) > 0.5
 
 
-def sides_differ(right: str, left: str, sensors: Mapping[str, Imu], rate_hz: float) -> list[Note]:
-    """The note about the same segment of both legs if one turns faster, in the time in which both move."""
+def sides_differ(right: str, left: str, sensors: Mapping[str, Imu], rate_hz: float) -> dict[str, SensorQuality]:
+    """The sensor of the same segment of both legs that turns faster, in the time in which both move."""
     counts = np.all([np.asarray(sensors[name].mask, bool) for name in (right, left)], axis=0)
     if all(sensors[name].acc is not None for name in (right, left)):
         both = counts & ~lies(sensors[right], rate_hz) & ~lies(sensors[left], rate_hz)
         counts = both if both.sum() > 2.0 * at.WINDOW_S * rate_hz else counts
     if counts.sum() < 2.0 * at.WINDOW_S * rate_hz:
-        return []
+        return {}
     rates = {name: float(np.sqrt(np.mean(np.sum(as_float(sensors[name].gyr)[counts] ** 2, axis=1))))
              for name in (right, left)}  # fmt: skip
     slower, faster = sorted(rates, key=lambda name: rates[name])
     if not rates[slower] > 0.0 or rates[faster] < at.LEAST_MOVING or rates[faster] < at.SIDES_APART * rates[slower]:
-        return []
-    return [SIDES_DIFFER(placement=faster, ratio=rates[faster] / rates[slower], other=slower)]
+        return {}
+    return {faster: SensorQuality(faster=rates[faster] / rates[slower])}
 
 
-def out_of_step(right: str, left: str, sensors: Mapping[str, Imu], stride: int, longest: int) -> list[Note]:
-    """The note about feet that are not half a stride [samples] apart; what lasts longer than a stride, as pauses do,
+def out_of_step(
+    right: str, left: str, sensors: Mapping[str, Imu], stride: int, longest: int
+) -> dict[str, SensorQuality]:
+    """The left foot if the feet are not half a stride [samples] apart; what lasts longer than a stride, as pauses do,
     does not count.
     """
     sizes = [np.linalg.norm(as_float(sensors[name].gyr)[:longest], axis=1) for name in (right, left)]
@@ -82,14 +71,14 @@ def out_of_step(right: str, left: str, sensors: Mapping[str, Imu], stride: int, 
     lags = np.arange(stride)
     share = float(np.argmax(alike[lags] + alike[lags - stride])) / stride
     apart = abs(share - 0.5) > at.OUT_OF_STEP
-    return [SIDES_OUT_OF_STEP(placement=left, other=right, share=share)] if apart else []
+    return {left: SensorQuality(step_share=share)} if apart else {}
 
 
 def turn_notes(
     sensors: Mapping[str, Imu], lost: Mapping[str, np.ndarray], rate_hz: float, accused: Collection[str]
-) -> list[Note]:
-    """Notes about sensors that turn otherwise than the person does, which is the median of all; a straight walk shows
-    nothing.
+) -> list[tuple[tuple[str, ...], Note]]:
+    """Notes about sensors that turn otherwise than the person does, which is the median of all, each with the sensors
+    that it names; a straight walk shows nothing.
 
     Over a window of two strides the swing of the legs has no mean, and the mean specific force points up: the mean rate
     about it is the person's, whatever the mounting.
@@ -122,17 +111,18 @@ def turn_notes(
     known = np.isfinite(table).sum(axis=0) > 2
     person = np.full(table.shape[1], np.nan)
     person[known] = np.nanmedian(table[:, known], axis=0)
-    notes = []
+    notes: list[tuple[tuple[str, ...], Note]] = []
     for placement, angle in angles.items():
         turn, ratio, whole = _compared(angle, person)
         low, high = at.TURN_FOOT if placement.startswith("foot") or not whole else at.TURN
         if turn >= at.LEAST_TURN and not low <= ratio <= high:
             others = "the person's other sensors"
-            notes.append(TURNS_APART(placement=placement, degrees=np.rad2deg(turn), ratio=ratio, others=others))
+            note = TURNS_APART(placement=placement, degrees=np.rad2deg(turn), ratio=ratio, others=others)
+            notes.append(((placement,), note))
     return notes
 
 
-def _of_two(angles: Mapping[str, np.ndarray], accused: Collection[str]) -> list[Note]:
+def _of_two(angles: Mapping[str, np.ndarray], accused: Collection[str]) -> list[tuple[tuple[str, ...], Note]]:
     """The note if two sensors turn apart: about the one that contradicts itself, or about both."""
     first, second = sorted(angles, key=lambda placement: placement not in accused)
     turn, ratio, _ = _compared(angles[first], angles[second])
@@ -141,8 +131,8 @@ def _of_two(angles: Mapping[str, np.ndarray], accused: Collection[str]) -> list[
     if not any(size >= at.LEAST_TURN and not low <= each <= high for size, each, _ in ((turn, ratio, True), back)):
         return []
     if (first in accused) != (second in accused):
-        return [TURNS_APART(placement=first, degrees=np.rad2deg(turn), ratio=ratio, others=second)]
-    return [ONE_TURNS_APART(placement=first, other=second, degrees=np.rad2deg(turn), ratio=ratio)]
+        return [((first,), TURNS_APART(placement=first, degrees=np.rad2deg(turn), ratio=ratio, others=second))]
+    return [((first, second), ONE_TURNS_APART(placement=first, other=second, degrees=np.rad2deg(turn), ratio=ratio))]
 
 
 def _means(values: np.ndarray, samples: int) -> np.ndarray:

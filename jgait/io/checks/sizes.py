@@ -8,7 +8,7 @@ import numpy as np
 from jgait.estimators.checks import FASTEST, busy, fast_rate
 from jgait.geometry.vectors import GRAVITY
 from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit, Units, unit_of_gravity
-from jgait.notes import Kind, Note
+from jgait.quality import SensorQuality
 from jgait.types import SIDES, AnyArray, Imu, RecordingError, as_float
 
 IN_RADIANS = 12.0  # [unit of the file] fast rate below which it is in rad/s; in deg/s a walking limb has more
@@ -43,22 +43,17 @@ BY_SIZE = {
 }  # fmt: skip
 """Signal → sizes in walking; none of the gyroscope's and the accelerometer's are in two units."""
 
-SENSOR_LEFT_OUT = Kind(
-    "sensor_left_out",
-    "check",
-    "{placement} is left out: {reason}",
-    "The numbers of this sensor cannot be right. What the other sensors measure does not depend on it.",
-)
 
-
-def usable_sensors(sensors: Mapping[str, Imu], units: Units, name: str) -> tuple[dict[str, Imu], list[Note]]:
-    """The sensors without those whose numbers cannot be right, and a note about each of these.
+def usable_sensors(
+    sensors: Mapping[str, Imu], units: Units, name: str
+) -> tuple[dict[str, Imu], dict[str, SensorQuality]]:
+    """The sensors without those whose numbers cannot be right, and why each of these is left out.
 
     Raises:
         RecordingError: if no sensor has signals, or the sizes of most contradict their unit: a limb turns
             impossibly fast, a moving person impossibly slowly, or the accelerometer does not measure gravity.
     """
-    left, notes = dict(sensors), list[Note]()
+    left, faulty = dict(sensors), dict[str, SensorQuality]()
     for check in (_dead, _too_fast, _without_gravity):
         part, faults, right = check(left, units)
         if len(faults) > len(right):
@@ -68,10 +63,9 @@ def usable_sensors(sensors: Mapping[str, Imu], units: Units, name: str) -> tuple
             raise RecordingError(f"{name}: {whose} {words}", argument=f"{part[:3]}_unit" if meant else "", value=meant)
         for placement, (words, _) in faults.items():
             del left[placement]
-            reason = f"{f'its {part}' if part else 'it'} {words}"
-            notes.append(SENSOR_LEFT_OUT(placement=placement, reason=reason))
+            faulty[placement] = SensorQuality(left_out=f"{f'its {part}' if part else 'it'} {words}")
     _check_moving(left, units, name)
-    return left, notes
+    return left, faulty
 
 
 type _Found = tuple[str, dict[str, tuple[str, str]], list[str]]

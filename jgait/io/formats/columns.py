@@ -25,7 +25,7 @@ from jgait.io.formats.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, 
 from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.names import CHANNELS, column_of, placement_of, sensor_of
 from jgait.io.rows import HEADER_WITHIN, SEPARATORS, header_at, read_table
-from jgait.io.tables import COLUMNS_MATCHED, columns_of
+from jgait.io.tables import columns_of
 from jgait.io.units import stated_unit
 from jgait.io.write import PARQUET
 from jgait.notes import ORIGIN, Kind, Note
@@ -71,14 +71,12 @@ def measured(path: Path) -> Measured:
         return Measured([part], path.stem, notes=(*cut, DIALECT(names="mobgap's names of axes", library="mobgap")))
     if set(CHANNELS[:3]) <= {column_of(column) for column in plain}:
         # The table does not state the placement: any placement can be used to get the columns.
-        columns = columns_of(table, placement="waist", name=path.name)
+        columns = columns_of(table, placement="waist", name=path.name, placed=True)
         labels = {"waist": path.stem}
     else:
         table, labels = _placed_anywhere(table)
-        columns = columns_of(table, name=path.name)
-    # of columns that were renamed there is nothing to say
-    matched = [note for note in columns.notes if not (labels and note.code == COLUMNS_MATCHED.code)]
-    notes, time = [*cut, *matched], columns.time
+        columns = columns_of(table, name=path.name, placed=bool(labels))
+    notes, time = [*cut, *columns.notes], columns.time
     packets = None
     if time is not None and columns.time_unit is None and count_samples(time):
         time, packets = None, time

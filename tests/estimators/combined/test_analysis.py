@@ -8,19 +8,20 @@ from made.notes import codes, of_code
 from scipy.spatial.transform import Rotation
 
 import jgait
+from experiments.damage import harm
 from jgait import io, simulate
 from jgait.commands.jobs import of_analysis as results_of
 from jgait.estimators import stride_flags
-from jgait.estimators.combined.analysis import ACCUSED, CLOCKS
 from jgait.estimators.combined.compare import comparisons, regular
 from jgait.estimators.combined.distance import distances
 from jgait.estimators.combined.sources import MEASURES
 from jgait.estimators.combined.strides import combined
 from jgait.estimators.interface import Estimator
 from jgait.estimators.stride_flags import STRIDE_FLAGS
-from jgait.io.checks import contradictions, gravity, order, pace, readings, sides
+from jgait.io.checks import contradictions
 from jgait.io.summary import SUMMARY
-from jgait.notes import Kind
+from jgait.quality import SensorQuality
+from jgait.quality import notes as writer
 from jgait.report import of_analysis
 from jgait.simulate.gaits import walking
 from jgait.simulate.sensors import OPAL
@@ -87,8 +88,7 @@ def test_sensors_whose_clocks_differ_still_measure_lengths(walked):
     foot = recording.sensors["foot_right"]
     late = {name: np.roll(getattr(foot, name), 13, axis=0) for name in ("gyr", "acc", "mask")}
     recording = changed(only(recording, "pelvis", *FEET, "shank_right", "shank_left"), foot_right=foot._replace(**late))
-    note = order.SENSOR_LATE(placement="foot_right", milliseconds=130.0, side="behind", other="shank_right")
-    found = jgait.analyse(recording._replace(notes=(note,)), PERSON)
+    found = jgait.analyse(recording._replace(quality={"foot_right": SensorQuality(late=0.13)}), PERSON)
     right = np.asarray(found.estimate.strides.side) == 0
     assert found.strides.used["feet"][right].sum() > 0.5 * right.sum()
     assert set(np.array(found.strides.first)[right]) == {"waist"}  # whose times do not depend on these clocks
@@ -197,6 +197,20 @@ def test_rows_written_twice_without_time_stamps_make_everything_uncertain(walked
     assert not gait.estimate.diagnostics["angles_valid_right"]
 
 
+def test_no_number_depends_on_a_note(walked, analysis):
+    rows = harm.rows_of(walked[0], PLACEMENTS)
+    damage = harm.DAMAGES["sensor 0.1 s late"].change(rows, "shank_right", np.random.default_rng(1))
+    recording = harm.read(damage, "walk")
+    assert recording.quality["shank_right"].late == pytest.approx(0.1, abs=0.02)
+    assert "sensor_late" in codes(recording.notes)
+    stated, silent = (jgait.analyse(one, PERSON) for one in (recording, recording._replace(notes=())))
+    assert set(stated.notes) - set(silent.notes) <= set(recording.notes)
+    for name in ("legs", "strides", "strides_stddev", "distance", "valid"):
+        jax.tree.map(np.testing.assert_array_equal, *(getattr(one.estimate, name) for one in (stated, silent)))
+    assert not silent.estimate.diagnostics["angles_valid_right"] and analysis.estimate.diagnostics["angles_valid_right"]
+    assert silent.estimate.diagnostics["sensors"]["shank_right"].late == recording.quality["shank_right"].late
+
+
 def test_every_estimator_that_has_its_sensors_runs(analysis):
     assert [source.name for source in analysis.sources] == ["feet", "ankles", "shanks", "waist", "legs"]
     assert not of_code(analysis.notes, *CONTRADICTIONS)
@@ -288,7 +302,7 @@ def test_running_between_walks_is_named_and_turns_nothing_round():
         parts.append(simulate.recording(key, walks, way, placements=(*FEET, "pelvis")))
     recording = in_a_row(*[part for part, _ in parts])
     found = jgait.analyse(recording)
-    assert not of_code((*found.notes, *contradictions(recording)), "pace_unusual", "sides_out_of_step")
+    assert not of_code((*found.notes, *contradictions(recording).notes), "pace_unusual", "sides_out_of_step")
     assert not of_code(found.notes, "feet_of_contacts_differ")
     (mixed,) = of_code(found.notes, "paces_mixed")
     ran = int(np.sum(parts[1][1].strides.valid))
@@ -366,9 +380,11 @@ def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
 
 def test_exchanged_shanks_are_named_and_not_combined(walked):
     recording, truth = walked
-    late = order.SENSOR_LATE(placement="shank_right", milliseconds=170.0, side="behind", other="thigh_right")
-    found = jgait.analyse(exchanged(recording, "shank_right", "shank_left")._replace(notes=(late,)), PERSON)
-    assert late not in found.notes
+    quality = {"shank_right": SensorQuality(late=0.17)}
+    (late,) = writer.contradictions(quality)
+    wrong = exchanged(recording, "shank_right", "shank_left")._replace(notes=(late,), quality=quality)
+    found = jgait.analyse(wrong, PERSON)
+    assert late.code == "sensor_late" and late not in found.notes
     (note,) = of_code(found.notes, "sides_exchanged")
     assert "the right and left shank sensors seem exchanged" in str(note)
     (note,) = of_code(found.notes, "angles_doubtful")
@@ -380,11 +396,11 @@ def test_exchanged_shanks_are_named_and_not_combined(walked):
 
 @pytest.mark.parametrize("kind", ["foot", "thigh"])
 def test_sensors_exchanged_within_a_leg_change_nothing_but_a_note(walked, analysis, kind):
-    follow = (
-        order.SENSOR_LATE(placement="ankle_right", milliseconds=100.0, side="ahead of", other="shank_right"),
-        sides.SIDES_DIFFER(placement="shank_right", ratio=1.7, other="shank_left"),
-    )
-    found = jgait.analyse(exchanged(walked[0], f"{kind}_right", "shank_right")._replace(notes=follow), PERSON)
+    quality = {"ankle_right": SensorQuality(late=-0.1), "shank_right": SensorQuality(faster=1.7)}
+    follow = tuple(writer.contradictions(quality))
+    assert codes(follow) == ["sensor_late", "sides_differ"]
+    wrong = exchanged(walked[0], f"{kind}_right", "shank_right")._replace(notes=follow, quality=quality)
+    found = jgait.analyse(wrong, PERSON)
     (note,) = set(found.notes) - set(analysis.notes)
     assert note.code == {"foot": "foot_on_shank", "thigh": "labels_exchanged"}[kind]
     np.testing.assert_allclose(found.estimate.strides.length, analysis.estimate.strides.length)
@@ -593,12 +609,6 @@ def test_without_a_regular_stride_no_means_are_stated(analysis):
     assert not len(written) and list(written) == SUMMARY
 
 
-def test_every_code_by_which_a_sensor_is_accused_is_that_of_a_check():
-    kinds = {kind.code for module in (gravity, order, pace, readings, sides) for kind in vars(module).values()
-             if isinstance(kind, Kind)}  # fmt: skip
-    assert {*ACCUSED, *CLOCKS} <= kinds
-
-
 def test_a_missing_height_is_said_only_where_it_matters(walked):
     for sensors, said in ((FEET, False), (("pelvis",), True)):
         absent = of_code(jgait.analyse(only(walked[0], *sensors)).notes, "height_absent")
@@ -613,11 +623,11 @@ def test_a_stiff_leg_turns_less_and_counts_and_a_wrong_unit_does_not():
     foot = recording.sensors["foot_right"]
     for factor, counts in ((1.0, True), (0.4, False)):
         wrong = changed(recording, foot_right=foot._replace(gyr=factor * foot.gyr))
-        notes = tuple(of_code(contradictions(wrong), "sides_differ"))
-        assert len(notes) == 1
+        quality = {name: SensorQuality(faster=facts.faster) for name, facts in contradictions(wrong).quality.items()}
+        assert len(writer.contradictions(quality)) == 1
         noted, plain = (
-            float(jgait.analyse(wrong._replace(notes=said)).estimate.diagnostics["distance_stddev"][-1])
-            for said in (notes, ())
+            float(jgait.analyse(wrong._replace(quality=stated)).estimate.diagnostics["distance_stddev"][-1])
+            for stated in (quality, {})
         )
         assert (noted == plain) == counts
 

@@ -9,8 +9,8 @@ from made.notes import codes, of_code
 from jgait import simulate
 from jgait.estimators.checks import fast_rate
 from jgait.estimators.combined import crosscheck
-from jgait.estimators.combined.crosscheck import exchanged as exchanged_by
-from jgait.mounting.leg import SIDES_EXCHANGED, SWAPPED
+from jgait.mounting.leg import SWAPPED
+from jgait.quality import SensorQuality
 from jgait.simulate.sensors import OPAL
 from jgait.types import Imu
 
@@ -78,8 +78,8 @@ def test_of_two_pairs_either_may_be_exchanged(recording):
 
 def test_the_pair_that_a_reader_names_is_the_one_in_doubt(recording):
     feet, shanks = ("foot_right", "foot_left"), ("shank_right", "shank_left")
-    note = SIDES_EXCHANGED(kind="foot", others=", ".join(shanks))
-    found = crosscheck(exchanged(only(recording, *feet, *shanks), *feet)._replace(notes=(note,)))
+    quality = dict.fromkeys(feet, SensorQuality(other_side=True))
+    found = crosscheck(exchanged(only(recording, *feet, *shanks), *feet)._replace(quality=quality))
     assert found.notes == ()
     assert found.doubtful == set(feet)
 
@@ -184,7 +184,8 @@ def test_a_stiff_leg_whose_foot_turns_less_than_its_thigh_is_not_accused():
     key, along = jax.random.key(0), simulate.straight(12.0)
     stiff, _ = simulate.recording(key, simulate.covering(key, who, along), along, OPAL, placements=LEGS)
     assert fast_rate(stiff.sensors["thigh_right"]) > SWAPPED * fast_rate(stiff.sensors["foot_right"])
-    assert not exchanged_by(crosscheck(stiff).notes)
+    found = crosscheck(stiff)
+    assert not found.crossed | found.replaced
 
 
 def test_two_feet_that_swing_together_contradict_each_other(recording):

@@ -1,0 +1,131 @@
+"""Strides judged: deviations and doubt by the model, notes on sensors whose strides are in doubt, and trust."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from jgait.notes import Kind, Note
+from jgait.quality.model import QualityParams, learned, with_doubt
+from jgait.quality.sensor import SensorQuality, merged
+from jgait.quality.stride import EVIDENCE, StrideQuality
+from jgait.types import Estimate, as_float
+
+UNCERTAIN = 0.25
+"""[m] Standard deviation of a stride's length above which a note says so: seconds without a stance."""
+
+DOUBTED_SHARE = 0.2
+"""[1] Share of a sensor's strides in doubt above which a note names them."""
+
+REASONS = {
+    "innovation": "the foot does not seem to stand still before or after",
+    "sensor_innovation": "the foot does not seem to stand still between its swings",
+    "rise": "their rises do not fit the motion between stances",
+    "uncertainty": "stances are rare",
+    "missing": "samples are lost or clipped",
+    "uneven": "they last longer or less long than others",
+    "unlike": "they are longer or shorter than others",
+    "apart": "both sides differ",
+    "turn": "they turn",
+    "slow": "they are slow", "fast": "they are fast", "quick": "they are quick",
+    "end": "they begin or end a walk",
+    "scale": "the force at rest is not that of gravity",
+    "rates": "angular rates do not fit gravity",
+    "coarse": "the sampling rate is low",
+    "lever": "the sensor does not seem to be where it is said to be",
+    "weightless": "the person seems to run",
+    "climb": "the trunk rises or falls",
+    "sparse": "contacts are missed",
+    "cramped": "they are short for their duration",
+    "rows": "rows of the file are missing or written twice",
+    "contradicts": "the signals contradict each other",
+    "late": "a signal is late",
+    "differs": "the sensor differs from that of the other leg",
+}  # fmt: skip
+"""Evidence → what it means, in words."""
+
+STRIDES_DOUBTFUL = Kind(
+    "strides_doubtful",
+    "check",
+    "{placement}: {strides} of {total} strides {strides:is|are} in doubt: {reason}",
+    "A stride is in doubt if its length is probably off by more than three stated deviations, as learned from strides "
+    "of many people beside a reference. Sliding, kneeling, running, a loose or wrong sensor do this. Fasten the sensor "
+    "and record the walk again, or use the strides that are not in doubt.",
+)
+
+STANCES_RARE = Kind(
+    "stances_rare",
+    "stop",
+    "{placement}: no stance for so long that a stride is known to {deviation_m:.1f} m only",
+    "The position is integrated from stance to stance, and drifts by metres without stances. Do not use positions and "
+    "lengths. Stances are missing where samples are lost; a kneeling, crawling or carried foot does not stand.",
+)
+
+
+class Trust(NamedTuple):
+    """Whether the stated deviations of an estimate can be trusted."""
+
+    #: (n,) bool, in the order of `Estimate.strides`; None if the estimator does not judge strides.
+    strides: np.ndarray | None
+    recording: bool  #: False if the whole recording is in doubt.
+    reasons: tuple[Note, ...]  #: the notes that put it in doubt.
+
+
+def trust(estimate: Estimate) -> Trust:
+    """The trust in an estimate, per stride and for the recording, from its diagnostics and notes."""
+    doubted = estimate.diagnostics.get("doubtful")
+    notes = estimate.diagnostics.get("notes", ())
+    reasons = tuple(note for note in notes if note.kind is STRIDES_DOUBTFUL or note.severity == "stop")
+    return Trust(None if doubted is None else ~np.asarray(doubted, bool), not reasons, reasons)
+
+
+def reason(p: QualityParams, quality: StrideQuality, rows: np.ndarray) -> str:
+    """What puts some strides in doubt, in words: the evidence with the largest part in it."""
+    parts = {
+        name: float(np.asarray(p.wrong)[EVIDENCE.index(name)])
+        * float(np.mean(np.broadcast_to(values, quality.doubt.shape)[rows]))
+        for name, values in quality.evidence.items()
+    }
+    return REASONS[max(parts, key=lambda name: parts[name])]
+
+
+def judged(
+    estimate: Estimate, estimator: str, evidence: Mapping[str, np.ndarray], placements: Mapping[int, str]
+) -> Estimate:
+    """The estimate with deviations and doubt of its strides, and notes on sensors whose strides are in doubt.
+
+    Args:
+        estimate: with strides and their deviations as the method states them, and facts about sensors.
+        estimator: name of the estimator, whose learned numbers are used.
+        evidence: name → (n,), in the order of the strides.
+        placements: side (0 right, 1 left) → sensor that measures its strides.
+
+    Returns:
+        The estimate; `diagnostics["quality"]` is a `StrideQuality`, `diagnostics["doubtful"]` (n,) bool is True where
+        the doubt is above `DOUBTFUL`.
+    """
+    p = learned(estimator)
+    estimate = with_doubt(estimate, p, evidence)
+    diagnostics = estimate.diagnostics
+    quality, doubtful = diagnostics["quality"], diagnostics["doubtful"]
+    side, deviations = np.asarray(estimate.strides.side), as_float(estimate.strides_stddev.length)
+    notes: list[Note] = []
+    rare: dict[str, SensorQuality] = {}
+    for name in dict.fromkeys(placements.values()):
+        rows = np.isin(side, [number for number, placement in placements.items() if placement == name])
+        deviation = float(np.max(deviations[rows], initial=0.0))
+        rare[name] = SensorQuality(unusable=deviation > UNCERTAIN)
+        why = reason(p, quality, rows & doubtful) if (rows & doubtful).any() else ""
+        notes += doubts_of(name, deviation, int(doubtful[rows].sum()), int(rows.sum()), why)
+    more = {"notes": (*diagnostics["notes"], *notes), "sensors": merged(diagnostics["sensors"], rare)}
+    return estimate._replace(diagnostics={**diagnostics, **more})
+
+
+def doubts_of(placement: str, deviation: float, many: int, total: int, why: str = REASONS["innovation"]) -> list[Note]:
+    """Notes on a sensor, from the largest deviation of its strides' lengths [m], how many of them are in doubt, how
+    many there are, and what puts them in doubt.
+    """
+    notes = [STANCES_RARE(placement=placement, deviation_m=deviation)] if deviation > UNCERTAIN else []
+    if many > DOUBTED_SHARE * total:
+        notes.append(STRIDES_DOUBTFUL(placement=placement, strides=many, total=total, reason=why))
+    return notes

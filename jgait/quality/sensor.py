@@ -1,0 +1,132 @@
+"""Facts about one sensor in one recording."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from jgait.types import SIDES
+
+ABOVE = {"shank": "thigh", "ankle": "shank", "foot": "shank"}
+"""Segment of a leg → the segment above it, with whose impacts its own are compared."""
+
+
+class SensorQuality(NamedTuple):
+    """Facts about one sensor in one recording; each default is the value of a sensor without that fault.
+
+    Readers fill the first part from the signals alone, estimators the second part from the walk that they measure.
+
+    Attributes:
+        left_out: why a reader left the sensor out; "" if the reader kept the sensor.
+        contradicts: True if the sensor's signals contradict gravity, each other or the other sensors of the person.
+        acc_late: delay of the accelerometer behind the gyroscope [s].
+        late: delay behind the sensor above it on the same leg [s].
+        faster: rate over that of the same segment of the other leg, if this one turns faster than a usual leg [1].
+        step_share: time from a step of the other foot to the next one of this foot [strides].
+        other_side: True if the sensor is exchanged with that of the same segment of the other leg.
+        rows_lost: number of places at which rows of the file are missing although time goes on.
+        rows_twice: number of rows of the file that are written twice although time goes on.
+        begin: time of the first sample in the file [s], from which times count.
+        force_off: relative difference of the accelerometer at rest from gravity [1].
+        rates_factor: factor on the rates with which the signals fit from stance to stance [1].
+        rates_off: True if that factor is far from 1.
+        lever_off: distance from the place of the sensor that fits the strides to the place where it is worn [m].
+        sampled_slowly: True if the samples are too rare for strides of the usual certainty.
+        gyr_clipped: number of samples in which the gyroscope clips.
+        acc_clipped: number of samples in which the accelerometer clips.
+        lost: number of lost samples.
+        strides_missing: number of strides that are left out because of lost samples.
+        swings: number of swings that are counted as strides, stated with `small_swings`.
+        small_swings: number of swings that are too small to be counted as strides, if they are many.
+        walks_before: duration of walking before the first whole stride [s].
+        walks_after: duration of walking after the last whole stride [s].
+        quick_stride: median duration of a stride, if it is as short as in running [s]; else inf.
+        unlike: True if the walk is unlike those from which the estimator's lengths were learned.
+        missed: duration of walking in which no contact was detected [s].
+        unusable: True if the estimator states that its numbers from this sensor must not be used.
+        slips_at: time from the first sample at which the sensor slipped on its segment [s]; inf if it did not.
+        leans_at: time from the first sample from which the sensor leans otherwise in stance [s]; inf if it does not.
+        leans_deg: largest change of its lean [deg].
+        exchanged_at: time from the first sample at which the sensors of both shoes changed places [s]; inf if they did
+            not.
+        alone: True if the sensor is not used because the other segment of its leg has no sensor.
+    """
+
+    left_out: str = ""
+    contradicts: bool = False
+    acc_late: float = 0.0
+    late: float = 0.0
+    faster: float = 1.0
+    step_share: float = 0.5
+    other_side: bool = False
+    rows_lost: int = 0
+    rows_twice: int = 0
+    begin: float = 0.0
+    force_off: float = 0.0
+    rates_factor: float = 1.0
+    rates_off: bool = False
+    lever_off: float = 0.0
+    sampled_slowly: bool = False
+    gyr_clipped: int = 0
+    acc_clipped: int = 0
+    lost: int = 0
+    strides_missing: int = 0
+    swings: int = 0
+    small_swings: int = 0
+    walks_before: float = 0.0
+    walks_after: float = 0.0
+    quick_stride: float = np.inf
+    unlike: bool = False
+    missed: float = 0.0
+    unusable: bool = False
+    slips_at: float = np.inf
+    leans_at: float = np.inf
+    leans_deg: float = 0.0
+    exchanged_at: float = np.inf
+    alone: bool = False
+
+    @property
+    def incomplete(self) -> bool:
+        """Whether strides of this sensor can be missing at the begin or the end of a walk."""
+        return any((self.lost, self.strides_missing, self.small_swings, self.walks_before, self.walks_after))
+
+    @property
+    def runs(self) -> bool:
+        """Whether strides are as short as in running."""
+        return bool(np.isfinite(self.quick_stride))
+
+    @property
+    def wrong(self) -> bool:
+        """Whether the signals of the sensor are wrong as a whole, and not in some samples alone."""
+        return self.contradicts or self.acc_late != 0.0
+
+
+SOUND = SensorQuality()
+"""A sensor without a fault."""
+
+
+def of_sensor(quality: Mapping[str, SensorQuality], placement: str) -> SensorQuality:
+    """The quality of the sensor at a placement; that of a sound sensor if nothing is stated."""
+    return quality.get(placement, SOUND)
+
+
+def merged(*parts: Mapping[str, SensorQuality]) -> dict[str, SensorQuality]:
+    """Placement → all facts of several parts; of two values that are not the default, the later one."""
+    whole: dict[str, SensorQuality] = {}
+    for part in parts:
+        for placement, facts in part.items():
+            changed = {name: value for name, value in facts._asdict().items() if value != getattr(SOUND, name)}
+            whole[placement] = of_sensor(whole, placement)._replace(**changed)
+    return whole
+
+
+def above(placement: str) -> str:
+    """The placement above on the same leg: "shank_right" for "foot_right"; "" if there is none."""
+    segment, _, side = placement.partition("_")
+    return f"{ABOVE[segment]}_{side}" if segment in ABOVE else ""
+
+
+def opposite(placement: str) -> str:
+    """The same segment of the other leg: "foot_left" for "foot_right"; "" if there is none."""
+    segment, _, side = placement.partition("_")
+    return f"{segment}_{SIDES[1 - SIDES.index(side)]}" if side in SIDES else ""
