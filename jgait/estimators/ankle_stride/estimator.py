@@ -272,8 +272,8 @@ def _finished(result: Estimate, made: Prepared[AnkleInputs]) -> Estimate:
     places = {side: f"{'shank' if leg.mid_shank else 'ankle'}_{SIDES[side]}" for side, leg in worn.items()}
     cut = cut_off(result, {side: (places[side], leg.gyr - leg.gyr_bias) for side, leg in worn.items()})
     notes = (*result.diagnostics["notes"], *cut_notes(cut))
-    facts = {"notes": notes, "sensors": merged(result.diagnostics["sensors"], cut)}
-    result = result._replace(diagnostics={**result.diagnostics, **instants, **facts})
+    sensors = merged(result.diagnostics["sensors"], cut)
+    result = result._replace(diagnostics={**result.diagnostics, **instants, "notes": notes, "sensors": sensors})
     if result.strides_stddev is None:
         return result
     nis = {side: float(result.diagnostics[f"nis_{SIDES[side]}"]) for side in worn}
@@ -283,6 +283,6 @@ def _finished(result: Estimate, made: Prepared[AnkleInputs]) -> Estimate:
     far = {name: SensorQuality(lever_off=metres) for name, metres in away.items() if metres > farthest}
     wrong = (RATES_OFF(placement=name, factor=sensor.rates_factor) for name, sensor in off.items())
     odd = (LEVER_IMPLAUSIBLE(placement=name, off_m=sensor.lever_off) for name, sensor in far.items())
-    facts = {"notes": (*notes, *wrong, *odd), "sensors": merged(facts["sensors"], off, far)}
+    facts = {"notes": (*notes, *wrong, *odd), "sensors": merged(sensors, off, far)}
     result = result._replace(diagnostics={**result.diagnostics, **facts})
     return trust.judged(result, places, LARGEST_MEAN_NIS, nis)
