@@ -53,7 +53,7 @@ def learned(table: Table, rows: np.ndarray | None = None) -> QualityParams:
     return jax.tree.map(np.asarray, shape(jnp.asarray(fit.x)))
 
 
-LOWEST = QualityParams(0.0, 0.0, -np.inf, 0.0, 2.0)
+LOWEST = QualityParams(0.0, 0.0, -np.inf, 0.0, 2.0, 2.0)
 """Least values of the numbers."""
 
 

@@ -89,16 +89,19 @@ def joined(tables: list[Table]) -> Table:
 
 
 def public(quick: bool) -> Iterator[Table]:
-    """The strides of all public sets that are here."""
-    for one in judged(quick):
-        yield of_judged(one)
+    """The strides of all public sets that are here; where a set has one person, its walks stand for people."""
+    people: dict[str, set[str]] = {}
+    every = list(judged(quick))
+    for walk in every:
+        people.setdefault(walk.group, set()).add(walk.person)
+    for walk in every:
+        yield of_judged(walk, walk.recording if len(people[walk.group]) == 1 else walk.person)
 
 
-def of_judged(one: Judged) -> Table:
+def of_judged(walk: Judged, who: str) -> Table:
     """The strides of a public recording."""
-    estimator, _, name = one.group.partition(", ")
-    who = one.recording if one.person == "subject" else one.person
-    return table(estimator, name, one.recording, f"{name} {who}", one.estimate, one.rows, one.true, one.reference)
+    estimator, _, name = walk.group.partition(", ")
+    return table(estimator, name, walk.recording, f"{name} {who}", walk.estimate, walk.rows, walk.true, walk.reference)
 
 
 def beside(estimate: Estimate, truth: Strides, when: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -123,7 +126,7 @@ def spans(estimate: Estimate) -> np.ndarray:
     return np.stack([as_float(strides.start), as_float(strides.end)], axis=1)
 
 
-def walk(gait: str, number: int, seed: int) -> tuple[Recording, Strides, dict[str, dict[str, float]]] | None:
+def walked(gait: str, number: int, seed: int) -> tuple[Recording, Strides, dict[str, dict[str, float]]] | None:
     """A simulated walk, its true strides, and the measures of the person for each estimator."""
     key = jax.random.fold_in(jax.random.key(seed), number)
     who = person(GAITS[gait], simulate.person_of(simulate.population(jax.random.key(seed), 8), number), key)
@@ -138,7 +141,7 @@ def gaits(quick: bool, people: int = 3, seed: int = 70) -> Iterator[Table]:
     """Undamaged simulated walks in all gaits."""
     for gait in list(GAITS)[:1] if quick else GAITS:
         for number in range(1 if quick else people):
-            made = walk(gait, number, seed)
+            made = walked(gait, number, seed)
             if made is None:
                 continue
             recording, truth, body = made
@@ -166,7 +169,7 @@ def faults(quick: bool, people: int = 3, seed: int = 71) -> Iterator[Table]:
     """Simulated walks with faults, of people who walk as usual or in one of the other gaits."""
     usual = ("usual", "back and forth", "limping", "slow", "fast")
     for number in range(1 if quick else people):
-        made = walk(usual[number % len(usual)], number, seed)
+        made = walked(usual[number % len(usual)], number, seed)
         if made is None:
             continue
         for fault in list(FAULTS)[: 3 if quick else None]:

@@ -108,8 +108,9 @@ def draw(_: list[Row], folder: Path, quick: bool) -> None:
     for name in sorted(set(table.estimator)):
         mine = chosen(table, table.estimator == name)
         p = learned(mine)
+        p = p._replace(interval=interval(p, mine))
         groups = sorted({group if kind(group) == "public" else f"simulated, {kind(group)}s" for group in mine.group})
-        found[name] = {**to_dict(p), "interval": round(interval(p, mine), 3), "strides": len(mine.error)}
+        found[name] = {**to_dict(p), "strides": len(mine.error)}
         found[name]["groups"] = groups
     text = json.dumps({"made_by": "python -m experiments quality --figures FOLDER", "estimators": found}, indent=1)
     folder.mkdir(parents=True, exist_ok=True)

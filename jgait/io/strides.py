@@ -27,7 +27,9 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
     Columns: `s_id` from 0; `side`; times [s] `start_s final_contact_s end_s standing_s standing_end_s`;
     `stride_length_m stride_width_m step_length_m stride_duration_s walking_speed_mps stride_height_m lift_m turn_deg
     contact_angle_deg push_off_angle_deg`, see `jgait.types.Strides`; after each of these its standard deviation with
-    `_std` before the unit (`stride_length_std_m`), where the estimate has one; `width_valid`, False for unreliable
+    `_std` before the unit (`stride_length_std_m`), where the estimate has one; `stride_length_low95_m
+    stride_length_high95_m`, between which 95 % of the lengths are, and `doubt`, the probability that the length is off
+    by more than three deviations, where the estimator has learned them (`jgait.quality`); `width_valid`, False for unreliable
     widths, where the estimator computes it. A quantity that the estimate lacks has no column; a value that is missing
     in a stride is an empty cell. So is the duration of a first stride from standing, which has no initial contact
     before it: its `start_s` is its toe-off, and its speed is from standing to standing.
@@ -59,6 +61,12 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
         if spread is not None:
             deviation = scale * as_float(spread)[rows]
             columns[COLUMNS[column].deviation] = np.where(deviation > 0.0, deviation, np.nan)
+    quality = estimate.diagnostics.get("quality")
+    if quality is not None and "stride_length_std_m" in columns:
+        half = (quality.interval * as_float(stated.length))[rows]
+        columns["stride_length_low95_m"] = columns["stride_length_m"] - half
+        columns["stride_length_high95_m"] = columns["stride_length_m"] + half
+        columns["doubt"] = quality.doubt[rows]
     trusted = estimate.diagnostics.get("width_valid")
     if trusted is not None and np.shape(trusted) == np.shape(strides.side):
         columns["width_valid"] = np.asarray(trusted, bool)[rows]

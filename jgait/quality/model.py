@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jgait.geometry.arrays import xp
-from jgait.params import Param, Parameter, Prior, documented, interval, positive, real
+from jgait.params import Param, Parameter, Prior, documented, fixed, interval, positive, real
 from jgait.quality.stride import EVIDENCE, StrideQuality
 from jgait.types import Estimate, Values, as_float
 
@@ -47,6 +47,9 @@ class QualityParams(NamedTuple):
         len(EVIDENCE), START
     )
     tail: Annotated[Param, Parameter(interval(2.0, 30.0), "1", "λ, deviation of wrong strides over others")] = 6.0
+    interval: Annotated[Param, Parameter(fixed, "1", "deviations that contain 95 % of the errors of other people")] = (
+        2.0
+    )
 
 
 def weighted(weights: Values, evidence: Mapping[str, Values]) -> Values:
@@ -109,7 +112,8 @@ def with_doubt(estimate: Estimate, p: QualityParams, evidence: Mapping[str, np.n
     times = np.broadcast_to(as_float(factor(p, evidence)), np.shape(strides.side))
     probability = np.broadcast_to(as_float(doubt(p, evidence)), times.shape)
     diagnostics |= {
-        "quality": StrideQuality(probability, times, dict(evidence)),
+        "quality": StrideQuality(probability, times, np.full(times.shape, float(p.interval)), dict(evidence)),
+        "doubt": probability,
         "doubtful": probability > DOUBTFUL,
     }
     if "distance_stddev" in diagnostics and times.size:
@@ -134,7 +138,7 @@ def learned(estimator: str) -> QualityParams:
 def from_dict(stored: Mapping[str, Any]) -> QualityParams:
     """The numbers from JSON: weights by the name of their evidence, which are 0 if they are absent."""
     arrays = {name: np.array([float(stored[name].get(kind, 0.0)) for kind in EVIDENCE]) for name in ("spread", "wrong")}
-    return QualityParams(**{name: float(stored[name]) for name in ("shift", "odds", "tail")}, **arrays)
+    return QualityParams(**{name: float(stored[name]) for name in ("shift", "odds", "tail", "interval")}, **arrays)
 
 
 def to_dict(p: QualityParams) -> dict[str, Any]:
@@ -143,7 +147,7 @@ def to_dict(p: QualityParams) -> dict[str, Any]:
         name: {k: round(float(w), 4) for k, w in zip(EVIDENCE, getattr(p, name), strict=True) if w > LEAST}
         for name in ("spread", "wrong")
     }
-    return {**{name: round(float(getattr(p, name)), 4) for name in ("shift", "odds", "tail")}, **weights}
+    return {**{name: round(float(getattr(p, name)), 4) for name in ("shift", "odds", "tail", "interval")}, **weights}
 
 
 def widened(estimate: Estimate, share: np.ndarray) -> Estimate:

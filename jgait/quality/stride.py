@@ -67,6 +67,7 @@ class StrideQuality(NamedTuple):
 
     doubt: np.ndarray  #: probability that the length is off by more than three of the stated deviations [1].
     factor: np.ndarray  #: by which the method's own deviations were multiplied [1].
+    interval: np.ndarray  #: deviations, so multiplied, that contain 95 % of the errors [1].
     evidence: dict[str, np.ndarray]  #: name, see the module → evidence [1].
 
 

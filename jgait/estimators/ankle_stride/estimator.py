@@ -269,8 +269,8 @@ def _finished(result: Estimate, made: Prepared[AnkleInputs]) -> Estimate:
     places = {side: f"{'shank' if leg.mid_shank else 'ankle'}_{SIDES[side]}" for side, leg in worn.items()}
     cut = cut_off(result, {side: (places[side], leg.gyr - leg.gyr_bias) for side, leg in worn.items()})
     notes = (*result.diagnostics["notes"], *cut_notes(cut))
-    facts = {"notes": notes, "sensors": merged(result.diagnostics["sensors"], cut)}
-    result = result._replace(diagnostics={**result.diagnostics, **instants, **facts})
+    sensors = merged(result.diagnostics["sensors"], cut)
+    result = result._replace(diagnostics={**result.diagnostics, **instants, "notes": notes, "sensors": sensors})
     if result.strides_stddev is None:
         return result
     nis = {side: float(result.diagnostics[f"nis_{SIDES[side]}"]) for side in worn}

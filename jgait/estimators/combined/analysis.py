@@ -27,7 +27,7 @@ from jgait.estimators.combined.phases import FEWEST_STRIDES
 from jgait.estimators.combined.replaced import with_replaced_doubted
 from jgait.estimators.combined.shoes import put_right
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
-from jgait.estimators.combined.strides import JoinedStrides, joined
+from jgait.estimators.combined.strides import JoinedStrides, joined, quality_of
 from jgait.estimators.combined.unworn import without_unworn
 from jgait.estimators.plausible import knee_notes, knees, paces_mixed
 from jgait.estimators.stride_flags import stride_notes
@@ -271,7 +271,7 @@ def _assembled(
     if legs is not None:
         diagnostics |= {k: v for k, v in legs.diagnostics.items() if k.startswith("slipped_")}
     if strides is not None:
-        diagnostics |= {**strides.flags, "contradicts": strides.contradicts}
+        diagnostics |= {**strides.flags, "contradicts": strides.contradicts, "quality": quality_of(strides, estimates)}
     if total is not None:
         diagnostics["distance_stddev"] = np.asarray([total.stddev])
     of_legs = {side: legs.diagnostics[f"stated_{side}"] for side in SIDES if legs and getattr(legs.legs, side)}

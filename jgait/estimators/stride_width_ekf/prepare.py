@@ -13,7 +13,7 @@ from jgait.estimators.stride_width_ekf.inputs import StrideRows, WidthInputs
 from jgait.estimators.stride_width_ekf.model import PathControl
 from jgait.estimators.stride_width_ekf.params import DEFAULT, WidthOptions
 from jgait.estimators.stride_width_ekf.trajectories import FootTrack, Pair, checked_feet, contact_times
-from jgait.notes import Note
+from jgait.notes import Kind, Note
 from jgait.types import Feet, RangeReadings, RecordingError, Values
 
 TOGETHER = 0.12  # s; readings with shorter gaps belong to one passing
@@ -110,7 +110,7 @@ def _usable(
         known &= (times >= foot.time[0]) & (times <= foot.time[-1]) & ~_inside(times, list(foot.gaps))
     turned = _inside(times, turning)
     usable = known & ~turned
-    left_out = (
+    left_out: tuple[tuple[Kind, np.ndarray, dict[str, float]], ...] = (
         (kinds.RANGES_LONG, measured & ~near, {"longest": options.longest_range}),
         (kinds.RANGES_ODD, odd, {}),
         (kinds.RANGES_TURNING, turned, {}),
