@@ -108,7 +108,7 @@ def draw(_: list[Row], folder: Path, quick: bool) -> None:
     for name in sorted(set(table.estimator)):
         mine = chosen(table, table.estimator == name)
         p = learned(mine)
-        p = p._replace(interval=interval(p, mine))
+        p = p._replace(within95=interval(p, mine))
         groups = sorted({group if kind(group) == "public" else f"simulated, {kind(group)}s" for group in mine.group})
         found[name] = {**to_dict(p), "strides": len(mine.error)}
         found[name]["groups"] = groups

@@ -47,9 +47,7 @@ class QualityParams(NamedTuple):
         len(EVIDENCE), START
     )
     tail: Annotated[Param, Parameter(interval(2.0, 30.0), "1", "λ, deviation of wrong strides over others")] = 6.0
-    interval: Annotated[Param, Parameter(fixed, "1", "deviations that contain 95 % of the errors of other people")] = (
-        2.0
-    )
+    within95: Annotated[Param, Parameter(fixed, "1", "deviations that contain 95 % of errors")] = 2.0
 
 
 def weighted(weights: Values, evidence: Mapping[str, Values]) -> Values:
@@ -112,7 +110,7 @@ def with_doubt(estimate: Estimate, p: QualityParams, evidence: Mapping[str, np.n
     times = np.broadcast_to(as_float(factor(p, evidence)), np.shape(strides.side))
     probability = np.broadcast_to(as_float(doubt(p, evidence)), times.shape)
     diagnostics |= {
-        "quality": StrideQuality(probability, times, np.full(times.shape, float(p.interval)), dict(evidence)),
+        "quality": StrideQuality(probability, times, np.full(times.shape, float(p.within95)), dict(evidence)),
         "doubt": probability,
         "doubtful": probability > DOUBTFUL,
     }
@@ -138,7 +136,7 @@ def learned(estimator: str) -> QualityParams:
 def from_dict(stored: Mapping[str, Any]) -> QualityParams:
     """The numbers from JSON: weights by the name of their evidence, which are 0 if they are absent."""
     arrays = {name: np.array([float(stored[name].get(kind, 0.0)) for kind in EVIDENCE]) for name in ("spread", "wrong")}
-    return QualityParams(**{name: float(stored[name]) for name in ("shift", "odds", "tail", "interval")}, **arrays)
+    return QualityParams(**{name: float(stored[name]) for name in ("shift", "odds", "tail", "within95")}, **arrays)
 
 
 def to_dict(p: QualityParams) -> dict[str, Any]:
@@ -147,7 +145,7 @@ def to_dict(p: QualityParams) -> dict[str, Any]:
         name: {k: round(float(w), 4) for k, w in zip(EVIDENCE, getattr(p, name), strict=True) if w > LEAST}
         for name in ("spread", "wrong")
     }
-    return {**{name: round(float(getattr(p, name)), 4) for name in ("shift", "odds", "tail", "interval")}, **weights}
+    return {**{name: round(float(getattr(p, name)), 4) for name in ("shift", "odds", "tail", "within95")}, **weights}
 
 
 def widened(estimate: Estimate, share: np.ndarray) -> Estimate:
