@@ -110,7 +110,7 @@ def test_mounting_changes_nothing(straight):
 def test_a_recording_that_begins_and_ends_in_walking_and_a_sensor_that_stops_in_it(at):
     recording = shank(strides=8).recording
     whole = ankle_stride.estimate(P, cut(recording, 1.9 + at, 1.9 + at + 5.49))
-    assert whole.diagnostics["nis_right"] < ankle_stride.LARGEST_MEAN_NIS
+    assert whole.diagnostics["nis_right"] < 0.2
     imu = imu_of(recording)
     stops = ankle_stride.estimate(P, worn(recording, **masked(imu, imu.time < 5.5 + at)._asdict()))
     for estimate in (whole, stops):

@@ -146,7 +146,7 @@ def shaken(acc):
     ("change", "code"),
     [
         ({"acc": squeezed}, "shanks_apart"),
-        ({"acc": shaken}, "inconsistent_stances"),
+        ({"acc": shaken}, "strides_doubtful"),
         ({"gyr": lambda gyr: np.clip(gyr, -4.4, 4.4)}, "signal_clipped"),
     ],
     ids=["other distance", "other stances", "clipped"],
