@@ -1,9 +1,10 @@
 """Scores of one recording for a cohort: quantities and strides, estimate beside reference; in NumPy."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from jaxtyping import PyTree
 
 from jgait.estimators.stride_flags import STRIDE_COLUMNS, STRIDE_FLAGS, as_far, durations, regular
 from jgait.evaluate.clocks import clock_notes
@@ -27,7 +28,7 @@ class Scores(NamedTuple):
     """
 
     quantities: dict[str, tuple[float, float]]
-    strides: dict[str, Any]
+    strides: dict[str, np.ndarray]
     notes: tuple[Note, ...] = ()
 
 
@@ -93,7 +94,7 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
     """
     reference = walk.reference
     quantities: dict[str, tuple[float, float]] = {}
-    strides: dict[str, Any] = {}
+    strides: dict[str, np.ndarray] = {}
     notes: tuple[Note, ...] = ()
     if reference is not None:
         common = common_samples(estimate, reference)
@@ -133,7 +134,7 @@ def distance_notes(estimate: float, reference: float) -> tuple[Note, ...]:
     return (DISTANCE_OFF(reference=reference, estimate=estimate),) if off else ()
 
 
-def _strides_notes(rows: dict[str, Any], estimate: Estimate, reference: Estimate) -> tuple[Note, ...]:
+def _strides_notes(rows: dict[str, np.ndarray], estimate: Estimate, reference: Estimate) -> tuple[Note, ...]:
     """A note if the lengths of strides and those of the reference cannot both be right."""
     if not rows:
         return ()
@@ -174,7 +175,7 @@ def _trajectories(estimate: Estimate, reference: Estimate, common: np.ndarray) -
     return quantities
 
 
-def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, Any]:
+def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, np.ndarray]:
     """A row for each valid stride of the reference and each quantity that both have.
 
     If the estimate has strides, a stride of the reference is matched with the estimated stride of the same foot whose
@@ -258,7 +259,7 @@ def _ordered(strides: Strides, like: Strides | None = None) -> Strides:
     valid = np.flatnonzero(np.asarray(by.valid, bool))
     order = valid[np.argsort(_span(by, standing=by.start is None)[0][valid], kind="stable")]
     kept = {name: None if column is None else as_float(column)[order] for name, column in strides._asdict().items()}
-    columns: dict[str, Any] = {"side": np.asarray(by.side)[order].astype(int), "valid": np.ones(order.size, bool)}
+    columns: dict[str, PyTree] = {"side": np.asarray(by.side)[order].astype(int), "valid": np.ones(order.size, bool)}
     return Strides(**kept | columns)
 
 
