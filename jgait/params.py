@@ -29,7 +29,7 @@ class Transform(NamedTuple):
     to_natural: Callable[[Values], Values] | None  #: free value → natural value; None when the parameter is fixed.
     low: float = -math.inf  #: lower end of the open range.
     high: float = math.inf  #: upper end of the open range.
-    own: bool = False  #: whether each subject has a separate value, see `per_subject`.
+    per_subject: bool = False  #: whether each subject has a separate value, see `per_subject`.
 
 
 def _identity(value: Values) -> Values:
@@ -66,7 +66,7 @@ def interval(low: float, high: float) -> Transform:
 
 def per_subject(transform: Transform) -> Transform:
     """The same range, with a separate value for each subject; `per_subject(fixed)`: a known measure of each subject."""
-    return transform._replace(name=f"{transform.name}, per subject", own=True)
+    return transform._replace(name=f"{transform.name}, per subject", per_subject=True)
 
 
 class Parameter(NamedTuple):
@@ -79,7 +79,7 @@ class Parameter(NamedTuple):
     prior: "Prior | None" = None  #: the density of the value before any data are used; None where there is none.
 
 
-def declared(of: type[Any]) -> dict[str, Parameter]:
+def declared(of: type) -> dict[str, Parameter]:
     """The declarations of a NamedTuple of parameters, by field."""
     hints = get_type_hints(of, include_extras=True)
     hints_of = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
@@ -112,11 +112,11 @@ def priors[P](p: P) -> P:
     return _declarations(p, lambda parameter: parameter.prior)
 
 
-def _declarations[P](p: P, part: Callable[[Parameter], Any]) -> P:
+def _declarations[P](p: P, part: Callable[[Parameter], PyTree]) -> P:
     """A part of the declaration of every parameter, in the type of the parameters."""
-    tuple_of: Any = type(p)
+    tuple_of: type[P] = type(p)
 
-    def of_field(name: str, parameter: Parameter) -> Any:
+    def of_field(name: str, parameter: Parameter) -> PyTree:
         value = getattr(p, name)
         if parameter.transform is None:
             return _declarations(value, part)
@@ -126,7 +126,7 @@ def _declarations[P](p: P, part: Callable[[Parameter], Any]) -> P:
     return parts
 
 
-def units(p: Any) -> dict[str, str]:
+def units(p: PyTree) -> dict[str, str]:
     """The declared unit of every parameter, by the parameter's name, such as "thigh_length.right"."""
     by_name: dict[str, str] = {}
     for name, parameter in declared(type(p)).items():
@@ -173,7 +173,7 @@ def _is_transform(node: object) -> bool:
     return isinstance(node, Transform)
 
 
-def _pairs(params: PyTree, transforms: PyTree) -> tuple[list[str], list[Any], list[Transform], PyTreeDef]:
+def _pairs(params: PyTree, transforms: PyTree) -> tuple[list[str], list[PyTree], list[Transform], PyTreeDef]:
     """Names, values and transforms in the same order; raises if `params` and `transforms` do not match."""
     treedef: PyTreeDef
     flat, treedef = jax.tree.flatten(transforms, is_leaf=_is_transform)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from jgait.notes import Note, printable
 
@@ -36,6 +36,9 @@ else:
 
 type Maybe[T] = T | Any
 """A field that can be None; the record's docstring states when. Code must not read the field where it is None."""
+
+type Measures = dict[str, PyTree]
+"""Measures of a person: name, such as "thigh_length" [m] → a number, or (right, left)."""
 
 # Fields of the records below. Records of several recordings are stacked along leading axes, `*batch`.
 Series = Float[AnyArray, "*batch time"]

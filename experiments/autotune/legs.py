@@ -35,7 +35,7 @@ def rows(quick: bool) -> list[Row]:
     walk = walks(SET)[0]
     estimator, start = leg_ekf.estimator(), person(walk)
     learned, unseen = (
-        tune.lessons(estimator, [walk], own=datasets.body, windows=tune.named_windows(part)).one(0)
+        tune.lessons(estimator, [walk], body=datasets.body, windows=tune.named_windows(part)).lesson(0)
         for part in ("straight_1", "straight_2")
     )
     loss = tune.objective(estimator, leg_ekf.DEFAULT, "joint_angles")

@@ -121,7 +121,7 @@ def evaluated(settings: Settings, watch: Watch) -> Any:
     # What is watched is not sent to other processes.
     plain = read_slowly if settings.how == "dask" else watch.timed("read", read_slowly)
     read = functools.partial(plain, settings.folder, settings.pause)
-    given: dict[str, Any] = {"own": leg_lengths, "read": read, "out": settings.out or None, "batch": settings.batch}
+    given: dict[str, Any] = {"body": leg_lengths, "read": read, "out": settings.out or None, "batch": settings.batch}
     names = sorted(path.stem for path in Path(settings.folder).glob("*.npz"))
     watched = {
         "prepared": (buckets, "prepared"), "started": (buckets, "_started"), "waited": (jax, "device_get"),

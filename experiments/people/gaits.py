@@ -127,7 +127,7 @@ def walks(names: list[str], people: int) -> Iterator[tuple[str, str, Walked]]:
             true = float(truth.estimate.distance[-1])
             for one in ESTIMATORS:
                 estimator = estimators.get(one)
-                p = estimator.own(estimator.params, measures(who.body, estimator.about))
+                p = estimator.with_body(estimator.params, measures(who.body, estimator.about))
                 found = attempt(f"{one}, {name}", lambda e=estimator, p=p, r=recording: e.estimate(p, r))
                 if found is not None:
                     error = float(found.distance[-1]) / true - 1.0

@@ -32,7 +32,7 @@ RANGES = Shared(params.positive, params.positive, params.interval(-0.6, 0.6), pa
 def path_loss(p: Shared, lesson: Lesson) -> Any:
     """Squared error of angles and foot path, in degrees and centimetres, the person's lengths known."""
     side = leg_ekf.BySide
-    q = leg_ekf.with_body(leg_ekf.LegParams(), lesson.own)._replace(
+    q = leg_ekf.with_body(leg_ekf.LegParams(), lesson.body)._replace(
         angle_noise=p.angle_noise, gyro_noise=p.gyro_noise, standing_hip=side(p.standing_hip, p.standing_hip),
         standing_knee=side(p.standing_knee, p.standing_knee),
     )  # fmt: skip

@@ -40,7 +40,7 @@ def rows(quick: bool) -> list[Row]:
         loss, Leg(0.43, 0.43, 0.0, 0.0), Leg(length, length, angle, angle), data, optax.lbfgs(),
         steps=10 if quick else 30, subjects=range(people),
     )  # fmt: skip
-    true = [data.own[name][:, 0] for name in ("thigh_length", "shank_length")]
+    true = [data.body[name][:, 0] for name in ("thigh_length", "shank_length")]
     errors = 100.0 * np.abs(np.stack([np.asarray(fit.params[k]) - true[k] for k in range(2)]))
     total = 100.0 * np.abs(sum(np.asarray(fit.params[k]) - true[k] for k in range(2)))
     show(

@@ -112,7 +112,7 @@ def walks(key: Any, people: int, dtype: Any) -> Lessons:
     found = protocols.bennett(key, people, rate=RATE_HZ, placements=worn)
     made = tune.lessons(
         leg_ekf.estimator(GYROSCOPES), [Walk(one.recording, one.truth.estimate, {}) for one in found],
-        own=datasets.body, samples=round(RATE_HZ * SECONDS),
+        body=datasets.body, samples=round(RATE_HZ * SECONDS),
     )  # fmt: skip
     if made.failures:
         raise RuntimeError(f"simulated walks that cannot be used: {made.failures}")

@@ -26,7 +26,7 @@ from jgait.evaluate.store import OtherEvaluationError
 from jgait.io.names import like_a_signal
 from jgait.io.units import ACC_UNITS, GYR_UNITS, unit_scale
 from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note
-from jgait.types import Recording, RecordingError, Walk, people, reason_of
+from jgait.types import Measures, Recording, RecordingError, Walk, people, reason_of
 
 
 def _measures() -> dict[str, BodyMeasure]:
@@ -160,7 +160,7 @@ class Source(NamedTuple):
                 yield walk
 
 
-def body(walk: Walk, measures: Sequence[str]) -> dict[str, Any]:
+def body(walk: Walk, measures: Sequence[str]) -> Measures:
     """The known measures of a person that the estimator takes; a height in the table gives those that it lacks."""
     stated = walk.info.get("body")
     known = datasets.body(walk) if stated is None else proportions.with_proportions(stated, measures)
@@ -363,7 +363,7 @@ def evaluated(pipeline: Estimator[PyTree, PyTree], start: PyTree, source: Source
         with refused():
             try:
                 return evaluation.cohort(
-                    pipeline, source.items, start, own=body_of, read=source.read,
+                    pipeline, source.items, start, body=body_of, read=source.read,
                     progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
                     **settings,
                 )  # fmt: skip

@@ -66,7 +66,7 @@ def lessons_of(
             body = {"sensor_height": SENSOR_SHARE * body.pop("height"), **body}
         default = {name: getattr(start, parameter) for name, parameter in parameters.items() if name != "height"}
         known = {name: tuple(value) if np.ndim(value) else value for name, value in (default | body).items()}
-        check_params(pipeline.own(start, known), pipeline.transforms)
+        check_params(pipeline.with_body(start, known), pipeline.transforms)
         of_legs = {name for name in known if isinstance(getattr(start, parameters[name]), tuple)}
         return {
             name: np.broadcast_to(np.asarray(value, float), 2) if name in of_legs else np.asarray(value, float)
@@ -88,7 +88,7 @@ def lessons_of(
         walks = source.walks(failures, lambda number: bar("reading", number, len(source.items)))
         needed = any(tuning.LOSSES[name].needs for name in losses)
         try:
-            made = tuning.lessons(pipeline, answering(walks), own=body_of, reference=needed)
+            made = tuning.lessons(pipeline, answering(walks), body=body_of, reference=needed)
         except ValueError:
             if not lacks or len(lacks) < len(source.items):
                 failures += lacks

@@ -47,7 +47,7 @@ class Choice(NamedTuple):
         measured = {m.name: self.given[m.option] for m in about.measures if m.option in self.given}
         names = [measure.name for measure in about.measures]
         given = {name: value for name, value in {**known, **measured}.items() if name in names}
-        p = self.estimator.own(self.params, given)
+        p = self.estimator.with_body(self.params, given)
         body = proportions.with_proportions(
             given, [name for name in names if name != "height"] if proportions.gives(names) else names
         )

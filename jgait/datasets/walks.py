@@ -1,9 +1,9 @@
 """Reading a data set walk by walk: a recording that cannot be read is listed with its reason."""
 
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from jgait.types import SIDES, Walk, reason_of
+from jgait.types import SIDES, Measures, Walk, reason_of
 
 
 class Failure(NamedTuple):
@@ -37,7 +37,7 @@ def load_each(names: Iterable[str], load_one: Callable[[str], Walk]) -> Walks:
     return Walks(walks, failures)
 
 
-def body(walk: Walk) -> dict[str, Any]:
+def body(walk: Walk) -> Measures:
     """Body measures of the person, as far as known, for `evaluate.cohort` and `tune.lessons`.
 
     Lengths are in `info["lengths"]` (public sets), or among the diagnostics of the reference (simulated walks).

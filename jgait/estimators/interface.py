@@ -1,7 +1,7 @@
 """Interface of all estimators: `prepare` on the host, the pure function `run`, and `estimate`, which calls both."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -16,7 +16,7 @@ from jgait.geometry.arrays import on_host
 from jgait.notes import Note
 from jgait.params import check_params, ranges
 from jgait.quality import SensorQuality, merged
-from jgait.types import Estimate, Recording, Values, check_kind, check_recording
+from jgait.types import Estimate, Measures, Recording, Values, check_kind, check_recording
 
 
 class Prepared[I](NamedTuple):
@@ -33,7 +33,7 @@ class Prepared[I](NamedTuple):
     """
 
     inputs: I
-    options: Any
+    options: PyTree
     notes: tuple[Note, ...]
     standing: tuple[int, int] | None = None
     extra: PyTree = None
@@ -50,8 +50,8 @@ class Estimator[P, I](NamedTuple):
         run: (params, inputs, options) → `Estimate`; pure, for jit, vmap and grad, `options` static. For one recording
             it gets NumPy's arrays and runs on the host: it writes functions of arrays as `geometry.arrays.xp.sqrt`, and
             calls filters and scans through `programs.compiled`.
-        own: (params, body) → parameters with the measures of a person; `body` maps a name, as in the diagnostics of a
-            reference ("thigh_length" [m], …), to a number or to (right, left); pure, also for JAX arrays.
+        with_body: (params, body) → parameters with the measures of a person; `body` maps a name, as in the diagnostics
+            of a reference ("thigh_length" [m], …), to a number or to (right, left); pure, also for JAX arrays.
         about: description of the estimator: measures, options, tables, figures, flags.
         per_stride: names of the diagnostics with an entry for each stride.
         finish: (estimate without padding, `Prepared`) → the estimate of one recording; on the host.
@@ -67,7 +67,7 @@ class Estimator[P, I](NamedTuple):
     params: P
     prepare: Callable[[Recording], Prepared[I]]
     run: Callable[[P, I, PyTree], Estimate]
-    own: Callable[[P, dict[str, PyTree]], P]
+    with_body: Callable[[P, Measures], P]
     about: About = About()
     per_stride: tuple[str, ...] = ()
     finish: Callable[[Estimate, Prepared[I]], Estimate] | None = None
@@ -107,7 +107,8 @@ class Estimator[P, I](NamedTuple):
         prepared = self.prepare(recording)
         read = {name: facts for name, facts in recording.quality.items() if name in prepared.quality}
         notes = (*recording.notes, *prepared.notes)
-        return self.solve(p, prepared._replace(notes=notes, quality=merged(read, prepared.quality)))
+        prepared = prepared._replace(notes=notes, quality=merged(read, prepared.quality))
+        return self.finished(self.computed(p, prepared), prepared)
 
     def solve(self, p: P, prepared: Prepared[I]) -> Estimate:
         """The estimate of a prepared recording; as `estimate`."""
@@ -153,7 +154,7 @@ def trimmed(result: Estimate, samples: int, per_stride: tuple[str, ...]) -> Esti
     )  # fmt: skip
 
 
-def with_measures[P](estimator: str, measures: tuple[str, ...], p: P, body: dict[str, Any]) -> P:
+def with_measures[P](estimator: str, measures: tuple[str, ...], p: P, body: Measures) -> P:
     """The parameters with the measures of a person: each measure replaces the parameter of the same name.
 
     Args:

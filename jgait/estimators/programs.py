@@ -17,15 +17,13 @@ import sys
 import tempfile
 from collections.abc import Callable, Hashable
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import PyTree
+from jaxtyping import PyTree, PyTreeDef
 
 from jgait.filtering.compile import backend, compiler_options, host, processor
-from jgait.filtering.covariance import Covariance
-from jgait.filtering.layout import Layout
+from jgait.filtering.covariance import Covariance, Layout, Places
 from jgait.filtering.model import reached
 from jgait.geometry.arrays import on_host
 
@@ -33,6 +31,12 @@ LIMIT = 1_000_000_000
 """[bytes] Size of the folder; when a program is added, the files that were not used for longest are removed."""
 
 ENDING = ".traced"
+
+type Described = list[Described] | str | int | None
+"""A tree as JSON, see `_described`."""
+
+type Form = tuple[Layout, tuple[Places, ...] | None]
+"""The layout of a covariance, and the places of its values."""
 
 SHORTEST_COMPILATION_S = 0.1
 """[s] Compilations that took less are not kept."""
@@ -70,15 +74,15 @@ def before_compiling(call: Callable[[], None] | None) -> None:
     _Store.compiling = call
 
 
-QUICK = {"xla_backend_optimization_level": 0}
+QUICK: dict[str, str | int] = {"xla_backend_optimization_level": 0}
 """Options of programs that run for milliseconds: without LLVM's optimisations they compile in half the time, and run
 two to three times as long."""
 
 
 @functools.cache
-def compiled(function: Callable[..., PyTree], *, quick: bool = False) -> "Program":
+def compiled(function: Callable[..., PyTree], *, quick: bool = False, over: tuple[int | None, ...] = ()) -> "Program":
     """The function as a compiled program, `quick` to compile instead of to run; see `Program`."""
-    return Program(function, QUICK if quick else {})
+    return Program(function, QUICK if quick else {}, over)
 
 
 class Program:
@@ -89,19 +93,24 @@ class Program:
     computes on the CPU unless a default device is set (`jgait.filtering.compile.host`).
     """
 
-    def __init__(self, function: Callable[..., PyTree], options: dict[str, Any] | None = None) -> None:
-        """Take the function, and compiler options beside those of all programs; nothing is traced yet."""
-        self.function, self.options = function, options or {}
+    def __init__(
+        self, function: Callable[..., PyTree], options: dict[str, str | int] | None = None,
+        over: tuple[int | None, ...] = (),
+    ) -> None:  # fmt: skip
+        """Take the function, compiler options beside those of all programs, and the axes of its arguments over which it
+        is mapped, as `jax.vmap` takes them, () for none; nothing is traced yet.
+        """
+        self.function, self.options, self.over = function, options or {}, over
         self._ready: dict[Hashable, Callable[..., PyTree]] = {}
 
-    def __call__(self, *arrays: PyTree, **static: Any) -> PyTree:
+    def __call__(self, *arrays: PyTree, **static: Hashable) -> PyTree:
         """The result of the function."""
         leaves, structure = jax.tree.flatten(arrays)
         if unknown := [k for k, leaf in enumerate(leaves) if isinstance(leaf, jax.core.Tracer)]:
-            inner = _inner(self.function, tuple(static))
-            operations = inner.trace(*arrays, **static).jaxpr.jaxpr
+            inner = _inner(self, tuple(sorted(static.items())))
+            operations = inner.trace(*arrays).jaxpr.jaxpr
             if any(reached(operations, {operations.invars[k] for k in unknown})):
-                return inner(*arrays, **static)
+                return inner(*arrays)
             for k in unknown:
                 leaves[k] = np.zeros(leaves[k].shape, leaves[k].dtype)
             return self(*jax.tree.unflatten(structure, leaves), **static)
@@ -117,15 +126,19 @@ class Program:
         if program is None:
             if _Store.compiling is not None:
                 _Store.compiling()
-            whole = jax.jit(self.function, static_argnames=tuple(static), compiler_options=self._options())
-            program = whole.lower(*arrays, **static).compile()
+            program = jax.jit(self.of(static), compiler_options=self._options()).lower(*arrays).compile()
         self._ready[key] = program
         return on_host(program(*arrays))
 
-    def _options(self) -> dict[str, Any] | None:
+    def of(self, static: dict[str, Hashable]) -> Callable[..., PyTree]:
+        """The function of arrays alone."""
+        function = functools.partial(self.function, **static)
+        return jax.vmap(function, self.over) if self.over else function
+
+    def _options(self) -> dict[str, str | int] | None:
         return compiler_options() | self.options or None
 
-    def _kept(self, key: Hashable, arrays: PyTree, static: dict[str, Any]) -> Callable[..., PyTree] | None:
+    def _kept(self, key: Hashable, arrays: PyTree, static: dict[str, Hashable]) -> Callable[..., PyTree] | None:
         """The program, traced as the folder has it, or anew and put there; None where none is kept."""
         file = self._file(key)
         if file is None:
@@ -137,7 +150,7 @@ class Program:
             leaves, structure = jax.tree.flatten(arrays)
 
             def flat(*leaves: PyTree) -> PyTree:
-                return self.function(*jax.tree.unflatten(structure, leaves), **static)
+                return self.of(static)(*jax.tree.unflatten(structure, leaves))
 
             traced = jax.export.export(jax.jit(flat))(*leaves)
             _write(file, traced)
@@ -147,7 +160,7 @@ class Program:
     def _file(self, key: Hashable) -> Path | None:
         """The file of a program; None where none is kept, or where nothing names the function or its arguments."""
         name = f"{self.function.__module__}.{getattr(self.function, '__qualname__', '<none>')}"
-        whole = f"{name} {_named(key)!r} {self.options}"
+        whole = f"{name} {_named(key)!r} {self.options} {self.over}"
         if _Store.folder is None or "<" in name or " at 0x" in whole or backend() != "cpu":
             return None
         digest = hashlib.sha256(f"{whole} {_surroundings()}".encode()).hexdigest()
@@ -155,9 +168,9 @@ class Program:
 
 
 @functools.cache
-def _inner(function: Callable[..., PyTree], static: tuple[str, ...]) -> Any:
-    """A function as a program inside another one."""
-    return jax.jit(function, static_argnames=static)
+def _inner(program: Program, static: tuple[tuple[str, Hashable], ...]) -> jax.stages.Wrapped:
+    """A program's function as a program inside another one."""
+    return jax.jit(program.of(dict(static)))
 
 
 def _shape(leaf: PyTree) -> Hashable:
@@ -167,7 +180,7 @@ def _shape(leaf: PyTree) -> Hashable:
     return leaf.shape, str(leaf.dtype), bool(getattr(leaf, "weak_type", False))
 
 
-def _named(value: Any) -> Any:
+def _named(value: Hashable) -> Hashable:
     """A key with the names of jgait's own functions, of which each version of jgait has one."""
     if isinstance(value, tuple):
         return type(value).__name__, *map(_named, value)
@@ -218,7 +231,7 @@ def _write(file: Path, traced: jax.export.Exported) -> None:
         shortened(file.parent, LIMIT)
 
 
-def _types(structure: Any) -> list[type]:
+def _types(structure: PyTreeDef) -> list[type]:
     """The named tuples of a tree's structure, and of the components of covariances."""
     data = structure.node_data()
     node_types = [data[0]] if data is not None and hasattr(data[0], "_fields") else []
@@ -228,7 +241,7 @@ def _types(structure: Any) -> list[type]:
     )
 
 
-def _described(structure: Any) -> Any:
+def _described(structure: PyTreeDef) -> Described:
     """A tree of named tuples as JSON: the name of each with its parts, 0 for a leaf, None for a part that is absent."""
     data = structure.node_data()
     if structure == jax.tree.structure(None):
@@ -240,18 +253,21 @@ def _described(structure: Any) -> Any:
     return [_register(data[0]), *map(_described, structure.children())]
 
 
-def _built(described: Any) -> Any:
+def _built(described: Described) -> PyTree:
     """The tree that `_described` describes."""
-    return _kinds[described[0]](*map(_built, described[1:])) if described else described
+    if not isinstance(described, list):
+        return described
+    name, *parts = described
+    return _kinds[str(name)](*map(_built, parts))
 
 
-def _written_form(form: Any) -> bytes:
+def _written_form(form: Form) -> bytes:
     """What JAX keeps of a covariance beside its arrays, as JSON."""
     layout, places = form
     return json.dumps([_described(layout.structure), layout.shapes, places]).encode()
 
 
-def _form(content: bytes) -> Any:
+def _form(content: bytes) -> Form:
     """Inverse of `_written_form`."""
     tree, shapes, places = json.loads(content)
     layout = Layout(jax.tree.structure(_built(tree)), tuple(map(tuple, shapes)))

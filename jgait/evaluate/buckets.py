@@ -110,7 +110,7 @@ def _padded(job: CohortJob, made: Prepared[PyTree]) -> PyTree:
 def _params(job: CohortJob, walk: Walk) -> PyTree:
     params = job.params(walk) if callable(job.params) else job.params
     if job.body_measures is not None:
-        params = job.estimator.own(params, job.body_measures(walk))
+        params = job.estimator.with_body(params, job.body_measures(walk))
     if job.body_measures is not None or callable(job.params):
         check_params(params, job.estimator.transforms, job.estimator.params)
     return params

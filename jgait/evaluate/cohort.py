@@ -39,7 +39,7 @@ def cohort(
     items: Iterable[PyTree],
     params: PyTree = None,
     *,
-    own: Callable[[Walk], dict[str, PyTree]] | None = None,
+    body: Callable[[Walk], dict[str, PyTree]] | None = None,
     read: Callable[[PyTree], Walk] | None = None,
     score: Callable[[Estimate, Walk], Scores] = scores.score,
     out: Path | str | None = None,
@@ -82,7 +82,7 @@ def cohort(
             of a walk is its recording's name, that of another item is `str(item)`; names must be unique.
         params: the estimator's parameters, natural units; None for its defaults; or walk → parameters, such as
             `lambda walk: fit.of(walk.recording.subject)` of a fit with values per subject.
-        own: walk → body measures to put into the parameters by `estimator.own`, for example
+        body: walk → body measures to put into the parameters by `estimator.with_body`, for example
             `lambda walk: {"thigh_length": walk.info["thigh_length"]}`; None does not change the parameters.
         read: item → walk.
         score: (estimate, walk) → `Scores`, on the host; the estimate has no padding, the walk no sensor data.
@@ -107,7 +107,7 @@ def cohort(
         )
     if isinstance(items, Walk | Recording):
         raise TypeError(f"items must be several walks in a list; got one {type(items).__name__}")
-    for name, function in (("own", own), ("read", read), ("score", score)):
+    for name, function in (("body", body), ("read", read), ("score", score)):
         if function is not None and not callable(function):
             raise TypeError(f"{name} must be a function; got {type(function).__name__}")
     if batch is not None and batch < 1:
@@ -128,7 +128,7 @@ def cohort(
     batch = batch or BATCH
     if local is not None:
         batch = -(-batch // local.size) * local.size
-    job = CohortJob(estimator, params, own, read, score, batch, local, bool(jax.config.jax_enable_x64))
+    job = CohortJob(estimator, params, body, read, score, batch, local, bool(jax.config.jax_enable_x64))
     rank = jax.process_index() if processes > 1 else 0
     store = None if out is None else Folder(Path(out), _description(job), rank)
     names: set[str] = set()
@@ -180,8 +180,8 @@ def _description(job: CohortJob) -> dict[str, str]:
         "estimator": estimator.name,
         "functions": ", ".join(described(f) for f in (estimator.prepare, estimator.run)),
         "params": json.dumps(described(job.params) if callable(job.params) else numbers),
-        "own": described(job.body_measures),
-        "own_function": described(estimator.own),
+        "body": described(job.body_measures),
+        "with_body": described(estimator.with_body),
         "read": described(job.read),
         "score": described(job.score),
         "precision": "float64" if job.x64 else "float32",

@@ -44,7 +44,9 @@ def _estimates(estimator: Estimator[PyTree, PyTree], p: PyTree, lessons: "Lesson
     """The estimates of all lessons, stacked, by a program of its own, which losses over the same recordings share."""
 
     def subject_params(body: dict[str, PyTree], _: PyTree) -> PyTree:
-        return jax.tree.map(jnp.asarray, estimator.own(p, body))
+        return jax.tree.map(jnp.asarray, estimator.with_body(p, body))
 
     data, n = lessons.data, len(lessons.names)
-    return program(estimator.run, lessons.options, None)(jax.vmap(subject_params)(data.own, jnp.arange(n)), data.inputs)
+    return program(estimator.run, lessons.options, None)(
+        jax.vmap(subject_params)(data.body, jnp.arange(n)), data.inputs
+    )

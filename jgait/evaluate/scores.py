@@ -1,9 +1,10 @@
 """Scores of one recording for a cohort: quantities and strides, estimate beside reference; in NumPy."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from jaxtyping import PyTree
 
 from jgait.estimators.stride_flags import STRIDE_COLUMNS, STRIDE_FLAGS, as_far, durations, regular
 from jgait.evaluate.clocks import clock_notes
@@ -28,7 +29,7 @@ class Scores(NamedTuple):
     """
 
     quantities: dict[str, tuple[float, float]]
-    strides: dict[str, Any]
+    strides: dict[str, np.ndarray]
     notes: tuple[Note, ...] = ()
     contradicts: tuple[tuple[str, Note], ...] = ()
 
@@ -95,7 +96,7 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
     """
     reference = walk.reference
     quantities: dict[str, tuple[float, float]] = {}
-    strides: dict[str, Any] = {}
+    strides: dict[str, np.ndarray] = {}
     notes: tuple[Note, ...] = ()
     contradicts: tuple[tuple[str, Note], ...] = ()
     if reference is not None:
@@ -139,7 +140,7 @@ def distance_notes(estimate: float, reference: float) -> tuple[Note, ...]:
 
 
 def _strides_notes(
-    rows: dict[str, Any], estimate: Estimate, reference: Estimate
+    rows: dict[str, np.ndarray], estimate: Estimate, reference: Estimate
 ) -> tuple[tuple[Note, ...], tuple[Note, ...]]:
     """A note if the lengths of strides and those of the reference cannot both be right; or one if the reference seems
     to hold halves.
@@ -183,7 +184,7 @@ def _trajectories(estimate: Estimate, reference: Estimate, common: np.ndarray) -
     return quantities
 
 
-def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, Any]:
+def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, np.ndarray]:
     """A row for each valid stride of the reference and each quantity that both have.
 
     If the estimate has strides, a stride of the reference is matched with the estimated stride of the same foot whose
@@ -267,7 +268,7 @@ def _ordered(strides: Strides, like: Strides | None = None) -> Strides:
     valid = np.flatnonzero(np.asarray(by.valid, bool))
     order = valid[np.argsort(_span(by, standing=by.start is None)[0][valid], kind="stable")]
     kept = {name: None if column is None else as_float(column)[order] for name, column in strides._asdict().items()}
-    columns: dict[str, Any] = {"side": np.asarray(by.side)[order].astype(int), "valid": np.ones(order.size, bool)}
+    columns: dict[str, PyTree] = {"side": np.asarray(by.side)[order].astype(int), "valid": np.ones(order.size, bool)}
     return Strides(**kept | columns)
 
 

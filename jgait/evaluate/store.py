@@ -41,7 +41,7 @@ _TYPES = {**dict.fromkeys(_TEXT, "str"), "n_samples": "int64", "s_id": "int64", 
 _DESCRIPTION = "cohort.json"
 _PARTS = {
     "jgait": "the version of jgait", "estimator": "the estimator", "functions": "the estimator's options",
-    "params": "the parameters", "own": "the measures of a person", "own_function": "the measures of a person",
+    "params": "the parameters", "body": "the measures of a person", "with_body": "the measures of a person",
     "read": "how files are read", "score": "the comparison with the reference", "precision": "the precision",
 }  # fmt: skip
 """Part of the description of an evaluation → its meaning."""

@@ -2,20 +2,19 @@
 
 A `Model` is a set of functions on NamedTuples of scalars, arrays and rotations. `kalman_filter` and `kalman_smoother`
 run over a recording, `infer` runs the filter or the smoother, `step` filters one sample online. The argument `method`
-selects the linearisation (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`, and for smoothers `IteratedSmoother`).
+selects the linearisation (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`).
 """
 
 from jgait.filtering.compile import compiled
-from jgait.filtering.covariance import Covariance
+from jgait.filtering.covariance import Covariance, names_of
 from jgait.filtering.filter import Step, Updated, infer, kalman_filter, kalman_smoother, step
-from jgait.filtering.layout import names_of
-from jgait.filtering.methods import CKF, EKF, KF, UKF, IteratedEKF, IteratedSmoother, Method
+from jgait.filtering.methods import CKF, EKF, KF, UKF, IteratedEKF, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.posterior import FIELDS, KEEP, SUMMARY, Inferred, Posterior
 from jgait.filtering.sample import draw
 
 __all__ = [
     "CKF", "EKF", "FIELDS", "KEEP", "KF", "SUMMARY", "UKF", "Belief", "Covariance", "Inferred", "IteratedEKF",
-    "IteratedSmoother", "Method", "Model", "Posterior", "Step", "Updated", "compiled", "draw", "infer",
+    "Method", "Model", "Posterior", "Step", "Updated", "compiled", "draw", "infer",
     "kalman_filter", "kalman_smoother", "names_of", "step",
 ]  # fmt: skip

@@ -4,7 +4,8 @@ The scans are in `jgait.filtering.scan`, predict and update in `jgait.filtering.
 `jax.linearize`, in `jgait.filtering.linear`.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
@@ -13,14 +14,27 @@ from jaxtyping import Array, Bool, Float, PyTree
 from jgait.filtering import posterior
 from jgait.filtering.batch import differentiable
 from jgait.filtering.compile import compiled
-from jgait.filtering.execution import Execution, execution_of
-from jgait.filtering.inputs import check_arguments, check_linear, check_values, inputs, known_false
-from jgait.filtering.iterated import iterated
-from jgait.filtering.layout import Numbers, Tree
-from jgait.filtering.methods import EKF, IteratedSmoother, Method
+from jgait.filtering.covariance import Numbers, Tree
+from jgait.filtering.inputs import Inputs, check_arguments, check_linear, check_values, inputs, known_false
+from jgait.filtering.methods import EKF, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.posterior import FIELDS, KEEP, SUMMARY, Inferred, Posterior
 from jgait.filtering.recorded import Recorded
+
+Execution = Literal["auto", "core", "fast"]
+"""The computations of a filter; their results agree up to rounding.
+
+core   `jgait.filtering.scan`: every model and method, short compilation
+fast   `jgait.filtering.fast`: scalar components with the structure of the model, several times the rate of the core for
+       filters and smoothed means by KF and EKF, on models with few states and observations that are no manifold
+auto   `fast` for small models that it can compute, else `core`
+"""
+
+FAST_UP_TO = 32
+"""Error components × observed components below which "auto" uses components [1].
+
+Compilation time grows with the components: 1 s at 8 × 2, ten at 15 × 3 (its gradient minutes), longer than most runs.
+"""
 
 
 class Updated(NamedTuple):
@@ -80,7 +94,7 @@ def step(
 
 def infer(
     model: Model, params: Tree, observations: Tree, *, smooth: bool, dt: Numbers, controls: Tree = None,
-    mask: Tree = None, method: Method | IteratedSmoother = EKF(), initial: Belief | None = None,
+    mask: Tree = None, method: Method = EKF(), initial: Belief | None = None,
     keep: tuple[str, ...] = SUMMARY, covariance: bool | tuple[str, ...] = True, execution: Execution = "auto",
 ) -> Inferred:  # fmt: skip
     """Filter a recording, and smooth it if `smooth` is True; `smooth` is static.
@@ -93,7 +107,7 @@ def infer(
     Raises:
         ValueError: see `kalman_filter`.
     """
-    check_arguments(model, method, keep, FIELDS, covariance, smooth)
+    check_arguments(model, method, keep, FIELDS, covariance)
     check_values(observations, controls, dt)
     keep = tuple(keep)
     if not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((params, observations, dt, initial))):
@@ -106,11 +120,9 @@ def infer(
     shape, chosen = given.shape, posterior.places_of(covariance, given.shape.error)
     fields = keep if smooth else tuple(dict.fromkeys(("mean", *(("cov",) if chosen else ()), *keep)))
     check_linear(given, method)
-    special = execution_of(given, method, execution, smooth and bool(chosen))
+    special = _special(given, method, execution, smooth and bool(chosen))
     if special is not None:
         field_values = special(given, fields, smooth)
-    elif isinstance(method, IteratedSmoother):
-        field_values = iterated(given, method, fields, chosen)
     else:
         inner = posterior.closure(shape, chosen) if smooth else ()
         names = dict.fromkeys(name for field in fields for name in posterior.NEEDS[field])
@@ -122,6 +134,27 @@ def infer(
             given, fields, inner, dict(zip(names, (v[..., 0] for v in outputs), strict=True))
         )
     return posterior.inferred(given, field_values, keep, chosen, smooth)
+
+
+def _special(
+    given: Inputs, method: Method, execution: Execution, covariances: bool
+) -> Callable[..., dict[str, Array]] | None:
+    """The function that computes it in place of the core, or None; `covariances`: smoothed ones are wanted.
+
+    Raises:
+        ValueError: if there is no such `execution`, or it cannot compute this.
+    """
+    if execution not in (names := get_args(Execution)):
+        raise ValueError(f"execution must be one of {', '.join(names)}; got {execution!r}")
+    shape = given.shape
+    if execution == "core" or (execution == "auto" and shape.error.size * len(shape.measured) >= FAST_UP_TO):
+        return None
+    from jgait.filtering import fast
+
+    refused = fast.refused(given, method, covariances)
+    if execution == "fast" and refused:
+        raise ValueError(refused)
+    return None if refused else fast.solve
 
 
 def _jitted(
@@ -162,7 +195,7 @@ def kalman_filter(
             `jax.jacfwd`.
         initial: belief before the first interval; None: the model's `initial`.
         keep: fields of `Posterior` to return; other fields are neither computed nor stored.
-        execution: the computation, see `jgait.filtering.execution`; results agree up to rounding.
+        execution: the computation, see `jgait.filtering.filter.Execution`; results agree up to rounding.
 
     Returns:
         The posterior, every leaf with the time axis in front, in the widest float type of parameters, observations
@@ -180,13 +213,12 @@ def kalman_filter(
 
 def kalman_smoother(
     model: Model, params: Tree, observations: Tree, *, dt: Numbers, controls: Tree = None, mask: Tree = None,
-    method: Method | IteratedSmoother = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = KEEP,
+    method: Method = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = KEEP,
     covariance: bool | tuple[str, ...] = True, execution: Execution = "auto",
 ) -> Inferred:  # fmt: skip
     """Filter forward, then smooth backward: every sample's estimate uses the whole recording.
 
-    Arguments as of `kalman_filter`, `keep` of the filter's posterior. The method `IteratedSmoother(k)` linearises again
-    at the smoothed trajectory; its `filtered` is that of the EKF.
+    Arguments as of `kalman_filter`, `keep` of the filter's posterior.
 
     `covariance`: False omits the smoothed covariances, which is several times faster. A tuple of names selects
     components of the error, ("position",) all components of the position: the `Covariance` then has the error's tuple

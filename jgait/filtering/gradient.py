@@ -13,28 +13,27 @@ closed-form expressions", IEEE TAC 68(12), 2023 (arXiv 2303.16846), for the form
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from jgait.filtering.batch import replaced
-from jgait.filtering.lanes import (
+from jgait.filtering.linear import Linear, Matrices
+from jgait.filtering.scan import After, Belief, Sample, repeated, scanned, taken, without_skipped
+from jgait.filtering.step import (
     applied,
     diagonal_matrix,
     held,
     lifted,
     outer,
+    predict,
     product,
     product_transposed,
     symmetrised,
     transposed,
     where,
 )
-from jgait.filtering.linear import Linear, Matrices
-from jgait.filtering.scan import After, Belief, Sample, repeated, scanned, taken, without_skipped
-from jgait.filtering.step import predict
 
 type Named = dict[str, Array]
 """Outputs of a scan, or their cotangents, by name."""
@@ -136,7 +135,7 @@ def _updated(
     spread = product(transposed(K), P_ct)
     C_ct, from_gain = outer(z, delta_ct) - 2.0 * spread, spread
     A_ct: Matrices | None = None
-    H_ct: Any = 0.0
+    H_ct: Matrices | None = None
     if "M" in ct or "J" in ct:  # J = H A, M = A − K J
         J = product(H, A)
         M_ct, J_ct = ct.get("M", jnp.zeros_like(P_ct)), ct.get("J", jnp.zeros_like(H))

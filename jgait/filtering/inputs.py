@@ -14,9 +14,8 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
-from jgait.filtering.covariance import Covariance, Entries
-from jgait.filtering.layout import Layout, Numbers, Scalar, Tree, names_of
-from jgait.filtering.methods import KF, IteratedSmoother, Method
+from jgait.filtering.covariance import Covariance, Entries, Layout, Numbers, Scalar, Tree, names_of
+from jgait.filtering.methods import KF, Method
 from jgait.filtering.model import Belief, Model, Shape, depends_on_place
 
 
@@ -157,7 +156,7 @@ def known_false(leaf: object) -> bool:
 
 
 def check_arguments(
-    model: object, method: object, keep: tuple[str, ...], fields: tuple[str, ...], covariance: object, smooth: bool
+    model: object, method: object, keep: tuple[str, ...], fields: tuple[str, ...], covariance: object
 ) -> None:
     """Raise if a static argument of a filter is not valid.
 
@@ -171,7 +170,7 @@ def check_arguments(
         hash(model)
     except TypeError as error:
         raise ValueError(f"a model must be hashable, its functions at module level or frozen; {error}") from error
-    if not isinstance(method, Method | IteratedSmoother if smooth else Method):
+    if not isinstance(method, Method):
         raise ValueError(f"method must be KF(), EKF(), IteratedEKF(k), UKF() or CKF(); got {method!r}")
     if not isinstance(covariance, bool | tuple):
         raise ValueError(f"covariance is True, False or a tuple of names; got {covariance!r}")

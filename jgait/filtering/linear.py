@@ -5,19 +5,16 @@ Jacobians are computed by `jax.linearize`, once for all directions of the error.
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 from jaxtyping import Array, Float
 
-from jgait.filtering.covariance import Covariance, Entries, Places, placed
-from jgait.filtering.lanes import applied
-from jgait.filtering.layout import Tree
-from jgait.filtering.methods import CKF, EKF, UKF, Method
+from jgait.filtering.covariance import Covariance, Entries, Places, Tree, placed
+from jgait.filtering.methods import CKF, UKF, Method
 from jgait.filtering.model import Shape
 from jgait.filtering.regression import regressed_observation, regressed_transition
+from jgait.filtering.step import held
 
 type Rows = Array | Sequence[Float[Array, "B"]]
 """Components, each for all recordings: an array (component, B), or a sequence."""
@@ -64,9 +61,12 @@ class Linear:
 
         One linearisation for all columns: what it keeps of the function is computed once for each recording.
         """
-        given = partial(self._batched(function, 2), self.params, self._wide(values))
-        value, along = jax.linearize(given, self._wide(list(at)))
-        return [lax.optimization_barrier(v) for v in value], jax.vmap(along)(columns)
+        value, along = jax.linearize(self.about(function, values), self._wide(list(at)))
+        return [held(v) for v in value], jax.vmap(along)(columns)
+
+    def about(self, function: Callable[..., list[Array]], values: Tree) -> Callable[[list[Array]], list[Array]]:
+        """A function of (parameters, values, components) of one recording as a function of the batch's components."""
+        return partial(self._batched(function, 2), self.params, self._wide(values))
 
     def transition(
         self, x: Rows, delta: Rows, P: Matrices, control: Rows, dt: Float[Array, "B"]
@@ -91,8 +91,10 @@ class Linear:
 
         if isinstance(method := self.method, UKF | CKF):
 
-            def sigma(params: list[Array], x: list[Array], delta: list[Array], P: Array, *given: Any) -> Any:
-                return regressed_transition(shape, method, partial(moved, params, given), x, delta, P)
+            def sigma(
+                params: list[Array], x: list[Array], delta: list[Array], P: Array, u: list[Array], dt: Array
+            ) -> tuple[Array, Array, list[Array], list[Array]]:
+                return regressed_transition(shape, method, partial(moved, params, (u, dt)), x, delta, P)
 
             A, spread, before, after = self.over(sigma, x, delta, P, control, dt)
             return (
@@ -101,7 +103,8 @@ class Linear:
                 jnp.stack(after),
             )
         before, columns = self.pushed(self.near, x, delta, self.directions)
-        after, columns = self.pushed(moved, (control, dt), before, columns)
+        after, derivative = jax.linearize(self.about(moved, (control, dt)), before)
+        after, columns = [held(v) for v in after], jax.vmap(derivative)(columns)
         if shape.curved:
             _, columns = self.pushed(apart, after, after, columns)
         Q = self.matrix(self.over(noise, before, control, dt), places, self.width)
@@ -149,11 +152,13 @@ class Linear:
             return shape.residual(filled, expected), distinct(known, places=places, shape=shape)
 
         about = [jnp.zeros_like(x[0])] * self.size if at is None else list(at)[: self.size]
-        shift: Any = 0.0
-        spread: Any = 0.0
+        shift: Array | float = 0.0
+        spread: Matrices | float = 0.0
         if isinstance(method := self.method, UKF | CKF):
 
-            def sigma(params: list[Array], x: list[Array], at: list[Array], P: Array, u: list[Array]) -> Any:
+            def sigma(
+                params: list[Array], x: list[Array], at: list[Array], P: Array, u: list[Array]
+            ) -> tuple[Array, list[Array], Array, Array]:
                 return regressed_observation(shape, method, partial(shown, params, u), x, at, P)
 
             H, expected, shift, spread = self.over(sigma, x, about, P, control)
@@ -178,28 +183,3 @@ def distinct(entries: Entries, *, places: list[Places], shape: Shape) -> list[Ar
     noise = Covariance.of(entries, shape.error)
     places[:] = noise.places or ()
     return shape.arrays(list(noise.values))
-
-
-class Known(NamedTuple):
-    """A linear model in the place of `Linear`: a control is the matrices A, c, Q, H and R of its sample."""
-
-    lanes: int
-    method: EKF = EKF()
-
-    def transition(
-        self, x: Array, delta: Array, P: Array, control: tuple[Array, ...], dt: Array
-    ) -> tuple[Array, Array, Array]:
-        """A, Q and x⁻."""
-        A, c, Q, _, _ = control
-        return A, Q, applied(A, x + delta) + c
-
-    def observation(
-        self, x: Array, control: tuple[Array, ...], measured: Array, visible: Array, at: Array | None, P: Array
-    ) -> tuple[Array, Array, Array]:  # fmt: skip
-        """H, R and e."""
-        *_, H, R = control
-        return H, R, measured - applied(H, x)
-
-
-type Linearised = Linear | Known
-"""What a scan linearises at each sample."""

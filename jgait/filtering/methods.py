@@ -22,7 +22,9 @@ class _Method:
     derivative: Derivative
 
     def __post_init__(self) -> None:
-        _check_whole("iterations", getattr(self, "iterations", 1), 1)
+        number: object = getattr(self, "iterations", 1)
+        if not isinstance(number, int) or isinstance(number, bool) or number < 1:
+            raise ValueError(f"iterations must be a whole number from 1 up; got {number!r}")
         if self.derivative not in ("reverse", "forward"):
             raise ValueError(f"derivative must be 'reverse' or 'forward'; got {self.derivative!r}")
 
@@ -77,30 +79,9 @@ class CKF(_Method):
     derivative: Derivative = "reverse"
 
 
-@dataclass(frozen=True)
-class IteratedSmoother(_Method):
-    """For `kalman_smoother`: the EKF with its smoother, then passes that linearise again at the smoothed trajectory.
-
-    Attributes:
-        passes: number of passes, with the first; their limit is the most probable trajectory.
-    """
-
-    passes: int = 3
-    derivative: Derivative = "reverse"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _check_whole("passes", self.passes, 2)
-
-
 Method = KF | EKF | UKF | CKF
 
 
 def IteratedEKF(iterations: int = 3) -> EKF:  # noqa: N802 - named like the method
     """The EKF whose updates are linearised `iterations` times."""
     return EKF(iterations)
-
-
-def _check_whole(name: str, value: object, least: int) -> None:
-    if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        raise ValueError(f"{name} must be a whole number from {least} up; got {value!r}")

@@ -11,16 +11,15 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTreeDef
+from jaxtyping import Array, Float, PyTree, PyTreeDef
 
-from jgait.filtering.covariance import Covariance, Entries
-from jgait.filtering.layout import Layout, Scalar, Tree
+from jgait.filtering.covariance import Covariance, Entries, Layout, Scalar, Tree
 
 
 class Belief(NamedTuple):
     """A distribution of a state: the mean, and the covariance of the error about the mean."""
 
-    mean: Any
+    mean: PyTree
     cov: Covariance
 
     def joined(self) -> "Belief":

@@ -7,18 +7,17 @@ T = ∂/∂e of (x ⊕ (δ + e)) ⊖ (x ⊕ δ). Arrays have the time axis in fr
 import math
 from collections.abc import Callable
 from functools import cache, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PyTree
 
-from jgait.filtering.covariance import Covariance
+from jgait.filtering.covariance import Covariance, Layout, Tree
 from jgait.filtering.inputs import Inputs
-from jgait.filtering.lanes import product, product_transposed
-from jgait.filtering.layout import Layout, Tree
 from jgait.filtering.model import Belief, Shape, reached
+from jgait.filtering.step import product, product_transposed
 from jgait.geometry.arrays import xp
 from jgait.types import Counts, Maybe
 
@@ -128,12 +127,12 @@ def places_of(covariance: bool | tuple[str, ...], error: Layout) -> tuple[int, .
 
 def fields_of(
     given: Inputs, fields: tuple[str, ...], inner: tuple[int, ...], outputs: dict[str, Array]
-) -> dict[str, Any]:
-    """Fields of `Posterior`, and the smoothed "move" and "smoothed", from the outputs of `Recorded` (T, …)."""
+) -> dict[str, Array]:
+    """Fields of `Posterior`, "smoothed_mean" and "smoothed_cov", from the outputs of `Recorded` (T, …)."""
     shape, out = given.shape, outputs
-    field_values: dict[str, Any] = {}
+    field_values: dict[str, Array] = {}
     every = tuple(range(shape.error.size))
-    mean: Any = states(shape, out["x"], out["delta"]) if "x" in out else None
+    mean = states(shape, out["x"], out["delta"]) if "x" in out else jnp.zeros(())  # not read
     for name in fields:
         match name:
             case "mean":
@@ -162,12 +161,12 @@ def fields_of(
         field_values["smoothed_mean"] = states(shape, mean, error)
         if inner:
             about = covariances(shape, inner, out["x"], out["delta"], out["smoothed"])
-            field_values["smoothed_cov"] = covariances(shape, inner, mean, error, about), inner
+            field_values["smoothed_cov"] = covariances(shape, inner, mean, error, about)
     return field_values
 
 
 def inferred(
-    given: Inputs, field_values: dict[str, Any], keep: tuple[str, ...], chosen: tuple[int, ...], smooth: bool
+    given: Inputs, field_values: dict[str, Array], keep: tuple[str, ...], chosen: tuple[int, ...], smooth: bool
 ) -> Inferred:
     """The result from the fields by name: arrays (T, size), of covariances (T, n, n), or (T,)."""
     shape = given.shape
@@ -186,7 +185,7 @@ def inferred(
     posterior = Posterior(**{name: fields[name] for name in keep})
     cov = None
     if chosen:
-        matrix, inner = field_values["smoothed_cov"]
+        matrix, inner = field_values["smoothed_cov"], closure(shape, chosen)
         place = jnp.asarray([inner.index(i) for i in chosen])
         matrix = matrix if inner == chosen else matrix[:, place[:, None], place[None]]
         cov = Covariance.from_dense(matrix, part_of(shape.error, chosen))

@@ -11,9 +11,9 @@ from jaxtyping import Array
 from jgait.filtering.batch import Batched
 from jgait.filtering.gradient import filter_gradient, smoother_gradient
 from jgait.filtering.linear import Linear
-from jgait.filtering.methods import EKF, KF, IteratedSmoother, Method
+from jgait.filtering.methods import EKF, KF, Method
 from jgait.filtering.model import Shape
-from jgait.filtering.scan import After, Belief, Sample, busy_samples, filter_scan, nothing_after, smoother_scan
+from jgait.filtering.scan import After, Belief, Sample, busy_samples, filter_step, nothing_after, scanned, smoother_scan
 
 FOR_SMOOTHER = ("cov", "M", "J", "G", "z")
 FOR_GRADIENT = ("x", "delta", "cov", "G", "z")
@@ -28,14 +28,14 @@ SEGMENT = 2**17
 filtered twice, and memory holds the covariances of one segment."""
 
 
-def linearises_once(method: Method | IteratedSmoother) -> bool:
+def linearises_once(method: Method) -> bool:
     """Whether the linearised model depends on the means alone: KF and EKF without iterations."""
     return isinstance(method, KF | EKF) and method.iterations == 1
 
 
 @dataclass(frozen=True)
 class Recorded(Batched):
-    """Parameters, start, recording → the outputs `keep` of `filter_scan` and of `smoother_scan`, over samples.
+    """Parameters, start, recording → the outputs `keep` of `filter_step` and of `smoother_scan`, over samples.
 
     Arguments, each with the batch behind: leaves of the parameters, mean (k,), covariance (n, n), then a `Sample` with
     the time axis in front, its control as separate components.
@@ -136,14 +136,14 @@ class Recorded(Batched):
         linear, begin, samples = self.model(arguments, lanes)
         busy, length = self.busy(samples, lanes), len(samples.dt)
         if self.all or not self.smooth or length <= self.segment:
-            named = filter_scan(linear, begin, samples, self.ahead, busy)[1]
+            named = scanned(filter_step(linear, self.ahead), begin, samples, busy)[1]
             if self.smooth:
                 named |= smoother_scan(named, self.chosen, self.last(linear), self.behind, busy)[1]
             return [named[name] if self.all else self.cut(name, named[name]) for name in self.names]
 
         def smoothed(later: After, part: tuple[Belief, Sample, Array | None]) -> tuple[After, list[Array]]:
             begin, samples, busy = part
-            part_outputs = filter_scan(linear, begin, samples, self.ahead, busy)[1]
+            part_outputs = scanned(filter_step(linear, self.ahead), begin, samples, busy)[1]
             later, back = smoother_scan(part_outputs, self.chosen, later, self.behind, busy)
             part_outputs |= back
             return later, [self.cut(name, part_outputs[name]) for name in self.names]
@@ -154,7 +154,8 @@ class Recorded(Batched):
         longer = jax.tree.map(lambda v: jnp.pad(v, [(0, missing), *[(0, 0)] * (v.ndim - 1)]), samples)
         parts = jax.tree.map(lambda v: v.reshape(count, self.segment, *v.shape[1:]), longer)
         busy = jax.vmap(busy_samples)(parts) if busy is not None else None
-        begins = lax.scan(lambda b, part: (filter_scan(linear, b, part[0], (), part[1])[0], b), begin, (parts, busy))[1]
+        step = filter_step(linear, ())
+        begins = lax.scan(lambda b, part: (scanned(step, b, *part)[0], b), begin, (parts, busy))[1]
         outputs = lax.scan(smoothed, self.last(linear), (begins, parts, busy), reverse=True)[1]
         return [v.reshape(-1, *v.shape[2:])[:length] for v in outputs]
 

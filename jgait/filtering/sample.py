@@ -6,9 +6,8 @@ from jax import lax
 from jax.typing import DTypeLike
 from jaxtyping import Array, PRNGKeyArray, PyTree
 
-from jgait.filtering.covariance import Covariance, Entries
+from jgait.filtering.covariance import Covariance, Entries, Layout, Numbers, Tree
 from jgait.filtering.inputs import common_dtype, error_layout
-from jgait.filtering.layout import Layout, Numbers, Tree
 from jgait.filtering.model import Model, Shape
 
 

@@ -24,9 +24,20 @@ from jax import lax
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
 
-from jgait.filtering.lanes import applied, held, product, product_transposed, summed, transposed, where
-from jgait.filtering.linear import Linearised
-from jgait.filtering.step import Update, predict, unseen, update
+from jgait.filtering.linear import Linear
+from jgait.filtering.step import (
+    Update,
+    applied,
+    held,
+    predict,
+    product,
+    product_transposed,
+    summed,
+    transposed,
+    unseen,
+    update,
+    where,
+)
 
 PART = 128
 """[samples] Largest length of the parts in which padding is skipped."""
@@ -48,10 +59,8 @@ type After = tuple[Float[Array, "n B"], Float[Array, "..."]]
 """λ, and Λ (n, n, B), or 0 where no covariances are smoothed."""
 
 
-def filter_scan(
-    linear: Linearised, start: Belief, samples: Sample, keep: Sequence[str], busy: Int[Array, ""] | None
-) -> tuple[Belief, dict[str, Array]]:
-    """Predict and update at each sample; the last belief, and the outputs `keep`, time axis in front.
+def filter_step(linear: Linear, keep: Sequence[str]) -> Callable[[Belief, Sample], tuple[Belief, dict[str, Array]]]:
+    """Predict and update at a sample, for `scanned`; the belief after it, and the outputs `keep`.
 
     x, delta, cov    the belief after the sample
     prior            P⁻, of errors about x
@@ -86,10 +95,10 @@ def filter_scan(
             outputs["M"] = A - product(new.K, outputs["J"])
         return (x, delta, new.P), {name: outputs[name] for name in keep}
 
-    return scanned(body, start, samples, busy)
+    return body
 
 
-def updated(linear: Linearised, x: Array, prior: Array, sample: Sample, finite: Array) -> tuple[Update, Array]:
+def updated(linear: Linear, x: Array, prior: Array, sample: Sample, finite: Array) -> tuple[Update, Array]:
     """The update of a prediction, and the innovation; iterated, each time of the same P⁻, if the method says so."""
     H, R, e = held(*linear.observation(x, sample.control, sample.measured, sample.visible, None, prior))
     first = new = update(prior, H, R, e, finite)

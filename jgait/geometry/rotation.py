@@ -6,10 +6,11 @@ A quaternion `q_ws` takes vectors of the sensor (s) to the world (w); its indice
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PyTree
 
 from jgait.geometry.arrays import xp
-from jgait.geometry.vectors import Vector, cross, dot, horner, kept, scale, subtract
+from jgait.geometry.vectors import Vector, as_array, cross, dot, horner, kept, scale, subtract
+from jgait.geometry.vectors import vector as split
 from jgait.types import AnyArray, Scalar, Values
 
 
@@ -176,3 +177,35 @@ def level(up: np.ndarray) -> np.ndarray:
         return np.array([0.0, 1.0, 0.0, 0.0])
     q = np.array([1.0 + z, y, -x, 0.0])
     return q / np.linalg.norm(q)
+
+
+# States are tuples of vectors (3,) and a quaternion (4,). In their errors each field is a vector: that of the attitude
+# is a rotation vector in the world, δ with q' = exp(δ) q, that of a vector its difference.
+
+
+def near_unit(q: Quaternion) -> Quaternion:
+    """Normalise a quaternion of nearly unit length by one Newton step for 1/√, without root and division."""
+    factor = kept(1.5 - 0.5 * (q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z))
+    return Quaternion(factor * q.w, factor * q.x, factor * q.y, factor * q.z)
+
+
+def retract(s: PyTree, e: PyTree) -> PyTree:
+    """The state `s` changed by the error `e`, whose rotation is below a radian, see `small_turn`."""
+    return type(s)(*(_moved(value, error) for value, error in zip(s, e, strict=True)))
+
+
+def _moved(value: Values, error: Values) -> Values:
+    if value.shape[-1] == 3:
+        return value + error
+    return as_array(near_unit(product(small_turn(split(error)), quaternion(value))))
+
+
+def differences(reference: PyTree, s: PyTree) -> list[Values]:
+    """The fields of the error of the state `s` relative to `reference`."""
+    return [_between(from_, value) for from_, value in zip(reference, s, strict=True)]
+
+
+def _between(from_: Values, value: Values) -> Values:
+    if value.shape[-1] == 3:
+        return value - from_
+    return as_array(small_logarithm(product(quaternion(value), conjugate(quaternion(from_)))))

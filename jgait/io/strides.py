@@ -30,9 +30,9 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
     `_std` before the unit (`stride_length_std_m`), where the estimate has one; `stride_length_low95_m
     stride_length_high95_m`, between which 95 % of the lengths are, and `doubt`, the probability that the length is off
     by more than three deviations, where the estimator has learned them (`jgait.quality`); `width_valid`, False for
-    unreliable widths, where the estimator computes it. A quantity that the estimate lacks has no column; a value that is missing
-    in a stride is an empty cell. So is the duration of a first stride from standing, which has no initial contact
-    before it: its `start_s` is its toe-off, and its speed is from standing to standing.
+    unreliable widths, where the estimator computes it. A quantity that the estimate lacks has no column; a value that
+    is missing in a stride is an empty cell. So is the duration of a first stride from standing, which has no initial
+    contact before it: its `start_s` is its toe-off, and its speed is from standing to standing.
 
     Args:
         estimate: of one recording, with `strides`.

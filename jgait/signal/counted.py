@@ -1,7 +1,6 @@
 """Loops over the first samples of longer arrays."""
 
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,9 +10,7 @@ from jaxtyping import Array
 from jgait.types import Counts
 
 
-def scanned(
-    body: Callable[[Any, Any], tuple[Any, Any]], start: Any, samples: Any, count: Counts | None
-) -> tuple[Any, Any]:
+def scanned[C, S, Y](body: Callable[[C, S], tuple[C, Y]], start: C, samples: S, count: Counts | None) -> tuple[C, Y]:
     """`lax.scan` over the first `count` samples, or over all; outputs beyond are zeros.
 
     JAX cannot differentiate it in reverse mode where a count is given.
@@ -23,10 +20,10 @@ def scanned(
     length = jax.tree.leaves(samples)[0].shape[0]
     body = jax.jit(body, inline=True)  # traced once, for the shapes and for the loop
 
-    def sample(i: Any) -> Any:
+    def sample(i: Counts) -> S:
         return jax.tree.map(lambda v: lax.dynamic_index_in_dim(v, i, keepdims=False), samples)
 
-    def step(i: Any, kept: Any) -> Any:
+    def step(i: Counts, kept: tuple[C, Y]) -> tuple[C, Y]:
         carry, output = body(kept[0], sample(i))
         put = jax.tree.map(lambda all, leaf: lax.dynamic_update_index_in_dim(all, leaf, i, 0), kept[1], output)
         return carry, put

@@ -6,11 +6,12 @@ returns the same as records of the library.
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from jgait.geometry.segments import Frame, Motion, Segments, in_world, inertial, segment_of
@@ -93,7 +94,10 @@ def worn_on(placement: str) -> int:
 
 
 def sensors_at(
-    body: Body, placements: Sequence[str], dtype: Any = float, places: Mapping[str, Sequence[float]] | None = None
+    body: Body,
+    placements: Sequence[str],
+    dtype: DTypeLike = float,
+    places: Mapping[str, Sequence[float]] | None = None,
 ) -> Sensors:
     """The sensors at placements on a body, of which one may occur more than once; at other places where given."""
     points = [list((places or {}).get(placement, mount(body, placement))) for placement in placements]

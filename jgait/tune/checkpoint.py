@@ -9,7 +9,6 @@ import os
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -44,7 +43,7 @@ def described(value: object) -> str:
     return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
 
 
-def _source(function: Callable[..., Any]) -> str:
+def _source(function: Callable[..., PyTree]) -> str:
     """The digest of a function's source; "" where there is none, as of a function typed into an interpreter."""
     try:
         return f" {hashlib.sha256(inspect.getsource(inspect.unwrap(function)).encode()).hexdigest()[:16]}"
@@ -52,7 +51,7 @@ def _source(function: Callable[..., Any]) -> str:
         return ""
 
 
-def _pairs(values: dict[Any, Any]) -> str:
+def _pairs(values: dict[str, PyTree]) -> str:
     return ", ".join(f"{name}={described(value)}" for name, value in values.items())
 
 
@@ -66,7 +65,7 @@ def fingerprint(**parts: object) -> dict[str, str]:
 def save(path: Path, mark: dict[str, str], state: PyTree) -> None:
     """Write a pytree of arrays with the fingerprint of its fit; an existing file stays intact until then."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    leaves: dict[str, Any] = {f"leaf{i}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(state))}
+    leaves: dict[str, PyTree] = {f"leaf{i}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(state))}
     meta = json.dumps({"mark": mark, "leaves": len(leaves)})
     new = path.with_name(f"{path.name}.part")  # one name: what a killed process left is overwritten
     try:

@@ -85,7 +85,7 @@ def spread_out(params: PyTree, transforms: PyTree, subjects: int) -> PyTree:
     check_params(params, transforms)
 
     def widen(transform: Transform, value: PyTree) -> PyTree:
-        if not transform.own:
+        if not transform.per_subject:
             return value
         if subjects == 0:
             raise ValueError("parameters per subject need subjects=…, a label for each item")

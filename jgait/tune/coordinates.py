@@ -1,7 +1,7 @@
 """Free coordinates of the parameters as one vector, with a name for each number."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +31,7 @@ def coordinates(params: PyTree, transforms: PyTree) -> Coordinates:
         ValueError: if a value is outside its range, everything is fixed, or a parameter is declared `per_subject`.
     """
     check_params(params, transforms)
-    if any(t.own for t in transforms_of(transforms)):
+    if any(t.per_subject for t in transforms_of(transforms)):
         raise ValueError("parameters per subject: give the parameters and the items of one subject, and fix the shared")
     tree = start(params, transforms)
     leaves, _ = jax.tree_util.tree_flatten_with_path(tree)
@@ -63,7 +63,8 @@ def natural_numbers(at: Coordinates, vector: Float[AnyArray, "free"]) -> tuple[n
     slopes = np.empty(len(at.names))
     vector = jnp.asarray(vector, at.vector.dtype)
     for transform in dict.fromkeys(at.transforms):
-        to_natural: Any = transform.to_natural
+        to_natural = transform.to_natural
+        assert to_natural is not None
         assigned = np.array([other == transform for other in at.transforms])
         part = vector[np.flatnonzero(assigned)]
         values[assigned], slopes[assigned] = jax.jvp(to_natural, (part,), (jnp.ones_like(part),))

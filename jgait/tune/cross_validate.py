@@ -155,7 +155,7 @@ def cross_validate[P](
     fold_of = _folds(named, folds, key)
     _check_split(named, fold_of)
     _check_twins(data, named)
-    if any(t.own and t.to_natural is not None for t in transforms_of(transforms)):
+    if any(t.per_subject and t.to_natural is not None for t in transforms_of(transforms)):
         raise ValueError("a subject's own parameters cannot be learned from others: fix them, or share them")
     check_priors(priors, transforms)
     check_mesh(mesh, minibatch, "the number of items", n)

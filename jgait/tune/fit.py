@@ -346,7 +346,7 @@ def result_of[P](
     losses, norms, accepted, scores = (column[best, : int(best_carry.taken)] for column in trace)
     transforms = problem.transforms
     every, marks = names_of(transforms), transforms_of(transforms)
-    own_ones = tuple(name for name, mark in zip(every, marks, strict=True) if mark.own)
+    of_subjects = tuple(name for name, mark in zip(every, marks, strict=True) if mark.per_subject)
     flat_ones = (
         warn_of_flat(transforms, lane(begin, best), best_carry.best, best_carry.reach, 4) if accepted.any() else ()
     )
@@ -354,5 +354,5 @@ def result_of[P](
         warnings.warn(_not_lowered(float(best_carry.best_score), losses, accepted), stacklevel=3)
     return Fit(
         constrain(best_carry.best, transforms, params), best_carry.best, losses, norms, accepted,
-        float(best_carry.best_score), scores, left_out, labels, flat_ones, own_ones, int(best_carry.best_step),
+        float(best_carry.best_score), scores, left_out, labels, flat_ones, of_subjects, int(best_carry.best_step),
     )  # fmt: skip

@@ -51,7 +51,7 @@ class Lesson(NamedTuple):
         standing: (T,) bool, standing whose mean is subtracted from trajectories; all False without standing.
         first: first sample of the part whose walked distance is compared.
         last: last sample of that part.
-        own: body measures of the person, for `Estimator.own`; empty if there are none.
+        body: body measures of the person, for `Estimator.with_body`; empty if there are none.
     """
 
     inputs: PyTree
@@ -60,7 +60,7 @@ class Lesson(NamedTuple):
     standing: Bool[AnyArray, "*walk time"]
     first: Int[AnyArray, "*walk"]
     last: Int[AnyArray, "*walk"]
-    own: dict[str, PyTree]
+    body: dict[str, PyTree]
 
 
 class Lessons(NamedTuple):
@@ -87,7 +87,7 @@ class Lessons(NamedTuple):
         left_out = f"; {len(self.failures)} left out, {left}" if left else ""
         return f"Lessons({len(self.names)} walks of {len(set(self.subjects))} people{left_out})"
 
-    def one(self, number: int) -> Lesson:
+    def lesson(self, number: int) -> Lesson:
         """The lesson with this number."""
         return jax.tree.map(lambda leaf: leaf[number], self.data)
 
@@ -203,7 +203,7 @@ def _without_counts(lesson: Lesson) -> Lesson:
 def _kind(item: _Item) -> Hashable:
     """A key that is equal for lessons that can be stacked."""
     leaves, structure = jax.tree.flatten(_without_counts(item.lesson))
-    body = tuple(np.shape(leaf) for leaf in jax.tree.leaves(item.lesson.own))
+    body = tuple(np.shape(leaf) for leaf in jax.tree.leaves(item.lesson.body))
     return item.options, structure, tuple(np.ndim(leaf) for leaf in leaves), body
 
 
@@ -273,7 +273,7 @@ def lessons(
     estimator: Estimator[PyTree, PyTree],
     walks: Iterable[Walk],
     *,
-    own: Callable[[Walk], dict[str, PyTree]] | None = None,
+    body: Callable[[Walk], dict[str, PyTree]] | None = None,
     windows: Callable[[Walk, Prepared[PyTree]], Windows] | None = None,
     reference: bool = True,
     samples: int | None = None,
@@ -281,13 +281,13 @@ def lessons(
     """Prepare walks for a fit; a walk that cannot be used is a failure and does not stop the others.
 
     A walk that cannot be stacked with most of the walks (another leg, no accelerometer, a reference without angles, a
-    person without a measure that `own` gives of most) is a failure too; such walks need a separate fit.
+    person without a measure that `body` gives of most) is a failure too; such walks need a separate fit.
 
     Args:
         estimator: from `jgait.estimators`.
         walks: the walks, read one by one.
-        own: walk → body measures of the person, which `Estimator.own` puts into the parameters in every use, whichever
-            parameters are fitted; None for none.
+        body: walk → body measures of the person, which `Estimator.with_body` puts into the parameters in every use,
+            whichever parameters are fitted; None for none.
         windows: (walk, prepared) → `Windows`; None: the whole walk, relative to the standing detected.
         reference: whether a reference is needed; if False, none is kept, for losses without a reference.
         samples: length to which all walks are padded; None for the longest walk's length.
@@ -305,7 +305,7 @@ def lessons(
     for walk in walks:
         check_kind(walk, Walk, "walks must be jgait.types.Walk(recording, reference, info)")
         try:
-            item = _item(estimator, walk, own, windows, reference)
+            item = _item(estimator, walk, body, windows, reference)
             have = item.lesson.look.size
             if samples is not None and have > samples:
                 raise RecordingError(f"it has {have} samples, more than the {samples} asked for")

@@ -238,21 +238,21 @@ class Objective:
 
     Attributes:
         run: `run` of the estimator.
-        own: `own` of the estimator.
+        with_body: `with_body` of the estimator.
         options: options of the estimator.
         terms: (name or function, weight) of each term.
         likelihood: `likelihood` of the estimator.
     """
 
     run: Callable[..., Estimate]
-    own: Callable[..., PyTree]
+    with_body: Callable[..., PyTree]
     options: Hashable
     terms: tuple[tuple[str | Term, float], ...]
     likelihood: Callable[..., Float[Array, ""]] | None = None
 
     def __call__(self, params: PyTree, lesson: Lesson) -> Float[Array, ""]:
         """The weighted sum of the terms, with the person's body measures in the parameters."""
-        subject_params = self.own(params, lesson.own)
+        subject_params = self.with_body(params, lesson.body)
         estimate = self.run(subject_params, lesson.inputs, self.options)
 
         def value(term: str | Term) -> PyTree:
@@ -288,4 +288,4 @@ def objective(
         if answers is not None and loss in LOSSES and loss not in answers:
             raise ValueError(f"{estimator.name} cannot answer {loss!r}; it answers {', '.join(answers)}")
     parts = tuple((n, _weight(n, w)) for n, w in weights.items())
-    return Objective(estimator.run, estimator.own, options, parts, estimator.likelihood)
+    return Objective(estimator.run, estimator.with_body, options, parts, estimator.likelihood)

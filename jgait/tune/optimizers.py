@@ -1,7 +1,6 @@
 """Optimisers of optax in the one form that the steps of a fit run."""
 
 import inspect
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +8,7 @@ import optax
 from jaxtyping import PyTree
 
 
-def supported(optimizer: Any) -> optax.GradientTransformationExtraArgs:
+def supported(optimizer: optax.GradientTransformation | optax.MultiSteps) -> optax.GradientTransformationExtraArgs:
     """An optimiser whose parameters are the free coordinates, and whose state consists of arrays of numbers.
 
     Arguments that an optimiser does not take are dropped. The slow parameters of `optax.lookahead` become part of the
@@ -30,7 +29,7 @@ def supported(optimizer: Any) -> optax.GradientTransformationExtraArgs:
         slow = free if _looks_ahead(inner, free) else None
         return jax.tree.map(_data, inner.init(_point(free, slow))), slow
 
-    def update(gradient: PyTree, state: PyTree, free: PyTree, **more: Any) -> PyTree:
+    def update(gradient: PyTree, state: PyTree, free: PyTree, **more: PyTree) -> PyTree:
         state, slow = state
         point = _point(free, slow)
         like = inner.init(point)  # for the kinds of keys alone: the compiler drops the rest

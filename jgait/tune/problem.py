@@ -54,7 +54,7 @@ def of_subject(tree: PyTree, transforms: PyTree, subject: Integer) -> PyTree:
     """The parameters, or free coordinates, of one subject."""
 
     def pick(transform: Transform, value: AnyArray | float | None) -> AnyArray | float | None:
-        return jnp.asarray(value)[subject] if transform.own and value is not None else value
+        return jnp.asarray(value)[subject] if transform.per_subject and value is not None else value
 
     return over_transforms(pick, transforms, tree)
 
@@ -125,7 +125,7 @@ def gradient_of(problem: Problem, free: PyTree, slopes: PyTree, items: Items, we
             return None
         share = (weights / total).astype(slope.dtype).reshape((-1,) + (1,) * (slope.ndim - 1))
         part = jnp.where(share > 0.0, share * slope, jnp.zeros_like(slope))
-        return jnp.zeros_like(value).at[items.subject].add(part) if transform.own else jnp.sum(part, axis=0)
+        return jnp.zeros_like(value).at[items.subject].add(part) if transform.per_subject else jnp.sum(part, axis=0)
 
     return over_transforms(gather, problem.transforms, free, slopes)
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from statistics import NormalDist
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -106,20 +106,20 @@ class Profile(NamedTuple):
 
 
 def _free(transform: Transform, values: npt.ArrayLike) -> np.ndarray:
-    to_free: Any = transform.to_free
-    return np.asarray(to_free(jnp.asarray(values)), float)
+    assert transform.to_free is not None
+    return np.asarray(transform.to_free(jnp.asarray(values)), float)
 
 
 def _natural(transform: Transform, free: npt.ArrayLike) -> np.ndarray:
-    to_natural: Any = transform.to_natural
-    return np.asarray(to_natural(jnp.asarray(free)), float)
+    assert transform.to_natural is not None
+    return np.asarray(transform.to_natural(jnp.asarray(free)), float)
 
 
 class _Held(NamedTuple):
     """The free numbers in two parts: those that are fitted, and the one that is held."""
 
-    others: Any
-    value: Any
+    others: PyTree
+    value: PyTree
 
 
 def _values(at: Coordinates, name: str, values: npt.ArrayLike) -> tuple[int, np.ndarray]:

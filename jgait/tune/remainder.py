@@ -97,7 +97,7 @@ def _traced(problem: Problem, params: PyTree, free: PyTree, item: Items) -> Any:
     loss = problem.loss
 
     def of_item(transform: Transform, value: PyTree) -> PyTree:
-        return np.asarray(value)[item.subject] if transform.own else value
+        return np.asarray(value)[item.subject] if transform.per_subject else value
 
     known = over_transforms(of_item, problem.transforms, on_host(params))
     lesson = lengthened(item.data, bucket(item.data.look.size))  # as estimates are, whose programs it shares

@@ -143,10 +143,10 @@ def test_lessons_take_only_the_measures_that_the_estimator_knows(as_a_set):
     failures: list[tuple[str, str]] = []
     made = lessons_of(pipeline, source, pipeline.params, ["velocity_noise"], failures, ["stride_length"])
     assert failures == [] and made.names == ("first", "second")
-    np.testing.assert_allclose(made.data.own["pivot_height"], foot_ins.FootParams().pivot_height)
-    assert set(made.data.own) == {"pivot_height"}
+    np.testing.assert_allclose(made.data.body["pivot_height"], foot_ins.FootParams().pivot_height)
+    assert set(made.data.body) == {"pivot_height"}
     made = lessons_of(pipeline, source, pipeline.params, ["pivot_height"], failures, ["stride_length"])
-    assert made.data.own == {}
+    assert made.data.body == {}
     walk = datasets.load("neura_sparse")[0]
     assert (
         set(cohort.body(walk, LEGS)) == {"thigh_length", "shank_length"} and cohort.body(walk, ("pivot_height",)) == {}

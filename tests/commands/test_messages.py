@@ -46,11 +46,6 @@ def test_files_of_the_same_name_are_told_apart(recording, tmp_path, without_esti
     assert " walk.csv:" not in said
 
 
-def test_one_file_is_called_by_its_name(walk, tmp_path, without_estimates):
-    _, said = run("estimate", walk, "--out", tmp_path / "out")
-    assert " walk.csv: sampling rate" in said
-
-
 @pytest.mark.parametrize(
     "kind, factor, unit", [("acc", 1.0 / 9.80665, "--acc-unit g"), ("gyr", 57.3, "--gyr-unit deg/s")]
 )
@@ -82,7 +77,7 @@ def test_a_unit_is_advised_if_it_is_right_for_all_sensors_and_one_sensor_is_left
             assert f"seems to be in {meant}, but thigh_right is not; convert the columns of this sensor" in said
 
 
-def test_the_same_of_several_sensors_is_one_line(walk, tmp_path, without_estimates):
+def test_one_file_is_called_by_its_name_and_the_same_of_several_sensors_is_one_line(walk, tmp_path, without_estimates):
     table = pd.read_csv(walk)
     table = table.interpolate().round(4)
     table.loc[[100, 200], [name for name in table if name != "time"]] = np.nan
@@ -90,6 +85,7 @@ def test_the_same_of_several_sensors_is_one_line(walk, tmp_path, without_estimat
     _, said = run("estimate", walk, "--out", tmp_path / "out")
     assert f"Check: thigh_right, shank_right: 2 of {len(table)} samples are missing" in said
     assert said.count("samples are missing") == 1
+    assert " walk.csv: sampling rate" in said
 
 
 def test_a_file_without_time_says_what_came(recording, walk, tmp_path, without_estimates):

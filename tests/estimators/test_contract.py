@@ -425,7 +425,7 @@ def test_an_estimator_states_its_title_needs_and_tables(name):
 def test_a_measure_that_no_estimator_knows_is_refused_with_the_known_ones(name):
     record = estimators.get(name)
     with pytest.raises(ValueError, match="of a person; got 'mass'") as refused:
-        record.own(record.params, {"mass": 70.0})
+        record.with_body(record.params, {"mass": 70.0})
     assert [m.name for m in record.about.measures if m.name not in str(refused.value)] == []
 
 

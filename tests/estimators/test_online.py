@@ -263,7 +263,7 @@ def test_strides_that_contradict_a_leg_that_stands_are_in_doubt(walked, estimato
 
 
 def live_params(p):
-    return jgait.estimators.get("ankle_stride").own(p, {"height": PERSON["height"]})
+    return jgait.estimators.get("ankle_stride").with_body(p, {"height": PERSON["height"]})
 
 
 @pytest.fixture(scope="module")

@@ -121,7 +121,7 @@ def estimate(part: str, name: str, walk: Walk) -> Any:
     module = MODULES[name]
     recording = first(with_range(walk) if "range" in part else walk.recording, PARTS[part].seconds)
     record = module.estimator()
-    p = record.own(record.params, person(walk, name))
+    p = record.with_body(record.params, person(walk, name))
     return module.estimate(p, recording, ASLEEP if "asleep" in name else module.DEFAULT)
 
 

@@ -232,7 +232,7 @@ def test_what_fails_is_named_and_costs_nobody_else():
 def test_people_have_their_own_parameters():
     items = [walk(i) for i in range(6)]
     each = evaluate.cohort(FAKE, items, lambda item: Params(1.0 + 0.1 * item.info["number"], 0.0), batch=4)
-    measured = evaluate.cohort(FAKE, items, own=lambda item: {"offset": item.reference.diagnostics["offset"]}, batch=4)
+    measured = evaluate.cohort(FAKE, items, body=lambda item: {"offset": item.reference.diagnostics["offset"]}, batch=4)
     for i in range(6):
         distance = each.quantities.query(f"recording == 'walk_{i:03d}' and quantity == 'distance_m'")
         assert distance["rel_error"].iloc[0] == pytest.approx(0.1 * i, abs=1e-9)

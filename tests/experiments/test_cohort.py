@@ -31,7 +31,7 @@ def folder(tmp_path_factory):
 def tables(folder):
     names = sorted(path.stem for path in folder.glob("*.npz"))
     estimator = leg_ekf.estimator(leg_ekf.PAPER)
-    return evaluate.cohort(estimator, names, read=lambda name: walks.read(str(folder), name), own=walks.leg_lengths)
+    return evaluate.cohort(estimator, names, read=lambda name: walks.read(str(folder), name), body=walks.leg_lengths)
 
 
 def test_walks_come_back_as_they_were_made(folder):

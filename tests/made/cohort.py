@@ -49,11 +49,11 @@ def run(p: Params, inputs: Inputs, options: Any) -> Estimate:
     return Estimate(inputs.time, Legs(leg, None), None, distance, inputs.valid, {"nis_right": jnp.mean(way)})
 
 
-def own(p: Params, body: dict[str, Any]) -> Params:
+def with_body(p: Params, body: dict[str, Any]) -> Params:
     return p._replace(offset=body["offset"])
 
 
-FAKE = Estimator("fake", Params(), prepare, run, own)
+FAKE = Estimator("fake", Params(), prepare, run, with_body)
 
 
 def walk(i: int, bad: str = "") -> Walk:

@@ -236,7 +236,7 @@ def behind(samples: int, size: int) -> np.ndarray:
     return np.arange(size) >= samples
 
 
-HIDDEN = {"measured": ("gyr", "acc"), "seen": ("distance",), "on": ("gyr",)}
+HIDDEN = {"measured": ("gyr", "acc"), "range_measured": ("distance",), "on": ("gyr",)}
 """Field of the inputs that is a mask → fields that have no value where the mask is False."""
 
 

@@ -304,7 +304,7 @@ def test_strides_of_an_unknown_side_are_of_neither_leg():
 def evaluated(tmp_path_factory):
     """An evaluation of twelve walks, one of which cannot be read, as `jgait evaluate` leaves it, and in memory."""
     out = tmp_path_factory.mktemp("cohort") / "out"
-    found = evaluate.cohort(made_cohort.FAKE, range(5, 17), read=made_cohort.read, own=own, out=out / "run")
+    found = evaluate.cohort(made_cohort.FAKE, range(5, 17), read=made_cohort.read, body=own, out=out / "run")
     evaluate_command._write(out, found, found, found.agreement())
     return out, found
 

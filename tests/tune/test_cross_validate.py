@@ -123,7 +123,7 @@ def test_one_recording_of_two_people_is_found_whatever_their_measures_and_refere
     own = {"leg": np.arange(4.0)}
     both = jax.tree.map(lambda leaf: leaf[[0, 0, 0, 1]], made.data)
     far = both.reference.distance * np.array([[1.0], [1.1], [1.2], [1.3]])
-    both = both._replace(own=own, reference=both.reference._replace(distance=far))
+    both = both._replace(body=own, reference=both.reference._replace(distance=far))
     with pytest.raises(ValueError, match="the split leaks: items 0 and 2 are the same recording, of subjects a and c"):
         tune.cross_validate(
             lambda p, lesson: p.x**2, Centre(1.0), ONLY, both, FAST, subjects=["a", "a", "c", "d"], steps=1

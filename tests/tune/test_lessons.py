@@ -17,7 +17,7 @@ def body(walk: Walk) -> dict[str, float]:
 
 @pytest.fixture(scope="module")
 def made():
-    return tune.lessons(made_cohort.FAKE, [made_cohort.walk(i) for i in (1, 2, 3)], own=body)
+    return tune.lessons(made_cohort.FAKE, [made_cohort.walk(i) for i in (1, 2, 3)], body=body)
 
 
 def test_walks_of_different_length_are_stacked_with_their_references(made):
@@ -31,11 +31,11 @@ def test_walks_of_different_length_are_stacked_with_their_references(made):
     assert made.data.reference.valid.sum(axis=1).tolist() == sizes
     assert made.data.look.sum(axis=1).tolist() == sizes
     for number, walk in enumerate(walks):
-        one = made.one(number)
+        one = made.lesson(number)
         np.testing.assert_array_equal(one.reference.distance[: sizes[number]], walk.reference.distance)
         np.testing.assert_array_equal(one.inputs.time[: sizes[number]], walk.reference.time)
         assert (int(one.first), int(one.last)) == (0, sizes[number] - 1)
-        assert one.own["offset"] == pytest.approx(0.1 * walk.info["number"])
+        assert one.body["offset"] == pytest.approx(0.1 * walk.info["number"])
         strides = int(walk.reference.strides.valid.sum())
         assert int(one.reference.strides.valid.sum()) == strides
         assert not one.reference.strides.length[walk.reference.strides.length.size :].any()
@@ -108,7 +108,7 @@ def test_windows_by_name_are_in_samples_of_the_reference():
         valid=np.ones(2 * walk.reference.time.size - 1, bool),
     )  # fmt: skip
     walk = walk._replace(reference=fine, info={"windows": {"straight": (100, 300), "standing": (0, 50)}})
-    one = tune.lessons(made_cohort.FAKE, [walk], windows=tune.named_windows("straight")).one(0)
+    one = tune.lessons(made_cohort.FAKE, [walk], windows=tune.named_windows("straight")).lesson(0)
     assert np.flatnonzero(one.look)[[0, -1]].tolist() == [50, 149]
     assert (int(one.first), int(one.last)) == (50, 149)
     assert np.flatnonzero(one.standing)[[0, -1]].tolist() == [0, 24]
@@ -117,8 +117,8 @@ def test_windows_by_name_are_in_samples_of_the_reference():
 
 
 def test_terms_are_weighted_and_summed(made):
-    one, p = made.one(0), made_cohort.FAKE.params
-    estimate = made_cohort.run(made_cohort.own(p, one.own), one.inputs, made.options)
+    one, p = made.lesson(0), made_cohort.FAKE.params
+    estimate = made_cohort.run(made_cohort.with_body(p, one.body), one.inputs, made.options)
     way, true = (np.asarray(d)[int(one.last)] - np.asarray(d)[0] for d in (estimate.distance, one.reference.distance))
     percent = 100.0 * (way / true - 1.0)
 
@@ -127,7 +127,7 @@ def test_terms_are_weighted_and_summed(made):
 
     assert loss("distance") == pytest.approx(percent**2, rel=1e-12)
     assert loss("distance_percent") == pytest.approx(abs(percent), rel=1e-12)
-    assert loss({"distance": 0.5, lambda estimate, lesson: lesson.own["offset"]: 2.0}) == pytest.approx(
+    assert loss({"distance": 0.5, lambda estimate, lesson: lesson.body["offset"]: 2.0}) == pytest.approx(
         0.5 * percent**2 + 0.2, rel=1e-12
     )
     rms = np.sqrt(loss("trajectory") / len(TrajectoryWeights._fields))
@@ -139,7 +139,7 @@ def test_the_likelihood_is_the_sum_over_the_legs(made):
         told = {"log_likelihood_right": inputs.speed[0], "log_likelihood_left": p.scale, "nis_right": p.scale}
         return made_cohort.run(p, inputs, options)._replace(diagnostics=told)
 
-    one, p = made.one(0), made_cohort.FAKE.params
+    one, p = made.lesson(0), made_cohort.FAKE.params
     loss = tune.objective(made_cohort.FAKE._replace(run=run), made.options, "likelihood")
     assert float(loss(p, one)) == pytest.approx(-(one.inputs.speed[0] + p.scale), rel=1e-12)
     with pytest.raises(ValueError, match="tells no log-likelihood"):

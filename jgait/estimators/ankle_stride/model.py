@@ -24,11 +24,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jgait.estimators.error_state import differences, retract
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootModelParams, FootState
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.rotation import quaternion, rotated
+from jgait.geometry.rotation import differences, quaternion, retract, rotated
 from jgait.geometry.vectors import Three, as_array, cross, subtract, vector
 from jgait.types import AnyArray, Values
 

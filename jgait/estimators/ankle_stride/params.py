@@ -1,10 +1,11 @@
 """Parameters and options of the ankle's stride estimator, with their units and ranges."""
 
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 from jgait import filtering
 from jgait.estimators.interface import with_measures
 from jgait.params import Param, Parameter, documented, interval, positive, real
+from jgait.types import Measures
 
 LENGTHS = ("filter", "3d", "sl1", "sl2")
 DETECTORS = ("swings", "machine", "paper")
@@ -111,7 +112,7 @@ MEASURES = ("lever_ankle", "lever_shank", "leg_length")
 """Parameters that are body measures."""
 
 
-def with_body(p: AnkleParams, body: dict[str, Any]) -> AnkleParams:
+def with_body(p: AnkleParams, body: Measures) -> AnkleParams:
     """The parameters with a person's body measures; a pair (right, left) counts as its mean.
 
     Args:

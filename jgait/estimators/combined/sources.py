@@ -136,7 +136,7 @@ def sources(recording: Recording, person: Mapping[str, PyTree]) -> tuple[list[So
         wanted = MEASURES[estimator.name]
         takes = (*wanted, "height") if gives(wanted) else wanted
         body = {name: value for name, value in person.items() if name in takes}
-        p = estimator.own(estimator.params, body)
+        p = estimator.with_body(estimator.params, body)
         measures |= set(wanted if way.name != "ankles" else ())
         try:
             result = estimator.estimate(p, recording)

@@ -55,7 +55,7 @@ def _fill(
     if not options.gaps:
         none = jnp.zeros(rate.shape, jnp.int32)
         return Filled(rate, none + MEASURED, none[0])
-    acc = jnp.asarray(segment.acc) if options.felt else None
+    acc = jnp.asarray(segment.acc) if options.accelerometers else None
     return fillers()[options.filler].fill(
         rate, jnp.asarray(segment.on) | ~jnp.asarray(valid), acc, options.sampling_rate_hz, p.filler, thigh=thigh
     )  # fmt: skip
@@ -70,7 +70,7 @@ def _planar(p: DutyCycledParams, segment: GapSegment, filled: Filled, turning: V
         filled.rate + segment.bias,
         acc[:, 0],
         acc[:, 2],
-        jnp.asarray(segment.felt),
+        jnp.asarray(segment.acc_measured),
         measured,
         excess,
         segment.bias,
@@ -97,7 +97,7 @@ def _leg(
     for segment, sensor in zip(SEGMENTS, leg, strict=True):
         if sensor is not None:
             rates[segment] = _fill(p, sensor, above, inputs.valid, options)
-            if segment == "thigh" and options.above and options.felt:
+            if segment == "thigh" and options.above and options.accelerometers:
                 above = Thigh(rates[segment].rate, jnp.asarray(sensor.acc))
     planar = {
         segment: None if signals is None else _planar(p, signals, rates[segment], turning, inputs.dt)
@@ -106,7 +106,7 @@ def _leg(
     inputs_of_leg = DutyInputs(
         planar["thigh"], planar["shank"], inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance
     )
-    result = duty_model.run(p, inputs_of_leg, felt=options.felt, method=options.method)
+    result = duty_model.run(p, inputs_of_leg, accelerometers=options.accelerometers, method=options.method)
     segment_estimates = {
         segment: segment_estimate
         for segment, segment_estimate in zip(SEGMENTS, result, strict=True)
@@ -202,7 +202,7 @@ def energy(preparation: Prepared[DutyCycledInputs], options: DutyCycledOptions) 
     seconds, battery = len(preparation.inputs.time) / rate_hz, power.Battery.from_watt_hours(1.0)
     drawn = sum(float(power.mask_energy(masks, rate_hz, gyro)) for masks in used.values())
     always = gyro.on * seconds * len(used)
-    accelerometer_power = power.ACCELEROMETER.on * len(used) if preparation.options.felt else 0.0
+    accelerometer_power = power.ACCELEROMETER.on * len(used) if preparation.options.accelerometers else 0.0
     numbers: dict[str, Any] = {
         "gyro_energy_saved": max(0.0, 1.0 - drawn / always),
         "mean_power": drawn / seconds + accelerometer_power,

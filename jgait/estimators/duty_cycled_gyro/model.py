@@ -230,10 +230,10 @@ def link_params(p: DutyCycledParams, lever: PyTree) -> LinkParams:
 
 
 def observe(
-    p: DutyCycledParams, segment: PlanarSegment, dt: Values, still: Flags, valid: Flags, *, felt: bool = True
+    p: DutyCycledParams, segment: PlanarSegment, dt: Values, still: Flags, valid: Flags, *, accelerometers: bool = True
 ) -> tuple[ThighObservation, DutyControl, ThighObservation]:
-    """Observation, control and mask of the filter of one segment, for a recording or for one sample; `felt`: with the
-    accelerometer.
+    """Observation, control and mask of the filter of one segment, for a recording or for one sample;
+    without `accelerometers` their observations are masked.
     """
     zero = jnp.zeros_like(segment.gyr)
     rest = p.standing_acceleration**2
@@ -243,7 +243,7 @@ def observe(
         zero + acc, zero + rest, p.gyro_noise * segment.variance + segment.excess, zero + p.swing_noise**2 * persists,
         zero + 1.0, zero + 1.0,
     )  # fmt: skip
-    feels = segment.measured & valid if felt else False
+    feels = segment.measured & valid if accelerometers else False
     turned = segment.gyro_on & valid
     unknown, at_rest = valid & ~turned, valid & still
     observed = ThighObservation(segment.acc_up, segment.acc_forward, segment.gyr, *(zero,) * 7)
@@ -278,7 +278,7 @@ def standing(
 
 def over(
     p: DutyCycledParams, segments: tuple[PlanarSegment | None, ...],
-    beliefs: tuple[Belief | None, ...], dt: Values, still: Flags, valid: Flags, *, felt: bool = True,
+    beliefs: tuple[Belief | None, ...], dt: Values, still: Flags, valid: Flags, *, accelerometers: bool = True,
     method: filtering.Method = filtering.EKF(),
 ) -> tuple[DutyEstimate, tuple[Posterior | None, ...]]:  # fmt: skip
     """Estimates of a leg's thigh and shank over samples, from the beliefs before them, and the filters' results."""
@@ -289,7 +289,7 @@ def over(
             posteriors.append(None)
             continue
         thigh, params = every[0] if every else None, link_params(p, lever)
-        observed: PyTree = observe(p, segment, dt, still, valid, felt=felt)
+        observed: PyTree = observe(p, segment, dt, still, valid, accelerometers=accelerometers)
         observations, controls, mask = observed if thigh is None else _below(observed, thigh, dt, valid)
         posterior = filtering.kalman_filter(
             THIGH if thigh is None else SHIN,
@@ -311,12 +311,12 @@ def over(
 
 
 def run(
-    p: DutyCycledParams, inputs: DutyInputs, *, felt: bool = True, method: filtering.Method = filtering.EKF()
+    p: DutyCycledParams, inputs: DutyInputs, *, accelerometers: bool = True, method: filtering.Method = filtering.EKF()
 ) -> DutyEstimate:
     """Angle and rate of one leg's segments under a gyroscope mask: pure, for jit, vmap and grad.
 
-    A shank without a thigh sensor has the model of the thigh: one segment that hangs from a fixed joint. Without the
-    accelerometers (`felt`, static) angles come from the gyroscopes alone and drift.
+    A shank without a thigh sensor has the model of the thigh: one segment that hangs from a fixed joint. Without
+    `accelerometers` (static) angles come from the gyroscopes alone and drift.
 
     Raises:
         ValueError: if no segment has a sensor.
@@ -326,4 +326,6 @@ def run(
         raise ValueError("the duty-cycled filters need a thigh or a shank sensor; got neither")
     biases = None if thigh is None else thigh.bias, None if shank is None else shank.bias
     beliefs = standing(p, biases, inputs.start_variance)
-    return over(p, (thigh, shank), beliefs, inputs.dt, inputs.still, inputs.valid, felt=felt, method=method)[0]
+    return over(
+        p, (thigh, shank), beliefs, inputs.dt, inputs.still, inputs.valid, accelerometers=accelerometers, method=method
+    )[0]

@@ -1,6 +1,6 @@
 """Parameters of `duty_cycled_gyro` with their ranges, options, and inputs."""
 
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 from jgait import filtering
 from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS
@@ -12,7 +12,7 @@ from jgait.estimators.leg_ekf import params as leg_params
 from jgait.estimators.leg_ekf.params import BySide
 from jgait.geometry.vectors import GRAVITY
 from jgait.params import Param, Parameter, documented, interval, positive
-from jgait.types import Values
+from jgait.types import Measures, Values
 
 
 @documented
@@ -78,9 +78,9 @@ class DutyCycledOptions(NamedTuple):
         warm_up: time for which the gyroscopes are on before the schedule starts [s]; fillers need two measured strides.
         above: use the signals of the thigh in the filler of the shank, if the thigh has a sensor.
         gyroscope: power and wake-up time of a gyroscope.
-        sampling_rate_hz: sampling rate [Hz]; set by `prepared`, as are `gaps` and `felt`.
+        sampling_rate_hz: sampling rate [Hz]; set by `prepared`, as are `gaps` and `accelerometers`.
         gaps: True if any sample of a gyroscope is missing.
-        felt: True if every sensor has an accelerometer; otherwise angles come from the gyroscopes alone and drift.
+        accelerometers: True if every sensor has one; otherwise angles come from the gyroscopes alone and drift.
         method: how the filters linearise, see `jgait.filtering`.
     """
 
@@ -91,7 +91,7 @@ class DutyCycledOptions(NamedTuple):
     gyroscope: Sensor = GYROSCOPE
     sampling_rate_hz: float = 50.0
     gaps: bool = True
-    felt: bool = True
+    accelerometers: bool = True
     method: filtering.Method = filtering.EKF()
 
 
@@ -107,7 +107,7 @@ def params_of(options: DutyCycledOptions) -> DutyCycledParams:
     return DutyCycledParams(filler=check_filler(options.filler).params)
 
 
-def with_body(p: DutyCycledParams, body: dict[str, Any]) -> DutyCycledParams:
+def with_body(p: DutyCycledParams, body: Measures) -> DutyCycledParams:
     """The parameters with a person's segment lengths, see `leg_ekf.params.with_body`; relative sensor places stay."""
     return with_measures("the estimator for sleeping gyroscopes", leg_params.MEASURES, p, body)
 
@@ -125,7 +125,7 @@ class GapSegment(NamedTuple):
     turn: Sampled  #: (T,) rate about the segment's long axis, without bias [rad/s]; 0 while the gyroscope is off.
     acc: Held  #: (T, 3) specific force [m/s²]; zeros without an accelerometer.
     on: Sampled  #: (T,) bool, the gyroscope was on and awake, and its sample arrived.
-    felt: Sampled  #: (T,) bool, the accelerometer's sample arrived.
+    acc_measured: Sampled  #: (T,) bool, the accelerometer's sample arrived.
     bias: Values  #: gyroscope bias at rest [rad/s].
     variance: Values  #: gyroscope variance at rest [rad²/s²].
 

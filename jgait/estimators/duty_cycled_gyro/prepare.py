@@ -177,6 +177,6 @@ def prepare(
     # Options that only masks and energies depend on are left out, so that they do not cause a new compilation.
     resolved = DutyCycledOptions(
         filler=options.filler, above=options.above, sampling_rate_hz=float(recording.sampling_rate_hz), gaps=gaps,
-        felt=not bare,
+        accelerometers=not bare,
     )  # fmt: skip
     return Prepared(inputs, resolved, tuple(notes), (start, stop), used)

@@ -125,7 +125,8 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
     """
     feet, time = _worn(inputs), inputs.time
     worn = stacked(*feet.values())
-    every = _paths(p, worn, compiled(_filtered)(p, worn, options=options), time, options)
+    states = compiled(_states, over=(None, 0))(p, worn, options=options)
+    every = _paths(p, worn, states, time, options)
     results = {side: jax.tree.map(lambda leaf, k=number: leaf[k], every) for number, side in enumerate(feet)}
     path = every.path
     rows = path.nis.shape[1]
@@ -171,11 +172,6 @@ class _Found(NamedTuple):
     diagnostics: dict[str, Any]
     way: Values
     valid: Flags
-
-
-def _filtered(p: FootParams, feet: FootSignals, options: FootOptions) -> filtering.Inferred:
-    """The states of each of some feet along a first axis."""
-    return jax.vmap(partial(_states, options=options), (None, 0))(p, feet)
 
 
 def _paths(p: FootParams, feet: FootSignals, states: filtering.Inferred, time: Values, options: FootOptions) -> _Found:
@@ -295,7 +291,8 @@ def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Esti
 
     def path_of_window(window: FootSignals, time: Values) -> PyTree:
         feet = stacked(window)
-        foot_paths = _paths(p, feet, compiled(_filtered)(p, feet, options=options), time, options)
+        states = compiled(_states, over=(None, 0))(p, feet, options=options)
+        foot_paths = _paths(p, feet, states, time, options)
         return jax.tree.map(lambda leaf: leaf[0], (foot_paths.path, foot_paths.diagnostics["nis"], foot_paths.valid))
 
     results = {}

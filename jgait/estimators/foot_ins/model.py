@@ -26,9 +26,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jgait.estimators.error_state import differences, near_unit, retract
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.rotation import product, quaternion, rotated, small_turn
+from jgait.geometry.rotation import differences, near_unit, product, quaternion, retract, rotated, small_turn
 from jgait.geometry.vectors import GRAVITY, Three, as_array, vector
 from jgait.types import AnyArray, Values
 

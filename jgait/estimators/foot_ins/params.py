@@ -7,6 +7,7 @@ from jgait.estimators.interface import with_measures
 from jgait.estimators.noise import Constant
 from jgait.geometry.vectors import Vector
 from jgait.params import Param, Parameter, documented, interval, lognormal, normal, positive
+from jgait.types import Measures
 
 
 @documented
@@ -109,6 +110,6 @@ TEXTBOOK = FootParams(pivot_height=0.0, rate_noise=1e-9, acc_jump_noise=1e-9, gy
 """Parameters of the standard filter: no pivot, and noise that does not depend on the signal."""
 
 
-def with_body(p: FootParams, body: dict[str, Any]) -> FootParams:
+def with_body(p: FootParams, body: Measures) -> FootParams:
     """The parameters with the "pivot_height" [m] of a person. Raises ValueError if `body` contains another name."""
     return with_measures("the foot estimator", ("pivot_height",), p, body)

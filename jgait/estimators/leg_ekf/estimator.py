@@ -222,7 +222,8 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
     """
     worn = [(side, leg) for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None]
     params, signals = stacked(*((one_side(p, side), leg) for side, leg in worn))
-    states = compiled(_filtered)(params, signals, inputs._replace(shanks=None), options=options, model=model)
+    run_legs = compiled(_one_leg, over=(0, 0, None))
+    states = run_legs(params, signals, inputs._replace(shanks=None), options=options, model=model)
     results = for_each(_read_out, params, states)
     trajectories: list[LegTrajectory | None] = [None, None]
     deviations: list[LegTrajectory | None] = [None, None]
@@ -235,13 +236,6 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
     distance, more = walked(p, legs, inputs, options)
     diagnostics |= more
     return Estimate(inputs.time, legs, Legs(*deviations), distance, valid, diagnostics)
-
-
-def _filtered(
-    p: LegParams, legs: LegSignals, inputs: LegInputs, options: LegOptions, model: Model
-) -> filtering.Inferred:
-    """The states of legs along a first axis, each with parameters of its own."""
-    return jax.vmap(lambda p, leg: _one_leg(p, leg, inputs, options, model))(p, legs)
 
 
 def _one_leg(p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions, model: Model) -> filtering.Inferred:

@@ -6,7 +6,7 @@ from jgait import filtering
 from jgait.estimators.interface import with_measures
 from jgait.estimators.leg_ekf.inclination import InclinationNoise
 from jgait.params import Param, Parameter, documented, interval, positive
-from jgait.types import Values
+from jgait.types import Measures, Values
 
 
 class BySide(NamedTuple):
@@ -124,7 +124,7 @@ MEASURES = ("thigh_length", "shank_length")
 """Parameters that are measures of a person."""
 
 
-def with_body(p: LegParams, body: dict[str, Any]) -> LegParams:
+def with_body(p: LegParams, body: Measures) -> LegParams:
     """The parameters with the "thigh_length" and "shank_length" [m] of a person, each a number or (right, left).
 
     Raises:

@@ -30,7 +30,7 @@ class Readings(NamedTuple):
     gyr: Values  #: (k, 3) angular rate [rad/s]; 0 where it is lost.
     acc: Values  #: (k, 3) specific force [m/s²]; 0 where it is lost.
     turned: Flags  #: (k,) bool, the angular rate was measured.
-    felt: Flags  #: (k,) bool, the specific force was measured.
+    acc_measured: Flags  #: (k,) bool, the specific force was measured.
 
 
 class Device(NamedTuple):
@@ -162,7 +162,7 @@ class Runner:
         return sum(part.nbytes for part in self._parts or [])
 
     def push(self, rows: np.ndarray) -> PyTree:
-        """The results after each of n > 0 samples, (n, 1 + 8 k): dt, and gyr, acc, turned, felt of each sensor."""
+        """The results after each of n > 0 samples, (n, 1 + 8 k): the fields of `Readings` one after another."""
         rows = rows.astype(self._dtype, copy=False)
         done = []
         with jax.default_device(self._on):

@@ -37,7 +37,7 @@ START_VARIANCE = 0.1
 class DutyConstants(NamedTuple):
     """Parameters of the legs; mounting of the k sensors."""
 
-    own: tuple[DutyCycledParams, ...]  #: parameters of each leg.
+    each_leg: tuple[DutyCycledParams, ...]  #: parameters of each leg.
     worn: PyTree  #: `SegmentMounting`, leaves (k, …).
     window: Values  #: samples for which all gyroscopes must be slow in standing.
     start_variance: Values  #: variance of the angles at the first sample [rad²].
@@ -58,7 +58,7 @@ class DutyState(NamedTuple):
 class DutyDeviceOptions(NamedTuple):
     """What is fixed when the program is made."""
 
-    felt: bool  #: whether every sensor has an accelerometer.
+    accelerometers: bool  #: whether every sensor has an accelerometer.
     legs: tuple[tuple[int | None, ...], ...]  #: index of the thigh's and of the shank's sensor of each leg, or None.
 
 
@@ -100,7 +100,7 @@ def begin(c: DutyConstants, sample: Readings, options: DutyDeviceOptions) -> Dut
         return tuple(None if belief is None else belief.joined() for belief in beliefs)
 
     zeros = jnp.zeros_like(c.worn.scale)
-    beliefs = tuple(map(leg, c.own, options.legs))
+    beliefs = tuple(map(leg, c.each_leg, options.legs))
     return DutyState(beliefs, zeros[0], zeros, turns.no_turn(c.worn.axes[0]), jnp.zeros((), bool))
 
 
@@ -120,14 +120,16 @@ def advance(
         turned, rate = samples.turned[:, k], -gyr[k, :, 1]
         excess = turns.excess(params.turn_tilt, turning, samples.dt, jnp.zeros_like(rate))
         return PlanarSegment(
-            rate, acc[k, :, 0], acc[k, :, 2], turned | samples.felt[:, k], turned, excess, -c.worn.bias[k, 1],
+            rate, acc[k, :, 0], acc[k, :, 2], turned | samples.acc_measured[:, k], turned, excess, -c.worn.bias[k, 1],
             c.worn.variance[k],
         )  # fmt: skip
 
     beliefs, angles, legs = list[tuple[Belief | None, ...]](), list[SegmentEstimate](), list[PyTree]()
-    for leg_params, before, places in zip(c.own, state.beliefs, options.legs, strict=True):
+    for leg_params, before, places in zip(c.each_leg, state.beliefs, options.legs, strict=True):
         segments = tuple(None if k is None else planar(leg_params, k) for k in places)
-        estimates, after = duty_model.over(leg_params, segments, before, samples.dt, still, real, felt=options.felt)
+        estimates, after = duty_model.over(
+            leg_params, segments, before, samples.dt, still, real, accelerometers=options.accelerometers
+        )
         beliefs.append(tuple(None if posterior is None else posterior.belief(count - 1) for posterior in after))
         there = [estimate for estimate in estimates if estimate is not None]
         angles += there

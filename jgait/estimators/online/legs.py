@@ -43,7 +43,7 @@ class LegsConstants(NamedTuple):
     """Parameters and mounting of n legs."""
 
     p: LegParams  #: parameters of the person.
-    own: LegParams  #: parameters of each leg, leaves (n,).
+    each_leg: LegParams  #: parameters of each leg, leaves (n,).
     worn: PyTree  #: `SegmentMounting` of thigh and shank, leaves (n, 2, …).
     window: Values  #: samples for which all gyroscopes must be slow in standing.
     start_variance: Values  #: variance of the pose at the first sample [rad²].
@@ -106,7 +106,7 @@ def begin(c: LegsConstants, sample: Readings, options: LegOptions) -> LegsState:
     first = _signals(c.worn, jax.tree.map(lambda v: v[None], sample), each[None])
     start = jax.vmap(lambda params, leg: leg_online.start(params, leg, c.start_variance, options))
     return LegsState(
-        start(c.own, first), each, zero, jnp.stack([zero, zero + jnp.inf]), LegTrajectory(*(each[:, 0],) * 4),
+        start(c.each_leg, first), each, zero, jnp.stack([zero, zero + jnp.inf]), LegTrajectory(*(each[:, 0],) * 4),
         jnp.zeros((), bool), jnp.stack([zero] * 3),
     )  # fmt: skip
 
@@ -122,7 +122,7 @@ def advance(
     run = jax.vmap(
         lambda params, leg, signals: leg_online.over(params, leg, signals, inputs, options, count), out_axes=(0, 1)
     )
-    legs, (leg, stddev, updated) = run(c.own, state.legs, _signals(c.worn, samples, lost))
+    legs, (leg, stddev, updated) = run(c.each_leg, state.legs, _signals(c.worn, samples, lost))
     before = jax.tree.map(
         lambda old, new: jnp.concatenate([jnp.where(state.begun, old, new[0])[None], new[:-1]]), state.before, leg
     )

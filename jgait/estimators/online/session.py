@@ -237,7 +237,7 @@ def online(
         record = get(name)
         wanted = MEASURES.get(name, ("thigh_length", "shank_length"))
         takes = (*wanted, "height") if gives(wanted) else wanted
-        p = record.own(settings.get(name, record.params), {k: value for k, value in body.items() if k in takes})
+        p = record.with_body(settings.get(name, record.params), {k: value for k, value in body.items() if k in takes})
         check_params(p, record.transforms)
         if source == "legs":
             device, more = (legs if name == "leg_ekf" else duty).device(p, calibration)

@@ -46,4 +46,4 @@ def advance(
     return jax.vmap(
         lambda worn, before, gyr, acc, there: of.over(c.p, worn, before, gyr, acc, there, count),
         in_axes=(0, 0, 1, 1, 1), out_axes=(0, 1),
-    )(c.worn, state, samples.gyr, samples.acc, samples.turned & samples.felt)  # fmt: skip
+    )(c.worn, state, samples.gyr, samples.acc, samples.turned & samples.acc_measured)  # fmt: skip

@@ -1,7 +1,5 @@
 """From the feet's paths and the range between them to stride widths."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 
@@ -23,7 +21,7 @@ from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.arrays import xp
 from jgait.geometry.vectors import root
-from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, Values
+from jgait.types import Estimate, Feet, FootTrajectory, Legs, Measures, Recording, Values
 
 MISFIT = 2.0
 """[standard deviations] Innovation across or along above which a range does not fit the paths of the feet."""
@@ -50,19 +48,14 @@ def prior_of(p: WidthParams, inputs: WidthInputs) -> Belief:
     return stride_width_model.start_belief(right, left, p.start_width, p.start_across, p.start_along, p.start_heading)
 
 
-def _filtered(p: WidthParams, ways: WidthInputs, options: WidthOptions, model: Model) -> filtering.Inferred:
-    """The states for each of some inputs along a first axis."""
-
-    def inferred_states(inputs: WidthInputs) -> filtering.Inferred:
-        across = inputs.distance + p.range_offset
-        return filtering.infer(
-            model, model_params(p), WidthObservation(across, jnp.zeros_like(across) + p.passing_offset),
-            smooth=options.smooth, dt=1.0, controls=WidthControl(inputs.right, inputs.left),
-            mask=inputs.seen & inputs.valid, method=options.method, initial=prior_of(p, inputs),
-            keep=(*filtering.SUMMARY, "innovation", "innovation_stddev"),
-        )  # fmt: skip
-
-    return jax.vmap(inferred_states)(ways)
+def _states(p: WidthParams, inputs: WidthInputs, options: WidthOptions, model: Model) -> filtering.Inferred:
+    across = inputs.distance + p.range_offset
+    return filtering.infer(
+        model, model_params(p), WidthObservation(across, jnp.zeros_like(across) + p.passing_offset),
+        smooth=options.smooth, dt=1.0, controls=WidthControl(inputs.right, inputs.left),
+        mask=inputs.range_measured & inputs.valid, method=options.method, initial=prior_of(p, inputs),
+        keep=(*filtering.SUMMARY, "innovation", "innovation_stddev"),
+    )  # fmt: skip
 
 
 def _evidence(inferred: filtering.Inferred, other: filtering.Inferred) -> Values:
@@ -95,10 +88,10 @@ def run(
         `nis`; `swap_evidence`.
     """
     ways = (inputs, exchanged(inputs)) if options.check_swap else (inputs,)
-    every = compiled(_filtered)(p, stacked(*ways), options=options, model=model)
+    every = compiled(_states, over=(None, 0))(p, stacked(*ways), options=options, model=model)
     inferred, *others = (jax.tree.map(lambda leaf, row=row: leaf[row], every) for row in range(len(ways)))
     mean, cov = inferred.mean, inferred.cov
-    used, misfits = xp.sum(inputs.seen & inputs.valid), _misfits(inferred)
+    used, misfits = xp.sum(inputs.range_measured & inputs.valid), _misfits(inferred)
     values, spread = stride_width_readout.strides(p, inputs.strides, mean, cov)
     dtype = values.width.dtype
     fits = misfits.astype(dtype) <= xp.maximum(MOST_MISFITS * used.astype(dtype), 1.0)
@@ -140,7 +133,7 @@ def _of_sum(cov: Covariance, a: str, b: str) -> Values:
     return total
 
 
-def with_body(p: WidthParams, body: dict[str, Any]) -> WidthParams:
+def with_body(p: WidthParams, body: Measures) -> WidthParams:
     """The parameters with the "range_offset" and "passing_offset" [m] of a person, as far as known. Raises ValueError
     if `body` contains another name.
     """

@@ -35,7 +35,7 @@ class WidthInputs(NamedTuple):
     height_right: Held  #: (N,) height of the right foot's sensor in the world frame of its trajectory [m].
     height_left: Held
     distance: Sampled  #: (N,) measured range [m], 0 at moments without a range.
-    seen: Sampled  #: (N,) bool, True at moments with a usable range.
+    range_measured: Sampled  #: (N,) bool, True at moments with a usable range.
     turning: Sampled  #: (N,) bool, True in a turn of one of the feet.
     double_support: Sampled  #: (N,) bool, both feet are on the ground.
     start_heading: np.ndarray  #: (2,) heading of the right and of the left foot before the first moment [rad].

@@ -105,7 +105,7 @@ def stated(inputs: WaistInputs, motion: TrunkMotion, intervals: Intervals, walke
     distance, spread = _along(inputs, xp.stack([walked.distance, walked.distance_sd], axis=1), there).T
     strides, deviations, flags = _strides(inputs, intervals, walked, there)
     diagnostics = {
-        **walked.told,
+        **walked.diagnostics,
         **flags,
         "distance_stddev": spread,
         "trunk_acceleration": xp.stack([motion.forward, motion.left, motion.upward], axis=1),

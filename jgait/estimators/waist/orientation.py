@@ -24,10 +24,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from jgait.estimators.error_state import differences, retract
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.arrays import xp
-from jgait.geometry.rotation import exponential, product, quaternion, rotated
+from jgait.geometry.rotation import differences, exponential, product, quaternion, retract, rotated
 from jgait.geometry.vectors import GRAVITY, Three, as_array, vector
 from jgait.types import AnyArray, Values
 

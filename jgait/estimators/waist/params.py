@@ -1,7 +1,7 @@
 """Parameters and options of the waist's estimator, with their units and ranges."""
 
 import math
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import jax
 from jaxtyping import PyTree
@@ -12,7 +12,7 @@ from jgait.estimators.waist.velocity_update import VelocityUpdateParams
 from jgait.events.trunk import PaperRule, Peaks
 from jgait.events.trunk_soft import Soft
 from jgait.params import Param, Parameter, documented, interval, positive
-from jgait.types import Values
+from jgait.types import Measures, Values
 
 DISTANCES = ("fused", "pendulum", "update")
 DETECTORS: dict[str, Soft | Peaks | PaperRule] = {"soft": Soft(), "paper": PaperRule()}
@@ -136,7 +136,7 @@ TAPE_SD = 0.01
 """[m] Standard deviation of the sensor's height where it was measured."""
 
 
-def with_body(p: WaistParams, body: dict[str, Any]) -> WaistParams:
+def with_body(p: WaistParams, body: Measures) -> WaistParams:
     """The parameters with a person's body measures.
 
     Args:

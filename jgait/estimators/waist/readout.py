@@ -44,7 +44,7 @@ class WaistWalk(NamedTuple):
     stride: Values  #: length of the stride [m].
     stride_sd: Values  #: its standard deviation [m].
     unsure: Flags  #: bool, integration is unreliable at the node.
-    told: dict[str, Any]  #: name → scalar, diagnostics of the whole recording.
+    diagnostics: dict[str, Any]  #: name → scalar, diagnostics of the whole recording.
 
 
 def earlier(values: AnyArray, rows: int) -> Array:
@@ -204,7 +204,7 @@ def by_pendulum(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> Wa
         stride=stride,
         stride_sd=root(white + (share * stride) ** 2),
         unsure=xp.zeros_like(inputs.steps),
-        told={},
+        diagnostics={},
     )
 
 

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool
 
-from jgait.filtering.layout import Scalar
+from jgait.filtering.covariance import Scalar
 
 Matrix = list[list[Scalar]]
 Flag = Bool[Array, ""] | bool

@@ -15,6 +15,7 @@ from jax import lax
 from jax.typing import DTypeLike
 from jaxtyping import Array
 
+from jgait.filtering.covariance import Scalar
 from jgait.filtering.fast.components import (
     dot,
     from_upper,
@@ -29,8 +30,7 @@ from jgait.filtering.fast.components import (
 )
 from jgait.filtering.fast.step import Components, Reading, ScalarModel, advanced
 from jgait.filtering.inputs import Inputs
-from jgait.filtering.layout import Scalar
-from jgait.filtering.methods import EKF, KF, IteratedSmoother, Method
+from jgait.filtering.methods import EKF, KF, Method
 
 SEGMENTED_FROM = 256
 """Least number of samples of a recording that is scanned in segments; shorter recordings have one segment."""
@@ -39,7 +39,7 @@ Carry = tuple[list[Scalar], list[Scalar]]
 """A belief as the carry of a scan: arrays of the mean, and of the upper triangle of the covariance."""
 
 
-def refused(given: Inputs, method: Method | IteratedSmoother, covariances: bool) -> str:
+def refused(given: Inputs, method: Method, covariances: bool) -> str:
     """The reason why components cannot compute it; empty if they can."""
     needs = {
         f"the method {method!r}": not (isinstance(method, KF | EKF) and method.iterations == 1),

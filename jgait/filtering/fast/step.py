@@ -20,6 +20,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, PyTree
 
+from jgait.filtering.covariance import Scalar
 from jgait.filtering.fast.components import (
     Flag,
     Matrix,
@@ -42,7 +43,6 @@ from jgait.filtering.fast.components import (
     where,
 )
 from jgait.filtering.fast.tracing import Expansion
-from jgait.filtering.layout import Scalar
 from jgait.filtering.model import Shape
 
 LOG_2PI = math.log(2.0 * math.pi)

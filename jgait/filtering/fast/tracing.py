@@ -18,8 +18,8 @@ from jax.extend.core import JaxprEqn, Literal, Var
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array
 
+from jgait.filtering.covariance import Scalar
 from jgait.filtering.fast.components import Matrix, identity, is_zero, known, same, transposed, unknown
-from jgait.filtering.layout import Scalar
 from jgait.geometry.trigonometry import sincos
 
 EXPENSIVE = frozenset({

@@ -237,10 +237,10 @@ def test_in_a_loss_the_accelerometer_measures_nothing(walk):
     off = np.abs(ours.diagnostics[name] - usual)[after]
     assert np.all(off < 3.0 * ours.diagnostics["angle_stddev_shank_right"][after])
     made = duty_cycled_gyro.prepared(hidden(recording, lost, "shank_right"))
-    np.testing.assert_array_equal(made.inputs.right.shank.felt, ~lost)
+    np.testing.assert_array_equal(made.inputs.right.shank.acc_measured, ~lost)
     asleep = duty_cycled_gyro.prepared(recording, gyro_on={"shank_right": ~lost}).inputs.right.shank
     np.testing.assert_array_equal(asleep.on, ~lost)
-    assert asleep.felt.all()
+    assert asleep.acc_measured.all()
 
 
 def test_a_lost_sample_is_no_movement(walk):

@@ -237,7 +237,7 @@ def test_strides_of_a_shuffling_foot_have_turns_and_angles():
 @pytest.mark.release
 def test_a_foot_that_only_steps_in_place_has_finite_gradients():
     walk = Walk(foot(strides=4, length=0.03, mount=rotation()).recording, None, {})
-    lesson = tune.lessons(estimators.get("foot_ins"), [walk], reference=False).one(0)
+    lesson = tune.lessons(estimators.get("foot_ins"), [walk], reference=False).lesson(0)
 
     def total(p):
         estimate = foot_ins.run(p, lesson.inputs)

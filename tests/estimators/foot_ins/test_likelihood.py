@@ -57,7 +57,7 @@ def test_the_loss_of_a_tuning_is_this_likelihood(recording):
     made = tune.lessons(ESTIMATOR, [Walk(recording, None, {})], reference=False)
     assert not made.failures
     loss = tune.objective(ESTIMATOR, made.options, "likelihood")
-    lesson = made.one(0)
+    lesson = made.lesson(0)
     value, slope = jax.jit(jax.value_and_grad(loss))(jax.tree.map(float, FootParams()), lesson)
     np.testing.assert_allclose(value, -LIKELIHOOD(FootParams(), lesson.inputs, made.options), rtol=1e-12)
     assert all(getattr(slope, name) != 0.0 for name in ("velocity_noise", "acc_noise", "gyr_noise", "acc_jump_noise"))

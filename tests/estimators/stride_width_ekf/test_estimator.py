@@ -236,7 +236,9 @@ def test_deviations_are_honest_on_what_the_model_draws(walk):
 
     def squares(key):
         state, read = filtering.draw(key, drawn, model_params(p), inputs.time.shape[0], dt=1.0, controls=controls)
-        found = filtering.kalman_smoother(drawn, model_params(p), read, dt=1.0, controls=controls, mask=inputs.seen)
+        found = filtering.kalman_smoother(
+            drawn, model_params(p), read, dt=1.0, controls=controls, mask=inputs.range_measured
+        )
         value, stddev = readout.strides(p, inputs.strides, found.mean, found.cov)
         true, _ = readout.strides(p, inputs.strides, state, found.cov)
         there = jnp.isfinite(value.width) & value.valid

@@ -106,28 +106,28 @@ def test_a_passing_counts_once_and_a_late_echo_not(walk):
     before = ready(walk)
     heard = np.flatnonzero(walk.read.mask)
     distance = walk.read.distance.copy()
-    passing = before.inputs.time[before.inputs.seen][5]
+    passing = before.inputs.time[before.inputs.range_measured][5]
     late = heard[np.abs(walk.time[heard] - passing) < 0.15]
     distance[late] += 0.2
     after = ready(walk, read=walk.read._replace(distance=distance))
-    assert np.sum(before.inputs.seen) - np.sum(after.inputs.seen) == 1
+    assert np.sum(before.inputs.range_measured) - np.sum(after.inputs.range_measured) == 1
     assert any("unlike those around" in note for note in texts(after.notes))
-    assert np.sum(before.inputs.seen) < len(heard)
+    assert np.sum(before.inputs.range_measured) < len(heard)
     assert np.max(before.inputs.distance) < 0.3
     # Feet that stand side by side are heard all the time.
     still = walk.time < walk.time[walk.mids[1][0]] - 0.2
     crowded = RangeReadings(walk.time, np.where(still, 0.2, walk.read.distance), walk.read.mask | still)
     more = ready(walk, read=crowded).inputs
-    assert np.sum(more.seen) == np.sum(before.inputs.seen) + 1
+    assert np.sum(more.range_measured) == np.sum(before.inputs.range_measured) + 1
 
 
 def test_ranges_in_turns_are_left_out(walk):
     prepared = ready(walk)
     inputs = prepared.inputs
-    assert not np.any(inputs.seen & inputs.turning)
+    assert not np.any(inputs.range_measured & inputs.turning)
     assert any("ranges in turns" in note for note in texts(prepared.notes))
     kept = ready(walk, options=sw.DEFAULT._replace(turn=3.0)).inputs
-    assert np.sum(kept.seen) > np.sum(inputs.seen)
+    assert np.sum(kept.range_measured) > np.sum(inputs.range_measured)
     assert not np.any(kept.turning)
     turning = inputs.time[inputs.turning]
     assert 3.0 < np.ptp(turning) < 8.0  # three strides of 1.12 s and those next to them
@@ -150,8 +150,8 @@ def test_lost_samples_are_bridged_and_their_ranges_left_out(walk):
     prepared = ready(walk, places=(hole, walk.places[1]), read=read)
     assert "the right foot is not known at 40 samples; bridged" in texts(prepared.notes)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(prepared.inputs))
-    lost = set(np.round(whole.inputs.time[whole.inputs.seen], 6)) - set(
-        np.round(prepared.inputs.time[prepared.inputs.seen], 6)
+    lost = set(np.round(whole.inputs.time[whole.inputs.range_measured], 6)) - set(
+        np.round(prepared.inputs.time[prepared.inputs.range_measured], 6)
     )
     assert all(walk.time[first] - 0.02 <= t <= walk.time[first + 40] for t in lost)
     estimate = solved(prepared)
@@ -193,4 +193,4 @@ def test_ranges_of_which_most_are_odd_are_not_used(walk, fault):
     made = ready(walk, read=read._replace(distance=distance))
     note = next(note for note in made.notes if note.code == "ranges_mostly_odd")
     assert note.severity == "check" and note.values["odd"] > 0.25 * note.values["passings"]
-    assert not made.inputs.seen.any()
+    assert not made.inputs.range_measured.any()

@@ -43,16 +43,14 @@ def test_a_row_that_repeats_the_row_before_is_left_out(tmp_path):
     assert "a.csv: 1 row that repeats the row before is left out" in texts(recording.notes)
 
 
-def test_raw_numbers_are_refused(tmp_path):
-    raw = [name.replace("(deg/s)", "(lsb)") for name in made_files.XIO]
-    with pytest.raises(RecordingError, match=r"Gyroscope X … is in lsb; expected one of .* export calibrated data"):
-        io.read(made_files.xio(tmp_path / "a.csv", names=raw), placement="foot_right")
-
-
-def test_a_unit_that_the_signals_contradict_is_refused(tmp_path):
-    wrong = [name.replace("(g)", "(m/s^2)") for name in made_files.XIO]
-    with pytest.raises(RecordingError, match="it seems to be in g|gravity alone is 9.807"):
-        io.read(made_files.xio(tmp_path / "a.csv", names=wrong), placement="foot_right")
+@pytest.mark.parametrize("right, wrong, message", [
+    ("(deg/s)", "(lsb)", r"Gyroscope X … is in lsb; expected one of .* export calibrated data"),
+    ("(g)", "(m/s^2)", "it seems to be in g|gravity alone is 9.807"),
+])  # fmt: skip
+def test_raw_numbers_and_a_unit_that_the_signals_contradict_are_refused(tmp_path, right, wrong, message):
+    names = [name.replace(right, wrong) for name in made_files.XIO]
+    with pytest.raises(RecordingError, match=message):
+        io.read(made_files.xio(tmp_path / "a.csv", names=names), placement="foot_right")
 
 
 def test_a_real_walk(data):

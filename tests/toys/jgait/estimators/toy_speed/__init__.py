@@ -59,5 +59,5 @@ def run(p: ToyParams, inputs: ToyInputs, options: None = None) -> Estimate:
 
 def estimator() -> Estimator[ToyParams, ToyInputs]:
     """The toy as a record of functions."""
-    own = partial(with_measures, "toy_speed", ("toy_speed",))
-    return Estimator("toy_speed", ToyParams(), prepare, run, own, ABOUT)
+    with_body = partial(with_measures, "toy_speed", ("toy_speed",))
+    return Estimator("toy_speed", ToyParams(), prepare, run, with_body, ABOUT)

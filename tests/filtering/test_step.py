@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait.filtering import lanes
+from jgait.filtering.step import ENTRIES, inverse
 
 
 def matrices(size: int, count: int = 3) -> np.ndarray:
@@ -14,10 +14,10 @@ def matrices(size: int, count: int = 3) -> np.ndarray:
     return np.moveaxis(half @ half.transpose(0, 2, 1), 0, -1)
 
 
-@pytest.mark.parametrize("size", [3, lanes.ENTRIES, lanes.ENTRIES + 1, 13])
+@pytest.mark.parametrize("size", [3, ENTRIES, ENTRIES + 1, 13])
 def test_inverses_and_determinants_are_numpys(size):
     s = matrices(size)
-    found, log_det, good = jax.jit(lanes.inverse)(s)
+    found, log_det, good = jax.jit(inverse)(s)
     rows = np.moveaxis(s, -1, 0)
     np.testing.assert_allclose(np.moveaxis(found, -1, 0), np.linalg.inv(rows), rtol=1e-11, atol=1e-13)
     np.testing.assert_allclose(log_det, np.linalg.slogdet(rows)[1], rtol=1e-12)
