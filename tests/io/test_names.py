@@ -65,6 +65,18 @@ def test_codes_of_two_letters_give_a_placement(name, placement):
 
 
 @pytest.mark.parametrize(
+    ("name", "placement"),
+    [("Upper Back", None), ("upperback_imu", None), ("mid-back", None), ("Right Upper Arm", None), ("Chip1", None),
+     ("barefoot_right", None), ("backpack", None), ("relationship", None), ("Upper Leg R", "thigh_right"),
+     ("right_lower_leg", "shank_right"), ("lower right back", "lower_back"), ("tibia_r_imu", "shank_right"),
+     ("rightfoot", "foot_right"), ("LFootSensor2", "foot_left"), ("shankl1", "shank_left"), ("Hips", "waist"),
+     ("forehead", "head"), ("foot", None), ("left foot right", None)],
+)  # fmt: skip
+def test_a_word_within_a_word_is_no_placement(name, placement):
+    assert placement_of(name) == placement
+
+
+@pytest.mark.parametrize(
     "name",
     ["", "Date", "Quat_x", "mag_x", "Temp", "Packet counter", "FreeAcc_X", "Pelvis Linear Acceleration X",
      "tigh_right_gyr_x", "thigh_gyr_x", "gyr", "heart rate", "thigh_right_gyr"],
