@@ -1,7 +1,8 @@
 """Tables in text files of measuring systems: where the header is, what separates cells, and that no row is cut off.
 
-A file is read as its format states and never mended: a row that is shorter or longer than the others, or a cell that
-holds no number where one must be, is an error that names file and line. Empty cells are lost samples.
+A file is read as its format states and never mended: a row within it that is shorter or longer than the others, or a
+cell that holds no number where one must be, is an error that names file and line. A last row that is cut off is left
+out, and noted. Empty cells are lost samples.
 """
 
 import io
@@ -14,11 +15,14 @@ import numpy as np
 from jgait.io.clock import TIME_UNITS
 from jgait.io.files import LONGEST_NAME, check_columns, check_file
 from jgait.io.formats.part import Measured, joined
-from jgait.io.rows import HEADER_WITHIN
+from jgait.io.rows import HEADER_WITHIN, ROW_CUT_OFF
 from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit
+from jgait.notes import Note
 from jgait.types import RecordingError
 
-SEPARATORS = (",", ";", "\t")
+SEPARATORS = (",", ";", "\t", " ")
+"""What separates cells, a single blank where a line has none of the others."""
+
 HEAD = 4096
 """[bytes] Number of first bytes of a file that are read to recognise its format."""
 
@@ -38,6 +42,7 @@ class Rows(NamedTuple):
     first_line: int  #: number of the first row's line in the file, from 1.
     units: tuple[str, ...]  #: unit of each column as the file states it, "" where it states none; or ().
     cells: np.ndarray  #: (rows, columns) pandas table, columns by position.
+    notes: tuple[Note, ...] = ()  #: the note about a last row that is cut off.
 
     @property
     def name(self) -> str:
@@ -149,7 +154,12 @@ class TextFormat(NamedTuple):
         """
         if path.is_dir():
             return joined([self.measured(file) for file in self.files(path)], path.name)
-        return self.content(self.read(path))
+        return self.measured_rows(self.read(path))
+
+    def measured_rows(self, rows: Rows) -> Measured:
+        """All sensors of the rows of a file, with the notes about them."""
+        whole = self.content(rows)
+        return whole._replace(notes=(*rows.notes, *whole.notes))
 
     def read(self, path: Path) -> Rows:
         """The table of a file, its cells unread.
@@ -185,19 +195,34 @@ class TextFormat(NamedTuple):
         if not body:
             there = ", ".join(filter(None, header))
             raise RecordingError(f"{path.name} has a header and no rows; its columns are {there}")
+        notes: tuple[Note, ...] = ()
+        if len(body) > 1 and (count := body[-1].count(separator)) < body[-2].count(separator):
+            last = split(body.pop(), separator)[-1]
+            notes = (
+                ROW_CUT_OFF(
+                    line=first + len(body) + 1, cells=count + 1, expected=body[-1].count(separator) + 1,
+                    value=repr(last), rows=len(body),
+                ),
+            )  # fmt: skip
         check_lengths(body, separator, len(header), first + 1, path.name)
         decimal = "," if separator != "," and "," in body[-1] else "."
         cells = pd.read_csv(
             io.StringIO("\n".join(body)), sep=separator, decimal=decimal, header=None, index_col=False,
-            skipinitialspace=True, skip_blank_lines=False, low_memory=False,
+            skipinitialspace=separator != " ", skip_blank_lines=False, low_memory=False,
         )  # fmt: skip
         before = tuple(line[:LONGEST_NAME] for line in lines[:row])
-        return Rows(path, before, header, first + 1, units, cells)
+        return Rows(path, before, header, first + 1, units, cells, notes)
 
 
 def split(line: str, separator: str) -> tuple[str, ...]:
     """Cells of a line without blanks and quotes."""
     return tuple(cell.strip().strip('"').strip() for cell in line.rstrip("\r\n").split(separator))
+
+
+def separator_of(line: str) -> str:
+    """What separates the cells of a line: the mark that it has most of, a blank where it has none."""
+    separator = max(SEPARATORS[:-1], key=line.count)
+    return separator if separator in line else SEPARATORS[-1]
 
 
 def _lines(path: Path, expected: str) -> list[str]:
@@ -214,7 +239,7 @@ def _lines(path: Path, expected: str) -> list[str]:
 def _header(lines: Sequence[str], is_header: Callable[[tuple[str, ...]], bool]) -> tuple[int, str] | None:
     """Line of the header, and what separates its cells."""
     for row, line in enumerate(lines[:HEADER_WITHIN]):
-        separator = max(SEPARATORS, key=line.count)
+        separator = separator_of(line)
         if is_header(split(line, separator)):
             return row, separator
     return None
