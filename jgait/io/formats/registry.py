@@ -32,7 +32,7 @@ class Format(NamedTuple):
 
 FORMATS: dict[str, Format] = {
     "mobilised": Format("mobilised", "Mobilise-D MATLAB file", "data.mat", "units, placements, rates"),
-    "apdm": Format("apdm", "APDM Opal HDF5", "*.h5", "units, placements as labels, one clock"),
+    "apdm": Format("apdm", "APDM Opal HDF5 or CSV", "*.h5, *.csv", "units, placements as labels, one clock"),
     "bids": Format("bids", "BIDS motion", "*_motion.tsv with its .json and _channels.tsv", "units, placements, rate"),
     "mtw": Format("mtw", "Xsens MTw text", "MT_*.txt, one file a sensor, or a folder", "rate; no placement"),
     "dot": Format("dot", "Movella DOT CSV", "*.csv, one file a sensor, or a folder", "time; no placement"),

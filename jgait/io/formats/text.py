@@ -168,10 +168,8 @@ class TextFormat(NamedTuple):
             OSError: if the file does not exist, or may not be read.
             RecordingError: if it is empty, no text, has no such header or no rows, or a row has another length.
         """
-        import pandas as pd
-
         check_file(path, self.expected)
-        lines = _lines(path, self.expected)
+        lines = text_lines(path, self.expected)
         header_at = _header(lines, self.is_header)
         if header_at is None:
             begins = next((line for line in lines if line.strip()), "").strip()[:80]
@@ -189,29 +187,40 @@ class TextFormat(NamedTuple):
         if self.units == "row" and first < len(lines) and not _any_number(split(lines[first], separator)):
             units = split(lines[first], separator)
             first += 1
-        body = lines[first:]
-        while body and not body[-1].strip():
-            body.pop()
-        if not body:
-            there = ", ".join(filter(None, header))
-            raise RecordingError(f"{path.name} has a header and no rows; its columns are {there}")
-        notes: tuple[Note, ...] = ()
-        if len(body) > 1 and (count := body[-1].count(separator)) < body[-2].count(separator):
-            last = split(body.pop(), separator)[-1]
-            notes = (
-                ROW_CUT_OFF(
-                    line=first + len(body) + 1, cells=count + 1, expected=body[-1].count(separator) + 1,
-                    value=repr(last), rows=len(body),
-                ),
-            )  # fmt: skip
-        check_lengths(body, separator, len(header), first + 1, path.name)
-        decimal = "," if separator != "," and "," in body[-1] else "."
-        cells = pd.read_csv(
-            io.StringIO("\n".join(body)), sep=separator, decimal=decimal, header=None, index_col=False,
-            skipinitialspace=separator != " ", skip_blank_lines=False, low_memory=False,
-        )  # fmt: skip
         before = tuple(line[:LONGEST_NAME] for line in lines[:row])
-        return Rows(path, before, header, first + 1, units, cells, notes)
+        return rows_of(path, lines, first, separator, header)._replace(before=before, units=units)
+
+
+def rows_of(path: Path, lines: Sequence[str], first: int, separator: str, header: tuple[str, ...]) -> Rows:
+    """The table in the lines from the `first` on, its cells unread; a last row that is cut off is left out, and noted.
+
+    Raises:
+        RecordingError: if there are no rows, or a row within them has another length.
+    """
+    import pandas as pd
+
+    body = list(lines[first:])
+    while body and not body[-1].strip():
+        body.pop()
+    if not body:
+        there = ", ".join(filter(None, header))
+        raise RecordingError(f"{path.name} has a header and no rows; its columns are {there}")
+    notes: tuple[Note, ...] = ()
+    if len(body) > 1 and (count := body[-1].count(separator)) < body[-2].count(separator):
+        last = split(body.pop(), separator)[-1]
+        notes = (
+            ROW_CUT_OFF(
+                line=first + len(body) + 1, cells=count + 1, expected=body[-1].count(separator) + 1,
+                value=repr(last), rows=len(body),
+            ),
+        )  # fmt: skip
+    check_lengths(body, separator, len(header), first + 1, path.name)
+    decimal = "," if separator != "," and "," in body[-1] else "."
+    cells = pd.read_csv(
+        io.StringIO("\n".join(body)), sep=separator, decimal=decimal, header=None, index_col=False,
+        skipinitialspace=separator != " ", skip_blank_lines=False, low_memory=False,
+    )  # fmt: skip
+    return Rows(path, (), header, first + 1, (), cells, notes)
 
 
 def split(line: str, separator: str) -> tuple[str, ...]:
@@ -225,7 +234,7 @@ def separator_of(line: str) -> str:
     return separator if separator in line else SEPARATORS[-1]
 
 
-def _lines(path: Path, expected: str) -> list[str]:
+def text_lines(path: Path, expected: str) -> list[str]:
     """Lines of a text in UTF-8, or else in Windows' Western code, in which some systems write a degree or a ©."""
     raw = path.read_bytes()
     if b"\0" in raw:
