@@ -19,7 +19,7 @@ KINDS = {
 """Kind of signal → words for this kind, without accents; a word comes before those that it contains."""
 
 TIMES = re.compile(
-    r"(date|datum)?(time|timestamp|zeit|zeitstempel|uhrzeit|temps|tiempo|tempo|tijd)(s|ms|us|min|h)?|t(ms|us)?|seconds"
+    r"(date|datum)?(time|timestamp|zeit|zeitstempel|uhrzeit|temps|tiempo|tempo|tijd)(s|ms|us|ns|min|h)?|t(ms|us|ns)?|seconds"
 )
 """Words for the clock, perhaps with a unit."""
 
@@ -176,7 +176,8 @@ def like_a_signal(name: str) -> bool:
 def unit_in_name(name: str) -> str | None:
     """The unit with which the name of a time column ends, but s: "Time (ms)", "time_us", "t [min]"; None for none."""
     for unit, words in (
-        ("ms", "ms|msec|milliseconds"), ("us", "us|µs|μs|usec|microseconds"), ("min", "min|minutes"), ("h", "h|hours"),
+        ("ms", "ms|msec|milliseconds"), ("us", "us|µs|μs|usec|microseconds"), ("ns", "ns|nanoseconds"),
+        ("min", "min|minutes"), ("h", "h|hours"),
     ):  # fmt: skip
         if re.search(rf"(?:[^A-Za-z]|(?<=[a-z])(?=[MU])|(?i:^\s*time(?:stamp)?))(?i:{words})\W*$", name):
             return unit

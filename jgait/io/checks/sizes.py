@@ -17,6 +17,7 @@ SLOWEST_WALK = 0.3  # [rad/s] smallest fast rate of a moving person; the trunk o
 MOVING_ACC = 0.5  # [m/s²] standard deviation of |acc| above which the person moves; 0.05 when standing
 GRAVITY_RANGE = (0.8, 1.2)  # [g] specific force of a worn accelerometer where it is calm
 CALM_S, CALM_SHARE = 0.2, 0.2  # [s], [1] length of the windows that are compared, and share of the calmest of them
+STEADY, PIECES = 0.5, 8  # [1] share of the mean force that does not change its direction, in so many pieces, of gravity
 RANGE_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 FEET_APART = (0.02, 1.5)  # [m] median distance of one leg from the other where a range between them is measured
 
@@ -175,6 +176,14 @@ def calm_force(acc: np.ndarray, rate_hz: float) -> float:
     cut = size[: windows * samples].reshape(windows, samples)
     calm = np.argsort(cut.std(axis=1))[: max(round(CALM_SHARE * windows), 1)]
     return float(np.median(cut[calm].mean(axis=1)))
+
+
+def measures_gravity(acc: np.ndarray) -> bool:
+    """Whether an acceleration (T, 3) in any unit has gravity in it: its mean over some strides does not vanish."""
+    present = acc[np.isfinite(acc).all(axis=1)]
+    pieces = np.array_split(present, max(min(len(present) // 16, PIECES), 1))
+    steady = sum(len(piece) * float(np.linalg.norm(piece.mean(axis=0))) for piece in pieces if len(piece))
+    return steady > STEADY * float(np.linalg.norm(present, axis=1).sum())
 
 
 def _correct(unit: Unit) -> str:

@@ -1,4 +1,4 @@
-"""APDM Opal's HDF5 files (`*.h5`), as Motion Studio, Mobility Lab and Moveo Explorer write them, and Mobility Lab's CSV.
+"""APDM Opal's HDF5 files (`*.h5`) of Motion Studio, Mobility Lab and Moveo Explorer, and Mobility Lab's CSV.
 
 *Format*: APDM's user guides, "HDF5 file organization". Two layouts are recognised by their groups, not by the attribute
 `FileFormatVersion`, for one number was not always one layout:
@@ -54,7 +54,7 @@ TIME_STANDS = Kind(
 
 def recognises(path: Path, head: bytes) -> bool:
     """Whether it is an HDF5 file, by its name or its first bytes, or APDM's CSV."""
-    if head.lstrip(b"\xef\xbb\xbf\"").startswith(CSV):
+    if head.lstrip(b'\xef\xbb\xbf"').startswith(CSV):
         return True
     return path.suffix.lower() in (".h5", ".hdf5") or (head.startswith(SIGNATURE) and path.suffix.lower() != ".mat")
 
@@ -68,7 +68,7 @@ def measured(path: Path) -> Measured:
     """
     check_file(path, EXPECTED)
     with path.open("rb") as stream:
-        if stream.read(16).lstrip(b"\xef\xbb\xbf\"").startswith(CSV):
+        if stream.read(16).lstrip(b'\xef\xbb\xbf"').startswith(CSV):
             return _csv(path)
     h5py = library("h5py", EXPECTED)
     try:
@@ -120,9 +120,7 @@ def _csv(path: Path) -> Measured:
         if gyr is None:
             raise RecordingError(f"{path.name}: the sensor {label!r} has no Gyroscope X, Y, Z")
         begin_s = None if stamps is None else float(stamps[0]) * 1e-6
-        parts.append(
-            Part(label, gyr, acc, time, gyr_unit="rad/s", acc_unit="m/s^2", axes=AXES, begin_s=begin_s)
-        )
+        parts.append(Part(label, gyr, acc, time, gyr_unit="rad/s", acc_unit="m/s^2", axes=AXES, begin_s=begin_s))
     return Measured(parts, path.stem, notes=rows.notes)
 
 

@@ -39,6 +39,12 @@ FORMATS: dict[str, Format] = {
     "shimmer": Format(
         "shimmer", "Shimmer Consensys CSV", "*.csv, or a folder", "units, time; placement perhaps as the device's name"
     ),
+    "apart": Format(
+        "apart",
+        "signals apart (Sensor Logger, phyphox, MetaBase, CoreMotion)",
+        "a folder with a *.csv for each signal",
+        "time; units by the header or the app's documentation; no placement",
+    ),
     "xio": Format("xio", "x-io CSV (x-IMU3, NGIMU, Fusion)", "*.csv, or a folder", "units, time; no placement"),
     "physilog": Format(
         "physilog", "Gait Up Physilog CSV", "*.csv, one file a sensor, or a folder", "units, time; no placement"
