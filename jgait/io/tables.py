@@ -9,6 +9,7 @@ import numpy as np
 
 from jgait.io.arrays import recording_in_units
 from jgait.io.atomic import check_path
+from jgait.io.checks.sizes import are_counts, counts_without_unit
 from jgait.io.clock import CLOCK_FROM_DATE, unwrapped
 from jgait.io.dates import date_of, dated
 from jgait.io.files import no_numbers, reading
@@ -122,6 +123,10 @@ def recording_from_dataframe(
         }
         for where, stated in content.units.items()
     }
+    for where, signals in content.sensors.items():
+        for kind, values in signals.items():
+            if units[where][kind].origin == "argument" and given[kind] is None and are_counts(values):
+                raise counts_without_unit(where, kind, name)
     recording = recording_in_units(
         content.sensors,
         units,
