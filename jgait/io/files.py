@@ -32,6 +32,14 @@ LONGEST_LINE = 1_000_000
 MOST_BYTES = 4_000_000_000
 """[bytes] Largest content of a file, as its headers declare it: chosen, a day of seven sensors at 100 Hz has 2.9e9."""
 
+BRANDS = {
+    b"Device Identity": "is of a GENEActiv, which has no gyroscope: every method needs one",
+    b"GENEActiv": "is of a GENEActiv, which has no gyroscope: every method needs one",
+    b"ActiGraph": "is of an ActiGraph's accelerometer alone: every method needs a gyroscope; of a GT9X Link, export "
+    "the IMU as CSV from ActiLife",
+}
+"""First bytes of a file without a gyroscope → what it is."""
+
 
 @contextlib.contextmanager
 def reading(path: Path, expected: str) -> Iterator[None]:
@@ -111,6 +119,15 @@ def check_file(path: Path, expected: str) -> None:
     check_size(path.stat().st_size, path.name)
 
 
+def check_brand(path: Path) -> None:
+    """Refuse, by a RecordingError that names it, a file of a device that has no gyroscope."""
+    with path.open("rb") as stream:
+        head = stream.read(4096)
+    brand = next((words for begin, words in BRANDS.items() if begin in head[:200]), "")
+    if brand and b"gyr" not in head.lower():
+        raise RecordingError(f"{path.name} {brand}")
+
+
 def first_lines(path: Path, number: int) -> list[str]:
     """The first lines of a text in UTF-8, with their ends.
 
@@ -125,8 +142,8 @@ def first_lines(path: Path, number: int) -> list[str]:
     return lines
 
 
-def library(name: str, expected: str) -> ModuleType:
-    """A library of the extra `io`.
+def library(name: str, expected: str, extra: str = "io") -> ModuleType:
+    """A library of an extra of jgait.
 
     Raises:
         ImportError: if the library is not installed; the message states how to install it.
@@ -134,7 +151,9 @@ def library(name: str, expected: str) -> ModuleType:
     try:
         return importlib.import_module(name)
     except ImportError as missing:
-        raise ImportError(f"reading {expected} needs the extra io: pip install 'jgait[io]' ({missing})") from missing
+        raise ImportError(
+            f"reading {expected} needs the extra {extra}: pip install 'jgait[{extra}]' ({missing})"
+        ) from missing
 
 
 def json_object(file: Path) -> Tree:

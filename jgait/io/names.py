@@ -173,6 +173,12 @@ def like_a_signal(name: str) -> bool:
     return _signal(_words(name)) is not None
 
 
+def states(name: str, kind: str) -> bool:
+    """Whether a word for a kind of signal is anywhere in a column's name."""
+    plain = "".join(re.findall("[a-z]", _without_accents(name).lower()))
+    return any(word in plain for word in KINDS[kind])
+
+
 def unit_in_name(name: str) -> str | None:
     """The unit with which the name of a time column ends, but s: "Time (ms)", "time_us", "t [min]"; None for none."""
     for unit, words in (

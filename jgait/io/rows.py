@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jgait.io.files import check_columns, check_file, check_size, first_lines
+from jgait.io.files import check_brand, check_columns, check_file, check_size, first_lines
 from jgait.io.names import like_a_signal, unit_in_name
 from jgait.io.units import known_unit, stated_unit
 from jgait.notes import ORIGIN, Kind, Note
@@ -53,6 +53,7 @@ def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
     import pandas as pd
 
     check_file(file, "a header and one row a sample")
+    check_brand(file)
     try:
         lines = first_lines(file, HEADER_WITHIN + 3)
     except UnicodeDecodeError as error:
