@@ -27,7 +27,7 @@ LONGEST_NAME = 300
 """[characters] Longest name of a column."""
 
 LONGEST_LINE = 1_000_000
-"""[characters] Longest line at the beginning of a table."""
+"""[characters] Longest line of a table."""
 
 MOST_BYTES = 4_000_000_000
 """[bytes] Largest content of a file, as its headers declare it: chosen, a day of seven sensors at 100 Hz has 2.9e9."""
@@ -126,6 +126,23 @@ def check_brand(path: Path) -> None:
     brand = next((words for begin, words in BRANDS.items() if begin in head[:200]), "")
     if brand and b"gyr" not in head.lower():
         raise RecordingError(f"{path.name} {brand}")
+
+
+def line_breaks(path: Path) -> int:
+    """The number of line breaks of a text. Raises RecordingError if a line has more than `LONGEST_LINE` bytes."""
+    breaks = length = longest = 0
+    with path.open("rb") as stream:
+        while block := stream.read(2**20):
+            ends = np.flatnonzero(np.frombuffer(block, np.uint8) == 10)
+            if len(ends):
+                longest = max(longest, length + int(ends[0]), int(np.diff(ends).max(initial=0)))
+                length = len(block) - int(ends[-1]) - 1
+            else:
+                length += len(block)
+            breaks += len(ends)
+            if max(longest, length) > LONGEST_LINE:
+                raise RecordingError(f"{path.name} has a line of more than {LONGEST_LINE} characters; expected a table")
+    return breaks
 
 
 def first_lines(path: Path, number: int) -> list[str]:

@@ -19,7 +19,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jgait.io.clock import TIME_UNITS
-from jgait.io.files import Tree, check_columns, check_file, check_size, json_object, library, no_numbers, positive
+from jgait.io.files import (
+    Tree,
+    check_columns,
+    check_file,
+    check_size,
+    json_object,
+    library,
+    line_breaks,
+    no_numbers,
+    positive,
+)
 from jgait.io.formats.part import SENSORS_LEFT_OUT, Measured, Part
 from jgait.io.names import placement_of
 from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit
@@ -121,6 +131,8 @@ def _table(file: Path, **options: Any) -> "pd.DataFrame":
         with file.open("rb") as stream:
             stream.seek(-4, os.SEEK_END)
             check_size(int.from_bytes(stream.read(), "little"), file.name)
+    else:
+        line_breaks(file)
     try:
         return pandas.read_csv(file, sep="\t", na_values=["n/a"], encoding="utf-8-sig", **options)
     except (pandas.errors.ParserError, pandas.errors.EmptyDataError, ValueError, EOFError) as error:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.io.clock import TIME_UNITS
-from jgait.io.files import LONGEST_NAME, check_columns, check_file
+from jgait.io.files import LONGEST_NAME, check_columns, check_file, line_breaks
 from jgait.io.formats.part import Measured, joined
 from jgait.io.rows import HEADER_WITHIN, ROW_CUT_OFF
 from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit
@@ -236,6 +236,7 @@ def separator_of(line: str) -> str:
 
 def text_lines(path: Path, expected: str) -> list[str]:
     """Lines of a text in UTF-8, or else in Windows' Western code, in which some systems write a degree or a ©."""
+    line_breaks(path)
     raw = path.read_bytes()
     if b"\0" in raw:
         raise RecordingError(f"{path.name} is no text file (it holds bytes 0); expected {expected}")
