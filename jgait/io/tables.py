@@ -165,7 +165,7 @@ def columns_of(
             f"{name} has columns of {table.columns.nlevels} levels, such as {tuple(map(str, table.columns[0]))}; "
             "expected <placement>_gyr_x, …; recording_from_gaitmap reads two levels, sensor and channel"
         )
-    table = _with_time(table)
+    table = with_time(table)
     given = [str(column) for column in table.columns]
     renamed = [column.strip().lower() for column in given]
     if placement is not None:
@@ -266,7 +266,7 @@ def _hint(value: str) -> str:
     return ""
 
 
-def _with_time(table: "pd.DataFrame") -> "pd.DataFrame":
+def with_time(table: "pd.DataFrame") -> "pd.DataFrame":
     """The table with its index as the column `time`, if the index is a clock and no column is."""
     import pandas as pd
 

@@ -162,7 +162,7 @@ def _check_moving(sensors: Mapping[str, Imu], units: Units, name: str) -> None:
     rates = {placement: fast_rate(imu) for placement, imu in sensors.items()}
     fastest = max(rates, key=lambda placement: rates[placement])
     unit, rate = units[fastest]["gyr"], rates[fastest]
-    if unit.name == "rad/s" or unit.origin not in ("argument", "header") or rate >= SLOWEST_WALK:
+    if unit.name == "rad/s" or unit.origin not in ("argument", "header", "names") or rate >= SLOWEST_WALK:
         return
     spread = [np.linalg.norm(imu.acc[busy(imu)], axis=1).std() for imu in sensors.values() if imu.acc is not None]
     if spread and max(spread) <= MOVING_ACC:

@@ -72,7 +72,7 @@ SIGNS_TURNED = Kind(
 FILES_JOINED = Kind("files_joined", "info", "{sensor}: the signals of {files} belong together", ORIGIN)
 
 
-class Columns(NamedTuple):
+class AxisColumns(NamedTuple):
     """Three columns of a table that are the axes of one signal."""
 
     signal: str  #: a key of `SIGNALS`.
@@ -83,7 +83,7 @@ class Columns(NamedTuple):
 class Signal(NamedTuple):
     """One signal on its clock."""
 
-    columns: Columns
+    columns: AxisColumns
     values: np.ndarray  #: (T, 3) in the file's unit.
     unit: str | None
     time: np.ndarray | None  #: (T,) [s].
@@ -100,7 +100,7 @@ def _signal_in(words: str) -> str | None:
     return next((signal for signal, pattern in SIGNALS.items() if re.search(pattern, words)), None)
 
 
-def _signals(names: Sequence[str], stem: str) -> list[Columns]:
+def _signals(names: Sequence[str], stem: str) -> list[AxisColumns]:
     """The signals in a table, by the names of its columns, and by that of its file where these are bare axes."""
     axes: dict[str, dict[str, str]] = {}
     for name in names:
@@ -116,7 +116,7 @@ def _signals(names: Sequence[str], stem: str) -> list[Columns]:
         if signal is None and not what:
             signal = next((kind for kind in ("gyr", "acc") if _unit(columns, kind)), None)
         if signal is not None:
-            result.append(Columns(signal, columns, words))
+            result.append(AxisColumns(signal, columns, words))
     return result
 
 
@@ -128,7 +128,7 @@ def _unit(names: Sequence[str], kind: str) -> str | None:
         return None
 
 
-def _head(file: Path) -> list[Columns]:
+def _head(file: Path) -> list[AxisColumns]:
     """The signals in the header of a file; none of a file that is no table."""
     if file.suffix.lower() not in ENDINGS or file.name.startswith(".") or not file.is_file():
         return []
@@ -164,7 +164,7 @@ def _without_gyroscope(folder: Path) -> bool:
     return "acc" in signals and "gyr" not in signals
 
 
-def _by_itself(head: Sequence[Columns]) -> bool:
+def _by_itself(head: Sequence[AxisColumns]) -> bool:
     """Whether a table has a gyroscope and gravity, apart from the acceleration or in CoreMotion's signs."""
     return {"gyr", "gravity"} <= {columns.signal for columns in head} or any(
         columns.signal == "gyr" and re.search(APPLE, columns.words) for columns in head
