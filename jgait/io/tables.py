@@ -14,7 +14,17 @@ from jgait.io.clock import CLOCK_FROM_DATE, unwrapped
 from jgait.io.dates import date_of, dated
 from jgait.io.files import no_numbers, reading
 from jgait.io.misnamed import not_recognised
-from jgait.io.names import CHANNELS, COUNTER, LONG_UNITS, column_of, like_a_signal, recognised, unit_in_name
+from jgait.io.names import (
+    CHANNELS,
+    COUNTER,
+    LONG_UNITS,
+    SIDE_OF,
+    column_of,
+    like_a_signal,
+    placement_of,
+    recognised,
+    unit_in_name,
+)  # fmt: skip
 from jgait.io.rows import read_table
 from jgait.io.units import Unit, unit_of_columns
 from jgait.notes import DEDUCED, LEFT_OUT, LOSSES, Kind, Note
@@ -44,6 +54,9 @@ ROWS_OF_SEVERAL = Kind(
 )  # fmt: skip
 WHOSE = ("subject", "person", "participant", "patient", "proband", "id", "trial", "walk", "session", "recording")
 """Names of columns that state of whom or which walk a row is."""
+
+MOST_SENSORS = 20
+"""Largest number of values of a column that states of which sensor a row is."""
 
 CELLS_WITHOUT_NUMBER = Kind(
     "cells_without_number", "check",
@@ -167,6 +180,7 @@ def columns_of(
         )
     table = with_time(table)
     given = [str(column) for column in table.columns]
+    _check_wide(table, given, name)
     renamed = [column.strip().lower() for column in given]
     if placement is not None:
         renamed = [f"{placement}_{column}" if column in CHANNELS else column for column in renamed]
@@ -212,6 +226,26 @@ def columns_of(
     others = [column for index, column in enumerate(given) if index not in used]
     notes += _about([(given[index], renamed[index]) for index in sorted(used & set(ours))], others)
     return Columns(sensors, time, apart, others, tuple(notes), unit, units, begin_s)
+
+
+def _check_wide(table: "pd.DataFrame", given: list[str], name: str) -> None:
+    """Refuse a table of one row for each sensor: a column tells apart rows whose times repeat, or states places."""
+    if not set(CHANNELS[:3]) <= {column_of(column) for column in given}:
+        return
+    clock = next((index for index, column in enumerate(given) if column_of(column) == "time"), None)
+    times = None if clock is None else table.iloc[:, clock]
+    for index, column in enumerate(given):
+        cells = table.iloc[:, index]
+        values = list(cells.dropna().unique()) if index != clock and cells.dtype.kind != "f" else []
+        if not 2 <= len(values) <= MOST_SENSORS:
+            continue
+        whose = [value for value in values if placement_of(str(value)) or str(value).strip().lower() in SIDE_OF]
+        apart = times is not None and not times.is_unique
+        if len(whose) > 1 or (apart and all(part.is_unique for _, part in times.groupby(cells))):  # type: ignore[union-attr]
+            raise RecordingError(
+                f"{name} has a row for each sensor, which its column {column!r} states ({values[0]}, {values[1]}): "
+                "write the rows of each to a file called by its place, such as foot_left.csv, and give their folder"
+            )
 
 
 def _about(matched: list[tuple[str, str]], others: list[str]) -> list[Note]:

@@ -131,6 +131,23 @@ def test_the_clock_beside_a_date_is_the_time():
     assert io.recording_from_dataframe(frame).sampling_rate_hz == pytest.approx(100.0)
 
 
+@pytest.mark.parametrize("values", [("left_foot", "right_foot"), ("L", "R"), (1, 2), ("A17", "B03")])
+@pytest.mark.parametrize("mixed", [True, False])
+def test_a_row_for_each_sensor_is_refused_with_the_column_that_states_it(tmp_path, values, mixed):
+    frames = [walking(["gyr_x", "gyr_y", "gyr_z"]).assign(device=value) for value in values]
+    frame = pd.concat(frames)
+    frame = frame.sort_values("time", kind="stable") if mixed else frame
+    frame.to_csv(tmp_path / "walk.csv", index=False)
+    said = (
+        rf"row for each sensor, which its column 'device' states \({values[0]}, {values[1]}\): write the rows of each"
+    )
+    for read, options in ((io.read, {}), (io.read_csv, {}), (io.read_csv, {"placement": "waist"})):
+        with pytest.raises(RecordingError, match=said):
+            read(tmp_path / "walk.csv", **options)
+    alone = walking(["gyr_x", "gyr_y", "gyr_z"]).assign(device=values[0], activity=["stand", "walk"] * 100)
+    assert io.recording_from_dataframe(alone, placement="shank_right")
+
+
 def test_names_that_are_not_recognised_are_named_where_the_gyroscope_lacks():
     frame = table().rename(columns={f"shank_right_gyr_{axis}": f"shank_right_gyr_{axis}_rev" for axis in "xyz"})
     with pytest.raises(RecordingError, match="no shank_right_gyr_x.*not recognised: 'shank_right_gyr_x_rev', "):
