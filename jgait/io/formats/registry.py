@@ -73,6 +73,7 @@ OTHERS = {
     ".mvnx": "is Xsens MVN's XML: export the sensors' angular velocity and acceleration as text or CSV",
     ".apdm": "is APDM's raw log: convert it to HDF5 with Motion Studio",
     ".sbem": "is Movesense's binary log: convert it to CSV with its sbem2json or the showcase app",
+    ".json": "is JSON: export tables (CSV) from the program that made it",
     ".zip": "is an archive: unpack it, and give the folder",
 }
 """Ending of files that are not read → what they are, and what reads or converts them."""

@@ -174,8 +174,8 @@ class TextFormat(NamedTuple):
         if header_at is None:
             begins = next((line for line in lines if line.strip()), "").strip()[:80]
             raise RecordingError(f"{path.name} has no such header: expected {self.expected}; it begins with {begins!r}")
-        row, separator = header_at
-        header = split(lines[row], separator)
+        separator = header_at[1]
+        header, row = _whole_header(lines, *header_at)
         check_columns(header, path.name)
         units: tuple[str, ...] = ()
         if self.units == "header":
@@ -187,7 +187,7 @@ class TextFormat(NamedTuple):
         if self.units == "row" and first < len(lines) and not _any_number(split(lines[first], separator)):
             units = split(lines[first], separator)
             first += 1
-        before = tuple(line[:LONGEST_NAME] for line in lines[:row])
+        before = tuple(line[:LONGEST_NAME] for line in lines[: header_at[0]])
         return rows_of(path, lines, first, separator, header)._replace(before=before, units=units)
 
 
@@ -253,6 +253,17 @@ def _header(lines: Sequence[str], is_header: Callable[[tuple[str, ...]], bool]) 
         if is_header(split(line, separator)):
             return row, separator
     return None
+
+
+def _whole_header(lines: Sequence[str], row: int, separator: str) -> tuple[tuple[str, ...], int]:
+    """The names of the header, and its last line: a header torn in two is joined where the rows are as long."""
+    header = split(lines[row], separator)
+    if row + 2 < len(lines) and not _any_number(rest := split(lines[row + 1], separator)):
+        columns = len(split(lines[row + 2].rstrip(separator), separator))
+        for whole in ((*header, *rest), (*header[:-1], *rest), (*header[:-1], header[-1] + rest[0], *rest[1:])):
+            if len(header) < columns == len([name for name in whole if name]):
+                return tuple(name for name in whole if name), row + 1
+    return header, row
 
 
 def _any_number(cells: Sequence[str]) -> bool:
