@@ -53,8 +53,11 @@ UNCALIBRATED = r"uncalibrated|raw"
 APPLE = r"rotationrate|useracc|gyrorotation"
 """Pattern of the words for signals that only CoreMotion, and apps that write its values, have."""
 
-ELAPSED = "seconds_elapsed"
-"""Name of a column that only Sensor Logger writes; what it calls acceleration has no gravity, unless it is total."""
+LOGGER = "Sensor Logger"
+"""The app whose acceleration has no gravity, unless it is called total, and has the signs of the phone's system."""
+
+APPS = {LOGGER: r"seconds_elapsed", "phyphox": r"\w+ \(s\)", "MetaBase": r"epoc \(ms\)"}
+"""Program → pattern of the name of a column that it writes."""
 
 ADDRESS = re.compile(r"(?<![0-9A-F])[0-9A-F]{12}(?![0-9A-F])")
 """Pattern of a device's address in the name of a file."""
@@ -68,6 +71,12 @@ GRAVITY_ADDED = Kind(
 SIGNS_TURNED = Kind(
     "signs_turned", "info", "{sensor}: the signs of the accelerometer are turned round, for the phone's system is iOS",
     ORIGIN,
+)  # fmt: skip
+SIGNS_ASSUMED = Kind(
+    "signs_assumed", "check",
+    "{sensor}: at rest, the accelerometer's axis that points up is taken to read +1 g; on an iPhone it may read −1 g",
+    "The files name no program whose signs are known, and the signals do not show them. With wrong signs, right and left "
+    "of a sensor at the waist are exchanged.",
 )  # fmt: skip
 FILES_JOINED = Kind("files_joined", "info", "{sensor}: the signals of {files} belong together", ORIGIN)
 
@@ -89,7 +98,7 @@ class Signal(NamedTuple):
     time: np.ndarray | None  #: (T,) [s].
     begin_s: float | None  #: [s] from 1970 to 0 of `time`.
     file: Path
-    of_logger: bool  #: whether Sensor Logger wrote the file.
+    app: str  #: a key of `APPS`; "" for another program.
 
 
 def _letters(name: str) -> str:
@@ -228,6 +237,8 @@ def _part(files: Sequence[Path], label: str, notes: list[Note]) -> Part:
         raise RecordingError(f"{label}: {gyr.file.name} and {acc.file.name} have different kinds of times")
     if acc is not None and acc.time is not None and acc.begin_s is not None and begin_s is not None:
         acc = acc._replace(time=acc.time + (acc.begin_s - begin_s))
+    if acc is not None and not (gyr.app or re.search(APPLE, gyr.columns.words)):
+        notes.append(SIGNS_ASSUMED(sensor=label))
     if acc is not None and _turned_round(files[0].parent, every):
         acc = acc._replace(values=-acc.values)
         notes.append(SIGNS_TURNED(sensor=label))
@@ -274,7 +285,7 @@ def _turned_round(folder: Path, every: Sequence[Signal]) -> bool:
     if any(re.search(APPLE, signal.columns.words) for signal in every):
         return True
     android = any("total" in signal.columns.words for signal in every)
-    if every[0].of_logger and not android:
+    if every[0].app == LOGGER and not android:
         raise RecordingError(
             f"{folder.name} lacks Metadata.csv, which states the phone's system: iPhone and Android have opposite "
             "signs; keep it with the other files of the export"
@@ -290,20 +301,21 @@ def _read(file: Path, notes: list[Note]) -> list[Signal]:
     notes += of_table
     time, begin_s = _clock(table, file.name)
     names = [str(name) for name in table.columns]
+    app = next((app for app, pattern in APPS.items() if any(re.fullmatch(pattern, name) for name in names)), "")
     signals = []
     for columns in _signals(names, file.stem):
         kind = "gyr" if columns.signal == "gyr" else "acc"
         unit = _unit(columns.names, kind)
-        if columns.signal == "acc" and ELAPSED in names and not re.search(f"total|{UNCALIBRATED}", columns.words):
+        if columns.signal == "acc" and app == LOGGER and not re.search(f"total|{UNCALIBRATED}", columns.words):
             columns = columns._replace(signal="linear")
-        if unit is None and not re.search(UNCALIBRATED, columns.words):
-            if ELAPSED in names:
+        if unit is None and (kind == "gyr" or not re.search(UNCALIBRATED, columns.words)):
+            if app == LOGGER:
                 unit = "rad/s" if kind == "gyr" else None if "rotationrate" in _letters("".join(names)) else "m/s^2"
             elif any(re.search(APPLE, _letters(name)) for name in names):
                 unit = "rad/s" if kind == "gyr" else "g"
         numbers = table[list(columns.names)].apply(pd.to_numeric, errors="coerce")
         values = numbers.to_numpy(np.float64, na_value=np.nan)
-        signals.append(Signal(columns, values, unit, time, begin_s, file, ELAPSED in names))
+        signals.append(Signal(columns, values, unit, time, begin_s, file, app))
     return signals
 
 

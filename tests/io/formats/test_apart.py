@@ -125,7 +125,7 @@ def test_phyphox(tmp_path, options):
         options["columns"] = "{axis} ({unit})"
     recording = io.read(phyphox(tmp_path / "walk", **options), placement="waist")
     made_files.check(recording, "waist")
-    assert not of_code(recording.notes, "unit_deduced")
+    assert not of_code(recording.notes, "unit_deduced") and not of_code(recording.notes, "signs_assumed")
 
 
 def test_two_clocks_are_joined(tmp_path):
@@ -173,5 +173,15 @@ def test_core_motion(tmp_path, options):
     recording = io.read(path, placement="waist", **rate)
     made_files.check(recording, "waist")
     assert of_code(recording.notes, "signs_turned") and of_code(recording.notes, "gravity_added")
+    assert not of_code(recording.notes, "signs_assumed")
     with pytest.raises(RecordingError, match="does not state where its sensors sat"):
         io.read(path, **rate)
+
+
+def test_signs_of_an_unknown_program_are_a_doubt(tmp_path):
+    time, gyr, acc = made_files.walk()
+    for name, values, unit in (("gyro", gyr, "rad/s"), ("acc", acc, "m/s^2")):
+        table(tmp_path / f"{name}.csv", ["timestamp_ns", *(f"{a} [{unit}]" for a in "xyz")], 1e9 * time, *values.T)
+    recording = io.read(tmp_path, placement="waist")
+    made_files.check(recording, "waist")
+    assert of_code(recording.notes, "signs_assumed")
