@@ -16,23 +16,19 @@ not stated; a sensor is called by its folder, or by its device's address. *Axes*
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from jgait.io.checks.sizes import measures_gravity
-from jgait.io.clock import TIME_UNITS, check_order, unit_of_time
-from jgait.io.dates import dated
 from jgait.io.files import check_file
+from jgait.io.formats.clocks import clock_of
 from jgait.io.formats.part import Measured, Part
-from jgait.io.names import KINDS, column_of, placement_of, unit_in_name
+from jgait.io.names import KINDS, placement_of
 from jgait.io.rows import SEPARATORS, read_table
 from jgait.io.units import unit_of_columns
 from jgait.notes import ORIGIN, Kind, Note
 from jgait.types import RecordingError
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 EXPECTED = "a folder with a table for each signal of a sensor, such as Accelerometer.csv and Gyroscope.csv"
 ENDINGS = (".csv", ".tsv", ".txt")
@@ -62,9 +58,6 @@ APPS = {LOGGER: r"seconds_elapsed", "phyphox": r"\w+ \(s\)", "MetaBase": r"epoc 
 ADDRESS = re.compile(r"(?<![0-9A-F])[0-9A-F]{12}(?![0-9A-F])")
 """Pattern of a device's address in the name of a file."""
 
-SINCE_1970 = (1e9, 4e9)
-"""[s] Times that count from 1970: 2001 to 2096."""
-
 GRAVITY_ADDED = Kind(
     "gravity_added", "info", "{sensor}: accelerometer without gravity, and gravity, were added", ORIGIN
 )
@@ -75,8 +68,8 @@ SIGNS_TURNED = Kind(
 SIGNS_ASSUMED = Kind(
     "signs_assumed", "check",
     "{sensor}: at rest, the accelerometer's axis that points up is taken to read +1 g; on an iPhone it may read −1 g",
-    "The files name no program whose signs are known, and the signals do not show them. With wrong signs, right and left "
-    "of a sensor at the waist are exchanged.",
+    "The files name no program whose signs are known, and the signals do not show them. With wrong signs, right and "
+    "left of a sensor at the waist are exchanged.",
 )  # fmt: skip
 FILES_JOINED = Kind("files_joined", "info", "{sensor}: the signals of {files} belong together", ORIGIN)
 
@@ -105,10 +98,6 @@ def _letters(name: str) -> str:
     return re.sub(r"[^a-z]", "", name.lower())
 
 
-def _signal_in(words: str) -> str | None:
-    return next((signal for signal, pattern in SIGNALS.items() if re.search(pattern, words)), None)
-
-
 def _signals(names: Sequence[str], stem: str) -> list[AxisColumns]:
     """The signals in a table, by the names of its columns, and by that of its file where these are bare axes."""
     axes: dict[str, dict[str, str]] = {}
@@ -121,7 +110,7 @@ def _signals(names: Sequence[str], stem: str) -> list[AxisColumns]:
             continue
         columns = (of_axis["x"], of_axis["y"], of_axis["z"])
         words = _letters(what or stem)
-        signal = _signal_in(words)
+        signal = next((signal for signal, pattern in SIGNALS.items() if re.search(pattern, words)), None)
         if signal is None and not what:
             signal = next((kind for kind in ("gyr", "acc") if _unit(columns, kind)), None)
         if signal is not None:
@@ -167,27 +156,19 @@ def _devices(folder: Path) -> list[list[Path]]:
     return whole
 
 
-def _without_gyroscope(folder: Path) -> bool:
-    """Whether a folder has files of an accelerometer, and none of a gyroscope."""
-    signals = [columns.signal for file in folder.iterdir() for columns in _head(file)]
-    return "acc" in signals and "gyr" not in signals
-
-
-def _by_itself(head: Sequence[AxisColumns]) -> bool:
-    """Whether a table has a gyroscope and gravity, apart from the acceleration or in CoreMotion's signs."""
-    return {"gyr", "gravity"} <= {columns.signal for columns in head} or any(
-        columns.signal == "gyr" and re.search(APPLE, columns.words) for columns in head
-    )
-
-
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether it is a folder of such files, one of them, or a table with gravity apart."""
+    """Whether it is a folder of such files, or of an accelerometer's alone; one of them; or a table with gravity apart,
+    or in CoreMotion's signs.
+    """
     if path.is_dir():
-        return bool(_devices(path)) or _without_gyroscope(path)
+        signals = {columns.signal for file in path.iterdir() for columns in _head(file)}
+        return bool(_devices(path)) or ("acc" in signals and "gyr" not in signals)
     columns = _head(path)
     if len(columns) == 1:
         return any(path in files for files in _devices(path.parent))
-    return _by_itself(columns)
+    return {"gyr", "gravity"} <= {each.signal for each in columns} or any(
+        each.signal == "gyr" and re.search(APPLE, each.words) for each in columns
+    )
 
 
 def measured(path: Path) -> Measured:
@@ -284,8 +265,7 @@ def _turned_round(folder: Path, every: Sequence[Signal]) -> bool:
             return facts["platform"] == "ios" and facts.get("standardisation") != "true"
     if any(re.search(APPLE, signal.columns.words) for signal in every):
         return True
-    android = any("total" in signal.columns.words for signal in every)
-    if every[0].app == LOGGER and not android:
+    if every[0].app == LOGGER and not any("total" in signal.columns.words for signal in every):
         raise RecordingError(
             f"{folder.name} lacks Metadata.csv, which states the phone's system: iPhone and Android have opposite "
             "signs; keep it with the other files of the export"
@@ -299,7 +279,7 @@ def _read(file: Path, notes: list[Note]) -> list[Signal]:
 
     table, of_table = read_table(file)
     notes += of_table
-    time, begin_s = _clock(table, file.name)
+    time, begin_s = clock_of(table, file.name)
     names = [str(name) for name in table.columns]
     app = next((app for app, pattern in APPS.items() if any(re.fullmatch(pattern, name) for name in names)), "")
     signals = []
@@ -317,25 +297,3 @@ def _read(file: Path, notes: list[Note]) -> list[Signal]:
         values = numbers.to_numpy(np.float64, na_value=np.nan)
         signals.append(Signal(columns, values, unit, time, begin_s, file, app))
     return signals
-
-
-def _clock(table: "pd.DataFrame", name: str) -> tuple[np.ndarray | None, float | None]:
-    """Times (T,) [s] from the first clock of a table, and the seconds from 1970 to their 0; None without."""
-    clocks = [
-        column for column in map(str, table.columns)
-        if column_of(column) == "time" or re.search(r"epoc|time|elapsed", column, re.IGNORECASE)
-    ]  # fmt: skip
-    for column in clocks:
-        if table[column].dtype.kind not in "iuf":
-            continue
-        stamps = table[column].to_numpy()
-        check_order(stamps.astype(np.float64), name)
-        scale = TIME_UNITS[unit_of_time(stamps.astype(np.float64), unit_in_name(column), name)]
-        begin_s = scale * float(stamps[0])
-        if SINCE_1970[0] < begin_s < SINCE_1970[1]:
-            return scale * (stamps - stamps[0]), begin_s
-        return scale * stamps, None
-    for column in clocks:
-        if (dates := dated(table[column])) is not None:
-            return dates
-    return None, None

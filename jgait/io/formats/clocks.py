@@ -1,16 +1,31 @@
 """Sensors of one file on one clock: by packet numbers, by time stamps, or by their sampling rate alone."""
 
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jgait.io.clock import LONGEST_GAP_S, REPEATED, check_inserted, check_order, steadied
+from jgait.io.clock import (
+    LONGEST_GAP_S,
+    REPEATED,
+    TIME_UNITS,
+    check_inserted,
+    check_order,
+    count_samples,
+    steadied,
+    unit_of_time,
+)  # fmt: skip
+from jgait.io.dates import dated
+from jgait.io.names import column_of, unit_in_name
+from jgait.io.tables import with_time
 from jgait.notes import LOSSES, ORIGIN, Kind, Note
 from jgait.types import RecordingError
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from jgait.io.formats.part import Part
 
 CLOCKS_APART = 0.5
@@ -21,6 +36,9 @@ SAME_RATE = 1e-3
 
 SAME_SPEED = 0.05
 """[1] Relative difference of sample times up to which the first of two clocks is kept; chosen."""
+
+SINCE_1970 = (1e9, 4e9)
+"""[s] Times that count from 1970: 2001 to 2096."""
 
 USUAL_RATE = 100.0
 """[Hz] Assumed rate to compute the duration of a gap in packet numbers where the rate is not known."""
@@ -46,6 +64,30 @@ CLOCKS_JOINED = Kind(
     "signals with clocks of their own were interpolated to that of {placement}, {begin_s:.2f} to {end_s:.2f} s",
     "The clocks differ by more than half a sample time; all signals are at the times of the fastest of the first.",
 )  # fmt: skip
+
+
+def clock_of(table: "pd.DataFrame", name: str) -> tuple[np.ndarray | None, float | None]:
+    """Times (T,) [s] by the index of a table or its first clock, and the seconds from 1970 to their 0, where they count
+    from there; None without. Numbers of the samples are no times.
+    """
+    table = with_time(table)
+    clocks = [
+        column for column in map(str, table.columns)
+        if column_of(column) == "time" or re.search("epoc|time|elapsed", column, re.IGNORECASE)
+    ]  # fmt: skip
+    for column in sorted(clocks, key=lambda column: table[column].dtype.kind not in "iuf"):
+        if (dates := dated(table[column])) is not None:
+            return dates
+        stamps = table[column].to_numpy()
+        if stamps.dtype.kind not in "iuf" or len(stamps) < 2 or count_samples(stamps):
+            continue
+        check_order(stamps.astype(np.float64), name)
+        scale = TIME_UNITS[unit_of_time(stamps.astype(np.float64), unit_in_name(column), name)]
+        begin_s = scale * float(stamps[0])
+        if SINCE_1970[0] < begin_s < SINCE_1970[1]:
+            return scale * (stamps - stamps[0]), begin_s
+        return scale * stamps, None
+    return None, None
 
 
 def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "dict[str, Part]":

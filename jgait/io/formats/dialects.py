@@ -13,12 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jgait.io.clock import TIME_UNITS, check_order, count_samples, unit_of_time
-from jgait.io.dates import dated
+from jgait.io.formats.clocks import clock_of
 from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.settle import settle
-from jgait.io.names import CHANNELS, column_of, placement_of, unit_in_name
-from jgait.io.tables import with_time
+from jgait.io.names import CHANNELS, placement_of
 from jgait.types import Recording, RecordingError
 
 if TYPE_CHECKING:
@@ -140,24 +138,6 @@ def mobgap_part(table: "pd.DataFrame", name: str) -> Part:
     time, begin_s = clock_of(table, name)
     part = _part(_six(table, BODY_MOBGAP, name)[0], "lower_back", "lower_back", AXES_MOBGAP)
     return part._replace(time=time, begin_s=begin_s)
-
-
-def clock_of(table: "pd.DataFrame", name: str) -> tuple[np.ndarray | None, float | None]:
-    """Times (T,) [s] of a table by its index or a column, and the seconds from 1970 to their 0 of dates; None without.
-
-    Numbers of the samples are no times.
-    """
-    table = with_time(table)
-    column = next((column for column in table.columns if column_of(str(column)) == "time"), None)
-    if column is None:
-        return None, None
-    if (dates := dated(table[column])) is not None:
-        return dates
-    stamps = table[column].to_numpy(np.float64)
-    if count_samples(stamps) or len(stamps) < 2:
-        return None, None
-    check_order(stamps, name)
-    return TIME_UNITS[unit_of_time(stamps, unit_in_name(str(column)), name)] * stamps, None
 
 
 def _part(values: np.ndarray, label: str, placement: str | None, axes: str) -> Part:
