@@ -169,6 +169,8 @@ def body(walk: Walk, measures: Sequence[str]) -> Measures:
 
 def is_cohort(path: Path) -> bool:
     """Whether a table has a column `file`, and none of a sensor; False for a file that cannot be read."""
+    if not path.is_file():
+        return False
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as stream:
             header = stream.readline(100_000)

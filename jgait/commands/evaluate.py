@@ -32,6 +32,7 @@ from jgait.commands.folder import results_folder
 from jgait.commands.lessons import lessons_of, prepared
 from jgait.estimators import Estimator
 from jgait.evaluate import Cohort
+from jgait.io.write import in_cells
 from jgait.notes import from_json, of_recordings
 from jgait.plot import cohort as plot_cohort
 from jgait.report.page import significant
@@ -126,7 +127,7 @@ def evaluate(
         written[-1].write_text(json.dumps(every, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         if judged is not None:
             written.append(folder.stage / LOSSES)
-            judged.to_csv(written[-1], index=False)
+            in_cells(judged).to_csv(written[-1], index=False)
         files = folder.publish(written)
     write_json(json_file, {
         "estimator": pipeline.name, "recordings": len(results.recordings), "failures": dict(failures),
@@ -201,7 +202,7 @@ def _write(out: Path, results: Cohort, usable: Cohort, agreement: "pd.DataFrame"
     tables = {**results._asdict(), "agreement": agreement.reset_index()}
     files = [out / f"{name}.csv" for name in TABLES]
     for name, file in zip(TABLES, files, strict=True):
-        tables[name].to_csv(file, index=False)
+        in_cells(tables[name]).to_csv(file, index=False)
     for name, rows, words, unit in reports.cohort.drawn(usable.paired()):
         what = name.rpartition("_")[0]
         files.append(plot.save(plot_cohort.bland_altman(rows, words, unit=unit), out / f"{what}_agreement.png"))

@@ -12,6 +12,7 @@ from jgait import estimators
 from jgait.commands.console import refused, stop
 from jgait.estimators.about import About, CommandOption
 from jgait.estimators.proportions import outside
+from jgait.io.files import check_regular
 
 PersonFile = Annotated[
     Path | None,
@@ -108,6 +109,7 @@ def person_in(file: Path | None) -> dict[str, PyTree]:
     if file is None:
         return {}
     with refused(f'--person {file} is no JSON file with measures, such as {{"height": 1.75}}: '):
+        check_regular(file, "a file of measures")
         content = json.loads(file.read_text(encoding="utf-8"))
     known = {m.name: (m.low, m.high) for name in estimators.names() for m in estimators.about_of(name).measures}
     if not isinstance(content, dict) or not content:

@@ -10,6 +10,7 @@ from jgait.commands.console import console, count, note, table_of, visible, writ
 from jgait.commands.folder import ResultsFolder
 from jgait.commands.tune_run import Job, TuningResults
 from jgait.evaluate import PairedDifference
+from jgait.io.write import in_cells
 from jgait.plot import cohort as plot_cohort
 from jgait.plot import tuning as plot_tuning
 from jgait.report.made import flat
@@ -57,7 +58,7 @@ def report(
             subject=job.made.subjects, **({"day": items["subject"]} if job.groups.singular == "day" else {})
         )
         columns = ["recording", "subject", "day", "fold", "error_before", "error_after"]
-        people[[name for name in columns if name in people]].to_csv(files[-1], index=False)
+        in_cells(people[[name for name in columns if name in people]]).to_csv(files[-1], index=False)
         rows = items[np.isfinite(items[["error_before", "error_after"]]).all(axis=1)]
         change = evaluate.paired_difference(rows["error_before"], rows["error_after"], rows["subject"], seed=0)
         drawn = plot_cohort.before_after(

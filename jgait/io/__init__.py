@@ -18,7 +18,7 @@ from jgait.io.params import PRESETS, made_of, params_file, preset_names, read_pa
 from jgait.io.references import reference_from_tables, strides_from_dataframe
 from jgait.io.strides import strides_to_dataframe, to_gaitmap
 from jgait.io.tables import read_csv, recording_from_dataframe
-from jgait.io.write import recording_to_dataframe, to_dataframe, write_csv, write_table
+from jgait.io.write import read_table, recording_to_dataframe, to_dataframe, write_csv, write_table
 from jgait.params import units
 
 __all__ = [
@@ -42,6 +42,7 @@ __all__ = [
     "read_mobilised",
     "read_opensim",
     "read_params",
+    "read_table",
     "recording_from_arrays",
     "recording_from_dataframe",
     "recording_from_gaitmap",

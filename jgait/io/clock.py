@@ -43,7 +43,7 @@ COUNTER_TURN = 2**16
 RATE_OFF = 0.05
 """[1] Largest relative difference of a sampling rate that is given from that of the time stamps; chosen."""
 
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Unit of time → s."""
 
 RATE_DEDUCED = Kind("sampling_rate_deduced", "info", "sampling rate {rate_hz:.4g} Hz, from the time stamps", DEDUCED)
@@ -235,7 +235,7 @@ def check_order(stamps: np.ndarray, name: str, stated: str | None = None) -> Non
 def _likely_unit(step: float, stated: str | None) -> str:
     """The unit of steps of this length: the stated one if it is known, or else the largest that is not too long."""
     likely = (unit for unit, scale in TIME_UNITS.items() if step * scale <= LONGEST_STEP_S)
-    return stated if stated in TIME_UNITS else next(likely, "us")
+    return stated if stated in TIME_UNITS else next(likely, "ns")
 
 
 def _rows_a_second(step: float, stated: str | None) -> str:

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from jgait.estimators.stride_flags import CLIPPED, DOUBTFUL, HALF, STAIRS, TURNING, UNEVEN_DURATION, regular
 from jgait.io.strides import bout_numbers, strides_to_dataframe, to_gaitmap
 from jgait.types import SIDES, Estimate, as_float
 
@@ -17,15 +18,20 @@ GAITMAP_PARAMETERS = (
 """Names of the parameters in gaitmap, in its order."""
 
 
+FLAGS = (TURNING, STAIRS, CLIPPED, HALF, UNEVEN_DURATION, DOUBTFUL)
+"""Flags that keep a stride out of means, of all estimators; an estimate that lacks one is not marked by it."""
+
+
 class MobgapTables(NamedTuple):
     """Tables of a recording with the names and units of mobgap's pipelines; times in samples.
 
     Attributes:
         ic_list: initial contacts, index `step_id`: `ic`, `lr_label` ("left", "right").
         per_stride_parameters: strides from contact to contact, index `wb_id`, `s_id`: `start`, `end`, `lr_label`,
-            `stride_duration_s`, `cadence_spm` [steps/min], `stride_length_m`, `walking_speed_mps`.
+            `stride_duration_s`, `cadence_spm` [steps/min], `stride_length_m`, `walking_speed_mps` (NaN where a length
+            is not above 0), and `regular`, False for half-steps, turns, stairs, uneven and doubtful strides.
         per_wb_parameters: walking bouts, index `wb_id`: `start`, `end`, `n_strides`, `duration_s`,
-            `n_raw_initial_contacts`, and the means of the strides' parameters.
+            `n_raw_initial_contacts`, and the means of the parameters of the regular strides.
     """
 
     ic_list: "pd.DataFrame"
@@ -37,7 +43,8 @@ def to_gaitmap_parameters(estimate: Estimate, sampling_rate_hz: float) -> "dict[
     """The parameters of each foot's strides under gaitmap's names, for the strides of `to_gaitmap`.
 
     Columns, each if the estimate has it: `stride_length` [m]; `gait_velocity` [m/s], the length over the time from
-    contact to contact; `ic_angle`, `tc_angle` [deg] between foot and ground, toes up positive, relative to standing;
+    contact to contact; `ic_angle`, `tc_angle` [deg] between foot and ground, toes up positive, relative to standing
+    (gaitmap's own `tc_angle` is the elevation of the sensor's x axis at the final contact, some degrees apart);
     `turning_angle` [deg], left positive; `max_sensor_lift` [m] above the sensor's height at the stride's start;
     `stride_time`, `swing_time`, `stance_time` [s], not rounded to samples. The index is `s_id`.
 
@@ -78,7 +85,7 @@ def to_mobgap(estimate: Estimate, sampling_rate_hz: float) -> MobgapTables:
 
     In mobgap a stride begins and ends with an initial contact, so a first stride from standing is left out. A bout
     continues if the next stride begins at most `BREAK` after the end of the last; mobgap's selection of strides
-    and bouts (`StrideSelection`, `WbAssembly`) can be run on `per_stride_parameters`.
+    and bouts (`StrideSelection`, `WbAssembly`) can be run on `per_stride_parameters.reset_index("wb_id", drop=True)`.
 
     Args:
         estimate: of one recording, with `strides` that have contacts.
@@ -92,7 +99,7 @@ def to_mobgap(estimate: Estimate, sampling_rate_hz: float) -> MobgapTables:
     """
     if not sampling_rate_hz > 0.0:
         raise ValueError(f"sampling_rate_hz must be positive; got {sampling_rate_hz}")
-    table = strides_to_dataframe(estimate)
+    table = strides_to_dataframe(estimate).assign(regular=regular(estimate, FLAGS))
     lacking = [name for name in ("start_s", "end_s") if name not in table]
     if lacking:
         raise ValueError(f"mobgap's strides need contacts; these have no {', '.join(lacking)}")
@@ -142,7 +149,9 @@ def _strides(table: "pd.DataFrame", rate: float) -> "pd.DataFrame":
     })  # fmt: skip
     for name in ("stride_length_m", "walking_speed_mps"):
         if name in table:
-            columns[name] = table[name].to_numpy()
+            values = table[name].to_numpy(np.float64)
+            columns[name] = np.where(values > 0.0, values, np.nan)
+    columns["regular"] = table["regular"].to_numpy(bool)
     return columns.set_index(["wb_id", "s_id"])
 
 
@@ -153,5 +162,5 @@ def _bouts(strides: "pd.DataFrame", contacts: "pd.DataFrame", rate: float) -> "p
     bouts["n_raw_initial_contacts"] = [
         int(contacts["ic"].between(start, end).sum()) for start, end in zip(bouts["start"], bouts["end"], strict=True)
     ]
-    measures = [name for name in strides.columns if name not in ("start", "end", "lr_label")]
-    return bouts.join(by_bout[measures].mean())
+    measures = [name for name in strides.columns if name not in ("start", "end", "lr_label", "regular")]
+    return bouts.join(strides[strides["regular"]].groupby(level="wb_id")[measures].mean())

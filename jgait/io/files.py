@@ -27,10 +27,18 @@ LONGEST_NAME = 300
 """[characters] Longest name of a column."""
 
 LONGEST_LINE = 1_000_000
-"""[characters] Longest line at the beginning of a table."""
+"""[characters] Longest line of a table."""
 
 MOST_BYTES = 4_000_000_000
 """[bytes] Largest content of a file, as its headers declare it: chosen, a day of seven sensors at 100 Hz has 2.9e9."""
+
+BRANDS = {
+    b"Device Identity": "is of a GENEActiv, which has no gyroscope: every method needs one",
+    b"GENEActiv": "is of a GENEActiv, which has no gyroscope: every method needs one",
+    b"ActiGraph": "is of an ActiGraph's accelerometer alone: every method needs a gyroscope; of a GT9X Link, export "
+    "the IMU as CSV from ActiLife",
+}
+"""First bytes of a file without a gyroscope → what it is."""
 
 
 @contextlib.contextmanager
@@ -111,6 +119,32 @@ def check_file(path: Path, expected: str) -> None:
     check_size(path.stat().st_size, path.name)
 
 
+def check_brand(path: Path) -> None:
+    """Refuse, by a RecordingError that names it, a file of a device that has no gyroscope."""
+    with path.open("rb") as stream:
+        head = stream.read(4096)
+    brand = next((words for begin, words in BRANDS.items() if begin in head[:200]), "")
+    if brand and b"gyr" not in head.lower():
+        raise RecordingError(f"{path.name} {brand}")
+
+
+def line_breaks(path: Path) -> int:
+    """The number of line breaks of a text. Raises RecordingError if a line has more than `LONGEST_LINE` bytes."""
+    breaks = length = longest = 0
+    with path.open("rb") as stream:
+        while block := stream.read(2**20):
+            ends = np.flatnonzero(np.frombuffer(block, np.uint8) == 10)
+            if len(ends):
+                longest = max(longest, length + int(ends[0]), int(np.diff(ends).max(initial=0)))
+                length = len(block) - int(ends[-1]) - 1
+            else:
+                length += len(block)
+            breaks += len(ends)
+            if max(longest, length) > LONGEST_LINE:
+                raise RecordingError(f"{path.name} has a line of more than {LONGEST_LINE} characters; expected a table")
+    return breaks
+
+
 def first_lines(path: Path, number: int) -> list[str]:
     """The first lines of a text in UTF-8, with their ends.
 
@@ -125,8 +159,8 @@ def first_lines(path: Path, number: int) -> list[str]:
     return lines
 
 
-def library(name: str, expected: str) -> ModuleType:
-    """A library of the extra `io`.
+def library(name: str, expected: str, extra: str = "io") -> ModuleType:
+    """A library of an extra of jgait.
 
     Raises:
         ImportError: if the library is not installed; the message states how to install it.
@@ -134,7 +168,9 @@ def library(name: str, expected: str) -> ModuleType:
     try:
         return importlib.import_module(name)
     except ImportError as missing:
-        raise ImportError(f"reading {expected} needs the extra io: pip install 'jgait[io]' ({missing})") from missing
+        raise ImportError(
+            f"reading {expected} needs the extra {extra}: pip install 'jgait[{extra}]' ({missing})"
+        ) from missing
 
 
 def json_object(file: Path) -> Tree:

@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Mapping
 
-from jgait.io.names import CHANNELS, COLUMNS, column_of, sensor_of
+from jgait.io.names import CHANNELS, COLUMNS, column_of, sensor_of, states
 from jgait.types import PLACEMENTS, RecordingError
 
 ALMOST = 0.8
@@ -22,6 +22,9 @@ def not_recognised(lacking: list[str], position: Mapping[str, int], given: list[
         given: names of all columns.
         name: of the table.
     """
+    signals = {kind: [column for column in given if states(column, kind)] for kind in ("gyr", "acc")}
+    if signals["acc"] and not signals["gyr"]:
+        return RecordingError(f"{name} holds no gyroscope, which every method needs; found {_few(signals['acc'])}")
     known = {index for column, index in position.items() if column in COLUMNS}
     unknown = [column for index, column in enumerate(given) if index not in known]
     if not lacking and any(column_of(column) in CHANNELS for column in given):

@@ -19,7 +19,7 @@ KINDS = {
 """Kind of signal → words for this kind, without accents; a word comes before those that it contains."""
 
 TIMES = re.compile(
-    r"(date|datum)?(time|timestamp|zeit|zeitstempel|uhrzeit|temps|tiempo|tempo|tijd)(s|ms|us|min|h)?|t(ms|us)?|seconds"
+    r"(date|datum)?(time|timestamp|zeit|zeitstempel|uhrzeit|temps|tiempo|tempo|tijd)(s|ms|us|ns|min|h)?|t(ms|us|ns)?|seconds"
 )
 """Words for the clock, perhaps with a unit."""
 
@@ -48,15 +48,28 @@ WORDS = {
     "cuisse": "thigh", "jambe": "shank", "cheville": "ankle", "pied": "foot", "cintura": "waist", "muslo": "thigh",
     "pierna": "shank", "tobillo": "ankle", "kreuzbein": "pelvis", "sacro": "pelvis", "bacino": "pelvis",
     "coscia": "thigh", "gamba": "shank", "caviglia": "ankle", "piede": "foot", "bovenbeen": "thigh",
-    "onderbeen": "shank", "enkel": "ankle", "voet": "foot",
+    "onderbeen": "shank", "enkel": "ankle", "voet": "foot", "forehead": "head",
+    **dict.fromkeys(("upperback", "midback", "middleback", "upperarm", "forearm"), ""),
 }  # fmt: skip
-"""Words of measuring systems and languages for placements, without accents; the longest matching word is used."""
+"""Words of measuring systems and languages for placements, without accents, "" for places that jgait does not know; the
+longest one that is a word of the name, or several words of it, is used."""
 
 SIDE_WORDS = {
     "right": ("right", "r", "re", "rechts", "droite", "droit", "derecha", "derecho", "destra", "destro", "dx"),
     "left": ("left", "l", "le", "li", "links", "gauche", "izquierda", "izquierdo", "sinistra", "sinistro", "sx"),
 }
 """Side → words of a name that state it."""
+
+SIDE_OF = {word: side for side, words in SIDE_WORDS.items() for word in words}
+"""Word → the side that it states."""
+
+PLACE = re.compile(
+    r"\d*(?P<before>{sides})?(?P<word>{words})s?(?P<after>{sides})?(?:imu|sensor)?\d*".format(
+        sides="|".join(sorted(SIDE_OF, key=len, reverse=True)), words="|".join(sorted(WORDS, key=len, reverse=True))
+    )
+)
+"""Pattern of a placement that is written as one word, perhaps with its side, a number and what is worn there:
+"rightfoot", "shankl", "hip2". "Chip1" and "barefoot" are none."""
 
 CODES = {
     **{side[0] + kind[0]: f"{kind}_{side}" for kind in ("foot", "shank", "thigh") for side in ("right", "left")},
@@ -80,21 +93,20 @@ def placement_of(label: str) -> str | None:
         return plain
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", label)
     tokens = [token for token in re.split(r"[^a-z0-9]+", spaced.lower()) if token]
-    sides = {side for side, words in SIDE_WORDS.items() if not set(words).isdisjoint(tokens)}
-    joined = "".join(tokens)
-    if not sides:
-        sides = {side for side in ("right", "left") if joined.startswith(side) or joined.endswith(side)}
-    words = sorted((word for word in WORDS if word in joined), key=len, reverse=True)
+    spans = ("".join(tokens[i:j]) for i in range(len(tokens)) for j in range(i + 1, min(i + 3, len(tokens)) + 1))
+    words = sorted(filter(None, map(PLACE.fullmatch, spans)), key=lambda match: len(match["word"]), reverse=True)
+    sides = {SIDE_OF[token] for token in tokens if token in SIDE_OF}
+    sides |= {SIDE_OF[side] for match in words for side in match.group("before", "after") if side}
     if not words and tokens and tokens[-1] in CODES:
         return CODES[tokens[-1]]
     if not words and any(token in VERTEBRAE for token in tokens):
         return "lower_back"
     if not words or len(sides) > 1:
         return None
-    place = WORDS[words[0]]
+    place = WORDS[words[0]["word"]]
     if place in PLACEMENTS:
         return place
-    return f"{place}_{next(iter(sides))}" if sides else None
+    return f"{place}_{next(iter(sides))}" if place and sides else None
 
 
 def _without_accents(text: str) -> str:
@@ -161,10 +173,17 @@ def like_a_signal(name: str) -> bool:
     return _signal(_words(name)) is not None
 
 
+def states(name: str, kind: str) -> bool:
+    """Whether a word for a kind of signal is anywhere in a column's name."""
+    plain = "".join(re.findall("[a-z]", _without_accents(name).lower()))
+    return any(word in plain for word in KINDS[kind])
+
+
 def unit_in_name(name: str) -> str | None:
     """The unit with which the name of a time column ends, but s: "Time (ms)", "time_us", "t [min]"; None for none."""
     for unit, words in (
-        ("ms", "ms|msec|milliseconds"), ("us", "us|µs|μs|usec|microseconds"), ("min", "min|minutes"), ("h", "h|hours"),
+        ("ms", "ms|msec|milliseconds"), ("us", "us|µs|μs|usec|microseconds"), ("ns", "ns|nanoseconds"),
+        ("min", "min|minutes"), ("h", "h|hours"),
     ):  # fmt: skip
         if re.search(rf"(?:[^A-Za-z]|(?<=[a-z])(?=[MU])|(?i:^\s*time(?:stamp)?))(?i:{words})\W*$", name):
             return unit

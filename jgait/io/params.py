@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.io.atomic import write_text
-from jgait.io.files import reading
-from jgait.params import units
+from jgait.io.files import check_regular, reading
+from jgait.params import Transform, positive, ranges, units
 from jgait.types import RecordingError
 from jgait.version import __version__
 
@@ -64,12 +64,13 @@ def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -
 
     Raises:
         FileNotFoundError: if there is no such file.
-        RecordingError: if the file has no parameters, is of another estimator, or has an unknown parameter.
+        RecordingError: if the file has no parameters, is of another estimator, has an unknown parameter, or a value
+            that is no finite number within the parameter's declared range.
     """
     file = params_file(path)
     whole = _read(file)
     with reading(file, "a file of parameters"):
-        rows = {name: np.asarray(row["value"], np.float64)[()] for name, row in whole["parameters"].items()}
+        rows = {name: _number(name, row["value"], file) for name, row in whole["parameters"].items()}
         stated = {name: str(row["unit"]) for name, row in whole["parameters"].items() if "unit" in row}
     if whole["format"] != FORMAT:
         raise RecordingError(f"{file} has format {whole['format']}; this version of jgait reads {FORMAT}")
@@ -89,8 +90,24 @@ def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -
                 f"{file} has {name} of shape {np.shape(rows[name])}; {np.shape(value)} is wanted; of a fit with values "
                 "per subject, write those of one person, fit.of(subject)"
             )
+    limits = jax.tree.leaves(ranges(params), is_leaf=lambda leaf: isinstance(leaf, Transform))
+    for name, limit in zip(names, limits, strict=True):
+        outside = name in rows and not np.all((rows[name] >= limit.low) & (rows[name] <= limit.high))
+        if outside or (name in rows and limit.name.startswith(positive.name) and np.any(rows[name] == 0.0)):
+            raise RecordingError(
+                f"{file}: {name} must be {limit.low:g} to {limit.high:g} {units(params)[name]}; it is {rows[name]}"
+            )
     values = [rows.get(name, value) for name, (_, value) in zip(names, flat, strict=True)]
     return jax.tree.unflatten(structure, values), whole["made"]
+
+
+def _number(name: str, value: PyTree, file: Path) -> np.ndarray:
+    """A finite number, or lists of them, of a parameter in a file. Raises RecordingError for anything else."""
+    leaves = jax.tree.leaves(value, is_leaf=lambda leaf: leaf is None)
+    if not leaves or not all(type(leaf) in (int, float) and math.isfinite(leaf) for leaf in leaves):
+        raise RecordingError(f"{file}: {name} must be a finite number; it is {value!r}")
+    number: np.ndarray = np.asarray(value, np.float64)[()]
+    return number
 
 
 def preset_names() -> tuple[str, ...]:
@@ -116,6 +133,7 @@ def made_of(path: str | os.PathLike[str]) -> tuple[str, dict[str, PyTree]]:
 
 def _read(file: Path) -> dict[str, PyTree]:
     """The content of a file of parameters, with `estimator` a string and `made` a dictionary."""
+    check_regular(file, "a file of parameters")
     if not file.is_file():
         raise FileNotFoundError(f"{file}: there is no such file of parameters")
     with reading(file, "a file of parameters"):

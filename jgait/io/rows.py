@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jgait.io.files import check_columns, check_file, check_size, first_lines
+from jgait.io.files import check_brand, check_columns, check_file, check_size, first_lines, line_breaks
 from jgait.io.names import like_a_signal, unit_in_name
 from jgait.io.units import known_unit, stated_unit
 from jgait.notes import ORIGIN, Kind, Note
@@ -53,6 +53,7 @@ def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
     import pandas as pd
 
     check_file(file, "a header and one row a sample")
+    check_brand(file)
     try:
         lines = first_lines(file, HEADER_WITHIN + 3)
     except UnicodeDecodeError as error:
@@ -66,7 +67,7 @@ def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
     header, *body = (row for row in filled if row >= above)
     separator = max(SEPARATORS, key=lines[header].count)
     check_columns(lines[header].split(separator), file.name)
-    breaks = _breaks(file)
+    breaks = line_breaks(file)
     check_size(8 * breaks * (lines[header].count(separator) + 1), file.name)
     units = _units(lines[body[0]], separator) if body else []
     unread = [*range(above), *body[: 1 if units else 0]]
@@ -154,12 +155,6 @@ def _why(error: Exception, header: str) -> str:
         f"line {match[2]} has {match[3]} values, and the header {match[1]}: {header.strip()[:80]!r}; expected one line "
         "with a name for each column, such as foot_left_gyr_x, above the numbers"
     )
-
-
-def _breaks(file: Path) -> int:
-    """Number of line breaks."""
-    with file.open("rb") as stream:
-        return sum(block.count(b"\n") for block in iter(lambda: stream.read(2**20), b""))
 
 
 def _cut_off(file: Path, separator: str, breaks: int, whole: int) -> Note | None:

@@ -9,11 +9,22 @@ import numpy as np
 
 from jgait.io.arrays import recording_in_units
 from jgait.io.atomic import check_path
+from jgait.io.checks.sizes import are_counts, counts_without_unit
 from jgait.io.clock import CLOCK_FROM_DATE, unwrapped
 from jgait.io.dates import date_of, dated
 from jgait.io.files import no_numbers, reading
 from jgait.io.misnamed import not_recognised
-from jgait.io.names import CHANNELS, COUNTER, LONG_UNITS, column_of, like_a_signal, recognised, unit_in_name
+from jgait.io.names import (
+    CHANNELS,
+    COUNTER,
+    LONG_UNITS,
+    SIDE_OF,
+    column_of,
+    like_a_signal,
+    placement_of,
+    recognised,
+    unit_in_name,
+)  # fmt: skip
 from jgait.io.rows import read_table
 from jgait.io.units import Unit, unit_of_columns
 from jgait.notes import DEDUCED, LEFT_OUT, LOSSES, Kind, Note
@@ -43,6 +54,9 @@ ROWS_OF_SEVERAL = Kind(
 )  # fmt: skip
 WHOSE = ("subject", "person", "participant", "patient", "proband", "id", "trial", "walk", "session", "recording")
 """Names of columns that state of whom or which walk a row is."""
+
+MOST_SENSORS = 20
+"""Largest number of values of a column that states of which sensor a row is."""
 
 CELLS_WITHOUT_NUMBER = Kind(
     "cells_without_number", "check",
@@ -122,6 +136,10 @@ def recording_from_dataframe(
         }
         for where, stated in content.units.items()
     }
+    for where, signals in content.sensors.items():
+        for kind, values in signals.items():
+            if units[where][kind].origin == "argument" and given[kind] is None and are_counts(values):
+                raise counts_without_unit(where, kind, name)
     recording = recording_in_units(
         content.sensors,
         units,
@@ -162,8 +180,9 @@ def columns_of(
             f"{name} has columns of {table.columns.nlevels} levels, such as {tuple(map(str, table.columns[0]))}; "
             "expected <placement>_gyr_x, …; recording_from_gaitmap reads two levels, sensor and channel"
         )
-    table = _with_time(table)
+    table = with_time(table)
     given = [str(column) for column in table.columns]
+    _check_wide(table, given, name)
     renamed = [column.strip().lower() for column in given]
     if placement is not None:
         renamed = [f"{placement}_{column}" if column in CHANNELS else column for column in renamed]
@@ -210,6 +229,26 @@ def columns_of(
     matched = [] if placed else [(given[index], renamed[index]) for index in sorted(used & set(ours))]
     notes += _about(matched, others)
     return Columns(sensors, time, apart, others, tuple(notes), unit, units, begin_s)
+
+
+def _check_wide(table: "pd.DataFrame", given: list[str], name: str) -> None:
+    """Refuse a table of one row for each sensor: a column tells apart rows whose times repeat, or states places."""
+    if not set(CHANNELS[:3]) <= {column_of(column) for column in given}:
+        return
+    clock = next((index for index, column in enumerate(given) if column_of(column) == "time"), None)
+    times = None if clock is None else table.iloc[:, clock]
+    for index, column in enumerate(given):
+        cells = table.iloc[:, index]
+        values = list(cells.dropna().unique()) if index != clock and cells.dtype.kind != "f" else []
+        if not 2 <= len(values) <= MOST_SENSORS:
+            continue
+        whose = [value for value in values if placement_of(str(value)) or str(value).strip().lower() in SIDE_OF]
+        apart = times is not None and not times.is_unique
+        if len(whose) > 1 or (apart and all(part.is_unique for _, part in times.groupby(cells))):  # type: ignore[union-attr]
+            raise RecordingError(
+                f"{name} has a row for each sensor, which its column {column!r} states ({values[0]}, {values[1]}): "
+                "write the rows of each to a file called by its place, such as foot_left.csv, and give their folder"
+            )
 
 
 def _about(matched: list[tuple[str, str]], others: list[str]) -> list[Note]:
@@ -264,7 +303,7 @@ def _hint(value: str) -> str:
     return ""
 
 
-def _with_time(table: "pd.DataFrame") -> "pd.DataFrame":
+def with_time(table: "pd.DataFrame") -> "pd.DataFrame":
     """The table with its index as the column `time`, if the index is a clock and no column is."""
     import pandas as pd
 

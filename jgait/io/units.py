@@ -37,6 +37,7 @@ BEHIND_AXIS = r"(?<=[xyzXYZ])[\s_.-]+([^\s_.xyzXYZ-].*?)\s*$"
 STATES = {
     "argument": "given as {}",
     "header": "{} by the header",
+    "names": "{} by the names of the columns",
     "file": "{} by the file",
     "signals": "{} by its size",
 }

@@ -1,7 +1,8 @@
 """Estimates and recordings as tables, in degrees and metres, one column for each quantity."""
 
 import os
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ from jaxtyping import PyTree
 
 from jgait.estimators.totals import angles_usable
 from jgait.io.atomic import check_path, replaced
-from jgait.io.files import library
+from jgait.io.files import check_file, library, line_breaks, reading
 from jgait.types import SIDES, Estimate, RangeReadings, Recording
 
 if TYPE_CHECKING:
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
 
 PARQUET = (".parquet", ".pq")
 """Endings of Parquet files."""
+
+FORMULA = re.compile(r"'*[=+\-@\t\r]")
+"""Pattern of the begin of a text that a spreadsheet computes, perhaps behind apostrophes."""
 
 _LEG_COLUMNS = (("hip_angle", "deg"), ("knee_angle", "deg"), ("x", "m"), ("y", "m"))
 _FOOT_COLUMNS = (("position", "xyz", "_m"), ("velocity", "xyz", "_mps"), ("orientation", "wxyz", ""))
@@ -167,6 +171,57 @@ def write_table(
     return target
 
 
+def in_cells(table: "pd.DataFrame") -> "pd.DataFrame":
+    """A table whose texts a spreadsheet takes for texts: those that it would compute begin with an apostrophe.
+
+    `jgait.io.read_table` removes it.
+    """
+    return _with_texts(table, lambda text: f"'{text}" if FORMULA.match(text) else text)
+
+
+def from_cells(table: "pd.DataFrame") -> "pd.DataFrame":
+    """The table that `in_cells` was given."""
+    return _with_texts(table, lambda text: text[1:] if text[:1] == "'" and FORMULA.match(text[1:]) else text)
+
+
+def _with_texts(table: "pd.DataFrame", change: Callable[[str], str]) -> "pd.DataFrame":
+    """A table with its texts, and the names of its columns, changed."""
+
+    def changed(cell: PyTree) -> PyTree:
+        return change(cell) if isinstance(cell, str) else cell
+
+    texts = {
+        name: column.map(changed)
+        for name, column in table.items()
+        if not (isinstance(column.dtype, np.dtype) and column.dtype.kind in "fiubmM")
+    }
+    return table.assign(**texts).rename(columns=changed)
+
+
+def read_table(path: str | os.PathLike[str]) -> "pd.DataFrame":
+    """A table that `write_table` or `write_csv` wrote, its texts as they were.
+
+    Args:
+        path: the file, `.csv`, `.json`, `.parquet` or `.pq`.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: for another ending, or if the file is no such table.
+    """
+    import pandas as pd
+
+    file = Path(path)
+    check_file(file, "a table")
+    with reading(file, "a table"):
+        if file.suffix.lower() in PARQUET:
+            library("pyarrow", "Parquet files")
+            return pd.read_parquet(file)
+        if file.suffix.lower() == ".json":
+            return pd.read_json(file, orient="records", precise_float=True)
+        line_breaks(file)
+        return from_cells(pd.read_csv(file, encoding="utf-8"))
+
+
 def _put(table: "pd.DataFrame", target: Path, kind: str) -> None:
     """Write a table as "csv", "json" or "parquet" to a temporary file, which then replaces the target."""
     if kind == "parquet":
@@ -177,7 +232,7 @@ def _put(table: "pd.DataFrame", target: Path, kind: str) -> None:
         elif kind == "json":
             table.to_json(part, orient="records", double_precision=9, indent=1, force_ascii=False)
         else:
-            table.to_csv(part, index=False, float_format="%.9g", encoding="utf-8")
+            in_cells(table).to_csv(part, index=False, float_format="%.9g", encoding="utf-8")
 
 
 def _table(what: PyTree) -> "pd.DataFrame":

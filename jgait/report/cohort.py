@@ -15,6 +15,7 @@ from jgait.estimators import about_of
 from jgait.estimators.stride_flags import STRIDE_COLUMNS
 from jgait.evaluate import Cohort
 from jgait.evaluate.store import REGULAR, read_table
+from jgait.io.write import from_cells
 from jgait.notes import (
     DEFAULT_MEASURE,
     FEW_RESTS,
@@ -373,7 +374,7 @@ def read_folder(folder: Path) -> tuple[Cohort, Made]:
         FileNotFoundError: if a table or the settings are missing.
         ValueError: if a table lacks a column, or has text instead of numbers, or the settings state no estimator.
     """
-    cohort = Cohort(*(read_table(folder / f"{name}.csv", name) for name in Cohort._fields))
+    cohort = Cohort(*(from_cells(read_table(folder / f"{name}.csv", name)) for name in Cohort._fields))
     for text in cohort.recordings["notes"]:
         from_json(text)
     about = json.loads((folder / "run" / "cohort.json").read_text(encoding="utf-8"))

@@ -100,8 +100,8 @@ REFUSED = {
     ),
     "ticks": (
         np.arange(600) * 328, None, None,
-        "the time's steps are 328, so the sampling rate would be 0.003049 Hz in s, 3.049 Hz in ms, 3049 Hz in us; "
-        "expected 9.1 to 2000 Hz. Write the time in s; divide ticks",
+        "the time's steps are 328, so the sampling rate would be 0.003049 Hz in s, 3.049 Hz in ms, 3049 Hz in us, "
+        r"3.049e\+06 Hz in ns; expected 9.1 to 2000 Hz. Write the time in s; divide ticks",
     ),
     "a clock that steps back": (
         np.concatenate([np.arange(400), 150 + np.arange(200)]) / 100, None, None,

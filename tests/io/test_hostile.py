@@ -1,5 +1,6 @@
 """Files that declare more than a reader should make room for, lead into other files, or are none."""
 
+import functools
 import gzip
 import json
 import os
@@ -9,10 +10,13 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
+import typer
 from made import files as made_files
 from scipy.io import savemat
 
 from jgait import RecordingError, io
+from jgait.commands import cohort, options
+from jgait.estimators.leg_ekf.params import LegParams
 from jgait.io import files
 from jgait.notes import printable
 
@@ -63,8 +67,30 @@ def test_a_file_that_declares_more_than_the_budget_is_refused_before_it_is_read(
 
 def test_a_pipe_is_no_file(tmp_path):
     os.mkfifo(tmp_path / "walk.csv")
-    for read in (io.read, io.read_csv, io.read_c3d):
+    read_params = functools.partial(io.read_params, params=LegParams(), estimator="leg_ekf")
+    for read in (io.read, io.read_csv, io.read_c3d, io.read_opensim, io.read_mobilised, io.read_table, read_params):
         refuse(tmp_path / "walk.csv", "no regular file", read)
+    os.mkfifo(tmp_path / "person.json")
+    with pytest.raises(typer.Exit):
+        options.person_in(tmp_path / "person.json")
+    assert not cohort.is_cohort(tmp_path / "walk.csv")
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), "0.4", True, None, [], {}, -0.4, 0.0, 4.0])
+def test_a_parameter_that_is_no_number_in_its_range_is_named(tmp_path, value):
+    path = io.write_params(tmp_path / "p.json", LegParams(), estimator="leg_ekf")
+    content = json.loads(path.read_text())
+    content["parameters"]["shank_length.left"]["value"] = value
+    path.write_text(json.dumps(content))
+    with pytest.raises(RecordingError, match="shank_length.left must be (a finite number|0.2 to 0.7 m); it is"):
+        io.read_params(path, LegParams(), estimator="leg_ekf")
+
+
+@pytest.mark.parametrize("write", [made_files.named, made_files.dot, made_files.mtw, made_files.shimmer])
+def test_one_very_long_line_is_refused_before_it_is_parsed(tmp_path, write):
+    path = write(tmp_path / "MT_00B40C48.csv")
+    path.write_text(path.read_text() + "1" * 1_000_001 + ",2\n")
+    refuse(path, "a line of more than 1000000 characters", lambda path: io.read(path, placement="foot_right"))
 
 
 @pytest.mark.parametrize("way", ["link", "external", "virtual"])

@@ -238,7 +238,20 @@ REFUSED = {
     "metres as g": (lambda t: t, {"acc_unit": "g"}, r"given as g.*it seems to be in m/s²; pass acc_unit='m/s\^2'"),
     "without gravity": (
         lambda t: t.assign(**{f"{one}_acc_x": t[f"{one}_acc_x"] - 9.81 for one in NEEDED}), {},
-        "gravity seems to have been taken off",
+        "gravity was taken off; record or export",
+    ),
+    "without gravity, shaken by about 1 m/s²": (
+        lambda t: t.assign(**{name: np.sin(9.0 * t.time + k) * (1.0 + 0.2 * np.cos(t.time)) for k, name in
+                              enumerate(name for name in t if "_acc_" in name)}), {},
+        "gravity was taken off; record or export the specific force, with gravity$",
+    ),
+    "raw counts": (
+        lambda t: scaled(t, "_gyr_", 16.4).round({name: 0 for name in t if "_gyr_" in name}), {},
+        "the gyroscope of thigh_right has whole numbers and no unit, as raw counts have: multiply .* by gyr_unit$",
+    ),
+    "raw counts as degrees": (
+        lambda t: scaled(t, "_gyr_", 16.4).round({name: 0 for name in t if "_gyr_" in name}), {"gyr_unit": "deg/s"},
+        "exceeds 35 rad/s; its numbers are whole, as raw counts of a converter are. State the unit",
     ),
     "another scale": (
         lambda t: scaled(t, "_acc_", 2.0), {},
@@ -290,7 +303,7 @@ REFUSED = {
         lambda t: t, {"gyr_unit": "degrees"}, "gyr_unit must be one of 'deg/s', 'rad/s', 'mdeg/s', 'mrad/s'; got",
     ),
     "force's unit": (lambda t: t, {"acc_unit": "kg"}, "acc_unit must be one of 'm/s\\^2', 'g', 'mg'; got 'kg'"),
-    "time's unit": (lambda t: t, {"time_unit": "ns"}, "time_unit must be one of 's', 'ms', 'us'; got 'ns'"),
+    "time's unit": (lambda t: t, {"time_unit": "ks"}, "time_unit must be one of 's', 'ms', 'us', 'ns'; got 'ks'"),
     "misspelt": (
         lambda t: t.rename(columns={"thigh_right_gyr_x": "thigh_rigth_gyr_x"}), {},
         r"recording lacks thigh_right_gyr_x; 'thigh_rigth_gyr_x' looks like 'thigh_right_gyr_x': correct the header of "

@@ -65,6 +65,18 @@ def test_codes_of_two_letters_give_a_placement(name, placement):
 
 
 @pytest.mark.parametrize(
+    ("name", "placement"),
+    [("Upper Back", None), ("upperback_imu", None), ("mid-back", None), ("Right Upper Arm", None), ("Chip1", None),
+     ("barefoot_right", None), ("backpack", None), ("relationship", None), ("Upper Leg R", "thigh_right"),
+     ("right_lower_leg", "shank_right"), ("lower right back", "lower_back"), ("tibia_r_imu", "shank_right"),
+     ("rightfoot", "foot_right"), ("LFootSensor2", "foot_left"), ("shankl1", "shank_left"), ("Hips", "waist"),
+     ("forehead", "head"), ("foot", None), ("left foot right", None)],
+)  # fmt: skip
+def test_a_word_within_a_word_is_no_placement(name, placement):
+    assert placement_of(name) == placement
+
+
+@pytest.mark.parametrize(
     "name",
     ["", "Date", "Quat_x", "mag_x", "Temp", "Packet counter", "FreeAcc_X", "Pelvis Linear Acceleration X",
      "tigh_right_gyr_x", "thigh_gyr_x", "gyr", "heart rate", "thigh_right_gyr"],
@@ -117,6 +129,23 @@ def test_a_column_that_is_lacking_is_named_with_one_that_may_be_meant(names, sai
 def test_the_clock_beside_a_date_is_the_time():
     frame = table().rename(columns={"time": "Timestamp"}).assign(DateTime="2026-05-03 10:00")
     assert io.recording_from_dataframe(frame).sampling_rate_hz == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize("values", [("left_foot", "right_foot"), ("L", "R"), (1, 2), ("A17", "B03")])
+@pytest.mark.parametrize("mixed", [True, False])
+def test_a_row_for_each_sensor_is_refused_with_the_column_that_states_it(tmp_path, values, mixed):
+    frames = [walking(["gyr_x", "gyr_y", "gyr_z"]).assign(device=value) for value in values]
+    frame = pd.concat(frames)
+    frame = frame.sort_values("time", kind="stable") if mixed else frame
+    frame.to_csv(tmp_path / "walk.csv", index=False)
+    said = (
+        rf"row for each sensor, which its column 'device' states \({values[0]}, {values[1]}\): write the rows of each"
+    )
+    for read, options in ((io.read, {}), (io.read_csv, {}), (io.read_csv, {"placement": "waist"})):
+        with pytest.raises(RecordingError, match=said):
+            read(tmp_path / "walk.csv", **options)
+    alone = walking(["gyr_x", "gyr_y", "gyr_z"]).assign(device=values[0], activity=["stand", "walk"] * 100)
+    assert io.recording_from_dataframe(alone, placement="shank_right")
 
 
 def test_names_that_are_not_recognised_are_named_where_the_gyroscope_lacks():

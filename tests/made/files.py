@@ -30,7 +30,7 @@ def put(path, lines):
     return Path(path)
 
 
-def mtw(path, *, packets=None, rate="100.0Hz", scale=1.0, keep=slice(None)):
+def mtw(path, *, packets=None, rate="100.0Hz", scale=1.0, keep=slice(None), separator="\t"):
     """Xsens MT Manager's text: rad/s, m/s²."""
     _, gyr, acc = walk()
     packets = np.arange(len(gyr)) if packets is None else packets
@@ -40,7 +40,8 @@ def mtw(path, *, packets=None, rate="100.0Hz", scale=1.0, keep=slice(None)):
     columns = [packets, lost, *acc.T, *(acc - [0, 0, G]).T, *(scale * gyr).T, *np.ones((7, len(gyr)))]
     head = ["// Start Time: Unknown", "// Update Rate: " + rate, "// Filter Profile: human (46.1)",
             "// Option Flags: AHS Disabled ICC Disabled ", "// Firmware Version: 4.3.4"]  # fmt: skip
-    return put(path, [*head, "\t".join(names), *lines_of("\t", *(np.asarray(column)[keep] for column in columns))])
+    rows = lines_of(separator, *(np.asarray(column)[keep] for column in columns))
+    return put(path, [*head, separator.join(names), *rows])
 
 
 def dot(path, *, tag="Right foot", synced="Synced", start=0, free_only=False, stamps=True):

@@ -36,6 +36,9 @@ they are written on purpose."""
 PLACEHOLDERS = (-999.0, 999.0, -9999.0, 9999.0, -99999.0, 99999.0)
 """Numbers that programs write for a missing value, in the unit of the file."""
 
+ALONE = 4.0
+"""[1] Size of a number that is repeated over that of all other numbers, from which on it stands for a missing value."""
+
 LEAST_PLACEHOLDER = {"gyr": 10.0, "acc": 50.0}
 """[rad/s], [m/s²] Least size of such a number: 999 mg and 999 mdeg/s are readings."""
 

@@ -153,6 +153,18 @@ def _impossible(placement: str, signals: dict[str, np.ndarray], rate: float, not
             values[wrong] = np.nan
 
 
+def placeholders_in(values: np.ndarray) -> tuple[float, ...]:
+    """Numbers in values (T, 3), in the file's unit, that may stand for missing ones: those that programs use, and one
+    that is repeated and far larger than all others.
+    """
+    sizes, first, counts = np.unique(np.abs(values[np.isfinite(values)]), return_index=True, return_counts=True)
+    if not len(sizes) or sizes[-1] < 998.0:
+        return ()
+    if len(sizes) > 1 and counts[-1] > 1 and sizes[-1] > at.ALONE * sizes[-2]:
+        return (*at.PLACEHOLDERS, float(values[np.isfinite(values)][first[-1]]))
+    return at.PLACEHOLDERS
+
+
 def _placeholders(
     placement: str, signals: dict[str, np.ndarray], scales: dict[str, float], rate: float, notes: list[Note]
 ) -> None:
@@ -160,7 +172,7 @@ def _placeholders(
     masks: dict[float, np.ndarray] = {}
     zero = np.all([~values.any(axis=1) for values in signals.values()], axis=0)  # NaN counts as not zero
     for kind, values in signals.items():
-        for number in at.PLACEHOLDERS if np.nanmax(np.abs(values), initial=0.0) >= 998.0 * scales[kind] else ():
+        for number in placeholders_in(values / scales[kind]):
             same = np.abs(values / scales[kind] - number) < 1e-6
             # one axis may read such a number while it passes by; then its neighbours are near
             jump = np.abs(np.diff(values, axis=0, prepend=values[:1])) > 0.5 * abs(number) * scales[kind]

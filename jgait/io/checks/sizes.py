@@ -17,6 +17,9 @@ SLOWEST_WALK = 0.3  # [rad/s] smallest fast rate of a moving person; the trunk o
 MOVING_ACC = 0.5  # [m/s²] standard deviation of |acc| above which the person moves; 0.05 when standing
 GRAVITY_RANGE = (0.8, 1.2)  # [g] specific force of a worn accelerometer where it is calm
 CALM_S, CALM_SHARE = 0.2, 0.2  # [s], [1] length of the windows that are compared, and share of the calmest of them
+STEADY = 0.5  # [1] share of the mean force that keeps its direction; of acceleration without gravity it is small
+PIECES, PIECE = 16, 256  # [1], [samples] most pieces in which it does, and their least length: some strides
+COUNTS, LARGE_COUNT = 8, 10.0  # [1] fewest different numbers of raw counts, and least size of the largest
 RANGE_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 FEET_APART = (0.02, 1.5)  # [m] median distance of one leg from the other where a range between them is measured
 
@@ -42,6 +45,12 @@ BY_SIZE = {
                         "use read_csv and "),
 }  # fmt: skip
 """Signal → sizes in walking; none of the gyroscope's and the accelerometer's are in two units."""
+
+SIGNALS = {"gyr": "gyroscope", "acc": "accelerometer"}
+
+RAW_COUNTS = "its numbers are whole, as raw counts of a converter are."
+
+NO_GRAVITY = ": gravity was taken off; record or export the specific force, with gravity"
 
 
 def usable_sensors(
@@ -92,10 +101,12 @@ def _too_fast(sensors: Mapping[str, Imu], units: Units) -> _Found:
     faults = {}
     for placement in sorted((p for p in rates if rates[p] > FASTEST), key=lambda p: -rates[p]):
         rate, unit = rates[placement], units[placement]["gyr"]
+        raw = np.round(as_float(sensors[placement].gyr) / GYR_UNITS[unit.name], 6)
         # too fast in deg/s, it is in mrad/s or was converted twice, and these are close
-        meant = "" if unit.name == "deg/s" else _rate_meant(rate, unit)
-        twice = "; is it in mrad/s, or was it converted twice? State the unit, or correct its columns in the file"
-        advice = _advice(meant, unit, right, twice if np.deg2rad(rate) < IN_RADIANS else "")
+        meant = "" if unit.name == "deg/s" or are_counts(raw) else _rate_meant(rate, unit)
+        cause = RAW_COUNTS if are_counts(raw) else "is it in mrad/s, or was it converted twice?"
+        twice = f"; {cause} State the unit, or correct its columns in the file"
+        advice = _advice(meant, unit, right, twice if np.deg2rad(rate) < IN_RADIANS or are_counts(raw) else "")
         faults[placement] = (
             f"reaches {rate:.4g} rad/s (99th percentile, {unit}), but nothing worn while walking exceeds {FASTEST:g} "
             f"rad/s{advice}",
@@ -120,9 +131,9 @@ def _without_gravity(sensors: Mapping[str, Imu], units: Units) -> _Found:
         if placement in right:
             continue
         unit = units[placement]["acc"]
-        meant = unit_of_gravity(force / ACC_UNITS[unit.name], GRAVITY_RANGE)
-        weak = ": gravity seems to have been taken off; the raw specific force is needed"
-        advice = _advice(meant, unit, right, weak if force < 0.3 * GRAVITY else ": check the unit")
+        steady = measures_gravity(as_float(sensors[placement].acc))
+        meant = unit_of_gravity(force / ACC_UNITS[unit.name], GRAVITY_RANGE) if steady else ""
+        advice = _advice(meant, unit, right, ": check the unit" if steady else NO_GRAVITY)
         faults[placement] = (
             f"reads {force:.4g} m/s² where it is calm ({unit}), but gravity alone is {GRAVITY:.4g} m/s²{advice}",
             "" if right else meant,
@@ -145,7 +156,7 @@ def _check_moving(sensors: Mapping[str, Imu], units: Units, name: str) -> None:
     rates = {placement: fast_rate(imu) for placement, imu in sensors.items()}
     fastest = max(rates, key=lambda placement: rates[placement])
     unit, rate = units[fastest]["gyr"], rates[fastest]
-    if unit.name == "rad/s" or unit.origin not in ("argument", "header") or rate >= SLOWEST_WALK:
+    if unit.name == "rad/s" or unit.origin not in ("argument", "header", "names") or rate >= SLOWEST_WALK:
         return
     spread = [np.linalg.norm(imu.acc[busy(imu)], axis=1).std() for imu in sensors.values() if imu.acc is not None]
     if spread and max(spread) <= MOVING_ACC:
@@ -169,6 +180,29 @@ def calm_force(acc: np.ndarray, rate_hz: float) -> float:
     cut = size[: windows * samples].reshape(windows, samples)
     calm = np.argsort(cut.std(axis=1))[: max(round(CALM_SHARE * windows), 1)]
     return float(np.median(cut[calm].mean(axis=1)))
+
+
+def are_counts(values: np.ndarray) -> bool:
+    """Whether a signal (T, 3) holds whole numbers alone, as raw counts of a converter are."""
+    numbers = np.unique(values[np.isfinite(values)])
+    return len(numbers) >= COUNTS and bool((numbers % 1 == 0).all()) and float(np.abs(numbers).max()) >= LARGE_COUNT
+
+
+def counts_without_unit(where: str, kind: str, name: str) -> RecordingError:
+    """The error about whole numbers without a unit."""
+    return RecordingError(
+        f"{name}: the {SIGNALS[kind]} of {where} has whole numbers and no unit, as raw counts have: multiply its "
+        "columns by the sensor's sensitivity, or state their unit by {argument}",
+        argument=f"{kind}_unit",
+    )
+
+
+def measures_gravity(acc: np.ndarray) -> bool:
+    """Whether an acceleration (T, 3) in any unit has gravity in it: its mean over some strides does not vanish."""
+    present = acc[np.isfinite(acc).all(axis=1)]
+    pieces = np.array_split(present, max(min(len(present) // PIECE, PIECES), 1))
+    steady = sum(len(piece) * float(np.linalg.norm(piece.mean(axis=0))) for piece in pieces if len(piece))
+    return steady > STEADY * float(np.linalg.norm(present, axis=1).sum())
 
 
 def _correct(unit: Unit) -> str:

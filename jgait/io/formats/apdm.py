@@ -1,4 +1,4 @@
-"""APDM Opal's HDF5 files (`*.h5`), as Motion Studio, Mobility Lab and Moveo Explorer write them.
+"""APDM Opal's HDF5 files (`*.h5`) of Motion Studio, Mobility Lab and Moveo Explorer, and Mobility Lab's CSV.
 
 *Format*: APDM's user guides, "HDF5 file organization". Two layouts are recognised by their groups, not by the attribute
 `FileFormatVersion`, for one number was not always one layout:
@@ -8,6 +8,9 @@
 - up to version 4 (Motion Studio, older Mobility Lab): `/<case id>/Calibrated/Accelerometers`, `…/Gyroscopes` (T, 3)
   and `/<case id>/Time`, the labels in the file's attributes `CaseIdList` and `MonitorLabelList`, in the same order;
   version 1 calls the groups `Opal_<case id>`.
+
+The CSV begins with `Format=7` (or another number) and has a header of three rows: for each sensor its case id and its
+label, then its signals, then their axes; one column `Time`.
 
 *Units*, by the specification: m/s², rad/s, microseconds since 1970 (UTC). *Placements*: the labels, such as "Right
 Foot", "Left Lower Leg", "Lumbar". *Axes*: the Opal's, printed on its case; kept. *Clock*: Opals are synchronised, all
@@ -22,8 +25,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jgait.io.files import check_file, check_size, library, plain, positive, three_columns
+from jgait.io.files import check_columns, check_file, check_size, library, plain, positive, three_columns
 from jgait.io.formats.part import Measured, Part
+from jgait.io.formats.text import rows_of, split, text_lines
 from jgait.notes import DEDUCED, Kind, Note
 from jgait.types import RecordingError
 
@@ -31,6 +35,9 @@ if TYPE_CHECKING:
     import h5py
 
 EXPECTED = "an APDM Opal HDF5 file"
+CSV = b"Format="
+"""First bytes of a CSV."""
+
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 AXES = "as printed on the Opal's case"
 
@@ -46,7 +53,9 @@ TIME_STANDS = Kind(
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether it is an HDF5 file, by its name or its first bytes."""
+    """Whether it is an HDF5 file, by its name or its first bytes, or APDM's CSV."""
+    if head.lstrip(b'\xef\xbb\xbf"').startswith(CSV):
+        return True
     return path.suffix.lower() in (".h5", ".hdf5") or (head.startswith(SIGNATURE) and path.suffix.lower() != ".mat")
 
 
@@ -58,6 +67,9 @@ def measured(path: Path) -> Measured:
         RecordingError: if the file is truncated, in no layout of APDM's, or a sensor lacks a signal.
     """
     check_file(path, EXPECTED)
+    with path.open("rb") as stream:
+        if stream.read(16).lstrip(b'\xef\xbb\xbf"').startswith(CSV):
+            return _csv(path)
     h5py = library("h5py", EXPECTED)
     try:
         file = h5py.File(path, "r")
@@ -75,6 +87,41 @@ def measured(path: Path) -> Measured:
     if any(part.time is None for part in parts):
         parts = [part._replace(time=None) for part in parts]
     return Measured(parts, path.stem, notes=tuple(notes))
+
+
+def _csv(path: Path) -> Measured:
+    """Every sensor of a CSV, its columns found by the three rows of the header."""
+    lines = text_lines(path, EXPECTED)
+    if len(lines) < 4:
+        raise RecordingError(f"{path.name} has {len(lines)} lines; expected three of a header, and one a sample")
+    names, signals, axes = (split(line, ",") for line in lines[:3])
+    check_columns(names, path.name)
+    rows = rows_of(path, lines, 3, ",", axes)
+    named = [i for i, name in enumerate(names) if i and name]
+    begins, labels = named[::2], [names[i] for i in named[1::2]]
+    if not labels or len(begins) != len(labels):
+        raise RecordingError(f"{path.name}: expected a case id and a label for each sensor, found {names[:9]}")
+    of: dict[str, dict[tuple[str, str], int]] = {}
+    for label, begin, end in zip(labels, begins, [*begins[1:], len(axes)], strict=True):
+        signal, of[label] = "", {}
+        for i in range(begin, end):
+            signal = (signals[i] if i < len(signals) else "").lower() or signal
+            of[label][signal.rstrip("s"), axes[i].lower()] = i
+    first = next((i for i, signal in enumerate(signals) if signal.lower() == "time"), None)
+    stamps = None if first is None else rows.numbers(first)
+    time = None if stamps is None else (stamps - stamps[0]) * 1e-6
+    parts = []
+    for label, columns in of.items():
+        gyr, acc = (
+            np.stack([rows.numbers(columns[kind, axis]) for axis in "xyz"], axis=1)
+            if {(kind, axis) for axis in "xyz"} <= set(columns) else None
+            for kind in ("gyroscope", "accelerometer")
+        )  # fmt: skip
+        if gyr is None:
+            raise RecordingError(f"{path.name}: the sensor {label!r} has no Gyroscope X, Y, Z")
+        begin_s = None if stamps is None else float(stamps[0]) * 1e-6
+        parts.append(Part(label, gyr, acc, time, gyr_unit="rad/s", acc_unit="m/s^2", axes=AXES, begin_s=begin_s))
+    return Measured(parts, path.stem, notes=rows.notes)
 
 
 Sensor = tuple[Part, "np.ndarray | None", "float | None"]

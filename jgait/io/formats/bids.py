@@ -2,7 +2,8 @@
 
 *Format*: Brain Imaging Data Structure, "Motion" (since 1.9; Jeung et al. 2024, Scientific Data 11:716). The motion file
 has no header; `channels.tsv` lists in its order what the columns are: name, component (x, y, z), type (ACCEL, GYRO, …),
-tracked_point, units, perhaps placement, reference_frame, status. `motion.json` states SamplingFrequency [Hz]; a channel
+tracked_point, units, perhaps placement, reference_frame, status. `motion.json` states SamplingFrequency and
+perhaps SamplingFrequencyEffective, the measured one, which counts [Hz]; a channel
 of type LATENCY, where there is one, is the time [s]. Both may lie in a folder further up (the inheritance principle).
 A header that repeats the names of the channels, which many writers add, is passed over and noted.
 
@@ -19,7 +20,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jgait.io.clock import TIME_UNITS
-from jgait.io.files import Tree, check_columns, check_file, check_size, json_object, library, no_numbers, positive
+from jgait.io.files import (
+    Tree,
+    check_columns,
+    check_file,
+    check_size,
+    json_object,
+    library,
+    line_breaks,
+    no_numbers,
+    positive,
+)
+from jgait.io.formats.clocks import SAME_RATE
 from jgait.io.formats.part import SENSORS_LEFT_OUT, Measured, Part
 from jgait.io.names import placement_of
 from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit
@@ -41,6 +53,10 @@ HEADER_SKIPPED = Kind(
     "header_skipped", "info", "the motion file has a header, which BIDS does not foresee; it was skipped", ORIGIN
 )
 PLACED_BY_COLUMN = Kind("placed_by_column", "info", "{sensor}: at {placement} by the column placement", ORIGIN)
+RATE_EFFECTIVE = Kind(
+    "rate_effective", "info",
+    "motion.json states {rate_hz:g} Hz as measured (SamplingFrequencyEffective) beside {nominal_hz:g} Hz", ORIGIN,
+)  # fmt: skip
 CHANNELS_BAD = Kind(
     "channels_bad",
     "check",
@@ -64,7 +80,10 @@ def measured(path: Path) -> Measured:
     about = _about(path, stem)
     notes: list[Note] = []
     values = _values(path, list(channels["name"]), notes)
-    rate = positive(about.get("SamplingFrequency"), about.get("SamplingFrequencyEffective"))
+    nominal = positive(about.get("SamplingFrequency"))
+    rate = positive(about.get("SamplingFrequencyEffective"), nominal)
+    if rate and nominal and abs(rate / nominal - 1.0) > SAME_RATE:
+        notes.append(RATE_EFFECTIVE(rate_hz=rate, nominal_hz=nominal))
     latency = channels[channels["type"] == "LATENCY"].iloc[:1]
     time = None if latency.empty else TIME_UNITS[_unit(path, latency, "LATENCY") or "s"] * values[:, latency.index[0]]
     frames = _frames(path, stem)
@@ -121,6 +140,8 @@ def _table(file: Path, **options: Any) -> "pd.DataFrame":
         with file.open("rb") as stream:
             stream.seek(-4, os.SEEK_END)
             check_size(int.from_bytes(stream.read(), "little"), file.name)
+    else:
+        line_breaks(file)
     try:
         return pandas.read_csv(file, sep="\t", na_values=["n/a"], encoding="utf-8-sig", **options)
     except (pandas.errors.ParserError, pandas.errors.EmptyDataError, ValueError, EOFError) as error:

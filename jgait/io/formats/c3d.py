@@ -2,7 +2,7 @@
 
 *Format*: the C3D file format (c3d.org), read by ezc3d. *Units*: POINT:UNITS, each analog signal's in ANALOG:UNITS;
 where the file states none, how far the markers are apart decides. *Frames*: the laboratory's axes; which one points up
-comes from POINT:Y_SCREEN, else from the markers (the pelvis above the feet, or all above a floor), and is noted.
+comes from the markers (the pelvis above the feet, or all above a floor), or from POINT:Y_SCREEN, and is noted.
 Markers are turned, not mirrored, so that z points up: x stays horizontal, the file's own axes follow in cyclic order.
 *Clock*: the first captured frame is 0 s, which may be before the first that is stored; events count from it too.
 Points that a model put beside the markers (angles, moments, powers) are kept apart, in the file's units. Force plates
@@ -38,6 +38,9 @@ EVENTS = {
 BIG_ENDIAN = 86
 """The processor of a file whose numbers begin with their most significant byte: MIPS; Intel is 84, DEC 85."""
 
+MOST_FRAMES = 65535
+"""Largest number of frames that the header of a file can hold."""
+
 PARAMETERS_END = 2**19
 """[bytes] Largest possible end of the parameters: they begin within 255 blocks of 512 and have no more."""
 
@@ -52,6 +55,12 @@ UP_DOUBTED = Kind(
     "check",
     "but by the markers {axis} points up: {why}; pass up={axis!r} if they are right",
     "The file and its markers disagree on the vertical; with a wrong vertical, heights and directions are wrong.",
+)
+UP_OVERRULED = Kind(
+    "up_overruled",
+    "check",
+    "{axis} points up, for {why}; POINT:Y_SCREEN states {stated}: pass up={stated!r} if that is right",
+    "Y_SCREEN is the vertical of a program's view, and some programs write another axis than that of the laboratory.",
 )
 UP_UNKNOWN = Kind(
     "up_unknown",
@@ -97,6 +106,11 @@ def _capture(file: Path, raw: Tree, unit: str | None, up: str | None) -> Capture
     samples = values.shape[1]
     labels, subject = _labels(_texts(parameters, "POINT", "LABELS"), len(values), notes)
     markers, outputs = _apart(parameters, labels, values)
+    if (stored := _stored(parameters)) > samples >= MOST_FRAMES:
+        raise RecordingError(
+            f"{file.name} holds {stored} frames, by TRIAL:ACTUAL_END_FIELD, of which ezc3d reads {samples}: write "
+            f"parts of fewer than {MOST_FRAMES} frames"
+        )
     metres = UNITS[unit] if unit is not None else _metres(parameters, markers, file, notes)
     markers = {label: metres * place for label, place in markers.items()}
     axis = up or _up(parameters, markers, notes)
@@ -175,6 +189,13 @@ def _texts(parameters: Tree, group: str, key: str) -> list[str]:
     return texts
 
 
+def _stored(parameters: Tree) -> int:
+    """How many frames the group TRIAL states, in which two words hold a number; 0 where it states none."""
+    fields = (parameters.get("TRIAL", {}).get(f"ACTUAL_{end}_FIELD", {}).get("value", ()) for end in ("START", "END"))
+    first, last = (sum((int(word) & 0xFFFF) << 16 * i for i, word in enumerate(words)) for words in fields)
+    return last - first + 1 if last >= first > 0 else 0
+
+
 def _rate(raw: Tree, file: Path) -> float:
     stated = raw["parameters"].get("POINT", {}).get("RATE", {"value": []})["value"]
     rate = float(stated[0]) if len(stated) and stated[0] > 0 else float(raw["header"]["points"]["frame_rate"])
@@ -229,8 +250,12 @@ def _up(parameters: Tree, markers: dict[str, np.ndarray], notes: list[Note]) -> 
     """The file's axis that points up."""
     stated = next(iter(_texts(parameters, "POINT", "Y_SCREEN")), "").lower()
     stated = stated if stated[:1] in ("+", "-") else f"+{stated}"
-    deduced, why = told_up(markers)
-    if stated in UPRIGHT:
+    stated = stated if stated in UPRIGHT else ""
+    deduced, why, overrules = told_up(markers, stated)
+    if stated and deduced not in (None, stated) and overrules:
+        notes.append(UP_OVERRULED(axis=deduced, stated=stated, why=why))
+        return deduced
+    if stated:
         notes.append(UP_TOLD(axis=stated, why="by POINT:Y_SCREEN"))
         if deduced is not None and deduced != stated:
             notes.append(UP_DOUBTED(axis=deduced, why=why))

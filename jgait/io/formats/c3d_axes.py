@@ -72,8 +72,11 @@ UPRIGHT = {
 
 APART = {"m": (0.3, 2.5), "mm": (300.0, 2500.0)}
 """Unit → range of the largest distance between the markers of a person, in this unit; in cm it would be 30 to 250."""
-HIGH = re.compile(r"^[LR]?_?(ASIS?|PSIS?|HJC|FEP|SACR|CLAV|C7|T10|STRN|HEAD|[LR]?[FB]HD)$", re.IGNORECASE)
-LOW = re.compile(r"^[LR]?_?(HEEL?|TOE|ANK|AJC|TIO|MT[15]|CAL)$", re.IGNORECASE)
+HIGH = re.compile(
+    r"^[LR]?_?(ASIS?|PSIS?|HJC|FEP|SACR|CLAV|C7|T10|STRN|HEAD|[LR]?[FB]HD|I[AP]S|[CT]V\d+|S[XJ]S|SJN|SAE)$",
+    re.IGNORECASE,
+)
+LOW = re.compile(r"^[LR]?_?(HEEL?|TOE|ANK|AJC|TIO|MT[15]|CAL|FCC|FM[125]|FAL|TAM)$", re.IGNORECASE)
 SURE = 0.8
 """[1] Smallest share of the distance from feet to trunk along the vertical axis."""
 FLOOR = 0.15
@@ -96,27 +99,42 @@ def told_unit(markers: Mapping[str, np.ndarray]) -> tuple[str | None, float]:
     return next((unit for unit, (least, most) in APART.items() if least <= apart <= most), None), apart
 
 
-def told_up(markers: Mapping[str, np.ndarray]) -> tuple[str | None, str]:
-    """The axis that points up, '+x', …, '-z', by markers (T, 3) [m]; or None where they do not tell it, and why."""
+OPPOSITE = {axis: ("-" if axis[0] == "+" else "+") + axis[1] for axis in UPRIGHT}
+"""Axis → the other way along it."""
+
+
+def told_up(markers: Mapping[str, np.ndarray], stated: str = "") -> tuple[str | None, str, bool]:
+    """The axis that points up, by markers (T, 3) [m] and by the axis that the file states, '+x', …, '-z', or nothing.
+
+    Returns:
+        The axis, or None where neither shows it; why; and whether the markers overrule the file: nobody walks on the
+        head, or below the floor.
+    """
     trunk, feet = ([_middle(place) for label, place in markers.items() if words.match(label)] for words in (HIGH, LOW))
     trunk, feet = ([place for place in each if np.isfinite(place).all()] for each in (trunk, feet))
     if trunk and feet:
         way = np.mean(trunk, axis=0) - np.mean(feet, axis=0)
         axis = int(np.argmax(np.abs(way)))
         if abs(way[axis]) >= SURE * np.linalg.norm(way):
-            return f"{'-' if way[axis] < 0 else '+'}{'xyz'[axis]}", "the trunk's markers are above the feet's there"
-        return None, ""
+            return (
+                f"{'-' if way[axis] < 0 else '+'}{'xyz'[axis]}",
+                "the trunk's markers are above the feet's there",
+                True,
+            )
+        return None, "", False
     places = [place[np.isfinite(place).all(axis=1)] for place in markers.values()]
     every = np.concatenate(places) if places else np.zeros((0, 3))
     if not len(every):
-        return None, ""
+        return None, "", False
     low, high = np.percentile(every, [1.0, 99.0], axis=0)
     fits = []
     for axis in range(3):
         for sign, least, most in (("+", low[axis], high[axis]), ("-", -high[axis], -low[axis])):
             if abs(least) < FLOOR and 2.0 * FLOOR < most < APART["m"][1]:
                 fits.append(f"{sign}{'xyz'[axis]}")
-    return (fits[0], "only there are all markers above a floor at 0") if len(fits) == 1 else (None, "")
+    if stated not in fits and OPPOSITE.get(stated) in fits:
+        return OPPOSITE[stated], "all markers are above a floor at 0 there", True
+    return (fits[0], "only there are all markers above a floor at 0", False) if len(fits) == 1 else (None, "", False)
 
 
 def _middle(place: np.ndarray) -> np.ndarray:

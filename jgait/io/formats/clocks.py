@@ -1,16 +1,31 @@
 """Sensors of one file on one clock: by packet numbers, by time stamps, or by their sampling rate alone."""
 
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jgait.io.clock import LONGEST_GAP_S, REPEATED, check_inserted, check_order, steadied
+from jgait.io.clock import (
+    LONGEST_GAP_S,
+    REPEATED,
+    TIME_UNITS,
+    check_inserted,
+    check_order,
+    count_samples,
+    steadied,
+    unit_of_time,
+)  # fmt: skip
+from jgait.io.dates import dated
+from jgait.io.names import column_of, unit_in_name
+from jgait.io.tables import with_time
 from jgait.notes import LOSSES, ORIGIN, Kind, Note
 from jgait.types import RecordingError
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from jgait.io.formats.part import Part
 
 CLOCKS_APART = 0.5
@@ -18,6 +33,12 @@ CLOCKS_APART = 0.5
 
 SAME_RATE = 1e-3
 """[1] Relative difference below which two sampling rates are equal."""
+
+SAME_SPEED = 0.05
+"""[1] Relative difference of sample times up to which the first of two clocks is kept; chosen."""
+
+SINCE_1970 = (1e9, 4e9)
+"""[s] Times that count from 1970: 2001 to 2096."""
 
 USUAL_RATE = 100.0
 """[Hz] Assumed rate to compute the duration of a gap in packet numbers where the rate is not known."""
@@ -40,9 +61,33 @@ PACKETS_AT_ENDS = Kind(
 )
 CLOCKS_JOINED = Kind(
     "clocks_joined", "corrected",
-    "sensors on clocks of their own were interpolated to that of {placement}, {begin_s:.2f} to {end_s:.2f} s",
-    "The sensors' clocks differ by more than half a sample time; all signals are at the times of the first sensor.",
+    "signals with clocks of their own were interpolated to that of {placement}, {begin_s:.2f} to {end_s:.2f} s",
+    "The clocks differ by more than half a sample time; all signals are at the times of the fastest of the first.",
 )  # fmt: skip
+
+
+def clock_of(table: "pd.DataFrame", name: str) -> tuple[np.ndarray | None, float | None]:
+    """Times (T,) [s] by the index of a table or its first clock, and the seconds from 1970 to their 0, where they count
+    from there; None without. Numbers of the samples are no times.
+    """
+    table = with_time(table)
+    clocks = [
+        column for column in map(str, table.columns)
+        if column_of(column) == "time" or re.search("epoc|time|elapsed", column, re.IGNORECASE)
+    ]  # fmt: skip
+    for column in sorted(clocks, key=lambda column: table[column].dtype.kind not in "iuf"):
+        if (dates := dated(table[column])) is not None:
+            return dates
+        stamps = table[column].to_numpy()
+        if stamps.dtype.kind not in "iuf" or len(stamps) < 2 or count_samples(stamps):
+            continue
+        check_order(stamps.astype(np.float64), name)
+        scale = TIME_UNITS[unit_of_time(stamps.astype(np.float64), unit_in_name(column), name)]
+        begin_s = scale * float(stamps[0])
+        if SINCE_1970[0] < begin_s < SINCE_1970[1]:
+            return scale * (stamps - stamps[0]), begin_s
+        return scale * stamps, None
+    return None, None
 
 
 def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "dict[str, Part]":
@@ -119,7 +164,7 @@ def one_clock(
 ) -> tuple[np.ndarray | None, float | None]:  # fmt: skip
     """Time (T,) [s] and rate [Hz] that all sensors share, at least one of them; notes are added.
 
-    Signals (T, 3) of sensors on clocks of their own are interpolated, in place, to the first.
+    Signals (T, 3) on clocks of their own are interpolated, in place, to the first of the fastest clocks.
 
     Raises:
         RecordingError: if there is neither, time does not increase, or clocks or lengths cannot be joined.
@@ -141,25 +186,33 @@ def one_clock(
     lost = [where for where, part in placed.items() if part.time is None]
     if lost:
         raise RecordingError(f"{name}: {lost[0]} has no time stamps, other sensors have; they cannot be joined")
-    times = [np.asarray(part.time, np.float64) for part in parts]
-    if len(parts) == 1:
-        return times[0], rate_hz or first.sampling_rate_hz
-    for where, stamps in zip(placed, times, strict=True):
+    clocks = [np.asarray(part.time, np.float64) for part in parts]
+    apart = {where: np.asarray(part.acc_time) for where, part in placed.items() if part.acc_time is not None}
+    if len(parts) == 1 and not apart:
+        return clocks[0], rate_hz or first.sampling_rate_hz
+    names = [*placed, *apart]
+    times = [*clocks, *apart.values()]
+    for where, stamps in zip(names, times, strict=True):
         check_order(stamps, f"{name}, {where}")
-    step = float(np.median(np.diff(times[0])))
-    same = [len(t) == len(times[0]) and np.abs(t - times[0]).max() < CLOCKS_APART * step for t in times]
+    steps = [float(np.median(np.diff(stamps))) for stamps in times]
+    base = next(i for i, step in enumerate(steps) if step <= (1.0 + SAME_SPEED) * min(steps))
+    same = [len(t) == len(times[base]) and np.abs(t - times[base]).max() < CLOCKS_APART * steps[base] for t in times]
     if all(same):
-        return times[0], rate_hz or first.sampling_rate_hz
+        return times[base], rate_hz or first.sampling_rate_hz
     times = [t[0] + steadied(t - t[0], notes)[0] for t in times]
     begin, end = max(t[0] for t in times), min(t[-1] for t in times)
     if not end > begin:
         raise RecordingError(
             f"{name}: the sensors' clocks do not overlap: one begins at {begin:.3f} s, one ends at {end:.3f} s"
         )
-    common = times[0][(times[0] >= begin) & (times[0] <= end)]
-    for where, own_time in zip(placed, times, strict=True):
-        sensors[where] = {kind: _resampled(common, own_time, values) for kind, values in sensors[where].items()}
-    notes.append(CLOCKS_JOINED(placement=next(iter(placed)), begin_s=begin, end_s=end))
+    common = times[base][(times[base] >= begin) & (times[base] <= end)]
+    acc_times = dict(zip(apart, times[len(parts) :], strict=True))
+    for where, time in zip(placed, times[: len(parts)], strict=True):
+        sensors[where] = {
+            kind: _resampled(common, acc_times.get(where, time) if kind == "acc" else time, values)
+            for kind, values in sensors[where].items()
+        }
+    notes.append(CLOCKS_JOINED(placement=names[base], begin_s=begin, end_s=end))
     return common, None
 
 

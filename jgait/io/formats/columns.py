@@ -63,6 +63,8 @@ def measured(path: Path) -> Measured:
     check_file(path, EXPECTED)
     table, cut = _table(path)
     if table.columns.nlevels == 2:
+        for clock in [column for column in table.columns if column_of(str(column[0])) == "time"][:1]:
+            table = table.set_index(clock).rename_axis("time")
         parts = gaitmap_parts({sensor: table[sensor] for sensor in table.columns.unique(0)}, path.name)
         return Measured(parts, path.stem, notes=(DIALECT(names="gaitmap's two rows of names", library="gaitmap"),))
     plain = [str(column).strip().lower() for column in table.columns]

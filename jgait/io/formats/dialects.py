@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jgait.io.formats.clocks import clock_of
 from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.settle import settle
 from jgait.io.names import CHANNELS, placement_of
@@ -119,6 +120,7 @@ def gaitmap_parts(
     for sensor, table in tables.items():
         where = placements.get(sensor) or placement_of(sensor)
         values, body = _six(table, BODY_GAITMAP, f"{name}, {sensor}")
+        time, begin_s = clock_of(table, name)
         if body:
             side = (where or "").rpartition("_")[2]
             if side not in SIGNS_GAITMAP:
@@ -127,17 +129,22 @@ def gaitmap_parts(
                     "either; give its placement"
                 )
             values = values * np.array(SIGNS_GAITMAP[side])
-        parts.append(_part(values, sensor, where, AXES_GAITMAP))
+        parts.append(_part(values, sensor, where, AXES_GAITMAP)._replace(time=time, begin_s=begin_s))
     return parts
 
 
 def mobgap_part(table: "pd.DataFrame", name: str) -> Part:
     """The part of mobgap's sensor, which sat at the lower back."""
-    return _part(_six(table, BODY_MOBGAP, name)[0], "lower_back", "lower_back", AXES_MOBGAP)
+    time, begin_s = clock_of(table, name)
+    part = _part(_six(table, BODY_MOBGAP, name)[0], "lower_back", "lower_back", AXES_MOBGAP)
+    return part._replace(time=time, begin_s=begin_s)
 
 
 def _part(values: np.ndarray, label: str, placement: str | None, axes: str) -> Part:
-    return Part(label, values[:, :3], values[:, 3:], gyr_unit="deg/s", acc_unit="m/s^2", placement=placement, axes=axes)
+    return Part(
+        label, values[:, :3], values[:, 3:], gyr_unit="deg/s", acc_unit="m/s^2", placement=placement, axes=axes,
+        units_by="names",
+    )  # fmt: skip
 
 
 def _six(table: "pd.DataFrame", body: tuple[str, ...], name: str) -> tuple[np.ndarray, bool]:

@@ -41,7 +41,7 @@ def measured(path: Path) -> Measured:
             f"{path.name}: the clock of {apart[0]} was not synchronised with the others' (SyncStatus "
             f"{states[apart[0]]!r}); sensors of one recording need one clock"
         )
-    whole = joined([_content(rows) for rows in files.values()], path.name)
+    whole = joined([FORMAT.measured_rows(rows) for rows in files.values()], path.name)
     if len(files) > 1 and not all(states.values()):
         whole = whole._replace(notes=(*whole.notes, ONE_CLOCK_ASSUMED()))
     return whole

@@ -2,7 +2,7 @@
 
 *Format* (Xsens, MT Manager user manual, "ASCII exporter"): lines that begin with `//`, among them `// Update Rate:
 100.0Hz`; a header `PacketCounter SampleTimeFine Acc_X … Gyr_X … Mag_X …` and perhaps `FreeAcc_…`, `Quat_…`, `Mat[1][1]`
-…; tabs, commas or semicolons. `Acquisition frequency: 100 Hz` instead of the `//` lines is read too.
+…; tabs, commas, semicolons or single blanks. `Acquisition frequency: 100 Hz` instead of the `//` lines is read too.
 
 *Units*: the manual states m/s² with gravity and rad/s. Some exports are in deg/s all the same: a rate that is too large
 for a walking person in rad/s is taken for a unit that is not stated, and questioned. *Clock*: sensors of one receiver

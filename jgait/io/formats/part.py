@@ -31,6 +31,8 @@ class Part(NamedTuple):
     packets_wrap: int | None = None  #: what the sensors' counter counts to before it begins again; None: it does not.
     units_by: str = "file"  #: what states the units, a key of `jgait.io.units.STATES`.
     begin_s: float | None = None  #: [s] from 1970 to 0 of `time`, where the file has dates.
+    #: (A,) [s] of the samples of `acc`, (A, 3), where they have times of their own, from the same 0 as `time`; or None.
+    acc_time: np.ndarray | None = None
 
 
 class Measured(NamedTuple):
@@ -87,6 +89,11 @@ def _by_dates(parts: list[Part], name: str) -> list[Part]:
     return [
         part
         if part.begin_s is None or part.time is None
-        else part._replace(time=np.round(part.time + (part.begin_s - begin_s), 6), begin_s=begin_s)  # double since 1970
+        else part._replace(
+            # a double since 1970
+            time=np.round(part.time + (part.begin_s - begin_s), 6),
+            acc_time=None if part.acc_time is None else np.round(part.acc_time + (part.begin_s - begin_s), 6),
+            begin_s=begin_s,
+        )
         for part in parts
     ]

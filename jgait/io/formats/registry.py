@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from jgait.io.atomic import check_path
-from jgait.io.files import check_regular, reading
+from jgait.io.files import check_brand, check_regular, reading
 from jgait.io.formats.part import Measured, joined
 from jgait.io.formats.settle import settle
 from jgait.io.formats.text import HEAD
@@ -32,12 +32,19 @@ class Format(NamedTuple):
 
 FORMATS: dict[str, Format] = {
     "mobilised": Format("mobilised", "Mobilise-D MATLAB file", "data.mat", "units, placements, rates"),
-    "apdm": Format("apdm", "APDM Opal HDF5", "*.h5", "units, placements as labels, one clock"),
+    "apdm": Format("apdm", "APDM Opal HDF5 or CSV", "*.h5, *.csv", "units, placements as labels, one clock"),
+    "cwa": Format("cwa", "Axivity CWA (AX6)", "*.cwa", "units, time; no placement"),
     "bids": Format("bids", "BIDS motion", "*_motion.tsv with its .json and _channels.tsv", "units, placements, rate"),
     "mtw": Format("mtw", "Xsens MTw text", "MT_*.txt, one file a sensor, or a folder", "rate; no placement"),
     "dot": Format("dot", "Movella DOT CSV", "*.csv, one file a sensor, or a folder", "time; no placement"),
     "shimmer": Format(
         "shimmer", "Shimmer Consensys CSV", "*.csv, or a folder", "units, time; placement perhaps as the device's name"
+    ),
+    "apart": Format(
+        "apart",
+        "signals apart (Sensor Logger, phyphox, MetaBase, CoreMotion)",
+        "a folder with a *.csv for each signal",
+        "time; units by the header or the app's documentation; no placement",
     ),
     "xio": Format("xio", "x-io CSV (x-IMU3, NGIMU, Fusion)", "*.csv, or a folder", "units, time; no placement"),
     "physilog": Format(
@@ -56,11 +63,20 @@ SHEETS = (".xlsx", ".xls", ".ods", ".numbers")
 """Endings of spreadsheets."""
 
 OTHERS = {
-    ".c3d": "jgait.io.read_c3d, for markers and analog signals",
-    ".mot": "jgait.io.read_opensim, for angles",
-    ".sto": "jgait.io.read_opensim, for angles",
+    ".c3d": "is a motion capture without inertial sensors that jgait reads: jgait.io.read_c3d reads markers and analog "
+    "signals",
+    **dict.fromkeys((".mot", ".sto"), "holds no inertial sensors that jgait reads: jgait.io.read_opensim reads angles"),
+    ".gt3x": "is of an ActiGraph, whose accelerometer alone (read by pygt3x) is not enough: every method needs a "
+    "gyroscope; of a GT9X Link, export the IMU as CSV from ActiLife",
+    ".mtb": "is Xsens' binary log: export inertial data as text from MT Manager",
+    ".mvn": "is Xsens MVN's own file: export the sensors' data as text or CSV",
+    ".mvnx": "is Xsens MVN's XML: export the sensors' angular velocity and acceleration as text or CSV",
+    ".apdm": "is APDM's raw log: convert it to HDF5 with Motion Studio",
+    ".sbem": "is Movesense's binary log: convert it to CSV with its sbem2json or the showcase app",
+    ".json": "is JSON: export tables (CSV) from the program that made it",
+    ".zip": "is an archive: unpack it, and give the folder",
 }
-"""Endings of files that are references, and what reads them."""
+"""Ending of files that are not read → what they are, and what reads or converts them."""
 
 
 def _module(name: str) -> "tuple[Callable[[Path, bytes], bool], Callable[[Path], Measured]]":
@@ -151,9 +167,9 @@ def _one(path: str | os.PathLike[str], format: str | None, placement: str | None
     if file.suffix.lower() in SHEETS:
         raise RecordingError(f"{file.name} is a spreadsheet; save it as CSV from the program that made it")
     if format_name is None and file.suffix.lower() in OTHERS:
-        raise RecordingError(
-            f"{file.name} holds no inertial sensors that jgait reads; see {OTHERS[file.suffix.lower()]}"
-        )
+        raise RecordingError(f"{file.name} {OTHERS[file.suffix.lower()]}")
+    if format_name is None and file.is_file():
+        check_brand(file)
     if format_name is None and file.is_dir():
         raise RecordingError(
             f"{file.name} is a folder, and none of a format that jgait reads; name its files, such as {file.name}/*.csv"

@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from jgait.io.arrays import recording_in_units
-from jgait.io.checks.sizes import BY_SIZE
+from jgait.io.checks.readings import placeholders_in
+from jgait.io.checks.sizes import BY_SIZE, NO_GRAVITY, are_counts, counts_without_unit, measures_gravity
 from jgait.io.clock import CLOCK_FROM_DATE
 from jgait.io.dates import date_of
 from jgait.io.formats.clocks import on_one_counter, one_clock
@@ -136,14 +137,21 @@ def _units(placed: Mapping[str, Part], kind: str, chosen: str | None, name: str,
     units, unknown = {}, {}
     for where, part in placed.items():
         stated = part.gyr_unit if kind == "gyr" else part.acc_unit
-        values = np.linalg.norm(
-            np.zeros((0, 3)) if (signal := getattr(part, kind)) is None else as_float(signal), axis=1
-        )
-        if chosen is None and stated is None and np.isfinite(values).any():
-            unknown[where] = values
+        signal = np.zeros((0, 3)) if getattr(part, kind) is None else as_float(getattr(part, kind))
+        signal = signal[~np.isin(np.abs(signal), np.abs(placeholders_in(signal))).any(axis=1)]
+        if chosen is None and stated is None and np.isfinite(signal).all(axis=1).any():
+            if are_counts(signal):
+                raise counts_without_unit(where, kind, name)
+            unknown[where] = signal
         by = "argument" if chosen is not None else part.units_by if stated is not None else "signals"
         units[where] = Unit(chosen or stated or next(iter(BY_SIZE[kind].limits)), by)
-    return units | {where: Unit(unit, "signals") for where, unit in _by_size(kind, unknown, name, notes).items()}
+    heavy = {where: signal for where, signal in unknown.items() if kind == "gyr" or measures_gravity(signal)}
+    if unknown and not heavy:
+        raise RecordingError(f"{name}: the accelerometer of {next(iter(unknown))} does not measure gravity{NO_GRAVITY}")
+    sizes = {where: np.linalg.norm(signal, axis=1) for where, signal in heavy.items()}
+    deduced = _by_size(kind, sizes, name, notes)
+    usual = next(iter(deduced.values()), "")
+    return units | {where: Unit(deduced.get(where, usual), "signals") for where in unknown}
 
 
 def _by_size(kind: str, values: Mapping[str, np.ndarray], name: str, notes: list[Note]) -> dict[str, str]:

@@ -1,7 +1,8 @@
 """Tables in text files of measuring systems: where the header is, what separates cells, and that no row is cut off.
 
-A file is read as its format states and never mended: a row that is shorter or longer than the others, or a cell that
-holds no number where one must be, is an error that names file and line. Empty cells are lost samples.
+A file is read as its format states and never mended: a row within it that is shorter or longer than the others, or a
+cell that holds no number where one must be, is an error that names file and line. A last row that is cut off is left
+out, and noted. Empty cells are lost samples.
 """
 
 import io
@@ -12,13 +13,16 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.io.clock import TIME_UNITS
-from jgait.io.files import LONGEST_NAME, check_columns, check_file
+from jgait.io.files import LONGEST_NAME, check_columns, check_file, line_breaks
 from jgait.io.formats.part import Measured, joined
-from jgait.io.rows import HEADER_WITHIN
+from jgait.io.rows import HEADER_WITHIN, ROW_CUT_OFF
 from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit
+from jgait.notes import Note
 from jgait.types import RecordingError
 
-SEPARATORS = (",", ";", "\t")
+SEPARATORS = (",", ";", "\t", " ")
+"""What separates cells, a single blank where a line has none of the others."""
+
 HEAD = 4096
 """[bytes] Number of first bytes of a file that are read to recognise its format."""
 
@@ -38,6 +42,7 @@ class Rows(NamedTuple):
     first_line: int  #: number of the first row's line in the file, from 1.
     units: tuple[str, ...]  #: unit of each column as the file states it, "" where it states none; or ().
     cells: np.ndarray  #: (rows, columns) pandas table, columns by position.
+    notes: tuple[Note, ...] = ()  #: the note about a last row that is cut off.
 
     @property
     def name(self) -> str:
@@ -149,7 +154,12 @@ class TextFormat(NamedTuple):
         """
         if path.is_dir():
             return joined([self.measured(file) for file in self.files(path)], path.name)
-        return self.content(self.read(path))
+        return self.measured_rows(self.read(path))
+
+    def measured_rows(self, rows: Rows) -> Measured:
+        """All sensors of the rows of a file, with the notes about them."""
+        whole = self.content(rows)
+        return whole._replace(notes=(*rows.notes, *whole.notes))
 
     def read(self, path: Path) -> Rows:
         """The table of a file, its cells unread.
@@ -158,16 +168,14 @@ class TextFormat(NamedTuple):
             OSError: if the file does not exist, or may not be read.
             RecordingError: if it is empty, no text, has no such header or no rows, or a row has another length.
         """
-        import pandas as pd
-
         check_file(path, self.expected)
-        lines = _lines(path, self.expected)
+        lines = text_lines(path, self.expected)
         header_at = _header(lines, self.is_header)
         if header_at is None:
             begins = next((line for line in lines if line.strip()), "").strip()[:80]
             raise RecordingError(f"{path.name} has no such header: expected {self.expected}; it begins with {begins!r}")
-        row, separator = header_at
-        header = split(lines[row], separator)
+        separator = header_at[1]
+        header, row = _whole_header(lines, *header_at)
         check_columns(header, path.name)
         units: tuple[str, ...] = ()
         if self.units == "header":
@@ -179,20 +187,40 @@ class TextFormat(NamedTuple):
         if self.units == "row" and first < len(lines) and not _any_number(split(lines[first], separator)):
             units = split(lines[first], separator)
             first += 1
-        body = lines[first:]
-        while body and not body[-1].strip():
-            body.pop()
-        if not body:
-            there = ", ".join(filter(None, header))
-            raise RecordingError(f"{path.name} has a header and no rows; its columns are {there}")
-        check_lengths(body, separator, len(header), first + 1, path.name)
-        decimal = "," if separator != "," and "," in body[-1] else "."
-        cells = pd.read_csv(
-            io.StringIO("\n".join(body)), sep=separator, decimal=decimal, header=None, index_col=False,
-            skipinitialspace=True, skip_blank_lines=False, low_memory=False,
+        before = tuple(line[:LONGEST_NAME] for line in lines[: header_at[0]])
+        return rows_of(path, lines, first, separator, header)._replace(before=before, units=units)
+
+
+def rows_of(path: Path, lines: Sequence[str], first: int, separator: str, header: tuple[str, ...]) -> Rows:
+    """The table in the lines from the `first` on, its cells unread; a last row that is cut off is left out, and noted.
+
+    Raises:
+        RecordingError: if there are no rows, or a row within them has another length.
+    """
+    import pandas as pd
+
+    body = list(lines[first:])
+    while body and not body[-1].strip():
+        body.pop()
+    if not body:
+        there = ", ".join(filter(None, header))
+        raise RecordingError(f"{path.name} has a header and no rows; its columns are {there}")
+    notes: tuple[Note, ...] = ()
+    if len(body) > 1 and (count := body[-1].count(separator)) < body[-2].count(separator):
+        last = split(body.pop(), separator)[-1]
+        notes = (
+            ROW_CUT_OFF(
+                line=first + len(body) + 1, cells=count + 1, expected=body[-1].count(separator) + 1,
+                value=repr(last), rows=len(body),
+            ),
         )  # fmt: skip
-        before = tuple(line[:LONGEST_NAME] for line in lines[:row])
-        return Rows(path, before, header, first + 1, units, cells)
+    check_lengths(body, separator, len(header), first + 1, path.name)
+    decimal = "," if separator != "," and "," in body[-1] else "."
+    cells = pd.read_csv(
+        io.StringIO("\n".join(body)), sep=separator, decimal=decimal, header=None, index_col=False,
+        skipinitialspace=separator != " ", skip_blank_lines=False, low_memory=False,
+    )  # fmt: skip
+    return Rows(path, (), header, first + 1, (), cells, notes)
 
 
 def split(line: str, separator: str) -> tuple[str, ...]:
@@ -200,8 +228,15 @@ def split(line: str, separator: str) -> tuple[str, ...]:
     return tuple(cell.strip().strip('"').strip() for cell in line.rstrip("\r\n").split(separator))
 
 
-def _lines(path: Path, expected: str) -> list[str]:
+def separator_of(line: str) -> str:
+    """What separates the cells of a line: the mark that it has most of, a blank where it has none."""
+    separator = max(SEPARATORS[:-1], key=line.count)
+    return separator if separator in line else SEPARATORS[-1]
+
+
+def text_lines(path: Path, expected: str) -> list[str]:
     """Lines of a text in UTF-8, or else in Windows' Western code, in which some systems write a degree or a ©."""
+    line_breaks(path)
     raw = path.read_bytes()
     if b"\0" in raw:
         raise RecordingError(f"{path.name} is no text file (it holds bytes 0); expected {expected}")
@@ -214,10 +249,21 @@ def _lines(path: Path, expected: str) -> list[str]:
 def _header(lines: Sequence[str], is_header: Callable[[tuple[str, ...]], bool]) -> tuple[int, str] | None:
     """Line of the header, and what separates its cells."""
     for row, line in enumerate(lines[:HEADER_WITHIN]):
-        separator = max(SEPARATORS, key=line.count)
+        separator = separator_of(line)
         if is_header(split(line, separator)):
             return row, separator
     return None
+
+
+def _whole_header(lines: Sequence[str], row: int, separator: str) -> tuple[tuple[str, ...], int]:
+    """The names of the header, and its last line: a header torn in two is joined where the rows are as long."""
+    header = split(lines[row], separator)
+    if row + 2 < len(lines) and not _any_number(rest := split(lines[row + 1], separator)):
+        columns = len(split(lines[row + 2].rstrip(separator), separator))
+        for whole in ((*header, *rest), (*header[:-1], *rest), (*header[:-1], header[-1] + rest[0], *rest[1:])):
+            if len(header) < columns == len([name for name in whole if name]):
+                return tuple(name for name in whole if name), row + 1
+    return header, row
 
 
 def _any_number(cells: Sequence[str]) -> bool:

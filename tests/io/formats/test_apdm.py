@@ -75,7 +75,7 @@ def test_every_sample_of_every_sensor_comes_back(tmp_path, layout):
     for place in PLACES:
         agrees(recording.sensors[place], place)
     assert (recording.sampling_rate_hz, recording.name) == (RATE, "walk")
-    assert "read as APDM Opal HDF5" in texts(recording.notes)
+    assert "read as APDM Opal HDF5 or CSV" in texts(recording.notes)
     assert any("'Right Foot' is taken to have sat at foot_right" in note for note in texts(recording.notes))
     (up,) = (note for note in recording.notes if note.code == "axis_up" and note.values["placement"] == "foot_right")
     assert up.values["axis"] == "+x" and "Opal's case" in up.text
@@ -148,3 +148,34 @@ def test_a_missing_library_names_the_extra(tmp_path, monkeypatch):
         ImportError, match=r"reading an APDM Opal HDF5 file needs the extra io: pip install 'jgait\[io\]'"
     ):
         apdm.measured(path)
+
+
+def write_csv(path, number=7, barometer=True):
+    """Mobility Lab's CSV: one column of times, three rows of a header, a block of columns a sensor."""
+    kinds = ["Accelerometer", "Gyroscope", "Magnetometer"]
+    head, columns = [[f"Format={number}"], ["Time"], [""]], [stamps()]
+    for case, place in enumerate(PLACES, 5001):
+        gyr, acc = signals(place)
+        names = [name for kind in kinds for name in (kind, "", "")] + ["Barometer"] * barometer
+        label = [str(case), "", "", LABELS[place], *[""] * (len(names) - 4)]
+        for row, cells in zip(head, (label, names, [*"XYZ" * 3, *[""] * barometer]), strict=True):
+            row += cells
+        columns += [*acc.T, *gyr.T, *np.ones((3 + barometer, len(acc)))]
+    rows = [[f"{int(row[0])}", *(f"{value:.9g}" for value in row[1:])] for row in zip(*columns, strict=True)]
+    path.write_text("\n".join(",".join(row) for row in (*head, *rows)) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(("number", "barometer"), [(7, True), (5, False)])
+def test_mobility_labs_csv(tmp_path, number, barometer):
+    path = write_csv(tmp_path / "walk.csv", number, barometer)
+    recording = io.read(path)
+    for place in PLACES:
+        agrees(recording.sensors[place], place, within=1e-6)
+    assert any(text.startswith("times count from 2019-11-06") for text in texts(recording.notes))
+    text = path.read_text()
+    path.write_text(text[:-40])
+    assert "row_cut_off" in [note.code for note in io.read(path).notes]
+    path.write_text(text.replace("Gyroscope", "Rotation"))
+    with pytest.raises(RecordingError, match="sensor 'Lumbar' has no Gyroscope"):
+        io.read(path)

@@ -84,10 +84,13 @@ def test_latency_is_the_clock_and_lost_samples_are_masked(tmp_path):
 
 
 def test_what_lies_further_up_is_inherited_and_overruled(tmp_path):
-    path = write(tmp_path, *table(), about={"SamplingFrequencyEffective": 99.0})
-    (tmp_path / "task-walk_motion.json").write_text(json.dumps({"SamplingFrequency": RATE}))
+    path = write(tmp_path, *table(), about={"SamplingFrequencyEffective": RATE})
+    (tmp_path / "task-walk_motion.json").write_text(json.dumps({"SamplingFrequency": 1.04 * RATE}))
     (tmp_path / "task-run_motion.json").write_text(json.dumps({"SamplingFrequency": 7.0}))
-    agrees(io.read(path).sensors["foot_left"], "foot_left")
+    recording = io.read(path)
+    agrees(recording.sensors["foot_left"], "foot_left")
+    (note,) = (note for note in recording.notes if note.code == "rate_effective")
+    assert note.values == {"rate_hz": RATE, "nominal_hz": 1.04 * RATE}
     channels = path.with_name(f"{STEM}_channels.tsv")
     channels.rename(tmp_path / "task-walk_tracksys-imu_channels.tsv")
     agrees(io.read(path).sensors["foot_left"], "foot_left")

@@ -102,11 +102,42 @@ def test_any_axis_may_point_up(tmp_path, truth, up):
     assert any("trunk's markers are above the feet's" in note for note in texts(capture.notes))
 
 
-def test_markers_that_contradict_the_file_are_noted(tmp_path, truth):
-    capture = io.read_c3d(write(tmp_path / "odd.c3d", truth, screen="+Y"))
-    assert capture.up == "+y"
-    assert any("markers +z points up" in note and "pass up='+z'" in note for note in texts(capture.notes))
-    equals(io.read_c3d(tmp_path / "odd.c3d", up="+z"), truth)
+def cast(markers):
+    """The markers by the names of the CAST protocol, as Qualisys has them."""
+    names = {"ASI": "IAS", "PSI": "IPS", "HEE": "FCC", "TOE": "FM5"}
+    return {f"{name[0]}_{names[name[1:]]}": place for name, place in markers.items() if name[1:] in names}
+
+
+@pytest.mark.parametrize("names", [dict, cast, lambda markers: {f"m{i}": p for i, p in enumerate(markers.values())}])
+def test_markers_overrule_the_axes_of_a_screen(tmp_path, truth, names):
+    """Qualisys states a vertical that may point down; without known names, a body below the floor shows it."""
+    markers = {name: place - [1.0, 0.0, 0.0] for name, place in names(truth).items()}
+    capture = io.read_c3d(write(tmp_path / "screen.c3d", markers, screen="-Z"))
+    assert capture.up == "+z"
+    equals(capture, markers)
+    assert any(
+        text.startswith("+z points up, for ") and "states -z: pass up='-z'" in text for text in texts(capture.notes)
+    )
+    with_names = all(name[0] in "RL" for name in markers)
+    for screen in ("+Y", "+X"):
+        capture = io.read_c3d(write(tmp_path / "odd.c3d", markers, screen=screen))
+        assert capture.up == ("+z" if with_names else screen.lower())
+    lying = io.read_c3d(tmp_path / "odd.c3d", up="+x")
+    assert lying.up == "+x"
+
+
+def test_more_frames_than_the_header_holds(tmp_path, monkeypatch, truth):
+    path = write(tmp_path / "long.c3d", truth)
+    file = ezc3d.c3d(str(path))
+    file.add_parameter("TRIAL", "ACTUAL_START_FIELD", [1, 0])
+    file.add_parameter("TRIAL", "ACTUAL_END_FIELD", [70_000 & 0xFFFF, 70_000 >> 16])
+    file.write(str(path))
+    equals(io.read_c3d(path), truth)  # a trial that was cut
+    monkeypatch.setattr("jgait.io.formats.c3d.MOST_FRAMES", SAMPLES)
+    with pytest.raises(
+        RecordingError, match="long.c3d holds 70000 frames, by TRIAL:ACTUAL_END_FIELD, of which ezc3d re"
+    ):
+        io.read_c3d(path)
 
 
 def test_names_that_tell_nothing_leave_the_floor_or_nothing(tmp_path, truth):

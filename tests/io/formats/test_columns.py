@@ -196,6 +196,46 @@ def test_rates_in_thousandths_are_recognised_by_their_size(tmp_path, unit, size)
         np.testing.assert_allclose(imu.gyr, usual.sensors[name].gyr, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("kind", "per_unit"),
+    [("gyr", 16.4), ("gyr", 131.0), ("acc", 2048.0 / made_files.G), ("acc", 1024.0 / made_files.G)],
+)
+def test_whole_numbers_without_a_unit_are_counts(tmp_path, kind, per_unit):
+    path, table = named(tmp_path)
+    for name in (name for name in table if f"_{kind}_" in name):
+        table[name] = (table[name] * per_unit).round()
+    table.to_csv(path, index=False)
+    for read in (io.read, io.read_csv):
+        with pytest.raises(RecordingError, match=f"has whole numbers and no unit, .* state their unit by {kind}_unit$"):
+            read(path)
+
+
+@pytest.mark.parametrize("number", [-9999.0, -999.0, 1e6, -32768.0])
+@pytest.mark.parametrize("share", [0.004, 0.03])
+def test_a_number_for_missing_samples_chooses_no_unit(tmp_path, number, share):
+    path, table = named(tmp_path)
+    rows = np.arange(20, 20 + max(round(share * len(table)), 2))
+    signals = [name for name in table if name != "time"]
+    table.loc[rows, signals] = number
+    table.to_csv(path, index=False)
+    kept = made_files.check(io.read(path))
+    assert list(np.flatnonzero(~kept)) == list(rows)
+
+
+def test_acceleration_without_gravity_has_no_unit_but_a_name(tmp_path):
+    """Renamed columns do not lead from one unit to the next."""
+    path, table = named(tmp_path)
+    names = [f"foot_right_acc_{axis}" for axis in "xyz"]
+    table[names] = 2.0 * np.sin(7.0 * table["time"].to_numpy()[:, None] + np.arange(3))
+    table.to_csv(path, index=False)
+    for read in (io.read, io.read_csv):
+        with pytest.raises(
+            RecordingError, match="gravity was taken off; record or export the specific force"
+        ) as caught:
+            read(path)
+        assert "_unit" not in str(caught.value)
+
+
 def test_a_range_whose_unit_cannot_be_told(tmp_path):
     path = io.write_table(with_range(), tmp_path / "walk.csv")
     table = pd.read_csv(path)

@@ -78,6 +78,41 @@ def test_their_files(tmp_path):
         io.read(tmp_path / "mobgap.csv")
 
 
+@pytest.mark.parametrize("dates", [True, False])
+@pytest.mark.parametrize("library", ["gaitmap", "mobgap"])
+def test_their_times_are_read_and_hold_the_rate(tmp_path, library, dates):
+    time, table = made_files.walk()[0], made_files.frame()
+    index = pd.Timestamp("2026-05-03 10:00") + pd.to_timedelta(time, unit="s") if dates else time
+    table = table.set_axis(pd.Index(index, name="time"))
+    if library == "gaitmap":
+        table = pd.concat({"right_sensor": table, "left_sensor": table}, axis=1)
+        read, where = io.recording_from_gaitmap, "foot_right"
+    else:
+        table, read, where = table.set_axis(MOBGAP, axis=1), io.recording_from_mobgap, "lower_back"
+    table.to_csv(tmp_path / "whole.csv")
+    lossy = table.drop(table.index[[60, 61]])
+    lossy.to_csv(tmp_path / "lossy.csv")
+    made_files.check(io.read(tmp_path / "whole.csv"), where)
+    made_files.check(read(table, 100.0), where)
+    for recording in (io.read(tmp_path / "lossy.csv"), read(lossy, 100.0)):
+        assert list(np.flatnonzero(~made_files.check(recording, where))) == [60, 61]
+    for wrong in (lambda: io.read(tmp_path / "whole.csv", sampling_rate_hz=128.0), lambda: read(table, 128.0)):
+        with pytest.raises(RecordingError, match="the time stamps run at 100 Hz, but sampling_rate_hz is 128"):
+            wrong()
+
+
+def test_a_unit_that_names_imply_is_held_against_the_signals(tmp_path):
+    table = made_files.frame().set_axis(MOBGAP, axis=1)
+    rates = [name for name in table if name.startswith("gyr")]
+    table[rates] = np.deg2rad(table[rates])
+    table.to_csv(tmp_path / "walk.csv", index=False)
+    with pytest.raises(
+        RecordingError, match="too slow for walking: the gyroscopes seem to be in rad/s; pass gyr_unit="
+    ):
+        io.read(tmp_path / "walk.csv", sampling_rate_hz=100.0)
+    made_files.check(io.read(tmp_path / "walk.csv", sampling_rate_hz=100.0, gyr_unit="rad/s"), "lower_back")
+
+
 def test_a_real_file_of_gaitmaps(data):
     data("gaitmap_example", "imu_sample")
     file = Path(datasets.path("gaitmap_example")) / "example_data" / "imu_sample.csv"

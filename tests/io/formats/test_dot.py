@@ -9,6 +9,14 @@ from jgait import io
 from jgait.types import RecordingError
 
 
+@pytest.mark.parametrize("tear", [",Acc_X", "Acc_X", "cc_X"])
+def test_a_header_that_is_torn_in_two_is_joined(tmp_path, tear):
+    path = made_files.dot(tmp_path / "a.csv")
+    path.write_text(path.read_text().replace(tear, f"\n{tear}", 1) if tear != "Acc_X" else
+                    path.read_text().replace(",Acc_X", ",\nAcc_X", 1))  # fmt: skip
+    made_files.check(io.read(path))
+
+
 def test_a_written_file_is_the_known_walk_and_its_tag_the_placement(tmp_path):
     # The clock wraps after a second.
     recording = io.read(made_files.dot(tmp_path / "a.csv", start=2**32 - 1_000_000))

@@ -65,6 +65,21 @@ def test_a_first_stride_from_standing_is_none_of_mobgaps():
     assert len(less.ic_list) == len(every.ic_list) - 1
 
 
+def test_a_half_step_counts_in_no_mean_of_mobgaps():
+    """Its length, which is below 0, is not known to mobgap, and neither is it to those who average the strides."""
+    estimate = made_tables.estimate()
+    length = np.array(estimate.strides.length)
+    length[3] = -0.017
+    strides = estimate.strides._replace(length=length)
+    half = np.arange(len(length)) == 3
+    changed = estimate._replace(strides=strides, diagnostics={"half": half, "doubtful": half})
+    _, table, bouts = io.to_mobgap(changed, RATE)
+    assert (~table["regular"]).sum() == 1 and table["stride_length_m"].isna().sum() == 1
+    assert not (table["stride_length_m"] <= 0.0).any()
+    np.testing.assert_allclose(bouts["stride_length_m"], made_tables.LENGTH)
+    assert list(bouts["n_strides"]) == [2 * made_tables.STRIDES]
+
+
 def test_contacts_that_the_estimator_lists_come_first():
     told = {"initial_contact": np.array([1.0, 1.5]), "initial_contact_side": np.array([1, 0])}
     contacts = io.to_mobgap(made_tables.estimate()._replace(diagnostics=told), RATE).ic_list

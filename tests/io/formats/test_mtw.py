@@ -12,8 +12,9 @@ from jgait import datasets, io
 from jgait.types import RecordingError
 
 
-def test_a_written_file_is_the_known_walk(tmp_path):
-    path = made_files.mtw(tmp_path / "MT_01200312-000_00B40C48.txt")
+@pytest.mark.parametrize("separator", ["\t", ",", ";", " "])
+def test_a_written_file_is_the_known_walk(tmp_path, separator):
+    path = made_files.mtw(tmp_path / "MT_01200312-000_00B40C48.txt", separator=separator)
     recording = io.read(path, placements={"00B40C48": "foot_right"})
     assert made_files.check(recording).all()
     assert recording.sampling_rate_hz == 100.0 and recording.name == path.stem

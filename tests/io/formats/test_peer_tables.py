@@ -123,7 +123,7 @@ from mobgap.wba import WbAssembly
 to_body_frame(pd.read_csv("sensor.csv")).to_csv("body.csv", index=False)
 contacts = pd.read_csv("ic_list.csv").set_index("step_id")
 strides_list_from_ic_lr_list(contacts).to_csv("from_contacts.csv")
-strides = pd.read_csv("per_stride_parameters.csv").drop(columns="wb_id").set_index("s_id")
+strides = pd.read_csv("per_stride_parameters.csv").set_index(["wb_id", "s_id"]).reset_index("wb_id", drop=True)
 found = WbAssembly().assemble(strides, raw_initial_contacts=contacts, sampling_rate_hz={RATE})
 bouts = found.wb_meta_parameters_.drop(columns=["rule_name", "rule_obj"])
 means = found.annotated_stride_list_[["stride_duration_s", "cadence_spm", "stride_length_m", "walking_speed_mps"]]

@@ -1,0 +1,299 @@
+"""Sensors whose signals lie apart: a file a signal, each with a clock of its own, or gravity beside the acceleration.
+
+*Format*: phone apps (Sensor Logger, phyphox) and MetaBase write a folder with a table for each signal, such as
+`Accelerometer.csv` and `Gyroscope.csv`: a clock, and three columns that are called by their axes. iOS's CoreMotion, as
+MotionSense and SensorLog write it, has one table with `rotationRate.x`, `gravity.x` and `userAcceleration.x`. Which
+signal columns hold, is stated by their names, by the name of the file, or by their unit.
+
+*Signals*: the accelerometer is the one that measures gravity; else what is without gravity, and gravity itself, are
+added. *Units*: those of the header; Sensor Logger's are m/s² and rad/s, CoreMotion's g and rad/s, by their
+documentation; else they are questioned. *Signs*: at rest, an axis that points up reads +1 g on Android and in phyphox,
+and −1 g on an iPhone: CoreMotion's signs are turned round, and Sensor Logger's where `Metadata.csv` states iOS and no
+standardisation. The signals do not show it. *Clock*: each file's; both signals are interpolated to one. *Placement*:
+not stated; a sensor is called by its folder, or by its device's address. *Axes*: those of the phone or the sensor.
+"""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from jgait.io.checks.sizes import measures_gravity
+from jgait.io.files import check_file
+from jgait.io.formats.clocks import clock_of
+from jgait.io.formats.part import Measured, Part
+from jgait.io.names import KINDS, placement_of
+from jgait.io.rows import SEPARATORS, read_table
+from jgait.io.units import unit_of_columns
+from jgait.notes import ORIGIN, Kind, Note
+from jgait.types import RecordingError
+
+EXPECTED = "a folder with a table for each signal of a sensor, such as Accelerometer.csv and Gyroscope.csv"
+ENDINGS = (".csv", ".tsv", ".txt")
+HEAD = 4096
+
+AXIS = re.compile(r"(?P<what>.*?)[\W_]*(?P<axis>[xyz])(?:[\W_]*axis)?\s*(?:[(\[][^()\[\]]*[)\]])?", re.IGNORECASE)
+"""Pattern of a column's name: a signal, its axis, and perhaps a unit in brackets."""
+
+SIGNALS = {
+    "gravity": r"gravit[a-z]*|schwerkraft",
+    "linear": r"lin(ear)?acc|linear|user|without|ohne|free",
+    "gyr": "|".join((*KINDS["gyr"], "rotationrate", "gyrorotation")),
+    "acc": "|".join(KINDS["acc"]),
+}
+"""Signal → pattern of a name that states it; the first that fits counts."""
+
+UNCALIBRATED = r"uncalibrated|raw"
+APPLE = r"rotationrate|useracc|gyrorotation"
+"""Pattern of the words for signals that only CoreMotion, and apps that write its values, have."""
+
+LOGGER = "Sensor Logger"
+"""The app whose acceleration has no gravity, unless it is called total, and has the signs of the phone's system."""
+
+APPS = {LOGGER: r"seconds_elapsed", "phyphox": r"\w+ \(s\)", "MetaBase": r"epoc \(ms\)"}
+"""Program → pattern of the name of a column that it writes."""
+
+ADDRESS = re.compile(r"(?<![0-9A-F])[0-9A-F]{12}(?![0-9A-F])")
+"""Pattern of a device's address in the name of a file."""
+
+GRAVITY_ADDED = Kind(
+    "gravity_added", "info", "{sensor}: accelerometer without gravity, and gravity, were added", ORIGIN
+)
+SIGNS_TURNED = Kind(
+    "signs_turned", "info", "{sensor}: the signs of the accelerometer are turned round, for the phone's system is iOS",
+    ORIGIN,
+)  # fmt: skip
+SIGNS_ASSUMED = Kind(
+    "signs_assumed", "check",
+    "{sensor}: at rest, the accelerometer's axis that points up is taken to read +1 g; on an iPhone it may read −1 g",
+    "The files name no program whose signs are known, and the signals do not show them. With wrong signs, right and "
+    "left of a sensor at the waist are exchanged.",
+)  # fmt: skip
+FILES_JOINED = Kind("files_joined", "info", "{sensor}: the signals of {files} belong together", ORIGIN)
+
+
+class AxisColumns(NamedTuple):
+    """Three columns of a table that are the axes of one signal."""
+
+    signal: str  #: a key of `SIGNALS`.
+    names: tuple[str, str, str]  #: of x, y and z.
+    words: str  #: the name that states the signal, in lower case, without anything but letters.
+
+
+class Signal(NamedTuple):
+    """One signal on its clock."""
+
+    columns: AxisColumns
+    values: np.ndarray  #: (T, 3) in the file's unit.
+    unit: str | None
+    time: np.ndarray | None  #: (T,) [s].
+    begin_s: float | None  #: [s] from 1970 to 0 of `time`.
+    file: Path
+    app: str  #: a key of `APPS`; "" for another program.
+
+
+def _letters(name: str) -> str:
+    return re.sub(r"[^a-z]", "", name.lower())
+
+
+def _signals(names: Sequence[str], stem: str) -> list[AxisColumns]:
+    """The signals in a table, by the names of its columns, and by that of its file where these are bare axes."""
+    axes: dict[str, dict[str, str]] = {}
+    for name in names:
+        if match := AXIS.fullmatch(name.strip()):
+            axes.setdefault(match["what"], {})[match["axis"].lower()] = name
+    result = []
+    for what, of_axis in axes.items():
+        if set(of_axis) != set("xyz") or placement_of(what):
+            continue
+        columns = (of_axis["x"], of_axis["y"], of_axis["z"])
+        words = _letters(what or stem)
+        signal = next((signal for signal, pattern in SIGNALS.items() if re.search(pattern, words)), None)
+        if signal is None and not what:
+            signal = next((kind for kind in ("gyr", "acc") if _unit(columns, kind)), None)
+        if signal is not None:
+            result.append(AxisColumns(signal, columns, words))
+    return result
+
+
+def _unit(names: Sequence[str], kind: str) -> str | None:
+    """The unit of a kind of signal that the names of columns state; None if they state none, or another kind's."""
+    try:
+        return unit_of_columns(names, kind, "")
+    except RecordingError:
+        return None
+
+
+def _head(file: Path) -> list[AxisColumns]:
+    """The signals in the header of a file; none of a file that is no table."""
+    if file.suffix.lower() not in ENDINGS or file.name.startswith(".") or not file.is_file():
+        return []
+    with file.open("rb") as stream:
+        lines = stream.read(HEAD).decode("utf-8-sig", "replace").splitlines()
+    line = next(filter(str.strip, lines), "")
+    cells = line.split(max(SEPARATORS, key=line.count))
+    return _signals([cell.strip().strip('"') for cell in cells], file.stem)
+
+
+def _key(file: Path) -> str:
+    """What the names of the files of one device share."""
+    words = "|".join(("total", UNCALIBRATED, "data", r"[\d.]+ ?hz", *SIGNALS.values()))
+    return re.sub(words, "", file.stem, flags=re.IGNORECASE).strip("_- .")
+
+
+def _devices(folder: Path) -> list[list[Path]]:
+    """The files of each device of a folder, where some files have a gyroscope and others the accelerometer."""
+    heads = {file: head for file in sorted(folder.iterdir()) if len(head := _head(file)) == 1}
+    groups: dict[str, list[Path]] = {}
+    for file in heads:
+        groups.setdefault(_key(file), []).append(file)
+    kinds = {key: {heads[file][0].signal for file in files} for key, files in groups.items()}
+    whole = [files for key, files in groups.items() if "gyr" in kinds[key] and len(kinds[key]) > 1]
+    if not whole and sum(head[0].signal == "gyr" for head in heads.values()) == 1 and len(heads) > 1:
+        return [list(heads)]
+    return whole
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether it is a folder of such files, or of an accelerometer's alone; one of them; or a table with gravity apart,
+    or in CoreMotion's signs.
+    """
+    if path.is_dir():
+        signals = {columns.signal for file in path.iterdir() for columns in _head(file)}
+        return bool(_devices(path)) or ("acc" in signals and "gyr" not in signals)
+    columns = _head(path)
+    if len(columns) == 1:
+        return any(path in files for files in _devices(path.parent))
+    return {"gyr", "gravity"} <= {each.signal for each in columns} or any(
+        each.signal == "gyr" and re.search(APPLE, each.words) for each in columns
+    )
+
+
+def measured(path: Path) -> Measured:
+    """The sensors of a folder, or the one to which a file belongs.
+
+    Raises:
+        RecordingError: if a file is none of this format, has no gyroscope, or only acceleration without gravity.
+    """
+    if path.is_dir():
+        devices = _devices(path)
+    else:
+        check_file(path, EXPECTED)
+        devices = [files for files in _devices(path.parent) if path in files] or [[path]]
+        if len(devices[0]) > 1 and _head(path)[0].signal != "gyr":
+            gyroscope = next(file.name for file in devices[0] if _head(file)[0].signal == "gyr")
+            raise RecordingError(
+                f"{path.name} holds no gyroscope; that of the same sensor is in {gyroscope}: give this file, or the "
+                "folder of both"
+            )
+    if not devices:
+        raise RecordingError(f"{path.name} holds no gyroscope, which every method needs; expected {EXPECTED}")
+    addresses = [match.group() if (match := ADDRESS.search(files[0].name)) else None for files in devices]
+    if len(devices) > 1 and (None in addresses or len(set(addresses)) < len(devices)):
+        named = ", ".join(files[0].name for files in devices[:3])
+        raise RecordingError(
+            f"{path.name} holds {len(devices)} recordings, such as {named}: give the gyroscope's file of one of them"
+        )
+    notes: list[Note] = []
+    name = path.name if path.is_dir() else path.stem if len(devices[0]) == 1 else _key(path) or path.parent.name
+    labels = [name] if len(devices) == 1 else [str(address) for address in addresses]
+    parts = [_part(files, label, notes) for files, label in zip(devices, labels, strict=True)]
+    return Measured(parts, name, notes=tuple(notes))
+
+
+def _part(files: Sequence[Path], label: str, notes: list[Note]) -> Part:
+    """The sensor of some files."""
+    every = [signal for file in files for signal in _read(file, notes)]
+    if len(files) > 1:
+        notes.append(FILES_JOINED(sensor=label, files=[file.name for file in files]))
+    every.sort(key=lambda signal: bool(re.search(UNCALIBRATED, signal.columns.words)))
+    of = {kind: [signal for signal in every if signal.columns.signal == kind] for kind in SIGNALS}
+    if not of["gyr"]:
+        raise RecordingError(f"{files[0].name} holds no gyroscope; expected {EXPECTED}")
+    gyr, acc = of["gyr"][0], _accelerometer(of, label, notes)
+    begin_s = gyr.begin_s
+    if acc is not None and (acc.begin_s is None) != (begin_s is None):
+        raise RecordingError(f"{label}: {gyr.file.name} and {acc.file.name} have different kinds of times")
+    if acc is not None and acc.time is not None and acc.begin_s is not None and begin_s is not None:
+        acc = acc._replace(time=acc.time + (acc.begin_s - begin_s))
+    if acc is not None and not (gyr.app or re.search(APPLE, gyr.columns.words)):
+        notes.append(SIGNS_ASSUMED(sensor=label))
+    if acc is not None and _turned_round(files[0].parent, every):
+        acc = acc._replace(values=-acc.values)
+        notes.append(SIGNS_TURNED(sensor=label))
+    if acc is not None and acc.time is None and len(acc.values) != len(gyr.values):
+        raise RecordingError(f"{label}: {acc.file.name} and {gyr.file.name} have no times, and are not of one length")
+    return Part(
+        label, gyr.values, None if acc is None else acc.values, gyr.time,
+        gyr_unit=gyr.unit, acc_unit=None if acc is None else acc.unit, begin_s=begin_s,
+        acc_time=None if acc is None or acc.file == gyr.file else acc.time,
+    )  # fmt: skip
+
+
+def _accelerometer(of: dict[str, list[Signal]], label: str, notes: list[Note]) -> Signal | None:
+    """The specific force: the first signal that measures gravity, or the sum of gravity and the rest."""
+    rest, gravity = next(iter(of["linear"] + of["acc"]), None), next(iter(of["gravity"]), None)
+    candidates = of["acc"] if gravity is not None else of["acc"] + of["linear"]
+    for signal in candidates:
+        if measures_gravity(signal.values):
+            return signal
+    if rest is None:
+        return None
+    if gravity is None:
+        raise RecordingError(
+            f"{label}: gravity is not in {rest.file.name} ({', '.join(rest.columns.names)}), and in no other signal; "
+            "record the accelerometer with gravity, or gravity beside it"
+        )
+    if rest.unit != gravity.unit:
+        raise RecordingError(f"{label}: acceleration is in {rest.unit}, gravity in {gravity.unit}; expected one unit")
+    values = gravity.values
+    if rest.time is not None and gravity.time is not None:
+        since = (gravity.begin_s or 0.0) - (rest.begin_s or 0.0)
+        values = np.stack([np.interp(rest.time, gravity.time + since, column) for column in values.T], axis=1)
+    notes.append(GRAVITY_ADDED(sensor=label))
+    return rest._replace(values=rest.values + values)
+
+
+def _turned_round(folder: Path, every: Sequence[Signal]) -> bool:
+    """Whether an axis that points up reads −1 g at rest: on an iPhone, unless the app states Android's signs."""
+    about = next((file for file in folder.iterdir() if file.name.lower() == "metadata.csv"), None)
+    if about is not None:
+        facts = {str(key).lower(): str(values.iloc[0]).lower() for key, values in read_table(about)[0].items()}
+        if facts.get("platform") in ("ios", "android"):
+            return facts["platform"] == "ios" and facts.get("standardisation") != "true"
+    if any(re.search(APPLE, signal.columns.words) for signal in every):
+        return True
+    if every[0].app == LOGGER and not any("total" in signal.columns.words for signal in every):
+        raise RecordingError(
+            f"{folder.name} lacks Metadata.csv, which states the phone's system: iPhone and Android have opposite "
+            "signs; keep it with the other files of the export"
+        )
+    return False
+
+
+def _read(file: Path, notes: list[Note]) -> list[Signal]:
+    """The signals of a file, in its units, on its clock."""
+    import pandas as pd
+
+    table, of_table = read_table(file)
+    notes += of_table
+    time, begin_s = clock_of(table, file.name)
+    names = [str(name) for name in table.columns]
+    app = next((app for app, pattern in APPS.items() if any(re.fullmatch(pattern, name) for name in names)), "")
+    signals = []
+    for columns in _signals(names, file.stem):
+        kind = "gyr" if columns.signal == "gyr" else "acc"
+        unit = _unit(columns.names, kind)
+        if columns.signal == "acc" and app == LOGGER and not re.search(f"total|{UNCALIBRATED}", columns.words):
+            columns = columns._replace(signal="linear")
+        if unit is None and (kind == "gyr" or not re.search(UNCALIBRATED, columns.words)):
+            if app == LOGGER:
+                unit = "rad/s" if kind == "gyr" else None if "rotationrate" in _letters("".join(names)) else "m/s^2"
+            elif any(re.search(APPLE, _letters(name)) for name in names):
+                unit = "rad/s" if kind == "gyr" else "g"
+        numbers = table[list(columns.names)].apply(pd.to_numeric, errors="coerce")
+        values = numbers.to_numpy(np.float64, na_value=np.nan)
+        signals.append(Signal(columns, values, unit, time, begin_s, file, app))
+    return signals
