@@ -19,6 +19,8 @@ from types import ModuleType
 from typing import NamedTuple
 from urllib.parse import quote, urlsplit
 
+from jgait.notes import record
+
 NAMES = ("neura_sparse", "walking5m", "footprints", "pyshoe_vicon")
 """The data sets of jgait; each has a module and a JSON file of its name in this folder."""
 
@@ -28,6 +30,7 @@ _homes = dict.fromkeys(NAMES, "jgait.datasets")
 DATA_DIR_VARIABLE = "JGAIT_DATA_DIR"
 
 
+@record
 class DatasetInfo(NamedTuple):
     """Description, source and licence of a data set.
 

@@ -13,11 +13,12 @@ from jgait.estimators.plausible import implausible, paces_mixed
 from jgait.estimators.programs import bucket
 from jgait.estimators.proportions import gives, with_proportions
 from jgait.geometry.arrays import on_host
-from jgait.notes import Note
+from jgait.notes import Note, record
 from jgait.params import check_params, ranges
 from jgait.types import Estimate, Recording, Values, check_kind, check_recording
 
 
+@record
 class Prepared[I](NamedTuple):
     """A recording prepared for the pure function `run` of an estimator.
 
@@ -37,6 +38,7 @@ class Prepared[I](NamedTuple):
     extra: PyTree = None
 
 
+@record
 class Estimator[P, I](NamedTuple):
     """An estimator as a record of functions, the same for all estimators, for cohorts and tuners.
 

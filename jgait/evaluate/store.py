@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.evaluate.statistics import agreement
-from jgait.notes import from_json
+from jgait.notes import from_json, record
 from jgait.types import people
 
 if TYPE_CHECKING:
@@ -53,6 +53,7 @@ class OtherEvaluationError(ValueError):
     """A folder holds results of an evaluation with other data or settings."""
 
 
+@record
 class Cohort(NamedTuple):
     """Results of an estimator on a cohort; pandas tables, sorted by recording.
 

@@ -21,8 +21,10 @@ from jgait.filtering.methods import EKF, IteratedSmoother, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.posterior import FIELDS, KEEP, SUMMARY, Inferred, Posterior
 from jgait.filtering.recorded import Recorded
+from jgait.notes import record
 
 
+@record
 class Updated(NamedTuple):
     """The result of one update: the belief after the observation, and the fields of `Posterior` at this sample."""
 
@@ -35,6 +37,7 @@ class Updated(NamedTuple):
     valid: Bool[Array, ""]
 
 
+@record
 class Step(NamedTuple):
     """One predict and update: the prediction, and the update."""
 

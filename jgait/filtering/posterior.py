@@ -20,9 +20,11 @@ from jgait.filtering.lanes import product, product_transposed
 from jgait.filtering.layout import Layout, Tree
 from jgait.filtering.model import Belief, Shape, reached
 from jgait.geometry.arrays import xp
+from jgait.notes import record
 from jgait.types import Counts, Maybe
 
 
+@record
 class Posterior(NamedTuple):
     """A filtered recording; every leaf has the time axis in front, and a field not in `keep` is None.
 
@@ -88,6 +90,7 @@ NEEDS = {
 LOG_2PI = math.log(2.0 * math.pi)
 
 
+@record
 class Inferred(NamedTuple):
     """A filtered or smoothed recording.
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from jgait.io.strides import bout_numbers, strides_to_dataframe, to_gaitmap
+from jgait.notes import record
 from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ GAITMAP_PARAMETERS = (
 """Names of the parameters in gaitmap, in its order."""
 
 
+@record
 class MobgapTables(NamedTuple):
     """Tables of a recording with the names and units of mobgap's pipelines; times in samples.
 

@@ -16,15 +16,13 @@ from jgait.estimators.stride_flags import STRIDE_COLUMNS
 from jgait.evaluate import Cohort
 from jgait.evaluate.store import REGULAR, read_table
 from jgait.notes import (
-    DEFAULT_MEASURE,
-    FEW_RESTS,
-    LOSSES,
     SEVERITIES,
     Note,
     from_json,
     grouped,
     listed,
     of_recordings,
+    resolved,
 )
 from jgait.plot import cohort as plot_cohort
 from jgait.report import flags
@@ -74,9 +72,6 @@ NOT_COMPARED = (
 )
 """Why strides are not compared, without and with strides of the estimate."""
 
-USUAL = (LOSSES, FEW_RESTS, DEFAULT_MEASURE)
-"""Meanings of notes that most cohorts have without any fault; of one severity they come last."""
-
 LONGEST_EXAMPLE = 200
 """[characters] Longest text of the notes of a recording that is an example, of one or two sentences."""
 
@@ -113,7 +108,7 @@ def of_cohort(cohort: Cohort, *, title: str = "cohort", made: Made | None = None
         *_headline(paired, agreement),
     ]  # fmt: skip
     sections = [
-        _agreement(usable, agreement, made), Section("Bland–Altman", HOW, _figures(paired)) if len(paired) else None,
+        Section("Bland–Altman", HOW, _figures(paired)) if len(paired) else None, _agreement(usable, agreement, made),
         _people(cohort, usable), _recordings(cohort), _failures(failures), _parameters(made),
     ]  # fmt: skip
     about = about_of(made.estimator).title
@@ -124,7 +119,7 @@ def of_cohort(cohort: Cohort, *, title: str = "cohort", made: Made | None = None
         "people_table": usable.by_subject().to_dict("records"), "made": made.numbers(),
     }  # fmt: skip
     return Report(Content(
-        Path(title).name, "Cohort report", lead, facts, flags.verdict(raised), raised,
+        Path(title).name, "Cohort report", lead, facts, flags.verdict(raised), raised, "Errors: estimate − reference.",
         [section for section in sections if section is not None], made.settings(), made.command, numbers,
     ))  # fmt: skip
 
@@ -172,7 +167,7 @@ def of_notes(recordings: "pd.DataFrame") -> list[Flag]:
 
     def rank(kind: tuple[str, str]) -> tuple[int, bool, bool, int]:
         code = next(iter(kinds[kind].values()))[0].code
-        return SEVERITIES.index(kind[0]), not code.startswith("reference_"), kind[1] in USUAL, -len(kinds[kind])
+        return SEVERITIES.index(kind[0]), not code.startswith("reference_"), kind[1] in flags.USUAL, -len(kinds[kind])
 
     note_flags = []
     for severity, meaning in sorted(kinds, key=rank):
@@ -280,7 +275,7 @@ def _significant(value: float) -> Cell:
 
 
 def _span(low: float, high: float) -> str:
-    return "–" if not np.isfinite([low, high]).all() else f"{significant(low)} to {significant(high)}"
+    return "–" if not np.isfinite([low, high]).all() else f"{resolved(low, high - low)} to {resolved(high, high - low)}"
 
 
 def _interval(row: PyTree, name: str) -> Cell:

@@ -120,7 +120,7 @@ def _marks(estimate: Estimate) -> str:
 def _of_strides(estimate: Estimate) -> list[Picture]:
     many = int(np.sum(estimate.strides.valid))
     caption = (
-        "Every stride, when it ends. Bars are ± two standard deviations, as the estimator states them."
+        "Every stride, when it ends. Bars are ± two standard deviations of the error, by the estimator."
         f"{_marks(estimate)}"
     )
     length = as_float(estimate.strides.length)[np.asarray(estimate.strides.valid, bool)]

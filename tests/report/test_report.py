@@ -22,7 +22,7 @@ from jgait.commands.pipeline import chosen
 from jgait.estimators import ankle_stride
 from jgait.estimators.about import EstimatedRecording, EstimateFigure
 from jgait.estimators.notes import NO_FIRST_STANDING, NO_STEPS
-from jgait.estimators.stride_flags import STRIDE_FLAGS
+from jgait.estimators.stride_flags import FEW_REGULAR, STRIDE_FLAGS
 from jgait.evaluate.scores import DISTANCE_OFF
 from jgait.io.totals import totals
 from jgait.notes import SEVERITIES, Kind, to_json
@@ -179,7 +179,7 @@ def test_a_recording_in_which_nobody_walks_is_a_page_too():
     facts = {**still.diagnostics, "notes": (NO_STEPS(placement="ankle_right"),)}
     page = report.of_estimate(still._replace(distance=None, diagnostics=facts), recording("ankle_right"))
     assert page.numbers["flags"][0]["grade"] == "stop"
-    assert "No strides were found" in page.html and "At least one number is not usable" in page.html
+    assert "No strides were found" in page.html and '<p class="trust stop">Do not use: ankle_right' in page.html
     standing = walking_legs()
     flat = LegTrajectory(*(np.zeros(standing.time.size),) * 4)
     page = report.of_estimate(standing._replace(legs=Legs(flat, None), distance=None), recording("thigh_right"))
@@ -283,7 +283,22 @@ def test_notes_are_explained_each_by_its_meaning():
     found = flags.explained(notes * 2)
     assert [flag.grade for flag in found] == list(flags.GRADES) == list(SEVERITIES)
     assert all(len(flag.text.splitlines()) == 2 for flag in found)  # each once
-    assert "5 things" in flags.verdict([flags.Flag("check", "one\ntwo", ""), *[flags.Flag("check", "", "")] * 3])
+
+
+@pytest.mark.parametrize(
+    "raised, sentence",
+    [
+        ([], "Good."),
+        ([("info", "Shimmer", "")], "Good."),
+        ([("check", "Only 3 regular strides", FEW_REGULAR.meaning), ("check", "A slides\nMT_1 is off", "")],
+         "Usable with care: a slides; MT_1 is off; only 3 regular strides."),
+        ([("check", f"Doubt {number}", "") for number in range(5)],
+         "Usable with care: doubt 0; doubt 1; doubt 2; 2 more."),
+        ([("check", "A doubt", ""), ("stop", "Nobody walks", "")], "Do not use: nobody walks."),
+    ],
+)  # fmt: skip
+def test_one_sentence_says_how_far_to_trust_and_gives_up_to_three_reasons(raised, sentence):
+    assert flags.verdict([flags.Flag(*each) for each in raised]) == sentence
 
 
 def test_strides_of_an_unknown_side_are_of_neither_leg():

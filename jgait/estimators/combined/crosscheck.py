@@ -14,7 +14,7 @@ from jgait.estimators.checks import fast_rate, force_unit
 from jgait.estimators.combined.phases import CLOCK_OFF, LEGS_TOGETHER, OFFSETS, WRONG_CLOCK, kind_of, swing_phases
 from jgait.mounting.leg import SIDES_EXCHANGED, SWAPPED
 from jgait.mounting.shank import LABELS_EXCHANGED
-from jgait.notes import WRONG_PLACE, Kind, Note
+from jgait.notes import WRONG_PLACE, Kind, Note, record
 from jgait.types import SIDES, AnyArray, Imu, Recording, as_float
 
 WRONG_UNIT = (
@@ -96,6 +96,7 @@ class _Motion(NamedTuple):
     tilts: float  #: median difference of the directions of gravity while it rests [rad]; NaN where it is not known.
 
 
+@record
 class Findings(NamedTuple):
     """Contradictions between the sensors of a recording.
 

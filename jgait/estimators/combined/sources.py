@@ -17,7 +17,7 @@ from jgait.estimators.notes import RATES_OFF
 from jgait.estimators.proportions import gives, height_notes, outside
 from jgait.estimators.stride_width_ekf.notes import RANGE_OFFSET_ABSENT
 from jgait.estimators.waist.params import SITES
-from jgait.notes import LEFT_OUT, Kind, Note
+from jgait.notes import LEFT_OUT, Kind, Note, record
 from jgait.types import SIDES, Estimate, Recording, RecordingError, as_float
 
 NOT_USED = Kind(
@@ -39,6 +39,7 @@ MEASURES = {
 """Estimator → measures of a person that it takes."""
 
 
+@record
 class SourceEstimate(NamedTuple):
     """A group of sensors that measures gait alone, and its estimate.
 

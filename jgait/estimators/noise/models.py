@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jgait.estimators.noise.features import FEATURES
+from jgait.notes import record
 from jgait.params import Param, Parameter, documented, normal, real
 from jgait.types import Values
 
@@ -32,6 +33,7 @@ class Constant(NamedTuple):
 
 
 @documented
+@record
 class LogLinear(NamedTuple):
     """Weights of the features, so that a variance is a product of powers; 0 leaves a feature out."""
 
@@ -54,6 +56,7 @@ class LogLinear(NamedTuple):
 
 
 @documented
+@record
 class Network(NamedTuple):
     """Weights of one hidden layer, 208 in all. At the start the output is 0; the first layer is drawn, with a fixed
     seed.

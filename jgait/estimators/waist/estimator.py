@@ -307,7 +307,8 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
     diagnostics = {**result.diagnostics, "notes": (*result.diagnostics["notes"], *doubts)}
     if note := _steps_missed(result, diagnostics["initial_contact"]):
         share = np.maximum(share, UNLIKE_SD)
-        diagnostics |= {"doubtful": np.ones(len(share), bool), "notes": (*diagnostics["notes"], note)}
+        every = np.ones(len(share), bool)  # a stride is two: neither its length nor its time holds
+        diagnostics |= {"doubtful": every, "uneven": every, "notes": (*diagnostics["notes"], note)}
     return wider(result._replace(diagnostics=diagnostics), share)
 
 
