@@ -58,7 +58,7 @@ def brief(value: object, most: int = 90) -> str:
     elif isinstance(value, Mapping):
         text = f"{{{', '.join(f'{name}: {brief(each, 30)}' for name, each in list(value.items())[:most])}}}"
     elif isinstance(value, tuple) and hasattr(value, "_fields"):
-        parts = _fields(cast(NamedTuple, value), 30) if type(value).__repr__.__module__ in _GENERATED else []
+        parts = _fields(cast(NamedTuple, value), 0) if type(value).__repr__.__module__ in _GENERATED else []
         text = f"{type(value).__name__}({', '.join(parts)})" if parts else repr(value)
     elif isinstance(value, Collection) and not isinstance(value, str | bytes):
         text = f"{len(value)} [{', '.join(brief(each, 30) for each in list(value)[:4])}{', …' * (len(value) > 4)}]"
@@ -72,8 +72,12 @@ _GENERATED = ("collections", __name__)
 
 
 def _fields(values: NamedTuple, most: int) -> list[str]:
-    """The fields of a record that are not None, each with its value."""
-    return [f"{name}={brief(each, most)}" for name, each in values._asdict().items() if each is not None]
+    """The fields of a record that are not None, each with its value; with 0 characters, of plain numbers alone."""
+    known = {name: each for name, each in values._asdict().items() if each is not None}
+    return [
+        f"{name}={brief(each, most or 20)}" if most or isinstance(each, int | float | str) else name
+        for name, each in known.items()
+    ]
 
 
 def record[T: type](cls: T) -> T:

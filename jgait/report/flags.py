@@ -24,7 +24,7 @@ DOUBTS = ("stop", "check")
 USUAL = (LOSSES, FEW_RESTS, DEFAULT_MEASURE, FEW_REGULAR.meaning)
 """Meanings of notes that most recordings have without any fault; of one severity they come last."""
 
-REASONS, LONGEST_REASON = 3, 140
+REASONS, LONGEST_REASON = 3, 90
 """Largest number of reasons of a verdict, and [characters] longest text of a reason."""
 
 
@@ -85,12 +85,15 @@ def verdict(flags: Iterable[Flag]) -> str:
         return "Good."
     lines = [line for flag in doubts if flag.grade == doubts[0].grade for line in flag.text.splitlines()]
     more = [f"{len(lines) - REASONS} more"] if len(lines) > REASONS else []
-    reasons = [printable(_within(line), LONGEST_REASON) for line in lines[:REASONS]]
+    reasons = [_within(line) for line in lines[:REASONS]]
     trust = "Do not use" if doubts[0].grade == "stop" else "Usable with care"
     return f"{trust}: {'; '.join([*reasons, *more])}."
 
 
 def _within(line: str) -> str:
-    """A sentence as a part of another: without its capital letter, unless it begins with a name."""
+    """A sentence as a part of another: its first clauses, without its capital letter unless it begins with a name."""
+    if len(line) > LONGEST_REASON:
+        ends = [line.rfind(mark, 0, LONGEST_REASON) for mark in (": ", ", ", "; ", " (")]
+        line = line[: max(ends)] if max(ends) > LONGEST_REASON // 3 else printable(line, LONGEST_REASON)
     word = line.partition(" ")[0]
     return line[:1].lower() + line[1:] if "_" not in word and (word[1:].islower() or word == "A") else line

@@ -134,9 +134,13 @@ def rendered(content: Content) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    # The first figure stands beside the numbers, on the first screen.
+    first = next((part for section in content.sections for part in section.parts if isinstance(part, Picture)), None)
+    sections = [section._replace(parts=[part for part in section.parts if part is not first])
+                for section in content.sections if list(section.parts) != [first]]  # fmt: skip
     return environment.get_template("page.html").render(
-        page=content, style=Markup(style), script=Markup(script), digest=digest, grades=GRADES,
-        version=__version__,
+        page=content._replace(sections=sections), first=first, style=Markup(style), script=Markup(script),
+        digest=digest, grades=GRADES, version=__version__,
     )  # fmt: skip
 
 

@@ -119,19 +119,17 @@ def of_estimate(
     title = Path(recording.name).name
     who = "" if recording.subject in ("", "subject", recording.name) else f", {recording.subject}"
     seconds, rate = float(estimate.time[-1] - estimate.time[0]), significant(recording.sampling_rate_hz, 4)
-    lead = f"{about.title}{who}; {number(seconds, 1)} s at {rate} Hz."
+    worn = ", ".join(map(_place, recording.sensors))
+    lead = f"{about.title}{who}; {number(seconds, 1)} s at {rate} Hz, by sensors at: {worn}."
     measured = totals(estimate, stride_flags.STRIDE_FLAGS) if measured is None else measured
     return Report(Content(
-        title, "Gait report", lead, _facts(measured, recording, of, rows), flags.verdict(raised), raised,
+        title, "Gait report", lead, _facts(measured, of, rows), flags.verdict(raised), raised,
         CAPTION, sections, made.settings(), made.command, _numbers(estimate, recording, of, rows, raised, made),
     ))  # fmt: skip
 
 
-def _facts(
-    measured: Sequence[Total], recording: Recording, of: strides.ReportStrides, rows: "pd.DataFrame"
-) -> list[tuple[str, str, str]]:
+def _facts(measured: Sequence[Total], of: strides.ReportStrides, rows: "pd.DataFrame") -> list[tuple[str, str, str]]:
     """Numbers above the page, each with its sensors: those of the terminal, and means of cycles of leg angles."""
-    worn = ", ".join(map(_place, recording.sensors))
     of_sides = strides.sides(of)
     by_side = [
         f"{int(np.sum(of_sides == side))} {label}"
@@ -140,7 +138,7 @@ def _facts(
     ]
     facts = [] if measured and measured[0].words == "strides" else [("Strides", str(len(of.table)), ", ".join(by_side))]
     for total in measured:
-        source = ", ".join(by_side) if total.words == "strides" else total.source or worn
+        source = ", ".join(by_side) if total.words == "strides" else total.source
         facts.append((total.words[:1].upper() + total.words[1:], total.text, source))
     for row in rows.to_dict("records") if of.cycles else ():
         if row["measure"] in ("stride_length", "stride_duration", "cadence", "walking_speed"):

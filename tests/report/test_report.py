@@ -14,7 +14,7 @@ from made import cohort as made_cohort
 from made import notes as made_notes
 from made.command import run
 
-from jgait import evaluate, report
+from jgait import evaluate, io, report
 from jgait.commands import evaluate as evaluate_command
 from jgait.commands import report as command
 from jgait.commands.cohort import Source
@@ -24,6 +24,7 @@ from jgait.estimators.about import EstimatedRecording, EstimateFigure
 from jgait.estimators.notes import NO_FIRST_STANDING, NO_STEPS
 from jgait.estimators.stride_flags import FEW_REGULAR, STRIDE_FLAGS
 from jgait.evaluate.scores import DISTANCE_OFF
+from jgait.io.summary import summary
 from jgait.io.totals import totals
 from jgait.notes import SEVERITIES, Kind, to_json
 from jgait.report import figures, flags, strides
@@ -184,6 +185,16 @@ def test_a_recording_in_which_nobody_walks_is_a_page_too():
     flat = LegTrajectory(*(np.zeros(standing.time.size),) * 4)
     page = report.of_estimate(standing._replace(legs=Legs(flat, None), distance=None), recording("thigh_right"))
     assert page.numbers["strides"] == 0 and page.numbers["means"] == []
+
+
+def test_where_no_stride_counts_there_is_a_sentence_and_no_empty_table():
+    of = walking_ankles()
+    turning = of._replace(diagnostics={**of.diagnostics, "turning": np.ones(LENGTHS.size, bool)})
+    whole = summary(io.strides_to_dataframe(of).assign(regular=False, source="ankles"), (8.4, None))
+    assert list(whole["measure"]) == ["distance"]
+    page = report.of_estimate(turning, recording("ankle_right", "ankle_left"), means=whole)
+    assert "No stride is regular" in page.html
+    assert not re.search(r"<tbody>\s*</tbody>", page.html)
 
 
 def test_a_page_of_feet_states_which_widths_and_half_strides_do_not_count():
@@ -554,6 +565,36 @@ def test_a_browser_shows_every_picture_sorts_and_asks_nobody(ankles, tmp_path):
     assert seen["sorted"] == "ascending"
     np.testing.assert_allclose(seen["up"], np.sort(LENGTHS))
     np.testing.assert_allclose(seen["down"], np.sort(LENGTHS)[::-1])
+
+
+FRAME = """<body><iframe width="{width}" height="{height}" style="border: 0" srcdoc="{page}"></iframe><script>
+document.querySelector("iframe").addEventListener("load", (event) => {{
+  const page = event.target.contentDocument, lowest = (what) => page.querySelector(what).getBoundingClientRect().bottom;
+  const boxes = [...page.querySelectorAll(".scroll")];
+  document.body.dataset.seen = JSON.stringify({{
+    measured: lowest(".facts"), trust: lowest(".trust"), folded: !page.querySelector("details").open,
+    figure: page.querySelector("img").getBoundingClientRect().top, tables: lowest(".scroll"),
+    wide: page.documentElement.scrollWidth - page.documentElement.clientWidth,
+    hidden: boxes.filter((box) => getComputedStyle(box).overflowX !== "auto").length,
+    cut: boxes.filter((box) => box.scrollWidth > box.clientWidth).map((box) => box.getAttribute("aria-label")),
+  }});
+}});
+</script></body>"""
+
+
+@pytest.mark.parametrize("width, height", [(390, 844), (1280, 800)])
+@pytest.mark.parametrize("which", ["ankles", "cohort"])
+def test_the_first_screen_has_what_was_measured_one_sentence_of_trust_and_a_figure(
+    request, tmp_path, which, width, height
+):
+    page = html.escape(request.getfixturevalue(which).html)
+    (tmp_path / "frame.html").write_text(FRAME.format(width=width, height=height, page=page), encoding="utf-8")
+    dom, _ = browse(tmp_path / "frame.html", tmp_path, "--window-size=1300,900")
+    seen = json.loads(next(own["data-seen"] for tag, own in Parsed(dom).tags if tag == "body"))
+    assert seen["measured"] < seen["trust"] < height and seen["folded"]
+    assert seen["figure"] < height - 200 and seen["figure"] < seen["tables"]
+    assert seen["wide"] <= 0 and seen["hidden"] == 0  # tables that are too wide scroll, the page does not
+    assert width < 1000 or seen["cut"] == []
 
 
 def test_several_recordings_at_once_are_refused():
