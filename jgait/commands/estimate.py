@@ -265,6 +265,4 @@ def _say_trust(label: str, flags: Sequence[Flag], every: bool) -> None:
         console.print(visible(f"    {flag.meaning}"), highlight=False, soft_wrap=True)
     if flags and not every:
         lines = sum(len(flag.text.splitlines()) for flag in flags)
-        console.print(
-            f"  {count(lines, 'remark', 'remarks')} in all: --notes prints them", style="dim", highlight=False
-        )
+        console.print(f"  {count(lines, 'remark', 'remarks')}: --notes prints them", style="dim", highlight=False)

@@ -22,8 +22,7 @@ class Scores(NamedTuple):
     Attributes:
         quantities: name → (estimate, reference); NaN where a value is missing.
         strides: columns (n,) `s_id side start end regular quantity estimate reference`, a row a stride and quantity;
-            empty without strides. `regular` as in the tables of an analysis: no turn, stairs, half-step,
-            other duration or doubt.
+            empty without strides. `regular`: no turn, stairs, half-step, other duration, or doubt about the quantity.
         notes: what is doubtful about the reference.
     """
 

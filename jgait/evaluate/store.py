@@ -63,8 +63,8 @@ class Cohort(NamedTuple):
         quantities: a row a recording and quantity: `recording subject quantity estimate reference error abs_error
             rel_error`, in the unit at the end of the quantity's name; NaN where there is no reference.
         strides: a row a stride of the reference and quantity: the same columns, and `s_id side start end` [s], and
-            `regular`: the estimated stride is in no turn, on no stairs, no half-step, not uneven, and not
-            in doubt.
+            `regular`: the estimated stride has no flag that leaves the quantity out, see `StrideFlag.leaves_out`:
+            a turn, stairs, a half-step, an uneven duration, or a doubt about this quantity.
         failures: `recording subject reason` of every recording without a result.
     """
 

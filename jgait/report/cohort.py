@@ -226,8 +226,8 @@ def agreement_tables(agreement: "pd.DataFrame") -> list[Table]:
         caption = (
             "Estimate − reference, each quantity in its own unit; in brackets 95 % intervals, over people. ICC(2,1) "
             "compares with how much the people differ: 1 is perfect, and – where the reference does not vary. Regular "
-            "strides are in no turn, on no stairs, no half-step, not uneven and not in doubt; half-steps from and to "
-            "standing make the ICC of all strides' lengths larger."
+            "strides are in no turn, on no stairs, no half-step and not uneven; those of lengths and speeds are not in "
+            "doubt either. Half-steps from and to standing make the ICC of all strides' lengths larger."
         )
         columns = ("quantity", "n / people", "bias", "95 % limits", "mean |error|", "worst |error|", "ICC(2,1)")
         tables.append(Table(caption, columns, rows))

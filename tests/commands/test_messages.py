@@ -47,7 +47,7 @@ def test_files_of_the_same_name_are_told_apart(recording, tmp_path, without_esti
 
 def test_one_file_is_called_by_its_name(walk, tmp_path, without_estimates):
     _, said = run("estimate", walk, "--out", tmp_path / "out", "--notes")
-    assert " walk.csv: Usable with care: " in said and "For information: Sampling rate" in said
+    assert said.startswith("walk.csv: Usable with care: ") and "For information: Sampling rate" in said
 
 
 @pytest.mark.parametrize(
