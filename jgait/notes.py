@@ -56,7 +56,9 @@ def brief(value: object, most: int = 90) -> str:
         kind = getattr(value, "dtype", type(value).__name__)
         text = f"{kind}{list(shape)}" if large else str(value)
     elif isinstance(value, Mapping):
-        text = f"{{{', '.join(f'{name}: {brief(each, 30)}' for name, each in list(value.items())[:most])}}}"
+        entries = [f"{name}: {brief(each, 30)}" for name, each in list(value.items())[:most]]
+        shown = entries if sum(map(len, entries)) < most else map(str, value)
+        text = f"{{{', '.join(shown)}}}"
     elif isinstance(value, tuple) and hasattr(value, "_fields"):
         parts = _fields(cast(NamedTuple, value), 0) if type(value).__repr__.__module__ in _GENERATED else []
         text = f"{type(value).__name__}({', '.join(parts)})" if parts else repr(value)
