@@ -141,7 +141,7 @@ def analyse(recording: Recording | str | os.PathLike[str], person: Mapping[str, 
         ValueError: a measure of the person that is unknown or outside its range.
     """
     if isinstance(recording, str | os.PathLike):
-        recording = importlib.import_module("jgait.io").read(recording)
+        return analyse(importlib.import_module("jgait.io").read(recording), person)
     check_recording(recording)
     if not isinstance(person, Mapping | None):
         raise TypeError(f"person must be a dictionary of measures, such as {{'height': 1.75}}; got {person!r}")
