@@ -48,7 +48,7 @@ setup: $(STAMP) ## make the environment in .venv (the other targets do it by the
 $(STAMP): pyproject.toml requirements.lock .ci/setup
 	@PYTHON="$(PYTHON)" sh .ci/setup
 
-demo: $(STAMP) ## a real walk by one call, tuning, judging: tables, and figures in a folder; ARGS="--help" says more
+demo: $(STAMP) ## tuning and judging on simulated people, a real walk by one call if it is here; ARGS="--help" says more
 	@$(BIN)/jgait demo $(ARGS)
 
 test: lint types ## lint, check the types, run the tests; ARGS="-k leg" for some of the tests

@@ -5,10 +5,13 @@ A kind of fact is declared once, in the module that detects it: `LOST = Kind("sa
 `LOST(placement="waist", lost=3)`. Programs read `code`, `severity` and `values`; people read `text` and `meaning`.
 """
 
+import html
 import json
-from collections.abc import Iterable, Mapping
+import math
+import textwrap
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple, cast
+from typing import Any, Literal, NamedTuple, cast
 
 Severity = Literal["stop", "check", "corrected", "info"]
 
@@ -33,6 +36,69 @@ def printable(text: str, most: int | None = None) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode() for c in text)
+
+
+def resolved(value: float, spread: float, digits: int = 3) -> str:
+    """A number with `digits` significant digits, or as many more as show two of its spread; "–" without a number."""
+    if not math.isfinite(value):
+        return "–"
+    known = value != 0.0 and math.isfinite(spread) and spread > 0.0
+    needed = math.floor(math.log10(abs(value))) - math.floor(math.log10(spread)) + 2 if known else 0
+    text = f"{value:.{digits}g}" if needed <= digits else f"{value:#.{min(needed, 9)}g}".rstrip(".")
+    return text.replace("-", "−")
+
+
+def brief(value: object, most: int = 90) -> str:
+    """A value in at most so many characters: arrays and tables by type and shape, records and mappings by contents."""
+    shape = getattr(value, "shape", None)
+    if isinstance(shape, tuple):
+        large = shape and not (len(shape) == 1 and shape[0] <= 4 and hasattr(value, "tolist"))
+        kind = getattr(value, "dtype", type(value).__name__)
+        text = f"{kind}{list(shape)}" if large else str(value)
+    elif isinstance(value, Mapping):
+        entries = [f"{name}: {brief(each, 30)}" for name, each in list(value.items())[:most]]
+        shown = entries if sum(map(len, entries)) < most else map(str, value)
+        text = f"{{{', '.join(shown)}}}"
+    elif isinstance(value, tuple) and hasattr(value, "_fields"):
+        parts = _fields(cast(NamedTuple, value), 0) if type(value).__repr__.__module__ in _GENERATED else []
+        text = f"{type(value).__name__}({', '.join(parts)})" if parts else repr(value)
+    elif isinstance(value, Collection) and not isinstance(value, str | bytes):
+        text = f"{len(value)} [{', '.join(brief(each, 30) for each in list(value)[:4])}{', …' * (len(value) > 4)}]"
+    else:
+        text = getattr(value, "__qualname__", None) or repr(value)
+    return printable(" ".join(text.split()), most)
+
+
+_GENERATED = ("collections", __name__)
+"""Modules of a `repr` that no class wrote for itself: of NamedTuple, and of `record`."""
+
+
+def _fields(values: NamedTuple, most: int) -> list[str]:
+    """The fields of a record that are not None, each with its value; with 0 characters, of plain numbers alone."""
+    known = {name: each for name, each in values._asdict().items() if each is not None}
+    return [
+        f"{name}={brief(each, most or 20)}" if most or isinstance(each, int | float | str) else name
+        for name, each in known.items()
+    ]
+
+
+def record[T: type](cls: T) -> T:
+    """Class decorator: the `repr` of a NamedTuple is at most ten lines, and notebooks show a table of its fields."""
+
+    def __repr__(self: Any) -> str:  # noqa: N807
+        text = f"{cls.__name__}({', '.join(_fields(self, 90))})"
+        return textwrap.fill(text, 110, subsequent_indent="  ", max_lines=10, placeholder=" …)")
+
+    def _repr_html_(self: Any) -> str:
+        rows = "".join(
+            f"<tr><th>{name}</th><td>{html.escape(brief(each, 200))}</td></tr>" for name, each in self._asdict().items()
+        )
+        return f"<table><caption>{cls.__name__}</caption>{rows}</table>"
+
+    parts: dict[str, Any] = {"__repr__": __repr__, "_repr_html_": _repr_html_}
+    for name, part in parts.items():
+        setattr(cls, name, part)
+    return cls
 
 
 class Kind(NamedTuple):
@@ -91,6 +157,9 @@ class Note:
 
     def __str__(self) -> str:
         return self.text
+
+    def __repr__(self) -> str:
+        return f"Note({self.code}, {self.severity}: {self.text})"
 
     def __hash__(self) -> int:
         return hash((self.code, self.text))

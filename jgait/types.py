@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from jgait.notes import Note, printable
+from jgait.notes import Note, printable, record
 
 AnyArray = Array | np.ndarray
 """A JAX array, or a NumPy array on the host: `Float[AnyArray, "time 3"]`."""
@@ -55,6 +55,7 @@ PLACEMENTS = (
 """Places of a sensor. `shank` is the middle of the shank, `ankle` its lower end just above the malleoli."""
 
 
+@record
 class Imu(NamedTuple):
     """One inertial sensor on its own clock.
 
@@ -71,6 +72,7 @@ class Imu(NamedTuple):
     mask: Mask
 
 
+@record
 class RangeReadings(NamedTuple):
     """Distances between two places, as a range sensor measures them.
 
@@ -148,6 +150,7 @@ def numbered_people(labels: Iterable[Hashable]) -> tuple[tuple[str, ...], np.nda
     return tuple(number), np.asarray([number[name] for name in names], np.int32)
 
 
+@record
 class LegTrajectory(NamedTuple):
     """One leg in its sagittal plane, seen with forward to the right; the hip is the origin.
 
@@ -164,6 +167,7 @@ class LegTrajectory(NamedTuple):
     y: Series
 
 
+@record
 class Legs(NamedTuple):
     """Both legs, each a `LegTrajectory`, or None where the leg was not measured."""
 
@@ -171,6 +175,7 @@ class Legs(NamedTuple):
     left: LegTrajectory | None
 
 
+@record
 class FootTrajectory(NamedTuple):
     """The trajectory of one foot's sensor; for standard deviations, `orientation` is (T, 3), a rotation vector.
 
@@ -185,6 +190,7 @@ class FootTrajectory(NamedTuple):
     orientation: Maybe[Float[AnyArray, "*batch time 4"]]
 
 
+@record
 class Feet(NamedTuple):
     """Both feet, each a `FootTrajectory`, or None where the foot was not measured."""
 
@@ -192,6 +198,7 @@ class Feet(NamedTuple):
     left: FootTrajectory | None
 
 
+@record
 class Strides(NamedTuple):
     """Strides of both feet, each from one initial contact of a foot to its next initial contact; every field is (n,).
 
@@ -237,6 +244,7 @@ class Strides(NamedTuple):
     step_length: Maybe[Rows] = None
 
 
+@record
 class Estimate(NamedTuple):
     """The result of an estimator, a simulator or motion capture for one recording.
 
@@ -265,6 +273,7 @@ class Estimate(NamedTuple):
     strides_stddev: Maybe[Strides] = None
 
 
+@record
 class Walk(NamedTuple):
     """One recorded walk.
 

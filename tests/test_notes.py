@@ -4,6 +4,7 @@ import ast
 import collections
 import functools
 import json
+import math
 import re
 import string
 from pathlib import Path
@@ -14,7 +15,7 @@ from made.notes import kinds
 
 import jgait
 from jgait.commands import cohort
-from jgait.notes import SEVERITIES, Kind, Note, from_json, grouped, listed, of_recordings, to_json
+from jgait.notes import SEVERITIES, Kind, Note, from_json, grouped, listed, of_recordings, resolved, to_json
 
 ROOT = Path(jgait.__file__).parent
 KINDS = kinds()
@@ -144,3 +145,21 @@ def test_recordings_are_counted_in_the_singular_and_the_plural(many, whole, word
 def test_of_several_texts_two_are_shown():
     assert listed(["a"]) == "a" and listed("ab") == "a; b" and listed("abcd") == "a; b; and 2 more"
     assert len(listed(["a" * 300, "b" * 300], 200)) < 210
+
+
+@pytest.mark.parametrize(
+    "value, spread, text",
+    [
+        (1.003, 0.0016, "1.0030"),
+        (0.99983, 0.0063, "0.9998"),
+        (1.0061, 0.0063, "1.0061"),
+        (0.43, 0.1, "0.43"),
+        (-12.3456, 3.0, "−12.3"),
+        (5.0, math.nan, "5"),
+        (0.0, 0.1, "0"),
+        (math.nan, 0.1, "–"),
+        (2.5e-9, 1e-12, "2.5000e−09"),
+    ],
+)
+def test_a_number_has_the_digits_that_its_spread_needs(value, spread, text):
+    assert resolved(value, spread) == text

@@ -1,5 +1,9 @@
 """The records: they pass through jax unchanged, and what is not there is named."""
 
+import importlib
+import inspect
+import pkgutil
+import typing
 from operator import sub
 
 import jax
@@ -12,6 +16,7 @@ import pytest
 import jgait
 from jgait import evaluate, io, simulate, tune
 from jgait.estimators import foot_ins
+from jgait.notes import Kind, brief
 from jgait.params import positive
 from jgait.types import (
     PLACEMENTS,
@@ -22,6 +27,7 @@ from jgait.types import (
     LegTrajectory,
     Recording,
     RecordingError,
+    Scalar,
     as_float,
     leg_of,
     numbered_people,
@@ -122,7 +128,7 @@ def test_a_person_has_one_name_however_it_is_written():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: jgait.analyse("walk.csv"), r"recording must be a jgait.types.Recording, .*; got str 'walk.csv'"),
+        (lambda: jgait.analyse(3), r"recording must be a jgait.types.Recording, .*; got int 3"),
         (lambda: jgait.analyse(EMPTY, 1.75), r"person must be a dictionary of measures, .*; got 1.75"),
         (lambda: foot_ins.estimate(foot_ins.FootParams(), [EMPTY]), r"recording must be .*; got list"),
         (lambda: foot_ins.estimate(EMPTY, foot_ins.FootParams()), r"must be parameters, FootParams; got Recording"),
@@ -165,3 +171,42 @@ def test_sensors_are_a_list_of_places(placements):
 def test_a_gait_in_other_units_is_refused():
     with pytest.raises(ValueError, match=r"speed must be above 0 and at most 13; got 130"):
         simulate.gait(speed=130, cadence=110.0)
+
+
+def public_records():
+    """The classes of records that are public names of jgait, or that its public functions return."""
+    found = [jgait.__name__, *(found.name for found in pkgutil.walk_packages(jgait.__path__, "jgait."))]
+    modules = [importlib.import_module(name) for name in found if not name.startswith("jgait.commands")]
+    public = [getattr(module, name) for module in modules for name in getattr(module, "__all__", ())]
+    known = {each for each in public if inspect.isclass(each)}
+    for function in filter(inspect.isfunction, public):
+        if "return" in function.__annotations__ and not isinstance(function.__annotations__["return"], str):
+            known.add(typing.get_origin(function.__annotations__["return"]) or function.__annotations__["return"])
+    known -= {jgait.Recording, jgait.Analysis, tune.Lessons}  # which print a sentence of their contents
+    return sorted((each for each in known if getattr(each, "_fields", ())), key=lambda each: each.__name__)
+
+
+def filled(kind):
+    """A record with large arrays where a field can hold arrays or records, and a number elsewhere."""
+    plain = (bool, int, float, str)
+    large = np.linspace(0.0, 1.0, 3000).reshape(1000, 3)
+    return kind(*(1 if hint in plain or hint == Scalar else large for hint in kind.__annotations__.values()))
+
+
+@pytest.mark.parametrize("kind", public_records(), ids=lambda kind: kind.__name__)
+def test_every_record_is_printed_in_ten_lines(kind):
+    shown = repr(filled(kind))
+    assert 1 <= len(shown.splitlines()) <= 10
+    assert len(shown) <= 1200
+
+
+def test_a_record_shows_what_it_holds():
+    imu = Imu(np.arange(500.0), np.zeros((500, 3)), None, np.ones(500, bool))
+    assert repr(imu) == "Imu(time=float64[500], gyr=float64[500, 3], mask=bool[500])"
+    assert "<th>gyr</th><td>float64[500, 3]</td>" in imu._repr_html_()
+    walk = jgait.Walk(Recording({"waist": imu}, 100.0), None, {"day": "<b>"})
+    assert repr(walk).startswith("Walk(recording=Recording('recording': 500 samples; 100 Hz; sensors waist; 0 notes), ")
+    assert "&lt;b&gt;" in walk._repr_html_()
+    assert brief({"height": 1.75, "thigh_length": (0.4, 0.41)}) == "{height: 1.75, thigh_length: 2 [0.4, 0.41]}"
+    assert repr(Kind("late", "check", "{s:.1f} s late", "")(s=0.1)) == "Note(late, check: 0.1 s late)"
+    assert repr(jax.jit(lambda given: given)(imu._replace(acc=jnp.zeros((500, 3))))).startswith("Imu(time=float64[500]")

@@ -1,7 +1,6 @@
 """`jgait datasets`: list the public data sets, show their folders, and fetch them."""
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +8,7 @@ import typer
 from rich.table import Table
 
 from jgait import datasets
-from jgait.commands.console import console, stop, visible, write_json
+from jgait.commands.console import Bar, console, progress, stop, visible, write_json
 
 Json = Annotated[Path | None, typer.Option("--json", help="Write the same as JSON to this file.")]
 
@@ -35,19 +34,25 @@ def list_sets(json_file: Json = None) -> None:
 @sets.command("path")
 def path_of_set(name: str, json_file: Json = None) -> None:
     """Print the folder of a data set."""
-    _show(name, json_file, datasets.path, "")
+    _show(name, json_file, datasets.path)
 
 
 @sets.command("fetch")
 def fetch_set(name: str, json_file: Json = None) -> None:
     """Download a data set from its authors; each file is checked by its hash."""
-    _show(name, json_file, partial(datasets.fetch, progress=True), f"{name} could not be fetched: ")
+    _show(name, json_file, download)
 
 
-def _show(name: str, json_file: Path | None, locate: Callable[[str], Path], failed: str) -> None:
+def download(name: str) -> Path:
+    """Download what is missing of a data set, under a progress bar; its folder in the download cache."""
+    with progress() as bars:
+        return datasets.fetch(name, progress=Bar(bars))
+
+
+def _show(name: str, json_file: Path | None, locate: Callable[[str], Path]) -> None:
     try:
         folder = str(locate(name))
     except Exception as error:
-        stop(f"{failed}{error}")
+        stop(str(error))
     console.print(visible(folder), soft_wrap=True)
     write_json(json_file, {name: folder})

@@ -8,6 +8,7 @@ import typer
 from jgait import datasets
 from jgait.commands import jobs, report
 from jgait.commands.console import console, show_table, stop, write_json, wrote
+from jgait.commands.datasets import download
 from jgait.commands.evaluate import evaluate
 from jgait.commands.folder import results_folder
 from jgait.commands.tune import tune
@@ -36,9 +37,9 @@ def demo(
         stop(f"--dataset is auto, simulated or neura_sparse; got '{dataset}'")
     if dataset == "neura_sparse" and not datasets.available("neura_sparse"):
         try:
-            datasets.fetch("neura_sparse", progress=True)
+            download("neura_sparse")
         except Exception as error:
-            stop(f"neura_sparse could not be fetched: {error}")
+            stop(str(error))
     numbers: dict[str, Any] = {}
     if dataset != "simulated" and datasets.available("neura_sparse"):
         walk = datasets.load("neura_sparse")[0]

@@ -13,12 +13,12 @@ from jaxtyping import PyTree
 from jgait import io
 from jgait.commands import cohort as cohorts
 from jgait.commands import jobs, options, recordings
-from jgait.commands.console import Bar, console, errors, note, progress, say_failures, stop, visible, write_json, wrote
+from jgait.commands.console import Bar, console, count, errors, progress, say_failures, stop, visible, write_json, wrote
 from jgait.commands.folder import ResultsFolder, results_folder
 from jgait.commands.jobs import EstimateJob
 from jgait.commands.recordings import Item
 from jgait.estimators import programs
-from jgait.notes import grouped, of_recordings
+from jgait.notes import of_recordings
 from jgait.report.flags import DOUBTS, verdict
 from jgait.report.page import GRADES, Flag
 from jgait.types import Recording, reason_of
@@ -31,7 +31,7 @@ ENDINGS = ("csv", "parquet", "json")
 
 EPILOG = options.epilog()
 
-STYLES = {"stop": "bold red", "check": "yellow"}
+STYLES = {"stop": "bold red", "check": "yellow", "corrected": "", "info": ""}
 """Grade of a flag → its style in the terminal."""
 
 
@@ -44,6 +44,7 @@ class Outcome(NamedTuple):
     flags: Sequence[Flag] = ()
     tables: "Mapping[str, pd.DataFrame]" = MappingProxyType({})  #: its tables of which there is one of all recordings.
     numbers: Mapping[str, Any] = MappingProxyType({})  #: for the JSON file.
+    files: Sequence[Path] = ()  #: that were written.
 
     def doubts(self) -> list[Flag]:
         """The flags that put it in doubt, the gravest first."""
@@ -88,6 +89,7 @@ def estimate(
         ),
     ] = Path("jgait-results"),
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
+    notes: Annotated[bool, typer.Option("--notes", help="Print all remarks, each with its meaning.")] = False,
 ) -> None:
     """Estimate gait from recordings in files, and write tables and figures.
 
@@ -136,18 +138,22 @@ def estimate(
     unread = [failure for table in tables.values() for failure in table.failures]
     say_failures(unread)
     made = [Outcome(Item(Path(row), row), "", reason) for row, reason in unread]
+    joined: Sequence[Path] = ()
     with results_folder(out, "estimate", None, planned=planned, inputs=inputs, json_file=json_file) as folder:
         made += [_one(item, read, job, folder, table_format) for item in items]
         if several:
             every = _together(made, job.joined).items()
             files = [io.write_table(rows, folder.stage / f"{name}.{table_format}") for name, rows in every]
-            wrote(folder.publish(files))
+            joined = folder.publish(files)
     if job.table.rows:
         console.print(job.table)
-        console.print(job.caption, style="dim")
     for outcome in made:
-        if doubtful := outcome.doubts():
-            _say_doubts(outcome.item.label, doubtful)
+        if not outcome.reason:
+            _say_trust(outcome.item.label, outcome.flags, notes)
+    if notes and job.table.rows:
+        console.print(job.caption, style="dim")
+    if written := [*(path for outcome in made for path in outcome.files), *joined]:
+        wrote(written)
     failures = {outcome.item.key: outcome.reason for outcome in made if outcome.reason}
     numbers = {outcome.item.key: outcome.numbers for outcome in made if not outcome.reason}
     write_json(json_file, {"estimator": job.name, "recordings": numbers, "failures": failures})
@@ -206,7 +212,7 @@ def _one(
     folder: ResultsFolder,
     ending: str,
 ) -> Outcome:
-    """Estimate and write one recording, and print its notes, but for those that put it in doubt."""
+    """Estimate and write one recording."""
     subject = item.subject or item.file.stem
     try:
         with progress() as bars:
@@ -223,19 +229,11 @@ def _one(
         return Outcome(item, subject, reason)
     files = [io.write_table(rows, folder.stage / f"{item.name}_{name}.{ending}") for name, rows in made.tables.items()]
     written = folder.publish(files + made.drawn(folder.stage, item.name, job.about.figures))
-    for line in grouped(recording_note for recording_note in made.notes if recording_note.severity not in DOUBTS):
-        note(f"{item.label}: {str(line).removeprefix(f'{item.file.name}: ')}")
-    result = Outcome(item, subject, "", flags,
-                  {name: rows for name, rows in made.tables.items() if name in job.joined})  # fmt: skip
-    rows = made.rows
-    if doubtful := result.doubts():
-        lines = sum(len(flag.text.splitlines()) for flag in doubtful)
-        rows = [["doubts", f"{'not usable' if doubtful[0].grade == 'stop' else lines}, see below"], *rows]
-    for number, row in enumerate(rows):
+    for number, row in enumerate(made.rows):
         job.table.add_row("" if number else visible(item.name), *row)
-    wrote(written)
+    tables = {name: rows for name, rows in made.tables.items() if name in job.joined}
     listed = {"files": list(map(str, written)), "flags": [flag._asdict() for flag in flags]}
-    return result._replace(numbers={**made.numbers, **listed})
+    return Outcome(item, subject, "", flags, tables, {**made.numbers, **listed}, written)
 
 
 def _together(made: Sequence[Outcome], names: Iterable[str]) -> dict[str, "pd.DataFrame"]:
@@ -256,11 +254,15 @@ def _together(made: Sequence[Outcome], names: Iterable[str]) -> dict[str, "pd.Da
     return tables
 
 
-def _say_doubts(label: str, flags: Sequence[Flag]) -> None:
-    """Print the verdict about a recording, and each flag with its meaning."""
-    console.print(visible(f"\n{label}: {verdict(flags)}"), style="bold", highlight=False, soft_wrap=True)
-    for flag in flags:
+def _say_trust(label: str, flags: Sequence[Flag], every: bool) -> None:
+    """Print how far to trust a recording; then each flag with its meaning, or how many there are."""
+    grade = next((flag.grade for flag in flags if flag.grade in DOUBTS), "info")
+    console.print(visible(f"{label}: {verdict(flags)}"), style=STYLES[grade] or "bold", highlight=False, soft_wrap=True)
+    for flag in flags if every else ():
         for line in flag.text.splitlines():
             console.print(visible(f"  {GRADES[flag.grade]}: {line}"), style=STYLES[flag.grade], highlight=False,
                           soft_wrap=True)  # fmt: skip
         console.print(visible(f"    {flag.meaning}"), highlight=False, soft_wrap=True)
+    if flags and not every:
+        lines = sum(len(flag.text.splitlines()) for flag in flags)
+        console.print(f"  {count(lines, 'remark', 'remarks')}: --notes prints them", style="dim", highlight=False)

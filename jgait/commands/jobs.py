@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
 from jaxtyping import PyTree
 from rich.table import Table
 
@@ -15,9 +14,8 @@ from jgait.commands import options
 from jgait.commands.console import table_of
 from jgait.commands.pipeline import Choice, chosen
 from jgait.estimators.about import About, EstimatedRecording, EstimateFigure, EstimateTable
-from jgait.estimators.columns import QUANTITIES
 from jgait.estimators.combined import Analysis, analyse
-from jgait.estimators.stride_flags import STRIDE_FLAGS, regular
+from jgait.estimators.stride_flags import regular
 from jgait.estimators.totals import (
     FOOT_PATH,
     JOINT_ANGLES,
@@ -28,7 +26,7 @@ from jgait.estimators.totals import (
     has_strides,
 )
 from jgait.io.strides import special
-from jgait.io.totals import CAPTION, totals
+from jgait.io.totals import CAPTION, totals, totals_by_source
 from jgait.notes import Note, without_repeats
 from jgait.report.flags import of_result
 from jgait.report.page import Flag
@@ -120,7 +118,7 @@ def one_estimator(choice: Choice, person: Mapping[str, PyTree]) -> EstimateJob:
         return of_estimate(EstimatedRecording(recording, estimate, p, choice.settings), about)
 
     table = table_of(
-        "recording", "quantity", "value", left=3, title=f"{name}, the paper's pipeline" if choice.paper else name
+        "recording", "measure", "value", left=3, title=f"{name}, the paper's pipeline" if choice.paper else name
     )
     caption = "; ".join(filter(None, (about.caption.format(**choice.settings), CAPTION)))
     made = reports.Made(name, None, choice.estimator.params, "the paper's" if choice.paper else "")
@@ -129,7 +127,7 @@ def one_estimator(choice: Choice, person: Mapping[str, PyTree]) -> EstimateJob:
 
 def all_sensors(person: Mapping[str, PyTree]) -> EstimateJob:
     """Every estimator that has its sensors."""
-    table = table_of("recording", "quantity", "combined", "each alone", left=4, title="all sensors together")
+    table = table_of("recording", "measure", "value", "from", left=4, title="all sensors together")
     return EstimateJob(
         "all", ALL, table, CAPTION, lambda recording, known: of_analysis(analyse(recording, {**known, **person})),
         reports.Made("all sensors together"),
@@ -159,17 +157,7 @@ def of_estimate(made: EstimatedRecording, about: About) -> RecordingResults:
 
 def of_analysis(made: Analysis) -> RecordingResults:
     """The results of all sensors: a row for each quantity, combined with its standard deviation, and of each source."""
-    alone: dict[str, list[str]] = {}
-    for comparison in made.comparisons:
-        if comparison.source != "combined":
-            alone.setdefault(comparison.quantity, []).append(
-                f"{comparison.source} {comparison.value:.{QUANTITIES[comparison.quantity].digits}f}"
-            )
-    by_feet = None if made.strides is None else np.array(made.strides.first) == "feet"
-    rows = [
-        [total.words, total.text, ", ".join(alone.get(total.quantity, ()))]
-        for total in totals(made.estimate, STRIDE_FLAGS, by_feet)
-    ]
+    rows = [[total.words, total.text, total.source] for total in totals_by_source(made)]
     tables = io.analysis_to_dataframes(made)
     numbers = {
         **_numbers(made.estimate, made.notes),

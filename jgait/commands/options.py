@@ -11,7 +11,7 @@ from jaxtyping import PyTree
 from jgait import estimators
 from jgait.commands.console import refused, stop
 from jgait.estimators.about import About, CommandOption
-from jgait.estimators.proportions import outside
+from jgait.estimators.proportions import in_metres, outside
 from jgait.io.files import check_regular
 
 PersonFile = Annotated[
@@ -114,6 +114,8 @@ def person_in(file: Path | None) -> dict[str, PyTree]:
     known = {m.name: (m.low, m.high) for name in estimators.names() for m in estimators.about_of(name).measures}
     if not isinstance(content, dict) or not content:
         stop(f"--person {file} holds one object with measures such as height; got {str(content)[:60]!r}")
+    with refused(f"--person {file}: "):
+        content = in_metres(content)
     for name, value in content.items():
         if name not in known:
             stop(f"--person {file}: a person has {', '.join(sorted(known))}; got {name!r}")

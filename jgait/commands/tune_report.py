@@ -1,5 +1,6 @@
 """The output of `jgait tune`: printed tables and written files."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ from jgait.commands.folder import ResultsFolder
 from jgait.commands.tune_run import Job, TuningResults
 from jgait.evaluate import PairedDifference
 from jgait.io.write import in_cells
+from jgait.notes import resolved
 from jgait.plot import cohort as plot_cohort
 from jgait.plot import tuning as plot_tuning
 from jgait.report.made import flat
@@ -142,7 +144,8 @@ def _show_held_out(table: "pd.DataFrame", job: Job, change: PairedDifference) ->
         console.print(f"{change_words}; {sides} (a verdict needs {ENOUGH} {plural})", highlight=False)
         return
     verdict = "better" if change.high < 0.0 else "worse" if change.low > 0.0 else "no clear change"
-    ends = f"95 %: {significant(change.low)} to {significant(change.high)}, bootstrap over {plural}"
+    low, high = (resolved(end, change.high - change.low) for end in (change.low, change.high))
+    ends = f"95 %: {low} to {high}, bootstrap over {plural}"
     console.print(f"{verdict}: {change_words} ({ends}); {sides}", highlight=False)
 
 
@@ -151,7 +154,8 @@ def _show_values(values: dict[str, dict[str, Any]]) -> None:
     console.print("\nlearned from all people", style="italic")
     shown = table_of("parameter", "unit", "before", "after", "standard error", "95 % interval", left=2)
     for name, row in values.items():
-        ends = "–" if row["low"] is None else f"{significant(row['low'])} … {significant(row['high'])}"
-        numbers = (significant(row["before"]), significant(row["after"], 4), significant(row["stderr"], 2))
+        width = math.nan if row["low"] is None else row["high"] - row["low"]
+        ends = "–" if row["low"] is None else f"{resolved(row['low'], width)} … {resolved(row['high'], width)}"
+        numbers = (significant(row["before"]), resolved(row["after"], width / 4.0, 4), significant(row["stderr"], 2))
         shown.add_row(name, row["unit"], *numbers, ends)
     console.print(shown)

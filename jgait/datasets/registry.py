@@ -12,12 +12,14 @@ import hashlib
 import importlib
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from importlib import resources
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
-from urllib.parse import quote
+from urllib.parse import quote, urlsplit
+
+from jgait.notes import record
 
 NAMES = ("neura_sparse", "walking5m", "footprints", "pyshoe_vicon")
 """The data sets of jgait; each has a module and a JSON file of its name in this folder."""
@@ -28,6 +30,7 @@ _homes = dict.fromkeys(NAMES, "jgait.datasets")
 DATA_DIR_VARIABLE = "JGAIT_DATA_DIR"
 
 
+@record
 class DatasetInfo(NamedTuple):
     """Description, source and licence of a data set.
 
@@ -163,7 +166,28 @@ def unavailable_reason(name: str) -> str:
     )
 
 
-def fetch(name: str, files: Iterable[str] | None = None, *, progress: bool = False) -> Path:
+class _Meter:
+    """What pooch calls while a file arrives; it reports the bytes that are here, and all of them."""
+
+    total = 0
+
+    def __init__(self, file: str, report: Callable[[str, int, int | None], None]) -> None:
+        self.file, self.report, self.done = file, report, 0
+
+    def update(self, more: int) -> None:
+        self.done += more
+        self.report(self.file, self.done, self.total or None)
+
+    def reset(self) -> None:
+        self.done = 0
+
+    def close(self) -> None:
+        pass
+
+
+def fetch(
+    name: str, files: Iterable[str] | None = None, *, progress: Callable[[str, int, int | None], None] | None = None
+) -> Path:
     """Download a data set into the user's cache, each file checked against its sha256.
 
     Only this call downloads; `load` never does. A set without a stated licence (`walking5m`) is fetched for the
@@ -172,12 +196,13 @@ def fetch(name: str, files: Iterable[str] | None = None, *, progress: bool = Fal
     Args:
         name: data set.
         files: upstream paths; None: every listed file that is missing.
-        progress: show a progress bar (needs tqdm).
+        progress: called while a file arrives, with its path, the bytes that are here, and all of them if known.
 
     Raises:
         ValueError: if the data set, or a file of it, is not known.
         ChecksumError: if a downloaded file does not have the listed sha256.
-        OSError: if there is no network.
+        OSError: if there is no network, the server does not have the file, or the file cannot be written.
+        ImportError: without the extra `io`.
     """
     known = info(name)
     wanted = missing(name) if files is None else tuple(files)
@@ -186,16 +211,27 @@ def fetch(name: str, files: Iterable[str] | None = None, *, progress: bool = Fal
         raise ValueError(f"{name} has no known file {unknown[0]!r}; info({name!r}).files lists them")
     if not wanted:
         return _cache(name)
-    import pooch
+    pooch = _pooch()
+    import requests
 
     hashes = {file: f"sha256:{known.files[file]}" for file in wanted}
     urls = {file: known.address(file) for file in wanted}
     getter = pooch.create(path=_cache(name), base_url="", registry=hashes, urls=urls)
     for file in wanted:
+        meter = False if progress is None else _Meter(file, progress)
         try:
-            getter.fetch(file, progressbar=progress)
-        except ValueError as error:
-            raise ChecksumError(f"{known.address(file)} is not the file that was expected: {error}") from error
+            getter.fetch(file, downloader=pooch.HTTPDownloader(progressbar=meter, chunk_size=1 << 16))
+        except requests.HTTPError as error:
+            answer = " ".join(str(getattr(error.response, part)) for part in ("status_code", "reason"))
+            raise OSError(f"{urls[file]} could not be downloaded: the server answers {answer}") from None
+        except requests.RequestException as error:
+            host = urlsplit(urls[file]).netloc
+            reason = f"no connection to {host} ({type(error).__name__}); check the network"
+            raise OSError(f"{urls[file]} could not be downloaded: {reason}") from None
+        except ValueError:  # pooch has removed the file
+            raise ChecksumError(
+                f"{urls[file]} is not the file that was expected: its sha256 is not {known.files[file][:12]}…"
+            ) from None
     return _cache(name)
 
 
@@ -235,10 +271,16 @@ def file(name: str, upstream_path: str, *, strict: bool = True) -> tuple[Path, b
     return local, True
 
 
-def _cache(name: str) -> Path:
-    import pooch
+def _pooch() -> ModuleType:
+    try:
+        import pooch
+    except ImportError as missing:
+        raise ImportError(f"public recordings need the extra io: pip install 'jgait[io]' ({missing})") from missing
+    return pooch
 
-    return Path(pooch.os_cache("jgait")) / name
+
+def _cache(name: str) -> Path:
+    return Path(_pooch().os_cache("jgait")) / name
 
 
 @functools.lru_cache(maxsize=4096)

@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple
 
 from jaxtyping import PyTree
 
+from jgait.notes import record
 from jgait.types import Estimate, Recording
 
 Settings = dict[str, Any]
@@ -96,11 +97,11 @@ class StrideFlag(NamedTuple):
     label: str  #: text of the flag in figures and reports.
     meaning: str  #: effect of the property on the numbers, in a sentence.
     read: Callable[[Estimate], PyTree]  #: estimate → (strides,) bool, or None if the estimate does not contain the flag
-    regular: bool = True  #: True if flagged strides count in means.
     leaves_out: tuple[str, ...] = ()  #: columns of the table of strides in which flagged strides do not count in means.
     grade: str = "check"  #: severity, see `jgait.report.page.GRADES`.
 
 
+@record
 class About(NamedTuple):
     """Description of an estimator for commands, reports and documentation.
 

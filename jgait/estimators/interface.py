@@ -13,12 +13,13 @@ from jgait.estimators.plausible import implausible, paces_mixed
 from jgait.estimators.programs import bucket
 from jgait.estimators.proportions import gives, with_proportions
 from jgait.geometry.arrays import on_host
-from jgait.notes import Note
+from jgait.notes import Note, record
 from jgait.params import check_params, ranges
 from jgait.quality import SensorQuality, merged
 from jgait.types import Estimate, Measures, Recording, Values, check_kind, check_recording
 
 
+@record
 class Prepared[I](NamedTuple):
     """A recording prepared for the pure function `run` of an estimator.
 
@@ -40,6 +41,7 @@ class Prepared[I](NamedTuple):
     quality: dict[str, SensorQuality] = {}  # noqa: RUF012
 
 
+@record
 class Estimator[P, I](NamedTuple):
     """An estimator as a record of functions, the same for all estimators, for cohorts and tuners.
 

@@ -15,6 +15,7 @@ from jaxtyping import PyTree
 from jgait import filtering, quality
 from jgait.estimators.losses import held_bridge
 from jgait.filtering import Belief
+from jgait.notes import record
 from jgait.quality.stride import of_stride
 from jgait.signal.counted import scanned
 from jgait.signal.marks import latest
@@ -54,6 +55,7 @@ class LaggedSignals(NamedTuple):
     gyr_bias: Values
 
 
+@record
 class LaggedState(NamedTuple):
     """State between samples; every field has a fixed size."""
 

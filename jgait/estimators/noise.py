@@ -26,6 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jgait.geometry.vectors import GRAVITY
+from jgait.notes import record
 from jgait.params import Param, Parameter, documented, normal, real
 from jgait.types import AnyArray, Values
 
@@ -122,6 +123,7 @@ class Constant(NamedTuple):
 
 
 @documented
+@record
 class LogLinear(NamedTuple):
     """Weights of the features, so that a variance is a product of powers; 0 leaves a feature out."""
 
@@ -144,6 +146,7 @@ class LogLinear(NamedTuple):
 
 
 @documented
+@record
 class Network(NamedTuple):
     """Weights of one hidden layer, 208 in all. At the start the output is 0; the first layer is drawn, with a fixed
     seed.

@@ -56,6 +56,19 @@ def gives(wanted: Collection[str]) -> bool:
     return any(name in wanted for name in SHARES)
 
 
+def in_metres(body: Mapping[str, PyTree]) -> dict[str, PyTree]:
+    """The measures of a person by their names: columns of tables have the unit behind the name, as "height_m".
+
+    Raises:
+        ValueError: if a measure is given under both names.
+    """
+    known = {name.removesuffix("_m"): value for name, value in body.items()}
+    if len(known) < len(body):
+        twice = next(name for name in body if f"{name}_m" in body)
+        raise ValueError(f"a person has one {twice}; got {twice!r} and '{twice}_m'")
+    return known
+
+
 def with_proportions(body: Mapping[str, PyTree], wanted: Collection[str]) -> dict[str, PyTree]:
     """The measures of a person, with those that follow from the height.
 
@@ -67,7 +80,7 @@ def with_proportions(body: Mapping[str, PyTree], wanted: Collection[str]) -> dic
     Raises:
         ValueError: if the height is outside `HEIGHTS`.
     """
-    known = dict(body)
+    known = in_metres(body)
     height = known.get("height")
     if height is None or not gives(wanted):
         return known

@@ -6,6 +6,7 @@ from types import ModuleType
 import numpy as np
 
 from jgait.estimators.about import StrideFlag
+from jgait.estimators.columns import COLUMNS
 from jgait.notes import Kind, Note
 from jgait.types import SIDES, Estimate, Flags, Strides, Values, as_float
 
@@ -62,9 +63,9 @@ def marks(estimate: Estimate, flags: tuple[StrideFlag, ...]) -> dict[str, np.nda
     return {name: np.asarray(values, bool)[order] for name, values in read.items() if values is not None}
 
 
-def regular(estimate: Estimate, flags: tuple[StrideFlag, ...]) -> np.ndarray:
-    """(rows,) bool, strides that count in means, for the rows of the table of strides: without flags that do not."""
-    return without(marks(estimate, flags), flags, in_order(estimate).size)
+def regular(estimate: Estimate, flags: tuple[StrideFlag, ...], column: str = "stride_length_m") -> np.ndarray:
+    """(rows,) bool, strides that count in means of a column, for the rows of the table of strides."""
+    return without(marks(estimate, flags), flags, in_order(estimate).size, column)
 
 
 def stride_notes(marked: Mapping[str, np.ndarray], counted: np.ndarray) -> list[Note]:
@@ -75,9 +76,11 @@ def stride_notes(marked: Mapping[str, np.ndarray], counted: np.ndarray) -> list[
     return [*notes, FEW_REGULAR(strides=kept)] if 0 < kept < FEW else notes
 
 
-def without(marked: Mapping[str, np.ndarray], flags: tuple[StrideFlag, ...], count: int) -> np.ndarray:
-    """(count,) bool, strides without flags that keep a stride out of means."""
-    special = [marked[flag.name] for flag in flags if flag.name in marked and not flag.regular]
+def without(
+    marked: Mapping[str, np.ndarray], flags: tuple[StrideFlag, ...], count: int, column: str = "stride_length_m"
+) -> np.ndarray:
+    """(count,) bool, strides without flags that leave them out of means of a column, see `StrideFlag.leaves_out`."""
+    special = [marked[flag.name] for flag in flags if flag.name in marked and column in flag.leaves_out]
     return ~np.logical_or.reduce([np.zeros(count, bool), *special])
 
 
@@ -94,6 +97,18 @@ STRIDE_COLUMNS: dict[str, tuple[str, float]] = {
     "push_off_angle_deg": ("push_off_angle", 180.0 / np.pi),
 }
 """Column of a table of strides → field of `Strides` ("" for the duration), and factor from the SI unit."""
+
+OF_PATH = tuple(column for column in STRIDE_COLUMNS if column != "stride_duration_s")
+"""Columns of a table of strides that follow from the path of the foot or the trunk."""
+
+OF_STANCE = ("final_contact_s", "stance_duration_s", "swing_duration_s")
+"""Columns of a table of strides that follow from how long the foot stands."""
+
+OF_ANGLES = tuple(name for name, column in COLUMNS.items() if "_flexion_" in column.quantity)
+"""Columns of a table of strides that follow from joint angles."""
+
+EVERY = (*OF_PATH, *OF_STANCE, *OF_ANGLES, "stride_duration_s", "cadence_spm")
+"""Columns of a table of strides that can be left out of means."""
 
 
 def durations(strides: Strides) -> np.ndarray:
@@ -186,10 +201,10 @@ def _uneven(estimate: Estimate) -> Flags:
     strides = estimate.strides
     if strides.start is None or strides.end is None:
         return None
-    order = in_order(estimate)
+    known, order = stated(estimate, "uneven"), in_order(estimate)
     uneven = np.zeros(np.size(strides.side), bool)
     uneven[order] = uneven_strides(durations(strides)[order])
-    return uneven
+    return uneven if known is None else known | uneven
 
 
 def uneven_strides(lasts: np.ndarray) -> np.ndarray:
@@ -217,27 +232,28 @@ def _width(estimate: Estimate) -> Values:
 TURNING = StrideFlag(
     "turning", "turning", "in a turn",
     "Turns shorten the path of one foot and lengthen the path of the other; these strides are not in the means.",
-    _turning, regular=False, grade="info",
+    _turning, EVERY, "info",
 )  # fmt: skip
 STAIRS = StrideFlag(
     "stairs", "stairs", "on stairs", "Lengths on stairs are horizontal; these strides are not in the means.",
-    _stairs, regular=False, grade="info",
+    _stairs, EVERY, "info",
 )  # fmt: skip
 CLIPPED = StrideFlag(
     "clipped", "clipped", "swing clipped",
-    "The swing was faster than the sensor's range, so the stride length is too small. Not in the means.",
-    lambda estimate: stated(estimate, "clipped"), regular=False,
+    "The swing was faster than the sensor's range, so the stride length is too small. Lengths and angles are not in "
+    "the means, times are.",
+    lambda estimate: stated(estimate, "clipped"), (*OF_PATH, *OF_ANGLES),
 )  # fmt: skip
 HALF = StrideFlag(
     "half", "half-step", "half-step",
     "Steps from or to standing are about half a stride long; they are not in the means.",
-    _half, regular=False, grade="info",
+    _half, EVERY, "info",
 )  # fmt: skip
 UNEVEN_DURATION = StrideFlag(
     "uneven", "uneven", "uneven",
     "The stride lasts much longer or less long than those around it: it contains a pause, a turn on the spot or two "
     "strides, or it is a part of a stride. Not in the means.",
-    _uneven, regular=False,
+    _uneven, EVERY,
 )  # fmt: skip
 UNSURE = StrideFlag(
     "unsure", "speed by integration unsure", "speed unsure",
@@ -251,13 +267,14 @@ SIDE_UNKNOWN = StrideFlag(
 DOUBTFUL = StrideFlag(
     "doubtful", "doubtful", "in doubt",
     "The signals do not fit a step of walking: the foot slid, knelt or ran, or the sensor is loose or wrong. The "
-    "length can be off by far more than its stated deviation; not in the means.",
-    lambda estimate: stated(estimate, "doubtful"), regular=False,
+    "length can be off by far more than its stated deviation. Lengths, speeds, stances and foot angles are not in the "
+    "means; times from contact to contact and joint angles are.",
+    lambda estimate: stated(estimate, "doubtful"), (*OF_PATH, *OF_STANCE),
 )  # fmt: skip
 WIDTH = StrideFlag(
     "width", "width unsure", "width unsure",
     "The distance between the feet is not known well enough there; these widths are not in the means.",
-    _width, leaves_out=("stride_width_m", "step_length_m"),
+    _width, ("stride_width_m", "step_length_m"),
 )  # fmt: skip
 
 STRIDES_UNEVEN = Kind(

@@ -9,21 +9,21 @@ from jaxtyping import PyTree
 from jgait.estimators.stride_flags import STRIDE_COLUMNS, STRIDE_FLAGS, as_far, durations, regular
 from jgait.evaluate.clocks import clock_notes
 from jgait.evaluate.errors import common_samples, foot_position_error, leg_errors
-from jgait.notes import Kind, Note
+from jgait.notes import Kind, Note, record
 from jgait.types import SIDES, Estimate, Strides, Walk, as_float
 
 WITHIN = 100.0 * 0.9544997361
 """Share of a normal distribution within two standard deviations [%]."""
 
 
+@record
 class Scores(NamedTuple):
     """Scores of one recording for a cohort; errors are computed from them later.
 
     Attributes:
         quantities: name → (estimate, reference); NaN where a value is missing.
         strides: columns (n,) `s_id side start end regular quantity estimate reference`, a row a stride and quantity;
-            empty without strides. `regular` as in the tables of an analysis: no turn, stairs, half-step,
-            other duration or doubt.
+            empty without strides. `regular`: no turn, stairs, half-step, other duration, or doubt about the quantity.
         notes: what is doubtful about the reference.
         contradicts: (quantity, note) of each quantity whose reference and estimate cannot both be right.
     """
@@ -203,10 +203,10 @@ def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, np.ndarray
     theirs = _ordered(strides)
     known: dict[str, np.ndarray] = {}
     rows: dict[str, np.ndarray] = {}
+    whole: list[np.ndarray] = []
     if estimate.strides is not None:
         ours = _ordered(estimate.strides)
         match = matched(ours, theirs)
-        whole = np.append(regular(estimate, STRIDE_FLAGS), False)[match]
         for name in STRIDE_COLUMNS:
             values, truth = values_of(ours, name), values_of(theirs, name)
             if values is None or truth is None:
@@ -214,18 +214,19 @@ def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, np.ndarray
             values = np.append(values, NAN)[match]
             if name == "stride_length_m" or (np.isfinite(values).any() and np.isfinite(truth).any()):
                 rows[name], known[name] = values, truth
+                whole.append(np.append(regular(estimate, STRIDE_FLAGS, name), False)[match])
     elif estimate.distance is not None:
         way = np.full(len(theirs.length), NAN) if reference.distance is None else _gained(reference, theirs)
-        whole = as_far(theirs, way)
-        rows["stride_length_m"] = np.where(whole, _gained(estimate, theirs), NAN)
+        whole = [np.asarray(as_far(theirs, way))]
+        rows["stride_length_m"] = np.where(whole[0], _gained(estimate, theirs), NAN)
         known["stride_length_m"] = as_float(theirs.length)
     if not rows:
         return {}
     count = len(theirs.length)
     start, end = _span(theirs, standing=theirs.start is None)
-    fixed = {"s_id": np.arange(count), "side": np.array(SIDES)[theirs.side], "start": start, "end": end,
-             "regular": whole}  # fmt: skip
+    fixed = {"s_id": np.arange(count), "side": np.array(SIDES)[theirs.side], "start": start, "end": end}
     return {name: np.concatenate([values] * len(rows)) for name, values in fixed.items()} | {
+        "regular": np.concatenate(whole),
         "quantity": np.repeat(list(rows), count),
         "estimate": np.concatenate(list(rows.values())),
         "reference": np.concatenate(list(known.values())),

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.evaluate.statistics import agreement
-from jgait.notes import from_json
+from jgait.notes import from_json, record
 from jgait.types import people
 
 if TYPE_CHECKING:
@@ -53,6 +53,7 @@ class OtherEvaluationError(ValueError):
     """A folder holds results of an evaluation with other data or settings."""
 
 
+@record
 class Cohort(NamedTuple):
     """Results of an estimator on a cohort; pandas tables, sorted by recording.
 
@@ -62,8 +63,8 @@ class Cohort(NamedTuple):
         quantities: a row a recording and quantity: `recording subject quantity estimate reference error abs_error
             rel_error`, in the unit at the end of the quantity's name; NaN where there is no reference.
         strides: a row a stride of the reference and quantity: the same columns, and `s_id side start end` [s], and
-            `regular`: the estimated stride is in no turn, on no stairs, no half-step, not uneven, and not
-            in doubt.
+            `regular`: the estimated stride has no flag that leaves the quantity out, see `StrideFlag.leaves_out`:
+            a turn, stairs, a half-step, an uneven duration, or a doubt about this quantity.
         failures: `recording subject reason` of every recording without a result.
     """
 

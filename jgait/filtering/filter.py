@@ -20,6 +20,7 @@ from jgait.filtering.methods import EKF, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.posterior import FIELDS, KEEP, SUMMARY, Inferred, Posterior
 from jgait.filtering.recorded import Recorded
+from jgait.notes import record
 
 Execution = Literal["auto", "core", "fast"]
 """The computations of a filter; their results agree up to rounding.
@@ -37,6 +38,7 @@ Compilation time grows with the components: 1 s at 8 × 2, ten at 15 × 3 (its g
 """
 
 
+@record
 class Updated(NamedTuple):
     """The result of one update: the belief after the observation, and the fields of `Posterior` at this sample."""
 
@@ -49,6 +51,7 @@ class Updated(NamedTuple):
     valid: Bool[Array, ""]
 
 
+@record
 class Step(NamedTuple):
     """One predict and update: the prediction, and the update."""
 

@@ -14,8 +14,10 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree, PyTreeDef
 
 from jgait.filtering.covariance import Covariance, Entries, Layout, Scalar, Tree
+from jgait.notes import record
 
 
+@record
 class Belief(NamedTuple):
     """A distribution of a state: the mean, and the covariance of the error about the mean."""
 
@@ -27,6 +29,7 @@ class Belief(NamedTuple):
         return Belief(self.mean, Covariance.from_dense(self.cov.dense(), self.cov.layout))
 
 
+@record
 class Model(NamedTuple):
     """A state-space model; functions at module level, so that the model is hashable and compiles once.
 

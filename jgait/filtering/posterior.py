@@ -19,9 +19,11 @@ from jgait.filtering.inputs import Inputs
 from jgait.filtering.model import Belief, Shape, reached
 from jgait.filtering.step import product, product_transposed
 from jgait.geometry.arrays import xp
+from jgait.notes import record
 from jgait.types import Counts, Maybe
 
 
+@record
 class Posterior(NamedTuple):
     """A filtered recording; every leaf has the time axis in front, and a field not in `keep` is None.
 
@@ -87,6 +89,7 @@ NEEDS = {
 LOG_2PI = math.log(2.0 * math.pi)
 
 
+@record
 class Inferred(NamedTuple):
     """A filtered or smoothed recording.
 

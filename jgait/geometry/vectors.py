@@ -6,6 +6,7 @@ from jax import lax
 from jaxtyping import Float
 
 from jgait.geometry.arrays import of_jax, xp
+from jgait.notes import record
 from jgait.types import AnyArray, Values
 
 GRAVITY = 9.80665
@@ -16,6 +17,7 @@ type Three = Float[AnyArray, "*batch 3"]
 """A vector, or a rotation vector, as an array."""
 
 
+@record
 class Vector(NamedTuple):
     """Three components along x, y and z, each of any one shape."""
 

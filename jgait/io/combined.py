@@ -8,7 +8,7 @@ import numpy as np
 from jgait.estimators.columns import QUANTITIES
 from jgait.estimators.stride_flags import SIDE_UNKNOWN, STRIDE_FLAGS, marks
 from jgait.estimators.totals import angles_usable
-from jgait.io.strides import bout_numbers, special, strides_to_dataframe
+from jgait.io.strides import bout_numbers, counted, special, strides_to_dataframe
 from jgait.io.summary import SUMMARY, summary
 from jgait.io.write import to_dataframe
 from jgait.types import SIDES, Estimate, as_float
@@ -40,17 +40,19 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     `hip_flexion_…_deg knee_flexion_…_deg` in the stride where thigh and shank are measured and the range between them,
     with their deviations `…_std_deg`, see `joint_extremes`, `angles_valid`, False if these angles are
     not usable, `wb_id` of the walking bout, `source` of the times, `combined` sources of the length,
-    `special` flags in words, and `regular`, True if the stride counts in medians: not in a turn, on stairs, from or to
-    standing, clipped, uneven, or in doubt. A regular stride can have other flags, such as "sources contradict".
+    `special` flags in words, and `regular`, True if the stride counts in medians of all columns: not in a turn, on
+    stairs, from or to standing, clipped, uneven, or in doubt. A clipped or doubtful stride counts in those of times. A
+    regular stride can have other flags, such as "sources contradict".
     `summary`: mean, variability and asymmetry of each measure over the steady strides, and the distance, see
     `io.summary.summary`.
     `contacts`: `time_s side event source`, initial and final contacts; side "unknown" where it is not certain.
     `bouts`: `wb_id start_s end_s duration_s n_strides n_regular distance_m distance_std_m stride_length_m
-    walking_speed_mps cadence_spm`; a bout ends with a break of more than 3 s; lengths, speeds and cadence are medians
-    over its `n_regular` regular strides, which say little about a bout on stairs or in turns; `distance_m` is the
-    bout's part of the combined distance. The bouts add up to it, unless samples are lost between them. `distance_std_m`
-    is the same part of the distance's deviation: as there, errors of strides are taken to have one cause, so that they
-    add up. Errors of single strides do not, and a bout of a few strides can be off by more.
+    walking_speed_mps cadence_spm`; a bout ends with a break of more than 3 s; lengths and speeds are medians
+    over its `n_regular` regular strides, the cadence also over clipped and doubtful ones; they say little about a bout
+    on stairs or in turns; `distance_m` is the bout's part of the combined distance. The bouts add up to it, unless
+    samples are lost between them. `distance_std_m` is the same part of the distance's deviation: as there, errors of
+    strides are taken to have one cause, so that they add up. Errors of single strides do not, and a bout of a few
+    strides can be off by more.
     `sources`: `quantity unit source value std n_strides`, each quantity as each source measures it, and combined.
     `samples`: columns of `to_dataframe`.
     """
@@ -61,14 +63,15 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     if analysis.strides is not None:
         every = _strides(analysis, analysis.strides)
         tables["strides"] = every.dropna(axis="columns", how="all")
-        unknown = marks(analysis.estimate, (SIDE_UNKNOWN,)).get(SIDE_UNKNOWN.name, np.zeros(len(every), bool))
         whole = [(comparison.value, comparison.stddev) for comparison in analysis.comparisons
                  if (comparison.source, comparison.quantity) == ("combined", "distance")]  # fmt: skip
+        marked = marks(analysis.estimate, STRIDE_FLAGS)
+        means, unknown = counted(every, marked, STRIDE_FLAGS), marked.get(SIDE_UNKNOWN.name, np.zeros(len(every), bool))
         tables["summary"] = summary(
-            tables["strides"].assign(side_known=~unknown), whole[0] if whole else None,
+            means.dropna(axis="columns", how="all").assign(side_known=~unknown), whole[0] if whole else None,
             bool(analysis.estimate.diagnostics.get("clocks_apart", False)),
         )  # fmt: skip
-        tables["bouts"] = _bouts(every, analysis.estimate)
+        tables["bouts"] = _bouts(means.assign(regular=every["regular"]), analysis.estimate)
     tables["contacts"] = _contacts(analysis)
     rows = [
         (c.quantity, QUANTITIES[c.quantity].unit, c.source, c.value, c.stddev, c.strides) for c in analysis.comparisons
@@ -163,14 +166,12 @@ def _bouts(strides: "pd.DataFrame", estimate: Estimate) -> "pd.DataFrame":
         error = float(as_float(estimate.diagnostics["distance_stddev"])[-1]) / way[-1] if way[-1] > 0.0 else np.nan
     rows = []
     for (number, of_bout, start, end), distance in zip(bouts, distances, strict=True):
-        whole = of_bout[of_bout["regular"]]
-        length = float(whole["stride_length_m"].median())
         rows.append({
             "wb_id": number, "start_s": start, "end_s": end, "duration_s": end - start, "n_strides": len(of_bout),
-            "n_regular": len(whole), "distance_m": distance, "distance_std_m": error * distance,
-            "stride_length_m": length,
-            "walking_speed_mps": float(whole["walking_speed_mps"].median()),
-            "cadence_spm": float(120.0 / whole["stride_duration_s"].median()),
+            "n_regular": int(of_bout["regular"].sum()), "distance_m": distance, "distance_std_m": error * distance,
+            "stride_length_m": float(of_bout["stride_length_m"].median()),
+            "walking_speed_mps": float(of_bout["walking_speed_mps"].median()),
+            "cadence_spm": float(120.0 / of_bout["stride_duration_s"].median()),
         })  # fmt: skip
     return pd.DataFrame(rows, columns=BOUTS)
 

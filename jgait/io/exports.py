@@ -6,6 +6,7 @@ import numpy as np
 
 from jgait.estimators.stride_flags import CLIPPED, DOUBTFUL, HALF, STAIRS, TURNING, UNEVEN_DURATION, regular
 from jgait.io.strides import bout_numbers, strides_to_dataframe, to_gaitmap
+from jgait.notes import record
 from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ FLAGS = (TURNING, STAIRS, CLIPPED, HALF, UNEVEN_DURATION, DOUBTFUL)
 """Flags that keep a stride out of means, of all estimators; an estimate that lacks one is not marked by it."""
 
 
+@record
 class MobgapTables(NamedTuple):
     """Tables of a recording with the names and units of mobgap's pipelines; times in samples.
 

@@ -1,14 +1,14 @@
 """Strides as tables: in metres and degrees, and as gaitmap's stride lists in samples."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jgait.estimators.about import StrideFlag
 from jgait.estimators.columns import COLUMNS
-from jgait.estimators.stride_flags import BREAK, STRIDE_COLUMNS, durations, in_order, marks, pauses
+from jgait.estimators.stride_flags import BREAK, EVERY, STRIDE_COLUMNS, durations, in_order, marks, pauses, without
 from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:
@@ -71,6 +71,19 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
     if trusted is not None and np.shape(trusted) == np.shape(strides.side):
         columns["width_valid"] = np.asarray(trusted, bool)[rows]
     return pd.DataFrame(columns)
+
+
+def counted(table: "pd.DataFrame", marked: Mapping[str, np.ndarray], flags: tuple[StrideFlag, ...]) -> "pd.DataFrame":
+    """A table of strides with NaN where a flag leaves a value out of means, and `regular`, False if it leaves out all.
+
+    Args:
+        table: of strides, a row each.
+        marked: name of a flag → (rows,) bool.
+        flags: the flags.
+    """
+    known = {name: column for name in table if (column := name.replace("_std_", "_")) in EVERY}
+    left = {name: table[name].where(without(marked, flags, len(table), column)) for name, column in known.items()}
+    return table.assign(**left, regular=without(marked, flags, len(table), "stride_duration_s"))
 
 
 def bout_numbers(start: np.ndarray, end: np.ndarray) -> np.ndarray:

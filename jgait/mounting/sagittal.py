@@ -7,11 +7,13 @@ import numpy as np
 from jgait.events.rest import standing_of_legs
 from jgait.mounting import shank
 from jgait.mounting.leg import leg_mounting
+from jgait.notes import record
 from jgait.types import Recording, RecordingError, as_float
 
 CALLER = "sagittal_rate"
 
 
+@record
 class SagittalRate(NamedTuple):
     """How fast a segment turns in the sagittal plane."""
 

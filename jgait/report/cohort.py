@@ -17,15 +17,13 @@ from jgait.evaluate import Cohort
 from jgait.evaluate.store import REGULAR, read_table
 from jgait.io.write import from_cells
 from jgait.notes import (
-    DEFAULT_MEASURE,
-    FEW_RESTS,
-    LOSSES,
     SEVERITIES,
     Note,
     from_json,
     grouped,
     listed,
     of_recordings,
+    resolved,
 )
 from jgait.plot import cohort as plot_cohort
 from jgait.report import flags
@@ -75,9 +73,6 @@ NOT_COMPARED = (
 )
 """Why strides are not compared, without and with strides of the estimate."""
 
-USUAL = (LOSSES, FEW_RESTS, DEFAULT_MEASURE)
-"""Meanings of notes that most cohorts have without any fault; of one severity they come last."""
-
 LONGEST_EXAMPLE = 200
 """[characters] Longest text of the notes of a recording that is an example, of one or two sentences."""
 
@@ -114,7 +109,7 @@ def of_cohort(cohort: Cohort, *, title: str = "cohort", made: Made | None = None
         *_headline(paired, agreement),
     ]  # fmt: skip
     sections = [
-        _agreement(usable, agreement, made), Section("Bland–Altman", HOW, _figures(paired)) if len(paired) else None,
+        Section("Bland–Altman", HOW, _figures(paired)) if len(paired) else None, _agreement(usable, agreement, made),
         _people(cohort, usable), _recordings(cohort), _failures(failures), _parameters(made),
     ]  # fmt: skip
     about = about_of(made.estimator).title
@@ -125,7 +120,7 @@ def of_cohort(cohort: Cohort, *, title: str = "cohort", made: Made | None = None
         "people_table": usable.by_subject().to_dict("records"), "made": made.numbers(),
     }  # fmt: skip
     return Report(Content(
-        Path(title).name, "Cohort report", lead, facts, flags.verdict(raised), raised,
+        Path(title).name, "Cohort report", lead, facts, flags.verdict(raised), raised, "Errors: estimate − reference.",
         [section for section in sections if section is not None], made.settings(), made.command, numbers,
     ))  # fmt: skip
 
@@ -173,7 +168,7 @@ def of_notes(recordings: "pd.DataFrame") -> list[Flag]:
 
     def rank(kind: tuple[str, str]) -> tuple[int, bool, bool, int]:
         code = next(iter(kinds[kind].values()))[0].code
-        return SEVERITIES.index(kind[0]), not code.startswith("reference_"), kind[1] in USUAL, -len(kinds[kind])
+        return SEVERITIES.index(kind[0]), not code.startswith("reference_"), kind[1] in flags.USUAL, -len(kinds[kind])
 
     note_flags = []
     for severity, meaning in sorted(kinds, key=rank):
@@ -232,8 +227,8 @@ def agreement_tables(agreement: "pd.DataFrame") -> list[Table]:
         caption = (
             "Estimate − reference, each quantity in its own unit; in brackets 95 % intervals, over people. ICC(2,1) "
             "compares with how much the people differ: 1 is perfect, and – where the reference does not vary. Regular "
-            "strides are in no turn, on no stairs, no half-step, not uneven and not in doubt; half-steps from and to "
-            "standing make the ICC of all strides' lengths larger."
+            "strides are in no turn, on no stairs, no half-step and not uneven; those of lengths and speeds are not in "
+            "doubt either. Half-steps from and to standing make the ICC of all strides' lengths larger."
         )
         columns = ("quantity", "n / people", "bias", "95 % limits", "mean |error|", "worst |error|", "ICC(2,1)")
         tables.append(Table(caption, columns, rows))
@@ -281,7 +276,7 @@ def _significant(value: float) -> Cell:
 
 
 def _span(low: float, high: float) -> str:
-    return "–" if not np.isfinite([low, high]).all() else f"{significant(low)} to {significant(high)}"
+    return "–" if not np.isfinite([low, high]).all() else f"{resolved(low, high - low)} to {resolved(high, high - low)}"
 
 
 def _interval(row: PyTree, name: str) -> Cell:

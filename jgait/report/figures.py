@@ -26,12 +26,12 @@ def pictures(
     `special` are those of the estimator's `about` and need `made`; figures with a caption are also drawn.
     """
     drawn: list[Picture] = []
-    if any(leg is not None for leg in estimate.legs):
-        drawn += _legs(estimate, reference)
     if estimate.feet is not None and any(foot is not None for foot in estimate.feet):
         drawn += _feet(estimate, reference)
     elif estimate.strides is not None and np.any(estimate.strides.valid):
         drawn += _of_strides(estimate)
+    if any(leg is not None for leg in estimate.legs):
+        drawn += _legs(estimate, reference)
     if estimate.distance is not None and np.any(estimate.valid):
         drawn += _distance(estimate, reference)
     if made is not None:
@@ -101,7 +101,7 @@ def _feet(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
         f"{_marks(estimate)}"
     )
     alt = f"Measures of {int(np.sum(estimate.strides.valid))} strides over time"
-    made.append(picture(plot.stride_series(estimate), alt, caption))
+    made.insert(0, picture(plot.stride_series(estimate), alt, caption))
     if estimate.feet is not None and None not in estimate.feet and has_width:
         caption = (
             "Both feet in one world, with stride widths as lines between the footholds: from above, in straight "
@@ -120,7 +120,7 @@ def _marks(estimate: Estimate) -> str:
 def _of_strides(estimate: Estimate) -> list[Picture]:
     many = int(np.sum(estimate.strides.valid))
     caption = (
-        "Every stride, when it ends. Bars are ± two standard deviations, as the estimator states them."
+        "Every stride, when it ends. Bars are ± two standard deviations of the error, by the estimator."
         f"{_marks(estimate)}"
     )
     length = as_float(estimate.strides.length)[np.asarray(estimate.strides.valid, bool)]

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from jgait.estimators.stride_flags import STRIDE_FLAGS, UNEVEN_DURATION, stride_notes
-from jgait.notes import Note, grouped, without_repeats
+from jgait.estimators.stride_flags import FEW_REGULAR, STRIDE_FLAGS, UNEVEN_DURATION, stride_notes
+from jgait.notes import DEFAULT_MEASURE, FEW_RESTS, LOSSES, Note, grouped, printable, without_repeats
 from jgait.report.page import GRADES, Flag, without_folders
 from jgait.report.strides import ReportStrides, strides_of
 from jgait.types import Estimate
@@ -19,6 +19,12 @@ MOSTLY = 0.95
 
 DOUBTS = ("stop", "check")
 """Grades of flags that put numbers in doubt."""
+
+USUAL = (LOSSES, FEW_RESTS, DEFAULT_MEASURE, FEW_REGULAR.meaning)
+"""Meanings of notes that most recordings have without any fault; of one severity they come last."""
+
+REASONS, LONGEST_REASON = 3, 90
+"""Largest number of reasons of a verdict, and [characters] longest text of a reason."""
 
 
 def of_result(estimate: Estimate, notes: Iterable[Note], of: ReportStrides | None = None) -> list[Flag]:
@@ -46,8 +52,8 @@ def sentence(note: Note) -> str:
 
 
 def ordered(flags: Iterable[Flag]) -> list[Flag]:
-    """The flags, the most serious first."""
-    return sorted(flags, key=lambda flag: list(GRADES).index(flag.grade))
+    """The flags, the most serious first, and of one grade those that most recordings have last."""
+    return sorted(flags, key=lambda flag: (list(GRADES).index(flag.grade), flag.meaning in USUAL))
 
 
 def of_strides(rows: int, marks: dict[str, np.ndarray]) -> list[Flag]:
@@ -56,7 +62,7 @@ def of_strides(rows: int, marks: dict[str, np.ndarray]) -> list[Flag]:
     many = {flag: int(marks[flag.name].sum()) for flag in known}
     return [
         Flag(flag.grade, f"{count} of {rows} strides: {flag.label}", flag.meaning)
-        for flag, count in many.items() if count
+        for flag, count in sorted(many.items(), key=lambda item: -item[1]) if count
     ]  # fmt: skip
 
 
@@ -72,14 +78,21 @@ def of_samples(estimate: Estimate) -> list[Flag]:
 
 
 def verdict(flags: Iterable[Flag]) -> str:
-    """A sentence that sums up the flags."""
-    grades = [flag.grade for flag in flags for _ in flag.text.splitlines() or [""]]
-    stop, check = grades.count("stop"), grades.count("check")
-    if stop:
-        return "At least one number is not usable; the reason is listed first."
-    if check:
-        thing = "One thing needs" if check == 1 else f"{check} things need"
-        return f"{thing} to be checked before the numbers are used."
-    if grades:
-        return "The numbers can be used; corrections and remarks are listed."
-    return "No problems were detected."
+    """One sentence on how far to trust the numbers, with up to `REASONS` reasons, the most serious first."""
+    doubts = [flag for flag in ordered(flags) if flag.grade in DOUBTS]
+    if not doubts:
+        return "Good."
+    lines = [line for flag in doubts if flag.grade == doubts[0].grade for line in flag.text.splitlines()]
+    more = [f"{len(lines) - REASONS} more"] if len(lines) > REASONS else []
+    reasons = [_within(line) for line in lines[:REASONS]]
+    trust = "Do not use" if doubts[0].grade == "stop" else "Usable with care"
+    return f"{trust}: {'; '.join([*reasons, *more])}."
+
+
+def _within(line: str) -> str:
+    """A sentence as a part of another: its first clauses, without its capital letter unless it begins with a name."""
+    if len(line) > LONGEST_REASON:
+        ends = [line.rfind(mark, 0, LONGEST_REASON) for mark in (": ", ", ", "; ", " (")]
+        line = line[: max(ends)] if max(ends) > LONGEST_REASON // 3 else printable(line, LONGEST_REASON)
+    word = line.partition(" ")[0]
+    return line[:1].lower() + line[1:] if "_" not in word and (word[1:].islower() or word == "A") else line

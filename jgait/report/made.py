@@ -9,11 +9,12 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait import io
-from jgait.notes import Note
+from jgait.notes import Note, record
 from jgait.report.page import Cell, Table, significant
 from jgait.version import __version__
 
 
+@record
 class Made(NamedTuple):
     """How a result was computed.
 

@@ -84,9 +84,10 @@ class Content(NamedTuple):
     title: str  #: name of the recording or the cohort.
     kind: str  #: kind of the page, above the title.
     lead: str  #: a sentence that states how the results were computed.
-    facts: Sequence[tuple[str, str, str]]  #: (name, value with its unit, explanation) of the most important numbers.
-    verdict: str  #: a sentence that sums up the flags.
+    facts: Sequence[tuple[str, str, str]]  #: (name, value with its unit, its sensors) of the most important numbers.
+    verdict: str  #: a sentence on how far to trust them.
     flags: Sequence[Flag]  #: flags, the most serious first.
+    caption: str  #: how the numbers are computed.
     sections: Sequence[Section]  #: the other parts of the page, in order.
     settings: Sequence[tuple[str, str]]  #: settings of the computation, name → value.
     command: str  #: command that makes the page again, "" where it is not known.
@@ -133,9 +134,13 @@ def rendered(content: Content) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    # The first figure stands beside the numbers, on the first screen.
+    first = next((part for section in content.sections for part in section.parts if isinstance(part, Picture)), None)
+    sections = [section._replace(parts=[part for part in section.parts if part is not first])
+                for section in content.sections if list(section.parts) != [first]]  # fmt: skip
     return environment.get_template("page.html").render(
-        page=content, style=Markup(style), script=Markup(script), digest=digest, grades=GRADES,
-        version=__version__,
+        page=content._replace(sections=sections), first=first, style=Markup(style), script=Markup(script),
+        digest=digest, grades=GRADES, version=__version__,
     )  # fmt: skip
 
 

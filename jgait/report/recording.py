@@ -10,11 +10,10 @@ from jgait.estimators import about_of, stride_flags
 from jgait.estimators.about import EstimatedRecording
 from jgait.estimators.columns import COLUMNS, QUANTITIES, UNITS
 from jgait.estimators.combined import Analysis
-from jgait.estimators.plausible import distance_implausible
 from jgait.estimators.totals import distance_of
 from jgait.evaluate.scores import score
 from jgait.io.combined import analysis_to_dataframes
-from jgait.io.totals import totals
+from jgait.io.totals import CAPTION, Total, totals, totals_by_source
 from jgait.report import flags, strides
 from jgait.report.figures import pictures
 from jgait.report.made import Made
@@ -56,8 +55,8 @@ def of_analysis(
         rows.append([*map(Cell, cells)])
     used = ", ".join(f"{source.name} by {source.estimator}" for source in analysis.sources)
     caption = (
-        f"Sources: {used}. Medians over whole strides, ± one standard deviation of one stride or of the distance, as "
-        "stated; the combined value is from sources that are not in doubt, weighted by their variances if they agree."
+        f"Sources: {used}. Medians over whole strides, ± one standard deviation of the error of a stride or of the "
+        "distance; the combined value is from sources that are not in doubt, weighted by their variances if they agree."
     )
     parts = [Table(caption, ("", "source", "value", "± SD", "strides", "unit"), rows)]
     more = [Section("What each sensor says", "", parts)]
@@ -72,14 +71,17 @@ def of_analysis(
         )
         parts = [Table(caption, ("no.", *(column.heading for column in shown)), rows)]
         more.append(Section("Bouts of walking", "", parts))
-    return of_estimate(analysis.estimate, recording, reference=reference, made=made, more=more, means=tables["summary"])
+    return of_estimate(
+        analysis.estimate, recording, reference=reference, made=made, more=more, means=tables["summary"],
+        measured=totals_by_source(analysis),
+    )  # fmt: skip
 
 
 def of_estimate(
     estimate: Estimate, recording: Recording, *, reference: Estimate | None = None, made: Made | None = None,
-    more: Sequence[Section] = (), means: "pd.DataFrame | None" = None,
+    more: Sequence[Section] = (), means: "pd.DataFrame | None" = None, measured: Sequence[Total] | None = None,
 ) -> Report:  # fmt: skip
-    """The page of one recording: summary, warnings, means by side, figures with bands, all strides, settings.
+    """The page of one recording: numbers, trust, figures with bands, means by side, all strides, settings.
 
     Args:
         estimate: of one recording, the result of an estimator's `estimate`.
@@ -88,6 +90,7 @@ def of_estimate(
         made: settings of the computation; None leaves this out.
         more: further sections, after the means of the strides.
         means: the summary of the strides, see `io.summary.summary`; None: of those of the estimate.
+        measured: the numbers above the page; None: `io.totals.totals` of the estimate.
 
     Raises:
         ValueError: if the estimate is not of one recording.
@@ -105,55 +108,43 @@ def of_estimate(
     sources = None if params is None else EstimatedRecording(recording, estimate, params, settings)
     drawn = pictures(estimate, reference, about.figures, sources)
     none = "No stride is regular, so that there are no means." if len(of.table) else NO_STRIDES
-    tables = [strides.mean_table(rows)] if len(rows) else []
-    sections = [Section("Gait at a glance", "" if tables else none, tables)]
-    if drawn:
-        sections.append(Section("Figures", "", drawn))
-    if len(of.table):
-        sections.append(Section("Stride by stride", "", [strides.stride_table(of)]))
-    sections[1:1] = more
-    if reference is not None:
-        sections.insert(1, _against(estimate, recording, reference))
-    sections.append(_details(estimate, recording, made))
+    tables = [table for table in [strides.mean_table(rows)] if table.rows]
+    sections = [
+        *([Section("Figures", "", drawn)] if drawn else []),
+        *([] if reference is None else [_against(estimate, recording, reference)]),
+        Section("Gait at a glance", "" if tables else none, tables), *more,
+        *([Section("Stride by stride", "", [strides.stride_table(of)])] if len(of.table) else []),
+        _details(estimate, recording, made),
+    ]  # fmt: skip
     title = Path(recording.name).name
     who = "" if recording.subject in ("", "subject", recording.name) else f", {recording.subject}"
-    lead = f"{about.title}{who}."
+    seconds, rate = float(estimate.time[-1] - estimate.time[0]), significant(recording.sampling_rate_hz, 4)
+    worn = ", ".join(map(_place, recording.sensors))
+    lead = f"{about.title}{who}; {number(seconds, 1)} s at {rate} Hz, by sensors at: {worn}."
+    measured = totals(estimate, stride_flags.STRIDE_FLAGS) if measured is None else measured
     return Report(Content(
-        title, "Gait report", lead, _facts(estimate, recording, of, rows), flags.verdict(raised), raised,
-        sections, made.settings(), made.command, _numbers(estimate, recording, of, rows, raised, made),
+        title, "Gait report", lead, _facts(measured, of, rows), flags.verdict(raised), raised,
+        CAPTION, sections, made.settings(), made.command, _numbers(estimate, recording, of, rows, raised, made),
     ))  # fmt: skip
 
 
-def _facts(
-    estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: "pd.DataFrame"
-) -> list[tuple[str, str, str]]:
-    """Facts above the page: the totals that the terminal prints, or means of cycles of leg angles."""
-    words = {
-        "walking": f"without breaks of more than {stride_flags.BREAK:g} s",
-        "distance": "± one standard deviation, as stated",
-    }
-    if distance_implausible(estimate):
-        words["distance"] = "not usable: strides are longer or faster than a person walks"
-    elif "distance_stddev" not in estimate.diagnostics:
-        words["distance"] = "its uncertainty is not stated"
-    usual = "median over regular strides, ± one standard deviation as stated"
-    words |= dict.fromkeys(("stride length", "walking speed", "cadence"), usual)
-    rate = f"at {significant(recording.sampling_rate_hz, 4)} Hz"
-    facts = [("Duration", f"{number(float(estimate.time[-1] - estimate.time[0]), 1)} s", rate)]
-    known = {total.words: total.text for total in totals(estimate, stride_flags.STRIDE_FLAGS)}
-    facts += [(name.capitalize(), known[name], explained) for name, explained in words.items() if name in known]
+def _facts(measured: Sequence[Total], of: strides.ReportStrides, rows: "pd.DataFrame") -> list[tuple[str, str, str]]:
+    """Numbers above the page, each with its sensors: those of the terminal, and means of cycles of leg angles."""
     of_sides = strides.sides(of)
     by_side = [
         f"{int(np.sum(of_sides == side))} {label}"
         for side, label in (*((side, side) for side in SIDES), ("", stride_flags.SIDE_UNKNOWN.label))
         if (of_sides == side).any()
     ]
-    facts.append(("Strides", str(len(of.table)), ", ".join(by_side)))
+    facts = [] if measured and measured[0].words == "strides" else [("Strides", str(len(of.table)), ", ".join(by_side))]
+    for total in measured:
+        source = ", ".join(by_side) if total.words == "strides" else total.source
+        facts.append((total.words[:1].upper() + total.words[1:], total.text, source))
     for row in rows.to_dict("records") if of.cycles else ():
         if row["measure"] in ("stride_length", "stride_duration", "cadence", "walking_speed"):
             measure, many = QUANTITIES[row["measure"]], f"mean ± SD of {row['n_strides']} cycles"
             facts.append((measure.words.capitalize(), f"{strides.mean_text(row, measure)} {measure.shown}", many))
-    return [*facts, ("Sensors", str(len(recording.sensors)), ", ".join(map(_place, recording.sensors)))]
+    return facts
 
 
 def _against(estimate: Estimate, recording: Recording, reference: Estimate) -> Section:

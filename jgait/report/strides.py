@@ -99,7 +99,7 @@ def stride_table(of: ReportStrides) -> Table:
         rows.append([*cells, Cell(", ".join(words))])
     spread = any("_std_" in name for name in of.table)
     caption = CYCLES if of.cycles else "Strides, from one contact of a foot to its next."
-    caption += " ± is one standard deviation, as the estimator states it." if spread else ""
+    caption += " ± is one standard deviation of the error, by the estimator." if spread else ""
     caption += " A click on a heading sorts."
     return Table(caption, ("no.", "leg", "start [s]", *(m.heading for m in known), "remarks"), rows, True, 1)
 
@@ -112,12 +112,8 @@ def sides(of: ReportStrides) -> np.ndarray:
 
 def means(of: ReportStrides) -> "pd.DataFrame":
     """The summary of the strides, see `io.summary.summary`; flagged strides lack what their flag leaves out."""
-    table = of.table.assign(regular=of.regular, source=of.source, side_known=sides(of) != "")
-    for flag in STRIDE_FLAGS:
-        for column in flag.leaves_out if flag.name in of.marks else ():
-            if column in table:
-                table.loc[of.marks[flag.name], column] = np.nan
-    return summary(table)
+    means = io.strides.counted(of.table, of.marks, STRIDE_FLAGS)
+    return summary(means.assign(source=of.source, side_known=sides(of) != ""))
 
 
 def mean_text(row: dict[str, Any], measure: Column) -> str:
@@ -127,7 +123,9 @@ def mean_text(row: dict[str, Any], measure: Column) -> str:
 
 
 def mean_table(rows: "pd.DataFrame") -> Table:
-    """Table of the means of strides and of each side, and of the differences between the sides; from `means`."""
+    """Table of the means of strides and of each side, and of the differences between the sides; from `means`. It has no
+    rows if no stride counts.
+    """
     both = bool(rows["asymmetry_pct"].notna().any())
     made = []
     for row in rows.to_dict("records"):
@@ -141,14 +139,14 @@ def mean_table(rows: "pd.DataFrame") -> Table:
             spread = row["asymmetry_std_pct"]
             cells.append(cell(row["asymmetry_pct"], 1, spread))
         made.append([*cells, Cell(str(row["n_strides"]))])
-    columns = ["", "mean ± SD", *(f"{side} leg" for side in SIDES), "error of one",
+    columns = ["", "mean ± SD", *(f"{side} leg" for side in SIDES), "error of a stride",
                *(["asymmetry [%]"] if both else []), "strides"]  # fmt: skip
     caption = (
         "Steady strides: regular ones between regular ones." if rows.loc[rows["measure"] != "distance", "steady"].all()
         else "Regular strides: there are too few steady ones for variability and asymmetry."
     ) + (
-        " SD: from stride to stride within a side. It contains the error of one stride, where that is known; an SD "
-        "that is not clearly larger says little about the person."
+        " SD: from stride to stride within a side. Error of a stride: its standard deviation by the estimator. The SD "
+        "contains this error; an SD that is not clearly larger says little about the person."
     )  # fmt: skip
     if both:
         caption += " Asymmetry: (right − left) / mean, ± one SD; within two of them it may be the sensors' error."

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 
+from jgait.notes import record
 from jgait.simulate import routes
 from jgait.simulate.feet import LINGER
 from jgait.simulate.person import Body, Gait, Person
@@ -33,6 +34,7 @@ START, CLOSE = 1.5, 1.2
 """[1] Duration of the first and of the last step, over that of the other steps."""
 
 
+@record
 class Plan(NamedTuple):
     """Footholds (K,) and, between one contact and the next, the curves of time and of the pelvis (K − 1, CURVE).
 

@@ -2,12 +2,14 @@
 
 from typing import NamedTuple
 
+from jgait.notes import record
 from jgait.simulate.tables import TABLES
 from jgait.types import Values
 
 DEGREE = 0.017453292519943295
 
 
+@record
 class Body(NamedTuple):
     """Lengths of the lower body [m]; the defaults are those of a person of 1.75 m.
 
@@ -39,6 +41,7 @@ class Body(NamedTuple):
         return self.ankle_height + self.shank_length + self.thigh_length + self.back_height
 
 
+@record
 class Gait(NamedTuple):
     """The gait of a person; fractions are shares of the stride, from the initial contact of a foot.
 
@@ -142,6 +145,7 @@ RECORDED = Gait(
 """The mean gait of recorded people, by `experiments.people.shapes`."""
 
 
+@record
 class Person(NamedTuple):
     """A person: lengths of the lower body, and parameters of the gait."""
 

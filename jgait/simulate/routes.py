@@ -8,9 +8,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jgait.estimators.programs import bucket
+from jgait.notes import record
 from jgait.types import AnyArray, Values, check_kind, check_number
 
 
+@record
 class Route(NamedTuple):
     """The line of the walk, midway between the feet, piece after piece, from the origin along x.
 

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from jgait.geometry.segments import Frame, Motion, Segments, in_world, inertial, segment_of
 from jgait.geometry.vectors import Vector, dot, kept, subtract
+from jgait.notes import record
 from jgait.simulate.feet import LINGER
 from jgait.simulate.footsteps import FIRST, Plan
 from jgait.simulate.person import Body, Person
@@ -53,6 +54,7 @@ def mount(body: Body, placement: str) -> Vector:
     return places[kind]
 
 
+@record
 class Truth(NamedTuple):
     """The reference of a simulated walk.
 

@@ -14,6 +14,7 @@ from jax.sharding import Mesh
 from jaxtyping import PRNGKeyArray, PyTree
 
 from jgait.filtering.compile import compiler_options
+from jgait.notes import record
 from jgait.params import constrain
 from jgait.tune import checkpoint
 from jgait.tune.checks import check_data, check_priors, numbered, spread_out, start, transforms_of
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+@record
 class CrossValidation[P](NamedTuple):
     """The result of a cross-validation.
 

@@ -12,6 +12,7 @@ import optax
 from jax.sharding import Mesh
 from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 
+from jgait.notes import record
 from jgait.params import constrain
 from jgait.params import names as names_of
 from jgait.tune import checkpoint
@@ -33,6 +34,7 @@ from jgait.tune.words import is_interval
 from jgait.types import AnyArray, Maybe, check_key, check_kind, people
 
 
+@record
 class Fit[P](NamedTuple):
     """A finished fit.
 

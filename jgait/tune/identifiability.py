@@ -16,6 +16,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PyTree
 
+from jgait.notes import record
 from jgait.params import Transform, constrain
 from jgait.tune.checks import check_data, check_priors, is_transform, numbered
 from jgait.tune.coordinates import Coordinates, coordinates, natural_numbers
@@ -33,6 +34,7 @@ ROUNDINGS = 1000.0
 """Assumed largest rounding error of second derivatives [epsilons of the dtype for each free number]."""
 
 
+@record
 class Identifiability(NamedTuple):
     """How well the data determine p free numbers; `sentences` reports it in words.
 

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Int, PyTree
 
 from jgait.estimators.axes import pad
 from jgait.estimators.interface import Estimator, Prepared
-from jgait.notes import by_reason
+from jgait.notes import by_reason, record
 from jgait.types import (
     AnyArray,
     Estimate,
@@ -29,6 +29,7 @@ from jgait.types import (
 )
 
 
+@record
 class Windows(NamedTuple):
     """The parts of a walk that a loss uses, in samples of the prepared inputs, half-open.
 
@@ -41,6 +42,7 @@ class Windows(NamedTuple):
     standing: tuple[int, int] | None = None
 
 
+@record
 class Lesson(NamedTuple):
     """A walk as one item of a fit; every leaf is an array, so lessons can be stacked and mapped over.
 

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from jgait.estimators.interface import Estimator
+from jgait.notes import record
 from jgait.tune import losses
 from jgait.tune.lessons import Lesson
 from jgait.types import Estimate, Legs, RecordingError, Walk
@@ -106,6 +107,7 @@ def likelihood(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
     return -jax.tree.reduce(jnp.add, [jnp.sum(value) for value in likelihoods])
 
 
+@record
 class Loss(NamedTuple):
     """A loss by which walks are tuned and judged.
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import optax
 from jaxtyping import Array, Float, PyTree
 
+from jgait.notes import record
 from jgait.params import Transform, real
 from jgait.tune.checks import check_data
 from jgait.tune.coordinates import Coordinates, coordinates, natural
@@ -23,6 +24,7 @@ from jgait.tune.problem import Context, Items, Problem, place
 from jgait.tune.remainder import loss_type, reduced
 
 
+@record
 class Profile(NamedTuple):
     """A profiled parameter.
 

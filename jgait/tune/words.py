@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait.notes import resolved
 from jgait.params import Transform, positive
 
 LARGE = 0.3
@@ -58,7 +59,8 @@ def unknown(name: str, transform: Transform, stderr: float, low: float, high: fl
     if math.isinf(stderr):
         return sentence + "its standard error is infinite"
     if is_interval(transform):
-        return sentence + f"its {100 * level:g} % interval is {low:.3g} to {high:.3g} of {transform.name}"
+        ends = " to ".join(resolved(end, high - low) for end in (low, high))
+        return sentence + f"its {100 * level:g} % interval is {ends} of {transform.name}"
     if is_positive(transform):
         factor = f"a factor of {math.exp(stderr):.3g}" if stderr < 14.0 else "more than a factor of a million"
         return sentence + f"its standard error is {factor}"
@@ -70,8 +72,8 @@ def known(name: str, transform: Transform, value: float, stderr_free: float, std
     if is_positive(transform) and stderr_free >= LARGE:
         return f"{name} {value:.4g} within a factor of {math.exp(stderr_free):.2g}"
     if is_positive(transform):
-        return f"{name} {value:.4g} ± {100.0 * stderr_free:.2g} %"
-    return f"{name} {value:.4g} ± {stderr:.2g}"
+        return f"{name} {resolved(value, value * stderr_free, 4)} ± {100.0 * stderr_free:.2g} %"
+    return f"{name} {resolved(value, stderr, 4)} ± {stderr:.2g}"
 
 
 def sentences(

@@ -44,7 +44,7 @@ def test_estimate_writes_a_table_and_figures(csv, tmp_path):
 
 def test_one_method_alone_writes_its_own_table(csv, tmp_path):
     words = ("--estimator", "leg_ekf", "--height", 1.8, "--table-format", "parquet", "--out", tmp_path / "results")
-    code, said = run("estimate", csv, *words)
+    code, said = run("estimate", csv, *words, "--notes")
     assert code == 0, said
     assert "thigh length 0.44" in said
     names = {path.name for path in (tmp_path / "results").glob("[!.]*")}
@@ -53,12 +53,12 @@ def test_one_method_alone_writes_its_own_table(csv, tmp_path):
 
 def test_a_person_comes_from_a_file_and_options_win(csv, tmp_path):
     person = tmp_path / "person.json"
-    person.write_text('{"height": 1.6, "thigh_length": [0.41, 0.4]}')
+    person.write_text('{"height_m": 1.6, "thigh_length_m": [0.41, 0.4]}')
     numbers = tmp_path / "numbers.json"
     words = ("--person", person, "--height", 1.8, "--out", tmp_path / "results", "--json", numbers)
-    code, said = run("estimate", csv, *words)
+    code, said = run("estimate", csv, *words, "--notes")
     assert code == 0, said
-    assert "from the height of 1.80 m, by usual proportions: shank length 0.44" in said
+    assert "From the height of 1.80 m, by usual proportions: shank length 0.44" in said
     (told,) = json.loads(numbers.read_text())["recordings"].values()
     assert told["person"] == {"height": 1.8, "thigh_length": [0.41, 0.4]}
     assert {row["source"] for row in told["sources"]} == {"shanks", "legs", "combined"}

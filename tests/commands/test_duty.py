@@ -91,7 +91,7 @@ def test_tables_totals_and_a_figure(csv, tmp_path, monkeypatch):
     out = tmp_path / "out"
     words = ("--method", "duty_cycled_gyro", "--thigh", 0.4)
     words += tuple(word for text in ("duty=0.5", "filler=ridge", "warm-up=5") for word in ("--option", text))
-    code, said = run(csv, *words, "--out", out, "--json", out / "numbers.json")
+    code, said = run(csv, *words, "--out", out, "--json", out / "numbers.json", "--notes")
     assert code == 0, said
     assert seen["options"].schedule == 0.5 and seen["options"].warm_up == 5.0 and seen["options"].filler == "ridge"
     assert seen["sensors"] == {"thigh_right", "shank_right"} and seen["p"].thigh_length.right == 0.4
@@ -101,7 +101,7 @@ def test_tables_totals_and_a_figure(csv, tmp_path, monkeypatch):
         "battery life │ × 2.00", "gaps filled by ridge",
     )  # fmt: skip
     assert all(text in said for text in shown), said
-    assert "walk.csv: a fact" in said and "no --duty" not in said
+    assert "For information: A fact" in said and "no --duty" not in said
     assert {path.name for path in out.glob("[!.]*")} == {
         "walk_segments.csv", "walk_legs.csv", "walk_gyroscopes.png", "numbers.json",
     }  # fmt: skip
@@ -116,7 +116,7 @@ def test_tables_totals_and_a_figure(csv, tmp_path, monkeypatch):
 
 def test_without_a_leg_of_both_segments_there_is_no_table_of_legs(csv, tmp_path, monkeypatch):
     monkeypatch.setattr(Choice, "estimate", lambda *_: made(flags(), joints=False))
-    code, said = run(csv, "--estimator", "duty_cycled_gyro", "--paper", "--out", tmp_path / "out")
+    code, said = run(csv, "--estimator", "duty_cycled_gyro", "--paper", "--out", tmp_path / "out", "--notes")
     assert code == 0 and "no --duty: gyroscopes sleep only where the file has no samples" in said, said
     assert "gaps filled by replicate" in said and "hip right" not in said
     assert {path.name for path in (tmp_path / "out").glob("[!.]*")} == {"walk_segments.csv", "walk_gyroscopes.png"}

@@ -69,7 +69,7 @@ def test_widths_where_the_feet_hear_each_other(walk, tmp_path):
     good = strides[strides["width_valid"]]
     assert len(good) >= 6
     np.testing.assert_allclose(good["stride_width_m"], APART, atol=0.03)
-    code, said = run("estimate", walk, *words)
+    code, said = run("estimate", walk, *words, "--notes")
     assert code == 0 and "Check: No --option range-offset: the default of 0.08 m is taken" in said
 
 

@@ -59,8 +59,8 @@ def test_columns_of_unknown_names_are_listed_or_placed(walk, tmp_path):
     assert "found 'time', 'Bein_re_gyr_x'" in said
     assert "columns are named <placement>_gyr_x to <placement>_acc_z, such as foot_left_gyr_x" in said
     assert "place sensors by --place 'Bein_re=shank_right'" in said
-    code, said = run("estimate", walk, "--place", "Wade_re=shank_right", "--out", tmp_path / "results")
-    assert code == 0 and "the sensor 'Wade_re' is taken to have sat at shank_right" in said
+    code, said = run("estimate", walk, "--place", "Wade_re=shank_right", "--out", tmp_path / "results", "--notes")
+    assert code == 0 and "The sensor 'Wade_re' is taken to have sat at shank_right" in said
 
 
 def test_a_file_that_may_not_be_read_is_named(walk, tmp_path):
@@ -122,7 +122,7 @@ def shimmer(recording, path):
 def test_a_measuring_systems_file_gives_what_the_same_table_gives(recording, walk, tmp_path):
     theirs = tmp_path / "session.csv"
     shimmer(recording, theirs)
-    code, said = run("estimate", walk, theirs, "--out", tmp_path / "results")
+    code, said = run("estimate", walk, theirs, "--out", tmp_path / "results", "--notes")
     assert code == 0, said
     assert "Shimmer" in said
     ours, other = (pd.read_csv(tmp_path / "results" / f"{name}_samples.csv") for name in ("walk", "session"))
@@ -179,7 +179,7 @@ def test_a_labs_own_words_radians_and_milliseconds_give_angles_in_one_command(re
     labs |= {f"{part}_right_gyr_{axis}": f"Gyro {part.title()} R {axis.upper()} [rad/s]" for part in ("thigh", "shank")
              for axis in "xyz"}  # fmt: skip
     table.rename(columns=labs).to_csv(tmp_path / "lab.csv", index=False)
-    code, said = run("estimate", tmp_path / "lab.csv", "--gyr-unit", "rad/s", "--out", tmp_path / "results")
+    code, said = run("estimate", tmp_path / "lab.csv", "--gyr-unit", "rad/s", "--out", tmp_path / "results", "--notes")
     assert code == 0, said
     assert "'Gyro Thigh R X [rad/s]' as thigh_right_gyr_x" in said
     assert "7 columns recognised by their names" in said

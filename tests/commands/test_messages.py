@@ -41,9 +41,14 @@ def test_files_of_the_same_name_are_told_apart(recording, tmp_path, without_esti
     files = [io.write_csv(recording, tmp_path / name) for name in ("a/walk.csv", "b/walk.csv", "b/other.csv")]
     code, said = run("estimate", *files, "--out", tmp_path / "out")
     assert code == 0
-    for begin in ("a/walk.csv: sampling rate", "b/walk.csv: sampling rate", " other.csv: sampling rate"):
+    for begin in ("a/walk.csv: Usable", "b/walk.csv: Usable", " other.csv: Usable"):
         assert said.count(begin) == 1
     assert " walk.csv:" not in said
+
+
+def test_one_file_is_called_by_its_name(walk, tmp_path, without_estimates):
+    _, said = run("estimate", walk, "--out", tmp_path / "out", "--notes")
+    assert said.startswith("walk.csv: Usable with care: ") and "For information: Sampling rate" in said
 
 
 @pytest.mark.parametrize(
@@ -63,7 +68,7 @@ def test_a_unit_is_advised_if_it_is_right_for_all_sensors_and_one_sensor_is_left
         changed = table.copy()
         changed[columns] *= factor
         changed.to_csv(walk, index=False)
-        code, said = run("estimate", walk, *options, "--out", tmp_path / "out")
+        code, said = run("estimate", walk, *options, "--out", tmp_path / "out", "--notes")
         if columns is signals:
             assert code == 2
             assert f"pass {unit}" in said
@@ -71,7 +76,7 @@ def test_a_unit_is_advised_if_it_is_right_for_all_sensors_and_one_sensor_is_left
         else:
             assert code == 0
             assert "--" not in said
-            assert "to be checked before the numbers are used" in said
+            assert "Usable with care: shank_right is left out: its " in said
             assert "Check: shank_right is left out: its " in said
             meant = unit.split()[1]
             assert f"seems to be in {meant}, but thigh_right is not; convert the columns of this sensor" in said
@@ -82,10 +87,9 @@ def test_one_file_is_called_by_its_name_and_the_same_of_several_sensors_is_one_l
     table = table.interpolate().round(4)
     table.loc[[100, 200], [name for name in table if name != "time"]] = np.nan
     table.to_csv(walk, index=False)
-    _, said = run("estimate", walk, "--out", tmp_path / "out")
+    _, said = run("estimate", walk, "--out", tmp_path / "out", "--notes")
     assert f"Check: thigh_right, shank_right: 2 of {len(table)} samples are missing" in said
-    assert said.count("samples are missing") == 1
-    assert " walk.csv: sampling rate" in said
+    assert said.count("samples are missing") == 2  # in the sentence of trust, and among the remarks
 
 
 def test_a_file_without_time_says_what_came(recording, walk, tmp_path, without_estimates):

@@ -3,12 +3,16 @@
 import functools
 import hashlib
 import http.server
+import socket
+import sys
 import threading
 from pathlib import Path
 
 import pytest
+import typer
 
 from jgait import datasets
+from jgait.commands import datasets as command
 from jgait.datasets import registry
 from jgait.datasets.walks import Failure, Walks, load_each
 
@@ -140,14 +144,47 @@ def test_what_the_own_folder_lacks_is_fetched_beside_it(little, server):
     assert registry.listing("little", "", "*.txt") == ["a b/one.txt", "two.txt"]
 
 
-def test_fetch_refuses_what_is_not_upstreams(little, server, empty, monkeypatch):
+@pytest.mark.parametrize("content, kind, reason", [
+    (b"not what was expected", datasets.ChecksumError, "is not the file that was expected: its sha256 is not"),
+    (None, OSError, "could not be downloaded: the server answers 404 File not found"),
+])  # fmt: skip
+def test_fetch_states_why_a_file_did_not_come(little, server, empty, monkeypatch, content, kind, reason):
     monkeypatch.delenv(registry.DATA_DIR_VARIABLE)
-    (server / "two.txt").write_bytes(b"not what was expected")
-    with pytest.raises(datasets.ChecksumError, match="two.txt is not the file that was expected"):
+    if content is not None:
+        (server / "two.txt").write_bytes(content)
+    with pytest.raises(kind, match=f"^http://127.0.0.1:.*/two.txt {reason}.{{,15}}$"):
         datasets.fetch("little", ["two.txt"])
     assert not (empty / "cache" / "jgait" / "little" / "two.txt").exists()
     with pytest.raises(ValueError, match="little has no known file 'three.txt'"):
         datasets.fetch("little", ["three.txt"])
+
+
+def test_the_command_fetches_under_a_bar_with_the_packages_of_its_extra(little, server, monkeypatch, capsys):
+    monkeypatch.delenv(registry.DATA_DIR_VARIABLE)
+    monkeypatch.setitem(sys.modules, "tqdm", None)
+    (server / "a b").mkdir()
+    for path in ("a b/one.txt", "two.txt"):
+        (server / path).write_bytes(GOOD)
+    command.fetch_set("little")
+    assert capsys.readouterr().out.strip() == str(registry._cache("little"))
+    assert datasets.missing("little") == ()
+    states = []
+    (registry._cache("little") / "two.txt").unlink()
+    datasets.fetch("little", progress=lambda *state: states.append(state))
+    assert states[-1] == ("two.txt", len(GOOD), len(GOOD))
+
+
+def test_without_a_network_the_command_says_so_in_one_sentence(little, server, monkeypatch, capsys):
+    monkeypatch.delenv(registry.DATA_DIR_VARIABLE)
+    with socket.socket() as free:  # a port at which nobody answers
+        free.bind(("127.0.0.1", 0))
+        host = f"127.0.0.1:{free.getsockname()[1]}"
+    monkeypatch.setattr(registry.DatasetInfo, "address", lambda _, path: f"http://{host}/two.txt")
+    with pytest.raises(typer.Exit) as ended:
+        command.fetch_set("little")
+    assert ended.value.exit_code == 2
+    expected = f"jgait: http://{host}/two.txt could not be downloaded: no connection to {host} (ConnectionError); "
+    assert capsys.readouterr().err.strip().splitlines()[-1] == expected + "check the network"
 
 
 def test_one_bad_recording_never_takes_the_set_down_but_a_missing_package_does():

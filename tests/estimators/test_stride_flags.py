@@ -8,6 +8,10 @@ from made.estimators import only
 from jgait import simulate
 from jgait.estimators import ankle_stride
 from jgait.estimators.stride_flags import (
+    CLIPPED,
+    DOUBTFUL,
+    EVERY,
+    STRIDE_FLAGS,
     durations,
     half_strides,
     in_order,
@@ -15,9 +19,12 @@ from jgait.estimators.stride_flags import (
     regular,
     stride_notes,
     uneven_strides,
+    without,
 )
+from jgait.io.strides import counted, strides_to_dataframe
+from jgait.io.totals import totals
 from jgait.simulate.sensors import MPU6000
-from jgait.types import Strides
+from jgait.types import Estimate, Legs, Strides
 
 
 def test_a_stride_is_compared_with_those_around_it():
@@ -65,3 +72,33 @@ def test_a_hesitation_that_shanks_do_not_see_as_standing_is_in_no_regular_stride
     longest = np.nanmax(durations(truth.strides)[np.asarray(truth.strides.valid)])
     assert np.nanmax(lasts) > 1.5 * longest and marks(found, flags)["uneven"].any()
     assert np.nanmax(lasts[regular(found, flags)]) < 1.2 * longest
+
+
+@pytest.mark.parametrize("flag", STRIDE_FLAGS, ids=lambda flag: flag.name)
+def test_a_flag_leaves_out_the_measures_that_it_touches_and_no_others(flag):
+    """Strides of one second; those without the flag of 1.2 m, those with it of 2 m."""
+    count = 12
+    flagged = np.arange(count) >= 4
+    first = 0.5 * np.arange(count)
+    values = {name: np.where(flagged, 2.0, 1.2) for name in ("length", "width", "step_length", "speed")}
+    strides = Strides(np.arange(count) % 2, first, first + 0.6, first + 1.0, height=np.zeros(count),
+                      valid=np.ones(count, bool), **values)  # fmt: skip
+    none = np.zeros(0)
+    estimate = Estimate(none, Legs(None, None), None, None, none, {}, strides)
+    flag = flag._replace(read=lambda _: flagged)
+    table = counted(strides_to_dataframe(estimate), marks(estimate, (flag,)), (flag,))
+    for column in ("stride_length_m", "walking_speed_mps", "stride_width_m", "stride_duration_s", "final_contact_s"):
+        assert table[column].notna().sum() == (4 if column in flag.leaves_out else count), column
+        assert regular(estimate, (flag,), column).sum() == table[column].notna().sum()
+    printed = {total.words: total.text for total in totals(estimate, (flag,))}
+    assert printed["cadence"] == "120 steps/min"
+    assert printed["stride length"].startswith("1.2" if "stride_length_m" in flag.leaves_out else "2.0")
+
+
+def test_a_doubt_about_lengths_leaves_cadence_and_stride_time_of_a_recording():
+    every = np.ones(12, bool)
+    marked = {DOUBTFUL.name: every, CLIPPED.name: every}
+    known = [column for column in EVERY if without(marked, STRIDE_FLAGS, 12, column).any()]
+    assert known == ["stride_duration_s", "cadence_spm"]
+    del marked[CLIPPED.name]  # of which no angle is certain
+    assert without(marked, STRIDE_FLAGS, 12, "knee_flexion_max_deg").all()

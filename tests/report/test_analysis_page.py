@@ -58,7 +58,7 @@ def test_tables_of_an_analysis_have_headings_in_words_and_no_box_that_hides_rows
 def test_the_terminal_and_the_page_have_the_same_doubts(analysed, tmp_path):
     recording, _ = analysed
     file, numbers = io.write_csv(recording, tmp_path / "walk.csv"), [tmp_path / name for name in ("a.json", "b.json")]
-    code, said = run("estimate", file, "--height", "1.75", "--out", tmp_path / "out", "--json", numbers[0])
+    code, said = run("estimate", file, "--height", "1.75", "--out", tmp_path / "out", "--json", numbers[0], "--notes")
     assert code == 0, said
     run("report", file, "--height", "1.75", "--out", tmp_path / "page.html", "--json", numbers[1])
     estimated, page = (json.loads(path.read_text()) for path in numbers)

@@ -14,7 +14,7 @@ from made import cohort as made_cohort
 from made import notes as made_notes
 from made.command import run
 
-from jgait import evaluate, report
+from jgait import evaluate, io, report
 from jgait.commands import evaluate as evaluate_command
 from jgait.commands import report as command
 from jgait.commands.cohort import Source
@@ -22,8 +22,9 @@ from jgait.commands.pipeline import chosen
 from jgait.estimators import ankle_stride
 from jgait.estimators.about import EstimatedRecording, EstimateFigure
 from jgait.estimators.notes import NO_FIRST_STANDING, NO_STEPS
-from jgait.estimators.stride_flags import STRIDE_FLAGS
+from jgait.estimators.stride_flags import FEW_REGULAR, STRIDE_FLAGS
 from jgait.evaluate.scores import DISTANCE_OFF
+from jgait.io.summary import summary
 from jgait.io.totals import totals
 from jgait.notes import SEVERITIES, Kind, to_json
 from jgait.report import figures, flags, strides
@@ -179,11 +180,21 @@ def test_a_recording_in_which_nobody_walks_is_a_page_too():
     facts = {**still.diagnostics, "notes": (NO_STEPS(placement="ankle_right"),)}
     page = report.of_estimate(still._replace(distance=None, diagnostics=facts), recording("ankle_right"))
     assert page.numbers["flags"][0]["grade"] == "stop"
-    assert "No strides were found" in page.html and "At least one number is not usable" in page.html
+    assert "No strides were found" in page.html and '<p class="trust stop">Do not use: ankle_right' in page.html
     standing = walking_legs()
     flat = LegTrajectory(*(np.zeros(standing.time.size),) * 4)
     page = report.of_estimate(standing._replace(legs=Legs(flat, None), distance=None), recording("thigh_right"))
     assert page.numbers["strides"] == 0 and page.numbers["means"] == []
+
+
+def test_where_no_stride_counts_there_is_a_sentence_and_no_empty_table():
+    of = walking_ankles()
+    turning = of._replace(diagnostics={**of.diagnostics, "turning": np.ones(LENGTHS.size, bool)})
+    whole = summary(io.strides_to_dataframe(of).assign(regular=False, source="ankles"), (8.4, None))
+    assert list(whole["measure"]) == ["distance"]
+    page = report.of_estimate(turning, recording("ankle_right", "ankle_left"), means=whole)
+    assert "No stride is regular" in page.html
+    assert not re.search(r"<tbody>\s*</tbody>", page.html)
 
 
 def test_a_page_of_feet_states_which_widths_and_half_strides_do_not_count():
@@ -235,7 +246,7 @@ def test_the_page_stands_alone_and_can_be_read_by_everybody(ankles):
         value for _, own in parsed.tags for name, value in own.items() if name in ("src", "href", "srcset", "action")
     ]
     assert addresses and all(address.startswith("data:") for address in addresses)
-    outside = re.sub(r'data:[^"]*', "", ankles.html).replace("http://evil.example", "")
+    outside = re.sub(r'data:[^"]*|http://evil.examp(le)?', "", ankles.html)  # the sentence of trust shortens it
     assert "//evil" not in outside and not re.search(r"https?:|url\(|@import", outside)
     names = [tag for tag, _ in parsed.tags]
     assert names.count("h1") == 1 and names.count("script") == 1 and "link" in names
@@ -283,7 +294,22 @@ def test_notes_are_explained_each_by_its_meaning():
     found = flags.explained(notes * 2)
     assert [flag.grade for flag in found] == list(flags.GRADES) == list(SEVERITIES)
     assert all(len(flag.text.splitlines()) == 2 for flag in found)  # each once
-    assert "5 things" in flags.verdict([flags.Flag("check", "one\ntwo", ""), *[flags.Flag("check", "", "")] * 3])
+
+
+@pytest.mark.parametrize(
+    "raised, sentence",
+    [
+        ([], "Good."),
+        ([("info", "Shimmer", "")], "Good."),
+        ([("check", "Only 3 regular strides", FEW_REGULAR.meaning), ("check", "A slides\nMT_1 is off", "")],
+         "Usable with care: a slides; MT_1 is off; only 3 regular strides."),
+        ([("check", f"Doubt {number}", "") for number in range(5)],
+         "Usable with care: doubt 0; doubt 1; doubt 2; 2 more."),
+        ([("check", "A doubt", ""), ("stop", "Nobody walks", "")], "Do not use: nobody walks."),
+    ],
+)  # fmt: skip
+def test_one_sentence_says_how_far_to_trust_and_gives_up_to_three_reasons(raised, sentence):
+    assert flags.verdict([flags.Flag(*each) for each in raised]) == sentence
 
 
 def test_strides_of_an_unknown_side_are_of_neither_leg():
@@ -539,6 +565,36 @@ def test_a_browser_shows_every_picture_sorts_and_asks_nobody(ankles, tmp_path):
     assert seen["sorted"] == "ascending"
     np.testing.assert_allclose(seen["up"], np.sort(LENGTHS))
     np.testing.assert_allclose(seen["down"], np.sort(LENGTHS)[::-1])
+
+
+FRAME = """<body><iframe width="{width}" height="{height}" style="border: 0" srcdoc="{page}"></iframe><script>
+document.querySelector("iframe").addEventListener("load", (event) => {{
+  const page = event.target.contentDocument, lowest = (what) => page.querySelector(what).getBoundingClientRect().bottom;
+  const boxes = [...page.querySelectorAll(".scroll")];
+  document.body.dataset.seen = JSON.stringify({{
+    measured: lowest(".facts"), trust: lowest(".trust"), folded: !page.querySelector("details").open,
+    figure: page.querySelector("img").getBoundingClientRect().top, tables: lowest(".scroll"),
+    wide: page.documentElement.scrollWidth - page.documentElement.clientWidth,
+    hidden: boxes.filter((box) => getComputedStyle(box).overflowX !== "auto").length,
+    cut: boxes.filter((box) => box.scrollWidth > box.clientWidth).map((box) => box.getAttribute("aria-label")),
+  }});
+}});
+</script></body>"""
+
+
+@pytest.mark.parametrize("width, height", [(390, 844), (1280, 800)])
+@pytest.mark.parametrize("which", ["ankles", "cohort"])
+def test_the_first_screen_has_what_was_measured_one_sentence_of_trust_and_a_figure(
+    request, tmp_path, which, width, height
+):
+    page = html.escape(request.getfixturevalue(which).html)
+    (tmp_path / "frame.html").write_text(FRAME.format(width=width, height=height, page=page), encoding="utf-8")
+    dom, _ = browse(tmp_path / "frame.html", tmp_path, "--window-size=1300,900")
+    seen = json.loads(next(own["data-seen"] for tag, own in Parsed(dom).tags if tag == "body"))
+    assert seen["measured"] < seen["trust"] < height and seen["folded"]
+    assert seen["figure"] < height - 200 and seen["figure"] < seen["tables"]
+    assert seen["wide"] <= 0 and seen["hidden"] == 0  # tables that are too wide scroll, the page does not
+    assert width < 1000 or seen["cut"] == []
 
 
 def test_several_recordings_at_once_are_refused():

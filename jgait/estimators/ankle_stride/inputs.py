@@ -5,6 +5,7 @@ from typing import Annotated, NamedTuple
 from jaxtyping import PyTree
 
 from jgait.estimators.axes import Axis, Held, Sampled, Times, fields_of
+from jgait.notes import record
 from jgait.types import Counts, Values
 
 SHORTEST_STRIDE = 10
@@ -52,6 +53,7 @@ class AnkleSignals(NamedTuple):
     count: Counts  #: number of strides.
 
 
+@record
 class AnkleInputs(NamedTuple):
     """Inputs of `ankle_stride.run`: signals of each leg with a sensor at times (T,) [s]; every leaf is an array."""
 

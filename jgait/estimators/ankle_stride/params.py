@@ -4,6 +4,7 @@ from typing import Annotated, NamedTuple
 
 from jgait import filtering
 from jgait.estimators.interface import with_measures
+from jgait.notes import record
 from jgait.params import Param, Parameter, documented, interval, positive, real
 from jgait.types import Measures
 
@@ -13,6 +14,7 @@ SITES = ("auto", "ankle", "shank")
 
 
 @documented
+@record
 class AnkleParams(NamedTuple):
     """Parameters of the ankle's estimator, in natural units; the same for both legs."""
 

@@ -8,6 +8,7 @@ from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride.prepare import WINDOW_S, prepare
 from jgait.estimators.lagged import JUMP_S
 from jgait.events import shank_stance
+from jgait.notes import record
 from jgait.signal import butterworth
 from jgait.types import SIDES, Counts, Recording, RecordingError, Values
 
@@ -24,6 +25,7 @@ ONLINE = AnkleOptions(smooth=False)
 """Options of the estimator over the whole recording to which the online estimator corresponds."""
 
 
+@record
 class Worn(NamedTuple):
     """Mounting and settings of a sensor, from a recording; every leaf is an array."""
 

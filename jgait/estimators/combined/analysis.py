@@ -1,7 +1,9 @@
 """The estimate from all sensors of a recording together."""
 
+import importlib
+import os
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import numpy as np
@@ -30,11 +32,15 @@ from jgait.estimators.combined.sources import SourceEstimate, sources, with_time
 from jgait.estimators.combined.strides import JoinedStrides, joined, quality_of
 from jgait.estimators.combined.unworn import without_unworn
 from jgait.estimators.plausible import knee_notes, knees, paces_mixed
+from jgait.estimators.proportions import in_metres
 from jgait.estimators.stride_flags import stride_notes
 from jgait.notes import NO_WALKING, Kind, Note, gravest_first, without_repeats
 from jgait.quality import SensorQuality, above, merged, opposite
 from jgait.quality import notes as writer
 from jgait.types import SIDES, AnyArray, Estimate, Flags, Legs, Recording, RecordingError, as_float, check_recording
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 ANGLES_DOUBTFUL = Kind(
     "angles_doubtful",
@@ -89,8 +95,18 @@ class Analysis(NamedTuple):
         parts.append("sources " + ", ".join(source.name for source in self.sources))
         return f"Analysis({'; '.join(parts)}; {len(self.notes)} notes)"
 
+    def to_dataframe(self, table: str = "strides") -> "pd.DataFrame":
+        """The strides, a row each; or another table of `jgait.io.analysis_to_dataframes`, by its name."""
+        tables: dict[str, pd.DataFrame] = importlib.import_module("jgait.io").analysis_to_dataframes(self)
+        if table not in tables:
+            raise ValueError(f"tables are {', '.join(tables)}; got {table!r}")
+        return tables[table]
 
-def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) -> Analysis:
+    def _repr_html_(self) -> str:
+        return str(self.to_dataframe("summary").to_html(index=False, na_rep="–", float_format="{:.4g}".format))
+
+
+def analyse(recording: Recording | str | os.PathLike[str], person: Mapping[str, PyTree] | None = None) -> Analysis:
     """Everything that the sensors of a recording allow: every estimator that has its sensors, joined and cross-checked.
 
     Where several groups of sensors measure the same stride, their lengths are combined by their variances if they are
@@ -102,8 +118,10 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     usable.
 
     Args:
-        recording: the signals, placements as in `jgait.PLACEMENTS`; one sensor is enough.
-        person: measures of the person [m], as far as known: "height" gives those that are missing by usual proportions;
+        recording: the signals, placements as in `jgait.PLACEMENTS`; one sensor is enough. Or the path of a file, which
+            `jgait.io.read` reads.
+        person: measures of the person [m], as far as known, named as here or as the columns of tables ("height_m"):
+            "height" gives those that are missing by usual proportions;
             "thigh_length", "shank_length"; "sensor_height" of the waist's sensor over the ground; "lever_ankle" and
             "lever_shank", heights of sensors over the ankle; "pivot_height", of a shoe's sensor over the point about
             which the foot turns on the ground; "range_offset" of the distance between the feet; "pendulum_constant" of
@@ -113,10 +131,12 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         RecordingError: if no estimator has its sensors, or none can use them, or arrays of a sensor differ in length.
         ValueError: a measure of the person that is unknown or outside its range.
     """
+    if isinstance(recording, str | os.PathLike):
+        return analyse(importlib.import_module("jgait.io").read(recording), person)
     check_recording(recording)
     if not isinstance(person, Mapping | None):
         raise TypeError(f"person must be a dictionary of measures, such as {{'height': 1.75}}; got {person!r}")
-    body = dict(person or {})
+    body = in_metres(person or {})
     for name, imu in recording.sensors.items():
         check_shapes(imu, name)
     findings = crosscheck(recording)
@@ -238,7 +258,7 @@ def _angles(
 
 def _without_angles(estimate: Estimate, strides: JoinedStrides) -> list[Note]:
     """A note for each measured leg whose regular strides all lack angles."""
-    time, usual = as_float(estimate.time), regular(strides)
+    time, usual = as_float(estimate.time), regular(strides, "knee_flexion_max_deg")
     notes = []
     for number, side in enumerate(SIDES):
         rows = np.flatnonzero(usual & (np.asarray(strides.strides.side) == number))

@@ -121,9 +121,9 @@ def comparisons(
     return rows
 
 
-def regular(strides: JoinedStrides) -> np.ndarray:
-    """(n,) bool, strides that count in medians, as in reports: no turns, stairs, half, clipped or doubtful ones."""
-    return without(strides.flags, STRIDE_FLAGS, len(strides.first))
+def regular(strides: JoinedStrides, column: str = "stride_length_m") -> np.ndarray:
+    """(n,) bool, strides that count in medians of a column, as in reports."""
+    return without(strides.flags, STRIDE_FLAGS, len(strides.first), column)
 
 
 def _median(
@@ -189,7 +189,7 @@ def step_notes(strides: JoinedStrides) -> list[Note]:
     for number in range(len(SIDES)):
         theirs = from_feet & (side != number)
         contacts = np.unique(np.concatenate([start[theirs], end[theirs]]))
-        rows = np.flatnonzero(from_feet & (side == number) & regular(strides))
+        rows = np.flatnonzero(from_feet & (side == number) & regular(strides, "stride_duration_s"))
         last = np.append(-np.inf, contacts)[np.searchsorted(contacts, end[rows])]  # the last one before the end
         lasts.append((end[rows] - last)[last > start[rows]])
     if min(map(len, lasts)) < FEWEST_COMPARED:

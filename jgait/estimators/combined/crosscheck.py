@@ -15,7 +15,7 @@ from jgait.estimators.checks import fast_rate, force_unit
 from jgait.estimators.combined.phases import OFFSETS, WRONG_CLOCK, OutOfPhase, kind_of, swing_phases
 from jgait.mounting.leg import SWAPPED
 from jgait.mounting.shank import LABELS_EXCHANGED
-from jgait.notes import WRONG_PLACE, Kind, Note
+from jgait.notes import WRONG_PLACE, Kind, Note, record
 from jgait.quality import SOUND, SensorQuality, above, opposite
 from jgait.types import SIDES, AnyArray, Imu, Recording, as_float
 
@@ -95,6 +95,7 @@ class _Motion(NamedTuple):
     tilts: float  #: median difference of the directions of gravity while it rests [rad]; NaN where it is not known.
 
 
+@record
 class Findings(NamedTuple):
     """Contradictions between the sensors of a recording.
 

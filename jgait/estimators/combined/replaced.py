@@ -4,7 +4,7 @@ import numpy as np
 
 from jgait.estimators.combined.compare import regular
 from jgait.estimators.combined.strides import LEG_WORN, JoinedStrides
-from jgait.estimators.stride_flags import AROUND, DOUBTFUL, FEWEST_STRIDES, HALF, TURNING, durations
+from jgait.estimators.stride_flags import AROUND, DOUBTFUL, FEWEST_STRIDES, HALF, TURNING, UNEVEN_DURATION, durations
 from jgait.notes import Kind, Note
 from jgait.types import as_float
 
@@ -53,4 +53,5 @@ def with_replaced_doubted(joined: JoinedStrides) -> tuple[JoinedStrides, list[No
         return joined, []
     counts = {"replaced": replaced.sum(), "of": len(more), "strides": more.sum()}
     note = REPLACED_UNLIKE(**counts, times=np.median(times[unlike]))
-    return joined._replace(flags={**joined.flags, DOUBTFUL.name: doubted | more}), [note]
+    uneven = joined.flags.get(UNEVEN_DURATION.name, np.zeros_like(more)) | more  # their times are wrong, too
+    return joined._replace(flags={**joined.flags, DOUBTFUL.name: doubted | more, UNEVEN_DURATION.name: uneven}), [note]

@@ -16,7 +16,7 @@ from jgait.estimators.leg_ekf.notes import SEGMENT_ALONE
 from jgait.estimators.proportions import gives, height_notes, outside
 from jgait.estimators.stride_width_ekf.notes import RANGE_OFFSET_ABSENT
 from jgait.estimators.waist.params import SITES
-from jgait.notes import LEFT_OUT, Kind, Note
+from jgait.notes import LEFT_OUT, Kind, Note, record
 from jgait.quality import SensorQuality, widened
 from jgait.types import SIDES, Estimate, Recording, RecordingError
 
@@ -39,6 +39,7 @@ MEASURES = {
 """Estimator → measures of a person that it takes."""
 
 
+@record
 class SourceEstimate(NamedTuple):
     """A group of sensors that measures gait alone, and its estimate.
 

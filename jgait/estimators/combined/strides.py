@@ -17,7 +17,9 @@ from jgait.estimators.stride_flags import (
     TURNING,
     UNEVEN_DURATION,
     UNSURE,
+    durations,
 )
+from jgait.notes import record
 from jgait.quality import StrideQuality
 from jgait.types import SIDES, Estimate, Flags, Legs, Strides, as_float
 
@@ -58,9 +60,11 @@ COMBINED = ("length", "height", "turn")
 """Quantities of a stride that are combined; others are those of the first source that has them."""
 
 FLAGS = {flag.name: flag.read for flag in (TURNING, STAIRS, HALF, CLIPPED, UNSURE, SIDE_UNKNOWN)}
+FLAGS[UNEVEN_DURATION.name] = lambda estimate: estimate.diagnostics.get(UNEVEN_DURATION.name)
 """Flag of strides → function of a source's estimate: (strides,) bool, or None."""
 
 
+@record
 class JoinedStrides(NamedTuple):
     """Strides of all sources, each once, (n,) in the order of their starts.
 
@@ -179,8 +183,8 @@ def _table(
     values = {name: np.array([stride.values[name] for stride in rows], float) for name in FIELDS}
     spread = {name: np.array([stride.spread[name] for stride in rows], float) for name in FIELDS}
     flags = {name: np.array([stride.flags[name] for stride in rows], bool) for name in FLAGS}
-    stated = {flag for source_marks in marks.values() for flag, column in source_marks.items() if column is not None}
-    flags = {name: flag for name, flag in flags.items() if name in stated}
+    known = {flag for source_marks in marks.values() for flag, column in source_marks.items() if column is not None}
+    flags = {name: flag for name, flag in flags.items() if name in known}
     if width is not None:
         flags["width_valid"] = _widths(values, spread, side, width)
     flags[DOUBTFUL.name] = np.array([stride.doubtful for stride in rows], bool)
@@ -190,6 +194,7 @@ def _table(
     for flag in (STAIRS, HALF, UNEVEN_DURATION):  # as every table reads them
         if (marked := flag.read(whole)) is not None:
             flags[flag.name] = np.asarray(marked, bool)
+    flags[UNEVEN_DURATION.name] |= ~flags[HALF.name] & (durations(strides) < BRIEF * usual)
     return JoinedStrides(
         strides, deviations,
         {name: np.array([stride.group.get(name, -1) for stride in rows], int).reshape(n) for name in by_name},

@@ -11,11 +11,13 @@ from jgait.estimators.interface import with_measures
 from jgait.estimators.leg_ekf import params as leg_params
 from jgait.estimators.leg_ekf.params import BySide
 from jgait.geometry.vectors import GRAVITY
+from jgait.notes import record
 from jgait.params import Param, Parameter, documented, interval, positive
 from jgait.types import Measures, Values
 
 
 @documented
+@record
 class DutyCycledParams(NamedTuple):
     """Parameters of `duty_cycled_gyro`, in natural units."""
 
@@ -67,6 +69,7 @@ class DutyCycledParams(NamedTuple):
     filler: Annotated[Values, Parameter(None, "", "parameters of the filler")] = NEIGHBOURS
 
 
+@record
 class DutyCycledOptions(NamedTuple):
     """Which parts of the method are used.
 
@@ -137,6 +140,7 @@ class GapLeg(NamedTuple):
     shank: GapSegment | None
 
 
+@record
 class DutyCycledInputs(NamedTuple):
     """Inputs of `duty_cycled_gyro.run`; fields as those of `leg_ekf.inputs.LegInputs`."""
 

@@ -5,6 +5,7 @@ from typing import Annotated, NamedTuple
 from jaxtyping import PyTree
 
 from jgait.estimators.axes import Axis, Held, Sampled, Times
+from jgait.notes import record
 from jgait.types import Counts, Values
 
 SHORTEST_STANCE_TO_STANCE = 20
@@ -53,6 +54,7 @@ class FootSignals(NamedTuple):
     count: Counts  #: number of footholds.
 
 
+@record
 class FootInputs(NamedTuple):
     """Inputs of `foot_ins.run`: signals of each foot with a sensor at times (T,) [s]; every leaf is an array."""
 

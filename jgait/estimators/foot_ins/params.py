@@ -6,11 +6,13 @@ from jgait import filtering
 from jgait.estimators.interface import with_measures
 from jgait.estimators.noise import Constant
 from jgait.geometry.vectors import Vector
+from jgait.notes import record
 from jgait.params import Param, Parameter, documented, interval, lognormal, normal, positive
 from jgait.types import Measures
 
 
 @documented
+@record
 class FootParams(NamedTuple):
     """Parameters of the foot estimator, in natural units; the same for both feet."""
 
@@ -78,6 +80,7 @@ class FootParams(NamedTuple):
     )] = Constant()  # fmt: skip
 
 
+@record
 class FootOptions(NamedTuple):
     """Which parts of the method are used.
 

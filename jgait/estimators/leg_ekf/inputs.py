@@ -6,6 +6,7 @@ import numpy as np
 
 from jgait.estimators.ankle_stride.inputs import AnkleInputs
 from jgait.estimators.axes import Axis, Sampled, Times
+from jgait.notes import record
 from jgait.types import Values
 
 UNREST_S = 0.5
@@ -35,6 +36,7 @@ class LegSignals(NamedTuple):
     shank: Segment
 
 
+@record
 class LegInputs(NamedTuple):
     """Inputs of `leg_ekf.run`; every leaf is an array, so that inputs can be padded, stacked and mapped."""
 

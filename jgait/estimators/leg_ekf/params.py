@@ -5,10 +5,12 @@ from typing import Annotated, Any, NamedTuple
 from jgait import filtering
 from jgait.estimators.interface import with_measures
 from jgait.estimators.leg_ekf.inclination import InclinationNoise
+from jgait.notes import record
 from jgait.params import Param, Parameter, documented, interval, positive
 from jgait.types import Measures, Values
 
 
+@record
 class BySide(NamedTuple):
     """A value for each leg."""
 
@@ -17,6 +19,7 @@ class BySide(NamedTuple):
 
 
 @documented
+@record
 class LegParams(NamedTuple):
     """Parameters of the leg estimator, in natural units."""
 
@@ -77,6 +80,7 @@ class LegParams(NamedTuple):
     )] = 0.12  # fmt: skip
 
 
+@record
 class LegOptions(NamedTuple):
     """The improvements that are used; the effect of each is measured by `experiments/bennett2013`.
 

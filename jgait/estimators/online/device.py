@@ -17,6 +17,7 @@ from jax import lax
 from jaxtyping import PyTree
 
 from jgait.filtering.compile import compiled, compiler_options, host
+from jgait.notes import record
 from jgait.types import Counts, Flags, Values
 
 BLOCK = 16
@@ -33,6 +34,7 @@ class Readings(NamedTuple):
     acc_measured: Flags  #: (k,) bool, the specific force was measured.
 
 
+@record
 class Device(NamedTuple):
     """An estimator for sensors whose mounting is known, sample by sample."""
 

@@ -15,7 +15,7 @@ from jgait.estimators.online.device import Device, Runner
 from jgait.estimators.online.distance import LostTime, StridesWay
 from jgait.estimators.online.samples import Pushes
 from jgait.estimators.proportions import gives
-from jgait.notes import Note
+from jgait.notes import Note, record
 from jgait.params import check_params
 from jgait.types import SIDES, AnyArray, Legs, LegTrajectory, Recording, RecordingError, Strides
 
@@ -38,6 +38,7 @@ PREFERRED = ("feet", "ankles", "shanks")
 """Sources of strides, in the order in which their contacts are preferred."""
 
 
+@record
 class NewStrides(NamedTuple):
     """Strides (n,) that have become known, in order; times are those of the samples that were pushed [s]."""
 
@@ -46,6 +47,7 @@ class NewStrides(NamedTuple):
     flags: dict[str, np.ndarray]  #: name → (n,) bool, as of the estimator offline.
 
 
+@record
 class NewContacts(NamedTuple):
     """Contacts that have become known, in order."""
 
@@ -54,6 +56,7 @@ class NewContacts(NamedTuple):
     initial: np.ndarray  #: (n,) bool, True for an initial, False for a final contact.
 
 
+@record
 class News(NamedTuple):
     """What a block of n samples tells."""
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from jgait.estimators.axes import Axis, Held, Sampled
 from jgait.estimators.stride_width_ekf.model import PathControl
+from jgait.notes import record
 
 
 class StrideRows(NamedTuple):
@@ -24,6 +25,7 @@ class StrideRows(NamedTuple):
     valid: np.ndarray  #: False for padding.
 
 
+@record
 class WidthInputs(NamedTuple):
     """Inputs of `stride_width_ekf.run` at N moments: stances, ranges, double support; every leaf is an array, so that
     inputs can be padded, stacked and mapped.

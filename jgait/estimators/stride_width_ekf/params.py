@@ -4,10 +4,12 @@ import math
 from typing import Annotated, NamedTuple
 
 from jgait import filtering
+from jgait.notes import record
 from jgait.params import Param, Parameter, documented, fixed, interval, positive
 
 
 @documented
+@record
 class WidthParams(NamedTuple):
     """Parameters of the stride width estimator, in natural units."""
 

@@ -5,6 +5,7 @@ from typing import Annotated, NamedTuple
 from jaxtyping import PyTree
 
 from jgait.estimators.axes import Axis, Held, Sampled, Times, fields_of
+from jgait.notes import record
 from jgait.types import Counts, Values
 
 SHORTEST_STEP = 5
@@ -23,6 +24,7 @@ type HeldNode = Annotated[Values, Axis("hold", capacity)]
 """(K,), one entry per node; the last node's entry is repeated after it."""
 
 
+@record
 class WaistInputs(NamedTuple):
     """Signals of a sensor on the trunk, in the trunk's axes (forward, left, up), and the decisions of `prepare`.
 

@@ -7,10 +7,11 @@ import jax
 from jaxtyping import PyTree
 
 from jgait import filtering
-from jgait.estimators.proportions import HEIGHTS, SENSOR_SD, SENSOR_SHARE, outside
+from jgait.estimators.proportions import HEIGHTS, SENSOR_SD, SENSOR_SHARE, in_metres, outside
 from jgait.estimators.waist.velocity_update import VelocityUpdateParams
 from jgait.events.trunk import PaperRule, Peaks
 from jgait.events.trunk_soft import Soft
+from jgait.notes import record
 from jgait.params import Param, Parameter, documented, interval, positive
 from jgait.types import Measures, Values
 
@@ -22,6 +23,7 @@ SITES = ("waist", "lower_back", "pelvis")
 
 
 @documented
+@record
 class WaistParams(NamedTuple):
     """Parameters of the waist's estimator, in natural units."""
 
@@ -146,7 +148,7 @@ def with_body(p: WaistParams, body: Measures) -> WaistParams:
     Raises:
         ValueError: if `body` has another name, a measure is not positive, or the height is outside `HEIGHTS`.
     """
-    known = ("sensor_height", "height", "pendulum_constant")
+    body, known = in_metres(body), ("sensor_height", "height", "pendulum_constant")
     unknown = [name for name in body if name not in known]
     if unknown:
         raise ValueError(f"the waist's estimator takes {', '.join(known)} of a person; got {unknown[0]!r}")

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.io.files import Tree
-from jgait.notes import Note
+from jgait.notes import Note, record
 
 
 class CaptureEvent(NamedTuple):
@@ -24,6 +24,7 @@ class CaptureEvent(NamedTuple):
     side: str | None
 
 
+@record
 class Capture(NamedTuple):
     """Data of a motion capture.
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.io.files import check_columns, check_file, first_lines, library, no_numbers, numbered, reading
-from jgait.notes import DEDUCED, Kind, Note
+from jgait.notes import DEDUCED, Kind, Note, record
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, RecordingError
 
 EXPECTED = "an OpenSim motion (.mot, .sto)"
@@ -41,6 +41,7 @@ ANGLES_DEDUCED = Kind(
 )
 
 
+@record
 class OpenSimMotion(NamedTuple):
     """Content of a file of OpenSim.
 

@@ -10,12 +10,14 @@ from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 
 from jgait.geometry.rotation import rotation, turn
 from jgait.geometry.vectors import kept
+from jgait.notes import record
 from jgait.simulate.sensors.dynamics import Wobble, low_pass, soft_tissue
 from jgait.types import AnyArray, Imu, Values
 
 DEGREE = math.pi / 180.0
 
 
+@record
 class ImuErrors(NamedTuple):
     """Errors and mounting of an inertial sensor; every field is a scalar, and the default switches the error off.
 

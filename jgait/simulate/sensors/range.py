@@ -7,10 +7,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from jgait.notes import record
 from jgait.simulate.sensors.imu import check_fields
 from jgait.types import AnyArray, RangeReadings, Values
 
 
+@record
 class Ranging(NamedTuple):
     """Settings and errors of an ultrasonic range sensor between the legs; every field is a scalar.
 

@@ -251,6 +251,23 @@ def test_an_analysis_and_a_recording_are_printed_in_one_line(walked, analysis):
     assert max(len(shown), len(repr(walked[0]))) < 250
 
 
+def test_a_path_a_measure_named_as_in_tables_and_the_strides_as_a_table(walked, analysis, tmp_path):
+    path = io.write_csv(io.recording_to_dataframe(only(walked[0], "pelvis")), tmp_path / "walk.csv")
+    from_file = jgait.analyse(str(path), {"height_m": 1.75, "pendulum_constant": 1.05})
+    assert from_file.person == PERSON
+    same = jgait.analyse(only(walked[0], "pelvis"), PERSON)
+    assert from_file.estimate.distance[-1] == pytest.approx(same.estimate.distance[-1], rel=1e-3)
+    strides = analysis.to_dataframe()
+    assert strides.equals(io.analysis_to_dataframes(analysis)["strides"]) and len(strides) == len(
+        analysis.strides.first
+    )
+    assert "stride_length" in analysis._repr_html_()
+    with pytest.raises(ValueError, match="tables are strides, summary, .*; got 'angles'"):
+        analysis.to_dataframe("angles")
+    with pytest.raises(ValueError, match="a person has one height; got 'height' and 'height_m'"):
+        jgait.analyse(walked[0], {"height": 1.75, "height_m": 1.8})
+
+
 def test_the_distance_is_combined_too(walked, analysis):
     told = {c.source: c for c in analysis.comparisons if c.quantity == "distance"}
     alone = [c.stddev for name, c in told.items() if name != "combined"]
