@@ -5,7 +5,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from jgait.estimators.ankle_stride.inputs import AnkleInputs
-from jgait.estimators.axes import Axis, Sampled, Times
+from jgait.estimators.interface import Axis, Sampled, Times
 from jgait.types import Values
 
 UNREST_S = 0.5
