@@ -19,9 +19,9 @@ from experiments.foot_ins import feet as real
 from experiments.foot_ins.run import QUICK, Ready, rows_of, score, sets, solved
 from jgait import params, tune
 from jgait.estimators import foot_ins
-from jgait.estimators.axes import pad
 from jgait.estimators.foot_ins import DEFAULT, FootParams
 from jgait.estimators.foot_ins.inputs import capacity
+from jgait.estimators.interface import pad
 
 FREE = params.freed(params.ranges(FootParams()), "pivot_height")
 PIECE, MOST = 16384, 4

@@ -12,8 +12,8 @@ from experiments.common.row import Row
 from experiments.foot_ins import feet as real
 from experiments.foot_ins.feet import Foot, Matched
 from jgait.estimators import foot_ins
-from jgait.estimators.axes import pad
 from jgait.estimators.foot_ins import DEFAULT, FootOptions, FootParams
+from jgait.estimators.interface import pad
 from jgait.types import Estimate
 
 QUICK = 4096

@@ -14,9 +14,9 @@ from experiments.foot_ins import gaitmap
 from experiments.foot_ins.run import QUICK, bucket, estimated, run_one, sets
 from jgait import filtering, simulate
 from jgait.estimators import foot_ins
-from jgait.estimators.axes import pad
 from jgait.estimators.foot_ins import DEFAULT, FootOptions, FootParams
 from jgait.estimators.foot_ins.windows import single
+from jgait.estimators.interface import pad
 from jgait.simulate import sensors
 from jgait.types import Imu, Recording
 

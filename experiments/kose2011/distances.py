@@ -16,7 +16,7 @@ from experiments.common.row import Row, show
 from experiments.kose2011 import ways
 from experiments.kose2011.walks import Walk, sets
 from jgait.estimators import waist as waist_ofdri
-from jgait.estimators.axes import pad
+from jgait.estimators.interface import pad
 from jgait.estimators.programs import bucket
 from jgait.estimators.waist import DEFAULT, WaistOptions, WaistParams
 from jgait.types import Estimate

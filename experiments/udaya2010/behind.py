@@ -19,10 +19,10 @@ from experiments.udaya2010.fillers import fillers
 from experiments.udaya2010.walked import Walked, neura, people
 from jgait.duty_cycle.fillers.base import HELD, Thigh
 from jgait.estimators import duty_cycled_gyro
-from jgait.estimators.axes import pad
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro import turns
 from jgait.estimators.duty_cycled_gyro.model_params import DutyInputs, PlanarSegment
+from jgait.estimators.interface import pad
 from jgait.estimators.leg_ekf import one_side
 from jgait.types import SIDES, as_float, leg_of
 

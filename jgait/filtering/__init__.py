@@ -7,7 +7,7 @@ selects the linearisation (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`).
 
 from jgait.filtering.compile import compiled
 from jgait.filtering.covariance import Covariance, names_of
-from jgait.filtering.filter import Step, Updated, infer, kalman_filter, kalman_smoother, step
+from jgait.filtering.filter import infer, kalman_filter, kalman_smoother, step
 from jgait.filtering.methods import CKF, EKF, KF, UKF, IteratedEKF, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.posterior import FIELDS, KEEP, SUMMARY, Inferred, Posterior
@@ -15,6 +15,6 @@ from jgait.filtering.sample import draw
 
 __all__ = [
     "CKF", "EKF", "FIELDS", "KEEP", "KF", "SUMMARY", "UKF", "Belief", "Covariance", "Inferred", "IteratedEKF",
-    "Method", "Model", "Posterior", "Step", "Updated", "compiled", "draw", "infer",
+    "Method", "Model", "Posterior", "compiled", "draw", "infer",
     "kalman_filter", "kalman_smoother", "names_of", "step",
 ]  # fmt: skip

@@ -5,11 +5,11 @@ The scans are in `jgait.filtering.scan`, predict and update in `jgait.filtering.
 """
 
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PyTree
+from jaxtyping import Array
 
 from jgait.filtering import posterior
 from jgait.filtering.batch import differentiable
@@ -20,7 +20,6 @@ from jgait.filtering.methods import EKF, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.posterior import FIELDS, KEEP, SUMMARY, Inferred, Posterior
 from jgait.filtering.recorded import Recorded
-from jgait.notes import record
 
 Execution = Literal["auto", "core", "fast"]
 """The computations of a filter; their results agree up to rounding.
@@ -38,43 +37,17 @@ Compilation time grows with the components: 1 s at 8 × 2, ten at 15 × 3 (its g
 """
 
 
-@record
-class Updated(NamedTuple):
-    """The result of one update: the belief after the observation, and the fields of `Posterior` at this sample."""
-
-    belief: Belief
-    innovation: PyTree
-    innovation_stddev: PyTree
-    log_likelihood: Float[Array, ""]
-    nis: Float[Array, ""]
-    count: PyTree
-    valid: Bool[Array, ""]
-
-
-@record
-class Step(NamedTuple):
-    """One predict and update: the prediction, and the update."""
-
-    predicted: Belief
-    updated: Updated
-
-    @property
-    def belief(self) -> Belief:
-        """The belief after the sample, the input of the next step."""
-        return self.updated.belief
-
-
 def step(
     model: Model, params: Tree, belief: Belief, observation: Tree, *, dt: Numbers, control: Tree = None,
     mask: Tree = None, method: Method = EKF(),
-) -> Step:  # fmt: skip
+) -> Posterior:  # fmt: skip
     """Predict over dt, then update: one sample online, jitted; `kalman_filter` scans the same step.
 
     Arguments as of `kalman_filter`, without the time axis: `belief` is that after the previous sample, `dt` the time
     since then [s].
 
     Returns:
-        Prediction and update; `.belief` is the input of the next step.
+        All fields of `Posterior`, without the time axis; `.belief()` is the input of the next step.
 
     Raises:
         ValueError: if an argument does not have the type that the model needs, or the observation has NaN.
@@ -87,12 +60,7 @@ def step(
         model, params, alone(observation), smooth=False, dt=dt, controls=alone(control), mask=alone(mask),
         method=method, initial=belief, keep=FIELDS, execution="core",
     ).filtered  # fmt: skip
-    sample = jax.tree.map(lambda leaf: leaf[0], sample)
-    updated = Updated(
-        Belief(sample.mean, sample.cov), sample.innovation, sample.innovation_stddev, sample.log_likelihood, sample.nis,
-        sample.count, sample.valid,
-    )  # fmt: skip
-    return Step(Belief(sample.predicted_mean, sample.predicted_cov), updated)
+    return jax.tree.map(lambda leaf: leaf[0], sample)
 
 
 def infer(

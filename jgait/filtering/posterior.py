@@ -53,8 +53,8 @@ class Posterior(NamedTuple):
     count: PyTree = None
     valid: Maybe[Bool[Array, "*batch time"]] = None
 
-    def belief(self, at: Counts) -> Belief:
-        """The belief after sample `at`."""
+    def belief(self, at: Counts | tuple[()] = ()) -> Belief:
+        """The belief after sample `at`, or after the only one, of `step`."""
         return Belief(*jax.tree.map(lambda leaf: leaf[at], (self.mean, self.cov)))
 
     def student_t(self, freedom: float) -> Float[Array, "*batch time"]:

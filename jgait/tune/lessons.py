@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Bool, Int, PyTree
 
-from jgait.estimators.axes import pad
-from jgait.estimators.interface import Estimator, Prepared
+from jgait.estimators.interface import Estimator, Prepared, pad
 from jgait.notes import by_reason, record
 from jgait.types import (
     AnyArray,

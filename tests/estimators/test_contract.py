@@ -19,8 +19,7 @@ from made.estimators import CASES, OTHER_OPTIONS, Case, behind, lossy, part, wit
 from jgait import estimators, params, tune
 from jgait.estimators import programs
 from jgait.estimators.ankle_stride.inputs import AnkleSignals, capacity
-from jgait.estimators.axes import axes_of, pad
-from jgait.estimators.interface import trimmed
+from jgait.estimators.interface import axes_of, pad, trimmed
 from jgait.estimators.leg_ekf.inputs import LegInputs
 from jgait.tune import LOSSES, Lesson
 from jgait.tune.checks import start

@@ -45,7 +45,7 @@ def test_a_sample_online():
     def step(gone):
         mask = leg_model.LegObservation(True, True, *(gone,) * 4)
         mask = jax.tree.map(lambda leaf: leaf if leaf is False else jnp.asarray(leaf), mask)
-        return filtering.step(leg_model.MODEL, PARAMS, belief, first[0], control=first[1], dt=0.02, mask=mask).belief
+        return filtering.step(leg_model.MODEL, PARAMS, belief, first[0], control=first[1], dt=0.02, mask=mask).belief()
 
     ours, theirs = step(False), step(jnp.asarray(False))
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12), ours, theirs)

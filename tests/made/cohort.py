@@ -11,8 +11,7 @@ import numpy as np
 from made.notes import note
 
 from jgait import params
-from jgait.estimators.axes import Sampled, Times
-from jgait.estimators.interface import Estimator, Prepared
+from jgait.estimators.interface import Estimator, Prepared, Sampled, Times
 from jgait.types import Estimate, Imu, Legs, LegTrajectory, Recording, RecordingError, Strides, Walk
 
 

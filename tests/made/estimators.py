@@ -15,7 +15,7 @@ from jgait import estimators, simulate
 from jgait.duty_cycle.power import Schedule
 from jgait.estimators import duty_cycled_gyro, leg_ekf, stride_width_ekf
 from jgait.estimators.ankle_stride import AnkleOptions
-from jgait.estimators.axes import pad
+from jgait.estimators.interface import pad
 from jgait.estimators.waist import WaistOptions
 from jgait.simulate.sensors import IDG300
 from jgait.types import Imu, Recording

@@ -11,9 +11,8 @@ import numpy as np
 from jgait.estimators.ankle_stride.inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
 from jgait.estimators.ankle_stride.notes import NEVER_STANDS, SWINGS_EVEN, shank_notes
 from jgait.estimators.ankle_stride.params import DEFAULT, KNOWN, AnkleOptions
-from jgait.estimators.axes import Axis
 from jgait.estimators.checks import check_nominal_rate, check_options, common_time, sensors_of
-from jgait.estimators.interface import Prepared
+from jgait.estimators.interface import Axis, Prepared
 from jgait.estimators.losses import bridged, longest_loss, lost_between, not_bridged
 from jgait.estimators.notes import (
     LONGEST_LOSS,

@@ -10,7 +10,7 @@ import numpy as np
 
 from jgait.estimators.ankle_stride.inputs import AnkleInputs, AnkleSignals
 from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
-from jgait.estimators.axes import pad
+from jgait.estimators.interface import pad
 from jgait.estimators.programs import bucket
 from jgait.quality import SensorQuality
 from jgait.types import SIDES, Estimate

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from jgait.estimators.axes import Held, Sampled, Times
+from jgait.estimators.interface import Held, Sampled, Times
 from jgait.types import Counts, Values
 
 

@@ -6,8 +6,7 @@ from jgait import filtering
 from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS
 from jgait.duty_cycle.power import GYROSCOPE, Schedule, Sensor
 from jgait.duty_cycle.recording import check_filler
-from jgait.estimators.axes import Held, Sampled, Times
-from jgait.estimators.interface import with_measures
+from jgait.estimators.interface import Held, Sampled, Times, with_measures
 from jgait.estimators.leg_ekf import params as leg_params
 from jgait.estimators.leg_ekf.params import BySide
 from jgait.geometry.vectors import GRAVITY

@@ -4,7 +4,7 @@ from typing import Annotated, NamedTuple
 
 from jaxtyping import PyTree
 
-from jgait.estimators.axes import Axis, Held, Sampled, Times
+from jgait.estimators.interface import Axis, Held, Sampled, Times
 from jgait.notes import record
 from jgait.types import Counts, Values
 

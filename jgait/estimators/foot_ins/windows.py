@@ -18,9 +18,9 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.estimators.axes import Axis, axes_of
 from jgait.estimators.foot_ins.inputs import FootSignals, capacity
 from jgait.estimators.foot_ins.readout import Path
+from jgait.estimators.interface import Axis, axes_of
 from jgait.geometry.rotation import level
 from jgait.types import FootTrajectory, Values
 

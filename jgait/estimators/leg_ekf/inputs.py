@@ -5,7 +5,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from jgait.estimators.ankle_stride.inputs import AnkleInputs
-from jgait.estimators.axes import Axis, Sampled, Times
+from jgait.estimators.interface import Axis, Sampled, Times
 from jgait.notes import record
 from jgait.types import Values
 

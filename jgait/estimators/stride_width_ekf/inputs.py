@@ -4,7 +4,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from jgait.estimators.axes import Axis, Held, Sampled
+from jgait.estimators.interface import Axis, Held, Sampled
 from jgait.estimators.stride_width_ekf.model import PathControl
 from jgait.notes import record
 

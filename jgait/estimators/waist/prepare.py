@@ -6,9 +6,8 @@ Decisions carry no gradient; given the decisions, `waist.run` is differentiable.
 
 import numpy as np
 
-from jgait.estimators.axes import pad
 from jgait.estimators.checks import check_nominal_rate, check_options, common_time, sensors_of
-from jgait.estimators.interface import Prepared
+from jgait.estimators.interface import Prepared, pad
 from jgait.estimators.notes import FORWARD_UNSURE, LONGEST_LOSS
 from jgait.estimators.programs import bucket
 from jgait.estimators.waist import bouts as waist_bouts

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from jgait import simulate
 from jgait.estimators import ankle_stride, programs
 from jgait.estimators.ankle_stride import AnkleOptions, AnkleParams
-from jgait.estimators.axes import pad
+from jgait.estimators.interface import pad
 from jgait.geometry.vectors import GRAVITY
 
 MILLIMETRE = 1e-3

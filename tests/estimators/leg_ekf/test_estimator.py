@@ -11,7 +11,7 @@ from made.trunk import rotation
 from experiments.common import protocols
 from jgait import simulate
 from jgait.estimators import ankle_stride, leg_ekf, programs
-from jgait.estimators.axes import pad
+from jgait.estimators.interface import pad
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegParams, one_side
 from jgait.estimators.leg_ekf import model as leg_model
 from jgait.estimators.leg_ekf.estimator import observe, walked

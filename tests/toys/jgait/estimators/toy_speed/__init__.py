@@ -17,8 +17,7 @@ import numpy as np
 from jgait.estimators.toy_speed.about import ABOUT
 
 from jgait import params
-from jgait.estimators.axes import Sampled, Times
-from jgait.estimators.interface import Estimator, Prepared, with_measures
+from jgait.estimators.interface import Estimator, Prepared, Sampled, Times, with_measures
 from jgait.geometry.arrays import xp
 from jgait.types import Estimate, Legs, Recording, RecordingError
 
