@@ -61,12 +61,12 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
         if spread is not None:
             deviation = scale * as_float(spread)[rows]
             columns[COLUMNS[column].deviation] = np.where(deviation > 0.0, deviation, np.nan)
-    quality = estimate.diagnostics.get("quality")
-    if quality is not None and "stride_length_std_m" in columns:
-        half = (quality.interval * as_float(stated.length))[rows]
-        columns["stride_length_low95_m"] = columns["stride_length_m"] - half
-        columns["stride_length_high95_m"] = columns["stride_length_m"] + half
-        columns["doubt"] = quality.doubt[rows]
+            quality = estimate.diagnostics.get("quality")
+            if field == "length" and quality is not None and np.shape(quality.doubt) == np.shape(strides.side):
+                half = quality.interval[rows] * deviation
+                columns["stride_length_low95_m"] = columns[column] - half
+                columns["stride_length_high95_m"] = columns[column] + half
+                columns["doubt"] = quality.doubt[rows]
     trusted = estimate.diagnostics.get("width_valid")
     if trusted is not None and np.shape(trusted) == np.shape(strides.side):
         columns["width_valid"] = np.asarray(trusted, bool)[rows]
