@@ -6,9 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from scipy.optimize import minimize
+from scipy.optimize import Bounds, minimize
 
 from experiments.quality.strides import Table
+from jgait import params
 from jgait.quality import EVIDENCE, QualityParams, doubt, factor, log_likelihood
 from jgait.types import Values
 
@@ -43,35 +44,47 @@ def learned(table: Table, rows: np.ndarray | None = None) -> QualityParams:
     kept = np.ones(len(table.error), bool) if rows is None else rows
     weight = np.zeros(len(kept))
     weight[kept] = weights(chosen(table, kept))
-    data = tuple(map(jnp.asarray, (table.evidence, table.error, table.stated, table.reference, weight)))
+    data = tuple(map(jnp.asarray, (table.evidence, table.error, table.stated, table.length, table.reference, weight)))
     start, shape = ravel_pytree(jax.tree.map(jnp.asarray, QualityParams()))
-    bounds = ravel_pytree(jax.tree.map(np.full_like, jax.tree.map(jnp.asarray, QualityParams()), LOWEST))[0]
+    low, high = (ravel_pytree(jax.tree.map(_like, QualityParams(), limit))[0] for limit in (LOWEST, HIGHEST))
     fit = minimize(
         lambda x: tuple(np.asarray(part, np.float64) for part in _cost(jnp.asarray(x), data)), np.asarray(start),
-        jac=True, method="L-BFGS-B", bounds=[(low if np.isfinite(low) else None, None) for low in np.asarray(bounds)],
+        jac=True, method="L-BFGS-B", bounds=Bounds(np.asarray(low), np.asarray(high)),
     )  # fmt: skip
     return jax.tree.map(np.asarray, shape(jnp.asarray(fit.x)))
 
 
-LOWEST = QualityParams(0.0, 0.0, -np.inf, 0.0, 2.0, 2.0)
-"""Least values of the numbers."""
+FIXED = QualityParams()
+LOWEST = QualityParams(0.0, 0.0, -np.inf, 0.0, 2.0, FIXED.scale, FIXED.rates, FIXED.lever, FIXED.within95)
+HIGHEST = QualityParams(np.inf, np.inf, np.inf, np.inf, 30.0, FIXED.scale, FIXED.rates, FIXED.lever, FIXED.within95)
+"""Limits of the numbers."""
+
+
+def _like(value: Values, limit: float) -> Values:
+    return jnp.full(jnp.shape(value), limit, float)
 
 
 @jax.jit
 @jax.value_and_grad
 def _cost(x: Values, data: tuple[Values, ...]) -> Values:
     """Minus the logarithm of the posterior density [nat]."""
-    evidence, error, stated, reference, weight = data
+    evidence, error, stated, length, reference, weight = data
     p = ravel_pytree(jax.tree.map(jnp.asarray, QualityParams()))[1](x)
     named = dict(zip(EVIDENCE, evidence.T, strict=True))
-    each = jnp.where(weight > 0.0, log_likelihood(p, named, error, stated, reference), 0.0)
-    return -jnp.sum(weight * each) + jnp.sum(p.spread) + jnp.sum(p.wrong)
+    each = jnp.where(weight > 0.0, log_likelihood(p, named, error, stated, length, reference), 0.0)
+    return -jnp.sum(weight * each) + _prior(p)
+
+
+def _prior(p: QualityParams) -> Values:
+    """Minus the logarithm of the prior density of the numbers [nat]."""
+    priors = params.priors(p)
+    return sum(jnp.sum(prior.penalty(value)) for value, prior in zip(p, priors, strict=True) if prior is not None)
 
 
 def judged_by(p: QualityParams, table: Table) -> tuple[np.ndarray, np.ndarray]:
     """Errors over the deviation that the model gives (n,), with that of the reference, and the doubt (n,)."""
     named = dict(zip(EVIDENCE, table.evidence.T, strict=True))
-    spread = np.hypot(factor(p, named) * table.stated, table.reference)
+    spread = np.hypot(factor(p, named, table.stated, table.length) * table.stated, table.reference)
     return np.abs(table.error) / spread, np.asarray(doubt(p, named))
 
 

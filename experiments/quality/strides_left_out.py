@@ -69,15 +69,21 @@ def of_table(table: Table) -> list[Row]:
     columns = ["", "judged on", "strides", "wrong [%]", "missed [%]", "false [%]", "ECE", "in interval [%]"]
     show("Doubt and deviations of strides", columns, lines)
     error, doubt = (np.concatenate(part) for part in zip(*pooled, strict=True))
-    n, split = len(error), "people left out"
+    n, people, kinds = len(error), "people left out", "kinds of faults left out"
+    line = "doubt of strides of feet, shanks and waists"
+
+    def row(metric: str, value: float, what: str, part: str = "", unit: str = "%", split: str = people) -> Row:
+        return Row(metric, value, unit, n=n, split=split).on(f"{line}, {split}: {what}", part, "strides")
+
+    wrong, doubted = "off by more than three deviations and not in doubt", "in doubt though good"
     return [
-        Row("missed_pct_worst", max(worst["missed"]), "%", n=n, split=split),
-        Row("false_doubt_pct_worst", max(worst["false"]), "%", n=n, split=split),
-        Row("missed_pct_unseen_faults", max(unseen, default=np.nan), "%", n=n, split="kinds of faults left out"),
-        Row("ece_pooled", calibration(error, doubt), "1", n=n, split=split),
-        Row("ece_worst", max(worst["ece"]), "1", n=n, split=split),
-        Row("interval95_lowest_pct", min(worst["inside"]), "%", n=n, split=split),
-        Row("interval95_highest_pct", max(worst["inside"]), "%", n=n, split=split),
+        row("missed_pct_worst", max(worst["missed"]), wrong, "worst public set"),
+        row("missed_pct_unseen_faults", max(unseen, default=np.nan), wrong, "worst estimator", split=kinds),
+        row("false_doubt_pct_worst", max(worst["false"]), doubted, "worst public set"),
+        row("ece_pooled", calibration(error, doubt), "expected calibration error", unit="1"),
+        row("ece_worst", max(worst["ece"]), "expected calibration error", "worst public set", "1"),
+        row("interval95_lowest_pct", min(worst["inside"]), "inside the interval of 95 %", "lowest public set"),
+        row("interval95_highest_pct", max(worst["inside"]), "inside the interval of 95 %", "highest public set"),
     ]
 
 

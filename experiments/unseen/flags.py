@@ -1,8 +1,7 @@
 """Doubt: of all strides, how many are off by more than three stated deviations without a flag, or flagged though they
 are good; and a reliability table of the stated deviations.
 
-The limits (`jgait.estimators.trust`) were chosen on the sets of feet and shanks; every other recording stands apart, to
-see how much they depend on the choice.
+The model of doubt (`jgait.quality`) was learned on these sets; the experiment `quality` leaves people and sets out.
 """
 
 from collections.abc import Sequence

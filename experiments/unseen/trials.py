@@ -1,7 +1,7 @@
 """Doubt about positions: trials of `pyshoe_vicon` that are off without a flag, or flagged though they are good.
 
 A trial is off if its position errs by more than 0.5 m, or by more than three times what the deviations of its strides,
-and the largest within one, add up to. The limits (`jgait.estimators.trust`) were chosen on these trials.
+and the largest within one, add up to. The model of doubt (`jgait.quality`) was learned on these trials, too.
 """
 
 from typing import NamedTuple

@@ -169,7 +169,7 @@ def judged(estimator: str, strides: Strides, stddev: Strides, nis: Values) -> tu
     """The strides, with deviations by the evidence of each stride itself, and whether they are in doubt."""
     evidence = of_stride(strides.length, stddev.length, nis, strides.height, stddev.height)
     p = quality.learned(estimator)
-    times = quality.factor(p, evidence)
+    times = quality.factor(p, evidence, stddev.length, strides.length)
     stddev = stddev._replace(length=times * stddev.length, speed=times * stddev.speed)
     return strides, stddev, quality.doubt(p, evidence) > quality.DOUBTFUL
 

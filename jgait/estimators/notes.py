@@ -40,10 +40,6 @@ SCALE_CORRECTED = Kind(
     SCALE,
 )
 
-FAR_OFF = 0.06
-"""[1] Largest error of an accelerometer at rest, over gravity, that is usual: data sheets allow a bias of 0.05 and
-more; sensors that are calibrated stay far below it."""
-
 ACCELEROMETER_OFF = Kind(
     "accelerometer_off",
     "check",

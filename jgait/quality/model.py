@@ -1,9 +1,10 @@
 """The model of doubt: from the evidence of a stride, how much larger its error is than the method states, and how
 probably the stride is wrong.
 
-The error of a stride's length, whose method states the deviation σ, has with evidence φ ≥ 0 the density
-(1 − p) N(0, k²σ²) + p N(0, λ²k²σ²), with log k = a + Σ b φ and logit p = c + Σ d φ. No weight b or d is negative: more
-evidence never means less doubt. The numbers are learned by likelihood from strides beside a reference, see
+The error of the length L of a stride, whose method states the deviation σ, has with evidence φ ≥ 0 the density
+(1 − p) N(0, s²) + p N(0, λ²s²), with s² = k²σ² + (L Σ r φ)², log k = a + Σ b φ and logit p = c + Σ d φ. The sum with r
+is over errors of a sensor that change all lengths alike (`SHARES`). No weight is negative: more evidence never means
+less doubt. The numbers are learned by likelihood from strides beside a reference, see
 `log_likelihood`; `learned.json` has those of each estimator, and says from which recordings they were learned.
 """
 
@@ -32,6 +33,11 @@ LESS = Prior("exponential(1)", lambda weight: weight)
 WRONG = 3.0
 """[1] Stated deviations by which the length of a wrong stride is off."""
 
+SHARES = ("scale", "rates", "lever")
+"""Evidence that makes an error of the same share of all lengths. Their numbers are not learned: lengths grow with the
+square of the interval between samples, so that of `rates` is 2; those of `scale` and `lever` were chosen on simulated
+feet and shanks with scales of 0.9 to 1.1, and with seated movements and cycling between walks."""
+
 DOUBTFUL = 0.1
 """[1] Probability of a wrong stride above which a stride is in doubt, unless a user sets another one."""
 
@@ -47,6 +53,9 @@ class QualityParams(NamedTuple):
         len(EVIDENCE), START
     )
     tail: Annotated[Param, Parameter(interval(2.0, 30.0), "1", "λ, deviation of wrong strides over others")] = 6.0
+    scale: Annotated[Param, Parameter(fixed, "1", "r of `scale`")] = 0.65
+    rates: Annotated[Param, Parameter(fixed, "1", "r of `rates`")] = 2.0
+    lever: Annotated[Param, Parameter(fixed, "1/m", "r of `lever`")] = 0.7
     within95: Annotated[Param, Parameter(fixed, "1", "deviations that contain 95 % of errors")] = 2.0
 
 
@@ -55,13 +64,22 @@ def weighted(weights: Values, evidence: Mapping[str, Values]) -> Values:
     return sum((weights[EVIDENCE.index(name)] * values for name, values in evidence.items()), start=0.0)
 
 
-def factor(p: QualityParams, evidence: Mapping[str, Values]) -> Values:
-    """k, the deviation of the error over the stated one [1], for evidence (n,) by name."""
-    return xp.exp(p.shift + weighted(p.spread, evidence))
+def factor(p: QualityParams, evidence: Mapping[str, Values], stated: Values, length: Values) -> Values:
+    """S / σ, the deviation of the error over the stated one [1].
+
+    Args:
+        p: numbers of the model.
+        evidence: name → (n,).
+        stated: deviations that the method states [m], (n,).
+        length: of the strides [m], (n,).
+    """
+    share = sum((getattr(p, name) * evidence[name] for name in SHARES if name in evidence), start=0.0)
+    relative = share * xp.abs(length) / xp.maximum(stated, 1e-6)
+    return xp.sqrt(xp.exp(2.0 * (p.shift + weighted(p.spread, evidence))) + relative * relative)
 
 
 def doubt(p: QualityParams, evidence: Mapping[str, Values]) -> Values:
-    """The probability that the error is larger than `WRONG` times k σ [1], for evidence (n,) by name."""
+    """The probability that the error is larger than `WRONG` times s [1], for evidence (n,) by name."""
     share = 1.0 / (1.0 + xp.exp(-(p.odds + weighted(p.wrong, evidence))))
     return _beyond(1.0) + share * (_beyond(p.tail) - _beyond(1.0))
 
@@ -73,7 +91,7 @@ def _beyond(deviation: Values) -> Values:
 
 
 def log_likelihood(
-    p: QualityParams, evidence: Mapping[str, Values], error: Values, stated: Values, reference: Values
+    p: QualityParams, evidence: Mapping[str, Values], error: Values, stated: Values, length: Values, reference: Values
 ) -> Values:
     """The logarithm of the density of each error (n,) [nat], for tuning.
 
@@ -82,9 +100,10 @@ def log_likelihood(
         evidence: name → (n,).
         error: of the lengths [m], (n,).
         stated: deviations that the method states [m], (n,).
+        length: of the strides [m], (n,).
         reference: deviation of the reference itself [m], (n,).
     """
-    odds, usual = p.odds + weighted(p.wrong, evidence), factor(p, evidence) * stated
+    odds, usual = p.odds + weighted(p.wrong, evidence), factor(p, evidence, stated, length) * stated
 
     def density(deviation: Values) -> Values:
         variance = deviation**2 + reference**2
@@ -107,7 +126,8 @@ def with_doubt(estimate: Estimate, p: QualityParams, evidence: Mapping[str, np.n
         the doubt is above `DOUBTFUL`.
     """
     strides, deviations, diagnostics = estimate.strides, estimate.strides_stddev, dict(estimate.diagnostics)
-    times = np.broadcast_to(as_float(factor(p, evidence)), np.shape(strides.side))
+    times = as_float(factor(p, evidence, as_float(deviations.length), as_float(strides.length)))
+    times = np.broadcast_to(times, np.shape(strides.side))
     probability = np.broadcast_to(as_float(doubt(p, evidence)), times.shape)
     diagnostics |= {
         "quality": StrideQuality(probability, times, np.full(times.shape, float(p.within95)), dict(evidence)),
@@ -133,10 +153,14 @@ def learned(estimator: str) -> QualityParams:
     return from_dict(stored[estimator])
 
 
+NUMBERS = ("shift", "odds", "tail", *SHARES, "within95")
+"""Fields of one number."""
+
+
 def from_dict(stored: Mapping[str, Any]) -> QualityParams:
     """The numbers from JSON: weights by the name of their evidence, which are 0 if they are absent."""
     arrays = {name: np.array([float(stored[name].get(kind, 0.0)) for kind in EVIDENCE]) for name in ("spread", "wrong")}
-    return QualityParams(**{name: float(stored[name]) for name in ("shift", "odds", "tail", "within95")}, **arrays)
+    return QualityParams(**{name: float(stored[name]) for name in NUMBERS}, **arrays)
 
 
 def to_dict(p: QualityParams) -> dict[str, Any]:
@@ -145,7 +169,7 @@ def to_dict(p: QualityParams) -> dict[str, Any]:
         name: {k: round(float(w), 4) for k, w in zip(EVIDENCE, getattr(p, name), strict=True) if w > LEAST}
         for name in ("spread", "wrong")
     }
-    return {**{name: round(float(getattr(p, name)), 4) for name in ("shift", "odds", "tail", "within95")}, **weights}
+    return {**{name: round(float(getattr(p, name)), 4) for name in NUMBERS}, **weights}
 
 
 def widened(estimate: Estimate, share: np.ndarray) -> Estimate:

@@ -17,10 +17,10 @@ that an estimator, or an online session, does not have is left out, which counts
 | `slow`, `fast` | speed below 1 m/s, above 1.5 m/s |
 | `quick` | duration below 0.9 s |
 | `end` | 1 for the first and the last stride of a side |
-| `scale` | relative difference of the specific force at rest from gravity |
-| `rates` | factor of the angular rates by closed turns of gravity |
+| `scale` | relative difference of the specific force at rest from gravity, if it is larger than usual |
+| `rates` | factor of the angular rates with which signals fit from stance to stance, if it is far from 1 |
 | `coarse` | interval between samples over 10 ms |
-| `lever` | distance of the sensor's estimated place from the usual one [m] |
+| `lever` | distance of the sensor's estimated place from where it is worn, if it is far [m] |
 | `weightless` | least upward force in the steps over gravity, below half |
 | `climb` | rise of the trunk over the stride [m] |
 | `sparse` | steps by the trunk's frequency over contacts |
@@ -54,6 +54,10 @@ learns what more than these means."""
 
 LEISURELY, BRISK, QUICK_S, INTERVAL_S = 1.0, 1.5, 0.9, 0.01
 """[m/s], [m/s], [s], [s] Where `slow`, `fast`, `quick` and `coarse` begin: most public strides are inside."""
+
+FAR_OFF = 0.06
+"""[1] Largest error of an accelerometer at rest, over gravity, that is usual: data sheets allow a bias of 0.05 and
+more; sensors that are calibrated stay far below it."""
 
 CRAMPED = 1.0
 """[m s] Length times duration of a stride below which it is cramped: cadence and length of a person grow together."""
@@ -165,8 +169,9 @@ def of_sensors(estimate: Estimate, placements: Mapping[int, str]) -> dict[str, n
     nis = {k: float(above(as_float(diagnostics.get(f"nis_{SIDES[k]}", 0.0)), USUAL_NIS)) for k in placements}
     interval = float(np.median(np.diff(as_float(estimate.time))))
     each: dict[str, Callable[[SensorQuality], float]] = {
-        "scale": lambda sensor: abs(sensor.force_off),
-        "rates": lambda sensor: abs(math.log(sensor.rates_factor)),
+        "scale": lambda sensor: abs(sensor.force_off) * (abs(sensor.force_off) > FAR_OFF),
+        "rates": lambda sensor: abs(math.log(sensor.rates_factor)) * sensor.rates_off,
+        "lever": lambda sensor: sensor.lever_off,
         "rows": lambda sensor: math.log1p(sensor.rows_lost + sensor.rows_twice),
         "contradicts": lambda sensor: float(sensor.contradicts),
         "late": lambda sensor: abs(sensor.acc_late) + abs(sensor.late),

@@ -21,7 +21,7 @@ def drawn() -> tuple[QualityParams, Table]:
     evidence = {name: draw.exponential(0.5, ROWS) for name in NAMES}
     stated = draw.uniform(0.01, 0.03, ROWS)
     off = draw.random(ROWS) < 1.0 / (1.0 + np.exp(-(p.odds + weighted(p.wrong, evidence))))
-    error = draw.normal(size=ROWS) * factor(p, evidence) * stated * np.where(off, p.tail, 1.0)
+    error = draw.normal(size=ROWS) * factor(p, evidence, stated, np.ones(ROWS)) * stated * np.where(off, p.tail, 1.0)
     columns = np.stack([evidence.get(name, np.zeros(ROWS)) for name in EVIDENCE], axis=1)
     names = np.array([str(k) for k in range(ROWS)], dtype=object)
     group = np.full(ROWS, "set", dtype=object)

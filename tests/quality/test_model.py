@@ -11,7 +11,7 @@ from jgait.types import Estimate, Legs, Strides
 
 DRAWN = np.random.default_rng(5)
 PARAMS = QualityParams(
-    0.1, DRAWN.uniform(0.0, 1.0, len(EVIDENCE)), -3.0, DRAWN.uniform(0.0, 2.0, len(EVIDENCE)), 7.0, 2.1
+    0.1, DRAWN.uniform(0.0, 1.0, len(EVIDENCE)), -3.0, DRAWN.uniform(0.0, 2.0, len(EVIDENCE)), 7.0, 0.6, 2.0, 0.7, 2.1
 )
 """Numbers with every weight above 0."""
 
@@ -22,10 +22,12 @@ def evidence(rows: int, largest: float = 1.0) -> dict[str, np.ndarray]:
 
 def test_the_density_of_an_error_has_the_mass_one_and_the_doubt_is_its_mass_beyond_three_deviations():
     found, stated = evidence(1, 0.2), 0.02
-    spread = float(factor(PARAMS, found)[0]) * stated
+    spread = float(factor(PARAMS, found, stated, 1.2)[0]) * stated
     error = np.linspace(-60.0, 60.0, 240_001) * spread
     rows = {name: np.repeat(values, error.size) for name, values in found.items()}
-    density = np.exp(log_likelihood(PARAMS, rows, error, np.full(error.size, stated), np.zeros(error.size)))
+    density = np.exp(
+        log_likelihood(PARAMS, rows, error, *(np.full(error.size, number) for number in (stated, 1.2, 0.0)))
+    )
     step = error[1] - error[0]
     assert float(np.sum(density) * step) == pytest.approx(1.0, abs=1e-4)
     beyond = np.abs(error) > WRONG * spread
@@ -36,7 +38,9 @@ def test_the_density_of_an_error_has_the_mass_one_and_the_doubt_is_its_mass_beyo
 def test_more_evidence_means_more_doubt_and_larger_deviations(name):
     less = evidence(20)
     more = {**less, name: less[name] + 0.5}
-    assert np.all(doubt(PARAMS, more) > doubt(PARAMS, less)) and np.all(factor(PARAMS, more) > factor(PARAMS, less))
+    assert np.all(doubt(PARAMS, more) > doubt(PARAMS, less)) and np.all(
+        factor(PARAMS, more, 0.02, 1.2) > factor(PARAMS, less, 0.02, 1.2)
+    )
 
 
 def test_evidence_that_is_absent_counts_as_zero_and_arrays_of_jax_give_the_same():
@@ -58,7 +62,7 @@ def test_numbers_written_and_read_are_the_same_up_to_their_digits():
 def test_the_shipped_numbers_never_make_a_method_more_certain_than_it_says(name):
     p = learned(name)
     assert estimators.get(name).name == name
-    assert float(factor(p, {"innovation": np.zeros(1)})[0]) >= 1.0
+    assert float(factor(p, {"innovation": np.zeros(1)}, 0.02, 1.2)[0]) >= 1.0
     assert np.all(np.asarray(p.spread) >= 0.0) and np.all(np.asarray(p.wrong) >= 0.0) and p.tail > 1.0
     assert 1.5 < p.within95 < 3.5
     assert float(doubt(p, {"innovation": np.zeros(1)})[0]) < 0.1
@@ -81,7 +85,7 @@ def estimate(rows: int = 3) -> Estimate:
 def test_the_factor_widens_strides_and_the_distance_along_them():
     found = {"innovation": np.array([0.0, 0.0, 2.0])}
     judged = with_doubt(estimate(), PARAMS, found)
-    times = factor(PARAMS, found)
+    times = factor(PARAMS, found, 0.02 * np.ones(3), np.ones(3))
     np.testing.assert_allclose(judged.strides_stddev.length, 0.02 * times)
     np.testing.assert_allclose(judged.strides_stddev.speed, 0.02 * times)
     np.testing.assert_allclose(judged.diagnostics["distance_stddev"][-1], 0.02 * np.sum(times))
@@ -93,3 +97,10 @@ def test_a_further_error_of_all_strides_adds_up_in_the_distance():
     wide = widened(estimate(), np.full(3, 0.1))
     np.testing.assert_allclose(wide.strides_stddev.length, np.hypot(0.02, 0.1))
     np.testing.assert_allclose(wide.diagnostics["distance_stddev"][-1], np.hypot(0.06, 0.3))
+
+
+def test_an_error_of_a_sensor_adds_the_same_share_to_all_lengths():
+    length, stated = np.array([0.5, 1.0, 2.0]), np.array([0.01, 0.02, 0.005])
+    plain = QualityParams(rates=2.0, spread=np.zeros(len(EVIDENCE)))
+    wide = factor(plain, {"rates": np.full(3, 0.1)}, stated, length) * stated
+    np.testing.assert_allclose(wide, np.hypot(stated, 0.2 * length))

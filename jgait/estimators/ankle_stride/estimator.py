@@ -36,7 +36,7 @@ from jgait.geometry.arrays import for_each, xp
 from jgait.geometry.rotation import quaternion, rotated
 from jgait.geometry.vectors import as_array, cross, dot, root, subtract, vector
 from jgait.quality import SensorQuality, merged
-from jgait.quality.stride import among, by_side, missing, nis_between, of_sensors, of_stride
+from jgait.quality.stride import among, missing, nis_between, of_sensors, of_stride
 from jgait.signal import butterworth
 from jgait.types import SIDES, Counts, Estimate, Flags, Legs, Recording, Strides, Values, as_float
 
@@ -294,5 +294,4 @@ def _evidence(result: Estimate, worn: dict[int, AnkleSignals], places: dict[int,
         **among(strides),
         **of_sensors(result, places),
         "missing": missing(strides, as_float(strides.start), as_float(result.time), damaged),
-        "lever": by_side(strides.side, {k: float(result.diagnostics[f"lever_off_{SIDES[k]}"]) for k in worn}),
     }

@@ -1,8 +1,9 @@
 """Kinds of notes that `ankle_stride` makes about a recording."""
 
-from jgait.estimators.notes import ACCELEROMETER_OFF, CLIPPED, FAR_OFF
+from jgait.estimators.notes import ACCELEROMETER_OFF, CLIPPED
 from jgait.notes import FEW_RESTS, UNSURE_FORWARD, Kind, Note
 from jgait.quality import SensorQuality
+from jgait.quality.stride import FAR_OFF
 
 SWINGS_EVEN = Kind(
     "swings_even",

@@ -18,7 +18,6 @@ from jgait.estimators.noise import features
 from jgait.estimators.notes import (
     ACCELEROMETER_OFF,
     CLIPPED,
-    FAR_OFF,
     LONGEST_LOSS,
     RATES_OFF,
     SCALE_CORRECTED,
@@ -32,6 +31,7 @@ from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
 from jgait.notes import FEW_RESTS, Kind, Note
 from jgait.quality import SensorQuality
+from jgait.quality.stride import FAR_OFF
 from jgait.signal import clipping
 from jgait.signal.windows import held_mean, over_losses, window_maximum, window_size
 from jgait.types import SIDES, Imu, Recording, RecordingError
