@@ -71,8 +71,7 @@ SAMPLED_SLOWLY = Kind(
     "sampled_slowly",
     "check",
     "{placement} has only {rate_hz:.3g} samples a second; strides need {least_hz:g} to be as certain as usual",
-    "Between slow samples the motion of a swing is lost. Single strides are less certain, and their deviations larger; "
-    "their mean holds better.",
+    "Between slow samples the motion of a swing is lost. Single strides are less certain; their mean holds better.",
 )
 
 FORWARD_UNSURE = Kind("forward_unsure", "check", "{placement}: it is not sure which way is forward", UNSURE_FORWARD)

@@ -120,7 +120,8 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
 
 
 def _is_number(value: npt.ArrayLike | None) -> bool:
-    return value is not None and np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiub"
+    plain = value is not None and not isinstance(value, tuple | dict)
+    return plain and np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiub"
 
 
 def _distance(estimate: Estimate, reference: Estimate, common: np.ndarray) -> dict[str, tuple[float, float]]:

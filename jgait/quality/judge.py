@@ -108,7 +108,7 @@ def judged(
     estimate = with_doubt(estimate, p, evidence)
     diagnostics = estimate.diagnostics
     quality, doubtful = diagnostics["quality"], diagnostics["doubtful"]
-    side, deviations = np.asarray(estimate.strides.side), as_float(estimate.strides_stddev.length)
+    side, deviations = np.asarray(estimate.strides.side), as_float(estimate.strides_stddev.length) / quality.factor
     notes: list[Note] = []
     rare: dict[str, SensorQuality] = {}
     for name in dict.fromkeys(placements.values()):

@@ -88,7 +88,7 @@ def bare(name: str, number: int, result: Any) -> dict[str, np.ndarray]:
     record, case = estimators.get(name), case_of(name)
     result = trimmed(result, case.samples[number], record.per_stride)
     if record.finish is not None:
-        notes = {"notes": (), "standing": None}
+        notes = {"notes": (), "standing": None, "sensors": case.prepared[number].quality}
         result = record.finish(result._replace(diagnostics={**result.diagnostics, **notes}), case.prepared[number])
         result = result._replace(diagnostics={k: v for k, v in result.diagnostics.items() if k not in notes})
     leaves, _ = jax.tree_util.tree_flatten_with_path(result)

@@ -110,10 +110,9 @@ def test_an_accelerometer_far_off_at_rest_makes_lengths_less_certain(make, modul
     assert total < 2.0 * found.diagnostics["distance_stddev"][-1]
 
 
-def test_a_shank_that_is_sampled_slowly_has_less_certain_strides():
-    made = {hz: shank(strides=6, hz=hz) for hz in (30.0, 50.0)}
-    found = {hz: ankle_stride.estimate(ankle_stride.AnkleParams(), one.recording) for hz, one in made.items()}
-    assert [len(of_code(found[hz].diagnostics["notes"], "sampled_slowly")) for hz in (30.0, 50.0)] == [1, 0]
-    for name in ("length", "speed"):
-        share = {hz: getattr(one.strides_stddev, name) / getattr(one.strides, name) for hz, one in found.items()}
-        assert share[30.0].min() > 0.05 > share[50.0].max()
+@pytest.mark.parametrize("hz", [30.0, 50.0])
+def test_strides_of_a_shank_that_is_sampled_slowly_err_as_stated(hz):
+    made = shank(strides=6, hz=hz)
+    found = ankle_stride.estimate(ankle_stride.AnkleParams(), made.recording)
+    assert len(of_code(found.diagnostics["notes"], "sampled_slowly")) == (hz < 40.0)
+    assert np.all(np.abs(found.strides.length - made.length) < 3.0 * found.strides_stddev.length)

@@ -102,7 +102,7 @@ def test_strides_of_the_waist_that_contradict_the_walk_around_them_are_in_doubt(
     worn = only(recording, "pelvis", *FEET)
     assert not of_code(jgait.analyse(worn, PERSON).notes, "replaced_strides_unlike")
     time = np.asarray(recording.sensors["pelvis"].time)
-    lost = (time > 7.5) & (time < 10.5) & (np.random.default_rng(0).random(len(time)) < 0.25)
+    lost = (time > 7.5) & (time < 10.5) & (np.random.default_rng(0).random(len(time)) < 0.5)
 
     def numbered_on(imu):
         kept = jax.tree.map(lambda values: np.asarray(values)[~lost], imu)

@@ -118,20 +118,22 @@ def test_a_circle_is_as_long_as_it_is():
     assert found["feet"].value == pytest.approx(true, rel=0.05)
 
 
-def test_a_side_whose_strides_are_mostly_in_doubt_does_not_count():
-    """The short stance of a limping leg looks like no stance at all to its shank."""
+def test_strides_of_a_limping_leg_and_the_distance_err_as_stated():
+    """The stance of a limping leg is short."""
     gait = simulate.gait(stride_length=0.9, cadence=80.0, stature=1.75)
-    gait = gait._replace(length_asymmetry=0.35, time_asymmetry=0.25, length_variability=0.04, time_variability=0.03)
+    gait = gait._replace(length_asymmetry=0.2, time_asymmetry=0.15, length_variability=0.04, time_variability=0.03)
     key, along = jax.random.key(3), simulate.u_turn(10.0)
     walker = simulate.covering(key, simulate.Person(gait=gait), along)
     recording, truth = simulate.recording(key, walker, along, MPU6000, placements=("shank_right", "shank_left"))
     found = jgait.analyse(recording, {"height": 1.75})
-    doubtful, side = found.strides.flags["doubtful"], found.strides.strides.side
-    assert doubtful[side == 0].mean() > 0.5 > doubtful[side == 1].mean()
-    (note,) = of_code(found.notes, "distance_of_one_side")
-    assert note.values["side"] == "left"
+    strides, deviations = found.strides.strides, found.strides.stddev
+    valid = np.asarray(truth.strides.valid, bool)
+    for side in (0, 1):
+        true = np.asarray(truth.strides.length)[valid & (np.asarray(truth.strides.side) == side)]
+        rows = np.asarray(strides.side) == side
+        assert abs(np.median(strides.length[rows]) - np.median(true)) < 3.0 * np.median(deviations.length[rows])
     off = found.estimate.distance[-1] - truth.estimate.distance[-1]
-    assert abs(off) < 3.0 * found.estimate.diagnostics["distance_stddev"][-1] < 0.3 * truth.estimate.distance[-1]
+    assert abs(off) < 2.0 * found.estimate.diagnostics["distance_stddev"][-1] < 0.4 * truth.estimate.distance[-1]
 
 
 def test_sides_that_walk_different_distances_are_named_and_the_deviation_contains_it():
