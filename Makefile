@@ -6,6 +6,8 @@
 BIN := .venv/bin
 STAMP := .venv/ready
 BENCH_STAMP := .venv-bench/ready
+# The demonstration needs a third of the packages: it has an environment of its own, unless the whole one is there.
+DEMO_STAMP := $(if $(wildcard $(STAMP)),$(STAMP),.venv-demo/ready)
 JOBS ?= 2
 ARGS ?=
 
@@ -13,6 +15,9 @@ ARGS ?=
 # one whose Python has gone.
 ifneq ($(shell test -x $(BIN)/python && cat $(STAMP) 2>/dev/null),$(CURDIR))
 .PHONY: $(STAMP)
+endif
+ifneq ($(shell test -x .venv-demo/bin/python && cat .venv-demo/ready 2>/dev/null),$(CURDIR))
+.PHONY: .venv-demo/ready
 endif
 ifneq ($(shell test -x .venv-bench/bin/python && cat $(BENCH_STAMP) 2>/dev/null),$(CURDIR))
 .PHONY: $(BENCH_STAMP)
@@ -48,8 +53,11 @@ setup: $(STAMP) ## make the environment in .venv (the other targets do it by the
 $(STAMP): pyproject.toml requirements.lock .ci/setup
 	@PYTHON="$(PYTHON)" sh .ci/setup
 
-demo: $(STAMP) ## tuning and judging on simulated people, a real walk by one call if it is here; ARGS="--help" says more
-	@$(BIN)/jgait demo $(ARGS)
+demo: $(DEMO_STAMP) ## tuning and judging on simulated people, a real walk by one call if it is here; ARGS="--help" says more
+	@$(dir $(DEMO_STAMP))bin/python -m jgait.cli demo $(ARGS)
+
+.venv-demo/ready: pyproject.toml requirements-demo.lock .ci/setup
+	@PYTHON="$(PYTHON)" sh .ci/setup demo
 
 test: lint types ## lint, check the types, run the tests; ARGS="-k leg" for some of the tests
 	@$(BIN)/python -m pytest -n $(JOBS) -m "not release" $(ARGS)
@@ -110,5 +118,5 @@ lock: $(STAMP) ## write requirements.lock for a changed pyproject.toml; ARGS="--
 	@sh .ci/lock $(ARGS)
 
 clean: ## remove the environments and caches (results stay)
-	rm -rf .venv .venv-bench $(PEERS:%=.venv-%) .mypy_cache .pytest_cache .ruff_cache build dist
+	rm -rf .venv .venv-demo .venv-bench $(PEERS:%=.venv-%) .mypy_cache .pytest_cache .ruff_cache build dist
 	find jgait tests experiments -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -120,8 +120,9 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
 
 
 def _is_number(value: npt.ArrayLike | None) -> bool:
-    plain = value is not None and not isinstance(value, tuple | dict)
-    return plain and np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiub"
+    if value is None or isinstance(value, tuple | dict):
+        return False
+    return np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiub"
 
 
 def _distance(estimate: Estimate, reference: Estimate, common: np.ndarray) -> dict[str, tuple[float, float]]:

@@ -67,16 +67,18 @@ class Trust(NamedTuple):
 
     #: (n,) bool, in the order of `Estimate.strides`; None if the estimator does not judge strides.
     strides: np.ndarray | None
-    recording: bool  #: False if the whole recording is in doubt.
-    reasons: tuple[Note, ...]  #: the notes that put it in doubt.
+    recording: bool  #: False if the strides of a side, or the numbers of a sensor, are in doubt as a whole.
 
 
 def trust(estimate: Estimate) -> Trust:
-    """The trust in an estimate, per stride and for the recording, from its diagnostics and notes."""
+    """The trust in an estimate, per stride and for the recording, from the doubt and the facts about its sensors."""
     doubted = estimate.diagnostics.get("doubtful")
-    notes = estimate.diagnostics.get("notes", ())
-    reasons = tuple(note for note in notes if note.kind is STRIDES_DOUBTFUL or note.severity == "stop")
-    return Trust(None if doubted is None else ~np.asarray(doubted, bool), not reasons, reasons)
+    sound = not any(facts.unusable for facts in estimate.diagnostics.get("sensors", {}).values())
+    if doubted is None:
+        return Trust(None, sound)
+    side, doubted = np.asarray(estimate.strides.side), np.asarray(doubted, bool)
+    shares = [float(np.mean(doubted[side == number])) for number in sorted(set(side.tolist()))]
+    return Trust(~doubted, sound and all(share <= DOUBTED_SHARE for share in shares))
 
 
 def reason(p: QualityParams, quality: StrideQuality, rows: np.ndarray) -> str:

@@ -16,7 +16,6 @@ from jgait.estimators.losses import HELD, bridged, held_bridge, integral_error
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.stride_flags import DOUBTFUL
 from jgait.quality import trust
-from jgait.quality.judge import STANCES_RARE
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +25,7 @@ def walk():
 
 def test_a_foot_that_stands_is_trusted(walk):
     found = trust(foot_ins.estimate(FootParams(), walk))
-    assert found.recording and found.strides is not None and found.strides.all() and found.reasons == ()
+    assert found.recording and found.strides is not None and found.strides.all()
 
 
 def test_a_foot_that_slides_in_stance_is_in_doubt(walk):
@@ -36,7 +35,7 @@ def test_a_foot_that_slides_in_stance_is_in_doubt(walk):
     estimate = foot_ins.estimate(FootParams(), worn(walk, acc=shaken))
     found = trust(estimate)
     assert not found.recording and found.strides is not None and not found.strides.all()
-    assert {note.code for note in found.reasons} <= {"strides_doubtful", STANCES_RARE.code}
+    assert of_code(estimate.diagnostics["notes"], "strides_doubtful")
     np.testing.assert_array_equal(DOUBTFUL.read(estimate), ~found.strides)
 
 
@@ -50,7 +49,7 @@ def test_a_gap_puts_no_stances_in_doubt_but_sliding_does(slides):
     walk = worn(made.recording, **masked(imu._replace(acc=imu.acc + shaken), ~lost)._asdict())
     estimate = foot_ins.estimate(FootParams(), walk)
     assert (estimate.diagnostics["nis_right"] > 0.15) == slides
-    assert {note.code for note in trust(estimate).reasons} == ({"strides_doubtful"} if slides else set())
+    assert bool(of_code(estimate.diagnostics["notes"], "strides_doubtful")) == slides == (not trust(estimate).recording)
     assert any("60 samples of foot_right are lost, at most 0.60 s in a row" in str(note)
                for note in estimate.diagnostics["notes"])  # fmt: skip
 
