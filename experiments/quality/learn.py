@@ -55,8 +55,8 @@ def learned(table: Table, rows: np.ndarray | None = None) -> QualityParams:
 
 
 FIXED = QualityParams()
-LOWEST = QualityParams(0.0, 0.0, -np.inf, 0.0, 2.0, FIXED.scale, FIXED.rates, FIXED.lever, FIXED.within95)
-HIGHEST = QualityParams(np.inf, np.inf, np.inf, np.inf, 30.0, FIXED.scale, FIXED.rates, FIXED.lever, FIXED.within95)
+LOWEST = FIXED._replace(shift=0.0, spread=0.0, odds=-np.inf, wrong=0.0, tail=2.0)
+HIGHEST = FIXED._replace(shift=np.inf, spread=np.inf, odds=np.inf, wrong=np.inf, tail=30.0)
 """Limits of the numbers."""
 
 

@@ -39,11 +39,11 @@ class Judged(NamedTuple):
     flagged: np.ndarray
     length: np.ndarray
     true: np.ndarray
-    estimate: Estimate
-    rows: np.ndarray
-    reference: np.ndarray
-    person: str
     noise: float = 0.0
+    estimate: Estimate | None = None
+    rows: np.ndarray | None = None
+    reference: np.ndarray | None = None
+    person: str = ""
 
 
 def compared(
@@ -61,19 +61,8 @@ def compared(
     error = np.abs(length - true) / np.hypot(as_float(stated.length)[rows], sd)
     flagged = np.asarray(estimate.diagnostics.get("doubtful", np.zeros(strides.side.size, bool)), bool)
     reference = np.broadcast_to(sd, true.shape)
-    return Judged(
-        group,
-        name,
-        error,
-        flagged[rows],
-        length,
-        true,
-        estimate,
-        rows,
-        reference,
-        who,
-        0.0 if np.ndim(sd) else float(sd),
-    )  # fmt: skip
+    noise = 0.0 if np.ndim(sd) else float(sd)
+    return Judged(group, name, error, flagged[rows], length, true, noise, estimate, rows, reference, who)
 
 
 def of_foot(foot: Foot) -> Judged:

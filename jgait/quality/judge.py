@@ -40,6 +40,7 @@ REASONS = {
     "rows": "rows of the file are missing or written twice",
     "contradicts": "the signals contradict each other",
     "late": "a signal is late",
+    "outside": "they are unlike those from which the method was learned",
     "differs": "the sensor differs from that of the other leg",
 }  # fmt: skip
 """Evidence → what it means, in words."""

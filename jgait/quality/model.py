@@ -33,7 +33,7 @@ LESS = Prior("exponential(1)", lambda weight: weight)
 WRONG = 3.0
 """[1] Stated deviations by which the length of a wrong stride is off."""
 
-SHARES = ("scale", "rates", "lever")
+SHARES = ("scale", "rates", "lever", "outside")
 """Evidence that makes an error of the same share of all lengths. Their numbers are not learned: lengths grow with the
 square of the interval between samples, so that of `rates` is 2; those of `scale` and `lever` were chosen on simulated
 feet and shanks with scales of 0.9 to 1.1, and with seated movements and cycling between walks."""
@@ -56,6 +56,7 @@ class QualityParams(NamedTuple):
     scale: Annotated[Param, Parameter(fixed, "1", "r of `scale`")] = 0.65
     rates: Annotated[Param, Parameter(fixed, "1", "r of `rates`")] = 2.0
     lever: Annotated[Param, Parameter(fixed, "1/m", "r of `lever`")] = 0.7
+    outside: Annotated[Param, Parameter(fixed, "1", "r of `outside`")] = 1.0
     within95: Annotated[Param, Parameter(fixed, "1", "deviations that contain 95 % of errors")] = 2.0
 
 

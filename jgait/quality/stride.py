@@ -28,6 +28,7 @@ that an estimator, or an online session, does not have is left out, which counts
 | `rows` | rows of the file that are missing or written twice, and one |
 | `contradicts` | 1 if the sensor's signals contradict gravity or each other |
 | `late` | delays of the accelerometer behind the gyroscope, and of the sensor behind that above it [s] |
+| `outside` | relative deviation of strides outside those from which the method was learned |
 | `differs` | rate over that of the other leg, if it is larger than usual |
 """
 
@@ -44,7 +45,7 @@ from jgait.types import SIDES, AnyArray, Counts, Estimate, Strides, Values, as_f
 EVIDENCE = (
     "innovation", "sensor_innovation", "rise", "uncertainty", "missing", "uneven", "unlike", "apart", "turn", "slow",
     "fast", "quick", "end", "scale", "rates", "coarse", "lever", "weightless", "climb", "sparse", "cramped", "rows",
-    "contradicts", "late", "differs",
+    "contradicts", "late", "differs", "outside",
 )  # fmt: skip
 """Names of the evidence, in the order of the model's weights."""
 

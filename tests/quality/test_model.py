@@ -11,7 +11,7 @@ from jgait.types import Estimate, Legs, Strides
 
 DRAWN = np.random.default_rng(5)
 PARAMS = QualityParams(
-    0.1, DRAWN.uniform(0.0, 1.0, len(EVIDENCE)), -3.0, DRAWN.uniform(0.0, 2.0, len(EVIDENCE)), 7.0, 0.6, 2.0, 0.7, 2.1
+    0.1, DRAWN.uniform(0.0, 1.0, len(EVIDENCE)), -3.0, DRAWN.uniform(0.0, 2.0, len(EVIDENCE)), 7.0, within95=2.1
 )
 """Numbers with every weight above 0."""
 

@@ -206,6 +206,11 @@ detected; more than `FEW` such strides are noted. In such parts of simulated wal
 of `tripod` they are not. Chosen: hardly any straight strides of `ipol_gait` and `mobgap_lab` last as long."""
 
 
+OUTSIDE_SD, CLIMBS_SD = 0.35, 0.6
+"""[1] Relative standard deviation of lengths of strides outside those from which the pendulum was learned, of strides
+that turn, which may be steps on the spot, and of strides on stairs, whose tread is shorter than a usual step. Chosen by
+simulated people who shuffle, limp or run (experiment `people.gaits`)."""
+
 EVERY_SECOND = 0.65
 """[1] Contacts a second over the trunk's step frequency below which contacts are missed; chosen, far below all walks of
 `ipol_gait`, `mobgap_lab` and `tripod`. In limping, only the step of one leg may be found."""
@@ -247,7 +252,7 @@ def _doubts(
     if useless := not spread <= DOUBTFUL * abs(way) or way <= 0.0:
         of = "" if options.distance == "fused" else f' (distance="{options.distance}")'
         notes.append(DISTANCE_DOUBTFUL(option=of, distance_m=way, within_m=2.0 * spread))
-    force, slowly = _felt(result, contacts), False
+    force, slowly, outside = _felt(result, contacts), False, np.zeros(len(kept), bool)
     runs = kept & (force < FREE)
     if options.distance in ("fused", "pendulum"):
         length, speed, turn = (as_float(part) for part in (strides.length, strides.speed, strides.turn))
@@ -268,6 +273,8 @@ def _doubts(
         if slower.sum() > FEW:
             seconds = float(np.median(lasts[slower]))
             notes.append(SLOWER_PART(strides=slower.sum(), of=kept.sum(), seconds=seconds, usual=usual))
+        beside = np.convolve(slow | slower, np.ones(2 * EDGE_STEPS + 1))[EDGE_STEPS:-EDGE_STEPS] > 0.0  # a person stops
+        outside = (kept & beside) | turning
     rise = _rise(result, made.inputs.still)
     climbs = kept & (np.abs(rise) > RISES)
     climbs &= climbs.sum() > FEW
@@ -276,6 +283,7 @@ def _doubts(
     if runs.sum() > FEW:
         share = 100.0 * max(float(np.median(force[runs])), 0.0)
         notes.append(FALLS_FREELY(strides=runs.sum(), of=kept.sum(), share_pct=share))
+        outside |= runs
     stated = as_float(result.strides_stddev.length)
     facts = SensorQuality(unusable=useless, unlike=bool(slowly or climbs.any() or runs.sum() > FEW))
     return (
@@ -286,6 +294,7 @@ def _doubts(
             **among(strides),
             "weightless": np.maximum(0.5 - force, 0.0),
             "climb": np.maximum(np.abs(rise) - 0.1, 0.0),
+            "outside": np.where(climbs, CLIMBS_SD, OUTSIDE_SD * outside),
         },
     )
 
@@ -315,8 +324,13 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
     result = result._replace(diagnostics=diagnostics)
     if made.options.distance not in ("fused", "pendulum"):
         return result
-    evidence |= {**of_sensors(result, {0: name, 1: name}), "sparse": np.full(np.shape(result.strides.side), missed)}
-    return quality.judged(result, "waist", evidence, {0: name, 1: name})
+    every = np.ones(np.shape(result.strides.side), bool)
+    evidence |= {**of_sensors(result, {0: name, 1: name}), "sparse": missed * every}
+    if noted:  # a stride is two: neither its length nor its time holds
+        evidence["outside"] = np.maximum(evidence.get("outside", 0.0), OUTSIDE_SD * every)
+    result = quality.judged(result, "waist", evidence, {0: name, 1: name})
+    both = {"doubtful": every, "uneven": every} if noted else {}
+    return result._replace(diagnostics={**result.diagnostics, **both})
 
 
 def _integrated(made: Prepared[WaistInputs]) -> np.ndarray:
