@@ -157,7 +157,7 @@ def of_walk(
     """The strides of one estimator in one walk; `true_time` maps its times to those of the truth."""
     estimator = estimators.get(name)
     try:
-        estimate = estimator.estimate(estimator.own(estimator.params, body), recording)
+        estimate = estimator.estimate(estimator.with_body(estimator.params, body), recording)
     except RecordingError:
         return
     ours, theirs = beside(estimate, truth, np.stack([true_time(column) for column in spans(estimate).T], axis=1))
