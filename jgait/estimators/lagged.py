@@ -167,7 +167,7 @@ def over(
 
 def judged(estimator: str, strides: Strides, stddev: Strides, nis: Values) -> tuple[Strides, Strides, Flags]:
     """The strides, with deviations by the evidence of each stride itself, and whether they are in doubt."""
-    evidence = of_stride(strides.length, stddev.length, nis, strides.height, stddev.height)
+    evidence = of_stride(nis, strides.height, stddev.height)
     evidence["sensor_innovation"] = evidence["innovation"]  # that of the whole recording is not known yet
     p = quality.learned(estimator)
     times = quality.factor(p, evidence, stddev.length, strides.length)

@@ -9,14 +9,14 @@ from jgait.quality import EVIDENCE, QualityParams, factor
 from jgait.quality.model import weighted
 
 ROWS = 6000
-NAMES = ("innovation", "missing")
+NAMES = ("innovation", "cramped")
 
 
 def drawn() -> tuple[QualityParams, Table]:
     """Numbers, and strides whose errors have their density; each stride is a recording of its own."""
     draw = np.random.default_rng(8)
     spread, wrong = (np.zeros(len(EVIDENCE)) for _ in range(2))
-    spread[EVIDENCE.index("innovation")], wrong[EVIDENCE.index("missing")] = 0.4, 3.0
+    spread[EVIDENCE.index("innovation")], wrong[EVIDENCE.index("cramped")] = 0.4, 3.0
     p = QualityParams(0.2, spread, -4.0, wrong, 8.0)
     evidence = {name: draw.exponential(0.5, ROWS) for name in NAMES}
     stated = draw.uniform(0.01, 0.03, ROWS)
@@ -32,9 +32,9 @@ def test_planted_numbers_are_learned_and_their_doubt_is_calibrated():
     p, table = drawn()
     found = learned(table)
     assert abs(found.shift - p.shift) < 0.1 and abs(found.odds - p.odds) < 0.5 and abs(found.tail / p.tail - 1.0) < 0.2
-    for name, weight in (("innovation", 0.4), ("turn", 0.0)):
+    for name, weight in (("innovation", 0.4), ("apart", 0.0)):
         assert abs(found.spread[EVIDENCE.index(name)] - weight) < 0.05
-    assert abs(found.wrong[EVIDENCE.index("missing")] - 3.0) < 0.4
+    assert abs(found.wrong[EVIDENCE.index("cramped")] - 3.0) < 0.4
     error, doubt = judged_by(found, table)
     assert calibration(error, doubt) < 0.01
     missed, false, off = shares(error, doubt)

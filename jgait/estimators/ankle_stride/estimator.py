@@ -36,9 +36,9 @@ from jgait.geometry.arrays import for_each, xp
 from jgait.geometry.rotation import quaternion, rotated
 from jgait.geometry.vectors import as_array, cross, dot, root, subtract, vector
 from jgait.quality import SensorQuality, merged
-from jgait.quality.stride import among, missing, nis_between, of_sensors, of_stride
+from jgait.quality.stride import among, nis_between, of_sensors, of_stride
 from jgait.signal import butterworth
-from jgait.types import SIDES, Counts, Estimate, Flags, Legs, Recording, Strides, Values, as_float
+from jgait.types import SIDES, Counts, Estimate, Flags, Legs, Recording, Strides, Values
 
 TOGETHER_S = 0.06
 """[s] Correlation time of zero velocities: those within this time count as one, whatever the sampling rate."""
@@ -288,10 +288,8 @@ def _finished(result: Estimate, made: Prepared[AnkleInputs]) -> Estimate:
 def _evidence(result: Estimate, worn: dict[int, AnkleSignals], places: dict[int, str]) -> dict[str, np.ndarray]:
     """The evidence about the strides, see `quality.stride`."""
     strides, spread = result.strides, result.strides_stddev
-    damaged = {k: (leg.gyr_doubt > 0.0) | (leg.acc_doubt > 0.0) for k, leg in worn.items()}
     return {
-        **of_stride(strides.length, spread.length, result.diagnostics["stride_nis"], strides.height, spread.height),
+        **of_stride(result.diagnostics["stride_nis"], strides.height, spread.height),
         **among(strides),
         **of_sensors(result, places),
-        "missing": missing(strides, as_float(strides.start), as_float(result.time), damaged),
     }

@@ -31,7 +31,7 @@ from jgait.estimators.stride_flags import SIDE_UNKNOWN
 from jgait.filtering import Belief
 from jgait.geometry.arrays import for_each
 from jgait.quality import SensorQuality, merged
-from jgait.quality.stride import among, missing, of_sensors, of_stride
+from jgait.quality.stride import among, of_sensors, of_stride
 from jgait.types import SIDES, Counts, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Strides, Values, as_float
 
 PER_STRIDE = ("stride_nis",)
@@ -264,12 +264,10 @@ def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
 def _evidence(result: Estimate, feet: dict[int, FootSignals]) -> dict[str, np.ndarray]:
     """The evidence about the strides, see `quality.stride`."""
     strides, spread = result.strides, result.strides_stddev
-    damaged = {k: (foot.gyr_doubt > 0.0) | (foot.acc_doubt > 0.0) for k, foot in feet.items()}
     return {
-        **of_stride(strides.length, spread.length, result.diagnostics["stride_nis"], strides.height, spread.height),
+        **of_stride(result.diagnostics["stride_nis"], strides.height, spread.height),
         **among(strides),
         **of_sensors(result, {k: f"foot_{SIDES[k]}" for k in feet}),
-        "missing": missing(strides, as_float(strides.standing), as_float(result.time), damaged),
     }
 
 

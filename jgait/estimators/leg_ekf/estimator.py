@@ -199,7 +199,7 @@ def walked(p: LegParams, legs: Legs, inputs: LegInputs, options: LegOptions) -> 
         spread = xp.where(strides, shanks.diagnostics["distance_stddev"], spread)
         spreads = shanks.strides_stddev
         nis, each = shanks.diagnostics["stride_nis"], shanks.strides
-        evidence = of_stride(each.length, spreads.length, nis, each.height, spreads.height)
+        evidence = of_stride(nis, each.height, spreads.height)
         doubtful = quality.doubt(quality.learned("ankle_stride"), evidence) > quality.DOUBTFUL
         for side, name in enumerate(SIDES):
             of_side = shanks.strides.valid & (shanks.strides.side == side)

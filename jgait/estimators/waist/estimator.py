@@ -42,7 +42,7 @@ from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.trunk import FREE, OVER_S, moved_between, step_frequency
 from jgait.notes import Note
 from jgait.quality import SensorQuality, merged
-from jgait.quality.stride import above, among, of_sensors, of_stride
+from jgait.quality.stride import among, of_sensors
 from jgait.types import Estimate, Legs, Recording, Strides, Values, as_float
 
 TURNING = 0.35
@@ -284,19 +284,8 @@ def _doubts(
         share = 100.0 * max(float(np.median(force[runs])), 0.0)
         notes.append(FALLS_FREELY(strides=runs.sum(), of=kept.sum(), share_pct=share))
         outside |= runs
-    stated = as_float(result.strides_stddev.length)
     facts = SensorQuality(unusable=useless, unlike=bool(slowly or climbs.any() or runs.sum() > FEW))
-    return (
-        facts,
-        notes,
-        {
-            **of_stride(as_float(strides.length), stated, np.zeros(len(kept)), np.zeros(len(kept)), stated),
-            **among(strides),
-            "weightless": np.maximum(0.5 - force, 0.0),
-            "climb": np.maximum(np.abs(rise) - 0.1, 0.0),
-            "outside": np.where(climbs, CLIMBS_SD, OUTSIDE_SD * outside),
-        },
-    )
+    return facts, notes, {**among(strides), "outside": np.where(climbs, CLIMBS_SD, OUTSIDE_SD * outside)}
 
 
 def _rise(result: Estimate, still: np.ndarray) -> np.ndarray:
@@ -316,7 +305,7 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
     (name,) = made.quality
     result = _with_missed(result._replace(diagnostics=diagnostics), made.inputs, name)
     facts, doubts, evidence = _doubts(result, diagnostics["initial_contact"], made)
-    missed, noted = _steps_missed(result, diagnostics["initial_contact"])
+    noted = _steps_missed(result, diagnostics["initial_contact"])
     diagnostics = {
         **result.diagnostics, "notes": (*result.diagnostics["notes"], *doubts, *noted),
         "sensors": merged(result.diagnostics["sensors"], {name: facts}),
@@ -325,7 +314,7 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
     if made.options.distance not in ("fused", "pendulum"):
         return result
     every = np.ones(np.shape(result.strides.side), bool)
-    evidence |= {**of_sensors(result, {0: name, 1: name}), "sparse": missed * every}
+    evidence |= of_sensors(result, {0: name, 1: name})
     if noted:  # a stride is two: neither its length nor its time holds
         evidence["outside"] = np.maximum(evidence.get("outside", 0.0), OUTSIDE_SD * every)
     result = quality.judged(result, "waist", evidence, {0: name, 1: name})
@@ -341,15 +330,14 @@ def _integrated(made: Prepared[WaistInputs]) -> np.ndarray:
     return beside[rows] & beside[rows - 1] & (made.options.distance == "fused")
 
 
-def _steps_missed(result: Estimate, contacts: np.ndarray) -> tuple[float, tuple[Note, ...]]:
-    """Logarithm of the steps by the trunk's motion over the contacts [s], not negative, and a note if it is large."""
+def _steps_missed(result: Estimate, contacts: np.ndarray) -> tuple[Note, ...]:
+    """A note if there are far fewer contacts [s] than the trunk is moved by steps."""
     if len(contacts) < FEW:
-        return 0.0, ()
+        return ()
     force = np.add(as_float(result.diagnostics["trunk_acceleration"]), [0.0, 0.0, GRAVITY])
     contact_rate = 1.0 / float(np.median(np.diff(contacts)))
     steps = step_frequency(force, 1.0 / float(np.median(np.diff(as_float(result.time)))))
-    notes = (STEPS_MISSED(found=contact_rate, steps=steps),) if contact_rate < EVERY_SECOND * steps else ()
-    return float(above(steps, contact_rate)), notes
+    return (STEPS_MISSED(found=contact_rate, steps=steps),) if contact_rate < EVERY_SECOND * steps else ()
 
 
 def _with_missed(result: Estimate, inputs: WaistInputs, name: str) -> Estimate:
