@@ -71,6 +71,7 @@ print(json.dumps([first, then, changed, dict(os.environ) == environment, list(wa
 def test_top_level():
     needed = {
         "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "Makefile", "README.md", "pyproject.toml", "requirements.lock",
+        "requirements-demo.lock",
     }  # fmt: skip
     hidden = {".ci", ".gitignore", ".python-version"}
     top = {path.parts[0] for path in tracked()}

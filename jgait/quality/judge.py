@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.notes import Kind, Note
+from jgait.notes import Kind, Note, record
 from jgait.quality.model import QualityParams, learned, with_doubt
 from jgait.quality.sensor import SensorQuality, merged
 from jgait.quality.stride import EVIDENCE, StrideQuality
@@ -50,6 +50,7 @@ STANCES_RARE = Kind(
 )
 
 
+@record
 class Trust(NamedTuple):
     """Whether the stated deviations of an estimate can be trusted."""
 

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jgait.geometry.arrays import xp
+from jgait.notes import record
 from jgait.params import Param, Parameter, Prior, documented, fixed, interval, positive, real
 from jgait.quality.stride import EVIDENCE, StrideQuality
 from jgait.types import Estimate, Values, as_float
@@ -43,6 +44,7 @@ DOUBTFUL = 0.1
 
 
 @documented
+@record
 class QualityParams(NamedTuple):
     """Numbers of the model for one estimator; the arrays have a weight for each name of `EVIDENCE`."""
 

@@ -29,6 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.geometry.arrays import xp
+from jgait.notes import record
 from jgait.quality.sensor import SensorQuality, of_sensor
 from jgait.types import SIDES, AnyArray, Counts, Estimate, Strides, Values, as_float
 
@@ -52,6 +53,7 @@ CRAMPED = 1.0
 """[m s] Length times duration of a stride below which it is cramped: cadence and length of a person grow together."""
 
 
+@record
 class StrideQuality(NamedTuple):
     """What is known about the quality of each stride of an estimate, (n,) each."""
 

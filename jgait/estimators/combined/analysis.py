@@ -17,6 +17,7 @@ from jgait.estimators.combined.compare import (
     contact_notes,
     even_notes,
     length_notes,
+    quality_of,
     regular,
     side_notes,
     source_notes,
@@ -29,7 +30,7 @@ from jgait.estimators.combined.phases import FEWEST_STRIDES
 from jgait.estimators.combined.replaced import with_replaced_doubted
 from jgait.estimators.combined.shoes import put_right
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
-from jgait.estimators.combined.strides import JoinedStrides, joined, quality_of
+from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.combined.unworn import without_unworn
 from jgait.estimators.plausible import knee_notes, knees, paces_mixed
 from jgait.estimators.proportions import in_metres

@@ -12,6 +12,7 @@ from jgait.estimators.combined.strides import CONSISTENT, LEG_WORN, SAME_CONTACT
 from jgait.estimators.stride_flags import STRIDE_FLAGS, without
 from jgait.estimators.totals import median
 from jgait.notes import WRONG_PLACE, Kind, Note
+from jgait.quality import StrideQuality
 from jgait.types import SIDES, as_float
 
 LENGTHS_DIFFER = Kind(
@@ -266,3 +267,19 @@ def side_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> lis
     if contacts < FEWEST_COMPARED or opposite < OPPOSITE * contacts:
         return []
     return [FEET_OF_CONTACTS_DIFFER(source="waist", other=" and ".join(worn), opposite=opposite, contacts=contacts)]
+
+
+def quality_of(strides: JoinedStrides, sources: Sequence[SourceEstimate]) -> StrideQuality:
+    """The quality of joined strides: of the sources that their lengths come from the smallest doubt, for these agree,
+    and the widest interval.
+    """
+    doubt, wide = np.full(len(strides.first), np.inf), np.zeros(len(strides.first))
+    for source in sources:
+        if (quality := source.estimate.diagnostics.get("quality")) is not None and source.name in strides.used:
+            used = np.flatnonzero(strides.used[source.name])
+            rows = strides.rows[source.name][used]
+            doubt[used] = np.minimum(doubt[used], quality.doubt[rows])
+            wide[used] = np.maximum(wide[used], quality.interval[rows])
+    known = np.isfinite(doubt)
+    doubt, wide = np.where(known, doubt, np.nan), np.where(known, wide, np.nan)
+    return StrideQuality(doubt, np.ones(len(known)), wide, {})

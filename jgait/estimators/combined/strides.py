@@ -20,7 +20,6 @@ from jgait.estimators.stride_flags import (
     durations,
 )
 from jgait.notes import record
-from jgait.quality import StrideQuality
 from jgait.types import SIDES, Estimate, Flags, Legs, Strides, as_float
 
 SAME = 0.5
@@ -121,22 +120,6 @@ def joined(
     if len(unlike) < len(having):
         doubts |= {name: np.ones_like(doubts[name]) for name in unlike}
     return _table(having, groups, trusted, doubts, next((s for s in sources if s.name == "width"), None))
-
-
-def quality_of(strides: JoinedStrides, sources: Sequence[SourceEstimate]) -> StrideQuality:
-    """The quality of joined strides: of the sources that their lengths come from the smallest doubt, for these agree,
-    and the widest interval.
-    """
-    doubt, wide = np.full(len(strides.first), np.inf), np.zeros(len(strides.first))
-    for source in sources:
-        if (quality := source.estimate.diagnostics.get("quality")) is not None and source.name in strides.used:
-            used = np.flatnonzero(strides.used[source.name])
-            rows = strides.rows[source.name][used]
-            doubt[used] = np.minimum(doubt[used], quality.doubt[rows])
-            wide[used] = np.maximum(wide[used], quality.interval[rows])
-    known = np.isfinite(doubt)
-    doubt, wide = np.where(known, doubt, np.nan), np.where(known, wide, np.nan)
-    return StrideQuality(doubt, np.ones(len(known)), wide, {})
 
 
 def _trusted(source: SourceEstimate, side: str, doubtful: frozenset[str]) -> bool:

@@ -13,7 +13,7 @@ from jgait.estimators.stride_width_ekf.inputs import StrideRows, WidthInputs
 from jgait.estimators.stride_width_ekf.model import PathControl
 from jgait.estimators.stride_width_ekf.params import DEFAULT, WidthOptions
 from jgait.estimators.stride_width_ekf.trajectories import FootTrack, Pair, checked_feet, contact_times
-from jgait.notes import Kind, Note
+from jgait.notes import Note
 from jgait.types import Feet, RangeReadings, RecordingError, Values
 
 TOGETHER = 0.12  # s; readings with shorter gaps belong to one passing
@@ -110,13 +110,16 @@ def _usable(
         known &= (times >= foot.time[0]) & (times <= foot.time[-1]) & ~_inside(times, list(foot.gaps))
     turned = _inside(times, turning)
     usable = known & ~turned
-    left_out: tuple[tuple[Kind, np.ndarray, dict[str, float]], ...] = (
-        (kinds.RANGES_LONG, measured & ~near, {"longest": options.longest_range}),
-        (kinds.RANGES_ODD, odd, {}),
-        (kinds.RANGES_TURNING, turned, {}),
-        (kinds.RANGES_UNKNOWN, ~known & ~turned, {}),
-    )
-    notes = [kind(ranges=ranges.sum(), **more) for kind, ranges, more in left_out if ranges.any()]
+    far_away, unknown = measured & ~near, ~known & ~turned
+    notes = []
+    if far_away.any():
+        notes.append(kinds.RANGES_LONG(ranges=far_away.sum(), longest=options.longest_range))
+    if odd.any():
+        notes.append(kinds.RANGES_ODD(ranges=odd.sum()))
+    if turned.any():
+        notes.append(kinds.RANGES_TURNING(ranges=turned.sum()))
+    if unknown.any():
+        notes.append(kinds.RANGES_UNKNOWN(ranges=unknown.sum()))
     if abs(delay) > max(0.01, 3.0 * stddev):
         notes.append(kinds.RANGE_LATE(late_ms=1e3 * delay, stddev_ms=1e3 * stddev))
     if options.align_range and not np.isfinite(stddev) and np.sum(usable) > ENOUGH_PASSINGS:

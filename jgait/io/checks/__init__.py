@@ -17,7 +17,7 @@ from jgait.io.checks.pace import LegPace, pace_notes, paces_of
 from jgait.io.checks.readings import channel_notes
 from jgait.io.checks.sides import exchanged, out_of_step, sides_differ, turn_notes
 from jgait.io.units import Unit
-from jgait.notes import Note
+from jgait.notes import Note, record
 from jgait.quality import SensorQuality, merged
 from jgait.quality import notes as writer
 from jgait.signal.windows import over_losses
@@ -26,6 +26,7 @@ from jgait.types import SIDES, Imu, Recording, as_float
 __all__ = ["Contradictions", "contradictions", "quality_notes"]
 
 
+@record
 class Contradictions(NamedTuple):
     """Sensors that contradict themselves or each other."""
 
