@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, Bool, Float, Int
 
 from jgait.notes import Note, printable, record
 
@@ -37,7 +37,7 @@ else:
 type Maybe[T] = T | Any
 """A field that can be None; the record's docstring states when. Code must not read the field where it is None."""
 
-type Measures = dict[str, PyTree]
+type Measures = dict[str, Any]
 """Measures of a person: name, such as "thigh_length" [m] → a number, or (right, left)."""
 
 # Fields of the records below. Records of several recordings are stacked along leading axes, `*batch`.
