@@ -25,7 +25,7 @@ from jgait.params import Param, Parameter, Prior, documented, fixed, interval, p
 from jgait.quality.stride import EVIDENCE, StrideQuality
 from jgait.types import Estimate, Values, as_float
 
-START, LEAST = 0.1, 1e-2
+START, WRITTEN_FROM = 0.1, 1e-2
 """Weight at which a fit starts, and weight below which a fitted weight is written as 0."""
 
 LESS = Prior("exponential(1)", lambda weight: weight)
@@ -167,9 +167,9 @@ def from_dict(stored: Mapping[str, Any]) -> QualityParams:
 
 
 def to_dict(p: QualityParams) -> dict[str, Any]:
-    """Inverse of `from_dict`, without weights below `LEAST`."""
+    """Inverse of `from_dict`, without weights below `WRITTEN_FROM`."""
     weights = {
-        name: {k: round(float(w), 4) for k, w in zip(EVIDENCE, getattr(p, name), strict=True) if w > LEAST}
+        name: {k: round(float(w), 4) for k, w in zip(EVIDENCE, getattr(p, name), strict=True) if w > WRITTEN_FROM}
         for name in ("spread", "wrong")
     }
     return {**{name: round(float(getattr(p, name)), 4) for name in NUMBERS}, **weights}
