@@ -2,7 +2,7 @@
 
 A stride is wrong if its length is off by more than three stated deviations. It is missed if it is wrong and not in
 doubt. The expected calibration error compares the doubt with the share of wrong strides, in bins of the doubt.
-Intervals of 95 % are those of `length_interval95`, the same multiple of the deviation for all strides of a method.
+Intervals of 95 % are the same multiple of the deviation for all strides of a method.
 """
 
 import json

@@ -28,7 +28,7 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
     `stride_length_m stride_width_m step_length_m stride_duration_s walking_speed_mps stride_height_m lift_m turn_deg
     contact_angle_deg push_off_angle_deg`, see `jgait.types.Strides`; after each of these its standard deviation with
     `_std` before the unit (`stride_length_std_m`), where the estimate has one; `stride_length_low95_m
-    stride_length_high95_m`, between which 95 % of the lengths are, and `doubt`, the probability that the length is off
+    stride_length_high95_m`, meant to contain 95 % of the lengths, and `doubt`, the probability that the length is off
     by more than three deviations, where the estimator has learned them (`jgait.quality`); `width_valid`, False for
     unreliable widths, where the estimator computes it. A quantity that the estimate lacks has no column; a value that
     is missing in a stride is an empty cell. So is the duration of a first stride from standing, which has no initial

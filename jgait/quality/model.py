@@ -40,7 +40,7 @@ square of the interval between samples, so that of `rates` is 2; those of `scale
 feet and shanks with scales of 0.9 to 1.1, and with seated movements and cycling between walks."""
 
 DOUBTFUL = 0.1
-"""[1] Probability of a wrong stride above which a stride is in doubt, unless a user sets another one."""
+"""[1] Probability of a wrong stride above which a stride is in doubt."""
 
 
 @documented
@@ -68,7 +68,7 @@ def weighted(weights: Values, evidence: Mapping[str, Values]) -> Values:
 
 
 def factor(p: QualityParams, evidence: Mapping[str, Values], stated: Values, length: Values) -> Values:
-    """S / σ, the deviation of the error over the stated one [1].
+    """The deviation s of the error over the stated one σ [1].
 
     Args:
         p: numbers of the model.
@@ -134,7 +134,6 @@ def with_doubt(estimate: Estimate, p: QualityParams, evidence: Mapping[str, np.n
     probability = np.broadcast_to(as_float(doubt(p, evidence)), times.shape)
     diagnostics |= {
         "quality": StrideQuality(probability, times, np.full(times.shape, float(p.within95)), dict(evidence)),
-        "doubt": probability,
         "doubtful": probability > DOUBTFUL,
     }
     if "distance_stddev" in diagnostics and times.size:

@@ -31,7 +31,6 @@ class SensorQuality(NamedTuple):
         rates_factor: factor on the rates with which the signals fit from stance to stance [1].
         rates_off: True if that factor is far from 1.
         lever_off: distance from the place of the sensor that fits the strides to the place where it is worn [m].
-        sampled_slowly: True if the samples are too rare for strides of the usual certainty.
         gyr_clipped: number of samples in which the gyroscope clips.
         acc_clipped: number of samples in which the accelerometer clips.
         lost: number of lost samples.
@@ -66,7 +65,6 @@ class SensorQuality(NamedTuple):
     rates_factor: float = 1.0
     rates_off: bool = False
     lever_off: float = 0.0
-    sampled_slowly: bool = False
     gyr_clipped: int = 0
     acc_clipped: int = 0
     lost: int = 0

@@ -100,6 +100,13 @@ def among(strides: Strides) -> dict[str, np.ndarray]:
     return {"apart": np.full(length.shape, min(apart, 1.0)), "cramped": np.asarray(above(1.0 / slowly, 1.0 / CRAMPED))}
 
 
+def of_estimate(estimate: Estimate, placements: Mapping[int, str]) -> dict[str, np.ndarray]:
+    """All evidence about the strides of an estimate by one sensor on each side; `placements` as of `of_sensors`."""
+    strides, spread = estimate.strides, estimate.strides_stddev
+    innovations = of_stride(estimate.diagnostics["stride_nis"], strides.height, spread.height)
+    return {**innovations, **among(strides), **of_sensors(estimate, placements)}
+
+
 def by_side(side: AnyArray, values: Mapping[int, float]) -> np.ndarray:
     """(n,) of strides from a value of each side (0 right, 1 left); 0 for a side without."""
     return np.array([values.get(number, 0.0) for number in (0, 1)], np.float64)[np.asarray(side, int)]

@@ -36,7 +36,7 @@ from jgait.geometry.arrays import for_each, xp
 from jgait.geometry.rotation import quaternion, rotated
 from jgait.geometry.vectors import as_array, cross, dot, root, subtract, vector
 from jgait.quality import SensorQuality, merged
-from jgait.quality.stride import among, nis_between, of_sensors, of_stride
+from jgait.quality.stride import nis_between, of_estimate
 from jgait.signal import butterworth
 from jgait.types import SIDES, Counts, Estimate, Flags, Legs, Recording, Strides, Values
 
@@ -282,14 +282,4 @@ def _finished(result: Estimate, made: Prepared[AnkleInputs]) -> Estimate:
     odd = (LEVER_IMPLAUSIBLE(placement=name, off_m=sensor.lever_off) for name, sensor in far.items())
     sensors = merged(result.diagnostics["sensors"], off, far)
     result = result._replace(diagnostics={**result.diagnostics, "notes": (*notes, *wrong, *odd), "sensors": sensors})
-    return quality.judged(result, "ankle_stride", _evidence(result, worn, places), places)
-
-
-def _evidence(result: Estimate, worn: dict[int, AnkleSignals], places: dict[int, str]) -> dict[str, np.ndarray]:
-    """The evidence about the strides, see `quality.stride`."""
-    strides, spread = result.strides, result.strides_stddev
-    return {
-        **of_stride(result.diagnostics["stride_nis"], strides.height, spread.height),
-        **among(strides),
-        **of_sensors(result, places),
-    }
+    return quality.judged(result, "ankle_stride", of_estimate(result, places), places)

@@ -203,7 +203,7 @@ def _leg(
         gentle = _gentle(whole.acc, rate_hz)
         valleys = stood.end[~stood.standing[:, 1]]
         axes = shank_axes.stance_up(axes, gentle, valleys if len(valleys) else stood.end)
-    if slowly := rate_hz < USUAL_HZ:
+    if rate_hz < USUAL_HZ:
         notes.append(SAMPLED_SLOWLY(placement=name, rate_hz=rate_hz, least_hz=USUAL_HZ))
     if options.standing and still is None:
         notes.append(NEVER_STANDS(placement=name))
@@ -225,7 +225,7 @@ def _leg(
         start, end, stood = _kept(measured, start, end, stood)
     last = float(np.median(time[stood.end] - time[stood.begin])) if len(start) else np.inf
     quality = quality._replace(
-        sampled_slowly=slowly, gyr_clipped=int(turned.sum()), acc_clipped=int(forced.sum()), lost=int(lost.sum()),
+        gyr_clipped=int(turned.sum()), acc_clipped=int(forced.sum()), lost=int(lost.sum()),
         strides_missing=missing, quick_stride=last if last < QUICK_S else np.inf,
     )  # fmt: skip
     notes += shank_notes(name, quality)

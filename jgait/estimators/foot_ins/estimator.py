@@ -31,7 +31,7 @@ from jgait.estimators.stride_flags import SIDE_UNKNOWN
 from jgait.filtering import Belief
 from jgait.geometry.arrays import for_each
 from jgait.quality import SensorQuality, merged
-from jgait.quality.stride import among, of_sensors, of_stride
+from jgait.quality.stride import of_estimate
 from jgait.types import SIDES, Counts, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Strides, Values, as_float
 
 PER_STRIDE = ("stride_nis",)
@@ -258,17 +258,7 @@ def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
     result = result._replace(diagnostics={**result.diagnostics, **facts})
     if made.options.soft:  # its noise is tuned, and limits for it are not known
         return result
-    return quality.judged(_with_distance_stddev(result, len(feet)), "foot_ins", _evidence(result, feet), worn)
-
-
-def _evidence(result: Estimate, feet: dict[int, FootSignals]) -> dict[str, np.ndarray]:
-    """The evidence about the strides, see `quality.stride`."""
-    strides, spread = result.strides, result.strides_stddev
-    return {
-        **of_stride(result.diagnostics["stride_nis"], strides.height, spread.height),
-        **among(strides),
-        **of_sensors(result, {k: f"foot_{SIDES[k]}" for k in feet}),
-    }
+    return quality.judged(_with_distance_stddev(result, len(feet)), "foot_ins", of_estimate(result, worn), worn)
 
 
 def _with_distance_stddev(result: Estimate, feet: int) -> Estimate:
