@@ -14,7 +14,7 @@ import numpy as np
 from experiments.common.row import Row, show
 from experiments.quality.learn import chosen, interval, kind, learned, left_out
 from experiments.quality.strides import FAULTS, Table, faults, gaits, joined, public
-from jgait.quality import DOUBTFUL
+from jgait.quality import DOUBTFUL_FROM
 from jgait.quality.model import WRONG, to_dict
 
 FEWEST = 50
@@ -95,7 +95,7 @@ def fault_kinds(groups: np.ndarray) -> np.ndarray:
 
 def shares(error: np.ndarray, doubt: np.ndarray) -> tuple[float, float, float]:
     """Missed among all, falsely doubted among the good, and wrong among all strides [%]."""
-    off, flagged = error > WRONG, doubt > DOUBTFUL
+    off, flagged = error > WRONG, doubt > DOUBTFUL_FROM
     false = float(np.mean(flagged[~off])) if (~off).any() else 0.0
     return 100.0 * float(np.mean(off & ~flagged)), 100.0 * false, 100.0 * float(np.mean(off))
 

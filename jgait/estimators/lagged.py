@@ -172,7 +172,7 @@ def judged(estimator: str, strides: Strides, stddev: Strides, nis: Values) -> tu
     p = quality.learned(estimator)
     times = quality.factor(p, evidence, stddev.length, strides.length)
     stddev = stddev._replace(length=times * stddev.length, speed=times * stddev.speed)
-    return strides, stddev, quality.doubt(p, evidence) > quality.DOUBTFUL
+    return strides, stddev, quality.doubt(p, evidence) > quality.DOUBTFUL_FROM
 
 
 def _climbed(highest: Values, sample: tuple[Values, Flags]) -> tuple[Values, Values]:

@@ -6,12 +6,12 @@ stride is wrong, with numbers that were learned from strides beside a reference;
 """
 
 from jgait.quality.judge import UNCERTAIN, Trust, doubts_of, judged, trust
-from jgait.quality.model import DOUBTFUL, QualityParams, doubt, factor, learned, log_likelihood, widened
+from jgait.quality.model import DOUBTFUL_FROM, QualityParams, doubt, factor, learned, log_likelihood, widened
 from jgait.quality.sensor import SOUND, SensorQuality, above, merged, of_sensor, opposite
 from jgait.quality.stride import EVIDENCE, StrideQuality
 
 __all__ = [
-    "DOUBTFUL", "EVIDENCE", "SOUND", "UNCERTAIN", "QualityParams", "SensorQuality", "StrideQuality", "Trust", "above",
-    "doubt", "doubts_of", "factor", "judged", "learned", "log_likelihood", "merged", "of_sensor", "opposite", "trust",
+    "DOUBTFUL_FROM", "EVIDENCE", "SOUND", "UNCERTAIN", "QualityParams", "SensorQuality", "StrideQuality", "Trust",
+    "above", "doubt", "doubts_of", "factor", "judged", "learned", "log_likelihood", "merged", "of_sensor", "opposite", "trust",
     "widened",
 ]  # fmt: skip

@@ -93,7 +93,7 @@ def judged(
 
     Returns:
         The estimate; `diagnostics["quality"]` is a `StrideQuality`, `diagnostics["doubtful"]` (n,) bool is True where
-        the doubt is above `DOUBTFUL`.
+        the doubt is above `DOUBTFUL_FROM`.
     """
     p = learned(estimator)
     estimate = with_doubt(estimate, p, evidence)

@@ -39,7 +39,7 @@ SHARES = ("scale", "rates", "lever", "outside")
 square of the interval between samples, so that of `rates` is 2; those of `scale` and `lever` were chosen on simulated
 feet and shanks with scales of 0.9 to 1.1, and with seated movements and cycling between walks."""
 
-DOUBTFUL = 0.1
+DOUBTFUL_FROM = 0.1
 """[1] Probability of a wrong stride above which a stride is in doubt."""
 
 
@@ -126,7 +126,7 @@ def with_doubt(estimate: Estimate, p: QualityParams, evidence: Mapping[str, np.n
 
     Returns:
         The estimate; `diagnostics["quality"]` is a `StrideQuality`, `diagnostics["doubtful"]` (n,) bool is True where
-        the doubt is above `DOUBTFUL`.
+        the doubt is above `DOUBTFUL_FROM`.
     """
     strides, deviations, diagnostics = estimate.strides, estimate.strides_stddev, dict(estimate.diagnostics)
     times = as_float(factor(p, evidence, as_float(deviations.length), as_float(strides.length)))
@@ -134,7 +134,7 @@ def with_doubt(estimate: Estimate, p: QualityParams, evidence: Mapping[str, np.n
     probability = np.broadcast_to(as_float(doubt(p, evidence)), times.shape)
     diagnostics |= {
         "quality": StrideQuality(probability, times, np.full(times.shape, float(p.within95)), dict(evidence)),
-        "doubtful": probability > DOUBTFUL,
+        "doubtful": probability > DOUBTFUL_FROM,
     }
     if "distance_stddev" in diagnostics and times.size:
         lengths = np.where(np.asarray(strides.valid, bool), np.nan_to_num(as_float(strides.length)), 0.0)

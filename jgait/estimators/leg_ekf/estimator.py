@@ -200,7 +200,7 @@ def walked(p: LegParams, legs: Legs, inputs: LegInputs, options: LegOptions) -> 
         spreads = shanks.strides_stddev
         nis, each = shanks.diagnostics["stride_nis"], shanks.strides
         evidence = of_stride(nis, each.height, spreads.height)
-        doubtful = quality.doubt(quality.learned("ankle_stride"), evidence) > quality.DOUBTFUL
+        doubtful = quality.doubt(quality.learned("ankle_stride"), evidence) > quality.DOUBTFUL_FROM
         for side, name in enumerate(SIDES):
             of_side = shanks.strides.valid & (shanks.strides.side == side)
             diagnostics[f"shank_distance_{name}"] = xp.sum(xp.where(of_side, shanks.strides.length, 0.0))
