@@ -12,6 +12,7 @@ from jgait.quality.stride import EVIDENCE, StrideQuality
 
 __all__ = [
     "DOUBTFUL_FROM", "EVIDENCE", "SOUND", "UNCERTAIN", "QualityParams", "SensorQuality", "StrideQuality", "Trust",
-    "above", "doubt", "doubts_of", "factor", "judged", "learned", "log_likelihood", "merged", "of_sensor", "opposite", "trust",
+    "above", "doubt", "doubts_of", "factor", "judged", "learned", "log_likelihood", "merged", "of_sensor",
+    "opposite", "trust",
     "widened",
 ]  # fmt: skip
