@@ -182,7 +182,7 @@ def test_a_labs_own_words_radians_and_milliseconds_give_angles_in_one_command(re
     code, said = run("estimate", tmp_path / "lab.csv", "--gyr-unit", "rad/s", "--out", tmp_path / "results", "--notes")
     assert code == 0, said
     assert "'Gyro Thigh R X [rad/s]' as thigh_right_gyr_x" in said
-    assert "columns recognised by their names: 7" in said
+    assert "recognised by their names: 7" in said
     angles = pd.read_csv(tmp_path / "results" / "lab_samples.csv")
     assert angles["knee_angle_right_deg"].max() > 40.0
     assert (tmp_path / "results" / "lab_angles.png").stat().st_size > 10_000
