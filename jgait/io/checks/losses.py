@@ -22,7 +22,8 @@ def loss_notes(placement: str, present: np.ndarray, imu: Imu, rate_hz: float) ->
     long = [(start, end) for start, end in gaps if end - start > at.LONG_GAP_S * rate_hz]
     notes = []
     if len(long) < len(gaps):
-        notes.append(DATA_LOST.note(f"samples missing: {(~present).sum()} of {len(present)}", placement=placement))
+        many = "{placement}: samples missing: {missing} of {samples}"
+        notes.append(DATA_LOST.note(many, placement=placement, missing=(~present).sum(), samples=len(present)))
     for start, end in long:
         begin = float(imu.time[start] - imu.time[0])
         seconds = (end - start) / rate_hz
