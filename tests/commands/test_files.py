@@ -1,6 +1,7 @@
 """Files as users have them, end to end: other systems' formats, and what is said of files that cannot be used."""
 
 import os
+import re
 import resource
 import shutil
 import subprocess
@@ -168,6 +169,27 @@ def test_the_shell_completes_commands():
     jgait = Path(sys.executable).with_name("jgait")
     done = subprocess.run([jgait], env={**os.environ, **asked}, capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["estimate"]
+
+
+def test_inspect_shows_what_is_understood_and_draws_the_signals(recording, tmp_path):
+    lost = recording_with_a_loss(recording)
+    io.recording_to_dataframe(lost).to_csv(tmp_path / "walk.csv", index=False)
+    code, said = run("inspect", tmp_path / "walk.csv", tmp_path / "none.csv", "--out", tmp_path)
+    assert code == 1 and "none.csv" in said and "No such file" in said
+    assert (tmp_path / "walk_signals.png").stat().st_size > 10_000
+    row = re.search(r"│ shank_right │ ([\d.]+) │ ([\d.]+) │ ([\d.]+) │ ([\d.]+) │ ([\d.]+) │", said)
+    rate = np.rad2deg(np.linalg.norm(lost.sensors["shank_right"].gyr, axis=1).max())
+    assert row and float(row[2]) == pytest.approx(9.8, abs=0.5)
+    assert float(row[3]) == pytest.approx(rate, rel=0.01)
+    assert float(row[5]) == pytest.approx(30 / recording.sampling_rate_hz)
+    assert run("inspect", tmp_path / "none.csv", "--out", tmp_path)[0] == 2
+
+
+def recording_with_a_loss(recording):
+    mask = np.ones(len(recording.sensors["shank_right"].mask), bool)
+    mask[200:230] = False
+    imu = recording.sensors["shank_right"]
+    return recording._replace(sensors={**recording.sensors, "shank_right": imu._replace(mask=mask)})
 
 
 def test_a_labs_own_words_radians_and_milliseconds_give_angles_in_one_command(recording, tmp_path):
