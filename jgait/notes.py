@@ -163,11 +163,6 @@ class Note:
         return self.kind.meaning
 
     @property
-    def measure(self) -> str:
-        """What alone a "stop" makes unusable; empty: all results."""
-        return self.kind.measure
-
-    @property
     def text(self) -> str:
         """The fact as a sentence without its full stop."""
         return printable(self.kind.text.format(**{name: _shown(each) for name, each in self.values.items()}), LONGEST)
@@ -186,7 +181,7 @@ class Note:
         values = {name: list(each) if isinstance(each, tuple) else each for name, each in self.values.items()}
         return {
             "code": self.code, "severity": self.severity, "values": values, "text": self.text, "meaning": self.meaning,
-            "measure": self.measure,
+            "measure": self.kind.measure,
         }  # fmt: skip
 
     @classmethod
@@ -198,8 +193,8 @@ class Note:
         """
         text = str(content["text"]).replace("{", "{{").replace("}", "}}")
         severity = cast(Severity, content["severity"])
-        measure = str(content.get("measure", ""))
-        kind = Kind(str(content["code"]), severity, text, str(content["meaning"]), measure=measure)
+        about = str(content["meaning"]), False, False, str(content.get("measure", ""))
+        kind = Kind(str(content["code"]), severity, text, *about)
         return kind(**cast(Mapping[str, object], content["values"]))
 
 
@@ -394,16 +389,12 @@ SCALE = (
 DATA_LOST = Kind("data_lost", "check", "", LOSSES)
 """Rows, samples or values that a file lacks, or that a reader left out."""
 
-DEDUCED = Kind(
-    "deduced", "info", "",
-    "The file does not state this; it was computed from the file's numbers. Check it against the device.",
-)  # fmt: skip
+_DEDUCED = "The file does not state this; it was computed from the file's numbers. Check it against the device."
+DEDUCED = Kind("deduced", "info", "", _DEDUCED)
 """What a reader computed from the numbers of a file."""
 
 AS_READ = Kind("as_read", "info", "", "This says how the data were read; no result is less certain for it.")
 """The source of the data, and how they were read."""
 
-LEFT_OUT = Kind(
-    "left_out", "info", "", "These parts of the data were not used; results that would need them are missing."
-)
+LEFT_OUT = Kind("left_out", "info", "", "These parts of the data are not used; what would need them is missing.")
 """Parts that were left out of a recording or its reference."""

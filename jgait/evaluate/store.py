@@ -76,7 +76,7 @@ class Cohort(NamedTuple):
     def usable(self) -> "Cohort":
         """The cohort without recordings whose notes say not to use any result, such as of people who do not walk."""
         grave = [
-            any(note.severity == "stop" and not note.measure for note in from_json(notes))
+            any(note.severity == "stop" and not note.kind.measure for note in from_json(notes))
             for notes in self.recordings["notes"]
         ]
         left_out = self.recordings.loc[grave, "recording"]

@@ -40,7 +40,7 @@ def explained(notes: Iterable[Note]) -> list[Flag]:
     """Notes as flags: each note once, notes of the same meaning together, the most serious first, without folders."""
     lines: dict[tuple[str, str, str], dict[str, None]] = {}
     for note in grouped(notes):
-        lines.setdefault((note.severity, note.meaning, note.measure), {})[sentence(note)] = None
+        lines.setdefault((note.severity, note.meaning, note.kind.measure), {})[sentence(note)] = None
     return ordered(Flag(grade, "\n".join(texts), *about) for (grade, *about), texts in lines.items())
 
 
