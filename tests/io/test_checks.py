@@ -97,7 +97,7 @@ def test_what_no_sensor_measures_is_masked_and_noted_once(walk, rows, name):
 
 
 CONTRADICTED = {
-    "gyroscope wraps at 250 deg/s": ("shank_right", "channel_wrapped", r"shank_right gyr_y .*4\.363 rad/s"),
+    "gyroscope wraps at 250 deg/s": ("shank_right", "channel_unwrapped", r"shank_right gyr_y .*4\.363 rad/s"),
     "gyroscope's sign": ("foot_right", "gyroscope_disagrees", ""),
     "gyroscope's y turned round": ("foot_right", "gyroscope_disagrees", "its y axis may be turned round"),
     "gyroscope by 2": ("foot_right", "gyroscope_disagrees", "2 times too large"),
@@ -295,6 +295,16 @@ def test_a_clipped_gyroscope_that_jumps_between_its_limits_does_not_wrap():
     for signal, wraps in ((near, False), ((rates + limit) % (2.0 * limit) - limit, True)):
         _, notes = readings.without_damage("foot_right", {"gyr": signal}, {"gyr": 1.0}, 100.0)
         assert ("channel_wrapped" in codes(notes)) == wraps
+
+
+def test_a_channel_that_wraps_in_its_peaks_alone_is_continued():
+    limit, swing = np.deg2rad(250.0), np.sin(2.0 * np.pi * np.arange(600) / 109.7)
+    rates = 1.3 * limit * np.maximum(swing, -0.4)[:, None] * [0.1, 0.2, 1.0]
+    rates[300:303] = np.nan
+    wrapped = (rates + limit) % (2.0 * limit) - limit
+    read, notes = readings.without_damage("foot_right", {"gyr": wrapped}, {"gyr": 1.0}, 100.0)
+    assert "channel_unwrapped" in codes(notes)
+    np.testing.assert_allclose(read["gyr"], rates, atol=1e-9)
 
 
 def test_a_coarse_accelerometer_is_named_and_neither_masked_nor_clipped_for_it():

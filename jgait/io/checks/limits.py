@@ -50,8 +50,9 @@ CALM_AROUND, IMPACT, AROUND = 2.5, 0.01, 6
 """[1] Least ratio of a spike to other changes up to `AROUND` samples away; [rad/s per m/s²] largest change of the rate
 around a spike of an accelerometer: impacts turn the sensor as well, by 0.02 at least."""
 
-WRAP_STEP, WRAP_EDGE, WRAPS = 1.6, 0.97, 4
-"""[1] Change of a wrap, and share of the range that is reached on both sides, both over the range; least number."""
+WRAP_STEP, WRAP_EDGE, WRAPS, MOST_WRAPPED = 1.6, 0.97, 4, 0.3
+"""[1] Change of a wrap, and share of the range that is reached on both sides, both over the range; least number;
+largest share of samples beyond the range in a channel that is continued, chosen: swings last less."""
 
 RANGES = {"gyr": np.deg2rad([125.0, 245.0, 250.0, 300.0, 400.0, 450.0, 500.0, 900.0, 1000.0, 1200.0, 2000.0]),
           "acc": GRAVITY * np.array([2.0, 4.0, 6.0, 8.0, 16.0])}  # fmt: skip

@@ -18,6 +18,12 @@ WRAPPED = Kind(
     "The movement was faster than the sensor's range, and its peaks come out with the wrong sign. The results of this "
     "sensor are wrong; a sensor with a larger range avoids this.",
 )
+UNWRAPPED = WRAPPED._replace(
+    code="channel_unwrapped",
+    severity="corrected",
+    meaning="The movement was faster than the sensor's range, and its peaks came out with the wrong sign. A whole "
+    "range was added to them or taken from them. A sensor with a larger range avoids this.",
+)
 SLOWER = Kind(
     "samples_repeated",
     "check",
@@ -78,7 +84,7 @@ def without_damage(
         _impossible(placement, signals, rate_hz, notes)
         _placeholders(placement, signals, scales, rate_hz, notes)
         for kind, values in signals.items():
-            notes += _wraps(placement, kind, values)
+            notes += _unwrap(placement, kind, values)
             spikes = _spikes(placement, kind, values, signals["gyr"], rate_hz, notes)
             whole = _stuck(kind, values, signals["gyr"], None, rate_hz)
             slower = _repeats(kind, values, signals["gyr"], held, rate_hz)
@@ -185,8 +191,8 @@ def _spikes(
     return spikes
 
 
-def _wraps(placement: str, kind: str, values: np.ndarray) -> list[Note]:
-    """Notes about channels that jump from one end of a common range to the other, and do not stay there, as clipped."""
+def _unwrap(placement: str, kind: str, values: np.ndarray) -> list[Note]:
+    """Continue channels that jump from one end of a common range to the other, and do not stay there, as clipped."""
     notes = []
     for axis, column in enumerate(values.T):
         extent = np.nanmax(np.abs(column), initial=0.0)
@@ -199,7 +205,12 @@ def _wraps(placement: str, kind: str, values: np.ndarray) -> list[Note]:
         clips = np.sum((column == low) | (column == high)) >= jumps
         if jumps >= at.WRAPS and min(high, -low) >= at.WRAP_EDGE * limit and not clips:
             channel = f"{placement} {kind}_{'xyz'[axis]}"
-            notes.append(WRAPPED(channel=channel, times=jumps, value=limit, unit=SIGNALS[kind][1]))
+            known = np.isfinite(column)
+            whole = np.unwrap(column[known], period=2.0 * limit)
+            if mended := np.mean(np.abs(whole - column[known]) > limit) < at.MOST_WRAPPED:
+                values[known, axis] = whole
+            about = {"channel": channel, "times": jumps, "value": limit, "unit": SIGNALS[kind][1]}
+            notes.append(UNWRAPPED(**about) if mended else WRAPPED(**about))
     return notes
 
 
