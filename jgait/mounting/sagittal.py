@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.events.rest import standing_of_legs
+from jgait.events.rest import legs_at_rest
 from jgait.mounting import shank
-from jgait.mounting.leg import leg_mounting
+from jgait.mounting.leg import worn_legs
 from jgait.notes import record
 from jgait.types import Recording, RecordingError, as_float
 
@@ -27,7 +27,7 @@ def sagittal_rate(recording: Recording, placement: str) -> SagittalRate:
 
     The axis is the axis of most rotation in the walk, perpendicular to gravity. The sign of a shank or ankle follows
     from its forward swing, which is the faster one. The sign of a thigh follows from the shank of the same side, so
-    both sensors and a standing are needed.
+    both sensors are needed.
 
     Args:
         recording: a walk; SI units, sensors in any orientation.
@@ -48,12 +48,12 @@ def sagittal_rate(recording: Recording, placement: str) -> SagittalRate:
         if f"shank_{side}" not in recording.sensors:
             raise RecordingError(f"which way a thigh faces follows from the shank; there is no sensor shank_{side}")
         sensors = {f"{name}_{side}": recording.sensors[f"{name}_{side}"] for name in ("thigh", "shank")}
-        gyrs, accs, masks = zip(*((i.gyr, i.acc, i.mask) for i in sensors.values()), strict=True)
-        rest = standing_of_legs(gyrs, accs, hz, CALLER, masks)
-        worn = leg_mounting(sensors, side, slice(*rest.standing), rest.still, hz, estimator=CALLER)
-        if worn.swapped or not worn.sure:
+        gyrs, masks = zip(*((i.gyr, i.mask) for i in sensors.values()), strict=True)
+        worn = worn_legs(sensors, legs_at_rest(gyrs, hz, masks), hz, estimator=CALLER)
+        leg = worn.legs[side]
+        if worn.places.moved or worn.places.doubtful or leg.notes:
             raise RecordingError(f"{placement} does not swing as a thigh before its shank: its front is not certain")
-        left, bias = worn.rows["thigh"][1], worn.gyr_bias["thigh"]
+        left, bias = leg.rows["thigh"][1], leg.gyr_bias["thigh"]
     else:
         whole = shank.filled(imu)
         rest_bias = shank.rest_bias(imu, hz)

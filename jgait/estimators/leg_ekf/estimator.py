@@ -23,6 +23,7 @@ from jgait.estimators.programs import compiled
 from jgait.estimators.sides import stacked
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.arrays import for_each, xp
+from jgait.mounting.pose import Pose
 from jgait.notes import Note
 from jgait.quality import SensorQuality, merged
 from jgait.quality.stride import of_stride
@@ -60,7 +61,7 @@ def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOpti
     observed, controls, mask = inclination.observed(segment, segment.gyr[0], inputs, options.standing)
     inferred = filtering.infer(
         inclination.MODEL, p.inclination, observed, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
-        initial=inclination.prior(segment.bias, inputs.start_variance, segment.unrest),
+        initial=inclination.prior(segment.bias, inputs.start_variance, segment.unrest, segment.start),
         covariance=inclination.NEEDED, method=filtering.EKF(derivative=options.method.derivative),
     )  # fmt: skip
     return inclination.read_out(inferred.mean, inferred.cov, observed.gyr)
@@ -118,9 +119,28 @@ def prior_of(p: LegParams, leg: LegSignals, start_variance: Values, options: Leg
     """
     zero = xp.zeros_like(start_variance)
     thigh_bias, shin_bias = (zero, zero) if options.gravity else (-leg.thigh.bias[1], -leg.shank.bias[1])
+    thigh, shank = leg.thigh.start, leg.shank.start
     return leg_model.standing_belief(
-        model_params(p, leg), STANDING + p.standing_hip, -p.standing_knee, thigh_bias, shin_bias, start_variance
+        model_params(p, leg), STANDING + p.standing_hip + thigh, shank - thigh - p.standing_knee, thigh_bias, shin_bias,
+        start_variance,
     )
+
+
+def calibrated(p: LegParams, pose: Pose) -> LegParams:
+    """The parameters of one leg with hip and knee of the pose that calibrates, and their deviations, from those of
+    standing and what walking states, weighed by their precisions.
+    """
+    standing = [pose.stands / deviation**2 for deviation in (p.standing_hip_sd, p.standing_knee_sd)]
+    (hip, both), (_, knee) = pose.precision
+    rights = [standing[i] * value + pose.precision[i] @ pose.mean
+              for i, value in enumerate((p.standing_hip, p.standing_knee))]  # fmt: skip
+    hip, knee = hip + standing[0], knee + standing[1]
+    size = hip * knee - both**2
+    return p._replace(
+        standing_hip=(knee * rights[0] - both * rights[1]) / size,
+        standing_knee=(hip * rights[1] - both * rights[0]) / size,
+        standing_hip_sd=xp.sqrt(knee / size), standing_knee_sd=xp.sqrt(hip / size),
+    )  # fmt: skip
 
 
 def trajectory_of(state: LegState) -> LegTrajectory:
@@ -221,7 +241,7 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
         and the number of those in doubt.
     """
     worn = [(side, leg) for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None]
-    params, signals = stacked(*((one_side(p, side), leg) for side, leg in worn))
+    params, signals = stacked(*((calibrated(one_side(p, side), leg.pose), leg) for side, leg in worn))
     run_legs = compiled(_one_leg, over=(0, 0, None))
     states = run_legs(params, signals, inputs._replace(shanks=None), options=options, model=model)
     results = for_each(_read_out, params, states)
@@ -241,7 +261,7 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
 def _one_leg(p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions, model: Model) -> filtering.Inferred:
     inclinations = None
     if options.gravity:
-        pair = jax.vmap(lambda segment: _incline(p, segment, inputs, options))(stacked(*leg))
+        pair = jax.vmap(lambda segment: _incline(p, segment, inputs, options))(stacked(leg.thigh, leg.shank))
         inclinations = (jax.tree.map(lambda v: v[0], pair), jax.tree.map(lambda v: v[1], pair))
     observations, controls, mask = observe(p, leg, inclinations, inputs, options)
     rough = options.smooth and inputs.dt.dtype == np.float32  # rounding errors are worth a check

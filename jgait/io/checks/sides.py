@@ -10,8 +10,7 @@ import numpy as np
 
 from jgait.io.checks import limits as at
 from jgait.io.checks.order import delay_between, shaking
-from jgait.mounting.leg import SIDES_EXCHANGED
-from jgait.notes import Kind, Note
+from jgait.notes import WRONG_PLACE, Kind, Note
 from jgait.quality import SensorQuality
 from jgait.signal.windows import held_spread, window_size, window_sum
 from jgait.types import SIDES, Imu, as_float
@@ -30,6 +29,10 @@ ONE_TURNS_APART = Kind(
     "sign, the order of axes, the unit or the scale is wrong in one of the two",
     "All segments of a person turn together. What is computed from one of the two sensors is wrong as well.",
 )
+SIDES_EXCHANGED = Kind(
+    "sides_exchanged", "check", "the right and left {kind} sensors seem exchanged: they are shaken like those of the "
+    "other leg by {others}", WRONG_PLACE,
+)  # fmt: skip
 
 
 def lies(imu: Imu, rate_hz: float) -> np.ndarray:
