@@ -48,11 +48,11 @@ def spoilt(recording: Recording, kind: str, chooser: np.random.Generator) -> tup
     if kind == "sides exchanged":
         a, b = (f"{segment}_{one}" for one in SIDES)
         sensors[a], sensors[b] = sensors[b], sensors[a]
-        return recording._replace(sensors=sensors), "sides_exchanged", (segment,)
+        return recording._replace(sensors=sensors), "places_exchanged", (a, b)
     if kind == "thigh for shank":
         a, b = f"thigh_{side}", f"shank_{side}"
         sensors[a], sensors[b] = sensors[b], sensors[a]
-        return recording._replace(sensors=sensors), "labels_exchanged", (a, b)
+        return recording._replace(sensors=sensors), "places_exchanged", (a, b)
     if kind == "gyroscope in another unit":
         factor = np.pi / 180.0 if chooser.random() < 0.5 else 180.0 / np.pi
         sensors[name] = scaled(sensors[name], gyr=factor)

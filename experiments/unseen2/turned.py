@@ -1,4 +1,4 @@
-"""Sensors on legs that are worn the other way round, or exchanged: mended, said, or neither; and how tables are learned.
+"""Sensors on legs that are worn the other way round, or exchanged: mended, said, or neither; and how tables are made.
 
 Each public and simulated walk is judged with every pair of its sensors on thighs and shanks exchanged, with all sensors
 of both legs exchanged, and with every sensor turned at random. Tables of one half of the people are judged on the other
@@ -54,7 +54,9 @@ def public(quick: bool) -> Iterator[Worn]:
 
 
 def simulated(people: int, seed: int) -> Iterator[Worn]:
-    """Simulated walks of 11 m, each third person with a gait that is not the usual one."""
+    """Simulated walks of 11 m: of three people, one with a gait that is not the usual one, and one as slow as people
+    walk by the simpler rules of `simulate.gait`.
+    """
     key = jax.random.key(seed)
     drawn = simulate.population(key, people)
     errors, along = MPU6000._replace(packet_loss=0.0, mounting=0.1), simulate.straight(11.0)
@@ -62,6 +64,10 @@ def simulated(people: int, seed: int) -> Iterator[Worn]:
         person, each = simulate.person_of(drawn, number), jax.random.fold_in(key, number)
         if number % 3 == 2:
             person = simulate.walking(person, GAITS[number // 3 % len(GAITS)])
+        if number % 3 == 1:
+            speed = float(jax.random.uniform(each, minval=0.25, maxval=1.4))
+            person = simulate.Person(gait=simulate.gait(speed=speed, stature=1.75)._replace(
+                knee_stance=person.gait.knee_stance, standing_knee=person.gait.standing_knee))  # fmt: skip
         try:
             able = simulate.covering(each, person, along)
             recording, _ = simulate.recording(each, able, along, errors, placements=LEGS)
@@ -150,7 +156,7 @@ def judged(judge: list[Worn], tables: Mapping[str, tuple[np.ndarray, np.ndarray]
 
 def rows(quick: bool) -> list[Row]:
     """Cases that are mended or said, of people left out."""
-    walked = [*public(quick), *simulated(4 if quick else 60, 11)]
+    walked = [*public(quick), *simulated(4 if quick else 90, 11)]
     cycles = {id(worn): cycle for worn in walked if (cycle := cycle_of(worn.sensors)) is not None}
     walked = [worn for worn in walked if id(worn) in cycles]
     halves = [walked[0::2], walked[1::2]]
@@ -194,10 +200,10 @@ def rows(quick: bool) -> list[Row]:
 
 def learn() -> None:
     """Write the tables that the library has, from all people."""
-    walked = [*public(False), *simulated(60, 11)]
+    walked = [*public(False), *simulated(90, 11)]
     cycles = [cycle for worn in walked if (cycle := cycle_of(worn.sensors)) is not None]
     path = Path(places.__file__).with_name("places.json")
-    write(path, learned(cycles), "experiments.unseen2.turned: walking5m, neura_sparse, 60 simulated people")
+    write(path, learned(cycles), "experiments.unseen2.turned: walking5m, neura_sparse, 90 simulated people")
 
 
 if __name__ == "__main__":

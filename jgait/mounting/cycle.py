@@ -29,6 +29,7 @@ MEASURED_SHARE, STRIDES = 0.4, 2.0
 """[1] Least share of measured samples in a window whose harmonics count. [strides] Duration of a window."""
 
 SEGMENTS = ("thigh", "shank", "foot")
+"""Segments of a leg."""
 
 
 class Turning(NamedTuple):
@@ -142,7 +143,9 @@ def cycle_of(sensors: Mapping[str, Imu], *, perpendicular: bool = True) -> Cycle
     legs = [name for name in legs if name in found]
     last = stride_time([np.where(walks & np.asarray(sensors[n].mask, bool), rates[n][:, 0], 0.0) for n in legs], hz)
     long, step = round(STRIDES * last * hz), max(1, round(last * hz))
-    windows = [slice(at, at + long) for at in range(0, time.size - long + 1, step) if walks[at : at + long].mean() > 0.9]
+    windows = [
+        slice(at, at + long) for at in range(0, time.size - long + 1, step) if walks[at : at + long].mean() > 0.9
+    ]
     if not windows:  # a walk of a stride or two
         windows = [slice(*max(true_runs(walks), key=lambda run: run[1] - run[0]))]
     waves = {name: _harmonics(rate, np.asarray(sensors[name].mask, bool), windows, last, hz)
@@ -174,7 +177,9 @@ def _harmonics(rate: np.ndarray, mask: np.ndarray, windows: list[slice], last: f
     """(windows, 1 + HARMONICS, n) mean and harmonics of rates (T, n), by least squares over the measured samples; NaN
     where too few are measured.
     """
-    phases = 2.0 * np.pi / last * np.outer(np.arange(windows[0].stop - windows[0].start) / hz, np.arange(1, HARMONICS + 1))
+    phases = (
+        2.0 * np.pi / last * np.outer(np.arange(windows[0].stop - windows[0].start) / hz, np.arange(1, HARMONICS + 1))
+    )
     design = np.column_stack([np.ones(len(phases)), np.cos(phases), np.sin(phases)])
     every = np.full((len(windows), HARMONICS + 1, rate.shape[1]), np.nan + 0j)
     for number, window in enumerate(windows):

@@ -11,7 +11,7 @@ import numpy as np
 
 from jgait.mounting.cycle import Cycle, cycle_of, mean_force, sagittal_axis
 from jgait.mounting.places import Places, places_of
-from jgait.mounting.pose import UNKNOWN_POSE, WALKING_POSE, Pose, pose_from_walking, standing_probability
+from jgait.mounting.pose import WALKING_POSE, Pose, pose_from_walking, standing_probability
 from jgait.notes import Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, RecordingError, as_float
@@ -21,9 +21,6 @@ WALKING_RATE = 0.6
 
 SHORTEST_S, LONG_S = 0.5, 1.0
 """[s] Shortest rest that can calibrate a leg, and duration from which on the first standing calibrates."""
-
-STANDING_SD = (0.09, 0.07)
-"""[rad] Usual deviations of hip and knee in standing, the defaults of `leg_ekf`."""
 
 UPRIGHT = 0.5
 """[1] Probability of standing from which on a rest is standing."""
@@ -41,7 +38,9 @@ class LegMounting(NamedTuple):
     """Orientation of the sensors of one leg; dictionaries by segment ("thigh", "shank")."""
 
     placements: dict[str, str]  #: placement whose sensor is on the segment.
-    rows: dict[str, np.ndarray]  #: (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ rows.T` in the segment's
+    rows: dict[
+        str, np.ndarray
+    ]  #: (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ rows.T` in the segment's
     gyr_bias: dict[str, np.ndarray]  #: (3,) gyroscope bias, in the sensor's axes [rad/s].
     gravity: dict[str, float]  #: specific force at rest, or over whole strides [m/s²]; 0 without an accelerometer.
     pose: Pose  #: hip and knee in the pose from which angles count.
@@ -179,9 +178,6 @@ def _leg(
         means[segment] = None if walked is None else float(np.angle(walked))
         at_rest = None if rest is None else _direction(imu, slice(*rest))
         gravity[segment] = float(np.linalg.norm(at_rest)) if at_rest is not None else abs(walked or 0.0)
-    pose = pose_from_walking(means.get("thigh"), means.get("shank"), stands, STANDING_SD)
-    if standing is None and not np.any(pose.precision):
-        pose = UNKNOWN_POSE._replace(mean=WALKING_POSE, precision=np.diag(1.0 / (3.0 * np.array(STANDING_SD)) ** 2),
-                                     stands=np.zeros(()))  # fmt: skip
+    pose = pose_from_walking(means.get("thigh"), means.get("shank"), stands)
     notes = [note for name in names.values() for note in places.unsure(name)]
     return LegMounting({k: places.worn[name] for k, name in names.items()}, rows, bias, gravity, pose, notes)

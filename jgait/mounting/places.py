@@ -1,7 +1,7 @@
 """On which segment of which leg each sensor is, and which way is forward, by the likelihood of all sensors together.
 
-A hypothesis puts each sensor on a segment of a leg, with its sagittal axis to the right or to the left. The harmonics of
-its rates then have known means and spreads over people, up to the moment at which the stride begins, over which the
+A hypothesis puts each sensor on a segment of a leg, with its sagittal axis to the right or to the left. The harmonics
+of its rates then have known means and spreads over people, up to the moment at which the stride begins, over which the
 likelihood is summed: both legs move alike half a stride apart, mirrored about the sagittal plane, and a thigh, a shank
 and a foot each in its own way. `places.json` holds means and spreads, learned by `experiments.unseen2.turned`.
 """
@@ -17,7 +17,7 @@ import numpy as np
 
 from jgait.mounting.cycle import HARMONICS, SEGMENTS, Cycle, cycle_of
 from jgait.notes import WRONG_PLACE, Kind, Note
-from jgait.types import SIDES, Imu, as_float
+from jgait.types import SIDES, AnyArray, Imu, as_float
 
 SURE = 0.99
 """[1] Probability above which sensors are taken as exchanged, and an axis as the right way round."""
@@ -145,9 +145,9 @@ def places_of(cycle: Cycle) -> Places:
     Sensors are taken as exchanged only if the probability that each is in its new place is `SURE` or more.
     """
     names = tuple(cycle.turning)
-    table = np.stack([
-        np.stack([_log_likelihood(cycle.turning[label].waves, name.partition("_")[0])[SIDES.index(name.partition("_")[2])]
-                  for name in names])
+    parts = [name.partition("_") for name in names]
+    table = np.array([
+        [_log_likelihood(cycle.turning[label].waves, segment)[SIDES.index(side)] for segment, _, side in parts]
         for label in names
     ])  # sensor, place, sign, moment  # fmt: skip
     either = np.logaddexp(table[:, :, 0], table[:, :, 1])
@@ -174,28 +174,42 @@ def places_of(cycle: Cycle) -> Places:
 
 
 def places_in(sensors: Mapping[str, Imu]) -> Places | None:
-    """Where the sensors on thighs, shanks and feet of a recording are, each with times of its own; None if it does not
-    show, as with one sensor, without a shank or thigh, or without a whole stride.
+    """Where the sensors on thighs, shanks (or ankles) and feet of a recording are, each with times of its own; None if
+    it does not show, as with one sensor, with feet alone, or without a whole stride.
     """
-    legs = {name: imu for name, imu in sensors.items() if name.partition("_")[0] in SEGMENTS and len(imu.time) > 2}
+    ankles = (
+        {}
+        if any(name.startswith("shank") for name in sensors)
+        else {f"ankle_{side}": f"shank_{side}" for side in SIDES}
+    )
+    labels = {ankles.get(name, name): name for name in sensors}  # an ankle's sensor turns with the shank
+    legs = {name: sensors[label] for name, label in labels.items() if name.partition("_")[0] in SEGMENTS}
+    legs = {name: imu for name, imu in legs.items() if len(imu.time) > 2}
     whole = [name for name in legs if not name.startswith("foot")]
     if len(legs) < 2 or not whole:
         return None
     time = as_float(legs[whole[0]].time)
     cycle = cycle_of({name: _at(imu, time) for name, imu in legs.items()})
-    return None if cycle is None or len(cycle.turning) < 2 else places_of(cycle)
+    if cycle is None or len(cycle.turning) < 2:
+        return None
+    worn, right, certain, exchanged, doubtful = places_of(cycle)
+    worn = {labels[name]: labels[label] for name, label in worn.items()}
+    right, certain = ({labels[name]: value for name, value in each.items()} for each in (right, certain))
+    return Places(worn, right, certain, exchanged, frozenset(labels[name] for name in doubtful))
 
 
 def _at(imu: Imu, time: np.ndarray) -> Imu:
     """A sensor at other times (T,) [s]; what it did not measure is lost."""
     if np.array_equal(as_float(imu.time), time):
         return imu
-    own, mask = as_float(imu.time), np.asarray(imu.mask, bool)
-    near = np.clip(np.searchsorted(own, time), 0, len(own) - 1)
-    gyr, acc = (None if part is None else np.stack([np.interp(time, own, column) for column in as_float(part).T], axis=1)
-                for part in (imu.gyr, imu.acc))  # fmt: skip
-    assert gyr is not None
-    return Imu(time, gyr, acc, mask[near] & (time >= own[0]) & (time <= own[-1]))
+    times, mask = as_float(imu.time), np.asarray(imu.mask, bool)
+    near = np.clip(np.searchsorted(times, time), 0, len(times) - 1)
+
+    def moved(part: AnyArray) -> np.ndarray:
+        return np.stack([np.interp(time, times, column) for column in as_float(part).T], axis=1)
+
+    acc = None if imu.acc is None else moved(imu.acc)
+    return Imu(time, moved(imu.gyr), acc, mask[near] & (time >= times[0]) & (time <= times[-1]))
 
 
 def segments_of(cycle: Cycle) -> Mapping[str, np.ndarray]:

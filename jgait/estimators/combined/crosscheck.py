@@ -79,7 +79,7 @@ class Findings(NamedTuple):
         unusable: placements whose signals are in a wrong unit.
         doubtful: placements whose side, segment or clock contradicts the other sensors.
         sensors: the sensors; those of two segments of a leg that have changed places are the other way round.
-        crossed: placements of sensors that may be exchanged with others, also by the reader.
+        crossed: placements of sensors that may be exchanged with others.
         replaced: placements of sensors that have changed places within a leg, or across.
         clocks: placements on the legs whose clock seems off.
         of_walking: the notes that hold for a walk alone: other movements show neither place nor clock of a sensor.
@@ -120,7 +120,7 @@ def crosscheck(recording: Recording) -> Findings:
     """
     rates = {name: fast_rate(imu) / USUAL_RATE[kind_of(name)] for name, imu in recording.sensors.items()}
     walks = any(rate > LEAST_WALK for name, rate in rates.items() if kind_of(name) != "wrist")
-    crossed = frozenset(placement for placement, facts in recording.quality.items() if facts.other_side)
+    crossed = frozenset[str]()
     notes, unusable = _units(recording.sensors, rates if walks else dict.fromkeys(rates, 0.0))
     if not walks:
         over, every = _upside_down(recording.sensors), dict(recording.sensors)
@@ -133,9 +133,8 @@ def crosscheck(recording: Recording) -> Findings:
     if places is not None:
         every |= {placement: sensors[label] for placement, label in places.worn.items()}
         replaced, exchanges = frozenset(places.moved), places.notes()
-        crossed = (crossed | places.doubtful) - replaced
+        crossed = places.doubtful
     sensors = {name: every[name] for name in sensors}
-    crossed = crossed.intersection(sensors)
     swings = OutOfPhase((), crossed) if crossed else swing_phases(sensors)
     off, of_trunk = _trunk(sensors)
     of_walking = (*exchanges, *swings.notes, *off)

@@ -112,9 +112,7 @@ def worn_legs_of(
         )
         # While the gyroscope is off its rate is that at rest, so that sums of the rate do not change.
         gyr = as_float(imu.gyr)
-        sensors[name] = imu._replace(
-            gyr=np.where(masks.usable[:, None], gyr, gyr[measured(imu, longest)].mean(axis=0))
-        )
+        sensors[name] = imu._replace(gyr=np.where(masks.usable[:, None], gyr, gyr[measured(imu, longest)].mean(axis=0)))
     asleep = ~np.any([masks.usable for masks in used.values()], axis=0)
     worn = worn_legs(sensors, rests | asleep & still, recording.sampling_rate_hz, estimator=NAME)
     if worn.standing is None:

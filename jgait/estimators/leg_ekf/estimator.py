@@ -23,7 +23,7 @@ from jgait.estimators.programs import compiled
 from jgait.estimators.sides import stacked
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.arrays import for_each, xp
-from jgait.mounting.pose import Pose
+from jgait.mounting.pose import Pose, posterior
 from jgait.notes import Note
 from jgait.quality import SensorQuality, merged
 from jgait.quality.stride import of_stride
@@ -121,26 +121,25 @@ def prior_of(p: LegParams, leg: LegSignals, start_variance: Values, options: Leg
     thigh_bias, shin_bias = (zero, zero) if options.gravity else (-leg.thigh.bias[1], -leg.shank.bias[1])
     thigh, shank = leg.thigh.start, leg.shank.start
     return leg_model.standing_belief(
-        model_params(p, leg), STANDING + p.standing_hip + thigh, shank - thigh - p.standing_knee, thigh_bias, shin_bias,
+        model_params(p, leg),
+        STANDING + p.standing_hip + thigh,
+        shank - thigh - p.standing_knee,
+        thigh_bias,
+        shin_bias,
         start_variance,
     )
 
 
 def calibrated(p: LegParams, pose: Pose) -> LegParams:
-    """The parameters of one leg with hip and knee of the pose that calibrates, and their deviations, from those of
-    standing and what walking states, weighed by their precisions.
+    """The parameters of one leg with hip and knee of the pose that calibrates, and their deviations, from standing and
+    walking.
     """
-    standing = [pose.stands / deviation**2 for deviation in (p.standing_hip_sd, p.standing_knee_sd)]
-    (hip, both), (_, knee) = pose.precision
-    rights = [standing[i] * value + pose.precision[i] @ pose.mean
-              for i, value in enumerate((p.standing_hip, p.standing_knee))]  # fmt: skip
-    hip, knee = hip + standing[0], knee + standing[1]
-    size = hip * knee - both**2
+    (hip, knee), (hips, _, knees) = posterior(
+        pose, (p.standing_hip, p.standing_knee), (p.standing_hip_sd, p.standing_knee_sd)
+    )
     return p._replace(
-        standing_hip=(knee * rights[0] - both * rights[1]) / size,
-        standing_knee=(hip * rights[1] - both * rights[0]) / size,
-        standing_hip_sd=xp.sqrt(knee / size), standing_knee_sd=xp.sqrt(hip / size),
-    )  # fmt: skip
+        standing_hip=hip, standing_knee=knee, standing_hip_sd=xp.sqrt(hips), standing_knee_sd=xp.sqrt(knees)
+    )
 
 
 def trajectory_of(state: LegState) -> LegTrajectory:

@@ -6,7 +6,7 @@ import numpy as np
 
 from jgait.estimators.ankle_stride.inputs import AnkleInputs
 from jgait.estimators.interface import Axis, Sampled, Times
-from jgait.mounting.pose import UNKNOWN_POSE, Pose
+from jgait.mounting.pose import STANDING_POSE, Pose
 from jgait.notes import record
 from jgait.types import Values
 
@@ -36,7 +36,7 @@ class LegSignals(NamedTuple):
 
     thigh: Segment
     shank: Segment
-    pose: Pose = UNKNOWN_POSE  #: what walking states of the pose that calibrates.
+    pose: Pose = STANDING_POSE  #: what walking states of the pose that calibrates.
 
 
 @record

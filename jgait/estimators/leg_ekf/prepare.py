@@ -266,8 +266,9 @@ def shanks_of(
 def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[LegInputs]:
     """Check a recording with at least one leg; turn it into the inputs of `leg_ekf.run`.
 
-    `standing` is the calibrating stance; None if nobody stands, and angles count from the mean of walking. Without accelerometers the options have no `gravity`. By "strapdown" the
-    inputs have `shanks`, unless the recording is resampled; with `smooth` rates are interpolated over short losses.
+    `standing` is the calibrating stance; None if nobody stands, and angles count from the mean of walking. Without
+    accelerometers the options have no `gravity`. By "strapdown" the inputs have `shanks`, unless the recording is
+    resampled; with `smooth` rates are interpolated over short losses.
 
     Raises:
         RecordingError: missing placement, clocks that differ, no walking; no standing, without accelerometers.

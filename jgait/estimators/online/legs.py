@@ -84,9 +84,7 @@ def device(p: LegParams, recording: Recording) -> tuple[Device, tuple[Note, ...]
     numbers = tuple(SIDES.index(side) for side in sides)
     placements, worn = stacked_mountings(mountings)
     worn = jax.tree.map(lambda v: v.reshape(-1, 2, *v.shape[1:]), worn)
-    leg_params = stacked(
-        *(calibrated(one_side(p, SIDES.index(side)), calibration.legs[side].pose) for side in sides)
-    )
+    leg_params = stacked(*(calibrated(one_side(p, SIDES.index(side)), calibration.legs[side].pose) for side in sides))
     constants = LegsConstants(p, leg_params, worn, standing_samples(rate), as_float(START_VARIANCE))
     gravity = KINEMATICS.gravity and all(imu.acc is not None for imu in sensors.values())
     options = KINEMATICS._replace(gravity=gravity)
