@@ -120,22 +120,21 @@ def crosscheck(recording: Recording) -> Findings:
     """
     rates = {name: fast_rate(imu) / USUAL_RATE[kind_of(name)] for name, imu in recording.sensors.items()}
     walks = any(rate > LEAST_WALK for name, rate in rates.items() if kind_of(name) != "wrist")
-    crossed = frozenset[str]()
     notes, unusable = _units(recording.sensors, rates if walks else dict.fromkeys(rates, 0.0))
     if not walks:
         over, every = _upside_down(recording.sensors), dict(recording.sensors)
-        return Findings((*notes, *over), frozenset(unusable), frozenset(), every, crossed)
+        return Findings((*notes, *over), frozenset(unusable), frozenset(), every, frozenset())
     sensors = {name: imu for name, imu in recording.sensors.items() if name not in unusable}
     every = dict(recording.sensors)
     places = places_in(sensors)
-    replaced: frozenset[str] = frozenset()
-    exchanges: list[Note] = []
     if places is not None:
         every |= {placement: sensors[label] for placement, label in places.worn.items()}
-        replaced, exchanges = frozenset(places.moved), places.notes()
-        crossed = places.doubtful
     sensors = {name: every[name] for name in sensors}
-    swings = OutOfPhase((), crossed) if crossed else swing_phases(sensors)
+    replaced, crossed, exchanges = frozenset[str](), frozenset[str](), list[Note]()
+    swings = swing_phases(sensors)
+    if places is not None and not swings.clocks & places.doubtful:  # a clock that is off explains the doubt
+        replaced, crossed, exchanges = frozenset(places.moved), places.doubtful, places.notes()
+        swings = OutOfPhase((), crossed) if crossed else swings
     off, of_trunk = _trunk(sensors)
     of_walking = (*exchanges, *swings.notes, *off)
     return Findings(

@@ -111,7 +111,7 @@ def _of_legs(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[dict[str, Sens
         upper, lower = (f"{segment}_{side}" for segment in pair)
         if {upper, lower} <= with_acc and not {upper, lower} & apart:
             late[lower] = SensorQuality(late=late_behind(upper, lower, sensors, rate_hz))
-    return late, [*([] if places is None else places.notes()), *writer.contradictions(late)]
+    return late, [*(places.notes() if places and places.moved else []), *writer.contradictions(late)]
 
 
 def _bridged(imu: Imu, lost: np.ndarray) -> Imu:
