@@ -21,7 +21,7 @@ from experiments.common.recordings import available, names, walks
 from experiments.common.row import Row, show
 from jgait import simulate
 from jgait.mounting import places
-from jgait.mounting.cycle import SEGMENTS, Cycle, cycle_of
+from jgait.mounting.cycle import HARMONICS, SEGMENTS, Cycle, cycle_of
 from jgait.simulate.sensors import MPU6000
 from jgait.types import SIDES, Imu
 
@@ -77,9 +77,39 @@ def simulated(people: int, seed: int) -> Iterator[Worn]:
         yield Worn("simulated", f"{seed}/{number}", dict(recording.sensors))
 
 
+_SIGNS = {"thigh": np.array([0.36 + 0.43j, -0.12 + 0.17j]), "foot": np.array([0.7 - 0.2j, 0.9 + 0.5j])}
+"""[1] First two harmonics of a thigh and a foot with axes to the right, which give signs before tables are learned."""
+
+
+def in_places(cycle: Cycle) -> dict[str, np.ndarray]:
+    """Placement → (2, HARMONICS) harmonics of sensors known to be in their places, as the tables have them.
+
+    The axes point to the right, the sides are mirrored, and the stride begins at the maximum of both shanks' first
+    harmonic; for learning the tables. Empty without a shank.
+    """
+    orders = np.arange(1, HARMONICS + 1)
+    made = {}
+    for name, turning in cycle.turning.items():
+        left = name.endswith("left")
+        made[name] = turning.waves * ((-1.0) ** orders * np.array([[1.0], [-1.0]]) if left else 1.0)
+    shanks = [name for name in made if name.startswith("shank")]
+    if not shanks:
+        return {}
+    for name in shanks:  # the forward swing of a shank is the faster one
+        first, second = made[name][0, :2]
+        made[name] = made[name] * (1.0 if (second * np.conj(first) ** 2).real > 0.0 else -1.0)
+    begin = np.exp(-1j * np.angle(np.sum([made[name][0, 0] for name in shanks])) * orders)
+    made = {name: waves * begin for name, waves in made.items()}
+    for name, waves in made.items():
+        if not name.startswith("shank"):
+            mean = _SIGNS[name.partition("_")[0]]
+            made[name] = waves * (1.0 if np.real(np.vdot(mean, waves[0, :2])) > 0.0 else -1.0)
+    return made
+
+
 def learned(cycles: list[Cycle]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Segment → mean and standard deviation of the harmonics of sensors in their places, see `mounting.places`."""
-    each = [places.segments_of(cycle) for cycle in cycles]
+    each = [in_places(cycle) for cycle in cycles]
     tables = {}
     for segment in SEGMENTS:
         waves = np.array([wave for one in each for name, wave in one.items() if name.startswith(segment)])
@@ -115,7 +145,7 @@ def cases(worn: Worn, four: bool, rng: np.random.Generator) -> Iterator[Case]:
     plain = cycle_of(kept)
     if plain is None:
         return
-    truth = places.segments_of(plain)
+    truth = in_places(plain)
     mirrored = {name: _other(name) for name in kept}
     orders: dict[str, dict[str, str]] = {"in place": {}, "all exchanged": mirrored}
     for one, other in itertools.combinations([name for name in FOUR if name in kept], 2):

@@ -52,6 +52,7 @@ class WornLegs(NamedTuple):
 
     legs: dict[str, LegMounting]  #: side → orientation.
     places: Places  #: which sensor is where.
+    cycle: Cycle  #: how the sensors turn over a stride.
     upright: np.ndarray  #: (T,) bool, the person stands.
     standing: tuple[int, int] | None  #: samples of the standing from which angles count; None: they count from walking.
     rest: tuple[int, int] | None  #: samples of the rest that calibrates the gyroscopes: the standing, or the longest.
@@ -135,7 +136,7 @@ def worn_legs(
         if names := {name.partition("_")[0]: name for name in segments if name.endswith(side)}:
             legs[side] = _leg(names, segments, cycle, places, walks, standing, rest, probability, sampling_rate_hz,
                               perpendicular=perpendicular)  # fmt: skip
-    return WornLegs(legs, places, upright, standing, rest, [*places.notes(), *notes])
+    return WornLegs(legs, places, cycle, upright, standing, rest, [*places.notes(), *notes])
 
 
 def _turns(imu: Imu, still: np.ndarray) -> float:

@@ -210,33 +210,3 @@ def _at(imu: Imu, time: np.ndarray) -> Imu:
 
     acc = None if imu.acc is None else moved(imu.acc)
     return Imu(time, moved(imu.gyr), acc, mask[near] & (time >= times[0]) & (time <= times[-1]))
-
-
-def segments_of(cycle: Cycle) -> Mapping[str, np.ndarray]:
-    """Placement → (2, HARMONICS) harmonics of sensors known to be in their places, as the tables have them.
-
-    The axes point to the right, the sides are mirrored, and the stride begins at the maximum of both shanks' first
-    harmonic; for learning the tables. Empty without a shank.
-    """
-    orders = np.arange(1, HARMONICS + 1)
-    made = {}
-    for name, turning in cycle.turning.items():
-        left = name.endswith("left")
-        made[name] = turning.waves * ((-1.0) ** orders * np.array([[1.0], [-1.0]]) if left else 1.0)
-    shanks = [name for name in made if name.startswith("shank")]
-    if not shanks:
-        return {}
-    for name in shanks:  # the forward swing of a shank is the faster one
-        first, second = made[name][0, :2]
-        made[name] = made[name] * (1.0 if (second * np.conj(first) ** 2).real > 0.0 else -1.0)
-    begin = np.exp(-1j * np.angle(np.sum([made[name][0, 0] for name in shanks])) * orders)
-    made = {name: waves * begin for name, waves in made.items()}
-    for name, waves in made.items():
-        if not name.startswith("shank"):
-            mean = _SIGNS[name.partition("_")[0]]
-            made[name] = waves * (1.0 if np.real(np.vdot(mean, waves[0, :2])) > 0.0 else -1.0)
-    return made
-
-
-_SIGNS = {"thigh": np.array([0.36 + 0.43j, -0.12 + 0.17j]), "foot": np.array([0.7 - 0.2j, 0.9 + 0.5j])}
-"""[1] First two harmonics of a thigh and a foot with axes to the right, which give signs before tables are learned."""

@@ -1,8 +1,9 @@
 r"""Hip and knee angles, foot displacement and walked distance from gyroscopes on thigh and shin.
 
 The paper's extended Kalman filter, with additions that real walks need: a functional sagittal axis, sensors put in
-their places, a zero from standing and walking, inclination from gravity, kinematic closure, standing, smoothing, and another distance: the movement of
-the hip over the stance leg, scaled to the strides that the shanks' accelerometers measure (`ankle_stride`).
+their places, a zero from standing and walking, inclination from gravity, kinematic closure, standing, smoothing, and
+another distance: the movement of the hip over the stance leg, scaled to the strides that the shanks' accelerometers
+measure (`ankle_stride`).
 `LegOptions` turns the parts on and off; `PAPER` is the paper's method.
 
 Source: T. Bennett, R. Jafari, N. Gans, "An extended Kalman filter to estimate human gait parameters and walking

@@ -186,10 +186,15 @@ def mounted(
     return segments, notes
 
 
-def _start(segment: Segment, still: np.ndarray) -> Segment:
-    """The segment with its inclination at the first sample, if the recording begins with a rest."""
-    first = segment.acc[: int(np.argmin(still)) or len(still)][:, [0, 2]].mean(axis=0)
-    return segment._replace(start=np.arctan2(*first)) if still[0] and first.any() else segment
+def _started(segment: Segment, still: np.ndarray, stride: int, step: float) -> Segment:
+    """The segment with its inclination at the first sample: that of the rest with which the recording begins, or of the
+    first stride [samples], over which gravity is the mean of the specific force turned along.
+    """
+    count = (int(np.argmin(still)) or len(still)) if still[0] else stride
+    rate = segment.bias[1] - segment.gyr[:count, 1]
+    angle = np.zeros(count) if still[0] else np.cumsum(rate) * step
+    force = np.mean((segment.acc[:count, 2] + 1j * segment.acc[:count, 0]) * np.exp(-1j * (angle - angle[0])))
+    return segment._replace(start=np.asarray(np.angle(force)))
 
 
 def with_feet(recording: Recording, sensors: Mapping[str, Imu], time: np.ndarray) -> dict[str, Imu]:
@@ -283,10 +288,14 @@ def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[Leg
             f"leg_ekf needs {SHORTEST_S:g} s of quiet standing (all leg gyroscopes below {LEGS_RATE:g} rad/s) to know "
             "the upright pose without accelerometers"
         )
+    stride = round(worn.cycle.stride_time * rate)
+    begins_walking = not bare and bool(worn.cycle.walks[:stride].all())
     legs, notes, slipping = {}, list(worn.notes), dict[str, SensorQuality]()
     for side in sides:
         mountings, more = mounted(every, side, worn, rate)
-        segments = [_start(in_segment(every[mounting.placement], mounting), still) for mounting in mountings.values()]
+        segments = [in_segment(every[mounting.placement], mounting) for mounting in mountings.values()]
+        if still[0] or begins_walking:
+            segments = [_started(segment, still, stride, 1.0 / rate) for segment in segments]
         segments = [rates_between(signals, time) if options.smooth else signals for signals in segments]
         legs[side] = LegSignals(*segments, worn.legs[side].pose)
         notes += more
@@ -314,7 +323,7 @@ def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[Leg
     for start, stop in itertools.chain(*gaps.values()):
         valid[start:stop] = False
     dt = np.concatenate([[0.0], np.diff(time)])
-    variance = np.asarray(1e-4 if still[0] else 0.1)
+    variance = np.asarray(1e-4 if still[0] else 0.01 if begins_walking else 0.1)
     inputs = LegInputs(legs.get("right"), legs.get("left"), time, dt, still, valid, variance, shanks)
     notes += _gap_notes(gaps, time)
     gravity = options.gravity and not bare
