@@ -143,16 +143,15 @@ def offsets(case: Case, start: str) -> list[Offset]:
     recording, first, after = begun(case, start)
     estimate, out = leg_ekf.estimate(leg_ekf.LegParams(), recording), []
     last = len(estimate.time) - (after - first)
-    assert estimate.stddev is not None
     for side in SIDES:
         truth = case.truth[side][:, first:after]
-        for joint, angles in zip(JOINTS, truth, strict=True):
-            angle, spread = (as_float(getattr(getattr(part, side), joint))[last:][: angles.size]
-                             for part in (estimate.legs, estimate.stddev))  # fmt: skip
+        zeros = as_float(estimate.diagnostics[f"zero_stddev_{side}"])
+        for joint, angles, spread in zip(JOINTS, truth, zeros, strict=True):
+            angle = as_float(getattr(getattr(estimate.legs, side), joint))[last:][: angles.size]
             kept = case.walks[first:after][: angle.size] & np.isfinite(angles[: angle.size])
             error = float(np.mean((angle - angles[: angle.size])[kept]))
             out.append(Offset(case.group, start, joint.partition("_")[0], np.rad2deg(error),
-                              np.rad2deg(float(np.median(spread[kept])))))  # fmt: skip
+                              np.rad2deg(float(spread))))  # fmt: skip
     return out
 
 

@@ -134,7 +134,7 @@ def worn_legs(
     legs = {}
     for side in SIDES:
         if names := {name.partition("_")[0]: name for name in segments if name.endswith(side)}:
-            legs[side] = _leg(names, segments, cycle, places, walks, standing, rest, probability, sampling_rate_hz,
+            legs[side] = _leg(names, segments, cycle, places, standing, rest, probability, sampling_rate_hz,
                               perpendicular=perpendicular)  # fmt: skip
     return WornLegs(legs, places, cycle, upright, standing, rest, [*places.notes(), *notes])
 
@@ -158,8 +158,8 @@ def _tilt(name: str, imu: Imu, rows: np.ndarray, walks: complex | None, rest: sl
 
 def _leg(
     names: Mapping[str, str], segments: Mapping[str, tuple[Imu, np.ndarray, np.ndarray | None]], cycle: Cycle,
-    places: Places, walks: Mapping[str, complex | None], standing: tuple[int, int] | None,
-    rest: tuple[int, int] | None, stands: float, rate: float, *, perpendicular: bool,
+    places: Places, standing: tuple[int, int] | None, rest: tuple[int, int] | None, stands: float, rate: float, *,
+    perpendicular: bool,
 ) -> LegMounting:  # fmt: skip
     """The orientation of one leg's sensors; `names` are its placements by segment."""
     rows, bias, gravity, means = {}, {}, {}, {}

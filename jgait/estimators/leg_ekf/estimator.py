@@ -236,7 +236,8 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
     Returns:
         Angles, foot position and distance with standard deviations; `diagnostics` holds the distance's, (T,)
         `distance_stddev` [m], the log-likelihood of the innovations and the mean normalised innovation squared of each
-        leg, and of each shank's strapdown the latter, the sum of its strides [m], the largest of their deviations [m],
+        leg, the standard deviations (2,) of the zeros of its hip and knee, `zero_stddev_<side>` [rad], and of each
+        shank's strapdown the mean NIS, the sum of its strides [m], the largest of their deviations [m],
         and the number of those in doubt.
     """
     worn = [(side, leg) for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None]
@@ -250,6 +251,8 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
     for number, (side, _) in enumerate(worn):
         trajectories[side], deviations[side], log_likelihood, nis, _ = jax.tree.map(lambda v, k=number: v[k], results)
         diagnostics |= {f"log_likelihood_{SIDES[side]}": log_likelihood, f"nis_{SIDES[side]}": nis}
+        zero = xp.stack([params.standing_hip_sd[number], params.standing_knee_sd[number]])
+        diagnostics[f"zero_stddev_{SIDES[side]}"] = zero
     legs = Legs(*trajectories)
     valid = inputs.valid & xp.all(results[-1], axis=0)
     distance, more = walked(p, legs, inputs, options)
