@@ -15,8 +15,9 @@ from jgait.types import Imu, as_float
 HARMONICS = 4
 """[1] Number of harmonics of the stride frequency: they hold 97 % of the power of a thigh and a shank."""
 
-WALKING_SHARE = 0.15
-"""[1] Power of the legs' rates over its 90th percentile above which the person walks; chosen."""
+WALKING_SHARE, WALKING_RATE = 0.15, 0.4
+"""[1] Mean power of the legs' rates over its 90th percentile, and [rad/s] its root, above which a person walks; chosen,
+below those of simulated walks of 0.25 m/s."""
 
 TURNING_RATE = 0.6
 """[rad/s] Threshold on the low-passed rate about the vertical; above it the person turns, and the sagittal axis is
@@ -103,7 +104,7 @@ def walking(sensors: Mapping[str, Imu], sampling_rate_hz: float) -> np.ndarray:
         for part in zip(*(_power(imu) for imu in sensors.values()), strict=True)
     )
     level = power / np.maximum(weight, 1e-9)
-    return np.asarray(level > WALKING_SHARE * np.percentile(level, 90.0)) & (weight > 1e-9)
+    return np.asarray(level > max(WALKING_SHARE * np.percentile(level, 90.0), WALKING_RATE**2)) & (weight > 1e-9)
 
 
 def _power(imu: Imu) -> tuple[np.ndarray, np.ndarray]:
@@ -146,8 +147,10 @@ def cycle_of(sensors: Mapping[str, Imu], *, perpendicular: bool = True) -> Cycle
     windows = [
         slice(at, at + long) for at in range(0, time.size - long + 1, step) if walks[at : at + long].mean() > 0.9
     ]
-    if not windows:  # a walk of a stride or two
+    if not windows and walks.any():  # a walk of a stride or two
         windows = [slice(*max(true_runs(walks), key=lambda run: run[1] - run[0]))]
+    if not windows:
+        return None
     waves = {name: _harmonics(rate, np.asarray(sensors[name].mask, bool), windows, last, hz)
              for name, rate in rates.items()}  # fmt: skip
     strongest = max(legs, key=lambda name: float(np.nansum(np.abs(waves[name][:, 1:, 0]) ** 2)))

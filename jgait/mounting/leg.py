@@ -9,15 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.mounting.cycle import Cycle, cycle_of, mean_force, sagittal_axis
+from jgait.mounting.cycle import WALKING_RATE, Cycle, cycle_of, mean_force, sagittal_axis
 from jgait.mounting.places import Places, places_of
 from jgait.mounting.pose import WALKING_POSE, Pose, pose_from_walking, standing_probability
 from jgait.notes import Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, RecordingError, as_float
-
-WALKING_RATE = 0.6
-"""[rad/s] Smallest root mean square rate of a shank in walking."""
 
 SHORTEST_S, LONG_S = 0.5, 1.0
 """[s] Shortest rest that can calibrate a leg, and duration from which on the first standing calibrates."""
@@ -96,15 +93,13 @@ def worn_legs(
     Raises:
         RecordingError: if nobody walks.
     """
-    fastest = max(_turns(imu, still) for name, imu in sensors.items() if not name.startswith("foot"))
     cycle = cycle_of(sensors, perpendicular=perpendicular)
-    if fastest < WALKING_RATE or cycle is None:
+    still_ones = {name for name in sensors if not name.startswith("foot")} - set(cycle.turning if cycle else ())
+    if cycle is None or still_ones:
         raise RecordingError(
-            f"{estimator} found no walking: the legs turn at up to {fastest:.2f} rad/s RMS outside rests "
-            f"(a walking shank exceeds {WALKING_RATE:g}); is the gyroscope in rad/s, or the walk very slow?"
+            f"{estimator} found no walking: {' and '.join(sorted(still_ones))} turn at less than {WALKING_RATE:g} "
+            "rad/s RMS; is the gyroscope in rad/s, or the walk very slow?"
         )
-    if still_ones := set(sensors) - set(cycle.turning) - {name for name in sensors if name.startswith("foot")}:
-        raise RecordingError(f"{estimator} found no walking in {' and '.join(sorted(still_ones))}")
     places = places_of(cycle)
     segments = {
         name: (sensors[label], places.right[name] * cycle.turning[label].axis, cycle.turning[label].up)
@@ -137,13 +132,6 @@ def worn_legs(
             legs[side] = _leg(names, segments, cycle, places, standing, rest, probability, sampling_rate_hz,
                               perpendicular=perpendicular)  # fmt: skip
     return WornLegs(legs, places, cycle, upright, standing, rest, [*places.notes(), *notes])
-
-
-def _turns(imu: Imu, still: np.ndarray) -> float:
-    """Root mean square rate of a sensor while a leg moves [rad/s]."""
-    kept = ~still & np.asarray(imu.mask, bool)
-    gyr = as_float(imu.gyr)[kept]
-    return float(np.sqrt(np.mean(np.sum((gyr - gyr.mean(axis=0)) ** 2, axis=1)))) if len(gyr) else 0.0
 
 
 def _tilt(name: str, imu: Imu, rows: np.ndarray, walks: complex | None, rest: slice) -> tuple[str, float, float]:

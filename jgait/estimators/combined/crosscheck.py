@@ -1,8 +1,7 @@
 """Checks of the sensors of a recording against each other: units, mounting, sides, segments, clocks; on the host.
 
 A walking person moves in a known way: both legs swing alike, half a stride apart, and the shank turns faster than the
-thigh. A sensor that contradicts the other sensors is named. Every check needs only the norms of the signals and the
-direction of gravity, so that it does not depend on how a sensor is mounted.
+thigh. A sensor that contradicts the other sensors is named. No check depends on how a sensor is mounted.
 """
 
 from collections.abc import Mapping
@@ -30,11 +29,6 @@ ACC_UNIT = Kind(
     "sensor_acc_unit", "stop", "the accelerometer of {placement} seems to be in {unit}: it reads {force:.3g} m/s² in "
     "the median, where gravity alone is 9.81; the sensor is left out", WRONG_UNIT,
 )  # fmt: skip
-TURNED_OVER = Kind(
-    "upside_down", "info", "{placement} seems to be upside down: its axis that looks down looks up in {other}",
-    "The estimators compute the sensor's axes from the walk, so no result is worse for it, unless the sensor is not "
-    "where its label says.",
-)  # fmt: skip
 TRUNK_CLOCK_OFF = Kind(
     "trunk_clock_off", "check", "the clock of {placement} seems to be about {seconds:.1f} s {direction}: it moves when "
     "the legs rest, and rests when they move", WRONG_CLOCK,
@@ -49,9 +43,6 @@ UNIT_RATIO = 7.5
 LEAST_WALK = 0.25
 """[1] Least ratio of any sensor's rate to `USUAL_RATE` in walking. Chosen: between those of people who
 stand before the walks of `walking5m`, and of simulated people who walk a fifth as fast as usual."""
-
-OPPOSITE = -0.5
-"""[1] Threshold on the scalar product of the up axes of two sensors, below which one is upside down (over 120°)."""
 
 INTENSITY_S = 1.0
 """[s] Duration of the window over which the intensity of movement is averaged; about a stride, so that steps vanish."""
@@ -116,14 +107,13 @@ def crosscheck(recording: Recording) -> Findings:
 
     Returns:
         The contradictions; none if there are too few sensors or strides. If the person does not walk, only units of
-        accelerometers and sensors upside down are checked.
+        accelerometers are checked.
     """
     rates = {name: fast_rate(imu) / USUAL_RATE[kind_of(name)] for name, imu in recording.sensors.items()}
     walks = any(rate > LEAST_WALK for name, rate in rates.items() if kind_of(name) != "wrist")
     notes, unusable = _units(recording.sensors, rates if walks else dict.fromkeys(rates, 0.0))
     if not walks:
-        over, every = _upside_down(recording.sensors), dict(recording.sensors)
-        return Findings((*notes, *over), frozenset(unusable), frozenset(), every, frozenset())
+        return Findings(tuple(notes), frozenset(unusable), frozenset(), dict(recording.sensors), frozenset())
     sensors = {name: imu for name, imu in recording.sensors.items() if name not in unusable}
     every = dict(recording.sensors)
     places = places_in(sensors)
@@ -138,7 +128,7 @@ def crosscheck(recording: Recording) -> Findings:
     off, of_trunk = _trunk(sensors)
     of_walking = (*exchanges, *swings.notes, *off)
     return Findings(
-        (*notes, *exchanges, *_upside_down(sensors), *swings.notes, *off), frozenset(unusable),
+        (*notes, *exchanges, *swings.notes, *off), frozenset(unusable),
         swings.doubtful | of_trunk, every, crossed, replaced, swings.clocks, frozenset(of_walking),
     )  # fmt: skip
 
@@ -170,35 +160,6 @@ def _units(sensors: Mapping[str, Imu], rates: Mapping[str, float]) -> tuple[list
             wrong.add(name)
             notes.append(ACC_UNIT(placement=name, unit=unit, force=force))
     return notes, wrong
-
-
-def _up(imu: Imu) -> np.ndarray | None:
-    """(3,) direction of the median specific force in the sensor's axes; None without an accelerometer."""
-    if imu.acc is None or not np.any(imu.mask):
-        return None
-    up = np.median(_kept(imu, imu.acc), axis=0)
-    return np.asarray(up / max(float(np.linalg.norm(up)), 1e-9))
-
-
-def _upside_down(sensors: Mapping[str, Imu]) -> list[Note]:
-    """Notes about sensors whose upward axis points down in their counterpart."""
-    ups = {name: up for name, imu in sensors.items() if (up := _up(imu)) is not None}
-    segments = {name: up for name, up in ups.items() if kind_of(name) in ("thigh", "shank", "ankle")}
-    notes: list[Note] = []
-    for kind in OFFSETS:
-        pair = [f"{kind}_{side}" for side in SIDES if f"{kind}_{side}" in ups]
-        if len(pair) < 2 or ups[pair[0]] @ ups[pair[1]] > OPPOSITE:
-            continue
-        others = [up for name, up in segments.items() if name not in pair]
-        votes = [sum(float(np.sign(ups[name] @ up)) for up in others) for name in pair]
-        if kind != "foot" and votes[0] * votes[1] < 0.0:
-            wrong = pair[int(np.argmin(votes))]
-            notes.append(TURNED_OVER(placement=wrong, other=pair[1 - pair.index(wrong)]))
-        else:
-            notes.append(TURNED_OVER(placement=" or ".join(pair), other="the other"))
-    trunk = [name for name in ups if kind_of(name) == "" and len(segments) >= 3]
-    turned = [name for name in trunk if max(float(ups[name] @ up) for up in segments.values()) < OPPOSITE]
-    return notes + [TURNED_OVER(placement=name, other="thighs and shanks") for name in turned]
 
 
 def _intensity(imu: Imu, grid: np.ndarray, step: float) -> np.ndarray:

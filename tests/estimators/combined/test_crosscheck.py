@@ -109,12 +109,11 @@ def test_an_accelerometer_in_g_is_left_out(recording):
 
 
 @pytest.mark.parametrize("name", ["thigh_left", "shank_right", "pelvis"])
-def test_a_sensor_upside_down_is_named_and_used(recording, name):
+def test_a_sensor_upside_down_is_used_as_any_other(recording, name):
     imu = recording.sensors[name]
     turned = imu._replace(gyr=np.asarray(imu.gyr) * HALF_TURN, acc=np.asarray(imu.acc) * HALF_TURN)
     found = crosscheck(changed(recording, **{name: turned}))
-    assert [(note.code, note.values["placement"]) for note in found.notes] == [("upside_down", name)]
-    assert not found.unusable and not found.doubtful
+    assert not found.notes and not found.unusable and not found.doubtful
 
 
 @pytest.mark.parametrize("name", PLACEMENTS)
