@@ -29,8 +29,8 @@ STARTS = ("standing", "sitting", "mid-walk")
 SITS_S, RISES_S, CHAIR_DEG = 5.0, 1.6, {"thigh": 82.0, "shank": -8.0}
 """[s] Duration of sitting and of the rise; [deg] inclinations of the segments on the chair."""
 
-STANDING_SD_DEG = {"hip": 4.0, "knee": 3.5}
-"""[deg] Standard deviations of simulated standing poses."""
+STANDING_SD_DEG = {"hip": 2.5, "knee": 2.5}
+"""[deg] Standard deviations of simulated standing poses, beside the 1.5 of `simulate.population`."""
 
 JOINTS = ("hip_angle", "knee_angle")
 
