@@ -1,11 +1,10 @@
 """The zero of hip and knee angles where a recording begins standing, on a chair, or in mid-walk.
 
 Each walk is cut or lengthened: as it is; from a second and a half after its first step to half a second before its
-last, so that nobody stands; and the same behind five seconds on a chair and a rise. Simulated people stand with
-hips and knees that differ more than those of `simulate.population`. Offsets are means over the walk of estimated less
-true angles: of simulation, of Vicon (`neura_sparse`), and on `walking5m` those of the whole recording, counted from
-standing. The prior of the mean angles in walking is one for all people, so nothing is learned on those judged but its
-three rounded numbers; the plain guess counts from the first rest.
+last, so that nobody stands; and behind five seconds on a chair and a rise that ends as the first step begins. Simulated
+people stand with hips and knees that differ more than those of `simulate.population`. Offsets are means over the walk
+of estimated less true angles: of simulation, of Vicon (`neura_sparse`), and on `walking5m` those of the whole
+recording, counted from standing. Nothing is learned on those judged but the rounded numbers of the usual pose.
 """
 
 from collections.abc import Iterator
@@ -110,7 +109,8 @@ def begun(case: Case, start: str) -> tuple[Recording, int, int]:
     if start == "standing":
         return case.recording, 0, len(case.walks)
     moving = np.flatnonzero(case.walks)
-    first = moving[0] + round((1.5 if start == "mid-walk" else 0.3) * rate)
+    assert case.worn.standing is not None
+    first = moving[0] + round(1.5 * rate) if start == "mid-walk" else case.worn.standing[1] + round(0.2 * rate)
     after = moving[-1] - round(0.5 * rate)
     sensors = {}
     for side, leg in case.worn.legs.items():

@@ -56,7 +56,7 @@ class LegParams(NamedTuple):
     standing_hip_sd: Annotated[Param, Parameter(
         positive, "rad", "standard deviation of `standing_hip` between people; by it standing weighs beside walking",
     )] = 0.09  # fmt: skip
-    standing_knee_sd: Annotated[Param, Parameter(positive, "rad", "the same of `standing_knee`")] = 0.07
+    standing_knee_sd: Annotated[Param, Parameter(positive, "rad", "the same of `standing_knee`")] = 0.085
     thigh_gain_sd: Annotated[Param, Parameter(
         positive, "1", "standard deviation of `thigh_gain`; this and the next three are for the stated errors only",
     )] = 0.1  # fmt: skip
