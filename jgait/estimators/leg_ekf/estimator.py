@@ -251,8 +251,8 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
     for number, (side, _) in enumerate(worn):
         trajectories[side], deviations[side], log_likelihood, nis, _ = jax.tree.map(lambda v, k=number: v[k], results)
         diagnostics |= {f"log_likelihood_{SIDES[side]}": log_likelihood, f"nis_{SIDES[side]}": nis}
-        zero = xp.stack([params.standing_hip_sd[number], params.standing_knee_sd[number]])
-        diagnostics[f"zero_stddev_{SIDES[side]}"] = zero
+        zero = (xp.asarray(sd)[number] for sd in (params.standing_hip_sd, params.standing_knee_sd))
+        diagnostics[f"zero_stddev_{SIDES[side]}"] = xp.stack([*zero])
     legs = Legs(*trajectories)
     valid = inputs.valid & xp.all(results[-1], axis=0)
     distance, more = walked(p, legs, inputs, options)

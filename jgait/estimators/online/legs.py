@@ -97,12 +97,11 @@ def _signals(worn: PyTree, samples: Readings, lost: Values) -> LegSignals:
     gyr = jnp.einsum("nsij,bnsj->snbi", worn.axes, samples.gyr.reshape(shape))
     acc = jnp.einsum("nsij,bnsj->snbi", worn.axes, samples.acc.reshape(shape)) * worn.scale.T[:, :, None, None]
     measured, lost = (jnp.moveaxis(v, 0, 2).swapaxes(0, 1) for v in (samples.turned.reshape(lost.shape), lost))
-    return LegSignals(
-        *(
-            Segment(gyr[s], acc[s], measured[s], worn.bias[:, s], worn.variance[:, s], lost[s], worn.unrest[:, s])
-            for s in (0, 1)
-        )
+    thigh, shank = (
+        Segment(gyr[s], acc[s], measured[s], worn.bias[:, s], worn.variance[:, s], lost[s], worn.unrest[:, s])
+        for s in (0, 1)
     )
+    return LegSignals(thigh, shank)
 
 
 def begin(c: LegsConstants, sample: Readings, options: LegOptions) -> LegsState:
