@@ -119,7 +119,7 @@ def prior_of(p: LegParams, leg: LegSignals, start_variance: Values, options: Leg
     """
     zero = xp.zeros_like(start_variance)
     thigh_bias, shin_bias = (zero, zero) if options.gravity else (-leg.thigh.bias[1], -leg.shank.bias[1])
-    thigh, shank = leg.thigh.start, leg.shank.start
+    thigh, shank = (0.0 if segment.start is None else segment.start for segment in (leg.thigh, leg.shank))
     return leg_model.standing_belief(
         model_params(p, leg),
         STANDING + p.standing_hip + thigh,
@@ -130,10 +130,12 @@ def prior_of(p: LegParams, leg: LegSignals, start_variance: Values, options: Leg
     )
 
 
-def calibrated(p: LegParams, pose: Pose) -> LegParams:
+def calibrated(p: LegParams, pose: Pose | None) -> LegParams:
     """The parameters of one leg with hip and knee of the pose that calibrates, and their deviations, from standing and
-    walking.
+    walking; without a pose those of standing.
     """
+    if pose is None:
+        return p
     (hip, knee), (hips, _, knees) = posterior(
         pose, (p.standing_hip, p.standing_knee), (p.standing_hip_sd, p.standing_knee_sd)
     )

@@ -296,6 +296,8 @@ def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[Leg
         segments = [in_segment(every[mounting.placement], mounting) for mounting in mountings.values()]
         if still[0] or begins_walking:
             segments = [_started(segment, still, stride, 1.0 / rate) for segment in segments]
+        else:
+            segments = [segment._replace(start=np.zeros(())) for segment in segments]
         thigh, shank = (rates_between(signals, time) if options.smooth else signals for signals in segments)
         legs[side] = LegSignals(thigh, shank, worn.legs[side].pose)
         notes += more
