@@ -32,6 +32,10 @@ MEASURED_SHARE, STRIDES = 0.4, 2.0
 SEGMENTS = ("thigh", "shank", "foot")
 """Segments of a leg."""
 
+POWER = {"thigh": 0.4, "shank": 1.6, "foot": 2.4}
+"""[1] Power of the sagittal harmonics of each segment over the mean of thigh and shank, by which walks of any speed and
+with any of these sensors have one scale."""
+
 
 class Turning(NamedTuple):
     """How one sensor turns in walking, in its own axes, the sign of its axis unknown."""
@@ -40,7 +44,7 @@ class Turning(NamedTuple):
     axis: np.ndarray  #: (3,) axis of most rotation [1].
     bias: np.ndarray  #: (3,) mean rate over whole strides [rad/s], without its part about the vertical.
     #: (2, HARMONICS) complex harmonics of the rate about `axis`, and of that about up × axis (NaN without `up`), over
-    #: the root of the mean power of all thighs and shanks.
+    #: the root of the power of all sensors over that of `POWER`.
     waves: np.ndarray
 
 
@@ -161,10 +165,10 @@ def cycle_of(sensors: Mapping[str, Imu], *, perpendicular: bool = True) -> Cycle
         known = np.isfinite(every[:, 0, 0].real)
         if known.any():
             middle[name] = np.median(every[known].real, axis=0) + 1j * np.median(every[known].imag, axis=0)
-    power = [float(np.sum(np.abs(middle[name][1:, 0]) ** 2)) for name in legs if name in middle]
-    if not power or not max(power) > 0.0:
+    power = sum(float(np.sum(np.abs(wave[1:, 0]) ** 2)) for wave in middle.values())
+    if not power > 0.0:
         return None
-    size = np.sqrt(np.mean(power))
+    size = np.sqrt(power / sum(POWER[name.partition("_")[0]] for name in middle))
     turning = {}
     for name, wave in middle.items():
         up, axis = found[name]

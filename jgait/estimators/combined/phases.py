@@ -29,8 +29,7 @@ OFFSETS = {"foot": -0.10, "shank": 0.0, "ankle": 0.02, "thigh": -0.08}
 `walking5m` and `neura_sparse`; feet and ankles vary by 0.03, thighs by 0.1 between people."""
 
 APART = 0.25
-"""[strides] Threshold on the phase of a sensor relative to the others; half way from a correct to an exchanged one. In
-running both feet swing earlier beside the shanks than in walking, by more."""
+"""[strides] Threshold on the phase of a sensor relative to the others; half way from a correct to an exchanged one."""
 
 EITHER = 0.4
 """[strides] Phase above which a clock may be late as well as early, because strides repeat."""
@@ -46,6 +45,10 @@ with less may show the phase of its backward swing."""
 LEAST_CORRELATION, UNLIKE, SHIFTED = 0.85, 0.5, 0.3
 """[1], [1], [strides] Least correlation of the strides of both thighs after a shift, largest one without it, and least
 shift, of a thigh whose clock is off; chosen, so that people who limp or run (`simulate.GAITS`) do not reach them."""
+
+RUNS = 0.36
+"""[strides] Phase of both sensors of a pair below which neither is off: in running both feet swing earlier beside the
+shanks than in walking, by more than `APART`."""
 
 FEWEST_STRIDES = 3
 """[1] Least number of strides for a comparison of phases."""
@@ -204,9 +207,10 @@ def _named(phases: dict[str, float], stride: float, unsure: set[str]) -> OutOfPh
         return OutOfPhase((note,), frozenset(names), frozenset(names))
     notes: list[Note] = []
     clocks = set[str]()
-    for kind in OFFSETS:  # a pair that runs is neither exchanged nor off
+    for kind in OFFSETS:
         pair = {f"{kind}_{side}" for side in SIDES}
-        wrong = [name for name in wrong if name not in pair] if pair.issubset(wrong) else wrong
+        if pair.issubset(wrong) and all(abs(_wrapped(phases[name] - common)) < RUNS for name in pair):
+            wrong = [name for name in wrong if name not in pair]
     for name in sorted(set(wrong) - unsure, key=names.index):
         strides = _wrapped(phases[name] - common)
         direction = "late" if strides > 0.0 else "early"
