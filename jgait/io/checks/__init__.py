@@ -104,14 +104,14 @@ def _of_legs(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[dict[str, Sens
     if len(next(iter(sensors.values())).time) <= limits.SHORTEST_S * rate_hz:
         return {}, []
     places = places_in(sensors)
-    apart = set() if places is None else {*places.moved, *places.doubtful}
+    moved = places.moved if places else ()
     with_acc = {placement for placement, imu in sensors.items() if imu.acc is not None}
     late: dict[str, SensorQuality] = {}
     for pair, side in itertools.product(limits.BETWEEN_S, SIDES):
         upper, lower = (f"{segment}_{side}" for segment in pair)
-        if {upper, lower} <= with_acc and not {upper, lower} & apart:
+        if {upper, lower} <= with_acc and not {upper, lower}.intersection(moved):
             late[lower] = SensorQuality(late=late_behind(upper, lower, sensors, rate_hz))
-    return late, [*(places.notes() if places and places.moved else []), *writer.contradictions(late)]
+    return late, [*(places.notes() if places and moved else []), *writer.contradictions(late)]
 
 
 def _bridged(imu: Imu, lost: np.ndarray) -> Imu:
