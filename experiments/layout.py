@@ -18,6 +18,7 @@ import ast
 import importlib
 import inspect
 import io
+import itertools
 import json
 import re
 import statistics
@@ -54,6 +55,10 @@ NOT_ALLOWED = frozenset(
     ("told", "found", "own", "one", "seen", "said", "felt", "heard", "LEAST", "SHORTEST", "FEWEST", "ALIKE", "REACH")
 )
 """Names that do not say what they stand for."""
+
+ESTIMATION = ("estimators", "events", "mounting", "quality")
+"""Folders of the library that estimate."""
+CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*")
 
 SHOWS_NOTES = ("notes.py", "report/", "evaluate/store.py", "commands/estimate.py")
 """Files and folders of the library that write notes for people or show them."""
@@ -141,6 +146,32 @@ def jax_internal_imports(root: Path = ROOT) -> list[str]:
             matches = filter(None, map(INTERNAL.match, _used(node)))
             found.update(f"{name}:{node.lineno} {match[0]}" for match in matches if match[0] != allowed)
     return sorted(found)
+
+
+def note_kinds(root: Path = ROOT) -> int:
+    """Kinds of notes that the library declares."""
+    return sum(isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Kind" and len(node.args) > 3
+               for node in parsed(files_in(root=root)))  # fmt: skip
+
+
+def constants(root: Path = ROOT) -> list[tuple[str, bool]]:
+    """Names in capitals that modules give to what holds a number, each with whether a text below says more of it."""
+    found = []
+    for path in files_in(root=root):
+        body = ast.parse(path.read_text(encoding="utf-8")).body
+        for node, after in zip(body, [*body[1:], None], strict=True):
+            targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+            value = getattr(node, "value", None)
+            names = [name.id for target in targets if target for name in ast.walk(target) if isinstance(name, ast.Name)]
+            if value is None or not any(map(CONSTANT.fullmatch, names)) or not any(map(_is_number, ast.walk(value))):
+                continue
+            stated = isinstance(after, ast.Expr) and _is_text(after.value)
+            found += [(f"{path.relative_to(root)}: {name}", stated) for name in names]
+    return found
+
+
+def _is_number(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool)
 
 
 def source_runs() -> int:
@@ -360,6 +391,9 @@ def rows(quick: bool) -> list[Row]:
         ("jax_internal_imports", len(internal), "imports"),
         ("loose_annotations_filtering_pct", 100.0 * loose / annotated, "%"),
         ("source_runs", source_runs(), "runs"),
+        ("note_kinds", note_kinds(), "kinds"),
+        ("constants", len(constants()), "constants"),
+        ("estimation_lines", sum(map(lines, itertools.chain.from_iterable(map(files_in, ESTIMATION)))), "lines"),
         *((f"places_{kind}", number, "places") for kind, number in places().items()),
     ]
     traced = [

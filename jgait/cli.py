@@ -21,6 +21,7 @@ from jgait.commands.cache import folder
 
 COMMANDS = {
     "demo": "Estimate, compare with the truth, tune, judge: a first look.",
+    "inspect": "What is understood of files: sensors, places, units, losses.",
     "estimate": "Angles, strides, contacts, distance of your recordings.",
     "simulate": "Walks with known truth, as files.",
     "evaluate": "A whole cohort, compared with its reference.",

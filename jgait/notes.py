@@ -108,11 +108,12 @@ class Kind(NamedTuple):
     severity: Severity  #: one of `SEVERITIES`.
     #: the sentence, with the values in braces as in `str.format`; after a colon, two words are the singular and the
     #: plural for a number: "{gaps} {gaps:gap is|gaps are} filled".
-    text: str
+    text: str  #: empty if each note has a sentence of its own, see `note`.
     meaning: str  #: what the fact means for the results, in one or two sentences.
     of_all: bool = False  #: True if the fact is about all sensors of a recording.
     #: True of a number that is not shown where another note has the same meaning for the same sensor, or for all.
     counts: bool = False
+    measure: str = ""  #: what alone a "stop" makes unusable, such as "joint angles"; empty: all results.
 
     def __call__(self, **values: object) -> "Note":
         """The fact about one recording.
@@ -121,6 +122,17 @@ class Kind(NamedTuple):
             values: one value for every name in braces; NumPy scalars become Python scalars, sequences tuples of text.
         """
         return Note(self, {name: _plain(value) for name, value in values.items()})
+
+    def note(self, sentence: str, /, **values: object) -> "Note":
+        """The fact about one recording, of a kind whose notes have sentences of their own.
+
+        Args:
+            sentence: as `text`; without values, or with `placement` alone, it is taken as it is.
+            values: one value for every name in braces; `placement` alone stands before the sentence.
+        """
+        if not values.keys() - {"placement"}:
+            sentence = "{placement}: " * len(values) + sentence.replace("{", "{{").replace("}", "}}")
+        return self._replace(text=sentence)(**values)
 
 
 @dataclass(frozen=True)
@@ -165,10 +177,11 @@ class Note:
         return hash((self.code, self.text))
 
     def to_dict(self) -> dict[str, object]:
-        """The note for JSON: `code severity values text meaning`."""
+        """The note for JSON: `code severity values text meaning measure`."""
         values = {name: list(each) if isinstance(each, tuple) else each for name, each in self.values.items()}
         return {
-            "code": self.code, "severity": self.severity, "values": values, "text": self.text, "meaning": self.meaning
+            "code": self.code, "severity": self.severity, "values": values, "text": self.text, "meaning": self.meaning,
+            "measure": self.kind.measure,
         }  # fmt: skip
 
     @classmethod
@@ -180,7 +193,8 @@ class Note:
         """
         text = str(content["text"]).replace("{", "{{").replace("}", "}}")
         severity = cast(Severity, content["severity"])
-        kind = Kind(str(content["code"]), severity, text, str(content["meaning"]))
+        about = str(content["meaning"]), False, False, str(content.get("measure", ""))
+        kind = Kind(str(content["code"]), severity, text, *about)
         return kind(**cast(Mapping[str, object], content["values"]))
 
 
@@ -194,7 +208,7 @@ def grouped(notes: Iterable[Note]) -> list[Note]:
     for note in notes:
         words = {name: value for name, value in note.values.items() if name != "placement" and not _number(value)}
         of_sensor = note.kind.text.startswith("{placement}: ")
-        groups.setdefault((note.code, str(words)) if of_sensor else note, []).append(note)
+        groups.setdefault((note.kind, str(words)) if of_sensor else note, []).append(note)
     return [line for same in groups.values() for line in _joined(same)]
 
 
@@ -313,9 +327,6 @@ def _plain(value: object) -> Value:
     return str(value)
 
 
-DEDUCED = "The file does not state this; it was computed from the file's numbers. Check it against the device."
-"""Meaning of kinds that report a property that a reader computed from the numbers of a file."""
-
 LOSSES = (
     "Part of the data did not arrive. Short losses are bridged, with a larger standard deviation; strides across long "
     "ones are missing or less certain. The distance of one estimator, and its deviation, do not contain what is walked "
@@ -375,8 +386,15 @@ SCALE = (
 )
 """Meaning of kinds that report an error of the accelerometer's scale, measured at rest."""
 
-ORIGIN = "This says how the data were read; no result is less certain for it."
-"""Meaning of kinds that describe the source of the data and how the data were read."""
+DATA_LOST = Kind("data_lost", "check", "", LOSSES)
+"""Rows, samples or values that a file lacks, or that a reader left out."""
 
-LEFT_OUT = "These parts of the data were not used; results that would need them are missing."
-"""Meaning of kinds that report parts that were left out of a recording or its reference."""
+_DEDUCED = "The file does not state this; it was computed from the file's numbers. Check it against the device."
+DEDUCED = Kind("deduced", "info", "", _DEDUCED)
+"""What a reader computed from the numbers of a file."""
+
+AS_READ = Kind("as_read", "info", "", "This says how the data were read; no result is less certain for it.")
+"""The source of the data, and how they were read."""
+
+LEFT_OUT = Kind("left_out", "info", "", "These parts of the data are not used; what would need them is missing.")
+"""Parts that were left out of a recording or its reference."""

@@ -9,14 +9,19 @@ import re
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
 import jax
 import numpy as np
+import pandas as pd
 import pytest
 from made import shank as made_shank
+
+from jgait import io
 
 ROOT = Path(__file__).parents[1]
 
@@ -88,12 +93,28 @@ def built(tmp_path_factory):
 @pytest.fixture(scope="module")
 def installed(built, tmp_path_factory):
     """The Python of a new environment, outside the checkout, into which only the wheel was installed."""
-    folder = tmp_path_factory.mktemp("clean")
+    return environment(tmp_path_factory.mktemp("clean"), str(built.wheel))
+
+
+@pytest.fixture(scope="module")
+def lowest(built, tmp_path_factory):
+    """The Python of an environment with the wheel, its commands, and the oldest packages that its bounds admit."""
+    folder = tmp_path_factory.mktemp("lowest")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    asked = chain(project["dependencies"], *project["optional-dependencies"].values())
+    bounds = {match[1]: match[2] for text in asked if (match := re.match(r"([\w-]+)>=([\d.]+)", text))}
+    constraints = folder / "lowest.txt"
+    constraints.write_text("\n".join(f"{name}=={bound}.*" for name, bound in bounds.items()))
+    return environment(folder, f"{built.wheel}[cli]", "--constraint", str(constraints))
+
+
+def environment(folder: Path, *wanted: str) -> Path:
+    """The Python of a new environment with what pip is asked for."""
     made = run([sys.executable, "-m", "venv", "--without-pip", str(folder / "venv")])
     assert made.returncode == 0, made.stderr
     python = folder / "venv" / "bin" / "python"
     pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet", "--no-compile", "--retries", "1"]
-    done = run([*pip, "--timeout", "30", str(built.wheel)], cwd=folder)
+    done = run([*pip, "--timeout", "30", *wanted], cwd=folder)
     if done.returncode and NO_INDEX.search(done.stderr):
         pytest.skip(f"no package index answers: {done.stderr.strip().splitlines()[-1]}")
     assert done.returncode == 0, done.stderr
@@ -208,6 +229,17 @@ print(json.dumps(np.asarray(estimate.strides.length).tolist()))
 """
     length = loaded(installed, code, tmp_path)
     np.testing.assert_allclose(length, walk.length, atol=0.01)
+
+
+@pytest.mark.slow
+def test_the_oldest_packages_that_are_admitted_read_and_estimate_a_walk(lowest, tmp_path):
+    walk = made_shank.shank()
+    io.recording_to_dataframe(walk.recording).to_parquet(tmp_path / "walk.parquet")
+    command = [str(lowest.parent / "jgait"), "estimate", "walk.parquet", "--out", "out"]
+    done = run(command, cwd=tmp_path, env={"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "compiled")})
+    assert done.returncode == 0, done.stdout + done.stderr
+    strides = pd.read_csv(tmp_path / "out" / "walk_strides.csv")
+    assert len(strides) == len(walk.length)
 
 
 # --- what is missing, in words ---

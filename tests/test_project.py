@@ -40,6 +40,7 @@ def python(code: str) -> str:
 def test_the_version_the_names_and_the_command_are_those_promised():
     assert jgait.__version__ == importlib.metadata.version("jgait")
     assert re.fullmatch(r"\d+\.\d+\.\d+", jgait.__version__)
+    assert f"version: {jgait.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert sorted(jgait.__all__) == sorted(set(jgait.__all__))
     assert all(hasattr(jgait, name) for name in jgait.__all__)
     (entry,) = [e for e in importlib.metadata.entry_points(group="console_scripts") if e.name == "jgait"]
@@ -70,8 +71,8 @@ print(json.dumps([first, then, changed, dict(os.environ) == environment, list(wa
 
 def test_top_level():
     needed = {
-        "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "Makefile", "README.md", "pyproject.toml", "requirements.lock",
-        "requirements-demo.lock",
+        "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "Makefile", "README.md", "pyproject.toml",
+        "requirements.lock", "requirements-demo.lock",
     }  # fmt: skip
     hidden = {".ci", ".gitignore", ".python-version"}
     top = {path.parts[0] for path in tracked()}

@@ -85,7 +85,6 @@ Params = Annotated[
     Path | None, typer.Option("--params", help="Parameters of this file, or preset:NAME; see jgait presets.")
 ]
 
-COLUMN_UNUSED = Kind("column_unused", "info", "column {column!r} is left out{hint}", LEFT_OUT)
 SUBJECTS_UNKNOWN = Kind(
     "subjects_unknown",
     "info",
@@ -334,7 +333,8 @@ def _notes(names: list[str], rows: dict[str, dict[str, str]], measures: Sequence
     others = [name for name in names if name not in COLUMNS]
     for name in others:
         near = difflib.get_close_matches(name, COLUMNS, 1, 0.7)
-        notes.append(COLUMN_UNUSED(column=name, hint=f"; did you mean {near[0]!r}?" if near else ""))
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        notes.append(LEFT_OUT.note(f"column {name!r} is left out{hint}"))
     if not any(row.get("subject") for row in rows.values()):
         notes.append(SUBJECTS_UNKNOWN())
     notes += label_notes(rows.values())

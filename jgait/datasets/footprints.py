@@ -32,7 +32,7 @@ import numpy as np
 
 from jgait.datasets import reading, registry
 from jgait.datasets.reading import FLIP, SIDE_UNKNOWN, Files, foot_imu, footprint_strides, read_mat, way
-from jgait.notes import ORIGIN, Kind
+from jgait.notes import AS_READ
 from jgait.types import Estimate, Legs, Recording, RecordingError, Walk
 
 ROOT = "data/LLIO_training_data"
@@ -41,12 +41,6 @@ ENDING = "_LLIO.mat"
 COLUMNS = ("strideIndex", "timestamp", "gcpX", "gcpY")
 CLOCKS = 1e-3  # [s] largest difference between the time of a footprint and the time of its sample
 ABOVE = np.array([1.0, -1.0])  # factors that convert a plan seen from below to a plan seen from above
-AXES_FROM_BELOW = Kind(
-    "axes_from_below",
-    "info",
-    "z down upstream: sensor axes turned half a turn about x, positions seen from above (y changed sign)",
-    ORIGIN,
-)
 
 
 def names() -> list[str]:
@@ -57,7 +51,11 @@ def names() -> list[str]:
 
 def load_one(name: str) -> Walk:
     """One walk with its footprints."""
-    files = Files("footprints", SIDE_UNKNOWN(), AXES_FROM_BELOW())
+    files = Files(
+        "footprints",
+        SIDE_UNKNOWN(),
+        AS_READ.note("z down upstream: sensor axes turned about x; positions seen from above (y changed sign)"),
+    )
     path = files.need(f"{ROOT}/{name}{ENDING}")
     raw = read_mat(path, ("timestamps", "imu_data"))
     values = np.asarray(raw["imu_data"], np.float64)

@@ -26,9 +26,9 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.datasets import reading, registry
-from jgait.datasets.reading import SENSOR_FILE_ABSENT, Files
+from jgait.datasets.reading import Files
 from jgait.geometry.sagittal import leg_in_plane, low_pass_heading, path_walked
-from jgait.notes import Kind, Note
+from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
@@ -90,7 +90,7 @@ def load_one(name: str) -> Walk:
     contact = {side: flags[:samples] for side, flags in contact.items()}
     lacking = [placement for placement in SERIALS if placement not in sensors]
     if lacking:
-        files.notes.append(SENSOR_FILE_ABSENT(placements=lacking))
+        files.notes.append(LEFT_OUT.note(f"no file for {', '.join(lacking)}"))
     recording = Recording(sensors, RATE_HZ, name, name.split("-")[0], tuple(files.notes))
     reference, details = _reference(name, trials[name], sensors, vicon, contact)
     return Walk(recording, reference, {**details, "verified": list_known and files.verified})

@@ -38,7 +38,7 @@ import numpy as np
 
 from jgait.datasets import registry
 from jgait.datasets.reading import AXES_TURNED, FLIP, foot_imu, footprint_strides, read_mat, way
-from jgait.notes import LOSSES, ORIGIN, Kind
+from jgait.notes import AS_READ
 from jgait.signal.windows import true_runs
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, RecordingError, Strides, Walk, as_float
 
@@ -53,8 +53,6 @@ FLICKER = 0.1  # [s] a movement between two stances that is shorter is removed
 SHORTEST_STANCE_S = 0.05  # [s] shortest stance
 LONGEST_STANDING_S = 0.3  # [s] a stride begins at most so long before the foot leaves and ends so long after it arrives
 SEEN = 0.8  # [1] smallest share of valid Vicon samples between two footprints
-VICON_MIRRORED = Kind("vicon_mirrored", "info", "Vicon's axes are left-handed upstream: y changed sign", ORIGIN)
-VICON_MASKED = Kind("vicon_masked", "info", "{masked} {masked:sample|samples} of Vicon masked", LOSSES)
 
 
 def names() -> list[str]:
@@ -94,8 +92,8 @@ def load_one(name: str) -> Walk:
         strides=_strides(prints, valid, time),
         feet=Feet(FootTrajectory(position, None, None), None),
     )
-    lost = () if valid.all() else (VICON_MASKED(masked=(~valid).sum()),)
-    notes = (AXES_TURNED(), VICON_MIRRORED(), *lost)
+    lost = () if valid.all() else (AS_READ.note(f"samples of Vicon masked: {(~valid).sum()}"),)
+    notes = (AXES_TURNED, AS_READ.note("Vicon's axes are left-handed upstream: y changed sign"), *lost)
     recording = Recording({"foot_right": imu}, rate_hz, name, "pyshoe_vicon", notes)
     details: dict[str, Any] = {
         "day": "-".join(name.split("-")[:3]),

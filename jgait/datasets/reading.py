@@ -8,20 +8,11 @@ import numpy as np
 
 from jgait.datasets import registry
 from jgait.io.formats import mtw
-from jgait.notes import LEFT_OUT, LOSSES, ORIGIN, Kind, Note
+from jgait.notes import AS_READ, DATA_LOST, LEFT_OUT, Kind, Note
 from jgait.types import SIDES, AnyArray, Imu, RecordingError, Strides
 
 if TYPE_CHECKING:
     import pandas as pd
-
-SAMPLES_MASKED = Kind(
-    "samples_masked", "check", "{placement}: {masked} of {samples} samples {masked:is|are} masked", LOSSES
-)
-
-FILE_ABSENT = Kind("file_absent", "info", "{dataset} lacks {file}; jgait.datasets.fetch({dataset!r}) gets it", LEFT_OUT)
-"""A file of the set is not on this computer."""
-
-SENSOR_FILE_ABSENT = Kind("sensor_file_absent", "info", "no file for {placements}", LEFT_OUT)
 
 SIDE_UNKNOWN = Kind(
     "side_unknown",
@@ -30,7 +21,7 @@ SIDE_UNKNOWN = Kind(
     "Results of the right foot may be those of the left.",
 )
 
-AXES_TURNED = Kind("axes_turned", "info", "z down upstream: sensor axes turned half a turn about x", ORIGIN)
+AXES_TURNED = AS_READ.note("z down upstream: sensor axes turned half a turn about x")
 
 FLIP = np.array([1.0, -1.0, -1.0])
 """Half a turn about x, a proper rotation: converts readings of a sensor with z down to axes with z up."""
@@ -62,7 +53,13 @@ class Files:
         try:
             return self.need(path)
         except registry.DatasetUnavailable as error:
-            self.notes.append(FILE_ABSENT(dataset=error.dataset, file=error.file) if absent is None else absent)
+            self.notes.append(
+                LEFT_OUT.note(
+                    f"{error.dataset} lacks {error.file}; jgait.datasets.fetch({error.dataset!r}) gets it",
+                )
+                if absent is None
+                else absent
+            )
             return None
 
 
@@ -114,7 +111,7 @@ def on_counter(
         signals[row[keep]] = values[keep, 1:]
         sensors[placement] = Imu(np.arange(length) / rate_hz, signals[:, :3], signals[:, 3:], mask)
         if not mask.all():
-            notes.append(SAMPLES_MASKED(placement=placement, masked=(~mask).sum(), samples=length))
+            notes.append(DATA_LOST.note(f"samples masked: {(~mask).sum()} of {length}", placement=placement))
     return sensors
 
 

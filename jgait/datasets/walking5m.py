@@ -34,10 +34,9 @@ import numpy as np
 
 from jgait.datasets import registry
 from jgait.datasets.foot_reference import FootPath, foot_path, walking_strides
-from jgait.datasets.reading import SAMPLES_MASKED
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.places import places_in
-from jgait.notes import LEFT_OUT, LOSSES, Kind, Note
+from jgait.notes import DATA_LOST, LEFT_OUT, Kind, Note
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
 RATE_HZ = 100.0
@@ -48,19 +47,11 @@ ACC_SCALE = GRAVITY / 10000.0  # raw count → m/s²
 GYR_SCALE = np.pi / 180.0 / 100.0  # raw count → rad/s
 LENGTHS = {"young": (0.485, 0.446), "elderly": (0.405, 0.417)}  # [m] thigh, shank
 
-COLUMN_ABSENT = Kind("column_absent", "info", "{placement} left out: no column {column}", LEFT_OUT)
-TIME_STOPPED = Kind("time_stopped", "info", "{placement} left out: its time does not run", LEFT_OUT)
-BACK_LEFT_OUT = Kind("back_left_out", "info", "back sensor left out: it is not synchronised with the others", LEFT_OUT)
-ROWS_EMPTY = Kind("rows_empty", "check", "{placement}: {rows} {rows:row|rows} without a number dropped", LOSSES)
 VALUES_HELD = Kind(
     "values_held",
     "info",
     "{placement}: a new value only every {step_ms:.0f} ms; interpolated between",
     "The sensor was slower than its file; fast movements are smoothed.",
-)
-TIMES_REPEATED = Kind("times_repeated", "check", "{placement}: {rows} repeated {rows:time|times} dropped", LOSSES)
-TIMES_BACKWARD = Kind(
-    "times_backward", "check", "{placement}: {rows} {rows:time that runs|times that run} backwards dropped", LOSSES
 )
 
 
@@ -171,20 +162,20 @@ def _sensors(
     for number, placement in SENSORS.items():
         lacking = [column for column in [f"Time_{number}", *_columns(number)] if column not in table]
         if lacking:
-            notes.append(COLUMN_ABSENT(placement=placement, column=lacking[0]))
+            notes.append(LEFT_OUT.note(f"{placement} left out: no column {lacking[0]}"))
             continue
         extra = [column for column in (f"Ext1_{number}", f"Ext2_{number}") if column in table]
         time = table[f"Time_{number}"] / 1000.0
         values = np.stack([table[column] for column in [*_columns(number), *extra]], axis=1)
         kept = _increasing(time, values, placement, notes)
         if len(kept[0]) < 2:
-            notes.append(TIME_STOPPED(placement=placement))
+            notes.append(LEFT_OUT.note(f"{placement} left out: its time does not run"))
             continue
         raw[placement] = kept
     if not raw:
         raise RecordingError(f"{file} has no leg sensor; expected columns such as {', '.join(_columns(1)[:2])}")
     if "Time_7" in table:
-        notes.append(BACK_LEFT_OUT())
+        notes.append(LEFT_OUT.note("back sensor left out: it is not synchronised with the others"))
     # The time that all sensors cover; they start and stop within a few samples of each other.
     first = max(time[0] for time, _ in raw.values())
     last = min(time[-1] for time, _ in raw.values())
@@ -195,7 +186,7 @@ def _sensors(
     for placement, (time, values) in raw.items():
         signals, mask = _on_clock(time - first, values, clock)
         if not mask.all():
-            notes.append(SAMPLES_MASKED(placement=placement, masked=(~mask).sum(), samples=len(mask)))
+            notes.append(DATA_LOST.note(f"samples masked: {(~mask).sum()} of {len(mask)}", placement=placement))
         sensors[placement] = Imu(clock, signals[:, :3] * GYR_SCALE, signals[:, 3:6] * ACC_SCALE, mask)
         if signals.shape[1] == 8:
             insoles[placement.split("_")[1]] = (signals[:, 6], signals[:, 7])
@@ -208,7 +199,7 @@ def _increasing(
     """Samples with a number in every column and an increasing time; the other samples are dropped and noted."""
     finite = np.isfinite(time) & np.isfinite(values).all(axis=1)
     if not finite.all():
-        notes.append(ROWS_EMPTY(placement=placement, rows=(~finite).sum()))
+        notes.append(DATA_LOST.note(f"rows without a number dropped: {(~finite).sum()}", placement=placement))
     time, values = time[finite], values[finite]
     if not len(time):
         return time, values
@@ -219,9 +210,9 @@ def _increasing(
         step = np.median(np.diff(time[later])) * 1000
         notes.append(VALUES_HELD(placement=placement, step_ms=step))
     elif repeated > 1:  # the last row of sensor 1 always repeats the time before it
-        notes.append(TIMES_REPEATED(placement=placement, rows=repeated))
+        notes.append(DATA_LOST.note(f"repeated times dropped: {repeated}", placement=placement))
     if backward > 0:
-        notes.append(TIMES_BACKWARD(placement=placement, rows=backward))
+        notes.append(DATA_LOST.note(f"times that run backwards dropped: {backward}", placement=placement))
     return time[later], values[later]
 
 

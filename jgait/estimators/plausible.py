@@ -57,6 +57,7 @@ KNEE_IMPLAUSIBLE = Kind(
     "stop",
     "{side}: the knee reaches {low:.0f} to {high:.0f}°; {percent:.0f} % of its samples are beyond what a knee does",
     f"{CAUSES} Knees that bend the wrong way on both sides can also mean that the person walks backwards.",
+    measure="joint angles",
 )
 KNEE_STIFF = Kind(
     "knee_stiff",
@@ -82,6 +83,7 @@ NOT_FINITE = Kind(
     "stop",
     "{side}: {samples} valid {samples:sample|samples} of the knee {samples:is|are} not finite",
     CAUSES,
+    measure="joint angles",
 )
 
 PACES_MIXED = Kind(

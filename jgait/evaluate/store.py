@@ -74,8 +74,11 @@ class Cohort(NamedTuple):
     failures: "pd.DataFrame"
 
     def usable(self) -> "Cohort":
-        """The cohort without recordings whose notes say not to use the result, such as of people who do not walk."""
-        grave = [any(note.severity == "stop" for note in from_json(notes)) for notes in self.recordings["notes"]]
+        """The cohort without recordings whose notes say not to use any result, such as of people who do not walk."""
+        grave = [
+            any(note.severity == "stop" and not note.kind.measure for note in from_json(notes))
+            for notes in self.recordings["notes"]
+        ]
         left_out = self.recordings.loc[grave, "recording"]
         recordings, quantities, strides = (
             rows[~rows["recording"].isin(left_out)].reset_index(drop=True)

@@ -11,14 +11,13 @@ from jgait.io.checks.readings import without_damage, without_repeats
 from jgait.io.checks.sizes import RANGE_UNITS, check_range, usable_sensors
 from jgait.io.clock import SampleTimes, make_clock
 from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit, Units, known_unit, unit_scale
-from jgait.notes import NO_RANGE, ORIGIN, Kind, Note
+from jgait.notes import AS_READ, NO_RANGE, Kind, Note
 from jgait.quality import SensorQuality, merged
 from jgait.quality import notes as writer
 from jgait.signal.windows import over_losses
 from jgait.types import PLACEMENTS, Imu, RangeReadings, Recording, RecordingError, as_float
 
 RANGE_EMPTY = Kind("range_empty", "check", "feet_range holds no reading", NO_RANGE)
-UNITS_OF_HEADER = Kind("units_of_header", "info", "units by the header: {units}", ORIGIN)
 GYROSCOPE_ASLEEP = Kind(
     "gyroscope_asleep",
     "check",
@@ -157,7 +156,8 @@ def _by_header(units: Units, sensors: Mapping[str, Mapping[str, ArrayLike]]) -> 
         for kind, unit in units[placement].items():
             if unit.origin == "header" and signals.get(kind) is not None:
                 stated.setdefault(f"{kind} in {unit.name}", []).append(placement)
-    return [UNITS_OF_HEADER(units=[f"{of} ({', '.join(where)})" for of, where in stated.items()])] if stated else []
+    text = ", ".join(f"{of} ({', '.join(where)})" for of, where in stated.items())
+    return [AS_READ.note(f"units by the header: {text}")] if stated else []
 
 
 def _range(values: ArrayLike, scale: float, clock: SampleTimes, samples: int, name: str) -> RangeReadings:

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from jgait.estimators.checks import FEWEST_SAMPLES
-from jgait.notes import DEDUCED, LOSSES, Kind, Note
+from jgait.notes import DATA_LOST, DEDUCED, LOSSES, Kind, Note
 from jgait.types import RecordingError, as_float
 
 LONGEST_STEP_S = 0.11
@@ -46,10 +46,7 @@ RATE_OFF = 0.05
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Unit of time → s."""
 
-RATE_DEDUCED = Kind("sampling_rate_deduced", "info", "sampling rate {rate_hz:.4g} Hz, from the time stamps", DEDUCED)
-TIME_UNIT_DEDUCED = Kind(
-    "time_unit_deduced", "info", "time taken to be in {unit}, because its steps are {step:.4g}", DEDUCED
-)
+
 CLOCK_FROM_FIRST = Kind(
     "clock_from_first", "info", "times count from the first sample, which has the time {begin_s:.3f} s in the file",
     "Add this time to those of the tables and figures to compare them with the file, or with another system's clock.",
@@ -58,12 +55,6 @@ CLOCK_FROM_DATE = Kind(
     "clock_from_date", "info", "times count from {date}, the date of the first sample",
     "Add times of the results to this date to compare them with the file; dates with a time zone are in UTC. Of a date "
     "such as 03/04/2026 day and month may have changed places.",
-)  # fmt: skip
-STAMPS_REPEATED = Kind(
-    "stamps_repeated", "check",
-    "{rows} {rows:row that repeats|rows that repeat} the time before {rows:is|are} left out, the first in row {row} "
-    "(the first row is 0) at {time}",
-    LOSSES,
 )  # fmt: skip
 STAMPS_JITTER = Kind(
     "stamps_jitter", "corrected",
@@ -119,7 +110,8 @@ def make_clock(
     fresh = np.flatnonzero(np.concatenate([[True], np.diff(stamps) > 0]))
     if len(fresh) < samples:
         row = int(np.flatnonzero(np.diff(stamps) == 0)[0]) + 1
-        notes.append(STAMPS_REPEATED(rows=samples - len(fresh), row=row, time=f"{stamps[row]:.15g}"))
+        where = f"the first in row {row} (the first row is 0) at {stamps[row]:.15g}"
+        notes.append(DATA_LOST.note(f"rows that repeat the time before left out: {samples - len(fresh)}, {where}"))
         stamps = stamps[fresh]
     if time_unit is None and count_samples(stamps):
         if sampling_rate_hz is None:
@@ -130,7 +122,7 @@ def make_clock(
         stamps, time_unit = (stamps - stamps[0]) / sampling_rate_hz, "s"
     unit = unit_of_time(stamps, time_unit, name)
     if not time_unit:
-        notes.append(TIME_UNIT_DEDUCED(unit=unit, step=float(np.median(np.diff(stamps)))))
+        notes.append(time_unit_deduced(unit, stamps))
     seconds = (stamps - stamps[0]) * TIME_UNITS[unit]
     begin = float(stamps[0]) * TIME_UNITS[unit]
     begin = begin if abs(begin) > 1.5 * float(np.median(np.diff(seconds))) else 0.0
@@ -140,7 +132,7 @@ def make_clock(
     # without the rounding of sums, which differs between recordings of different length
     rate = float(f"{1.0 / step:.9g}")
     if sampling_rate_hz is None:
-        notes.append(RATE_DEDUCED(rate_hz=rate))
+        notes.append(DEDUCED.note(f"sampling rate {rate:.4g} Hz, from the time stamps"))
     elif abs(rate / sampling_rate_hz - 1.0) > RATE_OFF:
         raise _rate_needed(
             f"{name}: the time stamps run at {rate:.4g} Hz, but {{argument}} is {sampling_rate_hz:.4g}; "
@@ -173,6 +165,11 @@ def check_inserted(samples: int, rows: int, name: str) -> None:
         raise RecordingError(
             f"{name}: {rows} rows are spread over {samples} samples; expected at most {MOST_INSERTED} for each row"
         )
+
+
+def time_unit_deduced(unit: str, time: np.ndarray) -> Note:
+    """The note that the steps of `time` (T,) decided its unit."""
+    return DEDUCED.note(f"time taken to be in {unit}, because its steps are {np.median(np.diff(time)):.4g}")
 
 
 def count_samples(stamps: np.ndarray) -> bool:

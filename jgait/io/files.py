@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jgait.notes import ORIGIN, Kind, Note
+from jgait.notes import AS_READ, Note
 from jgait.types import RecordingError, reason_of
 
 if TYPE_CHECKING:
@@ -59,9 +59,6 @@ def reading(path: Path, expected: str) -> Iterator[None]:
         raise RecordingError(f"{path.name} cannot be read; expected {expected}: {reason_of(error)}") from error
 
 
-NAMES_NUMBERED = Kind("names_numbered", "info", "names that stand for several signals got numbers: {names}", ORIGIN)
-
-
 def numbered(names: Sequence[str], notes: list[Note]) -> list[str]:
     """Unique names: of those that stand for several signals, all but the first get a number; they are noted."""
     counts: dict[str, int] = {}
@@ -70,7 +67,8 @@ def numbered(names: Sequence[str], notes: list[Note]) -> list[str]:
         counts[name] = counts.get(name, 0) + 1
         unique.append(name if counts[name] == 1 else f"{name}#{counts[name]}")
     if len(counts) < len(names):
-        notes.append(NAMES_NUMBERED(names=[name for name, times in counts.items() if times > 1]))
+        repeated = ", ".join(name for name, times in counts.items() if times > 1)
+        notes.append(AS_READ.note(f"names that stand for several signals got numbers: {repeated}"))
     return unique
 
 

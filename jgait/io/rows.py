@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from jgait.io.files import check_brand, check_columns, check_file, check_size, first_lines, line_breaks
 from jgait.io.names import like_a_signal, unit_in_name
 from jgait.io.units import known_unit, stated_unit
-from jgait.notes import ORIGIN, Kind, Note
+from jgait.notes import AS_READ, Kind, Note
 from jgait.types import RecordingError
 
 if TYPE_CHECKING:
@@ -28,11 +28,6 @@ TIMES = ("s", "sec", "ms", "us", "µs", "min", "h")
 TAIL = 2**20
 """[bytes] Size of the end of a file that is searched for its last row."""
 
-LINES_ABOVE = Kind(
-    "lines_above_header", "info",
-    "{lines} {lines:line|lines} above the header {lines:is|are} not read, the first {first}", ORIGIN,
-)  # fmt: skip
-UNITS_BELOW = Kind("units_below_header", "info", "the row below the header has units: {units}", ORIGIN)
 ROW_CUT_OFF = Kind(
     "row_cut_off", "check",
     "the file ends within a row: line {line} has {cells} of {expected} values, the last of them {value}; this row is "
@@ -88,10 +83,13 @@ def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
     if not len(table):
         raise RecordingError(f"{file.name} has a header and no rows; its columns are {list(table.columns)}")
     notes = (
-        [] if header == filled[0] else [LINES_ABOVE(lines=filled.index(header), first=lines[filled[0]].strip()[:80])]
+        [AS_READ.note(f"lines above the header not read: {filled.index(header)}: {lines[filled[0]].strip()[:80]}, …")]
+        if header != filled[0]
+        else []
     )
     if units:
-        notes.append(UNITS_BELOW(units=list(dict.fromkeys(filter(None, units)))))
+        stated = ", ".join(dict.fromkeys(filter(None, units)))
+        notes.append(AS_READ.note(f"the row below the header has units: {stated}"))
         named = itertools.zip_longest(map(str, table.columns), units[: len(table.columns)], fillvalue="")
         table.columns = pd.Index([_with_unit(column, unit, file.name) for column, unit in named])
     note = _cut_off(file, separator, breaks, len(table) - 1)

@@ -27,19 +27,12 @@ from jgait.io.names import (
 )  # fmt: skip
 from jgait.io.rows import read_table
 from jgait.io.units import Unit, unit_of_columns
-from jgait.notes import DEDUCED, LEFT_OUT, LOSSES, Kind, Note
+from jgait.notes import DATA_LOST, DEDUCED, LEFT_OUT, Kind, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-COLUMNS_MATCHED = Kind(
-    "columns_matched",
-    "info",
-    "{number} {number:column|columns} recognised by {number:its name|their names}, such as {examples}",
-    DEDUCED,
-)
-COLUMNS_LEFT_OUT = Kind("columns_left_out", "info", "columns left out: {columns}", LEFT_OUT)
 SIGNALS_LEFT_OUT = Kind(
     "signals_left_out", "check", "columns that look like those of a sensor are not used, because their names state no "
     "place that is known: {columns}",
@@ -57,12 +50,6 @@ WHOSE = ("subject", "person", "participant", "patient", "proband", "id", "trial"
 
 MOST_SENSORS = 20
 """Largest number of values of a column that states of which sensor a row is."""
-
-CELLS_WITHOUT_NUMBER = Kind(
-    "cells_without_number", "check",
-    "{column}: {cells} {cells:cell is no number and counts|cells are no numbers and count} as missing, the first "
-    "{value} in data row {row}", LOSSES,
-)  # fmt: skip
 
 
 class Columns(NamedTuple):
@@ -257,12 +244,13 @@ def _about(matched: list[tuple[str, str]], others: list[str]) -> list[Note]:
     if matched:
         every = [f"{theirs!r} as {name}" for theirs, name in matched]
         sensors = [text for text, (_, name) in zip(every, matched, strict=True) if name != "time"]
-        notes.append(COLUMNS_MATCHED(number=len(every), examples=" and ".join((sensors or every)[:2])))
+        examples = " and ".join((sensors or every)[:2])
+        notes.append(DEDUCED.note(f"columns recognised by their names: {len(every)}, such as {examples}"))
     signals = [name for name in others if like_a_signal(name)]
     if signals:
         notes.append(SIGNALS_LEFT_OUT(columns=signals))
     if rest := [name for name in others if name not in signals]:
-        notes.append(COLUMNS_LEFT_OUT(columns=rest))
+        notes.append(LEFT_OUT.note("columns left out: {columns}", columns=rest))
     return notes
 
 
@@ -291,7 +279,8 @@ def _no_number(column: "pd.Series", label: str) -> Note | None:
     if not len(odd) or len(odd) == len(column):
         return None
     row = int(np.flatnonzero(column.index == odd.index[0])[0])
-    return CELLS_WITHOUT_NUMBER(column=label, cells=len(odd), value=repr(odd.iloc[0]), row=row + 1)
+    first = f"the first {odd.iloc[0]!r} in data row {row + 1}"
+    return DATA_LOST.note(f"{label}: cells without a number count as missing: {len(odd)}, {first}")
 
 
 def _hint(value: str) -> str:

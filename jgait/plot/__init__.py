@@ -20,6 +20,7 @@ from jgait.plot.cohort import before_after, bland_altman, per_subject
 from jgait.plot.duty import sleeping_gyroscopes
 from jgait.plot.feet import foot_height, foot_paths, leg_strides, stride_series
 from jgait.plot.legs import distance, foot_displacement, foot_path, joint_angles
+from jgait.plot.signals import signals
 from jgait.plot.style import save
 from jgait.plot.tuning import correlation, profile, training
 from jgait.plot.waist import trunk_contacts
@@ -40,6 +41,7 @@ __all__ = [
     "per_subject",
     "profile",
     "save",
+    "signals",
     "sleeping_gyroscopes",
     "stick_figure",
     "stride_series",

@@ -38,10 +38,10 @@ def of_result(estimate: Estimate, notes: Iterable[Note], of: ReportStrides | Non
 
 def explained(notes: Iterable[Note]) -> list[Flag]:
     """Notes as flags: each note once, notes of the same meaning together, the most serious first, without folders."""
-    lines: dict[tuple[str, str], dict[str, None]] = {}
+    lines: dict[tuple[str, str, str], dict[str, None]] = {}
     for note in grouped(notes):
-        lines.setdefault((note.severity, note.meaning), {})[sentence(note)] = None
-    return ordered(Flag(severity, "\n".join(texts), meaning) for (severity, meaning), texts in lines.items())
+        lines.setdefault((note.severity, note.meaning, note.kind.measure), {})[sentence(note)] = None
+    return ordered(Flag(grade, "\n".join(texts), *about) for (grade, *about), texts in lines.items())
 
 
 def sentence(note: Note) -> str:
@@ -52,8 +52,8 @@ def sentence(note: Note) -> str:
 
 
 def ordered(flags: Iterable[Flag]) -> list[Flag]:
-    """The flags, the most serious first, and of one grade those that most recordings have last."""
-    return sorted(flags, key=lambda flag: (list(GRADES).index(flag.grade), flag.meaning in USUAL))
+    """The flags, the most serious first; of one grade first those of all results, last those of most recordings."""
+    return sorted(flags, key=lambda flag: (list(GRADES).index(flag.grade), flag.measure, flag.meaning in USUAL))
 
 
 def of_strides(rows: int, marks: dict[str, np.ndarray]) -> list[Flag]:
@@ -85,7 +85,9 @@ def verdict(flags: Iterable[Flag]) -> str:
     lines = [line for flag in doubts if flag.grade == doubts[0].grade for line in flag.text.splitlines()]
     more = [f"{len(lines) - REASONS} more"] if len(lines) > REASONS else []
     reasons = [_within(line) for line in lines[:REASONS]]
-    trust = "Do not use" if doubts[0].grade == "stop" else "Usable with care"
+    measures = dict.fromkeys(flag.measure for flag in doubts if flag.grade == "stop")
+    of = f" the {' and the '.join(measures)}" if all(measures) else ""
+    trust = f"Do not use{of}" if measures else "Usable with care"
     return f"{trust}: {'; '.join([*reasons, *more])}."
 
 

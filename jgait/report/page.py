@@ -39,6 +39,7 @@ class Flag(NamedTuple):
     grade: str
     text: str
     meaning: str
+    measure: str = ""  #: what alone a "stop" makes unusable; empty: all results.
 
 
 GRADES = {"stop": "Do not use", "check": "Check", "corrected": "Corrected", "info": "For information"}

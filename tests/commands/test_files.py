@@ -1,6 +1,7 @@
 """Files as users have them, end to end: other systems' formats, and what is said of files that cannot be used."""
 
 import os
+import re
 import resource
 import shutil
 import subprocess
@@ -170,6 +171,28 @@ def test_the_shell_completes_commands():
     assert done.stdout.split() == ["estimate"]
 
 
+def test_inspect_shows_what_is_understood_and_draws_the_signals(recording, tmp_path):
+    lost = recording_with_a_loss(recording)
+    io.recording_to_dataframe(lost).to_csv(tmp_path / "walk.csv", index=False)
+    code, said = run("inspect", tmp_path / "walk.csv", tmp_path / "none.csv", "--out", tmp_path)
+    assert code == 1 and "none.csv" in said and "No such file" in said
+    assert (tmp_path / "walk_signals.png").stat().st_size > 10_000
+    row = re.search(r"│ shank_right │ ([\d.]+) │ ([\d.]+) │ ([\d.]+) │ ([\d.]+) │ ([\d.]+) │", said)
+    gyr, mask = lost.sensors["shank_right"].gyr, lost.sensors["shank_right"].mask
+    rate = np.rad2deg(np.linalg.norm(gyr[mask], axis=1).max())
+    assert row and float(row[2]) == pytest.approx(9.8, abs=0.5)
+    assert float(row[3]) == pytest.approx(rate, rel=0.01)
+    assert float(row[5]) == pytest.approx(30 / recording.sampling_rate_hz)
+    assert run("inspect", tmp_path / "none.csv", "--out", tmp_path)[0] == 2
+
+
+def recording_with_a_loss(recording):
+    mask = np.ones(len(recording.sensors["shank_right"].mask), bool)
+    mask[200:230] = False
+    imu = recording.sensors["shank_right"]
+    return recording._replace(sensors={**recording.sensors, "shank_right": imu._replace(mask=mask)})
+
+
 def test_a_labs_own_words_radians_and_milliseconds_give_angles_in_one_command(recording, tmp_path):
     table = io.recording_to_dataframe(recording)
     table[[name for name in table if "_gyr_" in name]] *= np.pi / 180.0
@@ -182,7 +205,7 @@ def test_a_labs_own_words_radians_and_milliseconds_give_angles_in_one_command(re
     code, said = run("estimate", tmp_path / "lab.csv", "--gyr-unit", "rad/s", "--out", tmp_path / "results", "--notes")
     assert code == 0, said
     assert "'Gyro Thigh R X [rad/s]' as thigh_right_gyr_x" in said
-    assert "7 columns recognised by their names" in said
+    assert "recognised by their names: 7" in said
     angles = pd.read_csv(tmp_path / "results" / "lab_samples.csv")
     assert angles["knee_angle_right_deg"].max() > 40.0
     assert (tmp_path / "results" / "lab_angles.png").stat().st_size > 10_000

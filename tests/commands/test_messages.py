@@ -11,7 +11,7 @@ from jgait import cli, io
 from jgait.commands import jobs
 from jgait.estimators.about import About, EstimatedRecording
 from jgait.estimators.notes import STRIDES_UNCERTAIN
-from jgait.io.checks.readings import IMPOSSIBLE
+from jgait.io.checks.readings import MASKED
 from jgait.io.clock import GAPS_FILLED
 from jgait.notes import without_repeats
 from jgait.report import Made
@@ -88,8 +88,8 @@ def test_one_file_is_called_by_its_name_and_the_same_of_several_sensors_is_one_l
     table.loc[[100, 200], [name for name in table if name != "time"]] = np.nan
     table.to_csv(walk, index=False)
     _, said = run("estimate", walk, "--out", tmp_path / "out", "--notes")
-    assert f"Check: thigh_right, shank_right: 2 of {len(table)} samples are missing" in said
-    assert said.count("samples are missing") == 2  # in the sentence of trust, and among the remarks
+    assert f"Check: thigh_right, shank_right: samples missing: 2 of {len(table)}" in said
+    assert said.count("samples missing: ") == 2  # in the sentence of trust, and among the remarks
 
 
 def test_a_file_without_time_says_what_came(recording, walk, tmp_path, without_estimates):
@@ -161,7 +161,7 @@ def test_a_command_that_ends_in_a_compiled_program_points_to_the_cache(monkeypat
 
 def test_lost_samples_that_the_reader_noted_are_not_counted_again():
     lost, other = (STRIDES_UNCERTAIN(samples=3, placement=f"foot_{side}", longest_s=0.03) for side in ("left", "right"))
-    masked = IMPOSSIBLE(placement="foot_left", samples=3, value=1e6, unit="m/s²", begin_s=2.0)
+    masked = MASKED.note("values that no sensor reads: 3", placement="foot_left")
     filled = GAPS_FILLED(gaps=1, longest_s=1.0, begin_s=2.0, inserted=3)
     assert without_repeats((lost, other)) == (lost, other)
     assert without_repeats((masked, lost, other, other)) == (masked, other)

@@ -6,12 +6,12 @@ import pytest
 from jgait.commands.console import say_flags
 from jgait.estimators.leg_ekf.notes import STANDING_MOVES
 from jgait.evaluate.clocks import REFERENCE_OTHER
-from jgait.notes import ORIGIN, WRONG_PLACE, Kind, to_json
+from jgait.notes import AS_READ, WRONG_PLACE, Kind, to_json
 from jgait.report.cohort import LONGEST_EXAMPLE, of_notes
 
 UPSIDE_DOWN = Kind("upside_down", "check", "{placement} is upside down", WRONG_PLACE)
 NO_LEGS = Kind("no_legs", "stop", "no legs move", "Nobody walks.")
-ORIGINS = Kind("origin", "info", "made today", ORIGIN)
+ORIGINS = Kind("origin", "info", "made today", AS_READ.meaning)
 
 
 @pytest.fixture

@@ -107,7 +107,7 @@ def test_the_lag_is_taken_off_and_lost_packets_are_masked(written):
     np.testing.assert_array_equal(thigh.gyr[~thigh.mask], 0.0)
     np.testing.assert_array_equal(thigh.gyr[thigh.mask], shank.gyr[thigh.mask])
     assert shank.mask.all()
-    assert "thigh_right: 3 of 1198 samples are masked" in texts(recording.notes)
+    assert "thigh_right: samples masked: 3 of 1198" in texts(recording.notes)
 
 
 def test_angles_position_distance_and_windows(written):

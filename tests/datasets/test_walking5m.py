@@ -123,8 +123,8 @@ def test_clocks_that_repeat_run_backwards_or_start_late(folder):
     table["Time_4"] = [time + 30.0 for time in table["Time_4"]]
     recording = load(folder, table).recording
     assert {len(imu.time) for imu in recording.sensors.values()} == {SAMPLES - 3}, "the part that all have"
-    assert "shank_right: 2 repeated times dropped" in texts(recording.notes)
-    assert "thigh_right: 1 time that runs backwards dropped" in texts(recording.notes)
+    assert "shank_right: repeated times dropped: 2" in texts(recording.notes)
+    assert "thigh_right: times that run backwards dropped: 1" in texts(recording.notes)
     assert recording.sensors["thigh_right"].mask.all()
     # Sensor 4 is 30 ms late: what it reads at its sample k, the others read at k + 3.
     expected = np.deg2rad(200 * np.sin(np.arange(301, SAMPLES - 3) / 20))

@@ -156,7 +156,7 @@ def test_nan_becomes_the_mask_and_never_a_number_elsewhere():
     np.testing.assert_array_equal(thigh.gyr[100:105], 0.0)
     assert shank.acc[300] == pytest.approx((shank.acc[299] + shank.acc[301]) / 2)
     assert all(np.isfinite(part).all() for imu in recording.sensors.values() for part in imu)
-    assert "thigh_right: 5 of 600 samples are missing" in texts(recording.notes)
+    assert "thigh_right: samples missing: 5 of 600" in texts(recording.notes)
 
 
 def test_gaps_and_long_stretches_are_named_and_masked():
@@ -180,7 +180,7 @@ def test_gaps_and_long_stretches_are_named_and_masked():
 def test_a_few_repeated_times_are_left_out():
     frame = table()
     recording = read(pd.concat([frame, frame.iloc[-1:]], ignore_index=True))
-    said = "1 row that repeats the time before is left out, the first in row 600 (the first row is 0) at 5.99"
+    said = "rows that repeat the time before left out: 1, the first in row 600 (the first row is 0) at 5.99"
     assert said in texts(recording.notes)
     np.testing.assert_array_equal(recording.sensors[NEEDED[0]].gyr, read(frame).sensors[NEEDED[0]].gyr)
     lost = read(frame.assign(time=frame.time.where(~frame.index.isin([17, 300]), frame.time.shift())))

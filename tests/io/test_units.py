@@ -151,5 +151,5 @@ def test_a_reading_of_999_mg_is_no_placeholder():
     frame = stated("acc", "mg")
     frame.loc[[50, 150], "thigh_right_acc_x [mg]"] = -999.0
     recording = io.recording_from_dataframe(frame)
-    assert not any(note.code == "samples_placeholder" for note in recording.notes)
+    assert not any(note.code == "samples_masked" for note in recording.notes)
     assert recording.sampling_rate_hz == pytest.approx(RATE)

@@ -306,6 +306,10 @@ def test_notes_are_explained_each_by_its_meaning():
         ([("check", f"Doubt {number}", "") for number in range(5)],
          "Usable with care: doubt 0; doubt 1; doubt 2; 2 more."),
         ([("check", "A doubt", ""), ("stop", "Nobody walks", "")], "Do not use: nobody walks."),
+        ([("stop", "A knee bends", "", "joint angles"), ("check", "A doubt", "")],
+         "Do not use the joint angles: a knee bends."),
+        ([("stop", "A knee bends", "", "joint angles"), ("stop", "Nobody walks", "")],
+         "Do not use: nobody walks; a knee bends."),
     ],
 )  # fmt: skip
 def test_one_sentence_says_how_far_to_trust_and_gives_up_to_three_reasons(raised, sentence):

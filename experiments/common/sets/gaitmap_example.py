@@ -62,7 +62,7 @@ PATH_SMOOTHING = 0.3  # [s] width of the Gaussian that smooths the midpoint of t
 STRAIGHT = np.deg2rad(15.0)  # [rad] largest angle of a straight stride to the walkway
 SHORT = 0.8  # [1] of the median length; a shorter stride is a first stride, a last stride, or in a turn
 
-FOOT_ABSENT = Kind("foot_absent", "info", "no sensor on the {side} foot", LEFT_OUT)
+FOOT_ABSENT = Kind("foot_absent", "info", "no sensor on the {side} foot", LEFT_OUT.meaning)
 
 
 def names() -> list[str]:

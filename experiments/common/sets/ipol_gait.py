@@ -53,8 +53,7 @@ from jgait.datasets import reading, registry
 from jgait.datasets.reading import Files
 from jgait.io.clock import REPEATED
 from jgait.io.files import json_object
-from jgait.io.formats.clocks import PACKETS_REPEATED
-from jgait.notes import CORRECTED, LEFT_OUT, Kind, Note
+from jgait.notes import CORRECTED, DATA_LOST, LEFT_OUT, Kind, Note
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Strides, Walk
 
 ROOT = "GaitData"
@@ -80,10 +79,10 @@ SWINGS_LEFT_OUT = Kind(
     "swings_left_out",
     "info",
     "{events}: {left_out} of {swings} left out, outside the recording or not in order",
-    LEFT_OUT,
+    LEFT_OUT.meaning,
 )
 INTERVAL_OUTSIDE = Kind(
-    "interval_outside", "info", "{interval} is no part of the recording's {samples} samples", LEFT_OUT
+    "interval_outside", "info", "{interval} is no part of the recording's {samples} samples", LEFT_OUT.meaning
 )
 
 
@@ -167,7 +166,8 @@ def _on_one_clock(name: str, tables: dict[str, np.ndarray], notes: list[Note]) -
     for placement, table in tables.items():
         repeated = np.diff(table[:, 0]) == 0
         if repeated.any():
-            notes.append(PACKETS_REPEATED(placement=placement, numbers=table[1:][repeated, 0].astype(int).tolist()))
+            numbers = ", ".join(map(str, table[1:][repeated, 0].astype(int)))
+            notes.append(DATA_LOST.note(f"packet numbers that occur twice are masked: {numbers}", placement=placement))
             # it is not known which of the two rows was measured at that time
             table[np.append(repeated, False) | np.append(False, repeated), 1:] = np.nan
     return reading.on_counter(tables, first, length, RATE_HZ, notes), first

@@ -43,9 +43,9 @@ from jaxtyping import PyTree
 
 from experiments.common.sets.xio_gait import UNITS_CONVERTED
 from jgait.datasets import registry
-from jgait.datasets.reading import SAMPLES_MASKED, Files, foot_imu
+from jgait.datasets.reading import Files, foot_imu
 from jgait.geometry.vectors import GRAVITY
-from jgait.notes import LEFT_OUT, ORIGIN, Kind, Note
+from jgait.notes import AS_READ, DATA_LOST, LEFT_OUT, Kind, Note
 from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, Recording, RecordingError, Strides, Walk
 
 ROOT = "example_data/data/lab"
@@ -67,26 +67,26 @@ COUNTED_FROM_ONE = Kind(
     "counted_from_one",
     "info",
     "times of the reference are one sample earlier than upstream's, which counts from 1",
-    ORIGIN,
+    AS_READ.meaning,
 )
 STAMPS_UNEVEN = Kind(
     "stamps_uneven",
     "info",
     "upstream's time stamps differ from sample / {rate_hz:.0f} Hz by more than half a sample",
-    ORIGIN,
+    AS_READ.meaning,
 )
 BOUTS_LEFT_OUT = Kind(
-    "bouts_left_out", "info", "{system}: {left_out} of {bouts} bouts left out, outside the recording", LEFT_OUT
+    "bouts_left_out", "info", "{system}: {left_out} of {bouts} bouts left out, outside the recording", LEFT_OUT.meaning
 )
 CONTACTS_LEFT_OUT = Kind(
     "contacts_left_out",
     "info",
     "{bout}: {left_out} of {contacts} {kind} contacts left out: no time, twice the same, or outside",
-    LEFT_OUT,
+    LEFT_OUT.meaning,
 )
-PERSON_UNKNOWN = Kind("person_unknown", "info", "measures of the person are not known: {reason}", LEFT_OUT)
+PERSON_UNKNOWN = Kind("person_unknown", "info", "measures of the person are not known: {reason}", LEFT_OUT.meaning)
 STRIDES_LEFT_OUT = Kind(
-    "strides_left_out", "info", "{bout}: strides left out, as they do not begin with the contacts", LEFT_OUT
+    "strides_left_out", "info", "{bout}: strides left out, as they do not begin with the contacts", LEFT_OUT.meaning
 )
 
 
@@ -177,7 +177,7 @@ def _sensor(content: dict[str, Any], name: str, notes: list[Note]) -> tuple[Imu,
         raise RecordingError(f"{name}: accelerometer and gyroscope must share a rate; {rate} and {rates.get('Gyr')} Hz")
     imu, _ = foot_imu(name, np.arange(len(acc)) / rate, np.deg2rad(gyr), acc * GRAVITY)
     if not imu.mask.all():
-        notes.append(SAMPLES_MASKED(placement="lower_back", masked=(~imu.mask).sum(), samples=len(acc)))
+        notes.append(DATA_LOST.note(f"samples masked: {(~imu.mask).sum()} of {len(acc)}", placement="lower_back"))
     stamps = np.atleast_1d(sensor.get("Timestamp", np.zeros(0)))
     if len(stamps) == len(acc) and np.abs(stamps - stamps[0] - imu.time).max() > 0.5 / rate:
         notes.append(STAMPS_UNEVEN(rate_hz=rate))

@@ -31,13 +31,13 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.datasets import reading, registry
-from jgait.datasets.reading import SENSOR_FILE_ABSENT, Files
+from jgait.datasets.reading import Files
 from jgait.geometry.vectors import GRAVITY
 from jgait.io.formats import physilog
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
-TABLE_ABSENT = Kind("table_absent", "info", "no {file}", LEFT_OUT)
+TABLE_ABSENT = Kind("table_absent", "info", "no {file}", LEFT_OUT.meaning)
 
 RATE_HZ = 128.0
 SENSORS = {
@@ -82,7 +82,7 @@ def load_one(name: str) -> Walk:
     folder = _folders()[name]
     files, tables = Files("tripod"), {}
     for code, placement in SENSORS.items():
-        path = files.find(f"{folder}/IMU/{code}.csv", SENSOR_FILE_ABSENT(placements=placement))
+        path = files.find(f"{folder}/IMU/{code}.csv", LEFT_OUT.note(f"no file for {placement}"))
         if path is not None:
             tables[placement] = _read_sensor(path)
     if not tables:

@@ -25,14 +25,14 @@ from jgait.datasets import registry
 from jgait.datasets.reading import SIDE_UNKNOWN, foot_imu
 from jgait.geometry.vectors import GRAVITY
 from jgait.io.formats import xio
-from jgait.notes import ORIGIN, Kind
+from jgait.notes import AS_READ, Kind
 from jgait.types import Recording, RecordingError, Walk
 
 CLOSED = {"short_walk": 0.082, "long_walk": 0.421}  # publisher's closure [m]
 
-UNITS_CONVERTED = Kind("units_converted", "info", "g and deg/s upstream", ORIGIN)
+UNITS_CONVERTED = Kind("units_converted", "info", "g and deg/s upstream", AS_READ.meaning)
 
-TIME_STEPS = Kind("time_steps", "info", "time steps {least_ms:.1f} to {most_ms:.1f} ms", ORIGIN)
+TIME_STEPS = Kind("time_steps", "info", "time steps {least_ms:.1f} to {most_ms:.1f} ms", AS_READ.meaning)
 
 
 def names() -> list[str]:

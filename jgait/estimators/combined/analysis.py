@@ -49,6 +49,7 @@ ANGLES_DOUBTFUL = Kind(
     "hip and knee angles ({sides}) are not usable, because of doubts about {sensors}",
     "Wrong axes, labels or clocks of a thigh or shank sensor, or one whose numbers are wrong, shift the angles or turn "
     "them upside down, the hip's too. Their stated deviations do not contain that.",
+    measure="joint angles",
 )
 NO_ANGLES_OF_STRIDES = Kind(
     "no_angles_of_strides",

@@ -22,11 +22,11 @@ WRONG_UNIT = (
 )
 
 GYR_UNIT = Kind(
-    "sensor_gyr_unit", "stop", "the gyroscope of {placement} seems to be in {unit}: it turns at {rate:.3g} rad/s where "
-    "the other sensors let expect about {expected:.2g}; the sensor is left out", WRONG_UNIT,
+    "sensor_gyr_unit", "check", "the gyroscope of {placement} seems to be in {unit}: it turns at {rate:.3g} rad/s "
+    "where the other sensors let expect about {expected:.2g}; the sensor is left out", WRONG_UNIT,
 )  # fmt: skip
 ACC_UNIT = Kind(
-    "sensor_acc_unit", "stop", "the accelerometer of {placement} seems to be in {unit}: it reads {force:.3g} m/s² in "
+    "sensor_acc_unit", "check", "the accelerometer of {placement} seems to be in {unit}: it reads {force:.3g} m/s² in "
     "the median, where gravity alone is 9.81; the sensor is left out", WRONG_UNIT,
 )  # fmt: skip
 TRUNK_CLOCK_OFF = Kind(

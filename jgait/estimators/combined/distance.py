@@ -27,7 +27,7 @@ DISTANCES_DIFFER = Kind(
 )  # fmt: skip
 DISTANCE_OF_ONE_SIDE = Kind(
     "distance_of_one_side", "corrected", "distance by {source}: only the {side} side counts, because the sensor of the "
-    "other side is in doubt, lost samples or lay still", LEFT_OUT,
+    "other side is in doubt, lost samples or lay still", LEFT_OUT.meaning,
 )  # fmt: skip
 
 DISTANCE_EXTENDED = Kind(

@@ -12,7 +12,6 @@ from jgait.estimators import ankle_stride, foot_ins, leg_ekf, stride_width_ekf, 
 from jgait.estimators.ankle_stride import AnkleOptions
 from jgait.estimators.checks import sensors_of
 from jgait.estimators.interface import Estimator
-from jgait.estimators.leg_ekf.notes import SEGMENT_ALONE
 from jgait.estimators.proportions import gives, height_notes, outside
 from jgait.estimators.stride_width_ekf.notes import RANGE_OFFSET_ABSENT
 from jgait.estimators.waist.params import SITES
@@ -23,10 +22,6 @@ from jgait.types import SIDES, Estimate, Recording, RecordingError
 NOT_USED = Kind(
     "source_not_used", "check", "{source}: no estimate, because {reason}",
     "These sensors could not be used. What the other sensors measure does not depend on them.",
-)  # fmt: skip
-
-SENSOR_NOT_USED = Kind(
-    "sensor_not_used", "info", "{placement} is not used: {reason}", LEFT_OUT,
 )  # fmt: skip
 
 MEASURES = {
@@ -175,13 +170,13 @@ def _unused(recording: Recording, estimates: list[SourceEstimate]) -> list[Note]
     alone = {name for source in estimates for name, facts in source.quality.items() if facts.alone}
     notes = []
     for placement in sorted(set(recording.sensors) - taken - alone):
-        kind = placement.partition("_")[0]
-        if kind == "thigh":
-            notes.append(SEGMENT_ALONE(placement=placement, other="shank"))
+        if placement.startswith("thigh"):
+            reason = "it is worn without the shank of that leg"
         elif placement in SITES:
-            notes.append(SENSOR_NOT_USED(placement=placement, reason=f"{_trunk(recording)[0]} serves as well"))
+            reason = f"{_trunk(recording)[0]} serves as well"
         else:
-            notes.append(SENSOR_NOT_USED(placement=placement, reason="no estimator takes a sensor there"))
+            reason = "no estimator takes a sensor there"
+        notes.append(LEFT_OUT.note(f"{placement} is not used: {reason}"))
     return notes
 
 

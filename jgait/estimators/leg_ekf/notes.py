@@ -1,6 +1,6 @@
 """Kinds of notes of `leg_ekf` about a recording."""
 
-from jgait.notes import FEW_RESTS, LEFT_OUT, LOSSES, Kind
+from jgait.notes import FEW_RESTS, LOSSES, Kind
 
 STANDING_MOVES = Kind(
     "standing_moves",
@@ -23,10 +23,6 @@ NOT_ESTIMATED = Kind(
     "{side}: no angles are stated for {seconds:.2f} s from {begin_s:.2f} s, where samples are missing; angles after it "
     "start again from gravity and are less certain, and the distance of the legs alone lacks the steps in it",
     LOSSES,
-)
-
-SEGMENT_ALONE = Kind(
-    "segment_alone", "info", "{placement} is left out, because it is worn without the {other} of that leg", LEFT_OUT
 )
 
 ONE_LEG = Kind(

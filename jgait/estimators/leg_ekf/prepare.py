@@ -20,7 +20,6 @@ from jgait.estimators.leg_ekf.inputs import SHORT_GAP, LegInputs, LegSignals, Se
 from jgait.estimators.leg_ekf.notes import (
     NOT_ESTIMATED,
     ONE_LEG,
-    SEGMENT_ALONE,
     STANDING_MOVES,
     ZERO_OF_WALKING,
 )
@@ -31,7 +30,7 @@ from jgait.events.rest import LEGS_RATE, legs_at_rest
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.cycle import smooth
 from jgait.mounting.leg import SHORTEST_S, WornLegs, measured, worn_legs
-from jgait.notes import Note
+from jgait.notes import LEFT_OUT, Note
 from jgait.quality import SensorQuality, merged
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError, as_float
@@ -314,7 +313,10 @@ def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[Leg
         f"{segment}_{side}": other for side in SIDES for segment, other in (("thigh", "shank"), ("shank", "thigh"))
         if side not in sides and f"{segment}_{side}" in recording.sensors
     }  # fmt: skip
-    notes += [SEGMENT_ALONE(placement=placement, other=other) for placement, other in alone.items()]
+    notes += [
+        LEFT_OUT.note(f"{placement} is left out, because it is worn without the {other} of that leg")
+        for placement, other in alone.items()
+    ]
     strapdown = options.distance == "strapdown" and options.rate_hz is None
     shanks, quality, more = shanks_of(recording, sides) if strapdown else (None, {}, [])
     notes += more

@@ -133,4 +133,5 @@ DISTANCE_DOUBTFUL = Kind(
     "stop",
     "the distance{option} of {distance_m:.1f} m is only known to within {within_m:.1f} m: it should not be used",
     "The estimator states that its uncertainty is too large for the number to be of use.",
+    measure="distance",
 )

@@ -3,14 +3,9 @@
 import numpy as np
 
 from jgait.io.checks import limits as at
-from jgait.notes import LOSSES, Kind, Note
+from jgait.notes import DATA_LOST, Note
 from jgait.signal.windows import true_runs
 from jgait.types import Imu
-
-SAMPLES_MISSING = Kind(
-    "samples_missing", "check", "{placement}: {missing} of {samples} samples {missing:is|are} missing", LOSSES
-)
-STRETCH_MISSING = Kind("stretch_missing", "check", "{placement}: {seconds:.2f} s missing from {begin_s:.2f} s", LOSSES)
 
 
 def in_long_gaps(imu: Imu, rate_hz: float) -> np.ndarray:
@@ -27,8 +22,10 @@ def loss_notes(placement: str, present: np.ndarray, imu: Imu, rate_hz: float) ->
     long = [(start, end) for start, end in gaps if end - start > at.LONG_GAP_S * rate_hz]
     notes = []
     if len(long) < len(gaps):
-        notes.append(SAMPLES_MISSING(placement=placement, missing=(~present).sum(), samples=len(present)))
+        many = "{placement}: samples missing: {missing} of {samples}"
+        notes.append(DATA_LOST.note(many, placement=placement, missing=(~present).sum(), samples=len(present)))
     for start, end in long:
         begin = float(imu.time[start] - imu.time[0])
-        notes.append(STRETCH_MISSING(placement=placement, seconds=(end - start) / rate_hz, begin_s=begin))
+        seconds = (end - start) / rate_hz
+        notes.append(DATA_LOST.note(f"{seconds:.2f} s missing from {begin:.2f} s", placement=placement))
     return notes

@@ -9,41 +9,8 @@ from jgait.notes import CLIPPING, LOSSES, NO_RANGE, Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, RangeReadings, as_float
 
-IMPOSSIBLE = Kind(
-    "samples_impossible",
-    "check",
-    "{placement}: {samples} {samples:sample holds a value|samples hold values} that no sensor reads, {value:.4g} "
-    "{unit} at {begin_s:.2f} s; masked",
-    LOSSES,
-)
-PLACEHOLDERS = Kind(
-    "samples_placeholder",
-    "check",
-    "{placement}: {samples} {samples:sample holds|samples hold} {value:g} in place of a reading, first at "
-    "{begin_s:.2f} s; masked",
-    LOSSES,
-)
-SPIKES = Kind(
-    "samples_spike",
-    "check",
-    "{placement}: {samples} {samples:sample|samples} of the {signal} {samples:jumps|jump} away from the neighbours "
-    "by up to {size:.4g} {unit}, "
-    "first at {begin_s:.2f} s; masked",
-    LOSSES,
-)
-FROZEN = Kind(
-    "samples_frozen",
-    "check",
-    "{placement}: one reading of {signals} is repeated for {seconds:.2f} s from {begin_s:.2f} s; masked",
-    LOSSES,
-)
-STUCK = Kind(
-    "axis_stuck",
-    "check",
-    "{channel} repeats one reading {times} {times:time|times} while the sensor turns, for {seconds:.2f} s in all, "
-    "first at {begin_s:.2f} s; masked",
-    LOSSES,
-)
+MASKED = Kind("samples_masked", "check", "", LOSSES)
+"""Readings that the sensor cannot have measured."""
 WRAPPED = Kind(
     "channel_wrapped",
     "check",
@@ -123,14 +90,16 @@ def without_damage(
                 if runs:
                     seconds = sum(end - start + 1 for start, end in runs) / rate_hz
                     channel, begin = f"{placement} {kind}_{'xyz'[axis]}", runs[0][0] / rate_hz
-                    notes.append(STUCK(channel=channel, times=len(runs), seconds=seconds, begin_s=begin))
+                    stuck_for = f"while the sensor turns, for {seconds:.2f} s in all, first at {begin:.2f} s"
+                    notes.append(MASKED.note(f"{channel} repeats one reading {stuck_for}; masked"))
             for start, end in (*whole, *(run for runs in stuck.values() for run in runs)):
                 values[start + 1 : end + 1] = np.nan
             if slower is not None:
                 notes.append(_between_new(placement, kind, values, *slower, rate_hz))
         for (start, end), names in sorted(frozen.items()):
             words, seconds = " and ".join(names), (end - start + 1) / rate_hz
-            notes.append(FROZEN(placement=placement, signals=words, seconds=seconds, begin_s=start / rate_hz))
+            what = f"one reading of {words} is repeated for {seconds:.2f} s from {start / rate_hz:.2f} s; masked"
+            notes.append(MASKED.note(what, placement=placement))
     return signals, tuple(notes)
 
 
@@ -147,9 +116,8 @@ def _impossible(placement: str, signals: dict[str, np.ndarray], rate: float, not
         if 0 < wrong.sum() <= max(at.MOST_IMPOSSIBLE * len(values), 1):
             first = int(np.argmax(wrong))
             worst, unit = values[first][np.argmax(np.abs(values[first]))], SIGNALS[kind][1]
-            notes.append(
-                IMPOSSIBLE(placement=placement, samples=wrong.sum(), value=worst, unit=unit, begin_s=first / rate)
-            )
+            where = f"{wrong.sum()}, {worst:.4g} {unit} at {first / rate:.2f} s"
+            notes.append(MASKED.note(f"values that no sensor reads: {where}; masked", placement=placement))
             values[wrong] = np.nan
 
 
@@ -183,7 +151,8 @@ def _placeholders(
         masks[0.0] = zero
     for number, wrong in masks.items():
         begin = np.argmax(wrong) / rate
-        notes.append(PLACEHOLDERS(placement=placement, samples=wrong.sum(), value=number, begin_s=begin))
+        what = f"samples that hold {number:g} in place of a reading: {wrong.sum()}, first at {begin:.2f} s; masked"
+        notes.append(MASKED.note(what, placement=placement))
         for values in signals.values():
             values[wrong] = np.nan
 
@@ -211,7 +180,8 @@ def _spikes(
     if spikes.any():
         signal, unit = SIGNALS[kind]
         count, begin = spikes.sum(), np.argmax(spikes) / rate
-        notes.append(SPIKES(placement=placement, samples=count, signal=signal, size=size, unit=unit, begin_s=begin))
+        what = f"samples of the {signal} that jump from their neighbours by up to {size:.4g} {unit}: {count}"
+        notes.append(MASKED.note(f"{what}, first at {begin:.2f} s; masked", placement=placement))
     return spikes
 
 

@@ -27,7 +27,7 @@ from jgait.io.formats.part import Measured, Part
 from jgait.io.names import KINDS, placement_of
 from jgait.io.rows import SEPARATORS, read_table
 from jgait.io.units import unit_of_columns
-from jgait.notes import ORIGIN, Kind, Note
+from jgait.notes import AS_READ, Kind, Note
 from jgait.types import RecordingError
 
 EXPECTED = "a folder with a table for each signal of a sensor, such as Accelerometer.csv and Gyroscope.csv"
@@ -58,20 +58,12 @@ APPS = {LOGGER: r"seconds_elapsed", "phyphox": r"\w+ \(s\)", "MetaBase": r"epoc 
 ADDRESS = re.compile(r"(?<![0-9A-F])[0-9A-F]{12}(?![0-9A-F])")
 """Pattern of a device's address in the name of a file."""
 
-GRAVITY_ADDED = Kind(
-    "gravity_added", "info", "{sensor}: accelerometer without gravity, and gravity, were added", ORIGIN
-)
-SIGNS_TURNED = Kind(
-    "signs_turned", "info", "{sensor}: the signs of the accelerometer are turned round, for the phone's system is iOS",
-    ORIGIN,
-)  # fmt: skip
 SIGNS_ASSUMED = Kind(
     "signs_assumed", "check",
     "{sensor}: at rest, the accelerometer's axis that points up is taken to read +1 g; on an iPhone it may read −1 g",
     "The files name no program whose signs are known, and the signals do not show them. With wrong signs, right and "
     "left of a sensor at the waist are exchanged.",
 )  # fmt: skip
-FILES_JOINED = Kind("files_joined", "info", "{sensor}: the signals of {files} belong together", ORIGIN)
 
 
 class AxisColumns(NamedTuple):
@@ -207,7 +199,7 @@ def _part(files: Sequence[Path], label: str, notes: list[Note]) -> Part:
     """The sensor of some files."""
     every = [signal for file in files for signal in _read(file, notes)]
     if len(files) > 1:
-        notes.append(FILES_JOINED(sensor=label, files=[file.name for file in files]))
+        notes.append(AS_READ.note(f"{label}: the signals of {', '.join(file.name for file in files)} belong together"))
     every.sort(key=lambda signal: bool(re.search(UNCALIBRATED, signal.columns.words)))
     of = {kind: [signal for signal in every if signal.columns.signal == kind] for kind in SIGNALS}
     if not of["gyr"]:
@@ -222,7 +214,9 @@ def _part(files: Sequence[Path], label: str, notes: list[Note]) -> Part:
         notes.append(SIGNS_ASSUMED(sensor=label))
     if acc is not None and _turned_round(files[0].parent, every):
         acc = acc._replace(values=-acc.values)
-        notes.append(SIGNS_TURNED(sensor=label))
+        notes.append(
+            AS_READ.note(f"{label}: the signs of the accelerometer are turned round, for the phone's system is iOS")
+        )
     if acc is not None and acc.time is None and len(acc.values) != len(gyr.values):
         raise RecordingError(f"{label}: {acc.file.name} and {gyr.file.name} have no times, and are not of one length")
     return Part(
@@ -252,7 +246,7 @@ def _accelerometer(of: dict[str, list[Signal]], label: str, notes: list[Note]) -
     if rest.time is not None and gravity.time is not None:
         since = (gravity.begin_s or 0.0) - (rest.begin_s or 0.0)
         values = np.stack([np.interp(rest.time, gravity.time + since, column) for column in values.T], axis=1)
-    notes.append(GRAVITY_ADDED(sensor=label))
+    notes.append(AS_READ.note(f"{label}: accelerometer without gravity, and gravity, were added"))
     return rest._replace(values=rest.values + values)
 
 

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 from jgait.io.files import check_columns, check_file, check_size, library, plain, positive, three_columns
 from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.text import rows_of, split, text_lines
-from jgait.notes import DEDUCED, Kind, Note
+from jgait.notes import DEDUCED, Note
 from jgait.types import RecordingError
 
 if TYPE_CHECKING:
@@ -40,16 +40,6 @@ CSV = b"Format="
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 AXES = "as printed on the Opal's case"
-
-NAMED_BY_CASE = Kind(
-    "named_by_case",
-    "info",
-    "CaseIdList and MonitorLabelList do not name the sensors; they are named by their case ids",
-    DEDUCED,
-)
-TIME_STANDS = Kind(
-    "time_stands", "info", "{sensor}: Time does not run; the file's rate of {rate_hz:g} Hz counts", DEDUCED
-)  # fmt: skip
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -174,7 +164,9 @@ def _old(file: "h5py.File", h5py: ModuleType, name: str, notes: list[Note]) -> l
         label_of = dict(zip(cases, labels, strict=True))
     else:
         label_of = {}
-        notes.append(NAMED_BY_CASE())
+        notes.append(
+            DEDUCED.note("CaseIdList and MonitorLabelList do not name the sensors; they are named by their case ids")
+        )
     result = []
     for key, sensor in sensors.items():
         about = dict(sensor.attrs)
@@ -220,5 +212,5 @@ def _on_clock(
         return part._replace(time=(stamps.astype(np.int64) - first) * 1e-6, sampling_rate_hz=rate)
     if rate is None:
         raise RecordingError(f"{name}: the sensor {part.label!r} has neither Time that runs nor a sample rate")
-    notes.append(TIME_STANDS(sensor=part.label, rate_hz=rate))
+    notes.append(DEDUCED.note(f"{part.label}: Time does not run; the file's rate of {rate:g} Hz counts"))
     return part._replace(sampling_rate_hz=rate)

@@ -32,10 +32,10 @@ from jgait.io.files import (
     positive,
 )
 from jgait.io.formats.clocks import SAME_RATE
-from jgait.io.formats.part import SENSORS_LEFT_OUT, Measured, Part
+from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
 from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit
-from jgait.notes import ORIGIN, Kind, Note
+from jgait.notes import AS_READ, LEFT_OUT, Kind, Note
 from jgait.types import RecordingError
 
 if TYPE_CHECKING:
@@ -49,22 +49,12 @@ LEVELS = 5
 UNITS = {"GYRO": tuple(GYR_UNITS), "ACCEL": tuple(ACC_UNITS), "LATENCY": ("s", "ms")}
 """Type of channel → its units."""
 
-HEADER_SKIPPED = Kind(
-    "header_skipped", "info", "the motion file has a header, which BIDS does not foresee; it was skipped", ORIGIN
-)
-PLACED_BY_COLUMN = Kind("placed_by_column", "info", "{sensor}: at {placement} by the column placement", ORIGIN)
-RATE_EFFECTIVE = Kind(
-    "rate_effective", "info",
-    "motion.json states {rate_hz:g} Hz as measured (SamplingFrequencyEffective) beside {nominal_hz:g} Hz", ORIGIN,
-)  # fmt: skip
 CHANNELS_BAD = Kind(
     "channels_bad",
     "check",
     "{sensor}: channels.tsv calls {channels} bad",
     "Whoever made the data set had doubts about these signals; they are used as they are.",
 )
-OTHER_SYSTEMS = Kind("other_systems", "info", "the same walk was measured by other systems too: {files}", ORIGIN)
-PARTICIPANT = Kind("participant", "info", "participants.tsv: {facts}", ORIGIN)
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -83,7 +73,7 @@ def measured(path: Path) -> Measured:
     nominal = positive(about.get("SamplingFrequency"))
     rate = positive(about.get("SamplingFrequencyEffective"), nominal)
     if rate and nominal and abs(rate / nominal - 1.0) > SAME_RATE:
-        notes.append(RATE_EFFECTIVE(rate_hz=rate, nominal_hz=nominal))
+        notes.append(AS_READ.note(f"motion.json: SamplingFrequencyEffective {rate:g} Hz beside {nominal:g} Hz"))
     latency = channels[channels["type"] == "LATENCY"].iloc[:1]
     time = None if latency.empty else TIME_UNITS[_unit(path, latency, "LATENCY") or "s"] * values[:, latency.index[0]]
     frames = _frames(path, stem)
@@ -100,7 +90,7 @@ def measured(path: Path) -> Measured:
             f"{path.name} holds no gyroscope: expected channels of type GYRO, found {', '.join(kinds)}"
         )
     if left_out:
-        notes.append(SENSORS_LEFT_OUT(sensors=[f"{point} (no gyroscope)" for point in left_out]))
+        notes.append(LEFT_OUT.note("left out: " + ", ".join(f"{point} (no gyroscope)" for point in left_out)))
     notes.extend(_others(path, stem))
     entity = re.match(r"sub-([^_]+)", path.name)
     subject = entity.group(1) if entity else ""
@@ -187,7 +177,7 @@ def _values(path: Path, names: list[str], notes: list[Note]) -> np.ndarray:
     header = [str(cell).strip() for cell in first.iloc[0]] == names
     table = _table(path, header=None, skiprows=1 if header else 0)
     if header:
-        notes.append(HEADER_SKIPPED())
+        notes.append(AS_READ.note("the motion file has a header, which BIDS does not foresee; it was skipped"))
     check_columns(names, path.name)
     if table.shape[1] != len(names):
         raise RecordingError(
@@ -254,7 +244,7 @@ def _part(
     if placement_of(point) is None and "placement" in rows:
         place = next((placement_of(text) for text in used["placement"] if placement_of(text)), None)
         if place is not None:
-            notes.append(PLACED_BY_COLUMN(sensor=point, placement=place))
+            notes.append(AS_READ.note(f"{point}: at {place} by the column placement"))
     if "status" in rows and (used["status"].str.lower() == "bad").any():
         bad = list(used["name"][used["status"].str.lower() == "bad"])
         notes.append(CHANNELS_BAD(sensor=point, channels=bad))
@@ -284,7 +274,7 @@ def _others(path: Path, stem: str) -> list[Note]:
         return []
     pattern = re.sub(r"_tracksys-[^_]+", "_tracksys-*", stem) + "_motion.tsv*"
     there = sorted(file.name for file in path.absolute().parent.glob(pattern) if file.name != path.name)
-    return [OTHER_SYSTEMS(files=there)] if there else []
+    return [AS_READ.note("the same walk was measured by other systems too: {files}", files=there)] if there else []
 
 
 def _participant(path: Path, subject: str) -> list[Note]:
@@ -299,4 +289,4 @@ def _participant(path: Path, subject: str) -> list[Note]:
     facts = (
         [f"{column} {row[column].iloc[0]}" for column in row.columns if column != "participant_id"] if len(row) else []
     )
-    return [PARTICIPANT(facts=facts)] if facts else []
+    return [AS_READ.note("participants.tsv: {facts}", facts=facts)] if facts else []

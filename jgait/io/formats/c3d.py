@@ -44,31 +44,11 @@ MOST_FRAMES = 65535
 PARAMETERS_END = 2**19
 """[bytes] Largest possible end of the parameters: they begin within 255 blocks of 512 and have no more."""
 
-MARKER_UNIT_DEDUCED = Kind(
-    "marker_unit_deduced",
-    "info",
-    "the file states no unit of its markers; {unit}, for they are {apart:.4g} apart",
-    DEDUCED,
-)
-UP_DOUBTED = Kind(
-    "up_doubted",
-    "check",
-    "but by the markers {axis} points up: {why}; pass up={axis!r} if they are right",
-    "The file and its markers disagree on the vertical; with a wrong vertical, heights and directions are wrong.",
-)
-UP_OVERRULED = Kind(
-    "up_overruled",
-    "check",
-    "{axis} points up, for {why}; POINT:Y_SCREEN states {stated}: pass up={stated!r} if that is right",
-    "Y_SCREEN is the vertical of a program's view, and some programs write another axis than that of the laboratory.",
-)
-UP_UNKNOWN = Kind(
-    "up_unknown",
-    "check",
-    "neither the file nor its markers show which axis points up; pass up",
-    "The axes are the file's own; heights and directions are not known.",
-)
-UP_TOLD = Kind("up_told", "info", "{axis} points up {why}", DEDUCED)
+UP_UNSURE = Kind(
+    "up_unsure", "check", "",
+    "With a wrong vertical, heights and directions are wrong. POINT:Y_SCREEN is the vertical of a program's view, "
+    "which some programs write otherwise than the laboratory's.",
+)  # fmt: skip
 
 
 def read_c3d(path: str | os.PathLike[str], *, unit: str | None = None, up: str | None = None) -> Capture:
@@ -242,7 +222,7 @@ def _metres(parameters: Tree, markers: dict[str, np.ndarray], file: Path, notes:
         raise RecordingError(
             f"{file.name} states no unit of its markers, and their distance, {apart:.4g}, does not decide it; give unit"
         )
-    notes.append(MARKER_UNIT_DEDUCED(unit=deduced, apart=apart))
+    notes.append(DEDUCED.note(f"the file states no unit of its markers; {deduced}, for they are {apart:.4g} apart"))
     return UNITS[deduced]
 
 
@@ -253,17 +233,21 @@ def _up(parameters: Tree, markers: dict[str, np.ndarray], notes: list[Note]) -> 
     stated = stated if stated in UPRIGHT else ""
     deduced, why, overrules = told_up(markers, stated)
     if stated and deduced not in (None, stated) and overrules:
-        notes.append(UP_OVERRULED(axis=deduced, stated=stated, why=why))
+        notes.append(
+            UP_UNSURE.note(
+                f"{deduced} points up, for {why}; POINT:Y_SCREEN states {stated}: pass up={stated!r} if right"
+            )
+        )
         return deduced
     if stated:
-        notes.append(UP_TOLD(axis=stated, why="by POINT:Y_SCREEN"))
+        notes.append(DEDUCED.note(f"{stated} points up by POINT:Y_SCREEN"))
         if deduced is not None and deduced != stated:
-            notes.append(UP_DOUBTED(axis=deduced, why=why))
+            notes.append(UP_UNSURE.note(f"but by the markers {deduced} points up: {why}; pass up={deduced!r} if right"))
         return stated
     if deduced is None:
-        notes.append(UP_UNKNOWN())
+        notes.append(UP_UNSURE.note("neither the file nor its markers show which axis points up; pass up"))
         return None
-    notes.append(UP_TOLD(axis=deduced, why=f"for {why}"))
+    notes.append(DEDUCED.note(f"{deduced} points up, for {why}"))
     return deduced
 
 

@@ -20,7 +20,7 @@ from jgait.io.clock import (
 from jgait.io.dates import dated
 from jgait.io.names import column_of, unit_in_name
 from jgait.io.tables import with_time
-from jgait.notes import LOSSES, ORIGIN, Kind, Note
+from jgait.notes import AS_READ, DATA_LOST, Kind, Note
 from jgait.types import RecordingError
 
 if TYPE_CHECKING:
@@ -43,22 +43,6 @@ SINCE_1970 = (1e9, 4e9)
 USUAL_RATE = 100.0
 """[Hz] Assumed rate to compute the duration of a gap in packet numbers where the rate is not known."""
 
-PACKETS_REPEATED = Kind(
-    "packets_repeated", "check", "{placement}: packet numbers that occur twice are masked: {numbers}", LOSSES
-)
-PACKETS_LOST = Kind(
-    "packets_lost",
-    "check",
-    "{placement}: {lost} {lost:packet was lost and is|packets were lost and are} masked",
-    LOSSES,
-)
-PACKETS_AT_ENDS = Kind(
-    "packets_at_ends",
-    "info",
-    "{placement}: {packets} {packets:packet|packets} at the ends that other sensors do not have {packets:is|are} "
-    "left out",
-    ORIGIN,
-)
 CLOCKS_JOINED = Kind(
     "clocks_joined", "corrected",
     "signals with clocks of their own were interpolated to that of {placement}, {begin_s:.2f} to {end_s:.2f} s",
@@ -119,7 +103,8 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "
             doubt = (np.append(repeated, False) | np.append(False, repeated))[:, None]
             acc = None if part.acc is None else np.where(doubt, np.nan, part.acc)
             placed[where] = part._replace(gyr=np.where(doubt, np.nan, part.gyr), acc=acc)
-            notes.append(PACKETS_REPEATED(placement=where, numbers=packets[1:][repeated].tolist()))
+            twice = ", ".join(map(str, packets[1:][repeated].tolist()))
+            notes.append(DATA_LOST.note(f"packet numbers that occur twice are masked: {twice}", placement=where))
         first = next(iter(numbers.values()), packets)
         turn = part.packets_wrap
         numbers[where] = packets + (0 if turn is None else turn * round(float(first[0] - packets[0]) / turn))
@@ -139,9 +124,10 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "
             )
         lost = end + 1 - begin - np.unique(packets[kept]).size
         if lost:
-            notes.append(PACKETS_LOST(placement=where, lost=lost))
+            notes.append(DATA_LOST.note(f"packets lost and masked: {lost}", placement=where))
         if not kept.all():
-            notes.append(PACKETS_AT_ENDS(placement=where, packets=(~kept).sum()))
+            ends = f"packets at the ends that other sensors do not have left out: {(~kept).sum()}"
+            notes.append(AS_READ.note(ends, placement=where))
         check_inserted(end + 1 - begin, len(packets), f"{name}, {where}")
         rows = packets[kept] - begin
         result[where] = part._replace(

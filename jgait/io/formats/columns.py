@@ -17,9 +17,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from jgait.io.clock import TIME_UNIT_DEDUCED, TIME_UNITS, check_order, count_samples, unit_of_time
+from jgait.io.clock import TIME_UNITS, check_order, count_samples, time_unit_deduced, unit_of_time
 from jgait.io.files import check_columns, check_file, check_size, first_lines, library
 from jgait.io.formats.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_part
 from jgait.io.formats.part import Measured, Part, joined
@@ -28,7 +26,7 @@ from jgait.io.rows import HEADER_WITHIN, SEPARATORS, header_at, read_table
 from jgait.io.tables import columns_of
 from jgait.io.units import stated_unit
 from jgait.io.write import PARQUET
-from jgait.notes import ORIGIN, Kind, Note
+from jgait.notes import AS_READ, Note
 from jgait.types import PLACEMENTS, RecordingError
 
 if TYPE_CHECKING:
@@ -36,8 +34,6 @@ if TYPE_CHECKING:
 
 EXPECTED = "a table with columns <placement>_gyr_x, …, <placement>_acc_z, or gyr_x, …, acc_z of one sensor"
 ENDINGS = (".csv", ".tsv", ".txt", *PARQUET)
-
-DIALECT = Kind("names_of_library", "info", "{names}: m/s² and deg/s, as {library} has them", ORIGIN)
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -66,11 +62,15 @@ def measured(path: Path) -> Measured:
         for clock in [column for column in table.columns if column_of(str(column[0])) == "time"][:1]:
             table = table.set_index(clock).rename_axis("time")
         parts = gaitmap_parts({sensor: table[sensor] for sensor in table.columns.unique(0)}, path.name)
-        return Measured(parts, path.stem, notes=(DIALECT(names="gaitmap's two rows of names", library="gaitmap"),))
+        return Measured(
+            parts, path.stem, notes=(AS_READ.note("gaitmap's two rows of names: m/s² and deg/s, as gaitmap has them"),)
+        )
     plain = [str(column).strip().lower() for column in table.columns]
     if set(BODY_MOBGAP) <= set(plain):
         part = mobgap_part(table.set_axis(plain, axis=1), path.name)
-        return Measured([part], path.stem, notes=(*cut, DIALECT(names="mobgap's names of axes", library="mobgap")))
+        return Measured(
+            [part], path.stem, notes=(*cut, AS_READ.note("mobgap's names of axes: m/s² and deg/s, as mobgap has them"))
+        )
     if set(CHANNELS[:3]) <= {column_of(column) for column in plain}:
         # The table does not state the placement: any placement can be used to get the columns.
         columns = columns_of(table, placement="waist", name=path.name, placed=True)
@@ -86,7 +86,7 @@ def measured(path: Path) -> Measured:
         check_order(time, path.name, columns.time_unit)
         unit = unit_of_time(time, columns.time_unit, path.name)
         if columns.time_unit is None:
-            notes.append(TIME_UNIT_DEDUCED(unit=unit, step=float(np.median(np.diff(time)))))
+            notes.append(time_unit_deduced(unit, time))
         time = TIME_UNITS[unit] * time
     parts = [
         Part(

@@ -16,16 +16,11 @@ from pathlib import Path
 from jgait.io.formats.mtw import COUNTER, counted, is_header, signals, starts
 from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.formats.text import AXES, Rows, TextFormat
-from jgait.notes import DEDUCED, Kind
+from jgait.notes import DEDUCED
 from jgait.types import RecordingError
 
 TIME, TIME_BITS, MICROSECONDS = "SampleTimeFine", 32, 1e-6
 FACT = re.compile(r'^"?([A-Za-z ]+?)\s*:?\s*[:,;\t]\s*(.*?)["\s,;]*$')
-ONE_CLOCK_ASSUMED = Kind(
-    "one_clock_assumed", "info",
-    "the files do not state whether the sensors' clocks were synchronised; one clock is assumed", DEDUCED,
-)  # fmt: skip
-
 UNSYNCED = re.compile(r"^(un|not)[\s_-]*sync", re.IGNORECASE)
 
 
@@ -43,7 +38,8 @@ def measured(path: Path) -> Measured:
         )
     whole = joined([FORMAT.measured_rows(rows) for rows in files.values()], path.name)
     if len(files) > 1 and not all(states.values()):
-        whole = whole._replace(notes=(*whole.notes, ONE_CLOCK_ASSUMED()))
+        assumed = DEDUCED.note("the files do not state that the sensors' clocks were synchronised; one is assumed")
+        whole = whole._replace(notes=(*whole.notes, assumed))
     return whole
 
 

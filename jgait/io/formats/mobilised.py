@@ -26,10 +26,10 @@ from jaxtyping import PyTree
 
 from jgait.io.files import Tree, check_file, check_size, library, positive, reading, three_columns
 from jgait.io.formats.clocks import CLOCKS_APART
-from jgait.io.formats.part import SENSORS_LEFT_OUT, Measured, Part
+from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.settle import settle
 from jgait.io.names import placement_of
-from jgait.notes import ORIGIN, Kind, Note
+from jgait.notes import AS_READ, LEFT_OUT, Note
 from jgait.types import Recording, RecordingError
 
 EXPECTED = "a Mobilise-D MATLAB file (data.mat)"
@@ -39,12 +39,6 @@ COMPRESSED = 15
 DEVICES = ("SU", "SU_INDIP", "SU_INDIP2")
 """Devices of a trial; if two devices have a sensor at one placement, the first is used."""
 AXES = "as the device's (worn as usual at the lower back: x up, y right, z forward)"
-
-RECORDED_AT = Kind("recorded_at", "info", "recorded {date}", ORIGIN)
-STAMPS_DIFFER = Kind(
-    "stamps_differ", "info",
-    "{placement}: Timestamp differs from samples at {rate_hz:g} Hz by more than half a sample; it is used", ORIGIN,
-)  # fmt: skip
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -203,9 +197,9 @@ def _of_trial(path: Path, trial: str, tree: Tree) -> Measured:
     if not parts:
         raise RecordingError(f"{where} has no sensor with a gyroscope, Gyr; it has {', '.join(left_out) or 'none'}")
     if left_out:
-        notes.append(SENSORS_LEFT_OUT(sensors=left_out))
+        notes.append(LEFT_OUT.note(f"left out: {', '.join(left_out)}"))
     if "StartDateTime" in tree:
-        notes.append(RECORDED_AT(date=str(tree["StartDateTime"])))
+        notes.append(AS_READ.note(f"recorded {tree['StartDateTime']}"))
     folder = path.absolute().parent.name
     return Measured(_on_one_clock(parts, starts), f"{folder}/{trial}", folder, tuple(notes))
 
@@ -229,7 +223,8 @@ def _part(place: str, sensor: Tree, where: str, notes: list[Note]) -> tuple[Part
         raise RecordingError(f"{where}.Timestamp must have shape ({len(gyr)},); it has {stamps.shape}")
     since = stamps - stamps[0]
     if not np.abs(since - part.time).max() <= CLOCKS_APART / rate:
-        notes.append(STAMPS_DIFFER(placement=place, rate_hz=rate))
+        differs = f"Timestamp differs from samples at {rate:g} Hz by more than half a sample; it is used"
+        notes.append(AS_READ.note(differs, placement=place))
         part = part._replace(time=since)
     return part, float(stamps[0])
 

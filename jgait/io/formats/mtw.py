@@ -19,16 +19,12 @@ from jgait.io.checks.sizes import BY_SIZE
 from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.text import AXES, Rows, TextFormat
 from jgait.io.names import COLUMNS, column_of
-from jgait.notes import DEDUCED, Kind
+from jgait.notes import DEDUCED
 from jgait.types import RecordingError
 
 COUNTER, COUNTER_BITS = "PacketCounter", 16
 RATE = re.compile(r"(?:update rate|acquisition frequency)\W*([\d.]+)\s*hz", re.IGNORECASE)
 SERIAL = re.compile(r"[_-]([0-9A-F]{8})$")
-
-RATES_TOO_LARGE = Kind(
-    "rates_too_large", "info", "{file}: Xsens' text is in rad/s by its manual, but the rates are too large", DEDUCED
-)
 
 
 def is_header(cells: tuple[str, ...]) -> bool:
@@ -108,7 +104,7 @@ def _content(rows: Rows) -> Measured:
             )
         ],
         stem,
-        notes=() if likely else (RATES_TOO_LARGE(file=stem),),
+        notes=() if likely else (DEDUCED.note(f"{stem}: rates are too large for rad/s, Xsens' unit by its manual"),),
     )  # fmt: skip
 
 

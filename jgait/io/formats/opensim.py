@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.io.files import check_columns, check_file, first_lines, library, no_numbers, numbered, reading
-from jgait.notes import DEDUCED, Kind, Note, record
+from jgait.notes import DEDUCED, Note, record
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, RecordingError
 
 EXPECTED = "an OpenSim motion (.mot, .sto)"
@@ -32,13 +32,6 @@ TURN = 2.0 * np.pi
 """[rad] Largest angle of a leg; a larger number is in degrees."""
 BENT, STRAIGHT = np.deg2rad(25.0), np.deg2rad(15.0)
 """[rad] In walking, the largest knee flexion is above the first, and the largest hyperextension below the second."""
-
-ANGLES_DEDUCED = Kind(
-    "angles_deduced",
-    "info",
-    "the file does not state inDegrees; {unit}, for the largest angle of the legs is {largest:.4g}",
-    DEDUCED,
-)
 
 
 @record
@@ -233,7 +226,9 @@ def _told_degrees(file: Path, columns: dict[str, np.ndarray], notes: list[Note])
     legs = [v for c, v in columns.items() if re.match(r"(hip_flexion|knee_angle|ankle_angle)_[rl]$", _base(c))]
     largest = max((float(np.nanmax(np.abs(values))) for values in legs if np.isfinite(values).any()), default=0.0)
     if largest > TURN or BENT < largest < np.pi:
-        notes.append(ANGLES_DEDUCED(unit="degrees" if largest > TURN else "radians", largest=largest))
+        unit = "degrees" if largest > TURN else "radians"
+        why = f"for the largest angle of the legs is {largest:.4g}"
+        notes.append(DEDUCED.note(f"the file does not state inDegrees; {unit}, {why}"))
         return largest > TURN
     raise RecordingError(
         f"{file.name} does not state inDegrees, and the largest angle of the legs, {largest:.4g}, does not decide; "

@@ -6,10 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.io.dates import date_of
-from jgait.notes import LEFT_OUT, Kind, Note
+from jgait.notes import Note
 from jgait.types import RecordingError
-
-SENSORS_LEFT_OUT = Kind("sensors_left_out", "info", "left out: {sensors}", LEFT_OUT)
 
 
 class Part(NamedTuple):

@@ -11,10 +11,8 @@ from jgait.io.files import check_brand, check_regular, reading
 from jgait.io.formats.part import Measured, joined
 from jgait.io.formats.settle import settle
 from jgait.io.formats.text import HEAD
-from jgait.notes import ORIGIN, Kind
+from jgait.notes import AS_READ
 from jgait.types import Recording, RecordingError
-
-READ_AS = Kind("read_as", "info", "read as {format}", ORIGIN)
 
 
 class Format(NamedTuple):
@@ -181,7 +179,7 @@ def _one(path: str | os.PathLike[str], format: str | None, placement: str | None
         )
     with reading(file, FORMATS[format_name].title):
         content = _module(format_name)[1](file)
-    content = content._replace(notes=(*content.notes, READ_AS(format=FORMATS[format_name].title)))
+    content = content._replace(notes=(*content.notes, AS_READ.note(f"read as {FORMATS[format_name].title}")))
     if placement is None:
         return content
     if len(content.parts) != 1:

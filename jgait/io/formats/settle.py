@@ -16,18 +16,11 @@ from jgait.io.checks.sizes import BY_SIZE, NO_GRAVITY, are_counts, counts_withou
 from jgait.io.clock import CLOCK_FROM_DATE
 from jgait.io.dates import date_of
 from jgait.io.formats.clocks import on_one_counter, one_clock
-from jgait.io.formats.part import SENSORS_LEFT_OUT, Measured, Part
+from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
 from jgait.io.units import Unit
-from jgait.notes import DEDUCED, ORIGIN, Kind, Note
+from jgait.notes import AS_READ, DEDUCED, LEFT_OUT, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError, as_float
-
-PLACED_BY_NAME = Kind("placed_by_name", "info", "the sensor {sensor!r} is taken to have sat at {placement}", DEDUCED)
-UNIT_DEDUCED = Kind("unit_deduced", "info", "{placement}: the file states no unit of {signal}; {unit}, {why}", DEDUCED)
-AXES_STATED = Kind("axes_stated", "info", "{placement}: axes {axes}", ORIGIN)
-AXIS_UP = Kind(
-    "axis_up", "info", "{placement}: the sensor's {axis} points up ({share:.2f} of gravity){stated}", ORIGIN
-)  # fmt: skip
 
 
 def settle(
@@ -118,7 +111,7 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
                 argument="placements",
             )
         if part.label != where:
-            notes.append(PLACED_BY_NAME(sensor=part.label, placement=where))
+            notes.append(DEDUCED.note(f"the sensor {part.label!r} is taken to have sat at {where}"))
         placed[where] = part
     if not placed:
         raise RecordingError(
@@ -128,7 +121,9 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
             value={nowhere[0]: "shank_right"},
         )
     if nowhere:
-        notes.append(SENSORS_LEFT_OUT(sensors=[f"{label!r} (its place is not known)" for label in nowhere]))
+        notes.append(
+            LEFT_OUT.note("left out: " + ", ".join(f"{label!r} (its place is not known)" for label in nowhere))
+        )
     return placed
 
 
@@ -177,14 +172,14 @@ def _by_size(kind: str, values: Mapping[str, np.ndarray], name: str, notes: list
         )
     for where in sizes:
         why = f"for the {what} is {sizes[largest]:.4g}" if where == largest else f"as {largest}"
-        notes.append(UNIT_DEDUCED(placement=where, signal=signal, unit=fits[0], why=why))
+        notes.append(DEDUCED.note(f"the file states no unit of {signal}; {fits[0]}, {why}", placement=where))
     return dict.fromkeys(sizes, fits[0])
 
 
 def _which_way_up(part: Part, where: str) -> list[Note]:
     """Which of the sensor's axes points up, from the accelerometer, and what is known of the axes."""
     if part.acc is None:
-        return [AXES_STATED(placement=where, axes=part.axes)] if part.axes else []
+        return [AS_READ.note(f"axes {part.axes}", placement=where)] if part.axes else []
     mean = np.nanmean(np.asarray(part.acc, np.float64), axis=0)
     size = float(np.linalg.norm(mean))
     if not size > 0.0:
@@ -193,4 +188,4 @@ def _which_way_up(part: Part, where: str) -> list[Note]:
     share = float(mean[axis]) / size
     name = f"{'-' if share < 0 else '+'}{'xyz'[axis]}"
     stated = f"; axes {part.axes}" if part.axes else ""
-    return [AXIS_UP(placement=where, axis=name, share=abs(share), stated=stated)]
+    return [AS_READ.note(f"the sensor's {name} points up ({abs(share):.2f} of gravity){stated}", placement=where)]

@@ -18,7 +18,7 @@ from jgait.geometry.vectors import GRAVITY
 from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.text import AXES, Rows, TextFormat
 from jgait.io.units import ACC_UNITS
-from jgait.notes import ORIGIN, Kind, Note
+from jgait.notes import AS_READ, Kind, Note
 from jgait.types import RecordingError
 
 SIGNAL = re.compile(r"^(?P<device>.+?)_(?P<signal>Accel_LN|Accel_WR|Gyro)_(?P<axis>[XYZ])_(?P<kind>CAL|RAW|UNCAL)$")
@@ -33,7 +33,6 @@ WIDE_RANGE_TAKEN = Kind(
     "{sensor}: {signal} taken, for Accel_LN is at its limit in {share:.2%} of the samples",
     "The low-noise accelerometer cannot measure such movements; the one with the wider range and more noise can.",
 )
-SIGNAL_TAKEN = Kind("signal_taken", "info", "{sensor}: {signal} taken", ORIGIN)
 
 
 def _is_header(cells: tuple[str, ...]) -> bool:
@@ -79,7 +78,7 @@ def _part(rows: Rows, device: str, kinds: dict[str, set[str]], notes: list[Note]
             acc, acc_unit = rows.in_units(_columns(device, taken))
             notes.append(WIDE_RANGE_TAKEN(sensor=device, signal=taken, share=share))
         else:
-            notes.append(SIGNAL_TAKEN(sensor=device, signal=taken))
+            notes.append(AS_READ.note(f"{device}: {taken} taken"))
     return Part(
         device, gyr[timed], None if acc is None else acc[timed],
         time=None if time is None else time[timed], gyr_unit=gyr_unit, acc_unit=acc_unit, axes=AXES,

@@ -17,15 +17,10 @@ import numpy as np
 
 from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.text import AXES, Rows, TextFormat
-from jgait.notes import LOSSES, Kind
+from jgait.notes import DATA_LOST
 
 BY_DEVICE = ("inertial", "sensors")
 """Files that every device writes under the same name."""
-
-ROWS_REPEATED = Kind(
-    "rows_repeated", "check", "{file}: {rows} "
-    "{rows:row that repeats the row before is|rows that repeat the row before are} left out", LOSSES
-)  # fmt: skip
 
 
 def _is_header(cells: tuple[str, ...]) -> bool:
@@ -41,7 +36,7 @@ def _content(rows: Rows) -> Measured:
         whole = np.column_stack([time, gyr, acc])
         fresh = np.concatenate([[True], np.any(whole[1:] != whole[:-1], axis=1)])
         if not fresh.all():
-            notes.append(ROWS_REPEATED(file=rows.name, rows=(~fresh).sum()))
+            notes.append(DATA_LOST.note(f"{rows.name}: rows that repeat the row before left out: {(~fresh).sum()}"))
         time, gyr, acc = time[fresh], gyr[fresh], acc[fresh]
     stem = rows.path.stem
     called = rows.path.parent.resolve().name if stem.lower() in BY_DEVICE else stem

@@ -146,7 +146,7 @@ def test_names_that_tell_nothing_leave_the_floor_or_nothing(tmp_path, truth):
     assert capture.up == "+z" and any("above a floor at 0" in note for note in texts(capture.notes))
     high = {name: place + [0.0, 0.0, 3.0] for name, place in above.items()}
     capture = io.read_c3d(write(tmp_path / "high.c3d", high, screen=None))
-    assert capture.up is None and any(note.code == "up_unknown" for note in capture.notes)
+    assert capture.up is None and any(note.code == "up_unsure" for note in capture.notes)
     equals(capture, high, 5e-7)
 
 

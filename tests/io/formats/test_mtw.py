@@ -31,7 +31,7 @@ def test_lost_packets_are_masked_and_the_counter_wraps(tmp_path):
     recording = io.read(path, placement="foot_right")
     kept = made_files.check(recording)
     assert list(np.flatnonzero(~kept)) == [20, 21, 22, 150]
-    assert "foot_right: 4 packets were lost and are masked" in texts(recording.notes)
+    assert "foot_right: packets lost and masked: 4" in texts(recording.notes)
 
 
 def test_sensors_of_a_receiver_share_packet_numbers_also_over_a_wrap(tmp_path):
@@ -55,7 +55,7 @@ def test_rates_too_large_for_rad_per_s_are_questioned(tmp_path):
     path = made_files.mtw(tmp_path / "MT_1.txt", scale=180.0 / np.pi)
     recording = io.read(path, placement="foot_right")
     made_files.check(recording)
-    assert "MT_1: Xsens' text is in rad/s by its manual, but the rates are too large" in texts(recording.notes)
+    assert "MT_1: rates are too large for rad/s, Xsens' unit by its manual" in texts(recording.notes)
     assert any(
         note.startswith("foot_right: the file states no unit of angular rate; deg/s") for note in texts(recording.notes)
     )
@@ -90,7 +90,7 @@ def test_a_packet_number_that_occurs_twice_is_masked(tmp_path):
     recording = io.read(made_files.mtw(tmp_path / "MT_1.txt", packets=packets), placement="foot_right")
     assert list(np.flatnonzero(~made_files.check(recording))) == [29, 30]
     assert "foot_right: packet numbers that occur twice are masked: 29" in texts(recording.notes)
-    assert "foot_right: 1 packet was lost and is masked" in texts(recording.notes)
+    assert "foot_right: packets lost and masked: 1" in texts(recording.notes)
 
 
 def test_packets_that_run_backwards_repeat_often_or_are_long_lost(tmp_path):

@@ -40,7 +40,7 @@ def test_folders_of_devices(tmp_path):
 def test_a_row_that_repeats_the_row_before_is_left_out(tmp_path):
     recording = io.read(made_files.xio(tmp_path / "a.csv", repeat=30), placement="foot_right")
     made_files.check(recording)
-    assert "a.csv: 1 row that repeats the row before is left out" in texts(recording.notes)
+    assert "a.csv: rows that repeat the row before left out: 1" in texts(recording.notes)
 
 
 @pytest.mark.parametrize("right, wrong, message", [
@@ -64,4 +64,4 @@ def test_a_real_walk(data):
     np.testing.assert_allclose(imu.time[kept], raw[:, 0] - raw[0, 0], atol=1e-12)
     np.testing.assert_allclose(imu.gyr[kept], np.deg2rad(raw[:, 1:4]), atol=1e-12)
     np.testing.assert_allclose(imu.acc[kept], raw[:, 4:] * 9.80665, atol=1e-12)
-    assert "short_walk.csv: 205 rows that repeat the row before are left out" in texts(recording.notes)
+    assert "short_walk.csv: rows that repeat the row before left out: 205" in texts(recording.notes)
