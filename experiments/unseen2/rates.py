@@ -1,21 +1,20 @@
-"""What accuracy to expect at 25, 40, 50 and 100 Hz: legs under Vicon, and shoes in a motion laboratory, resampled.
+"""What accuracy to expect at 25, 40, 50 and 100 Hz: legs under Vicon, resampled.
 
-Signals are low-passed at .4 of the new rate, as a sensor does, and interpolated. Rates below those that the estimators
-accept are let through here, to see what the limits keep out.
+Signals are low-passed at .4 of the new rate, as a sensor does, and interpolated. A rate below those that the estimator
+accepts is let through here, to see what the limit keeps out.
 """
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from experiments.bennett2013.neura_sparse import person
-from experiments.common.recordings import attempt, available, names, walks
+from experiments.common.recordings import available, walks
 from experiments.common.row import Row, show
-from jgait.estimators import foot_ins, leg_ekf
-from jgait.estimators.foot_ins import prepare as foot_prepare
-from jgait.estimators.leg_ekf import prepare as leg_prepare
+from jgait.estimators import leg_ekf
+from jgait.estimators.leg_ekf import prepare
 from jgait.signal.butterworth import low_pass_both_ways
 from jgait.types import SIDES, Imu, Recording, as_float
 
@@ -44,12 +43,13 @@ def at_rate(recording: Recording, rate_hz: float, prefix: str = "") -> Recording
 
 @contextmanager
 def any_rate() -> Iterator[None]:
-    """Estimators without their lowest rates."""
-    with ExitStack() as stack:
-        for module, name in ((leg_prepare, "LOWEST_RATE_HZ"), (foot_prepare, "SLOWEST_HZ")):
-            stack.callback(setattr, module, name, getattr(module, name))
-            setattr(module, name, 10.0)
+    """The estimator without its lowest rate."""
+    before = prepare.LOWEST_RATE_HZ
+    try:
+        prepare.LOWEST_RATE_HZ = 10.0
         yield
+    finally:
+        prepare.LOWEST_RATE_HZ = before
 
 
 def legs() -> list[Row]:
@@ -82,34 +82,7 @@ def legs() -> list[Row]:
     return rows
 
 
-def shoes() -> list[Row]:
-    """Stride lengths of `gaitmap_example` against markers: mean absolute error."""
-    if not available("gaitmap_example"):
-        return []
-    (walk,) = walks("gaitmap_example", names("gaitmap_example")[:1])
-    truth = walk.reference.strides
-    lines, rows = [], []
-    for rate in RATES:
-        with any_rate():
-            estimate = attempt(f"{rate:g} Hz", lambda r=rate: foot_ins.estimate(
-                foot_ins.estimator().params, at_rate(walk.recording, r, "foot")))  # fmt: skip
-        if estimate is None:
-            continue
-        made, errors = estimate.strides, []
-        for k in np.flatnonzero(np.asarray(truth.valid)):
-            same = np.asarray(made.valid) & (np.asarray(made.side) == truth.side[k])
-            if same.any():
-                nearest = np.flatnonzero(same)[np.argmin(np.abs(as_float(made.end)[same] - truth.end[k]))]
-                if abs(float(made.end[nearest] - truth.end[k])) < 0.25:
-                    errors.append(100.0 * abs(float(made.length[nearest] - truth.length[k])))
-        lines.append([f"{rate:g} Hz", len(errors), float(np.mean(errors)), float(np.max(errors))])
-        rows.append(Row(f"shoes_stride_cm_{rate:g}_hz", float(np.mean(errors)), "cm", n=len(errors)).on(
-            f"shoes, `gaitmap_example` resampled to {rate:g} Hz: stride length", "", "strides"))  # fmt: skip
-    show("Shoes by sampling rate", ["", "strides", "mean |error| cm", "worst cm"], lines)
-    return rows
-
-
 def rows(quick: bool) -> list[Row]:
-    """Legs and shoes."""
+    """Legs at every rate."""
     del quick
-    return [*legs(), *shoes()]
+    return legs()
