@@ -51,7 +51,8 @@ class Covered(NamedTuple):
 def legs(p: leg_ekf.LegParams, estimate: Estimate, truth: Estimate) -> Covered:
     """Coverage of hip and knee angles, both legs together."""
     walking = as_float(estimate.time) - as_float(estimate.time)[0] > QUIET_S
-    pose = {"hip": np.rad2deg(float(p.standing_hip_sd)), "knee": np.rad2deg(float(p.standing_knee_sd))}
+    zeros = np.rad2deg([as_float(estimate.diagnostics[f"zero_stddev_{side}"]) for side in SIDES])
+    pose = dict(zip(JOINTS, np.sqrt(np.mean(zeros**2, axis=0)), strict=True))
     inside, moving, stated = {}, {}, {}
     for joint, field in JOINTS.items():
         ours, theirs, spread = (

@@ -21,7 +21,6 @@ CORRECT = 200
 
 LATE_S = 0.5
 KINDS = ("thigh", "shank", "foot")
-HALF_TURN = np.array([-1.0, 1.0, -1.0])
 PEOPLE_KEY = 2303
 
 
@@ -48,11 +47,11 @@ def spoilt(recording: Recording, kind: str, chooser: np.random.Generator) -> tup
     if kind == "sides exchanged":
         a, b = (f"{segment}_{one}" for one in SIDES)
         sensors[a], sensors[b] = sensors[b], sensors[a]
-        return recording._replace(sensors=sensors), "sides_exchanged", (segment,)
+        return recording._replace(sensors=sensors), "places_exchanged", (a, b)
     if kind == "thigh for shank":
         a, b = f"thigh_{side}", f"shank_{side}"
         sensors[a], sensors[b] = sensors[b], sensors[a]
-        return recording._replace(sensors=sensors), "labels_exchanged", (a, b)
+        return recording._replace(sensors=sensors), "places_exchanged", (a, b)
     if kind == "gyroscope in another unit":
         factor = np.pi / 180.0 if chooser.random() < 0.5 else 180.0 / np.pi
         sensors[name] = scaled(sensors[name], gyr=factor)
@@ -60,16 +59,12 @@ def spoilt(recording: Recording, kind: str, chooser: np.random.Generator) -> tup
     if kind == "accelerometer in g":
         sensors[name] = scaled(sensors[name], acc=1.0 / 9.80665)
         return recording._replace(sensors=sensors), "sensor_acc_unit", (name,)
-    if kind == "upside down":
-        imu = sensors[name]
-        sensors[name] = imu._replace(gyr=np.asarray(imu.gyr) * HALF_TURN, acc=np.asarray(imu.acc) * HALF_TURN)
-        return recording._replace(sensors=sensors), "upside_down", (name,)
     sensors[name] = late(sensors[name], recording.sampling_rate_hz)
     return recording._replace(sensors=sensors), "trunk_clock_off" if name == "pelvis" else "clock_off", (name,)
 
 
 MISTAKES = (
-    "sides exchanged", "thigh for shank", "gyroscope in another unit", "accelerometer in g", "upside down",
+    "sides exchanged", "thigh for shank", "gyroscope in another unit", "accelerometer in g",
     "clock 0.5 s late",
 )  # fmt: skip
 

@@ -35,7 +35,8 @@ import numpy as np
 from jgait.datasets import registry
 from jgait.datasets.foot_reference import FootPath, foot_path, walking_strides
 from jgait.geometry.vectors import GRAVITY
-from jgait.notes import DATA_LOST, LEFT_OUT, WRONG_PLACE, Kind, Note
+from jgait.mounting.places import places_in
+from jgait.notes import DATA_LOST, LEFT_OUT, Kind, Note
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
 RATE_HZ = 100.0
@@ -46,7 +47,6 @@ ACC_SCALE = GRAVITY / 10000.0  # raw count → m/s²
 GYR_SCALE = np.pi / 180.0 / 100.0  # raw count → rad/s
 LENGTHS = {"young": (0.485, 0.446), "elderly": (0.405, 0.417)}  # [m] thigh, shank
 
-SENSORS_SWAPPED = Kind("sensors_swapped", "check", "{placement} and {other} seem to have changed places", WRONG_PLACE)
 VALUES_HELD = Kind(
     "values_held",
     "info",
@@ -69,8 +69,9 @@ def load_one(name: str) -> Walk:
     sensors, insoles, notes = _sensors(table, path.name)
     # In the two groups each file is another person; the additional walks of a folder are of one person.
     subject = name if group in LENGTHS else f"Additional/{group}"
-    swapped = _swapped(sensors)
-    notes += [SENSORS_SWAPPED(placement=placement, other=other) for placement, other in swapped]
+    places = places_in(sensors)
+    swapped = tuple((name, label) for name, label in places.worn.items() if name > label) if places else ()
+    notes += places.notes() if places and swapped else []
     recording = Recording(sensors, RATE_HZ, name, subject, tuple(notes))
     reference, feet, why = distance_reference(sensors)
     lengths = LENGTHS.get(group)
@@ -91,18 +92,6 @@ def _windows(feet: dict[str, FootPath], samples: int) -> dict[str, tuple[int, in
     end = int(max(path.end[-1] for path in feet.values())) + 1
     windows = {"whole": (start, end), "standing": (0, start), "end_standing": (end, samples)}
     return {name: window for name, window in windows.items() if window[1] > window[0]}
-
-
-def _swapped(sensors: dict[str, Imu]) -> tuple[tuple[str, str], ...]:
-    """Thigh and shank of a side where the thigh turns faster; in walking the shank turns faster, by half or more."""
-    pairs = []
-    for side in SIDES:
-        thigh, shank = f"thigh_{side}", f"shank_{side}"
-        if thigh in sensors and shank in sensors:
-            fast = [np.percentile(np.linalg.norm(sensors[p].gyr, axis=1), 99.0) for p in (thigh, shank)]
-            if fast[0] > fast[1]:
-                pairs.append((thigh, shank))
-    return tuple(pairs)
 
 
 def distance_reference(sensors: dict[str, Imu]) -> tuple[Estimate | None, dict[str, FootPath], str | None]:

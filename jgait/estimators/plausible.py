@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.estimators.cycles import swing_cycles
 from jgait.notes import Kind, Note
 from jgait.types import SIDES, Estimate, LegTrajectory, Strides, as_float
 
@@ -31,19 +30,8 @@ KNEE_SHARE = 0.01
 KNEE_STIFF_DEG, HIP_SWINGS_DEG = 5.0, 20.0
 """[deg] Largest range of a stiff knee, and least range of its hip, from the 1st to the 99th percentile."""
 
-PAST_STRAIGHT_DEG = -10.0
-"""[deg] The zero seems wrong if the smallest knee angle of two of three strides is below this. Chosen below the medians
-of all legs of `walking5m` and `neura_sparse`, and above those of simulated people who stand with knees bent by 20°."""
-
-BENT_DEG = (25.0, 10.0)
-"""[deg] A leg is never straight if in two of three strides the smallest knee angle and the smallest hip angle are both
-above these. Chosen: the gait "crouched" of `simulate.GAITS` has one of the two, the recordings above have neither."""
-
-MOST = 200.0 / 3.0
-"""[%] Two of three strides; not all, because strides differ more while rates are filled for sleeping gyroscopes."""
-
 FEWEST_CYCLES = 2
-"""Least number of strides of a leg for these two limits: those between three swings."""
+"""Least number of strides of a leg that is worn: those between three swings."""
 
 STEEPEST, LEAST_RISE = 1.0, 0.5
 """[1], [m] Steepest slope of a walk, and least rise that is reported; strides on stairs rise by 0.6 of their length."""
@@ -77,28 +65,6 @@ KNEE_STIFF = Kind(
     "{side}: the knee moves by {knee:.0f}° only, while the hip swings by {hip:.0f}°",
     "Both sensors of the leg can be on one segment, or have one signal under two names. These angles hold only if the "
     "knee is locked, as by an orthosis.",
-)
-ZERO = (
-    "Hip and knee angles count from the pose in which the person stands still. That pose seems not to be upright with "
-    "straight knees, or a sensor moved on the leg after it: angles can be off by the same amount in the whole walk, by "
-    "more than their deviations say. Ranges of motion hold. Repeat the recording with upright standing, or state "
-    "`standing_hip` and `standing_knee`."
-)
-"""Meaning of kinds that report that the zero of the joint angles seems wrong."""
-
-KNEE_PAST_STRAIGHT = Kind(
-    "knee_past_straight",
-    "check",
-    "{side}: in most strides the knee reaches {knee:.0f}°, well past straight: the knee seems to have been bent in the "
-    "standing that calibrates",
-    f"{ZERO} Some people do overextend their knees so far.",
-)
-LEG_NEVER_STRAIGHT = Kind(
-    "leg_never_straight",
-    "check",
-    "{side}: in most strides the knee stays above {knee:.0f}° and the hip above {hip:.0f}°: in the standing that "
-    "calibrates, the thigh or its sensor seems to have been tilted backwards",
-    f"{ZERO} A person who stands upright, but walks bent so far, gets this note too.",
 )
 WIDTH_NEGATIVE = Kind(
     "width_negative",
@@ -175,13 +141,11 @@ def _worn(estimate: Estimate, side: str) -> np.ndarray:
 
 
 def knee_notes(estimate: Estimate, side: str) -> list[Note]:
-    """A note on a measured leg with finite angles if its knee bends as none does, or if its zero seems wrong."""
+    """A note on a measured leg with finite angles if its knee bends as none does."""
     measured = knees(estimate).get(side)
-    if measured is None or measured.lost:
+    if measured is None or not measured.implausible:
         return []
     leg, worn = getattr(estimate.legs, side), _worn(estimate, side)
-    if not measured.implausible:
-        return _zero(side, as_float(estimate.time), leg, worn)
     knee, share = np.rad2deg(as_float(leg.knee_angle)[worn]), 100.0 * knee_beyond(leg)[worn].mean()
     return [KNEE_IMPLAUSIBLE(side=side, low=knee.min(), high=knee.max(), percent=max(share, 1.0))]
 
@@ -204,19 +168,6 @@ def knee_beyond(leg: LegTrajectory) -> np.ndarray:
     """(T,) bool, samples with knee angles that no person has."""
     knee = np.rad2deg(as_float(leg.knee_angle))
     return np.asarray((knee < KNEE_DEG[0]) | (knee > KNEE_DEG[1]))
-
-
-def _zero(side: str, time: np.ndarray, leg: LegTrajectory, valid: np.ndarray) -> list[Note]:
-    """A note if the angles of most strides of a leg are beyond, or never near, those of a straight leg."""
-    strides = swing_cycles(time, leg, valid)
-    if len(strides) < FEWEST_CYCLES:
-        return []
-    angles = (np.rad2deg(as_float(angle)) for angle in (leg.knee_angle, leg.hip_angle))
-    knees, hips = ([angle[a:b].min() for a, b in strides] for angle in angles)
-    if (most := np.percentile(knees, MOST)) < PAST_STRAIGHT_DEG:
-        return [KNEE_PAST_STRAIGHT(side=side, knee=most)]
-    knee, hip = (np.percentile(smallest, 100.0 - MOST) for smallest in (knees, hips))
-    return [LEG_NEVER_STRAIGHT(side=side, knee=knee, hip=hip)] if knee > BENT_DEG[0] and hip > BENT_DEG[1] else []
 
 
 def paces_mixed(strides: Strides) -> list[Note]:

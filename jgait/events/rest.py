@@ -1,7 +1,7 @@
 """Standing still: rests of a person or a sensor, gyroscope bias and force at rest. NumPy and SciPy, on the host.
 
 All rules use a centred window. They differ between segments: the legs never rest together in walking
-(`standing_of_legs`), a foot rests at every stance (`rest`), the trunk moves little even in walking (`trunk_rest`).
+(`legs_at_rest`), a foot rests at every stance (`rest`), the trunk moves little even in walking (`trunk_rest`).
 """
 
 import math
@@ -13,7 +13,7 @@ import numpy as np
 from jgait.geometry.vectors import GRAVITY
 from jgait.notes import FEW_RESTS, SCALE, Kind, Note
 from jgait.signal.windows import held_mean, held_spread, true_runs, window_maximum, window_size, window_sum
-from jgait.types import AnyArray, Imu, RecordingError, as_float
+from jgait.types import AnyArray, Imu, as_float
 
 STILL_RATE = 0.2
 """[rad/s] Threshold on the root mean square rate of a standing segment: the swing of a leg reaches 3 to 7 rad/s, the
@@ -60,14 +60,6 @@ LEAST_REST_S = 2.0
 BIAS_KNOWN = 0.06
 """[rad/s] Largest expected bias of a gyroscope; a larger mean rate means that the trunk turns."""
 
-UPRIGHT = math.radians(50.0)
-"""[rad] Angle between a leg sensor's directions at rest and in the mean of walking above which the person does not
-stand: a thigh is nearly level in sitting, and both segments are nearly upright in standing."""
-
-WALKS_RATE, WALKS_WITHIN_S, LEAST_WALK_S = 2.0, 0.5, 2.0
-"""[rad/s] Rate that the fastest leg exceeds within `WALKS_WITHIN_S` [s] of every sample of walking. [s] Least duration
-of walking from which the upright direction is computed."""
-
 BRIDGED_S = 0.1
 """[s] Longest loss of samples that does not end a rest."""
 
@@ -81,13 +73,6 @@ class Rest(NamedTuple):
     time: float  #: duration of rest, √Σ t² of the windows [s].
 
 
-SITS = Kind(
-    "sits",
-    "info",
-    "at rest from {begin_s:.3g} s to {end_s:.3g} s a leg is tilted by {degrees:.0f}° from its mean direction in "
-    "walking, as of a person who sits; not taken for standing",
-    "Only rests in upright standing tell where the angles are zero.",
-)
 NEVER_STILL = Kind(
     "never_still",
     "check",
@@ -163,28 +148,12 @@ def longest_still(
     return max(runs, key=lambda run: run[1] - run[0], default=None)
 
 
-class LegRest(NamedTuple):
-    """When a person rests, from sensors on the legs."""
+def legs_at_rest(gyrs: Sequence[AnyArray], sampling_rate_hz: float, masks: Sequence[AnyArray] = ()) -> np.ndarray:
+    """(T,) bool, where no leg moves, from angular rates (T, 3) [rad/s] and masks (T,) of all sensors on the legs; a
+    person who sits rests too, nobody rests in a loss longer than `LEGS_LOST_S`.
 
-    still: np.ndarray  #: (T,) bool, no leg moves; also in sitting.
-    upright: np.ndarray  #: (T,) bool, the person stands.
-    standing: tuple[int, int]  #: half-open range of samples of standing that calibrates.
-    notes: list[Note]
-
-
-def standing_of_legs(
-    gyrs: Sequence[AnyArray], accs: Sequence[AnyArray | None], sampling_rate_hz: float, estimator: str,
-    masks: Sequence[AnyArray] = (),
-) -> LegRest:  # fmt: skip
-    """When a person stands, from (T, 3) angular rates [rad/s], specific forces [m/s²] and masks (T,) of all sensors on
-    the legs; nobody stands in a loss longer than `LEGS_LOST_S`.
-
-    A sample is at rest when no gyroscope exceeds `LEGS_RATE` within `LEGS_WINDOW_S` of it. A rest is no standing if a
-    sensor is tilted by `UPRIGHT` from its mean direction in walking: the person sits; without accelerometers every rest
-    is standing. The first standing of one second or more calibrates; if there is none, the longest one does.
-
-    Raises:
-        RecordingError: if the person never stands still for `LEGS_SHORTEST_S`; it names the estimator.
+    A sample is at rest when no gyroscope exceeds `LEGS_RATE` within `LEGS_WINDOW_S` of it, or twice as much if there is
+    no rest of `LEGS_SHORTEST_S`.
     """
     half = max(1, round(LEGS_WINDOW_S * sampling_rate_hz))
     fastest = np.max([np.linalg.norm(as_float(gyr), axis=1) for gyr in gyrs], axis=0)
@@ -193,47 +162,10 @@ def standing_of_legs(
         for first, after in true_runs(~np.asarray(mask, bool)):
             if after - first > LEGS_LOST_S * sampling_rate_hz:
                 around[max(0, first - half) : after + half] = np.inf
-    walks = window_maximum(fastest, 2 * round(WALKS_WITHIN_S * sampling_rate_hz) + 1) > WALKS_RATE
-    sat = 0.0
-    for limit in (LEGS_RATE, 2.0 * LEGS_RATE):
-        still = around < limit
-        tilts = {run: _tilt(accs, walks, run, sampling_rate_hz) for run in true_runs(still)}
-        upright, notes = still.copy(), list[Note]()
-        for (first, after), tilt in tilts.items():
-            upright[first:after] &= tilt < UPRIGHT
-            if tilt >= UPRIGHT and after - first >= LEGS_SHORTEST_S * sampling_rate_hz:
-                begin, end, sat = first / sampling_rate_hz, after / sampling_rate_hz, max(sat, tilt)
-                notes.append(SITS(begin_s=begin, end_s=end, degrees=math.degrees(tilt)))
-        runs = [run for run in true_runs(upright) if run[1] - run[0] >= LEGS_SHORTEST_S * sampling_rate_hz]
-        if runs:
-            long = [run for run in runs if run[1] - run[0] >= sampling_rate_hz]
-            longest = max(runs, key=lambda run: run[1] - run[0])
-            return LegRest(still, upright, long[0] if long else longest, notes)
-    rested = max((after - first for first, after in true_runs(around < 2.0 * LEGS_RATE)), default=0)
-    if sat:
-        leans = f"{math.degrees(sat):.0f}° from its mean direction in walking"
-        reason = f"at rest a leg is tilted by {leans}, as of a person who sits"
-    elif rested:
-        reason = f"the longest of this recording lasts {rested / sampling_rate_hz:.2f} s"
-    else:
-        reason = f"the quietest moment of this recording reaches {around.min():.2f} rad/s"
-    raise RecordingError(
-        f"{estimator} needs {LEGS_SHORTEST_S:g} s of quiet standing (all leg gyroscopes below {LEGS_RATE:g} rad/s) to "
-        f"find the gyroscope bias and the upright pose; {reason}"
-    )
-
-
-def _tilt(accs: Sequence[AnyArray | None], walks: np.ndarray, run: tuple[int, int], sampling_rate_hz: float) -> float:
-    """The largest angle of a sensor's mean force at rest from that in walking [rad]; 0 where this is not known."""
-    if walks.sum() < LEAST_WALK_S * sampling_rate_hz:
-        return 0.0
-    angles = [0.0]
-    for acc in accs:
-        if acc is not None:
-            rests, moves = (np.nan_to_num(as_float(acc)[rows]).mean(axis=0) for rows in (slice(*run), walks))
-            size = float(np.linalg.norm(rests) * np.linalg.norm(moves))
-            angles.append(math.acos(np.clip(rests @ moves / size, -1.0, 1.0)) if size > 0.0 else 0.0)
-    return max(angles)
+    still = np.asarray(around < LEGS_RATE)
+    if any(after - first >= LEGS_SHORTEST_S * sampling_rate_hz for first, after in true_runs(still)):
+        return still
+    return np.asarray(around < 2.0 * LEGS_RATE)
 
 
 class TrunkRest(NamedTuple):

@@ -1,4 +1,4 @@
-"""Orientation of the sensors on a thigh and a shank, from standing and walking; NumPy, on the host.
+"""Orientation of the sensors on thighs and shanks, from walking and, where there is one, a standing; on the host.
 
 A leg in straight walking turns about one axis, the sagittal axis of each segment; gravity gives the vertical. The axes
 are forward, left and up, as of a standing segment; the forward swing is a negative rate about the axis to the left.
@@ -9,105 +9,51 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.notes import WRONG_PLACE, Kind
-from jgait.types import Imu, RecordingError, as_float
+from jgait.mounting.cycle import WALKING_RATE, Cycle, cycle_of, mean_force, sagittal_axis
+from jgait.mounting.places import Places, places_of
+from jgait.mounting.pose import WALKING_POSE, Pose, pose_from_walking, standing_probability
+from jgait.notes import Kind, Note
+from jgait.signal.windows import true_runs
+from jgait.types import SIDES, Imu, RecordingError, as_float
 
-WALKING_RATE = 0.6
-"""[rad/s] Smallest root mean square rate of a shank in walking."""
+SHORTEST_S, LONG_S = 0.5, 1.0
+"""[s] Shortest rest that can calibrate a leg, and duration from which on the first standing calibrates."""
 
-TURNING_RATE = 0.6
-"""[rad/s] Threshold on the low-passed rate about the vertical; above it the person turns, and the sagittal axis is
-hidden."""
+UPRIGHT = 0.5
+"""[1] Probability of standing from which on a rest is standing."""
 
-SWAPPED = 1.25
-"""[1] Ratio of the thigh's to the shank's turning rate above which the two sensors are exchanged."""
-
-THIGH_LEAD = 0.145
-"""[1] Share of a stride by which the forward swing of the thigh precedes that of the shank: with it, the correlation of
-the rates is .3 to .9 on all 36 legs of `walking5m`, and .4 to .7 in simulated walks of 0.2 to 1.7 m/s. With a lead in
-seconds the sign is wrong in slow walks."""
-
-LEAST_CORRELATION = 0.15
-"""[1] Correlation of both rates below which the forward direction of the thigh is uncertain."""
-
-STRIDE_TIMES, USUAL_STRIDE_TIME = (0.6, 4.0), 1.1
-"""[s] Limits of the stride time in the search, and the stride time that is assumed if the search finds none."""
-
-SIDES_EXCHANGED = Kind(
-    "sides_exchanged", "check", "the right and left {kind} sensors seem exchanged: they swing half a stride before or "
-    "after {others}", WRONG_PLACE,
-)  # fmt: skip
+SITS = Kind(
+    "sits",
+    "info",
+    "at rest from {begin_s:.3g} s to {end_s:.3g} s a leg is tilted by {degrees:.0f}° from its mean direction in "
+    "walking, as of a person who sits; not taken for standing",
+    "The zero of the angles is that of upright standing and of walking.",
+)
 
 
 class LegMounting(NamedTuple):
-    """Orientation of the sensors of one leg."""
+    """Orientation of the sensors of one leg; dictionaries by segment ("thigh", "shank")."""
 
-    #: segment ("thigh", "shank") → placement whose sensor is on it; exchanged if the sensors are swapped.
-    placements: dict[str, str]
-    #: segment → (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ rows.T` is in the segment's axes.
-    rows: dict[str, np.ndarray]
-    gyr_bias: dict[str, np.ndarray]  #: segment → (3,) mean rate at standing, in the sensor's axes [rad/s].
-    swapped: bool  #: whether the thigh's sensor turns faster than the shank's by `SWAPPED`.
-    sure: bool  #: whether it is certain which way is forward for the thigh, see `LEAST_CORRELATION`.
-
-
-class _Turning(NamedTuple):
-    bias: np.ndarray
-    up: np.ndarray | None
-    axis: np.ndarray
-    swing: np.ndarray
+    placements: dict[str, str]  #: placement whose sensor is on the segment.
+    rows: dict[
+        str, np.ndarray
+    ]  #: (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ rows.T` in the segment's
+    gyr_bias: dict[str, np.ndarray]  #: (3,) gyroscope bias, in the sensor's axes [rad/s].
+    gravity: dict[str, float]  #: specific force at rest, or over whole strides [m/s²]; 0 without an accelerometer.
+    pose: Pose  #: hip and knee in the pose from which angles count.
+    notes: list[Note]  #: on segments of which it is not sure which way is forward.
 
 
-def smooth(values: np.ndarray, seconds: float, sampling_rate_hz: float) -> np.ndarray:
-    """(T,) moving average with a triangular kernel; the first and the last value are repeated beyond the ends."""
-    width = max(1, round(seconds * sampling_rate_hz / 2))
-    kernel = np.convolve(np.ones(width), np.ones(width)) / width**2
-    padded = np.pad(values, (kernel.size // 2, kernel.size - 1 - kernel.size // 2), mode="edge")
-    return np.convolve(padded, kernel, mode="valid")
+class WornLegs(NamedTuple):
+    """The sensors on a person's legs."""
 
-
-def stride_time(rate: np.ndarray, sampling_rate_hz: float) -> float:
-    """Stride time [s] from the sagittal rate of a shank (T,) [rad/s]: the first lag at which the rate repeats.
-
-    That is the first maximum of its autocorrelation within `STRIDE_TIMES` of at least 0.7 of the highest;
-    `USUAL_STRIDE_TIME` if there is none.
-    """
-    free = rate - rate.mean()
-    first, last = (round(limit * sampling_rate_hz) for limit in STRIDE_TIMES)
-    spectrum = np.abs(np.fft.rfft(free, 2 * free.size)) ** 2
-    again = np.fft.irfft(spectrum, 2 * free.size)[first : min(last, free.size)]
-    if again.size < 3:
-        return USUAL_STRIDE_TIME
-    top = np.flatnonzero((again[1:-1] > again[:-2]) & (again[1:-1] >= again[2:])) + 1
-    top = top[again[top] > 0.7 * max(again[top], default=0.0)]
-    return float(first + top[0]) / sampling_rate_hz if top.size else USUAL_STRIDE_TIME
-
-
-def _correlation(values: np.ndarray, later: np.ndarray, lag: int) -> float:
-    """Correlation about zero of values (T,) with others (T,) that come `lag` samples later."""
-    a, b = values[: values.size - lag], later[lag:]
-    return float(np.sum(a * b)) / max(float(np.sum(a**2) * np.sum(b**2)), 1e-12) ** 0.5
-
-
-def sagittal_axis(
-    gyr: np.ndarray, up: np.ndarray | None, still: np.ndarray, sampling_rate_hz: float, *, perpendicular: bool
-) -> np.ndarray:
-    """The axis (3,) about which a segment turns in straight walking, in sensor axes, up to its sign.
-
-    The axis is the first principal axis of the angular rate (T, 3) without bias [rad/s] over the walking samples that
-    are not part of a turn; with `perpendicular`, its part along `up` at standing is removed.
-    """
-    walking = ~still
-    if up is not None:
-        turning = np.abs(smooth(gyr @ up, 1.0, sampling_rate_hz)) > TURNING_RATE
-        if np.count_nonzero(walking & ~turning) > sampling_rate_hz:
-            walking = walking & ~turning
-    samples = gyr[walking]
-    _, vectors = np.linalg.eigh(samples.T @ samples)
-    axis = vectors[:, -1]
-    if perpendicular and up is not None:
-        axis = axis - (axis @ up) * up
-    return np.asarray(axis / np.linalg.norm(axis))
+    legs: dict[str, LegMounting]  #: side → orientation.
+    places: Places  #: which sensor is where.
+    cycle: Cycle  #: how the sensors turn over a stride.
+    upright: np.ndarray  #: (T,) bool, the person stands.
+    standing: tuple[int, int] | None  #: samples of the standing from which angles count; None: they count from walking.
+    rest: tuple[int, int] | None  #: samples of the rest that calibrates the gyroscopes: the standing, or the longest.
+    notes: list[Note]
 
 
 def segment_axes(right: np.ndarray, up: np.ndarray | None) -> np.ndarray:
@@ -126,71 +72,101 @@ def measured(imu: Imu, standing: slice) -> np.ndarray:
     return there if there.size else samples
 
 
-def _turning(imu: Imu, standing: slice, still: np.ndarray, rate_hz: float, *, perpendicular: bool) -> _Turning:
-    gyr, rests = as_float(imu.gyr), measured(imu, standing)
-    bias = gyr[rests].mean(axis=0)
-    up = None
-    if imu.acc is not None:
-        mean = as_float(imu.acc)[rests].mean(axis=0)
-        up = mean / np.linalg.norm(mean)
-    free = gyr - bias
-    axis = sagittal_axis(free, up, still, rate_hz, perpendicular=perpendicular)
-    return _Turning(bias, up, axis, smooth(free @ axis, 0.1, rate_hz))
+def _direction(imu: Imu, samples: slice) -> np.ndarray | None:
+    """(3,) mean specific force at rest [m/s²]; None without an accelerometer."""
+    return None if imu.acc is None else np.asarray(as_float(imu.acc)[measured(imu, samples)].mean(axis=0))
 
 
-def leg_mounting(
-    sensors: Mapping[str, Imu],
-    side: str,
-    standing: slice,
-    still: np.ndarray,
-    sampling_rate_hz: float,
-    *,
-    perpendicular: bool = True,
+def worn_legs(
+    sensors: Mapping[str, Imu], still: np.ndarray, sampling_rate_hz: float, *, perpendicular: bool = True,
     estimator: str,
-) -> LegMounting:
-    """The axes of thigh and shank in the axes of their sensors; swapped sensors are exchanged.
-
-    The forward swing of a shank is faster than its backward rotation, which gives the sign of its sagittal axis; the
-    thigh swings forward `THIGH_LEAD` of a stride before the shank, which gives the sign for the thigh: the correlation
-    at the lead of this stride time or of a usual one, the stronger of the two.
+) -> WornLegs:  # fmt: skip
+    """How sensors on thighs and shanks, all at the same times, are worn; sensors on feet witness it.
 
     Args:
-        sensors: with `thigh_SIDE` and `shank_SIDE`.
-        side: "right" or "left".
-        standing: samples of quiet standing.
-        still: (T,) bool, where the person stands.
+        sensors: `thigh_SIDE`, `shank_SIDE`, and `foot_SIDE`.
+        still: (T,) bool, where no leg moves.
         sampling_rate_hz: sampling rate [Hz].
         perpendicular: make the sagittal axes perpendicular to gravity.
         estimator: its name, for the error.
 
     Raises:
-        RecordingError: if the shank never moves as in walking.
+        RecordingError: if nobody walks.
     """
-    placements = {segment: f"{segment}_{side}" for segment in ("thigh", "shank")}
-    turning = {
-        segment: _turning(sensors[name], standing, still, sampling_rate_hz, perpendicular=perpendicular)
-        for segment, name in placements.items()
-    }
-    moving = {
-        segment: float(np.sqrt(np.mean(each.swing[~still] ** 2))) if (~still).any() else 0.0
-        for segment, each in turning.items()
-    }
-    if max(moving.values()) < WALKING_RATE:
+    cycle = cycle_of(sensors, perpendicular=perpendicular)
+    still_ones = {name for name in sensors if not name.startswith("foot")} - set(cycle.turning if cycle else ())
+    if cycle is None or still_ones:
         raise RecordingError(
-            f"{estimator} found no walking: the {side} shank turns at {moving['shank']:.2f} rad/s RMS outside standing "
-            f"(a walking shank exceeds {WALKING_RATE:g}); is the gyroscope in rad/s, or the walk very slow?"
+            f"{estimator} found no walking: {' and '.join(sorted(still_ones))} turn at less than {WALKING_RATE:g} "
+            "rad/s RMS; is the gyroscope in rad/s, or the walk very slow?"
         )
-    swapped = moving["thigh"] > SWAPPED * moving["shank"]
-    if swapped:
-        placements = {"thigh": placements["shank"], "shank": placements["thigh"]}
-        turning = {"thigh": turning["shank"], "shank": turning["thigh"]}
-    shank, thigh = turning["shank"], turning["thigh"]
-    sign = float(np.sign(np.sum(shank.swing**3)) or 1.0)
-    # a gyroscope that sleeps half of the time shows every second or third stride alone: then the usual time fits better
-    times = (USUAL_STRIDE_TIME, stride_time(shank.swing, sampling_rate_hz))
-    leads = [round(THIGH_LEAD * time * sampling_rate_hz) for time in times]
-    together = sign * max((_correlation(thigh.swing, shank.swing, lead) for lead in leads), key=abs)
-    signs = {"shank": sign, "thigh": float(np.sign(together) or 1.0)}
-    rows = {segment: segment_axes(signs[segment] * each.axis, each.up) for segment, each in turning.items()}
-    bias = {segment: each.bias for segment, each in turning.items()}
-    return LegMounting(placements, rows, bias, swapped, abs(together) >= LEAST_CORRELATION)
+    places = places_of(cycle)
+    segments = {
+        name: (sensors[label], places.right[name] * cycle.turning[label].axis, cycle.turning[label].up)
+        for name, label in places.worn.items() if not name.startswith("foot")
+    }  # fmt: skip
+    every = {name: segment_axes(right, up) for name, (_, right, up) in segments.items()}
+    walks = {name: mean_force(segments[name][0], rows, cycle) for name, rows in every.items()}
+    rests = [run for run in true_runs(still) if run[1] - run[0] >= SHORTEST_S * sampling_rate_hz]
+    stands, notes = [], list[Note]()
+    for first, after in rests:
+        tilts = [_tilt(name, imu, every[name], walks[name], slice(first, after))
+                 for name, (imu, _, _) in segments.items() if imu.acc is not None]  # fmt: skip
+        stands.append(standing_probability(tilts))
+        if stands[-1] < UPRIGHT:
+            largest = max((abs(tilt) for _, *both in tilts for tilt in both), default=0.0)
+            begin, end = first / sampling_rate_hz, after / sampling_rate_hz
+            notes.append(SITS(begin_s=begin, end_s=end, degrees=np.rad2deg(largest)))
+    upright = still.copy()
+    for (first, after), probability in zip(rests, stands, strict=True):
+        upright[first:after] &= probability >= UPRIGHT
+    likely = [run for run, probability in zip(rests, stands, strict=True) if probability >= UPRIGHT]
+    long = [run for run in likely if run[1] - run[0] >= LONG_S * sampling_rate_hz]
+    longest = max(rests, key=lambda run: run[1] - run[0], default=None)
+    standing = long[0] if long else max(likely, key=lambda run: run[1] - run[0], default=None)
+    probability = 0.0 if standing is None else stands[rests.index(standing)]
+    rest = standing or longest
+    legs = {}
+    for side in SIDES:
+        if names := {name.partition("_")[0]: name for name in segments if name.endswith(side)}:
+            legs[side] = _leg(names, segments, cycle, places, standing, rest, probability, sampling_rate_hz,
+                              perpendicular=perpendicular)  # fmt: skip
+    return WornLegs(legs, places, cycle, upright, standing, rest, [*places.notes(), *notes])
+
+
+def _tilt(name: str, imu: Imu, rows: np.ndarray, walks: complex | None, rest: slice) -> tuple[str, float, float]:
+    """Segment, and its inclinations forward and sideways at rest [rad], if it walks as usual."""
+    segment, force = name.partition("_")[0], _direction(imu, rest)
+    assert force is not None
+    forward, left, up = rows @ force
+    usual = WALKING_POSE[0] - (WALKING_POSE[1] if segment == "shank" else 0.0)
+    mean = 0.0 if walks is None else float(np.angle(walks))
+    return segment, float(np.arctan2(forward, up)) - mean + usual, float(np.arctan2(left, np.hypot(forward, up)))
+
+
+def _leg(
+    names: Mapping[str, str], segments: Mapping[str, tuple[Imu, np.ndarray, np.ndarray | None]], cycle: Cycle,
+    places: Places, standing: tuple[int, int] | None, rest: tuple[int, int] | None, stands: float, rate: float, *,
+    perpendicular: bool,
+) -> LegMounting:  # fmt: skip
+    """The orientation of one leg's sensors; `names` are its placements by segment."""
+    rows, bias, gravity, means = {}, {}, {}, {}
+    for segment, name in names.items():
+        imu, right, up = segments[name]
+        label = places.worn[name]
+        if standing is not None and (force := _direction(imu, slice(*standing))) is not None:
+            up = force / max(float(np.linalg.norm(force)), 1e-9)
+            axis = sagittal_axis(as_float(imu.gyr), up, cycle.walks & np.asarray(imu.mask, bool), rate,
+                                 perpendicular=perpendicular)  # fmt: skip
+            right = axis if axis @ right > 0.0 else -axis
+        rows[segment] = segment_axes(right, up)
+        bias[segment] = cycle.turning[label].bias
+        if rest is not None:
+            bias[segment] = as_float(imu.gyr)[measured(imu, slice(*rest))].mean(axis=0)
+        walked = mean_force(imu, rows[segment], cycle)
+        means[segment] = None if walked is None else float(np.angle(walked))
+        at_rest = None if rest is None else _direction(imu, slice(*rest))
+        gravity[segment] = float(np.linalg.norm(at_rest)) if at_rest is not None else abs(walked or 0.0)
+    pose = pose_from_walking(means.get("thigh"), means.get("shank"), stands)
+    notes = [note for name in names.values() for note in places.unsure(name)]
+    return LegMounting({k: places.worn[name] for k, name in names.items()}, rows, bias, gravity, pose, notes)

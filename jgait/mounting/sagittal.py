@@ -4,13 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.events.rest import standing_of_legs
-from jgait.mounting import shank
-from jgait.mounting.leg import leg_mounting
+from jgait.mounting.cycle import cycle_of
+from jgait.mounting.places import places_of
 from jgait.notes import record
 from jgait.types import Recording, RecordingError, as_float
-
-CALLER = "sagittal_rate"
 
 
 @record
@@ -23,11 +20,10 @@ class SagittalRate(NamedTuple):
 
 
 def sagittal_rate(recording: Recording, placement: str) -> SagittalRate:
-    """The rate of a thigh, shank or ankle about its sagittal axis, without the bias at rest.
+    """The rate of a thigh, shank or ankle about its sagittal axis, without the gyroscope's bias.
 
-    The axis is the axis of most rotation in the walk, perpendicular to gravity. The sign of a shank or ankle follows
-    from its forward swing, which is the faster one. The sign of a thigh follows from the shank of the same side, so
-    both sensors and a standing are needed.
+    The axis is the axis of most rotation in the walk, perpendicular to gravity. Its sign follows from how the segment
+    turns over a stride; that of a thigh from the shank of the same side, so both sensors are needed.
 
     Args:
         recording: a walk; SI units, sensors in any orientation.
@@ -43,24 +39,15 @@ def sagittal_rate(recording: Recording, placement: str) -> SagittalRate:
         raise RecordingError(f"there is no sensor {placement}; the recording has {', '.join(recording.sensors)}")
     imu = recording.sensors[placement]
     time, mask = as_float(imu.time), np.asarray(imu.mask, bool)
-    hz = 1.0 / float(np.median(np.diff(time)))
-    if segment == "thigh":
-        if f"shank_{side}" not in recording.sensors:
-            raise RecordingError(f"which way a thigh faces follows from the shank; there is no sensor shank_{side}")
-        sensors = {f"{name}_{side}": recording.sensors[f"{name}_{side}"] for name in ("thigh", "shank")}
-        gyrs, accs, masks = zip(*((i.gyr, i.acc, i.mask) for i in sensors.values()), strict=True)
-        rest = standing_of_legs(gyrs, accs, hz, CALLER, masks)
-        worn = leg_mounting(sensors, side, slice(*rest.standing), rest.still, hz, estimator=CALLER)
-        if worn.swapped or not worn.sure:
-            raise RecordingError(f"{placement} does not swing as a thigh before its shank: its front is not certain")
-        left, bias = worn.rows["thigh"][1], worn.gyr_bias["thigh"]
-    else:
-        whole = shank.filled(imu)
-        rest_bias = shank.rest_bias(imu, hz)
-        bias = np.zeros(3) if rest_bias is None else rest_bias
-        axes = shank.functional_axes(whole._replace(gyr=as_float(whole.gyr) - bias))
-        if axes is None:
-            raise RecordingError(f"{placement} does not walk")
-        left = axes.rows[1]
-    rate = -(as_float(imu.gyr) - bias) @ left
+    name = placement.replace("ankle", "shank")  # which turn together
+    leg = {f"{other}_{side}": recording.sensors.get(f"{other}_{side}") for other in ("thigh", "shank")} | {name: imu}
+    cycle = cycle_of({key: each for key, each in leg.items() if each and np.array_equal(as_float(each.time), time)})
+    if cycle is None or name not in cycle.turning:
+        raise RecordingError(f"{placement} does not walk")
+    places, turning = places_of(cycle), cycle.turning[name]
+    if segment == "thigh" and len(cycle.turning) < 2:
+        raise RecordingError(f"which way a thigh faces follows from the shank; there is no sensor shank_{side}")
+    if places.moved or places.doubtful or places.unsure(name):
+        raise RecordingError(f"{placement} does not swing as a {segment} in walking: its front is not certain")
+    rate = (as_float(imu.gyr) - turning.bias) @ (places.right[name] * turning.axis)
     return SagittalRate(time, np.where(mask, rate, 0.0), mask)

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jgait.events.rest import longest_still
-from jgait.mounting.leg import SWAPPED
-from jgait.notes import WRONG_PLACE, Kind, Note
+from jgait.mounting.places import places_in
+from jgait.notes import Note
 from jgait.signal.windows import over_losses
 from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError, as_float
 
@@ -122,35 +122,20 @@ def stance_up(axes: Axes, acc: Float[AnyArray, "time 3"], instants: Int[AnyArray
     return axes._replace(rows=np.stack([np.cross(axes.rows[1], up), axes.rows[1], up]))
 
 
-LABELS_EXCHANGED = Kind(
-    "labels_exchanged",
-    "check",
-    "{thigh} and {other} have changed places: the thigh's sensor swings faster; taken the other way round",
-    WRONG_PLACE,
-)
-
-
 def worn_on_shank(recording: Recording, side: str) -> tuple[str, Note | None]:
-    """The placement whose sensor swings as a shank does, and a note if this is not `shank_<side>`.
+    """The placement that is stated for the sensor on a shank, and a note if this is not `shank_<side>`.
 
-    In walking the shank swings faster than the thigh, by half or more; on stairs the thigh may be 1.1 times as fast. So
-    a thigh's sensor that swings faster by `SWAPPED` is on the shank.
+    Sensors on thighs, shanks and feet show by how they move together which of them is on the shank.
 
     Raises:
         RecordingError: if there is no sensor on that shank.
     """
     if side not in SIDES:
         raise ValueError(f"side must be 'right' or 'left'; got {side!r}")
-    shank, thigh = f"shank_{side}", f"thigh_{side}"
+    shank = f"shank_{side}"
     if shank not in recording.sensors:
         raise RecordingError(f"a sensor on {shank} is needed; the recording has {', '.join(recording.sensors)}")
-    if thigh not in recording.sensors:
+    places = places_in(recording.sensors)
+    if places is None or not places.moved:
         return shank, None
-    swing = {}
-    for placement in (shank, thigh):
-        axes = functional_axes(recording.sensors[placement])
-        rate = 0.0 if axes is None else as_float(recording.sensors[placement].gyr) @ axes.rows[1]
-        swing[placement] = -float(np.percentile(rate, 1.0))
-    if swing[thigh] > max(SWAPPED * swing[shank], LEAST_SWING):
-        return thigh, LABELS_EXCHANGED(thigh=thigh, other=shank)
-    return shank, None
+    return places.worn.get(shank, shank), places.notes()[0]

@@ -23,7 +23,6 @@ class SensorQuality(NamedTuple):
         late: delay behind the sensor above it on the same leg [s].
         faster: rate over that of the same segment of the other leg, if this one turns faster than a usual leg [1].
         step_share: time from a step of the other foot to the next one of this foot [strides].
-        other_side: True if the sensor is exchanged with that of the same segment of the other leg.
         rows_lost: number of places at which rows of the file are missing although time goes on.
         rows_twice: number of rows of the file that are written twice although time goes on.
         begin: time of the first sample in the file [s], from which times count.
@@ -57,7 +56,6 @@ class SensorQuality(NamedTuple):
     late: float = 0.0
     faster: float = 1.0
     step_share: float = 0.5
-    other_side: bool = False
     rows_lost: int = 0
     rows_twice: int = 0
     begin: float = 0.0

@@ -142,17 +142,6 @@ def test_a_sensor_at_half_the_rate_is_interpolated(folder):
     np.testing.assert_allclose(recording.sensors["foot_left"].gyr[310:, 2][: len(expected)], expected, atol=0.005)
 
 
-def test_swapped_thigh_and_shank_are_noticed(folder):
-    table = columns()
-    for number in (2, 5):
-        table[f"  Gyro_read_z_{number}"] = [2 * value for value in table[f"  Gyro_read_z_{number}"]]
-    assert load(folder, table).info["misplaced"] == ()
-    table["  Gyro_read_z_4"] = [4 * value for value in table["  Gyro_read_z_4"]]
-    walk = load(folder, table, "Young/new_2")
-    assert walk.info["misplaced"] == (("thigh_left", "shank_left"),)
-    assert "thigh_left and shank_left seem to have changed places" in texts(walk.recording.notes)
-
-
 # --- the real walks ---
 
 

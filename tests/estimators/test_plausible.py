@@ -82,23 +82,3 @@ def test_results_that_are_not_finite_and_distances_that_no_runner_covers():
     assert codes(estimate(distance=1.4 * TIME)) == []
     assert codes(estimate(distance=9.0 * TIME)) == ["speed_implausible"]
     assert codes(estimate(distance=np.where(TIME > 9.0, np.nan, TIME))) == ["speed_implausible"]
-
-
-@pytest.mark.parametrize(
-    ("knee", "hip", "found"),
-    [
-        (-9.8, -20.0, []), (-12.0, -20.0, ["knee_past_straight"]), (-19.0, -20.0, ["knee_past_straight"]),
-        (27.0, -4.0, []), (11.0, 12.0, []), (36.0, 17.0, ["leg_never_straight"]), (-30.0, -20.0, ["knee_implausible"]),
-    ],
-    ids=["soft knees", "bent standing", "more bent", "crouched", "running", "thigh tilted", "beyond any knee"],
-)  # fmt: skip
-def test_a_wrong_zero_of_the_angles_is_noted(knee, hip, found):
-    """`knee` and `hip` are the smallest angles of each stride [°]."""
-    wave = 30.0 * (1.0 - np.cos(2.0 * np.pi * TIME))
-    leg = LegTrajectory(np.deg2rad(hip + 0.5 * wave), np.deg2rad(knee + wave), 0.0 * TIME, 0.0 * TIME)
-    walks = estimate()._replace(legs=Legs(leg, None))
-    assert codes(walks) == found
-    assert codes(walks._replace(valid=TIME < 2.0)) == (found if found == ["knee_implausible"] else [])
-    assert codes(walks._replace(valid=TIME < 3.0)) == found  # two strides, as in a walk of a few metres
-    uneven = LegTrajectory(leg.hip_angle, leg.knee_angle + np.deg2rad(20.0) * (TIME > 5.0), leg.x, leg.y)
-    assert "knee_past_straight" not in codes(walks._replace(legs=Legs(uneven, None)))

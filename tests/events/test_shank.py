@@ -4,11 +4,12 @@ import jax
 import numpy as np
 import pytest
 
+from jgait import simulate
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.mounting import shank as shank_axes
 from jgait.signal import butterworth
-from jgait.types import Imu, Recording, RecordingError
+from jgait.types import Imu, RecordingError
 
 RATE, PERIOD, STRIDES, FIRST = 100.0, 1.2, 6, 2.0
 SAMPLES = 1024
@@ -127,19 +128,17 @@ def test_axes_and_sign_are_computed_from_the_walk():
 
 
 def test_exchanged_labels_are_noticed():
-    fast, slow = worn(np.eye(3)), worn(np.eye(3))
-    slow = slow._replace(gyr=0.5 * slow.gyr)
-    right = Recording({"shank_right": fast, "thigh_right": slow}, RATE)
-    assert shank_axes.worn_on_shank(right, "right") == ("shank_right", None)
-    wrong = Recording({"shank_right": slow, "thigh_right": fast}, RATE)
+    (walked, _), *_ = simulate.cohort(
+        jax.random.key(2), 1, simulate.straight(8.0), placements=("thigh_right", "shank_right"), recorded=False
+    )
+    assert shank_axes.worn_on_shank(walked, "right") == ("shank_right", None)
+    thigh, shank = (walked.sensors[name] for name in ("thigh_right", "shank_right"))
+    wrong = walked._replace(sensors={"shank_right": thigh, "thigh_right": shank})
     placement, note = shank_axes.worn_on_shank(wrong, "right")
     assert placement == "thigh_right"
-    assert note is not None and note.code == "labels_exchanged"
-    # On stairs the thigh may swing faster than the shank, but not by much.
-    stairs = Recording({"shank_right": fast, "thigh_right": fast._replace(gyr=1.15 * fast.gyr)}, RATE)
-    assert shank_axes.worn_on_shank(stairs, "right") == ("shank_right", None)
-    with pytest.raises(RecordingError, match="shank_left is needed; the recording has shank_right"):
-        shank_axes.worn_on_shank(right, "left")
+    assert note is not None and note.code == "places_exchanged"
+    with pytest.raises(RecordingError, match="shank_left is needed; the recording has thigh_right, shank_right"):
+        shank_axes.worn_on_shank(walked, "left")
 
 
 def test_a_swing_in_which_the_sagittal_rate_is_least_is_no_stance():

@@ -137,7 +137,7 @@ def test_sensors_that_contradict_themselves_or_others_are_named(rows, name):
     assert any(placement in text for text in texts)
     assert not words or (len(texts) == 1 and re.search(words, texts[0]))
     if "late" in name:
-        assert "sides_exchanged" not in codes(recording.notes)
+        assert "places_exchanged" not in codes(recording.notes)
 
 
 @pytest.mark.parametrize("name", TURNED)
@@ -161,13 +161,10 @@ def test_exchanged_sensors_are_named_and_no_clock_is(rows, segment):
         return rows._replace(sensors={**rows.sensors, right: rows.sensors[left], left: rows.sensors[right]})
 
     wrong = harm.read(exchanged(rows), "walk")
+    pair = {f"{segment}_{side}" for side in SIDES}
     (note,) = checks(wrong)
-    assert note.text.startswith(f"the right and left {segment} sensors seem exchanged")
-    assert crosscheck(wrong).notes == () and crosscheck(wrong).doubtful
-    assert codes(crosscheck(wrong._replace(quality={})).notes) == {"sides_exchanged"}
-    if segment != "foot":  # of two pairs either is exchanged
-        (note,) = checks(harm.read(exchanged(worn(rows, *LEGS)), "walk"))
-        assert note.values["kind"] == "shank or thigh"
+    assert note.code == "places_exchanged" and set(note.values["placements"].split(" and ")) == pair
+    assert crosscheck(wrong).notes == (note,) and crosscheck(wrong).replaced == pair
 
 
 def test_a_real_walk_shows_exchanged_shanks_and_late_sensors_at_any_rate(data):
@@ -177,7 +174,7 @@ def test_a_real_walk_shows_exchanged_shanks_and_late_sensors_at_any_rate(data):
     swap = {"shank_right": legs.sensors["shank_left"], "shank_left": legs.sensors["shank_right"]}
     assert checks(harm.read(legs, "walk")) == []
     wrong = harm.read(legs._replace(sensors=legs.sensors | swap), "walk")
-    assert codes(checks(wrong)) == {"sides_exchanged"} and crosscheck(wrong).doubtful == set(LEGS)
+    assert codes(checks(wrong)) == {"places_exchanged"} and crosscheck(wrong).replaced == set(swap)
     for every in (1, 2, 4):
         rarer = harm._kept(legs, np.arange(0, len(legs.time), every), stamps=True)
         assert not codes(checks(harm.read(rarer, "walk"))) & CONTRADICTIONS

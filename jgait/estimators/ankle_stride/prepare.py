@@ -107,7 +107,7 @@ def prepare(recording: Recording, options: AnkleOptions = DEFAULT) -> Prepared[A
         legs[side], quality[name], leg_notes, still = _leg(
             recording.sensors[placement], time, recording.sampling_rate_hz, name, options
         )
-        notes += ([note] if note else []) + leg_notes
+        notes += ([note] if note and note not in notes else []) + leg_notes
         standing = still if standing is None else standing
     inputs = AnkleInputs(time, legs["right"], legs["left"])
     return Prepared(inputs, options, tuple(notes), standing, quality=quality)

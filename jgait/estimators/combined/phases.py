@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.mounting.leg import SIDES_EXCHANGED
 from jgait.notes import Kind, Note
 from jgait.signal.butterworth import low_pass_both_ways
 from jgait.signal.peaks import peaks
@@ -47,9 +46,9 @@ LEAST_CORRELATION, UNLIKE, SHIFTED = 0.85, 0.5, 0.3
 """[1], [1], [strides] Least correlation of the strides of both thighs after a shift, largest one without it, and least
 shift, of a thigh whose clock is off; chosen, so that people who limp or run (`simulate.GAITS`) do not reach them."""
 
-EXCHANGED_FROM = 0.36
-"""[strides] Least phase of both sensors of a pair that are exchanged. In running both feet swing earlier beside the
-shanks than in walking, by more than `APART`: such a pair is neither exchanged nor off."""
+RUNS = 0.36
+"""[strides] Phase of both sensors of a pair below which neither is off: in running both feet swing earlier beside the
+shanks than in walking, by more than `APART`."""
 
 FEWEST_STRIDES = 3
 """[1] Least number of strides for a comparison of phases."""
@@ -140,7 +139,6 @@ class OutOfPhase(NamedTuple):
 
     notes: tuple[Note, ...] = ()  #: notes about them.
     doubtful: frozenset[str] = frozenset()  #: their placements.
-    crossed: frozenset[str] = frozenset()  #: placements whose segments seem exchanged with those of the other leg.
     clocks: frozenset[str] = frozenset()  #: placements whose clock seems off.
 
 
@@ -206,22 +204,13 @@ def _named(phases: dict[str, float], stride: float, unsure: set[str]) -> OutOfPh
             return OutOfPhase()
         apart = abs(_wrapped(phases[names[0]] - phases[names[1]] + 0.5)) * stride
         note = LEGS_TOGETHER(placement=names[0], other=names[1], seconds=apart, half=0.5 * stride)
-        return OutOfPhase((note,), frozenset(names), clocks=frozenset(names))
+        return OutOfPhase((note,), frozenset(names), frozenset(names))
     notes: list[Note] = []
-    doubtful, crossed, clocks = set[str](), set[str](), set[str]()
+    clocks = set[str]()
     for kind in OFFSETS:
-        pair = [f"{kind}_{side}" for side in SIDES]
-        if not all(name in wrong for name in pair):
-            continue
-        tie = len(wrong) * 2 >= len(names)
-        wrong = [name for name in wrong if name not in pair]
-        if any(abs(_wrapped(phases[name] - common)) >= EXCHANGED_FROM for name in pair):
-            others = [name for name in names if name not in pair]
-            kinds = sorted({kind_of(name) for name in names}) if tie else [kind]
-            others_words = "the other sensors" if tie else ", ".join(others)
-            notes.append(SIDES_EXCHANGED(kind=" or ".join(kinds), others=others_words))
-            doubtful |= set(names if tie else pair)
-            crossed |= {f"{each}_{side}" for each in kinds for side in SIDES}
+        pair = {f"{kind}_{side}" for side in SIDES}
+        if pair.issubset(wrong) and all(abs(_wrapped(phases[name] - common)) < RUNS for name in pair):
+            wrong = [name for name in wrong if name not in pair]
     for name in sorted(set(wrong) - unsure, key=names.index):
         strides = _wrapped(phases[name] - common)
         direction = "late" if strides > 0.0 else "early"
@@ -229,4 +218,4 @@ def _named(phases: dict[str, float], stride: float, unsure: set[str]) -> OutOfPh
             direction = "late or early"
         notes.append(CLOCK_OFF(placement=name, seconds=abs(strides) * stride, direction=direction))
         clocks.add(name)
-    return OutOfPhase(tuple(notes), frozenset(doubtful | clocks), frozenset(crossed), frozenset(clocks))
+    return OutOfPhase(tuple(notes), frozenset(clocks), frozenset(clocks))

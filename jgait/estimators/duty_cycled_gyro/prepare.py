@@ -15,15 +15,22 @@ from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
 from jgait.estimators.duty_cycled_gyro.notes import ACCELEROMETER_ABSENT, WORN_ALONE
 from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledInputs, DutyCycledOptions, GapLeg, GapSegment
 from jgait.estimators.interface import Prepared
-from jgait.estimators.leg_ekf.prepare import LOWEST_RATE_HZ, SEATED, SegmentMounting, in_segment, mounted
+from jgait.estimators.leg_ekf.prepare import LOWEST_RATE_HZ, SegmentMounting, in_segment, mounted
 from jgait.estimators.notes import NO_FIRST_STANDING
-from jgait.events.rest import LegRest, standing_of_legs
-from jgait.mounting.leg import measured
-from jgait.notes import Note
+from jgait.events.rest import LEGS_RATE, legs_at_rest
+from jgait.mounting.leg import SHORTEST_S, WornLegs, measured, worn_legs
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, Recording, RecordingError, Values, as_float
 
 NAME = "duty_cycled_gyro"
+
+NEEDS_STANDING = (
+    f"{NAME} needs {SHORTEST_S:g} s of quiet standing (all leg gyroscopes below {LEGS_RATE:g} rad/s) to find the "
+    "gyroscope bias and the upright pose"
+)
+
+SEATED = 2.0
+"""[rad²] Variance of the pose of a person who sits at the start."""
 
 LOST = 0.1
 """[s] Shorter gaps of a gyroscope do not interrupt standing, and do not make the estimate invalid."""
@@ -57,13 +64,13 @@ def checked(recording: Recording, names: list[str]) -> np.ndarray:
     return time
 
 
-def find_standing(sensors: Mapping[str, Imu], used: Mapping[str, Masks], time: np.ndarray) -> LegRest:
-    """Rests, standing, the calibrating stance, in which every gyroscope is on, and notes.
-
-    A sample counts as rest if at least one gyroscope is on and no gyroscope that is on measures movement.
+def find_rests(
+    sensors: Mapping[str, Imu], used: Mapping[str, Masks], time: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(T,) bool, where no leg moves with every gyroscope on, and with at least one on; while all are off, as before.
 
     Raises:
-        RecordingError: if the person never stands still with all gyroscopes on.
+        RecordingError: if no leg rests with all gyroscopes on.
     """
     some = np.any([m.usable for m in used.values()], axis=0)
     rate_hz = 1.0 / float(np.median(np.diff(time)))
@@ -77,40 +84,40 @@ def find_standing(sensors: Mapping[str, Imu], used: Mapping[str, Masks], time: n
                 on[start:stop], gyr[start:stop] = True, gyr[start - 1]
         return np.where(on[:, None], gyr, unknown[:, None])
 
-    accs = [imu.acc for imu in sensors.values()]
-    try:
-        strict = standing_of_legs([instead(name, np.full(time.size, MOVES)) for name in sensors], accs, rate_hz, NAME)
-    except RecordingError as error:
+    strict, loose = (
+        legs_at_rest([instead(name, unknown) for name in sensors], rate_hz)
+        for unknown in (np.full(time.size, MOVES), np.where(some, 0.0, MOVES))
+    )
+    if not any(stop - start >= SHORTEST_S * rate_hz for start, stop in true_runs(strict)):
         together = np.all([m.usable for m in used.values()], axis=0)
         more = f"; its gyroscopes are on together for {together.sum() / rate_hz:.1f} s"
-        raise RecordingError(f"{error}{'' if together.all() else more}") from error
-    loose = standing_of_legs([instead(name, np.where(some, 0.0, MOVES)) for name in sensors], accs, rate_hz, NAME)
-    return strict._replace(still=strict.still | loose.still, upright=strict.upright | loose.upright)
+        raise RecordingError(f"{NEEDS_STANDING}{'' if together.all() else more}")
+    return strict, strict | loose
 
 
-def worn_leg(
-    recording: Recording, side: str, used: Mapping[str, Masks], still: np.ndarray, standing: slice,
+def worn_legs_of(
+    recording: Recording, used: Mapping[str, Masks], rests: np.ndarray, still: np.ndarray,
     gyro_on: Mapping[str, Values],
-) -> tuple[dict[str, tuple[Imu, SegmentMounting]], list[Note]]:  # fmt: skip
-    """Segment → its sensor, without readings of the gyroscope while it was off, and its mounting; and notes."""
-    names = {segment: f"{segment}_{side}" for segment in SEGMENTS if f"{segment}_{side}" in used}
-    asleep = ~np.all([used[name].usable for name in names.values()], axis=0)
+) -> tuple[dict[str, Imu], WornLegs]:  # fmt: skip
+    """The sensors, without readings of a gyroscope while it was off, and how they are worn.
 
-    def awake(name: str) -> Imu:
-        on = used[name].usable
-        imu = recording.sensors[name]._replace(mask=on, acc=acc_of(recording.sensors[name], gyro_on.get(name)))
+    Raises:
+        RecordingError: if the person never stands, or does not walk.
+    """
+    longest = slice(*max(true_runs(rests), key=lambda run: run[1] - run[0]))
+    sensors = {}
+    for name, masks in used.items():
+        imu = recording.sensors[name]._replace(
+            mask=masks.usable, acc=acc_of(recording.sensors[name], gyro_on.get(name))
+        )
         # While the gyroscope is off its rate is that at rest, so that sums of the rate do not change.
         gyr = as_float(imu.gyr)
-        return imu._replace(gyr=np.where(on[:, None], gyr, gyr[measured(imu, standing)].mean(axis=0)))
-
-    # A sensor worn alone is used as thigh and as shank: the sign of the shank's axis follows from its swing alone.
-    either = next(iter(names.values()))
-    both = {f"{segment}_{side}": awake(names.get(segment, either)) for segment in SEGMENTS}
-    worn, notes = mounted(both, side, standing, still | asleep, recording.sampling_rate_hz, estimator=NAME)
-    if len(names) == 1:
-        worn = {segment: worn["shank"]._replace(placement=name) for segment, name in names.items()}
-        notes = [WORN_ALONE(placement=either)] if "thigh" in names else []
-    return {segment: (both[mounting.placement], mounting) for segment, mounting in worn.items()}, notes
+        sensors[name] = imu._replace(gyr=np.where(masks.usable[:, None], gyr, gyr[measured(imu, longest)].mean(axis=0)))
+    asleep = ~np.any([masks.usable for masks in used.values()], axis=0)
+    worn = worn_legs(sensors, rests | asleep & still, recording.sampling_rate_hz, estimator=NAME)
+    if worn.standing is None:
+        raise RecordingError(f"{NEEDS_STANDING}: {'; '.join(str(note) for note in worn.notes)}")
+    return sensors, worn
 
 
 def _signals(imu: Imu, worn: SegmentMounting, there: np.ndarray) -> GapSegment:
@@ -152,19 +159,22 @@ def prepare(
             f"the filler {options.filler!r} needs an accelerometer; '{bare[0]}' has only a gyroscope: take "
             f"another filler"
         )
-    still, upright, (start, stop), notes = find_standing(sensors, used, time)
+    rests, still = find_rests(sensors, used, time)
     legs, slept = dict[str, GapLeg](), gyro_on or {}
+    awake, worn = worn_legs_of(recording, used, rests, still, slept)
     there = {name: acc_received(recording.sensors[name], slept.get(name)) for name in names}
-    for side in SIDES:
-        if any(name.endswith(side) for name in names):
-            worn, more = worn_leg(recording, side, used, still, slice(start, stop), slept)
-            legs[side] = GapLeg(
-                *(
-                    _signals(*worn[segment], there[worn[segment][1].placement]) if segment in worn else None
-                    for segment in SEGMENTS
-                )
+    notes = list(worn.notes)
+    for side in worn.legs:
+        mountings, more = mounted(awake, side, worn, recording.sampling_rate_hz)
+        legs[side] = GapLeg(
+            *(
+                _signals(awake[mounting.placement], mounting, there[mounting.placement]) if mounting else None
+                for mounting in map(mountings.get, SEGMENTS)
             )
-            notes += more
+        )
+        notes += more
+        if list(mountings) == ["thigh"]:
+            notes.append(WORN_ALONE(placement=mountings["thigh"].placement))
     if bare:
         notes.append(ACCELEROMETER_ABSENT())
     if not still[0]:
@@ -172,11 +182,11 @@ def prepare(
     dt = np.concatenate([[0.0], np.diff(time)])
     inputs = DutyCycledInputs(
         legs.get("right"), legs.get("left"), time, dt, still, np.ones(time.size, bool),
-        np.asarray(1e-4 if upright[0] else SEATED if still[0] else 0.1),
+        np.asarray(1e-4 if worn.upright[0] else SEATED if still[0] else 0.1),
     )  # fmt: skip
     # Options that only masks and energies depend on are left out, so that they do not cause a new compilation.
     resolved = DutyCycledOptions(
         filler=options.filler, above=options.above, sampling_rate_hz=float(recording.sampling_rate_hz), gaps=gaps,
         accelerometers=not bare,
     )  # fmt: skip
-    return Prepared(inputs, resolved, tuple(notes), (start, stop), used)
+    return Prepared(inputs, resolved, tuple(notes), worn.standing, used)

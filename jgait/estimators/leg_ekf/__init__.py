@@ -1,8 +1,9 @@
 r"""Hip and knee angles, foot displacement and walked distance from gyroscopes on thigh and shin.
 
-The paper's extended Kalman filter, with additions that real walks need: a functional sagittal axis, exchange of
-swapped sensors, inclination from gravity, kinematic closure, standing, smoothing, and another distance: the movement of
-the hip over the stance leg, scaled to the strides that the shanks' accelerometers measure (`ankle_stride`).
+The paper's extended Kalman filter, with additions that real walks need: a functional sagittal axis, sensors put in
+their places, a zero from standing and walking, inclination from gravity, kinematic closure, standing, smoothing, and
+another distance: the movement of the hip over the stance leg, scaled to the strides that the shanks' accelerometers
+measure (`ankle_stride`).
 `LegOptions` turns the parts on and off; `PAPER` is the paper's method.
 
 Source: T. Bennett, R. Jafari, N. Gans, "An extended Kalman filter to estimate human gait parameters and walking
@@ -10,7 +11,7 @@ distance", ACC 2013. The model is in `leg_ekf.model`; `mounting.leg` finds the a
 
 Sensors:
     `thigh_right` and `shank_right`, or the left ones, or all four; gyroscopes, and accelerometers if available;
-    on one clock, 40 Hz or more, with half a second of quiet standing.
+    on one clock, 40 Hz or more; without accelerometers with half a second of quiet standing.
 
 Outputs:
     Hip and knee flexion [rad], ankle relative to hip [m], walked distance [m], and standard deviations of all of them,

@@ -23,6 +23,7 @@ from jgait.estimators.programs import compiled
 from jgait.estimators.sides import stacked
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.arrays import for_each, xp
+from jgait.mounting.pose import Pose, posterior
 from jgait.notes import Note
 from jgait.quality import SensorQuality, merged
 from jgait.quality.stride import of_stride
@@ -60,7 +61,7 @@ def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOpti
     observed, controls, mask = inclination.observed(segment, segment.gyr[0], inputs, options.standing)
     inferred = filtering.infer(
         inclination.MODEL, p.inclination, observed, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
-        initial=inclination.prior(segment.bias, inputs.start_variance, segment.unrest),
+        initial=inclination.prior(segment.bias, inputs.start_variance, segment.unrest, segment.start),
         covariance=inclination.NEEDED, method=filtering.EKF(derivative=options.method.derivative),
     )  # fmt: skip
     return inclination.read_out(inferred.mean, inferred.cov, observed.gyr)
@@ -118,8 +119,28 @@ def prior_of(p: LegParams, leg: LegSignals, start_variance: Values, options: Leg
     """
     zero = xp.zeros_like(start_variance)
     thigh_bias, shin_bias = (zero, zero) if options.gravity else (-leg.thigh.bias[1], -leg.shank.bias[1])
+    thigh, shank = (0.0 if segment.start is None else segment.start for segment in (leg.thigh, leg.shank))
     return leg_model.standing_belief(
-        model_params(p, leg), STANDING + p.standing_hip, -p.standing_knee, thigh_bias, shin_bias, start_variance
+        model_params(p, leg),
+        STANDING + p.standing_hip + thigh,
+        shank - thigh - p.standing_knee,
+        thigh_bias,
+        shin_bias,
+        start_variance,
+    )
+
+
+def calibrated(p: LegParams, pose: Pose | None) -> LegParams:
+    """The parameters of one leg with hip and knee of the pose that calibrates, and their deviations, from standing and
+    walking; without a pose those of standing.
+    """
+    if pose is None:
+        return p
+    (hip, knee), (hips, _, knees) = posterior(
+        pose, (p.standing_hip, p.standing_knee), (p.standing_hip_sd, p.standing_knee_sd)
+    )
+    return p._replace(
+        standing_hip=hip, standing_knee=knee, standing_hip_sd=xp.sqrt(hips), standing_knee_sd=xp.sqrt(knees)
     )
 
 
@@ -217,11 +238,12 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
     Returns:
         Angles, foot position and distance with standard deviations; `diagnostics` holds the distance's, (T,)
         `distance_stddev` [m], the log-likelihood of the innovations and the mean normalised innovation squared of each
-        leg, and of each shank's strapdown the latter, the sum of its strides [m], the largest of their deviations [m],
+        leg, the standard deviations (2,) of the zeros of its hip and knee, `zero_stddev_<side>` [rad], and of each
+        shank's strapdown the mean NIS, the sum of its strides [m], the largest of their deviations [m],
         and the number of those in doubt.
     """
     worn = [(side, leg) for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None]
-    params, signals = stacked(*((one_side(p, side), leg) for side, leg in worn))
+    params, signals = stacked(*((calibrated(one_side(p, side), leg.pose), leg) for side, leg in worn))
     run_legs = compiled(_one_leg, over=(0, 0, None))
     states = run_legs(params, signals, inputs._replace(shanks=None), options=options, model=model)
     results = for_each(_read_out, params, states)
@@ -231,6 +253,8 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
     for number, (side, _) in enumerate(worn):
         trajectories[side], deviations[side], log_likelihood, nis, _ = jax.tree.map(lambda v, k=number: v[k], results)
         diagnostics |= {f"log_likelihood_{SIDES[side]}": log_likelihood, f"nis_{SIDES[side]}": nis}
+        zero = (xp.asarray(sd)[number] for sd in (params.standing_hip_sd, params.standing_knee_sd))
+        diagnostics[f"zero_stddev_{SIDES[side]}"] = xp.stack([*zero])
     legs = Legs(*trajectories)
     valid = inputs.valid & xp.all(results[-1], axis=0)
     distance, more = walked(p, legs, inputs, options)
@@ -241,7 +265,7 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
 def _one_leg(p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions, model: Model) -> filtering.Inferred:
     inclinations = None
     if options.gravity:
-        pair = jax.vmap(lambda segment: _incline(p, segment, inputs, options))(stacked(*leg))
+        pair = jax.vmap(lambda segment: _incline(p, segment, inputs, options))(stacked(leg.thigh, leg.shank))
         inclinations = (jax.tree.map(lambda v: v[0], pair), jax.tree.map(lambda v: v[1], pair))
     observations, controls, mask = observe(p, leg, inclinations, inputs, options)
     rough = options.smooth and inputs.dt.dtype == np.float32  # rounding errors are worth a check

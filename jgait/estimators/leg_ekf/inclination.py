@@ -155,12 +155,13 @@ def read_out(state: InclinationState, cov: Covariance, rate: Values) -> Inclinat
     return Inclination(angle, slope, variance)
 
 
-def prior(bias: Values, start_variance: Values, unrest: Values) -> Belief:
-    """The belief before the first sample: segment vertical [variance in rad²], gyroscope bias at rest [rad/s], whose
-    variance is the larger by the `unrest` of the standing from which the bias is computed [rad²/s²].
+def prior(bias: Values, start_variance: Values, unrest: Values, start: Maybe[Values] = None) -> Belief:
+    """The belief before the first sample: segment inclined by `start` [rad, variance in rad²], gyroscope bias at rest
+    [rad/s], whose variance is the larger by the `unrest` of the rest from which the bias is computed [rad²/s²].
     """
     zero = jnp.zeros_like(bias)
-    mean = InclinationState(zero.at[2].set(1.0), bias)
+    angle = 0.0 if start is None else start
+    mean = InclinationState(zero.at[0].set(jnp.sin(angle)).at[2].set(jnp.cos(angle)), bias)
     return Belief(mean, Covariance.from_variances(InclinationState(zero + start_variance, zero + 1e-5 + unrest)))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from jgait.estimators.ankle_stride.inputs import AnkleInputs
 from jgait.estimators.interface import Axis, Sampled, Times
+from jgait.mounting.pose import Pose
 from jgait.notes import record
 from jgait.types import Values
 
@@ -27,6 +28,8 @@ class Segment(NamedTuple):
     lost: Sampled  #: (T,) time since the last measured sample [s]; 0 where a sample is measured.
     #: variance of the segment's turns in the standing that calibrates, over that of quiet standing [rad²/s²].
     unrest: np.ndarray
+    #: inclination at the first sample, from the pose that calibrates [rad]; None: 0.
+    start: np.ndarray | None = None
 
 
 class LegSignals(NamedTuple):
@@ -34,6 +37,7 @@ class LegSignals(NamedTuple):
 
     thigh: Segment
     shank: Segment
+    pose: Pose | None = None  #: what walking states of the pose that calibrates; None: that of the parameters.
 
 
 @record

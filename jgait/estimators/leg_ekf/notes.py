@@ -1,14 +1,6 @@
 """Kinds of notes of `leg_ekf` about a recording."""
 
-from jgait.notes import FEW_RESTS, LOSSES, WRONG_PLACE, Kind
-
-THIGH_UNSURE = Kind(
-    "thigh_forward_unsure",
-    "check",
-    "{placement}: it is not sure which way is forward: it does not swing before the shank as in walking",
-    "If the thigh's forward is taken for backward, the angles of hip and knee are wrong. A longer straight walk with "
-    "whole strides settles it.",
-)
+from jgait.notes import FEW_RESTS, LOSSES, Kind
 
 STANDING_MOVES = Kind(
     "standing_moves",
@@ -18,11 +10,11 @@ STANDING_MOVES = Kind(
     FEW_RESTS,
 )
 
-SEGMENTS_SWAPPED = Kind(
-    "segments_swapped",
+ZERO_OF_WALKING = Kind(
+    "zero_of_walking",
     "check",
-    "{side} thigh and shank sensors look swapped (the 'thigh' turns faster); taken the other way round",
-    WRONG_PLACE,
+    "nobody stands still: hip and knee angles count from the usual mean of walking, and are less certain",
+    FEW_RESTS,
 )
 
 NOT_ESTIMATED = Kind(

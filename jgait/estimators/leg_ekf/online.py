@@ -40,7 +40,7 @@ def start(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOpt
 
     Of the leg's signals only biases, variances and the first rates are used.
     """
-    both = stacked(*leg)
+    both = stacked(leg.thigh, leg.shank)
     segments = jax.vmap(lambda bias, unrest: inclination.prior(bias, start_variance, unrest).joined())
     belief = prior_of(p, leg, start_variance, options).joined()
     return LegOnlineState(segments(both.bias, both.unrest), belief, both.gyr[:, 0])
@@ -64,7 +64,7 @@ def over(
         The state after the last sample, and the leg at every sample.
     """
     newest = leg.thigh.gyr.shape[0] - 1 if count is None else count - 1
-    both, segments, inclinations = stacked(*leg), state.segments, None
+    both, segments, inclinations = stacked(leg.thigh, leg.shank), state.segments, None
 
     def incline(belief: Belief, before: Values, segment: Segment) -> tuple[Belief, inclination.Inclination]:
         observed, controls, mask = inclination.observed(segment, before, inputs, options.standing)

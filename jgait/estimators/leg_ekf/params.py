@@ -26,10 +26,10 @@ class LegParams(NamedTuple):
     thigh_length: Annotated[Param, Parameter(interval(0.2, 0.7), "m", "hip to knee")] = BySide(0.43, 0.43)
     shank_length: Annotated[Param, Parameter(interval(0.2, 0.7), "m", "knee to ankle")] = BySide(0.43, 0.43)
     standing_hip: Annotated[Param, Parameter(
-        interval(-0.6, 0.6), "rad", "hip flexion in the calibrating stance",
+        interval(-0.6, 0.6), "rad", "usual hip flexion in standing",
     )] = BySide(0.0, 0.0)  # fmt: skip
     standing_knee: Annotated[Param, Parameter(
-        interval(-0.4, 0.8), "rad", "knee flexion in the calibrating stance",
+        interval(-0.4, 0.8), "rad", "usual knee flexion in standing",
     )] = BySide(0.0, 0.0)  # fmt: skip
     thigh_gain: Annotated[Param, Parameter(
         interval(0.6, 1.6), "1", "rotation of the thigh per rotation of its sensor, which skin and muscle reduce",
@@ -54,11 +54,11 @@ class LegParams(NamedTuple):
         None, "", "noise of the direction of gravity, see `InclinationNoise`",
     )] = InclinationNoise()  # fmt: skip
     standing_hip_sd: Annotated[Param, Parameter(
-        positive, "rad", "standard deviation of `standing_hip`; like the next five, used for the stated errors only",
+        positive, "rad", "standard deviation of `standing_hip` between people; by it standing weighs beside walking",
     )] = 0.09  # fmt: skip
-    standing_knee_sd: Annotated[Param, Parameter(positive, "rad", "standard deviation of `standing_knee`")] = 0.07
+    standing_knee_sd: Annotated[Param, Parameter(positive, "rad", "the same of `standing_knee`")] = 0.085
     thigh_gain_sd: Annotated[Param, Parameter(
-        positive, "1", "standard deviation of `thigh_gain`, over the angle from standing",
+        positive, "1", "standard deviation of `thigh_gain`; this and the next three are for the stated errors only",
     )] = 0.1  # fmt: skip
     shank_gain_sd: Annotated[Param, Parameter(positive, "1", "the same for the shank, whose skin moves less")] = 0.04
     soft_tissue_thigh: Annotated[Param, Parameter(

@@ -1,4 +1,4 @@
-"""Inputs of the leg estimator from a recording: quiet standing, segment axes, swapped sensors. NumPy, on the host.
+"""Inputs of the leg estimator from a recording: quiet standing, segment axes, exchanged sensors. NumPy, on the host.
 
 This module detects quiet standing and finds the mediolateral axis of each sensor and its sign. It has no gradient;
 `leg_ekf.run` is differentiable for given standing and axes.
@@ -20,16 +20,16 @@ from jgait.estimators.leg_ekf.inputs import SHORT_GAP, LegInputs, LegSignals, Se
 from jgait.estimators.leg_ekf.notes import (
     NOT_ESTIMATED,
     ONE_LEG,
-    SEGMENTS_SWAPPED,
     STANDING_MOVES,
-    THIGH_UNSURE,
+    ZERO_OF_WALKING,
 )
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions
 from jgait.estimators.leg_ekf.slips import slips
 from jgait.estimators.notes import NO_ACCELEROMETER, NO_FIRST_STANDING
-from jgait.events.rest import LEGS_RATE, LegRest, standing_of_legs
+from jgait.events.rest import LEGS_RATE, legs_at_rest
 from jgait.geometry.vectors import GRAVITY
-from jgait.mounting.leg import leg_mounting, measured, smooth
+from jgait.mounting.cycle import smooth
+from jgait.mounting.leg import SHORTEST_S, WornLegs, measured, worn_legs
 from jgait.notes import LEFT_OUT, Note
 from jgait.quality import SensorQuality, merged
 from jgait.signal.windows import true_runs
@@ -40,9 +40,6 @@ SMALLEST_VARIANCE = 1e-8  # rad²/s²; lower limit of the measured variance of a
 
 LOWEST_RATE_HZ = 40.0
 """[Hz] Lowest sampling rate. Simulated knee angles err by 1.0° (rms) at 100 Hz, 1.2° at 41 Hz, 2.8° at 25 Hz."""
-
-SEATED = 2.0
-"""[rad²] Variance of the pose of a person who sits at the start."""
 
 LONG_GAP = 0.3
 """[s] Shortest gap in the samples for which no estimate is made; the leg's angles after the gap are unknown."""
@@ -75,11 +72,11 @@ def common_clock(recording: Recording, sides: tuple[str, ...]) -> tuple[dict[str
     return sensors, time
 
 
-def standing_legs(
+def resting_legs(
     recording: Recording, options: LegOptions
-) -> tuple[tuple[str, ...], dict[str, Imu], np.ndarray, LegRest]:
-    """The measured sides, their sensors and common time, resampled and filtered, with rates of 0 where
-    samples are lost; and standing.
+) -> tuple[tuple[str, ...], dict[str, Imu], np.ndarray, np.ndarray]:
+    """The measured sides, their sensors and common time, resampled and filtered, with rates of 0 where samples are
+    lost; and where no leg moves (T,).
     """
     sides = worn_sides(recording)
     sensors, time = common_clock(recording, sides)
@@ -87,9 +84,8 @@ def standing_legs(
     time, sensors = resampled(time, sensors, options.rate_hz)
     if options.median > 1:
         sensors = {k: i._replace(gyr=_median(i.gyr, options.median)) for k, i in sensors.items()}
-    gyrs, accs, masks = zip(*((imu.gyr, imu.acc, imu.mask) for imu in sensors.values()), strict=True)
-    rate = 1.0 / float(np.median(np.diff(time)))
-    return sides, sensors, time, standing_of_legs(gyrs, accs, rate, "leg_ekf", masks)
+    gyrs, masks = zip(*((imu.gyr, imu.mask) for imu in sensors.values()), strict=True)
+    return sides, sensors, time, legs_at_rest(gyrs, 1.0 / float(np.median(np.diff(time))), masks)
 
 
 def resampled(time: np.ndarray, sensors: dict[str, Imu], rate_hz: float | None) -> tuple[np.ndarray, dict[str, Imu]]:
@@ -134,9 +130,9 @@ def _median(values: AnyArray, size: int) -> np.ndarray:
 class SegmentMounting(NamedTuple):
     """Mounting and errors of the sensor of one segment, from a recording."""
 
-    placement: str  #: placement of the sensor; that of the other segment if the sensors are swapped.
+    placement: str  #: placement of the sensor; another one if sensors have changed places.
     axes: np.ndarray  #: (3, 3) forward, left and up in the sensor's axes [1].
-    scale: float  #: factor on the accelerometer, so that it reads standard gravity in standing [1]; 0 without one.
+    scale: float  #: factor on the accelerometer, so that it reads standard gravity [1]; 0 without one.
     bias: np.ndarray  #: (3,) gyroscope bias at rest, in the segment's axes [rad/s].
     variance: np.ndarray  #: sagittal gyroscope variance at rest [rad²/s²].
     unrest: np.ndarray  #: variance of its turns at rest, over that of quiet standing [rad²/s²].
@@ -163,36 +159,47 @@ def _unrest(gyr: np.ndarray, acc: np.ndarray | None, rate: float) -> np.ndarray:
 
 
 def mounted(
-    sensors: Mapping[str, Imu],
-    side: str,
-    standing: slice,
-    still: np.ndarray,
-    rate: float,
-    *,
-    perpendicular: bool = True,
-    estimator: str = "leg_ekf",
+    sensors: Mapping[str, Imu], side: str, worn: WornLegs, rate: float
 ) -> tuple[dict[str, SegmentMounting], list[Note]]:
-    """The mounting of thigh and shank of one leg, and notes. Raises RecordingError if the shank never moves as in
-    walking.
+    """Segment → the mounting of its sensor, of one leg; and notes."""
+    leg, segments = worn.legs[side], {}
+    rest = None if worn.rest is None else slice(*worn.rest)
+    for segment, axes in leg.rows.items():
+        imu = sensors[leg.placements[segment]]
+        scale = GRAVITY / leg.gravity[segment] if leg.gravity[segment] else 0.0
+        variance, unrest = np.asarray(QUIET_RATE**2), np.asarray(QUIET_RATE**2)
+        if rest is not None:
+            rests = measured(imu, rest)
+            # A coarsely quantised gyroscope has a constant reading at rest, but its noise is not 0.
+            variance = np.maximum(np.var((as_float(imu.gyr) @ axes.T)[rests, 1]), SMALLEST_VARIANCE)
+            unrest = _unrest(as_float(imu.gyr)[rests], None if imu.acc is None else as_float(imu.acc)[rests], rate)
+        bias = axes @ leg.gyr_bias[segment]
+        segments[segment] = SegmentMounting(leg.placements[segment], axes, scale, bias, variance, unrest)
+    notes = list(leg.notes)
+    if worn.standing is not None:
+        names = leg.placements.values()
+        rates = (as_float(sensors[name].gyr)[measured(sensors[name], slice(*worn.standing))] for name in names)
+        fastest = max(float(np.linalg.norm(each, axis=1).max()) for each in rates)
+        if fastest > LEGS_RATE:
+            notes.append(STANDING_MOVES(side=side, rate=fastest))
+    return segments, notes
+
+
+def _started(segment: Segment, still: np.ndarray, stride: int, step: float) -> Segment:
+    """The segment with its inclination at the first sample: that of the rest with which the recording begins, or of the
+    first stride [samples], over which gravity is the mean of the specific force turned along.
     """
-    worn = leg_mounting(sensors, side, standing, still, rate, perpendicular=perpendicular, estimator=estimator)
-    segments = {}
-    for segment, axes in worn.rows.items():
-        imu = sensors[worn.placements[segment]]
-        rests, scale = measured(imu, standing), 0.0
-        if imu.acc is not None:
-            scale = GRAVITY / float(np.linalg.norm(as_float(imu.acc)[rests].mean(axis=0)))
-        # A coarsely quantised gyroscope has a constant reading at rest, but its noise is not 0.
-        variance = np.maximum(np.var((as_float(imu.gyr) @ axes.T)[rests, 1]), SMALLEST_VARIANCE)
-        bias = axes @ worn.gyr_bias[segment]
-        unrest = _unrest(as_float(imu.gyr)[rests], None if imu.acc is None else as_float(imu.acc)[rests], rate)
-        segments[segment] = SegmentMounting(worn.placements[segment], axes, scale, bias, variance, unrest)
-    notes = [SEGMENTS_SWAPPED(side=side)] if worn.swapped else []
-    rates = (as_float(sensors[name].gyr)[measured(sensors[name], standing)] for name in worn.placements.values())
-    fastest = max(float(np.linalg.norm(each, axis=1).max()) for each in rates)
-    if fastest > LEGS_RATE:
-        notes.append(STANDING_MOVES(side=side, rate=fastest))
-    return segments, notes if worn.sure else [*notes, THIGH_UNSURE(placement=worn.placements["thigh"])]
+    count = (int(np.argmin(still)) or len(still)) if still[0] else stride
+    rate = segment.bias[1] - segment.gyr[:count, 1]
+    angle = np.zeros(count) if still[0] else np.cumsum(rate) * step
+    force = np.mean((segment.acc[:count, 2] + 1j * segment.acc[:count, 0]) * np.exp(-1j * (angle - angle[0])))
+    return segment._replace(start=np.asarray(np.angle(force)))
+
+
+def with_feet(recording: Recording, sensors: Mapping[str, Imu], time: np.ndarray) -> dict[str, Imu]:
+    """The sensors on thighs and shanks, and those on feet that have the same times."""
+    feet = {k: i for k, i in recording.sensors.items() if k.startswith("foot_")}
+    return {**sensors, **{k: i for k, i in feet.items() if np.array_equal(as_float(i.time), time)}}
 
 
 def in_segment(imu: Imu, worn: SegmentMounting) -> Segment:
@@ -261,26 +268,44 @@ def shanks_of(
 
 
 def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[LegInputs]:
-    """Check a recording with at least one leg, which stands still at some time; turn it into the inputs of
-    `leg_ekf.run`.
+    """Check a recording with at least one leg; turn it into the inputs of `leg_ekf.run`.
 
-    `standing` is the calibrating stance. Without accelerometers the options have no `gravity`. By "strapdown" the
-    inputs have `shanks`, unless the recording is resampled; with `smooth` rates are interpolated over short losses.
+    `standing` is the calibrating stance; None if nobody stands, and angles count from the mean of walking. Without
+    accelerometers the options have no `gravity`. By "strapdown" the inputs have `shanks`, unless the recording is
+    resampled; with `smooth` rates are interpolated over short losses.
 
     Raises:
-        RecordingError: missing placement, clocks that differ, no standing, no walking.
+        RecordingError: missing placement, clocks that differ, no walking; no standing, without accelerometers.
     """
-    sides, sensors, time, (still, upright, standing, notes) = standing_legs(recording, options)
+    sides, sensors, time, still = resting_legs(recording, options)
     rate = 1.0 / float(np.median(np.diff(time)))
-    legs = {}
+    every = with_feet(recording, sensors, time)
+    worn = worn_legs(every, still, rate, perpendicular=options.perpendicular_axis, estimator="leg_ekf")
+    bare = any(imu.acc is None for imu in sensors.values())
+    if worn.standing is None and (bare or not options.gravity):
+        raise RecordingError(
+            f"leg_ekf needs {SHORTEST_S:g} s of quiet standing (all leg gyroscopes below {LEGS_RATE:g} rad/s) to know "
+            "the upright pose without accelerometers"
+        )
+    stride = round(worn.cycle.stride_time * rate)
+    begins_walking = not bare and bool(worn.cycle.walks[:stride].all())
+    legs, notes, slipping = {}, list(worn.notes), dict[str, SensorQuality]()
     for side in sides:
-        worn, more = mounted(sensors, side, slice(*standing), still, rate, perpendicular=options.perpendicular_axis)
-        segments = [in_segment(sensors[mounting.placement], mounting) for mounting in worn.values()]
-        legs[side] = LegSignals(*(rates_between(signals, time) if options.smooth else signals for signals in segments))
+        mountings, more = mounted(every, side, worn, rate)
+        segments = [in_segment(every[mounting.placement], mounting) for mounting in mountings.values()]
+        if still[0] or begins_walking:
+            segments = [_started(segment, still, stride, 1.0 / rate) for segment in segments]
+        else:
+            segments = [segment._replace(start=np.zeros(())) for segment in segments]
+        thigh, shank = (rates_between(signals, time) if options.smooth else signals for signals in segments)
+        legs[side] = LegSignals(thigh, shank, worn.legs[side].pose)
         notes += more
-    slipping, more = slips(sensors, upright, slice(*standing), time)
-    notes += more
-    if bare := any(imu.acc is None for imu in sensors.values()):
+    if worn.standing is None:
+        notes.append(ZERO_OF_WALKING())
+    else:
+        slipping, more = slips(sensors, worn.upright, slice(*worn.standing), time)
+        notes += more
+    if bare:
         notes.append(NO_ACCELEROMETER())
     if not still[0]:
         notes.append(NO_FIRST_STANDING())
@@ -302,9 +327,9 @@ def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[Leg
     for start, stop in itertools.chain(*gaps.values()):
         valid[start:stop] = False
     dt = np.concatenate([[0.0], np.diff(time)])
-    variance = np.asarray(1e-4 if upright[0] else SEATED if still[0] else 0.1)
+    variance = np.asarray(1e-4 if still[0] else 0.01 if begins_walking else 0.1)
     inputs = LegInputs(legs.get("right"), legs.get("left"), time, dt, still, valid, variance, shanks)
     notes += _gap_notes(gaps, time)
     gravity = options.gravity and not bare
     quality = merged(quality, slipping, dict.fromkeys(alone, SensorQuality(alone=True)))
-    return Prepared(inputs, options._replace(gravity=gravity), tuple(notes), standing, quality=quality)
+    return Prepared(inputs, options._replace(gravity=gravity), tuple(notes), worn.standing, quality=quality)

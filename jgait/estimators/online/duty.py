@@ -20,9 +20,9 @@ from jgait.estimators.duty_cycled_gyro import turns
 from jgait.estimators.duty_cycled_gyro.estimator import joints
 from jgait.estimators.duty_cycled_gyro.model_params import PlanarSegment, SegmentEstimate
 from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams
-from jgait.estimators.duty_cycled_gyro.prepare import LOST, checked, find_standing, worn_leg, worn_names
+from jgait.estimators.duty_cycled_gyro.prepare import LOST, checked, find_rests, worn_legs_of, worn_names
 from jgait.estimators.leg_ekf.params import one_side
-from jgait.estimators.leg_ekf.prepare import SegmentMounting
+from jgait.estimators.leg_ekf.prepare import SegmentMounting, mounted
 from jgait.estimators.online.device import Device, Readings
 from jgait.estimators.online.standing import LegsNow, lost_for, stacked_mountings, standing_samples, stood
 from jgait.events.rest import LEGS_RATE
@@ -72,16 +72,17 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
     time = checked(recording, names)
     sensors = {name: recording.sensors[name] for name in names}
     used = gyroscope_masks(recording, names)
-    still, _, standing, notes = find_standing(sensors, used, time)
+    awake, calibration = worn_legs_of(recording, used, *find_rests(sensors, used, time), {})
+    notes = list(calibration.notes)
     mountings: list[SegmentMounting] = []
     legs: dict[int, tuple[int | None, ...]] = {}
     for number, side in enumerate(SIDES):
-        if any(name.endswith(side) for name in names):
-            segments, more = worn_leg(recording, side, used, still, slice(*standing), {})
+        if side in calibration.legs:
+            segments, more = mounted(awake, side, calibration, recording.sampling_rate_hz)
             notes += more
             places = {segment: len(mountings) + k for k, segment in enumerate(segments)}
             legs[number] = tuple(map(places.get, SEGMENTS))
-            mountings += [mounting for _, mounting in segments.values()]
+            mountings += segments.values()
     placements, worn = stacked_mountings(mountings)
     window = standing_samples(1.0 / float(np.median(np.diff(time))))
     leg_params = tuple(one_side(p, side) for side in legs)

@@ -16,9 +16,10 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators.leg_ekf import online as leg_online
+from jgait.estimators.leg_ekf.estimator import calibrated
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_side
-from jgait.estimators.leg_ekf.prepare import LONG_GAP, SegmentMounting, mounted, standing_legs
+from jgait.estimators.leg_ekf.prepare import LONG_GAP, SegmentMounting, mounted, resting_legs, with_feet
 from jgait.estimators.leg_ekf.readout import LEAST_SHARE, MOVES_M, backward
 from jgait.estimators.online.device import Device, Readings
 from jgait.estimators.online.standing import (
@@ -32,6 +33,7 @@ from jgait.estimators.online.standing import (
 )
 from jgait.estimators.sides import stacked
 from jgait.events.rest import LEGS_RATE
+from jgait.mounting.leg import worn_legs
 from jgait.notes import Note
 from jgait.types import SIDES, Counts, Flags, LegTrajectory, Recording, Values, as_float
 
@@ -69,17 +71,20 @@ def device(p: LegParams, recording: Recording) -> tuple[Device, tuple[Note, ...]
     Raises:
         RecordingError: as `leg_ekf.prepare.prepare`.
     """
-    sides, sensors, time, (still, _, standing, notes) = standing_legs(recording, KINEMATICS)
+    sides, sensors, time, still = resting_legs(recording, KINEMATICS)
     rate = 1.0 / float(np.median(np.diff(time)))
+    every = with_feet(recording, sensors, time)
+    calibration = worn_legs(every, still, rate, estimator="leg_ekf")
+    notes = list(calibration.notes)
     mountings: list[SegmentMounting] = []
     for side in sides:
-        segments, more = mounted(sensors, side, slice(*standing), still, rate)
+        segments, more = mounted(every, side, calibration, rate)
         mountings += segments.values()
         notes += more
     numbers = tuple(SIDES.index(side) for side in sides)
     placements, worn = stacked_mountings(mountings)
     worn = jax.tree.map(lambda v: v.reshape(-1, 2, *v.shape[1:]), worn)
-    leg_params = stacked(*(one_side(p, number) for number in numbers))
+    leg_params = stacked(*(calibrated(one_side(p, SIDES.index(side)), calibration.legs[side].pose) for side in sides))
     constants = LegsConstants(p, leg_params, worn, standing_samples(rate), as_float(START_VARIANCE))
     gravity = KINEMATICS.gravity and all(imu.acc is not None for imu in sensors.values())
     options = KINEMATICS._replace(gravity=gravity)
@@ -92,12 +97,11 @@ def _signals(worn: PyTree, samples: Readings, lost: Values) -> LegSignals:
     gyr = jnp.einsum("nsij,bnsj->snbi", worn.axes, samples.gyr.reshape(shape))
     acc = jnp.einsum("nsij,bnsj->snbi", worn.axes, samples.acc.reshape(shape)) * worn.scale.T[:, :, None, None]
     measured, lost = (jnp.moveaxis(v, 0, 2).swapaxes(0, 1) for v in (samples.turned.reshape(lost.shape), lost))
-    return LegSignals(
-        *(
-            Segment(gyr[s], acc[s], measured[s], worn.bias[:, s], worn.variance[:, s], lost[s], worn.unrest[:, s])
-            for s in (0, 1)
-        )
+    thigh, shank = (
+        Segment(gyr[s], acc[s], measured[s], worn.bias[:, s], worn.variance[:, s], lost[s], worn.unrest[:, s])
+        for s in (0, 1)
     )
+    return LegSignals(thigh, shank)
 
 
 def begin(c: LegsConstants, sample: Readings, options: LegOptions) -> LegsState:

@@ -50,7 +50,7 @@ def stacked_mountings(worn: list[SegmentMounting]) -> tuple[tuple[str, ...], PyT
 
 
 def standing_samples(sampling_rate_hz: float) -> np.ndarray:
-    """Number of samples for which all gyroscopes must be slow: the window of `events.rest.standing_of_legs`."""
+    """Number of samples for which all gyroscopes must be slow: the window of `events.rest.legs_at_rest`."""
     return np.asarray(2.0 * max(1, round(LEGS_WINDOW_S * sampling_rate_hz)) + 1.0)
 
 

@@ -15,8 +15,9 @@ from jgait.io.checks.losses import in_long_gaps, loss_notes
 from jgait.io.checks.order import accelerometer_late, late_behind, rows_wrong
 from jgait.io.checks.pace import LegPace, pace_notes, paces_of
 from jgait.io.checks.readings import channel_notes
-from jgait.io.checks.sides import exchanged, out_of_step, sides_differ, turn_notes
+from jgait.io.checks.sides import out_of_step, sides_differ, turn_notes
 from jgait.io.units import Unit
+from jgait.mounting.places import places_in
 from jgait.notes import Note, record
 from jgait.quality import SensorQuality, merged
 from jgait.quality import notes as writer
@@ -102,15 +103,15 @@ def _of_legs(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[dict[str, Sens
     """Exchanged sensors, and delays between the others of each leg, and notes about them."""
     if len(next(iter(sensors.values())).time) <= limits.SHORTEST_S * rate_hz:
         return {}, []
-    notes, apart = exchanged(sensors, rate_hz)
+    places = places_in(sensors)
+    moved = places.moved if places else ()
     with_acc = {placement for placement, imu in sensors.items() if imu.acc is not None}
     late: dict[str, SensorQuality] = {}
     for pair, side in itertools.product(limits.BETWEEN_S, SIDES):
         upper, lower = (f"{segment}_{side}" for segment in pair)
-        if {upper, lower} <= with_acc and not set(pair) & apart:
+        if {upper, lower} <= with_acc and not {upper, lower}.intersection(moved):
             late[lower] = SensorQuality(late=late_behind(upper, lower, sensors, rate_hz))
-    sides = {f"{segment}_{side}": SensorQuality(other_side=True) for segment in apart for side in SIDES}
-    return merged(sides, late), [*notes, *writer.contradictions(late)]
+    return late, [*(places.notes() if places and moved else []), *writer.contradictions(late)]
 
 
 def _bridged(imu: Imu, lost: np.ndarray) -> Imu:

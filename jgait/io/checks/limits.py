@@ -134,9 +134,8 @@ SHAKEN_FAR, SPARED, SPARED_FAST, SHORT_STRIDE_S = 1.45, 0.58, 0.8, 0.65
 CHANGE_S, CALM_S, FARTHEST_S = 0.02, 0.12, 0.35
 """[s] Time over which the change of a signal is taken; of the moving mean that is taken off a force; largest delay."""
 
-LEAST_ALIKE, MORE_ALIKE, WALKING = 0.3, 0.08, 0.5
-"""[1] Least correlation; its gain with the other leg if two sensors are exchanged (−0.04); share of the mean shaking in
-walking."""
+LEAST_ALIKE, WALKING = 0.3, 0.5
+"""[1] Least correlation; share of the mean shaking in walking."""
 
 CLEARER, COARSE_DELAY = (0.05, 0.1), 0.05
 """[1] Gain of the correlation by a delay in a foot, and between shank and foot: a foot that drags is shaken twice in a
@@ -146,8 +145,8 @@ IN_SENSOR_S = {"foot": (-0.035, 0.032), "ankle": (-0.05, 0.027), "shank": (-0.05
 """[s] Delay of the accelerometer behind the gyroscope (foot −0.025 to 0.02, shank −0.039 to 0.02, thigh −0.04 to
 0.03)."""
 
-BETWEEN_S, SHARED = {("thigh", "shank"): 0.07, ("shank", "ankle"): 0.06, ("shank", "foot"): 0.13}, "shank"
-"""[s] Delay between two sensors of a leg (0.05); the segment of every pair."""
+BETWEEN_S = {("thigh", "shank"): 0.07, ("shank", "ankle"): 0.06, ("shank", "foot"): 0.13}
+"""[s] Delay between two sensors of a leg (0.05)."""
 
 DRIFTED_S = 12.0
 """[s] Shortest walk whose last third is compared alone: a clock that is fast is late there."""

@@ -1,7 +1,6 @@
 """Sides and places: whether the sensors of a person move together, as those of one body.
 
-Both legs turn alike, half a stride apart. In a turn, every segment turns by the same angle about the vertical. Impacts
-pass through one leg and hardly reach the other.
+Both legs turn alike, half a stride apart. In a turn, every segment turns by the same angle about the vertical.
 """
 
 from collections.abc import Collection, Mapping
@@ -9,12 +8,10 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from jgait.io.checks import limits as at
-from jgait.io.checks.order import delay_between, shaking
-from jgait.mounting.leg import SIDES_EXCHANGED
 from jgait.notes import Kind, Note
 from jgait.quality import SensorQuality
 from jgait.signal.windows import held_spread, window_size, window_sum
-from jgait.types import SIDES, Imu, as_float
+from jgait.types import Imu, as_float
 
 TURNS_APART = Kind(
     "turns_apart",
@@ -150,32 +147,3 @@ def _compared(sensor: np.ndarray, person: np.ndarray) -> tuple[float, float, boo
     large = both[size > 0.5 * size.max()]
     ratio = float(sensor[large] @ person[large] / (person[large] @ person[large]))
     return float(size.max()), ratio, at.CUT_OFF <= int(both[np.argmax(size)]) < len(person) - at.CUT_OFF
-
-
-def exchanged(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[list[Note], set[str]]:
-    """Notes about segments whose right and left sensors are exchanged, and these segments: each is shaken like the
-    sensors of the other leg. Of the segments that contradict each other, the fewer ones are named.
-    """
-    samples, longest = max(round(at.CALM_S * rate_hz), 3), int(at.LONGEST_S * rate_hz)
-    shaken = {name: shaking(as_float(imu.acc)[:longest], samples) for name, imu in sensors.items()
-              if imu.acc is not None}  # fmt: skip
-    away, here = set[str](), {at.SHARED}
-    for (upper, lower), farthest in at.BETWEEN_S.items():
-        if any(f"{segment}_{side}" not in shaken for segment in (upper, lower) for side in SIDES):
-            continue
-        same_side, other = (
-            [delay_between(shaken[f"{upper}_{a}"], shaken[f"{lower}_{b}"], rate_hz)
-             for a, b in zip(SIDES, order, strict=True)] for order in (SIDES, SIDES[::-1])
-        )  # fmt: skip
-        for segments, like, unlike in ((away, other, same_side), (here, same_side, other)):
-            least = max(at.LEAST_ALIKE, *(alike + at.MORE_ALIKE for _, alike in unlike))
-            if all(abs(delay) <= farthest and alike > least for delay, alike in like):
-                segments |= {upper, lower} - {at.SHARED}
-    if not away:
-        return [], set()
-    few, many = sorted((away, here), key=len)
-    if len(few) == len(many):
-        note = SIDES_EXCHANGED(kind=" or ".join(sorted(few | many)), others="the other sensors")
-        return [note], few | many
-    others = ", ".join(f"{segment}_{side}" for segment in sorted(many) for side in SIDES)
-    return [SIDES_EXCHANGED(kind=segment, others=others) for segment in sorted(few)], few

@@ -124,14 +124,16 @@ def test_deviations_contain_the_standing_pose_and_grow_with_the_angle(walk):
     recording, truth = walk
     p = parameters(truth)
     known = p._replace(standing_hip_sd=1e-6, standing_knee_sd=1e-6)
-    stated, rest = (leg_ekf.estimate(one, recording).stddev.right for one in (p, known))
-    for joint, pose in (("hip_angle", p.standing_hip_sd), ("knee_angle", p.standing_knee_sd)):
+    unsure, sure = (leg_ekf.estimate(one, recording) for one in (p, known))
+    stated, rest, zero = unsure.stddev.right, sure.stddev.right, unsure.diagnostics["zero_stddev_right"]
+    assert zero[0] < p.standing_hip_sd and zero[1] < p.standing_knee_sd  # as walking states the pose, too
+    for joint, pose in zip(("hip_angle", "knee_angle"), np.asarray(zero), strict=True):
         whole, moving = np.asarray(getattr(stated, joint)), np.asarray(getattr(rest, joint))
-        np.testing.assert_allclose(whole**2 - moving**2, pose**2, rtol=1e-6)
+        np.testing.assert_allclose(whole**2 - moving**2, pose**2, rtol=1e-3)
         assert moving.max() > 1.5 * moving[:50].mean()
     # an error of the hip turns the whole leg: of the standing foot, which is below the hip, mostly forward
     length = float(p.thigh_length.right + p.shank_length.right)
-    assert np.asarray(stated.x)[:50].mean() > 0.9 * p.standing_hip_sd * length
+    assert np.asarray(stated.x)[:50].mean() > 0.9 * zero[0] * length
 
 
 def squeezed(acc):
@@ -301,8 +303,8 @@ REFUSED = {
     ),
     "no shank": (lambda r: only(r, "thigh_left"), r"leg_ekf needs 'shank_left'; the recording has \['thigh_left'\]"),
     "never still": (
-        lambda r: altered(r, gyr=lambda v: v + np.random.default_rng(0).normal(size=v.shape)),
-        "needs 0.5 s of quiet standing .* reaches",
+        lambda r: altered(r, gyr=lambda v: v + np.random.default_rng(0).normal(size=v.shape), acc=lambda v: None),
+        "needs 0.5 s of quiet standing .* without accelerometers",
     ),
     "never walking": (
         lambda r: altered(r, gyr=lambda v: 0.01 * v), "found no walking: .* is the gyroscope in rad/s",
