@@ -87,8 +87,8 @@ class FootOptions(NamedTuple):
     Attributes:
         smooth: Rauch–Tung–Striebel smoothing (offline).
         level: True: the filter assumes level ground; False: it assumes nothing about the ground; "auto": as False, but
-            if strides rise by less than 3 cm on average and 8 cm each, as errors do on level ground, all footholds
-            of the trajectory get one height. Strides keep their measured heights.
+            both footholds of a stride get one height in the trajectory where the rises of all strides say that the
+            ground is level, see `jgait.estimators.foot_ins.ground`. Strides keep their measured heights.
         detector: "adaptive": a threshold that adapts to each stride, see `jgait.events.foot`; or a detector of
             `jgait.events.zero_velocity` by name, with its default threshold and the adaptive detector's footholds.
         method: how the filter linearises, see `jgait.filtering`.
