@@ -36,7 +36,7 @@ ROLL, SPREAD = 0.02, 0.25
 (median of 72 feet of 12 people), below 3 cm in 97 % of them. [1] Relative deviation of a grade from its entry."""
 
 BAD, FAR = 0.1, 0.12
-"""[1] Share of strides with a bad rise. [1] Standard deviation of such a rise over the stride's length, of 1 m at least."""
+"""[1] Share of strides with a bad rise. [1] Deviation of such a rise over the stride's length, of 1 m at least."""
 
 LEAST = 1e-9
 """[1/m] Least likelihood of a grade."""
