@@ -4,12 +4,16 @@ Both are in the axes of the first sample, without a correction: only differences
 """
 
 import numpy as np
+from jaxtyping import Float
 
 from jgait.geometry.rotation import Quaternion, product, rotated, small_turn
 from jgait.geometry.vectors import as_array, vector
+from jgait.types import AnyArray
 
 
-def integrated(gyr: np.ndarray, acc: np.ndarray, sampling_rate_hz: float) -> tuple[Quaternion, np.ndarray]:
+def integrated(
+    gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], sampling_rate_hz: float
+) -> tuple[Quaternion, np.ndarray]:
     """Attitude at each sample (T,), and the integral of the specific force since the first (T, 3) [m/s].
 
     Args:

@@ -81,4 +81,4 @@ def _gained(gyr: np.ndarray, acc: np.ndarray, first: np.ndarray, last: np.ndarra
     """(n, 3) integral of the specific force from one sample to another, in axes of the first [m/s]."""
     attitude, force = integrated(gyr, acc, hz)
     back = conjugate(Quaternion(*(part[first] for part in attitude)))
-    return as_array(rotated(back, vector(force[last] - force[first])))
+    return np.asarray(as_array(rotated(back, vector(force[last] - force[first]))))

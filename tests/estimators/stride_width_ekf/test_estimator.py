@@ -133,7 +133,8 @@ def test_without_a_range_widths_have_the_mean_of_usual_people_and_changes_of_the
     assert np.all((stddev[far] > 0.025) & (stddev[far] < 0.035))
     # who is usual does not matter for the changes
     wider = told(walk, sw.DEFAULT, read=None, p=KNOWN._replace(usual_passing=0.165))
-    np.testing.assert_allclose(wider.strides.width - estimate.strides.width, 0.05, atol=0.005)
+    change = (wider.strides.width - estimate.strides.width)[np.isfinite(estimate.strides.width)]
+    np.testing.assert_allclose(change[far], 0.05, atol=0.005)
 
 
 @pytest.mark.parametrize(("hz", "noise"), [(128.0, 0.005), (30.0, 0.002)])
