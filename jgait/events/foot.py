@@ -62,8 +62,8 @@ the tail of Student's t, plus `WRONG`, as where samples are lost or clipped. Tha
 the swings beside, all on the right side. Beside the marks of `ipol_gait`, which were not used, 2 of 1290 swings have a
 stance, and 6 stances are missed."""
 
-LEAST_UNREST = 0.05
-"""[rad/s] A lower unrest counts as this one."""
+LEAST_UNREST, SLOWEST = 0.05, 0.1
+"""[rad/s] A lower unrest counts as this one. [m/s] Added to the largest velocity: a foot may rock on the spot."""
 
 REST_S = 1.6
 """[s] A stance beside is at rest at its sample that is nearest to `stillest`, and less than this away if possible."""
@@ -177,7 +177,7 @@ def _moving(rows: np.ndarray, restless: np.ndarray, force: np.ndarray, sampling_
         velocity = force[a : b + 1] - force[a] - np.linspace(0.0, 1.0, b - a + 1)[:, None] * (force[b] - force[a])
         speed = np.linalg.norm(velocity, axis=1)
         scale = np.hypot(MOVES, MOVES_SHARE * speed.max())
-        turns = np.clip(restless[at], LEAST_UNREST, STANCE) / (RESTLESS_RAD_PER_M * speed.max())
+        turns = np.clip(restless[at], LEAST_UNREST, STANCE) / (RESTLESS_RAD_PER_M * (speed.max() + SLOWEST))
         stands = (1.0 + 0.25 * (speed[at - a] / scale) ** 2) ** -TAIL + WRONG
         if RESTLESS * np.log(turns) > np.log(stands):
             unrest_if_moving[k + 2] = restless[at]
