@@ -16,7 +16,7 @@ without the direction of gravity; under Vicon it is right to some cm/s. The sens
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from jgait.signal.strapdown import integrated
 from jgait.signal.windows import held_mean, held_spread
@@ -54,13 +54,13 @@ MOVES, MOVES_SHARE = 0.05, 0.04
 """[m/s], [1] Scale of the velocity v of a foot in stance, and its increase with the largest velocity between the rests
 beside it."""
 
-TAIL, WRONG, RESTLESS, RESTLESS_RAD_PER_M = 3.0, 3e-4, 2.5, 3.0
-"""[1], [1], [1], [rad/m] The likelihood of the velocity in stance over that in swing is (1 + (v / scale)² / 4)^−`TAIL`,
-the tail of Student's t, plus `WRONG`, as where samples are lost or clipped. That of the `unrest` is the power
-−`RESTLESS` of its ratio to `RESTLESS_RAD_PER_M` times the largest velocity. Learned from 1248 valleys of `footprints`,
-`pyshoe_vicon`, `neura_sparse`, `gaitmap_example` and two simulated walks, of which 203 lie in a swing by Vicon or by
-the swings beside, all on the right side. Beside the marks of `ipol_gait`, which were not used, 2 of 1290 swings have a
-stance, and 6 stances are missed."""
+TAIL, WRONG, WRONG_IF_LOST, RESTLESS, RESTLESS_RAD_PER_M = 3.0, 3e-4, 7e-3, 2.5, 3.0
+"""[1], [1], [1], [1], [rad/m] The likelihood of the velocity in stance over that in swing is (1 + (v / scale)² / 4) to
+the power −`TAIL`, the tail of Student's t, plus `WRONG`, or `WRONG_IF_LOST` if samples between the rests are lost. That
+of the `unrest` is the power −`RESTLESS` of its ratio to `RESTLESS_RAD_PER_M` times the largest velocity. Learned from
+1248 valleys of `footprints`, `pyshoe_vicon`, `neura_sparse`, `gaitmap_example` and two simulated walks, of which 203 lie
+in a swing by Vicon or by the swings beside, all on the right side. Beside the marks of `ipol_gait`, which were not used,
+2 of 1290 swings have a stance, and 6 stances are missed."""
 
 LEAST_UNREST, SLOWEST = 0.05, 0.1
 """[rad/s] A lower unrest counts as this one. [m/s] Added to the largest velocity: a foot may rock on the spot."""
@@ -123,7 +123,10 @@ def unrest(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], sampl
     return np.hypot(moving_rate(gyr, sampling_rate_hz), held_spread(acc, _window(sampling_rate_hz)) / JOLT)
 
 
-def stances(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], sampling_rate_hz: float) -> Stances:
+def stances(
+    gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], sampling_rate_hz: float,
+    lost: Bool[AnyArray, "time"] | None = None,
+) -> Stances:  # fmt: skip
     """The stances of a foot, at any speed of gait; empty if the foot never moves enough, or never comes to rest.
 
     A stance extends from its valley to where the rate exceeds `STILL` and `ABOVE` times the rate of the valley, less
@@ -133,6 +136,7 @@ def stances(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], samp
         gyr: (T, 3) angular rate, without the gyroscope's bias as far as it is known [rad/s], finite.
         acc: (T, 3) specific force [m/s²], finite; it shows a foot that comes down without turning.
         sampling_rate_hz: rate of the samples [Hz].
+        lost: (T,) samples whose signals are interpolated.
     """
     rate, restless = moving_rate(gyr, sampling_rate_hz), unrest(gyr, acc, sampling_rate_hz)
     valleys = _valleys(rate, SWING, STANCE)
@@ -155,17 +159,20 @@ def stances(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], samp
         rows.append((first, last + 1, middle))
     places = np.array(rows, int).reshape(-1, 3)
     force = integrated(gyr, acc, sampling_rate_hz)[1]
-    while (moves := _moving(places, restless, force, sampling_rate_hz)).any():
+    lost_so_far = np.cumsum(np.zeros(len(rate)) if lost is None else lost)
+    while (moves := _moving(places, restless, force, lost_so_far, sampling_rate_hz)).any():
         places = places[~moves]
     start, end, stillest = _apart(places, rate, sampling_rate_hz).T
     return Stances(start, end, stillest, rate[stillest])
 
 
-def _moving(rows: np.ndarray, restless: np.ndarray, force: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
+def _moving(
+    rows: np.ndarray, restless: np.ndarray, force: np.ndarray, lost_so_far: np.ndarray, sampling_rate_hz: float
+) -> np.ndarray:
     """(n,) bool, stances (start, end, stillest) in which the foot moves, and that are more restless than moving ones
     beside them, whose velocity follows from these.
 
-    `force` is the integral of the specific force (T, 3) [m/s].
+    `force` is the integral of the specific force (T, 3) [m/s], `lost_so_far` the number of lost samples (T,).
     """
     unrest_if_moving, reach = np.zeros(len(rows) + 2), round(REST_S * sampling_rate_hz)
     for k, ((_, left, before), (_, _, at), (enters, _, after)) in enumerate(
@@ -178,7 +185,8 @@ def _moving(rows: np.ndarray, restless: np.ndarray, force: np.ndarray, sampling_
         speed = np.linalg.norm(velocity, axis=1)
         scale = np.hypot(MOVES, MOVES_SHARE * speed.max())
         turns = np.clip(restless[at], LEAST_UNREST, STANCE) / (RESTLESS_RAD_PER_M * (speed.max() + SLOWEST))
-        stands = (1.0 + 0.25 * (speed[at - a] / scale) ** 2) ** -TAIL + WRONG
+        wrong = WRONG_IF_LOST if lost_so_far[b] > lost_so_far[a] else WRONG
+        stands = (1.0 + 0.25 * (speed[at - a] / scale) ** 2) ** -TAIL + wrong
         if RESTLESS * np.log(turns) > np.log(stands):
             unrest_if_moving[k + 2] = restless[at]
     here = unrest_if_moving[1:-1]

@@ -144,14 +144,14 @@ def _foot(
         at_rest = at_rest._replace(force=force_in_stances(gyr, acc, hz))
     scale, acc_bias, off = errors_at_rest(at_rest, name, notes)
     acc = acc * scale
-    stances = events.stances(gyr - at_rest.gyr_bias, acc, hz)
+    lost = ~mask | (step > 1.5 * nominal)
+    stances = events.stances(gyr - at_rest.gyr_bias, acc, hz, lost)
     if not len(stances.start):
         lowest = float(events.moving_rate(gyr - at_rest.gyr_bias, hz).min())
         raise RecordingError(
             f"'{name}' never stands: a foot on the ground turns at less than {events.STANCE:g} rad/s between two "
             f"swings; its lowest rate is {lowest:.2f} rad/s"
         )
-    lost = ~mask | (step > 1.5 * nominal)
     stands = events.inside(stances, len(gyr)) & ~lost
     margin = events.margin(gyr - at_rest.gyr_bias, acc, stances, hz)
     margin = np.where(lost, NEVER, np.clip(margin, NEVER, -NEVER))
