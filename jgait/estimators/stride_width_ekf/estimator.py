@@ -95,7 +95,8 @@ def run(
     inferred, *others = (jax.tree.map(lambda leaf, row=row: leaf[row], every) for row in range(len(ways)))
     mean, cov = inferred.mean, inferred.cov
     used, misfits = xp.sum(inputs.range_measured & inputs.valid & ~inputs.usual), _misfits(inferred)
-    p = p._replace(offset_noise=xp.where(inputs.usual, p.people_noise, p.offset_noise))
+    offset_noise = xp.where(inputs.usual, p.people_noise, p.offset_noise).astype(mean.x_right.dtype)
+    p = p._replace(offset_noise=offset_noise)
     values, spread = stride_width_readout.strides(p, inputs.strides, mean, cov)
     dtype = values.width.dtype
     fits = misfits.astype(dtype) <= xp.maximum(MOST_MISFITS * used.astype(dtype), 1.0)

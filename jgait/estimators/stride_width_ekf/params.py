@@ -47,7 +47,7 @@ class WidthParams(NamedTuple):
         "fixed, because nothing measures it and a likelihood would shrink it to millimetres",
     )] = 0.04  # fmt: skip
     usual_passing: Annotated[Param, Parameter(
-        positive, "m", "distance of the feet across when they pass, of people whose feet swing straight ahead; used "
+        fixed, "m", "distance of the feet across when they pass, of people whose feet swing straight ahead; used "
         "without a range, see `stride_width_ekf.passings`",
     )] = 0.115  # fmt: skip
     passing_share: Annotated[Param, Parameter(
