@@ -136,7 +136,7 @@ def stances(
         gyr: (T, 3) angular rate, without the gyroscope's bias as far as it is known [rad/s], finite.
         acc: (T, 3) specific force [m/s²], finite; it shows a foot that comes down without turning.
         sampling_rate_hz: rate of the samples [Hz].
-        lost: (T,) samples whose signals are interpolated.
+        lost: (T,) samples whose signals are interpolated over a long loss.
     """
     rate, restless = moving_rate(gyr, sampling_rate_hz), unrest(gyr, acc, sampling_rate_hz)
     valleys = _valleys(rate, SWING, STANCE)
