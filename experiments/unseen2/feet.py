@@ -4,16 +4,19 @@ Nothing else is learned. Stances between rests were judged by velocities of `pys
 `jgait.events.foot`. The ruler of `footprints` has errors of its own: per stride, gaitmap's method errs there alike.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from experiments.autotune.vicon import of_days
-from experiments.autotune.walks import KINDS, trials
+from experiments.autotune import marker
+from experiments.autotune.walks import KINDS, SET, kind
 from experiments.common.matching import overlapping
-from experiments.common.recordings import available
+from experiments.common.recordings import available, names, walks
 from experiments.common.row import Row, show
 from experiments.foot_ins import feet as real
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import FootParams
+from jgait.types import Estimate, Walk
 
 GOOD_CM = 10.0
 """[cm] Largest error of a stride that is good."""
@@ -26,17 +29,37 @@ def rows(quick: bool) -> list[Row]:
 
 def positions(quick: bool) -> list[Row]:
     """3-D error of the path after yaw and shift, by kind of gait, with the marker that other days taught."""
-    here = trials(quick)
-    if here is None:
+    if not available(SET):
         return []
-    error = of_days(dict.fromkeys(sorted(set(here.days.tolist())), FootParams()), quick)
+    tracked = walks(SET, names(SET)[::9] if quick else None)
+    paths = _paths([(walk, foot_ins.estimate(FootParams(), walk.recording)) for walk in tracked])
+    kinds = np.array([kind(walk.info["speed"]) for walk in tracked])
+    days = np.array([walk.recording.name[:10] for walk in tracked])
+    error = np.zeros(days.size)
+    for day in sorted(set(days.tolist())):
+        error[days == day] = marker.held_out(paths, days == day)
     split, rows = "pyshoe_vicon, marker of other days", []
-    for kind in (name for name in KINDS if (here.kinds == name).any()):
-        some = error[here.kinds == kind]
+    for name in (one for one in KINDS if (kinds == one).any()):
+        some = error[kinds == name]
         line = "foot_ins, `pyshoe_vicon`, position, marker of other days: median error"
-        row = Row(f"position_m_{kind}", float(np.median(some)), "m", n=len(some), split=split)
-        rows += [row.on(line, kind, "trials"), row._replace(metric=f"position_m_{kind}_worst", value=float(some.max()))]
+        row = Row(f"position_m_{name}", float(np.median(some)), "m", n=len(some), split=split)
+        rows += [row.on(line, name, "trials"), row._replace(metric=f"position_m_{name}_worst", value=float(some.max()))]
     return [*rows, Row("position_m_worst_trusted", float(error.max()), "m", n=len(error), split=split)]
+
+
+def _paths(estimated: Sequence[tuple[Walk, Estimate]]) -> marker.Paths:
+    """The right foot's path beside the marker's at the times of the sensor, padded to the longest trial."""
+    longest, rows = max(len(estimate.time) for _, estimate in estimated), []
+    for walk, estimate in estimated:
+        reference, foot = walk.reference, estimate.feet.right
+        there = np.stack(
+            [np.interp(estimate.time, reference.time, part) for part in reference.feet.right.position.T], 1
+        )
+        known = np.interp(estimate.time, reference.time, np.asarray(reference.valid, float)) == 1.0
+        row = (foot.position, foot.orientation, there, known & np.asarray(estimate.valid, bool))
+        rows.append([np.concatenate([part, np.repeat(part[-1:], longest - len(part), axis=0)]) for part in row])
+        rows[-1][3][len(estimate.time) :] = False
+    return marker.Paths(*(np.stack(parts) for parts in zip(*rows, strict=True)))
 
 
 def outdoors(quick: bool) -> list[Row]:
