@@ -348,8 +348,8 @@ WRONG_PLACE = (
 """Meaning of kinds that report sensors whose place or direction does not match their labels."""
 
 NO_RANGE = (
-    "Without distances measured between the feet, the positions of the two feet relative to each other are not known: "
-    "stride widths and step lengths are missing or worthless."
+    "Without distances measured between the feet, stride widths have the mean of usual people, with the spread between "
+    "people as their deviation; only their changes from stride to stride are measured."
 )
 """Meaning of kinds that report that the distance between the feet was not measured."""
 

@@ -4,12 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from experiments.common.recordings import attempt
 from experiments.common.row import Row, show
 from experiments.foot_ins.run import Ready, Score, scored, sets
-from jgait.estimators import foot_ins
+from experiments.foot_ins.zero_velocity import DETECTORS, zero_velocity
 from jgait.estimators.foot_ins import DEFAULT, TEXTBOOK, FootOptions, FootParams
-from jgait.events.zero_velocity import DETECTORS
 
 BEST = FootParams()
 JUMP = {"acc_jump_noise": BEST.acc_jump_noise, "gyr_jump_noise": BEST.gyr_jump_noise}
@@ -22,7 +20,7 @@ PARTS: dict[str, tuple[FootParams, FootOptions]] = {
     "default": (BEST, DEFAULT),
     "filter": (BEST, DEFAULT._replace(smooth=False)),
     "level": (BEST, DEFAULT._replace(level=True)),
-    **{f"detector_{name}": (BEST, DEFAULT._replace(detector=name)) for name in DETECTORS},
+    **{f"detector_{name}": (BEST, DEFAULT) for name in DETECTORS},
 }
 """Name → parameters and options; `default` is what the estimator does untold: jump noise and pivot, smoothed."""
 
@@ -42,8 +40,8 @@ def of_sets(sets: Mapping[str, Sequence[Ready]], quick: bool) -> list[Row]:
         p, options = PARTS[name]
         cells: list[str] = []
         for set_name, usual in sets.items():
-            fixed = options.detector != DEFAULT.detector
-            pairs = flagged(usual, options) if fixed else [(item, item) for item in usual]
+            fixed = name.startswith("detector_")
+            pairs = flagged(usual, name.removeprefix("detector_")) if fixed else [(item, item) for item in usual]
             found = scored(p, [item for _, item in pairs], options)
             cells.append("–" if found is None else cell(found))
             if found is None:
@@ -70,13 +68,16 @@ def cell(found: Score) -> str:
     return f"{found.mae:.2f} ({found.bias:+.2f}) {found.rmse:.3f}{lost}"
 
 
-def flagged(items: Sequence[Ready], options: FootOptions) -> list[tuple[Ready, Ready]]:
+def flagged(items: Sequence[Ready], detector: str) -> list[tuple[Ready, Ready]]:
     """Each foot, and the same with the zero velocity of another detector."""
     found = []
     for item in items:
-        inputs = attempt(item.foot.name, lambda item=item: foot_ins.prepared(item.foot.recording, options).inputs)
-        if inputs is not None:
-            found.append((item, Ready(item.foot, inputs)))
+        ((_, imu),) = item.foot.recording.sensors.items()
+        foot = getattr(item.inputs, item.foot.side)
+        hz = 1.0 / float(np.median(np.diff(imu.time)))
+        stands = zero_velocity(imu.gyr - foot.gyr_bias, imu.acc, hz, imu.mask, detector)
+        other = item.inputs._replace(**{item.foot.side: foot._replace(stands=stands)})
+        found.append((item, Ready(item.foot, other)))
     return found
 
 

@@ -105,8 +105,6 @@ def bucket(samples: int) -> int:
 def estimated(p: FootParams, inputs: Any, options: FootOptions = DEFAULT) -> Estimate:
     """As `foot_ins.estimate`, from prepared inputs: parameters and stances change without compiling again."""
     samples = inputs.time.size
-    # how stances were found is in the inputs
-    options = options._replace(detector=DEFAULT.detector)
     result = jax.tree.map(np.asarray, run_one(p, pad(inputs, bucket(samples)), options))
     rows = np.flatnonzero(result.strides.valid)
     rows = rows[np.argsort(result.strides.end[rows], kind="stable")]

@@ -153,6 +153,7 @@ def _stride_width_ekf() -> Case:
         lengths,
         options,
         options,
+        idle=("usual_", "passing_share", "people_noise"),
         prepared=tuple(made._replace(options=options) for made in ready),
     )
 

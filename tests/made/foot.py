@@ -18,7 +18,7 @@ def _rotation(yaw, pitch):
 
 def foot(
     strides=5, length=1.2, swing=0.5, stance=0.6, hz=100.0, turns=0.0, rises=0.0, rest=1.5, mount=None,
-    bias=(0, 0, 0), side="right", roll=0.0, seed=None,
+    bias=(0, 0, 0), side="right", roll=0.0, held=0.0, seed=None,
 ):  # fmt: skip
     """A walk of one foot.
 
@@ -31,6 +31,7 @@ def foot(
         rest: standing before and after [s].
         side: of the placement.
         roll: from toes up to toes down by twice this the foot turns about the ground below it between swings [rad].
+        held: share of its rate that the foot loses in the middle of each swing: with 1 it does not turn there.
         mount, bias, seed: as of `read`.
     """
     lengths, turns, rises = (np.broadcast_to(np.asarray(v, float), strides) for v in (length, turns, rises))
@@ -41,6 +42,7 @@ def foot(
     pitch = np.zeros(t.size)
     for start in begin:
         s = np.clip((t - start) / swing, 0.0, 1.0)
+        s += held / (2.0 * np.pi) * np.sin(2.0 * np.pi * s)
         # heel up first, then toes up; both gone at the end
         pitch += 900.0 * (s * (1.0 - s)) ** 4 * (s - 0.55)
     # between two swings the foot rolls from toes up to toes down, and back within the swing

@@ -23,8 +23,10 @@ Deviations from the paper:
 
     1. The foot turns about a pivot while it stands (`pivot_height`); with 0 it does not move.
     2. Noise of both sensors grows with their change from sample to sample.
-    3. Stances are found by a threshold that follows the stride, see `jgait.events.foot`.
-    4. The filter assumes level ground only if `level` says so.
+    3. Stances are found by a threshold that follows the stride, and by the velocity between rests, see
+       `jgait.events.foot`.
+    4. The filter assumes level ground only if `level` says so; otherwise the rises of all strides say where the ground
+       is level, see `jgait.estimators.foot_ins.ground`.
     5. Smoothing; `smooth=False` gives the filter.
     6. Standard deviations of stride lengths are the filter's times a factor from the innovations of the stride.
     7. With smoothing, the headings of two feet are kept from drifting apart, see `jgait.estimators.foot_ins.headings`;

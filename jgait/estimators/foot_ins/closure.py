@@ -11,7 +11,9 @@ interval.
 
 import numpy as np
 
-from jgait.geometry.vectors import GRAVITY
+from jgait.geometry.rotation import Quaternion, conjugate, rotated
+from jgait.geometry.vectors import GRAVITY, as_array, vector
+from jgait.signal.strapdown import integrated
 
 SHORTEST_S, LONGEST_S = 0.5, 2.5
 """[s] Limits of the strides that count."""
@@ -77,19 +79,6 @@ def gyroscope_scale(
 
 def _gained(gyr: np.ndarray, acc: np.ndarray, first: np.ndarray, last: np.ndarray, hz: float) -> np.ndarray:
     """(n, 3) integral of the specific force from one sample to another, in axes of the first [m/s]."""
-    total = np.zeros((len(first), 3))
-    turned = np.broadcast_to(np.eye(3), (len(first), 3, 3))
-    force = acc[first]
-    for step in range(1, int((last - first).max()) + 1):
-        at = np.minimum(first + step, last)  # beyond the end nothing turns, and nothing is added
-        ends = (first + step <= last)[:, None]
-        rates = np.where(ends, 0.5 * (gyr[at] + gyr[np.maximum(at - 1, 0)]), 0.0)
-        angle = np.linalg.norm(rates, axis=1)[:, None, None] / hz
-        across = np.cross(turned, rates[:, None] / hz)
-        # by Rodrigues' formula; numpy.sinc has π in its argument
-        bent = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2 * np.cross(across, rates[:, None] / hz)
-        turned = turned + np.sinc(angle / np.pi) * across + bent
-        now = np.einsum("nij,nj->ni", turned, acc[at])
-        total += np.where(ends, 0.5 * (force + now) / hz, 0.0)
-        force = now
-    return total
+    attitude, force = integrated(gyr, acc, hz)
+    back = conjugate(Quaternion(*(part[first] for part in attitude)))
+    return np.asarray(as_array(rotated(back, vector(force[last] - force[first]))))

@@ -59,6 +59,9 @@ ONLINE = DEFAULT._replace(smooth=False)
 HOLD_S = 0.1
 """[s] Duration for which a sample must stay the stillest to be the foothold."""
 
+LEAST_DEPTH = 0.1
+"""[rad/s] Least unrest of the stances before with which that of a foothold is compared."""
+
 
 class FootWorn(NamedTuple):
     """Mounting of a foot's sensor, from a recording; every leaf is an array."""
@@ -299,7 +302,7 @@ def _decide(
     lasts = time - state.foothold
     ends = swing.any & (stillest | ~goes_on) & (lasts >= events.SHORTEST_STRIDE_S)
     foothold = stands & (~state.started | ends | (~swing.any & (lasts >= REST_STEP)))
-    restless = unrest[k] > events.WORSE * jnp.maximum(jnp.min(threshold.depths), events.LEAST_DEPTH)
+    restless = unrest[k] > events.WORSE * jnp.maximum(jnp.min(threshold.depths), LEAST_DEPTH)
     lagged_sample = LaggedSample(
         row[:6], _largest_changes(samples[:, :6], change, at), jnp.mean(samples[:, 3:6], axis=0), row[6], swing.lost,
         stands, state.started, foothold,

@@ -87,10 +87,8 @@ class FootOptions(NamedTuple):
     Attributes:
         smooth: Rauch–Tung–Striebel smoothing (offline).
         level: True: the filter assumes level ground; False: it assumes nothing about the ground; "auto": as False, but
-            if strides rise by less than 3 cm on average and 8 cm each, as errors do on level ground, all footholds
-            of the trajectory get one height. Strides keep their measured heights.
-        detector: "adaptive": a threshold that adapts to each stride, see `jgait.events.foot`; or a detector of
-            `jgait.events.zero_velocity` by name, with its default threshold and the adaptive detector's footholds.
+            both footholds of a stride get one height in the trajectory where the rises of all strides say that the
+            ground is level, see `jgait.estimators.foot_ins.ground`. Strides keep their measured heights.
         method: how the filter linearises, see `jgait.filtering`.
         soft: False: zero velocity is observed in stances alone. True: at every sample, with a variance that grows
             smoothly as the detector's statistic exceeds its threshold, so that a gradient reaches the decision; the
@@ -100,7 +98,6 @@ class FootOptions(NamedTuple):
 
     smooth: bool = True
     level: bool | str = "auto"
-    detector: str = "adaptive"
     method: filtering.Method = filtering.EKF()
     soft: bool = False
     noise: str = "constant"

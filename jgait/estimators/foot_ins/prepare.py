@@ -25,7 +25,6 @@ from jgait.estimators.notes import (
     STRIDES_UNCERTAIN,
 )
 from jgait.events import foot as events
-from jgait.events import zero_velocity
 from jgait.events.rest import Rest, rest
 from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
@@ -104,11 +103,9 @@ def prepare(recording: Recording, options: FootOptions = DEFAULT) -> Prepared[Fo
     quality: dict[str, SensorQuality] = {}
     standing = None
     for side, name in zip(sides, (f"foot_{side}" for side in sides), strict=True):
-        feet[side], quality[name], foot_notes, rests = _foot(recording.sensors[name], time, name, options.detector)
+        feet[side], quality[name], foot_notes, rests = _foot(recording.sensors[name], time, name)
         notes += foot_notes
         standing = rests if standing is None else standing
-    # the detector is used only here, so all detectors share one compiled program
-    options = options._replace(detector=DEFAULT.detector)
     inputs = FootInputs(time, feet["right"], feet["left"])
     return Prepared(inputs, options, tuple(notes), standing, quality=quality)
 
@@ -127,7 +124,7 @@ def _mean_over_interval(values: np.ndarray) -> np.ndarray:
 
 
 def _foot(
-    imu: Imu, time: np.ndarray, name: str, detector: str
+    imu: Imu, time: np.ndarray, name: str
 ) -> tuple[FootSignals, SensorQuality, list[Note], tuple[int, int] | None]:
     """Inputs of one foot, facts and notes about its sensor, and the longest rest as a half-open range of samples."""
     notes: list[Note] = []
@@ -147,16 +144,17 @@ def _foot(
         at_rest = at_rest._replace(force=force_in_stances(gyr, acc, hz))
     scale, acc_bias, off = errors_at_rest(at_rest, name, notes)
     acc = acc * scale
-    stances = events.stances(gyr - at_rest.gyr_bias, acc, hz)
+    lost = ~mask | (step > 1.5 * nominal)
+    stances = events.stances(gyr - at_rest.gyr_bias, acc, hz, not_bridged(lost, time))
     if not len(stances.start):
         lowest = float(events.moving_rate(gyr - at_rest.gyr_bias, hz).min())
         raise RecordingError(
             f"'{name}' never stands: a foot on the ground turns at less than {events.STANCE:g} rad/s between two "
             f"swings; its lowest rate is {lowest:.2f} rad/s"
         )
-    lost = ~mask | (step > 1.5 * nominal)
-    stands, margin = _standing(gyr - at_rest.gyr_bias, acc, mask, stances, hz, detector)
-    stands, margin = stands & ~lost, np.where(lost, NEVER, np.clip(margin, NEVER, -NEVER))
+    stands = events.inside(stances, len(gyr)) & ~lost
+    margin = events.margin(gyr - at_rest.gyr_bias, acc, stances, hz)
+    margin = np.where(lost, NEVER, np.clip(margin, NEVER, -NEVER))
     equal = clipping.at_limit(read_gyr, CLIPS_ABOVE_RATE) & ~peaks.clipped
     turned = equal | peaks.clipped
     for what, flags in (("accelerometer", clips), ("gyroscope", turned)):
@@ -246,18 +244,6 @@ def errors_at_rest(at_rest: Rest, name: str, notes: list[Note]) -> tuple[float, 
     share = SCALE_SPREAD**2 / (SCALE_SPREAD**2 + (BIAS_SPREAD / GRAVITY) ** 2)
     scale = 1.0 / (1.0 + share * off)
     return scale, scale * at_rest.force - GRAVITY, off
-
-
-def _standing(
-    gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, stances: events.Stances, hz: float, detector: str
-) -> tuple[np.ndarray, np.ndarray]:
-    """(T,) bool: samples with a zero-velocity update; and (T,) `FootSignals.margin`."""
-    if detector == "adaptive":
-        return events.inside(stances, len(gyr)), events.margin(gyr, acc, stances, hz)
-    stands = zero_velocity.zero_velocity(gyr, acc, hz, mask, detector)
-    value = zero_velocity.statistic(detector, gyr, acc, hz, mask)
-    limit = zero_velocity.DETECTORS[detector]
-    return stands, events.signed(np.log(limit / np.maximum(value, events.STILLEST)), stands)
 
 
 def _more_footholds(stances: events.Stances, hz: float) -> events.Stances:

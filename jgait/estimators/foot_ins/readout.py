@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from jaxtyping import PyTree
 
+from jgait.estimators.foot_ins import ground
 from jgait.estimators.foot_ins.inputs import FootSignals
 from jgait.estimators.foot_ins.params import FootParams
 from jgait.estimators.sides import along, entries, of_turns, picked
@@ -53,20 +54,10 @@ class Path(NamedTuple):
     nis: Values  #: mean normalised innovation squared of each stride [1], see `quality.stride.nis_between`.
 
 
-FLAT_RISE, FLAT_STEP = 0.03, 0.08
-"""[m] Ground counts as level if strides rise by less than `FLAT_RISE` on average and `FLAT_STEP` each.
-
-A standing foot that rolls moves its sensor up or down by the distance from the sensor to the point below which it
-rolls: 5 cm forward change the rise of every stride by 2 cm. So strides rise by an error that is the same in a whole
-walk. In the level corridor of `ipol_gait` it is 1.2 cm (median of 72 feet of 12 people), below `FLAT_RISE` in 97 % of
-them. No other set was used for the choice.
-"""
-
-
 def path_of(p: FootParams, foot: FootSignals, time: Values, inferred: Inferred, *, flatten: bool) -> Path:
     """Trajectory and strides, of side 0, of one foot from states whose positions are those since the last foothold.
 
-    `flatten` gives all footholds of the trajectory one height where the ground counts as level.
+    `flatten` gives successive footholds of the trajectory one height where the ground is level, see `ground`.
     """
     state, cov = inferred.mean, inferred.cov
     position, velocity, attitude = vector(state.position), vector(state.velocity), quaternion(state.attitude)
@@ -83,7 +74,7 @@ def path_of(p: FootParams, foot: FootSignals, time: Values, inferred: Inferred, 
     tilted = rotated(attitude, _spread(forward, attitude.w))
     way_since = _accumulated(position, foot)
     if flatten:
-        way_since = way_since._replace(z=_flattened(way_since.z, foot, time, way.z, valid))
+        way_since = way_since._replace(z=_flattened(way_since.z, foot, time, strides, deviations))
     attitude = _yawed(attitude, heading)
     since = xp.stack(add(_turned(way_since, heading), rotated(attitude, p.tracked_point)), axis=1)
     start = since[foot.foothold[0]]
@@ -220,16 +211,15 @@ def stated(variance: Values, nis: Values, turn: Values, unmeasured: Values) -> V
     return root(corrected + (TURN_NOISE * turn) ** 2)
 
 
-def _flattened(height: Values, foot: FootSignals, time: Values, rise: Values, valid: Flags) -> Values:
-    """Heights (T,), with every foothold at zero if the ground counts as level."""
-    count = xp.maximum(xp.sum(valid), 1).astype(rise.dtype)
-    mean = xp.sum(xp.where(valid, rise, 0.0)) / count
-    most = xp.max(xp.where(valid, xp.abs(rise), 0.0))
-    flat = (xp.abs(mean) < FLAT_RISE) & (most < FLAT_STEP)
+def _flattened(height: Values, foot: FootSignals, time: Values, strides: Strides, deviations: Strides) -> Values:
+    """Heights (T,), with both footholds of each stride over level ground at one height."""
+    flat = ground.level(strides.height, strides.length, deviations.height, strides.valid)
+    real = xp.arange(flat.shape[0], dtype=xp.int32) < foot.count - 1
+    wrong = xp.pad(xp.cumsum(xp.where(flat & real, strides.height, 0.0)), (1, 0))
     # padding repeats the last foothold, but an interpolation needs increasing times
     behind = xp.maximum(xp.arange(foot.foothold.shape[0], dtype=xp.int32) - foot.count + 1, 0)
     knots = time[foot.foothold] + behind.astype(time.dtype)
-    return height - xp.where(flat, interpolated(time, knots, height[foot.foothold][:, None])[:, 0], 0.0)
+    return height - interpolated(time, knots, wrong[:, None])[:, 0]
 
 
 def _lift(height: Values, foot: FootSignals, rise: Values) -> Values:

@@ -49,9 +49,12 @@ def prior_of(p: WidthParams, inputs: WidthInputs) -> Belief:
 
 
 def _states(p: WidthParams, inputs: WidthInputs, options: WidthOptions, model: Model) -> filtering.Inferred:
-    across = inputs.distance + p.range_offset
+    usual = p.usual_passing + p.passing_share * inputs.distance
+    across = jnp.where(inputs.usual, usual, inputs.distance + p.range_offset)
+    params = model_params(p)
+    params = params._replace(range_noise=jnp.where(inputs.usual, p.usual_noise**2, params.range_noise))
     return filtering.infer(
-        model, model_params(p), WidthObservation(across, jnp.zeros_like(across) + p.passing_offset),
+        model, params, WidthObservation(across, jnp.zeros_like(across) + p.passing_offset),
         smooth=options.smooth, dt=1.0, controls=WidthControl(inputs.right, inputs.left),
         mask=inputs.range_measured & inputs.valid, method=options.method, initial=prior_of(p, inputs),
         keep=(*filtering.SUMMARY, "innovation", "innovation_stddev"),
@@ -91,10 +94,13 @@ def run(
     every = compiled(_states, over=(None, 0))(p, stacked(*ways), options=options, model=model)
     inferred, *others = (jax.tree.map(lambda leaf, row=row: leaf[row], every) for row in range(len(ways)))
     mean, cov = inferred.mean, inferred.cov
-    used, misfits = xp.sum(inputs.range_measured & inputs.valid), _misfits(inferred)
+    used, misfits = xp.sum(inputs.range_measured & inputs.valid & ~inputs.usual), _misfits(inferred)
+    offset_noise = xp.where(inputs.usual, p.people_noise, p.offset_noise).astype(mean.x_right.dtype)
+    p = p._replace(offset_noise=offset_noise)
     values, spread = stride_width_readout.strides(p, inputs.strides, mean, cov)
     dtype = values.width.dtype
     fits = misfits.astype(dtype) <= xp.maximum(MOST_MISFITS * used.astype(dtype), 1.0)
+    fits |= inputs.usual
     diagnostics = {
         **stride_width_readout.distances(p, mean, cov),
         "double_support": inputs.double_support,
@@ -106,7 +112,7 @@ def run(
         "nis": inferred.nis,
     }
     if others:
-        diagnostics["swap_evidence"] = _evidence(inferred, *others)
+        diagnostics["swap_evidence"] = xp.where(inputs.usual, 0.0, _evidence(inferred, *others))
     level = xp.zeros_like(inputs.height_right)
     feet = Feet(
         _track(mean.x_right, mean.y_right, inputs.height_right),
@@ -168,7 +174,7 @@ def estimate(
 
     Args:
         p: parameters; at least the range's offset should be measured on the person.
-        recording: sensors on both feet, and `feet_range`; without a range every width is flagged.
+        recording: sensors on both feet, and `feet_range`; without a range, widths have the mean of usual people.
         options: options of the width estimate.
         foot_params: parameters of the trajectories, see `foot_ins`.
         foot_options: options of the trajectories.
@@ -194,7 +200,7 @@ def _finished(result: Estimate, made: Prepared[WidthInputs]) -> Estimate:
         note = FEET_SEEM_EXCHANGED(nats=-float(evidence))
         result.diagnostics["notes"] = (*result.diagnostics["notes"], note)
     ranges, misfits = int(result.diagnostics["ranges"]), int(result.diagnostics["misfits"])
-    if misfits > max(MOST_MISFITS * ranges, 1):
+    if ranges and misfits > max(MOST_MISFITS * ranges, 1):
         note = RANGES_MISFIT(misfits=misfits, ranges=ranges)
         result.diagnostics["notes"] = (*result.diagnostics["notes"], note)
     if made.extra is None:

@@ -36,10 +36,12 @@ class WidthInputs(NamedTuple):
     left: Annotated[PathControl, Axis()]
     height_right: Held  #: (N,) height of the right foot's sensor in the world frame of its trajectory [m].
     height_left: Held
-    distance: Sampled  #: (N,) measured range [m], 0 at moments without a range.
+    #: (N,) measured range, or without one how far swinging feet keep outside, see `passings` [m]; 0 at other moments.
+    distance: Sampled
     range_measured: Sampled  #: (N,) bool, True at moments with a usable range.
     turning: Sampled  #: (N,) bool, True in a turn of one of the feet.
     double_support: Sampled  #: (N,) bool, both feet are on the ground.
+    usual: np.ndarray  #: bool, True: there is no range, and feet pass each other as those of usual people.
     start_heading: np.ndarray  #: (2,) heading of the right and of the left foot before the first moment [rad].
     strides: Annotated[StrideRows, Axis()]  #: strides and the moments at which they end.
     valid: Sampled  #: (N,) bool, False for padding.

@@ -13,15 +13,22 @@ FEW_STRIDES = Kind(
     NO_RANGE,
 )
 
-RANGE_ABSENT = Kind("range_absent", "check", "there is no range between the feet, and so no widths", NO_RANGE)
-
-RANGE_SILENT = Kind("range_silent", "check", "the range sensor measured nothing, and so there are no widths", NO_RANGE)
-
-RANGE_FAR = Kind(
-    "range_far", "check", "the range sensor measured nothing within {longest:g} m, and so there are no widths", NO_RANGE
+RANGE_ABSENT = Kind(
+    "range_absent", "check", "there is no range between the feet: widths have the mean of usual people", NO_RANGE
 )
 
-RANGE_UNUSED = Kind("range_unused", "check", "no range is left, and so there are no widths", NO_RANGE)
+RANGE_SILENT = Kind(
+    "range_silent", "check", "the range sensor measured nothing: widths have the mean of usual people", NO_RANGE
+)
+
+RANGE_FAR = Kind(
+    "range_far",
+    "check",
+    "the range sensor measured nothing within {longest:g} m: widths have the mean of usual people",
+    NO_RANGE,
+)
+
+RANGE_UNUSED = Kind("range_unused", "check", "no range is left: widths have the mean of usual people", NO_RANGE)
 
 RANGE_OFFSET_ABSENT = Kind(
     "range_offset_absent",
@@ -47,8 +54,8 @@ RANGES_MOSTLY_ODD = Kind(
     "ranges_mostly_odd",
     "check",
     "{odd} of {passings} {passings:passing has|passings have} a range above {longest:g} m or unlike those around: none "
-    "is used, and so there are no widths",
-    _WRONG,
+    "is used, and widths have the mean of usual people",
+    NO_RANGE,
 )
 
 _LEFT_OUT = "Distances between the feet that cannot be right, or come at the wrong moment, were not used."

@@ -46,6 +46,19 @@ class WidthParams(NamedTuple):
         "standard deviation of the distance of the right foot ahead of the left one when a range is measured; "
         "fixed, because nothing measures it and a likelihood would shrink it to millimetres",
     )] = 0.04  # fmt: skip
+    usual_passing: Annotated[Param, Parameter(
+        fixed, "m", "distance of the feet across when they pass, of people whose feet swing straight ahead; used "
+        "without a range, see `stride_width_ekf.passings`",
+    )] = 0.115  # fmt: skip
+    passing_share: Annotated[Param, Parameter(
+        fixed, "1", "increase of `usual_passing` with the distance by which swinging feet keep outside",
+    )] = 0.5  # fmt: skip
+    usual_noise: Annotated[Param, Parameter(
+        fixed, "m", "standard deviation of the distance at a passing about its mean in a walk; used without a range",
+    )] = 0.012  # fmt: skip
+    people_noise: Annotated[Param, Parameter(
+        fixed, "m", "standard deviation of that mean between people; used for the stated errors without a range",
+    )] = 0.025  # fmt: skip
     start_width: Annotated[Param, Parameter(fixed, "m", "distance of the feet across at the start")] = 0.15
     start_across: Annotated[Param, Parameter(fixed, "m", "standard deviation of `start_width`")] = 0.15
     start_along: Annotated[Param, Parameter(
@@ -68,6 +81,8 @@ class WidthOptions(NamedTuple):
         align_range: estimate the delay of the range's clock, and remove it.
         check_swap: run the filter a second time with the feet exchanged, to detect exchanged sensors.
         widest_stddev: widths with a larger standard deviation are flagged [m].
+        usual_passings: without a usable range, feet pass each other as those of usual people do, see
+            `stride_width_ekf.passings`.
     """
 
     method: filtering.Method = filtering.IteratedEKF()
@@ -78,12 +93,14 @@ class WidthOptions(NamedTuple):
     align_range: bool = True
     check_swap: bool = True
     widest_stddev: float = 0.05
+    usual_passings: bool = True
 
 
 DEFAULT = WidthOptions()
 """The default pipeline, the most accurate one."""
 
 PAPER = WidthOptions(
-    method=filtering.EKF(), smooth=False, outlier=math.inf, align_range=False, check_swap=False
+    method=filtering.EKF(), smooth=False, outlier=math.inf, align_range=False, check_swap=False,
+    usual_passings=False,
 )  # fmt: skip
 """The paper's pipeline with its misprints corrected: an EKF, ranges up to 0.5 m, none in turns."""

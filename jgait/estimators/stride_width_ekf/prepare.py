@@ -12,6 +12,7 @@ from jgait.estimators.stride_width_ekf import notes as kinds
 from jgait.estimators.stride_width_ekf.inputs import StrideRows, WidthInputs
 from jgait.estimators.stride_width_ekf.model import PathControl
 from jgait.estimators.stride_width_ekf.params import DEFAULT, WidthOptions
+from jgait.estimators.stride_width_ekf.passings import passings
 from jgait.estimators.stride_width_ekf.trajectories import FootTrack, Pair, checked_feet, contact_times
 from jgait.notes import Note
 from jgait.types import Feet, RangeReadings, RecordingError, Values
@@ -42,7 +43,8 @@ def prepare_from_feet(
         time: (T,) [s], of both feet, strictly increasing.
         feet: trajectories, each in a separate world with z up; rows that are not finite are interpolated.
         stances: for the right and the left foot the samples in the middle of its stances, increasing.
-        feet_range: distance from the inner side of the left ankle to the right leg, or None.
+        feet_range: distance from the inner side of the left ankle to the right leg, or None: then feet pass each other
+            as those of usual people.
         options: limits for the selection of ranges.
         start_heading: heading of the first right and left stride in one world [rad]; by default parallel, as at
             the start of a straight walk.
@@ -58,10 +60,14 @@ def prepare_from_feet(
     turning = [turn for foot in pair for turn in _turns(foot, options.turn)]
     times, distances, more = _usable(pair, turning, feet_range, options)
     notes += more
+    if usual := options.usual_passings and not times.size:
+        times, distances = passings(pair)
+        known = _known(pair, times) & ~_inside(times, turning)
+        times, distances = times[known], distances[known]
     strides = min(len(foot.mids) - 1 for foot in pair)
     if strides < 2:
         notes.append(kinds.FEW_STRIDES(strides=max(strides, 0)))
-    inputs = _inputs(pair, turning, times, distances, start_heading, strides >= 2)
+    inputs = _inputs(pair, turning, times, distances, usual, start_heading, strides >= 2)
     return Prepared(inputs, options, tuple(notes))
 
 
@@ -76,6 +82,14 @@ def _inside(times: np.ndarray, spans: list[tuple[float, float]]) -> np.ndarray:
     for start, end in spans:
         inside |= (times >= start) & (times <= end)
     return inside
+
+
+def _known(pair: Pair, times: np.ndarray) -> np.ndarray:
+    """(k,) bool, times [s] at which both feet are known."""
+    known = np.ones(times.shape, bool)
+    for foot in pair:
+        known &= (times >= foot.time[0]) & (times <= foot.time[-1]) & ~_inside(times, list(foot.gaps))
+    return known
 
 
 def _usable(
@@ -105,10 +119,7 @@ def _usable(
     times, distances = times[~odd], distances[~odd]
     delay, stddev = _delay(pair, turning, times) if options.align_range else (0.0, np.inf)
     times = times - delay
-    known = np.ones(times.shape, bool)
-    for foot in pair:
-        known &= (times >= foot.time[0]) & (times <= foot.time[-1]) & ~_inside(times, list(foot.gaps))
-    turned = _inside(times, turning)
+    known, turned = _known(pair, times), _inside(times, turning)
     usable = known & ~turned
     far_away, unknown = measured & ~near, ~known & ~turned
     notes = []
@@ -212,7 +223,7 @@ def _delay(pair: Pair, turning: list[tuple[float, float]], times: np.ndarray) ->
 
 def _inputs(
     pair: Pair, turning: list[tuple[float, float]], ranges: np.ndarray, distances: np.ndarray,
-    start_heading: tuple[float, float], walks: bool,
+    usual: bool, start_heading: tuple[float, float], walks: bool,
 ) -> WidthInputs:  # fmt: skip
     """Sort stances, ranges, double supports, first and last sample by time, and make the inputs."""
     both = _double_supports(pair) if walks else np.zeros(0)
@@ -234,6 +245,7 @@ def _inputs(
         kind == 2,
         _inside(time, turning),
         kind == 3,
+        np.asarray(usual),
         np.asarray(start_heading, float),
         _rows(pair, time, kind, walks),
         np.full(time.shape, walks),

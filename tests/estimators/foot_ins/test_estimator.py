@@ -127,12 +127,6 @@ def test_heights_that_errors_can_explain_are_flattened_in_the_trajectory_alone()
     np.testing.assert_array_equal(auto.strides.height, raw.strides.height)
 
 
-def test_a_fixed_detector_instead_of_the_adaptive_one(straight):
-    made, _ = straight
-    strides = estimated(made, options=FootOptions(detector="ared")).strides
-    np.testing.assert_allclose(strides.length, made.length, atol=2 * MILLIMETRE)
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [

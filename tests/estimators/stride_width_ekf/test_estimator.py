@@ -112,7 +112,7 @@ def test_a_foots_own_world_does_not_matter(truth, smoothed):
 def test_without_a_range_the_width_is_flagged_and_its_deviation_grows(truth, walk):
     far = walk.read._replace(distance=np.where(walk.read.mask, walk.read.distance + 0.6, 0.0))
     for read in (None, walk.read._replace(mask=walk.read.mask & False), far):
-        estimate = told(walk, sw.DEFAULT, read=read)
+        estimate = told(walk, sw.DEFAULT._replace(usual_passings=False), read=read)
         assert not np.any(estimate.diagnostics["width_valid"])
         assert any(note.code.startswith("range_") for note in estimate.diagnostics["notes"])
         (error, stddev), _ = errors(truth, estimate)
@@ -120,6 +120,21 @@ def test_without_a_range_the_width_is_flagged_and_its_deviation_grows(truth, wal
         assert stddev[-1] > 2.0  # 75 m times the uncertainty of where the feet were heading
         assert np.max(np.abs(error) / stddev) < 4.0
         assert float(estimate.diagnostics["swap_evidence"]) == 0.0
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_without_a_range_widths_have_the_mean_of_usual_people_and_changes_of_the_walk(truth, walk, silent):
+    estimate = told(walk, sw.DEFAULT, read=walk.read._replace(mask=walk.read.mask & False) if silent else None)
+    (error, stddev), _ = errors(truth, estimate)
+    far = outside(estimate.strides)[np.isfinite(estimate.strides.width)]
+    assert np.all(estimate.diagnostics["width_valid"][np.isfinite(estimate.strides.width)])
+    assert estimate.diagnostics["ranges"] == 0 and estimate.diagnostics["swap_evidence"] == 0.0
+    assert np.std(error[far]) < 0.012
+    assert np.all((stddev[far] > 0.025) & (stddev[far] < 0.035))
+    # who is usual does not matter for the changes
+    wider = told(walk, sw.DEFAULT, read=None, p=KNOWN._replace(usual_passing=0.165))
+    change = (wider.strides.width - estimate.strides.width)[np.isfinite(estimate.strides.width)]
+    np.testing.assert_allclose(change[far], 0.05, atol=0.005)
 
 
 @pytest.mark.parametrize(("hz", "noise"), [(128.0, 0.005), (30.0, 0.002)])

@@ -7,8 +7,8 @@ from scipy import ndimage
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
+from experiments.foot_ins import zero_velocity as zv
 from jgait import simulate
-from jgait.events import zero_velocity as zv
 from jgait.geometry.segments import in_world
 from jgait.geometry.vectors import GRAVITY
 from jgait.signal.windows import window_size
