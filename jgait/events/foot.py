@@ -59,8 +59,8 @@ TAIL, WRONG, WRONG_IF_LOST, RESTLESS, RESTLESS_RAD_PER_M = 3.0, 3e-4, 7e-3, 2.5,
 the power −`TAIL`, the tail of Student's t, plus `WRONG`, or `WRONG_IF_LOST` if samples between the rests are lost. That
 of the `unrest` is the power −`RESTLESS` of its ratio to `RESTLESS_RAD_PER_M` times the largest velocity. Learned from
 1248 valleys of `footprints`, `pyshoe_vicon`, `neura_sparse`, `gaitmap_example` and two simulated walks: 203 lie in a
-swing by Vicon or by the swings beside, and all are on the right side. Beside the marks of `ipol_gait`, not used, 2 of
-1290 swings have a stance, and 6 stances are missed."""
+swing by Vicon or by the swings beside, and all are on the right side. Beside the marks of `ipol_gait`, seen when
+`MOVES` and `TAIL` were chosen, 2 of 1290 swings have a stance, and 6 stances are missed."""
 
 LEAST_UNREST, SLOWEST = 0.05, 0.1
 """[rad/s] A lower unrest counts as this one. [m/s] Added to the largest velocity: a foot may rock on the spot."""
