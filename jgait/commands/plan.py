@@ -16,7 +16,7 @@ from jgait.commands.simulate import GAITS, sensor_of
 from jgait.estimators.columns import QUANTITIES
 from jgait.evaluate import study
 from jgait.geometry.vectors import GRAVITY
-from jgait.types import PLACEMENTS, SIDES, RecordingError, reason_of
+from jgait.types import PLACEMENTS, SIDES, RecordingError, Walk, reason_of
 
 GROUPS = {f"{part}s" if part != "foot" else "feet": tuple(f"{part}_{side}" for side in SIDES)
           for part in ("foot", "shank", "ankle", "thigh")}  # fmt: skip
@@ -72,26 +72,22 @@ def plan(
     )  # fmt: skip
     if math.inf in (*(c.rate_hz for c in choices), *(c.duty for c in choices)):
         stop("--rates and --duties are finite numbers")
-    errors, parts = sensor_of(sensors), list[pd.DataFrame]()
+    errors = sensor_of(sensors)
     with progress() as bars, refused():
         bar = Bar(bars)
         if file is None:
             bar.begin(f"simulating {simulated} people")
             worn = tuple(dict.fromkeys(name for each in sets for name in each))
-            walks = {None: study.people(
+            walks = dict.fromkeys(sets, study.people(
                 jax.random.key(seed), simulated, metres=metres, gait=gait, sensor=errors, placements=worn,
                 rate_hz=max(c.rate_hz for c in choices),
-            )}  # fmt: skip
+            ))  # fmt: skip
         else:
             walks = _own(file, sets, options.person_in(person), rate, format, place)
-        done = 0
-        for truth, of in walks.items():
-            mine = [c for c in choices if truth is None or c.placements == truth]
-            parts.append(study.plan(
-                of, mine, measure, people=people,
-                progress=lambda n, _, before=done: bar("set-ups", before + n, len(choices)),
-            ))  # fmt: skip
-            done += len(mine)
+        parts = []
+        for number, choice in enumerate(c for c in choices if c.placements in walks):
+            bar("set-ups", number, len(choices))
+            parts.append(study.plan(walks[choice.placements], [choice], measure, people=people))
     table = pd.concat(parts, ignore_index=True)
     table = table.assign(name=[_name(row, choices) for row in table.to_dict("records")])
     table = table.sort_values("expected", na_position="last") if "expected" in table else table
@@ -128,27 +124,22 @@ def _numbers(option: str, text: str) -> list[float]:
 def _own(
     file: Path, sets: list[tuple[str, ...]], body: dict[str, Any], rate: float | None, format: str | None,
     place: list[str] | None,
-) -> dict[tuple[str, ...] | None, list[Any]]:  # fmt: skip
-    """Set of sensors → the recording with its own truth by these sensors, of those that it has; a set that is a part of
-    another one is judged by the larger one.
-    """
+) -> dict[tuple[str, ...], list[Walk]]:  # fmt: skip
+    """Set of sensors → the recording with the truth by these sensors, for sets that it has."""
     placement, placements = recordings.places_of(place)
+    made, reason = {}, ""
     try:
         recording = recordings.recording_of(file, rate=rate, format=format, placement=placement, placements=placements)
     except Exception as error:
         stop(f"{file}: {reason_of(error)}")
-    made: dict[tuple[str, ...] | None, list[Any]] = {}
     for each in sets:
-        best = max(
-            (other for other in sets if set(each) <= set(other) <= set(recording.sensors)), key=len, default=each
-        )
         try:
-            made[each] = [study.own_truth(recording, study.Setup(best), body)]
-        except (RecordingError, KeyError):
-            made[each] = []
-    if not any(made.values()):
-        stop(f"{file}: none of --places can be used; the recording has {', '.join(recording.sensors)}")
-    return {each: walks for each, walks in made.items() if walks}
+            made[each] = [study.own_truth(recording, study.Setup(each), body)]
+        except RecordingError as error:
+            reason = str(error)
+    if not made:
+        stop(f"{file}: {reason}")
+    return made
 
 
 def _name(row: dict[Any, Any], choices: list[study.Setup]) -> str:

@@ -7,7 +7,7 @@ simulator, or the estimate at full quality.
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import jax
@@ -132,23 +132,25 @@ def people(
     drawn, route = simulate.population(who, n), simulate.straight(metres)
     keys = [jax.random.fold_in(how, i) for i in range(n)]
     persons = [simulate.person_of(drawn, i) for i in range(n)]
-    persons = [p if gait is None else simulate.walking(p, gait) for p in persons]
-    fit = [simulate.covering(k, p, route) for k, p in zip(keys, persons, strict=True)]
+    persons = [person if gait is None else simulate.walking(person, gait) for person in persons]
+    fit = [simulate.covering(*pair, route) for pair in zip(keys, persons, strict=True)]
     walks = simulate.walks(keys, fit, [route] * n, sensor, rate_hz, placements)
-    names = ("thigh_length", "shank_length", "sensor_height")
+    bodies = [{name: float(getattr(p.body, name)) for name in ("thigh_length", "shank_length", "sensor_height")}
+              for p in fit]  # fmt: skip
     return [
-        Walk(recording, truth.estimate._replace(strides=truth.strides),
-             {"body": {name: float(getattr(person.body, name)) for name in names}})
-        for (recording, truth), person in zip(walks, fit, strict=True)
-    ]  # fmt: skip
+        Walk(recording, true.estimate, {"body": body}) for (recording, true), body in zip(walks, bodies, strict=True)
+    ]
 
 
 def own_truth(recording: Recording, setup: Setup, person: Mapping[str, PyTree] | None = None) -> Walk:
     """A recording with its estimate at full quality as truth, by the sensors of a set-up at their own rate.
 
     The standard deviations of that estimate are kept: `plan` adds them to the changes that a set-up makes.
+
+    Raises:
+        RecordingError: it lacks a sensor, or its estimator cannot use it.
     """
-    full = recording._replace(sensors={name: recording.sensors[name] for name in setup.placements}, feet_range=None)
+    full = degraded(recording, Setup(setup.placements, recording.sampling_rate_hz))
     estimator, body = estimator_of(full), dict(person or {})
     p = estimator.with_body(estimator.params, _known(estimator, body))
     return Walk(recording, estimator.estimate(p, full), {"body": body})
@@ -160,9 +162,8 @@ def _known(estimator: Estimator[PyTree, PyTree], body: Mapping[str, PyTree]) -> 
 
 
 def plan(
-    walks: Sequence[Walk], choices: Sequence[Setup], measure: str = "stride_length", *, people: int = 1,
-    progress: Callable[[int, int], None] | None = None,
-) -> "pd.DataFrame":  # fmt: skip
+    walks: Sequence[Walk], choices: Sequence[Setup], measure: str = "stride_length", *, people: int = 1
+) -> "pd.DataFrame":
     """The errors of a measure of strides that set-ups would give; a row each.
 
     Args:
@@ -170,7 +171,6 @@ def plan(
         choices: the set-ups.
         measure: column of strides, such as "stride_length".
         people: number of people whose mean is asked for.
-        progress: called after each set-up with the number that is done and that of all.
 
     Returns:
         The fields of `Setup`; `estimator`; `walks` that could be estimated and `strides`; in SI units, but angles in
@@ -188,49 +188,39 @@ def plan(
     if column not in STRIDE_COLUMNS or not walks:
         known = [name for name, column in QUANTITIES.items() if column.name in STRIDE_COLUMNS]
         raise ValueError(f"measure must be one of {', '.join(known)}, of one walk or more; got {measure!r}")
-    rows = []
-    for number, setup in enumerate(choices, 1):
-        rows.append({**setup._asdict(), **_row(walks, setup, column, people)})
-        if progress is not None:
-            progress(number, len(choices))
-    return pd.DataFrame(rows)
+    return pd.DataFrame([{**setup._asdict(), **_row(walks, setup, column, people)} for setup in choices])
 
 
 def _row(walks: Sequence[Walk], setup: Setup, column: str, people: int) -> dict[str, PyTree]:
     """The errors of one set-up."""
     made: list[Walk] = []
-    reason, none = "", {"estimator": "", "walks": 0, "strides": 0}
+    row: dict[str, PyTree] = {"estimator": "", "walks": 0, "strides": 0, "reason": ""}
+    row["gyr_power"] = power.mean_power(power.schedule_of_duty(setup.duty))
     for walk in walks:
         try:
-            made.append(walk._replace(recording=degraded(walk.recording, setup)))
-        except (RecordingError, ValueError) as error:
-            reason = str(error)
-    schedule = power.schedule_of_duty(setup.duty)
-    fixed = {"gyr_power": power.mean_power(schedule), "reason": reason}
+            worn = degraded(walk.recording, setup)
+            estimator = estimator_of(worn)
+            made.append(walk._replace(recording=worn))
+        except RecordingError as error:
+            row["reason"] = str(error)
     if not made:
-        return {**none, **fixed}
-    try:
-        estimator = estimator_of(made[0].recording)
-    except RecordingError as error:
-        return {**none, **fixed, "reason": str(error)}
+        return row
     done = cohort(estimator, made, body=lambda walk: _known(estimator, walk.info.get("body", {})))
     if len(done.failures):
-        fixed["reason"] = str(done.failures["reason"].iloc[0])
-    table = done.strides
-    table = table[(table["quantity"] == column) & table["regular"]] if len(table) else table
-    error = table["error"].to_numpy(float) if len(table) else np.zeros(0)
-    if not np.isfinite(error).any():
-        return {**none, **fixed, "estimator": estimator.name}
+        row["reason"] = str(done.failures["reason"].iloc[0])
+    table = done.strides[(done.strides["quantity"] == column) & done.strides["regular"].astype(bool)]
+    error = table["error"].dropna().to_numpy(float)
+    if not error.size:
+        return row
     each = table.groupby("recording")["error"].mean().dropna()
     bias, sd = float(each.mean()), float(each.std(ddof=1)) if len(each) > 1 else 0.0
-    within = done.quantities[done.quantities["quantity"] == f"{column.removesuffix('_m')}_within_2sd_percent"]
+    within = done.quantities[done.quantities["quantity"] == f"{column.rpartition('_')[0]}_within_2sd_percent"]
     of_truth = math.sqrt(np.mean([_stated(walk, column) ** 2 for walk in made]))
-    rmse = math.sqrt(np.nanmean(error**2))
-    return {
-        "estimator": estimator.name, "walks": len(each), "strides": int(np.isfinite(error).sum()), "bias": bias,
-        "sd": sd, "stride_rmse": math.hypot(rmse, of_truth),
+    return row | {
+        "estimator": estimator.name, "walks": len(each), "strides": error.size, "bias": bias, "sd": sd,
+        "stride_rmse": math.hypot(math.sqrt(np.mean(error**2)), of_truth),
         "expected": math.sqrt(bias**2 + (sd**2 + of_truth**2) / people),
-        "coverage": float(within["estimate"].mean()) / 100.0 if len(within) else math.nan, **fixed,
+        "coverage": float(within["estimate"].mean()) / 100.0 if len(within) else math.nan,
     }  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 from jaxtyping import Float, PyTree, PyTreeDef
 
 from jgait.estimators.columns import COLUMNS, QUANTITIES, Column
@@ -139,7 +140,7 @@ class _Number(NamedTuple):
     weights: tuple[np.ndarray, ...]
 
 
-def with_error(recording: Recording, placement: str, error: str, values: Sequence[float]) -> Recording:
+def with_error(recording: Recording, placement: str, error: str, values: npt.ArrayLike) -> Recording:
     """The recording with an error of one sensor.
 
     Args:
@@ -156,7 +157,7 @@ def with_error(recording: Recording, placement: str, error: str, values: Sequenc
         raise ValueError(f"error must be one of {', '.join(CALIBRATION)}; got {error!r}")
     imu, by = recording.sensors[placement], as_float(values)
     mask = np.asarray(imu.mask, bool)[:, None]
-    matrix = np.asarray(rotation(by)) if error == "mounting" else np.eye(3)
+    matrix = np.asarray(rotation(jnp.asarray(by))) if error == "mounting" else np.eye(3)
 
     def read(signal: AnyArray | None, kind: str) -> np.ndarray | None:
         if signal is None or error.partition("_")[0] not in (kind, "mounting"):
@@ -204,8 +205,9 @@ def explain(
     inputs = pad(prepared.inputs, samples)
     raw = estimator._replace(in_parts=None).computed(params, prepared)
     number = _number(measure, raw, estimator.finished(raw, prepared), estimator)
-    flat, structure = jax.tree.flatten(inputs)
-    floats = [k for k, leaf in enumerate(flat) if np.asarray(leaf).dtype.kind == "f"]
+    leaves, structure = jax.tree.flatten(inputs)
+    flat = [np.asarray(leaf) for leaf in leaves]
+    floats = [k for k, leaf in enumerate(flat) if leaf.dtype.kind == "f"]
     value, of_params, slopes = compiled(_slopes)(
         params, [flat[k] for k in floats], flat, number.weights,
         run=estimator.run, options=prepared.options, path=number.path, structure=structure, floats=tuple(floats),
@@ -270,12 +272,13 @@ def _number(measure: str, raw: Estimate, final: Estimate, estimator: Estimator[P
     """
     last = np.flatnonzero(np.asarray(final.valid, bool))
     if measure == "distance" and raw.distance is not None and last.size:
-        return _Number(("distance",), (_at(raw.time, (last[-1], 1.0), (last[0], -1.0)),))
+        return _Number(("distance",), (_at(raw.time, last[[-1, 0]], [1.0, -1.0]),))
     legs = [leg for leg in final.legs if leg is not None]
     if measure in JOINTS and legs and last.size:
         angles = [as_float(getattr(leg, JOINTS[measure]))[last] for leg in legs]
-        ends = [((last[np.nanargmax(a)], 1.0 / len(legs)), (last[np.nanargmin(a)], -1.0 / len(legs))) for a in angles]
-        return _Number(("legs", JOINTS[measure]), tuple(_at(raw.time, *end) for end in ends))
+        ends = [last[[np.nanargmax(angle), np.nanargmin(angle)]] for angle in angles]
+        weights = np.array([1.0, -1.0]) / len(legs)
+        return _Number(("legs", JOINTS[measure]), tuple(_at(raw.time, rows, weights) for rows in ends))
     fields = {} if raw.strides is None else {
         COLUMNS[column].quantity: field for column, (field, _) in STRIDE_COLUMNS.items()
         if field and (values := getattr(raw.strides, field)) is not None and np.any(np.isfinite(values))
@@ -292,14 +295,14 @@ def _number(measure: str, raw: Estimate, final: Estimate, estimator: Estimator[P
     rows = rows[np.isfinite(as_float(values)[rows])]
     if not rows.size:
         raise RecordingError(f"no regular stride has a {QUANTITIES[measure].words}")
-    return _Number(("strides", fields[measure]), (_at(values, *((row, 1.0 / rows.size) for row in rows)),))
+    return _Number(("strides", fields[measure]), (_at(values, rows, 1.0 / rows.size),))
 
 
-def _at(like: AnyArray, *entries: tuple[int, float]) -> np.ndarray:
-    weights = np.zeros(np.shape(like))
-    for index, weight in entries:
-        weights[index] += weight
-    return weights
+def _at(like: AnyArray, rows: npt.ArrayLike, weights: npt.ArrayLike) -> np.ndarray:
+    """Weights of some entries of an array, else zero."""
+    whole = np.zeros(np.shape(like))
+    whole[np.asarray(rows)] = weights
+    return whole
 
 
 def _slopes(
