@@ -12,7 +12,7 @@ from jgait.commands.console import console, note, refused, show_table, stop, vis
 from jgait.commands.folder import keep_inputs
 from jgait.commands.pipeline import chosen
 from jgait.commands.simulate import sensor_of
-from jgait.estimators.combined.sources import WAYS
+from jgait.evaluate.study import estimator_of
 from jgait.report import moves
 from jgait.tune import explain as explained_by
 from jgait.types import reason_of
@@ -60,9 +60,8 @@ def explain(
         )  # fmt: skip
     except Exception as error:
         stop(f"{file}: {reason_of(error)}")
-    name = estimator or next((way.make().name for way in WAYS if way.uses(walk)), None)
-    if name is None:
-        stop(f"{file}: no estimator has its sensors; the recording has {', '.join(walk.sensors)}")
+    with refused(f"{file}: "):
+        name = estimator or estimator_of(walk).name
     choice = chosen(name, False, params, given)
     known = options.person_in(person)
     p, lacking = choice.personal(known)

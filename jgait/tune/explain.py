@@ -119,9 +119,6 @@ class Explanation(NamedTuple):
         value = f"{self.shown(self.value):.{digits}f}"
         return f"{self.column.words} {value} ± {spread} {self.column.shown}: {', '.join(shares) or 'no assumption'}"
 
-    def __repr__(self) -> str:
-        return f"Explanation({self.sentence})"
-
     def to_dataframe(self) -> "pd.DataFrame":
         """A row for each assumption; effects in the unit that readers see."""
         import pandas as pd

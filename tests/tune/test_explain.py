@@ -69,7 +69,7 @@ def test_the_ranking_adds_up_and_names_what_is_not_stated(explained):
     assert not any("thigh" in a.name for a in explained.assumptions)
     assert {a.name for a in explained.unstated} >= {"excursion_power"}
     assert all(a.without <= explained.stddev for a in known)
-    assert "stride length" in repr(explained)
+    assert explained.sentence.startswith("stride length 1.46")
     assert len(explained.to_dataframe()) == len(explained.assumptions)
 
 
@@ -90,10 +90,10 @@ def test_planted_errors_of_one_deviation_are_covered(walk, explained):
     rows = [a for a in explained.assumptions if a.source == "sensor"]
     spread = math.hypot(*(a.effect for a in rows))
     moved = []
-    for _ in range(60):
+    for _ in range(25):
         erring = walk
         for error in CALIBRATION:
             each = getattr(SENSOR, error) / (math.sqrt(3.0) if error == "mounting" else 1.0)
             erring = with_error(erring, "waist", error, each * rng.standard_normal(3))
         moved.append(length(WAIST.params, erring) - explained.value)
-    assert 0.7 < float(np.std(moved)) / spread < 1.4
+    assert 0.6 < float(np.std(moved)) / spread < 1.5
