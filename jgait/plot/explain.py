@@ -17,13 +17,13 @@ def explanation(explained: Explanation, *, title: str = "") -> Figure:
     """Bars of the effects of each assumption on a number, the largest first; see `jgait.tune.explain`."""
     rows = [a for a in explained.assumptions if a.share >= 5e-4][:MOST_BARS]
     figure, ((axis,),) = blank(1, 1, 6.5, 0.9 + 0.3 * max(len(rows), 1))
-    effects = [abs(explained.shown(a.effect)) for a in rows]
+    factor, unit = explained.small
+    effects = [factor * abs(a.effect) for a in rows]
     bars = axis.barh([a.name.replace("_", " ") for a in rows], effects, color=BLUE, edgecolor="black", linewidth=0.6)
     axis.bar_label(bars, [f"{100.0 * a.share:.0f} %" for a in rows], padding=3)
     axis.invert_yaxis()
     axis.margins(x=0.15)
-    column = explained.column
-    axis.set_xlabel(f"standard deviation of {column.words}" + (f" [{column.shown}]" if column.shown else ""))
+    axis.set_xlabel(f"standard deviation of {explained.column.words} [{unit}]")
     axis.set_title(title or explained.sentence.partition(":")[0], fontsize="medium")
     return figure
 
@@ -39,13 +39,13 @@ def study(table: "pd.DataFrame", measure: str, *, within: float | None = None, t
     """
     rows, column = table[table["walks"] > 0].sort_values("expected"), QUANTITIES[measure]
     factor, unit = (100.0, "cm") if column.unit == "m" else (1.0, column.shown)
-    figure, ((axis,),) = blank(1, 1, 6.5, 1.0 + 0.26 * max(len(rows), 1))
+    figure, ((axis,),) = blank(1, 1, 6.5, 1.3 + 0.26 * max(len(rows), 1))
     axis.barh(rows["name"], factor * rows["expected"], color=BLUE, edgecolor="black", linewidth=0.6, label="expected")
     axis.plot(factor * rows["bias"].abs(), rows["name"], "k|", markersize=9, markeredgewidth=2, label="|bias|")
     if within is not None:
         axis.axvline(factor * within, color=RED, linestyle="--", label="wanted")
     axis.invert_yaxis()
-    axis.legend(loc="lower right")
+    figure.legend(loc="outside lower center", ncols=3)
     axis.set_xlabel(f"error of {column.words} [{unit}]")
     axis.set_title(title, fontsize="medium")
     return figure

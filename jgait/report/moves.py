@@ -12,11 +12,11 @@ SOURCES = {
 
 def table(explained: Explanation) -> Table:
     """The assumptions with a stated deviation, the largest effect first."""
-    unit = f" [{explained.column.shown}]" if explained.column.shown else ""
+    unit = f" [{explained.small[1]}]"
     rows = [
         [
             Cell(a.name.replace("_", " ")), Cell(f"{100.0 * a.share:.1f} %", a.share), Cell(_text(explained, a.effect)),
-            Cell(significant(a.deviation, 2)), Cell(a.unit), Cell(_text(explained, a.without)),
+            Cell(significant(a.deviation, 2)), Cell(a.unit), Cell(_text(explained, a.without) if a.remedy else "–"),
             Cell(a.remedy or "–"), Cell(SOURCES.get(a.source, a.source.replace("_", " "))),
         ]
         for a in explained.assumptions if a.share >= 5e-4
@@ -33,13 +33,13 @@ def table(explained: Explanation) -> Table:
 
 
 def _text(explained: Explanation, value: float) -> str:
-    return significant(abs(explained.shown(value)), 2)
+    return significant(abs(explained.small[0] * value), 2)
 
 
 def _unstated(assumptions: tuple[Assumption, ...], explained: Explanation, most: int = 5) -> str:
     """The sentence about parameters without a stated deviation."""
-    unit = explained.column.shown
-    each = [f"{a.name.replace('_', ' ')} {significant(explained.shown(a.tenth), 2)}" for a in assumptions[:most]]
+    factor, unit = explained.small
+    each = [f"{a.name.replace('_', ' ')} {significant(factor * a.tenth, 2)}" for a in assumptions[:most]]
     if not each:
         return ""
     more = f" and {len(assumptions) - most} others that move it less" if len(assumptions) > most else ""

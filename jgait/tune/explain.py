@@ -106,6 +106,11 @@ class Explanation(NamedTuple):
         return self.column.scale * value * (180.0 / math.pi if self.column.unit == "deg" else 1.0)
 
     @property
+    def small(self) -> tuple[float, str]:
+        """Factor from the SI unit, and the unit, in which readers see effects: centimetres of lengths."""
+        return (100.0, "cm") if self.column.unit == "m" else (self.shown(1.0), self.column.shown)
+
+    @property
     def unstated(self) -> tuple[Assumption, ...]:
         """The assumptions that move the number and have no stated deviation."""
         return tuple(a for a in self.assumptions if math.isnan(a.deviation))
@@ -120,14 +125,10 @@ class Explanation(NamedTuple):
         return f"{self.column.words} {value} ± {spread} {self.column.shown}: {', '.join(shares) or 'no assumption'}"
 
     def to_dataframe(self) -> "pd.DataFrame":
-        """A row for each assumption; effects in the unit that readers see."""
+        """A row for each assumption; effects in SI units."""
         import pandas as pd
 
-        rows = [
-            a._replace(effect=self.shown(a.effect), tenth=self.shown(a.tenth), without=self.shown(a.without))._asdict()
-            for a in self.assumptions
-        ]
-        return pd.DataFrame(rows)
+        return pd.DataFrame([a._asdict() for a in self.assumptions])
 
 
 class _Number(NamedTuple):
