@@ -22,7 +22,7 @@ SETS = {
 }  # fmt: skip
 """Set with measured stride lengths → sets of sensors."""
 
-EVERY = {"pyshoe_vicon": 4}
+EVERY = {"pyshoe_vicon": 8, "footprints": 2, "mobgap_lab": 2}
 """Set → one walk of so many is taken."""
 
 RATES = {"lower_back": (100.0, 50.0, 25.0)}

@@ -127,7 +127,8 @@ def _own(
 ) -> dict[tuple[str, ...], list[Walk]]:  # fmt: skip
     """Set of sensors → the recording with the truth by these sensors, for sets that it has."""
     placement, placements = recordings.places_of(place)
-    made, reason = {}, ""
+    made: dict[tuple[str, ...], list[Walk]] = {}
+    reason = ""
     try:
         recording = recordings.recording_of(file, rate=rate, format=format, placement=placement, placements=placements)
     except Exception as error:

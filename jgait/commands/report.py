@@ -17,6 +17,7 @@ from jgait.commands.folder import keep_inputs, unfinished
 from jgait.estimators.combined import MEASURES, Analysis
 from jgait.notes import grouped
 from jgait.report import Report, moves
+from jgait.report.page import Section
 from jgait.tune import explain as explained_by
 from jgait.types import Walk, reason_of
 
@@ -145,7 +146,7 @@ def of_walk(walk: Walk, job: jobs.EstimateJob, data: str, command: str, explain:
     made = job.made._replace(file=data, command=command)
     joined = isinstance(result.made, Analysis)
     first = result.made.sources[0] if joined else result.made
-    more = []
+    more: list[Section] = []
     if explain is not None:
         estimator = estimators.get(first.estimator if joined else job.name, **(first.settings if not joined else {}))
         with refused(f"--explain: {data}: "):

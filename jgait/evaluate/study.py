@@ -26,7 +26,7 @@ from jgait.estimators.stride_flags import STRIDE_COLUMNS
 from jgait.evaluate.cohort import cohort
 from jgait.notes import record
 from jgait.simulate.sensors import ON_SHOE, ImuErrors
-from jgait.types import Imu, Recording, RecordingError, Walk, as_float, check_recording
+from jgait.types import AnyArray, Imu, Recording, RecordingError, Walk, as_float, check_recording
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -88,7 +88,7 @@ def _sampled(imu: Imu, setup: Setup) -> Imu:
     grid = time[kept] if same else np.arange(time[0] + 0.5 * every, time[kept][-1] - 0.5 * every, every)
     near = mask[np.clip(np.searchsorted(time, grid), 0, time.size - 1)]
 
-    def read(signal: np.ndarray | None, limit: float) -> np.ndarray | None:
+    def read(signal: AnyArray | None, limit: float) -> np.ndarray | None:
         if signal is None:
             return None
         columns = []

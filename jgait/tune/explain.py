@@ -158,12 +158,14 @@ def with_error(recording: Recording, placement: str, error: str, values: npt.Arr
     matrix = np.asarray(rotation(jnp.asarray(by))) if error == "mounting" else np.eye(3)
 
     def read(signal: AnyArray | None, kind: str) -> np.ndarray | None:
-        if signal is None or error.partition("_")[0] not in (kind, "mounting"):
-            return signal  # type: ignore[return-value]
-        signal = as_float(signal)
+        if signal is None:
+            return None
+        values = as_float(signal)
         if error == "mounting":
-            return signal @ matrix
-        return np.where(mask, signal * (1.0 + by) if error.endswith("scale") else signal + by, signal)
+            return values @ matrix
+        if not error.startswith(kind):
+            return values
+        return np.where(mask, values * (1.0 + by) if error.endswith("scale") else values + by, values)
 
     worn = imu._replace(gyr=read(imu.gyr, "gyr"), acc=read(imu.acc, "acc"))
     return recording._replace(sensors={**recording.sensors, placement: worn})
