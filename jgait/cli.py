@@ -28,6 +28,8 @@ COMMANDS = {
     "tune": "Learn parameters from a cohort by gradient.",
     "presets": "Tuned parameters that come with jgait.",
     "report": "One HTML page about a recording or a cohort.",
+    "explain": "Which assumption moves a number of a recording.",
+    "plan": "Which sensors a study needs: errors of set-ups.",
     "datasets": "Public recordings: what there is, and how to get it.",
     "cache": "Compiled programs kept between runs: their size; remove them.",
 }

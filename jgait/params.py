@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree, PyTreeDef
 
-from jgait.types import Scalar, Values
+from jgait.types import SIDES, Scalar, Values
 
 type Param = Scalar | Any
 """A field of a parameter record: a number; in a record of transforms, the transform of that number."""
@@ -77,6 +77,8 @@ class Parameter(NamedTuple):
     unit: str  #: unit of the value; "1" where the value has no unit.
     meaning: str  #: what the parameter is, in words.
     prior: "Prior | None" = None  #: the density of the value before any data are used; None where there is none.
+    #: name of the parameter with its standard deviation; "" for its own name with `_sd`, where there is one.
+    stddev: str = ""
 
 
 def declared(of: type) -> dict[str, Parameter]:
@@ -146,13 +148,55 @@ class Prior(NamedTuple):
     name: str  #: the name of the prior in tables, for example "normal(0.43, 0.02)".
     #: natural value → minus the logarithm of the prior density, up to a constant [nat]; pure JAX.
     penalty: Callable[[Values], Values]
+    stddev: Callable[[Values], Values]  #: natural value → standard deviation near it, in natural units.
+
+
+class Stated(NamedTuple):
+    """The stated deviation of a parameter."""
+
+    deviation: float  #: standard deviation, in `unit`; NaN where none is stated.
+    unit: str  #: natural unit of the parameter.
+    source: (
+        str  #: where the deviation is stated: a prior, or the name of the parameter that holds it; "" where nowhere.
+    )
+
+
+def stated(p: PyTree) -> dict[str, Stated]:
+    """The stated deviation of every parameter, by name: that of its prior, or of the parameter that holds it.
+
+    A parameter with a value for each leg is one entry, with the mean over the legs.
+    """
+    by_name: dict[str, Stated] = {}
+    for name, parameter in declared(type(p)).items():
+        value, holds = getattr(p, name), parameter.stddev or f"{name}_sd"
+        if parameter.transform is None:
+            by_name |= {f"{name}.{inner}": known for inner, known in stated(value).items()}
+            continue
+        leaves = [np.asarray(leaf, float) for leaf in jax.tree.leaves(value)]
+        if parameter.prior is not None:
+            known = Stated(
+                float(np.mean(parameter.prior.stddev(np.mean(leaves)))), parameter.unit, parameter.prior.name
+            )
+        elif holds in p._fields:
+            of_log = (
+                parameter.transform.name == "positive" and parameter.unit == "1"
+            )  # such as K, of which log K varies
+            factor = float(np.mean(leaves)) if of_log else 1.0
+            known = Stated(factor * float(np.mean(jax.tree.leaves(getattr(p, holds)))), parameter.unit, holds)
+        else:
+            known = Stated(math.nan, parameter.unit, "")
+        sides = getattr(value, "_fields", ()) in ((), SIDES)
+        by_name |= {name: known} if sides else {f"{name}.{inner}": known for inner in value._fields}
+    return by_name
 
 
 def normal(mean: float, stddev: float) -> Prior:
     """A normal prior in natural units. Raises ValueError if `mean` is not finite or `stddev` not positive."""
     if not (math.isfinite(mean) and math.isfinite(stddev) and stddev > 0.0):
         raise ValueError(f"normal(mean, stddev) needs a finite mean and a positive stddev; got {mean!r}, {stddev!r}")
-    return Prior(f"normal({mean:g}, {stddev:g})", lambda value: 0.5 * ((value - mean) / stddev) ** 2)
+    return Prior(
+        f"normal({mean:g}, {stddev:g})", lambda value: 0.5 * ((value - mean) / stddev) ** 2, lambda _: stddev
+    )  # fmt: skip
 
 
 def lognormal(median: float, factor: float) -> Prior:
@@ -165,8 +209,9 @@ def lognormal(median: float, factor: float) -> Prior:
         raise ValueError(f"lognormal(median, factor) needs median > 0 and factor > 1; got {median!r}, {factor!r}")
     spread = math.log(factor)
     return Prior(
-        f"lognormal({median:g}, {factor:g})", lambda value: 0.5 * ((jnp.log(value) - math.log(median)) / spread) ** 2
-    )
+        f"lognormal({median:g}, {factor:g})", lambda value: 0.5 * ((jnp.log(value) - math.log(median)) / spread) ** 2,
+        lambda value: spread * value,
+    )  # fmt: skip
 
 
 def _is_transform(node: object) -> bool:

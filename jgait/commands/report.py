@@ -8,14 +8,17 @@ from typing import Annotated, Any
 
 import typer
 
+from jgait import estimators
 from jgait import report as reports
 from jgait.commands import cohort as cohorts
 from jgait.commands import jobs, options, recordings
-from jgait.commands.console import console, count, note, stop, write, write_json, wrote
+from jgait.commands.console import console, count, note, refused, stop, write, write_json, wrote
 from jgait.commands.folder import keep_inputs, unfinished
 from jgait.estimators.combined import MEASURES, Analysis
 from jgait.notes import grouped
-from jgait.report import Report
+from jgait.report import Report, moves
+from jgait.report.page import Section
+from jgait.tune import explain as explained_by
 from jgait.types import Walk, reason_of
 
 ENDINGS = (".html", ".htm")
@@ -58,6 +61,10 @@ def report(
     trial: recordings.Trial = None,
     seed: cohorts.Seed = 0,
     out: Annotated[Path, typer.Option(help="The page.")] = Path("report.html"),
+    explain: Annotated[
+        str | None,
+        typer.Option(help="Add what moves a number of a recording, such as stride_length; see jgait explain."),
+    ] = None,
     show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
 ) -> None:
@@ -87,7 +94,7 @@ def report(
         walk = _walk(what, dataset, recording, files)
         alone = estimator or (COHORTS_BY if paper or params else None)
         job = jobs.job_of(alone, paper, params, person, given)
-        page = of_walk(walk, job, str(what or f"{dataset}: {recording}"), command)
+        page = of_walk(walk, job, str(what or f"{dataset}: {recording}"), command, explain)
     else:
         if person is not None:
             stop("--person is of one recording; for a cohort put columns into its table")
@@ -127,8 +134,8 @@ def _walk(file: Path | None, dataset: str | None, name: str | None, files: dict[
         stop(f"{file or dataset}: {reason_of(error)}")
 
 
-def of_walk(walk: Walk, job: jobs.EstimateJob, data: str, command: str) -> Report:
-    """The page of one recording; exits with code 2 if it cannot be used."""
+def of_walk(walk: Walk, job: jobs.EstimateJob, data: str, command: str, explain: str | None = None) -> Report:
+    """The page of one recording, perhaps with what moves a number; exits with code 2 if it cannot be used."""
     known = cohorts.body(walk, tuple({name for names in MEASURES.values() for name in names}))
     try:
         result = job.compute(walk.recording, known)
@@ -137,10 +144,18 @@ def of_walk(walk: Walk, job: jobs.EstimateJob, data: str, command: str) -> Repor
     for line in grouped(result.notes):
         note(line)
     made = job.made._replace(file=data, command=command)
-    if isinstance(result.made, Analysis):
-        return reports.of_analysis(result.made, walk.recording, reference=walk.reference, made=made)
-    made = made._replace(params=result.made.params)
-    return reports.of_estimate(result.made.estimate, walk.recording, reference=walk.reference, made=made)
+    joined = isinstance(result.made, Analysis)
+    first = result.made.sources[0] if joined else result.made
+    more: list[Section] = []
+    if explain is not None:
+        estimator = estimators.get(first.estimator if joined else job.name, **(first.settings if not joined else {}))
+        with refused(f"--explain: {data}: "):
+            person = result.made.person if joined else {}
+            more = [moves.section(explained_by(estimator, first.params, walk.recording, explain, person=person))]
+    if joined:
+        return reports.of_analysis(result.made, walk.recording, reference=walk.reference, made=made, more=more)
+    made = made._replace(params=first.params)
+    return reports.of_estimate(first.estimate, walk.recording, reference=walk.reference, made=made, more=more)
 
 
 def _of_cohort(

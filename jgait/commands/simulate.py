@@ -99,17 +99,23 @@ def simulate(
 
 def _options(sensors: str | None, rate: float | None, worn: tuple[str, ...] | None) -> dict[str, Any]:
     """The options of the sensors; exits with code 2 for an unknown sensor, rate or placement."""
-    known = {name.lower(): errors for name, errors in vars(worn_sensors).items()
-             if isinstance(errors, worn_sensors.ImuErrors)}  # fmt: skip
-    if sensors is not None and sensors.lower() not in known:
-        stop(f"--sensors must be one of {', '.join(sorted(known))}; got {sensors!r}")
+    errors = None if sensors is None else sensor_of(sensors)
     if rate is not None and not 10.0 <= rate <= HIGHEST_RATE_HZ:
         stop(f"--rate must be between 10 and {HIGHEST_RATE_HZ:g} Hz; got {rate:g}")
     for name in worn or ():
         if name not in PLACEMENTS:
             stop(f"--placements: there is no {name!r}; known are {', '.join(PLACEMENTS)}")
-    given = {"errors": None if sensors is None else known[sensors.lower()], "rate": rate, "placements": worn}
+    given = {"errors": errors, "rate": rate, "placements": worn}
     return {name: value for name, value in given.items() if value is not None}
+
+
+def sensor_of(name: str) -> worn_sensors.ImuErrors:
+    """The errors of a sensor by its name, in any case; exits with code 2 for an unknown name."""
+    known = {name.lower(): errors for name, errors in vars(worn_sensors).items()
+             if isinstance(errors, worn_sensors.ImuErrors)}  # fmt: skip
+    if name.lower() not in known:
+        stop(f"--sensors must be one of {', '.join(sorted(known))}; got {name!r}")
+    return known[name.lower()]
 
 
 def _drawn(

@@ -18,6 +18,7 @@ figures of the library. Functions for the papers' figures of data:
 
 from jgait.plot.cohort import before_after, bland_altman, per_subject
 from jgait.plot.duty import sleeping_gyroscopes
+from jgait.plot.explain import explanation, study
 from jgait.plot.feet import foot_height, foot_paths, leg_strides, stride_series
 from jgait.plot.legs import distance, foot_displacement, foot_path, joint_angles
 from jgait.plot.signals import signals
@@ -32,6 +33,7 @@ __all__ = [
     "bland_altman",
     "correlation",
     "distance",
+    "explanation",
     "foot_displacement",
     "foot_height",
     "foot_path",
@@ -46,6 +48,7 @@ __all__ = [
     "stick_figure",
     "stride_series",
     "stride_signals",
+    "study",
     "training",
     "trunk_contacts",
     "two_feet",

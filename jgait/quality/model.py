@@ -28,7 +28,7 @@ from jgait.types import Estimate, Values, as_float
 START, WRITTEN_FROM = 0.1, 1e-2
 """Weight at which a fit starts, and weight below which a fitted weight is written as 0."""
 
-LESS = Prior("exponential(1)", lambda weight: weight)
+LESS = Prior("exponential(1)", lambda weight: weight, lambda _: 1.0)
 """Prior of each weight: evidence that does not make errors more likely gets none."""
 
 WRONG = 3.0

@@ -40,8 +40,9 @@ BOUTS = (
 
 
 def of_analysis(
-    analysis: Analysis, recording: Recording, *, reference: Estimate | None = None, made: Made | None = None
-) -> Report:
+    analysis: Analysis, recording: Recording, *, reference: Estimate | None = None, made: Made | None = None,
+    more: Sequence[Section] = (),
+) -> Report:  # fmt: skip
     """The page of one recording by all its sensors, from `analyse`: as `of_estimate`, with what each source says, and
     walking bouts. Contradictions between the sources are among the warnings.
     """
@@ -59,7 +60,7 @@ def of_analysis(
         "distance; the combined value is from sources that are not in doubt, weighted by their variances if they agree."
     )
     parts = [Table(caption, ("", "source", "value", "± SD", "strides", "unit"), rows)]
-    more = [Section("What each sensor says", "", parts)]
+    more = [*more, Section("What each sensor says", "", parts)]
     if len(tables["bouts"]):
         shown = [COLUMNS[name] for name in BOUTS]
         rows = [

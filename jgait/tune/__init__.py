@@ -1,6 +1,7 @@
 """Gradient-based estimation of parameters from data: fit, cross-validation, identifiability."""
 
 from jgait.tune.cross_validate import CrossValidation, cross_validate
+from jgait.tune.explain import Assumption, Explanation, explain
 from jgait.tune.fit import Fit, fit
 from jgait.tune.identifiability import Identifiability, identifiability
 from jgait.tune.lanes import Progress, Report
@@ -10,7 +11,9 @@ from jgait.tune.profile import Profile, profile
 
 __all__ = [
     "LOSSES",
+    "Assumption",
     "CrossValidation",
+    "Explanation",
     "Fit",
     "Identifiability",
     "Lesson",
@@ -23,6 +26,7 @@ __all__ = [
     "Windows",
     "asked",
     "cross_validate",
+    "explain",
     "fit",
     "identifiability",
     "lacking",

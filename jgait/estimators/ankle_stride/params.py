@@ -20,12 +20,17 @@ class AnkleParams(NamedTuple):
 
     lever_ankle: Annotated[Param, Parameter(
         interval(-0.05, 0.2), "m", "height over the ankle of a sensor worn at the ankle; the walk corrects it",
+        stddev="lever_along_sd",
     )] = 0.03  # fmt: skip
-    lever_shank: Annotated[Param, Parameter(interval(0.0, 0.4), "m", "the same of a sensor on the shank")] = 0.18
+    lever_shank: Annotated[Param, Parameter(
+        interval(0.0, 0.4), "m", "the same of a sensor on the shank", stddev="lever_along_sd",
+    )] = 0.18  # fmt: skip
     lever_forward: Annotated[Param, Parameter(
-        interval(-0.15, 0.15), "m", "distance of the sensor in front of the ankle",
+        interval(-0.15, 0.15), "m", "distance of the sensor in front of the ankle", stddev="lever_across_sd",
     )] = 0.0  # fmt: skip
-    lever_left: Annotated[Param, Parameter(interval(-0.15, 0.15), "m", "distance to the left of the ankle")] = 0.0
+    lever_left: Annotated[Param, Parameter(
+        interval(-0.15, 0.15), "m", "distance to the left of the ankle", stddev="lever_across_sd",
+    )] = 0.0  # fmt: skip
     lever_along_sd: Annotated[Param, Parameter(
         positive, "m", "standard deviation of the height over the ankle",
     )] = 0.02  # fmt: skip

@@ -17,6 +17,7 @@ class WidthParams(NamedTuple):
         interval(-0.2, 0.4), "m",
         "distance between the sensors of the feet, across the walk, less the measured range; to be measured on "
         "the person, because its error is an error of the width",
+        stddev="offset_noise",
     )] = 0.08  # fmt: skip
     offset_noise: Annotated[Param, Parameter(
         fixed, "m", "standard deviation of `range_offset`; used for the stated errors only",
@@ -25,6 +26,7 @@ class WidthParams(NamedTuple):
         interval(-0.2, 0.2), "m",
         "distance of the right foot ahead of the left one when a range is measured; above 0 if the toes point "
         "outward. It changes step lengths, not widths",
+        stddev="passing_offset_noise",
     )] = 0.0  # fmt: skip
     passing_offset_noise: Annotated[Param, Parameter(
         fixed, "m", "standard deviation of `passing_offset`; used for the stated errors only",

@@ -1,0 +1,84 @@
+"""`jgait explain`: which assumption moves a number of a recording."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jgait import plot
+from jgait.commands import cohort as cohorts
+from jgait.commands import options, recordings
+from jgait.commands.console import console, note, refused, show_table, stop, visible, write_json, wrote
+from jgait.commands.folder import keep_inputs
+from jgait.commands.pipeline import chosen
+from jgait.commands.simulate import sensor_of
+from jgait.evaluate.study import estimator_of
+from jgait.report import moves
+from jgait.tune import explain as explained_by
+from jgait.types import reason_of
+
+EPILOG = options.epilog()
+
+
+def explain(
+    file: Annotated[Path, typer.Argument(help="One recording, as of jgait estimate.")],
+    measure: Annotated[
+        str | None, typer.Option(help="Such as stride_length, walking_speed, distance, knee_flexion_range.")
+    ] = None,
+    estimator: cohorts.OneEstimator = None,
+    sensors: Annotated[str, typer.Option(help="Whose calibration errs: mpu6000, opal, idg300, freesense.")] = "mpu6000",
+    params: cohorts.Params = None,
+    person: options.PersonFile = None,
+    height: options.Height = None,
+    thigh: options.Thigh = None,
+    shank: options.Shank = None,
+    option: options.Options = None,
+    rate: recordings.Rate = None,
+    gyr_unit: recordings.GyrUnit = None,
+    acc_unit: recordings.AccUnit = None,
+    format: recordings.Format = None,
+    place: recordings.Place = None,
+    trial: recordings.Trial = None,
+    figure: Annotated[Path | None, typer.Option(help="Draw the bars into this file, PNG or SVG.")] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
+) -> None:
+    """Say which assumption moves a number of a recording: parameters, and the calibration of each sensor.
+
+    Each assumption is taken to be wrong by its stated standard deviation, one at a time, by the gradient of the number.
+    The table ranks them, and states the deviation that is left if the leg is measured, the sensor is calibrated, or the
+    person stands still once more. Without --estimator, the first of feet, ankles, shanks, waist and legs that the
+    sensors allow is explained. Exit code 0: success; 2: the recording or the measure cannot be used.
+    """
+    keep_inputs([figure, json_file], [file, params])
+    errors = sensor_of(sensors)
+    given = options.given(option, height, thigh, shank)
+    placement, placements = recordings.places_of(place)
+    try:
+        walk = recordings.recording_of(
+            file, rate=rate, gyr_unit=gyr_unit, acc_unit=acc_unit, format=format, placement=placement,
+            placements=placements, trial=trial,
+        )  # fmt: skip
+    except Exception as error:
+        stop(f"{file}: {reason_of(error)}")
+    with refused(f"{file}: "):
+        name = estimator or estimator_of(walk).name
+    choice = chosen(name, False, params, given)
+    known = options.person_in(person)
+    p, lacking = choice.personal(known)
+    for line in lacking:
+        note(line)
+    losses = choice.estimator.about.losses or ()
+    measure = measure or ("stride_length" if "stride_length" in losses else "distance")
+    body = {**known, **{m.name: choice.given[m.option] for m in choice.estimator.about.measures
+                        if m.option in choice.given}}  # fmt: skip
+    with refused(f"{file}: "):
+        result = explained_by(choice.estimator, p, walk, measure, sensor=errors, person=body)
+    show_table(moves.table(result), title=f"what moves the {result.column.words}, by {name}")
+    console.print(visible(result.sentence), highlight=False, soft_wrap=True)
+    if figure is not None:
+        figure.parent.mkdir(parents=True, exist_ok=True)
+        wrote([plot.save(plot.explanation(result, title=file.name), figure)])
+    write_json(json_file, {
+        "measure": result.measure, "value": result.value, "stddev": result.stddev, "estimator": name,
+        "assumptions": [a._asdict() for a in result.assumptions],
+    })  # fmt: skip

@@ -1,0 +1,57 @@
+"""What moves a number of a recording, as a part of the page."""
+
+from jgait import plot
+from jgait.report.page import Cell, Section, Table, picture, significant
+from jgait.tune import Assumption, Explanation
+
+SOURCES = {
+    "sensor": "sensor", "tape": "measured with a tape", "proportions": "people of one height", "given": "given",
+}  # fmt: skip
+"""Source of a deviation → its words; others are names of priors and parameters."""
+
+
+def table(explained: Explanation) -> Table:
+    """The assumptions with a stated deviation, the largest effect first."""
+    unit = f" [{explained.small[1]}]"
+    rows = [
+        [
+            Cell(a.name.replace("_", " ")), Cell(f"{100.0 * a.share:.1f} %", a.share), Cell(_text(explained, a.effect)),
+            Cell(significant(a.deviation, 2)), Cell(a.unit), Cell(_text(explained, a.without) if a.remedy else "–"),
+            Cell(a.remedy or "–"), Cell(SOURCES.get(a.source, a.source.replace("_", " "))),
+        ]
+        for a in explained.assumptions if a.share >= 5e-4
+    ]  # fmt: skip
+    columns = (
+        "assumption", "share", f"moves it by{unit}", "deviation", "unit", f"± with the remedy{unit}", "remedy",
+        "deviation from",
+    )  # fmt: skip
+    caption = (
+        "Each assumption is wrong by its standard deviation; shares are of the variance of the number. Decisions, such "
+        "as when a foot stands, stay as they are."
+    )
+    return Table(f"{caption} {_unstated(explained.unstated, explained)}".rstrip(), columns, rows, words=2)
+
+
+def _text(explained: Explanation, value: float) -> str:
+    return significant(abs(explained.small[0] * value), 2)
+
+
+def _unstated(assumptions: tuple[Assumption, ...], explained: Explanation, most: int = 5) -> str:
+    """The sentence about parameters without a stated deviation."""
+    factor, unit = explained.small
+    each = [f"{a.name.replace('_', ' ')} {significant(factor * a.tenth, 2)}" for a in assumptions[:most]]
+    if not each:
+        return ""
+    more = f" and {len(assumptions) - most} others that move it less" if len(assumptions) > most else ""
+    return (
+        f"No deviation is stated for these parameters; a tenth more of one moves the number [{unit}] by: "
+        f"{', '.join(each)}{more}."
+    )
+
+
+def section(explained: Explanation) -> Section:
+    """The section "What moves this number": a bar chart and a table."""
+    drawn = plot.explanation(explained)
+    text = f"By {explained.estimator}, mean of the regular strides or the whole recording: {explained.sentence}."
+    alt = f"Bars of the assumptions that move the {explained.column.words}"
+    return Section("What moves this number", text, [picture(drawn, alt, explained.sentence), table(explained)])
