@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import jax
-import optax
 import typer
 from jaxtyping import PyTree
 
@@ -46,8 +45,7 @@ def tune(
     judge: Annotated[
         str | None, typer.Option(help="The loss whose error judges people; default: the first loss.")
     ] = None,
-    steps: Annotated[int, typer.Option(min=1, help="Of the optimiser.")] = 60,
-    rate: Annotated[float, typer.Option("--learning-rate", min=1e-6, help="Of the first step; decreases to 0.")] = 0.05,
+    steps: Annotated[int, typer.Option(min=1, help="Largest number; a fit stops earlier where the loss is flat.")] = 60,
     starts: Annotated[int, typer.Option(min=1, help="Number of starting points; the first is as given.")] = 1,
     folds: Annotated[int | None, typer.Option(min=2, help="Groups of people or days; default: each alone.")] = None,
     cross: Annotated[bool, typer.Option("--cross-validation/--no-cross-validation", help="Judge on others.")] = True,
@@ -109,8 +107,7 @@ def tune(
     if cross and folds is not None and 1 < count < folds:
         stop(f"--folds must be between 2 and the {count} {groups.many}; got {folds}")
     how: dict[str, Any] = {
-        "pipeline": "paper" if paper else "default", "free": names, "loss": loss, "steps": steps,
-        "learning_rate": rate, "starts": starts, "seed": seed, "cohort": source.title,
+        "pipeline": "paper" if paper else "default", "free": names, "loss": loss, "steps": steps, "starts": starts, "seed": seed, "cohort": source.title,
         "recordings": len(made.names), "people": len(set(made.subjects)), "left_out": groups.many,
         "options": {name: getattr(made.options, name) for name in ("soft", "noise") if hasattr(made.options, name)},
         "subjects": sorted(set(made.subjects)), "data": source.versions(made.names, ("file", *REFERENCES)),
@@ -129,8 +126,7 @@ def tune(
         _say_notes(ready, start, walks, made, weights)
         judging, terms = LOSSES[judged], objective(pipeline, made.options, weights)
         settings = {
-            "optimizer": optax.adam(optax.cosine_decay_schedule(rate, steps)), "steps": steps, "starts": starts,
-            "key": jax.random.key(seed), "priors": priors(start),
+            "steps": steps, "starts": starts, "key": jax.random.key(seed), "priors": priors(start),
         }  # fmt: skip
         job = tune_run.Job(
             pipeline, start, learned, made, groups, terms, dataclasses.replace(terms, terms=((judging.error, 1.0),)),

@@ -69,9 +69,10 @@ def report(
         )  # fmt: skip
         files.append(plot.save(drawn, out / "before_after.png"))
     files = folder.publish(files)
+    taken = f"{count(results.fit.losses.size, 'step', 'steps')} of at most {how['steps']}"
     console.print(
         f"{visible(title)}: {count(len(job.made.names), 'recording', 'recordings')} of "
-        f"{count(how['people'], 'person', 'people')}, {count(how['steps'], 'step', 'steps')}", highlight=False,
+        f"{count(how['people'], 'person', 'people')}, {taken}", highlight=False,
     )  # fmt: skip
     if change is not None:
         _show_held_out(table, job, change)
@@ -90,18 +91,12 @@ def report(
             "--free, or learn from a loss or recordings that depend on it"
         )
     elif results.known is not None and results.known.decrement > OFF:
-        note("more --steps, or another --learning-rate, may reach the optimum more closely")
-    undone = int(np.count_nonzero(~np.asarray(results.fit.accepted, bool)))
-    if undone:
-        note(
-            f"{count(undone, 'step', 'steps')} of {how['steps']} led to a loss or a gradient that is not finite and "
-            "were undone; a smaller --learning-rate avoids them"
-        )
+        note("more --steps, or other --starts, may reach the optimum more closely")
     for line in results.left_out:
         note(line)
     wrote(files)
     write_json(json_file, {
-        **how, **doubts, "values": values,
+        **how, **doubts, "steps_taken": results.fit.losses.size, "values": values,
         "held_out": None if change is None else change._asdict() | {"unit": job.unit},
         "losses": [float(v) for v in results.fit.losses], "failures": dict(failures), "files": list(map(str, files)),
     })  # fmt: skip
