@@ -1,8 +1,9 @@
 """The output of `jgait tune`: printed tables and written files."""
 
+import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -32,10 +33,18 @@ ENOUGH = 6
 """Smallest number of people for a verdict: fewer change in the same direction by chance in more than 5 % of cases."""
 
 
+class Outcome(NamedTuple):
+    """What a preset takes from a tuning: how it was made, standard errors, and the change on people left out."""
+
+    made: dict[str, Any]
+    spreads: dict[str, float]
+    change: PairedDifference | None
+
+
 def report(
     title: str, job: Job, results: TuningResults, how: dict[str, Any], folder: ResultsFolder,
     failures: list[tuple[str, str]], json_file: Path | None,
-) -> None:  # fmt: skip
+) -> Outcome:  # fmt: skip
     """Write and print everything."""
     out = folder.stage
     values = _values(job, results)
@@ -46,9 +55,11 @@ def report(
         each = results.validation.table
         medians = {name: float(each[f"error_{name}"].median()) for name in ("before", "after")}
         held_out = {"error": job.judged, "unit": job.unit, "n": len(each), **medians}  # of people, or of days
+    origin = how | doubts | {"held_out": held_out}
     files = [
-        io.write_params(out / "tuned.json", results.fit.params, estimator=job.pipeline.name, stderr=spreads,
-                        made=how | doubts | {"held_out": held_out}),
+        io.write_params(
+            out / "tuned.json", results.fit.params, estimator=job.pipeline.name, stderr=spreads, made=origin
+        ),
         plot.save(plot_tuning.training(results.fit, title=title), out / "training.png"),
     ]  # fmt: skip
     change = None
@@ -100,6 +111,9 @@ def report(
         "held_out": None if change is None else change._asdict() | {"unit": job.unit},
         "losses": [float(v) for v in results.fit.losses], "failures": dict(failures), "files": list(map(str, files)),
     })  # fmt: skip
+    if held_out is not None:
+        origin["held_out"] = held_out | {"each": json.loads(each.reset_index().to_json(orient="records"))}
+    return Outcome(origin, spreads, change)
 
 
 def _values(job: Job, results: TuningResults) -> dict[str, dict[str, Any]]:

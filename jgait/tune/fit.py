@@ -220,8 +220,8 @@ def fit[P](
         mesh: devices of one axis, over which the items are distributed; with several processes, each process passes
             the whole `data` and returns the whole result.
         progress: function called on the host after every chunk; it has no influence on the result.
-        chunk: number of steps between two calls of `progress` and two saves, at least 2; None for a twentieth of all, without
-            an optimizer 4.
+        chunk: number of steps between two calls of `progress` and two saves, at least 2; None for a twentieth
+            of all, without an optimizer 4.
 
     Returns:
         The parameters with the lowest loss, and the history.
