@@ -39,6 +39,8 @@ def described(value: object, within: tuple[object, ...] = ()) -> str:
         return f"{type(value).__qualname__}({_pairs(fields, within)})"
     if isinstance(value, tuple) and hasattr(value, "_fields"):
         return f"{type(value).__qualname__}({_pairs(dict(zip(value._fields, value, strict=True)), within)})"
+    if isinstance(value, set | frozenset):
+        return f"{{{', '.join(sorted(described(part, within) for part in value))}}}"
     if isinstance(value, tuple | list):
         return f"({', '.join(described(part, within) for part in value)})"
     if isinstance(value, dict):

@@ -25,7 +25,7 @@ class Progress(NamedTuple):
 
     Attributes:
         done: number of steps done.
-        total: largest number of steps.
+        total: largest number of steps; `done` where every fit has stopped.
         loss: current loss.
         gradient_norm: current norm of the gradient, in unconstrained coordinates.
         score: lowest score so far: the loss, or the loss on the validation items.
@@ -97,7 +97,8 @@ def descend(
             history = [_joined(history)]
             checkpoint.save(file, mark, (begin, carry, history[0]))
         if report is not None and np.isfinite(np.asarray(carry.best_score)).any():
-            report(_progress(carry, begin - 1, settings.steps))
+            stopped = np.all(np.asarray(carry.stopped))
+            report(_progress(carry, begin - 1, begin - 1 if stopped else settings.steps))
     trace = _joined(history)
     return jax.tree.map(np.asarray, carry), jax.tree.map(lambda v: v[:, 1:], trace)
 
