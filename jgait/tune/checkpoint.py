@@ -17,7 +17,7 @@ from jaxtyping import PyTree
 
 from jgait.version import __version__
 
-UNKNOWN = " at 0x?"
+UNKNOWN = " at an address"
 """Stands in `described` for the address of an object of which nothing but the type is known."""
 
 
