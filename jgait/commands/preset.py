@@ -73,7 +73,7 @@ def terms_of(pipeline: Estimator[PyTree, PyTree], start: PyTree, made: Lessons, 
     losses, _ = _scores(objective(pipeline, made.options, loss), start, pipeline.transforms, made.data, False)
     terms = {name: weight / max(float(np.nanmean(losses)), 1e-12) for name, weight in loss.items()}
     if "likelihood" in (pipeline.about.losses or ()) and "likelihood" not in terms:
-        terms["likelihood"] = NATS / made.data.look.sum(axis=1).mean()
+        terms["likelihood"] = NATS / float(np.mean(np.sum(made.data.look, axis=1)))
     return objective(pipeline, made.options, terms)
 
 

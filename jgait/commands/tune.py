@@ -133,7 +133,7 @@ def tune(
         names = names or presets.learnable(pipeline, start, made, groups.labels, terms)
         learned = freed(pipeline.transforms, *names)
         console.print(
-            f"learned: {', '.join(names)}, from {', '.join(name for name, _ in terms.terms)}", highlight=False
+            f"learned: {', '.join(names)}, from {', '.join(str(name) for name, _ in terms.terms)}", highlight=False
         )
     text = loss if preset is None else ",".join(f"{name}={weight:.4g}" for name, weight in terms.terms)
     count = len(set(groups.labels))
