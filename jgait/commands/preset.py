@@ -80,8 +80,8 @@ def terms_of(pipeline: Estimator[PyTree, PyTree], start: PyTree, made: Lessons, 
 def learnable(
     pipeline: Estimator[PyTree, PyTree], start: PyTree, made: Lessons, groups: Sequence[str], terms: Objective
 ) -> list[str]:
-    """Names of the parameters on whose direction the people, or days, agree, and that are told apart; the clearest
-    first, at most one for each `PEOPLE_EACH` groups. Exits with code 2 if there is none.
+    """Names of the parameters on whose direction the references of the people, or days, agree, and that are not
+    collinear; the clearest first, at most one for each `PEOPLE_EACH` groups. Exits with code 2 if there is none.
     """
     body = {measure.parameter or measure.name for measure in pipeline.about.measures
             if measure.name in measures_of(pipeline)}  # fmt: skip

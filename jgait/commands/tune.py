@@ -129,8 +129,8 @@ def tune(
         note(f"days are not left out in turn, because the day of these recordings is not known: {', '.join(without)}")
     terms = objective(pipeline, made.options, weights)
     if preset is not None:
-        terms = presets.terms_of(pipeline, start, made, weights)
         names = names or presets.learnable(pipeline, start, made, groups.labels, terms)
+        terms = presets.terms_of(pipeline, start, made, weights)
         learned = freed(pipeline.transforms, *names)
         console.print(
             f"learned: {', '.join(names)}, from {', '.join(str(name) for name, _ in terms.terms)}", highlight=False
