@@ -14,7 +14,7 @@ from jgait.commands import cohort as cohorts
 from jgait.commands.console import Bar, console, progress, stop, table_of, visible, wrote
 from jgait.commands.lessons import lessons_of, prepared
 from jgait.commands.pipeline import measures_of
-from jgait.commands.tune_report import ENOUGH, Outcome
+from jgait.commands.tune_report import ENOUGH, TuningOutcome
 from jgait.estimators import Estimator
 from jgait.params import constrain, freed, names, unconstrain
 from jgait.report.page import significant
@@ -163,7 +163,7 @@ def elsewhere(
     return rows
 
 
-def refusal(outcome: Outcome, many: str, others: Sequence[Elsewhere]) -> str:
+def refusal(outcome: TuningOutcome, many: str, others: Sequence[Elsewhere]) -> str:
     """Why no preset is written, in words; "" if it is better on people, or days, left out, and spoils no other set."""
     change, held = outcome.change, outcome.made["held_out"]
     if change is None or change.n < ENOUGH:
@@ -181,7 +181,7 @@ def refusal(outcome: Outcome, many: str, others: Sequence[Elsewhere]) -> str:
 
 
 def write(
-    name: str, pipeline: Estimator[PyTree, PyTree], start: PyTree, params: PyTree, outcome: Outcome, many: str,
+    name: str, pipeline: Estimator[PyTree, PyTree], start: PyTree, params: PyTree, outcome: TuningOutcome, many: str,
     judged: str, dataset: str | None,
 ) -> None:  # fmt: skip
     """Write the preset with the table of its proof; exits with code 2 and the reason if it does not gain."""

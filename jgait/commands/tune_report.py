@@ -33,7 +33,7 @@ ENOUGH = 6
 """Smallest number of people for a verdict: fewer change in the same direction by chance in more than 5 % of cases."""
 
 
-class Outcome(NamedTuple):
+class TuningOutcome(NamedTuple):
     """What a preset takes from a tuning: how it was made, standard errors, and the change on people left out."""
 
     made: dict[str, Any]
@@ -44,7 +44,7 @@ class Outcome(NamedTuple):
 def report(
     title: str, job: Job, results: TuningResults, how: dict[str, Any], folder: ResultsFolder,
     failures: list[tuple[str, str]], json_file: Path | None,
-) -> Outcome:  # fmt: skip
+) -> TuningOutcome:  # fmt: skip
     """Write and print everything."""
     out = folder.stage
     values = _values(job, results)
@@ -113,7 +113,7 @@ def report(
     })  # fmt: skip
     if held_out is not None:
         origin["held_out"] = held_out | {"each": json.loads(each.reset_index().to_json(orient="records"))}
-    return Outcome(origin, spreads, change)
+    return TuningOutcome(origin, spreads, change)
 
 
 def _values(job: Job, results: TuningResults) -> dict[str, dict[str, Any]]:

@@ -12,7 +12,7 @@ from made.command import run
 from jgait import io, params
 from jgait.commands import preset
 from jgait.commands.pipeline import pipeline_of, start_of
-from jgait.commands.tune_report import Outcome
+from jgait.commands.tune_report import TuningOutcome
 from jgait.estimators import noise
 from jgait.estimators.foot_ins import FootParams
 from jgait.evaluate import PairedDifference
@@ -88,7 +88,7 @@ def test_a_preset_is_refused_that_does_not_gain():
         (none, [], "it does not gain on people left out"), (gain, [row], ""),
         (gain, [row, row._replace(name="foot", after=4.2)], "it is worse on other recordings, foot:"),
     ):  # fmt: skip
-        reason = preset.refusal(Outcome({"held_out": held}, {}, change), "people", others)
+        reason = preset.refusal(TuningOutcome({"held_out": held}, {}, change), "people", others)
         assert expected in reason and bool(reason) == bool(expected)
 
 
