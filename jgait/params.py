@@ -5,6 +5,7 @@ A parameter set is a NamedTuple of scalars (or arrays) in natural units. A secon
 `constrain` maps back. A fixed parameter never reaches the optimiser.
 """
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, get_type_hints
@@ -46,6 +47,7 @@ fixed = Transform("fixed", None, None)
 """The parameter keeps its value; the optimiser never changes it."""
 
 
+@functools.cache
 def interval(low: float, high: float) -> Transform:
     """A range from `low` to `high`, both excluded; the free value is the logit of the relative position in it.
 

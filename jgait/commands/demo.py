@@ -26,7 +26,7 @@ def demo(
     subjects: Annotated[int, typer.Option(min=2, help="Simulated people who are learned from, and as many others.")] = (
         6
     ),
-    steps: Annotated[int, typer.Option(min=1, help="Steps of the optimiser.")] = 30,
+    steps: Annotated[int, typer.Option(min=1, help="Largest number of steps of the optimiser.")] = 30,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers of the real walk here.")] = None,
 ) -> None:
     """A real walk by one call, with its report; then what users call next: tune on people, and evaluate on others.
@@ -56,10 +56,9 @@ def demo(
     elif dataset == "auto":
         console.print("neura_sparse (real walks with motion capture) is not here: --dataset neura_sparse fetches it")
     free, loss, tuned = "standing_hip,standing_knee,distance_scale", "trajectory,distance", out / "tuned"
-    # The start is within a few percent of the optimum: larger steps would go past it.
-    how = f"--steps {steps} --learning-rate 0.01 --no-cross-validation"
+    how = f"--steps {steps} --no-cross-validation"
     _say(f"jgait tune --simulated {subjects} --free {free} --loss {loss} {how} --out {tuned}")
-    tune(free, simulated=subjects, loss=loss, steps=steps, rate=0.01, cross=False, out=tuned, fresh=True)
+    tune(free, simulated=subjects, loss=loss, steps=steps, cross=False, out=tuned, fresh=True)
     for name, params in (("default", None), ("others", tuned / "tuned.json")):
         given = "" if params is None else f" --params {params}"
         _say(f"jgait evaluate --simulated {subjects} --seed 1{given} --out {out / name}")

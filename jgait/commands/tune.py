@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import jax
-import optax
 import typer
 from jaxtyping import PyTree
 
+from jgait import io
 from jgait.commands import cohort as cohorts
+from jgait.commands import preset as presets
 from jgait.commands import recordings, tune_report, tune_run
 from jgait.commands.console import Bar, console, note, progress, refused, say_failures, say_flags, stop
 from jgait.commands.folder import results_folder
@@ -36,18 +37,24 @@ COMPARED = {"distance": "distance_m", "stride_length": "stride_length_m", "calib
 
 
 def tune(
-    free: Annotated[str, typer.Option(help="What is learned, for example distance_scale,angle_noise.")],
+    free: Annotated[
+        str | None,
+        typer.Option(help="What is learned, for example distance_scale,angle_noise; with --preset found by itself."),
+    ] = None,
     table: cohorts.File = None,
     dataset: cohorts.Dataset = None,
     simulated: cohorts.Simulated = None,
-    loss: Annotated[str, typer.Option(help="Losses with weights, for example position=1,stride_length=0.2.")] = (
-        "distance"
-    ),
+    loss: Annotated[
+        str | None,
+        typer.Option(
+            help="Losses with weights, for example position=1,stride_length=0.2; default: distance, with "
+            "--preset what the references answer."
+        ),
+    ] = None,
     judge: Annotated[
         str | None, typer.Option(help="The loss whose error judges people; default: the first loss.")
     ] = None,
-    steps: Annotated[int, typer.Option(min=1, help="Of the optimiser.")] = 60,
-    rate: Annotated[float, typer.Option("--learning-rate", min=1e-6, help="Of the first step; decreases to 0.")] = 0.05,
+    steps: Annotated[int, typer.Option(min=1, help="Largest number; a fit stops earlier where the loss is flat.")] = 60,
     starts: Annotated[int, typer.Option(min=1, help="Number of starting points; the first is as given.")] = 1,
     folds: Annotated[int | None, typer.Option(min=2, help="Groups of people or days; default: each alone.")] = None,
     cross: Annotated[bool, typer.Option("--cross-validation/--no-cross-validation", help="Judge on others.")] = True,
@@ -60,6 +67,12 @@ def tune(
     gyr_unit: recordings.GyrUnit = None,
     acc_unit: recordings.AccUnit = None,
     seed: cohorts.Seed = 0,
+    preset: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Choose what can be learned, judge it on others, and write it as a preset if it gains."
+        ),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for results; an interrupted run continues there.")] = (
         Path("jgait-tuning")
     ),
@@ -73,14 +86,20 @@ def tune(
     Writes tuned.json (for `jgait evaluate --params` and `jgait estimate --params`), held_out.csv and figures. Exit
     code 0: all recordings were used; 1: some could not be used; 2: nothing could be learned.
     """
+    if preset is not None:
+        with refused("--preset: "):
+            io.preset_file(preset)
+        if not cross:
+            stop("--preset needs the cross-validation")
     with refused("--loss: "):
-        weights = parsed(loss)
+        loss = "distance" if loss is None and preset is None else loss
+        weights = {} if loss is None else parsed(loss)
     with refused("--judge: "):
-        judged = next(iter(weights if judge is None else parsed(judge)))
-    names = [name.strip() for name in free.split(",") if name.strip()]
+        judged = None if judge is None else next(iter(parsed(judge)))
+    names = [name.strip() for name in (free or "").split(",") if name.strip()]
     pipeline = pipeline_of(estimator, paper, params, noise, soft=not SOFT.isdisjoint(names))
     start = start_of(pipeline, params, paper)
-    if not names:
+    if not names and (preset is None or free is not None):
         stop("--free names nothing to learn")
     with refused("--free: "):
         learned = freed(pipeline.transforms, *names)
@@ -89,10 +108,13 @@ def tune(
             stop(f"--free: no number of {pipeline.name} depends on {name} with these options")
     source = cohorts.source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures_of(pipeline), params)
     failures = list(source.failures)
-    asked_for = list(dict.fromkeys([*weights, judged]))
     with refused():
-        objective(pipeline, None, dict.fromkeys(asked_for, 1.0))
+        if every := [*weights, *([judged] if judged else [])]:
+            objective(pipeline, None, dict.fromkeys(every, 1.0))
     walks, ready = prepared(source, pipeline, failures)
+    weights = weights or {presets.loss_of(pipeline, walks.items): 1.0}
+    judged = judged or next(iter(weights))
+    asked_for = list(dict.fromkeys([*weights, judged]))
     try:
         made = lessons_of(ready, walks, start, names, failures, asked_for)
     except ValueError as error:
@@ -105,12 +127,21 @@ def tune(
     if len(set(made.subjects)) == 1 and any(made.days) and not all(made.days):
         without = [name for name, day in zip(made.names, made.days, strict=True) if not day]
         note(f"days are not left out in turn, because the day of these recordings is not known: {', '.join(without)}")
+    terms = objective(pipeline, made.options, weights)
+    if preset is not None:
+        names = names or presets.learnable(pipeline, start, made, groups.labels, terms)
+        terms = presets.terms_of(pipeline, start, made, weights)
+        learned = freed(pipeline.transforms, *names)
+        console.print(
+            f"learned: {', '.join(names)}, from {', '.join(str(name) for name, _ in terms.terms)}", highlight=False
+        )
+    text = loss if preset is None else ",".join(f"{name}={weight:.4g}" for name, weight in terms.terms)
     count = len(set(groups.labels))
     if cross and folds is not None and 1 < count < folds:
         stop(f"--folds must be between 2 and the {count} {groups.many}; got {folds}")
     how: dict[str, Any] = {
-        "pipeline": "paper" if paper else "default", "free": names, "loss": loss, "steps": steps,
-        "learning_rate": rate, "starts": starts, "seed": seed, "cohort": source.title,
+        "pipeline": "paper" if paper else "default", "free": names,
+        "loss": text, "steps": steps, "starts": starts, "seed": seed, "cohort": source.title,
         "recordings": len(made.names), "people": len(set(made.subjects)), "left_out": groups.many,
         "options": {name: getattr(made.options, name) for name in ("soft", "noise") if hasattr(made.options, name)},
         "subjects": sorted(set(made.subjects)), "data": source.versions(made.names, ("file", *REFERENCES)),
@@ -127,10 +158,9 @@ def tune(
         out, "tune", asked, planned=tune_report.PLANNED, inputs=read, json_file=json_file, fresh=fresh
     ) as folder:
         _say_notes(ready, start, walks, made, weights)
-        judging, terms = LOSSES[judged], objective(pipeline, made.options, weights)
+        judging = LOSSES[judged]
         settings = {
-            "optimizer": optax.adam(optax.cosine_decay_schedule(rate, steps)), "steps": steps, "starts": starts,
-            "key": jax.random.key(seed), "priors": priors(start),
+            "steps": steps, "starts": starts, "key": jax.random.key(seed), "priors": priors(start),
         }  # fmt: skip
         job = tune_run.Job(
             pipeline, start, learned, made, groups, terms, dataclasses.replace(terms, terms=((judging.error, 1.0),)),
@@ -145,7 +175,9 @@ def tune(
                     stop(f"{error}; --fresh starts anew")
         for message in dict.fromkeys(str(warning.message) for warning in caught):
             note(message)
-        tune_report.report(title, job, results, how, folder, failures, json_file)
+        outcome = tune_report.report(title, job, results, how, folder, failures, json_file)
+    if preset is not None:
+        presets.write(preset, pipeline, start, results.fit.params, outcome, groups.many, judged, dataset)
     if failures:
         console.print(f"{of_recordings(len(failures), len(failures) + len(made.names))} could not be used")
         raise typer.Exit(1)

@@ -1,8 +1,9 @@
 """The output of `jgait tune`: printed tables and written files."""
 
+import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -32,10 +33,18 @@ ENOUGH = 6
 """Smallest number of people for a verdict: fewer change in the same direction by chance in more than 5 % of cases."""
 
 
+class TuningOutcome(NamedTuple):
+    """What a preset takes from a tuning: how it was made, standard errors, and the change on people left out."""
+
+    made: dict[str, Any]
+    spreads: dict[str, float]
+    change: PairedDifference | None
+
+
 def report(
     title: str, job: Job, results: TuningResults, how: dict[str, Any], folder: ResultsFolder,
     failures: list[tuple[str, str]], json_file: Path | None,
-) -> None:  # fmt: skip
+) -> TuningOutcome:  # fmt: skip
     """Write and print everything."""
     out = folder.stage
     values = _values(job, results)
@@ -46,9 +55,11 @@ def report(
         each = results.validation.table
         medians = {name: float(each[f"error_{name}"].median()) for name in ("before", "after")}
         held_out = {"error": job.judged, "unit": job.unit, "n": len(each), **medians}  # of people, or of days
+    origin = how | doubts | {"held_out": held_out}
     files = [
-        io.write_params(out / "tuned.json", results.fit.params, estimator=job.pipeline.name, stderr=spreads,
-                        made=how | doubts | {"held_out": held_out}),
+        io.write_params(
+            out / "tuned.json", results.fit.params, estimator=job.pipeline.name, stderr=spreads, made=origin
+        ),
         plot.save(plot_tuning.training(results.fit, title=title), out / "training.png"),
     ]  # fmt: skip
     change = None
@@ -69,9 +80,10 @@ def report(
         )  # fmt: skip
         files.append(plot.save(drawn, out / "before_after.png"))
     files = folder.publish(files)
+    taken = f"{count(results.fit.losses.size, 'step', 'steps')} of at most {how['steps']}"
     console.print(
         f"{visible(title)}: {count(len(job.made.names), 'recording', 'recordings')} of "
-        f"{count(how['people'], 'person', 'people')}, {count(how['steps'], 'step', 'steps')}", highlight=False,
+        f"{count(how['people'], 'person', 'people')}, {taken}", highlight=False,
     )  # fmt: skip
     if change is not None:
         _show_held_out(table, job, change)
@@ -90,21 +102,18 @@ def report(
             "--free, or learn from a loss or recordings that depend on it"
         )
     elif results.known is not None and results.known.decrement > OFF:
-        note("more --steps, or another --learning-rate, may reach the optimum more closely")
-    undone = int(np.count_nonzero(~np.asarray(results.fit.accepted, bool)))
-    if undone:
-        note(
-            f"{count(undone, 'step', 'steps')} of {how['steps']} led to a loss or a gradient that is not finite and "
-            "were undone; a smaller --learning-rate avoids them"
-        )
+        note("more --steps, or other --starts, may reach the optimum more closely")
     for line in results.left_out:
         note(line)
     wrote(files)
     write_json(json_file, {
-        **how, **doubts, "values": values,
+        **how, **doubts, "steps_taken": results.fit.losses.size, "values": values,
         "held_out": None if change is None else change._asdict() | {"unit": job.unit},
         "losses": [float(v) for v in results.fit.losses], "failures": dict(failures), "files": list(map(str, files)),
     })  # fmt: skip
+    if held_out is not None:
+        origin["held_out"] = held_out | {"each": json.loads(each.reset_index().to_json(orient="records"))}
+    return TuningOutcome(origin, spreads, change)
 
 
 def _values(job: Job, results: TuningResults) -> dict[str, dict[str, Any]]:

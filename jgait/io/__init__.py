@@ -14,7 +14,16 @@ from jgait.io.formats.dialects import recording_from_gaitmap, recording_from_mob
 from jgait.io.formats.mobilised import mobilised_trials, read_mobilised
 from jgait.io.formats.opensim import OpenSimMotion, opensim_reference, read_opensim
 from jgait.io.formats.registry import FORMATS, format_of, read
-from jgait.io.params import PRESETS, made_of, params_file, preset_names, read_params, write_params
+from jgait.io.params import (
+    PRESETS,
+    made_of,
+    params_file,
+    preset_file,
+    preset_names,
+    read_params,
+    write_params,
+    write_preset,
+)
 from jgait.io.references import reference_from_tables, strides_from_dataframe
 from jgait.io.strides import strides_to_dataframe, to_gaitmap
 from jgait.io.tables import read_csv, recording_from_dataframe
@@ -34,6 +43,7 @@ __all__ = [
     "mobilised_trials",
     "opensim_reference",
     "params_file",
+    "preset_file",
     "preset_names",
     "quality_notes",
     "read",
@@ -58,5 +68,6 @@ __all__ = [
     "units",
     "write_csv",
     "write_params",
+    "write_preset",
     "write_table",
 ]

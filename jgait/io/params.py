@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -20,6 +21,37 @@ FORMAT = 1
 
 PRESETS = Path(__file__).parent / "presets"
 """Folder of the parameters that come with jgait."""
+
+
+def users_presets() -> Path:
+    """The folder of the presets that a user made."""
+    return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "jgait" / "presets"
+
+
+def write_preset(name: str, params: PyTree, *, made: Mapping[str, PyTree], **more: PyTree) -> Path:
+    """Write parameters as the user's preset `name`, with its version: 1, or the next one of the preset of that name.
+
+    Arguments are as of `write_params`. An earlier version is kept beside the preset.
+
+    Raises:
+        ValueError: if the name has other characters than letters, digits, "_" and "-", or is that of a preset of jgait.
+    """
+    file = preset_file(name)
+    version = 1
+    if file.exists():
+        version = int(_read(file)["made"].get("version", 1)) + 1
+        file.replace(file.with_suffix(f".v{version - 1}"))
+    file.parent.mkdir(parents=True, exist_ok=True)
+    return write_params(file, params, made={**made, "version": version}, **more)
+
+
+def preset_file(name: str) -> Path:
+    """The file of the user's preset `name`; errors as of `write_preset`."""
+    if not re.fullmatch(r"[\w-]+", name):
+        raise ValueError(f"the name of a preset has letters, digits, '_' and '-'; got {name!r}")
+    if (PRESETS / f"{name}.json").exists():
+        raise ValueError(f"{name!r} is a preset that comes with jgait: choose another name")
+    return users_presets() / f"{name}.json"
 
 
 def write_params(
@@ -111,8 +143,8 @@ def _number(name: str, value: PyTree, file: Path) -> np.ndarray:
 
 
 def preset_names() -> tuple[str, ...]:
-    """Names of the presets that come with jgait."""
-    return tuple(sorted(path.stem for path in PRESETS.glob("*.json")))
+    """Names of the presets that come with jgait, and of those that the user made."""
+    return tuple(sorted({path.stem for folder in (PRESETS, users_presets()) for path in folder.glob("*.json")}))
 
 
 def params_file(path: str | os.PathLike[str]) -> Path:
@@ -122,7 +154,8 @@ def params_file(path: str | os.PathLike[str]) -> Path:
         return Path(path)
     if name not in preset_names():
         raise ValueError(f"there is no preset {name!r}; there are {', '.join(preset_names()) or 'none'}")
-    return PRESETS / f"{name}.json"
+    shipped = PRESETS / f"{name}.json"
+    return shipped if shipped.exists() else users_presets() / f"{name}.json"
 
 
 def made_of(path: str | os.PathLike[str]) -> tuple[str, dict[str, PyTree]]:

@@ -7,8 +7,8 @@ import inspect
 import json
 import os
 import re
-from collections.abc import Callable
 from pathlib import Path
+from types import CodeType, FunctionType, MethodType
 
 import jax
 import jax.numpy as jnp
@@ -17,11 +17,16 @@ from jaxtyping import PyTree
 
 from jgait.version import __version__
 
+UNKNOWN = " at an address"
+"""Stands in `described` for the address of an object of which nothing but the type is known."""
 
-def described(value: object) -> str:
-    """A text of a value that is the same in every process: arrays by content, functions by name and source."""
+
+def described(value: object, within: tuple[object, ...] = ()) -> str:
+    """A text of a value that is the same in every process: arrays by content, functions by name, code, and the values
+    of other functions that they keep. `within` are the functions to which the value belongs.
+    """
     if isinstance(value, functools.partial):
-        return f"partial{described((value.func, value.args, value.keywords))}"
+        return f"partial{described((value.func, value.args, value.keywords), within)}"
     if isinstance(value, jax.Array) and jnp.issubdtype(value.dtype, jax.dtypes.prng_key):
         value = jax.random.key_data(value)
     if isinstance(value, jax.Array | np.ndarray | np.generic):
@@ -31,35 +36,52 @@ def described(value: object) -> str:
         return f"{array.dtype}{list(array.shape)} {hashlib.sha256(array.tobytes()).hexdigest()[:16]}"
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
-        return f"{type(value).__qualname__}({_pairs(fields)})"
+        return f"{type(value).__qualname__}({_pairs(fields, within)})"
     if isinstance(value, tuple) and hasattr(value, "_fields"):
-        return f"{type(value).__qualname__}({_pairs(dict(zip(value._fields, value, strict=True)))})"
+        return f"{type(value).__qualname__}({_pairs(dict(zip(value._fields, value, strict=True)), within)})"
+    if isinstance(value, set | frozenset):
+        return f"{{{', '.join(sorted(described(part, within) for part in value))}}}"
     if isinstance(value, tuple | list):
-        return f"({', '.join(map(described, value))})"
+        return f"({', '.join(described(part, within) for part in value)})"
     if isinstance(value, dict):
-        return f"{{{_pairs(value)}}}"
+        return f"{{{_pairs(value, within)}}}"
+    if isinstance(value, MethodType):
+        return f"{described(value.__func__, within)} of {described(vars(value.__self__), within)}"
     if callable(value) and hasattr(value, "__qualname__"):
-        return f"{value.__module__}.{value.__qualname__}{_source(value)}"
-    return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
+        name, function = f"{value.__module__}.{value.__qualname__}", inspect.unwrap(value)
+        if not isinstance(function, FunctionType) or any(function is other for other in within):
+            return name
+        cells = dict(zip(function.__code__.co_freevars, function.__closure__ or (), strict=True))
+        kept = (
+            {name: cell.cell_contents for name, cell in cells.items()},
+            function.__defaults__,
+            function.__kwdefaults__,
+        )
+        text = described(kept, (*within, function))
+        return f"{name} {_digest(_code(function.__code__) + text)}{UNKNOWN if UNKNOWN in text else ''}"
+    return re.sub(r" at 0x[0-9a-fA-F]+", UNKNOWN, repr(value))
 
 
-def _source(function: Callable[..., PyTree]) -> str:
-    """The digest of a function's source; "" where there is none, as of a function typed into an interpreter."""
-    try:
-        return f" {hashlib.sha256(inspect.getsource(inspect.unwrap(function)).encode()).hexdigest()[:16]}"
-    except (OSError, TypeError):
-        return ""
+def _code(code: CodeType) -> str:
+    """The instructions of a function and their constants, without names of files and numbers of lines."""
+    inner = (_code(c) if isinstance(c, CodeType) else repr(sorted(c, key=repr) if isinstance(c, frozenset) else c)
+             for c in code.co_consts)  # fmt: skip
+    return f"{code.co_code.hex()} {code.co_names} ({', '.join(inner)})"
 
 
-def _pairs(values: dict[str, PyTree]) -> str:
-    return ", ".join(f"{name}={described(value)}" for name, value in values.items())
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def _pairs(values: dict[str, PyTree], within: tuple[object, ...]) -> str:
+    return ", ".join(f"{name}={described(value, within)}" for name, value in values.items())
 
 
 def fingerprint(**parts: object) -> dict[str, str]:
     """A digest of the description of each argument of a fit, and of the version of jgait."""
     texts = {name: described((str(jax.tree.structure(part)), jax.tree.leaves(part))) for name, part in parts.items()}
     texts["version of jgait"] = __version__
-    return {name: hashlib.sha256(text.encode()).hexdigest()[:32] for name, text in texts.items()}
+    return {name: _digest(text) for name, text in texts.items()}
 
 
 def save(path: Path, mark: dict[str, str], state: PyTree) -> None:

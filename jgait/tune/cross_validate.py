@@ -13,19 +13,19 @@ import optax
 from jax.sharding import Mesh
 from jaxtyping import PRNGKeyArray, PyTree
 
-from jgait.filtering.compile import compiler_options
+from jgait.filtering.compile import compiled
 from jgait.notes import record
 from jgait.params import constrain
 from jgait.tune import checkpoint
 from jgait.tune.checks import check_data, check_priors, numbered, spread_out, start, transforms_of
 from jgait.tune.descent import Settings
 from jgait.tune.fit import (
+    TRY,
     Fit,
     best_starts,
     check_mesh,
     check_settings,
     lane,
-    optimizer_mark,
     result_of,
     scattered,
     warn_of_flat,
@@ -33,7 +33,7 @@ from jgait.tune.fit import (
 from jgait.tune.lanes import Report, descend
 from jgait.tune.lessons import Lesson
 from jgait.tune.optimizers import supported
-from jgait.tune.problem import Context, Items, Problem, of_subject, place
+from jgait.tune.problem import Context, Items, Problem, kept, of_subject, place
 from jgait.tune.remainder import reduced
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ def cross_validate[P](
     params: P,
     transforms: P,
     data: PyTree,
-    optimizer: optax.GradientTransformation | optax.MultiSteps,
+    optimizer: optax.GradientTransformation | optax.MultiSteps | None = None,
     *,
     subjects: Sequence[Hashable],
     folds: int | Sequence[Hashable] | None = None,
@@ -151,7 +151,7 @@ def cross_validate[P](
         TypeError, ValueError: as `tune.fit`; or if a subject is in several folds, or a recording has two subjects.
     """
     data, n = check_data(data, True)
-    check_settings(steps, chunk, starts, key, minibatch, n)
+    check_settings(steps, chunk, starts, key, minibatch, n, optimizer)
     labels, number = numbered(subjects, n)
     named = [labels[i] for i in number]
     fold_of = _folds(named, folds, key)
@@ -166,11 +166,11 @@ def cross_validate[P](
     problem, known, dtype = reduced(given, params, free, items)
     kinds = list(dict.fromkeys(fold_of))
     learned = np.asarray([*([of != fold for of in fold_of] for fold in kinds), [True] * n])
+    settings = Settings(steps, minibatch, 1 if minibatch is None else -(-n // minibatch), None, optimizer is None)
     optimizer = supported(optimizer)
-    settings = Settings(steps, minibatch, 1 if minibatch is None else -(-n // minibatch), None)
     mark = {} if checkpoint_file is None else checkpoint.fingerprint(
         data=items, params=params, transforms=transforms, priors=priors, settings=settings, folds=learned, key=key,
-        starts=(starts, spread), loss=loss, optimizer=optimizer_mark(optimizer, free),
+        starts=(starts, spread), loss=loss, optimizer=optimizer,
     )  # fmt: skip
     around = scattered(key, free, starts, spread)
     carry, trace = descend(
@@ -199,8 +199,7 @@ def cross_validate[P](
     stayed = np.count_nonzero(carry.best_step[chosen] == 0)
     if stayed and len(flat_ones) < len(jax.tree.leaves(best)):
         warnings.warn(
-            f"no step lowered the loss of {stayed} of {len(kinds)} folds, whose parameters are the start values. Try a "
-            "smaller learning rate",
+            f"no step lowered the loss of {stayed} of {len(kinds)} folds, whose parameters are the start values. {TRY}",
             stacklevel=2,
         )
     if error is not None:
@@ -216,15 +215,21 @@ def _judged(
     problem: Problem, params: PyTree, free: PyTree, best: PyTree, items: Items, fold: np.ndarray
 ) -> tuple[PyTree, PyTree]:
     """(n,) error of every item with the starting values, and with the fit that held the item out."""
+    program = _errors(problem)
+    before = jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[None], fold.size, axis=0), free)
+    after = jax.tree.map(lambda leaf: leaf[fold], best)
+    return np.asarray(program(before, params, items)), np.asarray(program(after, params, items))
 
-    def error_of(at: PyTree, item: Items) -> PyTree:
+
+@kept
+def _errors(problem: Problem) -> Callable[..., PyTree]:
+    """(free coordinates of each item, params, items) → the loss (n,) of each item."""
+
+    def of_item(at: PyTree, params: PyTree, item: Items) -> PyTree:
         known, free_of_subject = (of_subject(tree, problem.transforms, item.subject) for tree in (params, at))
         return problem.loss(constrain(free_of_subject, problem.transforms, known), item.data)
 
-    program = jax.jit(jax.vmap(error_of), compiler_options=compiler_options() or None)
-    before = jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[None], fold.size, axis=0), free)
-    after = jax.tree.map(lambda leaf: leaf[fold], best)
-    return np.asarray(program(before, items)), np.asarray(program(after, items))
+    return compiled(jax.vmap(of_item, in_axes=(0, None, 0)))
 
 
 def _tables(

@@ -1,4 +1,8 @@
-"""Steps of an optimiser as one `lax.scan`, for several fits side by side; a step to a non-finite loss is undone."""
+"""Steps of an optimiser as one `lax.scan`, for several fits side by side; a step to a non-finite loss is undone.
+
+With `Settings.downhill` a step is undone as well that does not lower the loss enough; the next step goes to the minimum
+of the parabola through the losses and the slope along the same direction. Such a fit stops where the loss is flat.
+"""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -17,6 +21,17 @@ NOTHING = 1e-12
 free coordinate]. Rounding gives 2e-16 and less, the parameters on which losses of recorded walks depend least 4e-9."""
 
 
+FLAT = 0.005
+"""Largest gradient of a finished fit, of each free number [standard errors of the gradient over the items]: the optimum
+is closer than a tenth of the parameters' standard errors, also where parameters are correlated."""
+
+DECREASE = 1e-4
+"""Least decrease of the loss of a step that is kept, as a share of what the slope predicts (Armijo's rule) [1]."""
+
+SHORTENED = (0.02, 0.5)
+"""Least and largest factor by which a step that is undone becomes shorter [1]."""
+
+
 class Settings(NamedTuple):
     """The settings of a fit, see `tune.fit`; static."""
 
@@ -24,6 +39,7 @@ class Settings(NamedTuple):
     minibatch: int | None
     every: int
     patience: int | None
+    downhill: bool = False  #: whether each step must lower the loss, and the fit stops where the loss is flat.
 
 
 class Carry(NamedTuple):
@@ -86,6 +102,12 @@ def flat(reach: PyTree) -> PyTree:
     return jax.tree.map(lambda leaf: jnp.all(leaf <= jnp.maximum(NOTHING, 10.0 * jnp.finfo(leaf.dtype).eps)), reach)
 
 
+def _level(gradient: PyTree, variance: PyTree) -> Bool[Array, ""]:
+    """Whether the gradient of each number is small beside its standard error, and there are items enough for one."""
+    flat_ones = jax.tree.map(lambda g, v: jnp.all((v > 0.0) & (g * g <= FLAT**2 * v)), gradient, variance)
+    return jax.tree.reduce(jnp.logical_and, flat_ones)
+
+
 def _reach(reach: PyTree, loss: Float[Array, ""], gradient: PyTree) -> PyTree:
     size = jnp.maximum(jnp.abs(loss), jnp.finfo(loss.dtype).tiny)
     return jax.tree.map(lambda r, g: jnp.maximum(r, (jnp.abs(g) / size).astype(r.dtype)), reach, gradient)
@@ -124,12 +146,13 @@ def _score(
 def runner(
     problem: Problem, optimizer: optax.GradientTransformation, settings: Settings, size: int
 ) -> Callable[..., PyTree]:
-    """(carry, number of the first step, context) → carry and trace after `size` steps; step −1 evaluates the start.
+    """(carry, numbers of the first and the last step, context) → carry and trace after `size` steps; step −1 evaluates
+    the start.
 
     Steps after the last one change nothing, so that one program runs every chunk of a fit.
     """
 
-    def run(carry: Carry, begin: Integer, context: Context) -> tuple[Carry, Trace]:
+    def run(carry: Carry, begin: Integer, steps: Integer, context: Context) -> tuple[Carry, Trace]:
         look = _score(problem, settings, context)
 
         def finite_items(free: PyTree) -> Bool[Array, "item"]:
@@ -137,7 +160,7 @@ def runner(
 
         def evaluate(
             free: PyTree, weights: Float[Array, "item"], step: Int[Array, ""], forgiving: Bool[Array, ""]
-        ) -> tuple[Float[Array, ""], PyTree, Bool[Array, "batch"]]:
+        ) -> tuple[Float[Array, ""], PyTree, PyTree, Bool[Array, "batch"]]:
             items, batch_weights = _batch(settings, context, weights, step)
             return total(problem, free, context.params, items, batch_weights, jnp.sum(weights), forgiving)
 
@@ -160,14 +183,26 @@ def runner(
             update, state = updates(c, step)
             free = jax.tree.map(lambda f, u: jnp.where(starting, f, f + (c.scale * u).astype(f.dtype)), c.free, update)
             state = choose(starting, c.optimizer, state)
-            loss, gradient, sound = evaluate(free, c.weights, step + 1, starting)
+            loss, gradient, variance, sound = evaluate(free, c.weights, step + 1, starting)
             if settings.minibatch is not None:  # weights are computed over all items
                 sound = jax.lax.cond(starting, finite_items, lambda _: c.weights > -1.0, free)
             c = c._replace(weights=jnp.where(starting & ~sound, jnp.zeros_like(c.weights), c.weights))
             good = _finite((free, loss, gradient)) & (jnp.sum(c.weights) > 0.0)
+            shorter, done = jnp.asarray(0.5, c.scale.dtype), jnp.zeros((), bool)
+            if settings.downhill:
+                predicted = (c.scale * optax.tree.vdot(c.gradient, update)).astype(c.loss.dtype)
+                missing = loss - c.loss - predicted
+                shorter = jnp.where(good, jnp.clip(-0.5 * predicted / missing, *SHORTENED), 0.5).astype(c.scale.dtype)
+                good = good & (starting | (missing <= (DECREASE - 1.0) * predicted))
+                rounding = max(1e-10, 10.0 * float(jnp.finfo(c.loss.dtype).eps))
+                done = (-0.5 * predicted <= rounding * jnp.abs(c.loss)) | (good & _level(gradient, variance))
+                done = done & ~starting
             reach = _reach(c.reach, loss, gradient)
             kept = choose(good, c._replace(free=free, optimizer=state, loss=loss, gradient=gradient, reach=reach), c)
-            new, trace = _keep_best(c, kept, good, step, look, settings)
+            scale = jnp.minimum(1.0, 1.0 if settings.downhill else 2.0 * c.scale)
+            kept = kept._replace(scale=jnp.where(good, scale, shorter * c.scale).astype(c.scale.dtype))
+            new, trace = _keep_best(c, kept, good, step, steps, look, settings)
+            new = new._replace(stopped=new.stopped | done)
             if settings.minibatch is None:  # another part of the items may depend on the parameters
                 nothing = jax.tree.reduce(jnp.logical_and, flat(new.reach), (step >= 0) & good)
                 new = new._replace(stopped=new.stopped | nothing)
@@ -176,7 +211,7 @@ def runner(
         def body(c: Carry, step: PyTree) -> tuple[Carry, Trace]:
             unknown = jnp.full_like(c.loss, jnp.nan)
             resting = (c, Trace(c.loss, norm(c.gradient), jnp.ones((), bool), unknown))
-            return choose((step < settings.steps) & ~c.stopped, move(c, step), resting)
+            return choose((step < steps) & ~c.stopped, move(c, step), resting)
 
         return jax.lax.scan(body, carry, begin + jnp.arange(size, dtype=jnp.int32))
 
@@ -188,6 +223,7 @@ def _keep_best(
     kept: Carry,
     good: Bool[Array, ""],
     step: Int[Array, ""],
+    steps: Integer,
     look: Callable[[PyTree, Float[Array, "item"]], Float[Array, ""]] | None,
     settings: Settings,
 ) -> tuple[Carry, Trace]:
@@ -196,7 +232,7 @@ def _keep_best(
     if look is None:
         due, score = jnp.ones((), bool), kept.loss
     else:
-        due = ((step + 1) % settings.every == 0) | (step + 1 == settings.steps)
+        due = ((step + 1) % settings.every == 0) | (step + 1 == steps)
         score = jax.lax.cond(due, lambda k: look(k.free, k.weights), lambda k: unknown, kept)
     better = good & due & (score < c.best_score)
     best, best_score = choose(better, (kept.free, score), (c.best, c.best_score))
@@ -204,8 +240,5 @@ def _keep_best(
     stopped = c.stopped
     if settings.patience is not None:
         stopped = due & (step + 1 - best_step >= settings.patience * settings.every)
-    scale = jnp.where(good, jnp.minimum(2.0 * c.scale, 1.0), 0.5 * c.scale).astype(c.scale.dtype)
-    new = kept._replace(
-        scale=scale, best=best, best_score=best_score, best_step=best_step, stopped=stopped, taken=step + 1
-    )
+    new = kept._replace(best=best, best_score=best_score, best_step=best_step, stopped=stopped, taken=step + 1)
     return new, Trace(c.loss, norm(c.gradient), good, unknown if look is None else score)

@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import optax
 from jax.sharding import Mesh
-from jaxtyping import Array, Float, PRNGKeyArray, PyTree
+from jaxtyping import Array, PRNGKeyArray, PyTree
 
 from jgait.notes import record
 from jgait.params import constrain
@@ -45,7 +44,8 @@ class Fit[P](NamedTuple):
         losses: (steps,) loss at the start of each step, over the minibatch if there is one; always finite. A fit of
             which no parameter is learned stops after its first step.
         gradient_norms: (steps,) norm of the gradient in unconstrained coordinates at the start of each step.
-        accepted: (steps,) bool; False where the step led to a loss or gradient that is not finite and was undone.
+        accepted: (steps,) bool; False where the step led to a loss or gradient that is not finite and was undone;
+            without an optimizer also where the step did not lower the loss.
         best_loss: the loss that selected `params`.
         validation: (steps,) loss on the validation items after each step, or on all items if there are minibatches;
             NaN where that loss was not computed.
@@ -105,22 +105,8 @@ def scattered(key: Maybe[PRNGKeyArray], free: PyTree, count: int, spread: float)
     return jax.tree.unflatten(structure, [around(*pair) for pair in zip(keys, leaves, strict=True)])
 
 
-def optimizer_mark(optimizer: optax.GradientTransformation, free: PyTree) -> PyTree:
-    """The optimiser's first update for a gradient of ones, which identifies the optimiser and its learning rates."""
-    slope = jax.tree.map(jnp.ones_like, free)
-
-    def bowl(at: PyTree, obj_fn: PyTree = None, grad_fn: PyTree = None) -> Float[Array, ""]:
-        return optax.tree.norm(at, squared=True)
-
-    with jax.numpy_dtype_promotion("standard"):
-        return optimizer.update(
-            slope, optimizer.init(free), free, value=bowl(free), grad=slope, value_fn=bowl, obj_fn=bowl,
-            grad_fn=lambda at, _: jax.grad(bowl)(at),
-        )  # fmt: skip
-
-
 def check_settings(
-    steps: int, chunk: int | None, starts: int, key: PRNGKeyArray | None, minibatch: int | None, n: int
+    steps: int, chunk: int | None, starts: int, key: PRNGKeyArray | None, minibatch: int | None, n: int, named: PyTree
 ) -> None:
     """Raise ValueError if a setting is not possible, TypeError if it is of another kind; the message names it."""
     for name, number in (("steps", steps), ("chunk", chunk), ("starts", starts), ("minibatch", minibatch)):
@@ -136,6 +122,8 @@ def check_settings(
         raise ValueError(f"minibatch must be between 1 and the {n} items to learn from; got {minibatch}")
     if key is None and (starts > 1 or minibatch is not None):
         raise ValueError("several starts and minibatches are drawn: give key=jax.random.key(…)")
+    if named is None and minibatch is not None:
+        raise ValueError("minibatches need an optimizer of optax, such as optax.adam(0.05)")
 
 
 def check_mesh(mesh: Mesh | None, minibatch: int | None, name: str, count: int) -> None:
@@ -175,7 +163,7 @@ def fit[P](
     params: P,
     transforms: P,
     data: PyTree,
-    optimizer: optax.GradientTransformation | optax.MultiSteps,
+    optimizer: optax.GradientTransformation | optax.MultiSteps | None = None,
     *,
     steps: int = 100,
     batched: bool = True,
@@ -195,9 +183,13 @@ def fit[P](
 ) -> Fit[P]:
     """Minimise the mean loss over the items of `data`.
 
-    Every step adds the optimizer's update to the free coordinates (see `jgait.params`). A step that leads to a loss or
-    gradient that is not finite is undone, the optimizer's state with it, and the next step has half the length; each
-    accepted step doubles the length again, up to the full update. An item whose loss or gradient is not finite at the
+    Without an optimizer, L-BFGS in the free coordinates (see `jgait.params`): a step that does not lower the loss is
+    undone and made shorter, and the fit stops where the gradient of every free number is within 0.005 of its
+    standard error over the items, or no lower loss can be told from rounding.
+
+    With an optimizer, every step adds its update to the free coordinates. A step that leads to a loss or gradient that
+    is not finite is undone, the optimizer's state with it, and the next step has half the length; each accepted step
+    doubles the length again, up to the full update. An item whose loss or gradient is not finite at the
     start is left out, with a warning, and its number is in the result. A free parameter whose gradient is always 0 is
     named in a warning; a warning also says when no step lowered the loss.
 
@@ -206,8 +198,8 @@ def fit[P](
         params: NamedTuple of starting values in natural units.
         transforms: the same type, holding a `Transform` for each; `per_subject(…)` gives every subject a value.
         data: pytree of arrays with a leading axis of n items; one item without that axis if not `batched`.
-        optimizer: any of optax, for example `optax.adam(0.05)`, `optax.lbfgs()` or `optax.lookahead(…)`; as extra
-            arguments it gets `value`, `grad`, `value_fn`, `obj_fn` and `grad_fn`.
+        optimizer: None for L-BFGS with a stop, or any of optax, for example `optax.adam(0.05)` or `optax.lookahead(…)`;
+            as extra arguments it gets `value`, `grad`, `value_fn`, `obj_fn` and `grad_fn`.
         steps: largest number of steps.
         batched: whether `data` has an axis of items.
         subjects: (n,) subject of each item; needed for parameters per subject.
@@ -223,12 +215,13 @@ def fit[P](
         key: PRNG key of starts and minibatches.
         checkpoint_file: file in which the state is saved about twenty times. With the same file, an interrupted fit
             continues and ends with the same result; a finished fit returns its result at once. The file of another fit
-            is refused. The loss is compared by its fields, as of a `tune.Objective`, and by its source: name another
-            file when the functions that it calls, or the values that it reads, have changed.
+            is refused. Loss and optimizer are compared by their code and the values that they keep: name another file
+            when other functions that the loss calls have changed.
         mesh: devices of one axis, over which the items are distributed; with several processes, each process passes
             the whole `data` and returns the whole result.
         progress: function called on the host after every chunk; it has no influence on the result.
-        chunk: number of steps between two calls of `progress` and two saves, at least 2; None for a twentieth of all.
+        chunk: number of steps between two calls of `progress` and two saves, at least 2; None for a twentieth
+            of all, without an optimizer 4.
 
     Returns:
         The parameters with the lowest loss, and the history.
@@ -248,16 +241,15 @@ def fit[P](
     items = Items(data, number)
     problem, known, dtype = reduced(problem, params, free, items)
     learn, judge, numbers = _split(known, validation, n)
-    check_settings(steps, chunk, starts, key, minibatch, numbers.size)
+    check_settings(steps, chunk, starts, key, minibatch, numbers.size, optimizer)
     check_mesh(mesh, minibatch, "the number of validation items", 0 if judge is None else judge.subject.size)
     learn, weights = _filled(learn, mesh)
     epoch = 1 if minibatch is None else -(-weights.size // minibatch)
-    settings = Settings(steps, minibatch, every or epoch, patience)
+    settings = Settings(steps, minibatch, every or epoch, patience, optimizer is None)
     optimizer = supported(optimizer)
     mark = {} if checkpoint_file is None else checkpoint.fingerprint(
         data=items, params=params, transforms=transforms, priors=priors, settings=settings, validation=validation,
-        starts=(starts, spread), key=key, loss=loss,
-        optimizer=optimizer_mark(optimizer, free),
+        starts=(starts, spread), key=key, loss=loss, optimizer=optimizer,
     )  # fmt: skip
     begin = scattered(key, free, starts, spread)
     carry, trace = descend(
@@ -317,13 +309,17 @@ def warn_of_flat(
     return (*nothing, *stuck)
 
 
+TRY = "They are an optimum already, or the learning rate is too large"
+"""What to make of a fit of which no step lowered the loss."""
+
+
 def _not_lowered(best: float, losses: np.ndarray, accepted: np.ndarray) -> str:
     """Why the start is the result, in words."""
     undone = np.count_nonzero(~accepted)
     steps = f"; {undone} of {accepted.size} steps led to a loss or a gradient that is not finite" if undone else ""
     return (
         f"no step lowered the loss: the start values are the result, with a loss of {best:.3g}; the loss before the "
-        f"last step is {losses[-1]:.3g}{steps}. Try a smaller learning rate"
+        f"last step is {losses[-1]:.3g}{steps}. {TRY}"
     )
 
 

@@ -16,8 +16,8 @@ from jaxtyping import Bool, Float, PyTree
 from jgait.filtering.compile import compiler_options
 from jgait.tune import checkpoint
 from jgait.tune.descent import Carry, Settings, Trace, first, runner
-from jgait.tune.problem import Context, Problem
-from jgait.types import AnyArray, Integer
+from jgait.tune.problem import Context, Problem, kept
+from jgait.types import AnyArray
 
 
 class Progress(NamedTuple):
@@ -25,7 +25,7 @@ class Progress(NamedTuple):
 
     Attributes:
         done: number of steps done.
-        total: largest number of steps.
+        total: largest number of steps; `done` where every fit has stopped.
         loss: current loss.
         gradient_norm: current norm of the gradient, in unconstrained coordinates.
         score: lowest score so far: the loss, or the loss on the validation items.
@@ -77,36 +77,43 @@ def descend(
         ValueError: see `checkpoint.load`.
     """
     total = settings.steps + 1  # the same program evaluates the start, as step −1
-    chunk = max(2, settings.steps // 20) if chunk is None and (report or file) else chunk
+    if chunk is None and (settings.downhill or report or file):
+        chunk = FEW if settings.downhill else max(2, settings.steps // 20)
     # XLA unrolls a scan of one step, which then rounds differently; so a chunk has at least two steps.
     size = total if chunk is None else min(total, max(2, chunk))
     group = max(1, AT_ONCE // (settings.minibatch or np.shape(weights)[1]))
-    run = _in_groups(_program(problem, optimizer, settings, size), group, problem.mesh is None)
+    key = problem, optimizer, settings._replace(steps=0), size
+    run = _in_groups(_program(*key), group, problem.mesh is None)
     carry = jax.vmap(lambda f, w: first(f, optimizer, w, dtype))(free, jnp.asarray(weights, dtype))
     begin, history = 0, [_empty(carry)]
     saved = None if file is None else checkpoint.load(file, mark, (0, carry, history[0]))
     if saved is not None:
         begin, carry, history = int(saved[0]), saved[1], [saved[2]]
     while begin < total and not np.all(np.asarray(carry.stopped)):
-        carry, part = run(carry, np.int32(begin - 1), context)
+        carry, part = run(carry, np.int32(begin - 1), np.int32(settings.steps), context)
         part = jax.tree.map(lambda v, left=total - begin: np.asarray(v)[:, :left], part)
         history, begin = [*history, part], min(begin + size, total)
         if file is not None and jax.process_index() == 0:
             history = [_joined(history)]
             checkpoint.save(file, mark, (begin, carry, history[0]))
         if report is not None and np.isfinite(np.asarray(carry.best_score)).any():
-            report(_progress(carry, begin - 1, settings.steps))
+            stopped = np.all(np.asarray(carry.stopped))
+            report(_progress(carry, begin - 1, begin - 1 if stopped else settings.steps))
     trace = _joined(history)
     return jax.tree.map(np.asarray, carry), jax.tree.map(lambda v: v[:, 1:], trace)
 
 
+@kept
 def _program(
     problem: Problem, optimizer: optax.GradientTransformation, settings: Settings, size: int
 ) -> Callable[..., PyTree]:
-    run = jax.vmap(runner(problem, optimizer, settings, size), in_axes=(0, None, None))
+    run = jax.vmap(runner(problem, optimizer, settings, size), in_axes=(0, None, None, None))
     everywhere = None if problem.mesh is None else NamedSharding(problem.mesh, PartitionSpec())
     return jax.jit(run, out_shardings=everywhere, compiler_options=compiler_options() or None)
 
+
+FEW = 4
+"""Number of steps in a chunk of a fit that stops where the loss is flat, which is checked between chunks."""
 
 AT_ONCE = 128
 """Largest number of items times fits that run together in one program: with more, the numbers do not fit the
@@ -120,10 +127,10 @@ def _in_groups(run: Callable[..., PyTree], group: int, threads: bool) -> Callabl
     the groups run one after another: all devices must run the same group.
     """
 
-    def every(carry: Carry, begin: Integer, context: Context) -> tuple[Carry, Trace]:
+    def every(carry: Carry, *rest: PyTree) -> tuple[Carry, Trace]:
         lanes = np.shape(carry.loss)[0]
         if lanes <= group:
-            return run(carry, begin, context)
+            return run(carry, *rest)
         starts = range(0, lanes, group)
         pieces = [
             jax.tree.map(lambda v, at=at: np.asarray(v)[np.minimum(np.arange(at, at + group), lanes - 1)], carry)
@@ -131,7 +138,7 @@ def _in_groups(run: Callable[..., PyTree], group: int, threads: bool) -> Callabl
         ]
 
         def finished(piece: Carry) -> PyTree:
-            return jax.tree.map(np.asarray, run(piece, begin, context))
+            return jax.tree.map(np.asarray, run(piece, *rest))
 
         done = [finished(pieces[0])]
         with ThreadPoolExecutor(max(1, os.cpu_count() or 1) if threads else 1) as pool:

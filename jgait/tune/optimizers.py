@@ -1,4 +1,4 @@
-"""Optimisers of optax in the one form that the steps of a fit run."""
+"""Optimisers of optax in the one form that the steps of a fit run, and the optimiser of a fit that names none."""
 
 import inspect
 
@@ -7,8 +7,32 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import PyTree
 
+from jgait.tune.checkpoint import UNKNOWN, described
 
-def supported(optimizer: optax.GradientTransformation | optax.MultiSteps) -> optax.GradientTransformationExtraArgs:
+
+def _quasi_newton() -> optax.GradientTransformationExtraArgs:
+    """L-BFGS without a line search. Where the loss is not convex and the direction is uphill, the memory is cleared."""
+    inner = optax.lbfgs(1.0, linesearch=None)
+
+    def update(gradient: PyTree, state: PyTree, free: PyTree, **_: PyTree) -> PyTree:
+        proposed = inner.update(gradient, state, free)
+        steepest = inner.update(gradient, inner.init(free), free)
+        down = optax.tree.vdot(gradient, proposed[0]) < 0.0
+        return jax.tree.map(lambda a, b: jnp.where(down, a, b), proposed, steepest)
+
+    return optax.GradientTransformationExtraArgs(inner.init, update)
+
+
+QUASI_NEWTON = _quasi_newton()
+"""The optimiser of a fit that names none; its steps are shortened until the loss falls, see `descent`."""
+
+_KEPT: dict[str, optax.GradientTransformationExtraArgs] = {}
+"""Description of an optimiser → the optimiser, so that equal optimisers share compiled programs."""
+
+
+def supported(
+    optimizer: optax.GradientTransformation | optax.MultiSteps | None,
+) -> optax.GradientTransformationExtraArgs:
     """An optimiser whose parameters are the free coordinates, and whose state consists of arrays of numbers.
 
     Arguments that an optimiser does not take are dropped. The slow parameters of `optax.lookahead` become part of the
@@ -17,6 +41,7 @@ def supported(optimizer: optax.GradientTransformation | optax.MultiSteps) -> opt
     Raises:
         TypeError: if it is no optimiser of optax.
     """
+    optimizer = QUASI_NEWTON if optimizer is None else optimizer
     if isinstance(optimizer, optax.MultiSteps):
         optimizer = optax.GradientTransformationExtraArgs(optimizer.init, optimizer.update)
     if not isinstance(optimizer, optax.GradientTransformation):
@@ -40,7 +65,9 @@ def supported(optimizer: optax.GradientTransformation | optax.MultiSteps) -> opt
             return change, (new, None)
         return change.fast, (new, jax.tree.map(jnp.add, slow, change.slow))
 
-    return optax.GradientTransformationExtraArgs(init, update)
+    whole = optax.GradientTransformationExtraArgs(init, update)
+    text = described(whole)
+    return whole if UNKNOWN in text else _KEPT.setdefault(text, whole)
 
 
 def _point(fast: PyTree, slow: PyTree) -> PyTree:

@@ -7,7 +7,7 @@ summed. So a fit with a leg length for each of a hundred subjects costs no more 
 
 import math
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial, wraps
 from typing import NamedTuple
 
 import jax
@@ -48,6 +48,20 @@ class Context(NamedTuple):
     items: Items
     checked: Items | None
     key: Maybe[PRNGKeyArray]
+
+
+def kept[**P, R](build: Callable[P, R]) -> Callable[P, R]:
+    """Keep what is built, as a compiled program, for the next call with equal arguments, if these can be compared."""
+    cached = lru_cache(maxsize=16)(build)
+
+    @wraps(build)
+    def get(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return cached(*args, **kwargs)  # type: ignore[arg-type]
+        except TypeError:
+            return build(*args, **kwargs)
+
+    return get
 
 
 def of_subject(tree: PyTree, transforms: PyTree, subject: Integer) -> PyTree:
@@ -116,14 +130,13 @@ def value_of(losses: Float[Array, "item"], weights: Float[Array, "item"]) -> Flo
     return jnp.sum(weights * counted) / jnp.maximum(jnp.sum(weights), jnp.finfo(losses.dtype).tiny)
 
 
-def gradient_of(problem: Problem, free: PyTree, slopes: PyTree, items: Items, weights: Float[Array, "item"]) -> PyTree:
-    """Gradient of `value_of`, in the type of `free`, from the gradients of the items."""
-    total = jnp.maximum(jnp.sum(weights), jnp.finfo(weights.dtype).tiny)
+def _summed(problem: Problem, free: PyTree, slopes: PyTree, items: Items, shares: Float[Array, "item"]) -> PyTree:
+    """Σ shareᵢ slopeᵢ over the items, in the type of `free`; of a parameter per subject over the subject's items."""
 
     def gather(transform: Transform, value: PyTree, slope: PyTree) -> PyTree:
         if value is None:
             return None
-        share = (weights / total).astype(slope.dtype).reshape((-1,) + (1,) * (slope.ndim - 1))
+        share = shares.astype(slope.dtype).reshape((-1,) + (1,) * (slope.ndim - 1))
         part = jnp.where(share > 0.0, share * slope, jnp.zeros_like(slope))
         return jnp.zeros_like(value).at[items.subject].add(part) if transform.per_subject else jnp.sum(part, axis=0)
 
@@ -138,8 +151,9 @@ def total(
     weights: Float[Array, "item"],
     count: Scalar,
     forgiving: Bool[Array, ""],
-) -> tuple[Float[Array, ""], PyTree, Bool[Array, "item"]]:
-    """The minimised value, its gradient, and whether each item's loss and gradient are finite, (n,) bool.
+) -> tuple[Float[Array, ""], PyTree, PyTree, Bool[Array, "item"]]:
+    """The minimised value, its gradient, the gradient's squared standard error over the items, and whether each item's
+    loss and gradient are finite, (n,) bool.
 
     Σ wᵢ lossᵢ / Σ wᵢ + penalty / count: with losses in nats, the logarithm of the posterior density per item. `count`
     is the sum of the weights of all items; if `forgiving`, items that are not finite are left out.
@@ -150,13 +164,16 @@ def total(
     sound = jax.tree.reduce(jnp.logical_and, axes, jnp.isfinite(losses))
     used = jnp.where(forgiving & ~sound, jnp.zeros_like(weights), weights)
     loss = value_of(losses, used)
-    gradient = gradient_of(problem, free, slopes, items, used)
+    shares = used / jnp.maximum(jnp.sum(used), jnp.finfo(used.dtype).tiny)
+    gradient = _summed(problem, free, slopes, items, shares)
+    # Near an optimum the mean of the items' gradients is 0, so that their mean square is their variance.
+    variance = _summed(problem, free, jax.tree.map(jnp.square, slopes), items, shares**2)
     if problem.priors is not None:
         share = 1.0 / jnp.maximum(count - jnp.sum(weights - used), 1.0)
         more, slope = jax.value_and_grad(lambda f: penalty(problem, f, params))(free)
         loss = loss + (share * more).astype(loss.dtype)
         gradient = jax.tree.map(lambda g, s: g + (share * s).astype(g.dtype), gradient, slope)
-    return loss, gradient, sound
+    return loss, gradient, variance, sound
 
 
 @partial(jax.custom_vjp, nondiff_argnums=(0,))
@@ -174,7 +191,7 @@ def value(
 def _value_forward(
     problem: Problem, free: PyTree, params: PyTree, items: Items, weights: Float[Array, "item"], count: Scalar
 ) -> tuple[Float[Array, ""], PyTree]:
-    loss, gradient, _ = total(problem, free, params, items, weights, count, jnp.zeros((), bool))
+    loss, gradient, *_ = total(problem, free, params, items, weights, count, jnp.zeros((), bool))
     return loss, gradient
 
 

@@ -24,9 +24,19 @@ LOOPS = frozenset({"scan", "while"})
 class Remainder:
     """(params, constants) → loss of an item, by the operations that depend on the free parameters alone."""
 
-    def __init__(self, transforms: PyTree, operations: Any) -> None:
-        """Take the transforms and the traced operations of one item; those of other items differ by constants only."""
-        self.transforms, self.operations = transforms, operations
+    def __init__(self, transforms: PyTree, operations: Any, form: Hashable) -> None:
+        """Take the transforms and the traced operations of one item; those of other items differ by constants only, and
+        have the same form.
+        """
+        self.transforms, self.operations, self._key = transforms, operations, (transforms, form)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both are the same function, so that they share compiled programs."""
+        return isinstance(other, Remainder) and self._key == other._key
+
+    def __hash__(self) -> int:
+        """The hash of what is compared."""
+        return hash(self._key)
 
     def __call__(self, params: PyTree, constants: tuple[list[Array], list[Array]]) -> Float[Array, ""]:
         """The loss; `constants` as of `_constants`."""
@@ -73,7 +83,7 @@ def reduced(problem: Problem, params: PyTree, free: PyTree, items: Items) -> tup
         made.append(_constants(traced))
     data = jax.tree.map(lambda *parts: np.stack(parts), *made)
     return (
-        problem._replace(loss=Remainder(problem.transforms, first)),
+        problem._replace(loss=Remainder(problem.transforms, first, form)),
         Items(data, items.subject),
         traced.out_avals[0].dtype,
     )

@@ -1,15 +1,21 @@
 """Presets: files of parameters that bring the options for which they were tuned."""
 
 import json
+from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+import typer
 from made.command import run
 
-from jgait import io
+from jgait import io, params
+from jgait.commands import preset
 from jgait.commands.pipeline import pipeline_of, start_of
+from jgait.commands.tune_report import TuningOutcome
 from jgait.estimators import noise
 from jgait.estimators.foot_ins import FootParams
+from jgait.evaluate import PairedDifference
 from jgait.io import params as files
 from jgait.types import RecordingError
 
@@ -26,6 +32,64 @@ def test_a_preset_is_listed_with_its_error_and_brings_its_parameters(tmp_path, m
     assert code == 0 and all(word in said for word in ("mine", "foot_ins", "0.21", "0.12"))
     pipeline = pipeline_of("foot_ins", False, "preset:mine")
     assert start_of(pipeline, "preset:mine", False) == pipeline.params._replace(rate_noise=0.07)
+
+
+def test_a_preset_of_ones_own_has_versions_and_a_name_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    held = {"error": "3-D error", "unit": "m", "n": 28, "before": 0.21, "after": 0.12}
+    for rate in (0.06, 0.07):
+        file = io.write_preset(
+            "my_lab", FootParams(rate_noise=rate), estimator="foot_ins",
+            made={"loss": "position", "cohort": "mine", "held_out": held},
+        )  # fmt: skip
+    assert start_of(pipeline_of("foot_ins", False), "preset:my_lab", False).rate_noise == 0.07
+    assert io.made_of("preset:my_lab")[1]["version"] == 2
+    assert io.read_params(file.with_suffix(".v1"), FootParams(), estimator="foot_ins")[0].rate_noise == 0.06
+    assert "my_lab" in run("presets")[1]
+    code, said = run("tune", "--simulated", 2, "--preset", "a/b")
+    assert code == 2 and "letters, digits" in said
+
+
+class Toy(NamedTuple):
+    level: float = 0.0
+    same: float = 0.0
+    torn: float = 0.0
+    kept: float = 0.0
+
+
+TOY = SimpleNamespace(
+    name="toy", params=Toy(), transforms=Toy(*[params.real] * 4), unused=("kept",),
+    about=SimpleNamespace(measures=(), losses=None),
+)  # fmt: skip
+
+
+def squares(p, item):
+    level, torn = item
+    return (level - p.level - 0.5 * p.same) ** 2 + torn * p.torn + p.kept
+
+
+def test_what_people_agree_on_is_learned_each_direction_once():
+    rng = np.random.default_rng(0)
+    items = rng.normal(5.0, 1.0, 12), np.tile([1.0, -1.0], 6)
+    people = [f"p{i}" for i in range(12)]
+    made = SimpleNamespace(data=items)
+    assert preset.learnable(TOY, Toy(), made, people, squares) in (["level"], ["same"])
+    for data, groups in (((0.0 * items[0], items[1]), people), (items, ["a", "b"] * 6)):
+        with pytest.raises(typer.Exit):
+            preset.learnable(TOY, Toy(), SimpleNamespace(data=data), groups, squares)
+
+
+def test_a_preset_is_refused_that_does_not_gain():
+    held = {"error": "|error|", "unit": "cm", "before": 4.0, "after": 3.0}
+    gain, none = PairedDifference(-1.0, -1.5, -0.5, 9, 9, 0), PairedDifference(-0.1, -0.5, 0.2, 9, 5, 4)
+    row = preset.Elsewhere("walking5m", "|error|", "cm", 8, 4.0, 3.9)
+    for change, others, expected in (
+        (None, [], "a verdict needs 6 people"), (gain._replace(n=5), [], "there are 5"),
+        (none, [], "it does not gain on people left out"), (gain, [row], ""),
+        (gain, [row, row._replace(name="foot", after=4.2)], "it is worse on other recordings, foot:"),
+    ):  # fmt: skip
+        reason = preset.refusal(TuningOutcome({"held_out": held}, {}, change), "people", others)
+        assert expected in reason and bool(reason) == bool(expected)
 
 
 def written(folder, model, **made):

@@ -298,3 +298,46 @@ def test_a_parameter_does_not_run_to_the_end_of_its_range_where_the_loss_becomes
         found = tune.fit(loss, 1.0, positive, np.full(3, slope), optax.sgd(300.0), steps=8)
         assert np.isfinite(found.params) and found.params > 0.0
         assert 0.0 < found.best_loss < 900.0
+
+
+def test_a_fit_without_an_optimiser_ends_at_the_optimum_within_a_tenth_of_its_standard_error():
+    values = np.random.default_rng(0).normal(3.0, 2.0, (50, 20))
+
+    def nats(params, item):
+        return jnp.sum(0.5 * ((item - params.slope) / params.scale) ** 2 + jnp.log(params.scale))
+
+    fit = tune.fit(nats, START, Line(real, positive, fixed), values)
+    assert fit.losses.size < 30 and (np.diff(fit.losses) <= 0.0).all()  # of the 100 steps allowed
+    stderr = values.std() / np.sqrt(values.size)
+    assert abs(float(fit.params.slope) - values.mean()) < 0.1 * stderr
+    assert abs(float(fit.params.scale) - values.std()) < 0.1 * stderr / np.sqrt(2.0)
+
+
+def test_a_fit_without_an_optimiser_follows_a_narrow_curved_valley_and_takes_back_what_is_not_finite():
+    def valley(params, item):
+        return item * ((1.0 - params.slope) ** 2 + 100.0 * (params.scale - params.slope**2) ** 2)
+
+    fit = tune.fit(valley, START._replace(slope=-1.2), Line(real, real, fixed), np.ones(1))
+    np.testing.assert_allclose(fit.params[:2], 1.0, atol=1e-5)
+    fit = tune.fit(cliff, START._replace(slope=0.0), Line(real, fixed, fixed), jnp.ones(1), steps=30)
+    assert not fit.accepted.all() and 0.9 < float(fit.params.slope) < 1.0
+    with pytest.raises(ValueError, match="minibatches need an optimizer of optax"):
+        tune.fit(bowl, START, FREE, TARGETS, minibatch=1, key=jax.random.key(0))
+
+
+def test_equal_fits_share_a_program():
+    traced: list[None] = []
+
+    def counted(params, target):
+        traced.append(None)
+        return bowl(params, target)
+
+    def fit(rate):
+        return tune.fit(counted, START, FREE._replace(share=interval(0.0, 1.0)), TARGETS, optax.adam(rate), steps=4)
+
+    first = fit(0.1)
+    before = len(traced)
+    assert fit(0.1).params == first.params
+    once = len(traced) - before  # the loss's type is read in each call
+    assert once <= 1
+    assert fit(0.2).params != first.params and len(traced) > before + 2 * once

@@ -1,0 +1,205 @@
+"""A laboratory's preset: what a cohort can teach an estimator, judged on people left out and on public sets."""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PyTree
+
+from jgait import datasets, evaluate, io
+from jgait.commands import cohort as cohorts
+from jgait.commands.console import Bar, console, progress, stop, table_of, visible, wrote
+from jgait.commands.lessons import lessons_of, prepared
+from jgait.commands.pipeline import measures_of
+from jgait.commands.tune_report import ENOUGH, TuningOutcome
+from jgait.estimators import Estimator
+from jgait.params import constrain, freed, names, unconstrain
+from jgait.report.page import significant
+from jgait.tune import LOSSES, Lessons, Objective, lacking, objective
+from jgait.tune.identifiability import TOGETHER
+from jgait.tune.problem import kept
+from jgait.types import Walk
+
+PREFERRED = ("position", "trajectory", "stride_length", "distance", "stride_time")
+"""Losses of a reference from which a preset is learned, the most informative first."""
+
+NATS = 0.05
+"""Weight of the likelihood beside the loss of the reference [initial loss of the reference for each nat of a sample].
+It determines what the reference leaves open: .2 nat a sample count as 1 % of the loss."""
+
+AGREED = 2.0
+"""Least mean gradient of a parameter that is learned, over people [its standard errors]: people agree on the sign."""
+
+PEOPLE_EACH = 3
+"""Least number of people, or days, for each learned number."""
+
+WALKS = 8
+"""Largest number of walks of a public set by which a preset is judged; chosen for the time."""
+
+HARM = 1.01
+"""Largest ratio of the median errors on a public set after and before at which a preset is written [1]."""
+
+
+class Elsewhere(NamedTuple):
+    """The median error of the walks of a public set before and after."""
+
+    name: str
+    words: str
+    unit: str
+    n: int
+    before: float
+    after: float
+
+
+def loss_of(pipeline: Estimator[PyTree, PyTree], walks: Sequence[Walk]) -> str:
+    """The first of `PREFERRED` that the references of at least half of the walks answer; exits with code 2 if none."""
+    answers = _answers(pipeline)
+    counts = {name: sum(not lacking(name, walk.reference) for walk in walks) for name in answers}
+    usable = [name for name, count in counts.items() if 2 * count >= max(1, len(walks))]
+    if not usable:
+        stop(f"a preset of {pipeline.name} needs references, for one of {', '.join(answers)}")
+    return usable[0]
+
+
+def _answers(pipeline: Estimator[PyTree, PyTree]) -> list[str]:
+    return [name for name in PREFERRED if pipeline.about.losses is None or name in pipeline.about.losses]
+
+
+def terms_of(pipeline: Estimator[PyTree, PyTree], start: PyTree, made: Lessons, loss: dict[str, float]) -> Objective:
+    """The loss of the reference over its value at the start, and the likelihood of the measurements beside it."""
+    losses, _ = _scores(objective(pipeline, made.options, loss), start, pipeline.transforms, made.data, False)
+    terms = {name: weight / max(float(np.nanmean(losses)), 1e-12) for name, weight in loss.items()}
+    if "likelihood" in (pipeline.about.losses or ()) and "likelihood" not in terms:
+        terms["likelihood"] = NATS / float(np.mean(np.sum(made.data.look, axis=1)))
+    return objective(pipeline, made.options, terms)
+
+
+def learnable(
+    pipeline: Estimator[PyTree, PyTree], start: PyTree, made: Lessons, groups: Sequence[str], terms: Objective
+) -> list[str]:
+    """Names of the parameters on whose direction the references of the people, or days, agree, and that are not
+    collinear; the clearest first, at most one for each `PEOPLE_EACH` groups. Exits with code 2 if there is none.
+    """
+    body = {measure.parameter or measure.name for measure in pipeline.about.measures
+            if measure.name in measures_of(pipeline)}  # fmt: skip
+    without = (*pipeline.unused, *body)
+    rows = zip(names(pipeline.transforms), *map(_leaves, (pipeline.transforms, start)), strict=True)
+    free = [
+        name
+        for name, transform, value in rows
+        if transform.to_free is not None
+        and np.ndim(value) == 0
+        and np.isfinite(transform.to_free(jnp.asarray(value)))
+        and not any(name == other or name.startswith(f"{other}.") for other in without)
+    ]
+    _, slopes = _scores(terms, start, freed(pipeline.transforms, *free), made.data, True)
+    of = np.asarray(groups)
+    scores = np.stack([np.nan_to_num(slopes)[of == group].sum(axis=0) for group in dict.fromkeys(groups)])
+    centred = scores - scores.mean(axis=0)
+    size = np.sqrt(np.maximum((centred**2).sum(axis=0), np.finfo(float).tiny))
+    clear = np.abs(scores.sum(axis=0)) / (size * np.sqrt(len(scores) / max(1, len(scores) - 1)))
+    chosen: list[int] = []
+    for k in np.argsort(-clear, kind="stable"):
+        apart = all(abs(centred[:, k] @ centred[:, j]) < TOGETHER * size[k] * size[j] for j in chosen)
+        if clear[k] >= AGREED and apart and len(chosen) < len(scores) // PEOPLE_EACH:
+            chosen.append(int(k))
+    if not chosen:
+        few = f"{len(scores)} people or days are too few to learn from"
+        disagree = f"these recordings do not agree on the direction of any of {len(free)} parameters"
+        stop(f"no preset is written: {few if len(scores) < PEOPLE_EACH else disagree}")
+    return [free[k] for k in chosen]
+
+
+def _leaves(tree: PyTree) -> list[PyTree]:
+    return jax.tree.leaves(tree, is_leaf=lambda node: hasattr(node, "to_free"))
+
+
+def _scores(
+    terms: Objective, start: PyTree, transforms: PyTree, data: PyTree, slopes: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """The loss (n,) of every lesson, and its gradient (n, p) in free coordinates; one lesson after another."""
+    free = unconstrain(jax.tree.map(jnp.asarray, start), transforms)
+    losses, gradients = _program(terms, transforms, slopes)(free, start, data)
+    parts = [np.asarray(leaf)[:, None] for leaf in jax.tree.leaves(gradients)]
+    return np.asarray(losses, float), np.concatenate(parts, axis=1) if parts else np.zeros((len(losses), 0))
+
+
+@kept
+def _program(terms: Objective, transforms: PyTree, slopes: bool) -> Any:
+    def loss(free: PyTree, start: PyTree, item: PyTree) -> Float[Array, ""]:
+        return terms(constrain(free, transforms, start), item)
+
+    def of_item(free: PyTree, start: PyTree, item: PyTree) -> PyTree:
+        return jax.value_and_grad(loss)(free, start, item) if slopes else (loss(free, start, item), ())
+
+    return jax.jit(lambda free, start, data: jax.lax.map(partial(of_item, free, start), data))
+
+
+def elsewhere(
+    pipeline: Estimator[PyTree, PyTree], start: PyTree, params: PyTree, judged: str, without: str | None
+) -> list[Elsewhere]:
+    """The errors on every public set on this computer that the estimator can use, but for the one learned from."""
+    rows, answers = [], _answers(pipeline)
+    for name in datasets.list_datasets():
+        if name == without or not datasets.available(name):
+            continue
+        source = cohorts.source(None, name, None, 0, None, None, measures_of(pipeline))
+        picked = np.unique(np.linspace(0, len(source.items) - 1, WALKS).round().astype(int))
+        walks, ready = prepared(source._replace(items=[source.items[k] for k in picked]), pipeline, [])
+        for loss in dict.fromkeys((judged, *answers)):
+            try:
+                made = lessons_of(ready, walks, start, [], [], [loss])
+            except ValueError:  # the set has no such sensors, or no such reference
+                continue
+            both = [evaluate.judged(pipeline, p, made, [loss])[loss] for p in (start, params)]
+            finite = np.isfinite(both).all(axis=0)
+            if finite.any():
+                medians = (float(np.median(errors[finite])) for errors in both)
+                rows.append(Elsewhere(name, LOSSES[loss].words, LOSSES[loss].unit, int(finite.sum()), *medians))
+            break
+    return rows
+
+
+def refusal(outcome: TuningOutcome, many: str, others: Sequence[Elsewhere]) -> str:
+    """Why no preset is written, in words; "" if it is better on people, or days, left out, and spoils no other set."""
+    change, held = outcome.change, outcome.made["held_out"]
+    if change is None or change.n < ENOUGH:
+        return f"a verdict needs {ENOUGH} {many}, each left out once; there are {0 if change is None else change.n}"
+    if not change.high < 0.0 or not held["after"] < held["before"]:
+        return (
+            f"it does not gain on {many} left out: median {held['error']} {significant(held['before'])} {held['unit']} "
+            f"before, {significant(held['after'])} after; {change.better} better, {change.worse} worse; the median "
+            f"change is {significant(change.low)} to {significant(change.high)} with 95 %"
+        )
+    spoilt = [row for row in others if not row.after <= HARM * row.before]
+    each = (f"{row.name}: {row.words} {significant(row.before)} {row.unit} before, {significant(row.after)} after"
+            for row in spoilt)  # fmt: skip
+    return f"it is worse on other recordings, {'; '.join(each)}" if spoilt else ""
+
+
+def write(
+    name: str, pipeline: Estimator[PyTree, PyTree], start: PyTree, params: PyTree, outcome: TuningOutcome, many: str,
+    judged: str, dataset: str | None,
+) -> None:  # fmt: skip
+    """Write the preset with the table of its proof; exits with code 2 and the reason if it does not gain."""
+    reason, others = refusal(outcome, many, []), []
+    if not reason:
+        with progress() as bars:
+            Bar(bars).begin("judging on the public sets on this computer")
+            others = elsewhere(pipeline, start, params, judged, dataset)
+        reason = refusal(outcome, many, others)
+    if others:
+        shown = table_of("public set", "error, median of walks", "walks", "before", "after", left=2)
+        for row in others:
+            numbers = (str(row.n), significant(row.before), significant(row.after))
+            shown.add_row(*map(visible, (row.name, f"{row.words} [{row.unit}]")), *numbers)
+        console.print(shown)
+    if reason:
+        stop(f"no preset is written: {reason}")
+    made = outcome.made | {"elsewhere": [row._asdict() for row in others]}
+    file = io.write_preset(name, params, estimator=pipeline.name, stderr=outcome.spreads, made=made)
+    wrote([file])
+    console.print(f"any command takes it by --params preset:{name}", highlight=False)
