@@ -172,7 +172,9 @@ def ride(rng: np.random.Generator, seconds: float = 45.0) -> Pose:
         return np.deg2rad(degrees) * speed * band(rng, len(s.t), 0.5, 4.0)
 
     trunk[:, 1] = wobble(rng.uniform(0.3, 1.5))
-    legs = {side: leg + np.stack([wobble(0.6) for _ in range(3)], 1) for side, leg in reached(hip, ankles, feet).items()}
+    legs = {
+        side: leg + np.stack([wobble(0.6) for _ in range(3)], 1) for side, leg in reached(hip, ankles, feet).items()
+    }
     return Pose(hip, trunk, legs, shake)
 
 
@@ -264,12 +266,12 @@ def bends(rng: np.random.Generator, seconds: float = 20.0) -> Pose:
 type Movement = Callable[[np.random.Generator], Pose]
 
 CHOSEN: dict[str, Movement] = {
-    "stepping in place": in_place, "leg swings": leg_swings, "knee bends": knee_bends, "chairs": chairs, "ride": ride,
+    "stepping in place": in_place, "knee bends": knee_bends, "chairs": chairs, "cycling": cycling, "ride": ride,
 }  # fmt: skip
 """Movements from which numbers may be learned."""
 
 JUDGED: dict[str, Movement] = {
-    "squats": squats, "cycling": cycling, "jumps": jumps, "heel rises": heel_rises, "bends": bends,
+    "leg swings": leg_swings, "squats": squats, "jumps": jumps, "heel rises": heel_rises, "bends": bends,
 }  # fmt: skip
 """Movements on which numbers are judged alone."""
 

@@ -28,8 +28,8 @@ NOT_WALKING = Kind(
     "not_walking",
     "info",
     "the person {does} for {seconds:.0f} s in all, from {begin_s:.3g} s to {end_s:.3g} s; taken for standing",
-    "Only walking gives strides, distance, axes of sensors and the zero of angles. Movements of other kinds are detected "
-    "by how far the legs get along their paths, and by how the trunk is accelerated with the steps.",
+    "Only walking gives strides, distance, axes of sensors and the zero of angles. Other movements are detected by how "
+    "far the legs get along their paths, and by how the trunk is accelerated with the steps.",
 )
 
 type Span = tuple[float, float]
@@ -51,7 +51,9 @@ def walking_alone(recording: Recording) -> Walking:
     runs, kinds = _stretches(moved)
     if not runs:
         return Walking(recording._replace(moves=()), (), ())
-    rests = ~moved.carried & np.stack([moved.quiet & _upright(imu, moved) for imu in recording.sensors.values()]).all(axis=0)
+    rests = ~moved.carried & np.stack([moved.quiet & _upright(imu, moved) for imu in recording.sensors.values()]).all(
+        axis=0
+    )
     runs = [_with_sitting(run, moved.quiet, rests) for run in runs]
     sensors = {name: _stood(imu, moved, runs, rests) for name, imu in recording.sensors.items()}
     spans = tuple((float(moved.time[a]), float(moved.time[b - 1])) for a, b in runs)
@@ -64,7 +66,10 @@ def walking_alone(recording: Recording) -> Walking:
                 does=KINDS[kind], seconds=sum(b - a for a, b in of), begin_s=of[0][0] - begin, end_s=of[-1][1] - begin
             )
         )
-    return Walking(recording._replace(sensors=sensors, moves=spans), spans, tuple(notes))
+    apart = recording.feet_range
+    if apart is not None:
+        apart = apart._replace(mask=np.asarray(apart.mask, bool) & ~inside(as_float(apart.time), spans))
+    return Walking(recording._replace(sensors=sensors, moves=spans, feet_range=apart), spans, tuple(notes))
 
 
 def inside(time: np.ndarray, spans: tuple[Span, ...]) -> np.ndarray:
@@ -97,7 +102,9 @@ def _stretches(moved: Movement) -> tuple[list[tuple[int, int]], list[str]]:
 def _upright(imu: Imu, moved: Movement) -> np.ndarray:
     """(N,) bool, the sensor's mean force over half a second is near that in walking; all if nobody walks."""
     time, acc = as_float(imu.time), as_float(imu.acc)
-    slow = np.stack([np.convolve(np.interp(moved.time, time, column), np.full(11, 1 / 11), "same") for column in acc.T], 1)
+    slow = np.stack(
+        [np.convolve(np.interp(moved.time, time, column), np.full(11, 1 / 11), "same") for column in acc.T], 1
+    )
     walks = ~moved.quiet & ~moved.carried & (moved.probability["walking"] > WALKS)
     if walks.sum() * STEP_S < LEAST_S:
         return np.ones(len(moved.time), bool)

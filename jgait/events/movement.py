@@ -12,14 +12,14 @@ them into probabilities.
 """
 
 import json
-from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
 from typing import NamedTuple
 
 import numpy as np
 
-from jgait.signal.windows import held_mean, held_spread, window_maximum, window_size
+from jgait.geometry.vectors import GRAVITY
+from jgait.signal.windows import held_mean, held_spread, over_losses, window_maximum, window_size
 from jgait.types import Imu, Recording, as_float
 
 KINDS = {
@@ -38,19 +38,20 @@ TRUNK = ("lower_back", "pelvis", "waist")
 """Placements whose evidence is that of a trunk."""
 
 CALM_S, JOLT = 0.1, 5.0
-"""[s] Window of the unrest √(ω² + (Δf / `JOLT`)²) of a sensor, with the spread Δf of its specific force; [m/s²]."""
+"""[s] Window of the unrest √(ω² + (Δf / `JOLT`)²) of a sensor, with the spread Δf of its specific force; [m/s²]. The
+unrest of legs in movement has a third part, the difference of the specific force's size from gravity."""
 
-STANDS, CALM, AROUND_S, BETWEEN_S = 0.35, 0.6, 0.9, 0.25
+STANDS, CALM, AROUND_S, BETWEEN_S, STRIDE_S = 0.28, 0.6, 0.9, 0.25, 3.0
 """A foot stands where the unrest is least within `BETWEEN_S` [s], and below `CALM` [rad/s] or `STANDS` [1] times the
-largest unrest within `AROUND_S` [s]."""
+largest unrest within `AROUND_S` [s]. After `STRIDE_S` [s] without standing no distance is known."""
 
 QUIET, QUIET_TRUNK, QUIET_S = 0.35, 0.12, 0.4
-"""[rad/s] Unrest below which a leg's sensor, and one on the trunk, is at rest if it is so for `QUIET_S` [s]; that of the
+"""[rad/s] Unrest below which a leg's sensor, and one on the trunk, is at rest if it is so for `QUIET_S` [s]; that of a
 trunk, which moves less, is over as long a window."""
 
-MOVES, SHAKES = 0.8, 0.02
-"""[rad/s], [m²/s⁴] Largest unrest of a leg, and power of the trunk's acceleration, below which a window is no evidence.
-"""
+MOVES, SHAKES, LOST = 0.8, 0.02, 0.1
+"""[rad/s], [m²/s⁴] Largest unrest of a leg, and power of the trunk's acceleration, below which a window is no evidence;
+and [1] share of lost samples above which it is none either."""
 
 CARRIED, CARRIED_S = 0.15, 1.0
 """[m/s²] Change of the mean force within `CARRIED_S` [s], beyond what the trunk turns, above which a person at rest is
@@ -65,7 +66,7 @@ WALKS = 0.2
 what is not measured cannot be mended."""
 
 EVIDENCE = {
-    "leg": {"straight": -1, "turn": -1, "calm": 1, "unrest": 0, "path": 0},
+    "leg": {"straight": -1, "turn": -1, "calm": 1, "unrest": -1, "path": 0, "skew": -1, "pull": 1},
     "trunk": {
         "surge": -1, "quarter": -1, "rhythm": 0, "lean": 1, "slow": 1, "heave": 0, "level": -1, "spin": -1,
     },
@@ -78,6 +79,8 @@ EVIDENCE = {
 | `turn` | change of heading, up to half a turn |
 | `calm` | logarithm of the mean unrest at which the foot stands over the largest |
 | `unrest`, `path` | logarithm of the largest unrest, and of the length of the path |
+| `skew` | share of the third moment of the angular rate that is about one axis in one direction |
+| `pull` | logarithm of the mean acceleration at which the foot stands over gravity |
 
 | trunk | |
 |---|---|
@@ -111,8 +114,9 @@ def weights() -> dict[str, np.ndarray]:
 
 
 def movement(recording: Recording) -> Movement | None:
-    """How the person of a recording moves, while all sensors measure; None without a sensor on shanks, ankles, feet or the
-    trunk, or if a sensor cannot be read.
+    """How the person of a recording moves, while all sensors measure.
+
+    None without a sensor on a shank, at an ankle, on a foot or on the trunk, or if a sensor cannot be read.
     """
     if not recording.sensors or not all(map(_readable, recording.sensors.values())):
         return None
@@ -126,22 +130,35 @@ def movement(recording: Recording) -> Movement | None:
     for placement, imu in recording.sensors.items():
         segment = segment_of(placement)
         rate = (len(imu.time) - 1) / float(imu.time[-1] - imu.time[0])
+        measured = np.asarray(imu.mask, bool)
+        if not measured.any():
+            continue
+        gyr, acc = (over_losses(np.arange(len(measured)), values, measured) for values in (imu.gyr, imu.acc))
+        imu = imu._replace(gyr=gyr, acc=acc)
         limit, wide = (QUIET_TRUNK, QUIET_S) if segment == "trunk" else (QUIET, CALM_S)
-        restless = unrest(as_float(imu.gyr), as_float(imu.acc), rate, wide)
-        around = window_maximum(restless, window_size(QUIET_S, rate))
+        restless = np.where(_lost(measured, QUIET_S, rate) > 0.5, np.inf, unrest(gyr, acc, rate, wide))
+        around = np.minimum(window_maximum(restless, window_size(QUIET_S, rate)), 1e3)
         quiet &= np.interp(time, as_float(imu.time), around) < limit
         if segment == "trunk":
             carried |= np.interp(time, as_float(imu.time), _carried(imu, around < limit, rate)) > 0.5
         if segment:
             at, odds = of_sensor(placement, imu, rate)
-            grids.append((at + float(imu.time[0]), odds))
+            lost = np.interp(at, as_float(imu.time) - imu.time[0], _lost(measured, WINDOW_S, rate))
+            grids.append((at + float(imu.time[0]), np.where((lost > LOST)[:, None], 0.0, odds)))
     if not grids:
         return None
     at = np.arange(begin, end, GRID_S)
     odds = sum(np.stack([np.interp(at, when, column) for column in rows.T], axis=1) for when, rows in grids)
     chance = smoothed(TEMPER * np.asarray(odds))
     nearest = np.clip(np.rint((time - begin) / GRID_S).astype(int), 0, len(at) - 1)
-    return Movement(time, quiet & ~carried, quiet & carried, {kind: chance[nearest, number] for number, kind in enumerate(KINDS)})
+    return Movement(
+        time, quiet & ~carried, quiet & carried, {kind: chance[nearest, number] for number, kind in enumerate(KINDS)}
+    )
+
+
+def _lost(measured: np.ndarray, seconds: float, rate: float) -> np.ndarray:
+    """(T,) share of lost samples in a window."""
+    return held_mean((~measured).astype(np.float64), window_size(seconds, rate))
 
 
 def _carried(imu: Imu, quiet: np.ndarray, rate: float) -> np.ndarray:
@@ -240,13 +257,16 @@ def of_leg(imu: Imu, rate: float, lever: float) -> Evidence:
     the mean specific force in between is gravity, up to the change of velocity.
     """
     gyr, acc = as_float(imu.gyr), as_float(imu.acc)
-    samples, restless = len(gyr), unrest(gyr, acc, rate)
+    samples, calm = len(gyr), window_size(CALM_S, rate)
+    accelerated = held_mean(np.linalg.norm(acc, axis=1) - GRAVITY, calm)
+    restless = np.hypot(unrest(gyr, acc, rate), accelerated / JOLT)
     at = standing_instants(restless, rate)
-    turns, calm = attitudes(gyr, rate), window_size(CALM_S, rate)
+    turns = attitudes(gyr, rate)
     force, spin = (np.einsum("tij,tj->ti", turns, values) for values in (acc, gyr))
     edges = np.unique(np.concatenate([[0], at, [samples - 1]]))
-    up = held_mean(force, calm)[edges]
-    start = np.cross(held_mean(spin, calm)[edges], lever * up / np.linalg.norm(up, axis=1, keepdims=True))
+    quiet = held_mean(force, calm)
+    up = quiet[edges] / np.linalg.norm(quiet[edges], axis=1, keepdims=True)
+    start = np.cross(held_mean(spin, calm)[edges], lever * up)
     cycle = np.clip(np.searchsorted(edges, np.arange(samples), side="right") - 1, 0, len(edges) - 2)
     lasts = np.diff(edges)
     sums = np.cumsum(np.concatenate([np.zeros((1, 3)), force]), axis=0)
@@ -256,19 +276,24 @@ def of_leg(imu: Imu, rate: float, lever: float) -> Evidence:
     gained = (sums[:-1] - sums[edges[:-1]][cycle] - mean[cycle] * since) / rate
     step = (start[:-1][cycle] + gained + (start[1:] - start[:-1])[cycle] * since / lasts[cycle][:, None]) / rate
     along = np.sum(step * vertical, axis=1, keepdims=True)
-    columns = [step - along * vertical, np.linalg.norm(step, axis=1), np.sum(spin * vertical, axis=1) / rate]
+    known = (lasts[cycle] < STRIDE_S * rate)[:, None]
+    columns = [known * (step - along * vertical), np.linalg.norm(step, axis=1), np.sum(spin * vertical, axis=1) / rate]
     stood = np.zeros(samples)
     stood[at] = 1.0
-    columns += [stood, stood * restless]
+    pull = np.linalg.norm(quiet - mean[cycle], axis=1) / GRAVITY
+    cubes = np.sum(gyr**2, axis=1, keepdims=True) * gyr
+    columns += [stood, stood * restless, stood * pull, np.linalg.norm(cubes, axis=1), cubes]
     total = np.cumsum(np.pad(np.column_stack(columns), ((1, 0), (0, 0))), axis=0)
     grid, half = np.arange(0, samples, max(1, round(GRID_S * rate))), round(0.5 * WINDOW_S * rate)
     change = total[np.minimum(grid + half, samples)] - total[np.maximum(grid - half, 0)]
-    net, path, turn, count, unrests = np.linalg.norm(change[:, :3], axis=1), *change[:, 3:].T
+    net, path, turn, count, unrests, pulls, cubed = np.linalg.norm(change[:, :3], axis=1), *change[:, 3:9].T
     most = window_maximum(restless, 2 * half + 1)[grid]
     calmest = np.where(count > 0, unrests / np.maximum(count, 1.0), most) / most
     return grid / rate, {
         "straight": net / (path + 0.1), "turn": np.minimum(np.abs(turn) / np.pi, 1.0),
         "calm": np.log(np.clip(calmest, 3e-3, 1.0)), "unrest": np.log(most), "path": np.log(path + 0.1),
+        "skew": np.linalg.norm(change[:, 9:], axis=1) / np.maximum(cubed, 1e-9),
+        "pull": np.log(np.clip(pulls / np.maximum(count, 1.0), 0.03, 1.0)),
     }, most > MOVES  # fmt: skip
 
 
