@@ -83,10 +83,11 @@ def cases(people: int, places: tuple[str, ...]) -> Iterator[Case]:
         first, second = of_person(number)
         for index, (kind, movement) in enumerate({**CHOSEN, **JUDGED}.items()):
             for place in places:
-                yield from _cases(kind, movement, place, first, second, SEED + 100 * number + index)
+                yield from variants(kind, movement, place, first, second, SEED + 100 * number + index)
 
 
-def _cases(kind: str, movement: Movement, place: str, first: Signals, second: Signals, seed: int) -> Iterator[Case]:
+def variants(kind: str, movement: Movement, place: str, first: Signals, second: Signals, seed: int) -> Iterator[Case]:
+    """A movement before, between or after two walks of a person, for each choice of sensors."""
     rng = np.random.default_rng(seed)
     moved = fitted(readings(movement(rng)), first)
     order = {

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.events.movement import CARRIED_S, KINDS, STEP_S, WALKS, Movement, movement
+from jgait.events.movement import CARRIED_S, KINDS, STEP_S, WALKS, Activity, movement
 from jgait.notes import Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import Imu, Recording, as_float
@@ -54,7 +54,7 @@ def walking_alone(recording: Recording) -> Walking:
     rests = ~moved.carried & np.stack([moved.quiet & _upright(imu, moved) for imu in recording.sensors.values()]).all(
         axis=0
     )
-    runs = [_with_sitting(run, moved.quiet, rests) for run in runs]
+    runs, kinds = _joined([_with_sitting(run, moved.quiet | moved.carried, rests) for run in runs], kinds)
     sensors = {name: _stood(imu, moved, runs, rests) for name, imu in recording.sensors.items()}
     spans = tuple((float(moved.time[a]), float(moved.time[b - 1])) for a, b in runs)
     begin = min(float(imu.time[0]) for imu in recording.sensors.values())
@@ -77,7 +77,7 @@ def inside(time: np.ndarray, spans: tuple[Span, ...]) -> np.ndarray:
     return np.any([(time >= begin) & (time <= end) for begin, end in spans], axis=0) if spans else time < -np.inf
 
 
-def _stretches(moved: Movement) -> tuple[list[tuple[int, int]], list[str]]:
+def _stretches(moved: Activity) -> tuple[list[tuple[int, int]], list[str]]:
     """Half-open ranges of samples of movements that are no walking, and the kind of each."""
     moves = ~moved.quiet & ~moved.carried
     for a, b in true_runs(~moves):
@@ -99,7 +99,7 @@ def _stretches(moved: Movement) -> tuple[list[tuple[int, int]], list[str]]:
     return [runs[k] for k in order], [kinds[k] for k in order]
 
 
-def _upright(imu: Imu, moved: Movement) -> np.ndarray:
+def _upright(imu: Imu, moved: Activity) -> np.ndarray:
     """(N,) bool, the sensor's mean force over half a second is near that in walking; all if nobody walks."""
     time, acc = as_float(imu.time), as_float(imu.acc)
     slow = np.stack(
@@ -123,7 +123,19 @@ def _with_sitting(run: tuple[int, int], quiet: np.ndarray, rests: np.ndarray) ->
     return a, b
 
 
-def _stood(imu: Imu, moved: Movement, runs: list[tuple[int, int]], rests: np.ndarray) -> Imu:
+def _joined(runs: list[tuple[int, int]], kinds: list[str]) -> tuple[list[tuple[int, int]], list[str]]:
+    """The stretches, those with hardly any standing between them as one, of the kind of the first."""
+    joined, of = runs[:1], kinds[:1]
+    for (a, b), kind in zip(runs[1:], kinds[1:], strict=True):
+        if a <= joined[-1][1] + PAUSE_S / STEP_S:
+            joined[-1] = joined[-1][0], max(b, joined[-1][1])
+        else:
+            joined.append((a, b))
+            of.append(kind)
+    return joined, of
+
+
+def _stood(imu: Imu, moved: Activity, runs: list[tuple[int, int]], rests: np.ndarray) -> Imu:
     """The sensor with standing in place of some stretches; where there is none beside them, samples are lost."""
     time = as_float(imu.time)
     gyr, acc, mask = as_float(imu.gyr).copy(), as_float(imu.acc).copy(), np.asarray(imu.mask, bool).copy()

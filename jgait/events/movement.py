@@ -29,7 +29,7 @@ KINDS = {
 """Movements, and how a note states them."""
 
 STEP_S, GRID_S, WINDOW_S = 0.05, 0.25, 3.2
-"""[s] Interval of the times of a `Movement`, interval at which evidence is computed, and window of the evidence."""
+"""[s] Interval of the times of an `Activity`, interval at which evidence is computed, and window of the evidence."""
 
 LEVERS = {"foot": 0.05, "ankle": 0.1, "shank": 0.3}
 """[m] Usual height of a sensor over the point about which the segment turns while its foot stands."""
@@ -97,7 +97,7 @@ QUARTER = np.deg2rad(103.0)
 """[rad] Usual phase of the forward before the upward acceleration, median of `ipol_gait`."""
 
 
-class Movement(NamedTuple):
+class Activity(NamedTuple):
     """How a person moves."""
 
     time: np.ndarray  #: (N,) every `STEP_S` [s], on the sensors' clock.
@@ -113,7 +113,7 @@ def weights() -> dict[str, np.ndarray]:
     return {name: np.asarray(rows, np.float64) for name, rows in json.loads(text)["weights"].items()}
 
 
-def movement(recording: Recording) -> Movement | None:
+def movement(recording: Recording) -> Activity | None:
     """How the person of a recording moves, while all sensors measure.
 
     None without a sensor on a shank, at an ankle, on a foot or on the trunk, or if a sensor cannot be read.
@@ -151,7 +151,7 @@ def movement(recording: Recording) -> Movement | None:
     odds = sum(np.stack([np.interp(at, when, column) for column in rows.T], axis=1) for when, rows in grids)
     chance = smoothed(TEMPER * np.asarray(odds))
     nearest = np.clip(np.rint((time - begin) / GRID_S).astype(int), 0, len(at) - 1)
-    return Movement(
+    return Activity(
         time, quiet & ~carried, quiet & carried, {kind: chance[nearest, number] for number, kind in enumerate(KINDS)}
     )
 
@@ -169,8 +169,8 @@ def _carried(imu: Imu, quiet: np.ndarray, rate: float) -> np.ndarray:
     force = held_mean(as_float(imu.acc), window_size(QUIET_S, rate))
     turned = np.cumsum(gyr - np.median(gyr[quiet], axis=0), axis=0) / rate
     change = force[lag:] - force[:-lag] + np.cross(turned[lag:] - turned[:-lag], force[lag:])
-    calm = window_maximum(~quiet, 2 * (lag // 2) + 1) < 0.5
-    far = (np.linalg.norm(change, axis=1) > CARRIED) & calm[lag // 2 : lag // 2 + len(change)]
+    calm = held_mean(quiet.astype(np.float64), 2 * (lag // 2) + 1) > 1.0 - 1e-9
+    far = 1.0 * ((np.linalg.norm(change, axis=1) > CARRIED) & calm[lag // 2 : lag // 2 + len(change)])
     return np.asarray(window_maximum(np.pad(far, (lag // 2, lag - lag // 2)), window_size(QUIET_S, rate)) > 0.5)
 
 

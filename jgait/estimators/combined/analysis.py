@@ -189,8 +189,6 @@ def analyse(recording: Recording | str | os.PathLike[str], person: Mapping[str, 
         differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in legs if len(legs) == 1]
     elif any(source.estimate.strides is not None for source in estimates):
         differ = [NO_STRIDES(), *differ]
-        if not any(source.name == "legs" for source in estimates):  # which needs walking
-            placed, off = [note for note in placed if note not in findings.of_walking], off - findings.clocks
     estimate = _assembled(estimates, strides, total, walking.spans)
     if strides is not None:
         differ += _without_angles(estimate, strides)

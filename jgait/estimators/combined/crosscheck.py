@@ -107,7 +107,6 @@ class Findings(NamedTuple):
         crossed: placements of sensors that are exchanged with those of the other leg, also by the reader.
         replaced: placements of sensors that have changed places within a leg, or across.
         clocks: placements on the legs whose clock seems off.
-        of_walking: the notes that hold for a walk alone: other movements show neither place nor clock of a sensor.
     """
 
     notes: tuple[Note, ...]
@@ -117,7 +116,6 @@ class Findings(NamedTuple):
     crossed: frozenset[str]
     replaced: frozenset[str] = frozenset()
     clocks: frozenset[str] = frozenset()
-    of_walking: frozenset[Note] = frozenset()
 
     def explained(self, quality: Mapping[str, SensorQuality]) -> dict[str, SensorQuality]:
         """The quality of the sensors without contradictions that follow from an exchange of sensors: clocks, and within
@@ -165,11 +163,9 @@ def crosscheck(recording: Recording) -> Findings:
     if crossed:  # the reader, which compares all sensors, explains when they swing
         swings = OutOfPhase((), crossed.intersection(sensors), crossed)
     off, of_trunk = _trunk(sensors)
-    of_walking = (*exchanges, *swings.notes, *off)
     return Findings(
         (*notes, *exchanges, *_upside_down(sensors), *swings.notes, *off), frozenset(unusable),
         swings.doubtful | of_trunk, every, swings.crossed, frozenset(itertools.chain(*pairs)), swings.clocks,
-        frozenset(of_walking),
     )  # fmt: skip
 
 
