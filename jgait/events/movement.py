@@ -57,6 +57,9 @@ CARRIED, CARRIED_S = 0.15, 1.0
 """[m/s²] Change of the mean force within `CARRIED_S` [s], beyond what the trunk turns, above which a person at rest is
 carried, as by a treadmill's belt that starts: standing sways less."""
 
+BLOCK = 64
+"""[samples] Rotations that are multiplied together, of all blocks at once."""
+
 CHANGE, TEMPER = 0.01, 0.15
 """[1] Probability that a movement ends within `GRID_S`, and weight of the evidence of one window beside others, which
 share most of its samples."""
@@ -230,11 +233,13 @@ def attitudes(gyr: np.ndarray, rate: float) -> np.ndarray:
     o = np.zeros_like(x)
     k = np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], -2)
     turns = np.eye(3) + np.sin(angle)[:, None, None] * k + (1.0 - np.cos(angle))[:, None, None] * (k @ k)
-    turns[0], shift = np.eye(3), 1
-    while shift < len(turns):  # products of 2, 4, 8 … rotations
-        turns[shift:] = turns[:-shift] @ turns[shift:]
-        shift *= 2
-    return turns
+    turns[0], samples = np.eye(3), len(turns)
+    rows = np.concatenate([turns, np.tile(np.eye(3), (-samples % BLOCK, 1, 1))]).reshape(-1, BLOCK, 3, 3)
+    for k in range(1, BLOCK):
+        rows[:, k] = rows[:, k - 1] @ rows[:, k]
+    for k in range(1, len(rows)):
+        rows[k] = rows[k - 1, -1] @ rows[k]
+    return rows.reshape(-1, 3, 3)[:samples]
 
 
 def standing_instants(restless: np.ndarray, rate: float) -> np.ndarray:
