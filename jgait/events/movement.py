@@ -53,7 +53,7 @@ MOVES, SHAKES, LOST = 0.8, 0.02, 0.1
 """[rad/s], [m²/s⁴] Largest unrest of a leg, and power of the trunk's acceleration, below which a window is no evidence;
 and [1] share of lost samples above which it is none either."""
 
-CARRIED, CARRIED_S = 0.15, 1.0
+CARRIED, CARRIED_S = 0.3, 1.0
 """[m/s²] Change of the mean force within `CARRIED_S` [s], beyond what the trunk turns, above which a person at rest is
 carried, as by a treadmill's belt that starts: standing sways less."""
 
