@@ -292,7 +292,7 @@ def of_leg(imu: Imu, rate: float, lever: float) -> Evidence:
     grid, half = np.arange(0, samples, max(1, round(GRID_S * rate))), round(0.5 * WINDOW_S * rate)
     change = total[np.minimum(grid + half, samples)] - total[np.maximum(grid - half, 0)]
     net, path, turn, count, unrests, pulls, cubed = np.linalg.norm(change[:, :3], axis=1), *change[:, 3:9].T
-    most = window_maximum(restless, 2 * half + 1)[grid]
+    most = np.maximum(window_maximum(restless, 2 * half + 1)[grid], 1e-9)
     calmest = np.where(count > 0, unrests / np.maximum(count, 1.0), most) / most
     return grid / rate, {
         "straight": net / (path + 0.1), "turn": np.minimum(np.abs(turn) / np.pi, 1.0),
