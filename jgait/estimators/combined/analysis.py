@@ -31,7 +31,6 @@ from jgait.estimators.combined.replaced import with_replaced_doubted
 from jgait.estimators.combined.shoes import put_right
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
 from jgait.estimators.combined.strides import JoinedStrides, joined
-from jgait.estimators.combined.unworn import without_unworn
 from jgait.estimators.plausible import knee_notes, knees, paces_mixed
 from jgait.estimators.proportions import in_metres
 from jgait.estimators.stride_flags import stride_notes
@@ -154,7 +153,6 @@ def analyse(recording: Recording | str | os.PathLike[str], person: Mapping[str, 
     strides_of_sources = [source.estimate.strides for source in estimates if source.estimate.strides is not None]
     mixed = {note for strides_of_source in strides_of_sources for note in paces_mixed(strides_of_source)}
     usable, estimates, exchanges = put_right(usable, estimates)
-    estimates, metres = without_unworn(estimates)
     placed = [*findings.notes, *exchanges]
     estimates, share, turned = with_time_wrong(estimates, recording.quality)
     quality = findings.explained(recording.quality)
@@ -172,7 +170,7 @@ def analyse(recording: Recording | str | os.PathLike[str], person: Mapping[str, 
     total, apart = walked(ways)
     if total is not None:  # an error of the time is the same in all sources
         spread = max(total.stddev, share * float(total.distance[-1]))
-        total = total._replace(stddev=float(np.hypot(spread, metres)))
+        total = total._replace(stddev=spread)
     crossed = [side for side in SIDES if findings.crossed & {f"thigh_{side}", f"shank_{side}"}]
     bent = {note for source in estimates for side in crossed for note in knee_notes(source.estimate, side)}
     stated = [note for source in estimates for note in source.estimate.diagnostics["notes"] if note not in mixed | bent]
