@@ -7,7 +7,7 @@ from made.notes import codes
 from scipy.spatial.transform import Rotation
 
 from experiments.unseen2.bodies import CHOSEN, JUDGED, readings
-from experiments.unseen2.movements import Case, variants, of_person
+from experiments.unseen2.movements import Case, of_person, variants
 from jgait import simulate
 from jgait.estimators import ankle_stride, foot_ins, waist
 from jgait.estimators.walking import walking_alone
