@@ -49,7 +49,7 @@ QUIET, QUIET_TRUNK, QUIET_S = 0.35, 0.12, 0.4
 """[rad/s] Unrest below which a leg's sensor, and one on the trunk, is at rest if it is so for `QUIET_S` [s]; that of a
 trunk, which moves less, is over as long a window."""
 
-MOVES, SHAKES, LOST = 0.8, 0.02, 0.1
+MOVES, SHAKES, LOST = 0.4, 0.02, 0.1
 """[rad/s], [m²/s⁴] Largest unrest of a leg, and power of the trunk's acceleration, below which a window is no evidence;
 and [1] share of lost samples above which it is none either."""
 
@@ -142,7 +142,7 @@ def movement(recording: Recording) -> Activity | None:
         restless = np.where(_lost(measured, QUIET_S, rate) > 0.5, np.inf, unrest(gyr, acc, rate, wide))
         around = np.minimum(window_maximum(restless, window_size(QUIET_S, rate)), 1e3)
         quiet &= np.interp(time, as_float(imu.time), around) < limit
-        if segment == "trunk":
+        if segment:
             carried |= np.interp(time, as_float(imu.time), _carried(imu, around < limit, rate)) > 0.5
         if segment:
             at, odds = of_sensor(placement, imu, rate)
