@@ -60,7 +60,7 @@ carried, as by a treadmill's belt that starts: standing sways less."""
 BLOCK = 64
 """[samples] Rotations that are multiplied together, of all blocks at once."""
 
-CHANGE, TEMPER = 0.01, 0.15
+CHANGE, TEMPER = 0.08, 0.15
 """[1] Probability that a movement ends within `GRID_S`, and weight of the evidence of one window beside others, which
 share most of its samples."""
 
