@@ -105,7 +105,7 @@ class Activity(NamedTuple):
 
     time: np.ndarray  #: (N,) every `STEP_S` [s], on the sensors' clock.
     quiet: np.ndarray  #: (N,) bool, all sensors are at rest.
-    carried: np.ndarray  #: (N,) bool, the sensors are at rest, but what the person stands on gains or loses speed.
+    carried: np.ndarray  #: (N,) bool, all are at rest, but what the person stands on gains or loses speed.
     probability: dict[str, np.ndarray]  #: kind of `KINDS` → (N,) its probability where the person moves [1].
 
 
@@ -129,7 +129,7 @@ def movement(recording: Recording) -> Activity | None:
     if end - begin < WINDOW_S:
         return None
     time = np.arange(begin, end + STEP_S, STEP_S)
-    quiet, carried = np.ones(len(time), bool), np.zeros(len(time), bool)
+    quiet, carried = np.ones(len(time), bool), np.ones(len(time), bool)
     for placement, imu in recording.sensors.items():
         segment = segment_of(placement)
         rate = (len(imu.time) - 1) / float(imu.time[-1] - imu.time[0])
@@ -143,7 +143,7 @@ def movement(recording: Recording) -> Activity | None:
         around = np.minimum(window_maximum(restless, window_size(QUIET_S, rate)), 1e3)
         quiet &= np.interp(time, as_float(imu.time), around) < limit
         if segment:
-            carried |= np.interp(time, as_float(imu.time), _carried(imu, around < limit, rate)) > 0.5
+            carried &= np.interp(time, as_float(imu.time), _carried(imu, around < limit, rate)) > 0.5
         if segment:
             at, odds = of_sensor(placement, imu, rate)
             lost = np.interp(at, as_float(imu.time) - imu.time[0], _lost(measured, WINDOW_S, rate))
