@@ -64,7 +64,7 @@ CHANGE, TEMPER = 0.08, 0.15
 """[1] Probability that a movement ends within `GRID_S`, and weight of the evidence of one window beside others, which
 share most of its samples."""
 
-WALKS = 0.2
+WALKS = 0.1
 """[1] Least probability with which a movement is taken for walking: estimates of walking have doubts of their own, and
 what is not measured cannot be mended."""
 
