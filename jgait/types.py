@@ -99,6 +99,8 @@ class Recording(NamedTuple):
         feet_range: distance from the inner side of the left ankle to the right leg, or None.
         quality: placement → facts about its sensor that the reader computed, a `jgait.quality.SensorQuality`; also of
             sensors that the reader left out.
+        moves: stretches in which the person moves without walking (begin, end) [s]; the sensors have standing there.
+            None: not judged, the sensors are as read.
     """
 
     sensors: dict[str, Imu]
@@ -108,6 +110,7 @@ class Recording(NamedTuple):
     notes: tuple[Note, ...] = ()
     feet_range: RangeReadings | None = None
     quality: dict[str, Any] = {}  # noqa: RUF012
+    moves: tuple[tuple[float, float], ...] | None = None
 
     def __repr__(self) -> str:
         parts = [f"{len(imu.time)} samples" for imu in list(self.sensors.values())[:1]]

@@ -30,7 +30,7 @@ def prepared(
         for walk in source.walks(failures, lambda number: bar("reading", number, len(source.items))):
             name = walk.recording.name
             try:
-                made[name] = pipeline.prepare(walk.recording)
+                made[name] = pipeline.prepared(walk.recording)
             except Exception as error:  # is raised where the recording is asked for
                 made[name] = error
             walks.append(walk._replace(recording=walk.recording._replace(sensors={})))

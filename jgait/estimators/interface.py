@@ -18,6 +18,7 @@ from jgait.estimators.about import About
 from jgait.estimators.plausible import implausible, paces_mixed
 from jgait.estimators.programs import bucket
 from jgait.estimators.proportions import gives, with_proportions
+from jgait.estimators.walking import inside, walking_alone
 from jgait.geometry.arrays import on_host
 from jgait.notes import Note, record
 from jgait.params import check_params, ranges
@@ -116,6 +117,7 @@ class Prepared[I](NamedTuple):
         standing: half-open range of samples of quiet standing; None if the estimator does not detect it.
         extra: further input of `finish`; it stays on the host.
         quality: placement → facts about its sensor.
+        moves: stretches in which the person moves without walking, see `Recording`.
     """
 
     inputs: I
@@ -124,6 +126,7 @@ class Prepared[I](NamedTuple):
     standing: tuple[int, int] | None = None
     extra: PyTree = None
     quality: dict[str, SensorQuality] = {}  # noqa: RUF012
+    moves: tuple[tuple[float, float], ...] = ()
 
 
 @record
@@ -191,11 +194,16 @@ class Estimator[P, I](NamedTuple):
         check_kind(p, kind, f"the first argument must be parameters, {kind.__name__}")
         check_recording(recording)
         check_params(p, self.transforms, self.params)
-        prepared = self.prepare(recording)
-        read = {name: facts for name, facts in recording.quality.items() if name in prepared.quality}
-        notes = (*recording.notes, *prepared.notes)
-        prepared = prepared._replace(notes=notes, quality=merged(read, prepared.quality))
+        prepared = self.prepared(recording)
         return self.finished(self.computed(p, prepared), prepared)
+
+    def prepared(self, recording: Recording) -> Prepared[I]:
+        """The result of `prepare` for the walking of a recording alone, with the notes and facts of the reader."""
+        walking = walking_alone(recording)
+        made = self.prepare(walking.recording)
+        read = {name: facts for name, facts in recording.quality.items() if name in made.quality}
+        notes = (*recording.notes, *walking.notes, *made.notes)
+        return made._replace(notes=notes, quality=merged(read, made.quality), moves=walking.spans)
 
     def solve(self, p: P, prepared: Prepared[I]) -> Estimate:
         """The estimate of a prepared recording; as `estimate`."""
@@ -214,6 +222,7 @@ class Estimator[P, I](NamedTuple):
         facts = {"notes": prepared.notes, "standing": prepared.standing, "sensors": prepared.quality}
         result = result._replace(diagnostics={**result.diagnostics, **facts})
         result = result if self.finish is None else self.finish(result, prepared)
+        result = result._replace(valid=result.valid & ~inside(result.time, prepared.moves))
         mixed = () if result.strides is None else paces_mixed(result.strides)
         notes = (*result.diagnostics["notes"], *implausible(result), *mixed)
         return result._replace(diagnostics={**result.diagnostics, "notes": notes})

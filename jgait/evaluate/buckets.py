@@ -84,7 +84,7 @@ def prepared(job: CohortJob, name: str, item: PyTree) -> Ready | Failed:
         recording = walk.recording
         subject = recording.subject
         params = _params(job, walk)
-        made = job.estimator.prepare(recording)
+        made = job.estimator.prepared(recording)
         time = np.asarray(made.inputs.time, np.float64)
         if not time.size:
             raise RecordingError("the recording holds no samples")
@@ -92,9 +92,7 @@ def prepared(job: CohortJob, name: str, item: PyTree) -> Ready | Failed:
         leaves, structure = jax.tree.flatten((_padded(job, made), params))
         bucket = (made.options, structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves))
         kept = walk._replace(recording=recording._replace(sensors={}))
-        made = made._replace(
-            inputs=jax.tree.map(np.asarray, made.inputs)._replace(time=time), notes=(*recording.notes, *made.notes)
-        )
+        made = made._replace(inputs=jax.tree.map(np.asarray, made.inputs)._replace(time=time))
         return Ready(name, kept, made, params, bucket)
     except ImportError:
         raise

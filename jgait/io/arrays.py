@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
+from jgait.estimators.walking import walking_alone
 from jgait.io.checks import contradictions, quality_notes
 from jgait.io.checks.readings import without_damage, without_repeats
 from jgait.io.checks.sizes import RANGE_UNITS, check_range, usable_sensors
@@ -123,7 +124,10 @@ def recording_in_units(
     imus, left_out = usable_sensors(imus, units, name)
     recording = Recording(imus, clock.sampling_rate_hz, name, subject, clock.notes)
     damage = [note for placement in imus for note in notes_of[placement]]
-    wrong = contradictions(recording, {placement: units[placement]["gyr"] for placement in imus})
+    # other movements show neither sides nor places nor clocks
+    wrong = contradictions(
+        walking_alone(recording).recording, {placement: units[placement]["gyr"] for placement in imus}
+    )
     notes = (
         *clock.notes, *_by_header(units, sensors), *writer.left_out(left_out), *damage,
         *quality_notes(recording, noted), *wrong.notes,

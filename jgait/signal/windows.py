@@ -74,10 +74,10 @@ def window_sum(
 
 def window_maximum(values: Float[AnyArray, "time"], size: int) -> np.ndarray:
     """(T,) maximum over a centred window of an odd `size` [samples]; the first and the last sample are repeated."""
-    padded = np.pad(np.asarray(values, np.float64), size // 2, mode="edge")
-    largest = padded[: len(values)]
-    for shift in range(1, size):
-        largest = np.maximum(largest, padded[shift : shift + len(values)])
+    largest, span = np.pad(np.asarray(values, np.float64), size // 2, mode="edge"), 1
+    while span < size:  # maxima over 2, 4, 8 … samples
+        further = min(span, size - span)
+        largest, span = np.maximum(largest[:-further], largest[further:]), span + further
     return largest
 
 

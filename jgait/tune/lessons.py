@@ -179,7 +179,7 @@ def _item(
     """A lesson of one walk. Raises RecordingError if the walk cannot be used."""
     if reference and walk.reference is None:
         raise RecordingError("there is no reference to learn from")
-    made = estimator.prepare(walk.recording)
+    made = estimator.prepared(walk.recording)
     where = Windows(None, made.standing) if windows is None else windows(walk, made)
     truth = resampled(walk.reference, made.inputs.time) if reference and walk.reference is not None else None
     samples = np.shape(made.inputs.time)[0]

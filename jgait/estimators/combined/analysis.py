@@ -31,10 +31,10 @@ from jgait.estimators.combined.replaced import with_replaced_doubted
 from jgait.estimators.combined.shoes import put_right
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
 from jgait.estimators.combined.strides import JoinedStrides, joined
-from jgait.estimators.combined.unworn import without_unworn
 from jgait.estimators.plausible import knee_notes, knees, paces_mixed
 from jgait.estimators.proportions import in_metres
 from jgait.estimators.stride_flags import stride_notes
+from jgait.estimators.walking import inside, walking_alone
 from jgait.notes import NO_WALKING, Kind, Note, gravest_first, without_repeats
 from jgait.quality import SensorQuality, above, merged, opposite
 from jgait.quality import notes as writer
@@ -141,6 +141,8 @@ def analyse(recording: Recording | str | os.PathLike[str], person: Mapping[str, 
     body = in_metres(person or {})
     for name, imu in recording.sensors.items():
         check_shapes(imu, name)
+    walking = walking_alone(recording)
+    recording = walking.recording
     findings = crosscheck(recording)
     kept = {name: imu for name, imu in findings.sensors.items() if name not in findings.unusable}
     if not kept:
@@ -151,7 +153,6 @@ def analyse(recording: Recording | str | os.PathLike[str], person: Mapping[str, 
     strides_of_sources = [source.estimate.strides for source in estimates if source.estimate.strides is not None]
     mixed = {note for strides_of_source in strides_of_sources for note in paces_mixed(strides_of_source)}
     usable, estimates, exchanges = put_right(usable, estimates)
-    estimates, metres = without_unworn(estimates)
     placed = [*findings.notes, *exchanges]
     estimates, share, turned = with_time_wrong(estimates, recording.quality)
     quality = findings.explained(recording.quality)
@@ -169,7 +170,7 @@ def analyse(recording: Recording | str | os.PathLike[str], person: Mapping[str, 
     total, apart = walked(ways)
     if total is not None:  # an error of the time is the same in all sources
         spread = max(total.stddev, share * float(total.distance[-1]))
-        total = total._replace(stddev=float(np.hypot(spread, metres)))
+        total = total._replace(stddev=spread)
     crossed = [side for side in SIDES if findings.crossed & {f"thigh_{side}", f"shank_{side}"}]
     bent = {note for source in estimates for side in crossed for note in knee_notes(source.estimate, side)}
     stated = [note for source in estimates for note in source.estimate.diagnostics["notes"] if note not in mixed | bent]
@@ -186,15 +187,13 @@ def analyse(recording: Recording | str | os.PathLike[str], person: Mapping[str, 
         differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in legs if len(legs) == 1]
     elif any(source.estimate.strides is not None for source in estimates):
         differ = [NO_STRIDES(), *differ]
-        if not any(source.name == "legs" for source in estimates):  # which needs walking
-            placed, off = [note for note in placed if note not in findings.of_walking], off - findings.clocks
-    estimate = _assembled(estimates, strides, total)
+    estimate = _assembled(estimates, strides, total, walking.spans)
     if strides is not None:
         differ += _without_angles(estimate, strides)
         differ += stride_notes(strides.flags, regular(strides))
     follow = {*writer.contradictions(recording.quality)}.difference(writer.contradictions(quality))
     of_reader = [note for note in recording.notes if note not in follow]
-    every = [*placed, *differ, *of_reader, *notes, *one_sided, *unlike, *stated]
+    every = [*walking.notes, *placed, *differ, *of_reader, *notes, *one_sided, *unlike, *stated]
     apart_in_time = bool(contacts) or any(name.startswith("foot_") for name in off)
     if strides is not None and not apart_in_time and not steps:
         every += step_notes(strides)
@@ -274,9 +273,14 @@ def _without_angles(estimate: Estimate, strides: JoinedStrides) -> list[Note]:
 
 
 def _assembled(
-    estimates: list[SourceEstimate], strides: JoinedStrides | None, total: WalkedDistance | None
+    estimates: list[SourceEstimate],
+    strides: JoinedStrides | None,
+    total: WalkedDistance | None,
+    moves: tuple[tuple[float, float], ...],
 ) -> Estimate:
-    """The joined estimate, at the times of the first source; parts at other times are only in their source."""
+    """The joined estimate, at the times of the first source; parts at other times are only in their source. Nothing is
+    valid where the person moves without walking.
+    """
     by_name = {source.name: source.estimate for source in estimates}
     base = estimates[0].estimate
     time = as_float(base.time)
@@ -296,7 +300,8 @@ def _assembled(
         diagnostics |= {**strides.flags, "contradicts": strides.contradicts, "quality": quality_of(strides, estimates)}
     if total is not None:
         diagnostics["distance_stddev"] = np.asarray([total.stddev])
-    of_legs = {side: legs.diagnostics[f"stated_{side}"] for side in SIDES if legs and getattr(legs.legs, side)}
+    walks = ~inside(time, moves)
+    of_legs = {side: legs.diagnostics[f"stated_{side}"] & walks for side in SIDES if legs and getattr(legs.legs, side)}
     valid = np.zeros(time.shape, bool)
     for there in (*(part.valid for part in (base, feet, waist) if part is not None), *of_legs.values()):
         valid |= np.asarray(there, bool)

@@ -73,7 +73,6 @@ class Findings(NamedTuple):
         crossed: placements of sensors that may be exchanged with others.
         replaced: placements of sensors that have changed places within a leg, or across.
         clocks: placements on the legs whose clock seems off.
-        of_walking: the notes that hold for a walk alone: other movements show neither place nor clock of a sensor.
     """
 
     notes: tuple[Note, ...]
@@ -83,7 +82,6 @@ class Findings(NamedTuple):
     crossed: frozenset[str]
     replaced: frozenset[str] = frozenset()
     clocks: frozenset[str] = frozenset()
-    of_walking: frozenset[Note] = frozenset()
 
     def explained(self, quality: Mapping[str, SensorQuality]) -> dict[str, SensorQuality]:
         """The quality of the sensors without contradictions that follow from an exchange of sensors: clocks, and within
@@ -126,10 +124,9 @@ def crosscheck(recording: Recording) -> Findings:
         replaced, crossed, exchanges = frozenset(places.moved), places.doubtful, places.notes()
         swings = OutOfPhase((), crossed) if crossed else swings
     off, of_trunk = _trunk(sensors)
-    of_walking = (*exchanges, *swings.notes, *off)
     return Findings(
         (*notes, *exchanges, *swings.notes, *off), frozenset(unusable),
-        swings.doubtful | of_trunk, every, crossed, replaced, swings.clocks, frozenset(of_walking),
+        swings.doubtful | of_trunk, every, crossed, replaced, swings.clocks,
     )  # fmt: skip
 
 
