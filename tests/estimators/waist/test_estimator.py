@@ -16,8 +16,10 @@ from jgait.estimators.waist import FLAGS, WaistOptions, WaistParams
 from jgait.estimators.waist.about import ABOUT
 from jgait.simulate import sensors
 
-KNOWN = WaistParams(pendulum_constant=1.112, pendulum_constant_sd=0.02, pendulum_length_sd=0.01)
-"""The simulated trunk's own constant: real ones have 1.23."""
+KNOWN = WaistParams(
+    pendulum_constant=1.112, pendulum_constant_sd=0.02, start_gain=1.08, pendulum_length_sd=0.01
+)  # fmt: skip
+"""The simulated trunk's own constant and gain of the start: real ones have 1.18 and 0.92."""
 
 EDGE = 0.7
 """[s] The simulated pelvis is shifted before the first step and shaken after the last, which counts as a contact."""
