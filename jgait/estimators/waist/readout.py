@@ -69,7 +69,7 @@ def personal_constant(p: WaistParams, inputs: WaistInputs, intervals: Intervals)
 
     After standing the speed is known: integrated over the next three intervals, of which the first is gait initiation,
     it has drifted little, and the lengths of the other two over the pendulum's are K times `start_gain`. A start that
-    turns, loses samples or contradicts the prior, as one on a belt, does not count.
+    turns, stops again, loses samples or contradicts the prior, as one on a belt, does not count.
     """
     row = xp.arange(inputs.at.shape[0], dtype=xp.int32)
     speed = earlier(intervals.gained, 1)
@@ -79,11 +79,11 @@ def personal_constant(p: WaistParams, inputs: WaistInputs, intervals: Intervals)
     lost = xp.cumsum(xp.where(inputs.measured, 0.0, inputs.dt))[inputs.at]
     starts = earlier(inputs.stands & inputs.fresh, 3) & earlier(inputs.moves, 2) & earlier(inputs.steps, 1)
     starts = starts & inputs.steps & (row > 2) & (row < inputs.count) & (lost == earlier(lost, 3)) & (swung > 0.0)
-    starts = starts & ~_turned(inputs, intervals) & (way > 0.0)
+    starts = starts & ~_turned(inputs, intervals) & ~_beside(_stopping(inputs)) & (way > 0.0)
     prior = constant_variance(p)
     off = xp.log(xp.where(starts, way, 1.0) / xp.where(starts, swung, 1.0) / (p.start_gain * p.pendulum_constant))
     starts = starts & (off * off < OUTLIER**2 * (prior + p.start_noise**2))
-    count = xp.sum(xp.where(starts, 1.0, 0.0))
+    count = xp.sum(starts.astype(off.dtype))
     noise = 0.5 * p.start_noise**2 * (1.0 + 1.0 / xp.maximum(count, 1.0))
     share = xp.where(count > 0.0, prior / (prior + noise), 0.0)
     mean = xp.sum(xp.where(starts, off, 0.0)) / xp.maximum(count, 1.0)
@@ -149,19 +149,21 @@ def _beside(flags: Flags) -> Flags:
     return flags
 
 
+def _stopping(inputs: WaistInputs) -> Flags:
+    """(K,) bool, a bout ends at the node, also where no standing is detected: the person shuffles or sways there."""
+    row = xp.arange(inputs.at.shape[0], dtype=xp.int32)
+    ends = xp.concatenate([inputs.fresh[1:], xp.zeros_like(inputs.fresh[:1])]) | (row == inputs.count - 1)
+    return ends & inputs.moves
+
+
 def closing(inputs: WaistInputs) -> Flags:
     """(K,) bool: the person stands at the next node, so that the step to this one closes a bout."""
     return xp.concatenate([inputs.stands[1:], xp.zeros_like(inputs.stands[:1])]) & inputs.steps
 
 
 def _step_variance(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> Values:
-    """(K,) variance of the pendulum's steps [m²]; larger in turns, at both ends of a bout, and over lost samples.
-
-    A bout ends in stopping also where no standing is detected after it: the person shuffles or sways there.
-    """
-    row = xp.arange(inputs.at.shape[0], dtype=xp.int32)
-    ends = xp.concatenate([inputs.fresh[1:], xp.zeros_like(inputs.fresh[:1])]) | (row == inputs.count - 1)
-    edge = _beside(inputs.stands | (ends & inputs.moves))
+    """(K,) variance of the pendulum's steps [m²]; larger in turns, at both ends of a bout, and over lost samples."""
+    edge = _beside(inputs.stands | _stopping(inputs))
     lost = xp.cumsum(xp.where(inputs.measured, 0.0, inputs.dt))[inputs.at]
     edge = edge | (lost - earlier(lost, 1) > LONGEST_LOSS)
     turned = (p.turn_noise * intervals.turn) ** 2

@@ -193,7 +193,7 @@ def test_an_unknown_height_is_a_wider_deviation():
 
 def constant_of(lengths, p, **fields):
     """K and its variance after starts from standing, each with the length [m] of two steps whose pendulum's is 1 m."""
-    many, of_one = len(lengths), 5
+    many, of_one = len(lengths), 8
     rows, first = many * of_one, np.arange(many * of_one) % of_one
     row = {name: np.zeros(rows, bool) for name in ("stands", "fresh", "moves", "steps")}
     at = np.minimum(np.arange(rows), 99)
