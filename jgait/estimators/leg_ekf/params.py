@@ -74,8 +74,8 @@ class LegParams(NamedTuple):
     )] = 0.18  # fmt: skip
     distance_noise: Annotated[Param, Parameter(
         positive, "1",
-        "relative error that all strides share, of the strapdown distance, on 18 people of `walking5m`, whose reference "
-        "errs by as much; for the stated error only",
+        "relative error that all strides share, of the strapdown distance, on 18 people of `walking5m` whose "
+        "reference errs by nearly as much; for the stated error only",
     )] = 0.03  # fmt: skip
     kinematic_noise: Annotated[Param, Parameter(
         positive, "1", "relative error of the distance by the leg's kinematics; used for the stated error only",
