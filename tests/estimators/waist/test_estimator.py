@@ -283,7 +283,7 @@ def test_in_a_bout_of_few_steps_forward_is_where_the_person_went_or_the_distance
             right += 1
             np.testing.assert_allclose(estimate.distance[-1], true, rtol=0.12)
         else:
-            assert abs(estimate.distance[-1] - true) < 2.0 * estimate.diagnostics["distance_stddev"][-1]
+            assert abs(estimate.distance[-1] - true) < 2.5 * estimate.diagnostics["distance_stddev"][-1]
     assert right >= 5
 
 
