@@ -25,6 +25,8 @@ SAMPLES = 4096
 """All walks of the sets are padded to this many, so that one program serves them."""
 
 PENDULUM = DEFAULT._replace(distance="pendulum")
+ALONE = 1e3
+"""[1] `start_noise` with which the start of a walk does not change the pendulum's constant."""
 ZIJLSTRA = {"excursion_power": 1.0, "surge_power": 0.0}
 
 
@@ -138,8 +140,9 @@ def measured(p: WaistParams, item: Item, options: WaistOptions | str) -> Measure
 
 
 def constants(p: WaistParams, items: Sequence[Item]) -> np.ndarray:
-    """(n,) K of each walk; the pendulum's way is proportional to it."""
-    return np.array([p.pendulum_constant / measured(p, item, PENDULUM).ratio for item in items])
+    """(n,) K of each walk; without the start of the walk, the pendulum's way is proportional to it."""
+    alone = p._replace(start_noise=ALONE)
+    return np.array([p.pendulum_constant / measured(alone, item, PENDULUM).ratio for item in items])
 
 
 def learned(constant: np.ndarray, items: Sequence[Item], among: np.ndarray) -> float:

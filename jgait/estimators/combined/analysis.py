@@ -166,7 +166,7 @@ def analyse(recording: Recording | str | os.PathLike[str], person: Mapping[str, 
         strides, differ = with_replaced_doubted(strides)
     worn = [name for source in estimates if source.name == "legs" for name in source.placements]
     late = frozenset().union(*(pair for pair in late_pairs if pair.issubset(worn)))
-    ways, one_sided = distances(estimates, usable, body, wrong, late, share)
+    ways, one_sided = distances(estimates, usable, wrong, late, share)
     total, apart = walked(ways)
     if total is not None:  # an error of the time is the same in all sources
         spread = max(total.stddev, share * float(total.distance[-1]))

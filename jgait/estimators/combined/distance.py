@@ -12,7 +12,6 @@ from jgait.estimators.ends import MID_STANCE, SHORT
 from jgait.estimators.losses import lost_between, not_bridged
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.plausible import impossible, knees, too_fast
-from jgait.estimators.proportions import SHARE_SD, SHARES
 from jgait.estimators.stride_flags import DOUBTFUL, LARGEST_TURN, SHORT_STRIDE, durations
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.quality import of_sensor
@@ -51,10 +50,6 @@ SIDES_APART = Kind(
 SMALL = 0.5
 """[1] Standard deviation of the distance by one swing that is too small to be counted, over the median stride. Chosen:
 steps that a shank missed in simulated walks of 0.1 to 0.15 m/s have 0.4 to 1, trembling has none."""
-
-LEG_DISTANCE_SD = 0.06
-"""[1] Relative standard deviation of the distance of `leg_ekf`, with measured segments and without a scale of the
-person; errors on people left out by `experiments/unseen`."""
 
 USUAL_SPEED, USUAL_STRIDE_S = 1.2, 1.1
 """[m/s], [s] Walking speed and duration of a stride, for the distance that a sensor did not see."""
@@ -128,8 +123,8 @@ class _Side(NamedTuple):
 
 
 def distances(
-    sources: Sequence[SourceEstimate], recording: Recording, person: dict[str, float], wrong: frozenset[str],
-    late: frozenset[str], rates_share: float = 0.0,
+    sources: Sequence[SourceEstimate], recording: Recording, wrong: frozenset[str], late: frozenset[str],
+    rates_share: float = 0.0,
 ) -> tuple[list[WalkedDistance], list[Note]]:  # fmt: skip
     """The distance of every source that has one, the most certain first, and notes about sides that do not count.
 
@@ -139,7 +134,6 @@ def distances(
     Args:
         sources: the sources.
         recording: the signals.
-        person: measures of the person.
         wrong: placements whose signals, label or unit are in doubt.
         late: placements whose clock is in doubt; the strides of a single sensor hold nevertheless.
         rates_share: see `with_time_wrong`.
@@ -151,12 +145,9 @@ def distances(
         if estimate.distance is None or source.name == "width":
             continue
         total = float(estimate.distance[-1])
-        stated = estimate.diagnostics.get("distance_stddev")
-        if stated is not None and source.name != "legs":
-            sd = float(np.ravel(stated)[-1])
-        else:
-            share = SHARE_SD / SHARES["thigh_length"] if "height" in person else 0.0
-            sd = total * float(np.sqrt(LEG_DISTANCE_SD**2 + share**2 + rates_share**2))
+        sd = float(np.ravel(estimate.diagnostics["distance_stddev"])[-1])
+        if source.name == "legs":  # the deviations of other sources contain the error of rates
+            sd = float(np.hypot(sd, rates_share * total))
         doubted = _stopped(source) | _mostly_doubtful(source) | (wrong if source.name != "legs" else wrong | late)
         still, lies = lying(source, recording.sensors)
         sides = _sides(source, recording, doubted, still)

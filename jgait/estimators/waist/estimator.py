@@ -51,7 +51,9 @@ TURNING = 0.35
 FLAGS = ("turning", "half", "unsure", "side_unknown")
 """Names of the flags in `diagnostics`, each (n,) bool in the order of the strides."""
 
-_PENDULUM = ("pendulum_constant", "pendulum_constant_sd", "step_noise", "turn_noise", "edge_noise")
+_PENDULUM = (
+    "pendulum_constant", "pendulum_constant_sd", "start_gain", "start_noise", "step_noise", "turn_noise", "edge_noise",
+)  # fmt: skip
 _EXCURSION = (
     "excursion_hz",
     "pendulum_length",

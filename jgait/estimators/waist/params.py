@@ -59,11 +59,23 @@ class WaistParams(NamedTuple):
         positive, "m", "standard deviation of `pendulum_length`; smaller where `with_body` gets a measure",
     )] = 0.06  # fmt: skip
     pendulum_constant: Annotated[Param, Parameter(
-        positive, "1", "K, length of a step over the step length of the pendulum",
-    )] = 1.23  # fmt: skip
+        positive, "1",
+        "K, length of a step over that of the pendulum, of a person about whom nothing is known: the mean of 25 people "
+        "of `ipol_gait`, `mobgap_lab`, `tripod` and `walking5m`, whose sets have 1.10 to 1.25",
+    )] = 1.18  # fmt: skip
     pendulum_constant_sd: Annotated[Param, Parameter(
-        positive, "1", "standard deviation of log K among people",
-    )] = 0.05  # fmt: skip
+        positive, "1", "standard deviation of log K among these people, and of a set about all",
+    )] = 0.1  # fmt: skip
+    start_gain: Annotated[Param, Parameter(
+        positive, "1",
+        "length of the first two steps after standing and gait initiation by integration over K times the pendulum's; "
+        "on `ipol_gait` and `walking5m` alike",
+    )] = 0.92  # fmt: skip
+    start_noise: Annotated[Param, Parameter(
+        positive, "1",
+        "standard deviation of the logarithm of that ratio, one half of its variance white from one start of a person "
+        "to the next; on the same 22 people",
+    )] = 0.06  # fmt: skip
     excursion_power: Annotated[Param, Parameter(
         interval(0.0, 2.0), "1", "α, exponent of the chord of the inverted pendulum in the step length",
     )] = 0.6  # fmt: skip
@@ -137,6 +149,9 @@ KNOWN = {"distance": DISTANCES, "detector": DETECTORS}
 TAPE_SD = 0.01
 """[m] Standard deviation of the sensor's height where it was measured."""
 
+WALKS_SD = 0.02
+"""[1] Standard deviation of log K among walks of one person of `ipol_gait`, that of K where it was measured."""
+
 
 def with_body(p: WaistParams, body: Measures) -> WaistParams:
     """The parameters with a person's body measures.
@@ -168,5 +183,5 @@ def with_body(p: WaistParams, body: Measures) -> WaistParams:
     if "sensor_height" in body:
         p = p._replace(pendulum_length=measure("sensor_height"), pendulum_length_sd=TAPE_SD)
     if "pendulum_constant" in body:
-        p = p._replace(pendulum_constant=measure("pendulum_constant"))
+        p = p._replace(pendulum_constant=measure("pendulum_constant"), pendulum_constant_sd=WALKS_SD)
     return p

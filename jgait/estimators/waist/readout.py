@@ -27,6 +27,10 @@ from jgait.types import AnyArray, Flags, Values
 TURNED = 1.0
 """[rad] Threshold on the turn since the bout began; above it the bias has turned and integration is unreliable."""
 
+OUTLIER = 4.0
+"""[standard deviations] Difference from the prior at which a start does not tell the person's constant. Chosen: on a
+belt the integrated speed is about zero, in walks over ground no start is that far off."""
+
 EDGE_STEPS = 2
 """[intervals] Number of intervals after standing that are gait initiation, and before standing or the end of a bout
 that are stopping. Beside standing, whose speed is known, no pendulum is observed: on `ipol_gait` it makes the last
@@ -53,17 +57,47 @@ def earlier(values: AnyArray, rows: int) -> Array:
 
 
 def constant_variance(p: WaistParams) -> Values:
-    """Variance of the logarithm of steps that all have one error: the constant's, and that of the sensor's height."""
+    """Variance among people of the logarithm of their steps over the pendulum's: that of the constant, and that of the
+    sensor's height.
+    """
     power = 1.0 - 0.5 * (p.excursion_power + p.surge_power)
     return p.pendulum_constant_sd**2 + (power * p.pendulum_length_sd / p.pendulum_length) ** 2
 
 
-def model_params(p: WaistParams, stood: PyTree) -> WaistModelParams:
-    """The model's parameters; `stood`: the person stood still, so that the accelerometer's bias is better known."""
+def personal_constant(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> tuple[Values, Values]:
+    """The person's constant K, and the variance of its logarithm, from the prior among people and from every start.
+
+    After standing the speed is known: integrated over the next three intervals, of which the first is gait initiation,
+    it has drifted little, and the lengths of the other two over the pendulum's are K times `start_gain`. A start that
+    turns, stops again, loses samples or contradicts the prior, as one on a belt, does not count.
+    """
+    row = xp.arange(inputs.at.shape[0], dtype=xp.int32)
+    speed = earlier(intervals.gained, 1)
+    steps = intervals.duration * speed + intervals.went
+    way = earlier(steps, 1) + steps + intervals.duration * earlier(speed, 1)
+    swung = intervals.pendulum + earlier(intervals.pendulum, 1)
+    lost = xp.cumsum(xp.where(inputs.measured, 0.0, inputs.dt))[inputs.at]
+    starts = earlier(inputs.stands & inputs.fresh, 3) & earlier(inputs.moves, 2) & earlier(inputs.steps, 1)
+    starts = starts & inputs.steps & (row > 2) & (row < inputs.count) & (lost == earlier(lost, 3)) & (swung > 0.0)
+    starts = starts & ~_turned(inputs, intervals) & ~_beside(_stopping(inputs)) & (way > 0.0)
+    prior = constant_variance(p)
+    off = xp.log(xp.where(starts, way, 1.0) / xp.where(starts, swung, 1.0) / (p.start_gain * p.pendulum_constant))
+    starts = starts & (off * off < OUTLIER**2 * (prior + p.start_noise**2))
+    count = xp.sum(starts.astype(off.dtype))
+    noise = 0.5 * p.start_noise**2 * (1.0 + 1.0 / xp.maximum(count, 1.0))
+    share = xp.where(count > 0.0, prior / (prior + noise), 0.0)
+    mean = xp.sum(xp.where(starts, off, 0.0)) / xp.maximum(count, 1.0)
+    return p.pendulum_constant * xp.exp(share * mean), (1.0 - share) * prior
+
+
+def model_params(p: WaistParams, stood: PyTree, constant: Values) -> WaistModelParams:
+    """The model's parameters; `stood`: the person stood still, so that the accelerometer's bias is better known;
+    `constant` is the person's.
+    """
     known = xp.where(stood, p.acc_bias, p.acc_bias_unknown)
     return WaistModelParams(
         p.speed_noise**2, known**2, p.acc_bias_walk**2, p.acc_bias_turn**2, p.start_speed,
-        p.start_speed_sd**2, p.standing_speed**2, p.pendulum_constant,
+        p.start_speed_sd**2, p.standing_speed**2, constant,
     )  # fmt: skip
 
 
@@ -115,19 +149,21 @@ def _beside(flags: Flags) -> Flags:
     return flags
 
 
+def _stopping(inputs: WaistInputs) -> Flags:
+    """(K,) bool, a bout ends at the node, also where no standing is detected: the person shuffles or sways there."""
+    row = xp.arange(inputs.at.shape[0], dtype=xp.int32)
+    ends = xp.concatenate([inputs.fresh[1:], xp.zeros_like(inputs.fresh[:1])]) | (row == inputs.count - 1)
+    return ends & inputs.moves
+
+
 def closing(inputs: WaistInputs) -> Flags:
     """(K,) bool: the person stands at the next node, so that the step to this one closes a bout."""
     return xp.concatenate([inputs.stands[1:], xp.zeros_like(inputs.stands[:1])]) & inputs.steps
 
 
 def _step_variance(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> Values:
-    """(K,) variance of the pendulum's steps [m²]; larger in turns, at both ends of a bout, and over lost samples.
-
-    A bout ends in stopping also where no standing is detected after it: the person shuffles or sways there.
-    """
-    row = xp.arange(inputs.at.shape[0], dtype=xp.int32)
-    ends = xp.concatenate([inputs.fresh[1:], xp.zeros_like(inputs.fresh[:1])]) | (row == inputs.count - 1)
-    edge = _beside(inputs.stands | (ends & inputs.moves))
+    """(K,) variance of the pendulum's steps [m²]; larger in turns, at both ends of a bout, and over lost samples."""
+    edge = _beside(inputs.stands | _stopping(inputs))
     lost = xp.cumsum(xp.where(inputs.measured, 0.0, inputs.dt))[inputs.at]
     edge = edge | (lost - earlier(lost, 1) > LONGEST_LOSS)
     turned = (p.turn_noise * intervals.turn) ** 2
@@ -137,8 +173,8 @@ def _step_variance(p: WaistParams, inputs: WaistInputs, intervals: Intervals) ->
 def fused(p: WaistParams, inputs: WaistInputs, intervals: Intervals, options: WaistOptions) -> WaistWalk:
     """Distance by the state-space model.
 
-    The pendulum's constant is that of the parameters, with one error for all steps: integrated accelerations of walks
-    are too small by a common share, and would lower the constant with every bout.
+    The pendulum's constant has one error for all steps. It is no state: integrated accelerations of a whole walk are
+    too small, the more the longer it is, and would lower it with every bout.
 
     The foot of a stride that ends in standing comes to rest beside the other: it moves as far as the step before is
     long, while the trunk, which was behind the foot, goes farther. The deviation of an integrated stride contains its
@@ -161,15 +197,17 @@ def fused(p: WaistParams, inputs: WaistInputs, intervals: Intervals, options: Wa
     stepped = inputs.steps & (intervals.pendulum > 0.0) & ~integrated & there
     mask = WaistObservation(stepped, inputs.stands & there)
     observed = WaistObservation(zero, zero)
-    known = model_params(p, xp.any(inputs.still))
+    constant, constant_spread = personal_constant(p, inputs, intervals)
+    known = model_params(p, xp.any(inputs.still), constant)
     inferred = compiled(_states)(known, observed, controls, intervals.duration, mask, options=options)
     mean, variance = inferred.mean, inferred.cov.variances()
     last = xp.maximum(inputs.count - 1, 0)
     diagnostics = {"acc_bias": mean.bias[last], "log_likelihood": inferred.log_likelihood, "nis": inferred.nis}
+    diagnostics |= {"pendulum_constant": constant, "pendulum_constant_stddev": constant * root(constant_spread)}
     distance_sd, step_sd, stride_sd = (
-        root(spread + constant_variance(p) * way**2) for way, spread in zip(mean[:3], variance[:3], strict=True)
+        root(spread + constant_spread * way**2) for way, spread in zip(mean[:3], variance[:3], strict=True)
     )
-    swung = p.pendulum_constant * intervals.pendulum
+    swung = constant * intervals.pendulum
     closes = closing(inputs)
     stride = xp.where(closes, earlier(mean.step, 1), mean.stride)
     apart = stride - xp.where(closes, 0.0, swung) - earlier(swung, 1)
@@ -189,12 +227,13 @@ def _states(
 
 def by_pendulum(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> WaistWalk:
     """Distance by the pendulum's steps alone; an interval from standing is half of the step after it."""
-    lengths = xp.where(inputs.steps, p.pendulum_constant * intervals.pendulum, 0.0)
+    constant, constant_spread = personal_constant(p, inputs, intervals)
+    lengths = xp.where(inputs.steps, constant * intervals.pendulum, 0.0)
     beside = xp.maximum(xp.concatenate([lengths[1:], lengths[:1]]), xp.concatenate([lengths[:1], lengths[:-1]]))
     begins = inputs.moves & ~inputs.steps & ~inputs.stands
     step = xp.where(begins, 0.5 * beside, lengths)
     variance = xp.where(inputs.moves, _step_variance(p, inputs, intervals), 0.0)
-    distance, share = xp.cumsum(step), root(constant_variance(p))
+    distance, share = xp.cumsum(step), root(constant_spread)
     stride, white = step + earlier(step, 1), variance + earlier(variance, 1)
     return WaistWalk(
         distance=distance,
@@ -204,7 +243,7 @@ def by_pendulum(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> Wa
         stride=stride,
         stride_sd=root(white + (share * stride) ** 2),
         unsure=xp.zeros_like(inputs.steps),
-        diagnostics={},
+        diagnostics={"pendulum_constant": constant, "pendulum_constant_stddev": constant * share},
     )
 
 

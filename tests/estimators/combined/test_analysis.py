@@ -501,7 +501,7 @@ def test_angles_of_a_knee_that_nobody_bends_are_not_usable_and_their_distance_do
     np.testing.assert_array_equal(strides["angles_valid"], strides["side"] == "left")
     assert strides["regular"].any()  # lengths do not need the thigh
     (legs,) = (source for source in found.sources if source.name == "legs")
-    (distance,), _ = distances([legs], recording, PERSON, frozenset(), frozenset())
+    (distance,), _ = distances([legs], recording, frozenset(), frozenset())
     assert distance.doubtful
 
 

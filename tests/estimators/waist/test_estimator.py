@@ -16,8 +16,10 @@ from jgait.estimators.waist import FLAGS, WaistOptions, WaistParams
 from jgait.estimators.waist.about import ABOUT
 from jgait.simulate import sensors
 
-KNOWN = WaistParams(pendulum_constant=1.112, pendulum_constant_sd=0.02, pendulum_length_sd=0.01)
-"""The simulated trunk's own constant: real ones have 1.23."""
+KNOWN = WaistParams(
+    pendulum_constant=1.112, pendulum_constant_sd=0.02, start_gain=1.08, pendulum_length_sd=0.01
+)  # fmt: skip
+"""The simulated trunk's own constant and gain of the start: real ones have 1.18 and 0.92."""
 
 EDGE = 0.7
 """[s] The simulated pelvis is shifted before the first step and shaken after the last, which counts as a contact."""
@@ -218,7 +220,7 @@ def test_many_bouts_are_as_long_as_one(straight):
     np.testing.assert_allclose(np.median(many.strides.length), np.median(one.strides.length), rtol=2e-3)
     np.testing.assert_allclose(many.distance[-1], 3.0 * one.distance[-1], rtol=5e-3)
     wide = [e.diagnostics["distance_stddev"][-1] / e.distance[-1] for e in (one, many)]
-    assert wide[0] >= wide[1] > 0.06  # the constant's error and the sensor's height's are those of all bouts
+    assert wide[0] >= wide[1] > 0.04  # the error of the person's constant is that of all bouts
 
 
 def test_walking_that_the_recording_cuts_off_is_noted(straight):
@@ -261,7 +263,7 @@ def test_in_a_short_stop_nobody_gets_ahead(stop):
     )
     ratio = waist.estimate(WaistParams(), plain).distance[-1] / whole.estimate.distance[-1]
     true = np.asarray(truth.estimate.distance)
-    np.testing.assert_allclose(estimate.distance[-1] / true[-1], ratio, rtol=0.04)
+    np.testing.assert_allclose(estimate.distance[-1] / true[-1], ratio, rtol=WaistParams().start_noise)
     share = estimate.strides_stddev.length / estimate.strides.length
     assert np.median(share) < 0.1 and estimate.diagnostics["distance_stddev"][-1] < 0.1 * true[-1]
 
@@ -281,7 +283,7 @@ def test_in_a_bout_of_few_steps_forward_is_where_the_person_went_or_the_distance
             right += 1
             np.testing.assert_allclose(estimate.distance[-1], true, rtol=0.12)
         else:
-            assert abs(estimate.distance[-1] - true) < 2.0 * estimate.diagnostics["distance_stddev"][-1]
+            assert abs(estimate.distance[-1] - true) < 2.5 * estimate.diagnostics["distance_stddev"][-1]
     assert right >= 5
 
 
@@ -311,7 +313,7 @@ def test_short_steps_seen_from_the_side_of_the_waist_are_two_a_stride():
     recording, truth = simulate.recording(key, person, way, placements=("waist",))
     estimate = waist.estimate(WaistParams(), recording)
     assert np.median(estimate.strides.end - estimate.strides.start) == pytest.approx(1.2, abs=0.05)
-    np.testing.assert_allclose(estimate.distance[-1], truth.estimate.distance[-1], rtol=0.1)
+    np.testing.assert_allclose(estimate.distance[-1], truth.estimate.distance[-1], rtol=0.2)  # not by a half
 
 
 def test_who_does_not_walk_has_an_empty_table():

@@ -11,9 +11,11 @@ from jgait.estimators.waist import model as waist_model
 from jgait.estimators.waist import orientation as waist_orientation
 from jgait.estimators.waist import steps as waist_steps
 from jgait.estimators.waist.bouts import CLOSING, bouts, leave_out, nodes
+from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.model import WaistControl, WaistModelParams, WaistObservation
 from jgait.estimators.waist.orientation import TrunkControl, TrunkError, TrunkNoise, TrunkObservation
-from jgait.estimators.waist.readout import constant_variance
+from jgait.estimators.waist.readout import constant_variance, personal_constant
+from jgait.estimators.waist.steps import Intervals
 from jgait.events.trunk import Contacts
 from jgait.geometry.rotation import quaternion, rotated
 from jgait.geometry.vectors import GRAVITY, Vector, vector
@@ -187,6 +189,43 @@ def test_an_unknown_height_is_a_wider_deviation():
         constant_variance(with_body(WaistParams(), body)) for body in ({}, {"height": 1.6}, {"sensor_height": 0.96})
     )
     assert unknown > person > sensor > WaistParams().pendulum_constant_sd ** 2
+
+
+def constant_of(lengths, p, **fields):
+    """K and its variance after starts from standing, each with the length [m] of two steps whose pendulum's is 1 m."""
+    many, of_one = len(lengths), 8
+    rows, first = many * of_one, np.arange(many * of_one) % of_one
+    row = {name: np.zeros(rows, bool) for name in ("stands", "fresh", "moves", "steps")}
+    at = np.minimum(np.arange(rows), 99)
+    inputs = WaistInputs(**dict.fromkeys(WaistInputs._fields, None) | row | {
+        "at": at, "count": rows, "measured": np.ones(100, bool), "dt": np.full(100, 0.01),
+        "stands": first == 0, "fresh": first == 0, "moves": first > 0, "steps": first > 1,
+    })  # fmt: skip
+    speed = np.repeat(np.asarray(lengths) / 1.0, of_one)
+    intervals = Intervals(*(np.where(first > 0, value, 0.0) for value in (STEP_S, 0.0, 0.0, 0.5, 0.0)))
+    intervals = intervals._replace(gained=np.where(first == 1, speed, 0.0))
+    return personal_constant(p, inputs._replace(**{k: f(getattr(inputs, k)) for k, f in fields.items()}), intervals)
+
+
+def test_a_start_from_standing_moves_the_constant_toward_its_own_and_narrows_it():
+    p = WaistParams()
+    prior, usual = constant_variance(p), p.start_gain * p.pendulum_constant
+    same, narrow = constant_of([usual], p)
+    assert same == pytest.approx(p.pendulum_constant) and narrow < prior
+    more, spread = constant_of([1.1 * usual], p)
+    assert spread == pytest.approx(narrow)
+    assert more == pytest.approx(p.pendulum_constant * 1.1 ** (1.0 - narrow / prior))
+    assert constant_of([1.1 * usual] * 3, p)[0] > more > p.pendulum_constant
+    assert constant_of([1.1 * usual], p._replace(start_noise=1e-6))[0] == pytest.approx(1.1 * p.pendulum_constant)
+
+
+@pytest.mark.parametrize("why", ["belt", "no standing", "lost"])
+def test_a_start_that_tells_nothing_leaves_the_constant_of_all_people(why):
+    p = WaistParams()
+    length = 0.1 if why == "belt" else 1.3
+    changed = {"no standing": {"stands": np.zeros_like}, "lost": {"measured": np.zeros_like}}.get(why, {})
+    constant, variance = constant_of([length], p, **changed)
+    assert (constant, variance) == (pytest.approx(p.pendulum_constant), pytest.approx(constant_variance(p)))
 
 
 @pytest.mark.parametrize("lost_s, left", [(0.2, 2), (0.4, 0)])
