@@ -23,7 +23,7 @@ from jgait.geometry.arrays import on_host
 from jgait.notes import Note, record
 from jgait.params import check_params, ranges
 from jgait.quality import SensorQuality, merged
-from jgait.types import Estimate, Measures, Recording, Values, check_kind, check_recording
+from jgait.types import Estimate, Measures, Recording, Values, as_float, check_kind, check_recording
 
 
 def one_each(samples: int) -> int:
@@ -222,7 +222,7 @@ class Estimator[P, I](NamedTuple):
         facts = {"notes": prepared.notes, "standing": prepared.standing, "sensors": prepared.quality}
         result = result._replace(diagnostics={**result.diagnostics, **facts})
         result = result if self.finish is None else self.finish(result, prepared)
-        result = result._replace(valid=result.valid & ~inside(result.time, prepared.moves))
+        result = result._replace(valid=result.valid & ~inside(as_float(result.time), prepared.moves))
         mixed = () if result.strides is None else paces_mixed(result.strides)
         notes = (*result.diagnostics["notes"], *implausible(result), *mixed)
         return result._replace(diagnostics={**result.diagnostics, "notes": notes})

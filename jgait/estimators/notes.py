@@ -1,6 +1,6 @@
 """Kinds of notes about a recording that several estimators use."""
 
-from jgait.notes import CLIPPING, FEW_RESTS, LOSSES, NO_GRAVITY, NO_WALKING, SCALE, UNSURE_FORWARD, Kind
+from jgait.notes import CLIPPING, FEW_RESTS, LOSSES, NO_GRAVITY, NO_WALKING, SCALE, Kind
 
 NO_STEPS = Kind("no_walking", "stop", "{placement} does not walk", NO_WALKING)
 
@@ -74,7 +74,6 @@ SAMPLED_SLOWLY = Kind(
     "Between slow samples the motion of a swing is lost. Single strides are less certain; their mean holds better.",
 )
 
-FORWARD_UNSURE = Kind("forward_unsure", "check", "{placement}: it is not sure which way is forward", UNSURE_FORWARD)
 
 NO_ACCELEROMETER = Kind(
     "no_accelerometer", "check", "no accelerometer: angles come from the gyroscopes alone and drift", NO_GRAVITY

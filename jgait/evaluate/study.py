@@ -88,9 +88,7 @@ def _sampled(imu: Imu, setup: Setup) -> Imu:
     grid = time[kept] if same else np.arange(time[0] + 0.5 * every, time[kept][-1] - 0.5 * every, every)
     near = mask[np.clip(np.searchsorted(time, grid), 0, time.size - 1)]
 
-    def read(signal: AnyArray | None, limit: float) -> np.ndarray | None:
-        if signal is None:
-            return None
+    def read(signal: AnyArray, limit: float) -> np.ndarray:
         columns = []
         for values in as_float(signal).T:
             whole = np.interp(time, time[mask], values[mask])
@@ -99,7 +97,7 @@ def _sampled(imu: Imu, setup: Setup) -> Imu:
             columns.append(whole[kept] if same else (next(ends) - next(ends)) / every)
         return np.where(near[:, None], np.clip(np.stack(columns, axis=1), -limit, limit), 0.0)
 
-    return Imu(grid, read(imu.gyr, setup.gyr_range), read(imu.acc, setup.acc_range), near)
+    return Imu(grid, read(imu.gyr, setup.gyr_range), None if imu.acc is None else read(imu.acc, setup.acc_range), near)
 
 
 def estimator_of(recording: Recording) -> Estimator[PyTree, PyTree]:
@@ -209,16 +207,16 @@ def _row(walks: Sequence[Walk], setup: Setup, column: str, people: int) -> dict[
     if len(done.failures):
         row["reason"] = str(done.failures["reason"].iloc[0])
     table = done.strides[(done.strides["quantity"] == column) & done.strides["regular"].astype(bool)]
-    error = table["error"].dropna().to_numpy(float)
-    if not error.size:
+    errors = table["error"].dropna().to_numpy(float)
+    if not errors.size:
         return row
     each = table.groupby("recording")["error"].mean().dropna()
     bias, sd = float(each.mean()), float(each.std(ddof=1)) if len(each) > 1 else 0.0
     within = done.quantities[done.quantities["quantity"] == f"{column.rpartition('_')[0]}_within_2sd_percent"]
     of_truth = math.sqrt(np.mean([_stated(walk, column) ** 2 for walk in made]))
     return row | {
-        "estimator": estimator.name, "walks": len(each), "strides": error.size, "bias": bias, "sd": sd,
-        "stride_rmse": math.hypot(math.sqrt(np.mean(error**2)), of_truth),
+        "estimator": estimator.name, "walks": len(each), "strides": errors.size, "bias": bias, "sd": sd,
+        "stride_rmse": math.hypot(math.sqrt(np.mean(errors**2)), of_truth),
         "expected": math.sqrt(bias**2 + (sd**2 + of_truth**2) / people),
         "coverage": float(within["estimate"].mean()) / 100.0 if len(within) else math.nan,
     }  # fmt: skip
@@ -227,10 +225,9 @@ def _row(walks: Sequence[Walk], setup: Setup, column: str, people: int) -> dict[
 def _stated(walk: Walk, column: str) -> float:
     """Root mean square of the stated deviations of the truth's strides; 0 of an exact truth."""
     truth, (field, factor) = walk.reference, STRIDE_COLUMNS[column]
-    spread = (
-        None if truth is None or truth.strides_stddev is None or not field else getattr(truth.strides_stddev, field)
-    )
-    if spread is None:
+    if truth is None or truth.strides is None or truth.strides_stddev is None or not field:
+        return 0.0
+    if (spread := getattr(truth.strides_stddev, field)) is None:
         return 0.0
     known = as_float(spread)[np.asarray(truth.strides.valid, bool)]
     return factor * math.sqrt(np.nanmean(known**2)) if np.isfinite(known).any() else 0.0

@@ -151,8 +151,8 @@ def movement(recording: Recording) -> Activity | None:
     if not grids:
         return None
     at = np.arange(begin, end, GRID_S)
-    odds = sum(np.stack([np.interp(at, when, column) for column in rows.T], axis=1) for when, rows in grids)
-    chance = smoothed(TEMPER * np.asarray(odds))
+    odds = np.sum([[np.interp(at, when, column) for column in rows.T] for when, rows in grids], axis=0).T
+    chance = smoothed(TEMPER * odds)
     nearest = np.clip(np.rint((time - begin) / GRID_S).astype(int), 0, len(at) - 1)
     return Activity(
         time, quiet & ~carried, quiet & carried, {kind: chance[nearest, number] for number, kind in enumerate(KINDS)}
@@ -235,10 +235,10 @@ def attitudes(gyr: np.ndarray, rate: float) -> np.ndarray:
     turns = np.eye(3) + np.sin(angle)[:, None, None] * k + (1.0 - np.cos(angle))[:, None, None] * (k @ k)
     turns[0], samples = np.eye(3), len(turns)
     rows = np.concatenate([turns, np.tile(np.eye(3), (-samples % BLOCK, 1, 1))]).reshape(-1, BLOCK, 3, 3)
-    for k in range(1, BLOCK):
-        rows[:, k] = rows[:, k - 1] @ rows[:, k]
-    for k in range(1, len(rows)):
-        rows[k] = rows[k - 1, -1] @ rows[k]
+    for row in range(1, BLOCK):
+        rows[:, row] = rows[:, row - 1] @ rows[:, row]
+    for block in range(1, len(rows)):
+        rows[block] = rows[block - 1, -1] @ rows[block]
     return rows.reshape(-1, 3, 3)[:samples]
 
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.mounting.cycle import HARMONICS, SEGMENTS, Cycle, cycle_of
-from jgait.notes import WRONG_PLACE, Kind, Note
+from jgait.notes import UNSURE_FORWARD, WRONG_PLACE, Kind, Note
 from jgait.types import SIDES, AnyArray, Imu, as_float
 
 SURE = 0.99
@@ -43,10 +43,7 @@ PLACES_UNSURE = Kind(
     "but it is not sure which", WRONG_PLACE,
 )  # fmt: skip
 FORWARD_UNSURE = Kind(
-    "forward_unsure", "check", "{placement}: it is not sure which way is forward (probability {probability:.2f}): it "
-    "does not move as in walking",
-    "If forward is taken for backward, the angles of hip and knee are wrong. A longer straight walk with whole strides "
-    "settles it.",
+    "forward_unsure", "check", "{placement}: it is not sure which way is forward", UNSURE_FORWARD,
 )  # fmt: skip
 
 
@@ -76,7 +73,7 @@ class Places(NamedTuple):
     def unsure(self, placement: str) -> list[Note]:
         """A note if it is not sure which way is forward for a sensor."""
         probability = self.certain.get(placement, 0.5)
-        return [] if probability >= SURE else [FORWARD_UNSURE(placement=placement, probability=probability)]
+        return [] if probability >= SURE else [FORWARD_UNSURE(placement=placement)]
 
 
 @cache

@@ -157,9 +157,7 @@ def with_error(recording: Recording, placement: str, error: str, values: npt.Arr
     mask = np.asarray(imu.mask, bool)[:, None]
     matrix = np.asarray(rotation(jnp.asarray(by))) if error == "mounting" else np.eye(3)
 
-    def read(signal: AnyArray | None, kind: str) -> np.ndarray | None:
-        if signal is None:
-            return None
+    def read(signal: AnyArray, kind: str) -> np.ndarray:
         values = as_float(signal)
         if error == "mounting":
             return values @ matrix
@@ -167,7 +165,7 @@ def with_error(recording: Recording, placement: str, error: str, values: npt.Arr
             return values
         return np.where(mask, values * (1.0 + by) if error.endswith("scale") else values + by, values)
 
-    worn = imu._replace(gyr=read(imu.gyr, "gyr"), acc=read(imu.acc, "acc"))
+    worn = imu._replace(gyr=read(imu.gyr, "gyr"), acc=None if imu.acc is None else read(imu.acc, "acc"))
     return recording._replace(sensors={**recording.sensors, placement: worn})
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from jgait.estimators.checks import check_nominal_rate, check_options, common_time, sensors_of
 from jgait.estimators.interface import Prepared, pad
-from jgait.estimators.notes import FORWARD_UNSURE, LONGEST_LOSS
+from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.programs import bucket
 from jgait.estimators.waist import bouts as waist_bouts
 from jgait.estimators.waist import motion as waist_motion
@@ -31,6 +31,7 @@ from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting import shank as shank_axes
 from jgait.mounting import trunk as trunk_axes
+from jgait.mounting.places import FORWARD_UNSURE
 from jgait.mounting.trunk import TrunkAxes
 from jgait.notes import Note
 from jgait.quality import SensorQuality
