@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.estimators.checks import FASTEST, fast_rate, force_unit
 from jgait.events.movement import CARRIED_S, KINDS, STEP_S, WALKS, Activity, movement
 from jgait.notes import Kind, Note
 from jgait.signal.windows import true_runs
@@ -45,9 +46,13 @@ class Walking(NamedTuple):
 
 
 def walking_alone(recording: Recording) -> Walking:
-    """The recording with standing in place of movements that are no walking; unchanged if there are none."""
+    """The recording with standing in place of movements that are no walking; unchanged if there are none, or units seem
+    wrong.
+    """
     if recording.moves is not None or (moved := movement(recording)) is None:
         return Walking(recording, recording.moves or (), ())
+    if any(fast_rate(imu) > FASTEST or force_unit(imu)[1] for imu in recording.sensors.values()):
+        return Walking(recording, (), ())
     runs, kinds = _stretches(moved)
     if not runs:
         return Walking(recording._replace(moves=()), (), ())

@@ -60,9 +60,8 @@ def test_features_and_networks_use_no_later_sample(recording):
         noise.features(imu.gyr, None, jumps, flags, flags, 100.0)
 
 
-@pytest.mark.parametrize("detector", ["adaptive", "shoe"])
-def test_the_hard_decision_is_the_limit_of_the_soft_one(detector, recording):
-    signals = foot_ins.prepared(recording, FootOptions(detector=detector)).inputs.right
+def test_the_hard_decision_is_the_limit_of_the_soft_one(recording):
+    signals = foot_ins.prepared(recording).inputs.right
     assert np.array_equal(signals.margin > 0.0, signals.stands)
     hard = velocity_variance(FootParams(), signals, False)
     soft = velocity_variance(FootParams(softness=1e-5), signals, True)

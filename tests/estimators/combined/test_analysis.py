@@ -161,8 +161,6 @@ def test_times_of_a_stride_are_those_that_make_strides_even_where_contacts_contr
         jax.random.key(0), person, [simulate.straight(12.0)], [], OPAL, placements=worn
     )
     found = jgait.analyse(recording, PERSON)
-    (note,) = of_code(found.notes, "contacts_contradict")
-    assert note.values["side"] == "right" and note.values["strides"] == 1
     strides, steady = found.estimate.strides, regular(found.strides)
     for side in (0, 1):
         contacts = np.asarray(truth.strides.end)[np.asarray(truth.strides.side) == side]
