@@ -13,10 +13,10 @@ from experiments.common.sets import datasets
 from experiments.damage.harm import read, rows_of
 from jgait import simulate
 from jgait.estimators.combined import compare
-from jgait.estimators.combined.crosscheck import FOOT_ON_SHANK
 from jgait.estimators.notes import RATES_OFF
 from jgait.estimators.waist.notes import GYROSCOPE_CONTRADICTS, WALKING_MISSED
 from jgait.io.checks import gravity, order, pace, readings, sides
+from jgait.mounting.places import PLACES_EXCHANGED
 from jgait.notes import Kind
 from jgait.simulate.sensors import IDG300, MPU6000, OPAL
 from jgait.types import Recording, RecordingError
@@ -29,7 +29,7 @@ CODES = {
 
 ANALYSED = {
     kind.code for kind in (
-        RATES_OFF, GYROSCOPE_CONTRADICTS, WALKING_MISSED, FOOT_ON_SHANK, compare.CONTACTS_APART,
+        RATES_OFF, GYROSCOPE_CONTRADICTS, WALKING_MISSED, PLACES_EXCHANGED, compare.CONTACTS_APART,
     )
 }  # fmt: skip
 """Codes of notes about damage that an analysis finds: rates, axes, segments and clocks."""

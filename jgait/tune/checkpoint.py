@@ -53,7 +53,7 @@ def described(value: object, within: tuple[object, ...] = ()) -> str:
             return name
         cells = dict(zip(function.__code__.co_freevars, function.__closure__ or (), strict=True))
         kept = (
-            {name: cell.cell_contents for name, cell in cells.items()},
+            {name: _kept(cell.cell_contents) for name, cell in cells.items()},
             function.__defaults__,
             function.__kwdefaults__,
         )
@@ -67,6 +67,11 @@ def _code(code: CodeType) -> str:
     inner = (_code(c) if isinstance(c, CodeType) else repr(sorted(c, key=repr) if isinstance(c, frozenset) else c)
              for c in code.co_consts)  # fmt: skip
     return f"{code.co_code.hex()} {code.co_names} ({', '.join(inner)})"
+
+
+def _kept(value: object) -> object:
+    """A value that a function keeps; of one that may change in place, such as a counter's list, the type alone."""
+    return f"{type(value).__name__}{UNKNOWN}" if isinstance(value, dict | list | set) else value
 
 
 def _digest(text: str) -> str:
