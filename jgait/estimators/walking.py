@@ -15,8 +15,9 @@ from jgait.notes import Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import Imu, Recording, as_float
 
-LEAST_S, PAUSE_S = 1.5, 0.6
-"""[s] Least duration of a movement that is judged; longest rest inside a movement."""
+LEAST_S, PAUSE_S, SLOWS = 1.5, 0.6, 0.02
+"""[s] Least duration of a movement that is judged; longest rest inside a movement. [1] Median probability of walking
+from which a movement beside walking, without rest between them, is its slow part."""
 
 UPRIGHT = np.deg2rad(30.0)
 """[rad] Largest angle of a sensor's mean force in standing from that in walking; in sitting a thigh has more."""
@@ -90,18 +91,17 @@ def _stretches(moved: Activity) -> tuple[list[tuple[int, int]], list[str]]:
     names = [name for name in KINDS if name != "walking"]
     runs, kinds = [], []
     for a, b in true_runs(moves):
-        walks = moved.probability["walking"][a:b] > WALKS
-        for first, last in true_runs(~walks):
+        chance = moved.probability["walking"][a:b]
+        for first, last in true_runs(chance <= WALKS):
             # a walk begins and ends with weight on both feet: what is left of its bout belongs to it
-            whole = last - first if first == 0 and last == b - a else last - first - LEAST_S / STEP_S
-            if whole >= LEAST_S / STEP_S:
+            beside = first > 0 or last < b - a
+            slows = beside and np.median(chance[first:last]) > SLOWS
+            if not slows and last - first >= (1 + beside) * LEAST_S / STEP_S:
                 runs.append((a + first, a + last))
                 total = [moved.probability[name][a + first : a + last].sum() for name in names]
                 kinds.append(names[int(np.argmax(total))])
     carried = [(a, b) for a, b in true_runs(moved.carried) if b - a >= CARRIED_S / STEP_S]
-    runs, kinds = runs + carried, kinds + ["riding"] * len(carried)
-    order = np.argsort([a for a, _ in runs], kind="stable")
-    return [runs[k] for k in order], [kinds[k] for k in order]
+    return runs + carried, kinds + ["riding"] * len(carried)
 
 
 def _upright(imu: Imu, moved: Activity) -> np.ndarray:
@@ -129,15 +129,17 @@ def _with_sitting(run: tuple[int, int], quiet: np.ndarray, rests: np.ndarray) ->
 
 
 def _joined(runs: list[tuple[int, int]], kinds: list[str]) -> tuple[list[tuple[int, int]], list[str]]:
-    """The stretches, those with hardly any standing between them as one, of the kind of the first."""
-    joined, of = runs[:1], kinds[:1]
-    for (a, b), kind in zip(runs[1:], kinds[1:], strict=True):
-        if a <= joined[-1][1] + PAUSE_S / STEP_S:
+    """The stretches in order, those with hardly any standing between them as one, of the kind of the longest."""
+    joined: list[tuple[int, int]] = []
+    of: list[tuple[int, str]] = []
+    for (a, b), kind in sorted(zip(runs, kinds, strict=True)):
+        if joined and a <= joined[-1][1] + PAUSE_S / STEP_S:
             joined[-1] = joined[-1][0], max(b, joined[-1][1])
+            of[-1] = max(of[-1], (b - a, kind))
         else:
             joined.append((a, b))
-            of.append(kind)
-    return joined, of
+            of.append((b - a, kind))
+    return joined, [kind for _, kind in of]
 
 
 def _stood(imu: Imu, moved: Activity, runs: list[tuple[int, int]], rests: np.ndarray) -> Imu:
@@ -148,15 +150,12 @@ def _stood(imu: Imu, moved: Activity, runs: list[tuple[int, int]], rests: np.nda
         rows = np.flatnonzero((time >= moved.time[a]) & (time <= moved.time[b - 1]))
         beside = [_rest(time, mask, moved.time, rests, a - 1, -1), _rest(time, mask, moved.time, rests, b, 1)]
         known = [rest for rest in beside if rest is not None]
-        if not len(rows):
-            continue
-        if not known and moved.carried[a]:
+        carried = bool((moved.quiet | moved.carried)[a:b].all())
+        if not len(rows) or (not known and carried):
             continue
         if not known:
-            lost = len(rows) < len(time) * 0.9
-            mean = acc[rows].mean(axis=0)
-            acc[rows], gyr[rows] = mean, 0.0
-            mask[rows] = ~np.full(len(rows), lost)
+            acc[rows], gyr[rows] = acc[rows].mean(axis=0), 0.0
+            mask[rows] &= len(rows) >= len(time) * 0.9
             continue
         share = np.linspace(0.0, 1.0, len(rows))[:, None]
         first, last = known[0], known[-1]
@@ -166,7 +165,7 @@ def _stood(imu: Imu, moved: Activity, runs: list[tuple[int, int]], rests: np.nda
             noise = np.take(np.concatenate([around, around[::-1]]), np.arange(len(rows)), axis=0, mode="wrap")
             values[rows] = means[0] * (1.0 - share) + means[1] * share + noise
         mask[rows] = True
-        apart, carried = time[rows], moved.carried[a]
+        apart = time[rows]
         if beside[0] is None and a > 0 and not carried:
             mask[rows[apart < apart[0] + APART_S]] = False
         if beside[1] is None and b < len(moved.time) and not carried:

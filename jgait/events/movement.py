@@ -49,9 +49,10 @@ QUIET, QUIET_TRUNK, QUIET_S = 0.35, 0.12, 0.4
 """[rad/s] Unrest below which a leg's sensor, and one on the trunk, is at rest if it is so for `QUIET_S` [s]; that of a
 trunk, which moves less, is over as long a window."""
 
-MOVES, SHAKES, LOST = 0.4, 0.02, 0.1
+MOVES, SHAKES, LOST, UPHELD = 0.4, 0.02, 0.1, 0.5 * GRAVITY
 """[rad/s], [m²/s⁴] Largest unrest of a leg, and power of the trunk's acceleration, below which a window is no evidence;
-and [1] share of lost samples above which it is none either."""
+and [1] share of lost samples above which it is none either. [m/s²] Size of the mean force, in axes that do not turn,
+below which the gyroscope contradicts the accelerometer, so that it is none."""
 
 CARRIED, CARRIED_S = 0.3, 1.0
 """[m/s²] Change of the mean force within `CARRIED_S` [s], beyond what the trunk turns, above which a person at rest is
@@ -290,7 +291,9 @@ def of_leg(imu: Imu, rate: float, lever: float) -> Evidence:
     columns += [stood, stood * restless, stood * pull, np.linalg.norm(cubes, axis=1), cubes]
     total = np.cumsum(np.pad(np.column_stack(columns), ((1, 0), (0, 0))), axis=0)
     grid, half = np.arange(0, samples, max(1, round(GRID_S * rate))), round(0.5 * WINDOW_S * rate)
-    change = total[np.minimum(grid + half, samples)] - total[np.maximum(grid - half, 0)]
+    end, begin = np.minimum(grid + half, samples), np.maximum(grid - half, 0)
+    change = total[end] - total[begin]
+    upheld = np.linalg.norm(sums[end] - sums[begin], axis=1) / (end - begin) > UPHELD
     net, path, turn, count, unrests, pulls, cubed = np.linalg.norm(change[:, :3], axis=1), *change[:, 3:9].T
     most = np.maximum(window_maximum(restless, 2 * half + 1)[grid], 1e-9)
     calmest = np.where(count > 0, unrests / np.maximum(count, 1.0), most) / most
@@ -299,7 +302,7 @@ def of_leg(imu: Imu, rate: float, lever: float) -> Evidence:
         "calm": np.log(np.clip(calmest, 3e-3, 1.0)), "unrest": np.log(most), "path": np.log(path + 0.1),
         "skew": np.linalg.norm(change[:, 9:], axis=1) / np.maximum(cubed, 1e-9),
         "pull": np.log(np.clip(pulls / np.maximum(count, 1.0), 0.03, 1.0)),
-    }, most > MOVES  # fmt: skip
+    }, (most > MOVES) & upheld  # fmt: skip
 
 
 def of_trunk(imu: Imu, rate: float) -> Evidence:
@@ -336,7 +339,7 @@ def of_trunk(imu: Imu, rate: float) -> Evidence:
         columns.append([
             abs(surge), np.cos(np.angle(surge) - QUARTER), power[band | twice].sum() / whole, lean,
             every_power[below].sum() / whole, whole * scale, level / whole,
-            np.sqrt(np.mean(np.sum(gyr[window] ** 2, axis=1))), (whole + level) * scale,
+            np.sqrt(np.mean(np.sum(gyr[window] ** 2, axis=1))), (whole + level) * scale * (mean @ up > UPHELD),
         ])  # fmt: skip
     surge, quarter, rhythm, lean, slowly, heave, level, spin, power = np.array(columns).reshape(-1, 9).T
     return grid / hz, {

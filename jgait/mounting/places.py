@@ -39,8 +39,8 @@ PLACES_EXCHANGED = Kind(
     "round", WRONG_PLACE,
 )  # fmt: skip
 PLACES_UNSURE = Kind(
-    "places_unsure", "check", "{placements}: some of them seem to have changed places (probability {probability:.2f}), "
-    "but it is not sure which", WRONG_PLACE,
+    "places_unsure", "check", "{placements}: it is not sure that each is where its name says: some have changed places "
+    "(probability {probability:.2f}), or the person limps or walks backwards", WRONG_PLACE,
 )  # fmt: skip
 FORWARD_UNSURE = Kind(
     "forward_unsure", "check", "{placement}: it is not sure which way is forward", UNSURE_FORWARD,

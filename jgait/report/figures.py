@@ -26,13 +26,14 @@ def pictures(
     `special` are those of the estimator's `about` and need `made`; figures with a caption are also drawn.
     """
     drawn: list[Picture] = []
-    if estimate.feet is not None and any(foot is not None for foot in estimate.feet):
+    measured = bool(np.any(estimate.valid))
+    if measured and estimate.feet is not None and any(foot is not None for foot in estimate.feet):
         drawn += _feet(estimate, reference)
     elif estimate.strides is not None and np.any(estimate.strides.valid):
         drawn += _of_strides(estimate)
     if any(leg is not None for leg in estimate.legs):
         drawn += _legs(estimate, reference)
-    if estimate.distance is not None and np.any(estimate.valid):
+    if estimate.distance is not None and measured:
         drawn += _distance(estimate, reference)
     if made is not None:
         for figure in (figure for figure in special if figure.caption and figure.when(estimate)):

@@ -150,7 +150,7 @@ def test_the_losses_of_the_record_are_those_that_its_estimates_answer(name):
 
 READ_OUT = {
     "leg_ekf": ("distance", "distance_scale"), "foot_ins": ("position", "tracked_point.x"),
-    "ankle_stride": ("calibration", "stride_noise"), "waist": ("calibration", "pendulum_constant_sd"),
+    "ankle_stride": ("calibration", "stride_noise"), "waist_ofdri": ("calibration", "acc_bias"),
 }  # fmt: skip
 """Estimator → a loss, and a parameter of the read-out on which it depends."""
 

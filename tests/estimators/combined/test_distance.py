@@ -217,7 +217,7 @@ def test_a_sensor_that_falls_off_and_lies_still_is_named_and_the_distance_is_tha
 
 
 VARIES = {"length_variability": 0.02, "time_variability": 0.02}
-CREEPING = simulate.gait(speed=0.2, stride_length=0.35, length_variability=0.05, time_variability=0.05)
+CREEPING = simulate.gait(speed=0.15, stride_length=0.25, length_variability=0.05, time_variability=0.05)
 
 
 @pytest.mark.parametrize(
