@@ -125,9 +125,8 @@ def recording_in_units(
     recording = Recording(imus, clock.sampling_rate_hz, name, subject, clock.notes)
     damage = [note for placement in imus for note in notes_of[placement]]
     # other movements show neither sides nor places nor clocks
-    wrong = contradictions(
-        walking_alone(recording).recording, {placement: units[placement]["gyr"] for placement in imus}
-    )
+    walking = walking_alone(recording).recording
+    wrong = contradictions(walking, {placement: units[placement]["gyr"] for placement in imus}, recording)
     notes = (
         *clock.notes, *_by_header(units, sensors), *writer.left_out(left_out), *damage,
         *quality_notes(recording, noted), *wrong.notes,

@@ -50,12 +50,15 @@ def quality_notes(recording: Recording, noted: Mapping[str, np.ndarray] | None =
     return tuple(notes)
 
 
-def contradictions(recording: Recording, units: Mapping[str, Unit] | None = None) -> Contradictions:
+def contradictions(
+    recording: Recording, units: Mapping[str, Unit] | None = None, whole: Recording | None = None
+) -> Contradictions:
     """Sensors that contradict themselves or each other: scale, sign, axes, delays, rows without stamps.
 
     Args:
-        recording: the recording, its sensors of one length.
+        recording: the recording, its sensors of one length, without movements that are no walking.
         units: placement → unit in which its gyroscope was read, for messages.
+        whole: the recording with all movements, in which a gyroscope in a wrong unit shows; None: the same.
     """
     rate_hz = recording.sampling_rate_hz
     if rate_hz < limits.SLOWEST_HZ or len({len(imu.time) for imu in recording.sensors.values()}) != 1:
@@ -63,6 +66,10 @@ def contradictions(recording: Recording, units: Mapping[str, Unit] | None = None
     lost = {placement: in_long_gaps(imu, rate_hz) for placement, imu in recording.sensors.items()}
     sensors = {placement: _bridged(imu, lost[placement]) for placement, imu in recording.sensors.items()}
     itself = {p: gravity_notes(p, imu, lost[p], rate_hz, (units or {}).get(p)) for p, imu in sensors.items()}
+    if whole is not None and whole is not recording:
+        every = {p: gravity_notes(p, _bridged(imu, lost[p]), lost[p], rate_hz, (units or {}).get(p))
+                 for p, imu in whole.sensors.items()}  # fmt: skip
+        itself |= {placement: found for placement, found in every.items() if found[0]}
     # a gyroscope that hardly turns contradicts every other sensor: its note explains that
     slow = {placement for placement, (slowly, _) in itself.items() if slowly}
     worn = {placement: imu for placement, imu in sensors.items() if placement not in slow}
