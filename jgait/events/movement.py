@@ -23,7 +23,7 @@ from jgait.signal.windows import held_mean, held_spread, over_losses, window_max
 from jgait.types import Imu, Recording, as_float
 
 KINDS = {
-    "walking": "walks", "in_place": "steps in place", "without_steps": "moves without steps",
+    "walking": "walks", "in_place": "steps in place", "without_steps": "moves without steps or handles sensors",
     "riding": "is carried, as in a vehicle",
 }  # fmt: skip
 """Movements, and how a note states them."""

@@ -5,7 +5,7 @@ import re
 import jax
 import numpy as np
 import pytest
-from made.handled import put_on, taken_off
+from made.handled import HELD_S, put_on, taken_off
 from made.notes import codes, of_code, texts
 from made.trunk import RATE, about_vertical, cut, imu_of, joined, rotation, turned, walk, worn
 
@@ -135,7 +135,8 @@ def test_steps_are_not_of_a_hand_that_puts_the_sensor_on_or_takes_it_off(straigh
     np.testing.assert_allclose(told.distance[-1], plain.distance[-1], atol=0.5)
     count, usual = (regular(estimate, ABOUT.flags).sum() for estimate in (told, plain))
     assert count == usual
-    assert "sensor_turned_over" in codes(told.diagnostics["notes"])
+    (note,) = of_code(told.diagnostics["notes"], "not_walking")
+    assert note.values["seconds"] == pytest.approx(HELD_S, abs=0.5)
 
 
 @pytest.mark.parametrize("hurry", [1.0, 0.75])
