@@ -95,7 +95,7 @@ def _stretches(moved: Activity) -> tuple[list[tuple[int, int]], list[str]]:
         for first, last in true_runs(chance <= WALKS):
             # a walk begins and ends with weight on both feet: what is left of its bout belongs to it
             beside = first > 0 or last < b - a
-            slows = beside and np.median(chance[first:last]) > SLOWS
+            slows = max(first, b - a - last) >= LEAST_S / STEP_S and np.median(chance[first:last]) > SLOWS
             if not slows and last - first >= (1 + beside) * LEAST_S / STEP_S:
                 runs.append((a + first, a + last))
                 total = [moved.probability[name][a + first : a + last].sum() for name in names]

@@ -12,6 +12,7 @@ from jgait import simulate
 from jgait.estimators import ankle_stride, foot_ins, waist
 from jgait.estimators.walking import walking_alone
 from jgait.events.movement import movement
+from jgait.simulate.sensors import MPU6000
 from jgait.types import Imu, Recording, as_float
 
 EVERY = {**CHOSEN, **JUDGED}
@@ -54,6 +55,15 @@ def test_walks_of_every_gait_stay_as_they_are(gait, sensors):
     found = walking_alone(recording)
     assert found.spans == () and not found.notes
     assert all(found.recording.sensors[name] is recording.sensors[name] for name in sensors)
+
+
+@pytest.mark.parametrize("sensors", [("shank_right", "shank_left"), ("foot_right", "foot_left")])
+@pytest.mark.parametrize("slower", [0.15, 0.2, 0.3])
+def test_a_slow_part_of_a_walk_is_walking(sensors, slower):
+    """Alone it could be taken for another movement; the person would have had to change to it without a rest."""
+    key, along = jax.random.key(1), simulate.faster(5.0, 1.0, slower)
+    walker = simulate.covering(key, simulate.Person(gait=simulate.gait(speed=1.1, stature=1.75)), along)
+    assert walking_alone(simulate.recording(key, walker, along, MPU6000, placements=sensors)[0]).spans == ()
 
 
 def test_how_sensors_are_mounted_changes_nothing(walks):

@@ -228,7 +228,7 @@ CREEPING = simulate.gait(speed=0.15, stride_length=0.25, length_variability=0.05
     ],
 )
 def test_what_shanks_miss_is_in_the_deviation_and_legs_that_count_every_movement_do_not_win(number, gait, along, near):
-    """In a walk of 0.12 m/s legs add up three times the distance; in a slow part they see steps that shanks miss."""
+    """In creeping, legs may add up too much; in a slow part they see steps that shanks miss."""
     key = jax.random.key(number)
     walker = simulate.covering(key, simulate.Person(gait=gait), along)
     recording, truth = simulate.recording(key, walker, along, MPU6000, placements=simulate.FOUR)
