@@ -53,11 +53,14 @@ STANDING_POSE = Pose(np.zeros(2), np.zeros(()), np.ones(()))
 def standing_probability(inclinations: Sequence[tuple[str, float, float]]) -> float:
     """The probability that a person at rest stands, from segment ("thigh", "shank"), its inclination, and its
     inclination sideways [rad] for each sensor, over the usual pose of walking; 1 if there is none.
+
+    Shanks alone tell lying from standing: they are upright in a chair, too.
     """
     if not inclinations:
         return 1.0
     scores = []
-    for prior, mean, spread in POSTURES.values():
+    thighs = any(segment == "thigh" for segment, *_ in inclinations)
+    for prior, mean, spread in (POSTURES[name] for name in (POSTURES if thighs else ("stands", "lies"))):
         score = math.log(prior)
         for segment, forward, sideways in inclinations:
             row = 0 if segment == "thigh" else 1
