@@ -62,6 +62,8 @@ def explain(
         stop(f"{file}: {reason_of(error)}")
     with refused(f"{file}: "):
         name = estimator or estimator_of(walk).name
+    if estimator is None:  # it was chosen by the sensors: measures of the person that it does not need are none of its
+        given = {option: value for option, value in given.items() if name in options.owners(option)}
     choice = chosen(name, False, params, given)
     known = options.person_in(person)
     p, lacking = choice.personal(known)
@@ -73,7 +75,12 @@ def explain(
                         if m.option in choice.given}}  # fmt: skip
     with refused(f"{file}: "):
         result = explained_by(choice.estimator, p, walk, measure, sensor=errors, person=body)
-    show_table(moves.table(result), title=f"what moves the {result.column.words}, by {name}")
+    whole = moves.table(result)
+    shown = [0, 1, 2, 5]  # a terminal is narrow; --json and the report have all columns
+    narrow = whole._replace(
+        columns=tuple(whole.columns[k] for k in shown), rows=tuple(tuple(row[k] for k in shown) for row in whole.rows)
+    )
+    show_table(narrow, title=f"what moves the {result.column.words}, by {name}")
     console.print(visible(result.sentence), highlight=False, soft_wrap=True)
     if figure is not None:
         figure.parent.mkdir(parents=True, exist_ok=True)
