@@ -129,7 +129,7 @@ def cycle_of(sensors: Mapping[str, Imu], *, perpendicular: bool = True) -> Cycle
         return None
     hz = 1.0 / float(np.median(np.diff(time)))
     walks = walking({name: sensors[name] for name in legs}, hz)
-    found: dict[str, tuple[np.ndarray | None, np.ndarray]] = {}
+    axes_of: dict[str, tuple[np.ndarray | None, np.ndarray]] = {}
     rates: dict[str, np.ndarray] = {}
     for name, imu in sensors.items():
         gyr, kept = as_float(imu.gyr), np.asarray(imu.mask, bool) & walks
@@ -140,12 +140,12 @@ def cycle_of(sensors: Mapping[str, Imu], *, perpendicular: bool = True) -> Cycle
             mean = as_float(imu.acc)[kept].mean(axis=0)
             up = mean / max(float(np.linalg.norm(mean)), 1e-9)
         axis = sagittal_axis(gyr, up, kept, hz, perpendicular=perpendicular)
-        found[name] = up, axis
+        axes_of[name] = up, axis
         rolls = np.zeros(3) if up is None else np.cross(up, axis)
         rates[name] = np.column_stack([gyr @ axis, gyr @ rolls, gyr])
-    if not any(name in found for name in legs):
+    if not any(name in axes_of for name in legs):
         return None
-    legs = [name for name in legs if name in found]
+    legs = [name for name in legs if name in axes_of]
     last = stride_time([np.where(walks & np.asarray(sensors[n].mask, bool), rates[n][:, 0], 0.0) for n in legs], hz)
     long, step = round(STRIDES * last * hz), max(1, round(last * hz))
     windows = [
@@ -171,7 +171,7 @@ def cycle_of(sensors: Mapping[str, Imu], *, perpendicular: bool = True) -> Cycle
     size = np.sqrt(power / sum(POWER[name.partition("_")[0]] for name in middle))
     turning = {}
     for name, wave in middle.items():
-        up, axis = found[name]
+        up, axis = axes_of[name]
         bias = wave[0, 2:].real
         turning[name] = Turning(
             up, axis, bias if up is None else bias - (bias @ up) * up,

@@ -112,11 +112,11 @@ def _log_likelihood(waves: np.ndarray, segment: str) -> np.ndarray:
 
 def _transpositions(order: tuple[int, ...]) -> int:
     """Least number of exchanges of two that make an order."""
-    seen, cycles = set[int](), 0
+    visited, cycles = set[int](), 0
     for start in range(len(order)):
-        cycles += start not in seen
-        while start not in seen:
-            seen.add(start)
+        cycles += start not in visited
+        while start not in visited:
+            visited.add(start)
             start = order[start]
     return len(order) - cycles
 

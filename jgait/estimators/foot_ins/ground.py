@@ -38,7 +38,7 @@ ROLL, SPREAD = 0.02, 0.25
 BAD, FAR = 0.1, 0.12
 """[1] Share of strides with a bad rise. [1] Deviation of such a rise over the stride's length, of 1 m at least."""
 
-LEAST = 1e-9
+LEAST_LIKELIHOOD = 1e-9
 """[1/m] Least likelihood of a grade."""
 
 
@@ -57,7 +57,7 @@ def level(rise: Values, length: Values, stddev: Values, valid: Flags) -> Flags:
         valid[:, None], sum(share / xp.sqrt(v) * xp.exp(-0.5 * off**2 / v) for share, v in parts), 1.0
     )
     # ground of no grade, such as a fall, does not decide
-    likelihood = likelihood + LEAST
+    likelihood = likelihood + LEAST_LIKELIHOOD
     before, after = _messages(likelihood, valid, usual), _messages(likelihood[::-1], valid[::-1], usual)[::-1]
     return (xp.argmax(likelihood * before * after / usual[None, :], axis=1) == 0) | ~valid
 

@@ -69,7 +69,7 @@ def contradictions(
     if whole is not None and whole is not recording:
         every = {p: gravity_notes(p, _bridged(imu, lost[p]), lost[p], rate_hz, (units or {}).get(p))
                  for p, imu in whole.sensors.items()}  # fmt: skip
-        itself |= {placement: found for placement, found in every.items() if found[0]}
+        itself |= {placement: facts for placement, facts in every.items() if facts[0]}
     # a gyroscope that hardly turns contradicts every other sensor: its note explains that
     slow = {placement for placement, (slowly, _) in itself.items() if slowly}
     worn = {placement: imu for placement, imu in sensors.items() if placement not in slow}
